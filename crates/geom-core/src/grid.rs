@@ -1,0 +1,408 @@
+//! f32 values on a lattice: dense, or sparse in bricks near a surface.
+
+use crate::{ImplicitField, Lattice, Point3, Vector3};
+
+/// Why a grid cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GridError {
+    /// Values and lattice points differ in number.
+    #[error("{values} values for a lattice of {points} points")]
+    Length {
+        /// Number of values given.
+        values: usize,
+        /// Number of lattice points.
+        points: u128,
+    },
+    /// A value is NaN or infinite.
+    #[error("the value at lattice point {index:?} is {value}, not a finite number")]
+    NotFinite {
+        /// Lattice coordinates.
+        index: [usize; 3],
+        /// The value.
+        value: f32,
+    },
+    /// The spacing is not a positive finite length, or the origin is not finite.
+    #[error("a lattice needs a finite origin and a positive finite spacing, not {spacing} Å")]
+    Lattice {
+        /// The spacing, Å.
+        spacing: f64,
+    },
+}
+
+/// Values at lattice points, however they are stored.
+pub trait LatticeValues: Sync {
+    /// The lattice.
+    fn lattice(&self) -> &Lattice;
+    /// The value at a lattice point. Panics outside of the lattice.
+    fn at(&self, point: [usize; 3]) -> f32;
+}
+
+/// A lattice and one f32 value per point, x fastest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScalarGrid {
+    lattice: Lattice,
+    values: Vec<f32>,
+}
+
+impl ScalarGrid {
+    /// A grid of finite values; refuses anything else.
+    pub fn new(lattice: Lattice, values: Vec<f32>) -> Result<Self, GridError> {
+        check_lattice(&lattice)?;
+        if lattice.points() != values.len() as u128 {
+            return Err(GridError::Length {
+                values: values.len(),
+                points: lattice.points(),
+            });
+        }
+        if let Some(i) = values.iter().position(|v| !v.is_finite()) {
+            return Err(GridError::NotFinite {
+                index: lattice.coordinates(i),
+                value: values[i],
+            });
+        }
+        Ok(Self { lattice, values })
+    }
+
+    /// The values, x fastest.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// Gives lattice and values away.
+    pub fn into_parts(self) -> (Lattice, Vec<f32>) {
+        (self.lattice, self.values)
+    }
+
+    /// Lowest and highest value; `None` for a grid without points.
+    pub fn range(&self) -> Option<(f32, f32)> {
+        let first = *self.values.first()?;
+        Some(
+            self.values
+                .iter()
+                .fold((first, first), |(lo, hi), &v| (lo.min(v), hi.max(v))),
+        )
+    }
+}
+
+impl LatticeValues for ScalarGrid {
+    fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+    fn at(&self, point: [usize; 3]) -> f32 {
+        self.values[self.lattice.index(point)]
+    }
+}
+
+fn check_lattice(lattice: &Lattice) -> Result<(), GridError> {
+    let fine = lattice.spacing.is_finite()
+        && lattice.spacing > 0.0
+        && lattice.origin.iter().all(|c| c.is_finite());
+    if fine {
+        Ok(())
+    } else {
+        Err(GridError::Lattice {
+            spacing: lattice.spacing,
+        })
+    }
+}
+
+/// Points per side of a brick.
+pub const BRICK: usize = 8;
+/// Points per brick.
+pub const BRICK_POINTS: usize = BRICK * BRICK * BRICK;
+
+/// What a brick of a [`BrickGrid`] holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Brick {
+    /// Not stored: every point has the grid's exterior value.
+    Exterior,
+    /// Not stored: every point has the grid's interior value.
+    Interior,
+    /// Stored: the number of the brick among the stored ones.
+    Stored(u32),
+}
+
+/// Values on a lattice, stored only in bricks of 8 × 8 × 8 points near the surface; all other points
+/// have one of two constants. Brick `(a, b, c)` owns the points `[8a, 8a + 8) × …`; points of a brick
+/// beyond the lattice are stored but never read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BrickGrid {
+    lattice: Lattice,
+    bricks: [usize; 3],
+    /// Per brick, x fastest: number among the stored ones, or one of the two marks.
+    brick_of: Vec<u32>,
+    /// `BRICK_POINTS` values per stored brick, x fastest.
+    values: Vec<f32>,
+    exterior: f32,
+    interior: f32,
+}
+
+const EXTERIOR: u32 = u32::MAX;
+const INTERIOR: u32 = u32::MAX - 1;
+
+impl BrickGrid {
+    /// A sparse grid. `kinds` has one entry per brick, x fastest, whose stored ones are numbered
+    /// `0, 1, …` in that order; `values` holds [`BRICK_POINTS`] values per stored brick.
+    ///
+    /// Panics if lengths or numbering do not fit: they are computed, never read from a file.
+    pub fn new(
+        lattice: Lattice,
+        kinds: &[Brick],
+        values: Vec<f32>,
+        exterior: f32,
+        interior: f32,
+    ) -> Result<Self, GridError> {
+        check_lattice(&lattice)?;
+        let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));
+        assert_eq!(
+            kinds.len(),
+            bricks.iter().product::<usize>(),
+            "one kind per brick"
+        );
+        let mut stored = 0;
+        let brick_of = kinds
+            .iter()
+            .map(|kind| match *kind {
+                Brick::Exterior => EXTERIOR,
+                Brick::Interior => INTERIOR,
+                Brick::Stored(i) => {
+                    assert_eq!(i, stored, "stored bricks are numbered in order");
+                    stored += 1;
+                    i
+                }
+            })
+            .collect();
+        assert_eq!(
+            values.len(),
+            stored as usize * BRICK_POINTS,
+            "512 values per stored brick"
+        );
+        let grid = Self {
+            lattice,
+            bricks,
+            brick_of,
+            values,
+            exterior,
+            interior,
+        };
+        match grid.values.iter().position(|v| !v.is_finite()) {
+            None => Ok(grid),
+            Some(i) => {
+                let brick = grid
+                    .brick_of
+                    .iter()
+                    .position(|&b| b as usize == i / BRICK_POINTS);
+                let corner = grid.brick_coordinates(brick.expect("a stored brick has a place"));
+                let p = i % BRICK_POINTS;
+                let inside = [p % BRICK, p / BRICK % BRICK, p / (BRICK * BRICK)];
+                let index = [0, 1, 2].map(|k| corner[k] * BRICK + inside[k]);
+                Err(GridError::NotFinite {
+                    index,
+                    value: grid.values[i],
+                })
+            }
+        }
+    }
+
+    /// Bricks per axis.
+    pub fn bricks(&self) -> [usize; 3] {
+        self.bricks
+    }
+
+    /// Brick coordinates of the brick at a place in memory.
+    pub fn brick_coordinates(&self, index: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.bricks;
+        [index % nx, index / nx % ny, index / (nx * ny)]
+    }
+
+    /// What a brick holds.
+    pub fn brick(&self, [a, b, c]: [usize; 3]) -> Brick {
+        match self.brick_of[(c * self.bricks[1] + b) * self.bricks[0] + a] {
+            EXTERIOR => Brick::Exterior,
+            INTERIOR => Brick::Interior,
+            stored => Brick::Stored(stored),
+        }
+    }
+
+    /// The 512 values of a stored brick, x fastest.
+    pub fn stored(&self, brick: u32) -> &[f32] {
+        &self.values[brick as usize * BRICK_POINTS..][..BRICK_POINTS]
+    }
+
+    /// The values of all stored bricks.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// Number of stored bricks.
+    pub fn stored_bricks(&self) -> usize {
+        self.values.len() / BRICK_POINTS
+    }
+
+    /// The value of every point of an exterior brick.
+    pub fn exterior(&self) -> f32 {
+        self.exterior
+    }
+
+    /// The value of every point of an interior brick.
+    pub fn interior(&self) -> f32 {
+        self.interior
+    }
+
+    /// All points as a dense grid; needs 4 B per lattice point.
+    pub fn to_dense(&self) -> ScalarGrid {
+        use rayon::prelude::*;
+        let [nx, ny, _] = self.lattice.counts;
+        let mut values = vec![0.0; self.lattice.len()];
+        values
+            .par_chunks_mut(nx.max(1))
+            .enumerate()
+            .for_each(|(row, out)| {
+                let (j, k) = (row % ny, row / ny);
+                for (i, v) in out.iter_mut().enumerate() {
+                    *v = self.at([i, j, k]);
+                }
+            });
+        ScalarGrid {
+            lattice: self.lattice,
+            values,
+        }
+    }
+}
+
+impl LatticeValues for BrickGrid {
+    fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+    fn at(&self, [i, j, k]: [usize; 3]) -> f32 {
+        match self.brick([i / BRICK, j / BRICK, k / BRICK]) {
+            Brick::Exterior => self.exterior,
+            Brick::Interior => self.interior,
+            Brick::Stored(b) => {
+                self.stored(b)[((k % BRICK) * BRICK + j % BRICK) * BRICK + i % BRICK]
+            }
+        }
+    }
+}
+
+/// Trilinear interpolation; outside of the lattice the value at the nearest point of its box.
+fn trilinear(grid: &impl LatticeValues, x: &Point3) -> (f64, Vector3) {
+    let lattice = grid.lattice();
+    let local = lattice.local(x);
+    let (mut base, mut t, mut slope) = ([0usize; 3], [0.0; 3], [0.0; 3]);
+    for k in 0..3 {
+        let last = lattice.counts[k].saturating_sub(1);
+        let clamped = local[k].clamp(0.0, last as f64);
+        base[k] = (clamped as usize).min(last.saturating_sub(1));
+        t[k] = clamped - base[k] as f64;
+        // Beyond the box the field is constant along this axis.
+        slope[k] = if clamped == local[k] && last > 0 {
+            1.0 / lattice.spacing
+        } else {
+            0.0
+        };
+    }
+    let (mut value, mut gradient) = (0.0, Vector3::zeros());
+    for corner in 0..8usize {
+        let bit = [corner & 1, corner >> 1 & 1, corner >> 2];
+        let point = [0, 1, 2].map(|k| (base[k] + bit[k]).min(lattice.counts[k] - 1));
+        let v = f64::from(grid.at(point));
+        let weight = [0, 1, 2].map(|k| if bit[k] == 1 { t[k] } else { 1.0 - t[k] });
+        let sign = [0, 1, 2].map(|k| if bit[k] == 1 { slope[k] } else { -slope[k] });
+        value += v * weight[0] * weight[1] * weight[2];
+        gradient += v * Vector3::new(
+            sign[0] * weight[1] * weight[2],
+            weight[0] * sign[1] * weight[2],
+            weight[0] * weight[1] * sign[2],
+        );
+    }
+    (value, gradient)
+}
+
+impl ImplicitField for ScalarGrid {
+    fn value(&self, x: &Point3) -> f64 {
+        trilinear(self, x).0
+    }
+    fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        trilinear(self, x)
+    }
+}
+
+impl ImplicitField for BrickGrid {
+    fn value(&self, x: &Point3) -> f64 {
+        trilinear(self, x).0
+    }
+    fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        trilinear(self, x)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> ScalarGrid {
+        let lattice = Lattice {
+            origin: Point3::new(1.0, 2.0, 3.0),
+            spacing: 0.5,
+            counts: [9, 10, 11],
+        };
+        let values = (0..lattice.len())
+            .map(|i| {
+                let p = lattice.point(lattice.coordinates(i));
+                (2.0 * p.x - 3.0 * p.y + p.z) as f32
+            })
+            .collect();
+        ScalarGrid::new(lattice, values).unwrap()
+    }
+
+    #[test]
+    fn trilinear_reproduces_linear_fields() {
+        let (value, gradient) = ramp().value_gradient(&Point3::new(1.7, 3.1, 4.9));
+        assert!((value - (3.4 - 9.3 + 4.9)).abs() < 1e-5);
+        assert!((gradient - Vector3::new(2.0, -3.0, 1.0)).norm() < 1e-5);
+    }
+
+    #[test]
+    fn bricks_hold_the_same_values_as_the_dense_grid() {
+        let dense = ramp();
+        let bricks = dense.lattice().counts.map(|n| n.div_ceil(BRICK));
+        let n = bricks.iter().product::<usize>();
+        let mut values = Vec::new();
+        for b in 0..n {
+            let corner = [
+                b % bricks[0],
+                b / bricks[0] % bricks[1],
+                b / (bricks[0] * bricks[1]),
+            ];
+            for p in 0..BRICK_POINTS {
+                let inside = [p % BRICK, p / BRICK % BRICK, p / (BRICK * BRICK)];
+                let at = [0, 1, 2].map(|k| corner[k] * BRICK + inside[k]);
+                let within = (0..3).all(|k| at[k] < dense.lattice().counts[k]);
+                values.push(if within { dense.at(at) } else { 0.0 });
+            }
+        }
+        let kinds: Vec<_> = (0..n as u32).map(Brick::Stored).collect();
+        let sparse = BrickGrid::new(*dense.lattice(), &kinds, values, 0.0, 2.0).unwrap();
+        assert_eq!(sparse.to_dense(), dense);
+    }
+
+    #[test]
+    fn values_that_are_not_finite_are_named() {
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 1.0,
+            counts: [2, 2, 2],
+        };
+        let mut values = vec![0.0; 8];
+        values[6] = f32::INFINITY;
+        assert_eq!(
+            ScalarGrid::new(lattice, values),
+            Err(GridError::NotFinite {
+                index: [0, 1, 1],
+                value: f32::INFINITY
+            })
+        );
+    }
+}

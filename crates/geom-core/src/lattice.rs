@@ -1,0 +1,102 @@
+//! Cubic lattices of points: index ↔ point.
+
+use crate::{Aabb, Point3, Vector3};
+
+/// Points `origin + spacing · (i, j, k)` with `0 ≤ i < counts[0]`, …; x fastest in memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Lattice {
+    /// Point (0, 0, 0), Å.
+    pub origin: Point3,
+    /// Distance between neighbours, Å; the same on each axis.
+    pub spacing: f64,
+    /// Points per axis.
+    pub counts: [usize; 3],
+}
+
+impl Lattice {
+    /// The lattice whose points cover `bounds`: the first point at its lowest corner, the last at or
+    /// just beyond its highest.
+    pub fn covering(bounds: &Aabb, spacing: f64) -> Self {
+        let extent = bounds.extent();
+        let count = |k: usize| ((extent[k] / spacing).ceil().max(0.0) as usize).saturating_add(1);
+        Self {
+            origin: bounds.min,
+            spacing,
+            counts: [count(0), count(1), count(2)],
+        }
+    }
+
+    /// Number of points, in u128 because `counts` may come from a user.
+    pub fn points(&self) -> u128 {
+        self.counts.iter().map(|&n| n as u128).product()
+    }
+
+    /// Number of points as `usize`; saturates on overflow.
+    pub fn len(&self) -> usize {
+        usize::try_from(self.points()).unwrap_or(usize::MAX)
+    }
+
+    /// Does the lattice have no point?
+    pub fn is_empty(&self) -> bool {
+        self.points() == 0
+    }
+
+    /// Cells per axis: one less than points.
+    pub fn cells(&self) -> [usize; 3] {
+        self.counts.map(|n| n.saturating_sub(1))
+    }
+
+    /// Position of a point.
+    pub fn point(&self, [i, j, k]: [usize; 3]) -> Point3 {
+        self.origin + Vector3::new(i as f64, j as f64, k as f64) * self.spacing
+    }
+
+    /// Place of a point in memory: x fastest.
+    pub fn index(&self, [i, j, k]: [usize; 3]) -> usize {
+        (k * self.counts[1] + j) * self.counts[0] + i
+    }
+
+    /// The point at a place in memory: the inverse of [`Lattice::index`].
+    pub fn coordinates(&self, index: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.counts;
+        [index % nx, index / nx % ny, index / (nx * ny)]
+    }
+
+    /// Position in units of the spacing, relative to the origin.
+    pub fn local(&self, p: &Point3) -> Vector3 {
+        (p - self.origin) / self.spacing
+    }
+
+    /// The box from the first to the last point.
+    pub fn bounds(&self) -> Aabb {
+        let last = self.counts.map(|n| n.saturating_sub(1));
+        Aabb::new(self.origin, self.point(last))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn index_and_coordinates_are_inverse() {
+        let lattice = Lattice {
+            origin: Point3::new(-1.0, 2.0, 0.5),
+            spacing: 0.5,
+            counts: [3, 4, 5],
+        };
+        for i in 0..lattice.len() {
+            assert_eq!(lattice.index(lattice.coordinates(i)), i);
+        }
+        assert_eq!(lattice.point([2, 3, 4]), Point3::new(0.0, 3.5, 2.5));
+    }
+
+    #[test]
+    fn covering_reaches_the_far_corner() {
+        let bounds = Aabb::new(Point3::origin(), Point3::new(1.0, 1.1, 0.0));
+        let lattice = Lattice::covering(&bounds, 0.5);
+        assert_eq!(lattice.counts, [3, 4, 1]);
+        assert!(lattice.bounds().max.y >= 1.1);
+    }
+}

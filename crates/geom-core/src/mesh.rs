@@ -1,0 +1,364 @@
+//! Triangle, quad and tetrahedral meshes: valid by construction, positions in Å.
+
+mod audit;
+mod halfedge;
+mod measure;
+pub mod shapes;
+
+pub use measure::six_volume;
+
+use crate::Point3;
+use crate::id::MAX_ELEMENTS;
+
+/// Why a mesh cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeshError {
+    /// A coordinate is NaN or infinite.
+    #[error("vertex {vertex} has a coordinate that is not a finite number")]
+    NotFinite {
+        /// The vertex.
+        vertex: usize,
+    },
+    /// An element names a vertex that does not exist.
+    #[error("element {element} names vertex {vertex}, but there are only {vertices} vertices")]
+    OutOfRange {
+        /// The triangle, quad or tetrahedron.
+        element: usize,
+        /// The vertex it names.
+        vertex: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
+    /// An element names one vertex twice.
+    #[error("element {element} names vertex {vertex} twice")]
+    Repeated {
+        /// The triangle, quad or tetrahedron.
+        element: usize,
+        /// The vertex.
+        vertex: u32,
+    },
+    /// More elements than an index can name.
+    #[error("{count} elements, more than the {MAX_ELEMENTS} that an index can name")]
+    TooMany {
+        /// Number of elements.
+        count: usize,
+    },
+    /// Per-element values and elements differ in number.
+    #[error("{values} {what} for {elements} elements")]
+    Length {
+        /// What the values are.
+        what: &'static str,
+        /// Number of values.
+        values: usize,
+        /// Number of elements.
+        elements: usize,
+    },
+    /// Two or more faces use an edge in the same direction, or more than two use it.
+    #[error(
+        "edge {from}–{to} of face {face} is used by more than two faces or twice in one direction"
+    )]
+    NonManifoldEdge {
+        /// The later face.
+        face: usize,
+        /// Start of the edge in that face.
+        from: u32,
+        /// End of the edge in that face.
+        to: u32,
+    },
+}
+
+fn check<const N: usize>(positions: &[Point3], elements: &[[u32; N]]) -> Result<(), MeshError> {
+    for count in [positions.len(), elements.len()] {
+        if count > MAX_ELEMENTS {
+            return Err(MeshError::TooMany { count });
+        }
+    }
+    if let Some(vertex) = positions
+        .iter()
+        .position(|p| p.iter().any(|c| !c.is_finite()))
+    {
+        return Err(MeshError::NotFinite { vertex });
+    }
+    for (element, corners) in elements.iter().enumerate() {
+        for (k, &vertex) in corners.iter().enumerate() {
+            if vertex as usize >= positions.len() {
+                let vertices = positions.len();
+                return Err(MeshError::OutOfRange {
+                    element,
+                    vertex,
+                    vertices,
+                });
+            }
+            if corners[..k].contains(&vertex) {
+                return Err(MeshError::Repeated { element, vertex });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A surface of triangles, counter-clockwise seen from outside. Corners are in range and differ;
+/// positions are finite. Nothing is promised of manifoldness: see [`SurfaceAudit`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TriMesh {
+    positions: Vec<Point3>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl TriMesh {
+    /// A mesh of these vertices and triangles; refuses what is out of range or not finite.
+    pub fn new(positions: Vec<Point3>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
+        check(&positions, &triangles)?;
+        Ok(Self {
+            positions,
+            triangles,
+        })
+    }
+    /// Vertex positions, Å.
+    pub fn positions(&self) -> &[Point3] {
+        &self.positions
+    }
+    /// Corners per triangle.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+    /// The three corner positions of a triangle.
+    pub fn corners(&self, triangle: usize) -> [Point3; 3] {
+        self.triangles[triangle].map(|v| self.positions[v as usize])
+    }
+    /// Gives positions and triangles away.
+    pub fn into_parts(self) -> (Vec<Point3>, Vec<[u32; 3]>) {
+        (self.positions, self.triangles)
+    }
+}
+
+/// A surface of quads, counter-clockwise seen from outside. Valid like [`TriMesh`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct QuadMesh {
+    positions: Vec<Point3>,
+    quads: Vec<[u32; 4]>,
+}
+
+impl QuadMesh {
+    /// A mesh of these vertices and quads; refuses what is out of range or not finite.
+    pub fn new(positions: Vec<Point3>, quads: Vec<[u32; 4]>) -> Result<Self, MeshError> {
+        check(&positions, &quads)?;
+        Ok(Self { positions, quads })
+    }
+    /// Vertex positions, Å.
+    pub fn positions(&self) -> &[Point3] {
+        &self.positions
+    }
+    /// Corners per quad.
+    pub fn quads(&self) -> &[[u32; 4]] {
+        &self.quads
+    }
+    /// Gives positions and quads away.
+    pub fn into_parts(self) -> (Vec<Point3>, Vec<[u32; 4]>) {
+        (self.positions, self.quads)
+    }
+}
+
+/// The number of a material of a [`TetMesh`].
+pub type Region = u8;
+/// The region around the molecule.
+pub const EXTERIOR: Region = 0;
+/// The molecule.
+pub const INTERIOR: Region = 1;
+/// Beyond the mesh: what lies on the other side of its outer boundary. No tetrahedron has it.
+pub const OUTSIDE: Region = u8::MAX;
+
+/// How a vertex of a [`TetMesh`] may move.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum VertexKind {
+    /// Inside of a region: freely.
+    #[default]
+    Interior,
+    /// On the surface between two regions, or between a region and [`OUTSIDE`]: along it.
+    Surface,
+    /// On a face of the bounding box: in that plane. Axis 0…2.
+    BoxFace {
+        /// The axis along which it must not move.
+        axis: u8,
+    },
+    /// On an edge of the bounding box: along that edge. Axis 0…2.
+    BoxEdge {
+        /// The axis along which it may move.
+        axis: u8,
+    },
+    /// Not at all: box corners, junctions of surfaces with the box or with each other.
+    Fixed,
+}
+
+/// A volume of tetrahedra `(a, b, c, d)` with a region each. Valid like [`TriMesh`]; the sign of the
+/// volumes is not checked here: see [`VolumeAudit`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TetMesh {
+    positions: Vec<Point3>,
+    tets: Vec<[u32; 4]>,
+    regions: Vec<Region>,
+    kinds: Vec<VertexKind>,
+}
+
+impl TetMesh {
+    /// A mesh of these vertices and tetrahedra, all of region [`INTERIOR`], with every boundary
+    /// vertex of kind [`VertexKind::Surface`].
+    pub fn new(positions: Vec<Point3>, tets: Vec<[u32; 4]>) -> Result<Self, MeshError> {
+        let regions = vec![INTERIOR; tets.len()];
+        Self::with_regions(positions, tets, regions)
+    }
+
+    /// A mesh with a region per tetrahedron; every vertex between two regions or on the boundary is
+    /// of kind [`VertexKind::Surface`].
+    pub fn with_regions(
+        positions: Vec<Point3>,
+        tets: Vec<[u32; 4]>,
+        regions: Vec<Region>,
+    ) -> Result<Self, MeshError> {
+        let kinds = vec![VertexKind::Interior; positions.len()];
+        let mut mesh = Self::with_kinds(positions, tets, regions, kinds)?;
+        for face in mesh.interfaces() {
+            for v in face.triangle {
+                mesh.kinds[v as usize] = VertexKind::Surface;
+            }
+        }
+        Ok(mesh)
+    }
+
+    /// A mesh with a region per tetrahedron and a kind per vertex.
+    pub fn with_kinds(
+        positions: Vec<Point3>,
+        tets: Vec<[u32; 4]>,
+        regions: Vec<Region>,
+        kinds: Vec<VertexKind>,
+    ) -> Result<Self, MeshError> {
+        check(&positions, &tets)?;
+        if regions.len() != tets.len() {
+            let (values, elements) = (regions.len(), tets.len());
+            return Err(MeshError::Length {
+                what: "regions",
+                values,
+                elements,
+            });
+        }
+        if kinds.len() != positions.len() {
+            let (values, elements) = (kinds.len(), positions.len());
+            return Err(MeshError::Length {
+                what: "vertex kinds",
+                values,
+                elements,
+            });
+        }
+        Ok(Self {
+            positions,
+            tets,
+            regions,
+            kinds,
+        })
+    }
+
+    /// Vertex positions, Å.
+    pub fn positions(&self) -> &[Point3] {
+        &self.positions
+    }
+    /// Corners per tetrahedron.
+    pub fn tets(&self) -> &[[u32; 4]] {
+        &self.tets
+    }
+    /// Region per tetrahedron.
+    pub fn regions(&self) -> &[Region] {
+        &self.regions
+    }
+    /// Kind per vertex.
+    pub fn kinds(&self) -> &[VertexKind] {
+        &self.kinds
+    }
+    /// The four corner positions of a tetrahedron.
+    pub fn corners(&self, tet: usize) -> [Point3; 4] {
+        self.tets[tet].map(|v| self.positions[v as usize])
+    }
+    /// Gives positions, tetrahedra, regions and vertex kinds away.
+    pub fn into_parts(self) -> (Vec<Point3>, Vec<[u32; 4]>, Vec<Region>, Vec<VertexKind>) {
+        (self.positions, self.tets, self.regions, self.kinds)
+    }
+
+    /// The faces between different regions and on the boundary, by the lower-numbered tetrahedron's
+    /// number, then by face. Faces with more than two tetrahedra are left out: see [`VolumeAudit`].
+    pub fn interfaces(&self) -> Vec<Interface> {
+        use rayon::prelude::*;
+        let mut faces: Vec<([u32; 3], u32)> = (0..self.tets.len() as u32)
+            .into_par_iter()
+            .flat_map_iter(|t| {
+                FACES.iter().enumerate().map(move |(k, corners)| {
+                    let mut key = corners.map(|c| self.tets[t as usize][c]);
+                    key.sort_unstable();
+                    (key, 4 * t + k as u32)
+                })
+            })
+            .collect();
+        faces.par_sort_unstable();
+        let mut out: Vec<(u32, Interface)> = faces
+            .chunk_by(|a, b| a.0 == b.0)
+            .filter_map(|group| {
+                let side = |slot: u32| {
+                    let (t, k) = ((slot / 4) as usize, (slot % 4) as usize);
+                    (self.regions[t], FACES[k].map(|c| self.tets[t][c]))
+                };
+                match *group {
+                    [(_, only)] => {
+                        let (inside, triangle) = side(only);
+                        Some((
+                            only,
+                            Interface {
+                                triangle,
+                                inside,
+                                outside: OUTSIDE,
+                            },
+                        ))
+                    }
+                    [(_, first), (_, second)] => {
+                        let ((a, first_face), (b, second_face)) = (side(first), side(second));
+                        if a == b {
+                            return None;
+                        }
+                        // Seen from the region of the higher number, e.g. out of the molecule.
+                        let (triangle, inside, outside) = if a > b {
+                            (first_face, a, b)
+                        } else {
+                            (second_face, b, a)
+                        };
+                        Some((
+                            first,
+                            Interface {
+                                triangle,
+                                inside,
+                                outside,
+                            },
+                        ))
+                    }
+                    _ => None,
+                }
+            })
+            .collect();
+        out.par_sort_unstable_by_key(|&(slot, _)| slot);
+        out.into_iter().map(|(_, face)| face).collect()
+    }
+}
+
+/// The corners of the faces of a positive tetrahedron, seen from outside; face `k` lies opposite
+/// corner `k`.
+pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+/// The corners of the edges of a tetrahedron.
+pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+
+/// A face between two regions of a [`TetMesh`], or on its boundary.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Interface {
+    /// Corners, counter-clockwise seen from the outer side.
+    pub triangle: [u32; 3],
+    /// Region on the inner side: the higher number of the two; on the boundary the only one.
+    pub inside: Region,
+    /// Region on the outer side, or [`OUTSIDE`].
+    pub outside: Region,
+}

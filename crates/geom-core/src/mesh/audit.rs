@@ -1,0 +1,1 @@
+//! Closed, manifold, oriented? Reports that name the elements.

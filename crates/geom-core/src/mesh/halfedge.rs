@@ -1,0 +1,1 @@
+//! Connectivity of triangles and quads as half-edges.

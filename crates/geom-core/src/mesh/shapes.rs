@@ -1,0 +1,97 @@
+//! Analytic surfaces for tests and examples.
+
+use std::collections::HashMap;
+use std::f64::consts::TAU;
+
+use super::TriMesh;
+use crate::{Point3, Vector3};
+
+/// A sphere about the origin: the icosahedron with `levels` 1-to-4 subdivisions, vertices on the
+/// sphere. `20 · 4^levels` triangles.
+pub fn icosphere(radius: f64, levels: u32) -> TriMesh {
+    let phi = f64::midpoint(1.0, 5f64.sqrt());
+    let mut directions: Vec<Vector3> = [
+        [-1.0, phi, 0.0],
+        [1.0, phi, 0.0],
+        [-1.0, -phi, 0.0],
+        [1.0, -phi, 0.0],
+        [0.0, -1.0, phi],
+        [0.0, 1.0, phi],
+        [0.0, -1.0, -phi],
+        [0.0, 1.0, -phi],
+        [phi, 0.0, -1.0],
+        [phi, 0.0, 1.0],
+        [-phi, 0.0, -1.0],
+        [-phi, 0.0, 1.0],
+    ]
+    .iter()
+    .map(|&v| Vector3::from(v).normalize())
+    .collect();
+    let mut triangles: Vec<[u32; 3]> = vec![
+        [0, 11, 5],
+        [0, 5, 1],
+        [0, 1, 7],
+        [0, 7, 10],
+        [0, 10, 11],
+        [1, 5, 9],
+        [5, 11, 4],
+        [11, 10, 2],
+        [10, 7, 6],
+        [7, 1, 8],
+        [3, 9, 4],
+        [3, 4, 2],
+        [3, 2, 6],
+        [3, 6, 8],
+        [3, 8, 9],
+        [4, 9, 5],
+        [2, 4, 11],
+        [6, 2, 10],
+        [8, 6, 7],
+        [9, 8, 1],
+    ];
+    for _ in 0..levels {
+        let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
+        let mut middle = |a: u32, b: u32| {
+            *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                let m = (directions[a as usize] + directions[b as usize]).normalize();
+                directions.push(m);
+                directions.len() as u32 - 1
+            })
+        };
+        triangles = triangles
+            .iter()
+            .flat_map(|&[a, b, c]| {
+                let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+                [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+            })
+            .collect();
+    }
+    let positions = directions
+        .iter()
+        .map(|d| Point3::from(d * radius))
+        .collect();
+    TriMesh::new(positions, triangles).expect("a subdivided icosahedron is valid")
+}
+
+/// A torus about the z axis: tube radius `minor` around a circle of radius `major`, with
+/// `around × along` vertices; `2 · around · along` triangles.
+pub fn torus(major: f64, minor: f64, around: u32, along: u32) -> TriMesh {
+    let positions = (0..around)
+        .flat_map(|i| (0..along).map(move |j| (i, j)))
+        .map(|(i, j)| {
+            let u = TAU * f64::from(i) / f64::from(around);
+            let v = TAU * f64::from(j) / f64::from(along);
+            let r = major + minor * v.cos();
+            Point3::new(r * u.cos(), r * u.sin(), minor * v.sin())
+        })
+        .collect();
+    let at = |i: u32, j: u32| (i % around) * along + j % along;
+    let triangles = (0..around)
+        .flat_map(|i| (0..along).map(move |j| (i, j)))
+        .flat_map(|(i, j)| {
+            let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+            [[a, b, c], [a, c, d]]
+        })
+        .collect();
+    TriMesh::new(positions, triangles).expect("a torus grid of at least 3 × 3 is valid")
+}

@@ -1,0 +1,79 @@
+//! Loops and sums with the same bits for any number of threads: work is cut into fixed chunks, and
+//! the parts are combined in order.
+
+use rayon::prelude::*;
+
+/// Elements per chunk of a parallel sum. Part of the result: another number, other last bits.
+pub const CHUNK: usize = 4096;
+
+/// `Σ f(i)` for `i < n`, over fixed chunks combined in order.
+pub fn sum(n: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
+    fold_chunks(n, |range| range.map(&f).sum::<f64>())
+        .into_iter()
+        .sum()
+}
+
+/// The largest `f(i)` for `i < n`, and its lowest index; `None` for `n = 0`. NaN never wins.
+pub fn argmax(n: usize, f: impl Fn(usize) -> f64 + Sync) -> Option<(usize, f64)> {
+    fold_chunks(n, |range| {
+        range.map(|i| (i, f(i))).fold(None, later_only_if_larger)
+    })
+    .into_iter()
+    .flatten()
+    .fold(None, later_only_if_larger)
+}
+
+fn later_only_if_larger(best: Option<(usize, f64)>, next: (usize, f64)) -> Option<(usize, f64)> {
+    match best {
+        Some(b) if next.1 > b.1 => Some(next),
+        None if !next.1.is_nan() => Some(next),
+        _ => best,
+    }
+}
+
+/// One value per fixed chunk of `0..n`, in chunk order.
+pub fn fold_chunks<T: Send>(n: usize, f: impl Fn(std::ops::Range<usize>) -> T + Sync) -> Vec<T> {
+    (0..n.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|c| f(c * CHUNK..((c + 1) * CHUNK).min(n)))
+        .collect()
+}
+
+/// Exclusive prefix sum: where each group starts, and the total at the end (`counts.len() + 1`
+/// values).
+pub fn starts_of(counts: &[u32]) -> Vec<usize> {
+    let mut starts = Vec::with_capacity(counts.len() + 1);
+    let mut total = 0;
+    starts.push(0);
+    for &c in counts {
+        total += c as usize;
+        starts.push(total);
+    }
+    starts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_do_not_depend_on_threads() {
+        let f = |i: usize| ((i as f64) * 0.7).sin() / (1.0 + i as f64);
+        let on = |threads| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap()
+                .install(|| (sum(100_000, f).to_bits(), argmax(100_000, f)))
+        };
+        assert_eq!(on(1), on(2));
+        assert_eq!(on(1), on(5));
+    }
+
+    #[test]
+    fn ties_go_to_the_lowest_index_and_nan_never_wins() {
+        let v = [f64::NAN, 1.0, 3.0, 3.0, f64::NAN];
+        assert_eq!(argmax(v.len(), |i| v[i]), Some((2, 3.0)));
+        assert_eq!(argmax(0, |_| 0.0), None);
+    }
+}

@@ -1,0 +1,431 @@
+//! Molecular structures: atoms in hierarchy order, with residues, chains and domains as ranges.
+
+use std::fmt;
+use std::ops::Range;
+
+use crate::id::MAX_ELEMENTS;
+use crate::{Aabb, Point3};
+
+/// A short ASCII name, stored inline: atom, residue, chain or alternate-location names.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub struct Name([u8; 8]);
+
+impl Name {
+    /// A name of at most eight bytes of printable ASCII; blanks around it are dropped.
+    /// `None` if it is longer or holds anything else.
+    pub fn new(text: &str) -> Option<Self> {
+        let text = text.trim();
+        let mut bytes = [0; 8];
+        if text.len() > bytes.len() || !text.bytes().all(|b| b.is_ascii_graphic()) {
+            return None;
+        }
+        bytes[..text.len()].copy_from_slice(text.as_bytes());
+        Some(Self(bytes))
+    }
+
+    /// The name as text; empty if there is none.
+    pub fn as_str(&self) -> &str {
+        let end = self.0.iter().position(|&b| b == 0).unwrap_or(self.0.len());
+        std::str::from_utf8(&self.0[..end]).expect("names are ASCII")
+    }
+
+    /// Is there no name?
+    pub fn is_empty(&self) -> bool {
+        self.0[0] == 0
+    }
+}
+
+impl fmt::Display for Name {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+impl fmt::Debug for Name {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.as_str())
+    }
+}
+
+/// A chemical element by atomic number; 0 is unknown.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub struct Element(pub u8);
+
+const SYMBOLS: [&str; 119] = [
+    "X", "H", "He", "Li", "Be", "B", "C", "N", "O", "F", "Ne", "Na", "Mg", "Al", "Si", "P", "S",
+    "Cl", "Ar", "K", "Ca", "Sc", "Ti", "V", "Cr", "Mn", "Fe", "Co", "Ni", "Cu", "Zn", "Ga", "Ge",
+    "As", "Se", "Br", "Kr", "Rb", "Sr", "Y", "Zr", "Nb", "Mo", "Tc", "Ru", "Rh", "Pd", "Ag", "Cd",
+    "In", "Sn", "Sb", "Te", "I", "Xe", "Cs", "Ba", "La", "Ce", "Pr", "Nd", "Pm", "Sm", "Eu", "Gd",
+    "Tb", "Dy", "Ho", "Er", "Tm", "Yb", "Lu", "Hf", "Ta", "W", "Re", "Os", "Ir", "Pt", "Au", "Hg",
+    "Tl", "Pb", "Bi", "Po", "At", "Rn", "Fr", "Ra", "Ac", "Th", "Pa", "U", "Np", "Pu", "Am", "Cm",
+    "Bk", "Cf", "Es", "Fm", "Md", "No", "Lr", "Rf", "Db", "Sg", "Bh", "Hs", "Mt", "Ds", "Rg", "Cn",
+    "Nh", "Fl", "Mc", "Lv", "Ts", "Og",
+];
+
+impl Element {
+    /// Not known.
+    pub const UNKNOWN: Self = Self(0);
+    /// Hydrogen (deuterium and tritium too).
+    pub const HYDROGEN: Self = Self(1);
+    /// Carbon.
+    pub const CARBON: Self = Self(6);
+    /// Nitrogen.
+    pub const NITROGEN: Self = Self(7);
+    /// Oxygen.
+    pub const OXYGEN: Self = Self(8);
+    /// Phosphorus.
+    pub const PHOSPHORUS: Self = Self(15);
+    /// Sulfur.
+    pub const SULFUR: Self = Self(16);
+
+    /// The element with this symbol, in any case; `D` and `T` are hydrogen.
+    pub fn from_symbol(symbol: &str) -> Option<Self> {
+        let symbol = symbol.trim();
+        if symbol.eq_ignore_ascii_case("D") || symbol.eq_ignore_ascii_case("T") {
+            return Some(Self::HYDROGEN);
+        }
+        let found = SYMBOLS[1..]
+            .iter()
+            .position(|s| s.eq_ignore_ascii_case(symbol))?;
+        Some(Self(found as u8 + 1))
+    }
+
+    /// The symbol, `X` if unknown.
+    pub fn symbol(self) -> &'static str {
+        SYMBOLS.get(self.0 as usize).copied().unwrap_or("X")
+    }
+
+    /// Van der Waals radius, Å: Bondi 1964, Rowland & Taylor 1996 for hydrogen, and Alvarez-like
+    /// defaults of 2.0 Å for what neither lists.
+    pub fn vdw_radius(self) -> f64 {
+        match self.0 {
+            1 => 1.10,
+            2 => 1.40,
+            3 => 1.82,
+            5 => 1.92,
+            6 => 1.70,
+            7 => 1.55,
+            8 => 1.52,
+            9 => 1.47,
+            10 => 1.54,
+            11 => 2.27,
+            12 => 1.73,
+            14 => 2.10,
+            15 | 16 => 1.80,
+            17 => 1.75,
+            18 => 1.88,
+            19 => 2.75,
+            20 => 2.31,
+            28 => 1.63,
+            29 => 1.40,
+            30 => 1.39,
+            33 => 1.85,
+            34 => 1.90,
+            35 => 1.85,
+            36 => 2.02,
+            46 => 1.63,
+            47 => 1.72,
+            48 => 1.58,
+            53 => 1.98,
+            54 => 2.16,
+            78 => 1.75,
+            79 => 1.66,
+            80 => 1.55,
+            82 => 2.02,
+            92 => 1.86,
+            0 => 1.70,
+            _ => 2.0,
+        }
+    }
+}
+
+impl fmt::Debug for Element {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.symbol())
+    }
+}
+
+/// One atom.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Atom {
+    /// Centre, Å.
+    pub position: Point3,
+    /// Radius, Å.
+    pub radius: f64,
+    /// Partial charge, in elementary charges; 0 when the file has none.
+    pub charge: f32,
+    /// Isotropic displacement parameter (B factor), Å²; 0 when the file has none.
+    pub b_factor: f32,
+    /// Atom name, e.g. `CA`.
+    pub name: Name,
+    /// Chemical element.
+    pub element: Element,
+    /// Was it a `HETATM` record?
+    pub hetero: bool,
+}
+
+/// One residue: a name and a place in the sequence. Its atoms: [`Structure::residue_atoms`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Residue {
+    /// Residue name, e.g. `ALA`.
+    pub name: Name,
+    /// Sequence number as in the file.
+    pub number: i32,
+    /// Insertion code, or empty.
+    pub insertion: Name,
+}
+
+/// One chain: its residues are [`Structure::chain_residues`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Chain {
+    /// Chain identifier as in the file (author's), possibly empty.
+    pub name: Name,
+}
+
+/// One domain: a set of chains that belong together. Each model and each copy made by an assembly
+/// operator is a domain of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Domain {
+    /// Model number of the file, from 1.
+    pub model: u32,
+    /// Number of the assembly copy, from 1.
+    pub copy: u32,
+}
+
+/// Atoms in hierarchy order: the atoms of a residue, the residues of a chain and the chains of a
+/// domain are contiguous.
+///
+/// ```
+/// use geom_core::structure::{Structure, StructureBuilder, Atom, Element, Name};
+/// use geom_core::Point3;
+/// let mut builder = StructureBuilder::new();
+/// builder.domain(1, 1);
+/// builder.chain(Name::new("A").unwrap());
+/// builder.residue(Name::new("GLY").unwrap(), 1, Name::default());
+/// builder.atom(Atom {
+///     position: Point3::origin(),
+///     radius: 1.7,
+///     charge: 0.0,
+///     b_factor: 0.0,
+///     name: Name::new("CA").unwrap(),
+///     element: Element::CARBON,
+///     hetero: false,
+/// });
+/// let structure: Structure = builder.build();
+/// assert_eq!(structure.residue_atoms(0), 0..1);
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Structure {
+    atoms: Vec<Atom>,
+    residues: Vec<Residue>,
+    chains: Vec<Chain>,
+    domains: Vec<Domain>,
+    /// First atom per residue, and the number of atoms at the end.
+    residue_starts: Vec<u32>,
+    chain_starts: Vec<u32>,
+    domain_starts: Vec<u32>,
+}
+
+impl Structure {
+    /// All atoms, in hierarchy order.
+    pub fn atoms(&self) -> &[Atom] {
+        &self.atoms
+    }
+    /// All residues, in hierarchy order.
+    pub fn residues(&self) -> &[Residue] {
+        &self.residues
+    }
+    /// All chains, in hierarchy order.
+    pub fn chains(&self) -> &[Chain] {
+        &self.chains
+    }
+    /// All domains.
+    pub fn domains(&self) -> &[Domain] {
+        &self.domains
+    }
+    /// The atoms of a residue.
+    pub fn residue_atoms(&self, residue: usize) -> Range<usize> {
+        range(&self.residue_starts, residue)
+    }
+    /// The residues of a chain.
+    pub fn chain_residues(&self, chain: usize) -> Range<usize> {
+        range(&self.chain_starts, chain)
+    }
+    /// The chains of a domain.
+    pub fn domain_chains(&self, domain: usize) -> Range<usize> {
+        range(&self.domain_starts, domain)
+    }
+    /// First atom per residue and the number of atoms at the end: `residues().len() + 1` values.
+    pub fn residue_starts(&self) -> &[u32] {
+        &self.residue_starts
+    }
+    /// First residue per chain and the number of residues at the end.
+    pub fn chain_starts(&self) -> &[u32] {
+        &self.chain_starts
+    }
+    /// First chain per domain and the number of chains at the end.
+    pub fn domain_starts(&self) -> &[u32] {
+        &self.domain_starts
+    }
+    /// The smallest box that holds all atom centres.
+    pub fn center_bounds(&self) -> Aabb {
+        Aabb::of_points(self.atoms.iter().map(|a| &a.position))
+    }
+    /// The atoms, to change radii or positions in place.
+    pub fn atoms_mut(&mut self) -> &mut [Atom] {
+        &mut self.atoms
+    }
+}
+
+fn range(starts: &[u32], i: usize) -> Range<usize> {
+    starts[i] as usize..starts[i + 1] as usize
+}
+
+/// Makes a [`Structure`] from atoms in file order: say where a domain, chain or residue begins, then
+/// add its atoms. Parts without atoms are dropped.
+#[derive(Debug, Default)]
+pub struct StructureBuilder {
+    built: Structure,
+    domain: Option<Domain>,
+    chain: Option<Chain>,
+    residue: Option<Residue>,
+}
+
+impl StructureBuilder {
+    /// Without atoms yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The next atoms belong to a new domain.
+    pub fn domain(&mut self, model: u32, copy: u32) {
+        self.domain = Some(Domain { model, copy });
+    }
+
+    /// The next atoms belong to a new chain.
+    pub fn chain(&mut self, name: Name) {
+        self.chain = Some(Chain { name });
+    }
+
+    /// The next atoms belong to a new residue.
+    pub fn residue(&mut self, name: Name, number: i32, insertion: Name) {
+        self.residue = Some(Residue {
+            name,
+            number,
+            insertion,
+        });
+    }
+
+    /// Adds an atom to the current residue, chain and domain (unnamed ones if none was begun).
+    ///
+    /// Panics beyond [`MAX_ELEMENTS`] atoms.
+    pub fn atom(&mut self, atom: Atom) {
+        let s = &mut self.built;
+        assert!(
+            s.atoms.len() < MAX_ELEMENTS,
+            "more atoms than an index can name"
+        );
+        if s.domains.is_empty() && self.domain.is_none() {
+            self.domain = Some(Domain { model: 1, copy: 1 });
+        }
+        let new_domain = self.domain.take();
+        if new_domain.is_some() || s.chains.is_empty() {
+            self.chain = self.chain.or(s.chains.last().copied());
+            self.chain.get_or_insert(Chain {
+                name: Name::default(),
+            });
+        }
+        let new_chain = self.chain.take();
+        if new_chain.is_some() || s.residues.is_empty() {
+            self.residue = self.residue.or(s.residues.last().copied());
+            let unnamed = Residue {
+                name: Name::default(),
+                number: 0,
+                insertion: Name::default(),
+            };
+            self.residue.get_or_insert(unnamed);
+        }
+        if let Some(domain) = new_domain {
+            s.domain_starts.push(s.chains.len() as u32);
+            s.domains.push(domain);
+        }
+        if let Some(chain) = new_chain {
+            s.chain_starts.push(s.residues.len() as u32);
+            s.chains.push(chain);
+        }
+        if let Some(residue) = self.residue.take() {
+            s.residue_starts.push(s.atoms.len() as u32);
+            s.residues.push(residue);
+        }
+        s.atoms.push(atom);
+    }
+
+    /// Number of atoms so far.
+    pub fn len(&self) -> usize {
+        self.built.atoms.len()
+    }
+
+    /// Is there no atom yet?
+    pub fn is_empty(&self) -> bool {
+        self.built.atoms.is_empty()
+    }
+
+    /// The structure.
+    pub fn build(self) -> Structure {
+        let mut s = self.built;
+        s.residue_starts.push(s.atoms.len() as u32);
+        s.chain_starts.push(s.residues.len() as u32);
+        s.domain_starts.push(s.chains.len() as u32);
+        s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn atoms_are_56_bytes_or_less() {
+        assert!(std::mem::size_of::<Atom>() <= 56);
+    }
+
+    #[test]
+    fn symbols_and_numbers_agree() {
+        assert_eq!(Element::from_symbol("ca"), Some(Element(20)));
+        assert_eq!(Element::from_symbol("D"), Some(Element::HYDROGEN));
+        assert_eq!(Element::from_symbol("Og"), Some(Element(118)));
+        assert_eq!(Element::from_symbol("Zz"), None);
+        assert_eq!(Element(26).symbol(), "Fe");
+    }
+
+    #[test]
+    fn empty_parts_are_dropped() {
+        let mut b = StructureBuilder::new();
+        let atom = Atom {
+            position: Point3::origin(),
+            radius: 1.0,
+            charge: 0.0,
+            b_factor: 0.0,
+            name: Name::default(),
+            element: Element::UNKNOWN,
+            hetero: false,
+        };
+        b.domain(1, 1);
+        b.chain(Name::new("A").unwrap());
+        b.chain(Name::new("B").unwrap());
+        b.residue(Name::new("GLY").unwrap(), 1, Name::default());
+        b.residue(Name::new("ALA").unwrap(), 2, Name::default());
+        b.atom(atom);
+        b.atom(atom);
+        b.residue(Name::new("SER").unwrap(), 3, Name::default());
+        b.atom(atom);
+        b.domain(2, 1);
+        b.atom(atom);
+        let s = b.build();
+        assert_eq!(s.atoms().len(), 4);
+        assert_eq!(s.residue_starts(), [0, 2, 3, 4]);
+        assert_eq!(s.chain_starts(), [0, 2, 3]);
+        assert_eq!(s.domain_starts(), [0, 1, 2]);
+        assert_eq!(s.chains()[0].name.as_str(), "B");
+        assert_eq!(s.domain_chains(1), 1..2);
+    }
+}

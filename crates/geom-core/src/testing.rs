@@ -1,0 +1,39 @@
+//! Helpers for the tests of the whole house.
+
+/// The GPU, or `None` with a loud line when there is none. With the environment variable
+/// `GEOM_REQUIRE_GPU` set, its absence is a failure: CI sets it.
+#[cfg(feature = "wgpu")]
+pub fn gpu_or_skip() -> Option<crate::Wgpu> {
+    match crate::Wgpu::new() {
+        Ok(gpu) => Some(gpu),
+        Err(error) if std::env::var_os("GEOM_REQUIRE_GPU").is_some() => {
+            panic!("GEOM_REQUIRE_GPU is set, but there is no GPU: {error}")
+        }
+        Err(error) => {
+            #[expect(clippy::print_stderr, reason = "a skipped test must be heard")]
+            {
+                eprintln!("SKIPPED, not passed: no wgpu adapter ({error})");
+            }
+            None
+        }
+    }
+}
+
+/// Runs `f` on 1, 2 and 5 threads and asserts that the results are equal.
+pub fn same_on_any_threads<T: PartialEq + std::fmt::Debug + Send>(f: impl Fn() -> T + Sync) -> T {
+    let on = |threads| {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("a thread pool")
+            .install(&f)
+    };
+    let reference = on(1);
+    for threads in [2, 5] {
+        assert!(
+            on(threads) == reference,
+            "{threads} threads give another result than one"
+        );
+    }
+    reference
+}
