@@ -8,6 +8,8 @@
 
 mod arrows;
 mod ci;
+#[cfg(feature = "lab")]
+mod python;
 
 use std::process::{Command, ExitCode};
 
