@@ -9,7 +9,7 @@
 
 use geom_core::{Point3, Vector3};
 
-use crate::members::Members;
+use crate::members::{Best, Members, largest};
 
 /// Points of a cube, `SIDE` per axis, x fastest, then y; `PLANE = SIDE²`.
 #[derive(Clone, Copy, Debug)]
@@ -23,8 +23,8 @@ pub(crate) struct Cube {
 pub(crate) struct Scratch {
     offset: Vec<Vector3>,
     q: Vec<f64>,
-    /// Per level (atoms first): the leaf that matters most at the centre, its weight, and `ln` of its term.
-    best: Vec<Vec<(f64, u32, f64)>>,
+    /// Per level (atoms first): the leaf that matters most at the centre.
+    best: Vec<Vec<Best>>,
     /// `R` of the open node per level.
     sums: Vec<Vec<f32>>,
     /// The open node per level, and the largest bound of its terms so far.
@@ -107,15 +107,23 @@ fn prepare(members: &Members, cube: &Cube, scratch: &mut Scratch) {
         let q = members.decay[i] * (t.norm_squared() - r * r);
         scratch.offset.push(t);
         scratch.q.push(q);
-        scratch.best[0].push((-q, i as u32, 1.0));
+        scratch.best[0].push(Best {
+            ln: -q,
+            leaf: i as u32,
+            weight: 1.0,
+        });
     }
     for (l, level) in members.levels.iter().enumerate() {
         let (below, above) = scratch.best.split_at_mut(l + 1);
         above[0].clear();
         for v in 0..level.len() {
             let power = level.power[v];
-            let (ln, leaf, weight) = crate::members::largest(&below[l][level.children(v)]);
-            above[0].push((power * ln, leaf, power * weight));
+            let top = largest(&below[l][level.children(v)]);
+            above[0].push(Best {
+                ln: power * top.ln,
+                leaf: top.leaf,
+                weight: power * top.weight,
+            });
         }
     }
 }
@@ -126,7 +134,7 @@ struct Eval<'a, const SIDE: usize, const PLANE: usize> {
     half: f64,
     offset: &'a [Vector3],
     q: &'a [f64],
-    best: &'a [Vec<(f64, u32, f64)>],
+    best: &'a [Vec<Best>],
 }
 
 /// A quadratic exponent without mixed terms, in powers of 2, about the centre of the cube.
@@ -229,7 +237,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
         for lowest in 0..levels[0].len() {
             let (mut level, mut node) = (0, lowest);
             let children = levels[0].children(lowest);
-            let (_, leaf, _) = self.best[1][lowest];
+            let leaf = self.best[1][lowest].leaf;
             // A residue of one atom is that atom's kernel to the power, without a sum.
             let mut sum_bound = if children.len() == 1 {
                 None
@@ -238,7 +246,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
             };
             loop {
                 let power = levels[level].power[node];
-                let (_, leaf, weight) = self.best[level + 1][node];
+                let Best { leaf, weight, .. } = self.best[level + 1][node];
                 let above = level + 1;
                 let (lower, upper) = sums.split_at_mut(above);
                 let own = &mut lower[level];
@@ -246,7 +254,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
                     (&mut *out, None)
                 } else {
                     let parent = open[above].0;
-                    let (_, leaf, weight) = self.best[above + 1][parent];
+                    let Best { leaf, weight, .. } = self.best[above + 1][parent];
                     let own = weight / levels[above].power[parent];
                     (&mut upper[0][..], Some((leaf, own)))
                 };
