@@ -7,10 +7,13 @@ pub mod bounds;
 pub mod field;
 pub mod grid;
 pub mod id;
+pub mod laplace;
 pub mod lattice;
+pub mod linalg;
 pub mod mesh;
 pub mod parallel;
 pub mod run;
+pub mod spectral;
 pub mod structure;
 
 #[cfg(feature = "wgpu")]
