@@ -8,6 +8,7 @@
 
 mod arrows;
 mod ci;
+mod fixtures;
 #[cfg(feature = "lab")]
 mod python;
 
@@ -33,12 +34,15 @@ enum Chore {
     Ci,
     /// The arrows between the crates are those of the architecture, and no others.
     Arrows,
+    /// The bundled files are those that fixtures/README.md lists.
+    Fixtures,
 }
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().chore {
         Chore::Ci => ci::run(),
         Chore::Arrows => arrows::run(),
+        Chore::Fixtures => fixtures::run(),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
