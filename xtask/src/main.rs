@@ -8,8 +8,7 @@
 
 mod arrows;
 mod ci;
-#[cfg(feature = "lab")]
-mod python;
+mod lab;
 
 use std::process::{Command, ExitCode};
 
@@ -33,12 +32,15 @@ enum Chore {
     Ci,
     /// The arrows between the crates are those of the architecture, and no others.
     Arrows,
+    #[command(flatten)]
+    Lab(lab::Chore),
 }
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().chore {
         Chore::Ci => ci::run(),
         Chore::Arrows => arrows::run(),
+        Chore::Lab(chore) => lab::run(&chore),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
