@@ -4,11 +4,14 @@ pub use nalgebra;
 
 pub mod backend;
 pub mod bounds;
+pub mod bvh;
+pub mod distance;
 pub mod field;
 pub mod grid;
 pub mod id;
 pub mod lattice;
 pub mod mesh;
+pub mod nearest;
 pub mod parallel;
 pub mod run;
 pub mod structure;
