@@ -8,6 +8,7 @@ use geom_core::io;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
+use super::color::mix;
 use super::{Rgb, Scale};
 
 /// An sRGB image, row by row from the top.
@@ -32,6 +33,9 @@ pub(crate) fn font() {
         assert!(registered.is_ok(), "the embedded font is valid");
     });
 }
+
+/// Sub-pixels of text per pixel and axis.
+const TEXT_FINE: usize = 4;
 
 /// Where text stands relative to its place.
 #[derive(Clone, Copy)]
@@ -91,18 +95,55 @@ impl Image {
 
     /// Writes one line, vertically centred at `y`.
     pub(crate) fn text(&mut self, text: &str, (x, y): (usize, usize), size: f64, align: Align) {
-        let h = match align {
-            Align::Left => HPos::Left,
-            Align::Center => HPos::Center,
+        // Drawn larger and averaged: letters then stand between pixels, not on them.
+        let (wide, high) = (text.chars().count() * size as usize, 2 * size as usize);
+        let mut mask = Self::filled(wide * TEXT_FINE, high * TEXT_FINE, [255; 3]);
+        let (h, at) = match align {
+            Align::Left => (HPos::Left, 0),
+            Align::Center => (HPos::Center, wide / 2),
         };
-        self.draw(|area| {
-            let style = (FONT, size)
+        mask.draw(|area| {
+            let style = (FONT, size * TEXT_FINE as f64)
                 .into_font()
-                .color(&INK)
+                .color(&BLACK)
                 .pos(Pos::new(h, VPos::Center));
-            area.draw(&Text::new(text.to_owned(), (x as i32, y as i32), style))
+            let place = ((at * TEXT_FINE) as i32, (high * TEXT_FINE / 2) as i32);
+            area.draw(&Text::new(text.to_owned(), place, style))
                 .expect("memory is always there");
         });
+        let mask = mask.reduced(TEXT_FINE);
+        let ink = [INK.0, INK.1, INK.2];
+        for my in 0..high {
+            for mx in 0..wide {
+                let cover = 1.0 - f64::from(mask.pixel(mx, my)[0]) / 255.0;
+                let place = ((x + mx).checked_sub(at), (y + my).checked_sub(high / 2));
+                if let (Some(px), Some(py)) = place
+                    && cover > 0.0
+                    && px < self.width
+                    && py < self.height
+                {
+                    self.set(px, py, mix(self.pixel(px, py), ink, cover));
+                }
+            }
+        }
+    }
+
+    /// Each block of `by × by` pixels averaged into one.
+    pub(crate) fn reduced(&self, by: usize) -> Self {
+        let mut out = Self::filled(self.width / by, self.height / by, [0; 3]);
+        for y in 0..out.height {
+            for x in 0..out.width {
+                let mut sum = [0usize; 3];
+                for (sx, sy) in (0..by * by).map(|i| (x * by + i % by, y * by + i / by)) {
+                    let pixel = self.pixel(sx, sy);
+                    for k in 0..3 {
+                        sum[k] += usize::from(pixel[k]);
+                    }
+                }
+                out.set(x, y, sum.map(|s| ((s + by * by / 2) / (by * by)) as u8));
+            }
+        }
+        out
     }
 
     /// Draws a vertical colour bar whose left edge is at `left`, between rows `top` and `bottom`.

@@ -25,6 +25,11 @@ pub struct Curve<'a> {
     pub points: Vec<(f64, f64)>,
 }
 
+/// Sub-pixels per pixel and axis.
+const FINE: usize = 3;
+const F: f64 = FINE as f64;
+const N: i32 = FINE as i32;
+
 const MEMORY: &str = "drawing into memory cannot fail";
 
 fn rgb([r, g, b]: Rgb) -> RGBColor {
@@ -72,11 +77,17 @@ pub fn histogram(
                 }
                 outline.push((high, 0.0));
                 chart
-                    .draw_series(LineSeries::new(outline, color.stroke_width(2)))
+                    .draw_series(LineSeries::new(
+                        outline,
+                        color.stroke_width(2 * FINE as u32),
+                    ))
                     .expect(MEMORY)
                     .label(set.name)
                     .legend(move |(x, y)| {
-                        Rectangle::new([(x, y - 6), (x + 18, y + 6)], color.mix(0.6).filled())
+                        Rectangle::new(
+                            [(x, y - 6 * N), (x + 18 * N, y + 6 * N)],
+                            color.mix(0.6).filled(),
+                        )
                     });
             }
         },
@@ -100,7 +111,7 @@ pub fn lines(
         if low < high {
             [low, high]
         } else {
-            [low.min(0.0).max(-1.0), low.max(1.0)]
+            [low - 1.0, low + 1.0]
         }
     };
     let (xs, mut ys) = (range(|p| p.0), range(|p| p.1));
@@ -119,21 +130,30 @@ pub fn lines(
             let series = chart
                 .draw_series(LineSeries::new(
                     curve.points.iter().copied(),
-                    color.stroke_width(2),
+                    color.stroke_width(2 * FINE as u32),
                 ))
                 .expect(MEMORY);
             if !curve.name.is_empty() {
                 series.label(curve.name).legend(move |(x, y)| {
-                    PathElement::new([(x, y), (x + 18, y)], color.stroke_width(3))
+                    PathElement::new(
+                        [(x, y), (x + 18 * N, y)],
+                        color.stroke_width(3 * FINE as u32),
+                    )
                 });
             }
             let dots = curve
                 .points
                 .iter()
-                .map(|&p| Circle::new(p, 4, color.filled()));
+                .map(|&p| Circle::new(p, 4 * N, color.filled()));
             chart.draw_series(dots).expect(MEMORY);
         }
     })
+}
+
+/// With as many digits as a range calls for, and a true minus sign.
+fn number(value: f64, range: f64) -> String {
+    let digits = (1.0 - range.log10()).ceil().clamp(0.0, 9.0) as usize;
+    format!("{:.digits$}", value + 0.0).replace('-', "\u{2212}")
 }
 
 type Chart<'a, 'b> = ChartContext<
@@ -151,14 +171,14 @@ fn chart(
     [y0, y1]: [f64; 2],
     draw: impl FnOnce(&mut Chart<'_, '_>),
 ) -> Image {
-    let mut image = Image::filled(width, height, [255; 3]);
+    let mut image = Image::filled(width * FINE, height * FINE, [255; 3]);
     image.draw(|area| {
-        let font = |size: f64| (FONT, size).into_font().color(&INK);
+        let font = |size: f64| (FONT, size * F).into_font().color(&INK);
         let mut chart = ChartBuilder::on(area)
             .caption(title, font(26.0))
-            .margin(18)
-            .x_label_area_size(54)
-            .y_label_area_size(72)
+            .margin(18 * N)
+            .x_label_area_size(54 * N)
+            .y_label_area_size(72 * N)
             .build_cartesian_2d(x0..x1, y0..y1)
             .expect(MEMORY);
         chart
@@ -167,10 +187,13 @@ fn chart(
             .y_desc(y_label)
             .x_labels(10)
             .y_labels(8)
+            .x_label_formatter(&|v| number(*v, x1 - x0))
+            .y_label_formatter(&|v| number(*v, y1 - y0))
+            .set_all_tick_mark_size(5 * N)
             .label_style(font(18.0))
             .axis_desc_style(font(20.0))
-            .axis_style(INK.mix(0.7))
-            .bold_line_style(INK.mix(0.12))
+            .axis_style(INK.mix(0.7).stroke_width(FINE as u32))
+            .bold_line_style(INK.mix(0.12).stroke_width(FINE as u32))
             .light_line_style(TRANSPARENT)
             .draw()
             .expect(MEMORY);
@@ -180,11 +203,12 @@ fn chart(
             .background_style(WHITE.mix(0.85))
             .border_style(TRANSPARENT)
             .label_font(font(19.0))
+            .legend_area_size(30 * N)
             .position(SeriesLabelPosition::UpperRight)
             .draw()
             .expect(MEMORY);
     });
-    image
+    image.reduced(FINE)
 }
 
 #[cfg(test)]

@@ -395,8 +395,8 @@ impl Frame {
             (nx * l[0] + ny * l[1] + nz * l[2]).max(0.0)
         };
         let sky = 0.75 + 0.25 * ny;
-        let mut light = 0.40 * sky * open
-            + 0.62 * toward([-0.45, 0.62, 0.75]) * (0.35 + 0.65 * open)
+        let mut light = 0.46 * sky * open
+            + 0.70 * toward([-0.45, 0.62, 0.75]) * (0.35 + 0.65 * open)
             + 0.20 * toward([0.80, -0.10, 0.55]) * open;
         // A soft dark rim separates what lies in front.
         light *= 0.72 + 0.28 * (nz / 0.4).min(1.0);
@@ -498,7 +498,7 @@ fn edge(c: &[[f32; 3]; 3], b: [f32; 3]) -> f32 {
     let longest = sides[0].max(sides[1]).max(sides[2]).max(1e-6);
     let fine = FINE as f32;
     let size = (doubled.sqrt() / fine).min(longest / fine);
-    let strength = 0.55 * ((size - 3.0) / 12.0).clamp(0.0, 1.0);
+    let strength = 0.45 * ((size - 3.0) / 12.0).clamp(0.0, 1.0);
     let nearest = (0..3)
         .map(|k| b[k] * doubled / sides[k].max(1e-6))
         .fold(f32::INFINITY, f32::min);
