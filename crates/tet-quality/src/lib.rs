@@ -1,3 +1,5 @@
 #![doc = include_str!("../README.md")]
 
 pub use geom_core;
+
+pub mod surface;
