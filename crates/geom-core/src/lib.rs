@@ -5,6 +5,8 @@ pub use nalgebra;
 pub mod backend;
 pub mod bounds;
 pub mod bvh;
+pub mod coloring;
+pub mod curvature;
 pub mod distance;
 pub mod field;
 pub mod grid;

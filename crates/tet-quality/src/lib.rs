@@ -21,6 +21,8 @@ mod swap;
 pub mod testing;
 mod work;
 
+pub mod surface;
+
 pub use backend::{QualityBackend, Relaxation};
 pub use error::Error;
 pub use improve::{Improved, Pass, Report, improve};
