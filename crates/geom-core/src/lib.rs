@@ -9,11 +9,14 @@ pub mod distance;
 pub mod field;
 pub mod grid;
 pub mod id;
+pub mod laplace;
 pub mod lattice;
+pub mod linalg;
 pub mod mesh;
 pub mod nearest;
 pub mod parallel;
 pub mod run;
+pub mod spectral;
 pub mod structure;
 
 #[cfg(feature = "wgpu")]
