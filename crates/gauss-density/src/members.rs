@@ -175,6 +175,26 @@ impl Members {
     }
 }
 
+impl Members {
+    /// Keeps in `out` the atoms whose kernel reaches `eps` somewhere in the box. Returns `ln` of an upper
+    /// bound of the density of the members in the box.
+    pub(crate) fn within_into(
+        &self,
+        cell: &Cell,
+        eps: f64,
+        scratch: &mut Scratch,
+        out: &mut Self,
+    ) -> f64 {
+        let up = scratch.prepare(self, cell);
+        scratch.keep.clear();
+        scratch
+            .keep
+            .extend(scratch.up[0].iter().map(|&u| u >= eps.ln()));
+        self.select_into(&scratch.keep, out);
+        up
+    }
+}
+
 /// What a node may lose: a share of its sum, where the logarithm of the sum is at least `theta`.
 #[derive(Clone, Copy)]
 struct Budget {
@@ -239,7 +259,7 @@ impl Scratch {
     }
 }
 
-fn largest(of: &[(f64, u32, f64)]) -> (f64, u32, f64) {
+pub(crate) fn largest(of: &[(f64, u32, f64)]) -> (f64, u32, f64) {
     of.iter().copied().fold(
         (f64::NEG_INFINITY, 0, 1.0),
         |a, b| if b.0 > a.0 { b } else { a },
