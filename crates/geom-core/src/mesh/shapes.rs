@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
-use super::TriMesh;
+use super::{TetMesh, TriMesh};
 use crate::{Point3, Vector3};
 
 /// A sphere about the origin: the icosahedron with `levels` 1-to-4 subdivisions, vertices on the
@@ -94,4 +94,68 @@ pub fn torus(major: f64, minor: f64, around: u32, along: u32) -> TriMesh {
         })
         .collect();
     TriMesh::new(positions, triangles).expect("a torus grid of at least 3 × 3 is valid")
+}
+
+/// A ball of tetrahedra about the origin: the cube of `2 n` cells per side, six tetrahedra per cell,
+/// mapped so that concentric cubes become concentric spheres. `48 n³` tetrahedra, all positive,
+/// boundary vertices on the sphere. `n ≥ 1`.
+pub fn ball(radius: f64, n: u32) -> TetMesh {
+    let (positions, tets) = box_tets([2 * n; 3]);
+    let positions = positions
+        .iter()
+        .map(|p| to_ball(Vector3::from(p.coords / f64::from(n)).add_scalar(-1.0)) * radius)
+        .map(Point3::from)
+        .collect();
+    TetMesh::new(positions, tets).expect("a mapped cube is valid")
+}
+
+/// Cubes `max |x| = s` to spheres `|x| = s`.
+fn to_ball(p: Vector3) -> Vector3 {
+    let length = p.norm();
+    if length > 0.0 {
+        p * (p.amax() / length)
+    } else {
+        p
+    }
+}
+
+/// Unit cells `counts`, each cut into six tetrahedra around its diagonal from (0, 0, 0): conforming
+/// across cells.
+fn box_tets(counts: [u32; 3]) -> (Vec<Point3>, Vec<[u32; 4]>) {
+    let [nx, ny, nz] = counts.map(|n| n + 1);
+    let at = |p: [u32; 3]| (p[2] * ny + p[1]) * nx + p[0];
+    let mut positions = Vec::new();
+    let mut tets = Vec::new();
+    for k in 0..nz {
+        for j in 0..ny {
+            for i in 0..nx {
+                positions.push(Point3::new(f64::from(i), f64::from(j), f64::from(k)));
+                if i + 1 == nx || j + 1 == ny || k + 1 == nz {
+                    continue;
+                }
+                // One tetrahedron per order of the axes along which the diagonal is walked.
+                for [a, b, c] in [
+                    [0, 1, 2],
+                    [1, 2, 0],
+                    [2, 0, 1],
+                    [0, 2, 1],
+                    [2, 1, 0],
+                    [1, 0, 2],
+                ] {
+                    let mut corner = [i, j, k];
+                    let mut tet = [at(corner); 4];
+                    for (slot, axis) in [(1, a), (2, b), (3, c)] {
+                        corner[axis] += 1;
+                        tet[slot] = at(corner);
+                    }
+                    // Odd orders are left-handed.
+                    if (b + 3 - a) % 3 == 2 {
+                        tet.swap(1, 2);
+                    }
+                    tets.push(tet);
+                }
+            }
+        }
+    }
+    (positions, tets)
 }
