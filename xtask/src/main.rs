@@ -8,8 +8,8 @@
 
 mod arrows;
 mod ci;
-#[cfg(feature = "lab")]
-mod python;
+mod fixtures;
+mod lab;
 
 use std::process::{Command, ExitCode};
 
@@ -33,12 +33,18 @@ enum Chore {
     Ci,
     /// The arrows between the crates are those of the architecture, and no others.
     Arrows,
+    #[command(flatten)]
+    Lab(lab::Chore),
+    /// The bundled files are those that fixtures/README.md lists.
+    Fixtures,
 }
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().chore {
         Chore::Ci => ci::run(),
         Chore::Arrows => arrows::run(),
+        Chore::Lab(chore) => lab::run(&chore),
+        Chore::Fixtures => fixtures::run(),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
