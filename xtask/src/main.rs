@@ -8,6 +8,7 @@
 
 mod arrows;
 mod ci;
+mod fixtures;
 mod lab;
 
 use std::process::{Command, ExitCode};
@@ -34,6 +35,8 @@ enum Chore {
     Arrows,
     #[command(flatten)]
     Lab(lab::Chore),
+    /// The bundled files are those that fixtures/README.md lists.
+    Fixtures,
 }
 
 fn main() -> ExitCode {
@@ -41,6 +44,7 @@ fn main() -> ExitCode {
         Chore::Ci => ci::run(),
         Chore::Arrows => arrows::run(),
         Chore::Lab(chore) => lab::run(&chore),
+        Chore::Fixtures => fixtures::run(),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
