@@ -10,6 +10,12 @@ use std::path::{Path, PathBuf};
 
 use crate::{GridError, MeshError};
 
+mod assembly;
+mod mmcif;
+mod pdb;
+pub mod pqr;
+pub mod structure;
+
 /// Why a file cannot be read or written: where, and what.
 #[derive(Debug)]
 pub struct Error {
