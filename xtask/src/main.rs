@@ -9,8 +9,7 @@
 mod arrows;
 mod ci;
 mod fixtures;
-#[cfg(feature = "lab")]
-mod python;
+mod lab;
 
 use std::process::{Command, ExitCode};
 
@@ -34,6 +33,8 @@ enum Chore {
     Ci,
     /// The arrows between the crates are those of the architecture, and no others.
     Arrows,
+    #[command(flatten)]
+    Lab(lab::Chore),
     /// The bundled files are those that fixtures/README.md lists.
     Fixtures,
 }
@@ -42,6 +43,7 @@ fn main() -> ExitCode {
     let outcome = match Arguments::parse().chore {
         Chore::Ci => ci::run(),
         Chore::Arrows => arrows::run(),
+        Chore::Lab(chore) => lab::run(&chore),
         Chore::Fixtures => fixtures::run(),
     };
     match outcome {

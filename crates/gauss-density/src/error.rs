@@ -1,0 +1,94 @@
+//! Why a density cannot be computed: one enum, each variant names the element and the cure.
+
+use geom_core::{Cancelled, GridError};
+
+/// Why a density cannot be computed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// There is nothing to sum.
+    #[error(
+        "the structure has no atoms; look at the reader's options for hydrogens, water and models"
+    )]
+    NoAtoms,
+    /// More atoms than a 32-bit index can name.
+    #[error("{atoms} atoms are more than an index can name (4,294,967,294)")]
+    TooManyAtoms {
+        /// Number of atoms.
+        atoms: usize,
+    },
+    /// A coordinate, radius or decay is NaN or infinite, or a radius is negative.
+    #[error(
+        "atom {atom} has {field} {value}; every coordinate and radius must be finite, radii not negative"
+    )]
+    BadAtom {
+        /// Index of the atom, from 0.
+        atom: usize,
+        /// Which of its numbers.
+        field: &'static str,
+        /// The number.
+        value: f64,
+    },
+    /// An option that has no meaning.
+    #[error("option {option} is {value}; it must be {allowed}")]
+    InvalidOption {
+        /// Name of the option.
+        option: &'static str,
+        /// What it was set to.
+        value: f64,
+        /// What makes sense.
+        allowed: &'static str,
+    },
+    /// A node or atom that the model does not have.
+    #[error("{what} {index} does not exist, the model has {count}")]
+    NoSuchNode {
+        /// Kind of node.
+        what: &'static str,
+        /// The index that was asked for.
+        index: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// The grid needs more memory than allowed.
+    #[error(
+        "a grid of {points} points needs {bytes} bytes, the limit is {limit}; a spacing of {spacing:.3} Å fits"
+    )]
+    GridTooLarge {
+        /// Number of points.
+        points: u128,
+        /// What they need.
+        bytes: u128,
+        /// What `max_memory` allows.
+        limit: u64,
+        /// The smallest spacing that fits, Å.
+        spacing: f64,
+    },
+    /// The grid cannot be made.
+    #[error(transparent)]
+    Grid(#[from] GridError),
+    /// The watcher asked to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The GPU failed.
+    #[cfg(feature = "wgpu")]
+    #[error(transparent)]
+    Gpu(#[from] geom_core::GpuError),
+}
+
+/// `value` unless the test fails.
+pub(crate) fn require(
+    holds: bool,
+    option: &'static str,
+    value: f64,
+    allowed: &'static str,
+) -> Result<(), Error> {
+    if holds {
+        Ok(())
+    } else {
+        Err(Error::InvalidOption {
+            option,
+            value,
+            allowed,
+        })
+    }
+}

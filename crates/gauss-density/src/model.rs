@@ -1,0 +1,364 @@
+//! The model: a tree of any depth over the atoms, with one power per node (Eqs. 3.1–3.6).
+//!
+//! An atom `a` has the kernel `g_a(x) = exp(−κ_a (|x − x_a|² − r_a²))`, which is 1 on the sphere of its
+//! radius. A node `v` (residue, chain, domain, …) sums its children and raises the sum to its power:
+//! `D_v = (Σ_c D_c)^P_v`. The density `G` is the sum over the topmost nodes, without a power.
+
+use std::ops::Range;
+
+use geom_core::{Aabb, Point3, Structure};
+
+use crate::error::{Error, require};
+
+/// Powers and decay for a whole structure, or for the part that [`Model::emphasize`] selects.
+///
+/// A power below 1 blurs what lies below it, a power above 1 sharpens it; 1 leaves a plain sum.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Levels {
+    /// `P_R` (Eq. 3.4).
+    pub residue_power: f64,
+    /// `P_C` (Eq. 3.5).
+    pub chain_power: f64,
+    /// `P_D` (Eq. 3.6).
+    pub domain_power: f64,
+    /// `κ`, Å⁻²: how fast an atom's kernel decays (Eq. 3.1).
+    pub decay: f64,
+}
+
+impl Default for Levels {
+    /// The thesis's usual setting: `P_R` = 0.5, `P_C` = 1, `P_D` = 1, `κ` = 1 Å⁻².
+    fn default() -> Self {
+        Self {
+            residue_power: 0.5,
+            chain_power: 1.0,
+            domain_power: 1.0,
+            decay: 1.0,
+        }
+    }
+}
+
+impl Levels {
+    /// Is every field in its range?
+    pub fn check(&self) -> Result<(), Error> {
+        check_power("residue_power", self.residue_power)?;
+        check_power("chain_power", self.chain_power)?;
+        check_power("domain_power", self.domain_power)?;
+        check_decay(self.decay)
+    }
+}
+
+fn check_power(option: &'static str, value: f64) -> Result<(), Error> {
+    require(
+        (1e-3..=64.0).contains(&value),
+        option,
+        value,
+        "in [0.001, 64]",
+    )
+}
+
+fn check_decay(value: f64) -> Result<(), Error> {
+    let fine = (1e-6..=1e6).contains(&value);
+    require(fine, "decay", value, "in [1e-6, 1e6] Å⁻²")
+}
+
+/// One level of the tree: nodes with contiguous children on the level below.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Level {
+    /// First child per node, and the number of children at the end.
+    pub(crate) first_child: Vec<u32>,
+    /// `P_v` per node.
+    pub(crate) power: Vec<f64>,
+}
+
+impl Level {
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.power.len()
+    }
+    /// Has the level no nodes?
+    pub fn is_empty(&self) -> bool {
+        self.power.is_empty()
+    }
+    /// The children of a node, on the level below (atoms for the lowest level).
+    pub fn children(&self, node: usize) -> Range<usize> {
+        self.first_child[node] as usize..self.first_child[node + 1] as usize
+    }
+    /// The power of each node.
+    pub fn powers(&self) -> &[f64] {
+        &self.power
+    }
+}
+
+/// Atoms and the tree above them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    centers: Vec<Point3>,
+    radii: Vec<f64>,
+    decays: Vec<f64>,
+    levels: Vec<Level>,
+}
+
+impl Model {
+    /// The tree of a structure (residues, chains, domains) with the same powers and decay everywhere.
+    pub fn uniform(structure: &Structure, levels: &Levels) -> Result<Self, Error> {
+        levels.check()?;
+        let level = |starts: &[u32], power: f64| Level {
+            first_child: starts.to_vec(),
+            power: vec![power; starts.len().saturating_sub(1)],
+        };
+        let tree = vec![
+            level(structure.residue_starts(), levels.residue_power),
+            level(structure.chain_starts(), levels.chain_power),
+            level(structure.domain_starts(), levels.domain_power),
+        ];
+        let atoms = structure.atoms();
+        Self::checked(
+            atoms.iter().map(|a| a.position).collect(),
+            atoms.iter().map(|a| a.radius).collect(),
+            vec![levels.decay; atoms.len()],
+            tree,
+        )
+    }
+
+    /// A tree of any depth. `tree` goes from the lowest level to the topmost; each level has the first
+    /// child per node (and the number of children at the end), and a power per node. With no level the
+    /// density is the plain sum over the atoms.
+    ///
+    /// Panics if a level does not partition the one below it.
+    pub fn new(
+        centers: Vec<Point3>,
+        radii: Vec<f64>,
+        decays: Vec<f64>,
+        tree: Vec<(Vec<u32>, Vec<f64>)>,
+    ) -> Result<Self, Error> {
+        assert!(centers.len() == radii.len() && centers.len() == decays.len());
+        let levels: Vec<Level> = tree
+            .into_iter()
+            .map(|(first_child, power)| Level { first_child, power })
+            .collect();
+        let mut below = centers.len();
+        for level in &levels {
+            let starts = &level.first_child;
+            assert_eq!(
+                starts.len(),
+                level.power.len() + 1,
+                "one start per node, and the end"
+            );
+            assert!(
+                starts[0] == 0
+                    && starts.windows(2).all(|w| w[0] < w[1])
+                    && starts[level.len()] as usize == below,
+                "a level partitions the one below it into parts that are not empty"
+            );
+            below = level.len();
+            for &power in &level.power {
+                check_power("power", power)?;
+            }
+        }
+        Self::checked(centers, radii, decays, levels)
+    }
+
+    fn checked(
+        centers: Vec<Point3>,
+        radii: Vec<f64>,
+        decays: Vec<f64>,
+        levels: Vec<Level>,
+    ) -> Result<Self, Error> {
+        if centers.is_empty() {
+            return Err(Error::NoAtoms);
+        }
+        if centers.len() > geom_core::id::MAX_ELEMENTS {
+            return Err(Error::TooManyAtoms {
+                atoms: centers.len(),
+            });
+        }
+        for (atom, (center, &radius)) in centers.iter().zip(&radii).enumerate() {
+            for (field, value) in [("x", center.x), ("y", center.y), ("z", center.z)] {
+                if !(-1e7..=1e7).contains(&value) {
+                    return Err(Error::BadAtom { atom, field, value });
+                }
+            }
+            if !(0.0..=1e4).contains(&radius) {
+                return Err(Error::BadAtom {
+                    atom,
+                    field: "radius",
+                    value: radius,
+                });
+            }
+        }
+        for &decay in &decays {
+            check_decay(decay)?;
+        }
+        Ok(Self {
+            centers,
+            radii,
+            decays,
+            levels,
+        })
+    }
+
+    /// Number of atoms.
+    pub fn atoms(&self) -> usize {
+        self.centers.len()
+    }
+    /// Centre per atom, Å.
+    pub fn centers(&self) -> &[Point3] {
+        &self.centers
+    }
+    /// Radius per atom, Å.
+    pub fn radii(&self) -> &[f64] {
+        &self.radii
+    }
+    /// Decay `κ` per atom, Å⁻².
+    pub fn decays(&self) -> &[f64] {
+        &self.decays
+    }
+    /// The levels of the tree, lowest first.
+    pub fn levels(&self) -> &[Level] {
+        &self.levels
+    }
+
+    /// The smallest box that holds all atom centres.
+    pub fn center_bounds(&self) -> Aabb {
+        Aabb::of_points(&self.centers)
+    }
+
+    /// Gives one node its own power. Level 0 is the lowest (residues).
+    pub fn set_power(&mut self, level: usize, node: usize, power: f64) -> Result<(), Error> {
+        check_power("power", power)?;
+        let count = self.levels.len();
+        let level = self.levels.get_mut(level).ok_or(Error::NoSuchNode {
+            what: "level",
+            index: level,
+            count,
+        })?;
+        let count = level.len();
+        *level.power.get_mut(node).ok_or(Error::NoSuchNode {
+            what: "node",
+            index: node,
+            count,
+        })? = power;
+        Ok(())
+    }
+
+    /// Emphasizes a part of the structure (§5.2.1): its atoms get the decay, and every node all of whose
+    /// atoms are selected gets the power of its level in `levels`. Atoms may come in any order.
+    pub fn emphasize(
+        &mut self,
+        atoms: impl IntoIterator<Item = usize>,
+        levels: &Levels,
+    ) -> Result<(), Error> {
+        levels.check()?;
+        let mut selected = vec![false; self.atoms()];
+        for atom in atoms {
+            let count = selected.len();
+            *selected.get_mut(atom).ok_or(Error::NoSuchNode {
+                what: "atom",
+                index: atom,
+                count,
+            })? = true;
+        }
+        for (decay, _) in self.decays.iter_mut().zip(&selected).filter(|s| *s.1) {
+            *decay = levels.decay;
+        }
+        let powers = [
+            levels.residue_power,
+            levels.chain_power,
+            levels.domain_power,
+        ];
+        for (level, power) in self.levels.iter_mut().zip(powers) {
+            let whole: Vec<bool> = (0..level.len())
+                .map(|v| selected[level.children(v)].iter().all(|&s| s))
+                .collect();
+            for (own, _) in level.power.iter_mut().zip(&whole).filter(|w| *w.1) {
+                *own = power;
+            }
+            selected = whole;
+        }
+        Ok(())
+    }
+
+    /// Raises every radius below `min_radius` to it (some PQR files give hydrogens a radius of 0).
+    pub fn raise_radii(&mut self, min_radius: f64) -> Result<(), Error> {
+        let fine = (0.0..=1e4).contains(&min_radius);
+        require(fine, "min_radius", min_radius, "in [0, 10000] Å")?;
+        for radius in &mut self.radii {
+            *radius = radius.max(min_radius);
+        }
+        Ok(())
+    }
+
+    /// The levels that matter: a level whose powers are all 1 is a plain sum and merges with its parent.
+    pub(crate) fn compiled_levels(&self) -> Vec<Level> {
+        let mut kept: Vec<Level> = Vec::new();
+        // Starts of the nodes of the level below, in units of the level kept last; `None`: the same.
+        let mut merged: Option<Vec<u32>> = None;
+        for level in &self.levels {
+            let starts: Vec<u32> = match &merged {
+                None => level.first_child.clone(),
+                Some(below) => level
+                    .first_child
+                    .iter()
+                    .map(|&c| below[c as usize])
+                    .collect(),
+            };
+            if level.power.iter().all(|&p| p == 1.0) {
+                merged = Some(starts);
+            } else {
+                kept.push(Level {
+                    first_child: starts,
+                    power: level.power.clone(),
+                });
+                merged = None;
+            }
+        }
+        kept
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_of_power_one_merge() {
+        let centers = vec![Point3::origin(); 6];
+        let tree = |a: f64, b: f64, c: f64| {
+            vec![
+                (vec![0, 2, 3, 6], vec![a; 3]),
+                (vec![0, 1, 3], vec![b; 2]),
+                (vec![0, 2], vec![c]),
+            ]
+        };
+        let model = |a, b, c| {
+            Model::new(centers.clone(), vec![1.0; 6], vec![1.0; 6], tree(a, b, c)).unwrap()
+        };
+        assert!(model(1.0, 1.0, 1.0).compiled_levels().is_empty());
+        let levels = model(1.0, 0.5, 1.0).compiled_levels();
+        assert_eq!(levels.len(), 1);
+        assert_eq!(levels[0].first_child, [0, 2, 6]);
+        let levels = model(0.5, 1.0, 0.3).compiled_levels();
+        assert_eq!(levels.len(), 2);
+        assert_eq!(levels[1].first_child, [0, 3]);
+    }
+
+    #[test]
+    fn emphasis_reaches_whole_nodes_only() {
+        let tree = vec![
+            (vec![0, 2, 3, 6], vec![0.5; 3]),
+            (vec![0, 1, 3], vec![0.5; 2]),
+        ];
+        let mut model =
+            Model::new(vec![Point3::origin(); 6], vec![1.0; 6], vec![1.0; 6], tree).unwrap();
+        let strong = Levels {
+            residue_power: 2.0,
+            chain_power: 3.0,
+            ..Levels::default()
+        };
+        model.emphasize([0, 1, 2], &strong).unwrap();
+        assert_eq!(model.levels()[0].powers(), [2.0, 2.0, 0.5]);
+        assert_eq!(model.levels()[1].powers(), [3.0, 0.5]);
+        assert!(model.emphasize([6], &strong).is_err());
+    }
+}

@@ -1,0 +1,96 @@
+//! A model made ready: the levels that matter, and boxes around runs of atoms.
+
+use geom_core::{Aabb, Point3};
+use rayon::prelude::*;
+
+use crate::model::Model;
+use crate::plain::Compiled;
+use crate::reach::Reach;
+
+/// A model made ready for sampling, shared by the backends.
+#[derive(Clone, Debug)]
+pub struct Prepared<'a> {
+    pub(crate) tree: Compiled<'a>,
+    pub(crate) reach: Reach,
+    /// First atom per cluster (a run of atoms), and the number of atoms at the end.
+    starts: Vec<u32>,
+    /// Box around the centres of each cluster.
+    boxes: Vec<Aabb>,
+}
+
+/// Atoms per cluster, at most, and the largest extent, Å.
+const CLUSTER: usize = 24;
+const CLUSTER_EXTENT: f64 = 9.0;
+
+impl<'a> Prepared<'a> {
+    /// Prepares a model.
+    pub fn new(model: &'a Model) -> Self {
+        let tree = Compiled::new(model);
+        let reach = Reach::new(model, &tree.levels);
+        let (mut starts, mut boxes) = (vec![0], Vec::new());
+        let mut around = Aabb::EMPTY;
+        for (i, center) in model.centers().iter().enumerate() {
+            let mut grown = around;
+            grown.include(*center);
+            let run = i - *starts.last().expect("starts with 0") as usize;
+            if run > 0 && (run == CLUSTER || grown.extent().max() > CLUSTER_EXTENT) {
+                starts.push(i as u32);
+                boxes.push(around);
+                grown = Aabb::new(*center, *center);
+            }
+            around = grown;
+        }
+        starts.push(model.atoms() as u32);
+        boxes.push(around);
+        Self {
+            tree,
+            reach,
+            starts,
+            boxes,
+        }
+    }
+
+    /// The model.
+    pub fn model(&self) -> &'a Model {
+        self.tree.model
+    }
+
+    /// All clusters.
+    pub(crate) fn clusters(&self) -> Vec<u32> {
+        (0..self.boxes.len() as u32).collect()
+    }
+
+    /// The clusters among `of` with an atom that may lie within `reach` of the box.
+    pub(crate) fn near(&self, of: &[u32], region: &Aabb, reach: f64) -> Vec<u32> {
+        let squared = reach * reach;
+        let is_near = |c: &&u32| gap_squared(&self.boxes[**c as usize], region) <= squared;
+        if of.len() > 100_000 {
+            of.par_iter().filter(is_near).copied().collect()
+        } else {
+            of.iter().filter(is_near).copied().collect()
+        }
+    }
+
+    /// The atoms of clusters that lie within `reach` of the box, ascending.
+    pub(crate) fn atoms_near(&self, clusters: &[u32], region: &Aabb, reach: f64) -> Vec<u32> {
+        let squared = reach * reach;
+        let centers = self.model().centers();
+        let near = |a: &u32| region.distance_squared(&centers[*a as usize]) <= squared;
+        clusters
+            .iter()
+            .flat_map(|&c| self.starts[c as usize]..self.starts[c as usize + 1])
+            .filter(near)
+            .collect()
+    }
+}
+
+fn gap_squared(a: &Aabb, b: &Aabb) -> f64 {
+    let gap = |k: usize| (a.min[k] - b.max[k]).max(b.min[k] - a.max[k]).max(0.0);
+    (0..3).map(|k| gap(k) * gap(k)).sum()
+}
+
+/// The box of the lattice points `[low, high]` of a lattice, which may lie beyond it.
+pub(crate) fn lattice_box(origin: &Point3, spacing: f64, low: [i64; 3], high: [i64; 3]) -> Aabb {
+    let at = |p: [i64; 3]| Point3::from(std::array::from_fn(|k| origin[k] + spacing * p[k] as f64));
+    Aabb::new(at(low), at(high))
+}

@@ -1,0 +1,97 @@
+//! How far an atom can matter: one radius for the whole model, after the powers.
+
+use crate::model::{Level, Model};
+
+/// The largest number of children and the extreme powers of each level, and the extreme atoms.
+#[derive(Clone, Debug)]
+pub(crate) struct Reach {
+    radius: f64,
+    decay: f64,
+    fastest_decay: f64,
+    atoms: f64,
+    /// Per level, lowest first: smallest and largest power, and `ln` of the number of children above.
+    levels: Vec<(f64, f64, f64)>,
+}
+
+impl Reach {
+    pub(crate) fn new(model: &Model, levels: &[Level]) -> Self {
+        let most_children = |level: &Level| {
+            let most = level.first_child.windows(2).map(|w| w[1] - w[0]).max();
+            f64::from(most.unwrap_or(1)).ln()
+        };
+        let mut children: Vec<f64> = levels.iter().map(most_children).collect();
+        let top = levels.last().map_or(model.atoms(), Level::len);
+        children.push((top as f64).ln());
+        Self {
+            radius: model.radii().iter().copied().fold(0.0, f64::max),
+            decay: model.decays().iter().copied().fold(f64::INFINITY, f64::min),
+            fastest_decay: model.decays().iter().copied().fold(0.0, f64::max),
+            atoms: children[0],
+            levels: levels
+                .iter()
+                .zip(&children[1..])
+                .map(|(level, &above)| {
+                    let power =
+                        |f: fn(f64, f64) -> f64, start| level.power.iter().copied().fold(start, f);
+                    (power(f64::min, f64::INFINITY), power(f64::max, 0.0), above)
+                })
+                .collect(),
+        }
+    }
+
+    /// The largest decay of an atom, Å⁻².
+    pub(crate) fn fastest_decay(&self) -> f64 {
+        self.fastest_decay
+    }
+
+    /// Beyond this distance from every atom the density is below `floor`, Å.
+    ///
+    /// Going down from the root, a sum of `n` terms is below `s` when each is below `s / n`, and a power
+    /// is below `s` when its base is below `s^(1/P)`.
+    pub(crate) fn beyond(&self, floor: f64) -> f64 {
+        let mut ln = floor.ln();
+        for &(low, high, above) in self.levels.iter().rev() {
+            ln -= above;
+            // The weaker demand of the two extreme powers is the larger base: take the smaller one.
+            ln = (ln / low).min(ln / high);
+        }
+        ln -= self.atoms;
+        self.radius_of(-ln)
+    }
+
+    /// Atoms farther than this from a point may be left out there: where the density reaches `floor`, it
+    /// loses at most the share `eps` (Å).
+    ///
+    /// A node may lose `λ + ρ D`; the root `eps floor / 2 + eps G / 2`. A sum of `n` terms passes `λ / n` and
+    /// `ρ` on to each. A power `P ≤ 1` needs `λ^(1/P)` and `ρ` from its sum `S`, since
+    /// `S^P − ((1 − ρ) S − λ)^P ≤ ρ S^P + λ^P`. A power above 1 needs `ρ λ^(1/P) / 2P` and `ρ / 2P`: either the
+    /// absolute loss is below the share `ρ / 2P` of `S` too, or `S` is so small that its power is below `λ`.
+    pub(crate) fn radius(&self, eps: f64, floor: f64) -> f64 {
+        let (mut t, mut rho) = (-(0.5 * eps * floor).ln(), 0.5 * eps);
+        for &(low, high, above) in self.levels.iter().rev() {
+            t += above;
+            let mut worst = f64::NEG_INFINITY;
+            if low <= 1.0 {
+                worst = worst.max(t / low).max(t / high.min(1.0));
+            }
+            if high > 1.0 {
+                let divided = (t / low.max(1.0)).max(t / high);
+                worst = worst.max(divided + (2.0 * high / rho).ln());
+                rho /= 2.0 * high;
+            }
+            t = worst;
+        }
+        t += self.atoms;
+        self.radius_of(t)
+    }
+
+    /// Beyond this distance every bare kernel is below `eps` (Eq. 3.15), Å.
+    pub(crate) fn bare(&self, eps: f64) -> f64 {
+        self.radius_of(-eps.ln())
+    }
+
+    /// The distance at which the widest kernel falls to `exp(−t)`.
+    fn radius_of(&self, t: f64) -> f64 {
+        (self.radius * self.radius + t.max(0.0) / self.decay).sqrt()
+    }
+}

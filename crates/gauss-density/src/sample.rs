@@ -1,0 +1,264 @@
+//! The density on a lattice, at every point; and what dense and narrow-band sampling share.
+
+use std::collections::BTreeMap;
+
+use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
+use geom_core::{Lattice, Run, ScalarGrid};
+use rayon::prelude::*;
+
+use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
+use crate::error::Error;
+use crate::model::Model;
+use crate::options::{Cutoff, Options};
+use crate::prepared::{Prepared, lattice_box};
+
+/// A grid and how it came about.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sampled<G> {
+    /// The density; the surface is where it is 1, inside it is larger.
+    pub grid: G,
+    /// Counts.
+    pub report: Report,
+}
+
+/// Counts of a sampling.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Report {
+    /// Name of the backend.
+    pub backend: String,
+    /// Number of atoms.
+    pub atoms: usize,
+    /// Lattice points.
+    pub points: u64,
+    /// Points whose value is stored.
+    pub stored_points: u64,
+    /// `k_A`: the share of points that are stored.
+    pub stored_share: f64,
+    /// Pairs of an atom and a point that were evaluated.
+    pub pairs: u64,
+    /// Pairs of brute force: atoms × points.
+    pub brute_force_pairs: f64,
+    /// Does the body (`G ≥ 1`) reach the low and high side of the box, per axis?
+    pub touches_box: [[bool; 2]; 3],
+}
+
+impl Report {
+    /// Does the body reach the box anywhere? Then the surface is cut open there.
+    pub fn touches_any_side(&self) -> bool {
+        self.touches_box.iter().flatten().any(|&t| t)
+    }
+}
+
+/// Samples the density at every point of a lattice: 4 bytes per point.
+///
+/// Where the density is below the floor (see [`Options`]) any value between 0 and the density may stand.
+pub fn sample<B: DensityBackend + ?Sized>(
+    model: &Model,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<Sampled<ScalarGrid>, Error> {
+    options.check()?;
+    let prepared = Prepared::new(model);
+    let lattice = lattice_of(&prepared, options)?;
+    let bytes = lattice.points() * 4;
+    check_memory(&lattice, bytes, options)?;
+    let job = Job {
+        lattice,
+        cutoff: options.cutoff,
+        floor: options.floor.unwrap_or(1e-3),
+        ceiling: f64::INFINITY,
+    };
+    let mut values = vec![0.0f32; lattice.len()];
+    let [nx, ny, _] = lattice.counts;
+    let mut report = start_report(&prepared, &lattice, run.backend.name());
+    for_each_batch(&prepared, &job, None, run, |blocks, results| {
+        report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
+        // By planes, so that every thread writes into its own part.
+        values
+            .par_chunks_mut(nx * ny)
+            .enumerate()
+            .for_each(|(z, plane)| {
+                for (block, result) in blocks.iter().zip(&results) {
+                    for (i, kind) in result.kinds.iter().enumerate() {
+                        let [bx, by, bz] = block.brick_at(i);
+                        let Brick::Stored(s) = *kind else { continue };
+                        if z / BRICK != bz {
+                            continue;
+                        }
+                        let brick = &result.values[s as usize * BRICK_POINTS..][..BRICK_POINTS];
+                        let slab = &brick[z % BRICK * BRICK * BRICK..][..BRICK * BRICK];
+                        let width = BRICK.min(nx - bx * BRICK);
+                        for (y, row) in slab.chunks_exact(BRICK).enumerate() {
+                            let y = by * BRICK + y;
+                            if y < ny {
+                                plane[y * nx + bx * BRICK..][..width]
+                                    .copy_from_slice(&row[..width]);
+                            }
+                        }
+                    }
+                }
+            });
+        Ok(())
+    })?;
+    report.stored_points = report.points;
+    report.stored_share = 1.0;
+    let grid = ScalarGrid::new(lattice, values)?;
+    report.touches_box = touched(&grid);
+    Ok(Sampled { grid, report })
+}
+
+pub(crate) fn start_report(model: &Prepared<'_>, lattice: &Lattice, backend: String) -> Report {
+    let atoms = model.model().atoms();
+    Report {
+        backend,
+        atoms,
+        points: lattice.points() as u64,
+        brute_force_pairs: atoms as f64 * lattice.points() as f64,
+        ..Report::default()
+    }
+}
+
+/// The lattice that the options ask for.
+pub(crate) fn lattice_of(model: &Prepared<'_>, options: &Options) -> Result<Lattice, Error> {
+    let bounds = match options.bounds {
+        Some(bounds) => bounds,
+        None => {
+            let margin = options
+                .margin
+                .unwrap_or_else(|| model.reach.beyond(options.band[0]).max(4.0));
+            model.model().center_bounds().inflated(margin)
+        }
+    };
+    let lattice = Lattice::covering(&bounds, options.spacing);
+    if lattice.counts.iter().any(|&n| n > u32::MAX as usize) {
+        return Err(too_large(&lattice, lattice.points() * 4, options));
+    }
+    Ok(lattice)
+}
+
+pub(crate) fn check_memory(lattice: &Lattice, bytes: u128, options: &Options) -> Result<(), Error> {
+    if bytes > u128::from(options.max_memory) {
+        return Err(too_large(lattice, bytes, options));
+    }
+    Ok(())
+}
+
+fn too_large(lattice: &Lattice, bytes: u128, options: &Options) -> Error {
+    let limit = options.max_memory.max(1);
+    // The bytes of a dense grid grow with the cube of the resolution, those of a band with its square; the
+    // cube root errs on the small side, so one more percent.
+    let factor = (bytes as f64 / limit as f64).cbrt() * 1.01;
+    Error::GridTooLarge {
+        points: lattice.points(),
+        bytes,
+        limit: options.max_memory,
+        spacing: lattice.spacing * factor,
+    }
+}
+
+/// Blocks per side of a batch: between batches the watcher is asked, and memory is given back.
+const BATCH: usize = 8;
+
+/// Calls the backend for batch after batch of blocks that some atom can reach, in a fixed order; with
+/// `wanted` (masks by lowest brick) for these only.
+pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
+    model: &Prepared<'_>,
+    job: &Job,
+    wanted: Option<&BTreeMap<[usize; 3], u64>>,
+    run: Run<'_, B>,
+    mut take: impl FnMut(&[Block], Vec<BlockValues>) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let bricks = job.lattice.counts.map(|n| n.div_ceil(BRICK));
+    let blocks = bricks.map(|n| n.div_ceil(BLOCK));
+    let batches = blocks.map(|n| n.div_ceil(BATCH));
+    let total = batches.iter().product::<usize>();
+    let reach = match job.cutoff {
+        // A quarter of what the cut-off allows; the culls of boxes take the rest.
+        Cutoff::AfterPowers(eps) => model.reach.radius(eps / 4.0, job.floor),
+        Cutoff::Bare(eps) => model.reach.bare(eps),
+    };
+    let all = model.clusters();
+    for batch in 0..total {
+        run.progress("density", batch as u64, total as u64)?;
+        let [nx, ny, _] = batches;
+        let at = [batch % nx, batch / nx % ny, batch / (nx * ny)];
+        let low = at.map(|b| b * BATCH);
+        let high = [0, 1, 2].map(|k| (low[k] + BATCH).min(blocks[k]));
+        let mut found = Vec::new();
+        descend(model, job, bricks, reach, &all, low, high, &mut found);
+        if let Some(wanted) = wanted {
+            found.retain_mut(|block| {
+                block.mask = wanted.get(&block.brick).copied().unwrap_or(0);
+                block.mask != 0
+            });
+        }
+        found.sort_by_key(|b| [b.brick[2], b.brick[1], b.brick[0]]);
+        if !found.is_empty() {
+            let results = run.backend.sample_blocks(model, job, &found)?;
+            take(&found, results)?;
+        }
+    }
+    run.progress("density", total as u64, total as u64)?;
+    Ok(())
+}
+
+/// Halves a range of blocks until one is left, keeping the clusters that can reach it.
+#[expect(clippy::too_many_arguments, reason = "a recursion over one state")]
+fn descend(
+    model: &Prepared<'_>,
+    job: &Job,
+    bricks: [usize; 3],
+    reach: f64,
+    clusters: &[u32],
+    low: [usize; 3],
+    high: [usize; 3],
+    found: &mut Vec<Block>,
+) {
+    let first = low.map(|b| (b * BLOCK * BRICK) as i64 - 1);
+    let last = [0, 1, 2].map(|k| ((high[k] * BLOCK).min(bricks[k]) * BRICK) as i64);
+    let region = lattice_box(&job.lattice.origin, job.lattice.spacing, first, last);
+    let near = model.near(clusters, &region, reach);
+    if near.is_empty() {
+        return;
+    }
+    let axis = (0..3)
+        .max_by_key(|&k| high[k] - low[k])
+        .expect("three axes");
+    if high[axis] - low[axis] > 1 {
+        let middle = (low[axis] + high[axis]) / 2;
+        let (mut left, mut right) = (high, low);
+        left[axis] = middle;
+        right[axis] = middle;
+        descend(model, job, bricks, reach, &near, low, left, found);
+        descend(model, job, bricks, reach, &near, right, high, found);
+        return;
+    }
+    let atoms = model.atoms_near(&near, &region, reach);
+    if !atoms.is_empty() {
+        let brick = low.map(|b| b * BLOCK);
+        found.push(Block {
+            brick,
+            bricks: [0, 1, 2].map(|k| BLOCK.min(bricks[k] - brick[k])),
+            mask: u64::MAX,
+            atoms,
+        });
+    }
+}
+
+/// Does a value of 1 or more stand on a side of the box?
+pub(crate) fn touched(grid: &impl geom_core::LatticeValues) -> [[bool; 2]; 3] {
+    let counts = grid.lattice().counts;
+    std::array::from_fn(|axis| {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        [0, counts[axis].saturating_sub(1)].map(|side| {
+            (0..counts[v]).into_par_iter().any(|b| {
+                (0..counts[u]).any(|a| {
+                    let mut p = [0; 3];
+                    (p[axis], p[u], p[v]) = (side, a, b);
+                    grid.at(p) >= 1.0
+                })
+            })
+        })
+    })
+}

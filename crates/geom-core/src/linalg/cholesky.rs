@@ -1,0 +1,297 @@
+//! Sparse Cholesky factors: analyse once, factor often, solve for many right-hand sides. The only
+//! file that knows faer's sparse interface.
+
+use std::sync::Arc;
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
+use faer::linalg::cholesky::llt::factor::LltError;
+use faer::sparse::linalg::cholesky::{
+    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
+    factorize_symbolic_cholesky,
+};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+use faer::{Conj, MatMut, Par, Side};
+use rayon::prelude::*;
+
+use super::{Error, Scalar, SparseMatrix};
+
+/// Right-hand sides per task. Part of the result: another number, other last bits.
+const COLUMNS: usize = 4;
+
+/// The analysis of a pattern: ordering and shape of the factor, for every matrix of that pattern.
+#[derive(Clone)]
+pub struct Symbolic {
+    inner: Arc<Analysis>,
+}
+
+struct Analysis {
+    symbolic: SymbolicCholesky<u32>,
+    /// The upper half of the matrix row by row, which is the lower half column by column.
+    starts: Vec<u32>,
+    indices: Vec<u32>,
+}
+
+impl std::fmt::Debug for Symbolic {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Symbolic")
+            .field("rows", &self.rows())
+            .field("factor_entries", &self.factor_entries())
+            .finish()
+    }
+}
+
+impl Symbolic {
+    /// Analyses the pattern of a symmetric matrix: a minimum-degree ordering and the shape of the
+    /// factor.
+    pub fn of<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Self, Error> {
+        let (starts, indices, _) = upper_half(matrix)?;
+        let n = matrix.rows();
+        let too_large = Error::TooLarge {
+            rows: n,
+            entries: matrix.entries() as u128,
+        };
+        let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &indices);
+        let symbolic = factorize_symbolic_cholesky(
+            pattern,
+            Side::Lower,
+            SymmetricOrdering::Amd,
+            CholeskySymbolicParams::default(),
+        )
+        .map_err(|e| match e {
+            faer::sparse::FaerError::OutOfMemory => Error::OutOfMemory { entries: 0 },
+            _ => too_large,
+        })?;
+        let inner = Arc::new(Analysis {
+            symbolic,
+            starts,
+            indices,
+        });
+        Ok(Self { inner })
+    }
+
+    /// Rows of the matrix.
+    pub fn rows(&self) -> usize {
+        self.inner.symbolic.nrows()
+    }
+
+    /// Entries of the factor.
+    pub fn factor_entries(&self) -> usize {
+        self.inner.symbolic.len_val()
+    }
+
+    /// Factors a positive definite matrix of the analysed pattern as L Lᴴ.
+    pub fn factor<T: Scalar>(&self, matrix: &SparseMatrix<T>) -> Result<Cholesky<T>, Error> {
+        let upper = self.values_of(matrix)?;
+        let symbolic = &self.inner.symbolic;
+        let (mut values, mut memory) = self.memory::<T>(
+            symbolic.factorize_numeric_llt_scratch::<T>(Par::Seq, Default::default()),
+        )?;
+        symbolic
+            .factorize_numeric_llt::<T>(
+                &mut values,
+                self.lower(&upper),
+                Side::Lower,
+                Default::default(),
+                Par::Seq,
+                MemStack::new(&mut memory),
+                Default::default(),
+            )
+            .map_err(
+                |LltError::NonPositivePivot { index }| Error::NotPositiveDefinite {
+                    row: self.original(index),
+                },
+            )?;
+        Ok(Cholesky {
+            symbolic: self.clone(),
+            values,
+        })
+    }
+
+    /// How many eigenvalues of a matrix of this pattern are negative: the signs of the pivots of
+    /// L D Lᵀ (Sylvester's law of inertia). `None` when a pivot vanishes, which says that zero is an
+    /// eigenvalue, or nearly so.
+    pub fn negative_eigenvalues(&self, matrix: &SparseMatrix<f64>) -> Result<Option<usize>, Error> {
+        let upper = self.values_of(matrix)?;
+        let symbolic = &self.inner.symbolic;
+        let (mut values, mut memory) = self.memory::<f64>(
+            symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Default::default()),
+        )?;
+        let factored = symbolic.factorize_numeric_ldlt::<f64>(
+            &mut values,
+            self.lower(&upper),
+            Side::Lower,
+            LdltRegularization::default(),
+            Par::Seq,
+            MemStack::new(&mut memory),
+            Default::default(),
+        );
+        if factored.is_err() {
+            return Ok(None);
+        }
+        let pivots = self.pivots(&values);
+        if pivots.iter().any(|&d| d == 0.0 || !d.is_finite()) {
+            return Ok(None);
+        }
+        Ok(Some(pivots.iter().filter(|&&d| d < 0.0).count()))
+    }
+
+    /// The diagonal of a factor.
+    fn pivots(&self, values: &[f64]) -> Vec<f64> {
+        use faer::sparse::linalg::cholesky::SymbolicCholeskyRaw;
+        match self.inner.symbolic.raw() {
+            SymbolicCholeskyRaw::Simplicial(s) => s.col_ptr()[..s.ncols()]
+                .iter()
+                .map(|&at| values[at as usize])
+                .collect(),
+            SymbolicCholeskyRaw::Supernodal(s) => (0..s.n_supernodes())
+                .flat_map(|k| {
+                    let columns = (s.supernode_end()[k] - s.supernode_begin()[k]) as usize;
+                    let start = s.col_ptr_for_val()[k] as usize;
+                    let height = (s.col_ptr_for_val()[k + 1] as usize - start) / columns;
+                    (0..columns).map(move |j| start + j * height + j)
+                })
+                .map(|at| values[at])
+                .collect(),
+        }
+    }
+
+    fn memory<T: Scalar>(
+        &self,
+        scratch: faer::dyn_stack::StackReq,
+    ) -> Result<(Vec<T>, MemBuffer), Error> {
+        let entries = self.factor_entries();
+        let mut values = Vec::new();
+        values
+            .try_reserve_exact(entries)
+            .map_err(|_| Error::OutOfMemory { entries })?;
+        values.resize(entries, T::default());
+        let memory = MemBuffer::try_new(scratch).map_err(|_| Error::OutOfMemory { entries })?;
+        Ok((values, memory))
+    }
+
+    fn values_of<T: Scalar>(&self, matrix: &SparseMatrix<T>) -> Result<Vec<T>, Error> {
+        let (starts, indices, values) = upper_half(matrix)?;
+        if starts != self.inner.starts || indices != self.inner.indices {
+            return Err(Error::OtherPattern);
+        }
+        Ok(values)
+    }
+
+    fn lower<'a, T: Scalar>(&'a self, upper: &'a [T]) -> SparseColMatRef<'a, u32, T> {
+        let (a, n) = (&*self.inner, self.rows());
+        SparseColMatRef::new(
+            SymbolicSparseColMatRef::new_checked(n, n, &a.starts, None, &a.indices),
+            upper,
+        )
+    }
+
+    /// The row of the matrix that the ordering puts at `index`.
+    fn original(&self, index: usize) -> usize {
+        match self.inner.symbolic.perm() {
+            Some(order) => order.arrays().0[index] as usize,
+            None => index,
+        }
+    }
+}
+
+/// Starts, indices and conjugated values: a row of the upper half, conjugated, is a column of the
+/// lower half.
+type Half<T> = (Vec<u32>, Vec<u32>, Vec<T>);
+
+fn upper_half<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Half<T>, Error> {
+    let n = matrix.rows();
+    if matrix.columns() != n {
+        return Err(Error::Shape {
+            what: "a matrix that should be square",
+            found: n,
+            expected: matrix.columns(),
+        });
+    }
+    if matrix.entries() > i32::MAX as usize {
+        return Err(Error::TooLarge {
+            rows: n,
+            entries: matrix.entries() as u128,
+        });
+    }
+    let (mut starts, mut indices, mut values) = (vec![0u32], Vec::new(), Vec::new());
+    for i in 0..n {
+        for (j, a) in matrix.row(i).filter(|&(j, _)| j >= i) {
+            if !a.finite() {
+                return Err(Error::NotFinite { row: i, column: j });
+            }
+            indices.push(j as u32);
+            values.push(a.conjugate());
+        }
+        starts.push(indices.len() as u32);
+    }
+    Ok((starts, indices, values))
+}
+
+/// The factor L Lᴴ of a positive definite matrix.
+#[derive(Clone, Debug)]
+pub struct Cholesky<T = f64> {
+    symbolic: Symbolic,
+    values: Vec<T>,
+}
+
+impl<T: Scalar> Cholesky<T> {
+    /// Analyses and factors a positive definite matrix. Only the upper half is read.
+    pub fn of(matrix: &SparseMatrix<T>) -> Result<Self, Error> {
+        Symbolic::of(matrix)?.factor(matrix)
+    }
+
+    /// The analysis, for other matrices of the same pattern.
+    pub fn symbolic(&self) -> &Symbolic {
+        &self.symbolic
+    }
+
+    /// Rows of the matrix.
+    pub fn rows(&self) -> usize {
+        self.symbolic.rows()
+    }
+
+    /// Entries of the factor.
+    pub fn factor_entries(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Replaces a block of `columns` right-hand sides by the solutions.
+    pub fn solve_in_place(&self, block: &mut [T], columns: usize) -> Result<(), Error> {
+        let n = self.rows();
+        let expected = n * columns;
+        if block.len() != expected {
+            let found = block.len();
+            return Err(Error::RightHandSide { found, expected });
+        }
+        if expected == 0 {
+            return Ok(());
+        }
+        let symbolic = &self.symbolic.inner.symbolic;
+        let factor = LltRef::new(symbolic, &self.values);
+        let mut rest = Some(MatMut::from_row_major_slice_mut(block, n, columns));
+        let mut parts = Vec::new();
+        while let Some(part) = rest.take() {
+            if part.ncols() > COLUMNS {
+                let (head, tail) = part.split_at_col_mut(COLUMNS);
+                parts.push(head);
+                rest = Some(tail);
+            } else {
+                parts.push(part);
+            }
+        }
+        parts.into_par_iter().for_each(|part| {
+            let scratch = symbolic.solve_in_place_scratch::<T>(part.ncols(), Par::Seq);
+            let mut memory = MemBuffer::new(scratch);
+            factor.solve_in_place_with_conj(Conj::No, part, Par::Seq, MemStack::new(&mut memory));
+        });
+        Ok(())
+    }
+
+    /// Solves for one right-hand side.
+    pub fn solve(&self, b: &[T]) -> Result<Vec<T>, Error> {
+        let mut x = b.to_vec();
+        self.solve_in_place(&mut x, 1)?;
+        Ok(x)
+    }
+}
