@@ -25,6 +25,8 @@ pub mod testing;
 mod wgpu;
 mod work;
 
+pub mod surface;
+
 pub use backend::{QualityBackend, Relaxation};
 pub use error::Error;
 pub use improve::{Improved, Pass, Report, improve};
