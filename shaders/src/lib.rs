@@ -11,5 +11,18 @@ pub struct Shader {
     pub workgroup: [u32; 3],
 }
 
+/// `tet-quality`: measures of tetrahedra.
+pub const TET_QUALITY_MEASURE: Shader = Shader {
+    name: "tet_quality_measure",
+    source: include_str!("../wgsl/tet_quality/measure.wgsl"),
+    workgroup: [64, 1, 1],
+};
+/// `tet-quality`: a sweep of smoothing over the vertices of a colour.
+pub const TET_QUALITY_RELAX: Shader = Shader {
+    name: "tet_quality_relax",
+    source: include_str!("../wgsl/tet_quality/relax.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
 /// Every kernel.
-pub const ALL: &[Shader] = &[];
+pub const ALL: &[Shader] = &[TET_QUALITY_MEASURE, TET_QUALITY_RELAX];

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
 use crate::error::Error;
-use crate::fast::{self, Cube, LANES, Row};
+use crate::fast::{self, Cube};
 use crate::members::{self, Cell, Members};
 use crate::options::Cutoff;
 use crate::plain;
@@ -35,7 +35,7 @@ struct Workspace {
     sums: fast::Scratch,
     /// Members of the block, of an eighth of it, of a brick, of an eighth of a brick.
     kept: [Members; 4],
-    rows: Vec<Row>,
+    values: Vec<f32>,
 }
 
 /// Above this spacing times √κ, bricks are culled and summed by eighths: a whole brick is so large that
@@ -87,26 +87,23 @@ impl Workspace {
                             let end = brick.map(|b| b + 1);
                             if block.wants(i) && up(self, 2, &of_eighth, brick, end, &mut of_brick)
                             {
-                                self.rows.resize(BRICK_POINTS / LANES, [0.0; LANES]);
+                                self.values.resize(BRICK_POINTS, 0.0);
                                 out.pairs +=
                                     self.sample_brick(model, job, brick, coarse, &of_brick);
-                                values[i] = Some(self.rows.clone());
+                                values[i] = Some(self.values.clone());
                             }
                         }
                     }
                 }
             }
-            for (kind, rows) in out.kinds.iter_mut().zip(values) {
-                let Some(rows) = rows else { continue };
-                let inside = rows
-                    .as_flattened()
-                    .iter()
-                    .all(|&v| f64::from(v) >= job.ceiling);
+            for (kind, found) in out.kinds.iter_mut().zip(values) {
+                let Some(found) = found else { continue };
+                let inside = found.iter().all(|&v| f64::from(v) >= job.ceiling);
                 if inside {
                     *kind = Brick::Interior;
                 } else {
                     *kind = Brick::Stored((out.values.len() / BRICK_POINTS) as u32);
-                    out.values.extend_from_slice(rows.as_flattened());
+                    out.values.extend_from_slice(&found);
                 }
             }
         }
@@ -131,7 +128,7 @@ impl Workspace {
         }
     }
 
-    /// The densities of a brick, into `self.rows`; gives the number of pairs.
+    /// The densities of a brick, into `self.values`; gives the number of pairs.
     fn sample_brick(
         &mut self,
         model: &Prepared<'_>,
@@ -143,7 +140,7 @@ impl Workspace {
         let lattice = &job.lattice;
         let corner = brick.map(|b| b * BRICK);
         if let Cutoff::Bare(eps) = job.cutoff {
-            for (p, value) in self.rows.as_flattened_mut().iter_mut().enumerate() {
+            for (p, value) in self.values.iter_mut().enumerate() {
                 let local = [p % BRICK, p / BRICK % BRICK, p / (BRICK * BRICK)];
                 let x = lattice.point([0, 1, 2].map(|k| corner[k] + local[k]));
                 let near = |&a: &u32| model.tree.ln_kernel(a as usize, &x) >= eps.ln();
@@ -157,16 +154,14 @@ impl Workspace {
         }
         if !coarse {
             let cube = Cube {
-                side: BRICK,
                 center: middle(lattice, corner, BRICK),
                 spacing: lattice.spacing,
             };
-            let Self { sums, rows, .. } = self;
-            let fits =
-                pulp::Arch::new().dispatch(|| fast::density::<8, 8>(members, &cube, sums, rows));
+            let Self { sums, values, .. } = self;
+            let fits = fast::density::<8, 64>(members, &cube, sums, values);
             if !fits {
                 plain_cube(model, lattice, corner, BRICK, members, |p, value| {
-                    rows.as_flattened_mut()[p] = value;
+                    values[p] = value;
                 });
             }
             return (members.len() * BRICK_POINTS) as u64;
@@ -174,7 +169,7 @@ impl Workspace {
         const SIDE: usize = BRICK / 2;
         let mut pairs = 0;
         let mut kept = std::mem::take(&mut self.kept[3]);
-        let mut part = [[0.0; LANES]; SIDE * SIDE * SIDE / LANES];
+        let mut part = [0.0f32; SIDE * SIDE * SIDE];
         for eighth in 0..8 {
             let offset = [eighth & 1, eighth >> 1 & 1, eighth >> 2].map(|b| b * SIDE);
             let first = [0, 1, 2].map(|k| corner[k] + offset[k]);
@@ -186,21 +181,18 @@ impl Workspace {
             );
             self.cull(job, 3.0 / 8.0, members, &(&region).into(), &mut kept);
             let cube = Cube {
-                side: SIDE,
                 center: middle(lattice, first, SIDE),
                 spacing: lattice.spacing,
             };
             let sums = &mut self.sums;
-            let fits =
-                pulp::Arch::new().dispatch(|| fast::density::<2, 4>(&kept, &cube, sums, &mut part));
+            let fits = fast::density::<4, 16>(&kept, &cube, sums, &mut part);
             if !fits {
                 plain_cube(model, lattice, first, SIDE, &kept, |p, value| {
-                    part.as_flattened_mut()[p] = value;
+                    part[p] = value;
                 });
             }
-            // The rows hold x fastest, then y, then z.
-            let values = self.rows.as_flattened_mut();
-            for (line, x_line) in part.as_flattened().chunks_exact(SIDE).enumerate() {
+            let values = &mut self.values;
+            for (line, x_line) in part.chunks_exact(SIDE).enumerate() {
                 let y = offset[1] + line % SIDE;
                 let z = offset[2] + line / SIDE;
                 values[(z * BRICK + y) * BRICK + offset[0]..][..SIDE].copy_from_slice(x_line);

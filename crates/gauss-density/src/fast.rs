@@ -9,18 +9,11 @@
 
 use geom_core::{Point3, Vector3};
 
-use crate::members::Members;
+use crate::members::{Best, Members, largest};
 
-/// Lanes of a row.
-pub(crate) const LANES: usize = 8;
-pub(crate) type Row = [f32; LANES];
-
-/// Points of a cube as rows of eight: `ROWS = J × K` rows, of which row `k J + j` holds the points with
-/// z-index `k`; the rows of one z-index hold x fastest, then y.
+/// Points of a cube, `SIDE` per axis, x fastest, then y; `PLANE = SIDE²`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cube {
-    /// Points per side: 8 (one row is one x-line) or 4 (one row is two x-lines).
-    pub(crate) side: usize,
     pub(crate) center: Point3,
     pub(crate) spacing: f64,
 }
@@ -30,10 +23,10 @@ pub(crate) struct Cube {
 pub(crate) struct Scratch {
     offset: Vec<Vector3>,
     q: Vec<f64>,
-    /// Per level (atoms first): the leaf that matters most at the centre, its weight, and `ln` of its term.
-    best: Vec<Vec<(f64, u32, f64)>>,
+    /// Per level (atoms first): the leaf that matters most at the centre.
+    best: Vec<Vec<Best>>,
     /// `R` of the open node per level.
-    sums: Vec<Vec<Row>>,
+    sums: Vec<Vec<f32>>,
     /// The open node per level, and the largest bound of its terms so far.
     open: Vec<(usize, f64)>,
 }
@@ -41,32 +34,58 @@ pub(crate) struct Scratch {
 /// Beyond this (in powers of 2) a table or a sum may leave the range of f32.
 const RANGE: f64 = 115.0;
 
-/// Fills `out` with the densities at the points of the cube. `false` when the numbers would leave the range
-/// of f32: then the plain function must do.
-#[inline(always)]
-pub(crate) fn density<const J: usize, const K: usize>(
+/// Fills `out` with the densities at the points of the cube, with the instruction set at hand. `false` when
+/// the numbers would leave the range of f32: then the plain function must do.
+pub(crate) fn density<const SIDE: usize, const PLANE: usize>(
     members: &Members,
     cube: &Cube,
     scratch: &mut Scratch,
-    out: &mut [Row],
+    out: &mut [f32],
 ) -> bool {
-    debug_assert_eq!(J * K, out.len());
-    debug_assert_eq!(J * LANES, cube.side * cube.side);
+    struct Task<'a, const SIDE: usize, const PLANE: usize> {
+        members: &'a Members,
+        cube: &'a Cube,
+        scratch: &'a mut Scratch,
+        out: &'a mut [f32],
+    }
+    impl<const SIDE: usize, const PLANE: usize> pulp::NullaryFnOnce for Task<'_, SIDE, PLANE> {
+        type Output = bool;
+        #[inline(always)]
+        fn call(self) -> bool {
+            density_here::<SIDE, PLANE>(self.members, self.cube, self.scratch, self.out)
+        }
+    }
+    pulp::Arch::new().dispatch(Task::<SIDE, PLANE> {
+        members,
+        cube,
+        scratch,
+        out,
+    })
+}
+
+#[inline(always)]
+fn density_here<const SIDE: usize, const PLANE: usize>(
+    members: &Members,
+    cube: &Cube,
+    scratch: &mut Scratch,
+    out: &mut [f32],
+) -> bool {
+    assert!(PLANE == SIDE * SIDE && out.len() == PLANE * SIDE);
     prepare(members, cube, scratch);
     let depth = members.levels.len();
     scratch.sums.resize_with(depth, Vec::new);
     for sum in &mut scratch.sums {
-        sum.resize(J * K, [0.0; LANES]);
+        sum.resize(PLANE * SIDE, 0.0);
     }
-    let eval = Eval::<J, K> {
+    let eval = Eval::<SIDE, PLANE> {
         members,
         cube,
-        half: (cube.side as f64 - 1.0) * 0.5 * cube.spacing,
+        half: (SIDE as f64 - 1.0) * 0.5 * cube.spacing,
         offset: &scratch.offset,
         q: &scratch.q,
         best: &scratch.best,
     };
-    out.fill([0.0; LANES]);
+    out.fill(0.0);
     if depth == 0 {
         eval.atoms(0..members.len(), None, out).is_some()
     } else {
@@ -88,26 +107,34 @@ fn prepare(members: &Members, cube: &Cube, scratch: &mut Scratch) {
         let q = members.decay[i] * (t.norm_squared() - r * r);
         scratch.offset.push(t);
         scratch.q.push(q);
-        scratch.best[0].push((-q, i as u32, 1.0));
+        scratch.best[0].push(Best {
+            ln: -q,
+            leaf: i as u32,
+            weight: 1.0,
+        });
     }
     for (l, level) in members.levels.iter().enumerate() {
         let (below, above) = scratch.best.split_at_mut(l + 1);
         above[0].clear();
         for v in 0..level.len() {
             let power = level.power[v];
-            let (ln, leaf, weight) = crate::members::largest(&below[l][level.children(v)]);
-            above[0].push((power * ln, leaf, power * weight));
+            let top = largest(&below[l][level.children(v)]);
+            above[0].push(Best {
+                ln: power * top.ln,
+                leaf: top.leaf,
+                weight: power * top.weight,
+            });
         }
     }
 }
 
-struct Eval<'a, const J: usize, const K: usize> {
+struct Eval<'a, const SIDE: usize, const PLANE: usize> {
     members: &'a Members,
     cube: &'a Cube,
     half: f64,
     offset: &'a [Vector3],
     q: &'a [f64],
-    best: &'a [Vec<(f64, u32, f64)>],
+    best: &'a [Vec<Best>],
 }
 
 /// A quadratic exponent without mixed terms, in powers of 2, about the centre of the cube.
@@ -118,13 +145,13 @@ struct Exponent {
     curvature: f64,
 }
 
-/// The exponential of an exponent as tables: row `(j, k)` is `plane[j] * line[k]`.
-struct Tables<const J: usize, const K: usize> {
-    plane: [Row; J],
-    line: [f32; K],
+/// The exponential of an exponent: `plane[j]` times `line[k]` at point `j` of plane `k`.
+struct Tables<const SIDE: usize, const PLANE: usize> {
+    plane: [f32; PLANE],
+    line: [f32; SIDE],
 }
 
-impl<const J: usize, const K: usize> Eval<'_, J, K> {
+impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
     /// `w_b q_b − w_a q_a` in powers of 2; without `b`, `−w_a q_a`.
     #[inline(always)]
     fn exponent(&self, b: Option<(u32, f64)>, a: u32, wa: f64) -> Exponent {
@@ -167,44 +194,28 @@ impl<const J: usize, const K: usize> Eval<'_, J, K> {
     }
 
     #[inline(always)]
-    fn tables(&self, e: &Exponent) -> Tables<J, K> {
+    fn tables(&self, e: &Exponent) -> Tables<SIDE, PLANE> {
         let h = self.cube.spacing as f32;
-        let first = -0.5 * (self.cube.side as f32 - 1.0);
-        let lines = LANES / self.cube.side;
+        let first = -0.5 * (SIDE as f32 - 1.0);
         let (sx, sy, sz) = (e.slope.x as f32, e.slope.y as f32, e.slope.z as f32);
         let (c, constant) = (e.curvature as f32, e.constant as f32);
-        let mut plane = [[0.0f32; LANES]; J];
-        for (j, row) in plane.iter_mut().enumerate() {
-            for (l, value) in row.iter_mut().enumerate() {
-                let x = (first + (l % self.cube.side) as f32) * h;
-                let y = (first + (j * lines + l / self.cube.side) as f32) * h;
-                *value = x * (sx + c * x) + y * (sy + c * y);
+        let (mut x, mut y, mut line) = ([0.0f32; SIDE], [0.0f32; SIDE], [0.0f32; SIDE]);
+        for i in 0..SIDE {
+            let u = (first + i as f32) * h;
+            x[i] = u * (sx + c * u);
+            y[i] = u * (sy + c * u);
+            line[i] = constant + u * (sz + c * u);
+        }
+        for table in [&mut x, &mut y, &mut line] {
+            for value in table {
+                *value = exp2(*value);
             }
         }
-        if J == LANES {
-            // One table per axis: two exponentials of eight instead of eight.
-            let (mut ex, mut ey) = ([0.0f32; LANES], [0.0f32; LANES]);
-            for l in 0..LANES {
-                let u = (first + l as f32) * h;
-                ex[l] = exp2(u * (sx + c * u));
-                ey[l] = exp2(u * (sy + c * u));
+        let mut plane = [0.0f32; PLANE];
+        for (row, y) in plane.chunks_exact_mut(SIDE).zip(y) {
+            for (value, x) in row.iter_mut().zip(x) {
+                *value = x * y;
             }
-            for (j, row) in plane.iter_mut().enumerate() {
-                for l in 0..LANES {
-                    row[l] = ex[l] * ey[j % LANES];
-                }
-            }
-        } else {
-            for row in &mut plane {
-                for value in row.iter_mut() {
-                    *value = exp2(*value);
-                }
-            }
-        }
-        let mut line = [0.0f32; K];
-        for (k, value) in line.iter_mut().enumerate() {
-            let z = (first + k as f32) * h;
-            *value = exp2(constant + z * (sz + c * z));
         }
         Tables { plane, line }
     }
@@ -215,9 +226,9 @@ impl<const J: usize, const K: usize> Eval<'_, J, K> {
     #[inline(always)]
     fn tree(
         &self,
-        sums: &mut [Vec<Row>],
+        sums: &mut [Vec<f32>],
         open: &mut Vec<(usize, f64)>,
-        out: &mut [Row],
+        out: &mut [f32],
     ) -> Option<()> {
         let levels = &self.members.levels;
         let depth = levels.len();
@@ -226,7 +237,7 @@ impl<const J: usize, const K: usize> Eval<'_, J, K> {
         for lowest in 0..levels[0].len() {
             let (mut level, mut node) = (0, lowest);
             let children = levels[0].children(lowest);
-            let (_, leaf, _) = self.best[1][lowest];
+            let leaf = self.best[1][lowest].leaf;
             // A residue of one atom is that atom's kernel to the power, without a sum.
             let mut sum_bound = if children.len() == 1 {
                 None
@@ -235,7 +246,7 @@ impl<const J: usize, const K: usize> Eval<'_, J, K> {
             };
             loop {
                 let power = levels[level].power[node];
-                let (_, leaf, weight) = self.best[level + 1][node];
+                let Best { leaf, weight, .. } = self.best[level + 1][node];
                 let above = level + 1;
                 let (lower, upper) = sums.split_at_mut(above);
                 let own = &mut lower[level];
@@ -243,7 +254,7 @@ impl<const J: usize, const K: usize> Eval<'_, J, K> {
                     (&mut *out, None)
                 } else {
                     let parent = open[above].0;
-                    let (_, leaf, weight) = self.best[above + 1][parent];
+                    let Best { leaf, weight, .. } = self.best[above + 1][parent];
                     let own = weight / levels[above].power[parent];
                     (&mut upper[0][..], Some((leaf, own)))
                 };
@@ -264,7 +275,7 @@ impl<const J: usize, const K: usize> Eval<'_, J, K> {
                         } else {
                             add_product(target, &self.tables(&e), own);
                         }
-                        own.fill([0.0; LANES]);
+                        own.fill(0.0);
                     }
                 }
                 if above == depth {
@@ -295,7 +306,7 @@ impl<const J: usize, const K: usize> Eval<'_, J, K> {
         &self,
         range: std::ops::Range<usize>,
         reference: Option<(u32, f64)>,
-        out: &mut [Row],
+        out: &mut [f32],
     ) -> Option<f64> {
         let mut top = f64::NEG_INFINITY;
         let n = range.len() as f64;
@@ -316,71 +327,60 @@ impl<const J: usize, const K: usize> Eval<'_, J, K> {
 }
 
 #[inline(always)]
-fn add_one(out: &mut [Row]) {
-    for row in out {
-        for v in row {
-            *v += 1.0;
+fn add_one(out: &mut [f32]) {
+    for v in out {
+        *v += 1.0;
+    }
+}
+
+#[inline(always)]
+fn add_tables<const SIDE: usize, const PLANE: usize>(out: &mut [f32], t: &Tables<SIDE, PLANE>) {
+    for (plane, &z) in out.chunks_exact_mut(PLANE).zip(&t.line) {
+        for (v, &xy) in plane.iter_mut().zip(&t.plane) {
+            *v += xy * z;
         }
     }
 }
 
 #[inline(always)]
-fn add_tables<const J: usize, const K: usize>(out: &mut [Row], t: &Tables<J, K>) {
-    for (k, rows) in out.chunks_exact_mut(J).enumerate() {
-        let z = t.line[k];
-        for (row, plane) in rows.iter_mut().zip(&t.plane) {
-            for l in 0..LANES {
-                row[l] += plane[l] * z;
-            }
-        }
+fn add_rows(out: &mut [f32], own: &[f32]) {
+    for (v, &own) in out.iter_mut().zip(own) {
+        *v += own;
     }
 }
 
 #[inline(always)]
-fn add_rows(out: &mut [Row], own: &[Row]) {
-    for (row, own) in out.iter_mut().zip(own) {
-        for l in 0..LANES {
-            row[l] += own[l];
-        }
-    }
-}
-
-#[inline(always)]
-fn add_product<const J: usize, const K: usize>(out: &mut [Row], t: &Tables<J, K>, own: &[Row]) {
-    for (k, (rows, own)) in out.chunks_exact_mut(J).zip(own.chunks_exact(J)).enumerate() {
-        let z = t.line[k];
-        for j in 0..J {
-            for l in 0..LANES {
-                rows[j][l] += t.plane[j][l] * z * own[j][l];
-            }
+fn add_product<const SIDE: usize, const PLANE: usize>(
+    out: &mut [f32],
+    t: &Tables<SIDE, PLANE>,
+    own: &[f32],
+) {
+    let planes = out.chunks_exact_mut(PLANE).zip(own.chunks_exact(PLANE));
+    for ((plane, own), &z) in planes.zip(&t.line) {
+        for ((v, &own), &xy) in plane.iter_mut().zip(own).zip(&t.plane) {
+            *v += xy * z * own;
         }
     }
 }
 
 /// Raises positive numbers to a power.
 #[inline(always)]
-fn raise(rows: &mut [Row], power: f64) {
+fn raise(values: &mut [f32], power: f64) {
     if power == 1.0 {
         return;
     }
     if power == 0.5 {
-        for row in rows {
-            for v in row {
-                *v = v.sqrt();
-            }
+        for v in values {
+            *v = v.sqrt();
         }
     } else if power == 0.25 {
-        for row in rows {
-            for v in row {
-                *v = v.sqrt().sqrt();
-            }
+        for v in values {
+            *v = v.sqrt().sqrt();
         }
     } else {
         let power = power as f32;
-        for row in rows {
-            for v in row {
-                *v = exp2(power * log2(*v));
-            }
+        for v in values {
+            *v = exp2(power * log2(*v));
         }
     }
 }

@@ -292,7 +292,6 @@ impl State<'_> {
                 Operation::FaceSwap => &mut done.faces_swapped,
                 Operation::SurfaceFlip => &mut done.surface_flips,
                 Operation::Contraction => &mut done.contracted,
-                Operation::Insertion => &mut done.inserted,
             } += 1;
         }
         chosen.len()

@@ -19,6 +19,8 @@ mod surface_field;
 mod swap;
 #[cfg(feature = "testing")]
 pub mod testing;
+#[cfg(feature = "wgpu")]
+mod wgpu;
 mod work;
 
 pub mod surface;

@@ -139,7 +139,7 @@ impl Options {
         if !(0.0..=1.0).contains(&g.joe_liu) {
             return invalid("goals.joe_liu", g.joe_liu, "within 0…1");
         }
-        if !(g.edge_ratio > 1.0) {
+        if g.edge_ratio.is_nan() || g.edge_ratio <= 1.0 {
             return invalid("goals.edge_ratio", g.edge_ratio, "above 1");
         }
         if !self.level.is_finite() {

@@ -15,7 +15,6 @@ pub(crate) enum Operation {
     FaceSwap,
     SurfaceFlip,
     Contraction,
-    Insertion,
 }
 
 /// Some tetrahedra to be replaced by others.

@@ -137,7 +137,8 @@ impl Face {
 }
 
 /// The objective from its signed square.
-pub(crate) fn objective(value: f64) -> f64 {
+#[cfg(test)]
+fn objective(value: f64) -> f64 {
     value.abs().sqrt().copysign(value)
 }
 
@@ -153,7 +154,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn point() -> impl Strategy<Value = Point3> {
-        [-1.0..1.0, -1.0..1.0, -1.0..1.0].prop_map(|c| Point3::from(c))
+        [-1.0..1.0, -1.0..1.0, -1.0..1.0].prop_map(Point3::from)
     }
 
     proptest! {

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::{QualityBackend, Relaxation};
-use crate::ring::{GAIN, Ring, objective, signed_square};
+use crate::ring::{GAIN, Ring, signed_square};
 use crate::surface_field::Isosurface;
 use crate::work::{Freedom, Work};
 
@@ -74,15 +74,13 @@ fn axes(freedom: Freedom) -> Option<[Vector3; 3]> {
     }
 }
 
-/// Moves vertices by one sweep of [`QualityBackend::relax`]; each displacement is tried in full, in
-/// half and in a quarter, and dropped if the worst tetrahedron does not get better. Gives how many
-/// moved.
-pub(crate) fn relax<B: QualityBackend + ?Sized>(
-    work: &mut Work,
+/// The task of one sweep over those of `vertices` that may move without a field.
+pub(crate) fn task<'a>(
+    work: &Work,
+    positions: &'a [Point3],
     vertices: &[u32],
     rounds: u32,
-    run: Run<'_, B>,
-) -> Result<usize, Error> {
+) -> Relaxation<'a> {
     let movable: Vec<u32> = vertices
         .iter()
         .copied()
@@ -90,9 +88,6 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
         .collect();
     let classes = colours(work, &movable);
     let vertices: Vec<u32> = classes.concat();
-    if vertices.is_empty() {
-        return Ok(0);
-    }
     let mut colours = Vec::with_capacity(classes.len());
     let mut start = 0;
     for class in &classes {
@@ -107,16 +102,15 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
         .into_iter()
         .map(|s| s as u32)
         .collect();
-    let still = &*work;
     let faces: Vec<[u32; 3]> = vertices
         .par_iter()
         .flat_map_iter(|&v| {
-            let ring = still.rings.of(v).iter();
-            ring.map(move |&t| opposite(still, t, v))
+            let ring = work.rings.of(v).iter();
+            ring.map(move |&t| opposite(work, t, v))
         })
         .collect();
-    let task = Relaxation {
-        positions: &work.x,
+    Relaxation {
+        positions,
         axes: vertices
             .iter()
             .map(|&v| axes(work.freedom[v as usize]).expect("only movable ones are here"))
@@ -126,7 +120,19 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
         starts,
         faces,
         rounds,
-    };
+    }
+}
+
+/// Moves vertices by one sweep of [`QualityBackend::relax`]; each displacement is tried in full, in
+/// half and in a quarter, and dropped if the worst tetrahedron does not get better. Gives how many
+/// moved.
+pub(crate) fn relax<B: QualityBackend + ?Sized>(
+    work: &mut Work,
+    vertices: &[u32],
+    rounds: u32,
+    run: Run<'_, B>,
+) -> Result<usize, Error> {
+    let task = task(work, &work.x, vertices, rounds);
     let moves = run.backend.relax(&task)?;
     let (vertices, colours) = (task.vertices, task.colours);
     let mut moved = 0;
@@ -339,10 +345,4 @@ fn surface_mean(work: &Work, v: u32) -> Option<Point3> {
         }
     }
     (count > 0).then(|| Point3::from(sum / f64::from(count)))
-}
-
-/// The smallest objective around a vertex, from positions.
-pub(crate) fn worst_at(work: &Work, v: u32, ring: &mut Ring) -> f64 {
-    load(work, v, ring);
-    objective(ring.value(&work.x[v as usize].coords))
 }

@@ -335,11 +335,6 @@ pub(crate) fn surface_flip(
     ))
 }
 
-/// Is `ab` an edge of an interface or of the boundary?
-pub(crate) fn on_interface(ring: &EdgeRing) -> bool {
-    !ring.interior()
-}
-
 /// What lies on the two sides of an edge of an interface: the pair of regions in order.
 pub(crate) fn pair_of(ring: &EdgeRing, first: usize) -> [Region; 2] {
     let one = ring.regions[0];

@@ -200,25 +200,6 @@ impl Work {
         })
     }
 
-    /// The neighbours of a vertex, in increasing order.
-    pub(crate) fn neighbours(&self, v: u32, out: &mut Vec<u32>) {
-        out.clear();
-        for &t in self.rings.of(v) {
-            out.extend(self.tets[t as usize].iter().filter(|&&u| u != v));
-        }
-        out.sort_unstable();
-        out.dedup();
-    }
-
-    /// Smallest objective around a vertex.
-    pub(crate) fn worst_around(&self, v: u32) -> f64 {
-        self.rings
-            .of(v)
-            .iter()
-            .map(|&t| self.q[t as usize])
-            .fold(f64::INFINITY, f64::min)
-    }
-
     /// Empties a slot.
     pub(crate) fn remove(&mut self, t: u32) {
         for v in self.tets[t as usize] {
@@ -301,10 +282,9 @@ impl Work {
             used[v] |= keep;
         }
         let mut new = vec![NONE; self.x.len()];
-        let mut count = 0;
-        for (n, _) in new.iter_mut().zip(&used).filter(|(_, used)| **used) {
-            *n = count;
-            count += 1;
+        let places = new.iter_mut().zip(&used).filter(|p| *p.1);
+        for (count, (place, _)) in places.enumerate() {
+            *place = count as u32;
         }
         let pick = |v: &usize| used[*v];
         let positions = (0..used.len()).filter(pick).map(|v| self.x[v]).collect();
