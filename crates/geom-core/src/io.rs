@@ -4,14 +4,19 @@
 //! `read(path)` and `save(path, …)`. Inputs may be gzip-compressed. Saving writes beside the target
 //! and renames, so that no half-written file is left.
 
+mod assembly;
 mod bytes;
 pub mod glb;
 pub mod mesh;
+mod mmcif;
 pub mod msh;
 pub mod obj;
 pub mod off;
+mod pdb;
 pub mod ply;
+pub mod pqr;
 pub mod stl;
+pub mod structure;
 mod text;
 pub mod view;
 pub mod vtu;
