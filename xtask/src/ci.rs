@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use crate::{Outcome, arrows, call};
+use crate::{Outcome, arrows, call, fixtures};
 
 /// Runs every step, prints how long each took, and stops at the first that fails.
 pub(crate) fn run() -> Outcome {
@@ -12,6 +12,7 @@ pub(crate) fn run() -> Outcome {
             call("cargo", &["fmt", "--all", "--check"], &[])
         }),
         ("arrows", &arrows::run),
+        ("fixtures", &fixtures::run),
         // The README's own test command.
         ("tests", &|| call("cargo", &["test", "--workspace"], &[])),
         ("lints", &|| {

@@ -8,8 +8,8 @@
 
 mod arrows;
 mod ci;
-#[cfg(feature = "lab")]
-mod python;
+mod fixtures;
+mod lab;
 
 use std::process::{Command, ExitCode};
 
@@ -33,12 +33,18 @@ enum Chore {
     Ci,
     /// The arrows between the crates are those of the architecture, and no others.
     Arrows,
+    #[command(flatten)]
+    Lab(lab::Chore),
+    /// The bundled files are those that fixtures/README.md lists.
+    Fixtures,
 }
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().chore {
         Chore::Ci => ci::run(),
         Chore::Arrows => arrows::run(),
+        Chore::Lab(chore) => lab::run(&chore),
+        Chore::Fixtures => fixtures::run(),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -63,6 +69,21 @@ fn call(program: &str, arguments: &[&str], environment: &[(&str, &str)]) -> Outc
     } else {
         Err(format!("`{line}` failed: {status}"))
     }
+}
+
+/// What a program prints; an error unless it exits with 0.
+#[cfg(feature = "lab")]
+fn capture(program: &str, arguments: &[String]) -> Result<String, String> {
+    let output = Command::new(program)
+        .args(arguments)
+        .stderr(std::process::Stdio::inherit())
+        .output()
+        .map_err(|e| format!("cannot run {program}: {e}"))?;
+    if !output.status.success() {
+        let line = format!("{program} {}", arguments.join(" "));
+        return Err(format!("`{line}` failed: {}", output.status));
+    }
+    String::from_utf8(output.stdout).map_err(|_| format!("{program} printed no text"))
 }
 
 /// The workspace root.

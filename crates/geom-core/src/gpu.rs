@@ -392,8 +392,9 @@ impl GpuContext {
         Arc::clone(compiled)
     }
 
-    /// Does something on the device, and turns the driver's complaints into an error.
-    fn watched<T>(&self, during: &str, work: impl FnOnce() -> T) -> Result<T, GpuError> {
+    /// Does something on the device, and turns the driver's complaints into an error. For programs
+    /// that use [`GpuContext::device`] themselves.
+    pub fn watched<T>(&self, during: &str, work: impl FnOnce() -> T) -> Result<T, GpuError> {
         let scopes = [
             wgpu::ErrorFilter::Internal,
             wgpu::ErrorFilter::OutOfMemory,

@@ -4,13 +4,21 @@ pub use nalgebra;
 
 pub mod backend;
 pub mod bounds;
+pub mod bvh;
+pub mod coloring;
+pub mod curvature;
+pub mod distance;
 pub mod field;
 pub mod grid;
 pub mod id;
+pub mod laplace;
 pub mod lattice;
+pub mod linalg;
 pub mod mesh;
+pub mod nearest;
 pub mod parallel;
 pub mod run;
+pub mod spectral;
 pub mod structure;
 
 #[cfg(feature = "wgpu")]

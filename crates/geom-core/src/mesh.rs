@@ -5,6 +5,10 @@ mod halfedge;
 mod measure;
 pub mod shapes;
 
+#[cfg(feature = "io")]
+pub(crate) use audit::Sets;
+pub use audit::{BoundaryComparison, Component, Faults, RegionAudit, SurfaceAudit, VolumeAudit};
+pub use halfedge::Halfedges;
 pub use measure::six_volume;
 
 use crate::Point3;
@@ -66,6 +70,12 @@ pub enum MeshError {
         /// End of the edge in that face.
         to: u32,
     },
+    /// The faces around a vertex form more than one fan.
+    #[error("the faces around vertex {vertex} form more than one fan")]
+    NonManifoldVertex {
+        /// The vertex.
+        vertex: u32,
+    },
 }
 
 fn check<const N: usize>(positions: &[Point3], elements: &[[u32; N]]) -> Result<(), MeshError> {
@@ -80,10 +90,14 @@ fn check<const N: usize>(positions: &[Point3], elements: &[[u32; N]]) -> Result<
     {
         return Err(MeshError::NotFinite { vertex });
     }
+    check_corners(positions.len(), elements)
+}
+
+/// Every corner lies below `vertices`, and those of one element differ.
+fn check_corners<const N: usize>(vertices: usize, elements: &[[u32; N]]) -> Result<(), MeshError> {
     for (element, corners) in elements.iter().enumerate() {
         for (k, &vertex) in corners.iter().enumerate() {
-            if vertex as usize >= positions.len() {
-                let vertices = positions.len();
+            if vertex as usize >= vertices {
                 return Err(MeshError::OutOfRange {
                     element,
                     vertex,
@@ -287,23 +301,13 @@ impl TetMesh {
     /// number, then by face. Faces with more than two tetrahedra are left out: see [`VolumeAudit`].
     pub fn interfaces(&self) -> Vec<Interface> {
         use rayon::prelude::*;
-        let mut faces: Vec<([u32; 3], u32)> = (0..self.tets.len() as u32)
-            .into_par_iter()
-            .flat_map_iter(|t| {
-                FACES.iter().enumerate().map(move |(k, corners)| {
-                    let mut key = corners.map(|c| self.tets[t as usize][c]);
-                    key.sort_unstable();
-                    (key, 4 * t + k as u32)
-                })
-            })
-            .collect();
-        faces.par_sort_unstable();
-        let mut out: Vec<(u32, Interface)> = faces
+        let faces = audit::sorted_faces(&self.tets);
+        let mut out: Vec<(u64, Interface)> = faces
             .chunk_by(|a, b| a.0 == b.0)
             .filter_map(|group| {
-                let side = |slot: u32| {
-                    let (t, k) = ((slot / 4) as usize, (slot % 4) as usize);
-                    (self.regions[t], FACES[k].map(|c| self.tets[t][c]))
+                let side = |slot: u64| {
+                    let region = self.regions[(slot / 4) as usize];
+                    (region, audit::face(&self.tets, slot))
                 };
                 match *group {
                     [(_, only)] => {
@@ -344,6 +348,48 @@ impl TetMesh {
         out.par_sort_unstable_by_key(|&(slot, _)| slot);
         out.into_iter().map(|(_, face)| face).collect()
     }
+
+    /// The boundary of a region as a surface that points out of it: against other regions and
+    /// against the outside. Vertices keep their order; those off the boundary are dropped.
+    pub fn region_surface(&self, region: Region) -> TriMesh {
+        let triangles = self.interfaces().into_iter().filter_map(|face| {
+            let [a, b, c] = face.triangle;
+            if face.inside == region {
+                Some([a, b, c])
+            } else if face.outside == region {
+                Some([a, c, b])
+            } else {
+                None
+            }
+        });
+        let (positions, triangles) = compact(&self.positions, triangles.collect());
+        TriMesh {
+            positions,
+            triangles,
+        }
+    }
+}
+
+/// Drops the vertices that no element uses; the others keep their order.
+fn compact<const N: usize>(
+    positions: &[Point3],
+    mut elements: Vec<[u32; N]>,
+) -> (Vec<Point3>, Vec<[u32; N]>) {
+    let mut number = vec![u32::MAX; positions.len()];
+    for &v in elements.as_flattened() {
+        number[v as usize] = 0;
+    }
+    let mut kept = Vec::new();
+    for (p, n) in positions.iter().zip(&mut number) {
+        if *n == 0 {
+            *n = kept.len() as u32;
+            kept.push(*p);
+        }
+    }
+    for v in elements.as_flattened_mut() {
+        *v = number[*v as usize];
+    }
+    (kept, elements)
 }
 
 /// The corners of the faces of a positive tetrahedron, seen from outside; face `k` lies opposite

@@ -1,1 +1,297 @@
 //! Connectivity of triangles and quads as half-edges.
+
+use super::audit::sorted_edges;
+use super::{MeshError, QuadMesh, TriMesh};
+use crate::id::{FaceId, HalfedgeId, Id, VertexId};
+
+const NONE: u32 = u32::MAX;
+
+/// The half-edges of an oriented manifold mesh of triangles (`N = 3`) or quads (`N = 4`): no
+/// positions, three flat arrays.
+///
+/// Half-edge `N f + k` runs along face `f` from its corner `k` to corner `k + 1`; next and previous
+/// ones are arithmetic. A half-edge on a boundary has no twin.
+///
+/// ```
+/// use geom_core::mesh::{Halfedges, shapes};
+/// use geom_core::VertexId;
+/// let sphere = shapes::icosphere(1.0, 2);
+/// let edges = Halfedges::of(&sphere)?;
+/// assert_eq!(edges.around(VertexId(0)).count(), 5); // a corner of the icosahedron
+/// # Ok::<(), geom_core::MeshError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Halfedges<const N: usize> {
+    twin: Vec<u32>,
+    from: Vec<u32>,
+    /// Per vertex one half-edge that leaves it; on a boundary the one without a twin before it in
+    /// the fan, so that turning from there meets all faces.
+    out: Vec<u32>,
+}
+
+impl Halfedges<3> {
+    /// The half-edges of a triangle mesh.
+    pub fn of(mesh: &TriMesh) -> Result<Self, MeshError> {
+        Self::new(mesh.positions().len(), mesh.triangles())
+    }
+}
+
+impl Halfedges<4> {
+    /// The half-edges of a quad mesh.
+    pub fn of_quads(mesh: &QuadMesh) -> Result<Self, MeshError> {
+        Self::new(mesh.positions().len(), mesh.quads())
+    }
+}
+
+impl<const N: usize> Halfedges<N> {
+    /// The half-edges of these faces, whose corners must lie below `vertices` and differ.
+    ///
+    /// # Errors
+    /// [`MeshError::NonManifoldEdge`] if an edge has more than two faces or two in the same
+    /// direction; [`MeshError::NonManifoldVertex`] if the faces around a vertex form more than one
+    /// fan; [`MeshError::OutOfRange`], [`MeshError::Repeated`] and [`MeshError::TooMany`].
+    pub fn new(vertices: usize, faces: &[[u32; N]]) -> Result<Self, MeshError> {
+        let count = N * faces.len();
+        if count.max(vertices) > crate::id::MAX_ELEMENTS {
+            return Err(MeshError::TooMany {
+                count: count.max(vertices),
+            });
+        }
+        super::check_corners(vertices, faces)?;
+        let mut twin = vec![NONE; count];
+        let mut wrong: Option<(u32, [u32; 2])> = None;
+        for group in sorted_edges(faces).chunk_by(|a, b| a.0 == b.0) {
+            let [low, high] = [(group[0].0 >> 32) as u32, group[0].0 as u32];
+            let halfedge = |f: u32| {
+                let face = &faces[f as usize];
+                let k = (0..N)
+                    .find(|&k| {
+                        let (a, b) = (face[k], face[(k + 1) % N]);
+                        (a.min(b), a.max(b)) == (low, high)
+                    })
+                    .expect("the edge belongs to the face");
+                (N as u32 * f + k as u32, face[k])
+            };
+            match *group {
+                [_] => {}
+                [(_, f), (_, g)] if halfedge(f).1 != halfedge(g).1 => {
+                    let (a, b) = (halfedge(f).0, halfedge(g).0);
+                    twin[a as usize] = b;
+                    twin[b as usize] = a;
+                }
+                _ => {
+                    // The lowest face that is one too many.
+                    let later = group[group.len().min(3) - 1].1;
+                    let (_, from) = halfedge(later);
+                    let to = if from == low { high } else { low };
+                    if wrong.is_none_or(|(face, _)| later < face) {
+                        wrong = Some((later, [from, to]));
+                    }
+                }
+            }
+        }
+        if let Some((face, [from, to])) = wrong {
+            let face = face as usize;
+            return Err(MeshError::NonManifoldEdge { face, from, to });
+        }
+        let mut edges = Self {
+            twin,
+            from: faces.as_flattened().to_vec(),
+            out: vec![NONE; vertices],
+        };
+        let mut degree = vec![0u32; vertices];
+        for h in 0..count as u32 {
+            let v = edges.from[h as usize] as usize;
+            degree[v] += 1;
+            // On a boundary the fan starts where nothing lies on the right.
+            if edges.out[v] == NONE || edges.twin[h as usize] == NONE {
+                edges.out[v] = h;
+            }
+        }
+        for (vertex, &faces) in (0u32..).zip(&degree) {
+            if edges.around(VertexId(vertex)).count() != faces as usize {
+                return Err(MeshError::NonManifoldVertex { vertex });
+            }
+        }
+        Ok(edges)
+    }
+
+    /// Number of half-edges.
+    pub fn len(&self) -> usize {
+        self.from.len()
+    }
+    /// Is there no half-edge?
+    pub fn is_empty(&self) -> bool {
+        self.from.is_empty()
+    }
+    /// Number of faces.
+    pub fn faces(&self) -> usize {
+        self.from.len() / N
+    }
+    /// Number of vertices, unused ones included.
+    pub fn vertices(&self) -> usize {
+        self.out.len()
+    }
+    /// The half-edge on the other side; `None` on a boundary.
+    pub fn twin(&self, h: HalfedgeId) -> Option<HalfedgeId> {
+        some(self.twin[h.index()])
+    }
+    /// The vertex where it starts.
+    pub fn from(&self, h: HalfedgeId) -> VertexId {
+        VertexId(self.from[h.index()])
+    }
+    /// The vertex where it ends.
+    pub fn to(&self, h: HalfedgeId) -> VertexId {
+        self.from(self.next(h))
+    }
+    /// The face on its left.
+    pub fn face(&self, h: HalfedgeId) -> FaceId {
+        FaceId(h.0 / N as u32)
+    }
+    /// Half-edge `k` of a face.
+    pub fn of_face(&self, face: FaceId, k: usize) -> HalfedgeId {
+        HalfedgeId(face.0 * N as u32 + (k % N) as u32)
+    }
+    /// The next half-edge around its face.
+    pub fn next(&self, h: HalfedgeId) -> HalfedgeId {
+        let n = N as u32;
+        HalfedgeId(if h.0 % n == n - 1 {
+            h.0 + 1 - n
+        } else {
+            h.0 + 1
+        })
+    }
+    /// The previous half-edge around its face.
+    pub fn previous(&self, h: HalfedgeId) -> HalfedgeId {
+        let n = N as u32;
+        HalfedgeId(if h.0.is_multiple_of(n) {
+            h.0 + n - 1
+        } else {
+            h.0 - 1
+        })
+    }
+    /// A half-edge that leaves the vertex, on a boundary the first of its fan; `None` if no face
+    /// uses the vertex.
+    pub fn out(&self, v: VertexId) -> Option<HalfedgeId> {
+        some(self.out[v.index()])
+    }
+    /// Does the vertex lie on a boundary?
+    pub fn on_boundary(&self, v: VertexId) -> bool {
+        self.out(v).is_some_and(|h| self.twin(h).is_none())
+    }
+    /// The half-edges that leave a vertex, counter-clockwise seen from outside; one per face.
+    pub fn around(&self, v: VertexId) -> impl Iterator<Item = HalfedgeId> + '_ {
+        let first = self.out(v);
+        std::iter::successors(first, move |&h| {
+            let turned = self.twin(self.previous(h))?;
+            (Some(turned) != first).then_some(turned)
+        })
+    }
+    /// All half-edges.
+    pub fn iter(&self) -> impl Iterator<Item = HalfedgeId> + use<N> {
+        (0..self.from.len() as u32).map(HalfedgeId)
+    }
+    /// One half-edge per edge: the lower-numbered of the two.
+    pub fn edges(&self) -> impl Iterator<Item = HalfedgeId> + '_ {
+        self.iter()
+            .filter(|&h| self.twin(h).is_none_or(|twin| h < twin))
+    }
+    /// The boundary loops: the vertices along each, with the surface on the left, by the
+    /// lowest half-edge.
+    pub fn boundary_loops(&self) -> Vec<Vec<VertexId>> {
+        let mut seen = vec![false; self.from.len()];
+        let mut loops = Vec::new();
+        for start in self.iter() {
+            if seen[start.index()] || self.twin(start).is_some() {
+                continue;
+            }
+            let mut vertices = Vec::new();
+            let mut h = start;
+            while !seen[h.index()] {
+                seen[h.index()] = true;
+                vertices.push(self.from(h));
+                // The boundary goes on with the first half-edge of the next vertex's fan.
+                h = self.out(self.to(h)).expect("a used vertex");
+            }
+            loops.push(vertices);
+        }
+        loops
+    }
+    /// The other half-edge per half-edge, `u32::MAX` on a boundary: as a GPU reads it.
+    pub fn twins(&self) -> &[u32] {
+        &self.twin
+    }
+}
+
+fn some(index: u32) -> Option<HalfedgeId> {
+    (index != NONE).then_some(HalfedgeId(index))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+
+    #[test]
+    fn closed_meshes_have_twins_everywhere() {
+        let torus = shapes::torus(3.0, 1.0, 12, 9);
+        let edges = Halfedges::of(&torus).unwrap();
+        for h in edges.iter() {
+            let twin = edges.twin(h).expect("closed");
+            assert_eq!(edges.twin(twin), Some(h));
+            assert_eq!(
+                (edges.from(h), edges.to(h)),
+                (edges.to(twin), edges.from(twin))
+            );
+            assert_eq!(edges.next(edges.previous(h)), h);
+            assert_eq!(edges.face(h), edges.face(edges.next(h)));
+        }
+        assert_eq!(edges.edges().count() * 2, edges.len());
+        for v in 0..edges.vertices() {
+            assert_eq!(edges.around(VertexId(v as u32)).count(), 6);
+        }
+        assert!(edges.boundary_loops().is_empty());
+    }
+
+    #[test]
+    fn boundaries_are_walked_with_the_surface_on_the_left() {
+        // A 3 × 3 field of quads without the middle one: an outer loop of 12, an inner one of 4.
+        let at = |i: u32, j: u32| 4 * j + i;
+        let quads: Vec<[u32; 4]> = (0..9)
+            .filter(|&q| q != 4)
+            .map(|q| {
+                let (i, j) = (q % 3, q / 3);
+                [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]
+            })
+            .collect();
+        let edges = Halfedges::<4>::new(16, &quads).unwrap();
+        let loops = edges.boundary_loops();
+        assert_eq!(loops.iter().map(Vec::len).collect::<Vec<_>>(), [12, 4]);
+        assert_eq!(loops[0][..3], [0, 1, 2].map(VertexId));
+        assert!(edges.on_boundary(VertexId(0)));
+        assert_eq!(edges.around(VertexId(5)).count(), 3);
+    }
+
+    #[test]
+    fn what_is_not_manifold_is_named() {
+        let fan = [[0, 1, 2], [0, 1, 3], [1, 0, 4]];
+        assert_eq!(
+            Halfedges::<3>::new(5, &fan[..2]),
+            Err(MeshError::NonManifoldEdge {
+                face: 1,
+                from: 0,
+                to: 1
+            })
+        );
+        assert!(Halfedges::<3>::new(5, &fan).is_err());
+        let bow = [[0, 1, 2], [0, 3, 4]];
+        assert_eq!(
+            Halfedges::<3>::new(5, &bow),
+            Err(MeshError::NonManifoldVertex { vertex: 0 })
+        );
+        assert!(matches!(
+            Halfedges::<3>::new(4, &bow),
+            Err(MeshError::OutOfRange { .. })
+        ));
+    }
+}

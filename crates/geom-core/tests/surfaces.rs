@@ -1,0 +1,256 @@
+//! Closest points, neighbours and shortest paths against brute force.
+
+use geom_core::bvh::{TreeError, TriangleTree, closest_in_triangle};
+use geom_core::distance::{DistanceError, Graph, NONE, shortest_paths};
+use geom_core::mesh::shapes;
+use geom_core::nearest::{NearestError, PointTree};
+use geom_core::testing::same_on_any_threads;
+use geom_core::{Point3, TriMesh, Vector3};
+use proptest::prelude::*;
+
+/// A point of a coarse lattice now and then, so that ties and degenerate triangles occur.
+fn point() -> impl Strategy<Value = Point3> {
+    prop_oneof![
+        prop::array::uniform3(-10.0..10.0f64).prop_map(Point3::from),
+        prop::array::uniform3(-2..3i8).prop_map(|p| Point3::from(p.map(f64::from))),
+    ]
+}
+
+/// Any triangles: loose, crossing, degenerate, twice.
+fn soup() -> impl Strategy<Value = TriMesh> {
+    prop::collection::vec(prop::array::uniform3(point()), 1..60).prop_map(|corners| {
+        let positions = corners.iter().flatten().copied().collect();
+        let triangles = (0..corners.len() as u32)
+            .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
+            .collect();
+        TriMesh::new(positions, triangles).unwrap()
+    })
+}
+
+/// The closest point by its definition: a convex problem, solved by golden sections.
+fn distance_by_search(p: &Point3, [a, b, c]: [Point3; 3]) -> f64 {
+    let golden = |f: &dyn Fn(f64) -> f64| {
+        let ratio = (5f64.sqrt() - 1.0) / 2.0;
+        let (mut lo, mut hi) = (0.0, 1.0);
+        for _ in 0..60 {
+            let (x, y) = (hi - ratio * (hi - lo), lo + ratio * (hi - lo));
+            if f(x) < f(y) { hi = y } else { lo = x }
+        }
+        f(f64::midpoint(lo, hi)).min(f(0.0)).min(f(1.0))
+    };
+    golden(&|s| {
+        let (d, e) = (a + (b - a) * s, a + (c - a) * s);
+        golden(&|t| (d + (e - d) * t - p).norm())
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+
+    #[test]
+    fn the_closest_point_of_a_triangle_is_closest(
+        p in point(), corners in prop::array::uniform3(point()),
+    ) {
+        let (barycentric, q) = closest_in_triangle(&p, &corners);
+        let found = (q - p).norm();
+        prop_assert!((found - distance_by_search(&p, corners)).abs() < 1e-6);
+        prop_assert!(barycentric.iter().all(|&b| b >= 0.0));
+        prop_assert!((barycentric.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        let again = (0..3).fold(Vector3::zeros(), |s, k| s + corners[k].coords * barycentric[k]);
+        prop_assert!((again - q.coords).norm() < 1e-9);
+    }
+
+    #[test]
+    fn the_tree_finds_what_trying_all_finds(
+        mesh in soup(), queries in prop::collection::vec(point(), 1..20), radius in 0.0..20.0f64,
+    ) {
+        let tree = TriangleTree::new(&mesh).unwrap();
+        let found = tree.closest_to_all(&queries).unwrap();
+        for (p, found) in queries.iter().zip(found) {
+            let (d, t) = (0..mesh.triangles().len())
+                .map(|t| ((closest_in_triangle(p, &mesh.corners(t)).1 - p).norm_squared(), t))
+                .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))
+                .unwrap();
+            prop_assert_eq!((found.distance, found.triangle as usize), (d.sqrt(), t));
+            prop_assert_eq!((found.point - p).norm(), found.distance);
+            let near = tree.closest_within(p, radius);
+            prop_assert_eq!(near, (d <= radius * radius).then_some(found));
+        }
+    }
+
+    #[test]
+    fn neighbours_are_those_of_sorting_all(
+        points in prop::collection::vec(prop::array::uniform4(-3..3i8), 0..200),
+        query in prop::array::uniform4(-4..4i8), count in 0..30usize, radius in 0.0..5.0f64,
+    ) {
+        let points: Vec<[f64; 4]> = points.iter().map(|p| p.map(f64::from)).collect();
+        let query = query.map(f64::from);
+        let tree = PointTree::new(points.clone()).unwrap();
+        let mut all: Vec<(f64, u32)> = points
+            .iter()
+            .zip(0..)
+            .map(|(p, i)| ((0..4).map(|k| (p[k] - query[k]).powi(2)).sum(), i))
+            .collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let plain = |found: Vec<geom_core::nearest::Neighbor>| -> Vec<(f64, u32)> {
+            found.into_iter().map(|n| (n.distance, n.index)).collect()
+        };
+        let root = |all: &[(f64, u32)]| -> Vec<(f64, u32)> {
+            all.iter().map(|&(d, i)| (d.sqrt(), i)).collect()
+        };
+        prop_assert_eq!(plain(tree.nearest(&query, count)), root(&all[..count.min(all.len())]));
+        let inside = all.partition_point(|a| a.0 <= radius * radius);
+        prop_assert_eq!(plain(tree.within(&query, radius)), root(&all[..inside]));
+    }
+
+    /// Dijkstra against Bellman and Ford's relaxation of all links until nothing changes.
+    #[test]
+    fn shortest_paths_are_shortest(
+        links in prop::collection::vec((0..40u32, 0..40u32, 0..20u8), 0..120),
+        sources in prop::collection::vec((0..40u32, 0..10u8), 0..4),
+        reach in prop_oneof![Just(f64::INFINITY), (0..40u8).prop_map(f64::from)],
+    ) {
+        let links: Vec<_> = links.iter().map(|&(a, b, l)| (a, b, f64::from(l) / 2.0)).collect();
+        let sources: Vec<_> = sources.iter().map(|&(v, d)| (v, f64::from(d))).collect();
+        let paths = shortest_paths(&Graph::new(40, &links).unwrap(), &sources, reach).unwrap();
+        let mut brute = vec![f64::INFINITY; 40];
+        for &(v, d) in &sources {
+            brute[v as usize] = brute[v as usize].min(d);
+        }
+        for _ in 0..40 {
+            for &(a, b, l) in &links {
+                let (a, b) = (a as usize, b as usize);
+                brute[a] = brute[a].min(brute[b] + l);
+                brute[b] = brute[b].min(brute[a] + l);
+            }
+        }
+        for v in 0..40u32 {
+            let (at, d) = (v as usize, paths.distance[v as usize]);
+            prop_assert_eq!(d, if brute[at] <= reach { brute[at] } else { f64::INFINITY });
+            let way = paths.to(v);
+            if d.is_infinite() {
+                prop_assert!(way.is_empty() && paths.source[at] == NONE);
+                continue;
+            }
+            // The way starts at the source it names and is as long as it says.
+            let (start, head) = sources[paths.source[at] as usize];
+            prop_assert_eq!((way[0], way[way.len() - 1]), (start, v));
+            let length = way.windows(2).fold(head, |sum, w| {
+                sum + links
+                    .iter()
+                    .filter(|l| [l.0, l.1] == [w[0], w[1]] || [l.1, l.0] == [w[0], w[1]])
+                    .map(|l| l.2)
+                    .fold(f64::INFINITY, f64::min)
+            });
+            prop_assert_eq!(length, d);
+        }
+    }
+
+    /// A ray from inside of a closed surface always leaves it, also through edges and corners.
+    #[test]
+    fn no_ray_slips_out(direction in prop_oneof![
+        prop::array::uniform3(-1.0..1.0f64).prop_map(Vector3::from),
+        (0..642usize).prop_map(|v| shapes::icosphere(2.0, 3).positions()[v].coords),
+        (0..641usize).prop_map(|v| {
+            let sphere = shapes::icosphere(2.0, 3);
+            let [a, b, _] = sphere.corners(v);
+            a.coords + b.coords
+        }),
+    ]) {
+        prop_assume!(direction.norm() > 1e-3);
+        let tree = TriangleTree::new(&shapes::icosphere(2.0, 3)).unwrap();
+        let hit = tree.first_hit(&Point3::origin(), &direction).unwrap();
+        prop_assert!(!hit.entering);
+        prop_assert!((hit.point.coords.norm() - 2.0).abs() < 0.03);
+        prop_assert!(hit.barycentric.iter().all(|&b| b >= 0.0));
+        let outside = Point3::from(direction.normalize() * 5.0);
+        let back = tree.first_hit(&outside, &-direction).unwrap();
+        prop_assert!(back.entering);
+        prop_assert!(tree.first_hit(&outside, &direction).is_none());
+    }
+}
+
+#[test]
+fn a_mesh_has_the_distances_of_its_edges_and_triangles() {
+    // Two triangles of a unit square, one of its own.
+    let p = [[0, 0], [1, 0], [1, 1], [0, 1], [5, 5], [6, 5], [5, 6]]
+        .map(|[x, y]| Point3::new(f64::from(x), f64::from(y), 0.0));
+    let mesh = TriMesh::new(p.to_vec(), vec![[0, 1, 2], [0, 2, 3], [4, 5, 6]]).unwrap();
+    let edges = shortest_paths(&Graph::of_edges(&mesh), &[(1, 0.0)], f64::INFINITY).unwrap();
+    assert_eq!(edges.distance[3], 2.0);
+    assert_eq!(edges.to(3).len(), 3);
+    assert_eq!(edges.parent[4], NONE);
+    let dual = shortest_paths(&Graph::of_dual(&mesh), &[(0, 0.5)], f64::INFINITY).unwrap();
+    // The centroids lie at (2/3, 1/3) and (1/3, 2/3), the midpoint of the diagonal at (1/2, 1/2).
+    let step = 2.0 * (1.0f64 / 6.0).hypot(1.0 / 6.0);
+    assert!((dual.distance[1] - 0.5 - step).abs() < 1e-15);
+    assert_eq!(dual.distance[2], f64::INFINITY);
+}
+
+#[test]
+fn threads_do_not_matter() {
+    let torus = shapes::torus(3.0, 1.0, 60, 30);
+    let queries: Vec<Point3> = (0..500)
+        .map(|i| {
+            let t = f64::from(i) * 0.1;
+            Point3::new(4.0 * t.cos(), 3.0 * (1.7 * t).sin(), (0.3 * t).cos())
+        })
+        .collect();
+    same_on_any_threads(|| {
+        let near = TriangleTree::new(&torus)
+            .unwrap()
+            .closest_to_all(&queries)
+            .unwrap();
+        let tree = PointTree::of_positions(torus.positions()).unwrap();
+        let points: Vec<[f64; 3]> = queries.iter().map(|p| [p.x, p.y, p.z]).collect();
+        (near, tree.nearest_to_all(&points, 7).unwrap())
+    });
+}
+
+#[test]
+fn bad_input_is_named() {
+    let empty = TriMesh::default();
+    assert_eq!(TriangleTree::new(&empty).unwrap_err(), TreeError::Empty);
+    let nan = Point3::new(0.0, f64::NAN, 0.0);
+    let tree = TriangleTree::new(&shapes::icosphere(1.0, 1)).unwrap();
+    assert_eq!(
+        tree.closest_to_all(&[Point3::origin(), nan]),
+        Err(TreeError::NotFinite { query: 1 })
+    );
+    assert!(tree.closest(&nan).distance.is_nan());
+    assert!(
+        tree.first_hit(&Point3::origin(), &Vector3::zeros())
+            .is_none()
+    );
+    let infinite = PointTree::new(vec![[0.0], [f64::INFINITY]]).map(|t| t.len());
+    assert_eq!(infinite, Err(NearestError::NotFinite { point: 1 }));
+    let graph = Graph::new(2, &[(0, 1, 1.0)]).unwrap();
+    assert_eq!(
+        shortest_paths(&graph, &[(0, 0.0), (2, 0.0)], f64::INFINITY),
+        Err(DistanceError::NoSuchNode {
+            source_index: 1,
+            node: 2,
+            nodes: 2
+        })
+    );
+    assert_eq!(
+        Graph::new(2, &[(0, 1, -1.0)]),
+        Err(DistanceError::Length {
+            from: 0,
+            to: 1,
+            length: -1.0
+        })
+    );
+    assert!(shortest_paths(&graph, &[(0, f64::NAN)], f64::INFINITY).is_err());
+}
+
+#[test]
+fn coincident_points_are_all_found() {
+    let tree = PointTree::new(vec![[1.0, 2.0, 3.0]; 1000]).unwrap();
+    let near = tree.nearest(&[1.0, 2.0, 3.0], 5);
+    assert_eq!(
+        near.iter().map(|n| n.index).collect::<Vec<_>>(),
+        [0, 1, 2, 3, 4]
+    );
+    assert_eq!(tree.within(&[1.0, 2.0, 3.0], 0.0).len(), 1000);
+}

@@ -1,0 +1,320 @@
+//! What remeshing must keep and reach.
+
+use geom_core::mesh::{Halfedges, SurfaceAudit, shapes};
+use geom_core::testing::same_on_any_threads;
+use geom_core::{Cpu, ImplicitField, Point3, Run, TriMesh, Vector3};
+
+use super::*;
+
+/// A torus about z as a level set: positive inside, 1 at the surface.
+struct Torus {
+    major: f64,
+    minor: f64,
+}
+
+impl ImplicitField for Torus {
+    fn value(&self, x: &Point3) -> f64 {
+        self.value_gradient(x).0
+    }
+    fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        let ring = x.x.hypot(x.y).max(1e-12);
+        let d = Vector3::new(
+            x.x - self.major * x.x / ring,
+            x.y - self.major * x.y / ring,
+            x.z,
+        );
+        (1.0 + self.minor - d.norm(), -d / d.norm().max(1e-12))
+    }
+}
+
+fn uniform(edge_length: f64) -> Options {
+    Options {
+        sizing: Sizing::Uniform {
+            edge_length: Some(edge_length),
+        },
+        ..Options::default()
+    }
+}
+
+fn noisy_sphere(levels: u32, noise: f64) -> TriMesh {
+    let (mut positions, triangles) = shapes::icosphere(1.0, levels).into_parts();
+    for (i, p) in positions.iter_mut().enumerate() {
+        let t = i as f64;
+        *p += Vector3::new((7.1 * t).sin(), (5.3 * t).cos(), (3.7 * t).sin()) * noise;
+    }
+    TriMesh::new(positions, triangles).unwrap()
+}
+
+/// The unit cube, its faces cut into `n × n` squares of two triangles; with `open`, without its top.
+fn cube(n: u32, open: bool) -> TriMesh {
+    let mut triangles = Vec::new();
+    let mut positions: Vec<Point3> = Vec::new();
+    let mut number = std::collections::HashMap::new();
+    for axis in 0..3 {
+        for side in 0..2 {
+            if open && (axis, side) == (2, 1) {
+                continue;
+            }
+            let mut at = |i: u32, j: u32| {
+                let mut p = [0; 3];
+                (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (n * side, i, j);
+                *number.entry(p).or_insert_with(|| {
+                    positions.push(Point3::from(p.map(|c| f64::from(c) / f64::from(n))));
+                    positions.len() as u32 - 1
+                })
+            };
+            for i in 0..n {
+                for j in 0..n {
+                    let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+                    let squares = [[a, b, c], [a, c, d]];
+                    let turned =
+                        |[a, b, c]: [u32; 3]| if side == 0 { [a, c, b] } else { [a, b, c] };
+                    triangles.extend(squares.map(turned));
+                }
+            }
+        }
+    }
+    TriMesh::new(positions, triangles).unwrap()
+}
+
+fn on_cube(p: &Point3) -> bool {
+    let near = |c: f64| c.abs() < 1e-9 || (c - 1.0).abs() < 1e-9;
+    p.iter().any(|&c| near(c)) && p.iter().all(|&c| (-1e-9..1.0 + 1e-9).contains(&c))
+}
+
+#[test]
+fn triangles_become_good_and_the_topology_stays() {
+    for (name, mesh, length) in [
+        ("finer", shapes::icosphere(1.0, 3), 0.05),
+        ("coarser", shapes::icosphere(1.0, 4), 0.2),
+        ("noisy", noisy_sphere(4, 0.02), 0.08),
+        ("torus", shapes::torus(3.0, 1.0, 40, 12), 0.3),
+        ("needles", shapes::torus(3.0, 1.0, 200, 12), 0.2),
+    ] {
+        let euler = mesh.euler_characteristic();
+        let volume = mesh.volume();
+        let out = remesh(mesh, None, &uniform(length), Run::on(&Cpu)).unwrap();
+        let report = &out.report;
+        assert!(SurfaceAudit::of(&out.mesh).is_closed_manifold(), "{name}");
+        assert_eq!(out.mesh.euler_characteristic(), euler, "{name}");
+        assert!(report.converged, "{name}: {report:?}");
+        assert!(report.after.min_angle_deg >= 30.0, "{name}: {report:?}");
+        assert!(
+            report.after.mean_min_angle_deg >= 52.0,
+            "{name}: {report:?}"
+        );
+        assert!(
+            (report.after.mean_edge / length - 1.0).abs() < 0.05,
+            "{name}: {report:?}"
+        );
+        assert!(report.after.max_edge < 1.5 * length, "{name}: {report:?}");
+        assert!(report.vertex_deviation.max < 1e-12, "{name}: {report:?}");
+        assert!((out.mesh.volume() / volume - 1.0).abs() < 0.03, "{name}");
+    }
+}
+
+#[test]
+fn vertices_lie_on_the_level_set_and_triangles_face_out() {
+    let field = Torus {
+        major: 3.0,
+        minor: 1.0,
+    };
+    // The input is a coarse, twisted likeness; the field knows better.
+    let mesh = shapes::torus(3.0, 0.97, 30, 10);
+    let out = remesh(mesh, Some(&field), &uniform(0.2), Run::on(&Cpu)).unwrap();
+    assert!(out.report.converged, "{:?}", out.report);
+    assert!(out.report.vertex_deviation.max < 1e-6, "{:?}", out.report);
+    for t in 0..out.mesh.triangles().len() {
+        let [a, b, c] = out.mesh.corners(t);
+        let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
+        let outward = -field.value_gradient(&middle).1;
+        assert!(
+            out.mesh.doubled_area_normal(t).normalize().dot(&outward) > 0.9,
+            "triangle {t}"
+        );
+    }
+    let exact = 4.0 * std::f64::consts::PI.powi(2) * 3.0;
+    assert!((out.mesh.area() / exact - 1.0).abs() < 0.01);
+}
+
+#[test]
+fn features_stay_where_they_are() {
+    let options = Options {
+        features: Features::Angle(30.0),
+        ..uniform(0.11)
+    };
+    let out = remesh(cube(4, false), None, &options, Run::on(&Cpu)).unwrap();
+    assert!(out.mesh.positions().iter().all(on_cube));
+    assert!((out.mesh.volume() - 1.0).abs() < 1e-9);
+    assert!((out.mesh.area() - 6.0).abs() < 1e-9);
+    assert!(out.report.after.min_angle_deg > 30.0, "{:?}", out.report);
+    // Twelve edges of length 1, cut to about 0.11.
+    assert!(
+        (96..=132).contains(&out.report.feature_edges),
+        "{:?}",
+        out.report
+    );
+    let corners = out
+        .mesh
+        .positions()
+        .iter()
+        .filter(|p| p.iter().all(|&c| c == 0.0 || c == 1.0));
+    assert_eq!(corners.count(), 8);
+    // The same by naming the edges.
+    let mesh = cube(4, false);
+    let edges = Halfedges::of(&mesh).unwrap();
+    let sharp: Vec<[u32; 2]> = edges
+        .edges()
+        .map(|h| [edges.from(h).0, edges.to(h).0])
+        .filter(|e| {
+            let [p, q] = e.map(|v| mesh.positions()[v as usize]);
+            (0..3)
+                .filter(|&k| p[k] == q[k] && (p[k] == 0.0 || p[k] == 1.0))
+                .count()
+                == 2
+        })
+        .collect();
+    assert_eq!(sharp.len(), 48);
+    let named = Options {
+        features: Features::Edges(sharp),
+        ..options
+    };
+    assert_eq!(remesh(mesh, None, &named, Run::on(&Cpu)).unwrap(), out);
+}
+
+#[test]
+fn boundaries_stay_where_they_are() {
+    let options = Options {
+        features: Features::Angle(30.0),
+        ..uniform(0.09)
+    };
+    let out = remesh(cube(5, true), None, &options, Run::on(&Cpu)).unwrap();
+    assert!((out.mesh.area() - 5.0).abs() < 1e-9);
+    assert!(out.mesh.positions().iter().all(on_cube));
+    let edges = Halfedges::of(&out.mesh).unwrap();
+    let loops = edges.boundary_loops();
+    assert_eq!(loops.len(), 1);
+    let at = |v: geom_core::VertexId| out.mesh.positions()[v.0 as usize];
+    assert!(loops[0].iter().all(|&v| at(v).z == 1.0));
+    let ends = loops[0].iter().zip(loops[0].iter().cycle().skip(1));
+    let length: f64 = ends.map(|(&a, &b)| (at(b) - at(a)).norm()).sum();
+    assert!((length - 4.0).abs() < 1e-9);
+    assert!(out.report.after.min_angle_deg > 30.0, "{:?}", out.report);
+}
+
+#[test]
+fn edges_follow_the_curvature() {
+    // Radii 1, 1, 3: curvature 3 at the poles of z, 1/9 and 1 at the waist.
+    let (mut positions, triangles) = shapes::icosphere(1.0, 5).into_parts();
+    for p in &mut positions {
+        p.z *= 3.0;
+    }
+    let mesh = TriMesh::new(positions, triangles).unwrap();
+    let tolerance = 0.002;
+    let options = Options {
+        sizing: Sizing::Curvature {
+            tolerance,
+            min_edge: 0.01,
+            max_edge: 0.5,
+            gradation: 0.3,
+        },
+        ..Options::default()
+    };
+    let out = remesh(mesh, None, &options, Run::on(&Cpu)).unwrap();
+    assert!(out.report.converged, "{:?}", out.report);
+    assert!(
+        out.report.centroid_deviation.max < 1.5 * tolerance,
+        "{:?}",
+        out.report
+    );
+    let mean_edge = |near: &dyn Fn(&Point3) -> bool| {
+        let lengths: Vec<f64> = (0..out.mesh.triangles().len())
+            .map(|t| out.mesh.corners(t))
+            .filter(|c| c.iter().all(near))
+            .flat_map(edge_lengths)
+            .collect();
+        lengths.iter().sum::<f64>() / lengths.len() as f64
+    };
+    let wanted =
+        |curvature: f64| (6.0 * tolerance / curvature - 3.0 * tolerance * tolerance).sqrt();
+    let pole = mean_edge(&|p| p.z.abs() > 2.93);
+    let waist = mean_edge(&|p| p.z.abs() < 0.3);
+    assert!(
+        (pole / wanted(3.0) - 1.0).abs() < 0.2,
+        "{pole} {}",
+        wanted(3.0)
+    );
+    assert!(
+        (waist / wanted(1.0) - 1.0).abs() < 0.2,
+        "{waist} {}",
+        wanted(1.0)
+    );
+}
+
+#[test]
+fn threads_do_not_matter() {
+    let mesh = noisy_sphere(3, 0.03);
+    same_on_any_threads(|| remesh(mesh.clone(), None, &uniform(0.07), Run::on(&Cpu)).unwrap());
+}
+
+#[test]
+fn bad_input_is_named() {
+    let run = Run::on(&Cpu);
+    let tetrahedron = |triangles: &[[u32; 3]]| {
+        let corners = [
+            [0., 0., 0.],
+            [1., 0., 0.],
+            [0., 1., 0.],
+            [0., 0., 1.],
+            [0., 0., 2.],
+        ];
+        TriMesh::new(corners.map(Point3::from).to_vec(), triangles.to_vec()).unwrap()
+    };
+    let options = Options::default();
+    let fails = |mesh, options: &Options| remesh(mesh, None, options, run).unwrap_err();
+    assert_eq!(fails(TriMesh::default(), &options), Error::Empty);
+    let three = tetrahedron(&[[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
+    assert!(matches!(fails(three, &options), Error::NotManifold(_)));
+    let flat = tetrahedron(&[[0, 3, 4]]);
+    assert_eq!(fails(flat, &options), Error::Degenerate { triangle: 0 });
+    let sphere = shapes::icosphere(1.0, 1);
+    for (bad, name) in [
+        (uniform(-1.0), "edge_length"),
+        (uniform(f64::NAN), "edge_length"),
+        (
+            Options {
+                min_angle_deg: 75.0,
+                ..Options::default()
+            },
+            "min_angle_deg",
+        ),
+        (
+            Options {
+                features: Features::Angle(0.0),
+                ..Options::default()
+            },
+            "features",
+        ),
+    ] {
+        let error = fails(sphere.clone(), &bad);
+        assert!(
+            matches!(error, Error::Option { name: n, .. } if n == name),
+            "{error}"
+        );
+    }
+    let named = Options {
+        features: Features::Edges(vec![[0, 99]]),
+        ..Options::default()
+    };
+    let missing = Error::NoSuchEdge {
+        feature: 0,
+        from: 0,
+        to: 99,
+    };
+    assert_eq!(fails(sphere.clone(), &named), missing);
+    let error = fails(sphere.clone(), &uniform(1e-5));
+    assert!(matches!(error, Error::TooMany { estimate, .. } if estimate > 200_000_000_000));
+    let stop = |_: &'static str, _: u64, _: u64| std::ops::ControlFlow::Break(());
+    let stopped = remesh(sphere, None, &options, run.watched_by(&stop));
+    assert_eq!(stopped.unwrap_err(), Error::Cancelled(geom_core::Cancelled));
+}

@@ -1,0 +1,456 @@
+//! One run of a program: threads, backend, progress, outputs and `report.json`.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::{Mutex, MutexGuard, OnceLock};
+use std::time::{Duration, Instant};
+
+use clap::Parser;
+use geom_core::{Backend, Cpu, GpuError, Monitor, Wgpu, io};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use crate::args::{BackendName, Common, HasCommon};
+use crate::picture::Rasterizer;
+
+/// Why a program stops: said in one line.
+pub type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+/// Parses the arguments, runs `work` on a pool of the asked threads, and moves the outputs to their
+/// place. Failures become one line on stderr, exit code 1, and no output.
+pub fn run<A>(
+    program: &'static str,
+    work: impl FnOnce(&A, &Session) -> Result<(), Failure> + Send,
+) -> ExitCode
+where
+    A: Parser + HasCommon + Serialize + Sync,
+{
+    let args = A::parse();
+    match run_with(program, &args, work) {
+        Ok(summary) => {
+            if !args.common().quiet {
+                say(&summary);
+            }
+            ExitCode::SUCCESS
+        }
+        Err(failure) => {
+            complain(&failure.to_string());
+            ExitCode::FAILURE
+        }
+    }
+}
+
+#[expect(clippy::print_stdout, reason = "a program tells what it has done")]
+fn say(text: &str) {
+    println!("{text}");
+}
+
+#[expect(clippy::print_stderr, reason = "a program tells why it stops")]
+fn complain(text: &str) {
+    let lines: Vec<&str> = text
+        .lines()
+        .map(str::trim)
+        .filter(|l| !l.is_empty())
+        .collect();
+    eprintln!("error: {}", lines.join("; "));
+}
+
+fn run_with<A>(
+    program: &'static str,
+    args: &A,
+    work: impl FnOnce(&A, &Session) -> Result<(), Failure> + Send,
+) -> Result<String, Failure>
+where
+    A: HasCommon + Serialize + Sync,
+{
+    let common = args.common();
+    let threads = common.threads.map_or_else(
+        || std::thread::available_parallelism().map_or(1, usize::from),
+        usize::from,
+    );
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()?;
+    let inputs: Vec<Value> = args
+        .inputs()
+        .iter()
+        .map(|path| json!({ "file": path, "bytes": std::fs::metadata(path).map(|m| m.len()).ok() }))
+        .collect();
+    let head = json!({
+        "program": program,
+        "version": env!("CARGO_PKG_VERSION"),
+        "input": inputs,
+        "options": args,
+        "threads": threads,
+    });
+    let session = Session::open(common, head)?;
+    pool.install(|| work(args, &session))?;
+    session.close()
+}
+
+/// A place where kernels run: the asked one.
+pub enum Device {
+    /// The CPU.
+    Cpu(Cpu),
+    /// A GPU.
+    Wgpu(Wgpu),
+}
+
+impl Device {
+    fn open(name: BackendName) -> Result<Self, GpuError> {
+        Ok(match name {
+            BackendName::Cpu => Self::Cpu(Cpu),
+            BackendName::Wgpu => Self::Wgpu(Wgpu::new()?),
+        })
+    }
+
+    /// Its name for reports.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Cpu(cpu) => cpu.name(),
+            Self::Wgpu(gpu) => gpu.name(),
+        }
+    }
+
+    /// The GPU, if it is one.
+    pub fn gpu(&self) -> Option<&Wgpu> {
+        match self {
+            Self::Cpu(_) => None,
+            Self::Wgpu(gpu) => Some(gpu),
+        }
+    }
+}
+
+/// The state of a run. Its methods take `&self`, so that it can be used within its own stages.
+pub struct Session {
+    /// Where kernels run.
+    pub device: Device,
+    common: Common,
+    /// Outputs wait here until all are written.
+    staging: tempfile::TempDir,
+    /// We made the output folder: it goes when we fail.
+    made: Option<PathBuf>,
+    started: Instant,
+    bars: Bars,
+    rasterizer: OnceLock<Rasterizer>,
+    report: Mutex<Report>,
+}
+
+#[derive(Serialize)]
+struct Report {
+    #[serde(flatten)]
+    head: Value,
+    backend: String,
+    renderer: Option<String>,
+    #[serde(flatten)]
+    notes: Map<String, Value>,
+    stages: Vec<Stage>,
+    seconds: f64,
+    peak_bytes: Option<u64>,
+    outputs: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct Stage {
+    name: &'static str,
+    seconds: f64,
+}
+
+impl Session {
+    fn open(common: &Common, head: Value) -> Result<Self, Failure> {
+        let device = Device::open(common.backend)?;
+        let out = &common.out;
+        let named = |e: std::io::Error| io::Error::from(io::ErrorKind::System(e)).in_file(out);
+        // The topmost folder that we have to make.
+        let absent = out
+            .ancestors()
+            .take_while(|a| !a.as_os_str().is_empty() && !a.exists())
+            .last();
+        let made = absent.map(Path::to_owned);
+        std::fs::create_dir_all(out).map_err(named)?;
+        let staging = tempfile::Builder::new()
+            .prefix(".unfinished-")
+            .tempdir_in(out)
+            .map_err(named)?;
+        let report = Report {
+            head,
+            backend: device.name(),
+            renderer: None,
+            notes: Map::new(),
+            stages: Vec::new(),
+            seconds: 0.0,
+            peak_bytes: None,
+            outputs: Vec::new(),
+        };
+        Ok(Self {
+            device,
+            common: common.clone(),
+            staging,
+            made,
+            started: Instant::now(),
+            bars: Bars::new(common.quiet),
+            rasterizer: OnceLock::new(),
+            report: Mutex::new(report),
+        })
+    }
+
+    fn report(&self) -> MutexGuard<'_, Report> {
+        self.report.lock().unwrap_or_else(|e| e.into_inner())
+    }
+
+    /// Most bytes that grids may take.
+    pub fn memory(&self) -> u64 {
+        self.common.memory()
+    }
+
+    /// Watches the kernels: progress bars.
+    pub fn monitor(&self) -> &dyn Monitor {
+        &self.bars
+    }
+
+    /// Does a part of the work and notes how long it took.
+    pub fn stage<T, E: Into<Failure>>(
+        &self,
+        name: &'static str,
+        work: impl FnOnce() -> Result<T, E>,
+    ) -> Result<T, Failure> {
+        self.bars.begin(name);
+        let start = Instant::now();
+        let result = work();
+        let seconds = start.elapsed().as_secs_f64();
+        self.bars.end(name, seconds);
+        self.report().stages.push(Stage { name, seconds });
+        result.map_err(Into::into)
+    }
+
+    /// Puts a value into `report.json`. Objects of the same name are joined.
+    pub fn note(&self, key: &str, value: impl Serialize) -> Result<(), Failure> {
+        let value = serde_json::to_value(value)?;
+        let mut report = self.report();
+        match (report.notes.get_mut(key), value) {
+            (Some(Value::Object(old)), Value::Object(new)) => old.extend(new),
+            (_, value) => {
+                report.notes.insert(key.to_owned(), value);
+            }
+        }
+        Ok(())
+    }
+
+    /// Where to write an output of this name. It appears in the output folder when all are written.
+    pub fn output(&self, name: impl Into<String>) -> PathBuf {
+        let name = name.into();
+        let path = self.staging.path().join(&name);
+        let mut report = self.report();
+        if !report.outputs.contains(&name) {
+            report.outputs.push(name);
+        }
+        path
+    }
+
+    /// What draws pictures; opened on first use.
+    pub fn rasterizer(&self) -> Result<&Rasterizer, Failure> {
+        if self.rasterizer.get().is_none() {
+            let rasterizer = Rasterizer::new(self.common.renderer, self.device.gpu())?;
+            self.report().renderer = Some(rasterizer.name());
+            // Nobody else sets it: this is the only thread that draws.
+            let _ = self.rasterizer.set(rasterizer);
+        }
+        Ok(self.rasterizer.get().expect("set above"))
+    }
+
+    /// Writes `report.json` and moves every output to its place.
+    fn close(self) -> Result<String, Failure> {
+        let outputs = {
+            let mut report = self.report();
+            report.seconds = self.started.elapsed().as_secs_f64();
+            report.peak_bytes = peak_bytes();
+            report.outputs.push("report.json".to_owned());
+            let path = self.staging.path().join("report.json");
+            io::save(path, |w| {
+                serde_json::to_writer_pretty(&mut *w, &*report)
+                    .map_err(|e| io::ErrorKind::System(e.into()))?;
+                Ok(w.write_all(b"\n")?)
+            })?;
+            report.outputs.clone()
+        };
+        for name in &outputs {
+            let (from, to) = (self.staging.path().join(name), self.common.out.join(name));
+            std::fs::rename(&from, &to).map_err(|e| io::Error::from(e).in_file(&to))?;
+        }
+        let mut session = self;
+        session.made = None;
+        let seconds = session.started.elapsed().as_secs_f64();
+        let (n, folder) = (outputs.len(), session.common.out.display());
+        Ok(format!(
+            "{n} files in {folder} after {seconds:.1} s: {}",
+            outputs.join(", ")
+        ))
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        if let Some(made) = &self.made {
+            // Only what we made ourselves, and only what is empty but for the staging folder.
+            let _ = std::fs::remove_dir_all(self.staging.path());
+            let mut folder = Some(self.common.out.as_path());
+            while let Some(f) = folder.filter(|f| f.starts_with(made)) {
+                if std::fs::remove_dir(f).is_err() {
+                    break;
+                }
+                folder = f.parent();
+            }
+        }
+    }
+}
+
+/// Progress bars: one at a time, on a terminal only.
+struct Bars {
+    bar: Mutex<Option<(&'static str, ProgressBar)>>,
+    quiet: bool,
+}
+
+impl Bars {
+    fn new(quiet: bool) -> Self {
+        Self {
+            bar: Mutex::new(None),
+            quiet,
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<(&'static str, ProgressBar)>> {
+        self.bar.lock().unwrap_or_else(|e| e.into_inner())
+    }
+
+    fn show(&self, name: &'static str, total: u64) -> ProgressBar {
+        if self.quiet {
+            return ProgressBar::hidden();
+        }
+        let style = "{prefix:>24} {bar:36.cyan/dim} {percent:>3} % {elapsed}";
+        let bar = ProgressBar::new(total.max(1)).with_prefix(name);
+        bar.set_style(
+            ProgressStyle::with_template(style)
+                .expect("a valid template")
+                .progress_chars("━╸─"),
+        );
+        bar.enable_steady_tick(Duration::from_millis(200));
+        bar
+    }
+
+    fn begin(&self, name: &'static str) {
+        *self.lock() = Some((name, self.show(name, 1)));
+    }
+
+    fn end(&self, name: &'static str, seconds: f64) {
+        if let Some((_, bar)) = self.lock().take() {
+            bar.println(format!("{name:>24} {seconds:8.2} s"));
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl Monitor for Bars {
+    fn progress(&self, stage: &'static str, done: u64, total: u64) -> ControlFlow<()> {
+        let mut current = self.lock();
+        match &*current {
+            Some((name, bar)) if *name == stage => {
+                bar.set_length(total.max(1));
+                bar.set_position(done);
+            }
+            _ => {
+                if let Some((_, bar)) = current.take() {
+                    bar.finish_and_clear();
+                }
+                let bar = self.show(stage, total);
+                bar.set_position(done);
+                *current = Some((stage, bar));
+            }
+        }
+        ControlFlow::Continue(())
+    }
+}
+
+/// The most memory this process has held, in bytes, where the system tells (Linux).
+fn peak_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let kilobytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kilobytes * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(clap::Parser, Serialize)]
+    struct Args {
+        #[command(flatten)]
+        common: Common,
+    }
+    impl HasCommon for Args {
+        fn common(&self) -> &Common {
+            &self.common
+        }
+        fn inputs(&self) -> Vec<PathBuf> {
+            Vec::new()
+        }
+    }
+
+    fn args(out: &Path) -> Args {
+        Args::parse_from([
+            "test",
+            "--quiet",
+            "--threads",
+            "2",
+            "--out",
+            out.to_str().unwrap(),
+        ])
+    }
+
+    #[test]
+    fn outputs_appear_together_with_a_report() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("a/b");
+        let summary = run_with("test", &args(&out), |_, session| {
+            session.stage("writing", || std::fs::write(session.output("x.txt"), "x"))?;
+            session.note("counts", json!({ "atoms": 3 }))?;
+            session.note("counts", json!({ "triangles": 5 }))
+        });
+        assert!(summary.unwrap().contains("x.txt"));
+        let mut names: Vec<_> = std::fs::read_dir(&out)
+            .unwrap()
+            .map(|e| e.unwrap().file_name())
+            .collect();
+        names.sort();
+        assert_eq!(names, ["report.json", "x.txt"]);
+        let report: Value =
+            serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+        assert_eq!(report["counts"], json!({ "atoms": 3, "triangles": 5 }));
+        assert_eq!(report["stages"][0]["name"], "writing");
+        assert_eq!(report["backend"], "cpu");
+        assert_eq!(report["threads"], 2);
+        if cfg!(target_os = "linux") {
+            assert!(report["peak_bytes"].as_u64().unwrap() > 1_000_000);
+        }
+    }
+
+    #[test]
+    fn a_failure_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("a/b");
+        let failed = run_with("test", &args(&out), |_, session| {
+            std::fs::write(session.output("x.txt"), "x")?;
+            Err("no".into())
+        });
+        assert_eq!(failed.unwrap_err().to_string(), "no");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        // A folder that was there before stays, with what is in it.
+        std::fs::create_dir(folder.path().join("a")).unwrap();
+        let kept = run_with("test", &args(&folder.path().join("a")), |_, _| {
+            Err("no".into())
+        });
+        assert!(kept.is_err() && folder.path().join("a").exists());
+    }
+}
