@@ -11,10 +11,12 @@ pub mod distance;
 pub mod field;
 pub mod grid;
 pub mod id;
+pub mod isoline;
 pub mod lattice;
 pub mod mesh;
 pub mod nearest;
 pub mod parallel;
+pub mod repair;
 pub mod run;
 pub mod structure;
 
