@@ -1,3 +1,30 @@
 #![doc = include_str!("../README.md")]
 
 pub use geom_core;
+
+mod backend;
+mod build;
+mod complex;
+mod cpu;
+mod dual;
+mod emit;
+mod error;
+mod octree;
+mod options;
+mod quality;
+mod report;
+mod samples;
+mod sizing;
+mod surface;
+mod volume;
+#[cfg(feature = "wgpu")]
+mod wgpu;
+
+pub use backend::ContourBackend;
+pub use error::Error;
+pub use options::{
+    AtBox, ErrorNorm, Extent, Material, Method, Options, Outer, Placement, Resolution, Shape, Zone,
+};
+pub use report::Report;
+pub use surface::{Surface, surface};
+pub use volume::{Volume, volume};

@@ -1,12 +1,13 @@
-//! The kernels on the CPU.
+//! The kernels on the CPU: culls in f64, sums in f32 with as many lanes as the processor has.
 
-use geom_core::Cpu;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
+use geom_core::{Aabb, Cpu, Lattice, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::backend::{Block, BlockValues, DensityBackend, Job};
+use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
 use crate::error::Error;
-use crate::members::{Members, Scratch};
+use crate::fast::{self, Cube};
+use crate::members::{self, Cell, Members};
 use crate::options::Cutoff;
 use crate::plain;
 use crate::prepared::{Prepared, lattice_box};
@@ -20,71 +21,224 @@ impl DensityBackend for Cpu {
     ) -> Result<Vec<BlockValues>, Error> {
         Ok(blocks
             .par_iter()
-            .map_init(Scratch::default, |scratch, block| {
-                sample_block(model, job, block, scratch)
+            .map_init(Workspace::default, |work, block| {
+                work.sample_block(model, job, block)
             })
             .collect())
     }
 }
 
-fn sample_block(
-    model: &Prepared<'_>,
-    job: &Job,
-    block: &Block,
-    scratch: &mut Scratch,
-) -> BlockValues {
-    let mut out = BlockValues::default();
-    let candidates = Members::gather(&model.tree, &block.atoms);
-    let mut kept = Members::default();
-    for i in 0..block.len() {
-        if !block.wants(i) {
-            out.kinds.push(Brick::Exterior);
-            continue;
-        }
-        let brick = block.brick_at(i);
-        // One cell more on the low side: an edge of the lattice that changes sign between two bricks lies
-        // in the boxes of both, so neither can be exterior.
-        let low = brick.map(|b| (b * BRICK) as i64 - 1);
-        let region = lattice_box(
-            &job.lattice.origin,
-            job.lattice.spacing,
-            low,
-            low.map(|l| l + BRICK as i64 + 1),
-        );
-        let eps = match job.cutoff {
-            Cutoff::AfterPowers(eps) => eps / 2.0,
-            Cutoff::Bare(_) => 1e-9,
+/// Reusable arrays of one thread.
+#[derive(Default)]
+struct Workspace {
+    cull: members::Scratch,
+    sums: fast::Scratch,
+    /// Members of the block, of an eighth of it, of a brick, of an eighth of a brick.
+    kept: [Members; 4],
+    values: Vec<f32>,
+}
+
+/// Above this spacing times √κ, bricks are culled and summed by eighths: a whole brick is so large that
+/// most of its atoms matter for a few of its points only.
+const COARSE: f64 = 0.55;
+
+impl Workspace {
+    fn sample_block(&mut self, model: &Prepared<'_>, job: &Job, block: &Block) -> BlockValues {
+        let mut out = BlockValues {
+            kinds: vec![Brick::Exterior; block.len()],
+            ..BlockValues::default()
         };
-        let up = candidates.cull_into(&(&region).into(), eps, job.floor, scratch, &mut kept);
-        if up < job.floor.ln() {
-            out.kinds.push(Brick::Exterior);
-            continue;
-        }
-        let mut inside = true;
-        let start = out.values.len();
-        for p in 0..BRICK_POINTS {
-            let local = [p % BRICK, p / BRICK % BRICK, p / (BRICK * BRICK)];
-            let x = job
-                .lattice
-                .point([0, 1, 2].map(|k| brick[k] * BRICK + local[k]));
-            let members = kept.atom.iter().copied();
-            let value = match job.cutoff {
-                Cutoff::AfterPowers(_) => plain::value(&model.tree, members, &x),
-                Cutoff::Bare(eps) => {
-                    let near = |&a: &u32| model.tree.ln_kernel(a as usize, &x) >= eps.ln();
-                    plain::value(&model.tree, members.filter(near), &x)
+        let all = Members::gather(&model.tree, &block.atoms);
+        let low = block.brick;
+        let high = [0, 1, 2].map(|k| low[k] + block.bricks[k]);
+        let [mut of_block, mut of_eighth, mut of_brick, _] = std::mem::take(&mut self.kept);
+        // The descent to blocks took a quarter of ε; block and eighth take one eighth each, the brick the
+        // half that is left, or an eighth of it and three for its own eighths.
+        let coarse = job.lattice.spacing * model.reach.fastest_decay().sqrt() > COARSE;
+        let of_eps = [1.0, 1.0, if coarse { 1.0 } else { 4.0 }].map(|e| e / 8.0);
+        let up = |work: &mut Self, stage: usize, from: &Members, low, high, to: &mut Members| {
+            let cell = (&bricks_box(job, low, high)).into();
+            let up = work.cull(job, of_eps[stage], from, &cell, to);
+            up >= job.floor.ln()
+        };
+        if up(self, 0, &all, low, high, &mut of_block) {
+            const HALF: usize = BLOCK / 2;
+            let halves = block.bricks.map(|n| n.div_ceil(HALF));
+            // Bricks in the order of the eighths they lie in; values must come x fastest.
+            let mut values = vec![None; block.len()];
+            for eighth in 0..halves.iter().product::<usize>() {
+                let at = [
+                    eighth % halves[0],
+                    eighth / halves[0] % halves[1],
+                    eighth / (halves[0] * halves[1]),
+                ];
+                let first = [0, 1, 2].map(|k| low[k] + at[k] * HALF);
+                let last = [0, 1, 2].map(|k| (first[k] + HALF).min(high[k]));
+                if !up(self, 1, &of_block, first, last, &mut of_eighth) {
+                    continue;
                 }
-            };
-            inside &= value >= job.ceiling;
-            out.values.push((value as f32).min(f32::MAX));
+                for c in first[2]..last[2] {
+                    for b in first[1]..last[1] {
+                        for a in first[0]..last[0] {
+                            let i = ((c - low[2]) * block.bricks[1] + b - low[1]) * block.bricks[0]
+                                + a
+                                - low[0];
+                            let brick = [a, b, c];
+                            let end = brick.map(|b| b + 1);
+                            if block.wants(i) && up(self, 2, &of_eighth, brick, end, &mut of_brick)
+                            {
+                                self.values.resize(BRICK_POINTS, 0.0);
+                                out.pairs +=
+                                    self.sample_brick(model, job, brick, coarse, &of_brick);
+                                values[i] = Some(self.values.clone());
+                            }
+                        }
+                    }
+                }
+            }
+            for (kind, found) in out.kinds.iter_mut().zip(values) {
+                let Some(found) = found else { continue };
+                let inside = found.iter().all(|&v| f64::from(v) >= job.ceiling);
+                if inside {
+                    *kind = Brick::Interior;
+                } else {
+                    *kind = Brick::Stored((out.values.len() / BRICK_POINTS) as u32);
+                    out.values.extend_from_slice(&found);
+                }
+            }
         }
-        out.pairs += (kept.len() * BRICK_POINTS) as u64;
-        if inside {
-            out.values.truncate(start);
-            out.kinds.push(Brick::Interior);
-        } else {
-            out.kinds.push(Brick::Stored((start / BRICK_POINTS) as u32));
+        self.kept = [of_block, of_eighth, of_brick, Members::default()];
+        out
+    }
+
+    /// Culls as the job says; `ln` of an upper bound of the density in the cell.
+    fn cull(
+        &mut self,
+        job: &Job,
+        of_eps: f64,
+        from: &Members,
+        cell: &Cell,
+        to: &mut Members,
+    ) -> f64 {
+        match job.cutoff {
+            Cutoff::AfterPowers(eps) => {
+                from.cull_into(cell, eps * of_eps, job.floor, &mut self.cull, to)
+            }
+            Cutoff::Bare(eps) => from.within_into(cell, eps, &mut self.cull, to),
         }
     }
-    out
+
+    /// The densities of a brick, into `self.values`; gives the number of pairs.
+    fn sample_brick(
+        &mut self,
+        model: &Prepared<'_>,
+        job: &Job,
+        brick: [usize; 3],
+        coarse: bool,
+        members: &Members,
+    ) -> u64 {
+        let lattice = &job.lattice;
+        let corner = brick.map(|b| b * BRICK);
+        if let Cutoff::Bare(eps) = job.cutoff {
+            for (p, value) in self.values.iter_mut().enumerate() {
+                let local = [p % BRICK, p / BRICK % BRICK, p / (BRICK * BRICK)];
+                let x = lattice.point([0, 1, 2].map(|k| corner[k] + local[k]));
+                let near = |&a: &u32| model.tree.ln_kernel(a as usize, &x) >= eps.ln();
+                *value = narrow(plain::value(
+                    &model.tree,
+                    members.atom.iter().copied().filter(near),
+                    &x,
+                ));
+            }
+            return (members.len() * BRICK_POINTS) as u64;
+        }
+        if !coarse {
+            let cube = Cube {
+                center: middle(lattice, corner, BRICK),
+                spacing: lattice.spacing,
+            };
+            let Self { sums, values, .. } = self;
+            let fits = fast::density::<8, 64>(members, &cube, sums, values);
+            if !fits {
+                plain_cube(model, lattice, corner, BRICK, members, |p, value| {
+                    values[p] = value;
+                });
+            }
+            return (members.len() * BRICK_POINTS) as u64;
+        }
+        const SIDE: usize = BRICK / 2;
+        let mut pairs = 0;
+        let mut kept = std::mem::take(&mut self.kept[3]);
+        let mut part = [0.0f32; SIDE * SIDE * SIDE];
+        for eighth in 0..8 {
+            let offset = [eighth & 1, eighth >> 1 & 1, eighth >> 2].map(|b| b * SIDE);
+            let first = [0, 1, 2].map(|k| corner[k] + offset[k]);
+            let region = lattice_box(
+                &lattice.origin,
+                lattice.spacing,
+                first.map(|f| f as i64),
+                first.map(|f| (f + SIDE - 1) as i64),
+            );
+            self.cull(job, 3.0 / 8.0, members, &(&region).into(), &mut kept);
+            let cube = Cube {
+                center: middle(lattice, first, SIDE),
+                spacing: lattice.spacing,
+            };
+            let sums = &mut self.sums;
+            let fits = fast::density::<4, 16>(&kept, &cube, sums, &mut part);
+            if !fits {
+                plain_cube(model, lattice, first, SIDE, &kept, |p, value| {
+                    part[p] = value;
+                });
+            }
+            let values = &mut self.values;
+            for (line, x_line) in part.chunks_exact(SIDE).enumerate() {
+                let y = offset[1] + line % SIDE;
+                let z = offset[2] + line / SIDE;
+                values[(z * BRICK + y) * BRICK + offset[0]..][..SIDE].copy_from_slice(x_line);
+            }
+            pairs += (kept.len() * SIDE * SIDE * SIDE) as u64;
+        }
+        self.kept[3] = kept;
+        pairs
+    }
+}
+
+/// The specification at the points of a cube, where f32 would leave its range.
+fn plain_cube(
+    model: &Prepared<'_>,
+    lattice: &Lattice,
+    first: [usize; 3],
+    side: usize,
+    members: &Members,
+    mut put: impl FnMut(usize, f32),
+) {
+    for p in 0..side * side * side {
+        let local = [p % side, p / side % side, p / (side * side)];
+        let x = lattice.point([0, 1, 2].map(|k| first[k] + local[k]));
+        let g = plain::value(&model.tree, members.atom.iter().copied(), &x);
+        put(p, narrow(g));
+    }
+}
+
+/// To f32, finite.
+fn narrow(value: f64) -> f32 {
+    (value as f32).min(f32::MAX)
+}
+
+/// The middle of a cube of points.
+fn middle(lattice: &Lattice, first: [usize; 3], side: usize) -> Point3 {
+    let half = 0.5 * lattice.spacing * (side as f64 - 1.0);
+    lattice.point(first) + Vector3::repeat(half)
+}
+
+/// The box of bricks `low..high`, and one cell more on the low sides: an edge of the lattice that changes
+/// sign between two bricks lies in the boxes of both, so neither can be exterior.
+fn bricks_box(job: &Job, low: [usize; 3], high: [usize; 3]) -> Aabb {
+    lattice_box(
+        &job.lattice.origin,
+        job.lattice.spacing,
+        low.map(|b| (b * BRICK) as i64 - 1),
+        high.map(|b| (b * BRICK) as i64),
+    )
 }

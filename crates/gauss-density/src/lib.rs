@@ -6,6 +6,7 @@ mod backend;
 mod band;
 mod cpu;
 mod error;
+mod fast;
 mod members;
 mod model;
 mod options;

@@ -16,6 +16,8 @@
 //!
 //! Together `ρ/4 + ρ/8 + ρ/8 + (ρ/4 + ρ/4) = ρ`.
 
+use std::ops::Range;
+
 use geom_core::{Aabb, Point3, Vector3};
 
 use crate::model::Level;
@@ -99,8 +101,9 @@ impl Members {
         self.levels.last().map_or(self.len(), Level::len)
     }
 
-    /// The atoms with `keep`, and the nodes above them.
-    fn select_into(&self, keep: &[bool], out: &mut Self) {
+    /// The atoms to keep, and the nodes above them.
+    fn select_into(&self, scratch: &mut Scratch, out: &mut Self) {
+        let keep = &scratch.keep;
         out.atom.clear();
         out.center.clear();
         out.decay.clear();
@@ -109,34 +112,40 @@ impl Members {
             first_child: Vec::new(),
             power: Vec::new(),
         });
-        for i in (0..self.len()).filter(|&i| keep[i]) {
-            out.atom.push(self.atom[i]);
-            out.center.push(self.center[i]);
-            out.decay.push(self.decay[i]);
-            out.radius.push(self.radius[i]);
-        }
         // `count[c]`: how many of the first c children are kept, so starts are differences of it.
-        let mut count: Vec<u32> = Vec::with_capacity(self.len() + 1);
+        let [count, above] = &mut scratch.places;
+        count.clear();
         count.push(0);
-        for i in 0..self.len() {
-            count.push(count[i] + u32::from(keep[i]));
+        let mut kept = 0;
+        for (i, &keep) in keep.iter().enumerate() {
+            if keep {
+                out.atom.push(self.atom[i]);
+                out.center.push(self.center[i]);
+                out.decay.push(self.decay[i]);
+                out.radius.push(self.radius[i]);
+                kept += 1;
+            }
+            count.push(kept);
         }
         for (level, kept) in self.levels.iter().zip(&mut out.levels) {
             kept.first_child.clear();
             kept.power.clear();
             kept.first_child.push(0);
-            let mut above = Vec::with_capacity(level.len() + 1);
+            above.clear();
             above.push(0);
-            for v in 0..level.len() {
-                let end = count[level.first_child[v + 1] as usize];
-                let full = end > count[level.first_child[v] as usize];
-                if full {
+            let mut full = 0;
+            let mut start = 0;
+            for (&end, &power) in level.first_child[1..].iter().zip(&level.power) {
+                let end = count[end as usize];
+                if end > start {
                     kept.first_child.push(end);
-                    kept.power.push(level.power[v]);
+                    kept.power.push(power);
+                    full += 1;
                 }
-                above.push(above[v] + u32::from(full));
+                start = end;
+                above.push(full);
             }
-            count = above;
+            std::mem::swap(count, above);
         }
     }
 
@@ -162,15 +171,35 @@ impl Members {
                 rho: eps,
                 theta: floor.ln(),
             };
-            let top = self.top() as u32;
+            let top = 0..self.top();
             Cull {
                 members: self,
                 cell,
                 scratch,
             }
-            .node(self.levels.len(), 0..top, root);
+            .node(self.levels.len(), top, root);
         }
-        self.select_into(&scratch.keep, out);
+        self.select_into(scratch, out);
+        up
+    }
+}
+
+impl Members {
+    /// Keeps in `out` the atoms whose kernel reaches `eps` somewhere in the box. Returns `ln` of an upper
+    /// bound of the density of the members in the box.
+    pub(crate) fn within_into(
+        &self,
+        cell: &Cell,
+        eps: f64,
+        scratch: &mut Scratch,
+        out: &mut Self,
+    ) -> f64 {
+        let up = scratch.prepare(self, cell);
+        scratch.keep.clear();
+        scratch
+            .keep
+            .extend(scratch.up[0].iter().map(|&u| u >= eps.ln()));
+        self.select_into(scratch, out);
         up
     }
 }
@@ -182,68 +211,110 @@ struct Budget {
     theta: f64,
 }
 
-/// Reusable arrays of a cull.
+/// Reusable arrays of a cull. Per level means: atoms, nodes of level 0, nodes of level 1, …
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    /// Offset of the box centre from each atom, and the power distance there.
+    /// Offset of the box centre from each atom.
     offset: Vec<Vector3>,
+    /// Power distance of each atom at the box centre.
     q: Vec<f64>,
-    /// Per level: `ln` of the upper bound of `D` in the box, per node.
+    /// Per level: `ln` of an upper bound of `D` in the box, per node.
     up: Vec<Vec<f64>>,
-    /// Per level: the leaf whose contribution at the box centre is largest, and `ln` of it, per node.
-    best: Vec<Vec<(f64, u32, f64)>>,
+    /// Per level: the leaf whose contribution at the box centre is largest, per node.
+    best: Vec<Vec<Best>>,
     keep: Vec<bool>,
-    order: Vec<(f64, u32)>,
+    /// Bounds of the children of the nodes on the way from the root.
+    bounds: Vec<f64>,
+    /// Places of the kept ones among the children, for [`Members::select_into`].
+    places: [Vec<u32>; 2],
+}
+
+/// The leaf below a node that contributes most at the centre of the box.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Best {
+    /// `ln` of its term there, `−weight · q`.
+    pub(crate) ln: f64,
+    pub(crate) leaf: u32,
+    /// Product of the powers from the node (included) down to the leaf.
+    pub(crate) weight: f64,
+}
+
+/// `ln n` for small `n`.
+fn ln_count(n: usize) -> f64 {
+    static TABLE: std::sync::LazyLock<[f64; 64]> =
+        std::sync::LazyLock::new(|| std::array::from_fn(|n| (n as f64).ln()));
+    TABLE.get(n).copied().unwrap_or_else(|| (n as f64).ln())
 }
 
 impl Scratch {
-    /// Fills the arrays for a box; returns `ln` of the upper bound of the root's sum.
+    /// Fills the arrays for a box; returns `ln` of an upper bound of the root's sum.
     fn prepare(&mut self, members: &Members, cell: &Cell) -> f64 {
-        let n = members.len();
+        let depth = members.levels.len();
+        self.up.resize_with(depth + 1, Vec::new);
+        self.best.resize_with(depth + 1, Vec::new);
         self.offset.clear();
         self.q.clear();
-        let mut up = Vec::with_capacity(n);
-        let mut best = Vec::with_capacity(n);
-        for i in 0..n {
-            let t = cell.center - members.center[i];
-            let (kappa, r) = (members.decay[i], members.radius[i]);
-            let q = kappa * (t.norm_squared() - r * r);
+        let atoms = members
+            .center
+            .iter()
+            .zip(&members.decay)
+            .zip(&members.radius);
+        self.up[0].clear();
+        for ((center, &kappa), &r) in atoms {
+            let t = cell.center - center;
             let out = Vector3::new(
                 (t.x.abs() - cell.half.x).max(0.0),
                 (t.y.abs() - cell.half.y).max(0.0),
                 (t.z.abs() - cell.half.z).max(0.0),
             );
             self.offset.push(t);
-            self.q.push(q);
-            up.push(kappa * (r * r - out.norm_squared()));
-            best.push((-q, i as u32, 1.0));
+            self.q.push(kappa * (t.norm_squared() - r * r));
+            self.up[0].push(kappa * (r * r - out.norm_squared()));
         }
-        self.up.clear();
-        self.best.clear();
-        self.up.push(up);
-        self.best.push(best);
-        for level in &members.levels {
-            let (mut up, mut best) = (Vec::new(), Vec::new());
-            let (below, best_below) = (self.up.last(), self.best.last());
-            let (below, best_below) = (below.expect("pushed"), best_below.expect("pushed"));
-            for v in 0..level.len() {
-                let power = level.power[v];
-                up.push(power * ln_sum(&below[level.children(v)]));
-                let (ln, leaf, weight) = largest(&best_below[level.children(v)]);
-                best.push((power * ln, leaf, power * weight));
+        self.best[0].clear();
+        self.best[0].extend(self.q.iter().enumerate().map(|(i, &q)| Best {
+            ln: -q,
+            leaf: i as u32,
+            weight: 1.0,
+        }));
+        for (l, level) in members.levels.iter().enumerate() {
+            let (below, above) = self.up.split_at_mut(l + 1);
+            let (up, below) = (&mut above[0], &below[l]);
+            let (best_below, above) = self.best.split_at_mut(l + 1);
+            let (best, best_below) = (&mut above[0], &best_below[l]);
+            up.clear();
+            best.clear();
+            for (v, &power) in level.power.iter().enumerate() {
+                let children = level.children(v);
+                let sum = if l == 0 {
+                    // Few terms: their number times the largest is near enough, and needs no exponential.
+                    let terms = &below[children.clone()];
+                    let top = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                    top + ln_count(terms.len())
+                } else {
+                    ln_sum(&below[children.clone()])
+                };
+                up.push(power * sum);
+                let top = largest(&best_below[children]);
+                best.push(Best {
+                    ln: power * top.ln,
+                    leaf: top.leaf,
+                    weight: power * top.weight,
+                });
             }
-            self.up.push(up);
-            self.best.push(best);
         }
-        ln_sum(self.up.last().expect("pushed"))
+        ln_sum(&self.up[depth])
     }
 }
 
-fn largest(of: &[(f64, u32, f64)]) -> (f64, u32, f64) {
-    of.iter().copied().fold(
-        (f64::NEG_INFINITY, 0, 1.0),
-        |a, b| if b.0 > a.0 { b } else { a },
-    )
+pub(crate) fn largest(of: &[Best]) -> Best {
+    let mut top = of[0];
+    for b in &of[1..] {
+        if b.ln > top.ln {
+            top = *b;
+        }
+    }
+    top
 }
 
 fn ln_sum(terms: &[f64]) -> f64 {
@@ -251,14 +322,16 @@ fn ln_sum(terms: &[f64]) -> f64 {
     if top == f64::NEG_INFINITY || terms.len() == 1 {
         return top;
     }
-    let far = top - 40.0;
-    let sum: f64 = terms
-        .iter()
-        .filter(|&&t| t > far)
-        .map(|t| (t - top).exp())
-        .sum();
-    // What is left out is below n e⁻⁴⁰.
-    top + (sum + terms.len() as f64 * 4.3e-18).ln()
+    let far = top - 25.0;
+    let (mut sum, mut left_out) = (0.0, 0);
+    for &t in terms {
+        if t > far {
+            sum += (t - top).exp();
+        } else {
+            left_out += 1;
+        }
+    }
+    top + (sum + f64::from(left_out) * 1.4e-11).ln()
 }
 
 struct Cull<'a> {
@@ -268,86 +341,95 @@ struct Cull<'a> {
 }
 
 impl Cull<'_> {
-    /// Culls below a node whose children are `children` on level `level − 1` (atoms below level 0 … are
-    /// "level −1", so `level` counts from 0 for residues).
-    fn node(&mut self, level: usize, children: std::ops::Range<u32>, budget: Budget) {
+    /// Culls below a node whose children are `children` among the nodes of level `level − 1`, or among the
+    /// atoms for `level` 0.
+    fn node(&mut self, level: usize, children: Range<usize>, budget: Budget) {
         let n = children.len();
-        if n == 0 {
+        if n == 1 {
+            // Nothing to drop here: the child may lose what the node may.
+            if level > 0 {
+                let power = self.members.levels[level - 1].power[children.start];
+                let below = Budget {
+                    rho: budget.rho / power.max(1.0),
+                    theta: budget.theta / power,
+                };
+                let grandchildren = self.members.levels[level - 1].children(children.start);
+                self.node(level - 1, grandchildren, below);
+            }
             return;
         }
-        let range = children.start as usize..children.end as usize;
-        let (_, reference, weight) = largest(&self.scratch.best[level][range.clone()]);
+        let top = largest(&self.scratch.best[level][children.clone()]);
+        let first = self.scratch.bounds.len();
+        for c in children.clone() {
+            let bound = self.relative(level, c, top.weight, top.leaf as usize);
+            self.scratch.bounds.push(bound);
+        }
+        let ln_rho = budget.rho.ln();
+        // Relative test: a dropped child gets the bound −∞ below.
+        let mut test = Greedy::new(ln_rho - 4.0f64.ln(), n);
+        for (i, c) in children.clone().enumerate() {
+            let bound = self.scratch.bounds[first + i];
+            if test.takes_small(bound) {
+                self.drop(level, c);
+                self.scratch.bounds[first + i] = f64::NEG_INFINITY;
+            }
+        }
+        for (i, c) in children.clone().enumerate() {
+            let bound = self.scratch.bounds[first + i];
+            if bound > f64::NEG_INFINITY && test.takes(bound) {
+                self.drop(level, c);
+                self.scratch.bounds[first + i] = f64::NEG_INFINITY;
+            }
+        }
         // Absolute test.
-        let ln_floor = (budget.rho / 8.0).ln() + budget.theta;
-        let mut order = std::mem::take(&mut self.scratch.order);
-        order.clear();
-        for c in range.clone() {
-            let up = self.scratch.up[level][c];
-            if up <= ln_floor {
-                order.push((up, c as u32));
-            }
-        }
-        let mut gone = drop_smallest(&mut order, ln_floor);
-        for &(_, c) in &order[..gone] {
-            self.drop(level, c as usize);
-        }
-        // Relative test.
-        let ln_share = (budget.rho / 4.0).ln();
-        let mut relative: Vec<(f64, u32)> = Vec::with_capacity(n);
-        for c in range {
-            if self.alive(level, c) {
-                let bound = self.relative(level, c, weight, reference as usize);
-                relative.push((bound, c as u32));
-            }
-        }
-        order.clear();
-        order.extend(relative.iter().filter(|r| r.0 <= ln_share));
-        gone = drop_smallest(&mut order, ln_share);
-        for &(_, c) in &order[..gone] {
-            self.drop(level, c as usize);
-        }
-        self.scratch.order = order;
-        if level == 0 {
-            return;
-        }
-        let kept = relative.len() - gone;
-        for (bound, c) in relative {
-            let c = c as usize;
-            if !self.alive(level, c) {
+        let ln_floor = ln_rho - 8.0f64.ln() + budget.theta;
+        let mut kept = 0;
+        let mut test = Greedy::new(ln_floor, n);
+        for (i, c) in children.clone().enumerate() {
+            if self.scratch.bounds[first + i] == f64::NEG_INFINITY {
                 continue;
             }
-            let own = &self.members.levels[level - 1];
-            let power = own.power[c];
-            let share = (budget.rho / (4.0 * kept as f64) * (-bound).exp()).max(budget.rho / 4.0);
-            let below = Budget {
-                rho: (share / power.max(1.0)).min(0.5),
-                theta: ((budget.rho / (8.0 * kept as f64)).ln() + budget.theta) / power,
-            };
-            let children = own.first_child[c]..own.first_child[c + 1];
-            self.node(level - 1, children, below);
+            let up = self.scratch.up[level][c];
+            if up <= ln_floor && test.takes(up) {
+                self.drop(level, c);
+                self.scratch.bounds[first + i] = f64::NEG_INFINITY;
+            } else {
+                kept += 1;
+            }
         }
-    }
-
-    /// Is anything kept below child `c` of a node on `level`?
-    fn alive(&self, level: usize, c: usize) -> bool {
-        let (first, _) = self.leaves(level, c);
-        // Dropped whole or not at all at this stage.
-        self.scratch.keep[first]
+        if level > 0 {
+            let own = &self.members.levels[level - 1];
+            let ln_kept = ln_count(kept);
+            for (i, c) in children.enumerate() {
+                let bound = self.scratch.bounds[first + i];
+                if bound == f64::NEG_INFINITY {
+                    continue;
+                }
+                let grandchildren = own.children(c);
+                if level == 1 && grandchildren.len() == 1 {
+                    continue;
+                }
+                let power = own.power[c];
+                // The larger of ρ/4 and ρ/4n over the bound on the child's share.
+                let of_share = -ln_kept - bound;
+                let more = if of_share > 0.0 { of_share.exp() } else { 1.0 };
+                let below = Budget {
+                    rho: (0.25 * budget.rho * more / power.max(1.0)).min(0.5),
+                    theta: (ln_floor - ln_kept) / power,
+                };
+                self.node(level - 1, grandchildren, below);
+            }
+        }
+        self.scratch.bounds.truncate(first);
     }
 
     fn drop(&mut self, level: usize, c: usize) {
-        let (first, end) = self.leaves(level, c);
-        self.scratch.keep[first..end].fill(false);
-    }
-
-    /// The atoms below child `c` of a node on `level`.
-    fn leaves(&self, level: usize, c: usize) -> (usize, usize) {
         let (mut first, mut end) = (c, c + 1);
         for l in (0..level).rev() {
             let starts = &self.members.levels[l].first_child;
             (first, end) = (starts[first] as usize, starts[end] as usize);
         }
-        (first, end)
+        self.scratch.keep[first..end].fill(false);
     }
 
     /// `ln` of an upper bound of `D_c exp(w q_b)` in the box, for child `c` of a node on `level`.
@@ -358,15 +440,23 @@ impl Cull<'_> {
         let own = &self.members.levels[level - 1];
         let power = own.power[c];
         let children = own.children(c);
-        let n = children.len() as f64;
+        let n = children.len();
         let mut top = f64::NEG_INFINITY;
-        for child in children {
-            top = top.max(self.relative(level - 1, child, w / power, b));
+        if level == 1 {
+            let w = w / power;
+            for a in children {
+                top = top.max(self.bracket(a, w, b));
+            }
+        } else {
+            for child in children {
+                top = top.max(self.relative(level - 1, child, w / power, b));
+            }
         }
-        power * (top + n.ln())
+        power * (top + ln_count(n))
     }
 
     /// The maximum of `w q_b − q_a` over the box, exactly.
+    #[inline]
     fn bracket(&self, a: usize, w: f64, b: usize) -> f64 {
         let (s, m) = (&*self.scratch, self.members);
         let (ka, kb) = (m.decay[a], w * m.decay[b]);
@@ -385,15 +475,38 @@ impl Cull<'_> {
     }
 }
 
-/// Sorts terms and says how many of the smallest may go while their sum stays at or below `exp(budget)`.
-fn drop_smallest(terms: &mut [(f64, u32)], budget: f64) -> usize {
-    terms.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let mut sum = 0.0;
-    for (i, &(ln, _)) in terms.iter().enumerate() {
-        sum += (ln - budget).exp();
-        if sum > 1.0 {
-            return i;
+/// Takes terms, given as logarithms, while their sum stays at or below a budget.
+struct Greedy {
+    ln_budget: f64,
+    /// Terms up to this may all be taken, however many of `n` there are.
+    small: f64,
+    sum: f64,
+}
+
+impl Greedy {
+    fn new(ln_budget: f64, n: usize) -> Self {
+        Self {
+            ln_budget,
+            small: ln_budget - ln_count(n),
+            sum: 0.0,
         }
     }
-    terms.len()
+
+    /// Takes the term if it is so small that all `n` would fit.
+    fn takes_small(&mut self, ln: f64) -> bool {
+        ln <= self.small && self.takes(ln)
+    }
+
+    fn takes(&mut self, ln: f64) -> bool {
+        let off = ln - self.ln_budget;
+        if off > 0.0 {
+            return false;
+        }
+        let part = if off < -14.0 { 8.4e-7 } else { off.exp() };
+        let fits = self.sum + part <= 1.0;
+        if fits {
+            self.sum += part;
+        }
+        fits
+    }
 }

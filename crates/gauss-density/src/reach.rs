@@ -7,6 +7,7 @@ use crate::model::{Level, Model};
 pub(crate) struct Reach {
     radius: f64,
     decay: f64,
+    fastest_decay: f64,
     atoms: f64,
     /// Per level, lowest first: smallest and largest power, and `ln` of the number of children above.
     levels: Vec<(f64, f64, f64)>,
@@ -24,6 +25,7 @@ impl Reach {
         Self {
             radius: model.radii().iter().copied().fold(0.0, f64::max),
             decay: model.decays().iter().copied().fold(f64::INFINITY, f64::min),
+            fastest_decay: model.decays().iter().copied().fold(0.0, f64::max),
             atoms: children[0],
             levels: levels
                 .iter()
@@ -35,6 +37,11 @@ impl Reach {
                 })
                 .collect(),
         }
+    }
+
+    /// The largest decay of an atom, Å⁻².
+    pub(crate) fn fastest_decay(&self) -> f64 {
+        self.fastest_decay
     }
 
     /// Beyond this distance from every atom the density is below `floor`, Å.

@@ -174,8 +174,8 @@ pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
     let batches = blocks.map(|n| n.div_ceil(BATCH));
     let total = batches.iter().product::<usize>();
     let reach = match job.cutoff {
-        // Half of what the cut-off allows; the cull of the bricks takes the other half.
-        Cutoff::AfterPowers(eps) => model.reach.radius(eps / 2.0, job.floor),
+        // A quarter of what the cut-off allows; the culls of boxes take the rest.
+        Cutoff::AfterPowers(eps) => model.reach.radius(eps / 4.0, job.floor),
         Cutoff::Bare(eps) => model.reach.bare(eps),
     };
     let all = model.clusters();

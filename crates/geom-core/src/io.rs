@@ -4,11 +4,41 @@
 //! `read(path)` and `save(path, …)`. Inputs may be gzip-compressed. Saving writes beside the target
 //! and renames, so that no half-written file is left.
 
+mod assembly;
+mod bytes;
+pub mod glb;
+pub mod mesh;
+mod mmcif;
+pub mod msh;
+pub mod obj;
+pub mod off;
+mod pdb;
+pub mod ply;
+pub mod pqr;
+pub mod stl;
+pub mod structure;
+mod text;
+pub mod view;
+pub mod vtu;
+
 use std::fmt;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
+pub use mesh::{AnyMesh, MeshFile};
+pub use view::{Group, View};
+
 use crate::{GridError, MeshError};
+
+/// How numbers are written, in formats that allow both.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Encoding {
+    /// Bytes, lowest first: small and exact.
+    #[default]
+    Binary,
+    /// Decimal text, with as many digits as tell the numbers apart.
+    Ascii,
+}
 
 /// Why a file cannot be read or written: where, and what.
 #[derive(Debug)]

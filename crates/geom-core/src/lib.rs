@@ -12,12 +12,15 @@ pub mod field;
 pub mod grid;
 pub mod id;
 pub mod isoline;
+pub mod laplace;
 pub mod lattice;
+pub mod linalg;
 pub mod mesh;
 pub mod nearest;
 pub mod parallel;
 pub mod repair;
 pub mod run;
+pub mod spectral;
 pub mod structure;
 
 #[cfg(feature = "wgpu")]

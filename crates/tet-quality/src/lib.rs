@@ -2,4 +2,34 @@
 
 pub use geom_core;
 
+pub mod backend;
+mod contract;
+mod cpu;
+mod error;
+mod improve;
+mod input;
+mod insert;
+pub mod metrics;
+mod options;
+mod patch;
+mod proposal;
+pub mod report;
+mod ring;
+mod search;
+mod smooth;
+mod surface_field;
+mod swap;
+#[cfg(feature = "testing")]
+pub mod testing;
+#[cfg(feature = "wgpu")]
+mod wgpu;
+mod work;
+
 pub mod surface;
+
+pub use backend::{QualityBackend, Relaxation};
+pub use error::Error;
+pub use improve::{Improved, Pass, Report, improve};
+pub use metrics::{Measures, aspect_ratio, measures, radius_ratio};
+pub use options::{Goals, Operations, Options, SurfaceMotion};
+pub use report::{QualityReport, Summary, quality_report};

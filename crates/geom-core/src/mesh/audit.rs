@@ -188,13 +188,13 @@ fn fault<T: fmt::Debug>(f: &mut fmt::Formatter<'_>, what: &str, faults: &Faults<
 }
 
 /// Disjoint sets of `0..n`; the lowest member names a set.
-struct Sets(Vec<u32>);
+pub(crate) struct Sets(Vec<u32>);
 
 impl Sets {
-    fn new(n: usize) -> Self {
+    pub(crate) fn new(n: usize) -> Self {
         Self((0..n as u32).collect())
     }
-    fn find(&mut self, mut x: u32) -> u32 {
+    pub(crate) fn find(&mut self, mut x: u32) -> u32 {
         while self.0[x as usize] != x {
             let up = self.0[self.0[x as usize] as usize];
             self.0[x as usize] = up;
@@ -202,7 +202,7 @@ impl Sets {
         }
         x
     }
-    fn join(&mut self, a: u32, b: u32) {
+    pub(crate) fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.find(a), self.find(b));
         self.0[a.max(b) as usize] = a.min(b);
     }
@@ -696,12 +696,10 @@ fn common_numbers(first: &[Point3], second: &[Point3]) -> (Vec<u32>, Vec<u32>) {
         .collect();
     all.par_sort_unstable();
     let mut numbers = vec![0; all.len()];
-    let mut number = 0;
-    for group in all.chunk_by(|a, b| a.0 == b.0) {
+    for (number, group) in all.chunk_by(|a, b| a.0 == b.0).enumerate() {
         for &(_, i) in group {
-            numbers[i] = number;
+            numbers[i] = number as u32;
         }
-        number += 1;
     }
     let of_second = numbers.split_off(first.len());
     (numbers, of_second)

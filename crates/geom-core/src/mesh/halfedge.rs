@@ -108,10 +108,9 @@ impl<const N: usize> Halfedges<N> {
                 edges.out[v] = h;
             }
         }
-        for v in 0..vertices {
-            let fan = edges.around(VertexId(v as u32)).count() as u32;
-            if fan != degree[v] {
-                return Err(MeshError::NonManifoldVertex { vertex: v as u32 });
+        for (vertex, &faces) in (0u32..).zip(&degree) {
+            if edges.around(VertexId(vertex)).count() != faces as usize {
+                return Err(MeshError::NonManifoldVertex { vertex });
             }
         }
         Ok(edges)
@@ -165,7 +164,11 @@ impl<const N: usize> Halfedges<N> {
     /// The previous half-edge around its face.
     pub fn previous(&self, h: HalfedgeId) -> HalfedgeId {
         let n = N as u32;
-        HalfedgeId(if h.0 % n == 0 { h.0 + n - 1 } else { h.0 - 1 })
+        HalfedgeId(if h.0.is_multiple_of(n) {
+            h.0 + n - 1
+        } else {
+            h.0 - 1
+        })
     }
     /// A half-edge that leaves the vertex, on a boundary the first of its fan; `None` if no face
     /// uses the vertex.

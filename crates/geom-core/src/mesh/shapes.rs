@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
-use super::{TetMesh, TriMesh};
+use super::{EXTERIOR, INTERIOR, TetMesh, TriMesh, VertexKind};
 use crate::{Point3, Vector3};
 
 /// A sphere about the origin: the icosahedron with `levels` 1-to-4 subdivisions, vertices on the
@@ -100,13 +100,112 @@ pub fn torus(major: f64, minor: f64, around: u32, along: u32) -> TriMesh {
 /// mapped so that concentric cubes become concentric spheres. `48 n³` tetrahedra, all positive,
 /// boundary vertices on the sphere. `n ≥ 1`.
 pub fn ball(radius: f64, n: u32) -> TetMesh {
-    let (positions, tets) = box_tets([2 * n; 3]);
+    let (positions, tets) = cube_tets(n);
+    let positions = positions.iter().map(|p| Point3::from(to_ball(*p) * radius));
+    TetMesh::new(positions.collect(), tets).expect("a mapped cube is valid")
+}
+
+/// The tetrahedra between two spheres about the origin, of region [`EXTERIOR`]: the outer `n` layers of a
+/// ball of `2 n`.
+pub fn shell(inner: f64, outer: f64, n: u32) -> TetMesh {
+    let (positions, tets) = cube_tets(2 * n);
+    let tets: Vec<_> = tets
+        .into_iter()
+        .filter(|t| middle(t, &positions).amax() > 0.5)
+        .collect();
+    let place = |p: &Vector3| {
+        // From the cube of half the size on, distances grow from `inner` to `outer`.
+        let t = 2.0 * p.amax() - 1.0;
+        Point3::from(to_ball(*p).try_normalize(0.0).unwrap_or(*p) * (inner + t * (outer - inner)))
+    };
+    let positions: Vec<_> = positions.iter().map(place).collect();
+    let (positions, tets) = super::compact(&positions, tets);
+    let regions = vec![EXTERIOR; tets.len()];
+    TetMesh::with_regions(positions, tets, regions).expect("a mapped cube is valid")
+}
+
+/// A ball of region [`INTERIOR`] and around it, of region [`EXTERIOR`], the rest of the cube
+/// `[−half, half]³`; `n` layers of cells in each. Vertices know of the sides and edges of the cube.
+pub fn ball_in_box(radius: f64, half: f64, n: u32) -> TetMesh {
+    assert!(radius < half, "the ball lies in the box");
+    let (positions, tets) = cube_tets(2 * n);
+    let regions = tets
+        .iter()
+        .map(|t| match middle(t, &positions).amax() < 0.5 {
+            true => INTERIOR,
+            false => EXTERIOR,
+        })
+        .collect();
+    let place = |p: &Vector3| {
+        let s = p.amax();
+        // A ball up to the cube of half the size, then from its sphere straight to the cube.
+        if s <= 0.5 {
+            return Point3::from(to_ball(*p) * (2.0 * radius));
+        }
+        let t = 2.0 * s - 1.0;
+        let (sphere, cube) = (p.normalize() * radius, p * (half / s));
+        Point3::from(sphere.lerp(&cube, t))
+    };
+    let kinds = positions
+        .iter()
+        .map(|p| {
+            let on: Vec<u8> = (0..3u8).filter(|&k| p[k as usize].abs() == 1.0).collect();
+            match on[..] {
+                [] if p.amax() == 0.5 => VertexKind::Surface,
+                [] => VertexKind::Interior,
+                [axis] => VertexKind::BoxFace { axis },
+                [a, b] => VertexKind::BoxEdge { axis: 3 - a - b },
+                _ => VertexKind::Fixed,
+            }
+        })
+        .collect();
+    let positions = positions.iter().map(place).collect();
+    TetMesh::with_kinds(positions, tets, regions, kinds).expect("a mapped cube is valid")
+}
+
+/// A box `[0, extent]` of `counts` cells, six tetrahedra each, of region [`INTERIOR`].
+pub fn box_tets(extent: Vector3, counts: [u32; 3]) -> TetMesh {
+    let (positions, tets) = grid_tets(counts);
+    let cell = Vector3::from_fn(|k, _| extent[k] / f64::from(counts[k]));
     let positions = positions
         .iter()
-        .map(|p| to_ball(Vector3::from(p.coords / f64::from(n)).add_scalar(-1.0)) * radius)
-        .map(Point3::from)
-        .collect();
-    TetMesh::new(positions, tets).expect("a mapped cube is valid")
+        .map(|p| Point3::from(p.component_mul(&cell)));
+    TetMesh::new(positions.collect(), tets).expect("a box of at least one cell is valid")
+}
+
+fn middle(tet: &[u32; 4], positions: &[Vector3]) -> Vector3 {
+    tet.iter().map(|&v| positions[v as usize]).sum::<Vector3>() / 4.0
+}
+
+/// The cube `[−1, 1]³` of `2 n` cells per side, six tetrahedra each, symmetric in all three axes so
+/// that no cell is cut across the direction in which it is bent to a ball.
+fn cube_tets(n: u32) -> (Vec<Vector3>, Vec<[u32; 4]>) {
+    let (positions, mut tets) = grid_tets([2 * n; 3]);
+    let side = 2 * n + 1;
+    let coordinates = |v: u32| [v % side, v / side % side, v / (side * side)];
+    let number = |[i, j, k]: [u32; 3]| (k * side + j) * side + i;
+    // Each octant is the mirror image of the one away from the origin, whose diagonals point outward.
+    for tet in &mut tets {
+        let low = tet.iter().map(|&v| coordinates(v));
+        let low = low
+            .reduce(|a, b| [0, 1, 2].map(|k| a[k].min(b[k])))
+            .expect("four corners");
+        let mirrored = low.map(|c| c < n);
+        for v in tet.iter_mut() {
+            let p = coordinates(*v);
+            // A mirror of the cell itself: its diagonal then points outward.
+            *v = number([0, 1, 2].map(|k| match mirrored[k] {
+                true => 2 * low[k] + 1 - p[k],
+                false => p[k],
+            }));
+        }
+        if mirrored.iter().filter(|&&m| m).count() % 2 == 1 {
+            tet.swap(2, 3);
+        }
+    }
+    let scale = 1.0 / f64::from(n);
+    let positions = positions.iter().map(|p| (p * scale).add_scalar(-1.0));
+    (positions.collect(), tets)
 }
 
 /// Cubes `max |x| = s` to spheres `|x| = s`.
@@ -121,7 +220,7 @@ fn to_ball(p: Vector3) -> Vector3 {
 
 /// Unit cells `counts`, each cut into six tetrahedra around its diagonal from (0, 0, 0): conforming
 /// across cells.
-fn box_tets(counts: [u32; 3]) -> (Vec<Point3>, Vec<[u32; 4]>) {
+fn grid_tets(counts: [u32; 3]) -> (Vec<Vector3>, Vec<[u32; 4]>) {
     let [nx, ny, nz] = counts.map(|n| n + 1);
     let at = |p: [u32; 3]| (p[2] * ny + p[1]) * nx + p[0];
     let mut positions = Vec::new();
@@ -129,7 +228,7 @@ fn box_tets(counts: [u32; 3]) -> (Vec<Point3>, Vec<[u32; 4]>) {
     for k in 0..nz {
         for j in 0..ny {
             for i in 0..nx {
-                positions.push(Point3::new(f64::from(i), f64::from(j), f64::from(k)));
+                positions.push(Vector3::new(f64::from(i), f64::from(j), f64::from(k)));
                 if i + 1 == nx || j + 1 == ny || k + 1 == nz {
                     continue;
                 }

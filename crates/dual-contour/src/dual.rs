@@ -1,0 +1,553 @@
+//! Dual vertices: where the point of each cell stands.
+
+use geom_core::mesh::{INTERIOR, Region, six_volume};
+use geom_core::{ImplicitField, Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::Placement;
+use crate::complex::{Cell, Complex, Corner, corner_of};
+use crate::samples::{Samples, local};
+
+/// Share of its cell within which a dual vertex stays.
+const INSET: f64 = 0.98;
+/// A moved umbrella tetrahedron keeps at least this share of its volume.
+const LEAST_VOLUME: f64 = 1e-3;
+
+/// The points of all cells.
+pub(crate) struct Duals {
+    /// Per leaf: its place among the moved ones, or `u32::MAX`.
+    rank: Vec<u32>,
+    leaves: Vec<Point3>,
+    parts: Vec<Point3>,
+    /// Ghost cells in order, and their points.
+    ghosts: Vec<(u32, u8)>,
+    ghost_points: Vec<Point3>,
+    /// Cells that were pulled back towards their base to keep volumes positive.
+    pub(crate) reduced: usize,
+}
+
+/// Finds where edges cross interfaces, and the surface near a point.
+pub(crate) struct Probe<'a> {
+    pub(crate) samples: &'a Samples,
+    pub(crate) field: Option<&'a dyn ImplicitField>,
+    pub(crate) placement: Placement,
+}
+
+/// A corner as crossings see it: position in finest cells, label, value.
+#[derive(Clone, Copy)]
+pub(crate) struct Sample {
+    pub(crate) x: Point3,
+    pub(crate) label: Region,
+    pub(crate) value: f64,
+}
+
+impl Probe<'_> {
+    /// Is the interface between two labels the level set?
+    fn on_level(p: Region, q: Region) -> bool {
+        p == INTERIOR || q == INTERIOR
+    }
+
+    /// The parameter in `[0, 1]` where the label changes between two corners: linear on the values,
+    /// by bisection on the shapes.
+    pub(crate) fn crossing(&self, a: &Sample, b: &Sample) -> f64 {
+        let level = self.samples.labels.level;
+        if Self::on_level(a.label, b.label) {
+            let t = (level - a.value) / (b.value - a.value);
+            return if t.is_finite() {
+                t.clamp(0.0, 1.0)
+            } else {
+                0.5
+            };
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..30 {
+            let t = 0.5 * (low + high);
+            let x = self.samples.domain.world(&(a.x + (b.x - a.x) * t));
+            if self.samples.labels.at(f64::NEG_INFINITY, &x) == a.label {
+                low = t;
+            } else {
+                high = t;
+            }
+        }
+        0.5 * (low + high)
+    }
+
+    /// Like [`Probe::crossing`], sharpened on the field if there is one.
+    pub(crate) fn exact_crossing(&self, a: &Sample, b: &Sample) -> f64 {
+        let t = self.crossing(a, b);
+        let Some(field) = self.field.filter(|_| Self::on_level(a.label, b.label)) else {
+            return t;
+        };
+        let level = self.samples.labels.level;
+        let at = |t: f64| field.value(&self.samples.domain.world(&(a.x + (b.x - a.x) * t))) - level;
+        let (mut low, mut high) = (0.0, 1.0);
+        let inside = a.value >= level;
+        let mut t = t;
+        for _ in 0..24 {
+            if (at(t) >= 0.0) == inside {
+                low = t;
+            } else {
+                high = t;
+            }
+            t = 0.5 * (low + high);
+        }
+        t
+    }
+
+    /// Value minus level and gradient per finest cell.
+    fn value_gradient(&self, cell: [i32; 3], x: &Point3) -> Option<(f64, Vector3)> {
+        let level = self.samples.labels.level;
+        match self.field {
+            Some(field) => {
+                let (v, g) = field.value_gradient(&self.samples.domain.world(x));
+                Some((v - level, g * self.samples.domain.spacing))
+            }
+            None => self.samples.trilinear(cell, x).map(|(v, g)| (v - level, g)),
+        }
+    }
+
+    /// The dual vertex of a box-shaped cell `[low, low + size]` from its crossings.
+    fn place(&self, low: [i32; 3], size: f64, crossings: &[(Point3, bool)]) -> Point3 {
+        let n = crossings.len() as f64;
+        let mass = Point3::from(
+            crossings
+                .iter()
+                .fold(Vector3::zeros(), |s, c| s + c.0.coords)
+                / n,
+        );
+        let centre = local(low).map(|c| c + 0.5 * size);
+        let reach = 0.5 * INSET * size;
+        let clamp = |x: Point3| {
+            Point3::from(
+                centre
+                    .coords
+                    .zip_map(&x.coords, |c, v| v.clamp(c - reach, c + reach)),
+            )
+        };
+        let start = clamp(mass);
+        if self.placement == Placement::Mass || crossings.iter().any(|c| !c.1) {
+            return start;
+        }
+        if self.placement == Placement::Qef {
+            return clamp(self.nearest_to_planes(low, &mass, crossings));
+        }
+        let Some((first, mut gradient)) = self.value_gradient(low, &start) else {
+            return start;
+        };
+        let (mut x, mut f) = (start, first);
+        let mut best = (start, first.abs());
+        for _ in 0..10 {
+            let square = gradient.norm_squared();
+            if square < 1e-24 {
+                break;
+            }
+            let next = clamp(x - gradient * (f / square));
+            let step = (next - x).norm();
+            x = next;
+            let Some(found) = self.value_gradient(low, &x) else {
+                break;
+            };
+            (f, gradient) = found;
+            if f.abs() < best.1 {
+                best = (x, f.abs());
+            }
+            if step < 1e-6 * size || f.abs() < 1e-12 {
+                break;
+            }
+        }
+        best.0
+    }
+
+    /// Minimizes the squared distances to the tangent planes at the crossings, relative to the mass
+    /// point; directions in which the planes say less than a tenth of the most are left out.
+    fn nearest_to_planes(
+        &self,
+        cell: [i32; 3],
+        mass: &Point3,
+        crossings: &[(Point3, bool)],
+    ) -> Point3 {
+        let mut normal_matrix = geom_core::nalgebra::Matrix3::zeros();
+        let mut right = Vector3::zeros();
+        for (x, _) in crossings {
+            let Some((f, g)) = self.value_gradient(cell, x) else {
+                continue;
+            };
+            let Some(n) = g.try_normalize(1e-12) else {
+                continue;
+            };
+            let offset = n.dot(&(x - mass)) - f / g.norm();
+            normal_matrix += n * n.transpose();
+            right += n * offset;
+        }
+        let eigen = geom_core::nalgebra::SymmetricEigen::new(normal_matrix);
+        let most = eigen.eigenvalues.max();
+        if most <= 0.0 {
+            return *mass;
+        }
+        let mut x = *mass;
+        for k in 0..3 {
+            // Eigenvalues are squares of the singular values.
+            if eigen.eigenvalues[k] > 0.01 * most {
+                let direction = eigen.eigenvectors.column(k).into_owned();
+                x += direction * (direction.dot(&right) / eigen.eigenvalues[k]);
+            }
+        }
+        x
+    }
+}
+
+impl Duals {
+    /// All points: at their base, or on the surface.
+    pub(crate) fn new(complex: &Complex<'_>, probe: &Probe<'_>, ghosts: bool) -> Self {
+        let leaves = &complex.tree.leaves;
+        let moved: Vec<u32> = (0..leaves.len() as u32)
+            .filter(|&id| complex.is_interface(id) && !complex.is_split(id))
+            .collect();
+        let mut rank = vec![u32::MAX; leaves.len()];
+        for (i, &id) in moved.iter().enumerate() {
+            rank[id as usize] = i as u32;
+        }
+        let leaf_points = moved
+            .par_iter()
+            .with_min_len(256)
+            .map(|&id| leaf_point(complex, probe, id))
+            .collect();
+        let parts = complex
+            .splits
+            .par_iter()
+            .enumerate()
+            .flat_map_iter(|(k, _)| {
+                (0..12u8).map(move |part| part_point(complex, probe, k as u32, part))
+            })
+            .collect();
+        let mut out = Self {
+            rank,
+            leaves: leaf_points,
+            parts,
+            ghosts: Vec::new(),
+            ghost_points: Vec::new(),
+            reduced: 0,
+        };
+        if ghosts {
+            out.ghosts = (0..leaves.len() as u32)
+                .into_par_iter()
+                .with_min_len(1024)
+                .flat_map_iter(|id| {
+                    let leaf = complex.leaf(id);
+                    let (o, s) = (leaf.origin(), leaf.size());
+                    let halves = if complex.is_split(id) { 2 } else { 1 };
+                    let outer = move |face: usize| {
+                        let (axis, side) = (face / 2, face % 2);
+                        !leaf.void
+                            && if side == 0 {
+                                o[axis] == 0
+                            } else {
+                                o[axis] + s == complex.tree.cells[axis]
+                            }
+                    };
+                    (0..6usize)
+                        .filter(move |&f| outer(f))
+                        .flat_map(move |f| (0..halves).map(move |h| (id, (2 * f + h) as u8)))
+                })
+                .collect();
+            out.ghost_points = out
+                .ghosts
+                .par_iter()
+                .map(|&(id, half)| ghost_point(complex, probe, id, half))
+                .collect();
+        }
+        out.keep_positive(complex);
+        out
+    }
+
+    pub(crate) fn ghost_index(&self, id: u32, half: u8) -> u32 {
+        self.ghosts
+            .binary_search(&(id, half))
+            .expect("a ghost stands on the box") as u32
+    }
+
+    pub(crate) fn ghosts(&self) -> &[(u32, u8)] {
+        &self.ghosts
+    }
+
+    /// Place of a leaf among those with a moved point.
+    pub(crate) fn rank(&self, leaf: u32) -> Option<u32> {
+        Some(self.rank[leaf as usize]).filter(|&r| r != u32::MAX)
+    }
+
+    /// The point of a cell, in finest cells.
+    #[inline]
+    pub(crate) fn position(&self, complex: &Complex<'_>, cell: &Cell) -> Point3 {
+        match *cell {
+            Cell::Leaf(id) => match self.rank[id as usize] {
+                u32::MAX => complex.base_position(cell),
+                r => self.leaves[r as usize],
+            },
+            Cell::Part(k, part) => self.parts[12 * k as usize + part as usize],
+            Cell::Ghost(id, half) => self.ghost_points[self.ghost_index(id, half) as usize],
+        }
+    }
+
+    fn moved(&self, cell: &Cell) -> Option<usize> {
+        match *cell {
+            Cell::Leaf(id) => self.rank(id).map(|r| r as usize),
+            Cell::Part(k, part) => Some(self.leaves.len() + 12 * k as usize + part as usize),
+            Cell::Ghost(..) => None,
+        }
+    }
+
+    /// Moves points back towards their base, by halves, until every umbrella tetrahedron (an edge and
+    /// two consecutive cells) keeps its sign. Between finest leaves no point can do harm; the rest is
+    /// gathered once. Rounds are simultaneous, so nothing depends on an order.
+    fn keep_positive(&mut self, complex: &Complex<'_>) {
+        let uniform = complex.splits.is_empty()
+            && (0..self.rank.len())
+                .into_par_iter()
+                .with_min_len(4096)
+                .all(|id| self.rank[id] == u32::MAX || complex.tree.leaves[id].log == 0);
+        if uniform {
+            return;
+        }
+        struct Tet {
+            a: Point3,
+            b: Point3,
+            cells: [Cell; 2],
+            least: f64,
+        }
+        let risky = |c: &Cell, d: &Cell| match (c, d) {
+            (Cell::Leaf(i), Cell::Leaf(j)) => {
+                let (i, j) = (*i, *j);
+                complex.leaf(i).log != complex.leaf(j).log
+                    && (self.rank(i).is_some() || self.rank(j).is_some())
+            }
+            (Cell::Ghost(..), _) | (_, Cell::Ghost(..)) => false,
+            _ => true,
+        };
+        let tets: Vec<Tet> = (0..complex.tree.leaves.len() as u32)
+            .into_par_iter()
+            .with_min_len(256)
+            .flat_map_iter(|id| {
+                let mut tets = Vec::new();
+                complex.rings_of(
+                    id,
+                    |_, _| true,
+                    |ring| {
+                        let n = ring.cells.len();
+                        for i in 0..if ring.open { n - 1 } else { n } {
+                            let cells = [ring.cells[i], ring.cells[(i + 1) % n]];
+                            if risky(&cells[0], &cells[1]) {
+                                let a = complex.corner_position(ring.a.0);
+                                let b = complex.corner_position(ring.b.0);
+                                let [c, d] = [0, 1].map(|k| complex.base_position(&cells[k]));
+                                tets.push(Tet {
+                                    a,
+                                    b,
+                                    cells,
+                                    least: LEAST_VOLUME * six_volume([a, b, c, d]),
+                                });
+                            }
+                        }
+                    },
+                );
+                tets
+            })
+            .collect();
+        let base: Vec<Point3> = {
+            let mut base = vec![Point3::origin(); self.leaves.len() + self.parts.len()];
+            for (id, &r) in self.rank.iter().enumerate() {
+                if r != u32::MAX {
+                    base[r as usize] = complex.base_position(&Cell::Leaf(id as u32));
+                }
+            }
+            for (i, b) in base[self.leaves.len()..].iter_mut().enumerate() {
+                *b = complex.base_position(&Cell::Part((i / 12) as u32, (i % 12) as u8));
+            }
+            base
+        };
+        let target: Vec<Point3> = self.leaves.iter().chain(&self.parts).copied().collect();
+        let mut share = vec![1.0f64; target.len()];
+        let mut suspects: Vec<u32> = (0..tets.len() as u32).collect();
+        for round in 0.. {
+            let bad: Vec<u32> = suspects
+                .par_iter()
+                .copied()
+                .filter(|&t| {
+                    let t = &tets[t as usize];
+                    let [c, d] = [0, 1].map(|k| self.position(complex, &t.cells[k]));
+                    six_volume([t.a, t.b, c, d]) <= t.least
+                })
+                .collect();
+            if bad.is_empty() {
+                break;
+            }
+            let mut hit: Vec<usize> = bad
+                .iter()
+                .flat_map(|&t| tets[t as usize].cells)
+                .filter_map(|c| self.moved(&c))
+                .filter(|&m| share[m] > 0.0)
+                .collect();
+            hit.sort_unstable();
+            hit.dedup();
+            if hit.is_empty() {
+                break;
+            }
+            for m in hit {
+                share[m] = if round < 6 { 0.5 * share[m] } else { 0.0 };
+                let x = base[m] + (target[m] - base[m]) * share[m];
+                if m < self.leaves.len() {
+                    self.leaves[m] = x;
+                } else {
+                    let i = m - self.leaves.len();
+                    self.parts[i] = x;
+                }
+            }
+            // A point that moved back may spoil a tetrahedron that was fine.
+            suspects = (0..tets.len() as u32)
+                .into_par_iter()
+                .filter(|&t| {
+                    tets[t as usize]
+                        .cells
+                        .iter()
+                        .any(|c| self.moved(c).is_some_and(|m| share[m] < 1.0))
+                })
+                .collect();
+        }
+        self.reduced = share.iter().filter(|&&s| s < 1.0).count();
+    }
+}
+
+fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
+    let leaf = complex.leaf(id);
+    let (o, s) = (leaf.origin(), leaf.size());
+    let frame = complex.frame(id);
+    let sample = |i: usize| {
+        let p = [i % 3, i / 3 % 3, i / 9].map(|c| c as i32);
+        let p = [0, 1, 2].map(|k| o[k] + p[k] * s / 2);
+        Sample {
+            x: local(p),
+            label: frame.labels[i],
+            value: complex.samples.value_near(o, p).unwrap_or(0.0),
+        }
+    };
+    let mut crossings = Vec::with_capacity(12);
+    frame.edges(|i, j| {
+        if frame.labels[i] != frame.labels[j] {
+            let (a, b) = (sample(i), sample(j));
+            let x = a.x + (b.x - a.x) * probe.crossing(&a, &b);
+            crossings.push((x, Probe::on_level(a.label, b.label)));
+        }
+    });
+    probe.place(o, f64::from(s), &crossings)
+}
+
+/// Label, value and position of a corner.
+pub(crate) fn sample_corner(
+    complex: &Complex<'_>,
+    corner: Corner,
+    label: Region,
+    near: [i32; 3],
+) -> Sample {
+    match corner {
+        Corner::Point(p) => Sample {
+            x: local(p),
+            label,
+            value: complex.samples.value_near(near, p).unwrap_or(0.0),
+        },
+        Corner::Centre(k) => Sample {
+            x: complex.corner_position(corner),
+            label,
+            value: complex.splits[k as usize].value,
+        },
+    }
+}
+
+/// The mean of the crossings of a tetrahedron of a split leaf, away from its corners.
+fn part_point(complex: &Complex<'_>, probe: &Probe<'_>, k: u32, part: u8) -> Point3 {
+    let split = &complex.splits[k as usize];
+    let leaf = complex.leaf(split.leaf);
+    let labels = complex.corner_labels(leaf);
+    let o = leaf.origin();
+    let mut corners = vec![sample_corner(complex, Corner::Centre(k), split.label, o)];
+    corners.extend(split.triangle(part as usize).iter().map(|&i| {
+        let p = corner_of(i);
+        sample_corner(
+            complex,
+            Corner::Point([0, 1, 2].map(|k| o[k] + p[k])),
+            labels[i],
+            o,
+        )
+    }));
+    mean_of_crossings(probe, &corners)
+        .unwrap_or_else(|| complex.base_position(&Cell::Part(k, part)))
+}
+
+/// The mean of the crossings of a face on the box.
+fn ghost_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32, half: u8) -> Point3 {
+    let base = complex.base_position(&Cell::Ghost(id, half));
+    if !complex.is_interface(id) {
+        return base;
+    }
+    let leaf = complex.leaf(id);
+    let (o, s) = (leaf.origin(), leaf.size());
+    if complex.is_split(id) {
+        let split = &complex.splits[complex.split_of(id) as usize];
+        let labels = complex.corner_labels(leaf);
+        let corners: Vec<Sample> = split
+            .triangle(half as usize)
+            .iter()
+            .map(|&i| {
+                let p = corner_of(i);
+                sample_corner(
+                    complex,
+                    Corner::Point([0, 1, 2].map(|k| o[k] + p[k])),
+                    labels[i],
+                    o,
+                )
+            })
+            .collect();
+        return mean_of_crossings(probe, &corners).unwrap_or(base);
+    }
+    let (axis, side) = (usize::from(half / 4), 2 * usize::from(half / 2 % 2));
+    let frame = complex.frame(id);
+    let place = |i: usize| [i % 3, i / 3 % 3, i / 9];
+    let (mut sum, mut n) = (Vector3::zeros(), 0.0);
+    frame.edges(|i, j| {
+        if place(i)[axis] == side && place(j)[axis] == side && frame.labels[i] != frame.labels[j] {
+            let [a, b] = [i, j].map(|i| {
+                let p = place(i).map(|c| c as i32);
+                sample_corner(
+                    complex,
+                    Corner::Point([0, 1, 2].map(|k| o[k] + p[k] * s / 2)),
+                    frame.labels[i],
+                    o,
+                )
+            });
+            sum += (a.x + (b.x - a.x) * probe.crossing(&a, &b)).coords;
+            n += 1.0;
+        }
+    });
+    if n == 0.0 {
+        return base;
+    }
+    let reach = 0.5 * INSET * f64::from(s);
+    let mut x = Point3::from(
+        base.coords
+            .zip_map(&(sum / n), |c, v| v.clamp(c - reach, c + reach)),
+    );
+    x[axis] = base[axis];
+    x
+}
+
+fn mean_of_crossings(probe: &Probe<'_>, corners: &[Sample]) -> Option<Point3> {
+    let (mut sum, mut n) = (Vector3::zeros(), 0.0);
+    for (i, a) in corners.iter().enumerate() {
+        for b in &corners[i + 1..] {
+            if a.label != b.label {
+                let t = probe.crossing(a, b).clamp(0.02, 0.98);
+                sum += (a.x + (b.x - a.x) * t).coords;
+                n += 1.0;
+            }
+        }
+    }
+    (n > 0.0).then(|| Point3::from(sum / n))
+}

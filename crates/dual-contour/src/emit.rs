@@ -1,0 +1,413 @@
+//! From rings to triangles and tetrahedra.
+
+use geom_core::mesh::{INTERIOR, Region, VertexKind};
+use geom_core::{Point3, parallel};
+use rayon::prelude::*;
+
+use crate::complex::{Cell, Complex, Corner, Ring};
+use crate::dual::{Duals, Probe, sample_corner};
+use crate::octree::{PointMarks, PointSet};
+use crate::quality::sine;
+
+/// Leaves per batch; batches are independent and joined in order.
+const BATCH: usize = 2048;
+/// Marks a vertex that a batch has added on an edge, by its number within the batch.
+const ADDED: u32 = 1 << 31;
+
+/// Everything that emission reads, and the numbers of the vertices: cells (leaves, then parts),
+/// ghosts, lattice points, middles of split leaves, added points.
+pub(crate) struct Emitter<'a> {
+    pub(crate) complex: &'a Complex<'a>,
+    pub(crate) duals: &'a Duals,
+    pub(crate) probe: &'a Probe<'a>,
+    points: PointSet,
+    /// Where each group of vertices begins.
+    parts: u32,
+    ghosts: u32,
+    corners: u32,
+    centres: u32,
+    added: u32,
+}
+
+/// What is emitted, in vertex numbers of the emitter.
+#[derive(Default)]
+pub(crate) struct Emission {
+    pub(crate) tets: Vec<[u32; 4]>,
+    pub(crate) regions: Vec<Region>,
+    /// Triangles of the boundary of the molecule, seen from outside of it.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// Points added on edges, in finest cells, and whether they lie on the box.
+    pub(crate) added: Vec<(Point3, bool)>,
+}
+
+/// What to emit.
+#[derive(Clone, Copy)]
+pub(crate) struct Want<F> {
+    pub(crate) tets: bool,
+    pub(crate) region: F,
+}
+
+impl<'a> Emitter<'a> {
+    /// `corners` says whether lattice points become vertices.
+    pub(crate) fn new(
+        complex: &'a Complex<'a>,
+        duals: &'a Duals,
+        probe: &'a Probe<'a>,
+        corners: impl Fn(Region) -> bool + Sync,
+    ) -> Self {
+        let marks = PointMarks::new(complex.tree.cells);
+        complex
+            .tree
+            .leaves
+            .par_iter()
+            .with_min_len(1024)
+            .for_each(|leaf| {
+                if leaf.void {
+                    return;
+                }
+                let (o, s) = (leaf.origin(), leaf.size());
+                for (i, label) in complex.corner_labels(leaf).into_iter().enumerate() {
+                    if corners(label) {
+                        let p = crate::complex::corner_of(i);
+                        marks.mark([0, 1, 2].map(|k| o[k] + s * p[k]));
+                    }
+                }
+            });
+        let points = marks.finish();
+        let parts = complex.tree.leaves.len() as u32;
+        let ghosts = parts + 12 * complex.splits.len() as u32;
+        let corners = ghosts + duals.ghosts().len() as u32;
+        let centres = corners + points.len();
+        let added = centres + complex.splits.len() as u32;
+        Self {
+            complex,
+            duals,
+            probe,
+            points,
+            parts,
+            ghosts,
+            corners,
+            centres,
+            added,
+        }
+    }
+
+    pub(crate) fn cell_vertex(&self, cell: &Cell) -> u32 {
+        match *cell {
+            Cell::Leaf(id) => id,
+            Cell::Part(k, part) => self.parts + 12 * k + u32::from(part),
+            Cell::Ghost(id, half) => self.ghosts + self.duals.ghost_index(id, half),
+        }
+    }
+
+    pub(crate) fn corner_vertex(&self, corner: Corner) -> u32 {
+        match corner {
+            Corner::Point(p) => self.corners + self.points.rank(p),
+            Corner::Centre(k) => self.centres + k,
+        }
+    }
+
+    /// Positions (finest cells) and kinds of all vertices, added ones included.
+    pub(crate) fn all_vertices(&self, emission: &Emission) -> (Vec<Point3>, Vec<VertexKind>) {
+        let complex = self.complex;
+        let cells = complex.tree.cells;
+        let kind_at =
+            |p: &Point3, inside: VertexKind, junction: bool| box_kind(p, cells, inside, junction);
+        let surface = |moved: bool| {
+            if moved {
+                VertexKind::Surface
+            } else {
+                VertexKind::Interior
+            }
+        };
+        let mut out: Vec<(Point3, VertexKind)> = (0..self.parts)
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|id| {
+                let x = self.duals.position(complex, &Cell::Leaf(id));
+                (x, surface(self.duals.rank(id).is_some()))
+            })
+            .collect();
+        for k in 0..complex.splits.len() as u32 {
+            out.extend((0..12).map(|part| {
+                let x = self.duals.position(complex, &Cell::Part(k, part));
+                (x, VertexKind::Interior)
+            }));
+        }
+        out.extend(self.duals.ghosts().iter().map(|&(id, half)| {
+            let x = self.duals.position(complex, &Cell::Ghost(id, half));
+            (x, kind_at(&x, VertexKind::Interior, false))
+        }));
+        out.extend(self.points.points().iter().map(|&p| {
+            let x = crate::samples::local(p);
+            (x, kind_at(&x, VertexKind::Interior, false))
+        }));
+        out.extend((0..complex.splits.len() as u32).map(|k| {
+            (
+                complex.corner_position(Corner::Centre(k)),
+                VertexKind::Interior,
+            )
+        }));
+        out.extend(
+            emission
+                .added
+                .iter()
+                .map(|&(x, on_box)| (x, kind_at(&x, VertexKind::Surface, on_box))),
+        );
+        out.into_iter().unzip()
+    }
+
+    /// Walks over all rings with a wanted end and emits.
+    pub(crate) fn emit<F: Fn(Region) -> bool + Sync>(&self, want: &Want<F>) -> Emission {
+        let leaves = self.complex.tree.leaves.len();
+        let batches: Vec<Emission> = (0..leaves.div_ceil(BATCH))
+            .into_par_iter()
+            .map(|b| {
+                let mut out = Emission::default();
+                for id in b * BATCH..((b + 1) * BATCH).min(leaves) {
+                    // The surface passes edges between molecule and others; pieces of the box close it.
+                    let caps = !self.duals.ghosts().is_empty() && self.on_box(id as u32);
+                    let asked = |p: Region, q: Region| {
+                        let surface = (p == INTERIOR) != (q == INTERIOR);
+                        let cap = caps && (p == INTERIOR || q == INTERIOR);
+                        surface || cap || want.tets && ((want.region)(p) || (want.region)(q))
+                    };
+                    if !want.tets && !caps && !self.complex.is_interface(id as u32) {
+                        continue;
+                    }
+                    self.complex
+                        .rings_of(id as u32, asked, |ring| self.ring(ring, want, &mut out));
+                }
+                out
+            })
+            .collect();
+        let counts: Vec<u32> = batches.iter().map(|b| b.added.len() as u32).collect();
+        let starts = parallel::starts_of(&counts);
+        let shift = |v: &mut u32, start: usize| {
+            if *v & ADDED != 0 {
+                *v = self.added + start as u32 + (*v & !ADDED);
+            }
+        };
+        let mut out = Emission::default();
+        out.tets
+            .reserve_exact(batches.iter().map(|b| b.tets.len()).sum());
+        out.regions
+            .reserve_exact(batches.iter().map(|b| b.tets.len()).sum());
+        out.triangles
+            .reserve_exact(batches.iter().map(|b| b.triangles.len()).sum());
+        for (mut batch, &start) in batches.into_iter().zip(&starts) {
+            batch
+                .tets
+                .iter_mut()
+                .flatten()
+                .for_each(|v| shift(v, start));
+            batch
+                .triangles
+                .iter_mut()
+                .flatten()
+                .for_each(|v| shift(v, start));
+            out.tets.append(&mut batch.tets);
+            out.regions.append(&mut batch.regions);
+            out.triangles.append(&mut batch.triangles);
+            out.added.append(&mut batch.added);
+        }
+        out
+    }
+
+    fn on_box(&self, id: u32) -> bool {
+        let leaf = self.complex.leaf(id);
+        let (o, s) = (leaf.origin(), leaf.size());
+        (0..3).any(|k| o[k] == 0 || o[k] + s == self.complex.tree.cells[k])
+    }
+
+    fn ring<F: Fn(Region) -> bool>(&self, ring: &Ring<'_>, want: &Want<F>, out: &mut Emission) {
+        let n = ring.cells.len();
+        let sides = if ring.open { n - 1 } else { n };
+        let (la, lb) = (ring.a.1, ring.b.1);
+        let keep = |label: Region| want.tets && (want.region)(label);
+        let mut ids = [0; 10];
+        if ring.open && self.duals.ghosts().is_empty() {
+            // The box is not part of the mesh, so nothing that is wanted reaches it.
+            return;
+        }
+        if la == lb {
+            if keep(la) {
+                for (id, cell) in ids.iter_mut().zip(ring.cells) {
+                    *id = self.cell_vertex(cell);
+                }
+                let [a, b] = [ring.a.0, ring.b.0].map(|c| self.corner_vertex(c));
+                for i in 0..sides {
+                    out.tets.push([a, b, ids[i], ids[(i + 1) % n]]);
+                    out.regions.push(la);
+                }
+            }
+            if ring.open && la == INTERIOR {
+                self.cap(ring, |c| self.corner_vertex(c), None, out);
+            }
+            return;
+        }
+        for (id, cell) in ids.iter_mut().zip(ring.cells) {
+            *id = self.cell_vertex(cell);
+        }
+        let ids = &ids[..n];
+        let surface = la == INTERIOR || lb == INTERIOR;
+        // Seen from outside of the molecule.
+        let facing = |t: [u32; 3]| {
+            if la == INTERIOR {
+                t
+            } else {
+                [t[0], t[2], t[1]]
+            }
+        };
+        let a = keep(la).then(|| self.corner_vertex(ring.a.0));
+        let b = keep(lb).then(|| self.corner_vertex(ring.b.0));
+        if !ring.open
+            && let Some(start) = self.best_fan(ring)
+        {
+            for i in 1..n - 1 {
+                let t = [ids[start], ids[(start + i) % n], ids[(start + i + 1) % n]];
+                if surface {
+                    out.triangles.push(facing(t));
+                }
+                if let Some(a) = a {
+                    out.tets.push([a, t[0], t[1], t[2]]);
+                    out.regions.push(la);
+                }
+                if let Some(b) = b {
+                    out.tets.push([b, t[0], t[2], t[1]]);
+                    out.regions.push(lb);
+                }
+            }
+            return;
+        }
+        // A point on the edge itself: always positive, and both sides agree.
+        let near = self.near(ring);
+        let [p, q] = [ring.a, ring.b].map(|(c, label)| sample_corner(self.complex, c, label, near));
+        let t = self.probe.exact_crossing(&p, &q).clamp(0.05, 0.95);
+        let x = ADDED | out.added.len() as u32;
+        out.added.push((p.x + (q.x - p.x) * t, ring.open));
+        for i in 0..sides {
+            let (c, d) = (ids[i], ids[(i + 1) % n]);
+            if surface {
+                out.triangles.push(facing([x, c, d]));
+            }
+            if let Some(a) = a {
+                out.tets.push([a, x, c, d]);
+                out.regions.push(la);
+            }
+            if let Some(b) = b {
+                out.tets.push([x, b, c, d]);
+                out.regions.push(lb);
+            }
+        }
+        if ring.open && surface {
+            self.cap(ring, |c| self.corner_vertex(c), Some(x), out);
+        }
+    }
+
+    /// The pieces of the box beside an edge in it that close the molecule: `a`, `b` (or the added
+    /// point, where only one of them is inside) and the ghosts.
+    fn cap(
+        &self,
+        ring: &Ring<'_>,
+        vertex: impl Fn(Corner) -> u32,
+        added: Option<u32>,
+        out: &mut Emission,
+    ) {
+        let first = self.cell_vertex(&ring.cells[0]);
+        let last = self.cell_vertex(&ring.cells[ring.cells.len() - 1]);
+        let (a, b) = match added {
+            None => (vertex(ring.a.0), vertex(ring.b.0)),
+            Some(x) if ring.a.1 == INTERIOR => (vertex(ring.a.0), x),
+            Some(x) => (x, vertex(ring.b.0)),
+        };
+        out.triangles.push([a, first, b]);
+        out.triangles.push([a, b, last]);
+    }
+
+    /// A finest cell whose block holds the values at both ends of a ring's edge.
+    fn near(&self, ring: &Ring<'_>) -> [i32; 3] {
+        ring.cells
+            .iter()
+            .find_map(|c| match *c {
+                Cell::Leaf(id) if self.complex.leaf(id).log <= 3 => {
+                    Some(self.complex.leaf(id).origin())
+                }
+                Cell::Part(k, _) => Some(
+                    self.complex
+                        .leaf(self.complex.splits[k as usize].leaf)
+                        .origin(),
+                ),
+                _ => None,
+            })
+            .expect("a ring of an interface has a leaf")
+    }
+
+    /// Where the fan of triangles over a closed ring begins so that the worst tetrahedron on either
+    /// side is best; `None` if none keeps all of them positive.
+    fn best_fan(&self, ring: &Ring<'_>) -> Option<usize> {
+        let n = ring.cells.len();
+        let mut x = [Point3::origin(); 10];
+        for (x, cell) in x.iter_mut().zip(ring.cells) {
+            *x = self.duals.position(self.complex, cell);
+        }
+        let [a, b] = [ring.a.0, ring.b.0].map(|c| self.complex.corner_position(c));
+        let starts = match n {
+            3 => 1,
+            4 => 2,
+            _ => n,
+        };
+        let mut best = (0.0, None);
+        for start in (0..starts).filter(|&s| ring.taken != Some(s as u8)) {
+            let mut worst = f64::INFINITY;
+            for i in 1..n - 1 {
+                let t = [x[start], x[(start + i) % n], x[(start + i + 1) % n]];
+                worst = worst
+                    .min(sine(&[a, t[0], t[1], t[2]]))
+                    .min(sine(&[b, t[0], t[2], t[1]]));
+                if worst <= best.0 {
+                    break;
+                }
+            }
+            if worst > best.0 {
+                best = (worst, Some(start));
+            }
+        }
+        best.1
+    }
+}
+
+/// How a vertex at `p` (finest cells) may move if the domain has `cells` cells.
+fn box_kind(p: &Point3, cells: [i32; 3], inside: VertexKind, junction: bool) -> VertexKind {
+    let on = [0, 1, 2].map(|k| p[k] == 0.0 || p[k] == f64::from(cells[k]));
+    match on.iter().filter(|&&o| o).count() {
+        0 => inside,
+        _ if junction => VertexKind::Fixed,
+        1 => VertexKind::BoxFace {
+            axis: on.iter().position(|&o| o).expect("one axis") as u8,
+        },
+        2 => VertexKind::BoxEdge {
+            axis: on.iter().position(|&o| !o).expect("one axis") as u8,
+        },
+        _ => VertexKind::Fixed,
+    }
+}
+
+/// The vertices that elements use, in order; renumbers the elements in place.
+pub(crate) fn compact<const N: usize>(vertices: usize, elements: &mut [[u32; N]]) -> Vec<u32> {
+    let mut used = vec![false; vertices];
+    for &v in elements.iter().flatten() {
+        used[v as usize] = true;
+    }
+    let mut number = vec![u32::MAX; vertices];
+    let mut kept = Vec::new();
+    for (v, _) in used.iter().enumerate().filter(|(_, u)| **u) {
+        number[v] = kept.len() as u32;
+        kept.push(v as u32);
+    }
+    elements
+        .par_iter_mut()
+        .with_min_len(4096)
+        .for_each(|e| *e = e.map(|v| number[v as usize]));
+    kept
+}

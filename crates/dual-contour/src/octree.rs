@@ -1,0 +1,538 @@
+//! A strongly balanced octree in 16 bytes per block of 8 × 8 × 8 finest cells.
+//!
+//! A cell of size 2, 4 or 8 is *split* or not: one bit each, in Morton order inside its block. Cells
+//! above the block size stand in arrays of their own, which are 1/7 of the blocks together. Whether a
+//! finest cell lies in a leaf of size 1, 2 or 4, and the number of that leaf, follows from the bits by
+//! counting them; no map is stored.
+//!
+//! Strong balance (ratio at most 2 across faces, edges and corners) is one pass from fine to coarse:
+//! if a cell is split, the parents of its 26 neighbours must be.
+
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering::Relaxed};
+
+use rayon::prelude::*;
+
+/// Finest cells per side of a block, and its logarithm.
+pub(crate) const BLOCK: i32 = 8;
+pub(crate) const BLOCK_LOG: u8 = 3;
+/// No leaf: beyond the domain.
+pub(crate) const NONE: u32 = u32::MAX;
+
+/// A cell that is not split: its lowest finest cell and the logarithm of its size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Leaf {
+    origin: [u16; 3],
+    pub(crate) log: u8,
+    /// Beyond the domain: only numbered, never used.
+    pub(crate) void: bool,
+}
+
+impl Leaf {
+    pub(crate) fn origin(&self) -> [i32; 3] {
+        self.origin.map(i32::from)
+    }
+    pub(crate) fn size(&self) -> i32 {
+        1 << self.log
+    }
+}
+
+/// Which cells must be split, before balance.
+#[derive(Clone)]
+pub(crate) struct Splits {
+    pub(crate) two: Vec<u64>,
+    pub(crate) four: Vec<u8>,
+    pub(crate) eight: Vec<bool>,
+    /// Blocks that may be leaves, but not parts of larger ones.
+    pub(crate) alone: Vec<bool>,
+    /// Leaves above this logarithm of their size are split.
+    pub(crate) largest: u8,
+}
+
+impl Splits {
+    pub(crate) fn none(blocks: [i32; 3], largest: u8) -> Self {
+        let n = blocks.iter().map(|&b| b as usize).product();
+        Self {
+            two: vec![0; n],
+            four: vec![0; n],
+            eight: vec![largest < 3; n],
+            alone: vec![false; n],
+            largest,
+        }
+    }
+
+    /// Asks for the split of a leaf of size 2, 4 or 8.
+    pub(crate) fn split(&mut self, blocks: [i32; 3], leaf: &Leaf) {
+        let o = leaf.origin();
+        let b = block_index(blocks, o.map(|c| c >> BLOCK_LOG));
+        let (g, c) = morton(o);
+        match leaf.log {
+            1 => self.two[b] |= 1 << (8 * g + c),
+            2 => self.four[b] |= 1 << g,
+            _ => self.eight[b] = true,
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Node {
+    two: u64,
+    base: u32,
+    four: u8,
+    /// 0 when the block is split, else the logarithm of the size of the leaf that holds it.
+    level: u8,
+}
+
+/// The leaves, and the way from a finest cell to its leaf.
+pub(crate) struct Octree {
+    pub(crate) cells: [i32; 3],
+    pub(crate) blocks: [i32; 3],
+    nodes: Vec<Node>,
+    pub(crate) leaves: Vec<Leaf>,
+}
+
+/// Four-cell and two-cell (inside of it) of a finest cell, in Morton order.
+fn morton([x, y, z]: [i32; 3]) -> (u32, u32) {
+    let at = |shift: i32| (x >> shift & 1) | (y >> shift & 1) << 1 | (z >> shift & 1) << 2;
+    (at(2) as u32, at(1) as u32)
+}
+
+fn child(i: u32) -> [i32; 3] {
+    [i & 1, i >> 1 & 1, i >> 2 & 1].map(|c| c as i32)
+}
+
+pub(crate) fn block_index(blocks: [i32; 3], [a, b, c]: [i32; 3]) -> usize {
+    (c as usize * blocks[1] as usize + b as usize) * blocks[0] as usize + a as usize
+}
+
+fn block_coordinates(blocks: [i32; 3], b: usize) -> [i32; 3] {
+    let [nx, ny, _] = blocks.map(|n| n as usize);
+    [b % nx, b / nx % ny, b / (nx * ny)].map(|c| c as i32)
+}
+
+impl Octree {
+    /// The coarsest balanced tree over `cells` finest cells in which all asked cells are split.
+    pub(crate) fn new(cells: [i32; 3], splits: &Splits) -> Self {
+        let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
+        let n = splits.two.len();
+        let inside = |b: [i32; 3]| (0..3).all(|k| (0..blocks[k]).contains(&b[k]));
+
+        // Size 2: asked for, or crossing the end of the domain.
+        let two: Vec<u64> = (0..n)
+            .into_par_iter()
+            .map(|b| {
+                let low = block_coordinates(blocks, b).map(|c| c * BLOCK);
+                let mut bits = splits.two[b];
+                if splits.largest < 1 {
+                    bits = !0;
+                }
+                if (0..3).any(|k| low[k] + BLOCK > cells[k]) {
+                    for t in 0..64u32 {
+                        let (p, q) = (child(t >> 3), child(t & 7));
+                        let o = [0, 1, 2].map(|k| low[k] + 4 * p[k] + 2 * q[k]);
+                        bits |= u64::from(crosses(o, 2, cells)) << t;
+                    }
+                }
+                bits
+            })
+            .collect();
+
+        // Size 4: the parents of all neighbours of a split cell of size 2.
+        let four: Vec<AtomicU8> = (0..n).map(|b| AtomicU8::new(splits.four[b])).collect();
+        let reach = two_to_four();
+        (0..n).into_par_iter().for_each(|b| {
+            let at = block_coordinates(blocks, b);
+            let mut asked = 0u64;
+            let mut bits = two[b];
+            while bits != 0 {
+                asked |= reach[bits.trailing_zeros() as usize];
+                bits &= bits - 1;
+            }
+            while asked != 0 {
+                let i = asked.trailing_zeros() as i32;
+                asked &= asked - 1;
+                let f = [i & 3, i >> 2 & 3, i >> 4].map(|c| c - 1);
+                let to = [0, 1, 2].map(|k| at[k] + (f[k] >> 1));
+                if inside(to) {
+                    let bit = (f[0] & 1) | (f[1] & 1) << 1 | (f[2] & 1) << 2;
+                    four[block_index(blocks, to)].fetch_or(1 << bit, Relaxed);
+                }
+            }
+            if (0..3).any(|k| (at[k] + 1) * BLOCK > cells[k]) || splits.largest < 2 {
+                let mut bits = 0;
+                for g in 0..8 {
+                    let o = [0, 1, 2].map(|k| at[k] * BLOCK + 4 * child(g)[k]);
+                    bits |= u8::from(crosses(o, 4, cells) || splits.largest < 2) << g;
+                }
+                four[b].fetch_or(bits, Relaxed);
+            }
+        });
+        let four: Vec<u8> = four.into_iter().map(AtomicU8::into_inner).collect();
+
+        // Size 8 and above: a bool per cell and level.
+        let mut split: Vec<Vec<bool>> = vec![splits.eight.clone()];
+        for b in 0..n {
+            let at = block_coordinates(blocks, b);
+            if crosses(at.map(|c| c * BLOCK), BLOCK, cells) {
+                split[0][b] = true;
+            }
+            for g in (0..8).filter(|g| four[b] >> g & 1 == 1) {
+                let low = [0, 1, 2].map(|k| (child(g)[k] - 1) >> 1);
+                let high = [0, 1, 2].map(|k| (child(g)[k] + 1) >> 1);
+                for_box(low, high, |d| {
+                    let to = [0, 1, 2].map(|k| at[k] + d[k]);
+                    if inside(to) {
+                        split[0][block_index(blocks, to)] = true;
+                    }
+                });
+            }
+        }
+        let mut shape = vec![blocks];
+        while shape.last().expect("one level").iter().any(|&s| s > 1) {
+            let fine = *shape.last().expect("one level");
+            let coarse = fine.map(|s| (s + 1) / 2);
+            let log = BLOCK_LOG + shape.len() as u8;
+            let mut marks = vec![log > splits.largest; block_count(coarse)];
+            for (c, mark) in marks.iter_mut().enumerate() {
+                let size = 1i32.checked_shl(u32::from(log)).unwrap_or(i32::MAX);
+                let low = block_coordinates(coarse, c).map(|v| v << log);
+                *mark |= (0..3).any(|k| low[k] > cells[k] - size);
+            }
+            if shape.len() == 1 {
+                for b in (0..n).filter(|&b| splits.alone[b]) {
+                    marks[block_index(coarse, block_coordinates(blocks, b).map(|c| c >> 1))] = true;
+                }
+            }
+            let below = split.last().expect("one level");
+            for (i, _) in below.iter().enumerate().filter(|(_, s)| **s) {
+                let at = block_coordinates(fine, i);
+                let low = [0, 1, 2].map(|k| ((at[k] - 1) >> 1).max(0));
+                let high = [0, 1, 2].map(|k| ((at[k] + 1) >> 1).min(coarse[k] - 1));
+                for_box(low, high, |p| marks[block_index(coarse, p)] = true);
+            }
+            split.push(marks);
+            shape.push(coarse);
+        }
+
+        let mut nodes: Vec<Node> = (0..n)
+            .into_par_iter()
+            .map(|b| {
+                let at = block_coordinates(blocks, b);
+                let level = (0..split.len())
+                    .rev()
+                    .find(|&j| !split[j][block_index(shape[j], at.map(|c| c >> j))])
+                    .map_or(0, |j| BLOCK_LOG + j as u8);
+                let (two, four) = if level == 0 {
+                    (two[b], four[b])
+                } else {
+                    (0, 0)
+                };
+                Node {
+                    two,
+                    base: 0,
+                    four,
+                    level,
+                }
+            })
+            .collect();
+        let mut total = 0u64;
+        for b in 0..n {
+            let at = block_coordinates(blocks, b);
+            let node = nodes[b];
+            if node.level == 0 {
+                nodes[b].base = total as u32;
+                total += u64::from(8 + 7 * node.four.count_ones() + 7 * node.two.count_ones());
+            } else {
+                let first = at.map(|c| c >> (node.level - BLOCK_LOG) << (node.level - BLOCK_LOG));
+                if first == at {
+                    nodes[b].base = total as u32;
+                    total += 1;
+                } else {
+                    nodes[b].base = nodes[block_index(blocks, first)].base;
+                }
+            }
+        }
+        let leaves = (0..n)
+            .into_par_iter()
+            .flat_map_iter(|b| leaves_of(&nodes[b], block_coordinates(blocks, b), cells))
+            .collect();
+        Self {
+            cells,
+            blocks,
+            nodes,
+            leaves,
+        }
+    }
+
+    /// The number of the leaf that holds a finest cell, and the logarithm of its size; [`NONE`]
+    /// beyond the domain.
+    #[inline]
+    pub(crate) fn find(&self, cell: [i32; 3]) -> (u32, u8) {
+        if (0..3).any(|k| cell[k] < 0 || cell[k] >= self.cells[k]) {
+            return (NONE, u8::MAX);
+        }
+        let node = &self.nodes[block_index(self.blocks, cell.map(|c| c >> BLOCK_LOG))];
+        if node.level != 0 {
+            return (node.base, node.level);
+        }
+        let (g, c) = morton(cell);
+        let before = |bits: u64, i: u32| (bits & ((1u64 << i) - 1)).count_ones();
+        let mut rank = g + 7 * before(u64::from(node.four), g);
+        if node.four >> g & 1 == 0 {
+            return (node.base + rank + 7 * before(node.two, 8 * g), 2);
+        }
+        rank += c + 7 * before(node.two, 8 * g + c);
+        if node.two >> (8 * g + c) & 1 == 0 {
+            return (node.base + rank, 1);
+        }
+        let leaf = (cell[0] & 1) | (cell[1] & 1) << 1 | (cell[2] & 1) << 2;
+        (node.base + rank + leaf as u32, 0)
+    }
+}
+
+fn leaves_of(node: &Node, at: [i32; 3], cells: [i32; 3]) -> Vec<Leaf> {
+    let mut out = Vec::new();
+    let mut push = |o: [i32; 3], log: u8| {
+        out.push(Leaf {
+            origin: o.map(|c| c as u16),
+            log,
+            void: (0..3).any(|k| o[k] >= cells[k]),
+        });
+    };
+    let low = at.map(|c| c * BLOCK);
+    if node.level != 0 {
+        let shift = node.level - BLOCK_LOG;
+        if at.iter().all(|c| c >> shift << shift == *c) {
+            push(low, node.level);
+        }
+        return out;
+    }
+    for g in 0..8 {
+        let o = [0, 1, 2].map(|k| low[k] + 4 * child(g)[k]);
+        if node.four >> g & 1 == 0 {
+            push(o, 2);
+            continue;
+        }
+        for c in 0..8 {
+            let o = [0, 1, 2].map(|k| o[k] + 2 * child(c)[k]);
+            if node.two >> (8 * g + c) & 1 == 0 {
+                push(o, 1);
+            } else {
+                for i in 0..8 {
+                    push([0, 1, 2].map(|k| o[k] + child(i)[k]), 0);
+                }
+            }
+        }
+    }
+    out
+}
+
+/// Does a cell begin inside of the domain and end beyond it?
+fn crosses(origin: [i32; 3], size: i32, cells: [i32; 3]) -> bool {
+    (0..3).all(|k| origin[k] < cells[k]) && (0..3).any(|k| origin[k] + size > cells[k])
+}
+
+fn block_count(shape: [i32; 3]) -> usize {
+    shape.iter().map(|&s| s as usize).product()
+}
+
+fn for_box(low: [i32; 3], high: [i32; 3], mut f: impl FnMut([i32; 3])) {
+    for z in low[2]..=high[2] {
+        for y in low[1]..=high[1] {
+            for x in low[0]..=high[0] {
+                f([x, y, z]);
+            }
+        }
+    }
+}
+
+/// For each cell of size 2 of a block: the cells of size 4 that its split asks for, as bits of the
+/// 4 × 4 × 4 of them that begin one before the block.
+fn two_to_four() -> [u64; 64] {
+    std::array::from_fn(|t| {
+        let (p, q) = (child(t as u32 >> 3), child(t as u32 & 7));
+        let at = [0, 1, 2].map(|k| 2 * p[k] + q[k]);
+        let mut bits = 0;
+        for_box(at.map(|c| (c - 1) >> 1), at.map(|c| (c + 1) >> 1), |f| {
+            bits |= 1 << ((f[0] + 1) + 4 * (f[1] + 1) + 16 * (f[2] + 1))
+        });
+        bits
+    })
+}
+
+/// Lattice points marked as used, numbered in block order, 8 × 8 × 8 points per block.
+pub(crate) struct PointSet {
+    blocks: [i32; 3],
+    bits: Vec<[u64; 8]>,
+    base: Vec<u32>,
+    len: u32,
+}
+
+/// Marks points from many threads.
+pub(crate) struct PointMarks {
+    blocks: [i32; 3],
+    bits: Vec<AtomicU64>,
+}
+
+impl PointMarks {
+    pub(crate) fn new(cells: [i32; 3]) -> Self {
+        let blocks = cells.map(|n| n / BLOCK + 1);
+        let bits = (0..8 * block_count(blocks))
+            .map(|_| AtomicU64::new(0))
+            .collect();
+        Self { blocks, bits }
+    }
+
+    pub(crate) fn mark(&self, p: [i32; 3]) {
+        let b = block_index(self.blocks, p.map(|c| c >> BLOCK_LOG));
+        let word = &self.bits[8 * b + (p[2] & 7) as usize];
+        let bit = 1u64 << ((p[0] & 7) | (p[1] & 7) << 3);
+        if word.load(Relaxed) & bit == 0 {
+            word.fetch_or(bit, Relaxed);
+        }
+    }
+
+    pub(crate) fn finish(self) -> PointSet {
+        let bits: Vec<[u64; 8]> = self
+            .bits
+            .chunks_exact(8)
+            .map(|w| std::array::from_fn(|i| w[i].load(Relaxed)))
+            .collect();
+        let mut len = 0;
+        let base = bits
+            .iter()
+            .map(|words| {
+                let base = len;
+                len += words.iter().map(|w| w.count_ones()).sum::<u32>();
+                base
+            })
+            .collect();
+        PointSet {
+            blocks: self.blocks,
+            bits,
+            base,
+            len,
+        }
+    }
+}
+
+impl PointSet {
+    pub(crate) fn len(&self) -> u32 {
+        self.len
+    }
+
+    /// The number of a marked point.
+    pub(crate) fn rank(&self, p: [i32; 3]) -> u32 {
+        let b = block_index(self.blocks, p.map(|c| c >> BLOCK_LOG));
+        let words = &self.bits[b];
+        let w = (p[2] & 7) as usize;
+        let bit = (p[0] & 7) | (p[1] & 7) << 3;
+        let below: u32 = words[..w].iter().map(|w| w.count_ones()).sum();
+        self.base[b] + below + (words[w] & ((1u64 << bit) - 1)).count_ones()
+    }
+
+    /// All marked points in the order of their numbers.
+    pub(crate) fn points(&self) -> Vec<[i32; 3]> {
+        (0..self.bits.len())
+            .into_par_iter()
+            .flat_map_iter(|b| {
+                let low = block_coordinates(self.blocks, b).map(|c| c * BLOCK);
+                let words = self.bits[b];
+                (0..512i32).filter_map(move |i| {
+                    let d = [i & 7, i >> 3 & 7, i >> 6];
+                    (words[d[2] as usize] >> (i & 63) & 1 == 1)
+                        .then(|| [0, 1, 2].map(|k| low[k] + d[k]))
+                })
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// The tree by definition: split top-down, then repeat "a leaf with a neighbour less than half
+    /// its size is split" until nothing changes.
+    fn brute(cells: [i32; 3], asked: &[[i32; 3]]) -> Vec<([i32; 3], i32)> {
+        let top = (*cells.iter().max().unwrap() as u32)
+            .next_power_of_two()
+            .max(8) as i32;
+        let mut leaves = vec![([0, 0, 0], top)];
+        loop {
+            let far = |o: [i32; 3], s: i32, p: [i32; 3], t: i32| {
+                (0..3).any(|k| o[k] > p[k] + t || p[k] > o[k] + s)
+            };
+            let mut next = Vec::new();
+            for &(o, s) in &leaves {
+                let wanted = s > 1
+                    && (asked
+                        .iter()
+                        .any(|a| (0..3).all(|k| (o[k]..o[k] + s).contains(&a[k])))
+                        || crosses(o, s, cells)
+                        || leaves.iter().any(|&(p, t)| 2 * t < s && !far(o, s, p, t)));
+                if wanted {
+                    let half = s / 2;
+                    next.extend(
+                        (0..8).map(|i| ([0, 1, 2].map(|k| o[k] + half * child(i)[k]), half)),
+                    );
+                } else {
+                    next.push((o, s));
+                }
+            }
+            next.retain(|(o, _)| (0..3).all(|k| o[k] < cells[k]));
+            if next.len() == leaves.len() {
+                next.sort_unstable();
+                return next;
+            }
+            leaves = next;
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+        #[test]
+        fn the_tree_is_the_coarsest_balanced_one(
+            cells in prop::array::uniform3(3..40i32),
+            asked in prop::collection::vec(prop::array::uniform3(0.0..1.0f64), 1..4),
+        ) {
+            let asked: Vec<[i32; 3]> = asked.iter()
+                .map(|a| [0, 1, 2].map(|k| (a[k] * f64::from(cells[k])) as i32))
+                .collect();
+            let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
+            let mut splits = Splits::none(blocks, 30);
+            for a in &asked {
+                let b = block_index(blocks, a.map(|c| c >> BLOCK_LOG));
+                let (g, c) = morton(*a);
+                splits.two[b] |= 1 << (8 * g + c);
+            }
+            let tree = Octree::new(cells, &splits);
+            let mut ours: Vec<_> = tree.leaves.iter()
+                .filter(|l| !l.void)
+                .map(|l| (l.origin(), l.size()))
+                .collect();
+            ours.sort_unstable();
+            prop_assert_eq!(ours, brute(cells, &asked));
+            for_box([0; 3], cells.map(|n| n - 1), |p| {
+                let (id, log) = tree.find(p);
+                let leaf = tree.leaves[id as usize];
+                assert_eq!(leaf.log, log);
+                assert!((0..3).all(|k| (leaf.origin()[k]..leaf.origin()[k] + leaf.size()).contains(&p[k])));
+            });
+        }
+
+        #[test]
+        fn points_are_numbered_in_order(points in prop::collection::btree_set(prop::array::uniform3(0..20i32), 0..60)) {
+            let marks = PointMarks::new([19, 19, 19]);
+            for p in &points { marks.mark(*p); }
+            let set = marks.finish();
+            prop_assert_eq!(set.len() as usize, points.len());
+            let listed = set.points();
+            prop_assert_eq!(listed.len(), points.len());
+            for (i, p) in listed.iter().enumerate() {
+                prop_assert!(points.contains(p));
+                prop_assert_eq!(set.rank(*p) as usize, i);
+            }
+        }
+    }
+}

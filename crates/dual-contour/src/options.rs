@@ -1,0 +1,368 @@
+//! What to compute.
+
+use geom_core::{Aabb, Point3, Vector3, mesh::Region};
+
+use crate::Error;
+
+/// What to mesh and how finely. The defaults mesh the molecule of a density whose surface has the
+/// value 1 with cells of the lattice's own spacing at the surface.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default))]
+pub struct Options {
+    /// Isovalue; a point is inside if its value is at least this.
+    pub level: f64,
+    /// Which mesher.
+    pub method: Method,
+    /// Size of the finest cells.
+    pub resolution: Resolution,
+    /// Cells at the surface are split while their feature-sensitive error (Å, Zhang & Bajaj 2005) is
+    /// larger than this; 0 splits all of them down to the finest size.
+    pub tolerance: f64,
+    /// How the 19 terms of the feature-sensitive error are put together.
+    pub error_norm: ErrorNorm,
+    /// Balls in which another tolerance holds, e.g. around the atoms of an emphasized chain. The
+    /// smallest tolerance of all balls that a cell meets is taken.
+    pub zones: Vec<Zone>,
+    /// Largest cell, Å; infinite leaves the size away from the surface to the balance alone.
+    pub max_cell: f64,
+    /// Where a dual vertex goes within its cell.
+    pub placement: Placement,
+    /// What happens where the surface meets the box of the lattice.
+    pub at_box: AtBox,
+    /// Materials other than the molecule (region 1), by decreasing priority: a point that is not
+    /// inside of the molecule belongs to the first that holds it, else to the exterior (region 0).
+    pub materials: Vec<Material>,
+    /// Connected groups of fewer lattice points than this on one side of the level are given to the
+    /// other side before meshing; 0 keeps all.
+    pub prune: u32,
+    /// Volumes: which regions are meshed.
+    pub region: Extent,
+    /// Volumes: where an exterior mesh ends.
+    pub outer: Outer,
+    /// Volumes: gives each connected part of the exterior but the largest a region number of its own
+    /// (the lowest unused ones).
+    pub separate_exterior: bool,
+    /// Largest estimated working memory, bytes.
+    pub max_memory: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            level: 1.0,
+            method: Method::DualContour,
+            resolution: Resolution::Lattice,
+            tolerance: 0.0,
+            error_norm: ErrorNorm::Sum,
+            zones: Vec::new(),
+            max_cell: f64::INFINITY,
+            placement: Placement::Newton,
+            at_box: AtBox::Refuse,
+            materials: Vec::new(),
+            prune: 0,
+            region: Extent::Interior,
+            outer: Outer::Grid,
+            separate_exterior: false,
+            max_memory: 16 << 30,
+        }
+    }
+}
+
+/// A mesher.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Method {
+    /// Dual contouring on the octree (thesis 3.3): may adapt on the surface.
+    #[default]
+    DualContour,
+    /// Isosurface stuffing on the same complex (Labelle & Shewchuk 2007): uniform on the surface,
+    /// better angles.
+    Lattice,
+}
+
+/// Size of the finest cells.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Resolution {
+    /// The spacing of the values: nothing is resampled.
+    #[default]
+    Lattice,
+    /// This length, Å. Values come from the field if one is given, else from the lattice
+    /// (trilinear).
+    Spacing(f64),
+    /// The length that gives about this many tetrahedra (within a fifth).
+    Tets(u64),
+}
+
+/// How the terms of the feature-sensitive error are put together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum ErrorNorm {
+    /// Their sum, as published.
+    #[default]
+    Sum,
+    /// The largest.
+    Max,
+}
+
+/// A ball with a tolerance of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Zone {
+    /// Centre.
+    pub center: Point3,
+    /// Radius, Å.
+    pub radius: f64,
+    /// Tolerance inside, Å.
+    pub tolerance: f64,
+}
+
+/// Where a dual vertex goes within its cell.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Placement {
+    /// The mean of the points where edges cross the surface (thesis).
+    Mass,
+    /// From there onto the surface, by Newton steps along the gradient.
+    #[default]
+    Newton,
+    /// The point nearest to all tangent planes at the crossings: for surfaces with creases.
+    Qef,
+}
+
+/// What happens where the surface meets the box of the lattice.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum AtBox {
+    /// An error: the density was sampled in too small a box.
+    #[default]
+    Refuse,
+    /// All beyond the box is exterior: the surface closes within one cell of it.
+    Cap,
+    /// The mesh ends at the planes of the box; the surface is closed by pieces of them.
+    Clip,
+}
+
+/// Which regions of a volume are meshed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Extent {
+    /// The molecule.
+    #[default]
+    Interior,
+    /// All but the molecule.
+    Exterior,
+    /// Everything, conforming across the interfaces.
+    Both,
+}
+
+impl Extent {
+    pub(crate) fn holds(self, region: Region) -> bool {
+        match self {
+            Self::Interior => region == geom_core::mesh::INTERIOR,
+            Self::Exterior => {
+                region != geom_core::mesh::INTERIOR && region != geom_core::mesh::OUTSIDE
+            }
+            Self::Both => region != geom_core::mesh::OUTSIDE,
+        }
+    }
+}
+
+/// Where an exterior mesh ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Outer {
+    /// At the box of the lattice, enlarged to whole octree blocks.
+    #[default]
+    Grid,
+    /// At a cuboid: the lattice's box, scaled about its middle by at least this factor (≥ 1).
+    Box {
+        /// Factor on the edge lengths.
+        scale: f64,
+    },
+    /// At a sphere about the middle of the lattice's box; its radius is this factor (≥ 1) times half
+    /// the diagonal of the box.
+    Sphere {
+        /// Factor on the radius.
+        scale: f64,
+    },
+}
+
+/// A material beside the molecule.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Material {
+    /// Its region number: not 0, 1 or 255.
+    pub region: Region,
+    /// The space it fills.
+    pub shape: Shape,
+}
+
+/// A simple closed set of points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Shape {
+    /// Between two planes, e.g. a membrane.
+    Slab {
+        /// Direction across; need not have unit length.
+        normal: Vector3,
+        /// Lowest coordinate along the unit normal, Å.
+        low: f64,
+        /// Highest coordinate along the unit normal, Å.
+        high: f64,
+    },
+    /// A finite cylinder.
+    Cylinder {
+        /// Middle of one end.
+        start: Point3,
+        /// Middle of the other end.
+        end: Point3,
+        /// Radius, Å.
+        radius: f64,
+    },
+    /// A ball.
+    Sphere {
+        /// Centre.
+        center: Point3,
+        /// Radius, Å.
+        radius: f64,
+    },
+    /// An axis-aligned box.
+    Cuboid(Aabb),
+}
+
+impl Shape {
+    /// Depth of a point below the boundary, Å; negative outside. Changes by at most the distance
+    /// between two points (1-Lipschitz), and is exact near the faces.
+    pub fn depth(&self, x: &Point3) -> f64 {
+        match *self {
+            Self::Slab { normal, low, high } => {
+                let z = x.coords.dot(&normal) / normal.norm();
+                (z - low).min(high - z)
+            }
+            Self::Cylinder { start, end, radius } => {
+                let axis = end - start;
+                let length = axis.norm();
+                let along = (x - start).dot(&axis) / length;
+                let across = ((x - start) - axis * (along / length)).norm();
+                (radius - across).min(along).min(length - along)
+            }
+            Self::Sphere { center, radius } => radius - (x - center).norm(),
+            Self::Cuboid(b) => (0..3)
+                .map(|k| (x[k] - b.min[k]).min(b.max[k] - x[k]))
+                .fold(f64::INFINITY, f64::min),
+        }
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let fine = match *self {
+            Self::Slab { normal, low, high } => {
+                normal.norm().is_normal() && low < high && low.is_finite() && high.is_finite()
+            }
+            Self::Cylinder { start, end, radius } => {
+                (end - start).norm().is_normal() && radius > 0.0 && radius.is_finite()
+            }
+            Self::Sphere { center, radius } => {
+                center.iter().all(|c| c.is_finite()) && radius > 0.0 && radius.is_finite()
+            }
+            Self::Cuboid(b) => {
+                b.min.iter().chain(b.max.iter()).all(|c| c.is_finite())
+                    && (0..3).all(|k| b.min[k] < b.max[k])
+            }
+        };
+        if fine {
+            Ok(())
+        } else {
+            Err(format!("{self:?} holds no point or is not finite"))
+        }
+    }
+}
+
+impl Options {
+    /// Refuses options that make no sense, and names the field.
+    pub fn check(&self) -> Result<(), Error> {
+        let refuse = |option, reason: String| Err(Error::InvalidOption { option, reason });
+        if !self.level.is_finite() {
+            return refuse("level", format!("{} is not a finite number", self.level));
+        }
+        match self.resolution {
+            Resolution::Spacing(h) if !(h > 0.0 && h.is_finite()) => {
+                return refuse("resolution", format!("{h} Å is not a positive length"));
+            }
+            Resolution::Tets(n) if n < 1000 => {
+                return refuse(
+                    "resolution",
+                    format!("{n} tetrahedra are too few to aim at; ask for 1000 or more"),
+                );
+            }
+            _ => {}
+        }
+        if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
+            return refuse(
+                "tolerance",
+                format!("{} Å is not 0 or a positive length", self.tolerance),
+            );
+        }
+        for zone in &self.zones {
+            let numbers = [zone.radius, zone.tolerance];
+            if numbers.iter().any(|&v| !(v >= 0.0 && v.is_finite()))
+                || zone.center.iter().any(|c| !c.is_finite())
+            {
+                return refuse(
+                    "zones",
+                    format!("{zone:?} has a number that is negative or not finite"),
+                );
+            }
+        }
+        if self.max_cell.is_nan() || self.max_cell <= 0.0 {
+            return refuse(
+                "max_cell",
+                format!("{} Å is not a positive length", self.max_cell),
+            );
+        }
+        for material in &self.materials {
+            if [
+                geom_core::mesh::EXTERIOR,
+                geom_core::mesh::INTERIOR,
+                geom_core::mesh::OUTSIDE,
+            ]
+            .contains(&material.region)
+            {
+                return refuse(
+                    "materials",
+                    format!("region {} is taken; use 2 … 254", material.region),
+                );
+            }
+            if let Err(reason) = material.shape.check() {
+                return refuse("materials", reason);
+            }
+        }
+        match self.outer {
+            Outer::Box { scale } | Outer::Sphere { scale } if !(1.0..=100.0).contains(&scale) => {
+                return refuse(
+                    "outer",
+                    format!("a scale of {scale} is not between 1 and 100"),
+                );
+            }
+            _ => {}
+        }
+        let missing = [
+            ("method", self.method == Method::Lattice),
+            ("resolution", matches!(self.resolution, Resolution::Tets(_))),
+            ("prune", self.prune > 0),
+            ("separate_exterior", self.separate_exterior),
+        ];
+        if let Some((option, _)) = missing.iter().find(|m| m.1) {
+            return refuse(option, "is not available in this version".to_owned());
+        }
+        let uneven = self.tolerance > 0.0 || !self.zones.is_empty();
+        if self.method == Method::Lattice && uneven {
+            return refuse(
+                "tolerance",
+                "the lattice method needs cells of one size at the surface; leave tolerance and zones at 0 or take the dual-contour method".to_owned(),
+            );
+        }
+        Ok(())
+    }
+}

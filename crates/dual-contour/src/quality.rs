@@ -1,0 +1,54 @@
+//! How good a tetrahedron is, for choices between diagonals.
+
+use geom_core::Point3;
+
+/// The smallest squared sine of a dihedral angle, with the sign of the volume: larger is better, and
+/// positive means not inverted.
+pub(crate) fn sine(x: &[Point3; 4]) -> f64 {
+    let [a, b, c, d] = x;
+    let (u, v, w) = (b - a, c - a, d - a);
+    let volume = u.cross(&v).dot(&w);
+    // Doubled area normals of the faces opposite a, b, c, d.
+    let n = [
+        (c - b).cross(&(d - b)).norm_squared(),
+        v.cross(&w).norm_squared(),
+        u.cross(&w).norm_squared(),
+        u.cross(&v).norm_squared(),
+    ];
+    // An edge and the two faces at it: those opposite the corners that are not its ends.
+    let edges = [
+        (u.norm_squared(), 2, 3),
+        (v.norm_squared(), 1, 3),
+        (w.norm_squared(), 1, 2),
+        ((c - b).norm_squared(), 0, 3),
+        ((d - b).norm_squared(), 0, 2),
+        ((d - c).norm_squared(), 0, 1),
+    ];
+    let least = edges
+        .iter()
+        .map(|&(e, i, j)| e / (n[i] * n[j]))
+        .fold(f64::INFINITY, f64::min);
+    let square = volume * volume * least;
+    if volume > 0.0 && square.is_finite() {
+        square
+    } else {
+        -1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_regular_tetrahedron_has_seventy_degrees() {
+        let p = [[1., 1., 1.], [-1., 1., -1.], [1., -1., -1.], [-1., -1., 1.]].map(Point3::from);
+        let s = sine(&p);
+        assert!(
+            (s - 8.0 / 9.0).abs() < 1e-12,
+            "sin² of acos(1/3) is 8/9, not {s}"
+        );
+        assert_eq!(sine(&[p[0], p[1], p[3], p[2]]), -1.0);
+        assert_eq!(sine(&[p[0], p[1], p[2], p[2]]), -1.0);
+    }
+}

@@ -1,0 +1,203 @@
+//! Where the octree is split: cells that carry a surface, by the feature-sensitive error (Zhang &
+//! Bajaj 2005).
+
+use geom_core::mesh::{INTERIOR, Region};
+use geom_core::{Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::octree::{BLOCK, Splits};
+use crate::samples::{SIDE, Samples, local};
+use crate::{ErrorNorm, Options, Shape};
+
+/// The feature-sensitive error of a cell from its values on the 3 × 3 × 3 half lattice: over the 19
+/// points that are no corners, the difference to the trilinear interpolant of the corners over the
+/// length of its gradient. `edge` is the cell's edge length; the result has its unit.
+pub(crate) fn feature_error(values: &[f64; 27], edge: f64, norm: ErrorNorm) -> f64 {
+    let corner = |i: usize| values[2 * (i & 1) + 6 * (i >> 1 & 1) + 18 * (i >> 2)];
+    let (mut sum, mut most) = (0.0, 0.0f64);
+    for (i, &value) in values.iter().enumerate() {
+        let p = [i % 3, i / 3 % 3, i / 9];
+        if p.iter().all(|&c| c != 1) {
+            continue;
+        }
+        let t = p.map(|c| 0.5 * c as f64);
+        let (mut f, mut g) = (0.0, Vector3::zeros());
+        for c in 0..8 {
+            let bit = [c & 1, c >> 1 & 1, c >> 2];
+            let w = [0, 1, 2].map(|k| if bit[k] == 1 { t[k] } else { 1.0 - t[k] });
+            let s = bit.map(|b| if b == 1 { 1.0 } else { -1.0 });
+            let v = corner(c);
+            f += v * w[0] * w[1] * w[2];
+            g += v * Vector3::new(s[0] * w[1] * w[2], w[0] * s[1] * w[2], w[0] * w[1] * s[2]);
+        }
+        let term = (value - f).abs() * edge / g.norm().max(1e-12);
+        sum += term;
+        most = most.max(term);
+    }
+    match norm {
+        ErrorNorm::Sum => sum,
+        ErrorNorm::Max => most,
+    }
+}
+
+struct Judge<'a> {
+    samples: &'a Samples,
+    options: &'a Options,
+}
+
+impl Judge<'_> {
+    /// Must the cell of this block be split? `low` is relative to the block.
+    fn splits(
+        &self,
+        block: [i32; 3],
+        values: &[f32],
+        regions: &[Region],
+        low: [usize; 3],
+        size: usize,
+    ) -> bool {
+        let at = |p: [usize; 3]| (p[2] * SIDE + p[1]) * SIDE + p[0];
+        let first = regions[at(low)];
+        let (mut mixed, mut inside, mut outside) = (false, false, false);
+        for z in low[2]..=low[2] + size {
+            for y in low[1]..=low[1] + size {
+                for &r in &regions[at([low[0], y, z])..=at([low[0] + size, y, z])] {
+                    mixed |= r != first;
+                    inside |= r == INTERIOR;
+                    outside |= r != INTERIOR;
+                }
+            }
+        }
+        if !mixed {
+            return false;
+        }
+        let domain = &self.samples.domain;
+        let spacing = domain.spacing;
+        let origin = [0, 1, 2].map(|k| block[k] * BLOCK + low[k] as i32);
+        let edge = size as f64 * spacing;
+        if inside && outside {
+            let centre = domain.world(&local(origin).map(|c| c + 0.5 * size as f64));
+            let reach = 0.5 * 3f64.sqrt() * edge;
+            let tolerance = self
+                .options
+                .zones
+                .iter()
+                .filter(|z| (z.center - centre).norm() <= z.radius + reach)
+                .map(|z| z.tolerance)
+                .fold(self.options.tolerance, f64::min);
+            if tolerance == 0.0 {
+                return true;
+            }
+            let half = size / 2;
+            let values: [f64; 27] = std::array::from_fn(|i| {
+                let p = [i % 3, i / 3 % 3, i / 9];
+                f64::from(values[at([0, 1, 2].map(|k| low[k] + half * p[k]))])
+            });
+            return feature_error(&values, edge, self.options.error_norm) > tolerance;
+        }
+        // Boundaries of materials: flat ones need no small cells.
+        let limit = self.options.tolerance.max(0.1 * spacing);
+        let labels = &self.samples.labels;
+        labels
+            .outer
+            .iter()
+            .chain(labels.materials.iter().map(|m| &m.shape))
+            .any(|shape| shape_error(shape, &domain.point(origin), edge) > limit)
+    }
+}
+
+/// How far the depth below a shape's boundary, interpolated from the corners of a cell, is off at its
+/// other half-lattice points; 0 if the boundary is far.
+fn shape_error(shape: &Shape, low: &Point3, edge: f64) -> f64 {
+    let at = |t: [f64; 3]| shape.depth(&(low + Vector3::from(t) * edge));
+    if at([0.5; 3]).abs() > edge {
+        return 0.0;
+    }
+    let corners: [f64; 8] =
+        std::array::from_fn(|c| at([c & 1, c >> 1 & 1, c >> 2].map(|b| b as f64)));
+    (0..27)
+        .map(|i| {
+            let t = [i % 3, i / 3 % 3, i / 9].map(|c| 0.5 * c as f64);
+            let guess: f64 = (0..8)
+                .map(|c| {
+                    let bit = [c & 1, c >> 1 & 1, c >> 2];
+                    let w: f64 = (0..3)
+                        .map(|k| if bit[k] == 1 { t[k] } else { 1.0 - t[k] })
+                        .product();
+                    w * corners[c]
+                })
+                .sum();
+            (at(t) - guess).abs()
+        })
+        .fold(0.0, f64::max)
+}
+
+/// The cells that must be split because of what they hold.
+pub(crate) fn splits(samples: &Samples, options: &Options) -> Splits {
+    let domain = &samples.domain;
+    let ratio = (options.max_cell / domain.spacing).max(1.0).log2();
+    let largest = if ratio < 30.0 {
+        (ratio + 1e-9) as u8
+    } else {
+        30
+    };
+    let mut out = Splits::none(domain.blocks, largest);
+    let judge = Judge { samples, options };
+    let found: Vec<(usize, u64, u8, bool)> = (0..domain.block_len())
+        .into_par_iter()
+        .filter_map(|b| {
+            let (values, regions) = (samples.values_of(b)?, samples.regions_of(b)?);
+            let block = domain.block(b);
+            let bits = |i: usize| [i & 1, i >> 1 & 1, i >> 2];
+            let (mut two, mut four) = (0u64, 0u8);
+            let eight = judge.splits(block, values, regions, [0; 3], 8);
+            for g in (0..8).filter(|_| eight) {
+                let low = bits(g).map(|c| 4 * c);
+                if judge.splits(block, values, regions, low, 4) {
+                    four |= 1 << g;
+                    for c in 0..8 {
+                        let low = [0, 1, 2].map(|k| low[k] + 2 * bits(c)[k]);
+                        if judge.splits(block, values, regions, low, 2) {
+                            two |= 1 << (8 * g + c);
+                        }
+                    }
+                }
+            }
+            Some((b, two, four, eight))
+        })
+        .collect();
+    for (b, two, four, eight) in found {
+        out.two[b] = two;
+        out.four[b] |= four;
+        out.eight[b] |= eight;
+        out.alone[b] = true;
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// On the half lattice of the unit cube.
+    fn on_half_lattice(f: impl Fn(f64, f64, f64) -> f64) -> [f64; 27] {
+        std::array::from_fn(|i| {
+            let [x, y, z] = [i % 3, i / 3 % 3, i / 9].map(|c| 0.5 * c as f64);
+            f(x, y, z)
+        })
+    }
+
+    #[test]
+    fn trilinear_fields_have_no_error() {
+        let f = on_half_lattice(|x, y, z| 1.0 + 2.0 * x - y + 3.0 * x * y * z - y * z);
+        assert!(feature_error(&f, 0.5, ErrorNorm::Sum) < 1e-14);
+    }
+
+    #[test]
+    fn a_parabola_has_the_error_worked_out_by_hand() {
+        // f = x²: the interpolant is x with gradient 1; 9 of the 19 points have x = 1/2, where the
+        // difference is 1/4.
+        let f = on_half_lattice(|x, _, _| x * x);
+        assert!((feature_error(&f, 2.0, ErrorNorm::Sum) - 9.0 * 0.25 * 2.0).abs() < 1e-14);
+        assert!((feature_error(&f, 2.0, ErrorNorm::Max) - 0.25 * 2.0).abs() < 1e-14);
+    }
+}

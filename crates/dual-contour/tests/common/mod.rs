@@ -1,0 +1,282 @@
+//! Inputs, and an independent judge of meshes, for the tests of this crate.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use dual_contour::geom_core::mesh::{Region, six_volume};
+use dual_contour::geom_core::{
+    ImplicitField, Lattice, Point3, ScalarGrid, TetMesh, TriMesh, Vector3,
+};
+
+/// A field from a closure; gradients by central differences.
+pub(crate) struct Field<F>(pub(crate) F);
+
+impl<F: Fn(&Point3) -> f64 + Sync> ImplicitField for Field<F> {
+    fn value(&self, x: &Point3) -> f64 {
+        (self.0)(x)
+    }
+    fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        let h = 1e-5;
+        let d = |v: Vector3| ((self.0)(&(x + v * h)) - (self.0)(&(x - v * h))) / (2.0 * h);
+        (
+            self.value(x),
+            Vector3::new(d(Vector3::x()), d(Vector3::y()), d(Vector3::z())),
+        )
+    }
+}
+
+/// 1 + (radius − |x − c|): 1 on the sphere, slope 1 everywhere.
+pub(crate) fn ball(center: Point3, radius: f64) -> Field<impl Fn(&Point3) -> f64 + Sync + Copy> {
+    Field(move |x: &Point3| 1.0 + radius - (x - center).norm())
+}
+
+/// A torus about the z axis.
+pub(crate) fn torus(major: f64, minor: f64) -> Field<impl Fn(&Point3) -> f64 + Sync + Copy> {
+    Field(move |x: &Point3| {
+        let ring = (x.x * x.x + x.y * x.y).sqrt() - major;
+        1.0 + minor - (ring * ring + x.z * x.z).sqrt()
+    })
+}
+
+/// Samples of a field on `n` cells per axis of the cube `[−half, half]³`.
+pub(crate) fn sample(field: &impl ImplicitField, half: f64, n: usize) -> ScalarGrid {
+    let lattice = Lattice {
+        origin: Point3::new(-half, -half, -half),
+        spacing: 2.0 * half / n as f64,
+        counts: [n + 1; 3],
+    };
+    let values = (0..lattice.len())
+        .map(|i| field.value(&lattice.point(lattice.coordinates(i))) as f32)
+        .collect();
+    ScalarGrid::new(lattice, values).unwrap()
+}
+
+/// White noise: each point inside with the given probability, values at random distance from the
+/// level; `margin` layers of exterior around.
+pub(crate) fn noise(n: usize, density: f64, margin: usize, seed: u64) -> ScalarGrid {
+    let lattice = Lattice {
+        origin: Point3::origin(),
+        spacing: 0.5,
+        counts: [n + 1; 3],
+    };
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    let mut random = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let values = (0..lattice.len())
+        .map(|i| {
+            let p = lattice.coordinates(i);
+            let (side, depth) = (random(), random());
+            let within = p.iter().all(|&c| c >= margin && c + margin <= n);
+            (1.0 + (0.05 + 0.9 * depth) * if within && side < density { 1.0 } else { -1.0 }) as f32
+        })
+        .collect();
+    ScalarGrid::new(lattice, values).unwrap()
+}
+
+/// What is wrong with a surface: edges that are not shared by two triangles in opposite direction,
+/// and vertices with more than one fan.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(crate) struct Faults {
+    pub(crate) edges: usize,
+    pub(crate) vertices: usize,
+}
+
+pub(crate) fn faults(triangles: &[[u32; 3]]) -> Faults {
+    let mut directed: BTreeMap<(u32, u32), u32> = BTreeMap::new();
+    for t in triangles {
+        for k in 0..3 {
+            *directed.entry((t[k], t[(k + 1) % 3])).or_default() += 1;
+        }
+    }
+    let edges = directed
+        .iter()
+        .filter(|&(&(a, b), &n)| n != 1 || directed.get(&(b, a)) != Some(&1))
+        .count();
+    let mut around: BTreeMap<u32, Vec<(u32, u32)>> = BTreeMap::new();
+    for t in triangles {
+        for k in 0..3 {
+            around
+                .entry(t[k])
+                .or_default()
+                .push((t[(k + 1) % 3], t[(k + 2) % 3]));
+        }
+    }
+    let vertices = around
+        .values()
+        .filter(|links| {
+            let next: BTreeMap<u32, u32> = links.iter().copied().collect();
+            let first = links[0].0;
+            let (mut at, mut steps) = (first, 0);
+            while let Some(&to) = next.get(&at) {
+                at = to;
+                steps += 1;
+                if at == first || steps > links.len() {
+                    break;
+                }
+            }
+            steps != links.len() || at != first
+        })
+        .count();
+    Faults { edges, vertices }
+}
+
+pub(crate) fn assert_closed(mesh: &TriMesh) {
+    assert_eq!(
+        faults(mesh.triangles()),
+        Faults::default(),
+        "closed, oriented, 2-manifold"
+    );
+}
+
+/// Groups of elements that share vertices.
+pub(crate) fn components<const N: usize>(elements: &[[u32; N]]) -> usize {
+    let n = elements
+        .iter()
+        .flatten()
+        .map(|&v| v as usize + 1)
+        .max()
+        .unwrap_or(0);
+    let mut group: Vec<usize> = (0..n).collect();
+    fn root(g: &mut [usize], mut i: usize) -> usize {
+        while g[i] != i {
+            g[i] = g[g[i]];
+            i = g[i];
+        }
+        i
+    }
+    for e in elements {
+        for v in &e[1..] {
+            let (a, b) = (
+                root(&mut group, e[0] as usize),
+                root(&mut group, *v as usize),
+            );
+            group[a] = b;
+        }
+    }
+    let used: BTreeSet<usize> = elements
+        .iter()
+        .flatten()
+        .map(|&v| root(&mut group, v as usize))
+        .collect();
+    used.len()
+}
+
+/// Vertices − edges + faces − cells.
+pub(crate) fn euler_of_tets(tets: &[[u32; 4]]) -> i64 {
+    let mut vertices = BTreeSet::new();
+    let mut edges = BTreeSet::new();
+    let mut faces = BTreeSet::new();
+    for t in tets {
+        let mut t = *t;
+        t.sort_unstable();
+        for i in 0..4 {
+            vertices.insert(t[i]);
+            for j in i + 1..4 {
+                edges.insert((t[i], t[j]));
+                for k in j + 1..4 {
+                    faces.insert((t[i], t[j], t[k]));
+                }
+            }
+        }
+    }
+    vertices.len() as i64 - edges.len() as i64 + faces.len() as i64 - tets.len() as i64
+}
+
+/// Positive volumes; every face on at most two tetrahedra, from opposite sides.
+pub(crate) fn assert_conforming(mesh: &TetMesh) {
+    let mut faces: BTreeMap<[u32; 3], Vec<bool>> = BTreeMap::new();
+    for (i, t) in mesh.tets().iter().enumerate() {
+        let v = six_volume(mesh.corners(i));
+        assert!(
+            v > 0.0,
+            "tetrahedron {i} {t:?} of region {} has volume {}",
+            mesh.regions()[i],
+            v / 6.0
+        );
+        for f in [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]] {
+            let face = f.map(|k| t[k]);
+            let mut key = face;
+            key.sort_unstable();
+            let even = face == key
+                || [face[1], face[2], face[0]] == key
+                || [face[2], face[0], face[1]] == key;
+            faces.entry(key).or_default().push(even);
+        }
+    }
+    for (face, sides) in faces {
+        assert!(
+            sides.len() == 1 || sides.len() == 2 && sides[0] != sides[1],
+            "face {face:?} is on {} tetrahedra",
+            sides.len()
+        );
+    }
+}
+
+/// The boundary of the tetrahedra of a region, seen from outside of it.
+pub(crate) fn boundary_of(mesh: &TetMesh, region: Region) -> Vec<[u32; 3]> {
+    let mut faces: BTreeMap<[u32; 3], Vec<[u32; 3]>> = BTreeMap::new();
+    for (t, _) in mesh
+        .tets()
+        .iter()
+        .zip(mesh.regions())
+        .filter(|(_, r)| **r == region)
+    {
+        for f in [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]] {
+            let face = f.map(|k| t[k]);
+            let mut key = face;
+            key.sort_unstable();
+            faces.entry(key).or_default().push(face);
+        }
+    }
+    faces
+        .into_values()
+        .filter(|v| v.len() == 1)
+        .map(|v| v[0])
+        .collect()
+}
+
+/// Triangles as positions, in an order that does not depend on numbering.
+pub(crate) fn geometry(positions: &[Point3], triangles: &[[u32; 3]]) -> BTreeSet<[[u64; 3]; 3]> {
+    triangles
+        .iter()
+        .map(|t| {
+            let p = t.map(|v| [0, 1, 2].map(|k| positions[v as usize][k].to_bits()));
+            let first = (0..3).min_by_key(|&i| p[i]).unwrap();
+            [0, 1, 2].map(|i| p[(first + i) % 3])
+        })
+        .collect()
+}
+
+pub(crate) fn volume_of(mesh: &TetMesh, region: Region) -> f64 {
+    (0..mesh.tets().len())
+        .filter(|&t| mesh.regions()[t] == region)
+        .map(|t| six_volume(mesh.corners(t)) / 6.0)
+        .sum()
+}
+
+/// Smallest and largest dihedral angle, degrees.
+pub(crate) fn dihedral_range(mesh: &TetMesh) -> (f64, f64) {
+    let (mut low, mut high) = (180.0f64, 0.0f64);
+    for i in 0..mesh.tets().len() {
+        let p = mesh.corners(i);
+        for [a, b, c, d] in [
+            [0, 1, 2, 3],
+            [0, 2, 1, 3],
+            [0, 3, 1, 2],
+            [1, 2, 0, 3],
+            [1, 3, 0, 2],
+            [2, 3, 0, 1],
+        ] {
+            let e = p[b] - p[a];
+            let (m, n) = (e.cross(&(p[c] - p[a])), e.cross(&(p[d] - p[a])));
+            let angle = m.angle(&n).to_degrees();
+            low = low.min(angle);
+            high = high.max(angle);
+        }
+    }
+    (low, high)
+}

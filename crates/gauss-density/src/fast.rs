@@ -1,0 +1,444 @@
+//! The density at the points of a small cube in f32, separably (Eq. 3.4 with a reference atom).
+//!
+//! A node's sum is written as `S_v = exp(−w q_b) R_v` with a leaf `b` below the node, the one that matters
+//! most at the middle of the cube, so that nothing underflows before the powers. For a residue
+//! `R = 1 + Σ_{a≠b} exp(q_b − q_a)`, and further up `R_v = Σ_c exp(w q_b − P_c w_c q_c) R_c^P_c`. Each exponent is
+//! a quadratic without mixed terms, so its exponential is a product of three tables, one per axis.
+//!
+//! Products and sums are not fused, so the values do not depend on the instruction set.
+
+use geom_core::{Point3, Vector3};
+
+use crate::members::{Best, Members, largest};
+
+/// Points of a cube, `SIDE` per axis, x fastest, then y; `PLANE = SIDE²`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cube {
+    pub(crate) center: Point3,
+    pub(crate) spacing: f64,
+}
+
+/// Reusable arrays.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    offset: Vec<Vector3>,
+    q: Vec<f64>,
+    /// Per level (atoms first): the leaf that matters most at the centre.
+    best: Vec<Vec<Best>>,
+    /// `R` of the open node per level.
+    sums: Vec<Vec<f32>>,
+    /// The open node per level, and the largest bound of its terms so far.
+    open: Vec<(usize, f64)>,
+}
+
+/// Beyond this (in powers of 2) a table or a sum may leave the range of f32.
+const RANGE: f64 = 115.0;
+
+/// Fills `out` with the densities at the points of the cube, with the instruction set at hand. `false` when
+/// the numbers would leave the range of f32: then the plain function must do.
+pub(crate) fn density<const SIDE: usize, const PLANE: usize>(
+    members: &Members,
+    cube: &Cube,
+    scratch: &mut Scratch,
+    out: &mut [f32],
+) -> bool {
+    struct Task<'a, const SIDE: usize, const PLANE: usize> {
+        members: &'a Members,
+        cube: &'a Cube,
+        scratch: &'a mut Scratch,
+        out: &'a mut [f32],
+    }
+    impl<const SIDE: usize, const PLANE: usize> pulp::NullaryFnOnce for Task<'_, SIDE, PLANE> {
+        type Output = bool;
+        #[inline(always)]
+        fn call(self) -> bool {
+            density_here::<SIDE, PLANE>(self.members, self.cube, self.scratch, self.out)
+        }
+    }
+    pulp::Arch::new().dispatch(Task::<SIDE, PLANE> {
+        members,
+        cube,
+        scratch,
+        out,
+    })
+}
+
+#[inline(always)]
+fn density_here<const SIDE: usize, const PLANE: usize>(
+    members: &Members,
+    cube: &Cube,
+    scratch: &mut Scratch,
+    out: &mut [f32],
+) -> bool {
+    assert!(PLANE == SIDE * SIDE && out.len() == PLANE * SIDE);
+    prepare(members, cube, scratch);
+    let depth = members.levels.len();
+    scratch.sums.resize_with(depth, Vec::new);
+    for sum in &mut scratch.sums {
+        sum.resize(PLANE * SIDE, 0.0);
+    }
+    let eval = Eval::<SIDE, PLANE> {
+        members,
+        cube,
+        half: (SIDE as f64 - 1.0) * 0.5 * cube.spacing,
+        offset: &scratch.offset,
+        q: &scratch.q,
+        best: &scratch.best,
+    };
+    out.fill(0.0);
+    if depth == 0 {
+        eval.atoms(0..members.len(), None, out).is_some()
+    } else {
+        eval.tree(&mut scratch.sums, &mut scratch.open, out)
+            .is_some()
+    }
+}
+
+#[inline(always)]
+fn prepare(members: &Members, cube: &Cube, scratch: &mut Scratch) {
+    let n = members.len();
+    scratch.offset.clear();
+    scratch.q.clear();
+    scratch.best.resize_with(members.levels.len() + 1, Vec::new);
+    scratch.best[0].clear();
+    for i in 0..n {
+        let t = cube.center - members.center[i];
+        let r = members.radius[i];
+        let q = members.decay[i] * (t.norm_squared() - r * r);
+        scratch.offset.push(t);
+        scratch.q.push(q);
+        scratch.best[0].push(Best {
+            ln: -q,
+            leaf: i as u32,
+            weight: 1.0,
+        });
+    }
+    for (l, level) in members.levels.iter().enumerate() {
+        let (below, above) = scratch.best.split_at_mut(l + 1);
+        above[0].clear();
+        for v in 0..level.len() {
+            let power = level.power[v];
+            let top = largest(&below[l][level.children(v)]);
+            above[0].push(Best {
+                ln: power * top.ln,
+                leaf: top.leaf,
+                weight: power * top.weight,
+            });
+        }
+    }
+}
+
+struct Eval<'a, const SIDE: usize, const PLANE: usize> {
+    members: &'a Members,
+    cube: &'a Cube,
+    half: f64,
+    offset: &'a [Vector3],
+    q: &'a [f64],
+    best: &'a [Vec<Best>],
+}
+
+/// A quadratic exponent without mixed terms, in powers of 2, about the centre of the cube.
+#[derive(Clone, Copy)]
+struct Exponent {
+    constant: f64,
+    slope: Vector3,
+    curvature: f64,
+}
+
+/// The exponential of an exponent: `plane[j]` times `line[k]` at point `j` of plane `k`.
+struct Tables<const SIDE: usize, const PLANE: usize> {
+    plane: [f32; PLANE],
+    line: [f32; SIDE],
+}
+
+impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
+    /// `w_b q_b − w_a q_a` in powers of 2; without `b`, `−w_a q_a`.
+    #[inline(always)]
+    fn exponent(&self, b: Option<(u32, f64)>, a: u32, wa: f64) -> Exponent {
+        const LOG2E: f64 = std::f64::consts::LOG2_E;
+        let a = a as usize;
+        let ka = wa * self.members.decay[a];
+        let mut e = Exponent {
+            constant: -wa * self.q[a],
+            slope: self.offset[a] * (-2.0 * ka),
+            curvature: -ka,
+        };
+        if let Some((b, wb)) = b {
+            let b = b as usize;
+            let kb = wb * self.members.decay[b];
+            e.constant += wb * self.q[b];
+            e.slope += self.offset[b] * (2.0 * kb);
+            e.curvature += kb;
+        }
+        Exponent {
+            constant: e.constant * LOG2E,
+            slope: e.slope * LOG2E,
+            curvature: e.curvature * LOG2E,
+        }
+    }
+
+    /// An upper bound of the exponent in the cube, if its tables stay in the range of f32.
+    #[inline(always)]
+    fn bound(&self, e: &Exponent) -> Option<f64> {
+        let bend = e.curvature * self.half * self.half;
+        let swing = [0, 1, 2].map(|k| e.slope[k].abs() * self.half);
+        let rise = swing[0] + swing[1] + swing[2] + 3.0 * bend.max(0.0);
+        let top = e.constant + rise;
+        // The plane's table has no constant, the line's has.
+        let plane = swing[0] + swing[1] + 2.0 * bend.abs();
+        let line_low = e.constant - swing[2] - bend.abs();
+        let line_high = e.constant + swing[2] + bend.abs();
+        let fits = plane <= RANGE && line_high <= RANGE && line_low >= -RANGE - 10.0;
+        // A term that vanishes everywhere needs no accuracy.
+        (fits || top < -60.0).then_some(top)
+    }
+
+    #[inline(always)]
+    fn tables(&self, e: &Exponent) -> Tables<SIDE, PLANE> {
+        let h = self.cube.spacing as f32;
+        let first = -0.5 * (SIDE as f32 - 1.0);
+        let (sx, sy, sz) = (e.slope.x as f32, e.slope.y as f32, e.slope.z as f32);
+        let (c, constant) = (e.curvature as f32, e.constant as f32);
+        let (mut x, mut y, mut line) = ([0.0f32; SIDE], [0.0f32; SIDE], [0.0f32; SIDE]);
+        for i in 0..SIDE {
+            let u = (first + i as f32) * h;
+            x[i] = u * (sx + c * u);
+            y[i] = u * (sy + c * u);
+            line[i] = constant + u * (sz + c * u);
+        }
+        for table in [&mut x, &mut y, &mut line] {
+            for value in table {
+                *value = exp2(*value);
+            }
+        }
+        let mut plane = [0.0f32; PLANE];
+        for (row, y) in plane.chunks_exact_mut(SIDE).zip(y) {
+            for (value, x) in row.iter_mut().zip(x) {
+                *value = x * y;
+            }
+        }
+        Tables { plane, line }
+    }
+
+    /// The nodes in hierarchy order: a node's sum is complete after its last child, then its term goes into
+    /// the sum of the node above, and so on. `None` if something leaves the range. (Not a recursion, which
+    /// could not be inlined into code for the instruction set at hand.)
+    #[inline(always)]
+    fn tree(
+        &self,
+        sums: &mut [Vec<f32>],
+        open: &mut Vec<(usize, f64)>,
+        out: &mut [f32],
+    ) -> Option<()> {
+        let levels = &self.members.levels;
+        let depth = levels.len();
+        open.clear();
+        open.resize(depth, (0, f64::NEG_INFINITY));
+        for lowest in 0..levels[0].len() {
+            let (mut level, mut node) = (0, lowest);
+            let children = levels[0].children(lowest);
+            let leaf = self.best[1][lowest].leaf;
+            // A residue of one atom is that atom's kernel to the power, without a sum.
+            let mut sum_bound = if children.len() == 1 {
+                None
+            } else {
+                Some(self.atoms(children, Some((leaf, 1.0)), &mut sums[0])?)
+            };
+            loop {
+                let power = levels[level].power[node];
+                let Best { leaf, weight, .. } = self.best[level + 1][node];
+                let above = level + 1;
+                let (lower, upper) = sums.split_at_mut(above);
+                let own = &mut lower[level];
+                let (target, reference) = if above == depth {
+                    (&mut *out, None)
+                } else {
+                    let parent = open[above].0;
+                    let Best { leaf, weight, .. } = self.best[above + 1][parent];
+                    let own = weight / levels[above].power[parent];
+                    (&mut upper[0][..], Some((leaf, own)))
+                };
+                let is_reference = reference.is_some_and(|r| r.0 == leaf);
+                let e = self.exponent(reference, leaf, weight);
+                let mut bound = if is_reference { 0.0 } else { self.bound(&e)? };
+                match sum_bound {
+                    None if is_reference => add_one(target),
+                    None => add_tables(target, &self.tables(&e)),
+                    Some(sum) => {
+                        bound += (power * sum).max(0.0);
+                        if bound > RANGE {
+                            return None;
+                        }
+                        raise(own, power);
+                        if is_reference {
+                            add_rows(target, own);
+                        } else {
+                            add_product(target, &self.tables(&e), own);
+                        }
+                        own.fill(0.0);
+                    }
+                }
+                if above == depth {
+                    break;
+                }
+                let (parent, top) = &mut open[above];
+                *top = top.max(bound);
+                let siblings = levels[above].children(*parent);
+                if node + 1 < siblings.end {
+                    break;
+                }
+                let bound = *top + (siblings.len() as f64).log2();
+                if bound > RANGE {
+                    return None;
+                }
+                (level, node, sum_bound) = (above, *parent, Some(bound));
+                *parent += 1;
+                *top = f64::NEG_INFINITY;
+            }
+        }
+        Some(())
+    }
+
+    /// Adds `exp(q_b − q_a)` for the atoms of a range and the reference `b`, or their kernels without one.
+    /// Gives an upper bound of the sum in powers of 2, `None` if something leaves the range.
+    #[inline(always)]
+    fn atoms(
+        &self,
+        range: std::ops::Range<usize>,
+        reference: Option<(u32, f64)>,
+        out: &mut [f32],
+    ) -> Option<f64> {
+        let mut top = f64::NEG_INFINITY;
+        let n = range.len() as f64;
+        for a in range {
+            if reference.is_some_and(|r| r.0 as usize == a) {
+                top = top.max(0.0);
+                add_one(out);
+                continue;
+            }
+            let e = self.exponent(reference, a as u32, 1.0);
+            let bound = self.bound(&e)?;
+            top = top.max(bound);
+            add_tables(out, &self.tables(&e));
+        }
+        let bound = top + n.log2();
+        (bound <= RANGE).then_some(bound)
+    }
+}
+
+#[inline(always)]
+fn add_one(out: &mut [f32]) {
+    for v in out {
+        *v += 1.0;
+    }
+}
+
+#[inline(always)]
+fn add_tables<const SIDE: usize, const PLANE: usize>(out: &mut [f32], t: &Tables<SIDE, PLANE>) {
+    for (plane, &z) in out.chunks_exact_mut(PLANE).zip(&t.line) {
+        for (v, &xy) in plane.iter_mut().zip(&t.plane) {
+            *v += xy * z;
+        }
+    }
+}
+
+#[inline(always)]
+fn add_rows(out: &mut [f32], own: &[f32]) {
+    for (v, &own) in out.iter_mut().zip(own) {
+        *v += own;
+    }
+}
+
+#[inline(always)]
+fn add_product<const SIDE: usize, const PLANE: usize>(
+    out: &mut [f32],
+    t: &Tables<SIDE, PLANE>,
+    own: &[f32],
+) {
+    let planes = out.chunks_exact_mut(PLANE).zip(own.chunks_exact(PLANE));
+    for ((plane, own), &z) in planes.zip(&t.line) {
+        for ((v, &own), &xy) in plane.iter_mut().zip(own).zip(&t.plane) {
+            *v += xy * z * own;
+        }
+    }
+}
+
+/// Raises positive numbers to a power.
+#[inline(always)]
+fn raise(values: &mut [f32], power: f64) {
+    if power == 1.0 {
+        return;
+    }
+    if power == 0.5 {
+        for v in values {
+            *v = v.sqrt();
+        }
+    } else if power == 0.25 {
+        for v in values {
+            *v = v.sqrt().sqrt();
+        }
+    } else {
+        let power = power as f32;
+        for v in values {
+            *v = exp2(power * log2(*v));
+        }
+    }
+}
+
+/// `2^x` within 2e-7, for x in [−126, 127]; clamped beyond.
+#[inline(always)]
+fn exp2(x: f32) -> f32 {
+    let x = x.clamp(-126.0, 126.0);
+    // Adding 1.5 · 2²³ rounds to the nearest integer.
+    let shifted = x + 12_582_912.0;
+    let whole = shifted - 12_582_912.0;
+    let t = x - whole;
+    // Taylor about 0 on [−½, ½]: the remainder is below 1.3e-8 · 1.5.
+    let p = 1.525_273e-5f32;
+    let p = p * t + 1.540_353e-4;
+    let p = p * t + 1.333_355_8e-3;
+    let p = p * t + 9.618_129e-3;
+    let p = p * t + 5.550_411e-2;
+    let p = p * t + 2.402_265e-1;
+    let p = p * t + 6.931_472e-1;
+    let p = p * t + 1.0;
+    let exponent = (shifted.to_bits() as i32).wrapping_sub(0x4b40_0000) + 127;
+    p * f32::from_bits((exponent as u32) << 23)
+}
+
+/// `log₂ x` for normal positive x, within 3e-7 absolute plus 2e-7 relative.
+#[inline(always)]
+fn log2(x: f32) -> f32 {
+    let bits = x.to_bits() as i32;
+    // Mantissa in [√½, √2).
+    let exponent = (bits - 0x3f35_04f3) >> 23;
+    let m = f32::from_bits((bits - (exponent << 23)) as u32);
+    // log2 m = 2/ln 2 · artanh((m − 1)/(m + 1)).
+    let s = (m - 1.0) / (m + 1.0);
+    let z = s * s;
+    let p = 0.412_198_58_f32 * z * 0.777_777_8 + 0.412_198_58;
+    let p = p * z + 0.577_078;
+    let p = p * z + 0.961_796_7;
+    let p = p * z + 2.885_39;
+    exponent as f32 + s * p
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exponentials_and_logarithms_are_accurate() {
+        let mut worst: [f64; 2] = [0.0; 2];
+        for i in -1_250_000..1_250_000 {
+            let x = i as f32 * 1e-4;
+            let exact = f64::from(x).exp2();
+            worst[0] = worst[0].max((f64::from(exp2(x)) / exact - 1.0).abs());
+            let y = exp2(x);
+            let exact = f64::from(y).log2();
+            let off = (f64::from(log2(y)) - exact).abs();
+            worst[1] = worst[1].max(off / (1.0 + exact.abs()));
+        }
+        assert!(worst[0] < 3e-7 && worst[1] < 3e-7, "{worst:?}");
+    }
+}

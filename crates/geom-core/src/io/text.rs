@@ -1,0 +1,110 @@
+//! Words of text formats, each with its line.
+
+use super::{Error, ErrorKind};
+
+/// Walks through the words of a text.
+pub(super) struct Words<'a> {
+    text: &'a [u8],
+    at: usize,
+    line: usize,
+}
+
+impl<'a> Words<'a> {
+    pub(super) fn new(text: &'a [u8]) -> Self {
+        Self {
+            text,
+            at: 0,
+            line: 1,
+        }
+    }
+
+    /// The line of the next byte, from 1.
+    pub(super) fn line(&self) -> usize {
+        self.line
+    }
+
+    /// The place of the next byte.
+    pub(super) fn at(&self) -> usize {
+        self.at
+    }
+
+    /// Goes on at a later place; the lines in between are counted.
+    pub(super) fn skip_to(&mut self, at: usize) {
+        let at = at.min(self.text.len());
+        self.line += self.text[self.at..at]
+            .iter()
+            .filter(|&&b| b == b'\n')
+            .count();
+        self.at = at;
+    }
+
+    /// Goes on after `n` bytes that are no text, and have no lines.
+    pub(super) fn advance(&mut self, n: usize) {
+        self.at += n;
+    }
+
+    /// Skips blanks, line ends, and comments from `#` to the end of the line if `comments`.
+    fn skip(&mut self, comments: bool) {
+        while let Some(&b) = self.text.get(self.at) {
+            match b {
+                b'\n' => self.line += 1,
+                b if b.is_ascii_whitespace() => {}
+                b'#' if comments => {
+                    while self.text.get(self.at).is_some_and(|&b| b != b'\n') {
+                        self.at += 1;
+                    }
+                    continue;
+                }
+                _ => return,
+            }
+            self.at += 1;
+        }
+    }
+
+    /// The next word, or `None` at the end.
+    pub(super) fn next(&mut self, comments: bool) -> Option<&'a [u8]> {
+        self.skip(comments);
+        let start = self.at;
+        while self
+            .text
+            .get(self.at)
+            .is_some_and(|b| !b.is_ascii_whitespace())
+        {
+            self.at += 1;
+        }
+        (self.at > start).then(|| &self.text[start..self.at])
+    }
+
+    /// The rest of this line, without its end.
+    pub(super) fn rest_of_line(&mut self) -> &'a [u8] {
+        let rest = &self.text[self.at..];
+        let end = rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
+        self.skip_to(self.at + end + 1);
+        rest[..end].strip_suffix(b"\r").unwrap_or(&rest[..end])
+    }
+
+    /// The next word, which must be there.
+    pub(super) fn word(&mut self, what: &str) -> Result<&'a [u8], Error> {
+        self.next(false)
+            .ok_or_else(|| Error::at_line(ErrorKind::Truncated(what.to_owned()), self.line))
+    }
+
+    /// The next word as a number.
+    pub(super) fn number<T: std::str::FromStr>(&mut self, what: &str) -> Result<T, Error> {
+        let word = self.word(what)?;
+        self.parsed(word, what)
+    }
+
+    /// This word of the current line as a number.
+    pub(super) fn parsed<T: std::str::FromStr>(&self, word: &[u8], what: &str) -> Result<T, Error> {
+        parse(word).ok_or_else(|| {
+            let found = String::from_utf8_lossy(word);
+            Error::at_line(ErrorKind::expected(what, found), self.line)
+        })
+    }
+}
+
+/// A word as a number.
+pub(super) fn parse<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
+    std::str::from_utf8(word).ok()?.parse().ok()
+}

@@ -1,0 +1,667 @@
+//! What every mesh format writes and reads: points, blocks of cells, named values and named groups.
+
+use std::borrow::Cow;
+
+use super::{Error, ErrorKind};
+use crate::mesh::{EXTERIOR, INTERIOR, Interface, OUTSIDE, Region, Sets, VertexKind};
+use crate::{Aabb, Point3, QuadMesh, TetMesh, TriMesh, Vector3};
+
+/// No group: see [`View::groups`].
+pub const NO_GROUP: u32 = u32::MAX;
+
+/// A mesh as files see it. Writers take it whole and leave out only what their format cannot hold,
+/// as each says; readers give it back with everything owned.
+///
+/// ```
+/// use geom_core::io::{View, vtu};
+/// use geom_core::mesh::shapes;
+/// let sphere = shapes::icosphere(1.7, 2);
+/// let height: Vec<f64> = sphere.positions().iter().map(|p| p.z).collect();
+/// let view = View::from(&sphere).point_field("height", &height)?;
+/// let mut file = Vec::new();
+/// vtu::write(&mut file, &view)?;
+/// # Ok::<(), geom_core::io::Error>(())
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct View<'a> {
+    /// Positions, Å.
+    pub points: Cow<'a, [Point3]>,
+    /// The cells. Fields and groups count them through all blocks.
+    pub blocks: Vec<Cells<'a>>,
+    /// Values per point.
+    pub point_fields: Vec<Field<'a>>,
+    /// Values per cell, all blocks in order.
+    pub cell_fields: Vec<Field<'a>>,
+    /// Red, green, blue and opacity per point.
+    pub colors: Option<Cow<'a, [[u8; 4]]>>,
+    /// Named groups of cells: regions of tetrahedra, parts of the boundary.
+    pub groups: Vec<Group>,
+    /// The group of each cell, or [`NO_GROUP`]; empty if no cell has one.
+    pub group_of: Cow<'a, [u32]>,
+}
+
+/// Cells of one kind, as corner indices.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Cells<'a> {
+    /// Triangles.
+    Triangles(Cow<'a, [[u32; 3]]>),
+    /// Quads.
+    Quads(Cow<'a, [[u32; 4]]>),
+    /// Polygons of any number of corners.
+    Polygons {
+        /// Where each polygon ends in `corners`.
+        ends: Cow<'a, [u32]>,
+        /// The corners of all polygons.
+        corners: Cow<'a, [u32]>,
+    },
+    /// Tetrahedra.
+    Tets(Cow<'a, [[u32; 4]]>),
+}
+
+impl Cells<'_> {
+    /// Number of cells.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Triangles(c) => c.len(),
+            Self::Quads(c) => c.len(),
+            Self::Polygons { ends, .. } => ends.len(),
+            Self::Tets(c) => c.len(),
+        }
+    }
+    /// Is there no cell?
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+    /// Dimension of a cell: 2 or 3.
+    pub fn dimension(&self) -> u8 {
+        match self {
+            Self::Tets(_) => 3,
+            _ => 2,
+        }
+    }
+    /// The corners of a cell.
+    pub fn corners(&self, cell: usize) -> &[u32] {
+        match self {
+            Self::Triangles(c) => &c[cell],
+            Self::Quads(c) | Self::Tets(c) => &c[cell],
+            Self::Polygons { ends, corners } => {
+                let start = if cell == 0 { 0 } else { ends[cell - 1] };
+                &corners[start as usize..ends[cell] as usize]
+            }
+        }
+    }
+    /// The corners of each cell.
+    pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
+        (0..self.len()).map(|c| self.corners(c))
+    }
+    fn borrowed(&self) -> Cells<'_> {
+        match self {
+            Self::Triangles(c) => Cells::Triangles(c.as_ref().into()),
+            Self::Quads(c) => Cells::Quads(c.as_ref().into()),
+            Self::Tets(c) => Cells::Tets(c.as_ref().into()),
+            Self::Polygons { ends, corners } => Cells::Polygons {
+                ends: ends.as_ref().into(),
+                corners: corners.as_ref().into(),
+            },
+        }
+    }
+    fn all_corners(&self) -> &[u32] {
+        match self {
+            Self::Triangles(c) => c.as_flattened(),
+            Self::Quads(c) | Self::Tets(c) => c.as_flattened(),
+            Self::Polygons { corners, .. } => corners,
+        }
+    }
+}
+
+/// Named values, one tuple per point or per cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field<'a> {
+    /// The name.
+    pub name: String,
+    /// The values.
+    pub values: Values<'a>,
+}
+
+/// Scalars or tuples of one number type.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Values<'a> {
+    /// Numbers per tuple: 1 for scalars, 3 for vectors.
+    pub components: usize,
+    /// The numbers, tuple after tuple.
+    pub numbers: Numbers<'a>,
+}
+
+/// Numbers of one type.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+#[expect(missing_docs, reason = "the names of the number types")]
+pub enum Numbers<'a> {
+    F32(Cow<'a, [f32]>),
+    F64(Cow<'a, [f64]>),
+    U8(Cow<'a, [u8]>),
+    U32(Cow<'a, [u32]>),
+    I32(Cow<'a, [i32]>),
+}
+
+/// Does the same with the numbers of each type.
+macro_rules! each_type {
+    ($numbers:expr, $n:ident => $body:expr) => {
+        match $numbers {
+            $crate::io::view::Numbers::F32($n) => $body,
+            $crate::io::view::Numbers::F64($n) => $body,
+            $crate::io::view::Numbers::U8($n) => $body,
+            $crate::io::view::Numbers::U32($n) => $body,
+            $crate::io::view::Numbers::I32($n) => $body,
+        }
+    };
+}
+pub(super) use each_type;
+
+impl Values<'_> {
+    /// Number of tuples.
+    pub fn len(&self) -> usize {
+        each_type!(&self.numbers, n => n.len()) / self.components
+    }
+    /// Is there no value?
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+    /// A number as f64: tuple `i`, component `k`.
+    pub fn get(&self, i: usize, k: usize) -> f64 {
+        let at = i * self.components + k;
+        match &self.numbers {
+            Numbers::F32(n) => n[at].into(),
+            Numbers::F64(n) => n[at],
+            Numbers::U8(n) => n[at].into(),
+            Numbers::U32(n) => n[at].into(),
+            Numbers::I32(n) => n[at].into(),
+        }
+    }
+    /// The scalars as f64; the first component of tuples.
+    pub fn to_f64(&self) -> Vec<f64> {
+        (0..self.len()).map(|i| self.get(i, 0)).collect()
+    }
+
+    /// The tuples of these numbers.
+    fn select(&self, tuples: impl Iterator<Item = usize> + Clone) -> Values<'static> {
+        let k = self.components;
+        let places = tuples.flat_map(move |i| i * k..(i + 1) * k);
+        let numbers = match &self.numbers {
+            Numbers::F32(n) => Numbers::F32(places.map(|i| n[i]).collect()),
+            Numbers::F64(n) => Numbers::F64(places.map(|i| n[i]).collect()),
+            Numbers::U8(n) => Numbers::U8(places.map(|i| n[i]).collect()),
+            Numbers::U32(n) => Numbers::U32(places.map(|i| n[i]).collect()),
+            Numbers::I32(n) => Numbers::I32(places.map(|i| n[i]).collect()),
+        };
+        Values {
+            components: k,
+            numbers,
+        }
+    }
+
+    /// Longer by tuples that mean "no value": NaN, or the largest number of the type.
+    fn padded(mut self, tuples: usize) -> Self {
+        let len = tuples * self.components;
+        match &mut self.numbers {
+            Numbers::F32(n) => n.to_mut().resize(len, f32::NAN),
+            Numbers::F64(n) => n.to_mut().resize(len, f64::NAN),
+            Numbers::U8(n) => n.to_mut().resize(len, u8::MAX),
+            Numbers::U32(n) => n.to_mut().resize(len, u32::MAX),
+            Numbers::I32(n) => n.to_mut().resize(len, i32::MAX),
+        }
+        self
+    }
+}
+
+macro_rules! values_from {
+    ($($number:ident: $variant:ident),*) => {$(
+        impl<'a> From<&'a [$number]> for Values<'a> {
+            fn from(numbers: &'a [$number]) -> Self {
+                Self { components: 1, numbers: Numbers::$variant(numbers.into()) }
+            }
+        }
+        impl<'a> From<&'a Vec<$number>> for Values<'a> {
+            fn from(numbers: &'a Vec<$number>) -> Self {
+                numbers.as_slice().into()
+            }
+        }
+        impl From<Vec<$number>> for Values<'_> {
+            fn from(numbers: Vec<$number>) -> Self {
+                Self { components: 1, numbers: Numbers::$variant(numbers.into()) }
+            }
+        }
+        impl<'a, const N: usize> From<&'a [[$number; N]]> for Values<'a> {
+            fn from(numbers: &'a [[$number; N]]) -> Self {
+                Self { components: N, numbers: Numbers::$variant(numbers.as_flattened().into()) }
+            }
+        }
+        impl<'a, const N: usize> From<&'a Vec<[$number; N]>> for Values<'a> {
+            fn from(numbers: &'a Vec<[$number; N]>) -> Self {
+                numbers.as_slice().into()
+            }
+        }
+    )*};
+}
+values_from!(f32: F32, f64: F64, u8: U8, u32: U32, i32: I32);
+
+impl From<&[Vector3]> for Values<'_> {
+    fn from(vectors: &[Vector3]) -> Self {
+        let numbers = vectors.iter().flat_map(|v| [v.x, v.y, v.z]).collect();
+        Self {
+            components: 3,
+            numbers: Numbers::F64(numbers),
+        }
+    }
+}
+impl From<&Vec<Vector3>> for Values<'_> {
+    fn from(vectors: &Vec<Vector3>) -> Self {
+        vectors.as_slice().into()
+    }
+}
+
+/// A named group of cells of one dimension.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Group {
+    /// The name.
+    pub name: String,
+    /// Dimension of its cells: 2 or 3.
+    pub dimension: u8,
+}
+
+impl<'a> From<&'a TriMesh> for View<'a> {
+    fn from(mesh: &'a TriMesh) -> Self {
+        Self {
+            points: mesh.positions().into(),
+            blocks: vec![Cells::Triangles(mesh.triangles().into())],
+            ..Self::default()
+        }
+    }
+}
+
+impl<'a> From<&'a QuadMesh> for View<'a> {
+    fn from(mesh: &'a QuadMesh) -> Self {
+        Self {
+            points: mesh.positions().into(),
+            blocks: vec![Cells::Quads(mesh.quads().into())],
+            ..Self::default()
+        }
+    }
+}
+
+/// The tetrahedra in groups named by region, then the faces between regions and on the boundary in
+/// groups named by what they part: see [`View::of_tets`].
+impl<'a> From<&'a TetMesh> for View<'a> {
+    fn from(mesh: &'a TetMesh) -> Self {
+        Self::of_tets(mesh, &[])
+    }
+}
+
+impl<'a> View<'a> {
+    /// A tetrahedral mesh and its boundary, with names for solvers.
+    ///
+    /// Cells are the tetrahedra, then all faces between regions and on the outside, each pointing out
+    /// of the region of higher number. Regions are named `exterior` (0), `molecule` (1) and
+    /// `region_2` …, unless `names` says otherwise. Faces are named
+    ///
+    /// * `molecule|exterior`: between these regions, the higher number first; also the molecule's
+    ///   surface if only one of the two is meshed;
+    /// * `box_xmin`, `box_xmax`, `box_ymin`, …: in the sides of the bounding box, as told by their
+    ///   vertices' [`VertexKind`];
+    /// * `outer`: the outer boundary of the exterior, if it is no box;
+    /// * `region_2|outside`: any other boundary.
+    ///
+    /// The cell field `region` has the region of each tetrahedron; for a face that of its inner side.
+    pub fn of_tets(mesh: &'a TetMesh, names: &[(Region, &str)]) -> Self {
+        let interfaces = mesh.interfaces();
+        let name = |region: Region| match names.iter().find(|(r, _)| *r == region) {
+            Some((_, name)) => (*name).to_owned(),
+            None => match region {
+                EXTERIOR => "exterior".to_owned(),
+                INTERIOR => "molecule".to_owned(),
+                OUTSIDE => "outside".to_owned(),
+                _ => format!("region_{region}"),
+            },
+        };
+
+        let mut present = [false; 256];
+        for &r in mesh.regions() {
+            present[usize::from(r)] = true;
+        }
+        let mut groups = Vec::new();
+        let mut of_region = [NO_GROUP; 256];
+        for r in (0..=u8::MAX).filter(|&r| present[usize::from(r)]) {
+            of_region[usize::from(r)] = groups.len() as u32;
+            groups.push(Group {
+                name: name(r),
+                dimension: 3,
+            });
+        }
+        let mut group_of: Vec<u32> = mesh
+            .regions()
+            .iter()
+            .map(|&r| of_region[usize::from(r)])
+            .collect();
+
+        let [molecule, exterior] = [INTERIOR, EXTERIOR].map(|r| present[usize::from(r)]);
+        let outer = outer_faces(mesh, &interfaces, molecule);
+        let bounds = mesh.bounds();
+        // The few kinds of faces, in the order in which they appear.
+        let mut kinds = Vec::new();
+        for (face, &outer) in interfaces.iter().zip(&outer) {
+            let side = box_side(mesh, face, &bounds);
+            let kind = (face.inside, face.outside, side, outer);
+            let known = kinds.iter().find(|(k, _)| *k == kind);
+            let group = known.map(|&(_, group)| group).unwrap_or_else(|| {
+                let parted = |a, b| format!("{}|{}", name(a), name(b));
+                let name = match (side, face.inside, face.outside) {
+                    (Some(side), ..) => format!("box_{side}"),
+                    (None, EXTERIOR, OUTSIDE) if outer => "outer".to_owned(),
+                    (None, EXTERIOR, OUTSIDE) => parted(INTERIOR, EXTERIOR),
+                    (None, INTERIOR, OUTSIDE) if !exterior => parted(INTERIOR, EXTERIOR),
+                    (None, inside, outside) => parted(inside, outside),
+                };
+                // Two kinds may share a name.
+                let same = |g: &Group| g.dimension == 2 && g.name == name;
+                let group = groups.iter().position(same).unwrap_or_else(|| {
+                    groups.push(Group { name, dimension: 2 });
+                    groups.len() - 1
+                }) as u32;
+                kinds.push((kind, group));
+                group
+            });
+            group_of.push(group);
+        }
+        let mut region = mesh.regions().to_vec();
+        region.extend(interfaces.iter().map(|face| face.inside));
+        Self {
+            points: mesh.positions().into(),
+            blocks: vec![
+                Cells::Tets(mesh.tets().into()),
+                Cells::Triangles(interfaces.iter().map(|face| face.triangle).collect()),
+            ],
+            cell_fields: vec![Field {
+                name: "region".to_owned(),
+                values: region.into(),
+            }],
+            groups,
+            group_of: group_of.into(),
+            ..Self::default()
+        }
+    }
+
+    /// Adds values per point; refuses another number of them than of points.
+    pub fn point_field(mut self, name: &str, values: impl Into<Values<'a>>) -> Result<Self, Error> {
+        let values = values.into();
+        fits(name, "point", values.len(), self.points.len())?;
+        self.point_fields.push(Field {
+            name: name.to_owned(),
+            values,
+        });
+        Ok(self)
+    }
+
+    /// Adds values per cell: as many as cells, or as cells of the first block (the tetrahedra of a
+    /// [`TetMesh`]); the rest then has NaN, or the largest number of an integer type.
+    pub fn cell_field(mut self, name: &str, values: impl Into<Values<'a>>) -> Result<Self, Error> {
+        let mut values = values.into();
+        if self.blocks.first().is_some_and(|b| b.len() == values.len()) {
+            values = values.padded(self.cells());
+        }
+        fits(name, "cell", values.len(), self.cells())?;
+        self.cell_fields.push(Field {
+            name: name.to_owned(),
+            values,
+        });
+        Ok(self)
+    }
+
+    /// Sets red, green, blue and opacity per point; refuses another number of them than of points.
+    pub fn colored(mut self, colors: impl Into<Cow<'a, [[u8; 4]]>>) -> Result<Self, Error> {
+        let colors = colors.into();
+        fits("colors", "point", colors.len(), self.points.len())?;
+        self.colors = Some(colors);
+        Ok(self)
+    }
+
+    /// Number of cells in all blocks.
+    pub fn cells(&self) -> usize {
+        self.blocks.iter().map(Cells::len).sum()
+    }
+
+    /// The blocks of triangles, quads and polygons.
+    pub fn faces(&self) -> impl Iterator<Item = &Cells<'a>> {
+        self.blocks.iter().filter(|b| b.dimension() == 2)
+    }
+
+    /// The faces alone: for a mesh with tetrahedra, its boundary and interfaces, with their vertices,
+    /// fields and groups; any other view as it is.
+    pub fn surface(&self) -> View<'_> {
+        if self.blocks.iter().all(|b| b.dimension() == 2) {
+            return self.clone_borrowed();
+        }
+        let mut number = vec![u32::MAX; self.points.len()];
+        for &v in self.faces().flat_map(Cells::all_corners) {
+            number[v as usize] = 0;
+        }
+        let kept: Vec<usize> = (0..number.len()).filter(|&v| number[v] == 0).collect();
+        for (new, &old) in (0..).zip(&kept) {
+            number[old] = new;
+        }
+        let renumbered = |v: u32| number[v as usize];
+        let blocks = self.faces().map(|block| match block {
+            Cells::Triangles(c) => Cells::Triangles(c.iter().map(|t| t.map(renumbered)).collect()),
+            Cells::Quads(c) => Cells::Quads(c.iter().map(|q| q.map(renumbered)).collect()),
+            Cells::Tets(c) => Cells::Tets(c.iter().map(|t| t.map(renumbered)).collect()),
+            Cells::Polygons { ends, corners } => Cells::Polygons {
+                ends: ends.as_ref().into(),
+                corners: corners.iter().map(|&v| renumbered(v)).collect(),
+            },
+        });
+        let mut cells = Vec::new();
+        let mut start = 0;
+        for block in &self.blocks {
+            if block.dimension() == 2 {
+                cells.extend(start..start + block.len());
+            }
+            start += block.len();
+        }
+        let at = |i: &usize| self.points[*i];
+        let color_at = |colors: &Cow<'_, [[u8; 4]]>| kept.iter().map(|&v| colors[v]).collect();
+        View {
+            points: kept.iter().map(at).collect(),
+            blocks: blocks.collect(),
+            point_fields: self
+                .point_fields
+                .iter()
+                .map(|field| Field {
+                    name: field.name.clone(),
+                    values: field.values.select(kept.iter().copied()),
+                })
+                .collect(),
+            cell_fields: self.fields_of(&cells),
+            colors: self.colors.as_ref().map(color_at),
+            groups: self.groups.clone(),
+            group_of: match self.group_of.is_empty() {
+                true => Cow::default(),
+                false => cells.iter().map(|&c| self.group_of[c]).collect(),
+            },
+        }
+    }
+
+    /// The same view, with arrays borrowed from this one.
+    fn clone_borrowed(&self) -> View<'_> {
+        fn fields<'b>(fields: &'b [Field<'_>]) -> Vec<Field<'b>> {
+            let borrowed = |field: &'b Field<'_>| Field {
+                name: field.name.clone(),
+                values: Values {
+                    components: field.values.components,
+                    numbers: match &field.values.numbers {
+                        Numbers::F32(n) => Numbers::F32(n.as_ref().into()),
+                        Numbers::F64(n) => Numbers::F64(n.as_ref().into()),
+                        Numbers::U8(n) => Numbers::U8(n.as_ref().into()),
+                        Numbers::U32(n) => Numbers::U32(n.as_ref().into()),
+                        Numbers::I32(n) => Numbers::I32(n.as_ref().into()),
+                    },
+                },
+            };
+            fields.iter().map(borrowed).collect()
+        }
+        View {
+            points: self.points.as_ref().into(),
+            blocks: self.blocks.iter().map(Cells::borrowed).collect(),
+            point_fields: fields(&self.point_fields),
+            cell_fields: fields(&self.cell_fields),
+            colors: self.colors.as_ref().map(|c| c.as_ref().into()),
+            groups: self.groups.clone(),
+            group_of: self.group_of.as_ref().into(),
+        }
+    }
+
+    /// All faces as triangles: quads and polygons as fans from their first corner.
+    pub fn triangles(&self) -> Vec<[u32; 3]> {
+        self.faces()
+            .flat_map(|block| {
+                block.iter().flat_map(|ring| {
+                    (1..ring.len().max(1) - 1).map(|k| [ring[0], ring[k], ring[k + 1]])
+                })
+            })
+            .collect()
+    }
+
+    /// The field with this name among those of the points.
+    pub fn find_point_field(&self, name: &str) -> Option<&Field<'a>> {
+        self.point_fields.iter().find(|f| f.name == name)
+    }
+
+    /// The field with this name among those of the cells.
+    pub fn find_cell_field(&self, name: &str) -> Option<&Field<'a>> {
+        self.cell_fields.iter().find(|f| f.name == name)
+    }
+
+    /// The same view with only some of the cells, given by their numbers through all blocks.
+    pub(super) fn fields_of(&self, cells: &[usize]) -> Vec<Field<'static>> {
+        let select = |field: &Field| Field {
+            name: field.name.clone(),
+            values: field.values.select(cells.iter().copied()),
+        };
+        self.cell_fields.iter().map(select).collect()
+    }
+
+    /// Checks what the parts promise each other; readers call it on what a file says.
+    pub(super) fn checked(self) -> Result<Self, Error> {
+        for field in &self.point_fields {
+            fits(&field.name, "point", field.values.len(), self.points.len())?;
+        }
+        let cells = self.cells();
+        for field in &self.cell_fields {
+            fits(&field.name, "cell", field.values.len(), cells)?;
+        }
+        let mut element = 0;
+        for block in &self.blocks {
+            let vertices = self.points.len();
+            let bad = |&v: &u32| v as usize >= vertices;
+            if let Some(at) = block.all_corners().iter().position(bad) {
+                let vertex = block.all_corners()[at];
+                let cell = match block {
+                    Cells::Triangles(_) => at / 3,
+                    Cells::Quads(_) | Cells::Tets(_) => at / 4,
+                    Cells::Polygons { ends, .. } => ends.partition_point(|&e| e as usize <= at),
+                };
+                return Err(crate::MeshError::OutOfRange {
+                    element: element + cell,
+                    vertex,
+                    vertices,
+                }
+                .into());
+            }
+            element += block.len();
+        }
+        Ok(self)
+    }
+}
+
+fn fits(name: &str, of: &str, values: usize, elements: usize) -> Result<(), Error> {
+    if values == elements {
+        return Ok(());
+    }
+    Err(ErrorKind::expected(
+        format!("one value of \"{name}\" for each {of}: {elements}"),
+        values.to_string(),
+    )
+    .into())
+}
+
+/// Polygons as the simplest block that holds them.
+pub(super) fn block_of_rings(ends: Vec<u32>, corners: Vec<u32>) -> Cells<'static> {
+    let all = |n: u32| (1..).zip(&ends).all(|(i, &end)| end == n * i);
+    if all(3) {
+        let (triangles, _) = corners.as_chunks();
+        Cells::Triangles(triangles.to_vec().into())
+    } else if all(4) {
+        let (quads, _) = corners.as_chunks();
+        Cells::Quads(quads.to_vec().into())
+    } else {
+        Cells::Polygons {
+            ends: ends.into(),
+            corners: corners.into(),
+        }
+    }
+}
+
+/// The side of the bounding box in which a boundary face lies, if its vertices belong to the box.
+fn box_side(mesh: &TetMesh, face: &Interface, bounds: &Aabb) -> Option<&'static str> {
+    if face.outside != OUTSIDE {
+        return None;
+    }
+    let corners = face.triangle.map(|v| v as usize);
+    let on_box = corners
+        .iter()
+        .all(|&v| !matches!(mesh.kinds()[v], VertexKind::Interior | VertexKind::Surface));
+    if !on_box {
+        return None;
+    }
+    const SIDES: [[&str; 2]; 3] = [["xmin", "xmax"], ["ymin", "ymax"], ["zmin", "zmax"]];
+    // Smoothing keeps these coordinates, but a last bit may be lost.
+    let slack = 1e-9 * bounds.diagonal();
+    for (axis, names) in SIDES.iter().enumerate() {
+        for (side, place) in names.iter().zip([bounds.min[axis], bounds.max[axis]]) {
+            let near = |&v: &usize| (mesh.positions()[v][axis] - place).abs() <= slack;
+            if corners.iter().all(near) {
+                return Some(side);
+            }
+        }
+    }
+    None
+}
+
+/// Which boundary faces of the exterior belong to its outer boundary rather than to the molecule's
+/// surface. With the molecule meshed, all do; without it, those that connect to the bounding box, or
+/// none if the box itself is the outer boundary.
+fn outer_faces(mesh: &TetMesh, faces: &[Interface], molecule_meshed: bool) -> Vec<bool> {
+    if molecule_meshed {
+        return vec![true; faces.len()];
+    }
+    let bounds = mesh.bounds();
+    if faces.iter().any(|f| box_side(mesh, f, &bounds).is_some()) {
+        return vec![false; faces.len()];
+    }
+    let mut pieces = Sets::new(mesh.positions().len());
+    for face in faces {
+        let [a, b, c] = face.triangle;
+        pieces.join(a, b);
+        pieces.join(a, c);
+    }
+    let mut touches = vec![false; mesh.positions().len()];
+    for v in faces.iter().flat_map(|face| face.triangle) {
+        let p = mesh.positions()[v as usize];
+        if (0..3).any(|k| p[k] == bounds.min[k] || p[k] == bounds.max[k]) {
+            touches[pieces.find(v) as usize] = true;
+        }
+    }
+    faces
+        .iter()
+        .map(|f| touches[pieces.find(f.triangle[0]) as usize])
+        .collect()
+}

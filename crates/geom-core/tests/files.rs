@@ -1,0 +1,280 @@
+//! Mesh files: what is written is read back.
+
+use geom_core::io::view::{Cells, NO_GROUP};
+use geom_core::io::{AnyMesh, Encoding, MeshFile, View, glb, mesh, msh, obj, off, ply, stl, vtu};
+use geom_core::mesh::{BoundaryComparison, EXTERIOR, INTERIOR, SurfaceAudit, VolumeAudit, shapes};
+use geom_core::{QuadMesh, TetMesh, TriMesh};
+
+fn msh_options() -> Vec<msh::Options> {
+    let mut all = Vec::new();
+    for version in [msh::Version::V41, msh::Version::V22] {
+        for encoding in [Encoding::Binary, Encoding::Ascii] {
+            all.push(msh::Options { version, encoding });
+        }
+    }
+    all
+}
+
+/// A surface with fields of all number types and colours.
+fn rich(mesh: &TriMesh) -> View<'_> {
+    let n = mesh.positions().len();
+    let f = mesh.triangles().len();
+    let colors: Vec<[u8; 4]> = (0..n).map(|i| [i as u8, 255 - i as u8, 7, 255]).collect();
+    View::from(mesh)
+        .point_field(
+            "height",
+            mesh.positions().iter().map(|p| p.z).collect::<Vec<f64>>(),
+        )
+        .unwrap()
+        .point_field("normal", mesh.vertex_normals().as_slice())
+        .unwrap()
+        .point_field("chain", (0..n as u32).collect::<Vec<u32>>())
+        .unwrap()
+        .cell_field(
+            "patch",
+            (0..f).map(|i| (i % 200) as u8).collect::<Vec<u8>>(),
+        )
+        .unwrap()
+        .cell_field("shift", (0..f).map(|i| 7 - i as i32).collect::<Vec<i32>>())
+        .unwrap()
+        .cell_field("size", (0..f).map(|i| i as f32 / 3.0).collect::<Vec<f32>>())
+        .unwrap()
+        .colored(colors)
+        .unwrap()
+}
+
+#[test]
+fn vtu_keeps_everything() {
+    let torus = shapes::torus(5.0, 2.0, 12, 8);
+    let view = rich(&torus);
+    let mut file = Vec::new();
+    vtu::write(&mut file, &view).unwrap();
+    assert_eq!(vtu::parse(&file).unwrap(), view);
+
+    let ball = shapes::ball(3.0, 3);
+    let view = View::from(&ball);
+    let mut file = Vec::new();
+    vtu::write(&mut file, &view).unwrap();
+    assert_eq!(vtu::parse(&file).unwrap(), view);
+}
+
+#[test]
+fn ply_keeps_everything_but_groups() {
+    let torus = shapes::torus(5.0, 2.0, 12, 8);
+    let view = rich(&torus);
+    for encoding in [Encoding::Binary, Encoding::Ascii] {
+        let mut file = Vec::new();
+        ply::write(&mut file, &view, encoding).unwrap();
+        assert_eq!(ply::parse(&file).unwrap(), view, "{encoding:?}");
+    }
+}
+
+#[test]
+fn msh_keeps_groups_and_numbers() {
+    let ball = shapes::ball_in_box(2.0, 4.0, 3);
+    let quality: Vec<f64> = (0..ball.tets().len())
+        .map(|t| 1.0 / (1.0 + t as f64))
+        .collect();
+    let view = View::from(&ball)
+        .point_field(
+            "phi",
+            ball.positions().iter().map(|p| p.x).collect::<Vec<f64>>(),
+        )
+        .unwrap()
+        .cell_field("quality", &quality)
+        .unwrap();
+    for options in msh_options() {
+        let mut file = Vec::new();
+        msh::write(&mut file, &view, options).unwrap();
+        let again = msh::parse(&file).unwrap();
+        assert_eq!(again.points, view.points, "{options:?}");
+        assert_eq!(again.blocks, view.blocks, "{options:?}");
+        let names = |v: &View<'_>| -> Vec<Option<(String, u8)>> {
+            let name = |&g: &u32| (g != NO_GROUP).then(|| &v.groups[g as usize]);
+            let pair = |g: &geom_core::io::Group| (g.name.clone(), g.dimension);
+            v.group_of.iter().map(|g| name(g).map(pair)).collect()
+        };
+        assert_eq!(names(&again), names(&view), "{options:?}");
+        assert_eq!(again.point_fields, view.point_fields);
+        let values = |v: &View<'_>, name: &str| v.find_cell_field(name).unwrap().values.to_f64();
+        assert_eq!(values(&again, "region"), values(&view, "region"));
+        assert_eq!(values(&again, "quality")[..quality.len()], quality);
+        let MeshFile { mesh, faces, .. } = MeshFile::try_from(again).unwrap();
+        let AnyMesh::Tet(mesh) = mesh else {
+            panic!("tetrahedra are read as tetrahedra");
+        };
+        assert_eq!(mesh.regions(), ball.regions());
+        assert_eq!(faces.len(), ball.interfaces().len());
+    }
+}
+
+#[test]
+fn solvers_find_regions_and_boundaries_by_name() {
+    let mesh = shapes::ball_in_box(2.0, 4.0, 3);
+    let named = |mesh: &TetMesh| -> Vec<String> {
+        let view = View::from(mesh);
+        let mut names: Vec<String> = view.groups.iter().map(|g| g.name.clone()).collect();
+        names.sort();
+        names
+    };
+    let sides = [
+        "box_xmax", "box_xmin", "box_ymax", "box_ymin", "box_zmax", "box_zmin",
+    ];
+    let mut all = sides.to_vec();
+    all.extend(["exterior", "molecule", "molecule|exterior"]);
+    assert_eq!(named(&mesh), all);
+
+    // The exterior alone keeps the name of the molecule's surface.
+    let (positions, tets, regions, kinds) = mesh.into_parts();
+    let outside: Vec<[u32; 4]> = tets
+        .iter()
+        .zip(&regions)
+        .filter(|(_, r)| **r == EXTERIOR)
+        .map(|(t, _)| *t)
+        .collect();
+    let n = outside.len();
+    let outside = TetMesh::with_kinds(positions, outside, vec![EXTERIOR; n], kinds).unwrap();
+    let mut all = sides.to_vec();
+    all.extend(["exterior", "molecule|exterior"]);
+    assert_eq!(named(&outside), all);
+
+    assert_eq!(
+        named(&shapes::ball(1.0, 2)),
+        ["molecule", "molecule|exterior"]
+    );
+
+    // An outer boundary that is no box.
+    let shell = shapes::shell(1.0, 3.0, 3);
+    assert_eq!(named(&shell), ["exterior", "molecule|exterior", "outer"]);
+    let view = View::from(&shell);
+    let inner = view
+        .groups
+        .iter()
+        .position(|g| g.name == "molecule|exterior");
+    let faces = view.blocks[1]
+        .iter()
+        .zip(&view.group_of[view.blocks[0].len()..]);
+    for (corners, &group) in faces {
+        let radius = view.points[corners[0] as usize].coords.norm();
+        assert_eq!(Some(group as usize) == inner, radius < 2.0);
+    }
+}
+
+#[test]
+fn surface_formats_keep_what_they_can_hold() {
+    let torus = shapes::torus(5.0, 2.0, 12, 8);
+    let view = rich(&torus);
+    let mut file = Vec::new();
+    off::write(&mut file, &view).unwrap();
+    let again = off::parse(&file).unwrap();
+    assert_eq!((&again.points, &again.blocks), (&view.points, &view.blocks));
+    assert_eq!(again.colors, view.colors);
+
+    let mut file = Vec::new();
+    obj::write(&mut file, &view).unwrap();
+    let again = obj::parse(&file).unwrap();
+    assert_eq!((&again.points, &again.blocks), (&view.points, &view.blocks));
+    assert_eq!(again.colors, view.colors);
+
+    let mut file = Vec::new();
+    glb::write(&mut file, &view).unwrap();
+    let again = glb::parse(&file).unwrap();
+    assert_eq!((&again.blocks, &again.colors), (&view.blocks, &view.colors));
+    for (a, b) in again.points.iter().zip(view.points.iter()) {
+        assert!((a - b).norm() < 1e-6);
+    }
+
+    let mut file = Vec::new();
+    stl::write(&mut file, &view).unwrap();
+    assert_eq!(file.len(), 84 + 50 * torus.triangles().len());
+    let MeshFile { mesh, .. } = stl::parse(&file).unwrap().try_into().unwrap();
+    let AnyMesh::Tri(mesh) = mesh else {
+        panic!("STL holds triangles");
+    };
+    let audit = SurfaceAudit::of(&mesh);
+    assert!(audit.is_closed_manifold(), "{audit}");
+    assert_eq!(audit.components[0].genus(), Some(1));
+    assert!((mesh.volume() - torus.volume()).abs() < 1e-5 * torus.volume());
+}
+
+#[test]
+fn a_tetrahedral_mesh_gives_its_surface_to_surface_formats() {
+    let ball = shapes::ball(2.0, 3);
+    let mut file = Vec::new();
+    ply::write(&mut file, &View::from(&ball), Encoding::Binary).unwrap();
+    let surface: MeshFile = ply::parse(&file).unwrap().try_into().unwrap();
+    let AnyMesh::Tri(surface) = surface.mesh else {
+        panic!("a surface");
+    };
+    assert!(BoundaryComparison::of(&ball, INTERIOR, &surface).is_equal());
+}
+
+#[test]
+fn quads_and_polygons_are_kept_where_they_can_be() {
+    let (positions, _) = shapes::torus(5.0, 2.0, 6, 4).into_parts();
+    let at = |i: u32, j: u32| (i % 6) * 4 + j % 4;
+    let quads: Vec<[u32; 4]> = (0..24)
+        .map(|q| (q / 4, q % 4))
+        .map(|(i, j)| [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)])
+        .collect();
+    let mesh = QuadMesh::new(positions, quads).unwrap();
+    let view = View::from(&mesh);
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.ply", "a.off", "a.obj", "a.vtu", "a.msh"] {
+        let path = folder.path().join(name);
+        mesh::save(&path, &view).unwrap();
+        let again = mesh::read(&path).unwrap();
+        assert_eq!(again.mesh, AnyMesh::Quad(mesh.clone()), "{name}");
+    }
+    for name in ["a.stl", "a.glb"] {
+        let path = folder.path().join(name);
+        mesh::save(&path, &view).unwrap();
+        let triangles = mesh::read(&path).unwrap().mesh.into_triangles();
+        assert!(SurfaceAudit::of(&triangles).is_closed_manifold(), "{name}");
+    }
+
+    let pentagon = View {
+        blocks: vec![Cells::Polygons {
+            ends: vec![5, 8].into(),
+            corners: vec![0, 1, 2, 3, 4, 5, 6, 7].into(),
+        }],
+        ..view.clone()
+    };
+    for name in ["b.ply", "b.off", "b.obj", "b.vtu"] {
+        let path = folder.path().join(name);
+        mesh::save(&path, &pentagon).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let again = mesh::parse(&bytes, &name[2..]).unwrap();
+        assert_eq!(again.blocks, pentagon.blocks, "{name}");
+    }
+    let refused = mesh::save(folder.path().join("b.msh"), &pentagon).unwrap_err();
+    assert!(refused.to_string().contains("5 corners"), "{refused}");
+    assert!(!folder.path().join("b.msh").exists());
+}
+
+#[test]
+fn a_wrong_number_of_values_is_refused() {
+    let sphere = shapes::icosphere(1.0, 1);
+    let error = View::from(&sphere)
+        .point_field("density", vec![1.0; 3])
+        .unwrap_err();
+    assert!(error.to_string().contains("density"), "{error}");
+    assert!(View::from(&sphere).cell_field("q", vec![1u8; 3]).is_err());
+    assert!(View::from(&sphere).colored(vec![[0; 4]; 3]).is_err());
+}
+
+#[test]
+fn volumes_survive_a_walk_through_files() {
+    let mesh = shapes::ball_in_box(2.0, 4.0, 3);
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.vtu", "a.msh"] {
+        let path = folder.path().join(name);
+        mesh::save(&path, &View::from(&mesh)).unwrap();
+        let AnyMesh::Tet(again) = mesh::read(&path).unwrap().mesh else {
+            panic!("{name} holds tetrahedra");
+        };
+        let audit = VolumeAudit::of(&again);
+        assert!(audit.is_valid(), "{name}: {audit}");
+        assert_eq!(audit, VolumeAudit::of(&mesh), "{name}");
+    }
+}

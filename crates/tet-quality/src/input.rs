@@ -1,0 +1,313 @@
+//! Before the work: is the mesh a complex, which way round are its tetrahedra, and how may each
+//! vertex move?
+
+use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
+use geom_core::{Point3, TetMesh, Vector3};
+use rayon::prelude::*;
+
+use crate::Error;
+use crate::surface_field::Isosurface;
+use crate::work::{Freedom, NONE, Work};
+
+/// Sine between the normals of triangles that still count as one plane.
+const PLANE: f64 = 1e-9;
+
+/// What the preparation found.
+pub(crate) struct Input {
+    pub(crate) work: Work,
+    /// Was the vertex part of no tetrahedron?
+    pub(crate) unused: Vec<bool>,
+    /// Tetrahedra whose corners were reordered because all around them said so.
+    pub(crate) reoriented: usize,
+    /// Vertices around which the interface is not one disk: surfaces touch or meet there.
+    pub(crate) junctions: Vec<u32>,
+}
+
+/// Checks the mesh, orients its tetrahedra alike, and says how each vertex may move.
+pub(crate) fn prepare(mesh: TetMesh, field: Option<&Isosurface<'_>>) -> Result<Input, Error> {
+    let mut work = Work::new(mesh);
+    let (beyond, flipped) = adjacency(&work)?;
+    let reoriented = if flipped || work.q.iter().any(|&q| q <= 0.0) {
+        let count = orient(&mut work, &beyond)?;
+        work.measure_all();
+        count
+    } else {
+        0
+    };
+    let unused = (0..work.x.len() as u32)
+        .map(|v| work.rings.of(v).is_empty())
+        .collect();
+    let faces = InterfaceFaces::new(&work, &beyond);
+    let judged: Vec<(Freedom, bool)> = (0..work.x.len() as u32)
+        .into_par_iter()
+        .map(|v| freedom(&work, v, &faces, field))
+        .collect::<Result<_, _>>()?;
+    let junctions = (0..judged.len() as u32)
+        .filter(|&v| judged[v as usize].1)
+        .collect();
+    work.freedom = judged.into_iter().map(|j| j.0).collect();
+    Ok(Input {
+        work,
+        unused,
+        reoriented,
+        junctions,
+    })
+}
+
+/// The tetrahedron beyond each face, [`NONE`] on the boundary; and whether two neighbours disagree
+/// on the side of their common face.
+fn adjacency(work: &Work) -> Result<(Vec<[u32; 4]>, bool), Error> {
+    let beyond: Vec<([u32; 4], bool)> = (0..work.tets.len() as u32)
+        .into_par_iter()
+        .map(|t| {
+            let tet = work.tets[t as usize];
+            let (mut out, mut flipped) = ([NONE; 4], false);
+            for (k, corners) in FACES.iter().enumerate() {
+                let face = corners.map(|i| tet[i]);
+                let [a, b, c] = face;
+                for &o in work.rings.of(a) {
+                    let other = work.tets[o as usize];
+                    if o == t || !other.contains(&b) || !other.contains(&c) {
+                        continue;
+                    }
+                    if out[k] != NONE {
+                        let element = t.max(o).max(out[k]) as usize;
+                        return Err(Error::NonManifoldFace { element, face });
+                    }
+                    out[k] = o;
+                    flipped |= same_side(face, other);
+                }
+            }
+            Ok((out, flipped))
+        })
+        .collect::<Result<_, Error>>()?;
+    let flipped = beyond.iter().any(|b| b.1);
+    Ok((beyond.into_iter().map(|b| b.0).collect(), flipped))
+}
+
+/// Does `other` have this face in the same direction? Neighbours on opposite sides have it in
+/// opposite directions.
+fn same_side(face: [u32; 3], other: [u32; 4]) -> bool {
+    FACES.iter().any(|corners| {
+        let [a, b, c] = corners.map(|i| other[i]);
+        [[a, b, c], [b, c, a], [c, a, b]].contains(&face)
+    })
+}
+
+/// Gives all tetrahedra of a connected part the same orientation, the one in which its volume is
+/// positive. What is negative after that is truly inverted. Files of other programs order corners
+/// as they like.
+fn orient(work: &mut Work, beyond: &[[u32; 4]]) -> Result<usize, Error> {
+    let n = work.tets.len();
+    let mut flip: Vec<Option<bool>> = vec![None; n];
+    let mut queue = Vec::new();
+    let mut count = 0;
+    for seed in 0..n {
+        if flip[seed].is_some() {
+            continue;
+        }
+        flip[seed] = Some(false);
+        queue.clear();
+        queue.push(seed as u32);
+        let mut next = 0;
+        while next < queue.len() {
+            let t = queue[next] as usize;
+            next += 1;
+            for (k, corners) in FACES.iter().enumerate() {
+                let o = beyond[t][k];
+                if o == NONE {
+                    continue;
+                }
+                let face = corners.map(|i| work.tets[t][i]);
+                let disagree = same_side(face, work.tets[o as usize]);
+                let wanted = flip[t].expect("queued tetrahedra are decided") ^ disagree;
+                match flip[o as usize] {
+                    None => {
+                        flip[o as usize] = Some(wanted);
+                        queue.push(o);
+                    }
+                    Some(has) if has != wanted => {
+                        let (element, neighbour) = (t.min(o as usize), t.max(o as usize));
+                        return Err(Error::NotOrientable { element, neighbour });
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
+        let volume: f64 = queue
+            .iter()
+            .map(|&t| {
+                let v6 = geom_core::mesh::six_volume(work.corners(work.tets[t as usize]));
+                if flip[t as usize] == Some(true) {
+                    -v6
+                } else {
+                    v6
+                }
+            })
+            .sum();
+        for &t in &queue {
+            let turn = (flip[t as usize] == Some(true)) ^ (volume < 0.0);
+            if turn {
+                work.tets[t as usize].swap(0, 1);
+                count += 1;
+            }
+        }
+    }
+    Ok(count)
+}
+
+/// The interface faces around each vertex.
+struct InterfaceFaces {
+    starts: Vec<usize>,
+    faces: Vec<InterfaceFace>,
+}
+
+#[derive(Clone, Copy)]
+struct InterfaceFace {
+    /// The other two corners; the third is the vertex.
+    others: [u32; 2],
+    pair: [Region; 2],
+}
+
+impl InterfaceFaces {
+    fn new(work: &Work, beyond: &[[u32; 4]]) -> Self {
+        let found: Vec<([u32; 3], [Region; 2])> = (0..work.tets.len())
+            .into_par_iter()
+            .flat_map_iter(|t| {
+                (0..4).filter_map(move |k| {
+                    let o = beyond[t][k];
+                    let mine = work.regions[t];
+                    let theirs = if o == NONE {
+                        OUTSIDE
+                    } else {
+                        work.regions[o as usize]
+                    };
+                    // Each face once, from the side of the smaller region.
+                    (mine < theirs).then(|| (FACES[k].map(|i| work.tets[t][i]), [mine, theirs]))
+                })
+            })
+            .collect();
+        let mut counts = vec![0u32; work.x.len()];
+        for &v in found.iter().flat_map(|f| &f.0) {
+            counts[v as usize] += 1;
+        }
+        let starts = geom_core::parallel::starts_of(&counts);
+        let mut at = starts.clone();
+        let blank = InterfaceFace {
+            others: [NONE; 2],
+            pair: [0; 2],
+        };
+        let mut faces = vec![blank; 3 * found.len()];
+        for ([a, b, c], pair) in found {
+            for (v, others) in [(a, [b, c]), (b, [c, a]), (c, [a, b])] {
+                faces[at[v as usize]] = InterfaceFace { others, pair };
+                at[v as usize] += 1;
+            }
+        }
+        Self { starts, faces }
+    }
+
+    fn of(&self, v: u32) -> &[InterfaceFace] {
+        &self.faces[self.starts[v as usize]..self.starts[v as usize + 1]]
+    }
+}
+
+/// How a vertex may move, and whether surfaces touch or meet there.
+fn freedom(
+    work: &Work,
+    v: u32,
+    faces: &InterfaceFaces,
+    field: Option<&Isosurface<'_>>,
+) -> Result<(Freedom, bool), Error> {
+    let fan = faces.of(v);
+    let kind = work.kinds[v as usize];
+    if fan.is_empty() {
+        // A vertex that is said to lie on a surface but does not: leave it.
+        let freedom = if kind == VertexKind::Interior {
+            Freedom::Free
+        } else {
+            Freedom::Fixed
+        };
+        return Ok((freedom, false));
+    }
+    if !is_disk(fan) {
+        return Ok((Freedom::Fixed, true));
+    }
+    let x = work.x[v as usize];
+    let axis = |axis: u8| Vector3::ith(usize::from(axis).min(2), 1.0);
+    Ok((
+        match kind {
+            VertexKind::Fixed => Freedom::Fixed,
+            VertexKind::BoxFace { axis: a } => Freedom::Plane(axis(a)),
+            VertexKind::BoxEdge { axis: a } => Freedom::Line(axis(a)),
+            VertexKind::Interior | VertexKind::Surface => {
+                let edge = fan
+                    .iter()
+                    .map(|f| (work.x[f.others[0] as usize] - x).norm())
+                    .sum::<f64>()
+                    / fan.len() as f64;
+                match field {
+                    Some(field) if field.holds(v, &x, edge)? => Freedom::Field,
+                    _ => flat(work, x, fan),
+                }
+            }
+        },
+        false,
+    ))
+}
+
+/// Do the faces form one closed fan between the same two regions?
+fn is_disk(fan: &[InterfaceFace]) -> bool {
+    let pair = fan[0].pair;
+    let same = fan.iter().all(|f| f.pair == pair);
+    let start = fan[0].others[0];
+    let mut at = start;
+    for step in 1..=fan.len() {
+        let mut next = fan.iter().filter(|f| f.others[0] == at);
+        let (Some(face), None) = (next.next(), next.next()) else {
+            return false;
+        };
+        at = face.others[1];
+        if at == start {
+            return same && step == fan.len();
+        }
+    }
+    false
+}
+
+/// The directions that keep the given surface as it is: along a plane, or along the crease of two.
+fn flat(work: &Work, x: Point3, fan: &[InterfaceFace]) -> Freedom {
+    let normals: Option<Vec<Vector3>> = fan
+        .iter()
+        .map(|f| {
+            let [a, b] = f.others.map(|u| work.x[u as usize] - x);
+            a.cross(&b).try_normalize(0.0)
+        })
+        .collect();
+    let Some(normals) = normals else {
+        return Freedom::Fixed;
+    };
+    let first = normals[0];
+    let (most, crease) = normals
+        .iter()
+        .map(|n| first.cross(n))
+        .map(|c| (c.norm(), c))
+        .fold(
+            (0.0, Vector3::zeros()),
+            |m, c| if c.0 > m.0 { c } else { m },
+        );
+    if most <= PLANE {
+        let level = normals.iter().all(|n| n.dot(&first) > 0.0);
+        return if level {
+            Freedom::Plane(first)
+        } else {
+            Freedom::Fixed
+        };
+    }
+    let along = crease / most;
+    if normals.iter().all(|n| n.dot(&along).abs() <= PLANE) {
+        Freedom::Line(along)
+    } else {
+        Freedom::Fixed
+    }
+}

@@ -1,0 +1,283 @@
+//! Measures of one tetrahedron, and the objective that the improvement raises.
+//!
+//! A tetrahedron `(a, b, c, d)` is positive when `(b − a, c − a, d − a)` is right-handed. All measures
+//! are functions of the shape only: they ignore translations, rotations and uniform scaling.
+
+use geom_core::mesh::{EDGES, six_volume};
+use geom_core::{Point3, Vector3};
+
+/// `8 · 3^(5/2) / 6`: the Joe–Liu measure is this times six volumes over `(Σ edge²)^(3/2)`.
+pub(crate) const JOE_LIU: f64 = 20.784_609_690_826_528;
+
+/// Weight of the Joe–Liu measure in the objective: `sin 20° / 0.3`, so that the two goals of the
+/// thesis (20°, 0.3) are reached at the same value.
+pub(crate) const SHAPE_WEIGHT: f64 = 1.14;
+
+/// The measures of one tetrahedron.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Measures {
+    /// Six times the signed volume, Å³.
+    pub six_volume: f64,
+    /// Signed Joe–Liu measure (thesis Eq. 3.16): 1 for the regular tetrahedron, 0 when flat,
+    /// negative when inverted.
+    pub joe_liu: f64,
+    /// Longest over shortest edge; infinite when two corners coincide.
+    pub edge_ratio: f64,
+    /// Smallest dihedral angle, degrees; 0 unless the volume is positive.
+    pub min_dihedral: f64,
+    /// Largest dihedral angle, degrees; 180 unless the volume is positive.
+    pub max_dihedral: f64,
+}
+
+/// Measures a tetrahedron.
+///
+/// ```
+/// use tet_quality::{geom_core::Point3, measures};
+/// let corner = |x, y, z| Point3::new(x, y, z);
+/// let regular = measures([
+///     corner(1.0, 1.0, 1.0), corner(-1.0, 1.0, -1.0), corner(1.0, -1.0, -1.0), corner(-1.0, -1.0, 1.0),
+/// ]);
+/// assert!((regular.joe_liu - 1.0).abs() < 1e-12);
+/// assert!((regular.min_dihedral - 70.528_779).abs() < 1e-5);
+/// ```
+pub fn measures(corners: [Point3; 4]) -> Measures {
+    Raw::of(corners).finish()
+}
+
+/// Radius ratio `3 r / R` of in- and circumscribed spheres: 1 for the regular tetrahedron, 0 unless
+/// the volume is positive.
+pub fn radius_ratio(corners: [Point3; 4]) -> f64 {
+    let [a, b, c, d] = corners;
+    let v6 = six_volume(corners);
+    if v6 <= 0.0 {
+        return 0.0;
+    }
+    let (u, v, w) = (b - a, c - a, d - a);
+    let surface: f64 = face_normals(corners).iter().map(Vector3::norm).sum();
+    // Circumcentre − a = (|u|² v×w + |v|² w×u + |w|² u×v) / (2 · 6V).
+    let rise = v.cross(&w) * u.norm_squared()
+        + w.cross(&u) * v.norm_squared()
+        + u.cross(&v) * w.norm_squared();
+    // r = 3V / area = 6V / Σ|n|;   R = |rise| / (2 · 6V).
+    6.0 * v6 * v6 / (surface * rise.norm())
+}
+
+/// Longest edge over shortest altitude: √(3/2) for the regular tetrahedron, infinite unless the
+/// volume is positive.
+pub fn aspect_ratio(corners: [Point3; 4]) -> f64 {
+    let v6 = six_volume(corners);
+    if v6 <= 0.0 {
+        return f64::INFINITY;
+    }
+    let longest = edges_squared(corners)
+        .into_iter()
+        .fold(0.0, f64::max)
+        .sqrt();
+    // An altitude is 6V over twice the area of its face.
+    let widest = face_normals(corners)
+        .iter()
+        .map(Vector3::norm)
+        .fold(0.0, f64::max);
+    longest * widest / v6
+}
+
+/// The objective `q`: for a positive tetrahedron the smaller of the smallest sine of a dihedral angle
+/// and 1.14 times Joe–Liu; for others the Joe–Liu measure, which is ≤ 0. Never NaN for finite input.
+///
+/// `q ≥ sin θ` means that every dihedral angle lies in `[θ, 180° − θ]`.
+pub fn quality(corners: [Point3; 4]) -> f64 {
+    let raw = Raw::of(corners);
+    let shape = raw.joe_liu();
+    if raw.v6 <= 0.0 {
+        return shape;
+    }
+    raw.min_sine().min(SHAPE_WEIGHT * shape)
+}
+
+fn edges_squared(p: [Point3; 4]) -> [f64; 6] {
+    EDGES.map(|[i, j]| (p[j] - p[i]).norm_squared())
+}
+
+/// Doubled area normals, pointing out of a positive tetrahedron; entry `k` lies opposite corner `k`.
+fn face_normals(p: [Point3; 4]) -> [Vector3; 4] {
+    geom_core::mesh::FACES.map(|[i, j, k]| (p[j] - p[i]).cross(&(p[k] - p[i])))
+}
+
+/// What all measures are made of. Lengths are divided by the longest edge, so that neither large nor
+/// small units overflow.
+struct Raw {
+    scale: f64,
+    v6: f64,
+    edges: [f64; 6],
+    normals: [Vector3; 4],
+    squares: [f64; 4],
+}
+
+impl Raw {
+    fn of(p: [Point3; 4]) -> Self {
+        let reach = (p[1] - p[0])
+            .amax()
+            .max((p[2] - p[0]).amax())
+            .max((p[3] - p[0]).amax());
+        let scale = if reach > 0.0 { reach } else { 1.0 };
+        let p = [0, 1, 2, 3].map(|k| Point3::from((p[k] - p[0]) / scale));
+        let normals = face_normals(p);
+        Self {
+            scale,
+            v6: six_volume(p),
+            edges: edges_squared(p),
+            squares: normals.map(|n| n.norm_squared()),
+            normals,
+        }
+    }
+
+    fn joe_liu(&self) -> f64 {
+        let sum: f64 = self.edges.iter().sum();
+        if sum > 0.0 {
+            JOE_LIU * self.v6 / (sum * sum.sqrt())
+        } else {
+            0.0
+        }
+    }
+
+    /// Smallest sine of a dihedral angle: at edge `ij`, `sin = 6V |ij| / (|n_k| |n_l|)` with the faces
+    /// `k`, `l` that meet there.
+    fn min_sine(&self) -> f64 {
+        let s = &self.squares;
+        let product = s[0] * s[1] * s[2] * s[3];
+        if product <= 0.0 {
+            return 0.0;
+        }
+        // sin² = (6V)² e² n_i² n_j² / (n_0² n_1² n_2² n_3²): one division for all six.
+        let least = EDGES
+            .iter()
+            .zip(&self.edges)
+            .map(|(&[i, j], e)| e * s[i] * s[j])
+            .fold(f64::INFINITY, f64::min);
+        self.v6 * (least / product).sqrt()
+    }
+
+    fn finish(&self) -> Measures {
+        let longest = self.edges.iter().copied().fold(0.0, f64::max);
+        let shortest = self.edges.iter().copied().fold(f64::INFINITY, f64::min);
+        let (mut min_dihedral, mut max_dihedral) = (0.0, 180.0);
+        if self.v6 > 0.0 {
+            // Extremes of cos |cos|, which orders like cos and needs no root.
+            let (mut high, mut low) = (-1.0f64, 1.0f64);
+            for [k, l] in EDGES {
+                let dot = -self.normals[k].dot(&self.normals[l]);
+                let square = dot * dot.abs() / (self.squares[k] * self.squares[l]);
+                high = high.max(square);
+                low = low.min(square);
+            }
+            let angle = |square: f64| {
+                let cosine = square.abs().sqrt().copysign(square);
+                cosine.clamp(-1.0, 1.0).acos().to_degrees()
+            };
+            (min_dihedral, max_dihedral) = (angle(high), angle(low));
+        }
+        Measures {
+            six_volume: self.v6 * self.scale * self.scale * self.scale,
+            joe_liu: self.joe_liu(),
+            edge_ratio: if shortest > 0.0 {
+                (longest / shortest).sqrt()
+            } else {
+                f64::INFINITY
+            },
+            min_dihedral,
+            max_dihedral,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn p(x: f64, y: f64, z: f64) -> Point3 {
+        Point3::new(x, y, z)
+    }
+
+    fn corner() -> [Point3; 4] {
+        [
+            p(0.0, 0.0, 0.0),
+            p(1.0, 0.0, 0.0),
+            p(0.0, 1.0, 0.0),
+            p(0.0, 0.0, 1.0),
+        ]
+    }
+
+    fn regular() -> [Point3; 4] {
+        [
+            p(1.0, 1.0, 1.0),
+            p(-1.0, 1.0, -1.0),
+            p(1.0, -1.0, -1.0),
+            p(-1.0, -1.0, 1.0),
+        ]
+    }
+
+    #[test]
+    fn the_regular_tetrahedron_is_perfect() {
+        let m = measures(regular());
+        let angle = (1.0f64 / 3.0).acos().to_degrees();
+        assert!((m.joe_liu - 1.0).abs() < 1e-14);
+        assert!((m.edge_ratio - 1.0).abs() < 1e-14);
+        assert!((m.min_dihedral - angle).abs() < 1e-10);
+        assert!((m.max_dihedral - angle).abs() < 1e-10);
+        assert!((radius_ratio(regular()) - 1.0).abs() < 1e-14);
+        assert!((aspect_ratio(regular()) - 1.5f64.sqrt()).abs() < 1e-14);
+        assert!((quality(regular()) - angle.to_radians().sin()).abs() < 1e-14);
+    }
+
+    #[test]
+    fn the_right_corner_has_its_closed_forms() {
+        let m = measures(corner());
+        // Three right angles at the axes, acos(1/√3) at the slanted face.
+        assert!((m.max_dihedral - 90.0).abs() < 1e-10);
+        assert!((m.min_dihedral - (1.0 / 3f64.sqrt()).acos().to_degrees()).abs() < 1e-10);
+        assert!((m.edge_ratio - 2f64.sqrt()).abs() < 1e-14);
+        assert!((m.joe_liu - JOE_LIU / 27.0).abs() < 1e-14);
+        assert!((m.six_volume - 1.0).abs() < 1e-14);
+        // r = 1/(3 + √3), R = √3/2.
+        let ratio = 3.0 / (3.0 + 3f64.sqrt()) / (3f64.sqrt() / 2.0);
+        assert!((radius_ratio(corner()) - ratio).abs() < 1e-14);
+    }
+
+    #[test]
+    fn slivers_inverted_and_degenerate_ones_have_their_signs() {
+        let sliver = [
+            p(0.0, 0.0, 0.0),
+            p(1.0, 1.0, 0.0),
+            p(1.0, 0.0, 1e-6),
+            p(0.0, 1.0, 1e-6),
+        ];
+        let sliver = if six_volume(sliver) > 0.0 {
+            sliver
+        } else {
+            [sliver[1], sliver[0], sliver[2], sliver[3]]
+        };
+        let m = measures(sliver);
+        assert!(m.min_dihedral > 0.0 && m.min_dihedral < 1e-3 && m.max_dihedral > 179.99);
+        let [a, b, c, d] = corner();
+        let m = measures([b, a, c, d]);
+        assert_eq!((m.min_dihedral, m.max_dihedral), (0.0, 180.0));
+        assert!(m.joe_liu < 0.0 && quality([b, a, c, d]) < 0.0);
+        let m = measures([a, a, c, d]);
+        assert!(m.joe_liu == 0.0 && m.edge_ratio.is_infinite());
+        for flat in [[a; 4], [a, a, c, d], [a, b, c, p(0.5, 0.5, 0.0)]] {
+            assert_eq!(quality(flat), 0.0);
+            assert_eq!(radius_ratio(flat), 0.0);
+            assert!(aspect_ratio(flat).is_infinite());
+        }
+    }
+
+    #[test]
+    fn units_do_not_matter() {
+        for scale in [1e-60, 1e-3, 1.0, 1e60] {
+            let scaled = corner().map(|c| c * scale);
+            assert!((quality(scaled) - quality(corner())).abs() < 1e-12);
+            assert!((measures(scaled).min_dihedral - measures(corner()).min_dihedral).abs() < 1e-9);
+        }
+    }
+}

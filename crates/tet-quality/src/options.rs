@@ -1,0 +1,163 @@
+//! What to reach and by which means.
+
+use crate::Error;
+
+/// What every tetrahedron should reach. The improvement works on what is worse, and stops when
+/// nothing is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Goals {
+    /// Smallest dihedral angle, degrees.
+    pub min_dihedral: f64,
+    /// Largest dihedral angle, degrees.
+    pub max_dihedral: f64,
+    /// Joe–Liu measure (thesis Eq. 3.16).
+    pub joe_liu: f64,
+    /// Longest over shortest edge.
+    pub edge_ratio: f64,
+}
+
+impl Default for Goals {
+    fn default() -> Self {
+        Self {
+            min_dihedral: 20.0,
+            max_dihedral: 155.0,
+            joe_liu: 0.3,
+            edge_ratio: 6.0,
+        }
+    }
+}
+
+/// How the vertices of the isosurface move. All three need the implicit field; without it a surface
+/// vertex slides only where the surface around it is plane.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum SurfaceMotion {
+    /// Not at all.
+    Fixed,
+    /// Along the isosurface, where that improves the tetrahedra.
+    #[default]
+    Tangential,
+    /// The thesis's averaged mean curvature flow before the first pass: it removes noise of the
+    /// surface and nearly keeps its volume; then as [`SurfaceMotion::Tangential`].
+    AveragedMeanCurvature {
+        /// Number of steps.
+        steps: u32,
+        /// Size of a step, in squares of the spacing.
+        step: f64,
+    },
+}
+
+/// Which topological operations may be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Operations {
+    /// Removal of interior edges (3-2, 4-4 and longer rings) and its inverse for one face (2-3).
+    pub swap: bool,
+    /// Flips of surface edges: the surface changes within the allowed deviation.
+    pub flip: bool,
+    /// Contraction of edges.
+    pub contract: bool,
+    /// Insertion of vertices.
+    pub insert: bool,
+}
+
+impl Default for Operations {
+    fn default() -> Self {
+        Self {
+            swap: true,
+            flip: true,
+            contract: true,
+            insert: true,
+        }
+    }
+}
+
+/// Options of [`improve`](crate::improve).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Options {
+    /// What every tetrahedron should reach.
+    pub goals: Goals,
+    /// The budget: most passes of smoothing and operations. 0 changes nothing.
+    pub passes: u32,
+    /// Value of the implicit field on the surface.
+    pub level: f64,
+    /// The length against which deviations count, Å: the spacing of the lattice that the mesh came
+    /// from. `None`: the median length of the edges at surface vertices.
+    pub spacing: Option<f64>,
+    /// Largest distance of a surface vertex from the isosurface, in spacings. Vertices that lie
+    /// farther in the input come closer as far as the tetrahedra allow.
+    pub deviation: f64,
+    /// How surface vertices move.
+    pub surface: SurfaceMotion,
+    /// Which topological operations may be used.
+    pub operations: Operations,
+    /// Try to turn inverted tetrahedra first.
+    pub untangle: bool,
+    /// Seed of the random search directions of the last passes.
+    pub seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            goals: Goals::default(),
+            passes: 14,
+            level: 1.0,
+            spacing: None,
+            deviation: 0.1,
+            surface: SurfaceMotion::default(),
+            operations: Operations::default(),
+            untangle: true,
+            seed: 1,
+        }
+    }
+}
+
+impl Options {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), Error> {
+        let invalid = |option, value: f64, must| {
+            Err(Error::InvalidOption {
+                option,
+                value: value.to_string(),
+                must,
+            })
+        };
+        let g = &self.goals;
+        if !(0.0..=70.0).contains(&g.min_dihedral) {
+            return invalid("goals.min_dihedral", g.min_dihedral, "within 0…70 degrees");
+        }
+        if !(75.0..=180.0).contains(&g.max_dihedral) {
+            return invalid(
+                "goals.max_dihedral",
+                g.max_dihedral,
+                "within 75…180 degrees",
+            );
+        }
+        if !(0.0..=1.0).contains(&g.joe_liu) {
+            return invalid("goals.joe_liu", g.joe_liu, "within 0…1");
+        }
+        if g.edge_ratio.is_nan() || g.edge_ratio <= 1.0 {
+            return invalid("goals.edge_ratio", g.edge_ratio, "above 1");
+        }
+        if !self.level.is_finite() {
+            return invalid("level", self.level, "finite");
+        }
+        if let Some(h) = self.spacing
+            && !(h > 0.0 && h.is_finite())
+        {
+            return invalid("spacing", h, "above 0 and finite");
+        }
+        if !(0.0..=1.0).contains(&self.deviation) {
+            return invalid("deviation", self.deviation, "within 0…1 spacings");
+        }
+        if let SurfaceMotion::AveragedMeanCurvature { step, .. } = self.surface
+            && !(step > 0.0 && step <= 0.25)
+        {
+            return invalid("surface.step", step, "above 0 and at most 0.25");
+        }
+        Ok(())
+    }
+}

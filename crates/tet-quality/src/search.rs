@@ -1,0 +1,99 @@
+//! The search for the best position of one vertex.
+
+use geom_core::Vector3;
+
+use crate::ring::{GAIN, Ring};
+
+/// First step, in mean edge lengths.
+pub(crate) const STEP: f64 = 0.25;
+/// Factor of the step when no direction is better.
+pub(crate) const SHRINK: f64 = 0.4;
+
+/// The directions of a search: the positive and negative axes, then the diagonals.
+pub(crate) struct Compass {
+    directions: [Vector3; 14],
+    count: usize,
+    axes: [Vector3; 3],
+}
+
+impl Compass {
+    /// The compass of these orthogonal axes; zero axes are left out. Three axes have 14 directions,
+    /// two have 8, one has 2.
+    pub(crate) fn along(axes: &[Vector3; 3]) -> Self {
+        let mut directions = [Vector3::zeros(); 14];
+        let mut count = 0;
+        let mut put = |d: Vector3| {
+            directions[count] = d;
+            count += 1;
+        };
+        let mut free = [Vector3::zeros(); 3];
+        let mut n = 0;
+        for a in axes.iter().filter(|a| **a != Vector3::zeros()) {
+            free[n] = *a;
+            n += 1;
+            put(*a);
+            put(-a);
+        }
+        match n {
+            2 => {
+                for (s, t) in SIGNS {
+                    put((free[0] * s + free[1] * t) * std::f64::consts::FRAC_1_SQRT_2);
+                }
+            }
+            3 => {
+                for (s, t) in SIGNS {
+                    for u in [1.0, -1.0] {
+                        put((free[0] * s + free[1] * t + free[2] * u) / 3f64.sqrt());
+                    }
+                }
+            }
+            _ => {}
+        }
+        Self {
+            directions,
+            count,
+            axes: *axes,
+        }
+    }
+
+    fn directions(&self) -> &[Vector3] {
+        &self.directions[..self.count]
+    }
+
+    /// The part of a displacement along the axes.
+    fn project(&self, d: Vector3) -> Vector3 {
+        self.axes
+            .iter()
+            .fold(Vector3::zeros(), |s, a| s + a * a.dot(&d))
+    }
+}
+
+const SIGNS: [(f64, f64); 4] = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
+
+/// The best position found from `x`. Each round takes the best of all directions; the first one also
+/// looks at the mean of the neighbours.
+pub(crate) fn search(ring: &mut Ring, start: Vector3, compass: &Compass, rounds: u32) -> Vector3 {
+    let mut x = start;
+    let mut best = ring.value(&x);
+    let mut step = STEP * ring.mean_edge(&x);
+    for round in 0..rounds {
+        let mut next = None;
+        if round == 0 {
+            let mean = x + compass.project(ring.centroid() - x);
+            if let Some(value) = ring.value_above(&mean, best + GAIN) {
+                (next, best) = (Some(mean), value);
+            }
+        }
+        for d in compass.directions() {
+            let candidate = x + d * step;
+            if let Some(value) = ring.value_above(&candidate, best + GAIN) {
+                (next, best) = (Some(candidate), value);
+            }
+        }
+        match next {
+            Some(better) => x = better,
+            None => step *= SHRINK,
+        }
+    }
+    x
+}

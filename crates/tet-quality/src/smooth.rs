@@ -1,0 +1,389 @@
+//! Smoothing: every vertex moves to where the worst tetrahedron around it is best.
+
+use geom_core::mesh::FACES;
+use geom_core::{Point3, Run, Vector3};
+use rayon::prelude::*;
+
+use crate::Error;
+use crate::backend::{QualityBackend, Relaxation};
+use crate::ring::{GAIN, Ring, signed_square};
+use crate::surface_field::Isosurface;
+use crate::work::{Freedom, Work};
+
+/// First step of a surface vertex, in mean edge lengths.
+const SURFACE_STEP: f64 = 0.2;
+/// Longest step back to the isosurface, in mean edge lengths.
+const PULL: f64 = 0.15;
+
+/// Classes of the given vertices, no two of a class in one tetrahedron: greedy in the given order.
+pub(crate) fn colours(work: &Work, vertices: &[u32]) -> Vec<Vec<u32>> {
+    const NO: u8 = u8::MAX;
+    let mut colour = vec![NO; work.x.len()];
+    let mut classes: Vec<Vec<u32>> = Vec::new();
+    for &v in vertices {
+        let mut used = [0u64; 4];
+        for &t in work.rings.of(v) {
+            for u in work.tets[t as usize] {
+                let c = colour[u as usize];
+                if c != NO {
+                    used[usize::from(c / 64)] |= 1 << (c % 64);
+                }
+            }
+        }
+        let word = used.iter().position(|&w| w != u64::MAX).unwrap_or(0);
+        let free = word as u32 * 64 + (!used[word]).trailing_zeros();
+        // With more than 254 neighbours of different colours a vertex sits out this sweep.
+        if free >= u32::from(NO) {
+            continue;
+        }
+        colour[v as usize] = free as u8;
+        if classes.len() <= free as usize {
+            classes.resize(free as usize + 1, Vec::new());
+        }
+        classes[free as usize].push(v);
+    }
+    classes
+}
+
+/// The corners of some tetrahedra, sorted.
+pub(crate) fn corners_of(work: &Work, tets: &[u32]) -> Vec<u32> {
+    let mut out: Vec<u32> = tets.iter().flat_map(|&t| work.tets[t as usize]).collect();
+    out.par_sort_unstable();
+    out.dedup();
+    out
+}
+
+/// Two unit vectors across a unit vector and each other; coordinate axes for a coordinate axis.
+pub(crate) fn across(n: &Vector3) -> [Vector3; 2] {
+    let least = n.iamin();
+    let u = Vector3::ith(least, 1.0);
+    let u = (u - n * n.dot(&u)).normalize();
+    [u, n.cross(&u)]
+}
+
+/// The directions in which a vertex may move without a field, if any; `turn` rotates those of a free
+/// vertex at random.
+pub(crate) fn axes_of(freedom: Freedom, turn: Option<u64>) -> Option<[Vector3; 3]> {
+    let zero = Vector3::zeros();
+    match freedom {
+        Freedom::Free => Some(match turn {
+            None => [Vector3::x(), Vector3::y(), Vector3::z()],
+            Some(seed) => random_axes(seed),
+        }),
+        Freedom::Plane(n) => {
+            let [u, v] = across(&n);
+            Some([u, v, zero])
+        }
+        Freedom::Line(d) => Some([d, zero, zero]),
+        Freedom::Field | Freedom::Fixed => None,
+    }
+}
+
+/// Three orthogonal directions that depend on the seed only.
+fn random_axes(seed: u64) -> [Vector3; 3] {
+    let mut state = seed;
+    let mut number = || {
+        // SplitMix64.
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    };
+    // A point in the unit ball, not too near its middle; some try succeeds.
+    let axis = (0..64)
+        .map(|_| Vector3::new(number(), number(), number()))
+        .find(|d| (0.01..=1.0).contains(&d.norm_squared()))
+        .map_or_else(Vector3::z, |d| d.normalize());
+    let [u, v] = across(&axis);
+    [u, v, axis]
+}
+
+/// The task of one sweep over those of `vertices` that may move without a field.
+pub(crate) fn task<'a>(
+    work: &Work,
+    positions: &'a [Point3],
+    vertices: &[u32],
+    rounds: u32,
+    turn: Option<u64>,
+) -> Relaxation<'a> {
+    let movable: Vec<u32> = vertices
+        .iter()
+        .copied()
+        .filter(|&v| {
+            axes_of(work.freedom[v as usize], None).is_some() && !work.rings.of(v).is_empty()
+        })
+        .collect();
+    let classes = colours(work, &movable);
+    let vertices: Vec<u32> = classes.concat();
+    let mut colours = Vec::with_capacity(classes.len());
+    let mut start = 0;
+    for class in &classes {
+        colours.push(start..start + class.len());
+        start += class.len();
+    }
+    let counts: Vec<u32> = vertices
+        .iter()
+        .map(|&v| work.rings.of(v).len() as u32)
+        .collect();
+    let starts: Vec<u32> = geom_core::parallel::starts_of(&counts)
+        .into_iter()
+        .map(|s| s as u32)
+        .collect();
+    let faces: Vec<[u32; 3]> = vertices
+        .par_iter()
+        .flat_map_iter(|&v| {
+            let ring = work.rings.of(v).iter();
+            ring.map(move |&t| opposite(work, t, v))
+        })
+        .collect();
+    Relaxation {
+        positions,
+        axes: vertices
+            .iter()
+            .map(|&v| {
+                let turn = turn.map(|seed| seed ^ u64::from(v).wrapping_mul(0xd6e8_feb8_6659_fd93));
+                axes_of(work.freedom[v as usize], turn).expect("only movable ones are here")
+            })
+            .collect(),
+        vertices,
+        colours,
+        starts,
+        faces,
+        rounds,
+    }
+}
+
+/// Moves vertices by one sweep of [`QualityBackend::relax`]; each displacement is tried in full, in
+/// half and in a quarter, and dropped if the worst tetrahedron does not get better. Gives how many
+/// moved.
+pub(crate) fn relax<B: QualityBackend + ?Sized>(
+    work: &mut Work,
+    vertices: &[u32],
+    rounds: u32,
+    turn: Option<u64>,
+    run: Run<'_, B>,
+) -> Result<usize, Error> {
+    let task = task(work, &work.x, vertices, rounds, turn);
+    let moves = run.backend.relax(&task)?;
+    let (vertices, colours) = (task.vertices, task.colours);
+    let mut moved = 0;
+    for colour in colours {
+        let accepted: Vec<Option<Point3>> = colour
+            .clone()
+            .into_par_iter()
+            .with_min_len(64)
+            .map_init(Ring::default, |ring, i| {
+                let d = moves[i];
+                if d == Vector3::zeros() {
+                    return None;
+                }
+                load(work, vertices[i], ring);
+                let x = work.x[vertices[i] as usize].coords;
+                let best = ring.value(&x);
+                [1.0, 0.5, 0.25].into_iter().find_map(|share| {
+                    let candidate = x + d * share;
+                    ring.value_above(&candidate, best + GAIN)
+                        .map(|_| Point3::from(candidate))
+                })
+            })
+            .collect();
+        for (i, x) in colour.zip(accepted) {
+            if let Some(x) = x {
+                work.x[vertices[i] as usize] = x;
+                moved += 1;
+            }
+        }
+    }
+    Ok(moved)
+}
+
+/// The face of `t` opposite its corner `v`, counter-clockwise from outside.
+pub(crate) fn opposite(work: &Work, t: u32, v: u32) -> [u32; 3] {
+    let tet = work.tets[t as usize];
+    let k = tet.iter().position(|&u| u == v).expect("a corner");
+    FACES[k].map(|i| tet[i])
+}
+
+pub(crate) fn load(work: &Work, v: u32, ring: &mut Ring) {
+    ring.clear();
+    for &t in work.rings.of(v) {
+        ring.push(opposite(work, t, v).map(|u| work.x[u as usize]));
+    }
+}
+
+/// How surface vertices may move.
+pub(crate) struct SurfaceRules<'a> {
+    pub(crate) field: &'a Isosurface<'a>,
+    /// Distance from the isosurface that is always allowed, Å.
+    pub(crate) tolerance: f64,
+    /// Search in all directions instead of the tangent plane.
+    pub(crate) rescue: bool,
+}
+
+/// Moves surface vertices along the isosurface, colour by colour. Gives how many moved.
+pub(crate) fn relax_surface(work: &mut Work, vertices: &[u32], rules: &SurfaceRules<'_>) -> usize {
+    sweep(work, vertices, |work, v, ring| slide(work, v, ring, rules))
+}
+
+/// Moves surface vertices that are farther than `tolerance` toward the isosurface, as far as the
+/// worst tetrahedron stays above `goal` or does not get worse. Gives how many moved.
+pub(crate) fn project(
+    work: &mut Work,
+    vertices: &[u32],
+    field: &Isosurface<'_>,
+    tolerance: f64,
+    goal: f64,
+) -> usize {
+    sweep(work, vertices, |work, v, ring| {
+        let x = work.x[v as usize];
+        load(work, v, ring);
+        let edge = ring.mean_edge(&x.coords);
+        let (d, _) = field.distance(&x, 0.5 * edge);
+        if d.abs() <= tolerance {
+            return None;
+        }
+        let mut foot = x;
+        for _ in 0..4 {
+            let (d, n) = field.distance(&foot, PULL * edge);
+            foot -= n * d;
+        }
+        if field.distance(&foot, 0.5 * edge).0.abs() >= d.abs() {
+            return None;
+        }
+        let floor = ring.value(&x.coords).min(signed_square(goal)) - GAIN;
+        [1.0, 0.7, 0.4, 0.2, 0.1].into_iter().find_map(|share| {
+            let candidate = x + (foot - x) * share;
+            ring.value_above(&candidate.coords, floor)
+                .map(|_| candidate)
+        })
+    })
+}
+
+fn sweep(
+    work: &mut Work,
+    vertices: &[u32],
+    step: impl Fn(&Work, u32, &mut Ring) -> Option<Point3> + Sync,
+) -> usize {
+    let movable: Vec<u32> = vertices
+        .iter()
+        .copied()
+        .filter(|&v| work.freedom[v as usize] == Freedom::Field && !work.rings.of(v).is_empty())
+        .collect();
+    let mut moved = 0;
+    for class in colours(work, &movable) {
+        let positions: Vec<Option<Point3>> = class
+            .par_iter()
+            .with_min_len(16)
+            .map_init(Ring::default, |ring, &v| step(work, v, ring))
+            .collect();
+        for (v, x) in class.into_iter().zip(positions) {
+            if let Some(x) = x {
+                work.x[v as usize] = x;
+                moved += 1;
+            }
+        }
+    }
+    moved
+}
+
+fn slide(work: &Work, v: u32, ring: &mut Ring, rules: &SurfaceRules<'_>) -> Option<Point3> {
+    load(work, v, ring);
+    slide_from(work.x[v as usize], surface_mean(work, v), ring, rules)
+}
+
+/// A better position for a surface vertex at `start`: near `mean`, or along the surface.
+pub(crate) fn slide_from(
+    start: Point3,
+    mean: Option<Point3>,
+    ring: &mut Ring,
+    rules: &SurfaceRules<'_>,
+) -> Option<Point3> {
+    let field = rules.field;
+    let edge = ring.mean_edge(&start.coords);
+    let (d, mut normal) = field.distance(&start, 0.5 * edge);
+    let limit = rules.tolerance.max(d.abs());
+    let mut x = start;
+    let mut best = ring.value(&x.coords);
+    // A candidate that fails in the tangent plane is not pulled back: that saves the field.
+    let mut attempt = |candidate: Point3, best: f64| -> Option<(Point3, f64, Vector3)> {
+        ring.value_above(&candidate.coords, best + GAIN)?;
+        let (mut d, mut n) = field.distance(&candidate, PULL * edge);
+        let mut candidate = candidate;
+        if rules.rescue && d.abs() <= limit {
+            let value = ring.value_above(&candidate.coords, best + GAIN)?;
+            return Some((candidate, value, n));
+        }
+        for _ in 0..2 {
+            candidate -= n * d;
+            let value = ring.value_above(&candidate.coords, best + GAIN)?;
+            (d, n) = field.distance(&candidate, PULL * edge);
+            if d.abs() <= limit {
+                return Some((candidate, value, n));
+            }
+        }
+        None
+    };
+    if let Some(mean) = mean {
+        let along = mean - start;
+        let along = along - normal * normal.dot(&along);
+        if let Some((p, value, n)) = attempt(start + along, best) {
+            (x, best, normal) = (p, value, n);
+        }
+    }
+    let mut step = SURFACE_STEP * edge;
+    for _ in 0..5 {
+        let [s, t] = if normal == Vector3::zeros() {
+            [Vector3::x(), Vector3::y()]
+        } else {
+            across(&normal)
+        };
+        let h = 0.75f64.sqrt();
+        let mut directions = vec![
+            s,
+            -s,
+            s * 0.5 + t * h,
+            s * 0.5 - t * h,
+            -s * 0.5 + t * h,
+            -s * 0.5 - t * h,
+        ];
+        if rules.rescue {
+            directions.extend([normal, -normal]);
+        }
+        let mut better = false;
+        for direction in directions {
+            if let Some((p, value, n)) = attempt(x + direction * step, best) {
+                (x, best, normal) = (p, value, n);
+                better = true;
+            }
+        }
+        if !better {
+            step *= 0.4;
+        }
+    }
+    (x != start).then_some(x)
+}
+
+/// The mean of the neighbours along the interface.
+fn surface_mean(work: &Work, v: u32) -> Option<Point3> {
+    let mut sum = Vector3::zeros();
+    let mut count = 0;
+    for &t in work.rings.of(v) {
+        let tet = work.tets[t as usize];
+        let region = work.regions[t as usize];
+        for k in 0..4 {
+            if tet[k] == v {
+                continue;
+            }
+            // Each interface face once: from its lower region, the boundary from inside.
+            let other = work.region_beyond(t, k);
+            if region < other {
+                for u in FACES[k].map(|i| tet[i]).into_iter().filter(|&u| u != v) {
+                    sum += work.x[u as usize].coords;
+                    count += 1;
+                }
+            }
+        }
+    }
+    (count > 0).then(|| Point3::from(sum / f64::from(count)))
+}

@@ -1,0 +1,303 @@
+//! The mesh while it is being changed: tetrahedra with slots that may be empty, and for each vertex
+//! the tetrahedra around it.
+
+use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
+use geom_core::{Point3, TetMesh, Vector3};
+use rayon::prelude::*;
+
+use crate::metrics::quality;
+
+/// No vertex: the corners of an empty slot.
+pub(crate) const NONE: u32 = u32::MAX;
+
+/// In which directions a vertex may move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Freedom {
+    /// Anywhere.
+    Free,
+    /// Along the isosurface of the field.
+    Field,
+    /// In the plane across this unit normal.
+    Plane(Vector3),
+    /// Along this unit direction.
+    Line(Vector3),
+    /// Nowhere.
+    Fixed,
+}
+
+/// The tetrahedra around each vertex, in one pool with room to grow.
+pub(crate) struct Rings {
+    spans: Vec<Span>,
+    pool: Vec<u32>,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Span {
+    start: usize,
+    len: u32,
+    room: u32,
+}
+
+impl Rings {
+    fn new(vertices: usize, tets: &[[u32; 4]]) -> Self {
+        let mut counts = vec![0u32; vertices];
+        for &v in tets.iter().flatten() {
+            counts[v as usize] += 1;
+        }
+        let mut start = 0;
+        let mut spans: Vec<Span> = counts
+            .iter()
+            .map(|&n| {
+                let room = n + n / 4 + 4;
+                let span = Span {
+                    start,
+                    len: 0,
+                    room,
+                };
+                start += room as usize;
+                span
+            })
+            .collect();
+        let mut pool = vec![NONE; start];
+        for (t, tet) in tets.iter().enumerate() {
+            for &v in tet {
+                let span = &mut spans[v as usize];
+                pool[span.start + span.len as usize] = t as u32;
+                span.len += 1;
+            }
+        }
+        Self { spans, pool }
+    }
+
+    pub(crate) fn of(&self, v: u32) -> &[u32] {
+        let s = self.spans[v as usize];
+        &self.pool[s.start..s.start + s.len as usize]
+    }
+
+    fn add_vertex(&mut self) {
+        self.spans.push(Span::default());
+    }
+
+    fn push(&mut self, v: u32, t: u32) {
+        let mut s = self.spans[v as usize];
+        if s.len == s.room {
+            let old = s.start..s.start + s.len as usize;
+            s.start = self.pool.len();
+            s.room = s.room * 2 + 8;
+            self.pool.extend_from_within(old);
+            self.pool.resize(s.start + s.room as usize, NONE);
+        }
+        self.pool[s.start + s.len as usize] = t;
+        s.len += 1;
+        self.spans[v as usize] = s;
+    }
+
+    fn remove(&mut self, v: u32, t: u32) {
+        let s = &mut self.spans[v as usize];
+        let ring = &mut self.pool[s.start..s.start + s.len as usize];
+        let at = ring
+            .iter()
+            .position(|&r| r == t)
+            .expect("a tetrahedron stands in the rings of its corners");
+        ring.swap_remove_last(at);
+        s.len -= 1;
+    }
+}
+
+trait SwapRemove {
+    fn swap_remove_last(&mut self, at: usize);
+}
+impl SwapRemove for [u32] {
+    fn swap_remove_last(&mut self, at: usize) {
+        self.swap(at, self.len() - 1);
+    }
+}
+
+/// A mesh in work.
+pub(crate) struct Work {
+    pub(crate) x: Vec<Point3>,
+    pub(crate) kinds: Vec<VertexKind>,
+    pub(crate) freedom: Vec<Freedom>,
+    pub(crate) tets: Vec<[u32; 4]>,
+    pub(crate) regions: Vec<Region>,
+    /// The objective per tetrahedron; +∞ in empty slots.
+    pub(crate) q: Vec<f64>,
+    pub(crate) rings: Rings,
+    empty: Vec<u32>,
+}
+
+impl Work {
+    pub(crate) fn new(mesh: TetMesh) -> Self {
+        let (x, tets, regions, kinds) = mesh.into_parts();
+        let rings = Rings::new(x.len(), &tets);
+        let freedom = vec![Freedom::Free; x.len()];
+        let mut work = Self {
+            x,
+            kinds,
+            freedom,
+            q: vec![0.0; tets.len()],
+            tets,
+            regions,
+            rings,
+            empty: Vec::new(),
+        };
+        work.measure_all();
+        work
+    }
+
+    /// Fills `q` anew.
+    pub(crate) fn measure_all(&mut self) {
+        let (x, tets) = (&self.x, &self.tets);
+        self.q.par_iter_mut().zip(tets).for_each(|(q, t)| {
+            *q = if t[0] == NONE {
+                f64::INFINITY
+            } else {
+                quality(t.map(|v| x[v as usize]))
+            };
+        });
+    }
+
+    pub(crate) fn is_empty_slot(&self, t: u32) -> bool {
+        self.tets[t as usize][0] == NONE
+    }
+
+    pub(crate) fn corners(&self, tet: [u32; 4]) -> [Point3; 4] {
+        tet.map(|v| self.x[v as usize])
+    }
+
+    pub(crate) fn quality_of(&self, tet: [u32; 4]) -> f64 {
+        quality(self.corners(tet))
+    }
+
+    /// The tetrahedron beyond the face of `t` opposite its corner `k`, if there is one.
+    pub(crate) fn beyond(&self, t: u32, k: usize) -> Option<u32> {
+        let [a, b, c] = FACES[k].map(|i| self.tets[t as usize][i]);
+        self.rings.of(a).iter().copied().find(|&o| {
+            let tet = &self.tets[o as usize];
+            o != t && tet.contains(&b) && tet.contains(&c)
+        })
+    }
+
+    /// The region beyond the face of `t` opposite its corner `k`; [`OUTSIDE`] beyond the mesh.
+    pub(crate) fn region_beyond(&self, t: u32, k: usize) -> Region {
+        self.beyond(t, k)
+            .map_or(OUTSIDE, |o| self.regions[o as usize])
+    }
+
+    /// Is `ab` an edge of the mesh?
+    pub(crate) fn edge_exists(&self, a: u32, b: u32) -> bool {
+        self.rings
+            .of(a)
+            .iter()
+            .any(|&t| self.tets[t as usize].contains(&b))
+    }
+
+    /// Is `abc` a face of the mesh?
+    pub(crate) fn face_exists(&self, a: u32, b: u32, c: u32) -> bool {
+        self.rings.of(a).iter().any(|&t| {
+            let tet = &self.tets[t as usize];
+            tet.contains(&b) && tet.contains(&c)
+        })
+    }
+
+    /// Empties a slot.
+    pub(crate) fn remove(&mut self, t: u32) {
+        for v in self.tets[t as usize] {
+            self.rings.remove(v, t);
+        }
+        self.tets[t as usize] = [NONE; 4];
+        self.q[t as usize] = f64::INFINITY;
+        self.empty.push(t);
+    }
+
+    /// Fills a slot.
+    pub(crate) fn insert(&mut self, tet: [u32; 4], region: Region) -> u32 {
+        let q = self.quality_of(tet);
+        let t = match self.empty.pop() {
+            Some(t) => {
+                (self.tets[t as usize], self.regions[t as usize]) = (tet, region);
+                self.q[t as usize] = q;
+                t
+            }
+            None => {
+                self.tets.push(tet);
+                self.regions.push(region);
+                self.q.push(q);
+                self.tets.len() as u32 - 1
+            }
+        };
+        for v in tet {
+            self.rings.push(v, t);
+        }
+        t
+    }
+
+    /// A new vertex without tetrahedra.
+    pub(crate) fn add_vertex(&mut self, x: Point3, kind: VertexKind, freedom: Freedom) -> u32 {
+        self.x.push(x);
+        self.kinds.push(kind);
+        self.freedom.push(freedom);
+        self.rings.add_vertex();
+        self.x.len() as u32 - 1
+    }
+
+    /// Moves a vertex and measures its tetrahedra anew.
+    pub(crate) fn set_position(&mut self, v: u32, x: Point3) {
+        self.x[v as usize] = x;
+        for i in 0..self.rings.of(v).len() {
+            let t = self.rings.of(v)[i] as usize;
+            self.q[t] = self.quality_of(self.tets[t]);
+        }
+    }
+
+    /// The smallest objective; +∞ for an empty mesh.
+    pub(crate) fn worst(&self) -> f64 {
+        self.q
+            .par_iter()
+            .copied()
+            .reduce(|| f64::INFINITY, f64::min)
+    }
+
+    /// Tetrahedra with `q < bound`, worst first, equal ones by number.
+    pub(crate) fn below(&self, bound: f64) -> Vec<u32> {
+        let mut bad: Vec<u32> = (0..self.tets.len() as u32)
+            .into_par_iter()
+            .filter(|&t| self.q[t as usize] < bound)
+            .collect();
+        bad.par_sort_by(|&a, &b| {
+            let (qa, qb) = (self.q[a as usize], self.q[b as usize]);
+            qa.total_cmp(&qb).then(a.cmp(&b))
+        });
+        bad
+    }
+
+    /// The mesh without empty slots; vertices without a tetrahedron go, unless they had none in the
+    /// input. Order is kept.
+    pub(crate) fn finish(self, keep_unused: &[bool]) -> TetMesh {
+        let mut used = vec![false; self.x.len()];
+        for &v in self.tets.iter().filter(|t| t[0] != NONE).flatten() {
+            used[v as usize] = true;
+        }
+        for (v, keep) in keep_unused.iter().enumerate() {
+            used[v] |= keep;
+        }
+        let mut new = vec![NONE; self.x.len()];
+        let places = new.iter_mut().zip(&used).filter(|p| *p.1);
+        for (count, (place, _)) in places.enumerate() {
+            *place = count as u32;
+        }
+        let pick = |v: &usize| used[*v];
+        let positions = (0..used.len()).filter(pick).map(|v| self.x[v]).collect();
+        let kinds = (0..used.len())
+            .filter(pick)
+            .map(|v| self.kinds[v])
+            .collect();
+        let alive = || (0..self.tets.len()).filter(|&t| self.tets[t][0] != NONE);
+        let tets = alive()
+            .map(|t| self.tets[t].map(|v| new[v as usize]))
+            .collect();
+        let regions = alive().map(|t| self.regions[t]).collect();
+        TetMesh::with_kinds(positions, tets, regions, kinds)
+            .expect("the operations keep the mesh valid")
+    }
+}
