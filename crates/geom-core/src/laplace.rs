@@ -75,7 +75,8 @@ impl Shape {
     fn is_degenerate(&self) -> bool {
         let [a, b, c] = self.dots;
         let longest = (a + b).max(b + c).max(c + a);
-        !(self.doubled_area > 1e-12 * longest)
+        // NaN (an overflow) is degenerate too.
+        self.doubled_area.is_nan() || self.doubled_area <= 1e-12 * longest
     }
 
     fn stiffness(&self) -> [[f64; 3]; 3] {

@@ -387,13 +387,15 @@ fn residue_and_chain(line: &[u8], s: usize) -> Result<(Name, Name), ErrorKind> {
     if line[20 + s] == b' ' {
         return Ok((residue(20)?, chain(21)?));
     }
-    let (short, long) = (residue(20)?, residue(21)?);
-    let four_letters = line[21 + s] == b' '
-        || (!residues::is_polymer(short.as_str()) && residues::has_four_letters(long.as_str()));
-    if four_letters {
-        Ok((long, chain(21)?))
-    } else {
-        Ok((short, chain(20)?))
+    let short = residue(20)?;
+    // `MG A` is no name: two characters of a chain.
+    let long = residue(21).ok().filter(|long| {
+        line[21 + s] == b' '
+            || (!residues::is_polymer(short.as_str()) && residues::has_four_letters(long.as_str()))
+    });
+    match long {
+        Some(long) => Ok((long, chain(21)?)),
+        None => Ok((short, chain(20)?)),
     }
 }
 

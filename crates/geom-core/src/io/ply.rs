@@ -72,8 +72,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, encoding: Encoding) -> Result<(
         row.put_fields(&view.point_fields, v);
         row.end()?;
     }
-    let mut cell = 0;
-    for ring in view.blocks.iter().flat_map(Cells::iter) {
+    for (cell, ring) in view.blocks.iter().flat_map(Cells::iter).enumerate() {
         if count == "uchar" {
             row.put(ring.len() as u8);
         } else {
@@ -84,7 +83,6 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, encoding: Encoding) -> Result<(
         }
         row.put_fields(&view.cell_fields, cell);
         row.end()?;
-        cell += 1;
     }
     row.finish()
 }

@@ -95,6 +95,17 @@ impl Cells<'_> {
     pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
         (0..self.len()).map(|c| self.corners(c))
     }
+    fn borrowed(&self) -> Cells<'_> {
+        match self {
+            Self::Triangles(c) => Cells::Triangles(c.as_ref().into()),
+            Self::Quads(c) => Cells::Quads(c.as_ref().into()),
+            Self::Tets(c) => Cells::Tets(c.as_ref().into()),
+            Self::Polygons { ends, corners } => Cells::Polygons {
+                ends: ends.as_ref().into(),
+                corners: corners.as_ref().into(),
+            },
+        }
+    }
     fn all_corners(&self) -> &[u32] {
         match self {
             Self::Triangles(c) => c.as_flattened(),
@@ -497,18 +508,9 @@ impl<'a> View<'a> {
             };
             fields.iter().map(borrowed).collect()
         }
-        let block = |block| match block {
-            &Cells::Triangles(ref c) => Cells::Triangles(c.as_ref().into()),
-            Cells::Quads(c) => Cells::Quads(c.as_ref().into()),
-            Cells::Tets(c) => Cells::Tets(c.as_ref().into()),
-            Cells::Polygons { ends, corners } => Cells::Polygons {
-                ends: ends.as_ref().into(),
-                corners: corners.as_ref().into(),
-            },
-        };
         View {
             points: self.points.as_ref().into(),
-            blocks: self.blocks.iter().map(block).collect(),
+            blocks: self.blocks.iter().map(Cells::borrowed).collect(),
             point_fields: fields(&self.point_fields),
             cell_fields: fields(&self.cell_fields),
             colors: self.colors.as_ref().map(|c| c.as_ref().into()),
