@@ -12,7 +12,7 @@ use serde::Serialize;
 
 /// From atoms to a quality tetrahedral mesh, inside and outside of the molecule's surface
 #[derive(Parser, Serialize)]
-#[command(version, after_help = EXAMPLES)]
+#[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     /// Structure: PDB, mmCIF or PQR, each also gzip-compressed
     input: PathBuf,

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 /// From atoms to a density map, with slices through it
 #[derive(Parser, Serialize)]
-#[command(version, after_help = EXAMPLES)]
+#[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     /// Structure: PDB, mmCIF or PQR, each also gzip-compressed
     input: PathBuf,

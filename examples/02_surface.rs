@@ -12,7 +12,7 @@ use serde::Serialize;
 
 /// From atoms to a closed triangle surface
 #[derive(Parser, Serialize)]
-#[command(version, after_help = EXAMPLES)]
+#[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     #[command(flatten)]
     source: SourceArgs,

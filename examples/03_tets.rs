@@ -13,7 +13,7 @@ use serde::Serialize;
 
 /// From atoms to tetrahedra inside and outside of its surface
 #[derive(Parser, Serialize)]
-#[command(version, after_help = EXAMPLES)]
+#[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     #[command(flatten)]
     source: SourceArgs,
@@ -29,10 +29,10 @@ struct Args {
     #[arg(long, value_name = "AXIS:LOW:HIGH", value_parser = args::slab)]
     slab: Vec<Shape>,
     /// A material in a cylinder between two points; may be repeated
-    #[arg(long, value_name = "X,Y,Z:X,Y,Z:R", value_parser = args::cylinder, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z:X,Y,Z:R", value_parser = args::cylinder)]
     cylinder: Vec<Shape>,
     /// A material in a ball; may be repeated
-    #[arg(long, value_name = "X,Y,Z:R", value_parser = args::ball, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z:R", value_parser = args::ball)]
     ball: Vec<Shape>,
     /// Take the membrane's planes from the structure file (dummy atoms as in the OPM database)
     #[arg(long)]

@@ -12,7 +12,7 @@ use tet_quality::{Goals, Options, improve};
 
 /// Improves the tetrahedra of any mesh (VTU or MSH) and shows the quality before and after
 #[derive(Parser, Serialize)]
-#[command(version, after_help = EXAMPLES)]
+#[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     /// Mesh: VTU or MSH
     input: PathBuf,

@@ -16,7 +16,7 @@ use serde_json::json;
 
 /// The first eigenfunctions of a surface: of a mesh, or of a structure's surface
 #[derive(Parser, Serialize)]
-#[command(version, after_help = EXAMPLES)]
+#[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     #[command(flatten)]
     source: SourceArgs,
