@@ -11,12 +11,38 @@ pub struct Shader {
     pub workgroup: [u32; 3],
 }
 
+// ── dual-contour
+
+/// `dual-contour`: lowest and highest value per block.
+pub const DUAL_CONTOUR_MIN_MAX: Shader = Shader {
+    name: "dual_contour_min_max",
+    source: include_str!("../wgsl/dual_contour/min_max.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
+/// `dual-contour`: corner signs of all finest cells of a block.
+pub const DUAL_CONTOUR_CROSSINGS: Shader = Shader {
+    name: "dual_contour_crossings",
+    source: include_str!("../wgsl/dual_contour/crossings.wgsl"),
+    workgroup: [128, 1, 1],
+};
+
+/// `dual-contour`: dual vertices of cells.
+pub const DUAL_CONTOUR_DUAL_VERTICES: Shader = Shader {
+    name: "dual_contour_dual_vertices",
+    source: include_str!("../wgsl/dual_contour/dual_vertices.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
+// ── tet-quality
+
 /// `tet-quality`: measures of tetrahedra.
 pub const TET_QUALITY_MEASURE: Shader = Shader {
     name: "tet_quality_measure",
     source: include_str!("../wgsl/tet_quality/measure.wgsl"),
     workgroup: [64, 1, 1],
 };
+
 /// `tet-quality`: a sweep of smoothing over the vertices of a colour.
 pub const TET_QUALITY_RELAX: Shader = Shader {
     name: "tet_quality_relax",
@@ -25,4 +51,10 @@ pub const TET_QUALITY_RELAX: Shader = Shader {
 };
 
 /// Every kernel.
-pub const ALL: &[Shader] = &[TET_QUALITY_MEASURE, TET_QUALITY_RELAX];
+pub const ALL: &[Shader] = &[
+    DUAL_CONTOUR_MIN_MAX,
+    DUAL_CONTOUR_CROSSINGS,
+    DUAL_CONTOUR_DUAL_VERTICES,
+    TET_QUALITY_MEASURE,
+    TET_QUALITY_RELAX,
+];

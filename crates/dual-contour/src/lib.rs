@@ -5,6 +5,7 @@ pub use geom_core;
 mod backend;
 mod build;
 mod complex;
+mod cpu;
 mod dual;
 mod emit;
 mod error;
@@ -16,6 +17,8 @@ mod samples;
 mod sizing;
 mod surface;
 mod volume;
+#[cfg(feature = "wgpu")]
+mod wgpu;
 
 pub use backend::ContourBackend;
 pub use error::Error;

@@ -4,17 +4,22 @@
 //! `read(path)` and `save(path, …)`. Inputs may be gzip-compressed; outputs are if their name ends in
 //! `.gz`. Saving writes beside the target and renames, so that no half-written file is left.
 
+mod assembly;
 mod bytes;
 pub mod dx;
 pub mod glb;
 pub mod grid;
 pub mod mesh;
+mod mmcif;
 pub mod mrc;
 pub mod msh;
 pub mod obj;
 pub mod off;
+mod pdb;
 pub mod ply;
+pub mod pqr;
 pub mod stl;
+pub mod structure;
 mod text;
 pub mod view;
 pub mod vtu;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::backend::QualityBackend;
 use crate::contract::contraction;
 use crate::input::prepare;
-use crate::proposal::{Operation, Proposal, independent};
+use crate::proposal::{Floor, Operation, Proposal, independent};
 use crate::report::{QualityReport, report_of};
 use crate::smooth::{SurfaceRules, corners_of, project, relax, relax_surface};
 use crate::surface_field::Isosurface;
@@ -258,7 +258,7 @@ impl State<'_> {
     ) -> Result<(), Error> {
         let bad = self.work.below(bound);
         let vertices = corners_of(&self.work, &bad);
-        done.moved += relax(&mut self.work, &vertices, ROUNDS, run)?;
+        done.moved += relax(&mut self.work, &vertices, ROUNDS, None, run)?;
         if let Some(field) = &self.surface {
             let share = if rescue { self.options.deviation } else { NEAR };
             let rules = SurfaceRules {
@@ -292,6 +292,7 @@ impl State<'_> {
                 Operation::FaceSwap => &mut done.faces_swapped,
                 Operation::SurfaceFlip => &mut done.surface_flips,
                 Operation::Contraction => &mut done.contracted,
+                Operation::Insertion => &mut done.inserted,
             } += 1;
         }
         chosen.len()
@@ -313,18 +314,25 @@ impl State<'_> {
         for [i, j] in geom_core::mesh::EDGES {
             let (a, b) = (tet[i], tet[j]);
             if allow.swap {
-                offer(edge_removal(work, a, b));
+                offer(edge_removal(work, a, b, Floor::Old));
             }
             let both = [a, b]
                 .iter()
                 .all(|&v| work.freedom[v as usize] != Freedom::Free);
             if allow.flip && both {
-                offer(surface_flip(work, a, b, field, 0.1 * self.spacing));
+                offer(surface_flip(
+                    work,
+                    a,
+                    b,
+                    field,
+                    0.1 * self.spacing,
+                    Floor::Old,
+                ));
             }
         }
         if allow.swap {
             for k in 0..4 {
-                offer(face_swap(work, t, k));
+                offer(face_swap(work, t, k, Floor::Old));
             }
         }
         if allow.contract && contract {
@@ -337,6 +345,7 @@ impl State<'_> {
                             tet[j],
                             field,
                             0.15 * self.spacing,
+                            Floor::Old,
                         ));
                     }
                 }

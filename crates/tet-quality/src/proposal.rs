@@ -3,6 +3,7 @@
 use geom_core::Point3;
 use geom_core::mesh::{Region, VertexKind};
 
+use crate::ring::GAIN;
 use crate::work::{Freedom, NONE, Work};
 
 /// The place of the new vertex among the corners of [`Proposal::insert`].
@@ -15,6 +16,25 @@ pub(crate) enum Operation {
     FaceSwap,
     SurfaceFlip,
     Contraction,
+    Insertion,
+}
+
+/// What the worst of the new tetrahedra must exceed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Floor {
+    /// The worst of the old ones.
+    Old,
+    /// This objective: smoothing follows.
+    Fixed(f64),
+}
+
+impl Floor {
+    pub(crate) fn above(self, old: f64) -> f64 {
+        match self {
+            Self::Old => old + GAIN,
+            Self::Fixed(q) => q,
+        }
+    }
 }
 
 /// Some tetrahedra to be replaced by others.

@@ -61,10 +61,15 @@ pub(crate) fn across(n: &Vector3) -> [Vector3; 2] {
     [u, n.cross(&u)]
 }
 
-fn axes(freedom: Freedom) -> Option<[Vector3; 3]> {
+/// The directions in which a vertex may move without a field, if any; `turn` rotates those of a free
+/// vertex at random.
+pub(crate) fn axes_of(freedom: Freedom, turn: Option<u64>) -> Option<[Vector3; 3]> {
     let zero = Vector3::zeros();
     match freedom {
-        Freedom::Free => Some([Vector3::x(), Vector3::y(), Vector3::z()]),
+        Freedom::Free => Some(match turn {
+            None => [Vector3::x(), Vector3::y(), Vector3::z()],
+            Some(seed) => random_axes(seed),
+        }),
         Freedom::Plane(n) => {
             let [u, v] = across(&n);
             Some([u, v, zero])
@@ -74,17 +79,40 @@ fn axes(freedom: Freedom) -> Option<[Vector3; 3]> {
     }
 }
 
+/// Three orthogonal directions that depend on the seed only.
+fn random_axes(seed: u64) -> [Vector3; 3] {
+    let mut state = seed;
+    let mut number = || {
+        // SplitMix64.
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    };
+    // A point in the unit ball, not too near its middle; some try succeeds.
+    let axis = (0..64)
+        .map(|_| Vector3::new(number(), number(), number()))
+        .find(|d| (0.01..=1.0).contains(&d.norm_squared()))
+        .map_or_else(Vector3::z, |d| d.normalize());
+    let [u, v] = across(&axis);
+    [u, v, axis]
+}
+
 /// The task of one sweep over those of `vertices` that may move without a field.
 pub(crate) fn task<'a>(
     work: &Work,
     positions: &'a [Point3],
     vertices: &[u32],
     rounds: u32,
+    turn: Option<u64>,
 ) -> Relaxation<'a> {
     let movable: Vec<u32> = vertices
         .iter()
         .copied()
-        .filter(|&v| axes(work.freedom[v as usize]).is_some() && !work.rings.of(v).is_empty())
+        .filter(|&v| {
+            axes_of(work.freedom[v as usize], None).is_some() && !work.rings.of(v).is_empty()
+        })
         .collect();
     let classes = colours(work, &movable);
     let vertices: Vec<u32> = classes.concat();
@@ -113,7 +141,10 @@ pub(crate) fn task<'a>(
         positions,
         axes: vertices
             .iter()
-            .map(|&v| axes(work.freedom[v as usize]).expect("only movable ones are here"))
+            .map(|&v| {
+                let turn = turn.map(|seed| seed ^ u64::from(v).wrapping_mul(0xd6e8_feb8_6659_fd93));
+                axes_of(work.freedom[v as usize], turn).expect("only movable ones are here")
+            })
             .collect(),
         vertices,
         colours,
@@ -130,9 +161,10 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
     work: &mut Work,
     vertices: &[u32],
     rounds: u32,
+    turn: Option<u64>,
     run: Run<'_, B>,
 ) -> Result<usize, Error> {
-    let task = task(work, &work.x, vertices, rounds);
+    let task = task(work, &work.x, vertices, rounds, turn);
     let moves = run.backend.relax(&task)?;
     let (vertices, colours) = (task.vertices, task.colours);
     let mut moved = 0;
@@ -256,9 +288,18 @@ fn sweep(
 }
 
 fn slide(work: &Work, v: u32, ring: &mut Ring, rules: &SurfaceRules<'_>) -> Option<Point3> {
-    let field = rules.field;
     load(work, v, ring);
-    let start = work.x[v as usize];
+    slide_from(work.x[v as usize], surface_mean(work, v), ring, rules)
+}
+
+/// A better position for a surface vertex at `start`: near `mean`, or along the surface.
+pub(crate) fn slide_from(
+    start: Point3,
+    mean: Option<Point3>,
+    ring: &mut Ring,
+    rules: &SurfaceRules<'_>,
+) -> Option<Point3> {
+    let field = rules.field;
     let edge = ring.mean_edge(&start.coords);
     let (d, mut normal) = field.distance(&start, 0.5 * edge);
     let limit = rules.tolerance.max(d.abs());
@@ -283,7 +324,7 @@ fn slide(work: &Work, v: u32, ring: &mut Ring, rules: &SurfaceRules<'_>) -> Opti
         }
         None
     };
-    if let Some(mean) = surface_mean(work, v) {
+    if let Some(mean) = mean {
         let along = mean - start;
         let along = along - normal * normal.dot(&along);
         if let Some((p, value, n)) = attempt(start + along, best) {

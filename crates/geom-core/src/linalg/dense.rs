@@ -10,11 +10,13 @@ use crate::parallel::fold_chunks;
 /// Rows per task.
 const ROWS: usize = 4096;
 
-/// Some of the columns of a tall block: rows of `width` values, of which the first `columns` count.
+/// Some of the columns of a tall block: rows of `width` values, of which `columns` count from `first`
+/// on.
 #[derive(Clone, Copy)]
 pub(crate) struct Tall<'a> {
     pub(crate) values: &'a [f64],
     pub(crate) width: usize,
+    pub(crate) first: usize,
     pub(crate) columns: usize,
 }
 
@@ -24,6 +26,7 @@ impl<'a> Tall<'a> {
         Self {
             values,
             width: columns,
+            first: 0,
             columns,
         }
     }
@@ -34,7 +37,8 @@ impl<'a> Tall<'a> {
 
     fn part(&self, from: usize, to: usize) -> MatRef<'a, f64> {
         let values = &self.values[from * self.width..to * self.width];
-        MatRef::from_row_major_slice(values, to - from, self.width).subcols(0, self.columns)
+        MatRef::from_row_major_slice(values, to - from, self.width)
+            .subcols(self.first, self.columns)
     }
 }
 

@@ -47,30 +47,38 @@ pub trait Scalar:
 }
 
 impl Scalar for f64 {
+    #[inline(always)]
     fn conjugate(self) -> Self {
         self
     }
+    #[inline(always)]
     fn norm_squared(self) -> f64 {
         self * self
     }
+    #[inline(always)]
     fn real_part(self) -> f64 {
         self
     }
+    #[inline(always)]
     fn finite(self) -> bool {
         self.is_finite()
     }
 }
 
 impl Scalar for Complex<f64> {
+    #[inline(always)]
     fn conjugate(self) -> Self {
         self.conj()
     }
+    #[inline(always)]
     fn norm_squared(self) -> f64 {
         self.norm_sqr()
     }
+    #[inline(always)]
     fn real_part(self) -> f64 {
         self.re
     }
+    #[inline(always)]
     fn finite(self) -> bool {
         self.re.is_finite() && self.im.is_finite()
     }

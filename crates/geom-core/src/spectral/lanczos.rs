@@ -29,7 +29,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
     let block = options.block;
     // Enough room that a restart keeps a good part of the space.
     let keep = k + 1 + block;
-    let room = (keep + (k + 1).max(6 * block)).next_multiple_of(block);
+    let room = (keep + (2 * k).max(8 * block)).next_multiple_of(block);
     let mut basis = Basis::new(pencil, room);
     let mut h = Projected::new(room + block);
 
@@ -49,8 +49,9 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         Ok(image)
     };
     next = step(&next, report)?;
-    basis.orthonormalize(&mut next, block, &mut seed);
+    basis.orthonormalize(&mut next, block, 0, &mut seed);
     let mut restarts = 0;
+    let mut kept = 0;
     let mut ready = 0;
     let mut look_at = k + 1 + block;
     loop {
@@ -58,7 +59,14 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         let at = basis.columns;
         basis.push(&next, block);
         let mut image = step(&next, report)?;
-        let (c, coupling) = basis.orthonormalize(&mut image, block, &mut seed);
+        // Three-term recurrence: the image overlaps with the newest two blocks; right after a
+        // restart with all that was kept.
+        let near = if at == kept {
+            0
+        } else {
+            at.saturating_sub(block).max(kept)
+        };
+        let (c, coupling) = basis.orthonormalize(&mut image, block, near, &mut seed);
         h.add_block(at, block, &c);
         next = image;
         run.progress("eigenpairs", ready as u64, k as u64)?;
@@ -99,6 +107,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
             for (j, &t) in ritz.theta.iter().take(keep).enumerate() {
                 h.set(j, j, t);
             }
+            kept = keep;
             look_at = basis.columns + block;
         }
     }
@@ -215,10 +224,16 @@ impl<'a> Basis<'a> {
     }
 
     fn tall(&self) -> Tall<'_> {
+        self.from(0)
+    }
+
+    /// The columns from `first` on.
+    fn from(&self, first: usize) -> Tall<'_> {
         Tall {
             values: &self.values,
             width: self.room,
-            columns: self.columns,
+            first,
+            columns: self.columns - first,
         }
     }
 
@@ -256,21 +271,35 @@ impl<'a> Basis<'a> {
     }
 
     /// Makes a block W orthonormal and orthogonal to the basis V: `W = V C + Q R`; Q replaces W. A
-    /// column that depends on the others is replaced by a random one, with a zero in R.
-    fn orthonormalize(&self, w: &mut Vec<f64>, b: usize, seed: &mut u64) -> (Vec<f64>, Vec<f64>) {
+    /// column that depends on the others is replaced by a random one, with a zero in R. But for
+    /// rounding, W overlaps with the columns from `near` on only: they are taken off first, so that
+    /// one pass over all the others cleans up.
+    fn orthonormalize(
+        &self,
+        w: &mut Vec<f64>,
+        b: usize,
+        near: usize,
+        seed: &mut u64,
+    ) -> (Vec<f64>, Vec<f64>) {
         let m = self.columns;
         let mut c = vec![0.0; m * b];
-        let mut r: Vec<f64> = (0..b * b).map(|i| f64::from(i % (b + 1) == 0)).collect();
+        let mut r: Vec<f64> = (0..b * b)
+            .map(|i| f64::from(i.is_multiple_of(b + 1)))
+            .collect();
         for pass in 0..6 {
+            let first = if pass == 0 { near } else { 0 };
             let image = self.pencil.mass_times(w, b);
-            let more = dense::gram(self.tall(), Tall::of(&image, b));
-            dense::add_product(w, b, self.tall(), &more, -1.0);
+            let more = dense::gram(self.from(first), Tall::of(&image, b));
+            dense::add_product(w, b, self.from(first), &more, -1.0);
             let image = self.pencil.mass_times(w, b);
-            let (factor, dead) =
-                dense::upper_cholesky(&dense::gram(Tall::of(w, b), Tall::of(&image, b)), b, 1e-14);
+            let gram = dense::gram(Tall::of(w, b), Tall::of(&image, b));
+            let (factor, dead) = dense::upper_cholesky(&gram, b, 1e-14);
             *w = dense::product(Tall::of(w, b), &dense::upper_inverse(&factor, b), b);
             let add = dense::product(Tall::of(&more, b), &r, b);
-            c.iter_mut().zip(add).for_each(|(c, a)| *c += a);
+            c[first * b..]
+                .iter_mut()
+                .zip(add)
+                .for_each(|(c, a)| *c += a);
             r = dense::product(Tall::of(&factor, b), &r, b);
             for &j in &dead {
                 let fresh = random_block(self.pencil.rows(), 1, seed);
@@ -278,9 +307,12 @@ impl<'a> Basis<'a> {
                     row[j] = x;
                 }
             }
-            let off = |i: usize, f: f64| (f - f64::from(i % (b + 1) == 0)).abs();
-            let clean = factor.iter().enumerate().all(|(i, &f)| off(i, f) < 1e-7)
-                && more.iter().all(|x| x.abs() < 1e-7);
+            // What was left of each column: rounding grows by the inverse of its root.
+            let clean = (0..b).all(|j| {
+                let gone: f64 = more.iter().skip(j).step_by(b).map(|x| x * x).sum();
+                let pivot = factor[j * b + j].powi(2);
+                pivot > 1e-2 * (gone + gram[j * b + j])
+            });
             if pass > 0 && clean && dead.is_empty() {
                 break;
             }
