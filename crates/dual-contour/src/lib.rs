@@ -9,6 +9,7 @@ mod cpu;
 mod dual;
 mod emit;
 mod error;
+mod lattice;
 mod octree;
 mod options;
 mod quality;
@@ -20,7 +21,9 @@ mod volume;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 
-pub use backend::ContourBackend;
+pub use backend::{
+    BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, CROSSINGS, ContourBackend, DUAL_VERTICES, MIN_MAX,
+};
 pub use error::Error;
 pub use options::{
     AtBox, ErrorNorm, Extent, Material, Method, Options, Outer, Placement, Resolution, Shape, Zone,

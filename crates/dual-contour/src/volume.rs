@@ -4,10 +4,9 @@ use geom_core::mesh::{OUTSIDE, VertexKind};
 use geom_core::{ImplicitField, LatticeValues, Run, TetMesh, TriMesh};
 
 use crate::backend::ContourBackend;
-use crate::build::{self, Purpose, build, caps};
-use crate::complex::{Complex, Outcome};
-use crate::dual::Duals;
-use crate::emit::{Emitter, Want, compact};
+use crate::build::{self, Contour, Purpose};
+use crate::emit::compact;
+use crate::surface::surface_mesh;
 use crate::{Error, Options, Report};
 
 /// Tetrahedra, the surface of the molecule, and how they came about.
@@ -28,45 +27,22 @@ pub fn volume<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Volume, Error> {
-    let built = build(values, field, options, Purpose::Volume(options.region), run)?;
-    run.progress("dual vertices", 0, 1)?;
-    let centre = build::centre_value(field, values.lattice().bounds());
-    let Outcome::Ready(complex) = Complex::build(&built.samples, &built.tree, centre) else {
-        unreachable!("the build splits all larger leaves that are not simple");
-    };
-    let probe = build::probe(&built.samples, field, options);
-    let duals = Duals::new(&complex, &probe, built.boxed);
-    run.progress("tetrahedra", 0, 1)?;
-    let region = |r| options.region.holds(r);
-    let emitter = Emitter::new(&complex, &duals, &probe, |r| {
-        region(r) || caps(built.boxed, r)
-    });
-    let mut emission = emitter.emit(&Want { tets: true, region });
-    let mut report = Report::default();
-    build::describe(&mut report, &built.samples, &complex, &duals);
-    report.added_vertices = emission.added.len();
-
-    let (positions, kinds) = emitter.all_vertices(&emission);
-    let mut triangles = std::mem::take(&mut emission.triangles);
-    let mut tets = std::mem::take(&mut emission.tets);
-    let to_world = |kept: &[u32]| {
-        kept.iter()
-            .map(|&v| built.samples.domain.world(&positions[v as usize]))
-            .collect()
-    };
-    let on_surface = compact(positions.len(), &mut triangles);
-    let surface = TriMesh::new(to_world(&on_surface), triangles)
-        .expect("emitted triangles name emitted vertices");
-    let kept = compact(positions.len(), &mut tets);
-    let kinds: Vec<VertexKind> = kept.iter().map(|&v| kinds[v as usize]).collect();
-    let mesh = TetMesh::with_kinds(to_world(&kept), tets, emission.regions, kinds)
+    let Contour {
+        mut raw,
+        domain,
+        report,
+    } = build::contour(values, field, options, Purpose::Volume(options.region), run)?;
+    let surface = surface_mesh(&raw.positions, std::mem::take(&mut raw.triangles), &domain);
+    let kept = compact(raw.positions.len(), &mut raw.tets);
+    let kinds: Vec<VertexKind> = kept.iter().map(|&v| raw.kinds[v as usize]).collect();
+    let positions = kept
+        .iter()
+        .map(|&v| domain.world(&raw.positions[v as usize]))
+        .collect();
+    let mesh = TetMesh::with_kinds(positions, raw.tets, raw.regions, kinds)
         .expect("emitted tetrahedra name emitted vertices");
-    let mesh = with_interface_kinds(mesh);
-    report.triangles = surface.triangles().len();
-    report.tets = mesh.tets().len();
-    run.progress("tetrahedra", 1, 1)?;
     Ok(Volume {
-        mesh,
+        mesh: with_interface_kinds(mesh),
         surface,
         report,
     })
