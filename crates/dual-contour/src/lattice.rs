@@ -100,7 +100,7 @@ pub(crate) fn mesh(
 ) -> (Raw, Counts) {
     let ghosts = if boxed { ghosts(complex) } else { Vec::new() };
     let numbering = Numbering::new(complex, &ghosts, |_| true);
-    let labels = cell_labels(complex, probe, &numbering);
+    let labels = cell_labels(complex, probe, &numbering, clipped);
     // Where the box cuts the molecule, its pieces close the surface.
     let needed = |r: Region| keep(r) || boxed && r == INTERIOR;
     let all = base_tets(complex, &numbering, &labels, boxed);
@@ -189,7 +189,7 @@ fn planes_of(p: &Point3, cells: [i32; 3]) -> u8 {
 
 /// The middle of a leaf, or of a face on the box, with its label and value. Where all corners have one
 /// label, so has the middle.
-fn cell_sample(complex: &Complex<'_>, probe: &Probe<'_>, cell: &Cell) -> Sample {
+fn cell_sample(complex: &Complex<'_>, probe: &Probe<'_>, cell: &Cell, clipped: bool) -> Sample {
     let samples = complex.samples;
     let x = complex.base_position(cell);
     let (id, face) = match *cell {
@@ -230,25 +230,43 @@ fn cell_sample(complex: &Complex<'_>, probe: &Probe<'_>, cell: &Cell) -> Sample 
     let point = samples.domain.world(&x);
     let value = probe.value(&point).unwrap_or(mean);
     let label = samples.labels.at(value, &point);
+    if label == INTERIOR && !clipped && complex.is_on_box(id) {
+        // The surface stays off the box, which may not be part of the mesh.
+        let on_box = |c: &usize| {
+            let p = [0, 1, 2].map(|k| o[k] + crate::complex::corner_of(*c)[k]);
+            (planes_of(&crate::samples::local(p), complex.tree.cells) != 0).then_some(p)
+        };
+        let p = corners
+            .iter()
+            .find_map(on_box)
+            .expect("a leaf on the box has a corner there");
+        let (label, value) = (samples.label(p), samples.value(p));
+        return Sample { x, label, value };
+    }
     Sample { x, label, value }
 }
 
 /// Labels of leaves and ghosts, by vertex number.
-fn cell_labels(complex: &Complex<'_>, probe: &Probe<'_>, numbering: &Numbering<'_>) -> Vec<Region> {
+fn cell_labels(
+    complex: &Complex<'_>,
+    probe: &Probe<'_>,
+    numbering: &Numbering<'_>,
+    clipped: bool,
+) -> Vec<Region> {
     let leaves = complex.tree.leaves.len() as u32;
     (0..leaves)
         .into_par_iter()
         .with_min_len(1024)
         .map(|id| {
             if complex.is_interface(id) {
-                cell_sample(complex, probe, &Cell::Leaf(id)).label
+                cell_sample(complex, probe, &Cell::Leaf(id), clipped).label
             } else {
                 complex.samples.label(complex.leaf(id).origin())
             }
         })
         .chain(numbering.ghosts().par_iter().map(|&(id, half)| {
             if complex.is_interface(id) {
-                cell_sample(complex, probe, &Cell::Ghost(id, half)).label
+                cell_sample(complex, probe, &Cell::Ghost(id, half), clipped).label
             } else {
                 complex.samples.label(complex.leaf(id).origin())
             }
@@ -311,7 +329,7 @@ impl Near {
         let samples: Vec<Sample> = ids
             .par_iter()
             .map(|&id| match vertices[id as usize] {
-                Vertex::Cell(cell) => cell_sample(complex, probe, &cell),
+                Vertex::Cell(cell) => cell_sample(complex, probe, &cell, clipped),
                 Vertex::Corner(Corner::Point(p)) => Sample {
                     x: crate::samples::local(p),
                     label: complex.samples.label(p),
@@ -546,8 +564,7 @@ impl Near {
         let mut m = 0;
         for &t in self.around.of(v) {
             let tet = self.tets[t as usize];
-            let mut k = 0;
-            for u in tet.into_iter().filter(|&u| u != v) {
+            for (k, u) in tet.into_iter().filter(|&u| u != v).enumerate() {
                 let at = match link[..n].iter().position(|&l| l == u) {
                     Some(at) => at,
                     None => {
@@ -567,7 +584,6 @@ impl Near {
                     }
                 };
                 triangles[m][k] = at as u8;
-                k += 1;
             }
             let zero = |c: u8| sign[c as usize] == 0;
             if triangles[m].iter().all(|&c| zero(c)) {
