@@ -2,12 +2,11 @@
 
 use geom_core::mesh::{INTERIOR, Region, VertexKind};
 use geom_core::{ImplicitField, Lattice, LatticeValues, Point3, Run};
-use rayon::prelude::*;
 
 use crate::backend::ContourBackend;
 use crate::complex::{Complex, Kinds};
 use crate::dual::{Duals, Probe};
-use crate::emit::{Emission, Emitter, Want, box_kind};
+use crate::emit::{Emission, Emitter, Want, kinds};
 use crate::octree::{BLOCK, Octree};
 use crate::samples::{Domain, Labels, POINTS, Samples, Source};
 use crate::{AtBox, Error, Extent, Method, Options, Outer, Report, Resolution, Shape};
@@ -43,6 +42,69 @@ pub(crate) struct Contour {
     pub(crate) report: Report,
 }
 
+/// Options whose resolution is no number of tetrahedra: the spacing that gives about as many as asked
+/// for, found by meshing at growing fineness.
+pub(crate) fn resolved<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
+    values: &V,
+    field: Option<&dyn ImplicitField>,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<Options, Error> {
+    let Resolution::Tets(wanted) = options.resolution else {
+        return Ok(options.clone());
+    };
+    options.check()?;
+    let at = |h: f64| Options {
+        resolution: Resolution::Spacing(h),
+        ..options.clone()
+    };
+    let own = values.lattice().spacing;
+    let volume: f64 = values.lattice().bounds().extent().iter().product();
+    // Coarse enough for a first count that costs little; tetrahedra grow with a power of 1/h between
+    // those of surface and volume.
+    let mut h = (6.0 * volume / wanted as f64).cbrt().max(own * 1e-3);
+    let mut last: Option<(f64, f64)> = None;
+    let mut best: Option<(f64, f64)> = None;
+    for round in 0..12 {
+        run.progress("resolution", round, 12)?;
+        let count = match contour(values, field, &at(h), Purpose::Volume(options.region), run) {
+            Ok(mesh) => mesh.report.tets as f64,
+            // Too coarse to see anything.
+            Err(Error::NoSurface { .. }) if h > 0.5 * own => 0.0,
+            Err(error) => return Err(error),
+        };
+        if count == 0.0 {
+            h *= 0.6;
+            continue;
+        }
+        let miss = (count / wanted as f64).ln();
+        if best.is_none_or(|(_, m)| miss.abs() < m) {
+            best = Some((h, miss.abs()));
+        }
+        if miss.abs() < 0.1 {
+            break;
+        }
+        let power = match last {
+            Some((other, n)) if (other / h).ln().abs() > 1e-3 => {
+                ((count / n).ln() / (other / h).ln()).clamp(1.5, 4.0)
+            }
+            _ => 2.5,
+        };
+        last = Some((h, count));
+        h *= (miss / power).exp();
+    }
+    match best {
+        Some((h, miss)) if miss < 0.2 => Ok(at(h)),
+        _ => Err(Error::InvalidOption {
+            option: "resolution",
+            reason: format!(
+                "no spacing gives about {wanted} tetrahedra; give a spacing instead{}",
+                best.map_or(String::new(), |(h, _)| format!(", e.g. {h:.3} Å"))
+            ),
+        }),
+    }
+}
+
 /// Makes the mesh that options and purpose ask for.
 pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     values: &V,
@@ -65,7 +127,8 @@ pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     }
     let spacing = match options.resolution {
         Resolution::Spacing(h) => h,
-        _ => lattice.spacing,
+        Resolution::Lattice => lattice.spacing,
+        Resolution::Tets(_) => unreachable!("resolved into a spacing before"),
     };
     let aligned = spacing == lattice.spacing;
     let outside = (options.level - options.level.abs() - 1.0) as f32;
@@ -146,7 +209,7 @@ pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
                 tets: purpose != Purpose::Surface,
                 region: keep,
             });
-            Raw::from_emission(&emitter, emission)
+            Raw::from_emission(&emitter, emission, keep)
         }
         Method::Lattice => {
             run.progress(stage, 0, 1)?;
@@ -169,11 +232,20 @@ pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
 }
 
 impl Raw {
-    fn from_emission(emitter: &Emitter<'_>, emission: Emission) -> Self {
+    fn from_emission(
+        emitter: &Emitter<'_>,
+        emission: Emission,
+        keep: impl Fn(Region) -> bool + Sync,
+    ) -> Self {
         let positions = emitter.positions(&emission.added);
-        let cells = emitter.complex.tree.cells;
+        let kinds = if emission.tets.is_empty() {
+            Vec::new()
+        } else {
+            let meeting = emitter.meeting(emission.added.len(), keep);
+            kinds(&positions, &meeting, emitter.complex.tree.cells)
+        };
         Self {
-            kinds: positions.par_iter().map(|p| box_kind(p, cells)).collect(),
+            kinds,
             positions,
             tets: emission.tets,
             regions: emission.regions,

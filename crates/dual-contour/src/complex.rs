@@ -412,6 +412,37 @@ impl<'a> Complex<'a> {
         })
     }
 
+    /// The labels of the corners of a cell; for an unsplit leaf of one label only that one.
+    pub(crate) fn labels_of(&self, cell: &Cell) -> Vec<Region> {
+        let (id, half) = match *cell {
+            Cell::Leaf(id) => (id, None),
+            Cell::Part(k, part) => (self.splits[k as usize].leaf, Some(part)),
+            Cell::Ghost(id, half) => (id, Some(half)),
+        };
+        if !self.is_interface(id) {
+            return vec![self.samples.label(self.leaf(id).origin())];
+        }
+        if let (Some(half), true) = (half, self.is_split(id)) {
+            let split = &self.splits[self.split_of(id) as usize];
+            let corners = self.corner_labels(self.leaf(id));
+            let triangle = split.triangle(usize::from(half)).into_iter();
+            let apex = matches!(cell, Cell::Part(..)).then_some(split.label);
+            return triangle.map(|i| corners[i]).chain(apex).collect();
+        }
+        let frame = self.frame(id);
+        let on_face = |i: usize| match half {
+            None => true,
+            Some(half) => {
+                let place = [i % 3, i / 3 % 3, i / 9];
+                place[usize::from(half / 4)] == 2 * usize::from(half / 2 % 2)
+            }
+        };
+        (0..27)
+            .filter(|&i| frame.used >> i & 1 == 1 && on_face(i))
+            .map(|i| frame.labels[i])
+            .collect()
+    }
+
     /// The used points of the half lattice of a leaf and their labels.
     pub(crate) fn frame(&self, id: u32) -> Frame {
         let leaf = self.leaf(id);

@@ -1,6 +1,6 @@
 //! From rings to triangles and tetrahedra.
 
-use geom_core::mesh::{INTERIOR, Region, VertexKind};
+use geom_core::mesh::{INTERIOR, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, parallel};
 use rayon::prelude::*;
 
@@ -180,6 +180,24 @@ impl<'a> Emitter<'a> {
             })
             .collect();
         out.extend(added);
+        out
+    }
+
+    /// How many different labels meet at each vertex, as seen by the mesh: what is not kept is one.
+    pub(crate) fn meeting(&self, added: usize, keep: impl Fn(Region) -> bool + Sync) -> Vec<u8> {
+        let complex = self.complex;
+        let vertices: Vec<Vertex> = self.numbering.vertices().collect();
+        let mut out: Vec<u8> = vertices
+            .par_iter()
+            .with_min_len(1024)
+            .map(|v| match v {
+                Vertex::Cell(cell) => {
+                    distinct(complex.labels_of(cell).into_iter().map(|l| seen(l, &keep)))
+                }
+                Vertex::Corner(_) => 1,
+            })
+            .collect();
+        out.resize(out.len() + added, 2);
         out
     }
 
@@ -378,8 +396,43 @@ impl<'a> Emitter<'a> {
     }
 }
 
+/// A label as the mesh sees it: regions that are not kept are all the outside.
+pub(crate) fn seen(label: Region, keep: impl Fn(Region) -> bool) -> Region {
+    if keep(label) { label } else { OUTSIDE }
+}
+
+/// The number of different labels, up to three.
+pub(crate) fn distinct(labels: impl IntoIterator<Item = Region>) -> u8 {
+    let mut found = [0; 2];
+    let mut n = 0;
+    for l in labels {
+        if !found[..n].contains(&l) {
+            if n == 2 {
+                return 3;
+            }
+            found[n] = l;
+            n += 1;
+        }
+    }
+    n as u8
+}
+
+/// How vertices may move: where they stand on the box, and how many labels meet there.
+pub(crate) fn kinds(positions: &[Point3], meeting: &[u8], cells: [i32; 3]) -> Vec<VertexKind> {
+    positions
+        .par_iter()
+        .zip(meeting)
+        .with_min_len(4096)
+        .map(|(p, &labels)| match (box_kind(p, cells), labels) {
+            (kind, 0 | 1) => kind,
+            (VertexKind::Interior, 2) => VertexKind::Surface,
+            _ => VertexKind::Fixed,
+        })
+        .collect()
+}
+
 /// How a vertex at `p` (finest cells) may move if the domain has `cells` cells.
-pub(crate) fn box_kind(p: &Point3, cells: [i32; 3]) -> VertexKind {
+fn box_kind(p: &Point3, cells: [i32; 3]) -> VertexKind {
     let on = [0, 1, 2].map(|k| p[k] == 0.0 || p[k] == f64::from(cells[k]));
     match on.iter().filter(|&&o| o).count() {
         0 => VertexKind::Interior,

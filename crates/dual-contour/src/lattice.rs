@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::build::Raw;
 use crate::complex::{Cell, Complex, Corner};
 use crate::dual::{Probe, Sample, ghosts};
-use crate::emit::{Numbering, Vertex, box_kind};
+use crate::emit::{Numbering, Vertex, distinct, kinds, seen};
 
 /// Share of an edge within which a cut is too close: between points of one kind, and between a corner
 /// and a cell (Labelle & Shewchuk, uniform and one-sided).
@@ -133,16 +133,25 @@ pub(crate) fn mesh(
         positions[id as usize] = sample.x;
     }
     let first = positions.len() as u32;
-    let cut = near.cut(&ids, &mut positions);
+    let (cut, added) = near.cut(&ids, &mut positions);
     let mut on_surface = vec![false; first as usize];
+    let mut meeting = vec![1; first as usize];
     for (zero, &id) in near.zero.iter().zip(&ids) {
-        on_surface[id as usize] = zero.is_some();
+        if let Some((a, b)) = zero {
+            on_surface[id as usize] = true;
+            meeting[id as usize] = distinct([*a, *b].map(|l| seen(l, &keep)));
+        }
     }
+    meeting.extend(
+        added
+            .iter()
+            .map(|labels| distinct(labels.iter().map(|&l| seen(l, &keep)))),
+    );
 
     let cells = complex.tree.cells;
     let mut out = Raw {
-        kinds: positions.par_iter().map(|p| box_kind(p, cells)).collect(),
-        added: positions.len() - first as usize,
+        kinds: kinds(&positions, &meeting, cells),
+        added: added.len(),
         ..Raw::default()
     };
     // Faces that may belong to the surface: those of the molecule that no other tetrahedron of it has.
@@ -640,8 +649,18 @@ impl Near {
             .expect("an edge between different labels is listed")
     }
 
-    /// Cuts all tetrahedra; adds the points of cuts, of faces and of cells where three labels meet.
-    fn cut(&self, ids: &[u32], positions: &mut Vec<Point3>) -> Vec<([u32; 4], Region)> {
+    /// Cuts all tetrahedra; adds the points of cuts, of faces and of cells where three labels meet, and
+    /// gives the labels at each.
+    #[expect(
+        clippy::type_complexity,
+        reason = "tetrahedra with regions, and labels"
+    )]
+    fn cut(
+        &self,
+        ids: &[u32],
+        positions: &mut Vec<Point3>,
+    ) -> (Vec<([u32; 4], Region)>, Vec<[Region; 4]>) {
+        let mut added = Vec::new();
         let mut at = vec![NONE; self.edges.len()];
         for (e, at) in at.iter_mut().enumerate() {
             let [a, b] = self.edges[e];
@@ -649,6 +668,8 @@ impl Near {
                 let [p, q] = [a, b].map(|v| self.samples[v as usize].x);
                 *at = positions.len() as u32;
                 positions.push(p + (q - p) * self.cuts[e]);
+                let [p, q] = [a, b].map(|v| self.label(v));
+                added.push([p, p, q, q]);
             }
         }
         let cutter = Cutter {
@@ -679,6 +700,7 @@ impl Near {
         for &[a, b, c] in &faces {
             let ends = [[a, b], [b, c], [c, a]].map(|[a, b]| cutter.point(a, b));
             positions.push(mean(ends.map(|v| positions[v as usize])));
+            added.push([a, b, c, c].map(|v| self.label(v)));
         }
         let cell_at = positions.len() as u32;
         for &t in &several {
@@ -690,8 +712,9 @@ impl Near {
                 .map(|[a, b]| positions[cutter.point(a, b) as usize])
                 .collect();
             positions.push(mean(cuts));
+            added.push(tet.map(|v| self.label(v)));
         }
-        (0..self.tets.len() as u32)
+        let tets = (0..self.tets.len() as u32)
             .into_par_iter()
             .with_min_len(1024)
             .flat_map_iter(|t| {
@@ -702,7 +725,8 @@ impl Near {
                 }
                 out
             })
-            .collect()
+            .collect();
+        (tets, added)
     }
 
     /// Number of labels among the corners of a tetrahedron that are not on an interface.

@@ -9,6 +9,8 @@ mod cpu;
 mod dual;
 mod emit;
 mod error;
+mod field;
+mod groups;
 mod lattice;
 mod octree;
 mod options;
@@ -25,6 +27,7 @@ pub use backend::{
     BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, CROSSINGS, ContourBackend, DUAL_VERTICES, MIN_MAX,
 };
 pub use error::Error;
+pub use field::FieldSamples;
 pub use options::{
     AtBox, ErrorNorm, Extent, Material, Method, Options, Outer, Placement, Resolution, Shape, Zone,
 };

@@ -5,6 +5,7 @@ use geom_core::{ImplicitField, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, ContourBackend};
+use crate::groups::Groups;
 use crate::octree::{BLOCK, BLOCK_LOG, block_index};
 use crate::{Error, Material, Shape};
 
@@ -702,37 +703,4 @@ fn regions_of(
             None => labels.at(f64::from(v), &domain.point(point_of(domain, b, i))),
         })
         .collect()
-}
-
-/// Disjoint sets; the root of a set is its lowest member.
-struct Groups {
-    parent: Vec<u32>,
-}
-
-impl Groups {
-    fn new(n: usize) -> Self {
-        Self {
-            parent: (0..n as u32).collect(),
-        }
-    }
-    fn root(&mut self, mut i: usize) -> usize {
-        while self.parent[i] as usize != i {
-            let next = self.parent[self.parent[i] as usize];
-            self.parent[i] = next;
-            i = next as usize;
-        }
-        i
-    }
-    /// The root of every member.
-    fn roots(mut self) -> Vec<u32> {
-        // Parents come before their children, so one pass flattens.
-        for i in 0..self.parent.len() {
-            self.parent[i] = self.parent[self.parent[i] as usize];
-        }
-        self.parent
-    }
-    fn join(&mut self, i: usize, j: usize) {
-        let (i, j) = (self.root(i), self.root(j));
-        self.parent[i.max(j)] = i.min(j) as u32;
-    }
 }

@@ -21,18 +21,20 @@ pub struct Surface {
 /// The surface of the molecule: where the values reach the level.
 ///
 /// `field`, if given, is the function that the values sample; vertices are then placed on its level
-/// set instead of on the trilinear one.
+/// set instead of on the trilinear one. A [resolution](crate::Resolution) in tetrahedra gives the
+/// surface of the volume mesh that has about as many.
 pub fn surface<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     values: &V,
     field: Option<&dyn ImplicitField>,
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Surface, Error> {
+    let options = build::resolved(values, field, options, run)?;
     let Contour {
         raw,
         domain,
         report,
-    } = build::contour(values, field, options, Purpose::Surface, run)?;
+    } = build::contour(values, field, &options, Purpose::Surface, run)?;
     let mesh = surface_mesh(&raw.positions, raw.triangles, &domain);
     Ok(Surface { mesh, report })
 }
