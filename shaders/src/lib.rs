@@ -11,6 +11,24 @@ pub struct Shader {
     pub workgroup: [u32; 3],
 }
 
+/// `geom-core`: sparse matrix times a block of vectors.
+pub const GEOM_CORE_PRODUCT: Shader = Shader {
+    name: "geom_core_product",
+    source: include_str!("../wgsl/geom_core/product.wgsl"),
+    workgroup: [64, 1, 1],
+};
+/// `geom-core`: a step of Chebyshev smoothing.
+pub const GEOM_CORE_SMOOTH: Shader = Shader {
+    name: "geom_core_smooth",
+    source: include_str!("../wgsl/geom_core/smooth.wgsl"),
+    workgroup: [64, 1, 1],
+};
+/// `geom-core`: weights of a voxel graph times a block of vectors.
+pub const GEOM_CORE_STENCIL: Shader = Shader {
+    name: "geom_core_stencil",
+    source: include_str!("../wgsl/geom_core/stencil.wgsl"),
+    workgroup: [64, 1, 1],
+};
 /// `tet-quality`: measures of tetrahedra.
 pub const TET_QUALITY_MEASURE: Shader = Shader {
     name: "tet_quality_measure",
@@ -25,4 +43,10 @@ pub const TET_QUALITY_RELAX: Shader = Shader {
 };
 
 /// Every kernel.
-pub const ALL: &[Shader] = &[TET_QUALITY_MEASURE, TET_QUALITY_RELAX];
+pub const ALL: &[Shader] = &[
+    GEOM_CORE_PRODUCT,
+    GEOM_CORE_SMOOTH,
+    GEOM_CORE_STENCIL,
+    TET_QUALITY_MEASURE,
+    TET_QUALITY_RELAX,
+];

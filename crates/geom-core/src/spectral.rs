@@ -316,6 +316,12 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
     })
 }
 
+/// One V-cycle in f64: what a [`Cycle`] is compared with.
+#[cfg(feature = "testing")]
+pub fn exact_cycle(hierarchy: &Multigrid<'_>, block: &[f64], columns: usize) -> Vec<f64> {
+    hierarchy.cycle(block, columns)
+}
+
 /// The matrices of one connected part.
 struct Pencil<'a> {
     stiffness: Operator<'a>,

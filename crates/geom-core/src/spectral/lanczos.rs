@@ -153,7 +153,7 @@ fn finish(
     locked: usize,
     wanted: usize,
 ) -> Result<Vec<Pair>, Error> {
-    let (n, m, b) = (pencil.rows(), basis.columns(), last.columns);
+    let (m, b) = (basis.columns(), last.columns);
     let count = wanted.min(m) - locked;
     let mut y = vec![0.0; m * count];
     let mut tail = vec![0.0; b * count];
