@@ -9,6 +9,7 @@ pub mod coloring;
 pub mod curvature;
 pub mod distance;
 pub mod field;
+pub mod graph;
 pub mod grid;
 pub mod id;
 pub mod isoline;
