@@ -40,7 +40,7 @@ struct Workspace {
 
 /// Above this spacing times √κ, bricks are culled and summed by eighths: a whole brick is so large that
 /// most of its atoms matter for a few of its points only.
-const COARSE: f64 = 0.55;
+const COARSE: f64 = 0.7;
 
 impl Workspace {
     fn sample_block(&mut self, model: &Prepared<'_>, job: &Job, block: &Block) -> BlockValues {

@@ -5,19 +5,57 @@
 //! `(K − σM)⁻¹ M` with a sparse Cholesky factor, σ slightly below zero (shift–invert).
 
 mod backend;
+mod basis;
+mod davidson;
 mod lanczos;
+mod multigrid;
+mod operator;
 mod parts;
+#[cfg(feature = "wgpu")]
+mod wgpu;
 
-pub use backend::{APPLY_BLOCK, SpectralBackend};
+pub use backend::{APPLY_BLOCK, CYCLE, Cycle, SpectralBackend};
+pub use multigrid::Multigrid;
+pub use operator::Operator;
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
+use crate::graph::Laplacian;
 use crate::laplace::Mass;
-use crate::linalg::{self, SparseMatrix, dense};
+use crate::linalg::{self, dense};
 use crate::{Cancelled, Run};
 
 /// Rows up to which a part is solved densely.
 const DENSE_ROWS: usize = 384;
+
+/// How a large connected part is solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Method {
+    /// [`ShiftInvert`](Self::ShiftInvert) for a sparse matrix, [`Multigrid`](Self::Multigrid) for a
+    /// graph Laplacian.
+    #[default]
+    Auto,
+    /// Block Lanczos on `(K − σM)⁻¹ M` with a sparse Cholesky factor. The method for surfaces, whose
+    /// factors stay sparse; any mass.
+    ShiftInvert,
+    /// Block Davidson with a multigrid cycle in place of the inverse. The method for voxel graphs and
+    /// others that fill space, whose factors do not stay sparse. K needs rows that sum to zero, or
+    /// nearly so, and few positive entries beside the diagonal.
+    Multigrid,
+}
+
+impl Method {
+    fn of(self, operator: Operator<'_>) -> Self {
+        match self {
+            Self::Auto if operator.is_graph() => Self::Multigrid,
+            Self::Auto => Self::ShiftInvert,
+            given => given,
+        }
+    }
+}
 
 /// What to compute.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +65,8 @@ pub struct Options {
     /// mass; for λ = 0 the smallest λ that is not zero stands in the denominator. Pairs come out
     /// better than asked.
     pub tolerance: f64,
+    /// How large parts are solved.
+    pub method: Method,
     /// σ of shift–invert; `None`: a small negative number from the traces of K and M. `K − σM` must
     /// be positive definite.
     pub shift: Option<f64>,
@@ -49,6 +89,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             tolerance: 1e-9,
+            method: Method::Auto,
             shift: None,
             block: 8,
             max_restarts: 60,
@@ -177,15 +218,17 @@ pub struct Report {
 ///
 /// K is symmetric, and `K − σM` positive definite for σ slightly below zero, as for every stiffness
 /// matrix and graph Laplacian. Rows without stiffness *and* mass are left out. `k = 0` gives nothing.
-pub fn eigenpairs<B: SpectralBackend + ?Sized>(
-    stiffness: &SparseMatrix,
+pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
+    stiffness: impl Into<Operator<'a>>,
     mass: &Mass,
     k: usize,
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<EigenPairs, Error> {
     options.check()?;
-    stiffness.check_hermitian()?;
+    let stiffness = stiffness.into();
+    // The graphs of an operator are symmetric by construction.
+    stiffness.matrix().check_hermitian()?;
     let n = stiffness.rows();
     let lumped = parts::check_mass(stiffness, mass)?;
     let split = parts::split(stiffness, mass, &lumped);
@@ -212,12 +255,12 @@ pub fn eigenpairs<B: SpectralBackend + ?Sized>(
             (None, None)
         } else {
             (
-                Some(stiffness.principal(rows)),
+                Some(Laplacian::part(stiffness, rows)),
                 Some(parts::restrict(mass, rows)),
             )
         };
         let pencil = Pencil {
-            stiffness: part_k.as_ref().unwrap_or(stiffness),
+            stiffness: part_k.as_ref().map_or(stiffness, Operator::from),
             mass: part_m.as_ref().unwrap_or(mass),
             lumped: rows.iter().map(|&i| lumped[i as usize]).collect(),
         };
@@ -228,7 +271,10 @@ pub fn eigenpairs<B: SpectralBackend + ?Sized>(
                 let rows = rows.len();
                 return Err(Error::TooMany { asked: k, rows });
             }
-            lanczos::pairs(&pencil, k, options, run, &mut report)?
+            match options.method.of(stiffness) {
+                Method::Multigrid => davidson::pairs(&pencil, k, options, run, &mut report)?,
+                _ => lanczos::pairs(&pencil, k, options, run, &mut report)?,
+            }
         };
         for (value, vector) in found {
             pairs.push((value, index, vector));
@@ -272,7 +318,7 @@ pub fn eigenpairs<B: SpectralBackend + ?Sized>(
 
 /// The matrices of one connected part.
 struct Pencil<'a> {
-    stiffness: &'a SparseMatrix,
+    stiffness: Operator<'a>,
     mass: &'a Mass,
     /// Row sums of the mass, or its diagonal where they are not positive.
     lumped: Vec<f64>,
@@ -301,6 +347,36 @@ impl Pencil<'_> {
 }
 
 type Pair = (f64, Vec<f64>);
+
+/// The best pairs of the span of `count` columns, by K and M themselves.
+fn rayleigh_ritz(pencil: &Pencil<'_>, x: &[f64], count: usize) -> Result<Vec<Pair>, Error> {
+    use dense::Tall;
+    let image = pencil.stiffness.multiply(x, count);
+    let a = dense::gram(Tall::of(x, count), Tall::of(&image, count));
+    let image = pencil.mass_times(x, count);
+    let g = dense::gram(Tall::of(x, count), Tall::of(&image, count));
+    drop(image);
+    let (r, dead) = dense::upper_cholesky(&g, count, 1e-12);
+    if let Some(&row) = dead.first() {
+        return Err(linalg::Error::NotPositiveDefinite { row }.into());
+    }
+    let inverse = dense::upper_inverse(&r, count);
+    let c = dense::product(Tall::of(&a, count), &inverse, count);
+    let reduced = dense::gram(Tall::of(&inverse, count), Tall::of(&c, count));
+    let (values, u) = dense::symmetric_eigen(&reduced, count).ok_or_else(not_finite)?;
+    let turn = dense::product(Tall::of(&inverse, count), &u, count);
+    let x = dense::product(Tall::of(x, count), &turn, count);
+
+    let vectors: Vec<Vec<f64>> = (0..count)
+        .into_par_iter()
+        .map(|j| (0..pencil.rows()).map(|i| x[i * count + j]).collect())
+        .collect();
+    Ok(values.into_iter().zip(vectors).collect())
+}
+
+fn not_finite() -> Error {
+    linalg::Error::NotFinite { row: 0, column: 0 }.into()
+}
 
 /// All pairs of a small part, the smallest `k` of them kept: `L⁻¹ K L⁻ᵀ` with `M = L Lᵀ`.
 fn dense_pairs(pencil: &Pencil<'_>, k: usize) -> Result<Vec<Pair>, Error> {
@@ -360,7 +436,7 @@ fn orient(vector: &mut [f64]) {
 }
 
 fn residuals(
-    stiffness: &SparseMatrix,
+    stiffness: Operator<'_>,
     mass: &Mass,
     lumped: &[f64],
     values: &[f64],

@@ -191,7 +191,7 @@ impl GridFile {
             // No further layer for the last digits of a length.
             let extent = Aabb::of_points(&corners).extent()[k] / spacing;
             if extent - extent.floor() < CUBIC {
-                lattice.counts[k] = extent as usize + 1;
+                lattice.counts[k] = (extent as usize).saturating_add(1);
             }
         }
         if self.values.is_empty() || lattice.points() > MAX_GROWTH * self.values.len() as u128 {

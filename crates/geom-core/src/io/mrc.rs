@@ -81,15 +81,11 @@ pub fn write(
 ) -> Result<(), Error> {
     let lattice = grid.lattice();
     let [nx, ny, nz] = lattice.counts;
-    let mut counts = [0i32; 3];
-    for k in 0..3 {
-        counts[k] = i32::try_from(lattice.counts[k]).map_err(|_| {
-            ErrorKind::TooLarge(format!(
-                "{} points along one axis of an MRC map",
-                lattice.counts[k]
-            ))
-        })?;
-    }
+    let count = |n: usize| {
+        let what = || ErrorKind::TooLarge(format!("{n} points along one axis of an MRC map"));
+        i32::try_from(n).map_err(|_| what())
+    };
+    let counts = [count(nx)?, count(ny)?, count(nz)?];
     if lattice.is_empty() {
         return Err(
             ErrorKind::expected("a grid with points", format!("{nx} × {ny} × {nz}")).into(),
