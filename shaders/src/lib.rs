@@ -11,6 +11,29 @@ pub struct Shader {
     pub workgroup: [u32; 3],
 }
 
+// ── geom-core
+
+/// `geom-core`: sparse matrix times a block of vectors.
+pub const GEOM_CORE_PRODUCT: Shader = Shader {
+    name: "geom_core_product",
+    source: include_str!("../wgsl/geom_core/product.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
+/// `geom-core`: a step of Chebyshev smoothing.
+pub const GEOM_CORE_SMOOTH: Shader = Shader {
+    name: "geom_core_smooth",
+    source: include_str!("../wgsl/geom_core/smooth.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
+/// `geom-core`: weights of a voxel graph times a block of vectors.
+pub const GEOM_CORE_STENCIL: Shader = Shader {
+    name: "geom_core_stencil",
+    source: include_str!("../wgsl/geom_core/stencil.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
 // ── dual-contour
 
 /// `dual-contour`: lowest and highest value per block.
@@ -96,6 +119,9 @@ pub const TET_QUALITY_RELAX: Shader = Shader {
 
 /// Every kernel.
 pub const ALL: &[Shader] = &[
+    GEOM_CORE_PRODUCT,
+    GEOM_CORE_SMOOTH,
+    GEOM_CORE_STENCIL,
     DUAL_CONTOUR_MIN_MAX,
     DUAL_CONTOUR_CROSSINGS,
     DUAL_CONTOUR_DUAL_VERTICES,

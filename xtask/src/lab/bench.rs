@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use gauss_density::{Levels, Model, Options, Sampled, sample, sample_band};
 use geom_core::io::structure::{ReadOptions, read};
-use geom_core::{Cpu, Run, ScalarGrid, Structure};
+use geom_core::{Cpu, LatticeValues, Run, ScalarGrid, Structure};
 
 use super::python;
 use crate::{Outcome, capture, root};
@@ -20,7 +20,7 @@ pub(crate) fn run() -> Outcome {
     let threads = rayon::current_num_threads();
     println!("{threads} threads, one level, decay 1, cut {CUT:.0e}; best of three");
     let mut inputs = vec![(fixtures::path("1A8O.pdb"), 0.25)];
-    match fixtures::shared("data/pdb/30s_from_4v5a.cif.gz") {
+    match fixtures::shared("large/30s_from_4v5a.cif.gz") {
         Some(path) => inputs.push((path, 0.8)),
         None => println!("the large structure is not at hand: only the bundled one"),
     }
@@ -63,13 +63,20 @@ fn density(
     let bytes: Vec<u8> = structure
         .atoms()
         .iter()
-        .flat_map(|a| [a.center.x, a.center.y, a.center.z, f64::from(a.radius)])
+        .flat_map(|a| {
+            [
+                a.position.x,
+                a.position.y,
+                a.position.z,
+                f64::from(a.radius),
+            ]
+        })
         .flat_map(f64::to_le_bytes)
         .collect();
     std::fs::write(&atoms, bytes).map_err(|e| e.to_string())?;
     let lattice = *grid.lattice();
     let mut arguments = vec![atoms.display().to_string()];
-    arguments.extend(lattice.dims.iter().map(ToString::to_string));
+    arguments.extend(lattice.counts.iter().map(ToString::to_string));
     arguments.extend(lattice.origin.iter().map(ToString::to_string));
     arguments.extend([spacing, 1.0, CUT].map(|v| v.to_string()));
     arguments.push(threads.to_string());
@@ -100,12 +107,12 @@ fn surface(
     let bytes: Vec<u8> = grid.values().iter().flat_map(|v| v.to_le_bytes()).collect();
     std::fs::write(&file, bytes).map_err(|e| e.to_string())?;
     let mut arguments = vec![file.display().to_string()];
-    arguments.extend(grid.lattice().dims.iter().map(ToString::to_string));
+    arguments.extend(grid.lattice().counts.iter().map(ToString::to_string));
     arguments.extend(["1".to_string(), threads.to_string()]);
     let peer = answer(python, &peers.join("flying_edges.py"), &arguments)?;
     let (seconds, count) = (number(&peer, "seconds")?, number(&peer, "triangles")?);
     #[expect(clippy::cast_precision_loss, reason = "counts for people")]
-    let triangles = ours.mesh.triangles.len() as f64;
+    let triangles = ours.mesh.triangles().len() as f64;
     println!(
         "surface · ours {triangles} triangles in {ours_s:.3} s, flying edges {count} in {seconds:.3} s: \
          {:.2}× its time per triangle",
