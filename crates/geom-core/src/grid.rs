@@ -95,6 +95,26 @@ impl ScalarGrid {
                 .fold((first, first), |(lo, hi), &v| (lo.min(v), hi.max(v))),
         )
     }
+
+    /// The level above which the points of the grid hold this volume, Å³, each standing for one cell:
+    /// how an isovalue is chosen for a map whose molecule has a known volume. `None` if the grid has
+    /// no points or the volume is not between 0 and that of all of them.
+    pub fn level_enclosing(&self, volume: f64) -> Option<f32> {
+        let points = volume / self.lattice.spacing.powi(3);
+        if !(0.0..=self.values.len() as f64).contains(&points) || self.values.is_empty() {
+            return None;
+        }
+        // Between the last value that belongs inside and the first that does not.
+        let inside = points.round() as usize;
+        let mut values = self.values.clone();
+        let descending = |a: &f32, b: &f32| b.total_cmp(a);
+        if inside == values.len() {
+            return values.into_iter().min_by(f32::total_cmp);
+        }
+        let (above, &mut outer, _) = values.select_nth_unstable_by(inside, descending);
+        let inner = above.iter().copied().min_by(f32::total_cmp);
+        Some(inner.map_or(outer.next_up(), |inner| f32::midpoint(inner, outer)))
+    }
 }
 
 impl LatticeValues for ScalarGrid {
@@ -409,6 +429,20 @@ mod tests {
             })
             .collect();
         ScalarGrid::new(lattice, values).unwrap()
+    }
+
+    #[test]
+    fn a_level_encloses_the_volume_asked_for() {
+        let (lattice, values) = ramp().into_parts();
+        let shuffled = (0..values.len()).map(|i| (i * 389 % 990) as f32 - 300.0);
+        let grid = ScalarGrid::new(lattice, shuffled.collect()).unwrap();
+        for points in [0, 1, 100, 333, 989, 990] {
+            let level = grid.level_enclosing(f64::from(points) * 0.125).unwrap();
+            let inside = grid.values().iter().filter(|&&v| v >= level).count();
+            assert_eq!(inside, points as usize);
+        }
+        assert_eq!(grid.level_enclosing(124.0), None);
+        assert_eq!(grid.level_enclosing(f64::NAN), None);
     }
 
     #[test]
