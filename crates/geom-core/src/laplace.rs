@@ -4,11 +4,18 @@
 //! `M[i][j] = ∫ φᵢ φⱼ`; K is positive semi-definite (K = −Δ) and its rows sum to zero. Eigenfunctions
 //! of the surface solve `K f = λ M f` (Eqs. 4.2–4.4 with the mass that the thesis leaves out; see
 //! "Reading the thesis").
+//!
+//! [`stiffness`] is the plain form: it refuses triangles without area, and obtuse ones give edges of
+//! negative weight. [`robust()`] takes any triangles, also non-manifold ones, and has no such edges.
 
+mod connection;
+mod robust;
+
+use nalgebra::Complex;
 use rayon::prelude::*;
 
 use crate::linalg::{self, SparseMatrix};
-use crate::{TriMesh, Vector3};
+use crate::{MeshError, TriMesh, Vector3};
 
 /// Why an operator cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -33,6 +40,9 @@ pub enum Error {
         /// Values needed.
         expected: usize,
     },
+    /// The form needs a manifold and an orientation.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
     /// The matrix is too large.
     #[error(transparent)]
     Matrix(#[from] linalg::Error),
@@ -78,11 +88,11 @@ impl Shape {
         // NaN (an overflow) is degenerate too.
         self.doubled_area.is_nan() || self.doubled_area <= 1e-12 * longest
     }
+}
 
-    fn stiffness(&self) -> [[f64; 3]; 3] {
-        let [a, b, c] = self.half_cotangents();
-        [[b + c, -c, -b], [-c, c + a, -a], [-b, -a, a + b]]
-    }
+/// The stiffness of a triangle from half the cotangents at its corners.
+fn element_stiffness([a, b, c]: [f64; 3]) -> [[f64; 3]; 3] {
+    [[b + c, -c, -b], [-c, c + a, -a], [-b, -a, a + b]]
 }
 
 /// The cotangent stiffness matrix: `K[i][j] = −(cot α + cot β) / 2` for the two angles opposite the
@@ -92,7 +102,7 @@ impl Shape {
 pub fn stiffness(mesh: &TriMesh) -> Result<SparseMatrix, Error> {
     check_shapes(mesh)?;
     assemble(mesh.positions().len(), mesh.triangles(), |t| {
-        Shape::of(mesh, t).stiffness()
+        element_stiffness(Shape::of(mesh, t).half_cotangents())
     })
 }
 
@@ -120,6 +130,84 @@ pub fn consistent_mass(mesh: &TriMesh) -> Result<Mass, Error> {
         ]
     })?;
     Ok(Mass::Consistent(matrix))
+}
+
+/// Stiffness and mass of the tufted cover: see [`robust()`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robust {
+    /// The stiffness, without edges of negative weight.
+    pub stiffness: SparseMatrix,
+    /// The lumped mass, Å².
+    pub mass: Mass,
+    /// What it took.
+    pub report: RobustReport,
+}
+
+/// What it took to make the triangles fit for the operator.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct RobustReport {
+    /// Flipped edges of the two sheets.
+    pub flips: usize,
+    /// Length added to every edge, Å: zero unless a triangle is nearly without height.
+    pub added: f64,
+}
+
+/// The cotangent stiffness and the lumped mass of the tufted cover with Delaunay edges: for needles,
+/// caps, triangles without area, edges of three and more triangles, and any orientation. Edges of
+/// the mesh are flipped inside of the surface only; vertices and their functions stay. On a closed
+/// mesh that is Delaunay it equals [`stiffness`] and [`lumped_mass`].
+///
+/// Sharp and Crane, "A Laplacian for Nonmanifold Triangle Meshes", 2020.
+///
+/// # Errors
+/// [`Error::Degenerate`] only if all vertices coincide or a length overflows.
+pub fn robust(mesh: &TriMesh) -> Result<Robust, Error> {
+    robust::robust(mesh)
+}
+
+/// How much an edge counts in [`connection()`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum EdgeWeights {
+    /// One (Eq. 4.9).
+    #[default]
+    One,
+    /// Three halves of the squared length over the area of its two triangles: the energy then does
+    /// not depend on how the surface is cut into triangles.
+    Shape,
+}
+
+/// The connection of a triangle to a neighbour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transport {
+    /// The two triangles.
+    pub faces: [u32; 2],
+    /// What is added to an angle in the frame of the first to get that of the parallel direction in
+    /// the frame of the second, −π…π. The frame of a triangle begins with its first side.
+    pub angle: f64,
+    /// The weight of their edge.
+    pub weight: f64,
+}
+
+/// The connection form of fields with one n-fold direction per triangle: see [`connection()`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Connection {
+    /// The inner edges, by their first half-edge.
+    pub transports: Vec<Transport>,
+    /// `zᴴ L z = Σ w |z_g − e^(i n κ) z_f|²`: Hermitian, positive semi-definite.
+    pub matrix: SparseMatrix<Complex<f64>>,
+    /// The area of each triangle, Å².
+    pub areas: Vec<f64>,
+}
+
+/// The connection form of fields `z = e^(i n θ)`, n = `order` (4 for cross fields, 1 for vectors) with
+/// θ in the frame of each triangle.
+///
+/// # Errors
+/// [`Error::Mesh`] if the mesh is no oriented manifold, [`Error::Degenerate`].
+pub fn connection(mesh: &TriMesh, order: u32, weights: EdgeWeights) -> Result<Connection, Error> {
+    connection::connection(mesh, order, weights)
 }
 
 /// The gradient of a function with one value per vertex: one vector per triangle, in its plane. Zero
@@ -156,7 +244,7 @@ pub fn divergence(mesh: &TriMesh, field: &[Vector3]) -> Result<Vec<f64>, Error> 
 }
 
 /// The gradients of the three hat functions of a triangle: `n × e / (2 A)` with the opposite side e.
-fn hat_gradients(mesh: &TriMesh, triangle: usize) -> [Vector3; 3] {
+pub(crate) fn hat_gradients(mesh: &TriMesh, triangle: usize) -> [Vector3; 3] {
     if Shape::of(mesh, triangle).is_degenerate() {
         return [Vector3::zeros(); 3];
     }

@@ -5,19 +5,61 @@
 //! `(K − σM)⁻¹ M` with a sparse Cholesky factor, σ slightly below zero (shift–invert).
 
 mod backend;
+mod basis;
+mod davidson;
 mod lanczos;
+mod multigrid;
+mod operator;
 mod parts;
+#[cfg(feature = "wgpu")]
+mod wgpu;
 
-pub use backend::{APPLY_BLOCK, SpectralBackend};
+pub use backend::{APPLY_BLOCK, CYCLE, Cycle, SpectralBackend};
+pub use multigrid::Multigrid;
+pub use operator::Operator;
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
+use crate::graph::Laplacian;
 use crate::laplace::Mass;
 use crate::linalg::{self, SparseMatrix, dense};
 use crate::{Cancelled, Run};
 
 /// Rows up to which a part is solved densely.
 const DENSE_ROWS: usize = 384;
+/// The same where so many pairs are wanted that an iteration is of no use.
+const LARGEST_DENSE: usize = 2048;
+/// Searches for a part in which pairs are found to be missing.
+const ATTEMPTS: usize = 4;
+
+/// How a large connected part is solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Method {
+    /// [`ShiftInvert`](Self::ShiftInvert) for a sparse matrix, [`Multigrid`](Self::Multigrid) for a
+    /// graph Laplacian.
+    #[default]
+    Auto,
+    /// Block Lanczos on `(K − σM)⁻¹ M` with a sparse Cholesky factor. The method for surfaces, whose
+    /// factors stay sparse; any mass.
+    ShiftInvert,
+    /// Block Davidson with a multigrid cycle in place of the inverse. The method for voxel graphs and
+    /// others that fill space, whose factors do not stay sparse. K needs rows that sum to zero, or
+    /// nearly so, and few positive entries beside the diagonal.
+    Multigrid,
+}
+
+impl Method {
+    fn of(self, operator: Operator<'_>) -> Self {
+        match self {
+            Self::Auto if operator.is_graph() => Self::Multigrid,
+            Self::Auto => Self::ShiftInvert,
+            given => given,
+        }
+    }
+}
 
 /// What to compute.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +69,8 @@ pub struct Options {
     /// mass; for λ = 0 the smallest λ that is not zero stands in the denominator. Pairs come out
     /// better than asked.
     pub tolerance: f64,
+    /// How large parts are solved.
+    pub method: Method,
     /// σ of shift–invert; `None`: a small negative number from the traces of K and M. `K − σM` must
     /// be positive definite.
     pub shift: Option<f64>,
@@ -35,8 +79,9 @@ pub struct Options {
     pub block: usize,
     /// Most restarts of the Krylov space per part.
     pub max_restarts: usize,
-    /// Counts the eigenvalues below the last one by the signs of a factor L D Lᵀ (one more
-    /// factorization), and searches on if one is missing.
+    /// Counts the eigenvalues below the last gap by the signs of a factor L D Lᵀ, and searches anew
+    /// with larger blocks if one is missing. One more factorization per large part: little for a
+    /// surface, more than the search itself for a voxel graph.
     pub verify: bool,
     /// Neighbouring eigenvalues whose difference is at most this share of the larger one form a
     /// cluster.
@@ -49,6 +94,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             tolerance: 1e-9,
+            method: Method::Auto,
             shift: None,
             block: 8,
             max_restarts: 60,
@@ -112,8 +158,8 @@ pub enum Error {
     },
     /// More pairs are asked of a large part than the iteration is made for.
     #[error(
-        "{asked} pairs of a connected part of {rows} rows: \
-         the iteration finds at most a third of the pairs of so large a matrix"
+        "{asked} pairs of a connected part of {rows} rows: of a part of more than {LARGEST_DENSE} rows \
+         at most a third of the pairs can be found"
     )]
     TooMany {
         /// Pairs asked for.
@@ -177,15 +223,21 @@ pub struct Report {
 ///
 /// K is symmetric, and `K − σM` positive definite for σ slightly below zero, as for every stiffness
 /// matrix and graph Laplacian. Rows without stiffness *and* mass are left out. `k = 0` gives nothing.
-pub fn eigenpairs<B: SpectralBackend + ?Sized>(
-    stiffness: &SparseMatrix,
+pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
+    stiffness: impl Into<Operator<'a>>,
     mass: &Mass,
     k: usize,
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<EigenPairs, Error> {
     options.check()?;
-    stiffness.check_hermitian()?;
+    let stiffness = stiffness.into();
+    let options = &Options {
+        method: options.method.of(stiffness),
+        ..options.clone()
+    };
+    // The graphs of an operator are symmetric by construction.
+    stiffness.matrix().check_hermitian()?;
     let n = stiffness.rows();
     let lumped = parts::check_mass(stiffness, mass)?;
     let split = parts::split(stiffness, mass, &lumped);
@@ -212,23 +264,23 @@ pub fn eigenpairs<B: SpectralBackend + ?Sized>(
             (None, None)
         } else {
             (
-                Some(stiffness.principal(rows)),
+                Some(Laplacian::part(stiffness, rows)),
                 Some(parts::restrict(mass, rows)),
             )
         };
         let pencil = Pencil {
-            stiffness: part_k.as_ref().unwrap_or(stiffness),
+            stiffness: part_k.as_ref().map_or(stiffness, Operator::from),
             mass: part_m.as_ref().unwrap_or(mass),
             lumped: rows.iter().map(|&i| lumped[i as usize]).collect(),
         };
-        let found = if rows.len() <= DENSE_ROWS {
+        let many = 3 * k > rows.len();
+        let found = if rows.len() <= if many { LARGEST_DENSE } else { DENSE_ROWS } {
             dense_pairs(&pencil, wanted)?
+        } else if many {
+            let rows = rows.len();
+            return Err(Error::TooMany { asked: k, rows });
         } else {
-            if 3 * k > rows.len() {
-                let rows = rows.len();
-                return Err(Error::TooMany { asked: k, rows });
-            }
-            lanczos::pairs(&pencil, k, options, run, &mut report)?
+            iterate(&pencil, k, options, run, &mut report)?
         };
         for (value, vector) in found {
             pairs.push((value, index, vector));
@@ -270,9 +322,15 @@ pub fn eigenpairs<B: SpectralBackend + ?Sized>(
     })
 }
 
+/// One V-cycle in f64: what a [`Cycle`] is compared with.
+#[cfg(feature = "testing")]
+pub fn exact_cycle(hierarchy: &Multigrid<'_>, block: &[f64], columns: usize) -> Vec<f64> {
+    hierarchy.cycle(block, columns)
+}
+
 /// The matrices of one connected part.
 struct Pencil<'a> {
-    stiffness: &'a SparseMatrix,
+    stiffness: Operator<'a>,
     mass: &'a Mass,
     /// Row sums of the mass, or its diagonal where they are not positive.
     lumped: Vec<f64>,
@@ -281,6 +339,15 @@ struct Pencil<'a> {
 impl Pencil<'_> {
     fn rows(&self) -> usize {
         self.stiffness.rows()
+    }
+
+    /// `K − σM`.
+    fn shifted(&self, shift: f64) -> Result<SparseMatrix, Error> {
+        let stiffness = self.stiffness.assembled()?;
+        Ok(match self.mass {
+            Mass::Consistent(mass) => stiffness.plus(-shift, mass)?,
+            Mass::Lumped(mass) => stiffness.plus(-shift, &SparseMatrix::diagonal_of(mass))?,
+        })
     }
 
     /// `M X`.
@@ -301,6 +368,84 @@ impl Pencil<'_> {
 }
 
 type Pair = (f64, Vec<f64>);
+
+/// The smallest `k + 1` pairs of a large part, counted if that is asked for.
+fn iterate<B: SpectralBackend + ?Sized>(
+    pencil: &Pencil<'_>,
+    k: usize,
+    options: &Options,
+    run: Run<'_, B>,
+    report: &mut Report,
+) -> Result<Vec<Pair>, Error> {
+    let mut options = options.clone();
+    for attempt in 1.. {
+        let found = match options.method {
+            Method::Multigrid => davidson::pairs(pencil, k, &options, run, report)?,
+            _ => lanczos::pairs(pencil, k, &options, run, report)?,
+        };
+        if !options.verify {
+            return Ok(found);
+        }
+        run.progress("verify", 0, 1)?;
+        let complete = is_complete(pencil, &found, k)?;
+        run.progress("verify", 1, 1)?;
+        if complete || attempt == ATTEMPTS {
+            report.verified = Some(report.verified == Some(true) && complete);
+            return Ok(found);
+        }
+        // Other start vectors, and room for more copies of one eigenvalue.
+        options.seed = options.seed.wrapping_add(1);
+        options.block = (2 * options.block).min(64);
+    }
+    unreachable!("the last attempt returns")
+}
+
+/// Are there as many eigenvalues below a gap at the end of the wanted ones as were found? The signs of
+/// the pivots of K − μM say how many there are (Sylvester's law of inertia).
+fn is_complete(pencil: &Pencil<'_>, found: &[Pair], k: usize) -> Result<bool, Error> {
+    let values: Vec<f64> = found.iter().map(|p| p.0).collect();
+    // The last gap wide enough to put a shift into.
+    let gap = (1..=k.min(values.len() - 1))
+        .rev()
+        .find(|&j| !is_close(values[j - 1], values[j], 1e-6));
+    let Some(count) = gap else {
+        return Ok(false);
+    };
+    let shift = f64::midpoint(values[count - 1], values[count]);
+    let shifted = pencil.shifted(shift)?;
+    let below = linalg::Symbolic::of(&shifted)?.negative_eigenvalues(&shifted)?;
+    Ok(below == Some(count))
+}
+
+/// The best pairs of the span of `count` columns, by K and M themselves.
+fn rayleigh_ritz(pencil: &Pencil<'_>, x: &[f64], count: usize) -> Result<Vec<Pair>, Error> {
+    use dense::Tall;
+    let image = pencil.stiffness.multiply(x, count);
+    let a = dense::gram(Tall::of(x, count), Tall::of(&image, count));
+    let image = pencil.mass_times(x, count);
+    let g = dense::gram(Tall::of(x, count), Tall::of(&image, count));
+    drop(image);
+    let (r, dead) = dense::upper_cholesky(&g, count, 1e-12);
+    if let Some(&row) = dead.first() {
+        return Err(linalg::Error::NotPositiveDefinite { row }.into());
+    }
+    let inverse = dense::upper_inverse(&r, count);
+    let c = dense::product(Tall::of(&a, count), &inverse, count);
+    let reduced = dense::gram(Tall::of(&inverse, count), Tall::of(&c, count));
+    let (values, u) = dense::symmetric_eigen(&reduced, count).ok_or_else(not_finite)?;
+    let turn = dense::product(Tall::of(&inverse, count), &u, count);
+    let x = dense::product(Tall::of(x, count), &turn, count);
+
+    let vectors: Vec<Vec<f64>> = (0..count)
+        .into_par_iter()
+        .map(|j| (0..pencil.rows()).map(|i| x[i * count + j]).collect())
+        .collect();
+    Ok(values.into_iter().zip(vectors).collect())
+}
+
+fn not_finite() -> Error {
+    linalg::Error::NotFinite { row: 0, column: 0 }.into()
+}
 
 /// All pairs of a small part, the smallest `k` of them kept: `L⁻¹ K L⁻ᵀ` with `M = L Lᵀ`.
 fn dense_pairs(pencil: &Pencil<'_>, k: usize) -> Result<Vec<Pair>, Error> {
@@ -360,7 +505,7 @@ fn orient(vector: &mut [f64]) {
 }
 
 fn residuals(
-    stiffness: &SparseMatrix,
+    stiffness: Operator<'_>,
     mass: &Mass,
     lumped: &[f64],
     values: &[f64],

@@ -25,12 +25,17 @@ impl Name {
     /// A name of at most eight bytes of printable ASCII; blanks around it are dropped.
     /// `None` if it is longer or holds anything else.
     pub fn new(text: &str) -> Option<Self> {
-        let text = text.trim();
+        Self::from_bytes(text.as_bytes())
+    }
+
+    /// As [`new`](Self::new), of bytes.
+    pub(crate) fn from_bytes(text: &[u8]) -> Option<Self> {
+        let text = text.trim_ascii();
         let mut bytes = [0; 8];
-        if text.len() > bytes.len() || !text.bytes().all(|b| b.is_ascii_graphic()) {
+        if text.len() > bytes.len() || !text.iter().all(u8::is_ascii_graphic) {
             return None;
         }
-        bytes[..text.len()].copy_from_slice(text.as_bytes());
+        bytes[..text.len()].copy_from_slice(text);
         Some(Self(bytes))
     }
 

@@ -1,5 +1,7 @@
 //! Structure files: the fixtures, what deviates from the formats, and bad input.
 
+use std::io::Write;
+
 use geom_core::io::structure::{AltLocs, Format, Models, Radii, ReadOptions, parse, read};
 use geom_core::io::{ErrorKind, pqr};
 use geom_core::structure::{Element, ResidueKind, Selector};
@@ -274,6 +276,96 @@ fn interleaved_chains_are_regrouped_and_unnamed_ones_told_apart() {
     assert!(s.chains()[0].name.is_empty());
 }
 
+/// A row of the PDB format.
+fn row(record: &str, name: &str, altloc: char, residue: &str, x: f64) -> String {
+    format!(
+        "{record:<6}    1 {name:<4}{altloc}{residue:>3} A   7    {x:8.3}   0.000   0.000  0.50  0.00\n"
+    )
+}
+
+#[test]
+fn residues_that_exclude_each_other_may_alternate_row_by_row() {
+    let text: String = [" N  ", " CA ", " C  "]
+        .iter()
+        .flat_map(|name| {
+            [("SER", 'A', 1.0), ("THR", 'B', 2.0)].map(|(r, l, x)| row("ATOM", name, l, r, x))
+        })
+        .collect();
+    let read = |altlocs| {
+        let options = options(|o| o.altlocs = altlocs);
+        parse(text.as_bytes(), Format::Pdb, &options).unwrap()
+    };
+    let all = read(AltLocs::All).structure;
+    assert_eq!((all.residues().len(), all.atoms().len()), (2, 6));
+    assert_eq!(all.residue_atoms(1), 3..6);
+    for (altlocs, name) in [(AltLocs::Best, "SER"), (AltLocs::Label('B'), "THR")] {
+        let one = read(altlocs);
+        assert_eq!((one.report.altlocs, one.structure.atoms().len()), (3, 3));
+        assert_eq!(one.structure.residues()[0].name.as_str(), name);
+    }
+}
+
+#[test]
+fn dummies_of_a_membrane_are_its_planes() {
+    let dummy = |z: f64| format!("HETATM    1  N   DUM     1       0.000   0.000{z:8.3}\n");
+    let text = [
+        row("ATOM", " CA ", ' ', "ALA", 1.0),
+        dummy(-14.2),
+        dummy(14.8),
+        dummy(-14.2),
+    ]
+    .concat();
+    let read = parse(text.as_bytes(), Format::Pdb, &ReadOptions::default()).unwrap();
+    assert_eq!(read.structure.atoms().len(), 1);
+    let membrane = read.report.membrane.unwrap();
+    assert_eq!(
+        (membrane.lower, membrane.upper, membrane.dummies),
+        (-14.2, 14.8, 3)
+    );
+    let error = parse(dummy(1.0).as_bytes(), Format::Pdb, &ReadOptions::default()).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .ends_with("left out are 1 membrane dummies"),
+        "{error}"
+    );
+}
+
+#[test]
+fn compressed_files_and_marked_text_are_read_as_plain_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, all) in [("1AJJ.pdb", 315), ("1A8O.cif", 644)] {
+        let content = std::fs::read(fixtures::path(name)).unwrap();
+        let plain = fixture(name, &everything());
+        assert_eq!(plain.atoms().len(), all);
+        let path = folder.path().join(format!("{name}.gz"));
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        encoder.write_all(&content).unwrap();
+        let packed = encoder.finish().unwrap();
+        std::fs::write(&path, &packed).unwrap();
+        assert_eq!(read(&path, &everything()).unwrap().structure, plain);
+        std::fs::write(&path, &packed[..packed.len() / 2]).unwrap();
+        let error = read(&path, &everything()).unwrap_err().to_string();
+        assert!(
+            error.ends_with("the file ends in the middle of gzip data"),
+            "{error}"
+        );
+        let marked = [b"\xef\xbb\xbf", content.as_slice()].concat();
+        let format = Format::detect(&marked, None).unwrap();
+        assert_eq!(
+            parse(&marked, format, &everything()).unwrap().structure,
+            plain
+        );
+    }
+}
+
+#[test]
+fn radii_that_are_none_are_noticed() {
+    let text = "ATOM 1 N ASP A 1 1.0 2.0 3.0 1.00 26.42\n";
+    let read = parse(text.as_bytes(), Format::Pqr, &ReadOptions::default()).unwrap();
+    assert!(read.report.warnings[0].starts_with("the largest radius is 26.42 Å"));
+}
+
 #[test]
 fn radii_sets() {
     let elements = fixture("1AJJ.pdb", &options(|o| o.radii = Radii::Elements));
@@ -380,6 +472,20 @@ fn bad_input_names_file_and_line() {
     for cut in 40_000..40_081 {
         contains("a.pdb", &pdb[..cut], "the file ends in the middle of");
     }
+    // Whole rows, but not to the end.
+    let rows = text.find("ATOM   300 ").unwrap();
+    contains("a.cif", &cif[..rows], "(no line with # behind it)");
+    let pqr = "ATOM 1 N ASP 1 1 2 3 0 1.85\nATOM 2 CA ASP 1 1 2 3 0 1.";
+    contains(
+        "a.pqr",
+        &pqr.as_bytes()[..pqr.len() - 5],
+        "line 2: the file ends in the middle of an atom",
+    );
+    contains(
+        "a.pqr",
+        &pqr.as_bytes()[..30],
+        "line 2: the file ends in the middle of an atom",
+    );
     let absent = options(|o| o.assembly = Some("9".to_owned()));
     assert_eq!(
         message("a.pdb", &pdb, &absent),

@@ -111,6 +111,8 @@ struct Lexer<'a> {
     content: &'a [u8],
     at: usize,
     line: usize,
+    /// Number of lines that hold only `#`, as some programs write behind each category.
+    rules: usize,
 }
 
 impl<'a> Lexer<'a> {
@@ -119,6 +121,7 @@ impl<'a> Lexer<'a> {
             content,
             at: 0,
             line: 1,
+            rules: 0,
         }
     }
 
@@ -132,7 +135,12 @@ impl<'a> Lexer<'a> {
                     self.at += 1;
                 }
                 Some(b) if *b <= b' ' => self.at += 1,
-                Some(b'#') => self.at = self.end_of_line(),
+                Some(b'#') => {
+                    let end = self.end_of_line();
+                    let rule = content[self.at + 1..end].trim_ascii().is_empty();
+                    self.rules += usize::from(rule);
+                    self.at = end;
+                }
                 Some(_) => break,
             }
         }
@@ -279,6 +287,7 @@ impl Reader {
         models: Models,
         line: usize,
     ) -> Result<Option<Token<'a>>, Error> {
+        let rules = lexer.rules;
         let mut tags = Vec::new();
         let mut token = lexer.next()?;
         while let Some(t) = token.filter(|t| t.word && t.bytes[0] == b'_') {
@@ -342,8 +351,15 @@ impl Reader {
             }
             token = lexer.next()?;
         }
-        if atoms && token.is_none() && !lexer.content.ends_with(b"\n") {
-            let what = "the loop of _atom_site (no end of line)".to_owned();
+        // Where a file marks the ends of its categories, the end of the atoms is marked too.
+        let unmarked = rules > 0 && lexer.rules == rules;
+        if atoms && token.is_none() && (unmarked || !lexer.content.ends_with(b"\n")) {
+            let missing = if unmarked {
+                "line with #"
+            } else {
+                "end of line"
+            };
+            let what = format!("the loop of _atom_site (no {missing} behind it)");
             return Err(Error::at_line(ErrorKind::Truncated(what), lexer.line));
         }
         Ok(token)
@@ -410,7 +426,7 @@ impl Reader {
                 name: residue,
                 number: sequence_number,
                 insertion: name(at(13))?,
-                kind: match hetero && !residues::is_polymer(residue.as_str()) {
+                kind: match hetero && !residues::is_polymer(residue) {
                     true => ResidueKind::Ligand,
                     false => ResidueKind::Polymer,
                 },
@@ -567,9 +583,7 @@ fn integer<N: std::str::FromStr>(text: &[u8]) -> Option<N> {
 }
 
 fn name(text: &[u8]) -> Result<Name, ErrorKind> {
-    std::str::from_utf8(text)
-        .ok()
-        .and_then(Name::new)
+    Name::from_bytes(text)
         .ok_or_else(|| expected("a name of at most eight printable ASCII characters", text))
 }
 

@@ -1,7 +1,7 @@
 //! The PDB format, read by columns, with the deviations that files in use have.
 //!
 //! * Serial numbers are not read: beyond 99,999 they are hybrid-36, hexadecimal or shift the row.
-//! * Residue numbers may be decimal with five digits, or hybrid-36.
+//! * Residue numbers may be decimal with five digits, hybrid-36 or hexadecimal.
 //! * Chains may have two characters (columns 21–22); without any, the segment (columns 73–76) or
 //!   `TER` tells chains apart.
 //! * Columns 73–80 may hold the entry's name and a line number (before 1996).
@@ -182,7 +182,7 @@ impl Reader {
                 String::from_utf8_lossy(line.get(30..).unwrap_or(line).trim_ascii_end()),
             ));
         };
-        let name = name(line, 12 + s, 16 + s, "an atom name in columns 13–16")?;
+        let name = atom_name(&line[12 + s..16 + s])?;
         let (residue, chain) = residue_and_chain(line, s)?;
         let (number, insertion) = residue_number(line, s)?;
         let hetero = line[0] == b'H';
@@ -308,13 +308,13 @@ impl Reader {
         for r in records.iter_mut() {
             let name = r.residue.name;
             let in_polymer = if self.sequence.is_empty() {
-                residues::is_polymer(name.as_str())
+                residues::is_polymer(name)
             } else {
                 self.sequence.contains(&name)
             };
             let ligand = match r.atom.hetero {
                 true => !in_polymer && !self.modified.contains(&name),
-                false => residues::is_lipid(name.as_str()),
+                false => residues::is_lipid(name),
             };
             if ligand {
                 r.residue.kind = ResidueKind::Ligand;
@@ -325,7 +325,7 @@ impl Reader {
         for &(i, column) in &self.unresolved {
             let name = records[i].atom.name.as_str();
             let letter = name.bytes().next().is_some_and(|b| b.is_ascii_alphabetic());
-            let standard = residues::is_polymer(records[i].residue.name.as_str());
+            let standard = residues::is_polymer(records[i].residue.name);
             if standard && letter && name.len() < 4 && column < 2 {
                 begins[column as usize] += 1;
             }
@@ -374,10 +374,21 @@ fn text(line: &[u8], from: usize, to: usize) -> &str {
 
 fn name(line: &[u8], from: usize, to: usize, expected: &str) -> Result<Name, ErrorKind> {
     let field = &line[from..to];
-    std::str::from_utf8(field)
-        .ok()
-        .and_then(Name::new)
+    Name::from_bytes(field)
         .ok_or_else(|| ErrorKind::expected(expected, String::from_utf8_lossy(field)))
+}
+
+/// Columns 13–16; some programs leave blanks inside a name.
+fn atom_name(field: &[u8]) -> Result<Name, ErrorKind> {
+    let whole = Name::from_bytes(field);
+    let joined = || {
+        let letters: Vec<u8> = field.iter().copied().filter(|b| *b != b' ').collect();
+        Name::from_bytes(&letters)
+    };
+    whole.or_else(joined).ok_or_else(|| {
+        let found = String::from_utf8_lossy(field);
+        ErrorKind::expected("an atom name in columns 13–16", found)
+    })
 }
 
 /// Columns 18–20 and 22; column 21 belongs to a name of four letters or a chain of two characters.
@@ -387,13 +398,14 @@ fn residue_and_chain(line: &[u8], s: usize) -> Result<(Name, Name), ErrorKind> {
     if line[20 + s] == b' ' {
         return Ok((residue(20)?, chain(21)?));
     }
-    let (short, long) = (residue(20)?, residue(21)?);
-    let four_letters = line[21 + s] == b' '
-        || (!residues::is_polymer(short.as_str()) && residues::has_four_letters(long.as_str()));
-    if four_letters {
-        Ok((long, chain(21)?))
-    } else {
-        Ok((short, chain(20)?))
+    let short = residue(20)?;
+    // `MG A` is no name: two characters of a chain.
+    let long = residue(21).ok().filter(|long| {
+        line[21 + s] == b' ' || (!residues::is_polymer(short) && residues::has_four_letters(*long))
+    });
+    match long {
+        Some(long) => Ok((long, chain(21)?)),
+        None => Ok((short, chain(20)?)),
     }
 }
 
@@ -411,7 +423,8 @@ fn residue_number(line: &[u8], s: usize) -> Result<(i32, Name), ErrorKind> {
     let number = match field.parse() {
         Ok(number) => Some(number),
         Err(_) if field.is_empty() => Some(0),
-        Err(_) => hybrid_36(field),
+        // Some programs count on in hexadecimal digits.
+        Err(_) => hybrid_36(field).or_else(|| i32::from_str_radix(field, 16).ok()),
     };
     number
         .map(|n| (n, insertion))
@@ -485,6 +498,15 @@ mod tests {
             "ATOM      1  C1  POPCA12345      1.000   2.000   3.000  1.00  0.00           C\n",
         );
         assert_eq!((name.as_str(), number, a), ("POPC", 12345, true));
+        let (name, _, a) = chain_of(
+            "HETATM    1 MG    MGA1  10       1.000   2.000   3.000  1.00  0.00          MG\n",
+        );
+        assert_eq!((name.as_str(), a), ("MG", false));
+        // Hexadecimal residue numbers; blanks inside a name.
+        let r = only(
+            "ATOM  186a0  O 1 HOH A9c40       1.000   2.000   3.000  1.00  0.00           O\n",
+        );
+        assert_eq!((r.residue.number, r.atom.name.as_str()), (40_000, "O1"));
         // A serial number of six digits shifts the row.
         let r = only(
             "ATOM  100000  CA  ALA A  10       1.000   2.000   3.000  1.00  7.00           C\n",

@@ -17,6 +17,12 @@ use crate::{Point3, Structure};
 /// Announces a domain in files that we write; then model and copy.
 const DOMAIN: &str = "REMARK   6 DOMAIN";
 
+/// No atom is larger; a B factor, which PDB files have in the place of the radius, is.
+const LARGE_RADIUS: f64 = 6.0;
+
+/// Most words that a row can have.
+const MAX_WORDS: usize = 14;
+
 /// Reads all atoms of the wanted models.
 pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
     let mut found = Records {
@@ -27,9 +33,16 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
     let mut domain = None;
     let mut numbers: Vec<u32> = Vec::new();
     let mut segment = 0;
-    let lines = content.split(|&b| b == b'\n').enumerate();
-    for (i, line) in lines {
+    let mut width = 0;
+    let mut lines = content.split(|&b| b == b'\n').enumerate().peekable();
+    while let Some((i, line)) = lines.next() {
+        let last = lines.peek().is_none();
         let line = line.trim_ascii_end();
+        let begun = !line.is_empty() && (b"ATOM".starts_with(line) || b"HETATM".starts_with(line));
+        if last && (begun || (is_atom(line) && line.len() < width)) {
+            let what = "an atom record (no end of line)".to_owned();
+            return Err(Error::at_line(ErrorKind::Truncated(what), i + 1));
+        }
         if let Some(rest) = line.strip_prefix(DOMAIN.as_bytes()) {
             let mut words = words(rest).map(|w| std::str::from_utf8(w).ok()?.parse::<u32>().ok());
             domain = words.next().flatten().zip(words.next().flatten());
@@ -43,6 +56,7 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
             }
             segment = 0;
         } else if is_atom(line) {
+            width = line.len();
             let keep = match domain {
                 Some((model, _)) => wanted(models, model, numbers.len() - 1),
                 None => {
@@ -72,6 +86,13 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
         }
     }
     found.models = counter.count.max(numbers.len());
+    let largest = found.records.iter().map(|r| r.atom.radius);
+    let largest = largest.fold(0.0, f64::max);
+    if largest > LARGE_RADIUS {
+        found.warnings.push(format!(
+            "the largest radius is {largest} Å: are the last two numbers of a row charge and radius?"
+        ));
+    }
     elements(&mut found.records);
     Ok(found)
 }
@@ -83,11 +104,16 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
 
 fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, ErrorKind> {
     let wrong = |expected: &str| ErrorKind::expected(expected, String::from_utf8_lossy(line));
-    let mut fields: Vec<&[u8]> = words(line).collect();
+    let mut all: [&[u8]; MAX_WORDS] = [b""; MAX_WORDS];
+    let count = all.iter_mut().zip(words(line)).map(|(f, w)| *f = w).count();
+    let mut fields = &all[..count];
     // Serial numbers may touch the record's name; some programs add a segment or element at the end.
     let touching = fields[0].len() > 6 || (fields[0].len() > 4 && line[0] == b'A');
-    if fields.len() > 10 && fields.last().is_some_and(|w| w[0].is_ascii_alphabetic()) {
-        fields.pop();
+    if let [rest @ .., last] = fields
+        && rest.len() >= 10
+        && last[0].is_ascii_alphabetic()
+    {
+        fields = rest;
     }
     let start = if touching { 1 } else { 2 };
     if fields.len() < start + 8 {
@@ -110,8 +136,8 @@ fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, Erro
             radius.to_string(),
         ));
     }
-    let text = |field: &[u8]| std::str::from_utf8(field).ok().and_then(Name::new);
-    let name = |field| text(field).ok_or_else(|| wrong("names of at most eight characters"));
+    let name =
+        |field| Name::from_bytes(field).ok_or_else(|| wrong("names of at most eight characters"));
     let (chain, sequence, insertion): (&[u8], &[u8], &[u8]) = match *identity {
         [_, _, place] => glued(place),
         [_, _, chain, place] => (chain, place, b""),
@@ -152,8 +178,8 @@ fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, Erro
             name: residue,
             number: sequence_number,
             insertion,
-            kind: match residues::is_lipid(residue.as_str())
-                || (line[0] == b'H' && !residues::is_polymer(residue.as_str()))
+            kind: match residues::is_lipid(residue)
+                || (line[0] == b'H' && !residues::is_polymer(residue))
             {
                 true => ResidueKind::Ligand,
                 false => ResidueKind::Polymer,

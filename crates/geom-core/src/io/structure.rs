@@ -152,6 +152,7 @@ impl Format {
     /// The format of this content: mmCIF by its first word, PDB and PQR by the file's extension
     /// (before `.gz`) or, if it says nothing, by the first atom.
     pub fn detect(content: &[u8], file_name: Option<&Path>) -> Result<Self, Error> {
+        let content = content.strip_prefix(BYTE_ORDER_MARK).unwrap_or(content);
         if mmcif::looks_like(content) {
             return Ok(Self::Mmcif);
         }
@@ -266,6 +267,9 @@ pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<ReadStructu
     read().map_err(|e: Error| if e.file.is_some() { e } else { e.in_file(path) })
 }
 
+/// Some editors begin UTF-8 files with it.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
 /// Reads a structure from memory.
 pub fn parse(
     content: &[u8],
@@ -276,6 +280,7 @@ pub fn parse(
         let found = options.min_radius.to_string();
         return Err(ErrorKind::expected("a min_radius of 0 or more", found).into());
     }
+    let content = content.strip_prefix(BYTE_ORDER_MARK).unwrap_or(content);
     if content.iter().all(u8::is_ascii_whitespace) {
         return Err(ErrorKind::Empty.into());
     }
@@ -439,6 +444,7 @@ impl Records {
         report.membrane = self.take_dummies();
         // Chains together: hetero atoms often stand behind all polymers.
         self.records.sort_by_key(|r| (r.domain, r.chain));
+        self.untangle();
         self.classify();
         self.choose_locations(options.altlocs, &mut report);
         self.assign_radii(options, &mut report);
@@ -532,6 +538,28 @@ impl Records {
             .collect()
     }
 
+    /// Residues that share a place in the sequence may take turns row by row.
+    fn untangle(&mut self) {
+        let place = |r: &Record| {
+            let place = (r.residue.number, r.residue.insertion);
+            (r.domain, r.chain, r.part, place)
+        };
+        for group in self.groups(place) {
+            let records = &mut self.records[group];
+            let first = records[0].residue.name;
+            if records.iter().all(|r| r.residue.name == first) {
+                continue;
+            }
+            let mut names: Vec<Name> = Vec::new();
+            for r in records.iter() {
+                if !names.contains(&r.residue.name) {
+                    names.push(r.residue.name);
+                }
+            }
+            records.sort_by_key(|r| names.iter().position(|n| *n == r.residue.name));
+        }
+    }
+
     /// The kind of each residue, beyond what the format says: water and ions by name and size.
     fn classify(&mut self) {
         for group in self.groups(|r| (r.domain, r.chain, r.part, residue_key(&r.residue))) {
@@ -544,11 +572,9 @@ impl Records {
                     .all(|r| r.atom.name == atom)
             };
             let kind = match first.residue.kind {
-                _ if residues::is_water(name.as_str()) => ResidueKind::Water,
+                _ if residues::is_water(name) => ResidueKind::Water,
                 ResidueKind::Ligand if single => ResidueKind::Ion,
-                ResidueKind::Polymer if single && residues::is_ion(name.as_str()) => {
-                    ResidueKind::Ion
-                }
+                ResidueKind::Polymer if single && residues::is_ion(name) => ResidueKind::Ion,
                 kind => kind,
             };
             for r in &mut self.records[group] {

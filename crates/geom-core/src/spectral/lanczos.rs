@@ -1,12 +1,10 @@
 //! Block Lanczos with full orthogonalization and thick restarts on `(K − σM)⁻¹ M`.
 
-use rayon::prelude::*;
-
-use super::{Error, Options, Pair, Pencil, Report, SpectralBackend};
+use super::basis::{Basis, random_block};
+use super::{Error, Options, Pair, Pencil, Report, SpectralBackend, not_finite, rayleigh_ritz};
 use crate::Run;
-use crate::laplace::Mass;
+use crate::linalg::Symbolic;
 use crate::linalg::dense::{self, Tall};
-use crate::linalg::{SparseMatrix, Symbolic};
 
 /// The smallest `k + 1` pairs of one connected part, the first `k` of them converged.
 pub(super) fn pairs<B: SpectralBackend + ?Sized>(
@@ -19,7 +17,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
     let n = pencil.rows();
     run.progress("factor", 0, 1)?;
     let shift = options.shift.unwrap_or_else(|| default_shift(pencil));
-    let shifted = shifted(pencil, shift)?;
+    let shifted = pencil.shifted(shift)?;
     let symbolic = Symbolic::of(&shifted)?;
     let factor = symbolic.factor(&shifted)?;
     drop(shifted);
@@ -56,7 +54,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
     let mut look_at = k + 1 + block;
     loop {
         // The block joins the basis; its image is what the basis lacks, and how it couples.
-        let at = basis.columns;
+        let at = basis.columns();
         basis.push(&next, block);
         let mut image = step(&next, report)?;
         // Three-term recurrence: the image overlaps with the newest two blocks; right after a
@@ -71,7 +69,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         next = image;
         run.progress("eigenpairs", ready as u64, k as u64)?;
 
-        let m = basis.columns;
+        let m = basis.columns();
         let full = m + block > room;
         if !full && m < look_at {
             continue;
@@ -102,13 +100,13 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         }
         if full {
             restarts += 1;
-            basis.compress(&ritz, keep);
+            basis.columns.combine(&ritz.columns(keep), keep);
             h.clear();
             for (j, &t) in ritz.theta.iter().take(keep).enumerate() {
                 h.set(j, j, t);
             }
             kept = keep;
-            look_at = basis.columns + block;
+            look_at = basis.columns() + block;
         }
     }
 }
@@ -124,16 +122,6 @@ fn default_shift(pencil: &Pencil<'_>) -> f64 {
     } else {
         -1.0
     }
-}
-
-/// `K − σM`.
-fn shifted(pencil: &Pencil<'_>, shift: f64) -> Result<SparseMatrix, Error> {
-    Ok(match pencil.mass {
-        Mass::Consistent(mass) => pencil.stiffness.plus(-shift, mass)?,
-        Mass::Lumped(mass) => pencil
-            .stiffness
-            .plus(-shift, &SparseMatrix::diagonal_of(mass))?,
-    })
 }
 
 /// The block that would be next, and how the newest block of the basis couples to it.
@@ -155,7 +143,7 @@ fn finish(
     locked: usize,
     wanted: usize,
 ) -> Result<Vec<Pair>, Error> {
-    let (n, m, b) = (pencil.rows(), basis.columns, last.columns);
+    let (m, b) = (basis.columns(), last.columns);
     let count = wanted.min(m) - locked;
     let mut y = vec![0.0; m * count];
     let mut tail = vec![0.0; b * count];
@@ -170,155 +158,15 @@ fn finish(
                 / ritz.theta[locked + j];
         }
     }
-    let mut x = dense::product(basis.tall(), &y, count);
+    let mut x = dense::product(basis.columns.tall(), &y, count);
     dense::add_product(&mut x, count, Tall::of(last.values, b), &tail, 1.0);
-
-    let image = pencil.stiffness.multiply(&x, count);
-    let a = dense::gram(Tall::of(&x, count), Tall::of(&image, count));
-    let image = pencil.mass_times(&x, count);
-    let g = dense::gram(Tall::of(&x, count), Tall::of(&image, count));
-    drop(image);
-    let (r, dead) = dense::upper_cholesky(&g, count, 1e-12);
-    if let Some(&row) = dead.first() {
-        return Err(crate::linalg::Error::NotPositiveDefinite { row }.into());
-    }
-    let inverse = dense::upper_inverse(&r, count);
-    let c = dense::product(Tall::of(&a, count), &inverse, count);
-    let reduced = dense::gram(Tall::of(&inverse, count), Tall::of(&c, count));
-    let (values, u) = dense::symmetric_eigen(&reduced, count).ok_or_else(not_finite)?;
-    let turn = dense::product(Tall::of(&inverse, count), &u, count);
-    let x = dense::product(Tall::of(&x, count), &turn, count);
 
     let mut out = Vec::with_capacity(count + locked);
     if locked == 1 {
-        out.push((0.0, basis.column(0)));
+        out.push((0.0, basis.columns.column(0)));
     }
-    let vectors: Vec<Vec<f64>> = (0..count)
-        .into_par_iter()
-        .map(|j| (0..n).map(|i| x[i * count + j]).collect())
-        .collect();
-    out.extend(values.into_iter().zip(vectors));
+    out.extend(rayleigh_ritz(pencil, &x, count)?);
     Ok(out)
-}
-
-fn not_finite() -> Error {
-    crate::linalg::Error::NotFinite { row: 0, column: 0 }.into()
-}
-
-/// M-orthonormal vectors, row after row, with room for more.
-struct Basis<'a> {
-    pencil: &'a Pencil<'a>,
-    values: Vec<f64>,
-    room: usize,
-    columns: usize,
-}
-
-impl<'a> Basis<'a> {
-    fn new(pencil: &'a Pencil<'a>, room: usize) -> Self {
-        Self {
-            pencil,
-            values: vec![0.0; pencil.rows() * room],
-            room,
-            columns: 0,
-        }
-    }
-
-    fn tall(&self) -> Tall<'_> {
-        self.from(0)
-    }
-
-    /// The columns from `first` on.
-    fn from(&self, first: usize) -> Tall<'_> {
-        Tall {
-            values: &self.values,
-            width: self.room,
-            first,
-            columns: self.columns - first,
-        }
-    }
-
-    fn column(&self, j: usize) -> Vec<f64> {
-        self.values[j..]
-            .iter()
-            .step_by(self.room)
-            .copied()
-            .collect()
-    }
-
-    fn push(&mut self, block: &[f64], columns: usize) {
-        let at = self.columns;
-        self.values
-            .par_chunks_mut(self.room)
-            .zip(block.par_chunks(columns))
-            .with_min_len(4096)
-            .for_each(|(row, new)| row[at..at + columns].copy_from_slice(new));
-        self.columns += columns;
-    }
-
-    /// The first Ritz vectors become the basis.
-    fn compress(&mut self, ritz: &Ritz, keep: usize) {
-        let (m, room) = (self.columns, self.room);
-        let y: Vec<f64> = (0..m)
-            .flat_map(|i| ritz.y[i * m..i * m + keep].iter().copied())
-            .collect();
-        let kept = dense::product(self.tall(), &y, keep);
-        self.values
-            .par_chunks_mut(room)
-            .zip(kept.par_chunks(keep))
-            .with_min_len(4096)
-            .for_each(|(row, new)| row[..keep].copy_from_slice(new));
-        self.columns = keep;
-    }
-
-    /// Makes a block W orthonormal and orthogonal to the basis V: `W = V C + Q R`; Q replaces W. A
-    /// column that depends on the others is replaced by a random one, with a zero in R. But for
-    /// rounding, W overlaps with the columns from `near` on only: they are taken off first, so that
-    /// one pass over all the others cleans up.
-    fn orthonormalize(
-        &self,
-        w: &mut Vec<f64>,
-        b: usize,
-        near: usize,
-        seed: &mut u64,
-    ) -> (Vec<f64>, Vec<f64>) {
-        let m = self.columns;
-        let mut c = vec![0.0; m * b];
-        let mut r: Vec<f64> = (0..b * b)
-            .map(|i| f64::from(i.is_multiple_of(b + 1)))
-            .collect();
-        for pass in 0..6 {
-            let first = if pass == 0 { near } else { 0 };
-            let image = self.pencil.mass_times(w, b);
-            let more = dense::gram(self.from(first), Tall::of(&image, b));
-            dense::add_product(w, b, self.from(first), &more, -1.0);
-            let image = self.pencil.mass_times(w, b);
-            let gram = dense::gram(Tall::of(w, b), Tall::of(&image, b));
-            let (factor, dead) = dense::upper_cholesky(&gram, b, 1e-14);
-            *w = dense::product(Tall::of(w, b), &dense::upper_inverse(&factor, b), b);
-            let add = dense::product(Tall::of(&more, b), &r, b);
-            c[first * b..]
-                .iter_mut()
-                .zip(add)
-                .for_each(|(c, a)| *c += a);
-            r = dense::product(Tall::of(&factor, b), &r, b);
-            for &j in &dead {
-                let fresh = random_block(self.pencil.rows(), 1, seed);
-                for (row, x) in w.chunks_mut(b).zip(fresh) {
-                    row[j] = x;
-                }
-            }
-            // What was left of each column: rounding grows by the inverse of its root.
-            let clean = (0..b).all(|j| {
-                let gone: f64 = more.iter().skip(j).step_by(b).map(|x| x * x).sum();
-                let pivot = factor[j * b + j].powi(2);
-                pivot > 1e-2 * (gone + gram[j * b + j])
-            });
-            if pass > 0 && clean && dead.is_empty() {
-                break;
-            }
-        }
-        (c, r)
-    }
 }
 
 /// The operator seen by the basis.
@@ -381,6 +229,12 @@ impl Projected {
 }
 
 impl Ritz {
+    /// The coefficients of the first `keep` vectors.
+    fn columns(&self, keep: usize) -> Vec<f64> {
+        let rows = self.y.chunks(self.theta.len());
+        rows.flat_map(|row| row[..keep].iter().copied()).collect()
+    }
+
     fn tails(&self, coupling: &[f64], at: usize, block: usize) -> Vec<f64> {
         let m = self.theta.len();
         (0..m)
@@ -395,21 +249,4 @@ impl Ritz {
             })
             .collect()
     }
-}
-
-/// Numbers in −1…1, one per row and column, from a counter: the same on every machine.
-fn random_block(rows: usize, columns: usize, seed: &mut u64) -> Vec<f64> {
-    *seed = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let base = *seed;
-    (0..(rows * columns) as u64)
-        .into_par_iter()
-        .map(|i| {
-            // SplitMix64.
-            let mut z = base.wrapping_add((i + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            z ^= z >> 31;
-            (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        })
-        .collect()
 }

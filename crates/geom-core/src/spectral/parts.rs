@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::Error;
+use super::{Error, Operator};
 use crate::laplace::Mass;
-use crate::linalg::{self, SparseMatrix};
+use crate::linalg;
 
 /// Rows of each part, ascending; parts by their lowest row.
 pub(super) struct Split {
@@ -13,7 +13,7 @@ pub(super) struct Split {
 }
 
 /// Row sums of a positive mass; the diagonal where a row sum is not positive.
-pub(super) fn check_mass(stiffness: &SparseMatrix, mass: &Mass) -> Result<Vec<f64>, Error> {
+pub(super) fn check_mass(stiffness: Operator<'_>, mass: &Mass) -> Result<Vec<f64>, Error> {
     let rows = stiffness.rows();
     let (found, lumped): (usize, Vec<f64>) = match mass {
         Mass::Lumped(values) => (values.len(), values.clone()),
@@ -46,7 +46,7 @@ pub(super) fn check_mass(stiffness: &SparseMatrix, mass: &Mass) -> Result<Vec<f6
     Ok(lumped)
 }
 
-pub(super) fn split(stiffness: &SparseMatrix, mass: &Mass, lumped: &[f64]) -> Split {
+pub(super) fn split(stiffness: Operator<'_>, mass: &Mass, lumped: &[f64]) -> Split {
     let n = stiffness.rows();
     let mut part = vec![u32::MAX; n];
     let mut parts: Vec<Vec<u32>> = Vec::new();

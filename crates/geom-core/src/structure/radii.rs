@@ -6,7 +6,7 @@ use super::{Element, Name, residues};
 /// Tsai, Taylor, Chothia & Gerstein 1999 (J. Mol. Biol. 290, 253) for amino acids, its atom types
 /// for nucleotides, and its sp³ carbon, N, O and S elsewhere; Bondi's radius for other elements.
 pub fn united_radius(residue: Name, atom: Name, element: Element) -> f64 {
-    let (residue, atom) = (residue.as_str(), atom.as_str());
+    let atom = atom.as_str();
     match element {
         Element::CARBON => match carbon(residue, atom) {
             Carbon::Trigonal => 1.61,
@@ -36,10 +36,10 @@ enum Carbon {
     Tetrahedral,
 }
 
-fn carbon(residue: &str, atom: &str) -> Carbon {
+fn carbon(residue: Name, atom: &str) -> Carbon {
     use Carbon::{Tetrahedral, Trigonal, TrigonalH};
     if residues::is_nucleotide(residue) {
-        let base = residue.trim_start_matches('D');
+        let base = residue.as_str().trim_start_matches('D');
         return match (atom, base.as_bytes().first()) {
             ("C2" | "C8", Some(b'A')) | ("C8", Some(b'G')) => TrigonalH,
             ("C5" | "C6", Some(b'C' | b'U')) | ("C6", Some(b'T')) => TrigonalH,
@@ -47,7 +47,7 @@ fn carbon(residue: &str, atom: &str) -> Carbon {
             _ => Tetrahedral,
         };
     }
-    match (residue, atom) {
+    match (residue.as_str(), atom) {
         (_, "C") if residues::is_amino_acid(residue) => Trigonal,
         ("ASN" | "ASP" | "ASH", "CG") | ("GLN" | "GLU" | "GLH", "CD") => Trigonal,
         ("ARG", "CZ") | ("PHE", "CG") | ("TYR" | "PTR", "CG" | "CZ") => Trigonal,
@@ -89,7 +89,7 @@ pub fn residue_radius(residue: Name) -> f64 {
         "C" | "DC" | "RC" | "CYT" => 291.3,
         "G" | "DG" | "RG" | "GUA" => 322.0,
         "U" | "T" | "DT" | "RU" | "URA" | "THY" => 286.3,
-        other if residues::is_nucleotide(other) => 303.8,
+        _ if residues::is_nucleotide(residue) => 303.8,
         _ => 137.0,
     };
     (volume * 3.0 / (4.0 * std::f64::consts::PI)).cbrt()

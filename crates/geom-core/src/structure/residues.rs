@@ -17,7 +17,7 @@ pub enum ResidueKind {
     Water,
 }
 
-const AMINO_ACIDS: &[&str] = &[
+static AMINO_ACIDS: [u64; 74] = keys([
     "ALA", "ARG", "ASN", "ASP", "CYS", "GLN", "GLU", "GLY", "HIS", "ILE", "LEU", "LYS", "MET",
     "PHE", "PRO", "SER", "THR", "TRP", "TYR", "VAL", // the twenty
     "ASX", "GLX", "SEC", "PYL", "UNK", // ambiguous and rare
@@ -26,63 +26,85 @@ const AMINO_ACIDS: &[&str] = &[
     "MSE", "SEP", "TPO", "PTR", "CSO", "CSD", "CME", "CSS", "CAS", "OCS", "HYP", "MLY", "M3L",
     "MLZ", "ALY", "KCX", "PCA", "LLP", "CGU", "TYS", "FME", "CXM", "SAC", "DAL", "AIB", "ORN",
     "ACE", "NME", "NH2", "NMA", "FOR", // caps
-];
+]);
 
-const NUCLEOTIDES: &[&str] = &[
+static NUCLEOTIDES: [u64; 68] = keys([
     "A", "C", "G", "U", "T", "I", "N", "DA", "DC", "DG", "DT", "DU", "DI", "DN", "RA", "RC", "RG",
     "RU", "ADE", "CYT", "GUA", "THY", "URA", "A3", "A5", "C3", "C5", "G3", "G5", "U3", "U5", "DA3",
     "DA5", "DC3", "DC5", "DG3", "DG5", "DT3", "DT5", "RA3", "RA5", "RC3", "RC5", "RG3", "RG5",
     "RU3", "RU5", "PSU", "5MU", "5MC", "2MG", "7MG", "M2G", "1MA", "H2U", "OMC", "OMG", "OMU",
     "YG", "4SU", "5BU", "MA6", "6MZ", "4OC", "UR3", "1MG", "2MA", "MIA",
-];
+]);
 
-const WATERS: &[&str] = &[
+static WATERS: [u64; 22] = keys([
     "HOH", "WAT", "H2O", "DOD", "D2O", "HHO", "OHH", "OH2", "TIP", "TIP2", "TIP3", "TIP4", "TIP5",
     "TP3", "TP4", "TP5", "T3P", "T4P", "SOL", "SPC", "SPCE", "TPW",
-];
+]);
 
 /// Ions as force fields name them in `ATOM` records.
-const IONS: &[&str] = &[
+static IONS: [u64; 36] = keys([
     "SOD", "CLA", "POT", "CAL", "CES", "LIT", "RUB", "BAR", "CAD", "MG", "MG2", "ZN", "ZN2", "NA",
     "NA+", "CL", "CL-", "K", "K+", "CA", "CA2", "CS+", "LI+", "RB+", "MN", "FE", "FE2", "FE3",
     "IP", "IM", "CD", "CO", "CU", "HG", "NI", "SR",
-];
+]);
 
-const LIPIDS: &[&str] = &[
+static LIPIDS: [u64; 28] = keys([
     "POPC", "POPE", "POPS", "POPG", "POPA", "DPPC", "DPPE", "DPPS", "DPPG", "DOPC", "DOPE", "DOPS",
     "DOPG", "DMPC", "DMPE", "DMPG", "DLPC", "DLPE", "DSPC", "DSPE", "CHL1", "CHOL", "POP", "DPP",
     "OLE", "PLM", "STE", "CLR",
-];
+]);
 
 /// Is it an amino acid or nucleotide, also a modified or protonated one, or a cap of a chain?
-pub(crate) fn is_polymer(residue: &str) -> bool {
+pub(crate) fn is_polymer(residue: Name) -> bool {
     is_amino_acid(residue) || is_nucleotide(residue)
 }
 
-pub(crate) fn is_amino_acid(residue: &str) -> bool {
-    AMINO_ACIDS.contains(&residue)
+pub(crate) fn is_amino_acid(residue: Name) -> bool {
+    listed(residue, &AMINO_ACIDS)
 }
 
-pub(crate) fn is_nucleotide(residue: &str) -> bool {
-    NUCLEOTIDES.contains(&residue)
+pub(crate) fn is_nucleotide(residue: Name) -> bool {
+    listed(residue, &NUCLEOTIDES)
 }
 
-pub(crate) fn is_water(residue: &str) -> bool {
-    WATERS.contains(&residue)
+pub(crate) fn is_water(residue: Name) -> bool {
+    listed(residue, &WATERS)
 }
 
 /// Is it a lipid of the usual force fields?
-pub(crate) fn is_lipid(residue: &str) -> bool {
-    LIPIDS.contains(&residue)
+pub(crate) fn is_lipid(residue: Name) -> bool {
+    listed(residue, &LIPIDS)
 }
 
 /// Residue names of four letters, which reach into the column of two-character chains.
-pub(crate) fn has_four_letters(residue: &str) -> bool {
-    residue.len() == 4 && (is_polymer(residue) || is_water(residue) || is_lipid(residue))
+pub(crate) fn has_four_letters(residue: Name) -> bool {
+    residue.as_str().len() == 4 && (is_polymer(residue) || is_water(residue) || is_lipid(residue))
 }
 
-pub(crate) fn is_ion(residue: &str) -> bool {
-    IONS.contains(&residue)
+pub(crate) fn is_ion(residue: Name) -> bool {
+    listed(residue, &IONS)
+}
+
+/// Asked for every atom of a file: names compare as integers, all of a list at once.
+fn listed(residue: Name, list: &[u64]) -> bool {
+    let key = u64::from_le_bytes(residue.0);
+    list.iter().fold(false, |found, &k| found | (k == key))
+}
+
+/// Names as the integers that their bytes make.
+const fn keys<const N: usize>(names: [&str; N]) -> [u64; N] {
+    let mut keys = [0; N];
+    let mut i = 0;
+    while i < N {
+        let name = names[i].as_bytes();
+        let mut letter = 0;
+        while letter < name.len() {
+            keys[i] |= (name[letter] as u64) << (8 * letter);
+            letter += 1;
+        }
+        i += 1;
+    }
+    keys
 }
 
 /// Elements of two letters whose names are taken at their word even where names are not aligned and
@@ -96,13 +118,12 @@ const UNMISTAKABLE: &[&str] = &["BR", "CL", "CU", "FE", "MG", "MN", "SE", "SI", 
 /// `alone`: the residue has no other atom.
 pub(crate) fn element_of(name: Name, residue: Name, alone: bool, aligned: Option<u8>) -> Element {
     let text = name.as_str().to_ascii_uppercase();
-    let residue = residue.as_str();
     let letters = text.trim_start_matches(|c: char| !c.is_ascii_alphabetic());
     let first = |n: usize| letters.get(..n).and_then(Element::from_symbol);
     let single = || first(1).unwrap_or(Element::UNKNOWN);
     if is_polymer(residue) || is_water(residue) {
         return match letters.get(..2) {
-            Some("SE") if matches!(residue, "MSE" | "SEC") => Element(34),
+            Some("SE") if matches!(residue.as_str(), "MSE" | "SEC") => Element(34),
             _ => single(),
         };
     }

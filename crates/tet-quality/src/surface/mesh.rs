@@ -398,7 +398,7 @@ mod tests {
         ) {
             let (start, euler) = torus();
             let mut mesh = Mesh::new(&start).unwrap();
-            let ring: Vec<u32> = mesh.edges().filter(|&h| mesh.to(h) % 5 == 0 && mesh.from(h) % 5 == 0).collect();
+            let ring: Vec<u32> = mesh.edges().filter(|&h| mesh.to(h).is_multiple_of(5) && mesh.from(h).is_multiple_of(5)).collect();
             for h in ring {
                 mesh.mark_feature(h);
             }
