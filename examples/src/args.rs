@@ -1,11 +1,17 @@
 //! Arguments that several programs have, under the names of the crates' option fields.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use dual_contour::{Extent, Outer, Resolution, Shape};
+use gauss_density::{Cutoff, Levels};
+use geom_core::io::structure::{self, Models, Radii, ReadOptions, ReadStructure};
+use geom_core::structure::Selector;
+use geom_core::{Point3, Structure, Vector3};
 use serde::Serialize;
 
 use crate::picture::Renderer;
+use crate::{Failure, Session};
 
 /// Where kernels run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
@@ -90,6 +96,340 @@ pub fn bytes(text: &str) -> Result<u64, String> {
     }
 }
 
+/// The density model (Eqs. 3.1–3.6 of the thesis).
+#[derive(Clone, Debug, Args, Serialize)]
+#[command(next_help_heading = "Density")]
+pub struct ModelArgs {
+    /// Power per residue: below 1 blurs, above 1 sharpens
+    #[arg(long, value_name = "P", default_value_t = Levels::default().residue_power)]
+    pub residue_power: f64,
+    /// Power per chain
+    #[arg(long, value_name = "P", default_value_t = Levels::default().chain_power)]
+    pub chain_power: f64,
+    /// Power per domain: a model or a copy of an assembly
+    #[arg(long, value_name = "P", default_value_t = Levels::default().domain_power)]
+    pub domain_power: f64,
+    /// Decay of an atom's kernel, 1/Å²: smaller is smoother
+    #[arg(long, value_name = "KAPPA", default_value_t = Levels::default().decay)]
+    pub decay: f64,
+}
+
+impl ModelArgs {
+    /// As the crate takes it.
+    pub fn levels(&self) -> Levels {
+        Levels {
+            residue_power: self.residue_power,
+            chain_power: self.chain_power,
+            domain_power: self.domain_power,
+            decay: self.decay,
+        }
+    }
+}
+
+/// How a structure is sampled.
+#[derive(Clone, Debug, Args, Serialize)]
+#[command(next_help_heading = "Density")]
+pub struct DensityArgs {
+    /// Distance of lattice points, Å [default: 0.5, more from 2500 atoms on]
+    #[arg(long, value_name = "H")]
+    pub spacing: Option<f64>,
+    /// What may be left out: this share of the density wherever it matters
+    #[arg(long, value_name = "EPS", default_value_t = 1e-4)]
+    pub cutoff: f64,
+    /// Instead: leave out atom kernels below EPS before the powers, as the thesis does (Eq. 3.15)
+    #[arg(long, value_name = "EPS", conflicts_with = "cutoff")]
+    pub bare_cutoff: Option<f64>,
+    /// Space around the outermost atom centres, Å [default: far enough that the surface closes]
+    #[arg(long, value_name = "LENGTH")]
+    pub margin: Option<f64>,
+    /// The model.
+    #[command(flatten)]
+    pub model: ModelArgs,
+}
+
+impl DensityArgs {
+    /// As the crate takes them.
+    pub fn options(&self, structure: &Structure, session: &Session) -> gauss_density::Options {
+        gauss_density::Options {
+            spacing: self
+                .spacing
+                .unwrap_or_else(|| default_spacing(structure.atoms().len())),
+            cutoff: self
+                .bare_cutoff
+                .map_or(Cutoff::AfterPowers(self.cutoff), Cutoff::Bare),
+            margin: self.margin,
+            max_memory: session.memory(),
+            ..Default::default()
+        }
+    }
+}
+
+/// What is kept of a structure file.
+#[derive(Clone, Debug, Args, Serialize)]
+#[command(next_help_heading = "Reading structures")]
+pub struct ReaderArgs {
+    /// Models: first, all (a domain each) or a number
+    #[arg(long, value_name = "first|all|N", default_value_t)]
+    #[serde(serialize_with = "shown")]
+    pub models: Models,
+    /// Build this assembly, by its name in the file
+    #[arg(long, value_name = "ID")]
+    pub assembly: Option<String>,
+    /// Keep only these parts, e.g. A,B:10-25,name:HEM
+    #[arg(long, value_name = "SELECTOR")]
+    #[serde(serialize_with = "shown_if_any")]
+    pub select: Option<Selector>,
+    /// Leave out hydrogens
+    #[arg(long)]
+    pub no_hydrogens: bool,
+    /// Keep water
+    #[arg(long)]
+    pub waters: bool,
+    /// Leave out ions
+    #[arg(long)]
+    pub no_ions: bool,
+    /// Leave out ligands: what is neither polymer, ion nor water
+    #[arg(long)]
+    pub no_ligands: bool,
+    /// Where radii come from
+    #[arg(long, value_enum, default_value_t)]
+    pub radii: RadiiFrom,
+    /// Raise smaller radii to this, Å
+    #[arg(long, value_name = "LENGTH", default_value_t = 0.0)]
+    pub min_radius: f64,
+}
+
+/// Where radii come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RadiiFrom {
+    /// The file where it has radii (PQR), else the elements.
+    #[default]
+    File,
+    /// Van der Waals radii of the elements.
+    Elements,
+    /// Heavy atoms together with their hydrogens, which are left out.
+    United,
+}
+
+fn shown<S: serde::Serializer>(value: &impl std::fmt::Display, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_str(value)
+}
+
+fn shown_if_any<S: serde::Serializer>(value: &Option<Selector>, to: S) -> Result<S::Ok, S::Error> {
+    match value {
+        Some(selector) => to.collect_str(selector),
+        None => to.serialize_none(),
+    }
+}
+
+impl ReaderArgs {
+    /// As the reader takes them.
+    pub fn options(&self) -> ReadOptions {
+        ReadOptions {
+            models: self.models,
+            assembly: self.assembly.clone(),
+            select: self.select.clone(),
+            hydrogens: !self.no_hydrogens,
+            waters: self.waters,
+            ions: !self.no_ions,
+            ligands: !self.no_ligands,
+            radii: match self.radii {
+                RadiiFrom::File => Radii::File,
+                RadiiFrom::Elements => Radii::Elements,
+                RadiiFrom::United => Radii::United,
+            },
+            min_radius: self.min_radius,
+            ..Default::default()
+        }
+    }
+
+    /// Reads a structure, as a stage of the session, and notes what was kept.
+    pub fn read(&self, session: &Session, path: &Path) -> Result<ReadStructure, Failure> {
+        let read = session.stage("reading", || structure::read(path, &self.options()))?;
+        session.note("structure", &read.report)?;
+        let s = &read.structure;
+        let counts = serde_json::json!({
+            "atoms": s.atoms().len(),
+            "residues": s.residues().len(),
+            "chains": s.chains().len(),
+            "domains": s.domains().len(),
+        });
+        session.note("counts", counts)?;
+        Ok(read)
+    }
+}
+
+/// The spacing that gives about a million tetrahedra at most: 0.5 Å for small proteins, more for
+/// larger ones, since their number follows the surface and the volume of the molecule.
+pub fn default_spacing(atoms: usize) -> f64 {
+    let fine = 0.5 * (atoms as f64 / 2500.0).cbrt().max(1.0);
+    (fine * 20.0).round() / 20.0
+}
+
+/// How a field is meshed.
+#[derive(Clone, Debug, Args, Serialize)]
+#[command(next_help_heading = "Meshing")]
+pub struct MeshArgs {
+    /// Size of the finest cells, Å [default: the spacing of the lattice]
+    #[arg(long, value_name = "LENGTH")]
+    pub cell: Option<f64>,
+    /// Coarser cells where the surface is flat: error allowed, Å
+    #[arg(long, value_name = "LENGTH", default_value_t = 0.0)]
+    pub tolerance: f64,
+    /// Largest cells, Å [default: as large as the balance of the octree allows]
+    #[arg(long, value_name = "LENGTH")]
+    pub max_cell: Option<f64>,
+    /// Where vertices go within cells
+    #[arg(long, value_enum, default_value_t)]
+    pub placement: Placement,
+    /// What to do where the surface meets the box of the lattice
+    #[arg(long, value_enum, default_value_t)]
+    pub at_box: AtBox,
+}
+
+impl MeshArgs {
+    /// As the crate takes them.
+    pub fn options(&self, session: &Session) -> dual_contour::Options {
+        dual_contour::Options {
+            resolution: self.cell.map_or(Resolution::Lattice, Resolution::Spacing),
+            tolerance: self.tolerance,
+            max_cell: self.max_cell.unwrap_or(f64::INFINITY),
+            placement: match self.placement {
+                Placement::Mass => dual_contour::Placement::Mass,
+                Placement::Newton => dual_contour::Placement::Newton,
+                Placement::Qef => dual_contour::Placement::Qef,
+            },
+            at_box: match self.at_box {
+                AtBox::Refuse => dual_contour::AtBox::Refuse,
+                AtBox::Cap => dual_contour::AtBox::Cap,
+                AtBox::Clip => dual_contour::AtBox::Clip,
+            },
+            max_memory: session.memory(),
+            ..Default::default()
+        }
+    }
+}
+
+/// Where vertices go within cells.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Placement {
+    /// The mean of the points where edges cross the surface, as in the thesis.
+    Mass,
+    /// From there onto the surface.
+    #[default]
+    Newton,
+    /// The point nearest to the tangent planes: for creases.
+    Qef,
+}
+
+/// What to do where the surface meets the box of the lattice.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AtBox {
+    /// Stop with an error.
+    #[default]
+    Refuse,
+    /// Close the surface within a cell of the box.
+    Cap,
+    /// End the mesh at the planes of the box.
+    Clip,
+}
+
+/// Which regions are meshed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Region {
+    /// The molecule.
+    #[default]
+    Interior,
+    /// All but the molecule.
+    Exterior,
+    /// Everything, conforming across the surface.
+    Both,
+}
+
+impl From<Region> for Extent {
+    fn from(region: Region) -> Self {
+        match region {
+            Region::Interior => Self::Interior,
+            Region::Exterior => Self::Exterior,
+            Region::Both => Self::Both,
+        }
+    }
+}
+
+/// `grid`, `box:SCALE` or `sphere:SCALE`.
+pub fn outer(text: &str) -> Result<Outer, String> {
+    let scale = |s: &str| {
+        s.parse::<f64>()
+            .map_err(|_| format!("{s:?} is not a number"))
+    };
+    match text.split_once(':') {
+        None if text == "grid" => Ok(Outer::Grid),
+        Some(("box", s)) => Ok(Outer::Box { scale: scale(s)? }),
+        Some(("sphere", s)) => Ok(Outer::Sphere { scale: scale(s)? }),
+        _ => Err(format!("{text:?} is none of grid, box:1.5, sphere:2")),
+    }
+}
+
+/// `x:LOW:HIGH`, `y:LOW:HIGH` or `z:LOW:HIGH`: the space between two planes.
+pub fn slab(text: &str) -> Result<Shape, String> {
+    let bad = || format!("{text:?} is not like z:-15:15");
+    let mut parts = text.split(':');
+    let axis = match parts.next() {
+        Some("x") => 0,
+        Some("y") => 1,
+        Some("z") => 2,
+        _ => return Err(bad()),
+    };
+    let numbers: Vec<f64> = parts
+        .map(|p| p.parse().map_err(|_| bad()))
+        .collect::<Result<_, _>>()?;
+    let [low, high] = numbers[..] else {
+        return Err(bad());
+    };
+    Ok(Shape::Slab {
+        normal: Vector3::ith(axis, 1.0),
+        low,
+        high,
+    })
+}
+
+/// `X,Y,Z:X,Y,Z:RADIUS`: a cylinder between two points.
+pub fn cylinder(text: &str) -> Result<Shape, String> {
+    let bad = || format!("{text:?} is not like 0,0,-20:0,0,20:5");
+    let parts: Vec<&str> = text.split(':').collect();
+    let [start, end, radius] = parts[..] else {
+        return Err(bad());
+    };
+    Ok(Shape::Cylinder {
+        start: point(start).ok_or_else(bad)?,
+        end: point(end).ok_or_else(bad)?,
+        radius: radius.parse().map_err(|_| bad())?,
+    })
+}
+
+/// `X,Y,Z:RADIUS`: a ball.
+pub fn ball(text: &str) -> Result<Shape, String> {
+    let bad = || format!("{text:?} is not like 0,0,0:12");
+    let (center, radius) = text.split_once(':').ok_or_else(bad)?;
+    Ok(Shape::Sphere {
+        center: point(center).ok_or_else(bad)?,
+        radius: radius.parse().map_err(|_| bad())?,
+    })
+}
+
+fn point(text: &str) -> Option<Point3> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|p| p.trim().parse().ok())
+        .collect::<Option<_>>()?;
+    let [x, y, z] = numbers[..] else { return None };
+    Some(Point3::new(x, y, z))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -104,5 +444,32 @@ mod tests {
         for bad in ["", "G", "-1G", "4X", "nan", "inf", "0"] {
             assert!(bytes(bad).is_err(), "{bad:?}");
         }
+    }
+
+    #[test]
+    fn shapes_are_read() {
+        assert_eq!(outer("box:1.5"), Ok(Outer::Box { scale: 1.5 }));
+        assert_eq!(outer("grid"), Ok(Outer::Grid));
+        assert!(outer("cone:2").is_err() && outer("box:x").is_err());
+        assert!(matches!(
+            slab("z:-15:15.5"),
+            Ok(Shape::Slab {
+                low: -15.0,
+                high: 15.5,
+                ..
+            })
+        ));
+        assert!(slab("-15:15").is_err() && slab("z:1").is_err());
+        assert!(matches!(
+            ball("1,2,3:4"),
+            Ok(Shape::Sphere { radius: 4.0, .. })
+        ));
+        assert!(cylinder("0,0,0:0,0,9:2").is_ok() && cylinder("0,0:0,0,9:2").is_err());
+    }
+
+    #[test]
+    fn the_default_spacing_grows_with_the_structure() {
+        assert_eq!(default_spacing(300), 0.5);
+        assert!(default_spacing(60_000) > 1.0);
     }
 }

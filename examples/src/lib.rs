@@ -1,9 +1,14 @@
-//! What the example programs share, so that each shows only its crate's own calls: arguments,
-//! a session (threads, backend, progress, outputs that appear together or not at all, `report.json`),
-//! and pictures.
+#![doc = include_str!("../README.md")]
+//!
+//! # What the programs share
+//!
+//! Arguments, a session (threads, backend, progress, outputs that appear together or not at all,
+//! `report.json`), and pictures, so that each program shows only its crate's own calls.
 
 pub mod args;
 pub mod picture;
+pub mod products;
 pub mod session;
+pub mod source;
 
 pub use session::{Failure, Session, run};

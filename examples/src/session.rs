@@ -7,10 +7,14 @@ use std::sync::{Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use geom_core::{Backend, Cpu, GpuError, Monitor, Wgpu, io};
+use dual_contour::ContourBackend;
+use gauss_density::DensityBackend;
+use geom_core::spectral::SpectralBackend;
+use geom_core::{Backend, Cpu, Monitor, Run, Wgpu, io};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
+use tet_quality::QualityBackend;
 
 use crate::args::{BackendName, Common, HasCommon};
 use crate::picture::Rasterizer;
@@ -94,23 +98,52 @@ where
 pub enum Device {
     /// The CPU.
     Cpu(Cpu),
-    /// A GPU.
-    Wgpu(Wgpu),
 }
 
 impl Device {
-    fn open(name: BackendName) -> Result<Self, GpuError> {
+    fn open(name: BackendName) -> Result<Self, Failure> {
         Ok(match name {
             BackendName::Cpu => Self::Cpu(Cpu),
-            BackendName::Wgpu => Self::Wgpu(Wgpu::new()?),
+            BackendName::Wgpu => {
+                return Err(
+                    "the kernels of this build do not run on wgpu; use --backend cpu".into(),
+                );
+            }
         })
+    }
+
+    /// For densities.
+    pub fn density(&self) -> &dyn DensityBackend {
+        match self {
+            Self::Cpu(cpu) => cpu,
+        }
+    }
+
+    /// For meshing.
+    pub fn contour(&self) -> &dyn ContourBackend {
+        match self {
+            Self::Cpu(cpu) => cpu,
+        }
+    }
+
+    /// For improvement.
+    pub fn quality(&self) -> &dyn QualityBackend {
+        match self {
+            Self::Cpu(cpu) => cpu,
+        }
+    }
+
+    /// For eigenfunctions.
+    pub fn spectral(&self) -> &dyn SpectralBackend {
+        match self {
+            Self::Cpu(cpu) => cpu,
+        }
     }
 
     /// Its name for reports.
     pub fn name(&self) -> String {
         match self {
             Self::Cpu(cpu) => cpu.name(),
-            Self::Wgpu(gpu) => gpu.name(),
         }
     }
 
@@ -118,7 +151,6 @@ impl Device {
     pub fn gpu(&self) -> Option<&Wgpu> {
         match self {
             Self::Cpu(_) => None,
-            Self::Wgpu(gpu) => Some(gpu),
         }
     }
 }
@@ -205,9 +237,9 @@ impl Session {
         self.common.memory()
     }
 
-    /// Watches the kernels: progress bars.
-    pub fn monitor(&self) -> &dyn Monitor {
-        &self.bars
+    /// A run on a backend, watched by the session.
+    pub fn on<'a, B: ?Sized>(&'a self, backend: &'a B) -> Run<'a, B> {
+        Run::on(backend).watched_by(&self.bars)
     }
 
     /// Does a part of the work and notes how long it took.

@@ -2,7 +2,8 @@
 //! mode, which `cargo xtask` sees to by calling itself again, so that the plain chores build fast.
 
 #[cfg(feature = "lab")]
-#[expect(dead_code, reason = "the comparisons that use it land one by one")]
+mod bench;
+#[cfg(feature = "lab")]
 mod python;
 
 use clap::Subcommand;
@@ -10,11 +11,16 @@ use clap::Subcommand;
 use crate::Outcome;
 
 #[derive(Subcommand)]
-pub(crate) enum Chore {}
+pub(crate) enum Chore {
+    /// Density and surface beside programs of others, on the same input, in one run.
+    Bench,
+}
 
 #[cfg(feature = "lab")]
 pub(crate) fn run(chore: &Chore) -> Outcome {
-    match *chore {}
+    match chore {
+        Chore::Bench => bench::run(),
+    }
 }
 
 /// The same command again, with the feature and optimized.

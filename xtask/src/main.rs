@@ -71,6 +71,21 @@ fn call(program: &str, arguments: &[&str], environment: &[(&str, &str)]) -> Outc
     }
 }
 
+/// What a program prints; an error unless it exits with 0.
+#[cfg(feature = "lab")]
+fn capture(program: &str, arguments: &[String]) -> Result<String, String> {
+    let output = Command::new(program)
+        .args(arguments)
+        .stderr(std::process::Stdio::inherit())
+        .output()
+        .map_err(|e| format!("cannot run {program}: {e}"))?;
+    if !output.status.success() {
+        let line = format!("{program} {}", arguments.join(" "));
+        return Err(format!("`{line}` failed: {}", output.status));
+    }
+    String::from_utf8(output.stdout).map_err(|_| format!("{program} printed no text"))
+}
+
 /// The workspace root.
 fn root() -> &'static std::path::Path {
     std::path::Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -16,6 +16,8 @@ use crate::members::{Best, Members, largest};
 pub(crate) struct Cube {
     pub(crate) center: Point3,
     pub(crate) spacing: f64,
+    /// With tables where they fit, or one exponential per pair everywhere (the yardstick).
+    pub(crate) separable: bool,
 }
 
 /// Reusable arrays.
@@ -75,6 +77,8 @@ fn density_here<const SIDE: usize, const PLANE: usize>(
     let depth = members.levels.len();
     scratch.sums.resize_with(depth, Vec::new);
     for sum in &mut scratch.sums {
+        // Zeros also after an evaluation that was given up.
+        sum.clear();
         sum.resize(PLANE * SIDE, 0.0);
     }
     let eval = Eval::<SIDE, PLANE> {
@@ -177,20 +181,18 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
         }
     }
 
-    /// An upper bound of the exponent in the cube, if its tables stay in the range of f32.
+    /// An upper bound of the exponent in the cube, and whether its tables stay in the range of f32.
     #[inline(always)]
-    fn bound(&self, e: &Exponent) -> Option<f64> {
+    fn bound(&self, e: &Exponent) -> (f64, bool) {
         let bend = e.curvature * self.half * self.half;
         let swing = [0, 1, 2].map(|k| e.slope[k].abs() * self.half);
         let rise = swing[0] + swing[1] + swing[2] + 3.0 * bend.max(0.0);
         let top = e.constant + rise;
         // The plane's table has no constant, the line's has.
         let plane = swing[0] + swing[1] + 2.0 * bend.abs();
-        let line_low = e.constant - swing[2] - bend.abs();
-        let line_high = e.constant + swing[2] + bend.abs();
-        let fits = plane <= RANGE && line_high <= RANGE && line_low >= -RANGE - 10.0;
-        // A term that vanishes everywhere needs no accuracy.
-        (fits || top < -60.0).then_some(top)
+        let line = e.constant.abs() + swing[2] + bend.abs();
+        let fits = plane <= RANGE && line <= RANGE;
+        (top, fits && self.cube.separable)
     }
 
     #[inline(always)]
@@ -218,6 +220,47 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
             }
         }
         Tables { plane, line }
+    }
+
+    /// Adds the exponential of an exponent, times `own` if there is one.
+    #[inline(always)]
+    fn add(&self, e: &Exponent, separable: bool, own: Option<&[f32]>, out: &mut [f32]) {
+        if separable {
+            let t = self.tables(e);
+            match own {
+                None => add_tables(out, &t),
+                Some(own) => add_product(out, &t, own),
+            }
+            return;
+        }
+        // Steep over a wide cube: point by point.
+        let h = self.cube.spacing as f32;
+        let first = -0.5 * (SIDE as f32 - 1.0);
+        let (sx, sy, sz) = (e.slope.x as f32, e.slope.y as f32, e.slope.z as f32);
+        let (c, constant) = (e.curvature as f32, e.constant as f32);
+        let mut line = [0.0f32; SIDE];
+        for (row, out) in out.chunks_exact_mut(SIDE).enumerate() {
+            let y = (first + (row % SIDE) as f32) * h;
+            let z = (first + (row / SIDE) as f32) * h;
+            let yz = constant + (y * (sy + c * y) + z * (sz + c * z));
+            for (i, value) in line.iter_mut().enumerate() {
+                let x = (first + i as f32) * h;
+                *value = exp2(yz + x * (sx + c * x));
+            }
+            match own {
+                None => {
+                    for (v, line) in out.iter_mut().zip(line) {
+                        *v += line;
+                    }
+                }
+                Some(own) => {
+                    let own = &own[row * SIDE..][..SIDE];
+                    for ((v, line), own) in out.iter_mut().zip(line).zip(own) {
+                        *v += line * own;
+                    }
+                }
+            }
+        }
     }
 
     /// The nodes in hierarchy order: a node's sum is complete after its last child, then its term goes into
@@ -260,20 +303,24 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
                 };
                 let is_reference = reference.is_some_and(|r| r.0 == leaf);
                 let e = self.exponent(reference, leaf, weight);
-                let mut bound = if is_reference { 0.0 } else { self.bound(&e)? };
+                let (mut bound, separable) = match is_reference {
+                    true => (0.0, true),
+                    false => self.bound(&e),
+                };
                 match sum_bound {
                     None if is_reference => add_one(target),
-                    None => add_tables(target, &self.tables(&e)),
+                    None => self.add(&e, separable, None, target),
                     Some(sum) => {
-                        bound += (power * sum).max(0.0);
-                        if bound > RANGE {
+                        let raised = (power * sum).max(0.0);
+                        bound += raised;
+                        if bound > RANGE || raised > RANGE {
                             return None;
                         }
                         raise(own, power);
                         if is_reference {
                             add_rows(target, own);
                         } else {
-                            add_product(target, &self.tables(&e), own);
+                            self.add(&e, separable, Some(own), target);
                         }
                         own.fill(0.0);
                     }
@@ -317,9 +364,9 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
                 continue;
             }
             let e = self.exponent(reference, a as u32, 1.0);
-            let bound = self.bound(&e)?;
+            let (bound, separable) = self.bound(&e);
             top = top.max(bound);
-            add_tables(out, &self.tables(&e));
+            self.add(&e, separable, None, out);
         }
         let bound = top + n.log2();
         (bound <= RANGE).then_some(bound)

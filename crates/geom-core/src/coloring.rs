@@ -61,10 +61,11 @@ mod tests {
                 ring[b as usize].push(a);
             }
             let colors = Coloring::greedy(50, |v| ring[v as usize].iter().copied());
-            for v in 0..50 {
-                prop_assert!(ring[v].iter().all(|&w| colors.color[w as usize] != colors.color[v]));
-                prop_assert!((colors.color[v] as usize) <= ring[v].len());
-                prop_assert!(colors.groups[colors.color[v] as usize].contains(&(v as u32)));
+            for (v, neighbors) in ring.iter().enumerate() {
+                let color = colors.color[v];
+                prop_assert!(neighbors.iter().all(|&w| colors.color[w as usize] != color));
+                prop_assert!((color as usize) <= neighbors.len());
+                prop_assert!(colors.groups[color as usize].contains(&(v as u32)));
             }
             prop_assert_eq!(colors.groups.iter().map(Vec::len).sum::<usize>(), 50);
         }

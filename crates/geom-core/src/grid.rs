@@ -36,6 +36,18 @@ pub trait LatticeValues: Sync {
     fn lattice(&self) -> &Lattice;
     /// The value at a lattice point. Panics outside of the lattice.
     fn at(&self, point: [usize; 3]) -> f32;
+    /// The values at `start` and the points that follow it along x. Panics outside of the lattice.
+    fn read_row(&self, start: [usize; 3], row: &mut [f32]) {
+        for (i, value) in row.iter_mut().enumerate() {
+            *value = self.at([start[0] + i, start[1], start[2]]);
+        }
+    }
+    /// The value of all points of the closed box from `low` to `high`, if it is known to be one
+    /// without reading them.
+    fn constant(&self, low: [usize; 3], high: [usize; 3]) -> Option<f32> {
+        let _ = (low, high);
+        None
+    }
 }
 
 /// A lattice and one f32 value per point, x fastest.
@@ -83,6 +95,26 @@ impl ScalarGrid {
                 .fold((first, first), |(lo, hi), &v| (lo.min(v), hi.max(v))),
         )
     }
+
+    /// The level above which the points of the grid hold this volume, Å³, each standing for one cell:
+    /// how an isovalue is chosen for a map whose molecule has a known volume. `None` if the grid has
+    /// no points or the volume is not between 0 and that of all of them.
+    pub fn level_enclosing(&self, volume: f64) -> Option<f32> {
+        let points = volume / self.lattice.spacing.powi(3);
+        if !(0.0..=self.values.len() as f64).contains(&points) || self.values.is_empty() {
+            return None;
+        }
+        // Between the last value that belongs inside and the first that does not.
+        let inside = points.round() as usize;
+        let mut values = self.values.clone();
+        let descending = |a: &f32, b: &f32| b.total_cmp(a);
+        if inside == values.len() {
+            return values.into_iter().min_by(f32::total_cmp);
+        }
+        let (above, &mut outer, _) = values.select_nth_unstable_by(inside, descending);
+        let inner = above.iter().copied().min_by(f32::total_cmp);
+        Some(inner.map_or(outer.next_up(), |inner| f32::midpoint(inner, outer)))
+    }
 }
 
 impl LatticeValues for ScalarGrid {
@@ -91,6 +123,14 @@ impl LatticeValues for ScalarGrid {
     }
     fn at(&self, point: [usize; 3]) -> f32 {
         self.values[self.lattice.index(point)]
+    }
+    fn read_row(&self, start: [usize; 3], row: &mut [f32]) {
+        assert!(
+            start[0] + row.len() <= self.lattice.counts[0],
+            "a row ends within the lattice"
+        );
+        let first = self.lattice.index(start);
+        row.copy_from_slice(&self.values[first..first + row.len()]);
     }
 }
 
@@ -284,6 +324,40 @@ impl LatticeValues for BrickGrid {
             }
         }
     }
+    fn read_row(&self, [mut i, j, k]: [usize; 3], mut row: &mut [f32]) {
+        while !row.is_empty() {
+            let n = (BRICK - i % BRICK).min(row.len());
+            let (part, rest) = std::mem::take(&mut row).split_at_mut(n);
+            match self.brick([i / BRICK, j / BRICK, k / BRICK]) {
+                Brick::Exterior => part.fill(self.exterior),
+                Brick::Interior => part.fill(self.interior),
+                Brick::Stored(b) => {
+                    let first = ((k % BRICK) * BRICK + j % BRICK) * BRICK + i % BRICK;
+                    part.copy_from_slice(&self.stored(b)[first..first + n]);
+                }
+            }
+            row = rest;
+            i += n;
+        }
+    }
+    fn constant(&self, low: [usize; 3], high: [usize; 3]) -> Option<f32> {
+        let (low, high) = (low.map(|c| c / BRICK), high.map(|c| c / BRICK));
+        let first = self.brick(low);
+        for c in low[2]..=high[2] {
+            for b in low[1]..=high[1] {
+                for a in low[0]..=high[0] {
+                    if self.brick([a, b, c]) != first {
+                        return None;
+                    }
+                }
+            }
+        }
+        match first {
+            Brick::Exterior => Some(self.exterior),
+            Brick::Interior => Some(self.interior),
+            Brick::Stored(_) => None,
+        }
+    }
 }
 
 /// Trilinear interpolation; outside of the lattice the value at the nearest point of its box.
@@ -358,6 +432,20 @@ mod tests {
     }
 
     #[test]
+    fn a_level_encloses_the_volume_asked_for() {
+        let (lattice, values) = ramp().into_parts();
+        let shuffled = (0..values.len()).map(|i| (i * 389 % 990) as f32 - 300.0);
+        let grid = ScalarGrid::new(lattice, shuffled.collect()).unwrap();
+        for points in [0, 1, 100, 333, 989, 990] {
+            let level = grid.level_enclosing(f64::from(points) * 0.125).unwrap();
+            let inside = grid.values().iter().filter(|&&v| v >= level).count();
+            assert_eq!(inside, points as usize);
+        }
+        assert_eq!(grid.level_enclosing(124.0), None);
+        assert_eq!(grid.level_enclosing(f64::NAN), None);
+    }
+
+    #[test]
     fn trilinear_reproduces_linear_fields() {
         let (value, gradient) = ramp().value_gradient(&Point3::new(1.7, 3.1, 4.9));
         assert!((value - (3.4 - 9.3 + 4.9)).abs() < 1e-5);
@@ -386,6 +474,28 @@ mod tests {
         let kinds: Vec<_> = (0..n as u32).map(Brick::Stored).collect();
         let sparse = BrickGrid::new(*dense.lattice(), &kinds, values, 0.0, 2.0).unwrap();
         assert_eq!(sparse.to_dense(), dense);
+        let (mut ours, mut theirs) = ([0.0; 7], [0.0; 7]);
+        sparse.read_row([2, 9, 4], &mut ours);
+        dense.read_row([2, 9, 4], &mut theirs);
+        assert_eq!(ours, theirs);
+    }
+
+    #[test]
+    fn boxes_without_stored_bricks_are_known_to_be_constant() {
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 1.0,
+            counts: [24, 8, 8],
+        };
+        let kinds = [Brick::Exterior, Brick::Interior, Brick::Stored(0)];
+        let grid = BrickGrid::new(lattice, &kinds, vec![1.0; BRICK_POINTS], 0.0, 2.0).unwrap();
+        assert_eq!(grid.constant([0, 0, 0], [7, 7, 7]), Some(0.0));
+        assert_eq!(grid.constant([9, 1, 2], [12, 7, 7]), Some(2.0));
+        assert_eq!(grid.constant([0, 0, 0], [8, 7, 7]), None);
+        assert_eq!(grid.constant([17, 0, 0], [18, 7, 7]), None);
+        let mut row = [0.0; 20];
+        grid.read_row([3, 2, 2], &mut row);
+        assert_eq!((row[4], row[5], row[12], row[13]), (0.0, 2.0, 2.0, 1.0));
     }
 
     #[test]

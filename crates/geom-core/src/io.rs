@@ -1,17 +1,25 @@
 //! Files: the only module of the house, besides the programs, that opens them.
 //!
 //! Each format has a module with `parse` (from memory), `write` (to any writer) and the thin
-//! `read(path)` and `save(path, …)`. Inputs may be gzip-compressed. Saving writes beside the target
-//! and renames, so that no half-written file is left.
+//! `read(path)` and `save(path, …)`. Inputs may be gzip-compressed; outputs are if their name ends in
+//! `.gz`. Saving writes beside the target and renames, so that no half-written file is left.
 
+mod assembly;
 mod bytes;
+pub mod dx;
 pub mod glb;
+pub mod grid;
 pub mod mesh;
+mod mmcif;
+pub mod mrc;
 pub mod msh;
 pub mod obj;
 pub mod off;
+mod pdb;
 pub mod ply;
+pub mod pqr;
 pub mod stl;
+pub mod structure;
 mod text;
 pub mod view;
 pub mod vtu;
@@ -20,6 +28,7 @@ use std::fmt;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
+pub use grid::GridFile;
 pub use mesh::{AnyMesh, MeshFile};
 pub use view::{Group, View};
 
@@ -175,7 +184,8 @@ pub fn decompress(raw: Vec<u8>) -> Result<Vec<u8>, Error> {
     }
 }
 
-/// Writes a file whole or not at all: into a temporary file beside it, then renamed.
+/// Writes a file whole or not at all: into a temporary file beside it, then renamed. A name that ends
+/// in `.gz` makes it gzip.
 pub fn save(
     path: impl AsRef<Path>,
     write: impl FnOnce(&mut dyn Write) -> Result<(), Error>,
@@ -188,13 +198,30 @@ pub fn save(
     let save = || -> Result<(), Error> {
         let file = tempfile::NamedTempFile::new_in(folder)?;
         let mut buffered = std::io::BufWriter::with_capacity(1 << 20, file);
-        write(&mut buffered)?;
+        if path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("gz"))
+        {
+            let mut gzip = flate2::write::GzEncoder::new(&mut buffered, Default::default());
+            write(&mut gzip)?;
+            gzip.finish()?;
+        } else {
+            write(&mut buffered)?;
+        }
         let file = buffered.into_inner().map_err(|e| e.into_error())?;
         let file = file.persist(path).map_err(|e| e.error)?;
         readable_by_all(&file)?;
         Ok(())
     };
     save().map_err(|e| if e.file.is_some() { e } else { e.in_file(path) })
+}
+
+/// The ending of a name in small letters, without `.gz`.
+fn extension(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.to_ascii_lowercase();
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    name.rsplit_once('.').map_or("", |(_, e)| e).to_owned()
 }
 
 /// Temporary files are private; a saved file has the usual rights.
@@ -224,6 +251,10 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         save(&target, |w| Ok(w.write_all(b"whole")?)).unwrap();
         assert_eq!(read_bytes(&target).unwrap(), b"whole");
+        let packed = folder.path().join("a.txt.gz");
+        save(&packed, |w| Ok(w.write_all(&[7; 10_000])?)).unwrap();
+        assert!(std::fs::metadata(&packed).unwrap().len() < 100);
+        assert_eq!(read_bytes(&packed).unwrap(), [7; 10_000]);
     }
 
     #[test]

@@ -27,9 +27,10 @@ impl Lattice {
         }
     }
 
-    /// Number of points, in u128 because `counts` may come from a user.
+    /// Number of points, in u128 because `counts` may come from a user; saturates.
     pub fn points(&self) -> u128 {
-        self.counts.iter().map(|&n| n as u128).product()
+        let counts = self.counts.map(|n| n as u128);
+        counts.into_iter().fold(1, u128::saturating_mul)
     }
 
     /// Number of points as `usize`; saturates on overflow.

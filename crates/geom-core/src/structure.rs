@@ -3,8 +3,19 @@
 use std::fmt;
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use crate::id::MAX_ELEMENTS;
-use crate::{Aabb, Point3};
+use crate::nalgebra::Matrix3;
+use crate::{Aabb, Point3, Vector3};
+
+mod radii;
+pub(crate) mod residues;
+mod select;
+
+pub use radii::{residue_radius, united_radius};
+pub use residues::ResidueKind;
+pub use select::{SelectError, Selection, Selector};
 
 /// A short ASCII name, stored inline: atom, residue, chain or alternate-location names.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
@@ -14,12 +25,17 @@ impl Name {
     /// A name of at most eight bytes of printable ASCII; blanks around it are dropped.
     /// `None` if it is longer or holds anything else.
     pub fn new(text: &str) -> Option<Self> {
-        let text = text.trim();
+        Self::from_bytes(text.as_bytes())
+    }
+
+    /// As [`new`](Self::new), of bytes.
+    pub(crate) fn from_bytes(text: &[u8]) -> Option<Self> {
+        let text = text.trim_ascii();
         let mut bytes = [0; 8];
-        if text.len() > bytes.len() || !text.bytes().all(|b| b.is_ascii_graphic()) {
+        if text.len() > bytes.len() || !text.iter().all(u8::is_ascii_graphic) {
             return None;
         }
-        bytes[..text.len()].copy_from_slice(text.as_bytes());
+        bytes[..text.len()].copy_from_slice(text);
         Some(Self(bytes))
     }
 
@@ -172,6 +188,8 @@ pub struct Residue {
     pub number: i32,
     /// Insertion code, or empty.
     pub insertion: Name,
+    /// Polymer, ligand, ion or water.
+    pub kind: ResidueKind,
 }
 
 /// One chain: its residues are [`Structure::chain_residues`].
@@ -189,6 +207,54 @@ pub struct Domain {
     pub model: u32,
     /// Number of the assembly copy, from 1.
     pub copy: u32,
+}
+
+/// A rigid motion (or any affine map) of a copy: x ↦ R x + t.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transform {
+    /// R.
+    pub rotation: Matrix3<f64>,
+    /// t, Å.
+    pub translation: Vector3,
+}
+
+impl Default for Transform {
+    fn default() -> Self {
+        Self::identity()
+    }
+}
+
+impl Transform {
+    /// Leaves everything where it is.
+    pub fn identity() -> Self {
+        Self {
+            rotation: Matrix3::identity(),
+            translation: Vector3::zeros(),
+        }
+    }
+
+    /// The image of a point.
+    pub fn apply(&self, point: &Point3) -> Point3 {
+        Point3::from(self.rotation * point.coords + self.translation)
+    }
+
+    /// First `inner`, then `self`.
+    pub fn after(&self, inner: &Self) -> Self {
+        Self {
+            rotation: self.rotation * inner.rotation,
+            translation: self.rotation * inner.translation + self.translation,
+        }
+    }
+}
+
+/// More atoms than an index can name or memory can hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{atoms} atoms are too many: {limit} can be held")]
+pub struct TooManyAtoms {
+    /// How many there would be.
+    pub atoms: u128,
+    /// How many there can be.
+    pub limit: u128,
 }
 
 /// Atoms in hierarchy order: the atoms of a residue, the residues of a chain and the chains of a
@@ -274,6 +340,120 @@ impl Structure {
     pub fn atoms_mut(&mut self) -> &mut [Atom] {
         &mut self.atoms
     }
+
+    /// The structure of those atoms for which `keep` says so, by index; parts that lose all their
+    /// atoms are dropped.
+    pub fn filter(&self, mut keep: impl FnMut(usize) -> bool) -> Self {
+        let mut builder = StructureBuilder::new();
+        for (d, &domain) in self.domains.iter().enumerate() {
+            builder.domain = Some(domain);
+            for c in self.domain_chains(d) {
+                builder.chain = Some(self.chains[c]);
+                for r in self.chain_residues(c) {
+                    builder.residue = Some(self.residues[r]);
+                    for a in self.residue_atoms(r).filter(|&a| keep(a)) {
+                        builder.atom(self.atoms[a]);
+                    }
+                }
+            }
+        }
+        builder.build()
+    }
+
+    /// Copies of the structure, copy k moved by `transforms[k]`; each copy of each domain is a
+    /// domain of its own. `includes(k, r)` says whether copy k has residue r.
+    ///
+    /// At most `limit` atoms; the number is known before anything is allocated. The result takes
+    /// 56 bytes per atom and 24 per residue.
+    pub fn copies(
+        &self,
+        transforms: &[Transform],
+        includes: impl Fn(usize, usize) -> bool,
+        limit: usize,
+    ) -> Result<Self, TooManyAtoms> {
+        // What a copy consists of is the same for most copies: each distinct set is made once.
+        let mut sets: Vec<(Vec<bool>, Structure)> = Vec::new();
+        let mut set_of = Vec::with_capacity(transforms.len());
+        for copy in 0..transforms.len() {
+            let flags = (0..self.residues.len()).map(|r| includes(copy, r));
+            let found = sets
+                .iter()
+                .position(|(s, _)| flags.clone().eq(s.iter().copied()));
+            set_of.push(found.unwrap_or_else(|| {
+                let flags: Vec<bool> = flags.collect();
+                let mut kept = vec![false; self.atoms.len()];
+                for r in (0..flags.len()).filter(|&r| flags[r]) {
+                    kept[self.residue_atoms(r)].fill(true);
+                }
+                sets.push((flags, self.filter(|a| kept[a])));
+                sets.len() - 1
+            }));
+        }
+        let total: u128 = set_of.iter().map(|&s| sets[s].1.atoms.len() as u128).sum();
+        let refused = |limit: usize| TooManyAtoms {
+            atoms: total,
+            limit: limit as u128,
+        };
+        let limit = limit.min(MAX_ELEMENTS);
+        if total > limit as u128 {
+            return Err(refused(limit));
+        }
+        let mut whole = Structure::default();
+        let count = |f: fn(&Structure) -> usize| set_of.iter().map(|&s| f(&sets[s].1)).sum();
+        let no_memory = |_| refused(self.atoms.len());
+        whole
+            .atoms
+            .try_reserve_exact(total as usize)
+            .map_err(no_memory)?;
+        let residues: usize = count(|s| s.residues.len());
+        whole
+            .residues
+            .try_reserve_exact(residues)
+            .map_err(no_memory)?;
+        whole
+            .residue_starts
+            .try_reserve_exact(residues + 1)
+            .map_err(no_memory)?;
+        let mut starts = Vec::with_capacity(transforms.len() + 1);
+        let mut atoms = 0;
+        for (copy, &set) in set_of.iter().enumerate() {
+            starts.push(atoms);
+            let one = &sets[set].1;
+            let (c, r) = (whole.chains.len() as u32, whole.residues.len() as u32);
+            let inner = |starts: &[u32]| starts[..starts.len() - 1].to_vec();
+            whole
+                .domain_starts
+                .extend(inner(&one.domain_starts).iter().map(|s| s + c));
+            whole
+                .chain_starts
+                .extend(inner(&one.chain_starts).iter().map(|s| s + r));
+            let own = inner(&one.residue_starts);
+            whole
+                .residue_starts
+                .extend(own.iter().map(|s| s + atoms as u32));
+            whole.domains.extend(one.domains.iter().map(|d| Domain {
+                copy: copy as u32 + 1,
+                ..*d
+            }));
+            whole.chains.extend(&one.chains);
+            whole.residues.extend(&one.residues);
+            atoms += one.atoms.len();
+        }
+        (0..atoms)
+            .into_par_iter()
+            .with_min_len(4096)
+            .map(|i| {
+                let copy = starts.partition_point(|&s| s <= i) - 1;
+                let mut atom = sets[set_of[copy]].1.atoms[i - starts[copy]];
+                atom.position = transforms[copy].apply(&atom.position);
+                atom
+            })
+            .collect_into_vec(&mut whole.atoms);
+        whole.residue_starts.push(whole.atoms.len() as u32);
+        whole.chain_starts.push(whole.residues.len() as u32);
+        whole.domain_starts.push(whole.chains.len() as u32);
+        Ok(whole)
+    }
 }
 
 fn range(starts: &[u32], i: usize) -> Range<usize> {
@@ -307,12 +487,20 @@ impl StructureBuilder {
     }
 
     /// The next atoms belong to a new residue.
+    ///
+    /// It is a residue of a polymer; [`residue_of`](Self::residue_of) says otherwise.
     pub fn residue(&mut self, name: Name, number: i32, insertion: Name) {
-        self.residue = Some(Residue {
+        self.residue_of(Residue {
             name,
             number,
             insertion,
+            kind: ResidueKind::Polymer,
         });
+    }
+
+    /// The next atoms belong to this new residue.
+    pub fn residue_of(&mut self, residue: Residue) {
+        self.residue = Some(residue);
     }
 
     /// Adds an atom to the current residue, chain and domain (unnamed ones if none was begun).
@@ -341,6 +529,7 @@ impl StructureBuilder {
                 name: Name::default(),
                 number: 0,
                 insertion: Name::default(),
+                kind: ResidueKind::Polymer,
             };
             self.residue.get_or_insert(unnamed);
         }

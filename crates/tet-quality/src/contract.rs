@@ -4,10 +4,9 @@ use geom_core::mesh::VertexKind;
 use geom_core::{Point3, Vector3};
 
 use crate::metrics::quality;
-use crate::proposal::{Operation, Proposal};
-use crate::ring::GAIN;
+use crate::proposal::{Floor, Operation, Proposal};
 use crate::surface_field::Isosurface;
-use crate::swap::{EdgeRing, pair_of};
+use crate::swap::EdgeRing;
 use crate::work::{Freedom, NONE, Work};
 
 /// The vertex at infinity, joined to every face of the boundary.
@@ -121,7 +120,7 @@ fn allowed(work: &Work, a: u32, b: u32, ring: &EdgeRing) -> Option<bool> {
     if freedom == Freedom::Free {
         return Some(false);
     }
-    // The edge must lie on the same interface as `a`.
+    // The edge must lie on an interface; `a` lies on only one.
     if ring.interior() || freedom == Freedom::Fixed {
         return None;
     }
@@ -150,6 +149,7 @@ pub(crate) fn contraction(
     b: u32,
     field: Option<&Isosurface<'_>>,
     tolerance: f64,
+    floor: Floor,
 ) -> Option<Proposal> {
     if work.freedom[a as usize] == Freedom::Fixed {
         return None;
@@ -172,7 +172,7 @@ pub(crate) fn contraction(
         }
         let corners = tet.map(|v| if v == a { target } else { work.x[v as usize] });
         worst = worst.min(quality(corners));
-        if worst <= old + GAIN {
+        if worst <= floor.above(old) {
             return None;
         }
         insert.push((
@@ -185,7 +185,7 @@ pub(crate) fn contraction(
     }
     let ring = EdgeRing::new(work, a, b)?;
     let on_surface = allowed(work, a, b, &ring)?;
-    if on_surface && !surface_stays(work, a, b, ring_pair(&ring)?, field, tolerance) {
+    if on_surface && !surface_stays(work, a, b, field, tolerance) {
         return None;
     }
     if !keeps_topology(work, a, b, &ring, on_surface) {
@@ -201,22 +201,11 @@ pub(crate) fn contraction(
     ))
 }
 
-fn ring_pair(ring: &EdgeRing) -> Option<[u8; 2]> {
-    let again = EdgeRing {
-        vertices: ring.vertices.clone(),
-        tets: ring.tets.clone(),
-        regions: ring.regions.clone(),
-    };
-    let (turned, first) = again.at_interface()?;
-    Some(pair_of(&turned, first))
-}
-
 /// Do the surface triangles around `a` keep their direction, and stay near the isosurface?
 fn surface_stays(
     work: &Work,
     a: u32,
     b: u32,
-    _pair: [u8; 2],
     field: Option<&Isosurface<'_>>,
     tolerance: f64,
 ) -> bool {

@@ -3,6 +3,7 @@
 use geom_core::Point3;
 use geom_core::mesh::{Region, VertexKind};
 
+use crate::ring::GAIN;
 use crate::work::{Freedom, NONE, Work};
 
 /// The place of the new vertex among the corners of [`Proposal::insert`].
@@ -15,6 +16,25 @@ pub(crate) enum Operation {
     FaceSwap,
     SurfaceFlip,
     Contraction,
+    Insertion,
+}
+
+/// What the worst of the new tetrahedra must exceed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Floor {
+    /// The worst of the old ones.
+    Old,
+    /// This objective: smoothing follows.
+    Fixed(f64),
+}
+
+impl Floor {
+    pub(crate) fn above(self, old: f64) -> f64 {
+        match self {
+            Self::Old => old + GAIN,
+            Self::Fixed(q) => q,
+        }
+    }
 }
 
 /// Some tetrahedra to be replaced by others.
@@ -86,13 +106,12 @@ pub(crate) fn independent(
     mut proposals: Vec<(u32, Proposal)>,
     marks: &mut [u32],
     stamp: u32,
-) -> (Vec<Proposal>, Vec<u32>) {
+) -> Vec<Proposal> {
     let steps = |gain: f64| (gain * f64::from(1u32 << 20)) as i64;
     proposals.sort_by(|a, b| steps(b.1.gain).cmp(&steps(a.1.gain)).then(a.0.cmp(&b.0)));
-    let (mut chosen, mut postponed) = (Vec::new(), Vec::new());
-    for (tet, proposal) in proposals {
+    let mut chosen = Vec::new();
+    for (_, proposal) in proposals {
         if proposal.locks.iter().any(|&v| marks[v as usize] == stamp) {
-            postponed.push(tet);
             continue;
         }
         for &v in &proposal.locks {
@@ -100,5 +119,5 @@ pub(crate) fn independent(
         }
         chosen.push(proposal);
     }
-    (chosen, postponed)
+    chosen
 }

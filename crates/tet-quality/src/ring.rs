@@ -137,8 +137,7 @@ impl Face {
 }
 
 /// The objective from its signed square.
-#[cfg(test)]
-fn objective(value: f64) -> f64 {
+pub(crate) fn objective(value: f64) -> f64 {
     value.abs().sqrt().copysign(value)
 }
 

@@ -8,40 +8,28 @@ use crate::Error;
 use crate::backend::{QualityBackend, Relaxation};
 use crate::ring::{GAIN, Ring, signed_square};
 use crate::surface_field::Isosurface;
-use crate::work::{Freedom, Work};
+use crate::work::{Freedom, NO_COLOUR, Work};
 
 /// First step of a surface vertex, in mean edge lengths.
 const SURFACE_STEP: f64 = 0.2;
 /// Longest step back to the isosurface, in mean edge lengths.
 const PULL: f64 = 0.15;
 
-/// Classes of the given vertices, no two of a class in one tetrahedron: greedy in the given order.
-pub(crate) fn colours(work: &Work, vertices: &[u32]) -> Vec<Vec<u32>> {
-    const NO: u8 = u8::MAX;
-    let mut colour = vec![NO; work.x.len()];
+/// The given vertices by colour: no two of a class share a tetrahedron.
+fn classes(work: &Work, vertices: impl Iterator<Item = u32>) -> Vec<Vec<u32>> {
     let mut classes: Vec<Vec<u32>> = Vec::new();
-    for &v in vertices {
-        let mut used = [0u64; 4];
-        for &t in work.rings.of(v) {
-            for u in work.tets[t as usize] {
-                let c = colour[u as usize];
-                if c != NO {
-                    used[usize::from(c / 64)] |= 1 << (c % 64);
-                }
-            }
-        }
-        let word = used.iter().position(|&w| w != u64::MAX).unwrap_or(0);
-        let free = word as u32 * 64 + (!used[word]).trailing_zeros();
-        // With more than 254 neighbours of different colours a vertex sits out this sweep.
-        if free >= u32::from(NO) {
+    for v in vertices {
+        let c = work.colours[v as usize];
+        if c == NO_COLOUR {
             continue;
         }
-        colour[v as usize] = free as u8;
-        if classes.len() <= free as usize {
-            classes.resize(free as usize + 1, Vec::new());
+        let c = usize::from(c);
+        if classes.len() <= c {
+            classes.resize(c + 1, Vec::new());
         }
-        classes[free as usize].push(v);
+        classes[c].push(v);
     }
+    classes.retain(|c| !c.is_empty());
     classes
 }
 
@@ -61,10 +49,15 @@ pub(crate) fn across(n: &Vector3) -> [Vector3; 2] {
     [u, n.cross(&u)]
 }
 
-fn axes(freedom: Freedom) -> Option<[Vector3; 3]> {
+/// The directions in which a vertex may move without a field, if any; `turn` rotates those of a free
+/// vertex at random.
+pub(crate) fn axes_of(freedom: Freedom, turn: Option<u64>) -> Option<[Vector3; 3]> {
     let zero = Vector3::zeros();
     match freedom {
-        Freedom::Free => Some([Vector3::x(), Vector3::y(), Vector3::z()]),
+        Freedom::Free => Some(match turn {
+            None => [Vector3::x(), Vector3::y(), Vector3::z()],
+            Some(seed) => random_axes(seed),
+        }),
         Freedom::Plane(n) => {
             let [u, v] = across(&n);
             Some([u, v, zero])
@@ -74,19 +67,39 @@ fn axes(freedom: Freedom) -> Option<[Vector3; 3]> {
     }
 }
 
+/// Three orthogonal directions that depend on the seed only.
+fn random_axes(seed: u64) -> [Vector3; 3] {
+    let mut state = seed;
+    let mut number = || {
+        // SplitMix64.
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    };
+    // A point in the unit ball, not too near its middle; some try succeeds.
+    let axis = (0..64)
+        .map(|_| Vector3::new(number(), number(), number()))
+        .find(|d| (0.01..=1.0).contains(&d.norm_squared()))
+        .map_or_else(Vector3::z, |d| d.normalize());
+    let [u, v] = across(&axis);
+    [u, v, axis]
+}
+
 /// The task of one sweep over those of `vertices` that may move without a field.
 pub(crate) fn task<'a>(
     work: &Work,
     positions: &'a [Point3],
     vertices: &[u32],
     rounds: u32,
+    turn: Option<u64>,
 ) -> Relaxation<'a> {
-    let movable: Vec<u32> = vertices
+    let movable = vertices
         .iter()
         .copied()
-        .filter(|&v| axes(work.freedom[v as usize]).is_some() && !work.rings.of(v).is_empty())
-        .collect();
-    let classes = colours(work, &movable);
+        .filter(|&v| axes_of(work.freedom[v as usize], None).is_some());
+    let classes = classes(work, movable);
     let vertices: Vec<u32> = classes.concat();
     let mut colours = Vec::with_capacity(classes.len());
     let mut start = 0;
@@ -113,7 +126,10 @@ pub(crate) fn task<'a>(
         positions,
         axes: vertices
             .iter()
-            .map(|&v| axes(work.freedom[v as usize]).expect("only movable ones are here"))
+            .map(|&v| {
+                let turn = turn.map(|seed| seed ^ u64::from(v).wrapping_mul(0xd6e8_feb8_6659_fd93));
+                axes_of(work.freedom[v as usize], turn).expect("only movable ones are here")
+            })
             .collect(),
         vertices,
         colours,
@@ -130,12 +146,13 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
     work: &mut Work,
     vertices: &[u32],
     rounds: u32,
+    turn: Option<u64>,
     run: Run<'_, B>,
 ) -> Result<usize, Error> {
-    let task = task(work, &work.x, vertices, rounds);
+    let task = task(work, &work.x, vertices, rounds, turn);
     let moves = run.backend.relax(&task)?;
     let (vertices, colours) = (task.vertices, task.colours);
-    let mut moved = 0;
+    let mut moved = Vec::new();
     for colour in colours {
         let accepted: Vec<Option<Point3>> = colour
             .clone()
@@ -159,11 +176,12 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
         for (i, x) in colour.zip(accepted) {
             if let Some(x) = x {
                 work.x[vertices[i] as usize] = x;
-                moved += 1;
+                moved.push(vertices[i]);
             }
         }
     }
-    Ok(moved)
+    work.refresh(&moved);
+    Ok(moved.len())
 }
 
 /// The face of `t` opposite its corner `v`, counter-clockwise from outside.
@@ -233,13 +251,12 @@ fn sweep(
     vertices: &[u32],
     step: impl Fn(&Work, u32, &mut Ring) -> Option<Point3> + Sync,
 ) -> usize {
-    let movable: Vec<u32> = vertices
+    let movable = vertices
         .iter()
         .copied()
-        .filter(|&v| work.freedom[v as usize] == Freedom::Field && !work.rings.of(v).is_empty())
-        .collect();
-    let mut moved = 0;
-    for class in colours(work, &movable) {
+        .filter(|&v| work.freedom[v as usize] == Freedom::Field);
+    let mut moved = Vec::new();
+    for class in classes(work, movable) {
         let positions: Vec<Option<Point3>> = class
             .par_iter()
             .with_min_len(16)
@@ -248,17 +265,27 @@ fn sweep(
         for (v, x) in class.into_iter().zip(positions) {
             if let Some(x) = x {
                 work.x[v as usize] = x;
-                moved += 1;
+                moved.push(v);
             }
         }
     }
-    moved
+    work.refresh(&moved);
+    moved.len()
 }
 
 fn slide(work: &Work, v: u32, ring: &mut Ring, rules: &SurfaceRules<'_>) -> Option<Point3> {
-    let field = rules.field;
     load(work, v, ring);
-    let start = work.x[v as usize];
+    slide_from(work.x[v as usize], surface_mean(work, v), ring, rules)
+}
+
+/// A better position for a surface vertex at `start`: near `mean`, or along the surface.
+pub(crate) fn slide_from(
+    start: Point3,
+    mean: Option<Point3>,
+    ring: &mut Ring,
+    rules: &SurfaceRules<'_>,
+) -> Option<Point3> {
+    let field = rules.field;
     let edge = ring.mean_edge(&start.coords);
     let (d, mut normal) = field.distance(&start, 0.5 * edge);
     let limit = rules.tolerance.max(d.abs());
@@ -283,7 +310,7 @@ fn slide(work: &Work, v: u32, ring: &mut Ring, rules: &SurfaceRules<'_>) -> Opti
         }
         None
     };
-    if let Some(mean) = surface_mean(work, v) {
+    if let Some(mean) = mean {
         let along = mean - start;
         let along = along - normal * normal.dot(&along);
         if let Some((p, value, n)) = attempt(start + along, best) {

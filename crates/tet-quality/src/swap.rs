@@ -1,11 +1,10 @@
 //! Operations that keep the vertices: removal of an edge, swap of a face, flip of a surface edge.
 
-use geom_core::mesh::{FACES, OUTSIDE, Region};
+use geom_core::mesh::{FACES, Region};
 use geom_core::{Point3, Vector3};
 
 use crate::metrics::quality;
-use crate::proposal::{Operation, Proposal};
-use crate::ring::GAIN;
+use crate::proposal::{Floor, Operation, Proposal};
 use crate::surface_field::Isosurface;
 use crate::work::Work;
 
@@ -200,7 +199,7 @@ fn worst_of(work: &Work, tets: &[u32]) -> f64 {
 
 /// Removal of the interior edge `ab`: the ring is triangulated, and each triangle joined to `a` and
 /// `b`. A ring of 3 is the 3-2 swap, of 4 the 4-4 swap.
-pub(crate) fn edge_removal(work: &Work, a: u32, b: u32) -> Option<Proposal> {
+pub(crate) fn edge_removal(work: &Work, a: u32, b: u32, floor: Floor) -> Option<Proposal> {
     let ring = EdgeRing::new(work, a, b)?;
     let n = ring.tets.len();
     if !(3..=LONGEST_RING).contains(&n) || !ring.interior() {
@@ -211,7 +210,7 @@ pub(crate) fn edge_removal(work: &Work, a: u32, b: u32) -> Option<Proposal> {
         return None;
     }
     let chain = &ring.vertices[..n];
-    let (worst, triangles) = triangulate(work, a, b, chain, old + GAIN)?;
+    let (worst, triangles) = triangulate(work, a, b, chain, floor.above(old))?;
     if clashes(work, chain, &triangles) {
         return None;
     }
@@ -227,7 +226,7 @@ pub(crate) fn edge_removal(work: &Work, a: u32, b: u32) -> Option<Proposal> {
 }
 
 /// Swap of the face of `t` opposite its corner `k`: two tetrahedra become three around a new edge.
-pub(crate) fn face_swap(work: &Work, t: u32, k: usize) -> Option<Proposal> {
+pub(crate) fn face_swap(work: &Work, t: u32, k: usize, floor: Floor) -> Option<Proposal> {
     let o = work.beyond(t, k)?;
     let region = work.regions[t as usize];
     let old = work.q[t as usize].min(work.q[o as usize]);
@@ -241,7 +240,7 @@ pub(crate) fn face_swap(work: &Work, t: u32, k: usize) -> Option<Proposal> {
     let mut worst = f64::INFINITY;
     for tet in new {
         worst = worst.min(work.quality_of(tet));
-        if worst <= old + GAIN {
+        if worst <= floor.above(old) {
             return None;
         }
     }
@@ -271,6 +270,7 @@ pub(crate) fn surface_flip(
     b: u32,
     field: Option<&Isosurface<'_>>,
     allowed: f64,
+    floor: Floor,
 ) -> Option<Proposal> {
     let (ring, first) = EdgeRing::new(work, a, b)?.at_interface()?;
     let n = ring.tets.len();
@@ -315,7 +315,7 @@ pub(crate) fn surface_flip(
     let mut insert = Vec::new();
     for &(from, to) in sides.iter().filter(inner) {
         let chain = &ring.vertices[from..=to];
-        let (q, triangles) = triangulate(work, a, b, chain, old + GAIN)?;
+        let (q, triangles) = triangulate(work, a, b, chain, floor.above(old))?;
         if clashes(work, chain, &triangles) {
             return None;
         }
@@ -333,15 +333,4 @@ pub(crate) fn surface_flip(
         ring.tets,
         insert,
     ))
-}
-
-/// What lies on the two sides of an edge of an interface: the pair of regions in order.
-pub(crate) fn pair_of(ring: &EdgeRing, first: usize) -> [Region; 2] {
-    let one = ring.regions[0];
-    let two = if ring.closed() {
-        ring.regions[first]
-    } else {
-        OUTSIDE
-    };
-    [one.min(two), one.max(two)]
 }

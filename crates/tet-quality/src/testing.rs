@@ -172,5 +172,5 @@ pub fn relaxation(mesh: &TetMesh, rounds: u32) -> crate::Relaxation<'_> {
         .expect("meshes of tests are complexes")
         .work;
     let all: Vec<u32> = (0..mesh.positions().len() as u32).collect();
-    crate::smooth::task(&work, mesh.positions(), &all, rounds)
+    crate::smooth::task(&work, mesh.positions(), &all, rounds, None)
 }

@@ -11,12 +11,13 @@ use super::{Image, Scale};
 pub fn slice(
     field: &(impl ImplicitField + ?Sized),
     lattice: &Lattice,
-    [axis, at]: [f64; 2],
+    axis: usize,
+    at: f64,
     level: f64,
     scale: &Scale,
     height: usize,
 ) -> Image {
-    let axis = (axis as usize).min(2);
+    let axis = axis.min(2);
     let (bounds, extent) = (lattice.bounds(), lattice.bounds().extent());
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let per_length = height as f64 / extent[v].max(1e-9);
@@ -102,7 +103,7 @@ mod tests {
             counts: [9, 9, 9],
         };
         let scale = Scale::new(ColorMap::Viridis, [0.0, 2.0], "value");
-        let image = slice(&Ball, &lattice, [2.0, 0.5], 1.0, &scale, 400);
+        let image = slice(&Ball, &lattice, 2, 0.5, 1.0, &scale, 400);
         // Level 1 lies at radius 1: a quarter of the width from the middle.
         let (cx, cy) = (16 + 200, 64 + 200);
         assert_eq!(image.pixel(cx + 99, cy), [255; 3]);

@@ -253,10 +253,17 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 /// transformations, one after another, and colours if all of them have some. Sparse accessors, data in
 /// other files, and primitives other than triangles are refused.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
+    // The crate takes for granted that the stated length includes the header's 12 bytes.
+    let stated = bytes.get(8..12).map(|n| u32::get(n, true));
+    if let Some(stated) = stated.filter(|&n| n < 12) {
+        let found = format!("{stated} bytes");
+        return Err(ErrorKind::expected("the length of a GLB file", found).into());
+    }
     let glb = Glb::from_slice(bytes).map_err(foreign)?;
-    let file = gltf::Gltf::from_slice(&glb.json).map_err(foreign)?;
+    let root = gltf::json::Root::from_slice(&glb.json).map_err(|e| foreign(e.into()))?;
+    check_positions(&root)?;
+    let document = gltf::Document::from_json(root).map_err(foreign)?;
     let data = glb.bin.as_deref().unwrap_or_default();
-    let document = &file.document;
     let mut pending: Vec<(gltf::Node<'_>, Matrix4<f64>)> = match document.default_scene() {
         Some(scene) => scene.nodes().collect::<Vec<_>>(),
         None => document.scenes().flat_map(|s| s.nodes()).collect(),
@@ -289,6 +296,20 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         ..View::default()
     }
     .checked()
+}
+
+/// Positions that do not exist: the crate looks them up before it has checked that they do.
+fn check_positions(root: &gltf::json::Root) -> Result<(), Error> {
+    let key = gltf::json::validation::Checked::Valid(gltf::Semantic::Positions);
+    for primitive in root.meshes.iter().flat_map(|m| &m.primitives) {
+        let positions = primitive.attributes.get(&key).map(|i| i.value());
+        if positions.is_some_and(|i| i >= root.accessors.len()) {
+            let expected = format!("POSITION to be one of {} accessors", root.accessors.len());
+            let found = format!("accessor {}", positions.unwrap_or_default());
+            return Err(ErrorKind::expected(expected, found).into());
+        }
+    }
+    Ok(())
 }
 
 #[derive(Default)]

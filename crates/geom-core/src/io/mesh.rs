@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::view::{Cells, Field, Group, NO_GROUP, Numbers, View};
-use super::{Encoding, Error, ErrorKind, glb, msh, obj, off, ply, read_bytes, stl, vtu};
+use super::{Encoding, Error, ErrorKind, extension, glb, msh, obj, off, ply, read_bytes, stl, vtu};
 use crate::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
 use crate::{QuadMesh, TetMesh, TriMesh};
 
@@ -62,14 +62,6 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
         "msh" => msh::save(path, view, msh::Options::default()),
         _ => Err(unknown().in_file(path)),
     }
-}
-
-/// The ending of a name in small letters, without `.gz`.
-fn extension(path: &Path) -> String {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let name = name.to_ascii_lowercase();
-    let name = name.strip_suffix(".gz").unwrap_or(&name);
-    name.rsplit_once('.').map_or("", |(_, e)| e).to_owned()
 }
 
 fn unknown() -> Error {

@@ -349,9 +349,9 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         b"4.1" => Version::V41,
         b"2.2" | b"2" | b"2.1" | b"2.0" => Version::V22,
         other => {
-            let other = String::from_utf8_lossy(other);
-            let what = format!("MSH version {other} is not read; 2.2 and 4.1 are");
-            return Err(Error::at_line(ErrorKind::Unsupported(what), words.line()));
+            let kind =
+                ErrorKind::expected("MSH version 2.2 or 4.1", String::from_utf8_lossy(other));
+            return Err(Error::at_line(kind, words.line()));
         }
     };
     let binary = words.number::<u8>("0 for text or 1 for bytes")? != 0;
@@ -482,7 +482,11 @@ impl<'a> In<'a> {
                 Ok(())
             }
             None => {
-                let what = format!("section {}", String::from_utf8_lossy(section));
+                let section = &section[..section.len().min(60)];
+                let what = format!(
+                    "section {}",
+                    String::from_utf8_lossy(section).escape_debug()
+                );
                 Err(Error::at_line(
                     ErrorKind::Truncated(what),
                     self.words.line(),

@@ -37,7 +37,8 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, encoding: Encoding) -> Result<(
             writeln!(w, "property uchar {channel}")?;
         }
     }
-    properties(w, &view.point_fields)?;
+    let own = ["x", "y", "z", "red", "green", "blue", "alpha"];
+    properties(w, &view.point_fields, &own)?;
     writeln!(w, "element face {}", view.cells())?;
     // Some programs know lists of `int` only.
     let index = match i32::try_from(view.points.len()) {
@@ -56,7 +57,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, encoding: Encoding) -> Result<(
         "int"
     };
     writeln!(w, "property list {count} {index} vertex_indices")?;
-    properties(w, &view.cell_fields)?;
+    properties(w, &view.cell_fields, &["vertex_indices", "vertex_index"])?;
     writeln!(w, "end_header")?;
 
     let mut row = Row::new(w, encoding);
@@ -87,7 +88,10 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, encoding: Encoding) -> Result<(
     row.finish()
 }
 
-fn properties(w: &mut dyn Write, fields: &[Field<'_>]) -> Result<(), Error> {
+/// Fields as properties, one per component, in the letters that PLY allows; refuses names that then
+/// equal each other or those `taken`.
+fn properties(w: &mut dyn Write, fields: &[Field<'_>], taken: &[&str]) -> Result<(), Error> {
+    let mut taken: Vec<String> = taken.iter().map(|&name| name.to_owned()).collect();
     for field in fields {
         let kind = match field.values.numbers {
             Numbers::F32(_) => "float",
@@ -96,23 +100,23 @@ fn properties(w: &mut dyn Write, fields: &[Field<'_>]) -> Result<(), Error> {
             Numbers::U32(_) => "uint",
             Numbers::I32(_) => "int",
         };
-        let name: String = field
-            .name
-            .chars()
-            .map(|c| if c.is_ascii_graphic() { c } else { '_' })
-            .collect();
-        match field.values.components {
-            1 => writeln!(w, "property {kind} {name}")?,
-            3 => {
-                for axis in ["x", "y", "z"] {
-                    writeln!(w, "property {kind} {name}_{axis}")?;
-                }
+        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+        let mut name = field.name.replace(|c| !allowed(c), "_");
+        if !name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') {
+            name.insert(0, '_');
+        }
+        for k in 0..field.values.components {
+            let property = match field.values.components {
+                1 => name.clone(),
+                3 => format!("{name}_{}", ["x", "y", "z"][k]),
+                _ => format!("{name}_{k}"),
+            };
+            if taken.contains(&property) {
+                let expected = "fields of different names, other than those of PLY itself";
+                return Err(ErrorKind::expected(expected, property).into());
             }
-            n => {
-                for k in 0..n {
-                    writeln!(w, "property {kind} {name}_{k}")?;
-                }
-            }
+            writeln!(w, "property {kind} {property}")?;
+            taken.push(property);
         }
     }
     Ok(())

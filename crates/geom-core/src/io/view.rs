@@ -551,6 +551,10 @@ impl<'a> View<'a> {
 
     /// Checks what the parts promise each other; readers call it on what a file says.
     pub(super) fn checked(self) -> Result<Self, Error> {
+        let finite = |p: &Point3| p.iter().all(|c| c.is_finite());
+        if let Some(vertex) = self.points.iter().position(|p| !finite(p)) {
+            return Err(crate::MeshError::NotFinite { vertex }.into());
+        }
         for field in &self.point_fields {
             fits(&field.name, "point", field.values.len(), self.points.len())?;
         }

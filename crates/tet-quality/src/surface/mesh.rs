@@ -43,7 +43,7 @@ pub(super) fn next(h: u32) -> u32 {
     if h % 3 == 2 { h - 2 } else { h + 1 }
 }
 pub(super) fn previous(h: u32) -> u32 {
-    if h % 3 == 0 { h + 2 } else { h - 1 }
+    if h.is_multiple_of(3) { h + 2 } else { h - 1 }
 }
 
 impl Mesh {
@@ -398,7 +398,7 @@ mod tests {
         ) {
             let (start, euler) = torus();
             let mut mesh = Mesh::new(&start).unwrap();
-            let ring: Vec<u32> = mesh.edges().filter(|&h| mesh.to(h) % 5 == 0 && mesh.from(h) % 5 == 0).collect();
+            let ring: Vec<u32> = mesh.edges().filter(|&h| mesh.to(h).is_multiple_of(5) && mesh.from(h).is_multiple_of(5)).collect();
             for h in ring {
                 mesh.mark_feature(h);
             }

@@ -1,0 +1,128 @@
+//! Radii of atoms: by element, with the hydrogens they carry, or of whole residues.
+
+use super::{Element, Name, residues};
+
+/// Radius of a heavy atom together with the hydrogens that it carries, Å: the ProtOr set of
+/// Tsai, Taylor, Chothia & Gerstein 1999 (J. Mol. Biol. 290, 253) for amino acids, its atom types
+/// for nucleotides, and its sp³ carbon, N, O and S elsewhere; Bondi's radius for other elements.
+pub fn united_radius(residue: Name, atom: Name, element: Element) -> f64 {
+    let atom = atom.as_str();
+    match element {
+        Element::CARBON => match carbon(residue, atom) {
+            Carbon::Trigonal => 1.61,
+            Carbon::TrigonalH => 1.76,
+            Carbon::Tetrahedral => 1.88,
+        },
+        Element::NITROGEN => 1.64,
+        Element::OXYGEN => {
+            let carries_or_bridges = match atom {
+                "OG" | "OG1" | "OH" => residues::is_amino_acid(residue),
+                "O2'" | "O3'" | "O4'" | "O5'" | "O2*" | "O3*" | "O4*" | "O5*" => true,
+                _ => !residues::is_polymer(residue),
+            };
+            if carries_or_bridges { 1.46 } else { 1.42 }
+        }
+        Element::SULFUR => 1.77,
+        other => other.vdw_radius(),
+    }
+}
+
+enum Carbon {
+    /// sp² without hydrogen.
+    Trigonal,
+    /// sp² with one hydrogen.
+    TrigonalH,
+    /// sp³.
+    Tetrahedral,
+}
+
+fn carbon(residue: Name, atom: &str) -> Carbon {
+    use Carbon::{Tetrahedral, Trigonal, TrigonalH};
+    if residues::is_nucleotide(residue) {
+        let base = residue.as_str().trim_start_matches('D');
+        return match (atom, base.as_bytes().first()) {
+            ("C2" | "C8", Some(b'A')) | ("C8", Some(b'G')) => TrigonalH,
+            ("C5" | "C6", Some(b'C' | b'U')) | ("C6", Some(b'T')) => TrigonalH,
+            ("C2" | "C4" | "C5" | "C6" | "C8", _) => Trigonal,
+            _ => Tetrahedral,
+        };
+    }
+    match (residue.as_str(), atom) {
+        (_, "C") if residues::is_amino_acid(residue) => Trigonal,
+        ("ASN" | "ASP" | "ASH", "CG") | ("GLN" | "GLU" | "GLH", "CD") => Trigonal,
+        ("ARG", "CZ") | ("PHE", "CG") | ("TYR" | "PTR", "CG" | "CZ") => Trigonal,
+        ("TRP", "CG" | "CD2" | "CE2") => Trigonal,
+        ("PHE", "CD1" | "CD2" | "CE1" | "CE2" | "CZ") => TrigonalH,
+        ("TYR" | "PTR", "CD1" | "CD2" | "CE1" | "CE2") => TrigonalH,
+        ("TRP", "CD1" | "CE3" | "CZ2" | "CZ3" | "CH2") => TrigonalH,
+        ("HIS" | "HID" | "HIE" | "HIP" | "HSD" | "HSE" | "HSP", "CG") => Trigonal,
+        ("HIS" | "HID" | "HIE" | "HIP" | "HSD" | "HSE" | "HSP", "CD2" | "CE1") => TrigonalH,
+        _ => Tetrahedral,
+    }
+}
+
+/// Radius of the ball with the mean volume of a residue, Å, for models that keep one atom of each
+/// (Cα or P): Zamyatnin 1972 (Prog. Biophys. Mol. Biol. 24, 107) for amino acids, Voss & Gerstein
+/// 2005 (J. Mol. Biol. 346, 477) for nucleotides. Unknown residues get the mean.
+pub fn residue_radius(residue: Name) -> f64 {
+    let volume = match residue.as_str() {
+        "ALA" => 88.6,
+        "ARG" => 173.4,
+        "ASN" => 114.1,
+        "ASP" | "ASH" | "ASX" => 111.1,
+        "CYS" | "CYX" | "CYM" => 108.5,
+        "GLN" => 143.8,
+        "GLU" | "GLH" | "GLX" => 138.4,
+        "GLY" => 60.1,
+        "HIS" | "HID" | "HIE" | "HIP" | "HSD" | "HSE" | "HSP" => 153.2,
+        "ILE" | "LEU" => 166.7,
+        "LYS" | "LYN" => 168.6,
+        "MET" | "MSE" => 162.9,
+        "PHE" => 189.9,
+        "PRO" | "HYP" => 112.7,
+        "SER" => 89.0,
+        "THR" => 116.1,
+        "TRP" => 227.8,
+        "TYR" => 193.6,
+        "VAL" => 140.0,
+        "A" | "DA" | "RA" | "ADE" => 315.4,
+        "C" | "DC" | "RC" | "CYT" => 291.3,
+        "G" | "DG" | "RG" | "GUA" => 322.0,
+        "U" | "T" | "DT" | "RU" | "URA" | "THY" => 286.3,
+        _ if residues::is_nucleotide(residue) => 303.8,
+        _ => 137.0,
+    };
+    (volume * 3.0 / (4.0 * std::f64::consts::PI)).cbrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn united_radii_follow_the_types() {
+        let radius = |residue: &str, atom: &str, element| {
+            united_radius(
+                Name::new(residue).unwrap(),
+                Name::new(atom).unwrap(),
+                element,
+            )
+        };
+        assert_eq!(radius("ALA", "CB", Element::CARBON), 1.88);
+        assert_eq!(radius("ALA", "C", Element::CARBON), 1.61);
+        assert_eq!(radius("PHE", "CZ", Element::CARBON), 1.76);
+        assert_eq!(radius("TYR", "CZ", Element::CARBON), 1.61);
+        assert_eq!(radius("SER", "OG", Element::OXYGEN), 1.46);
+        assert_eq!(radius("DA", "C8", Element::CARBON), 1.76);
+        assert_eq!(radius("DT", "C7", Element::CARBON), 1.88);
+        assert_eq!(radius("ZN", "ZN", Element(30)), Element(30).vdw_radius());
+    }
+
+    #[test]
+    fn neighbouring_residues_of_a_trace_overlap() {
+        // Cα atoms of neighbours are 3.8 Å apart.
+        for residue in ["GLY", "ALA", "TRP", "UNK"] {
+            assert!(residue_radius(Name::new(residue).unwrap()) > 1.9);
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! Insertion of a vertex: an edge is split, and the new vertex goes to where it is best.
+
+use geom_core::mesh::VertexKind;
+use geom_core::nalgebra::center;
+
+use crate::proposal::{Floor, NEW, Operation, Proposal};
+use crate::ring::{Ring, objective};
+use crate::search::{Compass, search};
+use crate::smooth::axes_of;
+use crate::surface_field::Isosurface;
+use crate::swap::EdgeRing;
+use crate::work::{Freedom, Work};
+
+/// Rounds of the search for the place of the new vertex.
+const ROUNDS: u32 = 5;
+
+/// Split of the edge `ab`. On the isosurface the new vertex is put onto it; other interface edges are
+/// not split.
+pub(crate) fn edge_split(
+    work: &Work,
+    a: u32,
+    b: u32,
+    field: Option<&Isosurface<'_>>,
+    floor: Floor,
+    ring: &mut Ring,
+) -> Option<Proposal> {
+    let around = EdgeRing::new(work, a, b)?;
+    let old = around
+        .tets
+        .iter()
+        .map(|&t| work.q[t as usize])
+        .fold(f64::INFINITY, f64::min);
+    if old <= 0.0 {
+        return None;
+    }
+    let mut x = center(&work.x[a as usize], &work.x[b as usize]);
+    let (kind, freedom) = if around.interior() {
+        (VertexKind::Interior, Freedom::Free)
+    } else {
+        let on_field = [a, b]
+            .iter()
+            .all(|&v| work.freedom[v as usize] == Freedom::Field);
+        let field = field.filter(|_| on_field)?;
+        let reach = (work.x[a as usize] - work.x[b as usize]).norm();
+        for _ in 0..3 {
+            let (d, n) = field.distance(&x, 0.15 * reach);
+            x -= n * d;
+        }
+        (VertexKind::Surface, Freedom::Field)
+    };
+    ring.clear();
+    let mut insert = Vec::with_capacity(2 * around.tets.len());
+    for (i, w) in around.vertices.windows(2).enumerate() {
+        // (a, b, u, v) becomes (new, b, u, v) and (a, new, u, v) = (new, a, v, u).
+        for tet in [[NEW, b, w[0], w[1]], [NEW, a, w[1], w[0]]] {
+            ring.push([tet[1], tet[2], tet[3]].map(|v| work.x[v as usize]));
+            insert.push((tet, around.regions[i]));
+        }
+    }
+    if let Some(axes) = axes_of(freedom, None) {
+        x = search(ring, x.coords, &Compass::along(&axes), ROUNDS).into();
+    }
+    let worst = objective(ring.value(&x.coords));
+    if worst <= floor.above(old) {
+        return None;
+    }
+    let gain = worst - old;
+    let mut proposal = Proposal::swap(work, Operation::Insertion, gain, around.tets, insert);
+    proposal.vertex = Some((x, kind, freedom));
+    Some(proposal)
+}

@@ -1,0 +1,173 @@
+//! 06 — Eigenfunctions of a surface's Laplace operator, and its shape-DNA.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use biogeom_examples::args::{Common, HasCommon};
+use biogeom_examples::picture::{Curve, Layer, Paint, Scale, Scene, View, lines, sheet};
+use biogeom_examples::source::{SourceArgs, extension};
+use biogeom_examples::{Failure, Session, products};
+use clap::Parser;
+use geom_core::io::{self, view::View as Fields};
+use geom_core::spectral::{Options, eigenpairs};
+use geom_core::{TriMesh, laplace};
+use serde::Serialize;
+use serde_json::json;
+
+/// The first eigenfunctions of a surface: of a mesh, or of a structure's or grid's surface
+#[derive(Parser, Serialize)]
+#[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
+struct Args {
+    #[command(flatten)]
+    source: SourceArgs,
+    /// How many eigenpairs
+    #[arg(long, short = 'k', value_name = "K", default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=300))]
+    count: u32,
+    /// Largest relative residual
+    #[arg(long, value_name = "R", default_value_t = Options::default().tolerance)]
+    tolerance: f64,
+    /// Consistent instead of lumped mass
+    #[arg(long)]
+    consistent: bool,
+    #[command(flatten)]
+    common: Common,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  06_modes spot.ply --count 20 --out out
+  06_modes 1ajj.pdb --spacing 1 --out protein
+
+Meshes are PLY, OFF, OBJ, STL, GLB, VTU or MSH. Outputs: modes.png (contact sheet), mode_01.glb … (coloured),
+modes.vtu (all modes as point fields), spectrum.png, shape_dna.json (eigenvalues as they are, and made
+free of scale by the area), report.json with `eigenvalues`.";
+
+impl HasCommon for Args {
+    fn common(&self) -> &Common {
+        &self.common
+    }
+    fn inputs(&self) -> Vec<PathBuf> {
+        vec![self.source.input.clone()]
+    }
+}
+
+fn main() -> ExitCode {
+    biogeom_examples::run("06_modes", modes)
+}
+
+fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
+    let mesh = surface(args, session)?;
+    products::note_surface(session, &mesh)?;
+    let pairs = session.stage("eigenpairs", || {
+        let stiffness = laplace::stiffness(&mesh)?;
+        let mass = if args.consistent {
+            laplace::consistent_mass(&mesh)?
+        } else {
+            laplace::lumped_mass(&mesh)
+        };
+        let options = Options {
+            tolerance: args.tolerance,
+            ..Options::default()
+        };
+        let on = session.on(session.device.spectral());
+        Ok::<_, Failure>(eigenpairs(
+            &stiffness,
+            &mass,
+            args.count as usize,
+            &options,
+            on,
+        )?)
+    })?;
+    session.note("eigenvalues", &pairs.values)?;
+    session.note("residuals", &pairs.residuals)?;
+    session.note("clusters", &pairs.clusters)?;
+    session.note("spectral", &pairs.report)?;
+
+    session.stage("files and pictures", || {
+        let area = mesh.area();
+        let dna = json!({
+            "eigenvalues": pairs.values,
+            "area": area,
+            "normalized": pairs.values.iter().map(|v| v * area).collect::<Vec<_>>(),
+        });
+        io::save(session.output("shape_dna.json"), |w| {
+            let text =
+                serde_json::to_string_pretty(&dna).map_err(|e| io::ErrorKind::System(e.into()))?;
+            Ok(writeln!(w, "{text}")?)
+        })?;
+
+        let view = View::principal(mesh.positions()).turned(0.25, 0.2);
+        let mut pictures = Vec::new();
+        let mut fields = Fields::from(&mesh);
+        for (i, (value, mode)) in pairs.values.iter().zip(&pairs.vectors).enumerate() {
+            let number = i + 1;
+            let colors = Scale::symmetric(mode, "").colors(mode);
+            let colored = Fields::from(&mesh).colored(products::rgba(&colors))?;
+            io::mesh::save(session.output(format!("mode_{number:02}.glb")), &colored)?;
+            fields = fields.point_field(&format!("mode_{number:02}"), mode)?;
+            if pictures.len() < SHOWN {
+                let mut layer = Layer::surface(&mesh, Paint::Vertices(colors));
+                layer.edges = false;
+                let image =
+                    Scene::new(vec![layer], view).draw(session.rasterizer()?, [420, 330])?;
+                pictures.push((format!("{number}: λ = {value:.4}"), image));
+            }
+        }
+        io::mesh::save(session.output("modes.vtu"), &fields)?;
+        sheet(&pictures, 4).save(session.output("modes.png"))?;
+        let points = (1..)
+            .zip(&pairs.values)
+            .map(|(k, &v)| (f64::from(k), v))
+            .collect();
+        let curve = Curve {
+            name: "",
+            color: [52, 102, 178],
+            points,
+        };
+        let title = format!(
+            "Spectrum: {} vertices, area {area:.1} Å²",
+            mesh.positions().len()
+        );
+        lines(
+            &[curve],
+            &title,
+            ["number", "eigenvalue / Å⁻²"],
+            [1100, 680],
+        )
+        .save(session.output("spectrum.png"))?;
+        Ok::<_, Failure>(())
+    })
+}
+
+/// Most modes on the contact sheet.
+const SHOWN: usize = 16;
+
+fn surface(args: &Args, session: &Session) -> Result<TriMesh, Failure> {
+    let path = &args.source.input;
+    let mesh = match extension(path).as_str() {
+        "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb" => session
+            .stage("reading", || io::mesh::read(path))?
+            .mesh
+            .into_triangles(),
+        _ => {
+            let source = args.source.read(session)?;
+            let options = dual_contour::Options {
+                level: source.level,
+                max_memory: session.memory(),
+                ..Default::default()
+            };
+            let field = source.field()?;
+            session
+                .stage("surface", || {
+                    dual_contour::surface(
+                        &source.values,
+                        Some(&field),
+                        &options,
+                        session.on(session.device.contour()),
+                    )
+                })?
+                .mesh
+        }
+    };
+    Ok(mesh)
+}

@@ -1,0 +1,284 @@
+//! What several programs write: surfaces and volumes with their pictures and numbers.
+
+use geom_core::io::{self, view::View as Fields};
+use geom_core::mesh::{SurfaceAudit, VolumeAudit};
+use geom_core::nearest::{NearestError, PointTree};
+use geom_core::{Structure, TetMesh, TriMesh, mesh};
+use serde_json::json;
+use tet_quality::{Measures, Summary};
+
+use crate::picture::{
+    Bars, ColorMap, Layer, Paint, Rgb, Scale, Scene, View, cut_tets, histogram, region_color,
+};
+use crate::{Failure, Session};
+
+/// Width and height of pictures, in pixels.
+pub const SIZE: [usize; 2] = [1280, 960];
+/// The colour of a surface without chains.
+pub const GOLD: Rgb = [224, 172, 98];
+const SKIN: Rgb = [222, 222, 224];
+
+/// One colour per vertex: that of the chain of the nearest atom. One chain is golden.
+pub fn chain_colors(structure: &Structure, mesh: &TriMesh) -> Result<Vec<Rgb>, NearestError> {
+    const CHAINS: [Rgb; 10] = [
+        [114, 158, 206],
+        [255, 176, 98],
+        [124, 190, 120],
+        [232, 124, 118],
+        [172, 146, 202],
+        [178, 138, 120],
+        [232, 158, 204],
+        [168, 168, 168],
+        [206, 204, 108],
+        [122, 204, 218],
+    ];
+    if structure.chains().len() < 2 {
+        return Ok(vec![GOLD; mesh.positions().len()]);
+    }
+    let mut chain_of = vec![0u32; structure.atoms().len()];
+    for chain in 0..structure.chains().len() {
+        for residue in structure.chain_residues(chain) {
+            chain_of[structure.residue_atoms(residue)].fill(chain as u32);
+        }
+    }
+    let centers: Vec<_> = structure.atoms().iter().map(|a| a.position).collect();
+    let queries: Vec<[f64; 3]> = mesh.positions().iter().map(|p| [p.x, p.y, p.z]).collect();
+    let near = PointTree::of_positions(&centers)?.nearest_to_all(&queries, 1)?;
+    Ok(near
+        .iter()
+        .map(|n| CHAINS[chain_of[n[0].index as usize] as usize % CHAINS.len()])
+        .collect())
+}
+
+/// Writes `NAME.ply`, `NAME.glb` and `NAME.png`, coloured by chain if there are chains.
+pub fn save_surface(
+    session: &Session,
+    name: &str,
+    mesh: &TriMesh,
+    structure: Option<&Structure>,
+) -> Result<(), Failure> {
+    let colors = match structure {
+        Some(structure) => chain_colors(structure, mesh)?,
+        None => vec![GOLD; mesh.positions().len()],
+    };
+    save_colored(session, name, mesh, &colors, None)
+}
+
+/// Writes `NAME.ply`, `NAME.glb` and `NAME.png`, coloured by the values of a field on the vertices.
+pub fn save_scalar(
+    session: &Session,
+    name: &str,
+    mesh: &TriMesh,
+    values: &[f64],
+    scale: Scale,
+) -> Result<(), Failure> {
+    let colors = scale.colors(values);
+    save_colored(session, name, mesh, &colors, Some(scale))
+}
+
+fn save_colored(
+    session: &Session,
+    name: &str,
+    mesh: &TriMesh,
+    colors: &[Rgb],
+    scale: Option<Scale>,
+) -> Result<(), Failure> {
+    let view = Fields::from(mesh).colored(rgba(colors))?;
+    io::mesh::save(session.output(format!("{name}.ply")), &view)?;
+    io::mesh::save(session.output(format!("{name}.glb")), &view)?;
+    picture_of_surface(session, name, mesh, Paint::Vertices(colors.to_vec()), scale)
+}
+
+/// Opaque colours.
+pub fn rgba(colors: &[Rgb]) -> Vec<[u8; 4]> {
+    colors.iter().map(|&[r, g, b]| [r, g, b, 255]).collect()
+}
+
+/// Notes the numbers and the audit of a surface in the report.
+pub fn note_surface(session: &Session, mesh: &TriMesh) -> Result<(), Failure> {
+    let audit = SurfaceAudit::of(mesh);
+    let counts = json!({ "surface_vertices": mesh.positions().len(), "surface_triangles": mesh.triangles().len() });
+    session.note("counts", counts)?;
+    let numbers = json!({
+        "area": mesh.area(),
+        "volume": mesh.volume(),
+        "closed": audit.boundary_edges.none(),
+        "manifold": audit.is_manifold(),
+        "parts": audit.components.len(),
+        "euler_characteristic": audit.euler_characteristic(),
+    });
+    session.note("surface", numbers)
+}
+
+/// Notes the numbers and the audit of a volume in the report.
+pub fn note_volume(session: &Session, mesh: &TetMesh) -> Result<(), Failure> {
+    let audit = VolumeAudit::of(mesh);
+    session.note(
+        "counts",
+        json!({ "vertices": mesh.positions().len(), "tetrahedra": mesh.tets().len() }),
+    )?;
+    let numbers = json!({
+        "volume": mesh.volume(),
+        "conforming": audit.is_conforming(),
+        "positive": audit.is_positive(),
+        "valid": audit.is_valid(),
+    });
+    session.note("volume", numbers)
+}
+
+/// Writes `NAME.png`: a surface, with a colour bar if the colours mean numbers.
+pub fn picture_of_surface(
+    session: &Session,
+    name: &str,
+    mesh: &TriMesh,
+    paint: Paint,
+    scale: Option<Scale>,
+) -> Result<(), Failure> {
+    let view = View::principal(mesh.positions()).turned(0.25, 0.2);
+    let mut scene = Scene::new(vec![Layer::surface(mesh, paint)], view);
+    scene.scale = scale;
+    scene
+        .draw(session.rasterizer()?, SIZE)?
+        .save(session.output(format!("{name}.png")))?;
+    Ok(())
+}
+
+/// Writes `NAME.vtu`, `NAME.msh` and `NAME.png`: regions, quality per tetrahedron, and a cut.
+pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), Failure> {
+    let measures = session
+        .device
+        .quality()
+        .measure(mesh.positions(), mesh.tets())?;
+    let field =
+        |value: fn(&Measures) -> f64| measures.iter().map(|m| value(m) as f32).collect::<Vec<_>>();
+    let low = field(|m| m.min_dihedral);
+    let high = field(|m| m.max_dihedral);
+    let shape = field(|m| m.joe_liu);
+    let fields = Fields::from(mesh)
+        .cell_field("min_dihedral", &low)?
+        .cell_field("max_dihedral", &high)?
+        .cell_field("joe_liu", &shape)?;
+    io::mesh::save(session.output(format!("{name}.vtu")), &fields)?;
+    io::mesh::save(session.output(format!("{name}.msh")), &Fields::from(mesh))?;
+    draw_volume(session, name, mesh, &measures)
+}
+
+/// Writes `NAME.png`: a cut through the mesh, each tetrahedron coloured by its smallest dihedral
+/// angle; regions other than the molecule are paler.
+pub fn picture_of_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), Failure> {
+    let measures = session
+        .device
+        .quality()
+        .measure(mesh.positions(), mesh.tets())?;
+    draw_volume(session, name, mesh, &measures)
+}
+
+fn draw_volume(
+    session: &Session,
+    name: &str,
+    mesh: &TetMesh,
+    measures: &[Measures],
+) -> Result<(), Failure> {
+    let scale = Scale::new(ColorMap::Viridis, [0.0, 70.0], "min dihedral / °");
+    let colors: Vec<Rgb> = measures
+        .iter()
+        .zip(mesh.regions())
+        .map(|(m, &region)| {
+            let color = scale.color(m.min_dihedral);
+            if region == mesh::INTERIOR {
+                color
+            } else {
+                let tint = region_color(region);
+                [0, 1, 2]
+                    .map(|k| ((u16::from(color[k]) + 3 * u16::from(tint[k].max(205))) / 4) as u8)
+            }
+        })
+        .collect();
+    let boxed = mesh
+        .kinds()
+        .iter()
+        .any(|k| matches!(k, mesh::VertexKind::BoxFace { .. }));
+    let front = if boxed {
+        View::along_axes(mesh.positions())
+    } else {
+        View::principal(mesh.positions())
+    };
+    let layers = cut_tets(mesh, &front, 0.5, &colors, SKIN);
+    let mut scene = Scene::new(layers, front.turned(0.28, 0.24));
+    scene.scale = Some(scale);
+    scene
+        .draw(session.rasterizer()?, SIZE)?
+        .save(session.output(format!("{name}.png")))?;
+    Ok(())
+}
+
+/// Writes `NAME.png`: smallest and largest dihedral angles before and after.
+pub fn picture_of_quality(
+    session: &Session,
+    name: &str,
+    before: &Summary,
+    after: &Summary,
+) -> Result<(), Failure> {
+    let counts = |h: &[usize]| h.iter().map(|&c| c as u64).collect::<Vec<_>>();
+    let both = |s: &Summary| {
+        // Smallest and largest angles of a tetrahedron lie on either side of 70.5°: one plot holds both.
+        counts(&s.min_dihedral_histogram)
+            .iter()
+            .zip(counts(&s.max_dihedral_histogram))
+            .map(|(a, b)| a + b)
+            .collect::<Vec<u64>>()
+    };
+    let (old, new) = (both(before), both(after));
+    let sets = [
+        Bars {
+            name: "before",
+            color: [204, 96, 66],
+            counts: &old,
+        },
+        Bars {
+            name: "after",
+            color: [52, 102, 178],
+            counts: &new,
+        },
+    ];
+    let title = format!(
+        "{} tetrahedra: {:.1}° … {:.1}° before, {:.1}° … {:.1}° after",
+        after.tets,
+        before.min_dihedral.min,
+        before.max_dihedral.max,
+        after.min_dihedral.min,
+        after.max_dihedral.max
+    );
+    let label = "smallest and largest dihedral angle per tetrahedron / °";
+    histogram(&sets, [0.0, 180.0], &title, label, [1100, 680])
+        .save(session.output(format!("{name}.png")))?;
+    Ok(())
+}
+
+/// The surface of the molecule in a mesh of tetrahedra, pointing out of it, whether the molecule is
+/// meshed or only what lies around it.
+pub fn molecule_surface(mesh: &TetMesh) -> TriMesh {
+    if mesh.regions().contains(&mesh::INTERIOR) {
+        return mesh.region_surface(mesh::INTERIOR);
+    }
+    let view = Fields::from(mesh);
+    let of_molecule = |group: u32| view.groups[group as usize].name == "molecule|exterior";
+    let mut number = vec![u32::MAX; mesh.positions().len()];
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    let faces = mesh.interfaces();
+    for (face, &group) in faces.iter().zip(&view.group_of[mesh.tets().len()..]) {
+        if of_molecule(group) {
+            // Seen from the other side: out of the molecule, into the mesh.
+            let [a, b, c] = face.triangle.map(|v| {
+                let new = &mut number[v as usize];
+                if *new == u32::MAX {
+                    *new = positions.len() as u32;
+                    positions.push(mesh.positions()[v as usize]);
+                }
+                *new
+            });
+            triangles.push([a, c, b]);
+        }
+    }
+    TriMesh::new(positions, triangles).expect("faces of a valid mesh")
+}

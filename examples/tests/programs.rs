@@ -1,0 +1,399 @@
+//! Runs every program on small inputs: outputs, report, errors in one line, the same bytes for any
+//! number of threads.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use geom_core::io::{self, mesh::AnyMesh};
+use geom_core::mesh::{SurfaceAudit, VolumeAudit};
+use serde_json::Value;
+
+/// A program of this package; `cargo test` builds them beside the tests.
+fn program(name: &str) -> Command {
+    let tests = std::env::current_exe().expect("this test has a path");
+    let folder = tests
+        .ancestors()
+        .nth(2)
+        .expect("in target/<profile>/deps")
+        .join("examples");
+    let path = folder.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
+    assert!(
+        path.exists(),
+        "no {}: run the whole suite, `cargo test -p biogeom-examples`",
+        path.display()
+    );
+    Command::new(path)
+}
+
+fn run(name: &str, args: &[&str], out: &Path) -> Output {
+    program(name)
+        .args(args)
+        .arg("--out")
+        .arg(out)
+        .output()
+        .expect("the program starts")
+}
+
+/// Runs a program that must succeed, with the CPU renderer, and gives its report.
+fn report_of(name: &str, args: &[&str], out: &Path) -> Value {
+    let output = run(
+        name,
+        &[args, &["--renderer", "cpu", "--quiet"]].concat(),
+        out,
+    );
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{name} {args:?}: {errors}");
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    for key in [
+        "program",
+        "version",
+        "input",
+        "options",
+        "backend",
+        "threads",
+        "stages",
+        "seconds",
+        "peak_bytes",
+        "outputs",
+        "counts",
+    ] {
+        assert!(
+            !report[key].is_null() || key == "peak_bytes",
+            "{name}: the report lacks {key}"
+        );
+    }
+    assert_eq!(report["program"], name);
+    for stage in report["stages"].as_array().unwrap() {
+        assert!(stage["name"].is_string() && stage["seconds"].as_f64().unwrap() >= 0.0);
+    }
+    // Exactly the files it names, none empty, no staging folder.
+    let mut named: Vec<String> = serde_json::from_value(report["outputs"].clone()).unwrap();
+    named.sort();
+    assert_eq!(
+        named,
+        contents(out).into_keys().collect::<Vec<_>>(),
+        "{name}"
+    );
+    report
+}
+
+/// All files in a folder.
+fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| {
+            let entry = entry.unwrap();
+            let bytes = std::fs::read(entry.path()).unwrap_or_default();
+            assert!(!bytes.is_empty(), "{} is empty", entry.path().display());
+            (entry.file_name().into_string().unwrap(), bytes)
+        })
+        .collect()
+}
+
+fn fixture(name: &str) -> String {
+    fixtures::path(name).to_str().unwrap().to_owned()
+}
+
+fn tets(path: PathBuf) -> geom_core::TetMesh {
+    match io::mesh::read(&path).unwrap().mesh {
+        AnyMesh::Tet(mesh) => mesh,
+        other => panic!("{}: {other:?}", path.display()),
+    }
+}
+
+fn assert_png(path: PathBuf) {
+    let bytes = std::fs::read(&path).unwrap();
+    let decoder = png::Decoder::new(std::io::Cursor::new(bytes));
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut pixels).unwrap();
+    // Not blank: pixels of many brightnesses.
+    let mut seen = [false; 256];
+    pixels.iter().for_each(|&p| seen[usize::from(p)] = true);
+    assert!(
+        seen.iter().filter(|&&s| s).count() > 60,
+        "{} is nearly blank",
+        path.display()
+    );
+}
+
+#[test]
+fn the_pipeline_gives_the_same_valid_mesh_for_any_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = fixture("1AJJ.pdb");
+    let mut outputs = Vec::new();
+    for threads in ["1", "2", "4"] {
+        let out = folder.path().join(threads);
+        let report = report_of(
+            "00_pipeline",
+            &[&input, "--spacing", "1", "--threads", threads],
+            &out,
+        );
+        assert_eq!(report["structure"]["atoms"], report["counts"]["atoms"]);
+        assert!(
+            report["quality"]["after"]["all"]["min_dihedral"]["min"]
+                .as_f64()
+                .unwrap()
+                >= 10.0
+        );
+        assert_eq!(report["quality"]["after"]["all"]["inverted"], 0);
+        assert!(report["quality"]["before"]["all"]["min_dihedral_histogram"].is_array());
+        assert_eq!(report["surface"]["closed"], true);
+        assert_eq!(report["surface"]["manifold"], true);
+        assert_eq!(report["volume"]["valid"], true);
+        let mut files = contents(&out);
+        files.remove("report.json");
+        outputs.push(files);
+    }
+    let names: Vec<_> = outputs[0].keys().map(String::as_str).collect();
+    assert_eq!(
+        names,
+        [
+            "quality.png",
+            "surface.glb",
+            "surface.ply",
+            "surface.png",
+            "volume.msh",
+            "volume.png",
+            "volume.vtu"
+        ]
+    );
+    for other in &outputs[1..] {
+        for (name, bytes) in &outputs[0] {
+            assert!(
+                other[name] == *bytes,
+                "{name} depends on the number of threads"
+            );
+        }
+    }
+
+    // The files say the same: a closed surface that is the boundary of the tetrahedra.
+    let out = folder.path().join("1");
+    let surface = io::mesh::read(out.join("surface.ply"))
+        .unwrap()
+        .mesh
+        .into_triangles();
+    assert!(SurfaceAudit::of(&surface).is_closed_manifold());
+    for file in ["volume.vtu", "volume.msh"] {
+        let mesh = tets(out.join(file));
+        assert!(VolumeAudit::of(&mesh).is_valid(), "{file}");
+        assert!(
+            (mesh.volume() / surface.volume() - 1.0).abs() < 1e-5,
+            "{file}"
+        );
+    }
+    for picture in ["surface.png", "volume.png", "quality.png"] {
+        assert_png(out.join(picture));
+    }
+}
+
+#[test]
+fn density_maps_come_back_as_surfaces() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("density");
+    let input = fixture("1AJJ.pdb");
+    let report = report_of("01_density", &[&input, "--spacing", "1"], &out);
+    let shares: Vec<f64> = report["k_a"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|b| b["points"].as_f64().unwrap())
+        .collect();
+    assert_eq!(shares.len(), 4);
+    assert!(
+        shares
+            .windows(2)
+            .all(|w| 0.0 < w[0] && w[0] <= w[1] && w[1] < 1.0),
+        "wider bands hold more: {shares:?}"
+    );
+    assert!(report["pairs"]["evaluated"].as_u64().unwrap() > 0);
+    assert_png(out.join("slices.png"));
+
+    let from_atoms = folder.path().join("surface");
+    let direct = report_of("02_surface", &[&input, "--spacing", "1"], &from_atoms);
+    for map in ["density.mrc", "density.dx"] {
+        let from_map = folder.path().join(map);
+        let grid = out.join(map);
+        let again = report_of(
+            "02_surface",
+            &[grid.to_str().unwrap(), "--isovalue", "1"],
+            &from_map,
+        );
+        let [a, b] = [&direct, &again].map(|r| r["surface"]["volume"].as_f64().unwrap());
+        // The same lattice, trilinear instead of analytic between its points.
+        assert!((a / b - 1.0).abs() < 0.05, "{map}: {a} Å³ against {b} Å³");
+        assert_eq!(again["surface"]["closed"], true);
+    }
+}
+
+#[test]
+fn tetrahedra_inside_and_outside_conform_and_improve() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("tets");
+    let input = fixture("1AJJ.pdb");
+    let args = [
+        &input,
+        "--spacing",
+        "1.5",
+        "--region",
+        "both",
+        "--outer",
+        "sphere:1.2",
+        "--slab",
+        "z:-5:5",
+    ];
+    let report = report_of("03_tets", &args.map(|a| a as &str), &out);
+    assert_eq!(report["volume"]["valid"], true);
+    let mesh = tets(out.join("volume.vtu"));
+    let mut regions: Vec<_> = mesh.regions().to_vec();
+    regions.sort_unstable();
+    regions.dedup();
+    assert_eq!(regions, [0, 1, 2]);
+
+    let better = folder.path().join("better");
+    let input = out.join("volume.msh");
+    let report = report_of(
+        "04_improve",
+        &[input.to_str().unwrap(), "--passes", "3"],
+        &better,
+    );
+    let angle = |when: &str| {
+        report["quality"][when]["all"]["min_dihedral"]["min"]
+            .as_f64()
+            .unwrap()
+    };
+    assert!(angle("after") >= angle("before"));
+    let improved = tets(better.join("improved.vtu"));
+    assert!(VolumeAudit::of(&improved).is_valid());
+    assert!(
+        (improved.volume() / mesh.volume() - 1.0).abs() < 1e-6,
+        "the sphere stays"
+    );
+}
+
+#[test]
+fn modes_of_a_mesh_and_of_a_structure() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("spot");
+    let report = report_of("06_modes", &[&fixture("spot.ply"), "--count", "6"], &out);
+    let values: Vec<f64> = serde_json::from_value(report["eigenvalues"].clone()).unwrap();
+    assert_eq!(values.len(), 6);
+    assert!(values[0].abs() < 1e-6 * values[1] && values.windows(2).all(|w| w[0] <= w[1]));
+    let residuals: Vec<f64> = serde_json::from_value(report["residuals"].clone()).unwrap();
+    assert!(residuals.iter().all(|&r| r < 1e-8), "{residuals:?}");
+    assert!(out.join("mode_06.glb").exists());
+    assert_png(out.join("modes.png"));
+    assert_png(out.join("spectrum.png"));
+
+    let out = folder.path().join("protein");
+    let report = report_of(
+        "06_modes",
+        &[&fixture("1AJJ.pdb"), "--spacing", "1.5", "--count", "3"],
+        &out,
+    );
+    assert_eq!(report["eigenvalues"].as_array().unwrap().len(), 3);
+}
+
+#[test]
+fn bad_input_is_one_line_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, content: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, content).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let good = fixture("1AJJ.pdb");
+    let empty = file("empty.pdb", "");
+    let wrong = file("wrong.pdb", "This is a letter, not a structure.\n");
+    let nan = file(
+        "nan.pdb",
+        "ATOM      1  CA  ALA A   1         NaN   0.000   0.000  1.00  0.00           C\n",
+    );
+    let no_grid = file("a.mrc", "MAP?");
+    let no_mesh = file("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\n");
+    let cases: &[(&str, &[&str], &str)] = &[
+        ("00_pipeline", &["absent.pdb"], "absent.pdb"),
+        ("00_pipeline", &[&empty], "empty.pdb"),
+        ("00_pipeline", &[&wrong], "wrong.pdb"),
+        ("01_density", &[&nan], "line 1"),
+        ("00_pipeline", &[&good, "--select", "name:XYZ"], "atoms"),
+        ("00_pipeline", &[&good, "--assembly", "99"], "99"),
+        ("00_pipeline", &[&good, "--spacing", "-1"], "spacing"),
+        (
+            "01_density",
+            &[&good, "--spacing", "0.001", "--max-memory", "100M"],
+            "memory",
+        ),
+        ("02_surface", &[&no_grid, "--isovalue", "1"], "a.mrc"),
+        (
+            "03_tets",
+            &[
+                &good,
+                "--spacing",
+                "2",
+                "--region",
+                "both",
+                "--outer",
+                "box:0.5",
+            ],
+            "outer",
+        ),
+        ("04_improve", &[&no_mesh], "a.ply"),
+        ("06_modes", &[&no_mesh], "a.ply"),
+    ];
+    for (name, args, says) in cases {
+        let out = folder.path().join("out/deep");
+        let output = run(name, args, &out);
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{name} {args:?}: {errors}");
+        let lines: Vec<_> = errors.lines().collect();
+        assert_eq!(lines.len(), 1, "{name} {args:?}: {errors}");
+        assert!(
+            errors.starts_with("error: ") && errors.contains(says),
+            "{name} {args:?}: {errors}"
+        );
+        assert!(
+            !folder.path().join("out").exists(),
+            "{name} {args:?} leaves something"
+        );
+    }
+    // Wrong options never start.
+    for args in [
+        &["--region", "inside"][..],
+        &["--threads", "0"],
+        &["--max-memory", "much"],
+    ] {
+        let output = run(
+            "00_pipeline",
+            &[&[good.as_str()], args].concat(),
+            &folder.path().join("out"),
+        );
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        assert!(!folder.path().join("out").exists());
+    }
+}
+
+#[test]
+fn every_program_explains_itself() {
+    for name in [
+        "00_pipeline",
+        "01_density",
+        "02_surface",
+        "03_tets",
+        "04_improve",
+        "06_modes",
+    ] {
+        let output = program(name).arg("--help").output().unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(
+            output.status.success() && text.contains("Examples:") && text.contains("Outputs:"),
+            "{name}"
+        );
+        assert!(
+            text.contains("--threads") && text.contains("--out <DIR>"),
+            "{name}: {text}"
+        );
+    }
+}
