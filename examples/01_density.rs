@@ -8,7 +8,7 @@ use biogeom_examples::picture::{ColorMap, Scale, sheet, slice};
 use biogeom_examples::{Failure, Session};
 use clap::Parser;
 use gauss_density::{Model, Options, sample, sample_band};
-use geom_core::{LatticeValues, ScalarGrid};
+use geom_core::{LatticeValues, ScalarGrid, io};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -32,7 +32,7 @@ Examples:
   01_density 1su4.pdb --spacing 1 --residue-power 0.05 --chain-power 0.5 --out blurred
   01_density 1ajj.pdb --bare-cutoff 1e-6 --out thesis
 
-Outputs: slices.png (through the middle along
+Outputs: density.mrc and density.dx (the map, for other programs), slices.png (through the middle along
 x, y and z; the white line is the surface), report.json. `k_a` there has the share of lattice points
 that a search near the surface analyses, for the thresholds of the thesis's Table 3.2: `points` of cells
 that meet the band, and `stored` by this program's bricks.";
@@ -91,6 +91,8 @@ fn density(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("k_a", shares)?;
 
     session.stage("files and pictures", || {
+        io::grid::save(session.output("density.mrc"), grid)?;
+        io::grid::save(session.output("density.dx"), grid)?;
         let scale = Scale::new(ColorMap::Viridis, [0.0, 2.0], "density G");
         let pictures: Vec<_> = [("along x", 0), ("along y", 1), ("along z", 2)]
             .map(|(title, axis)| {

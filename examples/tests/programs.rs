@@ -190,7 +190,7 @@ fn the_pipeline_gives_the_same_valid_mesh_for_any_number_of_threads() {
 }
 
 #[test]
-fn densities_are_shown_in_slices() {
+fn density_maps_come_back_as_surfaces() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("density");
     let input = fixture("1AJJ.pdb");
@@ -210,6 +210,22 @@ fn densities_are_shown_in_slices() {
     );
     assert!(report["pairs"]["evaluated"].as_u64().unwrap() > 0);
     assert_png(out.join("slices.png"));
+
+    let from_atoms = folder.path().join("surface");
+    let direct = report_of("02_surface", &[&input, "--spacing", "1"], &from_atoms);
+    for map in ["density.mrc", "density.dx"] {
+        let from_map = folder.path().join(map);
+        let grid = out.join(map);
+        let again = report_of(
+            "02_surface",
+            &[grid.to_str().unwrap(), "--isovalue", "1"],
+            &from_map,
+        );
+        let [a, b] = [&direct, &again].map(|r| r["surface"]["volume"].as_f64().unwrap());
+        // The same lattice, trilinear instead of analytic between its points.
+        assert!((a / b - 1.0).abs() < 0.05, "{map}: {a} Å³ against {b} Å³");
+        assert_eq!(again["surface"]["closed"], true);
+    }
 }
 
 #[test]
@@ -295,6 +311,7 @@ fn bad_input_is_one_line_and_leaves_nothing() {
         "nan.pdb",
         "ATOM      1  CA  ALA A   1         NaN   0.000   0.000  1.00  0.00           C\n",
     );
+    let no_grid = file("a.mrc", "MAP?");
     let no_mesh = file("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\n");
     let cases: &[(&str, &[&str], &str)] = &[
         ("00_pipeline", &["absent.pdb"], "absent.pdb"),
@@ -309,6 +326,7 @@ fn bad_input_is_one_line_and_leaves_nothing() {
             &[&good, "--spacing", "0.001", "--max-memory", "100M"],
             "memory",
         ),
+        ("02_surface", &[&no_grid, "--isovalue", "1"], "a.mrc"),
         (
             "03_tets",
             &[

@@ -1,12 +1,14 @@
 //! Dual vertices: where the point of each cell stands.
 
 use geom_core::mesh::{INTERIOR, Region, six_volume};
-use geom_core::{ImplicitField, Point3, Vector3};
+use geom_core::{Aabb, ImplicitField, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::Placement;
+use crate::backend::ContourBackend;
 use crate::complex::{Cell, Complex, Corner, corner_of};
+use crate::cpu::within;
 use crate::samples::{Samples, local};
+use crate::{Error, Placement};
 
 /// Share of its cell within which a dual vertex stays.
 const INSET: f64 = 0.98;
@@ -28,8 +30,10 @@ pub(crate) struct Duals {
 
 /// Finds where edges cross interfaces, and the surface near a point.
 pub(crate) struct Probe<'a> {
-    pub(crate) samples: &'a Samples,
+    pub(crate) samples: &'a Samples<'a>,
     pub(crate) field: Option<&'a dyn ImplicitField>,
+    /// Where the field holds: the box of the given values.
+    pub(crate) bounds: Aabb,
     pub(crate) placement: Placement,
 }
 
@@ -80,18 +84,36 @@ impl Probe<'_> {
         };
         let level = self.samples.labels.level;
         let at = |t: f64| field.value(&self.samples.domain.world(&(a.x + (b.x - a.x) * t))) - level;
-        let (mut low, mut high) = (0.0, 1.0);
-        let inside = a.value >= level;
-        let mut t = t;
-        for _ in 0..24 {
-            if (at(t) >= 0.0) == inside {
-                low = t;
+        // False position, with the kept end halved (Illinois): a handful of values instead of twenty.
+        let (mut low, mut high) = ((0.0, a.value - level), (1.0, b.value - level));
+        let (mut t, mut last) = (t, None);
+        for _ in 0..16 {
+            let f = at(t);
+            let is_low = (f >= 0.0) == (a.value >= level);
+            let (moved, kept) = if is_low {
+                (&mut low, &mut high)
             } else {
-                high = t;
+                (&mut high, &mut low)
+            };
+            *moved = (t, f);
+            if last == Some(is_low) {
+                kept.1 *= 0.5;
             }
-            t = 0.5 * (low + high);
+            last = Some(is_low);
+            let next = low.0 - low.1 * (high.0 - low.0) / (high.1 - low.1);
+            if !next.is_finite() || (next - t).abs() < 1e-4 {
+                break;
+            }
+            t = next.clamp(low.0, high.0);
         }
         t
+    }
+
+    /// The field at a point (Å), if there is one that holds there.
+    pub(crate) fn value(&self, x: &Point3) -> Option<f64> {
+        self.field
+            .filter(|_| self.bounds.contains(x))
+            .map(|f| f.value(x))
     }
 
     /// Value minus level and gradient per finest cell.
@@ -198,7 +220,12 @@ impl Probe<'_> {
 
 impl Duals {
     /// All points: at their base, or on the surface.
-    pub(crate) fn new(complex: &Complex<'_>, probe: &Probe<'_>, ghosts: bool) -> Self {
+    pub(crate) fn new<B: ContourBackend + ?Sized>(
+        complex: &Complex<'_>,
+        probe: &Probe<'_>,
+        boxed: bool,
+        backend: &B,
+    ) -> Result<Self, Error> {
         let leaves = &complex.tree.leaves;
         let moved: Vec<u32> = (0..leaves.len() as u32)
             .filter(|&id| complex.is_interface(id) && !complex.is_split(id))
@@ -207,11 +234,7 @@ impl Duals {
         for (i, &id) in moved.iter().enumerate() {
             rank[id as usize] = i as u32;
         }
-        let leaf_points = moved
-            .par_iter()
-            .with_min_len(256)
-            .map(|&id| leaf_point(complex, probe, id))
-            .collect();
+        let leaf_points = leaf_points(complex, probe, &moved, backend)?;
         let parts = complex
             .splits
             .par_iter()
@@ -228,28 +251,8 @@ impl Duals {
             ghost_points: Vec::new(),
             reduced: 0,
         };
-        if ghosts {
-            out.ghosts = (0..leaves.len() as u32)
-                .into_par_iter()
-                .with_min_len(1024)
-                .flat_map_iter(|id| {
-                    let leaf = complex.leaf(id);
-                    let (o, s) = (leaf.origin(), leaf.size());
-                    let halves = if complex.is_split(id) { 2 } else { 1 };
-                    let outer = move |face: usize| {
-                        let (axis, side) = (face / 2, face % 2);
-                        !leaf.void
-                            && if side == 0 {
-                                o[axis] == 0
-                            } else {
-                                o[axis] + s == complex.tree.cells[axis]
-                            }
-                    };
-                    (0..6usize)
-                        .filter(move |&f| outer(f))
-                        .flat_map(move |f| (0..halves).map(move |h| (id, (2 * f + h) as u8)))
-                })
-                .collect();
+        if boxed {
+            out.ghosts = ghosts(complex);
             out.ghost_points = out
                 .ghosts
                 .par_iter()
@@ -257,7 +260,7 @@ impl Duals {
                 .collect();
         }
         out.keep_positive(complex);
-        out
+        Ok(out)
     }
 
     pub(crate) fn ghost_index(&self, id: u32, half: u8) -> u32 {
@@ -416,6 +419,74 @@ impl Duals {
     }
 }
 
+/// The ghost cells of a box that is part of the mesh, in order.
+pub(crate) fn ghosts(complex: &Complex<'_>) -> Vec<(u32, u8)> {
+    (0..complex.tree.leaves.len() as u32)
+        .into_par_iter()
+        .with_min_len(1024)
+        .flat_map_iter(|id| {
+            let leaf = complex.leaf(id);
+            let (o, s) = (leaf.origin(), leaf.size());
+            let halves = if complex.is_split(id) { 2 } else { 1 };
+            let outer = move |face: usize| {
+                let (axis, side) = (face / 2, face % 2);
+                !leaf.void
+                    && if side == 0 {
+                        o[axis] == 0
+                    } else {
+                        o[axis] + s == complex.tree.cells[axis]
+                    }
+            };
+            (0..6usize)
+                .filter(move |&f| outer(f))
+                .flat_map(move |f| (0..halves).map(move |h| (id, (2 * f + h) as u8)))
+        })
+        .collect()
+}
+
+/// Newton steps of the kernel: more change nothing that a picture could show.
+const STEPS: u32 = 4;
+
+/// The dual vertices of leaves: finest ones in a density grid by the backend's kernel.
+fn leaf_points<B: ContourBackend + ?Sized>(
+    complex: &Complex<'_>,
+    probe: &Probe<'_>,
+    leaves: &[u32],
+    backend: &B,
+) -> Result<Vec<Point3>, Error> {
+    let samples = complex.samples;
+    let kernel =
+        samples.labels.plain() && probe.field.is_none() && probe.placement == Placement::Newton;
+    let (fine, rest): (Vec<u32>, Vec<u32>) = leaves
+        .iter()
+        .partition(|&&id| kernel && complex.leaf(id).log == 0);
+    let cells: Vec<[f32; 8]> = fine
+        .par_iter()
+        .with_min_len(256)
+        .map(|&id| samples.corners_over_level(complex.leaf(id).origin()))
+        .collect();
+    let mut fine_points = backend.dual_vertices(&cells, STEPS)?.into_iter();
+    let rest: Vec<Point3> = rest
+        .par_iter()
+        .with_min_len(256)
+        .map(|&id| leaf_point(complex, probe, id))
+        .collect();
+    let mut rest = rest.into_iter();
+    let mut next = |id: u32| {
+        if kernel && complex.leaf(id).log == 0 {
+            fine_points
+                .next()
+                .map(|x| within(complex.leaf(id).origin(), x))
+        } else {
+            rest.next()
+        }
+    };
+    Ok(leaves
+        .iter()
+        .map(|&id| next(id).expect("one point per leaf"))
+        .collect())
+}
+
 fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
     let leaf = complex.leaf(id);
     let (o, s) = (leaf.origin(), leaf.size());
@@ -426,7 +497,7 @@ fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
         Sample {
             x: local(p),
             label: frame.labels[i],
-            value: complex.samples.value_near(o, p).unwrap_or(0.0),
+            value: complex.samples.value(p),
         }
     };
     let mut crossings = Vec::with_capacity(12);
@@ -441,17 +512,12 @@ fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
 }
 
 /// Label, value and position of a corner.
-pub(crate) fn sample_corner(
-    complex: &Complex<'_>,
-    corner: Corner,
-    label: Region,
-    near: [i32; 3],
-) -> Sample {
+pub(crate) fn sample_corner(complex: &Complex<'_>, corner: Corner, label: Region) -> Sample {
     match corner {
         Corner::Point(p) => Sample {
             x: local(p),
             label,
-            value: complex.samples.value_near(near, p).unwrap_or(0.0),
+            value: complex.samples.value(p),
         },
         Corner::Centre(k) => Sample {
             x: complex.corner_position(corner),
@@ -467,14 +533,13 @@ fn part_point(complex: &Complex<'_>, probe: &Probe<'_>, k: u32, part: u8) -> Poi
     let leaf = complex.leaf(split.leaf);
     let labels = complex.corner_labels(leaf);
     let o = leaf.origin();
-    let mut corners = vec![sample_corner(complex, Corner::Centre(k), split.label, o)];
+    let mut corners = vec![sample_corner(complex, Corner::Centre(k), split.label)];
     corners.extend(split.triangle(part as usize).iter().map(|&i| {
         let p = corner_of(i);
         sample_corner(
             complex,
             Corner::Point([0, 1, 2].map(|k| o[k] + p[k])),
             labels[i],
-            o,
         )
     }));
     mean_of_crossings(probe, &corners)
@@ -501,7 +566,6 @@ fn ghost_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32, half: u8) -> P
                     complex,
                     Corner::Point([0, 1, 2].map(|k| o[k] + p[k])),
                     labels[i],
-                    o,
                 )
             })
             .collect();
@@ -519,7 +583,6 @@ fn ghost_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32, half: u8) -> P
                     complex,
                     Corner::Point([0, 1, 2].map(|k| o[k] + p[k] * s / 2)),
                     frame.labels[i],
-                    o,
                 )
             });
             sum += (a.x + (b.x - a.x) * probe.crossing(&a, &b)).coords;

@@ -41,7 +41,7 @@ pub(crate) fn feature_error(values: &[f64; 27], edge: f64, norm: ErrorNorm) -> f
 }
 
 struct Judge<'a> {
-    samples: &'a Samples,
+    samples: &'a Samples<'a>,
     options: &'a Options,
 }
 
@@ -132,7 +132,7 @@ fn shape_error(shape: &Shape, low: &Point3, edge: f64) -> f64 {
 }
 
 /// The cells that must be split because of what they hold.
-pub(crate) fn splits(samples: &Samples, options: &Options) -> Splits {
+pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
     let domain = &samples.domain;
     let ratio = (options.max_cell / domain.spacing).max(1.0).log2();
     let largest = if ratio < 30.0 {

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
 use crate::error::Error;
+use crate::method::Method;
 use crate::model::Model;
 use crate::options::Options;
 use crate::prepared::Prepared;
@@ -25,6 +26,12 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Sampled<BrickGrid>, Error> {
     options.check()?;
+    if options.method != Method::Tiles {
+        return Err(Error::Unsupported {
+            what: format!("a narrow band with method {:?}", options.method),
+            cure: "use method Tiles, or sample for a dense grid",
+        });
+    }
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;
     let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));

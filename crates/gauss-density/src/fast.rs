@@ -16,6 +16,8 @@ use crate::members::{Best, Members, largest};
 pub(crate) struct Cube {
     pub(crate) center: Point3,
     pub(crate) spacing: f64,
+    /// With tables where they fit, or one exponential per pair everywhere (the yardstick).
+    pub(crate) separable: bool,
 }
 
 /// Reusable arrays.
@@ -189,7 +191,8 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
         // The plane's table has no constant, the line's has.
         let plane = swing[0] + swing[1] + 2.0 * bend.abs();
         let line = e.constant.abs() + swing[2] + bend.abs();
-        (top, plane <= RANGE && line <= RANGE)
+        let fits = plane <= RANGE && line <= RANGE;
+        (top, fits && self.cube.separable)
     }
 
     #[inline(always)]

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
 use crate::error::Error;
+use crate::method::{self, Method, check_backend};
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
 use crate::prepared::{Prepared, lattice_box};
@@ -69,9 +70,15 @@ pub fn sample<B: DensityBackend + ?Sized>(
         floor: options.floor.unwrap_or(1e-3),
         ceiling: f64::INFINITY,
     };
+    let mut report = start_report(&prepared, &lattice, run.backend.name());
+    check_backend(options.method, &report.backend)?;
+    if options.method != Method::Tiles {
+        let (values, pairs) = method::everywhere(&prepared, &lattice, options, job.floor)?;
+        report.pairs = pairs;
+        return finish(report, lattice, values);
+    }
     let mut values = vec![0.0f32; lattice.len()];
     let [nx, ny, _] = lattice.counts;
-    let mut report = start_report(&prepared, &lattice, run.backend.name());
     for_each_batch(&prepared, &job, None, run, |blocks, results| {
         report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
         // By planes, so that every thread writes into its own part.
@@ -101,6 +108,14 @@ pub fn sample<B: DensityBackend + ?Sized>(
             });
         Ok(())
     })?;
+    finish(report, lattice, values)
+}
+
+fn finish(
+    mut report: Report,
+    lattice: Lattice,
+    values: Vec<f32>,
+) -> Result<Sampled<ScalarGrid>, Error> {
     report.stored_points = report.points;
     report.stored_share = 1.0;
     let grid = ScalarGrid::new(lattice, values)?;

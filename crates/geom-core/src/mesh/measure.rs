@@ -1,8 +1,8 @@
 //! Areas, volumes, normals, Euler characteristic.
 
-use std::collections::HashSet;
+use rayon::prelude::*;
 
-use super::{QuadMesh, TetMesh, TriMesh};
+use super::{EDGES, FACES, QuadMesh, Region, TetMesh, TriMesh};
 use crate::{Aabb, Point3, Vector3, parallel};
 
 /// Six times the signed volume of a tetrahedron: positive if `(b − a, c − a, d − a)` is right-handed.
@@ -13,25 +13,17 @@ pub fn six_volume([a, b, c, d]: [Point3; 4]) -> f64 {
 impl TriMesh {
     /// Twice the area of a triangle times its unit normal.
     pub fn doubled_area_normal(&self, triangle: usize) -> Vector3 {
-        let [a, b, c] = self.corners(triangle);
-        (b - a).cross(&(c - a))
+        doubled_area_normal(self.corners(triangle))
     }
 
     /// Area, Å².
     pub fn area(&self) -> f64 {
-        parallel::sum(self.triangles().len(), |t| {
-            0.5 * self.doubled_area_normal(t).norm()
-        })
+        area(self.positions(), self.triangles())
     }
 
     /// Enclosed volume, Å³; meaningful for closed oriented surfaces only.
     pub fn volume(&self) -> f64 {
-        // Relative to the middle of the box, so that far-away meshes lose no digits.
-        let o = self.bounds().center();
-        parallel::sum(self.triangles().len(), |t| {
-            let [a, b, c] = self.corners(t);
-            (a - o).cross(&(b - o)).dot(&(c - o)) / 6.0
-        })
+        enclosed_volume(self.positions(), self.triangles())
     }
 
     /// Bounding box of all vertices.
@@ -42,21 +34,7 @@ impl TriMesh {
     /// Unit normal per vertex, weighted by the corner angles; zero at vertices without a proper
     /// triangle.
     pub fn vertex_normals(&self) -> Vec<Vector3> {
-        let mut normals = vec![Vector3::zeros(); self.positions().len()];
-        for (t, corners) in self.triangles().iter().enumerate() {
-            let p = self.corners(t);
-            let Some(n) = self.doubled_area_normal(t).try_normalize(0.0) else {
-                continue;
-            };
-            for k in 0..3 {
-                let (u, v) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
-                normals[corners[k] as usize] += n * u.angle(&v);
-            }
-        }
-        for n in &mut normals {
-            *n = n.try_normalize(0.0).unwrap_or_else(Vector3::zeros);
-        }
-        normals
+        vertex_normals(self.positions(), self.triangles())
     }
 
     /// Used vertices − edges + triangles.
@@ -66,6 +44,26 @@ impl TriMesh {
 }
 
 impl QuadMesh {
+    /// The four corner positions of a quad.
+    pub fn corners(&self, quad: usize) -> [Point3; 4] {
+        self.quads()[quad].map(|v| self.positions()[v as usize])
+    }
+
+    /// Area, Å²: that of the triangles left and right of each quad's diagonal from its first corner.
+    pub fn area(&self) -> f64 {
+        area(self.positions(), self.quads())
+    }
+
+    /// Volume enclosed by the same triangles, Å³; meaningful for closed oriented surfaces only.
+    pub fn volume(&self) -> f64 {
+        enclosed_volume(self.positions(), self.quads())
+    }
+
+    /// Unit normal per vertex, weighted by the corner angles; zero at vertices without a proper quad.
+    pub fn vertex_normals(&self) -> Vec<Vector3> {
+        vertex_normals(self.positions(), self.quads())
+    }
+
     /// Used vertices − edges + quads.
     pub fn euler_characteristic(&self) -> i64 {
         euler(self.quads())
@@ -85,19 +83,100 @@ impl TetMesh {
     pub fn volume(&self) -> f64 {
         parallel::sum(self.tets().len(), |t| self.six_volume(t) / 6.0)
     }
+    /// Sum of the signed volumes of a region's tetrahedra, Å³.
+    pub fn region_volume(&self, region: Region) -> f64 {
+        parallel::sum(self.tets().len(), |t| {
+            if self.regions()[t] == region {
+                self.six_volume(t) / 6.0
+            } else {
+                0.0
+            }
+        })
+    }
+    /// Used vertices − edges + faces − tetrahedra: components − tunnels + cavities.
+    pub fn euler_characteristic(&self) -> i64 {
+        let tets = self.tets();
+        let faces = count(tets.iter().flat_map(|t| {
+            FACES.map(|f| {
+                let mut face = f.map(|k| t[k]);
+                face.sort_unstable();
+                face
+            })
+        }));
+        let edges = count(
+            tets.iter()
+                .flat_map(|t| EDGES.map(|[a, b]| undirected(t[a], t[b]))),
+        );
+        let vertices = count(tets.iter().flatten().copied());
+        vertices - edges + faces - tets.len() as i64
+    }
     /// Bounding box of all vertices.
     pub fn bounds(&self) -> Aabb {
         Aabb::of_points(self.positions())
     }
 }
 
+fn doubled_area_normal([a, b, c]: [Point3; 3]) -> Vector3 {
+    (b - a).cross(&(c - a))
+}
+
+/// The triangles of a face, from its first corner.
+fn fan<const N: usize>(positions: &[Point3], face: [u32; N]) -> impl Iterator<Item = [Point3; 3]> {
+    let p = face.map(|v| positions[v as usize]);
+    (1..N - 1).map(move |k| [p[0], p[k], p[k + 1]])
+}
+
+fn area<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> f64 {
+    parallel::sum(faces.len(), |f| {
+        let triangles = fan(positions, faces[f]);
+        triangles.map(|t| 0.5 * doubled_area_normal(t).norm()).sum()
+    })
+}
+
+fn enclosed_volume<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> f64 {
+    // Relative to the middle of the box, so that far-away meshes lose no digits.
+    let o = Aabb::of_points(positions).center();
+    parallel::sum(faces.len(), |f| {
+        fan(positions, faces[f])
+            .map(|[a, b, c]| (a - o).cross(&(b - o)).dot(&(c - o)) / 6.0)
+            .sum()
+    })
+}
+
+fn vertex_normals<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> Vec<Vector3> {
+    let mut normals = vec![Vector3::zeros(); positions.len()];
+    for corners in faces {
+        let p = corners.map(|v| positions[v as usize]);
+        let sum: Vector3 = fan(positions, *corners).map(doubled_area_normal).sum();
+        let Some(n) = sum.try_normalize(0.0) else {
+            continue;
+        };
+        for k in 0..N {
+            let (u, v) = (p[(k + 1) % N] - p[k], p[(k + N - 1) % N] - p[k]);
+            normals[corners[k] as usize] += n * u.angle(&v);
+        }
+    }
+    for n in &mut normals {
+        *n = n.try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+    }
+    normals
+}
+
+fn undirected(a: u32, b: u32) -> [u32; 2] {
+    [a.min(b), a.max(b)]
+}
+
+/// Different elements.
+fn count<T: Ord + Send>(elements: impl Iterator<Item = T>) -> i64 {
+    let mut elements: Vec<T> = elements.collect();
+    elements.par_sort_unstable();
+    elements.dedup();
+    elements.len() as i64
+}
+
 fn euler<const N: usize>(faces: &[[u32; N]]) -> i64 {
-    let mut edges: Vec<[u32; 2]> = faces
+    let edges = faces
         .iter()
-        .flat_map(|f| (0..N).map(|k| [f[k].min(f[(k + 1) % N]), f[k].max(f[(k + 1) % N])]))
-        .collect();
-    edges.sort_unstable();
-    edges.dedup();
-    let vertices: HashSet<u32> = faces.iter().flatten().copied().collect();
-    vertices.len() as i64 - edges.len() as i64 + faces.len() as i64
+        .flat_map(|f| (0..N).map(|k| undirected(f[k], f[(k + 1) % N])));
+    count(faces.iter().flatten().copied()) - count(edges) + faces.len() as i64
 }

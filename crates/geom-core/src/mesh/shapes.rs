@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
-use super::{EXTERIOR, INTERIOR, TetMesh, TriMesh, VertexKind};
+use super::{EXTERIOR, INTERIOR, QuadMesh, TetMesh, TriMesh, VertexKind};
 use crate::{Point3, Vector3};
 
 /// A sphere about the origin: the icosahedron with `levels` 1-to-4 subdivisions, vertices on the
@@ -71,6 +71,88 @@ pub fn icosphere(radius: f64, levels: u32) -> TriMesh {
         .map(|d| Point3::from(d * radius))
         .collect();
     TriMesh::new(positions, triangles).expect("a subdivided icosahedron is valid")
+}
+
+/// An ellipsoid about the origin with these semi-axes along x, y and z: the [`icosphere`] of radius 1,
+/// stretched.
+pub fn ellipsoid(semi_axes: Vector3, levels: u32) -> TriMesh {
+    let (positions, triangles) = icosphere(1.0, levels).into_parts();
+    let positions = positions
+        .iter()
+        .map(|p| Point3::from(p.coords.component_mul(&semi_axes)));
+    TriMesh::new(positions.collect(), triangles).expect("a stretched sphere is valid")
+}
+
+/// A closed cylinder about the z axis between `z = 0` and `z = height`: a prism of `around` sides,
+/// edges on the cylinder, cut into `along` layers, with a fan of triangles as each end.
+/// `2 · around · (along + 1)` triangles; `around ≥ 3`, `along ≥ 1`.
+pub fn cylinder(radius: f64, height: f64, around: u32, along: u32) -> TriMesh {
+    let mut positions: Vec<Point3> = (0..=along)
+        .flat_map(|j| (0..around).map(move |i| (i, j)))
+        .map(|(i, j)| {
+            let u = TAU * f64::from(i) / f64::from(around);
+            let z = height * f64::from(j) / f64::from(along);
+            Point3::new(radius * u.cos(), radius * u.sin(), z)
+        })
+        .collect();
+    let at = |i: u32, j: u32| j * around + i % around;
+    let mut triangles: Vec<[u32; 3]> = (0..along)
+        .flat_map(|j| (0..around).map(move |i| (i, j)))
+        .flat_map(|(i, j)| {
+            let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+            [[a, b, c], [a, c, d]]
+        })
+        .collect();
+    let bottom = positions.len() as u32;
+    positions.extend([Point3::origin(), Point3::new(0.0, 0.0, height)]);
+    for i in 0..around {
+        triangles.push([bottom, at(i + 1, 0), at(i, 0)]);
+        triangles.push([bottom + 1, at(i, along), at(i + 1, along)]);
+    }
+    TriMesh::new(positions, triangles).expect("a prism of at least three sides is valid")
+}
+
+/// A sphere about the origin: the cube of `n × n` quads per side, mapped to the sphere so that edges of
+/// the cube become great circles. `6 n²` quads, `n ≥ 1`.
+pub fn quad_sphere(radius: f64, n: u32) -> QuadMesh {
+    let (mut positions, mut number) = (Vec::new(), HashMap::new());
+    let mut vertex = |lattice: [i64; 3]| {
+        *number.entry(lattice).or_insert_with(|| {
+            // Equal angles along each edge of the cube.
+            let side = lattice.map(|c| (c as f64 / f64::from(n) * (TAU / 8.0)).tan());
+            positions.push(Point3::from(Vector3::from(side).normalize() * radius));
+            positions.len() as u32 - 1
+        })
+    };
+    let n = i64::from(n);
+    let mut quads = Vec::new();
+    for (axis, side) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
+        for i in 0..n {
+            for j in 0..n {
+                // Counter-clockwise seen from the positive side of the axis.
+                let mut corners = [[0, 0], [1, 0], [1, 1], [0, 1]].map(|[di, dj]| {
+                    let mut p = [0; 3];
+                    p[axis] = side * n;
+                    p[(axis + 1) % 3] = 2 * (i + di) - n;
+                    p[(axis + 2) % 3] = 2 * (j + dj) - n;
+                    vertex(p)
+                });
+                if side < 0 {
+                    corners.reverse();
+                }
+                quads.push(corners);
+            }
+        }
+    }
+    QuadMesh::new(positions, quads).expect("a mapped cube is valid")
+}
+
+/// A torus about the z axis as in [`torus`], of `around · along` quads.
+pub fn quad_torus(major: f64, minor: f64, around: u32, along: u32) -> QuadMesh {
+    let (positions, triangles) = torus(major, minor, around, along).into_parts();
+    let (pairs, _) = triangles.as_chunks::<2>();
+    let quads = pairs.iter().map(|&[[a, b, c], [_, _, d]]| [a, b, c, d]);
+    QuadMesh::new(positions, quads.collect()).expect("a torus grid of at least 3 × 3 is valid")
 }
 
 /// A torus about the z axis: tube radius `minor` around a circle of radius `major`, with

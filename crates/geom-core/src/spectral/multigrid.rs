@@ -42,7 +42,7 @@ impl Rows32 {
         }
     }
 
-    fn rows(&self) -> usize {
+    pub(crate) fn rows(&self) -> usize {
         self.starts.len() - 1
     }
 
@@ -52,6 +52,7 @@ impl Rows32 {
         T: From<f32>,
     {
         match columns {
+            0 => {}
             4 => self.add::<T, 4>(scale, block, out),
             8 => self.add::<T, 8>(scale, block, out),
             16 => self.add::<T, 16>(scale, block, out),
@@ -234,6 +235,9 @@ impl<'a> Multigrid<'a> {
     }
 
     fn descend<T: Real + From<f32>>(&self, depth: usize, b: &[T], columns: usize) -> Vec<T> {
+        if columns == 0 {
+            return Vec::new();
+        }
         let Some(level) = self.levels.get(depth) else {
             let mut x = vec![T::default(); b.len()];
             self.coarsest.add_product(T::from(1.0), b, columns, &mut x);
@@ -242,6 +246,7 @@ impl<'a> Multigrid<'a> {
         let mut x = vec![T::default(); b.len()];
         let mut r = b.to_vec();
         level.smooth(&mut x, &mut r, b, columns);
+        level.residual(&mut r, &x, b, columns);
         let mut coarse = vec![T::default(); level.restrict.rows() * columns];
         level
             .restrict
@@ -257,10 +262,13 @@ impl<'a> Multigrid<'a> {
 }
 
 impl Level<'_> {
-    /// Smooths x, with its residual in r; r is up to date afterwards.
+    /// Smooths x, with its residual in r, which is not up to date afterwards.
     fn smooth<T: Real + From<f32>>(&self, x: &mut [T], r: &mut [T], b: &[T], columns: usize) {
         let mut d = vec![T::default(); x.len()];
-        for [first, second] in self.steps {
+        for (k, [first, second]) in self.steps.into_iter().enumerate() {
+            if k > 0 {
+                self.residual(r, x, b, columns);
+            }
             let (first, second) = (T::from(first), T::from(second));
             x.par_chunks_mut(ROWS * columns)
                 .zip(d.par_chunks_mut(ROWS * columns))
@@ -276,7 +284,6 @@ impl Level<'_> {
                         }
                     }
                 });
-            self.residual(r, x, b, columns);
         }
     }
 
