@@ -15,7 +15,7 @@
 use std::fmt;
 use std::path::Path;
 
-use super::assembly::Assembly;
+use super::assembly::{Assembly, Copies};
 use super::{Error, ErrorKind, mmcif, pdb, pqr, read_bytes};
 use crate::Structure;
 use crate::id::MAX_ELEMENTS;
@@ -160,6 +160,11 @@ impl Format {
         let name = name.to_string_lossy().to_ascii_lowercase();
         let stem = name.strip_suffix(".gz").unwrap_or(&name);
         match stem.rsplit_once('.').map(|(_, e)| e) {
+            Some("pqr") if pdb::has_elements(content) => Err(ErrorKind::expected(
+                "rows that end with charge and radius in a PQR file",
+                "the columns of a PDB file (rename it to .pdb)",
+            )
+            .into()),
             Some("pqr") => Ok(Self::Pqr),
             Some("cif" | "mmcif") => Ok(Self::Mmcif),
             Some("bcif" | "mmtf" | "bcif2") => Err(ErrorKind::Unsupported(
@@ -478,14 +483,15 @@ impl Records {
                 };
                 return Err(ErrorKind::expected(format!("an assembly ({known})"), name).into());
             };
-            let copies = assembly.copies(&self.parts)?;
-            report.copies = copies.transforms.len();
+            let Copies { sets, copies } = assembly.copies(&self.parts)?;
+            report.copies = copies.len();
+            let flags = |set: &Option<Vec<u32>>| {
+                let has = |part| set.as_ref().is_none_or(|s| s.binary_search(part).is_ok());
+                parts.iter().map(has).collect()
+            };
+            let sets: Vec<Vec<bool>> = sets.iter().map(flags).collect();
             structure = structure
-                .copies(
-                    &copies.transforms,
-                    |k, r| copies.includes(k, parts[r]),
-                    options.max_atoms,
-                )
+                .copies(&sets, &copies, options.max_atoms)
                 .map_err(|e| too_large(e.atoms, options.max_atoms))?;
             if structure.atoms().is_empty() {
                 let reason = format!(" left: assembly {name} names none of the chains kept");
