@@ -1,7 +1,21 @@
 //! Molecular structures from PDB, mmCIF and PQR files, each also gzip-compressed.
 //!
-//! The readers of the formats ([`pdb`](super::pdb), [`mmcif`](super::mmcif), [`pqr`](super::pqr))
-//! only say what stands in a file; what is kept of it is decided here, once for all formats.
+//! The readers of the formats only say what stands in a file; what is kept of it is decided here,
+//! once for all formats.
+//!
+//! Files in use deviate from their formats, and are read nevertheless:
+//!
+//! * **PDB**: serial numbers beyond 99,999 (hybrid-36, hexadecimal, or shifting the row); chains of
+//!   two characters, or none but segments or `TER`; columns 73–80 from before 1996; names without
+//!   an element column, aligned or not (CHARMM); `BIOMT` operators numbered beyond 999; models
+//!   without `MODEL`; chains and residues whose rows take turns.
+//! * **mmCIF**: categories in any order, single items or loops, any number of data blocks (the first
+//!   with atoms counts); author's names where there are any; products of operators as
+//!   `(1-60)(61-88)`.
+//! * **PQR**: free format, with or without chains, columns that touch.
+//!
+//! What cannot be read is an [`Error`] with file and line, also a file that was cut off: in the
+//! middle of a row, a PDB entry without `END`, or an mmCIF file without the `#` behind its atoms.
 //!
 //! ```
 //! use geom_core::io::structure::{read, ReadOptions};
