@@ -351,6 +351,35 @@ fn residues_that_exclude_each_other_may_alternate_row_by_row() {
 }
 
 #[test]
+fn residues_of_an_mmcif_file_are_told_apart_by_their_place_in_the_sequence() {
+    let items = [
+        "label_atom_id",
+        "label_comp_id",
+        "label_asym_id",
+        "label_seq_id",
+        "auth_seq_id",
+        "Cartn_x",
+        "Cartn_y",
+        "Cartn_z",
+    ];
+    let mut text = "data_x\nloop_\n".to_owned();
+    for item in items {
+        text += &format!("_atom_site.{item}\n");
+    }
+    // Insertion codes are lost, as in rRNA entries that were edited.
+    for (place, residue) in [(1, "C"), (2, "C"), (3, "G"), (4, "C")] {
+        for name in ["P", "C1'"] {
+            text += &format!("{name} {residue} A {place} 189 {place} 0 0\n");
+        }
+    }
+    let s = parse(text.as_bytes(), Format::Mmcif, &ReadOptions::default())
+        .unwrap()
+        .structure;
+    assert_eq!(s.residue_starts(), [0, 2, 4, 6, 8]);
+    assert!(s.residues().iter().all(|r| r.number == 189));
+}
+
+#[test]
 fn dummies_of_a_membrane_are_its_planes() {
     let dummy = |z: f64| format!("HETATM    1  N   DUM     1       0.000   0.000{z:8.3}\n");
     let text = [

@@ -231,6 +231,7 @@ impl Reader {
                 insertion,
                 kind: ResidueKind::Polymer,
             },
+            sequence: 0,
             chain: chain_index,
             part: found.parts.index(chain.as_str().as_bytes()),
             domain: found.domains.len() as u32 - 1,

@@ -194,6 +194,7 @@ fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, Erro
                 false => ResidueKind::Polymer,
             },
         },
+        sequence: 0,
         chain: match chain_name.is_empty() {
             true => found.chains.index(&mark.repeat(segment)),
             false => found.chains.index(chain),

@@ -316,6 +316,8 @@ pub fn parse(
 pub(super) struct Record {
     pub(super) atom: Atom,
     pub(super) residue: Residue,
+    /// Place in the entity's sequence (mmCIF), which tells residues apart whose numbers do not.
+    pub(super) sequence: i32,
     /// Index into [`Records::chains`].
     pub(super) chain: u32,
     /// Index into [`Records::parts`]: what assembly generators name.
@@ -324,6 +326,25 @@ pub(super) struct Record {
     pub(super) domain: u32,
     pub(super) altloc: u8,
     pub(super) occupancy: f32,
+}
+
+impl Record {
+    /// What the rows of a residue have in common, and those of residues that exclude each other.
+    fn place(&self) -> (u32, u32, i32, Name, i32) {
+        let Residue {
+            number, insertion, ..
+        } = self.residue;
+        (self.domain, self.chain, number, insertion, self.sequence)
+    }
+
+    /// What tells residues at one place apart.
+    fn identity(&self) -> (Name, u32) {
+        (self.residue.name, self.part)
+    }
+
+    fn same_residue(&self, other: &Self) -> bool {
+        self.place() == other.place() && self.identity() == other.identity()
+    }
 }
 
 /// Everything that a reader of one format finds.
@@ -558,31 +579,26 @@ impl Records {
             .collect()
     }
 
-    /// Residues that share a place in the sequence may take turns row by row.
+    /// Residues that exclude each other may take turns row by row.
     fn untangle(&mut self) {
-        let place = |r: &Record| {
-            let place = (r.residue.number, r.residue.insertion);
-            (r.domain, r.chain, r.part, place)
-        };
-        for group in self.groups(place) {
+        for group in self.groups(Record::place) {
             let records = &mut self.records[group];
-            let first = records[0].residue.name;
-            if records.iter().all(|r| r.residue.name == first) {
+            if records.iter().all(|r| r.altloc == b' ') {
                 continue;
             }
-            let mut names: Vec<Name> = Vec::new();
+            let mut order = Vec::new();
             for r in records.iter() {
-                if !names.contains(&r.residue.name) {
-                    names.push(r.residue.name);
+                if !order.contains(&r.identity()) {
+                    order.push(r.identity());
                 }
             }
-            records.sort_by_key(|r| names.iter().position(|n| *n == r.residue.name));
+            records.sort_by_key(|r| order.iter().position(|i| *i == r.identity()));
         }
     }
 
     /// The kind of each residue, beyond what the format says: water and ions by name and size.
     fn classify(&mut self) {
-        for group in self.groups(|r| (r.domain, r.chain, r.part, residue_key(&r.residue))) {
+        for group in self.groups(|r| (r.place(), r.identity())) {
             let first = &self.records[group.start];
             let name = first.residue.name;
             let single = {
@@ -608,10 +624,9 @@ impl Records {
         if policy == AltLocs::All || self.records.iter().all(|r| r.altloc == b' ') {
             return;
         }
-        // Residues that exclude each other share a place in the sequence, not always the name.
-        let place = |r: &Record| (r.domain, r.chain, r.residue.number, r.residue.insertion);
         let mut kept = vec![true; self.records.len()];
-        for group in self.groups(place) {
+        // Residues that exclude each other share a place, not always the name.
+        for group in self.groups(Record::place) {
             let records = &self.records[group.clone()];
             // Summed occupancies per label and residue name, labels in alphabetical order.
             let mut sums: Vec<(u8, Name, f64)> = Vec::new();
@@ -693,10 +708,10 @@ impl Records {
             let polymer: Vec<_> = chain
                 .filter(|&i| self.records[i].residue.kind == ResidueKind::Polymer)
                 .collect();
-            let key = |i: usize| residue_key(&self.records[i].residue);
             let mut alone = Vec::new();
             let mut count = 0;
-            for residue in polymer.chunk_by(|&a, &b| key(a) == key(b)) {
+            for residue in polymer.chunk_by(|&a, &b| self.records[a].same_residue(&self.records[b]))
+            {
                 count += 1;
                 if let [i] = *residue {
                     let atom = &self.records[i].atom;
@@ -742,10 +757,7 @@ impl Records {
         for r in &self.records {
             let domain = before.is_none_or(|b| b.domain != r.domain);
             let chain = domain || before.is_none_or(|b| b.chain != r.chain);
-            let residue = chain
-                || before.is_none_or(|b| {
-                    residue_key(&b.residue) != residue_key(&r.residue) || b.part != r.part
-                });
+            let residue = chain || before.is_none_or(|b| !b.same_residue(r));
             if domain {
                 let (model, copy) = self.domains[r.domain as usize];
                 builder.domain(model, copy);
@@ -769,10 +781,6 @@ impl Records {
 
 /// Ends the names of chains that have none in the file but are told apart by `TER`.
 pub(super) const SEGMENT_MARK: char = '\u{1}';
-
-fn residue_key(residue: &Residue) -> (i32, Name, Name) {
-    (residue.number, residue.insertion, residue.name)
-}
 
 fn left_over(report: &ReadReport) -> String {
     let dropped = [
