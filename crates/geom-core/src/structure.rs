@@ -110,13 +110,16 @@ impl Element {
         SYMBOLS.get(self.0 as usize).copied().unwrap_or("X")
     }
 
-    /// Van der Waals radius, Å: Bondi 1964, Rowland & Taylor 1996 for hydrogen, and Alvarez-like
-    /// defaults of 2.0 Å for what neither lists.
+    /// Van der Waals radius, Å: Bondi 1964 (J. Phys. Chem. 68, 441), for hydrogen Rowland & Taylor
+    /// 1996 (J. Phys. Chem. 100, 7384), for main-group elements that Bondi lacks Mantina et al. 2009
+    /// (J. Phys. Chem. A 113, 5806); 2.0 Å where none lists one, and carbon's where the element is
+    /// unknown.
     pub fn vdw_radius(self) -> f64 {
         match self.0 {
             1 => 1.10,
             2 => 1.40,
             3 => 1.82,
+            4 => 1.53,
             5 => 1.92,
             6 => 1.70,
             7 => 1.55,
@@ -125,6 +128,7 @@ impl Element {
             10 => 1.54,
             11 => 2.27,
             12 => 1.73,
+            13 => 1.84,
             14 => 2.10,
             15 | 16 => 1.80,
             17 => 1.75,
@@ -134,19 +138,30 @@ impl Element {
             28 => 1.63,
             29 => 1.40,
             30 => 1.39,
+            31 => 1.87,
+            32 => 2.11,
             33 => 1.85,
             34 => 1.90,
             35 => 1.85,
             36 => 2.02,
+            37 => 3.03,
+            38 => 2.49,
             46 => 1.63,
             47 => 1.72,
             48 => 1.58,
+            49 => 1.93,
+            50 => 2.17,
+            51 | 52 => 2.06,
             53 => 1.98,
             54 => 2.16,
+            55 => 3.43,
+            56 => 2.68,
             78 => 1.75,
             79 => 1.66,
             80 => 1.55,
+            81 => 1.96,
             82 => 2.02,
+            83 => 2.07,
             92 => 1.86,
             0 => 1.70,
             _ => 2.0,

@@ -503,7 +503,7 @@ fn bad_input_names_file_and_line() {
     contains(
         "a.pdb",
         b"ply\nformat ascii 1.0\n",
-        "no atoms in this PDB file",
+        "no atoms in this PDB file, which begins with \"ply\"",
     );
     contains("a.xyz", b"3\nwater\n", "expected a PDB, mmCIF or PQR file");
     contains("a.bcif", &[0x83, 1, 2], "use the mmCIF file");

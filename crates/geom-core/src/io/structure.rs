@@ -308,6 +308,18 @@ pub fn parse(
         Format::Mmcif => mmcif::parse(content, options.models),
         Format::Pqr => pqr::parse(content, options.models),
     }?;
+    if records.models == 0 {
+        let text = String::from_utf8_lossy(content.trim_ascii_start());
+        let first: String = text
+            .lines()
+            .next()
+            .unwrap_or_default()
+            .chars()
+            .take(40)
+            .collect();
+        let reason = format!(" in this {format} file, which begins with {first:?}");
+        return Err(ErrorKind::NoAtoms(reason).into());
+    }
     records.keep(format, options)
 }
 
@@ -469,14 +481,8 @@ impl Records {
             warnings: std::mem::take(&mut self.warnings),
         };
         if self.records.is_empty() {
-            return Err(match options.models {
-                Models::Number(n) if self.models > 0 => ErrorKind::NoAtoms(format!(
-                    " in model {n}: the file has {} models",
-                    self.models
-                )),
-                _ => ErrorKind::NoAtoms(format!(" in this {format} file")),
-            }
-            .into());
+            let reason = format!(" in model {}: the file has {}", options.models, self.models);
+            return Err(ErrorKind::NoAtoms(format!("{reason} models")).into());
         }
         if self.records.len() > options.max_atoms {
             return Err(too_large(self.records.len() as u128, options.max_atoms));
