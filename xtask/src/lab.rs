@@ -7,6 +7,8 @@ mod bench;
 mod python;
 #[cfg(feature = "lab")]
 mod spectra;
+#[cfg(feature = "lab")]
+mod thesis;
 
 use clap::Subcommand;
 
@@ -23,6 +25,11 @@ pub(crate) enum Chore {
         #[arg(long)]
         large: bool,
     },
+    /// A table of the thesis beside ours, on the structures at hand.
+    Thesis {
+        /// Its number: 3.1, 3.2, 3.3, 3.4.
+        table: String,
+    },
 }
 
 #[cfg(feature = "lab")]
@@ -30,6 +37,7 @@ pub(crate) fn run(chore: &Chore) -> Outcome {
     match chore {
         Chore::Bench => bench::run(),
         Chore::Spectra { large } => spectra::run(*large),
+        Chore::Thesis { table } => thesis::run(table),
     }
 }
 
