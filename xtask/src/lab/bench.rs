@@ -63,14 +63,7 @@ fn density(
     let bytes: Vec<u8> = structure
         .atoms()
         .iter()
-        .flat_map(|a| {
-            [
-                a.position.x,
-                a.position.y,
-                a.position.z,
-                f64::from(a.radius),
-            ]
-        })
+        .flat_map(|a| [a.position.x, a.position.y, a.position.z, a.radius])
         .flat_map(f64::to_le_bytes)
         .collect();
     std::fs::write(&atoms, bytes).map_err(|e| e.to_string())?;
