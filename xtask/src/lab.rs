@@ -4,6 +4,8 @@
 #[cfg(feature = "lab")]
 mod bench;
 #[cfg(feature = "lab")]
+mod crosscheck;
+#[cfg(feature = "lab")]
 mod python;
 
 use clap::Subcommand;
@@ -14,12 +16,16 @@ use crate::Outcome;
 pub(crate) enum Chore {
     /// Density and surface beside programs of others, on the same input, in one run.
     Bench,
+    /// Our files in other people's programs: surfaces, tetrahedra and grids are measured there, and
+    /// equations with known answers solved.
+    Crosscheck,
 }
 
 #[cfg(feature = "lab")]
 pub(crate) fn run(chore: &Chore) -> Outcome {
     match chore {
         Chore::Bench => bench::run(),
+        Chore::Crosscheck => crosscheck::run(),
     }
 }
 
