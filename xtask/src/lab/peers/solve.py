@@ -42,9 +42,8 @@ def exact(x):
 
 element = skfem.ElementTetP1()
 whole = skfem.Basis(mesh, element)
-stiffness, load = skfem.BilinearForm(lambda u, v, _: dot(grad(u), grad(v))), skfem.LinearForm(
-    lambda v, _: 1.0 * v
-)
+stiffness = skfem.BilinearForm(lambda u, v, _: dot(grad(u), grad(v)))
+load = skfem.LinearForm(lambda v, _: 1.0 * v)
 if problem == "both":
     parts = [skfem.Basis(mesh, element, elements=name) for name in ("molecule", "exterior")]
     a = inside * stiffness.assemble(parts[0]) + outside * stiffness.assemble(parts[1])
