@@ -10,7 +10,7 @@ use clap::Parser;
 use dual_contour::surface;
 use serde::Serialize;
 
-/// From atoms to a closed triangle surface
+/// From atoms or a grid to a closed triangle surface
 #[derive(Parser, Serialize)]
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
@@ -26,6 +26,7 @@ const EXAMPLES: &str = "\
 Examples:
   02_surface 1ajj.pdb --out out
   02_surface 1su4.pdb --spacing 0.5 --tolerance 0.2 --out adaptive
+  02_surface emd_1234.map.gz --isovalue 0.03 --out map
 
 Outputs: surface.ply, surface.glb and surface.off, surface.png, report.json with the audit (closed,
 manifold, oriented, parts, genus), area and volume.";
@@ -61,6 +62,6 @@ fn contour(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("contour", &made.report)?;
     products::note_surface(session, &made.mesh)?;
     session.stage("files and pictures", || {
-        products::save_surface(session, "surface", &made.mesh, Some(&source.structure))
+        products::save_surface(session, "surface", &made.mesh, source.structure())
     })
 }

@@ -11,7 +11,7 @@ use dual_contour::{Material, Outer, Shape, volume};
 use geom_core::Vector3;
 use serde::Serialize;
 
-/// From atoms to tetrahedra inside and outside of its surface
+/// From atoms or a grid to tetrahedra inside and outside of its surface
 #[derive(Parser, Serialize)]
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
@@ -46,6 +46,7 @@ Examples:
   03_tets 1ajj.pdb --out out
   03_tets 1ajj.pdb --region both --outer sphere:2 --out both
   03_tets 2nwl_opm.pdb --membrane --region both --out membrane
+  03_tets potential.dx --isovalue 0.5 --region exterior --outer box:1.5 --out map
 
 Materials get the region numbers 2, 3, … in the order cylinders, balls, slabs; where they overlap the
 first one counts, and the molecule (1) before all. Outputs: volume.vtu (regions and quality per
@@ -101,7 +102,7 @@ fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
     products::note_volume(session, &made.mesh)?;
     products::note_surface(session, &made.surface)?;
     session.stage("files and pictures", || {
-        products::save_surface(session, "surface", &made.surface, Some(&source.structure))?;
+        products::save_surface(session, "surface", &made.surface, source.structure())?;
         products::save_volume(session, "volume", &made.mesh)
     })
 }

@@ -14,7 +14,7 @@ use geom_core::{TriMesh, laplace};
 use serde::Serialize;
 use serde_json::json;
 
-/// The first eigenfunctions of a surface: of a mesh, or of a structure's surface
+/// The first eigenfunctions of a surface: of a mesh, or of a structure's or grid's surface
 #[derive(Parser, Serialize)]
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {

@@ -1,21 +1,36 @@
-//! Where a field comes from: the atoms of a structure.
+//! Where a field comes from: the atoms of a structure, or a grid of anybody (a cryo-EM map, a
+//! potential).
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use gauss_density::{Cutoff, Model, PointSampler, sample_band};
 use geom_core::io::structure::Membrane;
-use geom_core::{BrickGrid, Structure};
+use geom_core::{
+    BrickGrid, ImplicitField, Lattice, LatticeValues, Point3, ScalarGrid, Structure, Vector3, io,
+};
 use serde::Serialize;
+use serde_json::json;
 
 use crate::args::{DensityArgs, ReaderArgs};
 use crate::{Failure, Session};
 
-/// A structure, and how to make a field of it.
+/// A structure or a grid, and how to make a field of it.
 #[derive(Clone, Debug, Args, Serialize)]
 pub struct SourceArgs {
-    /// Structure: PDB, mmCIF or PQR, each also gzip-compressed
+    /// Structure (PDB, mmCIF, PQR) or grid (MRC, CCP4, OpenDX), each also gzip-compressed
     pub input: PathBuf,
+    /// Grids: the value on the surface; inside it is larger
+    #[arg(long, value_name = "VALUE", help_heading = "Grids")]
+    pub isovalue: Option<f64>,
+    /// Grids, instead: the isovalue that encloses this volume, Å³
+    #[arg(
+        long,
+        value_name = "VOLUME",
+        conflicts_with = "isovalue",
+        help_heading = "Grids"
+    )]
+    pub enclosed_volume: Option<f64>,
     /// The density of structures.
     #[command(flatten)]
     pub density: DensityArgs,
@@ -26,37 +41,69 @@ pub struct SourceArgs {
 
 /// A field ready to be meshed.
 pub struct Source {
-    /// The structure that the field comes from.
-    pub structure: Structure,
-    /// Its model.
-    pub model: Model,
-    /// Values on a lattice, near the surface only.
-    pub values: BrickGrid,
+    /// Its values and what lies between them.
+    pub values: Values,
     /// The value on the surface.
     pub level: f64,
-    /// The planes of a membrane, if the file marks one.
+    /// The planes of a membrane, if the structure's file marks one.
     pub membrane: Option<Membrane>,
+}
+
+/// Values on a lattice and what they were sampled from.
+pub enum Values {
+    /// The density of atoms, near the surface only.
+    Atoms(Box<Atoms>),
+    /// A grid from a file.
+    Grid(ScalarGrid),
+}
+
+/// Atoms and their density.
+pub struct Atoms {
+    structure: Structure,
+    model: Model,
     cutoff: Cutoff,
+    grid: BrickGrid,
+}
+
+impl LatticeValues for Values {
+    fn lattice(&self) -> &Lattice {
+        match self {
+            Self::Atoms(atoms) => atoms.grid.lattice(),
+            Self::Grid(grid) => grid.lattice(),
+        }
+    }
+    fn at(&self, point: [usize; 3]) -> f32 {
+        match self {
+            Self::Atoms(atoms) => atoms.grid.at(point),
+            Self::Grid(grid) => grid.at(point),
+        }
+    }
 }
 
 /// The extension of a file name, lower-case, before `.gz`.
 pub fn extension(path: &Path) -> String {
-    let name = path
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .to_ascii_lowercase();
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.to_ascii_lowercase();
     let stem = name.strip_suffix(".gz").unwrap_or(&name);
     stem.rsplit_once('.')
-        .map(|(_, e)| e.to_owned())
-        .unwrap_or_default()
+        .map_or_else(String::new, |(_, e)| e.to_owned())
 }
 
 impl SourceArgs {
-    /// Reads a structure and samples its density, as stages of the session.
+    /// Reads a grid, or a structure and samples it, as stages of the session.
     pub fn read(&self, session: &Session) -> Result<Source, Failure> {
+        match extension(&self.input).as_str() {
+            "mrc" | "map" | "ccp4" | "dx" => self.read_grid(session),
+            _ => self.read_structure(session),
+        }
+    }
+
+    fn read_structure(&self, session: &Session) -> Result<Source, Failure> {
+        if self.isovalue.is_some() || self.enclosed_volume.is_some() {
+            return Err("--isovalue and --enclosed-volume are for grids; the surface of a structure has the density 1".into());
+        }
         let read = self.reader.read(session, &self.input)?;
-        let (structure, membrane) = (read.structure, read.report.membrane);
+        let structure = read.structure;
         let model = Model::uniform(&structure, &self.density.model.levels())?;
         let options = self.density.options(&structure, session);
         let sampled = session.stage("density", || {
@@ -65,21 +112,102 @@ impl SourceArgs {
         session.note("density", &sampled.report)?;
         session.note("spacing", options.spacing)?;
         Ok(Source {
-            structure,
-            model,
-            values: sampled.grid,
+            values: Values::Atoms(Box::new(Atoms {
+                structure,
+                model,
+                cutoff: options.cutoff,
+                grid: sampled.grid,
+            })),
             level: 1.0,
-            membrane,
-            cutoff: options.cutoff,
+            membrane: read.report.membrane,
+        })
+    }
+
+    fn read_grid(&self, session: &Session) -> Result<Source, Failure> {
+        let file = session.stage("reading", || io::grid::read(&self.input))?;
+        let (bytes, most) = (4 * file.values().len() as u64, session.memory());
+        if bytes > most {
+            let path = self.input.display();
+            return Err(format!("{path}: {bytes} bytes of values; --max-memory is {most}").into());
+        }
+        let grid = file.into_grid().map_err(|e| e.in_file(&self.input))?;
+        let level = match (self.isovalue, self.enclosed_volume) {
+            (Some(level), _) => level,
+            (None, Some(volume)) => enclosing(&grid, volume)?,
+            (None, None) => {
+                let (low, high) = grid.range().unwrap_or_default();
+                return Err(format!("a grid needs --isovalue or --enclosed-volume; its values lie between {low} and {high}").into());
+            }
+        };
+        let lattice = grid.lattice();
+        let noted = json!({ "lattice": lattice, "range": grid.range(), "isovalue": level });
+        session.note("grid", noted)?;
+        session.note("spacing", lattice.spacing)?;
+        let counts = json!({ "grid_points": grid.values().len() });
+        session.note("counts", counts)?;
+        Ok(Source {
+            values: Values::Grid(grid),
+            level,
+            membrane: None,
         })
     }
 }
 
 impl Source {
-    /// The field between the lattice points.
-    pub fn field(&self) -> Result<PointSampler<'_>, Failure> {
-        Ok(PointSampler::new(&self.model, self.cutoff)?)
+    /// The structure, if the field comes from one.
+    pub fn structure(&self) -> Option<&Structure> {
+        match &self.values {
+            Values::Atoms(atoms) => Some(&atoms.structure),
+            Values::Grid(_) => None,
+        }
     }
+
+    /// The field between the lattice points: analytic from atoms, trilinear from a grid.
+    pub fn field(&self) -> Result<Field<'_>, Failure> {
+        Ok(match &self.values {
+            Values::Atoms(atoms) => {
+                Field::Atoms(Box::new(PointSampler::new(&atoms.model, atoms.cutoff)?))
+            }
+            Values::Grid(grid) => Field::Grid(grid),
+        })
+    }
+}
+
+/// A field between the points of its lattice.
+pub enum Field<'a> {
+    /// Of atoms.
+    Atoms(Box<PointSampler<'a>>),
+    /// Of a grid.
+    Grid(&'a ScalarGrid),
+}
+
+impl ImplicitField for Field<'_> {
+    fn value(&self, x: &Point3) -> f64 {
+        match self {
+            Self::Atoms(field) => field.value(x),
+            Self::Grid(field) => field.value(x),
+        }
+    }
+    fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        match self {
+            Self::Atoms(field) => field.value_gradient(x),
+            Self::Grid(field) => field.value_gradient(x),
+        }
+    }
+}
+
+/// The value above which the lattice points stand for this volume.
+fn enclosing(grid: &ScalarGrid, volume: f64) -> Result<f64, Failure> {
+    let cell = grid.lattice().spacing.powi(3);
+    let points = volume / cell;
+    let mut values = grid.values().to_vec();
+    if !(points >= 1.0 && points < values.len() as f64) {
+        let all = values.len() as f64 * cell;
+        return Err(format!("--enclosed-volume {volume} Å³ does not lie between one cell and the whole grid of {all:.0} Å³").into());
+    }
+    let rank = points.round() as usize;
+    let (_, &mut level, _) = values.select_nth_unstable_by(rank, |a, b| b.total_cmp(a));
+    Ok(f64::from(level))
 }
 
 #[cfg(test)]
@@ -91,5 +219,19 @@ mod tests {
         assert_eq!(extension(Path::new("a/B.PDB.gz")), "pdb");
         assert_eq!(extension(Path::new("emd_1234.map")), "map");
         assert_eq!(extension(Path::new("none")), "");
+    }
+
+    #[test]
+    fn the_isovalue_encloses_the_volume() {
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 2.0,
+            counts: [10, 10, 10],
+        };
+        let grid = ScalarGrid::new(lattice, (0..1000u16).map(f32::from).collect()).unwrap();
+        // 100 points of 8 Å³: the values above 899.
+        assert_eq!(enclosing(&grid, 800.0).unwrap(), 899.0);
+        assert!(enclosing(&grid, 8000.0).is_err());
+        assert!(enclosing(&grid, f64::NAN).is_err());
     }
 }

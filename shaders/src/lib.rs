@@ -11,6 +11,29 @@ pub struct Shader {
     pub workgroup: [u32; 3],
 }
 
+// ── geom-core
+
+/// `geom-core`: sparse matrix times a block of vectors.
+pub const GEOM_CORE_PRODUCT: Shader = Shader {
+    name: "geom_core_product",
+    source: include_str!("../wgsl/geom_core/product.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
+/// `geom-core`: a step of Chebyshev smoothing.
+pub const GEOM_CORE_SMOOTH: Shader = Shader {
+    name: "geom_core_smooth",
+    source: include_str!("../wgsl/geom_core/smooth.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
+/// `geom-core`: weights of a voxel graph times a block of vectors.
+pub const GEOM_CORE_STENCIL: Shader = Shader {
+    name: "geom_core_stencil",
+    source: include_str!("../wgsl/geom_core/stencil.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
 // ── dual-contour
 
 /// `dual-contour`: lowest and highest value per block.
@@ -34,6 +57,50 @@ pub const DUAL_CONTOUR_DUAL_VERTICES: Shader = Shader {
     workgroup: [64, 1, 1],
 };
 
+// ── gauss-density
+
+/// `gauss-density`: which atoms matter in a brick.
+pub const GAUSS_DENSITY_CULL: Shader = Shader {
+    name: "gauss_density_cull",
+    source: include_str!("../wgsl/gauss_density/cull.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
+/// `gauss-density`: the density at the points of bricks.
+pub const GAUSS_DENSITY_DENSITY: Shader = Shader {
+    name: "gauss_density_density",
+    source: include_str!("../wgsl/gauss_density/density.wgsl"),
+    workgroup: [8, 8, 4],
+};
+
+/// `gauss-density`: the values of chosen bricks.
+pub const GAUSS_DENSITY_COMPACT: Shader = Shader {
+    name: "gauss_density_compact",
+    source: include_str!("../wgsl/gauss_density/compact.wgsl"),
+    workgroup: [256, 1, 1],
+};
+
+/// `gauss-density`: the terms of the tree at points.
+pub const GAUSS_DENSITY_TERMS: Shader = Shader {
+    name: "gauss_density_terms",
+    source: include_str!("../wgsl/gauss_density/terms.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
+/// `gauss-density`: squared changes of the density without each atom.
+pub const GAUSS_DENSITY_ATOM_ERRORS: Shader = Shader {
+    name: "gauss_density_atom_errors",
+    source: include_str!("../wgsl/gauss_density/atom_errors.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
+/// `gauss-density`: derivatives of the refit's objective.
+pub const GAUSS_DENSITY_REFIT_SUMS: Shader = Shader {
+    name: "gauss_density_refit_sums",
+    source: include_str!("../wgsl/gauss_density/refit_sums.wgsl"),
+    workgroup: [64, 1, 1],
+};
+
 // ── tet-quality
 
 /// `tet-quality`: measures of tetrahedra.
@@ -52,9 +119,18 @@ pub const TET_QUALITY_RELAX: Shader = Shader {
 
 /// Every kernel.
 pub const ALL: &[Shader] = &[
+    GEOM_CORE_PRODUCT,
+    GEOM_CORE_SMOOTH,
+    GEOM_CORE_STENCIL,
     DUAL_CONTOUR_MIN_MAX,
     DUAL_CONTOUR_CROSSINGS,
     DUAL_CONTOUR_DUAL_VERTICES,
+    GAUSS_DENSITY_CULL,
+    GAUSS_DENSITY_DENSITY,
+    GAUSS_DENSITY_COMPACT,
+    GAUSS_DENSITY_TERMS,
+    GAUSS_DENSITY_ATOM_ERRORS,
+    GAUSS_DENSITY_REFIT_SUMS,
     TET_QUALITY_MEASURE,
     TET_QUALITY_RELAX,
 ];

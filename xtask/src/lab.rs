@@ -7,6 +7,8 @@ mod bench;
 mod crosscheck;
 #[cfg(feature = "lab")]
 mod python;
+#[cfg(feature = "lab")]
+mod thesis;
 
 use clap::Subcommand;
 
@@ -19,6 +21,11 @@ pub(crate) enum Chore {
     /// Our files in other people's programs: surfaces, tetrahedra and grids are measured there, and
     /// equations with known answers solved.
     Crosscheck,
+    /// A table of the thesis beside ours, on the structures at hand.
+    Thesis {
+        /// Its number: 3.1, 3.2, 3.3, 3.4.
+        table: String,
+    },
 }
 
 #[cfg(feature = "lab")]
@@ -26,6 +33,7 @@ pub(crate) fn run(chore: &Chore) -> Outcome {
     match chore {
         Chore::Bench => bench::run(),
         Chore::Crosscheck => crosscheck::run(),
+        Chore::Thesis { table } => thesis::run(table),
     }
 }
 

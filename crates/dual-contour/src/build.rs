@@ -1,15 +1,16 @@
 //! From values and options to the complex: the steps that surface and volume share.
 
-use geom_core::mesh::INTERIOR;
-use geom_core::{Aabb, ImplicitField, Lattice, LatticeValues, Point3, Run};
+use geom_core::mesh::{INTERIOR, Region, VertexKind};
+use geom_core::{ImplicitField, Lattice, LatticeValues, Point3, Run};
 
 use crate::backend::ContourBackend;
-use crate::complex::{Complex, Outcome};
+use crate::complex::{Complex, Kinds};
 use crate::dual::{Duals, Probe};
+use crate::emit::{Emission, Emitter, Want, kinds};
 use crate::octree::{BLOCK, Octree};
 use crate::samples::{Domain, Labels, POINTS, Samples, Source};
-use crate::sizing;
-use crate::{AtBox, Error, Extent, Options, Outer, Report, Resolution, Shape};
+use crate::{AtBox, Error, Extent, Method, Options, Outer, Report, Resolution, Shape};
+use crate::{lattice, sizing};
 
 /// Most finest cells per axis that a leaf's coordinates can name.
 const MOST_CELLS: f64 = 65_000.0;
@@ -21,21 +22,97 @@ pub(crate) enum Purpose {
     Volume(Extent),
 }
 
-/// Values, labels and tree, ready for the complex.
-pub(crate) struct Built {
-    pub(crate) samples: Samples,
-    pub(crate) tree: Octree,
-    /// Is the box of the domain part of the mesh?
-    pub(crate) boxed: bool,
+/// A mesh in the vertex numbers of its mesher, positions in finest cells.
+#[derive(Default)]
+pub(crate) struct Raw {
+    pub(crate) positions: Vec<Point3>,
+    pub(crate) kinds: Vec<VertexKind>,
+    pub(crate) tets: Vec<[u32; 4]>,
+    pub(crate) regions: Vec<Region>,
+    /// The boundary of the molecule, seen from outside of it.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// Vertices beside cells and corners.
+    pub(crate) added: usize,
 }
 
-pub(crate) fn build<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
+/// A mesh, where it lies, and how it came about.
+pub(crate) struct Contour {
+    pub(crate) raw: Raw,
+    pub(crate) domain: Domain,
+    pub(crate) report: Report,
+}
+
+/// Options whose resolution is no number of tetrahedra: the spacing that gives about as many as asked
+/// for, found by meshing at growing fineness.
+pub(crate) fn resolved<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
+    values: &V,
+    field: Option<&dyn ImplicitField>,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<Options, Error> {
+    let Resolution::Tets(wanted) = options.resolution else {
+        return Ok(options.clone());
+    };
+    options.check()?;
+    let at = |h: f64| Options {
+        resolution: Resolution::Spacing(h),
+        ..options.clone()
+    };
+    let own = values.lattice().spacing;
+    let volume: f64 = values.lattice().bounds().extent().iter().product();
+    // Coarse enough for a first count that costs little; tetrahedra grow with a power of 1/h between
+    // those of surface and volume.
+    let mut h = (6.0 * volume / wanted as f64).cbrt().max(own * 1e-3);
+    let mut last: Option<(f64, f64)> = None;
+    let mut best: Option<(f64, f64)> = None;
+    for round in 0..12 {
+        run.progress("resolution", round, 12)?;
+        let count = match contour(values, field, &at(h), Purpose::Volume(options.region), run) {
+            Ok(mesh) => mesh.report.tets as f64,
+            // Too coarse to see anything.
+            Err(Error::NoSurface { .. }) if h > 0.5 * own => 0.0,
+            Err(error) => return Err(error),
+        };
+        if count == 0.0 {
+            h *= 0.6;
+            continue;
+        }
+        let miss = (count / wanted as f64).ln();
+        if best.is_none_or(|(_, m)| miss.abs() < m) {
+            best = Some((h, miss.abs()));
+        }
+        if miss.abs() < 0.1 {
+            break;
+        }
+        let power = match last {
+            Some((other, n)) if (other / h).ln().abs() > 1e-3 => {
+                ((count / n).ln() / (other / h).ln()).clamp(1.5, 4.0)
+            }
+            _ => 2.5,
+        };
+        last = Some((h, count));
+        h *= (miss / power).exp();
+    }
+    match best {
+        Some((h, miss)) if miss < 0.2 => Ok(at(h)),
+        _ => Err(Error::InvalidOption {
+            option: "resolution",
+            reason: format!(
+                "no spacing gives about {wanted} tetrahedra; give a spacing instead{}",
+                best.map_or(String::new(), |(h, _)| format!(", e.g. {h:.3} Å"))
+            ),
+        }),
+    }
+}
+
+/// Makes the mesh that options and purpose ask for.
+pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     values: &V,
     field: Option<&dyn ImplicitField>,
     options: &Options,
     purpose: Purpose,
     run: Run<'_, B>,
-) -> Result<Built, Error> {
+) -> Result<Contour, Error> {
     options.check()?;
     let lattice = values.lattice();
     if lattice.counts.iter().any(|&n| n < 2) {
@@ -50,7 +127,8 @@ pub(crate) fn build<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     }
     let spacing = match options.resolution {
         Resolution::Spacing(h) => h,
-        _ => lattice.spacing,
+        Resolution::Lattice => lattice.spacing,
+        Resolution::Tets(_) => unreachable!("resolved into a spacing before"),
     };
     let aligned = spacing == lattice.spacing;
     let outside = (options.level - options.level.abs() - 1.0) as f32;
@@ -73,38 +151,159 @@ pub(crate) fn build<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
             outside,
         }
     };
-    let samples = Samples::new(&source, domain, labels)?;
-    let plain_empty = samples.labels.materials.is_empty();
-    if samples.stored() == 0 && plain_empty || !samples.crosses_level() {
-        let (min, max) = samples.range;
+    let mut report = Report::default();
+    let mut samples = Samples::new(source, domain, labels, run.backend)?;
+    let (min, max) = samples.range;
+    if options.prune > 0 {
+        (report.pruned_groups, report.pruned_points) = samples.prune(options.prune);
+    }
+    if !samples.holds_both_sides() {
         return Err(Error::NoSurface {
             level: options.level,
             min: f64::from(min),
             max: f64::from(max),
         });
     }
-    run.progress("octree", 0, 1)?;
-    let mut splits = sizing::splits(&samples, options);
-    let mut tree = Octree::new(domain.cells, &splits);
-    loop {
-        let large = match Complex::build(&samples, &tree, |_, v| v) {
-            Outcome::Ready(_) => break,
-            Outcome::Split(large) => large,
-        };
-        for id in large {
-            splits.split(domain.blocks, &tree.leaves[id as usize]);
-        }
-        tree = Octree::new(domain.cells, &splits);
-    }
+    samples.find_crossings(run.backend)?;
     let boxed = match purpose {
         Purpose::Surface | Purpose::Volume(Extent::Interior) => options.at_box == AtBox::Clip,
         Purpose::Volume(_) => true,
     };
-    Ok(Built {
-        samples,
-        tree,
-        boxed,
+    run.progress("octree", 0, 1)?;
+    let (tree, kinds) = tree(&samples, options);
+    let bounds = lattice.bounds();
+    let probe = Probe {
+        samples: &samples,
+        field,
+        bounds,
+        placement: options.placement,
+    };
+    let complex = Complex::new(&samples, &tree, kinds, |x, mean| {
+        probe.value(x).unwrap_or(mean)
+    });
+    check_counts(&complex, purpose)?;
+    report.spacing = samples.domain.spacing;
+    report.leaves = tree.leaves.iter().filter(|l| !l.void).count();
+    report.surface_cells = (0..tree.leaves.len() as u32)
+        .filter(|&id| complex.is_interface(id))
+        .count();
+    let keep = |r| match purpose {
+        Purpose::Surface => false,
+        Purpose::Volume(extent) => extent.holds(r),
+    };
+    let stage = match purpose {
+        Purpose::Surface => "triangles",
+        Purpose::Volume(_) => "tetrahedra",
+    };
+    let raw = match options.method {
+        Method::DualContour => {
+            run.progress("dual vertices", 0, 1)?;
+            let duals = Duals::new(&complex, &probe, boxed, run.backend)?;
+            report.split_cells = complex.splits.len();
+            report.held_back = duals.reduced;
+            run.progress(stage, 0, 1)?;
+            let emitter = Emitter::new(&complex, &duals, &probe, |r| {
+                keep(r) || boxed && r == INTERIOR
+            });
+            let emission = emitter.emit(&Want {
+                tets: purpose != Purpose::Surface,
+                region: keep,
+            });
+            Raw::from_emission(&emitter, emission, keep)
+        }
+        Method::Lattice => {
+            run.progress(stage, 0, 1)?;
+            let (raw, counts) =
+                lattice::mesh(&complex, &probe, options.at_box == AtBox::Clip, keep);
+            (report.snapped, report.held_back) = (counts.snapped, counts.refused);
+            raw
+        }
+    };
+    report.added_vertices = raw.added;
+    report.triangles = raw.triangles.len();
+    report.tets = raw.tets.len();
+    let domain = samples.domain;
+    run.progress(stage, 1, 1)?;
+    Ok(Contour {
+        raw,
+        domain,
+        report,
     })
+}
+
+impl Raw {
+    fn from_emission(
+        emitter: &Emitter<'_>,
+        emission: Emission,
+        keep: impl Fn(Region) -> bool + Sync,
+    ) -> Self {
+        let positions = emitter.positions(&emission.added);
+        let kinds = if emission.tets.is_empty() {
+            Vec::new()
+        } else {
+            let meeting = emitter.meeting(emission.added.len(), keep);
+            kinds(&positions, &meeting, emitter.complex.tree.cells)
+        };
+        Self {
+            kinds,
+            positions,
+            tets: emission.tets,
+            regions: emission.regions,
+            triangles: emission.triangles,
+            added: emission.added.len(),
+        }
+    }
+}
+
+/// The octree, as fine as options, labels and method ask for.
+fn tree(samples: &Samples<'_>, options: &Options) -> (Octree, Kinds) {
+    let domain = samples.domain;
+    let mut splits = sizing::splits(samples, options);
+    let mut tree = Octree::new(domain.cells, &splits);
+    let mut kinds = Kinds::of(samples, &tree);
+    if options.method == Method::Lattice {
+        // Snapping needs cells of one size around the surface.
+        for id in kinds.interfaces().collect::<Vec<_>>() {
+            let leaf = &tree.leaves[id as usize];
+            if leaf.log == 0 {
+                splits.surround(domain.cells, leaf.origin());
+            }
+        }
+        tree = Octree::new(domain.cells, &splits);
+        kinds = Kinds::of(samples, &tree).unsplit();
+        return (tree, kinds);
+    }
+    loop {
+        let large = kinds.large(&tree);
+        if large.is_empty() {
+            return (tree, kinds);
+        }
+        for id in large {
+            splits.split(domain.blocks, &tree.leaves[id as usize]);
+        }
+        tree = Octree::new(domain.cells, &splits);
+        kinds = Kinds::of(samples, &tree);
+    }
+}
+
+/// Refuses what vertex and element numbers could not name: fewer than 24 tetrahedra per leaf and 4
+/// vertices, with 4 more per surface leaf for cuts.
+fn check_counts(complex: &Complex<'_>, purpose: Purpose) -> Result<(), Error> {
+    let leaves = complex.tree.leaves.len() as u128;
+    let elements = match purpose {
+        Purpose::Surface => 12 * leaves,
+        Purpose::Volume(_) => 24 * leaves,
+    };
+    let limit = u128::from(u32::MAX - 2);
+    if elements > 4 * limit || 8 * leaves > limit {
+        return Err(Error::TooLarge {
+            what: "the mesh",
+            bytes: elements * 17,
+            limit: limit * 17,
+            cure: "take a larger spacing",
+        });
+    }
+    Ok(())
 }
 
 /// The first side of the lattice with points inside, and how many.
@@ -224,55 +423,119 @@ fn domain(
     Ok((Domain::new(origin, spacing, cells), shift, sphere))
 }
 
-/// The value in the middle of a split leaf.
-pub(crate) fn centre_value(
-    field: Option<&dyn ImplicitField>,
-    bounds: Aabb,
-) -> impl Fn(&Point3, f64) -> f64 + Sync + '_ {
-    move |x, mean| match field {
-        Some(field) if bounds.contains(x) => field.value(x),
-        _ => mean,
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::groups::Groups;
+    use geom_core::mesh::{EXTERIOR, six_volume};
+    use geom_core::{Cpu, ScalarGrid};
+
+    /// Number of sets among the members that are asked for.
+    fn sets(groups: Groups, member: impl Fn(usize) -> bool) -> usize {
+        let roots = groups.roots();
+        let mut found: Vec<u32> = (0..roots.len())
+            .filter(|&i| member(i))
+            .map(|i| roots[i])
+            .collect();
+        found.sort_unstable();
+        found.dedup();
+        found.len()
     }
-}
 
-/// Counts of the complex for the report.
-pub(crate) fn describe(
-    report: &mut Report,
-    samples: &Samples,
-    complex: &Complex<'_>,
-    duals: &Duals,
-) {
-    let leaves = &complex.tree.leaves;
-    report.spacing = samples.domain.spacing;
-    report.leaves = leaves.iter().filter(|l| !l.void).count();
-    report.surface_cells = (0..leaves.len() as u32)
-        .filter(|&id| complex.is_interface(id))
-        .count();
-    report.split_cells = complex.splits.len();
-    report.held_back = duals.reduced;
-}
-
-impl Samples {
-    /// Are there points on both sides of the level?
-    pub(crate) fn crosses_level(&self) -> bool {
-        let inside = |v: f32| f64::from(v) >= self.labels.level;
-        inside(self.range.1) && !inside(self.range.0)
+    /// On random labels, ambiguous everywhere: the parts of each region are those of the corners with
+    /// its label in the graph of the complex's edges.
+    #[test]
+    fn parts_are_those_of_the_graph_of_the_complex() {
+        let n = 32;
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 1.0,
+            counts: [n + 1; 3],
+        };
+        for (seed, density) in [(1u64, 0.2), (2, 0.35), (3, 0.6)] {
+            let mut state = seed;
+            let values = (0..lattice.len())
+                .map(|i| {
+                    state = state
+                        .wrapping_mul(6_364_136_223_846_793_005)
+                        .wrapping_add(1);
+                    let random = (state >> 33) as f64 / (1u64 << 31) as f64;
+                    let p = lattice.coordinates(i);
+                    let margin = p.iter().any(|&c| c == 0 || c == n);
+                    if random < density && !margin {
+                        1.5
+                    } else {
+                        1.0 - random as f32 - 0.1
+                    }
+                })
+                .collect();
+            let grid = ScalarGrid::new(lattice, values).unwrap();
+            let options = Options::default();
+            let purpose = Purpose::Volume(Extent::Both);
+            let (domain, shift, outer) = domain(&lattice, 1.0, &options, purpose, false).unwrap();
+            let labels = Labels {
+                level: 1.0,
+                materials: Vec::new(),
+                outer,
+            };
+            let source = Source::Aligned {
+                values: &grid,
+                shift,
+                outside: 0.0,
+            };
+            let mut samples = Samples::new(source, domain, labels, &Cpu).unwrap();
+            samples.find_crossings(&Cpu).unwrap();
+            let (tree, kinds) = tree(&samples, &options);
+            let complex = Complex::new(&samples, &tree, kinds, |_, mean| mean);
+            let probe = Probe {
+                samples: &samples,
+                field: None,
+                bounds: lattice.bounds(),
+                placement: options.placement,
+            };
+            let duals = Duals::new(&complex, &probe, true, &Cpu).unwrap();
+            let emitter = Emitter::new(&complex, &duals, &probe, |_| true);
+            let emission = emitter.emit(&Want {
+                tets: true,
+                region: |_| true,
+            });
+            assert!(complex.splits.len() > 1000);
+            let raw = Raw::from_emission(&emitter, emission, |_| true);
+            assert!(
+                raw.tets
+                    .iter()
+                    .all(|t| six_volume(t.map(|v| raw.positions[v as usize])) > 0.0)
+            );
+            for region in [INTERIOR, EXTERIOR] {
+                let mut of_tets = Groups::new(raw.positions.len());
+                let mut used = vec![false; raw.positions.len()];
+                for (t, _) in raw.tets.iter().zip(&raw.regions).filter(|t| *t.1 == region) {
+                    t.iter().for_each(|&v| {
+                        used[v as usize] = true;
+                        of_tets.join(t[0] as usize, v as usize);
+                    });
+                }
+                let mut graph = Groups::new(raw.positions.len());
+                let mut corner = vec![false; raw.positions.len()];
+                for id in 0..tree.leaves.len() as u32 {
+                    complex.rings_of(
+                        id,
+                        |_, _| true,
+                        |ring| {
+                            let [a, b] =
+                                [ring.a.0, ring.b.0].map(|c| emitter.numbering.corner(c) as usize);
+                            corner[a] |= ring.a.1 == region;
+                            corner[b] |= ring.b.1 == region;
+                            if ring.a.1 == region && ring.b.1 == region {
+                                graph.join(a, b);
+                            }
+                        },
+                    );
+                }
+                let (ours, theirs) = (sets(of_tets, |v| used[v]), sets(graph, |v| corner[v]));
+                assert_eq!(ours, theirs, "region {region} at density {density}");
+                assert!(theirs > 1 || region == EXTERIOR || density > 0.3);
+            }
+        }
     }
-}
-
-pub(crate) fn probe<'a>(
-    samples: &'a Samples,
-    field: Option<&'a dyn ImplicitField>,
-    options: &Options,
-) -> Probe<'a> {
-    Probe {
-        samples,
-        field,
-        placement: options.placement,
-    }
-}
-
-/// Corners of the molecule count as vertices where the box cuts it.
-pub(crate) fn caps(boxed: bool, region: u8) -> bool {
-    boxed && region == INTERIOR
 }

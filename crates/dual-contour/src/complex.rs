@@ -50,7 +50,7 @@ const SPLIT: u8 = 2;
 
 /// The leaves with their labels: which carry the surface, which are split.
 pub(crate) struct Complex<'a> {
-    pub(crate) samples: &'a Samples,
+    pub(crate) samples: &'a Samples<'a>,
     pub(crate) tree: &'a Octree,
     kind: Vec<u8>,
     /// Split leaves in order.
@@ -79,6 +79,14 @@ fn face_corners(face: usize) -> [usize; 4] {
     let (u, v) = (1 << ((axis + 1) % 3), 1 << ((axis + 2) % 3));
     let low = side << axis;
     [low, low | u, low | u | v, low | v]
+}
+
+/// The corners of a face of a cube, or all.
+pub(crate) fn corners_of(face: Option<usize>) -> Vec<usize> {
+    match face {
+        Some(face) => face_corners(face).to_vec(),
+        None => (0..8).collect(),
+    }
 }
 
 impl Split {
@@ -211,73 +219,94 @@ pub(crate) fn simple_masks() -> [bool; 256] {
     })
 }
 
-/// What the leaves of a tree ask for before the complex stands.
-pub(crate) enum Outcome<'a> {
-    /// All leaves that are not simple are finest.
-    Ready(Complex<'a>),
-    /// These larger leaves must be split first.
-    Split(Vec<u32>),
-}
+/// What each leaf is: simple, an interface, or to be split.
+pub(crate) struct Kinds(Vec<u8>);
 
-impl<'a> Complex<'a> {
-    pub(crate) fn build(
-        samples: &'a Samples,
-        tree: &'a Octree,
-        centre: impl Fn(&Point3, f64) -> f64 + Sync,
-    ) -> Outcome<'a> {
+impl Kinds {
+    /// Judges all leaves.
+    pub(crate) fn of(samples: &Samples<'_>, tree: &Octree) -> Self {
         let masks = simple_masks();
-        let mut out = Self {
+        let view = Complex {
             samples,
             tree,
             kind: Vec::new(),
             splits: Vec::new(),
         };
-        out.kind = (0..tree.leaves.len() as u32)
+        let kinds = (0..tree.leaves.len() as u32)
             .into_par_iter()
             .with_min_len(1024)
-            .map(|id| {
-                let leaf = &tree.leaves[id as usize];
-                if leaf.void || leaf.log > 3 || out.block_is_uniform(leaf) && leaf.log == 0 {
-                    return SIMPLE;
-                }
-                if leaf.log == 0 {
-                    let labels = out.corner_labels(leaf);
-                    if labels.iter().all(|&l| l == labels[0]) {
-                        return SIMPLE;
-                    }
-                    let mask = (0..8).fold(0, |m, i| m | usize::from(labels[i] == labels[0]) << i);
-                    let two = labels
-                        .iter()
-                        .filter(|&&l| l != labels[0])
-                        .all(|&l| l == labels[mask.trailing_ones() as usize]);
-                    let simple = if two {
-                        masks[mask]
-                    } else {
-                        frame_of_corners(&labels).is_simple()
-                    };
-                    return if simple { INTERFACE } else { INTERFACE | SPLIT };
-                }
-                let frame = out.frame(id);
-                if frame.is_uniform() {
-                    SIMPLE
-                } else if frame.is_simple() {
-                    INTERFACE
-                } else {
-                    INTERFACE | SPLIT
-                }
-            })
+            .map(|id| view.kind_of(id, &masks))
             .collect();
+        Self(kinds)
+    }
+
+    /// Leaves that must be split first: not simple, and larger than finest.
+    pub(crate) fn large(&self, tree: &Octree) -> Vec<u32> {
+        (0..self.0.len() as u32)
+            .filter(|&id| self.0[id as usize] & SPLIT != 0 && tree.leaves[id as usize].log > 0)
+            .collect()
+    }
+
+    /// Leaves with more than one label, whether simple or not.
+    pub(crate) fn interfaces(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..self.0.len() as u32).filter(|&id| self.0[id as usize] & INTERFACE != 0)
+    }
+
+    /// The same with no leaf to be split.
+    pub(crate) fn unsplit(mut self) -> Self {
+        self.0.iter_mut().for_each(|k| *k &= !SPLIT);
+        self
+    }
+}
+
+impl<'a> Complex<'a> {
+    fn kind_of(&self, id: u32, masks: &[bool; 256]) -> u8 {
+        let leaf = &self.tree.leaves[id as usize];
+        if leaf.void || leaf.log > 3 {
+            return SIMPLE;
+        }
+        let kind = |simple| if simple { INTERFACE } else { INTERFACE | SPLIT };
+        if leaf.log == 0 {
+            if let Some(mask) = self.samples.mask(leaf.origin()) {
+                return match mask {
+                    0 | 255 => SIMPLE,
+                    _ => kind(masks[usize::from(mask)]),
+                };
+            }
+            if self.block_is_uniform(leaf) {
+                return SIMPLE;
+            }
+            let labels = self.corner_labels(leaf);
+            if labels.iter().all(|&l| l == labels[0]) {
+                return SIMPLE;
+            }
+            return kind(frame_of_corners(&labels).is_simple());
+        }
+        let frame = self.frame(id);
+        if frame.is_uniform() {
+            SIMPLE
+        } else {
+            kind(frame.is_simple())
+        }
+    }
+
+    /// The complex of a tree whose larger leaves are all simple. `centre` gives the value in the
+    /// middle of a split leaf, from the point and the mean of the corners.
+    pub(crate) fn new(
+        samples: &'a Samples<'a>,
+        tree: &'a Octree,
+        kinds: Kinds,
+        centre: impl Fn(&Point3, f64) -> f64 + Sync,
+    ) -> Self {
+        let mut out = Self {
+            samples,
+            tree,
+            kind: kinds.0,
+            splits: Vec::new(),
+        };
         let split: Vec<u32> = (0..tree.leaves.len() as u32)
             .filter(|&id| out.kind[id as usize] & SPLIT != 0)
             .collect();
-        let large: Vec<u32> = split
-            .iter()
-            .copied()
-            .filter(|&id| tree.leaves[id as usize].log > 0)
-            .collect();
-        if !large.is_empty() {
-            return Outcome::Split(large);
-        }
         out.splits = split
             .par_iter()
             .map(|&id| {
@@ -286,10 +315,7 @@ impl<'a> Complex<'a> {
                 let labels = out.corner_labels(leaf);
                 let values: [f64; 8] = std::array::from_fn(|i| {
                     let p = corner_of(i);
-                    samples
-                        .value_near(o, [0, 1, 2].map(|k| o[k] + p[k]))
-                        .unwrap_or(0.0)
-                        - samples.labels.level
+                    samples.value([0, 1, 2].map(|k| o[k] + p[k])) - samples.labels.level
                 });
                 let middle = out.centre_of(leaf);
                 let mean = values.iter().sum::<f64>() / 8.0 + samples.labels.level;
@@ -308,7 +334,7 @@ impl<'a> Complex<'a> {
                 }
             })
             .collect();
-        Outcome::Ready(out)
+        out
     }
 
     /// Which diagonal cuts a face: decided by the face alone, so that both sides agree.
@@ -357,6 +383,13 @@ impl<'a> Complex<'a> {
         self.kind[leaf as usize] & SPLIT != 0
     }
 
+    /// Does a leaf have a face on the box?
+    pub(crate) fn is_on_box(&self, id: u32) -> bool {
+        let leaf = self.leaf(id);
+        let (o, s) = (leaf.origin(), leaf.size());
+        (0..3).any(|k| o[k] == 0 || o[k] + s == self.tree.cells[k])
+    }
+
     pub(crate) fn split_of(&self, leaf: u32) -> u32 {
         self.splits.partition_point(|s| s.leaf < leaf) as u32
     }
@@ -377,6 +410,37 @@ impl<'a> Complex<'a> {
             let p = corner_of(i);
             self.samples.label([0, 1, 2].map(|k| o[k] + s * p[k]))
         })
+    }
+
+    /// The labels of the corners of a cell; for an unsplit leaf of one label only that one.
+    pub(crate) fn labels_of(&self, cell: &Cell) -> Vec<Region> {
+        let (id, half) = match *cell {
+            Cell::Leaf(id) => (id, None),
+            Cell::Part(k, part) => (self.splits[k as usize].leaf, Some(part)),
+            Cell::Ghost(id, half) => (id, Some(half)),
+        };
+        if !self.is_interface(id) {
+            return vec![self.samples.label(self.leaf(id).origin())];
+        }
+        if let (Some(half), true) = (half, self.is_split(id)) {
+            let split = &self.splits[self.split_of(id) as usize];
+            let corners = self.corner_labels(self.leaf(id));
+            let triangle = split.triangle(usize::from(half)).into_iter();
+            let apex = matches!(cell, Cell::Part(..)).then_some(split.label);
+            return triangle.map(|i| corners[i]).chain(apex).collect();
+        }
+        let frame = self.frame(id);
+        let on_face = |i: usize| match half {
+            None => true,
+            Some(half) => {
+                let place = [i % 3, i / 3 % 3, i / 9];
+                place[usize::from(half / 4)] == 2 * usize::from(half / 2 % 2)
+            }
+        };
+        (0..27)
+            .filter(|&i| frame.used >> i & 1 == 1 && on_face(i))
+            .map(|i| frame.labels[i])
+            .collect()
     }
 
     /// The used points of the half lattice of a leaf and their labels.

@@ -76,7 +76,7 @@ fn crossings(values: &[f32], level: f32, masks: &mut [u8]) {
 }
 
 /// Value and gradient of the trilinear interpolant of the corners of the unit cube.
-pub fn trilinear(v: &[f64; 8], x: &[f64; 3]) -> (f64, [f64; 3]) {
+pub(crate) fn trilinear(v: &[f64; 8], x: &[f64; 3]) -> (f64, [f64; 3]) {
     let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
     let x00 = mix(v[0], v[1], x[0]);
     let x10 = mix(v[2], v[3], x[0]);
@@ -97,7 +97,7 @@ pub fn trilinear(v: &[f64; 8], x: &[f64; 3]) -> (f64, [f64; 3]) {
 
 /// The mean of the points where edges of the unit cube change sign, kept off its sides; its middle if
 /// none does.
-pub fn mass_point(v: &[f64; 8]) -> [f64; 3] {
+pub(crate) fn mass_point(v: &[f64; 8]) -> [f64; 3] {
     let (mut sum, mut n) = ([0.0; 3], 0.0);
     for axis in 0..3 {
         for i in (0..8usize).filter(|i| i >> axis & 1 == 0) {
@@ -122,7 +122,7 @@ pub fn mass_point(v: &[f64; 8]) -> [f64; 3] {
 }
 
 /// [`ContourBackend::dual_vertices`] for one cell, as the equations read.
-pub fn dual_vertex(v: &[f64; 8], steps: u32) -> [f64; 3] {
+pub(crate) fn dual_vertex(v: &[f64; 8], steps: u32) -> [f64; 3] {
     let spread = v.iter().fold(f64::NEG_INFINITY, |m, &c| m.max(c))
         - v.iter().fold(f64::INFINITY, |m, &c| m.min(c));
     let mut x = mass_point(v);

@@ -1,12 +1,14 @@
 //! Dual vertices: where the point of each cell stands.
 
 use geom_core::mesh::{INTERIOR, Region, six_volume};
-use geom_core::{ImplicitField, Point3, Vector3};
+use geom_core::{Aabb, ImplicitField, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::Placement;
+use crate::backend::ContourBackend;
 use crate::complex::{Cell, Complex, Corner, corner_of};
+use crate::cpu::within;
 use crate::samples::{Samples, local};
+use crate::{Error, Placement};
 
 /// Share of its cell within which a dual vertex stays.
 const INSET: f64 = 0.98;
@@ -28,8 +30,10 @@ pub(crate) struct Duals {
 
 /// Finds where edges cross interfaces, and the surface near a point.
 pub(crate) struct Probe<'a> {
-    pub(crate) samples: &'a Samples,
+    pub(crate) samples: &'a Samples<'a>,
     pub(crate) field: Option<&'a dyn ImplicitField>,
+    /// Where the field holds: the box of the given values.
+    pub(crate) bounds: Aabb,
     pub(crate) placement: Placement,
 }
 
@@ -80,18 +84,36 @@ impl Probe<'_> {
         };
         let level = self.samples.labels.level;
         let at = |t: f64| field.value(&self.samples.domain.world(&(a.x + (b.x - a.x) * t))) - level;
-        let (mut low, mut high) = (0.0, 1.0);
-        let inside = a.value >= level;
-        let mut t = t;
-        for _ in 0..24 {
-            if (at(t) >= 0.0) == inside {
-                low = t;
+        // False position, with the kept end halved (Illinois): a handful of values instead of twenty.
+        let (mut low, mut high) = ((0.0, a.value - level), (1.0, b.value - level));
+        let (mut t, mut last) = (t, None);
+        for _ in 0..16 {
+            let f = at(t);
+            let is_low = (f >= 0.0) == (a.value >= level);
+            let (moved, kept) = if is_low {
+                (&mut low, &mut high)
             } else {
-                high = t;
+                (&mut high, &mut low)
+            };
+            *moved = (t, f);
+            if last == Some(is_low) {
+                kept.1 *= 0.5;
             }
-            t = 0.5 * (low + high);
+            last = Some(is_low);
+            let next = low.0 - low.1 * (high.0 - low.0) / (high.1 - low.1);
+            if !next.is_finite() || (next - t).abs() < 1e-4 {
+                break;
+            }
+            t = next.clamp(low.0, high.0);
         }
         t
+    }
+
+    /// The field at a point (Å), if there is one that holds there.
+    pub(crate) fn value(&self, x: &Point3) -> Option<f64> {
+        self.field
+            .filter(|_| self.bounds.contains(x))
+            .map(|f| f.value(x))
     }
 
     /// Value minus level and gradient per finest cell.
@@ -198,7 +220,12 @@ impl Probe<'_> {
 
 impl Duals {
     /// All points: at their base, or on the surface.
-    pub(crate) fn new(complex: &Complex<'_>, probe: &Probe<'_>, ghosts: bool) -> Self {
+    pub(crate) fn new<B: ContourBackend + ?Sized>(
+        complex: &Complex<'_>,
+        probe: &Probe<'_>,
+        boxed: bool,
+        backend: &B,
+    ) -> Result<Self, Error> {
         let leaves = &complex.tree.leaves;
         let moved: Vec<u32> = (0..leaves.len() as u32)
             .filter(|&id| complex.is_interface(id) && !complex.is_split(id))
@@ -207,11 +234,7 @@ impl Duals {
         for (i, &id) in moved.iter().enumerate() {
             rank[id as usize] = i as u32;
         }
-        let leaf_points = moved
-            .par_iter()
-            .with_min_len(256)
-            .map(|&id| leaf_point(complex, probe, id))
-            .collect();
+        let leaf_points = leaf_points(complex, probe, &moved, backend)?;
         let parts = complex
             .splits
             .par_iter()
@@ -228,28 +251,8 @@ impl Duals {
             ghost_points: Vec::new(),
             reduced: 0,
         };
-        if ghosts {
-            out.ghosts = (0..leaves.len() as u32)
-                .into_par_iter()
-                .with_min_len(1024)
-                .flat_map_iter(|id| {
-                    let leaf = complex.leaf(id);
-                    let (o, s) = (leaf.origin(), leaf.size());
-                    let halves = if complex.is_split(id) { 2 } else { 1 };
-                    let outer = move |face: usize| {
-                        let (axis, side) = (face / 2, face % 2);
-                        !leaf.void
-                            && if side == 0 {
-                                o[axis] == 0
-                            } else {
-                                o[axis] + s == complex.tree.cells[axis]
-                            }
-                    };
-                    (0..6usize)
-                        .filter(move |&f| outer(f))
-                        .flat_map(move |f| (0..halves).map(move |h| (id, (2 * f + h) as u8)))
-                })
-                .collect();
+        if boxed {
+            out.ghosts = ghosts(complex);
             out.ghost_points = out
                 .ghosts
                 .par_iter()
@@ -257,7 +260,7 @@ impl Duals {
                 .collect();
         }
         out.keep_positive(complex);
-        out
+        Ok(out)
     }
 
     pub(crate) fn ghost_index(&self, id: u32, half: u8) -> u32 {
@@ -288,6 +291,13 @@ impl Duals {
         }
     }
 
+    fn set(&mut self, moved: usize, x: Point3) {
+        match moved.checked_sub(self.leaves.len()) {
+            None => self.leaves[moved] = x,
+            Some(part) => self.parts[part] = x,
+        }
+    }
+
     fn moved(&self, cell: &Cell) -> Option<usize> {
         match *cell {
             Cell::Leaf(id) => self.rank(id).map(|r| r as usize),
@@ -296,9 +306,9 @@ impl Duals {
         }
     }
 
-    /// Moves points back towards their base, by halves, until every umbrella tetrahedron (an edge and
-    /// two consecutive cells) keeps its sign. Between finest leaves no point can do harm; the rest is
-    /// gathered once. Rounds are simultaneous, so nothing depends on an order.
+    /// Lets points go from their base to their place only as far as every umbrella tetrahedron (an edge
+    /// and two consecutive cells) stays positive. Between leaves of one size no point can do harm; the
+    /// rest is gathered once, and its points are placed one after the other, twice.
     fn keep_positive(&mut self, complex: &Complex<'_>) {
         let uniform = complex.splits.is_empty()
             && (0..self.rank.len())
@@ -352,68 +362,123 @@ impl Duals {
                 tets
             })
             .collect();
-        let base: Vec<Point3> = {
-            let mut base = vec![Point3::origin(); self.leaves.len() + self.parts.len()];
-            for (id, &r) in self.rank.iter().enumerate() {
-                if r != u32::MAX {
-                    base[r as usize] = complex.base_position(&Cell::Leaf(id as u32));
-                }
+        // Tetrahedra per moved point.
+        let total = self.leaves.len() + self.parts.len();
+        let mut around: Vec<(u32, u32)> = Vec::new();
+        for (i, t) in tets.iter().enumerate() {
+            let cells = t.cells.iter().filter_map(|c| self.moved(c));
+            around.extend(cells.map(|m| (m as u32, i as u32)));
+        }
+        around.sort_unstable();
+        let mut base = vec![Point3::origin(); total];
+        for (id, &r) in self.rank.iter().enumerate() {
+            if r != u32::MAX {
+                base[r as usize] = complex.base_position(&Cell::Leaf(id as u32));
             }
-            for (i, b) in base[self.leaves.len()..].iter_mut().enumerate() {
-                *b = complex.base_position(&Cell::Part((i / 12) as u32, (i % 12) as u8));
-            }
-            base
-        };
+        }
+        for (i, b) in base[self.leaves.len()..].iter_mut().enumerate() {
+            *b = complex.base_position(&Cell::Part((i / 12) as u32, (i % 12) as u8));
+        }
         let target: Vec<Point3> = self.leaves.iter().chain(&self.parts).copied().collect();
-        let mut share = vec![1.0f64; target.len()];
-        let mut suspects: Vec<u32> = (0..tets.len() as u32).collect();
-        for round in 0.. {
-            let bad: Vec<u32> = suspects
-                .par_iter()
-                .copied()
-                .filter(|&t| {
-                    let t = &tets[t as usize];
-                    let [c, d] = [0, 1].map(|k| self.position(complex, &t.cells[k]));
-                    six_volume([t.a, t.b, c, d]) <= t.least
-                })
-                .collect();
-            if bad.is_empty() {
-                break;
-            }
-            let mut hit: Vec<usize> = bad
-                .iter()
-                .flat_map(|&t| tets[t as usize].cells)
-                .filter_map(|c| self.moved(&c))
-                .filter(|&m| share[m] > 0.0)
-                .collect();
-            hit.sort_unstable();
-            hit.dedup();
-            if hit.is_empty() {
-                break;
-            }
-            for m in hit {
-                share[m] = if round < 6 { 0.5 * share[m] } else { 0.0 };
-                let x = base[m] + (target[m] - base[m]) * share[m];
-                if m < self.leaves.len() {
-                    self.leaves[m] = x;
-                } else {
-                    let i = m - self.leaves.len();
-                    self.parts[i] = x;
+        let mut share = vec![1.0f64; total];
+        for group in around.chunk_by(|x, y| x.0 == y.0) {
+            let m = group[0].0 as usize;
+            share[m] = 0.0;
+            self.set(m, base[m]);
+        }
+        for _ in 0..2 {
+            for group in around.chunk_by(|x, y| x.0 == y.0) {
+                let m = group[0].0 as usize;
+                let mut t = 1.0;
+                while t > share[m] + 1e-3 {
+                    self.set(m, base[m] + (target[m] - base[m]) * t);
+                    let fine = group.iter().all(|&(_, i)| {
+                        let tet = &tets[i as usize];
+                        let [c, d] = [0, 1].map(|k| self.position(complex, &tet.cells[k]));
+                        six_volume([tet.a, tet.b, c, d]) > tet.least
+                    });
+                    if fine {
+                        share[m] = t;
+                        break;
+                    }
+                    t *= 0.75;
+                    if t < 0.05 {
+                        break;
+                    }
                 }
+                self.set(m, base[m] + (target[m] - base[m]) * share[m]);
             }
-            // A point that moved back may spoil a tetrahedron that was fine.
-            suspects = (0..tets.len() as u32)
-                .into_par_iter()
-                .filter(|&t| {
-                    tets[t as usize]
-                        .cells
-                        .iter()
-                        .any(|c| self.moved(c).is_some_and(|m| share[m] < 1.0))
-                })
-                .collect();
         }
         self.reduced = share.iter().filter(|&&s| s < 1.0).count();
     }
+}
+
+/// The ghost cells of a box that is part of the mesh, in order.
+pub(crate) fn ghosts(complex: &Complex<'_>) -> Vec<(u32, u8)> {
+    (0..complex.tree.leaves.len() as u32)
+        .into_par_iter()
+        .with_min_len(1024)
+        .flat_map_iter(|id| {
+            let leaf = complex.leaf(id);
+            let (o, s) = (leaf.origin(), leaf.size());
+            let halves = if complex.is_split(id) { 2 } else { 1 };
+            let outer = move |face: usize| {
+                let (axis, side) = (face / 2, face % 2);
+                !leaf.void
+                    && if side == 0 {
+                        o[axis] == 0
+                    } else {
+                        o[axis] + s == complex.tree.cells[axis]
+                    }
+            };
+            (0..6usize)
+                .filter(move |&f| outer(f))
+                .flat_map(move |f| (0..halves).map(move |h| (id, (2 * f + h) as u8)))
+        })
+        .collect()
+}
+
+/// Newton steps of the kernel: more change nothing that a picture could show.
+const STEPS: u32 = 4;
+
+/// The dual vertices of leaves: finest ones in a density grid by the backend's kernel.
+fn leaf_points<B: ContourBackend + ?Sized>(
+    complex: &Complex<'_>,
+    probe: &Probe<'_>,
+    leaves: &[u32],
+    backend: &B,
+) -> Result<Vec<Point3>, Error> {
+    let samples = complex.samples;
+    let kernel =
+        samples.labels.plain() && probe.field.is_none() && probe.placement == Placement::Newton;
+    let (fine, rest): (Vec<u32>, Vec<u32>) = leaves
+        .iter()
+        .partition(|&&id| kernel && complex.leaf(id).log == 0);
+    let cells: Vec<[f32; 8]> = fine
+        .par_iter()
+        .with_min_len(256)
+        .map(|&id| samples.corners_over_level(complex.leaf(id).origin()))
+        .collect();
+    let mut fine_points = backend.dual_vertices(&cells, STEPS)?.into_iter();
+    let rest: Vec<Point3> = rest
+        .par_iter()
+        .with_min_len(256)
+        .map(|&id| leaf_point(complex, probe, id))
+        .collect();
+    let mut rest = rest.into_iter();
+    let mut next = |id: u32| {
+        if kernel && complex.leaf(id).log == 0 {
+            fine_points
+                .next()
+                .map(|x| within(complex.leaf(id).origin(), x))
+        } else {
+            rest.next()
+        }
+    };
+    Ok(leaves
+        .iter()
+        .map(|&id| next(id).expect("one point per leaf"))
+        .collect())
 }
 
 fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
@@ -426,7 +491,7 @@ fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
         Sample {
             x: local(p),
             label: frame.labels[i],
-            value: complex.samples.value_near(o, p).unwrap_or(0.0),
+            value: complex.samples.value(p),
         }
     };
     let mut crossings = Vec::with_capacity(12);
@@ -441,17 +506,12 @@ fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
 }
 
 /// Label, value and position of a corner.
-pub(crate) fn sample_corner(
-    complex: &Complex<'_>,
-    corner: Corner,
-    label: Region,
-    near: [i32; 3],
-) -> Sample {
+pub(crate) fn sample_corner(complex: &Complex<'_>, corner: Corner, label: Region) -> Sample {
     match corner {
         Corner::Point(p) => Sample {
             x: local(p),
             label,
-            value: complex.samples.value_near(near, p).unwrap_or(0.0),
+            value: complex.samples.value(p),
         },
         Corner::Centre(k) => Sample {
             x: complex.corner_position(corner),
@@ -467,14 +527,13 @@ fn part_point(complex: &Complex<'_>, probe: &Probe<'_>, k: u32, part: u8) -> Poi
     let leaf = complex.leaf(split.leaf);
     let labels = complex.corner_labels(leaf);
     let o = leaf.origin();
-    let mut corners = vec![sample_corner(complex, Corner::Centre(k), split.label, o)];
+    let mut corners = vec![sample_corner(complex, Corner::Centre(k), split.label)];
     corners.extend(split.triangle(part as usize).iter().map(|&i| {
         let p = corner_of(i);
         sample_corner(
             complex,
             Corner::Point([0, 1, 2].map(|k| o[k] + p[k])),
             labels[i],
-            o,
         )
     }));
     mean_of_crossings(probe, &corners)
@@ -501,7 +560,6 @@ fn ghost_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32, half: u8) -> P
                     complex,
                     Corner::Point([0, 1, 2].map(|k| o[k] + p[k])),
                     labels[i],
-                    o,
                 )
             })
             .collect();
@@ -519,7 +577,6 @@ fn ghost_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32, half: u8) -> P
                     complex,
                     Corner::Point([0, 1, 2].map(|k| o[k] + p[k] * s / 2)),
                     frame.labels[i],
-                    o,
                 )
             });
             sum += (a.x + (b.x - a.x) * probe.crossing(&a, &b)).coords;

@@ -1,6 +1,6 @@
 //! From rings to triangles and tetrahedra.
 
-use geom_core::mesh::{INTERIOR, Region, VertexKind};
+use geom_core::mesh::{INTERIOR, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, parallel};
 use rayon::prelude::*;
 
@@ -14,45 +14,24 @@ const BATCH: usize = 2048;
 /// Marks a vertex that a batch has added on an edge, by its number within the batch.
 const ADDED: u32 = 1 << 31;
 
-/// Everything that emission reads, and the numbers of the vertices: cells (leaves, then parts),
-/// ghosts, lattice points, middles of split leaves, added points.
-pub(crate) struct Emitter<'a> {
-    pub(crate) complex: &'a Complex<'a>,
-    pub(crate) duals: &'a Duals,
-    pub(crate) probe: &'a Probe<'a>,
+/// The numbers of the vertices: cells (leaves, then parts), ghosts, lattice points, middles of split
+/// leaves, added points.
+pub(crate) struct Numbering<'a> {
     points: PointSet,
+    ghosts: &'a [(u32, u8)],
     /// Where each group of vertices begins.
-    parts: u32,
-    ghosts: u32,
-    corners: u32,
-    centres: u32,
-    added: u32,
+    first_part: u32,
+    first_ghost: u32,
+    first_corner: u32,
+    first_centre: u32,
+    len: u32,
 }
 
-/// What is emitted, in vertex numbers of the emitter.
-#[derive(Default)]
-pub(crate) struct Emission {
-    pub(crate) tets: Vec<[u32; 4]>,
-    pub(crate) regions: Vec<Region>,
-    /// Triangles of the boundary of the molecule, seen from outside of it.
-    pub(crate) triangles: Vec<[u32; 3]>,
-    /// Points added on edges, in finest cells, and whether they lie on the box.
-    pub(crate) added: Vec<(Point3, bool)>,
-}
-
-/// What to emit.
-#[derive(Clone, Copy)]
-pub(crate) struct Want<F> {
-    pub(crate) tets: bool,
-    pub(crate) region: F,
-}
-
-impl<'a> Emitter<'a> {
-    /// `corners` says whether lattice points become vertices.
+impl<'a> Numbering<'a> {
+    /// `corners` says by their labels which lattice points become vertices.
     pub(crate) fn new(
-        complex: &'a Complex<'a>,
-        duals: &'a Duals,
-        probe: &'a Probe<'a>,
+        complex: &Complex<'_>,
+        ghosts: &'a [(u32, u8)],
         corners: impl Fn(Region) -> bool + Sync,
     ) -> Self {
         let marks = PointMarks::new(complex.tree.cells);
@@ -74,87 +53,152 @@ impl<'a> Emitter<'a> {
                 }
             });
         let points = marks.finish();
-        let parts = complex.tree.leaves.len() as u32;
-        let ghosts = parts + 12 * complex.splits.len() as u32;
-        let corners = ghosts + duals.ghosts().len() as u32;
-        let centres = corners + points.len();
-        let added = centres + complex.splits.len() as u32;
+        let first_part = complex.tree.leaves.len() as u32;
+        let first_ghost = first_part + 12 * complex.splits.len() as u32;
+        let first_corner = first_ghost + ghosts.len() as u32;
+        let first_centre = first_corner + points.len();
+        Self {
+            points,
+            ghosts,
+            first_part,
+            first_ghost,
+            first_corner,
+            first_centre,
+            len: first_centre + complex.splits.len() as u32,
+        }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.len as usize
+    }
+
+    pub(crate) fn ghosts(&self) -> &[(u32, u8)] {
+        self.ghosts
+    }
+
+    pub(crate) fn cell(&self, cell: &Cell) -> u32 {
+        match *cell {
+            Cell::Leaf(id) => id,
+            Cell::Part(k, part) => self.first_part + 12 * k + u32::from(part),
+            Cell::Ghost(id, half) => {
+                let i = self.ghosts.binary_search(&(id, half));
+                self.first_ghost + i.expect("a ghost stands on the box") as u32
+            }
+        }
+    }
+
+    pub(crate) fn corner(&self, corner: Corner) -> u32 {
+        match corner {
+            Corner::Point(p) => self.first_corner + self.points.rank(p),
+            Corner::Centre(k) => self.first_centre + k,
+        }
+    }
+
+    /// All vertices in order.
+    pub(crate) fn vertices(&self) -> impl Iterator<Item = Vertex> {
+        let parts = (0..self.first_ghost - self.first_part)
+            .map(|i| Vertex::Cell(Cell::Part(i / 12, (i % 12) as u8)));
+        (0..self.first_part)
+            .map(|id| Vertex::Cell(Cell::Leaf(id)))
+            .chain(parts)
+            .chain(
+                self.ghosts
+                    .iter()
+                    .map(|&(id, half)| Vertex::Cell(Cell::Ghost(id, half))),
+            )
+            .chain(
+                self.points
+                    .points()
+                    .into_iter()
+                    .map(|p| Vertex::Corner(Corner::Point(p))),
+            )
+            .chain((0..self.len - self.first_centre).map(|k| Vertex::Corner(Corner::Centre(k))))
+    }
+}
+
+/// What a vertex stands for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Vertex {
+    /// The point of a cell.
+    Cell(Cell),
+    /// A corner of the complex.
+    Corner(Corner),
+}
+
+/// Everything that emission reads.
+pub(crate) struct Emitter<'a> {
+    pub(crate) complex: &'a Complex<'a>,
+    pub(crate) duals: &'a Duals,
+    pub(crate) probe: &'a Probe<'a>,
+    pub(crate) numbering: Numbering<'a>,
+}
+
+/// What is emitted, in vertex numbers of the emitter.
+#[derive(Default)]
+pub(crate) struct Emission {
+    pub(crate) tets: Vec<[u32; 4]>,
+    pub(crate) regions: Vec<Region>,
+    /// Triangles of the boundary of the molecule, seen from outside of it.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// Points added on edges, in finest cells.
+    pub(crate) added: Vec<Point3>,
+}
+
+/// What to emit.
+#[derive(Clone, Copy)]
+pub(crate) struct Want<F> {
+    pub(crate) tets: bool,
+    pub(crate) region: F,
+}
+
+impl<'a> Emitter<'a> {
+    /// `corners` says whether lattice points become vertices.
+    pub(crate) fn new(
+        complex: &'a Complex<'a>,
+        duals: &'a Duals,
+        probe: &'a Probe<'a>,
+        corners: impl Fn(Region) -> bool + Sync,
+    ) -> Self {
         Self {
             complex,
             duals,
             probe,
-            points,
-            parts,
-            ghosts,
-            corners,
-            centres,
-            added,
+            numbering: Numbering::new(complex, duals.ghosts(), corners),
         }
     }
 
-    pub(crate) fn cell_vertex(&self, cell: &Cell) -> u32 {
-        match *cell {
-            Cell::Leaf(id) => id,
-            Cell::Part(k, part) => self.parts + 12 * k + u32::from(part),
-            Cell::Ghost(id, half) => self.ghosts + self.duals.ghost_index(id, half),
-        }
-    }
-
-    pub(crate) fn corner_vertex(&self, corner: Corner) -> u32 {
-        match corner {
-            Corner::Point(p) => self.corners + self.points.rank(p),
-            Corner::Centre(k) => self.centres + k,
-        }
-    }
-
-    /// Positions (finest cells) and kinds of all vertices, added ones included.
-    pub(crate) fn all_vertices(&self, emission: &Emission) -> (Vec<Point3>, Vec<VertexKind>) {
+    /// Positions (finest cells) of all vertices, added ones included.
+    pub(crate) fn positions(&self, added: &[Point3]) -> Vec<Point3> {
         let complex = self.complex;
-        let cells = complex.tree.cells;
-        let kind_at =
-            |p: &Point3, inside: VertexKind, junction: bool| box_kind(p, cells, inside, junction);
-        let surface = |moved: bool| {
-            if moved {
-                VertexKind::Surface
-            } else {
-                VertexKind::Interior
-            }
-        };
-        let mut out: Vec<(Point3, VertexKind)> = (0..self.parts)
-            .into_par_iter()
+        let vertices: Vec<Vertex> = self.numbering.vertices().collect();
+        let mut out: Vec<Point3> = vertices
+            .par_iter()
             .with_min_len(1024)
-            .map(|id| {
-                let x = self.duals.position(complex, &Cell::Leaf(id));
-                (x, surface(self.duals.rank(id).is_some()))
+            .map(|v| match v {
+                Vertex::Cell(cell) => self.duals.position(complex, cell),
+                Vertex::Corner(corner) => complex.corner_position(*corner),
             })
             .collect();
-        for k in 0..complex.splits.len() as u32 {
-            out.extend((0..12).map(|part| {
-                let x = self.duals.position(complex, &Cell::Part(k, part));
-                (x, VertexKind::Interior)
-            }));
-        }
-        out.extend(self.duals.ghosts().iter().map(|&(id, half)| {
-            let x = self.duals.position(complex, &Cell::Ghost(id, half));
-            (x, kind_at(&x, VertexKind::Interior, false))
-        }));
-        out.extend(self.points.points().iter().map(|&p| {
-            let x = crate::samples::local(p);
-            (x, kind_at(&x, VertexKind::Interior, false))
-        }));
-        out.extend((0..complex.splits.len() as u32).map(|k| {
-            (
-                complex.corner_position(Corner::Centre(k)),
-                VertexKind::Interior,
-            )
-        }));
-        out.extend(
-            emission
-                .added
-                .iter()
-                .map(|&(x, on_box)| (x, kind_at(&x, VertexKind::Surface, on_box))),
-        );
-        out.into_iter().unzip()
+        out.extend(added);
+        out
+    }
+
+    /// How many different labels meet at each vertex, as seen by the mesh: what is not kept is one.
+    pub(crate) fn meeting(&self, added: usize, keep: impl Fn(Region) -> bool + Sync) -> Vec<u8> {
+        let complex = self.complex;
+        let vertices: Vec<Vertex> = self.numbering.vertices().collect();
+        let mut out: Vec<u8> = vertices
+            .par_iter()
+            .with_min_len(1024)
+            .map(|v| match v {
+                Vertex::Cell(cell) => {
+                    distinct(complex.labels_of(cell).into_iter().map(|l| seen(l, &keep)))
+                }
+                Vertex::Corner(_) => 1,
+            })
+            .collect();
+        out.resize(out.len() + added, 2);
+        out
     }
 
     /// Walks over all rings with a wanted end and emits.
@@ -166,7 +210,7 @@ impl<'a> Emitter<'a> {
                 let mut out = Emission::default();
                 for id in b * BATCH..((b + 1) * BATCH).min(leaves) {
                     // The surface passes edges between molecule and others; pieces of the box close it.
-                    let caps = !self.duals.ghosts().is_empty() && self.on_box(id as u32);
+                    let caps = !self.duals.ghosts().is_empty() && self.complex.is_on_box(id as u32);
                     let asked = |p: Region, q: Region| {
                         let surface = (p == INTERIOR) != (q == INTERIOR);
                         let cap = caps && (p == INTERIOR || q == INTERIOR);
@@ -185,7 +229,7 @@ impl<'a> Emitter<'a> {
         let starts = parallel::starts_of(&counts);
         let shift = |v: &mut u32, start: usize| {
             if *v & ADDED != 0 {
-                *v = self.added + start as u32 + (*v & !ADDED);
+                *v = self.numbering.len + start as u32 + (*v & !ADDED);
             }
         };
         let mut out = Emission::default();
@@ -214,12 +258,6 @@ impl<'a> Emitter<'a> {
         out
     }
 
-    fn on_box(&self, id: u32) -> bool {
-        let leaf = self.complex.leaf(id);
-        let (o, s) = (leaf.origin(), leaf.size());
-        (0..3).any(|k| o[k] == 0 || o[k] + s == self.complex.tree.cells[k])
-    }
-
     fn ring<F: Fn(Region) -> bool>(&self, ring: &Ring<'_>, want: &Want<F>, out: &mut Emission) {
         let n = ring.cells.len();
         let sides = if ring.open { n - 1 } else { n };
@@ -233,21 +271,21 @@ impl<'a> Emitter<'a> {
         if la == lb {
             if keep(la) {
                 for (id, cell) in ids.iter_mut().zip(ring.cells) {
-                    *id = self.cell_vertex(cell);
+                    *id = self.numbering.cell(cell);
                 }
-                let [a, b] = [ring.a.0, ring.b.0].map(|c| self.corner_vertex(c));
+                let [a, b] = [ring.a.0, ring.b.0].map(|c| self.numbering.corner(c));
                 for i in 0..sides {
                     out.tets.push([a, b, ids[i], ids[(i + 1) % n]]);
                     out.regions.push(la);
                 }
             }
             if ring.open && la == INTERIOR {
-                self.cap(ring, |c| self.corner_vertex(c), None, out);
+                self.cap(ring, |c| self.numbering.corner(c), None, out);
             }
             return;
         }
         for (id, cell) in ids.iter_mut().zip(ring.cells) {
-            *id = self.cell_vertex(cell);
+            *id = self.numbering.cell(cell);
         }
         let ids = &ids[..n];
         let surface = la == INTERIOR || lb == INTERIOR;
@@ -259,8 +297,8 @@ impl<'a> Emitter<'a> {
                 [t[0], t[2], t[1]]
             }
         };
-        let a = keep(la).then(|| self.corner_vertex(ring.a.0));
-        let b = keep(lb).then(|| self.corner_vertex(ring.b.0));
+        let a = keep(la).then(|| self.numbering.corner(ring.a.0));
+        let b = keep(lb).then(|| self.numbering.corner(ring.b.0));
         if !ring.open
             && let Some(start) = self.best_fan(ring)
         {
@@ -281,11 +319,10 @@ impl<'a> Emitter<'a> {
             return;
         }
         // A point on the edge itself: always positive, and both sides agree.
-        let near = self.near(ring);
-        let [p, q] = [ring.a, ring.b].map(|(c, label)| sample_corner(self.complex, c, label, near));
+        let [p, q] = [ring.a, ring.b].map(|(c, label)| sample_corner(self.complex, c, label));
         let t = self.probe.exact_crossing(&p, &q).clamp(0.05, 0.95);
         let x = ADDED | out.added.len() as u32;
-        out.added.push((p.x + (q.x - p.x) * t, ring.open));
+        out.added.push(p.x + (q.x - p.x) * t);
         for i in 0..sides {
             let (c, d) = (ids[i], ids[(i + 1) % n]);
             if surface {
@@ -301,7 +338,7 @@ impl<'a> Emitter<'a> {
             }
         }
         if ring.open && surface {
-            self.cap(ring, |c| self.corner_vertex(c), Some(x), out);
+            self.cap(ring, |c| self.numbering.corner(c), Some(x), out);
         }
     }
 
@@ -314,8 +351,8 @@ impl<'a> Emitter<'a> {
         added: Option<u32>,
         out: &mut Emission,
     ) {
-        let first = self.cell_vertex(&ring.cells[0]);
-        let last = self.cell_vertex(&ring.cells[ring.cells.len() - 1]);
+        let first = self.numbering.cell(&ring.cells[0]);
+        let last = self.numbering.cell(&ring.cells[ring.cells.len() - 1]);
         let (a, b) = match added {
             None => (vertex(ring.a.0), vertex(ring.b.0)),
             Some(x) if ring.a.1 == INTERIOR => (vertex(ring.a.0), x),
@@ -323,24 +360,6 @@ impl<'a> Emitter<'a> {
         };
         out.triangles.push([a, first, b]);
         out.triangles.push([a, b, last]);
-    }
-
-    /// A finest cell whose block holds the values at both ends of a ring's edge.
-    fn near(&self, ring: &Ring<'_>) -> [i32; 3] {
-        ring.cells
-            .iter()
-            .find_map(|c| match *c {
-                Cell::Leaf(id) if self.complex.leaf(id).log <= 3 => {
-                    Some(self.complex.leaf(id).origin())
-                }
-                Cell::Part(k, _) => Some(
-                    self.complex
-                        .leaf(self.complex.splits[k as usize].leaf)
-                        .origin(),
-                ),
-                _ => None,
-            })
-            .expect("a ring of an interface has a leaf")
     }
 
     /// Where the fan of triangles over a closed ring begins so that the worst tetrahedron on either
@@ -377,12 +396,46 @@ impl<'a> Emitter<'a> {
     }
 }
 
+/// A label as the mesh sees it: regions that are not kept are all the outside.
+pub(crate) fn seen(label: Region, keep: impl Fn(Region) -> bool) -> Region {
+    if keep(label) { label } else { OUTSIDE }
+}
+
+/// The number of different labels, up to three.
+pub(crate) fn distinct(labels: impl IntoIterator<Item = Region>) -> u8 {
+    let mut found = [0; 2];
+    let mut n = 0;
+    for l in labels {
+        if !found[..n].contains(&l) {
+            if n == 2 {
+                return 3;
+            }
+            found[n] = l;
+            n += 1;
+        }
+    }
+    n as u8
+}
+
+/// How vertices may move: where they stand on the box, and how many labels meet there.
+pub(crate) fn kinds(positions: &[Point3], meeting: &[u8], cells: [i32; 3]) -> Vec<VertexKind> {
+    positions
+        .par_iter()
+        .zip(meeting)
+        .with_min_len(4096)
+        .map(|(p, &labels)| match (box_kind(p, cells), labels) {
+            (kind, 0 | 1) => kind,
+            (VertexKind::Interior, 2) => VertexKind::Surface,
+            _ => VertexKind::Fixed,
+        })
+        .collect()
+}
+
 /// How a vertex at `p` (finest cells) may move if the domain has `cells` cells.
-fn box_kind(p: &Point3, cells: [i32; 3], inside: VertexKind, junction: bool) -> VertexKind {
+fn box_kind(p: &Point3, cells: [i32; 3]) -> VertexKind {
     let on = [0, 1, 2].map(|k| p[k] == 0.0 || p[k] == f64::from(cells[k]));
     match on.iter().filter(|&&o| o).count() {
-        0 => inside,
-        _ if junction => VertexKind::Fixed,
+        0 => VertexKind::Interior,
         1 => VertexKind::BoxFace {
             axis: on.iter().position(|&o| o).expect("one axis") as u8,
         },

@@ -61,6 +61,16 @@ pub enum Error {
         /// What would help.
         cure: &'static str,
     },
+    /// More separate parts of the exterior than regions to name them.
+    #[error(
+        "the exterior has {parts} separate parts, but only {regions} region numbers are left; prune small ones or leave separate_exterior off"
+    )]
+    TooManyParts {
+        /// Parts of the exterior.
+        parts: usize,
+        /// Numbers for them.
+        regions: usize,
+    },
     /// The watcher asked to stop.
     #[error(transparent)]
     Cancelled(#[from] geom_core::Cancelled),

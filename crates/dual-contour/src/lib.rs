@@ -9,6 +9,9 @@ mod cpu;
 mod dual;
 mod emit;
 mod error;
+mod field;
+mod groups;
+mod lattice;
 mod octree;
 mod options;
 mod quality;
@@ -20,8 +23,11 @@ mod volume;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 
-pub use backend::ContourBackend;
+pub use backend::{
+    BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, CROSSINGS, ContourBackend, DUAL_VERTICES, MIN_MAX,
+};
 pub use error::Error;
+pub use field::FieldSamples;
 pub use options::{
     AtBox, ErrorNorm, Extent, Material, Method, Options, Outer, Placement, Resolution, Shape, Zone,
 };

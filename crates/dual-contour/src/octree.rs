@@ -60,6 +60,19 @@ impl Splits {
         }
     }
 
+    /// Asks for finest cells all around a finest cell.
+    pub(crate) fn surround(&mut self, cells: [i32; 3], cell: [i32; 3]) {
+        let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
+        let low = cell.map(|c| (c - 1).max(0));
+        let high = [0, 1, 2].map(|k| (cell[k] + 1).min(cells[k] - 1));
+        // The two ends along each axis name all cells of size 2 in between.
+        for i in 0..8usize {
+            let p = [0, 1, 2].map(|k| if i >> k & 1 == 0 { low[k] } else { high[k] });
+            let (g, c) = morton(p);
+            self.two[block_index(blocks, p.map(|c| c >> BLOCK_LOG))] |= 1 << (8 * g + c);
+        }
+    }
+
     /// Asks for the split of a leaf of size 2, 4 or 8.
     pub(crate) fn split(&mut self, blocks: [i32; 3], leaf: &Leaf) {
         let o = leaf.origin();

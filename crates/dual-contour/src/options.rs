@@ -347,15 +347,6 @@ impl Options {
             }
             _ => {}
         }
-        let missing = [
-            ("method", self.method == Method::Lattice),
-            ("resolution", matches!(self.resolution, Resolution::Tets(_))),
-            ("prune", self.prune > 0),
-            ("separate_exterior", self.separate_exterior),
-        ];
-        if let Some((option, _)) = missing.iter().find(|m| m.1) {
-            return refuse(option, "is not available in this version".to_owned());
-        }
         let uneven = self.tolerance > 0.0 || !self.zones.is_empty();
         if self.method == Method::Lattice && uneven {
             return refuse(

@@ -12,10 +12,17 @@ pub struct Report {
     pub surface_cells: usize,
     /// Leaves whose labels are ambiguous and that were cut into twelve tetrahedra.
     pub split_cells: usize,
-    /// Dual vertices that were held back from their place to keep all volumes positive.
+    /// Vertices that were held back from their place: dual vertices to keep all volumes positive,
+    /// lattice vertices to keep the surface a manifold.
     pub held_back: usize,
-    /// Vertices added on edges where no fan of triangles keeps all volumes positive, and on the box.
+    /// Lattice method: vertices snapped onto an interface.
+    pub snapped: usize,
+    /// Vertices beside those of cells and corners: where edges are cut.
     pub added_vertices: usize,
+    /// Groups of lattice points that were too small ([`Options::prune`](crate::Options)).
+    pub pruned_groups: usize,
+    /// Lattice points that changed sides with them.
+    pub pruned_points: u64,
     /// Triangles of the surface.
     pub triangles: usize,
     /// Tetrahedra.

@@ -4,13 +4,15 @@ use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
 use geom_core::{ImplicitField, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, ContourBackend};
+use crate::groups::Groups;
 use crate::octree::{BLOCK, BLOCK_LOG, block_index};
 use crate::{Error, Material, Shape};
 
 /// Points per side of a stored block: its cells are closed, so blocks share their faces.
-pub(crate) const SIDE: usize = 9;
+pub(crate) const SIDE: usize = BLOCK_SIDE;
 /// Points per stored block.
-pub(crate) const POINTS: usize = SIDE * SIDE * SIDE;
+pub(crate) const POINTS: usize = BLOCK_POINTS;
 /// Marks a block whose points all have one label, which stands in the low byte.
 const UNIFORM: u32 = 0xffff_ff00;
 
@@ -97,6 +99,7 @@ impl Labels {
 }
 
 /// Where the values of the mesh lattice come from.
+#[derive(Clone, Copy)]
 pub(crate) enum Source<'a, V: ?Sized> {
     /// The lattice of the values, shifted by whole cells; beyond it `outside`.
     Aligned {
@@ -113,8 +116,16 @@ pub(crate) enum Source<'a, V: ?Sized> {
 }
 
 impl<V: LatticeValues + ?Sized> Source<'_, V> {
+    /// The point of the given lattice that a point of the mesh lattice stands for.
+    fn index(&self, domain: &Domain, p: [i32; 3]) -> [usize; 3] {
+        let (Self::Aligned { values, .. } | Self::Resampled { values, .. }) = self;
+        let lattice = values.lattice();
+        let local = lattice.local(&domain.point(p));
+        [0, 1, 2].map(|k| (local[k].round().max(0.0) as usize).min(lattice.counts[k] - 1))
+    }
+
     /// The value at a point of the mesh lattice.
-    fn at(&self, domain: &Domain, p: [i32; 3]) -> f32 {
+    pub(crate) fn at(&self, domain: &Domain, p: [i32; 3]) -> f32 {
         match self {
             Self::Aligned {
                 values,
@@ -146,42 +157,83 @@ impl<V: LatticeValues + ?Sized> Source<'_, V> {
         }
     }
 
-    /// Can the closed block of cells at `low` hold values on both sides of the level? Judged from the
-    /// values of the given lattice.
-    fn may_mix(&self, domain: &Domain, low: [i32; 3], level: f64) -> Option<bool> {
-        let Self::Resampled {
-            values, outside, ..
-        } = self
-        else {
-            return None;
-        };
-        let lattice = values.lattice();
-        let from = lattice.local(&domain.point(low));
-        let to = lattice.local(&domain.point(low.map(|c| c + BLOCK)));
-        let mut inside = f64::from(*outside) >= level;
-        let mut any = false;
-        let mut mixed = false;
-        let mut see = |side: bool| {
-            mixed |= any && side != inside;
-            inside = side;
-            any = true;
-        };
-        let last = lattice.counts.map(|n| n as f64 - 1.0);
-        if (0..3).any(|k| from[k] < 0.0 || to[k] > last[k]) {
-            see(f64::from(*outside) >= level);
-        }
-        let low = [0, 1, 2].map(|k| from[k].floor().clamp(0.0, last[k]) as usize);
-        let high = [0, 1, 2].map(|k| to[k].ceil().clamp(0.0, last[k]) as usize);
-        if (0..3).all(|k| to[k] >= 0.0 && from[k] <= last[k]) {
-            for z in low[2]..=high[2] {
-                for y in low[1]..=high[1] {
-                    for x in low[0]..=high[0] {
-                        see(f64::from(values.at([x, y, z])) >= level);
-                    }
+    /// The values of the closed block at `low`. Beyond the domain the nearest point stands in, so that
+    /// nothing mixes there.
+    fn gather(&self, domain: &Domain, low: [i32; 3], out: &mut [f32]) {
+        for (row, out) in out.chunks_exact_mut(SIDE).enumerate() {
+            let y = (low[1] + (row % SIDE) as i32).min(domain.cells[1]);
+            let z = (low[2] + (row / SIDE) as i32).min(domain.cells[2]);
+            if let Self::Aligned { values, shift, .. } = self {
+                let start = [low[0] - shift[0], y - shift[1], z - shift[2]];
+                let last = [start[0] + BLOCK, start[1], start[2]];
+                let counts = values.lattice().counts;
+                let within = (0..3).all(|k| start[k] >= 0 && (last[k] as usize) < counts[k])
+                    && low[0] + BLOCK <= domain.cells[0];
+                if within {
+                    values.read_row(start.map(|c| c as usize), out);
+                    continue;
                 }
             }
+            for (i, value) in out.iter_mut().enumerate() {
+                *value = self.at(domain, [(low[0] + i as i32).min(domain.cells[0]), y, z]);
+            }
         }
-        Some(mixed)
+    }
+
+    /// The value of the closed block at `low`, if all of its points are known to have it, or at least
+    /// its side of the level.
+    fn constant(&self, domain: &Domain, low: [i32; 3], level: f64) -> Option<f32> {
+        match self {
+            Self::Aligned {
+                values,
+                shift,
+                outside,
+            } => {
+                let counts = values.lattice().counts.map(|n| n as i32);
+                let from = [0, 1, 2].map(|k| low[k] - shift[k]);
+                let to = [0, 1, 2].map(|k| (low[k] + BLOCK).min(domain.cells[k]) - shift[k]);
+                if (0..3).any(|k| to[k] < 0 || from[k] >= counts[k]) {
+                    return Some(*outside);
+                }
+                let within = (0..3).all(|k| from[k] >= 0 && to[k] < counts[k]);
+                within.then(|| {
+                    let [from, to] = [from, to].map(|p| p.map(|c| c as usize));
+                    values.constant(from, to)
+                })?
+            }
+            Self::Resampled {
+                values, outside, ..
+            } => {
+                let lattice = values.lattice();
+                let from = lattice.local(&domain.point(low));
+                let to = lattice.local(&domain.point(low.map(|c| c + BLOCK)));
+                let last = lattice.counts.map(|n| n as f64 - 1.0);
+                if (0..3).any(|k| to[k] < 0.0 || from[k] > last[k]) {
+                    return Some(*outside);
+                }
+                let crosses = (0..3).any(|k| from[k] < 0.0 || to[k] > last[k]);
+                let low = [0, 1, 2].map(|k| from[k].floor().clamp(0.0, last[k]) as usize);
+                let high = [0, 1, 2].map(|k| to[k].ceil().clamp(0.0, last[k]) as usize);
+                let first = values.at(low);
+                let side = |v: f32| f64::from(v) >= level;
+                if crosses && side(first) != side(*outside) {
+                    return None;
+                }
+                if values.constant(low, high).is_some() {
+                    return Some(first);
+                }
+                let mut row = vec![0.0; high[0] - low[0] + 1];
+                for z in low[2]..=high[2] {
+                    for y in low[1]..=high[1] {
+                        values.read_row([low[0], y, z], &mut row);
+                        if row.iter().any(|&v| side(v) != side(first)) {
+                            return None;
+                        }
+                    }
+                }
+                Some(first)
+            }
+        }
     }
 }
 
@@ -208,143 +260,329 @@ fn trilinear<V: LatticeValues + ?Sized>(values: &V, x: &Point3) -> f32 {
     sum as f32
 }
 
+/// Blocks that are read, judged and kept or dropped together.
+const BATCH: usize = 4096;
+
 /// Labels of all points of the mesh lattice, and values in the blocks where labels change.
-pub(crate) struct Samples {
+pub(crate) struct Samples<'a> {
     pub(crate) domain: Domain,
     pub(crate) labels: Labels,
     state: Vec<u32>,
     values: Vec<f32>,
     regions: Vec<Region>,
+    /// Signs of the corners of each finest cell of each stored block; empty unless labels are plain.
+    masks: Vec<u8>,
     /// Lowest and highest value seen.
     pub(crate) range: (f32, f32),
+    read: Box<dyn Fn([i32; 3]) -> f32 + Sync + 'a>,
 }
 
-impl Samples {
-    pub(crate) fn new<V: LatticeValues + ?Sized>(
-        source: &Source<'_, V>,
+/// The lowest f32 that is not below `level`: comparing with it is comparing with `level`.
+fn at_least(level: f64) -> f32 {
+    let v = level as f32;
+    if f64::from(v) < level { v.next_up() } else { v }
+}
+
+/// What is known of a block.
+enum Known {
+    Uniform(Region, f32),
+    /// The label around, if the block has one off the molecule.
+    Open(Option<Region>),
+}
+
+impl<'a> Samples<'a> {
+    pub(crate) fn new<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
+        source: Source<'a, V>,
         domain: Domain,
         labels: Labels,
+        backend: &B,
     ) -> Result<Self, Error> {
-        struct Block {
-            state: u32,
-            values: Vec<f32>,
-            regions: Vec<Region>,
-            range: (f32, f32),
-            bad: Option<([i32; 3], f32)>,
-        }
-        let radius = 0.5 * f64::from(BLOCK) * 3f64.sqrt() * domain.spacing;
-        let blocks: Vec<Block> = (0..domain.block_len())
+        // A little more, so that a corner that just touches a boundary counts.
+        let radius = (0.5 * f64::from(BLOCK) * 3f64.sqrt() + 1e-3) * domain.spacing;
+        let known: Vec<Known> = (0..domain.block_len())
             .into_par_iter()
+            .with_min_len(64)
             .map(|b| {
                 let low = domain.block(b).map(|c| c * BLOCK);
                 let middle = domain.world(&(local(low) + Vector3::repeat(0.5 * f64::from(BLOCK))));
-                let around = labels.around(&middle, radius);
-                let mut range = (f32::INFINITY, f32::NEG_INFINITY);
-                let uniform = |label: Region, range| Block {
-                    state: UNIFORM | u32::from(label),
-                    values: Vec::new(),
-                    regions: Vec::new(),
-                    range,
-                    bad: None,
+                let around = if labels.plain() {
+                    Some(EXTERIOR)
+                } else {
+                    labels.around(&middle, radius)
                 };
-                if let (Some(label), Some(false)) =
-                    (around, source.may_mix(&domain, low, labels.level))
-                {
-                    let v = source.at(&domain, low);
-                    let inside = f64::from(v) >= labels.level;
-                    return uniform(if inside { INTERIOR } else { label }, (v, v));
-                }
-                let mut values = vec![0.0; POINTS];
-                let mut bad = None;
-                let (mut above, mut below) = (false, false);
-                for (i, value) in values.iter_mut().enumerate() {
-                    let d = [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)];
-                    // Beyond the domain the nearest point stands in, so that nothing mixes there.
-                    let p = [0, 1, 2].map(|k| (low[k] + d[k] as i32).min(domain.cells[k]));
-                    let v = source.at(&domain, p);
-                    if !v.is_finite() {
-                        bad = bad.or(Some((p, v)));
-                    }
-                    range = (range.0.min(v), range.1.max(v));
-                    if f64::from(v) >= labels.level {
-                        above = true;
-                    } else {
-                        below = true;
-                    }
-                    *value = v;
-                }
-                if bad.is_some() {
-                    return Block {
-                        bad,
-                        ..uniform(0, range)
-                    };
-                }
-                if !below {
-                    return uniform(INTERIOR, range);
-                }
-                if let (false, Some(label)) = (above, around) {
-                    return uniform(label, range);
-                }
-                let regions: Vec<Region> = values
-                    .iter()
-                    .enumerate()
-                    .map(|(i, &v)| {
-                        let d = [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)];
-                        let p = [0, 1, 2].map(|k| (low[k] + d[k] as i32).min(domain.cells[k]));
-                        match around {
-                            Some(label) if f64::from(v) < labels.level => label,
-                            _ => labels.at(f64::from(v), &domain.point(p)),
-                        }
-                    })
-                    .collect();
-                if regions.iter().all(|&r| r == regions[0]) {
-                    return uniform(regions[0], range);
-                }
-                Block {
-                    state: 0,
-                    values,
-                    regions,
-                    range,
-                    bad: None,
+                match (around, source.constant(&domain, low, labels.level)) {
+                    (_, Some(v)) if f64::from(v) >= labels.level => Known::Uniform(INTERIOR, v),
+                    (Some(label), Some(v)) => Known::Uniform(label, v),
+                    _ => Known::Open(around),
                 }
             })
             .collect();
-        let mut out = Self {
-            domain,
-            labels,
-            state: Vec::with_capacity(blocks.len()),
-            values: Vec::new(),
-            regions: Vec::new(),
-            range: (f32::INFINITY, f32::NEG_INFINITY),
-        };
-        let stored = blocks.iter().filter(|b| !b.regions.is_empty()).count();
-        out.values.reserve_exact(stored * POINTS);
-        out.regions.reserve_exact(stored * POINTS);
-        for block in blocks {
-            if let Some((p, value)) = block.bad {
-                return Err(Error::NotFinite {
-                    index: p.map(|c| c.max(0) as usize),
-                    value,
-                });
-            }
-            out.range = (
-                out.range.0.min(block.range.0),
-                out.range.1.max(block.range.1),
-            );
-            if block.regions.is_empty() {
-                out.state.push(block.state);
-            } else {
-                out.state.push((out.regions.len() / POINTS) as u32);
-                out.values.extend(block.values);
-                out.regions.extend(block.regions);
+        let mut range = (f32::INFINITY, f32::NEG_INFINITY);
+        let mut state = Vec::with_capacity(known.len());
+        let mut open = Vec::new();
+        for (b, known) in known.into_iter().enumerate() {
+            match known {
+                Known::Uniform(label, v) => {
+                    range = (range.0.min(v), range.1.max(v));
+                    state.push(UNIFORM | u32::from(label));
+                }
+                Known::Open(around) => {
+                    state.push(u32::MAX);
+                    open.push((b, around));
+                }
             }
         }
-        Ok(out)
+        let (mut values, mut regions) = (Vec::new(), Vec::new());
+        let mut batch = vec![0.0; POINTS * BATCH.min(open.len())];
+        for open in open.chunks(BATCH) {
+            let batch = &mut batch[..POINTS * open.len()];
+            batch
+                .par_chunks_exact_mut(POINTS)
+                .zip(open)
+                .for_each(|(out, &(b, _))| {
+                    source.gather(&domain, domain.block(b).map(|c| c * BLOCK), out);
+                });
+            let bad = batch
+                .par_chunks_exact(POINTS)
+                .zip(open)
+                .find_first(|(v, _)| !v.iter().all(|v| v.is_finite()));
+            if let Some((block, &(b, _))) = bad {
+                let i = block
+                    .iter()
+                    .position(|v| !v.is_finite())
+                    .expect("one is bad");
+                let p = point_of(&domain, b, i);
+                return Err(Error::NotFinite {
+                    index: source.index(&domain, p),
+                    value: block[i],
+                });
+            }
+            let ranges = backend.min_max(batch)?;
+            let judged: Vec<Result<Vec<Region>, Region>> = open
+                .par_iter()
+                .zip(&ranges)
+                .zip(batch.par_chunks_exact(POINTS))
+                .map(|((&(b, around), &[low, high]), values)| {
+                    let above = f64::from(high) >= labels.level;
+                    let below = f64::from(low) < labels.level;
+                    if !below {
+                        return Err(INTERIOR);
+                    }
+                    if let (false, Some(label)) = (above, around) {
+                        return Err(label);
+                    }
+                    let regions = regions_of(&domain, &labels, b, values, around);
+                    if regions.iter().all(|&r| r == regions[0]) {
+                        return Err(regions[0]);
+                    }
+                    Ok(regions)
+                })
+                .collect();
+            for (i, (judged, &(b, _))) in judged.into_iter().zip(open).enumerate() {
+                range = (range.0.min(ranges[i][0]), range.1.max(ranges[i][1]));
+                match judged {
+                    Err(label) => state[b] = UNIFORM | u32::from(label),
+                    Ok(block) => {
+                        state[b] = (regions.len() / POINTS) as u32;
+                        regions.extend(block);
+                        values.extend_from_slice(&batch[POINTS * i..][..POINTS]);
+                    }
+                }
+            }
+        }
+        Ok(Self {
+            domain,
+            labels,
+            state,
+            values,
+            regions,
+            masks: Vec::new(),
+            range,
+            read: Box::new(move |p| source.at(&domain, p)),
+        })
     }
 
-    /// Blocks that are stored.
-    pub(crate) fn stored(&self) -> usize {
-        self.regions.len() / POINTS
+    /// Finds the signs of all stored cells; after this values stay as they are.
+    pub(crate) fn find_crossings<B: ContourBackend + ?Sized>(
+        &mut self,
+        backend: &B,
+    ) -> Result<(), Error> {
+        if self.labels.plain() {
+            self.masks = backend.crossings(&self.values, at_least(self.labels.level))?;
+        }
+        Ok(())
+    }
+
+    /// Gives groups of fewer than `least` lattice points on one side of the level to the other side;
+    /// groups are connected by lattice edges. Returns how many groups and points were changed.
+    pub(crate) fn prune(&mut self, least: u32) -> (usize, u64) {
+        let (mut groups, mut points) = (0, 0);
+        loop {
+            let (g, p) = self.prune_once(least);
+            if g == 0 {
+                return (groups, points);
+            }
+            (groups, points) = (groups + g, points + p);
+        }
+    }
+
+    fn prune_once(&mut self, least: u32) -> (usize, u64) {
+        // One node per block without values, then one per point of each stored block.
+        let blocks = self.state.len();
+        let mut groups = Groups::new(blocks + self.regions.len());
+        let node = |p: [i32; 3]| {
+            let (b, i) = self.place(p);
+            match self.slot(b) {
+                Some(slot) => blocks + slot * POINTS + i,
+                None => b,
+            }
+        };
+        let inside = |r: Region| r == INTERIOR;
+        for b in 0..blocks {
+            let at = self.domain.block(b);
+            let Some(slot) = self.slot(b) else {
+                for axis in 0..3 {
+                    let mut next = at;
+                    next[axis] += 1;
+                    if next[axis] < self.domain.blocks[axis] {
+                        let other = block_index(self.domain.blocks, next);
+                        let same = |x: u32, y: u32| inside(x as u8) == inside(y as u8);
+                        if self.slot(other).is_none() && same(self.state[b], self.state[other]) {
+                            groups.join(b, other);
+                        }
+                    }
+                }
+                continue;
+            };
+            let regions = &self.regions[slot * POINTS..][..POINTS];
+            let first = blocks + slot * POINTS;
+            for (i, &r) in regions.iter().enumerate() {
+                let d = [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)];
+                for (axis, step) in [1, SIDE, SIDE * SIDE].into_iter().enumerate() {
+                    if d[axis] + 1 < SIDE && inside(r) == inside(regions[i + step]) {
+                        groups.join(first + i, first + i + step);
+                    }
+                }
+                if d.iter().all(|&c| c != 0 && c + 1 != SIDE) {
+                    continue;
+                }
+                // The copies of this point in other blocks.
+                let p = point_of(&self.domain, b, i);
+                groups.join(first + i, node(p));
+                for shift in 1..8 {
+                    let to = [0, 1, 2].map(|k| at[k] - (shift >> k & 1));
+                    let touches = (0..3).all(|k| shift >> k & 1 == 0 || d[k] == 0 && to[k] >= 0);
+                    if touches {
+                        let other = block_index(self.domain.blocks, to);
+                        if self.slot(other).is_none() {
+                            groups.join(first + i, other);
+                        }
+                    }
+                }
+            }
+        }
+        let groups = groups.roots();
+        let mut sizes = vec![0u64; groups.len()];
+        for b in 0..blocks {
+            match self.slot(b) {
+                None => sizes[groups[b] as usize] += (BLOCK * BLOCK * BLOCK) as u64,
+                Some(slot) => {
+                    for i in 0..POINTS {
+                        if self.place(point_of(&self.domain, b, i)) == (b, i) {
+                            sizes[groups[blocks + slot * POINTS + i] as usize] += 1;
+                        }
+                    }
+                }
+            }
+        }
+        let small: Vec<usize> = (0..sizes.len())
+            .filter(|&i| sizes[i] > 0 && sizes[i] < u64::from(least))
+            .collect();
+        // All has one sign: nothing to give to.
+        let total = (0..sizes.len()).filter(|&i| sizes[i] > 0).count();
+        if small.is_empty() || small.len() == total {
+            return (0, 0);
+        }
+        let is_small = |root: usize| small.binary_search(&root).is_ok();
+        for b in 0..blocks {
+            let low = self.domain.block(b).map(|c| c * BLOCK);
+            match self.slot(b) {
+                None => {
+                    if is_small(groups[b] as usize) {
+                        let r = self.state[b] as u8;
+                        let x = self.domain.point(low);
+                        self.state[b] = UNIFORM | u32::from(self.flipped(r, &x));
+                    }
+                }
+                Some(slot) => {
+                    for i in 0..POINTS {
+                        if is_small(groups[blocks + slot * POINTS + i] as usize) {
+                            let j = slot * POINTS + i;
+                            let x = self.domain.point(point_of(&self.domain, b, i));
+                            self.regions[j] = self.flipped(self.regions[j], &x);
+                            self.values[j] = self.mirrored(self.values[j]);
+                        }
+                    }
+                }
+            }
+        }
+        (small.len(), small.iter().map(|&i| sizes[i]).sum())
+    }
+
+    fn flipped(&self, r: Region, x: &Point3) -> Region {
+        if r == INTERIOR {
+            self.labels.at(f64::NEG_INFINITY, x)
+        } else {
+            INTERIOR
+        }
+    }
+
+    /// The value as far on the other side of the level.
+    fn mirrored(&self, v: f32) -> f32 {
+        let level = self.labels.level;
+        let other = (2.0 * level - f64::from(v)) as f32;
+        let threshold = at_least(level);
+        if v >= threshold {
+            other.min(threshold.next_down())
+        } else {
+            other.max(threshold)
+        }
+    }
+
+    /// Does a point lie in the molecule or beyond?
+    pub(crate) fn holds_both_sides(&self) -> bool {
+        let any = |inside: bool| {
+            let is = |r: Region| (r == INTERIOR) == inside;
+            self.state.iter().any(|&s| s >= UNIFORM && is(s as u8))
+                || self.regions.iter().any(|&r| is(r))
+        };
+        any(true) && any(false)
+    }
+
+    /// The value at any lattice point, on the side of the level that its label says.
+    pub(crate) fn value(&self, p: [i32; 3]) -> f64 {
+        let (b, i) = self.place(p);
+        if let Some(slot) = self.slot(b) {
+            return f64::from(self.values[slot * POINTS + i]);
+        }
+        let v = (self.read)(p);
+        let inside = self.state[b] as u8 == INTERIOR;
+        f64::from(if (f64::from(v) >= self.labels.level) == inside {
+            v
+        } else {
+            self.mirrored(v)
+        })
+    }
+
+    /// The signs of the corners of a finest cell, if labels are plain and its block is stored.
+    #[inline]
+    pub(crate) fn mask(&self, cell: [i32; 3]) -> Option<u8> {
+        let slot = self.slot(block_index(
+            self.domain.blocks,
+            cell.map(|c| c >> BLOCK_LOG),
+        ))?;
+        let i = (cell[0] & 7) | (cell[1] & 7) << 3 | (cell[2] & 7) << 6;
+        self.masks.get(BLOCK_CELLS * slot + i as usize).copied()
     }
 
     /// Place of a block among the stored ones.
@@ -385,13 +623,22 @@ impl Samples {
         }
     }
 
-    /// The stored value at a lattice point of the closed block of cell `cell`.
-    #[inline]
-    pub(crate) fn value_near(&self, cell: [i32; 3], p: [i32; 3]) -> Option<f64> {
-        let b = [0, 1, 2].map(|k| cell[k] >> BLOCK_LOG);
-        let values = self.values_of(block_index(self.domain.blocks, b))?;
-        let d = [0, 1, 2].map(|k| (p[k] - b[k] * BLOCK) as usize);
-        Some(f64::from(values[(d[2] * SIDE + d[1]) * SIDE + d[0]]))
+    /// The values at the corners of a finest cell, minus the level; corner `x + 2y + 4z`.
+    pub(crate) fn corners_over_level(&self, cell: [i32; 3]) -> [f32; 8] {
+        let over = |v: f64| (v - self.labels.level) as f32;
+        let (b, i) = self.place(cell);
+        match self.slot(b) {
+            Some(slot) if (0..3).all(|k| cell[k] >> BLOCK_LOG < self.domain.blocks[k]) => {
+                let values = &self.values[slot * POINTS..][..POINTS];
+                std::array::from_fn(|c| {
+                    let step = (c & 1) + (c >> 1 & 1) * SIDE + (c >> 2) * SIDE * SIDE;
+                    over(f64::from(values[i + step]))
+                })
+            }
+            _ => std::array::from_fn(|c| {
+                over(self.value([0, 1, 2].map(|k| cell[k] + (c >> k & 1) as i32)))
+            }),
+        }
     }
 
     /// Trilinear value and gradient (per finest cell) at `x` in the closed block of cell `cell`.
@@ -425,4 +672,36 @@ impl Samples {
         );
         Some((lerp(y0, y1, t[2]), gradient))
     }
+}
+
+/// The lattice point at a place of a closed block; beyond the domain the nearest one.
+fn point_of(domain: &Domain, b: usize, i: usize) -> [i32; 3] {
+    let low = domain.block(b).map(|c| c * BLOCK);
+    let d = [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)];
+    [0, 1, 2].map(|k| (low[k] + d[k] as i32).min(domain.cells[k]))
+}
+
+/// The labels of the points of a block.
+fn regions_of(
+    domain: &Domain,
+    labels: &Labels,
+    b: usize,
+    values: &[f32],
+    around: Option<Region>,
+) -> Vec<Region> {
+    let threshold = at_least(labels.level);
+    values
+        .iter()
+        .enumerate()
+        .map(|(i, &v)| match around {
+            Some(label) => {
+                if v >= threshold {
+                    INTERIOR
+                } else {
+                    label
+                }
+            }
+            None => labels.at(f64::from(v), &domain.point(point_of(domain, b, i))),
+        })
+        .collect()
 }

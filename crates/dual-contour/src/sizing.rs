@@ -41,7 +41,7 @@ pub(crate) fn feature_error(values: &[f64; 27], edge: f64, norm: ErrorNorm) -> f
 }
 
 struct Judge<'a> {
-    samples: &'a Samples,
+    samples: &'a Samples<'a>,
     options: &'a Options,
 }
 
@@ -108,6 +108,10 @@ impl Judge<'_> {
 /// How far the depth below a shape's boundary, interpolated from the corners of a cell, is off at its
 /// other half-lattice points; 0 if the boundary is far.
 fn shape_error(shape: &Shape, low: &Point3, edge: f64) -> f64 {
+    if let Shape::Sphere { radius, .. } = shape {
+        // The same everywhere, so that all leaves on it have one size.
+        return 3.0 * edge * edge / (8.0 * radius);
+    }
     let at = |t: [f64; 3]| shape.depth(&(low + Vector3::from(t) * edge));
     if at([0.5; 3]).abs() > edge {
         return 0.0;
@@ -132,7 +136,7 @@ fn shape_error(shape: &Shape, low: &Point3, edge: f64) -> f64 {
 }
 
 /// The cells that must be split because of what they hold.
-pub(crate) fn splits(samples: &Samples, options: &Options) -> Splits {
+pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
     let domain = &samples.domain;
     let ratio = (options.max_cell / domain.spacing).max(1.0).log2();
     let largest = if ratio < 30.0 {

@@ -1,14 +1,16 @@
 //! Tetrahedra.
 
-use geom_core::mesh::{OUTSIDE, VertexKind};
-use geom_core::{ImplicitField, LatticeValues, Run, TetMesh, TriMesh};
+use std::collections::BTreeSet;
+
+use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region, VertexKind, six_volume};
+use geom_core::{ImplicitField, LatticeValues, Point3, Run, TetMesh, TriMesh};
 
 use crate::backend::ContourBackend;
-use crate::build::{self, Purpose, build, caps};
-use crate::complex::{Complex, Outcome};
-use crate::dual::Duals;
-use crate::emit::{Emitter, Want, compact};
-use crate::{Error, Options, Report};
+use crate::build::{self, Contour, Purpose};
+use crate::emit::compact;
+use crate::groups::Groups;
+use crate::surface::surface_mesh;
+use crate::{Error, Extent, Options, Outer, Report};
 
 /// Tetrahedra, the surface of the molecule, and how they came about.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,8 +19,25 @@ pub struct Volume {
     pub mesh: TetMesh,
     /// The boundary of the molecule, with vertices of its own.
     pub surface: TriMesh,
+    /// Regions given to parts of the exterior that do not connect with its largest, by decreasing
+    /// volume ([`Options::separate_exterior`]).
+    pub exterior_parts: Vec<Region>,
     /// Counts.
     pub report: Report,
+}
+
+impl Volume {
+    /// Names of the regions for [writers](geom_core::io::View::of_tets): `exterior`, `molecule`, and
+    /// `exterior_2` … for separate parts. Other materials are the caller's to name.
+    pub fn names(&self) -> Vec<(Region, String)> {
+        let fixed = [(EXTERIOR, "exterior"), (INTERIOR, "molecule")];
+        let parts = self.exterior_parts.iter().enumerate();
+        fixed
+            .into_iter()
+            .map(|(r, name)| (r, name.to_owned()))
+            .chain(parts.map(|(i, &r)| (r, format!("exterior_{}", i + 2))))
+            .collect()
+    }
 }
 
 /// Tetrahedra inside or outside of the molecule, or both, conforming across all interfaces.
@@ -28,82 +47,108 @@ pub fn volume<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Volume, Error> {
-    let built = build(values, field, options, Purpose::Volume(options.region), run)?;
-    run.progress("dual vertices", 0, 1)?;
-    let centre = build::centre_value(field, values.lattice().bounds());
-    let Outcome::Ready(complex) = Complex::build(&built.samples, &built.tree, centre) else {
-        unreachable!("the build splits all larger leaves that are not simple");
+    let interior = options.region == Extent::Interior;
+    let asked = [
+        ("outer", options.outer != Outer::Grid),
+        ("separate_exterior", options.separate_exterior),
+    ];
+    if let Some((option, _)) = asked.iter().find(|(_, set)| *set && interior) {
+        return Err(Error::InvalidOption {
+            option,
+            reason: "the exterior is not meshed; take Extent::Exterior or Extent::Both".to_owned(),
+        });
+    }
+    let options = build::resolved(values, field, options, run)?;
+    let Contour {
+        mut raw,
+        domain,
+        report,
+    } = build::contour(
+        values,
+        field,
+        &options,
+        Purpose::Volume(options.region),
+        run,
+    )?;
+    let surface = surface_mesh(&raw.positions, std::mem::take(&mut raw.triangles), &domain);
+    let kept = compact(raw.positions.len(), &mut raw.tets);
+    let kinds: Vec<VertexKind> = kept.iter().map(|&v| raw.kinds[v as usize]).collect();
+    let positions: Vec<Point3> = kept
+        .iter()
+        .map(|&v| domain.world(&raw.positions[v as usize]))
+        .collect();
+    let exterior_parts = if options.separate_exterior {
+        separate(&positions, &raw.tets, &mut raw.regions)?
+    } else {
+        Vec::new()
     };
-    let probe = build::probe(&built.samples, field, options);
-    let duals = Duals::new(&complex, &probe, built.boxed);
-    run.progress("tetrahedra", 0, 1)?;
-    let region = |r| options.region.holds(r);
-    let emitter = Emitter::new(&complex, &duals, &probe, |r| {
-        region(r) || caps(built.boxed, r)
-    });
-    let mut emission = emitter.emit(&Want { tets: true, region });
-    let mut report = Report::default();
-    build::describe(&mut report, &built.samples, &complex, &duals);
-    report.added_vertices = emission.added.len();
-
-    let (positions, kinds) = emitter.all_vertices(&emission);
-    let mut triangles = std::mem::take(&mut emission.triangles);
-    let mut tets = std::mem::take(&mut emission.tets);
-    let to_world = |kept: &[u32]| {
-        kept.iter()
-            .map(|&v| built.samples.domain.world(&positions[v as usize]))
-            .collect()
-    };
-    let on_surface = compact(positions.len(), &mut triangles);
-    let surface = TriMesh::new(to_world(&on_surface), triangles)
-        .expect("emitted triangles name emitted vertices");
-    let kept = compact(positions.len(), &mut tets);
-    let kinds: Vec<VertexKind> = kept.iter().map(|&v| kinds[v as usize]).collect();
-    let mesh = TetMesh::with_kinds(to_world(&kept), tets, emission.regions, kinds)
+    let mesh = TetMesh::with_kinds(positions, raw.tets, raw.regions, kinds)
         .expect("emitted tetrahedra name emitted vertices");
-    let mesh = with_interface_kinds(mesh);
-    report.triangles = surface.triangles().len();
-    report.tets = mesh.tets().len();
-    run.progress("tetrahedra", 1, 1)?;
     Ok(Volume {
         mesh,
         surface,
+        exterior_parts,
         report,
     })
 }
 
-/// Kinds from what lies around each vertex: on an interface, on the box, at a junction.
-fn with_interface_kinds(mesh: TetMesh) -> TetMesh {
-    let faces = mesh.interfaces();
-    let (positions, tets, regions, mut kinds) = mesh.into_parts();
-    // The pair of regions of the first interface seen at a vertex.
-    let mut pair = vec![None; positions.len()];
-    for face in &faces {
-        let on_box = face.triangle.iter().all(|&v| {
-            matches!(
-                kinds[v as usize],
-                VertexKind::BoxFace { .. } | VertexKind::BoxEdge { .. } | VertexKind::Fixed
-            )
+/// Gives each connected part of the exterior but the largest a region of its own, the lowest that are
+/// free. Returns the new regions, by decreasing volume of their parts.
+fn separate(
+    positions: &[Point3],
+    tets: &[[u32; 4]],
+    regions: &mut [Region],
+) -> Result<Vec<Region>, Error> {
+    // Tetrahedra are connected by vertices that touch the exterior alone: every one has such a vertex,
+    // and no two parts share one.
+    let mut mixed = vec![false; positions.len()];
+    for (tet, _) in tets.iter().zip(&*regions).filter(|(_, r)| **r != EXTERIOR) {
+        tet.iter().for_each(|&v| mixed[v as usize] = true);
+    }
+    let exterior: Vec<usize> = (0..tets.len())
+        .filter(|&t| regions[t] == EXTERIOR)
+        .collect();
+    let mut groups = Groups::new(positions.len());
+    for &t in &exterior {
+        let mut free = tets[t].iter().filter(|&&v| !mixed[v as usize]);
+        if let Some(&first) = free.next() {
+            free.for_each(|&v| groups.join(first as usize, v as usize));
+        }
+    }
+    let roots = groups.roots();
+    let part = |t: usize| {
+        let free = tets[t].iter().find(|&&v| !mixed[v as usize]);
+        roots[*free.unwrap_or(&tets[t][0]) as usize]
+    };
+    let mut volumes = vec![0.0; positions.len()];
+    for &t in &exterior {
+        volumes[part(t) as usize] += six_volume(tets[t].map(|v| positions[v as usize]));
+    }
+    let mut parts: Vec<u32> = (0..positions.len() as u32)
+        .filter(|&v| volumes[v as usize] > 0.0)
+        .collect();
+    parts.sort_by(|&a, &b| {
+        volumes[b as usize]
+            .total_cmp(&volumes[a as usize])
+            .then(a.cmp(&b))
+    });
+    let taken: BTreeSet<Region> = regions.iter().copied().collect();
+    let free: Vec<Region> = (INTERIOR + 1..OUTSIDE)
+        .filter(|r| !taken.contains(r))
+        .collect();
+    let others = parts.get(1..).unwrap_or(&[]);
+    if others.len() > free.len() {
+        return Err(Error::TooManyParts {
+            parts: parts.len(),
+            regions: free.len() + 1,
         });
-        if face.outside == OUTSIDE && on_box {
-            continue;
-        }
-        for v in face.triangle.map(|v| v as usize) {
-            let here = (face.inside, face.outside);
-            match pair[v] {
-                None => pair[v] = Some((here, false)),
-                Some((other, false)) if other != here => pair[v] = Some((other, true)),
-                _ => {}
-            }
-        }
     }
-    for (kind, pair) in kinds.iter_mut().zip(&pair) {
-        *kind = match (*kind, pair) {
-            (VertexKind::Interior | VertexKind::Surface, None) => VertexKind::Interior,
-            (VertexKind::Interior | VertexKind::Surface, Some((_, false))) => VertexKind::Surface,
-            (_, Some(_)) => VertexKind::Fixed,
-            (boxed, None) => boxed,
-        };
+    let mut region = vec![EXTERIOR; positions.len()];
+    for (&root, &r) in others.iter().zip(&free) {
+        region[root as usize] = r;
     }
-    TetMesh::with_kinds(positions, tets, regions, kinds).expect("only kinds have changed")
+    for &t in &exterior {
+        regions[t] = region[part(t) as usize];
+    }
+    Ok(free[..others.len()].to_vec())
 }

@@ -6,6 +6,7 @@ use geom_core::{Agreement, Backend, Lattice};
 use crate::error::Error;
 use crate::options::Cutoff;
 use crate::prepared::Prepared;
+use crate::sites::{RefitSums, SiteCell};
 
 /// Bricks per side of a block.
 pub const BLOCK: usize = 4;
@@ -81,11 +82,31 @@ pub trait DensityBackend: Backend {
         job: &Job,
         blocks: &[Block],
     ) -> Result<Vec<BlockValues>, Error>;
+
+    /// Per atom of the model: `Σ ((target − G without the atom) / target)²` over the points of the cells,
+    /// terms below 0 left out (Eq. 3.9 squared, corrected).
+    fn atom_errors(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<Vec<f64>, Error>;
+
+    /// The objective of the refit (Eq. 3.11) over the points of the cells, and its first derivatives and
+    /// the diagonal of its Gauss–Newton matrix per atom of the model (Eq. 3.13).
+    fn refit_sums(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<RefitSums, Error>;
 }
 
-/// What a backend owes to [`nested_sum`](crate::nested_sum) for the same atoms, where the density is
-/// at least the floor: f32 sums of positive terms.
+/// What a backend owes to [`nested_sum`](crate::nested_sum), besides what the cut-off allows, where the
+/// density is at least the floor: f32 sums of positive terms. Seen on llvmpipe; no hardware GPU was at hand.
 pub const SAMPLE_BLOCKS: Agreement = Agreement::Bounded {
     relative: 2e-4,
-    absolute: 0.0,
+    absolute: 1e-19,
+};
+
+/// What a backend owes for the squared errors per atom: a square of differences of f32 sums.
+pub const ATOM_ERRORS: Agreement = Agreement::Bounded {
+    relative: 2e-3,
+    absolute: 1e-6,
+};
+
+/// What a backend owes for the sums of a refit, each relative to the largest of its kind.
+pub const REFIT_SUMS: Agreement = Agreement::Bounded {
+    relative: 2e-3,
+    absolute: 2e-4,
 };

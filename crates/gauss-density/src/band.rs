@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
 use crate::error::Error;
+use crate::method::Method;
 use crate::model::Model;
 use crate::options::Options;
 use crate::prepared::Prepared;
@@ -25,11 +26,19 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Sampled<BrickGrid>, Error> {
     options.check()?;
+    if options.method != Method::Tiles {
+        return Err(Error::Unsupported {
+            what: format!("a narrow band with method {:?}", options.method),
+            cure: "use method Tiles, or sample for a dense grid",
+        });
+    }
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;
     let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));
-    let count: u128 = bricks.iter().map(|&n| n as u128).product();
-    check_memory(&lattice, count * 8, options)?;
+    let count: u128 = bricks
+        .iter()
+        .fold(1, |all: u128, &n| all.saturating_mul(n as u128));
+    check_memory(&lattice, count.saturating_mul(8), options)?;
     let job = Job {
         lattice,
         cutoff: options.cutoff,

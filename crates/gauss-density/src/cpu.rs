@@ -11,6 +11,7 @@ use crate::members::{self, Cell, Members};
 use crate::options::Cutoff;
 use crate::plain;
 use crate::prepared::{Prepared, lattice_box};
+use crate::sites::{self, RefitSums, SiteCell};
 
 impl DensityBackend for Cpu {
     fn sample_blocks(
@@ -25,6 +26,31 @@ impl DensityBackend for Cpu {
                 work.sample_block(model, job, block)
             })
             .collect())
+    }
+
+    fn atom_errors(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<Vec<f64>, Error> {
+        let model = model.model();
+        let parts: Vec<Vec<f64>> = cells
+            .par_iter()
+            .map(|cell| sites::errors_of_cell(cell, model))
+            .collect();
+        let sums = sites::scatter(cells, &parts, model.atoms(), |part, i| [part[i]]);
+        Ok(sums.into_iter().map(|[sum]| sum).collect())
+    }
+
+    fn refit_sums(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<RefitSums, Error> {
+        let model = model.model();
+        let parts: Vec<RefitSums> = cells
+            .par_iter()
+            .map(|cell| sites::refit_of_cell(cell, model))
+            .collect();
+        let atoms = model.atoms();
+        Ok(RefitSums {
+            objective: parts.iter().map(|p| p.objective).sum(),
+            worst: parts.iter().map(|p| p.worst).fold(0.0, f64::max),
+            gradient: sites::scatter(cells, &parts, atoms, |p, i| p.gradient[i]),
+            curvature: sites::scatter(cells, &parts, atoms, |p, i| p.curvature[i]),
+        })
     }
 }
 
@@ -156,6 +182,7 @@ impl Workspace {
             let cube = Cube {
                 center: middle(lattice, corner, BRICK),
                 spacing: lattice.spacing,
+                separable: true,
             };
             let Self { sums, values, .. } = self;
             let fits = fast::density::<8, 64>(members, &cube, sums, values);
@@ -183,6 +210,7 @@ impl Workspace {
             let cube = Cube {
                 center: middle(lattice, first, SIDE),
                 spacing: lattice.spacing,
+                separable: true,
             };
             let sums = &mut self.sums;
             let fits = fast::density::<4, 16>(&kept, &cube, sums, &mut part);
@@ -241,4 +269,40 @@ fn bricks_box(job: &Job, low: [usize; 3], high: [usize; 3]) -> Aabb {
         low.map(|b| (b * BRICK) as i64 - 1),
         high.map(|b| (b * BRICK) as i64),
     )
+}
+
+/// Every atom at every point: brute force in f32, as many lanes as the processor has, one exponential per
+/// pair. Gives the densities and the number of pairs.
+pub(crate) fn all_atoms(model: &Prepared<'_>, lattice: &Lattice) -> (Vec<f32>, u64) {
+    let atoms: Vec<u32> = (0..model.model().atoms() as u32).collect();
+    let all = Members::gather(&model.tree, &atoms);
+    let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));
+    let [nx, ny, _] = lattice.counts;
+    let mut values = vec![0.0f32; lattice.len()];
+    values
+        .par_chunks_mut(nx * ny * BRICK)
+        .enumerate()
+        .for_each_init(fast::Scratch::default, |sums, (c, slab)| {
+            let mut brick = vec![0.0f32; BRICK_POINTS];
+            for (b, a) in (0..bricks[1]).flat_map(|b| (0..bricks[0]).map(move |a| (b, a))) {
+                let first = [a, b, c].map(|b| b * BRICK);
+                let cube = Cube {
+                    center: middle(lattice, first, BRICK),
+                    spacing: lattice.spacing,
+                    separable: false,
+                };
+                if !fast::density::<8, 64>(&all, &cube, sums, &mut brick) {
+                    plain_cube(model, lattice, first, BRICK, &all, |p, g| brick[p] = g);
+                }
+                for (row, line) in brick.chunks_exact(BRICK).enumerate() {
+                    let (y, z) = (first[1] + row % BRICK, row / BRICK);
+                    let start = (z * ny + y) * nx + first[0];
+                    if y < ny && start < slab.len() {
+                        let width = BRICK.min(nx - first[0]);
+                        slab[start..][..width].copy_from_slice(&line[..width]);
+                    }
+                }
+            }
+        });
+    (values, lattice.points() as u64 * atoms.len() as u64)
 }

@@ -49,6 +49,51 @@ pub enum Error {
         /// How many there are.
         count: usize,
     },
+    /// A structure that the model was not made of.
+    #[error("the structure has {atoms} atoms, the model {model}; use the structure it was made of")]
+    OtherStructure {
+        /// Atoms of the structure.
+        atoms: usize,
+        /// Atoms of the model.
+        model: usize,
+    },
+    /// A selector that means nothing.
+    #[error(transparent)]
+    Select(#[from] geom_core::structure::SelectError),
+    /// The samples near the surface need more memory than allowed.
+    #[error(
+        "{sites} samples near the surface need about {bytes} bytes, the limit is {limit}; take a larger spacing"
+    )]
+    TooManySites {
+        /// Number of samples.
+        sites: usize,
+        /// What they need.
+        bytes: u128,
+        /// What `max_memory` allows.
+        limit: u64,
+    },
+    /// Every atom would go: the density reaches 1 nowhere that the samples see.
+    #[error("no atom would remain: no sample sees a surface; take a smaller spacing")]
+    NothingLeft,
+    /// The spectrum of a low-pass filter needs more memory than allowed.
+    #[error("filtering needs {bytes} bytes, the limit is {limit}; take a coarser grid")]
+    TooLargeToFilter {
+        /// What the spectrum needs.
+        bytes: u128,
+        /// What `max_memory` allows.
+        limit: u64,
+    },
+    /// The k-d tree refuses the atoms.
+    #[error(transparent)]
+    Nearest(#[from] geom_core::nearest::NearestError),
+    /// What a backend or a function cannot do.
+    #[error("{what}; {cure}")]
+    Unsupported {
+        /// What was asked for.
+        what: String,
+        /// What can be done instead.
+        cure: &'static str,
+    },
     /// The grid needs more memory than allowed.
     #[error(
         "a grid of {points} points needs {bytes} bytes, the limit is {limit}; a spacing of {spacing:.3} Å fits"

@@ -6,6 +6,7 @@
 
 use std::ops::Range;
 
+use geom_core::structure::Selector;
 use geom_core::{Aabb, Point3, Structure};
 
 use crate::error::{Error, require};
@@ -97,6 +98,8 @@ pub struct Model {
     radii: Vec<f64>,
     decays: Vec<f64>,
     levels: Vec<Level>,
+    /// Per atom, or empty when none is protected.
+    protected: Vec<bool>,
 }
 
 impl Model {
@@ -195,6 +198,7 @@ impl Model {
             radii,
             decays,
             levels,
+            protected: Vec::new(),
         })
     }
 
@@ -242,8 +246,9 @@ impl Model {
         Ok(())
     }
 
-    /// Emphasizes a part of the structure (§5.2.1): its atoms get the decay, and every node all of whose
-    /// atoms are selected gets the power of its level in `levels`. Atoms may come in any order.
+    /// Emphasizes a part of the structure (§5.2.1): its atoms get the decay, every node all of whose atoms
+    /// are selected gets the power of its level in `levels`, and the atoms are protected from elimination
+    /// and refit. Atoms may come in any order.
     pub fn emphasize(
         &mut self,
         atoms: impl IntoIterator<Item = usize>,
@@ -259,6 +264,7 @@ impl Model {
                 count,
             })? = true;
         }
+        self.protect_where(&selected);
         for (decay, _) in self.decays.iter_mut().zip(&selected).filter(|s| *s.1) {
             *decay = levels.decay;
         }
@@ -277,6 +283,115 @@ impl Model {
             selected = whole;
         }
         Ok(())
+    }
+
+    /// Emphasizes what a selector means in the structure that the model was made of: chains, residues,
+    /// domains, copies of an assembly.
+    pub fn emphasize_selected(
+        &mut self,
+        structure: &Structure,
+        selector: &Selector,
+        levels: &Levels,
+    ) -> Result<(), Error> {
+        let atoms = self.selected(structure, selector)?;
+        self.emphasize(atoms, levels)
+    }
+
+    /// The atoms that a selector means in the structure that the model was made of, ascending.
+    pub fn selected(
+        &self,
+        structure: &Structure,
+        selector: &Selector,
+    ) -> Result<Vec<usize>, Error> {
+        if structure.atoms().len() != self.atoms() {
+            return Err(Error::OtherStructure {
+                atoms: structure.atoms().len(),
+                model: self.atoms(),
+            });
+        }
+        let selection = structure.select(selector)?;
+        Ok(selection.atom_ranges(structure).flatten().collect())
+    }
+
+    /// Protects atoms: [`eliminate`](crate::eliminate) keeps them and [`refit`](crate::refit) does not move
+    /// them.
+    pub fn protect(&mut self, atoms: impl IntoIterator<Item = usize>) -> Result<(), Error> {
+        let mut selected = vec![false; self.atoms()];
+        for atom in atoms {
+            let count = selected.len();
+            *selected.get_mut(atom).ok_or(Error::NoSuchNode {
+                what: "atom",
+                index: atom,
+                count,
+            })? = true;
+        }
+        self.protect_where(&selected);
+        Ok(())
+    }
+
+    fn protect_where(&mut self, selected: &[bool]) {
+        self.protected.resize(selected.len(), false);
+        for (own, &selected) in self.protected.iter_mut().zip(selected) {
+            *own |= selected;
+        }
+    }
+
+    /// Is the atom protected from elimination and refit?
+    pub fn is_protected(&self, atom: usize) -> bool {
+        self.protected.get(atom).copied().unwrap_or(false)
+    }
+
+    /// The model of some of the atoms (ascending, at least one), without the nodes that have none of them.
+    pub(crate) fn subset(&self, atoms: &[u32]) -> Self {
+        let pick = |from: &[f64]| atoms.iter().map(|&a| from[a as usize]).collect();
+        let mut below = atoms.to_vec();
+        let mut levels = Vec::with_capacity(self.levels.len());
+        for level in &self.levels {
+            let (mut nodes, mut first_child, mut power) = (Vec::new(), Vec::new(), Vec::new());
+            let mut node = 0;
+            for (i, &child) in below.iter().enumerate() {
+                while level.first_child[node + 1] <= child {
+                    node += 1;
+                }
+                if nodes.last() != Some(&(node as u32)) {
+                    nodes.push(node as u32);
+                    first_child.push(i as u32);
+                    power.push(level.power[node]);
+                }
+            }
+            first_child.push(below.len() as u32);
+            levels.push(Level { first_child, power });
+            below = nodes;
+        }
+        Self {
+            centers: atoms.iter().map(|&a| self.centers[a as usize]).collect(),
+            radii: pick(&self.radii),
+            decays: pick(&self.decays),
+            levels,
+            protected: match self.protected.is_empty() {
+                true => Vec::new(),
+                false => atoms
+                    .iter()
+                    .map(|&a| self.is_protected(a as usize))
+                    .collect(),
+            },
+        }
+    }
+
+    /// The same tree over other atoms.
+    pub(crate) fn with_atoms(
+        &self,
+        centers: Vec<Point3>,
+        radii: Vec<f64>,
+        decays: Vec<f64>,
+    ) -> Self {
+        Self {
+            centers,
+            radii,
+            decays,
+            levels: self.levels.clone(),
+            protected: self.protected.clone(),
+        }
     }
 
     /// Raises every radius below `min_radius` to it (some PQR files give hydrogens a radius of 0).

@@ -3,6 +3,7 @@
 use geom_core::Aabb;
 
 use crate::error::{Error, require};
+use crate::method::Method;
 
 /// Which contributions are left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +40,8 @@ pub struct Options {
     pub spacing: f64,
     /// What is left out.
     pub cutoff: Cutoff,
+    /// How the atoms that matter are found.
+    pub method: Method,
     /// Space between the outermost atom centres and the box, Å. `None`: far enough that the density on
     /// the box is below the band, at least 4 Å.
     pub margin: Option<f64>,
@@ -59,6 +62,7 @@ impl Default for Options {
         Self {
             spacing: 0.5,
             cutoff: Cutoff::default(),
+            method: Method::default(),
             margin: None,
             bounds: None,
             band: [0.5, 2.0],
@@ -72,12 +76,7 @@ impl Options {
     /// Is every field in its range?
     pub fn check(&self) -> Result<(), Error> {
         let h = self.spacing;
-        require(
-            h > 0.0 && h.is_finite(),
-            "spacing",
-            h,
-            "a positive length in Å",
-        )?;
+        require((1e-6..=1e6).contains(&h), "spacing", h, "in [1e-6, 1e6] Å")?;
         self.cutoff.check()?;
         if let Some(m) = self.margin {
             require((0.0..=1e4).contains(&m), "margin", m, "in [0, 10000] Å")?;

@@ -10,11 +10,12 @@ use crate::model::Model;
 use crate::options::Cutoff;
 use crate::plain;
 use crate::prepared::Prepared;
+use crate::sites::slopes;
 
 /// The density as a continuous field: 1 on the surface, larger inside.
 ///
 /// Space around the atoms is cut into cells, each with the atoms that matter there (a share `ε` of the
-/// density at most is lost, at any density), so that a point costs some tens of kernels. Away from the
+/// density at most is lost, wherever it is above 1e-9), so that a point costs some tens of kernels. Away from the
 /// atoms all of them are summed.
 #[derive(Clone, Debug)]
 pub struct PointSampler<'a> {
@@ -27,6 +28,21 @@ pub struct PointSampler<'a> {
     members: Vec<u32>,
 }
 
+/// Derivatives of the density with respect to the parameters of one atom.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AtomGradient {
+    /// Index of the atom.
+    pub atom: u32,
+    /// With respect to its centre, Å⁻¹.
+    pub center: Vector3,
+    /// With respect to its radius, Å⁻¹.
+    pub radius: f64,
+    /// With respect to its decay, Å².
+    pub decay: f64,
+}
+
+/// Where the density is below this, more of it may be lost.
+const FLOOR: f64 = 1e-9;
 /// Space around the atom centres that is cut into cells, Å.
 const AROUND: f64 = 4.0;
 
@@ -73,8 +89,8 @@ impl<'a> PointSampler<'a> {
         // Slabs of cells share a first, coarse cull.
         const SIDE: usize = 4;
         let groups = self.cells.map(|n| n.div_ceil(SIDE));
-        let all: Vec<u32> = (0..self.model.model().atoms() as u32).collect();
-        let everything = Members::gather(&self.model.tree, &all);
+        let clusters = self.model.clusters();
+        let reach = self.model.reach.radius(eps / 4.0, FLOOR);
         let lists: Vec<Vec<(usize, Vec<u32>)>> = (0..groups.iter().product::<usize>())
             .into_par_iter()
             .map_init(Scratch::default, |scratch, group| {
@@ -83,13 +99,16 @@ impl<'a> PointSampler<'a> {
                 let high = [0, 1, 2].map(|k| (low[k] + SIDE).min(self.cells[k]));
                 let (mut coarse, mut kept) = (Members::default(), Members::default());
                 let around = self.cell_box(low, high);
-                everything.cull_into(&(&around).into(), eps / 2.0, 0.0, scratch, &mut coarse);
+                let near = self.model.near(&clusters, &around, reach);
+                let atoms = self.model.atoms_near(&near, &around, reach);
+                let all = Members::gather(&self.model.tree, &atoms);
+                all.cull_into(&(&around).into(), eps / 4.0, FLOOR, scratch, &mut coarse);
                 let mut lists = Vec::new();
                 for z in low[2]..high[2] {
                     for y in low[1]..high[1] {
                         for x in low[0]..high[0] {
                             let cell = self.cell_box([x, y, z], [x + 1, y + 1, z + 1]);
-                            coarse.cull_into(&(&cell).into(), eps / 2.0, 0.0, scratch, &mut kept);
+                            coarse.cull_into(&(&cell).into(), eps / 2.0, FLOOR, scratch, &mut kept);
                             let index = (z * self.cells[1] + y) * self.cells[0] + x;
                             lists.push((index, kept.atom.clone()));
                         }
@@ -139,6 +158,42 @@ impl<'a> PointSampler<'a> {
         let (_, g, h) = self.value_gradient_hessian(x);
         let norm = g.norm();
         -(norm * norm * h.trace() - (g.transpose() * h * g)[0]) / (2.0 * norm.powi(3))
+    }
+
+    /// The derivatives of the density at `x` with respect to the parameters of every atom that matters there.
+    pub fn parameter_gradient(&self, x: &Point3) -> Vec<AtomGradient> {
+        let all: Vec<u32>;
+        let members = match self.members_at(x) {
+            Some(members) => members,
+            None => {
+                all = self.all().collect();
+                &all
+            }
+        };
+        let (_, shares) = plain::shares(&self.model.tree, members, x);
+        members
+            .iter()
+            .zip(shares)
+            .map(|(&atom, share)| {
+                let s = slopes(self.model.model(), atom as usize, x, share);
+                AtomGradient {
+                    atom,
+                    center: Vector3::new(s[0], s[1], s[2]),
+                    radius: s[3],
+                    decay: s[4],
+                }
+            })
+            .collect()
+    }
+
+    /// Number of atoms that are summed at `x`.
+    pub fn members_near(&self, x: &Point3) -> usize {
+        self.members_at(x).map_or(self.all().len(), <[u32]>::len)
+    }
+
+    /// The model made ready.
+    pub(crate) fn prepared(&self) -> &Prepared<'a> {
+        &self.model
     }
 
     fn all(&self) -> std::ops::Range<u32> {

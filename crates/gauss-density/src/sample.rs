@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
 use crate::error::Error;
+use crate::method::{self, Method, check_backend};
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
 use crate::prepared::{Prepared, lattice_box};
@@ -61,7 +62,7 @@ pub fn sample<B: DensityBackend + ?Sized>(
     options.check()?;
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;
-    let bytes = lattice.points() * 4;
+    let bytes = lattice.points().saturating_mul(4);
     check_memory(&lattice, bytes, options)?;
     let job = Job {
         lattice,
@@ -69,9 +70,15 @@ pub fn sample<B: DensityBackend + ?Sized>(
         floor: options.floor.unwrap_or(1e-3),
         ceiling: f64::INFINITY,
     };
+    let mut report = start_report(&prepared, &lattice, run.backend.name());
+    check_backend(options.method, &report.backend)?;
+    if options.method != Method::Tiles {
+        let (values, pairs) = method::everywhere(&prepared, &lattice, options, job.floor)?;
+        report.pairs = pairs;
+        return finish(report, lattice, values);
+    }
     let mut values = vec![0.0f32; lattice.len()];
     let [nx, ny, _] = lattice.counts;
-    let mut report = start_report(&prepared, &lattice, run.backend.name());
     for_each_batch(&prepared, &job, None, run, |blocks, results| {
         report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
         // By planes, so that every thread writes into its own part.
@@ -101,6 +108,14 @@ pub fn sample<B: DensityBackend + ?Sized>(
             });
         Ok(())
     })?;
+    finish(report, lattice, values)
+}
+
+fn finish(
+    mut report: Report,
+    lattice: Lattice,
+    values: Vec<f32>,
+) -> Result<Sampled<ScalarGrid>, Error> {
     report.stored_points = report.points;
     report.stored_share = 1.0;
     let grid = ScalarGrid::new(lattice, values)?;
@@ -132,7 +147,11 @@ pub(crate) fn lattice_of(model: &Prepared<'_>, options: &Options) -> Result<Latt
     };
     let lattice = Lattice::covering(&bounds, options.spacing);
     if lattice.counts.iter().any(|&n| n > u32::MAX as usize) {
-        return Err(too_large(&lattice, lattice.points() * 4, options));
+        return Err(too_large(
+            &lattice,
+            lattice.points().saturating_mul(4),
+            options,
+        ));
     }
     Ok(lattice)
 }

@@ -1,9 +1,13 @@
-//! Distances along a surface: shortest paths over edges or over triangles.
+//! Distances along a surface: shortest paths over edges or over triangles, and geodesic distance.
+
+mod heat;
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use crate::{TriMesh, parallel};
+use crate::{TriMesh, laplace, linalg, parallel};
+
+pub use heat::{Heat, HeatOptions};
 
 /// "No node": the parent of a source, and of what no source reaches.
 pub const NONE: u32 = u32::MAX;
@@ -52,6 +56,21 @@ pub enum DistanceError {
         /// Number of nodes.
         nodes: usize,
     },
+    /// A set of sources is empty.
+    #[error("set {set} has no source, so nothing has a distance from it")]
+    NoSource {
+        /// Which of the sets.
+        set: usize,
+    },
+    /// [`HeatOptions::smoothing`] is out of its range.
+    #[error("option smoothing is {0}, but must be a positive number")]
+    Smoothing(f64),
+    /// The surface has no Laplace operator.
+    #[error(transparent)]
+    Operator(#[from] laplace::Error),
+    /// The equations cannot be solved.
+    #[error(transparent)]
+    Factor(#[from] linalg::Error),
 }
 
 /// An undirected graph with a length per link.

@@ -36,6 +36,18 @@ pub trait LatticeValues: Sync {
     fn lattice(&self) -> &Lattice;
     /// The value at a lattice point. Panics outside of the lattice.
     fn at(&self, point: [usize; 3]) -> f32;
+    /// The values at `start` and the points that follow it along x. Panics outside of the lattice.
+    fn read_row(&self, start: [usize; 3], row: &mut [f32]) {
+        for (i, value) in row.iter_mut().enumerate() {
+            *value = self.at([start[0] + i, start[1], start[2]]);
+        }
+    }
+    /// The value of all points of the closed box from `low` to `high`, if it is known to be one
+    /// without reading them.
+    fn constant(&self, low: [usize; 3], high: [usize; 3]) -> Option<f32> {
+        let _ = (low, high);
+        None
+    }
 }
 
 /// A lattice and one f32 value per point, x fastest.
@@ -111,6 +123,14 @@ impl LatticeValues for ScalarGrid {
     }
     fn at(&self, point: [usize; 3]) -> f32 {
         self.values[self.lattice.index(point)]
+    }
+    fn read_row(&self, start: [usize; 3], row: &mut [f32]) {
+        assert!(
+            start[0] + row.len() <= self.lattice.counts[0],
+            "a row ends within the lattice"
+        );
+        let first = self.lattice.index(start);
+        row.copy_from_slice(&self.values[first..first + row.len()]);
     }
 }
 
@@ -304,6 +324,40 @@ impl LatticeValues for BrickGrid {
             }
         }
     }
+    fn read_row(&self, [mut i, j, k]: [usize; 3], mut row: &mut [f32]) {
+        while !row.is_empty() {
+            let n = (BRICK - i % BRICK).min(row.len());
+            let (part, rest) = std::mem::take(&mut row).split_at_mut(n);
+            match self.brick([i / BRICK, j / BRICK, k / BRICK]) {
+                Brick::Exterior => part.fill(self.exterior),
+                Brick::Interior => part.fill(self.interior),
+                Brick::Stored(b) => {
+                    let first = ((k % BRICK) * BRICK + j % BRICK) * BRICK + i % BRICK;
+                    part.copy_from_slice(&self.stored(b)[first..first + n]);
+                }
+            }
+            row = rest;
+            i += n;
+        }
+    }
+    fn constant(&self, low: [usize; 3], high: [usize; 3]) -> Option<f32> {
+        let (low, high) = (low.map(|c| c / BRICK), high.map(|c| c / BRICK));
+        let first = self.brick(low);
+        for c in low[2]..=high[2] {
+            for b in low[1]..=high[1] {
+                for a in low[0]..=high[0] {
+                    if self.brick([a, b, c]) != first {
+                        return None;
+                    }
+                }
+            }
+        }
+        match first {
+            Brick::Exterior => Some(self.exterior),
+            Brick::Interior => Some(self.interior),
+            Brick::Stored(_) => None,
+        }
+    }
 }
 
 /// Trilinear interpolation; outside of the lattice the value at the nearest point of its box.
@@ -420,6 +474,28 @@ mod tests {
         let kinds: Vec<_> = (0..n as u32).map(Brick::Stored).collect();
         let sparse = BrickGrid::new(*dense.lattice(), &kinds, values, 0.0, 2.0).unwrap();
         assert_eq!(sparse.to_dense(), dense);
+        let (mut ours, mut theirs) = ([0.0; 7], [0.0; 7]);
+        sparse.read_row([2, 9, 4], &mut ours);
+        dense.read_row([2, 9, 4], &mut theirs);
+        assert_eq!(ours, theirs);
+    }
+
+    #[test]
+    fn boxes_without_stored_bricks_are_known_to_be_constant() {
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 1.0,
+            counts: [24, 8, 8],
+        };
+        let kinds = [Brick::Exterior, Brick::Interior, Brick::Stored(0)];
+        let grid = BrickGrid::new(lattice, &kinds, vec![1.0; BRICK_POINTS], 0.0, 2.0).unwrap();
+        assert_eq!(grid.constant([0, 0, 0], [7, 7, 7]), Some(0.0));
+        assert_eq!(grid.constant([9, 1, 2], [12, 7, 7]), Some(2.0));
+        assert_eq!(grid.constant([0, 0, 0], [8, 7, 7]), None);
+        assert_eq!(grid.constant([17, 0, 0], [18, 7, 7]), None);
+        let mut row = [0.0; 20];
+        grid.read_row([3, 2, 2], &mut row);
+        assert_eq!((row[4], row[5], row[12], row[13]), (0.0, 2.0, 2.0, 1.0));
     }
 
     #[test]

@@ -244,7 +244,7 @@ pub fn divergence(mesh: &TriMesh, field: &[Vector3]) -> Result<Vec<f64>, Error> 
 }
 
 /// The gradients of the three hat functions of a triangle: `n × e / (2 A)` with the opposite side e.
-fn hat_gradients(mesh: &TriMesh, triangle: usize) -> [Vector3; 3] {
+pub(crate) fn hat_gradients(mesh: &TriMesh, triangle: usize) -> [Vector3; 3] {
     if Shape::of(mesh, triangle).is_degenerate() {
         return [Vector3::zeros(); 3];
     }

@@ -24,11 +24,15 @@ use rayon::prelude::*;
 
 use crate::graph::Laplacian;
 use crate::laplace::Mass;
-use crate::linalg::{self, dense};
+use crate::linalg::{self, SparseMatrix, dense};
 use crate::{Cancelled, Run};
 
 /// Rows up to which a part is solved densely.
 const DENSE_ROWS: usize = 384;
+/// The same where so many pairs are wanted that an iteration is of no use.
+const LARGEST_DENSE: usize = 2048;
+/// Searches for a part in which pairs are found to be missing.
+const ATTEMPTS: usize = 4;
 
 /// How a large connected part is solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -75,8 +79,9 @@ pub struct Options {
     pub block: usize,
     /// Most restarts of the Krylov space per part.
     pub max_restarts: usize,
-    /// Counts the eigenvalues below the last one by the signs of a factor L D Lᵀ (one more
-    /// factorization), and searches on if one is missing.
+    /// Counts the eigenvalues below the last gap by the signs of a factor L D Lᵀ, and searches anew
+    /// with larger blocks if one is missing. One more factorization per large part: little for a
+    /// surface, more than the search itself for a voxel graph.
     pub verify: bool,
     /// Neighbouring eigenvalues whose difference is at most this share of the larger one form a
     /// cluster.
@@ -153,8 +158,8 @@ pub enum Error {
     },
     /// More pairs are asked of a large part than the iteration is made for.
     #[error(
-        "{asked} pairs of a connected part of {rows} rows: \
-         the iteration finds at most a third of the pairs of so large a matrix"
+        "{asked} pairs of a connected part of {rows} rows: of a part of more than {LARGEST_DENSE} rows \
+         at most a third of the pairs can be found"
     )]
     TooMany {
         /// Pairs asked for.
@@ -227,6 +232,10 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
 ) -> Result<EigenPairs, Error> {
     options.check()?;
     let stiffness = stiffness.into();
+    let options = &Options {
+        method: options.method.of(stiffness),
+        ..options.clone()
+    };
     // The graphs of an operator are symmetric by construction.
     stiffness.matrix().check_hermitian()?;
     let n = stiffness.rows();
@@ -264,17 +273,14 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
             mass: part_m.as_ref().unwrap_or(mass),
             lumped: rows.iter().map(|&i| lumped[i as usize]).collect(),
         };
-        let found = if rows.len() <= DENSE_ROWS {
+        let many = 3 * k > rows.len();
+        let found = if rows.len() <= if many { LARGEST_DENSE } else { DENSE_ROWS } {
             dense_pairs(&pencil, wanted)?
+        } else if many {
+            let rows = rows.len();
+            return Err(Error::TooMany { asked: k, rows });
         } else {
-            if 3 * k > rows.len() {
-                let rows = rows.len();
-                return Err(Error::TooMany { asked: k, rows });
-            }
-            match options.method.of(stiffness) {
-                Method::Multigrid => davidson::pairs(&pencil, k, options, run, &mut report)?,
-                _ => lanczos::pairs(&pencil, k, options, run, &mut report)?,
-            }
+            iterate(&pencil, k, options, run, &mut report)?
         };
         for (value, vector) in found {
             pairs.push((value, index, vector));
@@ -316,6 +322,12 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
     })
 }
 
+/// One V-cycle in f64: what a [`Cycle`] is compared with.
+#[cfg(feature = "testing")]
+pub fn exact_cycle(hierarchy: &Multigrid<'_>, block: &[f64], columns: usize) -> Vec<f64> {
+    hierarchy.cycle(block, columns)
+}
+
 /// The matrices of one connected part.
 struct Pencil<'a> {
     stiffness: Operator<'a>,
@@ -327,6 +339,15 @@ struct Pencil<'a> {
 impl Pencil<'_> {
     fn rows(&self) -> usize {
         self.stiffness.rows()
+    }
+
+    /// `K − σM`.
+    fn shifted(&self, shift: f64) -> Result<SparseMatrix, Error> {
+        let stiffness = self.stiffness.assembled()?;
+        Ok(match self.mass {
+            Mass::Consistent(mass) => stiffness.plus(-shift, mass)?,
+            Mass::Lumped(mass) => stiffness.plus(-shift, &SparseMatrix::diagonal_of(mass))?,
+        })
     }
 
     /// `M X`.
@@ -347,6 +368,54 @@ impl Pencil<'_> {
 }
 
 type Pair = (f64, Vec<f64>);
+
+/// The smallest `k + 1` pairs of a large part, counted if that is asked for.
+fn iterate<B: SpectralBackend + ?Sized>(
+    pencil: &Pencil<'_>,
+    k: usize,
+    options: &Options,
+    run: Run<'_, B>,
+    report: &mut Report,
+) -> Result<Vec<Pair>, Error> {
+    let mut options = options.clone();
+    for attempt in 1.. {
+        let found = match options.method {
+            Method::Multigrid => davidson::pairs(pencil, k, &options, run, report)?,
+            _ => lanczos::pairs(pencil, k, &options, run, report)?,
+        };
+        if !options.verify {
+            return Ok(found);
+        }
+        run.progress("verify", 0, 1)?;
+        let complete = is_complete(pencil, &found, k)?;
+        run.progress("verify", 1, 1)?;
+        if complete || attempt == ATTEMPTS {
+            report.verified = Some(report.verified == Some(true) && complete);
+            return Ok(found);
+        }
+        // Other start vectors, and room for more copies of one eigenvalue.
+        options.seed = options.seed.wrapping_add(1);
+        options.block = (2 * options.block).min(64);
+    }
+    unreachable!("the last attempt returns")
+}
+
+/// Are there as many eigenvalues below a gap at the end of the wanted ones as were found? The signs of
+/// the pivots of K − μM say how many there are (Sylvester's law of inertia).
+fn is_complete(pencil: &Pencil<'_>, found: &[Pair], k: usize) -> Result<bool, Error> {
+    let values: Vec<f64> = found.iter().map(|p| p.0).collect();
+    // The last gap wide enough to put a shift into.
+    let gap = (1..=k.min(values.len() - 1))
+        .rev()
+        .find(|&j| !is_close(values[j - 1], values[j], 1e-6));
+    let Some(count) = gap else {
+        return Ok(false);
+    };
+    let shift = f64::midpoint(values[count - 1], values[count]);
+    let shifted = pencil.shifted(shift)?;
+    let below = linalg::Symbolic::of(&shifted)?.negative_eigenvalues(&shifted)?;
+    Ok(below == Some(count))
+}
 
 /// The best pairs of the span of `count` columns, by K and M themselves.
 fn rayleigh_ritz(pencil: &Pencil<'_>, x: &[f64], count: usize) -> Result<Vec<Pair>, Error> {

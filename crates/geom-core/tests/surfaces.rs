@@ -1,7 +1,7 @@
 //! Closest points, neighbours and shortest paths against brute force.
 
 use geom_core::bvh::{TreeError, TriangleTree, closest_in_triangle};
-use geom_core::distance::{DistanceError, Graph, NONE, shortest_paths};
+use geom_core::distance::{DistanceError, Graph, Heat, HeatOptions, NONE, shortest_paths};
 use geom_core::mesh::shapes;
 use geom_core::nearest::{NearestError, PointTree};
 use geom_core::testing::same_on_any_threads;
@@ -187,6 +187,155 @@ fn a_mesh_has_the_distances_of_its_edges_and_triangles() {
     assert_eq!(dual.distance[2], f64::INFINITY);
 }
 
+fn heat(mesh: &TriMesh) -> Heat {
+    Heat::new(mesh, &HeatOptions::default()).unwrap()
+}
+
+/// A flat rectangle of `n × m` squares of two triangles.
+fn rectangle(n: u32, m: u32, side: f64) -> TriMesh {
+    let positions = (0..=n)
+        .flat_map(|i| (0..=m).map(move |j| [i, j].map(|c| side * f64::from(c))))
+        .map(|[x, y]| Point3::new(x, y, 0.0))
+        .collect();
+    let triangles = (0..n)
+        .flat_map(|i| (0..m).map(move |j| (i * (m + 1) + j, (i + j) % 2 == 0)))
+        .flat_map(|(a, even)| {
+            let (b, c, d) = (a + m + 1, a + m + 2, a + 1);
+            if even {
+                [[a, b, c], [a, c, d]]
+            } else {
+                [[a, b, d], [b, c, d]]
+            }
+        })
+        .collect();
+    TriMesh::new(positions, triangles).unwrap()
+}
+
+#[test]
+fn heat_finds_great_circles() {
+    let mean_error = |levels| {
+        let sphere = shapes::icosphere(2.0, levels);
+        // From a corner of the icosahedron and from a vertex in general position.
+        let found = heat(&sphere).from_each(&[[0], [100]]).unwrap();
+        let errors = [0, 100].into_iter().zip(found).map(|(source, distance)| {
+            let pole = sphere.positions()[source].coords;
+            let errors = sphere.positions().iter().zip(distance).map(|(p, d)| {
+                let exact = 2.0 * p.coords.angle(&pole);
+                if exact > 0.0 {
+                    (d / exact - 1.0).abs()
+                } else {
+                    d.abs()
+                }
+            });
+            errors.sum::<f64>() / sphere.positions().len() as f64
+        });
+        errors.fold(0.0, f64::max)
+    };
+    let errors = [3, 4, 5].map(mean_error);
+    assert!(errors[0] < 0.02, "{errors:?}");
+    assert!(
+        errors[1] < errors[0] / 1.4 && errors[2] < errors[1] / 1.4,
+        "{errors:?}"
+    );
+}
+
+#[test]
+fn heat_knows_borders_components_and_many_sources() {
+    let flat = rectangle(30, 20, 0.1);
+    let corner = heat(&flat).from(&[0]).unwrap();
+    let exact = |v: usize, w: usize| (flat.positions()[v] - flat.positions()[w]).norm();
+    let n = flat.positions().len();
+    let mean = (1..n)
+        .map(|v| (corner[v] / exact(v, 0) - 1.0).abs())
+        .sum::<f64>()
+        / n as f64;
+    assert!(mean < 0.02, "{mean}");
+    // The nearest of three counts; twice the same is once.
+    let sources = [0, 20, n as u32 - 11];
+    let three = heat(&flat).from(&[0, 20, n as u32 - 11, 20]).unwrap();
+    assert!(sources.iter().all(|&s| three[s as usize] == 0.0));
+    let errors = (0..n).map(|v| {
+        let nearest = sources
+            .iter()
+            .map(|&s| exact(v, s as usize))
+            .fold(f64::INFINITY, f64::min);
+        (three[v] - nearest).abs()
+    });
+    assert!(errors.sum::<f64>() / (n as f64) < 0.04);
+    // Two spheres and a vertex that no triangle uses: one has the source.
+    let (mut positions, mut triangles) = shapes::icosphere(1.0, 2).into_parts();
+    let count = positions.len();
+    positions.extend_from_within(..);
+    positions[count..].iter_mut().for_each(|p| p.x += 5.0);
+    positions.push(Point3::origin());
+    triangles.extend(
+        triangles
+            .clone()
+            .iter()
+            .map(|t| t.map(|v| v + count as u32)),
+    );
+    let two = TriMesh::new(positions, triangles).unwrap();
+    let distance = heat(&two).from(&[count as u32]).unwrap();
+    assert!(distance[..count].iter().all(|&d| d == f64::INFINITY));
+    assert!(distance[count..2 * count].iter().all(|&d| d < 3.3));
+    assert_eq!(distance[2 * count], f64::INFINITY);
+    assert_eq!(
+        heat(&two).from(&[2 * count as u32]).unwrap()[2 * count],
+        0.0
+    );
+}
+
+#[test]
+fn heat_reaches_the_end_of_a_long_strip_and_scales() {
+    // 4000 edges long: heat falls by far more than an f64 holds, if the time is that of one edge.
+    let strip = rectangle(4000, 1, 0.5);
+    let distance = heat(&strip).from(&[0]).unwrap();
+    assert!(
+        (distance[8000] / 2000.0 - 1.0).abs() < 0.01,
+        "{}",
+        distance[8000]
+    );
+    let torus = shapes::torus(3.0, 1.0, 30, 15);
+    let tiny = TriMesh::new(
+        torus.positions().iter().map(|p| p * 1e-6).collect(),
+        torus.triangles().to_vec(),
+    );
+    let found = [&torus, &tiny.unwrap()].map(|mesh| heat(mesh).from(&[7]).unwrap());
+    for (a, b) in found[0].iter().zip(&found[1]) {
+        assert!((a - b * 1e6).abs() < 1e-9, "{a} {b}");
+    }
+}
+
+#[test]
+fn heat_says_what_is_wrong() {
+    let sphere = shapes::icosphere(1.0, 1);
+    let none: [&[u32]; 2] = [&[1], &[]];
+    assert_eq!(
+        heat(&sphere).from_each(&none),
+        Err(DistanceError::NoSource { set: 1 })
+    );
+    let beyond = DistanceError::NoSuchNode {
+        source_index: 1,
+        node: 42,
+        nodes: 42,
+    };
+    assert_eq!(heat(&sphere).from(&[3, 42]), Err(beyond));
+    let options = HeatOptions { smoothing: 0.0 };
+    assert_eq!(
+        Heat::new(&sphere, &options).unwrap_err(),
+        DistanceError::Smoothing(0.0)
+    );
+    let mut flat = sphere.positions().to_vec();
+    let [a, b, c] = sphere.triangles()[5];
+    flat[c as usize] = geom_core::nalgebra::center(&flat[a as usize], &flat[b as usize]);
+    let flat = TriMesh::new(flat, sphere.triangles().to_vec()).unwrap();
+    let error = Heat::new(&flat, &HeatOptions::default()).unwrap_err();
+    assert_eq!(
+        error,
+        DistanceError::Operator(geom_core::laplace::Error::Degenerate { triangle: 5 })
+    );
+}
+
 #[test]
 fn threads_do_not_matter() {
     let torus = shapes::torus(3.0, 1.0, 60, 30);
@@ -203,7 +352,8 @@ fn threads_do_not_matter() {
             .unwrap();
         let tree = PointTree::of_positions(torus.positions()).unwrap();
         let points: Vec<[f64; 3]> = queries.iter().map(|p| [p.x, p.y, p.z]).collect();
-        (near, tree.nearest_to_all(&points, 7).unwrap())
+        let geodesic = heat(&torus).from_each(&[[0], [5]]).unwrap();
+        (near, tree.nearest_to_all(&points, 7).unwrap(), geodesic)
     });
 }
 

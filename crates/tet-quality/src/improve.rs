@@ -5,15 +5,16 @@ use geom_core::{ImplicitField, Run, TetMesh};
 use rayon::prelude::*;
 
 use crate::backend::QualityBackend;
-use crate::contract::contraction;
 use crate::input::prepare;
-use crate::proposal::{Floor, Operation, Proposal, independent};
+use crate::metrics::quality;
+use crate::operate::{Memory, Rules, best_climb, best_for, round, round_of_pushes};
+use crate::patch::push;
 use crate::report::{QualityReport, report_of};
-use crate::smooth::{SurfaceRules, corners_of, project, relax, relax_surface};
+use crate::ring::Ring;
+use crate::smooth::{SurfaceRules, corners_of, foot, load, project, relax, relax_surface};
 use crate::surface_field::Isosurface;
-use crate::swap::{edge_removal, face_swap, surface_flip};
-use crate::work::{Freedom, Work};
-use crate::{Error, Options};
+use crate::work::{Freedom, NO_COLOUR, Work};
+use crate::{Error, Measures, Options, SurfaceMotion, measures};
 
 /// Share of the spacing that surface vertices may be off the isosurface before the rescue passes.
 const NEAR: f64 = 0.02;
@@ -21,6 +22,18 @@ const NEAR: f64 = 0.02;
 const ROUNDS: u32 = 7;
 /// Rounds of operations per pass: what is postponed because of its neighbours gets another chance.
 const TOPOLOGY_ROUNDS: u32 = 4;
+/// The first passes work on all tetrahedra below [`WANTED`], the later ones on those below the goals.
+const BROAD: u32 = 3;
+/// From this pass on, directions are random and surface vertices may use the allowed deviation.
+const RESCUE: u32 = 6;
+/// Angle that the first passes aim at, degrees: they raise the many, not only the worst.
+const WANTED: f64 = 30.0;
+/// Objectives down to which the first passes bring surface vertices to the isosurface.
+const FLOORS: [f64; 5] = [0.05, 0.1, 0.2, 0.25, 0.3];
+/// Share of the surface vertices that may stay farther from the isosurface than allowed.
+const ENOUGH: f64 = 5e-4;
+/// Most rounds of bringing surface vertices to the isosurface after the passes.
+const SETTLE: u32 = 6;
 
 /// What happened in a pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -106,15 +119,7 @@ pub fn improve<B: QualityBackend + ?Sized>(
         level: options.level,
     });
     let input = prepare(mesh, surface.as_ref())?;
-    let mut state = State {
-        work: input.work,
-        surface,
-        options,
-        spacing: 0.0,
-        marks: Vec::new(),
-        stamp: 0,
-    };
-    state.spacing = options.spacing.unwrap_or_else(|| state.surface_spacing());
+    let mut state = State::new(input.work, surface, options);
     let before = state.report(run)?;
     let inverted: Vec<u32> = state.work.below(f64::MIN_POSITIVE);
     if !inverted.is_empty() {
@@ -123,20 +128,36 @@ pub fn improve<B: QualityBackend + ?Sized>(
         return Err(Error::StillInverted { elements });
     }
     let mut passes = Vec::new();
+    let mut far = usize::MAX;
     for pass in 0..options.passes {
         run.progress("improve", pass.into(), options.passes.into())?;
-        if state.met() {
+        if state.met() && pass == 0 {
             break;
         }
-        let done = state.pass(pass, run)?;
+        let mut done = state.pass(pass, run)?;
+        let last = pass + 1 == options.passes || done.changes() == 0;
+        let mut enough = last;
+        if last || state.met() {
+            let left = state.settle(&mut done);
+            enough |= left as f64 <= ENOUGH * state.on_field() as f64 || left >= far;
+            far = left;
+        }
+        done.worst = state.work.worst();
         passes.push(done);
-        if done.changes() == 0 {
+        if enough {
             break;
         }
     }
     run.progress("improve", options.passes.into(), options.passes.into())?;
     let after = state.report(run)?;
-    let converged = state.met();
+    let converged = after.all.tets == 0
+        || options.goals.met_by(&Measures {
+            six_volume: after.all.volume,
+            joe_liu: after.all.joe_liu.min,
+            edge_ratio: after.all.edge_ratio.max,
+            min_dihedral: after.all.min_dihedral.min,
+            max_dihedral: after.all.max_dihedral.max,
+        });
     Ok(Improved {
         mesh: state.work.finish(&input.unused),
         report: Report {
@@ -151,17 +172,71 @@ pub fn improve<B: QualityBackend + ?Sized>(
     })
 }
 
+/// What a pass aims at.
+struct Aim {
+    /// Tetrahedra below this are worked on.
+    bound: f64,
+    contract: bool,
+    /// Operations are judged together with the smoothing that they need.
+    climb: bool,
+    /// Random directions; surface vertices may leave the isosurface by the allowed deviation.
+    rescue: bool,
+    /// Objective down to which vertices go back to the isosurface: first the shape, then the quality.
+    floor: f64,
+}
+
+impl Aim {
+    fn of(pass: u32, target: f64) -> Self {
+        let broad = pass < BROAD;
+        Self {
+            bound: if broad {
+                (1.05 * target).max(WANTED.to_radians().sin())
+            } else {
+                1.05 * target
+            },
+            contract: pass > 0,
+            climb: !broad,
+            rescue: pass >= RESCUE,
+            floor: FLOORS
+                .get(pass as usize)
+                .map_or(target, |f: &f64| f.min(target)),
+        }
+    }
+}
+
 struct State<'a> {
     work: Work,
     surface: Option<Isosurface<'a>>,
     options: &'a Options,
     spacing: f64,
-    marks: Vec<u32>,
-    stamp: u32,
+    /// The objective at which all goals are met.
+    target: f64,
+    plain: Memory,
+    climbs: Memory,
+    /// Per vertex: when it was last smoothed.
+    smoothed: Vec<u32>,
+    /// When vertices were last brought back to the isosurface.
+    projected: u32,
 }
 
-impl State<'_> {
-    /// Median length of the edges of the tetrahedra at surface vertices; of all edges without any.
+impl<'a> State<'a> {
+    fn new(work: Work, surface: Option<Isosurface<'a>>, options: &'a Options) -> Self {
+        let mut state = Self {
+            work,
+            surface,
+            options,
+            spacing: 0.0,
+            target: options.goals.objective(),
+            plain: Memory::default(),
+            climbs: Memory::default(),
+            smoothed: Vec::new(),
+            projected: 0,
+        };
+        state.spacing = options.spacing.unwrap_or_else(|| state.surface_spacing());
+        state
+    }
+
+    /// Median length of the edges between surface vertices; of all edges without any.
     fn surface_spacing(&self) -> f64 {
         let lengths = |surface: bool| -> Vec<f64> {
             (0..self.work.tets.len())
@@ -204,18 +279,8 @@ impl State<'_> {
         Ok(report_of(&mesh, &measures))
     }
 
-    /// The objective at which all goals are met.
-    fn goal(&self) -> f64 {
-        let g = &self.options.goals;
-        g.min_dihedral
-            .to_radians()
-            .sin()
-            .max((180.0 - g.max_dihedral).to_radians().sin())
-            .max(crate::metrics::SHAPE_WEIGHT * g.joe_liu)
-    }
-
     fn met(&self) -> bool {
-        self.work.worst() >= self.goal()
+        self.work.worst() >= self.target
     }
 
     fn pass<B: QualityBackend + ?Sized>(
@@ -224,133 +289,166 @@ impl State<'_> {
         run: Run<'_, B>,
     ) -> Result<Pass, Error> {
         let mut done = Pass::default();
-        let rescue = number >= 8;
-        let wanted = 30f64.to_radians().sin();
-        let wide = 1.1 * wanted;
-        self.smooth(wide, rescue, &mut done, run)?;
-        for round in 0..TOPOLOGY_ROUNDS {
-            let changed = self.operate(wanted, number > 0, &mut done);
-            if changed == 0 {
-                break;
-            }
-            let _ = round;
-        }
-        self.smooth(wide, rescue, &mut done, run)?;
-        if let Some(surface) = &self.surface {
-            let near = NEAR * self.spacing;
-            let all: Vec<u32> = (0..self.work.x.len() as u32)
-                .filter(|&v| self.work.freedom[v as usize] == Freedom::Field)
-                .collect();
-            let goal = 1.1 * 20f64.to_radians().sin();
-            done.projected += project(&mut self.work, &all, surface, near, goal);
-            self.work.measure_all();
-        }
-        done.worst = self.work.worst();
+        let aim = Aim::of(number, self.target);
+        self.smooth(number, &aim, &mut done, run)?;
+        self.operate(&aim, &mut done);
+        self.smooth(number, &aim, &mut done, run)?;
+        self.project(&aim, &mut done);
         Ok(done)
+    }
+
+    fn tolerance(&self, aim: &Aim) -> f64 {
+        let share = if aim.rescue {
+            self.options.deviation.max(NEAR)
+        } else {
+            NEAR
+        };
+        share * self.spacing
     }
 
     fn smooth<B: QualityBackend + ?Sized>(
         &mut self,
-        bound: f64,
-        rescue: bool,
+        pass: u32,
+        aim: &Aim,
         done: &mut Pass,
         run: Run<'_, B>,
     ) -> Result<(), Error> {
-        let bad = self.work.below(bound);
-        let vertices = corners_of(&self.work, &bad);
-        done.moved += relax(&mut self.work, &vertices, ROUNDS, None, run)?;
-        if let Some(field) = &self.surface {
-            let share = if rescue { self.options.deviation } else { NEAR };
+        let bad = self.work.below(1.1 * aim.bound);
+        let now = self.work.tick();
+        self.smoothed.resize(self.work.x.len(), 0);
+        let mut vertices = corners_of(&self.work, &bad);
+        // New directions are worth another try where nothing changed.
+        if !aim.rescue {
+            vertices.retain(|&v| self.work.changed[v as usize] > self.smoothed[v as usize]);
+        }
+        for &v in &vertices {
+            self.smoothed[v as usize] = now - 1;
+        }
+        let turn = aim
+            .rescue
+            .then(|| self.options.seed.wrapping_add(u64::from(pass)));
+        done.moved += relax(&mut self.work, &vertices, ROUNDS, turn, run)?;
+        if self.options.surface != SurfaceMotion::Fixed
+            && let Some(field) = &self.surface
+        {
             let rules = SurfaceRules {
                 field,
-                tolerance: share * self.spacing,
-                rescue,
+                tolerance: self.tolerance(aim),
+                rescue: aim.rescue,
             };
             done.slid += relax_surface(&mut self.work, &vertices, &rules);
         }
-        self.work.measure_all();
         Ok(())
     }
 
-    /// One round of operations on the tetrahedra below `bound`: all are judged side by side, those
-    /// that do not meet are carried out.
-    fn operate(&mut self, bound: f64, contract: bool, done: &mut Pass) -> usize {
-        let bad = self.work.below(bound);
-        let state = &*self;
-        let proposals: Vec<(u32, Proposal)> = bad
-            .par_iter()
-            .with_min_len(16)
-            .filter_map(|&t| Some((t, state.best_for(t, contract)?)))
-            .collect();
-        self.marks.resize(self.work.x.len(), 0);
-        self.stamp += 1;
-        let (chosen, _) = independent(proposals, &mut self.marks, self.stamp);
-        for proposal in &chosen {
-            proposal.apply(&mut self.work);
-            *match proposal.operation {
-                Operation::EdgeRemoval => &mut done.edges_removed,
-                Operation::FaceSwap => &mut done.faces_swapped,
-                Operation::SurfaceFlip => &mut done.surface_flips,
-                Operation::Contraction => &mut done.contracted,
-                Operation::Insertion => &mut done.inserted,
-            } += 1;
+    fn operate(&mut self, aim: &Aim, done: &mut Pass) {
+        let tolerance = self.tolerance(aim);
+        let rules = Rules {
+            allow: self.options.operations,
+            contract: aim.contract,
+            field: self.surface.as_ref(),
+            spacing: self.spacing,
+        };
+        let surface = self
+            .surface
+            .as_ref()
+            .filter(|_| self.options.surface != SurfaceMotion::Fixed)
+            .map(|field| SurfaceRules {
+                field,
+                tolerance,
+                rescue: aim.rescue,
+            });
+        let (work, target) = (&mut self.work, self.target);
+        for _ in 0..TOPOLOGY_ROUNDS {
+            let plain = |work: &Work, t, ring: &mut Ring| best_for(work, t, &rules, ring);
+            if round(work, &mut self.plain, aim.bound, plain, done) == 0 {
+                break;
+            }
         }
-        chosen.len()
+        for _ in 0..TOPOLOGY_ROUNDS {
+            let with_smoothing = |work: &Work, t, ring: &mut Ring| {
+                best_climb(work, t, &rules, surface.as_ref(), target, ring)
+            };
+            if !aim.climb || round(work, &mut self.climbs, target, with_smoothing, done) == 0 {
+                break;
+            }
+        }
     }
 
-    /// The best operation that replaces a tetrahedron.
-    fn best_for(&self, t: u32, contract: bool) -> Option<Proposal> {
-        let (work, allow) = (&self.work, &self.options.operations);
-        let tet = work.tets[t as usize];
-        let field = self.surface.as_ref();
-        let mut best: Option<Proposal> = None;
-        let mut offer = |p: Option<Proposal>| {
-            if let Some(p) = p
-                && best.as_ref().is_none_or(|b| p.gain > b.gain)
-            {
-                best = Some(p);
-            }
+    /// Brings surface vertices that have moved back to the isosurface, as far as the goals allow.
+    fn project(&mut self, aim: &Aim, done: &mut Pass) {
+        let Some(surface) = &self.surface else { return };
+        let off: Vec<u32> = (0..self.work.x.len() as u32)
+            .filter(|&v| {
+                self.work.freedom[v as usize] == Freedom::Field
+                    && self.work.changed[v as usize] > self.projected
+            })
+            .collect();
+        self.projected = self.work.tick();
+        let near = self.tolerance(aim);
+        let floor = aim.floor;
+        done.projected += project(&mut self.work, &off, surface, near, |corners| {
+            quality(corners) >= floor
+        });
+    }
+
+    /// Brings the surface vertices that are still farther from the isosurface than allowed to it as
+    /// far as all tetrahedra meet the goals, without the reserve that the passes aim at. Gives how
+    /// many are left.
+    fn settle(&mut self, done: &mut Pass) -> usize {
+        let Some(surface) = &self.surface else {
+            return 0;
         };
-        for [i, j] in geom_core::mesh::EDGES {
-            let (a, b) = (tet[i], tet[j]);
-            if allow.swap {
-                offer(edge_removal(work, a, b, Floor::Old));
-            }
-            let both = [a, b]
-                .iter()
-                .all(|&v| work.freedom[v as usize] != Freedom::Free);
-            if allow.flip && both {
-                offer(surface_flip(
-                    work,
-                    a,
-                    b,
-                    field,
-                    0.1 * self.spacing,
-                    Floor::Old,
-                ));
-            }
+        if self.options.surface == SurfaceMotion::Fixed {
+            return 0;
         }
-        if allow.swap {
-            for k in 0..4 {
-                offer(face_swap(work, t, k, Floor::Old));
-            }
-        }
-        if allow.contract && contract {
-            for i in 0..4 {
-                for j in 0..4 {
-                    if i != j {
-                        offer(contraction(
-                            work,
-                            tet[i],
-                            tet[j],
-                            field,
-                            0.15 * self.spacing,
-                            Floor::Old,
-                        ));
-                    }
+        let tolerance = self.options.deviation * self.spacing;
+        let (goals, target) = (self.options.goals, self.target);
+        let good = |corners| quality(corners) >= target || goals.met_by(&measures(corners));
+        let rules = SurfaceRules {
+            field: surface,
+            tolerance,
+            rescue: true,
+        };
+        let far = |work: &Work, v: u32| {
+            work.freedom[v as usize] == Freedom::Field
+                && work.colours[v as usize] != NO_COLOUR
+                && surface.distance(&work.x[v as usize], f64::INFINITY).0.abs() > tolerance
+        };
+        for _ in 0..SETTLE {
+            let work = &self.work;
+            let off: Vec<u32> = (0..work.x.len() as u32)
+                .into_par_iter()
+                .with_min_len(256)
+                .filter(|&v| far(work, v))
+                .collect();
+            let before = done.projected;
+            done.projected += project(&mut self.work, &off, surface, tolerance, good);
+            let push_to_foot = |work: &Work, v: u32, ring: &mut Ring| {
+                if !far(work, v) {
+                    return None;
                 }
+                load(work, v, ring);
+                let x = work.x[v as usize];
+                let foot = foot(x, ring.mean_edge(&x.coords), surface, tolerance)?;
+                [1.0, 0.6, 0.3]
+                    .into_iter()
+                    .find_map(|share| push(work, v, x + (foot - x) * share, &rules, good, ring))
+            };
+            round_of_pushes(&mut self.work, &mut self.plain, &off, push_to_foot, done);
+            if done.projected == before {
+                return off.len();
             }
         }
-        best
+        (0..self.work.x.len() as u32)
+            .into_par_iter()
+            .filter(|&v| far(&self.work, v))
+            .count()
+    }
+
+    /// Number of vertices on the isosurface.
+    fn on_field(&self) -> usize {
+        let field = |f: &&Freedom| **f == Freedom::Field;
+        self.work.freedom.iter().filter(field).count()
     }
 }

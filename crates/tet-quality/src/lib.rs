@@ -10,6 +10,7 @@ mod improve;
 mod input;
 mod insert;
 pub mod metrics;
+mod operate;
 mod options;
 mod patch;
 mod proposal;

@@ -17,6 +17,8 @@ pub(crate) enum Operation {
     SurfaceFlip,
     Contraction,
     Insertion,
+    /// No operation: vertices move together.
+    Push,
 }
 
 /// What the worst of the new tetrahedra must exceed.
@@ -76,6 +78,19 @@ impl Proposal {
         }
     }
 
+    /// A vertex that goes to the isosurface.
+    pub(crate) fn push(v: u32, foot: Point3) -> Self {
+        Self {
+            operation: Operation::Push,
+            gain: 0.0,
+            remove: Vec::new(),
+            insert: Vec::new(),
+            vertex: None,
+            moves: vec![(v, foot)],
+            locks: vec![v],
+        }
+    }
+
     /// Makes the change.
     pub(crate) fn apply(&self, work: &mut Work) {
         for &t in &self.remove {
@@ -106,13 +121,12 @@ pub(crate) fn independent(
     mut proposals: Vec<(u32, Proposal)>,
     marks: &mut [u32],
     stamp: u32,
-) -> (Vec<Proposal>, Vec<u32>) {
+) -> Vec<Proposal> {
     let steps = |gain: f64| (gain * f64::from(1u32 << 20)) as i64;
     proposals.sort_by(|a, b| steps(b.1.gain).cmp(&steps(a.1.gain)).then(a.0.cmp(&b.0)));
-    let (mut chosen, mut postponed) = (Vec::new(), Vec::new());
-    for (tet, proposal) in proposals {
+    let mut chosen = Vec::new();
+    for (_, proposal) in proposals {
         if proposal.locks.iter().any(|&v| marks[v as usize] == stamp) {
-            postponed.push(tet);
             continue;
         }
         for &v in &proposal.locks {
@@ -120,5 +134,5 @@ pub(crate) fn independent(
         }
         chosen.push(proposal);
     }
-    (chosen, postponed)
+    chosen
 }

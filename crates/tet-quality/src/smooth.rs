@@ -6,42 +6,32 @@ use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::{QualityBackend, Relaxation};
-use crate::ring::{GAIN, Ring, signed_square};
+use crate::ring::{GAIN, Ring};
 use crate::surface_field::Isosurface;
-use crate::work::{Freedom, Work};
+use crate::work::{Freedom, NO_COLOUR, Work};
 
 /// First step of a surface vertex, in mean edge lengths.
 const SURFACE_STEP: f64 = 0.2;
 /// Longest step back to the isosurface, in mean edge lengths.
 const PULL: f64 = 0.15;
+/// Most steps to the foot point.
+const FOOT_STEPS: usize = 6;
 
-/// Classes of the given vertices, no two of a class in one tetrahedron: greedy in the given order.
-pub(crate) fn colours(work: &Work, vertices: &[u32]) -> Vec<Vec<u32>> {
-    const NO: u8 = u8::MAX;
-    let mut colour = vec![NO; work.x.len()];
+/// The given vertices by colour: no two of a class share a tetrahedron.
+fn classes(work: &Work, vertices: impl Iterator<Item = u32>) -> Vec<Vec<u32>> {
     let mut classes: Vec<Vec<u32>> = Vec::new();
-    for &v in vertices {
-        let mut used = [0u64; 4];
-        for &t in work.rings.of(v) {
-            for u in work.tets[t as usize] {
-                let c = colour[u as usize];
-                if c != NO {
-                    used[usize::from(c / 64)] |= 1 << (c % 64);
-                }
-            }
-        }
-        let word = used.iter().position(|&w| w != u64::MAX).unwrap_or(0);
-        let free = word as u32 * 64 + (!used[word]).trailing_zeros();
-        // With more than 254 neighbours of different colours a vertex sits out this sweep.
-        if free >= u32::from(NO) {
+    for v in vertices {
+        let c = work.colours[v as usize];
+        if c == NO_COLOUR {
             continue;
         }
-        colour[v as usize] = free as u8;
-        if classes.len() <= free as usize {
-            classes.resize(free as usize + 1, Vec::new());
+        let c = usize::from(c);
+        if classes.len() <= c {
+            classes.resize(c + 1, Vec::new());
         }
-        classes[free as usize].push(v);
+        classes[c].push(v);
     }
+    classes.retain(|c| !c.is_empty());
     classes
 }
 
@@ -107,14 +97,11 @@ pub(crate) fn task<'a>(
     rounds: u32,
     turn: Option<u64>,
 ) -> Relaxation<'a> {
-    let movable: Vec<u32> = vertices
+    let movable = vertices
         .iter()
         .copied()
-        .filter(|&v| {
-            axes_of(work.freedom[v as usize], None).is_some() && !work.rings.of(v).is_empty()
-        })
-        .collect();
-    let classes = colours(work, &movable);
+        .filter(|&v| axes_of(work.freedom[v as usize], None).is_some());
+    let classes = classes(work, movable);
     let vertices: Vec<u32> = classes.concat();
     let mut colours = Vec::with_capacity(classes.len());
     let mut start = 0;
@@ -167,7 +154,7 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
     let task = task(work, &work.x, vertices, rounds, turn);
     let moves = run.backend.relax(&task)?;
     let (vertices, colours) = (task.vertices, task.colours);
-    let mut moved = 0;
+    let mut moved = Vec::new();
     for colour in colours {
         let accepted: Vec<Option<Point3>> = colour
             .clone()
@@ -191,11 +178,12 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
         for (i, x) in colour.zip(accepted) {
             if let Some(x) = x {
                 work.x[vertices[i] as usize] = x;
-                moved += 1;
+                moved.push(vertices[i]);
             }
         }
     }
-    Ok(moved)
+    work.refresh(&moved);
+    Ok(moved.len())
 }
 
 /// The face of `t` opposite its corner `v`, counter-clockwise from outside.
@@ -227,37 +215,43 @@ pub(crate) fn relax_surface(work: &mut Work, vertices: &[u32], rules: &SurfaceRu
 }
 
 /// Moves surface vertices that are farther than `tolerance` toward the isosurface, as far as the
-/// worst tetrahedron stays above `goal` or does not get worse. Gives how many moved.
+/// tetrahedra stay `good` or the worst of them does not get worse. Gives how many moved.
 pub(crate) fn project(
     work: &mut Work,
     vertices: &[u32],
     field: &Isosurface<'_>,
     tolerance: f64,
-    goal: f64,
+    good: impl Fn([Point3; 4]) -> bool + Sync,
 ) -> usize {
     sweep(work, vertices, |work, v, ring| {
-        let x = work.x[v as usize];
         load(work, v, ring);
-        let edge = ring.mean_edge(&x.coords);
-        let (d, _) = field.distance(&x, 0.5 * edge);
-        if d.abs() <= tolerance {
-            return None;
-        }
-        let mut foot = x;
-        for _ in 0..4 {
-            let (d, n) = field.distance(&foot, PULL * edge);
-            foot -= n * d;
-        }
-        if field.distance(&foot, 0.5 * edge).0.abs() >= d.abs() {
-            return None;
-        }
-        let floor = ring.value(&x.coords).min(signed_square(goal)) - GAIN;
+        let x = work.x[v as usize];
+        let foot = foot(x, ring.mean_edge(&x.coords), field, tolerance)?;
+        let floor = ring.value(&x.coords) - GAIN;
         [1.0, 0.7, 0.4, 0.2, 0.1].into_iter().find_map(|share| {
             let candidate = x + (foot - x) * share;
-            ring.value_above(&candidate.coords, floor)
-                .map(|_| candidate)
+            ring.all_good(&candidate.coords, floor, &good)
+                .then_some(candidate)
         })
     })
+}
+
+/// The point of the isosurface next to `x`, by short Newton steps; `None` if `x` is nearer than
+/// `tolerance` or the steps lead nowhere.
+pub(crate) fn foot(x: Point3, edge: f64, field: &Isosurface<'_>, tolerance: f64) -> Option<Point3> {
+    let (d, _) = field.distance(&x, 0.5 * edge);
+    if d.abs() <= tolerance {
+        return None;
+    }
+    let mut foot = x;
+    for _ in 0..FOOT_STEPS {
+        let (d, n) = field.distance(&foot, PULL * edge);
+        foot -= n * d;
+        if d.abs() <= 0.1 * tolerance {
+            break;
+        }
+    }
+    (field.distance(&foot, 0.5 * edge).0.abs() < d.abs()).then_some(foot)
 }
 
 fn sweep(
@@ -265,13 +259,12 @@ fn sweep(
     vertices: &[u32],
     step: impl Fn(&Work, u32, &mut Ring) -> Option<Point3> + Sync,
 ) -> usize {
-    let movable: Vec<u32> = vertices
+    let movable = vertices
         .iter()
         .copied()
-        .filter(|&v| work.freedom[v as usize] == Freedom::Field && !work.rings.of(v).is_empty())
-        .collect();
-    let mut moved = 0;
-    for class in colours(work, &movable) {
+        .filter(|&v| work.freedom[v as usize] == Freedom::Field);
+    let mut moved = Vec::new();
+    for class in classes(work, movable) {
         let positions: Vec<Option<Point3>> = class
             .par_iter()
             .with_min_len(16)
@@ -280,11 +273,12 @@ fn sweep(
         for (v, x) in class.into_iter().zip(positions) {
             if let Some(x) = x {
                 work.x[v as usize] = x;
-                moved += 1;
+                moved.push(v);
             }
         }
     }
-    moved
+    work.refresh(&moved);
+    moved.len()
 }
 
 fn slide(work: &Work, v: u32, ring: &mut Ring, rules: &SurfaceRules<'_>) -> Option<Point3> {

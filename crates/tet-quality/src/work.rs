@@ -123,8 +123,18 @@ pub(crate) struct Work {
     /// The objective per tetrahedron; +∞ in empty slots.
     pub(crate) q: Vec<f64>,
     pub(crate) rings: Rings,
+    /// Classes of vertices that share no tetrahedron; kept up by [`Work::insert`].
+    pub(crate) colours: Vec<Colour>,
+    /// When something around a vertex last changed: see [`Work::tick`].
+    pub(crate) changed: Vec<u32>,
+    clock: u32,
     empty: Vec<u32>,
 }
+
+/// Number of a class of vertices.
+pub(crate) type Colour = u8;
+/// Not in any class: such a vertex has neighbours of all classes, or no tetrahedron, and stays.
+pub(crate) const NO_COLOUR: Colour = Colour::MAX;
 
 impl Work {
     pub(crate) fn new(mesh: TetMesh) -> Self {
@@ -139,10 +149,58 @@ impl Work {
             tets,
             regions,
             rings,
+            colours: Vec::new(),
+            changed: Vec::new(),
+            clock: 1,
             empty: Vec::new(),
         };
+        work.colours = vec![NO_COLOUR; work.x.len()];
+        work.changed = vec![work.clock; work.x.len()];
+        for v in 0..work.x.len() as u32 {
+            work.colours[v as usize] = work.free_colour(v);
+        }
         work.measure_all();
         work
+    }
+
+    /// The lowest class that no neighbour of `v` is in.
+    fn free_colour(&self, v: u32) -> Colour {
+        let ring = self.rings.of(v);
+        if ring.is_empty() {
+            return NO_COLOUR;
+        }
+        let mut used = [0u64; 4];
+        for &t in ring {
+            for u in self.tets[t as usize] {
+                let c = self.colours[u as usize];
+                if u != v && c != NO_COLOUR {
+                    used[usize::from(c / 64)] |= 1 << (c % 64);
+                }
+            }
+        }
+        let word = used.iter().position(|&w| w != u64::MAX);
+        word.map_or(NO_COLOUR, |w| {
+            (w as u32 * 64 + (!used[w]).trailing_zeros()) as Colour
+        })
+    }
+
+    /// Starts a new step of the clock that [`Work::changed`] shows, and gives the time.
+    pub(crate) fn tick(&mut self) -> u32 {
+        self.clock += 1;
+        self.clock
+    }
+
+    /// Something changed around these vertices.
+    fn touch(&mut self, vertices: [u32; 4]) {
+        for v in vertices {
+            self.changed[v as usize] = self.clock;
+        }
+    }
+
+    /// Did something change around a corner of `t` after `time`?
+    pub(crate) fn changed_since(&self, t: u32, time: u32) -> bool {
+        let tet = self.tets[t as usize];
+        tet.iter().any(|&v| self.changed[v as usize] > time)
     }
 
     /// Fills `q` anew.
@@ -202,8 +260,12 @@ impl Work {
 
     /// Empties a slot.
     pub(crate) fn remove(&mut self, t: u32) {
+        self.touch(self.tets[t as usize]);
         for v in self.tets[t as usize] {
             self.rings.remove(v, t);
+            if self.rings.of(v).is_empty() {
+                self.colours[v as usize] = NO_COLOUR;
+            }
         }
         self.tets[t as usize] = [NONE; 4];
         self.q[t as usize] = f64::INFINITY;
@@ -211,7 +273,7 @@ impl Work {
     }
 
     /// Fills a slot.
-    pub(crate) fn insert(&mut self, tet: [u32; 4], region: Region) -> u32 {
+    pub(crate) fn insert(&mut self, tet: [u32; 4], region: Region) {
         let q = self.quality_of(tet);
         let t = match self.empty.pop() {
             Some(t) => {
@@ -229,7 +291,13 @@ impl Work {
         for v in tet {
             self.rings.push(v, t);
         }
-        t
+        self.touch(tet);
+        for (i, &v) in tet.iter().enumerate() {
+            let c = self.colours[v as usize];
+            if c == NO_COLOUR || tet[..i].iter().any(|&u| self.colours[u as usize] == c) {
+                self.colours[v as usize] = self.free_colour(v);
+            }
+        }
     }
 
     /// A new vertex without tetrahedra.
@@ -238,15 +306,33 @@ impl Work {
         self.kinds.push(kind);
         self.freedom.push(freedom);
         self.rings.add_vertex();
+        self.colours.push(NO_COLOUR);
+        self.changed.push(self.clock);
         self.x.len() as u32 - 1
     }
 
     /// Moves a vertex and measures its tetrahedra anew.
     pub(crate) fn set_position(&mut self, v: u32, x: Point3) {
         self.x[v as usize] = x;
-        for i in 0..self.rings.of(v).len() {
-            let t = self.rings.of(v)[i] as usize;
-            self.q[t] = self.quality_of(self.tets[t]);
+        self.refresh(&[v]);
+    }
+
+    /// Vertices have moved: measures the tetrahedra around them anew.
+    pub(crate) fn refresh(&mut self, moved: &[u32]) {
+        // Each tetrahedron has four corners: with many moved ones it is cheaper to measure all once.
+        let all = moved.len() * 24 > self.tets.len();
+        if all {
+            self.measure_all();
+            self.changed.fill(self.clock);
+            return;
+        }
+        for &v in moved {
+            for i in 0..self.rings.of(v).len() {
+                let t = self.rings.of(v)[i] as usize;
+                let tet = self.tets[t];
+                self.q[t] = self.quality_of(tet);
+                self.touch(tet);
+            }
         }
     }
 

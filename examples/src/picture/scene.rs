@@ -1,5 +1,7 @@
 //! Meshes with light and colour: what to draw, from where, and the shading.
 
+use std::sync::LazyLock;
+
 use geom_core::{GpuError, Point3, TetMesh, TriMesh, Vector3, mesh, nalgebra};
 use rayon::prelude::*;
 
@@ -338,13 +340,22 @@ impl Frame {
             .for_each(|(y, row)| {
                 for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
                     let mut light = [0.0f32; 3];
+                    // The middle of the pixel stands for all of it that lies as deep.
+                    let (mx, my) = (x * FINE + FINE / 2, y * FINE + FINE / 2);
+                    let middle = my * fine_width + mx;
+                    let open = (seen[middle] != u32::MAX).then(|| {
+                        let flat = eye_normal(&self.corners(seen[middle]));
+                        self.openness(flat, &depth, mx, my)
+                    });
                     for sub in 0..FINE * FINE {
                         let (fx, fy) = (x * FINE + sub % FINE, y * FINE + sub / FINE);
-                        let triangle = seen[fy * fine_width + fx];
-                        let part = if triangle == u32::MAX {
+                        let here = fy * fine_width + fx;
+                        let part = if seen[here] == u32::MAX {
                             background(fy as f32 / self.size[1] as f32)
                         } else {
-                            self.lit(layers, triangle, &depth, fx, fy)
+                            let near = (depth[here] - depth[middle]).abs() < 2.0 * FINE as f32;
+                            let open = open.filter(|_| near);
+                            self.lit(layers, seen[here], &depth, open, fx, fy)
                         };
                         for k in 0..3 {
                             light[k] += part[k] / (FINE * FINE) as f32;
@@ -358,8 +369,16 @@ impl Frame {
         image
     }
 
-    /// Linear light that one sub-pixel sends to the eye.
-    fn lit(&self, layers: &[Layer], triangle: u32, depth: &[f32], x: usize, y: usize) -> [f32; 3] {
+    /// Linear light that one sub-pixel sends to the eye; `open` is its openness, if known.
+    fn lit(
+        &self,
+        layers: &[Layer],
+        triangle: u32,
+        depth: &[f32],
+        open: Option<f32>,
+        x: usize,
+        y: usize,
+    ) -> [f32; 3] {
         let (layer, number, face) = self.faces[triangle as usize];
         let layer = &layers[layer as usize];
         let corners = self.corners(triangle);
@@ -388,7 +407,7 @@ impl Frame {
             }
         };
 
-        let open = self.openness(flat, depth, x, y);
+        let open = open.unwrap_or_else(|| self.openness(flat, depth, x, y));
         let [nx, ny, nz] = [normal[0], -normal[1], normal[2]];
         let toward = |l: [f32; 3]| {
             let l = unit(l);
@@ -417,7 +436,7 @@ impl Frame {
 
     /// How much of the sky is seen from here: 1 in the open, less in grooves.
     fn openness(&self, normal: [f32; 3], depth: &[f32], x: usize, y: usize) -> f32 {
-        const SAMPLES: usize = 10;
+        const SAMPLES: usize = 24;
         let reach = 0.085 * self.size[1] as f32;
         let here = depth[y * self.size[0] + x];
         let turn = noise(x as u32, y as u32);
@@ -520,12 +539,17 @@ fn noise(x: u32, y: u32) -> f32 {
 }
 
 fn to_linear(c: u8) -> f32 {
-    let c = f32::from(c) / 255.0;
-    if c <= 0.04045 {
-        c / 12.92
-    } else {
-        ((c + 0.055) / 1.055).powf(2.4)
-    }
+    static LIGHT: LazyLock<[f32; 256]> = LazyLock::new(|| {
+        std::array::from_fn(|c| {
+            let c = c as f32 / 255.0;
+            if c <= 0.04045 {
+                c / 12.92
+            } else {
+                ((c + 0.055) / 1.055).powf(2.4)
+            }
+        })
+    });
+    LIGHT[usize::from(c)]
 }
 
 fn to_srgb(c: f32) -> u8 {

@@ -167,7 +167,9 @@ impl Cover {
                 continue;
             }
             flips += 1;
-            for s in [next(side), next(next(side)), next(twin), next(next(twin))] {
+            // The new side is the first of both triangles.
+            let (f, g) = (3 * (side / 3), 3 * (twin / 3));
+            for s in [f + 1, f + 2, g + 1, g + 2] {
                 let s = s.min(self.twin[s as usize]);
                 if !queued[s as usize] {
                     queued[s as usize] = true;

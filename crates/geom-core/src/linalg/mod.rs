@@ -5,9 +5,11 @@
 
 pub mod cholesky;
 pub(crate) mod dense;
+pub mod iterate;
 pub mod sparse;
 
 pub use cholesky::{Cholesky, Symbolic};
+pub use iterate::{Solution, conjugate_gradients, refine};
 pub use sparse::{Scalar, SparseMatrix};
 
 /// Why a matrix cannot be made, factored or solved with.
@@ -80,6 +82,14 @@ pub enum Error {
     OutOfMemory {
         /// Entries of the factor, 0 when not even their number is known.
         entries: usize,
+    },
+    /// An option makes no sense.
+    #[error("option {field} must {must}")]
+    Option {
+        /// The field.
+        field: &'static str,
+        /// What it must do.
+        must: &'static str,
     },
     /// A right-hand side has the wrong length.
     #[error("a right-hand side of {found} values, {expected} are needed")]

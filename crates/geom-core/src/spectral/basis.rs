@@ -21,10 +21,6 @@ impl Columns {
         }
     }
 
-    pub(super) fn count(&self) -> usize {
-        self.count
-    }
-
     pub(super) fn tall(&self) -> Tall<'_> {
         self.from(0)
     }

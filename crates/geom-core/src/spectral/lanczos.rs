@@ -3,9 +3,8 @@
 use super::basis::{Basis, random_block};
 use super::{Error, Options, Pair, Pencil, Report, SpectralBackend, not_finite, rayleigh_ritz};
 use crate::Run;
-use crate::laplace::Mass;
+use crate::linalg::Symbolic;
 use crate::linalg::dense::{self, Tall};
-use crate::linalg::{SparseMatrix, Symbolic};
 
 /// The smallest `k + 1` pairs of one connected part, the first `k` of them converged.
 pub(super) fn pairs<B: SpectralBackend + ?Sized>(
@@ -18,7 +17,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
     let n = pencil.rows();
     run.progress("factor", 0, 1)?;
     let shift = options.shift.unwrap_or_else(|| default_shift(pencil));
-    let shifted = shifted(pencil, shift)?;
+    let shifted = pencil.shifted(shift)?;
     let symbolic = Symbolic::of(&shifted)?;
     let factor = symbolic.factor(&shifted)?;
     drop(shifted);
@@ -125,15 +124,6 @@ fn default_shift(pencil: &Pencil<'_>) -> f64 {
     }
 }
 
-/// `K − σM`.
-fn shifted(pencil: &Pencil<'_>, shift: f64) -> Result<SparseMatrix, Error> {
-    let stiffness = pencil.stiffness.assembled()?;
-    Ok(match pencil.mass {
-        Mass::Consistent(mass) => stiffness.plus(-shift, mass)?,
-        Mass::Lumped(mass) => stiffness.plus(-shift, &SparseMatrix::diagonal_of(mass))?,
-    })
-}
-
 /// The block that would be next, and how the newest block of the basis couples to it.
 struct LastBlock<'a> {
     values: &'a [f64],
@@ -153,7 +143,7 @@ fn finish(
     locked: usize,
     wanted: usize,
 ) -> Result<Vec<Pair>, Error> {
-    let (n, m, b) = (pencil.rows(), basis.columns(), last.columns);
+    let (m, b) = (basis.columns(), last.columns);
     let count = wanted.min(m) - locked;
     let mut y = vec![0.0; m * count];
     let mut tail = vec![0.0; b * count];

@@ -1,0 +1,31 @@
+//! A field as values on a lattice.
+
+use geom_core::{Aabb, ImplicitField, Lattice, LatticeValues};
+
+/// The values of a field at the points of a lattice, evaluated when they are asked for: a mesh of a
+/// field that nobody has sampled. Where a density grid exists, pass that instead: its values are
+/// read, not computed.
+#[derive(Clone, Copy)]
+pub struct FieldSamples<'a> {
+    field: &'a dyn ImplicitField,
+    lattice: Lattice,
+}
+
+impl<'a> FieldSamples<'a> {
+    /// A lattice with this spacing (Å) that covers the box.
+    pub fn new(field: &'a dyn ImplicitField, bounds: &Aabb, spacing: f64) -> Self {
+        Self {
+            field,
+            lattice: Lattice::covering(bounds, spacing),
+        }
+    }
+}
+
+impl LatticeValues for FieldSamples<'_> {
+    fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+    fn at(&self, point: [usize; 3]) -> f32 {
+        self.field.value(&self.lattice.point(point)) as f32
+    }
+}

@@ -1,0 +1,102 @@
+//! How far the surface of one model lies from that of another, as a share of the density.
+
+use geom_core::{ImplicitField, LatticeValues, Run};
+use rayon::prelude::*;
+
+use crate::backend::DensityBackend;
+use crate::band::sample_band;
+use crate::error::Error;
+use crate::model::Model;
+use crate::options::{Cutoff, Options};
+use crate::point::PointSampler;
+use crate::sample::lattice_of;
+use crate::sites::root_on_edge;
+
+/// A surface beside that of the original model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Comparison {
+    /// `e_G^M`: the largest `|1 − G| / G` over the new surface, `G` the original density (Eq. 3.10).
+    pub surface_max: f64,
+    /// Its root mean square.
+    pub surface_rms: f64,
+    /// Surface points: the crossings of lattice edges with the new surface.
+    pub points: u64,
+    /// The share of the original interior (`G` at or above the band) that lies outside of the new surface.
+    pub lost_interior: f64,
+}
+
+/// Compares the surface of a model with that of the original on the lattice of `options`.
+pub fn compare<B: DensityBackend + ?Sized>(
+    model: &Model,
+    original: &Model,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<Comparison, Error> {
+    options.check()?;
+    let sampler = PointSampler::new(original, Cutoff::AfterPowers(1e-6))?;
+    let options = Options {
+        bounds: Some(lattice_of(sampler.prepared(), options)?.bounds()),
+        ..options.clone()
+    };
+    compare_on(model, &sampler, &options, run)
+}
+
+/// Both on the lattice of the given bounds.
+pub(crate) fn compare_on<B: DensityBackend + ?Sized>(
+    model: &Model,
+    original: &PointSampler<'_>,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<Comparison, Error> {
+    let new = sample_band(model, options, run)?.grid;
+    let old = sample_band(original.prepared().model(), options, run)?.grid;
+    let sampler = PointSampler::new(model, Cutoff::AfterPowers(1e-6))?;
+    let lattice = *new.lattice();
+    let [nx, ny, nz] = lattice.counts;
+    let high = options.band[1];
+    let planes: Vec<(f64, f64, u64, [u64; 2])> = (0..nz)
+        .into_par_iter()
+        .map(|z| {
+            let (mut worst, mut squares, mut points, mut lost) = (0.0f64, 0.0, 0, [0u64; 2]);
+            for y in 0..ny {
+                for x in 0..nx {
+                    let p = [x, y, z];
+                    let inside = new.at(p) >= 1.0;
+                    if f64::from(old.at(p)) >= high {
+                        lost[0] += u64::from(!inside);
+                        lost[1] += 1;
+                    }
+                    for axis in 0..3 {
+                        let mut q = p;
+                        q[axis] += 1;
+                        if q[axis] < lattice.counts[axis] && (new.at(q) >= 1.0) != inside {
+                            let at = root_on_edge(&sampler, &lattice, p, q);
+                            let exact = original.value(&at);
+                            // Inner surfaces of a hollow body have no counterpart.
+                            if exact < high {
+                                let off = (1.0 - exact).abs() / exact;
+                                worst = worst.max(off);
+                                squares += off * off;
+                                points += 1;
+                            }
+                        }
+                    }
+                }
+            }
+            (worst, squares, points, lost)
+        })
+        .collect();
+    let mut result = Comparison::default();
+    let mut lost = [0, 0];
+    for (worst, squares, points, part) in planes {
+        result.surface_max = result.surface_max.max(worst);
+        result.surface_rms += squares;
+        result.points += points;
+        lost[0] += part[0];
+        lost[1] += part[1];
+    }
+    result.surface_rms = (result.surface_rms / result.points.max(1) as f64).sqrt();
+    result.lost_interior = lost[0] as f64 / lost[1].max(1) as f64;
+    Ok(result)
+}

@@ -1,0 +1,356 @@
+//! Error-bounded elimination of atoms (Algorithm 1 with Eqs. 3.8 and 3.9 corrected).
+//!
+//! Atoms are tried in the order of how much they change the density near the surface. An atom goes when,
+//! with it and all atoms removed before gone, the density at every sample still keeps `1 − ε_G` of the
+//! *original* density. So the bound holds for the result, not only for each step.
+
+use geom_core::Run;
+use rayon::prelude::*;
+
+use crate::backend::DensityBackend;
+use crate::band::sample_band;
+use crate::compare::{Comparison, compare_on};
+use crate::error::{Error, require};
+use crate::model::Model;
+use crate::options::{Cutoff, Options};
+use crate::point::PointSampler;
+use crate::prepared::Prepared;
+use crate::sample::lattice_of;
+use crate::sites::{self, SiteCell, Terms, Wanted, without};
+
+/// When to stop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Stop {
+    /// Leave an atom that would break the bound, and try the next: removes more, keeps the same bound.
+    #[default]
+    SkipFailing,
+    /// Stop at the first atom that would break the bound, as the thesis does.
+    FirstFailure,
+}
+
+/// What happens to atoms below the surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Interior {
+    /// The body stays solid: interior samples must keep the density at the upper end of the band.
+    #[default]
+    KeepSolid,
+    /// Only the surface counts, as in the thesis: buried atoms go first, and the body becomes hollow.
+    Hollow,
+}
+
+/// What to eliminate.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Elimination {
+    /// `ε_G`: the share of the density that a sample may lose; 0 keeps every atom.
+    pub epsilon: f64,
+    /// Distance between samples, Å.
+    pub spacing: f64,
+    /// `(g_l, g_u)`: lattice points with a density in between are samples, and so is every crossing of a
+    /// lattice edge with the surface. The upper end is raised to what `ε_G` needs: the new surface lies
+    /// where the density was up to `1 / (1 − ε_G)`.
+    pub band: [f64; 2],
+    /// When to stop.
+    pub stop: Stop,
+    /// What happens to atoms below the surface.
+    pub interior: Interior,
+    /// Most bytes for the samples and their sums.
+    pub max_memory: u64,
+}
+
+impl Default for Elimination {
+    fn default() -> Self {
+        Self {
+            epsilon: 0.02,
+            spacing: 0.5,
+            band: [0.9, 1.1],
+            stop: Stop::default(),
+            interior: Interior::default(),
+            max_memory: 4 << 30,
+        }
+    }
+}
+
+impl Elimination {
+    /// The thesis's choices: stop at the first failure, hollow, samples 1 Å apart.
+    pub fn thesis(epsilon: f64) -> Self {
+        Self {
+            epsilon,
+            spacing: 1.0,
+            stop: Stop::FirstFailure,
+            interior: Interior::Hollow,
+            ..Self::default()
+        }
+    }
+
+    /// Is every field in its range?
+    pub fn check(&self) -> Result<(), Error> {
+        let fine = (0.0..=0.5).contains(&self.epsilon);
+        require(fine, "epsilon", self.epsilon, "in [0, 0.5]")?;
+        self.sampling().check()
+    }
+
+    /// The band that is sampled.
+    fn wide_band(&self) -> [f64; 2] {
+        [self.band[0], self.band[1].max(1.01 / (1.0 - self.epsilon))]
+    }
+
+    pub(crate) fn sampling(&self) -> Options {
+        Options {
+            spacing: self.spacing,
+            band: self.wide_band(),
+            max_memory: self.max_memory,
+            cutoff: Cutoff::AfterPowers(1e-5),
+            ..Options::default()
+        }
+    }
+}
+
+/// The remaining atoms.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Eliminated {
+    /// The model of the remaining atoms; nodes without atoms are gone.
+    pub model: Model,
+    /// The remaining atoms as indices into the original, ascending.
+    pub kept: Vec<u32>,
+    /// What happened.
+    pub report: EliminationReport,
+}
+
+/// What an elimination did.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct EliminationReport {
+    /// Name of the backend.
+    pub backend: String,
+    /// Atoms before.
+    pub atoms: usize,
+    /// Atoms after.
+    pub remaining: usize,
+    /// Protected atoms, which were not tried.
+    pub protected: usize,
+    /// The first atom, in the order of trial, that would have broken the bound.
+    pub first_failure: Option<u32>,
+    /// Samples, interior ones included.
+    pub samples: usize,
+    /// The band that was sampled.
+    pub band: [f64; 2],
+    /// The largest share of its density that a sample lost; at most `ε_G`.
+    pub worst_loss: f64,
+    /// The new surface beside the old one; `surface_max` is `e_G^M` (Eq. 3.10).
+    pub comparison: Comparison,
+}
+
+/// The share of the density that may be lost by leaving out far atoms in the sums of samples, as a share of
+/// `ε_G`.
+const SAMPLE_EPS: f64 = 0.005;
+
+/// Removes atoms while every sample keeps the share `1 − ε_G` of its original density. Protected atoms
+/// ([`Model::protect`]) stay.
+pub fn eliminate<B: DensityBackend + ?Sized>(
+    model: &Model,
+    options: &Elimination,
+    run: Run<'_, B>,
+) -> Result<Eliminated, Error> {
+    options.check()?;
+    let sample_eps = (SAMPLE_EPS * options.epsilon).clamp(1e-7, 1e-4);
+    let sampler = PointSampler::new(model, Cutoff::AfterPowers(sample_eps))?;
+    let sampling = Options {
+        bounds: Some(lattice_of(sampler.prepared(), &options.sampling())?.bounds()),
+        ..options.sampling()
+    };
+    let atoms = model.atoms();
+    let protected = (0..atoms).filter(|&a| model.is_protected(a)).count();
+    let mut report = EliminationReport {
+        backend: run.backend.name(),
+        atoms,
+        remaining: atoms,
+        protected,
+        first_failure: None,
+        samples: 0,
+        band: sampling.band,
+        worst_loss: 0.0,
+        comparison: Comparison::default(),
+    };
+    let mut kept = vec![true; atoms];
+    if options.epsilon > 0.0 {
+        let sampled = sample_band(model, &sampling, run)?;
+        let wanted = Wanted {
+            band: sampling.band,
+            ends: false,
+            interior: (options.interior == Interior::KeepSolid).then_some(2),
+            eps: sample_eps,
+            max_memory: options.max_memory,
+        };
+        let cells = sites::collect(&sampler, &sampled.grid, &wanted)?;
+        drop(sampled);
+        report.samples = cells.iter().map(|c| c.points.len()).sum();
+        run.progress("errors per atom", 0, 1)?;
+        let errors = run.backend.atom_errors(sampler.prepared(), &cells)?;
+        let mut order: Vec<u32> = (0..atoms as u32)
+            .filter(|&a| !model.is_protected(a as usize))
+            .collect();
+        order.par_sort_by(|&a, &b| {
+            let error = |a: u32| errors[a as usize];
+            error(a).total_cmp(&error(b)).then(a.cmp(&b))
+        });
+        let mut state = State::new(sampler.prepared(), &cells, options.max_memory)?;
+        // Far atoms and rounding take their part.
+        let epsilon = options.epsilon - 4.0 * sample_eps - 1e-6;
+        for (tried, &atom) in order.iter().enumerate() {
+            if tried % 64 == 0 {
+                run.progress("elimination", tried as u64, order.len() as u64)?;
+            }
+            match state.loss_without(atom, epsilon) {
+                Some(loss) => {
+                    state.remove(atom);
+                    kept[atom as usize] = false;
+                    report.worst_loss = report.worst_loss.max(loss);
+                }
+                None => {
+                    report.first_failure.get_or_insert(atom);
+                    if options.stop == Stop::FirstFailure {
+                        break;
+                    }
+                }
+            }
+        }
+    }
+    let kept: Vec<u32> = (0..atoms as u32).filter(|&a| kept[a as usize]).collect();
+    if kept.is_empty() {
+        return Err(Error::NothingLeft);
+    }
+    let reduced = model.subset(&kept);
+    report.remaining = kept.len();
+    if kept.len() < atoms {
+        report.comparison = compare_on(&reduced, &sampler, &sampling, run)?;
+    }
+    Ok(Eliminated {
+        model: reduced,
+        kept,
+        report,
+    })
+}
+
+/// The current sums at all samples.
+struct State<'a> {
+    cells: &'a [SiteCell],
+    sums: Vec<CellSums>,
+    /// Where each atom's places start.
+    starts: Vec<usize>,
+    /// Cell and place in it, atom by atom.
+    places: Vec<(u32, u32)>,
+}
+
+/// Flat terms and factors per point of a cell, and the scale of the root's terms.
+struct CellSums {
+    terms: Vec<f32>,
+    factors: Vec<f32>,
+    scale: Vec<f64>,
+}
+
+impl<'a> State<'a> {
+    fn new(model: &Prepared<'_>, cells: &'a [SiteCell], max_memory: u64) -> Result<Self, Error> {
+        let model = model.model();
+        let numbers: u128 = cells
+            .iter()
+            .map(|c| c.points.len() as u128 * (2 * c.nodes() - c.atoms.len()) as u128)
+            .sum();
+        if numbers * 4 > u128::from(max_memory) {
+            return Err(Error::TooManySites {
+                sites: cells.iter().map(|c| c.points.len()).sum(),
+                bytes: numbers * 4,
+                limit: max_memory,
+            });
+        }
+        let sums = cells
+            .par_iter()
+            .map(|cell| {
+                let mut now = Terms::default();
+                let mut sums = CellSums {
+                    terms: Vec::with_capacity(cell.points.len() * cell.nodes()),
+                    factors: Vec::new(),
+                    scale: Vec::with_capacity(cell.points.len()),
+                };
+                for x in &cell.points {
+                    now.fill(cell, model, x);
+                    sums.terms
+                        .extend(now.term.iter().flatten().map(|&t| t as f32));
+                    sums.factors.extend(now.factors().map(|f| f as f32));
+                    sums.scale.push(now.scale());
+                }
+                sums
+            })
+            .collect();
+        let mut counts = vec![0u32; model.atoms()];
+        for &a in cells.iter().flat_map(|c| &c.atoms) {
+            counts[a as usize] += 1;
+        }
+        let starts = geom_core::parallel::starts_of(&counts);
+        let mut next = starts.clone();
+        let mut places = vec![(0, 0); starts[model.atoms()]];
+        for (c, cell) in cells.iter().enumerate() {
+            for (k, &a) in cell.atoms.iter().enumerate() {
+                places[next[a as usize]] = (c as u32, k as u32);
+                next[a as usize] += 1;
+            }
+        }
+        Ok(Self {
+            cells,
+            sums,
+            starts,
+            places,
+        })
+    }
+
+    fn places(&self, atom: u32) -> &[(u32, u32)] {
+        &self.places[self.starts[atom as usize]..self.starts[atom as usize + 1]]
+    }
+
+    /// The largest share of its density that a sample loses without the atom, if all are within `epsilon`.
+    fn loss_without(&self, atom: u32, epsilon: f64) -> Option<f64> {
+        let mut worst: f64 = 0.0;
+        for &(c, k) in self.places(atom) {
+            let (cell, sums) = (&self.cells[c as usize], &self.sums[c as usize]);
+            let (nodes, inner) = (cell.nodes(), cell.nodes() - cell.atoms.len());
+            for (p, &target) in cell.target.iter().enumerate() {
+                let terms = &sums.terms[p * nodes..][..nodes];
+                if terms[k as usize] == 0.0 {
+                    continue;
+                }
+                let factors = &sums.factors[p * inner..][..inner];
+                let left = without(cell, terms, factors, k as usize, |_, _| ()) * sums.scale[p];
+                let loss = (target - left) / target;
+                if loss > epsilon {
+                    return None;
+                }
+                worst = worst.max(loss);
+            }
+        }
+        Some(worst)
+    }
+
+    fn remove(&mut self, atom: u32) {
+        let mut changed: Vec<(usize, f64)> = Vec::new();
+        for at in self.starts[atom as usize]..self.starts[atom as usize + 1] {
+            let (c, k) = self.places[at];
+            let (cell, sums) = (&self.cells[c as usize], &mut self.sums[c as usize]);
+            let (nodes, inner) = (cell.nodes(), cell.nodes() - cell.atoms.len());
+            for p in 0..cell.points.len() {
+                let terms = &mut sums.terms[p * nodes..][..nodes];
+                let factors = &sums.factors[p * inner..][..inner];
+                changed.clear();
+                without(cell, terms, factors, k as usize, |i, value| {
+                    changed.push((i, value));
+                });
+                for &(i, value) in &changed {
+                    terms[i] = value as f32;
+                }
+            }
+        }
+    }
+}

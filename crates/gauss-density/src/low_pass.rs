@@ -1,0 +1,223 @@
+//! Low-pass filter of the bounded field (§5.2.1): smooth shapes between two resolutions. The only file
+//! that knows the FFT crates.
+//!
+//! The density itself must not be filtered: it reaches 70 and more inside, and a filter rings in proportion,
+//! which makes surfaces out of nothing. `φ = G / (1 + G)` is ½ where `G` is 1, and lies between 0 and 1.
+
+use std::sync::Arc;
+
+use geom_core::{LatticeValues, ScalarGrid};
+use rayon::prelude::*;
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex32;
+use rustfft::{Fft, FftPlanner};
+
+use crate::error::{Error, require};
+
+/// How the response falls around the cut-off frequency.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Shape {
+    /// `2^(−(f / f_c)² / 2)`: no ringing.
+    #[default]
+    Gaussian,
+    /// `1 / √(1 + (f / f_c)^8)`, fourth order.
+    Butterworth,
+    /// 1 up to `f_c`, 0 beyond: rings.
+    Ideal,
+}
+
+/// How to filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct LowPass {
+    /// `1 / f_c`: waves shorter than this are damped, Å.
+    pub cutoff_length: f64,
+    /// How the response falls.
+    pub shape: Shape,
+    /// Most bytes for the spectrum.
+    pub max_memory: u64,
+}
+
+impl Default for LowPass {
+    fn default() -> Self {
+        Self {
+            cutoff_length: 4.0,
+            shape: Shape::default(),
+            max_memory: 4 << 30,
+        }
+    }
+}
+
+impl LowPass {
+    /// Is every field in its range?
+    pub fn check(&self) -> Result<(), Error> {
+        let l = self.cutoff_length;
+        require(
+            (1e-3..=1e4).contains(&l),
+            "cutoff_length",
+            l,
+            "in [0.001, 10000] Å",
+        )
+    }
+
+    /// The response at a squared frequency, in units of the squared cut-off frequency.
+    fn response(&self, squared: f64) -> f64 {
+        match self.shape {
+            Shape::Gaussian => (-0.5 * squared).exp2(),
+            Shape::Butterworth => 1.0 / (1.0 + squared.powi(4)).sqrt(),
+            Shape::Ideal => f64::from(u8::from(squared <= 1.0)),
+        }
+    }
+}
+
+/// `φ` above this would leave the range of densities.
+const FULL: f32 = 0.9999;
+
+/// Filters a dense density. The result is a density again: its surface is at 1, and a response of 1
+/// everywhere would give the input. The input must hold true values (no constant fill) wherever it is within
+/// two cut-off lengths of the surface, and its box should lie that far out too; beyond it counts as 0.
+pub fn low_pass(grid: &ScalarGrid, options: &LowPass) -> Result<ScalarGrid, Error> {
+    options.check()?;
+    let lattice = *grid.lattice();
+    let pad = (2.0 * options.cutoff_length / lattice.spacing).ceil();
+    let sizes = lattice
+        .counts
+        .map(|n| good_size((n as f64 + pad).min(1e9) as usize));
+    let [nx, ny, nz] = sizes;
+    let half = nx / 2 + 1;
+    // The spectrum, its transpose, and the result.
+    let bytes = half as u128 * ny as u128 * nz as u128 * 16 + lattice.points().saturating_mul(4);
+    if bytes > u128::from(options.max_memory) {
+        return Err(Error::TooLargeToFilter {
+            bytes,
+            limit: options.max_memory,
+        });
+    }
+    let mut real = RealFftPlanner::<f32>::new();
+    let (forward_x, inverse_x) = (real.plan_fft_forward(nx), real.plan_fft_inverse(nx));
+    let mut complex = FftPlanner::<f32>::new();
+
+    // Along x: [z][y][f].
+    let [cx, cy, _] = lattice.counts;
+    let mut spectrum = vec![Complex32::ZERO; half * ny * nz];
+    spectrum
+        .par_chunks_mut(half * ny)
+        .zip(grid.values().par_chunks(cx * cy))
+        .for_each(|(plane, values)| {
+            let mut row = vec![0.0f32; nx];
+            for (out, values) in plane.chunks_exact_mut(half).zip(values.chunks_exact(cx)) {
+                row.fill(0.0);
+                for (to, &g) in row.iter_mut().zip(values) {
+                    let g = g.max(0.0);
+                    *to = if g.is_finite() { g / (1.0 + g) } else { 1.0 };
+                }
+                forward_x
+                    .process(&mut row, out)
+                    .expect("lengths as planned");
+            }
+        });
+    along_y(&mut spectrum, half, ny, &complex.plan_fft_forward(ny));
+
+    // Along z, on the transpose [y][f][z], with the response in between.
+    let mut transposed = vec![Complex32::ZERO; half * ny * nz];
+    let (forward_z, inverse_z) = (complex.plan_fft_forward(nz), complex.plan_fft_inverse(nz));
+    let unit = |n: usize| options.cutoff_length / (n as f64 * lattice.spacing);
+    let squared = |i: usize, n: usize| {
+        let wave = i.min(n - i) as f64 * unit(n);
+        wave * wave
+    };
+    let norm = 1.0 / (nx as f64 * ny as f64 * nz as f64);
+    transposed
+        .par_chunks_mut(half * nz)
+        .enumerate()
+        .for_each(|(y, slab)| {
+            for (x, line) in slab.chunks_exact_mut(nz).enumerate() {
+                for (z, value) in line.iter_mut().enumerate() {
+                    *value = spectrum[(z * ny + y) * half + x];
+                }
+                forward_z.process(line);
+                for (z, value) in line.iter_mut().enumerate() {
+                    let at = squared(x, nx) + squared(y, ny) + squared(z, nz);
+                    *value *= (options.response(at) * norm) as f32;
+                }
+                inverse_z.process(line);
+            }
+        });
+    spectrum
+        .par_chunks_mut(half * ny)
+        .enumerate()
+        .for_each(|(z, plane)| {
+            for (y, row) in plane.chunks_exact_mut(half).enumerate() {
+                for (x, value) in row.iter_mut().enumerate() {
+                    *value = transposed[(y * half + x) * nz + z];
+                }
+            }
+        });
+    drop(transposed);
+    along_y(&mut spectrum, half, ny, &complex.plan_fft_inverse(ny));
+
+    let mut values = vec![0.0f32; lattice.len()];
+    values
+        .par_chunks_mut(cx * cy)
+        .zip(spectrum.par_chunks_mut(half * ny))
+        .for_each(|(out, plane)| {
+            let mut row = vec![0.0f32; nx];
+            for (out, waves) in out.chunks_exact_mut(cx).zip(plane.chunks_exact_mut(half)) {
+                // The mean and the highest wave of a real line are real.
+                waves[0].im = 0.0;
+                if nx.is_multiple_of(2) {
+                    waves[half - 1].im = 0.0;
+                }
+                inverse_x
+                    .process(waves, &mut row)
+                    .expect("lengths as planned");
+                for (to, &phi) in out.iter_mut().zip(&row) {
+                    let phi = phi.min(FULL);
+                    *to = phi / (1.0 - phi);
+                }
+            }
+        });
+    Ok(ScalarGrid::new(lattice, values)?)
+}
+
+/// Transforms every column of every plane in place.
+fn along_y(spectrum: &mut [Complex32], half: usize, ny: usize, plan: &Arc<dyn Fft<f32>>) {
+    spectrum.par_chunks_mut(half * ny).for_each(|plane| {
+        let mut column = vec![Complex32::ZERO; ny];
+        for x in 0..half {
+            for (y, value) in column.iter_mut().enumerate() {
+                *value = plane[y * half + x];
+            }
+            plan.process(&mut column);
+            for (y, value) in column.iter().enumerate() {
+                plane[y * half + x] = *value;
+            }
+        }
+    });
+}
+
+/// The smallest `2^a 3^b 5^c` that is at least `n`.
+fn good_size(n: usize) -> usize {
+    let smooth = |n: usize| {
+        let mut rest = n;
+        for p in [2, 3, 5] {
+            while rest.is_multiple_of(p) {
+                rest /= p;
+            }
+        }
+        rest == 1
+    };
+    (n.max(1)..).find(|&n| smooth(n)).expect("powers of two")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_have_small_factors() {
+        assert_eq!([1, 7, 11, 127, 513].map(good_size), [1, 8, 12, 128, 540]);
+    }
+}

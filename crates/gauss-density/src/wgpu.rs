@@ -1,0 +1,591 @@
+//! The kernels on the GPU: culls, densities and classification of bricks without a round trip of the
+//! members in between; terms, errors and derivatives at the points of cells.
+
+use bytemuck::{Pod, Zeroable};
+use geom_core::gpu::GpuBuffer;
+use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
+use geom_core::shaders::{
+    GAUSS_DENSITY_ATOM_ERRORS, GAUSS_DENSITY_COMPACT, GAUSS_DENSITY_CULL, GAUSS_DENSITY_DENSITY,
+    GAUSS_DENSITY_REFIT_SUMS, GAUSS_DENSITY_TERMS,
+};
+use geom_core::{Backend, Point3, Wgpu};
+use rayon::prelude::*;
+
+use crate::backend::{Block, BlockValues, DensityBackend, Job};
+use crate::error::Error;
+use crate::members::Members;
+use crate::model::{Level, Model};
+use crate::options::Cutoff;
+use crate::prepared::Prepared;
+use crate::sites::{self, RefitSums, SiteCell};
+
+/// Levels whose powers are not all 1, at most: the kernels keep one open sum per level.
+const MAX_DEPTH: usize = 8;
+/// Most bytes of one array of a batch, below what every device allows for a binding.
+const BATCH_BYTES: usize = 64 << 20;
+/// Most workgroups along an axis.
+const MAX_GROUPS: usize = 65_535;
+const ROOT: u32 = u32::MAX;
+const LOG2E: f64 = std::f64::consts::LOG2_E;
+
+/// An atom or a node of a tree.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Item {
+    at: [f32; 4],
+    lift: f32,
+    first: u32,
+    end: u32,
+    parent: u32,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct CullParams {
+    depth: u32,
+    bare: u32,
+    half: f32,
+    floor: f32,
+    eps: f32,
+    pad: [u32; 3],
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct CullBrick {
+    center: [f32; 3],
+    row: u32,
+    state: u32,
+    members: u32,
+    pad: [u32; 2],
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct DensityParams {
+    depth: u32,
+    bare: u32,
+    cut: f32,
+    spacing: f32,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct DensityBrick {
+    corner: [f32; 3],
+    first: u32,
+    count: u32,
+    pad: [u32; 3],
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct SiteParams {
+    depth: u32,
+    count: u32,
+    pad: [u32; 2],
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Site {
+    at: [f32; 3],
+    inverse: f32,
+    share: f32,
+    row: u32,
+    terms: u32,
+    pad: u32,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Slot {
+    item: u32,
+    first: u32,
+    end: u32,
+    pad: u32,
+}
+
+/// Trees one after another, and where each one's levels start.
+#[derive(Default)]
+struct Items {
+    items: Vec<Item>,
+    ranges: Vec<u32>,
+}
+
+impl Items {
+    /// Adds a tree with atoms relative to `center`; gives its row in `ranges`.
+    fn add(&mut self, model: &Model, atoms: &[u32], levels: &[Level], center: &Point3) -> u32 {
+        let row = self.ranges.len() as u32;
+        let mut start = self.items.len() as u32;
+        self.ranges.push(start);
+        self.items.extend(atoms.iter().map(|&a| {
+            let a = a as usize;
+            // Subtracted in f64: f32 then resolves what is left.
+            let offset = model.centers()[a] - center;
+            let (decay, radius) = (model.decays()[a] * LOG2E, model.radii()[a]);
+            Item {
+                at: [
+                    offset.x as f32,
+                    offset.y as f32,
+                    offset.z as f32,
+                    decay as f32,
+                ],
+                lift: (decay * radius * radius) as f32,
+                first: 0,
+                end: 0,
+                parent: ROOT,
+            }
+        }));
+        for level in levels {
+            let own = self.items.len() as u32;
+            self.ranges.push(own);
+            for v in 0..level.len() {
+                let (first, end) = (
+                    start + level.first_child[v],
+                    start + level.first_child[v + 1],
+                );
+                for child in first..end {
+                    self.items[child as usize].parent = own + v as u32;
+                }
+                self.items.push(Item {
+                    at: [level.power[v] as f32, 0.0, 0.0, 0.0],
+                    lift: 0.0,
+                    first,
+                    end,
+                    parent: ROOT,
+                });
+            }
+            start = own;
+        }
+        self.ranges.push(self.items.len() as u32);
+        row
+    }
+
+    /// Number of items of a row.
+    fn len(&self, row: u32, depth: usize) -> usize {
+        let row = row as usize;
+        (self.ranges[row + depth + 1] - self.ranges[row]) as usize
+    }
+}
+
+fn check_depth(name: &str, depth: usize) -> Result<u32, Error> {
+    if depth > MAX_DEPTH {
+        return Err(Error::Unsupported {
+            what: format!(
+                "{name} has room for {MAX_DEPTH} levels of powers, the model has {depth}"
+            ),
+            cure: "use the CPU",
+        });
+    }
+    Ok(depth as u32)
+}
+
+impl DensityBackend for Wgpu {
+    fn sample_blocks(
+        &self,
+        model: &Prepared<'_>,
+        job: &Job,
+        blocks: &[Block],
+    ) -> Result<Vec<BlockValues>, Error> {
+        check_depth(&self.name(), model.tree.levels.len())?;
+        let trees: Vec<Members> = blocks
+            .par_iter()
+            .map(|b| Members::gather(&model.tree, &b.atoms))
+            .collect();
+        let mut results = Vec::with_capacity(blocks.len());
+        let mut first = 0;
+        while first < blocks.len() {
+            // As many blocks as fit; 16 bytes of state per item and brick.
+            let (mut end, mut bytes, mut bricks) = (first, 0, 0);
+            while end < blocks.len() {
+                let nodes: usize = trees[end].levels.iter().map(Level::len).sum();
+                let own = (trees[end].len() + nodes) * blocks[end].len() * 16;
+                let own_bricks = blocks[end].len();
+                let full = bytes + own > BATCH_BYTES
+                    || (bricks + own_bricks) * BRICK_POINTS * 4 > BATCH_BYTES
+                    || bricks + own_bricks > MAX_GROUPS;
+                if end > first && full {
+                    break;
+                }
+                bytes += own;
+                bricks += own_bricks;
+                end += 1;
+            }
+            results.extend(sample_batch(
+                self,
+                model,
+                job,
+                &blocks[first..end],
+                &trees[first..end],
+            )?);
+            first = end;
+        }
+        Ok(results)
+    }
+
+    fn atom_errors(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<Vec<f64>, Error> {
+        let mut parts = Vec::with_capacity(cells.len());
+        for_site_batches(self, model, cells, |batch| {
+            let gpu = self.gpu();
+            let errors = gpu.output::<f32>("errors", batch.slot_count)?;
+            batch.run(
+                self,
+                &GAUSS_DENSITY_ATOM_ERRORS,
+                &[&batch.terms, &batch.slots, &errors],
+            )?;
+            let errors: Vec<f32> = gpu.download(&errors)?;
+            let mut at = 0;
+            for cell in batch.cells {
+                parts.push(errors[at..at + cell.atoms.len()].to_vec());
+                at += cell.atoms.len();
+            }
+            Ok(())
+        })?;
+        let atoms = model.model().atoms();
+        let sums = sites::scatter(cells, &parts, atoms, |part, i| [f64::from(part[i])]);
+        Ok(sums.into_iter().map(|[sum]| sum).collect())
+    }
+
+    fn refit_sums(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<RefitSums, Error> {
+        let mut sums = RefitSums::default();
+        let mut parts: Vec<Vec<f32>> = Vec::with_capacity(cells.len());
+        for_site_batches(self, model, cells, |batch| {
+            let gpu = self.gpu();
+            let out = gpu.output::<f32>("sums", batch.slot_count * 10)?;
+            batch.run(
+                self,
+                &GAUSS_DENSITY_REFIT_SUMS,
+                &[&batch.terms, &batch.slots, &batch.density, &out],
+            )?;
+            let out: Vec<f32> = gpu.download(&out)?;
+            let density: Vec<f32> = gpu.download(&batch.density)?;
+            let exact = batch.cells.iter().flat_map(|c| &c.exact);
+            for (&g, exact) in density.iter().zip(exact) {
+                let off = (f64::from(g).exp2() - exact) / exact;
+                sums.objective += 0.5 * off * off;
+                sums.worst = sums.worst.max(off.abs());
+            }
+            let mut at = 0;
+            for cell in batch.cells {
+                let n = cell.atoms.len() * 10;
+                parts.push(out[at..at + n].to_vec());
+                at += n;
+            }
+            Ok(())
+        })?;
+        let atoms = model.model().atoms();
+        let five = |part: &Vec<f32>, i: usize, offset: usize| {
+            std::array::from_fn(|p| f64::from(part[10 * i + offset + p]))
+        };
+        sums.gradient = sites::scatter(cells, &parts, atoms, |part, i| five(part, i, 0));
+        sums.curvature = sites::scatter(cells, &parts, atoms, |part, i| five(part, i, 5));
+        Ok(sums)
+    }
+}
+
+/// Culls, densities and classification of the bricks of some blocks.
+fn sample_batch(
+    backend: &Wgpu,
+    model: &Prepared<'_>,
+    job: &Job,
+    blocks: &[Block],
+    trees: &[Members],
+) -> Result<Vec<BlockValues>, Error> {
+    let gpu = backend.gpu();
+    let depth = model.tree.levels.len();
+    let lattice = &job.lattice;
+    let h = lattice.spacing;
+    let (bare, eps) = match job.cutoff {
+        // The descent to blocks took a quarter.
+        Cutoff::AfterPowers(eps) => (0, 0.75 * eps),
+        Cutoff::Bare(eps) => (1, eps),
+    };
+    // Each block's atoms relative to its middle.
+    let mut items = Items::default();
+    // Block, place in it, first point from the block's middle.
+    let mut places: Vec<(usize, usize, [f32; 3])> = Vec::new();
+    let mut bricks: Vec<CullBrick> = Vec::new();
+    let (mut state, mut member_slots) = (0usize, 0usize);
+    for (b, (block, tree)) in blocks.iter().zip(trees).enumerate() {
+        let low = lattice.point(block.brick.map(|b| b * BRICK));
+        let half = block.bricks.map(|n| 0.5 * h * (n * BRICK) as f64);
+        let center = Point3::new(low.x + half[0], low.y + half[1], low.z + half[2]);
+        let row = items.add(model.model(), &tree.atom, &tree.levels, &center);
+        for i in (0..block.len()).filter(|&i| block.wants(i)) {
+            let corner = lattice.point(block.brick_at(i).map(|b| b * BRICK)) - center;
+            // One cell more on the low sides, as on the CPU.
+            let middle = corner.map(|c| c + 0.5 * h * (BRICK as f64 - 1.0));
+            bricks.push(CullBrick {
+                center: [middle.x as f32, middle.y as f32, middle.z as f32],
+                row,
+                state: state as u32,
+                members: member_slots as u32,
+                pad: [0; 2],
+            });
+            places.push((b, i, [corner.x as f32, corner.y as f32, corner.z as f32]));
+            state += items.len(row, depth);
+            member_slots += tree.len();
+        }
+    }
+    let mut results: Vec<BlockValues> = blocks
+        .iter()
+        .map(|block| BlockValues {
+            kinds: vec![Brick::Exterior; block.len()],
+            ..BlockValues::default()
+        })
+        .collect();
+    if bricks.is_empty() {
+        return Ok(results);
+    }
+
+    let params = gpu.uniform(
+        "cull params",
+        &CullParams {
+            depth: depth as u32,
+            bare,
+            half: (0.5 * h * (BRICK as f64 + 1.0)) as f32 * 1.000_001,
+            floor: job.floor.log2() as f32,
+            eps: eps.log2() as f32,
+            pad: [0; 3],
+        },
+    )?;
+    let item_buffer = gpu.upload("items", &items.items)?;
+    let ranges = gpu.upload("ranges", &items.ranges)?;
+    let brick_buffer = gpu.upload("bricks", &bricks)?;
+    let states = gpu.output::<[f32; 4]>("states", state)?;
+    let bounds = gpu.output::<[f32; 2]>("bounds", state)?;
+    let members = gpu.output::<u32>("members", member_slots)?;
+    let found = gpu.output::<[u32; 2]>("found", bricks.len())?;
+    gpu.dispatch(
+        &GAUSS_DENSITY_CULL,
+        &[
+            &params,
+            &item_buffer,
+            &ranges,
+            &brick_buffer,
+            &states,
+            &bounds,
+            &members,
+            &found,
+        ],
+        [bricks.len() as u32, 1, 1],
+    )?;
+    let found: Vec<[u32; 2]> = gpu.download(&found)?;
+
+    // Bricks with the most members first, so that none of these is the last to finish.
+    let mut live: Vec<usize> = (0..bricks.len()).filter(|&i| found[i][1] == 1).collect();
+    live.sort_by_key(|&i| std::cmp::Reverse(found[i][0]));
+    for &i in &live {
+        results[places[i].0].pairs += u64::from(found[i][0]) * BRICK_POINTS as u64;
+    }
+    if live.is_empty() {
+        return Ok(results);
+    }
+    let density_bricks: Vec<DensityBrick> = live
+        .iter()
+        .map(|&i| DensityBrick {
+            corner: places[i].2,
+            first: bricks[i].members,
+            count: found[i][0],
+            pad: [0; 3],
+        })
+        .collect();
+    let params = gpu.uniform(
+        "density params",
+        &DensityParams {
+            depth: depth as u32,
+            bare,
+            cut: eps.log2() as f32,
+            spacing: h as f32,
+        },
+    )?;
+    let density_bricks = gpu.upload("bricks", &density_bricks)?;
+    let values = gpu.output::<f32>("values", live.len() * BRICK_POINTS)?;
+    let lowest = gpu.output::<[f32; 2]>("lowest", live.len())?;
+    gpu.dispatch(
+        &GAUSS_DENSITY_DENSITY,
+        &[
+            &params,
+            &item_buffer,
+            &members,
+            &density_bricks,
+            &values,
+            &lowest,
+        ],
+        [live.len() as u32, 2, 1],
+    )?;
+
+    // Only bricks with a value below the ceiling come back.
+    let mut chosen: Vec<(usize, u32)> = Vec::with_capacity(live.len());
+    if job.ceiling.is_finite() {
+        let lowest: Vec<[f32; 2]> = gpu.download(&lowest)?;
+        for (slot, (&i, low)) in live.iter().zip(&lowest).enumerate() {
+            if f64::from(low[0].min(low[1])) >= job.ceiling {
+                results[places[i].0].kinds[places[i].1] = Brick::Interior;
+            } else {
+                chosen.push((i, slot as u32));
+            }
+        }
+    } else {
+        chosen.extend(live.iter().enumerate().map(|(slot, &i)| (i, slot as u32)));
+    }
+    // Back in the order of blocks, x fastest.
+    chosen.sort_unstable();
+    if chosen.is_empty() {
+        return Ok(results);
+    }
+    let slots: Vec<u32> = chosen.iter().map(|c| c.1).collect();
+    let slots = gpu.upload("chosen", &slots)?;
+    let compact = gpu.output::<f32>("compact", chosen.len() * BRICK_POINTS)?;
+    gpu.dispatch(
+        &GAUSS_DENSITY_COMPACT,
+        &[&slots, &values, &compact],
+        [chosen.len() as u32, 1, 1],
+    )?;
+    let compact: Vec<f32> = gpu.download(&compact)?;
+    for (&(i, _), values) in chosen.iter().zip(compact.chunks_exact(BRICK_POINTS)) {
+        let (b, place, _) = places[i];
+        let result = &mut results[b];
+        result.kinds[place] = Brick::Stored((result.values.len() / BRICK_POINTS) as u32);
+        result.values.extend_from_slice(values);
+    }
+    Ok(results)
+}
+
+/// Some cells on the GPU, with the terms at their points.
+struct SiteBatch<'a> {
+    cells: &'a [SiteCell],
+    items: GpuBuffer,
+    ranges: GpuBuffer,
+    sites: GpuBuffer,
+    terms: GpuBuffer,
+    density: GpuBuffer,
+    slots: GpuBuffer,
+    slot_count: usize,
+    depth: u32,
+}
+
+impl SiteBatch<'_> {
+    /// One thread per atom of a cell.
+    fn run(
+        &self,
+        backend: &Wgpu,
+        shader: &geom_core::shaders::Shader,
+        rest: &[&GpuBuffer],
+    ) -> Result<(), Error> {
+        let gpu = backend.gpu();
+        let params = gpu.uniform(
+            "params",
+            &SiteParams {
+                depth: self.depth,
+                count: self.slot_count as u32,
+                pad: [0; 2],
+            },
+        )?;
+        let mut bindings = vec![&params, &self.items, &self.ranges, &self.sites];
+        bindings.extend_from_slice(rest);
+        let groups = self.slot_count.div_ceil(64) as u32;
+        Ok(gpu.dispatch(shader, &bindings, [groups, 1, 1])?)
+    }
+}
+
+/// Calls `work` with batch after batch of cells, once the terms at their points are known.
+fn for_site_batches(
+    backend: &Wgpu,
+    model: &Prepared<'_>,
+    cells: &[SiteCell],
+    mut work: impl FnMut(&SiteBatch<'_>) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let depth = check_depth(&backend.name(), model.tree.levels.len())?;
+    let mut first = 0;
+    while first < cells.len() {
+        let (mut end, mut numbers, mut slots, mut points) = (first, 0, 0, 0);
+        while end < cells.len() {
+            let cell = &cells[end];
+            let own = cell.points.len() * cell.nodes();
+            let full = (numbers + own) * 4 > BATCH_BYTES
+                || (slots + cell.atoms.len()).div_ceil(64) > MAX_GROUPS
+                || (slots + cell.atoms.len()) * 40 > BATCH_BYTES
+                || (points + cell.points.len()).div_ceil(64) > MAX_GROUPS;
+            if end > first && full {
+                break;
+            }
+            numbers += own;
+            slots += cell.atoms.len();
+            points += cell.points.len();
+            end += 1;
+        }
+        work(&site_batch(backend, model, &cells[first..end], depth)?)?;
+        first = end;
+    }
+    Ok(())
+}
+
+fn site_batch<'a>(
+    backend: &Wgpu,
+    model: &Prepared<'_>,
+    cells: &'a [SiteCell],
+    depth: u32,
+) -> Result<SiteBatch<'a>, Error> {
+    let gpu = backend.gpu();
+    let mut items = Items::default();
+    let (mut sites, mut slots) = (Vec::new(), Vec::new());
+    let mut terms = 0usize;
+    for cell in cells {
+        let center = geom_core::Aabb::of_points(&cell.points).center();
+        let row = items.add(model.model(), &cell.atoms, &cell.levels, &center);
+        let base = items.ranges[row as usize];
+        let first = sites.len() as u32;
+        for ((x, &exact), &target) in cell.points.iter().zip(&cell.exact).zip(&cell.target) {
+            let at = x - center;
+            sites.push(Site {
+                at: [at.x as f32, at.y as f32, at.z as f32],
+                inverse: (1.0 / exact) as f32,
+                share: (target / exact) as f32,
+                row,
+                terms: terms as u32,
+                pad: 0,
+            });
+            terms += cell.nodes();
+        }
+        slots.extend((0..cell.atoms.len() as u32).map(|k| Slot {
+            item: base + k,
+            first,
+            end: sites.len() as u32,
+            pad: 0,
+        }));
+    }
+    let params = gpu.uniform(
+        "params",
+        &SiteParams {
+            depth,
+            count: sites.len() as u32,
+            pad: [0; 2],
+        },
+    )?;
+    let batch = SiteBatch {
+        cells,
+        items: gpu.upload("items", &items.items)?,
+        ranges: gpu.upload("ranges", &items.ranges)?,
+        terms: gpu.output::<f32>("terms", terms)?,
+        density: gpu.output::<f32>("density", sites.len())?,
+        slots: gpu.upload("slots", &slots)?,
+        slot_count: slots.len(),
+        depth,
+        sites: gpu.upload("sites", &sites)?,
+    };
+    gpu.dispatch(
+        &GAUSS_DENSITY_TERMS,
+        &[
+            &params,
+            &batch.items,
+            &batch.ranges,
+            &batch.sites,
+            &batch.terms,
+            &batch.density,
+        ],
+        [sites.len().div_ceil(64) as u32, 1, 1],
+    )?;
+    Ok(batch)
+}

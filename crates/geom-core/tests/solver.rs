@@ -1,0 +1,243 @@
+//! The sparse solver face against dense arithmetic and itself.
+
+use geom_core::laplace::{self, EdgeWeights};
+use geom_core::linalg::iterate::Options;
+use geom_core::linalg::{
+    Cholesky, Error, Scalar, SparseMatrix, Symbolic, conjugate_gradients, refine,
+};
+use geom_core::mesh::shapes;
+use geom_core::nalgebra::{Complex, DMatrix};
+use geom_core::testing::same_on_any_threads;
+use proptest::prelude::*;
+
+/// Numbers in −1…1.
+fn values(count: usize, seed: u64) -> Vec<f64> {
+    let mut state = seed | 1;
+    (0..count)
+        .map(|_| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        })
+        .collect()
+}
+
+/// `K + s M` of a torus.
+fn screened(s: f64) -> SparseMatrix {
+    let mesh = shapes::torus(3.0, 1.0, 60, 33);
+    let laplace::Mass::Lumped(mass) = laplace::lumped_mass(&mesh) else {
+        unreachable!()
+    };
+    let stiffness = laplace::stiffness(&mesh).unwrap();
+    stiffness
+        .plus(s, &SparseMatrix::diagonal_of(&mass))
+        .unwrap()
+}
+
+/// The connection form of crosses on a torus, with a little of the identity.
+fn hermitian() -> SparseMatrix<Complex<f64>> {
+    let mesh = shapes::torus(3.0, 1.0, 40, 21);
+    let form = laplace::connection(&mesh, 4, EdgeWeights::Shape).unwrap();
+    let one = vec![Complex::from(1e-3); form.areas.len()];
+    form.matrix
+        .plus(1.0, &SparseMatrix::diagonal_of(&one))
+        .unwrap()
+}
+
+fn largest<T: Scalar>(a: &[T], b: &[T]) -> f64 {
+    a.iter()
+        .zip(b)
+        .fold(0.0, |m, (&a, &b)| (a - b).norm_squared().sqrt().max(m))
+}
+
+fn solves<T: Scalar>(matrix: &SparseMatrix<T>, exact: &[T], columns: usize) {
+    let b = matrix.multiply(exact, columns);
+    let factor = Cholesky::of(matrix).unwrap();
+    let mut x = b.clone();
+    factor.solve_in_place(&mut x, columns).unwrap();
+    assert!(largest(&x, exact) < 1e-8, "{}", largest(&x, exact));
+    // Each column is what it is by itself, to the last bits.
+    for j in 0..columns {
+        let one: Vec<T> = b.iter().skip(j).step_by(columns).copied().collect();
+        let of_block: Vec<T> = x.iter().skip(j).step_by(columns).copied().collect();
+        assert!(largest(&factor.solve(&one).unwrap(), &of_block) < 1e-10);
+    }
+    let refined = refine(matrix, &factor, &b, columns, &Options::default()).unwrap();
+    assert!(refined.converged, "{:?}", refined.residuals);
+    assert!(largest(&refined.values, exact) <= largest(&x, exact) + 1e-12);
+    let cg = conjugate_gradients(matrix, &factor, &b, columns, &Options::default()).unwrap();
+    assert!(cg.converged && cg.iterations <= 3, "{}", cg.iterations);
+    assert!(largest(&cg.values, exact) < 1e-8);
+}
+
+#[test]
+fn many_right_hand_sides_real_and_hermitian() {
+    let real = screened(1e-3);
+    for columns in [1, 2, 3, 4, 7, 8, 17] {
+        solves(&real, &values(real.rows() * columns, 3), columns);
+    }
+    let complex = hermitian();
+    for columns in [1, 5, 9] {
+        let both = values(2 * complex.rows() * columns, 4);
+        let exact: Vec<_> = both
+            .as_chunks::<2>()
+            .0
+            .iter()
+            .map(|&[re, im]| Complex::new(re, im))
+            .collect();
+        solves(&complex, &exact, columns);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+    /// Small matrices with any pattern, against dense LU.
+    #[test]
+    fn any_small_matrix(n in 1usize..30, seed in any::<u64>(), dense in 0.05f64..0.9) {
+        let chance = values(n * n, seed);
+        let mut entries = Vec::new();
+        for i in 0..n {
+            entries.push((i as u32, i as u32, n as f64));
+            for j in 0..i {
+                let v = chance[i * n + j];
+                if v.abs() < dense {
+                    entries.extend([(i as u32, j as u32, v), (j as u32, i as u32, v)]);
+                }
+            }
+        }
+        let matrix = SparseMatrix::from_triplets(n, n, &entries).unwrap();
+        let b = values(n, seed ^ 77);
+        let x = Cholesky::of(&matrix).unwrap().solve(&b).unwrap();
+        let full = DMatrix::from_fn(n, n, |i, j| matrix.get(i, j));
+        let reference = full.lu().solve(&DMatrix::from_column_slice(n, 1, &b)).unwrap();
+        prop_assert!(largest(&x, reference.as_slice()) < 1e-10);
+    }
+}
+
+#[test]
+fn one_analysis_serves_many_matrices() {
+    let matrix = screened(1.0);
+    let symbolic = Symbolic::of(&matrix).unwrap();
+    let b = values(matrix.rows(), 9);
+    for shift in [1e-3, 0.1, 10.0] {
+        let matrix = screened(shift);
+        let x = symbolic.factor(&matrix).unwrap().solve(&b).unwrap();
+        let reference = Cholesky::of(&matrix).unwrap().solve(&b).unwrap();
+        assert_eq!(x, reference);
+    }
+    // As many eigenvalues below zero as the shift says.
+    assert_eq!(
+        symbolic.negative_eigenvalues(&screened(1.0)).unwrap(),
+        Some(0)
+    );
+    assert_eq!(
+        symbolic.negative_eigenvalues(&screened(-1e-3)).unwrap(),
+        Some(1)
+    );
+    let other = screened(1.0)
+        .plus(
+            1.0,
+            &SparseMatrix::from_triplets(
+                matrix.rows(),
+                matrix.rows(),
+                &[(0, 900, 0.1), (900, 0, 0.1)],
+            )
+            .unwrap(),
+        )
+        .unwrap();
+    assert_eq!(symbolic.factor(&other).unwrap_err(), Error::OtherPattern);
+}
+
+#[test]
+fn conjugate_gradients_with_the_factor_of_a_similar_matrix() {
+    let factor = Cholesky::of(&screened(0.1)).unwrap();
+    let matrix = screened(0.02);
+    let exact = values(matrix.rows() * 3, 2);
+    let b = matrix.multiply(&exact, 3);
+    let cg = conjugate_gradients(&matrix, &factor, &b, 3, &Options::default()).unwrap();
+    assert!(cg.converged && cg.iterations < 30, "{}", cg.iterations);
+    assert!(largest(&cg.values, &exact) < 1e-8);
+    // A zero column stays zero; too few iterations are said to be too few.
+    let zero = vec![0.0; matrix.rows()];
+    let nothing = conjugate_gradients(&matrix, &factor, &zero, 1, &Options::default()).unwrap();
+    assert_eq!((nothing.values, nothing.iterations), (zero, 0));
+    let few = Options {
+        max_iterations: 2,
+        ..Options::default()
+    };
+    let short = conjugate_gradients(&matrix, &factor, &b, 3, &few).unwrap();
+    assert!(!short.converged && short.residuals.iter().all(|&r| r > 1e-12));
+}
+
+#[test]
+fn bad_input_is_named() {
+    let matrix = screened(1.0);
+    let factor = Cholesky::of(&matrix).unwrap();
+    assert_eq!(
+        factor.solve(&[1.0]).unwrap_err(),
+        Error::RightHandSide {
+            found: 1,
+            expected: matrix.rows()
+        }
+    );
+    let indefinite = screened(-1.0);
+    assert!(matches!(
+        Cholesky::of(&indefinite),
+        Err(Error::NotPositiveDefinite { .. })
+    ));
+    assert!(matches!(
+        conjugate_gradients(
+            &indefinite,
+            &factor,
+            &values(matrix.rows(), 1),
+            1,
+            &Options::default()
+        ),
+        Err(Error::NotPositiveDefinite { .. })
+    ));
+    let mut b = vec![1.0; matrix.rows()];
+    b[5] = f64::NAN;
+    assert_eq!(
+        refine(&matrix, &factor, &b, 1, &Options::default()).unwrap_err(),
+        Error::NotFinite { row: 5, column: 0 }
+    );
+    let nan = Options {
+        tolerance: f64::NAN,
+        ..Options::default()
+    };
+    assert!(matches!(
+        nan.check(),
+        Err(Error::Option {
+            field: "tolerance",
+            ..
+        })
+    ));
+    let not_finite = SparseMatrix::from_triplets(2, 2, &[(0, 0, 1.0), (1, 1, f64::INFINITY)]);
+    assert_eq!(
+        not_finite.unwrap_err(),
+        Error::NotFinite { row: 1, column: 1 }
+    );
+    let outside = SparseMatrix::from_triplets(2, 2, &[(0, 2, 1.0)]);
+    assert!(matches!(outside, Err(Error::OutOfRange { column: 2, .. })));
+    let small = SparseMatrix::diagonal_of(&[1.0, 2.0]);
+    assert!(matches!(
+        conjugate_gradients(&small, &factor, &[1.0, 1.0], 1, &Options::default()),
+        Err(Error::Shape { .. })
+    ));
+}
+
+#[test]
+fn bits_do_not_depend_on_threads() {
+    let matrix = screened(1e-2);
+    let b = values(matrix.rows() * 11, 6);
+    same_on_any_threads(|| {
+        let factor = Cholesky::of(&matrix).unwrap();
+        let mut x = b.clone();
+        factor.solve_in_place(&mut x, 11).unwrap();
+        (
+            x,
+            conjugate_gradients(&matrix, &factor, &b, 11, &Options::default()).unwrap(),
+        )
+    });
+}

@@ -1,0 +1,209 @@
+//! Which operation replaces a tetrahedron, and rounds of operations that do not meet.
+
+use geom_core::mesh::EDGES;
+use rayon::prelude::*;
+
+use crate::contract::contraction;
+use crate::insert::edge_split;
+use crate::patch::climb;
+use crate::proposal::{Floor, Operation, Proposal, independent};
+use crate::ring::Ring;
+use crate::smooth::SurfaceRules;
+use crate::surface_field::Isosurface;
+use crate::swap::{edge_removal, face_swap, surface_flip};
+use crate::work::{Freedom, Work};
+use crate::{Operations, Pass};
+
+/// Distance of the middle of a flipped surface edge from the isosurface, in spacings.
+const FLIP: f64 = 0.1;
+/// Distance of the middle of the surface triangles of a contraction from the isosurface, in spacings.
+const CONTRACTION: f64 = 0.15;
+/// Objective that an operation must leave before the smoothing that follows it.
+const VALID: f64 = 1e-3;
+/// How many operations per tetrahedron are tried with smoothing.
+const CLIMBS: usize = 6;
+
+/// What operations may do.
+#[derive(Clone, Copy)]
+pub(crate) struct Rules<'a> {
+    pub(crate) allow: Operations,
+    /// Are contractions due?
+    pub(crate) contract: bool,
+    pub(crate) field: Option<&'a Isosurface<'a>>,
+    pub(crate) spacing: f64,
+}
+
+/// When each tetrahedron was last tried in vain.
+#[derive(Default)]
+pub(crate) struct Memory {
+    tried: Vec<u32>,
+    marks: Vec<u32>,
+    stamp: u32,
+}
+
+impl Memory {
+    fn fit(&mut self, work: &Work) {
+        self.tried.resize(work.tets.len(), 0);
+        self.marks.resize(work.x.len(), 0);
+    }
+}
+
+/// One round on the tetrahedra below `bound`: all are judged side by side, and those whose
+/// operations do not meet are replaced. Gives how many were.
+pub(crate) fn round(
+    work: &mut Work,
+    memory: &mut Memory,
+    bound: f64,
+    judge: impl Fn(&Work, u32, &mut Ring) -> Option<Proposal> + Sync,
+    done: &mut Pass,
+) -> usize {
+    memory.fit(work);
+    let now = work.tick();
+    let mut bad = work.below(bound);
+    // Slots are filled anew at a time when their corners changed, so their old entry does not count.
+    bad.retain(|&t| work.changed_since(t, memory.tried[t as usize]));
+    let state = &*work;
+    let judged: Vec<Option<Proposal>> = bad
+        .par_iter()
+        .with_min_len(8)
+        .map_init(Ring::default, |ring, &t| judge(state, t, ring))
+        .collect();
+    let mut proposals = Vec::new();
+    for (&t, proposal) in bad.iter().zip(judged) {
+        match proposal {
+            Some(proposal) => proposals.push((t, proposal)),
+            None => memory.tried[t as usize] = now,
+        }
+    }
+    carry_out(work, memory, proposals, done)
+}
+
+/// One round on the given vertices: those whose pushes do not meet go to the isosurface. Gives how
+/// many did.
+pub(crate) fn round_of_pushes(
+    work: &mut Work,
+    memory: &mut Memory,
+    vertices: &[u32],
+    judge: impl Fn(&Work, u32, &mut Ring) -> Option<Proposal> + Sync,
+    done: &mut Pass,
+) -> usize {
+    memory.fit(work);
+    let state = &*work;
+    let proposals: Vec<(u32, Proposal)> = vertices
+        .par_iter()
+        .with_min_len(4)
+        .map_init(Ring::default, |ring, &v| Some((v, judge(state, v, ring)?)))
+        .flatten()
+        .collect();
+    carry_out(work, memory, proposals, done)
+}
+
+fn carry_out(
+    work: &mut Work,
+    memory: &mut Memory,
+    proposals: Vec<(u32, Proposal)>,
+    done: &mut Pass,
+) -> usize {
+    memory.stamp += 1;
+    let chosen = independent(proposals, &mut memory.marks, memory.stamp);
+    work.tick();
+    for proposal in &chosen {
+        proposal.apply(work);
+        *match proposal.operation {
+            Operation::EdgeRemoval => &mut done.edges_removed,
+            Operation::FaceSwap => &mut done.faces_swapped,
+            Operation::SurfaceFlip => &mut done.surface_flips,
+            Operation::Contraction => &mut done.contracted,
+            Operation::Insertion => &mut done.inserted,
+            Operation::Push => &mut done.projected,
+        } += 1;
+    }
+    chosen.len()
+}
+
+/// The operation that replaces `t` with the greatest gain.
+pub(crate) fn best_for(
+    work: &Work,
+    t: u32,
+    rules: &Rules<'_>,
+    ring: &mut Ring,
+) -> Option<Proposal> {
+    let mut best: Option<Proposal> = None;
+    offers(work, t, rules, Floor::Old, ring, |p| {
+        if best.as_ref().is_none_or(|b| p.gain > b.gain) {
+            best = Some(p);
+        }
+    });
+    best
+}
+
+/// The operation that replaces `t` best after smoothing: see [`climb`].
+pub(crate) fn best_climb(
+    work: &Work,
+    t: u32,
+    rules: &Rules<'_>,
+    surface: Option<&SurfaceRules<'_>>,
+    goal: f64,
+    ring: &mut Ring,
+) -> Option<Proposal> {
+    let mut tries = Vec::new();
+    offers(work, t, rules, Floor::Fixed(VALID), ring, |p| tries.push(p));
+    tries.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    tries
+        .iter()
+        .take(CLIMBS)
+        .find_map(|p| climb(work, p, surface, goal, ring))
+}
+
+/// All operations that replace `t` and leave what is above `floor`.
+fn offers(
+    work: &Work,
+    t: u32,
+    rules: &Rules<'_>,
+    floor: Floor,
+    ring: &mut Ring,
+    mut offer: impl FnMut(Proposal),
+) {
+    let tet = work.tets[t as usize];
+    let allow = rules.allow;
+    for [i, j] in EDGES {
+        let (a, b) = (tet[i], tet[j]);
+        if allow.swap {
+            edge_removal(work, a, b, floor)
+                .into_iter()
+                .for_each(&mut offer);
+        }
+        let both = [a, b]
+            .iter()
+            .all(|&v| work.freedom[v as usize] != Freedom::Free);
+        if allow.flip && both {
+            let reach = FLIP * rules.spacing;
+            surface_flip(work, a, b, rules.field, reach, floor)
+                .into_iter()
+                .for_each(&mut offer);
+        }
+        // A new vertex is worth it only where smoothing follows.
+        if allow.insert && floor != Floor::Old {
+            edge_split(work, a, b, rules.field, floor, ring)
+                .into_iter()
+                .for_each(&mut offer);
+        }
+    }
+    if allow.swap {
+        for k in 0..4 {
+            face_swap(work, t, k, floor)
+                .into_iter()
+                .for_each(&mut offer);
+        }
+    }
+    if allow.contract && rules.contract {
+        let reach = CONTRACTION * rules.spacing;
+        for i in 0..4 {
+            for j in (0..4).filter(|&j| j != i) {
+                contraction(work, tet[i], tet[j], rules.field, reach, floor)
+                    .into_iter()
+                    .for_each(&mut offer);
+            }
+        }
+    }
+}
