@@ -4,6 +4,8 @@
 #[cfg(feature = "lab")]
 mod bench;
 #[cfg(feature = "lab")]
+mod crosscheck;
+#[cfg(feature = "lab")]
 mod python;
 #[cfg(feature = "lab")]
 mod spectra;
@@ -25,6 +27,9 @@ pub(crate) enum Chore {
         #[arg(long)]
         large: bool,
     },
+    /// Our files in other people's programs: surfaces, tetrahedra and grids are measured there, and
+    /// equations with known answers solved.
+    Crosscheck,
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
         /// Its number: 3.1, 3.2, 3.3, 3.4.
@@ -37,6 +42,7 @@ pub(crate) fn run(chore: &Chore) -> Outcome {
     match chore {
         Chore::Bench => bench::run(),
         Chore::Spectra { large } => spectra::run(*large),
+        Chore::Crosscheck => crosscheck::run(),
         Chore::Thesis { table } => thesis::run(table),
     }
 }
