@@ -55,8 +55,13 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
             .map_err(|kind| Error::at_line(kind, i + 1))?;
     }
     if reader.header && reader.in_atoms && reader.models.count > 0 {
-        let rest = "its atoms: an entry with a HEADER ends with END (add it if the file is whole)";
-        return Err(ErrorKind::Truncated(rest.to_owned()).into());
+        // Entries of the archive have a sequence; what other programs write may lack END.
+        if !reader.sequence.is_empty() {
+            let rest = "its atoms: an entry ends with END (add it if the file is whole)";
+            return Err(ErrorKind::Truncated(rest.to_owned()).into());
+        }
+        let doubt = "the file has a HEADER, but no END: is it whole?";
+        found.warnings.push(doubt.to_owned());
     }
     if reader.atoms > 0 && reader.rows != 0 {
         return Err(ErrorKind::Truncated("a BIOMT operator".to_owned()).into());
@@ -197,7 +202,7 @@ impl Reader {
         let (residue, chain) = residue_and_chain(line, s)?;
         let (number, insertion) = residue_number(line, s)?;
         let hetero = line[0] == b'H';
-        let element = Element::from_symbol(text(line, 76 + s, 78 + s));
+        let element = residues::element_in_file(text(line, 76 + s, 78 + s));
         let segment = text(line, 72 + s, 76 + s);
         let card = text(line, 76 + s, 80 + s);
         let legacy = !card.is_empty() && card.bytes().all(|b| b.is_ascii_digit());

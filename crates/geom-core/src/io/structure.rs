@@ -15,7 +15,8 @@
 //! * **PQR**: free format, with or without chains, columns that touch.
 //!
 //! What cannot be read is an [`Error`] with file and line, also a file that was cut off: in the
-//! middle of a row, a PDB entry without `END`, or an mmCIF file without the `#` behind its atoms.
+//! middle of a row, a PDB entry with a sequence but without `END`, or an mmCIF file that marks the
+//! ends of its categories with `#`, but not that of its atoms.
 //!
 //! ```
 //! use geom_core::io::structure::{read, ReadOptions};
