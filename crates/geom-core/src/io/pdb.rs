@@ -12,7 +12,7 @@
 use std::collections::BTreeSet;
 
 use super::assembly::{Assembly, Generator, Operators};
-use super::structure::{Models, Record, Records, SEGMENT_MARK, number, wanted};
+use super::structure::{Models, Record, Records, number, wanted};
 use super::{Error, ErrorKind};
 use crate::structure::{Atom, Element, Name, Residue, ResidueKind, Transform, residues};
 use crate::{Point3, Vector3};
@@ -120,7 +120,7 @@ struct Reader {
     atoms: usize,
     promised: Option<usize>,
     /// Number of `TER` records in this model, which separate chains without a name.
-    segment: usize,
+    segment: u32,
     width: usize,
     sequence: BTreeSet<Name>,
     modified: BTreeSet<Name>,
@@ -206,14 +206,12 @@ impl Reader {
         let segment = text(line, 72 + s, 76 + s);
         let card = text(line, 76 + s, 80 + s);
         let legacy = !card.is_empty() && card.bytes().all(|b| b.is_ascii_digit());
-        let mut mark = [0; 4];
         let chain_index = if !chain.is_empty() {
             found.chains.index(chain.as_str().as_bytes())
         } else if !segment.is_empty() && !legacy {
             found.chains.index(segment.as_bytes())
         } else {
-            let mark = SEGMENT_MARK.encode_utf8(&mut mark).as_bytes();
-            found.chains.index(&mark.repeat(self.segment))
+            found.chains.unnamed(self.segment)
         };
         if element.is_none() {
             let column = line[12 + s..].iter().position(|&b| b != b' ').unwrap_or(0);
