@@ -560,7 +560,7 @@ fn bad_input_names_file_and_line() {
         "a.pdb",
         few.replace("HEADER", "HEADER\nSEQRES   1 A    1  ALA")
             .as_bytes(),
-        "an entry ends with END",
+        "line 3: the file ends in the middle of its atoms: an entry ends with END",
     );
     let pqr = "ATOM 1 N ASP 1 1 2 3 0 1.85\nATOM 2 CA ASP 1 1 2 3 0 1.";
     contains(

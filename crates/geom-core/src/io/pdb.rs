@@ -46,6 +46,7 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
     let mut reader = Reader::default();
     let mut found = Records::default();
     let whole = content.ends_with(b"\n");
+    let mut end = 0;
     let mut lines = content.split(|&b| b == b'\n').enumerate().peekable();
     while let Some((i, line)) = lines.next() {
         let line = line.strip_suffix(b"\r").unwrap_or(line);
@@ -53,18 +54,22 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
         reader
             .line(line, last, models, &mut found)
             .map_err(|kind| Error::at_line(kind, i + 1))?;
+        if !line.is_empty() {
+            end = i + 1;
+        }
     }
     if reader.header && reader.in_atoms && reader.models.count > 0 {
         // Entries of the archive have a sequence; what other programs write may lack END.
         if !reader.sequence.is_empty() {
             let rest = "its atoms: an entry ends with END (add it if the file is whole)";
-            return Err(ErrorKind::Truncated(rest.to_owned()).into());
+            return Err(Error::at_line(ErrorKind::Truncated(rest.to_owned()), end));
         }
         let doubt = "the file has a HEADER, but no END: is it whole?";
         found.warnings.push(doubt.to_owned());
     }
     if reader.atoms > 0 && reader.rows != 0 {
-        return Err(ErrorKind::Truncated("a BIOMT operator".to_owned()).into());
+        let what = "a BIOMT operator".to_owned();
+        return Err(Error::at_line(ErrorKind::Truncated(what), end));
     }
     if let Some(promised) = reader.promised
         && reader.models.count == 1
