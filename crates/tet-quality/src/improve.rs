@@ -5,7 +5,9 @@ use geom_core::{ImplicitField, Run, TetMesh};
 use rayon::prelude::*;
 
 use crate::backend::QualityBackend;
-use crate::input::prepare;
+use crate::exceptions::{Exceptions, SurfaceFit, exceptions, surface_fit};
+use crate::flow::flow;
+use crate::input::{free_again, prepare};
 use crate::metrics::quality;
 use crate::operate::{Memory, Rules, best_climb, best_for, round, round_of_pushes};
 use crate::patch::push;
@@ -13,6 +15,7 @@ use crate::report::{QualityReport, report_of};
 use crate::ring::Ring;
 use crate::smooth::{SurfaceRules, corners_of, foot, load, project, relax, relax_surface};
 use crate::surface_field::Isosurface;
+use crate::untangle::untangle;
 use crate::work::{Freedom, NO_COLOUR, Work};
 use crate::{Error, Measures, Options, SurfaceMotion, measures};
 
@@ -88,6 +91,14 @@ pub struct Report {
     pub passes: Vec<Pass>,
     /// Tetrahedra of the input whose corners were reordered, because their neighbours said so.
     pub reoriented: usize,
+    /// Inverted and flat tetrahedra of the input that were untangled.
+    pub untangled: usize,
+    /// Moves of the averaged mean curvature flow.
+    pub flowed: usize,
+    /// Tetrahedra that do not meet the goals, and why.
+    pub exceptions: Exceptions,
+    /// How well the surface vertices lie on the isosurface.
+    pub surface: SurfaceFit,
     /// Vertices of the input around which the interface is not one disk; they stay where they are.
     pub junctions: Vec<u32>,
 }
@@ -121,12 +132,25 @@ pub fn improve<B: QualityBackend + ?Sized>(
     let input = prepare(mesh, surface.as_ref())?;
     let mut state = State::new(input.work, surface, options);
     let before = state.report(run)?;
-    let inverted: Vec<u32> = state.work.below(f64::MIN_POSITIVE);
-    if !inverted.is_empty() {
-        let mut elements = inverted;
+    let inverted = state.work.below(f64::MIN_POSITIVE).len();
+    if inverted > 0 && options.untangle {
+        let surface_moves = options.surface != SurfaceMotion::Fixed;
+        untangle(&mut state.work, surface_moves, run)?;
+    }
+    let mut elements = state.work.below(f64::MIN_POSITIVE);
+    if !elements.is_empty() {
         elements.sort_unstable();
         return Err(Error::StillInverted { elements });
     }
+    let flowed = match options.surface {
+        SurfaceMotion::AveragedMeanCurvature { steps, step } => {
+            let work = &mut state.work;
+            let moved = flow(work, &input.junctions, state.spacing, steps, step);
+            free_again(work, state.surface.as_ref())?;
+            moved
+        }
+        SurfaceMotion::Fixed | SurfaceMotion::Tangential => 0,
+    };
     let mut passes = Vec::new();
     let mut far = usize::MAX;
     for pass in 0..options.passes {
@@ -158,8 +182,11 @@ pub fn improve<B: QualityBackend + ?Sized>(
             min_dihedral: after.all.min_dihedral.min,
             max_dihedral: after.all.max_dihedral.max,
         });
+    let exceptions = exceptions(&state.work, &options.goals, &input.junctions);
+    let tolerance = options.deviation * state.spacing;
+    let surface = surface_fit(&state.work, state.surface.as_ref(), tolerance);
     Ok(Improved {
-        mesh: state.work.finish(&input.unused),
+        mesh: state.work.finish(),
         report: Report {
             backend: run.backend.name(),
             before,
@@ -167,6 +194,10 @@ pub fn improve<B: QualityBackend + ?Sized>(
             converged,
             passes,
             reoriented: input.reoriented,
+            untangled: inverted,
+            flowed,
+            exceptions,
+            surface,
             junctions: input.junctions,
         },
     })
