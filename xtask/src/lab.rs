@@ -5,6 +5,8 @@
 mod bench;
 #[cfg(feature = "lab")]
 mod python;
+#[cfg(feature = "lab")]
+mod thesis;
 
 use clap::Subcommand;
 
@@ -14,12 +16,18 @@ use crate::Outcome;
 pub(crate) enum Chore {
     /// Density and surface beside programs of others, on the same input, in one run.
     Bench,
+    /// A table of the thesis beside ours, on the structures at hand.
+    Thesis {
+        /// Its number: 3.1, 3.2, 3.3, 3.4.
+        table: String,
+    },
 }
 
 #[cfg(feature = "lab")]
 pub(crate) fn run(chore: &Chore) -> Outcome {
     match chore {
         Chore::Bench => bench::run(),
+        Chore::Thesis { table } => thesis::run(table),
     }
 }
 

@@ -130,7 +130,7 @@ pub(crate) struct Emitter<'a> {
     pub(crate) complex: &'a Complex<'a>,
     pub(crate) duals: &'a Duals,
     pub(crate) probe: &'a Probe<'a>,
-    numbering: Numbering<'a>,
+    pub(crate) numbering: Numbering<'a>,
 }
 
 /// What is emitted, in vertex numbers of the emitter.

@@ -297,7 +297,8 @@ impl<'a> Samples<'a> {
         labels: Labels,
         backend: &B,
     ) -> Result<Self, Error> {
-        let radius = 0.5 * f64::from(BLOCK) * 3f64.sqrt() * domain.spacing;
+        // A little more, so that a corner that just touches a boundary counts.
+        let radius = (0.5 * f64::from(BLOCK) * 3f64.sqrt() + 1e-3) * domain.spacing;
         let known: Vec<Known> = (0..domain.block_len())
             .into_par_iter()
             .with_min_len(64)

@@ -6,7 +6,7 @@ use std::path::Path;
 use geom_core::Structure;
 use geom_core::io::ErrorKind;
 use geom_core::io::structure::{AltLocs, Format, ReadOptions, ReadReport, read};
-use geom_core::structure::Selector;
+use geom_core::structure::{Residue, ResidueKind, Selector};
 
 /// Everything that stands in the file.
 fn everything() -> ReadOptions {
@@ -124,6 +124,12 @@ fn odd_files() {
             .count(),
         32
     );
+
+    // Edited rRNA: thirteen nucleotides are numbered 189.
+    let (s, _) = read_all(&large.join("30s_from_4v5a.cif.gz"));
+    let numbered = |r: &&Residue| r.number == 189 && r.kind == ResidueKind::Polymer;
+    let rna = s.chain_residues(0);
+    assert_eq!(s.residues()[rna].iter().filter(numbered).count(), 13);
 
     // Cα atoms only: with residue radii the neighbours overlap.
     let (s, report) = read_all(&large.join("1xi4.pdb.gz"));

@@ -431,6 +431,8 @@ impl Reader {
                     false => ResidueKind::Polymer,
                 },
             },
+            // Absent for what is no polymer.
+            sequence: integer(at(11)).unwrap_or(0),
             chain: found.chains.index(chain),
             part: found.parts.index(part),
             domain: found.domains.len() as u32 - 1,

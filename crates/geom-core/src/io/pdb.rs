@@ -26,6 +26,17 @@ pub(super) fn looks_like(content: &[u8]) -> Option<bool> {
     Some(dots && occupancy && coordinates(first, 0).is_some())
 }
 
+/// Has the first atom occupancy, B factor and element in their columns, as only PDB files do?
+pub(super) fn has_elements(content: &[u8]) -> bool {
+    let mut lines = content.split(|&b| b == b'\n');
+    lines.find(|l| is_atom(l)).is_some_and(|first| {
+        let dots = [34, 42, 50, 57, 63]
+            .iter()
+            .all(|&c| first.get(c) == Some(&b'.'));
+        dots && Element::from_symbol(text(first, 76, 78)).is_some()
+    })
+}
+
 pub(super) fn is_atom(line: &[u8]) -> bool {
     line.starts_with(b"ATOM") || line.starts_with(b"HETATM")
 }
@@ -220,6 +231,7 @@ impl Reader {
                 insertion,
                 kind: ResidueKind::Polymer,
             },
+            sequence: 0,
             chain: chain_index,
             part: found.parts.index(chain.as_str().as_bytes()),
             domain: found.domains.len() as u32 - 1,

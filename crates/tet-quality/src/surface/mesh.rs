@@ -16,6 +16,17 @@ pub(super) enum Kind {
     Corner,
 }
 
+/// What an edge is kept for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Mark {
+    /// It is not kept.
+    Free,
+    /// A line on a smooth surface: the boundary, or where labels meet.
+    Line,
+    /// The surface has a crease there.
+    Crease,
+}
+
 /// A vertex with what belongs to its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Vertex {
@@ -32,9 +43,11 @@ pub(super) struct Vertex {
 pub(super) struct Mesh {
     pub(super) vertices: Vec<Vertex>,
     pub(super) triangles: Vec<[u32; 3]>,
+    /// One per triangle.
+    pub(super) labels: Vec<u32>,
     twin: Vec<u32>,
     /// Is the edge kept? Both halves agree; boundary edges always are.
-    feature: Vec<bool>,
+    marks: Vec<Mark>,
     /// Per vertex a half-edge that leaves it: on a boundary the first of the fan.
     out: Vec<u32>,
 }
@@ -48,7 +61,8 @@ pub(super) fn previous(h: u32) -> u32 {
 
 impl Mesh {
     /// Unused vertices are dead from the start. Kinds, normals and sizes are the caller's to set.
-    pub(super) fn new(mesh: &TriMesh) -> Result<Self, MeshError> {
+    /// Edges between triangles of different labels are lines.
+    pub(super) fn new(mesh: &TriMesh, labels: Vec<u32>) -> Result<Self, MeshError> {
         let edges = Halfedges::of(mesh)?;
         let vertices = mesh
             .positions()
@@ -61,21 +75,31 @@ impl Mesh {
             })
             .collect();
         let twin = edges.twins().to_vec();
-        let feature = twin.iter().map(|&t| t == NONE).collect();
+        let marks = (0u32..)
+            .zip(&twin)
+            .map(|(h, &t)| {
+                if t == NONE || labels[(h / 3) as usize] != labels[(t / 3) as usize] {
+                    Mark::Line
+                } else {
+                    Mark::Free
+                }
+            })
+            .collect();
         let out = (0..mesh.positions().len() as u32)
             .map(|v| edges.out(geom_core::VertexId(v)).map_or(NONE, |h| h.0))
             .collect();
         Ok(Self {
             vertices,
             triangles: mesh.triangles().to_vec(),
+            labels,
             twin,
-            feature,
+            marks,
             out,
         })
     }
 
-    /// The living vertices and triangles, in order.
-    pub(super) fn finish(self) -> TriMesh {
+    /// The living vertices and triangles, in order, and the labels of those.
+    pub(super) fn finish(self) -> (TriMesh, Vec<u32>) {
         let mut number = vec![NONE; self.vertices.len()];
         let mut positions = Vec::new();
         for (v, vertex) in self.vertices.iter().enumerate() {
@@ -90,7 +114,14 @@ impl Mesh {
             .filter(|t| t[0] != NONE)
             .map(|t| t.map(|v| number[v as usize]))
             .collect();
-        TriMesh::new(positions, triangles).expect("living triangles have living vertices")
+        let alive = self.triangles.iter().zip(&self.labels);
+        let labels = alive
+            .filter(|(t, _)| t[0] != NONE)
+            .map(|(_, &label)| label)
+            .collect();
+        let mesh =
+            TriMesh::new(positions, triangles).expect("living triangles have living vertices");
+        (mesh, labels)
     }
 
     pub(super) fn from(&self, h: u32) -> u32 {
@@ -107,12 +138,16 @@ impl Mesh {
         (self.twin[h as usize] != NONE).then(|| self.twin[h as usize])
     }
     pub(super) fn is_feature(&self, h: u32) -> bool {
-        self.feature[h as usize]
+        self.marks[h as usize] != Mark::Free
     }
-    pub(super) fn mark_feature(&mut self, h: u32) {
-        self.feature[h as usize] = true;
+    pub(super) fn mark(&self, h: u32) -> Mark {
+        self.marks[h as usize]
+    }
+    /// Marks an edge between two triangles; the boundary stays what it is.
+    pub(super) fn mark_crease(&mut self, h: u32) {
         if let Some(g) = self.twin(h) {
-            self.feature[g as usize] = true;
+            self.marks[h as usize] = Mark::Crease;
+            self.marks[g as usize] = Mark::Crease;
         }
     }
     pub(super) fn position(&self, v: u32) -> Point3 {
@@ -186,12 +221,12 @@ impl Mesh {
         }
     }
     /// Gives half-edge `to` the other side and the mark that `from` had.
-    fn inherit(&mut self, to: u32, (twin, feature): (u32, bool)) {
+    fn inherit(&mut self, to: u32, (twin, mark): (u32, Mark)) {
         self.link(to, twin);
-        self.feature[to as usize] = feature;
+        self.marks[to as usize] = mark;
     }
-    fn side(&self, h: u32) -> (u32, bool) {
-        (self.twin[h as usize], self.feature[h as usize])
+    fn side(&self, h: u32) -> (u32, Mark) {
+        (self.twin[h as usize], self.marks[h as usize])
     }
     /// Lets `out` of `v` be the first of its fan, given any half-edge that leaves it.
     fn set_out(&mut self, v: u32, h: u32) {
@@ -204,11 +239,12 @@ impl Mesh {
         }
         self.out[v as usize] = first;
     }
-    fn push_triangle(&mut self, corners: [u32; 3]) -> u32 {
+    fn push_triangle(&mut self, corners: [u32; 3], label: u32) -> u32 {
         let t = self.triangles.len() as u32;
         self.triangles.push(corners);
+        self.labels.push(label);
         self.twin.extend([NONE; 3]);
-        self.feature.extend([false; 3]);
+        self.marks.extend([Mark::Free; 3]);
         3 * t
     }
 
@@ -216,7 +252,7 @@ impl Mesh {
     pub(super) fn may_flip(&self, h: u32) -> bool {
         let Some(g) = self.twin(h) else { return false };
         let (c, d) = (self.opposite(h), self.opposite(g));
-        !self.feature[h as usize] && c != d && !self.ring(c).any(|v| v == d)
+        !self.is_feature(h) && c != d && !self.ring(c).any(|v| v == d)
     }
 
     /// Turns the edge between two triangles into the other diagonal of their quad.
@@ -251,24 +287,24 @@ impl Mesh {
         self.vertices.push(vertex);
         self.out.push(NONE);
         let g = self.twin[h as usize];
-        let feature = self.feature[h as usize];
+        let mark = self.marks[h as usize];
         let (b, c) = (self.to(h), self.opposite(h));
         let n = next(h);
         let bc = self.side(n);
-        let new = self.push_triangle([m, b, c]);
+        let new = self.push_triangle([m, b, c], self.labels[(h / 3) as usize]);
         self.triangles[(h / 3) as usize][(n % 3) as usize] = m;
         self.inherit(new + 1, bc);
-        self.inherit(n, (new + 2, false));
-        self.feature[new as usize] = feature;
+        self.inherit(n, (new + 2, Mark::Free));
+        self.marks[new as usize] = mark;
         if g != NONE {
             let (a, d) = (self.to(g), self.opposite(g));
             let gn = next(g);
             let ad = self.side(gn);
-            let other = self.push_triangle([m, a, d]);
+            let other = self.push_triangle([m, a, d], self.labels[(g / 3) as usize]);
             self.triangles[(g / 3) as usize][(gn % 3) as usize] = m;
             self.inherit(other + 1, ad);
-            self.inherit(gn, (other + 2, false));
-            self.feature[other as usize] = feature;
+            self.inherit(gn, (other + 2, Mark::Free));
+            self.marks[other as usize] = mark;
             self.link(h, other);
             self.link(new, g);
             self.set_out(a, other + 1);
@@ -325,7 +361,7 @@ impl Mesh {
             self.link(tn, tp);
             for t in [tn, tp] {
                 if t != NONE {
-                    self.feature[t as usize] = kept_n || kept_p;
+                    self.marks[t as usize] = kept_n.max(kept_p);
                 }
             }
             // Of the two edges at `c`, now one, some half leaves `c` and another `b`.
@@ -355,7 +391,10 @@ impl Mesh {
             if let Some(g) = self.twin(h) {
                 assert_eq!(self.twin(g), Some(h));
                 assert_eq!((self.from(h), self.to(h)), (self.to(g), self.from(g)));
-                assert_eq!(self.is_feature(h), self.is_feature(g));
+                assert_eq!(self.mark(h), self.mark(g));
+                if !self.is_feature(h) {
+                    assert_eq!(self.labels[(h / 3) as usize], self.labels[(g / 3) as usize]);
+                }
             } else {
                 assert!(self.is_feature(h));
             }
@@ -397,10 +436,11 @@ mod tests {
             steps in prop::collection::vec((0..3u8, any::<prop::sample::Index>()), 0..120),
         ) {
             let (start, euler) = torus();
-            let mut mesh = Mesh::new(&start).unwrap();
+            let labels = (0..start.triangles().len() as u32).map(|t| t / 20).collect();
+            let mut mesh = Mesh::new(&start, labels).unwrap();
             let ring: Vec<u32> = mesh.edges().filter(|&h| mesh.to(h).is_multiple_of(5) && mesh.from(h).is_multiple_of(5)).collect();
             for h in ring {
-                mesh.mark_feature(h);
+                mesh.mark_crease(h);
             }
             for (what, pick) in steps {
                 let edges: Vec<u32> = mesh.edges().collect();
@@ -419,7 +459,8 @@ mod tests {
                 }
                 mesh.validate();
             }
-            let end = mesh.finish();
+            let (end, labels) = mesh.finish();
+            prop_assert_eq!(labels.len(), end.triangles().len());
             let audit = SurfaceAudit::of(&end);
             prop_assert!(audit.is_manifold(), "{:?}", audit);
             prop_assert_eq!(audit.orientation_conflicts.count, 0);

@@ -72,6 +72,10 @@ pub struct Options {
     pub sizing: Sizing,
     /// Edges to keep. Boundaries are always kept.
     pub features: Features,
+    /// A label per triangle of the input, or empty. The lines where labels meet are kept, zigzags
+    /// shorter than the edges excepted, and the result's triangles have the labels of those they
+    /// come from.
+    pub labels: Vec<u32>,
     /// The surface is where the field has this value; without a field it is not used.
     pub level: f64,
     /// Most rounds of split, contract, flip and move; fewer when nothing changes any more.
@@ -87,6 +91,7 @@ impl Default for Options {
         Self {
             sizing: Sizing::Uniform { edge_length: None },
             features: Features::None,
+            labels: Vec::new(),
             level: 1.0,
             iterations: 10,
             min_angle_deg: 30.0,
@@ -199,6 +204,14 @@ pub enum Error {
         /// The other.
         to: u32,
     },
+    /// Not one label per triangle.
+    #[error("{labels} labels for {triangles} triangles; give one per triangle or none")]
+    Labels {
+        /// Number of labels.
+        labels: usize,
+        /// Number of triangles.
+        triangles: usize,
+    },
     /// The wanted edges are too short for the memory granted.
     #[error(
         "the wanted edges make about {estimate} triangles, more than max_triangles = {limit}; \
@@ -257,6 +270,8 @@ pub struct Report {
 pub struct Remeshed {
     /// The surface.
     pub mesh: TriMesh,
+    /// The label of each triangle, if the input had labels.
+    pub labels: Vec<u32>,
     /// Measures before and after.
     pub report: Report,
 }
@@ -295,7 +310,13 @@ pub fn remesh(
         return Err(Error::Degenerate { triangle });
     }
     let before = TriangleReport::of(&mesh);
-    let mut work = Mesh::new(&mesh)?;
+    let triangles = mesh.triangles().len();
+    let labels = match options.labels.len() {
+        0 => vec![0; triangles],
+        n if n == triangles => options.labels.clone(),
+        labels => return Err(Error::Labels { labels, triangles }),
+    };
+    let mut work = Mesh::new(&mesh, labels)?;
     let reference = Reference::new(mesh, field, options, &mut work)?;
     let mut counts = steps::Counts::default();
     let mut settled = false;
@@ -321,7 +342,10 @@ pub fn remesh(
         options.iterations as u64,
     )?;
     let feature_edges = work.edges().filter(|&h| work.is_feature(h)).count();
-    let mesh = work.finish();
+    let (mesh, mut labels) = work.finish();
+    if options.labels.is_empty() {
+        labels.clear();
+    }
     let (vertex_deviation, centroid_deviation) = reference.deviations(&mesh);
     let after = TriangleReport::of(&mesh);
     let converged = settled && after.min_angle_deg >= options.min_angle_deg;
@@ -337,5 +361,9 @@ pub fn remesh(
         centroid_deviation,
         converged,
     };
-    Ok(Remeshed { mesh, report })
+    Ok(Remeshed {
+        mesh,
+        labels,
+        report,
+    })
 }

@@ -4,7 +4,7 @@ use geom_core::bvh::TriangleTree;
 use geom_core::distance::{Graph, shortest_paths};
 use geom_core::{ImplicitField, Point3, TriMesh, Vector3, parallel};
 
-use super::mesh::{Kind, Mesh, Vertex};
+use super::mesh::{Kind, Mark, Mesh, Vertex};
 use super::{Deviation, Error, Features, Options, Sizing};
 
 /// A kept curve that turns by more than this has a corner there: cos 45°.
@@ -25,10 +25,41 @@ struct Curves {
     ends: Vec<[u32; 2]>,
 }
 
+/// Where a kept curve runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Course {
+    /// Where the surface ends: it stays where the input has it.
+    Boundary,
+    /// Across a smooth surface, which it follows.
+    Within,
+    /// Along a crease of the input; there is no normal.
+    Crease,
+}
+
+impl Course {
+    pub(super) fn of_edge(mesh: &Mesh, h: u32) -> Self {
+        match (mesh.mark(h), mesh.twin(h)) {
+            (Mark::Crease, _) => Self::Crease,
+            (_, None) => Self::Boundary,
+            _ => Self::Within,
+        }
+    }
+
+    pub(super) fn of_vertex(mesh: &Mesh, v: u32) -> Self {
+        if on_crease(mesh, v) {
+            Self::Crease
+        } else if mesh.on_boundary(v) {
+            Self::Boundary
+        } else {
+            Self::Within
+        }
+    }
+}
+
 pub(super) struct Reference<'a> {
     input: TriMesh,
     tree: TriangleTree,
-    /// Normals per corner, smooth across all edges but features.
+    /// Normals per corner, smooth across all edges but creases.
     normals: Vec<[Vector3; 3]>,
     curves: Option<Curves>,
     sizes: Sizes,
@@ -144,9 +175,8 @@ impl<'a> Reference<'a> {
             .sum()
     }
 
-    /// The point of the kept curves near `p`; its normal is that of `crease`: none there, else the
-    /// surface's.
-    pub(super) fn on_curve(&self, p: &Point3, reach: f64, crease: bool) -> Option<Vertex> {
+    /// The point near `p` of the kept curves that run as `course` says.
+    pub(super) fn on_curve(&self, p: &Point3, reach: f64, course: Course) -> Option<Vertex> {
         let curves = self.curves.as_ref()?;
         let foot = curves.tree.closest_within(p, reach)?;
         let [a, b] = curves.ends[foot.triangle as usize];
@@ -157,9 +187,7 @@ impl<'a> Reference<'a> {
                 sizes[a as usize] * (1.0 - along) + sizes[b as usize] * along
             }
         };
-        let normal = if crease {
-            Vector3::zeros()
-        } else {
+        let on_input = || {
             let foot = self.tree.closest(&foot.point);
             self.normals[foot.triangle as usize]
                 .iter()
@@ -169,8 +197,15 @@ impl<'a> Reference<'a> {
                 .try_normalize(1e-6)
                 .unwrap_or_else(Vector3::zeros)
         };
+        let (position, normal) = match (course, self.field) {
+            (Course::Crease, _) => (foot.point, Vector3::zeros()),
+            (Course::Within, Some((field, level))) => {
+                level_point(field, level, &foot.point, reach)?
+            }
+            (Course::Within | Course::Boundary, _) => (foot.point, on_input()),
+        };
         Some(Vertex {
-            position: foot.point,
+            position,
             normal,
             size,
             kind: Kind::Curve,
@@ -286,7 +321,7 @@ fn mark_features(work: &mut Mesh, input: &TriMesh, features: &Features) -> Resul
                 })
                 .collect();
             for h in sharp {
-                work.mark_feature(h);
+                work.mark_crease(h);
             }
         }
         Features::Edges(edges) => {
@@ -297,7 +332,7 @@ fn mark_features(work: &mut Mesh, input: &TriMesh, features: &Features) -> Resul
                 }
                 let leaving = work.fan(from).find(|&h| work.to(h) == to);
                 let h = leaving.or_else(|| work.fan(to).find(|&h| work.to(h) == from));
-                work.mark_feature(h.ok_or(missing)?);
+                work.mark_crease(h.ok_or(missing)?);
             }
         }
     }
@@ -305,8 +340,7 @@ fn mark_features(work: &mut Mesh, input: &TriMesh, features: &Features) -> Resul
 }
 
 fn on_crease(work: &Mesh, v: u32) -> bool {
-    work.fan(v)
-        .any(|h| work.is_feature(h) && work.twin(h).is_some())
+    work.fan(v).any(|h| work.mark(h) == Mark::Crease)
 }
 
 fn kind(work: &Mesh, v: u32) -> Kind {
@@ -316,7 +350,8 @@ fn kind(work: &Mesh, v: u32) -> Kind {
         [a, b] => {
             let p = work.position(v);
             let [u, w] = [p - work.position(a), work.position(b) - p].map(|d| d.normalize());
-            if u.dot(&w) < CORNER {
+            // Where labels meet, the line follows the input's edges in zigzag: no corners.
+            if u.dot(&w) < CORNER && Course::of_vertex(work, v) != Course::Within {
                 Kind::Corner
             } else {
                 Kind::Curve
@@ -326,7 +361,7 @@ fn kind(work: &Mesh, v: u32) -> Kind {
     }
 }
 
-/// Per corner the mean normal of the triangles around the vertex up to the next features, weighted
+/// Per corner the mean normal of the triangles around the vertex up to the next creases, weighted
 /// by their angles.
 fn corner_normals(work: &Mesh, input: &TriMesh) -> Vec<[Vector3; 3]> {
     let weighted = |h: u32| {
@@ -338,13 +373,14 @@ fn corner_normals(work: &Mesh, input: &TriMesh) -> Vec<[Vector3; 3]> {
     let mut normals = vec![[Vector3::zeros(); 3]; input.triangles().len()];
     for v in 0..work.vertices.len() as u32 {
         let mut fan: Vec<u32> = work.fan(v).collect();
-        // Lets the fan start at a feature, so that sectors do not wrap around.
-        let start = fan.iter().position(|&h| work.is_feature(h)).unwrap_or(0);
+        // Lets the fan start at a crease or boundary, so that sectors do not wrap around.
+        let ends = |h: u32| work.mark(h) == Mark::Crease || work.twin(h).is_none();
+        let start = fan.iter().position(|&h| ends(h)).unwrap_or(0);
         fan.rotate_left(start);
         let mut first = 0;
         while first < fan.len() {
             let end = (first + 1..fan.len())
-                .find(|&i| work.is_feature(fan[i]))
+                .find(|&i| ends(fan[i]))
                 .unwrap_or(fan.len());
             let sum: Vector3 = fan[first..end].iter().map(|&h| weighted(h)).sum();
             for &h in &fan[first..end] {

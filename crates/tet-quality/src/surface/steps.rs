@@ -6,9 +6,9 @@ use geom_core::coloring::Coloring;
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::mesh::{Kind, Mesh, NONE, Vertex, next, previous};
+use super::mesh::{Kind, Mark, Mesh, NONE, Vertex, next, previous};
 use super::metrics::{angles, radius_ratio};
-use super::reference::Reference;
+use super::reference::{Course, Reference};
 
 /// Edges longer than this, in units of the wanted length, are split.
 const LONG: f64 = 4.0 / 3.0;
@@ -150,13 +150,13 @@ fn middle(mesh: &Mesh, reference: &Reference<'_>, h: u32) -> Vertex {
     let p = center(&a.position, &b.position);
     let reach = 0.5 * (b.position - a.position).norm();
     let found = if mesh.is_feature(h) {
-        reference.on_curve(&p, reach, mesh.twin(h).is_some())
+        reference.on_curve(&p, reach, Course::of_edge(mesh, h))
     } else {
         reference.on_surface(&p, reach)
     };
     found.unwrap_or_else(|| Vertex {
         position: p,
-        normal: if mesh.is_feature(h) && mesh.twin(h).is_some() {
+        normal: if mesh.mark(h) == Mark::Crease {
             Vector3::zeros()
         } else {
             (a.normal + b.normal)
@@ -435,12 +435,12 @@ fn relaxed(mesh: &Mesh, reference: &Reference<'_>, v: u32) -> Option<Vertex> {
         }
     };
     let worst = Worst::of_fan(mesh, v);
-    let crease = old.normal == Vector3::zeros();
+    let course = Course::of_vertex(mesh, v);
     for part in [1.0, 0.5, 0.25, 0.0] {
         let p = old.position + (goal - old.position) * part;
         let reach = old.size;
         let found = match old.kind {
-            Kind::Curve => reference.on_curve(&p, reach, crease),
+            Kind::Curve => reference.on_curve(&p, reach, course),
             _ => reference.on_surface(&p, reach),
         };
         let Some(new) = found else { continue };
@@ -516,7 +516,7 @@ fn spread(mesh: &mut Mesh, reference: &Reference<'_>, v: u32) -> bool {
     if start.kind == Kind::Corner {
         return false;
     }
-    let crease = start.normal == Vector3::zeros();
+    let course = Course::of_vertex(mesh, v);
     let directions: Vec<Vector3> = if start.kind == Kind::Curve {
         let ends: Vec<u32> = mesh.curve_ring(v).collect();
         let along = (mesh.position(ends[1]) - mesh.position(ends[0])).normalize();
@@ -556,7 +556,7 @@ fn spread(mesh: &mut Mesh, reference: &Reference<'_>, v: u32) -> bool {
         for d in &directions {
             let p = best.position + d * step;
             let found = if start.kind == Kind::Curve {
-                reference.on_curve(&p, step, crease)
+                reference.on_curve(&p, step, course)
             } else {
                 reference.on_surface(&p, step)
             };

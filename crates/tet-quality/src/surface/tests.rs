@@ -203,6 +203,82 @@ fn boundaries_stay_where_they_are() {
 }
 
 #[test]
+fn labels_stay_where_they_are() {
+    // Quarters of a torus: cut by x = 0 and by z = 0, across and along the triangles.
+    let field = Torus {
+        major: 3.0,
+        minor: 1.0,
+    };
+    let mesh = shapes::torus(3.0, 1.0, 61, 25);
+    let label_of = |c: [Point3; 3]| {
+        let middle = (c[0].coords + c[1].coords + c[2].coords) / 3.0;
+        u32::from(middle.x > 0.0) + 2 * u32::from(middle.z > 0.0) + 7
+    };
+    let labels_of = |mesh: &TriMesh| -> Vec<u32> {
+        (0..mesh.triangles().len())
+            .map(|t| label_of(mesh.corners(t)))
+            .collect()
+    };
+    let area = |mesh: &TriMesh, labels: &[u32], label: u32| -> f64 {
+        (0..mesh.triangles().len())
+            .filter(|&t| labels[t] == label)
+            .map(|t| 0.5 * mesh.doubled_area_normal(t).norm())
+            .sum()
+    };
+    let labels = labels_of(&mesh);
+    for field in [None, Some(&field as &dyn ImplicitField)] {
+        for length in [0.15, 0.4] {
+            let options = Options {
+                labels: labels.clone(),
+                ..uniform(length)
+            };
+            let out = remesh(mesh.clone(), field, &options, Run::on(&Cpu)).unwrap();
+            assert!(SurfaceAudit::of(&out.mesh).is_closed_manifold());
+            assert_eq!(out.labels.len(), out.mesh.triangles().len());
+            let wrong = labels_of(&out.mesh)
+                .into_iter()
+                .zip(&out.labels)
+                .filter(|(wanted, found)| wanted != *found)
+                .count();
+            // Only along the zigzags of the line across the triangles.
+            assert!(
+                20 * wrong < out.labels.len(),
+                "{wrong} of {}",
+                out.labels.len()
+            );
+            for label in 7..11 {
+                let (before, after) = (
+                    area(&mesh, &labels, label),
+                    area(&out.mesh, &out.labels, label),
+                );
+                assert!(
+                    (after / before - 1.0).abs() < 0.04,
+                    "{label}: {before} {after}"
+                );
+            }
+            // Two lines around the tube, two along it.
+            let lines = 2.0 * std::f64::consts::TAU * (1.0 + 3.0) / length;
+            let kept = out.report.feature_edges as f64;
+            assert!((0.7..1.5).contains(&(kept / lines)), "{kept} {lines}");
+            assert!(out.report.after.min_angle_deg > 15.0, "{:?}", out.report);
+            assert!(out.report.vertex_deviation.max < 1e-6, "{:?}", out.report);
+        }
+    }
+    let options = Options {
+        labels: vec![1, 2],
+        ..Options::default()
+    };
+    let triangles = mesh.triangles().len();
+    assert_eq!(
+        remesh(mesh, None, &options, Run::on(&Cpu)).unwrap_err(),
+        Error::Labels {
+            labels: 2,
+            triangles
+        }
+    );
+}
+
+#[test]
 fn edges_follow_the_curvature() {
     // Radii 1, 1, 3: curvature 3 at the poles of z, 1/9 and 1 at the waist.
     let (mut positions, triangles) = shapes::icosphere(1.0, 5).into_parts();
