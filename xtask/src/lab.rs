@@ -7,6 +7,8 @@ mod bench;
 mod python;
 #[cfg(feature = "lab")]
 mod thesis;
+#[cfg(feature = "lab")]
+mod thesis35;
 
 use clap::Subcommand;
 
@@ -18,7 +20,7 @@ pub(crate) enum Chore {
     Bench,
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
-        /// Its number: 3.1, 3.2, 3.3, 3.4.
+        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5.
         table: String,
     },
 }

@@ -67,7 +67,8 @@ pub struct FarVertex {
     pub cause: FarCause,
 }
 
-/// How well the surface vertices lie on the isosurface.
+/// How well the surface vertices lie on the isosurface; empty without a field, and where
+/// [`SurfaceMotion::Fixed`](crate::SurfaceMotion::Fixed) holds them.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SurfaceFit {

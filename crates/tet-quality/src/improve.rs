@@ -131,11 +131,13 @@ pub fn improve<B: QualityBackend + ?Sized>(
     });
     let input = prepare(mesh, surface.as_ref())?;
     let mut state = State::new(input.work, surface, options);
+    if options.surface == SurfaceMotion::Fixed {
+        state.fix_surface();
+    }
     let before = state.report(run)?;
     let inverted = state.work.below(f64::MIN_POSITIVE).len();
     if inverted > 0 && options.untangle {
-        let surface_moves = options.surface != SurfaceMotion::Fixed;
-        untangle(&mut state.work, surface_moves, run)?;
+        untangle(&mut state.work, run)?;
     }
     let mut elements = state.work.below(f64::MIN_POSITIVE);
     if !elements.is_empty() {
@@ -267,6 +269,15 @@ impl<'a> State<'a> {
         state
     }
 
+    /// The vertices of the isosurface stay where they are.
+    fn fix_surface(&mut self) {
+        for freedom in &mut self.work.freedom {
+            if *freedom == Freedom::Field {
+                *freedom = Freedom::Fixed;
+            }
+        }
+    }
+
     /// Median length of the edges between surface vertices; of all edges without any.
     fn surface_spacing(&self) -> f64 {
         let lengths = |surface: bool| -> Vec<f64> {
@@ -359,9 +370,7 @@ impl<'a> State<'a> {
             .rescue
             .then(|| self.options.seed.wrapping_add(u64::from(pass)));
         done.moved += relax(&mut self.work, &vertices, ROUNDS, turn, run)?;
-        if self.options.surface != SurfaceMotion::Fixed
-            && let Some(field) = &self.surface
-        {
+        if let Some(field) = &self.surface {
             let rules = SurfaceRules {
                 field,
                 tolerance: self.tolerance(aim),
@@ -380,15 +389,11 @@ impl<'a> State<'a> {
             field: self.surface.as_ref(),
             spacing: self.spacing,
         };
-        let surface = self
-            .surface
-            .as_ref()
-            .filter(|_| self.options.surface != SurfaceMotion::Fixed)
-            .map(|field| SurfaceRules {
-                field,
-                tolerance,
-                rescue: aim.rescue,
-            });
+        let surface = self.surface.as_ref().map(|field| SurfaceRules {
+            field,
+            tolerance,
+            rescue: aim.rescue,
+        });
         let (work, target) = (&mut self.work, self.target);
         for _ in 0..TOPOLOGY_ROUNDS {
             let plain = |work: &Work, t, ring: &mut Ring| best_for(work, t, &rules, ring);
@@ -430,9 +435,6 @@ impl<'a> State<'a> {
         let Some(surface) = &self.surface else {
             return 0;
         };
-        if self.options.surface == SurfaceMotion::Fixed {
-            return 0;
-        }
         let tolerance = self.options.deviation * self.spacing;
         let (goals, target) = (self.options.goals, self.target);
         let good = |corners| quality(corners) >= target || goals.met_by(&measures(corners));

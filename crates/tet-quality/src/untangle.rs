@@ -17,10 +17,9 @@ const STEPS: u32 = 60;
 const WIDEN: u32 = 2;
 
 /// Moves vertices until no tetrahedron is inverted or flat, as far as that is possible. Vertices of
-/// the isosurface may leave it if `surface_moves`: the passes bring them back.
+/// the isosurface may leave it: the passes bring them back.
 pub(crate) fn untangle<B: QualityBackend + ?Sized>(
     work: &mut Work,
-    surface_moves: bool,
     run: Run<'_, B>,
 ) -> Result<(), Error> {
     for round in 0..ROUNDS {
@@ -30,7 +29,7 @@ pub(crate) fn untangle<B: QualityBackend + ?Sized>(
         }
         run.progress("untangle", round.into(), ROUNDS.into())?;
         let mut vertices = corners_of(work, &bad);
-        let mut moved = centre(work, &vertices, surface_moves);
+        let mut moved = centre(work, &vertices);
         if round >= WIDEN {
             let mut around: Vec<u32> = vertices
                 .iter()
@@ -40,7 +39,7 @@ pub(crate) fn untangle<B: QualityBackend + ?Sized>(
             around.dedup();
             vertices = corners_of(work, &around);
             moved += relax(work, &vertices, 3, None, run)?;
-            moved += centre(work, &vertices, surface_moves);
+            moved += centre(work, &vertices);
         }
         if moved == 0 {
             break;
@@ -49,9 +48,9 @@ pub(crate) fn untangle<B: QualityBackend + ?Sized>(
     Ok(())
 }
 
-fn centre(work: &mut Work, vertices: &[u32], surface_moves: bool) -> usize {
+fn centre(work: &mut Work, vertices: &[u32]) -> usize {
     let axes = |freedom: Freedom| match freedom {
-        Freedom::Field if surface_moves => axes_of(Freedom::Free, None),
+        Freedom::Field => axes_of(Freedom::Free, None),
         other => axes_of(other, None),
     };
     sweep(
