@@ -93,10 +93,8 @@ impl GpuContext {
         let name = std::env::var("WGPU_ADAPTER_NAME")
             .ok()
             .filter(|n| !n.is_empty());
-        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
-        // Others are not asked below, and OpenGL would look for a screen and complain.
-        descriptor.backends &= wgpu::Backends::PRIMARY;
-        let instance = wgpu::Instance::new(descriptor);
+        let instance =
+            wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
         let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
         adapters.retain(|a| {
             let fits = name
