@@ -54,7 +54,7 @@ pub fn write(w: &mut dyn Write, grid: &(impl LatticeValues + ?Sized)) -> Result<
             w.write_all(text.as_bytes())?;
         }
     }
-    let end = if points % 3 == 0 { "" } else { "\n" };
+    let end = if points.is_multiple_of(3) { "" } else { "\n" };
     writeln!(w, "{end}attribute \"dep\" string \"positions\"")?;
     writeln!(
         w,
