@@ -164,7 +164,7 @@ fn elimination_keeps_its_bound_at_every_sample_recomputed_by_brute_force() {
                 }
             }
             assert!(checked > 50, "{checked} samples");
-            if solid_is_asked(interior) {
+            if interior == Interior::KeepSolid {
                 assert_eq!(done.report.comparison.lost_interior, 0.0);
             }
         }
@@ -188,10 +188,6 @@ fn the_error_on_the_new_surface_is_near_the_bound() {
         let error = report.comparison.surface_max;
         assert!(error > 0.2 * epsilon && error < 1.2 * epsilon, "{report:?}");
     }
-}
-
-fn solid_is_asked(interior: Interior) -> bool {
-    interior == Interior::KeepSolid
 }
 
 #[test]
