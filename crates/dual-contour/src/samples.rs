@@ -405,6 +405,12 @@ impl<'a> Samples<'a> {
         })
     }
 
+    /// The signs of the finest cells of block `b`, if it is stored and labels are plain.
+    pub(crate) fn masks_of(&self, b: usize) -> Option<&[u8]> {
+        let slot = self.slot(b)?;
+        self.masks.get(BLOCK_CELLS * slot..BLOCK_CELLS * (slot + 1))
+    }
+
     /// Finds the signs of all stored cells; after this values stay as they are.
     pub(crate) fn find_crossings<B: ContourBackend + ?Sized>(
         &mut self,

@@ -135,6 +135,22 @@ fn shape_error(shape: &Shape, low: &Point3, edge: f64) -> f64 {
         .fold(0.0, f64::max)
 }
 
+/// Which cells of size 2 and 4 of a block hold finest cells with corners on both sides.
+fn mixed(masks: &[u8]) -> (u64, u8) {
+    let (mut two, mut four) = (0u64, 0u8);
+    for (i, &mask) in masks.iter().enumerate() {
+        if mask != 0 && mask != 255 {
+            let p = [i & 7, i >> 3 & 7, i >> 6];
+            let child = |shift: usize| {
+                (p[0] >> shift & 1) | (p[1] >> shift & 1) << 1 | (p[2] >> shift & 1) << 2
+            };
+            two |= 1 << (8 * child(2) + child(1));
+            four |= 1 << child(2);
+        }
+    }
+    (two, four)
+}
+
 /// The cells that must be split because of what they hold.
 pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
     let domain = &samples.domain;
@@ -146,11 +162,17 @@ pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
     };
     let mut out = Splits::none(domain.blocks, largest);
     let judge = Judge { samples, options };
+    // Without tolerances all cells with a surface are finest, and signs alone tell them.
+    let uniform = options.tolerance == 0.0 && options.zones.is_empty();
     let found: Vec<(usize, u64, u8, bool)> = (0..domain.block_len())
         .into_par_iter()
         .filter_map(|b| {
             let (values, regions) = (samples.values_of(b)?, samples.regions_of(b)?);
             let block = domain.block(b);
+            if uniform && let Some(masks) = samples.masks_of(b) {
+                let (two, four) = mixed(masks);
+                return Some((b, two, four, four != 0));
+            }
             let bits = |i: usize| [i & 1, i >> 1 & 1, i >> 2];
             let (mut two, mut four) = (0u64, 0u8);
             let eight = judge.splits(block, values, regions, [0; 3], 8);
