@@ -10,7 +10,7 @@ use crate::Run;
 use crate::linalg::dense::{self, Tall};
 
 /// Blocks of room beyond those that a restart keeps.
-const BLOCKS: usize = 5;
+const BLOCKS: usize = 3;
 
 /// The smallest `k + 1` pairs of one connected part, the first `k` of them converged.
 pub(super) fn pairs<B: SpectralBackend + ?Sized>(
