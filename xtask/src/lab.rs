@@ -4,11 +4,15 @@
 #[cfg(feature = "lab")]
 mod bench;
 #[cfg(feature = "lab")]
+mod crosscheck;
+#[cfg(feature = "lab")]
 mod python;
 #[cfg(feature = "lab")]
 mod spectra;
 #[cfg(feature = "lab")]
 mod thesis;
+#[cfg(feature = "lab")]
+mod thesis35;
 
 use clap::Subcommand;
 
@@ -25,9 +29,12 @@ pub(crate) enum Chore {
         #[arg(long)]
         large: bool,
     },
+    /// Our files in other people's programs: surfaces, tetrahedra and grids are measured there, and
+    /// equations with known answers solved.
+    Crosscheck,
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
-        /// Its number: 3.1, 3.2, 3.3, 3.4.
+        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5.
         table: String,
     },
 }
@@ -37,6 +44,7 @@ pub(crate) fn run(chore: &Chore) -> Outcome {
     match chore {
         Chore::Bench => bench::run(),
         Chore::Spectra { large } => spectra::run(*large),
+        Chore::Crosscheck => crosscheck::run(),
         Chore::Thesis { table } => thesis::run(table),
     }
 }

@@ -357,30 +357,22 @@ fn domain(
     });
     let round = |n: f64, to: f64| (n / to).ceil() * to;
     let block = f64::from(BLOCK);
+    // Whole blocks below the lattice, so that leaves near the surface do not depend on where the mesh
+    // ends; one at least if the surface is to close there.
+    let pad = if touches && !clip { block } else { 0.0 };
     let (cells, sphere): ([f64; 3], _) = match outer {
         Outer::Grid if clip => (own, None),
-        Outer::Grid => {
-            let pad = if touches { 2.0 } else { 0.0 };
-            (own.map(|n| round(n + pad, block)), None)
-        }
+        Outer::Grid => (own.map(|n| round(n + pad + pad.min(1.0), block)), None),
         Outer::Box { scale } => {
-            let pad = if touches { 2.0 } else { 0.0 };
             // Whole groups of blocks, so that cells may grow towards the box.
-            (
-                own.map(|n| round((n * scale).max(n + pad), 4.0 * block)),
-                None,
-            )
+            let enlarged = own.map(|n| round((n * scale).max(n + 2.0 * pad), 4.0 * block));
+            (enlarged, None)
         }
         Outer::Sphere { scale } => {
             let radius = 0.5 * scale * bounds.diagonal();
-            let n = round(2.0 * radius / spacing + 2.0 * block, 4.0 * block);
-            (
-                [n; 3],
-                Some(Shape::Sphere {
-                    center: bounds.center(),
-                    radius,
-                }),
-            )
+            let n = round(2.0 * radius / spacing + 4.0 * block, 4.0 * block);
+            let center = bounds.center();
+            ([n; 3], Some(Shape::Sphere { center, radius }))
         }
     };
     if cells.iter().any(|&n| n > MOST_CELLS) {
@@ -406,21 +398,15 @@ fn domain(
         });
     }
     let cells = cells.map(|n| n as i32);
-    let shift = [0, 1, 2].map(|k| {
-        let spare = cells[k] - own[k] as i32;
-        if outer == Outer::Grid && !touches {
-            0
-        } else {
-            spare / 2
-        }
-    });
-    let origin = if aligned || outer == Outer::Grid && !touches {
-        bounds.min - geom_core::Vector3::from(shift.map(f64::from)) * spacing
-    } else {
-        let half = geom_core::Vector3::from(cells.map(f64::from)) * (0.5 * spacing);
-        bounds.center() - half
+    let shift = match outer {
+        Outer::Grid => [pad as i32; 3],
+        _ => [0, 1, 2].map(|k| {
+            let half = (cells[k] - own[k] as i32) / 2;
+            (half / BLOCK * BLOCK).max(pad as i32)
+        }),
     };
-    Ok((Domain::new(origin, spacing, cells), shift, sphere))
+    let origin = bounds.min - geom_core::Vector3::from(shift.map(f64::from)) * spacing;
+    Ok((Domain::new(origin, spacing, cells, shift), shift, sphere))
 }
 
 #[cfg(test)]

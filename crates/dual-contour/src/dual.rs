@@ -449,36 +449,38 @@ fn leaf_points<B: ContourBackend + ?Sized>(
     backend: &B,
 ) -> Result<Vec<Point3>, Error> {
     let samples = complex.samples;
-    let kernel =
-        samples.labels.plain() && probe.field.is_none() && probe.placement == Placement::Newton;
+    let kernel = probe.field.is_none() && probe.placement == Placement::Newton;
+    // Where the molecule meets one other region, labels are signs.
+    let by_kernel = |id: u32| {
+        kernel && complex.leaf(id).log == 0 && {
+            let labels = complex.corner_labels(complex.leaf(id));
+            let other = labels.iter().find(|&&l| l != INTERIOR);
+            labels.contains(&INTERIOR) && labels.iter().all(|l| *l == INTERIOR || Some(l) == other)
+        }
+    };
     let (fine, rest): (Vec<u32>, Vec<u32>) = leaves
-        .iter()
-        .partition(|&&id| kernel && complex.leaf(id).log == 0);
+        .par_iter()
+        .with_min_len(1024)
+        .partition(|&&id| by_kernel(id));
     let cells: Vec<[f32; 8]> = fine
         .par_iter()
         .with_min_len(256)
         .map(|&id| samples.corners_over_level(complex.leaf(id).origin()))
         .collect();
-    let mut fine_points = backend.dual_vertices(&cells, STEPS)?.into_iter();
-    let rest: Vec<Point3> = rest
+    let fine_points = backend.dual_vertices(&cells, STEPS)?;
+    let rest_points: Vec<Point3> = rest
         .par_iter()
         .with_min_len(256)
         .map(|&id| leaf_point(complex, probe, id))
         .collect();
-    let mut rest = rest.into_iter();
-    let mut next = |id: u32| {
-        if kernel && complex.leaf(id).log == 0 {
-            fine_points
-                .next()
-                .map(|x| within(complex.leaf(id).origin(), x))
-        } else {
-            rest.next()
-        }
+    // Both lists are in order: merge them.
+    let mut fine = fine.iter().zip(fine_points).peekable();
+    let mut rest = rest_points.into_iter();
+    let next = |id: &u32| match fine.next_if(|(other, _)| *other == id) {
+        Some((_, x)) => within(complex.leaf(*id).origin(), x),
+        None => rest.next().expect("one point per leaf"),
     };
-    Ok(leaves
-        .iter()
-        .map(|&id| next(id).expect("one point per leaf"))
-        .collect())
+    Ok(leaves.iter().map(next).collect())
 }
 
 fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {

@@ -388,7 +388,8 @@ impl<'a> Emitter<'a> {
                     break;
                 }
             }
-            if worst > best.0 {
+            // Ties go to the first, whatever the last digits say.
+            if worst > best.0 * (1.0 + 1e-9) {
                 best = (worst, Some(start));
             }
         }

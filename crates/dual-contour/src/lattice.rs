@@ -56,6 +56,8 @@ struct Near {
     edges_at: Csr,
     /// The interface a vertex has been snapped to.
     zero: Vec<Option<Pair>>,
+    /// Where the lattice of the values begins.
+    anchor: [i32; 3],
 }
 
 /// Lists of numbers per vertex.
@@ -393,6 +395,7 @@ impl Near {
             cuts,
             edges_at,
             zero: vec![None; n],
+            anchor: complex.samples.domain.anchor,
         };
         (near, ids)
     }
@@ -436,13 +439,16 @@ impl Near {
     /// vertices that have no undecided neighbour of higher priority; what is decided depends on
     /// neighbours alone, so the result is that of a fixed order.
     fn snap(&mut self) -> Counts {
-        // Scattered priorities make few rounds. They follow from the place (twice the coordinates are
-        // whole numbers below 2¹⁸), so that what else is meshed does not matter.
+        // Scattered priorities make few rounds. They follow from the place among the values (twice the
+        // coordinates are whole numbers), so that what else is meshed does not matter.
         let priority: Vec<u64> = self
             .samples
             .iter()
             .map(|s| {
-                let key = (0..3).fold(0u64, |k, axis| k << 20 | (2.0 * s.x[axis]) as u64);
+                let key = (0..3).fold(0u64, |key, k| {
+                    let place = (2.0 * s.x[k]) as i64 - 2 * i64::from(self.anchor[k]);
+                    key << 20 | (place as u64 & 0xf_ffff)
+                });
                 key.wrapping_mul(0x9e37_79b9_7f4a_7c15)
             })
             .collect();

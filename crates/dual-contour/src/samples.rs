@@ -23,16 +23,19 @@ pub(crate) struct Domain {
     pub(crate) spacing: f64,
     pub(crate) cells: [i32; 3],
     pub(crate) blocks: [i32; 3],
+    /// The point where the lattice of the values begins.
+    pub(crate) anchor: [i32; 3],
 }
 
 impl Domain {
-    pub(crate) fn new(origin: Point3, spacing: f64, cells: [i32; 3]) -> Self {
+    pub(crate) fn new(origin: Point3, spacing: f64, cells: [i32; 3], anchor: [i32; 3]) -> Self {
         let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
         Self {
             origin,
             spacing,
             cells,
             blocks,
+            anchor,
         }
     }
     /// From units of the finest cells to Å.

@@ -821,6 +821,26 @@ fn an_enlarged_box_is_graded() {
 }
 
 #[test]
+fn the_surface_does_not_hang_on_where_the_mesh_ends() {
+    let grid = noise(24, 0.4, 7, 5);
+    for method in METHODS {
+        let alone = surface(&grid, None, &by(method), Run::on(&Cpu))
+            .unwrap()
+            .mesh;
+        for outer in [Outer::Box { scale: 1.5 }, Outer::Sphere { scale: 1.3 }] {
+            let options = Options {
+                outer,
+                ..both(by(method))
+            };
+            let v = volume(&grid, None, &options, Run::on(&Cpu)).unwrap();
+            let [ours, theirs] = [v.surface.triangles().len(), alone.triangles().len()];
+            assert_eq!(ours, theirs, "{method:?} {outer:?}");
+            assert!((v.surface.volume() / alone.volume() - 1.0).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
 fn largest_cells_can_be_limited() {
     let grid = sample(&ball(Point3::origin(), 6.0), 8.0, 64);
     let count = |max_cell| {
