@@ -216,7 +216,11 @@ fn shown<S: serde::Serializer>(value: &impl std::fmt::Display, to: S) -> Result<
     to.collect_str(value)
 }
 
-fn shown_if_any<S: serde::Serializer>(value: &Option<Selector>, to: S) -> Result<S::Ok, S::Error> {
+/// A selector as it is written, for reports.
+pub fn shown_if_any<S: serde::Serializer>(
+    value: &Option<Selector>,
+    to: S,
+) -> Result<S::Ok, S::Error> {
     match value {
         Some(selector) => to.collect_str(selector),
         None => to.serialize_none(),

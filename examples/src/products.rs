@@ -61,19 +61,34 @@ pub fn save_surface(
         Some(structure) => chain_colors(structure, mesh)?,
         None => vec![GOLD; mesh.positions().len()],
     };
-    save_colored(session, name, mesh, &colors, None)
+    save_colored(session, name, mesh, &colors)?;
+    let view = View::principal(mesh.positions()).turned(0.25, 0.2);
+    let mut scene = Scene::new(vec![Layer::surface(mesh, Paint::Vertices(colors))], view);
+    scene.caption = Some(format!(
+        "{} triangles · {} Å² around {} Å³",
+        grouped(mesh.triangles().len()),
+        grouped(mesh.area().round() as usize),
+        grouped(mesh.volume().abs().round() as usize)
+    ));
+    scene
+        .draw(session.rasterizer()?, SIZE)?
+        .save(session.output(format!("{name}.png")))?;
+    Ok(())
 }
 
-/// Writes `NAME.ply`, `NAME.glb` and `NAME.png`, coloured by the values of a field on the vertices.
-pub fn save_scalar(
+/// Writes `NAME.ply` and `NAME.glb`, coloured by values on the vertices; gives what to draw.
+pub fn save_scalars(
     session: &Session,
     name: &str,
     mesh: &TriMesh,
     values: &[f64],
-    scale: Scale,
-) -> Result<(), Failure> {
+    scale: &Scale,
+) -> Result<Layer, Failure> {
     let colors = scale.colors(values);
-    save_colored(session, name, mesh, &colors, Some(scale))
+    save_colored(session, name, mesh, &colors)?;
+    let mut layer = Layer::surface(mesh, Paint::Vertices(colors));
+    layer.edges = false;
+    Ok(layer)
 }
 
 fn save_colored(
@@ -81,12 +96,24 @@ fn save_colored(
     name: &str,
     mesh: &TriMesh,
     colors: &[Rgb],
-    scale: Option<Scale>,
 ) -> Result<(), Failure> {
     let view = Fields::from(mesh).colored(rgba(colors))?;
     io::mesh::save(session.output(format!("{name}.ply")), &view)?;
     io::mesh::save(session.output(format!("{name}.glb")), &view)?;
-    picture_of_surface(session, name, mesh, Paint::Vertices(colors.to_vec()), scale)
+    Ok(())
+}
+
+/// A whole number with its digits in groups of three.
+pub fn grouped(number: usize) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
 }
 
 /// Opaque colours.
@@ -124,23 +151,6 @@ pub fn note_volume(session: &Session, mesh: &TetMesh) -> Result<(), Failure> {
         "valid": audit.is_valid(),
     });
     session.note("volume", numbers)
-}
-
-/// Writes `NAME.png`: a surface, with a colour bar if the colours mean numbers.
-pub fn picture_of_surface(
-    session: &Session,
-    name: &str,
-    mesh: &TriMesh,
-    paint: Paint,
-    scale: Option<Scale>,
-) -> Result<(), Failure> {
-    let view = View::principal(mesh.positions()).turned(0.25, 0.2);
-    let mut scene = Scene::new(vec![Layer::surface(mesh, paint)], view);
-    scene.scale = scale;
-    scene
-        .draw(session.rasterizer()?, SIZE)?
-        .save(session.output(format!("{name}.png")))?;
-    Ok(())
 }
 
 /// Writes `NAME.vtu`, `NAME.msh` and `NAME.png`: regions, quality per tetrahedron, and a cut.
@@ -206,6 +216,13 @@ fn draw_volume(
     let layers = cut_tets(mesh, &front, 0.5, &colors, SKIN);
     let mut scene = Scene::new(layers, front.turned(0.28, 0.24));
     scene.scale = Some(scale);
+    let shown = if mesh.regions().contains(&mesh::INTERIOR) {
+        "cut open"
+    } else {
+        "around the molecule, cut open"
+    };
+    let tets = grouped(mesh.tets().len());
+    scene.caption = Some(format!("{tets} tetrahedra, {shown}"));
     scene
         .draw(session.rasterizer()?, SIZE)?
         .save(session.output(format!("{name}.png")))?;
@@ -243,7 +260,7 @@ pub fn picture_of_quality(
     ];
     let title = format!(
         "{} tetrahedra: {:.1}° … {:.1}° before, {:.1}° … {:.1}° after",
-        after.tets,
+        grouped(after.tets),
         before.min_dihedral.min,
         before.max_dihedral.max,
         after.min_dihedral.min,
@@ -281,4 +298,17 @@ pub fn molecule_surface(mesh: &TetMesh) -> TriMesh {
         }
     }
     TriMesh::new(positions, triangles).expect("faces of a valid mesh")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_stand_in_threes() {
+        assert_eq!(grouped(7), "7");
+        assert_eq!(grouped(270), "270");
+        assert_eq!(grouped(1000), "1,000");
+        assert_eq!(grouped(27_870_123), "27,870,123");
+    }
 }

@@ -52,30 +52,29 @@ pub struct Source {
 /// Values on a lattice and what they were sampled from.
 pub enum Values {
     /// The density of atoms, near the surface only.
-    Atoms {
-        /// The atoms.
-        structure: Structure,
-        /// Their density.
-        model: Box<Model>,
-        /// What was left out of it.
-        cutoff: Cutoff,
-        /// Its values.
-        grid: BrickGrid,
-    },
+    Atoms(Box<Atoms>),
     /// A grid from a file.
     Grid(ScalarGrid),
+}
+
+/// Atoms and their density.
+pub struct Atoms {
+    structure: Structure,
+    model: Model,
+    cutoff: Cutoff,
+    grid: BrickGrid,
 }
 
 impl LatticeValues for Values {
     fn lattice(&self) -> &Lattice {
         match self {
-            Self::Atoms { grid, .. } => grid.lattice(),
+            Self::Atoms(atoms) => atoms.grid.lattice(),
             Self::Grid(grid) => grid.lattice(),
         }
     }
     fn at(&self, point: [usize; 3]) -> f32 {
         match self {
-            Self::Atoms { grid, .. } => grid.at(point),
+            Self::Atoms(atoms) => atoms.grid.at(point),
             Self::Grid(grid) => grid.at(point),
         }
     }
@@ -113,12 +112,12 @@ impl SourceArgs {
         session.note("density", &sampled.report)?;
         session.note("spacing", options.spacing)?;
         Ok(Source {
-            values: Values::Atoms {
+            values: Values::Atoms(Box::new(Atoms {
                 structure,
-                model: Box::new(model),
+                model,
                 cutoff: options.cutoff,
                 grid: sampled.grid,
-            },
+            })),
             level: 1.0,
             membrane: read.report.membrane,
         })
@@ -158,7 +157,7 @@ impl Source {
     /// The structure, if the field comes from one.
     pub fn structure(&self) -> Option<&Structure> {
         match &self.values {
-            Values::Atoms { structure, .. } => Some(structure),
+            Values::Atoms(atoms) => Some(&atoms.structure),
             Values::Grid(_) => None,
         }
     }
@@ -166,7 +165,9 @@ impl Source {
     /// The field between the lattice points: analytic from atoms, trilinear from a grid.
     pub fn field(&self) -> Result<Field<'_>, Failure> {
         Ok(match &self.values {
-            Values::Atoms { model, cutoff, .. } => Field::Atoms(PointSampler::new(model, *cutoff)?),
+            Values::Atoms(atoms) => {
+                Field::Atoms(Box::new(PointSampler::new(&atoms.model, atoms.cutoff)?))
+            }
             Values::Grid(grid) => Field::Grid(grid),
         })
     }
@@ -175,7 +176,7 @@ impl Source {
 /// A field between the points of its lattice.
 pub enum Field<'a> {
     /// Of atoms.
-    Atoms(PointSampler<'a>),
+    Atoms(Box<PointSampler<'a>>),
     /// Of a grid.
     Grid(&'a ScalarGrid),
 }

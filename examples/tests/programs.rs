@@ -128,7 +128,7 @@ fn the_pipeline_gives_the_same_valid_mesh_for_any_number_of_threads() {
         let out = folder.path().join(threads);
         let report = report_of(
             "00_pipeline",
-            &[&input, "--spacing", "1", "--threads", threads],
+            &[&input, "--spacing", "1.4", "--threads", threads],
             &out,
         );
         assert_eq!(report["structure"]["atoms"], report["counts"]["atoms"]);
@@ -229,6 +229,84 @@ fn density_maps_come_back_as_surfaces() {
 }
 
 #[test]
+fn every_search_gives_the_same_density() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = fixture("1AJJ.pdb");
+    let map = |method: &str| {
+        let out = folder.path().join(method);
+        let args = [&input, "--spacing", "2", "--method", method];
+        let report = report_of("01_density", &args, &out);
+        let grid = io::grid::read(out.join("density.mrc")).unwrap();
+        (report, grid.values().to_vec())
+    };
+    let (all, exact) = map("all-atoms");
+    let pairs = |report: &Value, which: &str| report["pairs"][which].as_f64().unwrap();
+    assert_eq!(pairs(&all, "evaluated"), pairs(&all, "brute_force"));
+    for method in ["single-seed", "kd-tree", "bvh", "tiles"] {
+        let (report, values) = map(method);
+        assert!(pairs(&report, "evaluated") < pairs(&all, "evaluated"));
+        // Near the surface, where all of them look.
+        for (a, b) in exact
+            .iter()
+            .zip(&values)
+            .filter(|(a, _)| (0.9..1.1).contains(*a))
+        {
+            assert!((a - b).abs() < 2e-3, "{method}: {b} instead of {a}");
+        }
+    }
+}
+
+#[test]
+fn fewer_atoms_keep_the_surface() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("reduced");
+    let input = fixture("1AJJ.pdb");
+    let args = [
+        &input,
+        "--spacing",
+        "1",
+        "--epsilon",
+        "0.05",
+        "--residue-power",
+        "0.25",
+    ];
+    let report = report_of(
+        "05_eliminate",
+        &[&args[..], &["--refit", "--hollow"]].concat(),
+        &out,
+    );
+    let table = &report["table"];
+    let (all, left) = (
+        table["N_A"].as_u64().unwrap(),
+        table["N_R"].as_u64().unwrap(),
+    );
+    assert!(0 < left && left < all, "{left} of {all} atoms remain");
+    assert!(report["elimination"]["worst_loss"].as_f64().unwrap() <= 0.05);
+    assert!(table["e_G^M after refit"].is_f64());
+    let objective = &report["refit"]["objective"];
+    assert!(objective[1].as_f64() < objective[0].as_f64());
+    assert_png(out.join("error.png"));
+    let reduced = io::structure::read(out.join("reduced.pqr"), &Default::default()).unwrap();
+    assert_eq!(reduced.structure.atoms().len() as u64, left);
+    let lines = std::fs::read_to_string(out.join("reduced.csv")).unwrap();
+    assert_eq!(lines.lines().count() as u64, left + 1);
+
+    // Nothing to lose, and what is kept stays.
+    let none = report_of(
+        "05_eliminate",
+        &[&input, "--spacing", "1", "--epsilon", "0"],
+        &folder.path().join("none"),
+    );
+    assert_eq!(none["table"]["N_R"], none["table"]["N_A"]);
+    let kept = report_of(
+        "05_eliminate",
+        &[&input, "--spacing", "1", "--keep-chains", "A"],
+        &folder.path().join("kept"),
+    );
+    assert_eq!(kept["table"]["N_R"], kept["table"]["protected"]);
+}
+
+#[test]
 fn tetrahedra_inside_and_outside_conform_and_improve() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("tets");
@@ -324,7 +402,7 @@ fn bad_input_is_one_line_and_leaves_nothing() {
         (
             "01_density",
             &[&good, "--spacing", "0.001", "--max-memory", "100M"],
-            "memory",
+            "the limit is",
         ),
         ("02_surface", &[&no_grid, "--isovalue", "1"], "a.mrc"),
         (
@@ -383,6 +461,7 @@ fn every_program_explains_itself() {
         "02_surface",
         "03_tets",
         "04_improve",
+        "05_eliminate",
         "06_modes",
     ] {
         let output = program(name).arg("--help").output().unwrap();

@@ -214,7 +214,7 @@ pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         Method::Lattice => {
             run.progress(stage, 0, 1)?;
             let (raw, counts) =
-                lattice::mesh(&complex, &probe, boxed, options.at_box == AtBox::Clip, keep);
+                lattice::mesh(&complex, &probe, options.at_box == AtBox::Clip, keep);
             (report.snapped, report.held_back) = (counts.snapped, counts.refused);
             raw
         }
@@ -357,30 +357,22 @@ fn domain(
     });
     let round = |n: f64, to: f64| (n / to).ceil() * to;
     let block = f64::from(BLOCK);
+    // Whole blocks below the lattice, so that leaves near the surface do not depend on where the mesh
+    // ends; one at least if the surface is to close there.
+    let pad = if touches && !clip { block } else { 0.0 };
     let (cells, sphere): ([f64; 3], _) = match outer {
         Outer::Grid if clip => (own, None),
-        Outer::Grid => {
-            let pad = if touches { 2.0 } else { 0.0 };
-            (own.map(|n| round(n + pad, block)), None)
-        }
+        Outer::Grid => (own.map(|n| round(n + pad + pad.min(1.0), block)), None),
         Outer::Box { scale } => {
-            let pad = if touches { 2.0 } else { 0.0 };
             // Whole groups of blocks, so that cells may grow towards the box.
-            (
-                own.map(|n| round((n * scale).max(n + pad), 4.0 * block)),
-                None,
-            )
+            let enlarged = own.map(|n| round((n * scale).max(n + 2.0 * pad), 4.0 * block));
+            (enlarged, None)
         }
         Outer::Sphere { scale } => {
             let radius = 0.5 * scale * bounds.diagonal();
-            let n = round(2.0 * radius / spacing + 2.0 * block, 4.0 * block);
-            (
-                [n; 3],
-                Some(Shape::Sphere {
-                    center: bounds.center(),
-                    radius,
-                }),
-            )
+            let n = round(2.0 * radius / spacing + 4.0 * block, 4.0 * block);
+            let center = bounds.center();
+            ([n; 3], Some(Shape::Sphere { center, radius }))
         }
     };
     if cells.iter().any(|&n| n > MOST_CELLS) {
@@ -406,19 +398,130 @@ fn domain(
         });
     }
     let cells = cells.map(|n| n as i32);
-    let shift = [0, 1, 2].map(|k| {
-        let spare = cells[k] - own[k] as i32;
-        if outer == Outer::Grid && !touches {
-            0
-        } else {
-            spare / 2
-        }
-    });
-    let origin = if aligned || outer == Outer::Grid && !touches {
-        bounds.min - geom_core::Vector3::from(shift.map(f64::from)) * spacing
-    } else {
-        let half = geom_core::Vector3::from(cells.map(f64::from)) * (0.5 * spacing);
-        bounds.center() - half
+    let shift = match outer {
+        Outer::Grid => [pad as i32; 3],
+        _ => [0, 1, 2].map(|k| {
+            let half = (cells[k] - own[k] as i32) / 2;
+            (half / BLOCK * BLOCK).max(pad as i32)
+        }),
     };
-    Ok((Domain::new(origin, spacing, cells), shift, sphere))
+    let origin = bounds.min - geom_core::Vector3::from(shift.map(f64::from)) * spacing;
+    Ok((Domain::new(origin, spacing, cells, shift), shift, sphere))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::groups::Groups;
+    use geom_core::mesh::{EXTERIOR, six_volume};
+    use geom_core::{Cpu, ScalarGrid};
+
+    /// Number of sets among the members that are asked for.
+    fn sets(groups: Groups, member: impl Fn(usize) -> bool) -> usize {
+        let roots = groups.roots();
+        let mut found: Vec<u32> = (0..roots.len())
+            .filter(|&i| member(i))
+            .map(|i| roots[i])
+            .collect();
+        found.sort_unstable();
+        found.dedup();
+        found.len()
+    }
+
+    /// On random labels, ambiguous everywhere: the parts of each region are those of the corners with
+    /// its label in the graph of the complex's edges.
+    #[test]
+    fn parts_are_those_of_the_graph_of_the_complex() {
+        let n = 32;
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 1.0,
+            counts: [n + 1; 3],
+        };
+        for (seed, density) in [(1u64, 0.2), (2, 0.35), (3, 0.6)] {
+            let mut state = seed;
+            let values = (0..lattice.len())
+                .map(|i| {
+                    state = state
+                        .wrapping_mul(6_364_136_223_846_793_005)
+                        .wrapping_add(1);
+                    let random = (state >> 33) as f64 / (1u64 << 31) as f64;
+                    let p = lattice.coordinates(i);
+                    let margin = p.iter().any(|&c| c == 0 || c == n);
+                    if random < density && !margin {
+                        1.5
+                    } else {
+                        1.0 - random as f32 - 0.1
+                    }
+                })
+                .collect();
+            let grid = ScalarGrid::new(lattice, values).unwrap();
+            let options = Options::default();
+            let purpose = Purpose::Volume(Extent::Both);
+            let (domain, shift, outer) = domain(&lattice, 1.0, &options, purpose, false).unwrap();
+            let labels = Labels {
+                level: 1.0,
+                materials: Vec::new(),
+                outer,
+            };
+            let source = Source::Aligned {
+                values: &grid,
+                shift,
+                outside: 0.0,
+            };
+            let mut samples = Samples::new(source, domain, labels, &Cpu).unwrap();
+            samples.find_crossings(&Cpu).unwrap();
+            let (tree, kinds) = tree(&samples, &options);
+            let complex = Complex::new(&samples, &tree, kinds, |_, mean| mean);
+            let probe = Probe {
+                samples: &samples,
+                field: None,
+                bounds: lattice.bounds(),
+                placement: options.placement,
+            };
+            let duals = Duals::new(&complex, &probe, true, &Cpu).unwrap();
+            let emitter = Emitter::new(&complex, &duals, &probe, |_| true);
+            let emission = emitter.emit(&Want {
+                tets: true,
+                region: |_| true,
+            });
+            assert!(complex.splits.len() > 1000);
+            let raw = Raw::from_emission(&emitter, emission, |_| true);
+            assert!(
+                raw.tets
+                    .iter()
+                    .all(|t| six_volume(t.map(|v| raw.positions[v as usize])) > 0.0)
+            );
+            for region in [INTERIOR, EXTERIOR] {
+                let mut of_tets = Groups::new(raw.positions.len());
+                let mut used = vec![false; raw.positions.len()];
+                for (t, _) in raw.tets.iter().zip(&raw.regions).filter(|t| *t.1 == region) {
+                    t.iter().for_each(|&v| {
+                        used[v as usize] = true;
+                        of_tets.join(t[0] as usize, v as usize);
+                    });
+                }
+                let mut graph = Groups::new(raw.positions.len());
+                let mut corner = vec![false; raw.positions.len()];
+                for id in 0..tree.leaves.len() as u32 {
+                    complex.rings_of(
+                        id,
+                        |_, _| true,
+                        |ring| {
+                            let [a, b] =
+                                [ring.a.0, ring.b.0].map(|c| emitter.numbering.corner(c) as usize);
+                            corner[a] |= ring.a.1 == region;
+                            corner[b] |= ring.b.1 == region;
+                            if ring.a.1 == region && ring.b.1 == region {
+                                graph.join(a, b);
+                            }
+                        },
+                    );
+                }
+                let (ours, theirs) = (sets(of_tets, |v| used[v]), sets(graph, |v| corner[v]));
+                assert_eq!(ours, theirs, "region {region} at density {density}");
+                assert!(theirs > 1 || region == EXTERIOR || density > 0.3);
+            }
+        }
+    }
 }

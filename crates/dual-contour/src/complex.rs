@@ -7,7 +7,7 @@
 //! ghost: a flat cell on the face of the box.
 
 use geom_core::Point3;
-use geom_core::mesh::Region;
+use geom_core::mesh::{INTERIOR, Region};
 use rayon::prelude::*;
 
 use crate::octree::{Leaf, NONE, Octree};
@@ -347,7 +347,7 @@ impl<'a> Complex<'a> {
     ) -> bool {
         let l = f.map(|i| labels[i]);
         if l[0] == l[2] && l[1] == l[3] && l[0] != l[1] {
-            if self.samples.labels.plain() {
+            if l.contains(&INTERIOR) {
                 // The value at the saddle of the bilinear interpolant joins the pair of its sign.
                 let v = f.map(|i| values[i]);
                 let saddle = (v[0] * v[2] - v[1] * v[3]) / (v[0] + v[2] - v[1] - v[3]);

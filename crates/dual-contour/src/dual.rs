@@ -291,6 +291,13 @@ impl Duals {
         }
     }
 
+    fn set(&mut self, moved: usize, x: Point3) {
+        match moved.checked_sub(self.leaves.len()) {
+            None => self.leaves[moved] = x,
+            Some(part) => self.parts[part] = x,
+        }
+    }
+
     fn moved(&self, cell: &Cell) -> Option<usize> {
         match *cell {
             Cell::Leaf(id) => self.rank(id).map(|r| r as usize),
@@ -299,9 +306,9 @@ impl Duals {
         }
     }
 
-    /// Moves points back towards their base, by halves, until every umbrella tetrahedron (an edge and
-    /// two consecutive cells) keeps its sign. Between finest leaves no point can do harm; the rest is
-    /// gathered once. Rounds are simultaneous, so nothing depends on an order.
+    /// Lets points go from their base to their place only as far as every umbrella tetrahedron (an edge
+    /// and two consecutive cells) stays positive. Between leaves of one size no point can do harm; the
+    /// rest is gathered once, and its points are placed one after the other, twice.
     fn keep_positive(&mut self, complex: &Complex<'_>) {
         let uniform = complex.splits.is_empty()
             && (0..self.rank.len())
@@ -355,65 +362,52 @@ impl Duals {
                 tets
             })
             .collect();
-        let base: Vec<Point3> = {
-            let mut base = vec![Point3::origin(); self.leaves.len() + self.parts.len()];
-            for (id, &r) in self.rank.iter().enumerate() {
-                if r != u32::MAX {
-                    base[r as usize] = complex.base_position(&Cell::Leaf(id as u32));
-                }
+        // Tetrahedra per moved point.
+        let total = self.leaves.len() + self.parts.len();
+        let mut around: Vec<(u32, u32)> = Vec::new();
+        for (i, t) in tets.iter().enumerate() {
+            let cells = t.cells.iter().filter_map(|c| self.moved(c));
+            around.extend(cells.map(|m| (m as u32, i as u32)));
+        }
+        around.sort_unstable();
+        let mut base = vec![Point3::origin(); total];
+        for (id, &r) in self.rank.iter().enumerate() {
+            if r != u32::MAX {
+                base[r as usize] = complex.base_position(&Cell::Leaf(id as u32));
             }
-            for (i, b) in base[self.leaves.len()..].iter_mut().enumerate() {
-                *b = complex.base_position(&Cell::Part((i / 12) as u32, (i % 12) as u8));
-            }
-            base
-        };
+        }
+        for (i, b) in base[self.leaves.len()..].iter_mut().enumerate() {
+            *b = complex.base_position(&Cell::Part((i / 12) as u32, (i % 12) as u8));
+        }
         let target: Vec<Point3> = self.leaves.iter().chain(&self.parts).copied().collect();
-        let mut share = vec![1.0f64; target.len()];
-        let mut suspects: Vec<u32> = (0..tets.len() as u32).collect();
-        for round in 0.. {
-            let bad: Vec<u32> = suspects
-                .par_iter()
-                .copied()
-                .filter(|&t| {
-                    let t = &tets[t as usize];
-                    let [c, d] = [0, 1].map(|k| self.position(complex, &t.cells[k]));
-                    six_volume([t.a, t.b, c, d]) <= t.least
-                })
-                .collect();
-            if bad.is_empty() {
-                break;
-            }
-            let mut hit: Vec<usize> = bad
-                .iter()
-                .flat_map(|&t| tets[t as usize].cells)
-                .filter_map(|c| self.moved(&c))
-                .filter(|&m| share[m] > 0.0)
-                .collect();
-            hit.sort_unstable();
-            hit.dedup();
-            if hit.is_empty() {
-                break;
-            }
-            for m in hit {
-                share[m] = if round < 6 { 0.5 * share[m] } else { 0.0 };
-                let x = base[m] + (target[m] - base[m]) * share[m];
-                if m < self.leaves.len() {
-                    self.leaves[m] = x;
-                } else {
-                    let i = m - self.leaves.len();
-                    self.parts[i] = x;
+        let mut share = vec![1.0f64; total];
+        for group in around.chunk_by(|x, y| x.0 == y.0) {
+            let m = group[0].0 as usize;
+            share[m] = 0.0;
+            self.set(m, base[m]);
+        }
+        for _ in 0..2 {
+            for group in around.chunk_by(|x, y| x.0 == y.0) {
+                let m = group[0].0 as usize;
+                let mut t = 1.0;
+                while t > share[m] + 1e-3 {
+                    self.set(m, base[m] + (target[m] - base[m]) * t);
+                    let fine = group.iter().all(|&(_, i)| {
+                        let tet = &tets[i as usize];
+                        let [c, d] = [0, 1].map(|k| self.position(complex, &tet.cells[k]));
+                        six_volume([tet.a, tet.b, c, d]) > tet.least
+                    });
+                    if fine {
+                        share[m] = t;
+                        break;
+                    }
+                    t *= 0.75;
+                    if t < 0.05 {
+                        break;
+                    }
                 }
+                self.set(m, base[m] + (target[m] - base[m]) * share[m]);
             }
-            // A point that moved back may spoil a tetrahedron that was fine.
-            suspects = (0..tets.len() as u32)
-                .into_par_iter()
-                .filter(|&t| {
-                    tets[t as usize]
-                        .cells
-                        .iter()
-                        .any(|c| self.moved(c).is_some_and(|m| share[m] < 1.0))
-                })
-                .collect();
         }
         self.reduced = share.iter().filter(|&&s| s < 1.0).count();
     }
@@ -455,36 +449,38 @@ fn leaf_points<B: ContourBackend + ?Sized>(
     backend: &B,
 ) -> Result<Vec<Point3>, Error> {
     let samples = complex.samples;
-    let kernel =
-        samples.labels.plain() && probe.field.is_none() && probe.placement == Placement::Newton;
+    let kernel = probe.field.is_none() && probe.placement == Placement::Newton;
+    // Where the molecule meets one other region, labels are signs.
+    let by_kernel = |id: u32| {
+        kernel && complex.leaf(id).log == 0 && {
+            let labels = complex.corner_labels(complex.leaf(id));
+            let other = labels.iter().find(|&&l| l != INTERIOR);
+            labels.contains(&INTERIOR) && labels.iter().all(|l| *l == INTERIOR || Some(l) == other)
+        }
+    };
     let (fine, rest): (Vec<u32>, Vec<u32>) = leaves
-        .iter()
-        .partition(|&&id| kernel && complex.leaf(id).log == 0);
+        .par_iter()
+        .with_min_len(1024)
+        .partition(|&&id| by_kernel(id));
     let cells: Vec<[f32; 8]> = fine
         .par_iter()
         .with_min_len(256)
         .map(|&id| samples.corners_over_level(complex.leaf(id).origin()))
         .collect();
-    let mut fine_points = backend.dual_vertices(&cells, STEPS)?.into_iter();
-    let rest: Vec<Point3> = rest
+    let fine_points = backend.dual_vertices(&cells, STEPS)?;
+    let rest_points: Vec<Point3> = rest
         .par_iter()
         .with_min_len(256)
         .map(|&id| leaf_point(complex, probe, id))
         .collect();
-    let mut rest = rest.into_iter();
-    let mut next = |id: u32| {
-        if kernel && complex.leaf(id).log == 0 {
-            fine_points
-                .next()
-                .map(|x| within(complex.leaf(id).origin(), x))
-        } else {
-            rest.next()
-        }
+    // Both lists are in order: merge them.
+    let mut fine = fine.iter().zip(fine_points).peekable();
+    let mut rest = rest_points.into_iter();
+    let next = |id: &u32| match fine.next_if(|(other, _)| *other == id) {
+        Some((_, x)) => within(complex.leaf(*id).origin(), x),
+        None => rest.next().expect("one point per leaf"),
     };
-    Ok(leaves
-        .iter()
-        .map(|&id| next(id).expect("one point per leaf"))
-        .collect())
+    Ok(leaves.iter().map(next).collect())
 }
 
 fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {

@@ -130,7 +130,7 @@ pub(crate) struct Emitter<'a> {
     pub(crate) complex: &'a Complex<'a>,
     pub(crate) duals: &'a Duals,
     pub(crate) probe: &'a Probe<'a>,
-    numbering: Numbering<'a>,
+    pub(crate) numbering: Numbering<'a>,
 }
 
 /// What is emitted, in vertex numbers of the emitter.
@@ -388,7 +388,8 @@ impl<'a> Emitter<'a> {
                     break;
                 }
             }
-            if worst > best.0 {
+            // Ties go to the first, whatever the last digits say.
+            if worst > best.0 * (1.0 + 1e-9) {
                 best = (worst, Some(start));
             }
         }

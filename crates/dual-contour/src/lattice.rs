@@ -19,8 +19,6 @@ use crate::emit::{Numbering, Vertex, distinct, kinds, seen};
 /// and a cell (Labelle & Shewchuk, uniform and one-sided).
 const LONG: f64 = 0.249_99;
 const SHORT: f64 = 0.411_89;
-/// In place of planes of the box: a vertex that does not snap.
-const STAYS: u8 = !0;
 /// Most neighbours of a vertex that may snap; no octree has more than 50.
 const LINK: usize = 64;
 /// No number yet.
@@ -58,6 +56,8 @@ struct Near {
     edges_at: Csr,
     /// The interface a vertex has been snapped to.
     zero: Vec<Option<Pair>>,
+    /// Where the lattice of the values begins.
+    anchor: [i32; 3],
 }
 
 /// Lists of numbers per vertex.
@@ -90,20 +90,21 @@ impl Csr {
 /// A base tetrahedron and the labels of its corners.
 type Labelled = ([u32; 4], [Region; 4]);
 
-/// Meshes by stuffing: with the box if `boxed`; the surface may meet it if `clipped`. `keep` says which regions are wanted; the molecule's surface comes in any case.
+/// Meshes by stuffing, always up to the box: what is snapped shall not depend on what is wanted. The
+/// molecule may meet the box if `clipped`. `keep` says which regions are wanted; the molecule's surface
+/// comes in any case.
 pub(crate) fn mesh(
     complex: &Complex<'_>,
     probe: &Probe<'_>,
-    boxed: bool,
     clipped: bool,
     keep: impl Fn(Region) -> bool + Sync,
 ) -> (Raw, Counts) {
-    let ghosts = if boxed { ghosts(complex) } else { Vec::new() };
+    let ghosts = ghosts(complex);
     let numbering = Numbering::new(complex, &ghosts, |_| true);
     let labels = cell_labels(complex, probe, &numbering, clipped);
     // Where the box cuts the molecule, its pieces close the surface.
-    let needed = |r: Region| keep(r) || boxed && r == INTERIOR;
-    let all = base_tets(complex, &numbering, &labels, boxed);
+    let needed = |r: Region| keep(r) || clipped && r == INTERIOR;
+    let all = base_tets(complex, &numbering, &labels);
     // Vertices of tetrahedra with more than one label; whatever touches them may change.
     let hot: Vec<AtomicU8> = (0..numbering.len()).map(|_| AtomicU8::new(0)).collect();
     all.par_iter().with_min_len(4096).for_each(|(tet, labels)| {
@@ -157,11 +158,11 @@ pub(crate) fn mesh(
     // Faces that may belong to the surface: those of the molecule that no other tetrahedron of it has.
     let mut faces: Vec<([u32; 3], [u32; 3])> = Vec::new();
     let mut take = |tet: [u32; 4], region: Region, near: bool| {
-        if region == INTERIOR && (near || boxed) {
+        if region == INTERIOR && (near || clipped) {
             for face in FACES.map(|f| f.map(|k| tet[k])) {
                 let surface = near && face.iter().all(|&v| v >= first || on_surface[v as usize]);
                 let planes = |v: u32| planes_of(&positions[v as usize], cells);
-                if surface || boxed && face.iter().fold(!0, |m, &v| m & planes(v)) != 0 {
+                if surface || clipped && face.iter().fold(!0, |m, &v| m & planes(v)) != 0 {
                     let mut key = face;
                     key.sort_unstable();
                     faces.push((key, face));
@@ -240,7 +241,7 @@ fn cell_sample(complex: &Complex<'_>, probe: &Probe<'_>, cell: &Cell, clipped: b
     let value = probe.value(&point).unwrap_or(mean);
     let label = samples.labels.at(value, &point);
     if label == INTERIOR && !clipped && complex.is_on_box(id) {
-        // The surface stays off the box, which may not be part of the mesh.
+        // The surface stays off the box.
         let on_box = |c: &usize| {
             let p = [0, 1, 2].map(|k| o[k] + crate::complex::corner_of(*c)[k]);
             (planes_of(&crate::samples::local(p), complex.tree.cells) != 0).then_some(p)
@@ -284,12 +285,7 @@ fn cell_labels(
 }
 
 /// All base tetrahedra with the labels of their corners.
-fn base_tets(
-    complex: &Complex<'_>,
-    numbering: &Numbering<'_>,
-    labels: &[Region],
-    boxed: bool,
-) -> Vec<Labelled> {
+fn base_tets(complex: &Complex<'_>, numbering: &Numbering<'_>, labels: &[Region]) -> Vec<Labelled> {
     (0..complex.tree.leaves.len() as u32)
         .into_par_iter()
         .with_min_len(1024)
@@ -299,9 +295,6 @@ fn base_tets(
                 id,
                 |_, _| true,
                 |ring| {
-                    if ring.open && !boxed {
-                        return;
-                    }
                     let [a, b] = [ring.a.0, ring.b.0].map(|c| numbering.corner(c));
                     let n = ring.cells.len();
                     for i in 0..if ring.open { n - 1 } else { n } {
@@ -350,22 +343,7 @@ impl Near {
             })
             .collect();
         let cells = complex.tree.cells;
-        let planes = samples
-            .iter()
-            .zip(&ids)
-            .map(|(sample, &id)| {
-                // Without the box, vertices beside it are only half surrounded: they stay.
-                let beside = match vertices[id as usize] {
-                    Vertex::Cell(Cell::Leaf(id)) => complex.is_on_box(id),
-                    _ => planes_of(&sample.x, cells) != 0,
-                };
-                if beside && !clipped {
-                    STAYS
-                } else {
-                    planes_of(&sample.x, cells)
-                }
-            })
-            .collect();
+        let planes = samples.iter().map(|s| planes_of(&s.x, cells)).collect();
         let is_corner = ids
             .iter()
             .map(|&id| matches!(vertices[id as usize], Vertex::Corner(_)))
@@ -417,6 +395,7 @@ impl Near {
             cuts,
             edges_at,
             zero: vec![None; n],
+            anchor: complex.samples.domain.anchor,
         };
         (near, ids)
     }
@@ -460,13 +439,16 @@ impl Near {
     /// vertices that have no undecided neighbour of higher priority; what is decided depends on
     /// neighbours alone, so the result is that of a fixed order.
     fn snap(&mut self) -> Counts {
-        // Scattered priorities make few rounds. They follow from the place (twice the coordinates are
-        // whole numbers below 2¹⁸), so that what else is meshed does not matter.
+        // Scattered priorities make few rounds. They follow from the place among the values (twice the
+        // coordinates are whole numbers), so that what else is meshed does not matter.
         let priority: Vec<u64> = self
             .samples
             .iter()
             .map(|s| {
-                let key = (0..3).fold(0u64, |k, axis| k << 20 | (2.0 * s.x[axis]) as u64);
+                let key = (0..3).fold(0u64, |key, k| {
+                    let place = (2.0 * s.x[k]) as i64 - 2 * i64::from(self.anchor[k]);
+                    key << 20 | (place as u64 & 0xf_ffff)
+                });
                 key.wrapping_mul(0x9e37_79b9_7f4a_7c15)
             })
             .collect();
@@ -562,7 +544,7 @@ impl Near {
     fn is_safe(&self, v: u32, w: u32) -> bool {
         // On the box only along it.
         let planes = self.planes[v as usize];
-        if planes == STAYS || planes & !self.planes[w as usize] != 0 {
+        if planes & !self.planes[w as usize] != 0 {
             return false;
         }
         let parted = pair(self.label(v), self.label(w));

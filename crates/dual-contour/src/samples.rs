@@ -23,16 +23,19 @@ pub(crate) struct Domain {
     pub(crate) spacing: f64,
     pub(crate) cells: [i32; 3],
     pub(crate) blocks: [i32; 3],
+    /// The point where the lattice of the values begins.
+    pub(crate) anchor: [i32; 3],
 }
 
 impl Domain {
-    pub(crate) fn new(origin: Point3, spacing: f64, cells: [i32; 3]) -> Self {
+    pub(crate) fn new(origin: Point3, spacing: f64, cells: [i32; 3], anchor: [i32; 3]) -> Self {
         let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
         Self {
             origin,
             spacing,
             cells,
             blocks,
+            anchor,
         }
     }
     /// From units of the finest cells to Å.
@@ -297,7 +300,8 @@ impl<'a> Samples<'a> {
         labels: Labels,
         backend: &B,
     ) -> Result<Self, Error> {
-        let radius = 0.5 * f64::from(BLOCK) * 3f64.sqrt() * domain.spacing;
+        // A little more, so that a corner that just touches a boundary counts.
+        let radius = (0.5 * f64::from(BLOCK) * 3f64.sqrt() + 1e-3) * domain.spacing;
         let known: Vec<Known> = (0..domain.block_len())
             .into_par_iter()
             .with_min_len(64)

@@ -108,6 +108,10 @@ impl Judge<'_> {
 /// How far the depth below a shape's boundary, interpolated from the corners of a cell, is off at its
 /// other half-lattice points; 0 if the boundary is far.
 fn shape_error(shape: &Shape, low: &Point3, edge: f64) -> f64 {
+    if let Shape::Sphere { radius, .. } = shape {
+        // The same everywhere, so that all leaves on it have one size.
+        return 3.0 * edge * edge / (8.0 * radius);
+    }
     let at = |t: [f64; 3]| shape.depth(&(low + Vector3::from(t) * edge));
     if at([0.5; 3]).abs() > edge {
         return 0.0;

@@ -35,8 +35,10 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;
     let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));
-    let count: u128 = bricks.iter().map(|&n| n as u128).product();
-    check_memory(&lattice, count * 8, options)?;
+    let count: u128 = bricks
+        .iter()
+        .fold(1, |all: u128, &n| all.saturating_mul(n as u128));
+    check_memory(&lattice, count.saturating_mul(8), options)?;
     let job = Job {
         lattice,
         cutoff: options.cutoff,

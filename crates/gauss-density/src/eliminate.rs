@@ -145,8 +145,9 @@ pub struct EliminationReport {
     pub comparison: Comparison,
 }
 
-/// The share of the density that may be lost by leaving out far atoms in the sums of samples.
-const SAMPLE_EPS: f64 = 1e-6;
+/// The share of the density that may be lost by leaving out far atoms in the sums of samples, as a share of
+/// `ε_G`.
+const SAMPLE_EPS: f64 = 0.005;
 
 /// Removes atoms while every sample keeps the share `1 − ε_G` of its original density. Protected atoms
 /// ([`Model::protect`]) stay.
@@ -156,7 +157,8 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Eliminated, Error> {
     options.check()?;
-    let sampler = PointSampler::new(model, Cutoff::AfterPowers(SAMPLE_EPS))?;
+    let sample_eps = (SAMPLE_EPS * options.epsilon).clamp(1e-7, 1e-4);
+    let sampler = PointSampler::new(model, Cutoff::AfterPowers(sample_eps))?;
     let sampling = Options {
         bounds: Some(lattice_of(sampler.prepared(), &options.sampling())?.bounds()),
         ..options.sampling()
@@ -181,7 +183,7 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
             band: sampling.band,
             ends: false,
             interior: (options.interior == Interior::KeepSolid).then_some(2),
-            eps: SAMPLE_EPS,
+            eps: sample_eps,
             max_memory: options.max_memory,
         };
         let cells = sites::collect(&sampler, &sampled.grid, &wanted)?;
@@ -197,8 +199,8 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
             error(a).total_cmp(&error(b)).then(a.cmp(&b))
         });
         let mut state = State::new(sampler.prepared(), &cells, options.max_memory)?;
-        // Rounding and far atoms may add up to this.
-        let epsilon = options.epsilon - 4.0 * SAMPLE_EPS;
+        // Far atoms and rounding take their part.
+        let epsilon = options.epsilon - 4.0 * sample_eps - 1e-6;
         for (tried, &atom) in order.iter().enumerate() {
             if tried % 64 == 0 {
                 run.progress("elimination", tried as u64, order.len() as u64)?;

@@ -35,6 +35,9 @@ pub(crate) struct Scratch {
 
 /// Beyond this (in powers of 2) a table or a sum may leave the range of f32.
 const RANGE: f64 = 115.0;
+/// A term is never below 2^−126, so with a sum of at most this (in powers of 2) beside it the density is
+/// resolved down to 2^−66, 1e-20.
+const RAISED: f64 = 60.0;
 
 /// Fills `out` with the densities at the points of the cube, with the instruction set at hand. `false` when
 /// the numbers would leave the range of f32: then the plain function must do.
@@ -313,7 +316,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
                     Some(sum) => {
                         let raised = (power * sum).max(0.0);
                         bound += raised;
-                        if bound > RANGE || raised > RANGE {
+                        if bound > RANGE || raised > RAISED {
                             return None;
                         }
                         raise(own, power);

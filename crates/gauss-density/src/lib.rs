@@ -39,7 +39,7 @@ pub use method::Method;
 pub use model::{Level, Levels, Model};
 pub use options::{Cutoff, Options};
 pub use plain::nested_sum;
-pub use point::PointSampler;
+pub use point::{AtomGradient, PointSampler};
 pub use prepared::Prepared;
 pub use refit::{Refit, RefitReport, Refitted, refit};
 pub use sample::{Report, Sampled, sample};

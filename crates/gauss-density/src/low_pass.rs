@@ -88,7 +88,7 @@ pub fn low_pass(grid: &ScalarGrid, options: &LowPass) -> Result<ScalarGrid, Erro
     let [nx, ny, nz] = sizes;
     let half = nx / 2 + 1;
     // The spectrum, its transpose, and the result.
-    let bytes = half as u128 * ny as u128 * nz as u128 * 16 + lattice.points() * 4;
+    let bytes = half as u128 * ny as u128 * nz as u128 * 16 + lattice.points().saturating_mul(4);
     if bytes > u128::from(options.max_memory) {
         return Err(Error::TooLargeToFilter {
             bytes,

@@ -76,12 +76,7 @@ impl Options {
     /// Is every field in its range?
     pub fn check(&self) -> Result<(), Error> {
         let h = self.spacing;
-        require(
-            h > 0.0 && h.is_finite(),
-            "spacing",
-            h,
-            "a positive length in Å",
-        )?;
+        require((1e-6..=1e6).contains(&h), "spacing", h, "in [1e-6, 1e6] Å")?;
         self.cutoff.check()?;
         if let Some(m) = self.margin {
             require((0.0..=1e4).contains(&m), "margin", m, "in [0, 10000] Å")?;

@@ -223,6 +223,46 @@ pub(crate) fn value_gradient_hessian(
     (value, gradient * value, curved * value)
 }
 
+/// `G(x)` and, per member, the share `∂G/∂ ln g_a`: the density times, on the way up, each power and each
+/// child's part of its node's sum.
+pub(crate) fn shares(tree: &Compiled<'_>, members: &[u32], x: &Point3) -> (f64, Vec<f64>) {
+    // Logarithm of the term of each child that is present, and of the sums of the nodes above.
+    let mut children: Vec<(u32, f64)> = members
+        .iter()
+        .map(|&a| (a, tree.ln_kernel(a as usize, x)))
+        .collect();
+    // Per member: its place among the children, and the logarithm of its part so far.
+    let mut of_member: Vec<(usize, f64)> = (0..members.len()).map(|i| (i, 0.0)).collect();
+    for (parent, level) in tree.parent.iter().zip(&tree.levels) {
+        let mut nodes: Vec<(u32, LogSum<()>)> = Vec::new();
+        let mut place = Vec::with_capacity(children.len());
+        for &(child, ln) in &children {
+            let node = parent[child as usize];
+            if nodes.last().is_none_or(|n| n.0 != node) {
+                nodes.push((node, LogSum::empty()));
+            }
+            place.push(nodes.len() - 1);
+            nodes.last_mut().expect("just pushed").1.add(ln, &());
+        }
+        let sums: Vec<(u32, f64)> = nodes
+            .into_iter()
+            .map(|(node, mut sum)| (node, sum.take(1.0).0))
+            .collect();
+        for (child, part) in &mut of_member {
+            let (node, sum) = sums[place[*child]];
+            *part += children[*child].1 - sum + level.power[node as usize].ln();
+            *child = place[*child];
+        }
+        children = sums
+            .into_iter()
+            .map(|(node, sum)| (node, level.power[node as usize] * sum))
+            .collect();
+    }
+    let g = children.iter().map(|c| c.1.exp()).sum();
+    let share = |&(child, part): &(usize, f64)| (part + children[child].1).exp();
+    (g, of_member.iter().map(share).collect())
+}
+
 /// The density of the whole model at `x`, from all atoms: the specification that everything else is
 /// tested against.
 pub fn nested_sum(model: &Model, x: &Point3) -> f64 {

@@ -10,6 +10,7 @@ use crate::model::Model;
 use crate::options::Cutoff;
 use crate::plain;
 use crate::prepared::Prepared;
+use crate::sites::slopes;
 
 /// The density as a continuous field: 1 on the surface, larger inside.
 ///
@@ -25,6 +26,19 @@ pub struct PointSampler<'a> {
     /// Per cell: where its members start, and their number at the end.
     starts: Vec<usize>,
     members: Vec<u32>,
+}
+
+/// Derivatives of the density with respect to the parameters of one atom.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AtomGradient {
+    /// Index of the atom.
+    pub atom: u32,
+    /// With respect to its centre, Å⁻¹.
+    pub center: Vector3,
+    /// With respect to its radius, Å⁻¹.
+    pub radius: f64,
+    /// With respect to its decay, Å².
+    pub decay: f64,
 }
 
 /// Where the density is below this, more of it may be lost.
@@ -144,6 +158,32 @@ impl<'a> PointSampler<'a> {
         let (_, g, h) = self.value_gradient_hessian(x);
         let norm = g.norm();
         -(norm * norm * h.trace() - (g.transpose() * h * g)[0]) / (2.0 * norm.powi(3))
+    }
+
+    /// The derivatives of the density at `x` with respect to the parameters of every atom that matters there.
+    pub fn parameter_gradient(&self, x: &Point3) -> Vec<AtomGradient> {
+        let all: Vec<u32>;
+        let members = match self.members_at(x) {
+            Some(members) => members,
+            None => {
+                all = self.all().collect();
+                &all
+            }
+        };
+        let (_, shares) = plain::shares(&self.model.tree, members, x);
+        members
+            .iter()
+            .zip(shares)
+            .map(|(&atom, share)| {
+                let s = slopes(self.model.model(), atom as usize, x, share);
+                AtomGradient {
+                    atom,
+                    center: Vector3::new(s[0], s[1], s[2]),
+                    radius: s[3],
+                    decay: s[4],
+                }
+            })
+            .collect()
     }
 
     /// Number of atoms that are summed at `x`.

@@ -15,6 +15,9 @@ use crate::prepared::Prepared;
 use crate::sample::lattice_of;
 use crate::sites::{self, RefitSums, SiteCell, Wanted};
 
+/// The share of the density that may be lost by leaving out far atoms in the sums of samples.
+const SAMPLE_EPS: f64 = 2e-5;
+
 /// How to refit.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -122,7 +125,7 @@ pub fn refit<B: DensityBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Refitted, Error> {
     options.check()?;
-    let sampler = PointSampler::new(original, Cutoff::AfterPowers(1e-6))?;
+    let sampler = PointSampler::new(original, Cutoff::AfterPowers(SAMPLE_EPS))?;
     let sampling = Options {
         bounds: Some(lattice_of(sampler.prepared(), &options.sampling())?.bounds()),
         ..options.sampling()
@@ -132,7 +135,7 @@ pub fn refit<B: DensityBackend + ?Sized>(
         band: options.band,
         ends: true,
         interior: None,
-        eps: 1e-6,
+        eps: SAMPLE_EPS,
         max_memory: options.max_memory,
     };
     let of_original = sites::collect(&sampler, &grid, &wanted)?;
@@ -190,7 +193,7 @@ fn with_atoms_of(reduced: &Prepared<'_>, cells: Vec<SiteCell>, options: &Refit) 
     // A moved centre is like a moved point.
     let slack = options.max_shift * 3.0f64.sqrt();
     let floor = 0.5 * options.band[0];
-    let reach = reduced.reach.radius(1e-6 / 4.0, floor) + slack + options.max_radius_change;
+    let reach = reduced.reach.radius(SAMPLE_EPS / 4.0, floor) + slack + options.max_radius_change;
     let clusters = reduced.clusters();
     cells
         .into_par_iter()
@@ -199,7 +202,13 @@ fn with_atoms_of(reduced: &Prepared<'_>, cells: Vec<SiteCell>, options: &Refit) 
             let near = reduced.near(&clusters, &around, reach);
             let all = Members::gather(&reduced.tree, &reduced.atoms_near(&near, &around, reach));
             let mut kept = Members::default();
-            all.cull_into(&(&around).into(), 0.75e-6, floor, scratch, &mut kept);
+            all.cull_into(
+                &(&around).into(),
+                0.75 * SAMPLE_EPS,
+                floor,
+                scratch,
+                &mut kept,
+            );
             SiteCell {
                 exact: cell.exact,
                 target: cell.target,

@@ -62,7 +62,7 @@ pub fn sample<B: DensityBackend + ?Sized>(
     options.check()?;
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;
-    let bytes = lattice.points() * 4;
+    let bytes = lattice.points().saturating_mul(4);
     check_memory(&lattice, bytes, options)?;
     let job = Job {
         lattice,
@@ -147,7 +147,11 @@ pub(crate) fn lattice_of(model: &Prepared<'_>, options: &Options) -> Result<Latt
     };
     let lattice = Lattice::covering(&bounds, options.spacing);
     if lattice.counts.iter().any(|&n| n > u32::MAX as usize) {
-        return Err(too_large(&lattice, lattice.points() * 4, options));
+        return Err(too_large(
+            &lattice,
+            lattice.points().saturating_mul(4),
+            options,
+        ));
     }
     Ok(lattice)
 }

@@ -262,7 +262,7 @@ impl DensityBackend for Wgpu {
             let density: Vec<f32> = gpu.download(&batch.density)?;
             let exact = batch.cells.iter().flat_map(|c| &c.exact);
             for (&g, exact) in density.iter().zip(exact) {
-                let off = (f64::from(g) - exact) / exact;
+                let off = (f64::from(g).exp2() - exact) / exact;
                 sums.objective += 0.5 * off * off;
                 sums.worst = sums.worst.max(off.abs());
             }
@@ -504,7 +504,7 @@ fn for_site_batches(
         while end < cells.len() {
             let cell = &cells[end];
             let own = cell.points.len() * cell.nodes();
-            let full = (numbers + own) * 8 > BATCH_BYTES
+            let full = (numbers + own) * 4 > BATCH_BYTES
                 || (slots + cell.atoms.len()).div_ceil(64) > MAX_GROUPS
                 || (slots + cell.atoms.len()) * 40 > BATCH_BYTES
                 || (points + cell.points.len()).div_ceil(64) > MAX_GROUPS;
@@ -568,7 +568,7 @@ fn site_batch<'a>(
         cells,
         items: gpu.upload("items", &items.items)?,
         ranges: gpu.upload("ranges", &items.ranges)?,
-        terms: gpu.output::<[f32; 2]>("terms", terms)?,
+        terms: gpu.output::<f32>("terms", terms)?,
         density: gpu.output::<f32>("density", sites.len())?,
         slots: gpu.upload("slots", &slots)?,
         slot_count: slots.len(),

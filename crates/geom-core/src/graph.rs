@@ -111,7 +111,9 @@ impl VoxelGraph {
         neighbours: Neighbours,
         weights: [f64; 3],
     ) -> Result<Self, Error> {
-        let expected = counts.iter().map(|&c| c as u128).product();
+        let expected = counts
+            .iter()
+            .fold(1u128, |n, &c| n.saturating_mul(c as u128));
         if inside.len() as u128 != expected {
             let found = inside.len();
             return Err(Error::Flags { found, expected });
@@ -318,6 +320,7 @@ pub(crate) trait Real:
     + Default
     + Send
     + Sync
+    + From<f32>
     + std::ops::Add<Output = Self>
     + std::ops::Sub<Output = Self>
     + std::ops::Mul<Output = Self>

@@ -110,13 +110,16 @@ impl Element {
         SYMBOLS.get(self.0 as usize).copied().unwrap_or("X")
     }
 
-    /// Van der Waals radius, Å: Bondi 1964, Rowland & Taylor 1996 for hydrogen, and Alvarez-like
-    /// defaults of 2.0 Å for what neither lists.
+    /// Van der Waals radius, Å: Bondi 1964 (J. Phys. Chem. 68, 441), for hydrogen Rowland & Taylor
+    /// 1996 (J. Phys. Chem. 100, 7384), for main-group elements that Bondi lacks Mantina et al. 2009
+    /// (J. Phys. Chem. A 113, 5806); 2.0 Å where none lists one, and carbon's where the element is
+    /// unknown.
     pub fn vdw_radius(self) -> f64 {
         match self.0 {
             1 => 1.10,
             2 => 1.40,
             3 => 1.82,
+            4 => 1.53,
             5 => 1.92,
             6 => 1.70,
             7 => 1.55,
@@ -125,6 +128,7 @@ impl Element {
             10 => 1.54,
             11 => 2.27,
             12 => 1.73,
+            13 => 1.84,
             14 => 2.10,
             15 | 16 => 1.80,
             17 => 1.75,
@@ -134,19 +138,30 @@ impl Element {
             28 => 1.63,
             29 => 1.40,
             30 => 1.39,
+            31 => 1.87,
+            32 => 2.11,
             33 => 1.85,
             34 => 1.90,
             35 => 1.85,
             36 => 2.02,
+            37 => 3.03,
+            38 => 2.49,
             46 => 1.63,
             47 => 1.72,
             48 => 1.58,
+            49 => 1.93,
+            50 => 2.17,
+            51 | 52 => 2.06,
             53 => 1.98,
             54 => 2.16,
+            55 => 3.43,
+            56 => 2.68,
             78 => 1.75,
             79 => 1.66,
             80 => 1.55,
+            81 => 1.96,
             82 => 2.02,
+            83 => 2.07,
             92 => 1.86,
             0 => 1.70,
             _ => 2.0,
@@ -360,36 +375,26 @@ impl Structure {
         builder.build()
     }
 
-    /// Copies of the structure, copy k moved by `transforms[k]`; each copy of each domain is a
-    /// domain of its own. `includes(k, r)` says whether copy k has residue r.
+    /// Copies of parts of the structure: copy k is `parts[copies[k].0]`, one flag per residue, moved
+    /// by `copies[k].1`; each copy of each domain is a domain of its own.
     ///
     /// At most `limit` atoms; the number is known before anything is allocated. The result takes
     /// 56 bytes per atom and 24 per residue.
+    ///
+    /// Panics if a part has not one flag per residue or a copy names a part that does not exist.
     pub fn copies(
         &self,
-        transforms: &[Transform],
-        includes: impl Fn(usize, usize) -> bool,
+        parts: &[Vec<bool>],
+        copies: &[(usize, Transform)],
         limit: usize,
     ) -> Result<Self, TooManyAtoms> {
-        // What a copy consists of is the same for most copies: each distinct set is made once.
-        let mut sets: Vec<(Vec<bool>, Structure)> = Vec::new();
-        let mut set_of = Vec::with_capacity(transforms.len());
-        for copy in 0..transforms.len() {
-            let flags = (0..self.residues.len()).map(|r| includes(copy, r));
-            let found = sets
-                .iter()
-                .position(|(s, _)| flags.clone().eq(s.iter().copied()));
-            set_of.push(found.unwrap_or_else(|| {
-                let flags: Vec<bool> = flags.collect();
-                let mut kept = vec![false; self.atoms.len()];
-                for r in (0..flags.len()).filter(|&r| flags[r]) {
-                    kept[self.residue_atoms(r)].fill(true);
-                }
-                sets.push((flags, self.filter(|a| kept[a])));
-                sets.len() - 1
-            }));
-        }
-        let total: u128 = set_of.iter().map(|&s| sets[s].1.atoms.len() as u128).sum();
+        let atoms_of = |part: &Vec<bool>| -> u128 {
+            assert_eq!(part.len(), self.residues.len(), "one flag per residue");
+            let kept = (0..part.len()).filter(|&r| part[r]);
+            kept.map(|r| self.residue_atoms(r).len() as u128).sum()
+        };
+        let sizes: Vec<u128> = parts.iter().map(atoms_of).collect();
+        let total: u128 = copies.iter().map(|&(part, _)| sizes[part]).sum();
         let refused = |limit: usize| TooManyAtoms {
             atoms: total,
             limit: limit as u128,
@@ -398,8 +403,16 @@ impl Structure {
         if total > limit as u128 {
             return Err(refused(limit));
         }
+        let part = |flags: &Vec<bool>| {
+            let mut kept = vec![false; self.atoms.len()];
+            for r in (0..flags.len()).filter(|&r| flags[r]) {
+                kept[self.residue_atoms(r)].fill(true);
+            }
+            self.filter(|a| kept[a])
+        };
+        let parts: Vec<Structure> = parts.iter().map(part).collect();
         let mut whole = Structure::default();
-        let count = |f: fn(&Structure) -> usize| set_of.iter().map(|&s| f(&sets[s].1)).sum();
+        let count = |f: fn(&Structure) -> usize| copies.iter().map(|&(p, _)| f(&parts[p])).sum();
         let no_memory = |_| refused(self.atoms.len());
         whole
             .atoms
@@ -414,11 +427,11 @@ impl Structure {
             .residue_starts
             .try_reserve_exact(residues + 1)
             .map_err(no_memory)?;
-        let mut starts = Vec::with_capacity(transforms.len() + 1);
+        let mut starts = Vec::with_capacity(copies.len());
         let mut atoms = 0;
-        for (copy, &set) in set_of.iter().enumerate() {
+        for (copy, &(part, _)) in copies.iter().enumerate() {
             starts.push(atoms);
-            let one = &sets[set].1;
+            let one = &parts[part];
             let (c, r) = (whole.chains.len() as u32, whole.residues.len() as u32);
             let inner = |starts: &[u32]| starts[..starts.len() - 1].to_vec();
             whole
@@ -444,8 +457,9 @@ impl Structure {
             .with_min_len(4096)
             .map(|i| {
                 let copy = starts.partition_point(|&s| s <= i) - 1;
-                let mut atom = sets[set_of[copy]].1.atoms[i - starts[copy]];
-                atom.position = transforms[copy].apply(&atom.position);
+                let (part, transform) = &copies[copy];
+                let mut atom = parts[*part].atoms[i - starts[copy]];
+                atom.position = transform.apply(&atom.position);
                 atom
             })
             .collect_into_vec(&mut whole.atoms);

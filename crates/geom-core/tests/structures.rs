@@ -5,6 +5,7 @@ use std::io::Write;
 use geom_core::io::structure::{AltLocs, Format, Models, Radii, ReadOptions, parse, read};
 use geom_core::io::{ErrorKind, pqr};
 use geom_core::structure::{Element, ResidueKind, Selector};
+use geom_core::testing::same_on_any_threads;
 use geom_core::{Point3, Structure};
 
 /// Everything that stands in the file.
@@ -160,6 +161,45 @@ fn assemblies_are_copies_in_domains() {
 }
 
 #[test]
+fn products_of_operators_are_counted_before_they_are_built() {
+    let text = std::fs::read_to_string(fixtures::path("5i55.cif")).unwrap();
+    let generator = "1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,18,19,20";
+    assert_eq!(text.matches(generator).count(), 1);
+    let read = |expression: &str, change: &dyn Fn(&mut ReadOptions)| {
+        let text = text.replace(generator, expression);
+        let options = options(|o| {
+            o.assembly = Some("1".to_owned());
+            change(o);
+        });
+        parse(text.as_bytes(), Format::Mmcif, &options)
+    };
+    let plain = |_: &mut ReadOptions| {};
+    let one = fixture("5i55.cif", &ReadOptions::default()).atoms().len();
+    let pairs = read("(1-5)(1,5)", &plain).unwrap();
+    // Operators 1 to 5 shift by 0 to 4 cells: two of the ten products are the same.
+    assert_eq!(pairs.report.copies, 9);
+    assert_eq!(pairs.structure.atoms().len(), 9 * one);
+    let same = same_on_any_threads(|| read("(1-5)(1,5)", &plain).unwrap().structure);
+    assert_eq!(same, pairs.structure);
+    let error = read("(1-5)(1,5)", &|o| o.max_atoms = 9 * one - 1).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .starts_with(&format!("{} atoms are too many", 9 * one)),
+        "{error}"
+    );
+    let error = read(&"(1-20)".repeat(30), &plain).unwrap_err();
+    assert!(error.to_string().contains("copies: at most"), "{error}");
+    let error = read("(1-21)", &plain).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("operators 1 to 21 of assembly 1 among the 20"),
+        "{error}"
+    );
+}
+
+#[test]
 fn parts_by_name() {
     let s = fixture("1A8O.pdb", &options(|o| o.assembly = Some("1".to_owned())));
     let count = |text: &str| -> usize {
@@ -223,6 +263,11 @@ fn pqr_is_free_format() {
     assert_eq!(s.residues()[1].insertion.as_str(), "A");
     assert_eq!(s.residues()[2].number, 1003);
     assert_eq!(s.chains().len(), 2);
+    let glued = b"ATOM 4 O SER B 3 -100.125-200.250-300.5 -0.8 1.4\n";
+    let glued = parse(glued, Format::Pqr, &ReadOptions::default()).unwrap();
+    let atom = glued.structure.atoms()[0];
+    assert_eq!(atom.position, Point3::new(-100.125, -200.25, -300.5));
+    assert_eq!((atom.charge, atom.radius), (-0.8, 1.4));
     let raised = parse(text, Format::Pqr, &options(|o| o.min_radius = 1.0)).unwrap();
     assert_eq!(
         (raised.report.raised_radii, raised.report.zero_radii),
@@ -306,6 +351,35 @@ fn residues_that_exclude_each_other_may_alternate_row_by_row() {
 }
 
 #[test]
+fn residues_of_an_mmcif_file_are_told_apart_by_their_place_in_the_sequence() {
+    let items = [
+        "label_atom_id",
+        "label_comp_id",
+        "label_asym_id",
+        "label_seq_id",
+        "auth_seq_id",
+        "Cartn_x",
+        "Cartn_y",
+        "Cartn_z",
+    ];
+    let mut text = "data_x\nloop_\n".to_owned();
+    for item in items {
+        text += &format!("_atom_site.{item}\n");
+    }
+    // Insertion codes are lost, as in rRNA entries that were edited.
+    for (place, residue) in [(1, "C"), (2, "C"), (3, "G"), (4, "C")] {
+        for name in ["P", "C1'"] {
+            text += &format!("{name} {residue} A {place} 189 {place} 0 0\n");
+        }
+    }
+    let s = parse(text.as_bytes(), Format::Mmcif, &ReadOptions::default())
+        .unwrap()
+        .structure;
+    assert_eq!(s.residue_starts(), [0, 2, 4, 6, 8]);
+    assert!(s.residues().iter().all(|r| r.number == 189));
+}
+
+#[test]
 fn dummies_of_a_membrane_are_its_planes() {
     let dummy = |z: f64| format!("HETATM    1  N   DUM     1       0.000   0.000{z:8.3}\n");
     let text = [
@@ -361,6 +435,9 @@ fn compressed_files_and_marked_text_are_read_as_plain_ones() {
 
 #[test]
 fn radii_that_are_none_are_noticed() {
+    let pdb = std::fs::read(fixtures::path("1AJJ.pdb")).unwrap();
+    let error = Format::detect(&pdb, Some("a.pqr".as_ref())).unwrap_err();
+    assert!(error.to_string().contains("rename it to .pdb"), "{error}");
     let text = "ATOM 1 N ASP A 1 1.0 2.0 3.0 1.00 26.42\n";
     let read = parse(text.as_bytes(), Format::Pqr, &ReadOptions::default()).unwrap();
     assert!(read.report.warnings[0].starts_with("the largest radius is 26.42 Å"));
@@ -426,7 +503,7 @@ fn bad_input_names_file_and_line() {
     contains(
         "a.pdb",
         b"ply\nformat ascii 1.0\n",
-        "no atoms in this PDB file",
+        "no atoms in this PDB file, which begins with \"ply\"",
     );
     contains("a.xyz", b"3\nwater\n", "expected a PDB, mmCIF or PQR file");
     contains("a.bcif", &[0x83, 1, 2], "use the mmCIF file");
@@ -475,6 +552,16 @@ fn bad_input_names_file_and_line() {
     // Whole rows, but not to the end.
     let rows = text.find("ATOM   300 ").unwrap();
     contains("a.cif", &cif[..rows], "(no line with # behind it)");
+    // Programs that write little besides atoms may leave the end out.
+    let few = "HEADER\nATOM      1  N   ALA A   1       1.000   0.000   0.000  1.00  0.00\n";
+    let read_few = parse(few.as_bytes(), Format::Pdb, &plain).unwrap();
+    assert!(read_few.report.warnings[0].ends_with("is it whole?"));
+    contains(
+        "a.pdb",
+        few.replace("HEADER", "HEADER\nSEQRES   1 A    1  ALA")
+            .as_bytes(),
+        "line 3: the file ends in the middle of its atoms: an entry ends with END",
+    );
     let pqr = "ATOM 1 N ASP 1 1 2 3 0 1.85\nATOM 2 CA ASP 1 1 2 3 0 1.";
     contains(
         "a.pqr",

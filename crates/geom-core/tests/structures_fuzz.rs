@@ -3,6 +3,7 @@
 use geom_core::Point3;
 use geom_core::io::pqr;
 use geom_core::io::structure::{AltLocs, Format, Models, Radii, ReadOptions, parse, read};
+use geom_core::structure::Selector;
 
 /// A small generator (SplitMix64), so that a failing case has a number.
 struct Random(u64);
@@ -192,4 +193,34 @@ fn mutated_mmcif_files() {
 #[test]
 fn mutated_pqr_files() {
     survives(Format::Pqr, &pqr());
+}
+
+/// What is understood is written as it would be read, and never selects beyond the structure.
+#[test]
+fn mutated_selectors() {
+    let seed = "A,B:10-25,chain:copy,copy:2-3/name:ZN,model:1,domain:2,residue:-5--2,water/A";
+    let structure = read(fixtures::path("5e5z.pdb"), &ReadOptions::default())
+        .unwrap()
+        .structure;
+    let (mut understood, mut selected) = (0, 0);
+    for case in 0..20_000 {
+        let mut random = Random(case);
+        let from = random.next(seed.len());
+        let input = random.mutate(&seed.as_bytes()[from..]);
+        let Ok(selector) = Selector::parse(&String::from_utf8_lossy(&input)) else {
+            continue;
+        };
+        understood += 1;
+        let again = Selector::parse(&selector.to_string()).unwrap();
+        assert_eq!(again, selector, "case {case}");
+        if let Ok(selection) = structure.select(&selector) {
+            selected += 1;
+            assert_eq!(selection.residues().len(), structure.residues().len());
+            assert!(selection.atom_ranges(&structure).all(|r| !r.is_empty()));
+        }
+    }
+    assert!(
+        understood > 1000 && selected > 10,
+        "{understood}, {selected}"
+    );
 }

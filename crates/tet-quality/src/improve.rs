@@ -6,14 +6,15 @@ use rayon::prelude::*;
 
 use crate::backend::QualityBackend;
 use crate::input::prepare;
-use crate::metrics::SHAPE_WEIGHT;
-use crate::operate::{Memory, Rules, best_climb, best_for, round};
+use crate::metrics::quality;
+use crate::operate::{Memory, Rules, best_climb, best_for, round, round_of_pushes};
+use crate::patch::push;
 use crate::report::{QualityReport, report_of};
 use crate::ring::Ring;
-use crate::smooth::{SurfaceRules, corners_of, project, relax, relax_surface};
+use crate::smooth::{SurfaceRules, corners_of, foot, load, project, relax, relax_surface};
 use crate::surface_field::Isosurface;
-use crate::work::{Freedom, Work};
-use crate::{Error, Options, SurfaceMotion};
+use crate::work::{Freedom, NO_COLOUR, Work};
+use crate::{Error, Measures, Options, SurfaceMotion, measures};
 
 /// Share of the spacing that surface vertices may be off the isosurface before the rescue passes.
 const NEAR: f64 = 0.02;
@@ -27,6 +28,12 @@ const BROAD: u32 = 3;
 const RESCUE: u32 = 6;
 /// Angle that the first passes aim at, degrees: they raise the many, not only the worst.
 const WANTED: f64 = 30.0;
+/// Objectives down to which the first passes bring surface vertices to the isosurface.
+const FLOORS: [f64; 5] = [0.05, 0.1, 0.2, 0.25, 0.3];
+/// Share of the surface vertices that may stay farther from the isosurface than allowed.
+const ENOUGH: f64 = 5e-4;
+/// Most rounds of bringing surface vertices to the isosurface after the passes.
+const SETTLE: u32 = 6;
 
 /// What happened in a pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -121,20 +128,36 @@ pub fn improve<B: QualityBackend + ?Sized>(
         return Err(Error::StillInverted { elements });
     }
     let mut passes = Vec::new();
+    let mut far = usize::MAX;
     for pass in 0..options.passes {
         run.progress("improve", pass.into(), options.passes.into())?;
-        if state.met() {
+        if state.met() && pass == 0 {
             break;
         }
-        let done = state.pass(pass, run)?;
+        let mut done = state.pass(pass, run)?;
+        let last = pass + 1 == options.passes || done.changes() == 0;
+        let mut enough = last;
+        if last || state.met() {
+            let left = state.settle(&mut done);
+            enough |= left as f64 <= ENOUGH * state.on_field() as f64 || left >= far;
+            far = left;
+        }
+        done.worst = state.work.worst();
         passes.push(done);
-        if done.changes() == 0 {
+        if enough {
             break;
         }
     }
     run.progress("improve", options.passes.into(), options.passes.into())?;
     let after = state.report(run)?;
-    let converged = state.met();
+    let converged = after.all.tets == 0
+        || options.goals.met_by(&Measures {
+            six_volume: after.all.volume,
+            joe_liu: after.all.joe_liu.min,
+            edge_ratio: after.all.edge_ratio.max,
+            min_dihedral: after.all.min_dihedral.min,
+            max_dihedral: after.all.max_dihedral.max,
+        });
     Ok(Improved {
         mesh: state.work.finish(&input.unused),
         report: Report {
@@ -158,6 +181,8 @@ struct Aim {
     climb: bool,
     /// Random directions; surface vertices may leave the isosurface by the allowed deviation.
     rescue: bool,
+    /// Objective down to which vertices go back to the isosurface: first the shape, then the quality.
+    floor: f64,
 }
 
 impl Aim {
@@ -172,6 +197,9 @@ impl Aim {
             contract: pass > 0,
             climb: !broad,
             rescue: pass >= RESCUE,
+            floor: FLOORS
+                .get(pass as usize)
+                .map_or(target, |f: &f64| f.min(target)),
         }
     }
 }
@@ -193,18 +221,12 @@ struct State<'a> {
 
 impl<'a> State<'a> {
     fn new(work: Work, surface: Option<Isosurface<'a>>, options: &'a Options) -> Self {
-        let g = &options.goals;
         let mut state = Self {
             work,
             surface,
             options,
             spacing: 0.0,
-            target: g
-                .min_dihedral
-                .to_radians()
-                .sin()
-                .max((180.0 - g.max_dihedral).to_radians().sin())
-                .max(SHAPE_WEIGHT * g.joe_liu),
+            target: options.goals.objective(),
             plain: Memory::default(),
             climbs: Memory::default(),
             smoothed: Vec::new(),
@@ -272,7 +294,6 @@ impl<'a> State<'a> {
         self.operate(&aim, &mut done);
         self.smooth(number, &aim, &mut done, run)?;
         self.project(&aim, &mut done);
-        done.worst = self.work.worst();
         Ok(done)
     }
 
@@ -365,6 +386,69 @@ impl<'a> State<'a> {
             .collect();
         self.projected = self.work.tick();
         let near = self.tolerance(aim);
-        done.projected += project(&mut self.work, &off, surface, near, self.target);
+        let floor = aim.floor;
+        done.projected += project(&mut self.work, &off, surface, near, |corners| {
+            quality(corners) >= floor
+        });
+    }
+
+    /// Brings the surface vertices that are still farther from the isosurface than allowed to it as
+    /// far as all tetrahedra meet the goals, without the reserve that the passes aim at. Gives how
+    /// many are left.
+    fn settle(&mut self, done: &mut Pass) -> usize {
+        let Some(surface) = &self.surface else {
+            return 0;
+        };
+        if self.options.surface == SurfaceMotion::Fixed {
+            return 0;
+        }
+        let tolerance = self.options.deviation * self.spacing;
+        let (goals, target) = (self.options.goals, self.target);
+        let good = |corners| quality(corners) >= target || goals.met_by(&measures(corners));
+        let rules = SurfaceRules {
+            field: surface,
+            tolerance,
+            rescue: true,
+        };
+        let far = |work: &Work, v: u32| {
+            work.freedom[v as usize] == Freedom::Field
+                && work.colours[v as usize] != NO_COLOUR
+                && surface.distance(&work.x[v as usize], f64::INFINITY).0.abs() > tolerance
+        };
+        for _ in 0..SETTLE {
+            let work = &self.work;
+            let off: Vec<u32> = (0..work.x.len() as u32)
+                .into_par_iter()
+                .with_min_len(256)
+                .filter(|&v| far(work, v))
+                .collect();
+            let before = done.projected;
+            done.projected += project(&mut self.work, &off, surface, tolerance, good);
+            let push_to_foot = |work: &Work, v: u32, ring: &mut Ring| {
+                if !far(work, v) {
+                    return None;
+                }
+                load(work, v, ring);
+                let x = work.x[v as usize];
+                let foot = foot(x, ring.mean_edge(&x.coords), surface, tolerance)?;
+                [1.0, 0.6, 0.3]
+                    .into_iter()
+                    .find_map(|share| push(work, v, x + (foot - x) * share, &rules, good, ring))
+            };
+            round_of_pushes(&mut self.work, &mut self.plain, &off, push_to_foot, done);
+            if done.projected == before {
+                return off.len();
+            }
+        }
+        (0..self.work.x.len() as u32)
+            .into_par_iter()
+            .filter(|&v| far(&self.work, v))
+            .count()
+    }
+
+    /// Number of vertices on the isosurface.
+    fn on_field(&self) -> usize {
+        let field = |f: &&Freedom| **f == Freedom::Field;
+        self.work.freedom.iter().filter(field).count()
     }
 }

@@ -75,6 +75,35 @@ pub(crate) fn round(
             None => memory.tried[t as usize] = now,
         }
     }
+    carry_out(work, memory, proposals, done)
+}
+
+/// One round on the given vertices: those whose pushes do not meet go to the isosurface. Gives how
+/// many did.
+pub(crate) fn round_of_pushes(
+    work: &mut Work,
+    memory: &mut Memory,
+    vertices: &[u32],
+    judge: impl Fn(&Work, u32, &mut Ring) -> Option<Proposal> + Sync,
+    done: &mut Pass,
+) -> usize {
+    memory.fit(work);
+    let state = &*work;
+    let proposals: Vec<(u32, Proposal)> = vertices
+        .par_iter()
+        .with_min_len(4)
+        .map_init(Ring::default, |ring, &v| Some((v, judge(state, v, ring)?)))
+        .flatten()
+        .collect();
+    carry_out(work, memory, proposals, done)
+}
+
+fn carry_out(
+    work: &mut Work,
+    memory: &mut Memory,
+    proposals: Vec<(u32, Proposal)>,
+    done: &mut Pass,
+) -> usize {
     memory.stamp += 1;
     let chosen = independent(proposals, &mut memory.marks, memory.stamp);
     work.tick();
@@ -86,6 +115,7 @@ pub(crate) fn round(
             Operation::SurfaceFlip => &mut done.surface_flips,
             Operation::Contraction => &mut done.contracted,
             Operation::Insertion => &mut done.inserted,
+            Operation::Push => &mut done.projected,
         } += 1;
     }
     chosen.len()

@@ -1,6 +1,7 @@
 //! What to reach and by which means.
 
-use crate::Error;
+use crate::metrics::SHAPE_WEIGHT;
+use crate::{Error, Measures};
 
 /// What every tetrahedron should reach. The improvement works on what is worse, and stops when
 /// nothing is.
@@ -15,6 +16,25 @@ pub struct Goals {
     pub joe_liu: f64,
     /// Longest over shortest edge.
     pub edge_ratio: f64,
+}
+
+impl Goals {
+    /// Does a tetrahedron reach them?
+    pub fn met_by(&self, m: &Measures) -> bool {
+        m.min_dihedral >= self.min_dihedral
+            && m.max_dihedral <= self.max_dihedral
+            && m.joe_liu >= self.joe_liu
+            && m.edge_ratio <= self.edge_ratio
+    }
+
+    /// The value of [`quality`](crate::metrics::quality) from which on angles and Joe–Liu are met.
+    pub fn objective(&self) -> f64 {
+        self.min_dihedral
+            .to_radians()
+            .sin()
+            .max((180.0 - self.max_dihedral).to_radians().sin())
+            .max(SHAPE_WEIGHT * self.joe_liu)
+    }
 }
 
 impl Default for Goals {

@@ -35,6 +35,118 @@ impl Patch {
         tet.map(|i| self.x[i])
     }
 
+    /// The tetrahedra around `core` after the proposal, and the objectives of those before it.
+    fn new(work: &Work, proposal: &Proposal, core: &[u32]) -> (Self, Vec<f64>) {
+        let mut around: Vec<u32> = core
+            .iter()
+            .filter(|&&v| v != NEW)
+            .flat_map(|&v| work.rings.of(v).iter().copied())
+            .chain(proposal.remove.iter().copied())
+            .collect();
+        around.sort_unstable();
+        around.dedup();
+        let before = around.iter().map(|&t| work.q[t as usize]).collect();
+        let tets: Vec<[u32; 4]> = around
+            .iter()
+            .filter(|t| !proposal.remove.contains(t))
+            .map(|&t| work.tets[t as usize])
+            .chain(proposal.insert.iter().map(|i| i.0))
+            .collect();
+        let mut ids: Vec<u32> = tets.iter().flatten().copied().collect();
+        ids.sort_unstable();
+        ids.dedup();
+        let start = |v: u32| match proposal.moves.iter().find(|m| m.0 == v) {
+            Some(m) => m.1,
+            None => work.x[v as usize],
+        };
+        let mut patch = Self {
+            x: ids
+                .iter()
+                .map(|&v| match (v, proposal.vertex) {
+                    (NEW, Some((x, ..))) => x,
+                    _ => start(v),
+                })
+                .collect(),
+            tets: Vec::new(),
+            ids,
+        };
+        patch.tets = tets.iter().map(|t| t.map(|v| patch.place(v))).collect();
+        (patch, before)
+    }
+
+    /// Moves the worst of `core` to where the tetrahedra are best.
+    fn smooth(
+        &mut self,
+        work: &Work,
+        proposal: &Proposal,
+        core: &[u32],
+        surface: Option<&SurfaceRules<'_>>,
+        ring: &mut Ring,
+    ) {
+        // The worst first: they need it most.
+        let mut movable: Vec<(f64, usize)> = core
+            .iter()
+            .map(|&v| {
+                let i = self.place(v);
+                self.load(i, ring);
+                (ring.value(&self.x[i].coords), i)
+            })
+            .collect();
+        movable.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        movable.truncate(MOVABLE);
+        for _ in 0..SWEEPS {
+            for &(_, i) in &movable {
+                let freedom = match (self.ids[i], proposal.vertex) {
+                    (NEW, Some((_, _, freedom))) => freedom,
+                    (v, _) => work.freedom[v as usize],
+                };
+                self.load(i, ring);
+                let start = self.x[i];
+                match (freedom, surface) {
+                    (Freedom::Field, Some(rules)) => {
+                        if let Some(x) = slide_from(start, None, ring, rules) {
+                            self.x[i] = x;
+                        }
+                    }
+                    _ => {
+                        if let Some(axes) = axes_of(freedom, None) {
+                            let compass = Compass::along(&axes);
+                            self.x[i] = Point3::from(search(ring, start.coords, &compass, ROUNDS));
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The proposal with all moves.
+    fn finish(&self, work: &Work, proposal: &Proposal, gain: f64) -> Proposal {
+        let moved = |i: &usize| {
+            self.ids[*i] != NEW && {
+                let d: Vector3 = self.x[*i] - work.x[self.ids[*i] as usize];
+                d != Vector3::zeros()
+            }
+        };
+        let mut locks: Vec<u32> = proposal.locks.clone();
+        locks.extend(self.ids.iter().filter(|&&v| v != NEW));
+        locks.sort_unstable();
+        locks.dedup();
+        Proposal {
+            operation: proposal.operation,
+            gain,
+            remove: proposal.remove.clone(),
+            insert: proposal.insert.clone(),
+            vertex: proposal
+                .vertex
+                .map(|(_, kind, freedom)| (self.x[self.place(NEW)], kind, freedom)),
+            moves: (0..self.ids.len())
+                .filter(moved)
+                .map(|i| (self.ids[i], self.x[i]))
+                .collect(),
+            locks,
+        }
+    }
+
     fn load(&self, i: usize, ring: &mut Ring) {
         ring.clear();
         for tet in &self.tets {
@@ -65,101 +177,43 @@ pub(crate) fn climb(
     let mut core: Vec<u32> = proposal.insert.iter().flat_map(|i| i.0).collect();
     core.sort_unstable();
     core.dedup();
-    let mut around: Vec<u32> = core
-        .iter()
-        .filter(|&&v| v != NEW)
-        .flat_map(|&v| work.rings.of(v).iter().copied())
-        .collect();
-    around.sort_unstable();
-    around.dedup();
-    let (old, lacked) = lack(
-        around
-            .iter()
-            .chain(&proposal.remove)
-            .map(|&t| work.q[t as usize]),
-        goal,
-    );
-    let kept = around.iter().filter(|t| !proposal.remove.contains(t));
-    let tets: Vec<[u32; 4]> = kept
-        .map(|&t| work.tets[t as usize])
-        .chain(proposal.insert.iter().map(|i| i.0))
-        .collect();
-    let mut ids: Vec<u32> = tets.iter().flatten().copied().collect();
-    ids.sort_unstable();
-    ids.dedup();
-    let mut patch = Patch {
-        x: ids
-            .iter()
-            .map(|&v| match (v, proposal.vertex) {
-                (NEW, Some((x, ..))) => x,
-                _ => work.x[v as usize],
-            })
-            .collect(),
-        tets: Vec::new(),
-        ids,
-    };
-    patch.tets = tets.iter().map(|t| t.map(|v| patch.place(v))).collect();
-    // The worst first: they need it most.
-    let mut movable: Vec<(f64, usize)> = core
-        .iter()
-        .map(|&v| {
-            let i = patch.place(v);
-            patch.load(i, ring);
-            (ring.value(&patch.x[i].coords), i)
-        })
-        .collect();
-    movable.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    movable.truncate(MOVABLE);
-    for _ in 0..SWEEPS {
-        for &(_, i) in &movable {
-            let freedom = match (patch.ids[i], proposal.vertex) {
-                (NEW, Some((_, _, freedom))) => freedom,
-                (v, _) => work.freedom[v as usize],
-            };
-            patch.load(i, ring);
-            let start = patch.x[i];
-            match (freedom, surface) {
-                (Freedom::Field, Some(rules)) => {
-                    if let Some(x) = slide_from(start, None, ring, rules) {
-                        patch.x[i] = x;
-                    }
-                }
-                _ => {
-                    if let Some(axes) = axes_of(freedom, None) {
-                        let compass = Compass::along(&axes);
-                        patch.x[i] = Point3::from(search(ring, start.coords, &compass, ROUNDS));
-                    }
-                }
-            }
-        }
-    }
+    let (mut patch, before) = Patch::new(work, proposal, &core);
+    let (old, lacked) = lack(before.into_iter(), goal);
+    patch.smooth(work, proposal, &core, surface, ring);
     let after = patch.tets.iter().map(|&t| quality(patch.corners(t)));
     let (worst, lacks) = lack(after, goal);
     if worst <= RISE * old || worst <= 0.0 || lacks >= lacked {
         return None;
     }
-    let moved = |i: &usize| {
-        patch.ids[*i] != NEW && {
-            let d: Vector3 = patch.x[*i] - work.x[patch.ids[*i] as usize];
-            d != Vector3::zeros()
-        }
-    };
-    let mut locks: Vec<u32> = proposal.locks.clone();
-    locks.extend(patch.ids.iter().filter(|&&v| v != NEW));
-    locks.sort_unstable();
-    locks.dedup();
-    Some(Proposal {
-        operation: proposal.operation,
-        gain: worst - old,
-        remove: proposal.remove.clone(),
-        insert: proposal.insert.clone(),
-        vertex: proposal
-            .vertex
-            .map(|(_, kind, freedom)| (patch.x[patch.place(NEW)], kind, freedom)),
-        moves: (0..patch.ids.len())
-            .filter(moved)
-            .map(|i| (patch.ids[i], patch.x[i]))
-            .collect(),
-        locks,
-    })
+    Some(patch.finish(work, proposal, worst - old))
+}
+
+/// The vertex `v` moved to `foot`, followed by smoothing around it, if every tetrahedron then is
+/// `good` or none is worse than the worst one was.
+pub(crate) fn push(
+    work: &Work,
+    v: u32,
+    foot: Point3,
+    surface: &SurfaceRules<'_>,
+    good: impl Fn([Point3; 4]) -> bool,
+    ring: &mut Ring,
+) -> Option<Proposal> {
+    let mut core: Vec<u32> = work
+        .rings
+        .of(v)
+        .iter()
+        .flat_map(|&t| work.tets[t as usize])
+        .collect();
+    core.sort_unstable();
+    core.dedup();
+    let proposal = Proposal::push(v, foot);
+    let (mut patch, before) = Patch::new(work, &proposal, &core);
+    let old = before.into_iter().fold(f64::INFINITY, f64::min);
+    patch.smooth(work, &proposal, &core, Some(surface), ring);
+    let fine = patch.tets.iter().all(|&t| {
+        let corners = patch.corners(t);
+        quality(corners) >= old || good(corners)
+    });
+    let stays = patch.x[patch.place(v)] != work.x[v as usize];
+    (fine && stays).then(|| patch.finish(work, &proposal, 0.0))
 }

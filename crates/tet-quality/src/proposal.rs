@@ -17,6 +17,8 @@ pub(crate) enum Operation {
     SurfaceFlip,
     Contraction,
     Insertion,
+    /// No operation: vertices move together.
+    Push,
 }
 
 /// What the worst of the new tetrahedra must exceed.
@@ -73,6 +75,19 @@ impl Proposal {
             vertex: None,
             moves: Vec::new(),
             locks,
+        }
+    }
+
+    /// A vertex that goes to the isosurface.
+    pub(crate) fn push(v: u32, foot: Point3) -> Self {
+        Self {
+            operation: Operation::Push,
+            gain: 0.0,
+            remove: Vec::new(),
+            insert: Vec::new(),
+            vertex: None,
+            moves: vec![(v, foot)],
+            locks: vec![v],
         }
     }
 

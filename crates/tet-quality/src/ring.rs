@@ -85,6 +85,18 @@ impl Ring {
         worst
     }
 
+    /// Is every tetrahedron with the vertex at `x` `good`, or its value at least `enough`?
+    pub(crate) fn all_good(
+        &self,
+        x: &Vector3,
+        enough: f64,
+        good: &impl Fn([Point3; 4]) -> bool,
+    ) -> bool {
+        self.faces
+            .iter()
+            .all(|f| f.value(x) >= enough || good([*x, f.a, f.b, f.c].map(Point3::from)))
+    }
+
     /// The smallest value with the vertex at `x` if it is above `bound`.
     pub(crate) fn value_above(&mut self, x: &Vector3, bound: f64) -> Option<f64> {
         let mut worst = f64::INFINITY;
@@ -139,11 +151,6 @@ impl Face {
 /// The objective from its signed square.
 pub(crate) fn objective(value: f64) -> f64 {
     value.abs().sqrt().copysign(value)
-}
-
-/// The signed square of an objective.
-pub(crate) fn signed_square(q: f64) -> f64 {
-    q * q.abs()
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::{QualityBackend, Relaxation};
-use crate::ring::{GAIN, Ring, signed_square};
+use crate::ring::{GAIN, Ring};
 use crate::surface_field::Isosurface;
 use crate::work::{Freedom, NO_COLOUR, Work};
 
@@ -14,6 +14,8 @@ use crate::work::{Freedom, NO_COLOUR, Work};
 const SURFACE_STEP: f64 = 0.2;
 /// Longest step back to the isosurface, in mean edge lengths.
 const PULL: f64 = 0.15;
+/// Most steps to the foot point.
+const FOOT_STEPS: usize = 6;
 
 /// The given vertices by colour: no two of a class share a tetrahedron.
 fn classes(work: &Work, vertices: impl Iterator<Item = u32>) -> Vec<Vec<u32>> {
@@ -213,37 +215,43 @@ pub(crate) fn relax_surface(work: &mut Work, vertices: &[u32], rules: &SurfaceRu
 }
 
 /// Moves surface vertices that are farther than `tolerance` toward the isosurface, as far as the
-/// worst tetrahedron stays above `goal` or does not get worse. Gives how many moved.
+/// tetrahedra stay `good` or the worst of them does not get worse. Gives how many moved.
 pub(crate) fn project(
     work: &mut Work,
     vertices: &[u32],
     field: &Isosurface<'_>,
     tolerance: f64,
-    goal: f64,
+    good: impl Fn([Point3; 4]) -> bool + Sync,
 ) -> usize {
     sweep(work, vertices, |work, v, ring| {
-        let x = work.x[v as usize];
         load(work, v, ring);
-        let edge = ring.mean_edge(&x.coords);
-        let (d, _) = field.distance(&x, 0.5 * edge);
-        if d.abs() <= tolerance {
-            return None;
-        }
-        let mut foot = x;
-        for _ in 0..4 {
-            let (d, n) = field.distance(&foot, PULL * edge);
-            foot -= n * d;
-        }
-        if field.distance(&foot, 0.5 * edge).0.abs() >= d.abs() {
-            return None;
-        }
-        let floor = ring.value(&x.coords).min(signed_square(goal)) - GAIN;
+        let x = work.x[v as usize];
+        let foot = foot(x, ring.mean_edge(&x.coords), field, tolerance)?;
+        let floor = ring.value(&x.coords) - GAIN;
         [1.0, 0.7, 0.4, 0.2, 0.1].into_iter().find_map(|share| {
             let candidate = x + (foot - x) * share;
-            ring.value_above(&candidate.coords, floor)
-                .map(|_| candidate)
+            ring.all_good(&candidate.coords, floor, &good)
+                .then_some(candidate)
         })
     })
+}
+
+/// The point of the isosurface next to `x`, by short Newton steps; `None` if `x` is nearer than
+/// `tolerance` or the steps lead nowhere.
+pub(crate) fn foot(x: Point3, edge: f64, field: &Isosurface<'_>, tolerance: f64) -> Option<Point3> {
+    let (d, _) = field.distance(&x, 0.5 * edge);
+    if d.abs() <= tolerance {
+        return None;
+    }
+    let mut foot = x;
+    for _ in 0..FOOT_STEPS {
+        let (d, n) = field.distance(&foot, PULL * edge);
+        foot -= n * d;
+        if d.abs() <= 0.1 * tolerance {
+            break;
+        }
+    }
+    (field.distance(&foot, 0.5 * edge).0.abs() < d.abs()).then_some(foot)
 }
 
 fn sweep(

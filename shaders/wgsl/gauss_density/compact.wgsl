@@ -6,8 +6,8 @@
 
 @compute @workgroup_size(256)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) me: u32) {
-    let from = chosen[group.x] * 512u;
+    let source = chosen[group.x] * 512u;
     let to = group.x * 512u;
-    out[to + me] = values[from + me];
-    out[to + 256u + me] = values[from + 256u + me];
+    out[to + me] = values[source + me];
+    out[to + 256u + me] = values[source + 256u + me];
 }

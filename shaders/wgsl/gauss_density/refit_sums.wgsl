@@ -38,7 +38,7 @@ const LN2: f32 = 0.6931471805599453;
 @group(0) @binding(1) var<storage, read> items: array<Item>;
 @group(0) @binding(2) var<storage, read> ranges: array<u32>;
 @group(0) @binding(3) var<storage, read> sites: array<Site>;
-@group(0) @binding(4) var<storage, read> terms: array<vec2<f32>>;
+@group(0) @binding(4) var<storage, read> terms: array<f32>;
 @group(0) @binding(5) var<storage, read> slots: array<Slot>;
 @group(0) @binding(6) var<storage, read> density: array<f32>;
 // Ten per slot: the derivatives for x, y, z, r, κ, then the diagonal.
@@ -61,21 +61,17 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var s = slot.first; s < slot.end; s += 1u) {
         let site = sites[s];
         let shift = site.terms - ranges[site.row];
-        // The derivative of ln G with respect to the logarithm of the kernel.
+        // The derivative of ln G with respect to the logarithm of the kernel: powers and parts of sums.
         var part = 1.0;
         var child = slot.item;
         for (var l = 0u; l < params.depth; l += 1u) {
             let v = items[child].parent;
-            var sum = 0.0;
-            for (var c = items[v].first; c < items[v].end; c += 1u) { sum += terms[c + shift].x; }
-            part *= items[v].at.x * terms[child + shift].x / sum;
+            let power = items[v].at.x;
+            part *= power * exp2(terms[child + shift] - terms[v + shift] / power);
             child = v;
         }
-        var sum = 0.0;
-        let end = ranges[site.row + params.depth + 1u];
-        for (var c = ranges[site.row + params.depth]; c < end; c += 1u) { sum += terms[c + shift].x; }
-        part *= terms[child + shift].x / sum;
-        let relative = density[s] * site.inverse;
+        part *= exp2(terms[child + shift] - density[s]);
+        let relative = exp2(density[s]) * site.inverse;
         let share = part * relative;
         let off = relative - 1.0;
         let d = site.at - atom.at.xyz;

@@ -1,5 +1,4 @@
-// The terms of a cell's tree at each of its points, one thread per point: what each child is worth relative
-// to its largest sibling, so that sums without one child are exact.
+// The terms of a cell's tree at each of its points, one thread per point, as logarithms to base 2.
 
 struct Item {
     // Atoms: offset from the cell's centre (Å), and κ log2 e. Nodes: x is the power.
@@ -36,23 +35,18 @@ const NOTHING: f32 = -3.0e38;
 // Per cell: where atoms and the nodes of each level start, and the end.
 @group(0) @binding(2) var<storage, read> ranges: array<u32>;
 @group(0) @binding(3) var<storage, read> sites: array<Site>;
-// Per site and item: its term, and for nodes the factor of sum^P in it.
-@group(0) @binding(4) var<storage, read_write> terms: array<vec2<f32>>;
-// The density per site.
+// Per site and item: log2 of its term.
+@group(0) @binding(4) var<storage, read_write> terms: array<f32>;
+// log2 of the density per site.
 @group(0) @binding(5) var<storage, read_write> density: array<f32>;
 
-// Scales the terms of siblings, known as logarithms, to their largest; gives its logarithm and the sum.
-fn scaled(first: u32, end: u32, shift: u32) -> vec2<f32> {
+// log2 of the sum of the terms of siblings.
+fn log_sum(first: u32, end: u32, shift: u32) -> f32 {
     var top = NOTHING;
-    for (var c = first; c < end; c += 1u) { top = max(top, terms[c + shift].x); }
+    for (var c = first; c < end; c += 1u) { top = max(top, terms[c + shift]); }
     var sum = 0.0;
-    for (var c = first; c < end; c += 1u) {
-        let ln = terms[c + shift];
-        let term = exp2(ln.x - top);
-        terms[c + shift] = vec2<f32>(term, exp2(ln.y - top));
-        sum += term;
-    }
-    return vec2<f32>(top, sum);
+    for (var c = first; c < end; c += 1u) { sum += exp2(terms[c + shift] - top); }
+    return top + log2(sum);
 }
 
 @compute @workgroup_size(64)
@@ -63,16 +57,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let shift = site.terms - base;
     for (var a = base; a < ranges[site.row + 1u]; a += 1u) {
         let d = site.at - items[a].at.xyz;
-        terms[a + shift] = vec2<f32>(items[a].lift - items[a].at.w * dot(d, d), 0.0);
+        terms[a + shift] = items[a].lift - items[a].at.w * dot(d, d);
     }
     for (var level = 0u; level < params.depth; level += 1u) {
         let end = ranges[site.row + level + 2u];
         for (var v = ranges[site.row + level + 1u]; v < end; v += 1u) {
-            let of_sum = scaled(items[v].first, items[v].end, shift);
-            let power = items[v].at.x;
-            terms[v + shift] = vec2<f32>(power * (of_sum.x + log2(of_sum.y)), power * of_sum.x);
+            terms[v + shift] = items[v].at.x * log_sum(items[v].first, items[v].end, shift);
         }
     }
-    let root = scaled(ranges[site.row + params.depth], ranges[site.row + params.depth + 1u], shift);
-    density[id.x] = exp2(min(root.x + log2(root.y), 127.999));
+    let top_first = ranges[site.row + params.depth];
+    density[id.x] = log_sum(top_first, ranges[site.row + params.depth + 1u], shift);
 }

@@ -33,26 +33,16 @@ pub(super) enum Operators {
     },
 }
 
-/// The copies of an assembly: where they stand and which parts they have.
+/// The copies of an assembly.
 pub(super) struct Copies {
-    pub(super) transforms: Vec<Transform>,
-    /// Per copy, the index of its set of parts.
-    set_of: Vec<usize>,
-    sets: Vec<Option<Vec<u32>>>,
-}
-
-impl Copies {
-    /// Has this copy the part?
-    pub(super) fn includes(&self, copy: usize, part: u32) -> bool {
-        match &self.sets[self.set_of[copy]] {
-            None => true,
-            Some(parts) => parts.binary_search(&part).is_ok(),
-        }
-    }
+    /// Sets of parts, sorted; `None` means all.
+    pub(super) sets: Vec<Option<Vec<u32>>>,
+    /// Per copy, its set and where it stands.
+    pub(super) copies: Vec<(usize, Transform)>,
 }
 
 /// No file has more; keeps mutated expressions from filling memory.
-const MAX_COPIES: u128 = 1 << 20;
+const MAX_COPIES: u128 = 1 << 17;
 
 impl Assembly {
     /// The copies in the order of the file. Generators that use the same operator contribute to the
@@ -85,18 +75,15 @@ impl Assembly {
             }
         }
         let mut sets: Vec<Option<Vec<u32>>> = Vec::new();
-        let mut set_of = Vec::with_capacity(parts_of.len());
-        for parts in parts_of {
-            set_of.push(sets.iter().position(|s| *s == parts).unwrap_or_else(|| {
+        let mut copies = Vec::with_capacity(parts_of.len());
+        for (parts, transform) in parts_of.into_iter().zip(transforms) {
+            let set = sets.iter().position(|s| *s == parts).unwrap_or_else(|| {
                 sets.push(parts);
                 sets.len() - 1
-            }));
+            });
+            copies.push((set, transform));
         }
-        Ok(Copies {
-            transforms,
-            set_of,
-            sets,
-        })
+        Ok(Copies { sets, copies })
     }
 }
 

@@ -9,7 +9,7 @@ use std::io::Write;
 use std::path::Path;
 
 use super::pdb::{ModelCounter, is_atom};
-use super::structure::{Models, Record, Records, SEGMENT_MARK, number, wanted};
+use super::structure::{Models, Record, Records, number, wanted};
 use super::{Error, ErrorKind, save as save_file};
 use crate::structure::{Atom, Name, Residue, ResidueKind, residues};
 use crate::{Point3, Structure};
@@ -102,10 +102,19 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
         .filter(|w| !w.is_empty())
 }
 
-fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, ErrorKind> {
+fn atom(line: &[u8], segment: u32, found: &mut Records) -> Result<Record, ErrorKind> {
     let wrong = |expected: &str| ErrorKind::expected(expected, String::from_utf8_lossy(line));
     let mut all: [&[u8]; MAX_WORDS] = [b""; MAX_WORDS];
-    let count = all.iter_mut().zip(words(line)).map(|(f, w)| *f = w).count();
+    let mut count = 0;
+    for word in words(line) {
+        // Columns of eight characters touch from −100 on: `-12.345-123.456`.
+        for number in split_glued(word) {
+            if count < MAX_WORDS {
+                all[count] = number;
+                count += 1;
+            }
+        }
+    }
     let mut fields = &all[..count];
     // Serial numbers may touch the record's name; some programs add a segment or element at the end.
     let touching = fields[0].len() > 6 || (fields[0].len() > 4 && line[0] == b'A');
@@ -160,8 +169,6 @@ fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, Erro
     } else {
         insertion
     })?;
-    let mut mark = [0; 4];
-    let mark = SEGMENT_MARK.encode_utf8(&mut mark).as_bytes();
     let chain_name = name(chain)?;
     let residue = name(identity[1])?;
     Ok(Record {
@@ -185,8 +192,9 @@ fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, Erro
                 false => ResidueKind::Polymer,
             },
         },
+        sequence: 0,
         chain: match chain_name.is_empty() {
-            true => found.chains.index(&mark.repeat(segment)),
+            true => found.chains.unnamed(segment),
             false => found.chains.index(chain),
         },
         part: found.parts.index(chain),
@@ -194,6 +202,13 @@ fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, Erro
         altloc: b' ',
         occupancy: 1.0,
     })
+}
+
+/// Decimal numbers that only a sign separates, and any other word as it is.
+fn split_glued(word: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let numbers = word.iter().all(|b| b.is_ascii_digit() || b".-".contains(b));
+    let decimals = numbers && word.iter().filter(|b| **b == b'.').count() > 1;
+    word.chunk_by(move |_, next| !decimals || *next != b'-')
 }
 
 /// A chain that touches the residue number: `A1000`; without a chain, just the number.

@@ -1,7 +1,22 @@
 //! Molecular structures from PDB, mmCIF and PQR files, each also gzip-compressed.
 //!
-//! The readers of the formats ([`pdb`](super::pdb), [`mmcif`](super::mmcif), [`pqr`](super::pqr))
-//! only say what stands in a file; what is kept of it is decided here, once for all formats.
+//! The readers of the formats only say what stands in a file; what is kept of it is decided here,
+//! once for all formats.
+//!
+//! Files in use deviate from their formats, and are read nevertheless:
+//!
+//! * **PDB**: serial numbers beyond 99,999 (hybrid-36, hexadecimal, or shifting the row); chains of
+//!   two characters, or none but segments or `TER`; columns 73–80 from before 1996; names without
+//!   an element column, aligned or not (CHARMM); `BIOMT` operators numbered beyond 999; models
+//!   without `MODEL`; chains and residues whose rows take turns.
+//! * **mmCIF**: categories in any order, single items or loops, any number of data blocks (the first
+//!   with atoms counts); author's names where there are any; products of operators as
+//!   `(1-60)(61-88)`.
+//! * **PQR**: free format, with or without chains, columns that touch.
+//!
+//! What cannot be read is an [`Error`] with file and line, also a file that was cut off: in the
+//! middle of a row, a PDB entry with a sequence but without `END`, or an mmCIF file that marks the
+//! ends of its categories with `#`, but not that of its atoms.
 //!
 //! ```
 //! use geom_core::io::structure::{read, ReadOptions};
@@ -15,7 +30,7 @@
 use std::fmt;
 use std::path::Path;
 
-use super::assembly::Assembly;
+use super::assembly::{Assembly, Copies};
 use super::{Error, ErrorKind, mmcif, pdb, pqr, read_bytes};
 use crate::Structure;
 use crate::id::MAX_ELEMENTS;
@@ -160,6 +175,11 @@ impl Format {
         let name = name.to_string_lossy().to_ascii_lowercase();
         let stem = name.strip_suffix(".gz").unwrap_or(&name);
         match stem.rsplit_once('.').map(|(_, e)| e) {
+            Some("pqr") if pdb::has_elements(content) => Err(ErrorKind::expected(
+                "rows that end with charge and radius in a PQR file",
+                "the columns of a PDB file (rename it to .pdb)",
+            )
+            .into()),
             Some("pqr") => Ok(Self::Pqr),
             Some("cif" | "mmcif") => Ok(Self::Mmcif),
             Some("bcif" | "mmtf" | "bcif2") => Err(ErrorKind::Unsupported(
@@ -289,6 +309,18 @@ pub fn parse(
         Format::Mmcif => mmcif::parse(content, options.models),
         Format::Pqr => pqr::parse(content, options.models),
     }?;
+    if records.models == 0 {
+        let text = String::from_utf8_lossy(content.trim_ascii_start());
+        let first: String = text
+            .lines()
+            .next()
+            .unwrap_or_default()
+            .chars()
+            .take(40)
+            .collect();
+        let reason = format!(" in this {format} file, which begins with {first:?}");
+        return Err(ErrorKind::NoAtoms(reason).into());
+    }
     records.keep(format, options)
 }
 
@@ -297,6 +329,8 @@ pub fn parse(
 pub(super) struct Record {
     pub(super) atom: Atom,
     pub(super) residue: Residue,
+    /// Place in the entity's sequence (mmCIF), which tells residues apart whose numbers do not.
+    pub(super) sequence: i32,
     /// Index into [`Records::chains`].
     pub(super) chain: u32,
     /// Index into [`Records::parts`]: what assembly generators name.
@@ -305,6 +339,25 @@ pub(super) struct Record {
     pub(super) domain: u32,
     pub(super) altloc: u8,
     pub(super) occupancy: f32,
+}
+
+impl Record {
+    /// What the rows of a residue have in common, and those of residues that exclude each other.
+    fn place(&self) -> (u32, u32, i32, Name, i32) {
+        let Residue {
+            number, insertion, ..
+        } = self.residue;
+        (self.domain, self.chain, number, insertion, self.sequence)
+    }
+
+    /// What tells residues at one place apart.
+    fn identity(&self) -> (Name, u32) {
+        (self.residue.name, self.part)
+    }
+
+    fn same_residue(&self, other: &Self) -> bool {
+        self.place() == other.place() && self.identity() == other.identity()
+    }
 }
 
 /// Everything that a reader of one format finds.
@@ -350,6 +403,13 @@ impl Names {
             }
         };
         self.last
+    }
+
+    /// The chain without a name behind so many `TER` records. Its entry is no text, so that it cannot
+    /// be a name in the file.
+    pub(super) fn unnamed(&mut self, segment: u32) -> u32 {
+        let [a, b, c, d] = segment.to_le_bytes();
+        self.index(&[0, a, b, c, d])
     }
 
     pub(super) fn find(&self, name: &[u8]) -> Option<u32> {
@@ -429,14 +489,8 @@ impl Records {
             warnings: std::mem::take(&mut self.warnings),
         };
         if self.records.is_empty() {
-            return Err(match options.models {
-                Models::Number(n) if self.models > 0 => ErrorKind::NoAtoms(format!(
-                    " in model {n}: the file has {} models",
-                    self.models
-                )),
-                _ => ErrorKind::NoAtoms(format!(" in this {format} file")),
-            }
-            .into());
+            let reason = format!(" in model {}: the file has {}", options.models, self.models);
+            return Err(ErrorKind::NoAtoms(format!("{reason} models")).into());
         }
         if self.records.len() > options.max_atoms {
             return Err(too_large(self.records.len() as u128, options.max_atoms));
@@ -478,14 +532,15 @@ impl Records {
                 };
                 return Err(ErrorKind::expected(format!("an assembly ({known})"), name).into());
             };
-            let copies = assembly.copies(&self.parts)?;
-            report.copies = copies.transforms.len();
+            let Copies { sets, copies } = assembly.copies(&self.parts)?;
+            report.copies = copies.len();
+            let flags = |set: &Option<Vec<u32>>| {
+                let has = |part| set.as_ref().is_none_or(|s| s.binary_search(part).is_ok());
+                parts.iter().map(has).collect()
+            };
+            let sets: Vec<Vec<bool>> = sets.iter().map(flags).collect();
             structure = structure
-                .copies(
-                    &copies.transforms,
-                    |k, r| copies.includes(k, parts[r]),
-                    options.max_atoms,
-                )
+                .copies(&sets, &copies, options.max_atoms)
                 .map_err(|e| too_large(e.atoms, options.max_atoms))?;
             if structure.atoms().is_empty() {
                 let reason = format!(" left: assembly {name} names none of the chains kept");
@@ -538,31 +593,26 @@ impl Records {
             .collect()
     }
 
-    /// Residues that share a place in the sequence may take turns row by row.
+    /// Residues that exclude each other may take turns row by row.
     fn untangle(&mut self) {
-        let place = |r: &Record| {
-            let place = (r.residue.number, r.residue.insertion);
-            (r.domain, r.chain, r.part, place)
-        };
-        for group in self.groups(place) {
+        for group in self.groups(Record::place) {
             let records = &mut self.records[group];
-            let first = records[0].residue.name;
-            if records.iter().all(|r| r.residue.name == first) {
+            if records.iter().all(|r| r.altloc == b' ') {
                 continue;
             }
-            let mut names: Vec<Name> = Vec::new();
+            let mut order = Vec::new();
             for r in records.iter() {
-                if !names.contains(&r.residue.name) {
-                    names.push(r.residue.name);
+                if !order.contains(&r.identity()) {
+                    order.push(r.identity());
                 }
             }
-            records.sort_by_key(|r| names.iter().position(|n| *n == r.residue.name));
+            records.sort_by_key(|r| order.iter().position(|i| *i == r.identity()));
         }
     }
 
     /// The kind of each residue, beyond what the format says: water and ions by name and size.
     fn classify(&mut self) {
-        for group in self.groups(|r| (r.domain, r.chain, r.part, residue_key(&r.residue))) {
+        for group in self.groups(|r| (r.place(), r.identity())) {
             let first = &self.records[group.start];
             let name = first.residue.name;
             let single = {
@@ -588,10 +638,9 @@ impl Records {
         if policy == AltLocs::All || self.records.iter().all(|r| r.altloc == b' ') {
             return;
         }
-        // Residues that exclude each other share a place in the sequence, not always the name.
-        let place = |r: &Record| (r.domain, r.chain, r.residue.number, r.residue.insertion);
         let mut kept = vec![true; self.records.len()];
-        for group in self.groups(place) {
+        // Residues that exclude each other share a place, not always the name.
+        for group in self.groups(Record::place) {
             let records = &self.records[group.clone()];
             // Summed occupancies per label and residue name, labels in alphabetical order.
             let mut sums: Vec<(u8, Name, f64)> = Vec::new();
@@ -673,10 +722,10 @@ impl Records {
             let polymer: Vec<_> = chain
                 .filter(|&i| self.records[i].residue.kind == ResidueKind::Polymer)
                 .collect();
-            let key = |i: usize| residue_key(&self.records[i].residue);
             let mut alone = Vec::new();
             let mut count = 0;
-            for residue in polymer.chunk_by(|&a, &b| key(a) == key(b)) {
+            for residue in polymer.chunk_by(|&a, &b| self.records[a].same_residue(&self.records[b]))
+            {
                 count += 1;
                 if let [i] = *residue {
                     let atom = &self.records[i].atom;
@@ -722,18 +771,14 @@ impl Records {
         for r in &self.records {
             let domain = before.is_none_or(|b| b.domain != r.domain);
             let chain = domain || before.is_none_or(|b| b.chain != r.chain);
-            let residue = chain
-                || before.is_none_or(|b| {
-                    residue_key(&b.residue) != residue_key(&r.residue) || b.part != r.part
-                });
+            let residue = chain || before.is_none_or(|b| !b.same_residue(r));
             if domain {
                 let (model, copy) = self.domains[r.domain as usize];
                 builder.domain(model, copy);
             }
             if chain {
-                let name = std::str::from_utf8(&self.chains.names[r.chain as usize]);
-                let name = name.unwrap_or_default().trim_end_matches(SEGMENT_MARK);
-                builder.chain(Name::new(name).unwrap_or_default());
+                let name = Name::from_bytes(&self.chains.names[r.chain as usize]);
+                builder.chain(name.unwrap_or_default());
             }
             if residue {
                 builder.residue_of(r.residue);
@@ -745,13 +790,6 @@ impl Records {
         self.records = Vec::new();
         (builder.build(), parts)
     }
-}
-
-/// Ends the names of chains that have none in the file but are told apart by `TER`.
-pub(super) const SEGMENT_MARK: char = '\u{1}';
-
-fn residue_key(residue: &Residue) -> (i32, Name, Name) {
-    (residue.number, residue.insertion, residue.name)
 }
 
 fn left_over(report: &ReadReport) -> String {

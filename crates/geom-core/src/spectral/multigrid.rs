@@ -47,10 +47,7 @@ impl Rows32 {
     }
 
     /// `out ← out + scale · A X`.
-    fn add_product<T: Real>(&self, scale: T, block: &[T], columns: usize, out: &mut [T])
-    where
-        T: From<f32>,
-    {
+    fn add_product<T: Real>(&self, scale: T, block: &[T], columns: usize, out: &mut [T]) {
         match columns {
             0 => {}
             4 => self.add::<T, 4>(scale, block, out),
@@ -80,7 +77,7 @@ impl Rows32 {
             .zip(self.values[range].iter().copied())
     }
 
-    fn add<T: Real + From<f32>, const C: usize>(&self, scale: T, block: &[T], out: &mut [T]) {
+    fn add<T: Real, const C: usize>(&self, scale: T, block: &[T], out: &mut [T]) {
         let (rows, _) = block.as_chunks::<C>();
         let (out, _) = out.as_chunks_mut::<C>();
         out.par_chunks_mut(ROWS)
@@ -122,7 +119,7 @@ impl<'a> Rounded<'a> {
     }
 
     /// `A X`.
-    pub(crate) fn multiply<T: Real + From<f32>>(&self, block: &[T], columns: usize) -> Vec<T> {
+    pub(crate) fn multiply<T: Real>(&self, block: &[T], columns: usize) -> Vec<T> {
         let mut out = vec![T::default(); self.rows() * columns];
         self.matrix
             .add_product(T::from(1.0), block, columns, &mut out);
@@ -230,11 +227,11 @@ impl<'a> Multigrid<'a> {
     }
 
     /// One V-cycle from zero, in the precision of `T`.
-    pub(crate) fn cycle<T: Real + From<f32>>(&self, block: &[T], columns: usize) -> Vec<T> {
+    pub(crate) fn cycle<T: Real>(&self, block: &[T], columns: usize) -> Vec<T> {
         self.descend(0, block, columns)
     }
 
-    fn descend<T: Real + From<f32>>(&self, depth: usize, b: &[T], columns: usize) -> Vec<T> {
+    fn descend<T: Real>(&self, depth: usize, b: &[T], columns: usize) -> Vec<T> {
         if columns == 0 {
             return Vec::new();
         }
@@ -263,7 +260,7 @@ impl<'a> Multigrid<'a> {
 
 impl Level<'_> {
     /// Smooths x, with its residual in r, which is not up to date afterwards.
-    fn smooth<T: Real + From<f32>>(&self, x: &mut [T], r: &mut [T], b: &[T], columns: usize) {
+    fn smooth<T: Real>(&self, x: &mut [T], r: &mut [T], b: &[T], columns: usize) {
         let mut d = vec![T::default(); x.len()];
         for (k, [first, second]) in self.steps.into_iter().enumerate() {
             if k > 0 {
@@ -288,7 +285,7 @@ impl Level<'_> {
     }
 
     /// `r ← b − A x`.
-    fn residual<T: Real + From<f32>>(&self, r: &mut [T], x: &[T], b: &[T], columns: usize) {
+    fn residual<T: Real>(&self, r: &mut [T], x: &[T], b: &[T], columns: usize) {
         let image = self.operator.multiply(x, columns);
         r.par_chunks_mut(ROWS * columns)
             .zip(b.par_chunks(ROWS * columns))
@@ -324,8 +321,8 @@ fn aggregates(operator: Operator<'_>, diagonal: &[f64]) -> (Vec<u32>, usize) {
         }
     }
     let first = aggregate.clone();
-    for i in 0..n {
-        if aggregate[i] != FREE {
+    for (i, own) in aggregate.iter_mut().enumerate() {
+        if *own != FREE {
             continue;
         }
         let best = operator
@@ -336,7 +333,7 @@ fn aggregates(operator: Operator<'_>, diagonal: &[f64]) -> (Vec<u32>, usize) {
                 _ => Some((j, a.abs())),
             });
         if let Some((j, _)) = best {
-            aggregate[i] = first[j];
+            *own = first[j];
         }
     }
     for i in 0..n {

@@ -140,33 +140,38 @@ fn factor(text: &str) -> Result<Factor, SelectError> {
         found: text.to_owned(),
         expected,
     };
-    let name = |n: &str| Name::new(n).ok_or_else(|| wrong("a name has at most eight characters"));
+    let name = |n: &str| {
+        let found = Name::new(n).filter(|_| !n.contains(':'));
+        found.ok_or_else(|| wrong("a name has at most eight characters and no colon"))
+    };
     let numbers = |r: &str| range(r).ok_or_else(|| wrong("expected a number or a range as 10-25"));
     let counts = |r: &str| match range(r).map(|(a, b)| (u32::try_from(a), u32::try_from(b))) {
         Some((Ok(a), Ok(b))) => Ok((a, b)),
         _ => Err(wrong("expected a number or a range as 1-4")),
     };
-    Ok(match text.split_once(':') {
-        Some(("chain", n)) => Factor::Chain(name(n)?),
-        Some(("residue", r)) => numbers(r).map(|(a, b)| Factor::Residues(a, b))?,
-        Some(("name", n)) => Factor::ResidueName(name(n)?),
-        Some(("copy", r)) => counts(r).map(|(a, b)| Factor::Copies(a, b))?,
-        Some(("model", r)) => counts(r).map(|(a, b)| Factor::Models(a, b))?,
-        Some(("domain", r)) => counts(r).map(|(a, b)| Factor::Domains(a, b))?,
-        Some((chain, r)) => {
-            let (a, b) = numbers(r)?;
-            Factor::ChainResidues(name(chain)?, a, b)
-        }
-        None => match text {
-            "all" => Factor::All,
-            "polymer" => Factor::Kind(ResidueKind::Polymer),
-            "ligand" => Factor::Kind(ResidueKind::Ligand),
-            "ion" => Factor::Kind(ResidueKind::Ion),
-            "water" => Factor::Kind(ResidueKind::Water),
-            "" => return Err(wrong("expected a chain, e.g. A or B:10-25")),
-            chain => Factor::Chain(name(chain)?),
+    Ok(
+        match text.split_once(':').map(|(k, v)| (k.trim(), v.trim())) {
+            Some(("chain", n)) => Factor::Chain(name(n)?),
+            Some(("residue", r)) => numbers(r).map(|(a, b)| Factor::Residues(a, b))?,
+            Some(("name", n)) => Factor::ResidueName(name(n)?),
+            Some(("copy", r)) => counts(r).map(|(a, b)| Factor::Copies(a, b))?,
+            Some(("model", r)) => counts(r).map(|(a, b)| Factor::Models(a, b))?,
+            Some(("domain", r)) => counts(r).map(|(a, b)| Factor::Domains(a, b))?,
+            Some((chain, r)) => {
+                let (a, b) = numbers(r)?;
+                Factor::ChainResidues(name(chain)?, a, b)
+            }
+            None => match text {
+                "all" => Factor::All,
+                "polymer" => Factor::Kind(ResidueKind::Polymer),
+                "ligand" => Factor::Kind(ResidueKind::Ligand),
+                "ion" => Factor::Kind(ResidueKind::Ion),
+                "water" => Factor::Kind(ResidueKind::Water),
+                "" => return Err(wrong("expected a chain, e.g. A or B:10-25")),
+                chain => Factor::Chain(name(chain)?),
+            },
         },
-    })
+    )
 }
 
 /// `10`, `10-25`, `-5--2`.

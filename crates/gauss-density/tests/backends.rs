@@ -1,0 +1,372 @@
+//! Every backend follows the plain f64 functions.
+
+use gauss_density::testing::{globule, models, plain_atom_errors, plain_refit_sums};
+use gauss_density::{
+    ATOM_ERRORS, BLOCK, Block, BlockValues, Cutoff, DensityBackend, Elimination, Job, Levels,
+    Model, Options, Prepared, REFIT_SUMS, RefitSums, SAMPLE_BLOCKS, SiteCell, eliminate,
+    nested_sum, sample, sample_band,
+};
+use geom_core::grid::{BRICK, Brick};
+use geom_core::{Aabb, Agreement, Cpu, Lattice, LatticeValues, Point3, Run};
+use proptest::prelude::*;
+
+#[cfg(feature = "wgpu")]
+use geom_core::testing::gpu_or_skip;
+
+/// A lattice of 2 × 2 × 1 bricks around the atoms' middle, as one block with all atoms.
+fn block_of(model: &Model, spacing: f64) -> (Lattice, Block) {
+    let middle = model.center_bounds().center();
+    let low = Point3::new(
+        middle.x - 8.0 * spacing,
+        middle.y - 8.0 * spacing,
+        middle.z - 4.0 * spacing,
+    );
+    let lattice = Lattice::covering(
+        &Aabb::new(
+            low,
+            low + geom_core::Vector3::new(15.0, 15.0, 7.0) * (spacing * 0.999),
+        ),
+        spacing,
+    );
+    let block = Block {
+        brick: [0; 3],
+        bricks: lattice.counts.map(|n| n.div_ceil(BRICK).min(BLOCK)),
+        mask: u64::MAX,
+        atoms: (0..model.atoms() as u32).collect(),
+    };
+    (lattice, block)
+}
+
+/// Checks the values of a block against the plain function: `(1 − ε) G ≤ G̃ ≤ G` with the agreement of the
+/// kernel, and nothing exterior that reaches the floor. Gives the number of values that were compared.
+fn check_block(
+    model: &Model,
+    job: &Job,
+    eps: f64,
+    block: &Block,
+    result: &BlockValues,
+) -> Result<usize, TestCaseError> {
+    let Agreement::Bounded { relative, absolute } = SAMPLE_BLOCKS else {
+        unreachable!()
+    };
+    let mut compared = 0;
+    for i in 0..block.len() {
+        let first = block.brick_at(i).map(|b| b * BRICK);
+        for p in 0..BRICK.pow(3) {
+            let local = [p % BRICK, p / BRICK % BRICK, p / (BRICK * BRICK)];
+            let x = job.lattice.point([0, 1, 2].map(|k| first[k] + local[k]));
+            let exact = nested_sum(model, &x);
+            match result.kinds[i] {
+                Brick::Exterior => {
+                    prop_assert!(exact < job.floor * (1.0 + relative), "{exact} outside")
+                }
+                Brick::Interior => prop_assert!(exact >= job.ceiling * (1.0 - relative)),
+                Brick::Stored(s) => {
+                    let got = f64::from(result.values[s as usize * BRICK.pow(3) + p]);
+                    prop_assert!(
+                        got <= exact * (1.0 + relative) + absolute,
+                        "{got} above {exact}"
+                    );
+                    if exact >= job.floor && exact < 1e37 {
+                        prop_assert!(
+                            got >= exact * (1.0 - eps - relative) - absolute,
+                            "{got} below {exact}"
+                        );
+                        compared += 1;
+                    }
+                }
+            }
+        }
+    }
+    Ok(compared)
+}
+
+fn follows_the_plain_density(backend: &dyn DensityBackend, cases: u32) {
+    let strategy = (models(), 0.2..1.5f64, -5.0..-1.0f64, any::<bool>());
+    let compared = std::cell::Cell::new(0);
+    let config = ProptestConfig {
+        failure_persistence: None,
+        ..ProptestConfig::with_cases(cases)
+    };
+    proptest!(config, |((model, spacing, ln_eps, band) in strategy)| {
+        let (lattice, block) = block_of(&model, spacing);
+        let eps = 10f64.powf(ln_eps);
+        let (floor, ceiling) = if band { (0.5, 2.0) } else { (1e-3, f64::INFINITY) };
+        let job = Job { lattice, cutoff: Cutoff::AfterPowers(eps), floor, ceiling };
+        let prepared = Prepared::new(&model);
+        let result = backend.sample_blocks(&prepared, &job, std::slice::from_ref(&block)).unwrap();
+        prop_assert_eq!(result.len(), 1);
+        compared.set(compared.get() + check_block(&model, &job, eps, &block, &result[0])?);
+    });
+    assert!(
+        compared.get() > 1000 * cases as usize / 10,
+        "{} values compared",
+        compared.get()
+    );
+}
+
+/// The bare cut, point by point; points at which a kernel is near the cut are left out.
+fn follows_the_bare_cut(backend: &dyn DensityBackend, cases: u32) {
+    let config = ProptestConfig {
+        failure_persistence: None,
+        ..ProptestConfig::with_cases(cases)
+    };
+    proptest!(config, |((model, spacing) in (models(), 0.4..1.2f64))| {
+        let (lattice, block) = block_of(&model, spacing);
+        let eps = 1e-3f64;
+        let cutoff = Cutoff::Bare(eps);
+        let job = Job { lattice, cutoff, floor: 1e-6, ceiling: f64::INFINITY };
+        let prepared = Prepared::new(&model);
+        let result = &backend.sample_blocks(&prepared, &job, std::slice::from_ref(&block)).unwrap()[0];
+        for i in 0..block.len() {
+            let Brick::Stored(s) = result.kinds[i] else { continue };
+            let first = block.brick_at(i).map(|b| b * BRICK);
+            for p in 0..BRICK.pow(3) {
+                let local = [p % BRICK, p / BRICK % BRICK, p / (BRICK * BRICK)];
+                let x = lattice.point([0, 1, 2].map(|k| first[k] + local[k]));
+                let ln: Vec<f64> = (0..model.atoms()).map(|a| {
+                    let d = (x - model.centers()[a]).norm_squared();
+                    model.decays()[a] * (model.radii()[a].powi(2) - d)
+                }).collect();
+                if ln.iter().any(|l| (l - eps.ln()).abs() < 1e-4) { continue; }
+                let kept: Vec<u32> = (0..model.atoms() as u32)
+                    .filter(|&a| ln[a as usize] >= eps.ln())
+                    .collect();
+                let exact = if kept.is_empty() { 0.0 } else {
+                    SiteCell::of_points(&prepared, &kept, vec![x]).exact[0]
+                };
+                let got = f64::from(result.values[s as usize * BRICK.pow(3) + p]);
+                prop_assert!((got - exact).abs() <= 2e-4 * exact + 1e-37 || exact > 1e37, "{got} for {exact}");
+            }
+        }
+    });
+}
+
+/// Cells around the atoms, with a density of the original that the model has to reach.
+fn cells_of(model: &Model, shift: f64) -> Vec<SiteCell> {
+    let prepared = Prepared::new(model);
+    let all: Vec<u32> = (0..model.atoms() as u32).collect();
+    (0..3)
+        .map(|c| {
+            let points = (0..20)
+                .map(|i| {
+                    let a = model.centers()[(7 * c + i) % model.atoms()];
+                    let t = f64::from(i as u32) * 0.7 + c as f64;
+                    a + geom_core::Vector3::new(t.sin(), t.cos(), (1.3 * t).sin()) * 1.8
+                })
+                .collect();
+            let mut cell = SiteCell::of_points(&prepared, &all, points);
+            for (i, exact) in cell.exact.iter_mut().enumerate() {
+                *exact *= 1.0 + shift * f64::from(i as u32 % 5);
+            }
+            for (i, (target, exact)) in cell.target.iter_mut().zip(&cell.exact).enumerate() {
+                *target = if i % 4 == 0 { exact.min(1.1) } else { *exact };
+            }
+            cell
+        })
+        .collect()
+}
+
+/// Sums that need not be finite in f32 are no test of a kernel.
+fn tame(model: &Model, cells: &[SiteCell]) -> bool {
+    let top = |a: usize| model.decays()[a] * model.radii()[a].powi(2);
+    (0..model.atoms()).all(|a| top(a) < 20.0)
+        && cells
+            .iter()
+            .flat_map(|c| &c.exact)
+            .all(|e| (1e-20..1e15).contains(e))
+}
+
+fn follows_the_plain_errors(backend: &dyn DensityBackend, cases: u32) {
+    let config = ProptestConfig {
+        failure_persistence: None,
+        ..ProptestConfig::with_cases(cases)
+    };
+    proptest!(config, |(model in models())| {
+        let cells = cells_of(&model, 0.0);
+        prop_assume!(tame(&model, &cells));
+        let prepared = Prepared::new(&model);
+        let got = backend.atom_errors(&prepared, &cells).unwrap();
+        let plain = plain_atom_errors(&prepared, &cells);
+        prop_assert_eq!(ATOM_ERRORS.first_break(&plain, &got), None);
+    });
+}
+
+/// Sums per kind of parameter, relative to the largest of the kind.
+fn normalized(sums: &RefitSums, by: &RefitSums) -> Vec<f64> {
+    let mut all = vec![sums.objective / by.objective.max(1e-30)];
+    for (own, scale) in [
+        (&sums.gradient, &by.gradient),
+        (&sums.curvature, &by.curvature),
+    ] {
+        for p in 0..5 {
+            let largest = scale.iter().map(|s| s[p].abs()).fold(1e-30, f64::max);
+            all.extend(own.iter().map(|s| s[p] / largest));
+        }
+    }
+    all
+}
+
+fn follows_the_plain_refit(backend: &dyn DensityBackend, cases: u32) {
+    let config = ProptestConfig {
+        failure_persistence: None,
+        ..ProptestConfig::with_cases(cases)
+    };
+    proptest!(config, |(model in models())| {
+        // The original is up to 40 % denser, so that there is something to fit.
+        let cells = cells_of(&model, 0.1);
+        prop_assume!(tame(&model, &cells));
+        let prepared = Prepared::new(&model);
+        let plain = plain_refit_sums(&prepared, &cells);
+        let got = backend.refit_sums(&prepared, &cells).unwrap();
+        let (plain_, got) = (normalized(&plain, &plain), normalized(&got, &plain));
+        prop_assert_eq!(REFIT_SUMS.first_break(&plain_, &got), None);
+    });
+}
+
+#[test]
+fn cpu_follows_the_plain_functions() {
+    follows_the_plain_density(&Cpu, 200);
+    follows_the_bare_cut(&Cpu, 20);
+    follows_the_plain_errors(&Cpu, 200);
+    follows_the_plain_refit(&Cpu, 200);
+}
+
+#[cfg(feature = "wgpu")]
+#[test]
+fn wgpu_follows_the_plain_density() {
+    let Some(gpu) = gpu_or_skip() else { return };
+    follows_the_plain_density(&gpu, 64);
+    follows_the_bare_cut(&gpu, 16);
+}
+
+#[cfg(feature = "wgpu")]
+#[test]
+fn wgpu_follows_the_plain_errors_and_refit() {
+    let Some(gpu) = gpu_or_skip() else { return };
+    follows_the_plain_errors(&gpu, 64);
+    follows_the_plain_refit(&gpu, 64);
+}
+
+/// A backend that is wrong in one place.
+struct Wrong;
+
+impl geom_core::Backend for Wrong {
+    fn name(&self) -> String {
+        "wrong".to_owned()
+    }
+}
+
+impl DensityBackend for Wrong {
+    fn sample_blocks(
+        &self,
+        model: &Prepared<'_>,
+        job: &Job,
+        blocks: &[Block],
+    ) -> Result<Vec<BlockValues>, gauss_density::Error> {
+        let mut results = Cpu.sample_blocks(model, job, blocks)?;
+        for value in results.iter_mut().flat_map(|r| r.values.iter_mut()) {
+            *value *= 1.001;
+        }
+        Ok(results)
+    }
+    fn atom_errors(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SiteCell],
+    ) -> Result<Vec<f64>, gauss_density::Error> {
+        let mut errors = Cpu.atom_errors(model, cells)?;
+        errors[0] = errors[0] * 1.01 + 1e-5;
+        Ok(errors)
+    }
+    fn refit_sums(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SiteCell],
+    ) -> Result<RefitSums, gauss_density::Error> {
+        let mut sums = Cpu.refit_sums(model, cells)?;
+        for gradient in &mut sums.gradient {
+            gradient[3] *= 1.01;
+        }
+        Ok(sums)
+    }
+}
+
+#[test]
+#[should_panic(expected = "above")]
+fn a_wrong_density_is_caught() {
+    follows_the_plain_density(&Wrong, 20);
+}
+
+#[test]
+#[should_panic(expected = "None")]
+fn a_wrong_error_is_caught() {
+    follows_the_plain_errors(&Wrong, 20);
+}
+
+#[test]
+#[should_panic(expected = "None")]
+fn a_wrong_derivative_is_caught() {
+    follows_the_plain_refit(&Wrong, 20);
+}
+
+#[cfg(feature = "wgpu")]
+#[test]
+fn wgpu_samples_eliminates_and_refits_like_the_cpu() {
+    let Some(gpu) = gpu_or_skip() else { return };
+    let levels = Levels {
+        residue_power: 0.25,
+        chain_power: 0.8,
+        decay: 0.5,
+        ..Levels::default()
+    };
+    let model = Model::uniform(&globule(2, 10, 3), &levels).unwrap();
+    let options = Options {
+        spacing: 0.7,
+        ..Options::default()
+    };
+    let dense = [
+        sample(&model, &options, Run::on(&Cpu)).unwrap(),
+        sample(&model, &options, Run::on(&gpu)).unwrap(),
+    ];
+    let band = sample_band(&model, &options, Run::on(&gpu)).unwrap();
+    let lattice = *dense[0].grid.lattice();
+    assert!(band.report.stored_points > 0 && dense[1].report.pairs > 0);
+    for i in 0..lattice.len() {
+        let [cpu, gpu] = [0, 1].map(|d| f64::from(dense[d].grid.values()[i]));
+        if cpu >= 1e-3 {
+            assert!((cpu - gpu).abs() <= 4e-4 * cpu, "{cpu} {gpu}");
+        }
+        let banded = f64::from(band.grid.at(lattice.coordinates(i)));
+        if (cpu - 1.0).abs() > 4e-4 {
+            assert_eq!(banded >= 1.0, cpu >= 1.0);
+        }
+    }
+    let elimination = Elimination {
+        epsilon: 0.05,
+        spacing: 0.8,
+        ..Elimination::default()
+    };
+    let cpu = eliminate(&model, &elimination, Run::on(&Cpu)).unwrap();
+    let on_gpu = eliminate(&model, &elimination, Run::on(&gpu)).unwrap();
+    assert!(on_gpu.report.worst_loss <= 0.05 && on_gpu.report.backend.starts_with("wgpu"));
+    let (a, b) = (cpu.report.remaining as f64, on_gpu.report.remaining as f64);
+    assert!(a < 140.0 && (a - b).abs() <= 0.05 * a, "{a} and {b} remain");
+    let options = gauss_density::Refit {
+        spacing: 0.8,
+        iterations: 20,
+        ..Default::default()
+    };
+    let fit = gauss_density::refit(&on_gpu.model, &model, &options, Run::on(&gpu)).unwrap();
+    assert!(fit.report.objective[1] < 0.5 * fit.report.objective[0]);
+}
+
+#[cfg(feature = "wgpu")]
+#[test]
+fn trees_that_are_too_deep_for_the_kernels_are_refused() {
+    let Some(gpu) = gpu_or_skip() else { return };
+    let tree = vec![(vec![0, 1], vec![0.5]); 9];
+    let model = Model::new(vec![Point3::origin()], vec![1.7], vec![1.0], tree).unwrap();
+    let error = sample(&model, &Options::default(), Run::on(&gpu)).unwrap_err();
+    assert!(error.to_string().contains("8 levels"), "{error}");
+}
