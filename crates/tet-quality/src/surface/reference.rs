@@ -231,6 +231,24 @@ impl<'a> Reference<'a> {
         }
     }
 
+    /// How many vertices of `mesh` does the level set not reach?
+    pub(super) fn off_level(&self, mesh: &TriMesh) -> usize {
+        if self.field.is_none() {
+            return 0;
+        }
+        let p = mesh.positions();
+        let off = |p: &Point3| {
+            let size = match &self.sizes {
+                Sizes::Same(size) => *size,
+                Sizes::PerVertex(_) => self.size_at(&self.tree.closest(p)),
+            };
+            self.distance(p) > 0.01 * size
+        };
+        parallel::fold_chunks(p.len(), |range| p[range].iter().filter(|p| off(p)).count())
+            .into_iter()
+            .sum()
+    }
+
     /// Of the vertices and of the centroids of `mesh`.
     pub(super) fn deviations(&self, mesh: &TriMesh) -> (Deviation, Deviation) {
         let of = |n: usize, point: &(dyn Fn(usize) -> Point3 + Sync)| {
