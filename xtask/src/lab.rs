@@ -11,6 +11,8 @@ mod python;
 mod spectra;
 #[cfg(feature = "lab")]
 mod thesis;
+#[cfg(feature = "lab")]
+mod thesis35;
 
 use clap::Subcommand;
 
@@ -32,7 +34,7 @@ pub(crate) enum Chore {
     Crosscheck,
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
-        /// Its number: 3.1, 3.2, 3.3, 3.4.
+        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5.
         table: String,
     },
 }
