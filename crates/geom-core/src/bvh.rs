@@ -142,7 +142,7 @@ impl TriangleTree {
         let mut stack = [(0.0, 0u32); 40];
         let mut depth = 1;
         stack[0] = (self.boxes[0].distance_squared(p), 0);
-        while depth > 0 {
+        'waiting: while depth > 0 {
             depth -= 1;
             let (bound, mut node) = stack[depth];
             if bound * SURELY > best_squared {
@@ -156,6 +156,9 @@ impl TriangleTree {
                 } else {
                     (right, left, dl)
                 };
+                if dl.min(dr) * SURELY > best_squared {
+                    continue 'waiting;
+                }
                 if d_far * SURELY <= best_squared {
                     stack[depth] = (d_far, far);
                     depth += 1;

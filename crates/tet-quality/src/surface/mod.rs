@@ -260,6 +260,9 @@ pub struct Report {
     pub vertex_deviation: Deviation,
     /// From the result's triangle centroids to the same.
     pub centroid_deviation: Deviation,
+    /// Vertices farther from the level set than a hundredth of the wanted edge length: they lie on
+    /// necks, tunnels and pieces of the input that the level set has not, and follow the input there.
+    pub off_level: usize,
     /// Did the last round change less than one edge in a hundred, and are all angles at least
     /// [`Options::min_angle_deg`]?
     pub converged: bool,
@@ -277,7 +280,8 @@ pub struct Remeshed {
 }
 
 /// A surface of good triangles in place of `mesh`, with edges as `options` want them. Vertices lie
-/// on the level set of `field` where one is given, else on `mesh`.
+/// on the level set of `field` where one is given, else on `mesh`; also there where the level set is
+/// farther than an edge or faces another way, since the topology is that of `mesh`.
 ///
 /// ```
 /// use geom_core::{Cpu, Run, mesh::shapes};
@@ -347,6 +351,7 @@ pub fn remesh(
         labels.clear();
     }
     let (vertex_deviation, centroid_deviation) = reference.deviations(&mesh);
+    let off_level = reference.off_level(&mesh);
     let after = TriangleReport::of(&mesh);
     let converged = settled && after.min_angle_deg >= options.min_angle_deg;
     let report = Report {
@@ -359,6 +364,7 @@ pub fn remesh(
         feature_edges,
         vertex_deviation,
         centroid_deviation,
+        off_level,
         converged,
     };
     Ok(Remeshed {

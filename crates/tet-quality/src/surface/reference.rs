@@ -1,6 +1,6 @@
 //! The surface to follow, its features, and the wanted edge lengths.
 
-use geom_core::bvh::TriangleTree;
+use geom_core::bvh::{Closest, TriangleTree};
 use geom_core::distance::{Graph, shortest_paths};
 use geom_core::{ImplicitField, Point3, TriMesh, Vector3, parallel};
 
@@ -9,6 +9,8 @@ use super::{Deviation, Error, Features, Options, Sizing};
 
 /// A kept curve that turns by more than this has a corner there: cos 45°.
 const CORNER: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// Least cosine between the normals of the level set and of the input.
+const AGREE: f64 = 0.3;
 /// Most Newton steps towards the level set.
 const NEWTON: usize = 12;
 
@@ -127,52 +129,67 @@ impl<'a> Reference<'a> {
         Ok(reference)
     }
 
-    /// The point of the surface near `p`, for a vertex inside of it. `reach` says how far that may
-    /// be; `None` when it is farther.
+    /// The point of the surface near `p`, for a vertex inside of it: of the level set if that is near
+    /// and faces the way the input does, else of the input, which may have necks and tunnels that
+    /// the level set has not. `reach` says how far it may be; `None` when it is farther.
     pub(super) fn on_surface(&self, p: &Point3, reach: f64) -> Option<Vertex> {
-        if let Some((field, level)) = self.field {
-            let (position, normal) = level_point(field, level, p, reach)?;
-            let size = match &self.sizes {
-                Sizes::Same(size) => *size,
-                Sizes::PerVertex(sizes) => self.interpolate(sizes, &position),
-            };
-            return Some(Vertex {
-                position,
-                normal,
-                size,
-                kind: Kind::Smooth,
-            });
+        self.on_level(p, reach).or_else(|| self.on_input(p, reach))
+    }
+
+    /// The same, but on the level set only if there is one and `near` lies on it: a small step must
+    /// not lead away from it.
+    pub(super) fn beside(&self, near: &Vertex, p: &Point3, reach: f64) -> Option<Vertex> {
+        match self.field {
+            Some(_) if self.distance(&near.position) <= 1e-3 * near.size => self.on_level(p, reach),
+            Some(_) => self.on_surface(p, reach),
+            None => self.on_input(p, reach),
         }
-        let foot = self.tree.closest_within(p, reach)?;
-        let t = foot.triangle as usize;
-        let normal = (0..3)
-            .map(|k| self.normals[t][k] * foot.barycentric[k])
-            .sum::<Vector3>()
-            .try_normalize(1e-6)
-            .unwrap_or_else(|| self.input.doubled_area_normal(t).normalize());
-        let size = match &self.sizes {
-            Sizes::Same(size) => *size,
-            Sizes::PerVertex(sizes) => {
-                let corners = self.input.triangles()[t];
-                (0..3)
-                    .map(|k| sizes[corners[k] as usize] * foot.barycentric[k])
-                    .sum()
-            }
-        };
+    }
+
+    fn on_level(&self, p: &Point3, reach: f64) -> Option<Vertex> {
+        let (field, level) = self.field?;
+        let (position, normal) = level_point(field, level, p, reach)?;
+        let foot = self.tree.closest(&position);
+        if normal.dot(&self.normal_at(&foot)) < AGREE {
+            return None;
+        }
         Some(Vertex {
-            position: foot.point,
+            position,
             normal,
-            size,
+            size: self.size_at(&foot),
             kind: Kind::Smooth,
         })
     }
 
-    fn interpolate(&self, sizes: &[f64], p: &Point3) -> f64 {
-        let foot = self.tree.closest(p);
-        let corners = self.input.triangles()[foot.triangle as usize];
+    fn on_input(&self, p: &Point3, reach: f64) -> Option<Vertex> {
+        let foot = self.tree.closest_within(p, reach)?;
+        Some(Vertex {
+            position: foot.point,
+            normal: self.normal_at(&foot),
+            size: self.size_at(&foot),
+            kind: Kind::Smooth,
+        })
+    }
+
+    fn normal_at(&self, foot: &Closest) -> Vector3 {
+        let t = foot.triangle as usize;
         (0..3)
-            .map(|k| sizes[corners[k] as usize] * foot.barycentric[k])
-            .sum()
+            .map(|k| self.normals[t][k] * foot.barycentric[k])
+            .sum::<Vector3>()
+            .try_normalize(1e-6)
+            .unwrap_or_else(|| self.input.doubled_area_normal(t).normalize())
+    }
+
+    fn size_at(&self, foot: &Closest) -> f64 {
+        match &self.sizes {
+            Sizes::Same(size) => *size,
+            Sizes::PerVertex(sizes) => {
+                let corners = self.input.triangles()[foot.triangle as usize];
+                (0..3)
+                    .map(|k| sizes[corners[k] as usize] * foot.barycentric[k])
+                    .sum()
+            }
+        }
     }
 
     /// The point near `p` of the kept curves that run as `course` says.
@@ -187,22 +204,14 @@ impl<'a> Reference<'a> {
                 sizes[a as usize] * (1.0 - along) + sizes[b as usize] * along
             }
         };
-        let on_input = || {
-            let foot = self.tree.closest(&foot.point);
-            self.normals[foot.triangle as usize]
-                .iter()
-                .zip(foot.barycentric)
-                .map(|(n, b)| n * b)
-                .sum::<Vector3>()
-                .try_normalize(1e-6)
-                .unwrap_or_else(Vector3::zeros)
-        };
+        let on_input = || (foot.point, self.normal_at(&self.tree.closest(&foot.point)));
         let (position, normal) = match (course, self.field) {
             (Course::Crease, _) => (foot.point, Vector3::zeros()),
-            (Course::Within, Some((field, level))) => {
-                level_point(field, level, &foot.point, reach)?
-            }
-            (Course::Within | Course::Boundary, _) => (foot.point, on_input()),
+            (Course::Within, Some(_)) => match self.on_level(&foot.point, reach) {
+                Some(there) => (there.position, there.normal),
+                None => on_input(),
+            },
+            (Course::Within | Course::Boundary, _) => on_input(),
         };
         Some(Vertex {
             position,
@@ -220,6 +229,24 @@ impl<'a> Reference<'a> {
             }
             None => self.tree.closest(p).distance,
         }
+    }
+
+    /// How many vertices of `mesh` does the level set not reach?
+    pub(super) fn off_level(&self, mesh: &TriMesh) -> usize {
+        if self.field.is_none() {
+            return 0;
+        }
+        let p = mesh.positions();
+        let off = |p: &Point3| {
+            let size = match &self.sizes {
+                Sizes::Same(size) => *size,
+                Sizes::PerVertex(_) => self.size_at(&self.tree.closest(p)),
+            };
+            self.distance(p) > 0.01 * size
+        };
+        parallel::fold_chunks(p.len(), |range| p[range].iter().filter(|p| off(p)).count())
+            .into_iter()
+            .sum()
     }
 
     /// Of the vertices and of the centroids of `mesh`.

@@ -558,7 +558,7 @@ fn spread(mesh: &mut Mesh, reference: &Reference<'_>, v: u32) -> bool {
             let found = if start.kind == Kind::Curve {
                 reference.on_curve(&p, step, course)
             } else {
-                reference.on_surface(&p, step)
+                reference.beside(&start, &p, step)
             };
             let Some(new) = found else { continue };
             let reached = angle_with(mesh, &new);

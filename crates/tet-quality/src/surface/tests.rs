@@ -124,6 +124,7 @@ fn vertices_lie_on_the_level_set_and_triangles_face_out() {
     let out = remesh(mesh, Some(&field), &uniform(0.2), Run::on(&Cpu)).unwrap();
     assert!(out.report.converged, "{:?}", out.report);
     assert!(out.report.vertex_deviation.max < 1e-6, "{:?}", out.report);
+    assert_eq!(out.report.off_level, 0);
     for t in 0..out.mesh.triangles().len() {
         let [a, b, c] = out.mesh.corners(t);
         let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
@@ -135,6 +136,36 @@ fn vertices_lie_on_the_level_set_and_triangles_face_out() {
     }
     let exact = 4.0 * std::f64::consts::PI.powi(2) * 3.0;
     assert!((out.mesh.area() / exact - 1.0).abs() < 0.01);
+}
+
+#[test]
+fn what_the_level_set_has_not_stays_as_the_input_has_it() {
+    let field = Torus {
+        major: 3.0,
+        minor: 1.0,
+    };
+    // A ball in the hole of the torus, far from its surface.
+    let (mut positions, mut triangles) = shapes::torus(3.0, 1.0, 40, 14).into_parts();
+    let first = positions.len() as u32;
+    let ball = shapes::icosphere(0.6, 3);
+    positions.extend_from_slice(ball.positions());
+    triangles.extend(ball.triangles().iter().map(|t| t.map(|v| v + first)));
+    let mesh = TriMesh::new(positions, triangles).unwrap();
+    let out = remesh(mesh, Some(&field), &uniform(0.2), Run::on(&Cpu)).unwrap();
+    let on_ball = |p: &&Point3| p.coords.norm() < 1.5;
+    let balls = out.mesh.positions().iter().filter(on_ball);
+    let count = balls.clone().count();
+    assert!(count > 100);
+    assert!(
+        balls
+            .into_iter()
+            .all(|p| (0.58..0.601).contains(&p.coords.norm()))
+    );
+    assert_eq!(out.report.off_level, count);
+    assert!(out.report.converged, "{:?}", out.report);
+    let audit = SurfaceAudit::of(&out.mesh);
+    assert!(audit.is_closed_manifold());
+    assert_eq!(audit.components.len(), 2);
 }
 
 #[test]
