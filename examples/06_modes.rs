@@ -126,7 +126,7 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
         };
         let title = format!(
             "Spectrum: {} vertices, area {area:.1} Å²",
-            mesh.positions().len()
+            products::grouped(mesh.positions().len())
         );
         lines(
             &[curve],

@@ -8,7 +8,7 @@ use serde_json::json;
 use tet_quality::{Measures, Summary};
 
 use crate::picture::{
-    Bars, ColorMap, Layer, Paint, Rgb, Scale, Scene, View, cut_tets, histogram, region_color,
+    Bars, ColorMap, Layer, Paint, Rgb, Scale, Scene, View, cut_tets, histogram, mix, region_color,
 };
 use crate::{Failure, Session};
 
@@ -183,8 +183,8 @@ pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), 
     draw_volume(session, name, mesh, &measures)
 }
 
-/// Writes `NAME.png`: a cut through the mesh, each tetrahedron coloured by its smallest dihedral
-/// angle; regions other than the molecule are paler.
+/// Writes `NAME.png`: a cut through the mesh. Tetrahedra of the molecule are coloured by their smallest
+/// dihedral angle; those of other regions have the region's colour, darker where that angle is small.
 pub fn picture_of_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), Failure> {
     let measures = session
         .device
@@ -204,14 +204,13 @@ fn draw_volume(
         .iter()
         .zip(mesh.regions())
         .map(|(m, &region)| {
-            let color = scale.color(m.min_dihedral);
             if region == mesh::INTERIOR {
-                color
-            } else {
-                let tint = region_color(region);
-                [0, 1, 2]
-                    .map(|k| ((u16::from(color[k]) + 3 * u16::from(tint[k].max(205))) / 4) as u8)
+                return scale.color(m.min_dihedral);
             }
+            // Other regions by their own colour, lighter the better.
+            let own = region_color(region);
+            let (dark, light) = (mix(own, [40, 44, 52], 0.45), mix(own, [255; 3], 0.45));
+            mix(dark, light, (m.min_dihedral / scale.high).clamp(0.0, 1.0))
         })
         .collect();
     let boxed = mesh

@@ -269,6 +269,8 @@ fn fewer_atoms_keep_the_surface() {
         "0.05",
         "--residue-power",
         "0.25",
+        "--decay",
+        "0.5",
     ];
     let report = report_of(
         "05_eliminate",

@@ -224,25 +224,20 @@ pub(crate) fn ticks(low: f64, high: f64) -> Vec<(f64, String)> {
         .collect()
 }
 
-/// Images side by side with a title each, all of the size of the first.
+/// Images side by side with a title each, in cells as large as the largest.
 pub fn sheet(images: &[(String, Image)], columns: usize) -> Image {
-    let Some((_, first)) = images.first() else {
-        return Image::filled(1, 1, [255; 3]);
-    };
+    let wide = images.iter().map(|(_, i)| i.width).max().unwrap_or(1);
+    let high = images.iter().map(|(_, i)| i.height).max().unwrap_or(1);
     let (gap, title) = (10, 34);
-    let columns = columns.clamp(1, images.len());
+    let columns = columns.clamp(1, images.len().max(1));
     let rows = images.len().div_ceil(columns);
-    let (cell_w, cell_h) = (first.width + gap, first.height + gap + title);
+    let (cell_w, cell_h) = (wide + gap, high + gap + title);
     let mut out = Image::filled(columns * cell_w + gap, rows * cell_h + gap, [255; 3]);
     for (i, (text, image)) in images.iter().enumerate() {
         let (x, y) = (gap + i % columns * cell_w, gap + i / columns * cell_h);
-        out.paste(image, x, y + title);
-        out.text(
-            text,
-            (x + first.width / 2, y + title / 2 + 2),
-            22.0,
-            Align::Center,
-        );
+        out.paste(image, x + (wide - image.width) / 2, y + title);
+        let middle = (x + wide / 2, y + title / 2 + 2);
+        out.text(text, middle, 22.0, Align::Center);
     }
     out
 }
@@ -286,9 +281,9 @@ mod tests {
 
     #[test]
     fn a_sheet_holds_all_images() {
-        let cell = |c| (String::from("x"), Image::filled(50, 40, [c; 3]));
-        let sheet = sheet(&[cell(10), cell(20), cell(30)], 2);
+        let cell = |c, width| (String::from("x"), Image::filled(width, 40, [c; 3]));
+        let sheet = sheet(&[cell(10, 50), cell(20, 60), cell(30, 40)], 2);
         let has = |c| sheet.rgb.chunks(3).filter(|p| **p == [c; 3]).count();
-        assert_eq!((has(10), has(20), has(30)), (2000, 2000, 2000));
+        assert_eq!((has(10), has(20), has(30)), (2000, 2400, 1600));
     }
 }

@@ -55,8 +55,8 @@ impl ColorMap {
     }
 }
 
-/// A colour between two.
-pub(crate) fn mix(a: Rgb, b: Rgb, t: f64) -> Rgb {
+/// A colour between two: the first at 0, the second at 1.
+pub fn mix(a: Rgb, b: Rgb, t: f64) -> Rgb {
     [0, 1, 2].map(|k| (f64::from(a[k]) * (1.0 - t) + f64::from(b[k]) * t).round() as u8)
 }
 
