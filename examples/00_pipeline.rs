@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use biogeom_examples::args::{Common, DensityArgs, HasCommon, ReaderArgs, Region};
+use biogeom_examples::args::{Common, DensityArgs, HasCommon, Method, ReaderArgs, Region};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use dual_contour::Extent;
@@ -19,6 +19,9 @@ struct Args {
     /// What to mesh
     #[arg(long, value_enum, default_value_t)]
     region: Region,
+    /// How to mesh
+    #[arg(long, value_enum, default_value_t)]
+    method: Method,
     #[command(flatten)]
     density: DensityArgs,
     #[command(flatten)]
@@ -62,6 +65,7 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
 
     let field = PointSampler::new(&model, density.cutoff)?;
     let contour = dual_contour::Options {
+        method: args.method.into(),
         region: Extent::from(args.region),
         max_memory: session.memory(),
         ..Default::default()

@@ -37,6 +37,9 @@ struct Args {
     /// Take the membrane's planes from the structure file (dummy atoms as in the OPM database)
     #[arg(long)]
     membrane: bool,
+    /// Give each separate part of the exterior a region number of its own
+    #[arg(long)]
+    separate_exterior: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -44,7 +47,7 @@ struct Args {
 const EXAMPLES: &str = "\
 Examples:
   03_tets 1ajj.pdb --out out
-  03_tets 1ajj.pdb --region both --outer sphere:2 --out both
+  03_tets 1ajj.pdb --region both --outer sphere:2 --method lattice --out both
   03_tets 2nwl_opm.pdb --membrane --region both --out membrane
   03_tets potential.dx --isovalue 0.5 --region exterior --outer box:1.5 --out map
 
@@ -83,6 +86,7 @@ fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
         level: source.level,
         region: args.region.into(),
         outer: args.outer,
+        separate_exterior: args.separate_exterior,
         materials: (2..)
             .zip(shapes)
             .map(|(region, shape)| Material { region, shape })

@@ -4,46 +4,78 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
+use biogeom_examples::picture::{Bars, histogram};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::io::{self, mesh::AnyMesh};
+use geom_core::{TetMesh, TriMesh};
 use serde::Serialize;
+use tet_quality::surface::{self, Features, Sizing};
 use tet_quality::{Goals, Options, improve};
 
-/// Improves the tetrahedra of any mesh (VTU or MSH) and shows the quality before and after
+/// Improves the tetrahedra or the triangles of any mesh and shows the quality before and after
 #[derive(Parser, Serialize)]
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
-    /// Mesh: VTU or MSH
+    /// Mesh: VTU, MSH, PLY, OFF, OBJ, STL or GLB
     input: PathBuf,
-    /// Smallest dihedral angle to reach, degrees
-    #[arg(long, value_name = "DEGREES", default_value_t = Goals::default().min_dihedral)]
-    min_dihedral: f64,
-    /// Largest dihedral angle to reach, degrees
-    #[arg(long, value_name = "DEGREES", default_value_t = Goals::default().max_dihedral)]
-    max_dihedral: f64,
-    /// Joe–Liu measure to reach
-    #[arg(long, value_name = "Q", default_value_t = Goals::default().joe_liu)]
-    joe_liu: f64,
-    /// Longest over shortest edge to stay below
-    #[arg(long, value_name = "RATIO", default_value_t = Goals::default().edge_ratio)]
-    edge_ratio: f64,
-    /// Most passes
-    #[arg(long, value_name = "N", default_value_t = Options::default().passes)]
-    passes: u32,
+    #[command(flatten)]
+    tets: Tets,
+    #[command(flatten)]
+    triangles: Triangles,
     #[command(flatten)]
     common: Common,
+}
+
+/// What is asked of tetrahedra.
+#[derive(clap::Args, Serialize)]
+#[command(next_help_heading = "Meshes of tetrahedra")]
+struct Tets {
+    /// Smallest dihedral angle to reach, degrees
+    #[arg(long, value_name = "DEGREES")]
+    min_dihedral: Option<f64>,
+    /// Largest dihedral angle to reach, degrees
+    #[arg(long, value_name = "DEGREES")]
+    max_dihedral: Option<f64>,
+    /// Joe–Liu measure to reach
+    #[arg(long, value_name = "Q")]
+    joe_liu: Option<f64>,
+    /// Longest over shortest edge to stay below
+    #[arg(long, value_name = "RATIO")]
+    edge_ratio: Option<f64>,
+    /// Most passes
+    #[arg(long, value_name = "N")]
+    passes: Option<u32>,
+}
+
+/// What is asked of triangles.
+#[derive(clap::Args, Serialize)]
+#[command(next_help_heading = "Meshes of triangles")]
+struct Triangles {
+    /// Wanted length of edges, Å [default: the mean of the input's]
+    #[arg(long, value_name = "LENGTH")]
+    edge_length: Option<f64>,
+    /// Longer edges where the surface is flat: distance allowed between triangles and surface, Å
+    #[arg(long, value_name = "LENGTH", conflicts_with = "edge_length")]
+    tolerance: Option<f64>,
+    /// Keep edges where the surface turns by more than this, degrees [default: none]
+    #[arg(long, value_name = "DEGREES")]
+    keep_edges: Option<f64>,
 }
 
 const EXAMPLES: &str = "\
 Examples:
   04_improve volume.vtu --out out
   04_improve gmsh.msh --min-dihedral 30 --passes 30 --out better
+  04_improve surface.ply --edge-length 0.8 --out even
 
-Regions, their interfaces and the boundary stay; surface vertices slide only where that changes no
-shape, since a mesh alone does not say what surface it stands for.
-Outputs: improved.vtu, improved.msh, quality.png (histograms before and after), before.png and
-after.png (cuts coloured by the smallest dihedral angle), report.json.";
+Tetrahedra: regions, their interfaces and the boundary stay; surface vertices slide only where that
+changes no shape, since a mesh alone does not say what surface it stands for. Triangles: the surface is
+remeshed with edges of even length, within the surface of the input.
+
+Outputs: improved.vtu and improved.msh, or improved.ply and improved.glb; before.png and improved.png
+(tetrahedra are cut and coloured by the smallest dihedral angle), quality.png (histograms before and
+after), report.json.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {
@@ -59,21 +91,36 @@ fn main() -> ExitCode {
 }
 
 fn better(args: &Args, session: &Session) -> Result<(), Failure> {
-    let read = session.stage("reading", || io::mesh::read(&args.input))?;
-    let AnyMesh::Tet(mesh) = read.mesh else {
-        return Err(format!("{}: no tetrahedra, only faces", args.input.display()).into());
-    };
-    products::picture_of_volume(session, "before", &mesh)?;
+    match session
+        .stage("reading", || io::mesh::read(&args.input))?
+        .mesh
+    {
+        AnyMesh::Tet(mesh) => better_tets(args, mesh, session),
+        AnyMesh::Tri(mesh) => better_triangles(args, mesh, session),
+        _ => Err(format!("{}: neither tetrahedra nor triangles", args.input.display()).into()),
+    }
+}
+
+fn better_tets(args: &Args, mesh: TetMesh, session: &Session) -> Result<(), Failure> {
+    let t = &args.triangles;
+    if t.edge_length.or(t.tolerance).or(t.keep_edges).is_some() {
+        return Err(
+            "--edge-length, --tolerance and --keep-edges are for meshes of triangles".into(),
+        );
+    }
+    let (asked, goals) = (&args.tets, Goals::default());
     let options = Options {
         goals: Goals {
-            min_dihedral: args.min_dihedral,
-            max_dihedral: args.max_dihedral,
-            joe_liu: args.joe_liu,
-            edge_ratio: args.edge_ratio,
+            min_dihedral: asked.min_dihedral.unwrap_or(goals.min_dihedral),
+            max_dihedral: asked.max_dihedral.unwrap_or(goals.max_dihedral),
+            joe_liu: asked.joe_liu.unwrap_or(goals.joe_liu),
+            edge_ratio: asked.edge_ratio.unwrap_or(goals.edge_ratio),
         },
-        passes: args.passes,
+        passes: asked.passes.unwrap_or(Options::default().passes),
         ..Options::default()
     };
+    session.note("improvement", options)?;
+    products::picture_of_volume(session, "before", &mesh)?;
     let improved = session.stage("improvement", || {
         improve(mesh, None, &options, session.on(session.device.quality()))
     })?;
@@ -83,5 +130,73 @@ fn better(args: &Args, session: &Session) -> Result<(), Failure> {
     session.stage("files and pictures", || {
         products::save_volume(session, "improved", &mesh)?;
         products::picture_of_quality(session, "quality", &report.before.all, &report.after.all)
+    })
+}
+
+fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(), Failure> {
+    let t = &args.tets;
+    let angles = t
+        .min_dihedral
+        .or(t.max_dihedral)
+        .or(t.joe_liu)
+        .or(t.edge_ratio);
+    if angles.is_some() || t.passes.is_some() {
+        return Err(
+            "--min-dihedral, --max-dihedral, --joe-liu, --edge-ratio and --passes are for meshes of tetrahedra".into(),
+        );
+    }
+    let asked = &args.triangles;
+    let even = Sizing::Uniform {
+        edge_length: asked.edge_length,
+    };
+    let options = surface::Options {
+        sizing: asked.tolerance.map_or(even, |tolerance| Sizing::Curvature {
+            tolerance,
+            min_edge: 2.0 * tolerance,
+            max_edge: 40.0 * tolerance,
+            gradation: 0.3,
+        }),
+        features: asked.keep_edges.map_or(Features::None, Features::Angle),
+        ..Default::default()
+    };
+    session.note("improvement", &options)?;
+    products::picture_of_surface(
+        session,
+        "before",
+        &mesh,
+        vec![products::GOLD; mesh.positions().len()],
+    )?;
+    let made = session.stage("remeshing", || {
+        surface::remesh(mesh, None, &options, session.on(session.device.quality()))
+    })?;
+    let report = made.report;
+    session.note("quality", &report)?;
+    products::note_surface(session, &made.mesh)?;
+    session.stage("files and pictures", || {
+        products::save_surface(session, "improved", &made.mesh, None)?;
+        let [before, after] =
+            [&report.before, &report.after].map(|r| r.min_angle_histogram.map(|n| n as u64));
+        let sets = [
+            Bars {
+                name: "before",
+                color: [204, 96, 66],
+                counts: &before,
+            },
+            Bars {
+                name: "after",
+                color: [52, 102, 178],
+                counts: &after,
+            },
+        ];
+        let title = format!(
+            "{} triangles: smallest angle {:.1}° before, {:.1}° after",
+            products::grouped(report.after.triangles),
+            report.before.min_angle_deg,
+            report.after.min_angle_deg
+        );
+        let label = "smallest angle per triangle / °";
+        histogram(&sets, [0.0, 60.0], &title, label, [1100, 680])
+            .save(session.output("quality.png"))?;
+        Ok::<_, Failure>(())
     })
 }

@@ -161,11 +161,13 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
             errors(&surfaces[0], &reduced)?,
             errors(&surfaces[1], &original)?,
         ];
-        let most = errors
-            .iter()
-            .flatten()
-            .fold(args.epsilon.max(1e-6), |m: f64, &e| m.max(e));
-        let scale = Scale::new(ColorMap::Viridis, [0.0, most], "|1 − G| / G");
+        for (name, errors) in ["original", "reduced"].into_iter().zip(&errors) {
+            let most = errors.iter().copied().fold(0.0, f64::max);
+            let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
+            session.note("errors", json!({ name: { "max": most, "mean": mean } }))?;
+        }
+        let top = 1.5 * args.epsilon.max(1e-3);
+        let scale = Scale::new(ColorMap::Heat, [0.0, top], "|1 − G| / G");
         let view = View::principal(surfaces[0].positions()).turned(0.25, 0.2);
         let mut pictures = Vec::new();
         for ((name, atoms), (mesh, errors)) in [("original", all), ("reduced", left)]

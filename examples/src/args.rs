@@ -17,11 +17,13 @@ use crate::{Failure, Session};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BackendName {
-    /// The CPU.
+    /// The CPU
     #[default]
     Cpu,
-    /// A GPU, through wgpu.
+    /// A GPU, through wgpu; an error where there is no adapter
     Wgpu,
+    /// A GPU if there is one in hardware, else the CPU
+    Auto,
 }
 
 /// What every program asks.
@@ -31,7 +33,7 @@ pub struct Common {
     /// Folder for all outputs, made if it is absent; a failed run leaves nothing there
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
-    /// Where kernels run; without an adapter `wgpu` is an error, never silently the CPU
+    /// Where kernels run
     #[arg(long, value_enum, default_value_t)]
     pub backend: BackendName,
     /// Threads [default: one per core]; results do not depend on it
@@ -275,9 +277,15 @@ pub fn default_spacing(atoms: usize) -> f64 {
 #[derive(Clone, Debug, Args, Serialize)]
 #[command(next_help_heading = "Meshing")]
 pub struct MeshArgs {
+    /// How to mesh
+    #[arg(long, value_enum, default_value_t)]
+    pub method: Method,
     /// Size of the finest cells, Å [default: the spacing of the lattice]
     #[arg(long, value_name = "LENGTH")]
     pub cell: Option<f64>,
+    /// Instead: about this many tetrahedra
+    #[arg(long, value_name = "N", conflicts_with = "cell")]
+    pub tets: Option<u64>,
     /// Coarser cells where the surface is flat: error allowed, Å
     #[arg(long, value_name = "LENGTH", default_value_t = 0.0)]
     pub tolerance: f64,
@@ -290,13 +298,22 @@ pub struct MeshArgs {
     /// What to do where the surface meets the box of the lattice
     #[arg(long, value_enum, default_value_t)]
     pub at_box: AtBox,
+    /// Drop pieces and cavities of fewer lattice points than this
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub prune: u32,
 }
 
 impl MeshArgs {
     /// As the crate takes them.
     pub fn options(&self, session: &Session) -> dual_contour::Options {
         dual_contour::Options {
-            resolution: self.cell.map_or(Resolution::Lattice, Resolution::Spacing),
+            method: self.method.into(),
+            resolution: match (self.cell, self.tets) {
+                (Some(cell), _) => Resolution::Spacing(cell),
+                (None, Some(tets)) => Resolution::Tets(tets),
+                (None, None) => Resolution::Lattice,
+            },
+            prune: self.prune,
             tolerance: self.tolerance,
             max_cell: self.max_cell.unwrap_or(f64::INFINITY),
             placement: match self.placement {
@@ -360,6 +377,26 @@ impl From<Region> for Extent {
             Region::Interior => Self::Interior,
             Region::Exterior => Self::Exterior,
             Region::Both => Self::Both,
+        }
+    }
+}
+
+/// Which mesher.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Dual contouring on an octree; may adapt along the surface
+    #[default]
+    DualContour,
+    /// Isosurface stuffing on the same octree: uniform along the surface, better angles
+    Lattice,
+}
+
+impl From<Method> for dual_contour::Method {
+    fn from(method: Method) -> Self {
+        match method {
+            Method::DualContour => Self::DualContour,
+            Method::Lattice => Self::Lattice,
         }
     }
 }

@@ -62,6 +62,16 @@ pub fn save_surface(
         None => vec![GOLD; mesh.positions().len()],
     };
     save_colored(session, name, mesh, &colors)?;
+    picture_of_surface(session, name, mesh, colors)
+}
+
+/// Writes `NAME.png`: a surface with a colour per vertex.
+pub fn picture_of_surface(
+    session: &Session,
+    name: &str,
+    mesh: &TriMesh,
+    colors: Vec<Rgb>,
+) -> Result<(), Failure> {
     let view = View::principal(mesh.positions()).turned(0.25, 0.2);
     let mut scene = Scene::new(vec![Layer::surface(mesh, Paint::Vertices(colors))], view);
     scene.caption = Some(format!(

@@ -98,17 +98,19 @@ where
 pub enum Device {
     /// The CPU.
     Cpu(Cpu),
+    /// A GPU.
+    Wgpu(Wgpu),
 }
 
 impl Device {
     fn open(name: BackendName) -> Result<Self, Failure> {
         Ok(match name {
             BackendName::Cpu => Self::Cpu(Cpu),
-            BackendName::Wgpu => {
-                return Err(
-                    "the kernels of this build do not run on wgpu; use --backend cpu".into(),
-                );
-            }
+            BackendName::Wgpu => Self::Wgpu(Wgpu::new()?),
+            BackendName::Auto => match Wgpu::new() {
+                Ok(gpu) if !gpu.gpu().is_software() => Self::Wgpu(gpu),
+                _ => Self::Cpu(Cpu),
+            },
         })
     }
 
@@ -116,6 +118,7 @@ impl Device {
     pub fn density(&self) -> &dyn DensityBackend {
         match self {
             Self::Cpu(cpu) => cpu,
+            Self::Wgpu(gpu) => gpu,
         }
     }
 
@@ -123,6 +126,7 @@ impl Device {
     pub fn contour(&self) -> &dyn ContourBackend {
         match self {
             Self::Cpu(cpu) => cpu,
+            Self::Wgpu(gpu) => gpu,
         }
     }
 
@@ -130,6 +134,7 @@ impl Device {
     pub fn quality(&self) -> &dyn QualityBackend {
         match self {
             Self::Cpu(cpu) => cpu,
+            Self::Wgpu(gpu) => gpu,
         }
     }
 
@@ -137,6 +142,7 @@ impl Device {
     pub fn spectral(&self) -> &dyn SpectralBackend {
         match self {
             Self::Cpu(cpu) => cpu,
+            Self::Wgpu(gpu) => gpu,
         }
     }
 
@@ -144,6 +150,7 @@ impl Device {
     pub fn name(&self) -> String {
         match self {
             Self::Cpu(cpu) => cpu.name(),
+            Self::Wgpu(gpu) => gpu.name(),
         }
     }
 
@@ -151,6 +158,7 @@ impl Device {
     pub fn gpu(&self) -> Option<&Wgpu> {
         match self {
             Self::Cpu(_) => None,
+            Self::Wgpu(gpu) => Some(gpu),
         }
     }
 }

@@ -319,6 +319,8 @@ fn tetrahedra_inside_and_outside_conform_and_improve() {
         "both",
         "--outer",
         "sphere:1.2",
+        "--method",
+        "lattice",
         "--slab",
         "z:-5:5",
     ];
@@ -349,6 +351,28 @@ fn tetrahedra_inside_and_outside_conform_and_improve() {
         (improved.volume() / mesh.volume() - 1.0).abs() < 1e-6,
         "the sphere stays"
     );
+}
+
+#[test]
+fn triangles_become_even() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("even");
+    let report = report_of("04_improve", &[&fixture("spot.ply")], &out);
+    let angle = |when: &str| report["quality"][when]["min_angle_deg"].as_f64().unwrap();
+    assert!(angle("after") > 25.0 && angle("after") > angle("before"));
+    assert_eq!(report["surface"]["closed"], true);
+    for picture in ["before.png", "improved.png", "quality.png"] {
+        assert_png(out.join(picture));
+    }
+    // What is meant for tetrahedra is refused.
+    let input = fixture("spot.ply");
+    let wrong = run(
+        "04_improve",
+        &[&input, "--passes", "3"],
+        &folder.path().join("no"),
+    );
+    assert_eq!(wrong.status.code(), Some(1));
+    assert!(!folder.path().join("no").exists());
 }
 
 #[test]

@@ -4,9 +4,15 @@
 #[cfg(feature = "lab")]
 mod bench;
 #[cfg(feature = "lab")]
+mod crosscheck;
+#[cfg(feature = "lab")]
 mod python;
 #[cfg(feature = "lab")]
+mod spectra;
+#[cfg(feature = "lab")]
 mod thesis;
+#[cfg(feature = "lab")]
+mod thesis35;
 
 use clap::Subcommand;
 
@@ -16,9 +22,19 @@ use crate::Outcome;
 pub(crate) enum Chore {
     /// Density and surface beside programs of others, on the same input, in one run.
     Bench,
+    /// Eigenpairs of surfaces beside those of SciPy on the same matrices: differences and times.
+    Spectra {
+        /// Also what surfaces of 200 000 and 500 000 vertices and voxel graphs of 200 000 and 1 000 000
+        /// nodes cost.
+        #[arg(long)]
+        large: bool,
+    },
+    /// Our files in other people's programs: surfaces, tetrahedra and grids are measured there, and
+    /// equations with known answers solved.
+    Crosscheck,
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
-        /// Its number: 3.1, 3.2, 3.3, 3.4.
+        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5.
         table: String,
     },
 }
@@ -27,8 +43,30 @@ pub(crate) enum Chore {
 pub(crate) fn run(chore: &Chore) -> Outcome {
     match chore {
         Chore::Bench => bench::run(),
+        Chore::Spectra { large } => spectra::run(*large),
+        Chore::Crosscheck => crosscheck::run(),
         Chore::Thesis { table } => thesis::run(table),
     }
+}
+
+/// What a peer printed.
+#[cfg(feature = "lab")]
+fn answer(
+    python: &std::path::Path,
+    script: &std::path::Path,
+    arguments: &[String],
+) -> Result<serde_json::Value, String> {
+    let mut all = vec![script.display().to_string()];
+    all.extend_from_slice(arguments);
+    let text = crate::capture(&python.display().to_string(), &all)?;
+    serde_json::from_str(&text).map_err(|e| format!("{}: {e}", script.display()))
+}
+
+#[cfg(feature = "lab")]
+fn number(answer: &serde_json::Value, key: &str) -> Result<f64, String> {
+    answer[key]
+        .as_f64()
+        .ok_or_else(|| format!("a peer printed no `{key}`"))
 }
 
 /// The same command again, with the feature and optimized.

@@ -236,7 +236,7 @@ impl SiteCell {
         }
     }
 
-    /// A cell of given points with all atoms of a model that `keep` names, for tests.
+    /// A cell of given points and atoms (ascending) of a model, for tests: the target is the density of these.
     #[cfg(feature = "testing")]
     pub fn of_points(model: &Prepared<'_>, atoms: &[u32], points: Vec<Point3>) -> Self {
         let members = Members::gather(&model.tree, atoms);

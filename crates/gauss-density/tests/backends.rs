@@ -13,6 +13,15 @@ use proptest::prelude::*;
 #[cfg(feature = "wgpu")]
 use geom_core::testing::gpu_or_skip;
 
+/// The same cases every time: a gate must not depend on luck.
+fn config(cases: u32) -> ProptestConfig {
+    ProptestConfig {
+        failure_persistence: None,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(0x0b10_9e03),
+        ..ProptestConfig::with_cases(cases)
+    }
+}
+
 /// A lattice of 2 × 2 × 1 bricks around the atoms' middle, as one block with all atoms.
 fn block_of(model: &Model, spacing: f64) -> (Lattice, Block) {
     let middle = model.center_bounds().center();
@@ -84,10 +93,7 @@ fn check_block(
 fn follows_the_plain_density(backend: &dyn DensityBackend, cases: u32) {
     let strategy = (models(), 0.2..1.5f64, -5.0..-1.0f64, any::<bool>());
     let compared = std::cell::Cell::new(0);
-    let config = ProptestConfig {
-        failure_persistence: None,
-        ..ProptestConfig::with_cases(cases)
-    };
+    let config = config(cases);
     proptest!(config, |((model, spacing, ln_eps, band) in strategy)| {
         let (lattice, block) = block_of(&model, spacing);
         let eps = 10f64.powf(ln_eps);
@@ -107,10 +113,7 @@ fn follows_the_plain_density(backend: &dyn DensityBackend, cases: u32) {
 
 /// The bare cut, point by point; points at which a kernel is near the cut are left out.
 fn follows_the_bare_cut(backend: &dyn DensityBackend, cases: u32) {
-    let config = ProptestConfig {
-        failure_persistence: None,
-        ..ProptestConfig::with_cases(cases)
-    };
+    let config = config(cases);
     proptest!(config, |((model, spacing) in (models(), 0.4..1.2f64))| {
         let (lattice, block) = block_of(&model, spacing);
         let eps = 1e-3f64;
@@ -178,10 +181,7 @@ fn tame(model: &Model, cells: &[SiteCell]) -> bool {
 }
 
 fn follows_the_plain_errors(backend: &dyn DensityBackend, cases: u32) {
-    let config = ProptestConfig {
-        failure_persistence: None,
-        ..ProptestConfig::with_cases(cases)
-    };
+    let config = config(cases);
     proptest!(config, |(model in models())| {
         let cells = cells_of(&model, 0.0);
         prop_assume!(tame(&model, &cells));
@@ -208,10 +208,7 @@ fn normalized(sums: &RefitSums, by: &RefitSums) -> Vec<f64> {
 }
 
 fn follows_the_plain_refit(backend: &dyn DensityBackend, cases: u32) {
-    let config = ProptestConfig {
-        failure_persistence: None,
-        ..ProptestConfig::with_cases(cases)
-    };
+    let config = config(cases);
     proptest!(config, |(model in models())| {
         // The original is up to 40 % denser, so that there is something to fit.
         let cells = cells_of(&model, 0.1);

@@ -552,6 +552,16 @@ fn bad_input_names_file_and_line() {
     // Whole rows, but not to the end.
     let rows = text.find("ATOM   300 ").unwrap();
     contains("a.cif", &cif[..rows], "(no line with # behind it)");
+    // Programs that write little besides atoms may leave the end out.
+    let few = "HEADER\nATOM      1  N   ALA A   1       1.000   0.000   0.000  1.00  0.00\n";
+    let read_few = parse(few.as_bytes(), Format::Pdb, &plain).unwrap();
+    assert!(read_few.report.warnings[0].ends_with("is it whole?"));
+    contains(
+        "a.pdb",
+        few.replace("HEADER", "HEADER\nSEQRES   1 A    1  ALA")
+            .as_bytes(),
+        "line 3: the file ends in the middle of its atoms: an entry ends with END",
+    );
     let pqr = "ATOM 1 N ASP 1 1 2 3 0 1.85\nATOM 2 CA ASP 1 1 2 3 0 1.";
     contains(
         "a.pqr",

@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use geom_core::Structure;
 use geom_core::io::ErrorKind;
 use geom_core::io::structure::{AltLocs, Format, ReadOptions, ReadReport, read};
 use geom_core::structure::{Residue, ResidueKind, Selector};
+use geom_core::{Point3, Structure, Vector3};
 
 /// Everything that stands in the file.
 fn everything() -> ReadOptions {
@@ -167,4 +167,41 @@ fn odd_files() {
 fn read_all(path: &Path) -> (Structure, ReadReport) {
     let read = read(path, &everything()).unwrap_or_else(|e| panic!("{e}"));
     (read.structure, read.report)
+}
+
+/// Proteins and ligands of known binding sites: what is which, how many heavy atoms, and where.
+#[test]
+fn ligands_of_known_sites() {
+    let Some(folder) = fixtures::shared_or_skip("pockets") else {
+        return;
+    };
+    let table = std::fs::read_to_string(folder.join("ligands.tsv")).unwrap();
+    let mut sites = 0;
+    for row in table.lines().skip(1) {
+        let cells: Vec<_> = row.split('\t').collect();
+        let number = |column: usize| cells[column].parse::<f64>().unwrap();
+        let site = format!("{}: {} {}{}", cells[0], cells[3], cells[4], cells[5]);
+        let options = ReadOptions {
+            hydrogens: false,
+            // As the table, which has the first of two locations.
+            altlocs: AltLocs::Label('A'),
+            ..Default::default()
+        };
+        let s = read(folder.join(cells[0]), &options).unwrap().structure;
+        let atoms_of = |selector: &str| -> Vec<Point3> {
+            let selection = s.select(&Selector::parse(selector).unwrap()).unwrap();
+            let atoms = selection.atom_ranges(&s).flat_map(|r| &s.atoms()[r]);
+            atoms.map(|a| a.position).collect()
+        };
+        assert_eq!(atoms_of("polymer").len() as f64, number(1), "{site}");
+        let ligand = format!("{}:{}/name:{}/ligand", cells[4], cells[5], cells[3]);
+        let ligand = atoms_of(&ligand);
+        assert_eq!(ligand.len() as f64, number(6), "{site}");
+        let sum: Vector3 = ligand.iter().map(|p| p.coords).sum();
+        let centroid = Vector3::new(number(7), number(8), number(9));
+        let off = (sum / ligand.len() as f64 - centroid).norm();
+        assert!(off < 0.05, "{site}: {off} Å");
+        sites += 1;
+    }
+    assert!(sites > 50, "only {sites} sites");
 }

@@ -5,7 +5,9 @@ use geom_core::{ImplicitField, Run, TetMesh};
 use rayon::prelude::*;
 
 use crate::backend::QualityBackend;
-use crate::input::prepare;
+use crate::exceptions::{Exceptions, SurfaceFit, exceptions, surface_fit};
+use crate::flow::flow;
+use crate::input::{free_again, prepare};
 use crate::metrics::quality;
 use crate::operate::{Memory, Rules, best_climb, best_for, round, round_of_pushes};
 use crate::patch::push;
@@ -13,6 +15,7 @@ use crate::report::{QualityReport, report_of};
 use crate::ring::Ring;
 use crate::smooth::{SurfaceRules, corners_of, foot, load, project, relax, relax_surface};
 use crate::surface_field::Isosurface;
+use crate::untangle::untangle;
 use crate::work::{Freedom, NO_COLOUR, Work};
 use crate::{Error, Measures, Options, SurfaceMotion, measures};
 
@@ -88,6 +91,14 @@ pub struct Report {
     pub passes: Vec<Pass>,
     /// Tetrahedra of the input whose corners were reordered, because their neighbours said so.
     pub reoriented: usize,
+    /// Inverted and flat tetrahedra of the input that were untangled.
+    pub untangled: usize,
+    /// Moves of the averaged mean curvature flow.
+    pub flowed: usize,
+    /// Tetrahedra that do not meet the goals, and why.
+    pub exceptions: Exceptions,
+    /// How well the surface vertices lie on the isosurface.
+    pub surface: SurfaceFit,
     /// Vertices of the input around which the interface is not one disk; they stay where they are.
     pub junctions: Vec<u32>,
 }
@@ -120,13 +131,28 @@ pub fn improve<B: QualityBackend + ?Sized>(
     });
     let input = prepare(mesh, surface.as_ref())?;
     let mut state = State::new(input.work, surface, options);
+    if options.surface == SurfaceMotion::Fixed {
+        state.fix_surface();
+    }
     let before = state.report(run)?;
-    let inverted: Vec<u32> = state.work.below(f64::MIN_POSITIVE);
-    if !inverted.is_empty() {
-        let mut elements = inverted;
+    let inverted = state.work.below(f64::MIN_POSITIVE).len();
+    if inverted > 0 && options.untangle {
+        untangle(&mut state.work, run)?;
+    }
+    let mut elements = state.work.below(f64::MIN_POSITIVE);
+    if !elements.is_empty() {
         elements.sort_unstable();
         return Err(Error::StillInverted { elements });
     }
+    let flowed = match options.surface {
+        SurfaceMotion::AveragedMeanCurvature { steps, step } => {
+            let work = &mut state.work;
+            let moved = flow(work, &input.junctions, state.spacing, steps, step);
+            free_again(work, state.surface.as_ref())?;
+            moved
+        }
+        SurfaceMotion::Fixed | SurfaceMotion::Tangential => 0,
+    };
     let mut passes = Vec::new();
     let mut far = usize::MAX;
     for pass in 0..options.passes {
@@ -158,8 +184,11 @@ pub fn improve<B: QualityBackend + ?Sized>(
             min_dihedral: after.all.min_dihedral.min,
             max_dihedral: after.all.max_dihedral.max,
         });
+    let exceptions = exceptions(&state.work, &options.goals, &input.junctions);
+    let tolerance = options.deviation * state.spacing;
+    let surface = surface_fit(&state.work, state.surface.as_ref(), tolerance);
     Ok(Improved {
-        mesh: state.work.finish(&input.unused),
+        mesh: state.work.finish(),
         report: Report {
             backend: run.backend.name(),
             before,
@@ -167,6 +196,10 @@ pub fn improve<B: QualityBackend + ?Sized>(
             converged,
             passes,
             reoriented: input.reoriented,
+            untangled: inverted,
+            flowed,
+            exceptions,
+            surface,
             junctions: input.junctions,
         },
     })
@@ -234,6 +267,15 @@ impl<'a> State<'a> {
         };
         state.spacing = options.spacing.unwrap_or_else(|| state.surface_spacing());
         state
+    }
+
+    /// The vertices of the isosurface stay where they are.
+    fn fix_surface(&mut self) {
+        for freedom in &mut self.work.freedom {
+            if *freedom == Freedom::Field {
+                *freedom = Freedom::Fixed;
+            }
+        }
     }
 
     /// Median length of the edges between surface vertices; of all edges without any.
@@ -328,9 +370,7 @@ impl<'a> State<'a> {
             .rescue
             .then(|| self.options.seed.wrapping_add(u64::from(pass)));
         done.moved += relax(&mut self.work, &vertices, ROUNDS, turn, run)?;
-        if self.options.surface != SurfaceMotion::Fixed
-            && let Some(field) = &self.surface
-        {
+        if let Some(field) = &self.surface {
             let rules = SurfaceRules {
                 field,
                 tolerance: self.tolerance(aim),
@@ -349,15 +389,11 @@ impl<'a> State<'a> {
             field: self.surface.as_ref(),
             spacing: self.spacing,
         };
-        let surface = self
-            .surface
-            .as_ref()
-            .filter(|_| self.options.surface != SurfaceMotion::Fixed)
-            .map(|field| SurfaceRules {
-                field,
-                tolerance,
-                rescue: aim.rescue,
-            });
+        let surface = self.surface.as_ref().map(|field| SurfaceRules {
+            field,
+            tolerance,
+            rescue: aim.rescue,
+        });
         let (work, target) = (&mut self.work, self.target);
         for _ in 0..TOPOLOGY_ROUNDS {
             let plain = |work: &Work, t, ring: &mut Ring| best_for(work, t, &rules, ring);
@@ -399,9 +435,6 @@ impl<'a> State<'a> {
         let Some(surface) = &self.surface else {
             return 0;
         };
-        if self.options.surface == SurfaceMotion::Fixed {
-            return 0;
-        }
         let tolerance = self.options.deviation * self.spacing;
         let (goals, target) = (self.options.goals, self.target);
         let good = |corners| quality(corners) >= target || goals.met_by(&measures(corners));

@@ -15,8 +15,6 @@ const PLANE: f64 = 1e-9;
 /// What the preparation found.
 pub(crate) struct Input {
     pub(crate) work: Work,
-    /// Was the vertex part of no tetrahedron?
-    pub(crate) unused: Vec<bool>,
     /// Tetrahedra whose corners were reordered because all around them said so.
     pub(crate) reoriented: usize,
     /// Vertices around which the interface is not one disk: surfaces touch or meet there.
@@ -34,24 +32,37 @@ pub(crate) fn prepare(mesh: TetMesh, field: Option<&Isosurface<'_>>) -> Result<I
     } else {
         0
     };
-    let unused = (0..work.x.len() as u32)
-        .map(|v| work.rings.of(v).is_empty())
-        .collect();
-    let faces = InterfaceFaces::new(&work, &beyond);
-    let judged: Vec<(Freedom, bool)> = (0..work.x.len() as u32)
+    let junctions = set_freedoms(&mut work, &beyond, field)?;
+    Ok(Input {
+        work,
+        reoriented,
+        junctions,
+    })
+}
+
+/// Says anew how each vertex may move, after a flow that has bent plane surfaces.
+pub(crate) fn free_again(work: &mut Work, field: Option<&Isosurface<'_>>) -> Result<(), Error> {
+    let (beyond, _) = adjacency(work)?;
+    set_freedoms(work, &beyond, field).map(|_| ())
+}
+
+/// Gives the vertices where surfaces touch or meet.
+fn set_freedoms(
+    work: &mut Work,
+    beyond: &[[u32; 4]],
+    field: Option<&Isosurface<'_>>,
+) -> Result<Vec<u32>, Error> {
+    let faces = InterfaceFaces::new(work, beyond);
+    let state = &*work;
+    let judged: Vec<(Freedom, bool)> = (0..state.x.len() as u32)
         .into_par_iter()
-        .map(|v| freedom(&work, v, &faces, field))
+        .map(|v| freedom(state, v, &faces, field))
         .collect::<Result<_, _>>()?;
     let junctions = (0..judged.len() as u32)
         .filter(|&v| judged[v as usize].1)
         .collect();
     work.freedom = judged.into_iter().map(|j| j.0).collect();
-    Ok(Input {
-        work,
-        unused,
-        reoriented,
-        junctions,
-    })
+    Ok(junctions)
 }
 
 /// The tetrahedron beyond each face, [`NONE`] on the boundary; and whether two neighbours disagree

@@ -6,6 +6,8 @@ pub mod backend;
 mod contract;
 mod cpu;
 mod error;
+pub mod exceptions;
+mod flow;
 mod improve;
 mod input;
 mod insert;
@@ -22,6 +24,9 @@ mod surface_field;
 mod swap;
 #[cfg(feature = "testing")]
 pub mod testing;
+#[cfg(test)]
+mod tests;
+mod untangle;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 mod work;
@@ -30,6 +35,7 @@ pub mod surface;
 
 pub use backend::{QualityBackend, Relaxation};
 pub use error::Error;
+pub use exceptions::{Cause, Exceptions, SurfaceFit};
 pub use improve::{Improved, Pass, Report, improve};
 pub use metrics::{Measures, aspect_ratio, measures, radius_ratio};
 pub use options::{Goals, Operations, Options, SurfaceMotion};

@@ -69,6 +69,22 @@ impl Ring {
         sum / (3 * self.faces.len()) as f64
     }
 
+    /// How deep `x` lies inside all faces, negative outside, and the unit direction away from the
+    /// nearest one.
+    pub(crate) fn depth(&self, x: &Vector3) -> (f64, Vector3) {
+        let mut least = (f64::INFINITY, Vector3::zeros());
+        for f in &self.faces {
+            let area = f.square.sqrt();
+            if area > 0.0 {
+                let depth = f.normal.dot(&(f.a - x)) / area;
+                if depth < least.0 {
+                    least = (depth, f.normal / -area);
+                }
+            }
+        }
+        least
+    }
+
     /// The smallest value with the vertex at `x`. The worst face moves to the front, where the next
     /// candidate most likely fails.
     pub(crate) fn value(&mut self, x: &Vector3) -> f64 {

@@ -211,7 +211,9 @@ pub(crate) struct SurfaceRules<'a> {
 
 /// Moves surface vertices along the isosurface, colour by colour. Gives how many moved.
 pub(crate) fn relax_surface(work: &mut Work, vertices: &[u32], rules: &SurfaceRules<'_>) -> usize {
-    sweep(work, vertices, |work, v, ring| slide(work, v, ring, rules))
+    sweep(work, vertices, on_field, |work, v, ring| {
+        slide(work, v, ring, rules)
+    })
 }
 
 /// Moves surface vertices that are farther than `tolerance` toward the isosurface, as far as the
@@ -223,7 +225,7 @@ pub(crate) fn project(
     tolerance: f64,
     good: impl Fn([Point3; 4]) -> bool + Sync,
 ) -> usize {
-    sweep(work, vertices, |work, v, ring| {
+    sweep(work, vertices, on_field, |work, v, ring| {
         load(work, v, ring);
         let x = work.x[v as usize];
         let foot = foot(x, ring.mean_edge(&x.coords), field, tolerance)?;
@@ -254,15 +256,21 @@ pub(crate) fn foot(x: Point3, edge: f64, field: &Isosurface<'_>, tolerance: f64)
     (field.distance(&foot, 0.5 * edge).0.abs() < d.abs()).then_some(foot)
 }
 
-fn sweep(
+fn on_field(freedom: Freedom) -> bool {
+    freedom == Freedom::Field
+}
+
+/// Moves those of `vertices` whose freedom is fit, colour by colour. Gives how many moved.
+pub(crate) fn sweep(
     work: &mut Work,
     vertices: &[u32],
+    fit: impl Fn(Freedom) -> bool,
     step: impl Fn(&Work, u32, &mut Ring) -> Option<Point3> + Sync,
 ) -> usize {
     let movable = vertices
         .iter()
         .copied()
-        .filter(|&v| work.freedom[v as usize] == Freedom::Field);
+        .filter(|&v| fit(work.freedom[v as usize]));
     let mut moved = Vec::new();
     for class in classes(work, movable) {
         let positions: Vec<Option<Point3>> = class

@@ -129,6 +129,8 @@ pub(crate) struct Work {
     pub(crate) changed: Vec<u32>,
     clock: u32,
     empty: Vec<u32>,
+    /// Vertices that the input had without a tetrahedron: they stay.
+    unused: Vec<bool>,
 }
 
 /// Number of a class of vertices.
@@ -153,7 +155,11 @@ impl Work {
             changed: Vec::new(),
             clock: 1,
             empty: Vec::new(),
+            unused: Vec::new(),
         };
+        work.unused = (0..work.x.len() as u32)
+            .map(|v| work.rings.of(v).is_empty())
+            .collect();
         work.colours = vec![NO_COLOUR; work.x.len()];
         work.changed = vec![work.clock; work.x.len()];
         for v in 0..work.x.len() as u32 {
@@ -357,16 +363,14 @@ impl Work {
         bad
     }
 
-    /// The mesh without empty slots; vertices without a tetrahedron go, unless they had none in the
-    /// input. Order is kept.
-    pub(crate) fn finish(self, keep_unused: &[bool]) -> TetMesh {
-        let mut used = vec![false; self.x.len()];
-        for &v in self.tets.iter().filter(|t| t[0] != NONE).flatten() {
-            used[v as usize] = true;
-        }
-        for (v, keep) in keep_unused.iter().enumerate() {
-            used[v] |= keep;
-        }
+    /// Is the vertex part of the result? Those whose tetrahedra have all vanished are not.
+    pub(crate) fn keeps(&self, v: u32) -> bool {
+        !self.rings.of(v).is_empty() || self.unused.get(v as usize) == Some(&true)
+    }
+
+    /// The mesh without empty slots and vanished vertices. Order is kept.
+    pub(crate) fn finish(self) -> TetMesh {
+        let used: Vec<bool> = (0..self.x.len() as u32).map(|v| self.keeps(v)).collect();
         let mut new = vec![NONE; self.x.len()];
         let places = new.iter_mut().zip(&used).filter(|p| *p.1);
         for (count, (place, _)) in places.enumerate() {

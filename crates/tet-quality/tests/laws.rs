@@ -1,28 +1,579 @@
 //! What must hold for all inputs.
 
-use geom_core::{Cpu, ImplicitField, Run};
-use tet_quality::testing::{ball_in_box, lattice, shaken};
-use tet_quality::{Options, improve, quality_report};
+use geom_core::mesh::{OUTSIDE, Region, SurfaceAudit, VertexKind, VolumeAudit};
+use geom_core::{Cpu, ImplicitField, Point3, Run, TetMesh, Vector3};
+use proptest::prelude::*;
+use tet_quality::metrics::quality;
+use tet_quality::testing::{ball_in_box, lattice, noise, shaken};
+use tet_quality::{
+    Cause, Error, Goals, Improved, Operations, Options, SurfaceMotion, improve, quality_report,
+};
+
+fn improved(mesh: TetMesh, field: Option<&dyn ImplicitField>, options: &Options) -> Improved {
+    improve(mesh, field, options, Run::on(&Cpu)).unwrap()
+}
+
+fn worst(mesh: &TetMesh) -> f64 {
+    (0..mesh.tets().len())
+        .map(|t| quality(mesh.corners(t)))
+        .fold(f64::INFINITY, f64::min)
+}
+
+fn moved(mesh: TetMesh, mut shift: impl FnMut(usize, VertexKind, Point3) -> Point3) -> TetMesh {
+    let (mut x, tets, regions, kinds) = mesh.into_parts();
+    for v in 0..x.len() {
+        x[v] = shift(v, kinds[v], x[v]);
+    }
+    TetMesh::with_kinds(x, tets, regions, kinds).unwrap()
+}
+
+/// Volume per region, and whether the mesh is one that a solver takes.
+fn sound(mesh: &TetMesh) -> Vec<(Region, f64)> {
+    let audit = VolumeAudit::of(mesh);
+    assert!(audit.is_valid(), "{audit:?}");
+    audit.regions.iter().map(|r| (r.region, r.volume)).collect()
+}
 
 #[test]
 fn a_shaken_lattice_is_healed() {
     let mesh = shaken(lattice([8; 3], 1.0, |_| 1), 0.28, 7);
     assert!(quality_report(&mesh).all.min_dihedral.min < 1.0);
-    let improved = improve(mesh, None, &Options::default(), Run::on(&Cpu)).unwrap();
+    let improved = improved(mesh, None, &Options::default());
     let after = &improved.report.after.all;
     assert_eq!(after.inverted, 0);
     assert!((after.volume - 512.0).abs() < 1e-9);
     assert!(after.min_dihedral.min >= 20.0 && improved.report.converged);
+    assert_eq!(improved.report.exceptions.counts, []);
 }
 
 #[test]
 fn a_ball_in_a_box_is_healed() {
     let (mesh, ball) = ball_in_box(12, 1.0, 4.3);
-    let field: &dyn ImplicitField = &ball;
-    let improved = improve(mesh, Some(field), &Options::default(), Run::on(&Cpu)).unwrap();
-    let (before, after) = (&improved.report.before.all, &improved.report.after.all);
-    assert_eq!(after.inverted, 0);
+    let faces = mesh.interfaces().len();
+    let improved = improved(mesh, Some(&ball), &Options::default());
+    let report = &improved.report;
+    let (before, after) = (&report.before.all, &report.after.all);
     assert!((after.volume - 1728.0).abs() < 1e-9);
-    assert!(before.min_dihedral.min < 1.0 && after.min_dihedral.min >= 10.0);
-    assert_eq!(improved.report.after, quality_report(&improved.mesh));
+    assert!(before.min_dihedral.min < 1.0);
+    assert!(report.converged, "{:?}", report.exceptions.counts);
+    assert_eq!(report.after, quality_report(&improved.mesh));
+    // The sphere is where it was, and whole.
+    let surface = SurfaceAudit::of(&improved.mesh.region_surface(1));
+    assert!(surface.is_closed_manifold() && surface.euler_characteristic() == 2);
+    // Its triangles are inscribed, with edges of a third of the radius.
+    let share = surface.volume() / (4.0 / 3.0 * std::f64::consts::PI * 4.3f64.powi(3));
+    assert!((0.85..1.0).contains(&share), "{share}");
+    let fit = &report.surface;
+    assert!(
+        fit.vertices > 100 && 50 * fit.far <= fit.vertices,
+        "{fit:?}"
+    );
+    assert_eq!(fit.far.min(100), fit.farthest.len());
+    assert!(improved.mesh.interfaces().len() < 2 * faces);
+    let volumes = sound(&improved.mesh);
+    assert!((volumes.iter().map(|v| v.1).sum::<f64>() - 1728.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_good_mesh_stays_untouched() {
+    let (mesh, ball) = ball_in_box(10, 1.0, 3.3);
+    let good = improved(mesh, Some(&ball), &Options::default()).mesh;
+    let relaxed = Options {
+        goals: Goals {
+            min_dihedral: 15.0,
+            max_dihedral: 165.0,
+            joe_liu: 0.2,
+            ..Goals::default()
+        },
+        ..Options::default()
+    };
+    let again = improved(good.clone(), Some(&ball), &relaxed);
+    assert_eq!(again.mesh, good);
+    assert!(again.report.passes.is_empty() && again.report.converged);
+    let nothing = Options {
+        passes: 0,
+        ..Options::default()
+    };
+    let bad = ball_in_box(8, 1.0, 2.6).0;
+    assert_eq!(improved(bad.clone(), None, &nothing).mesh, bad);
+}
+
+#[test]
+fn an_empty_mesh_is_an_empty_result() {
+    let empty = TetMesh::new(Vec::new(), Vec::new()).unwrap();
+    let improved = improved(empty.clone(), None, &Options::default());
+    assert_eq!(improved.mesh, empty);
+    assert!(improved.report.converged && improved.report.after.all.tets == 0);
+    // Vertices without tetrahedra stay.
+    let points = TetMesh::new(vec![Point3::origin(); 3], Vec::new()).unwrap();
+    let again = improve(points.clone(), None, &Options::default(), Run::on(&Cpu)).unwrap();
+    assert_eq!(again.mesh, points);
+}
+
+#[test]
+fn box_faces_stay_plane_and_edges_straight() {
+    let (mesh, ball) = ball_in_box(10, 0.7, 2.3);
+    let mesh = shaken(mesh, 0.1, 5);
+    let side = 7.0;
+    let improved = improved(mesh, Some(&ball), &Options::default());
+    for (x, kind) in improved.mesh.positions().iter().zip(improved.mesh.kinds()) {
+        let off = |c: f64| c.abs().min((c - side).abs());
+        match *kind {
+            VertexKind::BoxFace { axis } => assert!(off(x[usize::from(axis)]) < 1e-12),
+            VertexKind::BoxEdge { axis } => {
+                let others = (0..3).filter(|&a| a != usize::from(axis));
+                assert!(others.into_iter().all(|a| off(x[a]) < 1e-12));
+            }
+            _ => {}
+        }
+    }
+    assert!((improved.report.after.all.volume - side.powi(3)).abs() < 1e-9);
+    assert!(improved.report.converged);
+}
+
+#[test]
+fn plane_and_cornered_interfaces_keep_their_shape_without_a_field() {
+    // Three materials that meet along lines and in points.
+    let region = |p: &Point3| -> Region {
+        match (p.x < 2.0, p.y < 3.0, p.z < 3.0) {
+            (true, _, _) => 1,
+            (false, true, _) => 2,
+            (false, false, true) => 3,
+            (false, false, false) => 0,
+        }
+    };
+    let mesh = shaken(lattice([6; 3], 1.0, region), 0.25, 11);
+    let before = sound(&mesh);
+    let improved = improved(mesh, None, &Options::default());
+    let after = sound(&improved.mesh);
+    assert_eq!(before.len(), after.len());
+    for (b, a) in before.iter().zip(&after) {
+        assert!(b.0 == a.0 && (b.1 - a.1).abs() < 1e-9, "{b:?} {a:?}");
+    }
+    assert!(!improved.report.junctions.is_empty());
+    assert!(improved.report.after.all.min_dihedral.min >= 20.0);
+}
+
+#[test]
+fn each_operation_can_be_switched_off_and_does_something() {
+    let (mesh, ball) = ball_in_box(8, 1.0, 2.6);
+    let none = Operations {
+        swap: false,
+        flip: false,
+        contract: false,
+        insert: false,
+    };
+    let run = |operations| {
+        let options = Options {
+            operations,
+            passes: 6,
+            ..Options::default()
+        };
+        let report = improved(mesh.clone(), Some(&ball), &options).report;
+        let sum = |count: fn(&tet_quality::Pass) -> usize| -> usize {
+            report.passes.iter().map(count).sum()
+        };
+        [
+            sum(|p| p.edges_removed + p.faces_swapped),
+            sum(|p| p.surface_flips),
+            sum(|p| p.contracted),
+            sum(|p| p.inserted),
+        ]
+    };
+    assert_eq!(run(none), [0; 4]);
+    for (i, operations) in [
+        Operations { swap: true, ..none },
+        Operations { flip: true, ..none },
+        Operations {
+            contract: true,
+            ..none
+        },
+        Operations {
+            insert: true,
+            ..none
+        },
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let counts = run(operations);
+        for (j, count) in counts.into_iter().enumerate() {
+            assert_eq!(count > 0, i == j, "{operations:?}: {counts:?}");
+        }
+    }
+}
+
+#[test]
+fn fixed_surfaces_do_not_move() {
+    let (mesh, ball) = ball_in_box(10, 1.0, 3.3);
+    let options = Options {
+        surface: SurfaceMotion::Fixed,
+        ..Options::default()
+    };
+    let on = |mesh: &TetMesh| -> Vec<Point3> {
+        let pairs = mesh.positions().iter().zip(mesh.kinds());
+        pairs
+            .filter(|p| *p.1 == VertexKind::Surface)
+            .map(|p| *p.0)
+            .collect()
+    };
+    let improved = improved(mesh.clone(), Some(&ball), &options);
+    assert_eq!(on(&improved.mesh), on(&mesh));
+    assert!(
+        improved
+            .report
+            .passes
+            .iter()
+            .all(|p| p.slid == 0 && p.projected == 0)
+    );
+}
+
+#[test]
+fn the_averaged_flow_takes_noise_and_keeps_the_volume() {
+    let (mesh, ball) = ball_in_box(11, 1.0, 3.7);
+    let mesh = improved(mesh, Some(&ball), &Options::default()).mesh;
+    let mut noise = noise(9);
+    let noisy = moved(mesh, |_, kind, x| match kind {
+        VertexKind::Surface => {
+            let d = (x - ball.center).normalize();
+            x + d * (0.12 * noise())
+        }
+        _ => x,
+    });
+    let roughness = |mesh: &TetMesh| {
+        let radii: Vec<f64> = mesh
+            .positions()
+            .iter()
+            .zip(mesh.kinds())
+            .filter(|p| *p.1 == VertexKind::Surface)
+            .map(|p| (p.0 - ball.center).norm())
+            .collect();
+        let mean = radii.iter().sum::<f64>() / radii.len() as f64;
+        (radii.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / radii.len() as f64).sqrt()
+    };
+    let inner = |mesh: &TetMesh| sound(mesh).iter().find(|r| r.0 == 1).unwrap().1;
+    // Without the field nothing but the flow moves the surface.
+    let options = Options {
+        surface: SurfaceMotion::AveragedMeanCurvature {
+            steps: 20,
+            step: 0.05,
+        },
+        operations: Operations {
+            flip: false,
+            contract: false,
+            ..Operations::default()
+        },
+        ..Options::default()
+    };
+    let flowed = improved(noisy.clone(), None, &options);
+    assert!(flowed.report.flowed > 1000);
+    assert!(
+        roughness(&flowed.mesh) < 0.5 * roughness(&noisy),
+        "{} {}",
+        roughness(&flowed.mesh),
+        roughness(&noisy)
+    );
+    assert!((inner(&flowed.mesh) / inner(&noisy) - 1.0).abs() < 0.01);
+    // With it, the vertices end on the isosurface.
+    let free = Options {
+        operations: Operations::default(),
+        ..options
+    };
+    let back = improved(noisy, Some(&ball), &free);
+    assert!(back.report.flowed > 1000);
+    assert_eq!(back.report.surface.far, 0);
+}
+
+#[test]
+fn inverted_elements_are_untangled() {
+    let mesh = lattice([7; 3], 1.0, |_| 1);
+    for (amount, seed) in [(0.45, 1), (0.6, 2), (0.8, 3)] {
+        let tangled = shaken(mesh.clone(), amount, seed);
+        let inverted = quality_report(&tangled).all.inverted;
+        assert!(inverted > 0);
+        let improved = improved(tangled.clone(), None, &Options::default());
+        assert_eq!(improved.report.untangled, inverted);
+        assert_eq!(improved.report.after.all.inverted, 0);
+        assert!(improved.report.after.all.min_dihedral.min >= 20.0);
+        assert!((improved.report.after.all.volume - 343.0).abs() < 1e-9);
+        let off = Options {
+            untangle: false,
+            ..Options::default()
+        };
+        let Err(Error::StillInverted { elements }) = improve(tangled, None, &off, Run::on(&Cpu))
+        else {
+            panic!("inverted elements were accepted");
+        };
+        assert_eq!(elements.len(), inverted);
+    }
+}
+
+#[test]
+fn what_cannot_be_untangled_is_named() {
+    // A flat element between fixed vertices.
+    let x = [
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [1.0, 1.0, 0.0],
+        [0.3, 0.3, 1.0],
+    ];
+    let mesh = TetMesh::new(
+        x.map(Point3::from).to_vec(),
+        vec![[0, 1, 2, 4], [1, 3, 2, 0]],
+    )
+    .unwrap();
+    let error = improve(mesh, None, &Options::default(), Run::on(&Cpu)).unwrap_err();
+    assert_eq!(error, Error::StillInverted { elements: vec![1] });
+    assert!(error.to_string().contains("the first is 1"));
+}
+
+#[test]
+fn overlaps_are_named() {
+    let p = |x, y, z| Point3::new(x, y, z);
+    let x = vec![
+        p(0.0, 0.0, 0.0),
+        p(1.0, 0.0, 0.0),
+        p(0.0, 1.0, 0.0),
+        p(0.0, 0.0, 1.0),
+        p(0.0, 0.0, -1.0),
+        p(0.2, 0.2, 2.0),
+    ];
+    let three = TetMesh::new(x.clone(), vec![[0, 1, 2, 3], [0, 2, 1, 4], [0, 1, 2, 5]]).unwrap();
+    let error = improve(three, None, &Options::default(), Run::on(&Cpu)).unwrap_err();
+    assert!(
+        matches!(error, Error::NonManifoldFace { element: 2, .. }),
+        "{error}"
+    );
+    // The same element twice.
+    let twice = TetMesh::new(x, vec![[0, 1, 2, 3], [0, 1, 2, 3]]).unwrap();
+    let error = improve(twice, None, &Options::default(), Run::on(&Cpu)).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            Error::StillInverted { .. } | Error::NotOrientable { .. }
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn corners_in_any_order_are_oriented_alike() {
+    let mesh = shaken(lattice([5; 3], 1.0, |_| 1), 0.2, 3);
+    let expected = improved(mesh.clone(), None, &Options::default())
+        .report
+        .after
+        .all;
+    let (x, mut tets, regions, kinds) = mesh.into_parts();
+    for tet in tets.iter_mut().step_by(3) {
+        tet.swap(1, 2);
+    }
+    let mesh = TetMesh::with_kinds(x, tets, regions, kinds).unwrap();
+    let again = improved(mesh, None, &Options::default());
+    assert!(again.report.reoriented > 0 && again.report.converged);
+    assert_eq!(
+        again.report.after.all.volume.round(),
+        expected.volume.round()
+    );
+}
+
+/// A ball of tetrahedra: `n` triangles of a fan around each pole, so that the poles have valence `n`.
+fn spindle(n: usize) -> TetMesh {
+    let mut x = vec![Point3::new(0.0, 0.0, -2.0), Point3::new(0.0, 0.0, 2.0)];
+    for i in 0..n {
+        let angle = std::f64::consts::TAU * i as f64 / n as f64;
+        x.push(Point3::new(angle.cos(), angle.sin(), 0.0));
+    }
+    let tets = (0..n)
+        .map(|i| [0, 1, 2 + i as u32, 2 + ((i + 1) % n) as u32])
+        .collect();
+    TetMesh::new(x, tets).unwrap()
+}
+
+#[test]
+fn adversaries_end_in_improvement_or_a_named_element() {
+    // A vertex of valence 100, whose surface forbids good elements.
+    let mesh = spindle(100);
+    let before = worst(&mesh);
+    let result = improved(mesh.clone(), None, &Options::default());
+    assert!(worst(&result.mesh) >= before && result.report.after.all.inverted == 0);
+    assert!(!result.report.converged);
+    let causes = &result.report.exceptions.counts;
+    assert!(causes.iter().any(|c| c.0 == Cause::Boundary), "{causes:?}");
+    let outside: f64 = result.report.after.all.volume;
+    assert!((outside - quality_report(&mesh).all.volume).abs() < 1e-9);
+
+    // Needles, caps and slivers inside: a lattice squeezed near one vertex.
+    let squeezed = moved(lattice([6; 3], 1.0, |_| 1), |_, kind, x| {
+        let middle = Point3::new(3.0, 3.0, 3.0);
+        match kind {
+            VertexKind::Interior => middle + (x - middle) * 0.02,
+            _ => x,
+        }
+    });
+    let before = worst(&squeezed);
+    let result = improved(squeezed, None, &Options::default());
+    assert!(
+        before < 0.05 && result.report.converged,
+        "{:?}",
+        result.report.after.all.min_dihedral
+    );
+
+    // Two vertices at one place, joined by an edge: flat elements.
+    let doubled = lattice([5; 3], 1.0, |_| 1);
+    let interior: Vec<usize> = (0..doubled.positions().len())
+        .filter(|&v| doubled.kinds()[v] == VertexKind::Interior)
+        .collect();
+    let tet = doubled
+        .tets()
+        .iter()
+        .find(|t| {
+            t.iter()
+                .filter(|&&v| interior.contains(&(v as usize)))
+                .count()
+                >= 2
+        })
+        .unwrap();
+    let pair: Vec<u32> = tet
+        .iter()
+        .copied()
+        .filter(|&v| interior.contains(&(v as usize)))
+        .take(2)
+        .collect();
+    let target = doubled.positions()[pair[0] as usize];
+    let doubled = moved(
+        doubled,
+        |v, _, x| if v == pair[1] as usize { target } else { x },
+    );
+    assert!(quality_report(&doubled).all.inverted > 0);
+    let result = improved(doubled, None, &Options::default());
+    assert!(result.report.converged && result.report.untangled > 0);
+}
+
+#[test]
+fn regions_that_touch_in_a_vertex_stay_whole() {
+    // Two cubes of region 1 that share one corner only.
+    let region = |p: &Point3| {
+        let low = [p.x, p.y, p.z].iter().all(|c| (1.0..3.0).contains(c));
+        let high = [p.x, p.y, p.z].iter().all(|c| (3.0..5.0).contains(c));
+        Region::from(low || high)
+    };
+    let mesh = shaken(lattice([6; 3], 1.0, region), 0.2, 4);
+    let touching = mesh
+        .positions()
+        .iter()
+        .position(|x| *x == Point3::new(3.0, 3.0, 3.0))
+        .unwrap() as u32;
+    let result = improved(mesh, None, &Options::default());
+    assert!(result.report.junctions.contains(&touching));
+    let volumes = sound(&result.mesh);
+    assert!((volumes[1].1 - 16.0).abs() < 1e-9 && (volumes[0].1 - 200.0).abs() < 1e-9);
+    assert!(
+        result
+            .mesh
+            .positions()
+            .contains(&Point3::new(3.0, 3.0, 3.0))
+    );
+}
+
+#[test]
+fn the_boundary_that_forbids_is_told_from_the_rest() {
+    // A wedge of 8°: no elements in its edge can have more.
+    let angle = 8f64.to_radians();
+    let x = [
+        [0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [1.0, 0.0, 0.5],
+        [angle.cos(), angle.sin(), 0.5],
+    ];
+    let mesh = TetMesh::new(x.map(Point3::from).to_vec(), vec![[0, 1, 2, 3]]).unwrap();
+    let result = improved(mesh.clone(), None, &Options::default());
+    assert_eq!(result.mesh, mesh);
+    assert_eq!(result.report.exceptions.counts, [(Cause::Boundary, 1)]);
+    assert_eq!(result.report.exceptions.worst[0].element.tet, 0);
+}
+
+#[test]
+fn options_out_of_range_are_refused() {
+    let check = |change: fn(&mut Options)| {
+        let mut options = Options::default();
+        change(&mut options);
+        let error = options.check().unwrap_err();
+        assert!(matches!(error, Error::InvalidOption { .. }), "{error}");
+        error.to_string()
+    };
+    assert!(check(|o| o.goals.min_dihedral = 71.0).contains("goals.min_dihedral"));
+    assert!(check(|o| o.goals.max_dihedral = f64::NAN).contains("goals.max_dihedral"));
+    assert!(check(|o| o.goals.joe_liu = -0.1).contains("goals.joe_liu"));
+    assert!(check(|o| o.goals.edge_ratio = 1.0).contains("goals.edge_ratio"));
+    assert!(check(|o| o.level = f64::INFINITY).contains("level"));
+    assert!(check(|o| o.spacing = Some(0.0)).contains("spacing"));
+    assert!(check(|o| o.deviation = 2.0).contains("deviation"));
+    assert!(
+        check(|o| o.surface = SurfaceMotion::AveragedMeanCurvature {
+            steps: 1,
+            step: 0.5
+        })
+        .contains("step")
+    );
+}
+
+#[test]
+fn a_field_that_is_not_finite_is_named() {
+    struct Hole;
+    impl ImplicitField for Hole {
+        fn value(&self, _: &Point3) -> f64 {
+            f64::NAN
+        }
+        fn value_gradient(&self, _: &Point3) -> (f64, Vector3) {
+            (f64::NAN, Vector3::zeros())
+        }
+    }
+    let (mesh, _) = ball_in_box(8, 1.0, 2.6);
+    let error = improve(mesh, Some(&Hole), &Options::default(), Run::on(&Cpu)).unwrap_err();
+    assert!(matches!(error, Error::FieldNotFinite { .. }));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    /// Noise on a lattice: with no field there is nothing to project to, and no pass makes the worst
+    /// element worse.
+    #[test]
+    fn the_worst_never_gets_worse(seed: u64, amount in 0.0..0.3, seam in 1.0..4.0) {
+        let mesh = shaken(lattice([5; 3], 1.0, |p| Region::from(p.x > seam)), amount, seed);
+        prop_assume!(quality_report(&mesh).all.inverted == 0);
+        let volumes = sound(&mesh);
+        let mut last = worst(&mesh);
+        let improved = improved(mesh, None, &Options { seed, ..Options::default() });
+        for pass in &improved.report.passes {
+            prop_assert!(pass.worst >= last);
+            last = pass.worst;
+        }
+        prop_assert!((worst(&improved.mesh) - last).abs() < 1e-15);
+        for (b, a) in volumes.iter().zip(sound(&improved.mesh)) {
+            prop_assert!((b.1 - a.1).abs() < 1e-9 && b.0 != OUTSIDE);
+        }
+    }
+
+    /// The measures do not depend on place, turn, mirror pair and size.
+    #[test]
+    fn measures_are_functions_of_the_shape(
+        p in prop::array::uniform4(prop::array::uniform3(-1.0..1.0f64)),
+        axis in prop::array::uniform3(-1.0..1.0f64), angle in 0.0..6.0, scale in 1e-6..1e6, shift in -1e3..1e3,
+    ) {
+        let corners = p.map(Point3::from);
+        let m = tet_quality::measures(corners);
+        prop_assume!(m.joe_liu.abs() > 1e-3);
+        let turn = geom_core::nalgebra::Rotation3::new(Vector3::from(axis) * angle);
+        let image = corners.map(|c| (turn * c + Vector3::repeat(shift)) * scale);
+        let i = tet_quality::measures(image);
+        let close = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a.abs().max(1.0);
+        prop_assert!(close(m.joe_liu, i.joe_liu) && close(m.edge_ratio, i.edge_ratio));
+        prop_assert!(close(m.min_dihedral, i.min_dihedral) && close(m.max_dihedral, i.max_dihedral));
+        prop_assert!(close(m.six_volume, i.six_volume / scale.powi(3)));
+        let [a, b, c, d] = corners;
+        prop_assert!(close(m.joe_liu, tet_quality::measures([b, c, a, d]).joe_liu));
+        prop_assert!(close(m.joe_liu, -tet_quality::measures([b, a, c, d]).joe_liu));
+    }
 }

@@ -11,6 +11,8 @@ pub enum ColorMap {
     /// Dark blue over green to yellow, even to the eye.
     #[default]
     Viridis,
+    /// Light yellow over orange to dark red, for errors: what is right is light.
+    Heat,
     /// Blue over light grey to red, for values about a middle (Moreland 2009).
     CoolWarm,
 }
@@ -38,6 +40,10 @@ impl ColorMap {
         match self {
             Self::Viridis => {
                 let c = colorous::VIRIDIS.eval_continuous(t);
+                [c.r, c.g, c.b]
+            }
+            Self::Heat => {
+                let c = colorous::YELLOW_ORANGE_RED.eval_continuous(t);
                 [c.r, c.g, c.b]
             }
             Self::CoolWarm => {

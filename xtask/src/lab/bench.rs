@@ -8,8 +8,8 @@ use gauss_density::{Levels, Model, Options, Sampled, sample, sample_band};
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::{Cpu, LatticeValues, Run, ScalarGrid, Structure};
 
-use super::python;
-use crate::{Outcome, capture, root};
+use super::{answer, number, python};
+use crate::{Outcome, root};
 
 const CUT: f64 = 1e-4;
 
@@ -63,14 +63,7 @@ fn density(
     let bytes: Vec<u8> = structure
         .atoms()
         .iter()
-        .flat_map(|a| {
-            [
-                a.position.x,
-                a.position.y,
-                a.position.z,
-                f64::from(a.radius),
-            ]
-        })
+        .flat_map(|a| [a.position.x, a.position.y, a.position.z, a.radius])
         .flat_map(f64::to_le_bytes)
         .collect();
     std::fs::write(&atoms, bytes).map_err(|e| e.to_string())?;
@@ -133,18 +126,4 @@ fn best<T, E: std::fmt::Display>(
         least = least.min(start.elapsed().as_secs_f64());
     }
     Ok((last.expect("three rounds"), least))
-}
-
-/// What a peer printed.
-fn answer(python: &Path, script: &Path, arguments: &[String]) -> Result<serde_json::Value, String> {
-    let mut all = vec![script.display().to_string()];
-    all.extend_from_slice(arguments);
-    let text = capture(&python.display().to_string(), &all)?;
-    serde_json::from_str(&text).map_err(|e| format!("{}: {e}", script.display()))
-}
-
-fn number(answer: &serde_json::Value, key: &str) -> Result<f64, String> {
-    answer[key]
-        .as_f64()
-        .ok_or_else(|| format!("a peer printed no `{key}`"))
 }

@@ -10,7 +10,7 @@ use super::assembly::{Assembly, Generator, Operators};
 use super::structure::{Models, Names, Record, Records, number, wanted};
 use super::{Error, ErrorKind};
 use crate::Point3;
-use crate::structure::{Atom, Element, Name, Residue, ResidueKind, Transform, residues};
+use crate::structure::{Atom, Name, Residue, ResidueKind, Transform, residues};
 
 /// Does the content begin as a CIF does: comments, then `data_`?
 pub(super) fn looks_like(content: &[u8]) -> bool {
@@ -208,6 +208,9 @@ impl Table {
     }
 }
 
+/// Files with as many lines of `#` mark the end of every category; some programs write a few.
+const MANY_RULES: usize = 10;
+
 /// The small categories that are read.
 const TABLES: [&str; 3] = [
     "_entity.",
@@ -351,16 +354,22 @@ impl Reader {
             }
             token = lexer.next()?;
         }
-        // Where a file marks the ends of its categories, the end of the atoms is marked too.
-        let unmarked = rules > 0 && lexer.rules == rules;
-        if atoms && token.is_none() && (unmarked || !lexer.content.ends_with(b"\n")) {
-            let missing = if unmarked {
-                "line with #"
-            } else {
-                "end of line"
-            };
-            let what = format!("the loop of _atom_site (no {missing} behind it)");
-            return Err(Error::at_line(ErrorKind::Truncated(what), lexer.line));
+        if atoms && token.is_none() {
+            // Where a file marks the ends of its categories, the end of the atoms is marked too.
+            let unmarked = lexer.rules == rules;
+            if (unmarked && rules >= MANY_RULES) || !lexer.content.ends_with(b"\n") {
+                let missing = if unmarked {
+                    "line with #"
+                } else {
+                    "end of line"
+                };
+                let what = format!("the loop of _atom_site (no {missing} behind it)");
+                return Err(Error::at_line(ErrorKind::Truncated(what), lexer.line));
+            }
+            if unmarked && rules > 0 {
+                let doubt = "no line with # behind the atoms: is the file whole?";
+                self.found.warnings.push(doubt.to_owned());
+            }
         }
         Ok(token)
     }
@@ -418,7 +427,7 @@ impl Reader {
                 charge: 0.0,
                 b_factor: number(at(16)).unwrap_or(0.0) as f32,
                 name: atom_name,
-                element: Element::from_symbol(symbol)
+                element: residues::element_in_file(symbol)
                     .unwrap_or_else(|| residues::element_of(atom_name, residue, false, None)),
                 hetero,
             },

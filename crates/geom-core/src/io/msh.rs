@@ -1,8 +1,9 @@
 //! MSH: Gmsh's mesh file, versions 4.1 and 2.2, for solvers.
 //!
 //! Groups are written as named physical groups of volumes and faces, fields as `NodeData` and
-//! `ElementData`. Colours are left out. Element tags are cell numbers + 1, so that reading restores the
-//! order of the cells. Points and lines of a file are skipped when it is read.
+//! `ElementData`. Colours are left out. Cells are sorted by block and group, and numbered and given their
+//! values in that order, because some readers count elements instead of looking at their tags. Points
+//! and lines of a file are skipped when it is read.
 
 use std::io::Write;
 use std::path::Path;
@@ -52,6 +53,8 @@ struct Run {
     /// Numbers in the block, and the number of the block's first cell.
     cells: Vec<u32>,
     first: usize,
+    /// Number of the run's first cell in the file.
+    start: usize,
 }
 
 /// Writes a view. Polygons with more than four corners are refused, as are fields of more than nine
@@ -92,10 +95,11 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, options: Options) -> Result<(),
         Version::V22 => write_22(&mut out, view, &runs)?,
     }
     for field in &view.point_fields {
-        write_field(&mut out, "NodeData", field)?;
+        write_field(&mut out, "NodeData", field, 0..nodes)?;
     }
     for field in &view.cell_fields {
-        write_field(&mut out, "ElementData", field)?;
+        let cells = runs.iter().flat_map(Run::numbers);
+        write_field(&mut out, "ElementData", field, cells)?;
     }
     Ok(())
 }
@@ -136,6 +140,13 @@ impl Out<'_> {
     }
 }
 
+impl Run {
+    /// The view's numbers of its cells.
+    fn numbers(&self) -> impl Iterator<Item = usize> {
+        self.cells.iter().map(|&c| self.first + c as usize)
+    }
+}
+
 /// Sorts the cells by block and group.
 fn runs(view: &View<'_>) -> Result<Vec<Run>, Error> {
     let mut runs: Vec<Run> = Vec::new();
@@ -168,6 +179,7 @@ fn runs(view: &View<'_>) -> Result<Vec<Run>, Error> {
                             block,
                             cells: Vec::new(),
                             first,
+                            start: 0,
                         });
                         runs.len() - 1
                     }
@@ -176,6 +188,11 @@ fn runs(view: &View<'_>) -> Result<Vec<Run>, Error> {
             runs[last].cells.push(c as u32);
         }
         first += cells.len();
+    }
+    let mut start = 0;
+    for run in &mut runs {
+        run.start = start;
+        start += run.cells.len();
     }
     Ok(runs)
 }
@@ -236,17 +253,15 @@ fn write_41(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Erro
     for run in runs {
         let head = [run.dimension.into(), run.tag, run.kind];
         out.mixed(&head, &[run.cells.len() as u64])?;
-        let element = |&c: &u32| {
-            let tag = (run.first + c as usize) as u64 + 1;
+        let element = |(tag, &c): (u64, &u32)| {
             let corners = view.blocks[run.block].corners(c as usize);
             std::iter::once(tag).chain(corners.iter().map(|&v| u64::from(v) + 1))
         };
+        let mut tagged = (run.start as u64 + 1..).zip(&run.cells);
         if out.binary {
-            out.line(run.cells.iter().flat_map(element))?;
+            out.line(tagged.flat_map(element))?;
         } else {
-            for c in &run.cells {
-                out.line(element(c))?;
-            }
+            tagged.try_for_each(|cell| out.line(element(cell)))?;
         }
     }
     out.end("Elements")
@@ -274,25 +289,29 @@ fn write_22(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Erro
             let corners = view.blocks[run.block].corners(c as usize);
             corners.iter().map(|&v| v as i32 + 1)
         };
-        let tag = |&c: &u32| (run.first + c as usize) as i32 + 1;
+        let mut tagged = (run.start as i32 + 1..).zip(&run.cells);
         if out.binary {
             out.line([run.kind, run.cells.len() as i32, 2])?;
-            out.line(
-                run.cells
-                    .iter()
-                    .flat_map(|c| [tag(c), physical, run.tag].into_iter().chain(corners(c))),
-            )?;
+            out.line(tagged.flat_map(|(tag, c)| {
+                let head = [tag, physical, run.tag];
+                head.into_iter().chain(corners(c))
+            }))?;
         } else {
-            for c in &run.cells {
-                let head = [tag(c), run.kind, 2, physical, run.tag];
-                out.line(head.into_iter().chain(corners(c)))?;
-            }
+            tagged.try_for_each(|(tag, c)| {
+                let head = [tag, run.kind, 2, physical, run.tag];
+                out.line(head.into_iter().chain(corners(c)))
+            })?;
         }
     }
     out.end("Elements")
 }
 
-fn write_field(out: &mut Out<'_>, section: &str, field: &Field<'_>) -> Result<(), Error> {
+fn write_field(
+    out: &mut Out<'_>,
+    section: &str,
+    field: &Field<'_>,
+    elements: impl Iterator<Item = usize>,
+) -> Result<(), Error> {
     let values = &field.values;
     let Some(components) = [1, 3, 9].into_iter().find(|&n| n >= values.components) else {
         return Err(ErrorKind::Unsupported(format!(
@@ -305,18 +324,18 @@ fn write_field(out: &mut Out<'_>, section: &str, field: &Field<'_>) -> Result<()
     writeln!(out.w, "${section}\n1\n\"{name}\"\n1\n0\n3\n0")?;
     writeln!(out.w, "{components}\n{}", values.len())?;
     let mut row = Vec::with_capacity(80);
-    for i in 0..values.len() {
+    for (tag, i) in (1i32..).zip(elements) {
         let tuple = (0..components).map(|k| match k < values.components {
             true => values.get(i, k),
             false => 0.0,
         });
         if out.binary {
             row.clear();
-            (i as i32 + 1).put(&mut row);
+            tag.put(&mut row);
             tuple.for_each(|v| v.put(&mut row));
             out.w.write_all(&row)?;
         } else {
-            write!(out.w, "{}", i + 1)?;
+            write!(out.w, "{tag}")?;
             for v in tuple {
                 write!(out.w, " {v}")?;
             }

@@ -12,7 +12,7 @@
 use std::collections::BTreeSet;
 
 use super::assembly::{Assembly, Generator, Operators};
-use super::structure::{Models, Record, Records, SEGMENT_MARK, number, wanted};
+use super::structure::{Models, Record, Records, number, wanted};
 use super::{Error, ErrorKind};
 use crate::structure::{Atom, Element, Name, Residue, ResidueKind, Transform, residues};
 use crate::{Point3, Vector3};
@@ -46,6 +46,7 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
     let mut reader = Reader::default();
     let mut found = Records::default();
     let whole = content.ends_with(b"\n");
+    let mut end = 0;
     let mut lines = content.split(|&b| b == b'\n').enumerate().peekable();
     while let Some((i, line)) = lines.next() {
         let line = line.strip_suffix(b"\r").unwrap_or(line);
@@ -53,13 +54,22 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
         reader
             .line(line, last, models, &mut found)
             .map_err(|kind| Error::at_line(kind, i + 1))?;
+        if !line.is_empty() {
+            end = i + 1;
+        }
     }
     if reader.header && reader.in_atoms && reader.models.count > 0 {
-        let rest = "its atoms: an entry with a HEADER ends with END (add it if the file is whole)";
-        return Err(ErrorKind::Truncated(rest.to_owned()).into());
+        // Entries of the archive have a sequence; what other programs write may lack END.
+        if !reader.sequence.is_empty() {
+            let rest = "its atoms: an entry ends with END (add it if the file is whole)";
+            return Err(Error::at_line(ErrorKind::Truncated(rest.to_owned()), end));
+        }
+        let doubt = "the file has a HEADER, but no END: is it whole?";
+        found.warnings.push(doubt.to_owned());
     }
     if reader.atoms > 0 && reader.rows != 0 {
-        return Err(ErrorKind::Truncated("a BIOMT operator".to_owned()).into());
+        let what = "a BIOMT operator".to_owned();
+        return Err(Error::at_line(ErrorKind::Truncated(what), end));
     }
     if let Some(promised) = reader.promised
         && reader.models.count == 1
@@ -115,7 +125,7 @@ struct Reader {
     atoms: usize,
     promised: Option<usize>,
     /// Number of `TER` records in this model, which separate chains without a name.
-    segment: usize,
+    segment: u32,
     width: usize,
     sequence: BTreeSet<Name>,
     modified: BTreeSet<Name>,
@@ -197,18 +207,16 @@ impl Reader {
         let (residue, chain) = residue_and_chain(line, s)?;
         let (number, insertion) = residue_number(line, s)?;
         let hetero = line[0] == b'H';
-        let element = Element::from_symbol(text(line, 76 + s, 78 + s));
+        let element = residues::element_in_file(text(line, 76 + s, 78 + s));
         let segment = text(line, 72 + s, 76 + s);
         let card = text(line, 76 + s, 80 + s);
         let legacy = !card.is_empty() && card.bytes().all(|b| b.is_ascii_digit());
-        let mut mark = [0; 4];
         let chain_index = if !chain.is_empty() {
             found.chains.index(chain.as_str().as_bytes())
         } else if !segment.is_empty() && !legacy {
             found.chains.index(segment.as_bytes())
         } else {
-            let mark = SEGMENT_MARK.encode_utf8(&mut mark).as_bytes();
-            found.chains.index(&mark.repeat(self.segment))
+            found.chains.unnamed(self.segment)
         };
         if element.is_none() {
             let column = line[12 + s..].iter().position(|&b| b != b' ').unwrap_or(0);

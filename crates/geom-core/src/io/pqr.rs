@@ -9,7 +9,7 @@ use std::io::Write;
 use std::path::Path;
 
 use super::pdb::{ModelCounter, is_atom};
-use super::structure::{Models, Record, Records, SEGMENT_MARK, number, wanted};
+use super::structure::{Models, Record, Records, number, wanted};
 use super::{Error, ErrorKind, save as save_file};
 use crate::structure::{Atom, Name, Residue, ResidueKind, residues};
 use crate::{Point3, Structure};
@@ -102,7 +102,7 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
         .filter(|w| !w.is_empty())
 }
 
-fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, ErrorKind> {
+fn atom(line: &[u8], segment: u32, found: &mut Records) -> Result<Record, ErrorKind> {
     let wrong = |expected: &str| ErrorKind::expected(expected, String::from_utf8_lossy(line));
     let mut all: [&[u8]; MAX_WORDS] = [b""; MAX_WORDS];
     let mut count = 0;
@@ -169,8 +169,6 @@ fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, Erro
     } else {
         insertion
     })?;
-    let mut mark = [0; 4];
-    let mark = SEGMENT_MARK.encode_utf8(&mut mark).as_bytes();
     let chain_name = name(chain)?;
     let residue = name(identity[1])?;
     Ok(Record {
@@ -196,7 +194,7 @@ fn atom(line: &[u8], segment: usize, found: &mut Records) -> Result<Record, Erro
         },
         sequence: 0,
         chain: match chain_name.is_empty() {
-            true => found.chains.index(&mark.repeat(segment)),
+            true => found.chains.unnamed(segment),
             false => found.chains.index(chain),
         },
         part: found.parts.index(chain),

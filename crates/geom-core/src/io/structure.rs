@@ -15,7 +15,8 @@
 //! * **PQR**: free format, with or without chains, columns that touch.
 //!
 //! What cannot be read is an [`Error`] with file and line, also a file that was cut off: in the
-//! middle of a row, a PDB entry without `END`, or an mmCIF file without the `#` behind its atoms.
+//! middle of a row, a PDB entry with a sequence but without `END`, or an mmCIF file that marks the
+//! ends of its categories with `#`, but not that of its atoms.
 //!
 //! ```
 //! use geom_core::io::structure::{read, ReadOptions};
@@ -404,6 +405,13 @@ impl Names {
         self.last
     }
 
+    /// The chain without a name behind so many `TER` records. Its entry is no text, so that it cannot
+    /// be a name in the file.
+    pub(super) fn unnamed(&mut self, segment: u32) -> u32 {
+        let [a, b, c, d] = segment.to_le_bytes();
+        self.index(&[0, a, b, c, d])
+    }
+
     pub(super) fn find(&self, name: &[u8]) -> Option<u32> {
         self.sorted.get(name).copied()
     }
@@ -769,9 +777,8 @@ impl Records {
                 builder.domain(model, copy);
             }
             if chain {
-                let name = std::str::from_utf8(&self.chains.names[r.chain as usize]);
-                let name = name.unwrap_or_default().trim_end_matches(SEGMENT_MARK);
-                builder.chain(Name::new(name).unwrap_or_default());
+                let name = Name::from_bytes(&self.chains.names[r.chain as usize]);
+                builder.chain(name.unwrap_or_default());
             }
             if residue {
                 builder.residue_of(r.residue);
@@ -784,9 +791,6 @@ impl Records {
         (builder.build(), parts)
     }
 }
-
-/// Ends the names of chains that have none in the file but are told apart by `TER`.
-pub(super) const SEGMENT_MARK: char = '\u{1}';
 
 fn left_over(report: &ReadReport) -> String {
     let dropped = [

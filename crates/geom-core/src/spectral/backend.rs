@@ -27,14 +27,14 @@ pub trait Cycle {
 }
 
 /// What a backend owes to [`SpectralBackend::apply_block`] in f64, for rows with absolute sums up to 1
-/// and blocks of values up to 1: f32 sums of at most 100 terms.
+/// and blocks of values up to 1: f32 sums of at most 100 terms. Confirmed on llvmpipe.
 pub const APPLY_BLOCK: Agreement = Agreement::Bounded {
     relative: 1e-5,
     absolute: 1e-5,
 };
 
 /// What a backend owes to a [`Cycle`] in f64, in units of the largest value of the result: some tens
-/// of products one after the other.
+/// of products one after the other. Confirmed on llvmpipe.
 pub const CYCLE: Agreement = Agreement::Bounded {
     relative: 1e-3,
     absolute: 1e-4,

@@ -10,7 +10,7 @@ use crate::Run;
 use crate::linalg::dense::{self, Tall};
 
 /// Blocks of room beyond those that a restart keeps.
-const BLOCKS: usize = 5;
+const BLOCKS: usize = 3;
 
 /// The smallest `k + 1` pairs of one connected part, the first `k` of them converged.
 pub(super) fn pairs<B: SpectralBackend + ?Sized>(
@@ -26,7 +26,8 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
     let cycle = run.backend.prepare(&hierarchy)?;
     run.progress("multigrid", 1, 1)?;
 
-    let b = options.block;
+    // Many pairs are sought in wider blocks: each step costs a dense eigenproblem.
+    let b = (options.block * (1 + k / 64)).min(64);
     let keep = k + 1 + b;
     let room = keep + b + (BLOCKS * b).max(k / 2).next_multiple_of(b);
     let mut basis = Basis::new(pencil, room);

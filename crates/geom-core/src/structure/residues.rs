@@ -111,6 +111,14 @@ const fn keys<const N: usize>(names: [&str; N]) -> [u64; N] {
 /// the residue is unknown; `CA`, `CD`, `HG`, `NA` … are more often carbon, hydrogen or nitrogen.
 const UNMISTAKABLE: &[&str] = &["BR", "CL", "CU", "FE", "MG", "MN", "SE", "SI", "ZN"];
 
+/// The element that a file names; `X` is an atom that nobody knows. `None` if it names none.
+pub(crate) fn element_in_file(symbol: &str) -> Option<Element> {
+    match symbol.trim() {
+        "X" | "x" => Some(Element::UNKNOWN),
+        symbol => Element::from_symbol(symbol),
+    }
+}
+
 /// The element of an atom that has no element column.
 ///
 /// `aligned` is the column (0 or 1) of the name's first character where the file aligns names as
@@ -140,6 +148,7 @@ pub(crate) fn element_of(name: Name, residue: Name, alone: bool, aligned: Option
             "CAD" => Element(48),
             "BAR" => Element(56),
             "IOD" => Element(53),
+            "UNK" => Element::UNKNOWN,
             _ => first(2).unwrap_or_else(single),
         };
     }
@@ -173,6 +182,8 @@ mod tests {
         assert_eq!(element("CA", "CA", true, None), "Ca");
         assert_eq!(element("SOD", "SOD", true, None), "Na");
         assert_eq!(element("K", "K", true, Some(1)), "K");
+        assert_eq!(element("UNK", "UNX", true, None), "X");
+        assert_eq!(element_in_file(" X"), Some(Element::UNKNOWN));
         // Ligands: the alignment decides, and without it only unmistakable symbols are believed.
         assert_eq!(element("FE", "HEM", false, Some(0)), "Fe");
         assert_eq!(element("NA", "HEM", false, Some(1)), "N");

@@ -1,0 +1,254 @@
+//! What a mesh falls short in after the improvement, and why.
+
+use geom_core::mesh::FACES;
+use geom_core::{Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::report::Element;
+use crate::smooth::{foot, load};
+use crate::surface_field::Isosurface;
+use crate::work::{Freedom, NONE, Work};
+use crate::{Goals, Measures, measures};
+
+/// How many elements and vertices a report names.
+pub const NAMED: usize = 100;
+
+/// Why a tetrahedron does not meet the goals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
+pub enum Cause {
+    /// The boundary forbids it: a boundary triangle that may not move is itself too slender, or two
+    /// such triangles meet in too sharp an edge. No tetrahedra inside can meet the goals there.
+    Boundary,
+    /// Surfaces touch or meet in one of its corners, which therefore stays.
+    Junction,
+    /// None of its corners may move.
+    Fixed,
+    /// All its corners lie on surfaces: the body, or the gap, is one tetrahedron wide.
+    Narrow,
+    /// No smoothing and no operation makes it better, or the passes were used up.
+    Unsolved,
+}
+
+/// A tetrahedron that does not meet the goals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Exception {
+    /// Which, numbered as in the result.
+    pub element: Element,
+    /// Why.
+    pub cause: Cause,
+}
+
+/// Why a surface vertex is farther from the isosurface than allowed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
+pub enum FarCause {
+    /// The isosurface is not where the density's slope says: a pinch, a neck or a gap that is
+    /// narrower than the tetrahedra.
+    Pinch,
+    /// On the isosurface the tetrahedra around it would miss the goals.
+    Tetrahedra,
+}
+
+/// A surface vertex far from the isosurface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct FarVertex {
+    /// Which, numbered as in the result.
+    pub vertex: u32,
+    /// Where it lies, Å.
+    pub position: Point3,
+    /// First-order distance from the isosurface, Å.
+    pub distance: f64,
+    /// Why.
+    pub cause: FarCause,
+}
+
+/// How well the surface vertices lie on the isosurface; empty without a field, and where
+/// [`SurfaceMotion::Fixed`](crate::SurfaceMotion::Fixed) holds them.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct SurfaceFit {
+    /// Vertices that belong to the isosurface.
+    pub vertices: usize,
+    /// How many are farther from it than [`Options::deviation`](crate::Options::deviation) allows.
+    pub far: usize,
+    /// Largest first-order distance, Å.
+    pub largest: f64,
+    /// The farthest ones, at most [`NAMED`].
+    pub farthest: Vec<FarVertex>,
+}
+
+/// What falls short.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Exceptions {
+    /// Tetrahedra that do not meet the goals, by cause; causes without any are left out.
+    pub counts: Vec<(Cause, usize)>,
+    /// The worst of them, at most [`NAMED`].
+    pub worst: Vec<Exception>,
+}
+
+pub(crate) fn exceptions(work: &Work, goals: &Goals, junctions: &[u32]) -> Exceptions {
+    let enough = goals.objective();
+    let alive: Vec<u32> = (0..work.tets.len() as u32)
+        .filter(|&t| !work.is_empty_slot(t))
+        .collect();
+    let mut all: Vec<(f64, Exception)> = alive
+        .par_iter()
+        .enumerate()
+        .filter_map(|(number, &t)| {
+            let q = work.q[t as usize];
+            let corners = work.corners(work.tets[t as usize]);
+            let m = measures(corners);
+            if goals.met_by(&m) {
+                return None;
+            }
+            let sum = corners.iter().fold(Vector3::zeros(), |s, p| s + p.coords);
+            Some((
+                q.min(enough),
+                Exception {
+                    element: Element {
+                        tet: number as u32,
+                        centroid: Point3::from(sum / 4.0),
+                        measures: m,
+                    },
+                    cause: cause(work, t, &m, goals, junctions),
+                },
+            ))
+        })
+        .collect();
+    all.sort_by(|a, b| {
+        a.0.total_cmp(&b.0)
+            .then(a.1.element.tet.cmp(&b.1.element.tet))
+    });
+    let mut counts: Vec<(Cause, usize)> = Vec::new();
+    for (_, e) in &all {
+        match counts.iter_mut().find(|c| c.0 == e.cause) {
+            Some(c) => c.1 += 1,
+            None => counts.push((e.cause, 1)),
+        }
+    }
+    counts.sort_unstable();
+    Exceptions {
+        counts,
+        worst: all.into_iter().take(NAMED).map(|e| e.1).collect(),
+    }
+}
+
+fn cause(work: &Work, t: u32, m: &Measures, goals: &Goals, junctions: &[u32]) -> Cause {
+    let tet = work.tets[t as usize];
+    let fixed = |v: u32| work.freedom[v as usize] == Freedom::Fixed;
+    let region = work.regions[t as usize];
+    let walls: Vec<[u32; 3]> = (0..4)
+        .filter(|&k| work.region_beyond(t, k) != region)
+        .map(|k| FACES[k].map(|i| tet[i]))
+        .filter(|f| f.iter().all(|&v| fixed(v)))
+        .collect();
+    if walls.iter().any(|&f| slender(work, f, goals)) || sharp(work, &walls, m, goals) {
+        Cause::Boundary
+    } else if tet.iter().any(|v| junctions.binary_search(v).is_ok()) {
+        Cause::Junction
+    } else if tet.iter().all(|&v| fixed(v)) {
+        Cause::Fixed
+    } else if tet
+        .iter()
+        .all(|&v| work.freedom[v as usize] != Freedom::Free)
+    {
+        Cause::Narrow
+    } else {
+        Cause::Unsolved
+    }
+}
+
+/// Can no tetrahedron on this triangle meet the goals? The best Joe–Liu measure on a base of area `A`
+/// and squared edges of sum `s` is `4 √3 A / s`, with the apex above its centroid.
+fn slender(work: &Work, f: [u32; 3], goals: &Goals) -> bool {
+    let [a, b, c] = f.map(|v| work.x[v as usize]);
+    let edges = [(b - a), (c - b), (a - c)].map(|e| e.norm_squared());
+    let longest = edges.iter().copied().fold(0.0, f64::max);
+    let shortest = edges.iter().copied().fold(f64::INFINITY, f64::min);
+    let sum: f64 = edges.iter().sum();
+    let area = (b - a).cross(&(c - a)).norm() / 2.0;
+    longest > goals.edge_ratio * goals.edge_ratio * shortest
+        || 4.0 * 3f64.sqrt() * area < goals.joe_liu * sum
+}
+
+/// Do two of these boundary triangles of one tetrahedron meet at less than the smallest angle?
+fn sharp(work: &Work, walls: &[[u32; 3]], m: &Measures, goals: &Goals) -> bool {
+    if m.min_dihedral >= goals.min_dihedral {
+        return false;
+    }
+    let normal = |f: [u32; 3]| {
+        let [a, b, c] = f.map(|v| work.x[v as usize]);
+        (b - a).cross(&(c - a)).normalize()
+    };
+    (0..walls.len()).any(|i| {
+        (0..i).any(|j| {
+            let cosine = -normal(walls[i]).dot(&normal(walls[j]));
+            cosine.clamp(-1.0, 1.0).acos().to_degrees() < goals.min_dihedral
+        })
+    })
+}
+
+pub(crate) fn surface_fit(
+    work: &Work,
+    field: Option<&Isosurface<'_>>,
+    tolerance: f64,
+) -> SurfaceFit {
+    let Some(field) = field else {
+        return SurfaceFit::default();
+    };
+    let mut numbers = vec![NONE; work.x.len()];
+    let mut next = 0;
+    for (v, number) in numbers.iter_mut().enumerate() {
+        if work.keeps(v as u32) {
+            *number = next;
+            next += 1;
+        }
+    }
+    let on: Vec<u32> = (0..work.x.len() as u32)
+        .filter(|&v| work.freedom[v as usize] == Freedom::Field && !work.rings.of(v).is_empty())
+        .collect();
+    let distances: Vec<f64> = on
+        .par_iter()
+        .map(|&v| field.distance(&work.x[v as usize], f64::INFINITY).0.abs())
+        .collect();
+    let mut far: Vec<(f64, u32)> = distances
+        .iter()
+        .zip(&on)
+        .filter(|d| *d.0 > tolerance)
+        .map(|(&d, &v)| (d, v))
+        .collect();
+    far.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let mut ring = crate::ring::Ring::default();
+    SurfaceFit {
+        vertices: on.len(),
+        far: far.len(),
+        largest: distances.iter().copied().fold(0.0, f64::max),
+        farthest: far
+            .iter()
+            .take(NAMED)
+            .map(|&(distance, v)| {
+                let position = work.x[v as usize];
+                load(work, v, &mut ring);
+                let edge = ring.mean_edge(&position.coords);
+                let reached = foot(position, edge, field, tolerance)
+                    .is_some_and(|f| field.distance(&f, f64::INFINITY).0.abs() <= tolerance);
+                FarVertex {
+                    vertex: numbers[v as usize],
+                    position,
+                    distance,
+                    cause: if reached {
+                        FarCause::Tetrahedra
+                    } else {
+                        FarCause::Pinch
+                    },
+                }
+            })
+            .collect(),
+    }
+}

@@ -1,0 +1,285 @@
+//! `cargo xtask spectra`: our eigenpairs beside those of SciPy on the same matrices, in one run: largest
+//! difference of the eigenvalues and ratios of time; with `--large` also what large inputs cost.
+
+use std::path::Path;
+use std::time::Instant;
+
+use gauss_density::{Levels, Model, sample};
+use geom_core::graph::{Laplacian, Neighbours, VoxelGraph};
+use geom_core::io::structure::{ReadOptions, read};
+use geom_core::laplace::{self, Mass};
+use geom_core::linalg::SparseMatrix;
+use geom_core::spectral::{EigenPairs, Operator, Options, eigenpairs};
+use geom_core::{Cpu, LatticeValues, Run, ScalarGrid, TriMesh};
+
+use super::{number, python};
+use crate::{Outcome, root};
+
+/// Relative difference of eigenvalues that is still agreement; the first value that is not zero lends
+/// its size to the zeros.
+const AGREE: f64 = 1e-8;
+
+pub(crate) fn run(large: bool) -> Outcome {
+    let python = match python::with(&["numpy", "scipy", "cvxopt"]) {
+        Ok(python) => python,
+        Err(_) => {
+            println!("CHOLMOD (of cvxopt) cannot be installed: SciPy with SuperLU only");
+            python::with(&["numpy", "scipy"])?
+        }
+    };
+    println!("{} threads", rayon::current_num_threads());
+    let mut worst: f64 = 0.0;
+    match fixtures::shared("meshes") {
+        Some(folder) => {
+            let mut files: Vec<_> = std::fs::read_dir(&folder)
+                .map_err(|e| format!("{}: {e}", folder.display()))?
+                .filter_map(|entry| Some(entry.ok()?.path()))
+                .filter(|path| path.extension().is_some_and(|e| e != "tsv"))
+                .collect();
+            files.sort();
+            for path in files {
+                let file = geom_core::io::mesh::read(&path).map_err(|e| e.to_string())?;
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                let mesh = file.mesh.into_triangles();
+                worst = worst.max(compare(&name, &mesh, "superlu", &[40], &python)?);
+            }
+        }
+        None => println!("the larger data set is not at hand: only the bundled structure"),
+    }
+    let mesh = protein_surface(50_000)?;
+    let solvers = "superlu,cholmod";
+    worst = worst.max(compare(
+        "protein surface",
+        &mesh,
+        solvers,
+        &[10, 50],
+        &python,
+    )?);
+    println!("largest difference of an eigenvalue, relative: {worst:.1e}");
+    if large {
+        for (vertices, count) in [(200_000, 50), (500_000, 100)] {
+            let mesh = protein_surface(vertices)?;
+            let (stiffness, mass) = operators(&mesh)?;
+            cost("protein surface", (&stiffness).into(), &mass, count)?;
+        }
+        for nodes in [200_000, 1_000_000] {
+            let laplacian = protein_voxels(nodes)?;
+            let mass = laplacian.degree_mass();
+            cost(
+                "normalized 18-neighbour voxel graph",
+                (&laplacian).into(),
+                &mass,
+                10,
+            )?;
+        }
+    }
+    if worst > AGREE {
+        return Err(format!(
+            "eigenvalues differ by {worst:.1e}, more than {AGREE:.0e}"
+        ));
+    }
+    Ok(())
+}
+
+/// The plain operators, or the robust ones where a triangle has no area.
+fn operators(mesh: &TriMesh) -> Result<(SparseMatrix, Mass), String> {
+    match laplace::stiffness(mesh) {
+        Ok(stiffness) => Ok((stiffness, laplace::lumped_mass(mesh))),
+        Err(laplace::Error::Degenerate { .. }) => {
+            let robust = laplace::robust(mesh).map_err(|e| e.to_string())?;
+            Ok((robust.stiffness, robust.mass))
+        }
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// Ours and SciPy's, for each count; the largest relative difference of an eigenvalue.
+fn compare(
+    name: &str,
+    mesh: &TriMesh,
+    solvers: &str,
+    counts: &[usize],
+    python: &Path,
+) -> Result<f64, String> {
+    let (stiffness, mass) = operators(mesh)?;
+    let Mass::Lumped(masses) = &mass else {
+        return Err("a lumped mass".into());
+    };
+    let folder = root().join("target/spectra");
+    std::fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
+    let write = |file: &str, bytes: Vec<u8>| {
+        std::fs::write(folder.join(file), bytes).map_err(|e| e.to_string())
+    };
+    let starts = stiffness.starts().iter();
+    write(
+        "starts.u64",
+        starts.flat_map(|&s| (s as u64).to_le_bytes()).collect(),
+    )?;
+    let indices = stiffness.indices().iter();
+    write(
+        "indices.u32",
+        indices.flat_map(|i| i.to_le_bytes()).collect(),
+    )?;
+    let values = stiffness.values().iter();
+    write("values.f64", values.flat_map(|v| v.to_le_bytes()).collect())?;
+    write(
+        "mass.f64",
+        masses.iter().flat_map(|m| m.to_le_bytes()).collect(),
+    )?;
+
+    // The mean eigenvalue over the number of rows, below zero: of the size of the first ones.
+    let trace: f64 = stiffness.diagonal().iter().sum();
+    let shift = -trace / masses.iter().sum::<f64>() / masses.len() as f64;
+    let mut arguments = vec![
+        folder.display().to_string(),
+        shift.to_string(),
+        solvers.to_owned(),
+    ];
+    arguments.extend(counts.iter().map(ToString::to_string));
+    let script = root().join("xtask/src/lab/peers/eigsh.py");
+    let answers = super::answer(python, &script, &arguments)?;
+    let answers = answers.as_array().ok_or("eigsh.py printed no list")?;
+
+    let mut worst: f64 = 0.0;
+    for &count in counts {
+        let start = (Instant::now(), cpu_seconds());
+        let ours = solve((&stiffness).into(), &mass, count)?;
+        let (wall, cpu) = elapsed(start);
+        let first = ours
+            .values
+            .iter()
+            .copied()
+            .find(|&v| v > 0.0)
+            .unwrap_or(1.0);
+        println!(
+            "{name} · {} vertices, {} parts, {count} pairs: {wall:.2} s, {cpu:.2} CPU s, residuals ≤ {:.1e}",
+            stiffness.rows(),
+            ours.report.parts,
+            largest(&ours.residuals),
+        );
+        for answer in answers.iter().filter(|a| a["count"] == count) {
+            let theirs = answer["values"]
+                .as_array()
+                .ok_or("eigsh.py printed no values")?;
+            let off = ours.values.iter().zip(theirs).map(|(&a, b)| {
+                let b = b.as_f64().unwrap_or(f64::NAN);
+                (a - b).abs() / a.max(first)
+            });
+            let off = largest(&off.collect::<Vec<_>>());
+            worst = worst.max(off);
+            println!(
+                "    SciPy with {}: {:.2} s ({:.1}× ours), {:.2} CPU s ({:.1}× ours), largest difference {off:.1e}",
+                answer["solver"].as_str().unwrap_or("?"),
+                number(answer, "seconds")?,
+                number(answer, "seconds")? / wall,
+                number(answer, "cpu")?,
+                number(answer, "cpu")? / cpu,
+            );
+        }
+    }
+    Ok(worst)
+}
+
+fn solve(stiffness: Operator<'_>, mass: &Mass, count: usize) -> Result<EigenPairs, String> {
+    let pairs = eigenpairs(stiffness, mass, count, &Options::default(), Run::on(&Cpu))
+        .map_err(|e| e.to_string())?;
+    if !pairs.report.converged {
+        return Err(format!("residuals up to {:.1e}", largest(&pairs.residuals)));
+    }
+    Ok(pairs)
+}
+
+/// What a large problem costs.
+fn cost(name: &str, stiffness: Operator<'_>, mass: &Mass, count: usize) -> Outcome {
+    let start = (Instant::now(), cpu_seconds());
+    let pairs = solve(stiffness, mass, count)?;
+    let (wall, cpu) = elapsed(start);
+    println!(
+        "{name} · {} rows, {} parts, {count} pairs: {wall:.1} s, {cpu:.1} CPU s, residuals ≤ {:.1e}, \
+         {} factor entries, {} solves, peak memory so far {}",
+        stiffness.rows(),
+        pairs.report.parts,
+        largest(&pairs.residuals),
+        pairs.report.factor_entries,
+        pairs.report.solves,
+        peak_memory(),
+    );
+    Ok(())
+}
+
+fn density(spacing: f64) -> Result<ScalarGrid, String> {
+    let structure = read(fixtures::path("1A8O.pdb"), &ReadOptions::default())
+        .map_err(|e| e.to_string())?
+        .structure;
+    let model = Model::uniform(&structure, &Levels::default()).map_err(|e| e.to_string())?;
+    let options = gauss_density::Options {
+        spacing,
+        max_memory: 4 << 30,
+        ..gauss_density::Options::default()
+    };
+    let sampled = sample(&model, &options, Run::on(&Cpu)).map_err(|e| e.to_string())?;
+    Ok(sampled.grid)
+}
+
+/// The surface of a small protein with about so many vertices.
+fn protein_surface(vertices: usize) -> Result<TriMesh, String> {
+    let surface = |spacing: f64| {
+        let grid = density(spacing)?;
+        dual_contour::surface(
+            &grid,
+            None,
+            &dual_contour::Options::default(),
+            Run::on(&Cpu),
+        )
+        .map(|s| s.mesh)
+        .map_err(|e| e.to_string())
+    };
+    // Vertices grow with the square of the fineness.
+    let coarse = surface(0.5)?;
+    let share = coarse.positions().len() as f64 / vertices as f64;
+    surface(0.5 * share.sqrt())
+}
+
+/// The normalized graph of the points inside of a small protein, about so many.
+fn protein_voxels(nodes: usize) -> Result<Laplacian, String> {
+    let inside =
+        |grid: &ScalarGrid| -> Vec<bool> { grid.values().iter().map(|&v| v >= 1.0).collect() };
+    let coarse = inside(&density(0.5)?).iter().filter(|&&i| i).count();
+    let grid = density(0.5 * (coarse as f64 / nodes as f64).cbrt())?;
+    let weights = [1.0, 2.0, 3.0].map(|d: f64| (-d).exp());
+    let graph = VoxelGraph::new(
+        grid.lattice().counts,
+        &inside(&grid),
+        Neighbours::Eighteen,
+        weights,
+    )
+    .map_err(|e| e.to_string())?;
+    Ok(Laplacian::of_voxels(graph))
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |m, &v| if v <= m { m } else { v })
+}
+
+fn elapsed((wall, cpu): (Instant, f64)) -> (f64, f64) {
+    (wall.elapsed().as_secs_f64(), cpu_seconds() - cpu)
+}
+
+/// Seconds of all threads, where the system says so (Linux), else NaN.
+fn cpu_seconds() -> f64 {
+    let ticks = || -> Option<f64> {
+        let line = std::fs::read_to_string("/proc/self/stat").ok()?;
+        let mut fields = line.rsplit(')').next()?.split_whitespace().skip(11);
+        let user: f64 = fields.next()?.parse().ok()?;
+        let system: f64 = fields.next()?.parse().ok()?;
+        Some((user + system) / 100.0)
+    };
+    ticks().unwrap_or(f64::NAN)
+}
+
+/// Most memory that was in use, where the system says so (Linux).
+fn peak_memory() -> String {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let peak = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+    peak.map_or_else(|| "unknown".into(), |p| p.trim().to_owned())
+}
