@@ -13,6 +13,7 @@ pub mod mesh;
 mod mmcif;
 pub mod mrc;
 pub mod msh;
+mod names;
 pub mod obj;
 pub mod off;
 mod pdb;

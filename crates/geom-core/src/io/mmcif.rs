@@ -8,7 +8,7 @@ use std::rc::Rc;
 
 use super::assembly::{Assembly, Generator, Operators};
 use super::structure::{Models, Names, Record, Records, number, wanted};
-use super::{Error, ErrorKind};
+use super::{Error, ErrorKind, names};
 use crate::Point3;
 use crate::structure::{Atom, Name, Residue, ResidueKind, Transform, residues};
 
@@ -427,8 +427,8 @@ impl Reader {
                 charge: 0.0,
                 b_factor: number(at(16)).unwrap_or(0.0) as f32,
                 name: atom_name,
-                element: residues::element_in_file(symbol)
-                    .unwrap_or_else(|| residues::element_of(atom_name, residue, false, None)),
+                element: names::element_in_file(symbol)
+                    .unwrap_or_else(|| names::element_of(atom_name, residue, false, None)),
                 hetero,
             },
             residue: Residue {

@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 
 use super::assembly::{Assembly, Generator, Operators};
 use super::structure::{Models, Record, Records, number, wanted};
-use super::{Error, ErrorKind};
+use super::{Error, ErrorKind, names};
 use crate::structure::{Atom, Element, Name, Residue, ResidueKind, Transform, residues};
 use crate::{Point3, Vector3};
 
@@ -207,7 +207,7 @@ impl Reader {
         let (residue, chain) = residue_and_chain(line, s)?;
         let (number, insertion) = residue_number(line, s)?;
         let hetero = line[0] == b'H';
-        let element = residues::element_in_file(text(line, 76 + s, 78 + s));
+        let element = names::element_in_file(text(line, 76 + s, 78 + s));
         let segment = text(line, 72 + s, 76 + s);
         let card = text(line, 76 + s, 80 + s);
         let legacy = !card.is_empty() && card.bytes().all(|b| b.is_ascii_digit());
@@ -334,7 +334,7 @@ impl Reader {
             };
             let ligand = match r.atom.hetero {
                 true => !in_polymer && !self.modified.contains(&name),
-                false => residues::is_lipid(name),
+                false => names::is_lipid(name),
             };
             if ligand {
                 r.residue.kind = ResidueKind::Ligand;
@@ -358,7 +358,7 @@ impl Reader {
             let mut neighbours = neighbours.iter().flatten().filter_map(|&n| records.get(n));
             let alone = neighbours.all(|n| place(n) != place(r));
             let column = aligned.then_some(column);
-            let element = residues::element_of(r.atom.name, r.residue.name, alone, column);
+            let element = names::element_of(r.atom.name, r.residue.name, alone, column);
             records[i].atom.element = element;
         }
     }
@@ -421,7 +421,7 @@ fn residue_and_chain(line: &[u8], s: usize) -> Result<(Name, Name), ErrorKind> {
     let short = residue(20)?;
     // `MG A` is no name: two characters of a chain.
     let long = residue(21).ok().filter(|long| {
-        line[21 + s] == b' ' || (!residues::is_polymer(short) && residues::has_four_letters(*long))
+        line[21 + s] == b' ' || (!residues::is_polymer(short) && names::has_four_letters(*long))
     });
     match long {
         Some(long) => Ok((long, chain(21)?)),

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use super::pdb::{ModelCounter, is_atom};
 use super::structure::{Models, Record, Records, number, wanted};
-use super::{Error, ErrorKind, save as save_file};
+use super::{Error, ErrorKind, names, save as save_file};
 use crate::structure::{Atom, Name, Residue, ResidueKind, residues};
 use crate::{Point3, Structure};
 
@@ -185,7 +185,7 @@ fn atom(line: &[u8], segment: u32, found: &mut Records) -> Result<Record, ErrorK
             name: residue,
             number: sequence_number,
             insertion,
-            kind: match residues::is_lipid(residue)
+            kind: match names::is_lipid(residue)
                 || (line[0] == b'H' && !residues::is_polymer(residue))
             {
                 true => ResidueKind::Ligand,
@@ -229,7 +229,7 @@ fn elements(records: &mut [Record]) {
         let neighbours = [i.checked_sub(1), Some(i + 1)];
         let mut neighbours = neighbours.iter().flatten().filter_map(|&n| records.get(n));
         let alone = neighbours.all(|n| place(n) != place(r));
-        records[i].atom.element = residues::element_of(r.atom.name, r.residue.name, alone, None);
+        records[i].atom.element = names::element_of(r.atom.name, r.residue.name, alone, None);
     }
 }
 

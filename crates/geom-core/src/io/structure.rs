@@ -31,12 +31,12 @@ use std::fmt;
 use std::path::Path;
 
 use super::assembly::{Assembly, Copies};
-use super::{Error, ErrorKind, mmcif, pdb, pqr, read_bytes};
+use super::{Error, ErrorKind, mmcif, names, pdb, pqr, read_bytes};
 use crate::Structure;
 use crate::id::MAX_ELEMENTS;
 use crate::structure::{
     Atom, Element, Name, Residue, ResidueKind, Selector, StructureBuilder, residue_radius,
-    residues, united_radius,
+    united_radius,
 };
 
 /// What to keep of a file. The default: the first model, one location of each atom, everything but
@@ -622,9 +622,9 @@ impl Records {
                     .all(|r| r.atom.name == atom)
             };
             let kind = match first.residue.kind {
-                _ if residues::is_water(name) => ResidueKind::Water,
+                _ if names::is_water(name) => ResidueKind::Water,
                 ResidueKind::Ligand if single => ResidueKind::Ion,
-                ResidueKind::Polymer if single && residues::is_ion(name) => ResidueKind::Ion,
+                ResidueKind::Polymer if single && names::is_ion(name) => ResidueKind::Ion,
                 kind => kind,
             };
             for r in &mut self.records[group] {
