@@ -49,7 +49,7 @@ fn contour(args: &Args, session: &Session) -> Result<(), Failure> {
     let field = source.field()?;
     let options = dual_contour::Options {
         level: source.level,
-        ..args.mesh.options(session)
+        ..args.mesh.options(session)?
     };
     let made = session.stage("surface", || {
         surface(

@@ -91,7 +91,7 @@ fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
             .zip(shapes)
             .map(|(region, shape)| Material { region, shape })
             .collect(),
-        ..args.mesh.options(session)
+        ..args.mesh.options(session)?
     };
     let made = session.stage("tetrahedra", || {
         volume(

@@ -277,9 +277,9 @@ pub fn default_spacing(atoms: usize) -> f64 {
 #[derive(Clone, Debug, Args, Serialize)]
 #[command(next_help_heading = "Meshing")]
 pub struct MeshArgs {
-    /// How to mesh
-    #[arg(long, value_enum, default_value_t)]
-    pub method: Method,
+    /// How to mesh [default: lattice; dual-contour where --tolerance or --placement asks for it]
+    #[arg(long, value_enum)]
+    pub method: Option<Method>,
     /// Size of the finest cells, Å [default: the spacing of the lattice]
     #[arg(long, value_name = "LENGTH")]
     pub cell: Option<f64>,
@@ -292,9 +292,9 @@ pub struct MeshArgs {
     /// Largest cells, Å [default: as large as the balance of the octree allows]
     #[arg(long, value_name = "LENGTH")]
     pub max_cell: Option<f64>,
-    /// Where vertices go within cells
-    #[arg(long, value_enum, default_value_t)]
-    pub placement: Placement,
+    /// Where the vertices of dual contouring go within cells [default: newton]
+    #[arg(long, value_enum)]
+    pub placement: Option<Placement>,
     /// What to do where the surface meets the box of the lattice
     #[arg(long, value_enum, default_value_t)]
     pub at_box: AtBox,
@@ -304,10 +304,19 @@ pub struct MeshArgs {
 }
 
 impl MeshArgs {
-    /// As the crate takes them.
-    pub fn options(&self, session: &Session) -> dual_contour::Options {
-        dual_contour::Options {
-            method: self.method.into(),
+    /// As the crate takes them; an error where options contradict each other.
+    pub fn options(&self, session: &Session) -> Result<dual_contour::Options, Failure> {
+        let dual = self.tolerance > 0.0 || self.placement.is_some();
+        let method = self.method.unwrap_or(if dual {
+            Method::DualContour
+        } else {
+            Method::Lattice
+        });
+        if method == Method::Lattice && self.placement.is_some() {
+            return Err("--placement is of --method dual-contour".into());
+        }
+        Ok(dual_contour::Options {
+            method: method.into(),
             resolution: match (self.cell, self.tets) {
                 (Some(cell), _) => Resolution::Spacing(cell),
                 (None, Some(tets)) => Resolution::Tets(tets),
@@ -316,7 +325,7 @@ impl MeshArgs {
             prune: self.prune,
             tolerance: self.tolerance,
             max_cell: self.max_cell.unwrap_or(f64::INFINITY),
-            placement: match self.placement {
+            placement: match self.placement.unwrap_or_default() {
                 Placement::Mass => dual_contour::Placement::Mass,
                 Placement::Newton => dual_contour::Placement::Newton,
                 Placement::Qef => dual_contour::Placement::Qef,
@@ -328,7 +337,7 @@ impl MeshArgs {
             },
             max_memory: session.memory(),
             ..Default::default()
-        }
+        })
     }
 }
 
@@ -385,10 +394,10 @@ impl From<Region> for Extent {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Dual contouring on an octree; may adapt along the surface
-    #[default]
+    /// Dual contouring on an octree: fewer elements; may adapt along the surface
     DualContour,
-    /// Isosurface stuffing on the same octree: uniform along the surface, better angles
+    /// Isosurface stuffing on the same octree: better angles in a fraction of the time
+    #[default]
     Lattice,
 }
 

@@ -9,6 +9,7 @@ use crate::error::Error;
 use crate::members::{self, Members};
 use crate::model::{Level, Model};
 use crate::point::PointSampler;
+#[cfg(feature = "testing")]
 use crate::prepared::Prepared;
 
 /// Points that share the atoms that matter around them.
