@@ -41,7 +41,7 @@ struct Args {
     /// Stop at the first atom that would break the bound, as the thesis does, instead of trying on
     #[arg(long)]
     first_failure: bool,
-    /// Distance of samples and size of the surfaces' cells, Å [default: 0.5, more from 2500 atoms on]
+    /// Distance of samples and size of the surfaces' cells, Å [default: 0.5, more from 1000 atoms on]
     #[arg(long, value_name = "H")]
     spacing: Option<f64>,
     #[command(flatten)]

@@ -132,7 +132,7 @@ impl ModelArgs {
 #[derive(Clone, Debug, Args, Serialize)]
 #[command(next_help_heading = "Density")]
 pub struct DensityArgs {
-    /// Distance of lattice points, Å [default: 0.5, more from 2500 atoms on]
+    /// Distance of lattice points, Å [default: 0.5, more from 1000 atoms on]
     #[arg(long, value_name = "H")]
     pub spacing: Option<f64>,
     /// What may be left out: this share of the density wherever it matters
@@ -266,10 +266,10 @@ impl ReaderArgs {
     }
 }
 
-/// The spacing that gives about a million tetrahedra at most: 0.5 Å for small proteins, more for
-/// larger ones, since their number follows the surface and the volume of the molecule.
+/// 0.5 Å for small proteins, more for larger ones, so that the tetrahedra inside stay about a million
+/// from 1000 to 30,000 atoms; never more than 1.6 Å, where atoms begin to be lost.
 pub fn default_spacing(atoms: usize) -> f64 {
-    let fine = 0.5 * (atoms as f64 / 2500.0).cbrt().max(1.0);
+    let fine = 0.5 * (atoms as f64 / 1000.0).cbrt().clamp(1.0, 3.2);
     (fine * 20.0).round() / 20.0
 }
 
@@ -520,6 +520,7 @@ mod tests {
     #[test]
     fn the_default_spacing_grows_with_the_structure() {
         assert_eq!(default_spacing(300), 0.5);
-        assert!(default_spacing(60_000) > 1.0);
+        assert_eq!(default_spacing(8_000), 1.0);
+        assert_eq!(default_spacing(5_000_000), 1.6);
     }
 }
