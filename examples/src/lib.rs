@@ -12,3 +12,7 @@ pub mod session;
 pub mod source;
 
 pub use session::{Failure, Session, run};
+
+#[doc = include_str!("../../README.md")]
+#[cfg(doctest)]
+pub struct FrontDoor;
