@@ -20,7 +20,7 @@ struct Args {
     #[arg(long, value_enum, default_value_t)]
     region: Region,
     /// How to mesh
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t = Method::Lattice)]
     method: Method,
     #[command(flatten)]
     density: DensityArgs,
@@ -34,6 +34,7 @@ const EXAMPLES: &str = "\
 Examples:
   00_pipeline 1ajj.pdb --out out
   00_pipeline 2buk.pdb --assembly 1 --out capsid
+  00_pipeline 1ajj.pdb --method dual-contour --out thesis
   00_pipeline 1su4.pdb --region both --spacing 0.8 --residue-power 0.25 --out both
 
 Outputs: surface.ply, surface.glb (coloured by chain) and surface.png; volume.vtu (regions and quality
