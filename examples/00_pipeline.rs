@@ -20,7 +20,7 @@ struct Args {
     #[arg(long, value_enum, default_value_t)]
     region: Region,
     /// How to mesh
-    #[arg(long, value_enum, default_value_t = Method::Lattice)]
+    #[arg(long, value_enum, default_value_t)]
     method: Method,
     #[command(flatten)]
     density: DensityArgs,
