@@ -217,7 +217,10 @@ fn draw_volume(
         .kinds()
         .iter()
         .any(|k| matches!(k, mesh::VertexKind::BoxFace { .. }));
-    let front = if boxed {
+    let materials = mesh.regions().iter().any(|&r| r > mesh::INTERIOR);
+    let front = if materials {
+        View::upright()
+    } else if boxed {
         View::along_axes(mesh.positions())
     } else {
         View::principal(mesh.positions())

@@ -87,6 +87,11 @@ impl View {
         Self::of(axis(0), axis(1))
     }
 
+    /// Along x, with z upwards: membranes lie level.
+    pub fn upright() -> Self {
+        Self::of(Vector3::y(), Vector3::z())
+    }
+
     fn of(right: Vector3, up: Vector3) -> Self {
         let right = right.try_normalize(0.0).unwrap_or_else(Vector3::x);
         let up = (up - right * up.dot(&right))
