@@ -25,7 +25,8 @@ pub struct Refit {
     /// Distance between samples, Å.
     pub spacing: f64,
     /// `(g_l, g_u)`: lattice points with an original density in between are samples, besides the
-    /// crossings of lattice edges with the surface and both ends of those edges.
+    /// crossings of lattice edges with the surface and both ends of those edges, where the density is
+    /// at least `g_l / 2`: below that a relative error says nothing.
     pub band: [f64; 2],
     /// `ρ_x`: how far a centre may move along each axis, Å.
     pub max_shift: f64,
@@ -197,6 +198,8 @@ fn with_atoms_of(reduced: &Prepared<'_>, cells: Vec<SiteCell>, options: &Refit) 
     let clusters = reduced.clusters();
     cells
         .into_par_iter()
+        .map(|cell| cell.at_least(floor))
+        .filter(|cell| !cell.points.is_empty())
         .map_init(Scratch::default, |scratch, cell| {
             let around = Aabb::of_points(&cell.points).inflated(slack);
             let near = reduced.near(&clusters, &around, reach);

@@ -30,6 +30,17 @@ pub struct SiteCell {
 }
 
 impl SiteCell {
+    /// The points whose density is at least `floor`.
+    pub(crate) fn at_least(mut self, floor: f64) -> Self {
+        let kept: Vec<usize> = (0..self.points.len())
+            .filter(|&i| self.exact[i] >= floor)
+            .collect();
+        self.points = kept.iter().map(|&i| self.points[i]).collect();
+        self.target = kept.iter().map(|&i| self.target[i]).collect();
+        self.exact = kept.iter().map(|&i| self.exact[i]).collect();
+        self
+    }
+
     /// Nodes of all levels and atoms.
     pub(crate) fn nodes(&self) -> usize {
         self.atoms.len() + self.levels.iter().map(Level::len).sum::<usize>()
