@@ -4,10 +4,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, DensityArgs, HasCommon, Method, ReaderArgs, Region};
+use biogeom_examples::source::Field;
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use dual_contour::Extent;
-use gauss_density::{Model, PointSampler};
+use gauss_density::Model;
 use serde::Serialize;
 
 /// From atoms to a quality tetrahedral mesh, inside and outside of the molecule's surface
@@ -64,7 +65,7 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("spacing", density.spacing)?;
     session.note("density", &sampled.report)?;
 
-    let field = PointSampler::new(&model, density.cutoff)?;
+    let field = Field::of_atoms(&model, density.cutoff, &sampled.grid)?;
     let contour = dual_contour::Options {
         method: args.method.into(),
         region: Extent::from(args.region),

@@ -85,6 +85,12 @@ fn main() -> ExitCode {
 fn density(args: &Args, session: &Session) -> Result<(), Failure> {
     let structure = args.reader.read(session, &args.input)?.structure;
     let model = Model::uniform(&structure, &args.density.model.levels())?;
+    if args.method == Method::AllAtoms {
+        session.refuse(
+            &["cutoff", "bare_cutoff"],
+            "does nothing with --method all-atoms",
+        )?;
+    }
     let options = Options {
         method: args.method.into(),
         ..args.density.options(&structure, session)

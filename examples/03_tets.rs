@@ -34,6 +34,9 @@ struct Args {
     /// A material in a ball; may be repeated
     #[arg(long, value_name = "X,Y,Z:R", value_parser = args::ball)]
     ball: Vec<Shape>,
+    /// A material in an axis-aligned box between two corners; may be repeated
+    #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = args::cuboid)]
+    cuboid: Vec<Shape>,
     /// Take the membrane's planes from the structure file (dummy atoms as in the OPM database)
     #[arg(long)]
     membrane: bool,
@@ -51,8 +54,8 @@ Examples:
   03_tets 2nwl_opm.pdb --membrane --region both --out membrane
   03_tets potential.dx --isovalue 0.5 --region exterior --outer box:1.5 --out map
 
-Materials get the region numbers 2, 3, … in the order cylinders, balls, slabs; where they overlap the
-first one counts, and the molecule (1) before all. Outputs: volume.vtu (regions and quality per
+Materials get the region numbers 2, 3, … in the order cylinders, balls, boxes, slabs; where they overlap
+the first one counts, and the molecule (1) before all. Outputs: volume.vtu (regions and quality per
 tetrahedron), volume.msh (named groups), volume.png (a cut), surface.ply/.glb/.png, report.json.";
 
 impl HasCommon for Args {
@@ -71,7 +74,7 @@ fn main() -> ExitCode {
 fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
     let source = args.source.read(session)?;
     let field = source.field()?;
-    let mut shapes = [&args.cylinder[..], &args.ball, &args.slab].concat();
+    let mut shapes = [&args.cylinder[..], &args.ball, &args.cuboid, &args.slab].concat();
     if args.membrane {
         let planes = source
             .membrane

@@ -40,7 +40,7 @@ struct Tets {
     /// Joe–Liu measure to reach
     #[arg(long, value_name = "Q")]
     joe_liu: Option<f64>,
-    /// Longest over shortest edge to stay below
+    /// Longest over shortest edge to stay below; raises the Joe–Liu measure to reach where that needs it
     #[arg(long, value_name = "RATIO")]
     edge_ratio: Option<f64>,
     /// Most passes
@@ -113,7 +113,11 @@ fn better_tets(args: &Args, mesh: TetMesh, session: &Session) -> Result<(), Fail
         goals: Goals {
             min_dihedral: asked.min_dihedral.unwrap_or(goals.min_dihedral),
             max_dihedral: asked.max_dihedral.unwrap_or(goals.max_dihedral),
-            joe_liu: asked.joe_liu.unwrap_or(goals.joe_liu),
+            // Short edges go by way of the Joe–Liu measure, which bounds the ratio.
+            joe_liu: asked
+                .joe_liu
+                .unwrap_or(goals.joe_liu)
+                .max(asked.edge_ratio.map_or(0.0, Goals::joe_liu_for_edge_ratio)),
             edge_ratio: asked.edge_ratio.unwrap_or(goals.edge_ratio),
         },
         passes: asked.passes.unwrap_or(Options::default().passes),

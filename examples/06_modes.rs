@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::picture::{Curve, Layer, Paint, Scale, Scene, View, lines, sheet};
-use biogeom_examples::source::{SourceArgs, extension};
+use biogeom_examples::source::{OF_STRUCTURES, SourceArgs, extension};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::io::{self, view::View as Fields};
@@ -145,10 +145,13 @@ const SHOWN: usize = 16;
 fn surface(args: &Args, session: &Session) -> Result<TriMesh, Failure> {
     let path = &args.source.input;
     let mesh = match extension(path).as_str() {
-        "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb" => session
-            .stage("reading", || io::mesh::read(path))?
-            .mesh
-            .into_triangles(),
+        "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb" => {
+            session.refuse(&OF_STRUCTURES, "is for structures, and the input is a mesh")?;
+            let of_grids = ["isovalue", "enclosed_volume"];
+            session.refuse(&of_grids, "is for grids, and the input is a mesh")?;
+            let read = session.stage("reading", || io::mesh::read(path))?;
+            read.mesh.into_triangles()
+        }
         _ => {
             let source = args.source.read(session)?;
             let options = dual_contour::Options {

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use dual_contour::{Extent, Outer, Resolution, Shape};
+use dual_contour::{Extent, Outer, Resolution, Shape, Zone};
 use gauss_density::{Cutoff, Levels};
 use geom_core::io::structure::{self, Models, Radii, ReadOptions, ReadStructure};
 use geom_core::structure::Selector;
-use geom_core::{Point3, Structure, Vector3};
+use geom_core::{Aabb, Point3, Structure, Vector3};
 use serde::Serialize;
 
 use crate::picture::Renderer;
@@ -277,7 +277,7 @@ pub fn default_spacing(atoms: usize) -> f64 {
 #[derive(Clone, Debug, Args, Serialize)]
 #[command(next_help_heading = "Meshing")]
 pub struct MeshArgs {
-    /// How to mesh [default: lattice; dual-contour where --tolerance or --placement asks for it]
+    /// How to mesh [default: lattice; dual-contour where --tolerance, --zone or --placement asks for it]
     #[arg(long, value_enum)]
     pub method: Option<Method>,
     /// Size of the finest cells, Å [default: the spacing of the lattice]
@@ -289,6 +289,12 @@ pub struct MeshArgs {
     /// Coarser cells where the surface is flat: error allowed, Å
     #[arg(long, value_name = "LENGTH", default_value_t = 0.0)]
     pub tolerance: f64,
+    /// How the terms of that error are put together
+    #[arg(long, value_enum, default_value_t)]
+    pub error_norm: ErrorNorm,
+    /// A ball in which another tolerance holds: centre, radius and tolerance; may be repeated
+    #[arg(long, value_name = "X,Y,Z:R:LENGTH", value_parser = zone)]
+    pub zone: Vec<Zone>,
     /// Largest cells, Å [default: as large as the balance of the octree allows]
     #[arg(long, value_name = "LENGTH")]
     pub max_cell: Option<f64>,
@@ -306,7 +312,8 @@ pub struct MeshArgs {
 impl MeshArgs {
     /// As the crate takes them; an error where options contradict each other.
     pub fn options(&self, session: &Session) -> Result<dual_contour::Options, Failure> {
-        let dual = self.tolerance > 0.0 || self.placement.is_some();
+        let uneven = self.tolerance > 0.0 || !self.zone.is_empty();
+        let dual = uneven || self.placement.is_some();
         let method = self.method.unwrap_or(if dual {
             Method::DualContour
         } else {
@@ -314,6 +321,9 @@ impl MeshArgs {
         });
         if method == Method::Lattice && self.placement.is_some() {
             return Err("--placement is of --method dual-contour".into());
+        }
+        if !uneven {
+            session.refuse(&["error_norm"], "needs --tolerance or --zone")?;
         }
         Ok(dual_contour::Options {
             method: method.into(),
@@ -324,6 +334,11 @@ impl MeshArgs {
             },
             prune: self.prune,
             tolerance: self.tolerance,
+            error_norm: match self.error_norm {
+                ErrorNorm::Sum => dual_contour::ErrorNorm::Sum,
+                ErrorNorm::Max => dual_contour::ErrorNorm::Max,
+            },
+            zones: self.zone.clone(),
             max_cell: self.max_cell.unwrap_or(f64::INFINITY),
             placement: match self.placement.unwrap_or_default() {
                 Placement::Mass => dual_contour::Placement::Mass,
@@ -339,6 +354,17 @@ impl MeshArgs {
             ..Default::default()
         })
     }
+}
+
+/// How the terms of the error are put together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ErrorNorm {
+    /// Their sum, as published.
+    #[default]
+    Sum,
+    /// The largest.
+    Max,
 }
 
 /// Where vertices go within cells.
@@ -471,6 +497,29 @@ pub fn ball(text: &str) -> Result<Shape, String> {
     })
 }
 
+/// `X,Y,Z:X,Y,Z`: an axis-aligned box between two corners.
+pub fn cuboid(text: &str) -> Result<Shape, String> {
+    let bad = || format!("{text:?} is not like -5,-5,-5:5,5,5");
+    let (low, high) = text.split_once(':').ok_or_else(bad)?;
+    let corners = [low, high].map(|c| point(c).ok_or_else(bad));
+    let [low, high] = corners;
+    Ok(Shape::Cuboid(Aabb::of_points(&[low?, high?])))
+}
+
+/// `X,Y,Z:RADIUS:TOLERANCE`: a ball in which another tolerance holds.
+pub fn zone(text: &str) -> Result<Zone, String> {
+    let bad = || format!("{text:?} is not like 0,0,0:8:0.1");
+    let parts: Vec<&str> = text.split(':').collect();
+    let [center, radius, tolerance] = parts[..] else {
+        return Err(bad());
+    };
+    Ok(Zone {
+        center: point(center).ok_or_else(bad)?,
+        radius: radius.parse().map_err(|_| bad())?,
+        tolerance: tolerance.parse().map_err(|_| bad())?,
+    })
+}
+
 fn point(text: &str) -> Option<Point3> {
     let numbers: Vec<f64> = text
         .split(',')
@@ -514,6 +563,14 @@ mod tests {
             ball("1,2,3:4"),
             Ok(Shape::Sphere { radius: 4.0, .. })
         ));
+        let low_to_high = Aabb::new(Point3::new(-1.0, 0.0, 2.0), Point3::new(1.0, 5.0, 3.0));
+        assert_eq!(cuboid("1,0,3:-1,5,2"), Ok(Shape::Cuboid(low_to_high)));
+        assert!(cuboid("1,0:-1,5,2").is_err() && zone("0,0,0:1").is_err());
+        let ball = zone("0,0,1:8:0.1").unwrap();
+        assert_eq!(
+            (ball.center.z, ball.radius, ball.tolerance),
+            (1.0, 8.0, 0.1)
+        );
         assert!(cylinder("0,0,0:0,0,9:2").is_ok() && cylinder("0,0:0,0,9:2").is_err());
     }
 

@@ -6,7 +6,8 @@ use std::process::ExitCode;
 use std::sync::{Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
-use clap::Parser;
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Parser};
 use dual_contour::ContourBackend;
 use gauss_density::DensityBackend;
 use geom_core::spectral::SpectralBackend;
@@ -31,8 +32,9 @@ pub fn run<A>(
 where
     A: Parser + HasCommon + Serialize + Sync,
 {
-    let args = A::parse();
-    match run_with(program, &args, work) {
+    let matches = A::command().get_matches();
+    let args = A::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
+    match run_with(program, &args, given(&matches), work) {
         Ok(summary) => {
             if !args.common().quiet {
                 say(&summary);
@@ -61,9 +63,21 @@ fn complain(text: &str) {
     eprintln!("error: {}", lines.join("; "));
 }
 
+/// The options that the command line names, by the names of their fields.
+fn given(matches: &ArgMatches) -> Vec<String> {
+    let named =
+        |id: &&clap::Id| matches.value_source(id.as_str()) == Some(ValueSource::CommandLine);
+    matches
+        .ids()
+        .filter(named)
+        .map(|id| id.to_string())
+        .collect()
+}
+
 fn run_with<A>(
     program: &'static str,
     args: &A,
+    given: Vec<String>,
     work: impl FnOnce(&A, &Session) -> Result<(), Failure> + Send,
 ) -> Result<String, Failure>
 where
@@ -89,7 +103,7 @@ where
         "options": args,
         "threads": threads,
     });
-    let session = Session::open(common, head)?;
+    let session = Session::open(common, given, head)?;
     pool.install(|| work(args, &session))?;
     session.close()
 }
@@ -168,6 +182,8 @@ pub struct Session {
     /// Where kernels run.
     pub device: Device,
     common: Common,
+    /// The options that the command line names.
+    given: Vec<String>,
     /// Where outputs wait until all are written; made for the first of them.
     staging: OnceLock<Staging>,
     started: Instant,
@@ -197,7 +213,7 @@ struct Stage {
 }
 
 impl Session {
-    fn open(common: &Common, head: Value) -> Result<Self, Failure> {
+    fn open(common: &Common, given: Vec<String>, head: Value) -> Result<Self, Failure> {
         let device = Device::open(common.backend)?;
         // A folder that cannot be written is an error now, not after hours.
         drop(Staging::open(&common.out)?);
@@ -214,6 +230,7 @@ impl Session {
         Ok(Self {
             device,
             common: common.clone(),
+            given,
             staging: OnceLock::new(),
             started: Instant::now(),
             bars: Bars::new(common.quiet),
@@ -229,6 +246,15 @@ impl Session {
     /// Most bytes that grids may take.
     pub fn memory(&self) -> u64 {
         self.common.memory()
+    }
+
+    /// An error if the command line names one of these options, which would do nothing for this input:
+    /// "--margin is for structures".
+    pub fn refuse(&self, options: &[&str], because: &str) -> Result<(), Failure> {
+        match self.given.iter().find(|g| options.contains(&g.as_str())) {
+            Some(option) => Err(format!("--{} {because}", option.replace('_', "-")).into()),
+            None => Ok(()),
+        }
     }
 
     /// A run on a backend, watched by the session.
@@ -481,7 +507,7 @@ mod tests {
     fn outputs_appear_together_with_a_report() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("a/b");
-        let summary = run_with("test", &args(&out), |_, session| {
+        let summary = run_with("test", &args(&out), Vec::new(), |_, session| {
             // Nothing is there before the first output: who is killed in between leaves nothing.
             assert!(!out.exists());
             session.stage("writing", || -> Result<(), Failure> {
@@ -512,7 +538,7 @@ mod tests {
     fn a_failure_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("a/b");
-        let failed = run_with("test", &args(&out), |_, session| {
+        let failed = run_with("test", &args(&out), Vec::new(), |_, session| {
             std::fs::write(session.output("x.txt")?, "x")?;
             Err("no".into())
         });
@@ -520,9 +546,12 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         // A folder that was there before stays, with what is in it.
         std::fs::create_dir(folder.path().join("a")).unwrap();
-        let kept = run_with("test", &args(&folder.path().join("a")), |_, _| {
-            Err("no".into())
-        });
+        let kept = run_with(
+            "test",
+            &args(&folder.path().join("a")),
+            Vec::new(),
+            |_, _| Err("no".into()),
+        );
         assert!(kept.is_err() && folder.path().join("a").exists());
     }
 }

@@ -80,6 +80,27 @@ impl LatticeValues for Values {
     }
 }
 
+/// The options that only structures have.
+pub const OF_STRUCTURES: [&str; 17] = [
+    "spacing",
+    "cutoff",
+    "bare_cutoff",
+    "margin",
+    "residue_power",
+    "chain_power",
+    "domain_power",
+    "decay",
+    "models",
+    "assembly",
+    "select",
+    "no_hydrogens",
+    "waters",
+    "no_ions",
+    "no_ligands",
+    "radii",
+    "min_radius",
+];
+
 /// The extension of a file name, lower-case, before `.gz`.
 pub fn extension(path: &Path) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -124,6 +145,7 @@ impl SourceArgs {
     }
 
     fn read_grid(&self, session: &Session) -> Result<Source, Failure> {
+        session.refuse(&OF_STRUCTURES, "is for structures, and the input is a grid")?;
         let file = session.stage("reading", || io::grid::read(&self.input))?;
         let (bytes, most) = (4 * file.values().len() as u64, session.memory());
         if bytes > most {
@@ -133,7 +155,10 @@ impl SourceArgs {
         let grid = file.into_grid().map_err(|e| e.in_file(&self.input))?;
         let level = match (self.isovalue, self.enclosed_volume) {
             (Some(level), _) => level,
-            (None, Some(volume)) => enclosing(&grid, volume)?,
+            (None, Some(volume)) => grid.level_enclosing(volume).map(f64::from).ok_or_else(|| {
+                let all = grid.values().len() as f64 * grid.lattice().spacing.powi(3);
+                format!("--enclosed-volume {volume} Å³ does not lie between 0 and the whole grid of {all:.0} Å³")
+            })?,
             (None, None) => {
                 let (low, high) = grid.range().unwrap_or_default();
                 return Err(format!("a grid needs --isovalue or --enclosed-volume; its values lie between {low} and {high}").into());
@@ -164,12 +189,10 @@ impl Source {
 
     /// The field between the lattice points: analytic from atoms, trilinear from a grid.
     pub fn field(&self) -> Result<Field<'_>, Failure> {
-        Ok(match &self.values {
-            Values::Atoms(atoms) => {
-                Field::Atoms(Box::new(PointSampler::new(&atoms.model, atoms.cutoff)?))
-            }
-            Values::Grid(grid) => Field::Grid(grid),
-        })
+        match &self.values {
+            Values::Atoms(atoms) => Field::of_atoms(&atoms.model, atoms.cutoff, &atoms.grid),
+            Values::Grid(grid) => Ok(Field::Grid(grid)),
+        }
     }
 }
 
@@ -177,37 +200,42 @@ impl Source {
 pub enum Field<'a> {
     /// Of atoms.
     Atoms(Box<PointSampler<'a>>),
+    /// Of atoms whose density jumps where the bare cut-off ends: trilinear between its samples.
+    Band(&'a BrickGrid),
     /// Of a grid.
     Grid(&'a ScalarGrid),
+}
+
+impl<'a> Field<'a> {
+    /// The density between the points of its lattice: analytic where it is continuous, which it is not
+    /// with a bare cut-off.
+    pub fn of_atoms(
+        model: &'a Model,
+        cutoff: Cutoff,
+        band: &'a BrickGrid,
+    ) -> Result<Self, Failure> {
+        Ok(match cutoff {
+            Cutoff::AfterPowers(_) => Self::Atoms(Box::new(PointSampler::new(model, cutoff)?)),
+            Cutoff::Bare(_) => Self::Band(band),
+        })
+    }
 }
 
 impl ImplicitField for Field<'_> {
     fn value(&self, x: &Point3) -> f64 {
         match self {
             Self::Atoms(field) => field.value(x),
+            Self::Band(field) => field.value(x),
             Self::Grid(field) => field.value(x),
         }
     }
     fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
         match self {
             Self::Atoms(field) => field.value_gradient(x),
+            Self::Band(field) => field.value_gradient(x),
             Self::Grid(field) => field.value_gradient(x),
         }
     }
-}
-
-/// The value above which the lattice points stand for this volume.
-fn enclosing(grid: &ScalarGrid, volume: f64) -> Result<f64, Failure> {
-    let cell = grid.lattice().spacing.powi(3);
-    let points = volume / cell;
-    let mut values = grid.values().to_vec();
-    if !(points >= 1.0 && points < values.len() as f64) {
-        let all = values.len() as f64 * cell;
-        return Err(format!("--enclosed-volume {volume} Å³ does not lie between one cell and the whole grid of {all:.0} Å³").into());
-    }
-    let rank = points.round() as usize;
-    let (_, &mut level, _) = values.select_nth_unstable_by(rank, |a, b| b.total_cmp(a));
-    Ok(f64::from(level))
 }
 
 #[cfg(test)]
@@ -219,19 +247,5 @@ mod tests {
         assert_eq!(extension(Path::new("a/B.PDB.gz")), "pdb");
         assert_eq!(extension(Path::new("emd_1234.map")), "map");
         assert_eq!(extension(Path::new("none")), "");
-    }
-
-    #[test]
-    fn the_isovalue_encloses_the_volume() {
-        let lattice = Lattice {
-            origin: Point3::origin(),
-            spacing: 2.0,
-            counts: [10, 10, 10],
-        };
-        let grid = ScalarGrid::new(lattice, (0..1000u16).map(f32::from).collect()).unwrap();
-        // 100 points of 8 Å³: the values above 899.
-        assert_eq!(enclosing(&grid, 800.0).unwrap(), 899.0);
-        assert!(enclosing(&grid, 8000.0).is_err());
-        assert!(enclosing(&grid, f64::NAN).is_err());
     }
 }

@@ -497,6 +497,97 @@ fn bad_input_is_one_line_and_leaves_nothing() {
     }
 }
 
+/// What would do nothing is refused, by its name.
+#[test]
+fn options_without_effect_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let lattice = geom_core::Lattice {
+        origin: geom_core::Point3::origin(),
+        spacing: 1.0,
+        counts: [8, 8, 8],
+    };
+    let ball = |i| {
+        4.5 - (lattice
+            .point(lattice.coordinates(i))
+            .coords
+            .add_scalar(-3.5))
+        .norm()
+    };
+    let values = (0..lattice.len()).map(|i| ball(i) as f32).collect();
+    let grid = geom_core::ScalarGrid::new(lattice, values).unwrap();
+    let map = folder.path().join("ball.mrc");
+    io::grid::save(&map, &grid).unwrap();
+    let (map, mesh, atoms) = (
+        map.to_str().unwrap().to_owned(),
+        fixture("spot.ply"),
+        fixture("1AJJ.pdb"),
+    );
+    let cases: &[(&str, &[&str], &str)] = &[
+        (
+            "02_surface",
+            &[&map, "--isovalue", "1", "--waters"],
+            "--waters is for structures",
+        ),
+        (
+            "03_tets",
+            &[&map, "--isovalue", "1", "--decay", "1"],
+            "--decay is for structures",
+        ),
+        (
+            "06_modes",
+            &[&mesh, "--residue-power", "1"],
+            "--residue-power is for structures",
+        ),
+        (
+            "06_modes",
+            &[&mesh, "--isovalue", "1"],
+            "--isovalue is for grids",
+        ),
+        ("02_surface", &[&atoms, "--isovalue", "1"], "--isovalue"),
+        (
+            "02_surface",
+            &[&atoms, "--error-norm", "max"],
+            "--error-norm needs --tolerance",
+        ),
+        (
+            "01_density",
+            &[&atoms, "--method", "all-atoms", "--cutoff", "0.1"],
+            "--cutoff does nothing",
+        ),
+    ];
+    for (name, args, says) in cases {
+        let out = folder.path().join("out");
+        let output = run(name, args, &out);
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{name} {args:?}: {errors}");
+        assert!(errors.contains(says), "{name} {args:?}: {errors}");
+        assert!(!out.exists());
+    }
+    // Without them the same inputs work.
+    report_of(
+        "02_surface",
+        &[&map, "--isovalue", "1"],
+        &folder.path().join("ball"),
+    );
+}
+
+/// The thesis's cut-off makes a density that jumps: it is meshed from its samples.
+#[test]
+fn a_bare_cut_off_is_meshed_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let atoms = fixture("1AJJ.pdb");
+    let args = [&atoms as &str, "--spacing", "1.4", "--bare-cutoff", "1e-6"];
+    let report = report_of("00_pipeline", &args, &folder.path().join("pipeline"));
+    assert_eq!(report["volume"]["valid"], true);
+    let bare = report_of("02_surface", &args, &folder.path().join("bare"));
+    let usual = report_of("02_surface", &args[..3], &folder.path().join("usual"));
+    let [a, b] = [&bare, &usual].map(|r| r["surface"]["volume"].as_f64().unwrap());
+    assert!(
+        a != b && (a / b - 1.0).abs() < 0.05,
+        "{a} Å³ against {b} Å³"
+    );
+}
+
 #[test]
 fn every_program_explains_itself() {
     for name in [

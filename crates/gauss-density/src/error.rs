@@ -17,9 +17,9 @@ pub enum Error {
         /// Number of atoms.
         atoms: usize,
     },
-    /// A coordinate, radius or decay is NaN or infinite, or a radius is negative.
+    /// A coordinate, radius or decay is NaN, infinite or out of its range.
     #[error(
-        "atom {atom} has {field} {value}; every coordinate and radius must be finite, radii not negative"
+        "atom {atom} has {field} {value}; coordinates must lie within ±1e7 Å, radii in [0, 1e4] Å, decays in [1e-6, 1e6] Å⁻²"
     )]
     BadAtom {
         /// Index of the atom, from 0.
@@ -28,6 +28,28 @@ pub enum Error {
         field: &'static str,
         /// The number.
         value: f64,
+    },
+    /// Lists of different lengths.
+    #[error("{found} {what} for {atoms} atoms; there must be one per atom")]
+    Length {
+        /// Which list.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// Number of centres.
+        atoms: usize,
+    },
+    /// A level does not partition the one below it.
+    #[error(
+        "level {level} of the tree is no partition of the {below} nodes below it: {fault}; its starts must rise from 0 to {below}, with a power for each but the last"
+    )]
+    BadTree {
+        /// The level, 0 for the lowest.
+        level: usize,
+        /// Nodes or atoms below.
+        below: usize,
+        /// What is wrong.
+        fault: &'static str,
     },
     /// An option that has no meaning.
     #[error("option {option} is {value}; it must be {allowed}")]

@@ -176,24 +176,27 @@ fn single_seed(
     lattice: &Lattice,
     options: &Options,
 ) -> Result<(Vec<f32>, u64), Error> {
-    let sampler = PointSampler::new(model.model(), Cutoff::AfterPowers(1e-6))?;
-    let bare = match options.cutoff {
-        Cutoff::Bare(_) => Some((Boxes::new(model), radius(model, options.cutoff, 1.0))),
-        Cutoff::AfterPowers(_) => None,
+    enum Near<'a> {
+        Cells(PointSampler<'a>),
+        Boxes(Boxes, f64),
+    }
+    let near = match options.cutoff {
+        Cutoff::AfterPowers(_) => Near::Cells(PointSampler::new(model.model(), options.cutoff)?),
+        Cutoff::Bare(_) => Near::Boxes(Boxes::new(model), radius(model, options.cutoff, 1.0)),
     };
     let mut pairs = 0;
     let mut evaluate = |p: [usize; 3]| {
         let x = lattice.point(p);
-        match &bare {
-            Some((boxes, r)) => {
+        match &near {
+            Near::Cells(sampler) => {
+                pairs += sampler.members_near(&x) as u64;
+                (sampler.value(&x) as f32).min(f32::MAX)
+            }
+            Near::Boxes(boxes, r) => {
                 let mut found = Vec::new();
                 boxes.within(model, &x, *r, &mut found);
                 pairs += found.len() as u64;
                 density(model, options.cutoff, &found, &x)
-            }
-            None => {
-                pairs += sampler.members_near(&x) as u64;
-                (sampler.value(&x) as f32).min(f32::MAX)
             }
         }
     };

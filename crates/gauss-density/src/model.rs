@@ -127,33 +127,41 @@ impl Model {
     /// A tree of any depth. `tree` goes from the lowest level to the topmost; each level has the first
     /// child per node (and the number of children at the end), and a power per node. With no level the
     /// density is the plain sum over the atoms.
-    ///
-    /// Panics if a level does not partition the one below it.
     pub fn new(
         centers: Vec<Point3>,
         radii: Vec<f64>,
         decays: Vec<f64>,
         tree: Vec<(Vec<u32>, Vec<f64>)>,
     ) -> Result<Self, Error> {
-        assert!(centers.len() == radii.len() && centers.len() == decays.len());
+        let atoms = centers.len();
+        for (what, found) in [("radii", radii.len()), ("decays", decays.len())] {
+            if found != atoms {
+                return Err(Error::Length { what, found, atoms });
+            }
+        }
         let levels: Vec<Level> = tree
             .into_iter()
             .map(|(first_child, power)| Level { first_child, power })
             .collect();
-        let mut below = centers.len();
-        for level in &levels {
+        let mut below = atoms;
+        for (number, level) in levels.iter().enumerate() {
             let starts = &level.first_child;
-            assert_eq!(
-                starts.len(),
-                level.power.len() + 1,
-                "one start per node, and the end"
-            );
-            assert!(
-                starts[0] == 0
-                    && starts.windows(2).all(|w| w[0] < w[1])
-                    && starts[level.len()] as usize == below,
-                "a level partitions the one below it into parts that are not empty"
-            );
+            let fault = if starts.len() != level.power.len() + 1 {
+                Some("it has not one start more than powers")
+            } else if starts[0] != 0 || starts[level.len()] as usize != below {
+                Some("it does not begin with the first and end with the last of them")
+            } else if starts.windows(2).any(|w| w[0] >= w[1]) {
+                Some("a node is empty")
+            } else {
+                None
+            };
+            if let Some(fault) = fault {
+                return Err(Error::BadTree {
+                    level: number,
+                    below,
+                    fault,
+                });
+            }
             below = level.len();
             for &power in &level.power {
                 check_power("power", power)?;
@@ -190,8 +198,11 @@ impl Model {
                 });
             }
         }
-        for &decay in &decays {
-            check_decay(decay)?;
+        for (atom, &value) in decays.iter().enumerate() {
+            if check_decay(value).is_err() {
+                let field = "decay";
+                return Err(Error::BadAtom { atom, field, value });
+            }
         }
         Ok(Self {
             centers,

@@ -676,14 +676,15 @@ fn bad_input_is_named() {
     ));
     assert!(matches!(
         one(0.0, 1.0, 0.0),
-        Err(Error::InvalidOption {
-            option: "decay",
+        Err(Error::BadAtom {
+            atom: 0,
+            field: "decay",
             ..
         })
     ));
     assert!(matches!(
         one(0.0, 1.0, f64::NAN),
-        Err(Error::InvalidOption { .. })
+        Err(Error::BadAtom { .. })
     ));
     let model = one(0.0, 1.7, 1.0).unwrap();
     let refused = |options: Options| {

@@ -14,7 +14,9 @@ pub struct Goals {
     pub max_dihedral: f64,
     /// Joe–Liu measure (thesis Eq. 3.16).
     pub joe_liu: f64,
-    /// Longest over shortest edge.
+    /// Longest over shortest edge. It is judged, not worked on by itself: the improvement raises angles
+    /// and the Joe–Liu measure, and [`joe_liu_for_edge_ratio`](Goals::joe_liu_for_edge_ratio) says which
+    /// measure guarantees a ratio.
     pub edge_ratio: f64,
 }
 
@@ -25,6 +27,12 @@ impl Goals {
             && m.max_dihedral <= self.max_dihedral
             && m.joe_liu >= self.joe_liu
             && m.edge_ratio <= self.edge_ratio
+    }
+
+    /// The Joe–Liu measure from which on no tetrahedron has a larger edge ratio than `r`: `2r / (1 + r²)`,
+    /// which one with a short edge and a long one across it reaches when its other four edges are equal.
+    pub fn joe_liu_for_edge_ratio(r: f64) -> f64 {
+        2.0 * r / (1.0 + r * r)
     }
 
     /// The value of [`quality`](crate::metrics::quality) from which on angles and Joe–Liu are met.

@@ -556,6 +556,27 @@ proptest! {
         }
     }
 
+    /// Joe–Liu bounds the edge ratio, and the bound is reached.
+    #[test]
+    fn joe_liu_bounds_the_edge_ratio(
+        p in prop::array::uniform4(prop::array::uniform3(-1.0..1.0f64)), s in 0.01..1.0f64,
+    ) {
+        let [a, b, c, d] = p.map(Point3::from);
+        // The shorter a side, the closer such shapes come to the bound.
+        for corners in [[a, b, c, d], [a, a + (b - a) * s, c, d]] {
+            let m = tet_quality::measures(corners);
+            prop_assert!(m.joe_liu.abs() <= Goals::joe_liu_for_edge_ratio(m.edge_ratio) * (1.0 + 1e-9));
+        }
+        // Edges s and 1 across each other, the four others equal, at the best distance.
+        let h = 0.5 * (1.0 + s * s).sqrt();
+        let best = tet_quality::measures([
+            Point3::new(-s / 2.0, 0.0, 0.0), Point3::new(s / 2.0, 0.0, 0.0),
+            Point3::new(0.0, -0.5, h), Point3::new(0.0, 0.5, h),
+        ]);
+        let bound = Goals::joe_liu_for_edge_ratio(best.edge_ratio);
+        prop_assert!((best.joe_liu.abs() - bound).abs() <= 1e-12, "{} {bound}", best.joe_liu);
+    }
+
     /// The measures do not depend on place, turn, mirror pair and size.
     #[test]
     fn measures_are_functions_of_the_shape(
