@@ -46,6 +46,7 @@ fn density(
     threads: usize,
 ) -> Result<ScalarGrid, String> {
     let levels = Levels {
+        residue_power: 1.0,
         decay: 1.0,
         ..Levels::default()
     };
@@ -75,6 +76,12 @@ fn density(
     arguments.push(threads.to_string());
     let peer = answer(python, &peers.join("scatter.py"), &arguments)?;
     let seconds = number(&peer, "seconds")?;
+    // The same field, up to what either leaves out.
+    let ours: f64 = grid.values().iter().map(|&v| f64::from(v)).sum();
+    let theirs = number(&peer, "sum")?;
+    if (ours / theirs - 1.0).abs() > 1e-2 {
+        return Err(format!("the sums over the lattice are {ours} and {theirs}"));
+    }
     println!(
         "density · {} atoms, {} points: dense {dense_s:.3} s, band {band_s:.3} s; scatter {seconds:.3} s \
          ({:.1}× and {:.1}× ours)",
