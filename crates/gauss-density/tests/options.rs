@@ -358,7 +358,7 @@ proptest! {
         if let Ok(field) = PointSampler::new(&model, options.cutoff) {
             for x in [Point3::origin(), Point3::new(spacing, eps, power)] {
                 let (value, _) = field.value_gradient(&x);
-                prop_assert!(!(value < 0.0));
+                prop_assert!(value >= 0.0 || x.iter().any(|c| !c.is_finite()), "{value} at {x}");
             }
         }
         let elimination = Elimination {
