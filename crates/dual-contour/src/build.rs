@@ -71,7 +71,13 @@ pub(crate) fn resolved<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         let count = match contour(values, field, &at(h), Purpose::Volume(options.region), run) {
             Ok(mesh) => mesh.report.tets as f64,
             // Too coarse to see anything.
-            Err(Error::NoSurface { .. }) if h > 0.5 * own => 0.0,
+            Err(
+                Error::NoSurface { .. }
+                | Error::InvalidOption {
+                    option: "resolution" | "prune",
+                    ..
+                },
+            ) if h > 0.5 * own => 0.0,
             Err(error) => return Err(error),
         };
         if count == 0.0 {
@@ -154,16 +160,18 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>
     };
     let mut report = Report::default();
     let mut samples = Samples::new(source, domain, labels, run.backend)?;
-    let (min, max) = samples.range;
     if options.prune > 0 {
+        let points: u64 = domain.cells.iter().map(|&n| n as u64 + 1).product();
+        if u64::from(options.prune) > points {
+            return Err(Error::InvalidOption {
+                option: "prune",
+                reason: format!("{} points are more than all {points}", options.prune),
+            });
+        }
         (report.pruned_groups, report.pruned_points) = samples.prune(options.prune);
     }
     if !samples.holds_both_sides() {
-        return Err(Error::NoSurface {
-            level: options.level,
-            min: f64::from(min),
-            max: f64::from(max),
-        });
+        return Err(no_surface(values, options, samples.range, spacing));
     }
     samples.find_crossings(run.backend)?;
     report.spacing = samples.domain.spacing;
@@ -256,6 +264,44 @@ pub(crate) fn mesh<B: ContourBackend + ?Sized>(
         domain,
         report,
     })
+}
+
+/// Why all is on one side: the values, the small groups that were given away, or cells that see too little.
+fn no_surface<V: LatticeValues + ?Sized>(
+    values: &V,
+    options: &Options,
+    seen: (f32, f32),
+    spacing: f64,
+) -> Error {
+    let [nx, ny, nz] = values.lattice().counts;
+    let mut row = vec![0.0; nx];
+    let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
+    for at in 0..ny * nz {
+        values.read_row([0, at % ny, at / ny], &mut row);
+        for &v in &row {
+            (min, max) = (min.min(f64::from(v)), max.max(f64::from(v)));
+        }
+    }
+    let level = options.level;
+    let crossed = |min: f64, max: f64| min < level && level <= max;
+    if !crossed(min, max) {
+        Error::NoSurface { level, min, max }
+    } else if crossed(f64::from(seen.0), f64::from(seen.1)) && options.prune > 0 {
+        Error::InvalidOption {
+            option: "prune",
+            reason: format!(
+                "every group on one side of level {level} has fewer than {} points",
+                options.prune
+            ),
+        }
+    } else {
+        Error::InvalidOption {
+            option: "resolution",
+            reason: format!(
+                "cells of {spacing} Å see no value on one side of level {level}; take smaller ones"
+            ),
+        }
+    }
 }
 
 impl Raw {

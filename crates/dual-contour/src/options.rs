@@ -34,7 +34,7 @@ pub struct Options {
     /// inside of the molecule belongs to the first that holds it, else to the exterior (region 0).
     pub materials: Vec<Material>,
     /// Connected groups of fewer lattice points than this on one side of the level are given to the
-    /// other side before meshing; 0 keeps all.
+    /// other side before meshing; 0 keeps all, and more than all points there are is an error.
     pub prune: u32,
     /// Volumes: which regions are meshed.
     pub region: Extent,

@@ -11,8 +11,8 @@ use dual_contour::geom_core::{
     Aabb, BrickGrid, Cpu, ImplicitField, Lattice, LatticeValues, Point3, Run, ScalarGrid, Vector3,
 };
 use dual_contour::{
-    AtBox, Error, Extent, FieldSamples, Material, Method, Options, Outer, Placement, Resolution,
-    Shape, Zone, surface, volume,
+    AtBox, Error, ErrorNorm, Extent, FieldSamples, Material, Method, Options, Outer, Placement,
+    Resolution, Shape, Zone, surface, volume,
 };
 use proptest::prelude::*;
 
@@ -945,6 +945,186 @@ fn nothing_to_mesh_is_an_error() {
             }
         );
         assert!(error.to_string().contains("choose a level between"));
+    }
+}
+
+/// The range in the message is that of the values, and what hides the surface is named.
+#[test]
+fn the_reason_for_no_surface_is_told() {
+    let grid = sample(&ball(Point3::origin(), 2.0), 3.0, 12);
+    let (low, high) = grid.range().unwrap();
+    let fail = |options: &Options| surface(&grid, None, options, Run::on(&Cpu)).unwrap_err();
+    for level in [1e30, f64::from(high) + 0.1] {
+        let expected = Error::NoSurface {
+            level,
+            min: f64::from(low),
+            max: f64::from(high),
+        };
+        assert_eq!(
+            fail(&Options {
+                level,
+                ..Options::default()
+            }),
+            expected
+        );
+    }
+    let named = |options: Options, name: &str| {
+        let error = fail(&options);
+        assert!(
+            matches!(error, Error::InvalidOption { option, .. } if option == name),
+            "{error}"
+        );
+    };
+    for spacing in [50.0, 1e9, 1e300] {
+        let resolution = Resolution::Spacing(spacing);
+        named(
+            Options {
+                resolution,
+                ..Options::default()
+            },
+            "resolution",
+        );
+    }
+    named(
+        Options {
+            prune: 300,
+            ..Options::default()
+        },
+        "prune",
+    );
+    named(
+        Options {
+            prune: u32::MAX,
+            ..Options::default()
+        },
+        "prune",
+    );
+}
+
+#[test]
+fn the_norm_of_the_error_counts() {
+    let field = bumps(2);
+    let grid = sample(&field, 5.0, 32);
+    let tets = |error_norm| {
+        let options = Options {
+            tolerance: 0.5,
+            error_norm,
+            ..Options::default()
+        };
+        volume(&grid, None, &options, Run::on(&Cpu))
+            .unwrap()
+            .report
+            .tets
+    };
+    // The largest of the terms is at most their sum.
+    assert!(tets(ErrorNorm::Max) < tets(ErrorNorm::Sum));
+}
+
+/// Numbers as users mistype them, and as large and small as f64 holds.
+fn odd() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        4 => -3.0..3.0f64,
+        1 => Just(0.0),
+        1 => Just(f64::NAN),
+        1 => Just(f64::INFINITY),
+        1 => prop_oneof![Just(1e300), Just(-1e300), Just(f64::MIN_POSITIVE), Just(1e-5), Just(1e5)],
+    ]
+}
+
+fn odd_point() -> impl Strategy<Value = Point3> {
+    prop::array::uniform3(odd()).prop_map(Point3::from)
+}
+
+fn odd_shape() -> impl Strategy<Value = Shape> {
+    prop_oneof![
+        (odd_point(), odd(), odd()).prop_map(|(n, low, high)| Shape::Slab {
+            normal: n.coords,
+            low,
+            high
+        }),
+        (odd_point(), odd_point(), odd()).prop_map(|(start, end, radius)| Shape::Cylinder {
+            start,
+            end,
+            radius
+        }),
+        (odd_point(), odd()).prop_map(|(center, radius)| Shape::Sphere { center, radius }),
+        (odd_point(), odd_point()).prop_map(|(min, max)| Shape::Cuboid(Aabb { min, max })),
+    ]
+}
+
+/// Usually the first, sometimes anything.
+fn usually<T: Clone + std::fmt::Debug + 'static>(
+    usual: T,
+    other: impl Strategy<Value = T> + 'static,
+) -> impl Strategy<Value = T> {
+    prop_oneof![2 => Just(usual), 1 => other]
+}
+
+fn odd_options() -> impl Strategy<Value = Options> {
+    let resolution = prop_oneof![
+        odd().prop_map(Resolution::Spacing),
+        (0..5000u64).prop_map(Resolution::Tets)
+    ];
+    let outer = prop_oneof![
+        odd().prop_map(|scale| Outer::Box { scale }),
+        odd().prop_map(|scale| Outer::Sphere { scale })
+    ];
+    let zone = (odd_point(), odd(), odd()).prop_map(|(center, radius, tolerance)| Zone {
+        center,
+        radius,
+        tolerance,
+    });
+    let material = (0..5u8, odd_shape()).prop_map(|(region, shape)| Material { region, shape });
+    let sizes = (
+        usually(Resolution::Lattice, resolution),
+        usually(0.0, odd()),
+        usually(f64::INFINITY, odd()),
+        prop::collection::vec(zone, 0..2),
+        usually(0, 0..200u32),
+    );
+    let places = (
+        usually(1.0, odd()),
+        prop::sample::select(vec![AtBox::Refuse, AtBox::Cap, AtBox::Clip]),
+        prop::sample::select(vec![Placement::Mass, Placement::Newton, Placement::Qef]),
+        prop::sample::select(vec![Extent::Interior, Extent::Exterior, Extent::Both]),
+        usually(Outer::Grid, outer),
+        usually(Vec::new(), prop::collection::vec(material, 1..3)),
+        any::<bool>(),
+    );
+    (sizes, places, any::<bool>()).prop_map(|(sizes, places, lattice)| Options {
+        resolution: sizes.0,
+        tolerance: sizes.1,
+        max_cell: sizes.2,
+        zones: sizes.3,
+        prune: sizes.4,
+        level: places.0,
+        at_box: places.1,
+        placement: places.2,
+        region: places.3,
+        outer: places.4,
+        materials: places.5,
+        separate_exterior: places.6,
+        max_memory: 1 << 24,
+        ..by(METHODS[usize::from(lattice)])
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(200) })]
+
+    /// A sound mesh or a typed error, whatever the options.
+    #[test]
+    fn no_options_end_in_a_panic(options in odd_options(), given in any::<bool>()) {
+        let field = ball(Point3::new(0.1, -0.2, 0.3), 2.0);
+        let grid = sample(&field, 3.0, 12);
+        let field: Option<&dyn ImplicitField> = if given { Some(&field) } else { None };
+        if let Ok(made) = volume(&grid, field, &options, Run::on(&Cpu)) {
+            assert_conforming(&made.mesh);
+            prop_assert!(made.mesh.positions().iter().all(|p| p.iter().all(|c| c.is_finite())));
+        }
+        if let Ok(made) = surface(&grid, field, &options, Run::on(&Cpu)) {
+            prop_assert_eq!(faults(made.mesh.triangles()), Faults::default());
+        }
     }
 }
 

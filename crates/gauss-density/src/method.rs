@@ -177,11 +177,13 @@ fn single_seed(
     options: &Options,
 ) -> Result<(Vec<f32>, u64), Error> {
     enum Near<'a> {
-        Cells(PointSampler<'a>),
+        Cells(Box<PointSampler<'a>>),
         Boxes(Boxes, f64),
     }
     let near = match options.cutoff {
-        Cutoff::AfterPowers(_) => Near::Cells(PointSampler::new(model.model(), options.cutoff)?),
+        Cutoff::AfterPowers(_) => {
+            Near::Cells(Box::new(PointSampler::new(model.model(), options.cutoff)?))
+        }
         Cutoff::Bare(_) => Near::Boxes(Boxes::new(model), radius(model, options.cutoff, 1.0)),
     };
     let mut pairs = 0;

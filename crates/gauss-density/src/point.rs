@@ -201,8 +201,16 @@ impl<'a> PointSampler<'a> {
     }
 }
 
+/// So far from every atom that squares of distances leave the range of f64: nothing is left there.
+fn is_beyond_numbers(x: &Point3) -> bool {
+    x.coords.amax() > 1e100
+}
+
 impl ImplicitField for PointSampler<'_> {
     fn value(&self, x: &Point3) -> f64 {
+        if is_beyond_numbers(x) {
+            return 0.0;
+        }
         match self.members_at(x) {
             Some(members) => plain::value(&self.model.tree, members.iter().copied(), x),
             None => plain::value(&self.model.tree, self.all(), x),
@@ -210,6 +218,9 @@ impl ImplicitField for PointSampler<'_> {
     }
 
     fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        if is_beyond_numbers(x) {
+            return (0.0, Vector3::zeros());
+        }
         match self.members_at(x) {
             Some(members) => plain::value_gradient(&self.model.tree, members.iter().copied(), x),
             None => plain::value_gradient(&self.model.tree, self.all(), x),

@@ -23,9 +23,9 @@ fn blurred() -> Model {
 
 #[test]
 fn every_option_of_sampling_counts() {
-    let model = blurred();
+    let model = Model::uniform(&globule(3, 12, 7), &Levels::default()).unwrap();
     let base = Options {
-        spacing: 1.0,
+        spacing: 0.6,
         ..Options::default()
     };
     let dense = |options: &Options| sample(&model, options, Run::on(&Cpu)).unwrap();
@@ -35,21 +35,16 @@ fn every_option_of_sampling_counts() {
         change(&mut options);
         options
     };
-    assert!(dense(&with(|o| o.spacing = 0.9)).report.points > usual.report.points);
+    assert!(dense(&with(|o| o.spacing = 0.5)).report.points > usual.report.points);
     assert!(dense(&with(|o| o.margin = Some(30.0))).report.points > usual.report.points);
-    assert!(
-        dense(&with(|o| o.cutoff = Cutoff::AfterPowers(0.1)))
-            .report
-            .pairs
-            < usual.report.pairs
-    );
+    assert!(dense(&with(|o| o.cutoff = Cutoff::AfterPowers(0.2))).grid != usual.grid);
     assert!(dense(&with(|o| o.cutoff = Cutoff::Bare(1e-3))).grid != usual.grid);
     assert!(dense(&with(|o| o.method = Method::AllAtoms)).report.pairs > usual.report.pairs);
     assert!(dense(&with(|o| o.floor = Some(0.5))).report.pairs < usual.report.pairs);
     let small = |o: &mut Options| {
         o.bounds = Some(Aabb::new(Point3::origin(), Point3::new(3.0, 4.0, 5.0)));
     };
-    assert_eq!(dense(&with(small)).grid.lattice().counts, [4, 5, 6]);
+    assert_eq!(dense(&with(small)).grid.lattice().counts, [6, 8, 10]);
     let wide = |band| {
         let fine = Options {
             spacing: 0.3,
@@ -358,7 +353,7 @@ proptest! {
         if let Ok(field) = PointSampler::new(&model, options.cutoff) {
             for x in [Point3::origin(), Point3::new(spacing, eps, power)] {
                 let (value, _) = field.value_gradient(&x);
-                prop_assert!(!(value < 0.0));
+                prop_assert!(value >= 0.0 || x.iter().any(|c| !c.is_finite()), "{value} at {x}");
             }
         }
         let elimination = Elimination {

@@ -71,8 +71,14 @@ fn the_band_of_larger_structures_is_that_of_the_dense_grid() {
             ..ReadOptions::default()
         };
         let structure = read(&path, &options).unwrap().structure;
-        let crossings = band_is_dense(&structure, &levels(0.25, 1.0, 0.5), spacing);
-        assert!(crossings > 3000, "{file}: {crossings}");
+        let mut sets = vec![(0.25, 1.0, 0.5)];
+        if file.starts_with("pdb/") {
+            sets.extend([(0.5, 1.0, 1.0), (0.05, 0.5, 1.0)]);
+        }
+        for (residue, chain, decay) in sets {
+            let crossings = band_is_dense(&structure, &levels(residue, chain, decay), spacing);
+            assert!(crossings > 3000, "{file}: {crossings}");
+        }
     }
 }
 
