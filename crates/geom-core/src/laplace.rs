@@ -11,6 +11,8 @@
 mod connection;
 mod robust;
 
+pub(crate) use robust::Intrinsic;
+
 use nalgebra::Complex;
 use rayon::prelude::*;
 

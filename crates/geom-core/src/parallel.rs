@@ -6,6 +6,12 @@ use rayon::prelude::*;
 /// Elements per chunk of a parallel sum. Part of the result: another number, other last bits.
 pub const CHUNK: usize = 4096;
 
+/// Runs `f` on a thread of the pool, so that the loops in it start without handing work over to
+/// another thread: worth it where they are many and short.
+pub fn inside<T: Send>(f: impl FnOnce() -> T + Send) -> T {
+    rayon::scope(|_| f())
+}
+
 /// `Σ f(i)` for `i < n`, over fixed chunks combined in order.
 pub fn sum(n: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
     fold_chunks(n, |range| range.map(&f).sum::<f64>())

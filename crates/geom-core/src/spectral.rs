@@ -31,6 +31,8 @@ use crate::{Cancelled, Run};
 const DENSE_ROWS: usize = 384;
 /// The same where so many pairs are wanted that an iteration is of no use.
 const LARGEST_DENSE: usize = 2048;
+/// Vectors whose residuals are measured at once.
+const RESIDUALS: usize = 8;
 /// Searches for a part in which pairs are found to be missing.
 const ATTEMPTS: usize = 4;
 
@@ -295,7 +297,7 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
     pairs.truncate(k);
     let values: Vec<f64> = pairs.iter().map(|p| p.0).collect();
     let vectors: Vec<Vec<f64>> = pairs
-        .into_iter()
+        .into_par_iter()
         .map(|(_, index, vector)| {
             let mut all = vec![0.0; n];
             for (&row, x) in split.parts[index].iter().zip(vector) {
@@ -353,6 +355,13 @@ impl Pencil<'_> {
     /// `M X`.
     fn mass_times(&self, block: &[f64], columns: usize) -> Vec<f64> {
         parts::mass_times(self.mass, block, columns)
+    }
+
+    /// The constant of length one in the product of M.
+    fn constant(&self) -> Vec<f64> {
+        let n = self.rows();
+        let total: f64 = self.mass_times(&vec![1.0; n], 1).iter().sum();
+        vec![1.0 / total.sqrt(); n]
     }
 
     /// Does K map constants to zero? Then the constant is an eigenvector known beforehand.
@@ -436,10 +445,7 @@ fn rayleigh_ritz(pencil: &Pencil<'_>, x: &[f64], count: usize) -> Result<Vec<Pai
     let turn = dense::product(&[Tall::of(&inverse, count)], &u, count);
     let x = dense::product(&[Tall::of(x, count)], &turn, count);
 
-    let vectors: Vec<Vec<f64>> = (0..count)
-        .into_par_iter()
-        .map(|j| (0..pencil.rows()).map(|i| x[i * count + j]).collect())
-        .collect();
+    let vectors = dense::separate(&x, count);
     Ok(values.into_iter().zip(vectors).collect())
 }
 
@@ -522,26 +528,45 @@ fn residuals(
             let total: f64 = lumped.iter().sum();
             trace / total / lumped.len().max(1) as f64
         });
-    let norm = |v: &[f64]| {
-        crate::parallel::sum(v.len(), |i| {
+    let norms = |block: &[f64], columns| {
+        let weight = |i: usize| {
             if lumped[i] > 0.0 {
-                v[i] * v[i] / lumped[i]
+                1.0 / lumped[i]
             } else {
                 0.0
             }
-        })
-        .sqrt()
+        };
+        let squares = dense::squares(block, columns, weight);
+        squares.into_iter().map(f64::sqrt)
     };
     values
-        .iter()
-        .zip(vectors)
-        .map(|(&value, x)| {
-            let mx = parts::mass_times(mass, x, 1);
-            let mut r = stiffness.multiply(x, 1);
-            for (r, m) in r.iter_mut().zip(&mx) {
-                *r -= value * m;
-            }
-            norm(&r) / (value.max(first) * norm(&mx))
+        .chunks(RESIDUALS)
+        .zip(vectors.chunks(RESIDUALS))
+        .flat_map(|(values, vectors)| {
+            // Some side by side: one pass over the matrix.
+            let c = values.len();
+            let mut x = vec![0.0; lumped.len() * c];
+            x.par_chunks_mut(c)
+                .with_min_len(4096)
+                .enumerate()
+                .for_each(|(i, row)| {
+                    for (x, vector) in row.iter_mut().zip(vectors) {
+                        *x = vector[i];
+                    }
+                });
+            let mx = parts::mass_times(mass, &x, c);
+            let mut r = stiffness.multiply(&x, c);
+            r.par_chunks_mut(c)
+                .zip(mx.par_chunks(c))
+                .with_min_len(4096)
+                .for_each(|(r, mx)| {
+                    for ((r, m), value) in r.iter_mut().zip(mx).zip(values) {
+                        *r -= value * m;
+                    }
+                });
+            let sizes = norms(&mx, c).zip(norms(&r, c));
+            let share = |(&value, (size, r)): (&f64, (f64, f64))| r / (value.max(first) * size);
+            values.iter().zip(sizes).map(share).collect::<Vec<f64>>()
         })
         .collect()
 }

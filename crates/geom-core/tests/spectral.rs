@@ -602,3 +602,130 @@ fn badly_shaped_triangles() {
         assert!((a / b - 1.0).abs() < 0.05, "{a} {b}");
     }
 }
+
+/// Files need the readers.
+#[cfg(feature = "io")]
+mod files {
+    use super::*;
+
+    fn read(path: &std::path::Path) -> TriMesh {
+        geom_core::io::mesh::read(path)
+            .unwrap()
+            .mesh
+            .into_triangles()
+    }
+
+    /// Computed by SciPy 1.17 (`eigsh`, shift–invert) on cotangent matrices and lumped masses that
+    /// NumPy assembled from the same files: closed, and with the triangles left out whose centroid has
+    /// |y − 0.1| ≤ 0.05, which opens the surface and cuts it in two.
+    #[test]
+    fn the_values_of_scipy() {
+        let spot = read(&fixtures::path("spot.ply"));
+        let bob = read(&fixtures::path("bob_small.ply"));
+        let keeps = |t: &&[u32; 3]| {
+            let y: f64 = t.iter().map(|&v| spot.positions()[v as usize].y).sum();
+            (y / 3.0 - 0.1).abs() > 0.05
+        };
+        let kept = spot.triangles().iter().filter(keeps).copied().collect();
+        let open = TriMesh::new(spot.positions().to_vec(), kept).unwrap();
+        let cases: [(&TriMesh, usize, [f64; 11]); 3] = [
+            (
+                &spot,
+                1,
+                [
+                    1.59169021243,
+                    4.63635109912,
+                    6.73597143152,
+                    8.29059418426,
+                    10.7500031737,
+                    10.849267976,
+                    12.1063565413,
+                    15.3004365103,
+                    17.3950277116,
+                    21.4070153387,
+                    24.8445048805,
+                ],
+            ),
+            (
+                &bob,
+                1,
+                [
+                    2.43822037527,
+                    4.20625792636,
+                    6.79108764719,
+                    12.2258026431,
+                    12.7040785045,
+                    15.1896900745,
+                    16.6455169908,
+                    19.9520445686,
+                    20.5525810965,
+                    22.0344170757,
+                    23.1596314391,
+                ],
+            ),
+            (
+                &open,
+                2,
+                [
+                    0.0,
+                    3.43789925984,
+                    3.53527109059,
+                    5.28440968385,
+                    9.51252960119,
+                    10.1226755612,
+                    11.5346451018,
+                    13.3868867809,
+                    15.4471500495,
+                    16.2140337532,
+                    16.9850760985,
+                ],
+            ),
+        ];
+        for (mesh, parts, exact) in cases {
+            let pairs = modes(mesh, 12);
+            check(&pairs, 12);
+            assert_eq!(pairs.report.parts, parts);
+            assert!(pairs.values[..parts].iter().all(|&v| v == 0.0));
+            for (found, exact) in pairs.values[1..].iter().zip(exact) {
+                assert!((found - exact).abs() <= 1e-8 * exact, "{found} {exact}");
+            }
+        }
+    }
+
+    /// Every surface of the larger data set: small residuals, a zero per part, and no value missing,
+    /// which the signs of the pivots of a shifted matrix say.
+    #[test]
+    fn nothing_is_missing_on_the_larger_data_set() {
+        let Some(folder) = fixtures::shared_or_skip("meshes") else {
+            return;
+        };
+        let mut files: Vec<_> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .filter(|path| path.extension().is_some_and(|e| e != "tsv"))
+            .collect();
+        files.sort();
+        assert!(!files.is_empty());
+        for path in files {
+            let mesh = read(&path);
+            let (stiffness, mass) = match laplace::stiffness(&mesh) {
+                Ok(stiffness) => (stiffness, laplace::lumped_mass(&mesh)),
+                Err(laplace::Error::Degenerate { .. }) => {
+                    let robust = laplace::robust(&mesh).unwrap();
+                    (robust.stiffness, robust.mass)
+                }
+                Err(error) => panic!("{}: {error}", path.display()),
+            };
+            let options = Options {
+                verify: true,
+                ..Options::default()
+            };
+            let k = 30.min(mesh.positions().len() / 4);
+            let pairs = eigenpairs(&stiffness, &mass, k, &options, Run::on(&Cpu)).unwrap();
+            check(&pairs, k);
+            assert_eq!(pairs.report.verified, Some(true), "{}", path.display());
+            let zeros = pairs.values.iter().filter(|&&v| v == 0.0).count();
+            assert_eq!(zeros, pairs.report.parts.min(k), "{}", path.display());
+        }
+    }
+}

@@ -232,11 +232,142 @@ fn heat_finds_great_circles() {
         errors.fold(0.0, f64::max)
     };
     let errors = [3, 4, 5].map(mean_error);
-    assert!(errors[0] < 0.02, "{errors:?}");
-    assert!(
-        errors[1] < errors[0] / 1.4 && errors[2] < errors[1] / 1.4,
-        "{errors:?}"
-    );
+    let most = [0.006, 0.003, 0.002];
+    assert!(errors.iter().zip(most).all(|(e, m)| *e < m), "{errors:?}");
+    assert!(errors[1] < errors[0] / 1.4, "{errors:?}");
+}
+
+/// A sphere of radius 1 with so many meridians and parallels: needles at the poles, and long triangles.
+fn globe(meridians: u32, parallels: u32) -> TriMesh {
+    use std::f64::consts::PI;
+    let mut positions = vec![Point3::new(0.0, 0.0, 1.0)];
+    for i in 1..parallels {
+        let polar = PI * f64::from(i) / f64::from(parallels);
+        for j in 0..meridians {
+            let around = 2.0 * PI * f64::from(j) / f64::from(meridians);
+            let (s, c) = polar.sin_cos();
+            positions.push(Point3::new(s * around.cos(), s * around.sin(), c));
+        }
+    }
+    positions.push(Point3::new(0.0, 0.0, -1.0));
+    let at = |i: u32, j: u32| 1 + (i - 1) * meridians + j % meridians;
+    let south = positions.len() as u32 - 1;
+    let mut triangles = Vec::new();
+    for j in 0..meridians {
+        triangles.push([0, at(1, j), at(1, j + 1)]);
+        for i in 1..parallels - 1 {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            triangles.extend([[a, b, c], [a, c, d]]);
+        }
+        triangles.push([at(parallels - 1, j), south, at(parallels - 1, j + 1)]);
+    }
+    TriMesh::new(positions, triangles).unwrap()
+}
+
+/// The mean relative error of the distances from a vertex of a unit sphere.
+fn error_on_sphere(sphere: &TriMesh, source: u32) -> f64 {
+    let pole = sphere.positions()[source as usize].coords;
+    let found = heat(sphere).from(&[source]).unwrap();
+    let errors = sphere.positions().iter().zip(found).map(|(p, d)| {
+        let exact = p.coords.angle(&pole);
+        if exact > 1e-9 {
+            (d / exact - 1.0).abs()
+        } else {
+            d.abs()
+        }
+    });
+    errors.sum::<f64>() / sphere.positions().len() as f64
+}
+
+#[test]
+fn heat_does_not_mind_bad_triangles() {
+    // Few or many parallels for the meridians, seen from a pole and from the side.
+    let mut all = Vec::new();
+    for (meridians, parallels) in [(24, 12), (24, 96), (96, 24), (160, 16), (16, 160)] {
+        let sphere = globe(meridians, parallels);
+        let side = 1 + (parallels / 2 - 1) * meridians;
+        for source in [0, side] {
+            all.push((
+                meridians,
+                parallels,
+                source,
+                error_on_sphere(&sphere, source),
+            ));
+        }
+    }
+    // Vertices moved about in the surface.
+    let (mut positions, triangles) = shapes::icosphere(1.0, 3).into_parts();
+    for (i, p) in positions.iter_mut().enumerate() {
+        let x = i as f64;
+        let push = Vector3::new((x * 1.7).sin(), (x * 2.9).sin(), (x * 4.1).sin()) * 0.04;
+        *p = Point3::from((p.coords + push).normalize());
+    }
+    let shaken = TriMesh::new(positions, triangles).unwrap();
+    all.push((0, 0, 5, error_on_sphere(&shaken, 5)));
+    // Edges differ by ten in the last globe: a little more there.
+    let most = |e: &(u32, u32, u32, f64)| if e.0 == 16 { 0.025 } else { 0.02 };
+    assert!(all.iter().all(|e| e.3 < most(e)), "{all:?}");
+}
+
+#[test]
+fn heat_crosses_triangles_without_area_and_edges_of_three() {
+    // A vertex in the middle of an edge, of which only one side knows: no area between.
+    let (mut positions, mut triangles) = shapes::icosphere(1.0, 3).into_parts();
+    let [a, b, c] = triangles[40];
+    let middle = positions.len() as u32;
+    positions.push(geom_core::nalgebra::center(
+        &positions[a as usize],
+        &positions[b as usize],
+    ));
+    triangles[40] = [a, middle, c];
+    triangles.extend([[middle, b, c], [a, b, middle]]);
+    let sphere = TriMesh::new(positions, triangles).unwrap();
+    assert!(geom_core::laplace::stiffness(&sphere).is_err());
+    for source in [a, middle, 7] {
+        let error = error_on_sphere(&sphere, source);
+        assert!(error < 0.02, "{error}");
+    }
+    // A book of three leaves: through the spine from leaf to leaf.
+    let leaf = rectangle(20, 10, 0.1);
+    let (mut positions, mut triangles) = leaf.clone().into_parts();
+    let spine = |v: u32| v.is_multiple_of(11);
+    for turn in [1.0, 2.0] {
+        let angle: f64 = turn * 2.0 * std::f64::consts::PI / 3.0;
+        let first = positions.len() as u32;
+        let mut number = vec![0; leaf.positions().len()];
+        let mut next = first;
+        for (v, p) in leaf.positions().iter().enumerate() {
+            if spine(v as u32) {
+                number[v] = v as u32;
+            } else {
+                number[v] = next;
+                next += 1;
+                positions.push(Point3::new(p.x, p.y * angle.cos(), p.y * angle.sin()));
+            }
+        }
+        triangles.extend(
+            leaf.triangles()
+                .iter()
+                .map(|t| t.map(|v| number[v as usize])),
+        );
+    }
+    let book = TriMesh::new(positions.clone(), triangles).unwrap();
+    let source = 5 * 11 + 5;
+    let found = heat(&book).from(&[source as u32]).unwrap();
+    let origin = leaf.positions()[source];
+    let count = positions.len();
+    let mean = (0..count)
+        .filter(|&v| v != source)
+        .map(|v| {
+            let p = positions[v];
+            let out = (p.y * p.y + p.z * p.z).sqrt();
+            let own = v < leaf.positions().len();
+            let across = if own { out - origin.y } else { out + origin.y };
+            (found[v] / across.hypot(p.x - origin.x) - 1.0).abs()
+        })
+        .sum::<f64>()
+        / count as f64;
+    assert!(mean < 0.03, "{mean}");
 }
 
 #[test]
@@ -325,14 +456,12 @@ fn heat_says_what_is_wrong() {
         Heat::new(&sphere, &options).unwrap_err(),
         DistanceError::Smoothing(0.0)
     );
-    let mut flat = sphere.positions().to_vec();
-    let [a, b, c] = sphere.triangles()[5];
-    flat[c as usize] = geom_core::nalgebra::center(&flat[a as usize], &flat[b as usize]);
-    let flat = TriMesh::new(flat, sphere.triangles().to_vec()).unwrap();
-    let error = Heat::new(&flat, &HeatOptions::default()).unwrap_err();
+    let one = vec![Point3::new(1.0, 2.0, 3.0); 42];
+    let point = TriMesh::new(one, sphere.triangles().to_vec()).unwrap();
+    let error = Heat::new(&point, &HeatOptions::default()).unwrap_err();
     assert_eq!(
         error,
-        DistanceError::Operator(geom_core::laplace::Error::Degenerate { triangle: 5 })
+        DistanceError::Operator(geom_core::laplace::Error::Degenerate { triangle: 0 })
     );
 }
 

@@ -41,17 +41,19 @@ pub(crate) fn run(large: bool) -> Outcome {
                 let file = geom_core::io::mesh::read(&path).map_err(|e| e.to_string())?;
                 let name = path.file_name().unwrap_or_default().to_string_lossy();
                 let mesh = file.mesh.into_triangles();
-                worst = worst.max(compare(&name, &mesh, "superlu", &[40], &python)?);
+                worst = worst.max(compare(&name, &mesh, "superlu", &[0], &[40], &python)?);
             }
         }
         None => println!("the larger data set is not at hand: only the bundled structure"),
     }
     let mesh = protein_surface(50_000)?;
-    let solvers = "superlu,cholmod";
+    // As SciPy comes, with a thread of its dense products on each core, and with one: threads that
+    // wait count as CPU seconds.
     worst = worst.max(compare(
         "protein surface",
         &mesh,
-        solvers,
+        "superlu,cholmod",
+        &[0, 1],
         &[10, 50],
         &python,
     )?);
@@ -98,6 +100,7 @@ fn compare(
     name: &str,
     mesh: &TriMesh,
     solvers: &str,
+    threads: &[usize],
     counts: &[usize],
     python: &Path,
 ) -> Result<f64, String> {
@@ -130,15 +133,20 @@ fn compare(
     // The mean eigenvalue over the number of rows, below zero: of the size of the first ones.
     let trace: f64 = stiffness.diagonal().iter().sum();
     let shift = -trace / masses.iter().sum::<f64>() / masses.len() as f64;
-    let mut arguments = vec![
-        folder.display().to_string(),
-        shift.to_string(),
-        solvers.to_owned(),
-    ];
-    arguments.extend(counts.iter().map(ToString::to_string));
     let script = root().join("xtask/src/lab/peers/eigsh.py");
-    let answers = super::answer(python, &script, &arguments)?;
-    let answers = answers.as_array().ok_or("eigsh.py printed no list")?;
+    let mut answers = Vec::new();
+    for &threads in threads {
+        let mut arguments = vec![
+            folder.display().to_string(),
+            shift.to_string(),
+            solvers.to_owned(),
+            threads.to_string(),
+        ];
+        arguments.extend(counts.iter().map(ToString::to_string));
+        let answer = super::answer(python, &script, &arguments)?;
+        let list = answer.as_array().ok_or("eigsh.py printed no list")?;
+        answers.extend(list.iter().map(|a| (threads, a.clone())));
+    }
 
     let mut worst: f64 = 0.0;
     for &count in counts {
@@ -157,7 +165,7 @@ fn compare(
             ours.report.parts,
             largest(&ours.residuals),
         );
-        for answer in answers.iter().filter(|a| a["count"] == count) {
+        for (threads, answer) in answers.iter().filter(|a| a.1["count"] == count) {
             let theirs = answer["values"]
                 .as_array()
                 .ok_or("eigsh.py printed no values")?;
@@ -168,8 +176,12 @@ fn compare(
             let off = largest(&off.collect::<Vec<_>>());
             worst = worst.max(off);
             println!(
-                "    SciPy with {}: {:.2} s ({:.1}× ours), {:.2} CPU s ({:.1}× ours), largest difference {off:.1e}",
+                "    SciPy with {}, {}: {:.2} s ({:.1}× ours), {:.2} CPU s ({:.1}× ours), largest difference {off:.1e}",
                 answer["solver"].as_str().unwrap_or("?"),
+                match threads {
+                    0 => "its default threads",
+                    _ => "one thread",
+                },
                 number(answer, "seconds")?,
                 number(answer, "seconds")? / wall,
                 number(answer, "cpu")?,

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::{Error, Mass, Robust, RobustReport};
 use crate::TriMesh;
+use crate::linalg::SparseMatrix;
 
 /// Smallest excess of two sides over the third, in mean edges of the mesh.
 const THICKNESS: f64 = 1e-5;
@@ -26,36 +27,70 @@ struct Cover {
     twin: Vec<Side>,
 }
 
-pub(super) fn robust(mesh: &TriMesh) -> Result<Robust, Error> {
-    let n = mesh.positions().len();
-    let faces = mesh.triangles();
-    if 2 * faces.len() > crate::id::MAX_ELEMENTS / 3 {
-        return Err(crate::linalg::Error::TooLarge {
-            rows: n,
-            entries: 18 * faces.len() as u128,
+/// The triangles of the cover, each with half its weight: two sheets make one surface.
+#[derive(Clone, Debug)]
+pub(crate) struct Intrinsic {
+    /// Corners, vertices of the mesh.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// Half the cotangent at each corner, halved.
+    pub(crate) weights: Vec<[f64; 3]>,
+    /// Areas, halved.
+    pub(crate) areas: Vec<f64>,
+    report: RobustReport,
+}
+
+impl Intrinsic {
+    pub(crate) fn of(mesh: &TriMesh) -> Result<Self, Error> {
+        let faces = mesh.triangles();
+        if 2 * faces.len() > crate::id::MAX_ELEMENTS / 3 {
+            return Err(crate::linalg::Error::TooLarge {
+                rows: mesh.positions().len(),
+                entries: 18 * faces.len() as u128,
+            }
+            .into());
         }
-        .into());
-    }
-    let (lengths, added) = thickened(mesh)?;
-    let mut cover = Cover::glue(faces, &lengths);
-    let flips = cover.make_delaunay();
-    let triangles: Vec<[u32; 3]> = cover.corners.as_chunks::<3>().0.to_vec();
-    // Two sheets: half of each.
-    let shapes: Vec<([f64; 3], f64)> = (0..triangles.len() as u32)
-        .into_par_iter()
-        .map(|f| {
-            let sides = cover.sides(f);
-            let area = area_of(sides);
-            (half_cotangents(sides, area).map(|c| 0.5 * c), 0.5 * area)
+        let (lengths, added) = thickened(mesh)?;
+        let mut cover = Cover::glue(faces, &lengths);
+        let flips = cover.make_delaunay();
+        let (weights, areas) = (0..2 * faces.len() as u32)
+            .into_par_iter()
+            .map(|f| {
+                let sides = cover.sides(f);
+                let area = area_of(sides);
+                (half_cotangents(sides, area).map(|c| 0.5 * c), 0.5 * area)
+            })
+            .unzip();
+        Ok(Self {
+            triangles: cover.corners.as_chunks::<3>().0.to_vec(),
+            weights,
+            areas,
+            report: RobustReport { flips, added },
         })
-        .collect();
-    let stiffness = super::assemble(n, &triangles, |f| super::element_stiffness(shapes[f].0))?;
-    let areas: Vec<f64> = shapes.iter().map(|s| s.1).collect();
-    let mass = Mass::Lumped(super::spread_areas(n, &triangles, &areas));
+    }
+
+    /// The length of the side opposite to a corner.
+    pub(crate) fn length(&self, triangle: usize, corner: usize) -> f64 {
+        let w = self.weights[triangle];
+        let sum = w[(corner + 1) % 3] + w[(corner + 2) % 3];
+        (16.0 * self.areas[triangle] * sum).max(0.0).sqrt()
+    }
+
+    /// Stiffness and lumped mass for so many vertices.
+    pub(crate) fn operators(&self, vertices: usize) -> Result<(SparseMatrix, Vec<f64>), Error> {
+        let element = |f: usize| super::element_stiffness(self.weights[f]);
+        let stiffness = super::assemble(vertices, &self.triangles, element)?;
+        let masses = super::spread_areas(vertices, &self.triangles, &self.areas);
+        Ok((stiffness, masses))
+    }
+}
+
+pub(super) fn robust(mesh: &TriMesh) -> Result<Robust, Error> {
+    let surface = Intrinsic::of(mesh)?;
+    let (stiffness, masses) = surface.operators(mesh.positions().len())?;
     Ok(Robust {
         stiffness,
-        mass,
-        report: RobustReport { flips, added },
+        mass: Mass::Lumped(masses),
+        report: surface.report,
     })
 }
 

@@ -15,9 +15,10 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 use rayon::prelude::*;
 
+use super::substitution::{Schedule, Solved, Supernode};
 use super::{Error, Scalar, SparseMatrix};
 
-/// Right-hand sides per task. Part of the result: another number, other last bits.
+/// Right-hand sides per pass over the factor. Part of the result: another number, other last bits.
 const COLUMNS: usize = 8;
 
 /// The analysis of a pattern: ordering and shape of the factor, for every matrix of that pattern.
@@ -28,6 +29,8 @@ pub struct Symbolic {
 
 struct Analysis {
     symbolic: SymbolicCholesky<u32>,
+    /// `None` for a small or nearly diagonal factor, which has no supernodes.
+    schedule: Option<Schedule>,
     /// The upper half of the matrix row by row, which is the lower half column by column.
     starts: Vec<u32>,
     indices: Vec<u32>,
@@ -63,8 +66,17 @@ impl Symbolic {
             faer::sparse::FaerError::OutOfMemory => Error::OutOfMemory { entries: 0 },
             _ => too_large,
         })?;
+        let schedule = match symbolic.raw() {
+            SymbolicCholeskyRaw::Supernodal(shape) => {
+                let order = symbolic.perm();
+                let original = |i: usize| order.map_or(i, |p| p.arrays().0[i] as usize);
+                Some(Schedule::of(&supernodes(shape), original))
+            }
+            SymbolicCholeskyRaw::Simplicial(_) => None,
+        };
         let inner = Arc::new(Analysis {
             symbolic,
+            schedule,
             starts,
             indices,
         });
@@ -195,6 +207,21 @@ impl Symbolic {
     }
 }
 
+fn supernodes(shape: &SymbolicSupernodalCholesky<u32>) -> Vec<Supernode<'_>> {
+    let values = |s: usize| shape.col_ptr_for_val()[s] as usize;
+    (0..shape.n_supernodes())
+        .map(|s| {
+            let first = shape.col_ptr_for_row_idx()[s] as usize;
+            let count = shape.nnz_per_super()[s] as usize;
+            Supernode {
+                columns: shape.supernode_begin()[s] as usize..shape.supernode_end()[s] as usize,
+                rows: &shape.row_idx()[first..first + count],
+                values: values(s)..values(s + 1),
+            }
+        })
+        .collect()
+}
+
 /// Starts, indices and conjugated values: a row of the upper half, conjugated, is a column of the
 /// lower half.
 type Half<T> = (Vec<u32>, Vec<u32>, Vec<T>);
@@ -267,36 +294,21 @@ impl<T: Scalar> Cholesky<T> {
         if expected == 0 {
             return Ok(());
         }
-        match self.symbolic.inner.symbolic.raw() {
-            SymbolicCholeskyRaw::Supernodal(shape) => {
-                // One buffer of up to eight columns per task.
-                let parts: Vec<(usize, Vec<T>)> = (0..columns.div_ceil(COLUMNS))
-                    .into_par_iter()
-                    .map(|part| {
-                        let range = part * COLUMNS..((part + 1) * COLUMNS).min(columns);
-                        let width = range.len();
-                        let x = match width {
-                            1 => self.solve_columns::<1>(shape, block, columns, range),
-                            2 => self.solve_columns::<2>(shape, block, columns, range),
-                            3 | 4 => self.solve_columns::<4>(shape, block, columns, range),
-                            _ => self.solve_columns::<8>(shape, block, columns, range),
-                        };
-                        (width, x)
-                    })
-                    .collect();
-                block
-                    .par_chunks_mut(columns)
-                    .enumerate()
-                    .with_min_len(4096)
-                    .for_each(|(i, row)| {
-                        for (part, out) in parts.iter().zip(row.chunks_mut(COLUMNS)) {
-                            let stride = part.1.len() / n;
-                            out.copy_from_slice(&part.1[i * stride..i * stride + part.0]);
-                        }
-                    });
-            }
+        match &self.symbolic.inner.schedule {
+            Some(schedule) => crate::parallel::inside(|| {
+                let (wide, rest) = (columns / COLUMNS, columns % COLUMNS);
+                self.solve_parts::<COLUMNS>(schedule, block, columns, 0, wide);
+                let first = wide * COLUMNS;
+                match rest {
+                    0 => {}
+                    1 => self.solve_parts::<1>(schedule, block, columns, first, 1),
+                    2 => self.solve_parts::<2>(schedule, block, columns, first, 1),
+                    3 | 4 => self.solve_parts::<4>(schedule, block, columns, first, 1),
+                    _ => self.solve_parts::<COLUMNS>(schedule, block, columns, first, 1),
+                }
+            }),
             // Small or nearly diagonal: not worth a kernel.
-            SymbolicCholeskyRaw::Simplicial(_) => {
+            None => {
                 let symbolic = &self.symbolic.inner.symbolic;
                 let scratch = symbolic.solve_in_place_scratch::<T>(columns, Par::Seq);
                 let mut memory =
@@ -312,32 +324,30 @@ impl<T: Scalar> Cholesky<T> {
         Ok(())
     }
 
-    /// The solutions for some columns of a block, `C` of them row after row (the last ones zero).
-    fn solve_columns<const C: usize>(
+    /// Replaces `parts` times `C` columns of a block (the last ones may be missing) by the solutions.
+    fn solve_parts<const C: usize>(
         &self,
-        shape: &SymbolicSupernodalCholesky<u32>,
-        block: &[T],
+        schedule: &Schedule,
+        block: &mut [T],
         columns: usize,
-        range: std::ops::Range<usize>,
-    ) -> Vec<T> {
-        let order = self.symbolic.inner.symbolic.perm();
-        let row_of = |i: usize| order.map_or(i, |p| p.arrays().0[i] as usize);
-        let mut x = vec![[T::default(); C]; self.rows()];
-        for (i, x) in x.iter_mut().enumerate() {
-            let row = &block[row_of(i) * columns..][range.clone()];
-            x[..row.len()].copy_from_slice(row);
-        }
-        // Compiled for the vector registers that the machine has.
-        pulp::Arch::new().dispatch(Substitution {
-            shape,
-            values: &self.values,
-            x: &mut x,
-        });
-        let mut out = vec![[T::default(); C]; self.rows()];
-        for (i, x) in x.iter().enumerate() {
-            out[row_of(i)] = *x;
-        }
-        out.into_flattened()
+        first: usize,
+        parts: usize,
+    ) {
+        let range = |part: usize| first + part * C..(first + (part + 1) * C).min(columns);
+        let solved: Vec<Solved<T, C>> = (0..parts)
+            .into_par_iter()
+            .map(|part| schedule.solve(&self.values, block, columns, range(part)))
+            .collect();
+        block
+            .par_chunks_mut(columns)
+            .enumerate()
+            .with_min_len(4096)
+            .for_each(|(i, out)| {
+                for (part, solved) in solved.iter().enumerate() {
+                    let out = &mut out[range(part)];
+                    out.copy_from_slice(&schedule.row(solved, i)[..out.len()]);
+                }
+            });
     }
 
     /// Solves for one right-hand side.
@@ -346,181 +356,4 @@ impl<T: Scalar> Cholesky<T> {
         self.solve_in_place(&mut x, 1)?;
         Ok(x)
     }
-}
-
-/// `x ← L⁻ᴴ L⁻¹ x` for `C` columns at once, over the supernodes: dense trapezoids of the factor,
-/// column after column. faer's own solve calls a product per supernode, which costs more than the
-/// arithmetic where supernodes are as small as those of a surface.
-struct Substitution<'a, T, const C: usize> {
-    shape: &'a SymbolicSupernodalCholesky<u32>,
-    values: &'a [T],
-    x: &'a mut [[T; C]],
-}
-
-impl<T: Scalar, const C: usize> pulp::WithSimd for Substitution<'_, T, C> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        for s in 0..self.shape.n_supernodes() {
-            forward(self.shape, self.values, s, self.x);
-        }
-        for s in (0..self.shape.n_supernodes()).rev() {
-            backward(self.shape, self.values, s, self.x);
-        }
-    }
-}
-
-#[inline(always)]
-fn forward<T: Scalar, const C: usize>(
-    shape: &SymbolicSupernodalCholesky<u32>,
-    values: &[T],
-    s: usize,
-    x: &mut [[T; C]],
-) {
-    let (begin, end) = bounds(shape, s);
-    let (columns, rows) = trapezoid(shape, values, s);
-    let (head, tail) = x.split_at_mut(end);
-    let top = &mut head[begin..];
-    let width = end - begin;
-    let height = width + rows.len();
-    for c in 0..width {
-        let column = &columns[c * height..][..width];
-        let mut xc = top[c];
-        let scale = 1.0 / column[c].real_part();
-        for v in &mut xc {
-            *v = *v * scale;
-        }
-        top[c] = xc;
-        for (x, &l) in top[c + 1..].iter_mut().zip(&column[c + 1..]) {
-            subtract(x, l, &xc);
-        }
-    }
-    let mut at = width;
-    let (tiles, rest) = rows.as_chunks::<TILE>();
-    for tile in tiles {
-        let mut sums = [[T::default(); C]; TILE];
-        for (xc, column) in top.iter().zip(columns.chunks_exact(height)) {
-            let l = &column[at..at + TILE];
-            for q in 0..TILE {
-                add(&mut sums[q], l[q], xc);
-            }
-        }
-        for q in 0..TILE {
-            take(&mut tail[tile[q] as usize - end], &sums[q]);
-        }
-        at += TILE;
-    }
-    for &row in rest {
-        let mut sum = [T::default(); C];
-        for (xc, column) in top.iter().zip(columns.chunks_exact(height)) {
-            add(&mut sum, column[at], xc);
-        }
-        take(&mut tail[row as usize - end], &sum);
-        at += 1;
-    }
-}
-
-#[inline(always)]
-fn backward<T: Scalar, const C: usize>(
-    shape: &SymbolicSupernodalCholesky<u32>,
-    values: &[T],
-    s: usize,
-    x: &mut [[T; C]],
-) {
-    let (begin, end) = bounds(shape, s);
-    let (columns, rows) = trapezoid(shape, values, s);
-    let (head, tail) = x.split_at_mut(end);
-    let top = &mut head[begin..];
-    let width = end - begin;
-    let height = width + rows.len();
-    let (tiles, rest) = top.as_chunks_mut::<TILE>();
-    let mut c = 0;
-    for tile in tiles {
-        let mut sums = [[T::default(); C]; TILE];
-        let below = &columns[c * height..(c + TILE) * height];
-        let (l0, below) = below.split_at(height);
-        let (l1, below) = below.split_at(height);
-        let (l2, l3) = below.split_at(height);
-        let l = [&l0[width..], &l1[width..], &l2[width..], &l3[width..]];
-        for (p, &row) in rows.iter().enumerate() {
-            let x = &tail[row as usize - end];
-            for q in 0..TILE {
-                add(&mut sums[q], l[q][p].conjugate(), x);
-            }
-        }
-        for q in 0..TILE {
-            take(&mut tile[q], &sums[q]);
-        }
-        c += TILE;
-    }
-    for x in rest {
-        let column = &columns[c * height + width..(c + 1) * height];
-        let mut sum = [T::default(); C];
-        for (&l, &row) in column.iter().zip(rows) {
-            add(&mut sum, l.conjugate(), &tail[row as usize - end]);
-        }
-        take(x, &sum);
-        c += 1;
-    }
-    for c in (0..width).rev() {
-        let column = &columns[c * height..][..width];
-        let mut sum = [T::default(); C];
-        for (x, &l) in top[c + 1..].iter().zip(&column[c + 1..]) {
-            add(&mut sum, l.conjugate(), x);
-        }
-        take(&mut top[c], &sum);
-        let scale = 1.0 / column[c].real_part();
-        for v in &mut top[c] {
-            *v = *v * scale;
-        }
-    }
-}
-
-/// Rows (columns) of a trapezoid that are handled together.
-const TILE: usize = 4;
-
-#[inline(always)]
-fn add<T: Scalar, const C: usize>(sum: &mut [T; C], l: T, x: &[T; C]) {
-    for i in 0..C {
-        sum[i] += l * x[i];
-    }
-}
-
-#[inline(always)]
-fn take<T: Scalar, const C: usize>(x: &mut [T; C], sum: &[T; C]) {
-    for i in 0..C {
-        x[i] -= sum[i];
-    }
-}
-
-#[inline(always)]
-fn subtract<T: Scalar, const C: usize>(sum: &mut [T; C], l: T, x: &[T; C]) {
-    for i in 0..C {
-        sum[i] -= l * x[i];
-    }
-}
-
-#[inline(always)]
-fn bounds(shape: &SymbolicSupernodalCholesky<u32>, s: usize) -> (usize, usize) {
-    (
-        shape.supernode_begin()[s] as usize,
-        shape.supernode_end()[s] as usize,
-    )
-}
-
-/// The columns of a supernode, one after the other, and the rows below its triangle.
-#[inline(always)]
-fn trapezoid<'a, T>(
-    shape: &'a SymbolicSupernodalCholesky<u32>,
-    values: &'a [T],
-    s: usize,
-) -> (&'a [T], &'a [u32]) {
-    let at = |k: usize| shape.col_ptr_for_val()[k] as usize;
-    let first = shape.col_ptr_for_row_idx()[s] as usize;
-    let count = shape.nnz_per_super()[s] as usize;
-    (
-        &values[at(s)..at(s + 1)],
-        &shape.row_idx()[first..first + count],
-    )
 }

@@ -40,26 +40,21 @@ fn width(blocks: &[Tall<'_>]) -> usize {
 
 /// `Aᵀ B`, row after row, where A stands in blocks side by side.
 pub(crate) fn gram(a: &[Tall<'_>], b: Tall<'_>) -> Vec<f64> {
-    let mut total = vec![0.0; width(a) * b.columns];
-    if total.is_empty() {
-        return total;
+    let length = width(a) * b.columns;
+    if length == 0 {
+        return Vec::new();
     }
     let n = b.rows();
     let parts: Vec<Vec<f64>> = (0..n.div_ceil(ROWS))
         .into_par_iter()
         .map(|k| {
             let (from, rows) = (k * ROWS, ROWS.min(n - k * ROWS));
-            let mut part = vec![0.0; total.len()];
+            let mut part = vec![0.0; length];
             gram_part(&mut part, a, b.part(from, rows), from);
             part
         })
         .collect();
-    for part in parts {
-        for (t, p) in total.iter_mut().zip(part) {
-            *t += p;
-        }
-    }
-    total
+    add_all(parts, length)
 }
 
 /// The same for some rows of B from `from` on.
@@ -167,13 +162,7 @@ pub(crate) fn subtract_product(
             part
         })
         .collect();
-    let mut total = vec![0.0; columns * columns];
-    for part in parts {
-        for (t, p) in total.iter_mut().zip(part) {
-            *t += p;
-        }
-    }
-    total
+    add_all(parts, columns * columns)
 }
 
 /// `W ← W C` for a square C.
@@ -184,6 +173,51 @@ pub(crate) fn turn(w: &mut [f64], columns: usize, c: &[f64]) {
         add_product_part(w, columns, &[Tall::of(&old, columns)], c, 1.0, 0);
     });
 }
+/// The columns of a block.
+pub(crate) fn separate(block: &[f64], columns: usize) -> Vec<Vec<f64>> {
+    // As many at once as lie in a line of the cache.
+    let starts: Vec<usize> = (0..columns).step_by(8).collect();
+    let parts = starts.into_par_iter().map(|first| {
+        let mut out = vec![Vec::with_capacity(block.len() / columns); (columns - first).min(8)];
+        for row in block.chunks_exact(columns) {
+            for (out, &x) in out.iter_mut().zip(&row[first..]) {
+                out.push(x);
+            }
+        }
+        out
+    });
+    parts.flatten().collect()
+}
+
+/// `Σ weight(i) x_i²` of each column.
+pub(crate) fn squares(
+    block: &[f64],
+    columns: usize,
+    weight: impl Fn(usize) -> f64 + Sync,
+) -> Vec<f64> {
+    let parts = crate::parallel::fold_chunks(block.len() / columns, |range| {
+        let mut sums = vec![0.0; columns];
+        for i in range {
+            let weight = weight(i);
+            for (s, x) in sums.iter_mut().zip(&block[i * columns..]) {
+                *s += weight * x * x;
+            }
+        }
+        sums
+    });
+    add_all(parts, columns)
+}
+
+fn add_all(parts: Vec<Vec<f64>>, length: usize) -> Vec<f64> {
+    let mut total = vec![0.0; length];
+    for part in parts {
+        for (t, p) in total.iter_mut().zip(part) {
+            *t += p;
+        }
+    }
+    total
+}
+
 /// Eigenvalues, ascending, and eigenvectors (column `j` of the row-major result) of a symmetric
 /// matrix of `n` rows, of which the lower half is read. `None` when the iteration does not converge
 /// (NaN).

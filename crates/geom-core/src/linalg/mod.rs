@@ -7,6 +7,7 @@ pub mod cholesky;
 pub(crate) mod dense;
 pub mod iterate;
 pub mod sparse;
+mod substitution;
 
 pub use cholesky::{Cholesky, Symbolic};
 pub use iterate::{Solution, conjugate_gradients, refine};

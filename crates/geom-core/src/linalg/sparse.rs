@@ -44,6 +44,8 @@ pub trait Scalar:
     fn real_part(self) -> f64;
     /// Neither NaN nor infinite.
     fn finite(self) -> bool;
+    /// `self · factor + summand`, rounded once where that is real.
+    fn fused(self, factor: Self, summand: Self) -> Self;
 }
 
 impl Scalar for f64 {
@@ -63,6 +65,10 @@ impl Scalar for f64 {
     fn finite(self) -> bool {
         self.is_finite()
     }
+    #[inline(always)]
+    fn fused(self, factor: Self, summand: Self) -> Self {
+        self.mul_add(factor, summand)
+    }
 }
 
 impl Scalar for Complex<f64> {
@@ -81,6 +87,14 @@ impl Scalar for Complex<f64> {
     #[inline(always)]
     fn finite(self) -> bool {
         self.re.is_finite() && self.im.is_finite()
+    }
+    #[inline(always)]
+    fn fused(self, factor: Self, summand: Self) -> Self {
+        let part = |a: f64, b: f64, c: f64| self.re.mul_add(a, self.im.mul_add(b, c));
+        Self::new(
+            part(factor.re, -factor.im, summand.re),
+            part(factor.im, factor.re, summand.im),
+        )
     }
 }
 
@@ -256,48 +270,60 @@ impl<T: Scalar> SparseMatrix<T> {
         }
         out.par_chunks_mut(ROWS * columns)
             .enumerate()
-            .for_each(|(part, out)| match columns {
-                1 => self.rows_times::<1>(part * ROWS, block, out),
-                4 => self.rows_times::<4>(part * ROWS, block, out),
-                8 => self.rows_times::<8>(part * ROWS, block, out),
-                16 => self.rows_times::<16>(part * ROWS, block, out),
-                _ => {
-                    for (i, y) in out.chunks_exact_mut(columns).enumerate() {
-                        y.fill(T::default());
-                        for (j, a) in self.row(part * ROWS + i) {
-                            for (y, &x) in y.iter_mut().zip(&block[j * columns..][..columns]) {
-                                *y += a * x;
-                            }
-                        }
-                    }
+            .for_each(|(part, out)| {
+                let mut at = 0;
+                while at < columns {
+                    let width = match columns - at {
+                        1 => self.rows_times::<1>(part * ROWS, block, out, columns, at),
+                        2 | 3 => self.rows_times::<2>(part * ROWS, block, out, columns, at),
+                        4..8 => self.rows_times::<4>(part * ROWS, block, out, columns, at),
+                        8..16 => self.rows_times::<8>(part * ROWS, block, out, columns, at),
+                        _ => self.rows_times::<16>(part * ROWS, block, out, columns, at),
+                    };
+                    at += width;
                 }
             });
     }
 
-    /// Rows from `first` on, with the width known to the compiler: the sums stay in registers.
-    fn rows_times<const C: usize>(&self, first: usize, block: &[T], out: &mut [T]) {
-        let (rows, _) = block.as_chunks::<C>();
-        let (out, _) = out.as_chunks_mut::<C>();
-        for (i, y) in out.iter_mut().enumerate() {
+    /// Rows from `first` on and `C` columns from `at` on, with their number known to the compiler: the
+    /// sums stay in registers.
+    fn rows_times<const C: usize>(
+        &self,
+        first: usize,
+        block: &[T],
+        out: &mut [T],
+        columns: usize,
+        at: usize,
+    ) -> usize {
+        for (i, y) in out.chunks_exact_mut(columns).enumerate() {
             let mut sum = [T::default(); C];
             for (j, a) in self.row(first + i) {
-                for (s, &x) in sum.iter_mut().zip(&rows[j]) {
+                let x = &block[j * columns + at..][..C];
+                for (s, &x) in sum.iter_mut().zip(x) {
                     *s += a * x;
                 }
             }
-            *y = sum;
+            y[at..at + C].copy_from_slice(&sum);
         }
+        C
     }
 
     /// The same pattern with other values: `value(row, column, old)`.
     pub fn map(&self, value: impl Fn(usize, usize, T) -> T + Sync) -> Self {
-        let mut out = self.clone();
-        for i in 0..self.rows() {
-            for at in self.starts[i]..self.starts[i + 1] {
-                out.values[at] = value(i, self.indices[at] as usize, self.values[at]);
-            }
+        let parts: Vec<Vec<T>> = (0..self.rows().div_ceil(ROWS))
+            .into_par_iter()
+            .map(|part| {
+                let rows = part * ROWS..((part + 1) * ROWS).min(self.rows());
+                let entries = rows.flat_map(|i| self.row(i).map(move |(j, a)| (i, j, a)));
+                entries.map(|(i, j, a)| value(i, j, a)).collect()
+            })
+            .collect();
+        Self {
+            columns: self.columns,
+            starts: self.starts.clone(),
+            indices: self.indices.clone(),
+            values: parts.concat(),
         }
-        out
     }
 
     /// `A + s B`, with the union of both patterns.
@@ -368,9 +394,11 @@ impl<T: Scalar> SparseMatrix<T> {
             });
         }
         let largest: Vec<f64> = (0..self.rows())
+            .into_par_iter()
+            .with_min_len(ROWS)
             .map(|i| self.row(i).fold(0.0, |m, (_, a)| a.norm_squared().max(m)))
             .collect();
-        for i in 0..self.rows() {
+        let check_row = |i: usize| {
             for (j, a) in self.row(i) {
                 if !a.finite() {
                     return Err(Error::NotFinite { row: i, column: j });
@@ -380,8 +408,15 @@ impl<T: Scalar> SparseMatrix<T> {
                     return Err(Error::NotSymmetric { row: i, column: j });
                 }
             }
-        }
-        Ok(())
+            Ok(())
+        };
+        // The first complaint in the order of rows.
+        (0..self.rows())
+            .into_par_iter()
+            .with_min_len(ROWS)
+            .map(check_row)
+            .find_first(Result::is_err)
+            .unwrap_or(Ok(()))
     }
 }
 

@@ -45,13 +45,6 @@ impl Columns {
         blocks.map(|b| Tall::of(&b.values, b.columns)).collect()
     }
 
-    pub(super) fn column(&self, j: usize) -> Vec<f64> {
-        let at = self.blocks.partition_point(|b| b.first <= j) - 1;
-        let block = &self.blocks[at];
-        let values = block.values[j - block.first..].iter();
-        values.step_by(block.columns).copied().collect()
-    }
-
     pub(super) fn last(&self) -> &[f64] {
         self.blocks.last().map_or(&[], |b| &b.values)
     }
@@ -128,10 +121,21 @@ impl<'a> Basis<'a> {
         }
     }
 
-    /// Makes a block W orthonormal, and orthogonal to the columns before `locked` and from `near` on;
-    /// adds to what was taken off it. A column that depends on the others is replaced by a random
-    /// one, orthogonal to all, with a zero in R.
+    /// Makes a block W orthonormal, and orthogonal to the columns before the first number and from the
+    /// second on; adds to what was taken off it. A column that depends on the others is replaced by a
+    /// random one, orthogonal to all, with a zero in R.
     pub(super) fn orthonormalize(
+        &self,
+        w: &mut [f64],
+        b: usize,
+        near: (usize, usize),
+        taken: &mut Taken,
+        seed: &mut u64,
+    ) {
+        crate::parallel::inside(|| self.orthonormalize_here(w, b, near, taken, seed));
+    }
+
+    fn orthonormalize_here(
         &self,
         w: &mut [f64],
         b: usize,
@@ -179,7 +183,12 @@ impl<'a> Basis<'a> {
     fn rows_among(&self, locked: usize, near: usize) -> Vec<Range<usize>> {
         let wanted = |b: &&Block| b.first < locked || b.first >= near;
         let rows = |b: &Block| b.first..b.first + b.columns;
-        self.columns.blocks.iter().filter(wanted).map(rows).collect()
+        self.columns
+            .blocks
+            .iter()
+            .filter(wanted)
+            .map(rows)
+            .collect()
     }
 }
 

@@ -39,8 +39,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
     // A known null vector is not searched for: it stays the first column.
     let locked = usize::from(pencil.constants_vanish());
     if locked == 1 {
-        let total: f64 = pencil.mass_times(&vec![1.0; n], 1).iter().sum();
-        basis.columns.push(vec![1.0 / total.sqrt(); n], 1);
+        basis.columns.push(pencil.constant(), 1);
         images.push(vec![0.0; n], 1);
         h.push(0.0);
     }
@@ -98,7 +97,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
             );
             let mut out = Vec::with_capacity(k + 1);
             if locked == 1 {
-                out.push((0.0, basis.columns.column(0)));
+                out.push((0.0, pencil.constant()));
             }
             out.extend(rayleigh_ritz(pencil, &x, count)?);
             return Ok(out);
@@ -207,36 +206,17 @@ fn residuals(
     out
 }
 
-/// The norm of each column.
+/// The norm of each column; 1 for a column of zeros.
 fn norms(block: &[f64], columns: usize) -> Vec<f64> {
-    squares(block, columns, |_| 1.0)
+    roots(dense::squares(block, columns, |_| 1.0))
 }
 
-/// The norm of each column in the inverse lumped mass.
+/// The norm of each column in the inverse lumped mass; 1 for a column of zeros.
 fn weighted_norms(pencil: &Pencil<'_>, block: &[f64], columns: usize) -> Vec<f64> {
-    squares(block, columns, |i| 1.0 / pencil.lumped[i])
+    roots(dense::squares(block, columns, |i| 1.0 / pencil.lumped[i]))
 }
 
-fn squares(block: &[f64], columns: usize, weight: impl Fn(usize) -> f64 + Sync) -> Vec<f64> {
-    let rows = block.len() / columns;
-    let parts = crate::parallel::fold_chunks(rows, |range| {
-        let mut sums = vec![0.0; columns];
-        for i in range {
-            let weight = weight(i);
-            for (s, x) in sums.iter_mut().zip(&block[i * columns..]) {
-                *s += weight * x * x;
-            }
-        }
-        sums
-    });
-    let mut total = vec![0.0; columns];
-    for part in parts {
-        for (t, p) in total.iter_mut().zip(part) {
-            *t += p;
-        }
-    }
-    total
-        .into_iter()
-        .map(|t| if t > 0.0 { t.sqrt() } else { 1.0 })
-        .collect()
+fn roots(squares: Vec<f64>) -> Vec<f64> {
+    let root = |s: f64| if s > 0.0 { s.sqrt() } else { 1.0 };
+    squares.into_iter().map(root).collect()
 }

@@ -6,6 +6,8 @@
 
 use std::borrow::Cow;
 
+use rayon::prelude::*;
+
 use super::basis::{Basis, Taken, random_block};
 use super::{Error, Options, Pair, Pencil, Report, SpectralBackend, not_finite, rayleigh_ritz};
 use crate::Run;
@@ -14,7 +16,7 @@ use crate::linalg::dense::{self, Tall};
 use crate::linalg::{Cholesky, Symbolic};
 
 /// Overlap of a new block with an older one at which it is orthogonalized anew.
-const DRIFT: f64 = 1e-9;
+const DRIFT: f64 = 1e-12;
 /// What one step of rounding adds to an overlap, of the size of the operator.
 const ROUNDING: f64 = 1e-14;
 
@@ -51,22 +53,20 @@ impl<'a> Inverse<'a> {
         Ok(image)
     }
 
-    /// The constant, an eigenvector where K maps constants to zero.
-    fn constant(&self, pencil: &Pencil<'_>) -> Vec<f64> {
-        let n = pencil.rows();
-        let total: f64 = pencil.mass_times(&vec![1.0; n], 1).iter().sum();
-        match &self.roots {
-            Some(roots) => roots.iter().map(|r| r / total.sqrt()).collect(),
-            None => vec![1.0 / total.sqrt(); n],
+    /// From vectors of the pencil to those of this operator.
+    fn adopt(&self, mut vector: Vec<f64>) -> Vec<f64> {
+        if let Some(roots) = &self.roots {
+            vector.iter_mut().zip(roots).for_each(|(x, r)| *x *= r);
         }
+        vector
     }
 
     /// From vectors of this operator to those of the pencil.
     fn restore(&self, block: &mut [f64], columns: usize) {
         if let Some(roots) = &self.roots {
-            for (row, root) in block.chunks_mut(columns).zip(roots) {
-                row.iter_mut().for_each(|x| *x /= root);
-            }
+            let rows = block.par_chunks_mut(columns).zip(roots);
+            rows.with_min_len(4096)
+                .for_each(|(row, root)| row.iter_mut().for_each(|x| *x /= root));
         }
     }
 }
@@ -89,14 +89,14 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
     let block = options.block;
     // Enough room that a restart keeps a good part of the space.
     let keep = k + 1 + block;
-    let room = keep + (2 * k).max(8 * block);
+    let room = keep + (5 * k / 2).max(12 * block);
     let mut basis = Basis::new(inverse.mass);
     let mut h = Projected::new(room + block);
 
     // A known null vector is not searched for.
     let locked = usize::from(pencil.constants_vanish());
     if locked == 1 {
-        basis.columns.push(inverse.constant(pencil), 1);
+        basis.columns.push(inverse.adopt(pencil.constant()), 1);
         h.set(0, 0, -1.0 / shift);
     }
     let mut seed = options.seed;
@@ -157,7 +157,9 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
                 f64::INFINITY
             }
         };
-        ready = (0..k).take_while(|&j| j < locked || share(j) <= 1.0).count();
+        ready = (0..k)
+            .take_while(|&j| j < locked || share(j) <= 1.0)
+            .count();
         checks.plan(m, block, (locked..k).map(share).fold(0.0, f64::max));
         if ready == k || (full && restarts == options.max_restarts) {
             report.restarts += restarts;
@@ -248,7 +250,10 @@ impl Drift {
         } else {
             vec![0.0; m * b]
         };
-        let size = ROUNDING * t.iter().skip(locked * (m + 1)).fold(0.0, |s, &x| f64::max(s, x.abs()));
+        let size = ROUNDING
+            * t.iter()
+                .skip(locked * (m + 1))
+                .fold(0.0, |s, &x| f64::max(s, x.abs()));
         let overlap = image.iter().zip(&own).zip(&old).map(|((i, o), b)| {
             let sum = i - o - b;
             sum + size.copysign(sum)
@@ -327,9 +332,7 @@ fn finish(
 
     let mut out = Vec::with_capacity(count + locked);
     if locked == 1 {
-        let mut constant = basis.columns.column(0);
-        inverse.restore(&mut constant, 1);
-        out.push((0.0, constant));
+        out.push((0.0, pencil.constant()));
     }
     out.extend(rayleigh_ritz(pencil, &x, count)?);
     Ok(out)

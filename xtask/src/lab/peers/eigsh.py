@@ -1,9 +1,9 @@
 """The smallest eigenpairs of K x = lambda M x by SciPy's eigsh in shift-invert mode, once with its own
 factorization (superlu) and once with CHOLMOD (cholmod).
 
-    eigsh.py FOLDER SHIFT SOLVER,... COUNT...
+    eigsh.py FOLDER SHIFT SOLVER,... THREADS COUNT...
 
-FOLDER holds starts.u64, indices.u32, values.f64 (K in compressed rows) and mass.f64 (the diagonal of
+THREADS is the number of threads of the dense products (BLAS), 0 for what is the default. FOLDER holds starts.u64, indices.u32, values.f64 (K in compressed rows) and mass.f64 (the diagonal of
 M). Prints a list with, per count and solver, the values, wall seconds and CPU seconds."""
 
 import json
@@ -11,8 +11,9 @@ import os
 import sys
 import time
 
-# Vectors of this size gain nothing from threads, and waiting threads would count as time spent.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
+# Read when NumPy is loaded.
+if sys.argv[4] != "0":
+    os.environ["OPENBLAS_NUM_THREADS"] = sys.argv[4]
 
 import numpy as np
 import scipy.sparse as sp
@@ -39,7 +40,7 @@ def cholmod(matrix):
 
 def main():
     folder, shift, solvers = sys.argv[1], float(sys.argv[2]), sys.argv[3].split(",")
-    counts = [int(c) for c in sys.argv[4:]]
+    counts = [int(c) for c in sys.argv[5:]]
     read = lambda name, kind: np.fromfile(f"{folder}/{name}", dtype=kind)
     starts = read("starts.u64", "<u8").astype(np.int64)
     n = len(starts) - 1
