@@ -6,7 +6,8 @@ use geom_core::{Agreement, Backend, Lattice};
 use crate::error::Error;
 use crate::options::Cutoff;
 use crate::prepared::Prepared;
-use crate::sites::{RefitSums, SiteCell};
+use crate::sites::SiteCell;
+use crate::terms::RefitSums;
 
 /// Bricks per side of a block.
 pub const BLOCK: usize = 4;

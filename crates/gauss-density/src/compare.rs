@@ -26,6 +26,9 @@ pub struct Comparison {
     pub lost_interior: f64,
 }
 
+/// Points of surfaces lie above this density, and so does what is compared with them.
+pub(crate) const NEAR: f64 = 0.25;
+
 /// Compares the surface of a model with that of the original on the lattice of `options`.
 pub fn compare<B: DensityBackend + ?Sized>(
     model: &Model,
@@ -34,7 +37,7 @@ pub fn compare<B: DensityBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Comparison, Error> {
     options.check()?;
-    let sampler = PointSampler::new(original, Cutoff::AfterPowers(1e-6))?;
+    let sampler = PointSampler::above(NEAR, original, Cutoff::AfterPowers(1e-5))?;
     let options = Options {
         bounds: Some(lattice_of(sampler.prepared(), options)?.bounds()),
         ..options.clone()
@@ -51,7 +54,7 @@ pub(crate) fn compare_on<B: DensityBackend + ?Sized>(
 ) -> Result<Comparison, Error> {
     let new = sample_band(model, options, run)?.grid;
     let old = sample_band(original.prepared().model(), options, run)?.grid;
-    let sampler = PointSampler::new(model, Cutoff::AfterPowers(1e-6))?;
+    let sampler = PointSampler::above(NEAR, model, Cutoff::AfterPowers(1e-5))?;
     let lattice = *new.lattice();
     let [nx, ny, nz] = lattice.counts;
     let high = options.band[1];
@@ -71,7 +74,7 @@ pub(crate) fn compare_on<B: DensityBackend + ?Sized>(
                         let mut q = p;
                         q[axis] += 1;
                         if q[axis] < lattice.counts[axis] && (new.at(q) >= 1.0) != inside {
-                            let at = root_on_edge(&sampler, &lattice, p, q);
+                            let at = root_on_edge(&sampler, &new, p, q);
                             let exact = original.value(&at);
                             // Inner surfaces of a hollow body have no counterpart.
                             if exact < high {

@@ -12,7 +12,8 @@ use crate::members::{self, Cell, Members};
 use crate::options::Cutoff;
 use crate::plain;
 use crate::prepared::{Prepared, lattice_box};
-use crate::sites::{self, RefitSums, SiteCell};
+use crate::sites::{self, SiteCell};
+use crate::terms::{self, RefitSums};
 
 impl DensityBackend for Cpu {
     fn sample_blocks(
@@ -39,7 +40,9 @@ impl DensityBackend for Cpu {
         let model = model.model();
         let parts: Vec<Vec<f64>> = cells
             .par_iter()
-            .map(|cell| sites::errors_of_cell(cell, model))
+            .map_init(terms::Scratch::default, |scratch, cell| {
+                terms::errors_of_cell(cell, model, scratch)
+            })
             .collect();
         let sums = sites::scatter(cells, &parts, model.atoms(), |part, i| [part[i]]);
         Ok(sums.into_iter().map(|[sum]| sum).collect())
@@ -49,7 +52,9 @@ impl DensityBackend for Cpu {
         let model = model.model();
         let parts: Vec<RefitSums> = cells
             .par_iter()
-            .map(|cell| sites::refit_of_cell(cell, model))
+            .map_init(terms::Scratch::default, |scratch, cell| {
+                terms::refit_of_cell(cell, model, scratch)
+            })
             .collect();
         let atoms = model.atoms();
         Ok(RefitSums {

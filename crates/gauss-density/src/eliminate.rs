@@ -9,14 +9,15 @@ use rayon::prelude::*;
 
 use crate::backend::DensityBackend;
 use crate::band::sample_band;
-use crate::compare::{Comparison, compare_on};
+use crate::compare::{Comparison, NEAR, compare_on};
 use crate::error::{Error, require};
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
 use crate::point::PointSampler;
 use crate::prepared::Prepared;
 use crate::sample::lattice_of;
-use crate::sites::{self, SiteCell, Terms, Wanted, without};
+use crate::sites::{self, SiteCell, Wanted};
+use crate::terms::{self, CellSums};
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -158,7 +159,7 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
 ) -> Result<Eliminated, Error> {
     options.check()?;
     let sample_eps = (SAMPLE_EPS * options.epsilon).clamp(1e-7, 1e-4);
-    let sampler = PointSampler::new(model, Cutoff::AfterPowers(sample_eps))?;
+    let sampler = PointSampler::above(NEAR, model, Cutoff::AfterPowers(sample_eps))?;
     let sampling = Options {
         bounds: Some(lattice_of(sampler.prepared(), &options.sampling())?.bounds()),
         ..options.sampling()
@@ -201,20 +202,24 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
         let mut state = State::new(sampler.prepared(), &cells, options.max_memory)?;
         // Far atoms and rounding take their part.
         let epsilon = options.epsilon - 4.0 * sample_eps - 1e-6;
-        for (tried, &atom) in order.iter().enumerate() {
-            if tried % 64 == 0 {
-                run.progress("elimination", tried as u64, order.len() as u64)?;
-            }
-            match state.loss_without(atom, epsilon) {
-                Some(loss) => {
-                    state.remove(atom);
-                    kept[atom as usize] = false;
-                    report.worst_loss = report.worst_loss.max(loss);
-                }
-                None => {
-                    report.first_failure.get_or_insert(atom);
-                    if options.stop == Stop::FirstFailure {
-                        break;
+        'all: for (batch, atoms) in order.chunks(BATCH).enumerate() {
+            run.progress("elimination", (batch * BATCH) as u64, order.len() as u64)?;
+            let losses = state.losses_without(atoms, epsilon);
+            state.start_batch();
+            for (&atom, loss) in atoms.iter().zip(losses) {
+                // Atoms that went in the meantime only raise a loss, and only where they mattered.
+                let loss = loss.and_then(|loss| state.loss_now(atom, loss, epsilon));
+                match loss {
+                    Some(loss) => {
+                        state.remove(atom);
+                        kept[atom as usize] = false;
+                        report.worst_loss = report.worst_loss.max(loss);
+                    }
+                    None => {
+                        report.first_failure.get_or_insert(atom);
+                        if options.stop == Stop::FirstFailure {
+                            break 'all;
+                        }
                     }
                 }
             }
@@ -236,21 +241,22 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
     })
 }
 
+/// Atoms that are tried side by side before they are tried in order. A fixed number, so that the result does
+/// not depend on the threads.
+const BATCH: usize = 64;
+
 /// The current sums at all samples.
 struct State<'a> {
     cells: &'a [SiteCell],
-    sums: Vec<CellSums>,
+    sums: Vec<CellSums<f32>>,
+    /// Has an atom of this batch been removed from the cell?
+    changed: Vec<bool>,
     /// Where each atom's places start.
     starts: Vec<usize>,
     /// Cell and place in it, atom by atom.
     places: Vec<(u32, u32)>,
-}
-
-/// Flat terms and factors per point of a cell, and the scale of the root's terms.
-struct CellSums {
-    terms: Vec<f32>,
-    factors: Vec<f32>,
-    scale: Vec<f64>,
+    left: Vec<f64>,
+    rows: Vec<(usize, Vec<f64>)>,
 }
 
 impl<'a> State<'a> {
@@ -258,7 +264,9 @@ impl<'a> State<'a> {
         let model = model.model();
         let numbers: u128 = cells
             .iter()
-            .map(|c| c.points.len() as u128 * (2 * c.nodes() - c.atoms.len()) as u128)
+            .map(|c| {
+                c.points.len().next_multiple_of(8) as u128 * (2 * c.nodes() - c.atoms.len()) as u128
+            })
             .sum();
         if numbers * 4 > u128::from(max_memory) {
             return Err(Error::TooManySites {
@@ -269,21 +277,8 @@ impl<'a> State<'a> {
         }
         let sums = cells
             .par_iter()
-            .map(|cell| {
-                let mut now = Terms::default();
-                let mut sums = CellSums {
-                    terms: Vec::with_capacity(cell.points.len() * cell.nodes()),
-                    factors: Vec::new(),
-                    scale: Vec::with_capacity(cell.points.len()),
-                };
-                for x in &cell.points {
-                    now.fill(cell, model, x);
-                    sums.terms
-                        .extend(now.term.iter().flatten().map(|&t| t as f32));
-                    sums.factors.extend(now.factors().map(|f| f as f32));
-                    sums.scale.push(now.scale());
-                }
-                sums
+            .map_init(terms::Scratch::default, |scratch, cell| {
+                terms::sums_of_cell(cell, model, scratch)
             })
             .collect();
         let mut counts = vec![0u32; model.atoms()];
@@ -300,10 +295,13 @@ impl<'a> State<'a> {
             }
         }
         Ok(Self {
+            changed: vec![false; cells.len()],
             cells,
             sums,
             starts,
             places,
+            left: Vec::new(),
+            rows: Vec::new(),
         })
     }
 
@@ -311,46 +309,56 @@ impl<'a> State<'a> {
         &self.places[self.starts[atom as usize]..self.starts[atom as usize + 1]]
     }
 
-    /// The largest share of its density that a sample loses without the atom, if all are within `epsilon`.
-    fn loss_without(&self, atom: u32, epsilon: f64) -> Option<f64> {
-        let mut worst: f64 = 0.0;
-        for &(c, k) in self.places(atom) {
-            let (cell, sums) = (&self.cells[c as usize], &self.sums[c as usize]);
-            let (nodes, inner) = (cell.nodes(), cell.nodes() - cell.atoms.len());
-            for (p, &target) in cell.target.iter().enumerate() {
-                let terms = &sums.terms[p * nodes..][..nodes];
-                if terms[k as usize] == 0.0 {
-                    continue;
+    /// For each atom the largest share of its density that a sample loses without it, if all are within
+    /// `epsilon`.
+    fn losses_without(&self, atoms: &[u32], epsilon: f64) -> Vec<Option<f64>> {
+        atoms
+            .par_iter()
+            .map_init(Vec::new, |left, &atom| {
+                let mut worst = 0.0;
+                for &place in self.places(atom) {
+                    worst = self.loss_at(place, epsilon, left)?.max(worst);
                 }
-                let factors = &sums.factors[p * inner..][..inner];
-                let left = without(cell, terms, factors, k as usize, |_, _| ()) * sums.scale[p];
-                let loss = (target - left) / target;
-                if loss > epsilon {
-                    return None;
+                Some(worst)
+            })
+            .collect()
+    }
+
+    /// Forgets which cells have changed.
+    fn start_batch(&mut self) {
+        self.changed.fill(false);
+    }
+
+    /// The same for one atom, given the loss from before the cells changed that have changed.
+    fn loss_now(&mut self, atom: u32, before: f64, epsilon: f64) -> Option<f64> {
+        let mut left = std::mem::take(&mut self.left);
+        let mut worst = Some(before);
+        for &place in self.places(atom) {
+            if self.changed[place.0 as usize] {
+                let loss = self.loss_at(place, epsilon, &mut left);
+                worst = worst.zip(loss).map(|(a, b)| a.max(b));
+                if worst.is_none() {
+                    break;
                 }
-                worst = worst.max(loss);
             }
         }
-        Some(worst)
+        self.left = left;
+        worst
+    }
+
+    /// The largest loss in a cell without one of its atoms, if it is within `epsilon`.
+    fn loss_at(&self, (c, k): (u32, u32), epsilon: f64, left: &mut Vec<f64>) -> Option<f64> {
+        let (cell, sums) = (&self.cells[c as usize], &self.sums[c as usize]);
+        let worst = sums.loss_without(cell, k as usize, left);
+        (worst <= epsilon).then_some(worst)
     }
 
     fn remove(&mut self, atom: u32) {
-        let mut changed: Vec<(usize, f64)> = Vec::new();
         for at in self.starts[atom as usize]..self.starts[atom as usize + 1] {
             let (c, k) = self.places[at];
             let (cell, sums) = (&self.cells[c as usize], &mut self.sums[c as usize]);
-            let (nodes, inner) = (cell.nodes(), cell.nodes() - cell.atoms.len());
-            for p in 0..cell.points.len() {
-                let terms = &mut sums.terms[p * nodes..][..nodes];
-                let factors = &sums.factors[p * inner..][..inner];
-                changed.clear();
-                without(cell, terms, factors, k as usize, |i, value| {
-                    changed.push((i, value));
-                });
-                for &(i, value) in &changed {
-                    terms[i] = value as f32;
-                }
-            }
+            sums.remove(cell, k as usize, &mut self.left, &mut self.rows);
+            self.changed[c as usize] = true;
         }
     }
 }

@@ -10,6 +10,7 @@ mod direct;
 mod eliminate;
 mod error;
 mod fast;
+mod field;
 mod low_pass;
 mod members;
 mod method;
@@ -22,6 +23,7 @@ mod reach;
 mod refit;
 mod sample;
 mod sites;
+mod terms;
 #[cfg(feature = "testing")]
 pub mod testing;
 #[cfg(feature = "wgpu")]
@@ -44,4 +46,5 @@ pub use point::{AtomGradient, PointSampler};
 pub use prepared::Prepared;
 pub use refit::{Refit, RefitReport, Refitted, refit};
 pub use sample::{Report, Sampled, sample};
-pub use sites::{RefitSums, SiteCell};
+pub use sites::SiteCell;
+pub use terms::RefitSums;

@@ -5,6 +5,7 @@ use geom_core::{Aabb, ImplicitField, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::error::Error;
+use crate::field;
 use crate::members::{Members, Scratch};
 use crate::model::Model;
 use crate::options::Cutoff;
@@ -50,6 +51,11 @@ impl<'a> PointSampler<'a> {
     /// Prepares the cells. [`Cutoff::AfterPowers`] bounds the relative loss everywhere; a bare cut-off has
     /// no gradient on the cut spheres and is refused.
     pub fn new(model: &'a Model, cutoff: Cutoff) -> Result<Self, Error> {
+        Self::above(FLOOR, model, cutoff)
+    }
+
+    /// For points near the surface: the loss is bounded where the density is above `floor`.
+    pub(crate) fn above(floor: f64, model: &'a Model, cutoff: Cutoff) -> Result<Self, Error> {
         cutoff.check()?;
         let Cutoff::AfterPowers(eps) = cutoff else {
             return Err(Error::InvalidOption {
@@ -75,7 +81,7 @@ impl<'a> PointSampler<'a> {
             starts: Vec::new(),
             members: Vec::new(),
         };
-        let lists = sampler.cull_cells(eps);
+        let lists = sampler.cull_cells(eps, floor);
         sampler.starts = Vec::with_capacity(lists.len() + 1);
         sampler.starts.push(0);
         for list in lists {
@@ -85,12 +91,12 @@ impl<'a> PointSampler<'a> {
         Ok(sampler)
     }
 
-    fn cull_cells(&self, eps: f64) -> Vec<Vec<u32>> {
+    fn cull_cells(&self, eps: f64, floor: f64) -> Vec<Vec<u32>> {
         // Slabs of cells share a first, coarse cull.
         const SIDE: usize = 4;
         let groups = self.cells.map(|n| n.div_ceil(SIDE));
         let clusters = self.model.clusters();
-        let reach = self.model.reach.radius(eps / 4.0, FLOOR);
+        let reach = self.model.reach.radius(eps / 4.0, floor);
         let lists: Vec<Vec<(usize, Vec<u32>)>> = (0..groups.iter().product::<usize>())
             .into_par_iter()
             .map_init(Scratch::default, |scratch, group| {
@@ -102,13 +108,13 @@ impl<'a> PointSampler<'a> {
                 let near = self.model.near(&clusters, &around, reach);
                 let atoms = self.model.atoms_near(&near, &around, reach);
                 let all = Members::gather(&self.model.tree, &atoms);
-                all.cull_into(&(&around).into(), eps / 4.0, FLOOR, scratch, &mut coarse);
+                all.cull_into(&(&around).into(), eps / 4.0, floor, scratch, &mut coarse);
                 let mut lists = Vec::new();
                 for z in low[2]..high[2] {
                     for y in low[1]..high[1] {
                         for x in low[0]..high[0] {
                             let cell = self.cell_box([x, y, z], [x + 1, y + 1, z + 1]);
-                            coarse.cull_into(&(&cell).into(), eps / 2.0, FLOOR, scratch, &mut kept);
+                            coarse.cull_into(&(&cell).into(), eps / 2.0, floor, scratch, &mut kept);
                             let index = (z * self.cells[1] + y) * self.cells[0] + x;
                             lists.push((index, kept.atom.clone()));
                         }
@@ -212,7 +218,7 @@ impl ImplicitField for PointSampler<'_> {
             return 0.0;
         }
         match self.members_at(x) {
-            Some(members) => plain::value(&self.model.tree, members.iter().copied(), x),
+            Some(members) => field::value(&self.model.tree, members, x),
             None => plain::value(&self.model.tree, self.all(), x),
         }
     }
@@ -222,7 +228,7 @@ impl ImplicitField for PointSampler<'_> {
             return (0.0, Vector3::zeros());
         }
         match self.members_at(x) {
-            Some(members) => plain::value_gradient(&self.model.tree, members.iter().copied(), x),
+            Some(members) => field::value_gradient(&self.model.tree, members, x),
             None => plain::value_gradient(&self.model.tree, self.all(), x),
         }
     }

@@ -6,14 +6,15 @@ use rayon::prelude::*;
 
 use crate::backend::DensityBackend;
 use crate::band::sample_band;
-use crate::compare::{Comparison, compare_on};
+use crate::compare::{Comparison, NEAR, compare_on};
 use crate::error::{Error, require};
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
 use crate::point::PointSampler;
 use crate::prepared::Prepared;
 use crate::sample::lattice_of;
-use crate::sites::{self, RefitSums, SiteCell, Wanted};
+use crate::sites::{self, SiteCell, Wanted};
+use crate::terms::RefitSums;
 
 /// The share of the density that may be lost by leaving out far atoms in the sums of samples.
 const SAMPLE_EPS: f64 = 2e-5;
@@ -126,7 +127,7 @@ pub fn refit<B: DensityBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Refitted, Error> {
     options.check()?;
-    let sampler = PointSampler::new(original, Cutoff::AfterPowers(SAMPLE_EPS))?;
+    let sampler = PointSampler::above(NEAR, original, Cutoff::AfterPowers(SAMPLE_EPS))?;
     let sampling = Options {
         bounds: Some(lattice_of(sampler.prepared(), &options.sampling())?.bounds()),
         ..options.sampling()

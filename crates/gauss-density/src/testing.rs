@@ -7,7 +7,8 @@ use proptest::prelude::*;
 use crate::model::Model;
 use crate::plain;
 use crate::prepared::Prepared;
-use crate::sites::{self, RefitSums, SiteCell};
+use crate::sites::{self, SiteCell};
+use crate::terms::RefitSums;
 
 /// A compact, protein-like structure: `chains` random walks of residues with seven atoms each, folded into a
 /// ball. The same numbers give the same structure.

@@ -17,7 +17,8 @@ use crate::members::Members;
 use crate::model::{Level, Model};
 use crate::options::Cutoff;
 use crate::prepared::Prepared;
-use crate::sites::{self, RefitSums, SiteCell};
+use crate::sites::{self, SiteCell};
+use crate::terms::RefitSums;
 
 /// Levels whose powers are not all 1, at most: the kernels keep one open sum per level.
 const MAX_DEPTH: usize = 8;

@@ -4,36 +4,158 @@
 use std::path::Path;
 use std::time::Instant;
 
-use gauss_density::{Levels, Model, Options, Sampled, sample, sample_band};
+use gauss_density::{Cutoff, Levels, Method, Model, Options, Sampled, sample, sample_band};
 use geom_core::io::structure::{ReadOptions, read};
-use geom_core::{Cpu, LatticeValues, Run, ScalarGrid, Structure};
+use geom_core::{Aabb, Cpu, LatticeValues, Run, ScalarGrid, Structure, Vector3};
 
 use super::{answer, number, python};
 use crate::{Outcome, root};
 
 const CUT: f64 = 1e-4;
 
-/// Compares on one small and, when it is at hand, one large structure.
+/// Compares on one small structure and, when they are at hand, larger ones.
 pub(crate) fn run() -> Outcome {
     let python = python::with(&["numpy", "numba", "vtk"])?;
     let peers = root().join("xtask/src/lab/peers");
     let threads = rayon::current_num_threads();
     println!("{threads} threads, one level, decay 1, cut {CUT:.0e}; best of three");
-    let mut inputs = vec![(fixtures::path("1A8O.pdb"), 0.25)];
-    match fixtures::shared("large/30s_from_4v5a.cif.gz") {
-        Some(path) => inputs.push((path, 0.8)),
-        None => println!("the large structure is not at hand: only the bundled one"),
-    }
+    // A large one at two spacings: few points per atom, and many.
+    let inputs = [
+        (Some(fixtures::path("1A8O.pdb")), 0.25, true),
+        (fixtures::shared("pdb/1su4.pdb"), 0.25, false),
+        (fixtures::shared("large/30s_from_4v5a.cif.gz"), 0.8, true),
+        (fixtures::shared("large/30s_from_4v5a.cif.gz"), 0.4, false),
+    ];
     let folder = root().join("target/bench-peers");
     std::fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
-    for (path, spacing) in inputs {
+    for (path, spacing, with_surface) in inputs {
+        let Some(path) = path else {
+            println!("a larger structure is not at hand: row left out");
+            continue;
+        };
         let structure = read(&path, &ReadOptions::default())
             .map_err(|e| e.to_string())?
             .structure;
         let dense = density(&structure, spacing, &folder, &python, &peers, threads)?;
-        surface(&dense, &folder, &python, &peers, threads)?;
+        if with_surface {
+            surface(&dense, &folder, &python, &peers, threads)?;
+        }
+    }
+    for row in LARGE {
+        if let Some(line) = row.beside_brute_force()? {
+            println!("brute force · {line}");
+        }
     }
     Ok(())
+}
+
+/// A structure of the thesis's size, sampled as there, at ε = 1e-3.
+pub(crate) struct Row {
+    pub(crate) name: &'static str,
+    pub(crate) file: &'static str,
+    pub(crate) assembly: Option<&'static str>,
+    pub(crate) spacing: f64,
+    /// Of residues and chains.
+    pub(crate) powers: [f64; 2],
+    /// What the thesis has for the structure that this one stands for.
+    pub(crate) thesis: &'static str,
+}
+
+/// From 2 thousand to 1 million atoms.
+pub(crate) const LARGE: [Row; 5] = [
+    Row {
+        name: "1A63 itself",
+        file: "pdb/1a63.pqr",
+        assembly: None,
+        spacing: 0.25,
+        powers: [0.5, 1.0],
+        thesis: "CPU 1.50 s, GPU 0.35 s",
+    },
+    Row {
+        name: "2TMV × 49 for 2W4U",
+        file: "large/2tmv.pdb",
+        assembly: Some("1"),
+        spacing: 0.52,
+        powers: [0.5, 0.3],
+        thesis: "CPU 37.8 s, GPU 4.8 s",
+    },
+    Row {
+        name: "4V8R for 2W4A",
+        file: "large/4v8r_h36.pdb.gz",
+        assembly: None,
+        spacing: 0.45,
+        powers: [0.2, 0.8],
+        thesis: "CPU 143.5 s, GPU 10.2 s",
+    },
+    Row {
+        name: "7CTH × 60 for 2KU2",
+        file: "large/7cth.cif.gz",
+        assembly: Some("1"),
+        spacing: 1.2,
+        powers: [0.5, 1.0],
+        thesis: "CPU 645 s, GPU 63 s",
+    },
+    Row {
+        name: "7CTH × 60 for 1HTQ",
+        file: "large/7cth.cif.gz",
+        assembly: Some("1"),
+        spacing: 1.2,
+        powers: [0.3, 0.8],
+        thesis: "CPU 1,589 s, GPU 88 s",
+    },
+];
+
+impl Row {
+    /// Our band beside brute force with every lane, one exponential per pair, which is timed on a column
+    /// of points through the middle and scaled. `None` if the structure is not at hand.
+    pub(crate) fn beside_brute_force(&self) -> Result<Option<String>, String> {
+        let Some(path) = fixtures::shared(self.file) else {
+            println!("  {}: not at hand, row left out", self.file);
+            return Ok(None);
+        };
+        let read_options = ReadOptions {
+            assembly: self.assembly.map(Into::into),
+            ..ReadOptions::default()
+        };
+        let structure = read(&path, &read_options)
+            .map_err(|e| e.to_string())?
+            .structure;
+        let levels = Levels {
+            residue_power: self.powers[0],
+            chain_power: self.powers[1],
+            ..Levels::default()
+        };
+        let model = Model::uniform(&structure, &levels).map_err(|e| e.to_string())?;
+        let options = Options {
+            spacing: self.spacing,
+            cutoff: Cutoff::AfterPowers(1e-3),
+            max_memory: 16 << 30,
+            ..Options::default()
+        };
+        let (band, seconds) = best(|| sample_band(&model, &options, Run::on(&Cpu)))?;
+        let middle = model.center_bounds().center();
+        let half = Vector3::new(3.4, 3.4, 31.4) * self.spacing;
+        let column = Options {
+            method: Method::AllAtoms,
+            bounds: Some(Aabb::new(middle - half, middle + half)),
+            ..options
+        };
+        let (part, part_s) = best(|| sample(&model, &column, Run::on(&Cpu)))?;
+        #[expect(clippy::cast_precision_loss, reason = "counts for people")]
+        let (points, of) = (band.report.points as f64, part.report.points as f64);
+        let brute = part_s * points / of;
+        Ok(Some(format!(
+            "{}: {} atoms, {:.0} M points, P {} / {}: band {seconds:.3} s; brute force {brute:.0} s ({of} points \
+             timed), {:.0}×; thesis {}",
+            self.name,
+            model.atoms(),
+            points * 1e-6,
+            self.powers[0],
+            self.powers[1],
+            brute / seconds,
+            self.thesis,
+        )))
+    }
 }
 
 /// One level of Gaussians: our dense lattice and our band against the scatter.

@@ -254,6 +254,12 @@ fn table_3_3() -> Outcome {
             row.join(" | ")
         );
     }
+    println!("  the largest rows, a narrow band at ε = 1e-3 beside brute force in f32 (scaled):");
+    for row in super::bench::LARGE {
+        if let Some(line) = row.beside_brute_force()? {
+            println!("    {line}");
+        }
+    }
     Ok(())
 }
 
