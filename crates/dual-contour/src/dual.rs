@@ -437,7 +437,7 @@ impl Duals {
         }
         for _ in 0..2 {
             for group in points.chunk_by_mut(|x, y| x.tets[0].0 == y.tets[0].0) {
-                group.par_iter_mut().with_min_len(32).for_each(|p| {
+                group.par_iter_mut().with_min_len(8).for_each(|p| {
                     let mut t = 1.0;
                     while t > p.share + 1e-3 && t >= 0.05 {
                         let x = p.base + (p.target - p.base) * t;

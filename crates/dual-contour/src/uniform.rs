@@ -225,6 +225,8 @@ fn points_of<B: ContourBackend + ?Sized>(
 struct Batch {
     triangles: Vec<[u32; 3]>,
     added: Vec<Point3>,
+    /// The parts that triangles name.
+    parts: Vec<u32>,
 }
 
 /// Edges that wait until there are enough of them.
@@ -336,16 +338,9 @@ fn emit(sheet: Sheet<'_>, probe: &Probe<'_>, cut: Option<Cut<'_>>, report: &mut 
 
     // Cells, then the parts that are used, then added points.
     let cells = sheet.points.len() as u32;
-    let mut parts: Vec<u32> = Vec::new();
-    if cut.is_some() {
-        for t in batches.iter().flat_map(|b| &b.triangles).flatten() {
-            if *t >= cells && *t & ADDED == 0 {
-                parts.push(*t);
-            }
-        }
-        parts.sort_unstable();
-        parts.dedup();
-    }
+    let mut parts: Vec<u32> = batches.iter().flat_map(|b| &b.parts).copied().collect();
+    parts.sort_unstable();
+    parts.dedup();
     let counts: Vec<u32> = batches.iter().map(|b| b.added.len() as u32).collect();
     let starts = geom_core::parallel::starts_of(&counts);
     let first_added = cells + parts.len() as u32;
@@ -447,7 +442,9 @@ impl Cut<'_> {
                     let vertex = sheet.vertex(complex.leaf(v).origin());
                     vertex.expect("cut cells are named by their parts")
                 } else {
-                    sheet.points.len() as u32 + v - self.parts
+                    let part = sheet.points.len() as u32 + v - self.parts;
+                    out.parts.push(part);
+                    part
                 }
             })
         }));
