@@ -100,7 +100,7 @@ fn add_product_part(
     from: usize,
 ) {
     let m = width(a);
-    let mut add = |out: &mut [f64], a: MatRef<'_, f64>, c: &[f64]| {
+    let add = |out: &mut [f64], a: MatRef<'_, f64>, c: &[f64]| {
         matmul(
             MatMut::from_row_major_slice_mut(out, a.nrows(), columns),
             Accum::Add,
