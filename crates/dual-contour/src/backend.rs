@@ -13,6 +13,10 @@ pub const BLOCK_CELLS: usize = 512;
 
 /// Where the kernels of this crate run.
 pub trait ContourBackend: Backend {
+    /// How many blocks, or the cells with a surface of how many, one call gets where there are more.
+    /// Calls come from several threads.
+    fn blocks_per_call(&self) -> usize;
+
     /// The lowest and the highest of each block's [`BLOCK_POINTS`] values. Owes [`MIN_MAX`].
     fn min_max(&self, blocks: &[f32]) -> Result<Vec<[f32; 2]>, Error>;
 

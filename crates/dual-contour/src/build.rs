@@ -187,7 +187,7 @@ pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Contour, Error> {
     let (samples, report) = sampled(values, field, options, purpose, run)?;
-    let probe = Probe::new(&samples, values, field, options);
+    let probe = Probe::new(&samples, field, options);
     mesh(&samples, &probe, options, purpose, report, run)
 }
 
@@ -215,9 +215,7 @@ pub(crate) fn mesh<B: ContourBackend + ?Sized>(
     };
     run.progress("octree", 0, 1)?;
     let (tree, kinds) = tree(samples, options);
-    let complex = Complex::new(samples, &tree, kinds, |x, mean| {
-        probe.value(x).unwrap_or(mean)
-    });
+    let complex = Complex::new(samples, &tree, kinds);
     check_counts(&complex, purpose)?;
     report.leaves = tree.leaves.iter().filter(|l| !l.void).count();
     report.surface_cells = (0..tree.leaves.len() as u32)
@@ -394,19 +392,32 @@ fn check_counts(complex: &Complex<'_>, purpose: Purpose) -> Result<(), Error> {
 
 /// The first side of the lattice with points inside, and how many.
 fn touching<V: LatticeValues + ?Sized>(values: &V, level: f64) -> Option<(usize, u64)> {
-    let counts = values.lattice().counts;
+    let [nx, ny, nz] = values.lattice().counts;
     (0..6).find_map(|side| {
         let (axis, high) = (side / 2, side % 2 == 1);
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let mut points = 0;
-        for j in 0..counts[v] {
-            for i in 0..counts[u] {
-                let mut p = [0; 3];
-                p[axis] = if high { counts[axis] - 1 } else { 0 };
-                (p[u], p[v]) = (i, j);
-                points += u64::from(f64::from(values.at(p)) >= level);
-            }
-        }
+        // Rows along x in the face; the faces across x have one point of each.
+        let (rows, start, len) = match axis {
+            0 => (ny * nz, if high { nx - 1 } else { 0 }, 1),
+            1 => (nz, 0, nx),
+            _ => (ny, 0, nx),
+        };
+        let points: u64 = (0..rows)
+            .into_par_iter()
+            .with_min_len(64)
+            .map_init(
+                || vec![0.0; len],
+                |values_of_row, row| {
+                    let from = match axis {
+                        0 => [start, row % ny, row / ny],
+                        1 => [start, if high { ny - 1 } else { 0 }, row],
+                        _ => [start, row, if high { nz - 1 } else { 0 }],
+                    };
+                    values.read_row(from, values_of_row);
+                    let inside = |v: &&f32| f64::from(**v) >= level;
+                    values_of_row.iter().filter(inside).count() as u64
+                },
+            )
+            .sum();
         (points > 0).then_some((side, points))
     })
 }
@@ -558,11 +569,10 @@ mod tests {
             let mut samples = Samples::new(source, domain, labels, &Cpu).unwrap();
             samples.find_crossings(&Cpu).unwrap();
             let (tree, kinds) = tree(&samples, &options);
-            let complex = Complex::new(&samples, &tree, kinds, |_, mean| mean);
+            let complex = Complex::new(&samples, &tree, kinds);
             let probe = Probe {
                 samples: &samples,
                 field: None,
-                bounds: lattice.bounds(),
                 placement: options.placement,
             };
             let duals = Duals::new(&complex, &probe, true, &Cpu).unwrap();

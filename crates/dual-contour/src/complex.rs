@@ -303,14 +303,10 @@ impl<'a> Complex<'a> {
         }
     }
 
-    /// The complex of a tree whose larger leaves are all simple. `centre` gives the value in the
-    /// middle of a split leaf, from the point and the mean of the corners.
-    pub(crate) fn new(
-        samples: &'a Samples<'a>,
-        tree: &'a Octree,
-        kinds: Kinds,
-        centre: impl Fn(&Point3, f64) -> f64 + Sync,
-    ) -> Self {
+    /// The complex of a tree whose larger leaves are all simple. What the middle of a split leaf
+    /// belongs to follows from its corners alone, so that a field that also tells the value there
+    /// moves vertices but joins or parts nothing.
+    pub(crate) fn new(samples: &'a Samples<'a>, tree: &'a Octree, kinds: Kinds) -> Self {
         let mut out = Self {
             samples,
             tree,
@@ -331,14 +327,13 @@ impl<'a> Complex<'a> {
                     samples.value([0, 1, 2].map(|k| o[k] + p[k])) - samples.labels.level
                 });
                 let middle = out.centre_of(leaf);
-                let mean = values.iter().sum::<f64>() / 8.0 + samples.labels.level;
+                let value = values.iter().sum::<f64>() / 8.0 + samples.labels.level;
                 let mut diagonals = 0;
                 for face in 0..6 {
                     let f = face_corners(face);
                     diagonals |= u8::from(out.joins_one_and_three(o, f, &labels, &values)) << face;
                 }
                 let middle = samples.domain.world(&middle);
-                let value = centre(&middle, mean);
                 Split {
                     leaf: id,
                     label: samples.labels.at(value, &middle),

@@ -13,16 +13,35 @@ pub(crate) const INSET: f64 = 0.01;
 pub(crate) const REGULAR: f64 = 0.01;
 
 impl ContourBackend for Cpu {
+    /// As many as stay in the cache of a core.
+    fn blocks_per_call(&self) -> usize {
+        64
+    }
+
     fn min_max(&self, blocks: &[f32]) -> Result<Vec<[f32; 2]>, Error> {
-        Ok(blocks.par_chunks_exact(BLOCK_POINTS).map(min_max).collect())
+        let mut out = vec![[0.0; 2]; blocks.len() / BLOCK_POINTS];
+        out.par_chunks_mut(64)
+            .zip(blocks.par_chunks(64 * BLOCK_POINTS))
+            .for_each(|(out, blocks)| lanes::min_max(blocks, BLOCK_POINTS, out));
+        Ok(out)
     }
 
     fn crossings(&self, blocks: &[f32], level: f32) -> Result<Vec<u8>, Error> {
         let mut masks = vec![0; blocks.len() / BLOCK_POINTS * BLOCK_CELLS];
         masks
-            .par_chunks_exact_mut(BLOCK_CELLS)
-            .zip(blocks.par_chunks_exact(BLOCK_POINTS))
-            .for_each(|(masks, values)| crossings(values, level, masks));
+            .par_chunks_mut(64 * BLOCK_CELLS)
+            .zip(blocks.par_chunks(64 * BLOCK_POINTS))
+            .for_each(|(masks, blocks)| {
+                lanes::widest(
+                    #[inline(always)]
+                    || {
+                        let blocks = blocks.chunks_exact(BLOCK_POINTS);
+                        for (masks, values) in masks.chunks_exact_mut(BLOCK_CELLS).zip(blocks) {
+                            crossings(values, level, masks);
+                        }
+                    },
+                );
+            });
         Ok(masks)
     }
 
@@ -35,21 +54,7 @@ impl ContourBackend for Cpu {
     }
 }
 
-fn min_max(values: &[f32]) -> [f32; 2] {
-    // Lanes, so that the compiler may use wide registers.
-    let (mut low, mut high) = ([f32::INFINITY; 8], [f32::NEG_INFINITY; 8]);
-    for chunk in values.chunks(8) {
-        for (i, &v) in chunk.iter().enumerate() {
-            low[i] = low[i].min(v);
-            high[i] = high[i].max(v);
-        }
-    }
-    [
-        low.into_iter().fold(f32::INFINITY, f32::min),
-        high.into_iter().fold(f32::NEG_INFINITY, f32::max),
-    ]
-}
-
+#[inline(always)]
 fn crossings(values: &[f32], level: f32, masks: &mut [u8]) {
     const ROW: usize = BLOCK_SIDE;
     const LAYER: usize = BLOCK_SIDE * BLOCK_SIDE;

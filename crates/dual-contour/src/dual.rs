@@ -1,7 +1,7 @@
 //! Dual vertices: where the point of each cell stands.
 
 use geom_core::mesh::{INTERIOR, Region, six_volume};
-use geom_core::{Aabb, ImplicitField, LatticeValues, Point3, Vector3};
+use geom_core::{ImplicitField, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::ContourBackend;
@@ -32,8 +32,6 @@ pub(crate) struct Duals {
 pub(crate) struct Probe<'a> {
     pub(crate) samples: &'a Samples<'a>,
     pub(crate) field: Option<&'a dyn ImplicitField>,
-    /// Where the field holds: the box of the given values.
-    pub(crate) bounds: Aabb,
     pub(crate) placement: Placement,
 }
 
@@ -46,16 +44,14 @@ pub(crate) struct Sample {
 }
 
 impl<'a> Probe<'a> {
-    pub(crate) fn new<V: LatticeValues + ?Sized>(
+    pub(crate) fn new(
         samples: &'a Samples<'a>,
-        values: &V,
         field: Option<&'a dyn ImplicitField>,
         options: &Options,
     ) -> Self {
         Self {
             samples,
             field,
-            bounds: values.lattice().bounds(),
             placement: options.placement,
         }
     }
@@ -128,10 +124,10 @@ impl<'a> Probe<'a> {
         a.x + (b.x - a.x) * self.exact_crossing(a, b).clamp(0.05, 0.95)
     }
 
-    /// The field at a point (Å), if there is one that holds there.
+    /// The field at a point (Å) of the box of the given values, if there is one.
     pub(crate) fn value(&self, x: &Point3) -> Option<f64> {
         self.field
-            .filter(|_| self.bounds.contains(x))
+            .filter(|_| self.samples.bounds.contains(x))
             .map(|f| f.value(x))
     }
 
@@ -341,7 +337,16 @@ impl Duals {
             .into_par_iter()
             .with_min_len(4096)
             .filter(|&id| harmful(id))
-            .flat_map_iter(|id| complex.tree.touching(id))
+            .flat_map_iter(|id| {
+                // Off the box, of leaves of one size that around an edge emits whose corner begins it.
+                let leaf = complex.leaf(id);
+                let beyond = leaf.log == 0 && !complex.is_on_box(id);
+                let low = leaf.origin();
+                complex.tree.touching(id).filter(move |&other| {
+                    let o = complex.leaf(other).origin();
+                    !beyond || (0..3).all(|k| o[k] >= low[k])
+                })
+            })
             .collect();
         if owners.is_empty() {
             return;
@@ -432,7 +437,7 @@ impl Duals {
         }
         for _ in 0..2 {
             for group in points.chunk_by_mut(|x, y| x.tets[0].0 == y.tets[0].0) {
-                group.par_iter_mut().with_min_len(32).for_each(|p| {
+                group.par_iter_mut().with_min_len(8).for_each(|p| {
                     let mut t = 1.0;
                     while t > p.share + 1e-3 && t >= 0.05 {
                         let x = p.base + (p.target - p.base) * t;

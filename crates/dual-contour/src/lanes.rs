@@ -1,5 +1,5 @@
-//! The two hot loops over cells, for eight cells at a time: each step is one loop over the lanes, which
-//! the compiler turns into the widest instructions at hand. Bits do not depend on which those are, nor
+//! The hot loops over cells, for eight cells at a time: each step is one loop over the lanes, which the
+//! compiler turns into the widest instructions at hand. Bits do not depend on which those are, nor
 //! on the number of lanes.
 
 use crate::cpu::{INSET, REGULAR};
@@ -32,6 +32,51 @@ pub(crate) fn dual_vertices(cells: &[[f32; 8]], steps: u32, out: &mut [[f32; 3]]
             }
         },
     );
+}
+
+/// The lowest and the highest of each block's values.
+pub(crate) fn min_max(blocks: &[f32], points: usize, out: &mut [[f32; 2]]) {
+    widest(
+        #[inline(always)]
+        || {
+            for (block, out) in blocks.chunks_exact(points).zip(out) {
+                let (mut low, mut high) = ([f32::INFINITY; 16], [f32::NEG_INFINITY; 16]);
+                let (chunks, rest) = block.as_chunks::<16>();
+                for chunk in chunks {
+                    low =
+                        std::array::from_fn(|l| if chunk[l] < low[l] { chunk[l] } else { low[l] });
+                    high = std::array::from_fn(|l| {
+                        if chunk[l] > high[l] {
+                            chunk[l]
+                        } else {
+                            high[l]
+                        }
+                    });
+                }
+                for (l, &v) in rest.iter().enumerate() {
+                    low[l] = low[l].min(v);
+                    high[l] = high[l].max(v);
+                }
+                *out = [
+                    low.into_iter().fold(f32::INFINITY, f32::min),
+                    high.into_iter().fold(f32::NEG_INFINITY, f32::max),
+                ];
+            }
+        },
+    );
+}
+
+/// Is none of the values infinite or not a number?
+pub(crate) fn all_finite(values: &[f32]) -> bool {
+    widest(
+        #[inline(always)]
+        || {
+            values.chunks(64).all(|chunk| {
+                let bad = |bad: u32, v: &f32| bad | u32::from(!v.is_finite());
+                chunk.iter().fold(0, bad) == 0
+            })
+        },
+    )
 }
 
 #[inline(always)]

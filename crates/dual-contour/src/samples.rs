@@ -1,11 +1,13 @@
 //! Values and region labels at the points of the mesh lattice, stored in blocks where they matter.
 
 use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
-use geom_core::{ImplicitField, LatticeValues, Point3, Vector3};
+use geom_core::{Aabb, ImplicitField, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, ContourBackend};
+use crate::emit::joined;
 use crate::groups::Groups;
+use crate::lanes;
 use crate::octree::{BLOCK, BLOCK_LOG, block_index};
 use crate::{Error, Material, Shape};
 
@@ -119,6 +121,11 @@ pub(crate) enum Source<'a, V: ?Sized> {
 }
 
 impl<V: LatticeValues + ?Sized> Source<'_, V> {
+    fn bounds(&self) -> Aabb {
+        let (Self::Aligned { values, .. } | Self::Resampled { values, .. }) = self;
+        values.lattice().bounds()
+    }
+
     /// The point of the given lattice that a point of the mesh lattice stands for.
     fn index(&self, domain: &Domain, p: [i32; 3]) -> [usize; 3] {
         let (Self::Aligned { values, .. } | Self::Resampled { values, .. }) = self;
@@ -263,18 +270,20 @@ fn trilinear<V: LatticeValues + ?Sized>(values: &V, x: &Point3) -> f32 {
     sum as f32
 }
 
-/// Blocks that are read, judged and kept or dropped together.
-const BATCH: usize = 4096;
-
 /// Labels of all points of the mesh lattice, and values in the blocks where labels change.
 pub(crate) struct Samples<'a> {
     pub(crate) domain: Domain,
     pub(crate) labels: Labels,
+    /// The box of the given values.
+    pub(crate) bounds: Aabb,
     state: Vec<u32>,
     /// The stored blocks in order.
     stored: Vec<u32>,
     values: Vec<f32>,
+    /// Labels of the same points; empty if labels are plain.
     regions: Vec<Region>,
+    /// A value of at least this is inside.
+    threshold: f32,
     /// Signs of the corners of each finest cell of each stored block; empty unless labels are plain.
     masks: Vec<u8>,
     /// Lowest and highest value seen.
@@ -286,6 +295,92 @@ pub(crate) struct Samples<'a> {
 fn at_least(level: f64) -> f32 {
     let v = level as f32;
     if f64::from(v) < level { v.next_up() } else { v }
+}
+
+/// What reading some blocks has told.
+struct Judged {
+    /// The label of a block, if all of it has one.
+    labels: Vec<Option<Region>>,
+    /// Values of the others.
+    values: Vec<f32>,
+    /// Their labels, unless labels are plain.
+    regions: Vec<Region>,
+    range: (f32, f32),
+}
+
+/// Reads blocks.
+struct Judge<'a, 'b, V: ?Sized, B: ?Sized> {
+    source: &'a Source<'b, V>,
+    domain: &'a Domain,
+    labels: &'a Labels,
+    backend: &'a B,
+}
+
+impl<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized> Judge<'_, '_, V, B> {
+    /// Blocks come with the label around them, if they have one off the molecule.
+    fn judge(
+        &self,
+        open: &[(usize, Option<Region>)],
+        buffer: &mut Vec<f32>,
+    ) -> Result<Judged, Error> {
+        let (domain, labels) = (self.domain, self.labels);
+        buffer.resize(POINTS * open.len(), 0.0);
+        let bad = buffer
+            .par_chunks_exact_mut(POINTS)
+            .zip(open)
+            .enumerate()
+            .with_min_len(64)
+            .filter_map(|(i, (out, &(b, _)))| {
+                self.source
+                    .gather(domain, domain.block(b).map(|c| c * BLOCK), out);
+                (!lanes::all_finite(out)).then_some(i)
+            })
+            .min();
+        if let Some(bad) = bad {
+            let block = &buffer[POINTS * bad..][..POINTS];
+            let i = block
+                .iter()
+                .position(|v| !v.is_finite())
+                .expect("one is bad");
+            let p = point_of(domain, open[bad].0, i);
+            return Err(Error::NotFinite {
+                index: self.source.index(domain, p),
+                value: block[i],
+            });
+        }
+        let ranges = self.backend.min_max(buffer)?;
+        let mut out = Judged {
+            labels: Vec::with_capacity(open.len()),
+            values: Vec::new(),
+            regions: Vec::new(),
+            range: (f32::INFINITY, f32::NEG_INFINITY),
+        };
+        for ((&(b, around), &[low, high]), values) in
+            open.iter().zip(&ranges).zip(buffer.chunks_exact(POINTS))
+        {
+            out.range = (out.range.0.min(low), out.range.1.max(high));
+            let above = f64::from(high) >= labels.level;
+            let below = f64::from(low) < labels.level;
+            let mut label = match (below, above, around) {
+                (false, ..) => Some(INTERIOR),
+                (true, false, label) => label,
+                _ => None,
+            };
+            if label.is_none() && !labels.plain() {
+                let regions = regions_of(domain, labels, b, values, around);
+                if regions.iter().all(|&r| r == regions[0]) {
+                    label = Some(regions[0]);
+                } else {
+                    out.regions.extend(regions);
+                }
+            }
+            if label.is_none() {
+                out.values.extend_from_slice(values);
+            }
+            out.labels.push(label);
+        }
+        Ok(out)
+    }
 }
 
 /// What is known of a block.
@@ -337,73 +432,47 @@ impl<'a> Samples<'a> {
                 }
             }
         }
-        let (mut stored, mut values, mut regions) = (Vec::new(), Vec::new(), Vec::new());
-        let mut batch = vec![0.0; POINTS * BATCH.min(open.len())];
-        for open in open.chunks(BATCH) {
-            let batch = &mut batch[..POINTS * open.len()];
-            batch
-                .par_chunks_exact_mut(POINTS)
-                .zip(open)
-                .for_each(|(out, &(b, _))| {
-                    source.gather(&domain, domain.block(b).map(|c| c * BLOCK), out);
-                });
-            let bad = batch
-                .par_chunks_exact(POINTS)
-                .zip(open)
-                .find_first(|(v, _)| !v.iter().all(|v| v.is_finite()));
-            if let Some((block, &(b, _))) = bad {
-                let i = block
-                    .iter()
-                    .position(|v| !v.is_finite())
-                    .expect("one is bad");
-                let p = point_of(&domain, b, i);
-                return Err(Error::NotFinite {
-                    index: source.index(&domain, p),
-                    value: block[i],
-                });
-            }
-            let ranges = backend.min_max(batch)?;
-            let judged: Vec<Result<Vec<Region>, Region>> = open
-                .par_iter()
-                .zip(&ranges)
-                .zip(batch.par_chunks_exact(POINTS))
-                .map(|((&(b, around), &[low, high]), values)| {
-                    let above = f64::from(high) >= labels.level;
-                    let below = f64::from(low) < labels.level;
-                    if !below {
-                        return Err(INTERIOR);
-                    }
-                    if let (false, Some(label)) = (above, around) {
-                        return Err(label);
-                    }
-                    let regions = regions_of(&domain, &labels, b, values, around);
-                    if regions.iter().all(|&r| r == regions[0]) {
-                        return Err(regions[0]);
-                    }
-                    Ok(regions)
-                })
-                .collect();
-            for (i, (judged, &(b, _))) in judged.into_iter().zip(open).enumerate() {
-                range = (range.0.min(ranges[i][0]), range.1.max(ranges[i][1]));
-                match judged {
-                    Err(label) => state[b] = UNIFORM | u32::from(label),
-                    Ok(block) => {
-                        state[b] = stored.len() as u32;
+        let judge = Judge {
+            source: &source,
+            domain: &domain,
+            labels: &labels,
+            backend,
+        };
+        let judged: Vec<Result<Judged, Error>> = open
+            .par_chunks(backend.blocks_per_call())
+            .map_init(Vec::new, |buffer, open| judge.judge(open, buffer))
+            .collect();
+        let mut stored = Vec::new();
+        let (mut values, mut regions) = (Vec::new(), Vec::new());
+        let mut open = open.into_iter();
+        for judged in judged {
+            let judged = judged?;
+            range = (range.0.min(judged.range.0), range.1.max(judged.range.1));
+            for (label, (b, _)) in judged.labels.into_iter().zip(&mut open) {
+                state[b] = match label {
+                    Some(label) => UNIFORM | u32::from(label),
+                    None => {
                         stored.push(b as u32);
-                        regions.extend(block);
-                        values.extend_from_slice(&batch[POINTS * i..][..POINTS]);
+                        stored.len() as u32 - 1
                     }
-                }
+                };
             }
+            values.push(judged.values);
+            regions.push(judged.regions);
         }
+        let values = joined(values, |_, v| v);
+        let regions = joined(regions, |_, r| r);
+        let threshold = at_least(labels.level);
         Ok(Self {
             domain,
             labels,
+            bounds: source.bounds(),
             state,
             stored,
             values,
             regions,
             masks: Vec::new(),
+            threshold,
             range,
             read: Box::new(move |p| source.at(&domain, p)),
         })
@@ -452,7 +521,7 @@ impl<'a> Samples<'a> {
     fn prune_once(&mut self, least: u32) -> (usize, u64) {
         // One node per block without values, then one per point of each stored block.
         let blocks = self.state.len();
-        let mut groups = Groups::new(blocks + self.regions.len());
+        let mut groups = Groups::new(blocks + self.values.len());
         let node = |p: [i32; 3]| {
             let (b, i) = self.place(p);
             match self.slot(b) {
@@ -477,12 +546,12 @@ impl<'a> Samples<'a> {
                 }
                 continue;
             };
-            let regions = &self.regions[slot * POINTS..][..POINTS];
             let first = blocks + slot * POINTS;
-            for (i, &r) in regions.iter().enumerate() {
+            let within = |i: usize| inside(self.stored_label(slot * POINTS + i));
+            for i in 0..POINTS {
                 let d = [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)];
                 for (axis, step) in [1, SIDE, SIDE * SIDE].into_iter().enumerate() {
-                    if d[axis] + 1 < SIDE && inside(r) == inside(regions[i + step]) {
+                    if d[axis] + 1 < SIDE && within(i) == within(i + step) {
                         groups.join(first + i, first + i + step);
                     }
                 }
@@ -542,7 +611,9 @@ impl<'a> Samples<'a> {
                         if is_small(groups[blocks + slot * POINTS + i] as usize) {
                             let j = slot * POINTS + i;
                             let x = self.domain.point(point_of(&self.domain, b, i));
-                            self.regions[j] = self.flipped(self.regions[j], &x);
+                            if let Some(&r) = self.regions.get(j) {
+                                self.regions[j] = self.flipped(r, &x);
+                            }
                             self.values[j] = self.mirrored(self.values[j]);
                         }
                     }
@@ -577,7 +648,7 @@ impl<'a> Samples<'a> {
         let any = |inside: bool| {
             let is = |r: Region| (r == INTERIOR) == inside;
             self.state.iter().any(|&s| s >= UNIFORM && is(s as u8))
-                || self.regions.iter().any(|&r| is(r))
+                || (0..self.values.len()).any(|i| is(self.stored_label(i)))
         };
         any(true) && any(false)
     }
@@ -620,8 +691,9 @@ impl<'a> Samples<'a> {
     }
 
     /// Labels of the closed block `b`, if stored.
-    pub(crate) fn regions_of(&self, b: usize) -> Option<&[Region]> {
-        self.slot(b).map(|s| &self.regions[s * POINTS..][..POINTS])
+    pub(crate) fn regions_of(&self, b: usize) -> Option<impl Fn(usize) -> Region + '_> {
+        let first = self.slot(b)? * POINTS;
+        Some(move |i| self.stored_label(first + i))
     }
 
     /// Values of the closed block `b`, if stored.
@@ -648,7 +720,17 @@ impl<'a> Samples<'a> {
         if state >= UNIFORM {
             state as u8
         } else {
-            self.regions[state as usize * POINTS + i]
+            self.stored_label(state as usize * POINTS + i)
+        }
+    }
+
+    /// The label of a stored point.
+    #[inline]
+    fn stored_label(&self, i: usize) -> Region {
+        match self.regions.get(i) {
+            Some(&region) => region,
+            None if self.values[i] >= self.threshold => INTERIOR,
+            None => EXTERIOR,
         }
     }
 

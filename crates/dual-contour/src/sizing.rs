@@ -51,16 +51,16 @@ impl Judge<'_> {
         &self,
         block: [i32; 3],
         values: &[f32],
-        regions: &[Region],
+        region: &impl Fn(usize) -> Region,
         low: [usize; 3],
         size: usize,
     ) -> bool {
         let at = |p: [usize; 3]| (p[2] * SIDE + p[1]) * SIDE + p[0];
-        let first = regions[at(low)];
+        let first = region(at(low));
         let (mut mixed, mut inside, mut outside) = (false, false, false);
         for z in low[2]..=low[2] + size {
             for y in low[1]..=low[1] + size {
-                for &r in &regions[at([low[0], y, z])..=at([low[0] + size, y, z])] {
+                for r in (at([low[0], y, z])..=at([low[0] + size, y, z])).map(region) {
                     mixed |= r != first;
                     inside |= r == INTERIOR;
                     outside |= r != INTERIOR;
@@ -175,14 +175,14 @@ pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
             }
             let bits = |i: usize| [i & 1, i >> 1 & 1, i >> 2];
             let (mut two, mut four) = (0u64, 0u8);
-            let eight = judge.splits(block, values, regions, [0; 3], 8);
+            let eight = judge.splits(block, values, &regions, [0; 3], 8);
             for g in (0..8).filter(|_| eight) {
                 let low = bits(g).map(|c| 4 * c);
-                if judge.splits(block, values, regions, low, 4) {
+                if judge.splits(block, values, &regions, low, 4) {
                     four |= 1 << g;
                     for c in 0..8 {
                         let low = [0, 1, 2].map(|k| low[k] + 2 * bits(c)[k]);
-                        if judge.splits(block, values, regions, low, 2) {
+                        if judge.splits(block, values, &regions, low, 2) {
                             two |= 1 << (8 * g + c);
                         }
                     }

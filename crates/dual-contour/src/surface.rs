@@ -32,7 +32,7 @@ pub fn surface<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
 ) -> Result<Surface, Error> {
     let options = build::resolved(values, field, options, run)?;
     let (samples, mut report) = build::sampled(values, field, &options, Purpose::Surface, run)?;
-    let probe = Probe::new(&samples, values, field, &options);
+    let probe = Probe::new(&samples, field, &options);
     let mesh = if build::is_uniform(&options) {
         run.progress("triangles", 0, 1)?;
         uniform::surface(&samples, &probe, run.backend, &mut report)?

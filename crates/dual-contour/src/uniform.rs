@@ -90,7 +90,7 @@ struct Sheet<'a> {
     samples: &'a Samples<'a>,
     blocks: Vec<Block>,
     /// Points of the simple cells, in finest cells.
-    points: Vec<Point3>,
+    points: Vec<[f64; 3]>,
 }
 
 impl Sheet<'_> {
@@ -144,25 +144,7 @@ pub(crate) fn surface<B: ContourBackend + ?Sized>(
         }
     }
     report.leaves = report.surface_cells;
-    let cells: Vec<(u32, [i32; 3])> = joined(
-        blocks
-            .par_chunks(BATCH)
-            .enumerate()
-            .map(|(batch, blocks)| {
-                let slots = (batch * BATCH) as u32..;
-                let cells = |(slot, block): (u32, &Block)| {
-                    let low = block.low;
-                    cells_of(&block.simple)
-                        .map(move |c| (slot, [0, 1, 2].map(|k| low[k] + c[k])))
-                        .collect::<Vec<_>>()
-                };
-                slots.zip(blocks).flat_map(cells).collect()
-            })
-            .collect(),
-        |_, c| c,
-    );
-    let points = finest_points(samples, probe, &cells, backend)?;
-    drop(cells);
+    let points = points_of(samples, probe, &blocks, vertices as usize, backend)?;
     let mut sheet = Sheet {
         samples,
         blocks,
@@ -188,21 +170,53 @@ pub(crate) fn surface<B: ContourBackend + ?Sized>(
     cut.iter().for_each(|&c| splits.surround(domain.cells, c));
     let tree = Octree::new(domain.cells, &splits);
     let kinds = Kinds::of(samples, &tree, true);
-    let complex = Complex::new(samples, &tree, kinds, |x, mean| {
-        probe.value(x).unwrap_or(mean)
-    });
+    let complex = Complex::new(samples, &tree, kinds);
     let duals = Duals::new(&complex, probe, false, backend)?;
     report.split_cells = complex.splits.len();
     report.held_back = duals.reduced;
     for id in 0..tree.leaves.len() as u32 {
         if let Some(rank) = duals.rank(id) {
             let vertex = sheet.vertex(complex.leaf(id).origin());
-            sheet.points[vertex.expect("a simple cell") as usize] = duals.leaf(rank);
+            sheet.points[vertex.expect("a simple cell") as usize] = duals.leaf(rank).into();
         }
     }
     let emitter = Emitter::new(&complex, &duals, probe, |_| false);
     let parts = parts_of(&emitter.numbering).start;
     Ok(emit(sheet, probe, Some(Cut { emitter, parts }), report))
+}
+
+/// The points of all simple cells.
+fn points_of<B: ContourBackend + ?Sized>(
+    samples: &Samples<'_>,
+    probe: &Probe<'_>,
+    blocks: &[Block],
+    vertices: usize,
+    backend: &B,
+) -> Result<Vec<[f64; 3]>, Error> {
+    let mut points = vec![[0.0; 3]; vertices];
+    let mut rest = points.as_mut_slice();
+    let per_call = backend.blocks_per_call();
+    let mut calls = Vec::new();
+    for (call, blocks) in blocks.chunks(per_call).enumerate() {
+        let simple = blocks.iter().flat_map(|b| b.simple);
+        let n: u32 = simple.map(u64::count_ones).sum();
+        let (out, others) = std::mem::take(&mut rest).split_at_mut(n as usize);
+        rest = others;
+        calls.push((call * per_call, blocks, out));
+    }
+    calls.into_par_iter().try_for_each(|(first, blocks, out)| {
+        let mut cells = Vec::with_capacity(out.len());
+        for (slot, block) in (first as u32..).zip(blocks) {
+            let place = |c: [i32; 3]| (slot, [0, 1, 2].map(|k| block.low[k] + c[k]));
+            cells.extend(cells_of(&block.simple).map(place));
+        }
+        let found = finest_points(samples, probe, &cells, backend)?;
+        for (out, x) in out.iter_mut().zip(&found) {
+            *out = [x.x, x.y, x.z];
+        }
+        Ok::<(), Error>(())
+    })?;
+    Ok(points)
 }
 
 /// Triangles of one batch. Numbers at and above that of all cells are parts of cut cells, those with
@@ -211,6 +225,8 @@ pub(crate) fn surface<B: ContourBackend + ?Sized>(
 struct Batch {
     triangles: Vec<[u32; 3]>,
     added: Vec<Point3>,
+    /// The parts that triangles name.
+    parts: Vec<u32>,
 }
 
 /// Edges that wait until there are enough of them.
@@ -322,16 +338,9 @@ fn emit(sheet: Sheet<'_>, probe: &Probe<'_>, cut: Option<Cut<'_>>, report: &mut 
 
     // Cells, then the parts that are used, then added points.
     let cells = sheet.points.len() as u32;
-    let mut parts: Vec<u32> = Vec::new();
-    if cut.is_some() {
-        for t in batches.iter().flat_map(|b| &b.triangles).flatten() {
-            if *t >= cells && *t & ADDED == 0 {
-                parts.push(*t);
-            }
-        }
-        parts.sort_unstable();
-        parts.dedup();
-    }
+    let mut parts: Vec<u32> = batches.iter().flat_map(|b| &b.parts).copied().collect();
+    parts.sort_unstable();
+    parts.dedup();
     let counts: Vec<u32> = batches.iter().map(|b| b.added.len() as u32).collect();
     let starts = geom_core::parallel::starts_of(&counts);
     let first_added = cells + parts.len() as u32;
@@ -349,17 +358,18 @@ fn emit(sheet: Sheet<'_>, probe: &Probe<'_>, cut: Option<Cut<'_>>, report: &mut 
         })
     });
     let domain: Domain = samples.domain;
-    let mut positions = sheet.points;
+    let mut positions: Vec<Point3> = sheet
+        .points
+        .par_iter()
+        .with_min_len(4096)
+        .map(|&x| domain.world(&x.into()))
+        .collect();
     if let Some(cut) = &cut {
-        let part = |v: &u32| cut.part(*v - cells);
+        let part = |v: &u32| domain.world(&cut.part(*v - cells));
         positions.extend(parts.iter().map(part));
     }
-    positions.extend(added.into_iter().flatten());
-    report.added_vertices = positions.len() - first_added as usize;
-    positions
-        .par_iter_mut()
-        .with_min_len(4096)
-        .for_each(|p| *p = domain.world(p));
+    report.added_vertices = added.iter().map(Vec::len).sum();
+    positions.extend(added.iter().flatten().map(|x| domain.world(x)));
     report.triangles = triangles.len();
     TriMesh::new(positions, triangles).expect("emitted triangles name emitted vertices")
 }
@@ -432,7 +442,9 @@ impl Cut<'_> {
                     let vertex = sheet.vertex(complex.leaf(v).origin());
                     vertex.expect("cut cells are named by their parts")
                 } else {
-                    sheet.points.len() as u32 + v - self.parts
+                    let part = sheet.points.len() as u32 + v - self.parts;
+                    out.parts.push(part);
+                    part
                 }
             })
         }));

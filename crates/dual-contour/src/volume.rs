@@ -27,7 +27,7 @@ pub struct Volume {
 }
 
 impl Volume {
-    /// Names of the regions for [writers](geom_core::io::View::of_tets): `exterior`, `molecule`, and
+    /// Names of the regions for the writers of `geom_core::io`: `exterior`, `molecule`, and
     /// `exterior_2` … for separate parts. Other materials are the caller's to name.
     pub fn names(&self) -> Vec<(Region, String)> {
         let fixed = [(EXTERIOR, "exterior"), (INTERIOR, "molecule")];

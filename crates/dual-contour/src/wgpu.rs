@@ -8,14 +8,18 @@ use geom_core::shaders::{
 use crate::Error;
 use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, ContourBackend};
 
-/// Blocks per dispatch: 48 MB of values, within the limits of every device.
-const BLOCKS: usize = 16_384;
+/// Blocks per dispatch: 12 MB of values, within the limits of every device.
+const BLOCKS: usize = 4096;
 /// Cells per dispatch: 128 MB of values.
 const CELLS: usize = 1 << 22;
 /// Cells per row of workgroups.
 const ROW: usize = 1 << 20;
 
 impl ContourBackend for Wgpu {
+    fn blocks_per_call(&self) -> usize {
+        BLOCKS
+    }
+
     fn min_max(&self, blocks: &[f32]) -> Result<Vec<[f32; 2]>, Error> {
         let gpu = self.gpu();
         let mut out = Vec::with_capacity(blocks.len() / BLOCK_POINTS);

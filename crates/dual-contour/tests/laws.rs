@@ -494,6 +494,54 @@ fn euler_of_cubes(grid: &ScalarGrid) -> i64 {
         .sum()
 }
 
+/// Noise between whose points, but at none of them, something swells.
+struct Swollen(ScalarGrid);
+
+impl ImplicitField for Swollen {
+    fn value(&self, x: &Point3) -> f64 {
+        let wave = |c: f64| (std::f64::consts::PI * c / self.0.lattice().spacing).sin();
+        self.0.value(x) + (2.0 * wave(x.x) * wave(x.y) * wave(x.z)).powi(2)
+    }
+    fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        Field(|x: &Point3| self.value(x)).value_gradient(x)
+    }
+}
+
+/// What is joined follows from the values on the lattice; a field moves vertices, even where it says
+/// otherwise between them.
+#[test]
+fn a_field_does_not_change_topology() {
+    for seed in 0..4 {
+        let grid = noise(9, 0.35, 1, 70 + seed);
+        let field = Swollen(grid.clone());
+        let options = both(Options::default());
+        let run = Run::on(&Cpu);
+        let without = volume(&grid, None, &options, run).unwrap();
+        let with = volume(&grid, Some(&field), &options, run).unwrap();
+        assert_conforming(&with.mesh);
+        assert_closed(&with.surface);
+        let topology = |v: &dual_contour::Volume| {
+            let inside = |wanted| -> Vec<[u32; 4]> {
+                let all = v.mesh.tets().iter().zip(v.mesh.regions());
+                all.filter(|(_, r)| **r == wanted)
+                    .map(|(t, _)| *t)
+                    .collect()
+            };
+            [INTERIOR, EXTERIOR].map(|r| {
+                let tets = inside(r);
+                (components(&tets), euler_of_tets(&tets))
+            })
+        };
+        assert_eq!(topology(&with), topology(&without), "seed {seed}");
+        let alone = surface(&grid, Some(&field), &options, run).unwrap();
+        assert!(alone.mesh == with.surface);
+        assert_eq!(
+            alone.mesh.euler_characteristic(),
+            without.surface.euler_characteristic()
+        );
+    }
+}
+
 #[test]
 fn sparse_grids_give_the_same_mesh_as_dense_ones() {
     let field = ball(Point3::origin(), 9.0);

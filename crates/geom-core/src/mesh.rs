@@ -11,6 +11,8 @@ pub use audit::{BoundaryComparison, Component, Faults, RegionAudit, SurfaceAudit
 pub use halfedge::Halfedges;
 pub use measure::six_volume;
 
+use rayon::prelude::*;
+
 use crate::Point3;
 use crate::id::MAX_ELEMENTS;
 
@@ -85,8 +87,9 @@ fn check<const N: usize>(positions: &[Point3], elements: &[[u32; N]]) -> Result<
         }
     }
     if let Some(vertex) = positions
-        .iter()
-        .position(|p| p.iter().any(|c| !c.is_finite()))
+        .par_iter()
+        .with_min_len(4096)
+        .position_first(|p| p.iter().any(|c| !c.is_finite()))
     {
         return Err(MeshError::NotFinite { vertex });
     }
@@ -95,18 +98,31 @@ fn check<const N: usize>(positions: &[Point3], elements: &[[u32; N]]) -> Result<
 
 /// Every corner lies below `vertices`, and those of one element differ.
 fn check_corners<const N: usize>(vertices: usize, elements: &[[u32; N]]) -> Result<(), MeshError> {
-    for (element, corners) in elements.iter().enumerate() {
-        for (k, &vertex) in corners.iter().enumerate() {
-            if vertex as usize >= vertices {
-                return Err(MeshError::OutOfRange {
-                    element,
-                    vertex,
-                    vertices,
-                });
-            }
-            if corners[..k].contains(&vertex) {
-                return Err(MeshError::Repeated { element, vertex });
-            }
+    let first_bad = elements
+        .par_chunks(4096)
+        .enumerate()
+        .filter_map(|(chunk, elements)| {
+            let bad = |corners: &[u32; N]| {
+                let differ = (1..N).all(|k| !corners[..k].contains(&corners[k]));
+                !differ || corners.iter().any(|&v| v as usize >= vertices)
+            };
+            Some(4096 * chunk + elements.iter().position(bad)?)
+        })
+        .min();
+    let Some(element) = first_bad else {
+        return Ok(());
+    };
+    let corners = &elements[element];
+    for (k, &vertex) in corners.iter().enumerate() {
+        if vertex as usize >= vertices {
+            return Err(MeshError::OutOfRange {
+                element,
+                vertex,
+                vertices,
+            });
+        }
+        if corners[..k].contains(&vertex) {
+            return Err(MeshError::Repeated { element, vertex });
         }
     }
     Ok(())
