@@ -193,13 +193,15 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
 pub(crate) fn opposite(work: &Work, t: u32, v: u32) -> [u32; 3] {
     let tet = work.tets[t as usize];
     let k = tet.iter().position(|&u| u == v).expect("a corner");
-    FACES[k].map(|i| tet[i])
+    let [a, b, c] = FACES[k];
+    [tet[a], tet[b], tet[c]]
 }
 
 pub(crate) fn load(work: &Work, v: u32, ring: &mut Ring) {
     ring.clear();
     for &t in work.rings.of(v) {
-        ring.push(opposite(work, t, v).map(|u| work.x[u as usize]));
+        let [a, b, c] = opposite(work, t, v);
+        ring.push([work.x[a as usize], work.x[b as usize], work.x[c as usize]]);
     }
 }
 
