@@ -352,6 +352,8 @@ pub(crate) fn slide_from(
     if found == from {
         return None;
     }
+    // At pinches, where the distance means little, a vertex that is far off may move freely.
+    let most = PULL * edge;
     // Where the vertex must go back to the isosurface it goes all the way.
     let near = if rules.rescue {
         limit
@@ -363,14 +365,14 @@ pub(crate) fn slide_from(
         ring.value_above(&candidate, best + GAIN)?;
         let mut tangent = field.tangent(&candidate.into());
         for _ in 0..2 {
-            if tangent.distance.abs() <= near {
+            if tangent.within(most).abs() <= near {
                 break;
             }
-            let back = tangent.normal * tangent.within(PULL * edge);
+            let back = tangent.normal * tangent.within(most);
             ring.value_above(&(tangent.at.coords - back), best + GAIN)?;
             tangent = field.tangent(&(tangent.at - back));
         }
-        let better = tangent.distance.abs() <= limit
+        let better = tangent.within(most).abs() <= limit
             && ring.value_above(&tangent.at.coords, best + GAIN).is_some();
         better.then_some(tangent)
     })
