@@ -6,15 +6,35 @@ use rayon::prelude::*;
 use crate::backend::{QualityBackend, Relaxation};
 use crate::ring::Ring;
 use crate::search::{Compass, search};
-use crate::{Error, Measures, measures};
+use crate::{Error, Measures, block, measures};
+
+/// Tetrahedra measured side by side.
+const BLOCK: usize = 4;
+/// Tetrahedra per task.
+const CHUNK: usize = 4096;
 
 impl QualityBackend for Cpu {
     fn measure(&self, positions: &[Point3], tets: &[[u32; 4]]) -> Result<Vec<Measures>, Error> {
-        Ok(tets
-            .par_iter()
-            .with_min_len(1024)
-            .map(|t| measures(t.map(|v| positions[v as usize])))
-            .collect())
+        let mut out = vec![Measures::default(); tets.len()];
+        out.par_chunks_mut(CHUNK)
+            .zip(tets.par_chunks(CHUNK))
+            .for_each(|(out, tets)| {
+                let (out, rest) = out.as_chunks_mut::<BLOCK>();
+                let (tets, odd) = tets.as_chunks::<BLOCK>();
+                for (out, tets) in out.iter_mut().zip(tets) {
+                    let mut block = [[Point3::origin(); 4]; BLOCK];
+                    for (corners, tet) in block.iter_mut().zip(tets) {
+                        for (corner, &v) in corners.iter_mut().zip(tet) {
+                            *corner = positions[v as usize];
+                        }
+                    }
+                    *out = block::measures(&block);
+                }
+                for (out, tet) in rest.iter_mut().zip(odd) {
+                    *out = measures(tet.map(|v| positions[v as usize]));
+                }
+            });
+        Ok(out)
     }
 
     fn relax(&self, task: &Relaxation<'_>) -> Result<Vec<Vector3>, Error> {
@@ -28,7 +48,12 @@ impl QualityBackend for Cpu {
                 .map_init(Ring::default, |ring, i| {
                     ring.clear();
                     for f in &task.faces[task.starts[i] as usize..task.starts[i + 1] as usize] {
-                        ring.push(f.map(|v| positions[v as usize]));
+                        let &[a, b, c] = f;
+                        ring.push([
+                            positions[a as usize],
+                            positions[b as usize],
+                            positions[c as usize],
+                        ]);
                     }
                     let x = positions[task.vertices[i] as usize].coords;
                     let compass = Compass::along(&task.axes[i]);

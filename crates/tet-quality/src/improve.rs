@@ -10,7 +10,7 @@ use crate::flow::flow;
 use crate::input::{free_again, prepare};
 use crate::metrics::quality;
 use crate::operate::{Memory, Rules, best_climb, best_for, round_of_pushes, rounds};
-use crate::patch::push;
+use crate::patch::{Effort, push};
 use crate::report::{QualityReport, report_of};
 use crate::ring::Ring;
 use crate::smooth::{SurfaceRules, corners_of, foot, load, project, relax, relax_surface};
@@ -31,6 +31,10 @@ const CLIMB_ROUNDS: u32 = 16;
 const BROAD: u32 = 3;
 /// From this pass on, directions are random and surface vertices may use the allowed deviation.
 const RESCUE: u32 = 6;
+/// From this pass on, nothing is spared for the last ones.
+const LAST: u32 = 8;
+/// How many are few enough for that.
+const FEW: usize = 100;
 /// Angle that the first passes aim at, degrees: they raise the many, not only the worst.
 const WANTED: f64 = 30.0;
 /// Objectives down to which the first passes bring surface vertices to the isosurface.
@@ -165,7 +169,8 @@ pub fn improve<B: QualityBackend + ?Sized>(
         let mut done = state.pass(pass, run)?;
         let last = pass + 1 == options.passes || done.changes() == 0;
         let mut enough = last;
-        if last || state.met() {
+        // The reserve is worth the usual passes only.
+        if last || state.met() || (pass >= LAST && state.goals_met()) {
             let left = state.settle(&mut done);
             enough |= left as f64 <= ENOUGH * state.on_field() as f64 || left >= far;
             far = left;
@@ -211,9 +216,13 @@ pub fn improve<B: QualityBackend + ?Sized>(
 struct Aim {
     /// Tetrahedra below this are worked on.
     bound: f64,
+    /// Vertices of tetrahedra below this are smoothed.
+    smooth: f64,
     contract: bool,
     /// Operations are judged together with the smoothing that they need.
     climb: bool,
+    /// All that can be done is done.
+    last: bool,
     /// Random directions; surface vertices may leave the isosurface by the allowed deviation.
     rescue: bool,
     /// Objective down to which vertices go back to the isosurface: first the shape, then the quality.
@@ -223,15 +232,18 @@ struct Aim {
 impl Aim {
     fn of(pass: u32, target: f64) -> Self {
         let broad = pass < BROAD;
+        let bound = if broad {
+            target.max(WANTED.to_radians().sin())
+        } else {
+            target
+        };
         Self {
-            bound: if broad {
-                (1.05 * target).max(WANTED.to_radians().sin())
-            } else {
-                1.05 * target
-            },
+            bound,
+            smooth: if broad { 1.1 * bound } else { 1.02 * bound },
             contract: pass > 0,
             climb: !broad,
             rescue: pass >= RESCUE,
+            last: pass >= LAST,
             floor: FLOORS
                 .get(pass as usize)
                 .map_or(target, |f: &f64| f.min(target)),
@@ -248,6 +260,8 @@ struct State<'a> {
     target: f64,
     plain: Memory,
     climbs: Memory,
+    /// Has the memory of vain climbs been cleared for the last, larger effort?
+    cleared: bool,
     /// Per vertex: when it was last smoothed.
     smoothed: Vec<u32>,
     /// When vertices were last brought back to the isosurface.
@@ -264,6 +278,7 @@ impl<'a> State<'a> {
             target: options.goals.objective(),
             plain: Memory::default(),
             climbs: Memory::default(),
+            cleared: false,
             smoothed: Vec::new(),
             projected: 0,
         };
@@ -327,6 +342,16 @@ impl<'a> State<'a> {
         self.work.worst() >= self.target
     }
 
+    /// Are the goals met, be it without the reserve that the passes aim at?
+    fn goals_met(&self) -> bool {
+        let work = &self.work;
+        work.below(self.target).par_iter().all(|&t| {
+            self.options
+                .goals
+                .met_by(&measures(work.corners(work.tets[t as usize])))
+        })
+    }
+
     fn pass<B: QualityBackend + ?Sized>(
         &mut self,
         number: u32,
@@ -357,7 +382,7 @@ impl<'a> State<'a> {
         done: &mut Pass,
         run: Run<'_, B>,
     ) -> Result<(), Error> {
-        let bad = self.work.below(1.1 * aim.bound);
+        let bad = self.work.below(aim.smooth);
         let now = self.work.tick();
         self.smoothed.resize(self.work.x.len(), 0);
         let mut vertices = corners_of(&self.work, &bad);
@@ -401,8 +426,19 @@ impl<'a> State<'a> {
         let terms = (aim.bound, PLAIN_ROUNDS, false);
         rounds(work, &mut self.plain, terms, plain, done);
         if aim.climb {
+            let left = work.below(target).len();
+            let effort = &if aim.last && left <= FEW {
+                if !self.cleared {
+                    // What was tried in vain was tried with less.
+                    self.climbs = Memory::default();
+                    self.cleared = true;
+                }
+                Effort::LAST
+            } else {
+                Effort::USUAL
+            };
             let with_smoothing = |work: &Work, t, ring: &mut Ring| {
-                best_climb(work, t, &rules, surface.as_ref(), target, ring)
+                best_climb(work, t, &rules, surface.as_ref(), target, effort, ring)
             };
             let terms = (target, CLIMB_ROUNDS, true);
             rounds(work, &mut self.climbs, terms, with_smoothing, done);

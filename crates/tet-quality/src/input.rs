@@ -11,6 +11,8 @@ use crate::work::{Freedom, NONE, Work};
 
 /// Sine between the normals of triangles that still count as one plane.
 const PLANE: f64 = 1e-9;
+/// Rounds in which vertices join the isosurface that their neighbours lie on.
+const JOINS: u32 = 4;
 
 /// What the preparation found.
 pub(crate) struct Input {
@@ -62,7 +64,36 @@ fn set_freedoms(
         .filter(|&v| judged[v as usize].1)
         .collect();
     work.freedom = judged.into_iter().map(|j| j.0).collect();
+    if field.is_some() {
+        join_field(work, &faces);
+    }
     Ok(junctions)
+}
+
+/// At pinches and where the mesh is too coarse for the isosurface, some of its vertices lie far from
+/// it. What most neighbours along the interface lie on, they lie on too.
+fn join_field(work: &mut Work, faces: &InterfaceFaces) {
+    let mut lost: Vec<u32> = (0..work.x.len() as u32)
+        .filter(|&v| {
+            work.freedom[v as usize] == Freedom::Fixed
+                && work.kinds[v as usize] != VertexKind::Fixed
+                && is_disk(faces.of(v))
+        })
+        .collect();
+    for _ in 0..JOINS {
+        let (join, stay): (Vec<u32>, Vec<u32>) = lost.iter().partition(|&&v| {
+            let fan = faces.of(v);
+            let on = |f: &&InterfaceFace| work.freedom[f.others[0] as usize] == Freedom::Field;
+            2 * fan.iter().filter(on).count() > fan.len()
+        });
+        if join.is_empty() {
+            break;
+        }
+        for v in join {
+            work.freedom[v as usize] = Freedom::Field;
+        }
+        lost = stay;
+    }
 }
 
 /// The tetrahedron beyond each face, [`NONE`] on the boundary; and whether two neighbours disagree
@@ -269,7 +300,9 @@ fn freedom(
 
 /// Do the faces form one closed fan between the same two regions?
 fn is_disk(fan: &[InterfaceFace]) -> bool {
-    let pair = fan[0].pair;
+    let Some(pair) = fan.first().map(|f| f.pair) else {
+        return false;
+    };
     let same = fan.iter().all(|f| f.pair == pair);
     let start = fan[0].others[0];
     let mut at = start;

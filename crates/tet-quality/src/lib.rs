@@ -3,6 +3,7 @@
 pub use geom_core;
 
 pub mod backend;
+mod block;
 mod contract;
 mod cpu;
 mod error;

@@ -3,7 +3,7 @@
 //! A tetrahedron `(a, b, c, d)` is positive when `(b − a, c − a, d − a)` is right-handed. All measures
 //! are functions of the shape only: they ignore translations, rotations and uniform scaling.
 
-use geom_core::mesh::{EDGES, six_volume};
+use geom_core::mesh::{EDGES, FACES, six_volume};
 use geom_core::{Point3, Vector3};
 
 /// `8 · 3^(5/2) / 6`: the Joe–Liu measure is this times six volumes over `(Σ edge²)^(3/2)`.
@@ -42,7 +42,8 @@ pub struct Measures {
 /// assert!((regular.min_dihedral - 70.528_779).abs() < 1e-5);
 /// ```
 pub fn measures(corners: [Point3; 4]) -> Measures {
-    Raw::of(corners).finish()
+    let [m] = crate::block::measures(&[corners]);
+    m
 }
 
 /// Radius ratio `3 r / R` of in- and circumscribed spheres: 1 for the regular tetrahedron, 0 unless
@@ -96,21 +97,28 @@ pub fn quality(corners: [Point3; 4]) -> f64 {
 }
 
 fn edges_squared(p: [Point3; 4]) -> [f64; 6] {
-    EDGES.map(|[i, j]| (p[j] - p[i]).norm_squared())
+    // A loop, not `array::map`, which is not always compiled in place.
+    let mut out = [0.0; 6];
+    for (e, [i, j]) in out.iter_mut().zip(EDGES) {
+        *e = (p[j] - p[i]).norm_squared();
+    }
+    out
 }
 
 /// Doubled area normals, pointing out of a positive tetrahedron; entry `k` lies opposite corner `k`.
 fn face_normals(p: [Point3; 4]) -> [Vector3; 4] {
-    geom_core::mesh::FACES.map(|[i, j, k]| (p[j] - p[i]).cross(&(p[k] - p[i])))
+    let mut out = [Vector3::zeros(); 4];
+    for (n, [i, j, k]) in out.iter_mut().zip(FACES) {
+        *n = (p[j] - p[i]).cross(&(p[k] - p[i]));
+    }
+    out
 }
 
-/// What all measures are made of. Lengths are divided by the longest edge, so that neither large nor
+/// What the objective is made of. Lengths are divided by the longest edge, so that neither large nor
 /// small units overflow.
 struct Raw {
-    scale: f64,
     v6: f64,
     edges: [f64; 6],
-    normals: [Vector3; 4],
     squares: [f64; 4],
 }
 
@@ -121,14 +129,24 @@ impl Raw {
             .max((p[2] - p[0]).amax())
             .max((p[3] - p[0]).amax());
         let scale = if reach > 0.0 { reach } else { 1.0 };
-        let p = [0, 1, 2, 3].map(|k| Point3::from((p[k] - p[0]) / scale));
-        let normals = face_normals(p);
+        let unit = 1.0 / scale;
+        let [a, b, c, d] = p;
+        let p = [
+            Point3::origin(),
+            Point3::from((b - a) * unit),
+            Point3::from((c - a) * unit),
+            Point3::from((d - a) * unit),
+        ];
+        let [k, l, m, n] = face_normals(p);
         Self {
-            scale,
             v6: six_volume(p),
             edges: edges_squared(p),
-            squares: normals.map(|n| n.norm_squared()),
-            normals,
+            squares: [
+                k.norm_squared(),
+                l.norm_squared(),
+                m.norm_squared(),
+                n.norm_squared(),
+            ],
         }
     }
 
@@ -156,38 +174,6 @@ impl Raw {
             .map(|(&[i, j], e)| e * s[i] * s[j])
             .fold(f64::INFINITY, f64::min);
         self.v6 * (least / product).sqrt()
-    }
-
-    fn finish(&self) -> Measures {
-        let longest = self.edges.iter().copied().fold(0.0, f64::max);
-        let shortest = self.edges.iter().copied().fold(f64::INFINITY, f64::min);
-        let (mut min_dihedral, mut max_dihedral) = (0.0, 180.0);
-        if self.v6 > 0.0 {
-            // Extremes of cos |cos|, which orders like cos and needs no root.
-            let (mut high, mut low) = (-1.0f64, 1.0f64);
-            for [k, l] in EDGES {
-                let dot = -self.normals[k].dot(&self.normals[l]);
-                let square = dot * dot.abs() / (self.squares[k] * self.squares[l]);
-                high = high.max(square);
-                low = low.min(square);
-            }
-            let angle = |square: f64| {
-                let cosine = square.abs().sqrt().copysign(square);
-                cosine.clamp(-1.0, 1.0).acos().to_degrees()
-            };
-            (min_dihedral, max_dihedral) = (angle(high), angle(low));
-        }
-        Measures {
-            six_volume: self.v6 * self.scale * self.scale * self.scale,
-            joe_liu: self.joe_liu(),
-            edge_ratio: if shortest > 0.0 {
-                (longest / shortest).sqrt()
-            } else {
-                f64::INFINITY
-            },
-            min_dihedral,
-            max_dihedral,
-        }
     }
 }
 

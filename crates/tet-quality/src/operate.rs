@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::contract::contraction;
 use crate::insert::edge_split;
-use crate::patch::climb;
+use crate::patch::{Effort, climb};
 use crate::proposal::{Floor, Operation, Proposal, apply_all};
 use crate::ring::Ring;
 use crate::smooth::SurfaceRules;
@@ -20,8 +20,6 @@ const FLIP: f64 = 0.1;
 const CONTRACTION: f64 = 0.15;
 /// Objective that an operation must leave before the smoothing that follows it.
 const VALID: f64 = 1e-3;
-/// How many operations per tetrahedron are tried with smoothing.
-const CLIMBS: usize = 6;
 
 /// What operations may do.
 #[derive(Clone, Copy)]
@@ -180,6 +178,7 @@ pub(crate) fn best_climb(
     rules: &Rules<'_>,
     surface: Option<&SurfaceRules<'_>>,
     goal: f64,
+    effort: &Effort,
     ring: &mut Ring,
 ) -> Option<Proposal> {
     let mut tries = Vec::new();
@@ -187,8 +186,8 @@ pub(crate) fn best_climb(
     tries.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     tries
         .iter()
-        .take(CLIMBS)
-        .find_map(|p| climb(work, p, surface, goal, ring))
+        .take(effort.tries)
+        .find_map(|p| climb(work, p, surface, goal, effort, ring))
 }
 
 /// All operations that replace `t` and leave what is above `floor`.
@@ -200,6 +199,11 @@ fn offers(
     ring: &mut Ring,
     mut offer: impl FnMut(Proposal),
 ) {
+    let offered = std::cell::Cell::new(false);
+    let mut offer = |p: Proposal| {
+        offered.set(true);
+        offer(p);
+    };
     let tet = work.tets[t as usize];
     let allow = rules.allow;
     for [i, j] in EDGES {
@@ -232,7 +236,8 @@ fn offers(
                 .for_each(&mut offer);
         }
     }
-    if allow.contract && rules.contract {
+    // A contraction coarsens the mesh: only where nothing else helps, or smoothing follows.
+    if allow.contract && rules.contract && (floor != Floor::Old || !offered.get()) {
         let reach = CONTRACTION * rules.spacing;
         for i in 0..4 {
             for j in (0..4).filter(|&j| j != i) {

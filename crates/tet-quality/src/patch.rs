@@ -1,5 +1,6 @@
 //! An operation together with the smoothing that it needs: judged on a copy of the neighbourhood.
 
+use geom_core::mesh::FACES;
 use geom_core::{Point3, Vector3};
 
 use crate::metrics::quality;
@@ -10,12 +11,40 @@ use crate::smooth::{SurfaceRules, axes_of, slide_from};
 use crate::surface_field::{Isosurface, Tangent};
 use crate::work::{Freedom, Work};
 
-/// Most vertices that are smoothed around an operation.
-const MOVABLE: usize = 11;
-/// Sweeps over them.
-const SWEEPS: usize = 2;
-/// Rounds of the search per vertex and sweep.
-const ROUNDS: u32 = 4;
+/// How much work an operation with its smoothing is worth.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Effort {
+    /// How many operations per tetrahedron are tried with smoothing.
+    pub(crate) tries: usize,
+    /// Most vertices that are smoothed around an operation.
+    movable: usize,
+    /// Sweeps over them.
+    sweeps: usize,
+    /// Rounds of the search per vertex and sweep.
+    rounds: u32,
+    /// Are the neighbours of the cavity smoothed too?
+    wide: bool,
+}
+
+impl Effort {
+    /// For many.
+    pub(crate) const USUAL: Self = Self {
+        tries: 6,
+        movable: 11,
+        sweeps: 2,
+        rounds: 4,
+        wide: false,
+    };
+    /// For the few that are left when everything else has failed.
+    pub(crate) const LAST: Self = Self {
+        tries: 24,
+        movable: 40,
+        sweeps: 4,
+        rounds: 7,
+        wide: true,
+    };
+}
+
 /// By how much the worst tetrahedron must get better, relatively.
 const RISE: f64 = 1.02;
 
@@ -37,7 +66,8 @@ impl Patch {
     }
 
     fn corners(&self, tet: [usize; 4]) -> [Point3; 4] {
-        tet.map(|i| self.x[i])
+        let [a, b, c, d] = tet;
+        [self.x[a], self.x[b], self.x[c], self.x[d]]
     }
 
     fn tangent(&mut self, work: &Work, i: usize, field: &Isosurface<'_>) -> Tangent {
@@ -100,6 +130,7 @@ impl Patch {
         proposal: &Proposal,
         core: &[u32],
         surface: Option<&SurfaceRules<'_>>,
+        effort: &Effort,
         ring: &mut Ring,
     ) {
         // The worst first: they need it most.
@@ -112,8 +143,8 @@ impl Patch {
             })
             .collect();
         movable.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        movable.truncate(MOVABLE);
-        for _ in 0..SWEEPS {
+        movable.truncate(effort.movable);
+        for _ in 0..effort.sweeps {
             for &(_, i) in &movable {
                 let freedom = match (self.ids[i], proposal.vertex) {
                     (NEW, Some((_, _, freedom))) => freedom,
@@ -132,7 +163,8 @@ impl Patch {
                     _ => {
                         if let Some(axes) = axes_of(freedom, None) {
                             let compass = Compass::along(&axes);
-                            self.x[i] = Point3::from(search(ring, start.coords, &compass, ROUNDS));
+                            self.x[i] =
+                                Point3::from(search(ring, start.coords, &compass, effort.rounds));
                         }
                     }
                 }
@@ -169,7 +201,8 @@ impl Patch {
         ring.clear();
         for tet in &self.tets {
             if let Some(k) = tet.iter().position(|&j| j == i) {
-                ring.push(geom_core::mesh::FACES[k].map(|c| self.x[tet[c]]));
+                let [a, b, c] = FACES[k];
+                ring.push([self.x[tet[a]], self.x[tet[b]], self.x[tet[c]]]);
             }
         }
     }
@@ -190,14 +223,24 @@ pub(crate) fn climb(
     proposal: &Proposal,
     surface: Option<&SurfaceRules<'_>>,
     goal: f64,
+    effort: &Effort,
     ring: &mut Ring,
 ) -> Option<Proposal> {
     let mut core: Vec<u32> = proposal.insert.iter().flat_map(|i| i.0).collect();
+    if effort.wide {
+        for v in core.clone().into_iter().filter(|&v| v != NEW) {
+            let around = work.rings.of(v).iter();
+            core.extend(around.flat_map(|&t| work.tets[t as usize]));
+        }
+        // A vertex that is contracted away is no more.
+        let gone = proposal.edge.map(|e| e.0);
+        core.retain(|&v| Some(v) != gone);
+    }
     core.sort_unstable();
     core.dedup();
     let (mut patch, before) = Patch::new(work, proposal, &core);
     let (old, lacked) = lack(before.into_iter(), goal);
-    patch.smooth(work, proposal, &core, surface, ring);
+    patch.smooth(work, proposal, &core, surface, effort, ring);
     let after = patch.tets.iter().map(|&t| quality(patch.corners(t)));
     let (worst, lacks) = lack(after, goal);
     if worst <= RISE * old || worst <= 0.0 || lacks >= lacked {
@@ -227,7 +270,7 @@ pub(crate) fn push(
     let proposal = Proposal::push(v, foot);
     let (mut patch, before) = Patch::new(work, &proposal, &core);
     let old = before.into_iter().fold(f64::INFINITY, f64::min);
-    patch.smooth(work, &proposal, &core, Some(surface), ring);
+    patch.smooth(work, &proposal, &core, Some(surface), &Effort::USUAL, ring);
     let fine = patch.tets.iter().all(|&t| {
         let corners = patch.corners(t);
         quality(corners) >= old || good(corners)

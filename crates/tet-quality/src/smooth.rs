@@ -193,13 +193,15 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
 pub(crate) fn opposite(work: &Work, t: u32, v: u32) -> [u32; 3] {
     let tet = work.tets[t as usize];
     let k = tet.iter().position(|&u| u == v).expect("a corner");
-    FACES[k].map(|i| tet[i])
+    let [a, b, c] = FACES[k];
+    [tet[a], tet[b], tet[c]]
 }
 
 pub(crate) fn load(work: &Work, v: u32, ring: &mut Ring) {
     ring.clear();
     for &t in work.rings.of(v) {
-        ring.push(opposite(work, t, v).map(|u| work.x[u as usize]));
+        let [a, b, c] = opposite(work, t, v);
+        ring.push([work.x[a as usize], work.x[b as usize], work.x[c as usize]]);
     }
 }
 
@@ -350,6 +352,8 @@ pub(crate) fn slide_from(
     if found == from {
         return None;
     }
+    // At pinches, where the distance means little, a vertex that is far off may move freely.
+    let most = PULL * edge;
     // Where the vertex must go back to the isosurface it goes all the way.
     let near = if rules.rescue {
         limit
@@ -361,14 +365,14 @@ pub(crate) fn slide_from(
         ring.value_above(&candidate, best + GAIN)?;
         let mut tangent = field.tangent(&candidate.into());
         for _ in 0..2 {
-            if tangent.distance.abs() <= near {
+            if tangent.within(most).abs() <= near {
                 break;
             }
-            let back = tangent.normal * tangent.within(PULL * edge);
+            let back = tangent.normal * tangent.within(most);
             ring.value_above(&(tangent.at.coords - back), best + GAIN)?;
             tangent = field.tangent(&(tangent.at - back));
         }
-        let better = tangent.distance.abs() <= limit
+        let better = tangent.within(most).abs() <= limit
             && ring.value_above(&tangent.at.coords, best + GAIN).is_some();
         better.then_some(tangent)
     })

@@ -221,7 +221,8 @@ impl Work {
             *q = if t[0] == NONE {
                 f64::INFINITY
             } else {
-                quality(t.map(|v| x[v as usize]))
+                let &[a, b, c, d] = t;
+                quality([x[a as usize], x[b as usize], x[c as usize], x[d as usize]])
             };
         });
     }
@@ -231,7 +232,13 @@ impl Work {
     }
 
     pub(crate) fn corners(&self, tet: [u32; 4]) -> [Point3; 4] {
-        tet.map(|v| self.x[v as usize])
+        let [a, b, c, d] = tet;
+        [
+            self.x[a as usize],
+            self.x[b as usize],
+            self.x[c as usize],
+            self.x[d as usize],
+        ]
     }
 
     pub(crate) fn quality_of(&self, tet: [u32; 4]) -> f64 {
