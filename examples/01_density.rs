@@ -127,8 +127,8 @@ fn density(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("k_a", shares)?;
 
     session.stage("files and pictures", || {
-        io::grid::save(session.output("density.mrc"), grid)?;
-        io::grid::save(session.output("density.dx"), grid)?;
+        io::grid::save(session.output("density.mrc")?, grid)?;
+        io::grid::save(session.output("density.dx")?, grid)?;
         let scale = Scale::new(ColorMap::Viridis, [0.0, 2.0], "density G");
         let pictures: Vec<_> = [("along x", 0), ("along y", 1), ("along z", 2)]
             .map(|(title, axis)| {
@@ -138,7 +138,7 @@ fn density(args: &Args, session: &Session) -> Result<(), Failure> {
                 )
             })
             .into();
-        sheet(&pictures, 3).save(session.output("slices.png"))?;
+        sheet(&pictures, 3).save(session.output("slices.png")?)?;
         Ok::<_, Failure>(())
     })
 }

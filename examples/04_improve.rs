@@ -196,7 +196,7 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
         );
         let label = "smallest angle per triangle / °";
         histogram(&sets, [0.0, 60.0], &title, label, [1100, 680])
-            .save(session.output("quality.png"))?;
+            .save(session.output("quality.png")?)?;
         Ok::<_, Failure>(())
     })
 }

@@ -150,7 +150,7 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
     ];
     session.stage("files and pictures", || {
         io::pqr::save(
-            session.output("reduced.pqr"),
+            session.output("reduced.pqr")?,
             &remaining(&structure, &eliminated.kept, &reduced),
         )?;
         if args.refit {
@@ -180,7 +180,7 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
             let title = format!("{name}: {} atoms", grouped(atoms));
             pictures.push((title, scene.draw(session.rasterizer()?, [940, 760])?));
         }
-        sheet(&pictures, 2).save(session.output("error.png"))?;
+        sheet(&pictures, 2).save(session.output("error.png")?)?;
         Ok::<_, Failure>(())
     })
 }
@@ -242,7 +242,7 @@ fn remaining(structure: &Structure, kept: &[u32], model: &Model) -> Structure {
 
 /// One line per atom: centre, radius, decay.
 fn save_parameters(session: &Session, model: &Model) -> Result<(), Failure> {
-    io::save(session.output("reduced.csv"), |w| {
+    io::save(session.output("reduced.csv")?, |w| {
         writeln!(w, "x,y,z,radius,decay")?;
         let atoms = model
             .centers()

@@ -90,7 +90,7 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
             "area": area,
             "normalized": pairs.values.iter().map(|v| v * area).collect::<Vec<_>>(),
         });
-        io::save(session.output("shape_dna.json"), |w| {
+        io::save(session.output("shape_dna.json")?, |w| {
             let text =
                 serde_json::to_string_pretty(&dna).map_err(|e| io::ErrorKind::System(e.into()))?;
             Ok(writeln!(w, "{text}")?)
@@ -103,7 +103,7 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
             let number = i + 1;
             let colors = Scale::symmetric(mode, "").colors(mode);
             let colored = Fields::from(&mesh).colored(products::rgba(&colors))?;
-            io::mesh::save(session.output(format!("mode_{number:02}.glb")), &colored)?;
+            io::mesh::save(session.output(format!("mode_{number:02}.glb"))?, &colored)?;
             fields = fields.point_field(&format!("mode_{number:02}"), mode)?;
             if pictures.len() < SHOWN {
                 let mut layer = Layer::surface(&mesh, Paint::Vertices(colors));
@@ -113,8 +113,8 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
                 pictures.push((format!("{number}: λ = {value:.4}"), image));
             }
         }
-        io::mesh::save(session.output("modes.vtu"), &fields)?;
-        sheet(&pictures, 4).save(session.output("modes.png"))?;
+        io::mesh::save(session.output("modes.vtu")?, &fields)?;
+        sheet(&pictures, 4).save(session.output("modes.png")?)?;
         let points = (1..)
             .zip(&pairs.values)
             .map(|(k, &v)| (f64::from(k), v))
@@ -134,7 +134,7 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
             ["number", "eigenvalue / Å⁻²"],
             [1100, 680],
         )
-        .save(session.output("spectrum.png"))?;
+        .save(session.output("spectrum.png")?)?;
         Ok::<_, Failure>(())
     })
 }

@@ -82,7 +82,7 @@ pub fn picture_of_surface(
     ));
     scene
         .draw(session.rasterizer()?, SIZE)?
-        .save(session.output(format!("{name}.png")))?;
+        .save(session.output(format!("{name}.png"))?)?;
     Ok(())
 }
 
@@ -108,8 +108,8 @@ fn save_colored(
     colors: &[Rgb],
 ) -> Result<(), Failure> {
     let view = Fields::from(mesh).colored(rgba(colors))?;
-    io::mesh::save(session.output(format!("{name}.ply")), &view)?;
-    io::mesh::save(session.output(format!("{name}.glb")), &view)?;
+    io::mesh::save(session.output(format!("{name}.ply"))?, &view)?;
+    io::mesh::save(session.output(format!("{name}.glb"))?, &view)?;
     Ok(())
 }
 
@@ -178,8 +178,8 @@ pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), 
         .cell_field("min_dihedral", &low)?
         .cell_field("max_dihedral", &high)?
         .cell_field("joe_liu", &shape)?;
-    io::mesh::save(session.output(format!("{name}.vtu")), &fields)?;
-    io::mesh::save(session.output(format!("{name}.msh")), &Fields::from(mesh))?;
+    io::mesh::save(session.output(format!("{name}.vtu"))?, &fields)?;
+    io::mesh::save(session.output(format!("{name}.msh"))?, &Fields::from(mesh))?;
     draw_volume(session, name, mesh, &measures)
 }
 
@@ -237,7 +237,7 @@ fn draw_volume(
     scene.caption = Some(format!("{tets} tetrahedra, {shown}"));
     scene
         .draw(session.rasterizer()?, SIZE)?
-        .save(session.output(format!("{name}.png")))?;
+        .save(session.output(format!("{name}.png"))?)?;
     Ok(())
 }
 
@@ -280,7 +280,7 @@ pub fn picture_of_quality(
     );
     let label = "smallest and largest dihedral angle per tetrahedron / °";
     histogram(&sets, [0.0, 180.0], &title, label, [1100, 680])
-        .save(session.output(format!("{name}.png")))?;
+        .save(session.output(format!("{name}.png"))?)?;
     Ok(())
 }
 

@@ -168,10 +168,8 @@ pub struct Session {
     /// Where kernels run.
     pub device: Device,
     common: Common,
-    /// Outputs wait here until all are written.
-    staging: tempfile::TempDir,
-    /// We made the output folder: it goes when we fail.
-    made: Option<PathBuf>,
+    /// Where outputs wait until all are written; made for the first of them.
+    staging: OnceLock<Staging>,
     started: Instant,
     bars: Bars,
     rasterizer: OnceLock<Rasterizer>,
@@ -201,19 +199,8 @@ struct Stage {
 impl Session {
     fn open(common: &Common, head: Value) -> Result<Self, Failure> {
         let device = Device::open(common.backend)?;
-        let out = &common.out;
-        let named = |e: std::io::Error| io::Error::from(io::ErrorKind::System(e)).in_file(out);
-        // The topmost folder that we have to make.
-        let absent = out
-            .ancestors()
-            .take_while(|a| !a.as_os_str().is_empty() && !a.exists())
-            .last();
-        let made = absent.map(Path::to_owned);
-        std::fs::create_dir_all(out).map_err(named)?;
-        let staging = tempfile::Builder::new()
-            .prefix(".unfinished-")
-            .tempdir_in(out)
-            .map_err(named)?;
+        // A folder that cannot be written is an error now, not after hours.
+        drop(Staging::open(&common.out)?);
         let report = Report {
             head,
             backend: device.name(),
@@ -227,8 +214,7 @@ impl Session {
         Ok(Self {
             device,
             common: common.clone(),
-            staging,
-            made,
+            staging: OnceLock::new(),
             started: Instant::now(),
             bars: Bars::new(common.quiet),
             rasterizer: OnceLock::new(),
@@ -279,14 +265,20 @@ impl Session {
     }
 
     /// Where to write an output of this name. It appears in the output folder when all are written.
-    pub fn output(&self, name: impl Into<String>) -> PathBuf {
+    pub fn output(&self, name: impl Into<String>) -> Result<PathBuf, Failure> {
         let name = name.into();
-        let path = self.staging.path().join(&name);
         let mut report = self.report();
+        if self.staging.get().is_none() {
+            let staging = Staging::open(&self.common.out)?;
+            // Nobody else sets it: the report is locked.
+            let _ = self.staging.set(staging);
+        }
+        let staging = self.staging.get().expect("set above");
+        let path = staging.folder.path().join(&name);
         if !report.outputs.contains(&name) {
             report.outputs.push(name);
         }
-        path
+        Ok(path)
     }
 
     /// What draws pictures; opened on first use.
@@ -302,12 +294,11 @@ impl Session {
 
     /// Writes `report.json` and moves every output to its place.
     fn close(self) -> Result<String, Failure> {
+        let path = self.output("report.json")?;
         let outputs = {
             let mut report = self.report();
             report.seconds = self.started.elapsed().as_secs_f64();
             report.peak_bytes = peak_bytes();
-            report.outputs.push("report.json".to_owned());
-            let path = self.staging.path().join("report.json");
             io::save(path, |w| {
                 serde_json::to_writer_pretty(&mut *w, &*report)
                     .map_err(|e| io::ErrorKind::System(e.into()))?;
@@ -315,12 +306,10 @@ impl Session {
             })?;
             report.outputs.clone()
         };
-        for name in &outputs {
-            let (from, to) = (self.staging.path().join(name), self.common.out.join(name));
-            std::fs::rename(&from, &to).map_err(|e| io::Error::from(e).in_file(&to))?;
-        }
         let mut session = self;
-        session.made = None;
+        if let Some(staging) = session.staging.take() {
+            staging.publish(&outputs)?;
+        }
         let seconds = session.started.elapsed().as_secs_f64();
         let (n, folder) = (outputs.len(), session.common.out.display());
         Ok(format!(
@@ -330,12 +319,51 @@ impl Session {
     }
 }
 
-impl Drop for Session {
+/// A hidden folder in the output folder. When it goes, the output folder goes, too, if it is empty and
+/// we made it.
+struct Staging {
+    folder: tempfile::TempDir,
+    out: PathBuf,
+    /// The topmost folder that we had to make.
+    made: Option<PathBuf>,
+}
+
+impl Staging {
+    fn open(out: &Path) -> Result<Self, Failure> {
+        let named = |e: std::io::Error| io::Error::from(io::ErrorKind::System(e)).in_file(out);
+        let absent = out
+            .ancestors()
+            .take_while(|a| !a.as_os_str().is_empty() && !a.exists())
+            .last();
+        let made = absent.map(Path::to_owned);
+        std::fs::create_dir_all(out).map_err(named)?;
+        let folder = tempfile::Builder::new()
+            .prefix(".unfinished-")
+            .tempdir_in(out)
+            .map_err(named)?;
+        Ok(Self {
+            folder,
+            out: out.to_owned(),
+            made,
+        })
+    }
+
+    /// Moves every output to its place.
+    fn publish(mut self, outputs: &[String]) -> Result<(), Failure> {
+        for name in outputs {
+            let (from, to) = (self.folder.path().join(name), self.out.join(name));
+            std::fs::rename(&from, &to).map_err(|e| io::Error::from(e).in_file(&to))?;
+        }
+        self.made = None;
+        Ok(())
+    }
+}
+
+impl Drop for Staging {
     fn drop(&mut self) {
         if let Some(made) = &self.made {
-            // Only what we made ourselves, and only what is empty but for the staging folder.
-            let _ = std::fs::remove_dir_all(self.staging.path());
-            let mut folder = Some(self.common.out.as_path());
+            let _ = std::fs::remove_dir_all(self.folder.path());
+            let mut folder = Some(self.out.as_path());
             while let Some(f) = folder.filter(|f| f.starts_with(made)) {
                 if std::fs::remove_dir(f).is_err() {
                     break;
@@ -454,7 +482,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("a/b");
         let summary = run_with("test", &args(&out), |_, session| {
-            session.stage("writing", || std::fs::write(session.output("x.txt"), "x"))?;
+            // Nothing is there before the first output: who is killed in between leaves nothing.
+            assert!(!out.exists());
+            session.stage("writing", || -> Result<(), Failure> {
+                Ok(std::fs::write(session.output("x.txt")?, "x")?)
+            })?;
             session.note("counts", json!({ "atoms": 3 }))?;
             session.note("counts", json!({ "triangles": 5 }))
         });
@@ -481,7 +513,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("a/b");
         let failed = run_with("test", &args(&out), |_, session| {
-            std::fs::write(session.output("x.txt"), "x")?;
+            std::fs::write(session.output("x.txt")?, "x")?;
             Err("no".into())
         });
         assert_eq!(failed.unwrap_err().to_string(), "no");

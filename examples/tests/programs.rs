@@ -415,6 +415,17 @@ fn bad_input_is_one_line_and_leaves_nothing() {
         "nan.pdb",
         "ATOM      1  CA  ALA A   1         NaN   0.000   0.000  1.00  0.00           C\n",
     );
+    // Cut in the middle of a coordinate.
+    let whole = std::fs::read_to_string(&good).unwrap();
+    let atom = whole.rfind("\nATOM").unwrap() + 1;
+    let cut = file("cut.pdb", &whole[..atom + 35]);
+    let cut_line = format!("cut.pdb: line {}", whole[..atom].lines().count() + 1);
+    let cif = std::fs::read_to_string(fixture("1A8O.cif")).unwrap();
+    let cut_cif = file("cut.cif", &cif[..cif.rfind("\nATOM").unwrap() + 40]);
+    let cut_gz = folder.path().join("cut.pdb.gz");
+    io::save(&cut_gz, |w| Ok(w.write_all(whole.as_bytes())?)).unwrap();
+    let packed = std::fs::read(&cut_gz).unwrap();
+    std::fs::write(&cut_gz, &packed[..packed.len() / 2]).unwrap();
     let no_grid = file("a.mrc", "MAP?");
     let no_mesh = file("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\n");
     let cases: &[(&str, &[&str], &str)] = &[
@@ -422,6 +433,13 @@ fn bad_input_is_one_line_and_leaves_nothing() {
         ("00_pipeline", &[&empty], "empty.pdb"),
         ("00_pipeline", &[&wrong], "wrong.pdb"),
         ("01_density", &[&nan], "line 1"),
+        ("00_pipeline", &[&cut], &cut_line),
+        ("00_pipeline", &[&cut_cif], "cut.cif"),
+        (
+            "00_pipeline",
+            &[cut_gz.to_str().unwrap()],
+            "cut.pdb.gz: the file ends in the middle of gzip data",
+        ),
         ("00_pipeline", &[&good, "--select", "name:XYZ"], "atoms"),
         ("00_pipeline", &[&good, "--assembly", "99"], "99"),
         ("00_pipeline", &[&good, "--spacing", "-1"], "spacing"),

@@ -9,6 +9,7 @@ mod crosscheck;
 mod python;
 #[cfg(feature = "lab")]
 mod spectra;
+mod sweep;
 #[cfg(feature = "lab")]
 mod thesis;
 #[cfg(feature = "lab")]
@@ -32,6 +33,9 @@ pub(crate) enum Chore {
     /// Our files in other people's programs: surfaces, tetrahedra and grids are measured there, and
     /// equations with known answers solved.
     Crosscheck,
+    /// Every structure of a folder at two spacings, with both meshers, inside, outside and both: meshed,
+    /// improved and audited. Fails if a mesh is broken; lists what is below the targets.
+    Sweep(sweep::Arguments),
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
         /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5.
@@ -45,6 +49,7 @@ pub(crate) fn run(chore: &Chore) -> Outcome {
         Chore::Bench => bench::run(),
         Chore::Spectra { large } => spectra::run(*large),
         Chore::Crosscheck => crosscheck::run(),
+        Chore::Sweep(arguments) => sweep::run(arguments),
         Chore::Thesis { table } => thesis::run(table),
     }
 }

@@ -2,6 +2,7 @@
 
 use geom_core::mesh::{INTERIOR, Region, VertexKind};
 use geom_core::{ImplicitField, Lattice, LatticeValues, Point3, Run};
+use rayon::prelude::*;
 
 use crate::backend::ContourBackend;
 use crate::complex::{Complex, Kinds};
@@ -105,14 +106,14 @@ pub(crate) fn resolved<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     }
 }
 
-/// Makes the mesh that options and purpose ask for.
-pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
-    values: &V,
-    field: Option<&dyn ImplicitField>,
+/// Values and labels as options and purpose ask for, and what has been counted.
+pub(crate) fn sampled<'a, V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
+    values: &'a V,
+    field: Option<&'a dyn ImplicitField>,
     options: &Options,
     purpose: Purpose,
     run: Run<'_, B>,
-) -> Result<Contour, Error> {
+) -> Result<(Samples<'a>, Report), Error> {
     options.check()?;
     let lattice = values.lattice();
     if lattice.counts.iter().any(|&n| n < 2) {
@@ -165,24 +166,51 @@ pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         });
     }
     samples.find_crossings(run.backend)?;
+    report.spacing = samples.domain.spacing;
+    Ok((samples, report))
+}
+
+/// Makes the mesh that options and purpose ask for.
+pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
+    values: &V,
+    field: Option<&dyn ImplicitField>,
+    options: &Options,
+    purpose: Purpose,
+    run: Run<'_, B>,
+) -> Result<Contour, Error> {
+    let (samples, report) = sampled(values, field, options, purpose, run)?;
+    let probe = Probe::new(&samples, values, field, options);
+    mesh(&samples, &probe, options, purpose, report, run)
+}
+
+/// Are all cells with a surface finest, with nothing but molecule and exterior, off the box?
+pub(crate) fn is_uniform(options: &Options) -> bool {
+    options.tolerance == 0.0
+        && options.zones.is_empty()
+        && options.materials.is_empty()
+        && options.at_box != AtBox::Clip
+        && options.method == Method::DualContour
+}
+
+/// Makes the mesh of what has been sampled.
+pub(crate) fn mesh<B: ContourBackend + ?Sized>(
+    samples: &Samples<'_>,
+    probe: &Probe<'_>,
+    options: &Options,
+    purpose: Purpose,
+    mut report: Report,
+    run: Run<'_, B>,
+) -> Result<Contour, Error> {
     let boxed = match purpose {
         Purpose::Surface | Purpose::Volume(Extent::Interior) => options.at_box == AtBox::Clip,
         Purpose::Volume(_) => true,
     };
     run.progress("octree", 0, 1)?;
-    let (tree, kinds) = tree(&samples, options);
-    let bounds = lattice.bounds();
-    let probe = Probe {
-        samples: &samples,
-        field,
-        bounds,
-        placement: options.placement,
-    };
-    let complex = Complex::new(&samples, &tree, kinds, |x, mean| {
+    let (tree, kinds) = tree(samples, options);
+    let complex = Complex::new(samples, &tree, kinds, |x, mean| {
         probe.value(x).unwrap_or(mean)
     });
     check_counts(&complex, purpose)?;
-    report.spacing = samples.domain.spacing;
     report.leaves = tree.leaves.iter().filter(|l| !l.void).count();
     report.surface_cells = (0..tree.leaves.len() as u32)
         .filter(|&id| complex.is_interface(id))
@@ -198,11 +226,11 @@ pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     let raw = match options.method {
         Method::DualContour => {
             run.progress("dual vertices", 0, 1)?;
-            let duals = Duals::new(&complex, &probe, boxed, run.backend)?;
+            let duals = Duals::new(&complex, probe, boxed, run.backend)?;
             report.split_cells = complex.splits.len();
             report.held_back = duals.reduced;
             run.progress(stage, 0, 1)?;
-            let emitter = Emitter::new(&complex, &duals, &probe, |r| {
+            let emitter = Emitter::new(&complex, &duals, probe, |r| {
                 keep(r) || boxed && r == INTERIOR
             });
             let emission = emitter.emit(&Want {
@@ -213,8 +241,7 @@ pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         }
         Method::Lattice => {
             run.progress(stage, 0, 1)?;
-            let (raw, counts) =
-                lattice::mesh(&complex, &probe, options.at_box == AtBox::Clip, keep);
+            let (raw, counts) = lattice::mesh(&complex, probe, options.at_box == AtBox::Clip, keep);
             (report.snapped, report.held_back) = (counts.snapped, counts.refused);
             raw
         }
@@ -259,8 +286,9 @@ impl Raw {
 fn tree(samples: &Samples<'_>, options: &Options) -> (Octree, Kinds) {
     let domain = samples.domain;
     let mut splits = sizing::splits(samples, options);
+    let finest = samples.labels.plain() && options.tolerance == 0.0 && options.zones.is_empty();
     let mut tree = Octree::new(domain.cells, &splits);
-    let mut kinds = Kinds::of(samples, &tree);
+    let mut kinds = Kinds::of(samples, &tree, finest);
     if options.method == Method::Lattice {
         // Snapping needs cells of one size around the surface.
         for id in kinds.interfaces().collect::<Vec<_>>() {
@@ -270,19 +298,31 @@ fn tree(samples: &Samples<'_>, options: &Options) -> (Octree, Kinds) {
             }
         }
         tree = Octree::new(domain.cells, &splits);
-        kinds = Kinds::of(samples, &tree).unsplit();
+        kinds = Kinds::of(samples, &tree, finest).unsplit();
         return (tree, kinds);
     }
     loop {
         let large = kinds.large(&tree);
-        if large.is_empty() {
-            return (tree, kinds);
-        }
-        for id in large {
+        for &id in &large {
             splits.split(domain.blocks, &tree.leaves[id as usize]);
         }
+        // Cut cells stand among finest ones, so that surfaces do not hang on what lies off them.
+        let bare: Vec<u32> = kinds
+            .cut(&tree)
+            .into_par_iter()
+            .filter(|&id| {
+                tree.touching(id)
+                    .any(|other| tree.leaves[other as usize].log > 0)
+            })
+            .collect();
+        for &id in &bare {
+            splits.surround(domain.cells, tree.leaves[id as usize].origin());
+        }
+        if large.is_empty() && bare.is_empty() {
+            return (tree, kinds);
+        }
         tree = Octree::new(domain.cells, &splits);
-        kinds = Kinds::of(samples, &tree);
+        kinds = Kinds::of(samples, &tree, finest);
     }
 }
 

@@ -223,8 +223,8 @@ pub(crate) fn simple_masks() -> [bool; 256] {
 pub(crate) struct Kinds(Vec<u8>);
 
 impl Kinds {
-    /// Judges all leaves.
-    pub(crate) fn of(samples: &Samples<'_>, tree: &Octree) -> Self {
+    /// Judges all leaves; if `finest`, only the finest carry interfaces.
+    pub(crate) fn of(samples: &Samples<'_>, tree: &Octree, finest: bool) -> Self {
         let masks = simple_masks();
         let view = Complex {
             samples,
@@ -235,7 +235,13 @@ impl Kinds {
         let kinds = (0..tree.leaves.len() as u32)
             .into_par_iter()
             .with_min_len(1024)
-            .map(|id| view.kind_of(id, &masks))
+            .map(|id| {
+                if finest && tree.leaves[id as usize].log > 0 {
+                    SIMPLE
+                } else {
+                    view.kind_of(id, &masks)
+                }
+            })
             .collect();
         Self(kinds)
     }
@@ -244,6 +250,13 @@ impl Kinds {
     pub(crate) fn large(&self, tree: &Octree) -> Vec<u32> {
         (0..self.0.len() as u32)
             .filter(|&id| self.0[id as usize] & SPLIT != 0 && tree.leaves[id as usize].log > 0)
+            .collect()
+    }
+
+    /// Finest leaves that are cut into tetrahedra.
+    pub(crate) fn cut(&self, tree: &Octree) -> Vec<u32> {
+        (0..self.0.len() as u32)
+            .filter(|&id| self.0[id as usize] & SPLIT != 0 && tree.leaves[id as usize].log == 0)
             .collect()
     }
 
@@ -825,7 +838,7 @@ impl<'a> Complex<'a> {
     }
 }
 
-fn frame_of_corners(corners: &[Region; 8]) -> Frame {
+pub(crate) fn frame_of_corners(corners: &[Region; 8]) -> Frame {
     let mut frame = Frame {
         used: 0,
         labels: [0; 27],

@@ -1,14 +1,14 @@
 //! Dual vertices: where the point of each cell stands.
 
 use geom_core::mesh::{INTERIOR, Region, six_volume};
-use geom_core::{Aabb, ImplicitField, Point3, Vector3};
+use geom_core::{Aabb, ImplicitField, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::ContourBackend;
-use crate::complex::{Cell, Complex, Corner, corner_of};
+use crate::complex::{Cell, Complex, Corner, Frame, corner_of, frame_of_corners};
 use crate::cpu::within;
 use crate::samples::{Samples, local};
-use crate::{Error, Placement};
+use crate::{Error, Options, Placement};
 
 /// Share of its cell within which a dual vertex stays.
 const INSET: f64 = 0.98;
@@ -45,7 +45,21 @@ pub(crate) struct Sample {
     pub(crate) value: f64,
 }
 
-impl Probe<'_> {
+impl<'a> Probe<'a> {
+    pub(crate) fn new<V: LatticeValues + ?Sized>(
+        samples: &'a Samples<'a>,
+        values: &V,
+        field: Option<&'a dyn ImplicitField>,
+        options: &Options,
+    ) -> Self {
+        Self {
+            samples,
+            field,
+            bounds: values.lattice().bounds(),
+            placement: options.placement,
+        }
+    }
+
     /// Is the interface between two labels the level set?
     fn on_level(p: Region, q: Region) -> bool {
         p == INTERIOR || q == INTERIOR
@@ -107,6 +121,11 @@ impl Probe<'_> {
             t = next.clamp(low.0, high.0);
         }
         t
+    }
+
+    /// The point where an edge is cut, away from its ends.
+    pub(crate) fn cut(&self, a: &Sample, b: &Sample) -> Point3 {
+        a.x + (b.x - a.x) * self.exact_crossing(a, b).clamp(0.05, 0.95)
     }
 
     /// The field at a point (Å), if there is one that holds there.
@@ -278,6 +297,11 @@ impl Duals {
         Some(self.rank[leaf as usize]).filter(|&r| r != u32::MAX)
     }
 
+    /// The point of the leaf with this rank.
+    pub(crate) fn leaf(&self, rank: u32) -> Point3 {
+        self.leaves[rank as usize]
+    }
+
     /// The point of a cell, in finest cells.
     #[inline]
     pub(crate) fn position(&self, complex: &Complex<'_>, cell: &Cell) -> Point3 {
@@ -291,10 +315,10 @@ impl Duals {
         }
     }
 
-    fn set(&mut self, moved: usize, x: Point3) {
+    fn at_mut(&mut self, moved: usize) -> &mut Point3 {
         match moved.checked_sub(self.leaves.len()) {
-            None => self.leaves[moved] = x,
-            Some(part) => self.parts[part] = x,
+            None => &mut self.leaves[moved],
+            Some(part) => &mut self.parts[part],
         }
     }
 
@@ -307,17 +331,23 @@ impl Duals {
     }
 
     /// Lets points go from their base to their place only as far as every umbrella tetrahedron (an edge
-    /// and two consecutive cells) stays positive. Between leaves of one size no point can do harm; the
-    /// rest is gathered once, and its points are placed one after the other, twice.
+    /// and two consecutive cells) stays positive. No harm can come from leaves of one size, nor from a
+    /// leaf beside a larger one that stands at its base. The tetrahedra of all others are gathered
+    /// once; then the points are placed, twice, colour by colour: no two of a colour share one.
     fn keep_positive(&mut self, complex: &Complex<'_>) {
-        let uniform = complex.splits.is_empty()
-            && (0..self.rank.len())
-                .into_par_iter()
-                .with_min_len(4096)
-                .all(|id| self.rank[id] == u32::MAX || complex.tree.leaves[id].log == 0);
-        if uniform {
+        let harmful =
+            |id: u32| complex.is_split(id) || complex.leaf(id).log > 0 && self.rank(id).is_some();
+        let mut owners: Vec<u32> = (0..complex.tree.leaves.len() as u32)
+            .into_par_iter()
+            .with_min_len(4096)
+            .filter(|&id| harmful(id))
+            .flat_map_iter(|id| complex.tree.touching(id))
+            .collect();
+        if owners.is_empty() {
             return;
         }
+        owners.par_sort_unstable();
+        owners.dedup();
         struct Tet {
             a: Point3,
             b: Point3,
@@ -326,14 +356,13 @@ impl Duals {
         }
         let risky = |c: &Cell, d: &Cell| match (c, d) {
             (Cell::Leaf(i), Cell::Leaf(j)) => {
-                let (i, j) = (*i, *j);
-                complex.leaf(i).log != complex.leaf(j).log
-                    && (self.rank(i).is_some() || self.rank(j).is_some())
+                let (p, q) = (complex.leaf(*i).log, complex.leaf(*j).log);
+                p > q && self.rank(*i).is_some() || q > p && self.rank(*j).is_some()
             }
             (Cell::Ghost(..), _) | (_, Cell::Ghost(..)) => false,
             _ => true,
         };
-        let tets: Vec<Tet> = (0..complex.tree.leaves.len() as u32)
+        let tets: Vec<Tet> = owners
             .into_par_iter()
             .with_min_len(256)
             .flat_map_iter(|id| {
@@ -362,54 +391,98 @@ impl Duals {
                 tets
             })
             .collect();
-        // Tetrahedra per moved point.
-        let total = self.leaves.len() + self.parts.len();
-        let mut around: Vec<(u32, u32)> = Vec::new();
-        for (i, t) in tets.iter().enumerate() {
-            let cells = t.cells.iter().filter_map(|c| self.moved(c));
-            around.extend(cells.map(|m| (m as u32, i as u32)));
+        // Tetrahedra per moved point, points by colour.
+        let mut around: Vec<(u16, u32, u32)> = tets
+            .par_iter()
+            .enumerate()
+            .with_min_len(1024)
+            .flat_map_iter(|(i, t)| {
+                let moved = t
+                    .cells
+                    .iter()
+                    .filter_map(|c| Some((colour(complex, c), self.moved(c)?)));
+                moved.map(move |(colour, m)| (colour, m as u32, i as u32))
+            })
+            .collect();
+        around.par_sort_unstable();
+        struct Free<'a> {
+            moved: usize,
+            base: Point3,
+            target: Point3,
+            share: f64,
+            tets: &'a [(u16, u32, u32)],
         }
-        around.sort_unstable();
-        let mut base = vec![Point3::origin(); total];
-        for (id, &r) in self.rank.iter().enumerate() {
-            if r != u32::MAX {
-                base[r as usize] = complex.base_position(&Cell::Leaf(id as u32));
-            }
-        }
-        for (i, b) in base[self.leaves.len()..].iter_mut().enumerate() {
-            *b = complex.base_position(&Cell::Part((i / 12) as u32, (i % 12) as u8));
-        }
-        let target: Vec<Point3> = self.leaves.iter().chain(&self.parts).copied().collect();
-        let mut share = vec![1.0f64; total];
-        for group in around.chunk_by(|x, y| x.0 == y.0) {
-            let m = group[0].0 as usize;
-            share[m] = 0.0;
-            self.set(m, base[m]);
+        let mut points: Vec<Free<'_>> = around
+            .chunk_by(|x, y| x.1 == y.1)
+            .map(|group| {
+                let moved = group[0].1 as usize;
+                let of = |c: &&Cell| self.moved(c) == Some(moved);
+                let cell = tets[group[0].2 as usize].cells.iter().find(of);
+                Free {
+                    moved,
+                    base: complex.base_position(cell.expect("one of the two has moved")),
+                    target: *self.at_mut(moved),
+                    share: 0.0,
+                    tets: group,
+                }
+            })
+            .collect();
+        for p in &points {
+            *self.at_mut(p.moved) = p.base;
         }
         for _ in 0..2 {
-            for group in around.chunk_by(|x, y| x.0 == y.0) {
-                let m = group[0].0 as usize;
-                let mut t = 1.0;
-                while t > share[m] + 1e-3 {
-                    self.set(m, base[m] + (target[m] - base[m]) * t);
-                    let fine = group.iter().all(|&(_, i)| {
-                        let tet = &tets[i as usize];
-                        let [c, d] = [0, 1].map(|k| self.position(complex, &tet.cells[k]));
-                        six_volume([tet.a, tet.b, c, d]) > tet.least
-                    });
-                    if fine {
-                        share[m] = t;
-                        break;
+            for group in points.chunk_by_mut(|x, y| x.tets[0].0 == y.tets[0].0) {
+                group.par_iter_mut().with_min_len(32).for_each(|p| {
+                    let mut t = 1.0;
+                    while t > p.share + 1e-3 && t >= 0.05 {
+                        let x = p.base + (p.target - p.base) * t;
+                        let fine = p.tets.iter().all(|&(.., i)| {
+                            let tet = &tets[i as usize];
+                            let [c, d] = [0, 1].map(|k| {
+                                let cell = &tet.cells[k];
+                                if self.moved(cell) == Some(p.moved) {
+                                    x
+                                } else {
+                                    self.position(complex, cell)
+                                }
+                            });
+                            six_volume([tet.a, tet.b, c, d]) > tet.least
+                        });
+                        if fine {
+                            p.share = t;
+                            break;
+                        }
+                        t *= 0.75;
                     }
-                    t *= 0.75;
-                    if t < 0.05 {
-                        break;
-                    }
+                });
+                for p in group {
+                    *self.at_mut(p.moved) = p.base + (p.target - p.base) * p.share;
                 }
-                self.set(m, base[m] + (target[m] - base[m]) * share[m]);
             }
         }
-        self.reduced = share.iter().filter(|&&s| s < 1.0).count();
+        self.reduced = points.iter().filter(|p| p.share < 1.0).count();
+    }
+}
+
+/// A number that two cells with a common edge share only if they are one: leaves by size and parity,
+/// parts by the parity of their leaf and their place in it.
+fn colour(complex: &Complex<'_>, cell: &Cell) -> u16 {
+    let of = |id: u32| {
+        let leaf = complex.leaf(id);
+        let parity = (0..3)
+            .map(|k| (leaf.origin()[k] >> leaf.log & 1) << k)
+            .sum::<i32>();
+        (parity as u16, u16::from(leaf.log))
+    };
+    match *cell {
+        Cell::Leaf(id) | Cell::Ghost(id, _) => {
+            let (parity, log) = of(id);
+            8 * log + parity
+        }
+        Cell::Part(k, part) => {
+            let (parity, _) = of(complex.splits[k as usize].leaf);
+            8 * (32 + u16::from(part)) + parity
+        }
     }
 }
 
@@ -483,17 +556,61 @@ fn leaf_points<B: ContourBackend + ?Sized>(
     Ok(leaves.iter().map(next).collect())
 }
 
+/// The points of finest cells of plain labels, given with the place of their block among the stored.
+pub(crate) fn finest_points<B: ContourBackend + ?Sized>(
+    samples: &Samples<'_>,
+    probe: &Probe<'_>,
+    cells: &[(u32, [i32; 3])],
+    backend: &B,
+) -> Result<Vec<Point3>, Error> {
+    if probe.field.is_none() && probe.placement == Placement::Newton {
+        let mut values = vec![[0.0; 8]; cells.len()];
+        values
+            .par_iter_mut()
+            .zip(cells)
+            .with_min_len(1024)
+            .for_each(|(v, &(slot, cell))| *v = samples.corners_in(slot as usize, cell));
+        let points = backend.dual_vertices(&values, STEPS)?;
+        return Ok(points
+            .into_par_iter()
+            .zip(cells)
+            .with_min_len(4096)
+            .map(|(x, &(_, cell))| within(cell, x))
+            .collect());
+    }
+    Ok(cells
+        .par_iter()
+        .with_min_len(256)
+        .map(|&(_, cell)| {
+            let labels = std::array::from_fn(|i| {
+                samples.label([0, 1, 2].map(|k| cell[k] + corner_of(i)[k]))
+            });
+            cell_point(samples, probe, cell, 1, &frame_of_corners(&labels))
+        })
+        .collect())
+}
+
 fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
     let leaf = complex.leaf(id);
-    let (o, s) = (leaf.origin(), leaf.size());
     let frame = complex.frame(id);
+    cell_point(complex.samples, probe, leaf.origin(), leaf.size(), &frame)
+}
+
+/// The dual vertex of a cell from the labels on its half lattice.
+fn cell_point(
+    samples: &Samples<'_>,
+    probe: &Probe<'_>,
+    o: [i32; 3],
+    s: i32,
+    frame: &Frame,
+) -> Point3 {
     let sample = |i: usize| {
         let p = [i % 3, i / 3 % 3, i / 9].map(|c| c as i32);
         let p = [0, 1, 2].map(|k| o[k] + p[k] * s / 2);
         Sample {
             x: local(p),
             label: frame.labels[i],
-            value: complex.samples.value(p),
+            value: samples.value(p),
         }
     };
     let mut crossings = Vec::with_capacity(12);

@@ -6,13 +6,15 @@ use rayon::prelude::*;
 
 use crate::complex::{Cell, Complex, Corner, Ring};
 use crate::dual::{Duals, Probe, sample_corner};
+use crate::lanes::{self, Quads};
 use crate::octree::{PointMarks, PointSet};
-use crate::quality::sine;
+use crate::quality::{NO_FAN, sine};
+use crate::samples::local;
 
 /// Leaves per batch; batches are independent and joined in order.
 const BATCH: usize = 2048;
 /// Marks a vertex that a batch has added on an edge, by its number within the batch.
-const ADDED: u32 = 1 << 31;
+pub(crate) const ADDED: u32 = 1 << 31;
 
 /// The numbers of the vertices: cells (leaves, then parts), ghosts, lattice points, middles of split
 /// leaves, added points.
@@ -227,38 +229,36 @@ impl<'a> Emitter<'a> {
             .collect();
         let counts: Vec<u32> = batches.iter().map(|b| b.added.len() as u32).collect();
         let starts = parallel::starts_of(&counts);
-        let shift = |v: &mut u32, start: usize| {
-            if *v & ADDED != 0 {
-                *v = self.numbering.len + start as u32 + (*v & !ADDED);
+        let shift = |batch: usize, v: u32| {
+            if v & ADDED == 0 {
+                v
+            } else {
+                self.numbering.len + starts[batch] as u32 + (v & !ADDED)
             }
         };
-        let mut out = Emission::default();
-        out.tets
-            .reserve_exact(batches.iter().map(|b| b.tets.len()).sum());
-        out.regions
-            .reserve_exact(batches.iter().map(|b| b.tets.len()).sum());
-        out.triangles
-            .reserve_exact(batches.iter().map(|b| b.triangles.len()).sum());
-        for (mut batch, &start) in batches.into_iter().zip(&starts) {
-            batch
-                .tets
-                .iter_mut()
-                .flatten()
-                .for_each(|v| shift(v, start));
-            batch
-                .triangles
-                .iter_mut()
-                .flatten()
-                .for_each(|v| shift(v, start));
-            out.tets.append(&mut batch.tets);
-            out.regions.append(&mut batch.regions);
-            out.triangles.append(&mut batch.triangles);
-            out.added.append(&mut batch.added);
+        let (mut tets, mut regions, mut triangles, mut added) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for batch in batches {
+            tets.push(batch.tets);
+            regions.push(batch.regions);
+            triangles.push(batch.triangles);
+            added.push(batch.added);
         }
-        out
+        Emission {
+            tets: joined(tets, |b, t| t.map(|v| shift(b, v))),
+            regions: joined(regions, |_, r| r),
+            triangles: joined(triangles, |b, t| t.map(|v| shift(b, v))),
+            added: added.concat(),
+        }
     }
 
-    fn ring<F: Fn(Region) -> bool>(&self, ring: &Ring<'_>, want: &Want<F>, out: &mut Emission) {
+    /// Emits what stands around one edge.
+    pub(crate) fn ring<F: Fn(Region) -> bool>(
+        &self,
+        ring: &Ring<'_>,
+        want: &Want<F>,
+        out: &mut Emission,
+    ) {
         let n = ring.cells.len();
         let sides = if ring.open { n - 1 } else { n };
         let (la, lb) = (ring.a.1, ring.b.1);
@@ -320,9 +320,8 @@ impl<'a> Emitter<'a> {
         }
         // A point on the edge itself: always positive, and both sides agree.
         let [p, q] = [ring.a, ring.b].map(|(c, label)| sample_corner(self.complex, c, label));
-        let t = self.probe.exact_crossing(&p, &q).clamp(0.05, 0.95);
         let x = ADDED | out.added.len() as u32;
-        out.added.push(p.x + (q.x - p.x) * t);
+        out.added.push(self.probe.cut(&p, &q));
         for i in 0..sides {
             let (c, d) = (ids[i], ids[(i + 1) % n]);
             if surface {
@@ -362,6 +361,16 @@ impl<'a> Emitter<'a> {
         out.triangles.push([a, b, last]);
     }
 
+    /// The axis of an edge between four finest leaves that are not split.
+    fn uniform(&self, ring: &Ring<'_>) -> Option<usize> {
+        let finest = |c: &Cell| matches!(*c, Cell::Leaf(id) if self.complex.leaf(id).log == 0);
+        let (Corner::Point(a), Corner::Point(b)) = (ring.a.0, ring.b.0) else {
+            return None;
+        };
+        (ring.cells.len() == 4 && ring.cells.iter().all(finest))
+            .then(|| (0..3).find(|&k| a[k] != b[k]))?
+    }
+
     /// Where the fan of triangles over a closed ring begins so that the worst tetrahedron on either
     /// side is best; `None` if none keeps all of them positive.
     fn best_fan(&self, ring: &Ring<'_>) -> Option<usize> {
@@ -369,6 +378,15 @@ impl<'a> Emitter<'a> {
         let mut x = [Point3::origin(); 10];
         for (x, cell) in x.iter_mut().zip(ring.cells) {
             *x = self.duals.position(self.complex, cell);
+        }
+        if let Some(axis) = self.uniform(ring) {
+            let (Corner::Point(low), [u, v]) = (ring.a.0, [(axis + 1) % 3, (axis + 2) % 3]) else {
+                unreachable!("an edge between leaves joins lattice points");
+            };
+            let low = local(low);
+            let quad: Quads<1> = std::array::from_fn(|q| [u, v, axis].map(|k| [x[q][k] - low[k]]));
+            let [start] = lanes::diagonals(&quad);
+            return Some(usize::from(start)).filter(|_| start != NO_FAN);
         }
         let [a, b] = [ring.a.0, ring.b.0].map(|c| self.complex.corner_position(c));
         let starts = match n {
@@ -395,6 +413,35 @@ impl<'a> Emitter<'a> {
         }
         best.1
     }
+}
+
+/// One list of all, in order; `f` sees the number of the list that an item comes from.
+pub(crate) fn joined<T: Copy + Default + Send + Sync>(
+    lists: Vec<Vec<T>>,
+    f: impl Fn(usize, T) -> T + Sync,
+) -> Vec<T> {
+    let mut out = vec![T::default(); lists.iter().map(Vec::len).sum()];
+    let mut rest = out.as_mut_slice();
+    let mut parts = Vec::with_capacity(lists.len());
+    for list in lists {
+        let (part, others) = std::mem::take(&mut rest).split_at_mut(list.len());
+        rest = others;
+        parts.push((part, list));
+    }
+    parts
+        .into_par_iter()
+        .enumerate()
+        .for_each(|(i, (part, list))| {
+            for (to, &from) in part.iter_mut().zip(&list) {
+                *to = f(i, from);
+            }
+        });
+    out
+}
+
+/// The numbers of the parts of split leaves.
+pub(crate) fn parts_of(numbering: &Numbering<'_>) -> std::ops::Range<u32> {
+    numbering.first_part..numbering.first_ghost
 }
 
 /// A label as the mesh sees it: regions that are not kept are all the outside.

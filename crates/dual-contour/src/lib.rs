@@ -11,6 +11,7 @@ mod emit;
 mod error;
 mod field;
 mod groups;
+mod lanes;
 mod lattice;
 mod octree;
 mod options;
@@ -19,6 +20,7 @@ mod report;
 mod samples;
 mod sizing;
 mod surface;
+mod uniform;
 mod volume;
 #[cfg(feature = "wgpu")]
 mod wgpu;

@@ -302,6 +302,28 @@ impl Octree {
     }
 }
 
+impl Octree {
+    /// The leaves that touch a leaf, some of them twice, and the leaf itself.
+    pub(crate) fn touching(&self, id: u32) -> impl Iterator<Item = u32> + '_ {
+        let leaf = &self.leaves[id as usize];
+        let (o, s) = (leaf.origin(), leaf.size());
+        // Those are at least half as large.
+        let step = (s / 2).max(1);
+        let last = s / step + 1;
+        let at = move |k: usize, i: i32| {
+            if i == 0 {
+                o[k] - 1
+            } else {
+                o[k] + (i - 1) * step
+            }
+        };
+        (0..=last)
+            .flat_map(move |z| (0..=last).flat_map(move |y| (0..=last).map(move |x| [x, y, z])))
+            .map(move |p| self.find([0, 1, 2].map(|k| at(k, p[k]))).0)
+            .filter(|&other| other != NONE)
+    }
+}
+
 fn leaves_of(node: &Node, at: [i32; 3], cells: [i32; 3]) -> Vec<Leaf> {
     let mut out = Vec::new();
     let mut push = |o: [i32; 3], log: u8| {

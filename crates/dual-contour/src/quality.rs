@@ -2,6 +2,9 @@
 
 use geom_core::Point3;
 
+/// No diagonal of a quad keeps all tetrahedra positive.
+pub(crate) const NO_FAN: u8 = 2;
+
 /// The smallest squared sine of a dihedral angle, with the sign of the volume: larger is better, and
 /// positive means not inverted.
 pub(crate) fn sine(x: &[Point3; 4]) -> f64 {

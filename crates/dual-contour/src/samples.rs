@@ -271,6 +271,8 @@ pub(crate) struct Samples<'a> {
     pub(crate) domain: Domain,
     pub(crate) labels: Labels,
     state: Vec<u32>,
+    /// The stored blocks in order.
+    stored: Vec<u32>,
     values: Vec<f32>,
     regions: Vec<Region>,
     /// Signs of the corners of each finest cell of each stored block; empty unless labels are plain.
@@ -335,7 +337,7 @@ impl<'a> Samples<'a> {
                 }
             }
         }
-        let (mut values, mut regions) = (Vec::new(), Vec::new());
+        let (mut stored, mut values, mut regions) = (Vec::new(), Vec::new(), Vec::new());
         let mut batch = vec![0.0; POINTS * BATCH.min(open.len())];
         for open in open.chunks(BATCH) {
             let batch = &mut batch[..POINTS * open.len()];
@@ -386,7 +388,8 @@ impl<'a> Samples<'a> {
                 match judged {
                     Err(label) => state[b] = UNIFORM | u32::from(label),
                     Ok(block) => {
-                        state[b] = (regions.len() / POINTS) as u32;
+                        state[b] = stored.len() as u32;
+                        stored.push(b as u32);
                         regions.extend(block);
                         values.extend_from_slice(&batch[POINTS * i..][..POINTS]);
                     }
@@ -397,6 +400,7 @@ impl<'a> Samples<'a> {
             domain,
             labels,
             state,
+            stored,
             values,
             regions,
             masks: Vec::new(),
@@ -409,6 +413,16 @@ impl<'a> Samples<'a> {
     pub(crate) fn masks_of(&self, b: usize) -> Option<&[u8]> {
         let slot = self.slot(b)?;
         self.masks.get(BLOCK_CELLS * slot..BLOCK_CELLS * (slot + 1))
+    }
+
+    /// The stored blocks in order.
+    pub(crate) fn stored(&self) -> &[u32] {
+        &self.stored
+    }
+
+    /// The signs of the finest cells of a stored block, if labels are plain.
+    pub(crate) fn masks_at(&self, slot: usize) -> &[u8] {
+        &self.masks[BLOCK_CELLS * slot..][..BLOCK_CELLS]
     }
 
     /// Finds the signs of all stored cells; after this values stay as they are.
@@ -586,10 +600,7 @@ impl<'a> Samples<'a> {
     /// The signs of the corners of a finest cell, if labels are plain and its block is stored.
     #[inline]
     pub(crate) fn mask(&self, cell: [i32; 3]) -> Option<u8> {
-        let slot = self.slot(block_index(
-            self.domain.blocks,
-            cell.map(|c| c >> BLOCK_LOG),
-        ))?;
+        let slot = self.slot_of(cell)?;
         let i = (cell[0] & 7) | (cell[1] & 7) << 3 | (cell[2] & 7) << 6;
         self.masks.get(BLOCK_CELLS * slot + i as usize).copied()
     }
@@ -597,6 +608,15 @@ impl<'a> Samples<'a> {
     /// Place of a block among the stored ones.
     pub(crate) fn slot(&self, b: usize) -> Option<usize> {
         (self.state[b] < UNIFORM).then(|| self.state[b] as usize)
+    }
+
+    /// Place of the block of a finest cell among the stored ones.
+    #[inline]
+    pub(crate) fn slot_of(&self, cell: [i32; 3]) -> Option<usize> {
+        self.slot(block_index(
+            self.domain.blocks,
+            cell.map(|c| c >> BLOCK_LOG),
+        ))
     }
 
     /// Labels of the closed block `b`, if stored.
@@ -632,20 +652,26 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// The values at the corners of a finest cell, minus the level; corner `x + 2y + 4z`.
+    /// The values at the corners of a finest cell of a stored block, minus the level; corner
+    /// `x + 2y + 4z`.
+    #[inline]
+    pub(crate) fn corners_in(&self, slot: usize, cell: [i32; 3]) -> [f32; 8] {
+        let values = &self.values[slot * POINTS..][..POINTS];
+        let d = cell.map(|c| (c & 7) as usize);
+        let i = (d[2] * SIDE + d[1]) * SIDE + d[0];
+        std::array::from_fn(|c| {
+            let step = (c & 1) + (c >> 1 & 1) * SIDE + (c >> 2) * SIDE * SIDE;
+            (f64::from(values[i + step]) - self.labels.level) as f32
+        })
+    }
+
+    /// The same for any finest cell.
     pub(crate) fn corners_over_level(&self, cell: [i32; 3]) -> [f32; 8] {
-        let over = |v: f64| (v - self.labels.level) as f32;
-        let (b, i) = self.place(cell);
-        match self.slot(b) {
-            Some(slot) if (0..3).all(|k| cell[k] >> BLOCK_LOG < self.domain.blocks[k]) => {
-                let values = &self.values[slot * POINTS..][..POINTS];
-                std::array::from_fn(|c| {
-                    let step = (c & 1) + (c >> 1 & 1) * SIDE + (c >> 2) * SIDE * SIDE;
-                    over(f64::from(values[i + step]))
-                })
-            }
-            _ => std::array::from_fn(|c| {
-                over(self.value([0, 1, 2].map(|k| cell[k] + (c >> k & 1) as i32)))
+        match self.slot_of(cell) {
+            Some(slot) => self.corners_in(slot, cell),
+            None => std::array::from_fn(|c| {
+                let p = [0, 1, 2].map(|k| cell[k] + (c >> k & 1) as i32);
+                (self.value(p) - self.labels.level) as f32
             }),
         }
     }

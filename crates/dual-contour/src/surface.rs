@@ -3,10 +3,11 @@
 use geom_core::{ImplicitField, LatticeValues, Run, TriMesh};
 
 use crate::backend::ContourBackend;
-use crate::build::{self, Contour, Purpose};
+use crate::build::{self, Purpose};
+use crate::dual::Probe;
 use crate::emit::compact;
 use crate::samples::Domain;
-use crate::{Error, Options, Report};
+use crate::{Error, Options, Report, uniform};
 
 /// A surface and how it came about.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,12 +31,18 @@ pub fn surface<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Surface, Error> {
     let options = build::resolved(values, field, options, run)?;
-    let Contour {
-        raw,
-        domain,
-        report,
-    } = build::contour(values, field, &options, Purpose::Surface, run)?;
-    let mesh = surface_mesh(&raw.positions, raw.triangles, &domain);
+    let (samples, mut report) = build::sampled(values, field, &options, Purpose::Surface, run)?;
+    let probe = Probe::new(&samples, values, field, &options);
+    let mesh = if build::is_uniform(&options) {
+        run.progress("triangles", 0, 1)?;
+        uniform::surface(&samples, &probe, run.backend, &mut report)?
+    } else {
+        let purpose = Purpose::Surface;
+        let made = build::mesh(&samples, &probe, &options, purpose, report, run)?;
+        report = made.report;
+        surface_mesh(&made.raw.positions, made.raw.triangles, &made.domain)
+    };
+    run.progress("triangles", 1, 1)?;
     Ok(Surface { mesh, report })
 }
 

@@ -5,6 +5,7 @@ use geom_core::{Aabb, Cpu, Lattice, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
+use crate::direct;
 use crate::error::Error;
 use crate::fast::{self, Cube};
 use crate::members::{self, Cell, Members};
@@ -23,7 +24,13 @@ impl DensityBackend for Cpu {
         Ok(blocks
             .par_iter()
             .map_init(Workspace::default, |work, block| {
-                work.sample_block(model, job, block)
+                let found = match job.cutoff {
+                    Cutoff::AfterPowers(eps) => {
+                        direct::sample_block(model, job, eps, block, &mut work.direct)
+                    }
+                    Cutoff::Bare(_) => None,
+                };
+                found.unwrap_or_else(|| work.sample_block(model, job, block))
             })
             .collect())
     }
@@ -59,6 +66,7 @@ impl DensityBackend for Cpu {
 struct Workspace {
     cull: members::Scratch,
     sums: fast::Scratch,
+    direct: direct::Scratch,
     /// Members of the block, of an eighth of it, of a brick, of an eighth of a brick.
     kept: [Members; 4],
     values: Vec<f32>,
@@ -255,14 +263,14 @@ fn narrow(value: f64) -> f32 {
 }
 
 /// The middle of a cube of points.
-fn middle(lattice: &Lattice, first: [usize; 3], side: usize) -> Point3 {
+pub(crate) fn middle(lattice: &Lattice, first: [usize; 3], side: usize) -> Point3 {
     let half = 0.5 * lattice.spacing * (side as f64 - 1.0);
     lattice.point(first) + Vector3::repeat(half)
 }
 
 /// The box of bricks `low..high`, and one cell more on the low sides: an edge of the lattice that changes
 /// sign between two bricks lies in the boxes of both, so neither can be exterior.
-fn bricks_box(job: &Job, low: [usize; 3], high: [usize; 3]) -> Aabb {
+pub(crate) fn bricks_box(job: &Job, low: [usize; 3], high: [usize; 3]) -> Aabb {
     lattice_box(
         &job.lattice.origin,
         job.lattice.spacing,

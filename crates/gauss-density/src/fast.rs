@@ -437,7 +437,7 @@ fn raise(values: &mut [f32], power: f64) {
 
 /// `2^x` within 2e-7, for x in [−126, 127]; clamped beyond.
 #[inline(always)]
-fn exp2(x: f32) -> f32 {
+pub(crate) fn exp2(x: f32) -> f32 {
     let x = x.clamp(-126.0, 126.0);
     // Adding 1.5 · 2²³ rounds to the nearest integer.
     let shifted = x + 12_582_912.0;
@@ -458,7 +458,7 @@ fn exp2(x: f32) -> f32 {
 
 /// `log₂ x` for normal positive x, within 3e-7 absolute plus 2e-7 relative.
 #[inline(always)]
-fn log2(x: f32) -> f32 {
+pub(crate) fn log2(x: f32) -> f32 {
     let bits = x.to_bits() as i32;
     // Mantissa in [√½, √2).
     let exponent = (bits - 0x3f35_04f3) >> 23;

@@ -6,6 +6,7 @@ mod backend;
 mod band;
 mod compare;
 mod cpu;
+mod direct;
 mod eliminate;
 mod error;
 mod fast;

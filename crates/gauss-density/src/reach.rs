@@ -8,9 +8,12 @@ pub(crate) struct Reach {
     radius: f64,
     decay: f64,
     fastest_decay: f64,
-    atoms: f64,
-    /// Per level, lowest first: smallest and largest power, and `ln` of the number of children above.
-    levels: Vec<(f64, f64, f64)>,
+    /// The largest `κ r²`.
+    highest_kernel: f64,
+    /// `ln` of the largest number of children, lowest level first, and of the root's.
+    children: Vec<f64>,
+    /// Per level, lowest first: smallest and largest power.
+    powers: Vec<(f64, f64)>,
 }
 
 impl Reach {
@@ -26,14 +29,19 @@ impl Reach {
             radius: model.radii().iter().copied().fold(0.0, f64::max),
             decay: model.decays().iter().copied().fold(f64::INFINITY, f64::min),
             fastest_decay: model.decays().iter().copied().fold(0.0, f64::max),
-            atoms: children[0],
-            levels: levels
+            highest_kernel: model
+                .radii()
                 .iter()
-                .zip(&children[1..])
-                .map(|(level, &above)| {
+                .zip(model.decays())
+                .map(|(r, kappa)| kappa * r * r)
+                .fold(0.0, f64::max),
+            children,
+            powers: levels
+                .iter()
+                .map(|level| {
                     let power =
                         |f: fn(f64, f64) -> f64, start| level.power.iter().copied().fold(start, f);
-                    (power(f64::min, f64::INFINITY), power(f64::max, 0.0), above)
+                    (power(f64::min, f64::INFINITY), power(f64::max, 0.0))
                 })
                 .collect(),
         }
@@ -44,31 +52,61 @@ impl Reach {
         self.fastest_decay
     }
 
+    /// The logarithm of the highest kernel, `κ r²`.
+    pub(crate) fn highest_kernel(&self) -> f64 {
+        self.highest_kernel
+    }
+
+    /// No sum and no power of one, nor the density, has a larger logarithm than this.
+    pub(crate) fn highest_sum(&self) -> f64 {
+        let mut sum = self.highest_kernel + self.children[0];
+        let mut highest = sum;
+        for (&(low, high), above) in self.powers.iter().zip(&self.children[1..]) {
+            sum = (sum * low).max(sum * high) + above;
+            highest = highest.max(sum);
+        }
+        highest
+    }
+
     /// Beyond this distance from every atom the density is below `floor`, Å.
     ///
     /// Going down from the root, a sum of `n` terms is below `s` when each is below `s / n`, and a power
     /// is below `s` when its base is below `s^(1/P)`.
     pub(crate) fn beyond(&self, floor: f64) -> f64 {
         let mut ln = floor.ln();
-        for &(low, high, above) in self.levels.iter().rev() {
+        for (&(low, high), above) in self.powers.iter().zip(&self.children[1..]).rev() {
             ln -= above;
             // The weaker demand of the two extreme powers is the larger base: take the smaller one.
             ln = (ln / low).min(ln / high);
         }
-        ln -= self.atoms;
+        ln -= self.children[0];
         self.radius_of(-ln)
     }
 
     /// Atoms farther than this from a point may be left out there: where the density reaches `floor`, it
     /// loses at most the share `eps` (Å).
+    pub(crate) fn radius(&self, eps: f64, floor: f64) -> f64 {
+        self.radius_of(self.exponent(eps, floor))
+    }
+
+    /// Atoms whose power distance `q` at a point is more than this may be left out there: where the density
+    /// reaches `floor`, it loses at most the share `eps`.
+    pub(crate) fn exponent(&self, eps: f64, floor: f64) -> f64 {
+        self.exponent_among(&self.children, eps, floor)
+    }
+
+    /// The same for a part of the atoms: given `ln` of the largest number of children on each level, lowest
+    /// first, and of the root's.
     ///
-    /// A node may lose `λ + ρ D`; the root `eps floor / 2 + eps G / 2`. A sum of `n` terms passes `λ / n` and
+    /// A node may lose `λ + ρ D`; the root `eps floor / 2 + eps G / 2`, or `eps floor` if nothing needs a `ρ`. A sum of `n` terms passes `λ / n` and
     /// `ρ` on to each. A power `P ≤ 1` needs `λ^(1/P)` and `ρ` from its sum `S`, since
     /// `S^P − ((1 − ρ) S − λ)^P ≤ ρ S^P + λ^P`. A power above 1 needs `ρ λ^(1/P) / 2P` and `ρ / 2P`: either the
     /// absolute loss is below the share `ρ / 2P` of `S` too, or `S` is so small that its power is below `λ`.
-    pub(crate) fn radius(&self, eps: f64, floor: f64) -> f64 {
-        let (mut t, mut rho) = (-(0.5 * eps * floor).ln(), 0.5 * eps);
-        for &(low, high, above) in self.levels.iter().rev() {
+    pub(crate) fn exponent_among(&self, children: &[f64], eps: f64, floor: f64) -> f64 {
+        let sharpened = self.powers.iter().any(|&(_, high)| high > 1.0);
+        let absolute = if sharpened { 0.5 * eps } else { eps };
+        let (mut t, mut rho) = (-(absolute * floor).ln(), 0.5 * eps);
+        for (&(low, high), above) in self.powers.iter().zip(&children[1..]).rev() {
             t += above;
             let mut worst = f64::NEG_INFINITY;
             if low <= 1.0 {
@@ -81,8 +119,7 @@ impl Reach {
             }
             t = worst;
         }
-        t += self.atoms;
-        self.radius_of(t)
+        t + children[0]
     }
 
     /// Beyond this distance every bare kernel is below `eps` (Eq. 3.15), Å.

@@ -205,7 +205,13 @@ pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
         let low = at.map(|b| b * BATCH);
         let high = [0, 1, 2].map(|k| (low[k] + BATCH).min(blocks[k]));
         let mut found = Vec::new();
-        descend(model, job, bricks, reach, &all, low, high, &mut found);
+        let way = Descent {
+            model,
+            job,
+            bricks,
+            reach,
+        };
+        way.descend(&all, low, high, &mut found);
         if let Some(wanted) = wanted {
             found.retain_mut(|block| {
                 block.mask = wanted.get(&block.brick).copied().unwrap_or(0);
@@ -222,46 +228,51 @@ pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
     Ok(())
 }
 
-/// Halves a range of blocks until one is left, keeping the clusters that can reach it.
-#[expect(clippy::too_many_arguments, reason = "a recursion over one state")]
-fn descend(
-    model: &Prepared<'_>,
-    job: &Job,
+/// The way from all clusters to the blocks that they can reach.
+struct Descent<'a> {
+    model: &'a Prepared<'a>,
+    job: &'a Job,
     bricks: [usize; 3],
     reach: f64,
-    clusters: &[u32],
-    low: [usize; 3],
-    high: [usize; 3],
-    found: &mut Vec<Block>,
-) {
-    let first = low.map(|b| (b * BLOCK * BRICK) as i64 - 1);
-    let last = [0, 1, 2].map(|k| ((high[k] * BLOCK).min(bricks[k]) * BRICK) as i64);
-    let region = lattice_box(&job.lattice.origin, job.lattice.spacing, first, last);
-    let near = model.near(clusters, &region, reach);
-    if near.is_empty() {
-        return;
-    }
-    let axis = (0..3)
-        .max_by_key(|&k| high[k] - low[k])
-        .expect("three axes");
-    if high[axis] - low[axis] > 1 {
-        let middle = (low[axis] + high[axis]) / 2;
-        let (mut left, mut right) = (high, low);
-        left[axis] = middle;
-        right[axis] = middle;
-        descend(model, job, bricks, reach, &near, low, left, found);
-        descend(model, job, bricks, reach, &near, right, high, found);
-        return;
-    }
-    let atoms = model.atoms_near(&near, &region, reach);
-    if !atoms.is_empty() {
-        let brick = low.map(|b| b * BLOCK);
-        found.push(Block {
-            brick,
-            bricks: [0, 1, 2].map(|k| BLOCK.min(bricks[k] - brick[k])),
-            mask: u64::MAX,
-            atoms,
-        });
+}
+
+impl Descent<'_> {
+    /// Halves a range of blocks until one is left, keeping the clusters that can reach it.
+    fn descend(&self, clusters: &[u32], low: [usize; 3], high: [usize; 3], found: &mut Vec<Block>) {
+        let first = low.map(|b| (b * BLOCK * BRICK) as i64 - 1);
+        let last = [0, 1, 2].map(|k| ((high[k] * BLOCK).min(self.bricks[k]) * BRICK) as i64);
+        let lattice = &self.job.lattice;
+        let region = lattice_box(&lattice.origin, lattice.spacing, first, last);
+        let near = self.model.near(clusters, &region, self.reach);
+        if near.is_empty() {
+            return;
+        }
+        let axis = (0..3)
+            .max_by_key(|&k| high[k] - low[k])
+            .expect("three axes");
+        if high[axis] - low[axis] > 1 {
+            let middle = (low[axis] + high[axis]) / 2;
+            let (mut left, mut right) = (high, low);
+            left[axis] = middle;
+            right[axis] = middle;
+            let mut others = Vec::new();
+            rayon::join(
+                || self.descend(&near, low, left, found),
+                || self.descend(&near, right, high, &mut others),
+            );
+            found.append(&mut others);
+            return;
+        }
+        let atoms = self.model.atoms_near(&near, &region, self.reach);
+        if !atoms.is_empty() {
+            let brick = low.map(|b| b * BLOCK);
+            found.push(Block {
+                brick,
+                bricks: [0, 1, 2].map(|k| BLOCK.min(self.bricks[k] - brick[k])),
+                mask: u64::MAX,
+                atoms,
+            });
+        }
     }
 }
 

@@ -170,13 +170,25 @@ pub fn read_bytes(path: impl AsRef<Path>) -> Result<Vec<u8>, Error> {
     read().map_err(|e| e.in_file(path))
 }
 
-/// The content of gzip data, all members; other data as it is.
+/// Most bytes that gzip data may unpack to: 8 GiB. A file can hold a thousand times its own size.
+pub const MAX_DECOMPRESSED: u64 = 8 << 30;
+
+/// The content of gzip data, all members, up to [`MAX_DECOMPRESSED`]; other data as it is.
 pub fn decompress(raw: Vec<u8>) -> Result<Vec<u8>, Error> {
+    decompress_up_to(raw, MAX_DECOMPRESSED)
+}
+
+fn decompress_up_to(raw: Vec<u8>, limit: u64) -> Result<Vec<u8>, Error> {
     if !raw.starts_with(&[0x1f, 0x8b]) {
         return Ok(raw);
     }
     let mut bytes = Vec::new();
-    match flate2::read::MultiGzDecoder::new(raw.as_slice()).read_to_end(&mut bytes) {
+    let mut content = flate2::read::MultiGzDecoder::new(raw.as_slice()).take(limit + 1);
+    match content.read_to_end(&mut bytes) {
+        Ok(_) if bytes.len() as u64 > limit => Err(ErrorKind::TooLarge(format!(
+            "gzip data that unpack to more than {limit} bytes, the limit; unpack the file first"
+        ))
+        .into()),
         Ok(_) => Ok(bytes),
         Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
             Err(ErrorKind::Truncated("gzip data".to_owned()).into())
@@ -266,5 +278,21 @@ mod tests {
         assert_eq!(decompress(whole.clone()).unwrap(), vec![7; 10_000]);
         let cut = decompress(whole[..whole.len() / 2].to_vec()).unwrap_err();
         assert!(matches!(cut.kind, ErrorKind::Truncated(_)));
+    }
+
+    #[test]
+    fn gzip_that_unpacks_to_too_much_is_refused() {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), Default::default());
+        encoder.write_all(&[7; 10_000]).unwrap();
+        let packed = encoder.finish().unwrap();
+        let fits = decompress_up_to(packed.clone(), 10_000).unwrap();
+        assert_eq!(fits, [7; 10_000]);
+        // Two members count together.
+        let twice = [packed.clone(), packed.clone()].concat();
+        for (data, limit) in [(packed, 9_999), (twice, 19_999)] {
+            let error = decompress_up_to(data, limit).unwrap_err();
+            assert!(matches!(error.kind, ErrorKind::TooLarge(_)));
+            assert!(error.to_string().contains(&limit.to_string()), "{error}");
+        }
     }
 }

@@ -421,20 +421,20 @@ fn is_complete(pencil: &Pencil<'_>, found: &[Pair], k: usize) -> Result<bool, Er
 fn rayleigh_ritz(pencil: &Pencil<'_>, x: &[f64], count: usize) -> Result<Vec<Pair>, Error> {
     use dense::Tall;
     let image = pencil.stiffness.multiply(x, count);
-    let a = dense::gram(Tall::of(x, count), Tall::of(&image, count));
+    let a = dense::gram(&[Tall::of(x, count)], Tall::of(&image, count));
     let image = pencil.mass_times(x, count);
-    let g = dense::gram(Tall::of(x, count), Tall::of(&image, count));
+    let g = dense::gram(&[Tall::of(x, count)], Tall::of(&image, count));
     drop(image);
     let (r, dead) = dense::upper_cholesky(&g, count, 1e-12);
     if let Some(&row) = dead.first() {
         return Err(linalg::Error::NotPositiveDefinite { row }.into());
     }
     let inverse = dense::upper_inverse(&r, count);
-    let c = dense::product(Tall::of(&a, count), &inverse, count);
-    let reduced = dense::gram(Tall::of(&inverse, count), Tall::of(&c, count));
+    let c = dense::product(&[Tall::of(&a, count)], &inverse, count);
+    let reduced = dense::gram(&[Tall::of(&inverse, count)], Tall::of(&c, count));
     let (values, u) = dense::symmetric_eigen(&reduced, count).ok_or_else(not_finite)?;
-    let turn = dense::product(Tall::of(&inverse, count), &u, count);
-    let x = dense::product(Tall::of(x, count), &turn, count);
+    let turn = dense::product(&[Tall::of(&inverse, count)], &u, count);
+    let x = dense::product(&[Tall::of(x, count)], &turn, count);
 
     let vectors: Vec<Vec<f64>> = (0..count)
         .into_par_iter()
@@ -461,8 +461,8 @@ fn dense_pairs(pencil: &Pencil<'_>, k: usize) -> Result<Vec<Pair>, Error> {
         return Err(linalg::Error::NotPositiveDefinite { row }.into());
     }
     let inverse = dense::upper_inverse(&r, n);
-    let c = dense::product(dense::Tall::of(&kk, n), &inverse, n);
-    let mut reduced = dense::gram(dense::Tall::of(&inverse, n), dense::Tall::of(&c, n));
+    let c = dense::product(&[dense::Tall::of(&kk, n)], &inverse, n);
+    let mut reduced = dense::gram(&[dense::Tall::of(&inverse, n)], dense::Tall::of(&c, n));
     let constants = pencil.constants_vanish();
     if constants {
         // The constant is an exact eigenvector: R·1 spans its image; push it out of the way.
@@ -473,7 +473,7 @@ fn dense_pairs(pencil: &Pencil<'_>, k: usize) -> Result<Vec<Pair>, Error> {
     }
     let (values, vectors) = dense::symmetric_eigen(&reduced, n)
         .ok_or(linalg::Error::NotFinite { row: 0, column: 0 })?;
-    let full = dense::product(dense::Tall::of(&inverse, n), &vectors, n);
+    let full = dense::product(&[dense::Tall::of(&inverse, n)], &vectors, n);
     Ok((0..n.min(k))
         .map(|j| {
             let value = if constants && j == 0 { 0.0 } else { values[j] };

@@ -113,6 +113,11 @@ fn keeps_topology(work: &Work, a: u32, b: u32, ring: &EdgeRing, on_surface: bool
         .all(|l| l.surface.binary_search(&[w, z]).is_err())
 }
 
+/// Does the contraction of `a` into `b`, judged before, still keep the topology?
+pub(crate) fn still_contracts(work: &Work, a: u32, b: u32, on_surface: bool) -> bool {
+    EdgeRing::new(work, a, b).is_some_and(|ring| keeps_topology(work, a, b, &ring, on_surface))
+}
+
 /// May `a` vanish into `b` as far as the geometry of boundary and interfaces is concerned? Gives
 /// whether the edge lies on the interface.
 fn allowed(work: &Work, a: u32, b: u32, ring: &EdgeRing) -> Option<bool> {
@@ -185,20 +190,16 @@ pub(crate) fn contraction(
     }
     let ring = EdgeRing::new(work, a, b)?;
     let on_surface = allowed(work, a, b, &ring)?;
-    if on_surface && !surface_stays(work, a, b, field, tolerance) {
-        return None;
-    }
     if !keeps_topology(work, a, b, &ring, on_surface) {
         return None;
     }
+    if on_surface && !surface_stays(work, a, b, field, tolerance) {
+        return None;
+    }
     let remove = star.to_vec();
-    Some(Proposal::swap(
-        work,
-        Operation::Contraction,
-        worst - old,
-        remove,
-        insert,
-    ))
+    let mut proposal = Proposal::swap(Operation::Contraction, worst - old, remove, insert);
+    proposal.edge = Some((a, b, on_surface));
+    Some(proposal)
 }
 
 /// Do the surface triangles around `a` keep their direction, and stay near the isosurface?
@@ -224,7 +225,6 @@ fn surface_stays(
             return false;
         };
         let middle = Point3::from((at(b).coords + at(u).coords + at(v).coords) / 3.0);
-        before.dot(&after) >= TURN
-            && field.is_none_or(|f| f.distance(&middle, f64::INFINITY).0.abs() <= tolerance)
+        before.dot(&after) >= TURN && field.is_none_or(|f| f.distance(&middle) <= tolerance)
     })
 }

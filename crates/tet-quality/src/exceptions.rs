@@ -215,7 +215,7 @@ pub(crate) fn surface_fit(
         .collect();
     let distances: Vec<f64> = on
         .par_iter()
-        .map(|&v| field.distance(&work.x[v as usize], f64::INFINITY).0.abs())
+        .map(|&v| work.tangent(v, field).distance.abs())
         .collect();
     let mut far: Vec<(f64, u32)> = distances
         .iter()
@@ -236,8 +236,8 @@ pub(crate) fn surface_fit(
                 let position = work.x[v as usize];
                 load(work, v, &mut ring);
                 let edge = ring.mean_edge(&position.coords);
-                let reached = foot(position, edge, field, tolerance)
-                    .is_some_and(|f| field.distance(&f, f64::INFINITY).0.abs() <= tolerance);
+                let reached = foot(work.tangent(v, field), edge, field, tolerance)
+                    .is_some_and(|f| f.distance.abs() <= tolerance);
                 FarVertex {
                     vertex: numbers[v as usize],
                     position,

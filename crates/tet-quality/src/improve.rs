@@ -9,7 +9,7 @@ use crate::exceptions::{Exceptions, SurfaceFit, exceptions, surface_fit};
 use crate::flow::flow;
 use crate::input::{free_again, prepare};
 use crate::metrics::quality;
-use crate::operate::{Memory, Rules, best_climb, best_for, round, round_of_pushes};
+use crate::operate::{Memory, Rules, best_climb, best_for, round_of_pushes, rounds};
 use crate::patch::push;
 use crate::report::{QualityReport, report_of};
 use crate::ring::Ring;
@@ -23,8 +23,10 @@ use crate::{Error, Measures, Options, SurfaceMotion, measures};
 const NEAR: f64 = 0.02;
 /// Rounds of the search per vertex and sweep.
 const ROUNDS: u32 = 7;
-/// Rounds of operations per pass: what is postponed because of its neighbours gets another chance.
-const TOPOLOGY_ROUNDS: u32 = 4;
+/// Most rounds of operations per pass: what is postponed because of its neighbours gets another chance.
+const PLAIN_ROUNDS: u32 = 16;
+/// The same with smoothing.
+const CLIMB_ROUNDS: u32 = 16;
 /// The first passes work on all tetrahedra below [`WANTED`], the later ones on those below the goals.
 const BROAD: u32 = 3;
 /// From this pass on, directions are random and surface vertices may use the allowed deviation.
@@ -395,19 +397,15 @@ impl<'a> State<'a> {
             rescue: aim.rescue,
         });
         let (work, target) = (&mut self.work, self.target);
-        for _ in 0..TOPOLOGY_ROUNDS {
-            let plain = |work: &Work, t, ring: &mut Ring| best_for(work, t, &rules, ring);
-            if round(work, &mut self.plain, aim.bound, plain, done) == 0 {
-                break;
-            }
-        }
-        for _ in 0..TOPOLOGY_ROUNDS {
+        let plain = |work: &Work, t, ring: &mut Ring| best_for(work, t, &rules, ring);
+        let terms = (aim.bound, PLAIN_ROUNDS, false);
+        rounds(work, &mut self.plain, terms, plain, done);
+        if aim.climb {
             let with_smoothing = |work: &Work, t, ring: &mut Ring| {
                 best_climb(work, t, &rules, surface.as_ref(), target, ring)
             };
-            if !aim.climb || round(work, &mut self.climbs, target, with_smoothing, done) == 0 {
-                break;
-            }
+            let terms = (target, CLIMB_ROUNDS, true);
+            rounds(work, &mut self.climbs, terms, with_smoothing, done);
         }
     }
 
@@ -446,9 +444,11 @@ impl<'a> State<'a> {
         let far = |work: &Work, v: u32| {
             work.freedom[v as usize] == Freedom::Field
                 && work.colours[v as usize] != NO_COLOUR
-                && surface.distance(&work.x[v as usize], f64::INFINITY).0.abs() > tolerance
+                && work.tangent(v, surface).distance.abs() > tolerance
         };
+        let all: Vec<u32> = (0..self.work.x.len() as u32).collect();
         for _ in 0..SETTLE {
+            self.work.know_tangents(&all, surface);
             let work = &self.work;
             let off: Vec<u32> = (0..work.x.len() as u32)
                 .into_par_iter()
@@ -463,7 +463,8 @@ impl<'a> State<'a> {
                 }
                 load(work, v, ring);
                 let x = work.x[v as usize];
-                let foot = foot(x, ring.mean_edge(&x.coords), surface, tolerance)?;
+                let start = work.tangent(v, surface);
+                let foot = foot(start, ring.mean_edge(&x.coords), surface, tolerance)?.at;
                 [1.0, 0.6, 0.3]
                     .into_iter()
                     .find_map(|share| push(work, v, x + (foot - x) * share, &rules, good, ring))

@@ -13,6 +13,8 @@ use crate::work::{Freedom, Work};
 
 /// Rounds of the search for the place of the new vertex.
 const ROUNDS: u32 = 5;
+/// Distance from the isosurface from which one step leads close enough to it, in lengths of the edge.
+const NEAR: f64 = 0.05;
 
 /// Split of the edge `ab`. On the isosurface the new vertex is put onto it; other interface edges are
 /// not split.
@@ -42,9 +44,12 @@ pub(crate) fn edge_split(
             .all(|&v| work.freedom[v as usize] == Freedom::Field);
         let field = field.filter(|_| on_field)?;
         let reach = (work.x[a as usize] - work.x[b as usize]).norm();
-        for _ in 0..3 {
-            let (d, n) = field.distance(&x, 0.15 * reach);
-            x -= n * d;
+        for _ in 0..2 {
+            let tangent = field.tangent(&x);
+            x -= tangent.normal * tangent.within(0.15 * reach);
+            if tangent.distance.abs() <= NEAR * reach {
+                break;
+            }
         }
         (VertexKind::Surface, Freedom::Field)
     };
@@ -65,7 +70,7 @@ pub(crate) fn edge_split(
         return None;
     }
     let gain = worst - old;
-    let mut proposal = Proposal::swap(work, Operation::Insertion, gain, around.tets, insert);
+    let mut proposal = Proposal::swap(Operation::Insertion, gain, around.tets, insert);
     proposal.vertex = Some((x, kind, freedom));
     Some(proposal)
 }

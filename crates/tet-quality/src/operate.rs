@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::contract::contraction;
 use crate::insert::edge_split;
 use crate::patch::climb;
-use crate::proposal::{Floor, Operation, Proposal, independent};
+use crate::proposal::{Floor, Operation, Proposal, apply_all};
 use crate::ring::Ring;
 use crate::smooth::SurfaceRules;
 use crate::surface_field::Isosurface;
@@ -37,56 +37,96 @@ pub(crate) struct Rules<'a> {
 #[derive(Default)]
 pub(crate) struct Memory {
     tried: Vec<u32>,
-    marks: Vec<u32>,
+    /// Per tetrahedron and per vertex: the stamp of the round that changed or claimed it.
+    gone: Vec<u32>,
+    claimed: Vec<u32>,
     stamp: u32,
 }
 
 impl Memory {
     fn fit(&mut self, work: &Work) {
         self.tried.resize(work.tets.len(), 0);
-        self.marks.resize(work.x.len(), 0);
+        self.claimed.resize(work.x.len(), 0);
+        self.stamp += 1;
+    }
+
+    /// Those of `bad` that stand alone: each claims its corners, or, with `wide`, their neighbours
+    /// too, so that few of the changes judged side by side meet.
+    fn alone(&mut self, work: &Work, bad: &[u32], wide: bool) -> Vec<u32> {
+        let stamp = self.stamp;
+        let claimed = &mut self.claimed;
+        let mut out = Vec::new();
+        for &t in bad {
+            let tet = work.tets[t as usize];
+            if tet.iter().any(|&v| claimed[v as usize] == stamp) {
+                continue;
+            }
+            for v in tet {
+                claimed[v as usize] = stamp;
+                if wide {
+                    for &o in work.rings.of(v) {
+                        for u in work.tets[o as usize] {
+                            claimed[u as usize] = stamp;
+                        }
+                    }
+                }
+            }
+            out.push(t);
+        }
+        out
     }
 }
 
-/// One round on the tetrahedra below `bound`: all are judged side by side, and those whose
-/// operations do not meet are replaced. Gives how many were.
-pub(crate) fn round(
+/// Rounds on the tetrahedra below `bound`, at most so many: those that stand alone are judged side by
+/// side, worst first, and the changes that do not meet are made, until all have been tried.
+pub(crate) fn rounds(
     work: &mut Work,
     memory: &mut Memory,
-    bound: f64,
+    (bound, most, wide): (f64, u32, bool),
     judge: impl Fn(&Work, u32, &mut Ring) -> Option<Proposal> + Sync,
     done: &mut Pass,
-) -> usize {
-    memory.fit(work);
-    let now = work.tick();
+) {
     let mut bad = work.below(bound);
-    // Slots are filled anew at a time when their corners changed, so their old entry does not count.
-    bad.retain(|&t| work.changed_since(t, memory.tried[t as usize]));
-    let state = &*work;
-    let judged: Vec<Option<Proposal>> = bad
-        .par_iter()
-        .with_min_len(8)
-        .map_init(Ring::default, |ring, &t| judge(state, t, ring))
-        .collect();
-    let mut proposals = Vec::new();
-    for (&t, proposal) in bad.iter().zip(judged) {
-        match proposal {
-            Some(proposal) => proposals.push((t, proposal)),
-            None => memory.tried[t as usize] = now,
+    for _ in 0..most {
+        memory.fit(work);
+        let now = work.tick();
+        // Slots are filled anew at a time when their corners changed, so their old entry does not count.
+        let (state, tried) = (&*work, &memory.tried);
+        bad = bad
+            .into_par_iter()
+            .with_min_len(256)
+            .filter(|&t| state.q[t as usize] < bound && state.changed_since(t, tried[t as usize]))
+            .collect();
+        let alone = memory.alone(work, &bad, wide);
+        if alone.is_empty() {
+            break;
         }
+        let state = &*work;
+        let judged: Vec<Option<Proposal>> = alone
+            .par_iter()
+            .with_min_len(4)
+            .map_init(Ring::default, |ring, &t| judge(state, t, ring))
+            .collect();
+        let mut proposals = Vec::new();
+        for (&t, proposal) in alone.iter().zip(judged) {
+            match proposal {
+                Some(proposal) => proposals.push((t, proposal)),
+                None => memory.tried[t as usize] = now,
+            }
+        }
+        carry_out(work, memory, proposals, done);
+        bad = work.below(bound);
     }
-    carry_out(work, memory, proposals, done)
 }
 
-/// One round on the given vertices: those whose pushes do not meet go to the isosurface. Gives how
-/// many did.
+/// One round on the given vertices: those whose pushes do not meet go to the isosurface.
 pub(crate) fn round_of_pushes(
     work: &mut Work,
     memory: &mut Memory,
     vertices: &[u32],
     judge: impl Fn(&Work, u32, &mut Ring) -> Option<Proposal> + Sync,
     done: &mut Pass,
-) -> usize {
+) {
     memory.fit(work);
     let state = &*work;
     let proposals: Vec<(u32, Proposal)> = vertices
@@ -95,7 +135,7 @@ pub(crate) fn round_of_pushes(
         .map_init(Ring::default, |ring, &v| Some((v, judge(state, v, ring)?)))
         .flatten()
         .collect();
-    carry_out(work, memory, proposals, done)
+    carry_out(work, memory, proposals, done);
 }
 
 fn carry_out(
@@ -103,12 +143,9 @@ fn carry_out(
     memory: &mut Memory,
     proposals: Vec<(u32, Proposal)>,
     done: &mut Pass,
-) -> usize {
-    memory.stamp += 1;
-    let chosen = independent(proposals, &mut memory.marks, memory.stamp);
+) {
     work.tick();
-    for proposal in &chosen {
-        proposal.apply(work);
+    for proposal in apply_all(work, proposals, &mut memory.gone, memory.stamp) {
         *match proposal.operation {
             Operation::EdgeRemoval => &mut done.edges_removed,
             Operation::FaceSwap => &mut done.faces_swapped,
@@ -118,7 +155,6 @@ fn carry_out(
             Operation::Push => &mut done.projected,
         } += 1;
     }
-    chosen.len()
 }
 
 /// The operation that replaces `t` with the greatest gain.

@@ -7,6 +7,7 @@ use crate::proposal::{NEW, Proposal};
 use crate::ring::Ring;
 use crate::search::{Compass, search};
 use crate::smooth::{SurfaceRules, axes_of, slide_from};
+use crate::surface_field::{Isosurface, Tangent};
 use crate::work::{Freedom, Work};
 
 /// Most vertices that are smoothed around an operation.
@@ -20,8 +21,12 @@ const RISE: f64 = 1.02;
 
 /// The tetrahedra around the corners of a cavity, after the operation.
 struct Patch {
+    /// The tetrahedra before.
+    around: Vec<u32>,
     ids: Vec<u32>,
     x: Vec<Point3>,
+    /// The isosurface where it has been asked for.
+    tangents: Vec<Tangent>,
     /// Corners as places in `ids`.
     tets: Vec<[usize; 4]>,
 }
@@ -33,6 +38,18 @@ impl Patch {
 
     fn corners(&self, tet: [usize; 4]) -> [Point3; 4] {
         tet.map(|i| self.x[i])
+    }
+
+    fn tangent(&mut self, work: &Work, i: usize, field: &Isosurface<'_>) -> Tangent {
+        if self.tangents[i].at != self.x[i] {
+            let v = self.ids[i];
+            self.tangents[i] = if v != NEW && work.x[v as usize] == self.x[i] {
+                work.tangent(v, field)
+            } else {
+                field.tangent(&self.x[i])
+            };
+        }
+        self.tangents[i]
     }
 
     /// The tetrahedra around `core` after the proposal, and the objectives of those before it.
@@ -67,8 +84,10 @@ impl Patch {
                     _ => start(v),
                 })
                 .collect(),
+            tangents: vec![Tangent::UNKNOWN; ids.len()],
             tets: Vec::new(),
             ids,
+            around,
         };
         patch.tets = tets.iter().map(|t| t.map(|v| patch.place(v))).collect();
         (patch, before)
@@ -104,8 +123,10 @@ impl Patch {
                 let start = self.x[i];
                 match (freedom, surface) {
                     (Freedom::Field, Some(rules)) => {
-                        if let Some(x) = slide_from(start, None, ring, rules) {
-                            self.x[i] = x;
+                        let start = self.tangent(work, i, rules.field);
+                        if let Some(tangent) = slide_from(start, None, ring, rules) {
+                            self.x[i] = tangent.at;
+                            self.tangents[i] = tangent;
                         }
                     }
                     _ => {
@@ -127,10 +148,6 @@ impl Patch {
                 d != Vector3::zeros()
             }
         };
-        let mut locks: Vec<u32> = proposal.locks.clone();
-        locks.extend(self.ids.iter().filter(|&&v| v != NEW));
-        locks.sort_unstable();
-        locks.dedup();
         Proposal {
             operation: proposal.operation,
             gain,
@@ -143,7 +160,8 @@ impl Patch {
                 .filter(moved)
                 .map(|i| (self.ids[i], self.x[i]))
                 .collect(),
-            locks,
+            locks: self.around.clone(),
+            edge: proposal.edge,
         }
     }
 

@@ -1,8 +1,9 @@
 //! A change of the mesh that is worth making, and the choice of changes that do not meet.
 
 use geom_core::Point3;
-use geom_core::mesh::{Region, VertexKind};
+use geom_core::mesh::{EDGES, FACES, Region, VertexKind};
 
+use crate::contract::still_contracts;
 use crate::ring::GAIN;
 use crate::work::{Freedom, NONE, Work};
 
@@ -51,30 +52,30 @@ pub(crate) struct Proposal {
     pub(crate) vertex: Option<(Point3, VertexKind, Freedom)>,
     /// Vertices that stay but move.
     pub(crate) moves: Vec<(u32, Point3)>,
-    /// The vertices whose tetrahedra the proposal looked at or changes.
+    /// The tetrahedra that the proposal looked at or changes: it holds while they stay.
     pub(crate) locks: Vec<u32>,
+    /// The edge that a contraction contracts, from the vertex that vanishes, and whether it lies on an
+    /// interface.
+    pub(crate) edge: Option<(u32, u32, bool)>,
 }
 
 impl Proposal {
-    /// A replacement without new or moved vertices, locking all corners of what it removes.
+    /// A replacement without new or moved vertices.
     pub(crate) fn swap(
-        work: &Work,
         operation: Operation,
         gain: f64,
         remove: Vec<u32>,
         insert: Vec<([u32; 4], Region)>,
     ) -> Self {
-        let mut locks: Vec<u32> = remove.iter().flat_map(|&t| work.tets[t as usize]).collect();
-        locks.sort_unstable();
-        locks.dedup();
         Self {
             operation,
             gain,
+            locks: remove.clone(),
             remove,
             insert,
             vertex: None,
             moves: Vec::new(),
-            locks,
+            edge: None,
         }
     }
 
@@ -87,8 +88,32 @@ impl Proposal {
             insert: Vec::new(),
             vertex: None,
             moves: vec![(v, foot)],
-            locks: vec![v],
+            locks: Vec::new(),
+            edge: None,
         }
+    }
+
+    /// Does the mesh outside of the locked tetrahedra, which stayed, still allow the change? What a
+    /// neighbouring change made may be an edge or a face that this one would make again.
+    fn fits(&self, work: &Work) -> bool {
+        if let Some((a, b, on_surface)) = self.edge {
+            return still_contracts(work, a, b, on_surface);
+        }
+        let old = || self.remove.iter().map(|&t| work.tets[t as usize]);
+        self.insert.iter().all(|(tet, _)| {
+            EDGES.iter().all(|&[i, j]| {
+                let (u, v) = (tet[i], tet[j]);
+                u == NEW
+                    || v == NEW
+                    || old().any(|t| t.contains(&u) && t.contains(&v))
+                    || !work.edge_exists(u, v)
+            }) && FACES.iter().all(|f| {
+                let f = f.map(|i| tet[i]);
+                f.contains(&NEW)
+                    || old().any(|t| f.iter().all(|v| t.contains(v)))
+                    || !work.face_exists(f[0], f[1], f[2])
+            })
+        })
     }
 
     /// Makes the change.
@@ -115,24 +140,28 @@ impl Proposal {
     }
 }
 
-/// Proposals that lock no common vertex: greatest gain first, in steps of 2⁻²⁰ so that equal ones go
-/// by their order. `marks` has one entry per vertex; a vertex is locked when its mark is `stamp`.
-pub(crate) fn independent(
+/// Makes the changes that lock no common tetrahedron and still fit, greatest gain first, in steps of
+/// 2⁻²⁰ so that equal ones go by their order. `marks` shows, by `stamp`, which tetrahedra are gone.
+/// Gives those that were made.
+pub(crate) fn apply_all(
+    work: &mut Work,
     mut proposals: Vec<(u32, Proposal)>,
-    marks: &mut [u32],
+    marks: &mut Vec<u32>,
     stamp: u32,
 ) -> Vec<Proposal> {
     let steps = |gain: f64| (gain * f64::from(1u32 << 20)) as i64;
     proposals.sort_by(|a, b| steps(b.1.gain).cmp(&steps(a.1.gain)).then(a.0.cmp(&b.0)));
-    let mut chosen = Vec::new();
+    let mut made = Vec::new();
     for (_, proposal) in proposals {
-        if proposal.locks.iter().any(|&v| marks[v as usize] == stamp) {
+        marks.resize(work.tets.len(), 0);
+        if proposal.locks.iter().any(|&t| marks[t as usize] == stamp) || !proposal.fits(work) {
             continue;
         }
-        for &v in &proposal.locks {
-            marks[v as usize] = stamp;
+        for &t in &proposal.locks {
+            marks[t as usize] = stamp;
         }
-        chosen.push(proposal);
+        proposal.apply(work);
+        made.push(proposal);
     }
-    chosen
+    made
 }

@@ -73,20 +73,37 @@ const SIGNS: [(f64, f64); 4] = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.
 /// The best position found from `x`. Each round takes the best of all directions; the first one also
 /// looks at the mean of the neighbours.
 pub(crate) fn search(ring: &mut Ring, start: Vector3, compass: &Compass, rounds: u32) -> Vector3 {
+    let mean = ring.centroid();
+    search_within(ring, start, Some(mean), compass, rounds, |_| true)
+}
+
+/// The same for another mean or none, within a part of space.
+pub(crate) fn search_within(
+    ring: &mut Ring,
+    start: Vector3,
+    mean: Option<Vector3>,
+    compass: &Compass,
+    rounds: u32,
+    within: impl Fn(&Vector3) -> bool,
+) -> Vector3 {
     let mut x = start;
     let mut best = ring.value(&x);
     let mut step = STEP * ring.mean_edge(&x);
     for round in 0..rounds {
         let mut next = None;
-        if round == 0 {
-            let mean = x + compass.project(ring.centroid() - x);
-            if let Some(value) = ring.value_above(&mean, best + GAIN) {
+        if let Some(mean) = mean.filter(|_| round == 0) {
+            let mean = x + compass.project(mean - x);
+            if within(&mean)
+                && let Some(value) = ring.value_above(&mean, best + GAIN)
+            {
                 (next, best) = (Some(mean), value);
             }
         }
         for d in compass.directions() {
             let candidate = x + d * step;
-            if let Some(value) = ring.value_above(&candidate, best + GAIN) {
+            if within(&candidate)
+                && let Some(value) = ring.value_above(&candidate, best + GAIN)
+            {
                 (next, best) = (Some(candidate), value);
             }
         }

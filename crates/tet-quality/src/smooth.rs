@@ -7,11 +7,14 @@ use rayon::prelude::*;
 use crate::Error;
 use crate::backend::{QualityBackend, Relaxation};
 use crate::ring::{GAIN, Ring};
-use crate::surface_field::Isosurface;
+use crate::search::{Compass, search_within};
+use crate::surface_field::{Isosurface, Tangent};
 use crate::work::{Freedom, NO_COLOUR, Work};
 
-/// First step of a surface vertex, in mean edge lengths.
-const SURFACE_STEP: f64 = 0.2;
+/// Rounds of the search for a surface vertex.
+const SURFACE_ROUNDS: u32 = 5;
+/// How far a surface vertex goes at once, in mean edge lengths: the tangent plane holds only near by.
+const REACH: f64 = 0.5;
 /// Longest step back to the isosurface, in mean edge lengths.
 const PULL: f64 = 0.15;
 /// Most steps to the foot point.
@@ -211,9 +214,13 @@ pub(crate) struct SurfaceRules<'a> {
 
 /// Moves surface vertices along the isosurface, colour by colour. Gives how many moved.
 pub(crate) fn relax_surface(work: &mut Work, vertices: &[u32], rules: &SurfaceRules<'_>) -> usize {
-    sweep(work, vertices, on_field, |work, v, ring| {
-        slide(work, v, ring, rules)
-    })
+    work.know_tangents(vertices, rules.field);
+    let step = |work: &Work, v: u32, ring: &mut Ring| {
+        load(work, v, ring);
+        let start = work.tangent(v, rules.field);
+        slide_from(start, surface_mean(work, v), ring, rules)
+    };
+    sweep(work, vertices, on_field, step, Work::put)
 }
 
 /// Moves surface vertices that are farther than `tolerance` toward the isosurface, as far as the
@@ -225,47 +232,63 @@ pub(crate) fn project(
     tolerance: f64,
     good: impl Fn([Point3; 4]) -> bool + Sync,
 ) -> usize {
-    sweep(work, vertices, on_field, |work, v, ring| {
+    work.know_tangents(vertices, field);
+    let step = |work: &Work, v: u32, ring: &mut Ring| {
+        let start = work.tangent(v, field);
+        if start.distance.abs() <= tolerance {
+            return None;
+        }
         load(work, v, ring);
-        let x = work.x[v as usize];
-        let foot = foot(x, ring.mean_edge(&x.coords), field, tolerance)?;
+        let x = start.at;
+        let foot = foot(start, ring.mean_edge(&x.coords), field, tolerance)?.at;
         let floor = ring.value(&x.coords) - GAIN;
         [1.0, 0.7, 0.4, 0.2, 0.1].into_iter().find_map(|share| {
             let candidate = x + (foot - x) * share;
             ring.all_good(&candidate.coords, floor, &good)
                 .then_some(candidate)
         })
-    })
+    };
+    sweep(work, vertices, on_field, step, put)
 }
 
-/// The point of the isosurface next to `x`, by short Newton steps; `None` if `x` is nearer than
-/// `tolerance` or the steps lead nowhere.
-pub(crate) fn foot(x: Point3, edge: f64, field: &Isosurface<'_>, tolerance: f64) -> Option<Point3> {
-    let (d, _) = field.distance(&x, 0.5 * edge);
-    if d.abs() <= tolerance {
+/// The point of the isosurface next to `start`, by short Newton steps; `None` if `start` is nearer
+/// than `tolerance` or the steps lead nowhere.
+pub(crate) fn foot(
+    start: Tangent,
+    edge: f64,
+    field: &Isosurface<'_>,
+    tolerance: f64,
+) -> Option<Tangent> {
+    if start.distance.abs() <= tolerance {
         return None;
     }
-    let mut foot = x;
+    let mut foot = start;
     for _ in 0..FOOT_STEPS {
-        let (d, n) = field.distance(&foot, PULL * edge);
-        foot -= n * d;
-        if d.abs() <= 0.1 * tolerance {
+        foot = field.tangent(&(foot.at - foot.normal * foot.within(PULL * edge)));
+        if foot.distance.abs() <= 0.1 * tolerance {
             break;
         }
     }
-    (field.distance(&foot, 0.5 * edge).0.abs() < d.abs()).then_some(foot)
+    (foot.within(0.5 * edge).abs() < start.within(0.5 * edge).abs()).then_some(foot)
 }
 
 fn on_field(freedom: Freedom) -> bool {
     freedom == Freedom::Field
 }
 
-/// Moves those of `vertices` whose freedom is fit, colour by colour. Gives how many moved.
-pub(crate) fn sweep(
+/// Puts a vertex; its tetrahedra are to be measured anew.
+pub(crate) fn put(work: &mut Work, v: u32, x: Point3) {
+    work.x[v as usize] = x;
+}
+
+/// Moves those of `vertices` whose freedom is fit, colour by colour: `step` judges, `put` moves.
+/// Gives how many moved.
+pub(crate) fn sweep<T: Send>(
     work: &mut Work,
     vertices: &[u32],
     fit: impl Fn(Freedom) -> bool,
-    step: impl Fn(&Work, u32, &mut Ring) -> Option<Point3> + Sync,
+    step: impl Fn(&Work, u32, &mut Ring) -> Option<T> + Sync,
+    put: impl Fn(&mut Work, u32, T),
 ) -> usize {
     let movable = vertices
         .iter()
@@ -273,14 +296,14 @@ pub(crate) fn sweep(
         .filter(|&v| fit(work.freedom[v as usize]));
     let mut moved = Vec::new();
     for class in classes(work, movable) {
-        let positions: Vec<Option<Point3>> = class
+        let positions: Vec<Option<T>> = class
             .par_iter()
             .with_min_len(16)
             .map_init(Ring::default, |ring, &v| step(work, v, ring))
             .collect();
         for (v, x) in class.into_iter().zip(positions) {
             if let Some(x) = x {
-                work.x[v as usize] = x;
+                put(work, v, x);
                 moved.push(v);
             }
         }
@@ -289,81 +312,66 @@ pub(crate) fn sweep(
     moved.len()
 }
 
-fn slide(work: &Work, v: u32, ring: &mut Ring, rules: &SurfaceRules<'_>) -> Option<Point3> {
-    load(work, v, ring);
-    slide_from(work.x[v as usize], surface_mean(work, v), ring, rules)
-}
-
-/// A better position for a surface vertex at `start`: near `mean`, or along the surface.
+/// A better position for a surface vertex at `start`: near `mean`, or along the surface. The search
+/// goes in the tangent plane, which needs no field; what it finds is pulled back to the isosurface,
+/// and tried in full, in half and in a quarter.
 pub(crate) fn slide_from(
-    start: Point3,
+    start: Tangent,
     mean: Option<Point3>,
     ring: &mut Ring,
     rules: &SurfaceRules<'_>,
-) -> Option<Point3> {
+) -> Option<Tangent> {
     let field = rules.field;
-    let edge = ring.mean_edge(&start.coords);
-    let (d, mut normal) = field.distance(&start, 0.5 * edge);
-    let limit = rules.tolerance.max(d.abs());
-    let mut x = start;
-    let mut best = ring.value(&x.coords);
-    // A candidate that fails in the tangent plane is not pulled back: that saves the field.
-    let mut attempt = |candidate: Point3, best: f64| -> Option<(Point3, f64, Vector3)> {
-        ring.value_above(&candidate.coords, best + GAIN)?;
-        let (mut d, mut n) = field.distance(&candidate, PULL * edge);
-        let mut candidate = candidate;
-        if rules.rescue && d.abs() <= limit {
-            let value = ring.value_above(&candidate.coords, best + GAIN)?;
-            return Some((candidate, value, n));
-        }
-        for _ in 0..2 {
-            candidate -= n * d;
-            let value = ring.value_above(&candidate.coords, best + GAIN)?;
-            (d, n) = field.distance(&candidate, PULL * edge);
-            if d.abs() <= limit {
-                return Some((candidate, value, n));
-            }
-        }
-        None
+    let (from, normal) = (start.at.coords, start.normal);
+    let edge = ring.mean_edge(&from);
+    let distance = start.within(0.5 * edge);
+    let limit = rules.tolerance.max(distance.abs());
+    let best = ring.value(&from);
+    let [s, t] = if normal == Vector3::zeros() {
+        [Vector3::x(), Vector3::y()]
+    } else {
+        across(&normal)
     };
-    if let Some(mean) = mean {
-        let along = mean - start;
-        let along = along - normal * normal.dot(&along);
-        if let Some((p, value, n)) = attempt(start + along, best) {
-            (x, best, normal) = (p, value, n);
-        }
+    let up = if rules.rescue {
+        normal
+    } else {
+        Vector3::zeros()
+    };
+    let reach = REACH * edge;
+    // In the tangent plane the distance stays as it is, to first order.
+    let within = |x: &Vector3| {
+        let d = x - from;
+        d.norm_squared() <= reach * reach
+            && (!rules.rescue || (distance + normal.dot(&d)).abs() <= limit)
+    };
+    let mean = mean.map(|m| m.coords);
+    let compass = Compass::along(&[s, t, up]);
+    let found = search_within(ring, from, mean, &compass, SURFACE_ROUNDS, within);
+    if found == from {
+        return None;
     }
-    let mut step = SURFACE_STEP * edge;
-    for _ in 0..5 {
-        let [s, t] = if normal == Vector3::zeros() {
-            [Vector3::x(), Vector3::y()]
-        } else {
-            across(&normal)
-        };
-        let h = 0.75f64.sqrt();
-        let mut directions = vec![
-            s,
-            -s,
-            s * 0.5 + t * h,
-            s * 0.5 - t * h,
-            -s * 0.5 + t * h,
-            -s * 0.5 - t * h,
-        ];
-        if rules.rescue {
-            directions.extend([normal, -normal]);
-        }
-        let mut better = false;
-        for direction in directions {
-            if let Some((p, value, n)) = attempt(x + direction * step, best) {
-                (x, best, normal) = (p, value, n);
-                better = true;
+    // Where the vertex must go back to the isosurface it goes all the way.
+    let near = if rules.rescue {
+        limit
+    } else {
+        0.25 * rules.tolerance
+    };
+    [1.0, 0.5, 0.25].into_iter().find_map(|share| {
+        let candidate = from + (found - from) * share;
+        ring.value_above(&candidate, best + GAIN)?;
+        let mut tangent = field.tangent(&candidate.into());
+        for _ in 0..2 {
+            if tangent.distance.abs() <= near {
+                break;
             }
+            let back = tangent.normal * tangent.within(PULL * edge);
+            ring.value_above(&(tangent.at.coords - back), best + GAIN)?;
+            tangent = field.tangent(&(tangent.at - back));
         }
-        if !better {
-            step *= 0.4;
-        }
-    }
-    (x != start).then_some(x)
+        let better = tangent.distance.abs() <= limit
+            && ring.value_above(&tangent.at.coords, best + GAIN).is_some();
+        better.then_some(tangent)
+    })
 }
 
 /// The mean of the neighbours along the interface.

@@ -10,20 +10,53 @@ pub(crate) struct Isosurface<'a> {
     pub(crate) level: f64,
 }
 
+/// The field at a point, to first order: what a vertex needs to know of the isosurface around it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Tangent {
+    /// The point.
+    pub(crate) at: Point3,
+    /// First-order signed distance to the isosurface, positive where the field is larger; infinite
+    /// where there is no direction to go. Where the gradient is tiny (pinches) it is over-estimated.
+    pub(crate) distance: f64,
+    /// The unit gradient; zero where there is none.
+    pub(crate) normal: Vector3,
+}
+
+impl Tangent {
+    /// Of no point.
+    pub(crate) const UNKNOWN: Self = Self {
+        at: Point3::new(f64::NAN, f64::NAN, f64::NAN),
+        distance: f64::INFINITY,
+        normal: Vector3::new(0.0, 0.0, 0.0),
+    };
+
+    /// The distance, cut at `most`.
+    pub(crate) fn within(&self, most: f64) -> f64 {
+        self.distance.clamp(-most, most)
+    }
+}
+
 impl Isosurface<'_> {
-    /// First-order signed distance to the isosurface, positive where the field is larger, and the
-    /// unit gradient. Where the gradient is tiny (pinches) the distance is over-estimated: it is cut
-    /// at `most`.
-    pub(crate) fn distance(&self, x: &Point3, most: f64) -> (f64, Vector3) {
+    /// The field at `x`, to first order.
+    pub(crate) fn tangent(&self, x: &Point3) -> Tangent {
         let (value, gradient) = self.field.value_gradient(x);
         let slope = gradient.norm();
         let rise = value - self.level;
-        if slope > 0.0 && slope.is_finite() && rise.is_finite() {
-            ((rise / slope).clamp(-most, most), gradient / slope)
-        } else {
-            // No direction to go: as far as it can be.
-            (most, Vector3::zeros())
+        let known = slope > 0.0 && slope.is_finite() && rise.is_finite();
+        Tangent {
+            at: *x,
+            distance: if known { rise / slope } else { f64::INFINITY },
+            normal: if known {
+                gradient / slope
+            } else {
+                Vector3::zeros()
+            },
         }
+    }
+
+    /// First-order distance to the isosurface.
+    pub(crate) fn distance(&self, x: &Point3) -> f64 {
+        self.tangent(x).distance.abs()
     }
 
     /// Does the vertex belong to this isosurface? A surface vertex far from it lies on some other

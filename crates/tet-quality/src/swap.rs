@@ -217,7 +217,6 @@ pub(crate) fn edge_removal(work: &Work, a: u32, b: u32, floor: Floor) -> Option<
     let insert = both_sides(&triangles, a, b, ring.regions[0]);
     let gain = worst - old;
     Some(Proposal::swap(
-        work,
         Operation::EdgeRemoval,
         gain,
         ring.tets,
@@ -249,7 +248,6 @@ pub(crate) fn face_swap(work: &Work, t: u32, k: usize, floor: Floor) -> Option<P
     }
     let insert = new.map(|n| (n, region)).to_vec();
     Some(Proposal::swap(
-        work,
         Operation::FaceSwap,
         worst - old,
         vec![t, o],
@@ -296,6 +294,7 @@ pub(crate) fn surface_flip(
     // Counter-clockwise seen from the same side, before and after.
     let before = [normal(a, b, w)?, normal(b, a, z)?];
     let after = [normal(w, z, b)?, normal(z, w, a)?];
+    let mut bent = None;
     let plane = before[0].cross(&before[1]).norm() <= PLANE && before[0].dot(&before[1]) > 0.0;
     if !plane {
         let curved = [a, b, w, z]
@@ -306,10 +305,7 @@ pub(crate) fn surface_flip(
         if (0..4).any(|i| (0..i).any(|j| normals[i].dot(&normals[j]) < FLAT_ENOUGH)) {
             return None;
         }
-        let middle = geom_core::nalgebra::center(&at(w), &at(z));
-        if field.distance(&middle, f64::INFINITY).0.abs() > allowed {
-            return None;
-        }
+        bent = Some(field);
     }
     let mut worst = f64::INFINITY;
     let mut insert = Vec::new();
@@ -326,8 +322,12 @@ pub(crate) fn surface_flip(
     if work.edge_exists(w, z) {
         return None;
     }
+    // The field last: it costs most.
+    let middle = geom_core::nalgebra::center(&at(w), &at(z));
+    if bent.is_some_and(|field| field.distance(&middle) > allowed) {
+        return None;
+    }
     Some(Proposal::swap(
-        work,
         Operation::SurfaceFlip,
         worst - old,
         ring.tets,

@@ -6,6 +6,7 @@ use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
 
 use crate::metrics::quality;
+use crate::surface_field::{Isosurface, Tangent};
 
 /// No vertex: the corners of an empty slot.
 pub(crate) const NONE: u32 = u32::MAX;
@@ -127,6 +128,8 @@ pub(crate) struct Work {
     pub(crate) colours: Vec<Colour>,
     /// When something around a vertex last changed: see [`Work::tick`].
     pub(crate) changed: Vec<u32>,
+    /// The isosurface at a vertex when it was last asked for: see [`Work::tangent`].
+    tangents: Vec<Tangent>,
     clock: u32,
     empty: Vec<u32>,
     /// Vertices that the input had without a tetrahedron: they stay.
@@ -153,6 +156,7 @@ impl Work {
             rings,
             colours: Vec::new(),
             changed: Vec::new(),
+            tangents: Vec::new(),
             clock: 1,
             empty: Vec::new(),
             unused: Vec::new(),
@@ -162,6 +166,7 @@ impl Work {
             .collect();
         work.colours = vec![NO_COLOUR; work.x.len()];
         work.changed = vec![work.clock; work.x.len()];
+        work.tangents = vec![Tangent::UNKNOWN; work.x.len()];
         for v in 0..work.x.len() as u32 {
             work.colours[v as usize] = work.free_colour(v);
         }
@@ -314,7 +319,44 @@ impl Work {
         self.rings.add_vertex();
         self.colours.push(NO_COLOUR);
         self.changed.push(self.clock);
+        self.tangents.push(Tangent::UNKNOWN);
         self.x.len() as u32 - 1
+    }
+
+    /// The isosurface at a vertex.
+    pub(crate) fn tangent(&self, v: u32, field: &Isosurface<'_>) -> Tangent {
+        let known = self.tangents[v as usize];
+        if known.at == self.x[v as usize] {
+            known
+        } else {
+            field.tangent(&self.x[v as usize])
+        }
+    }
+
+    /// Asks for the isosurface at those of the vertices that lie on it and have moved since.
+    pub(crate) fn know_tangents(&mut self, vertices: &[u32], field: &Isosurface<'_>) {
+        let stale: Vec<u32> = vertices
+            .iter()
+            .copied()
+            .filter(|&v| {
+                let v = v as usize;
+                self.freedom[v] == Freedom::Field && self.tangents[v].at != self.x[v]
+            })
+            .collect();
+        let known: Vec<Tangent> = stale
+            .par_iter()
+            .with_min_len(32)
+            .map(|&v| field.tangent(&self.x[v as usize]))
+            .collect();
+        for (v, tangent) in stale.into_iter().zip(known) {
+            self.tangents[v as usize] = tangent;
+        }
+    }
+
+    /// Puts a vertex where the isosurface is known; its tetrahedra are to be measured anew.
+    pub(crate) fn put(&mut self, v: u32, tangent: Tangent) {
+        self.x[v as usize] = tangent.at;
+        self.tangents[v as usize] = tangent;
     }
 
     /// Moves a vertex and measures its tetrahedra anew.

@@ -45,7 +45,9 @@ fn density(
     peers: &Path,
     threads: usize,
 ) -> Result<ScalarGrid, String> {
+    // Powers of 1: the plain sum that the scatter computes.
     let levels = Levels {
+        residue_power: 1.0,
         decay: 1.0,
         ..Levels::default()
     };
@@ -75,9 +77,16 @@ fn density(
     arguments.push(threads.to_string());
     let peer = answer(python, &peers.join("scatter.py"), &arguments)?;
     let seconds = number(&peer, "seconds")?;
+    let total: f64 = grid.values().iter().map(|&v| f64::from(v)).sum();
+    let apart = number(&peer, "sum")? / total - 1.0;
+    if apart.abs() > 5e-3 {
+        return Err(format!(
+            "the scatter is another function: its sum is {apart:.1e} off"
+        ));
+    }
     println!(
         "density · {} atoms, {} points: dense {dense_s:.3} s, band {band_s:.3} s; scatter {seconds:.3} s \
-         ({:.1}× and {:.1}× ours)",
+         ({:.1}× and {:.1}× ours; sums {apart:+.1e} apart)",
         structure.atoms().len(),
         report.points,
         seconds / dense_s,

@@ -5,61 +5,55 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
-use crate::parallel::fold_chunks;
+/// Rows per task. Part of the result: another number, other last bits.
+const ROWS: usize = 2048;
+/// Columns up to which a product is summed block by block; wider ones gather the blocks first.
+const NARROW: usize = 16;
+/// Rows that are gathered at once.
+const GATHERED: usize = 256;
 
-/// Rows per task.
-const ROWS: usize = 4096;
-
-/// Some of the columns of a tall block: rows of `width` values, of which `columns` count from `first`
-/// on.
+/// A tall block: some columns, row after row.
 #[derive(Clone, Copy)]
 pub(crate) struct Tall<'a> {
     pub(crate) values: &'a [f64],
-    pub(crate) width: usize,
-    pub(crate) first: usize,
     pub(crate) columns: usize,
 }
 
 impl<'a> Tall<'a> {
-    /// A whole block.
     pub(crate) fn of(values: &'a [f64], columns: usize) -> Self {
-        Self {
-            values,
-            width: columns,
-            first: 0,
-            columns,
-        }
+        Self { values, columns }
     }
 
     fn rows(&self) -> usize {
-        self.values.len() / self.width.max(1)
+        self.values.len() / self.columns.max(1)
     }
 
-    fn part(&self, from: usize, to: usize) -> MatRef<'a, f64> {
-        let values = &self.values[from * self.width..to * self.width];
-        MatRef::from_row_major_slice(values, to - from, self.width)
-            .subcols(self.first, self.columns)
+    fn part(&self, from: usize, rows: usize) -> MatRef<'a, f64> {
+        let values = &self.values[from * self.columns..(from + rows) * self.columns];
+        MatRef::from_row_major_slice(values, rows, self.columns)
     }
 }
 
-/// `Aᵀ B`, row after row: `a.columns × b.columns`.
-pub(crate) fn gram(a: Tall<'_>, b: Tall<'_>) -> Vec<f64> {
-    let mut total = vec![0.0; a.columns * b.columns];
+fn width(blocks: &[Tall<'_>]) -> usize {
+    blocks.iter().map(|a| a.columns).sum()
+}
+
+/// `Aᵀ B`, row after row, where A stands in blocks side by side.
+pub(crate) fn gram(a: &[Tall<'_>], b: Tall<'_>) -> Vec<f64> {
+    let mut total = vec![0.0; width(a) * b.columns];
     if total.is_empty() {
         return total;
     }
-    let parts = fold_chunks(a.rows(), |range| {
-        let mut part = vec![0.0; a.columns * b.columns];
-        matmul(
-            MatMut::from_row_major_slice_mut(&mut part, a.columns, b.columns),
-            Accum::Replace,
-            a.part(range.start, range.end).transpose(),
-            b.part(range.start, range.end),
-            1.0,
-            Par::Seq,
-        );
-        part
-    });
+    let n = b.rows();
+    let parts: Vec<Vec<f64>> = (0..n.div_ceil(ROWS))
+        .into_par_iter()
+        .map(|k| {
+            let (from, rows) = (k * ROWS, ROWS.min(n - k * ROWS));
+            let mut part = vec![0.0; total.len()];
+            gram_part(&mut part, a, b.part(from, rows), from);
+            part
+        })
+        .collect();
     for part in parts {
         for (t, p) in total.iter_mut().zip(part) {
             *t += p;
@@ -68,35 +62,124 @@ pub(crate) fn gram(a: Tall<'_>, b: Tall<'_>) -> Vec<f64> {
     total
 }
 
-/// `out ← out + scale · A C`, where `out` has `columns` columns and C is `a.columns × columns`, row
-/// after row.
-pub(crate) fn add_product(out: &mut [f64], columns: usize, a: Tall<'_>, c: &[f64], scale: f64) {
-    if columns == 0 || a.columns == 0 {
+/// The same for some rows of B from `from` on.
+fn gram_part(out: &mut [f64], a: &[Tall<'_>], b: MatRef<'_, f64>, from: usize) {
+    let mut rest = out;
+    for a in a {
+        let (out, more) = rest.split_at_mut(a.columns * b.ncols());
+        rest = more;
+        matmul(
+            MatMut::from_row_major_slice_mut(out, a.columns, b.ncols()),
+            Accum::Replace,
+            a.part(from, b.nrows()).transpose(),
+            b,
+            1.0,
+            Par::Seq,
+        );
+    }
+}
+
+/// `out ← out + scale · A C`, where `out` has `columns` columns, A stands in blocks side by side, and
+/// C is `width of A × columns`, row after row.
+pub(crate) fn add_product(out: &mut [f64], columns: usize, a: &[Tall<'_>], c: &[f64], scale: f64) {
+    if columns == 0 || a.is_empty() {
         return;
     }
-    let c = MatRef::from_row_major_slice(c, a.columns, columns);
     out.par_chunks_mut(ROWS * columns)
         .enumerate()
-        .for_each(|(k, out)| {
-            let (from, rows) = (k * ROWS, out.len() / columns);
-            matmul(
-                MatMut::from_row_major_slice_mut(out, rows, columns),
-                Accum::Add,
-                a.part(from, from + rows),
-                c,
-                scale,
-                Par::Seq,
-            );
-        });
+        .for_each(|(k, out)| add_product_part(out, columns, a, c, scale, k * ROWS));
+}
+
+/// The same for some rows from `from` on.
+fn add_product_part(
+    out: &mut [f64],
+    columns: usize,
+    a: &[Tall<'_>],
+    c: &[f64],
+    scale: f64,
+    from: usize,
+) {
+    let m = width(a);
+    let mut add = |out: &mut [f64], a: MatRef<'_, f64>, c: &[f64]| {
+        matmul(
+            MatMut::from_row_major_slice_mut(out, a.nrows(), columns),
+            Accum::Add,
+            a,
+            MatRef::from_row_major_slice(c, a.ncols(), columns),
+            scale,
+            Par::Seq,
+        );
+    };
+    if a.len() == 1 || columns <= NARROW {
+        let rows = out.len() / columns;
+        let mut rest = c;
+        for a in a {
+            let (c, more) = rest.split_at(a.columns * columns);
+            rest = more;
+            add(out, a.part(from, rows), c);
+        }
+        return;
+    }
+    let mut gathered = vec![0.0; GATHERED * m];
+    for (k, out) in out.chunks_mut(GATHERED * columns).enumerate() {
+        let (from, rows) = (from + k * GATHERED, out.len() / columns);
+        let mut at = 0;
+        for a in a {
+            let part = &a.values[from * a.columns..(from + rows) * a.columns];
+            for (row, values) in gathered.chunks_mut(m).zip(part.chunks(a.columns)) {
+                row[at..at + a.columns].copy_from_slice(values);
+            }
+            at += a.columns;
+        }
+        add(out, MatRef::from_row_major_slice(&gathered[..rows * m], rows, m), c);
+    }
 }
 
 /// `A C` as a new block of `columns` columns.
-pub(crate) fn product(a: Tall<'_>, c: &[f64], columns: usize) -> Vec<f64> {
-    let mut out = vec![0.0; a.rows() * columns];
+pub(crate) fn product(a: &[Tall<'_>], c: &[f64], columns: usize) -> Vec<f64> {
+    let rows = a.first().map_or(0, Tall::rows);
+    let mut out = vec![0.0; rows * columns];
     add_product(&mut out, columns, a, c, 1.0);
     out
 }
 
+/// `W ← W − A C`, and the new `Wᵀ W`.
+pub(crate) fn subtract_product(
+    w: &mut [f64],
+    columns: usize,
+    a: &[Tall<'_>],
+    c: &[f64],
+) -> Vec<f64> {
+    let parts: Vec<Vec<f64>> = w
+        .par_chunks_mut(ROWS * columns)
+        .enumerate()
+        .map(|(k, w)| {
+            if !a.is_empty() {
+                add_product_part(w, columns, a, c, -1.0, k * ROWS);
+            }
+            let mut part = vec![0.0; columns * columns];
+            let w = Tall::of(w, columns);
+            gram_part(&mut part, &[w], w.part(0, w.rows()), 0);
+            part
+        })
+        .collect();
+    let mut total = vec![0.0; columns * columns];
+    for part in parts {
+        for (t, p) in total.iter_mut().zip(part) {
+            *t += p;
+        }
+    }
+    total
+}
+
+/// `W ← W C` for a square C.
+pub(crate) fn turn(w: &mut [f64], columns: usize, c: &[f64]) {
+    w.par_chunks_mut(ROWS * columns).for_each(|w| {
+        let old = w.to_vec();
+        w.fill(0.0);
+        add_product_part(w, columns, &[Tall::of(&old, columns)], c, 1.0, 0);
+    });
+}
 /// Eigenvalues, ascending, and eigenvectors (column `j` of the row-major result) of a symmetric
 /// matrix of `n` rows, of which the lower half is read. `None` when the iteration does not converge
 /// (NaN).

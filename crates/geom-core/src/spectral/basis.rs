@@ -1,124 +1,168 @@
 //! Orthonormal bases of tall vectors, shared by the two iterations.
 
+use std::borrow::Cow;
+use std::ops::Range;
+
 use rayon::prelude::*;
 
-use super::Pencil;
+use super::parts;
+use crate::laplace::Mass;
 use crate::linalg::dense::{self, Tall};
 
-/// Tall vectors side by side, row after row, with room for more.
+/// Tall vectors, kept in the blocks in which they came.
 pub(super) struct Columns {
-    values: Vec<f64>,
-    room: usize,
+    blocks: Vec<Block>,
     count: usize,
 }
 
+struct Block {
+    first: usize,
+    columns: usize,
+    values: Vec<f64>,
+}
+
 impl Columns {
-    pub(super) fn new(rows: usize, room: usize) -> Self {
+    pub(super) fn new() -> Self {
         Self {
-            values: vec![0.0; rows * room],
-            room,
+            blocks: Vec::new(),
             count: 0,
         }
     }
 
-    pub(super) fn tall(&self) -> Tall<'_> {
-        self.from(0)
+    pub(super) fn count(&self) -> usize {
+        self.count
     }
 
-    /// The columns from `first` on.
-    fn from(&self, first: usize) -> Tall<'_> {
-        Tall {
-            values: &self.values,
-            width: self.room,
-            first,
-            columns: self.count - first,
-        }
+    /// All of them, side by side.
+    pub(super) fn tall(&self) -> Vec<Tall<'_>> {
+        self.among(0, 0)
+    }
+
+    /// The blocks that begin before column `locked`, and those from column `near` on.
+    fn among(&self, locked: usize, near: usize) -> Vec<Tall<'_>> {
+        let wanted = |b: &&Block| b.first < locked || b.first >= near;
+        let blocks = self.blocks.iter().filter(wanted);
+        blocks.map(|b| Tall::of(&b.values, b.columns)).collect()
     }
 
     pub(super) fn column(&self, j: usize) -> Vec<f64> {
-        self.values[j..]
-            .iter()
-            .step_by(self.room)
-            .copied()
-            .collect()
+        let at = self.blocks.partition_point(|b| b.first <= j) - 1;
+        let block = &self.blocks[at];
+        let values = block.values[j - block.first..].iter();
+        values.step_by(block.columns).copied().collect()
     }
 
-    pub(super) fn push(&mut self, block: &[f64], columns: usize) {
-        let at = self.count;
-        self.values
-            .par_chunks_mut(self.room)
-            .zip(block.par_chunks(columns))
-            .with_min_len(4096)
-            .for_each(|(row, new)| row[at..at + columns].copy_from_slice(new));
+    pub(super) fn last(&self) -> &[f64] {
+        self.blocks.last().map_or(&[], |b| &b.values)
+    }
+
+    pub(super) fn push(&mut self, values: Vec<f64>, columns: usize) {
+        self.blocks.push(Block {
+            first: self.count,
+            columns,
+            values,
+        });
         self.count += columns;
     }
 
-    /// Becomes `keep` combinations of its columns: `y` has a row for each of them.
-    pub(super) fn combine(&mut self, y: &[f64], keep: usize) {
-        let kept = dense::product(self.tall(), y, keep);
-        self.count = 0;
-        self.push(&kept, keep);
+    /// Becomes `keep` combinations of its columns: `y` has a row for each of them. The first `locked`
+    /// become a block of their own.
+    pub(super) fn combine(&mut self, y: &[f64], keep: usize, locked: usize) {
+        let mut blocks = Vec::new();
+        for columns in [0..locked, locked..keep] {
+            if !columns.is_empty() {
+                let y: Vec<f64> = y
+                    .chunks(keep)
+                    .flat_map(|row| row[columns.clone()].iter().copied())
+                    .collect();
+                let values = dense::product(&self.tall(), &y, columns.len());
+                blocks.push(Block {
+                    first: columns.start,
+                    columns: columns.len(),
+                    values,
+                });
+            }
+        }
+        self.blocks = blocks;
+        self.count = keep;
     }
 }
 
-/// Columns that are orthonormal in the product of M.
+/// Columns that are orthonormal in the product of a mass, or without one.
 pub(super) struct Basis<'a> {
-    pencil: &'a Pencil<'a>,
+    mass: Option<&'a Mass>,
     pub(super) columns: Columns,
 }
 
-impl<'a> Basis<'a> {
-    pub(super) fn new(pencil: &'a Pencil<'a>, room: usize) -> Self {
+/// What an orthogonalization took off a block W: `W = V C + Q R`.
+pub(super) struct Taken {
+    /// A row for each column of the basis.
+    pub(super) c: Vec<f64>,
+    pub(super) r: Vec<f64>,
+}
+
+impl Taken {
+    /// Nothing yet, of a block of `b` columns.
+    pub(super) fn nothing(columns: usize, b: usize) -> Self {
+        let one = |i: usize| f64::from(i.is_multiple_of(b + 1));
         Self {
-            pencil,
-            columns: Columns::new(pencil.rows(), room),
+            c: vec![0.0; columns * b],
+            r: (0..b * b).map(one).collect(),
+        }
+    }
+}
+
+impl<'a> Basis<'a> {
+    pub(super) fn new(mass: Option<&'a Mass>) -> Self {
+        Self {
+            mass,
+            columns: Columns::new(),
         }
     }
 
-    pub(super) fn columns(&self) -> usize {
-        self.columns.count
+    /// `M W`.
+    pub(super) fn image<'w>(&self, w: &'w [f64], b: usize) -> Cow<'w, [f64]> {
+        match self.mass {
+            None => Cow::Borrowed(w),
+            Some(mass) => Cow::Owned(parts::mass_times(mass, w, b)),
+        }
     }
 
-    pub(super) fn push(&mut self, block: &[f64], columns: usize) {
-        self.columns.push(block, columns);
-    }
-
-    /// Makes a block W orthonormal and orthogonal to the basis V: `W = V C + Q R`; Q replaces W. A
-    /// column that depends on the others is replaced by a random one, with a zero in R. But for
-    /// rounding, W overlaps with the columns from `near` on only: they are taken off first, so that
-    /// one pass over all the others cleans up.
+    /// Makes a block W orthonormal, and orthogonal to the columns before `locked` and from `near` on;
+    /// adds to what was taken off it. A column that depends on the others is replaced by a random
+    /// one, orthogonal to all, with a zero in R.
     pub(super) fn orthonormalize(
         &self,
-        w: &mut Vec<f64>,
+        w: &mut [f64],
         b: usize,
-        near: usize,
+        (locked, mut near): (usize, usize),
+        taken: &mut Taken,
         seed: &mut u64,
-    ) -> (Vec<f64>, Vec<f64>) {
-        let m = self.columns.count;
-        let mut c = vec![0.0; m * b];
-        let mut r: Vec<f64> = (0..b * b)
-            .map(|i| f64::from(i.is_multiple_of(b + 1)))
-            .collect();
-        for pass in 0..6 {
-            let first = if pass == 0 { near } else { 0 };
-            let image = self.pencil.mass_times(w, b);
-            let more = dense::gram(self.columns.from(first), Tall::of(&image, b));
-            dense::add_product(w, b, self.columns.from(first), &more, -1.0);
-            let image = self.pencil.mass_times(w, b);
-            let gram = dense::gram(Tall::of(w, b), Tall::of(&image, b));
+    ) {
+        for _ in 0..6 {
+            let against = self.columns.among(locked, near);
+            let more = dense::gram(&against, Tall::of(&self.image(w, b), b));
+            let gram = if self.mass.is_none() {
+                dense::subtract_product(w, b, &against, &more)
+            } else {
+                dense::add_product(w, b, &against, &more, -1.0);
+                dense::gram(&[Tall::of(w, b)], Tall::of(&self.image(w, b), b))
+            };
             let (factor, dead) = dense::upper_cholesky(&gram, b, 1e-14);
-            *w = dense::product(Tall::of(w, b), &dense::upper_inverse(&factor, b), b);
-            let add = dense::product(Tall::of(&more, b), &r, b);
-            c[first * b..]
-                .iter_mut()
-                .zip(add)
-                .for_each(|(c, a)| *c += a);
-            r = dense::product(Tall::of(&factor, b), &r, b);
+            dense::turn(w, b, &dense::upper_inverse(&factor, b));
+            let add = dense::product(&[Tall::of(&more, b)], &taken.r, b);
+            let rows = self.rows_among(locked, near);
+            for (add, row) in add.chunks(b).zip(rows.into_iter().flatten()) {
+                let c = &mut taken.c[row * b..][..b];
+                c.iter_mut().zip(add).for_each(|(c, a)| *c += a);
+            }
+            taken.r = dense::product(&[Tall::of(&factor, b)], &taken.r, b);
             for &j in &dead {
-                let fresh = random_block(self.pencil.rows(), 1, seed);
+                let fresh = random_block(w.len() / b, 1, seed);
                 for (row, x) in w.chunks_mut(b).zip(fresh) {
                     row[j] = x;
                 }
+                near = 0;
             }
             // What was left of each column: rounding grows by the inverse of its root.
             let clean = (0..b).all(|j| {
@@ -126,11 +170,16 @@ impl<'a> Basis<'a> {
                 let pivot = factor[j * b + j].powi(2);
                 pivot > 1e-2 * (gone + gram[j * b + j])
             });
-            if pass > 0 && clean && dead.is_empty() {
+            if clean && dead.is_empty() {
                 break;
             }
         }
-        (c, r)
+    }
+
+    fn rows_among(&self, locked: usize, near: usize) -> Vec<Range<usize>> {
+        let wanted = |b: &&Block| b.first < locked || b.first >= near;
+        let rows = |b: &Block| b.first..b.first + b.columns;
+        self.columns.blocks.iter().filter(wanted).map(rows).collect()
     }
 }
 

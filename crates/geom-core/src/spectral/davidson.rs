@@ -3,7 +3,7 @@
 //! and those of the step before (GD+k: Stathopoulos and Saad, 1998), which makes up for the
 //! directions that are dropped.
 
-use super::basis::{Basis, Columns, random_block};
+use super::basis::{Basis, Columns, Taken, random_block};
 use super::multigrid::Multigrid;
 use super::{Error, Options, Pair, Pencil, Report, SpectralBackend, not_finite, rayleigh_ritz};
 use crate::Run;
@@ -30,8 +30,8 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
     let b = (options.block * (1 + k / 64)).min(64);
     let keep = k + 1 + b;
     let room = keep + b + (BLOCKS * b).max(k / 2).next_multiple_of(b);
-    let mut basis = Basis::new(pencil, room);
-    let mut images = Columns::new(n, room);
+    let mut basis = Basis::new(Some(pencil.mass));
+    let mut images = Columns::new();
     // Vᵀ K V, row after row of the columns at hand.
     let mut h: Vec<f64> = Vec::new();
     let mut seed = options.seed;
@@ -40,8 +40,8 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
     let locked = usize::from(pencil.constants_vanish());
     if locked == 1 {
         let total: f64 = pencil.mass_times(&vec![1.0; n], 1).iter().sum();
-        basis.push(&vec![1.0 / total.sqrt(); n], 1);
-        images.push(&vec![0.0; n], 1);
+        basis.columns.push(vec![1.0 / total.sqrt(); n], 1);
+        images.push(vec![0.0; n], 1);
         h.push(0.0);
     }
     let mut block = pencil.mass_times(&random_block(n, b, &mut seed), b);
@@ -57,18 +57,18 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         let mut w: Vec<f64> = cycle.run(&narrow, b)?.into_iter().map(f64::from).collect();
         drop(narrow);
         report.solves += b;
-        basis.orthonormalize(&mut w, b, 0, &mut seed);
+        let mut taken = Taken::nothing(basis.columns.count(), b);
+        basis.orthonormalize(&mut w, b, (0, 0), &mut taken, &mut seed);
         let image = pencil.stiffness.multiply(&w, b);
-        basis.push(&w, b);
+        basis.columns.push(w, b);
         h = bordered(
             &h,
-            &dense::gram(basis.columns.tall(), Tall::of(&image, b)),
+            &dense::gram(&basis.columns.tall(), Tall::of(&image, b)),
             b,
         );
-        images.push(&image, b);
-        drop((w, image));
+        images.push(image, b);
 
-        let m = basis.columns();
+        let m = basis.columns.count();
         let (theta, y) = dense::symmetric_eigen(&h, m).ok_or_else(not_finite)?;
         // The residuals of the next pairs that are not yet good, block by block.
         let first = theta[locked.min(m - 1)];
@@ -92,7 +92,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
             report.restarts += restarts;
             let count = (k + 1).min(m) - locked;
             let x = dense::product(
-                basis.columns.tall(),
+                &basis.columns.tall(),
                 &columns_of(&y, m, locked, count),
                 count,
             );
@@ -112,10 +112,10 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
             restarts += 1;
             let kept = combination(&y, m, keep, before.take(), b);
             let columns = kept.len() / m;
-            let image = dense::product(Tall::of(&h, m), &kept, columns);
-            h = dense::gram(Tall::of(&kept, columns), Tall::of(&image, columns));
-            basis.columns.combine(&kept, columns);
-            images.combine(&kept, columns);
+            let image = dense::product(&[Tall::of(&h, m)], &kept, columns);
+            h = dense::gram(&[Tall::of(&kept, columns)], Tall::of(&image, columns));
+            basis.columns.combine(&kept, columns, 0);
+            images.combine(&kept, columns, 0);
         } else {
             before = Some((columns_of(&y, m, targets[0], targets.len()), m));
         }
@@ -195,15 +195,15 @@ fn residuals(
     y: &[f64],
     targets: &[usize],
 ) -> Vec<f64> {
-    let (m, count) = (basis.columns(), targets.len());
+    let (m, count) = (basis.columns.count(), targets.len());
     let y = columns_of(y, m, targets[0], count);
     let scaled: Vec<f64> = y
         .chunks(count)
         .flat_map(|row| row.iter().zip(targets).map(|(y, &j)| -theta[j] * y))
         .collect();
-    let x = dense::product(basis.columns.tall(), &scaled, count);
+    let x = dense::product(&basis.columns.tall(), &scaled, count);
     let mut out = pencil.mass_times(&x, count);
-    dense::add_product(&mut out, count, images.tall(), &y, 1.0);
+    dense::add_product(&mut out, count, &images.tall(), &y, 1.0);
     out
 }
 

@@ -416,7 +416,7 @@ fn inverse(operator: Operator<'_>) -> Result<Rows32, Error> {
             transposed[j * n + i] = vectors[i * n + j];
         }
     }
-    let inverse = dense::product(dense::Tall::of(&scaled, n), &transposed, n);
+    let inverse = dense::product(&[dense::Tall::of(&scaled, n)], &transposed, n);
     let rows = SparseMatrix::from_rows(n, n, |i, out| {
         out.extend((0..n).map(|j| (j as u32, inverse[i * n + j])));
     })?;

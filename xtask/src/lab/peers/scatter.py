@@ -38,11 +38,11 @@ def scatter(atoms, reach, far, grid, ox, oy, oz, h, decay):
                 continue
             ia, ib = max(0, int(np.ceil((x - c - ox) / h))), min(nx - 1, int((x + c - ox) / h))
             ja, jb = max(0, int(np.ceil((y - c - oy) / h))), min(ny - 1, int((y + c - oy) / h))
-            w = decay / (r * r)
+            w = decay
             for i in range(ia, ib + 1):
                 ex[i] = np.exp(-w * (ox + i * h - x) ** 2)
             for k in range(ka, kb + 1):
-                fz = np.exp(decay - w * (oz + k * h - z) ** 2)
+                fz = np.exp(w * (r * r - (oz + k * h - z) ** 2))
                 for j in range(ja, jb + 1):
                     f = np.float32(fz * np.exp(-w * (oy + j * h - y) ** 2))
                     row = grid[k, j]
@@ -52,8 +52,8 @@ def scatter(atoms, reach, far, grid, ox, oy, oz, h, decay):
     return pairs.sum()
 
 
-# exp(decay (1 - d²/r²)) = cut
-reach = atoms[:, 3] * np.sqrt(1.0 - np.log(cut) / decay)
+# exp(-decay (d² - r²)) = cut, the kernel of our model
+reach = np.sqrt(atoms[:, 3] ** 2 - np.log(cut) / decay)
 tiny = np.zeros((8, 8, 8), np.float32)
 scatter(atoms[:1], reach[:1], reach[:1].max(), tiny, ox, oy, oz, spacing, decay)
 best = float("inf")
