@@ -33,13 +33,18 @@ pub(super) struct Vertex {
     pub(super) position: Point3,
     /// Unit normal of the surface here, on its outer side.
     pub(super) normal: Vector3,
-    /// Wanted length of the edges here, Å.
+    /// Wanted length of the edges here, Å: what was asked for, or shorter.
     pub(super) size: f64,
+    /// What was asked for, Å.
+    pub(super) wanted: f64,
+    /// Did `size` change since the last rounds?
+    pub(super) active: bool,
     pub(super) kind: Kind,
 }
 
 /// A manifold surface. Half-edge `3 t + k` runs from corner `k` of triangle `t` to the next.
 /// Dead triangles name [`NONE`]; dead vertices have no half-edge.
+#[derive(Clone)]
 pub(super) struct Mesh {
     pub(super) vertices: Vec<Vertex>,
     pub(super) triangles: Vec<[u32; 3]>,
@@ -71,6 +76,8 @@ impl Mesh {
                 position,
                 normal: Vector3::zeros(),
                 size: 0.0,
+                wanted: 0.0,
+                active: true,
                 kind: Kind::Smooth,
             })
             .collect();
@@ -98,8 +105,8 @@ impl Mesh {
         })
     }
 
-    /// The living vertices and triangles, in order, and the labels of those.
-    pub(super) fn finish(self) -> (TriMesh, Vec<u32>) {
+    /// The living vertices and triangles, in order.
+    pub(super) fn surface(&self) -> TriMesh {
         let mut number = vec![NONE; self.vertices.len()];
         let mut positions = Vec::new();
         for (v, vertex) in self.vertices.iter().enumerate() {
@@ -114,14 +121,15 @@ impl Mesh {
             .filter(|t| t[0] != NONE)
             .map(|t| t.map(|v| number[v as usize]))
             .collect();
+        TriMesh::new(positions, triangles).expect("living triangles have living vertices")
+    }
+    /// The labels of the living triangles, in order.
+    pub(super) fn living_labels(&self) -> Vec<u32> {
         let alive = self.triangles.iter().zip(&self.labels);
-        let labels = alive
+        alive
             .filter(|(t, _)| t[0] != NONE)
             .map(|(_, &label)| label)
-            .collect();
-        let mesh =
-            TriMesh::new(positions, triangles).expect("living triangles have living vertices");
-        (mesh, labels)
+            .collect()
     }
 
     pub(super) fn from(&self, h: u32) -> u32 {
@@ -150,11 +158,26 @@ impl Mesh {
             self.marks[g as usize] = Mark::Crease;
         }
     }
+    /// Takes the crease of an edge away.
+    pub(super) fn unmark_crease(&mut self, h: u32) {
+        if let Some(g) = self.twin(h) {
+            let differ = self.labels[(h / 3) as usize] != self.labels[(g / 3) as usize];
+            let mark = if differ { Mark::Line } else { Mark::Free };
+            self.marks[h as usize] = mark;
+            self.marks[g as usize] = mark;
+        }
+    }
     pub(super) fn position(&self, v: u32) -> Point3 {
         self.vertices[v as usize].position
     }
     pub(super) fn is_alive(&self, v: u32) -> bool {
         self.out[v as usize] != NONE
+    }
+    /// Did the wanted length change at an end of the edge?
+    pub(super) fn is_active(&self, h: u32) -> bool {
+        [self.from(h), self.to(h)]
+            .iter()
+            .any(|&v| self.vertices[v as usize].active)
     }
     pub(super) fn on_boundary(&self, v: u32) -> bool {
         let h = self.out[v as usize];
@@ -459,8 +482,8 @@ mod tests {
                 }
                 mesh.validate();
             }
-            let (end, labels) = mesh.finish();
-            prop_assert_eq!(labels.len(), end.triangles().len());
+            let end = mesh.surface();
+            prop_assert_eq!(mesh.living_labels().len(), end.triangles().len());
             let audit = SurfaceAudit::of(&end);
             prop_assert!(audit.is_manifold(), "{:?}", audit);
             prop_assert_eq!(audit.orientation_conflicts.count, 0);

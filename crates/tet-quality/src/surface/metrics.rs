@@ -60,6 +60,8 @@ pub struct TriangleReport {
     pub max_edge: f64,
     /// Share of the used vertices with six triangles.
     pub regular: f64,
+    /// Share of the used vertices with five to seven triangles, on a boundary two to four.
+    pub nearly_regular: f64,
     /// The ten triangles of the smallest angles, worst first, with those angles in degrees.
     pub worst: Vec<(u32, f64)>,
 }
@@ -150,12 +152,23 @@ impl TriangleReport {
         let variance = edge_squares / (3.0 * count) - all.mean_edge * all.mean_edge;
         all.edge_deviation = variance.max(0.0).sqrt();
         let mut valence = vec![0u32; mesh.positions().len()];
-        for &v in mesh.triangles().as_flattened() {
-            valence[v as usize] += 1;
+        // Around an inner vertex the neighbours of its triangles cancel; on a boundary two are left.
+        let mut turn = vec![0i64; mesh.positions().len()];
+        for corners in mesh.triangles() {
+            for k in 0..3 {
+                let v = corners[k] as usize;
+                valence[v] += 1;
+                turn[v] += i64::from(corners[(k + 1) % 3]) - i64::from(corners[(k + 2) % 3]);
+            }
         }
         all.vertices = valence.iter().filter(|&&n| n > 0).count();
         let regular = valence.iter().filter(|&&n| n == 6).count();
         all.regular = regular as f64 / all.vertices as f64;
+        let nearly = valence.iter().zip(&turn).filter(|&(n, turn)| match turn {
+            0 => (5..=7).contains(n),
+            _ => (2..=4).contains(n),
+        });
+        all.nearly_regular = nearly.count() as f64 / all.vertices as f64;
         all
     }
 }

@@ -15,6 +15,7 @@
 mod mesh;
 mod metrics;
 mod reference;
+mod refine;
 mod steps;
 #[cfg(test)]
 mod tests;
@@ -25,6 +26,9 @@ use geom_core::{Backend, Cancelled, ImplicitField, MeshError, Run, TriMesh};
 
 use mesh::Mesh;
 use reference::Reference;
+
+/// How often the work begins anew where parts of the surface were lost.
+const RESTARTS: usize = 1;
 
 /// How long the edges shall be.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,6 +86,13 @@ pub struct Options {
     pub iterations: usize,
     /// After the rounds, triangles with a smaller angle than this many degrees are worked on.
     pub min_angle_deg: f64,
+    /// Largest distance between the result and the surface, both ways, Å. `None` for 0.3 of a uniform
+    /// edge length or twice the tolerance of [`Sizing::Curvature`]; infinite for no bound.
+    pub max_deviation: Option<f64>,
+    /// Where angles or distances miss these goals after the rounds, the surface is too narrow or too
+    /// curved for the wanted edges: this often they become shorter there, down to 1/16 of a uniform
+    /// length or to `min_edge`. 0 for edges as wanted everywhere.
+    pub refinements: usize,
     /// More triangles than this are refused before the work starts.
     pub max_triangles: usize,
 }
@@ -95,6 +106,8 @@ impl Default for Options {
             level: 1.0,
             iterations: 10,
             min_angle_deg: 30.0,
+            max_deviation: None,
+            refinements: 6,
             max_triangles: 50_000_000,
         }
     }
@@ -153,6 +166,16 @@ impl Options {
             return Err(Error::Option {
                 name: "level",
                 value: self.level,
+                needs,
+            });
+        }
+        if let Some(value) = self.max_deviation
+            && (value.is_nan() || value <= 0.0)
+        {
+            let needs = "a positive number, or infinite for no bound";
+            return Err(Error::Option {
+                name: "max_deviation",
+                value,
                 needs,
             });
         }
@@ -228,6 +251,24 @@ pub enum Error {
     Cancelled(#[from] Cancelled),
 }
 
+/// How long the edges are, in units of what [`Options::sizing`] wants there. Each edge counts once.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct RelativeLengths {
+    /// Shortest.
+    pub min: f64,
+    /// One in a hundred is shorter.
+    pub percent_1: f64,
+    /// Half are shorter.
+    pub median: f64,
+    /// One in a hundred is longer.
+    pub percent_99: f64,
+    /// Longest.
+    pub max: f64,
+    /// Share of the edges from 4/5 to 4/3, which are neither split nor contracted.
+    pub within: f64,
+}
+
 /// Distances from the surface to follow, Å.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -236,6 +277,35 @@ pub struct Deviation {
     pub mean: f64,
     /// Largest.
     pub max: f64,
+}
+
+/// Why a triangle stays below [`Options::min_angle_deg`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
+pub enum Cause {
+    /// The angle lies between two kept edges that the input has so.
+    KeptEdges,
+    /// The level set and the input disagree here, as on necks and tunnels that only one of them has.
+    OffLevel,
+    /// The surface is folded so sharply that the triangle cannot face as its corners do.
+    Fold,
+    /// The surface is narrower than the shortest edges allowed here.
+    Narrow,
+    /// Nothing that was tried helped.
+    NothingHelped,
+}
+
+/// A triangle below [`Options::min_angle_deg`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Exception {
+    /// Which triangle of the result.
+    pub triangle: u32,
+    /// Its smallest angle, degrees.
+    pub angle_deg: f64,
+    /// Why.
+    pub cause: Cause,
 }
 
 /// What was done, and what came of it.
@@ -254,17 +324,30 @@ pub struct Report {
     pub contractions: usize,
     /// Edges flipped.
     pub flips: usize,
+    /// How often edges were made shorter where a goal was missed.
+    pub refinements: usize,
+    /// Share of the result's vertices where edges are now wanted shorter than [`Options::sizing`] says.
+    pub shortened: f64,
+    /// Lengths of the result's edges.
+    pub lengths: RelativeLengths,
     /// Edges of the result that are kept: features and boundaries.
     pub feature_edges: usize,
-    /// From the result's vertices to the level set, to first order, or to the input mesh.
+    /// From the result's vertices to the level set, or to the input mesh where that is nearer.
     pub vertex_deviation: Deviation,
-    /// From the result's triangle centroids to the same.
-    pub centroid_deviation: Deviation,
+    /// From the middles of the result's edges and triangles to the same.
+    pub inner_deviation: Deviation,
+    /// From the surface to the result: the largest distance of the input's vertices and middles of edges
+    /// and triangles, after their way to the level set.
+    pub reverse_deviation: f64,
+    /// What [`Options::max_deviation`] allowed.
+    pub allowed_deviation: f64,
     /// Vertices farther from the level set than a hundredth of the wanted edge length: they lie on
     /// necks, tunnels and pieces of the input that the level set has not, and follow the input there.
     pub off_level: usize,
-    /// Did the last round change less than one edge in a hundred, and are all angles at least
-    /// [`Options::min_angle_deg`]?
+    /// The triangles below [`Options::min_angle_deg`], with the cause.
+    pub exceptions: Vec<Exception>,
+    /// Did the last round change less than one edge in a hundred, are all angles at least
+    /// [`Options::min_angle_deg`] and all distances within what is allowed?
     pub converged: bool,
 }
 
@@ -321,39 +404,62 @@ pub fn remesh(
         labels => return Err(Error::Labels { labels, triangles }),
     };
     let mut work = Mesh::new(&mesh, labels)?;
-    let reference = Reference::new(mesh, field, options, &mut work)?;
-    let mut counts = steps::Counts::default();
-    let mut settled = false;
-    let mut iterations = 0;
-    for round in 0..options.iterations {
-        run.progress("remesh", round as u64, options.iterations as u64)?;
-        let mut done = steps::split_long(&mut work, &reference);
-        done += steps::contract_short(&mut work, &reference);
-        done += steps::flip_for_valence(&mut work);
-        steps::relax(&mut work, &reference);
-        done += steps::flip_for_angle(&mut work);
-        counts += done;
-        iterations = round + 1;
-        settled = 100 * done.total() < work.edges().count();
-        if settled {
+    let mut reference = Reference::new(mesh, field, options, &mut work)?;
+    let goal = options.min_angle_deg.to_radians();
+    let points = reference.points();
+    let (mut counts, mut settled, mut iterations, mut refinements) = <_>::default();
+    let start = work.clone();
+    for attempt in 0..=RESTARTS {
+        (settled, iterations) = rounds(&mut work, &reference, options, run, &mut counts)?;
+        counts += steps::lift(&mut work, &reference, goal);
+        for stage in 0..options.refinements {
+            run.progress("refine", stage as u64, options.refinements as u64)?;
+            if refine::shorten(&mut work, &mut reference, &points, goal) == 0 {
+                break;
+            }
+            refinements += 1;
+            counts += steps::round(&mut work, &reference);
+            counts += steps::round(&mut work, &reference);
+            counts += steps::round(&mut work, &reference);
+            steps::settle(&mut work, &reference);
+            counts += steps::lift(&mut work, &reference, goal);
+        }
+        // What has been cut off does not grow again, but now it is known where edges must be short.
+        let lost = || {
+            let farthest = refine::farthest_from(&work.surface(), &reference, &points);
+            farthest > reference.allowed
+        };
+        if attempt == RESTARTS || refinements == 0 || !lost() {
             break;
         }
+        work = start.clone();
+        reference.spots.renew();
+        refine::apply(&mut work, &reference);
+        counts = steps::Counts::default();
     }
-    counts += steps::lift(&mut work, &reference, options.min_angle_deg);
-    run.progress(
-        "remesh",
-        options.iterations as u64,
-        options.iterations as u64,
-    )?;
     let feature_edges = work.edges().filter(|&h| work.is_feature(h)).count();
-    let (mesh, mut labels) = work.finish();
-    if options.labels.is_empty() {
-        labels.clear();
-    }
-    let (vertex_deviation, centroid_deviation) = reference.deviations(&mesh);
+    let lengths = relative_lengths(&work);
+    let alive = (0..work.vertices.len() as u32).filter(|&v| work.is_alive(v));
+    let shorter = alive.clone().filter(|&v| {
+        let vertex = &work.vertices[v as usize];
+        vertex.size < vertex.wanted
+    });
+    let shortened = shorter.count() as f64 / alive.count() as f64;
+    let exceptions = refine::exceptions(&work, &reference, goal);
+    let mesh = work.surface();
+    let labels = if options.labels.is_empty() {
+        Vec::new()
+    } else {
+        work.living_labels()
+    };
+    let (vertex_deviation, inner_deviation) = reference.deviations(&mesh);
+    let reverse_deviation = refine::farthest_from(&mesh, &reference, &points);
+    let allowed_deviation = reference.allowed;
     let off_level = reference.off_level(&mesh);
     let after = TriangleReport::of(&mesh);
-    let converged = settled && after.min_angle_deg >= options.min_angle_deg;
+    let largest = inner_deviation.max.max(reverse_deviation);
+    let converged =
+        settled && after.min_angle_deg >= options.min_angle_deg && largest <= allowed_deviation;
     let report = Report {
         before,
         after,
@@ -361,10 +467,16 @@ pub fn remesh(
         splits: counts.splits,
         contractions: counts.contractions,
         flips: counts.flips,
+        refinements,
+        shortened,
+        lengths,
         feature_edges,
         vertex_deviation,
-        centroid_deviation,
+        inner_deviation,
+        reverse_deviation,
+        allowed_deviation,
         off_level,
+        exceptions,
         converged,
     };
     Ok(Remeshed {
@@ -372,4 +484,45 @@ pub fn remesh(
         labels,
         report,
     })
+}
+
+fn relative_lengths(work: &Mesh) -> RelativeLengths {
+    let wanted = |v: u32| work.vertices[v as usize].wanted;
+    let mut lengths: Vec<f64> = work
+        .edges()
+        .map(|h| work.length(h) / wanted(work.from(h)).min(wanted(work.to(h))))
+        .collect();
+    lengths.sort_by(f64::total_cmp);
+    let last = lengths.len() - 1;
+    let inside = lengths
+        .iter()
+        .filter(|&&l| (steps::SHORT..=steps::LONG).contains(&l));
+    RelativeLengths {
+        min: lengths[0],
+        percent_1: lengths[last / 100],
+        median: lengths[last / 2],
+        percent_99: lengths[last - last / 100],
+        max: lengths[last],
+        within: inside.count() as f64 / lengths.len() as f64,
+    }
+}
+
+/// The rounds at the lengths wanted now; did they settle, and how many were they?
+fn rounds(
+    work: &mut Mesh,
+    reference: &Reference<'_>,
+    options: &Options,
+    run: Run<'_, impl Backend + ?Sized>,
+    counts: &mut steps::Counts,
+) -> Result<(bool, usize), Error> {
+    let (mut settled, mut done) = (false, 0);
+    while done < options.iterations && !settled {
+        run.progress("remesh", done as u64, options.iterations as u64)?;
+        let changes = steps::round(work, reference);
+        settled = 100 * changes.total() < work.edges().count();
+        *counts += changes;
+        done += 1;
+    }
+    steps::settle(work, reference);
+    Ok((settled, done))
 }

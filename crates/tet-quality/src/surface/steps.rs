@@ -2,23 +2,30 @@
 
 use std::ops::AddAssign;
 
+use geom_core::bvh::closest_in_triangle;
 use geom_core::coloring::Coloring;
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::mesh::{Kind, Mark, Mesh, NONE, Vertex, next, previous};
-use super::metrics::{angles, radius_ratio};
-use super::reference::{Course, Reference};
+use super::metrics::{edge_lengths, radius_ratio};
+use super::reference::{Course, EXACT, Reference};
 
 /// Edges longer than this, in units of the wanted length, are split.
-const LONG: f64 = 4.0 / 3.0;
+pub(super) const LONG: f64 = 4.0 / 3.0;
 /// Edges shorter than this are contracted.
-const SHORT: f64 = 4.0 / 5.0;
+pub(super) const SHORT: f64 = 4.0 / 5.0;
+/// No flip, and no work on small angles, makes edges longer than this.
+const STRETCHED: f64 = 1.1 * LONG;
 /// Least cosine between a triangle's normal and the surface's at its corners.
-const FACING: f64 = 0.3;
+pub(super) const FACING: f64 = 0.3;
 /// Least cosine between the normals of a triangle before and after, where a crease leaves the
 /// surface without a normal.
 const TURN: f64 = 0.5;
+/// How near to the level set vertices come while they still move, as a share of their edges.
+const NEAR: f64 = 0.03;
+/// Shorter ways, as a share of the edges, are not worth going.
+const STILL: f64 = 0.01;
 /// A change may lower the least quality around it only as far as this.
 const FAIR: f64 = 0.4;
 
@@ -50,7 +57,7 @@ fn doubled_normal([a, b, c]: [Point3; 3]) -> Vector3 {
 
 /// How well a triangle faces the way the surface does at its corners: the least cosine; 1 if none
 /// of its corners knows a normal, −1 if it has no area.
-fn facing(corners: [&Vertex; 3]) -> f64 {
+pub(super) fn facing(corners: [&Vertex; 3]) -> f64 {
     let Some(normal) = doubled_normal(corners.map(|v| v.position)).try_normalize(0.0) else {
         return -1.0;
     };
@@ -107,13 +114,24 @@ fn keeps_sense(before: [&Vertex; 3], after: [&Vertex; 3]) -> bool {
     normals[0].dot(&normals[1]) >= TURN * normals[0].norm() * normals[1].norm()
 }
 
+/// One round of all steps.
+pub(super) fn round(mesh: &mut Mesh, reference: &Reference<'_>) -> Counts {
+    let mut done = split_long(mesh, reference);
+    done += contract_short(mesh, reference);
+    done += flip_for_valence(mesh);
+    relax(mesh, reference);
+    done += flip_for_angle(mesh);
+    done
+}
+
 /// Splits edges that are too long, the longest first, until none is left or none may be.
-pub(super) fn split_long(mesh: &mut Mesh, reference: &Reference<'_>) -> Counts {
+fn split_long(mesh: &mut Mesh, reference: &Reference<'_>) -> Counts {
     let mut counts = Counts::default();
     // Each pass halves the longest edges; 2²⁴ times too long is more than an index can name.
     for _ in 0..24 {
         let mut long: Vec<(u64, u32)> = mesh
             .edges()
+            .filter(|&h| mesh.is_active(h))
             .filter_map(|h| {
                 let length = mesh.relative_length(h);
                 // Positive numbers sort like their bits.
@@ -152,23 +170,22 @@ fn middle(mesh: &Mesh, reference: &Reference<'_>, h: u32) -> Vertex {
     let found = if mesh.is_feature(h) {
         reference.on_curve(&p, reach, Course::of_edge(mesh, h))
     } else {
-        reference.on_surface(&p, reach)
+        reference.about_on_surface(&p, reach, NEAR)
     };
-    found.unwrap_or_else(|| Vertex {
-        position: p,
-        normal: if mesh.mark(h) == Mark::Crease {
+    found.unwrap_or_else(|| {
+        let normal = if mesh.mark(h) == Mark::Crease {
             Vector3::zeros()
         } else {
             (a.normal + b.normal)
                 .try_normalize(1e-6)
                 .unwrap_or_else(Vector3::zeros)
-        },
-        size: f64::midpoint(a.size, b.size),
-        kind: if mesh.is_feature(h) {
+        };
+        let kind = if mesh.is_feature(h) {
             Kind::Curve
         } else {
             Kind::Smooth
-        },
+        };
+        reference.vertex(p, normal, f64::midpoint(a.wanted, b.wanted), kind)
     })
 }
 
@@ -199,12 +216,13 @@ fn try_split(mesh: &mut Mesh, h: u32, vertex: Vertex) -> bool {
 }
 
 /// Contracts edges that are too short, the shortest first, as long as that makes no edge too long.
-pub(super) fn contract_short(mesh: &mut Mesh, reference: &Reference<'_>) -> Counts {
+fn contract_short(mesh: &mut Mesh, reference: &Reference<'_>) -> Counts {
     let mut counts = Counts::default();
     // Where many edges are short, their neighbours must wait for the next pass.
     for _ in 0..24 {
         let mut short: Vec<(u64, u32)> = mesh
             .edges()
+            .filter(|&h| mesh.is_active(h))
             .filter_map(|h| {
                 let length = mesh.relative_length(h);
                 (length < SHORT).then(|| (length.to_bits(), h))
@@ -229,7 +247,7 @@ pub(super) fn contract_short(mesh: &mut Mesh, reference: &Reference<'_>) -> Coun
 }
 
 /// Contracts the edge to its middle or to one of its ends if that keeps the surface, leaves no edge
-/// longer than `long` and no triangle worse than fair.
+/// longer than `long`, no triangle worse than fair, and neither end far from the new triangles.
 fn try_contract(mesh: &mut Mesh, reference: &Reference<'_>, h: u32, long: f64) -> bool {
     let [a, b] = [mesh.from(h), mesh.to(h)].map(|v| mesh.vertices[v as usize]);
     // Where both ends are held, they stay; along a feature only a corner holds.
@@ -272,7 +290,24 @@ fn try_contract(mesh: &mut Mesh, reference: &Reference<'_>, h: u32, long: f64) -
                 }
             })
         });
-        if fits {
+        let stays_near = |end: u32| {
+            let p = mesh.position(end);
+            let most = reference.allowed * reference.allowed;
+            [mesh.from(h), mesh.to(h)]
+                .into_iter()
+                .flat_map(|v| mesh.fan(v))
+                .filter(|&g| {
+                    let wing = |w: u32| g / 3 == w / 3;
+                    !wing(h) && mesh.twin(h).is_none_or(|t| !wing(t))
+                })
+                .any(|g| {
+                    let mut new = of_triangle(mesh, g / 3);
+                    new[(g % 3) as usize] = &vertex;
+                    let (_, q) = closest_in_triangle(&p, &new.map(|v| v.position));
+                    (q - p).norm_squared() <= most
+                })
+        };
+        if fits && stays_near(mesh.from(h)) && stays_near(mesh.to(h)) {
             mesh.contract(h, vertex);
             return true;
         }
@@ -287,11 +322,19 @@ fn flip_pairs(mesh: &Mesh, h: u32, g: u32) -> ([[&Vertex; 3]; 2], [[&Vertex; 3];
     ([[a, b, c], [b, a, d]], [[a, d, c], [d, b, c]])
 }
 
-fn least_angle(triangles: &[[&Vertex; 3]]) -> f64 {
-    triangles
-        .iter()
-        .flat_map(|t| angles(t.map(|v| v.position)))
-        .fold(f64::INFINITY, f64::min)
+/// Grows with the least angle of the triangles: minus its cosine.
+fn openness(triangles: &[[&Vertex; 3]]) -> f64 {
+    let of_one = |t: &[&Vertex; 3]| {
+        // The smallest angle is opposite to the shortest edge.
+        let mut edges = edge_lengths(t.map(|v| v.position));
+        edges.sort_by(f64::total_cmp);
+        let [a, b, c] = edges;
+        if a <= 0.0 {
+            return -1.0;
+        }
+        (a * a - b * b - c * c) / (2.0 * b * c)
+    };
+    triangles.iter().map(of_one).fold(1.0, f64::min)
 }
 
 /// Does the flip keep the surface where it is?
@@ -315,6 +358,11 @@ fn flip_if(mesh: &mut Mesh, h: u32, wanted: impl Fn(&Mesh, u32, u32) -> bool) ->
         return false;
     }
     let (old, new) = flip_pairs(mesh, h, g);
+    let [c, d] = [new[0][2], new[0][1]];
+    let length = (d.position - c.position).norm();
+    if length > mesh.length(h) && length > STRETCHED * c.size.min(d.size) {
+        return false;
+    }
     if !flip_keeps_surface(&old, &new) {
         return false;
     }
@@ -324,7 +372,7 @@ fn flip_if(mesh: &mut Mesh, h: u32, wanted: impl Fn(&Mesh, u32, u32) -> bool) ->
 
 /// Flips edges where that brings the numbers of neighbours nearer to six, or four on a boundary,
 /// without spoiling the angles.
-pub(super) fn flip_for_valence(mesh: &mut Mesh) -> Counts {
+fn flip_for_valence(mesh: &mut Mesh) -> Counts {
     let mut valence: Vec<i32> = (0..mesh.vertices.len() as u32)
         .map(|v| mesh.ring(v).count() as i32)
         .collect();
@@ -333,7 +381,7 @@ pub(super) fn flip_for_valence(mesh: &mut Mesh) -> Counts {
         .collect();
     let mut flips = 0;
     for h in 0..3 * mesh.triangles.len() as u32 {
-        if !mesh.is_first(h) {
+        if !mesh.is_first(h) || !mesh.is_active(h) {
             continue;
         }
         let Some(g) = mesh.twin(h) else { continue };
@@ -353,7 +401,7 @@ pub(super) fn flip_for_valence(mesh: &mut Mesh) -> Counts {
         }
         let fair = |mesh: &Mesh, h, g| {
             let (old, new) = flip_pairs(mesh, h, g);
-            least_angle(&new) >= least_angle(&old).min(0.35)
+            openness(&new) >= openness(&old).min(-0.94)
         };
         if flip_if(mesh, h, fair) {
             for (v, c) in around.into_iter().zip([-1, -1, 1, 1]) {
@@ -369,10 +417,10 @@ pub(super) fn flip_for_valence(mesh: &mut Mesh) -> Counts {
 }
 
 /// Flips edges where that makes the least angle of the two triangles larger.
-pub(super) fn flip_for_angle(mesh: &mut Mesh) -> Counts {
+fn flip_for_angle(mesh: &mut Mesh) -> Counts {
     let mut flips = 0;
     for h in 0..3 * mesh.triangles.len() as u32 {
-        if mesh.is_first(h) && flip_if(mesh, h, larger_angle) {
+        if mesh.is_first(h) && mesh.is_active(h) && flip_if(mesh, h, larger_angle) {
             flips += 1;
         }
     }
@@ -384,17 +432,36 @@ pub(super) fn flip_for_angle(mesh: &mut Mesh) -> Counts {
 
 fn larger_angle(mesh: &Mesh, h: u32, g: u32) -> bool {
     let (old, new) = flip_pairs(mesh, h, g);
-    least_angle(&new) > least_angle(&old) + 1e-6
+    openness(&new) > openness(&old) + 1e-6
 }
 
 /// Moves every vertex towards the middle of its triangles within its tangent plane, then back to the
 /// surface; colour by colour.
-pub(super) fn relax(mesh: &mut Mesh, reference: &Reference<'_>) {
+fn relax(mesh: &mut Mesh, reference: &Reference<'_>) {
+    move_each(mesh, |mesh, v| relaxed(mesh, reference, v));
+}
+
+/// Brings every vertex to the surface exactly.
+pub(super) fn settle(mesh: &mut Mesh, reference: &Reference<'_>) {
+    move_each(mesh, |mesh, v| {
+        let old = &mesh.vertices[v as usize];
+        if old.kind != Kind::Smooth {
+            return None;
+        }
+        let new = reference.on_surface(&old.position, old.size)?;
+        fits_fan(mesh, v, &new, &Worst::of_fan(mesh, v), FAIR).then_some(new)
+    });
+}
+
+fn move_each(mesh: &mut Mesh, to: impl Fn(&Mesh, u32) -> Option<Vertex> + Sync) {
     let colors = Coloring::greedy(mesh.vertices.len(), |v| mesh.ring(v));
     for group in &colors.groups {
         let moved: Vec<Option<Vertex>> = group
             .par_iter()
-            .map(|&v| relaxed(mesh, reference, v))
+            .map(|&v| {
+                let moves = mesh.is_alive(v) && mesh.vertices[v as usize].active;
+                moves.then(|| to(mesh, v)).flatten()
+            })
             .collect();
         for (&v, vertex) in group.iter().zip(moved) {
             if let Some(vertex) = vertex {
@@ -405,9 +472,6 @@ pub(super) fn relax(mesh: &mut Mesh, reference: &Reference<'_>) {
 }
 
 fn relaxed(mesh: &Mesh, reference: &Reference<'_>, v: u32) -> Option<Vertex> {
-    if !mesh.is_alive(v) {
-        return None;
-    }
     let old = mesh.vertices[v as usize];
     let goal = match old.kind {
         Kind::Corner => return None,
@@ -434,14 +498,17 @@ fn relaxed(mesh: &Mesh, reference: &Reference<'_>, v: u32) -> Option<Vertex> {
             old.position + (shift - old.normal * old.normal.dot(&shift))
         }
     };
+    if (goal - old.position).norm() < STILL * old.size {
+        return None;
+    }
     let worst = Worst::of_fan(mesh, v);
     let course = Course::of_vertex(mesh, v);
-    for part in [1.0, 0.5, 0.25, 0.0] {
+    for part in [1.0, 0.5, 0.25] {
         let p = old.position + (goal - old.position) * part;
         let reach = old.size;
         let found = match old.kind {
             Kind::Curve => reference.on_curve(&p, reach, course),
-            _ => reference.on_surface(&p, reach),
+            _ => reference.about_on_surface(&p, reach, NEAR),
         };
         let Some(new) = found else { continue };
         if fits_fan(mesh, v, &new, &worst, FAIR) {
@@ -463,25 +530,24 @@ fn fits_fan(mesh: &Mesh, v: u32, new: &Vertex, worst: &Worst, fair: f64) -> bool
 
 /// Works on triangles whose least angle is below the goal: flips, contracts or splits their edges,
 /// and moves their corners so that the least angle around them grows.
-pub(super) fn lift(mesh: &mut Mesh, reference: &Reference<'_>, goal_deg: f64) -> Counts {
-    let goal = goal_deg.to_radians();
+pub(super) fn lift(mesh: &mut Mesh, reference: &Reference<'_>, goal: f64) -> Counts {
+    let goal = -goal.cos();
     let mut counts = Counts::default();
     for pass in 0..12 {
-        let mut bad: Vec<(u64, u32)> = (0..mesh.triangles.len() as u32)
+        let mut bad: Vec<(f64, u32)> = (0..mesh.triangles.len() as u32)
             .filter(|&t| mesh.triangles[t as usize][0] != NONE)
             .filter_map(|t| {
-                let angle = least_angle(&[of_triangle(mesh, t)]);
-                (angle < goal).then(|| (angle.to_bits(), t))
+                let angle = openness(&[of_triangle(mesh, t)]);
+                (angle < goal).then_some((angle, t))
             })
             .collect();
         if bad.is_empty() {
             break;
         }
-        bad.sort_unstable();
+        bad.sort_by(|(a, s), (b, t)| a.total_cmp(b).then(s.cmp(t)));
         let mut changed = false;
         for (_, t) in bad {
-            if mesh.triangles[t as usize][0] == NONE || least_angle(&[of_triangle(mesh, t)]) >= goal
-            {
+            if mesh.triangles[t as usize][0] == NONE || openness(&[of_triangle(mesh, t)]) >= goal {
                 continue;
             }
             let mut edges = [3 * t, 3 * t + 1, 3 * t + 2];
@@ -494,10 +560,10 @@ pub(super) fn lift(mesh: &mut Mesh, reference: &Reference<'_>, goal_deg: f64) ->
             }
             let moved = mesh.triangles[t as usize].map(|v| spread(mesh, reference, v));
             changed |= moved.contains(&true);
-            if least_angle(&[of_triangle(mesh, t)]) >= goal || pass < 2 {
+            if openness(&[of_triangle(mesh, t)]) >= goal || pass < 2 {
                 continue;
             }
-            if try_contract(mesh, reference, edges[2], 1.5 * LONG) {
+            if try_contract(mesh, reference, edges[2], STRETCHED) {
                 counts.contractions += 1;
                 changed = true;
             }
@@ -517,6 +583,8 @@ fn spread(mesh: &mut Mesh, reference: &Reference<'_>, v: u32) -> bool {
         return false;
     }
     let course = Course::of_vertex(mesh, v);
+    // From the level set a small step must not lead away to the input.
+    let anywhere = reference.is_off_level(&start);
     let directions: Vec<Vector3> = if start.kind == Kind::Curve {
         let ends: Vec<u32> = mesh.curve_ring(v).collect();
         let along = (mesh.position(ends[1]) - mesh.position(ends[0])).normalize();
@@ -541,7 +609,7 @@ fn spread(mesh: &mut Mesh, reference: &Reference<'_>, v: u32) -> bool {
             .map(|h| {
                 let mut corners = of_triangle(mesh, h / 3);
                 corners[(h % 3) as usize] = new;
-                least_angle(&[corners])
+                openness(&[corners])
             })
             .fold(f64::INFINITY, f64::min)
     };
@@ -557,8 +625,10 @@ fn spread(mesh: &mut Mesh, reference: &Reference<'_>, v: u32) -> bool {
             let p = best.position + d * step;
             let found = if start.kind == Kind::Curve {
                 reference.on_curve(&p, step, course)
+            } else if anywhere {
+                reference.on_surface(&p, step)
             } else {
-                reference.beside(&start, &p, step)
+                reference.on_level(&p, step, EXACT)
             };
             let Some(new) = found else { continue };
             let reached = angle_with(mesh, &new);
