@@ -11,6 +11,7 @@ use geom_core::{Point3, Structure, Vector3};
 use serde::Serialize;
 
 use crate::picture::Renderer;
+use crate::source::Source;
 use crate::{Failure, Session};
 
 /// Where kernels run.
@@ -304,8 +305,13 @@ pub struct MeshArgs {
 }
 
 impl MeshArgs {
-    /// As the crate takes them; an error where options contradict each other.
-    pub fn options(&self, session: &Session) -> Result<dual_contour::Options, Failure> {
+    /// As the crate takes them, for the surface of `source`; an error where options contradict each
+    /// other.
+    pub fn options(
+        &self,
+        source: &Source,
+        session: &Session,
+    ) -> Result<dual_contour::Options, Failure> {
         let dual = self.tolerance > 0.0 || self.placement.is_some();
         let method = self.method.unwrap_or(if dual {
             Method::DualContour
@@ -316,6 +322,7 @@ impl MeshArgs {
             return Err("--placement is of --method dual-contour".into());
         }
         Ok(dual_contour::Options {
+            level: source.level,
             method: method.into(),
             resolution: match (self.cell, self.tets) {
                 (Some(cell), _) => Resolution::Spacing(cell),
