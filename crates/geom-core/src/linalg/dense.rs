@@ -131,7 +131,11 @@ fn add_product_part(
             }
             at += a.columns;
         }
-        add(out, MatRef::from_row_major_slice(&gathered[..rows * m], rows, m), c);
+        add(
+            out,
+            MatRef::from_row_major_slice(&gathered[..rows * m], rows, m),
+            c,
+        );
     }
 }
 

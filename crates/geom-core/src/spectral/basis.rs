@@ -179,7 +179,12 @@ impl<'a> Basis<'a> {
     fn rows_among(&self, locked: usize, near: usize) -> Vec<Range<usize>> {
         let wanted = |b: &&Block| b.first < locked || b.first >= near;
         let rows = |b: &Block| b.first..b.first + b.columns;
-        self.columns.blocks.iter().filter(wanted).map(rows).collect()
+        self.columns
+            .blocks
+            .iter()
+            .filter(wanted)
+            .map(rows)
+            .collect()
     }
 }
 

@@ -157,7 +157,9 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
                 f64::INFINITY
             }
         };
-        ready = (0..k).take_while(|&j| j < locked || share(j) <= 1.0).count();
+        ready = (0..k)
+            .take_while(|&j| j < locked || share(j) <= 1.0)
+            .count();
         checks.plan(m, block, (locked..k).map(share).fold(0.0, f64::max));
         if ready == k || (full && restarts == options.max_restarts) {
             report.restarts += restarts;
@@ -248,7 +250,10 @@ impl Drift {
         } else {
             vec![0.0; m * b]
         };
-        let size = ROUNDING * t.iter().skip(locked * (m + 1)).fold(0.0, |s, &x| f64::max(s, x.abs()));
+        let size = ROUNDING
+            * t.iter()
+                .skip(locked * (m + 1))
+                .fold(0.0, |s, &x| f64::max(s, x.abs()));
         let overlap = image.iter().zip(&own).zip(&old).map(|((i, o), b)| {
             let sum = i - o - b;
             sum + size.copysign(sum)
