@@ -47,10 +47,7 @@ fn main() -> ExitCode {
 fn contour(args: &Args, session: &Session) -> Result<(), Failure> {
     let source = args.source.read(session)?;
     let field = source.field()?;
-    let options = dual_contour::Options {
-        level: source.level,
-        ..args.mesh.options(session)?
-    };
+    let options = args.mesh.options(&source, session)?;
     let made = session.stage("surface", || {
         surface(
             &source.values,

@@ -86,7 +86,6 @@ fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
         });
     }
     let options = dual_contour::Options {
-        level: source.level,
         region: args.region.into(),
         outer: args.outer,
         separate_exterior: args.separate_exterior,
@@ -94,7 +93,7 @@ fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
             .zip(shapes)
             .map(|(region, shape)| Material { region, shape })
             .collect(),
-        ..args.mesh.options(session)?
+        ..args.mesh.options(&source, session)?
     };
     let made = session.stage("tetrahedra", || {
         volume(

@@ -11,6 +11,7 @@ use geom_core::{Aabb, Point3, Structure, Vector3};
 use serde::Serialize;
 
 use crate::picture::Renderer;
+use crate::source::Source;
 use crate::{Failure, Session};
 
 /// Where kernels run.
@@ -310,8 +311,13 @@ pub struct MeshArgs {
 }
 
 impl MeshArgs {
-    /// As the crate takes them; an error where options contradict each other.
-    pub fn options(&self, session: &Session) -> Result<dual_contour::Options, Failure> {
+    /// As the crate takes them, for the surface of `source`; an error where options contradict each
+    /// other.
+    pub fn options(
+        &self,
+        source: &Source,
+        session: &Session,
+    ) -> Result<dual_contour::Options, Failure> {
         let uneven = self.tolerance > 0.0 || !self.zone.is_empty();
         let dual = uneven || self.placement.is_some();
         let method = self.method.unwrap_or(if dual {
@@ -326,6 +332,7 @@ impl MeshArgs {
             session.refuse(&["error_norm"], "needs --tolerance or --zone")?;
         }
         Ok(dual_contour::Options {
+            level: source.level,
             method: method.into(),
             resolution: match (self.cell, self.tets) {
                 (Some(cell), _) => Resolution::Spacing(cell),

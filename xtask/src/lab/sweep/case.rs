@@ -230,7 +230,7 @@ fn audit(mesh: &TetMesh, region: Region, expected: &Topology) -> (Vec<String>, T
         format!("the surface has {found:?}, the labels {expected:?}")
     });
     let pieces = |r| volume.region(r).map_or(0, |r| r.components as i64);
-    let chi = expected.euler_characteristic();
+    let chi = expected.components - expected.tunnels + expected.cavities;
     let (inside, around, euler) = match region {
         Region::Interior => (expected.components, 0, chi),
         Region::Exterior => (0, 1 + expected.cavities, 1 + chi),

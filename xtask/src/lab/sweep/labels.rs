@@ -25,12 +25,6 @@ pub(crate) struct Topology {
     pub(crate) cavities: i64,
 }
 
-impl Topology {
-    pub(crate) fn euler_characteristic(&self) -> i64 {
-        self.components - self.tunnels + self.cavities
-    }
-}
-
 /// Values minus level on a lattice, x fastest; at least 0 is inside.
 pub(crate) struct Lattice<'a> {
     pub(crate) counts: [usize; 3],

@@ -214,7 +214,8 @@ fn check(
     region: Region,
     row: &Value,
 ) -> Result<Vec<String>, String> {
-    let folder = root().join("target/sweep-check");
+    // Sweeps may run side by side.
+    let folder = root().join(format!("target/sweep-check-{}", std::process::id()));
     fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let ask = |name: &str, view: &View<'_>| {
         let path = folder.join(name);
@@ -226,6 +227,7 @@ fn check(
     };
     let tets = &ask("volume.vtu", &View::from(volume))?["tetra"];
     let shell = &ask("surface.off", &View::from(surface))?["surface"];
+    fs::remove_dir(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let mut faults = Vec::new();
     let mut same = |what: &str, found: &Value, wanted: Value| {
         let fine = match (found.as_f64(), wanted.as_f64()) {
