@@ -5,7 +5,7 @@ use geom_core::mesh::{FACES, Region, VertexKind};
 use geom_core::{Point3, Vector3};
 
 use crate::ring::Ring;
-use crate::smooth::{load, put, sweep};
+use crate::smooth::{load, sweep};
 use crate::work::Work;
 
 /// Objective that tetrahedra keep where they had it.
@@ -67,7 +67,7 @@ pub(crate) fn flow(
             &vertices,
             |_| true,
             |work, v, ring| shift(work, v, displacements[v as usize], ring),
-            put,
+            Work::place,
         );
     }
     moved

@@ -121,7 +121,8 @@ pub struct Improved {
 /// Improves a tetrahedral mesh: smoothing, swaps, flips and contractions, until the
 /// [`Goals`](crate::Goals) are met, nothing changes, or the passes are used up. No operation inverts
 /// a tetrahedron or makes the worst of those it touches worse; regions and their interfaces keep
-/// their topology; box faces stay plane and box edges straight.
+/// their topology; box faces stay plane and box edges straight; a cavity that is not meshed keeps at
+/// least a quarter of its volume, so that its wall does not turn inside out.
 ///
 /// `field` is the density whose level [`Options::level`] the surface vertices lie on.
 pub fn improve<B: QualityBackend + ?Sized>(
@@ -140,6 +141,7 @@ pub fn improve<B: QualityBackend + ?Sized>(
     if options.surface == SurfaceMotion::Fixed {
         state.fix_surface();
     }
+    state.work.guard_walls();
     let before = state.report(run)?;
     let inverted = state.work.below(f64::MIN_POSITIVE).len();
     if inverted > 0 && options.untangle {
@@ -501,9 +503,10 @@ impl<'a> State<'a> {
                 let x = work.x[v as usize];
                 let start = work.tangent(v, surface);
                 let foot = foot(start, ring.mean_edge(&x.coords), surface, tolerance)?.at;
-                [1.0, 0.6, 0.3]
-                    .into_iter()
-                    .find_map(|share| push(work, v, x + (foot - x) * share, &rules, good, ring))
+                [1.0, 0.6, 0.3].into_iter().find_map(|share| {
+                    let to = x + (foot - x) * share;
+                    push(work, v, to, &rules, good, ring).filter(|p| work.walls_bear(p))
+                })
             };
             round_of_pushes(&mut self.work, &mut self.plain, &off, push_to_foot, done);
             if done.projected == before {

@@ -28,6 +28,7 @@ pub mod testing;
 #[cfg(test)]
 mod tests;
 mod untangle;
+mod walls;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 mod work;

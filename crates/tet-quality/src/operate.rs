@@ -164,7 +164,7 @@ pub(crate) fn best_for(
 ) -> Option<Proposal> {
     let mut best: Option<Proposal> = None;
     offers(work, t, rules, Floor::Old, ring, |p| {
-        if best.as_ref().is_none_or(|b| p.gain > b.gain) {
+        if best.as_ref().is_none_or(|b| p.gain > b.gain) && work.walls_bear(&p) {
             best = Some(p);
         }
     });
@@ -187,7 +187,7 @@ pub(crate) fn best_climb(
     tries
         .iter()
         .take(effort.tries)
-        .find_map(|p| climb(work, p, surface, goal, effort, ring))
+        .find_map(|p| climb(work, p, surface, goal, effort, ring).filter(|p| work.walls_bear(p)))
 }
 
 /// All operations that replace `t` and leave what is above `floor`.

@@ -118,6 +118,7 @@ impl Proposal {
 
     /// Makes the change.
     pub(crate) fn apply(&self, work: &mut Work) {
+        work.change_walls(self);
         for &t in &self.remove {
             work.remove(t);
         }
@@ -154,7 +155,10 @@ pub(crate) fn apply_all(
     let mut made = Vec::new();
     for (_, proposal) in proposals {
         marks.resize(work.tets.len(), 0);
-        if proposal.locks.iter().any(|&t| marks[t as usize] == stamp) || !proposal.fits(work) {
+        if proposal.locks.iter().any(|&t| marks[t as usize] == stamp)
+            || !proposal.fits(work)
+            || !work.walls_bear(&proposal)
+        {
             continue;
         }
         for &t in &proposal.locks {

@@ -179,8 +179,7 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
             })
             .collect();
         for (i, x) in colour.zip(accepted) {
-            if let Some(x) = x {
-                work.x[vertices[i] as usize] = x;
+            if x.is_some_and(|x| work.place(vertices[i], x)) {
                 moved.push(vertices[i]);
             }
         }
@@ -250,7 +249,7 @@ pub(crate) fn project(
                 .then_some(candidate)
         })
     };
-    sweep(work, vertices, on_field, step, put)
+    sweep(work, vertices, on_field, step, Work::place)
 }
 
 /// The point of the isosurface next to `start`, by short Newton steps; `None` if `start` is nearer
@@ -278,19 +277,15 @@ fn on_field(freedom: Freedom) -> bool {
     freedom == Freedom::Field
 }
 
-/// Puts a vertex; its tetrahedra are to be measured anew.
-pub(crate) fn put(work: &mut Work, v: u32, x: Point3) {
-    work.x[v as usize] = x;
-}
-
-/// Moves those of `vertices` whose freedom is fit, colour by colour: `step` judges, `put` moves.
+/// Moves those of `vertices` whose freedom is fit, colour by colour: `step` judges, `put` moves and
+/// says whether it did.
 /// Gives how many moved.
 pub(crate) fn sweep<T: Send>(
     work: &mut Work,
     vertices: &[u32],
     fit: impl Fn(Freedom) -> bool,
     step: impl Fn(&Work, u32, &mut Ring) -> Option<T> + Sync,
-    put: impl Fn(&mut Work, u32, T),
+    put: impl Fn(&mut Work, u32, T) -> bool,
 ) -> usize {
     let movable = vertices
         .iter()
@@ -304,8 +299,7 @@ pub(crate) fn sweep<T: Send>(
             .map_init(Ring::default, |ring, &v| step(work, v, ring))
             .collect();
         for (v, x) in class.into_iter().zip(positions) {
-            if let Some(x) = x {
-                put(work, v, x);
+            if x.is_some_and(|x| put(work, v, x)) {
                 moved.push(v);
             }
         }

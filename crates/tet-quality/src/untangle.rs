@@ -6,7 +6,7 @@ use geom_core::{Point3, Run, Vector3};
 use crate::Error;
 use crate::backend::QualityBackend;
 use crate::ring::Ring;
-use crate::smooth::{axes_of, corners_of, load, put, relax, sweep};
+use crate::smooth::{axes_of, corners_of, load, relax, sweep};
 use crate::work::{Freedom, Work};
 
 /// Most rounds.
@@ -61,7 +61,7 @@ fn centre(work: &mut Work, vertices: &[u32]) -> usize {
             load(work, v, ring);
             deepest(work.x[v as usize], &axes(work.freedom[v as usize])?, ring)
         },
-        put,
+        Work::place,
     )
 }
 

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use crate::metrics::quality;
 use crate::surface_field::{Isosurface, Tangent};
+use crate::walls::Walls;
 
 /// No vertex: the corners of an empty slot.
 pub(crate) const NONE: u32 = u32::MAX;
@@ -128,6 +129,7 @@ pub(crate) struct Work {
     pub(crate) colours: Vec<Colour>,
     /// When something around a vertex last changed: see [`Work::tick`].
     pub(crate) changed: Vec<u32>,
+    pub(crate) walls: Walls,
     /// The isosurface at a vertex when it was last asked for: see [`Work::tangent`].
     tangents: Vec<Tangent>,
     clock: u32,
@@ -156,6 +158,7 @@ impl Work {
             rings,
             colours: Vec::new(),
             changed: Vec::new(),
+            walls: Walls::default(),
             tangents: Vec::new(),
             clock: 1,
             empty: Vec::new(),
@@ -361,9 +364,13 @@ impl Work {
     }
 
     /// Puts a vertex where the isosurface is known; its tetrahedra are to be measured anew.
-    pub(crate) fn put(&mut self, v: u32, tangent: Tangent) {
-        self.x[v as usize] = tangent.at;
-        self.tangents[v as usize] = tangent;
+    /// Gives whether it may go there.
+    pub(crate) fn put(&mut self, v: u32, tangent: Tangent) -> bool {
+        let placed = self.place(v, tangent.at);
+        if placed {
+            self.tangents[v as usize] = tangent;
+        }
+        placed
     }
 
     /// Moves a vertex and measures its tetrahedra anew.

@@ -1,0 +1,452 @@
+//! The walls of cavities. Where the other side of a boundary is not meshed, no tetrahedron there
+//! keeps a small cavity from being pulled through itself: many small steps, each of them valid, can
+//! turn its wall inside out. So the volume that each wall encloses is kept up to date, and no change
+//! may take more than a share of it.
+
+use geom_core::Point3;
+use geom_core::mesh::{EDGES, FACES, VertexKind, six_volume};
+use rayon::prelude::*;
+
+use crate::proposal::{NEW, Proposal};
+use crate::work::{NONE, Work};
+
+/// Share of its volume that a cavity keeps.
+const KEPT: f64 = 0.25;
+/// The wall of a vertex where several parts of the boundary touch.
+const SEVERAL: u32 = NONE - 1;
+
+/// The closed parts of the boundary that enclose a negative volume: what they enclose is not meshed.
+#[derive(Default)]
+pub(crate) struct Walls {
+    /// Per vertex: the number of its wall, [`NONE`] or [`SEVERAL`]. Later vertices may be missing.
+    of: Vec<u32>,
+    all: Vec<Wall>,
+}
+
+struct Wall {
+    /// Six times the signed volume that it encloses.
+    volume: f64,
+    /// What that may not exceed.
+    most: f64,
+}
+
+impl Walls {
+    /// The walls of a mesh, from the faces of its boundary, counter-clockwise from outside.
+    pub(crate) fn new(x: &[Point3], faces: &[[u32; 3]]) -> Self {
+        // Faces with a common edge belong together.
+        let mut parent: Vec<u32> = (0..faces.len() as u32).collect();
+        let mut edges: Vec<([u32; 2], u32)> = (0u32..)
+            .zip(faces)
+            .flat_map(|(f, &[a, b, c])| {
+                [[a, b], [b, c], [c, a]].map(|[u, v]| ([u.min(v), u.max(v)], f))
+            })
+            .collect();
+        edges.sort_unstable();
+        for pair in edges.windows(2).filter(|p| p[0].0 == p[1].0) {
+            let (a, b) = (root(&mut parent, pair[0].1), root(&mut parent, pair[1].1));
+            // The lower one stays, so that a part goes by its first face.
+            parent[a.max(b) as usize] = a.min(b);
+        }
+        let parts: Vec<u32> = (0..faces.len() as u32)
+            .map(|f| root(&mut parent, f))
+            .collect();
+        let mut volumes = vec![0.0; faces.len()];
+        for (face, &part) in faces.iter().zip(&parts) {
+            let about = x[faces[part as usize][0] as usize];
+            volumes[part as usize] += cone(about, face.map(|v| x[v as usize]));
+        }
+        let mut walls = Self::default();
+        let numbers: Vec<u32> = volumes
+            .into_iter()
+            .map(|volume| {
+                if volume >= 0.0 {
+                    return NONE;
+                }
+                let most = KEPT * volume;
+                walls.all.push(Wall { volume, most });
+                walls.all.len() as u32 - 1
+            })
+            .collect();
+        if walls.all.is_empty() {
+            return walls;
+        }
+        // To which part a vertex belongs, walls or not.
+        let mut part_of = vec![NONE; x.len()];
+        for (face, &part) in faces.iter().zip(&parts) {
+            for &v in face {
+                let known = &mut part_of[v as usize];
+                *known = match *known {
+                    NONE => part,
+                    p if p == part => part,
+                    _ => SEVERAL,
+                };
+            }
+        }
+        walls.of = part_of
+            .into_iter()
+            .map(|part| match part {
+                NONE | SEVERAL => part,
+                part => numbers[part as usize],
+            })
+            .collect();
+        walls
+    }
+
+    fn at(&self, v: u32) -> u32 {
+        self.of.get(v as usize).copied().unwrap_or(NONE)
+    }
+
+    /// The wall that things with these corners lie on.
+    fn common<const N: usize>(labels: [u32; N]) -> Option<usize> {
+        let mut wall = SEVERAL;
+        for label in labels {
+            match label {
+                NONE => return None,
+                SEVERAL => {}
+                label if wall == SEVERAL || wall == label => wall = label,
+                _ => return None,
+            }
+        }
+        (wall != SEVERAL).then_some(wall as usize)
+    }
+
+    /// May the volume of a wall rise so much? A cavity that is too small already may only grow.
+    fn bears(&self, wall: usize, rise: f64) -> bool {
+        let wall = &self.all[wall];
+        rise <= 0.0 || wall.volume + rise <= wall.most
+    }
+}
+
+fn root(parent: &mut [u32], mut f: u32) -> u32 {
+    while parent[f as usize] != f {
+        parent[f as usize] = parent[parent[f as usize] as usize];
+        f = parent[f as usize];
+    }
+    f
+}
+
+/// Six times the signed volume between a point and a triangle.
+fn cone(about: Point3, [a, b, c]: [Point3; 3]) -> f64 {
+    (a - about).dot(&(b - about).cross(&(c - about)))
+}
+
+/// The faces that only one of the tetrahedra has.
+fn hull(tets: impl Iterator<Item = [u32; 4]>) -> Vec<[u32; 3]> {
+    let mut faces: Vec<([u32; 3], [u32; 3])> = tets
+        .flat_map(|tet| {
+            FACES.map(|f| {
+                let face = f.map(|i| tet[i]);
+                let mut key = face;
+                key.sort_unstable();
+                (key, face)
+            })
+        })
+        .collect();
+    faces.sort_unstable();
+    faces
+        .chunk_by(|a, b| a.0 == b.0)
+        .filter(|group| group.len() == 1)
+        .map(|group| group[0].1)
+        .collect()
+}
+
+impl Work {
+    /// Looks for the walls of cavities; from then on no change may turn one inside out.
+    pub(crate) fn guard_walls(&mut self) {
+        let state = &*self;
+        let boundary = |t: u32| {
+            let tet = state.tets[t as usize];
+            (0..4)
+                .filter(move |&k| tet[0] != NONE && state.beyond(t, k).is_none())
+                .map(move |k| FACES[k].map(|i| tet[i]))
+        };
+        let faces: Vec<[u32; 3]> = (0..state.tets.len() as u32)
+            .into_par_iter()
+            .flat_map_iter(boundary)
+            .collect();
+        self.walls = Walls::new(&self.x, &faces);
+    }
+
+    /// Moves a vertex, whose tetrahedra are then to be measured anew, unless its wall forbids that.
+    pub(crate) fn place(&mut self, v: u32, x: Point3) -> bool {
+        if let Some(wall) = Walls::common([self.walls.at(v)]) {
+            // What the mesh gains is what the cavity loses.
+            let rise: f64 = self
+                .rings
+                .of(v)
+                .iter()
+                .map(|&t| {
+                    let tet = self.tets[t as usize];
+                    let before = self.corners(tet);
+                    let mut after = before;
+                    let corner = tet.iter().position(|&u| u == v).expect("a corner");
+                    after[corner] = x;
+                    six_volume(after) - six_volume(before)
+                })
+                .sum();
+            if !self.walls.bears(wall, rise) {
+                return false;
+            }
+            self.walls.all[wall].volume += rise;
+        }
+        self.x[v as usize] = x;
+        true
+    }
+
+    /// Does every wall bear the change?
+    pub(crate) fn walls_bear(&self, proposal: &Proposal) -> bool {
+        let rises = self.rises(proposal);
+        rises
+            .iter()
+            .all(|&(wall, rise)| self.walls.bears(wall, rise))
+    }
+
+    /// Keeps the walls up to date; to be called before the change is made.
+    pub(crate) fn change_walls(&mut self, proposal: &Proposal) {
+        for (wall, rise) in self.rises(proposal) {
+            self.walls.all[wall].volume += rise;
+        }
+        if proposal.vertex.is_some() && !self.walls.all.is_empty() {
+            let label = self.new_label(proposal);
+            self.walls.of.resize(self.x.len(), NONE);
+            self.walls.of.push(label);
+        }
+    }
+
+    /// The wall that the new vertex of a change comes to lie on: that of the edge which it splits.
+    fn new_label(&self, proposal: &Proposal) -> u32 {
+        let on_surface = proposal
+            .vertex
+            .is_some_and(|(_, kind, _)| kind == VertexKind::Surface);
+        if !on_surface {
+            return NONE;
+        }
+        // Its ends are the corners that have been together and no longer are.
+        let tet = self.tets[proposal.remove[0] as usize];
+        EDGES
+            .into_iter()
+            .map(|e| e.map(|i| tet[i]))
+            .find(|[a, b]| {
+                let mut inserted = proposal.insert.iter().map(|i| i.0);
+                !inserted.any(|t| t.contains(a) && t.contains(b))
+            })
+            .and_then(|ends| Walls::common(ends.map(|v| self.walls.at(v))))
+            .map_or(NONE, |wall| wall as u32)
+    }
+
+    /// By how much the volumes of walls rise with a change. Only the hull of what changes counts;
+    /// what of it is not boundary is the same before and after.
+    fn rises(&self, proposal: &Proposal) -> Vec<(usize, f64)> {
+        if self.walls.all.is_empty() {
+            return Vec::new();
+        }
+        let moved = proposal.moves.iter();
+        let mut patch = proposal.remove.clone();
+        patch.extend(moved.flat_map(|&(v, _)| self.rings.of(v)));
+        patch.sort_unstable();
+        patch.dedup();
+        let tet_of = |&t: &u32| self.tets[t as usize];
+        let on_wall = |v: u32| self.walls.at(v) != NONE;
+        if !patch.iter().flat_map(tet_of).any(on_wall) {
+            return Vec::new();
+        }
+        let about = self.x[tet_of(&patch[0])[0] as usize];
+        let new = self.new_label(proposal);
+        let label = |v: u32| if v == NEW { new } else { self.walls.at(v) };
+        let after = |v: u32| match proposal.vertex {
+            Some((x, ..)) if v == NEW => x,
+            _ => {
+                let to = proposal.moves.iter().find(|m| m.0 == v);
+                to.map_or_else(|| self.x[v as usize], |m| m.1)
+            }
+        };
+        let mut rises: Vec<(usize, f64)> = Vec::new();
+        let mut add = |face: [u32; 3], volume: f64| {
+            let Some(wall) = Walls::common(face.map(label)) else {
+                return;
+            };
+            match rises.iter_mut().find(|r| r.0 == wall) {
+                Some(rise) => rise.1 += volume,
+                None => rises.push((wall, volume)),
+            }
+        };
+        for face in hull(patch.iter().map(tet_of)) {
+            add(face, -cone(about, face.map(|v| self.x[v as usize])));
+        }
+        let kept = patch.iter().filter(|t| !proposal.remove.contains(t));
+        let inserted = proposal.insert.iter().map(|i| i.0);
+        for face in hull(kept.map(tet_of).chain(inserted)) {
+            add(face, cone(about, face.map(after)));
+        }
+        rises
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use geom_core::{Cpu, ImplicitField, Lattice, Run, ScalarGrid, TetMesh, Vector3};
+
+    use super::*;
+    use crate::contract::contraction;
+    use crate::input::prepare;
+    use crate::insert::edge_split;
+    use crate::proposal::{Floor, Operation, apply_all};
+    use crate::ring::Ring;
+    use crate::surface_field::Isosurface;
+    use crate::swap::surface_flip;
+    use crate::testing::noise;
+    use crate::{Options, improve};
+    use geom_core::mesh::SurfaceAudit;
+
+    /// 1 on two spheres about the same centre, larger between them.
+    struct Hollow {
+        center: Point3,
+        inner: f64,
+        outer: f64,
+    }
+
+    impl ImplicitField for Hollow {
+        fn value(&self, x: &Point3) -> f64 {
+            self.value_gradient(x).0
+        }
+        fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+            let d = x - self.center;
+            let (r, a, b) = (
+                d.norm_squared(),
+                self.inner * self.inner,
+                self.outer * self.outer,
+            );
+            let slope = 2.0 * (a + b - 2.0 * r) / (b * b);
+            (1.0 + (r - a) * (b - r) / (b * b), d * slope)
+        }
+    }
+
+    /// A ball with a cavity of radius `inner` in its middle, which is somewhere in a lattice cell.
+    fn hollow_ball(inner: f64, seed: u64) -> (TetMesh, Hollow) {
+        let mut noise = noise(seed);
+        let mut coordinate = || 4.5 + 0.5 * noise();
+        let field = Hollow {
+            center: Point3::new(coordinate(), coordinate(), coordinate()),
+            inner,
+            outer: 3.2,
+        };
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 1.0,
+            counts: [10; 3],
+        };
+        let value = |i: u32| {
+            let p = [i % 10, i / 10 % 10, i / 100].map(f64::from);
+            field.value(&Point3::from(p)) as f32
+        };
+        let grid = ScalarGrid::new(lattice, (0..1000).map(value).collect()).unwrap();
+        let contour = dual_contour::Options {
+            method: dual_contour::Method::DualContour,
+            region: dual_contour::Extent::Interior,
+            ..Default::default()
+        };
+        let volume = dual_contour::volume(&grid, Some(&field), &contour, Run::on(&Cpu)).unwrap();
+        (volume.mesh, field)
+    }
+
+    #[test]
+    fn the_volumes_are_those_of_the_walls_after_every_change() {
+        let (mesh, field) = hollow_ball(1.3, 5);
+        let surface = Isosurface {
+            field: &field,
+            level: 1.0,
+        };
+        let mut work = prepare(mesh, Some(&surface)).unwrap().work;
+        work.guard_walls();
+        assert_eq!(work.walls.all.len(), 1);
+        let exact = |work: &mut Work| {
+            let kept = work.walls.all[0].volume;
+            work.guard_walls();
+            let [wall] = work.walls.all.as_slice() else {
+                panic!("{} walls", work.walls.all.len());
+            };
+            assert!((wall.volume - kept).abs() < 1e-9, "{} {kept}", wall.volume);
+            wall.volume
+        };
+        let any = Floor::Fixed(1e-6);
+        let (mut noise, mut ring) = (noise(1), Ring::default());
+        let (mut counts, mut marks) = ([0; 3], Vec::new());
+        for turn in 0..400 {
+            let on_wall: Vec<u32> = (0..work.x.len() as u32)
+                .filter(|&v| work.walls.at(v) == 0 && work.keeps(v))
+                .collect();
+            let mut pick = |n: usize| ((noise() + 1.0) * 0.5 * n as f64) as usize % n;
+            let a = on_wall[pick(on_wall.len())];
+            let tets = work.rings.of(a);
+            let b = work.tets[tets[pick(tets.len())] as usize][pick(4)];
+            if a == b {
+                continue;
+            }
+            let proposal = match turn % 3 {
+                0 => contraction(&work, a, b, None, 1.0, any),
+                1 => edge_split(&work, a, b, Some(&surface), any, &mut ring),
+                _ => surface_flip(&work, a, b, Some(&surface), 1.0, any),
+            };
+            let Some(mut proposal) = proposal else {
+                continue;
+            };
+            // Another vertex moves along.
+            let along = proposal.insert[0].0.into_iter().find(|&v| v != NEW);
+            let v = along.expect("at most one corner is new");
+            let shift = Vector3::new(noise(), noise(), noise()) * 0.05;
+            proposal.moves = vec![(v, work.x[v as usize] + shift)];
+            let kind = match proposal.operation {
+                Operation::Contraction => 0,
+                Operation::Insertion => 1,
+                _ => 2,
+            };
+            counts[kind] += apply_all(&mut work, vec![(0, proposal)], &mut marks, turn + 1).len();
+            exact(&mut work);
+        }
+        assert!(counts.iter().all(|&n| n > 5), "{counts:?}");
+        // Moves, and where they end.
+        let v = work.walls.of.iter().position(|&wall| wall == 0).unwrap() as u32;
+        let x = work.x[v as usize];
+        assert!(work.place(v, x + Vector3::repeat(0.1)));
+        let volume = exact(&mut work);
+        assert!(work.place(v, x));
+        work.walls.all[0].most = 1.001 * volume;
+        let outward = (x - field.center).normalize();
+        assert!(!work.place(v, x - outward * 0.5) && work.x[v as usize] == x);
+        assert!(work.place(v, x + outward * 0.5));
+    }
+
+    #[test]
+    fn a_cavity_of_a_cell_is_not_pulled_through_itself() {
+        // Without the guard some of these small cavities turn inside out.
+        let mut cavities = 0;
+        for case in 0..24u32 {
+            let (raw, field) = hollow_ball(0.35 + 0.02 * f64::from(case), 3 + u64::from(case));
+            let options = Options {
+                spacing: Some(1.0),
+                ..Options::default()
+            };
+            let volumes = |mesh: &TetMesh| -> Vec<f64> {
+                let parts = SurfaceAudit::of(&mesh.region_surface(1)).components;
+                let mut volumes: Vec<f64> = parts.iter().map(|c| c.volume).collect();
+                volumes.sort_by(f64::total_cmp);
+                volumes
+            };
+            let before = volumes(&raw);
+            let after = volumes(
+                &improve(raw, Some(&field), &options, Run::on(&Cpu))
+                    .unwrap()
+                    .mesh,
+            );
+            assert_eq!(before.len(), after.len());
+            if let [cavity, _] = before[..] {
+                cavities += 1;
+                assert!(
+                    cavity < 0.0 && after[0] <= 0.249 * cavity,
+                    "{before:?} {after:?}"
+                );
+            }
+        }
+        assert!(cavities >= 10);
+    }
+}
