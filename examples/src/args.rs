@@ -274,11 +274,21 @@ pub fn default_spacing(atoms: usize) -> f64 {
     (fine * 20.0).round() / 20.0
 }
 
+/// Atoms around which another tolerance holds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Finer {
+    /// Which.
+    #[serde(serialize_with = "shown")]
+    pub atoms: Selector,
+    /// The tolerance, Å.
+    pub tolerance: f64,
+}
+
 /// How a field is meshed.
 #[derive(Clone, Debug, Args, Serialize)]
 #[command(next_help_heading = "Meshing")]
 pub struct MeshArgs {
-    /// How to mesh [default: lattice; dual-contour where --tolerance, --zone or --placement asks for it]
+    /// How to mesh [default: lattice; dual-contour where --tolerance, --zone, --finer or --placement asks for it]
     #[arg(long, value_enum)]
     pub method: Option<Method>,
     /// Size of the finest cells, Å [default: the spacing of the lattice]
@@ -296,6 +306,9 @@ pub struct MeshArgs {
     /// A ball in which another tolerance holds: centre, radius and tolerance; may be repeated
     #[arg(long, value_name = "X,Y,Z:R:LENGTH", value_parser = zone)]
     pub zone: Vec<Zone>,
+    /// Atoms around which another tolerance holds, such as A,B:10-25=0.1; may be repeated
+    #[arg(long, value_name = "SELECTOR=LENGTH", value_parser = finer)]
+    pub finer: Vec<Finer>,
     /// Largest cells, Å [default: as large as the balance of the octree allows]
     #[arg(long, value_name = "LENGTH")]
     pub max_cell: Option<f64>,
@@ -318,7 +331,7 @@ impl MeshArgs {
         source: &Source,
         session: &Session,
     ) -> Result<dual_contour::Options, Failure> {
-        let uneven = self.tolerance > 0.0 || !self.zone.is_empty();
+        let uneven = self.tolerance > 0.0 || !self.zone.is_empty() || !self.finer.is_empty();
         let dual = uneven || self.placement.is_some();
         let method = self.method.unwrap_or(if dual {
             Method::DualContour
@@ -329,7 +342,14 @@ impl MeshArgs {
             return Err("--placement is of --method dual-contour".into());
         }
         if !uneven {
-            session.refuse(&["error_norm"], "needs --tolerance or --zone")?;
+            session.refuse(&["error_norm"], "needs --tolerance, --zone or --finer")?;
+        }
+        let mut zones = self.zone.clone();
+        for finer in &self.finer {
+            let Some(structure) = source.structure() else {
+                return Err("--finer names atoms, and a grid has none; use --zone".into());
+            };
+            zones.extend(zones_around(structure, finer)?);
         }
         Ok(dual_contour::Options {
             level: source.level,
@@ -345,7 +365,7 @@ impl MeshArgs {
                 ErrorNorm::Sum => dual_contour::ErrorNorm::Sum,
                 ErrorNorm::Max => dual_contour::ErrorNorm::Max,
             },
-            zones: self.zone.clone(),
+            zones,
             max_cell: self.max_cell.unwrap_or(f64::INFINITY),
             placement: match self.placement.unwrap_or_default() {
                 Placement::Mass => dual_contour::Placement::Mass,
@@ -527,6 +547,30 @@ pub fn zone(text: &str) -> Result<Zone, String> {
     })
 }
 
+/// `SELECTOR=TOLERANCE`: the atoms around which another tolerance holds.
+pub fn finer(text: &str) -> Result<Finer, String> {
+    let bad = || format!("{text:?} is not like A,B:10-25=0.1");
+    let (selector, tolerance) = text.rsplit_once('=').ok_or_else(bad)?;
+    Ok(Finer {
+        atoms: Selector::parse(selector).map_err(|e| e.to_string())?,
+        tolerance: tolerance.trim().parse().map_err(|_| bad())?,
+    })
+}
+
+/// A ball about every atom selected, as wide as its surface at the usual powers lies outside it.
+fn zones_around(structure: &Structure, finer: &Finer) -> Result<Vec<Zone>, Failure> {
+    let margin = 1.5;
+    let selected = structure.select(&finer.atoms)?;
+    let atoms = selected.atom_ranges(structure).flatten();
+    Ok(atoms
+        .map(|a| Zone {
+            center: structure.atoms()[a].position,
+            radius: structure.atoms()[a].radius + margin,
+            tolerance: finer.tolerance,
+        })
+        .collect())
+}
+
 fn point(text: &str) -> Option<Point3> {
     let numbers: Vec<f64> = text
         .split(',')
@@ -573,6 +617,8 @@ mod tests {
         let low_to_high = Aabb::new(Point3::new(-1.0, 0.0, 2.0), Point3::new(1.0, 5.0, 3.0));
         assert_eq!(cuboid("1,0,3:-1,5,2"), Ok(Shape::Cuboid(low_to_high)));
         assert!(cuboid("1,0:-1,5,2").is_err() && zone("0,0,0:1").is_err());
+        assert!(finer("A=thin").is_err() && finer("A").is_err());
+        assert_eq!(finer("A,B:1-5=0.2").unwrap().tolerance, 0.2);
         let ball = zone("0,0,1:8:0.1").unwrap();
         assert_eq!(
             (ball.center.z, ball.radius, ball.tolerance),

@@ -550,6 +550,11 @@ fn options_without_effect_are_refused() {
             "--error-norm needs --tolerance",
         ),
         (
+            "02_surface",
+            &[&map, "--isovalue", "1", "--finer", "A=0"],
+            "--finer names atoms",
+        ),
+        (
             "01_density",
             &[&atoms, "--method", "all-atoms", "--cutoff", "0.1"],
             "--cutoff does nothing",

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::octree::{BLOCK, Splits};
 use crate::samples::{SIDE, Samples, local};
-use crate::{ErrorNorm, Options, Shape};
+use crate::{ErrorNorm, Options, Shape, Zone};
 
 /// The feature-sensitive error of a cell from its values on the 3 × 3 × 3 half lattice: over the 19
 /// points that are no corners, the difference to the trilinear interpolant of the corners over the
@@ -43,9 +43,36 @@ pub(crate) fn feature_error(values: &[f64; 27], edge: f64, norm: ErrorNorm) -> f
 struct Judge<'a> {
     samples: &'a Samples<'a>,
     options: &'a Options,
+    /// By the first coordinate of their centres, so that few of many are looked at.
+    zones: Vec<Zone>,
+    /// Their largest radius.
+    widest: f64,
 }
 
-impl Judge<'_> {
+impl<'a> Judge<'a> {
+    fn new(samples: &'a Samples<'a>, options: &'a Options) -> Self {
+        let mut zones = options.zones.clone();
+        zones.sort_by(|a, b| a.center.x.total_cmp(&b.center.x));
+        Self {
+            samples,
+            options,
+            widest: zones.iter().map(|z| z.radius).fold(0.0, f64::max),
+            zones,
+        }
+    }
+
+    /// The smallest tolerance of the whole and of the zones that come within `reach` of a point.
+    fn tolerance(&self, centre: &Point3, reach: f64) -> f64 {
+        let far = self.widest + reach;
+        let first = self.zones.partition_point(|z| z.center.x < centre.x - far);
+        self.zones[first..]
+            .iter()
+            .take_while(|z| z.center.x <= centre.x + far)
+            .filter(|z| (z.center - centre).norm() <= z.radius + reach)
+            .map(|z| z.tolerance)
+            .fold(self.options.tolerance, f64::min)
+    }
+
     /// Must the cell of this block be split? `low` is relative to the block.
     fn splits(
         &self,
@@ -77,13 +104,7 @@ impl Judge<'_> {
         if inside && outside {
             let centre = domain.world(&local(origin).map(|c| c + 0.5 * size as f64));
             let reach = 0.5 * 3f64.sqrt() * edge;
-            let tolerance = self
-                .options
-                .zones
-                .iter()
-                .filter(|z| (z.center - centre).norm() <= z.radius + reach)
-                .map(|z| z.tolerance)
-                .fold(self.options.tolerance, f64::min);
+            let tolerance = self.tolerance(&centre, reach);
             if tolerance == 0.0 {
                 return true;
             }
@@ -161,7 +182,7 @@ pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
         30
     };
     let mut out = Splits::none(domain.blocks, largest);
-    let judge = Judge { samples, options };
+    let judge = Judge::new(samples, options);
     // Without tolerances all cells with a surface are finest, and signs alone tell them.
     let uniform = options.tolerance == 0.0 && options.zones.is_empty();
     let found: Vec<(usize, u64, u8, bool)> = (0..domain.block_len())

@@ -680,6 +680,22 @@ fn zones_are_finer() {
     assert_eq!(count(&zoned, true), count(&fine, true));
     assert!(count(&zoned, true) > 4 * count(&coarse, true));
     assert!(2 * count(&zoned, false) < count(&fine, false));
+    // The ball as many, in any order, among others that the surface does not meet.
+    let mut many = zoned.clone();
+    for i in 0..100 {
+        let x = 4.0 - 0.08 * f64::from(i);
+        many.zones.push(Zone {
+            center: Point3::new(x, 0.0, 0.0),
+            radius: 0.2 * f64::from(i % 2),
+            tolerance: 0.0,
+        });
+        many.zones.insert(0, zoned.zones[0]);
+    }
+    many.zones
+        .retain(|z| z.center.x.abs() < 3.5 || z.radius == 2.0);
+    for near in [true, false] {
+        assert_eq!(count(&many, near), count(&zoned, near));
+    }
 }
 
 #[test]

@@ -237,7 +237,7 @@ fn one_atom_is_a_sphere_for_the_fast_path_too() {
                 if exact > 1e-3 && exact < 1e30 {
                     let off = (f64::from(got) / exact - 1.0).abs();
                     assert!(
-                        off <= 5e-5,
+                        off <= 3e-5,
                         "{got} for {exact} at {:?}, decay {decay}, power {power}",
                         x - center
                     );
