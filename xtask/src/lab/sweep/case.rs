@@ -63,15 +63,24 @@ pub(super) fn expected(
         .map(|i| f64::from(grid.at(lattice.coordinates(i))) - 1.0)
         .collect();
     let half = geom_core::Vector3::repeat(0.5 * lattice.spacing);
+    let of_field = |p: [usize; 3]| field.value(&(lattice.point(p) + half)) - 1.0;
+    let of_corners = |p: [usize; 3]| {
+        let corner = |c: usize| [0, 1, 2].map(|k| p[k] + (c >> k & 1));
+        let index = |[x, y, z]: [usize; 3]| x + lattice.counts[0] * (y + lattice.counts[1] * z);
+        (0..8).map(|c| values[index(corner(c))]).sum::<f64>() / 8.0
+    };
+    // Dual contouring joins by the values on the lattice alone; the middles of cells are points of the
+    // lattice of the other mesher.
+    let (middle, cells): (&dyn Fn([usize; 3]) -> f64, _) = match mesher {
+        Mesher::DualContour => (&of_corners, Cells::Cubes),
+        Mesher::Lattice => (&of_field, Cells::Centred),
+    };
     Lattice {
         counts: lattice.counts,
         values: &values,
-        middle: &|p| field.value(&(lattice.point(p) + half)) - 1.0,
+        middle,
     }
-    .topology(match mesher {
-        Mesher::DualContour => Cells::Cubes,
-        Mesher::Lattice => Cells::Centred,
-    })
+    .topology(cells)
 }
 
 /// What came of a case.
