@@ -588,7 +588,10 @@ fn a_bare_cut_off_is_meshed_too() {
     let usual = report_of("02_surface", &args[..3], &folder.path().join("usual"));
     // Trilinear between the samples is a little more than the density itself.
     let [a, b] = [&bare, &usual].map(|r| r["surface"]["volume"].as_f64().unwrap());
-    assert!(a != b && (a / b - 1.0).abs() < 0.05, "{a} Å³ against {b} Å³");
+    assert!(
+        a != b && (a / b - 1.0).abs() < 0.05,
+        "{a} Å³ against {b} Å³"
+    );
 }
 
 #[test]
