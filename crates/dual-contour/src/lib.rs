@@ -10,7 +10,6 @@ mod dual;
 mod emit;
 mod error;
 mod field;
-mod groups;
 mod lanes;
 mod lattice;
 mod octree;

@@ -5,8 +5,6 @@ mod halfedge;
 mod measure;
 pub mod shapes;
 
-#[cfg(feature = "io")]
-pub(crate) use audit::Sets;
 pub use audit::{BoundaryComparison, Component, Faults, RegionAudit, SurfaceAudit, VolumeAudit};
 pub use halfedge::Halfedges;
 pub use measure::six_volume;
