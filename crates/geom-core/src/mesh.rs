@@ -163,7 +163,7 @@ impl TriMesh {
     /// The connected components, the one of the largest area first; vertices without a triangle belong
     /// to none.
     pub fn components(&self) -> Vec<TriMesh> {
-        let mut sets = audit::Sets::new(self.positions.len());
+        let mut sets = crate::sets::DisjointSets::new(self.positions.len());
         for &[a, b, c] in &self.triangles {
             sets.join(a, b);
             sets.join(b, c);
