@@ -6,6 +6,7 @@ mod backend;
 mod build;
 mod complex;
 mod cpu;
+mod cut;
 mod dual;
 mod emit;
 mod error;

@@ -349,9 +349,12 @@ impl<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized> Judge<'_, '_, V, B> 
             });
         }
         let ranges = self.backend.min_max(buffer)?;
+        let both = |[low, high]: &&[f32; 2]| {
+            f64::from(*low) < labels.level && f64::from(*high) >= labels.level
+        };
         let mut out = Judged {
             labels: Vec::with_capacity(open.len()),
-            values: Vec::new(),
+            values: Vec::with_capacity(POINTS * ranges.iter().filter(both).count()),
             regions: Vec::new(),
             range: (f32::INFINITY, f32::NEG_INFINITY),
         };
