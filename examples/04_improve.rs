@@ -10,7 +10,7 @@ use geom_core::io::{self, mesh::AnyMesh};
 use geom_core::{TetMesh, TriMesh};
 use serde::Serialize;
 use tet_quality::surface::{self, Features, Sizing};
-use tet_quality::{Goals, Options, improve};
+use tet_quality::{Goals, Options, SurfaceMotion, improve};
 
 /// Improves the tetrahedra or the triangles of any mesh and shows the quality before and after
 #[derive(Parser, Serialize)]
@@ -42,6 +42,10 @@ struct Tets {
     /// Longest over shortest edge to stay below; raises the Joe–Liu measure to reach where that needs it
     #[arg(long, value_name = "RATIO")]
     edge_ratio: Option<f64>,
+    /// Let surface vertices slide along the surface of the input, off it by this share of its edges at
+    /// most; edges and corners where it turns by 40° or more stay [default: what is not plane stays]
+    #[arg(long, value_name = "SHARE")]
+    deviation: Option<f64>,
     /// Most passes
     #[arg(long, value_name = "N")]
     passes: Option<u32>,
@@ -66,10 +70,12 @@ const EXAMPLES: &str = "\
 Examples:
   04_improve volume.vtu --out out
   04_improve gmsh.msh --min-dihedral 30 --passes 30 --out better
+  04_improve volume.vtu --deviation 0.1 --out rounder
   04_improve surface.ply --edge-length 0.8 --out even
 
 Tetrahedra: regions, their interfaces and the boundary stay; surface vertices slide only where that
-changes no shape, since a mesh alone does not say what surface it stands for. Triangles: the surface is
+changes no shape, since a mesh alone does not say what surface it stands for. Where that keeps
+tetrahedra bad, as the report's `exceptions` say, --deviation lets them go. Triangles: the surface is
 remeshed with edges of even length, within the surface of the input.
 
 Outputs: improved.vtu and improved.msh, or improved.ply and improved.glb; before.png and improved.png
@@ -120,6 +126,12 @@ fn better_tets(args: &Args, mesh: TetMesh, session: &Session) -> Result<(), Fail
             edge_ratio: asked.edge_ratio.unwrap_or(goals.edge_ratio),
         },
         passes: asked.passes.unwrap_or(Options::default().passes),
+        deviation: asked.deviation.unwrap_or(Options::default().deviation),
+        surface: if asked.deviation.is_some() {
+            SurfaceMotion::AlongInput
+        } else {
+            SurfaceMotion::default()
+        },
         ..Options::default()
     };
     session.note("improvement", options)?;
@@ -143,9 +155,9 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
         .or(t.max_dihedral)
         .or(t.joe_liu)
         .or(t.edge_ratio);
-    if angles.is_some() || t.passes.is_some() {
+    if angles.or(t.deviation).is_some() || t.passes.is_some() {
         return Err(
-            "--min-dihedral, --max-dihedral, --joe-liu, --edge-ratio and --passes are for meshes of tetrahedra".into(),
+            "--min-dihedral, --max-dihedral, --joe-liu, --edge-ratio, --deviation and --passes are for meshes of tetrahedra".into(),
         );
     }
     let asked = &args.triangles;

@@ -126,6 +126,15 @@ pub fn grouped(number: usize) -> String {
     text
 }
 
+/// A number with a few digits, however small it is.
+pub fn brief(number: f64) -> String {
+    if number == 0.0 || number.abs() >= 0.01 {
+        format!("{number:.4}")
+    } else {
+        format!("{number:.2e}")
+    }
+}
+
 /// Opaque colours.
 pub fn rgba(colors: &[Rgb]) -> Vec<[u8; 4]> {
     colors.iter().map(|&[r, g, b]| [r, g, b, 255]).collect()
