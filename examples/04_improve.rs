@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
-use biogeom_examples::picture::{Bars, histogram};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::io::{self, mesh::AnyMesh};
@@ -190,20 +189,8 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
     products::note_surface(session, &made.mesh)?;
     session.stage("files and pictures", || {
         products::save_surface(session, "improved", &made.mesh, None)?;
-        let [before, after] =
-            [&report.before, &report.after].map(|r| r.min_angle_histogram.map(|n| n as u64));
-        let sets = [
-            Bars {
-                name: "before",
-                color: [204, 96, 66],
-                counts: &before,
-            },
-            Bars {
-                name: "after",
-                color: [52, 102, 178],
-                counts: &after,
-            },
-        ];
+        let counts = [&report.before, &report.after]
+            .map(|r| r.min_angle_histogram.iter().map(|&n| n as u64).collect());
         let title = format!(
             "{} triangles: smallest angle {:.1}° before, {:.1}° after",
             products::grouped(report.after.triangles),
@@ -211,8 +198,6 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
             report.after.min_angle_deg
         );
         let label = "smallest angle per triangle / °";
-        histogram(&sets, [0.0, 60.0], &title, label, [1100, 680])
-            .save(session.output("quality.png")?)?;
-        Ok::<_, Failure>(())
+        products::picture_of_change(session, "quality", &title, label, 60.0, &counts)
     })
 }
