@@ -11,7 +11,6 @@ mod dual;
 mod emit;
 mod error;
 mod field;
-mod groups;
 mod lanes;
 mod lattice;
 mod octree;
