@@ -509,13 +509,13 @@ fn domain(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::groups::Groups;
     use geom_core::mesh::{EXTERIOR, six_volume};
+    use geom_core::sets::DisjointSets;
     use geom_core::{Cpu, ScalarGrid};
 
     /// Number of sets among the members that are asked for.
-    fn sets(groups: Groups, member: impl Fn(usize) -> bool) -> usize {
-        let roots = groups.roots();
+    fn sets(groups: DisjointSets, member: impl Fn(usize) -> bool) -> usize {
+        let roots = groups.into_roots();
         let mut found: Vec<u32> = (0..roots.len())
             .filter(|&i| member(i))
             .map(|i| roots[i])
@@ -589,15 +589,15 @@ mod tests {
                     .all(|t| six_volume(t.map(|v| raw.positions[v as usize])) > 0.0)
             );
             for region in [INTERIOR, EXTERIOR] {
-                let mut of_tets = Groups::new(raw.positions.len());
+                let mut of_tets = DisjointSets::new(raw.positions.len());
                 let mut used = vec![false; raw.positions.len()];
                 for (t, _) in raw.tets.iter().zip(&raw.regions).filter(|t| *t.1 == region) {
                     t.iter().for_each(|&v| {
                         used[v as usize] = true;
-                        of_tets.join(t[0] as usize, v as usize);
+                        of_tets.join(t[0], v);
                     });
                 }
-                let mut graph = Groups::new(raw.positions.len());
+                let mut graph = DisjointSets::new(raw.positions.len());
                 let mut corner = vec![false; raw.positions.len()];
                 for id in 0..tree.leaves.len() as u32 {
                     complex.rings_of(
@@ -609,7 +609,7 @@ mod tests {
                             corner[a] |= ring.a.1 == region;
                             corner[b] |= ring.b.1 == region;
                             if ring.a.1 == region && ring.b.1 == region {
-                                graph.join(a, b);
+                                graph.join(a as u32, b as u32);
                             }
                         },
                     );

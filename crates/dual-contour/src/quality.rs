@@ -39,6 +39,36 @@ pub(crate) fn sine(x: &[Point3; 4]) -> f64 {
     }
 }
 
+/// Where the fan of triangles over a polygon around the edge from `a` to `b` begins so that the worst
+/// tetrahedron on either side is best; `None` if none keeps all of them positive. In a polygon of four, the
+/// diagonal from `taken` may be another's.
+pub(crate) fn best_fan(x: &[Point3], a: &Point3, b: &Point3, taken: Option<u8>) -> Option<usize> {
+    let n = x.len();
+    let starts = match n {
+        3 => 1,
+        4 => 2,
+        _ => n,
+    };
+    let mut best = (0.0, None);
+    for start in (0..starts).filter(|&s| taken != Some(s as u8)) {
+        let mut worst = f64::INFINITY;
+        for i in 1..n - 1 {
+            let t = [x[start], x[(start + i) % n], x[(start + i + 1) % n]];
+            worst = worst
+                .min(sine(&[*a, t[0], t[1], t[2]]))
+                .min(sine(&[*b, t[0], t[2], t[1]]));
+            if worst <= best.0 {
+                break;
+            }
+        }
+        // Ties go to the first, whatever the last digits say.
+        if worst > best.0 * (1.0 + 1e-9) {
+            best = (worst, Some(start));
+        }
+    }
+    best.1
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,6 +6,7 @@ use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
 
 use crate::Error;
+use crate::own_surface::SMOOTH;
 use crate::surface_field::Isosurface;
 use crate::work::{Freedom, NONE, Work};
 
@@ -62,7 +63,7 @@ fn set_freedoms(
         .filter(|&v| judged[v as usize].1)
         .collect();
     work.freedom = judged.into_iter().map(|j| j.0).collect();
-    if field.is_some() {
+    if field.is_some_and(|field| !field.own) {
         join_field(work, &faces);
     }
     Ok(junctions)
@@ -331,6 +332,10 @@ fn freedom(
                     .sum::<f64>()
                     / fan.len() as f64;
                 match field {
+                    Some(field) if field.own => match flat(work, x, fan) {
+                        Freedom::Fixed if is_smooth(work, x, fan) => Freedom::Field,
+                        exact => exact,
+                    },
                     Some(field) if field.holds(v, &x, edge)? => Freedom::Field,
                     _ => flat(work, x, fan),
                 }
@@ -361,16 +366,27 @@ fn is_disk(fan: &[InterfaceFace]) -> bool {
     false
 }
 
+/// Do all faces turn by less than 40° from their mean?
+fn is_smooth(work: &Work, x: Point3, fan: &[InterfaceFace]) -> bool {
+    let normals: Option<Vec<Vector3>> = normals(work, x, fan).collect();
+    normals.is_some_and(|normals| {
+        let mean: Vector3 = normals.iter().sum();
+        let least = SMOOTH * mean.norm();
+        normals.iter().all(|n| n.dot(&mean) >= least)
+    })
+}
+
+/// The unit normals of the faces around a vertex; `None` for one without area.
+fn normals(work: &Work, x: Point3, fan: &[InterfaceFace]) -> impl Iterator<Item = Option<Vector3>> {
+    fan.iter().map(move |f| {
+        let [a, b] = f.others.map(|u| work.x[u as usize] - x);
+        a.cross(&b).try_normalize(0.0)
+    })
+}
+
 /// The directions that keep the given surface as it is: along a plane, or along the crease of two.
 fn flat(work: &Work, x: Point3, fan: &[InterfaceFace]) -> Freedom {
-    let normals: Option<Vec<Vector3>> = fan
-        .iter()
-        .map(|f| {
-            let [a, b] = f.others.map(|u| work.x[u as usize] - x);
-            a.cross(&b).try_normalize(0.0)
-        })
-        .collect();
-    let Some(normals) = normals else {
+    let Some(normals) = normals(work, x, fan).collect::<Option<Vec<Vector3>>>() else {
         return Freedom::Fixed;
     };
     let first = normals[0];
