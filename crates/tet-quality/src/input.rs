@@ -458,6 +458,7 @@ mod tests {
         let field = Isosurface {
             field: &ball,
             level: 1.0,
+            own: false,
         };
         let input = prepare(mesh, Some(&field)).unwrap();
         let work = &input.work;
@@ -508,6 +509,7 @@ mod tests {
         let field = Isosurface {
             field: &dented,
             level: 1.0,
+            own: false,
         };
         let on_ball = |v: &u32| mesh.kinds()[*v as usize] == VertexKind::Surface;
         let on_ball: Vec<u32> = (0..mesh.positions().len() as u32).filter(on_ball).collect();
