@@ -208,13 +208,11 @@ fn earlier(path: &Path) -> Result<Rows, String> {
 
 fn append(path: &Path, row: &Value) -> Outcome {
     println!("{}", table::line(row));
-    let mut file = OpenOptions::new().create(true).append(true).open(path);
-    let written = file.as_mut().map(|file| writeln!(file, "{row}"));
-    match written {
-        Ok(Ok(())) => Ok(()),
-        Ok(Err(e)) => Err(format!("{}: {e}", path.display())),
-        Err(e) => Err(format!("{}: {e}", path.display())),
-    }
+    // In one piece, so that a kill leaves no half of a line.
+    let line = format!("{row}\n");
+    let file = OpenOptions::new().create(true).append(true).open(path);
+    file.and_then(|mut file| file.write_all(line.as_bytes()))
+        .map_err(|e| format!("{}: {e}", path.display()))
 }
 
 /// Runs what is open of a batch in a process of its own; the inner error says how that died.
