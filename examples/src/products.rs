@@ -3,7 +3,7 @@
 use geom_core::io::{self, view::View as Fields};
 use geom_core::mesh::{SurfaceAudit, VolumeAudit};
 use geom_core::nearest::{NearestError, PointTree};
-use geom_core::{Structure, TetMesh, TriMesh, mesh};
+use geom_core::{Point3, Structure, TetMesh, TriMesh, mesh};
 use serde_json::json;
 use tet_quality::{Measures, Summary};
 
@@ -183,10 +183,21 @@ pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), 
     let low = field(|m| m.min_dihedral);
     let high = field(|m| m.max_dihedral);
     let shape = field(|m| m.joe_liu);
+    let edges = field(|m| m.edge_ratio);
+    let of_corners = |value: fn([Point3; 4]) -> f64| -> Vec<f32> {
+        (0..measures.len())
+            .map(|t| value(mesh.corners(t)) as f32)
+            .collect()
+    };
+    let radii = of_corners(tet_quality::radius_ratio);
+    let aspect = of_corners(tet_quality::aspect_ratio);
     let fields = Fields::from(mesh)
         .cell_field("min_dihedral", &low)?
         .cell_field("max_dihedral", &high)?
-        .cell_field("joe_liu", &shape)?;
+        .cell_field("joe_liu", &shape)?
+        .cell_field("edge_ratio", &edges)?
+        .cell_field("radius_ratio", &radii)?
+        .cell_field("aspect_ratio", &aspect)?;
     io::mesh::save(session.output(format!("{name}.vtu"))?, &fields)?;
     io::mesh::save(session.output(format!("{name}.msh"))?, &Fields::from(mesh))?;
     draw_volume(session, name, mesh, &measures)

@@ -12,12 +12,23 @@ use crate::complex::{
 };
 use crate::dual::{LEAST_VOLUME, Probe, Sample, cut_samples, farthest, part_point};
 use crate::lanes::{self, Quads};
-use crate::quality::{NO_FAN, best_fan};
+use crate::quality::{MOST, NO_FAN, best_fan};
 use crate::samples::{Samples, local};
 use crate::uniform::Batch;
 
 /// Number of the middle among the corners of a cut cell.
 pub(crate) const APEX: usize = 8;
+
+/// The corners of the unit cube and its middle.
+const CORNERS: [Point3; 9] = {
+    let mut out = [MIDDLE; 9];
+    let mut i = 0;
+    while i < APEX {
+        out[i] = Point3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64);
+        i += 1;
+    }
+    out
+};
 
 /// What stands at a finest cell.
 #[derive(Clone, Copy, Debug)]
@@ -63,8 +74,8 @@ impl Umbrella {
     /// What the tetrahedron of a part at `x` and what stands beyond at `y`, of a `kind`, has above its
     /// least volume.
     #[inline]
-    fn spare(&self, corners: &[Point3; 9], x: &Point3, y: &Point3, kind: usize) -> f64 {
-        let [a, b] = [self.a, self.b].map(|i| corners[usize::from(i)]);
+    fn spare(&self, cell: &CutCell, x: &Point3, y: &Point3, kind: usize) -> f64 {
+        let [a, b] = [self.a, self.b].map(|i| cell.corner(usize::from(i)));
         let (c, d) = if self.first { (*x, *y) } else { (*y, *x) };
         six_volume([a, b, c, d]) - LEAST_VOLUME * f64::from(self.base[kind])
     }
@@ -72,13 +83,6 @@ impl Umbrella {
 
 impl Pattern {
     fn new(diagonals: u8) -> Self {
-        let corner = |i: usize| {
-            if i == APEX {
-                MIDDLE
-            } else {
-                local(corner_of(i))
-            }
-        };
         let base = |part: usize| part_base(diagonals, [0; 3], part);
         let mut umbrellas = [[[Umbrella::default(); 3]; 4]; 12];
         let mut mates = [[0; 3]; 12];
@@ -88,11 +92,11 @@ impl Pattern {
             let diagonal = diagonal_of(diagonals, face);
             let mut over = MIDDLE;
             over[face / 2] += if face % 2 == 1 { 1.0 } else { -1.0 };
-            let sum = t.iter().fold(over.coords, |s, &i| s + corner(i).coords);
+            let sum = t.iter().fold(over.coords, |s, &i| s + CORNERS[i].coords);
             let outer = [over, Point3::from(sum / 4.0)];
             let umbrella = |[a, b]: [usize; 2], beyond: [Point3; 2]| {
                 let volume =
-                    beyond.map(|x| six_volume([corner(a), corner(b), base(part), x]) as f32);
+                    beyond.map(|x| six_volume([CORNERS[a], CORNERS[b], base(part), x]) as f32);
                 Umbrella {
                     a: a as u8,
                     b: b as u8,
@@ -165,8 +169,8 @@ struct Neighbour {
 /// A polygon around an edge whose ends differ: numbers and points of its corners, counter-clockwise.
 #[derive(Default)]
 pub(crate) struct Polygon {
-    ids: [u32; 8],
-    points: [Point3; 8],
+    ids: [u32; MOST],
+    points: [Point3; MOST],
     len: usize,
 }
 
@@ -196,14 +200,9 @@ impl CutCell {
         }
     }
 
-    /// Its corners and its middle.
-    #[inline]
-    fn corners(&self) -> [Point3; 9] {
-        let o = local(self.origin).coords;
-        std::array::from_fn(|i| match i {
-            APEX => MIDDLE + o,
-            _ => local(corner_of(i)) + o,
-        })
+    /// A corner, or the middle.
+    fn corner(&self, i: usize) -> Point3 {
+        CORNERS[i] + local(self.origin).coords
     }
 }
 
@@ -359,14 +358,14 @@ impl<'a> CutCells<'a> {
             let cell = &self.cells[k as usize];
             let part = 2 * usize::from(face) + i / 3 % 2;
             let umbrella = &cell.pattern().umbrellas[part][0][i % 3];
-            umbrella.spare(&cell.corners(), &self.parts[k as usize][part], x, 0)
+            umbrella.spare(cell, &self.parts[k as usize][part], x, 0)
         })
     }
 
     /// The points of the parts of a cell after each has gone as far as it may, one after the other.
     fn moved(&self, k: usize, points: &[[f64; 3]]) -> ([Point3; 12], [f64; 12]) {
         let cell = &self.cells[k];
-        let (pattern, corners) = (cell.pattern(), cell.corners());
+        let pattern = cell.pattern();
         let (mut parts, mut shares) = (self.parts[k], cell.shares);
         for part in 0..12 {
             let base = part_base(cell.split.diagonals, cell.origin, part);
@@ -388,7 +387,7 @@ impl<'a> CutCells<'a> {
             let umbrellas = &pattern.umbrellas[part];
             shares[part] = farthest(shares[part], [&base, &target], 12, |i, x| {
                 beyond[i / 3].map_or(f64::INFINITY, |(y, kind)| {
-                    umbrellas[i / 3][i % 3].spare(&corners, x, &y, kind)
+                    umbrellas[i / 3][i % 3].spare(cell, x, &y, kind)
                 })
             });
             parts[part] = base + (target - base) * shares[part];
@@ -504,9 +503,8 @@ impl<'a> CutCells<'a> {
     fn emit_inner(&self, k: u32, points: &[[f64; 3]], out: &mut Batch) {
         let cell = &self.cells[k as usize];
         let diagonals = cell.split.diagonals;
-        let corners = cell.corners();
         let mut emit = |edge: [usize; 2], polygon: &Polygon| {
-            let [a, b] = edge.map(|i| corners[i]);
+            let [a, b] = edge.map(|i| cell.corner(i));
             let start = best_fan(&polygon.points[..polygon.len], &a, &b, None);
             let ends = || {
                 let all = cut_samples(self.samples, cell.origin, &cell.labels, &cell.split);
@@ -535,7 +533,7 @@ impl<'a> CutCells<'a> {
                     unreachable!("a face with both labels is off the box, between cells with both")
                 }
             }
-            let [a, b] = edge.map(|i| corners[i]);
+            let [a, b] = edge.map(|i| cell.corner(i));
             let [x, y] = halves.map(|half| part_base(diagonals, cell.origin, usize::from(half)));
             if six_volume([a, b, x, y]) < 0.0 {
                 polygon.reverse();

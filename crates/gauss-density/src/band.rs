@@ -48,14 +48,13 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
     let mut band = Band {
         bricks,
         kinds: vec![Brick::Exterior; count as usize],
-        parts: Vec::new(),
-        found: Vec::new(),
+        values: Vec::new(),
     };
     let mut report = start_report(&prepared, &lattice, run.backend.name());
     let mut collect = |band: &mut Band, blocks: &[Block], results: Vec<BlockValues>| {
         report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
         band.take(blocks, results);
-        let stored = band.found.len() as u128 * BRICK_POINTS as u128;
+        let stored = band.values.len() as u128 * BRICK_POINTS as u128;
         check_memory(&lattice, count * 8 + stored * 4, options)
     };
     for_each_batch(&prepared, &job, None, run, |blocks, results| {
@@ -71,10 +70,10 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
             collect(&mut band, blocks, results)
         })?;
     }
-    let stored = band.found.len();
-    let (kinds, values) = band.finish();
-    let grid = BrickGrid::new(lattice, &kinds, values, 0.0, 2.0 * options.band[1] as f32)?;
-    report.stored_points = (stored * BRICK_POINTS) as u64;
+    let values = band.values.into_flattened();
+    report.stored_points = values.len() as u64;
+    let interior = 2.0 * options.band[1] as f32;
+    let grid = BrickGrid::new(lattice, &band.kinds, values, 0.0, interior)?;
     report.stored_share = report.stored_points as f64 / report.points as f64;
     report.touches_box = touched(&grid);
     Ok(Sampled { grid, report })
@@ -83,36 +82,31 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
 /// Bricks as they come.
 struct Band {
     bricks: [usize; 3],
-    /// Per brick; the numbers of stored ones are places in `found`.
     kinds: Vec<Brick>,
-    parts: Vec<BlockValues>,
-    /// Place of the brick in the lattice, part, and place in the part.
-    found: Vec<(usize, u32, u32)>,
+    /// Of the stored bricks, as they came.
+    values: Vec<[f32; BRICK_POINTS]>,
 }
 
 impl Band {
     fn take(&mut self, blocks: &[Block], results: Vec<BlockValues>) {
         let [nx, ny, _] = self.bricks;
-        for (block, result) in blocks.iter().zip(results) {
+        let mut found = Vec::new();
+        for (block, result) in blocks.iter().zip(&results) {
+            let (stored, _) = result.values.as_chunks::<BRICK_POINTS>();
             for i in (0..block.len()).filter(|&i| block.wants(i)) {
                 let [a, b, c] = block.brick_at(i);
-                let at = (c * ny + b) * nx + a;
-                self.kinds[at] = match result.kinds[i] {
+                self.kinds[(c * ny + b) * nx + a] = match result.kinds[i] {
                     Brick::Stored(s) => {
-                        self.found.push((at, self.parts.len() as u32, s));
-                        Brick::Stored(self.found.len() as u32 - 1)
+                        let number = self.values.len() + found.len();
+                        found.push(&stored[s as usize]);
+                        Brick::Stored(number as u32)
                     }
                     other => other,
                 };
             }
-            if !result.values.is_empty() {
-                self.parts.push(result);
-            }
         }
-    }
-
-    fn values(&self, &(_, part, s): &(usize, u32, u32)) -> &[f32] {
-        &self.parts[part as usize].values[s as usize * BRICK_POINTS..][..BRICK_POINTS]
+        // In place and side by side: most of the time goes into pages that are touched first.
+        self.values.par_extend(found.into_par_iter().copied());
     }
 
     /// The interior bricks with a value below 1 beside them, as masks by block: the surface crosses the
@@ -120,15 +114,10 @@ impl Band {
     fn crossed(&self) -> BTreeMap<[usize; 3], u64> {
         let [nx, ny, _] = self.bricks;
         let strides = [1, nx, nx * ny];
-        let mut crossed = BTreeMap::new();
-        for (at, _) in self
-            .kinds
-            .iter()
-            .enumerate()
-            .filter(|k| *k.1 == Brick::Interior)
-        {
-            let brick = [at % nx, at / nx % ny, at / (nx * ny)];
-            let is_crossed = (0..3).any(|axis| {
+        let coordinates = |at: usize| [at % nx, at / nx % ny, at / (nx * ny)];
+        let is_crossed = |at: &usize| {
+            let brick = coordinates(*at);
+            (0..3).any(|axis| {
                 let below = (brick[axis] > 0).then(|| (at - strides[axis], BRICK - 1));
                 let above = (brick[axis] + 1 < self.bricks[axis]).then(|| (at + strides[axis], 0));
                 [below, above]
@@ -138,37 +127,27 @@ impl Band {
                         let Brick::Stored(s) = self.kinds[neighbour] else {
                             return false;
                         };
-                        let values = self.values(&self.found[s as usize]);
+                        let values = &self.values[s as usize];
                         let step = [1, BRICK, BRICK * BRICK];
                         let (u, v) = (step[(axis + 1) % 3], step[(axis + 2) % 3]);
                         (0..BRICK * BRICK).any(|p| {
                             values[layer * step[axis] + p % BRICK * u + p / BRICK * v] < 1.0
                         })
                     })
-            });
-            if is_crossed {
-                let block = brick.map(|b| b / BLOCK * BLOCK);
-                let side = [0, 1].map(|k| BLOCK.min(self.bricks[k] - block[k]));
-                let local = [0, 1, 2].map(|k| brick[k] - block[k]);
-                let bit = (local[2] * side[1] + local[1]) * side[0] + local[0];
-                *crossed.entry(block).or_insert(0) |= 1 << bit;
-            }
+            })
+        };
+        let interior = self.kinds.par_iter().enumerate();
+        let interior = interior.filter(|(_, kind)| **kind == Brick::Interior);
+        let found: Vec<usize> = interior.map(|(at, _)| at).filter(is_crossed).collect();
+        let mut crossed = BTreeMap::new();
+        for at in found {
+            let brick = coordinates(at);
+            let block = brick.map(|b| b / BLOCK * BLOCK);
+            let side = [0, 1].map(|k| BLOCK.min(self.bricks[k] - block[k]));
+            let local = [0, 1, 2].map(|k| brick[k] - block[k]);
+            let bit = (local[2] * side[1] + local[1]) * side[0] + local[0];
+            *crossed.entry(block).or_insert(0) |= 1 << bit;
         }
         crossed
-    }
-
-    /// Kinds with stored bricks numbered in brick order, and their values in that order.
-    fn finish(mut self) -> (Vec<Brick>, Vec<f32>) {
-        let mut order = std::mem::take(&mut self.found);
-        order.sort_unstable();
-        for (number, &(at, ..)) in order.iter().enumerate() {
-            self.kinds[at] = Brick::Stored(number as u32);
-        }
-        let mut values = vec![0.0f32; order.len() * BRICK_POINTS];
-        values
-            .par_chunks_mut(BRICK_POINTS)
-            .zip(&order)
-            .for_each(|(out, place)| out.copy_from_slice(self.values(place)));
-        (self.kinds, values)
     }
 }

@@ -3,9 +3,10 @@
 //!
 //! No tree is culled. [`Reach`](crate::reach::Reach) gives one exponent `t` such that all atoms with
 //! `q_a(x) > t` may be left out at `x`, whichever they are; it falls with the number of atoms that are left, so
-//! it is taken again for the block, and for each eighth of it. What remains is a comparison per atom
+//! it is taken again for the block, and for each eighth of it. In a brick an atom is also left out where another
+//! one below the same node outweighs it at every point. What remains is a comparison per atom
 //! and box, and per atom and brick three tables of a separable exponential, and the rows of points that lie
-//! within its reach. (The culls of [`members`](crate::members) keep fewer atoms, but cost more than they
+//! within its reach. (The culls of [`members`](crate::members) keep fewer atoms still, but cost more than they
 //! save here.)
 
 use std::ops::Range;
@@ -16,6 +17,7 @@ use geom_core::{Aabb, Point3};
 use crate::backend::{BLOCK, Block, BlockValues, Job};
 use crate::cpu::{bricks_box, middle};
 use crate::fast::{exp2, log2};
+use crate::lanes::{Work, with_lanes};
 use crate::plain::Compiled;
 use crate::prepared::Prepared;
 
@@ -31,6 +33,19 @@ fn fits(model: &Prepared<'_>, job: &Job) -> bool {
     reach.highest_sum() * LOG2_E <= RANGE
         && model.tree.levels.len() <= MOST_LEVELS
         && job.lattice.spacing * reach.fastest_decay().sqrt() <= WIDE
+}
+
+/// What kernels down to 2 to the minus `exponent` must be raised by to be safely normal; `None` if a sum would
+/// leave the range upwards then, or if what the powers make of them would leave it.
+///
+/// Each of the three factors of a kernel takes a third.
+fn lift(model: &Prepared<'_>, exponent: f64) -> Option<f32> {
+    let farthest = exponent + model.reach.highest_kernel() * LOG2_E;
+    let lift = 6.0 * ((farthest - RANGE).max(0.0) / 2.0).ceil();
+    let sums = model.reach.highest_kernel_sum() * LOG2_E + lift;
+    let fits = lift == 0.0 || !model.tree.levels.is_empty() && sums <= RANGE;
+    let deepest = farthest.max(0.0) * model.reach.steepest_below_the_top();
+    (fits && deepest <= RANGE).then_some(lift as f32)
 }
 
 /// Levels of powers that a bound needs one number for.
@@ -51,6 +66,12 @@ struct Atoms {
     exponent: f32,
     /// How far each atom matters at that, Å.
     reach: Vec<f32>,
+    /// What kernels are raised by before they are summed, in powers of 2, so that the least that matter stay
+    /// normal numbers; taken back with the first power.
+    lift: f32,
+    /// Per level, lowest first: an atom may be left out of a sum of this level where its share of it is less
+    /// than 2 to the minus this.
+    outweighed: Vec<f32>,
 }
 
 impl Atoms {
@@ -92,11 +113,15 @@ impl Atoms {
         }
     }
 
-    /// Takes `t` for these atoms: with `eps` of the density, where it reaches `floor`.
-    fn limit(&mut self, model: &Prepared<'_>, eps: f64, floor: f64) {
-        let t = model
-            .reach
-            .exponent_among(&most_children(&model.tree, &self.atom), eps, floor);
+    /// Takes `t` for these atoms: with `eps` of the density, where it reaches `floor`. With a `relative` share
+    /// of the density beside it to lose where atoms outweigh others.
+    fn limit(&mut self, model: &Prepared<'_>, eps: f64, relative: f64, floor: f64) {
+        let children = most_children(&model.tree, &self.atom);
+        let t = model.reach.exponent_among(&children, eps, floor);
+        self.outweighed.clear();
+        let shares = model.reach.outweighed_among(&children, relative);
+        self.outweighed
+            .extend(shares.map(|t| (t * LOG2_E + 1e-2) as f32));
         // A little more, for the rounding of what is compared with it.
         self.exponent = (t * LOG2_E + 1e-3) as f32;
         let within = |(top, decay): (&f32, &f32)| ((top + self.exponent) / decay).sqrt();
@@ -123,7 +148,11 @@ fn most_children(tree: &Compiled<'_>, atoms: &[u32]) -> Vec<f64> {
     most.into_iter().map(|n| f64::from(n).ln()).collect()
 }
 
-/// The lines of points with `y` in `low[0]..high[0]` and `z` in `low[1]..high[1]`.
+/// Lines that are summed together: half a plane, as many as fit the registers.
+const ABREAST: usize = BRICK / 2;
+
+/// The lines of points with `y` in `low[0]..high[0]`, whole multiples of [`ABREAST`], and `z` in
+/// `low[1]..high[1]`.
 #[derive(Clone, Copy, Debug)]
 struct Lines {
     low: [u32; 2],
@@ -175,6 +204,18 @@ pub(crate) struct Scratch {
     values: Vec<f32>,
 }
 
+/// An atom of a brick, about its middle, for comparison with others.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    place: u32,
+    /// Node of the level at hand.
+    node: u32,
+    /// These times the powers below the level.
+    decay: f32,
+    exponent: f32,
+    slope: [f32; 3],
+}
+
 #[derive(Debug, Default)]
 struct BrickScratch {
     /// Offsets of the atoms of the eighth from the middle of the brick.
@@ -185,6 +226,7 @@ struct BrickScratch {
     /// The atoms that matter at points of the brick, and in its box.
     own: Vec<u32>,
     near: Vec<u32>,
+    candidates: Vec<Candidate>,
     /// Per own atom: its kernel along x, y and z, and the lines that it reaches.
     tables: Vec<[[f32; BRICK]; 3]>,
     lines: Vec<Lines>,
@@ -201,101 +243,78 @@ pub(crate) fn sample_block(
     block: &Block,
     scratch: &mut Scratch,
 ) -> Option<BlockValues> {
-    struct Task<'a, 'm> {
-        model: &'a Prepared<'m>,
-        job: &'a Job,
-        eps: f64,
-        block: &'a Block,
-        scratch: &'a mut Scratch,
-    }
-    impl pulp::NullaryFnOnce for Task<'_, '_> {
-        type Output = Option<BlockValues>;
-        #[inline(always)]
-        fn call(self) -> Option<BlockValues> {
-            sample_here(self.model, self.job, self.eps, self.block, self.scratch)
-        }
-    }
-    pulp::Arch::new().dispatch(Task {
-        model,
-        job,
-        eps,
-        block,
-        scratch,
-    })
+    with_lanes::<Sample, _>((model, job, eps, block, scratch))
 }
 
-#[inline(always)]
-fn sample_here(
-    model: &Prepared<'_>,
-    job: &Job,
-    eps: f64,
-    block: &Block,
-    scratch: &mut Scratch,
-) -> Option<BlockValues> {
-    if !fits(model, job) {
-        return None;
-    }
-    let mut out = BlockValues {
-        kinds: vec![Brick::Exterior; block.len()],
-        ..BlockValues::default()
-    };
-    // What was left out before has lost at most ε.
-    let floor = job.floor * (1.0 - eps);
-    let Scratch {
-        of_block,
-        of_eighths,
-        exponents,
-        kept,
-        brick: work,
-        values,
-    } = scratch;
-    values.clear();
-    of_block.gather(&model.tree, &block.atoms);
-    of_block.limit(model, eps / 8.0, floor);
-    const HALF: usize = BLOCK / 2;
-    for (eighth, atoms) in of_eighths.iter_mut().enumerate() {
-        let first = [eighth & 1, eighth >> 1 & 1, eighth >> 2].map(|b| b * HALF);
-        let last = [0, 1, 2].map(|k| (first[k] + HALF).min(block.bricks[k]));
-        let low = [0, 1, 2].map(|k| block.brick[k] + first[k]);
-        let high = [0, 1, 2].map(|k| block.brick[k] + last[k]);
-        if (0..3).all(|k| first[k] < last[k]) {
-            of_block.within(&bricks_box(job, low, high), exponents, kept);
-            atoms.select(of_block, kept);
-            atoms.limit(model, 5.0 / 8.0 * eps, floor);
-            let farthest = f64::from(atoms.exponent) + model.reach.highest_kernel() * LOG2_E;
-            if farthest > RANGE {
-                return None;
+struct Sample;
+impl Work<(&Prepared<'_>, &Job, f64, &Block, &mut Scratch)> for Sample {
+    type Output = Option<BlockValues>;
+    #[inline(always)]
+    fn run(
+        (model, job, eps, block, scratch): (&Prepared<'_>, &Job, f64, &Block, &mut Scratch),
+    ) -> Option<BlockValues> {
+        if !fits(model, job) {
+            return None;
+        }
+        let mut out = BlockValues {
+            kinds: vec![Brick::Exterior; block.len()],
+            ..BlockValues::default()
+        };
+        // What was left out before has lost at most ε.
+        let floor = job.floor * (1.0 - eps);
+        let Scratch {
+            of_block,
+            of_eighths,
+            exponents,
+            kept,
+            brick: work,
+            values,
+        } = scratch;
+        values.clear();
+        of_block.gather(&model.tree, &block.atoms);
+        of_block.limit(model, eps / 8.0, 0.0, floor);
+        const HALF: usize = BLOCK / 2;
+        for (eighth, atoms) in of_eighths.iter_mut().enumerate() {
+            let first = [eighth & 1, eighth >> 1 & 1, eighth >> 2].map(|b| b * HALF);
+            let last = [0, 1, 2].map(|k| (first[k] + HALF).min(block.bricks[k]));
+            let low = [0, 1, 2].map(|k| block.brick[k] + first[k]);
+            let high = [0, 1, 2].map(|k| block.brick[k] + last[k]);
+            if (0..3).all(|k| first[k] < last[k]) {
+                of_block.within(&bricks_box(job, low, high), exponents, kept);
+                atoms.select(of_block, kept);
+                atoms.limit(model, 3.0 / 8.0 * eps, eps / 4.0, floor);
+                atoms.lift = lift(model, f64::from(atoms.exponent))?;
             }
         }
-    }
-    let spacing = job.lattice.spacing as f32;
-    for i in 0..block.len() {
-        if !block.wants(i) {
-            continue;
+        let spacing = job.lattice.spacing as f32;
+        for i in 0..block.len() {
+            if !block.wants(i) {
+                continue;
+            }
+            let brick = block.brick_at(i);
+            let at = [0, 1, 2].map(|k| (brick[k] - block.brick[k]) / HALF);
+            let atoms = &of_eighths[(at[2] * 2 + at[1]) * 2 + at[0]];
+            let middle = middle(&job.lattice, brick.map(|b| b * BRICK), BRICK);
+            let up = atoms.look(&model.tree, &middle, spacing, work);
+            if f64::from(up) * (1.0 + 1e-4) < floor {
+                continue;
+            }
+            let start = values.len();
+            values.resize(start + BRICK_POINTS, 0.0);
+            let own = &mut values[start..];
+            out.pairs += atoms.fill(&model.tree, spacing, work, own);
+            // Not `all`, which would stop early and so not use the lanes.
+            let least = own.iter().fold(f32::INFINITY, |least, &v| least.min(v));
+            out.kinds[i] = if f64::from(least) >= job.ceiling {
+                values.truncate(start);
+                Brick::Interior
+            } else {
+                Brick::Stored((start / BRICK_POINTS) as u32)
+            };
         }
-        let brick = block.brick_at(i);
-        let at = [0, 1, 2].map(|k| (brick[k] - block.brick[k]) / HALF);
-        let atoms = &of_eighths[(at[2] * 2 + at[1]) * 2 + at[0]];
-        let middle = middle(&job.lattice, brick.map(|b| b * BRICK), BRICK);
-        let up = atoms.look(&model.tree, &middle, spacing, work);
-        if f64::from(up) * (1.0 + 1e-4) < floor {
-            continue;
-        }
-        let start = values.len();
-        values.resize(start + BRICK_POINTS, 0.0);
-        let own = &mut values[start..];
-        out.pairs += atoms.fill(&model.tree, spacing, work, own);
-        // Not `all`, which would stop early and so not use the lanes.
-        let least = own.iter().fold(f32::INFINITY, |least, &v| least.min(v));
-        out.kinds[i] = if f64::from(least) >= job.ceiling {
-            values.truncate(start);
-            Brick::Interior
-        } else {
-            Brick::Stored((start / BRICK_POINTS) as u32)
-        };
+        out.values = values.as_slice().to_vec();
+        Some(out)
     }
-    out.values = values.as_slice().to_vec();
-    Some(out)
 }
 
 impl Atoms {
@@ -354,7 +373,7 @@ impl Atoms {
         }
         let kernels = &mut work.in_box[..near.len()];
         for e in &mut *kernels {
-            *e = exp2(*e);
+            *e = exp2(*e + self.lift);
         }
         if tree.levels.is_empty() {
             return kernels.iter().sum();
@@ -377,7 +396,8 @@ impl Atoms {
             let mut node = self.node[i] as usize;
             for l in 0..ends {
                 let mut sum = [sums[l]];
-                raise(&mut sum, tree.levels[l].power[node] as f32);
+                let lift = if l == 0 { self.lift } else { 0.0 };
+                raise(&mut sum, tree.levels[l].power[node] as f32, lift);
                 sums[l] = 0.0;
                 sums[l + 1] += sum[0];
                 if l + 1 < ends {
@@ -397,6 +417,7 @@ impl Atoms {
         work: &mut BrickScratch,
         out: &mut [f32],
     ) -> u64 {
+        self.leave_outweighed(tree, spacing, work);
         self.tabulate(tree, spacing, work);
         let BrickScratch {
             own,
@@ -436,7 +457,8 @@ impl Atoms {
                     add_product(table, lines, sum);
                     all.include(lines);
                 }
-                close(sums, 0, tree.levels[0].power[node as usize] as f32, out);
+                let power = tree.levels[0].power[node as usize] as f32;
+                close(sums, 0, (power, self.lift), out);
             }
             if depth > 1 {
                 let [last, next] =
@@ -444,12 +466,79 @@ impl Atoms {
                 let ends = tree.levels_that_end(last.expect("the last of a node"), next);
                 for l in 1..ends {
                     node = tree.parent[l][node as usize];
-                    close(sums, l, tree.levels[l].power[node as usize] as f32, out);
+                    let power = tree.levels[l].power[node as usize] as f32;
+                    close(sums, l, (power, 0.0), out);
                 }
             }
             start = end;
         }
         pairs
+    }
+
+    /// Leaves those of the brick's own atoms out that another one outweighs at every point of it: the one that
+    /// matters most at its middle, below the same node of some level. With `w` the product of the powers below
+    /// the level, `w_a q_a − w_b q_b` is a quadratic, and linear for equal `w κ`, so its range is known.
+    #[inline(always)]
+    fn leave_outweighed(&self, tree: &Compiled<'_>, spacing: f32, work: &mut BrickScratch) {
+        let BrickScratch {
+            offset,
+            own,
+            candidates,
+            ..
+        } = work;
+        if self.outweighed.is_empty() {
+            return;
+        }
+        let half = 3.5 * spacing;
+        let [x, y, z] = &*offset;
+        candidates.clear();
+        candidates.extend(own.iter().map(|&i| {
+            let at = i as usize;
+            let offset = [x[at], y[at], z[at]];
+            let squared = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2];
+            Candidate {
+                place: i,
+                node: self.node[at],
+                decay: self.decay[at],
+                exponent: self.top[at] - self.decay[at] * squared,
+                slope: offset.map(|o| 2.0 * self.decay[at] * o),
+            }
+        }));
+        for (l, &least) in self.outweighed.iter().enumerate() {
+            let (mut start, mut kept) = (0, 0);
+            while start < candidates.len() {
+                let node = candidates[start].node;
+                let of_node = candidates[start..].iter().take_while(|c| c.node == node);
+                let end = start + of_node.clone().count();
+                let mut best = candidates[start];
+                for c in of_node {
+                    if c.exponent > best.exponent {
+                        best = *c;
+                    }
+                }
+                for i in start..end {
+                    let c = candidates[i];
+                    let swing: f32 = (0..3).map(|k| (c.slope[k] - best.slope[k]).abs()).sum();
+                    let bend = 3.0 * half * half * (best.decay - c.decay).max(0.0);
+                    let most = c.exponent - best.exponent + swing * half + bend;
+                    candidates[kept] = c;
+                    kept += usize::from(most >= -least);
+                }
+                start = end;
+            }
+            candidates.truncate(kept);
+            if l + 1 < self.outweighed.len() {
+                for c in &mut *candidates {
+                    let power = tree.levels[l].power[c.node as usize] as f32;
+                    c.node = tree.parent[l + 1][c.node as usize];
+                    c.decay *= power;
+                    c.exponent *= power;
+                    c.slope = c.slope.map(|s| s * power);
+                }
+            }
+        }
+        own.clear();
+        own.extend(candidates.iter().map(|c| c.place));
     }
 
     /// Where the atoms of a node of the lowest level end, in a list of places.
@@ -490,13 +579,14 @@ impl Atoms {
             }
             for &i in &own[start..end] {
                 let i = i as usize;
-                let (decay, top, reach) =
-                    (power * self.decay[i], power * self.top[i], self.reach[i]);
+                let (decay, reach) = (power * self.decay[i], self.reach[i]);
+                let lift = if end > start + 1 { self.lift } else { 0.0 };
+                let constants = [lift / 3.0, lift / 3.0, power * self.top[i] + lift / 3.0];
                 let mut exponents = [[0.0f32; BRICK]; 3];
                 let mut own = Lines::NONE;
                 for k in 0..3 {
                     let offset = offset[k][i];
-                    let constant = if k == 2 { top } else { 0.0 };
+                    let constant = constants[k];
                     for (e, step) in exponents[k].iter_mut().zip(&steps) {
                         let t = step - offset;
                         *e = constant - decay * (t * t);
@@ -506,6 +596,8 @@ impl Atoms {
                         own.high[k - 1] = ceil_to_brick((offset + reach) * per_spacing + 3.5);
                     }
                 }
+                own.low[0] -= own.low[0] % ABREAST as u32;
+                own.high[0] = own.high[0].next_multiple_of(ABREAST as u32);
                 tables.push(exponents);
                 lines.push(own);
             }
@@ -538,9 +630,9 @@ fn places(values: &[f32], least: f32, out: &mut Vec<u32>) {
     out.truncate(count);
 }
 
-/// Raises the sum of the open node on a level to its power, adds it to the node above, and clears it.
+/// Raises the sum of the open node on a level, without its lift, to its power, adds it to the node above, and clears it.
 #[inline(always)]
-fn close(sums: &mut [(Vec<f32>, Lines)], level: usize, power: f32, out: &mut [f32]) {
+fn close(sums: &mut [(Vec<f32>, Lines)], level: usize, (power, lift): (f32, f32), out: &mut [f32]) {
     let (lower, upper) = sums.split_at_mut(level + 1);
     let (sum, lines) = &mut lower[level];
     let done = std::mem::replace(lines, Lines::NONE);
@@ -553,7 +645,7 @@ fn close(sums: &mut [(Vec<f32>, Lines)], level: usize, power: f32, out: &mut [f3
     };
     for (_, range) in done.planes() {
         let sum = &mut sum[range.clone()];
-        raise(sum, power);
+        raise(sum, power, lift);
         for (to, from) in target[range].iter_mut().zip(sum) {
             *to += *from;
             *from = 0.0;
@@ -567,18 +659,42 @@ fn add_product([x, y, z]: &[[f32; BRICK]; 3], lines: &Lines, out: &mut [f32]) {
     // A copy, so that it may stay in a register.
     let x = *x;
     let (out, _) = out.as_chunks_mut::<BRICK>();
-    for k in lines.low[1] as usize..lines.high[1] as usize {
-        for j in lines.low[0] as usize..lines.high[0] as usize {
-            let yz = y[j] * z[k];
-            // Checked indices keep the lanes along x: without, compilers put lines side by side.
-            let line = &mut out[k * BRICK + j];
-            let mut sum = *line;
-            for i in 0..BRICK {
-                sum[i] += x[i] * yz;
-            }
-            *line = sum;
+    for first in [0, ABREAST] {
+        if lines.low[0] as usize > first || lines.high[0] as usize <= first {
+            continue;
+        }
+        // One by one, not in a loop: the four stay in registers from plane to plane.
+        let a = times(&x, y[first]);
+        let b = times(&x, y[first + 1]);
+        let c = times(&x, y[first + 2]);
+        let d = times(&x, y[first + 3]);
+        for k in lines.low[1] as usize..lines.high[1] as usize {
+            let z = z[k];
+            let line = k * BRICK + first;
+            add_times(&mut out[line], &a, z);
+            add_times(&mut out[line + 1], &b, z);
+            add_times(&mut out[line + 2], &c, z);
+            add_times(&mut out[line + 3], &d, z);
         }
     }
+}
+
+#[inline(always)]
+fn times(line: &[f32; BRICK], factor: f32) -> [f32; BRICK] {
+    let mut product = *line;
+    for value in &mut product {
+        *value *= factor;
+    }
+    product
+}
+
+#[inline(always)]
+fn add_times(sum: &mut [f32; BRICK], line: &[f32; BRICK], factor: f32) {
+    let mut new = *sum;
+    for i in 0..BRICK {
+        new[i] += line[i] * factor;
+    }
+    *sum = new;
 }
 
 #[inline(always)]
@@ -587,20 +703,21 @@ fn exp2_or_zero(x: f32) -> f32 {
     if x < -126.0 { 0.0 } else { value }
 }
 
-/// Raises numbers to a power; what is too small to be normal becomes 0.
+/// Raises numbers, lifted by so many powers of 2, to a power; what is too small to be normal becomes 0.
 #[inline(always)]
-fn raise(values: &mut [f32], power: f32) {
-    if power == 1.0 {
+fn raise(values: &mut [f32], power: f32, lift: f32) {
+    if power == 1.0 && lift == 0.0 {
         return;
     }
     let normal = |v: f32, raised: f32| if v < f32::MIN_POSITIVE { 0.0 } else { raised };
     if power == 0.5 {
+        let lower = exp2(-0.5 * lift);
         for v in values {
-            *v = normal(*v, v.sqrt());
+            *v = normal(*v, v.sqrt() * lower);
         }
         return;
     }
     for v in values {
-        *v = normal(*v, exp2_or_zero(power * log2(*v)));
+        *v = normal(*v, exp2_or_zero(power * (log2(*v) - lift)));
     }
 }

@@ -9,6 +9,7 @@
 
 use geom_core::{Point3, Vector3};
 
+use crate::lanes::{Work, with_lanes};
 use crate::members::{Best, Members, largest};
 
 /// Points of a cube, `SIDE` per axis, x fastest, then y; `PLANE = SIDE²`.
@@ -47,57 +48,40 @@ pub(crate) fn density<const SIDE: usize, const PLANE: usize>(
     scratch: &mut Scratch,
     out: &mut [f32],
 ) -> bool {
-    struct Task<'a, const SIDE: usize, const PLANE: usize> {
-        members: &'a Members,
-        cube: &'a Cube,
-        scratch: &'a mut Scratch,
-        out: &'a mut [f32],
-    }
-    impl<const SIDE: usize, const PLANE: usize> pulp::NullaryFnOnce for Task<'_, SIDE, PLANE> {
-        type Output = bool;
-        #[inline(always)]
-        fn call(self) -> bool {
-            density_here::<SIDE, PLANE>(self.members, self.cube, self.scratch, self.out)
-        }
-    }
-    pulp::Arch::new().dispatch(Task::<SIDE, PLANE> {
-        members,
-        cube,
-        scratch,
-        out,
-    })
+    with_lanes::<Density<SIDE, PLANE>, _>((members, cube, scratch, out))
 }
 
-#[inline(always)]
-fn density_here<const SIDE: usize, const PLANE: usize>(
-    members: &Members,
-    cube: &Cube,
-    scratch: &mut Scratch,
-    out: &mut [f32],
-) -> bool {
-    assert!(PLANE == SIDE * SIDE && out.len() == PLANE * SIDE);
-    prepare(members, cube, scratch);
-    let depth = members.levels.len();
-    scratch.sums.resize_with(depth, Vec::new);
-    for sum in &mut scratch.sums {
-        // Zeros also after an evaluation that was given up.
-        sum.clear();
-        sum.resize(PLANE * SIDE, 0.0);
-    }
-    let eval = Eval::<SIDE, PLANE> {
-        members,
-        cube,
-        half: (SIDE as f64 - 1.0) * 0.5 * cube.spacing,
-        offset: &scratch.offset,
-        q: &scratch.q,
-        best: &scratch.best,
-    };
-    out.fill(0.0);
-    if depth == 0 {
-        eval.atoms(0..members.len(), None, out).is_some()
-    } else {
-        eval.tree(&mut scratch.sums, &mut scratch.open, out)
-            .is_some()
+struct Density<const SIDE: usize, const PLANE: usize>;
+impl<const SIDE: usize, const PLANE: usize> Work<(&Members, &Cube, &mut Scratch, &mut [f32])>
+    for Density<SIDE, PLANE>
+{
+    type Output = bool;
+    #[inline(always)]
+    fn run((members, cube, scratch, out): (&Members, &Cube, &mut Scratch, &mut [f32])) -> bool {
+        assert!(PLANE == SIDE * SIDE && out.len() == PLANE * SIDE);
+        prepare(members, cube, scratch);
+        let depth = members.levels.len();
+        scratch.sums.resize_with(depth, Vec::new);
+        for sum in &mut scratch.sums {
+            // Zeros also after an evaluation that was given up.
+            sum.clear();
+            sum.resize(PLANE * SIDE, 0.0);
+        }
+        let eval = Eval::<SIDE, PLANE> {
+            members,
+            cube,
+            half: (SIDE as f64 - 1.0) * 0.5 * cube.spacing,
+            offset: &scratch.offset,
+            q: &scratch.q,
+            best: &scratch.best,
+        };
+        out.fill(0.0);
+        if depth == 0 {
+            eval.atoms(0..members.len(), None, out).is_some()
+        } else {
+            eval.tree(&mut scratch.sums, &mut scratch.open, out)
+                .is_some()
+        }
     }
 }
 

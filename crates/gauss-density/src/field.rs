@@ -5,12 +5,13 @@ use std::cell::RefCell;
 
 use geom_core::{Point3, Vector3};
 
+use crate::lanes::{Work, with_lanes};
 use crate::plain::Compiled;
 use crate::terms::{exp_all, raised};
 
 /// Reusable arrays of one thread. A child's term is `m exp(e)`, so that nothing underflows before the powers.
 #[derive(Debug, Default)]
-struct Work {
+struct Arrays {
     m: Vec<f64>,
     e: Vec<f64>,
     /// Gradient of the logarithm of each term.
@@ -21,7 +22,7 @@ struct Work {
 }
 
 thread_local! {
-    static WORK: RefCell<Work> = RefCell::default();
+    static WORK: RefCell<Arrays> = RefCell::default();
 }
 
 /// `G(x)` from the atoms in `members` (ascending); 0 for none.
@@ -39,110 +40,91 @@ fn evaluate<const SLOPES: bool>(
     members: &[u32],
     x: &Point3,
 ) -> (f64, Vector3) {
-    struct Task<'a, 'm, const SLOPES: bool> {
-        tree: &'a Compiled<'m>,
-        members: &'a [u32],
-        x: &'a Point3,
-        work: &'a mut Work,
-    }
-    impl<const SLOPES: bool> pulp::NullaryFnOnce for Task<'_, '_, SLOPES> {
-        type Output = (f64, Vector3);
-        #[inline(always)]
-        fn call(self) -> (f64, Vector3) {
-            evaluate_here::<SLOPES>(self.tree, self.members, self.x, self.work)
-        }
-    }
-    WORK.with_borrow_mut(|work| {
-        pulp::Arch::new().dispatch(Task::<SLOPES> {
-            tree,
-            members,
-            x,
-            work,
-        })
-    })
+    WORK.with_borrow_mut(|work| with_lanes::<Evaluate<SLOPES>, _>((tree, members, x, work)))
 }
 
-#[inline(always)]
-fn evaluate_here<const SLOPES: bool>(
-    tree: &Compiled<'_>,
-    members: &[u32],
-    x: &Point3,
-    work: &mut Work,
-) -> (f64, Vector3) {
-    let Work {
-        m,
-        e,
-        slope,
-        node,
-        ends,
-    } = work;
-    let model = tree.model;
-    m.clear();
-    m.resize(members.len(), 1.0);
-    e.clear();
-    slope.clear();
-    for &a in members {
-        let a = a as usize;
-        let (d, r, kappa) = (x - model.centers()[a], model.radii()[a], model.decays()[a]);
-        e.push(kappa * (r * r - d.norm_squared()));
-        if SLOPES {
-            slope.push(d * (-2.0 * kappa));
+struct Evaluate<const SLOPES: bool>;
+impl<const SLOPES: bool> Work<(&Compiled<'_>, &[u32], &Point3, &mut Arrays)> for Evaluate<SLOPES> {
+    type Output = (f64, Vector3);
+    #[inline(always)]
+    fn run(
+        (tree, members, x, work): (&Compiled<'_>, &[u32], &Point3, &mut Arrays),
+    ) -> (f64, Vector3) {
+        let Arrays {
+            m,
+            e,
+            slope,
+            node,
+            ends,
+        } = work;
+        let model = tree.model;
+        m.clear();
+        m.resize(members.len(), 1.0);
+        e.clear();
+        slope.clear();
+        for &a in members {
+            let a = a as usize;
+            let (d, r, kappa) = (x - model.centers()[a], model.radii()[a], model.decays()[a]);
+            e.push(kappa * (r * r - d.norm_squared()));
+            if SLOPES {
+                slope.push(d * (-2.0 * kappa));
+            }
         }
-    }
-    node.clear();
-    node.extend_from_slice(members);
-    for (parent, level) in tree.parent.iter().zip(&tree.levels) {
-        // Runs of children with one parent.
-        ends.clear();
-        let mut start = 0;
-        while start < node.len() {
-            let own = parent[node[start] as usize];
-            let (mut end, mut top) = (start, f64::NEG_INFINITY);
-            while end < node.len() && parent[node[end] as usize] == own {
-                top = top.max(e[end]);
-                end += 1;
+        node.clear();
+        node.extend_from_slice(members);
+        for (parent, level) in tree.parent.iter().zip(&tree.levels) {
+            // Runs of children with one parent.
+            ends.clear();
+            let mut start = 0;
+            while start < node.len() {
+                let own = parent[node[start] as usize];
+                let (mut end, mut top) = (start, f64::NEG_INFINITY);
+                while end < node.len() && parent[node[end] as usize] == own {
+                    top = top.max(e[end]);
+                    end += 1;
+                }
+                for e in &mut e[start..end] {
+                    *e -= top;
+                }
+                node[ends.len()] = own;
+                ends.push((end, top));
+                start = end;
             }
-            for e in &mut e[start..end] {
-                *e -= top;
+            exp_all(e);
+            let mut start = 0;
+            for (v, &(end, top)) in ends.iter().enumerate() {
+                let power = level.power[node[v] as usize];
+                let (sum, gradient) = sum_of::<SLOPES>(m, e, slope, start..end);
+                m[v] = raised(sum, power);
+                e[v] = power * top;
+                if SLOPES {
+                    slope[v] = gradient * (power / sum);
+                }
+                start = end;
             }
-            node[ends.len()] = own;
-            ends.push((end, top));
-            start = end;
+            let nodes = ends.len();
+            m.truncate(nodes);
+            e.truncate(nodes);
+            node.truncate(nodes);
+            if SLOPES {
+                slope.truncate(nodes);
+            }
+        }
+        let top = e.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if top == f64::NEG_INFINITY {
+            return (0.0, Vector3::zeros());
+        }
+        for e in &mut *e {
+            *e -= top;
         }
         exp_all(e);
-        let mut start = 0;
-        for (v, &(end, top)) in ends.iter().enumerate() {
-            let power = level.power[node[v] as usize];
-            let (sum, gradient) = sum_of::<SLOPES>(m, e, slope, start..end);
-            m[v] = raised(sum, power);
-            e[v] = power * top;
-            if SLOPES {
-                slope[v] = gradient * (power / sum);
-            }
-            start = end;
+        let (sum, gradient) = sum_of::<SLOPES>(m, e, slope, 0..e.len());
+        let scale = top.exp();
+        if sum * scale == 0.0 {
+            return (0.0, Vector3::zeros());
         }
-        let nodes = ends.len();
-        m.truncate(nodes);
-        e.truncate(nodes);
-        node.truncate(nodes);
-        if SLOPES {
-            slope.truncate(nodes);
-        }
+        (sum * scale, gradient * scale)
     }
-    let top = e.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if top == f64::NEG_INFINITY {
-        return (0.0, Vector3::zeros());
-    }
-    for e in &mut *e {
-        *e -= top;
-    }
-    exp_all(e);
-    let (sum, gradient) = sum_of::<SLOPES>(m, e, slope, 0..e.len());
-    let scale = top.exp();
-    if sum * scale == 0.0 {
-        return (0.0, Vector3::zeros());
-    }
-    (sum * scale, gradient * scale)
 }
 
 /// The sum of some terms, and of their gradients.

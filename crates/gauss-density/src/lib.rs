@@ -11,6 +11,7 @@ mod eliminate;
 mod error;
 mod fast;
 mod field;
+mod lanes;
 mod low_pass;
 mod members;
 mod method;

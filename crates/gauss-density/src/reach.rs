@@ -59,13 +59,28 @@ impl Reach {
 
     /// No sum and no power of one, nor the density, has a larger logarithm than this.
     pub(crate) fn highest_sum(&self) -> f64 {
-        let mut sum = self.highest_kernel + self.children[0];
+        let mut sum = self.highest_kernel_sum();
         let mut highest = sum;
         for (&(low, high), above) in self.powers.iter().zip(&self.children[1..]) {
             sum = (sum * low).max(sum * high) + above;
             highest = highest.max(sum);
         }
         highest
+    }
+
+    /// No sum of kernels has a larger logarithm than this.
+    pub(crate) fn highest_kernel_sum(&self) -> f64 {
+        self.highest_kernel + self.children[0]
+    }
+
+    /// The most that the powers below the topmost ones multiply a logarithm by; 0 if there are none.
+    pub(crate) fn steepest_below_the_top(&self) -> f64 {
+        let below = self.powers.split_last().map_or(&[][..], |(_, below)| below);
+        let products = below.iter().scan(1.0, |product, &(_, high)| {
+            *product *= high;
+            Some(*product)
+        });
+        products.fold(0.0, f64::max)
     }
 
     /// Beyond this distance from every atom the density is below `floor`, Å.
@@ -120,6 +135,29 @@ impl Reach {
             t = worst;
         }
         t + children[0]
+    }
+
+    /// Per level, lowest first: atoms may be left out of a node's sum of this level while
+    /// `w_a q_a − w_b q_b` is more than this, with any other atom `b` of the sum and `w` the product of the powers
+    /// below the level; the density loses at most the share `rho`. Ends above the first level with a
+    /// power above 1.
+    ///
+    /// With powers `P ≤ 1` the atoms left out take no more of a sum than they would be worth alone, since
+    /// `(S + T)^P ≤ S^P + T^P`, and `n` terms below `exp(m)` are worth `n^P exp(P m)`. A share that a sum loses
+    /// grows with powers above 1 on the way up, at most by their product.
+    pub(crate) fn outweighed_among(&self, children: &[f64], rho: f64) -> impl Iterator<Item = f64> {
+        let grown: f64 = self.powers.iter().map(|&(_, high)| high.max(1.0)).product();
+        let share = rho / (self.powers.len() as f64 * grown);
+        let gentle = self.powers.iter().take_while(|&&(_, high)| high <= 1.0);
+        let levels = (gentle.count() + 1).min(self.powers.len());
+        let mut worth = 0.0;
+        (0..levels).map(move |l| {
+            if l > 0 {
+                worth *= self.powers[l - 1].1;
+            }
+            worth += children[l];
+            worth - share.ln()
+        })
     }
 
     /// Beyond this distance every bare kernel is below `eps` (Eq. 3.15), Å.

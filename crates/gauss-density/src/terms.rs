@@ -3,6 +3,7 @@
 
 use geom_core::Point3;
 
+use crate::lanes::{Work, with_lanes};
 use crate::model::Model;
 use crate::sites::SiteCell;
 
@@ -378,31 +379,22 @@ impl<T: Kept> CellSums<T> {
 impl CellSums<f32> {
     /// The largest share of its target that a point of the cell loses without atom `k`; `left` is for reuse.
     pub(crate) fn loss_without(&self, cell: &SiteCell, k: usize, left: &mut Vec<f64>) -> f64 {
-        struct Task<'a> {
-            sums: &'a CellSums<f32>,
-            cell: &'a SiteCell,
-            k: usize,
-            left: &'a mut Vec<f64>,
+        with_lanes::<Loss, _>((self, cell, k, left))
+    }
+}
+
+struct Loss;
+impl Work<(&CellSums<f32>, &SiteCell, usize, &mut Vec<f64>)> for Loss {
+    type Output = f64;
+    #[inline(always)]
+    fn run((sums, cell, k, left): (&CellSums<f32>, &SiteCell, usize, &mut Vec<f64>)) -> f64 {
+        if !sums.matters(k) {
+            return 0.0;
         }
-        impl pulp::NullaryFnOnce for Task<'_> {
-            type Output = f64;
-            #[inline(always)]
-            fn call(self) -> f64 {
-                if !self.sums.matters(self.k) {
-                    return 0.0;
-                }
-                self.sums.without(self.cell, self.k, self.left, |_, _| ());
-                let points = self.left.iter().zip(&self.cell.target);
-                points.fold(0.0, |worst: f64, (left, target)| {
-                    worst.max((target - left) / target)
-                })
-            }
-        }
-        pulp::Arch::new().dispatch(Task {
-            sums: self,
-            cell,
-            k,
-            left,
+        sums.without(cell, k, left, |_, _| ());
+        let points = left.iter().zip(&cell.target);
+        points.fold(0.0, |worst: f64, (left, target)| {
+            worst.max((target - left) / target)
         })
     }
 }
@@ -420,34 +412,8 @@ pub struct RefitSums {
     pub curvature: Vec<[f64; 5]>,
 }
 
-/// What is done with a cell.
-trait Work {
-    type Output;
-    fn here(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> Self::Output;
-}
-
-/// Does it with the instruction set at hand.
-fn with_lanes<W: Work>(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> W::Output {
-    struct Task<'a, W> {
-        cell: &'a SiteCell,
-        model: &'a Model,
-        scratch: &'a mut Scratch,
-        work: std::marker::PhantomData<W>,
-    }
-    impl<W: Work> pulp::NullaryFnOnce for Task<'_, W> {
-        type Output = W::Output;
-        #[inline(always)]
-        fn call(self) -> W::Output {
-            W::here(self.cell, self.model, self.scratch)
-        }
-    }
-    pulp::Arch::new().dispatch(Task::<W> {
-        cell,
-        model,
-        scratch,
-        work: std::marker::PhantomData,
-    })
-}
+/// What is evaluated, of which model, and arrays for it.
+type Cell<'a, 'm> = (&'a SiteCell, &'a Model, &'m mut Scratch);
 
 /// Reusable arrays of one thread.
 #[derive(Debug, Default)]
@@ -459,10 +425,10 @@ pub(crate) struct Scratch {
 }
 
 struct Sums;
-impl Work for Sums {
+impl Work<Cell<'_, '_>> for Sums {
     type Output = CellSums<f32>;
     #[inline(always)]
-    fn here(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> CellSums<f32> {
+    fn run((cell, model, scratch): Cell<'_, '_>) -> CellSums<f32> {
         let mut sums = CellSums::default();
         scratch.terms.fill(cell, model);
         sums.fill(cell, &scratch.terms);
@@ -472,14 +438,14 @@ impl Work for Sums {
 
 /// The sums of a cell, ready for removals.
 pub(crate) fn sums_of_cell(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> CellSums<f32> {
-    with_lanes::<Sums>(cell, model, scratch)
+    with_lanes::<Sums, _>((cell, model, scratch))
 }
 
 struct Values;
-impl Work for Values {
+impl Work<Cell<'_, '_>> for Values {
     type Output = Vec<f64>;
     #[inline(always)]
-    fn here(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
+    fn run((cell, model, scratch): Cell<'_, '_>) -> Vec<f64> {
         scratch.terms.fill(cell, model);
         scratch.terms.values_into(cell, &mut scratch.left);
         scratch.left.clone()
@@ -488,14 +454,14 @@ impl Work for Values {
 
 /// The density at the points of a cell.
 pub(crate) fn values_of_cell(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
-    with_lanes::<Values>(cell, model, scratch)
+    with_lanes::<Values, _>((cell, model, scratch))
 }
 
 struct Errors;
-impl Work for Errors {
+impl Work<Cell<'_, '_>> for Errors {
     type Output = Vec<f64>;
     #[inline(always)]
-    fn here(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
+    fn run((cell, model, scratch): Cell<'_, '_>) -> Vec<f64> {
         let Scratch {
             terms, sums, left, ..
         } = scratch;
@@ -517,14 +483,14 @@ impl Work for Errors {
 /// Squared relative changes of the density without each atom, summed over the points of a cell
 /// (Eq. 3.9 squared, corrected).
 pub(crate) fn errors_of_cell(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
-    with_lanes::<Errors>(cell, model, scratch)
+    with_lanes::<Errors, _>((cell, model, scratch))
 }
 
-struct RefitWork;
-impl Work for RefitWork {
+struct Refit;
+impl Work<Cell<'_, '_>> for Refit {
     type Output = RefitSums;
     #[inline(always)]
-    fn here(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> RefitSums {
+    fn run((cell, model, scratch): Cell<'_, '_>) -> RefitSums {
         let atoms = cell.atoms.len();
         let mut sums = RefitSums {
             gradient: vec![[0.0; 5]; atoms],
@@ -587,7 +553,7 @@ impl Work for RefitWork {
 
 /// The sums of one cell, per atom of the cell.
 pub(crate) fn refit_of_cell(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> RefitSums {
-    with_lanes::<RefitWork>(cell, model, scratch)
+    with_lanes::<Refit, _>((cell, model, scratch))
 }
 
 #[cfg(test)]

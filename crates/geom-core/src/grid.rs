@@ -207,8 +207,9 @@ const EXTERIOR: u32 = u32::MAX;
 const INTERIOR: u32 = u32::MAX - 1;
 
 impl BrickGrid {
-    /// A sparse grid. `kinds` has one entry per brick, x fastest, whose stored ones are numbered
-    /// `0, 1, …` in that order; `values` holds [`BRICK_POINTS`] values per stored brick.
+    /// A sparse grid. `kinds` has one entry per brick, x fastest, whose stored ones have the numbers
+    /// `0, 1, …`, each once, in any order; `values` holds [`BRICK_POINTS`] values per stored brick, in the order of
+    /// these numbers.
     ///
     /// Panics if lengths or numbering do not fit: they are computed, never read from a file.
     pub fn new(
@@ -225,22 +226,21 @@ impl BrickGrid {
             bricks.iter().product::<usize>(),
             "one kind per brick"
         );
-        let mut stored = 0;
+        let mut taken = vec![false; values.len() / BRICK_POINTS];
         let brick_of = kinds
             .iter()
             .map(|kind| match *kind {
                 Brick::Exterior => EXTERIOR,
                 Brick::Interior => INTERIOR,
                 Brick::Stored(i) => {
-                    assert_eq!(i, stored, "stored bricks are numbered in order");
-                    stored += 1;
+                    let before = std::mem::replace(&mut taken[i as usize], true);
+                    assert!(!before, "each stored brick has its own number");
                     i
                 }
             })
             .collect();
-        assert_eq!(
-            values.len(),
-            stored as usize * BRICK_POINTS,
+        assert!(
+            values.len() % BRICK_POINTS == 0 && taken.iter().all(|&t| t),
             "512 values per stored brick"
         );
         let grid = Self {

@@ -192,9 +192,18 @@ pub fn improve<B: QualityBackend + ?Sized>(
         let last = pass + 1 == options.passes || done.changes() == 0;
         let mut enough = last;
         // The reserve is worth the usual passes only.
-        if last || state.met() || (pass >= LAST && state.goals_met()) {
-            let left = state.settle(&mut done);
-            enough |= left as f64 <= ENOUGH * state.on_field() as f64 || left >= far;
+        let met = state.met();
+        if last || met || (pass >= LAST && state.goals_met()) {
+            let allowed = ENOUGH * state.on_field() as f64;
+            let mut left = usize::MAX;
+            if met {
+                left = state.settle(true, &mut done);
+            }
+            // A share of the vertices is not worth the reserve of all tetrahedra.
+            if left as f64 > allowed {
+                left = state.settle(false, &mut done);
+            }
+            enough |= left as f64 <= allowed || left >= far;
             far = left;
         }
         done.worst = state.work.worst();
@@ -485,15 +494,16 @@ impl<'a> State<'a> {
     }
 
     /// Brings the surface vertices that are still farther from the isosurface than allowed to it as
-    /// far as all tetrahedra meet the goals, without the reserve that the passes aim at. Gives how
-    /// many are left.
-    fn settle(&mut self, done: &mut Pass) -> usize {
+    /// far as all tetrahedra meet the goals, with or without the reserve that the passes aim at. Gives
+    /// how many are left.
+    fn settle(&mut self, reserve: bool, done: &mut Pass) -> usize {
         let Some(surface) = &self.surface else {
             return 0;
         };
         let tolerance = self.options.deviation * self.spacing;
         let (goals, target) = (self.options.goals, self.target);
-        let good = |corners| quality(corners) >= target || goals.met_by(&measures(corners));
+        let good =
+            |corners| quality(corners) >= target || (!reserve && goals.met_by(&measures(corners)));
         let rules = SurfaceRules {
             field: surface,
             tolerance,

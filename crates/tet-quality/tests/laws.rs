@@ -6,7 +6,8 @@ use proptest::prelude::*;
 use tet_quality::metrics::quality;
 use tet_quality::testing::{Ball, ball_in_box, lattice, noise, shaken};
 use tet_quality::{
-    Cause, Error, Goals, Improved, Operations, Options, SurfaceMotion, improve, quality_report,
+    Cause, Error, Goals, Improved, Operations, Options, SurfaceMotion, aspect_ratio, improve,
+    quality_report, radius_ratio,
 };
 
 fn improved(mesh: TetMesh, field: Option<&dyn ImplicitField>, options: &Options) -> Improved {
@@ -44,6 +45,49 @@ fn a_shaken_lattice_is_healed() {
     assert!((after.volume - 512.0).abs() < 1e-9);
     assert!(after.min_dihedral.min >= 20.0 && improved.report.converged);
     assert_eq!(improved.report.exceptions.counts, []);
+}
+
+#[test]
+fn a_report_has_all_measures_of_every_element() {
+    let (mesh, _) = ball_in_box(8, 1.0, 2.6);
+    let report = quality_report(&mesh);
+    let of = |value: fn([Point3; 4]) -> f64| -> Vec<f64> {
+        (0..mesh.tets().len())
+            .map(|t| value(mesh.corners(t)))
+            .collect()
+    };
+    let (radii, aspects) = (of(radius_ratio), of(aspect_ratio));
+    let all = &report.all;
+    for (values, spread) in [(&radii, all.radius_ratio), (&aspects, all.aspect_ratio)] {
+        let n = values.len() as f64;
+        assert_eq!(
+            spread.min,
+            values.iter().copied().fold(f64::INFINITY, f64::min)
+        );
+        assert_eq!(spread.max, values.iter().copied().fold(0.0, f64::max));
+        assert!((spread.mean - values.iter().sum::<f64>() / n).abs() < 1e-9 * spread.mean);
+    }
+    let within = |values: &[f64], from: f64, to: f64| {
+        let inside = |x: &&f64| (from..to).contains(*x);
+        values.iter().filter(inside).count()
+    };
+    for bin in 0..19 {
+        let at = bin as f64;
+        let found = (
+            all.radius_ratio_histogram[bin],
+            all.aspect_ratio_histogram[bin],
+        );
+        let expected = (
+            within(&radii, at / 20.0, (at + 1.0) / 20.0),
+            within(&aspects, 1.0 + at / 2.0, 1.5 + at / 2.0),
+        );
+        assert_eq!(found, expected, "bin {bin}");
+    }
+    for histogram in [&all.radius_ratio_histogram, &all.aspect_ratio_histogram] {
+        assert_eq!(histogram.iter().sum::<usize>(), all.tets);
+    }
+    let of_regions = report.regions.iter().map(|r| r.1.aspect_ratio.max);
+    assert_eq!(of_regions.fold(0.0, f64::max), all.aspect_ratio.max);
 }
 
 #[test]
