@@ -54,16 +54,8 @@ fn points(c: &mut Criterion) {
     });
     let tree = PointTree::of_positions(mesh.positions()).expect("points");
     for count in [1, 8] {
-        group.bench_with_input(
-            BenchmarkId::new("neighbours", count),
-            &count,
-            |b, &count| {
-                b.iter(|| {
-                    tree.nearest_to_all(black_box(&coordinates), count)
-                        .expect("finite")
-                });
-            },
-        );
+        let near = || tree.nearest_to_all(black_box(&coordinates), count);
+        group.bench_function(BenchmarkId::new("neighbours", count), |b| b.iter(near));
     }
     group.finish();
 }
@@ -96,13 +88,10 @@ fn fields(c: &mut Criterion) {
         group.throughput(Throughput::Elements(
             mesh.positions().len() as u64 * u64::from(count),
         ));
-        group.bench_with_input(
-            BenchmarkId::new("heat, sources", count),
-            &sets,
-            |b, sets| {
-                b.iter(|| heat.from_each(black_box(sets)).expect("vertices"));
-            },
-        );
+        let distances = || heat.from_each(black_box(&sets));
+        group.bench_function(BenchmarkId::new("heat, sources", count), |b| {
+            b.iter(distances)
+        });
     }
     let values: Vec<f64> = mesh.positions().iter().map(|p| p.z).collect();
     let levels: Vec<f64> = (-9..10).map(f64::from).collect();
@@ -140,25 +129,13 @@ fn meshes(c: &mut Criterion) {
         );
     });
     let mean = TriangleReport::of(&mesh).mean_edge;
+    let uniform = |factor: f64| Sizing::Uniform {
+        edge_length: Some(factor * mean),
+    };
     let sizings = [
-        (
-            "same edges",
-            Sizing::Uniform {
-                edge_length: Some(mean),
-            },
-        ),
-        (
-            "half as long",
-            Sizing::Uniform {
-                edge_length: Some(0.5 * mean),
-            },
-        ),
-        (
-            "twice as long",
-            Sizing::Uniform {
-                edge_length: Some(2.0 * mean),
-            },
-        ),
+        ("same edges", uniform(1.0)),
+        ("half as long", uniform(0.5)),
+        ("twice as long", uniform(2.0)),
         (
             "by curvature",
             Sizing::Curvature {

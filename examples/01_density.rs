@@ -98,6 +98,7 @@ fn density(args: &Args, session: &Session) -> Result<(), Failure> {
     let on = session.on(session.device.density());
 
     let sampled = session.stage("density", || sample(&model, &options, on))?;
+    session.note("spacing", options.spacing)?;
     session.note("density", &sampled.report)?;
     let pairs = json!({ "evaluated": sampled.report.pairs, "brute_force": sampled.report.brute_force_pairs });
     session.note("pairs", pairs)?;

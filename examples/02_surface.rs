@@ -28,8 +28,8 @@ Examples:
   02_surface 1su4.pdb --spacing 0.5 --tolerance 0.2 --out adaptive
   02_surface emd_1234.map.gz --isovalue 0.03 --out map
 
-Outputs: surface.ply, surface.glb and surface.off, surface.png, report.json with the audit (closed,
-manifold, oriented, parts, genus), area and volume.";
+Outputs: surface.ply, surface.glb (coloured by chain), surface.png, report.json with the audit (closed,
+manifold, parts, Euler characteristic), area and volume.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {

@@ -4,14 +4,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
-use biogeom_examples::picture::{Bars, histogram};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::io::{self, mesh::AnyMesh};
 use geom_core::{TetMesh, TriMesh};
 use serde::Serialize;
 use tet_quality::surface::{self, Features, Sizing};
-use tet_quality::{Goals, Options, improve};
+use tet_quality::{Goals, Options, SurfaceMotion, improve};
 
 /// Improves the tetrahedra or the triangles of any mesh and shows the quality before and after
 #[derive(Parser, Serialize)]
@@ -43,6 +42,10 @@ struct Tets {
     /// Longest over shortest edge to stay below; raises the Joe–Liu measure to reach where that needs it
     #[arg(long, value_name = "RATIO")]
     edge_ratio: Option<f64>,
+    /// Let surface vertices slide along the surface of the input, off it by this share of its edges at
+    /// most; edges and corners where it turns by 40° or more stay [default: what is not plane stays]
+    #[arg(long, value_name = "SHARE")]
+    deviation: Option<f64>,
     /// Most passes
     #[arg(long, value_name = "N")]
     passes: Option<u32>,
@@ -67,10 +70,12 @@ const EXAMPLES: &str = "\
 Examples:
   04_improve volume.vtu --out out
   04_improve gmsh.msh --min-dihedral 30 --passes 30 --out better
+  04_improve volume.vtu --deviation 0.1 --out rounder
   04_improve surface.ply --edge-length 0.8 --out even
 
 Tetrahedra: regions, their interfaces and the boundary stay; surface vertices slide only where that
-changes no shape, since a mesh alone does not say what surface it stands for. Triangles: the surface is
+changes no shape, since a mesh alone does not say what surface it stands for. Where that keeps
+tetrahedra bad, as the report's `exceptions` say, --deviation lets them go. Triangles: the surface is
 remeshed with edges of even length, within the surface of the input.
 
 Outputs: improved.vtu and improved.msh, or improved.ply and improved.glb; before.png and improved.png
@@ -121,6 +126,12 @@ fn better_tets(args: &Args, mesh: TetMesh, session: &Session) -> Result<(), Fail
             edge_ratio: asked.edge_ratio.unwrap_or(goals.edge_ratio),
         },
         passes: asked.passes.unwrap_or(Options::default().passes),
+        deviation: asked.deviation.unwrap_or(Options::default().deviation),
+        surface: if asked.deviation.is_some() {
+            SurfaceMotion::AlongInput
+        } else {
+            SurfaceMotion::default()
+        },
         ..Options::default()
     };
     session.note("improvement", options)?;
@@ -144,9 +155,9 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
         .or(t.max_dihedral)
         .or(t.joe_liu)
         .or(t.edge_ratio);
-    if angles.is_some() || t.passes.is_some() {
+    if angles.or(t.deviation).is_some() || t.passes.is_some() {
         return Err(
-            "--min-dihedral, --max-dihedral, --joe-liu, --edge-ratio and --passes are for meshes of tetrahedra".into(),
+            "--min-dihedral, --max-dihedral, --joe-liu, --edge-ratio, --deviation and --passes are for meshes of tetrahedra".into(),
         );
     }
     let asked = &args.triangles;
@@ -178,20 +189,8 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
     products::note_surface(session, &made.mesh)?;
     session.stage("files and pictures", || {
         products::save_surface(session, "improved", &made.mesh, None)?;
-        let [before, after] =
-            [&report.before, &report.after].map(|r| r.min_angle_histogram.map(|n| n as u64));
-        let sets = [
-            Bars {
-                name: "before",
-                color: [204, 96, 66],
-                counts: &before,
-            },
-            Bars {
-                name: "after",
-                color: [52, 102, 178],
-                counts: &after,
-            },
-        ];
+        let counts = [&report.before, &report.after]
+            .map(|r| r.min_angle_histogram.iter().map(|&n| n as u64).collect());
         let title = format!(
             "{} triangles: smallest angle {:.1}° before, {:.1}° after",
             products::grouped(report.after.triangles),
@@ -199,8 +198,6 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
             report.after.min_angle_deg
         );
         let label = "smallest angle per triangle / °";
-        histogram(&sets, [0.0, 60.0], &title, label, [1100, 680])
-            .save(session.output("quality.png")?)?;
-        Ok::<_, Failure>(())
+        products::picture_of_change(session, "quality", &title, label, 60.0, &counts)
     })
 }

@@ -86,6 +86,7 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
     let spacing = args
         .spacing
         .unwrap_or_else(|| default_spacing(structure.atoms().len()));
+    session.note("spacing", spacing)?;
     let on = session.on(session.device.density());
 
     let options = Elimination {

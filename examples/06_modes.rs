@@ -29,6 +29,10 @@ struct Args {
     /// Consistent instead of lumped mass
     #[arg(long)]
     consistent: bool,
+    /// Keep all components of the surface, cavities too, each of which has a constant mode of its own;
+    /// else the one of the largest area
+    #[arg(long)]
+    all_components: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -37,6 +41,7 @@ const EXAMPLES: &str = "\
 Examples:
   06_modes spot.ply --count 20 --out out
   06_modes 1ajj.pdb --spacing 1 --out protein
+  06_modes 1ajj.pdb --spacing 1 --all-components --out everything
 
 Meshes are PLY, OFF, OBJ, STL, GLB, VTU or MSH. Outputs: modes.png (contact sheet), mode_01.glb … (coloured),
 modes.vtu (all modes as point fields), spectrum.png, shape_dna.json (eigenvalues as they are, and made
@@ -56,7 +61,14 @@ fn main() -> ExitCode {
 }
 
 fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
-    let mesh = surface(args, session)?;
+    let whole = surface(args, session)?;
+    let mut components = whole.components();
+    session.note("components", components.len())?;
+    let mesh = if args.all_components || components.is_empty() {
+        whole
+    } else {
+        components.swap_remove(0)
+    };
     products::note_surface(session, &mesh)?;
     let pairs = session.stage("eigenpairs", || {
         let stiffness = laplace::stiffness(&mesh)?;
@@ -110,7 +122,7 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
                 layer.edges = false;
                 let image =
                     Scene::new(vec![layer], view).draw(session.rasterizer()?, [420, 330])?;
-                pictures.push((format!("{number}: λ = {value:.4}"), image));
+                pictures.push((format!("{number}: λ = {}", products::brief(*value)), image));
             }
         }
         io::mesh::save(session.output("modes.vtu")?, &fields)?;

@@ -1,5 +1,6 @@
 //! Arguments that several programs have, under the names of the crates' option fields.
 
+use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
@@ -493,6 +494,9 @@ pub fn slab(text: &str) -> Result<Shape, String> {
     let [low, high] = numbers[..] else {
         return Err(bad());
     };
+    if low.partial_cmp(&high) != Some(Ordering::Less) {
+        return Err(format!("{text:?}: {low} is not below {high}"));
+    }
     Ok(Shape::Slab {
         normal: Vector3::ith(axis, 1.0),
         low,
@@ -609,7 +613,7 @@ mod tests {
                 ..
             })
         ));
-        assert!(slab("-15:15").is_err() && slab("z:1").is_err());
+        assert!(slab("-15:15").is_err() && slab("z:1").is_err() && slab("z:2:-2").is_err());
         assert!(matches!(
             ball("1,2,3:4"),
             Ok(Shape::Sphere { radius: 4.0, .. })

@@ -3,7 +3,7 @@
 use geom_core::io::{self, view::View as Fields};
 use geom_core::mesh::{SurfaceAudit, VolumeAudit};
 use geom_core::nearest::{NearestError, PointTree};
-use geom_core::{Structure, TetMesh, TriMesh, mesh};
+use geom_core::{Point3, Structure, TetMesh, TriMesh, mesh};
 use serde_json::json;
 use tet_quality::{Measures, Summary};
 
@@ -126,6 +126,15 @@ pub fn grouped(number: usize) -> String {
     text
 }
 
+/// A number with a few digits, however small it is.
+pub fn brief(number: f64) -> String {
+    if number == 0.0 || number.abs() >= 0.01 {
+        format!("{number:.4}")
+    } else {
+        format!("{number:.2e}")
+    }
+}
+
 /// Opaque colours.
 pub fn rgba(colors: &[Rgb]) -> Vec<[u8; 4]> {
     colors.iter().map(|&[r, g, b]| [r, g, b, 255]).collect()
@@ -174,10 +183,21 @@ pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), 
     let low = field(|m| m.min_dihedral);
     let high = field(|m| m.max_dihedral);
     let shape = field(|m| m.joe_liu);
+    let edges = field(|m| m.edge_ratio);
+    let of_corners = |value: fn([Point3; 4]) -> f64| -> Vec<f32> {
+        (0..measures.len())
+            .map(|t| value(mesh.corners(t)) as f32)
+            .collect()
+    };
+    let radii = of_corners(tet_quality::radius_ratio);
+    let aspect = of_corners(tet_quality::aspect_ratio);
     let fields = Fields::from(mesh)
         .cell_field("min_dihedral", &low)?
         .cell_field("max_dihedral", &high)?
-        .cell_field("joe_liu", &shape)?;
+        .cell_field("joe_liu", &shape)?
+        .cell_field("edge_ratio", &edges)?
+        .cell_field("radius_ratio", &radii)?
+        .cell_field("aspect_ratio", &aspect)?;
     io::mesh::save(session.output(format!("{name}.vtu"))?, &fields)?;
     io::mesh::save(session.output(format!("{name}.msh"))?, &Fields::from(mesh))?;
     draw_volume(session, name, mesh, &measures)
@@ -257,19 +277,6 @@ pub fn picture_of_quality(
             .map(|(a, b)| a + b)
             .collect::<Vec<u64>>()
     };
-    let (old, new) = (both(before), both(after));
-    let sets = [
-        Bars {
-            name: "before",
-            color: [204, 96, 66],
-            counts: &old,
-        },
-        Bars {
-            name: "after",
-            color: [52, 102, 178],
-            counts: &new,
-        },
-    ];
     let title = format!(
         "{} tetrahedra: {:.1}° … {:.1}° before, {:.1}° … {:.1}° after",
         grouped(after.tets),
@@ -279,7 +286,32 @@ pub fn picture_of_quality(
         after.max_dihedral.max
     );
     let label = "smallest and largest dihedral angle per tetrahedron / °";
-    histogram(&sets, [0.0, 180.0], &title, label, [1100, 680])
+    let counts = [before, after].map(both);
+    picture_of_change(session, name, &title, label, 180.0, &counts)
+}
+
+/// Writes `NAME.png`: how many elements have which angle, from 0 to `most` degrees, before and after.
+pub fn picture_of_change(
+    session: &Session,
+    name: &str,
+    title: &str,
+    label: &str,
+    most: f64,
+    [before, after]: &[Vec<u64>; 2],
+) -> Result<(), Failure> {
+    let sets = [
+        Bars {
+            name: "before",
+            color: [204, 96, 66],
+            counts: before,
+        },
+        Bars {
+            name: "after",
+            color: [52, 102, 178],
+            counts: after,
+        },
+    ];
+    histogram(&sets, [0.0, most], title, label, [1100, 680])
         .save(session.output(format!("{name}.png"))?)?;
     Ok(())
 }

@@ -35,7 +35,7 @@ pub(crate) enum Chore {
     Crosscheck,
     /// Every structure of a folder at two spacings, with both meshers, inside, outside and both: meshed,
     /// improved and audited. Fails if a mesh is broken; lists what is below the targets.
-    Sweep(sweep::Arguments),
+    Sweep(Box<sweep::Arguments>),
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
         /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5.

@@ -509,13 +509,15 @@ fn domain(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::groups::Groups;
+    use crate::octree::{BLOCK_LOG, Splits};
     use geom_core::mesh::{EXTERIOR, six_volume};
+    use geom_core::sets::DisjointSets;
     use geom_core::{Cpu, ScalarGrid};
+    use std::collections::{BTreeMap, BTreeSet};
 
     /// Number of sets among the members that are asked for.
-    fn sets(groups: Groups, member: impl Fn(usize) -> bool) -> usize {
-        let roots = groups.roots();
+    fn sets(groups: DisjointSets, member: impl Fn(usize) -> bool) -> usize {
+        let roots = groups.into_roots();
         let mut found: Vec<u32> = (0..roots.len())
             .filter(|&i| member(i))
             .map(|i| roots[i])
@@ -525,49 +527,132 @@ mod tests {
         found.len()
     }
 
-    /// On random labels, ambiguous everywhere: the parts of each region are those of the corners with
-    /// its label in the graph of the complex's edges.
-    #[test]
-    fn parts_are_those_of_the_graph_of_the_complex() {
-        let n = 32;
+    /// A lattice of `n` cells per axis whose points are inside at random, but none on the box.
+    fn noise(n: usize, seed: u64, density: f64) -> ScalarGrid {
         let lattice = Lattice {
             origin: Point3::origin(),
             spacing: 1.0,
             counts: [n + 1; 3],
         };
-        for (seed, density) in [(1u64, 0.2), (2, 0.35), (3, 0.6)] {
-            let mut state = seed;
-            let values = (0..lattice.len())
-                .map(|i| {
-                    state = state
-                        .wrapping_mul(6_364_136_223_846_793_005)
-                        .wrapping_add(1);
-                    let random = (state >> 33) as f64 / (1u64 << 31) as f64;
-                    let p = lattice.coordinates(i);
-                    let margin = p.iter().any(|&c| c == 0 || c == n);
-                    if random < density && !margin {
-                        1.5
-                    } else {
-                        1.0 - random as f32 - 0.1
-                    }
-                })
+        let mut state = seed;
+        let values = (0..lattice.len())
+            .map(|i| {
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                let random = (state >> 33) as f64 / (1u64 << 31) as f64;
+                let p = lattice.coordinates(i);
+                let margin = p.iter().any(|&c| c == 0 || c == n);
+                if random < density && !margin {
+                    1.5
+                } else {
+                    1.0 - random as f32 - 0.1
+                }
+            })
+            .collect();
+        ScalarGrid::new(lattice, values).unwrap()
+    }
+
+    /// The samples of a grid with plain labels.
+    fn plain(grid: &ScalarGrid) -> Samples<'_> {
+        let options = Options::default();
+        let purpose = Purpose::Volume(Extent::Both);
+        let (domain, shift, outer) = domain(grid.lattice(), 1.0, &options, purpose, false).unwrap();
+        let labels = Labels {
+            level: 1.0,
+            materials: Vec::new(),
+            outer,
+        };
+        let source = Source::Aligned {
+            values: grid,
+            shift,
+            outside: 0.0,
+        };
+        let mut samples = Samples::new(source, domain, labels, &Cpu).unwrap();
+        samples.find_crossings(&Cpu).unwrap();
+        samples
+    }
+
+    /// Leaves are simple if a flood along the edges of the complex reaches all of their corners of each
+    /// label. Here the edges are found from all leaves, not from tables or neighbours.
+    #[test]
+    fn leaves_are_simple_as_a_flood_says() {
+        let corner = |o: [i32; 3], s: i32, i: i32| [0, 1, 2].map(|k| o[k] + s * (i >> k & 1));
+        // Simple and not, per size of the leaf.
+        let mut seen = [[0; 2]; 4];
+        for (seed, density) in [(1u64, 0.01), (2, 0.04), (3, 0.1), (4, 0.3), (5, 0.5)] {
+            let grid = noise(32, seed, density);
+            let samples = plain(&grid);
+            let domain = samples.domain;
+            let mut splits = Splits::none(domain.blocks, BLOCK_LOG);
+            for (b, two) in splits.two.iter_mut().enumerate() {
+                // A few cells of size 2, none in most blocks.
+                if b % 9 == 0 {
+                    *two = 1 << (7 * b + 5 * seed as usize) % 64;
+                }
+            }
+            let tree = Octree::new(domain.cells, &splits);
+            let kinds = Kinds::of(&samples, &tree, false);
+            let mut split = kinds.large(&tree);
+            split.extend(kinds.cut(&tree));
+            let interfaces: BTreeSet<u32> = kinds.interfaces().collect();
+
+            let leaves = || tree.leaves.iter().filter(|leaf| !leaf.void);
+            let points: BTreeSet<[i32; 3]> = leaves()
+                .flat_map(|leaf| (0..8).map(|i| corner(leaf.origin(), leaf.size(), i)))
                 .collect();
-            let grid = ScalarGrid::new(lattice, values).unwrap();
+            let mut edges: BTreeMap<[i32; 3], Vec<[i32; 3]>> = BTreeMap::new();
+            for leaf in leaves() {
+                let (o, s) = (leaf.origin(), leaf.size());
+                for (i, axis) in (0..8).flat_map(|i| (0..3).map(move |axis| (i, axis))) {
+                    let (p, q) = (corner(o, s, i), corner(o, s, i ^ 1 << axis));
+                    let between = |t: i32| [0, 1, 2].map(|k| p[k] + (q[k] - p[k]).signum() * t);
+                    if (1..s).all(|t| !points.contains(&between(t))) {
+                        edges.entry(p).or_default().push(q);
+                    }
+                }
+            }
+            for (id, leaf) in tree.leaves.iter().enumerate().filter(|(_, l)| !l.void) {
+                let (o, s) = (leaf.origin(), leaf.size());
+                let within = |p: &[i32; 3]| (0..3).all(|k| (o[k]..=o[k] + s).contains(&p[k]));
+                let corners: Vec<[i32; 3]> = points.iter().filter(|p| within(p)).copied().collect();
+                let groups = [true, false].map(|inside| {
+                    let ours = |p: &[i32; 3]| (samples.label(*p) == INTERIOR) == inside;
+                    let mut left: BTreeSet<[i32; 3]> =
+                        corners.iter().filter(|p| ours(p)).copied().collect();
+                    let mut groups = 0;
+                    while let Some(first) = left.pop_first() {
+                        groups += 1;
+                        let mut front = vec![first];
+                        while let Some(p) = front.pop() {
+                            front.extend(edges[&p].iter().filter(|q| left.remove(*q)));
+                        }
+                    }
+                    groups
+                });
+                let (mixed, simple) = (!groups.contains(&0), groups.iter().all(|&g| g <= 1));
+                let id = id as u32;
+                assert_eq!(interfaces.contains(&id), mixed, "{leaf:?}");
+                assert_eq!(split.contains(&id), !simple, "{leaf:?}, {groups:?}");
+                if mixed {
+                    seen[usize::from(leaf.log)][usize::from(simple)] += 1;
+                }
+            }
+        }
+        assert!(
+            seen.iter().flatten().all(|&n| n >= 5),
+            "too few of a sort: {seen:?}"
+        );
+    }
+
+    /// On random labels, ambiguous everywhere: the parts of each region are those of the corners with
+    /// its label in the graph of the complex's edges.
+    #[test]
+    fn parts_are_those_of_the_graph_of_the_complex() {
+        for (seed, density) in [(1u64, 0.2), (2, 0.35), (3, 0.6)] {
+            let grid = noise(32, seed, density);
+            let samples = plain(&grid);
             let options = Options::default();
-            let purpose = Purpose::Volume(Extent::Both);
-            let (domain, shift, outer) = domain(&lattice, 1.0, &options, purpose, false).unwrap();
-            let labels = Labels {
-                level: 1.0,
-                materials: Vec::new(),
-                outer,
-            };
-            let source = Source::Aligned {
-                values: &grid,
-                shift,
-                outside: 0.0,
-            };
-            let mut samples = Samples::new(source, domain, labels, &Cpu).unwrap();
-            samples.find_crossings(&Cpu).unwrap();
             let (tree, kinds) = tree(&samples, &options);
             let complex = Complex::new(&samples, &tree, kinds);
             let probe = Probe {
@@ -589,15 +674,15 @@ mod tests {
                     .all(|t| six_volume(t.map(|v| raw.positions[v as usize])) > 0.0)
             );
             for region in [INTERIOR, EXTERIOR] {
-                let mut of_tets = Groups::new(raw.positions.len());
+                let mut of_tets = DisjointSets::new(raw.positions.len());
                 let mut used = vec![false; raw.positions.len()];
                 for (t, _) in raw.tets.iter().zip(&raw.regions).filter(|t| *t.1 == region) {
                     t.iter().for_each(|&v| {
                         used[v as usize] = true;
-                        of_tets.join(t[0] as usize, v as usize);
+                        of_tets.join(t[0], v);
                     });
                 }
-                let mut graph = Groups::new(raw.positions.len());
+                let mut graph = DisjointSets::new(raw.positions.len());
                 let mut corner = vec![false; raw.positions.len()];
                 for id in 0..tree.leaves.len() as u32 {
                     complex.rings_of(
@@ -609,7 +694,7 @@ mod tests {
                             corner[a] |= ring.a.1 == region;
                             corner[b] |= ring.b.1 == region;
                             if ring.a.1 == region && ring.b.1 == region {
-                                graph.join(a, b);
+                                graph.join(a as u32, b as u32);
                             }
                         },
                     );

@@ -10,6 +10,7 @@ use geom_core::Point3;
 use geom_core::mesh::{INTERIOR, Region};
 use rayon::prelude::*;
 
+use crate::cut::PATTERNS;
 use crate::octree::{Leaf, NONE, Octree};
 use crate::samples::{Samples, local};
 
@@ -53,19 +54,19 @@ pub(crate) struct Complex<'a> {
     pub(crate) samples: &'a Samples<'a>,
     pub(crate) tree: &'a Octree,
     kind: Vec<u8>,
-    /// Split leaves in order.
+    /// Split leaves in order, and how they are cut.
+    pub(crate) split_leaves: Vec<u32>,
     pub(crate) splits: Vec<Split>,
 }
 
-/// A leaf cut into twelve tetrahedra: its middle and the triangles of its faces.
+/// A finest cell cut into twelve tetrahedra: its middle and the triangles of its faces.
 #[derive(Clone, Debug)]
 pub(crate) struct Split {
-    pub(crate) leaf: u32,
     pub(crate) label: Region,
     /// Value at the middle.
     pub(crate) value: f64,
     /// Bit `face`: the diagonal joins the corners 1 and 3 of the face, not 0 and 2.
-    diagonals: u8,
+    pub(crate) diagonals: u8,
 }
 
 /// Offsets of the corners of a cube: bit 0 is x, bit 1 is y, bit 2 is z.
@@ -89,36 +90,118 @@ pub(crate) fn corners_of(face: Option<usize>) -> Vec<usize> {
     }
 }
 
+/// The corners of a half of a face, given the diagonals of a cell.
+pub(crate) fn triangle_of(diagonals: u8, part: usize) -> [usize; 3] {
+    let f = face_corners(part / 2);
+    match (diagonals >> (part / 2) & 1, part % 2) {
+        (0, 0) => [f[0], f[1], f[2]],
+        (0, _) => [f[0], f[2], f[3]],
+        (_, 0) => [f[0], f[1], f[3]],
+        _ => [f[1], f[2], f[3]],
+    }
+}
+
+/// The ends of the diagonal of a face.
+pub(crate) fn diagonal_of(diagonals: u8, face: usize) -> [usize; 2] {
+    let f = face_corners(face);
+    if diagonals >> face & 1 == 0 {
+        [f[0], f[2]]
+    } else {
+        [f[1], f[3]]
+    }
+}
+
+/// The half of a face that has both corners.
+pub(crate) fn half_of(diagonals: u8, face: usize, p: usize, q: usize) -> u8 {
+    let t = triangle_of(diagonals, 2 * face);
+    (2 * face + usize::from(!(t.contains(&p) && t.contains(&q)))) as u8
+}
+
+/// The parts around the edge from the middle of a cell to a corner, counter-clockwise about it.
+pub(crate) fn parts_around(diagonals: u8, corner: usize) -> Vec<u8> {
+    let axis = (local(corner_of(corner)) - MIDDLE).normalize();
+    let u = axis.cross(&geom_core::Vector3::x()).normalize();
+    let v = axis.cross(&u);
+    let mut parts: Vec<(f64, u8)> = (0..12u8)
+        .filter(|&part| triangle_of(diagonals, part as usize).contains(&corner))
+        .map(|part| {
+            let d = part_base(diagonals, [0; 3], part as usize) - MIDDLE;
+            (d.dot(&v).atan2(d.dot(&u)), part)
+        })
+        .collect();
+    parts.sort_by(|x, y| x.0.total_cmp(&y.0));
+    parts.into_iter().map(|(_, part)| part).collect()
+}
+
+/// Where a part of the finest cell at `o` stands before it moves to the surface, in finest cells.
+pub(crate) fn part_base(diagonals: u8, o: [i32; 3], part: usize) -> Point3 {
+    let o = local(o).coords;
+    let corners = triangle_of(diagonals, part).map(|i| local(corner_of(i)).coords + o);
+    let sum = corners.iter().fold(MIDDLE.coords + o, |s, c| s + c);
+    Point3::from(sum / 4.0)
+}
+
+/// The middle of the unit cube.
+pub(crate) const MIDDLE: Point3 = Point3::new(0.5, 0.5, 0.5);
+
 impl Split {
-    /// The corners of a half of a face.
-    pub(crate) fn triangle(&self, part: usize) -> [usize; 3] {
-        let f = face_corners(part / 2);
-        match (self.diagonals >> (part / 2) & 1, part % 2) {
-            (0, 0) => [f[0], f[1], f[2]],
-            (0, _) => [f[0], f[2], f[3]],
-            (_, 0) => [f[0], f[1], f[3]],
-            _ => [f[1], f[2], f[3]],
+    /// How the finest cell at `o` is cut. What its middle belongs to follows from its corners alone, so
+    /// that a field that also tells the value there moves vertices but joins or parts nothing.
+    pub(crate) fn new(samples: &Samples<'_>, o: [i32; 3], labels: &[Region; 8]) -> Self {
+        let level = samples.labels.level;
+        let values: [f64; 8] = std::array::from_fn(|i| {
+            let p = corner_of(i);
+            samples.value([0, 1, 2].map(|k| o[k] + p[k])) - level
+        });
+        let value = values.iter().sum::<f64>() / 8.0 + level;
+        let mut diagonals = 0;
+        for face in 0..6 {
+            let f = face_corners(face);
+            diagonals |= u8::from(joins_one_and_three(samples, o, f, labels, &values)) << face;
+        }
+        let middle = samples.domain.world(&(MIDDLE + local(o).coords));
+        Self {
+            label: samples.labels.at(value, &middle),
+            value,
+            diagonals,
         }
     }
 
-    /// The ends of the diagonal of a face.
-    fn diagonal(&self, face: usize) -> [usize; 2] {
-        let f = face_corners(face);
-        if self.diagonals >> face & 1 == 0 {
-            [f[0], f[2]]
-        } else {
-            [f[1], f[3]]
-        }
+    /// The corners of a half of a face.
+    pub(crate) fn triangle(&self, part: usize) -> [usize; 3] {
+        triangle_of(self.diagonals, part)
     }
 
     /// The half of a face that has both corners.
     fn half(&self, face: usize, p: usize, q: usize) -> u8 {
-        let has = |part: usize| {
-            let t = self.triangle(part);
-            t.contains(&p) && t.contains(&q)
-        };
-        (2 * face + usize::from(!has(2 * face))) as u8
+        half_of(self.diagonals, face, p, q)
     }
+}
+
+/// Which diagonal cuts a face: decided by the face alone, so that both sides agree.
+fn joins_one_and_three(
+    samples: &Samples<'_>,
+    o: [i32; 3],
+    f: [usize; 4],
+    labels: &[Region; 8],
+    values: &[f64; 8],
+) -> bool {
+    let l = f.map(|i| labels[i]);
+    if l[0] == l[2] && l[1] == l[3] && l[0] != l[1] {
+        if l.contains(&INTERIOR) {
+            // The value at the saddle of the bilinear interpolant joins the pair of its sign.
+            let v = f.map(|i| values[i]);
+            let saddle = (v[0] * v[2] - v[1] * v[3]) / (v[0] + v[2] - v[1] - v[3]);
+            return (saddle >= 0.0) != (v[0] >= 0.0);
+        }
+        let middle = f.iter().fold(Point3::origin(), |m, &i| {
+            let p = corner_of(i);
+            m + local([0, 1, 2].map(|k| o[k] + p[k])).coords * 0.25
+        });
+        let mean = f.iter().map(|&i| values[i]).sum::<f64>() / 4.0 + samples.labels.level;
+        return samples.labels.at(mean, &samples.domain.world(&middle)) == l[1];
+    }
+    l[0] != l[2] && l[1] == l[3]
 }
 
 /// The labels on the half lattice of a leaf: 27 points, of which the eight corners and the hanging
@@ -230,6 +313,7 @@ impl Kinds {
             samples,
             tree,
             kind: Vec::new(),
+            split_leaves: Vec::new(),
             splits: Vec::new(),
         };
         let kinds = (0..tree.leaves.len() as u32)
@@ -303,76 +387,27 @@ impl<'a> Complex<'a> {
         }
     }
 
-    /// The complex of a tree whose larger leaves are all simple. What the middle of a split leaf
-    /// belongs to follows from its corners alone, so that a field that also tells the value there
-    /// moves vertices but joins or parts nothing.
+    /// The complex of a tree whose larger leaves are all simple.
     pub(crate) fn new(samples: &'a Samples<'a>, tree: &'a Octree, kinds: Kinds) -> Self {
         let mut out = Self {
             samples,
             tree,
             kind: kinds.0,
+            split_leaves: Vec::new(),
             splits: Vec::new(),
         };
-        let split: Vec<u32> = (0..tree.leaves.len() as u32)
-            .filter(|&id| out.kind[id as usize] & SPLIT != 0)
+        out.split_leaves = (0..tree.leaves.len() as u32)
+            .filter(|&id| out.is_split(id))
             .collect();
-        out.splits = split
+        out.splits = out
+            .split_leaves
             .par_iter()
             .map(|&id| {
                 let leaf = &tree.leaves[id as usize];
-                let o = leaf.origin();
-                let labels = out.corner_labels(leaf);
-                let values: [f64; 8] = std::array::from_fn(|i| {
-                    let p = corner_of(i);
-                    samples.value([0, 1, 2].map(|k| o[k] + p[k])) - samples.labels.level
-                });
-                let middle = out.centre_of(leaf);
-                let value = values.iter().sum::<f64>() / 8.0 + samples.labels.level;
-                let mut diagonals = 0;
-                for face in 0..6 {
-                    let f = face_corners(face);
-                    diagonals |= u8::from(out.joins_one_and_three(o, f, &labels, &values)) << face;
-                }
-                let middle = samples.domain.world(&middle);
-                Split {
-                    leaf: id,
-                    label: samples.labels.at(value, &middle),
-                    value,
-                    diagonals,
-                }
+                Split::new(samples, leaf.origin(), &out.corner_labels(leaf))
             })
             .collect();
         out
-    }
-
-    /// Which diagonal cuts a face: decided by the face alone, so that both sides agree.
-    fn joins_one_and_three(
-        &self,
-        o: [i32; 3],
-        f: [usize; 4],
-        labels: &[Region; 8],
-        values: &[f64; 8],
-    ) -> bool {
-        let l = f.map(|i| labels[i]);
-        if l[0] == l[2] && l[1] == l[3] && l[0] != l[1] {
-            if l.contains(&INTERIOR) {
-                // The value at the saddle of the bilinear interpolant joins the pair of its sign.
-                let v = f.map(|i| values[i]);
-                let saddle = (v[0] * v[2] - v[1] * v[3]) / (v[0] + v[2] - v[1] - v[3]);
-                return (saddle >= 0.0) != (v[0] >= 0.0);
-            }
-            let middle = f.iter().fold(Point3::origin(), |m, &i| {
-                let p = corner_of(i);
-                m + local([0, 1, 2].map(|k| o[k] + p[k])).coords * 0.25
-            });
-            let mean = f.iter().map(|&i| values[i]).sum::<f64>() / 4.0 + self.samples.labels.level;
-            let label = self
-                .samples
-                .labels
-                .at(mean, &self.samples.domain.world(&middle));
-            return label == l[1];
-        }
-        l[0] != l[2] && l[1] == l[3]
     }
 
     fn block_is_uniform(&self, leaf: &Leaf) -> bool {
@@ -399,7 +434,7 @@ impl<'a> Complex<'a> {
     }
 
     pub(crate) fn split_of(&self, leaf: u32) -> u32 {
-        self.splits.partition_point(|s| s.leaf < leaf) as u32
+        self.split_leaves.partition_point(|&l| l < leaf) as u32
     }
 
     pub(crate) fn leaf(&self, id: u32) -> &Leaf {
@@ -424,7 +459,7 @@ impl<'a> Complex<'a> {
     pub(crate) fn labels_of(&self, cell: &Cell) -> Vec<Region> {
         let (id, half) = match *cell {
             Cell::Leaf(id) => (id, None),
-            Cell::Part(k, part) => (self.splits[k as usize].leaf, Some(part)),
+            Cell::Part(k, part) => (self.split_leaves[k as usize], Some(part)),
             Cell::Ghost(id, half) => (id, Some(half)),
         };
         if !self.is_interface(id) {
@@ -705,7 +740,7 @@ impl<'a> Complex<'a> {
         let o = leaf.origin();
         for face in 0..6 {
             let (axis, side) = (face / 2, face % 2);
-            let [p, q] = split.diagonal(face);
+            let [p, q] = diagonal_of(split.diagonals, face);
             if !wanted(labels[p], labels[q]) {
                 continue;
             }
@@ -716,8 +751,8 @@ impl<'a> Complex<'a> {
             let mut cells = vec![Cell::Part(k, first), Cell::Part(k, second)];
             let open = other == NONE;
             if open {
-                cells.insert(0, Cell::Ghost(split.leaf, first));
-                cells.push(Cell::Ghost(split.leaf, second));
+                cells.insert(0, Cell::Ghost(self.split_leaves[k as usize], first));
+                cells.push(Cell::Ghost(self.split_leaves[k as usize], second));
             } else if self.is_split(other) {
                 if side == 0 {
                     continue;
@@ -757,24 +792,13 @@ impl<'a> Complex<'a> {
     ) {
         let split = &self.splits[k as usize];
         let o = leaf.origin();
-        let middle = self.centre_of(leaf);
         for (corner, &label) in labels.iter().enumerate() {
             if !wanted(split.label, label) {
                 continue;
             }
             let p = [0, 1, 2].map(|i| o[i] + corner_of(corner)[i]);
-            let axis = (local(p) - middle).normalize();
-            let u = axis.cross(&geom_core::Vector3::x()).normalize();
-            let v = axis.cross(&u);
-            let mut parts: Vec<(f64, u8)> = (0..12u8)
-                .filter(|&part| split.triangle(part as usize).contains(&corner))
-                .map(|part| {
-                    let d = self.base_position(&Cell::Part(k, part)) - middle;
-                    (d.dot(&v).atan2(d.dot(&u)), part)
-                })
-                .collect();
-            parts.sort_by(|x, y| x.0.total_cmp(&y.0));
-            let cells: Vec<Cell> = parts.iter().map(|&(_, part)| Cell::Part(k, part)).collect();
+            let parts = &PATTERNS[usize::from(split.diagonals)].around[corner];
+            let cells: Vec<Cell> = parts.iter().map(|&part| Cell::Part(k, part)).collect();
             f(&Ring {
                 a: (Corner::Centre(k), split.label),
                 b: (Corner::Point(p), label),
@@ -790,17 +814,8 @@ impl<'a> Complex<'a> {
         match *cell {
             Cell::Leaf(id) => self.centre_of(self.leaf(id)),
             Cell::Part(k, part) => {
-                let split = &self.splits[k as usize];
-                let leaf = self.leaf(split.leaf);
-                let o = leaf.origin();
-                let sum = split.triangle(part as usize).iter().fold(
-                    self.centre_of(leaf).coords,
-                    |s, &i| {
-                        let p = corner_of(i);
-                        s + local([0, 1, 2].map(|k| o[k] + p[k])).coords
-                    },
-                );
-                Point3::from(sum / 4.0)
+                let o = self.leaf(self.split_leaves[k as usize]).origin();
+                part_base(self.splits[k as usize].diagonals, o, part as usize)
             }
             Cell::Ghost(id, half) => {
                 let leaf = self.leaf(id);
@@ -828,7 +843,7 @@ impl<'a> Complex<'a> {
     pub(crate) fn corner_position(&self, corner: Corner) -> Point3 {
         match corner {
             Corner::Point(p) => local(p),
-            Corner::Centre(k) => self.centre_of(self.leaf(self.splits[k as usize].leaf)),
+            Corner::Centre(k) => self.centre_of(self.leaf(self.split_leaves[k as usize])),
         }
     }
 }

@@ -5,15 +5,18 @@ use geom_core::{ImplicitField, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::ContourBackend;
-use crate::complex::{Cell, Complex, Corner, Frame, corner_of, frame_of_corners};
+use crate::complex::{
+    Cell, Complex, Corner, Frame, MIDDLE, Split, corner_of, frame_of_corners, part_base,
+};
 use crate::cpu::within;
+use crate::cut::APEX;
 use crate::samples::{Samples, local};
 use crate::{Error, Options, Placement};
 
 /// Share of its cell within which a dual vertex stays.
 const INSET: f64 = 0.98;
 /// A moved umbrella tetrahedron keeps at least this share of its volume.
-const LEAST_VOLUME: f64 = 1e-3;
+pub(crate) const LEAST_VOLUME: f64 = 1e-3;
 
 /// The points of all cells.
 pub(crate) struct Duals {
@@ -253,9 +256,15 @@ impl Duals {
         let parts = complex
             .splits
             .par_iter()
-            .enumerate()
-            .flat_map_iter(|(k, _)| {
-                (0..12u8).map(move |part| part_point(complex, probe, k as u32, part))
+            .zip(&complex.split_leaves)
+            .flat_map_iter(|(split, &id)| {
+                let leaf = complex.leaf(id);
+                let (o, labels) = (leaf.origin(), complex.corner_labels(leaf));
+                let corners = cut_samples(complex.samples, o, &labels, split);
+                (0..12).map(move |part| {
+                    part_point(probe, split, &corners, part)
+                        .unwrap_or_else(|| part_base(split.diagonals, o, part))
+                })
             })
             .collect();
         let mut out = Self {
@@ -291,11 +300,6 @@ impl Duals {
     /// Place of a leaf among those with a moved point.
     pub(crate) fn rank(&self, leaf: u32) -> Option<u32> {
         Some(self.rank[leaf as usize]).filter(|&r| r != u32::MAX)
-    }
-
-    /// The point of the leaf with this rank.
-    pub(crate) fn leaf(&self, rank: u32) -> Point3 {
-        self.leaves[rank as usize]
     }
 
     /// The point of a cell, in finest cells.
@@ -431,6 +435,7 @@ impl Duals {
                     tets: group,
                 }
             })
+            .filter(|p| p.target != p.base)
             .collect();
         for p in &points {
             *self.at_mut(p.moved) = p.base;
@@ -438,27 +443,22 @@ impl Duals {
         for _ in 0..2 {
             for group in points.chunk_by_mut(|x, y| x.tets[0].0 == y.tets[0].0) {
                 group.par_iter_mut().with_min_len(8).for_each(|p| {
-                    let mut t = 1.0;
-                    while t > p.share + 1e-3 && t >= 0.05 {
-                        let x = p.base + (p.target - p.base) * t;
-                        let fine = p.tets.iter().all(|&(.., i)| {
-                            let tet = &tets[i as usize];
-                            let [c, d] = [0, 1].map(|k| {
-                                let cell = &tet.cells[k];
-                                if self.moved(cell) == Some(p.moved) {
-                                    x
-                                } else {
-                                    self.position(complex, cell)
-                                }
-                            });
-                            six_volume([tet.a, tet.b, c, d]) > tet.least
-                        });
-                        if fine {
-                            p.share = t;
-                            break;
-                        }
-                        t *= 0.75;
+                    if p.share == 1.0 {
+                        return;
                     }
+                    let ends = [&p.base, &p.target];
+                    p.share = farthest(p.share, ends, p.tets.len(), |i, x| {
+                        let tet = &tets[p.tets[i].2 as usize];
+                        let [c, d] = [0, 1].map(|k| {
+                            let cell = &tet.cells[k];
+                            if self.moved(cell) == Some(p.moved) {
+                                *x
+                            } else {
+                                self.position(complex, cell)
+                            }
+                        });
+                        six_volume([tet.a, tet.b, c, d]) - tet.least
+                    });
                 });
                 for p in group {
                     *self.at_mut(p.moved) = p.base + (p.target - p.base) * p.share;
@@ -469,8 +469,43 @@ impl Duals {
     }
 }
 
+/// How far a point may go from its base to its place: the longest of some shares of the way, beyond
+/// `share`, at which none of `n` tetrahedra lacks volume; else `share` itself. `spare(i, x)` is what
+/// tetrahedron `i` has above its least volume with the point at `x`: linear on the way.
+pub(crate) fn farthest(
+    share: f64,
+    [base, target]: [&Point3; 2],
+    n: usize,
+    spare: impl Fn(usize, &Point3) -> f64,
+) -> f64 {
+    if (0..n).all(|i| spare(i, target) > 0.0) {
+        return 1.0;
+    }
+    let (mut low, mut high) = (0.0f64, 1.0f64);
+    for i in 0..n {
+        let (first, last) = (spare(i, base), spare(i, target));
+        if first <= 0.0 && last <= 0.0 {
+            return share;
+        }
+        let t = first / (first - last);
+        if last <= 0.0 {
+            high = high.min(t);
+        } else if first <= 0.0 {
+            low = low.max(t);
+        }
+    }
+    let mut t = 0.75;
+    while t > share + 1e-3 && t >= 0.05 {
+        if low < t && t < high {
+            return t;
+        }
+        t *= 0.75;
+    }
+    share
+}
+
 /// A number that two cells with a common edge share only if they are one: leaves by size and parity,
-/// parts by the parity of their leaf and their place in it.
+/// parts by the parity of their leaf, then their place in it.
 fn colour(complex: &Complex<'_>, cell: &Cell) -> u16 {
     let of = |id: u32| {
         let leaf = complex.leaf(id);
@@ -485,8 +520,8 @@ fn colour(complex: &Complex<'_>, cell: &Cell) -> u16 {
             8 * log + parity
         }
         Cell::Part(k, part) => {
-            let (parity, _) = of(complex.splits[k as usize].leaf);
-            8 * (32 + u16::from(part)) + parity
+            let (parity, _) = of(complex.split_leaves[k as usize]);
+            8 * 32 + 12 * parity + u16::from(part)
         }
     }
 }
@@ -645,23 +680,40 @@ pub(crate) fn sample_corner(complex: &Complex<'_>, corner: Corner, label: Region
     }
 }
 
-/// The mean of the crossings of a tetrahedron of a split leaf, away from its corners.
-fn part_point(complex: &Complex<'_>, probe: &Probe<'_>, k: u32, part: u8) -> Point3 {
-    let split = &complex.splits[k as usize];
-    let leaf = complex.leaf(split.leaf);
-    let labels = complex.corner_labels(leaf);
-    let o = leaf.origin();
-    let mut corners = vec![sample_corner(complex, Corner::Centre(k), split.label)];
-    corners.extend(split.triangle(part as usize).iter().map(|&i| {
-        let p = corner_of(i);
-        sample_corner(
-            complex,
-            Corner::Point([0, 1, 2].map(|k| o[k] + p[k])),
-            labels[i],
-        )
-    }));
-    mean_of_crossings(probe, &corners)
-        .unwrap_or_else(|| complex.base_position(&Cell::Part(k, part)))
+/// The corners of a finest cell that is cut, and its middle.
+pub(crate) fn cut_samples(
+    samples: &Samples<'_>,
+    o: [i32; 3],
+    labels: &[Region; 8],
+    split: &Split,
+) -> [Sample; 9] {
+    std::array::from_fn(|i| {
+        if i == APEX {
+            return Sample {
+                x: MIDDLE + local(o).coords,
+                label: split.label,
+                value: split.value,
+            };
+        }
+        let p = [0, 1, 2].map(|k| o[k] + corner_of(i)[k]);
+        Sample {
+            x: local(p),
+            label: labels[i],
+            value: samples.value(p),
+        }
+    })
+}
+
+/// The mean of the crossings of a tetrahedron of a cut cell, away from its corners; `None` if it has
+/// none.
+pub(crate) fn part_point(
+    probe: &Probe<'_>,
+    split: &Split,
+    corners: &[Sample; 9],
+    part: usize,
+) -> Option<Point3> {
+    let [p, q, r] = split.triangle(part).map(|i| corners[i]);
+    mean_of_crossings(probe, &[corners[APEX], p, q, r])
 }
 
 /// The mean of the crossings of a face on the box.

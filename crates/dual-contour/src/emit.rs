@@ -8,7 +8,7 @@ use crate::complex::{Cell, Complex, Corner, Ring};
 use crate::dual::{Duals, Probe, sample_corner};
 use crate::lanes::{self, Quads};
 use crate::octree::{PointMarks, PointSet};
-use crate::quality::{NO_FAN, sine};
+use crate::quality::{NO_FAN, best_fan};
 use crate::samples::local;
 
 /// Leaves per batch; batches are independent and joined in order.
@@ -389,29 +389,7 @@ impl<'a> Emitter<'a> {
             return Some(usize::from(start)).filter(|_| start != NO_FAN);
         }
         let [a, b] = [ring.a.0, ring.b.0].map(|c| self.complex.corner_position(c));
-        let starts = match n {
-            3 => 1,
-            4 => 2,
-            _ => n,
-        };
-        let mut best = (0.0, None);
-        for start in (0..starts).filter(|&s| ring.taken != Some(s as u8)) {
-            let mut worst = f64::INFINITY;
-            for i in 1..n - 1 {
-                let t = [x[start], x[(start + i) % n], x[(start + i + 1) % n]];
-                worst = worst
-                    .min(sine(&[a, t[0], t[1], t[2]]))
-                    .min(sine(&[b, t[0], t[2], t[1]]));
-                if worst <= best.0 {
-                    break;
-                }
-            }
-            // Ties go to the first, whatever the last digits say.
-            if worst > best.0 * (1.0 + 1e-9) {
-                best = (worst, Some(start));
-            }
-        }
-        best.1
+        best_fan(&x[..n], &a, &b, ring.taken)
     }
 }
 
@@ -437,11 +415,6 @@ pub(crate) fn joined<T: Copy + Default + Send + Sync>(
             }
         });
     out
-}
-
-/// The numbers of the parts of split leaves.
-pub(crate) fn parts_of(numbering: &Numbering<'_>) -> std::ops::Range<u32> {
-    numbering.first_part..numbering.first_ghost
 }
 
 /// A label as the mesh sees it: regions that are not kept are all the outside.

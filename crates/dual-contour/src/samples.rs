@@ -1,12 +1,12 @@
 //! Values and region labels at the points of the mesh lattice, stored in blocks where they matter.
 
 use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
+use geom_core::sets::DisjointSets;
 use geom_core::{Aabb, ImplicitField, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, ContourBackend};
 use crate::emit::joined;
-use crate::groups::Groups;
 use crate::lanes;
 use crate::octree::{BLOCK, BLOCK_LOG, block_index};
 use crate::{Error, Material, Shape};
@@ -349,9 +349,12 @@ impl<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized> Judge<'_, '_, V, B> 
             });
         }
         let ranges = self.backend.min_max(buffer)?;
+        let both = |[low, high]: &&[f32; 2]| {
+            f64::from(*low) < labels.level && f64::from(*high) >= labels.level
+        };
         let mut out = Judged {
             labels: Vec::with_capacity(open.len()),
-            values: Vec::new(),
+            values: Vec::with_capacity(POINTS * ranges.iter().filter(both).count()),
             regions: Vec::new(),
             range: (f32::INFINITY, f32::NEG_INFINITY),
         };
@@ -521,7 +524,8 @@ impl<'a> Samples<'a> {
     fn prune_once(&mut self, least: u32) -> (usize, u64) {
         // One node per block without values, then one per point of each stored block.
         let blocks = self.state.len();
-        let mut groups = Groups::new(blocks + self.values.len());
+        let mut groups = DisjointSets::new(blocks + self.values.len());
+        let mut join = |a: usize, b: usize| groups.join(a as u32, b as u32);
         let node = |p: [i32; 3]| {
             let (b, i) = self.place(p);
             match self.slot(b) {
@@ -540,7 +544,7 @@ impl<'a> Samples<'a> {
                         let other = block_index(self.domain.blocks, next);
                         let same = |x: u32, y: u32| inside(x as u8) == inside(y as u8);
                         if self.slot(other).is_none() && same(self.state[b], self.state[other]) {
-                            groups.join(b, other);
+                            join(b, other);
                         }
                     }
                 }
@@ -552,7 +556,7 @@ impl<'a> Samples<'a> {
                 let d = [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)];
                 for (axis, step) in [1, SIDE, SIDE * SIDE].into_iter().enumerate() {
                     if d[axis] + 1 < SIDE && within(i) == within(i + step) {
-                        groups.join(first + i, first + i + step);
+                        join(first + i, first + i + step);
                     }
                 }
                 if d.iter().all(|&c| c != 0 && c + 1 != SIDE) {
@@ -560,20 +564,20 @@ impl<'a> Samples<'a> {
                 }
                 // The copies of this point in other blocks.
                 let p = point_of(&self.domain, b, i);
-                groups.join(first + i, node(p));
+                join(first + i, node(p));
                 for shift in 1..8 {
                     let to = [0, 1, 2].map(|k| at[k] - (shift >> k & 1));
                     let touches = (0..3).all(|k| shift >> k & 1 == 0 || d[k] == 0 && to[k] >= 0);
                     if touches {
                         let other = block_index(self.domain.blocks, to);
                         if self.slot(other).is_none() {
-                            groups.join(first + i, other);
+                            join(first + i, other);
                         }
                     }
                 }
             }
         }
-        let groups = groups.roots();
+        let groups = groups.into_roots();
         let mut sizes = vec![0u64; groups.len()];
         for b in 0..blocks {
             match self.slot(b) {

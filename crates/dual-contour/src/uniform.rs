@@ -1,19 +1,18 @@
 //! The surface where all of its cells are finest: straight from the signs of the corners, without an
 //! octree. Vertices, triangles, their order and their bits are those that the octree would give.
 //!
-//! Cells that are cut into tetrahedra are rare; they and the cells around them are left to a small
-//! complex of their own.
+//! Cells that are cut into tetrahedra, and what stands around them, are in [`crate::cut`].
 
-use geom_core::mesh::INTERIOR;
 use geom_core::{Point3, TriMesh};
 use rayon::prelude::*;
 
 use crate::backend::ContourBackend;
-use crate::complex::{Cell, Complex, Corner, Kinds, simple_masks};
-use crate::dual::{Duals, Probe, Sample, finest_points};
-use crate::emit::{ADDED, Emission, Emitter, Want, joined, parts_of};
+use crate::complex::simple_masks;
+use crate::cut::{CutCells, Place};
+use crate::dual::{Probe, Sample, finest_points};
+use crate::emit::{ADDED, joined};
 use crate::lanes::{self, LANES, Quads, widest};
-use crate::octree::{BLOCK, NONE, Octree, Splits};
+use crate::octree::BLOCK;
 use crate::quality::NO_FAN;
 use crate::samples::{Domain, Samples, local};
 use crate::{Error, Report};
@@ -30,6 +29,8 @@ struct Block {
     simple: [u64; 8],
     /// Number of the first vertex of each word.
     first: [u32; 8],
+    /// Number of the first cut cell.
+    first_cut: u32,
 }
 
 /// Word and bit of a cell within its block.
@@ -54,6 +55,7 @@ impl Block {
             carrying: [0; 8],
             simple: [0; 8],
             first: [0; 8],
+            first_cut: 0,
         };
         for (row, masks) in masks.chunks_exact(8).enumerate() {
             if masks.iter().all(|&m| m == 0) || masks.iter().all(|&m| m == 255) {
@@ -68,6 +70,16 @@ impl Block {
             }
         }
         out
+    }
+}
+
+impl Block {
+    /// The number of the vertex of a cell that is not cut.
+    #[inline]
+    fn vertex(&self, (word, bit): (usize, u32)) -> Option<u32> {
+        let bits = self.simple[word];
+        let below = bits & ((1 << bit) - 1);
+        (bits >> bit & 1 == 1).then(|| self.first[word] + below.count_ones())
     }
 }
 
@@ -94,26 +106,41 @@ struct Sheet<'a> {
 }
 
 impl Sheet<'_> {
-    /// The number of the vertex of a cell; `None` if the cell is cut.
+    /// The number of the vertex of a cell with both signs; `None` if the cell is cut.
     #[inline]
     fn vertex(&self, cell: [i32; 3]) -> Option<u32> {
         let slot = self
             .samples
             .slot_of(cell)
             .expect("cells with both signs are stored");
+        self.blocks[slot].vertex(place(cell.map(|c| c & 7)))
+    }
+
+    /// What stands at any cell.
+    fn place(&self, cell: [i32; 3]) -> Place {
+        let cells = self.samples.domain.cells;
+        if (0..3).any(|k| cell[k] < 0 || cell[k] >= cells[k]) {
+            return Place::Gone;
+        }
+        let Some(slot) = self.samples.slot_of(cell) else {
+            return Place::Plain;
+        };
         let block = &self.blocks[slot];
         let (word, bit) = place(cell.map(|c| c & 7));
-        let bits = block.simple[word];
-        let below = bits & ((1 << bit) - 1);
-        (bits >> bit & 1 == 1).then(|| block.first[word] + below.count_ones())
+        let carrying = block.carrying[word];
+        if carrying >> bit & 1 == 0 {
+            return Place::Plain;
+        }
+        block.vertex((word, bit)).map_or_else(
+            || {
+                let cut = |w: usize| block.carrying[w] & !block.simple[w];
+                let before: u32 = (0..word).map(|w| cut(w).count_ones()).sum();
+                let below = cut(word) & ((1 << bit) - 1);
+                Place::Cut(block.first_cut + before + below.count_ones())
+            },
+            Place::Whole,
+        )
     }
-}
-
-/// What is left to the octree's own code.
-struct Cut<'a> {
-    emitter: Emitter<'a>,
-    /// Parts of cut cells begin here in the numbers of the emitter.
-    parts: u32,
 }
 
 /// The surface of plain labels that stays off the box, all cells finest.
@@ -142,6 +169,9 @@ pub(crate) fn surface<B: ContourBackend + ?Sized>(
             vertices += block.simple[word].count_ones();
             report.surface_cells += block.carrying[word].count_ones() as usize;
         }
+        block.first_cut = report.split_cells as u32;
+        let cut = (0..8).map(|w| (block.carrying[w] & !block.simple[w]).count_ones());
+        report.split_cells += cut.sum::<u32>() as usize;
     }
     report.leaves = report.surface_cells;
     let points = points_of(samples, probe, &blocks, vertices as usize, backend)?;
@@ -166,23 +196,11 @@ pub(crate) fn surface<B: ContourBackend + ?Sized>(
     if cut.is_empty() {
         return Ok(emit(sheet, probe, None, report));
     }
-    let mut splits = Splits::none(domain.blocks, 30);
-    cut.iter().for_each(|&c| splits.surround(domain.cells, c));
-    let tree = Octree::new(domain.cells, &splits);
-    let kinds = Kinds::of(samples, &tree, true);
-    let complex = Complex::new(samples, &tree, kinds);
-    let duals = Duals::new(&complex, probe, false, backend)?;
-    report.split_cells = complex.splits.len();
-    report.held_back = duals.reduced;
-    for id in 0..tree.leaves.len() as u32 {
-        if let Some(rank) = duals.rank(id) {
-            let vertex = sheet.vertex(complex.leaf(id).origin());
-            sheet.points[vertex.expect("a simple cell") as usize] = duals.leaf(rank).into();
-        }
-    }
-    let emitter = Emitter::new(&complex, &duals, probe, |_| false);
-    let parts = parts_of(&emitter.numbering).start;
-    Ok(emit(sheet, probe, Some(Cut { emitter, parts }), report))
+    let mut points = std::mem::take(&mut sheet.points);
+    let mut cut = CutCells::new(samples, probe, &cut, |cell| sheet.place(cell));
+    report.held_back = cut.keep_positive(&mut points);
+    sheet.points = points;
+    Ok(emit(sheet, probe, Some(&cut), report))
 }
 
 /// The points of all simple cells.
@@ -219,14 +237,26 @@ fn points_of<B: ContourBackend + ?Sized>(
     Ok(points)
 }
 
-/// Triangles of one batch. Numbers at and above that of all cells are parts of cut cells, those with
-/// [`ADDED`] points of the batch itself.
+/// Triangles of one batch; numbers with [`ADDED`] are points of the batch itself.
 #[derive(Default)]
-struct Batch {
+pub(crate) struct Batch {
     triangles: Vec<[u32; 3]>,
     added: Vec<Point3>,
-    /// The parts that triangles name.
-    parts: Vec<u32>,
+}
+
+impl Batch {
+    /// Takes a triangle counter-clockwise about an edge, given whether its lower end is `inside`.
+    #[inline]
+    pub(crate) fn push(&mut self, t: [u32; 3], inside: bool) {
+        self.triangles
+            .push(if inside { t } else { [t[0], t[2], t[1]] });
+    }
+
+    /// The number of a new point.
+    pub(crate) fn add(&mut self, x: Point3) -> u32 {
+        self.added.push(x);
+        ADDED | (self.added.len() - 1) as u32
+    }
 }
 
 /// Edges that wait until there are enough of them.
@@ -262,10 +292,6 @@ impl Waiting {
         );
         for (edge, &start) in self.edges[..self.len].iter().zip(&starts) {
             let ids = edge.ids;
-            let mut push = |t: [u32; 3]| {
-                let t = if edge.inside { t } else { [t[0], t[2], t[1]] };
-                out.triangles.push(t);
-            };
             if start == NO_FAN {
                 let mut high = edge.low;
                 high[edge.axis] += 1;
@@ -274,13 +300,12 @@ impl Waiting {
                     label: samples.label(p),
                     value: samples.value(p),
                 });
-                let x = ADDED | out.added.len() as u32;
-                out.added.push(probe.cut(&p, &q));
-                (0..4).for_each(|i| push([x, ids[i], ids[(i + 1) % 4]]));
+                let x = out.add(probe.cut(&p, &q));
+                (0..4).for_each(|i| out.push([x, ids[i], ids[(i + 1) % 4]], edge.inside));
             } else {
                 let s = usize::from(start);
-                push([ids[s], ids[s + 1], ids[s + 2]]);
-                push([ids[s], ids[s + 2], ids[(s + 3) % 4]]);
+                out.push([ids[s], ids[s + 1], ids[s + 2]], edge.inside);
+                out.push([ids[s], ids[s + 2], ids[(s + 3) % 4]], edge.inside);
             }
         }
         self.len = 0;
@@ -289,7 +314,12 @@ impl Waiting {
 
 /// The triangles around all edges whose ends differ. Of the four cells around an edge, the one whose
 /// lowest corner begins it emits.
-fn emit(sheet: Sheet<'_>, probe: &Probe<'_>, cut: Option<Cut<'_>>, report: &mut Report) -> TriMesh {
+fn emit(
+    sheet: Sheet<'_>,
+    probe: &Probe<'_>,
+    cut: Option<&CutCells<'_>>,
+    report: &mut Report,
+) -> TriMesh {
     let Sheet { samples, .. } = sheet;
     let batches: Vec<Batch> = sheet
         .blocks
@@ -326,8 +356,8 @@ fn emit(sheet: Sheet<'_>, probe: &Probe<'_>, cut: Option<Cut<'_>>, report: &mut 
                     });
                     if !whole {
                         waiting.flush(samples, probe, &mut out);
-                        let cut = cut.as_ref().expect("cut cells have a complex");
-                        cut.emit(&sheet, low, &mut out);
+                        let cut = cut.expect("cut cells are listed");
+                        cut.emit(low, mask, |c| sheet.place(c), &sheet.points, &mut out);
                     }
                 }
             }
@@ -336,24 +366,18 @@ fn emit(sheet: Sheet<'_>, probe: &Probe<'_>, cut: Option<Cut<'_>>, report: &mut 
         })
         .collect();
 
-    // Cells, then the parts that are used, then added points.
-    let cells = sheet.points.len() as u32;
-    let mut parts: Vec<u32> = batches.iter().flat_map(|b| &b.parts).copied().collect();
-    parts.sort_unstable();
-    parts.dedup();
+    // Cells, then parts, then added points.
+    let first_added = (sheet.points.len() as u32) + cut.map_or(0, CutCells::len);
     let counts: Vec<u32> = batches.iter().map(|b| b.added.len() as u32).collect();
     let starts = geom_core::parallel::starts_of(&counts);
-    let first_added = cells + parts.len() as u32;
     let (triangles, added): (Vec<_>, Vec<_>) =
         batches.into_iter().map(|b| (b.triangles, b.added)).unzip();
     let triangles = joined(triangles, |batch, t: [u32; 3]| {
         t.map(|v| {
-            if v < cells {
+            if v & ADDED == 0 {
                 v
-            } else if v & ADDED != 0 {
-                first_added + starts[batch] as u32 + (v & !ADDED)
             } else {
-                cells + parts.binary_search(&v).expect("parts are listed") as u32
+                first_added + starts[batch] as u32 + (v & !ADDED)
             }
         })
     });
@@ -364,9 +388,8 @@ fn emit(sheet: Sheet<'_>, probe: &Probe<'_>, cut: Option<Cut<'_>>, report: &mut 
         .with_min_len(4096)
         .map(|&x| domain.world(&x.into()))
         .collect();
-    if let Some(cut) = &cut {
-        let part = |v: &u32| domain.world(&cut.part(*v - cells));
-        positions.extend(parts.iter().map(part));
+    if let Some(cut) = cut {
+        positions.extend(cut.points().map(|x| domain.world(&x)));
     }
     report.added_vertices = added.iter().map(Vec::len).sum();
     positions.extend(added.iter().flatten().map(|x| domain.world(x)));
@@ -409,50 +432,5 @@ impl Sheet<'_> {
         }
         edges[..n].iter().for_each(|&e| f(e));
         true
-    }
-}
-
-impl Cut<'_> {
-    /// The edges that a cell owns, by the code for any complex.
-    fn emit(&self, sheet: &Sheet<'_>, cell: [i32; 3], out: &mut Batch) {
-        let complex = self.emitter.complex;
-        let (id, log) = complex.tree.find(cell);
-        assert!(id != NONE && log == 0, "cells around cut ones are finest");
-        let mut emission = Emission::default();
-        let want = Want {
-            tets: false,
-            region: |_| false,
-        };
-        let asked = |p, q| (p == INTERIOR) != (q == INTERIOR);
-        // Around a cell that is not cut itself the small complex may have larger ones; edges between it
-        // and those belong to other cells.
-        let owned = |corner| complex.is_split(id) || corner == Corner::Point(cell);
-        complex.rings_of(id, asked, |ring| {
-            if owned(ring.a.0) {
-                self.emitter.ring(ring, &want, &mut emission);
-            }
-        });
-        let before = out.added.len() as u32;
-        out.added.append(&mut emission.added);
-        out.triangles.extend(emission.triangles.iter().map(|t| {
-            t.map(|v| {
-                if v & ADDED != 0 {
-                    v + before
-                } else if v < self.parts {
-                    let vertex = sheet.vertex(complex.leaf(v).origin());
-                    vertex.expect("cut cells are named by their parts")
-                } else {
-                    let part = sheet.points.len() as u32 + v - self.parts;
-                    out.parts.push(part);
-                    part
-                }
-            })
-        }));
-    }
-
-    /// The point of a part of a cut cell.
-    fn part(&self, part: u32) -> Point3 {
-        let cell = Cell::Part(part / 12, (part % 12) as u8);
-        self.emitter.duals.position(self.emitter.complex, &cell)
     }
 }

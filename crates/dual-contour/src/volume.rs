@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 
 use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region, VertexKind, six_volume};
+use geom_core::sets::DisjointSets;
 use geom_core::{ImplicitField, LatticeValues, Point3, Run, TetMesh, TriMesh};
 
 use crate::backend::ContourBackend;
 use crate::build::{self, Contour, Purpose};
 use crate::emit::compact;
-use crate::groups::Groups;
 use crate::surface::surface_mesh;
 use crate::{Error, Extent, Options, Outer, Report};
 
@@ -108,14 +108,14 @@ fn separate(
     let exterior: Vec<usize> = (0..tets.len())
         .filter(|&t| regions[t] == EXTERIOR)
         .collect();
-    let mut groups = Groups::new(positions.len());
+    let mut groups = DisjointSets::new(positions.len());
     for &t in &exterior {
         let mut free = tets[t].iter().filter(|&&v| !mixed[v as usize]);
         if let Some(&first) = free.next() {
-            free.for_each(|&v| groups.join(first as usize, v as usize));
+            free.for_each(|&v| groups.join(first, v));
         }
     }
-    let roots = groups.roots();
+    let roots = groups.into_roots();
     let part = |t: usize| {
         let free = tets[t].iter().find(|&&v| !mixed[v as usize]);
         roots[*free.unwrap_or(&tets[t][0]) as usize]

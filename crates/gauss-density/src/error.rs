@@ -118,7 +118,8 @@ pub enum Error {
     },
     /// The grid needs more memory than allowed.
     #[error(
-        "a grid of {points} points needs {bytes} bytes, the limit is {limit}; a spacing of {spacing:.3} Å fits"
+        "a grid of {points} points needs {bytes} bytes, the limit is {limit}; a spacing of {} Å fits",
+        rounded_up(*spacing)
     )]
     GridTooLarge {
         /// Number of points.
@@ -142,6 +143,13 @@ pub enum Error {
     Gpu(#[from] geom_core::GpuError),
 }
 
+/// With three digits, and no less than it is.
+fn rounded_up(value: f64) -> f64 {
+    let digits = (2.0 - value.abs().log10().floor()).clamp(0.0, 300.0) as i32;
+    let scale = 10f64.powi(digits);
+    (value * scale).ceil() / scale
+}
+
 /// `value` unless the test fails.
 pub(crate) fn require(
     holds: bool,
@@ -157,5 +165,23 @@ pub(crate) fn require(
             value,
             allowed,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rounded_up;
+
+    #[test]
+    fn a_spacing_that_fits_is_never_rounded_down() {
+        let cases = [
+            (0.010_003, 0.010_1),
+            (0.623_9, 0.624),
+            (12.34, 12.4),
+            (5.0, 5.0),
+        ];
+        for (value, shown) in cases {
+            assert_eq!(rounded_up(value), shown);
+        }
     }
 }

@@ -21,6 +21,7 @@ pub mod nearest;
 pub mod parallel;
 pub mod repair;
 pub mod run;
+pub mod sets;
 pub mod spectral;
 pub mod structure;
 

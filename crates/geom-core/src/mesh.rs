@@ -5,8 +5,6 @@ mod halfedge;
 mod measure;
 pub mod shapes;
 
-#[cfg(feature = "io")]
-pub(crate) use audit::Sets;
 pub use audit::{BoundaryComparison, Component, Faults, RegionAudit, SurfaceAudit, VolumeAudit};
 pub use halfedge::Halfedges;
 pub use measure::six_volume;
@@ -160,6 +158,45 @@ impl TriMesh {
     /// Gives positions and triangles away.
     pub fn into_parts(self) -> (Vec<Point3>, Vec<[u32; 3]>) {
         (self.positions, self.triangles)
+    }
+
+    /// The connected components, the one of the largest area first; vertices without a triangle belong
+    /// to none.
+    pub fn components(&self) -> Vec<TriMesh> {
+        let mut sets = crate::sets::DisjointSets::new(self.positions.len());
+        for &[a, b, c] in &self.triangles {
+            sets.join(a, b);
+            sets.join(b, c);
+        }
+        let mut number = vec![usize::MAX; self.positions.len()];
+        let mut components: Vec<Vec<[u32; 3]>> = Vec::new();
+        for &triangle in &self.triangles {
+            let set = sets.find(triangle[0]) as usize;
+            if number[set] == usize::MAX {
+                number[set] = components.len();
+                components.push(Vec::new());
+            }
+            components[number[set]].push(triangle);
+        }
+        let mut meshes: Vec<(f64, TriMesh)> = components
+            .into_par_iter()
+            .map(|mut triangles| {
+                let mut vertices = triangles.as_flattened().to_vec();
+                vertices.sort_unstable();
+                vertices.dedup();
+                for v in triangles.as_flattened_mut() {
+                    *v = vertices.partition_point(|u| u < v) as u32;
+                }
+                let position = |&v: &u32| self.positions[v as usize];
+                let mesh = TriMesh {
+                    positions: vertices.iter().map(position).collect(),
+                    triangles,
+                };
+                (mesh.area(), mesh)
+            })
+            .collect();
+        meshes.sort_by(|a, b| b.0.total_cmp(&a.0));
+        meshes.into_iter().map(|m| m.1).collect()
     }
 }
 

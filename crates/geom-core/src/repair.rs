@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use crate::bvh::TriangleTree;
 use crate::mesh::Halfedges;
 use crate::nearest::PointTree;
+use crate::sets::DisjointSets;
 use crate::{Point3, TriMesh, Vector3};
 
 const NONE: u32 = u32::MAX;
@@ -402,7 +403,7 @@ impl Soup {
                 }
             }
             // Corners are one vertex if turning around leads from one to the other.
-            let mut sets = Sets::new(3 * self.triangles.len());
+            let mut sets = DisjointSets::new(3 * self.triangles.len());
             for (h, &g) in twin.iter().enumerate() {
                 if g != NONE {
                     let (h, g) = (h as u32, g);
@@ -415,7 +416,7 @@ impl Soup {
             let mut positions = self.positions.clone();
             let mut triangles = self.triangles.clone();
             for c in 0..3 * self.triangles.len() {
-                let set = sets.of(c as u32) as usize;
+                let set = sets.find(c as u32) as usize;
                 let v = triangles.as_flattened()[c];
                 if number[set] == NONE {
                     number[set] = if std::mem::replace(&mut taken[v as usize], true) {
@@ -585,7 +586,7 @@ impl Soup {
     /// Drops small components and turns closed ones out of the solid.
     fn components(&mut self, options: &Options) {
         let n = self.triangles.len();
-        let mut sets = Sets::new(self.positions.len());
+        let mut sets = DisjointSets::new(self.positions.len());
         for &[a, b, c] in &self.triangles {
             sets.join(a, b);
             sets.join(b, c);
@@ -593,7 +594,7 @@ impl Soup {
         let mut number = vec![NONE; self.positions.len()];
         let mut members: Vec<Vec<u32>> = Vec::new();
         for t in 0..n as u32 {
-            let root = sets.of(self.triangles[t as usize][0]) as usize;
+            let root = sets.find(self.triangles[t as usize][0]) as usize;
             if number[root] == NONE {
                 number[root] = members.len() as u32;
                 members.push(Vec::new());
@@ -722,25 +723,4 @@ fn uses(sides: &[Side], a: u32, b: u32) -> &[Side] {
 struct Solid {
     tree: TriangleTree,
     volume: f64,
-}
-
-/// Disjoint sets of numbers; the lowest stands for its set.
-struct Sets(Vec<u32>);
-
-impl Sets {
-    fn new(n: usize) -> Self {
-        Self((0..n as u32).collect())
-    }
-    fn of(&mut self, mut i: u32) -> u32 {
-        while self.0[i as usize] != i {
-            let up = self.0[self.0[i as usize] as usize];
-            self.0[i as usize] = up;
-            i = up;
-        }
-        i
-    }
-    fn join(&mut self, i: u32, j: u32) {
-        let (i, j) = (self.of(i), self.of(j));
-        self.0[i.max(j) as usize] = i.min(j);
-    }
 }

@@ -77,6 +77,34 @@ fn tori_converge() {
 }
 
 #[test]
+fn components_are_taken_apart() {
+    let (mut positions, mut triangles) = shapes::icosphere(1.0, 1).into_parts();
+    for (radius, at) in [(3.0, 20.0), (2.0, -20.0)] {
+        let first = positions.len() as u32;
+        let ball = shapes::icosphere(radius, 2);
+        let shift = Vector3::new(at, 0.0, 0.0);
+        positions.extend(ball.positions().iter().map(|p| p + shift));
+        // From the last triangle to the first: an order that components keep.
+        let moved = ball.triangles().iter().map(|t| t.map(|v| v + first));
+        triangles.extend(moved.rev());
+    }
+    positions.push(Point3::origin());
+    let mesh = TriMesh::new(positions, triangles).unwrap();
+    let parts = mesh.components();
+    let areas: Vec<f64> = parts.iter().map(TriMesh::area).collect();
+    assert!((areas.iter().sum::<f64>() / mesh.area() - 1.0).abs() < 1e-12);
+    for (part, (radius, level)) in parts.iter().zip([(3.0, 2), (2.0, 2), (1.0, 1)]) {
+        let ball = shapes::icosphere(radius, level);
+        assert!((part.area() - ball.area()).abs() < 1e-9);
+        assert_eq!(part.positions().len(), ball.positions().len());
+        assert!(SurfaceAudit::of(part).is_closed_manifold());
+    }
+    assert_eq!(parts.len(), 3);
+    assert_eq!(parts[2].triangles(), shapes::icosphere(1.0, 1).triangles());
+    assert!(TriMesh::default().components().is_empty());
+}
+
+#[test]
 fn prisms_and_boxes_are_exact() {
     let (r, h, n) = (1.5, 4.0, 7);
     let prism = shapes::cylinder(r, h, n, 3);

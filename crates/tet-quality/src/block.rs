@@ -1,11 +1,17 @@
-//! The measures of some tetrahedra side by side: every step is a loop over them without branches or
-//! calls, so that it runs on the processor's vectors. What a tetrahedron gets does not depend on its
-//! neighbours in the block.
+//! The measures of many tetrahedra on the processor's vectors. What a tetrahedron gets depends neither
+//! on its neighbours nor on how wide the vectors are: there are no fused operations and no sums over
+//! lanes.
+
+use std::ops::{Add, Mul, Sub};
 
 use geom_core::Point3;
 use geom_core::mesh::{EDGES, FACES};
+use pulp::{Scalar, Simd, WithSimd};
 
 use crate::metrics::{JOE_LIU, Measures};
+
+/// Tetrahedra whose corners are gathered at a time: a multiple of all widths.
+const BLOCK: usize = 64;
 
 /// `asin t = t · p(t²)` for `0 ≤ t ≤ 1/2`, interpolated in the Chebyshev points: error 5·10⁻¹⁵.
 const ARCSINE: [f64; 11] = [
@@ -22,180 +28,238 @@ const ARCSINE: [f64; 11] = [
     0.03150100073013245,
 ];
 
-/// One number per tetrahedron.
-type Lane<const N: usize> = [f64; N];
+/// One number per tetrahedron, as many as a vector holds.
+#[derive(Clone, Copy)]
+struct Lanes<S: Simd>(S, S::f64s);
+
 /// One vector per tetrahedron, by coordinate.
-type Lanes<const N: usize> = [Lane<N>; 3];
+type Vectors<S> = [Lanes<S>; 3];
 
-#[inline(always)]
-fn each<const N: usize>(f: impl Fn(usize) -> f64) -> Lane<N> {
-    let mut out = [0.0; N];
-    for (i, o) in out.iter_mut().enumerate() {
-        *o = f(i);
+impl<S: Simd> Add for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(self.0, self.0.add_f64s(self.1, b.1))
     }
-    out
+}
+
+impl<S: Simd> Sub for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self(self.0, self.0.sub_f64s(self.1, b.1))
+    }
+}
+
+impl<S: Simd> Mul for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(self.0, self.0.mul_f64s(self.1, b.1))
+    }
+}
+
+impl<S: Simd> Lanes<S> {
+    #[inline(always)]
+    fn all(self, x: f64) -> Self {
+        Self(self.0, self.0.splat_f64s(x))
+    }
+    #[inline(always)]
+    fn over(self, b: Self) -> Self {
+        Self(self.0, self.0.div_f64s(self.1, b.1))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0, self.0.sqrt_f64s(self.1))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0, self.0.abs_f64s(self.1))
+    }
+    #[inline(always)]
+    fn max(self, b: Self) -> Self {
+        Self(self.0, self.0.max_f64s(self.1, b.1))
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(self.0, self.0.min_f64s(self.1, b.1))
+    }
+    /// `yes` where this is below `bound`, `no` elsewhere.
+    #[inline(always)]
+    fn below(self, bound: Self, yes: Self, no: Self) -> Self {
+        let mask = self.0.less_than_f64s(self.1, bound.1);
+        Self(self.0, self.0.select_f64s(mask, yes.1, no.1))
+    }
 }
 
 #[inline(always)]
-fn minus<const N: usize>(a: &Lanes<N>, b: &Lanes<N>) -> Lanes<N> {
+fn minus<S: Simd>(a: &Vectors<S>, b: &Vectors<S>) -> Vectors<S> {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+#[inline(always)]
+fn dot<S: Simd>(a: &Vectors<S>, b: &Vectors<S>) -> Lanes<S> {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn cross<S: Simd>(a: &Vectors<S>, b: &Vectors<S>) -> Vectors<S> {
     [
-        each(|i| a[0][i] - b[0][i]),
-        each(|i| a[1][i] - b[1][i]),
-        each(|i| a[2][i] - b[2][i]),
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
     ]
 }
 
+/// The angle, in degrees, with the cosine `c` of which `q = c |c|` is given.
 #[inline(always)]
-fn dot<const N: usize>(a: &Lanes<N>, b: &Lanes<N>) -> Lane<N> {
-    each(|i| a[0][i] * b[0][i] + a[1][i] * b[1][i] + a[2][i] * b[2][i])
-}
-
-#[inline(always)]
-fn cross<const N: usize>(a: &Lanes<N>, b: &Lanes<N>) -> Lanes<N> {
-    [
-        each(|i| a[1][i] * b[2][i] - a[2][i] * b[1][i]),
-        each(|i| a[2][i] * b[0][i] - a[0][i] * b[2][i]),
-        each(|i| a[0][i] * b[1][i] - a[1][i] * b[0][i]),
-    ]
-}
-
-// Unlike `f64::max` and `min` these leave NaN unspecified, which is one instruction; positions are
-// finite.
-#[inline(always)]
-fn more(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
-}
-
-#[inline(always)]
-fn less(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
-}
-
-/// The angles, in degrees, with cosines `c` of which `q = c |c|` is given.
-#[inline(always)]
-fn angles<const N: usize>(q: &Lane<N>) -> Lane<N> {
-    let square: Lane<N> = each(|i| less(q[i].abs(), 1.0));
-    let cosine: Lane<N> = each(|i| square[i].sqrt());
-    // Up to 30° from the right angle the arc sine of the cosine, else that of the half angle.
-    let half: Lane<N> = each(|i| 0.5 * (1.0 - cosine[i]));
-    let root: Lane<N> = each(|i| half[i].sqrt());
-    let z: Lane<N> = each(|i| {
-        if square[i] <= 0.25 {
-            square[i]
-        } else {
-            half[i]
-        }
-    });
-    let t: Lane<N> = each(|i| {
-        if square[i] <= 0.25 {
-            cosine[i]
-        } else {
-            root[i]
-        }
-    });
-    let mut p: Lane<N> = [ARCSINE[10]; N];
-    for c in ARCSINE.iter().rev().skip(1) {
-        p = each(|i| p[i] * z[i] + c);
-    }
+fn angle<S: Simd>(q: Lanes<S>) -> Lanes<S> {
     use std::f64::consts::{FRAC_PI_2, PI};
-    let (steep, slight): (Lane<N>, Lane<N>) = (
-        each(|i| FRAC_PI_2 - t[i] * p[i]),
-        each(|i| 2.0 * t[i] * p[i]),
-    );
-    let acute: Lane<N> = each(|i| {
-        if square[i] <= 0.25 {
-            steep[i]
-        } else {
-            slight[i]
-        }
-    });
-    let obtuse: Lane<N> = each(|i| PI - acute[i]);
-    each(|i| if q[i] >= 0.0 { acute[i] } else { obtuse[i] } * (180.0 / PI))
+    let square = q.abs().min(q.all(1.0));
+    let cosine = square.sqrt();
+    // Up to 30° from the right angle the arc sine of the cosine, else that of the half angle.
+    let half = q.all(0.5) * (q.all(1.0) - cosine);
+    let quarter = q.all(0.25);
+    let z = quarter.below(square, half, square);
+    let t = quarter.below(square, half.sqrt(), cosine);
+    let mut p = q.all(ARCSINE[10]);
+    for &c in ARCSINE.iter().rev().skip(1) {
+        p = p * z + q.all(c);
+    }
+    let arc = t * p;
+    let acute = quarter.below(square, arc + arc, q.all(FRAC_PI_2) - arc);
+    let turned = q.below(q.all(0.0), q.all(PI) - acute, acute);
+    turned * q.all(180.0 / PI)
 }
 
-/// Measures tetrahedra with these corners.
+/// Six volumes, Joe–Liu, edge ratios, smallest and largest dihedral angles.
 #[inline(always)]
-pub(crate) fn measures<const N: usize>(corners: &[[Point3; 4]; N]) -> [Measures; N] {
+fn kernel<S: Simd>(corners: &[Vectors<S>; 4]) -> [Lanes<S>; 5] {
+    let number = corners[0][0];
+    let [zero, one] = [0.0, 1.0].map(|x| number.all(x));
+    let tiny = number.all(f64::MIN_POSITIVE);
     // The corners from the first one on, in units of the longest coordinate, so that neither large
     // nor small units overflow.
-    let mut from: [Lanes<N>; 4] = [[[0.0; N]; 3]; 4];
-    for (i, tet) in corners.iter().enumerate() {
-        for k in 1..4 {
-            for axis in 0..3 {
-                from[k][axis][i] = tet[k][axis] - tet[0][axis];
-            }
+    let mut from = [[zero; 3]; 4];
+    let mut reach = zero;
+    for (x, corner) in from.iter_mut().zip(corners).skip(1) {
+        *x = minus(corner, &corners[0]);
+        for axis in x {
+            reach = axis.abs().max(reach);
         }
     }
-    let scale: Lane<N> = each(|i| {
-        let mut reach = 0.0;
-        for corner in &from[1..] {
-            for axis in corner {
-                reach = more(axis[i].abs(), reach);
-            }
-        }
-        if reach > 0.0 { reach } else { 1.0 }
-    });
-    let unit: Lane<N> = each(|i| 1.0 / scale[i]);
-    for corner in &mut from[1..] {
-        for axis in corner {
-            *axis = each(|i| axis[i] * unit[i]);
-        }
+    let scale = zero.below(reach, reach, one);
+    let unit = one.over(scale);
+    for axis in from.iter_mut().skip(1).flatten() {
+        *axis = *axis * unit;
     }
     // Loops, not `array::map`, which is not always compiled in place.
-    let mut edges = [[0.0; N]; 6];
-    for (e, [a, b]) in edges.iter_mut().zip(EDGES) {
+    let (mut sum, mut longest, mut shortest) = (zero, zero, number.all(f64::INFINITY));
+    for [a, b] in EDGES {
         let d = minus(&from[b], &from[a]);
-        *e = dot(&d, &d);
+        let square = dot(&d, &d);
+        sum = sum + square;
+        longest = square.max(longest);
+        shortest = square.min(shortest);
     }
-    let mut normals = [[[0.0; N]; 3]; 4];
-    let mut inverse = [[0.0; N]; 4];
+    let mut normals = [[zero; 3]; 4];
+    let mut squares = [zero; 4];
     for (k, [a, b, c]) in FACES.into_iter().enumerate() {
-        let n = cross(&minus(&from[b], &from[a]), &minus(&from[c], &from[a]));
-        let square = dot(&n, &n);
-        inverse[k] = each(|i| 1.0 / more(square[i], f64::MIN_POSITIVE));
-        normals[k] = n;
+        normals[k] = cross(&minus(&from[b], &from[a]), &minus(&from[c], &from[a]));
+        squares[k] = dot(&normals[k], &normals[k]);
     }
-    let v6: Lane<N> = dot(&cross(&from[1], &from[2]), &from[3]);
-    let joe_liu: Lane<N> = each(|i| {
-        let sum = edges[0][i] + edges[1][i] + edges[2][i] + edges[3][i] + edges[4][i] + edges[5][i];
-        let sum = more(sum, f64::MIN_POSITIVE);
-        JOE_LIU * v6[i] / (sum * sum.sqrt())
-    });
-    let mut longest = edges[0];
-    let mut shortest = edges[0];
-    for e in &edges[1..] {
-        longest = each(|i| more(e[i], longest[i]));
-        shortest = each(|i| less(e[i], shortest[i]));
-    }
-    let ratio: Lane<N> = each(|i| (longest[i] / shortest[i]).sqrt());
-    // Extremes of cos |cos|, which orders like cos and needs no root.
-    let mut high = [-1.0; N];
-    let mut low = [1.0; N];
-    for [k, l] in EDGES {
+    let v6 = dot(&cross(&from[1], &from[2]), &from[3]);
+    let sum = sum.max(tiny);
+    let joe_liu = (number.all(JOE_LIU) * v6).over(sum * sum.sqrt());
+    // Coinciding corners have no shortest edge.
+    let ratio = longest.over(shortest.max(tiny)).sqrt();
+    let ratio = zero.below(shortest, ratio, number.all(f64::INFINITY));
+    // Extremes of cos |cos| = ∓ d² n_i² n_j² / Π n², which orders like cos and needs no root, and one
+    // division for all.
+    let (mut high, mut low) = (number.all(f64::NEG_INFINITY), number.all(f64::INFINITY));
+    for ([k, l], [i, j]) in EDGES.into_iter().zip(EDGES.into_iter().rev()) {
         let d = dot(&normals[k], &normals[l]);
-        let square: Lane<N> = each(|i| -(d[i] * inverse[k][i]) * (d[i].abs() * inverse[l][i]));
-        high = each(|i| more(square[i], high[i]));
-        low = each(|i| less(square[i], low[i]));
+        let square = (zero - d) * d.abs() * (squares[i] * squares[j]);
+        high = square.max(high);
+        low = square.min(low);
     }
-    let (high, low) = (angles(&high), angles(&low));
-    let narrow: Lane<N> = each(|i| if v6[i] > 0.0 { high[i] } else { 0.0 });
-    let wide: Lane<N> = each(|i| if v6[i] > 0.0 { low[i] } else { 180.0 });
-    let mut out = [Measures::default(); N];
-    for (i, m) in out.iter_mut().enumerate() {
-        *m = Measures {
-            six_volume: v6[i] * scale[i] * scale[i] * scale[i],
-            joe_liu: joe_liu[i],
-            // Coinciding corners have no shortest edge.
-            edge_ratio: if shortest[i] > 0.0 {
-                ratio[i]
-            } else {
-                f64::INFINITY
-            },
-            min_dihedral: narrow[i],
-            max_dihedral: wide[i],
-        };
+    let product = (squares[0] * squares[1]) * (squares[2] * squares[3]);
+    let inverse = one.over(product.max(tiny));
+    let flat = |angle: Lanes<S>, otherwise: f64| zero.below(v6, angle, number.all(otherwise));
+    [
+        v6 * scale * scale * scale,
+        joe_liu,
+        ratio,
+        flat(angle(high * inverse), 0.0),
+        flat(angle(low * inverse), 180.0),
+    ]
+}
+
+fn assemble(values: [f64; 5]) -> Measures {
+    let [six_volume, joe_liu, edge_ratio, min_dihedral, max_dihedral] = values;
+    Measures {
+        six_volume,
+        joe_liu,
+        edge_ratio,
+        min_dihedral,
+        max_dihedral,
     }
-    out
+}
+
+/// Measures one tetrahedron.
+pub(crate) fn measure_one(corners: [Point3; 4]) -> Measures {
+    let one = Scalar::new();
+    let lanes = kernel(&corners.map(|p| [p.x, p.y, p.z].map(|x| Lanes(one, x))));
+    assemble(lanes.map(|l| l.1))
+}
+
+/// Measures tetrahedra on the widest vectors that the processor has.
+pub(crate) fn measure(positions: &[Point3], tets: &[[u32; 4]], out: &mut [Measures]) {
+    pulp::Arch::new().dispatch(Task {
+        positions,
+        tets,
+        out,
+    });
+}
+
+struct Task<'a> {
+    positions: &'a [Point3],
+    tets: &'a [[u32; 4]],
+    out: &'a mut [Measures],
+}
+
+impl WithSimd for Task<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let mut coordinates = [[0.0; BLOCK]; 12];
+        let mut values = [[0.0; BLOCK]; 5];
+        let blocks = self.tets.chunks(BLOCK).zip(self.out.chunks_mut(BLOCK));
+        for (tets, out) in blocks {
+            for (i, tet) in tets.iter().enumerate() {
+                for (k, &v) in tet.iter().enumerate() {
+                    let p = self.positions[v as usize];
+                    coordinates[3 * k][i] = p.x;
+                    coordinates[3 * k + 1][i] = p.y;
+                    coordinates[3 * k + 2][i] = p.z;
+                }
+            }
+            // Lanes beyond the last tetrahedron hold what was there before.
+            for g in 0..tets.len().div_ceil(S::F64_LANES) {
+                let mut corners = [[Lanes(simd, simd.splat_f64s(0.0)); 3]; 4];
+                for (lanes, row) in corners.iter_mut().flatten().zip(&coordinates) {
+                    lanes.1 = S::as_simd_f64s(row).0[g];
+                }
+                for (lanes, row) in kernel(&corners).iter().zip(&mut values) {
+                    S::as_mut_simd_f64s(row).0[g] = lanes.1;
+                }
+            }
+            for (i, m) in out.iter_mut().enumerate() {
+                *m = assemble([0, 1, 2, 3, 4].map(|k| values[k][i]));
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -203,32 +267,38 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn of_square(q: f64) -> f64 {
+        angle(Lanes(Scalar::new(), q)).1
+    }
+
     #[test]
     fn the_angle_is_the_arc_cosine() {
         for k in -100_000..=100_000 {
             let c = f64::from(k) / 1e5;
-            let [found] = angles(&[c * c.abs()]);
+            let found = of_square(c * c.abs());
             // Where the cosine is flat the argument itself has fewer digits.
             let allowed = 2e-12 + 1e-13 / (1.0 - c * c).max(1e-15).sqrt();
             assert!((found - c.acos().to_degrees()).abs() < allowed, "{c}");
         }
-        assert_eq!(angles(&[1.0, -1.0]), [0.0, 180.0]);
+        assert_eq!([1.0, -1.0].map(of_square), [0.0, 180.0]);
     }
 
     proptest! {
+        /// Any count, so that the last block is full, empty or neither.
         #[test]
-        fn neighbours_in_the_block_do_not_matter(
-            coordinates in proptest::collection::vec(-1.0..1.0f64, 8 * 12),
+        fn neither_neighbours_nor_vectors_matter(
+            coordinates in proptest::collection::vec(-1.0..1.0f64, 12..12 * 150),
         ) {
-            let tets: [[Point3; 4]; 8] = std::array::from_fn(|t| {
-                std::array::from_fn(|k| {
-                    let at = 12 * t + 3 * k;
-                    Point3::new(coordinates[at], coordinates[at + 1], coordinates[at + 2])
-                })
-            });
-            let together = measures(&tets);
-            for (tet, m) in tets.into_iter().zip(together) {
-                prop_assert_eq!(measures(&[tet]), [m]);
+            let x: Vec<Point3> = coordinates
+                .chunks_exact(3)
+                .map(Point3::from_slice)
+                .collect();
+            let count = x.len() as u32 / 4;
+            let tets: Vec<[u32; 4]> = (0..count).map(|t| [0, 1, 2, 3].map(|k| 4 * t + k)).collect();
+            let mut together = vec![Measures::default(); tets.len()];
+            measure(&x, &tets, &mut together);
+            for (tet, m) in tets.iter().zip(together) {
+                prop_assert_eq!(measure_one(tet.map(|v| x[v as usize])), m);
             }
         }
     }

@@ -6,10 +6,8 @@ use rayon::prelude::*;
 use crate::backend::{QualityBackend, Relaxation};
 use crate::ring::Ring;
 use crate::search::{Compass, search};
-use crate::{Error, Measures, block, measures};
+use crate::{Error, Measures, block};
 
-/// Tetrahedra measured side by side.
-const BLOCK: usize = 4;
 /// Tetrahedra per task.
 const CHUNK: usize = 4096;
 
@@ -18,22 +16,7 @@ impl QualityBackend for Cpu {
         let mut out = vec![Measures::default(); tets.len()];
         out.par_chunks_mut(CHUNK)
             .zip(tets.par_chunks(CHUNK))
-            .for_each(|(out, tets)| {
-                let (out, rest) = out.as_chunks_mut::<BLOCK>();
-                let (tets, odd) = tets.as_chunks::<BLOCK>();
-                for (out, tets) in out.iter_mut().zip(tets) {
-                    let mut block = [[Point3::origin(); 4]; BLOCK];
-                    for (corners, tet) in block.iter_mut().zip(tets) {
-                        for (corner, &v) in corners.iter_mut().zip(tet) {
-                            *corner = positions[v as usize];
-                        }
-                    }
-                    *out = block::measures(&block);
-                }
-                for (out, tet) in rest.iter_mut().zip(odd) {
-                    *out = measures(tet.map(|v| positions[v as usize]));
-                }
-            });
+            .for_each(|(out, tets)| block::measure(positions, tets, out));
         Ok(out)
     }
 

@@ -10,6 +10,7 @@ use crate::flow::flow;
 use crate::input::{free_again, prepare};
 use crate::metrics::quality;
 use crate::operate::{Memory, Rules, best_climb, best_for, round_of_pushes, rounds};
+use crate::own_surface::OwnSurface;
 use crate::patch::{Effort, push};
 use crate::report::{QualityReport, report_of};
 use crate::ring::Ring;
@@ -124,7 +125,8 @@ pub struct Improved {
 /// their topology; box faces stay plane and box edges straight; a cavity that is not meshed keeps at
 /// least a quarter of its volume, so that its wall does not turn inside out.
 ///
-/// `field` is the density whose level [`Options::level`] the surface vertices lie on.
+/// `field` is the density whose level [`Options::level`] the surface vertices lie on. A mesh of which
+/// nothing else is known can move along its own surfaces: [`SurfaceMotion::AlongInput`].
 pub fn improve<B: QualityBackend + ?Sized>(
     mesh: TetMesh,
     field: Option<&dyn ImplicitField>,
@@ -132,11 +134,29 @@ pub fn improve<B: QualityBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Improved, Error> {
     options.check()?;
-    let surface = field.map(|field| Isosurface {
+    let along_input = options.surface == SurfaceMotion::AlongInput;
+    if along_input && field.is_some() {
+        return Err(Error::InvalidOption {
+            option: "surface",
+            value: "AlongInput".to_owned(),
+            must: "Tangential where there is a field",
+        });
+    }
+    let mut surface = field.map(|field| Isosurface {
         field,
         level: options.level,
+        own: false,
     });
-    let input = prepare(mesh, surface.as_ref())?;
+    let mut input = prepare(mesh, surface.as_ref())?;
+    let own = along_input.then(|| OwnSurface::of(&input.work)).flatten();
+    if let Some(own) = &own {
+        surface = Some(Isosurface {
+            field: own,
+            level: 0.0,
+            own: true,
+        });
+        free_again(&mut input.work, surface.as_ref())?;
+    }
     let mut state = State::new(input.work, surface, options);
     if options.surface == SurfaceMotion::Fixed {
         state.fix_surface();
@@ -159,7 +179,7 @@ pub fn improve<B: QualityBackend + ?Sized>(
             free_again(work, state.surface.as_ref())?;
             moved
         }
-        SurfaceMotion::Fixed | SurfaceMotion::Tangential => 0,
+        SurfaceMotion::Fixed | SurfaceMotion::Tangential | SurfaceMotion::AlongInput => 0,
     };
     let mut passes = Vec::new();
     let mut far = usize::MAX;
@@ -172,9 +192,18 @@ pub fn improve<B: QualityBackend + ?Sized>(
         let last = pass + 1 == options.passes || done.changes() == 0;
         let mut enough = last;
         // The reserve is worth the usual passes only.
-        if last || state.met() || (pass >= LAST && state.goals_met()) {
-            let left = state.settle(&mut done);
-            enough |= left as f64 <= ENOUGH * state.on_field() as f64 || left >= far;
+        let met = state.met();
+        if last || met || (pass >= LAST && state.goals_met()) {
+            let allowed = ENOUGH * state.on_field() as f64;
+            let mut left = usize::MAX;
+            if met {
+                left = state.settle(true, &mut done);
+            }
+            // A share of the vertices is not worth the reserve of all tetrahedra.
+            if left as f64 > allowed {
+                left = state.settle(false, &mut done);
+            }
+            enough |= left as f64 <= allowed || left >= far;
             far = left;
         }
         done.worst = state.work.worst();
@@ -465,15 +494,16 @@ impl<'a> State<'a> {
     }
 
     /// Brings the surface vertices that are still farther from the isosurface than allowed to it as
-    /// far as all tetrahedra meet the goals, without the reserve that the passes aim at. Gives how
-    /// many are left.
-    fn settle(&mut self, done: &mut Pass) -> usize {
+    /// far as all tetrahedra meet the goals, with or without the reserve that the passes aim at. Gives
+    /// how many are left.
+    fn settle(&mut self, reserve: bool, done: &mut Pass) -> usize {
         let Some(surface) = &self.surface else {
             return 0;
         };
         let tolerance = self.options.deviation * self.spacing;
         let (goals, target) = (self.options.goals, self.target);
-        let good = |corners| quality(corners) >= target || goals.met_by(&measures(corners));
+        let good =
+            |corners| quality(corners) >= target || (!reserve && goals.met_by(&measures(corners)));
         let rules = SurfaceRules {
             field: surface,
             tolerance,

@@ -6,13 +6,12 @@ use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
 
 use crate::Error;
+use crate::own_surface::SMOOTH;
 use crate::surface_field::Isosurface;
 use crate::work::{Freedom, NONE, Work};
 
 /// Sine between the normals of triangles that still count as one plane.
 const PLANE: f64 = 1e-9;
-/// Rounds in which vertices join the isosurface that their neighbours lie on.
-const JOINS: u32 = 4;
 
 /// What the preparation found.
 pub(crate) struct Input {
@@ -64,35 +63,79 @@ fn set_freedoms(
         .filter(|&v| judged[v as usize].1)
         .collect();
     work.freedom = judged.into_iter().map(|j| j.0).collect();
-    if field.is_some() {
+    if field.is_some_and(|field| !field.own) {
         join_field(work, &faces);
     }
     Ok(junctions)
 }
 
 /// At pinches and where the mesh is too coarse for the isosurface, some of its vertices lie far from
-/// it. What most neighbours along the interface lie on, they lie on too.
+/// it. They belong to it where what is around them along the interface does; where nothing else is
+/// around them, as in a bubble of the lattice's size, where the interface of the same two regions
+/// does everywhere else.
 fn join_field(work: &mut Work, faces: &InterfaceFaces) {
-    let mut lost: Vec<u32> = (0..work.x.len() as u32)
-        .filter(|&v| {
+    let on_field = |v: u32| work.freedom[v as usize] == Freedom::Field;
+    let lost: Vec<bool> = (0..work.x.len() as u32)
+        .into_par_iter()
+        .map(|v| {
             work.freedom[v as usize] == Freedom::Fixed
                 && work.kinds[v as usize] != VertexKind::Fixed
                 && is_disk(faces.of(v))
         })
         .collect();
-    for _ in 0..JOINS {
-        let (join, stay): (Vec<u32>, Vec<u32>) = lost.iter().partition(|&&v| {
+    let pair_of = |v: u32| faces.of(v)[0].pair;
+    let mut seen = vec![false; lost.len()];
+    let (mut joined, mut alone) = (Vec::new(), Vec::new());
+    for seed in (0..lost.len() as u32).filter(|&v| lost[v as usize]) {
+        if seen[seed as usize] {
+            continue;
+        }
+        seen[seed as usize] = true;
+        let (mut cluster, mut next) = (vec![seed], 0);
+        let (mut on, mut off) = (0usize, 0usize);
+        while let Some(&v) = cluster.get(next) {
+            next += 1;
+            for u in faces.of(v).iter().map(|f| f.others[0]) {
+                if lost[u as usize] {
+                    if !seen[u as usize] {
+                        seen[u as usize] = true;
+                        cluster.push(u);
+                    }
+                } else if on_field(u) {
+                    on += 1;
+                } else if is_disk(faces.of(u)) {
+                    // Where surfaces touch, a vertex says nothing: it stays in any case.
+                    off += 1;
+                }
+            }
+        }
+        match (on, off) {
+            (0, 0) => alone.push(cluster),
+            _ if on > off => joined.extend(cluster),
+            _ => {}
+        }
+    }
+    for cluster in alone {
+        let pair = pair_of(cluster[0]);
+        let others = (0..lost.len() as u32).into_par_iter().filter(|&v| {
             let fan = faces.of(v);
-            let on = |f: &&InterfaceFace| work.freedom[f.others[0] as usize] == Freedom::Field;
-            2 * fan.iter().filter(on).count() > fan.len()
+            fan.first().is_some_and(|f| f.pair == pair)
+                && is_disk(fan)
+                && !lost[v as usize]
+                && matches!(
+                    work.kinds[v as usize],
+                    VertexKind::Interior | VertexKind::Surface
+                )
         });
-        if join.is_empty() {
-            break;
+        let (on, all) = others
+            .map(|v| (usize::from(on_field(v)), 1))
+            .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        if 2 * on > all {
+            joined.extend(cluster);
         }
-        for v in join {
-            work.freedom[v as usize] = Freedom::Field;
-        }
-        lost = stay;
+    }
+    for v in joined {
+        work.freedom[v as usize] = Freedom::Field;
     }
 }
 
@@ -289,6 +332,10 @@ fn freedom(
                     .sum::<f64>()
                     / fan.len() as f64;
                 match field {
+                    Some(field) if field.own => match flat(work, x, fan) {
+                        Freedom::Fixed if is_smooth(work, x, fan) => Freedom::Field,
+                        exact => exact,
+                    },
                     Some(field) if field.holds(v, &x, edge)? => Freedom::Field,
                     _ => flat(work, x, fan),
                 }
@@ -319,16 +366,27 @@ fn is_disk(fan: &[InterfaceFace]) -> bool {
     false
 }
 
+/// Do all faces turn by less than 40° from their mean?
+fn is_smooth(work: &Work, x: Point3, fan: &[InterfaceFace]) -> bool {
+    let normals: Option<Vec<Vector3>> = normals(work, x, fan).collect();
+    normals.is_some_and(|normals| {
+        let mean: Vector3 = normals.iter().sum();
+        let least = SMOOTH * mean.norm();
+        normals.iter().all(|n| n.dot(&mean) >= least)
+    })
+}
+
+/// The unit normals of the faces around a vertex; `None` for one without area.
+fn normals(work: &Work, x: Point3, fan: &[InterfaceFace]) -> impl Iterator<Item = Option<Vector3>> {
+    fan.iter().map(move |f| {
+        let [a, b] = f.others.map(|u| work.x[u as usize] - x);
+        a.cross(&b).try_normalize(0.0)
+    })
+}
+
 /// The directions that keep the given surface as it is: along a plane, or along the crease of two.
 fn flat(work: &Work, x: Point3, fan: &[InterfaceFace]) -> Freedom {
-    let normals: Option<Vec<Vector3>> = fan
-        .iter()
-        .map(|f| {
-            let [a, b] = f.others.map(|u| work.x[u as usize] - x);
-            a.cross(&b).try_normalize(0.0)
-        })
-        .collect();
-    let Some(normals) = normals else {
+    let Some(normals) = normals(work, x, fan).collect::<Option<Vec<Vector3>>>() else {
         return Freedom::Fixed;
     };
     let first = normals[0];
@@ -353,5 +411,122 @@ fn flat(work: &Work, x: Point3, fan: &[InterfaceFace]) -> Freedom {
         Freedom::Line(along)
     } else {
         Freedom::Fixed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use geom_core::ImplicitField;
+
+    use super::*;
+    use crate::testing::{Ball, ball_in_box, lattice, noise};
+
+    /// A ball of region 1 on its isosurface, and a small body far from any; how the vertices on the
+    /// surface of each may move, except for those where it touches itself.
+    fn ball_and_bubble(region: Region, pinned: bool) -> [Vec<Freedom>; 2] {
+        let [center, middle] = [4.0, 12.5].map(|x| Point3::new(x, 4.0, 4.0));
+        let ball = Ball {
+            center,
+            radius: 2.6,
+        };
+        let small = Ball {
+            center: middle,
+            radius: 1.7,
+        };
+        let mesh = lattice([16, 8, 8], 1.0, |x| {
+            if ball.value(x) >= 1.0 {
+                1
+            } else if small.value(x) >= 1.0 {
+                region
+            } else {
+                0
+            }
+        });
+        let (mut x, tets, regions, mut kinds) = mesh.into_parts();
+        let mut noise = noise(1);
+        for (kind, x) in kinds.iter_mut().zip(&mut x) {
+            if *kind != VertexKind::Surface {
+                continue;
+            }
+            // No fan is plane.
+            *x += Vector3::new(noise(), noise(), noise()) * 0.05;
+            if pinned && (*x - middle).norm() < 3.0 {
+                *kind = VertexKind::Fixed;
+            }
+        }
+        let mesh = TetMesh::with_kinds(x, tets, regions, kinds).unwrap();
+        let field = Isosurface {
+            field: &ball,
+            level: 1.0,
+            own: false,
+        };
+        let input = prepare(mesh, Some(&field)).unwrap();
+        let work = &input.work;
+        let (beyond, _) = adjacency(work).unwrap();
+        let faces = InterfaceFaces::new(work, &beyond);
+        [center, middle].map(|c| {
+            (0..work.x.len() as u32)
+                .filter(|&v| is_disk(faces.of(v)) && (work.x[v as usize] - c).norm() < 3.5)
+                .map(|v| work.freedom[v as usize])
+                .collect()
+        })
+    }
+
+    #[test]
+    fn a_bubble_off_the_isosurface_belongs_to_it_if_its_regions_do() {
+        for (region, pinned, belongs) in [(1, false, true), (2, false, false), (1, true, false)] {
+            let [on, off] = ball_and_bubble(region, pinned);
+            assert!(on.len() > 20 && off.len() > 10);
+            assert!(on.iter().all(|f| *f == Freedom::Field));
+            let expected = if belongs {
+                Freedom::Field
+            } else {
+                Freedom::Fixed
+            };
+            assert!(off.iter().all(|f| *f == expected), "{region} {pinned}");
+        }
+    }
+
+    /// A ball with a wide dent that its mesh knows nothing of.
+    struct Dented(Ball);
+
+    impl ImplicitField for Dented {
+        fn value(&self, x: &Point3) -> f64 {
+            self.value_gradient(x).0
+        }
+        fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+            let (value, gradient) = self.0.value_gradient(x);
+            let d = x - (self.0.center + Vector3::z() * self.0.radius);
+            let dent = 0.9 * (-d.norm_squared() / 16.0).exp();
+            (value - dent, gradient + d * (dent / 8.0))
+        }
+    }
+
+    #[test]
+    fn what_the_isosurface_surrounds_belongs_to_it() {
+        let (mesh, ball) = ball_in_box(12, 1.0, 4.6);
+        let dented = Dented(ball);
+        let field = Isosurface {
+            field: &dented,
+            level: 1.0,
+            own: false,
+        };
+        let on_ball = |v: &u32| mesh.kinds()[*v as usize] == VertexKind::Surface;
+        let on_ball: Vec<u32> = (0..mesh.positions().len() as u32).filter(on_ball).collect();
+        let far = on_ball.iter().filter(|&&v| {
+            let x = &mesh.positions()[v as usize];
+            !field.holds(v, x, 1.0).unwrap()
+        });
+        let far = far.count();
+        assert!(far > 10 && 4 * far < on_ball.len(), "{far} in the dent");
+        let input = prepare(mesh.clone(), Some(&field)).unwrap();
+        let work = &input.work;
+        let (beyond, _) = adjacency(work).unwrap();
+        let faces = InterfaceFaces::new(work, &beyond);
+        let disks = on_ball.iter().filter(|&&v| is_disk(faces.of(v)));
+        assert!(disks.clone().count() > 100);
+        for &v in disks {
+            assert_eq!(work.freedom[v as usize], Freedom::Field, "{v}");
+        }
     }
 }

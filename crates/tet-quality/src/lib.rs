@@ -15,6 +15,7 @@ mod insert;
 pub mod metrics;
 mod operate;
 mod options;
+mod own_surface;
 mod patch;
 mod proposal;
 pub mod report;

@@ -56,8 +56,8 @@ impl Default for Goals {
     }
 }
 
-/// How the vertices of the isosurface move. All three need the implicit field; without it a surface
-/// vertex slides only where the surface around it is plane.
+/// How the vertices of the surface move. Without an implicit field a surface vertex slides only where
+/// the surface around it is plane, or with [`SurfaceMotion::AlongInput`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum SurfaceMotion {
@@ -74,6 +74,10 @@ pub enum SurfaceMotion {
         /// Size of a step, in squares of the spacing.
         step: f64,
     },
+    /// Without a field: along the boundaries and interfaces of the input, where that improves the
+    /// tetrahedra. They count as smooth where their triangles turn by less than 40° around a vertex;
+    /// sharper edges and corners stay. [`Options::deviation`] is the distance from the input's triangles.
+    AlongInput,
 }
 
 /// Which topological operations may be used.
@@ -114,7 +118,7 @@ pub struct Options {
     /// The length against which deviations count, Å: the spacing of the lattice that the mesh came
     /// from. `None`: the median length of the edges at surface vertices.
     pub spacing: Option<f64>,
-    /// Largest distance of a surface vertex from the isosurface, in spacings. Vertices that lie
+    /// Largest distance of a surface vertex from the isosurface (or the input's), in spacings. Vertices that lie
     /// farther in the input come closer as far as the tetrahedra allow.
     pub deviation: f64,
     /// How surface vertices move.

@@ -3,7 +3,7 @@
 use geom_core::mesh::Region;
 use geom_core::{Cpu, Point3, TetMesh, parallel};
 
-use crate::{Measures, QualityBackend};
+use crate::{Measures, QualityBackend, aspect_ratio, radius_ratio};
 
 /// Width of a bin of [`Summary::min_dihedral_histogram`] and [`Summary::max_dihedral_histogram`],
 /// degrees.
@@ -45,6 +45,10 @@ pub struct Summary {
     pub joe_liu: Spread,
     /// Longest over shortest edge.
     pub edge_ratio: Spread,
+    /// Radius ratio: see [`radius_ratio`](crate::radius_ratio).
+    pub radius_ratio: Spread,
+    /// Longest edge over shortest altitude: see [`aspect_ratio`](crate::aspect_ratio).
+    pub aspect_ratio: Spread,
     /// Tetrahedra per 5° of smallest dihedral angle: `[0°, 5°)`, `[5°, 10°)`, …; 36 bins.
     pub min_dihedral_histogram: Vec<usize>,
     /// Tetrahedra per 5° of largest dihedral angle; 36 bins, the last one closed.
@@ -52,6 +56,10 @@ pub struct Summary {
     /// Tetrahedra per 0.05 of Joe–Liu measure from 0 to 1; 20 bins, the last one closed. Inverted ones
     /// count in the first.
     pub joe_liu_histogram: Vec<usize>,
+    /// Tetrahedra per 0.05 of radius ratio from 0 to 1; 20 bins, the last one closed.
+    pub radius_ratio_histogram: Vec<usize>,
+    /// Tetrahedra per 0.5 of aspect ratio from 1 on; 20 bins, the last one open to above.
+    pub aspect_ratio_histogram: Vec<usize>,
     /// How many have a smallest dihedral angle below each of [`LOW_ANGLES`].
     pub min_dihedral_below: [usize; 4],
     /// How many have a largest dihedral angle above each of [`HIGH_ANGLES`].
@@ -110,7 +118,7 @@ pub fn report_of(mesh: &TetMesh, measures: &[Measures]) -> QualityReport {
                 regions.push((region, Partial::default()));
                 regions.len() - 1
             });
-            regions[at].1.add(&measures[t]);
+            regions[at].1.add(&measures[t], mesh.corners(t));
             keep_worst(&mut worst, (badness(&measures[t]), t as u32));
         }
         (regions, worst)
@@ -225,6 +233,8 @@ struct Partial {
     max_dihedral: Range,
     joe_liu: Range,
     edge_ratio: Range,
+    radius_ratio: Range,
+    aspect_ratio: Range,
     histograms: Histograms,
     below: [usize; 4],
     above: [usize; 2],
@@ -235,6 +245,8 @@ struct Histograms {
     min: [usize; 36],
     max: [usize; 36],
     joe_liu: [usize; 20],
+    radius_ratio: [usize; 20],
+    aspect_ratio: [usize; 20],
 }
 
 impl Default for Histograms {
@@ -243,12 +255,14 @@ impl Default for Histograms {
             min: [0; 36],
             max: [0; 36],
             joe_liu: [0; 20],
+            radius_ratio: [0; 20],
+            aspect_ratio: [0; 20],
         }
     }
 }
 
 impl Partial {
-    fn add(&mut self, m: &Measures) {
+    fn add(&mut self, m: &Measures, corners: [Point3; 4]) {
         self.tets += 1;
         self.inverted += usize::from(m.six_volume <= 0.0);
         self.six_volume += m.six_volume;
@@ -259,7 +273,14 @@ impl Partial {
         let bin = |angle: f64| ((angle / BIN_DEGREES) as usize).min(35);
         self.histograms.min[bin(m.min_dihedral)] += 1;
         self.histograms.max[bin(m.max_dihedral)] += 1;
-        self.histograms.joe_liu[((m.joe_liu * 20.0) as usize).min(19)] += 1;
+        // The conversion of what is below 0 gives 0.
+        let part = |share: f64| ((share * 20.0) as usize).min(19);
+        self.histograms.joe_liu[part(m.joe_liu)] += 1;
+        let (radii, aspect) = (radius_ratio(corners), aspect_ratio(corners));
+        self.radius_ratio.add(radii);
+        self.aspect_ratio.add(aspect);
+        self.histograms.radius_ratio[part(radii)] += 1;
+        self.histograms.aspect_ratio[((2.0 * (aspect - 1.0)) as usize).min(19)] += 1;
         for (count, bound) in self.below.iter_mut().zip(LOW_ANGLES) {
             *count += usize::from(m.min_dihedral < bound);
         }
@@ -277,10 +298,20 @@ impl Partial {
         self.max_dihedral.join(&other.max_dihedral);
         self.joe_liu.join(&other.joe_liu);
         self.edge_ratio.join(&other.edge_ratio);
+        self.radius_ratio.join(&other.radius_ratio);
+        self.aspect_ratio.join(&other.aspect_ratio);
         let add = |a: &mut [usize], b: &[usize]| a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         add(&mut self.histograms.min, &other.histograms.min);
         add(&mut self.histograms.max, &other.histograms.max);
         add(&mut self.histograms.joe_liu, &other.histograms.joe_liu);
+        add(
+            &mut self.histograms.radius_ratio,
+            &other.histograms.radius_ratio,
+        );
+        add(
+            &mut self.histograms.aspect_ratio,
+            &other.histograms.aspect_ratio,
+        );
         add(&mut self.below, &other.below);
         add(&mut self.above, &other.above);
         self.poor += other.poor;
@@ -296,9 +327,13 @@ impl Partial {
             max_dihedral: self.max_dihedral.spread(n),
             joe_liu: self.joe_liu.spread(n),
             edge_ratio: self.edge_ratio.spread(n),
+            radius_ratio: self.radius_ratio.spread(n),
+            aspect_ratio: self.aspect_ratio.spread(n),
             min_dihedral_histogram: self.histograms.min.to_vec(),
             max_dihedral_histogram: self.histograms.max.to_vec(),
             joe_liu_histogram: self.histograms.joe_liu.to_vec(),
+            radius_ratio_histogram: self.histograms.radius_ratio.to_vec(),
+            aspect_ratio_histogram: self.histograms.aspect_ratio.to_vec(),
             min_dihedral_below: self.below,
             max_dihedral_above: self.above,
             joe_liu_below_0_3: self.poor,

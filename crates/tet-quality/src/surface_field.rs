@@ -8,6 +8,8 @@ use crate::Error;
 pub(crate) struct Isosurface<'a> {
     pub(crate) field: &'a dyn ImplicitField,
     pub(crate) level: f64,
+    /// The field is the distance to the mesh's own surfaces, plane parts and sharp edges of which stay.
+    pub(crate) own: bool,
 }
 
 /// The field at a point, to first order: what a vertex needs to know of the isosurface around it.

@@ -355,6 +355,7 @@ mod tests {
         let surface = Isosurface {
             field: &field,
             level: 1.0,
+            own: false,
         };
         let mut work = prepare(mesh, Some(&surface)).unwrap().work;
         work.guard_walls();

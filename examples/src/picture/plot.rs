@@ -52,14 +52,18 @@ pub fn histogram(
             .collect()
     };
     let heights: Vec<Vec<f64>> = sets.iter().map(percent).collect();
-    let top = heights.iter().flatten().fold(1.0, |m: f64, &h| m.max(h)) * 1.08;
+    let highest = |skipped: usize| {
+        let bars = heights.iter().flat_map(|h| &h[h.len() * skipped / 5..]);
+        bars.fold(1.0, |m: f64, &h| m.max(h))
+    };
+    // The legend stands on the right, above the bars there.
+    let top = (1.08 * highest(0)).max(1.2 * highest(4));
     chart(
         size,
-        title,
-        label,
-        "share / %",
+        [title, label, "share / %"],
         [low, high],
         [0.0, top],
+        true,
         |chart| {
             for (set, heights) in sets.iter().zip(&heights) {
                 let width = (high - low) / heights.len().max(1) as f64;
@@ -124,7 +128,8 @@ pub fn lines(
         },
         ys[1] + air,
     ];
-    chart(size, title, x_label, y_label, xs, ys, |chart| {
+    let named = curves.iter().any(|c| !c.name.is_empty());
+    chart(size, [title, x_label, y_label], xs, ys, named, |chart| {
         for curve in curves {
             let color = rgb(curve.color);
             let series = chart
@@ -164,11 +169,10 @@ type Chart<'a, 'b> = ChartContext<
 
 fn chart(
     [width, height]: [usize; 2],
-    title: &str,
-    x_label: &str,
-    y_label: &str,
+    [title, x_label, y_label]: [&str; 3],
     [x0, x1]: [f64; 2],
     [y0, y1]: [f64; 2],
+    legend: bool,
     draw: impl FnOnce(&mut Chart<'_, '_>),
 ) -> Image {
     let mut image = Image::filled(width * FINE, height * FINE, [255; 3]);
@@ -198,6 +202,9 @@ fn chart(
             .draw()
             .expect(MEMORY);
         draw(&mut chart);
+        if !legend {
+            return;
+        }
         chart
             .configure_series_labels()
             .background_style(WHITE.mix(0.85))

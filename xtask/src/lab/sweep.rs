@@ -1,26 +1,32 @@
-//! `cargo xtask sweep`: every structure of a folder through the whole chain, with both meshers and all
-//! regions, and every mesh audited.
+//! `cargo xtask sweep`: every structure of the data folders through the whole chain, with both meshers
+//! and all regions, and every mesh audited.
 
 #[cfg(feature = "lab")]
 mod case;
+#[cfg(feature = "lab")]
+mod check;
 #[cfg(any(test, feature = "lab"))]
 mod labels;
 #[cfg(feature = "lab")]
 mod run;
+#[cfg(feature = "lab")]
+mod table;
 
 use std::path::PathBuf;
-
-use clap::ValueEnum;
 
 #[cfg(feature = "lab")]
 pub(crate) use run::run;
 
+/// The meshers and regions that a case may have.
+const METHODS: [&str; 2] = ["lattice", "dual-contour"];
+const REGIONS: [&str; 3] = ["interior", "exterior", "both"];
+
 /// What is swept, and where the results go.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Folder of structure files [default: ../shared/data/pdb]
-    #[arg(long, value_name = "DIR")]
-    data: Option<PathBuf>,
+    /// Structure files, or folders of them [default: pdb and pockets of ../shared/data]
+    #[arg(long, value_name = "PATH")]
+    data: Vec<PathBuf>,
     /// Lattice spacings, Å [default: for about --tets tetrahedra inside, and for 2.5 times as many]
     #[arg(long, value_name = "A,B", value_delimiter = ',')]
     spacing: Vec<f64>,
@@ -28,16 +34,16 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1000..))]
     tets: u64,
     /// Meshers
-    #[arg(long, value_enum, value_delimiter = ',', default_values = ["lattice", "dual-contour"])]
-    method: Vec<Mesher>,
+    #[arg(long, value_delimiter = ',', default_values = METHODS, value_parser = METHODS)]
+    method: Vec<String>,
     /// Regions
-    #[arg(long, value_enum, value_delimiter = ',', default_values = ["interior", "exterior", "both"])]
-    region: Vec<Region>,
+    #[arg(long, value_delimiter = ',', default_values = REGIONS, value_parser = REGIONS)]
+    region: Vec<String>,
     /// Only structures whose file name contains this
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     only: Vec<String>,
-    /// Every seventh case also goes through this independent checker, a Python script that prints its
-    /// measurements of a mesh file as JSON
+    /// About every seventh case also goes through this independent checker, a Python script that prints
+    /// its measurements of a mesh file as JSON
     #[arg(long, value_name = "SCRIPT")]
     meshcheck: Option<PathBuf>,
     /// The interpreter for it, with what it imports
@@ -46,19 +52,11 @@ pub(crate) struct Arguments {
     /// A line of JSON per case; cases that it holds already are not run again
     #[arg(long, value_name = "FILE", default_value = "target/sweep.jsonl")]
     out: PathBuf,
-}
-
-/// Mesher of a case.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Mesher {
-    DualContour,
-    Lattice,
-}
-
-/// Region of a case.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Region {
-    Interior,
-    Exterior,
-    Both,
+    /// When all cases have a result: write them as a table in Markdown
+    #[arg(long, value_name = "FILE")]
+    table: Option<PathBuf>,
+    /// Run the cases in this process, whose death then ends the sweep; without this every structure has
+    /// a process of its own, and the case in which it dies gets a result that says so
+    #[arg(long)]
+    in_process: bool,
 }

@@ -19,6 +19,8 @@ const START: f64 = 1e250;
 pub struct HeatOptions {
     /// The heat flows for `smoothing` times the square of the mean edge length. Below 1 the front
     /// follows the edges of long triangles; above 4 the distance is rounded off where fronts meet.
+    /// A constant leaves 0.2 % of error on a sphere, however short the edges are; doubled when edges
+    /// become half as long, the error halves with them.
     pub smoothing: f64,
 }
 

@@ -89,8 +89,8 @@ impl Assembly {
 
 /// Equal operators have equal bits, but for the sign of zeros.
 fn bits(t: &Transform) -> [u64; 12] {
-    let mut numbers = t.rotation.iter().chain(t.translation.iter());
-    std::array::from_fn(|_| (numbers.next().expect("9 + 3 numbers") + 0.0).to_bits())
+    let (r, v) = (&t.rotation, &t.translation);
+    std::array::from_fn(|i| (if i < 9 { r[i] } else { v[i - 9] } + 0.0).to_bits())
 }
 
 impl Operators {

@@ -3,7 +3,8 @@
 use std::borrow::Cow;
 
 use super::{Error, ErrorKind};
-use crate::mesh::{EXTERIOR, INTERIOR, Interface, OUTSIDE, Region, Sets, VertexKind};
+use crate::mesh::{EXTERIOR, INTERIOR, Interface, OUTSIDE, Region, VertexKind};
+use crate::sets::DisjointSets;
 use crate::{Aabb, Point3, QuadMesh, TetMesh, TriMesh, Vector3};
 
 /// No group: see [`View::groups`].
@@ -651,7 +652,7 @@ fn outer_faces(mesh: &TetMesh, faces: &[Interface], molecule_meshed: bool) -> Ve
     if faces.iter().any(|f| box_side(mesh, f, &bounds).is_some()) {
         return vec![false; faces.len()];
     }
-    let mut pieces = Sets::new(mesh.positions().len());
+    let mut pieces = DisjointSets::new(mesh.positions().len());
     for face in faces {
         let [a, b, c] = face.triangle;
         pieces.join(a, b);

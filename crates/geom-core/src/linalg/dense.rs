@@ -173,6 +173,7 @@ pub(crate) fn turn(w: &mut [f64], columns: usize, c: &[f64]) {
         add_product_part(w, columns, &[Tall::of(&old, columns)], c, 1.0, 0);
     });
 }
+
 /// The columns of a block.
 pub(crate) fn separate(block: &[f64], columns: usize) -> Vec<Vec<f64>> {
     // As many at once as lie in a line of the cache.

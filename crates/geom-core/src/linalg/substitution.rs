@@ -342,36 +342,54 @@ impl<T: Scalar, const C: usize> pulp::WithSimd for Sweep<'_, T, C> {
 impl<T: Scalar, const C: usize> Sweep<'_, T, C> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
-        let part = |s: &Local| {
-            (
-                &self.values[s.values.clone()],
-                &self.task.rows[s.rows.clone()],
-            )
-        };
+        let (task, values) = (self.task, self.values);
         if self.down {
-            for s in &self.task.supernodes {
-                let (columns, rows) = part(s);
-                forward::<T, C, FUSED>(columns, rows, s.columns.clone(), self.x);
+            for s in &task.supernodes {
+                forward::<T, C, FUSED>(Block::of(s, task, values, self.x));
             }
         } else {
-            for s in self.task.supernodes.iter().rev() {
-                let (columns, rows) = part(s);
-                backward::<T, C, FUSED>(columns, rows, s.columns.clone(), self.x);
+            for s in task.supernodes.iter().rev() {
+                backward::<T, C, FUSED>(Block::of(s, task, values, self.x));
             }
         }
     }
 }
 
+/// A supernode with the unknowns that it solves for and those that follow them.
+struct Block<'a, T, const C: usize> {
+    /// Its columns of the factor, each from the diagonal block down.
+    columns: &'a [T],
+    /// The unknowns of the rows below the diagonal block.
+    rows: &'a [u32],
+    own: &'a mut [[T; C]],
+    /// The unknowns from `end` on.
+    below: &'a mut [[T; C]],
+    end: usize,
+}
+
+impl<'a, T, const C: usize> Block<'a, T, C> {
+    #[inline(always)]
+    fn of(s: &Local, task: &'a Task, values: &'a [T], x: &'a mut [[T; C]]) -> Self {
+        let (head, below) = x.split_at_mut(s.columns.end);
+        Self {
+            columns: &values[s.values.clone()],
+            rows: &task.rows[s.rows.clone()],
+            own: &mut head[s.columns.clone()],
+            below,
+            end: s.columns.end,
+        }
+    }
+}
+
 #[inline(always)]
-fn forward<T: Scalar, const C: usize, const FUSED: bool>(
-    columns: &[T],
-    rows: &[u32],
-    own: Range<usize>,
-    x: &mut [[T; C]],
-) {
-    let (head, tail) = x.split_at_mut(own.end);
-    let end = own.end;
-    let top = &mut head[own];
+fn forward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>) {
+    let Block {
+        columns,
+        rows,
+        own: top,
+        below: tail,
+        end,
+    } = block;
     let width = top.len();
     let height = width + rows.len();
     for c in 0..width {
@@ -415,15 +433,14 @@ fn forward<T: Scalar, const C: usize, const FUSED: bool>(
 }
 
 #[inline(always)]
-fn backward<T: Scalar, const C: usize, const FUSED: bool>(
-    columns: &[T],
-    rows: &[u32],
-    own: Range<usize>,
-    x: &mut [[T; C]],
-) {
-    let (head, tail) = x.split_at_mut(own.end);
-    let end = own.end;
-    let top = &mut head[own];
+fn backward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>) {
+    let Block {
+        columns,
+        rows,
+        own: top,
+        below: tail,
+        end,
+    } = block;
     let width = top.len();
     let height = width + rows.len();
     let (tiles, rest) = top.as_chunks_mut::<TILE>();

@@ -5,6 +5,7 @@ use std::fmt;
 use rayon::prelude::*;
 
 use super::{FACES, QuadMesh, Region, TetMesh, TriMesh, six_volume};
+use crate::sets::DisjointSets;
 use crate::{Point3, Vector3};
 
 /// Below this multiple of the longest edge to the power of the dimension, an area or a volume is as
@@ -187,27 +188,6 @@ fn fault<T: fmt::Debug>(f: &mut fmt::Formatter<'_>, what: &str, faults: &Faults<
     }
 }
 
-/// Disjoint sets of `0..n`; the lowest member names a set.
-pub(crate) struct Sets(Vec<u32>);
-
-impl Sets {
-    pub(crate) fn new(n: usize) -> Self {
-        Self((0..n as u32).collect())
-    }
-    pub(crate) fn find(&mut self, mut x: u32) -> u32 {
-        while self.0[x as usize] != x {
-            let up = self.0[self.0[x as usize] as usize];
-            self.0[x as usize] = up;
-            x = up;
-        }
-        x
-    }
-    pub(crate) fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.find(a), self.find(b));
-        self.0[a.max(b) as usize] = a.min(b);
-    }
-}
-
 /// Corner `k` of every face starts the edge to corner `k + 1`: all of them, sorted by the edge's
 /// vertices (lower one in the high bits), then by face.
 pub(super) fn sorted_edges<const N: usize>(faces: &[[u32; N]]) -> Vec<(u64, u32)> {
@@ -236,7 +216,7 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
         ..SurfaceAudit::default()
     };
 
-    let mut pieces = Sets::new(positions.len());
+    let mut pieces = DisjointSets::new(positions.len());
     let mut used = vec![false; positions.len()];
     for face in faces {
         for &v in face {
@@ -451,8 +431,8 @@ impl VolumeAudit {
             .collect();
 
         let faces = sorted_faces(tets);
-        let mut pieces = Sets::new(tets.len());
-        let mut region_pieces = Sets::new(tets.len());
+        let mut pieces = DisjointSets::new(tets.len());
+        let mut region_pieces = DisjointSets::new(tets.len());
         for group in faces.chunk_by(|a, b| a.0 == b.0) {
             audit.faces += 1;
             let tet = |i: usize| (group[i].1 / 4) as u32;
@@ -499,8 +479,8 @@ impl VolumeAudit {
             });
             of_region.tets += 1;
             of_region.volume += volume;
-            of_region.components += usize::from(region_pieces.0[t] == t as u32);
-            audit.components += usize::from(pieces.0[t] == t as u32);
+            of_region.components += usize::from(region_pieces.find(t as u32) == t as u32);
+            audit.components += usize::from(pieces.find(t as u32) == t as u32);
             if flat {
                 audit.flat_tets.add(t as u32);
             } else if volume < 0.0 {

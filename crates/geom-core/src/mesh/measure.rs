@@ -6,6 +6,7 @@ use super::{EDGES, FACES, QuadMesh, Region, TetMesh, TriMesh};
 use crate::{Aabb, Point3, Vector3, parallel};
 
 /// Six times the signed volume of a tetrahedron: positive if `(b − a, c − a, d − a)` is right-handed.
+#[inline]
 pub fn six_volume([a, b, c, d]: [Point3; 4]) -> f64 {
     (b - a).cross(&(c - a)).dot(&(d - a))
 }

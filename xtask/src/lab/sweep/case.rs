@@ -10,44 +10,22 @@ use serde_json::{Value, json};
 use tet_quality::{Goals, quality_report};
 
 use super::labels::{Cells, Lattice, Topology};
-use super::{Mesher, Region};
 
 /// Volumes that should be equal agree within this share.
 const VOLUME: f64 = 1e-9;
 /// Least share of the surface vertices that lie within 0.1 spacings of the isosurface.
 const ON_SURFACE: f64 = 0.999;
 
-impl From<Mesher> for Method {
-    fn from(mesher: Mesher) -> Self {
-        match mesher {
-            Mesher::DualContour => Self::DualContour,
-            Mesher::Lattice => Self::Lattice,
-        }
-    }
-}
-
-impl From<Region> for Extent {
-    fn from(region: Region) -> Self {
-        match region {
-            Region::Interior => Self::Interior,
-            Region::Exterior => Self::Exterior,
-            Region::Both => Self::Both,
-        }
-    }
-}
-
-impl Mesher {
-    /// What every tetrahedron shall reach.
-    fn targets(self) -> Goals {
-        Goals {
-            min_dihedral: match self {
-                Self::Lattice => 25.0,
-                Self::DualContour => 20.0,
-            },
-            max_dihedral: 155.0,
-            joe_liu: 0.3,
-            edge_ratio: 6.0,
-        }
+/// What every tetrahedron shall reach.
+fn targets(method: Method) -> Goals {
+    Goals {
+        min_dihedral: match method {
+            Method::Lattice => 25.0,
+            Method::DualContour => 20.0,
+        },
+        max_dihedral: 155.0,
+        joe_liu: 0.3,
+        edge_ratio: 6.0,
     }
 }
 
@@ -55,7 +33,7 @@ impl Mesher {
 pub(super) fn expected(
     grid: &BrickGrid,
     field: &PointSampler<'_>,
-    mesher: Mesher,
+    method: Method,
 ) -> Result<Topology, String> {
     use geom_core::ImplicitField;
     let lattice = *grid.lattice();
@@ -71,9 +49,9 @@ pub(super) fn expected(
     };
     // Dual contouring joins by the values on the lattice alone; the middles of cells are points of the
     // lattice of the other mesher.
-    let (middle, cells): (&dyn Fn([usize; 3]) -> f64, _) = match mesher {
-        Mesher::DualContour => (&of_corners, Cells::Cubes),
-        Mesher::Lattice => (&of_field, Cells::Centred),
+    let (middle, cells): (&dyn Fn([usize; 3]) -> f64, _) = match method {
+        Method::DualContour => (&of_corners, Cells::Cubes),
+        Method::Lattice => (&of_field, Cells::Centred),
     };
     Lattice {
         counts: lattice.counts,
@@ -96,12 +74,12 @@ pub(super) struct Outcome {
 pub(super) fn run(
     grid: &BrickGrid,
     field: &PointSampler<'_>,
-    mesher: Mesher,
-    region: Region,
+    method: Method,
+    region: Extent,
     expected: Result<Topology, String>,
 ) -> Outcome {
     let mut row = json!({ "faults": [], "misses": [] });
-    let mesh = figures(grid, field, mesher, region, expected, &mut row);
+    let mesh = figures(grid, field, method, region, expected, &mut row);
     let mesh = mesh
         .map_err(|error| push(&mut row, "faults", vec![error]))
         .ok();
@@ -117,8 +95,8 @@ fn push(row: &mut Value, list: &str, items: Vec<String>) {
 fn figures(
     grid: &BrickGrid,
     field: &PointSampler<'_>,
-    mesher: Mesher,
-    region: Region,
+    method: Method,
+    region: Extent,
     expected: Result<Topology, String>,
     row: &mut Value,
 ) -> Result<(TetMesh, TriMesh), String> {
@@ -127,8 +105,8 @@ fn figures(
     let h = grid.lattice().spacing;
     let start = Instant::now();
     let options = dual_contour::Options {
-        method: mesher.into(),
-        region: region.into(),
+        method,
+        region,
         ..Default::default()
     };
     let volume = dual_contour::volume(grid, Some(field), &options, Run::on(&Cpu))
@@ -167,7 +145,7 @@ fn figures(
     row["largest_deviation"] = (fit.largest / h).into();
     row["exceptions"] = format!("{:?}", report.exceptions.counts).into();
     row["volume"] = q.volume.into();
-    let t = mesher.targets();
+    let t = targets(method);
     let missed = [
         (q.min_dihedral.min < t.min_dihedral, "min dihedral"),
         (q.max_dihedral.max > t.max_dihedral, "max dihedral"),
@@ -196,7 +174,7 @@ fn close(a: f64, b: f64, whole: f64) -> bool {
 }
 
 /// Everything that must hold for a mesh, and the surface of its molecule.
-fn audit(mesh: &TetMesh, region: Region, expected: &Topology) -> (Vec<String>, TriMesh) {
+fn audit(mesh: &TetMesh, region: Extent, expected: &Topology) -> (Vec<String>, TriMesh) {
     let mut faults = Vec::new();
     let mut require = |holds: bool, what: &dyn Fn() -> String| {
         if !holds {
@@ -208,10 +186,10 @@ fn audit(mesh: &TetMesh, region: Region, expected: &Topology) -> (Vec<String>, T
         volume.to_string().replace('\n', "; ")
     });
     let surface = match region {
-        Region::Exterior => seen_from_outside(mesh),
-        Region::Interior | Region::Both => mesh.region_surface(INTERIOR),
+        Extent::Exterior => seen_from_outside(mesh),
+        Extent::Interior | Extent::Both => mesh.region_surface(INTERIOR),
     };
-    let outside = (region != Region::Interior).then(|| mesh.region_surface(EXTERIOR));
+    let outside = (region != Extent::Interior).then(|| mesh.region_surface(EXTERIOR));
     let audit = SurfaceAudit::of(&surface);
     require(audit.is_closed_manifold(), &|| {
         format!(
@@ -241,9 +219,9 @@ fn audit(mesh: &TetMesh, region: Region, expected: &Topology) -> (Vec<String>, T
     let pieces = |r| volume.region(r).map_or(0, |r| r.components as i64);
     let chi = expected.components - expected.tunnels + expected.cavities;
     let (inside, around, euler) = match region {
-        Region::Interior => (expected.components, 0, chi),
-        Region::Exterior => (0, 1 + expected.cavities, 1 + chi),
-        Region::Both => (expected.components, 1 + expected.cavities, 1),
+        Extent::Interior => (expected.components, 0, chi),
+        Extent::Exterior => (0, 1 + expected.cavities, 1 + chi),
+        Extent::Both => (expected.components, 1 + expected.cavities, 1),
     };
     let (found_in, found_out) = (pieces(INTERIOR), pieces(EXTERIOR));
     require((found_in, found_out) == (inside, around), &|| {
@@ -257,9 +235,9 @@ fn audit(mesh: &TetMesh, region: Region, expected: &Topology) -> (Vec<String>, T
     let enclosed = audit.volume();
     let sum = volume.volume();
     let should = match region {
-        Region::Interior => enclosed,
-        Region::Exterior => whole - enclosed,
-        Region::Both => whole,
+        Extent::Interior => enclosed,
+        Extent::Exterior => whole - enclosed,
+        Extent::Both => whole,
     };
     require(close(sum, should, whole), &|| {
         format!("the volumes sum to {sum}, not {should}")
@@ -293,13 +271,13 @@ fn seen_from_outside(mesh: &TetMesh) -> TriMesh {
 }
 
 /// Is the surface that came with the tetrahedra their boundary?
-fn compare(volume: &dual_contour::Volume, region: Region) -> Vec<String> {
+fn compare(volume: &dual_contour::Volume, region: Extent) -> Vec<String> {
     let (mesh, surface) = (&volume.mesh, &volume.surface);
     let fine = match region {
-        Region::Interior | Region::Both => {
+        Extent::Interior | Extent::Both => {
             BoundaryComparison::of(mesh, INTERIOR, surface).is_equal()
         }
-        Region::Exterior => {
+        Extent::Exterior => {
             let found = BoundaryComparison::of(mesh, EXTERIOR, surface);
             let boundary = mesh.region_surface(EXTERIOR).triangles().len();
             let triangles = surface.triangles().len();

@@ -5,6 +5,8 @@
 //! parts of a cell complex all of whose corners have the label. Both meshers promise the topology of
 //! such a complex; which one is what [`Cells`] says.
 
+use geom_core::sets::DisjointSets;
+
 /// How the cells between the corners are filled.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Cells {
@@ -103,7 +105,7 @@ impl Lattice<'_> {
                 middle[v - points] == Some(true)
             }
         };
-        let mut sets = Sets((0..2 * points as u32).collect());
+        let mut sets = DisjointSets::new(2 * points);
         // Elements of the solid, those of even dimension less those of odd.
         let mut euler = 0;
         let mut add = |corners: &[usize]| {
@@ -229,24 +231,6 @@ fn is_simple(corners: [bool; 8]) -> bool {
             reached = next;
         }
     })
-}
-
-/// Disjoint sets; the lowest member names a set.
-struct Sets(Vec<u32>);
-
-impl Sets {
-    fn find(&mut self, mut x: u32) -> u32 {
-        while self.0[x as usize] != x {
-            let up = self.0[self.0[x as usize] as usize];
-            self.0[x as usize] = up;
-            x = up;
-        }
-        x
-    }
-    fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.find(a), self.find(b));
-        self.0[a.max(b) as usize] = a.min(b);
-    }
 }
 
 #[cfg(test)]

@@ -1,0 +1,95 @@
+//! The surfaces of a mesh itself, for vertices that slide along them where there is no field.
+
+use geom_core::bvh::TriangleTree;
+use geom_core::mesh::FACES;
+use geom_core::{ImplicitField, Point3, TriMesh, Vector3};
+use rayon::prelude::*;
+
+use crate::work::Work;
+
+/// Triangles that turn by less than this are parts of one smooth surface: cos 40°.
+pub(crate) const SMOOTH: f64 = 0.766_044_443_118_978;
+
+/// The signed distance to all boundaries and interfaces of a mesh, with normals as of the smooth surface
+/// that their triangles stand for.
+pub(crate) struct OwnSurface {
+    tree: TriangleTree,
+    /// Unit normals per corner.
+    normals: Vec<[Vector3; 3]>,
+}
+
+impl OwnSurface {
+    /// `None` if all faces lie within one region.
+    pub(crate) fn of(work: &Work) -> Option<Self> {
+        let triangles: Vec<[u32; 3]> = (0..work.tets.len() as u32)
+            .into_par_iter()
+            .filter(|&t| !work.is_empty_slot(t))
+            .flat_map_iter(|t| {
+                (0..4).filter_map(move |k| {
+                    // Each face once, from the side of the smaller region.
+                    let once = work.regions[t as usize] < work.region_beyond(t, k);
+                    once.then(|| FACES[k].map(|i| work.tets[t as usize][i]))
+                })
+            })
+            .collect();
+        let flat: Vec<Vector3> = triangles
+            .par_iter()
+            .map(|&[a, b, c]| {
+                let [a, b, c] = [a, b, c].map(|v| work.x[v as usize]);
+                let normal = (b - a).cross(&(c - a)).try_normalize(0.0);
+                normal.unwrap_or_default()
+            })
+            .collect();
+        let mut corners: Vec<(u32, u32)> = (0..triangles.len() as u32)
+            .flat_map(|f| triangles[f as usize].map(|v| (v, f)))
+            .collect();
+        corners.par_sort_unstable();
+        let around = |v: u32| {
+            let start = corners.partition_point(|c| c.0 < v);
+            corners[start..].iter().take_while(move |c| c.0 == v)
+        };
+        let normals = (0..triangles.len())
+            .into_par_iter()
+            .map(|f| {
+                triangles[f].map(|v| {
+                    let alike = around(v).map(|&(_, g)| g as usize);
+                    let sum: Vector3 = alike
+                        .filter(|&g| flat[f].dot(&flat[g]) >= SMOOTH)
+                        .map(|g| flat[g] * angle(work, triangles[g], v))
+                        .sum();
+                    sum.try_normalize(1e-9).unwrap_or(flat[f])
+                })
+            })
+            .collect();
+        let surface = TriMesh::new(work.x.clone(), triangles).ok()?;
+        let tree = TriangleTree::new(&surface).ok()?;
+        Some(Self { tree, normals })
+    }
+}
+
+/// The angle of a triangle at its corner `v`.
+fn angle(work: &Work, triangle: [u32; 3], v: u32) -> f64 {
+    let x = work.x[v as usize];
+    let others = triangle.map(|u| work.x[u as usize] - x);
+    let mut sides = others.into_iter().zip(triangle).filter(|s| s.1 != v);
+    match (sides.next(), sides.next()) {
+        (Some((a, _)), Some((b, _))) => a.angle(&b),
+        _ => 0.0,
+    }
+}
+
+impl ImplicitField for OwnSurface {
+    fn value(&self, x: &Point3) -> f64 {
+        self.value_gradient(x).0
+    }
+
+    fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        let near = self.tree.closest(x);
+        let corners = self.normals[near.triangle as usize];
+        let weights = near.barycentric;
+        let sum = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+        let normal = sum.try_normalize(0.0).unwrap_or_default();
+        let side = (x - near.point).dot(&normal);
+        (near.distance.copysign(side), normal)
+    }
+}
