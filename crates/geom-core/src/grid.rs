@@ -240,7 +240,7 @@ impl BrickGrid {
             })
             .collect();
         assert!(
-            values.len() % BRICK_POINTS == 0 && taken.iter().all(|&t| t),
+            values.len().is_multiple_of(BRICK_POINTS) && taken.iter().all(|&t| t),
             "512 values per stored brick"
         );
         let grid = Self {
