@@ -11,26 +11,33 @@ pub struct Shader {
     pub workgroup: [u32; 3],
 }
 
+/// The source of a kernel: WGSL has no includes, so what several share is put before it.
+macro_rules! joined {
+    ($($file:literal),+) => {
+        concat!($(include_str!(concat!("../wgsl/", $file, ".wgsl")), "\n"),+)
+    };
+}
+
 // ── geom-core
 
 /// `geom-core`: sparse matrix times a block of vectors.
 pub const GEOM_CORE_PRODUCT: Shader = Shader {
     name: "geom_core_product",
-    source: include_str!("../wgsl/geom_core/product.wgsl"),
+    source: joined!("geom_core/product"),
     workgroup: [64, 1, 1],
 };
 
 /// `geom-core`: a step of Chebyshev smoothing.
 pub const GEOM_CORE_SMOOTH: Shader = Shader {
     name: "geom_core_smooth",
-    source: include_str!("../wgsl/geom_core/smooth.wgsl"),
+    source: joined!("geom_core/smooth"),
     workgroup: [64, 1, 1],
 };
 
 /// `geom-core`: weights of a voxel graph times a block of vectors.
 pub const GEOM_CORE_STENCIL: Shader = Shader {
     name: "geom_core_stencil",
-    source: include_str!("../wgsl/geom_core/stencil.wgsl"),
+    source: joined!("geom_core/stencil"),
     workgroup: [64, 1, 1],
 };
 
@@ -39,21 +46,21 @@ pub const GEOM_CORE_STENCIL: Shader = Shader {
 /// `dual-contour`: lowest and highest value per block.
 pub const DUAL_CONTOUR_MIN_MAX: Shader = Shader {
     name: "dual_contour_min_max",
-    source: include_str!("../wgsl/dual_contour/min_max.wgsl"),
+    source: joined!("dual_contour/min_max"),
     workgroup: [64, 1, 1],
 };
 
 /// `dual-contour`: corner signs of all finest cells of a block.
 pub const DUAL_CONTOUR_CROSSINGS: Shader = Shader {
     name: "dual_contour_crossings",
-    source: include_str!("../wgsl/dual_contour/crossings.wgsl"),
+    source: joined!("dual_contour/crossings"),
     workgroup: [128, 1, 1],
 };
 
 /// `dual-contour`: dual vertices of cells.
 pub const DUAL_CONTOUR_DUAL_VERTICES: Shader = Shader {
     name: "dual_contour_dual_vertices",
-    source: include_str!("../wgsl/dual_contour/dual_vertices.wgsl"),
+    source: joined!("dual_contour/dual_vertices"),
     workgroup: [64, 1, 1],
 };
 
@@ -62,42 +69,52 @@ pub const DUAL_CONTOUR_DUAL_VERTICES: Shader = Shader {
 /// `gauss-density`: which atoms matter in a brick.
 pub const GAUSS_DENSITY_CULL: Shader = Shader {
     name: "gauss_density_cull",
-    source: include_str!("../wgsl/gauss_density/cull.wgsl"),
+    source: joined!("common/tree", "gauss_density/cull"),
     workgroup: [64, 1, 1],
 };
 
 /// `gauss-density`: the density at the points of bricks.
 pub const GAUSS_DENSITY_DENSITY: Shader = Shader {
     name: "gauss_density_density",
-    source: include_str!("../wgsl/gauss_density/density.wgsl"),
+    source: joined!("common/tree", "gauss_density/density"),
     workgroup: [8, 8, 4],
 };
 
 /// `gauss-density`: the values of chosen bricks.
 pub const GAUSS_DENSITY_COMPACT: Shader = Shader {
     name: "gauss_density_compact",
-    source: include_str!("../wgsl/gauss_density/compact.wgsl"),
+    source: joined!("gauss_density/compact"),
     workgroup: [256, 1, 1],
 };
 
 /// `gauss-density`: the terms of the tree at points.
 pub const GAUSS_DENSITY_TERMS: Shader = Shader {
     name: "gauss_density_terms",
-    source: include_str!("../wgsl/gauss_density/terms.wgsl"),
+    source: joined!("common/tree", "common/sites", "gauss_density/terms"),
     workgroup: [64, 1, 1],
 };
 
 /// `gauss-density`: squared changes of the density without each atom.
 pub const GAUSS_DENSITY_ATOM_ERRORS: Shader = Shader {
     name: "gauss_density_atom_errors",
-    source: include_str!("../wgsl/gauss_density/atom_errors.wgsl"),
+    source: joined!(
+        "common/tree",
+        "common/sites",
+        "common/slots",
+        "gauss_density/atom_errors"
+    ),
     workgroup: [64, 1, 1],
 };
 
 /// `gauss-density`: derivatives of the refit's objective.
 pub const GAUSS_DENSITY_REFIT_SUMS: Shader = Shader {
     name: "gauss_density_refit_sums",
-    source: include_str!("../wgsl/gauss_density/refit_sums.wgsl"),
+    source: joined!(
+        "common/tree",
+        "common/sites",
+        "common/slots",
+        "gauss_density/refit_sums"
+    ),
     workgroup: [64, 1, 1],
 };
 
@@ -106,14 +123,14 @@ pub const GAUSS_DENSITY_REFIT_SUMS: Shader = Shader {
 /// `tet-quality`: measures of tetrahedra.
 pub const TET_QUALITY_MEASURE: Shader = Shader {
     name: "tet_quality_measure",
-    source: include_str!("../wgsl/tet_quality/measure.wgsl"),
+    source: joined!("tet_quality/measure"),
     workgroup: [64, 1, 1],
 };
 
 /// `tet-quality`: a sweep of smoothing over the vertices of a colour.
 pub const TET_QUALITY_RELAX: Shader = Shader {
     name: "tet_quality_relax",
-    source: include_str!("../wgsl/tet_quality/relax.wgsl"),
+    source: joined!("tet_quality/relax"),
     workgroup: [64, 1, 1],
 };
 

@@ -40,6 +40,13 @@ fn kernels_need_no_more_than_every_device_grants() {
     }
 }
 
+fn name(path: &std::path::Path) -> String {
+    path.file_stem()
+        .expect("a name")
+        .to_string_lossy()
+        .into_owned()
+}
+
 #[test]
 fn names_are_unique_and_every_source_file_is_listed() {
     let names: BTreeSet<_> = ALL.iter().map(|s| s.name).collect();
@@ -48,19 +55,16 @@ fn names_are_unique_and_every_source_file_is_listed() {
     let mut files = BTreeSet::new();
     for folder in std::fs::read_dir(root).expect("the folder of the sources") {
         let folder = folder.expect("an entry").path();
-        let of = folder
-            .file_name()
-            .expect("a name")
-            .to_string_lossy()
-            .into_owned();
+        let of = name(&folder);
         for file in std::fs::read_dir(folder).expect("one folder per crate") {
             let path = file.expect("an entry").path();
-            let stem = path
-                .file_stem()
-                .expect("a name")
-                .to_string_lossy()
-                .into_owned();
-            files.insert(format!("{of}_{stem}"));
+            if of == "common" {
+                let shared = std::fs::read_to_string(&path).expect("text");
+                let users = ALL.iter().filter(|s| s.source.contains(&shared)).count();
+                assert!(users > 1, "{}: shared by {users} kernels", path.display());
+            } else {
+                files.insert(format!("{of}_{}", name(&path)));
+            }
         }
     }
     let listed: BTreeSet<String> = names.iter().map(|&n| n.to_owned()).collect();

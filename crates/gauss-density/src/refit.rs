@@ -1,5 +1,8 @@
 //! Refit of the remaining atoms to the original density near the surface (Eqs. 3.11–3.14), with
-//! analytic derivatives, one step length per parameter, and bounds.
+//! analytic derivatives and bounds: quasi-Newton steps (limited-memory BFGS; Nocedal and Wright, *Numerical
+//! Optimization*, 2006, algorithm 7.4) that start from one step length per parameter.
+
+use std::collections::VecDeque;
 
 use geom_core::Run;
 use rayon::prelude::*;
@@ -145,8 +148,9 @@ pub fn refit<B: DensityBackend + ?Sized>(
     let cells = with_atoms_of(&Prepared::new(reduced), of_original, options);
     let samples = cells.iter().map(|c| c.points.len()).sum();
 
-    let mut model = reduced.clone();
-    let mut sums = run.backend.refit_sums(&Prepared::new(&model), &cells)?;
+    let mut at = parameters(reduced);
+    let allowed = Allowed::around(reduced, options);
+    let mut sums = run.backend.refit_sums(&Prepared::new(reduced), &cells)?;
     let mut report = RefitReport {
         backend: run.backend.name(),
         samples,
@@ -156,6 +160,7 @@ pub fn refit<B: DensityBackend + ?Sized>(
         worst: [sums.worst; 2],
         comparison: [compare_on(reduced, &sampler, &sampling, run)?; 2],
     };
+    let mut memory = Memory::default();
     let mut tau = 1.0;
     while report.iterations < options.iterations && samples > 0 {
         run.progress(
@@ -164,22 +169,32 @@ pub fn refit<B: DensityBackend + ?Sized>(
             u64::from(options.iterations),
         )?;
         report.iterations += 1;
-        let (trial, change) = stepped(&model, reduced, &sums, tau, options);
+        let step = memory.step(&at, &sums, &allowed);
+        let trial = allowed.moved(&at, &step, tau);
+        let change = largest(&difference(&trial, &at));
         if change < options.tolerance && report.accepted > 0 || change == 0.0 {
             break;
         }
-        let next = run.backend.refit_sums(&Prepared::new(&trial), &cells)?;
+        let next = with_parameters(reduced, &trial);
+        let next = run.backend.refit_sums(&Prepared::new(&next), &cells)?;
         if next.objective < sums.objective {
-            (model, sums) = (trial, next);
+            memory.learn(
+                difference(&trial, &at),
+                difference(&next.gradient, &sums.gradient),
+            );
+            (at, sums) = (trial, next);
             report.accepted += 1;
-            tau = (1.5 * tau).min(1.0);
+            tau = 1.0;
         } else {
             tau *= 0.5;
-            if tau < 1e-6 {
+            if tau < 0.2 && memory.forget() {
+                tau = 1.0;
+            } else if tau < 1e-6 {
                 break;
             }
         }
     }
+    let model = with_parameters(reduced, &at);
     report.objective[1] = sums.objective;
     report.worst[1] = sums.worst;
     if report.accepted > 0 {
@@ -222,64 +237,184 @@ fn with_atoms_of(reduced: &Prepared<'_>, cells: Vec<SiteCell>, options: &Refit) 
         .collect()
 }
 
-/// The model after a step of relative length `tau`, within the bounds around `start`; and the largest change.
-fn stepped(
-    model: &Model,
-    start: &Model,
-    sums: &RefitSums,
-    tau: f64,
-    options: &Refit,
-) -> (Model, f64) {
-    // Parameters that hardly act get no wild steps.
-    let mut largest = [0.0f64; 5];
-    for curvature in &sums.curvature {
-        for (top, &c) in largest.iter_mut().zip(curvature) {
+/// Something for x, y, z, radius and decay of an atom.
+type Five = [f64; 5];
+
+fn parameters(model: &Model) -> Vec<Five> {
+    let others = model.radii().iter().zip(model.decays());
+    let all = model.centers().iter().zip(others);
+    all.map(|(x, (&r, &kappa))| [x.x, x.y, x.z, r, kappa])
+        .collect()
+}
+
+fn with_parameters(model: &Model, all: &[Five]) -> Model {
+    model.with_atoms(
+        all.iter().map(|p| [p[0], p[1], p[2]].into()).collect(),
+        all.iter().map(|p| p[3]).collect(),
+        all.iter().map(|p| p[4]).collect(),
+    )
+}
+
+fn difference(a: &[Five], b: &[Five]) -> Vec<Five> {
+    let pairs = a.iter().zip(b);
+    pairs
+        .map(|(a, b)| std::array::from_fn(|p| a[p] - b[p]))
+        .collect()
+}
+
+fn dot(a: &[Five], b: &[Five]) -> f64 {
+    let products = a.as_flattened().iter().zip(b.as_flattened());
+    products.map(|(a, b)| a * b).sum()
+}
+
+/// `to += factor · from`.
+fn add(to: &mut [Five], factor: f64, from: &[Five]) {
+    let pairs = to.as_flattened_mut().iter_mut().zip(from.as_flattened());
+    pairs.for_each(|(to, from)| *to += factor * from);
+}
+
+fn largest(of: &[Five]) -> f64 {
+    let all = of.as_flattened().iter();
+    all.fold(0.0, |most, v| most.max(v.abs()))
+}
+
+/// The bounds of the parameters; a protected atom's are its own.
+struct Allowed {
+    low: Vec<Five>,
+    high: Vec<Five>,
+}
+
+impl Allowed {
+    fn around(start: &Model, options: &Refit) -> Self {
+        let by = [
+            options.max_shift,
+            options.max_shift,
+            options.max_shift,
+            options.max_radius_change,
+            options.max_decay_change,
+        ];
+        let of = |a: usize, at: &Five, sign: f64| -> Five {
+            let free = if start.is_protected(a) { 0.0 } else { sign };
+            std::array::from_fn(|p| at[p] + free * by[p])
+        };
+        let all = parameters(start);
+        let bounds = |sign| all.iter().enumerate().map(move |(a, at)| (a, *at, sign));
+        let high = bounds(1.0).map(|(a, at, sign)| of(a, &at, sign)).collect();
+        let low = bounds(-1.0).map(|(a, at, sign)| {
+            let [x, y, z, r, kappa] = of(a, &at, sign);
+            // A decay that starts below the smallest one may stay there.
+            [x, y, z, r.max(0.0), kappa.max(options.min_decay.min(at[4]))]
+        });
+        Self {
+            low: low.collect(),
+            high,
+        }
+    }
+
+    /// Where a step of relative length `tau` leads.
+    fn moved(&self, at: &[Five], step: &[Five], tau: f64) -> Vec<Five> {
+        let mut new = at.to_vec();
+        add(&mut new, tau, step);
+        let bounds = self.low.as_flattened().iter().zip(self.high.as_flattened());
+        for (value, (low, high)) in new.as_flattened_mut().iter_mut().zip(bounds) {
+            *value = value.clamp(*low, *high);
+        }
+        new
+    }
+
+    /// Takes out of a step what leads out at once.
+    fn keep_inside(&self, at: &[Five], step: &mut [Five]) {
+        let bounds = self.low.as_flattened().iter().zip(self.high.as_flattened());
+        let places = at.as_flattened().iter().zip(bounds);
+        for (step, (at, (low, high))) in step.as_flattened_mut().iter_mut().zip(places) {
+            if *step < 0.0 && at <= low || *step > 0.0 && at >= high {
+                *step = 0.0;
+            }
+        }
+    }
+}
+
+/// The last steps and the changes of the gradient that came with them.
+#[derive(Default)]
+struct Memory {
+    pairs: VecDeque<(Vec<Five>, Vec<Five>)>,
+}
+
+impl Memory {
+    /// Steps that are remembered.
+    const STEPS: usize = 12;
+
+    fn learn(&mut self, step: Vec<Five>, change: Vec<Five>) {
+        let bent = dot(&step, &change);
+        if bent > 1e-10 * (dot(&step, &step) * dot(&change, &change)).sqrt() {
+            self.pairs.push_back((step, change));
+            if self.pairs.len() > Self::STEPS {
+                self.pairs.pop_front();
+            }
+        }
+    }
+
+    /// Forgets everything; was there something?
+    fn forget(&mut self) -> bool {
+        let any = !self.pairs.is_empty();
+        self.pairs.clear();
+        any
+    }
+
+    /// The next step. Without a memory: the gradient over the diagonal of the Gauss–Newton matrix.
+    fn step(&mut self, at: &[Five], sums: &RefitSums, allowed: &Allowed) -> Vec<Five> {
+        let mut step = sums.gradient.clone();
+        step.as_flattened_mut().iter_mut().for_each(|g| *g = -*g);
+        allowed.keep_inside(at, &mut step);
+        let downhill = step.clone();
+        let scale = inverse_diagonal(&sums.curvature);
+        let mut shares = Vec::new();
+        for (s, y) in self.pairs.iter().rev() {
+            let share = dot(s, &step) / dot(s, y);
+            add(&mut step, -share, y);
+            shares.push(share);
+        }
+        if let Some((s, y)) = self.pairs.back() {
+            let factor = dot(s, y) / dot(y, &times(y, &scale));
+            step.as_flattened_mut()
+                .iter_mut()
+                .for_each(|v| *v *= factor);
+        }
+        step = times(&step, &scale);
+        for ((s, y), share) in self.pairs.iter().zip(shares.iter().rev()) {
+            let other = dot(y, &step) / dot(s, y);
+            add(&mut step, share - other, s);
+        }
+        allowed.keep_inside(at, &mut step);
+        if dot(&step, &downhill) > 0.0 || !self.forget() {
+            return step;
+        }
+        times(&downhill, &scale)
+    }
+}
+
+fn times(a: &[Five], b: &[Five]) -> Vec<Five> {
+    let pairs = a.iter().zip(b);
+    pairs
+        .map(|(a, b)| std::array::from_fn(|p| a[p] * b[p]))
+        .collect()
+}
+
+/// One over the curvatures, damped so that parameters that hardly act get no wild steps; 0 if nothing acts.
+fn inverse_diagonal(curvature: &[Five]) -> Vec<Five> {
+    let mut most = [0.0f64; 5];
+    for of_atom in curvature {
+        for (top, &c) in most.iter_mut().zip(of_atom) {
             *top = top.max(c);
         }
     }
-    largest = [
-        largest[0].max(largest[1]).max(largest[2]),
-        largest[0].max(largest[1]).max(largest[2]),
-        largest[0].max(largest[1]).max(largest[2]),
-        largest[3],
-        largest[4],
-    ];
-    let mut change: f64 = 0.0;
-    let (mut centers, mut radii, mut decays) = (
-        model.centers().to_vec(),
-        model.radii().to_vec(),
-        model.decays().to_vec(),
-    );
-    for a in (0..model.atoms()).filter(|&a| !model.is_protected(a)) {
-        let step = |p: usize| {
-            let damped = sums.curvature[a][p] + 1e-3 * largest[p];
-            if damped > 0.0 {
-                -tau * sums.gradient[a][p] / damped
-            } else {
-                0.0
-            }
-        };
-        let mut moved = |value: &mut f64, p: usize, low: f64, high: f64| {
-            let new = (*value + step(p)).clamp(low, high.max(low));
-            change = change.max((new - *value).abs());
-            *value = new;
-        };
-        let at = start.centers()[a];
-        for k in 0..3 {
-            moved(
-                &mut centers[a][k],
-                k,
-                at[k] - options.max_shift,
-                at[k] + options.max_shift,
-            );
-        }
-        let (r, kappa) = (start.radii()[a], start.decays()[a]);
-        let by = options.max_radius_change;
-        moved(&mut radii[a], 3, (r - by).max(0.0), r + by);
-        let by = options.max_decay_change;
-        // A decay that starts below the smallest one may stay there.
-        let least = (kappa - by).max(options.min_decay.min(kappa));
-        moved(&mut decays[a], 4, least, kappa + by);
-    }
-    (model.with_atoms(centers, radii, decays), change)
+    let of_centers = most[0].max(most[1]).max(most[2]);
+    most[..3].fill(of_centers);
+    let inverse = |of_atom: &Five| -> Five {
+        std::array::from_fn(|p| {
+            let damped = of_atom[p] + 1e-3 * most[p];
+            if damped > 0.0 { 1.0 / damped } else { 0.0 }
+        })
+    };
+    curvature.iter().map(inverse).collect()
 }

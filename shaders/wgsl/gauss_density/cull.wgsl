@@ -4,18 +4,6 @@
 // child in its node's sum, times max(1, P) for each power passed: what the density loses at most, as a
 // share, without the leaf. Dropped are as many leaves, from the smallest bound, as together stay below ε.
 
-struct Item {
-    // Atoms: offset from the block's centre (Å), and κ log2 e. Nodes: x is the power.
-    at: vec4<f32>,
-    // Atoms: κ r² log2 e.
-    lift: f32,
-    // Children, as items.
-    first: u32,
-    end: u32,
-    // The node above; ROOT for the topmost.
-    parent: u32,
-}
-
 struct Params {
     depth: u32,
     // 1 for the thesis's cut before the powers.
@@ -42,15 +30,12 @@ struct Brick {
     pad1: u32,
 }
 
-const ROOT: u32 = 0xffffffffu;
-const NOTHING: f32 = -3.0e38;
 // For rounding, in every bound.
 const SLACK: f32 = 0.01;
 const RELATIVE_SLACK: f32 = 4.0e-6;
 const THREADS: u32 = 64u;
 
 @group(0) @binding(0) var<uniform> params: Params;
-@group(0) @binding(1) var<storage, read> items: array<Item>;
 @group(0) @binding(2) var<storage, read> ranges: array<u32>;
 @group(0) @binding(3) var<storage, read> bricks: array<Brick>;
 // Per item: upper bound of its term in the box; its best leaf's term at the centre, weight, and place

@@ -1,14 +1,6 @@
 // The density at the points of bricks, half a brick (8 x 8 x 4 points) per workgroup, from the members that
 // `cull.wgsl` kept. Sums are logarithms to base 2, so that nothing underflows before the powers.
 
-struct Item {
-    at: vec4<f32>,
-    lift: f32,
-    first: u32,
-    end: u32,
-    parent: u32,
-}
-
 struct Params {
     depth: u32,
     // 1 for the thesis's cut before the powers, at log2 ε = cut.
@@ -28,13 +20,11 @@ struct Brick {
     pad2: u32,
 }
 
-const NOTHING: f32 = -3.0e38;
 const CHUNK: u32 = 256u;
 const MAX_DEPTH: u32 = 8u;
 const LARGEST: f32 = 127.999;
 
 @group(0) @binding(0) var<uniform> params: Params;
-@group(0) @binding(1) var<storage, read> items: array<Item>;
 @group(0) @binding(2) var<storage, read> members: array<u32>;
 @group(0) @binding(3) var<storage, read> bricks: array<Brick>;
 // 512 per brick.
