@@ -588,7 +588,7 @@ mod tests {
             for (b, two) in splits.two.iter_mut().enumerate() {
                 // A few cells of size 2, none in most blocks.
                 if b % 9 == 0 {
-                    *two = 1 << (7 * b + 5 * seed as usize) % 64;
+                    *two = 1 << ((7 * b + 5 * seed as usize) % 64);
                 }
             }
             let tree = Octree::new(domain.cells, &splits);
