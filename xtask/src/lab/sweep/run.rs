@@ -107,7 +107,7 @@ pub(crate) fn run(arguments: &Arguments) -> Outcome {
         }
     }
     if let Some(path) = &arguments.table {
-        let page = table::page(&keys, &rows);
+        let page = table::page(&keys, &rows, arguments.tets);
         fs::write(root().join(path), page).map_err(|e| format!("{}: {e}", path.display()))?;
     }
     table::summary(&keys, &rows)

@@ -121,14 +121,14 @@ pub(super) fn summary(keys: &[String], rows: &Rows) -> Outcome {
 }
 
 /// A page in Markdown: the summary, a line per structure and spacing, and all that falls short.
-pub(super) fn page(keys: &[String], rows: &Rows) -> String {
+pub(super) fn page(keys: &[String], rows: &Rows, tets: u64) -> String {
     let rows = chosen(keys, rows);
     let [broken, missed, checked] = counts(&rows);
     let mut out = format!(
         "\
 # Every structure, meshed and audited
 
-`cargo xtask sweep --table` wrote this page. Each structure is meshed at two spacings by both meshers, inside, outside and on both sides, and improved, all at the default options. Before and after the improvement a mesh must have no crack, no edge or vertex that is not manifold and no inverted or flat tetrahedron; its boundary must be its surface, its volumes must sum to the box, and its components, tunnels and cavities must be those of the labels on the lattice, counted without a mesh. Its quality should reach: dihedral angles from 25° (lattice) or 20° (dual contouring) to 155°, Joe–Liu 0.3, edge ratio 6, and 99.9 % of the surface vertices within 0.1 spacings of the isosurface.
+`cargo xtask sweep --tets {tets} --table` wrote this page. Each structure is meshed at two spacings by both meshers, inside, outside and on both sides, and improved, all at the default options. Before and after the improvement a mesh must have no crack, no edge or vertex that is not manifold and no inverted or flat tetrahedron; its boundary must be its surface, its volumes must sum to the box, and its components, tunnels and cavities must be those of the labels on the lattice, counted without a mesh. Its quality should reach: dihedral angles from 25° (lattice) or 20° (dual contouring) to 155°, Joe–Liu 0.3, edge ratio 6, and 99.9 % of the surface vertices within 0.1 spacings of the isosurface.
 
 {} cases: {broken} broken, {missed} below a target; an independent program measured {checked} of them and found the same. The worst of all:
 
