@@ -284,7 +284,7 @@ impl<'a> CutCells<'a> {
     /// Lets the points of parts, and of the cells that share a face with a cut one, go from their base to
     /// their place as far as all umbrellas stay positive: in the order of the complex's own code.
     /// Returns how many do not arrive.
-    pub(crate) fn keep_positive(&mut self, points: &mut [[f64; 3]]) -> usize {
+    pub(crate) fn keep_positive(&mut self, points: &mut [Point3]) -> usize {
         let mut beside: Vec<(usize, u32, u32, u8)> = self
             .cells
             .par_iter()
@@ -308,11 +308,11 @@ impl<'a> CutCells<'a> {
             neighbours[parity].push(Neighbour {
                 vertex,
                 cell,
-                target: points[vertex as usize].into(),
+                target: points[vertex as usize],
                 share: 0.0,
                 beside: start..start + group.len(),
             });
-            points[vertex as usize] = (MIDDLE + local(cell).coords).into();
+            points[vertex as usize] = MIDDLE + local(cell).coords;
             start += group.len();
         }
         let mut of_parity: [Vec<u32>; 8] = Default::default();
@@ -327,7 +327,7 @@ impl<'a> CutCells<'a> {
                     }
                 });
                 for n in group {
-                    points[n.vertex as usize] = n.at(n.share).into();
+                    points[n.vertex as usize] = n.at(n.share);
                 }
             }
             for group in &of_parity {
@@ -363,7 +363,7 @@ impl<'a> CutCells<'a> {
     }
 
     /// The points of the parts of a cell after each has gone as far as it may, one after the other.
-    fn moved(&self, k: usize, points: &[[f64; 3]]) -> ([Point3; 12], [f64; 12]) {
+    fn moved(&self, k: usize, points: &[Point3]) -> ([Point3; 12], [f64; 12]) {
         let cell = &self.cells[k];
         let pattern = cell.pattern();
         let (mut parts, mut shares) = (self.parts[k], cell.shares);
@@ -378,7 +378,7 @@ impl<'a> CutCells<'a> {
             let outer = match cell.sides[face] {
                 Place::Gone => None,
                 Place::Plain => Some((MIDDLE + local(beyond(cell.origin, face)).coords, 0)),
-                Place::Whole(v) => Some((points[v as usize].into(), 0)),
+                Place::Whole(v) => Some((points[v as usize], 0)),
                 // The two halves of a face have the same numbers on both sides.
                 Place::Cut(j) => Some((self.parts[j as usize][part ^ 2], 1)),
             };
@@ -413,7 +413,7 @@ impl<'a> CutCells<'a> {
     }
 
     /// Number, after those of the cells that are not cut, and point of a part.
-    fn vertex(&self, k: u32, part: u8, points: &[[f64; 3]]) -> (u32, Point3) {
+    fn vertex(&self, k: u32, part: u8, points: &[Point3]) -> (u32, Point3) {
         let cell = &self.cells[k as usize];
         let before = cell.carrying & ((1 << part) - 1);
         (
@@ -429,11 +429,11 @@ impl<'a> CutCells<'a> {
         place: Place,
         [before, after]: [usize; 2],
         [p, q]: [usize; 2],
-        points: &[[f64; 3]],
+        points: &[Point3],
         out: &mut Polygon,
     ) {
         match place {
-            Place::Whole(v) => out.push((v, points[v as usize].into())),
+            Place::Whole(v) => out.push((v, points[v as usize])),
             Place::Cut(k) => {
                 let diagonals = self.cells[k as usize].split.diagonals;
                 for face in [before, after] {
@@ -454,7 +454,7 @@ impl<'a> CutCells<'a> {
         low: [i32; 3],
         mask: u8,
         place: impl Fn([i32; 3]) -> Place,
-        points: &[[f64; 3]],
+        points: &[Point3],
         out: &mut Batch,
     ) {
         // Quadrants about the axis: 0 (−,−), 1 (+,−), 2 (+,+), 3 (−,+).
@@ -500,7 +500,7 @@ impl<'a> CutCells<'a> {
     }
 
     /// The triangles around the diagonals of a cut cell's faces and the edges to its middle.
-    fn emit_inner(&self, k: u32, points: &[[f64; 3]], out: &mut Batch) {
+    fn emit_inner(&self, k: u32, points: &[Point3], out: &mut Batch) {
         let cell = &self.cells[k as usize];
         let diagonals = cell.split.diagonals;
         let mut emit = |edge: [usize; 2], polygon: &Polygon| {
@@ -525,7 +525,7 @@ impl<'a> CutCells<'a> {
                 .into_iter()
                 .for_each(|half| polygon.push(self.vertex(k, half, points)));
             match cell.sides[face] {
-                Place::Whole(v) => polygon.push((v, points[v as usize].into())),
+                Place::Whole(v) => polygon.push((v, points[v as usize])),
                 Place::Cut(j) => [halves[1], halves[0]]
                     .into_iter()
                     .for_each(|half| polygon.push(self.vertex(j, half ^ 2, points))),

@@ -102,7 +102,7 @@ struct Sheet<'a> {
     samples: &'a Samples<'a>,
     blocks: Vec<Block>,
     /// Points of the simple cells, in finest cells.
-    points: Vec<[f64; 3]>,
+    points: Vec<Point3>,
 }
 
 impl Sheet<'_> {
@@ -210,8 +210,8 @@ fn points_of<B: ContourBackend + ?Sized>(
     blocks: &[Block],
     vertices: usize,
     backend: &B,
-) -> Result<Vec<[f64; 3]>, Error> {
-    let mut points = vec![[0.0; 3]; vertices];
+) -> Result<Vec<Point3>, Error> {
+    let mut points = vec![Point3::origin(); vertices];
     let mut rest = points.as_mut_slice();
     let per_call = backend.blocks_per_call();
     let mut calls = Vec::new();
@@ -229,9 +229,7 @@ fn points_of<B: ContourBackend + ?Sized>(
             cells.extend(cells_of(&block.simple).map(place));
         }
         let found = finest_points(samples, probe, &cells, backend)?;
-        for (out, x) in out.iter_mut().zip(&found) {
-            *out = [x.x, x.y, x.z];
-        }
+        out.copy_from_slice(&found);
         Ok::<(), Error>(())
     })?;
     Ok(points)
@@ -382,16 +380,16 @@ fn emit(
         })
     });
     let domain: Domain = samples.domain;
-    let mut positions: Vec<Point3> = sheet
-        .points
-        .par_iter()
+    let mut positions = sheet.points;
+    positions
+        .par_iter_mut()
         .with_min_len(4096)
-        .map(|&x| domain.world(&x.into()))
-        .collect();
+        .for_each(|x| *x = domain.world(x));
+    report.added_vertices = added.iter().map(Vec::len).sum();
+    positions.reserve_exact(cut.map_or(0, |c| c.len() as usize) + report.added_vertices);
     if let Some(cut) = cut {
         positions.extend(cut.points().map(|x| domain.world(&x)));
     }
-    report.added_vertices = added.iter().map(Vec::len).sum();
     positions.extend(added.iter().flatten().map(|x| domain.world(x)));
     report.triangles = triangles.len();
     TriMesh::new(positions, triangles).expect("emitted triangles name emitted vertices")
