@@ -14,7 +14,7 @@ pub(crate) const JOE_LIU: f64 = 20.784_609_690_826_528;
 pub(crate) const SHAPE_WEIGHT: f64 = 1.14;
 
 /// The measures of one tetrahedron.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Zeroable)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Measures {
     /// Six times the signed volume, Å³.
