@@ -45,9 +45,9 @@ pub struct Summary {
     pub joe_liu: Spread,
     /// Longest over shortest edge.
     pub edge_ratio: Spread,
-    /// Radius ratio: see [`radius_ratio`](crate::radius_ratio).
+    /// Radius ratio: see [`radius_ratio`].
     pub radius_ratio: Spread,
-    /// Longest edge over shortest altitude: see [`aspect_ratio`](crate::aspect_ratio).
+    /// Longest edge over shortest altitude: see [`aspect_ratio`].
     pub aspect_ratio: Spread,
     /// Tetrahedra per 5° of smallest dihedral angle: `[0°, 5°)`, `[5°, 10°)`, …; 36 bins.
     pub min_dihedral_histogram: Vec<usize>,

@@ -21,14 +21,14 @@ pub(crate) fn run() -> Outcome {
     println!("{threads} threads, one level, decay 1, cut {CUT:.0e}; best of three");
     // A large one at two spacings: few points per atom, and many.
     let inputs = [
-        (Some(fixtures::path("1A8O.pdb")), 0.25, true),
-        (fixtures::shared("pdb/1su4.pdb"), 0.25, false),
-        (fixtures::shared("large/30s_from_4v5a.cif.gz"), 0.8, true),
-        (fixtures::shared("large/30s_from_4v5a.cif.gz"), 0.4, false),
+        (Some(fixtures::path("1A8O.pdb")), 0.25),
+        (fixtures::shared("pdb/1su4.pdb"), 0.25),
+        (fixtures::shared("large/30s_from_4v5a.cif.gz"), 0.8),
+        (fixtures::shared("large/30s_from_4v5a.cif.gz"), 0.4),
     ];
     let folder = root().join("target/bench-peers");
     std::fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
-    for (path, spacing, with_surface) in inputs {
+    for (path, spacing) in inputs {
         let Some(path) = path else {
             println!("a larger structure is not at hand: row left out");
             continue;
@@ -37,9 +37,7 @@ pub(crate) fn run() -> Outcome {
             .map_err(|e| e.to_string())?
             .structure;
         let dense = density(&structure, spacing, &folder, &python, &peers, threads)?;
-        if with_surface {
-            surface(&dense, &folder, &python, &peers, threads)?;
-        }
+        surface(&dense, &folder, &python, &peers, threads)?;
     }
     for row in LARGE {
         if let Some(line) = row.beside_brute_force()? {
