@@ -78,30 +78,31 @@ pub fn sample<B: DensityBackend + ?Sized>(
         return finish(report, lattice, values);
     }
     let mut values = vec![0.0f32; lattice.len()];
-    let [nx, ny, _] = lattice.counts;
+    let [nx, ny, nz] = lattice.counts;
     for_each_batch(&prepared, &job, None, run, |blocks, results| {
         report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
+        let mut layers = vec![Vec::new(); nz.div_ceil(BRICK)];
+        for (block, result) in blocks.iter().zip(&results) {
+            let (stored, _) = result.values.as_chunks::<BRICK_POINTS>();
+            for (i, kind) in result.kinds.iter().enumerate() {
+                if let Brick::Stored(s) = *kind {
+                    let [bx, by, bz] = block.brick_at(i);
+                    layers[bz].push(([bx, by], &stored[s as usize]));
+                }
+            }
+        }
         // By planes, so that every thread writes into its own part.
         values
             .par_chunks_mut(nx * ny)
             .enumerate()
             .for_each(|(z, plane)| {
-                for (block, result) in blocks.iter().zip(&results) {
-                    for (i, kind) in result.kinds.iter().enumerate() {
-                        let [bx, by, bz] = block.brick_at(i);
-                        let Brick::Stored(s) = *kind else { continue };
-                        if z / BRICK != bz {
-                            continue;
-                        }
-                        let brick = &result.values[s as usize * BRICK_POINTS..][..BRICK_POINTS];
-                        let slab = &brick[z % BRICK * BRICK * BRICK..][..BRICK * BRICK];
-                        let width = BRICK.min(nx - bx * BRICK);
-                        for (y, row) in slab.chunks_exact(BRICK).enumerate() {
-                            let y = by * BRICK + y;
-                            if y < ny {
-                                plane[y * nx + bx * BRICK..][..width]
-                                    .copy_from_slice(&row[..width]);
-                            }
+                for ([bx, by], brick) in &layers[z / BRICK] {
+                    let slab = &brick[z % BRICK * BRICK * BRICK..][..BRICK * BRICK];
+                    let width = BRICK.min(nx - bx * BRICK);
+                    for (y, row) in slab.chunks_exact(BRICK).enumerate() {
+                        let y = by * BRICK + y;
+                        if y < ny {
+                            plane[y * nx + bx * BRICK..][..width].copy_from_slice(&row[..width]);
                         }
                     }
                 }
