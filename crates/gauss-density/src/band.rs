@@ -57,7 +57,7 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
         let stored = band.values.len() as u128 * BRICK_POINTS as u128;
         check_memory(&lattice, count * 8 + stored * 4, options)
     };
-    for_each_batch(&prepared, &job, None, run, |blocks, results| {
+    for_each_batch(&prepared, &job, BATCH, None, run, |blocks, results| {
         collect(&mut band, blocks, results)
     })?;
     let crossed = band.crossed();
@@ -66,9 +66,14 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
             ceiling: f64::INFINITY,
             ..job
         };
-        for_each_batch(&prepared, &all, Some(&crossed), run, |blocks, results| {
-            collect(&mut band, blocks, results)
-        })?;
+        for_each_batch(
+            &prepared,
+            &all,
+            BATCH,
+            Some(&crossed),
+            run,
+            |blocks, results| collect(&mut band, blocks, results),
+        )?;
     }
     let values = band.values.into_flattened();
     report.stored_points = values.len() as u64;
@@ -78,6 +83,9 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
     report.touches_box = touched(&grid);
     Ok(Sampled { grid, report })
 }
+
+/// Blocks per side of a batch: few of its bricks are stored, and threads that wait for the last one are idle.
+const BATCH: usize = 16;
 
 /// Bricks as they come.
 struct Band {

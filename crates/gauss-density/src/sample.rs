@@ -79,36 +79,44 @@ pub fn sample<B: DensityBackend + ?Sized>(
     }
     let mut values = vec![0.0f32; lattice.len()];
     let [nx, ny, nz] = lattice.counts;
-    for_each_batch(&prepared, &job, None, run, |blocks, results| {
-        report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
-        let mut layers = vec![Vec::new(); nz.div_ceil(BRICK)];
-        for (block, result) in blocks.iter().zip(&results) {
-            let (stored, _) = result.values.as_chunks::<BRICK_POINTS>();
-            for (i, kind) in result.kinds.iter().enumerate() {
-                if let Brick::Stored(s) = *kind {
-                    let [bx, by, bz] = block.brick_at(i);
-                    layers[bz].push(([bx, by], &stored[s as usize]));
-                }
-            }
-        }
-        // By planes, so that every thread writes into its own part.
-        values
-            .par_chunks_mut(nx * ny)
-            .enumerate()
-            .for_each(|(z, plane)| {
-                for ([bx, by], brick) in &layers[z / BRICK] {
-                    let slab = &brick[z % BRICK * BRICK * BRICK..][..BRICK * BRICK];
-                    let width = BRICK.min(nx - bx * BRICK);
-                    for (y, row) in slab.chunks_exact(BRICK).enumerate() {
-                        let y = by * BRICK + y;
-                        if y < ny {
-                            plane[y * nx + bx * BRICK..][..width].copy_from_slice(&row[..width]);
-                        }
+    for_each_batch(
+        &prepared,
+        &job,
+        DENSE_BATCH,
+        None,
+        run,
+        |blocks, results| {
+            report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
+            let mut layers = vec![Vec::new(); nz.div_ceil(BRICK)];
+            for (block, result) in blocks.iter().zip(&results) {
+                let (stored, _) = result.values.as_chunks::<BRICK_POINTS>();
+                for (i, kind) in result.kinds.iter().enumerate() {
+                    if let Brick::Stored(s) = *kind {
+                        let [bx, by, bz] = block.brick_at(i);
+                        layers[bz].push(([bx, by], &stored[s as usize]));
                     }
                 }
-            });
-        Ok(())
-    })?;
+            }
+            // By planes, so that every thread writes into its own part.
+            values
+                .par_chunks_mut(nx * ny)
+                .enumerate()
+                .for_each(|(z, plane)| {
+                    for ([bx, by], brick) in &layers[z / BRICK] {
+                        let slab = &brick[z % BRICK * BRICK * BRICK..][..BRICK * BRICK];
+                        let width = BRICK.min(nx - bx * BRICK);
+                        for (y, row) in slab.chunks_exact(BRICK).enumerate() {
+                            let y = by * BRICK + y;
+                            if y < ny {
+                                plane[y * nx + bx * BRICK..][..width]
+                                    .copy_from_slice(&row[..width]);
+                            }
+                        }
+                    }
+                });
+            Ok(())
+        },
+    )?;
     finish(report, lattice, values)
 }
 
@@ -177,21 +185,23 @@ fn too_large(lattice: &Lattice, bytes: u128, options: &Options) -> Error {
     }
 }
 
-/// Blocks per side of a batch: between batches the watcher is asked, and memory is given back.
-const BATCH: usize = 8;
+/// Blocks per side of a batch where all values are kept until it is done.
+const DENSE_BATCH: usize = 8;
 
-/// Calls the backend for batch after batch of blocks that some atom can reach, in a fixed order; with
-/// `wanted` (masks by lowest brick) for these only.
+/// Calls the backend for batch after batch of blocks that some atom can reach, `side` blocks long, in a
+/// fixed order; with `wanted` (masks by lowest brick) for these only. Between batches the watcher is asked,
+/// and memory is given back.
 pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
     model: &Prepared<'_>,
     job: &Job,
+    side: usize,
     wanted: Option<&BTreeMap<[usize; 3], u64>>,
     run: Run<'_, B>,
     mut take: impl FnMut(&[Block], Vec<BlockValues>) -> Result<(), Error>,
 ) -> Result<(), Error> {
     let bricks = job.lattice.counts.map(|n| n.div_ceil(BRICK));
     let blocks = bricks.map(|n| n.div_ceil(BLOCK));
-    let batches = blocks.map(|n| n.div_ceil(BATCH));
+    let batches = blocks.map(|n| n.div_ceil(side));
     let total = batches.iter().product::<usize>();
     let reach = match job.cutoff {
         // A quarter of what the cut-off allows; the culls of boxes take the rest.
@@ -203,8 +213,8 @@ pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
         run.progress("density", batch as u64, total as u64)?;
         let [nx, ny, _] = batches;
         let at = [batch % nx, batch / nx % ny, batch / (nx * ny)];
-        let low = at.map(|b| b * BATCH);
-        let high = [0, 1, 2].map(|k| (low[k] + BATCH).min(blocks[k]));
+        let low = at.map(|b| b * side);
+        let high = [0, 1, 2].map(|k| (low[k] + side).min(blocks[k]));
         let mut found = Vec::new();
         let way = Descent {
             model,
