@@ -58,6 +58,46 @@ pub(crate) fn raised(sum: f64, power: f64) -> f64 {
     value[0]
 }
 
+/// Taylor's coefficients of `eᵗ`, the highest power first.
+const EXPONENTIAL: [f64; 14] = [
+    1.0 / 6_227_020_800.0,
+    1.0 / 479_001_600.0,
+    1.0 / 39_916_800.0,
+    1.0 / 3_628_800.0,
+    1.0 / 362_880.0,
+    1.0 / 40_320.0,
+    1.0 / 5_040.0,
+    1.0 / 720.0,
+    1.0 / 120.0,
+    1.0 / 24.0,
+    1.0 / 6.0,
+    0.5,
+    1.0,
+    1.0,
+];
+
+/// Those of `2 artanh(√z) / √z`.
+const ARTANH: [f64; 11] = [
+    2.0 / 21.0,
+    2.0 / 19.0,
+    2.0 / 17.0,
+    2.0 / 15.0,
+    2.0 / 13.0,
+    2.0 / 11.0,
+    2.0 / 9.0,
+    2.0 / 7.0,
+    2.0 / 5.0,
+    2.0 / 3.0,
+    2.0,
+];
+
+/// Horner's scheme.
+#[inline(always)]
+fn polynomial<const N: usize>(coefficients: &[f64; N], x: f64) -> f64 {
+    let (highest, others) = (coefficients[0], &coefficients[1..]);
+    others.iter().fold(highest, |p, c| p * x + c)
+}
+
 /// `eˣ` within 4e-16 of itself, for each x; 0 below −700, clamped above 700.
 #[inline(always)]
 pub(crate) fn exp_all(values: &mut [f64]) {
@@ -69,20 +109,7 @@ pub(crate) fn exp_all(values: &mut [f64]) {
         // ln 2 in two parts, the first with trailing zeros.
         let t = x - whole * 0.693_147_180_369_123_8 - whole * 1.908_214_929_270_587_7e-10;
         // Taylor on |t| ≤ ln 2 / 2; the remainder is below 5e-18.
-        let mut p = 1.0 / 6_227_020_800.0;
-        p = p * t + 1.0 / 479_001_600.0;
-        p = p * t + 1.0 / 39_916_800.0;
-        p = p * t + 1.0 / 3_628_800.0;
-        p = p * t + 1.0 / 362_880.0;
-        p = p * t + 1.0 / 40_320.0;
-        p = p * t + 1.0 / 5_040.0;
-        p = p * t + 1.0 / 720.0;
-        p = p * t + 1.0 / 120.0;
-        p = p * t + 1.0 / 24.0;
-        p = p * t + 1.0 / 6.0;
-        p = p * t + 0.5;
-        p = p * t + 1.0;
-        p = p * t + 1.0;
+        let p = polynomial(&EXPONENTIAL, t);
         let power = f64::from_bits((shifted.to_bits() << 52).wrapping_add(1.0f64.to_bits()));
         *v = if *v < -700.0 { 0.0 } else { p * power };
     }
@@ -105,17 +132,7 @@ fn ln_all(values: &mut [f64]) {
         // ln m = 2 artanh s; the remainder is below 1e-18.
         let s = (m - 1.0) / (m + 1.0);
         let z = s * s;
-        let mut p = 2.0 / 21.0;
-        p = p * z + 2.0 / 19.0;
-        p = p * z + 2.0 / 17.0;
-        p = p * z + 2.0 / 15.0;
-        p = p * z + 2.0 / 13.0;
-        p = p * z + 2.0 / 11.0;
-        p = p * z + 2.0 / 9.0;
-        p = p * z + 2.0 / 7.0;
-        p = p * z + 2.0 / 5.0;
-        p = p * z + 2.0 / 3.0;
-        p = p * z + 2.0;
+        let p = polynomial(&ARTANH, z);
         *v = exponent * std::f64::consts::LN_2 + p * s;
     }
 }

@@ -235,6 +235,10 @@ fn heat_finds_great_circles() {
     let most = [0.006, 0.003, 0.002];
     let errors = [3, 4, 5].map(|levels| mean_error(levels, 2.0));
     assert!(errors.iter().zip(most).all(|(e, m)| *e < m), "{errors:?}");
+    assert!(
+        errors[1] < errors[0] / 1.4 && errors[2] < errors[1],
+        "{errors:?}"
+    );
     // Edges half as long and heat for half the time.
     let errors = [(3, 2.0), (4, 4.0), (5, 8.0), (6, 16.0)].map(|(l, s)| mean_error(l, s));
     assert!(errors.windows(2).all(|e| e[1] < e[0] / 1.6), "{errors:?}");

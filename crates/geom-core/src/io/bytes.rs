@@ -22,7 +22,8 @@ macro_rules! scalars {
                 to.extend_from_slice(&self.to_le_bytes());
             }
             fn get(from: &[u8], little: bool) -> Self {
-                let bytes = from[..Self::WIDTH].try_into().expect("as many bytes as wide");
+                let mut bytes = [0; Self::WIDTH];
+                bytes.copy_from_slice(&from[..Self::WIDTH]);
                 if little { Self::from_le_bytes(bytes) } else { Self::from_be_bytes(bytes) }
             }
         }

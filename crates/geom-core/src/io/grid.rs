@@ -15,6 +15,8 @@ use rayon::prelude::*;
 use super::{Error, ErrorKind, dx, extension, mrc, read_bytes};
 use crate::{Aabb, GridError, Lattice, LatticeValues, Point3, ScalarGrid, Vector3};
 
+/// What every grid must have.
+const SPANNING: &str = "a finite origin and three steps that span a volume";
 /// Largest departure from a cubic lattice that still counts as one, at the far end of an axis, in
 /// steps: what the few digits of headers leave uncertain.
 const CUBIC: f64 = 0.01;
@@ -56,8 +58,7 @@ impl GridFile {
                 "origin {origin}, steps {}, {}, {} Å long",
                 lengths[0], lengths[1], lengths[2]
             );
-            let expected = "a finite origin and three steps that span a volume";
-            return Err(ErrorKind::expected(expected, found).into());
+            return Err(ErrorKind::expected(SPANNING, found).into());
         }
         match values.iter().position(|v| !v.is_finite()) {
             None => Ok(Self {
@@ -204,7 +205,9 @@ impl GridFile {
         }
         let to_axes = nalgebra::Matrix3::from_columns(&self.steps)
             .try_inverse()
-            .expect("the steps span a volume");
+            .ok_or_else(|| {
+                ErrorKind::expected(SPANNING, "steps too short or too long".to_owned())
+            })?;
         let mut values = vec![0.0; lattice.len()];
         let [nx, ny, _] = lattice.counts;
         values

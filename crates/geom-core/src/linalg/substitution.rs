@@ -379,81 +379,71 @@ impl<'a, T, const C: usize> Block<'a, T, C> {
             end: s.columns.end,
         }
     }
+
+    /// Columns, and rows of each: those of the triangle and those below it.
+    #[inline(always)]
+    fn shape(&self) -> (usize, usize) {
+        (self.own.len(), self.own.len() + self.rows.len())
+    }
 }
 
 #[inline(always)]
 fn forward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>) {
-    let Block {
-        columns,
-        rows,
-        own: top,
-        below: tail,
-        end,
-    } = block;
-    let width = top.len();
-    let height = width + rows.len();
+    let (width, height) = block.shape();
     for c in 0..width {
-        let column = &columns[c * height..][..width];
-        let mut xc = top[c];
+        let column = &block.columns[c * height..][..width];
+        let mut xc = block.own[c];
         let scale = 1.0 / column[c].real_part();
         for v in &mut xc {
             *v = *v * scale;
         }
-        top[c] = xc;
+        block.own[c] = xc;
         for v in &mut xc {
             *v = -*v;
         }
-        for (x, &l) in top[c + 1..].iter_mut().zip(&column[c + 1..]) {
+        for (x, &l) in block.own[c + 1..].iter_mut().zip(&column[c + 1..]) {
             add::<T, C, FUSED>(x, l, &xc);
         }
     }
     let mut at = width;
-    let (tiles, rest) = rows.as_chunks::<TILE>();
+    let (tiles, rest) = block.rows.as_chunks::<TILE>();
     for tile in tiles {
         let mut sums = [[T::default(); C]; TILE];
-        for (xc, column) in top.iter().zip(columns.chunks_exact(height)) {
+        for (xc, column) in block.own.iter().zip(block.columns.chunks_exact(height)) {
             let l = &column[at..at + TILE];
             for q in 0..TILE {
                 add::<T, C, FUSED>(&mut sums[q], l[q], xc);
             }
         }
         for q in 0..TILE {
-            take(&mut tail[tile[q] as usize - end], &sums[q]);
+            take(&mut block.below[tile[q] as usize - block.end], &sums[q]);
         }
         at += TILE;
     }
     for &row in rest {
         let mut sum = [T::default(); C];
-        for (xc, column) in top.iter().zip(columns.chunks_exact(height)) {
+        for (xc, column) in block.own.iter().zip(block.columns.chunks_exact(height)) {
             add::<T, C, FUSED>(&mut sum, column[at], xc);
         }
-        take(&mut tail[row as usize - end], &sum);
+        take(&mut block.below[row as usize - block.end], &sum);
         at += 1;
     }
 }
 
 #[inline(always)]
 fn backward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>) {
-    let Block {
-        columns,
-        rows,
-        own: top,
-        below: tail,
-        end,
-    } = block;
-    let width = top.len();
-    let height = width + rows.len();
-    let (tiles, rest) = top.as_chunks_mut::<TILE>();
+    let (width, height) = block.shape();
+    let (tiles, rest) = block.own.as_chunks_mut::<TILE>();
     let mut c = 0;
     for tile in tiles {
         let mut sums = [[T::default(); C]; TILE];
-        let below = &columns[c * height..(c + TILE) * height];
+        let below = &block.columns[c * height..(c + TILE) * height];
         let (l0, below) = below.split_at(height);
         let (l1, below) = below.split_at(height);
         let (l2, l3) = below.split_at(height);
         let l = [&l0[width..], &l1[width..], &l2[width..], &l3[width..]];
-        for (p, &row) in rows.iter().enumerate() {
-            let x = &tail[row as usize - end];
+        for (p, &row) in block.rows.iter().enumerate() {
+            let x = &block.below[row as usize - block.end];
             for q in 0..TILE {
                 add::<T, C, FUSED>(&mut sums[q], l[q][p].conjugate(), x);
             }
@@ -464,23 +454,27 @@ fn backward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>
         c += TILE;
     }
     for x in rest {
-        let column = &columns[c * height + width..(c + 1) * height];
+        let column = &block.columns[c * height + width..(c + 1) * height];
         let mut sum = [T::default(); C];
-        for (&l, &row) in column.iter().zip(rows) {
-            add::<T, C, FUSED>(&mut sum, l.conjugate(), &tail[row as usize - end]);
+        for (&l, &row) in column.iter().zip(block.rows) {
+            add::<T, C, FUSED>(
+                &mut sum,
+                l.conjugate(),
+                &block.below[row as usize - block.end],
+            );
         }
         take(x, &sum);
         c += 1;
     }
     for c in (0..width).rev() {
-        let column = &columns[c * height..][..width];
+        let column = &block.columns[c * height..][..width];
         let mut sum = [T::default(); C];
-        for (x, &l) in top[c + 1..].iter().zip(&column[c + 1..]) {
+        for (x, &l) in block.own[c + 1..].iter().zip(&column[c + 1..]) {
             add::<T, C, FUSED>(&mut sum, l.conjugate(), x);
         }
-        take(&mut top[c], &sum);
+        take(&mut block.own[c], &sum);
         let scale = 1.0 / column[c].real_part();
-        for v in &mut top[c] {
+        for v in &mut block.own[c] {
             *v = *v * scale;
         }
     }
