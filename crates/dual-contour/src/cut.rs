@@ -11,6 +11,7 @@ use crate::complex::{
     MIDDLE, Split, corner_of, diagonal_of, half_of, part_base, parts_around, triangle_of,
 };
 use crate::dual::{LEAST_VOLUME, Probe, Sample, cut_samples, longest, part_point};
+use crate::emit::joined;
 use crate::lanes::{self, MOST, Rows};
 use crate::quality::best_fan;
 use crate::samples::{Samples, local};
@@ -341,27 +342,36 @@ impl<'a> CutCells<'a> {
             })
             .collect();
         beside.par_sort_unstable();
-        let mut neighbours: [Vec<Neighbour>; 8] = Default::default();
-        let mut start = 0;
-        for group in beside.chunk_by(|x, y| x.1 == y.1) {
-            let (parity, vertex, k, face) = group[0];
-            let cell = beyond(self.cells[k as usize].origin, usize::from(face));
-            neighbours[parity].push(Neighbour {
-                vertex,
-                cell,
-                target: points[vertex as usize],
-                share: 0.0,
-                beside: start..start + group.len(),
-            });
-            points[vertex as usize] = MIDDLE + local(cell).coords;
-            start += group.len();
+        let starts: Vec<usize> = (0..beside.len())
+            .into_par_iter()
+            .with_min_len(4096)
+            .filter(|&i| i == 0 || beside[i - 1].1 != beside[i].1)
+            .collect();
+        // By parity, as what is beside.
+        let mut neighbours: Vec<Neighbour> = (0..starts.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|i| {
+                let end = starts.get(i + 1).map_or(beside.len(), |&end| end);
+                let (_, vertex, k, face) = beside[starts[i]];
+                Neighbour {
+                    vertex,
+                    cell: beyond(self.cells[k as usize].origin, usize::from(face)),
+                    target: points[vertex as usize],
+                    share: 0.0,
+                    beside: starts[i]..end,
+                }
+            })
+            .collect();
+        for n in &neighbours {
+            points[n.vertex as usize] = n.at(0.0);
         }
         let mut of_parity: [Vec<u32>; 8] = Default::default();
         for (k, cell) in self.cells.iter().enumerate() {
             of_parity[parity(cell.origin)].push(k as u32);
         }
         for _ in 0..2 {
-            for group in &mut neighbours {
+            for group in neighbours.chunk_by_mut(|n, m| parity(n.cell) == parity(m.cell)) {
                 group.par_iter_mut().with_min_len(64).for_each(|n| {
                     if n.share < 1.0 {
                         n.share = self.neighbour_share(n, &beside[n.beside.clone()]);
@@ -386,7 +396,7 @@ impl<'a> CutCells<'a> {
         }
         let short = |shares: &[f64]| shares.iter().filter(|&&s| s < 1.0).count();
         let parts: usize = self.cells.iter().map(|c| short(&c.shares)).sum();
-        let whole = neighbours.iter().flatten().filter(|n| n.share < 1.0);
+        let whole = neighbours.iter().filter(|n| n.share < 1.0);
         parts + whole.count()
     }
 
@@ -462,15 +472,16 @@ impl<'a> CutCells<'a> {
     }
 
     /// The points of all vertices, in order.
-    pub(crate) fn points(&self) -> impl Iterator<Item = Point3> + '_ {
-        self.cells
-            .iter()
-            .zip(&self.parts)
-            .flat_map(|(cell, parts)| {
-                (0..12)
-                    .filter(|part| cell.carrying >> part & 1 == 1)
-                    .map(|part| parts[part])
-            })
+    pub(crate) fn points(&self, to_world: impl Fn(&Point3) -> Point3 + Sync) -> Vec<Point3> {
+        let lists = self.cells.par_chunks(256).zip(self.parts.par_chunks(256));
+        let lists = lists.map(|(cells, parts)| {
+            let carried = cells.iter().zip(parts).flat_map(|(cell, parts)| {
+                let carries = |part: &usize| cell.carrying >> part & 1 == 1;
+                (0..12).filter(carries).map(|part| to_world(&parts[part]))
+            });
+            carried.collect()
+        });
+        joined(lists.collect(), |_, x| x)
     }
 
     /// Number of vertices.
