@@ -249,8 +249,23 @@ impl Frame {
         }
     }
 
-    /// Is the set of points of every label connected?
+    /// Is the set of points of every label connected, and that of all others?
     fn is_simple(&self) -> bool {
+        let mut labels = [self.labels[0]; 27];
+        let mut n = 1;
+        for i in (1..27).filter(|i| self.used >> i & 1 == 1) {
+            if !labels[..n].contains(&self.labels[i]) {
+                labels[n] = self.labels[i];
+                n += 1;
+            }
+        }
+        // Of two labels, the others of each are the other.
+        let labels = if n == 2 { &labels[..1] } else { &labels[..n] };
+        labels.iter().all(|&label| self.parts(label) <= 2)
+    }
+
+    /// Into how many connected parts one label divides the points: its own, and those of all others.
+    fn parts(&self, label: Region) -> usize {
         let mut group: [u8; 27] = std::array::from_fn(|i| i as u8);
         fn root(group: &mut [u8; 27], mut i: usize) -> usize {
             while group[i] as usize != i {
@@ -260,19 +275,14 @@ impl Frame {
             i
         }
         self.edges(|a, b| {
-            if self.labels[a] == self.labels[b] {
+            if (self.labels[a] == label) == (self.labels[b] == label) {
                 let (a, b) = (root(&mut group, a), root(&mut group, b));
                 group[a.max(b)] = a.min(b) as u8;
             }
         });
-        let mut roots = [usize::MAX; 256];
-        (0..27).filter(|i| self.used >> i & 1 == 1).all(|i| {
-            let r = root(&mut group, i);
-            let seen = &mut roots[self.labels[i] as usize];
-            let fine = *seen == usize::MAX || *seen == r;
-            *seen = r;
-            fine
-        })
+        (0..27)
+            .filter(|&i| self.used >> i & 1 == 1 && usize::from(group[i]) == i)
+            .count()
     }
 
     fn is_uniform(&self) -> bool {

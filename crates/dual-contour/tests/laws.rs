@@ -620,6 +620,42 @@ fn a_number_of_tetrahedra_can_be_asked_for() {
     }
 }
 
+/// Where a cell has corners of three regions, those of two of them together may fall apart though each is
+/// connected: the boundary of the third must stay a manifold all the same.
+#[test]
+fn molecules_of_noise_in_materials_have_closed_surfaces() {
+    let slab = |region: u8, normal: Vector3, low: f64, high: f64| Material {
+        region,
+        shape: Shape::Slab { normal, low, high },
+    };
+    for (seed, method) in (0..8).flat_map(|seed| METHODS.map(|method| (seed, method))) {
+        let options = Options {
+            materials: vec![
+                slab(2, Vector3::z(), 1.3, 2.2),
+                slab(3, Vector3::new(1.0, 1.0, 0.0), 2.0, 3.1),
+            ],
+            tolerance: if method == Method::DualContour && seed % 2 == 1 {
+                1.0
+            } else {
+                0.0
+            },
+            ..by(method)
+        };
+        let grid = noise(9, 0.5, 1, seed);
+        check_quickly(&grid, &options);
+        let v = volume(&grid, None, &both(options), Run::on(&Cpu)).unwrap();
+        for region in [INTERIOR, EXTERIOR, 2, 3] {
+            let triangles = boundary_of(&v.mesh, region);
+            let found = faults(&triangles);
+            assert_eq!(
+                found,
+                Faults::default(),
+                "region {region}, seed {seed}, {method:?}"
+            );
+        }
+    }
+}
+
 /// Large leaves whose points would be held back on their way to the surface are split instead.
 #[test]
 fn nothing_sticks_out_of_a_surface_of_large_cells() {
