@@ -217,6 +217,65 @@ pub(crate) struct Scratch {
     eighth: Eighth,
 }
 
+/// An atom about the middle of each brick: exponent, decay and slopes.
+#[derive(Clone, Copy, Debug)]
+struct About {
+    exponent: Lanes,
+    decay: Lanes,
+    slope: [Lanes; 3],
+}
+
+impl About {
+    const NOTHING: Self = Self {
+        exponent: [f32::NEG_INFINITY; LANES],
+        decay: [0.0; LANES],
+        slope: [[0.0; LANES]; 3],
+    };
+
+    /// Becomes another one in the bricks where that one matters more.
+    #[inline(always)]
+    fn give_way(&mut self, other: &Self) {
+        let (own, others) = (self.exponent, other.exponent);
+        self.decay = larger(&own, &others, &self.decay, &other.decay);
+        for k in 0..3 {
+            self.slope[k] = larger(&own, &others, &self.slope[k], &other.slope[k]);
+        }
+        self.exponent = larger(&own, &others, &own, &others);
+    }
+
+    /// An upper bound of the difference of two exponents at the points of each brick.
+    #[inline(always)]
+    fn most_beside(&self, other: &Self, half: f32) -> Lanes {
+        let mut swing = [0.0; LANES];
+        for k in 0..3 {
+            let (own, others) = (self.slope[k], other.slope[k]);
+            for lane in 0..LANES {
+                swing[lane] += (own[lane] - others[lane]).abs();
+            }
+        }
+        let (own, others) = (self.exponent, other.exponent);
+        let (decay, decays) = (self.decay, other.decay);
+        let mut most = [0.0; LANES];
+        for lane in 0..LANES {
+            let bend = 3.0 * half * half * (decays[lane] - decay[lane]).max(0.0);
+            most[lane] = own[lane] - others[lane] + swing[lane] * half + bend;
+        }
+        most
+    }
+}
+
+/// `y` where `b` is larger than `a`, else `x`. (Loops of one selection each, since others are not turned into
+/// vector instructions.)
+#[inline(always)]
+fn larger(a: &Lanes, b: &Lanes, x: &Lanes, y: &Lanes) -> Lanes {
+    let (a, b, x, y) = (*a, *b, *x, *y);
+    let mut chosen = [0.0; LANES];
+    for lane in 0..LANES {
+        chosen[lane] = if b[lane] > a[lane] { y[lane] } else { x[lane] };
+    }
+    chosen
+}
+
 /// What is known of the atoms of an eighth in its bricks.
 #[derive(Debug, Default)]
 struct Eighth {
@@ -382,9 +441,9 @@ impl Atoms {
         for i in 0..n {
             let [mut middle, mut points, mut around] = [[0.0f32; LANES]; 3];
             for k in 0..3 {
-                let x = work.offset[k][i];
+                let (x, middles) = (work.offset[k][i], middles[k]);
                 for lane in 0..LANES {
-                    let t = (x - middles[k][lane]).abs();
+                    let t = (x - middles[lane]).abs();
                     let at = (t - 3.5 * spacing).max(0.0);
                     let of = (t - 4.5 * spacing).max(0.0);
                     middle[lane] += t * t;
@@ -393,17 +452,16 @@ impl Atoms {
                 }
             }
             let (decay, top) = (self.decay[i], self.top[i]);
-            let (margin, at_middle) = (&mut work.margin[i], &mut work.at_middle[i]);
+            let (exponent, lift) = (self.exponent, self.lift);
+            let mut bounds = sums[0];
             for lane in 0..LANES {
-                margin[lane] = top - decay * points[lane] + self.exponent;
+                points[lane] = top - decay * points[lane] + exponent;
                 let own = top - decay * middle[lane];
-                at_middle[lane] = if margin[lane] >= 0.0 {
-                    own
-                } else {
-                    f32::NEG_INFINITY
-                };
-                sums[0][lane] += exp2_or_zero(top - decay * around[lane] + self.lift);
+                let matters = points[lane] >= 0.0;
+                middle[lane] = if matters { own } else { f32::NEG_INFINITY };
+                bounds[lane] += exp2_or_zero(top - decay * around[lane] + lift);
             }
+            (work.margin[i], work.at_middle[i], sums[0]) = (points, middle, bounds);
             let next = i + 1;
             if depth == 0 || next < n && self.node[next] == self.node[i] {
                 continue;
@@ -543,43 +601,21 @@ impl Atoms {
                     start = end;
                     continue;
                 }
-                // Of the best atom per brick: exponent in the middle, decay, slopes.
-                let mut best = [f32::NEG_INFINITY; LANES];
-                let mut best_decay = [0.0f32; LANES];
-                let mut best_slope = [[0.0f32; LANES]; 3];
+                let mut best = About::NOTHING;
                 for i in start..end {
-                    let decay = weight[i] * self.decay[i];
-                    let offset = [x[i], y[i], z[i]];
-                    for lane in 0..LANES {
-                        let own = weight[i] * at_middle[i][lane];
-                        let better = own > best[lane];
-                        best[lane] = if better { own } else { best[lane] };
-                        best_decay[lane] = if better { decay } else { best_decay[lane] };
-                        for k in 0..3 {
-                            let slope = 2.0 * decay * (offset[k] - middles[k][lane]);
-                            let before = best_slope[k][lane];
-                            best_slope[k][lane] = if better { slope } else { before };
-                        }
-                    }
+                    let own =
+                        self.about(i, weight[i], &[x[i], y[i], z[i]], &at_middle[i], &middles);
+                    best.give_way(&own);
                 }
                 for i in start..end {
-                    let decay = weight[i] * self.decay[i];
-                    let offset = [x[i], y[i], z[i]];
-                    let (margin, at_middle) = (&mut margin[i], &mut at_middle[i]);
-                    for lane in 0..LANES {
-                        let mut swing = 0.0;
-                        for k in 0..3 {
-                            let slope = 2.0 * decay * (offset[k] - middles[k][lane]);
-                            swing += (slope - best_slope[k][lane]).abs();
-                        }
-                        let bend = 3.0 * half * half * (best_decay[lane] - decay).max(0.0);
-                        let most = weight[i] * at_middle[lane] - best[lane] + swing * half + bend;
-                        // Not a number where both are left out.
-                        let stays = most >= -least;
-                        margin[lane] = if stays { margin[lane] } else { -1.0 };
-                        let left_out = f32::NEG_INFINITY;
-                        at_middle[lane] = if stays { at_middle[lane] } else { left_out };
-                    }
+                    let own =
+                        self.about(i, weight[i], &[x[i], y[i], z[i]], &at_middle[i], &middles);
+                    let most = own.most_beside(&best, half);
+                    // What is not a number, where both are left out, is not larger.
+                    let least = [-least; LANES];
+                    margin[i] = larger(&least, &most, &[-1.0; LANES], &margin[i]);
+                    let left_out = [f32::NEG_INFINITY; LANES];
+                    at_middle[i] = larger(&least, &most, &left_out, &at_middle[i]);
                 }
                 start = end;
             }
@@ -590,6 +626,34 @@ impl Atoms {
                 }
             }
         }
+    }
+
+    /// Exponent, decay and slopes of an atom, times a weight.
+    #[inline(always)]
+    fn about(
+        &self,
+        i: usize,
+        weight: f32,
+        offset: &[f32; 3],
+        at_middle: &Lanes,
+        middles: &[Lanes; 3],
+    ) -> About {
+        let decay = weight * self.decay[i];
+        let mut own = About::NOTHING;
+        own.decay = [decay; LANES];
+        let at_middle = *at_middle;
+        for lane in 0..LANES {
+            own.exponent[lane] = weight * at_middle[lane];
+        }
+        for k in 0..3 {
+            let (offset, middles) = (offset[k], middles[k]);
+            let mut slope = [0.0; LANES];
+            for lane in 0..LANES {
+                slope[lane] = 2.0 * decay * (offset - middles[lane]);
+            }
+            own.slope[k] = slope;
+        }
+        own
     }
 
     /// Where the atoms of a node of the lowest level end, in a list of places.
@@ -708,11 +772,11 @@ fn add_product([x, y, z]: &[[f32; BRICK]; 3], lines: &Lines, out: &mut [f32]) {
         let d = times(&x, y[first + 3]);
         for k in lines.low[1] as usize..lines.high[1] as usize {
             let z = z[k];
-            let line = k * BRICK + first;
-            add_times(&mut out[line], &a, z);
-            add_times(&mut out[line + 1], &b, z);
-            add_times(&mut out[line + 2], &c, z);
-            add_times(&mut out[line + 3], &d, z);
+            let lines = &mut out[k * BRICK + first..][..ABREAST];
+            add_times(&mut lines[0], &a, z);
+            add_times(&mut lines[1], &b, z);
+            add_times(&mut lines[2], &c, z);
+            add_times(&mut lines[3], &d, z);
         }
     }
 }
