@@ -11,8 +11,8 @@ use crate::complex::{
     MIDDLE, Split, corner_of, diagonal_of, half_of, part_base, parts_around, triangle_of,
 };
 use crate::dual::{LEAST_VOLUME, Probe, Sample, cut_samples, farthest, part_point};
-use crate::lanes::{self, Quads};
-use crate::quality::{MOST, NO_FAN, best_fan};
+use crate::lanes::{self, MOST};
+use crate::quality::best_fan;
 use crate::samples::{Samples, local};
 use crate::uniform::Batch;
 
@@ -477,10 +477,10 @@ impl<'a> CutCells<'a> {
             high[axis] += 1;
             let start = if polygon.len == 4 {
                 let low = local(low);
-                let quad: Quads<1> =
-                    std::array::from_fn(|q| [u, v, axis].map(|k| [polygon.points[q][k] - low[k]]));
-                let [start] = lanes::diagonals(&quad);
-                Some(usize::from(start)).filter(|_| start != NO_FAN)
+                lanes::diagonal([0, 1, 2, 3].map(|q| {
+                    let x = polygon.points[q];
+                    [u, v, axis].map(|k| x[k] - low[k])
+                }))
             } else {
                 let [a, b] = [low, high].map(local);
                 best_fan(&polygon.points[..polygon.len], &a, &b, None)
