@@ -408,15 +408,21 @@ impl Work {
 
     /// Tetrahedra with `q < bound`, worst first, equal ones by number.
     pub(crate) fn below(&self, bound: f64) -> Vec<u32> {
-        let mut bad: Vec<u32> = (0..self.tets.len() as u32)
-            .into_par_iter()
-            .filter(|&t| self.q[t as usize] < bound)
+        self.below_and(bound, |_| true)
+    }
+
+    /// Those of [`Work::below`] that are also `fit`.
+    pub(crate) fn below_and(&self, bound: f64, fit: impl Fn(u32) -> bool + Sync) -> Vec<u32> {
+        let mut bad: Vec<(f64, u32)> = self
+            .q
+            .par_iter()
+            .zip(0..self.tets.len() as u32)
+            .with_min_len(4096)
+            .filter(|&(&q, t)| q < bound && fit(t))
+            .map(|(&q, t)| (q, t))
             .collect();
-        bad.par_sort_by(|&a, &b| {
-            let (qa, qb) = (self.q[a as usize], self.q[b as usize]);
-            qa.total_cmp(&qb).then(a.cmp(&b))
-        });
-        bad
+        bad.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        bad.into_iter().map(|b| b.1).collect()
     }
 
     /// Is the vertex part of the result? Those whose tetrahedra have all vanished are not.
