@@ -38,6 +38,14 @@ impl Ring {
         self.order.clear();
     }
 
+    /// The tetrahedra of the vertex with these faces, and no others.
+    pub(crate) fn load(&mut self, positions: &[Point3], faces: &[[u32; 3]]) {
+        self.clear();
+        for &[a, b, c] in faces {
+            self.push([a, b, c].map(|v| positions[v as usize]));
+        }
+    }
+
     /// Adds the tetrahedron `(vertex, a, b, c)`.
     pub(crate) fn push(&mut self, [a, b, c]: [Point3; 3]) {
         let (a, b, c) = (a.coords, b.coords, c.coords);

@@ -74,20 +74,20 @@ const SIGNS: [(f64, f64); 4] = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.
 /// looks at the mean of the neighbours.
 pub(crate) fn search(ring: &mut Ring, start: Vector3, compass: &Compass, rounds: u32) -> Vector3 {
     let mean = ring.centroid();
-    search_within(ring, start, Some(mean), compass, rounds, |_| true)
+    let value = ring.value(&start);
+    search_within(ring, (start, value), Some(mean), compass, rounds, |_| true)
 }
 
-/// The same for another mean or none, within a part of space.
+/// The same from a position with its value, for another mean or none, within a part of space.
 pub(crate) fn search_within(
     ring: &mut Ring,
-    start: Vector3,
+    (start, value): (Vector3, f64),
     mean: Option<Vector3>,
     compass: &Compass,
     rounds: u32,
     within: impl Fn(&Vector3) -> bool,
 ) -> Vector3 {
-    let mut x = start;
-    let mut best = ring.value(&x);
+    let (mut x, mut best) = (start, value);
     let mut step = STEP * ring.mean_edge(&x);
     for round in 0..rounds {
         let mut tries = Candidates::none(&x);
