@@ -207,11 +207,12 @@ impl WithSimd for Judge<'_> {
             let lane = |k: usize| Lanes(simd, S::as_simd_f64s(&candidates.x[k]).0[g]);
             let x = [lane(0), lane(1), lane(2)];
             let mut worst = x[0].all(f64::INFINITY);
+            let bound = worst.all(best + GAIN);
             let mut failed = None;
             for (i, &face) in order.iter().enumerate() {
                 worst = value_at(&faces[face as usize], &x).min(worst);
                 // No lane can come back.
-                if worst.largest() <= best + GAIN {
+                if !worst.any_above(bound) {
                     failed = Some(i);
                     break;
                 }
@@ -273,11 +274,14 @@ fn value_at<S: Simd>(f: &Face, x: &Vectors<S>) -> Lanes<S> {
         .min(bc * nb * nc)
         .min(ca * nc * na);
     let product = na * nb * nc * nv;
-    let sine = zero.below(product, least.over(product.max(tiny)), zero);
-    let square = v6 * v6;
-    let upright = square * sine.min(number.all(SHAPE).over(cube));
-    let inverted = zero - number.all(JOE_LIU * JOE_LIU) * square.over(cube);
-    zero.below(v6, upright, inverted)
+    // The smaller of two quotients, or that of an inverted one, by one division.
+    let shape = number.all(SHAPE);
+    let (sine, other) = (least * cube, shape * product);
+    let flatter = other.below(sine, shape, least);
+    let against = other.below(sine, cube, product.max(tiny));
+    let above = zero.below(v6, flatter, zero - number.all(JOE_LIU * JOE_LIU));
+    let below = zero.below(v6, against, cube);
+    v6 * v6 * above.over(below)
 }
 
 /// The objective from its signed square.
