@@ -641,9 +641,8 @@ impl Atoms {
         let decay = weight * self.decay[i];
         let mut own = About::NOTHING;
         own.decay = [decay; LANES];
-        let at_middle = *at_middle;
-        for lane in 0..LANES {
-            own.exponent[lane] = weight * at_middle[lane];
+        for (own, at) in own.exponent.iter_mut().zip(at_middle) {
+            *own = weight * at;
         }
         for k in 0..3 {
             let (offset, middles) = (offset[k], middles[k]);
