@@ -530,9 +530,14 @@ pub(crate) fn farthest(
     if (0..n).all(|i| spare(i, target) > 0.0) {
         return 1.0;
     }
+    longest(share, (0..n).map(|i| [base, target].map(|x| spare(i, x))))
+}
+
+/// The longest of some shares of the way beyond `share`, given what tetrahedra have above their least
+/// volumes at its ends, if not all have some at its end.
+pub(crate) fn longest(share: f64, spares: impl Iterator<Item = [f64; 2]>) -> f64 {
     let (mut low, mut high) = (0.0f64, 1.0f64);
-    for i in 0..n {
-        let (first, last) = (spare(i, base), spare(i, target));
+    for [first, last] in spares {
         if first <= 0.0 && last <= 0.0 {
             return share;
         }

@@ -488,7 +488,7 @@ fn emit(
     report.added_vertices = added.iter().map(Vec::len).sum();
     positions.reserve_exact(cut.map_or(0, |c| c.len() as usize) + report.added_vertices);
     if let Some(cut) = cut {
-        positions.extend(cut.points().map(|x| domain.world(&x)));
+        positions.extend_from_slice(&cut.points(|x| domain.world(x)));
     }
     positions.extend(added.iter().flatten().map(|x| domain.world(x)));
     report.triangles = triangles.len();
