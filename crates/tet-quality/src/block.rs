@@ -2,12 +2,10 @@
 //! on its neighbours nor on how wide the vectors are: there are no fused operations and no sums over
 //! lanes.
 
-use std::ops::{Add, Mul, Sub};
-
 use geom_core::Point3;
 use geom_core::mesh::{EDGES, FACES};
-use pulp::{Scalar, Simd, WithSimd};
 
+use crate::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot, minus};
 use crate::metrics::{JOE_LIU, Measures};
 
 /// Tetrahedra whose corners are gathered at a time: a multiple of all widths.
@@ -27,89 +25,6 @@ const ARCSINE: [f64; 11] = [
     -0.007309187533171394,
     0.03150100073013245,
 ];
-
-/// One number per tetrahedron, as many as a vector holds.
-#[derive(Clone, Copy)]
-struct Lanes<S: Simd>(S, S::f64s);
-
-/// One vector per tetrahedron, by coordinate.
-type Vectors<S> = [Lanes<S>; 3];
-
-impl<S: Simd> Add for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(self.0, self.0.add_f64s(self.1, b.1))
-    }
-}
-
-impl<S: Simd> Sub for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self(self.0, self.0.sub_f64s(self.1, b.1))
-    }
-}
-
-impl<S: Simd> Mul for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(self.0, self.0.mul_f64s(self.1, b.1))
-    }
-}
-
-impl<S: Simd> Lanes<S> {
-    #[inline(always)]
-    fn all(self, x: f64) -> Self {
-        Self(self.0, self.0.splat_f64s(x))
-    }
-    #[inline(always)]
-    fn over(self, b: Self) -> Self {
-        Self(self.0, self.0.div_f64s(self.1, b.1))
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(self.0, self.0.sqrt_f64s(self.1))
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self(self.0, self.0.abs_f64s(self.1))
-    }
-    #[inline(always)]
-    fn max(self, b: Self) -> Self {
-        Self(self.0, self.0.max_f64s(self.1, b.1))
-    }
-    #[inline(always)]
-    fn min(self, b: Self) -> Self {
-        Self(self.0, self.0.min_f64s(self.1, b.1))
-    }
-    /// `yes` where this is below `bound`, `no` elsewhere.
-    #[inline(always)]
-    fn below(self, bound: Self, yes: Self, no: Self) -> Self {
-        let mask = self.0.less_than_f64s(self.1, bound.1);
-        Self(self.0, self.0.select_f64s(mask, yes.1, no.1))
-    }
-}
-
-#[inline(always)]
-fn minus<S: Simd>(a: &Vectors<S>, b: &Vectors<S>) -> Vectors<S> {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline(always)]
-fn dot<S: Simd>(a: &Vectors<S>, b: &Vectors<S>) -> Lanes<S> {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-fn cross<S: Simd>(a: &Vectors<S>, b: &Vectors<S>) -> Vectors<S> {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
 
 /// The angle, in degrees, with the cosine `c` of which `q = c |c|` is given.
 #[inline(always)]
@@ -215,7 +130,7 @@ pub(crate) fn measure_one(corners: [Point3; 4]) -> Measures {
 
 /// Measures tetrahedra on the widest vectors that the processor has.
 pub(crate) fn measure(positions: &[Point3], tets: &[[u32; 4]], out: &mut [Measures]) {
-    pulp::Arch::new().dispatch(Task {
+    Arch::new().dispatch(Task {
         positions,
         tets,
         out,

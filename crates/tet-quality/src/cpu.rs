@@ -30,15 +30,8 @@ impl QualityBackend for Cpu {
                 .into_par_iter()
                 .with_min_len(32)
                 .map_init(Ring::default, |ring, i| {
-                    ring.clear();
-                    for f in &task.faces[task.starts[i] as usize..task.starts[i + 1] as usize] {
-                        let &[a, b, c] = f;
-                        ring.push([
-                            positions[a as usize],
-                            positions[b as usize],
-                            positions[c as usize],
-                        ]);
-                    }
+                    let faces = task.starts[i] as usize..task.starts[i + 1] as usize;
+                    ring.load(&positions, &task.faces[faces]);
                     let x = positions[task.vertices[i] as usize].coords;
                     let compass = Compass::along(&task.axes[i]);
                     Point3::from(search(ring, x, &compass, task.rounds))

@@ -12,6 +12,7 @@ mod flow;
 mod improve;
 mod input;
 mod insert;
+mod lanes;
 pub mod metrics;
 mod operate;
 mod options;

@@ -84,21 +84,18 @@ pub(crate) fn rounds(
     judge: impl Fn(&Work, u32, &mut Ring) -> Option<Proposal> + Sync,
     done: &mut Pass,
 ) {
-    let mut bad = work.below(bound);
     for _ in 0..most {
         memory.fit(work);
         let now = work.tick();
         // Slots are filled anew at a time when their corners changed, so their old entry does not count.
         let (state, tried) = (&*work, &memory.tried);
-        bad = bad
-            .into_par_iter()
-            .with_min_len(256)
-            .filter(|&t| state.q[t as usize] < bound && state.changed_since(t, tried[t as usize]))
-            .collect();
-        let alone = memory.alone(work, &bad, wide);
+        let bad = state.below_and(bound, |t| state.changed_since(t, tried[t as usize]));
+        let mut alone = memory.alone(work, &bad, wide);
         if alone.is_empty() {
             break;
         }
+        // Neighbours in memory are neighbours in space: what one has read the next one finds near by.
+        alone.sort_unstable();
         let state = &*work;
         let judged: Vec<Option<Proposal>> = alone
             .par_iter()
@@ -113,7 +110,6 @@ pub(crate) fn rounds(
             }
         }
         carry_out(work, memory, proposals, done);
-        bad = work.below(bound);
     }
 }
 

@@ -94,10 +94,12 @@ impl Proposal {
     }
 
     /// Does the mesh outside of the locked tetrahedra, which stayed, still allow the change? What a
-    /// neighbouring change made may be an edge or a face that this one would make again.
+    /// neighbouring change made since the last [`Work::tick`] may be an edge or a face that this one
+    /// would make again; where nothing changed, what was judged then still holds.
     fn fits(&self, work: &Work) -> bool {
+        let fresh = |v: u32| work.changed_now(v);
         if let Some((a, b, on_surface)) = self.edge {
-            return still_contracts(work, a, b, on_surface);
+            return !(fresh(a) || fresh(b)) || still_contracts(work, a, b, on_surface);
         }
         let old = || self.remove.iter().map(|&t| work.tets[t as usize]);
         self.insert.iter().all(|(tet, _)| {
@@ -105,11 +107,13 @@ impl Proposal {
                 let (u, v) = (tet[i], tet[j]);
                 u == NEW
                     || v == NEW
+                    || !(fresh(u) && fresh(v))
                     || old().any(|t| t.contains(&u) && t.contains(&v))
                     || !work.edge_exists(u, v)
             }) && FACES.iter().all(|f| {
                 let f = f.map(|i| tet[i]);
                 f.contains(&NEW)
+                    || !f.iter().all(|&v| fresh(v))
                     || old().any(|t| f.iter().all(|v| t.contains(v)))
                     || !work.face_exists(f[0], f[1], f[2])
             })

@@ -2,6 +2,7 @@
 
 use geom_core::{Point3, Vector3};
 
+use crate::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot};
 use crate::metrics::{JOE_LIU, SHAPE_WEIGHT};
 
 /// The objective counts as raised only by more than this: sweeps end.
@@ -26,11 +27,23 @@ struct Face {
 #[derive(Default)]
 pub(crate) struct Ring {
     faces: Vec<Face>,
+    /// The order in which the faces are asked: first those at which candidates fail.
+    order: Vec<u32>,
+    arch: Arch,
 }
 
 impl Ring {
     pub(crate) fn clear(&mut self) {
         self.faces.clear();
+        self.order.clear();
+    }
+
+    /// The tetrahedra of the vertex with these faces, and no others.
+    pub(crate) fn load(&mut self, positions: &[Point3], faces: &[[u32; 3]]) {
+        self.clear();
+        for &[a, b, c] in faces {
+            self.push([a, b, c].map(|v| positions[v as usize]));
+        }
     }
 
     /// Adds the tetrahedron `(vertex, a, b, c)`.
@@ -38,6 +51,7 @@ impl Ring {
         let (a, b, c) = (a.coords, b.coords, c.coords);
         let (ab, ca, bc) = (b - a, c - a, c - b);
         let normal = ab.cross(&ca);
+        self.order.push(self.faces.len() as u32);
         self.faces.push(Face {
             a,
             b,
@@ -85,18 +99,18 @@ impl Ring {
         least
     }
 
-    /// The smallest value with the vertex at `x`. The worst face moves to the front, where the next
-    /// candidate most likely fails.
+    /// The smallest value with the vertex at `x`. The worst face is asked first from now on: there the
+    /// next candidate most likely fails.
     pub(crate) fn value(&mut self, x: &Vector3) -> f64 {
         let (mut worst, mut at) = (f64::INFINITY, 0);
-        for (i, face) in self.faces.iter().enumerate() {
-            let value = face.value(x);
+        for (i, &face) in self.order.iter().enumerate() {
+            let value = self.faces[face as usize].value(x);
             if value < worst {
                 (worst, at) = (value, i);
             }
         }
         if at > 0 {
-            self.faces.swap(0, at);
+            self.order.swap(0, at);
         }
         worst
     }
@@ -116,52 +130,158 @@ impl Ring {
     /// The smallest value with the vertex at `x` if it is above `bound`.
     pub(crate) fn value_above(&mut self, x: &Vector3, bound: f64) -> Option<f64> {
         let mut worst = f64::INFINITY;
-        for i in 0..self.faces.len() {
-            let value = self.faces[i].value(x);
+        for i in 0..self.order.len() {
+            let value = self.faces[self.order[i] as usize].value(x);
             if value <= bound {
-                if i > 0 {
-                    self.faces.swap(i, i / 2);
-                }
+                self.order.swap(i, i / 2);
                 return None;
             }
             worst = worst.min(value);
         }
         Some(worst)
     }
+
+    /// The candidate that is above `best` and by more than [`GAIN`] above those before it, the last such
+    /// one, and its smallest value.
+    pub(crate) fn best_of(&mut self, candidates: &Candidates, best: f64) -> Option<(usize, f64)> {
+        self.arch.dispatch(Judge {
+            faces: &self.faces,
+            order: &mut self.order,
+            candidates,
+            best,
+        })
+    }
+}
+
+/// Most candidates that are judged together: the directions of a search and the neighbours' mean.
+const CANDIDATES: usize = 16;
+
+/// Positions of one vertex to be judged side by side.
+pub(crate) struct Candidates {
+    x: [[f64; CANDIDATES]; 3],
+    count: usize,
+}
+
+impl Candidates {
+    /// No candidates yet; `from` fills the lanes that stay empty.
+    pub(crate) fn none(from: &Vector3) -> Self {
+        Self {
+            x: [from.x, from.y, from.z].map(|x| [x; CANDIDATES]),
+            count: 0,
+        }
+    }
+
+    pub(crate) fn push(&mut self, x: &Vector3) {
+        for (row, x) in self.x.iter_mut().zip(x.iter()) {
+            row[self.count] = *x;
+        }
+        self.count += 1;
+    }
+
+    pub(crate) fn at(&self, i: usize) -> Vector3 {
+        Vector3::new(self.x[0][i], self.x[1][i], self.x[2][i])
+    }
+}
+
+struct Judge<'a> {
+    faces: &'a [Face],
+    order: &'a mut [u32],
+    candidates: &'a Candidates,
+    best: f64,
+}
+
+impl WithSimd for Judge<'_> {
+    type Output = Option<(usize, f64)>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let Self {
+            faces,
+            order,
+            candidates,
+            mut best,
+        } = self;
+        let mut chosen = None;
+        let mut values = [0.0; CANDIDATES];
+        for g in 0..candidates.count.div_ceil(S::F64_LANES) {
+            let lane = |k: usize| Lanes(simd, S::as_simd_f64s(&candidates.x[k]).0[g]);
+            let x = [lane(0), lane(1), lane(2)];
+            let mut worst = x[0].all(f64::INFINITY);
+            let bound = worst.all(best + GAIN);
+            let mut failed = None;
+            for (i, &face) in order.iter().enumerate() {
+                worst = value_at(&faces[face as usize], &x).min(worst);
+                // No lane can come back.
+                if !worst.any_above(bound) {
+                    failed = Some(i);
+                    break;
+                }
+            }
+            if let Some(i) = failed {
+                order.swap(i, i / 2);
+                continue;
+            }
+            S::as_mut_simd_f64s(&mut values).0[g] = worst.1;
+            let lanes = g * S::F64_LANES..((g + 1) * S::F64_LANES).min(candidates.count);
+            for i in lanes {
+                if values[i] > best + GAIN {
+                    best = values[i];
+                    chosen = Some((i, best));
+                }
+            }
+        }
+        chosen
+    }
 }
 
 impl Face {
     #[inline]
     fn value(&self, x: &Vector3) -> f64 {
-        let (a, b, c) = (self.a - x, self.b - x, self.c - x);
-        let v6 = self.normal.dot(&a);
-        let (aa, bb, cc) = (a.norm_squared(), b.norm_squared(), c.norm_squared());
-        let sum = aa + bb + cc + self.ab + self.bc + self.ca;
-        let cube = sum * sum * sum;
-        if v6 <= 0.0 {
-            let shape = if cube > 0.0 {
-                JOE_LIU * JOE_LIU * v6 * v6 / cube
-            } else {
-                0.0
-            };
-            return -shape;
-        }
-        let na = b.cross(&c).norm_squared();
-        let nb = c.cross(&a).norm_squared();
-        let nc = a.cross(&b).norm_squared();
-        let nv = self.square;
-        // sin² at edge ij is 36 V² e² n_i² n_j² / Π n².
-        let least = ((aa * na).min(bb * nb).min(cc * nc) * nv)
-            .min(self.ab * na * nb)
-            .min(self.bc * nb * nc)
-            .min(self.ca * nc * na);
-        let product = na * nb * nc * nv;
-        if product <= 0.0 {
-            return 0.0;
-        }
-        const SHAPE: f64 = SHAPE_WEIGHT * SHAPE_WEIGHT * JOE_LIU * JOE_LIU;
-        v6 * v6 * (least / product).min(SHAPE / cube)
+        let one = Scalar::new();
+        value_at(self, &[x.x, x.y, x.z].map(|x| Lanes(one, x))).1
     }
+}
+
+/// The values of one face with the vertex at each lane's position.
+#[inline(always)]
+fn value_at<S: Simd>(f: &Face, x: &Vectors<S>) -> Lanes<S> {
+    const SHAPE: f64 = SHAPE_WEIGHT * SHAPE_WEIGHT * JOE_LIU * JOE_LIU;
+    let number = x[0];
+    let [zero, tiny] = [0.0, f64::MIN_POSITIVE].map(|x| number.all(x));
+    let from = |p: &Vector3| {
+        [
+            number.all(p.x) - x[0],
+            number.all(p.y) - x[1],
+            number.all(p.z) - x[2],
+        ]
+    };
+    let (a, b, c) = (from(&f.a), from(&f.b), from(&f.c));
+    let normal = [f.normal.x, f.normal.y, f.normal.z].map(|n| number.all(n));
+    let v6 = dot(&normal, &a);
+    let (aa, bb, cc) = (dot(&a, &a), dot(&b, &b), dot(&c, &c));
+    let [ab, bc, ca, nv] = [f.ab, f.bc, f.ca, f.square].map(|x| number.all(x));
+    let sum = aa + bb + cc + ab + bc + ca;
+    let cube = (sum * sum * sum).max(tiny);
+    let square = |n: &Vectors<S>| dot(n, n);
+    let (na, nb, nc) = (
+        square(&cross(&b, &c)),
+        square(&cross(&c, &a)),
+        square(&cross(&a, &b)),
+    );
+    // sin² at edge ij is 36 V² e² n_i² n_j² / Π n².
+    let least = ((aa * na).min(bb * nb).min(cc * nc) * nv)
+        .min(ab * na * nb)
+        .min(bc * nb * nc)
+        .min(ca * nc * na);
+    let product = na * nb * nc * nv;
+    // The smaller of two quotients, or that of an inverted one, by one division.
+    let shape = number.all(SHAPE);
+    let (sine, other) = (least * cube, shape * product);
+    let flatter = other.below(sine, shape, least);
+    let against = other.below(sine, cube, product.max(tiny));
+    let above = zero.below(v6, flatter, zero - number.all(JOE_LIU * JOE_LIU));
+    let below = zero.below(v6, against, cube);
+    v6 * v6 * above.over(below)
 }
 
 /// The objective from its signed square.
@@ -186,6 +306,30 @@ mod tests {
             ring.push([p[1], p[2], p[3]]);
             let value = objective(ring.value(&p[0].coords));
             prop_assert!((value - quality(p)).abs() < 1e-9);
+        }
+
+        /// Whatever the width of the vectors: the best is that of one judged after the other.
+        #[test]
+        fn candidates_are_judged_together_like_alone(
+            corners in proptest::collection::vec(point(), 4..12),
+            candidates in proptest::collection::vec(point(), 1..CANDIDATES),
+        ) {
+            let mut ring = Ring::default();
+            for w in corners.windows(3) {
+                ring.push([w[0], w[1], w[2]]);
+            }
+            let start = Vector3::zeros();
+            let (first, mut best) = (ring.value(&start), ring.value(&start));
+            let mut tries = Candidates::none(&start);
+            let mut chosen = None;
+            for (i, x) in candidates.iter().enumerate() {
+                tries.push(&x.coords);
+                if let Some(value) = ring.value_above(&x.coords, best + GAIN) {
+                    best = value;
+                    chosen = Some((i, value));
+                }
+            }
+            prop_assert_eq!(ring.best_of(&tries, first), chosen);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use geom_core::Vector3;
 
-use crate::ring::{GAIN, Ring};
+use crate::ring::{Candidates, Ring};
 
 /// First step, in mean edge lengths.
 pub(crate) const STEP: f64 = 0.25;
@@ -74,41 +74,31 @@ const SIGNS: [(f64, f64); 4] = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.
 /// looks at the mean of the neighbours.
 pub(crate) fn search(ring: &mut Ring, start: Vector3, compass: &Compass, rounds: u32) -> Vector3 {
     let mean = ring.centroid();
-    search_within(ring, start, Some(mean), compass, rounds, |_| true)
+    let value = ring.value(&start);
+    search_within(ring, (start, value), Some(mean), compass, rounds, |_| true)
 }
 
-/// The same for another mean or none, within a part of space.
+/// The same from a position with its value, for another mean or none, within a part of space.
 pub(crate) fn search_within(
     ring: &mut Ring,
-    start: Vector3,
+    (start, value): (Vector3, f64),
     mean: Option<Vector3>,
     compass: &Compass,
     rounds: u32,
     within: impl Fn(&Vector3) -> bool,
 ) -> Vector3 {
-    let mut x = start;
-    let mut best = ring.value(&x);
+    let (mut x, mut best) = (start, value);
     let mut step = STEP * ring.mean_edge(&x);
     for round in 0..rounds {
-        let mut next = None;
-        if let Some(mean) = mean.filter(|_| round == 0) {
-            let mean = x + compass.project(mean - x);
-            if within(&mean)
-                && let Some(value) = ring.value_above(&mean, best + GAIN)
-            {
-                (next, best) = (Some(mean), value);
-            }
+        let mut tries = Candidates::none(&x);
+        let mean = mean.filter(|_| round == 0);
+        let mean = mean.map(|mean| x + compass.project(mean - x));
+        let around = compass.directions().iter().map(|d| x + d * step);
+        for candidate in mean.into_iter().chain(around).filter(&within) {
+            tries.push(&candidate);
         }
-        for d in compass.directions() {
-            let candidate = x + d * step;
-            if within(&candidate)
-                && let Some(value) = ring.value_above(&candidate, best + GAIN)
-            {
-                (next, best) = (Some(candidate), value);
-            }
-        }
-        match next {
-            Some(better) => x = better,
+        match ring.best_of(&tries, best) {
+            Some((i, value)) => (x, best) = (tries.at(i), value),
             None => step *= SHRINK,
         }
     }

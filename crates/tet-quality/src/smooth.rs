@@ -156,7 +156,13 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
 ) -> Result<usize, Error> {
     let task = task(work, &work.x, vertices, rounds, turn);
     let moves = run.backend.relax(&task)?;
-    let (vertices, colours) = (task.vertices, task.colours);
+    let Relaxation {
+        vertices,
+        colours,
+        starts,
+        faces,
+        ..
+    } = task;
     let mut moved = Vec::new();
     for colour in colours {
         let accepted: Vec<Option<Point3>> = colour
@@ -168,7 +174,7 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
                 if d == Vector3::zeros() {
                     return None;
                 }
-                load(work, vertices[i], ring);
+                ring.load(&work.x, &faces[starts[i] as usize..starts[i + 1] as usize]);
                 let x = work.x[vertices[i] as usize].coords;
                 let best = ring.value(&x);
                 [1.0, 0.5, 0.25].into_iter().find_map(|share| {
@@ -342,7 +348,7 @@ pub(crate) fn slide_from(
     };
     let mean = mean.map(|m| m.coords);
     let compass = Compass::along(&[s, t, up]);
-    let found = search_within(ring, from, mean, &compass, SURFACE_ROUNDS, within);
+    let found = search_within(ring, (from, best), mean, &compass, SURFACE_ROUNDS, within);
     if found == from {
         return None;
     }
@@ -379,8 +385,10 @@ fn surface_mean(work: &Work, v: u32) -> Option<Point3> {
     for &t in work.rings.of(v) {
         let tet = work.tets[t as usize];
         let region = work.regions[t as usize];
+        // What moves freely lies inside a region.
+        let inner = tet.map(|u| work.freedom[u as usize] == Freedom::Free);
         for k in 0..4 {
-            if tet[k] == v {
+            if tet[k] == v || FACES[k].iter().any(|&i| inner[i]) {
                 continue;
             }
             // Each interface face once: from its lower region, the boundary from inside.

@@ -217,6 +217,11 @@ impl Work {
         tet.iter().any(|&v| self.changed[v as usize] > time)
     }
 
+    /// Has something changed around `v` in this step of the clock?
+    pub(crate) fn changed_now(&self, v: u32) -> bool {
+        self.changed[v as usize] == self.clock
+    }
+
     /// Fills `q` anew.
     pub(crate) fn measure_all(&mut self) {
         let (x, tets) = (&self.x, &self.tets);
@@ -376,7 +381,11 @@ impl Work {
     /// Moves a vertex and measures its tetrahedra anew.
     pub(crate) fn set_position(&mut self, v: u32, x: Point3) {
         self.x[v as usize] = x;
-        self.refresh(&[v]);
+        for i in 0..self.rings.of(v).len() {
+            let t = self.rings.of(v)[i];
+            self.q[t as usize] = self.quality_of(self.tets[t as usize]);
+            self.touch(self.tets[t as usize]);
+        }
     }
 
     /// Vertices have moved: measures the tetrahedra around them anew.
@@ -388,13 +397,16 @@ impl Work {
             self.changed.fill(self.clock);
             return;
         }
-        for &v in moved {
-            for i in 0..self.rings.of(v).len() {
-                let t = self.rings.of(v)[i] as usize;
-                let tet = self.tets[t];
-                self.q[t] = self.quality_of(tet);
-                self.touch(tet);
-            }
+        let state = &*self;
+        let fresh: Vec<(u32, f64)> = moved
+            .par_iter()
+            .with_min_len(64)
+            .flat_map_iter(|&v| state.rings.of(v))
+            .map(|&t| (t, state.quality_of(state.tets[t as usize])))
+            .collect();
+        for (t, q) in fresh {
+            self.q[t as usize] = q;
+            self.touch(self.tets[t as usize]);
         }
     }
 
@@ -408,15 +420,21 @@ impl Work {
 
     /// Tetrahedra with `q < bound`, worst first, equal ones by number.
     pub(crate) fn below(&self, bound: f64) -> Vec<u32> {
-        let mut bad: Vec<u32> = (0..self.tets.len() as u32)
-            .into_par_iter()
-            .filter(|&t| self.q[t as usize] < bound)
+        self.below_and(bound, |_| true)
+    }
+
+    /// Those of [`Work::below`] that are also `fit`.
+    pub(crate) fn below_and(&self, bound: f64, fit: impl Fn(u32) -> bool + Sync) -> Vec<u32> {
+        let mut bad: Vec<(f64, u32)> = self
+            .q
+            .par_iter()
+            .zip(0..self.tets.len() as u32)
+            .with_min_len(4096)
+            .filter(|&(&q, t)| q < bound && fit(t))
+            .map(|(&q, t)| (q, t))
             .collect();
-        bad.par_sort_by(|&a, &b| {
-            let (qa, qb) = (self.q[a as usize], self.q[b as usize]);
-            qa.total_cmp(&qb).then(a.cmp(&b))
-        });
-        bad
+        bad.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        bad.into_iter().map(|b| b.1).collect()
     }
 
     /// Is the vertex part of the result? Those whose tetrahedra have all vanished are not.
