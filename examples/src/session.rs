@@ -3,7 +3,8 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::{Mutex, MutexGuard, OnceLock};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 use clap::parser::ValueSource;
@@ -11,7 +12,7 @@ use clap::{ArgMatches, Parser};
 use dual_contour::ContourBackend;
 use gauss_density::DensityBackend;
 use geom_core::spectral::SpectralBackend;
-use geom_core::{Backend, Cpu, Monitor, Run, Wgpu, io};
+use geom_core::{Backend, Cancelled, Cpu, Monitor, Run, Wgpu, io};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -34,7 +35,10 @@ where
 {
     let matches = A::command().get_matches();
     let args = A::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
-    match run_with(program, &args, given(&matches), work) {
+    let stop = Arc::<AtomicBool>::default();
+    let done = heed_signals(stop.clone())
+        .and_then(|()| run_with(program, &args, given(&matches), stop, work));
+    match done {
         Ok(summary) => {
             if !args.common().quiet {
                 say(&summary);
@@ -46,6 +50,15 @@ where
             ExitCode::FAILURE
         }
     }
+}
+
+/// Ctrl-C and SIGTERM ask the work to stop, which leaves nothing behind; a second one does not wait.
+fn heed_signals(stop: Arc<AtomicBool>) -> Result<(), Failure> {
+    Ok(ctrlc::set_handler(move || {
+        if stop.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })?)
 }
 
 #[expect(clippy::print_stdout, reason = "a program tells what it has done")]
@@ -78,6 +91,7 @@ fn run_with<A>(
     program: &'static str,
     args: &A,
     given: Vec<String>,
+    stop: Arc<AtomicBool>,
     work: impl FnOnce(&A, &Session) -> Result<(), Failure> + Send,
 ) -> Result<String, Failure>
 where
@@ -103,7 +117,7 @@ where
         "options": args,
         "threads": threads,
     });
-    let session = Session::open(common, given, head)?;
+    let session = Session::open(common, given, stop, head)?;
     pool.install(|| work(args, &session))?;
     session.close()
 }
@@ -213,7 +227,12 @@ struct Stage {
 }
 
 impl Session {
-    fn open(common: &Common, given: Vec<String>, head: Value) -> Result<Self, Failure> {
+    fn open(
+        common: &Common,
+        given: Vec<String>,
+        stop: Arc<AtomicBool>,
+        head: Value,
+    ) -> Result<Self, Failure> {
         let device = Device::open(common.backend)?;
         // A folder that cannot be written is an error now, not after hours.
         drop(Staging::open(&common.out)?);
@@ -233,7 +252,7 @@ impl Session {
             given,
             staging: OnceLock::new(),
             started: Instant::now(),
-            bars: Bars::new(common.quiet),
+            bars: Bars::new(common.quiet, stop),
             rasterizer: OnceLock::new(),
             report: Mutex::new(report),
         })
@@ -268,6 +287,9 @@ impl Session {
         name: &'static str,
         work: impl FnOnce() -> Result<T, E>,
     ) -> Result<T, Failure> {
+        if self.bars.stopped() {
+            return Err(Cancelled.into());
+        }
         self.bars.begin(name);
         let start = Instant::now();
         let result = work();
@@ -404,14 +426,21 @@ impl Drop for Staging {
 struct Bars {
     bar: Mutex<Option<(&'static str, ProgressBar)>>,
     quiet: bool,
+    /// Set from outside when the work is to end.
+    stop: Arc<AtomicBool>,
 }
 
 impl Bars {
-    fn new(quiet: bool) -> Self {
+    fn new(quiet: bool, stop: Arc<AtomicBool>) -> Self {
         Self {
             bar: Mutex::new(None),
             quiet,
+            stop,
         }
+    }
+
+    fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<(&'static str, ProgressBar)>> {
@@ -447,6 +476,9 @@ impl Bars {
 
 impl Monitor for Bars {
     fn progress(&self, stage: &'static str, done: u64, total: u64) -> ControlFlow<()> {
+        if self.stopped() {
+            return ControlFlow::Break(());
+        }
         let mut current = self.lock();
         match &*current {
             Some((name, bar)) if *name == stage => {
@@ -507,15 +539,21 @@ mod tests {
     fn outputs_appear_together_with_a_report() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("a/b");
-        let summary = run_with("test", &args(&out), Vec::new(), |_, session| {
-            // Nothing is there before the first output: who is killed in between leaves nothing.
-            assert!(!out.exists());
-            session.stage("writing", || -> Result<(), Failure> {
-                Ok(std::fs::write(session.output("x.txt")?, "x")?)
-            })?;
-            session.note("counts", json!({ "atoms": 3 }))?;
-            session.note("counts", json!({ "triangles": 5 }))
-        });
+        let summary = run_with(
+            "test",
+            &args(&out),
+            Vec::new(),
+            Arc::default(),
+            |_, session| {
+                // Nothing is there before the first output: who is killed in between leaves nothing.
+                assert!(!out.exists());
+                session.stage("writing", || -> Result<(), Failure> {
+                    Ok(std::fs::write(session.output("x.txt")?, "x")?)
+                })?;
+                session.note("counts", json!({ "atoms": 3 }))?;
+                session.note("counts", json!({ "triangles": 5 }))
+            },
+        );
         assert!(summary.unwrap().contains("x.txt"));
         let mut names: Vec<_> = std::fs::read_dir(&out)
             .unwrap()
@@ -538,10 +576,16 @@ mod tests {
     fn a_failure_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("a/b");
-        let failed = run_with("test", &args(&out), Vec::new(), |_, session| {
-            std::fs::write(session.output("x.txt")?, "x")?;
-            Err("no".into())
-        });
+        let failed = run_with(
+            "test",
+            &args(&out),
+            Vec::new(),
+            Arc::default(),
+            |_, session| {
+                std::fs::write(session.output("x.txt")?, "x")?;
+                Err("no".into())
+            },
+        );
         assert_eq!(failed.unwrap_err().to_string(), "no");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         // A folder that was there before stays, with what is in it.
@@ -550,8 +594,34 @@ mod tests {
             "test",
             &args(&folder.path().join("a")),
             Vec::new(),
+            Arc::default(),
             |_, _| Err("no".into()),
         );
         assert!(kept.is_err() && folder.path().join("a").exists());
+    }
+
+    #[test]
+    fn a_signal_stops_the_work_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let stop = Arc::<AtomicBool>::default();
+        let asked = stop.clone();
+        let stopped = run_with(
+            "test",
+            &args(&folder.path().join("a")),
+            Vec::new(),
+            stop,
+            |_, session| {
+                std::fs::write(session.output("x.txt")?, "x")?;
+                let run = session.on(&Cpu);
+                session.stage("before", || run.progress("before", 0, 1))?;
+                asked.store(true, Ordering::Relaxed);
+                assert!(run.progress("after", 0, 1).is_err());
+                session.stage("after", || -> Result<(), Failure> {
+                    unreachable!("no stage begins once the work is to end")
+                })
+            },
+        );
+        assert!(stopped.unwrap_err().is::<Cancelled>());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 }

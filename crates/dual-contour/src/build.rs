@@ -8,7 +8,7 @@ use crate::backend::ContourBackend;
 use crate::complex::{Complex, Kinds};
 use crate::dual::{Duals, Probe};
 use crate::emit::{Emission, Emitter, Want, kinds};
-use crate::octree::{BLOCK, Octree};
+use crate::octree::{BLOCK, Octree, Splits};
 use crate::samples::{Domain, Labels, POINTS, Samples, Source};
 use crate::{AtBox, Error, Extent, Method, Options, Outer, Report, Resolution, Shape};
 use crate::{lattice, sizing};
@@ -213,14 +213,6 @@ pub(crate) fn mesh<B: ContourBackend + ?Sized>(
         Purpose::Surface | Purpose::Volume(Extent::Interior) => options.at_box == AtBox::Clip,
         Purpose::Volume(_) => true,
     };
-    run.progress("octree", 0, 1)?;
-    let (tree, kinds) = tree(samples, options);
-    let complex = Complex::new(samples, &tree, kinds);
-    check_counts(&complex, purpose)?;
-    report.leaves = tree.leaves.iter().filter(|l| !l.void).count();
-    report.surface_cells = (0..tree.leaves.len() as u32)
-        .filter(|&id| complex.is_interface(id))
-        .count();
     let keep = |r| match purpose {
         Purpose::Surface => false,
         Purpose::Volume(extent) => extent.holds(r),
@@ -229,28 +221,48 @@ pub(crate) fn mesh<B: ContourBackend + ?Sized>(
         Purpose::Surface => "triangles",
         Purpose::Volume(_) => "tetrahedra",
     };
-    let raw = match options.method {
-        Method::DualContour => {
-            run.progress("dual vertices", 0, 1)?;
-            let duals = Duals::new(&complex, probe, boxed, run.backend)?;
-            report.split_cells = complex.splits.len();
-            report.held_back = duals.reduced;
-            run.progress(stage, 0, 1)?;
-            let emitter = Emitter::new(&complex, &duals, probe, |r| {
-                keep(r) || boxed && r == INTERIOR
-            });
-            let emission = emitter.emit(&Want {
-                tets: purpose != Purpose::Surface,
-                region: keep,
-            });
-            Raw::from_emission(&emitter, emission, keep)
-        }
-        Method::Lattice => {
+    run.progress("octree", 0, 1)?;
+    let mut splits = sizing::splits(samples, options);
+    let mut before = None;
+    let raw = loop {
+        let (tree, kinds) = match options.method {
+            Method::DualContour => tree(samples, options, &mut splits),
+            Method::Lattice => even_tree(samples, options, &mut splits),
+        };
+        let complex = Complex::new(samples, &tree, kinds);
+        check_counts(&complex, purpose)?;
+        report.leaves = tree.leaves.iter().filter(|l| !l.void).count();
+        report.surface_cells = (0..tree.leaves.len() as u32)
+            .filter(|&id| complex.is_interface(id))
+            .count();
+        if options.method == Method::Lattice {
             run.progress(stage, 0, 1)?;
             let (raw, counts) = lattice::mesh(&complex, probe, options.at_box == AtBox::Clip, keep);
             (report.snapped, report.held_back) = (counts.snapped, counts.refused);
-            raw
+            break raw;
         }
+        run.progress("dual vertices", 0, 1)?;
+        let duals = Duals::new(&complex, probe, boxed, before.as_ref(), run.backend)?;
+        let spikes = duals.spikes(&complex);
+        if !spikes.is_empty() {
+            for id in spikes {
+                splits.split(samples.domain.blocks, complex.leaf(id));
+            }
+            drop(complex);
+            before = Some((tree, duals));
+            continue;
+        }
+        report.split_cells = complex.splits.len();
+        report.held_back = duals.held_back();
+        run.progress(stage, 0, 1)?;
+        let emitter = Emitter::new(&complex, &duals, probe, |r| {
+            keep(r) || boxed && r == INTERIOR
+        });
+        let emission = emitter.emit(&Want {
+            tets: purpose != Purpose::Surface,
+            region: keep,
+        });
+        break Raw::from_emission(&emitter, emission, keep);
     };
     report.added_vertices = raw.added;
     report.triangles = raw.triangles.len();
@@ -326,25 +338,33 @@ impl Raw {
     }
 }
 
-/// The octree, as fine as options, labels and method ask for.
-fn tree(samples: &Samples<'_>, options: &Options) -> (Octree, Kinds) {
-    let domain = samples.domain;
-    let mut splits = sizing::splits(samples, options);
-    let finest = samples.labels.plain() && options.tolerance == 0.0 && options.zones.is_empty();
-    let mut tree = Octree::new(domain.cells, &splits);
-    let mut kinds = Kinds::of(samples, &tree, finest);
-    if options.method == Method::Lattice {
-        // Snapping needs cells of one size around the surface.
-        for id in kinds.interfaces().collect::<Vec<_>>() {
-            let leaf = &tree.leaves[id as usize];
-            if leaf.log == 0 {
-                splits.surround(domain.cells, leaf.origin());
-            }
+/// Do labels follow from signs, and are all cells with a surface finest?
+fn is_finest(samples: &Samples<'_>, options: &Options) -> bool {
+    samples.labels.plain() && options.tolerance == 0.0 && options.zones.is_empty()
+}
+
+/// The octree with cells of one size around the surface, as snapping needs it.
+fn even_tree(samples: &Samples<'_>, options: &Options, splits: &mut Splits) -> (Octree, Kinds) {
+    let cells = samples.domain.cells;
+    let finest = is_finest(samples, options);
+    let tree = Octree::new(cells, splits);
+    for id in Kinds::of(samples, &tree, finest).interfaces() {
+        let leaf = &tree.leaves[id as usize];
+        if leaf.log == 0 {
+            splits.surround(cells, leaf.origin());
         }
-        tree = Octree::new(domain.cells, &splits);
-        kinds = Kinds::of(samples, &tree, finest).unsplit();
-        return (tree, kinds);
     }
+    let tree = Octree::new(cells, splits);
+    let kinds = Kinds::of(samples, &tree, finest).unsplit();
+    (tree, kinds)
+}
+
+/// The octree in which ambiguous cells are finest, and stand among finest ones.
+fn tree(samples: &Samples<'_>, options: &Options, splits: &mut Splits) -> (Octree, Kinds) {
+    let domain = samples.domain;
+    let finest = is_finest(samples, options);
+    let mut tree = Octree::new(domain.cells, splits);
+    let mut kinds = Kinds::of(samples, &tree, finest);
     loop {
         let large = kinds.large(&tree);
         for &id in &large {
@@ -365,7 +385,7 @@ fn tree(samples: &Samples<'_>, options: &Options) -> (Octree, Kinds) {
         if large.is_empty() && bare.is_empty() {
             return (tree, kinds);
         }
-        tree = Octree::new(domain.cells, &splits);
+        tree = Octree::new(domain.cells, splits);
         kinds = Kinds::of(samples, &tree, finest);
     }
 }
@@ -653,14 +673,15 @@ mod tests {
             let grid = noise(32, seed, density);
             let samples = plain(&grid);
             let options = Options::default();
-            let (tree, kinds) = tree(&samples, &options);
+            let mut splits = sizing::splits(&samples, &options);
+            let (tree, kinds) = tree(&samples, &options, &mut splits);
             let complex = Complex::new(&samples, &tree, kinds);
             let probe = Probe {
                 samples: &samples,
                 field: None,
                 placement: options.placement,
             };
-            let duals = Duals::new(&complex, &probe, true, &Cpu).unwrap();
+            let duals = Duals::new(&complex, &probe, true, None, &Cpu).unwrap();
             let emitter = Emitter::new(&complex, &duals, &probe, |_| true);
             let emission = emitter.emit(&Want {
                 tets: true,

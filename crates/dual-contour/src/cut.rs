@@ -10,9 +10,10 @@ use rayon::prelude::*;
 use crate::complex::{
     MIDDLE, Split, corner_of, diagonal_of, half_of, part_base, parts_around, triangle_of,
 };
-use crate::dual::{LEAST_VOLUME, Probe, Sample, cut_samples, farthest, part_point};
-use crate::lanes::{self, Quads};
-use crate::quality::{MOST, NO_FAN, best_fan};
+use crate::dual::{LEAST_VOLUME, Probe, Sample, cut_samples, longest, part_point};
+use crate::emit::joined;
+use crate::lanes::{self, MOST, Rows};
+use crate::quality::best_fan;
 use crate::samples::{Samples, local};
 use crate::uniform::Batch;
 
@@ -43,23 +44,26 @@ pub(crate) enum Place {
     Cut(u32),
 }
 
-/// An edge `a → b` of a part; the part and what stands beyond one of its faces span a tetrahedron with
-/// it.
-#[derive(Clone, Copy, Debug, Default)]
-struct Umbrella {
-    a: u8,
-    b: u8,
-    /// Does the part come first of the two, counter-clockwise about the edge?
-    first: bool,
-    /// Six times the volume before points move: beyond stands a whole cell, or a part. Exact in f32.
-    base: [f32; 2],
+/// Umbrellas of a part, [`PART`] of them, in twos of eight lanes.
+const LANES_OF_PART: usize = 16;
+const PART: usize = 12;
+/// Umbrellas of a face, of both of its parts, in eight lanes.
+const LANES_OF_FACE: usize = 8;
+const FACE: usize = 6;
+
+/// Tetrahedra of an edge, a part and what stands beyond one of its faces.
+struct Umbrellas<const N: usize> {
+    shape: lanes::Umbrellas<N>,
+    /// Their least volumes: beyond stands a whole cell, or a part. Exact in f32 but for the factor.
+    least: [[f64; N]; 2],
 }
 
 /// What the diagonals of a cut cell say.
 pub(crate) struct Pattern {
-    /// Umbrellas of the edges of the four faces of each part: first its triangle, then the faces
-    /// between it and its mates.
-    umbrellas: [[[Umbrella; 3]; 4]; 12],
+    /// Of each part: the edges of its triangle, then those of the faces between it and its mates.
+    parts: [Umbrellas<LANES_OF_PART>; 12],
+    /// Of the triangles of both parts at each face.
+    faces: [Umbrellas<LANES_OF_FACE>; 6],
     /// The parts beyond the three inner faces.
     mates: [[u8; 3]; 12],
     /// Parts around the edge from the middle to each corner, counter-clockwise about it.
@@ -70,21 +74,54 @@ pub(crate) struct Pattern {
 pub(crate) static PATTERNS: LazyLock<Vec<Pattern>> =
     LazyLock::new(|| (0..64).map(Pattern::new).collect());
 
-impl Umbrella {
-    /// What the tetrahedron of a part at `x` and what stands beyond at `y`, of a `kind`, has above its
-    /// least volume.
-    #[inline]
-    fn spare(&self, cell: &CutCell, x: &Point3, y: &Point3, kind: usize) -> f64 {
-        let [a, b] = [self.a, self.b].map(|i| cell.corner(usize::from(i)));
-        let (c, d) = if self.first { (*x, *y) } else { (*y, *x) };
-        six_volume([a, b, c, d]) - LEAST_VOLUME * f64::from(self.base[kind])
+/// An edge `a → b`, and what [`Umbrellas`] say of it.
+#[derive(Clone, Copy)]
+struct Umbrella {
+    edge: [usize; 2],
+    first: bool,
+    base: [f64; 2],
+}
+
+impl<const N: usize> Umbrellas<N> {
+    /// Lanes beyond these umbrellas never lack volume.
+    fn new(umbrellas: &[Umbrella]) -> Self {
+        let mut out = Self {
+            shape: lanes::Umbrellas {
+                a: [[0.0; N]; 3],
+                b: [[0.0; N]; 3],
+                first: [0.0; N],
+            },
+            least: [[f64::NEG_INFINITY; N]; 2],
+        };
+        for (i, umbrella) in umbrellas.iter().enumerate() {
+            let [a, b] = umbrella.edge.map(|i| CORNERS[i]);
+            for k in 0..3 {
+                (out.shape.a[k][i], out.shape.b[k][i]) = (a[k], b[k]);
+            }
+            out.shape.first[i] = f64::from(u8::from(umbrella.first));
+            for (least, base) in out.least.iter_mut().zip(umbrella.base) {
+                least[i] = LEAST_VOLUME * base;
+            }
+        }
+        out
     }
+}
+
+impl<const N: usize> Umbrellas<N> {
+    /// What the tetrahedra have above their least volumes with parts at `x` and what is beyond at `y`.
+    fn spare(&self, cell: &CutCell, x: &Rows<N>, y: &Rows<N>, least: &[f64; N]) -> [f64; N] {
+        self.shape.spare(cell.origin.map(f64::from), x, y, least)
+    }
+}
+
+fn is_positive(spares: &[f64]) -> bool {
+    spares.iter().all(|&s| s > 0.0)
 }
 
 impl Pattern {
     fn new(diagonals: u8) -> Self {
         let base = |part: usize| part_base(diagonals, [0; 3], part);
-        let mut umbrellas = [[[Umbrella::default(); 3]; 4]; 12];
+        let mut umbrellas: [Vec<Umbrella>; 12] = Default::default();
         let mut mates = [[0; 3]; 12];
         for part in 0..12 {
             let t = triangle_of(diagonals, part);
@@ -98,12 +135,12 @@ impl Pattern {
                 let volume =
                     beyond.map(|x| six_volume([CORNERS[a], CORNERS[b], base(part), x]) as f32);
                 Umbrella {
-                    a: a as u8,
-                    b: b as u8,
+                    edge: [a, b],
                     first: volume[0] > 0.0,
-                    base: volume.map(f32::abs),
+                    base: volume.map(|v| f64::from(v.abs())),
                 }
             };
+            let mut inner = Vec::new();
             for i in 0..3 {
                 let (p, q) = (t[i], t[(i + 1) % 3]);
                 // Along the axis, or as the ring of the diagonal goes.
@@ -112,19 +149,24 @@ impl Pattern {
                 } else {
                     [p.min(q), p.max(q)]
                 };
-                umbrellas[part][0][i] = umbrella(edge, outer);
+                umbrellas[part].push(umbrella(edge, outer));
                 let has = |other: &usize| {
                     let t = triangle_of(diagonals, *other);
                     *other != part && t.contains(&p) && t.contains(&q)
                 };
                 let mate = (0..12).find(has).expect("two triangles meet in an edge");
                 mates[part][i] = mate as u8;
-                umbrellas[part][1 + i] =
-                    [edge, [APEX, p], [APEX, q]].map(|e| umbrella(e, [base(mate); 2]));
+                let edges = [edge, [APEX, p], [APEX, q]];
+                inner.extend(edges.map(|e| umbrella(e, [base(mate); 2])));
             }
+            umbrellas[part].extend(inner);
         }
         Self {
-            umbrellas,
+            parts: std::array::from_fn(|part| Umbrellas::new(&umbrellas[part])),
+            faces: std::array::from_fn(|face| {
+                let [p, q] = [0, 1].map(|half| &umbrellas[2 * face + half][..FACE / 2]);
+                Umbrellas::new(&[p, q].concat())
+            }),
             mates,
             around: std::array::from_fn(|corner| parts_around(diagonals, corner)),
         }
@@ -300,27 +342,36 @@ impl<'a> CutCells<'a> {
             })
             .collect();
         beside.par_sort_unstable();
-        let mut neighbours: [Vec<Neighbour>; 8] = Default::default();
-        let mut start = 0;
-        for group in beside.chunk_by(|x, y| x.1 == y.1) {
-            let (parity, vertex, k, face) = group[0];
-            let cell = beyond(self.cells[k as usize].origin, usize::from(face));
-            neighbours[parity].push(Neighbour {
-                vertex,
-                cell,
-                target: points[vertex as usize],
-                share: 0.0,
-                beside: start..start + group.len(),
-            });
-            points[vertex as usize] = MIDDLE + local(cell).coords;
-            start += group.len();
+        let starts: Vec<usize> = (0..beside.len())
+            .into_par_iter()
+            .with_min_len(4096)
+            .filter(|&i| i == 0 || beside[i - 1].1 != beside[i].1)
+            .collect();
+        // By parity, as what is beside.
+        let mut neighbours: Vec<Neighbour> = (0..starts.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|i| {
+                let end = starts.get(i + 1).map_or(beside.len(), |&end| end);
+                let (_, vertex, k, face) = beside[starts[i]];
+                Neighbour {
+                    vertex,
+                    cell: beyond(self.cells[k as usize].origin, usize::from(face)),
+                    target: points[vertex as usize],
+                    share: 0.0,
+                    beside: starts[i]..end,
+                }
+            })
+            .collect();
+        for n in &neighbours {
+            points[n.vertex as usize] = n.at(0.0);
         }
         let mut of_parity: [Vec<u32>; 8] = Default::default();
         for (k, cell) in self.cells.iter().enumerate() {
             of_parity[parity(cell.origin)].push(k as u32);
         }
         for _ in 0..2 {
-            for group in &mut neighbours {
+            for group in neighbours.chunk_by_mut(|n, m| parity(n.cell) == parity(m.cell)) {
                 group.par_iter_mut().with_min_len(64).for_each(|n| {
                     if n.share < 1.0 {
                         n.share = self.neighbour_share(n, &beside[n.beside.clone()]);
@@ -345,21 +396,32 @@ impl<'a> CutCells<'a> {
         }
         let short = |shares: &[f64]| shares.iter().filter(|&&s| s < 1.0).count();
         let parts: usize = self.cells.iter().map(|c| short(&c.shares)).sum();
-        let whole = neighbours.iter().flatten().filter(|n| n.share < 1.0);
+        let whole = neighbours.iter().filter(|n| n.share < 1.0);
         parts + whole.count()
     }
 
     /// How far a cell that is not cut may go beside the cut ones.
     fn neighbour_share(&self, n: &Neighbour, beside: &[(usize, u32, u32, u8)]) -> f64 {
         let base = MIDDLE + local(n.cell).coords;
-        // Two parts beyond each face, with three umbrellas each.
-        farthest(n.share, [&base, &n.target], 6 * beside.len(), |i, x| {
-            let (.., k, face) = beside[i / 6];
+        let spare = |&(.., k, face): &(usize, u32, u32, u8), y: &Point3| {
             let cell = &self.cells[k as usize];
-            let part = 2 * usize::from(face) + i / 3 % 2;
-            let umbrella = &cell.pattern().umbrellas[part][0][i % 3];
-            umbrella.spare(cell, &self.parts[k as usize][part], x, 0)
-        })
+            let umbrellas = &cell.pattern().faces[usize::from(face)];
+            let mut x = [[0.0; LANES_OF_FACE]; 3];
+            for (half, of_half) in [0..FACE / 2, FACE / 2..FACE].into_iter().enumerate() {
+                let part = &self.parts[k as usize][2 * usize::from(face) + half];
+                (0..3).for_each(|c| x[c][of_half.clone()].fill(part[c]));
+            }
+            let y = [y.x, y.y, y.z].map(|c| [c; LANES_OF_FACE]);
+            umbrellas.spare(cell, &x, &y, &umbrellas.least[0])
+        };
+        if beside.iter().all(|b| is_positive(&spare(b, &n.target))) {
+            return 1.0;
+        }
+        let spares = beside.iter().flat_map(|b| {
+            let (first, last) = (spare(b, &base), spare(b, &n.target));
+            (0..FACE).map(move |i| [first[i], last[i]])
+        });
+        longest(n.share, spares)
     }
 
     /// The points of the parts of a cell after each has gone as far as it may, one after the other.
@@ -382,29 +444,44 @@ impl<'a> CutCells<'a> {
                 // The two halves of a face have the same numbers on both sides.
                 Place::Cut(j) => Some((self.parts[j as usize][part ^ 2], 1)),
             };
-            let inner = pattern.mates[part].map(|mate| Some((parts[usize::from(mate)], 0)));
-            let beyond = [outer, inner[0], inner[1], inner[2]];
-            let umbrellas = &pattern.umbrellas[part];
-            shares[part] = farthest(shares[part], [&base, &target], 12, |i, x| {
-                beyond[i / 3].map_or(f64::INFINITY, |(y, kind)| {
-                    umbrellas[i / 3][i % 3].spare(cell, x, &y, kind)
-                })
-            });
+            let mates = pattern.mates[part].map(|mate| parts[usize::from(mate)]);
+            let umbrellas = &pattern.parts[part];
+            let mut least = umbrellas.least[outer.map_or(0, |(_, kind)| kind)];
+            if outer.is_none() {
+                least[..3].fill(f64::NEG_INFINITY);
+            }
+            let outer = outer.map_or(base, |(x, _)| x);
+            let mut y = [[0.0; LANES_OF_PART]; 3];
+            for (beyond, x) in [outer, mates[0], mates[1], mates[2]].iter().enumerate() {
+                (0..3).for_each(|c| y[c][3 * beyond..3 * beyond + 3].fill(x[c]));
+            }
+            let spare = |x: &Point3| {
+                let x = [x.x, x.y, x.z].map(|c| [c; LANES_OF_PART]);
+                umbrellas.spare(cell, &x, &y, &least)
+            };
+            let last = spare(&target);
+            shares[part] = if is_positive(&last) {
+                1.0
+            } else {
+                let first = spare(&base);
+                longest(shares[part], (0..PART).map(|i| [first[i], last[i]]))
+            };
             parts[part] = base + (target - base) * shares[part];
         }
         (parts, shares)
     }
 
     /// The points of all vertices, in order.
-    pub(crate) fn points(&self) -> impl Iterator<Item = Point3> + '_ {
-        self.cells
-            .iter()
-            .zip(&self.parts)
-            .flat_map(|(cell, parts)| {
-                (0..12)
-                    .filter(|part| cell.carrying >> part & 1 == 1)
-                    .map(|part| parts[part])
-            })
+    pub(crate) fn points(&self, to_world: impl Fn(&Point3) -> Point3 + Sync) -> Vec<Point3> {
+        let lists = self.cells.par_chunks(256).zip(self.parts.par_chunks(256));
+        let lists = lists.map(|(cells, parts)| {
+            let carried = cells.iter().zip(parts).flat_map(|(cell, parts)| {
+                let carries = |part: &usize| cell.carrying >> part & 1 == 1;
+                (0..12).filter(carries).map(|part| to_world(&parts[part]))
+            });
+            carried.collect()
+        });
+        joined(lists.collect(), |_, x| x)
     }
 
     /// Number of vertices.
@@ -477,10 +554,10 @@ impl<'a> CutCells<'a> {
             high[axis] += 1;
             let start = if polygon.len == 4 {
                 let low = local(low);
-                let quad: Quads<1> =
-                    std::array::from_fn(|q| [u, v, axis].map(|k| [polygon.points[q][k] - low[k]]));
-                let [start] = lanes::diagonals(&quad);
-                Some(usize::from(start)).filter(|_| start != NO_FAN)
+                lanes::diagonal([0, 1, 2, 3].map(|q| {
+                    let x = polygon.points[q];
+                    [u, v, axis].map(|k| x[k] - low[k])
+                }))
             } else {
                 let [a, b] = [low, high].map(local);
                 best_fan(&polygon.points[..polygon.len], &a, &b, None)

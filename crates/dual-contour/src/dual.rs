@@ -10,11 +10,15 @@ use crate::complex::{
 };
 use crate::cpu::within;
 use crate::cut::APEX;
+use crate::octree::{Leaf, Octree};
 use crate::samples::{Samples, local};
 use crate::{Error, Options, Placement};
 
 /// Share of its cell within which a dual vertex stays.
 const INSET: f64 = 0.98;
+/// How far off its place the point of a leaf larger than the finest may be held, in finest cells: more
+/// would stick out of the surface, and the leaf is split instead.
+const SPIKE: f64 = 0.5;
 /// A moved umbrella tetrahedron keeps at least this share of its volume.
 pub(crate) const LEAST_VOLUME: f64 = 1e-3;
 
@@ -27,8 +31,9 @@ pub(crate) struct Duals {
     /// Ghost cells in order, and their points.
     ghosts: Vec<(u32, u8)>,
     ghost_points: Vec<Point3>,
-    /// Cells that were pulled back towards their base to keep volumes positive.
-    pub(crate) reduced: usize,
+    /// Cells that were pulled back towards their base to keep volumes positive: place among the moved
+    /// ones in order, and how far they are from where they belong.
+    held: Vec<(usize, f64)>,
 }
 
 /// Finds where edges cross interfaces, and the surface near a point.
@@ -237,22 +242,33 @@ impl<'a> Probe<'a> {
 }
 
 impl Duals {
-    /// All points: at their base, or on the surface.
+    /// All points: at their base, or on the surface. Leaves of the octree `before`, of which some have
+    /// been split, keep the points that had arrived.
     pub(crate) fn new<B: ContourBackend + ?Sized>(
         complex: &Complex<'_>,
         probe: &Probe<'_>,
         boxed: bool,
+        before: Option<&(Octree, Duals)>,
         backend: &B,
     ) -> Result<Self, Error> {
-        let leaves = &complex.tree.leaves;
-        let moved: Vec<u32> = (0..leaves.len() as u32)
+        let len = complex.tree.leaves.len();
+        let moved: Vec<u32> = (0..len as u32)
             .filter(|&id| complex.is_interface(id) && !complex.is_split(id))
             .collect();
-        let mut rank = vec![u32::MAX; leaves.len()];
+        let mut rank = vec![u32::MAX; len];
         for (i, &id) in moved.iter().enumerate() {
             rank[id as usize] = i as u32;
         }
-        let leaf_points = leaf_points(complex, probe, &moved, backend)?;
+        let known: Vec<Option<Point3>> = moved
+            .par_iter()
+            .with_min_len(1024)
+            .map(|&id| before.and_then(|(tree, duals)| duals.arrived(tree, complex.leaf(id))))
+            .collect();
+        let unknown = known.iter().zip(&moved).filter(|(x, _)| x.is_none());
+        let unknown: Vec<u32> = unknown.map(|(_, &id)| id).collect();
+        let mut found = leaf_points(complex, probe, &unknown, backend)?.into_iter();
+        let leaves = known.into_iter().map(|x| x.or_else(|| found.next()));
+        let leaves = leaves.map(|x| x.expect("one point per leaf")).collect();
         let parts = complex
             .splits
             .par_iter()
@@ -269,11 +285,11 @@ impl Duals {
             .collect();
         let mut out = Self {
             rank,
-            leaves: leaf_points,
+            leaves,
             parts,
             ghosts: Vec::new(),
             ghost_points: Vec::new(),
-            reduced: 0,
+            held: Vec::new(),
         };
         if boxed {
             out.ghosts = ghosts(complex);
@@ -313,6 +329,34 @@ impl Duals {
             Cell::Part(k, part) => self.parts[12 * k as usize + part as usize],
             Cell::Ghost(id, half) => self.ghost_points[self.ghost_index(id, half) as usize],
         }
+    }
+
+    /// Number of points that do not arrive where they belong.
+    pub(crate) fn held_back(&self) -> usize {
+        self.held.len()
+    }
+
+    /// How far the point of a moved cell is from where it belongs.
+    fn lag(&self, moved: usize) -> f64 {
+        let place = self.held.binary_search_by_key(&moved, |held| held.0);
+        place.map_or(0.0, |i| self.held[i].1)
+    }
+
+    /// Leaves larger than the finest whose points stay more than [`SPIKE`] off the surface.
+    pub(crate) fn spikes(&self, complex: &Complex<'_>) -> Vec<u32> {
+        let is_spike = |&id: &u32| {
+            let lag = |rank| self.lag(rank as usize);
+            complex.leaf(id).log > 0 && self.rank(id).map_or(0.0, lag) > SPIKE
+        };
+        (0..self.rank.len() as u32).filter(is_spike).collect()
+    }
+
+    /// Where the point of a leaf of an earlier octree has gone, if it arrived.
+    fn arrived(&self, tree: &Octree, leaf: &Leaf) -> Option<Point3> {
+        let (id, _) = tree.find(leaf.origin());
+        let same = tree.leaves.get(id as usize)?.log == leaf.log;
+        let rank = self.rank(id).filter(|_| same)?;
+        (self.lag(rank as usize) == 0.0).then(|| self.leaves[rank as usize])
     }
 
     fn at_mut(&mut self, moved: usize) -> &mut Point3 {
@@ -465,7 +509,12 @@ impl Duals {
                 }
             }
         }
-        self.reduced = points.iter().filter(|p| p.share < 1.0).count();
+        self.held = points
+            .iter()
+            .filter(|p| p.share < 1.0)
+            .map(|p| (p.moved, (1.0 - p.share) * (p.target - p.base).norm()))
+            .collect();
+        self.held.sort_unstable_by_key(|held| held.0);
     }
 }
 
@@ -481,9 +530,14 @@ pub(crate) fn farthest(
     if (0..n).all(|i| spare(i, target) > 0.0) {
         return 1.0;
     }
+    longest(share, (0..n).map(|i| [base, target].map(|x| spare(i, x))))
+}
+
+/// The longest of some shares of the way beyond `share`, given what tetrahedra have above their least
+/// volumes at its ends, if not all have some at its end.
+pub(crate) fn longest(share: f64, spares: impl Iterator<Item = [f64; 2]>) -> f64 {
     let (mut low, mut high) = (0.0f64, 1.0f64);
-    for i in 0..n {
-        let (first, last) = (spare(i, base), spare(i, target));
+    for [first, last] in spares {
         if first <= 0.0 && last <= 0.0 {
             return share;
         }
@@ -602,32 +656,28 @@ pub(crate) fn finest_points<B: ContourBackend + ?Sized>(
     probe: &Probe<'_>,
     cells: &[(u32, [i32; 3])],
     backend: &B,
-) -> Result<Vec<Point3>, Error> {
+    out: &mut [Point3],
+) -> Result<(), Error> {
+    let all = out.par_iter_mut().zip(cells);
     if probe.field.is_none() && probe.placement == Placement::Newton {
-        let mut values = vec![[0.0; 8]; cells.len()];
-        values
-            .par_iter_mut()
-            .zip(cells)
-            .with_min_len(1024)
-            .for_each(|(v, &(slot, cell))| *v = samples.corners_in(slot as usize, cell));
-        let points = backend.dual_vertices(&values, STEPS)?;
-        return Ok(points
-            .into_par_iter()
-            .zip(cells)
+        let values: Vec<[f32; 8]> = cells
+            .par_iter()
             .with_min_len(4096)
-            .map(|(x, &(_, cell))| within(cell, x))
-            .collect());
-    }
-    Ok(cells
-        .par_iter()
-        .with_min_len(256)
-        .map(|&(_, cell)| {
+            .map(|&(slot, cell)| samples.corners_in(slot as usize, cell))
+            .collect();
+        let points = backend.dual_vertices(&values, STEPS)?;
+        all.zip(points)
+            .with_min_len(4096)
+            .for_each(|((out, &(_, cell)), x)| *out = within(cell, x));
+    } else {
+        all.with_min_len(256).for_each(|(out, &(_, cell))| {
             let labels = std::array::from_fn(|i| {
                 samples.label([0, 1, 2].map(|k| cell[k] + corner_of(i)[k]))
             });
-            cell_point(samples, probe, cell, 1, &frame_of_corners(&labels))
-        })
-        .collect())
+            *out = cell_point(samples, probe, cell, 1, &frame_of_corners(&labels));
+        });
+    }
+    Ok(())
 }
 
 fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {

@@ -6,9 +6,9 @@ use rayon::prelude::*;
 
 use crate::complex::{Cell, Complex, Corner, Ring};
 use crate::dual::{Duals, Probe, sample_corner};
-use crate::lanes::{self, Quads};
+use crate::lanes;
 use crate::octree::{PointMarks, PointSet};
-use crate::quality::{NO_FAN, best_fan};
+use crate::quality::best_fan;
 use crate::samples::local;
 
 /// Leaves per batch; batches are independent and joined in order.
@@ -384,9 +384,8 @@ impl<'a> Emitter<'a> {
                 unreachable!("an edge between leaves joins lattice points");
             };
             let low = local(low);
-            let quad: Quads<1> = std::array::from_fn(|q| [u, v, axis].map(|k| [x[q][k] - low[k]]));
-            let [start] = lanes::diagonals(&quad);
-            return Some(usize::from(start)).filter(|_| start != NO_FAN);
+            let quad = [0, 1, 2, 3].map(|q| [u, v, axis].map(|k| x[q][k] - low[k]));
+            return lanes::diagonal(quad);
         }
         let [a, b] = [ring.a.0, ring.b.0].map(|c| self.complex.corner_position(c));
         best_fan(&x[..n], &a, &b, ring.taken)

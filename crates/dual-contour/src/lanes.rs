@@ -2,6 +2,8 @@
 //! compiler turns into the widest instructions at hand. Bits do not depend on which those are, nor
 //! on the number of lanes.
 
+use pulp::{Simd, WithSimd};
+
 use crate::cpu::{INSET, REGULAR};
 use crate::quality::NO_FAN;
 
@@ -160,92 +162,336 @@ fn dual_vertex<const L: usize>(v: &[[f64; L]; 8], steps: u32) -> [[f64; L]; 3] {
     x
 }
 
-/// Four points around the edge from the origin to (0, 0, 1), counter-clockwise about it; lane last.
-pub(crate) type Quads<const L: usize> = [[[f64; L]; 3]; 4];
+/// Numbers in the lanes of a machine.
+#[derive(Clone, Copy)]
+struct Lanes<S: Simd>(S, S::f64s);
 
-/// Which diagonal cuts each quad so that the worst of the four tetrahedra with the ends of the edge is
-/// best: 0 from point 0 to 2, 1 from 1 to 3, [`NO_FAN`] if either way one of them is not positive.
+impl<S: Simd> Lanes<S> {
+    #[inline(always)]
+    fn all(simd: S, x: f64) -> Self {
+        Self(simd, simd.splat_f64s(x))
+    }
+    /// The first numbers of a slice.
+    #[inline(always)]
+    fn of(simd: S, from: &[f64]) -> Self {
+        Self(simd, S::as_simd_f64s(from).0[0])
+    }
+    #[inline(always)]
+    fn negative(self) -> Self {
+        Self(self.0, self.0.neg_f64s(self.1))
+    }
+    #[inline(always)]
+    fn least(self, other: Self) -> Self {
+        Self(self.0, self.0.min_f64s(self.1, other.1))
+    }
+    /// A squared sine, with the sign of the volume: −1 where that is not positive, or all is flat.
+    #[inline(always)]
+    fn where_positive(self, volume: Self) -> Self {
+        let simd = self.0;
+        let none = simd.splat_f64s(-1.0);
+        // Not a number compares as no.
+        let finite = simd.less_than_f64s(self.1, simd.splat_f64s(f64::INFINITY));
+        let sine = simd.select_f64s(finite, self.1, none);
+        let positive = simd.less_than_f64s(simd.splat_f64s(0.0), volume.1);
+        Self(simd, simd.select_f64s(positive, sine, none))
+    }
+}
+
+impl<S: Simd> std::ops::Add for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(self.0, self.0.add_f64s(self.1, other.1))
+    }
+}
+
+impl<S: Simd> std::ops::Sub for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(self.0, self.0.sub_f64s(self.1, other.1))
+    }
+}
+
+impl<S: Simd> std::ops::Mul for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self(self.0, self.0.mul_f64s(self.1, other.1))
+    }
+}
+
+impl<S: Simd> std::ops::Div for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        Self(self.0, self.0.div_f64s(self.1, other.1))
+    }
+}
+
+/// A vector per lane.
+type Vectors<S> = [Lanes<S>; 3];
+
+/// The vectors whose coordinates stand in three rows, from a place on.
 #[inline(always)]
-pub(crate) fn diagonals<const L: usize>(p: &Quads<L>) -> [u8; L] {
-    let mut out = [NO_FAN; L];
-    let mut worst = [[0.0; L]; 2];
-    for l in 0..L {
-        let x: [[f64; 3]; 4] = std::array::from_fn(|q| [p[q][0][l], p[q][1][l], p[q][2][l]]);
-        let y = x.map(|x| [x[0], x[1], x[2] - 1.0]);
-        let ring: [[f64; 3]; 4] = std::array::from_fn(|q| minus(x[(q + 1) % 4], x[q]));
-        let length = ring.map(|r| dot(r, r));
-        let across = [minus(x[2], x[0]), minus(x[3], x[1])];
-        let across_length = across.map(|d| dot(d, d));
-        // Normals of the triangles of the quad: start k gives (k, k + 1, k + 2) and (k, k + 2, k + 3).
-        let side: [[f64; 3]; 4] = std::array::from_fn(|q| cross(ring[q], ring[(q + 1) % 4]));
-        let side = side.map(|n| dot(n, n));
-        let mut w = [f64::INFINITY; 2];
-        for (z, sign) in [(x, 1.0), (y, -1.0)] {
-            let spoke = z.map(|z| dot(z, z));
-            let normal: [[f64; 3]; 4] = std::array::from_fn(|q| cross(z[q], z[(q + 1) % 4]));
-            let area = normal.map(|n| dot(n, n));
-            for (s, w) in w.iter_mut().enumerate() {
-                let cut = cross(z[s], z[s + 2]);
-                let cut = dot(cut, cut);
-                // Corners a, b, c around the apex z = 0, with c − b the ring's, a the start or not.
-                for k in [s, (s + 2) % 4] {
-                    let (a, b, c) = (k, (k + 1) % 4, (k + 2) % 4);
-                    let volume = sign * dot(normal[a], z[c]);
-                    let (ab, bc, ca) = (area[a], area[b], cut);
-                    let base = side[a];
-                    let num = least(
-                        least(
-                            least(spoke[a] * bc * base, spoke[b] * ca * base),
-                            spoke[c] * ab * base,
-                        ),
-                        least(
-                            least(length[a] * bc * ca, length[b] * ab * ca),
-                            across_length[s] * ab * bc,
-                        ),
-                    );
-                    let sine = volume * volume * num / (ab * bc * ca * base);
-                    let sine = if volume > 0.0 && sine < f64::INFINITY {
-                        sine
-                    } else {
-                        -1.0
-                    };
-                    *w = least(*w, sine);
-                }
-            }
-        }
-        worst[0][l] = w[0];
-        worst[1][l] = w[1];
-    }
-    for l in 0..L {
-        let first = if worst[0][l] > 0.0 { worst[0][l] } else { 0.0 };
-        if first > 0.0 {
-            out[l] = 0;
-        }
-        // Ties go to the first, whatever the last digits say.
-        if worst[1][l] > first * (1.0 + 1e-9) {
-            out[l] = 1;
-        }
-    }
-    out
+fn load<S: Simd, const N: usize>(simd: S, rows: &[[f64; N]; 3], at: usize) -> Vectors<S> {
+    [
+        Lanes::of(simd, &rows[0][at..]),
+        Lanes::of(simd, &rows[1][at..]),
+        Lanes::of(simd, &rows[2][at..]),
+    ]
 }
 
 #[inline(always)]
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+fn minus<S: Simd>(a: Vectors<S>, b: Vectors<S>) -> Vectors<S> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 #[inline(always)]
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+fn dot<S: Simd>(a: Vectors<S>, b: Vectors<S>) -> Lanes<S> {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[inline(always)]
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+fn square<S: Simd>(a: Vectors<S>) -> Lanes<S> {
+    dot(a, a)
+}
+
+#[inline(always)]
+fn cross<S: Simd>(a: Vectors<S>, b: Vectors<S>) -> Vectors<S> {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
         a[0] * b[1] - a[1] * b[0],
     ]
+}
+
+/// Squares that the dihedral angles at an end of an edge follow from: of the spokes to three corners, of
+/// the doubled areas between them (opposite each), of the triangle's edges (opposite each) and of its doubled
+/// area.
+struct Squares<S: Simd> {
+    spokes: [Lanes<S>; 3],
+    sides: [Lanes<S>; 3],
+    edges: [Lanes<S>; 3],
+    base: Lanes<S>,
+}
+
+impl<S: Simd> Squares<S> {
+    /// The smallest squared sine of a dihedral angle, given six times the volume.
+    #[inline(always)]
+    fn sine(&self, volume: Lanes<S>) -> Lanes<S> {
+        let ([a, b, c], base) = (self.sides, self.base);
+        let [p, q, r] = self.spokes;
+        let at_end = (p * a * base).least(q * b * base).least(r * c * base);
+        let [p, q, r] = self.edges;
+        let around = (p * b * c).least(q * a * c).least(r * a * b);
+        let sine = volume * volume * at_end.least(around) / (a * b * c * base);
+        sine.where_positive(volume)
+    }
+}
+
+/// Four points around the edge from the origin to (0, 0, 1), counter-clockwise about it; lane last.
+pub(crate) type Quads = [[[f64; LANES]; 3]; 4];
+
+/// Which diagonal cuts each quad so that the worst of the four tetrahedra with the ends of the edge is
+/// best: 0 from point 0 to 2, 1 from 1 to 3, [`NO_FAN`] if either way one of them is not positive.
+pub(crate) fn diagonals(quads: &Quads) -> [u8; LANES] {
+    let worst = pulp::Arch::new().dispatch(Diagonals(quads));
+    std::array::from_fn(|l| {
+        let [first, second] = [worst[0][l], worst[1][l]];
+        let least = if first > 0.0 { first } else { 0.0 };
+        // Ties go to the first, whatever the last digits say.
+        if second > least * (1.0 + 1e-9) {
+            1
+        } else if least > 0.0 {
+            0
+        } else {
+            NO_FAN
+        }
+    })
+}
+
+/// [`diagonals`] of one quad.
+pub(crate) fn diagonal(quad: [[f64; 3]; 4]) -> Option<usize> {
+    let [start, ..] = diagonals(&quad.map(|x| x.map(|c| [c; LANES])));
+    Some(usize::from(start)).filter(|_| start != NO_FAN)
+}
+
+struct Diagonals<'a>(&'a Quads);
+
+impl WithSimd for Diagonals<'_> {
+    type Output = [[f64; LANES]; 2];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let mut out = [[0.0; LANES]; 2];
+        let one = Lanes::all(simd, 1.0);
+        for first in (0..LANES).step_by(S::F64_LANES) {
+            // Arrays are filled by loops: what a closure does is not sure to become one instruction.
+            let mut z = [[one; 3]; 4];
+            for (z, rows) in z.iter_mut().zip(self.0) {
+                *z = load(simd, rows, first);
+            }
+            let (mut ring, mut edges) = (z, [one; 4]);
+            for q in 0..4 {
+                ring[q] = minus(z[(q + 1) % 4], z[q]);
+                edges[q] = square(ring[q]);
+            }
+            let across = [square(minus(z[2], z[0])), square(minus(z[3], z[1]))];
+            // Triangle k has the corners k, k + 1 and k + 2.
+            let mut bases = edges;
+            for k in 0..4 {
+                bases[k] = square(cross(ring[k], ring[(k + 1) % 4]));
+            }
+            let mut worst = [Lanes::all(simd, f64::INFINITY); 2];
+            for end in 0..2 {
+                let (mut spokes, mut normals, mut areas) = (edges, z, edges);
+                for q in 0..4 {
+                    spokes[q] = square(z[q]);
+                    normals[q] = cross(z[q], z[(q + 1) % 4]);
+                    areas[q] = square(normals[q]);
+                }
+                for s in 0..2 {
+                    let cut = square(cross(z[s], z[s + 2]));
+                    for a in [s, s + 2] {
+                        let (b, c) = ((a + 1) % 4, (a + 2) % 4);
+                        let volume = dot(normals[a], z[c]);
+                        let squares = Squares {
+                            spokes: [spokes[a], spokes[b], spokes[c]],
+                            sides: [areas[b], cut, areas[a]],
+                            edges: [edges[b], across[s], edges[a]],
+                            base: bases[a],
+                        };
+                        let volume = if end == 0 { volume } else { volume.negative() };
+                        worst[s] = worst[s].least(squares.sine(volume));
+                    }
+                }
+                for z in &mut z {
+                    z[2] = z[2] - one;
+                }
+            }
+            for (out, worst) in out.iter_mut().zip(worst) {
+                S::as_mut_simd_f64s(&mut out[first..]).0[0] = worst.1;
+            }
+        }
+        out
+    }
+}
+
+/// Most cells around an edge.
+pub(crate) const MOST: usize = 8;
+
+/// For each corner of a polygon of `n`, given as the two ends of its edge see it, twice around: the
+/// smallest squared sine of a dihedral angle in the tetrahedra of both ends with the fan from that corner;
+/// −1 if one of them is not positive.
+pub(crate) fn fans(seen: &[[[f64; 2 * MOST]; 3]; 2], n: usize) -> [f64; MOST] {
+    pulp::Arch::new().dispatch(Fans(seen, n))
+}
+
+struct Fans<'a>(&'a [[[f64; 2 * MOST]; 3]; 2], usize);
+
+impl WithSimd for Fans<'_> {
+    type Output = [f64; MOST];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let mut out = [f64::INFINITY; MOST];
+        for first in (0..self.1).step_by(S::F64_LANES) {
+            let mut worst = Lanes::all(simd, f64::INFINITY);
+            for (end, z) in self.0.iter().enumerate() {
+                // The corner so many after that of each lane.
+                let a = load(simd, z, first);
+                let mut b = load(simd, z, first + 1);
+                let mut ab = cross(a, b);
+                for i in 2..self.1 {
+                    let c = load(simd, z, first + i);
+                    let ca = cross(c, a);
+                    let (from_a, from_b) = (minus(b, a), minus(c, b));
+                    let squares = Squares {
+                        spokes: [square(a), square(b), square(c)],
+                        sides: [square(cross(b, c)), square(ca), square(ab)],
+                        edges: [square(from_b), square(minus(a, c)), square(from_a)],
+                        base: square(cross(from_a, from_b)),
+                    };
+                    let volume = dot(ab, c);
+                    let volume = if end == 0 { volume } else { volume.negative() };
+                    worst = worst.least(squares.sine(volume));
+                    ab = [ca[0].negative(), ca[1].negative(), ca[2].negative()];
+                    b = c;
+                }
+            }
+            S::as_mut_simd_f64s(&mut out[first..]).0[0] = worst.1;
+        }
+        out
+    }
+}
+
+/// Points, coordinate by coordinate.
+pub(crate) type Rows<const N: usize> = [[f64; N]; 3];
+
+/// Tetrahedra on edges `a → b`, relative to a corner of their cell.
+#[derive(Clone)]
+pub(crate) struct Umbrellas<const N: usize> {
+    pub(crate) a: Rows<N>,
+    pub(crate) b: Rows<N>,
+    /// 1 where the third corner comes before the fourth, counter-clockwise about the edge, else 0.
+    pub(crate) first: [f64; N],
+}
+
+impl<const N: usize> Umbrellas<N> {
+    /// Six times the volumes with the third corners at `x` and the fourth at `y`, above the least.
+    pub(crate) fn spare(
+        &self,
+        origin: [f64; 3],
+        x: &Rows<N>,
+        y: &Rows<N>,
+        least: &[f64; N],
+    ) -> [f64; N] {
+        let umbrellas = self;
+        pulp::Arch::new().dispatch(Spare {
+            umbrellas,
+            origin,
+            x,
+            y,
+            least,
+        })
+    }
+}
+
+struct Spare<'a, const N: usize> {
+    umbrellas: &'a Umbrellas<N>,
+    origin: [f64; 3],
+    x: &'a Rows<N>,
+    y: &'a Rows<N>,
+    least: &'a [f64; N],
+}
+
+impl<const N: usize> WithSimd for Spare<'_, N> {
+    type Output = [f64; N];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let mut out = [0.0; N];
+        let half = simd.splat_f64s(0.5);
+        for i in (0..N).step_by(S::F64_LANES) {
+            let mut a = load(simd, &self.umbrellas.a, i);
+            let mut b = load(simd, &self.umbrellas.b, i);
+            let (x, y) = (load(simd, self.x, i), load(simd, self.y, i));
+            let first = Lanes::of(simd, &self.umbrellas.first[i..]);
+            let first = simd.less_than_f64s(half, first.1);
+            let (mut c, mut d) = (x, y);
+            for k in 0..3 {
+                let origin = Lanes::all(simd, self.origin[k]);
+                (a[k], b[k]) = (a[k] + origin, b[k] + origin);
+                c[k].1 = simd.select_f64s(first, x[k].1, y[k].1);
+                d[k].1 = simd.select_f64s(first, y[k].1, x[k].1);
+            }
+            let volume = dot(cross(minus(b, a), minus(c, a)), minus(d, a));
+            let spare = volume - Lanes::of(simd, &self.least[i..]);
+            S::as_mut_simd_f64s(&mut out[i..]).0[0] = spare.1;
+        }
+        out
+    }
 }
 
 #[cfg(test)]
@@ -284,19 +530,20 @@ mod tests {
                     .map(|t| sine(&[a, t[0], t[1], t[2]]).min(sine(&[b, t[0], t[2], t[1]])))
                     .fold(f64::INFINITY, f64::min)
             };
-            let quads: Quads<1> = x.map(|x| [[x.x], [x.y], [x.z]]);
-            let [found] = diagonals(&quads);
+            let found = diagonal(x.map(|x| x.coords.into()));
             let w = [worst(0), worst(1)];
             match found {
-                NO_FAN => prop_assert!(w[0] <= 0.0 && w[1] <= 0.0),
-                s => {
-                    let s = usize::from(s);
+                None => prop_assert!(w[0] <= 0.0 && w[1] <= 0.0),
+                Some(s) => {
                     prop_assert!(w[s] > 0.0 && w[s] >= w[1 - s] * (1.0 - 1e-8), "{w:?}, not {s}");
                 }
             }
-            // The same in any lane.
-            let wide: Quads<LANES> = x.map(|x| [[x.x; LANES], [x.y; LANES], [x.z; LANES]]);
-            prop_assert_eq!(widest(|| diagonals(&wide)), [found; LANES]);
+            // The same in any lane, and on machines without lanes.
+            let wide: Quads = x.map(|x| [[x.x; LANES], [x.y; LANES], [x.z; LANES]]);
+            let start = found.map_or(NO_FAN, |s| s as u8);
+            prop_assert_eq!(diagonals(&wide), [start; LANES]);
+            let narrow = Diagonals(&wide).with_simd(pulp::Scalar::new());
+            prop_assert_eq!(narrow, pulp::Arch::new().dispatch(Diagonals(&wide)));
         }
     }
 }

@@ -1,6 +1,8 @@
 //! How good a tetrahedron is, for choices between diagonals.
 
-use geom_core::{Point3, Vector3};
+use geom_core::Point3;
+
+use crate::lanes::{MOST, fans};
 
 /// No diagonal of a quad keeps all tetrahedra positive.
 pub(crate) const NO_FAN: u8 = 2;
@@ -40,66 +42,20 @@ pub(crate) fn sine(x: &[Point3; 4]) -> f64 {
     }
 }
 
-/// Most cells around an edge.
-pub(crate) const MOST: usize = 8;
-
-/// The corners of a polygon as one end of its edge sees them.
-struct Seen {
-    spokes: [Vector3; MOST],
-    squares: [f64; MOST],
-    /// Of each two spokes, and its square.
-    crosses: [[(Vector3, f64); MOST]; MOST],
-}
-
-impl Seen {
-    fn new(x: &[Point3], end: &Point3) -> Self {
-        let mut out = Self {
-            spokes: [Vector3::zeros(); MOST],
-            squares: [0.0; MOST],
-            crosses: [[(Vector3::zeros(), 0.0); MOST]; MOST],
-        };
-        for (i, x) in x.iter().enumerate() {
-            let z = x - end;
-            out.spokes[i] = z;
-            out.squares[i] = z.norm_squared();
-            for j in 0..i {
-                let cross = out.spokes[j].cross(&z);
-                let square = cross.norm_squared();
-                out.crosses[j][i] = (cross, square);
-                out.crosses[i][j] = (-cross, square);
-            }
-        }
-        out
-    }
-
-    /// [`sine`] of the end and three corners, counter-clockwise as it sees them if `sign` is 1, else
-    /// clockwise; `edges` and `base` are squares of the triangle: its edges opposite the corners, and
-    /// its doubled area.
-    #[inline]
-    fn sine(&self, [i, j, k]: [usize; 3], sign: f64, edges: [f64; 3], base: f64) -> f64 {
-        let (normal, ij) = self.crosses[i][j];
-        let (jk, ki) = (self.crosses[j][k].1, self.crosses[k][i].1);
-        let volume = sign * normal.dot(&self.spokes[k]);
-        let [p, q, r] = [i, j, k].map(|c| self.squares[c]);
-        let at_end = (p * base * jk).min(q * base * ki).min(r * base * ij);
-        let around = (edges[0] * ki * ij)
-            .min(edges[1] * ij * jk)
-            .min(edges[2] * jk * ki);
-        let square = volume * volume * at_end.min(around) / (ij * jk * ki * base);
-        if volume > 0.0 && square.is_finite() {
-            square
-        } else {
-            -1.0
-        }
-    }
-}
-
 /// Where the fan of triangles over a polygon around the edge from `a` to `b` begins so that the worst
 /// tetrahedron on either side is best; `None` if none keeps all of them positive. In a polygon of four, the
 /// diagonal from `taken` may be another's.
 pub(crate) fn best_fan(x: &[Point3], a: &Point3, b: &Point3, taken: Option<u8>) -> Option<usize> {
     let n = x.len();
-    let (from_a, from_b) = (Seen::new(x, a), Seen::new(x, b));
+    // As each end sees them, twice around.
+    let mut seen = [[[0.0; 2 * MOST]; 3]; 2];
+    for (seen, end) in seen.iter_mut().zip([a, b]) {
+        for i in 0..2 * MOST {
+            let z = x[i % n] - end;
+            (0..3).for_each(|k| seen[k][i] = z[k]);
+        }
+    }
+    let worst = fans(&seen, n);
     let starts = match n {
         3 => 1,
         4 => 2,
@@ -107,22 +63,9 @@ pub(crate) fn best_fan(x: &[Point3], a: &Point3, b: &Point3, taken: Option<u8>) 
     };
     let mut best = (0.0, None);
     for start in (0..starts).filter(|&s| taken != Some(s as u8)) {
-        let mut worst = f64::INFINITY;
-        for i in 1..n - 1 {
-            let t = [start, (start + i) % n, (start + i + 1) % n];
-            let sides = [[1, 2], [2, 0], [0, 1]].map(|[p, q]| x[t[q]] - x[t[p]]);
-            let base = sides[0].cross(&sides[1]).norm_squared();
-            let edges = sides.map(|e| e.norm_squared());
-            worst = worst
-                .min(from_a.sine(t, 1.0, edges, base))
-                .min(from_b.sine(t, -1.0, edges, base));
-            if worst <= best.0 {
-                break;
-            }
-        }
         // Ties go to the first, whatever the last digits say.
-        if worst > best.0 * (1.0 + 1e-9) {
-            best = (worst, Some(start));
+        if worst[start] > best.0 * (1.0 + 1e-9) {
+            best = (worst[start], Some(start));
         }
     }
     best.1

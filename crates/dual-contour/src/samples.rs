@@ -6,7 +6,6 @@ use geom_core::{Aabb, ImplicitField, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, ContourBackend};
-use crate::emit::joined;
 use crate::lanes;
 use crate::octree::{BLOCK, BLOCK_LOG, block_index};
 use crate::{Error, Material, Shape};
@@ -167,27 +166,56 @@ impl<V: LatticeValues + ?Sized> Source<'_, V> {
         }
     }
 
-    /// The values of the closed block at `low`. Beyond the domain the nearest point stands in, so that
-    /// nothing mixes there.
+    /// Does the block at `low` lie within the lattice of the values, along x?
+    fn is_within(&self, domain: &Domain, low: i32) -> bool {
+        let Self::Aligned { values, shift, .. } = self else {
+            return false;
+        };
+        let from = low - shift[0];
+        from >= 0
+            && ((from + BLOCK) as usize) < values.lattice().counts[0]
+            && low + BLOCK <= domain.cells[0]
+    }
+
+    /// The values of closed blocks that follow each other along x, the first at `low`. Beyond the domain
+    /// the nearest point stands in, so that nothing mixes there. Of more than one block each
+    /// [is within](Self::is_within) the lattice of the values.
     fn gather(&self, domain: &Domain, low: [i32; 3], out: &mut [f32]) {
-        for (row, out) in out.chunks_exact_mut(SIDE).enumerate() {
+        let blocks = out.len() / POINTS;
+        let mut along = vec![0.0; blocks * BLOCK as usize + 1];
+        let within = self.is_within(domain, low[0]);
+        for row in 0..SIDE * SIDE {
             let y = (low[1] + (row % SIDE) as i32).min(domain.cells[1]);
             let z = (low[2] + (row / SIDE) as i32).min(domain.cells[2]);
-            if let Self::Aligned { values, shift, .. } = self {
-                let start = [low[0] - shift[0], y - shift[1], z - shift[2]];
-                let last = [start[0] + BLOCK, start[1], start[2]];
-                let counts = values.lattice().counts;
-                let within = (0..3).all(|k| start[k] >= 0 && (last[k] as usize) < counts[k])
-                    && low[0] + BLOCK <= domain.cells[0];
-                if within {
-                    values.read_row(start.map(|c| c as usize), out);
-                    continue;
+            match self {
+                Self::Aligned { values, shift, .. }
+                    if within && self.holds_row(y - shift[1], z - shift[2]) =>
+                {
+                    let start = [low[0] - shift[0], y - shift[1], z - shift[2]];
+                    values.read_row(start.map(|c| c as usize), &mut along);
+                }
+                _ => {
+                    for (x, value) in (low[0]..).zip(&mut along) {
+                        *value = self.at(domain, [x.min(domain.cells[0]), y, z]);
+                    }
                 }
             }
-            for (i, value) in out.iter_mut().enumerate() {
-                *value = self.at(domain, [(low[0] + i as i32).min(domain.cells[0]), y, z]);
+            let rows = out
+                .chunks_exact_mut(POINTS)
+                .map(|block| &mut block[row * SIDE..]);
+            for (to, from) in rows.zip(along.windows(SIDE).step_by(BLOCK as usize)) {
+                if let (Some(to), Some(from)) = (to.first_chunk_mut::<SIDE>(), from.first_chunk()) {
+                    *to = *from;
+                }
             }
         }
+    }
+
+    /// Does the lattice of the values have the row along x at these two indices?
+    fn holds_row(&self, y: i32, z: i32) -> bool {
+        let (Self::Aligned { values, .. } | Self::Resampled { values, .. }) = self;
+        let [_, ny, nz] = values.lattice().counts;
+        y >= 0 && (y as usize) < ny && z >= 0 && (z as usize) < nz
     }
 
     /// The value of the closed block at `low`, if all of its points are known to have it, or at least
@@ -279,16 +307,55 @@ pub(crate) struct Samples<'a> {
     state: Vec<u32>,
     /// The stored blocks in order.
     stored: Vec<u32>,
-    values: Vec<f32>,
-    /// Labels of the same points; empty if labels are plain.
-    regions: Vec<Region>,
+    /// Where each of them is in each of the following.
+    places: Vec<Place>,
+    values: Pieces<f32>,
+    /// Labels of the same points; nothing if labels are plain.
+    regions: Pieces<Region>,
     /// A value of at least this is inside.
     threshold: f32,
-    /// Signs of the corners of each finest cell of each stored block; empty unless labels are plain.
-    masks: Vec<u8>,
+    /// Signs of the corners of each finest cell of each stored block; nothing unless labels are plain.
+    masks: Pieces<u8>,
     /// Lowest and highest value seen.
     pub(crate) range: (f32, f32),
     read: Box<dyn Fn([i32; 3]) -> f32 + Sync + 'a>,
+}
+
+/// So many items per stored block, in the lists in which they were made: joining them would cost as much
+/// as making them.
+struct Pieces<T> {
+    lists: Vec<Vec<T>>,
+    per_block: usize,
+}
+
+/// A list and the number of a block in it.
+#[derive(Clone, Copy)]
+struct Place {
+    list: u32,
+    number: u32,
+}
+
+impl<T> Pieces<T> {
+    fn none(per_block: usize) -> Self {
+        Self {
+            lists: Vec::new(),
+            per_block,
+        }
+    }
+
+    /// The items of a block; `None` if there are none of any.
+    #[inline]
+    fn get(&self, place: Place) -> Option<&[T]> {
+        let list = self.lists.get(place.list as usize)?;
+        list.get(place.number as usize * self.per_block..)?
+            .get(..self.per_block)
+    }
+
+    fn get_mut(&mut self, place: Place) -> Option<&mut [T]> {
+        let list = self.lists.get_mut(place.list as usize)?;
+        list.get_mut(place.number as usize * self.per_block..)?
+            .get_mut(..self.per_block)
+    }
 }
 
 /// The lowest f32 that is not below `level`: comparing with it is comparing with `level`.
@@ -325,15 +392,30 @@ impl<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized> Judge<'_, '_, V, B> 
     ) -> Result<Judged, Error> {
         let (domain, labels) = (self.domain, self.labels);
         buffer.resize(POINTS * open.len(), 0.0);
-        let bad = buffer
-            .par_chunks_exact_mut(POINTS)
-            .zip(open)
-            .enumerate()
-            .with_min_len(64)
-            .filter_map(|(i, (out, &(b, _)))| {
-                self.source
-                    .gather(domain, domain.block(b).map(|c| c * BLOCK), out);
-                (!lanes::all_finite(out)).then_some(i)
+        let row = domain.blocks[0] as usize;
+        let low = |b: usize| domain.block(b).map(|c| c * BLOCK);
+        let follows = |p: usize, q: usize| {
+            let within = |b: usize| self.source.is_within(domain, low(b)[0]);
+            q == p + 1 && !q.is_multiple_of(row) && within(p) && within(q)
+        };
+        let mut rest = buffer.as_mut_slice();
+        let mut runs = Vec::new();
+        let mut first = 0;
+        for run in open.chunk_by(|p, q| follows(p.0, q.0)) {
+            let (out, others) = std::mem::take(&mut rest).split_at_mut(POINTS * run.len());
+            rest = others;
+            runs.push((first, run[0].0, out));
+            first += run.len();
+        }
+        let bad = runs
+            .into_par_iter()
+            .with_min_len(16)
+            .filter_map(|(first, b, out)| {
+                self.source.gather(domain, low(b), out);
+                let bad = out
+                    .chunks_exact(POINTS)
+                    .position(|block| !lanes::all_finite(block));
+                bad.map(|i| first + i)
             })
             .min();
         if let Some(bad) = bad {
@@ -445,26 +527,30 @@ impl<'a> Samples<'a> {
             .par_chunks(backend.blocks_per_call())
             .map_init(Vec::new, |buffer, open| judge.judge(open, buffer))
             .collect();
-        let mut stored = Vec::new();
-        let (mut values, mut regions) = (Vec::new(), Vec::new());
+        let (mut stored, mut places) = (Vec::new(), Vec::new());
+        let (mut values, mut regions) = (Pieces::none(POINTS), Pieces::none(POINTS));
         let mut open = open.into_iter();
         for judged in judged {
             let judged = judged?;
             range = (range.0.min(judged.range.0), range.1.max(judged.range.1));
+            let mut number = 0;
             for (label, (b, _)) in judged.labels.into_iter().zip(&mut open) {
                 state[b] = match label {
                     Some(label) => UNIFORM | u32::from(label),
                     None => {
+                        let list = values.lists.len() as u32;
+                        places.push(Place { list, number });
+                        number += 1;
                         stored.push(b as u32);
                         stored.len() as u32 - 1
                     }
                 };
             }
-            values.push(judged.values);
-            regions.push(judged.regions);
+            if number > 0 {
+                values.lists.push(judged.values);
+                regions.lists.push(judged.regions);
+            }
         }
-        let values = joined(values, |_, v| v);
-        let regions = joined(regions, |_, r| r);
         let threshold = at_least(labels.level);
         Ok(Self {
             domain,
@@ -472,9 +558,10 @@ impl<'a> Samples<'a> {
             bounds: source.bounds(),
             state,
             stored,
+            places,
             values,
             regions,
-            masks: Vec::new(),
+            masks: Pieces::none(BLOCK_CELLS),
             threshold,
             range,
             read: Box::new(move |p| source.at(&domain, p)),
@@ -483,8 +570,7 @@ impl<'a> Samples<'a> {
 
     /// The signs of the finest cells of block `b`, if it is stored and labels are plain.
     pub(crate) fn masks_of(&self, b: usize) -> Option<&[u8]> {
-        let slot = self.slot(b)?;
-        self.masks.get(BLOCK_CELLS * slot..BLOCK_CELLS * (slot + 1))
+        self.masks.get(self.places[self.slot(b)?])
     }
 
     /// The stored blocks in order.
@@ -494,7 +580,8 @@ impl<'a> Samples<'a> {
 
     /// The signs of the finest cells of a stored block, if labels are plain.
     pub(crate) fn masks_at(&self, slot: usize) -> &[u8] {
-        &self.masks[BLOCK_CELLS * slot..][..BLOCK_CELLS]
+        let masks = self.masks.get(self.places[slot]);
+        masks.expect("signs are found before they are asked for")
     }
 
     /// Finds the signs of all stored cells; after this values stay as they are.
@@ -503,7 +590,10 @@ impl<'a> Samples<'a> {
         backend: &B,
     ) -> Result<(), Error> {
         if self.labels.plain() {
-            self.masks = backend.crossings(&self.values, at_least(self.labels.level))?;
+            let level = at_least(self.labels.level);
+            let lists = self.values.lists.par_iter();
+            let masks = lists.map(|values| backend.crossings(values, level));
+            self.masks.lists = masks.collect::<Result<_, Error>>()?;
         }
         Ok(())
     }
@@ -524,7 +614,7 @@ impl<'a> Samples<'a> {
     fn prune_once(&mut self, least: u32) -> (usize, u64) {
         // One node per block without values, then one per point of each stored block.
         let blocks = self.state.len();
-        let mut groups = DisjointSets::new(blocks + self.values.len());
+        let mut groups = DisjointSets::new(blocks + POINTS * self.stored.len());
         let mut join = |a: usize, b: usize| groups.join(a as u32, b as u32);
         let node = |p: [i32; 3]| {
             let (b, i) = self.place(p);
@@ -551,7 +641,7 @@ impl<'a> Samples<'a> {
                 continue;
             };
             let first = blocks + slot * POINTS;
-            let within = |i: usize| inside(self.stored_label(slot * POINTS + i));
+            let within = |i: usize| inside(self.stored_label(slot, i));
             for i in 0..POINTS {
                 let d = [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)];
                 for (axis, step) in [1, SIDE, SIDE * SIDE].into_iter().enumerate() {
@@ -613,12 +703,16 @@ impl<'a> Samples<'a> {
                 Some(slot) => {
                     for i in 0..POINTS {
                         if is_small(groups[blocks + slot * POINTS + i] as usize) {
-                            let j = slot * POINTS + i;
                             let x = self.domain.point(point_of(&self.domain, b, i));
-                            if let Some(&r) = self.regions.get(j) {
-                                self.regions[j] = self.flipped(r, &x);
+                            let label = self.flipped(self.stored_label(slot, i), &x);
+                            let value = self.mirrored(self.block_values(slot)[i]);
+                            let place = self.places[slot];
+                            if let Some(regions) = self.regions.get_mut(place) {
+                                regions[i] = label;
                             }
-                            self.values[j] = self.mirrored(self.values[j]);
+                            if let Some(values) = self.values.get_mut(place) {
+                                values[i] = value;
+                            }
                         }
                     }
                 }
@@ -652,7 +746,8 @@ impl<'a> Samples<'a> {
         let any = |inside: bool| {
             let is = |r: Region| (r == INTERIOR) == inside;
             self.state.iter().any(|&s| s >= UNIFORM && is(s as u8))
-                || (0..self.values.len()).any(|i| is(self.stored_label(i)))
+                || (0..self.stored.len())
+                    .any(|slot| (0..POINTS).any(|i| is(self.stored_label(slot, i))))
         };
         any(true) && any(false)
     }
@@ -661,7 +756,7 @@ impl<'a> Samples<'a> {
     pub(crate) fn value(&self, p: [i32; 3]) -> f64 {
         let (b, i) = self.place(p);
         if let Some(slot) = self.slot(b) {
-            return f64::from(self.values[slot * POINTS + i]);
+            return f64::from(self.block_values(slot)[i]);
         }
         let v = (self.read)(p);
         let inside = self.state[b] as u8 == INTERIOR;
@@ -677,7 +772,7 @@ impl<'a> Samples<'a> {
     pub(crate) fn mask(&self, cell: [i32; 3]) -> Option<u8> {
         let slot = self.slot_of(cell)?;
         let i = (cell[0] & 7) | (cell[1] & 7) << 3 | (cell[2] & 7) << 6;
-        self.masks.get(BLOCK_CELLS * slot + i as usize).copied()
+        Some(self.masks.get(self.places[slot])?[i as usize])
     }
 
     /// Place of a block among the stored ones.
@@ -696,13 +791,13 @@ impl<'a> Samples<'a> {
 
     /// Labels of the closed block `b`, if stored.
     pub(crate) fn regions_of(&self, b: usize) -> Option<impl Fn(usize) -> Region + '_> {
-        let first = self.slot(b)? * POINTS;
-        Some(move |i| self.stored_label(first + i))
+        let slot = self.slot(b)?;
+        Some(move |i| self.stored_label(slot, i))
     }
 
     /// Values of the closed block `b`, if stored.
     pub(crate) fn values_of(&self, b: usize) -> Option<&[f32]> {
-        self.slot(b).map(|s| &self.values[s * POINTS..][..POINTS])
+        self.slot(b).map(|slot| self.block_values(slot))
     }
 
     /// The block that holds a lattice point, and the point's place in it.
@@ -724,16 +819,23 @@ impl<'a> Samples<'a> {
         if state >= UNIFORM {
             state as u8
         } else {
-            self.stored_label(state as usize * POINTS + i)
+            self.stored_label(state as usize, i)
         }
     }
 
-    /// The label of a stored point.
+    /// The values of a stored block.
     #[inline]
-    fn stored_label(&self, i: usize) -> Region {
-        match self.regions.get(i) {
-            Some(&region) => region,
-            None if self.values[i] >= self.threshold => INTERIOR,
+    fn block_values(&self, slot: usize) -> &[f32] {
+        let values = self.values.get(self.places[slot]);
+        values.expect("stored blocks have values")
+    }
+
+    /// The label of a point of a stored block.
+    #[inline]
+    fn stored_label(&self, slot: usize, i: usize) -> Region {
+        match self.regions.get(self.places[slot]) {
+            Some(regions) => regions[i],
+            None if self.block_values(slot)[i] >= self.threshold => INTERIOR,
             None => EXTERIOR,
         }
     }
@@ -742,7 +844,7 @@ impl<'a> Samples<'a> {
     /// `x + 2y + 4z`.
     #[inline]
     pub(crate) fn corners_in(&self, slot: usize, cell: [i32; 3]) -> [f32; 8] {
-        let values = &self.values[slot * POINTS..][..POINTS];
+        let values = self.block_values(slot);
         let d = cell.map(|c| (c & 7) as usize);
         let i = (d[2] * SIDE + d[1]) * SIDE + d[0];
         std::array::from_fn(|c| {

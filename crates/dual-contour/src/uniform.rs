@@ -6,12 +6,12 @@
 use geom_core::{Point3, TriMesh};
 use rayon::prelude::*;
 
-use crate::backend::ContourBackend;
+use crate::backend::{BLOCK_CELLS, ContourBackend};
 use crate::complex::simple_masks;
 use crate::cut::{CutCells, Place};
 use crate::dual::{Probe, Sample, finest_points};
 use crate::emit::{ADDED, joined};
-use crate::lanes::{self, LANES, Quads, widest};
+use crate::lanes::{self, LANES, Quads};
 use crate::octree::BLOCK;
 use crate::quality::NO_FAN;
 use crate::samples::{Domain, Samples, local};
@@ -42,9 +42,15 @@ fn place([x, y, z]: [i32; 3]) -> (usize, u32) {
 
 /// The inverse of [`place`].
 #[inline]
-fn cell_at(word: usize, bit: u32) -> [i32; 3] {
+const fn cell_at(word: usize, bit: u32) -> [i32; 3] {
     let (g, c, i) = (word as i32, bit as i32 >> 3, bit as i32 & 7);
-    [0, 1, 2].map(|k| (g >> k & 1) << 2 | (c >> k & 1) << 1 | (i >> k & 1))
+    let mut out = [0; 3];
+    let mut k = 0;
+    while k < 3 {
+        out[k] = (g >> k & 1) << 2 | (c >> k & 1) << 1 | (i >> k & 1);
+        k += 1;
+    }
+    out
 }
 
 impl Block {
@@ -77,9 +83,14 @@ impl Block {
     /// The number of the vertex of a cell that is not cut.
     #[inline]
     fn vertex(&self, (word, bit): (usize, u32)) -> Option<u32> {
-        let bits = self.simple[word];
-        let below = bits & ((1 << bit) - 1);
-        (bits >> bit & 1 == 1).then(|| self.first[word] + below.count_ones())
+        (self.simple[word] >> bit & 1 == 1).then(|| self.number(word, bit))
+    }
+
+    /// The same for a cell that is known not to be cut.
+    #[inline]
+    fn number(&self, word: usize, bit: u32) -> u32 {
+        let below = self.simple[word] & ((1 << bit) - 1);
+        self.first[word] + below.count_ones()
     }
 }
 
@@ -106,16 +117,6 @@ struct Sheet<'a> {
 }
 
 impl Sheet<'_> {
-    /// The number of the vertex of a cell with both signs; `None` if the cell is cut.
-    #[inline]
-    fn vertex(&self, cell: [i32; 3]) -> Option<u32> {
-        let slot = self
-            .samples
-            .slot_of(cell)
-            .expect("cells with both signs are stored");
-        self.blocks[slot].vertex(place(cell.map(|c| c & 7)))
-    }
-
     /// What stands at any cell.
     fn place(&self, cell: [i32; 3]) -> Place {
         let cells = self.samples.domain.cells;
@@ -228,9 +229,7 @@ fn points_of<B: ContourBackend + ?Sized>(
             let place = |c: [i32; 3]| (slot, [0, 1, 2].map(|k| block.low[k] + c[k]));
             cells.extend(cells_of(&block.simple).map(place));
         }
-        let found = finest_points(samples, probe, &cells, backend)?;
-        out.copy_from_slice(&found);
-        Ok::<(), Error>(())
+        finest_points(samples, probe, &cells, backend, out)
     })?;
     Ok(points)
 }
@@ -257,9 +256,93 @@ impl Batch {
     }
 }
 
+/// Cells per side of a block and the layer before it.
+const AROUND: usize = BLOCK as usize + 1;
+
+/// Where the cells of a block stand, in their order: among its masks, and in [`Around`].
+static CELLS: [(u16, u16); BLOCK_CELLS] = {
+    let mut out = [(0, 0); BLOCK_CELLS];
+    let mut i = 0;
+    while i < BLOCK_CELLS {
+        let [x, y, z] = cell_at(i / 64, (i % 64) as u32);
+        let [x, y, z] = [x as u16, y as u16, z as u16];
+        let side = AROUND as u16;
+        out[i] = (
+            x | y << 3 | z << 6,
+            (x + 1) + side * (y + 1) + side * side * (z + 1),
+        );
+        i += 1;
+    }
+    out
+};
+
+/// The last layer of each axis within a word.
+const LAST: [u64; 3] = {
+    let mut out = [0; 3];
+    let mut bit = 0;
+    while bit < 64 {
+        let cell = cell_at(0, bit);
+        let mut k = 0;
+        while k < 3 {
+            if cell[k] == 3 {
+                out[k] |= 1 << bit;
+            }
+            k += 1;
+        }
+        bit += 1;
+    }
+    out
+};
+
+/// The numbers of the vertices in a block and in the layer before it, for many look-ups.
+struct Around {
+    /// [`NO_VERTEX`] where a cell is cut or does not carry the surface.
+    ids: [u32; AROUND * AROUND * AROUND],
+}
+
+const NO_VERTEX: u32 = u32::MAX;
+
+impl Around {
+    fn new() -> Self {
+        Self {
+            ids: [NO_VERTEX; AROUND * AROUND * AROUND],
+        }
+    }
+
+    fn fill(&mut self, sheet: &Sheet<'_>, slot: usize) {
+        self.ids.fill(NO_VERTEX);
+        let low = sheet.blocks[slot].low;
+        for before in 0..8usize {
+            let beside = [0, 1, 2].map(|k| before >> k & 1);
+            let cell = [0, 1, 2].map(|k| low[k] - beside[k] as i32);
+            if cell.iter().any(|&c| c < 0) {
+                continue;
+            }
+            let Some(slot) = sheet.samples.slot_of(cell) else {
+                continue;
+            };
+            let block = &sheet.blocks[slot];
+            let back = BLOCK as usize * (beside[0] + AROUND * (beside[1] + AROUND * beside[2]));
+            let mut within = u64::MAX;
+            (0..3)
+                .filter(|&k| beside[k] == 1)
+                .for_each(|k| within &= LAST[k]);
+            for word in (0..8).filter(|word| word & before == before) {
+                let mut bits = block.simple[word] & within;
+                while bits != 0 {
+                    let bit = bits.trailing_zeros();
+                    bits &= bits - 1;
+                    let at = usize::from(CELLS[64 * word + bit as usize].1) - back;
+                    self.ids[at] = block.number(word, bit);
+                }
+            }
+        }
+    }
+}
+
 /// Edges that wait until there are enough of them.
 struct Waiting {
-    quads: Quads<LANES>,
+    quads: Quads,
     edges: [Edge; LANES],
     len: usize,
 }
@@ -282,12 +365,21 @@ impl Waiting {
         }
     }
 
+    fn push(&mut self, points: &[Point3], edge: Edge) {
+        let axes = [(edge.axis + 1) % 3, (edge.axis + 2) % 3, edge.axis];
+        for (quad, &id) in self.quads.iter_mut().zip(&edge.ids) {
+            let x = &points[id as usize];
+            for (row, k) in quad.iter_mut().zip(axes) {
+                row[self.len] = x[k] - f64::from(edge.low[k]);
+            }
+        }
+        self.edges[self.len] = edge;
+        self.len += 1;
+    }
+
     /// Emits the edges that wait.
     fn flush(&mut self, samples: &Samples<'_>, probe: &Probe<'_>, out: &mut Batch) {
-        let starts = widest(
-            #[inline(always)]
-            || lanes::diagonals(&self.quads),
-        );
+        let starts = lanes::diagonals(&self.quads);
         for (edge, &start) in self.edges[..self.len].iter().zip(&starts) {
             let ids = edge.ids;
             if start == NO_FAN {
@@ -332,30 +424,38 @@ fn emit(
                 .sum();
             out.triangles.reserve_exact(2 * count as usize + 64);
             let mut waiting = Waiting::new();
+            let mut around = Around::new();
             for (slot, block) in (batch * BATCH..).zip(blocks) {
+                around.fill(&sheet, slot);
                 let masks = samples.masks_at(slot);
-                for c in cells_of(&block.carrying) {
-                    let mask = masks[(c[0] | c[1] << 3 | c[2] << 6) as usize];
-                    let low = [0, 1, 2].map(|k| block.low[k] + c[k]);
-                    let whole = sheet.edges(low, mask, |edge| {
-                        let at = waiting.len;
-                        let (u, v) = ((edge.axis + 1) % 3, (edge.axis + 2) % 3);
-                        for (q, &id) in edge.ids.iter().enumerate() {
-                            let x = &sheet.points[id as usize];
-                            for (i, k) in [u, v, edge.axis].into_iter().enumerate() {
-                                waiting.quads[q][i][at] = x[k] - f64::from(low[k]);
+                for (word, &bits) in block.carrying.iter().enumerate() {
+                    let mut bits = bits;
+                    while bits != 0 {
+                        let bit = bits.trailing_zeros();
+                        bits &= bits - 1;
+                        let (mask, at) = CELLS[64 * word + bit as usize];
+                        let mask = masks[usize::from(mask)];
+                        let [x, y, z] = cell_at(word, bit);
+                        let low = [block.low[0] + x, block.low[1] + y, block.low[2] + z];
+                        let whole = around.edges(usize::from(at), mask, |axis, ids| {
+                            waiting.push(
+                                &sheet.points,
+                                Edge {
+                                    ids,
+                                    low,
+                                    axis,
+                                    inside: mask & 1 == 1,
+                                },
+                            );
+                            if waiting.len == LANES {
+                                waiting.flush(samples, probe, &mut out);
                             }
-                        }
-                        waiting.edges[at] = edge;
-                        waiting.len += 1;
-                        if waiting.len == LANES {
+                        });
+                        if !whole {
                             waiting.flush(samples, probe, &mut out);
+                            let cut = cut.expect("cut cells are listed");
+                            cut.emit(low, mask, |c| sheet.place(c), &sheet.points, &mut out);
                         }
-                    });
-                    if !whole {
-                        waiting.flush(samples, probe, &mut out);
-                        let cut = cut.expect("cut cells are listed");
-                        cut.emit(low, mask, |c| sheet.place(c), &sheet.points, &mut out);
                     }
                 }
             }
@@ -388,47 +488,43 @@ fn emit(
     report.added_vertices = added.iter().map(Vec::len).sum();
     positions.reserve_exact(cut.map_or(0, |c| c.len() as usize) + report.added_vertices);
     if let Some(cut) = cut {
-        positions.extend(cut.points().map(|x| domain.world(&x)));
+        positions.extend_from_slice(&cut.points(|x| domain.world(x)));
     }
     positions.extend(added.iter().flatten().map(|x| domain.world(x)));
     report.triangles = triangles.len();
     TriMesh::new(positions, triangles).expect("emitted triangles name emitted vertices")
 }
 
-impl Sheet<'_> {
-    /// The edges from the lowest corner of a cell whose ends differ. `false`, and none, if a cut cell
-    /// stands around one of them.
+impl Around {
+    /// The edges from the lowest corner of the cell at a place whose ends differ: axis and numbers of the
+    /// cells around. `false`, and none, if a cut cell stands around one of them.
     #[inline]
-    fn edges(&self, low: [i32; 3], mask: u8, mut f: impl FnMut(Edge)) -> bool {
-        let inside = mask & 1 == 1;
-        let mut edges = [Edge::default(); 3];
-        let mut n = 0;
-        let Some(own) = self.vertex(low) else {
+    fn edges(&self, at: usize, mask: u8, mut f: impl FnMut(usize, [u32; 4])) -> bool {
+        const STEP: [usize; 3] = [1, AROUND, AROUND * AROUND];
+        let own = self.ids[at];
+        if own == NO_VERTEX {
             return false;
-        };
-        for axis in 0..3 {
-            if (mask >> (1 << axis) & 1 == 1) == inside {
-                continue;
-            }
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            let beside = |du: i32, dv: i32| {
-                let mut c = low;
-                c[u] -= du;
-                c[v] -= dv;
-                self.vertex(c)
-            };
-            let (Some(a), Some(b), Some(c)) = (beside(1, 1), beside(0, 1), beside(1, 0)) else {
-                return false;
-            };
-            edges[n] = Edge {
-                ids: [a, b, own, c],
-                low,
-                axis,
-                inside,
-            };
-            n += 1;
         }
-        edges[..n].iter().for_each(|&e| f(e));
+        // Which of the three other ends of the edges differ from the corner.
+        let differ =
+            (mask >> 1 & 1 | mask >> 1 & 2 | mask >> 2 & 4) ^ if mask & 1 == 1 { 7 } else { 0 };
+        let mut found = [[0; 4]; 3];
+        for axis in (0..3).filter(|axis| differ >> axis & 1 == 1) {
+            let (u, v) = (STEP[(axis + 1) % 3], STEP[(axis + 2) % 3]);
+            let ids = [
+                self.ids[at - u - v],
+                self.ids[at - v],
+                own,
+                self.ids[at - u],
+            ];
+            if ids.contains(&NO_VERTEX) {
+                return false;
+            }
+            found[axis] = ids;
+        }
+        (0..3)
+            .filter(|axis| differ >> axis & 1 == 1)
+            .for_each(|axis| f(axis, found[axis]));
         true
     }
 }

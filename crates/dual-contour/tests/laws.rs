@@ -620,6 +620,31 @@ fn a_number_of_tetrahedra_can_be_asked_for() {
     }
 }
 
+/// Large leaves whose points would be held back on their way to the surface are split instead.
+#[test]
+fn nothing_sticks_out_of_a_surface_of_large_cells() {
+    let field = Field(|x: &Point3| {
+        let ripple = (2.2 * x.x).sin() * (2.2 * x.y).sin() * (2.2 * x.z).sin();
+        1.0 + 5.0 + 0.35 * ripple - x.coords.norm()
+    });
+    let grid = sample(&field, 7.0, 64);
+    let h = grid.lattice().spacing;
+    for tolerance in [2.0 * h, 4.0 * h, 8.0 * h] {
+        let options = Options {
+            tolerance,
+            ..Options::default()
+        };
+        let v = volume(&grid, Some(&field), &options, Run::on(&Cpu)).unwrap();
+        assert_conforming(&v.mesh);
+        let off = |p: &Point3| {
+            let (f, g) = field.value_gradient(p);
+            (f - 1.0).abs() / g.norm()
+        };
+        let worst = v.surface.positions().iter().map(off).fold(0.0, f64::max);
+        assert!(worst < 0.6 * h, "a vertex is {} h off", worst / h);
+    }
+}
+
 #[test]
 fn coarser_tolerances_give_fewer_tetrahedra_within_the_tolerance() {
     let field = Field(|x: &Point3| {

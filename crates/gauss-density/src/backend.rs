@@ -73,16 +73,28 @@ pub struct BlockValues {
     pub pairs: u64,
 }
 
+impl BlockValues {
+    /// No values, and no brick but exterior ones; the arrays stay allocated.
+    pub(crate) fn clear(&mut self, block: &Block) {
+        self.kinds.clear();
+        self.kinds.resize(block.len(), Brick::Exterior);
+        self.values.clear();
+        self.pairs = 0;
+    }
+}
+
 /// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) follows the plain function
 /// [`nested_sum`](crate::nested_sum).
 pub trait DensityBackend: Backend {
-    /// Cull, density and classification of every brick of the blocks, in one go.
+    /// Cull, density and classification of every brick of the blocks, in one go; one result per block.
+    /// Whatever `results` held is lost, but its memory may be used again.
     fn sample_blocks(
         &self,
         model: &Prepared<'_>,
         job: &Job,
         blocks: &[Block],
-    ) -> Result<Vec<BlockValues>, Error>;
+        results: &mut Vec<BlockValues>,
+    ) -> Result<(), Error>;
 
     /// Per atom of the model: `Σ ((target − G without the atom) / target)²` over the points of the cells,
     /// terms below 0 left out (Eq. 3.9 squared, corrected).

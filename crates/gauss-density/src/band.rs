@@ -51,13 +51,13 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
         values: Vec::new(),
     };
     let mut report = start_report(&prepared, &lattice, run.backend.name());
-    let mut collect = |band: &mut Band, blocks: &[Block], results: Vec<BlockValues>| {
+    let mut collect = |band: &mut Band, blocks: &[Block], results: &[BlockValues]| {
         report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
         band.take(blocks, results);
         let stored = band.values.len() as u128 * BRICK_POINTS as u128;
         check_memory(&lattice, count * 8 + stored * 4, options)
     };
-    for_each_batch(&prepared, &job, BATCH, None, run, |blocks, results| {
+    for_each_batch(&prepared, &job, None, run, |blocks, results| {
         collect(&mut band, blocks, results)
     })?;
     let crossed = band.crossed();
@@ -66,14 +66,9 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
             ceiling: f64::INFINITY,
             ..job
         };
-        for_each_batch(
-            &prepared,
-            &all,
-            BATCH,
-            Some(&crossed),
-            run,
-            |blocks, results| collect(&mut band, blocks, results),
-        )?;
+        for_each_batch(&prepared, &all, Some(&crossed), run, |blocks, results| {
+            collect(&mut band, blocks, results)
+        })?;
     }
     let values = band.values.into_flattened();
     report.stored_points = values.len() as u64;
@@ -84,9 +79,6 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
     Ok(Sampled { grid, report })
 }
 
-/// Blocks per side of a batch: few of its bricks are stored, and threads that wait for the last one are idle.
-const BATCH: usize = 16;
-
 /// Bricks as they come.
 struct Band {
     bricks: [usize; 3],
@@ -96,10 +88,10 @@ struct Band {
 }
 
 impl Band {
-    fn take(&mut self, blocks: &[Block], results: Vec<BlockValues>) {
+    fn take(&mut self, blocks: &[Block], results: &[BlockValues]) {
         let [nx, ny, _] = self.bricks;
         let mut found = Vec::new();
-        for (block, result) in blocks.iter().zip(&results) {
+        for (block, result) in blocks.iter().zip(results) {
             let (stored, _) = result.values.as_chunks::<BRICK_POINTS>();
             for i in (0..block.len()).filter(|&i| block.wants(i)) {
                 let [a, b, c] = block.brick_at(i);

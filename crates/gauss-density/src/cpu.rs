@@ -21,19 +21,22 @@ impl DensityBackend for Cpu {
         model: &Prepared<'_>,
         job: &Job,
         blocks: &[Block],
-    ) -> Result<Vec<BlockValues>, Error> {
-        Ok(blocks
-            .par_iter()
-            .map_init(Workspace::default, |work, block| {
-                let found = match job.cutoff {
-                    Cutoff::AfterPowers(eps) => {
-                        direct::sample_block(model, job, eps, block, &mut work.direct)
-                    }
-                    Cutoff::Bare(_) => None,
-                };
-                found.unwrap_or_else(|| work.sample_block(model, job, block))
-            })
-            .collect())
+        results: &mut Vec<BlockValues>,
+    ) -> Result<(), Error> {
+        results.resize_with(blocks.len(), BlockValues::default);
+        let pairs = blocks.par_iter().zip(results);
+        pairs.for_each_init(Workspace::default, |work, (block, out)| {
+            let done = match job.cutoff {
+                Cutoff::AfterPowers(eps) => {
+                    direct::sample_block(model, job, eps, block, &mut work.direct, out)
+                }
+                Cutoff::Bare(_) => false,
+            };
+            if !done {
+                work.sample_block(model, job, block, out);
+            }
+        });
+        Ok(())
     }
 
     fn atom_errors(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<Vec<f64>, Error> {
@@ -82,11 +85,14 @@ struct Workspace {
 const COARSE: f64 = 0.7;
 
 impl Workspace {
-    fn sample_block(&mut self, model: &Prepared<'_>, job: &Job, block: &Block) -> BlockValues {
-        let mut out = BlockValues {
-            kinds: vec![Brick::Exterior; block.len()],
-            ..BlockValues::default()
-        };
+    fn sample_block(
+        &mut self,
+        model: &Prepared<'_>,
+        job: &Job,
+        block: &Block,
+        out: &mut BlockValues,
+    ) {
+        out.clear(block);
         let all = Members::gather(&model.tree, &block.atoms);
         let low = block.brick;
         let high = [0, 1, 2].map(|k| low[k] + block.bricks[k]);
@@ -147,7 +153,6 @@ impl Workspace {
             }
         }
         self.kept = [of_block, of_eighth, of_brick, Members::default()];
-        out
     }
 
     /// Culls as the job says; `ln` of an upper bound of the density in the cell.

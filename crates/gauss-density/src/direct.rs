@@ -24,8 +24,8 @@ use crate::prepared::Prepared;
 const LOG2_E: f64 = std::f64::consts::LOG2_E;
 /// Exponents of f32 (of 2) that are safely normal.
 const RANGE: f64 = 120.0;
-/// Spacing times √κ beyond which offsets within a brick are too coarse in f32.
-const WIDE: f64 = 20.0;
+/// Spacing times √κ beyond which offsets within an eighth of a block are too coarse in f32.
+const WIDE: f64 = 10.0;
 
 /// Can no sum of the model leave the range of f32 upwards, nor an offset its resolution?
 fn fits(model: &Prepared<'_>, job: &Job) -> bool {
@@ -148,6 +148,13 @@ fn most_children(tree: &Compiled<'_>, atoms: &[u32]) -> Vec<f64> {
     most.into_iter().map(|n| f64::from(n).ln()).collect()
 }
 
+/// Bricks of an eighth of a block: the lanes of what is asked of all of them at once.
+const LANES: usize = 8;
+/// A number per brick of an eighth, x fastest.
+type Lanes = [f32; LANES];
+/// Points per side of an eighth.
+const SIDE: usize = 2 * BRICK;
+
 /// Lines that are summed together: half a plane, as many as fit the registers.
 const ABREAST: usize = BRICK / 2;
 
@@ -177,144 +184,223 @@ impl Lines {
         side(0) * side(1) * BRICK as u64
     }
 
-    /// The points in each plane that has some.
+    /// The points, as runs of equal length: one if the lines are those of whole planes, else one per plane.
     #[inline(always)]
-    fn planes(&self) -> impl Iterator<Item = (usize, Range<usize>)> {
+    fn runs(&self) -> impl Iterator<Item = Range<usize>> {
+        const PLANE: usize = BRICK * BRICK;
         let [low, high] = [self.low, self.high].map(|of| of.map(|i| i as usize));
-        (low[1]..high[1]).map(move |z| {
-            let plane = z * BRICK * BRICK;
-            (
-                z,
-                plane + low[0] * BRICK..plane + high[0].max(low[0]) * BRICK,
-            )
+        let planes = high[1].saturating_sub(low[1]);
+        let (count, first, length) = if low[0] == 0 && high[0] == BRICK {
+            (planes.min(1), 0, planes * PLANE)
+        } else {
+            let length = high[0].saturating_sub(low[0]) * BRICK;
+            (planes, low[0] * BRICK, length)
+        };
+        (0..count).map(move |i| {
+            let start = (low[1] + i) * PLANE + first;
+            start..start + length
         })
     }
 }
+
+/// Kernel of an atom along x, y and z, at the points of an eighth.
+type Table = [[f32; SIDE]; 3];
 
 /// Reusable arrays of one thread.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     of_block: Atoms,
-    of_eighths: [Atoms; 8],
+    of_eighth: Atoms,
     /// Exponents of atoms in a box, and the places of the atoms that are kept.
     exponents: Vec<f32>,
     kept: Vec<u32>,
-    brick: BrickScratch,
-    /// Values of the stored bricks.
-    values: Vec<f32>,
+    eighth: Eighth,
 }
 
-/// An atom of a brick, about its middle, for comparison with others.
+/// An atom about the middle of each brick: exponent, decay and slopes.
 #[derive(Clone, Copy, Debug)]
-struct Candidate {
-    place: u32,
-    /// Node of the level at hand.
-    node: u32,
-    /// These times the powers below the level.
-    decay: f32,
-    exponent: f32,
-    slope: [f32; 3],
+struct About {
+    exponent: Lanes,
+    decay: Lanes,
+    slope: [Lanes; 3],
 }
 
+impl About {
+    const NOTHING: Self = Self {
+        exponent: [f32::NEG_INFINITY; LANES],
+        decay: [0.0; LANES],
+        slope: [[0.0; LANES]; 3],
+    };
+
+    /// Becomes another one in the bricks where that one matters more.
+    #[inline(always)]
+    fn give_way(&mut self, other: &Self) {
+        let (own, others) = (self.exponent, other.exponent);
+        self.decay = larger(&own, &others, &self.decay, &other.decay);
+        for k in 0..3 {
+            self.slope[k] = larger(&own, &others, &self.slope[k], &other.slope[k]);
+        }
+        self.exponent = larger(&own, &others, &own, &others);
+    }
+
+    /// An upper bound of the difference of two exponents at the points of each brick.
+    #[inline(always)]
+    fn most_beside(&self, other: &Self, half: f32) -> Lanes {
+        let mut swing = [0.0; LANES];
+        for k in 0..3 {
+            let (own, others) = (self.slope[k], other.slope[k]);
+            for lane in 0..LANES {
+                swing[lane] += (own[lane] - others[lane]).abs();
+            }
+        }
+        let (own, others) = (self.exponent, other.exponent);
+        let (decay, decays) = (self.decay, other.decay);
+        let mut most = [0.0; LANES];
+        for lane in 0..LANES {
+            let bend = 3.0 * half * half * (decays[lane] - decay[lane]).max(0.0);
+            most[lane] = own[lane] - others[lane] + swing[lane] * half + bend;
+        }
+        most
+    }
+}
+
+/// `y` where `b` is larger than `a`, else `x`. (Loops of one selection each, since others are not turned into
+/// vector instructions.)
+#[inline(always)]
+fn larger(a: &Lanes, b: &Lanes, x: &Lanes, y: &Lanes) -> Lanes {
+    let (a, b, x, y) = (*a, *b, *x, *y);
+    let mut chosen = [0.0; LANES];
+    for lane in 0..LANES {
+        chosen[lane] = if b[lane] > a[lane] { y[lane] } else { x[lane] };
+    }
+    chosen
+}
+
+/// What is known of the atoms of an eighth in its bricks.
 #[derive(Debug, Default)]
-struct BrickScratch {
-    /// Offsets of the atoms of the eighth from the middle of the brick.
+struct Eighth {
+    /// Offsets of the atoms from the middle.
     offset: [Vec<f32>; 3],
-    /// Largest exponents of these atoms at the points of the brick, and in its box.
-    at_points: Vec<f32>,
-    in_box: Vec<f32>,
-    /// The atoms that matter at points of the brick, and in its box.
-    own: Vec<u32>,
-    near: Vec<u32>,
-    candidates: Vec<Candidate>,
-    /// Per own atom: its kernel along x, y and z, and the lines that it reaches.
-    tables: Vec<[[f32; BRICK]; 3]>,
+    /// Not negative in a brick where the atom is to be summed.
+    margin: Vec<Lanes>,
+    /// Exponents in the middle of each brick, and minus infinity where the atom is left out.
+    at_middle: Vec<Lanes>,
+    /// Node of the level at hand, and the product of the powers below it.
+    node: Vec<u32>,
+    weight: Vec<f32>,
+    /// First and last line that an atom reaches, along y and z.
     lines: Vec<Lines>,
-    /// Per level, lowest first: the sum of the open node, 0 outside of the lines.
+    /// Per atom, once it is needed: the kernel, and the kernel raised to the power of its node.
+    tables: [Vec<Table>; 2],
+    is_known: [Vec<bool>; 2],
+    /// The places of the atoms of a brick.
+    own: Vec<u32>,
+    /// Per level, lowest first: the sum of the open node of a brick, 0 outside of the lines.
     sums: Vec<(Vec<f32>, Lines)>,
 }
 
-/// Samples a block, with the instruction set at hand. `None` if a kernel that matters may leave the range
-/// of f32.
+/// Samples a block, with the instruction set at hand, into `out`, whose arrays are used again. `false` if a
+/// kernel that matters may leave the range of f32.
 pub(crate) fn sample_block(
     model: &Prepared<'_>,
     job: &Job,
     eps: f64,
     block: &Block,
     scratch: &mut Scratch,
-) -> Option<BlockValues> {
-    with_lanes::<Sample, _>((model, job, eps, block, scratch))
+    out: &mut BlockValues,
+) -> bool {
+    with_lanes::<Sample, _>((model, job, eps, block, scratch, out)).is_some()
 }
 
+type Task<'a, 'm> = (
+    &'a Prepared<'m>,
+    &'a Job,
+    f64,
+    &'a Block,
+    &'a mut Scratch,
+    &'a mut BlockValues,
+);
+
 struct Sample;
-impl Work<(&Prepared<'_>, &Job, f64, &Block, &mut Scratch)> for Sample {
-    type Output = Option<BlockValues>;
+impl Work<Task<'_, '_>> for Sample {
+    type Output = Option<()>;
     #[inline(always)]
-    fn run(
-        (model, job, eps, block, scratch): (&Prepared<'_>, &Job, f64, &Block, &mut Scratch),
-    ) -> Option<BlockValues> {
+    fn run((model, job, eps, block, scratch, out): Task<'_, '_>) -> Option<()> {
         if !fits(model, job) {
             return None;
         }
-        let mut out = BlockValues {
-            kinds: vec![Brick::Exterior; block.len()],
-            ..BlockValues::default()
-        };
+        out.clear(block);
         // What was left out before has lost at most ε.
         let floor = job.floor * (1.0 - eps);
         let Scratch {
             of_block,
-            of_eighths,
+            of_eighth: atoms,
             exponents,
             kept,
-            brick: work,
-            values,
+            eighth: work,
         } = scratch;
-        values.clear();
         of_block.gather(&model.tree, &block.atoms);
         of_block.limit(model, eps / 8.0, 0.0, floor);
         const HALF: usize = BLOCK / 2;
-        for (eighth, atoms) in of_eighths.iter_mut().enumerate() {
+        let spacing = job.lattice.spacing as f32;
+        for eighth in 0..LANES {
             let first = [eighth & 1, eighth >> 1 & 1, eighth >> 2].map(|b| b * HALF);
             let last = [0, 1, 2].map(|k| (first[k] + HALF).min(block.bricks[k]));
+            if (0..3).any(|k| first[k] >= last[k]) {
+                continue;
+            }
             let low = [0, 1, 2].map(|k| block.brick[k] + first[k]);
             let high = [0, 1, 2].map(|k| block.brick[k] + last[k]);
-            if (0..3).all(|k| first[k] < last[k]) {
-                of_block.within(&bricks_box(job, low, high), exponents, kept);
-                atoms.select(of_block, kept);
-                atoms.limit(model, 3.0 / 8.0 * eps, eps / 4.0, floor);
-                atoms.lift = lift(model, f64::from(atoms.exponent))?;
-            }
-        }
-        let spacing = job.lattice.spacing as f32;
-        for i in 0..block.len() {
-            if !block.wants(i) {
-                continue;
-            }
-            let brick = block.brick_at(i);
-            let at = [0, 1, 2].map(|k| (brick[k] - block.brick[k]) / HALF);
-            let atoms = &of_eighths[(at[2] * 2 + at[1]) * 2 + at[0]];
-            let middle = middle(&job.lattice, brick.map(|b| b * BRICK), BRICK);
+            of_block.within(&bricks_box(job, low, high), exponents, kept);
+            atoms.select(of_block, kept);
+            atoms.limit(model, 3.0 / 8.0 * eps, eps / 4.0, floor);
+            atoms.lift = lift(model, f64::from(atoms.exponent))?;
+            let middle = middle(&job.lattice, low.map(|b| b * BRICK), SIDE);
             let up = atoms.look(&model.tree, &middle, spacing, work);
-            if f64::from(up) * (1.0 + 1e-4) < floor {
+            let wanted = |lane: usize| {
+                let at = [lane & 1, lane >> 1 & 1, lane >> 2];
+                let at = [0, 1, 2].map(|k| first[k] + at[k]);
+                let within = (0..3).all(|k| at[k] < last[k]);
+                let i = (at[2] * block.bricks[1] + at[1]) * block.bricks[0] + at[0];
+                let reaches = f64::from(up[lane]) * (1.0 + 1e-4) >= floor;
+                (within && reaches && block.wants(i)).then_some(i)
+            };
+            if (0..LANES).all(|lane| wanted(lane).is_none()) {
                 continue;
             }
-            let start = values.len();
-            values.resize(start + BRICK_POINTS, 0.0);
-            let own = &mut values[start..];
-            out.pairs += atoms.fill(&model.tree, spacing, work, own);
-            // Not `all`, which would stop early and so not use the lanes.
-            let least = own.iter().fold(f32::INFINITY, |least, &v| least.min(v));
-            out.kinds[i] = if f64::from(least) >= job.ceiling {
-                values.truncate(start);
-                Brick::Interior
-            } else {
-                Brick::Stored((start / BRICK_POINTS) as u32)
-            };
+            atoms.leave_outweighed(&model.tree, spacing, work);
+            for (lane, i) in (0..LANES).filter_map(|lane| Some((lane, wanted(lane)?))) {
+                let start = out.values.len();
+                out.values.resize(start + BRICK_POINTS, 0.0);
+                let own = &mut out.values[start..];
+                out.pairs += atoms.fill(&model.tree, spacing, lane, work, own);
+                // Not `all`, which would stop early and so not use the lanes.
+                let least = own.iter().fold(f32::INFINITY, |least, &v| least.min(v));
+                out.kinds[i] = if f64::from(least) >= job.ceiling {
+                    out.values.truncate(start);
+                    Brick::Interior
+                } else {
+                    Brick::Stored((start / BRICK_POINTS) as u32)
+                };
+            }
         }
-        out.values = values.as_slice().to_vec();
-        Some(out)
+        Some(())
     }
+}
+
+/// `x`, `y` and `z` of the middles of the bricks of an eighth, from its own middle.
+#[inline(always)]
+fn middles(spacing: f32) -> [Lanes; 3] {
+    const APART: f32 = BRICK as f32 / 2.0;
+    let mut middles = [[-APART * spacing; LANES]; 3];
+    for (k, of_axis) in middles.iter_mut().enumerate() {
+        for (lane, middle) in of_axis.iter_mut().enumerate() {
+            if lane >> k & 1 == 1 {
+                *middle = APART * spacing;
+            }
+        }
+    }
+    middles
 }
 
 impl Atoms {
@@ -332,74 +418,64 @@ impl Atoms {
             let t = [gap(x[i], 0), gap(y[i], 1), gap(z[i], 2)];
             exponents[i] = top[i] - decay[i] * (t[0] * t[0] + t[1] * t[1] + t[2] * t[2]);
         }
-        places(exponents, -self.exponent, kept);
+        places(exponents.iter(), -self.exponent, kept);
     }
 
-    /// Finds the atoms that matter in a brick; gives an upper bound of the density in its box, which has
-    /// one more cell on the low sides and ends at the next brick on the high sides: an edge of the lattice
-    /// that changes sign between two bricks lies in the boxes of both, so neither can be exterior.
+    /// Finds the atoms that matter in each brick of an eighth; gives an upper bound of the density in the box
+    /// of each, which has one more cell on the low sides and ends at the next brick on the high sides: an edge
+    /// of the lattice that changes sign between two bricks lies in the boxes of both, so neither can be
+    /// exterior.
     #[inline(always)]
-    fn look(
-        &self,
-        tree: &Compiled<'_>,
-        middle: &Point3,
-        spacing: f32,
-        work: &mut BrickScratch,
-    ) -> f32 {
+    fn look(&self, tree: &Compiled<'_>, middle: &Point3, spacing: f32, work: &mut Eighth) -> Lanes {
         let n = self.atom.len();
         for (k, offset) in work.offset.iter_mut().enumerate() {
             offset.clear();
             offset.extend(self.center[k].iter().map(|x| (x - middle[k]) as f32));
         }
-        work.at_points.resize(n, 0.0);
-        work.in_box.resize(n, 0.0);
-        let [x, y, z] = [0, 1, 2].map(|k| &work.offset[k][..n]);
-        let (decay, top) = (&self.decay[..n], &self.top[..n]);
-        for (out, half) in [
-            (&mut work.at_points[..n], 3.5 * spacing),
-            (&mut work.in_box[..n], 4.5 * spacing),
-        ] {
-            for i in 0..n {
-                let [x, y, z] = [x[i], y[i], z[i]].map(|t| (t.abs() - half).max(0.0));
-                out[i] = top[i] - decay[i] * (x * x + y * y + z * z);
-            }
-        }
-        places(&work.at_points[..n], -self.exponent, &mut work.own);
-        places(&work.in_box[..n], -self.exponent, &mut work.near);
-        // Kernels in the box, in place: `near` ascends.
-        let near = &work.near;
-        for (to, &from) in near.iter().enumerate() {
-            work.in_box[to] = work.in_box[from as usize];
-        }
-        let kernels = &mut work.in_box[..near.len()];
-        for e in &mut *kernels {
-            *e = exp2(*e + self.lift);
-        }
-        if tree.levels.is_empty() {
-            return kernels.iter().sum();
-        }
+        self.reach_lines(spacing, work);
+        work.margin.resize(n, [0.0; LANES]);
+        work.at_middle.resize(n, [0.0; LANES]);
         let depth = tree.levels.len();
-        work.sums.resize_with(depth, || (Vec::new(), Lines::NONE));
-        // One number per level suffices here.
-        let mut sums = [0.0f32; MOST_LEVELS + 1];
-        for (at, &i) in near.iter().enumerate() {
-            sums[0] += kernels[at];
-            let i = i as usize;
-            let next = near.get(at + 1).map(|&n| n as usize);
-            if next.is_some_and(|n| self.node[n] == self.node[i]) {
+        let middles = middles(spacing);
+        let mut sums = [[0.0f32; LANES]; MOST_LEVELS + 1];
+        for i in 0..n {
+            let [mut middle, mut points, mut around] = [[0.0f32; LANES]; 3];
+            for k in 0..3 {
+                let (x, middles) = (work.offset[k][i], middles[k]);
+                for lane in 0..LANES {
+                    let t = (x - middles[lane]).abs();
+                    let at = (t - 3.5 * spacing).max(0.0);
+                    let of = (t - 4.5 * spacing).max(0.0);
+                    middle[lane] += t * t;
+                    points[lane] += at * at;
+                    around[lane] += of * of;
+                }
+            }
+            let (decay, top) = (self.decay[i], self.top[i]);
+            let (exponent, lift) = (self.exponent, self.lift);
+            let mut bounds = sums[0];
+            for lane in 0..LANES {
+                points[lane] = top - decay * points[lane] + exponent;
+                let own = top - decay * middle[lane];
+                let matters = points[lane] >= 0.0;
+                middle[lane] = if matters { own } else { f32::NEG_INFINITY };
+                bounds[lane] += exp2_or_zero(top - decay * around[lane] + lift);
+            }
+            (work.margin[i], work.at_middle[i], sums[0]) = (points, middle, bounds);
+            let next = i + 1;
+            if depth == 0 || next < n && self.node[next] == self.node[i] {
                 continue;
             }
-            let ends = match next {
-                Some(_) if depth == 1 => 1,
-                next => tree.levels_that_end(self.atom[i], next.map(|n| self.atom[n])),
+            let ends = match depth {
+                1 => 1,
+                _ => tree.levels_that_end(self.atom[i], self.atom.get(next).copied()),
             };
             let mut node = self.node[i] as usize;
             for l in 0..ends {
-                let mut sum = [sums[l]];
                 let lift = if l == 0 { self.lift } else { 0.0 };
-                raise(&mut sum, tree.levels[l].power[node] as f32, lift);
-                sums[l] = 0.0;
-                sums[l + 1] += sum[0];
+                let (lower, upper) = sums.split_at_mut(l + 1);
+                let power = tree.levels[l].power[node] as f32;
+                move_raised(&mut lower[l], &mut upper[0], power, lift);
                 if l + 1 < ends {
                     node = tree.parent[l + 1][node] as usize;
                 }
@@ -408,137 +484,175 @@ impl Atoms {
         sums[depth]
     }
 
-    /// Adds the densities at the points of the brick that was looked at; gives the number of pairs.
+    /// The lines of an eighth that each atom reaches.
+    #[inline(always)]
+    fn reach_lines(&self, spacing: f32, work: &mut Eighth) {
+        const MIDDLE: f32 = 0.5 * (SIDE as f32 - 1.0);
+        let n = self.atom.len();
+        let per_spacing = 1.0 / spacing;
+        work.lines.resize(n, Lines::NONE);
+        let (y, z, reach) = (&work.offset[1][..n], &work.offset[2][..n], &self.reach[..n]);
+        for (i, lines) in work.lines.iter_mut().enumerate() {
+            for (k, x) in [y[i], z[i]].into_iter().enumerate() {
+                lines.low[k] = ceil_to_side((x - reach[i]) * per_spacing + MIDDLE);
+                lines.high[k] = ceil_to_side((x + reach[i]) * per_spacing + MIDDLE);
+            }
+        }
+        for tables in &mut work.tables {
+            if tables.len() < n {
+                tables.resize(n, [[0.0; SIDE]; 3]);
+            }
+        }
+        for known in &mut work.is_known {
+            known.clear();
+            known.resize(n, false);
+        }
+    }
+
+    /// Adds the densities at the points of a brick of the eighth that was looked at; gives the number of pairs.
     #[inline(always)]
     fn fill(
         &self,
         tree: &Compiled<'_>,
         spacing: f32,
-        work: &mut BrickScratch,
+        lane: usize,
+        work: &mut Eighth,
         out: &mut [f32],
     ) -> u64 {
-        self.leave_outweighed(tree, spacing, work);
-        self.tabulate(tree, spacing, work);
-        let BrickScratch {
-            own,
-            tables,
-            lines,
-            sums,
-            ..
-        } = work;
-        let pairs = lines.iter().map(Lines::points).sum();
+        let mut own = std::mem::take(&mut work.own);
+        places(work.margin.iter().map(|m| &m[lane]), 0.0, &mut own);
+        let mut sums = std::mem::take(&mut work.sums);
         let depth = tree.levels.len();
-        if depth == 0 {
-            for (table, lines) in tables.iter().zip(lines) {
-                add_product(table, lines, out);
-            }
-            return pairs;
-        }
-        for (sum, lines) in sums.iter_mut() {
-            sum.resize(BRICK_POINTS, 0.0);
-            *lines = Lines::NONE;
-        }
+        sums.resize_with(depth, || (vec![0.0; BRICK_POINTS], Lines::NONE));
+        let mut pairs = 0;
         let mut start = 0;
         while start < own.len() {
+            let end = match depth {
+                0 => own.len(),
+                _ => self.end_of_node(&own, start),
+            };
             let mut node = self.node[own[start] as usize];
-            let end = self.end_of_node(own, start);
-            if end == start + 1 {
-                // One atom: its kernel to the power, without a sum.
-                match sums.get_mut(1) {
+            let power = tree
+                .levels
+                .first()
+                .map_or(1.0, |level| level.power[node as usize] as f32);
+            // One atom: its kernel to the power, without a sum.
+            let alone = depth > 0 && end == start + 1;
+            let target = usize::from(alone);
+            for &i in &own[start..end] {
+                let (table, lines) = self.tabulated(i as usize, lane, alone, power, spacing, work);
+                pairs += lines.points();
+                match sums.get_mut(target) {
                     Some((sum, all)) => {
-                        add_product(&tables[start], &lines[start], sum);
-                        all.include(&lines[start]);
+                        add_product(&table, &lines, sum);
+                        all.include(&lines);
                     }
-                    None => add_product(&tables[start], &lines[start], out),
+                    None => add_product(&table, &lines, out),
                 }
-            } else {
-                let (sum, all) = &mut sums[0];
-                for (table, lines) in tables[start..end].iter().zip(&lines[start..end]) {
-                    add_product(table, lines, sum);
-                    all.include(lines);
-                }
-                let power = tree.levels[0].power[node as usize] as f32;
-                close(sums, 0, (power, self.lift), out);
+            }
+            if depth > 0 && !alone {
+                close(&mut sums, 0, (power, self.lift), out);
             }
             if depth > 1 {
-                let [last, next] =
-                    [end - 1, end].map(|i| own.get(i).map(|&i| self.atom[i as usize]));
-                let ends = tree.levels_that_end(last.expect("the last of a node"), next);
-                for l in 1..ends {
+                let last = self.atom[own[end - 1] as usize];
+                let next = own.get(end).map(|&i| self.atom[i as usize]);
+                for l in 1..tree.levels_that_end(last, next) {
                     node = tree.parent[l][node as usize];
                     let power = tree.levels[l].power[node as usize] as f32;
-                    close(sums, l, (power, 0.0), out);
+                    close(&mut sums, l, (power, 0.0), out);
                 }
             }
             start = end;
         }
+        (work.own, work.sums) = (own, sums);
         pairs
     }
 
-    /// Leaves those of the brick's own atoms out that another one outweighs at every point of it: the one that
-    /// matters most at its middle, below the same node of some level. With `w` the product of the powers below
+    /// Leaves those atoms out of a brick that another one outweighs at every point of it: the one that matters
+    /// most at its middle, below the same node of some level. With `w` the product of the powers below
     /// the level, `w_a q_a − w_b q_b` is a quadratic, and linear for equal `w κ`, so its range is known.
     #[inline(always)]
-    fn leave_outweighed(&self, tree: &Compiled<'_>, spacing: f32, work: &mut BrickScratch) {
-        let BrickScratch {
-            offset,
-            own,
-            candidates,
-            ..
-        } = work;
+    fn leave_outweighed(&self, tree: &Compiled<'_>, spacing: f32, work: &mut Eighth) {
         if self.outweighed.is_empty() {
             return;
         }
+        let n = self.atom.len();
         let half = 3.5 * spacing;
+        let middles = middles(spacing);
+        let Eighth {
+            offset,
+            margin,
+            at_middle,
+            node,
+            weight,
+            ..
+        } = work;
         let [x, y, z] = &*offset;
-        candidates.clear();
-        candidates.extend(own.iter().map(|&i| {
-            let at = i as usize;
-            let offset = [x[at], y[at], z[at]];
-            let squared = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2];
-            Candidate {
-                place: i,
-                node: self.node[at],
-                decay: self.decay[at],
-                exponent: self.top[at] - self.decay[at] * squared,
-                slope: offset.map(|o| 2.0 * self.decay[at] * o),
-            }
-        }));
+        node.clear();
+        node.extend_from_slice(&self.node);
+        weight.clear();
+        weight.resize(n, 1.0);
         for (l, &least) in self.outweighed.iter().enumerate() {
-            let (mut start, mut kept) = (0, 0);
-            while start < candidates.len() {
-                let node = candidates[start].node;
-                let of_node = candidates[start..].iter().take_while(|c| c.node == node);
-                let end = start + of_node.clone().count();
-                let mut best = candidates[start];
-                for c in of_node {
-                    if c.exponent > best.exponent {
-                        best = *c;
-                    }
+            let mut start = 0;
+            while start < n {
+                let same = node[start..].iter().take_while(|&&v| v == node[start]);
+                let end = start + same.count();
+                if end == start + 1 {
+                    start = end;
+                    continue;
+                }
+                let mut best = About::NOTHING;
+                for i in start..end {
+                    let own =
+                        self.about(i, weight[i], &[x[i], y[i], z[i]], &at_middle[i], &middles);
+                    best.give_way(&own);
                 }
                 for i in start..end {
-                    let c = candidates[i];
-                    let swing: f32 = (0..3).map(|k| (c.slope[k] - best.slope[k]).abs()).sum();
-                    let bend = 3.0 * half * half * (best.decay - c.decay).max(0.0);
-                    let most = c.exponent - best.exponent + swing * half + bend;
-                    candidates[kept] = c;
-                    kept += usize::from(most >= -least);
+                    let own =
+                        self.about(i, weight[i], &[x[i], y[i], z[i]], &at_middle[i], &middles);
+                    let most = own.most_beside(&best, half);
+                    // What is not a number, where both are left out, is not larger.
+                    let least = [-least; LANES];
+                    margin[i] = larger(&least, &most, &[-1.0; LANES], &margin[i]);
+                    let left_out = [f32::NEG_INFINITY; LANES];
+                    at_middle[i] = larger(&least, &most, &left_out, &at_middle[i]);
                 }
                 start = end;
             }
-            candidates.truncate(kept);
             if l + 1 < self.outweighed.len() {
-                for c in &mut *candidates {
-                    let power = tree.levels[l].power[c.node as usize] as f32;
-                    c.node = tree.parent[l + 1][c.node as usize];
-                    c.decay *= power;
-                    c.exponent *= power;
-                    c.slope = c.slope.map(|s| s * power);
+                for (node, weight) in node.iter_mut().zip(&mut *weight) {
+                    *weight *= tree.levels[l].power[*node as usize] as f32;
+                    *node = tree.parent[l + 1][*node as usize];
                 }
             }
         }
-        own.clear();
-        own.extend(candidates.iter().map(|c| c.place));
+    }
+
+    /// Exponent, decay and slopes of an atom, times a weight.
+    #[inline(always)]
+    fn about(
+        &self,
+        i: usize,
+        weight: f32,
+        offset: &[f32; 3],
+        at_middle: &Lanes,
+        middles: &[Lanes; 3],
+    ) -> About {
+        let decay = weight * self.decay[i];
+        let mut own = About::NOTHING;
+        own.decay = [decay; LANES];
+        for (own, at) in own.exponent.iter_mut().zip(at_middle) {
+            *own = weight * at;
+        }
+        for k in 0..3 {
+            let (offset, middles) = (offset[k], middles[k]);
+            let mut slope = [0.0; LANES];
+            for lane in 0..LANES {
+                slope[lane] = 2.0 * decay * (offset - middles[lane]);
+            }
+            own.slope[k] = slope;
+        }
+        own
     }
 
     /// Where the atoms of a node of the lowest level end, in a list of places.
@@ -553,77 +667,69 @@ impl Atoms {
                 .count()
     }
 
-    /// The kernels of the brick's own atoms along the axes, and the lines that they reach. The kernel of an
-    /// atom that is alone in its node is raised to the node's power.
+    /// The kernel of an atom along the axes of a brick, and the lines that it reaches. The kernel of an
+    /// atom that is alone in its node is raised to the node's power, the others' are lifted.
     #[inline(always)]
-    fn tabulate(&self, tree: &Compiled<'_>, spacing: f32, work: &mut BrickScratch) {
-        let BrickScratch {
-            offset,
-            own,
-            tables,
-            lines,
-            ..
-        } = work;
-        tables.clear();
-        lines.clear();
-        let steps: [f32; BRICK] = std::array::from_fn(|i| (i as f32 - 3.5) * spacing);
-        let per_spacing = 1.0 / spacing;
-        let mut start = 0;
-        while start < own.len() {
-            let (mut power, mut end) = (1.0, own.len());
-            if let Some(level) = tree.levels.first() {
-                end = self.end_of_node(own, start);
-                if end == start + 1 {
-                    power = level.power[self.node[own[start] as usize] as usize] as f32;
+    fn tabulated(
+        &self,
+        i: usize,
+        lane: usize,
+        alone: bool,
+        power: f32,
+        spacing: f32,
+        work: &mut Eighth,
+    ) -> ([[f32; BRICK]; 3], Lines) {
+        const MIDDLE: f32 = 0.5 * (SIDE as f32 - 1.0);
+        let of = usize::from(alone);
+        let table = &mut work.tables[of][i];
+        if !std::mem::replace(&mut work.is_known[of][i], true) {
+            let (power, lift) = if alone {
+                (power, 0.0)
+            } else {
+                (1.0, self.lift / 3.0)
+            };
+            let decay = power * self.decay[i];
+            let constants = [lift, lift, power * self.top[i] + lift];
+            for k in 0..3 {
+                let offset = work.offset[k][i];
+                for (j, e) in table[k].iter_mut().enumerate() {
+                    let t = (j as f32 - MIDDLE) * spacing - offset;
+                    *e = exp2_or_zero(constants[k] - decay * (t * t));
                 }
             }
-            for &i in &own[start..end] {
-                let i = i as usize;
-                let (decay, reach) = (power * self.decay[i], self.reach[i]);
-                let lift = if end > start + 1 { self.lift } else { 0.0 };
-                let constants = [lift / 3.0, lift / 3.0, power * self.top[i] + lift / 3.0];
-                let mut exponents = [[0.0f32; BRICK]; 3];
-                let mut own = Lines::NONE;
-                for k in 0..3 {
-                    let offset = offset[k][i];
-                    let constant = constants[k];
-                    for (e, step) in exponents[k].iter_mut().zip(&steps) {
-                        let t = step - offset;
-                        *e = constant - decay * (t * t);
-                    }
-                    if k > 0 {
-                        own.low[k - 1] = ceil_to_brick((offset - reach) * per_spacing + 3.5);
-                        own.high[k - 1] = ceil_to_brick((offset + reach) * per_spacing + 3.5);
-                    }
-                }
-                own.low[0] -= own.low[0] % ABREAST as u32;
-                own.high[0] = own.high[0].next_multiple_of(ABREAST as u32);
-                tables.push(exponents);
-                lines.push(own);
-            }
-            start = end;
         }
-        for e in tables.as_flattened_mut().as_flattened_mut() {
-            *e = exp2_or_zero(*e);
+        let at = [lane & 1, lane >> 1 & 1, lane >> 2].map(|b| b * BRICK);
+        let all = &work.lines[i];
+        let within = |line: u32, k: usize| line.saturating_sub(at[k] as u32).min(BRICK as u32);
+        let mut lines = Lines {
+            low: [within(all.low[0], 1), within(all.low[1], 2)],
+            high: [within(all.high[0], 1), within(all.high[1], 2)],
+        };
+        lines.low[0] -= lines.low[0] % ABREAST as u32;
+        lines.high[0] = lines.high[0].next_multiple_of(ABREAST as u32);
+        let mut parts = [[0.0; BRICK]; 3];
+        for k in 0..3 {
+            parts[k].copy_from_slice(&table[k][at[k]..at[k] + BRICK]);
         }
+        (parts, lines)
     }
 }
 
-/// The smallest whole number that is not below, in 0..=8.
+/// The smallest whole number that is not below, in 0..=16.
 #[inline(always)]
-fn ceil_to_brick(x: f32) -> u32 {
+fn ceil_to_side(x: f32) -> u32 {
     // Adding 2²³ rounds to the nearest whole number, which then stands in the lowest bits.
-    let up = x.clamp(0.0, BRICK as f32).ceil() + 8_388_608.0;
-    up.to_bits() & 15
+    let up = x.clamp(0.0, SIDE as f32).ceil() + 8_388_608.0;
+    up.to_bits() & 31
 }
 
 /// The places of the values that are not below `least`.
 #[inline(always)]
-fn places(values: &[f32], least: f32, out: &mut Vec<u32>) {
+fn places<'a>(values: impl ExactSizeIterator<Item = &'a f32>, least: f32, out: &mut Vec<u32>) {
     out.clear();
     out.resize(values.len(), 0);
     let mut count = 0;
-    for (i, &value) in values.iter().enumerate() {
+    for (i, &value) in values.enumerate() {
         out[count] = i as u32;
         count += usize::from(value >= least);
     }
@@ -643,13 +749,8 @@ fn close(sums: &mut [(Vec<f32>, Lines)], level: usize, (power, lift): (f32, f32)
         }
         None => out,
     };
-    for (_, range) in done.planes() {
-        let sum = &mut sum[range.clone()];
-        raise(sum, power, lift);
-        for (to, from) in target[range].iter_mut().zip(sum) {
-            *to += *from;
-            *from = 0.0;
-        }
+    for run in done.runs() {
+        move_raised(&mut sum[run.clone()], &mut target[run], power, lift);
     }
 }
 
@@ -670,11 +771,11 @@ fn add_product([x, y, z]: &[[f32; BRICK]; 3], lines: &Lines, out: &mut [f32]) {
         let d = times(&x, y[first + 3]);
         for k in lines.low[1] as usize..lines.high[1] as usize {
             let z = z[k];
-            let line = k * BRICK + first;
-            add_times(&mut out[line], &a, z);
-            add_times(&mut out[line + 1], &b, z);
-            add_times(&mut out[line + 2], &c, z);
-            add_times(&mut out[line + 3], &d, z);
+            let lines = &mut out[k * BRICK + first..][..ABREAST];
+            add_times(&mut lines[0], &a, z);
+            add_times(&mut lines[1], &b, z);
+            add_times(&mut lines[2], &c, z);
+            add_times(&mut lines[3], &d, z);
         }
     }
 }
@@ -703,21 +804,28 @@ fn exp2_or_zero(x: f32) -> f32 {
     if x < -126.0 { 0.0 } else { value }
 }
 
-/// Raises numbers, lifted by so many powers of 2, to a power; what is too small to be normal becomes 0.
+/// Raises numbers, lifted by so many powers of 2, to a power, and moves them into a sum; what is too small to be
+/// normal counts as 0.
 #[inline(always)]
-fn raise(values: &mut [f32], power: f32, lift: f32) {
+fn move_raised(from: &mut [f32], to: &mut [f32], power: f32, lift: f32) {
+    let numbers = to.iter_mut().zip(from);
     if power == 1.0 && lift == 0.0 {
+        for (to, from) in numbers {
+            *to += std::mem::take(from);
+        }
         return;
     }
     let normal = |v: f32, raised: f32| if v < f32::MIN_POSITIVE { 0.0 } else { raised };
     if power == 0.5 {
         let lower = exp2(-0.5 * lift);
-        for v in values {
-            *v = normal(*v, v.sqrt() * lower);
+        for (to, from) in numbers {
+            let v = std::mem::take(from);
+            *to += normal(v, v.sqrt() * lower);
         }
         return;
     }
-    for v in values {
-        *v = normal(*v, exp2_or_zero(power * (log2(*v) - lift)));
+    for (to, from) in numbers {
+        let v = std::mem::take(from);
+        *to += normal(v, exp2_or_zero(power * (log2(v) - lift)));
     }
 }

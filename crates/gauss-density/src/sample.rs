@@ -79,44 +79,36 @@ pub fn sample<B: DensityBackend + ?Sized>(
     }
     let mut values = vec![0.0f32; lattice.len()];
     let [nx, ny, nz] = lattice.counts;
-    for_each_batch(
-        &prepared,
-        &job,
-        DENSE_BATCH,
-        None,
-        run,
-        |blocks, results| {
-            report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
-            let mut layers = vec![Vec::new(); nz.div_ceil(BRICK)];
-            for (block, result) in blocks.iter().zip(&results) {
-                let (stored, _) = result.values.as_chunks::<BRICK_POINTS>();
-                for (i, kind) in result.kinds.iter().enumerate() {
-                    if let Brick::Stored(s) = *kind {
-                        let [bx, by, bz] = block.brick_at(i);
-                        layers[bz].push(([bx, by], &stored[s as usize]));
-                    }
+    for_each_batch(&prepared, &job, None, run, |blocks, results| {
+        report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
+        let mut layers = vec![Vec::new(); nz.div_ceil(BRICK)];
+        for (block, result) in blocks.iter().zip(results) {
+            let (stored, _) = result.values.as_chunks::<BRICK_POINTS>();
+            for (i, kind) in result.kinds.iter().enumerate() {
+                if let Brick::Stored(s) = *kind {
+                    let [bx, by, bz] = block.brick_at(i);
+                    layers[bz].push(([bx, by], &stored[s as usize]));
                 }
             }
-            // By planes, so that every thread writes into its own part.
-            values
-                .par_chunks_mut(nx * ny)
-                .enumerate()
-                .for_each(|(z, plane)| {
-                    for ([bx, by], brick) in &layers[z / BRICK] {
-                        let slab = &brick[z % BRICK * BRICK * BRICK..][..BRICK * BRICK];
-                        let width = BRICK.min(nx - bx * BRICK);
-                        for (y, row) in slab.chunks_exact(BRICK).enumerate() {
-                            let y = by * BRICK + y;
-                            if y < ny {
-                                plane[y * nx + bx * BRICK..][..width]
-                                    .copy_from_slice(&row[..width]);
-                            }
+        }
+        // By planes, so that every thread writes into its own part.
+        values
+            .par_chunks_mut(nx * ny)
+            .enumerate()
+            .for_each(|(z, plane)| {
+                for ([bx, by], brick) in &layers[z / BRICK] {
+                    let slab = &brick[z % BRICK * BRICK * BRICK..][..BRICK * BRICK];
+                    let width = BRICK.min(nx - bx * BRICK);
+                    for (y, row) in slab.chunks_exact(BRICK).enumerate() {
+                        let y = by * BRICK + y;
+                        if y < ny {
+                            plane[y * nx + bx * BRICK..][..width].copy_from_slice(&row[..width]);
                         }
                     }
-                });
-            Ok(())
-        },
-    )?;
+                }
+            });
+        Ok(())
+    })?;
     finish(report, lattice, values)
 }
 
@@ -185,36 +177,38 @@ fn too_large(lattice: &Lattice, bytes: u128, options: &Options) -> Error {
     }
 }
 
-/// Blocks per side of a batch where all values are kept until it is done.
-const DENSE_BATCH: usize = 8;
+/// Blocks per side of a region, whose blocks are looked for at once.
+const REGION: usize = 16;
+/// Blocks that are sampled at once: while they are, the values of those before are taken. Enough that hardly
+/// a thread waits for the last one, and few enough that their values stay in the cache.
+const BATCH: usize = 256;
 
-/// Calls the backend for batch after batch of blocks that some atom can reach, `side` blocks long, in a
-/// fixed order; with `wanted` (masks by lowest brick) for these only. Between batches the watcher is asked,
-/// and memory is given back.
+/// Calls the backend for batch after batch of blocks that some atom can reach, in a fixed order; with `wanted`
+/// (masks by lowest brick) for these only. Between batches the watcher is asked.
 pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
     model: &Prepared<'_>,
     job: &Job,
-    side: usize,
     wanted: Option<&BTreeMap<[usize; 3], u64>>,
     run: Run<'_, B>,
-    mut take: impl FnMut(&[Block], Vec<BlockValues>) -> Result<(), Error>,
+    mut take: impl FnMut(&[Block], &[BlockValues]) -> Result<(), Error> + Send,
 ) -> Result<(), Error> {
     let bricks = job.lattice.counts.map(|n| n.div_ceil(BRICK));
     let blocks = bricks.map(|n| n.div_ceil(BLOCK));
-    let batches = blocks.map(|n| n.div_ceil(side));
-    let total = batches.iter().product::<usize>();
+    let regions = blocks.map(|n| n.div_ceil(REGION));
+    let total = regions.iter().product::<usize>();
     let reach = match job.cutoff {
         // A quarter of what the cut-off allows; the culls of boxes take the rest.
         Cutoff::AfterPowers(eps) => model.reach.radius(eps / 4.0, job.floor),
         Cutoff::Bare(eps) => model.reach.bare(eps),
     };
     let all = model.clusters();
-    for batch in 0..total {
-        run.progress("density", batch as u64, total as u64)?;
-        let [nx, ny, _] = batches;
-        let at = [batch % nx, batch / nx % ny, batch / (nx * ny)];
-        let low = at.map(|b| b * side);
-        let high = [0, 1, 2].map(|k| (low[k] + side).min(blocks[k]));
+    let (mut results, mut before) = (Vec::new(), Vec::new());
+    for region in 0..total {
+        run.progress("density", region as u64, total as u64)?;
+        let [nx, ny, _] = regions;
+        let at = [region % nx, region / nx % ny, region / (nx * ny)];
+        let low = at.map(|b| b * REGION);
+        let high = [0, 1, 2].map(|k| (low[k] + REGION).min(blocks[k]));
         let mut found = Vec::new();
         let way = Descent {
             model,
@@ -230,10 +224,19 @@ pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
             });
         }
         found.sort_by_key(|b| [b.brick[2], b.brick[1], b.brick[0]]);
-        if !found.is_empty() {
-            let results = run.backend.sample_blocks(model, job, &found)?;
-            take(&found, results)?;
+        let mut blocks_before: &[Block] = &[];
+        for batch in found.chunks(BATCH) {
+            run.progress("density", region as u64, total as u64)?;
+            let (sampled, taken) = rayon::join(
+                || (run.backend).sample_blocks(model, job, batch, &mut results),
+                || take(blocks_before, &before),
+            );
+            taken?;
+            sampled?;
+            std::mem::swap(&mut results, &mut before);
+            blocks_before = batch;
         }
+        take(blocks_before, &before)?;
     }
     run.progress("density", total as u64, total as u64)?;
     Ok(())

@@ -199,36 +199,51 @@ pub(crate) fn for_points(lattice: &Lattice, brick: [usize; 3], mut f: impl FnMut
     }
 }
 
-/// Where the density is 1 on a lattice edge that crosses the surface, within 1e-6 of it: regula falsi on its
-/// logarithm, from the grid's values at the ends.
+/// Where the density is 1 on a lattice edge that crosses the surface, within 1e-6 of it: a bracket, and in it
+/// inverse interpolation of the density's logarithm, from the grid's values at the ends.
 pub(crate) fn root_on_edge(
     sampler: &PointSampler<'_>,
     grid: &BrickGrid,
     p: [usize; 3],
     q: [usize; 3],
 ) -> Point3 {
-    let (mut a, mut b) = (grid.lattice().point(p), grid.lattice().point(q));
-    let [mut fa, mut fb] = [p, q].map(|end| f64::from(grid.at(end)).max(1e-30).ln());
-    let mut x = a;
-    for _ in 0..20 {
-        let t = if (fa > 0.0) == (fb > 0.0) || !(fa - fb).is_normal() {
-            0.5
-        } else {
-            (fa / (fa - fb)).clamp(0.02, 0.98)
-        };
-        x = a + (b - a) * t;
+    let (start, end) = (grid.lattice().point(p), grid.lattice().point(q));
+    let [first, last] = [p, q].map(|end| f64::from(grid.at(end)).max(1e-30).ln());
+    // Places on the edge and the logarithms there; `before` was the last end of the bracket to go.
+    let (mut low, mut high, mut before) = ((0.0, first), (1.0, last), None);
+    let mut x = start;
+    for round in 0..20 {
+        let straight = interpolated(&[low, high]);
+        let curved = before.and_then(|before| interpolated(&[low, high, before]));
+        let within = |t: &f64| *t > low.0 && *t < high.0;
+        let guess = curved.filter(within).or(straight.filter(within));
+        let middle = 0.5 * (low.0 + high.0);
+        // Halved now and then, should the guesses stay on one side.
+        let t = guess.filter(|_| round % 6 < 5).unwrap_or(middle);
+        x = start + (end - start) * t;
         let f = sampler.value(&x).ln();
         if f.abs() < 1e-6 {
             break;
         }
-        // The end that stays counts half (Illinois), so that both move.
-        if (f > 0.0) == (fa > 0.0) {
-            (a, fa, fb) = (x, f, 0.5 * fb);
+        let gone = if (f > 0.0) == (low.1 > 0.0) {
+            std::mem::replace(&mut low, (t, f))
         } else {
-            (b, fb, fa) = (x, f, 0.5 * fa);
-        }
+            std::mem::replace(&mut high, (t, f))
+        };
+        before = Some(gone);
     }
     x
+}
+
+/// Where a function is 0, given places and its values there, by the polynomial that has the places as its values;
+/// `None` if two values are the same.
+fn interpolated(known: &[(f64, f64)]) -> Option<f64> {
+    let weighted = known.iter().enumerate().map(|(i, (place, own))| {
+        let others = known.iter().enumerate().filter(|(j, _)| *j != i);
+        let weights = others.map(|(_, (_, f))| f / (f - own));
+        place * weights.product::<f64>()
+    });
+    Some(weighted.sum()).filter(|t: &f64| t.is_finite())
 }
 
 impl SiteCell {
@@ -294,4 +309,62 @@ pub(crate) fn scatter<T, const N: usize>(
         }
     }
     sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::options::{Cutoff, Options};
+    use crate::testing::globule;
+    use geom_core::{Cpu, Run};
+
+    #[test]
+    fn interpolation_finds_zeros() {
+        assert_eq!(interpolated(&[(0.0, 1.0), (2.0, -1.0)]), Some(1.0));
+        assert_eq!(interpolated(&[(0.0, 1.0), (2.0, 1.0)]), None);
+        // Places that are quadratic in the values: 3 + f − f²/2.
+        let known = [-1.0, 0.5, 2.0].map(|f: f64| (3.0 + f - 0.5 * f * f, f));
+        let zero = interpolated(&known).unwrap();
+        assert!((zero - 3.0).abs() < 1e-12, "{zero}");
+    }
+
+    /// Where the density is 1, within what the cut-offs of grid and sampler allow.
+    #[test]
+    fn roots_lie_on_the_surface() {
+        let structure = globule(2, 40, 5);
+        for residue_power in [1.0, 0.25] {
+            let levels = crate::Levels {
+                residue_power,
+                decay: 0.5,
+                ..crate::Levels::default()
+            };
+            let model = Model::uniform(&structure, &levels).unwrap();
+            let cutoff = Cutoff::AfterPowers(1e-7);
+            let sampler = PointSampler::above(0.25, &model, cutoff).unwrap();
+            let options = Options {
+                spacing: 1.0,
+                cutoff,
+                ..Options::default()
+            };
+            let grid = crate::sample_band(&model, &options, Run::on(&Cpu))
+                .unwrap()
+                .grid;
+            let (mut roots, counts) = (0, grid.lattice().counts);
+            for b in 0..grid.bricks().iter().product() {
+                for_points(grid.lattice(), grid.brick_coordinates(b), |p| {
+                    for axis in 0..3 {
+                        let mut q = p;
+                        q[axis] += 1;
+                        if q[axis] < counts[axis] && (grid.at(p) >= 1.0) != (grid.at(q) >= 1.0) {
+                            let root = root_on_edge(&sampler, &grid, p, q);
+                            let off = sampler.value(&root).ln().abs();
+                            assert!(off < 1e-6, "{off:e} between {p:?} and {q:?}");
+                            roots += 1;
+                        }
+                    }
+                });
+            }
+            assert!(roots > 1000, "{roots} roots");
+        }
+    }
 }

@@ -388,41 +388,8 @@ impl<T: Kept> CellSums<T> {
     /// Does the atom matter at any point?
     #[inline(always)]
     fn matters(&self, k: usize) -> bool {
-        let row = &self.terms[k * self.width..][..self.width];
-        row.iter().fold(0.0f64, |top, &t| top.max(t.into())) > 0.0
-    }
-
-    /// Removes atom `k`; `left` and `changed` are for reuse.
-    #[inline(always)]
-    pub(crate) fn remove(
-        &mut self,
-        cell: &SiteCell,
-        k: usize,
-        left: &mut Vec<f64>,
-        changed: &mut Vec<(usize, Vec<f64>)>,
-    ) {
-        let n = self.width;
-        if !self.matters(k) {
-            return;
-        }
-        changed.clear();
-        self.without(cell, k, left, |row, values| {
-            changed.push((row, values.to_vec()));
-        });
-        let (last, _) = changed.last().expect("the root has a child");
-        let old = &self.terms[last * n..][..n];
-        for (total, &old) in self.total.iter_mut().zip(old) {
-            *total -= old.into();
-        }
-        for (row, values) in &*changed {
-            for (t, &value) in self.terms[row * n..][..n].iter_mut().zip(values) {
-                *t = T::of(value);
-            }
-        }
-        let new = &self.terms[last * n..][..n];
-        for (total, &new) in self.total.iter_mut().zip(new) {
-            *total += new.into();
-        }
+        let mut row = self.terms[k * self.width..][..self.width].iter();
+        row.any(|&t| t.into() > 0.0)
     }
 }
 
@@ -430,6 +397,63 @@ impl CellSums<f32> {
     /// The largest share of its target that a point of the cell loses without atom `k`; `left` is for reuse.
     pub(crate) fn loss_without(&self, cell: &SiteCell, k: usize, left: &mut Vec<f64>) -> f64 {
         with_lanes::<Loss, _>((self, cell, k, left))
+    }
+
+    /// Removes atom `k`; `left` and `changed` are for reuse.
+    pub(crate) fn remove(
+        &mut self,
+        cell: &SiteCell,
+        k: usize,
+        left: &mut Vec<f64>,
+        changed: &mut Vec<(usize, Vec<f64>)>,
+    ) {
+        with_lanes::<Removal, _>((self, cell, k, left, changed));
+    }
+}
+
+/// Sums, their cell, an atom of it, and arrays for reuse.
+type Leaving<'a> = (
+    &'a mut CellSums<f32>,
+    &'a SiteCell,
+    usize,
+    &'a mut Vec<f64>,
+    &'a mut Vec<(usize, Vec<f64>)>,
+);
+
+struct Removal;
+impl Work<Leaving<'_>> for Removal {
+    type Output = ();
+    #[inline(always)]
+    fn run((sums, cell, k, left, changed): Leaving<'_>) {
+        let n = sums.width;
+        if !sums.matters(k) {
+            return;
+        }
+        let mut count = 0;
+        sums.without(cell, k, left, |row, values| {
+            if count == changed.len() {
+                changed.push((row, Vec::new()));
+            }
+            changed[count].0 = row;
+            changed[count].1.clear();
+            changed[count].1.extend_from_slice(values);
+            count += 1;
+        });
+        let changed = &changed[..count];
+        let (last, _) = changed.last().expect("the root has a child");
+        let old = &sums.terms[last * n..][..n];
+        for (total, &old) in sums.total.iter_mut().zip(old) {
+            *total -= f64::from(old);
+        }
+        for (row, values) in changed {
+            for (t, &value) in sums.terms[row * n..][..n].iter_mut().zip(values) {
+                *t = value as f32;
+            }
+        }
+        let new = &sums.terms[last * n..][..n];
+        for (total, &new) in sums.total.iter_mut().zip(new) {
+            *total += f64::from(new);
+        }
     }
 }
 

@@ -188,13 +188,14 @@ impl DensityBackend for Wgpu {
         model: &Prepared<'_>,
         job: &Job,
         blocks: &[Block],
-    ) -> Result<Vec<BlockValues>, Error> {
+        results: &mut Vec<BlockValues>,
+    ) -> Result<(), Error> {
+        results.clear();
         check_depth(&self.name(), model.tree.levels.len())?;
         let trees: Vec<Members> = blocks
             .par_iter()
             .map(|b| Members::gather(&model.tree, &b.atoms))
             .collect();
-        let mut results = Vec::with_capacity(blocks.len());
         let mut first = 0;
         while first < blocks.len() {
             // As many blocks as fit; 16 bytes of state per item and brick.
@@ -222,7 +223,7 @@ impl DensityBackend for Wgpu {
             )?);
             first = end;
         }
-        Ok(results)
+        Ok(())
     }
 
     fn atom_errors(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<Vec<f64>, Error> {

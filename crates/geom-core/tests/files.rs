@@ -178,6 +178,17 @@ fn solvers_find_regions_and_boundaries_by_name() {
 }
 
 #[test]
+fn a_bad_stl_triangle_is_named() {
+    let facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    let text = format!(
+        "solid a\n{facet}{}endsolid a\n",
+        facet.replacen("1 0 0", "1 zero 0", 1)
+    );
+    let error = stl::parse(text.as_bytes()).unwrap_err().to_string();
+    assert!(error.contains("STL triangle 2"), "{error}");
+}
+
+#[test]
 fn surface_formats_keep_what_they_can_hold() {
     let torus = shapes::torus(5.0, 2.0, 12, 8);
     let view = rich(&torus);

@@ -205,9 +205,7 @@ impl GridFile {
         }
         let to_axes = nalgebra::Matrix3::from_columns(&self.steps)
             .try_inverse()
-            .ok_or_else(|| {
-                ErrorKind::expected(SPANNING, "steps too short or too long".to_owned())
-            })?;
+            .ok_or_else(|| ErrorKind::expected(SPANNING, "steps too short or too long"))?;
         let mut values = vec![0.0; lattice.len()];
         let [nx, ny, _] = lattice.counts;
         values

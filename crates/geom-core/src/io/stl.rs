@@ -69,19 +69,20 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         }
         .into());
     }
-    let foreign = |e: std::io::Error| -> Error {
+    let foreign = |e: std::io::Error, triangles: usize| -> Error {
+        let what = format!("STL triangle {}", triangles + 1);
         match e.kind() {
-            std::io::ErrorKind::UnexpectedEof => {
-                ErrorKind::Truncated("an STL triangle".to_owned()).into()
-            }
-            _ => ErrorKind::expected("an STL triangle", e.to_string()).into(),
+            std::io::ErrorKind::UnexpectedEof => ErrorKind::Truncated(what).into(),
+            _ => ErrorKind::expected(what, e.to_string()).into(),
         }
     };
     let mut corners: Vec<[u32; 3]> = Vec::new();
     let mut read = |input: &[u8]| -> Result<(), Error> {
         let mut input = Cursor::new(input);
-        for triangle in stl_io::create_stl_reader(&mut input).map_err(foreign)? {
-            let vertices = triangle.map_err(foreign)?.vertices;
+        for triangle in stl_io::create_stl_reader(&mut input).map_err(|e| foreign(e, 0))? {
+            let vertices = triangle
+                .map_err(|e| foreign(e, corners.len() / 3))?
+                .vertices;
             // −0 and 0 are the same place.
             corners.extend(vertices.map(|v| v.0.map(|c| (c + 0.0).to_bits())));
         }
