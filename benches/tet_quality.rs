@@ -53,6 +53,16 @@ fn measuring(c: &mut Criterion) {
             b.iter(|| Cpu.measure(mesh.positions(), mesh.tets()).expect("fits"));
         });
     });
+    group.bench_function("cpu, 1 thread, memory used again/1 M", |b| {
+        let mut out = Vec::new();
+        on(1, || {
+            b.iter(|| {
+                Cpu.measure_into(mesh.positions(), mesh.tets(), &mut out)
+                    .expect("fits");
+                out.len()
+            });
+        });
+    });
 }
 
 fn smoothing(c: &mut Criterion) {

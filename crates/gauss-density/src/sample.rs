@@ -229,14 +229,14 @@ pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
             run.progress("density", region as u64, total as u64)?;
             let (sampled, taken) = rayon::join(
                 || (run.backend).sample_blocks(model, job, batch, &mut results),
-                || take(blocks_before, &before),
+                || take(blocks_before, &before[..blocks_before.len()]),
             );
             taken?;
             sampled?;
             std::mem::swap(&mut results, &mut before);
             blocks_before = batch;
         }
-        take(blocks_before, &before)?;
+        take(blocks_before, &before[..blocks_before.len()])?;
     }
     run.progress("density", total as u64, total as u64)?;
     Ok(())

@@ -814,3 +814,27 @@ fn powers_are_set_by_selector() {
     let error = model.selected(&other, &"1".parse().unwrap()).unwrap_err();
     assert!(error.to_string().contains("28 atoms"), "{error}");
 }
+
+/// A lattice that goes on far beyond an atom costs no more pairs and says the same near it.
+#[test]
+fn pairs_do_not_grow_with_empty_space() {
+    let model = Model::new(vec![Point3::origin()], vec![1.7], vec![1.0], vec![]).unwrap();
+    let up_to = |x: f64| {
+        let low = Point3::new(-8.0, -8.0, -8.0);
+        let options = Options {
+            spacing: 0.5,
+            bounds: Some(Aabb::new(low, Point3::new(x, 8.0, 8.0))),
+            ..Options::default()
+        };
+        [
+            sample(&model, &options, Run::on(&Cpu)).unwrap().report,
+            sample_band(&model, &options, Run::on(&Cpu)).unwrap().report,
+        ]
+    };
+    let (near, far) = (up_to(30.0), up_to(600.0));
+    for (near, far) in near.iter().zip(&far) {
+        assert!(far.points > 10 * near.points && near.pairs > 0);
+        assert_eq!(near.pairs, far.pairs);
+    }
+    assert_eq!(near[1].stored_points, far[1].stored_points);
+}

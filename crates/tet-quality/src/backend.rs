@@ -8,8 +8,21 @@ use crate::{Error, Measures};
 
 /// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) is the specification.
 pub trait QualityBackend: Backend {
+    /// The measures of each tetrahedron, in place of what was in `out`, whose memory is used again: that
+    /// of a million new ones takes as long as half of the work. Corners must be in range.
+    fn measure_into(
+        &self,
+        positions: &[Point3],
+        tets: &[[u32; 4]],
+        out: &mut Vec<Measures>,
+    ) -> Result<(), Error>;
+
     /// The measures of each tetrahedron. Corners must be in range.
-    fn measure(&self, positions: &[Point3], tets: &[[u32; 4]]) -> Result<Vec<Measures>, Error>;
+    fn measure(&self, positions: &[Point3], tets: &[[u32; 4]]) -> Result<Vec<Measures>, Error> {
+        let mut out = Vec::new();
+        self.measure_into(positions, tets, &mut out)?;
+        Ok(out)
+    }
 
     /// Sweeps over the vertices of `task`, colour by colour, each moving to where the worst
     /// tetrahedron around it is best. Gives one displacement per vertex of the task: a *proposal*,
@@ -17,7 +30,7 @@ pub trait QualityBackend: Backend {
     fn relax(&self, task: &Relaxation<'_>) -> Result<Vec<Vector3>, Error>;
 }
 
-/// What a backend owes to [`QualityBackend::measure`] on the CPU, for Joe–Liu, edge ratio and angles
+/// What a backend owes to [`QualityBackend::measure_into`] on the CPU, for Joe–Liu, edge ratio and angles
 /// in units of 180°, on meshes whose edges are longer than a thousandth of the bounding box: f32
 /// positions relative to the first corner, so that only flat elements lose digits.
 pub const MEASURE: Agreement = Agreement::Bounded {

@@ -3,7 +3,7 @@
 //! lanes.
 
 use geom_core::Point3;
-use geom_core::mesh::{EDGES, FACES};
+use geom_core::mesh::EDGES;
 
 use crate::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot, minus};
 use crate::metrics::{JOE_LIU, Measures};
@@ -53,11 +53,12 @@ fn kernel<S: Simd>(corners: &[Vectors<S>; 4]) -> [Lanes<S>; 5] {
     let number = corners[0][0];
     let [zero, one] = [0.0, 1.0].map(|x| number.all(x));
     let tiny = number.all(f64::MIN_POSITIVE);
-    // The corners from the first one on, in units of the longest coordinate, so that neither large
-    // nor small units overflow.
-    let mut from = [[zero; 3]; 4];
+    // The edges from the first corner, in units of the longest coordinate, so that neither large nor
+    // small units overflow.
+    // Loops, not `array::map`, which is not always compiled in place.
+    let mut from = [[zero; 3]; 3];
     let mut reach = zero;
-    for (x, corner) in from.iter_mut().zip(corners).skip(1) {
+    for (x, corner) in from.iter_mut().zip(&corners[1..]) {
         *x = minus(corner, &corners[0]);
         for axis in x {
             reach = axis.abs().max(reach);
@@ -65,25 +66,25 @@ fn kernel<S: Simd>(corners: &[Vectors<S>; 4]) -> [Lanes<S>; 5] {
     }
     let scale = zero.below(reach, reach, one);
     let unit = one.over(scale);
-    for axis in from.iter_mut().skip(1).flatten() {
+    for axis in from.iter_mut().flatten() {
         *axis = *axis * unit;
     }
-    // Loops, not `array::map`, which is not always compiled in place.
+    let [u, v, w] = from;
+    let (bc, bd, cd) = (minus(&v, &u), minus(&w, &u), minus(&w, &v));
     let (mut sum, mut longest, mut shortest) = (zero, zero, number.all(f64::INFINITY));
-    for [a, b] in EDGES {
-        let d = minus(&from[b], &from[a]);
-        let square = dot(&d, &d);
+    for d in [&u, &v, &w, &bc, &bd, &cd] {
+        let square = dot(d, d);
         sum = sum + square;
         longest = square.max(longest);
         shortest = square.min(shortest);
     }
-    let mut normals = [[zero; 3]; 4];
+    // Outward, opposite the corner of the same number.
+    let normals = [cross(&bc, &bd), cross(&w, &v), cross(&u, &w), cross(&v, &u)];
     let mut squares = [zero; 4];
-    for (k, [a, b, c]) in FACES.into_iter().enumerate() {
-        normals[k] = cross(&minus(&from[b], &from[a]), &minus(&from[c], &from[a]));
-        squares[k] = dot(&normals[k], &normals[k]);
+    for (square, n) in squares.iter_mut().zip(&normals) {
+        *square = dot(n, n);
     }
-    let v6 = dot(&cross(&from[1], &from[2]), &from[3]);
+    let v6 = zero - dot(&normals[3], &w);
     let sum = sum.max(tiny);
     let joe_liu = (number.all(JOE_LIU) * v6).over(sum * sum.sqrt());
     // Coinciding corners have no shortest edge.
@@ -152,7 +153,7 @@ impl WithSimd for Task<'_> {
         let mut values = [[0.0; BLOCK]; 5];
         let blocks = self.tets.chunks(BLOCK).zip(self.out.chunks_mut(BLOCK));
         for (tets, out) in blocks {
-            for (i, tet) in tets.iter().enumerate() {
+            for (i, tet) in (0..BLOCK).zip(tets) {
                 for (k, &v) in tet.iter().enumerate() {
                     let p = self.positions[v as usize];
                     coordinates[3 * k][i] = p.x;
@@ -170,7 +171,7 @@ impl WithSimd for Task<'_> {
                     S::as_mut_simd_f64s(row).0[g] = lanes.1;
                 }
             }
-            for (i, m) in out.iter_mut().enumerate() {
+            for (i, m) in (0..BLOCK).zip(out) {
                 *m = assemble([0, 1, 2, 3, 4].map(|k| values[k][i]));
             }
         }

@@ -12,13 +12,21 @@ use crate::{Error, Measures, block};
 const CHUNK: usize = 4096;
 
 impl QualityBackend for Cpu {
-    fn measure(&self, positions: &[Point3], tets: &[[u32; 4]]) -> Result<Vec<Measures>, Error> {
-        // Zeros that nobody has written yet: the threads share the first touch of the memory.
-        let mut out = bytemuck::zeroed_vec::<Measures>(tets.len());
+    fn measure_into(
+        &self,
+        positions: &[Point3],
+        tets: &[[u32; 4]],
+        out: &mut Vec<Measures>,
+    ) -> Result<(), Error> {
+        if out.capacity() < tets.len() {
+            // Zeros that nobody has written yet: the threads share the first touch of the memory.
+            *out = bytemuck::zeroed_vec(tets.len());
+        }
+        out.resize(tets.len(), Measures::default());
         out.par_chunks_mut(CHUNK)
             .zip(tets.par_chunks(CHUNK))
             .for_each(|(out, tets)| block::measure(positions, tets, out));
-        Ok(out)
+        Ok(())
     }
 
     fn relax(&self, task: &Relaxation<'_>) -> Result<Vec<Vector3>, Error> {

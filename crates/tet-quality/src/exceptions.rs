@@ -1,12 +1,13 @@
 //! What a mesh falls short in after the improvement, and why.
 
-use geom_core::mesh::FACES;
+use geom_core::mesh::{EDGES, FACES};
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::report::Element;
 use crate::smooth::{foot, load};
 use crate::surface_field::Isosurface;
+use crate::swap::EdgeRing;
 use crate::work::{Freedom, NONE, Work};
 use crate::{Goals, Measures, measures};
 
@@ -18,8 +19,8 @@ pub const NAMED: usize = 100;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Cause {
-    /// The boundary forbids it: a boundary triangle that may not move is itself too slender, or two
-    /// such triangles meet in too sharp an edge. No tetrahedra inside can meet the goals there.
+    /// The boundary forbids it: a boundary triangle that may not move is itself too slender, or lies
+    /// with another such triangle on the two sides of too sharp a wedge. No tetrahedra inside can meet the goals there.
     Boundary,
     /// Surfaces touch or meet in one of its corners, which therefore stays.
     Junction,
@@ -27,6 +28,9 @@ pub enum Cause {
     Fixed,
     /// All its corners lie on surfaces: the body, or the gap, is one tetrahedron wide.
     Narrow,
+    /// It shares a corner with one of [`Cause::Boundary`]: what would help it makes that one, which is
+    /// the worse, worse still.
+    Beside,
     /// No smoothing and no operation makes it better, or the passes were used up.
     Unsolved,
 }
@@ -141,27 +145,45 @@ pub(crate) fn exceptions(work: &Work, goals: &Goals, junctions: &[u32]) -> Excep
 
 fn cause(work: &Work, t: u32, m: &Measures, goals: &Goals, junctions: &[u32]) -> Cause {
     let tet = work.tets[t as usize];
-    let fixed = |v: u32| work.freedom[v as usize] == Freedom::Fixed;
-    let region = work.regions[t as usize];
-    let walls: Vec<[u32; 3]> = (0..4)
-        .filter(|&k| work.region_beyond(t, k) != region)
-        .map(|k| FACES[k].map(|i| tet[i]))
-        .filter(|f| f.iter().all(|&v| fixed(v)))
-        .collect();
-    if walls.iter().any(|&f| slender(work, f, goals)) || sharp(work, &walls, m, goals) {
+    let freedom = |v: u32| work.freedom[v as usize];
+    if forbidden(work, t, m, goals) {
         Cause::Boundary
     } else if tet.iter().any(|v| junctions.binary_search(v).is_ok()) {
         Cause::Junction
-    } else if tet.iter().all(|&v| fixed(v)) {
+    } else if tet.iter().all(|&v| freedom(v) == Freedom::Fixed) {
         Cause::Fixed
-    } else if tet
-        .iter()
-        .all(|&v| work.freedom[v as usize] != Freedom::Free)
-    {
+    } else if tet.iter().all(|&v| freedom(v) != Freedom::Free) {
         Cause::Narrow
+    } else if beside_forbidden(work, t, goals) {
+        Cause::Beside
     } else {
         Cause::Unsolved
     }
+}
+
+/// Does the boundary forbid that the tetrahedron, which misses the goals, meets them?
+fn forbidden(work: &Work, t: u32, m: &Measures, goals: &Goals) -> bool {
+    let tet = work.tets[t as usize];
+    let region = work.regions[t as usize];
+    let mut walls = (0..4)
+        .filter(|&k| work.region_beyond(t, k) != region)
+        .map(|k| FACES[k].map(|i| tet[i]))
+        .filter(|f| {
+            f.iter()
+                .all(|&v| work.freedom[v as usize] == Freedom::Fixed)
+        });
+    walls.any(|f| slender(work, f, goals))
+        || (m.min_dihedral < goals.min_dihedral && in_sharp_wedge(work, t, goals))
+}
+
+/// Does a corner of the tetrahedron also belong to one that the boundary forbids to meet the goals?
+fn beside_forbidden(work: &Work, t: u32, goals: &Goals) -> bool {
+    let tet = work.tets[t as usize];
+    let around = tet.iter().flat_map(|&v| work.rings.of(v));
+    around.copied().any(|o| {
+        let m = measures(work.corners(work.tets[o as usize]));
+        !goals.met_by(&m) && forbidden(work, o, &m, goals)
+    })
 }
 
 /// Can no tetrahedron on this triangle meet the goals? The best Joe–Liu measure on a base of area `A`
@@ -177,21 +199,41 @@ fn slender(work: &Work, f: [u32; 3], goals: &Goals) -> bool {
         || 4.0 * 3f64.sqrt() * area < goals.joe_liu * sum
 }
 
-/// Do two of these boundary triangles of one tetrahedron meet at less than the smallest angle?
-fn sharp(work: &Work, walls: &[[u32; 3]], m: &Measures, goals: &Goals) -> bool {
-    if m.min_dihedral >= goals.min_dihedral {
-        return false;
-    }
-    let normal = |f: [u32; 3]| {
-        let [a, b, c] = f.map(|v| work.x[v as usize]);
-        (b - a).cross(&(c - a)).normalize()
-    };
-    (0..walls.len()).any(|i| {
-        (0..i).any(|j| {
-            let cosine = -normal(walls[i]).dot(&normal(walls[j]));
-            cosine.clamp(-1.0, 1.0).acos().to_degrees() < goals.min_dihedral
-        })
+/// Does an edge of the tetrahedron lie in a wedge between two boundary triangles that may not move and
+/// that meet, inside its region, at less than the smallest angle? However many share the wedge, none
+/// can have more.
+fn in_sharp_wedge(work: &Work, t: u32, goals: &Goals) -> bool {
+    let tet = work.tets[t as usize];
+    let fixed = |v: u32| work.freedom[v as usize] == Freedom::Fixed;
+    EDGES.iter().any(|&[i, j]| {
+        let (a, b) = (tet[i], tet[j]);
+        if !fixed(a) || !fixed(b) {
+            return false;
+        }
+        let ring = EdgeRing::new(work, a, b).and_then(EdgeRing::at_interface);
+        let Some((ring, first)) = ring else {
+            return false;
+        };
+        let at = ring.tets.iter().position(|&o| o == t);
+        let side = if at.is_some_and(|at| at < first) {
+            0..first
+        } else {
+            first..ring.tets.len()
+        };
+        let walls = [side.start, side.end].map(|k| ring.vertices[k]);
+        let angle: f64 = side
+            .map(|k| [ring.vertices[k], ring.vertices[k + 1]].map(|v| work.x[v as usize]))
+            .map(|[u, v]| angle_at(work.x[a as usize], work.x[b as usize], u, v))
+            .sum();
+        walls.iter().all(|&v| fixed(v)) && angle < goals.min_dihedral
     })
+}
+
+/// The angle at the edge `ab` from `u` to `v`, degrees.
+fn angle_at(a: Point3, b: Point3, u: Point3, v: Point3) -> f64 {
+    let along = b - a;
+    let (n, m) = (along.cross(&(u - a)), along.cross(&(v - a)));
+    n.cross(&m).norm().atan2(n.dot(&m)).to_degrees()
 }
 
 pub(crate) fn surface_fit(

@@ -204,8 +204,10 @@ impl WithSimd for Judge<'_> {
         let mut chosen = None;
         let mut values = [0.0; CANDIDATES];
         for g in 0..candidates.count.div_ceil(S::F64_LANES) {
-            let lane = |k: usize| Lanes(simd, S::as_simd_f64s(&candidates.x[k]).0[g]);
-            let x = [lane(0), lane(1), lane(2)];
+            let mut x = [Lanes(simd, simd.splat_f64s(0.0)); 3];
+            for (lanes, row) in x.iter_mut().zip(&candidates.x) {
+                lanes.1 = S::as_simd_f64s(row).0[g];
+            }
             let mut worst = x[0].all(f64::INFINITY);
             let bound = worst.all(best + GAIN);
             let mut failed = None;
@@ -238,8 +240,18 @@ impl Face {
     #[inline]
     fn value(&self, x: &Vector3) -> f64 {
         let one = Scalar::new();
-        value_at(self, &[x.x, x.y, x.z].map(|x| Lanes(one, x))).1
+        value_at(self, &[Lanes(one, x.x), Lanes(one, x.y), Lanes(one, x.z)]).1
     }
+}
+
+/// `p` seen from each lane's position.
+#[inline(always)]
+fn from<S: Simd>(p: &Vector3, x: &Vectors<S>) -> Vectors<S> {
+    [
+        x[0].all(p.x) - x[0],
+        x[1].all(p.y) - x[1],
+        x[2].all(p.z) - x[2],
+    ]
 }
 
 /// The values of one face with the vertex at each lane's position.
@@ -247,27 +259,17 @@ impl Face {
 fn value_at<S: Simd>(f: &Face, x: &Vectors<S>) -> Lanes<S> {
     const SHAPE: f64 = SHAPE_WEIGHT * SHAPE_WEIGHT * JOE_LIU * JOE_LIU;
     let number = x[0];
-    let [zero, tiny] = [0.0, f64::MIN_POSITIVE].map(|x| number.all(x));
-    let from = |p: &Vector3| {
-        [
-            number.all(p.x) - x[0],
-            number.all(p.y) - x[1],
-            number.all(p.z) - x[2],
-        ]
-    };
-    let (a, b, c) = (from(&f.a), from(&f.b), from(&f.c));
-    let normal = [f.normal.x, f.normal.y, f.normal.z].map(|n| number.all(n));
-    let v6 = dot(&normal, &a);
+    let (zero, tiny) = (number.all(0.0), number.all(f64::MIN_POSITIVE));
+    let (a, b, c) = (from(&f.a, x), from(&f.b, x), from(&f.c, x));
+    let n = &f.normal;
+    let v6 = dot(&[number.all(n.x), number.all(n.y), number.all(n.z)], &a);
     let (aa, bb, cc) = (dot(&a, &a), dot(&b, &b), dot(&c, &c));
-    let [ab, bc, ca, nv] = [f.ab, f.bc, f.ca, f.square].map(|x| number.all(x));
+    let (ab, bc, ca) = (number.all(f.ab), number.all(f.bc), number.all(f.ca));
+    let nv = number.all(f.square);
     let sum = aa + bb + cc + ab + bc + ca;
     let cube = (sum * sum * sum).max(tiny);
-    let square = |n: &Vectors<S>| dot(n, n);
-    let (na, nb, nc) = (
-        square(&cross(&b, &c)),
-        square(&cross(&c, &a)),
-        square(&cross(&a, &b)),
-    );
+    let (na, nb, nc) = (cross(&b, &c), cross(&c, &a), cross(&a, &b));
+    let (na, nb, nc) = (dot(&na, &na), dot(&nb, &nb), dot(&nc, &nc));
     // sin² at edge ij is 36 V² e² n_i² n_j² / Π n².
     let least = ((aa * na).min(bb * nb).min(cc * nc) * nv)
         .min(ab * na * nb)

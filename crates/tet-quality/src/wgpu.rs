@@ -38,10 +38,16 @@ fn split(positions: &[Point3]) -> Vec<[f32; 4]> {
 }
 
 impl QualityBackend for Wgpu {
-    fn measure(&self, positions: &[Point3], tets: &[[u32; 4]]) -> Result<Vec<Measures>, Error> {
+    fn measure_into(
+        &self,
+        positions: &[Point3],
+        tets: &[[u32; 4]],
+        out: &mut Vec<Measures>,
+    ) -> Result<(), Error> {
         let gpu = self.gpu();
         let positions = gpu.upload("positions", &split(positions))?;
-        let mut out = Vec::with_capacity(tets.len());
+        out.clear();
+        out.reserve(tets.len());
         for part in tets.chunks(TETS) {
             let count = part.len();
             let part = gpu.upload("tets", part)?;
@@ -73,7 +79,7 @@ impl QualityBackend for Wgpu {
                 }
             }));
         }
-        Ok(out)
+        Ok(())
     }
 
     fn relax(&self, task: &Relaxation<'_>) -> Result<Vec<Vector3>, Error> {

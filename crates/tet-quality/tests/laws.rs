@@ -6,8 +6,8 @@ use proptest::prelude::*;
 use tet_quality::metrics::quality;
 use tet_quality::testing::{Ball, ball_in_box, lattice, noise, shaken};
 use tet_quality::{
-    Cause, Error, Goals, Improved, Operations, Options, SurfaceMotion, aspect_ratio, improve,
-    quality_report, radius_ratio,
+    Cause, Error, Goals, Improved, Operations, Options, QualityBackend, SurfaceMotion,
+    aspect_ratio, improve, quality_report, radius_ratio,
 };
 
 fn improved(mesh: TetMesh, field: Option<&dyn ImplicitField>, options: &Options) -> Improved {
@@ -593,6 +593,54 @@ fn the_boundary_that_forbids_is_told_from_the_rest() {
     assert_eq!(result.mesh, mesh);
     assert_eq!(result.report.exceptions.counts, [(Cause::Boundary, 1)]);
     assert_eq!(result.report.exceptions.worst[0].element.tet, 0);
+
+    // A wedge of 19.5° that two share: the wider one, whose own triangles allow the goals, cannot have
+    // more either.
+    let outer = |degrees: f64| {
+        let angle = degrees.to_radians();
+        Point3::new(angle.cos(), angle.sin(), 0.5)
+    };
+    let mut x = mesh.positions()[..2].to_vec();
+    x.extend([outer(0.0), outer(14.5), outer(19.5)]);
+    let mesh = TetMesh::new(x, vec![[0, 1, 2, 3], [0, 1, 3, 4]]).unwrap();
+    let result = improved(mesh.clone(), None, &Options::default());
+    assert_eq!(result.mesh, mesh);
+    assert_eq!(result.report.exceptions.counts, [(Cause::Boundary, 2)]);
+}
+
+#[test]
+fn what_a_ragged_boundary_forbids_is_named_with_what_lies_beside() {
+    // A cube whose boundary is far from plane, so that it stays as it is; two neighbours in each of
+    // its faces nearly touch.
+    let close = |x: Point3| match x.coords.as_slice() {
+        [2.0, 2.0, z] if *z == 0.0 || *z == 6.0 => x + Vector3::x() * 0.85,
+        [2.0, y, 2.0] if *y == 0.0 || *y == 6.0 => x + Vector3::z() * 0.85,
+        [x0, 2.0, 2.0] if *x0 == 0.0 || *x0 == 6.0 => x + Vector3::y() * 0.85,
+        _ => x,
+    };
+    let ragged = moved(lattice([6; 3], 1.0, |_| 1), |v, kind, x| match kind {
+        VertexKind::Interior => x,
+        _ => {
+            let part = |k: usize| ((v * (2 * k + 7) * 7919 + 13) % 101) as f64 / 101.0 - 0.5;
+            close(x) + Vector3::new(part(0), part(1), part(2)) * 0.3
+        }
+    });
+    // No box: what is not plane stays.
+    let (x, tets, ..) = ragged.into_parts();
+    let ragged = TetMesh::new(x, tets).unwrap();
+    let result = improved(ragged, None, &Options::default());
+    let exceptions = &result.report.exceptions;
+    assert!(!result.report.converged);
+    let causes: Vec<Cause> = exceptions.counts.iter().map(|c| c.0).collect();
+    assert_eq!(causes, [Cause::Boundary, Cause::Beside]);
+    // Each of the latter shares a corner with one of the former.
+    let of = |cause: Cause| {
+        let named = exceptions.worst.iter().filter(move |e| e.cause == cause);
+        named.map(|e| result.mesh.tets()[e.element.tet as usize])
+    };
+    for tet in of(Cause::Beside) {
+        assert!(of(Cause::Boundary).any(|o| o.iter().any(|v| tet.contains(v))));
+    }
 }
 
 #[test]
@@ -677,6 +725,16 @@ proptest! {
         ]);
         let bound = Goals::joe_liu_for_edge_ratio(best.edge_ratio);
         prop_assert!((best.joe_liu.abs() - bound).abs() <= 1e-12, "{} {bound}", best.joe_liu);
+    }
+
+    /// Memory that is used again is what new memory would be, whether it was longer or shorter.
+    #[test]
+    fn used_memory_does_not_matter(seed: u64, length in 0usize..4000) {
+        let mesh = shaken(lattice([4; 3], 1.0, |_| 1), 0.2, seed);
+        let reference = Cpu.measure(mesh.positions(), mesh.tets()).unwrap();
+        let mut again = vec![reference[0]; length];
+        Cpu.measure_into(mesh.positions(), mesh.tets(), &mut again).unwrap();
+        prop_assert_eq!(again, reference);
     }
 
     /// The measures do not depend on place, turn, mirror pair and size.
