@@ -200,6 +200,10 @@ pub(crate) fn is_uniform(options: &Options) -> bool {
         && options.method == Method::DualContour
 }
 
+/// How often leaves whose points would stick out are split: each time leaves about a twentieth of them,
+/// and each time the octree is made again.
+const SPIKE_ROUNDS: u32 = 4;
+
 /// Makes the mesh of what has been sampled.
 pub(crate) fn mesh<B: ContourBackend + ?Sized>(
     samples: &Samples<'_>,
@@ -224,6 +228,7 @@ pub(crate) fn mesh<B: ContourBackend + ?Sized>(
     run.progress("octree", 0, 1)?;
     let mut splits = sizing::splits(samples, options);
     let mut before = None;
+    let mut rounds = 0..SPIKE_ROUNDS;
     let raw = loop {
         let (tree, kinds) = match options.method {
             Method::DualContour => tree(samples, options, &mut splits),
@@ -244,7 +249,7 @@ pub(crate) fn mesh<B: ContourBackend + ?Sized>(
         run.progress("dual vertices", 0, 1)?;
         let duals = Duals::new(&complex, probe, boxed, before.as_ref(), run.backend)?;
         let spikes = duals.spikes(&complex);
-        if !spikes.is_empty() {
+        if !spikes.is_empty() && rounds.next().is_some() {
             for id in spikes {
                 splits.split(samples.domain.blocks, complex.leaf(id));
             }
