@@ -16,6 +16,8 @@ use geom_core::{Backend, Cancelled, Cpu, Monitor, Run, Wgpu, io};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
 use tet_quality::QualityBackend;
 
 use crate::args::{BackendName, Common, HasCommon};
@@ -54,11 +56,12 @@ where
 
 /// Ctrl-C and SIGTERM ask the work to stop, which leaves nothing behind; a second one does not wait.
 fn heed_signals(stop: Arc<AtomicBool>) -> Result<(), Failure> {
-    Ok(ctrlc::set_handler(move || {
-        if stop.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    })?)
+    for signal in [SIGINT, SIGTERM] {
+        // The first registered is the first to act: it ends the program if the work was asked before.
+        flag::register_conditional_shutdown(signal, 128 + signal, stop.clone())?;
+        flag::register(signal, stop.clone())?;
+    }
+    Ok(())
 }
 
 #[expect(clippy::print_stdout, reason = "a program tells what it has done")]
@@ -342,6 +345,9 @@ impl Session {
 
     /// Writes `report.json` and moves every output to its place.
     fn close(self) -> Result<String, Failure> {
+        if self.bars.stopped() {
+            return Err(Cancelled.into());
+        }
         let path = self.output("report.json")?;
         let outputs = {
             let mut report = self.report();
@@ -604,7 +610,7 @@ mod tests {
     fn a_signal_stops_the_work_and_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let stop = Arc::<AtomicBool>::default();
-        let asked = stop.clone();
+        heed_signals(stop.clone()).unwrap();
         let stopped = run_with(
             "test",
             &args(&folder.path().join("a")),
@@ -614,7 +620,7 @@ mod tests {
                 std::fs::write(session.output("x.txt")?, "x")?;
                 let run = session.on(&Cpu);
                 session.stage("before", || run.progress("before", 0, 1))?;
-                asked.store(true, Ordering::Relaxed);
+                signal_hook::low_level::raise(SIGTERM)?;
                 assert!(run.progress("after", 0, 1).is_err());
                 session.stage("after", || -> Result<(), Failure> {
                     unreachable!("no stage begins once the work is to end")

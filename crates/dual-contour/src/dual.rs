@@ -27,6 +27,8 @@ pub(crate) struct Duals {
     /// Per leaf: its place among the moved ones, or `u32::MAX`.
     rank: Vec<u32>,
     leaves: Vec<Point3>,
+    /// The points of the half lattice that the point of each leaf larger than the finest follows from.
+    frames: Vec<u32>,
     parts: Vec<Point3>,
     /// Ghost cells in order, and their points.
     ghosts: Vec<(u32, u8)>,
@@ -259,16 +261,32 @@ impl Duals {
         for (i, &id) in moved.iter().enumerate() {
             rank[id as usize] = i as u32;
         }
-        let known: Vec<Option<Point3>> = moved
+        let frames: Vec<u32> = moved
             .par_iter()
             .with_min_len(1024)
-            .map(|&id| before.and_then(|(tree, duals)| duals.arrived(tree, complex.leaf(id))))
+            .map(|&id| match complex.leaf(id).log {
+                0 => 0,
+                _ => complex.frame(id).used,
+            })
             .collect();
-        let unknown = known.iter().zip(&moved).filter(|(x, _)| x.is_none());
-        let unknown: Vec<u32> = unknown.map(|(_, &id)| id).collect();
-        let mut found = leaf_points(complex, probe, &unknown, backend)?.into_iter();
-        let leaves = known.into_iter().map(|x| x.or_else(|| found.next()));
-        let leaves = leaves.map(|x| x.expect("one point per leaf")).collect();
+        let mut known: Vec<(u32, Option<Point3>)> = moved
+            .par_iter()
+            .zip(&frames)
+            .with_min_len(1024)
+            .map(|(&id, &frame)| {
+                let arrived =
+                    |(tree, duals): &(Octree, Self)| duals.arrived(tree, complex.leaf(id), frame);
+                (id, before.and_then(arrived))
+            })
+            .collect();
+        let missing = known.iter().filter(|(_, x)| x.is_none());
+        let missing: Vec<u32> = missing.map(|(id, _)| *id).collect();
+        let found = leaf_points(complex, probe, &missing, backend)?;
+        let missing = known.iter_mut().filter(|(_, x)| x.is_none());
+        missing
+            .zip(found)
+            .for_each(|((_, x), found)| *x = Some(found));
+        let leaves = known.into_iter().filter_map(|(_, x)| x).collect();
         let parts = complex
             .splits
             .par_iter()
@@ -286,6 +304,7 @@ impl Duals {
         let mut out = Self {
             rank,
             leaves,
+            frames,
             parts,
             ghosts: Vec::new(),
             ghost_points: Vec::new(),
@@ -351,12 +370,12 @@ impl Duals {
         (0..self.rank.len() as u32).filter(is_spike).collect()
     }
 
-    /// Where the point of a leaf of an earlier octree has gone, if it arrived.
-    fn arrived(&self, tree: &Octree, leaf: &Leaf) -> Option<Point3> {
+    /// Where the point of a leaf of an earlier octree has gone, if it arrived, and by the same frame.
+    fn arrived(&self, tree: &Octree, leaf: &Leaf, frame: u32) -> Option<Point3> {
         let (id, _) = tree.find(leaf.origin());
         let same = tree.leaves.get(id as usize)?.log == leaf.log;
-        let rank = self.rank(id).filter(|_| same)?;
-        (self.lag(rank as usize) == 0.0).then(|| self.leaves[rank as usize])
+        let rank = self.rank(id).filter(|_| same)? as usize;
+        (self.frames[rank] == frame && self.lag(rank) == 0.0).then(|| self.leaves[rank])
     }
 
     fn at_mut(&mut self, moved: usize) -> &mut Point3 {
@@ -658,6 +677,7 @@ pub(crate) fn finest_points<B: ContourBackend + ?Sized>(
     backend: &B,
     out: &mut [Point3],
 ) -> Result<(), Error> {
+    debug_assert_eq!(out.len(), cells.len());
     let all = out.par_iter_mut().zip(cells);
     if probe.field.is_none() && probe.placement == Placement::Newton {
         let values: Vec<[f32; 8]> = cells

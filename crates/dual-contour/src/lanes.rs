@@ -1,8 +1,9 @@
-//! The hot loops over cells, for eight cells at a time: each step is one loop over the lanes, which the
-//! compiler turns into the widest instructions at hand. Bits do not depend on which those are, nor
-//! on the number of lanes.
+//! The hot loops over cells, for eight cells at a time. Where a step is one loop over the lanes the compiler
+//! turns it into the widest instructions at hand ([`widest`]); longer chains, which it does not see through,
+//! name their vectors ([`geom_core::lanes`]). Bits do not depend on which instructions those are, nor on the
+//! number of lanes.
 
-use pulp::{Simd, WithSimd};
+use geom_core::lanes::{Arch, Lanes, Simd, Vectors, WithSimd, cross, dot, minus};
 
 use crate::cpu::{INSET, REGULAR};
 use crate::quality::NO_FAN;
@@ -12,7 +13,7 @@ pub(crate) const LANES: usize = 8;
 
 /// Runs `work` with the widest instructions of this machine.
 pub(crate) fn widest<R>(work: impl FnOnce() -> R) -> R {
-    pulp::Arch::new().dispatch(work)
+    Arch::new().dispatch(work)
 }
 
 /// [`crate::ContourBackend::dual_vertices`] on this machine.
@@ -162,75 +163,14 @@ fn dual_vertex<const L: usize>(v: &[[f64; L]; 8], steps: u32) -> [[f64; L]; 3] {
     x
 }
 
-/// Numbers in the lanes of a machine.
-#[derive(Clone, Copy)]
-struct Lanes<S: Simd>(S, S::f64s);
-
-impl<S: Simd> Lanes<S> {
-    #[inline(always)]
-    fn all(simd: S, x: f64) -> Self {
-        Self(simd, simd.splat_f64s(x))
-    }
-    /// The first numbers of a slice.
-    #[inline(always)]
-    fn of(simd: S, from: &[f64]) -> Self {
-        Self(simd, S::as_simd_f64s(from).0[0])
-    }
-    #[inline(always)]
-    fn negative(self) -> Self {
-        Self(self.0, self.0.neg_f64s(self.1))
-    }
-    #[inline(always)]
-    fn least(self, other: Self) -> Self {
-        Self(self.0, self.0.min_f64s(self.1, other.1))
-    }
-    /// A squared sine, with the sign of the volume: −1 where that is not positive, or all is flat.
-    #[inline(always)]
-    fn where_positive(self, volume: Self) -> Self {
-        let simd = self.0;
-        let none = simd.splat_f64s(-1.0);
-        // Not a number compares as no.
-        let finite = simd.less_than_f64s(self.1, simd.splat_f64s(f64::INFINITY));
-        let sine = simd.select_f64s(finite, self.1, none);
-        let positive = simd.less_than_f64s(simd.splat_f64s(0.0), volume.1);
-        Self(simd, simd.select_f64s(positive, sine, none))
-    }
+/// A squared sine, with the sign of the volume: −1 where that is not positive, or all is flat.
+#[inline(always)]
+fn where_positive<S: Simd>(sine: Lanes<S>, volume: Lanes<S>) -> Lanes<S> {
+    let none = sine.all(-1.0);
+    // Not a number compares as no.
+    let finite = sine.below(sine.all(f64::INFINITY), sine, none);
+    sine.all(0.0).below(volume, finite, none)
 }
-
-impl<S: Simd> std::ops::Add for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        Self(self.0, self.0.add_f64s(self.1, other.1))
-    }
-}
-
-impl<S: Simd> std::ops::Sub for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        Self(self.0, self.0.sub_f64s(self.1, other.1))
-    }
-}
-
-impl<S: Simd> std::ops::Mul for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Self(self.0, self.0.mul_f64s(self.1, other.1))
-    }
-}
-
-impl<S: Simd> std::ops::Div for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn div(self, other: Self) -> Self {
-        Self(self.0, self.0.div_f64s(self.1, other.1))
-    }
-}
-
-/// A vector per lane.
-type Vectors<S> = [Lanes<S>; 3];
 
 /// The vectors whose coordinates stand in three rows, from a place on.
 #[inline(always)]
@@ -243,27 +183,8 @@ fn load<S: Simd, const N: usize>(simd: S, rows: &[[f64; N]; 3], at: usize) -> Ve
 }
 
 #[inline(always)]
-fn minus<S: Simd>(a: Vectors<S>, b: Vectors<S>) -> Vectors<S> {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline(always)]
-fn dot<S: Simd>(a: Vectors<S>, b: Vectors<S>) -> Lanes<S> {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
 fn square<S: Simd>(a: Vectors<S>) -> Lanes<S> {
     dot(a, a)
-}
-
-#[inline(always)]
-fn cross<S: Simd>(a: Vectors<S>, b: Vectors<S>) -> Vectors<S> {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
 }
 
 /// Squares that the dihedral angles at an end of an edge follow from: of the spokes to three corners, of
@@ -282,11 +203,11 @@ impl<S: Simd> Squares<S> {
     fn sine(&self, volume: Lanes<S>) -> Lanes<S> {
         let ([a, b, c], base) = (self.sides, self.base);
         let [p, q, r] = self.spokes;
-        let at_end = (p * a * base).least(q * b * base).least(r * c * base);
+        let at_end = (p * a * base).min(q * b * base).min(r * c * base);
         let [p, q, r] = self.edges;
-        let around = (p * b * c).least(q * a * c).least(r * a * b);
-        let sine = volume * volume * at_end.least(around) / (a * b * c * base);
-        sine.where_positive(volume)
+        let around = (p * b * c).min(q * a * c).min(r * a * b);
+        let sine = volume * volume * at_end.min(around) / (a * b * c * base);
+        where_positive(sine, volume)
     }
 }
 
@@ -296,7 +217,7 @@ pub(crate) type Quads = [[[f64; LANES]; 3]; 4];
 /// Which diagonal cuts each quad so that the worst of the four tetrahedra with the ends of the edge is
 /// best: 0 from point 0 to 2, 1 from 1 to 3, [`NO_FAN`] if either way one of them is not positive.
 pub(crate) fn diagonals(quads: &Quads) -> [u8; LANES] {
-    let worst = pulp::Arch::new().dispatch(Diagonals(quads));
+    let worst = Arch::new().dispatch(Diagonals(quads));
     std::array::from_fn(|l| {
         let [first, second] = [worst[0][l], worst[1][l]];
         let least = if first > 0.0 { first } else { 0.0 };
@@ -325,7 +246,7 @@ impl WithSimd for Diagonals<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let mut out = [[0.0; LANES]; 2];
-        let one = Lanes::all(simd, 1.0);
+        let one = Lanes::splat(simd, 1.0);
         for first in (0..LANES).step_by(S::F64_LANES) {
             // Arrays are filled by loops: what a closure does is not sure to become one instruction.
             let mut z = [[one; 3]; 4];
@@ -343,7 +264,7 @@ impl WithSimd for Diagonals<'_> {
             for k in 0..4 {
                 bases[k] = square(cross(ring[k], ring[(k + 1) % 4]));
             }
-            let mut worst = [Lanes::all(simd, f64::INFINITY); 2];
+            let mut worst = [Lanes::splat(simd, f64::INFINITY); 2];
             for end in 0..2 {
                 let (mut spokes, mut normals, mut areas) = (edges, z, edges);
                 for q in 0..4 {
@@ -363,7 +284,7 @@ impl WithSimd for Diagonals<'_> {
                             base: bases[a],
                         };
                         let volume = if end == 0 { volume } else { volume.negative() };
-                        worst[s] = worst[s].least(squares.sine(volume));
+                        worst[s] = worst[s].min(squares.sine(volume));
                     }
                 }
                 for z in &mut z {
@@ -385,7 +306,7 @@ pub(crate) const MOST: usize = 8;
 /// smallest squared sine of a dihedral angle in the tetrahedra of both ends with the fan from that corner;
 /// −1 if one of them is not positive.
 pub(crate) fn fans(seen: &[[[f64; 2 * MOST]; 3]; 2], n: usize) -> [f64; MOST] {
-    pulp::Arch::new().dispatch(Fans(seen, n))
+    Arch::new().dispatch(Fans(seen, n))
 }
 
 struct Fans<'a>(&'a [[[f64; 2 * MOST]; 3]; 2], usize);
@@ -397,7 +318,7 @@ impl WithSimd for Fans<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let mut out = [f64::INFINITY; MOST];
         for first in (0..self.1).step_by(S::F64_LANES) {
-            let mut worst = Lanes::all(simd, f64::INFINITY);
+            let mut worst = Lanes::splat(simd, f64::INFINITY);
             for (end, z) in self.0.iter().enumerate() {
                 // The corner so many after that of each lane.
                 let a = load(simd, z, first);
@@ -415,7 +336,7 @@ impl WithSimd for Fans<'_> {
                     };
                     let volume = dot(ab, c);
                     let volume = if end == 0 { volume } else { volume.negative() };
-                    worst = worst.least(squares.sine(volume));
+                    worst = worst.min(squares.sine(volume));
                     ab = [ca[0].negative(), ca[1].negative(), ca[2].negative()];
                     b = c;
                 }
@@ -448,7 +369,7 @@ impl<const N: usize> Umbrellas<N> {
         least: &[f64; N],
     ) -> [f64; N] {
         let umbrellas = self;
-        pulp::Arch::new().dispatch(Spare {
+        Arch::new().dispatch(Spare {
             umbrellas,
             origin,
             x,
@@ -481,7 +402,7 @@ impl<const N: usize> WithSimd for Spare<'_, N> {
             let first = simd.less_than_f64s(half, first.1);
             let (mut c, mut d) = (x, y);
             for k in 0..3 {
-                let origin = Lanes::all(simd, self.origin[k]);
+                let origin = Lanes::splat(simd, self.origin[k]);
                 (a[k], b[k]) = (a[k] + origin, b[k] + origin);
                 c[k].1 = simd.select_f64s(first, x[k].1, y[k].1);
                 d[k].1 = simd.select_f64s(first, y[k].1, x[k].1);
@@ -499,6 +420,7 @@ mod tests {
     use super::*;
     use crate::quality::sine;
     use geom_core::Point3;
+    use geom_core::lanes::Scalar;
     use proptest::prelude::*;
 
     proptest! {
@@ -542,8 +464,34 @@ mod tests {
             let wide: Quads = x.map(|x| [[x.x; LANES], [x.y; LANES], [x.z; LANES]]);
             let start = found.map_or(NO_FAN, |s| s as u8);
             prop_assert_eq!(diagonals(&wide), [start; LANES]);
-            let narrow = Diagonals(&wide).with_simd(pulp::Scalar::new());
-            prop_assert_eq!(narrow, pulp::Arch::new().dispatch(Diagonals(&wide)));
+            let narrow = Diagonals(&wide).with_simd(Scalar::new());
+            prop_assert_eq!(narrow, Arch::new().dispatch(Diagonals(&wide)));
+        }
+
+        /// What lanes give is what machines without lanes give.
+        #[test]
+        fn fans_and_umbrellas_are_the_same_in_any_lane(
+            n in 3..=MOST,
+            corners in prop::array::uniform8(prop::array::uniform3(-1.0f64..1.0)),
+            others in prop::array::uniform8(prop::array::uniform3(-1.0f64..1.0)),
+        ) {
+            let rows = |x: &[[f64; 3]; 8]| [0, 1, 2].map(|k| x.map(|x| x[k]));
+            let seen = [corners, others].map(|x| {
+                [0, 1, 2].map(|k| std::array::from_fn(|i| x[i % n][k]))
+            });
+            let narrow = Fans(&seen, n).with_simd(Scalar::new());
+            prop_assert_eq!(&fans(&seen, n)[..n], &narrow[..n]);
+
+            let umbrellas = Umbrellas {
+                a: rows(&corners),
+                b: rows(&others),
+                first: std::array::from_fn(|i| (i % 2) as f64),
+            };
+            let (x, y, least) = (rows(&others), rows(&corners.map(|x| x.map(|x| x + 0.1))), [1e-3; 8]);
+            let origin = [0.25, 0.5, -0.5];
+            let narrow = Spare { umbrellas: &umbrellas, origin, x: &x, y: &y, least: &least };
+            let narrow = narrow.with_simd(Scalar::new());
+            prop_assert_eq!(umbrellas.spare(origin, &x, &y, &least), narrow);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
 use geom_core::sets::DisjointSets;
-use geom_core::{Aabb, ImplicitField, LatticeValues, Point3, Vector3};
+use geom_core::{Aabb, ImplicitField, Lattice, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, ContourBackend};
@@ -189,7 +189,7 @@ impl<V: LatticeValues + ?Sized> Source<'_, V> {
             let z = (low[2] + (row / SIDE) as i32).min(domain.cells[2]);
             match self {
                 Self::Aligned { values, shift, .. }
-                    if within && self.holds_row(y - shift[1], z - shift[2]) =>
+                    if within && holds_row(values.lattice(), y - shift[1], z - shift[2]) =>
                 {
                     let start = [low[0] - shift[0], y - shift[1], z - shift[2]];
                     values.read_row(start.map(|c| c as usize), &mut along);
@@ -209,13 +209,6 @@ impl<V: LatticeValues + ?Sized> Source<'_, V> {
                 }
             }
         }
-    }
-
-    /// Does the lattice of the values have the row along x at these two indices?
-    fn holds_row(&self, y: i32, z: i32) -> bool {
-        let (Self::Aligned { values, .. } | Self::Resampled { values, .. }) = self;
-        let [_, ny, nz] = values.lattice().counts;
-        y >= 0 && (y as usize) < ny && z >= 0 && (z as usize) < nz
     }
 
     /// The value of the closed block at `low`, if all of its points are known to have it, or at least
@@ -321,6 +314,12 @@ pub(crate) struct Samples<'a> {
     read: Box<dyn Fn([i32; 3]) -> f32 + Sync + 'a>,
 }
 
+/// Does a lattice have the row along x at these two indices?
+fn holds_row(lattice: &Lattice, y: i32, z: i32) -> bool {
+    let [_, ny, nz] = lattice.counts;
+    y >= 0 && (y as usize) < ny && z >= 0 && (z as usize) < nz
+}
+
 /// So many items per stored block, in the lists in which they were made: joining them would cost as much
 /// as making them.
 struct Pieces<T> {
@@ -355,6 +354,14 @@ impl<T> Pieces<T> {
         let list = self.lists.get_mut(place.list as usize)?;
         list.get_mut(place.number as usize * self.per_block..)?
             .get_mut(..self.per_block)
+    }
+}
+
+impl<T> std::ops::Index<Place> for Pieces<T> {
+    type Output = [T];
+
+    fn index(&self, place: Place) -> &[T] {
+        &self.lists[place.list as usize][place.number as usize * self.per_block..][..self.per_block]
     }
 }
 
@@ -580,8 +587,7 @@ impl<'a> Samples<'a> {
 
     /// The signs of the finest cells of a stored block, if labels are plain.
     pub(crate) fn masks_at(&self, slot: usize) -> &[u8] {
-        let masks = self.masks.get(self.places[slot]);
-        masks.expect("signs are found before they are asked for")
+        &self.masks[self.places[slot]]
     }
 
     /// Finds the signs of all stored cells; after this values stay as they are.
@@ -826,8 +832,7 @@ impl<'a> Samples<'a> {
     /// The values of a stored block.
     #[inline]
     fn block_values(&self, slot: usize) -> &[f32] {
-        let values = self.values.get(self.places[slot]);
-        values.expect("stored blocks have values")
+        &self.values[self.places[slot]]
     }
 
     /// The label of a point of a stored block.

@@ -225,7 +225,8 @@ pub(crate) fn root_on_edge(
         if f.abs() < 1e-6 {
             break;
         }
-        let gone = if (f > 0.0) == (low.1 > 0.0) {
+        // As the callers have it, 0 is inside.
+        let gone = if (f >= 0.0) == (low.1 >= 0.0) {
             std::mem::replace(&mut low, (t, f))
         } else {
             std::mem::replace(&mut high, (t, f))
@@ -366,5 +367,37 @@ mod tests {
             }
             assert!(roots > 1000, "{roots} roots");
         }
+    }
+    /// A sample right on the surface counts as inside, and is the root.
+    #[test]
+    fn roots_may_be_samples() {
+        let mut exact = 0;
+        for decay in [0.3, 0.5, 0.7, 1.0, 1.3] {
+            let mut structure = globule(1, 1, 5).filter(|atom| atom == 0);
+            for atom in structure.atoms_mut() {
+                (atom.position, atom.radius) = (Point3::origin(), 2.0);
+            }
+            let levels = crate::Levels {
+                decay,
+                ..crate::Levels::default()
+            };
+            let model = Model::uniform(&structure, &levels).unwrap();
+            let [min, max] = [-6.0, 6.0].map(|x| Point3::from([x; 3]));
+            let options = Options {
+                spacing: 1.0,
+                bounds: Some(geom_core::Aabb::new(min, max)),
+                ..Options::default()
+            };
+            let sampler = PointSampler::above(0.25, &model, options.cutoff).unwrap();
+            let sampled = crate::sample_band(&model, &options, Run::on(&Cpu));
+            let grid = sampled.unwrap().grid;
+            let [p, q] = [[8, 6, 6], [9, 6, 6]];
+            if grid.at(p) >= 1.0 {
+                let root = root_on_edge(&sampler, &grid, p, q);
+                assert!((root - Point3::new(2.0, 0.0, 0.0)).norm() < 1e-5, "{root}");
+                exact += usize::from(grid.at(p) == 1.0);
+            }
+        }
+        assert!(exact > 0, "no sample is right on the surface");
     }
 }

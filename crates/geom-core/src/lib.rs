@@ -13,6 +13,7 @@ pub mod graph;
 pub mod grid;
 pub mod id;
 pub mod isoline;
+pub mod lanes;
 pub mod laplace;
 pub mod lattice;
 pub mod linalg;

@@ -5,8 +5,8 @@
 use geom_core::Point3;
 use geom_core::mesh::EDGES;
 
-use crate::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot, minus};
 use crate::metrics::{JOE_LIU, Measures};
+use geom_core::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot, minus};
 
 /// Tetrahedra whose corners are gathered at a time: a multiple of all widths.
 const BLOCK: usize = 64;
@@ -59,48 +59,48 @@ fn kernel<S: Simd>(corners: &[Vectors<S>; 4]) -> [Lanes<S>; 5] {
     let mut from = [[zero; 3]; 3];
     let mut reach = zero;
     for (x, corner) in from.iter_mut().zip(&corners[1..]) {
-        *x = minus(corner, &corners[0]);
+        *x = minus(*corner, corners[0]);
         for axis in x {
             reach = axis.abs().max(reach);
         }
     }
     let scale = zero.below(reach, reach, one);
-    let unit = one.over(scale);
+    let unit = one / scale;
     for axis in from.iter_mut().flatten() {
         *axis = *axis * unit;
     }
     let [u, v, w] = from;
-    let (bc, bd, cd) = (minus(&v, &u), minus(&w, &u), minus(&w, &v));
+    let (bc, bd, cd) = (minus(v, u), minus(w, u), minus(w, v));
     let (mut sum, mut longest, mut shortest) = (zero, zero, number.all(f64::INFINITY));
     for d in [&u, &v, &w, &bc, &bd, &cd] {
-        let square = dot(d, d);
+        let square = dot(*d, *d);
         sum = sum + square;
         longest = square.max(longest);
         shortest = square.min(shortest);
     }
     // Outward, opposite the corner of the same number.
-    let normals = [cross(&bc, &bd), cross(&w, &v), cross(&u, &w), cross(&v, &u)];
+    let normals = [cross(bc, bd), cross(w, v), cross(u, w), cross(v, u)];
     let mut squares = [zero; 4];
     for (square, n) in squares.iter_mut().zip(&normals) {
-        *square = dot(n, n);
+        *square = dot(*n, *n);
     }
-    let v6 = zero - dot(&normals[3], &w);
+    let v6 = zero - dot(normals[3], w);
     let sum = sum.max(tiny);
-    let joe_liu = (number.all(JOE_LIU) * v6).over(sum * sum.sqrt());
+    let joe_liu = number.all(JOE_LIU) * v6 / (sum * sum.sqrt());
     // Coinciding corners have no shortest edge.
-    let ratio = longest.over(shortest.max(tiny)).sqrt();
+    let ratio = (longest / shortest.max(tiny)).sqrt();
     let ratio = zero.below(shortest, ratio, number.all(f64::INFINITY));
     // Extremes of cos |cos| = ∓ d² n_i² n_j² / Π n², which orders like cos and needs no root, and one
     // division for all.
     let (mut high, mut low) = (number.all(f64::NEG_INFINITY), number.all(f64::INFINITY));
     for ([k, l], [i, j]) in EDGES.into_iter().zip(EDGES.into_iter().rev()) {
-        let d = dot(&normals[k], &normals[l]);
+        let d = dot(normals[k], normals[l]);
         let square = (zero - d) * d.abs() * (squares[i] * squares[j]);
         high = square.max(high);
         low = square.min(low);
     }
     let product = (squares[0] * squares[1]) * (squares[2] * squares[3]);
-    let inverse = one.over(product.max(tiny));
+    let inverse = one / product.max(tiny);
     let flat = |angle: Lanes<S>, otherwise: f64| zero.below(v6, angle, number.all(otherwise));
     [
         v6 * scale * scale * scale,

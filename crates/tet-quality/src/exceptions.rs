@@ -28,8 +28,8 @@ pub enum Cause {
     Fixed,
     /// All its corners lie on surfaces: the body, or the gap, is one tetrahedron wide.
     Narrow,
-    /// It shares a corner with one of [`Cause::Boundary`]: what would help it makes that one, which is
-    /// the worse, worse still.
+    /// It shares a corner with one of [`Cause::Boundary`] that is no better: smoothing attends to the worst
+    /// around a vertex.
     Beside,
     /// No smoothing and no operation makes it better, or the passes were used up.
     Unsolved,
@@ -176,13 +176,16 @@ fn forbidden(work: &Work, t: u32, m: &Measures, goals: &Goals) -> bool {
         || (m.min_dihedral < goals.min_dihedral && in_sharp_wedge(work, t, goals))
 }
 
-/// Does a corner of the tetrahedron also belong to one that the boundary forbids to meet the goals?
+/// Does a corner of the tetrahedron also belong to one that is no better and that the boundary forbids to
+/// meet the goals?
 fn beside_forbidden(work: &Work, t: u32, goals: &Goals) -> bool {
     let tet = work.tets[t as usize];
     let around = tet.iter().flat_map(|&v| work.rings.of(v));
     around.copied().any(|o| {
         let m = measures(work.corners(work.tets[o as usize]));
-        !goals.met_by(&m) && forbidden(work, o, &m, goals)
+        work.q[o as usize] <= work.q[t as usize]
+            && !goals.met_by(&m)
+            && forbidden(work, o, &m, goals)
     })
 }
 
@@ -203,12 +206,25 @@ fn slender(work: &Work, f: [u32; 3], goals: &Goals) -> bool {
 /// that meet, inside its region, at less than the smallest angle? However many share the wedge, none
 /// can have more.
 fn in_sharp_wedge(work: &Work, t: u32, goals: &Goals) -> bool {
-    let tet = work.tets[t as usize];
+    let (tet, region) = (work.tets[t as usize], work.regions[t as usize]);
     let fixed = |v: u32| work.freedom[v as usize] == Freedom::Fixed;
     EDGES.iter().any(|&[i, j]| {
         let (a, b) = (tet[i], tet[j]);
         if !fixed(a) || !fixed(b) {
             return false;
+        }
+        // Alone in its wedge, wherever that lies.
+        let others = [0, 1, 2, 3].into_iter().filter(|&k| k != i && k != j);
+        let mut own = others.clone().map(|k| tet[k]);
+        if let (Some(u), Some(v)) = (own.next(), own.next())
+            && fixed(u)
+            && fixed(v)
+            && others
+                .into_iter()
+                .all(|k| work.region_beyond(t, k) != region)
+        {
+            let [x, y, u, v] = [a, b, u, v].map(|p| work.x[p as usize]);
+            return angle_at(x, y, u, v) < goals.min_dihedral;
         }
         let ring = EdgeRing::new(work, a, b).and_then(EdgeRing::at_interface);
         let Some((ring, first)) = ring else {

@@ -12,7 +12,6 @@ mod flow;
 mod improve;
 mod input;
 mod insert;
-mod lanes;
 pub mod metrics;
 mod operate;
 mod options;

@@ -2,8 +2,8 @@
 
 use geom_core::{Point3, Vector3};
 
-use crate::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot};
 use crate::metrics::{JOE_LIU, SHAPE_WEIGHT};
+use geom_core::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot};
 
 /// The objective counts as raised only by more than this: sweeps end.
 pub(crate) const GAIN: f64 = 1e-9;
@@ -262,14 +262,14 @@ fn value_at<S: Simd>(f: &Face, x: &Vectors<S>) -> Lanes<S> {
     let (zero, tiny) = (number.all(0.0), number.all(f64::MIN_POSITIVE));
     let (a, b, c) = (from(&f.a, x), from(&f.b, x), from(&f.c, x));
     let n = &f.normal;
-    let v6 = dot(&[number.all(n.x), number.all(n.y), number.all(n.z)], &a);
-    let (aa, bb, cc) = (dot(&a, &a), dot(&b, &b), dot(&c, &c));
+    let v6 = dot([number.all(n.x), number.all(n.y), number.all(n.z)], a);
+    let (aa, bb, cc) = (dot(a, a), dot(b, b), dot(c, c));
     let (ab, bc, ca) = (number.all(f.ab), number.all(f.bc), number.all(f.ca));
     let nv = number.all(f.square);
     let sum = aa + bb + cc + ab + bc + ca;
     let cube = (sum * sum * sum).max(tiny);
-    let (na, nb, nc) = (cross(&b, &c), cross(&c, &a), cross(&a, &b));
-    let (na, nb, nc) = (dot(&na, &na), dot(&nb, &nb), dot(&nc, &nc));
+    let (na, nb, nc) = (cross(b, c), cross(c, a), cross(a, b));
+    let (na, nb, nc) = (dot(na, na), dot(nb, nb), dot(nc, nc));
     // sin² at edge ij is 36 V² e² n_i² n_j² / Π n².
     let least = ((aa * na).min(bb * nb).min(cc * nc) * nv)
         .min(ab * na * nb)
@@ -283,7 +283,7 @@ fn value_at<S: Simd>(f: &Face, x: &Vectors<S>) -> Lanes<S> {
     let against = other.below(sine, cube, product.max(tiny));
     let above = zero.below(v6, flatter, zero - number.all(JOE_LIU * JOE_LIU));
     let below = zero.below(v6, against, cube);
-    v6 * v6 * above.over(below)
+    v6 * v6 * (above / below)
 }
 
 /// The objective from its signed square.

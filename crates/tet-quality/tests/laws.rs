@@ -606,6 +606,14 @@ fn the_boundary_that_forbids_is_told_from_the_rest() {
     let result = improved(mesh.clone(), None, &Options::default());
     assert_eq!(result.mesh, mesh);
     assert_eq!(result.report.exceptions.counts, [(Cause::Boundary, 2)]);
+
+    // An interface that ends on the boundary, and leaves 8° on one side.
+    let mut x = mesh.positions()[..2].to_vec();
+    x.extend([outer(0.0), outer(8.0), outer(58.0)]);
+    let mesh = TetMesh::with_regions(x, vec![[0, 1, 2, 3], [0, 1, 3, 4]], vec![1, 2]).unwrap();
+    let result = improved(mesh.clone(), None, &Options::default());
+    assert_eq!(result.mesh, mesh);
+    assert_eq!(result.report.exceptions.counts, [(Cause::Boundary, 1)]);
 }
 
 #[test]

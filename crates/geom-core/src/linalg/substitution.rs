@@ -7,6 +7,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::Scalar;
+use crate::lanes;
 
 /// Rows (columns) of a trapezoid that are handled together.
 const TILE: usize = 4;
@@ -310,7 +311,7 @@ fn assign(
 
 /// One sweep over the supernodes of a task, compiled for the vector registers that the machine has.
 fn run<T: Scalar, const C: usize>(task: &Task, values: &[T], x: &mut [[T; C]], down: bool) {
-    pulp::Arch::new().dispatch(Sweep {
+    lanes::Arch::new().dispatch(Sweep {
         task,
         values,
         x,
@@ -325,13 +326,13 @@ struct Sweep<'a, T, const C: usize> {
     down: bool,
 }
 
-impl<T: Scalar, const C: usize> pulp::WithSimd for Sweep<'_, T, C> {
+impl<T: Scalar, const C: usize> lanes::WithSimd for Sweep<'_, T, C> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
+    fn with_simd<S: lanes::Simd>(self, _: S) {
         // Without the instruction, a fused product is a call.
-        if TypeId::of::<S>() == TypeId::of::<pulp::Scalar>() {
+        if TypeId::of::<S>() == TypeId::of::<lanes::Scalar>() {
             self.run::<false>();
         } else {
             self.run::<true>();
