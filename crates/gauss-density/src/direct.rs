@@ -5,8 +5,8 @@
 //! `q_a(x) > t` may be left out at `x`, whichever they are; it falls with the number of atoms that are left, so
 //! it is taken again for the block, and for each eighth of it. In a brick an atom is also left out where another
 //! one below the same node outweighs it at every point. What remains is a comparison per atom
-//! and box, and per atom and brick three tables of a separable exponential, and the rows of points that lie
-//! within its reach. (The culls of [`members`](crate::members) keep fewer atoms still, but cost more than they
+//! and box, three tables of a separable exponential per atom and eighth, and the rows of points of each brick
+//! that lie within its reach. (The culls of [`members`](crate::members) keep fewer atoms still, but cost more than they
 //! save here.)
 
 use std::ops::Range;

@@ -338,7 +338,7 @@ fn foreign(lab: &mut Lab) -> Outcome {
 }
 
 /// TetGen's mesh inside the surface of the molecule, where TetGen can be installed: what stays below the
-/// goals is a small part, and none of it without a cause in the boundary.
+/// goals is a small part, and a cause is found for each.
 fn tetgen(lab: &mut Lab, molecule: &Molecule) -> Outcome {
     if let Err(missing) = python::with(&["tetgen"]) {
         println!("TetGen is NOT AT HAND, its mesh is left out: {missing}");
