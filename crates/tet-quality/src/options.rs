@@ -127,7 +127,7 @@ pub struct Options {
     pub operations: Operations,
     /// Keep parts of the boundary from passing through each other where the gap between them is not
     /// meshed, for programs that take the surface further. Without this, the walls of gaps narrower than
-    /// a spacing may cross, though every tetrahedron is positive. Takes up to 2.5 times as long where there
+    /// a spacing may cross, though every tetrahedron is positive. Takes up to three times as long where there
     /// are many such gaps; sharp folds around a single vertex may still cross now and then.
     pub keep_apart: bool,
     /// Try to turn inverted tetrahedra first.
