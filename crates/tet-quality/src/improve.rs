@@ -123,7 +123,8 @@ pub struct Improved {
 /// [`Goals`](crate::Goals) are met, nothing changes, or the passes are used up. No operation inverts
 /// a tetrahedron or makes the worst of those it touches worse; regions and their interfaces keep
 /// their topology; box faces stay plane and box edges straight; a cavity that is not meshed keeps at
-/// least a quarter of its volume, so that its wall does not turn inside out.
+/// least a quarter of its volume, so that its wall does not turn inside out. Walls of gaps that are
+/// not meshed may cross unless [`Options::keep_apart`] is set.
 ///
 /// `field` is the density whose level [`Options::level`] the surface vertices lie on. A mesh of which
 /// nothing else is known can move along its own surfaces: [`SurfaceMotion::AlongInput`].
@@ -162,6 +163,7 @@ pub fn improve<B: QualityBackend + ?Sized>(
         state.fix_surface();
     }
     state.work.guard_walls();
+    state.look_across();
     let before = state.report(run)?;
     let inverted = state.work.below(f64::MIN_POSITIVE).len();
     if inverted > 0 && options.untangle {
@@ -317,6 +319,12 @@ impl<'a> State<'a> {
         state
     }
 
+    fn look_across(&mut self) {
+        if self.options.keep_apart {
+            self.work.look_across(self.spacing);
+        }
+    }
+
     /// The vertices of the isosurface stay where they are.
     fn fix_surface(&mut self) {
         for freedom in &mut self.work.freedom {
@@ -389,9 +397,11 @@ impl<'a> State<'a> {
         run: Run<'_, B>,
     ) -> Result<Pass, Error> {
         let mut done = Pass::default();
+        self.look_across();
         let aim = Aim::of(number, self.target);
         self.smooth(number, &aim, &mut done, run)?;
         self.operate(&aim, &mut done);
+        self.look_across();
         self.smooth(number, &aim, &mut done, run)?;
         self.project(&aim, &mut done);
         Ok(done)

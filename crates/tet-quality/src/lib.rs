@@ -9,6 +9,7 @@ mod cpu;
 mod error;
 pub mod exceptions;
 mod flow;
+mod gaps;
 mod improve;
 mod input;
 mod insert;

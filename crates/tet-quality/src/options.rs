@@ -125,6 +125,11 @@ pub struct Options {
     pub surface: SurfaceMotion,
     /// Which topological operations may be used.
     pub operations: Operations,
+    /// Keep parts of the boundary from passing through each other where the gap between them is not
+    /// meshed, for programs that take the surface further. Without this, the walls of gaps narrower than
+    /// a spacing may cross, though every tetrahedron is positive. Takes up to three times as long where there
+    /// are many such gaps; sharp folds around a single vertex may still cross now and then.
+    pub keep_apart: bool,
     /// Try to turn inverted tetrahedra first.
     pub untangle: bool,
     /// Seed of the random search directions of the last passes.
@@ -141,6 +146,7 @@ impl Default for Options {
             deviation: 0.1,
             surface: SurfaceMotion::default(),
             operations: Operations::default(),
+            keep_apart: false,
             untangle: true,
             seed: 1,
         }

@@ -155,7 +155,9 @@ impl Patch {
                 match (freedom, surface) {
                     (Freedom::Field, Some(rules)) => {
                         let start = self.tangent(work, i, rules.field);
-                        if let Some(tangent) = slide_from(start, None, ring, rules) {
+                        let id = self.ids[i];
+                        let may = |x: Point3| id == NEW || work.gap_bears_move(id, x);
+                        if let Some(tangent) = slide_from(start, None, ring, rules, may) {
                             self.x[i] = tangent.at;
                             self.tangents[i] = tangent;
                         }

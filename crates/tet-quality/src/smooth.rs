@@ -225,7 +225,8 @@ pub(crate) fn relax_surface(work: &mut Work, vertices: &[u32], rules: &SurfaceRu
     let step = |work: &Work, v: u32, ring: &mut Ring| {
         load(work, v, ring);
         let start = work.tangent(v, rules.field);
-        slide_from(start, surface_mean(work, v), ring, rules)
+        let may = |x: Point3| work.gap_bears_move(v, x);
+        slide_from(start, surface_mean(work, v), ring, rules, may)
     };
     sweep(work, vertices, on_field, step, Work::put)
 }
@@ -251,8 +252,9 @@ pub(crate) fn project(
         let floor = ring.value(&x.coords) - GAIN;
         [1.0, 0.7, 0.4, 0.2, 0.1].into_iter().find_map(|share| {
             let candidate = x + (foot - x) * share;
-            ring.all_good(&candidate.coords, floor, &good)
-                .then_some(candidate)
+            let may =
+                ring.all_good(&candidate.coords, floor, &good) && work.gap_bears_move(v, candidate);
+            may.then_some(candidate)
         })
     };
     sweep(work, vertices, on_field, step, Work::place)
@@ -316,12 +318,13 @@ pub(crate) fn sweep<T: Send>(
 
 /// A better position for a surface vertex at `start`: near `mean`, or along the surface. The search
 /// goes in the tangent plane, which needs no field; what it finds is pulled back to the isosurface,
-/// and tried in full, in half and in a quarter.
+/// and tried in full, in half and in a quarter, until it `may` go there.
 pub(crate) fn slide_from(
     start: Tangent,
     mean: Option<Point3>,
     ring: &mut Ring,
     rules: &SurfaceRules<'_>,
+    may: impl Fn(Point3) -> bool,
 ) -> Option<Tangent> {
     let field = rules.field;
     let (from, normal) = (start.at.coords, start.normal);
@@ -373,7 +376,8 @@ pub(crate) fn slide_from(
             tangent = field.tangent(&(tangent.at - back));
         }
         let better = tangent.within(most).abs() <= limit
-            && ring.value_above(&tangent.at.coords, best + GAIN).is_some();
+            && ring.value_above(&tangent.at.coords, best + GAIN).is_some()
+            && may(tangent.at);
         better.then_some(tangent)
     })
 }

@@ -131,7 +131,7 @@ fn cone(about: Point3, [a, b, c]: [Point3; 3]) -> f64 {
 }
 
 /// The faces that only one of the tetrahedra has.
-fn hull(tets: impl Iterator<Item = [u32; 4]>) -> Vec<[u32; 3]> {
+pub(crate) fn hull(tets: impl Iterator<Item = [u32; 4]>) -> Vec<[u32; 3]> {
     let mut faces: Vec<([u32; 3], [u32; 3])> = tets
         .flat_map(|tet| {
             FACES.map(|f| {
@@ -169,6 +169,9 @@ impl Work {
 
     /// Moves a vertex, whose tetrahedra are then to be measured anew, unless its wall forbids that.
     pub(crate) fn place(&mut self, v: u32, x: Point3) -> bool {
+        if !self.gap_bears_move(v, x) {
+            return false;
+        }
         if let Some(wall) = Walls::common([self.walls.at(v)]) {
             // What the mesh gains is what the cavity loses.
             let rise: f64 = self
@@ -199,10 +202,12 @@ impl Work {
         rises
             .iter()
             .all(|&(wall, rise)| self.walls.bears(wall, rise))
+            && self.gaps_bear(proposal)
     }
 
     /// Keeps the walls up to date; to be called before the change is made.
     pub(crate) fn change_walls(&mut self, proposal: &Proposal) {
+        self.unclear(proposal);
         for (wall, rise) in self.rises(proposal) {
             self.walls.all[wall].volume += rise;
         }

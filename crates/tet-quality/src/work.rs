@@ -5,6 +5,7 @@ use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
 
+use crate::gaps::Gaps;
 use crate::metrics::quality;
 use crate::surface_field::{Isosurface, Tangent};
 use crate::walls::Walls;
@@ -130,6 +131,7 @@ pub(crate) struct Work {
     /// When something around a vertex last changed: see [`Work::tick`].
     pub(crate) changed: Vec<u32>,
     pub(crate) walls: Walls,
+    pub(crate) gaps: Gaps,
     /// The isosurface at a vertex when it was last asked for: see [`Work::tangent`].
     tangents: Vec<Tangent>,
     clock: u32,
@@ -159,6 +161,7 @@ impl Work {
             colours: Vec::new(),
             changed: Vec::new(),
             walls: Walls::default(),
+            gaps: Gaps::default(),
             tangents: Vec::new(),
             clock: 1,
             empty: Vec::new(),

@@ -4,12 +4,21 @@
 use dual_contour::Method;
 use gauss_density::{Cutoff, Model, PointSampler};
 use geom_core::io::structure::{ReadOptions, read};
-use geom_core::mesh::{SurfaceAudit, VolumeAudit};
-use geom_core::{Cpu, Run};
+use geom_core::mesh::{FACES, SurfaceAudit, VolumeAudit};
+use geom_core::{Cpu, Point3, Run, TetMesh};
 use tet_quality::{Improved, Options, improve};
 
 /// Meshes the bundled protein and improves the mesh at the default options.
 fn protein(method: Method, region: dual_contour::Extent, spacing: f64) -> Improved {
+    protein_with(method, region, spacing, Options::default())
+}
+
+fn protein_with(
+    method: Method,
+    region: dual_contour::Extent,
+    spacing: f64,
+    options: Options,
+) -> Improved {
     let path = fixtures::path("1AJJ.pdb");
     let structure = read(path, &ReadOptions::default()).unwrap().structure;
     let model = Model::uniform(&structure, &Default::default()).unwrap();
@@ -30,7 +39,7 @@ fn protein(method: Method, region: dual_contour::Extent, spacing: f64) -> Improv
     let before = SurfaceAudit::of(&volume.surface);
     let options = Options {
         spacing: Some(spacing),
-        ..Options::default()
+        ..options
     };
     let improved = improve(volume.mesh, Some(&field), &options, Run::on(&Cpu)).unwrap();
     let audit = VolumeAudit::of(&improved.mesh);
@@ -88,4 +97,92 @@ fn the_lattice_method_reaches_25_degrees_on_both_sides() {
         &protein(Method::Lattice, dual_contour::Extent::Both, 1.2),
         25.0,
     );
+}
+
+/// How many edges of the boundary go through one of its triangles, without a common corner.
+fn crossings(mesh: &TetMesh) -> usize {
+    let mut faces: Vec<[u32; 3]> = mesh
+        .tets()
+        .iter()
+        .flat_map(|tet| FACES.map(|f| f.map(|i| tet[i])))
+        .map(|mut face| {
+            face.sort_unstable();
+            face
+        })
+        .collect();
+    faces.sort_unstable();
+    let boundary: Vec<[u32; 3]> = faces
+        .chunk_by(|a, b| a == b)
+        .filter(|group| group.len() == 1)
+        .map(|group| group[0])
+        .collect();
+    let mut edges: Vec<[u32; 2]> = boundary
+        .iter()
+        .flat_map(|&[a, b, c]| [[a, b], [b, c], [a, c]])
+        .collect();
+    edges.sort_unstable();
+    edges.dedup();
+    let x = |v: u32| mesh.positions()[v as usize];
+    // Edges in the order of their lower ends along an axis: those that begin within reach are few.
+    let low = |e: &[u32; 2]| x(e[0]).x.min(x(e[1]).x);
+    edges.sort_by(|a, b| low(a).total_cmp(&low(b)));
+    let longest = edges
+        .iter()
+        .map(|e| (x(e[0]) - x(e[1])).norm())
+        .fold(0.0, f64::max);
+    let six_volume =
+        |a: Point3, b: Point3, c: Point3, d: Point3| (b - a).cross(&(c - a)).dot(&(d - a));
+    boundary
+        .iter()
+        .map(|&triangle| {
+            let [a, b, c] = triangle.map(x);
+            let (min, max) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
+            let first = edges.partition_point(|e| low(e) < min.x - longest);
+            let near = edges[first..].iter().take_while(|e| low(e) <= max.x);
+            near.filter(|e| {
+                let [p, q] = e.map(x);
+                let (from, to) = (p.inf(&q), p.sup(&q));
+                (0..3).all(|k| from[k] <= max[k] && to[k] >= min[k])
+                    && !e.iter().any(|v| triangle.contains(v))
+                    && six_volume(a, b, c, p) * six_volume(a, b, c, q) < 0.0
+                    && {
+                        let s = [(a, b), (b, c), (c, a)].map(|(s, t)| six_volume(p, q, s, t));
+                        s.iter().all(|&v| v > 0.0) || s.iter().all(|&v| v < 0.0)
+                    }
+            })
+            .count()
+        })
+        .sum()
+}
+
+#[test]
+fn walls_of_gaps_that_are_not_meshed_do_not_cross() {
+    use dual_contour::Extent::{Exterior, Interior};
+    let kept_apart = Options {
+        keep_apart: true,
+        ..Options::default()
+    };
+    for (method, region, spacing) in [
+        (Method::DualContour, Interior, 1.3),
+        (Method::DualContour, Exterior, 1.3),
+        (Method::DualContour, Interior, 1.0),
+    ] {
+        // Many do where nothing sees to it.
+        assert!(crossings(&protein(method, region, spacing).mesh) > 5);
+        let improved = protein_with(method, region, spacing, kept_apart);
+        assert_eq!(crossings(&improved.mesh), 0);
+        assert_goals(&improved, 20.0);
+    }
+}
+
+#[test]
+fn what_is_kept_apart_does_not_depend_on_threads() {
+    let options = Options {
+        keep_apart: true,
+        ..Options::default()
+    };
+    geom_core::testing::same_on_any_threads(|| {
+        let region = dual_contour::Extent::Interior;
+        protein_with(Method::DualContour, region, 1.6, options).mesh
+    });
 }
