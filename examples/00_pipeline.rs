@@ -23,6 +23,10 @@ struct Args {
     /// How to mesh
     #[arg(long, value_enum, default_value_t)]
     method: Method,
+    /// Let no walls of gaps that are not meshed cross, for programs that take the surface further; takes
+    /// up to three times as long
+    #[arg(long)]
+    keep_apart: bool,
     #[command(flatten)]
     density: DensityArgs,
     #[command(flatten)]
@@ -36,6 +40,7 @@ Examples:
   00_pipeline 1ajj.pdb --out out
   00_pipeline 2buk.pdb --assembly 1 --out capsid
   00_pipeline 1ajj.pdb --method dual-contour --out thesis
+  00_pipeline 1ajj.pdb --keep-apart --out for-tetgen
   00_pipeline 1su4.pdb --region both --spacing 0.8 --residue-power 0.25 --out both
 
 Outputs: surface.ply, surface.glb (coloured by chain) and surface.png; volume.vtu (regions and quality
@@ -56,6 +61,9 @@ fn main() -> ExitCode {
 }
 
 fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
+    if matches!(args.region, Region::Both) {
+        session.refuse(&["keep_apart"], "is for --region interior and exterior")?;
+    }
     let structure = args.reader.read(session, &args.input)?.structure;
     let model = Model::uniform(&structure, &args.density.model.levels())?;
     let density = args.density.options(&structure, session);
@@ -84,6 +92,7 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
 
     let quality = tet_quality::Options {
         spacing: Some(density.spacing),
+        keep_apart: args.keep_apart,
         ..Default::default()
     };
     let improved = session.stage("improvement", || {

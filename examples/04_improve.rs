@@ -46,6 +46,10 @@ struct Tets {
     /// most; edges and corners where it turns by 40° or more stay [default: what is not plane stays]
     #[arg(long, value_name = "SHARE")]
     deviation: Option<f64>,
+    /// Let no walls of gaps that are not meshed cross, for programs that take the surface further; takes
+    /// up to three times as long
+    #[arg(long)]
+    keep_apart: bool,
     /// Most passes
     #[arg(long, value_name = "N")]
     passes: Option<u32>,
@@ -132,6 +136,7 @@ fn better_tets(args: &Args, mesh: TetMesh, session: &Session) -> Result<(), Fail
         } else {
             SurfaceMotion::default()
         },
+        keep_apart: asked.keep_apart,
         ..Options::default()
     };
     session.note("improvement", options)?;
@@ -155,9 +160,9 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
         .or(t.max_dihedral)
         .or(t.joe_liu)
         .or(t.edge_ratio);
-    if angles.or(t.deviation).is_some() || t.passes.is_some() {
+    if angles.or(t.deviation).is_some() || t.passes.is_some() || t.keep_apart {
         return Err(
-            "--min-dihedral, --max-dihedral, --joe-liu, --edge-ratio, --deviation and --passes are for meshes of tetrahedra".into(),
+            "--min-dihedral, --max-dihedral, --joe-liu, --edge-ratio, --deviation, --keep-apart and --passes are for meshes of tetrahedra".into(),
         );
     }
     let asked = &args.triangles;

@@ -606,6 +606,11 @@ fn options_without_effect_are_refused() {
             &[&atoms, "--method", "all-atoms", "--cutoff", "0.1"],
             "--cutoff does nothing",
         ),
+        (
+            "00_pipeline",
+            &[&atoms, "--region", "both", "--keep-apart"],
+            "--keep-apart is for",
+        ),
     ];
     for (name, args, says) in cases {
         let out = folder.path().join("out");
