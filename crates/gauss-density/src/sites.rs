@@ -368,6 +368,7 @@ mod tests {
             assert!(roots > 1000, "{roots} roots");
         }
     }
+
     /// A sample right on the surface counts as inside, and is the root.
     #[test]
     fn roots_may_be_samples() {

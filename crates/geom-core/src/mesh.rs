@@ -225,6 +225,14 @@ impl QuadMesh {
     pub fn into_parts(self) -> (Vec<Point3>, Vec<[u32; 4]>) {
         (self.positions, self.quads)
     }
+    /// Each quad cut in two along its first diagonal.
+    pub fn into_triangles(self) -> TriMesh {
+        let halves = |&[a, b, c, d]: &[u32; 4]| [[a, b, c], [a, c, d]];
+        TriMesh {
+            triangles: self.quads.iter().flat_map(halves).collect(),
+            positions: self.positions,
+        }
+    }
 }
 
 /// The number of a material of a [`TetMesh`].

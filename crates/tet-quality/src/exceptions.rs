@@ -20,7 +20,8 @@ pub const NAMED: usize = 100;
 #[non_exhaustive]
 pub enum Cause {
     /// The boundary forbids it: a boundary triangle that may not move is itself too slender, or lies
-    /// with another such triangle on the two sides of too sharp a wedge. No tetrahedra inside can meet the goals there.
+    /// with another such triangle on the two sides of too sharp a wedge. No tetrahedra inside can meet
+    /// the goals there.
     Boundary,
     /// Surfaces touch or meet in one of its corners, which therefore stays.
     Junction,

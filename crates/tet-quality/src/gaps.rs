@@ -3,7 +3,7 @@
 //! face each other across a gap are looked for now and then, and no change there may let more
 //! triangles cross.
 
-use geom_core::mesh::FACES;
+use geom_core::mesh::{FACES, six_volume};
 use geom_core::{Aabb, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -148,17 +148,12 @@ fn pairs(sides: &[Side], x: &[Point3], reach: f64) -> Vec<Pair> {
     pairs
 }
 
-/// Six times the signed volume of the tetrahedron.
-fn volume([a, b, c]: [Point3; 3], d: Point3) -> f64 {
-    (b - a).cross(&(c - a)).dot(&(d - a))
-}
-
 /// Does the segment go through the triangle?
 fn pierces([p, q]: [Point3; 2], [a, b, c]: [Point3; 3]) -> bool {
-    if volume([a, b, c], p) * volume([a, b, c], q) >= 0.0 {
+    if six_volume([a, b, c, p]) * six_volume([a, b, c, q]) >= 0.0 {
         return false;
     }
-    let turns = [[a, b], [b, c], [c, a]].map(|[s, t]| volume([p, q, s], t));
+    let turns = [[a, b], [b, c], [c, a]].map(|[s, t]| six_volume([p, q, s, t]));
     turns.iter().all(|&v| v >= 0.0) || turns.iter().all(|&v| v <= 0.0)
 }
 
@@ -196,6 +191,14 @@ impl Boxed {
                 && pierces(ends.map(|k| self.corners[k]), other.corners)
         })
     }
+}
+
+/// Each of them once, in order.
+fn distinct<T: Ord>(items: impl Iterator<Item = T>) -> Vec<T> {
+    let mut items: Vec<T> = items.collect();
+    items.sort_unstable();
+    items.dedup();
+    items
 }
 
 fn sorted(mut face: [u32; 3]) -> [u32; 3] {
@@ -267,22 +270,11 @@ impl Work {
         };
     }
 
-    /// The triangles of the boundary around a vertex, their corners sorted.
+    /// The triangles of the boundary around a vertex, in order, their corners sorted.
     fn boundary_around(&self, v: u32) -> Vec<[u32; 3]> {
-        let free = |u: u32| matches!(self.freedom[u as usize], Freedom::Free);
-        let mut faces = Vec::with_capacity(24);
-        for &t in self.rings.of(v) {
-            let tet = self.tets[t as usize];
-            let inner = tet.map(free);
-            for (k, face) in FACES.into_iter().enumerate() {
-                if tet[k] != v && !face.iter().any(|&i| inner[i]) {
-                    faces.push(sorted(face.map(|i| tet[i])));
-                }
-            }
-        }
-        faces.sort_unstable();
-        let once = faces.chunk_by(|a, b| a == b).filter(|g| g.len() == 1);
-        once.map(|g| g[0]).collect()
+        let tets = self.rings.of(v).iter().map(|&t| self.tets[t as usize]);
+        let faces = hull(tets).into_iter().map(sorted);
+        faces.filter(|f| f.contains(&v)).collect()
     }
 
     /// The triangles of the boundary around a vertex at a gap, their corners sorted.
@@ -325,21 +317,9 @@ impl Work {
     ) -> usize {
         let new: Vec<Boxed> = new.iter().map(|&t| Boxed::new(t, &at)).collect();
         let all = new.iter().fold(Aabb::EMPTY, |all, t| all.union(&t.bounds));
-        let mut around: Vec<u32> = near
-            .iter()
-            .flat_map(|&v| self.gaps.of(v))
-            .copied()
-            .collect();
-        around.sort_unstable();
-        around.dedup();
-        let mut others: Vec<[u32; 3]> = around
-            .into_iter()
-            .flat_map(|u| self.star(u))
-            .filter(|t| gone.binary_search(t).is_err())
-            .collect();
-        others.sort_unstable();
-        others.dedup();
-        let others: Vec<Boxed> = others
+        let around = distinct(near.iter().flat_map(|&v| self.gaps.of(v)).copied());
+        let others = around.into_iter().flat_map(|u| self.star(u));
+        let others: Vec<Boxed> = distinct(others.filter(|t| gone.binary_search(t).is_err()))
             .into_iter()
             .map(|t| Boxed::new(t, &at))
             .filter(|t| t.bounds.intersects(&all) && new.iter().all(|n| n.ids != t.ids))
@@ -412,17 +392,10 @@ impl Work {
         let (new, gone) = if self.changes_boundary(proposal) {
             self.change_of_boundary(proposal, &moved)
         } else {
-            let mut stars: Vec<[u32; 3]> = moved
-                .iter()
-                .flat_map(|&v| self.boundary_around(v))
-                .collect();
-            stars.sort_unstable();
-            stars.dedup();
+            let stars = distinct(moved.iter().flat_map(|&v| self.boundary_around(v)));
             (stars.clone(), stars)
         };
-        let mut near: Vec<u32> = new.iter().chain(&gone).flatten().copied().collect();
-        near.sort_unstable();
-        near.dedup();
+        let near = distinct(new.iter().chain(&gone).flatten().copied());
         self.crosses_no_more(&near, &new, &gone, then)
     }
 
@@ -446,10 +419,8 @@ impl Work {
         proposal: &Proposal,
         moved: &[u32],
     ) -> (Vec<[u32; 3]>, Vec<[u32; 3]>) {
-        let mut patch = proposal.remove.clone();
-        patch.extend(moved.iter().flat_map(|&v| self.rings.of(v)));
-        patch.sort_unstable();
-        patch.dedup();
+        let around = moved.iter().flat_map(|&v| self.rings.of(v));
+        let patch = distinct(proposal.remove.iter().chain(around).copied());
         let tet_of = |&t: &u32| self.tets[t as usize];
         let faces = |tets: &mut dyn Iterator<Item = [u32; 4]>| -> Vec<[u32; 3]> {
             hull(tets).into_iter().map(sorted).collect()

@@ -163,10 +163,10 @@ pub fn improve<B: QualityBackend + ?Sized>(
         state.fix_surface();
     }
     state.work.guard_walls();
-    state.look_across();
     let before = state.report(run)?;
     let inverted = state.work.below(f64::MIN_POSITIVE).len();
     if inverted > 0 && options.untangle {
+        state.look_across();
         untangle(&mut state.work, run)?;
     }
     let mut elements = state.work.below(f64::MIN_POSITIVE);

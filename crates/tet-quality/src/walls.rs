@@ -5,6 +5,7 @@
 
 use geom_core::Point3;
 use geom_core::mesh::{EDGES, FACES, VertexKind, six_volume};
+use geom_core::sets::DisjointSets;
 use rayon::prelude::*;
 
 use crate::proposal::{NEW, Proposal};
@@ -34,7 +35,7 @@ impl Walls {
     /// The walls of a mesh, from the faces of its boundary, counter-clockwise from outside.
     pub(crate) fn new(x: &[Point3], faces: &[[u32; 3]]) -> Self {
         // Faces with a common edge belong together.
-        let mut parent: Vec<u32> = (0..faces.len() as u32).collect();
+        let mut sets = DisjointSets::new(faces.len());
         let mut edges: Vec<([u32; 2], u32)> = (0u32..)
             .zip(faces)
             .flat_map(|(f, &[a, b, c])| {
@@ -43,13 +44,10 @@ impl Walls {
             .collect();
         edges.sort_unstable();
         for pair in edges.windows(2).filter(|p| p[0].0 == p[1].0) {
-            let (a, b) = (root(&mut parent, pair[0].1), root(&mut parent, pair[1].1));
-            // The lower one stays, so that a part goes by its first face.
-            parent[a.max(b) as usize] = a.min(b);
+            sets.join(pair[0].1, pair[1].1);
         }
-        let parts: Vec<u32> = (0..faces.len() as u32)
-            .map(|f| root(&mut parent, f))
-            .collect();
+        // A part goes by its first face.
+        let parts = sets.into_roots();
         let mut volumes = vec![0.0; faces.len()];
         for (face, &part) in faces.iter().zip(&parts) {
             let about = x[faces[part as usize][0] as usize];
@@ -117,17 +115,9 @@ impl Walls {
     }
 }
 
-fn root(parent: &mut [u32], mut f: u32) -> u32 {
-    while parent[f as usize] != f {
-        parent[f as usize] = parent[parent[f as usize] as usize];
-        f = parent[f as usize];
-    }
-    f
-}
-
 /// Six times the signed volume between a point and a triangle.
 fn cone(about: Point3, [a, b, c]: [Point3; 3]) -> f64 {
-    (a - about).dot(&(b - about).cross(&(c - about)))
+    six_volume([about, a, b, c])
 }
 
 /// The faces that only one of the tetrahedra has.

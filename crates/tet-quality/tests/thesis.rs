@@ -4,8 +4,8 @@
 use dual_contour::Method;
 use gauss_density::{Cutoff, Model, PointSampler};
 use geom_core::io::structure::{ReadOptions, read};
-use geom_core::mesh::{FACES, SurfaceAudit, VolumeAudit};
-use geom_core::{Cpu, Point3, Run, TetMesh};
+use geom_core::mesh::{SurfaceAudit, VolumeAudit, six_volume};
+use geom_core::{Cpu, Run, TetMesh};
 use tet_quality::{Improved, Options, improve};
 
 /// Meshes the bundled protein and improves the mesh at the default options.
@@ -99,30 +99,18 @@ fn the_lattice_method_reaches_25_degrees_on_both_sides() {
     );
 }
 
-/// How many edges of the boundary go through one of its triangles, without a common corner.
+/// How many edges of the boundary of a mesh of one region go through one of its triangles, without a
+/// common corner.
 fn crossings(mesh: &TetMesh) -> usize {
-    let mut faces: Vec<[u32; 3]> = mesh
-        .tets()
-        .iter()
-        .flat_map(|tet| FACES.map(|f| f.map(|i| tet[i])))
-        .map(|mut face| {
-            face.sort_unstable();
-            face
-        })
-        .collect();
-    faces.sort_unstable();
-    let boundary: Vec<[u32; 3]> = faces
-        .chunk_by(|a, b| a == b)
-        .filter(|group| group.len() == 1)
-        .map(|group| group[0])
-        .collect();
+    let boundary = mesh.region_surface(mesh.regions()[0]);
     let mut edges: Vec<[u32; 2]> = boundary
+        .triangles()
         .iter()
-        .flat_map(|&[a, b, c]| [[a, b], [b, c], [a, c]])
+        .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]].map(|[u, v]| [u.min(v), u.max(v)]))
         .collect();
     edges.sort_unstable();
     edges.dedup();
-    let x = |v: u32| mesh.positions()[v as usize];
+    let x = |v: u32| boundary.positions()[v as usize];
     // Edges in the order of their lower ends along an axis: those that begin within reach are few.
     let low = |e: &[u32; 2]| x(e[0]).x.min(x(e[1]).x);
     edges.sort_by(|a, b| low(a).total_cmp(&low(b)));
@@ -130,9 +118,8 @@ fn crossings(mesh: &TetMesh) -> usize {
         .iter()
         .map(|e| (x(e[0]) - x(e[1])).norm())
         .fold(0.0, f64::max);
-    let six_volume =
-        |a: Point3, b: Point3, c: Point3, d: Point3| (b - a).cross(&(c - a)).dot(&(d - a));
     boundary
+        .triangles()
         .iter()
         .map(|&triangle| {
             let [a, b, c] = triangle.map(x);
@@ -144,9 +131,9 @@ fn crossings(mesh: &TetMesh) -> usize {
                 let (from, to) = (p.inf(&q), p.sup(&q));
                 (0..3).all(|k| from[k] <= max[k] && to[k] >= min[k])
                     && !e.iter().any(|v| triangle.contains(v))
-                    && six_volume(a, b, c, p) * six_volume(a, b, c, q) < 0.0
+                    && six_volume([a, b, c, p]) * six_volume([a, b, c, q]) < 0.0
                     && {
-                        let s = [(a, b), (b, c), (c, a)].map(|(s, t)| six_volume(p, q, s, t));
+                        let s = [(a, b), (b, c), (c, a)].map(|(s, t)| six_volume([p, q, s, t]));
                         s.iter().all(|&v| v > 0.0) || s.iter().all(|&v| v < 0.0)
                     }
             })

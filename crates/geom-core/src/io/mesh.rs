@@ -217,11 +217,7 @@ impl AnyMesh {
     pub fn into_triangles(self) -> TriMesh {
         match self {
             Self::Tri(mesh) => mesh,
-            Self::Quad(mesh) => {
-                let view = View::from(&mesh);
-                let triangles = view.triangles();
-                TriMesh::new(mesh.positions().to_vec(), triangles).expect("halves of valid quads")
-            }
+            Self::Quad(mesh) => mesh.into_triangles(),
             Self::Tet(mesh) => {
                 let region = match mesh.regions().contains(&INTERIOR) {
                     true => INTERIOR,
