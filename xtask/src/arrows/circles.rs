@@ -72,3 +72,57 @@ impl Search<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::modules;
+    use super::*;
+
+    /// The circles of a crate of these files.
+    fn circles_of(files: &[(&str, &str)]) -> Vec<String> {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        }
+        let modules = modules::read(folder.path()).unwrap();
+        circles(&modules, &modules::arrows(&modules))
+    }
+
+    #[test]
+    fn a_circle_is_found_through_re_exports_and_paths() {
+        let root = (
+            "lib.rs",
+            "mod a; mod b; mod c; pub use b::{self as other, B};",
+        );
+        // a names b by a re-export of the root, b names c in its body, c names a in a type.
+        let found = circles_of(&[
+            root,
+            ("a.rs", "use crate::B; pub struct A;"),
+            ("b/mod.rs", "pub struct B; fn f() { super::c::g(); }"),
+            ("c.rs", "pub fn g() {} fn h(a: &crate::a::A) {}"),
+        ]);
+        assert_eq!(found, ["a ⇄ b ⇄ c"]);
+        let open = circles_of(&[
+            root,
+            ("a.rs", "use crate::other::B; pub struct A;"),
+            ("b.rs", "pub struct B; fn f() { super::c::g(); }"),
+            (
+                "c.rs",
+                "pub fn g() {} #[cfg(test)] mod tests { use crate::a::A; }",
+            ),
+        ]);
+        assert!(open.is_empty(), "tests do not count: {open:?}");
+    }
+
+    #[test]
+    fn a_child_may_use_its_parents_types() {
+        let found = circles_of(&[
+            ("lib.rs", "mod a;"),
+            ("a/mod.rs", "mod b; pub struct A; pub use b::B;"),
+            ("a/b.rs", "use super::A; pub struct B(A);"),
+        ]);
+        assert!(found.is_empty(), "{found:?}");
+    }
+}
