@@ -109,9 +109,11 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
     let surface = products::molecule_surface(&mesh);
     products::note_volume(session, &mesh)?;
     products::note_surface(session, &surface)?;
-    session.stage("files and pictures", || {
-        products::save_surface(session, "surface", &surface, Some(&structure))?;
-        products::save_volume(session, "volume", &mesh)?;
+    session.files(7, || {
+        products::side_by_side(
+            || products::save_surface(session, "surface", &surface, Some(&structure)),
+            || products::save_volume(session, "volume", &mesh),
+        )?;
         products::picture_of_quality(session, "quality", &report.before.all, &report.after.all)
     })
 }

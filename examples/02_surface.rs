@@ -58,7 +58,7 @@ fn contour(args: &Args, session: &Session) -> Result<(), Failure> {
     })?;
     session.note("contour", &made.report)?;
     products::note_surface(session, &made.mesh)?;
-    session.stage("files and pictures", || {
+    session.files(3, || {
         products::save_surface(session, "surface", &made.mesh, source.structure())
     })
 }

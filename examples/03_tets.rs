@@ -107,8 +107,10 @@ fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("quality", tet_quality::quality_report(&made.mesh))?;
     products::note_volume(session, &made.mesh)?;
     products::note_surface(session, &made.surface)?;
-    session.stage("files and pictures", || {
-        products::save_surface(session, "surface", &made.surface, source.structure())?;
-        products::save_volume(session, "volume", &made.mesh)
+    session.files(6, || {
+        products::side_by_side(
+            || products::save_surface(session, "surface", &made.surface, source.structure()),
+            || products::save_volume(session, "volume", &made.mesh),
+        )
     })
 }

@@ -147,7 +147,7 @@ fn better_tets(args: &Args, mesh: TetMesh, session: &Session) -> Result<(), Fail
     let (mesh, report) = (improved.mesh, improved.report);
     session.note("quality", &report)?;
     products::note_volume(session, &mesh)?;
-    session.stage("files and pictures", || {
+    session.files(4, || {
         products::save_volume(session, "improved", &mesh)?;
         products::picture_of_quality(session, "quality", &report.before.all, &report.after.all)
     })
@@ -192,7 +192,7 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
     let report = made.report;
     session.note("quality", &report)?;
     products::note_surface(session, &made.mesh)?;
-    session.stage("files and pictures", || {
+    session.files(4, || {
         products::save_surface(session, "improved", &made.mesh, None)?;
         let counts = [&report.before, &report.after]
             .map(|r| r.min_angle_histogram.iter().map(|&n| n as u64).collect());

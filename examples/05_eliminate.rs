@@ -149,7 +149,17 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
         surface(&original, &before.grid, session)?,
         surface(&reduced, &after.grid, session)?,
     ];
-    session.stage("files and pictures", || {
+    // Each surface against the density of the other model, whose value there should be 1.
+    let errors = session.stage("errors", || {
+        let first = errors(&surfaces[0], &reduced)?;
+        Ok::<_, Failure>([first, errors(&surfaces[1], &original)?])
+    })?;
+    for (name, errors) in ["original", "reduced"].into_iter().zip(&errors) {
+        let most = errors.iter().copied().fold(0.0, f64::max);
+        let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
+        session.note("errors", json!({ name: { "max": most, "mean": mean } }))?;
+    }
+    session.files(6 + u64::from(args.refit), || {
         io::pqr::save(
             session.output("reduced.pqr")?,
             &remaining(&structure, &eliminated.kept, &reduced),
@@ -157,20 +167,10 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
         if args.refit {
             save_parameters(session, &reduced)?;
         }
-        // Each surface against the density of the other model, whose value there should be 1.
-        let errors = [
-            errors(&surfaces[0], &reduced)?,
-            errors(&surfaces[1], &original)?,
-        ];
-        for (name, errors) in ["original", "reduced"].into_iter().zip(&errors) {
-            let most = errors.iter().copied().fold(0.0, f64::max);
-            let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
-            session.note("errors", json!({ name: { "max": most, "mean": mean } }))?;
-        }
         let top = 1.5 * args.epsilon.max(1e-3);
         let scale = Scale::new(ColorMap::Heat, [0.0, top], "|1 − G| / G");
         let view = View::principal(surfaces[0].positions()).turned(0.25, 0.2);
-        let mut pictures = Vec::new();
+        let mut scenes = Vec::new();
         for ((name, atoms), (mesh, errors)) in [("original", all), ("reduced", left)]
             .into_iter()
             .zip(surfaces.iter().zip(&errors))
@@ -178,11 +178,15 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
             let layer = products::save_scalars(session, name, mesh, errors, &scale)?;
             let mut scene = Scene::new(vec![layer], view);
             scene.scale = Some(scale.clone());
-            let title = format!("{name}: {} atoms", grouped(atoms));
-            pictures.push((title, scene.draw(session.rasterizer()?, [940, 760])?));
+            scenes.push((format!("{name}: {} atoms", grouped(atoms)), scene));
         }
-        sheet(&pictures, 2).save(session.output("error.png")?)?;
-        Ok::<_, Failure>(())
+        session.picture("error", || {
+            let mut pictures = Vec::new();
+            for (title, scene) in scenes {
+                pictures.push((title, scene.draw(session.rasterizer()?, [940, 760])?));
+            }
+            Ok(sheet(&pictures, 2))
+        })
     })
 }
 

@@ -11,6 +11,7 @@ use clap::Parser;
 use geom_core::io::{self, view::View as Fields};
 use geom_core::spectral::{Options, eigenpairs};
 use geom_core::{TriMesh, laplace};
+use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::json;
 
@@ -95,7 +96,7 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("clusters", &pairs.clusters)?;
     session.note("spectral", &pairs.report)?;
 
-    session.stage("files and pictures", || {
+    session.files(4 + pairs.values.len() as u64, || {
         let area = mesh.area();
         let dna = json!({
             "eigenvalues": pairs.values,
@@ -108,25 +109,39 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
             Ok(writeln!(w, "{text}")?)
         })?;
 
-        let view = View::principal(mesh.positions()).turned(0.25, 0.2);
-        let mut pictures = Vec::new();
+        let paints: Vec<Paint> = pairs
+            .vectors
+            .iter()
+            .map(|mode| Paint::Vertices(Scale::symmetric(mode, "").colors(mode)))
+            .collect();
         let mut fields = Fields::from(&mesh);
-        for (i, (value, mode)) in pairs.values.iter().zip(&pairs.vectors).enumerate() {
-            let number = i + 1;
-            let colors = Scale::symmetric(mode, "").colors(mode);
-            let colored = Fields::from(&mesh).colored(products::rgba(&colors))?;
-            io::mesh::save(session.output(format!("mode_{number:02}.glb"))?, &colored)?;
+        for (mode, number) in pairs.vectors.iter().zip(1..) {
             fields = fields.point_field(&format!("mode_{number:02}"), mode)?;
-            if pictures.len() < SHOWN {
-                let mut layer = Layer::surface(&mesh, Paint::Vertices(colors));
-                layer.edges = false;
-                let image =
-                    Scene::new(vec![layer], view).draw(session.rasterizer()?, [420, 330])?;
-                pictures.push((format!("{number}: λ = {}", products::brief(*value)), image));
-            }
         }
         io::mesh::save(session.output("modes.vtu")?, &fields)?;
-        sheet(&pictures, 4).save(session.output("modes.png")?)?;
+        paints.par_iter().enumerate().try_for_each(|(i, paint)| {
+            let Paint::Vertices(colors) = paint else {
+                unreachable!("made above")
+            };
+            let colored = Fields::from(&mesh).colored(products::rgba(colors))?;
+            let path = session.output(format!("mode_{:02}.glb", i + 1))?;
+            Ok::<_, Failure>(io::mesh::save(path, &colored)?)
+        })?;
+        session.picture("modes", || {
+            let view = View::principal(mesh.positions()).turned(0.25, 0.2);
+            let mut layer = Layer::surface(&mesh, Paint::Plain(products::GOLD));
+            layer.edges = false;
+            let shown = &paints[..paints.len().min(SHOWN)];
+            let images = Scene::new(vec![layer], view).draw_each(
+                session.rasterizer()?,
+                [420, 330],
+                shown,
+            )?;
+            let title =
+                |(i, value): (usize, &f64)| format!("{}: λ = {}", i + 1, products::brief(*value));
+            let titles = pairs.values.iter().enumerate().map(title);
+            Ok(sheet(&titles.zip(images).collect::<Vec<_>>(), 4))
+        })?;
         let points = (1..)
             .zip(&pairs.values)
             .map(|(k, &v)| (f64::from(k), v))
@@ -140,14 +155,10 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
             "Spectrum: {} vertices, area {area:.1} Å²",
             products::grouped(mesh.positions().len())
         );
-        lines(
-            &[curve],
-            &title,
-            ["number", "eigenvalue / Å⁻²"],
-            [1100, 680],
-        )
-        .save(session.output("spectrum.png")?)?;
-        Ok::<_, Failure>(())
+        session.picture("spectrum", || {
+            let axes = ["number", "eigenvalue / Å⁻²"];
+            Ok(lines(&[curve], &title, axes, [1100, 680]))
+        })
     })
 }
 

@@ -47,6 +47,9 @@ pub struct Common {
     /// What draws the pictures
     #[arg(long, value_enum, default_value_t)]
     pub renderer: Renderer,
+    /// No PNG pictures
+    #[arg(long)]
+    pub no_pictures: bool,
     /// No progress bars and no summary
     #[arg(long, short)]
     pub quiet: bool,

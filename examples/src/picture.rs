@@ -6,16 +6,19 @@
 
 mod canvas;
 mod color;
+mod cut;
 mod plot;
 mod raster_cpu;
 mod raster_gpu;
 mod scene;
+mod shade;
 mod slice;
 
 pub use canvas::{Image, sheet};
 pub use color::{ColorMap, Rgb, Scale, mix, region_color};
+pub use cut::cut_tets;
 pub use plot::{Bars, Curve, histogram, lines};
-pub use scene::{Layer, Paint, Scene, View, cut_tets};
+pub use scene::{Layer, Paint, Scene, View};
 pub use slice::slice;
 
 use geom_core::Wgpu;
@@ -40,7 +43,7 @@ pub enum Rasterizer {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Renderer {
-    /// The GPU if there is an adapter, else the CPU.
+    /// The GPU if the kernels run on one, too, else the CPU.
     #[default]
     Auto,
     /// A wgpu adapter, hardware or software.
@@ -53,10 +56,11 @@ impl Rasterizer {
     /// The asked one. `gpu` is a device that is already open, if there is one.
     pub fn new(renderer: Renderer, gpu: Option<&Wgpu>) -> Result<Self, geom_core::GpuError> {
         match (renderer, gpu) {
-            (Renderer::Cpu, _) => Ok(Self::Cpu),
+            // A device that is not open yet takes longer to open than the picture to draw.
+            (Renderer::Cpu, _) | (Renderer::Auto, None) => Ok(Self::Cpu),
+            (Renderer::Auto, Some(gpu)) if gpu.gpu().is_software() => Ok(Self::Cpu),
             (_, Some(gpu)) => Ok(Self::Gpu(gpu.clone())),
             (Renderer::Wgpu, None) => Ok(Self::Gpu(Wgpu::new()?)),
-            (Renderer::Auto, None) => Ok(Wgpu::new().map_or(Self::Cpu, Self::Gpu)),
         }
     }
 

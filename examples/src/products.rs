@@ -8,7 +8,8 @@ use serde_json::json;
 use tet_quality::{Measures, Summary};
 
 use crate::picture::{
-    Bars, ColorMap, Layer, Paint, Rgb, Scale, Scene, View, cut_tets, histogram, mix, region_color,
+    Bars, ColorMap, Image, Layer, Paint, Rgb, Scale, Scene, View, cut_tets, histogram, mix,
+    region_color,
 };
 use crate::{Failure, Session};
 
@@ -61,8 +62,19 @@ pub fn save_surface(
         Some(structure) => chain_colors(structure, mesh)?,
         None => vec![GOLD; mesh.positions().len()],
     };
-    save_colored(session, name, mesh, &colors)?;
-    picture_of_surface(session, name, mesh, colors)
+    side_by_side(
+        || save_colored(session, name, mesh, &colors),
+        || picture_of_surface(session, name, mesh, colors.clone()),
+    )
+}
+
+/// Does both at the same time.
+pub fn side_by_side(
+    one: impl FnOnce() -> Result<(), Failure> + Send,
+    other: impl FnOnce() -> Result<(), Failure> + Send,
+) -> Result<(), Failure> {
+    let (one, other) = rayon::join(one, other);
+    one.and(other)
 }
 
 /// Writes `NAME.png`: a surface with a colour per vertex.
@@ -72,18 +84,17 @@ pub fn picture_of_surface(
     mesh: &TriMesh,
     colors: Vec<Rgb>,
 ) -> Result<(), Failure> {
-    let view = View::principal(mesh.positions()).turned(0.25, 0.2);
-    let mut scene = Scene::new(vec![Layer::surface(mesh, Paint::Vertices(colors))], view);
-    scene.caption = Some(format!(
-        "{} triangles · {} Å² around {} Å³",
-        grouped(mesh.triangles().len()),
-        grouped(mesh.area().round() as usize),
-        grouped(mesh.volume().abs().round() as usize)
-    ));
-    scene
-        .draw(session.rasterizer()?, SIZE)?
-        .save(session.output(format!("{name}.png"))?)?;
-    Ok(())
+    session.picture(name, || {
+        let view = View::principal(mesh.positions()).turned(0.25, 0.2);
+        let mut scene = Scene::new(vec![Layer::surface(mesh, Paint::Vertices(colors))], view);
+        scene.caption = Some(format!(
+            "{} triangles · {} Å² around {} Å³",
+            grouped(mesh.triangles().len()),
+            grouped(mesh.area().round() as usize),
+            grouped(mesh.volume().abs().round() as usize)
+        ));
+        Ok(scene.draw(session.rasterizer()?, SIZE)?)
+    })
 }
 
 /// Writes `NAME.ply` and `NAME.glb`, coloured by values on the vertices; gives what to draw.
@@ -108,9 +119,13 @@ fn save_colored(
     colors: &[Rgb],
 ) -> Result<(), Failure> {
     let view = Fields::from(mesh).colored(rgba(colors))?;
-    io::mesh::save(session.output(format!("{name}.ply"))?, &view)?;
-    io::mesh::save(session.output(format!("{name}.glb"))?, &view)?;
-    Ok(())
+    let save = |kind| {
+        Ok(io::mesh::save(
+            session.output(format!("{name}.{kind}"))?,
+            &view,
+        )?)
+    };
+    side_by_side(|| save("ply"), || save("glb"))
 }
 
 /// A whole number with its digits in groups of three.
@@ -198,27 +213,31 @@ pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), 
         .cell_field("edge_ratio", &edges)?
         .cell_field("radius_ratio", &radii)?
         .cell_field("aspect_ratio", &aspect)?;
-    io::mesh::save(session.output(format!("{name}.vtu"))?, &fields)?;
-    io::mesh::save(session.output(format!("{name}.msh"))?, &Fields::from(mesh))?;
-    draw_volume(session, name, mesh, &measures)
+    let vtu = || {
+        Ok(io::mesh::save(
+            session.output(format!("{name}.vtu"))?,
+            &fields,
+        )?)
+    };
+    let msh = || {
+        let path = session.output(format!("{name}.msh"))?;
+        Ok(io::mesh::save(path, &Fields::from(mesh))?)
+    };
+    let png = || session.picture(name, || draw_volume(session, mesh, &measures));
+    side_by_side(|| side_by_side(vtu, msh), png)
 }
 
 /// Writes `NAME.png`: a cut through the mesh. Tetrahedra of the molecule are coloured by their smallest
 /// dihedral angle; those of other regions have the region's colour, darker where that angle is small.
 pub fn picture_of_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), Failure> {
-    let measures = session
-        .device
-        .quality()
-        .measure(mesh.positions(), mesh.tets())?;
-    draw_volume(session, name, mesh, &measures)
+    session.picture(name, || {
+        let quality = session.device.quality();
+        let measures = quality.measure(mesh.positions(), mesh.tets())?;
+        draw_volume(session, mesh, &measures)
+    })
 }
 
-fn draw_volume(
-    session: &Session,
-    name: &str,
-    mesh: &TetMesh,
-    measures: &[Measures],
-) -> Result<(), Failure> {
+fn draw_volume(session: &Session, mesh: &TetMesh, measures: &[Measures]) -> Result<Image, Failure> {
     let scale = Scale::new(ColorMap::Viridis, [0.0, 70.0], "min dihedral / °");
     let colors: Vec<Rgb> = measures
         .iter()
@@ -255,10 +274,7 @@ fn draw_volume(
     };
     let tets = grouped(mesh.tets().len());
     scene.caption = Some(format!("{tets} tetrahedra, {shown}"));
-    scene
-        .draw(session.rasterizer()?, SIZE)?
-        .save(session.output(format!("{name}.png"))?)?;
-    Ok(())
+    Ok(scene.draw(session.rasterizer()?, SIZE)?)
 }
 
 /// Writes `NAME.png`: smallest and largest dihedral angles before and after.
@@ -311,9 +327,9 @@ pub fn picture_of_change(
             counts: after,
         },
     ];
-    histogram(&sets, [0.0, most], title, label, [1100, 680])
-        .save(session.output(format!("{name}.png"))?)?;
-    Ok(())
+    session.picture(name, || {
+        Ok(histogram(&sets, [0.0, most], title, label, [1100, 680]))
+    })
 }
 
 /// The surface of the molecule in a mesh of tetrahedra, pointing out of it, whether the molecule is

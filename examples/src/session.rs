@@ -21,7 +21,7 @@ use signal_hook::flag;
 use tet_quality::QualityBackend;
 
 use crate::args::{BackendName, Common, HasCommon};
-use crate::picture::Rasterizer;
+use crate::picture::{Image, Rasterizer};
 
 /// Why a program stops: said in one line.
 pub type Failure = Box<dyn std::error::Error + Send + Sync>;
@@ -318,6 +318,7 @@ impl Session {
     /// Where to write an output of this name. It appears in the output folder when all are written.
     pub fn output(&self, name: impl Into<String>) -> Result<PathBuf, Failure> {
         let name = name.into();
+        self.bars.step();
         let mut report = self.report();
         if self.staging.get().is_none() {
             let staging = Staging::open(&self.common.out)?;
@@ -332,13 +333,40 @@ impl Session {
         Ok(path)
     }
 
+    /// Does the last part of the work, which writes this many outputs, with a bar that counts them.
+    pub fn files<T>(
+        &self,
+        outputs: u64,
+        work: impl FnOnce() -> Result<T, Failure>,
+    ) -> Result<T, Failure> {
+        self.stage("files and pictures", || {
+            self.bars.length(outputs);
+            work()
+        })
+    }
+
+    /// Draws `NAME.png`, unless the command line wants no pictures.
+    pub fn picture(
+        &self,
+        name: &str,
+        draw: impl FnOnce() -> Result<Image, Failure>,
+    ) -> Result<(), Failure> {
+        if self.common.no_pictures {
+            return Ok(());
+        }
+        Ok(draw()?.save(self.output(format!("{name}.png"))?)?)
+    }
+
     /// What draws pictures; opened on first use.
     pub fn rasterizer(&self) -> Result<&Rasterizer, Failure> {
         if self.rasterizer.get().is_none() {
-            let rasterizer = Rasterizer::new(self.common.renderer, self.device.gpu())?;
-            self.report().renderer = Some(rasterizer.name());
-            // Nobody else sets it: this is the only thread that draws.
-            let _ = self.rasterizer.set(rasterizer);
+            // Locked until it is set, so that only one is opened.
+            let mut report = self.report();
+            if self.rasterizer.get().is_none() {
+                let rasterizer = Rasterizer::new(self.common.renderer, self.device.gpu())?;
+                report.renderer = Some(rasterizer.name());
+                let _ = self.rasterizer.set(rasterizer);
+            }
         }
         Ok(self.rasterizer.get().expect("set above"))
     }
@@ -353,6 +381,8 @@ impl Session {
             let mut report = self.report();
             report.seconds = self.started.elapsed().as_secs_f64();
             report.peak_bytes = peak_bytes();
+            // Written side by side, in any order.
+            report.outputs.sort();
             io::save(path, |w| {
                 serde_json::to_writer_pretty(&mut *w, &*report)
                     .map_err(|e| io::ErrorKind::System(e.into()))?;
@@ -470,6 +500,20 @@ impl Bars {
 
     fn begin(&self, name: &'static str) {
         *self.lock() = Some((name, self.show(name, 1)));
+    }
+
+    /// How many steps the current bar has.
+    fn length(&self, steps: u64) {
+        if let Some((_, bar)) = &*self.lock() {
+            bar.set_length(steps.max(1));
+        }
+    }
+
+    /// One step more.
+    fn step(&self) {
+        if let Some((_, bar)) = &*self.lock() {
+            bar.inc(1);
+        }
     }
 
     fn end(&self, name: &'static str, seconds: f64) {

@@ -1,0 +1,436 @@
+//! Light and colour: what each pixel of a scene sends to the eye, once it is known which triangle is
+//! seen where.
+//!
+//! A pixel is the mean of 3 × 3 sub-pixels. Light is computed once for every triangle that a pixel
+//! sees, not once for every sub-pixel, and once for all paintings of the same scene.
+
+use std::array::from_fn;
+use std::sync::LazyLock;
+
+use geom_core::Vector3;
+use rayon::prelude::*;
+
+use super::scene::{Layer, Paint, View};
+use super::{Corner, Image, Rgb};
+
+/// Sub-pixels per pixel and axis.
+pub(super) const FINE: usize = 3;
+
+/// All vertices in sub-pixels: x right, y down, z towards the eye.
+pub(super) struct Frame<'a> {
+    layers: &'a [Layer],
+    places: Vec<Vec<[f32; 3]>>,
+    /// Corners per triangle with its layer, and its number within that layer.
+    faces: Vec<(u32, u32, [u32; 3])>,
+    size: [usize; 2],
+    /// Lowest and highest z.
+    depth: [f32; 2],
+    view: View,
+}
+
+impl<'a> Frame<'a> {
+    /// The layers as large as they fit into `room` of a picture of `size`, both in sub-pixels.
+    pub(super) fn fit(
+        layers: &'a [Layer],
+        view: &View,
+        room: [usize; 2],
+        size: [usize; 2],
+    ) -> Self {
+        let axes = [view.right, -view.up, view.toward];
+        let seen = |layer: &Layer| -> [[f64; 3]; 2] {
+            let corners = layer.faces.par_iter().flatten_iter();
+            corners
+                .map(|&v| axes.map(|a| a.dot(&layer.positions[v as usize].coords)))
+                .map(|c| [c, c])
+                .reduce(|| NOTHING, both)
+        };
+        let [low, high] = layers.iter().map(seen).fold(NOTHING, both);
+        let extent = |k: usize| (high[k] - low[k]).max(1e-12);
+        let per_length = 0.92 * (room[0] as f64 / extent(0)).min(room[1] as f64 / extent(1));
+        let middle: [f64; 3] = from_fn(|k| 0.5 * (low[k] + high[k]));
+        let center = [room[0] as f64 / 2.0, room[1] as f64 / 2.0, 0.0];
+        let place = |p: &geom_core::Point3| -> [f32; 3] {
+            from_fn(|k| ((axes[k].dot(&p.coords) - middle[k]) * per_length + center[k]) as f32)
+        };
+        let places = layers
+            .iter()
+            .map(|layer| layer.positions.par_iter().map(place).collect())
+            .collect();
+        let faces = layers
+            .iter()
+            .zip(0..)
+            .flat_map(|(layer, l)| layer.faces.iter().zip(0..).map(move |(&f, n)| (l, n, f)))
+            .collect();
+        let half = (0.5 * extent(2) * per_length) as f32;
+        Self {
+            layers,
+            places,
+            faces,
+            size,
+            depth: [-half, half],
+            view: *view,
+        }
+    }
+
+    fn corners(&self, triangle: u32) -> [[f32; 3]; 3] {
+        let (layer, _, face) = self.faces[triangle as usize];
+        face.map(|v| self.places[layer as usize][v as usize])
+    }
+
+    /// In clip space.
+    pub(super) fn triangles(&self) -> Vec<[Corner; 3]> {
+        let [w, h] = self.size.map(|n| n as f32);
+        let [low, high] = self.depth;
+        (0..self.faces.len() as u32)
+            .into_par_iter()
+            .map(|t| {
+                self.corners(t).map(|[x, y, z]| {
+                    let near = (high - z) / (high - low).max(1e-6);
+                    [2.0 * x / w - 1.0, 1.0 - 2.0 * y / h, 0.001 + 0.998 * near]
+                })
+            })
+            .collect()
+    }
+
+    /// One picture per painting, which is a paint per layer; `seen` is the triangle per sub-pixel.
+    pub(super) fn shade(&self, seen: &[u32], paintings: &[Vec<&Paint>]) -> Vec<Image> {
+        let [width, height] = self.size.map(|n| n / FINE);
+        let light = Light {
+            frame: self,
+            seen,
+            depth: self.depths(seen),
+        };
+        let rows: Vec<Vec<u8>> = (0..height)
+            .into_par_iter()
+            .map(|y| light.row(y, width, paintings))
+            .collect();
+        let picture = |p: usize| {
+            let row = |row: &Vec<u8>| row[3 * width * p..3 * width * (p + 1)].to_vec();
+            Image::of_rows(width, rows.iter().map(row))
+        };
+        (0..paintings.len()).map(picture).collect()
+    }
+
+    /// The depth of every sub-pixel; −∞ where nothing is seen.
+    fn depths(&self, seen: &[u32]) -> Vec<f32> {
+        let width = self.size[0];
+        let depth = |(at, &triangle): (usize, &u32)| {
+            if triangle == u32::MAX {
+                return f32::NEG_INFINITY;
+            }
+            let c = self.corners(triangle);
+            let b = weights(&c, at % width, at / width);
+            b[0] * c[0][2] + b[1] * c[1][2] + b[2] * c[2][2]
+        };
+        seen.par_iter().enumerate().map(depth).collect()
+    }
+}
+
+/// The bounds of no point.
+const NOTHING: [[f64; 3]; 2] = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+
+/// The bounds of both.
+fn both([al, ah]: [[f64; 3]; 2], [bl, bh]: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
+    [from_fn(|k| al[k].min(bl[k])), from_fn(|k| ah[k].max(bh[k]))]
+}
+
+/// What a triangle sends to the eye from one pixel, but for its colour.
+struct Lit {
+    triangle: u32,
+    corners: [[f32; 3]; 3],
+    /// Barycentric weights where the light was computed.
+    weights: [f32; 3],
+    light: f32,
+    gleam: f32,
+    /// Share of the air in front.
+    haze: f32,
+    edges: Option<Edges>,
+}
+
+/// What is known of a frame before colours.
+struct Light<'a> {
+    frame: &'a Frame<'a>,
+    seen: &'a [u32],
+    depth: Vec<f32>,
+}
+
+impl Light<'_> {
+    /// A row of pixels of every painting, one painting after the other.
+    fn row(&self, y: usize, width: usize, paintings: &[Vec<&Paint>]) -> Vec<u8> {
+        let mut bytes = vec![0; 3 * width * paintings.len()];
+        // What this pixel's triangles send, and their colour in each painting.
+        let (mut lit, mut colors): (Vec<Lit>, Vec<[f32; 3]>) = (Vec::new(), Vec::new());
+        let mut sums = vec![[0.0f32; 3]; paintings.len()];
+        for x in 0..width {
+            lit.clear();
+            colors.clear();
+            sums.fill([0.0; 3]);
+            // The middle of the pixel stands for all of it that lies as deep.
+            let (mx, my) = (x * FINE + FINE / 2, y * FINE + FINE / 2);
+            let middle = my * self.frame.size[0] + mx;
+            let open = (self.seen[middle] != u32::MAX).then(|| {
+                let flat = eye_normal(&self.frame.corners(self.seen[middle]));
+                self.openness(flat, mx, my)
+            });
+            for sub in 0..FINE * FINE {
+                let (fx, fy) = (x * FINE + sub % FINE, y * FINE + sub / FINE);
+                let here = fy * self.frame.size[0] + fx;
+                let air = background(fy as f32 / self.frame.size[1] as f32);
+                let triangle = self.seen[here];
+                if triangle == u32::MAX {
+                    sums.iter_mut().for_each(|sum| *sum = plus(*sum, air));
+                    continue;
+                }
+                let known = lit.iter().position(|l| l.triangle == triangle);
+                let which = known.unwrap_or_else(|| {
+                    let near = (self.depth[here] - self.depth[middle]).abs() < 2.0 * FINE as f32;
+                    let new = self.lit(triangle, open.filter(|_| near), fx, fy);
+                    let of = |painting: &Vec<&Paint>| self.color(&new, painting);
+                    colors.extend(paintings.iter().map(of));
+                    lit.push(new);
+                    lit.len() - 1
+                });
+                let of_it = &lit[which];
+                let line = of_it
+                    .edges
+                    .as_ref()
+                    .map_or(0.0, |edges| edges.darkness(weights(&of_it.corners, fx, fy)));
+                let colors = &colors[which * paintings.len()..][..paintings.len()];
+                for (sum, color) in sums.iter_mut().zip(colors) {
+                    *sum = plus(*sum, of_it.to_eye(*color, line, air));
+                }
+            }
+            for (p, sum) in sums.iter().enumerate() {
+                let pixel = sum.map(|s| to_srgb(s / (FINE * FINE) as f32));
+                bytes[3 * (p * width + x)..][..3].copy_from_slice(&pixel);
+            }
+        }
+        bytes
+    }
+
+    /// The light that a triangle sends from a sub-pixel; `open` is its openness, if known.
+    fn lit(&self, triangle: u32, open: Option<f32>, x: usize, y: usize) -> Lit {
+        let frame = self.frame;
+        let (layer, _, face) = frame.faces[triangle as usize];
+        let layer = &frame.layers[layer as usize];
+        let corners = frame.corners(triangle);
+        let b = weights(&corners, x, y);
+
+        let flat = eye_normal(&corners);
+        let normal = match &layer.normals {
+            Some(normals) => frame.smooth_normal(normals, face, b),
+            None => flat,
+        };
+        let open = open.unwrap_or_else(|| self.openness(flat, x, y));
+        let [nx, ny, nz] = [normal[0], -normal[1], normal[2]];
+        let toward = |l: [f32; 3]| {
+            let l = unit(l);
+            (nx * l[0] + ny * l[1] + nz * l[2]).max(0.0)
+        };
+        // A wide sky, a key light from above left, a weak one from the right.
+        let sky = 0.75 + 0.25 * ny;
+        let light = 0.46 * sky * open
+            + 0.70 * toward([-0.45, 0.62, 0.75]) * (0.35 + 0.65 * open)
+            + 0.20 * toward([0.80, -0.10, 0.55]) * open;
+        // A soft dark rim separates what lies in front.
+        let rim = 0.72 + 0.28 * (nz / 0.4).min(1.0);
+        let [low, high] = frame.depth;
+        let z = self.depth[y * frame.size[0] + x];
+        let far = ((high - z) / (high - low).max(1e-6)).clamp(0.0, 1.0);
+        Lit {
+            triangle,
+            weights: b,
+            light: light * rim,
+            gleam: 0.09 * toward([-0.25, 0.36, 1.6]).powi(48) * open,
+            haze: 0.22 * far * far,
+            edges: layer.edges.then(|| Edges::of(&corners)).flatten(),
+            corners,
+        }
+    }
+
+    /// The colour of a triangle in a painting, linear.
+    fn color(&self, lit: &Lit, painting: &[&Paint]) -> [f32; 3] {
+        let (layer, number, face) = self.frame.faces[lit.triangle as usize];
+        match painting[layer as usize] {
+            Paint::Plain(color) => linear(*color),
+            Paint::Faces(colors) => linear(colors[number as usize]),
+            Paint::Vertices(colors) => {
+                let c = face.map(|v| linear(colors[v as usize]));
+                let b = lit.weights;
+                from_fn(|k| b[0] * c[0][k] + b[1] * c[1][k] + b[2] * c[2][k])
+            }
+        }
+    }
+
+    /// How much of the sky is seen from here: 1 in the open, less in grooves.
+    fn openness(&self, normal: [f32; 3], x: usize, y: usize) -> f32 {
+        let size = self.frame.size;
+        let reach = 0.085 * size[1] as f32;
+        let here = self.depth[y * size[0] + x];
+        let turn = noise(x as u32, y as u32);
+        let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
+        let mut hidden = 0.0;
+        for (i, [c, s]) in SPIRAL.iter().enumerate() {
+            let t = (i as f32 + turn) / SPIRAL.len() as f32;
+            // More samples near than far.
+            let r = 2.0 + reach * t * t;
+            let (dx, dy) = (r * (c * cos - s * sin), r * (s * cos + c * sin));
+            let (sx, sy) = (x as f32 + dx, y as f32 + dy);
+            if sx < 0.0 || sy < 0.0 || sx >= size[0] as f32 || sy >= size[1] as f32 {
+                continue;
+            }
+            let z = self.depth[sy as usize * size[0] + sx as usize];
+            if z == f32::NEG_INFINITY {
+                continue;
+            }
+            let v = [dx, dy, z - here];
+            let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+            let above = (v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2]) / length;
+            let near = 1.0 - (length / (1.6 * reach)).min(1.0);
+            hidden += (above - 0.06).max(0.0) * near;
+        }
+        (1.0 - 1.9 * hidden / SPIRAL.len() as f32).clamp(0.0, 1.0)
+    }
+}
+
+/// Directions a golden angle apart: samples along them fill the disk evenly.
+static SPIRAL: LazyLock<[[f32; 2]; 24]> = LazyLock::new(|| {
+    from_fn(|i| {
+        let (sin, cos) = (std::f32::consts::TAU * 0.618_034 * i as f32).sin_cos();
+        [cos, sin]
+    })
+});
+
+impl Frame<'_> {
+    /// The normal blended from those of the corners, in the frame of the picture, on the side of the eye.
+    fn smooth_normal(&self, normals: &[Vector3], face: [u32; 3], b: [f32; 3]) -> [f32; 3] {
+        let n = face.iter().zip(b).fold(Vector3::zeros(), |s, (&v, w)| {
+            s + normals[v as usize] * f64::from(w)
+        });
+        let axes = [self.view.right, -self.view.up, self.view.toward];
+        let n = unit(axes.map(|a| n.dot(&a) as f32));
+        if n[2] < 0.0 { n.map(|c| -c) } else { n }
+    }
+}
+
+impl Lit {
+    /// Linear light that reaches the eye; `line` is how dark an edge is here.
+    fn to_eye(&self, color: [f32; 3], line: f32, air: [f32; 3]) -> [f32; 3] {
+        from_fn(|k| {
+            let lit = (color[k] * self.light * (1.0 - line) + self.gleam).min(1.0);
+            lit + (air[k] - lit) * self.haze
+        })
+    }
+}
+
+/// The edges of a triangle that is large enough for them to be seen.
+struct Edges {
+    /// Heights over the edges, in sub-pixels.
+    heights: [f32; 3],
+    strength: f32,
+}
+
+impl Edges {
+    fn of(c: &[[f32; 3]; 3]) -> Option<Self> {
+        let side = |i: usize, j: usize| (c[i][0] - c[j][0]).hypot(c[i][1] - c[j][1]);
+        let sides = [side(1, 2), side(2, 0), side(0, 1)];
+        let doubled = ((c[1][0] - c[0][0]) * (c[2][1] - c[0][1])
+            - (c[1][1] - c[0][1]) * (c[2][0] - c[0][0]))
+            .abs();
+        let longest = sides[0].max(sides[1]).max(sides[2]).max(1e-6);
+        let size = doubled.sqrt().min(longest) / FINE as f32;
+        let strength = 0.45 * ((size - 3.0) / 12.0).clamp(0.0, 1.0);
+        (strength > 0.0).then(|| Self {
+            heights: sides.map(|s| doubled / s.max(1e-6)),
+            strength,
+        })
+    }
+
+    /// How dark the nearest edge is at a place in the triangle.
+    fn darkness(&self, b: [f32; 3]) -> f32 {
+        let far = |k: usize| b[k] * self.heights[k];
+        let nearest = far(0).min(far(1)).min(far(2));
+        self.strength * (1.3 - nearest / (0.45 * FINE as f32)).clamp(0.0, 1.0)
+    }
+}
+
+/// Barycentric weights of the centre of a sub-pixel, clamped into the triangle.
+fn weights(c: &[[f32; 3]; 3], x: usize, y: usize) -> [f32; 3] {
+    let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
+    let cross = |a: &[f32; 3], b: &[f32; 3]| (a[0] - x) * (b[1] - y) - (a[1] - y) * (b[0] - x);
+    let w = [
+        cross(&c[1], &c[2]),
+        cross(&c[2], &c[0]),
+        cross(&c[0], &c[1]),
+    ];
+    let area = w[0] + w[1] + w[2];
+    if area.abs() < 1e-6 {
+        return [1.0 / 3.0; 3];
+    }
+    let w = w.map(|v| (v / area).max(0.0));
+    let sum = w[0] + w[1] + w[2];
+    w.map(|v| v / sum)
+}
+
+/// Unit normal of a triangle on the side of the eye.
+fn eye_normal([a, b, c]: &[[f32; 3]; 3]) -> [f32; 3] {
+    let (u, v): ([f32; 3], [f32; 3]) = (from_fn(|k| b[k] - a[k]), from_fn(|k| c[k] - a[k]));
+    let n = [
+        u[1] * v[2] - u[2] * v[1],
+        u[2] * v[0] - u[0] * v[2],
+        u[0] * v[1] - u[1] * v[0],
+    ];
+    let n = unit(n);
+    if n[2] < 0.0 { n.map(|c| -c) } else { n }
+}
+
+fn unit(v: [f32; 3]) -> [f32; 3] {
+    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    if length > 0.0 {
+        v.map(|c| c / length)
+    } else {
+        [0.0, 0.0, 1.0]
+    }
+}
+
+fn plus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    from_fn(|k| a[k] + b[k])
+}
+
+/// White, a little darker towards the bottom.
+fn background(t: f32) -> [f32; 3] {
+    let shade = 1.0 - 0.10 * t * t;
+    [shade * 0.985, shade * 0.99, shade]
+}
+
+/// A number in 0…1 that looks random but depends on the place alone.
+fn noise(x: u32, y: u32) -> f32 {
+    let mut h = x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77);
+    h = (h ^ (h >> 15)).wrapping_mul(0x2c1b_3c6d);
+    h = (h ^ (h >> 12)).wrapping_mul(0x297a_2d39);
+    (h >> 8) as f32 / (1 << 24) as f32
+}
+
+fn linear(color: Rgb) -> [f32; 3] {
+    static LIGHT: LazyLock<[f32; 256]> = LazyLock::new(|| {
+        from_fn(|c| {
+            let c = c as f32 / 255.0;
+            if c <= 0.04045 {
+                c / 12.92
+            } else {
+                ((c + 0.055) / 1.055).powf(2.4)
+            }
+        })
+    });
+    color.map(|c| LIGHT[usize::from(c)])
+}
+
+fn to_srgb(c: f32) -> u8 {
+    let c = c.clamp(0.0, 1.0);
+    let s = if c <= 0.003_130_8 {
+        12.92 * c
+    } else {
+        1.055 * c.powf(1.0 / 2.4) - 0.055
+    };
+    (255.0 * s).round() as u8
+}
