@@ -4,11 +4,11 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use geom_core::graph::{Laplacian, Neighbours, VoxelGraph};
-use geom_core::laplace::{self, EdgeWeights};
-use geom_core::linalg::{SparseMatrix, Symbolic};
+use geom_core::algebra::eigen::{Multigrid, Options, SpectralBackend, eigenpairs};
+use geom_core::algebra::graph::{Laplacian, Neighbours, VoxelGraph};
+use geom_core::algebra::{SparseMatrix, Symbolic};
 use geom_core::mesh::shapes;
-use geom_core::spectral::{Multigrid, Options, SpectralBackend, eigenpairs};
+use geom_core::surface::laplace::{self, EdgeWeights};
 use geom_core::testing::gpu_or_skip;
 use geom_core::{Cpu, Run, TriMesh};
 

@@ -1,10 +1,10 @@
 //! Every backend follows the specification, and the comparison can fail.
 
-use geom_core::graph::{Laplacian, Neighbours, VoxelGraph};
-use geom_core::laplace;
-use geom_core::linalg::SparseMatrix;
+use geom_core::algebra::SparseMatrix;
+use geom_core::algebra::eigen::{APPLY_BLOCK, CYCLE, Multigrid, Operator, SpectralBackend};
+use geom_core::algebra::graph::{Laplacian, Neighbours, VoxelGraph};
 use geom_core::mesh::shapes;
-use geom_core::spectral::{APPLY_BLOCK, CYCLE, Multigrid, Operator, SpectralBackend};
+use geom_core::surface::laplace;
 use geom_core::{Cpu, testing};
 use proptest::prelude::*;
 
@@ -115,7 +115,7 @@ fn cycles_follow(backend: &dyn SpectralBackend) {
                 .for_each(|x| *x -= mean);
         }
         let wide: Vec<f64> = block.iter().map(|&x| f64::from(x)).collect();
-        let reference = geom_core::spectral::exact_cycle(&hierarchy, &wide, columns);
+        let reference = geom_core::algebra::eigen::exact_cycle(&hierarchy, &wide, columns);
         let candidate = cycle.run(&block, columns).unwrap();
         let (reference, mut candidate) = in_units_of_the_largest(&reference, &candidate);
         assert_eq!(CYCLE.first_break(&reference, &candidate), None);
@@ -150,7 +150,7 @@ fn wgpu_follows_the_specification() {
 #[test]
 fn wgpu_finds_the_same_pairs() {
     use geom_core::Run;
-    use geom_core::spectral::{Options, eigenpairs};
+    use geom_core::algebra::eigen::{Options, eigenpairs};
     let Some(gpu) = testing::gpu_or_skip() else {
         return;
     };

@@ -4,10 +4,10 @@ use std::ops::ControlFlow;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use geom_core::laplace::{self, Mass};
-use geom_core::linalg::{self, SparseMatrix};
+use geom_core::algebra::eigen::{EigenPairs, Error, Method, Options, eigenpairs};
+use geom_core::algebra::{self, SparseMatrix};
 use geom_core::mesh::shapes;
-use geom_core::spectral::{EigenPairs, Error, Method, Options, eigenpairs};
+use geom_core::surface::laplace::{self, Mass};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Cpu, Point3, Run, TriMesh};
 

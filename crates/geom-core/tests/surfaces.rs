@@ -1,9 +1,9 @@
 //! Closest points, neighbours and shortest paths against brute force.
 
-use geom_core::bvh::{TreeError, TriangleTree, closest_in_triangle};
-use geom_core::distance::{DistanceError, Graph, Heat, HeatOptions, NONE, shortest_paths};
 use geom_core::mesh::shapes;
-use geom_core::nearest::{NearestError, PointTree};
+use geom_core::search::bvh::{TreeError, TriangleTree, closest_in_triangle};
+use geom_core::search::nearest::{NearestError, PointTree};
+use geom_core::surface::distance::{DistanceError, Graph, Heat, HeatOptions, NONE, shortest_paths};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Point3, TriMesh, Vector3};
 use proptest::prelude::*;
@@ -92,7 +92,7 @@ proptest! {
             .map(|(p, i)| ((0..4).map(|k| (p[k] - query[k]).powi(2)).sum(), i))
             .collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let plain = |found: Vec<geom_core::nearest::Neighbor>| -> Vec<(f64, u32)> {
+        let plain = |found: Vec<geom_core::search::nearest::Neighbor>| -> Vec<(f64, u32)> {
             found.into_iter().map(|n| (n.distance, n.index)).collect()
         };
         let root = |all: &[(f64, u32)]| -> Vec<(f64, u32)> {
@@ -329,7 +329,7 @@ fn heat_crosses_triangles_without_area_and_edges_of_three() {
     triangles[40] = [a, middle, c];
     triangles.extend([[middle, b, c], [a, b, middle]]);
     let sphere = TriMesh::new(positions, triangles).unwrap();
-    assert!(geom_core::laplace::stiffness(&sphere).is_err());
+    assert!(geom_core::surface::laplace::stiffness(&sphere).is_err());
     for source in [a, middle, 7] {
         let error = error_on_sphere(&sphere, source);
         assert!(error < 0.02, "{error}");
@@ -468,7 +468,7 @@ fn heat_says_what_is_wrong() {
     let error = Heat::new(&point, &HeatOptions::default()).unwrap_err();
     assert_eq!(
         error,
-        DistanceError::Operator(geom_core::laplace::Error::Degenerate { triangle: 0 })
+        DistanceError::Operator(geom_core::surface::laplace::Error::Degenerate { triangle: 0 })
     );
 }
 

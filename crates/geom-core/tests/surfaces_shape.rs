@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use geom_core::curvature::{Principal, angle_defects, principal};
-use geom_core::isoline::{IsolineError, isolines};
 use geom_core::mesh::{Halfedges, SurfaceAudit, shapes};
-use geom_core::repair::{self, RepairError, repair};
+use geom_core::surface::curvature::{Principal, angle_defects, principal};
+use geom_core::surface::isoline::{IsolineError, isolines};
+use geom_core::surface::repair::{self, RepairError, repair};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Point3, TriMesh, Vector3};
 use proptest::prelude::*;
