@@ -46,7 +46,8 @@ impl BrickGrid {
     /// `0, 1, …`, each once, in any order; `values` holds [`BRICK_POINTS`] values per stored brick, in the order of
     /// these numbers.
     ///
-    /// Panics if lengths or numbering do not fit: they are computed, never read from a file.
+    /// # Errors
+    /// Kinds, numbers and values that do not fit together, and values that are not finite, are named.
     pub fn new(
         lattice: Lattice,
         kinds: &[Brick],
@@ -56,28 +57,7 @@ impl BrickGrid {
     ) -> Result<Self, GridError> {
         check_lattice(&lattice)?;
         let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));
-        assert_eq!(
-            kinds.len(),
-            bricks.iter().product::<usize>(),
-            "one kind per brick"
-        );
-        let mut taken = vec![false; values.len() / BRICK_POINTS];
-        let brick_of = kinds
-            .iter()
-            .map(|kind| match *kind {
-                Brick::Exterior => EXTERIOR,
-                Brick::Interior => INTERIOR,
-                Brick::Stored(i) => {
-                    let before = std::mem::replace(&mut taken[i as usize], true);
-                    assert!(!before, "each stored brick has its own number");
-                    i
-                }
-            })
-            .collect();
-        assert!(
-            values.len().is_multiple_of(BRICK_POINTS) && taken.iter().all(|&t| t),
-            "512 values per stored brick"
-        );
+        let brick_of = numbered(kinds, bricks, values.len())?;
         let grid = Self {
             lattice,
             bricks,
@@ -168,6 +148,42 @@ impl BrickGrid {
             values,
         }
     }
+}
+
+/// The number or the mark of every brick, once each stored one has its own.
+fn numbered(kinds: &[Brick], bricks: [usize; 3], values: usize) -> Result<Vec<u32>, GridError> {
+    let expected = bricks
+        .iter()
+        .fold(1u128, |all, &n| all.saturating_mul(n as u128));
+    let stored = kinds
+        .iter()
+        .filter(|kind| matches!(kind, Brick::Stored(_)))
+        .count();
+    if kinds.len() as u128 != expected || values != stored * BRICK_POINTS {
+        return Err(GridError::Bricks {
+            kinds: kinds.len(),
+            expected,
+            values,
+            stored,
+        });
+    }
+    let mut taken = vec![false; stored];
+    let number = |(brick, kind): (usize, &Brick)| match *kind {
+        Brick::Exterior => Ok(EXTERIOR),
+        Brick::Interior => Ok(INTERIOR),
+        Brick::Stored(number) => match taken.get_mut(number as usize) {
+            Some(free) if !*free => {
+                *free = true;
+                Ok(number)
+            }
+            _ => Err(GridError::BrickNumber {
+                brick,
+                number,
+                stored,
+            }),
+        },
+    };
+    kinds.iter().enumerate().map(number).collect()
 }
 
 impl LatticeValues for BrickGrid {

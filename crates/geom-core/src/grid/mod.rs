@@ -35,6 +35,33 @@ pub enum GridError {
         /// The spacing, Å.
         spacing: f64,
     },
+    /// Bricks, kinds and values differ in number.
+    #[error(
+        "{kinds} kinds for {expected} bricks, {values} values for {stored} stored ones; \
+         one kind per brick and 512 values per stored brick are needed"
+    )]
+    Bricks {
+        /// Kinds given.
+        kinds: usize,
+        /// Bricks of the lattice.
+        expected: u128,
+        /// Values given.
+        values: usize,
+        /// Bricks that are stored.
+        stored: usize,
+    },
+    /// The number of a stored brick is too large, or that of another one too.
+    #[error(
+        "brick {brick} has the number {number}, but the {stored} stored bricks have the numbers from 0, each once"
+    )]
+    BrickNumber {
+        /// Place of the brick, x fastest.
+        brick: usize,
+        /// Its number.
+        number: u32,
+        /// Bricks that are stored.
+        stored: usize,
+    },
 }
 
 /// Values at lattice points, however they are stored.

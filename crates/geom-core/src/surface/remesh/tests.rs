@@ -5,6 +5,7 @@ use crate::testing::same_on_any_threads;
 use crate::{Cpu, ImplicitField, Point3, Run, TriMesh, Vector3};
 
 use super::*;
+use crate::mesh::quality::{angles, edge_lengths};
 
 /// A torus about z as a level set: positive inside, 1 at the surface.
 struct Torus {
