@@ -75,7 +75,7 @@ fn fields(c: &mut Criterion) {
     group.bench_function("angle defects", |b| {
         b.iter(|| curvature::angle_defects(black_box(&mesh)));
     });
-    let graph = Graph::of_edges(&mesh);
+    let graph = Graph::of_edges(&mesh).expect("finite");
     group.bench_function("shortest paths", |b| {
         b.iter(|| shortest_paths(black_box(&graph), &[(0, 0.0)], f64::INFINITY).expect("a node"));
     });

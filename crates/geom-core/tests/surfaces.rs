@@ -176,11 +176,12 @@ fn a_mesh_has_the_distances_of_its_edges_and_triangles() {
     let p = [[0, 0], [1, 0], [1, 1], [0, 1], [5, 5], [6, 5], [5, 6]]
         .map(|[x, y]| Point3::new(f64::from(x), f64::from(y), 0.0));
     let mesh = TriMesh::new(p.to_vec(), vec![[0, 1, 2], [0, 2, 3], [4, 5, 6]]).unwrap();
-    let edges = shortest_paths(&Graph::of_edges(&mesh), &[(1, 0.0)], f64::INFINITY).unwrap();
+    let edges =
+        shortest_paths(&Graph::of_edges(&mesh).unwrap(), &[(1, 0.0)], f64::INFINITY).unwrap();
     assert_eq!(edges.distance[3], 2.0);
     assert_eq!(edges.to(3).len(), 3);
     assert_eq!(edges.parent[4], NONE);
-    let dual = shortest_paths(&Graph::of_dual(&mesh), &[(0, 0.5)], f64::INFINITY).unwrap();
+    let dual = shortest_paths(&Graph::of_dual(&mesh).unwrap(), &[(0, 0.5)], f64::INFINITY).unwrap();
     // The centroids lie at (2/3, 1/3) and (1/3, 2/3), the midpoint of the diagonal at (1/2, 1/2).
     let step = 2.0 * (1.0f64 / 6.0).hypot(1.0 / 6.0);
     assert!((dual.distance[1] - 0.5 - step).abs() < 1e-15);
@@ -528,6 +529,26 @@ fn bad_input_is_named() {
         })
     );
     assert!(shortest_paths(&graph, &[(0, f64::NAN)], f64::INFINITY).is_err());
+    // Finite coordinates whose squares are not.
+    let far = far_tetrahedron(1e200);
+    for graph in [Graph::of_edges(&far), Graph::of_dual(&far)] {
+        assert!(
+            matches!(graph, Err(DistanceError::Length { length, .. }) if length == f64::INFINITY)
+        );
+    }
+    assert!(Heat::new(&far, &HeatOptions::default()).is_err());
+}
+
+/// The origin and a point on each axis.
+fn far_tetrahedron(far: f64) -> TriMesh {
+    let corners = [
+        [0.0, 0.0, 0.0],
+        [far, 0.0, 0.0],
+        [0.0, far, 0.0],
+        [0.0, 0.0, far],
+    ];
+    let triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+    TriMesh::new(corners.map(Point3::from).to_vec(), triangles).unwrap()
 }
 
 #[test]

@@ -94,7 +94,7 @@ impl Heat {
                 *m = 1.0;
             }
         }
-        let time = time(mesh, &pinned, options.smoothing);
+        let time = time(mesh, &pinned, options.smoothing)?;
         let heat = SparseMatrix::diagonal_of(&mass).plus(time, &stiffness)?;
         let symbolic = Symbolic::of(&heat)?;
         let insulated = symbolic.factor(&heat)?;
@@ -330,8 +330,8 @@ fn components(mesh: &TriMesh) -> (Vec<u32>, Vec<u32>) {
 
 /// How long the heat flows: the wanted time, or longer where it would not get everywhere. It falls
 /// as exp(−d / √t), and no vertex is farther from another than twice as far as from the lowest.
-fn time(mesh: &TriMesh, lowest: &[u32], smoothing: f64) -> f64 {
-    let graph = Graph::of_edges(mesh);
+fn time(mesh: &TriMesh, lowest: &[u32], smoothing: f64) -> Result<f64, DistanceError> {
+    let graph = Graph::of_edges(mesh)?;
     let (mut sum, mut count) = (0.0, 0);
     for v in 0..graph.len() as u32 {
         for &(w, length) in graph.links(v) {
@@ -347,13 +347,13 @@ fn time(mesh: &TriMesh, lowest: &[u32], smoothing: f64) -> f64 {
         1.0
     };
     let sources: Vec<(u32, f64)> = lowest.iter().map(|&v| (v, 0.0)).collect();
-    let paths = shortest_paths(&graph, &sources, f64::INFINITY).expect("vertices of the mesh");
+    let paths = shortest_paths(&graph, &sources, f64::INFINITY)?;
     let farthest = paths
         .distance
         .into_iter()
         .filter(|d| d.is_finite())
         .fold(0.0, f64::max);
-    (smoothing * mean * mean).max((2.0 * farthest / RANGE).powi(2))
+    Ok((smoothing * mean * mean).max((2.0 * farthest / RANGE).powi(2)))
 }
 
 fn on_border(mesh: &TriMesh) -> Vec<bool> {

@@ -116,7 +116,10 @@ impl Graph {
     }
 
     /// The edges of a mesh between its vertices, with their lengths in Å.
-    pub fn of_edges(mesh: &TriMesh) -> Self {
+    ///
+    /// # Errors
+    /// An edge whose length is too large for a number (coordinates above about 10¹⁵⁴) is named.
+    pub fn of_edges(mesh: &TriMesh) -> Result<Self, DistanceError> {
         let mut edges: Vec<[u32; 2]> = mesh
             .triangles()
             .iter()
@@ -130,13 +133,16 @@ impl Graph {
             .iter()
             .map(|&[a, b]| (a, b, (p[a as usize] - p[b as usize]).norm()))
             .collect();
-        Self::new(p.len(), &links).expect("a mesh is in range and finite")
+        Self::new(p.len(), &links)
     }
 
     /// The triangles of a mesh, linked across their common edges; a link is as long as the way from
     /// centroid over the edge's midpoint to centroid, in Å. At an edge of more than two triangles
     /// all pairs are linked.
-    pub fn of_dual(mesh: &TriMesh) -> Self {
+    ///
+    /// # Errors
+    /// A way whose length is too large for a number (coordinates above about 10¹⁵⁴) is named.
+    pub fn of_dual(mesh: &TriMesh) -> Result<Self, DistanceError> {
         let mut sides: Vec<([u32; 2], u32)> = mesh
             .triangles()
             .iter()
@@ -165,7 +171,7 @@ impl Graph {
                 }
             }
         }
-        Self::new(mesh.triangles().len(), &links).expect("a mesh is in range and finite")
+        Self::new(mesh.triangles().len(), &links)
     }
 
     /// The number of nodes.
@@ -219,7 +225,7 @@ impl Paths {
 /// ```
 /// use geom_core::{distance::{Graph, shortest_paths}, mesh::shapes};
 /// let sphere = shapes::icosphere(1.0, 4);
-/// let paths = shortest_paths(&Graph::of_edges(&sphere), &[(0, 0.0)], f64::INFINITY)?;
+/// let paths = shortest_paths(&Graph::of_edges(&sphere)?, &[(0, 0.0)], f64::INFINITY)?;
 /// let farthest = paths.distance.iter().fold(0.0, |a: f64, &b| a.max(b));
 /// assert!(farthest > 3.1 && farthest < 3.5); // π, and a little more along edges
 /// # Ok::<(), geom_core::surface::distance::DistanceError>(())

@@ -20,6 +20,9 @@ mod steps;
 mod tests;
 
 use crate::mesh::TriangleReport;
+use crate::mesh::quality::edge_lengths;
+use crate::options::{OutOfRange, require};
+use crate::surface::distance::DistanceError;
 use crate::{Backend, Cancelled, ImplicitField, MeshError, Run, TriMesh};
 
 use mesh::Mesh;
@@ -114,16 +117,9 @@ impl Default for Options {
 impl Options {
     /// Are all numbers in their ranges?
     pub fn check(&self) -> Result<(), Error> {
-        let positive = |name, value: f64| {
-            if value.is_finite() && value > 0.0 {
-                Ok(())
-            } else {
-                Err(Error::Option {
-                    name,
-                    value,
-                    needs: "a positive number",
-                })
-            }
+        let positive = |option, value: f64| {
+            let holds = value.is_finite() && value > 0.0;
+            require(holds, option, value, "be a positive number")
         };
         match self.sizing {
             Sizing::Uniform {
@@ -139,52 +135,41 @@ impl Options {
                 positive("tolerance", tolerance)?;
                 positive("min_edge", min_edge)?;
                 positive("gradation", gradation)?;
-                if !(max_edge.is_finite() && max_edge >= min_edge) {
-                    let needs = "a number that is not below min_edge";
-                    return Err(Error::Option {
-                        name: "max_edge",
-                        value: max_edge,
-                        needs,
-                    });
-                }
+                let holds = max_edge.is_finite() && max_edge >= min_edge;
+                require(
+                    holds,
+                    "max_edge",
+                    max_edge,
+                    "be a number that is not below min_edge",
+                )?;
+                // A length is spread as the way along which it would grow from nothing.
+                let holds = (max_edge / gradation).is_finite();
+                let must = "be so large that max_edge / gradation is a finite number";
+                require(holds, "gradation", gradation, must)?;
             }
         }
-        if let Features::Angle(angle) = self.features
-            && !(angle > 0.0 && angle <= 180.0)
-        {
-            let needs = "an angle above 0° and at most 180°";
-            return Err(Error::Option {
-                name: "features",
-                value: angle,
-                needs,
-            });
+        if let Features::Angle(angle) = self.features {
+            let holds = angle > 0.0 && angle <= 180.0;
+            require(
+                holds,
+                "features",
+                angle,
+                "be an angle above 0° and at most 180°",
+            )?;
         }
-        if !self.level.is_finite() {
-            let needs = "a finite number";
-            return Err(Error::Option {
-                name: "level",
-                value: self.level,
-                needs,
-            });
+        require(
+            self.level.is_finite(),
+            "level",
+            self.level,
+            "be a finite number",
+        )?;
+        if let Some(value) = self.max_deviation {
+            let must = "be a positive number, or infinite for no bound";
+            require(value > 0.0, "max_deviation", value, must)?;
         }
-        if let Some(value) = self.max_deviation
-            && (value.is_nan() || value <= 0.0)
-        {
-            let needs = "a positive number, or infinite for no bound";
-            return Err(Error::Option {
-                name: "max_deviation",
-                value,
-                needs,
-            });
-        }
-        if !(0.0..60.0).contains(&self.min_angle_deg) {
-            let (value, needs) = (self.min_angle_deg, "an angle from 0° to below 60°");
-            return Err(Error::Option {
-                name: "min_angle_deg",
-                value,
-                needs,
-            });
-        }
+        let holds = (0.0..60.0).contains(&self.min_angle_deg);
+        let must = "be an angle from 0° to below 60°";
+        require(holds, "min_angle_deg", self.min_angle_deg, must)?;
         Ok(())
     }
 }
@@ -197,24 +182,28 @@ pub enum Error {
     #[error("the mesh has no triangles")]
     Empty,
     /// The mesh is no oriented manifold.
-    #[error("{0}; crate::surface::repair::repair can cure that")]
+    #[error("{0}; geom_core::surface::repair::repair can cure that")]
     NotManifold(#[from] MeshError),
     /// A triangle without area has no normal to follow.
-    #[error("triangle {triangle} has no area; crate::surface::repair::repair drops such triangles")]
+    #[error(
+        "triangle {triangle} has no area; geom_core::surface::repair::repair drops such triangles"
+    )]
     Degenerate {
         /// The first such triangle.
         triangle: usize,
     },
-    /// An option is out of its range.
-    #[error("option {name} is {value}, but must be {needs}")]
-    Option {
-        /// The field.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-        /// What it must be.
-        needs: &'static str,
+    /// The square of a triangle's area is no finite number.
+    #[error("triangle {triangle} is too large to be measured; scale the mesh down")]
+    TooLarge {
+        /// The first such triangle.
+        triangle: usize,
     },
+    /// The wanted lengths cannot be spread over the surface.
+    #[error(transparent)]
+    Distance(#[from] DistanceError),
+    /// An option is out of its range.
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
     /// An edge to keep is no edge of the mesh.
     #[error("feature {feature} joins vertices {from} and {to}, which no edge of the mesh does")]
     NoSuchEdge {
@@ -365,8 +354,8 @@ pub struct Remeshed {
 /// farther than an edge or faces another way, since the topology is that of `mesh`.
 ///
 /// ```
-/// use crate::{Cpu, Run, mesh::shapes};
-/// use tet_quality::surface::{Options, Sizing, remesh};
+/// use geom_core::{Cpu, Run, mesh::shapes};
+/// use geom_core::surface::remesh::{Options, Sizing, remesh};
 /// let torus = shapes::torus(3.0, 1.0, 40, 12);
 /// let options = Options {
 ///     sizing: Sizing::Uniform { edge_length: Some(0.3) },
@@ -375,7 +364,7 @@ pub struct Remeshed {
 /// let result = remesh(torus, None, &options, Run::on(&Cpu))?;
 /// assert_eq!(result.mesh.euler_characteristic(), 0);
 /// assert!(result.report.after.min_angle_deg > 25.0);
-/// # Ok::<(), tet_quality::surface::Error>(())
+/// # Ok::<(), geom_core::surface::remesh::Error>(())
 /// ```
 ///
 /// # Errors
@@ -390,9 +379,17 @@ pub fn remesh(
     if mesh.triangles().is_empty() {
         return Err(Error::Empty);
     }
-    let flat = |t: &usize| mesh.doubled_area_normal(*t).norm_squared() == 0.0;
-    if let Some(triangle) = (0..mesh.triangles().len()).find(flat) {
-        return Err(Error::Degenerate { triangle });
+    for triangle in 0..mesh.triangles().len() {
+        let doubled_area = mesh.doubled_area_normal(triangle).norm_squared();
+        if doubled_area == 0.0 {
+            return Err(Error::Degenerate { triangle });
+        }
+        let longest = edge_lengths(mesh.corners(triangle))
+            .into_iter()
+            .fold(0.0, f64::max);
+        if !(doubled_area.is_finite() && longest.is_finite()) {
+            return Err(Error::TooLarge { triangle });
+        }
     }
     let before = TriangleReport::of(&mesh);
     let triangles = mesh.triangles().len();

@@ -91,16 +91,15 @@ impl<'a> Reference<'a> {
         options: &Options,
         work: &mut Mesh,
     ) -> Result<Self, Error> {
-        let sizes = sizes(&input, &options.sizing);
+        let sizes = sizes(&input, &options.sizing)?;
         mark_features(work, &input, &options.features, &sizes)?;
         let normals = corner_normals(work, &input);
         let estimate = expected_triangles(&input, &sizes);
-        if estimate > options.max_triangles as f64 {
-            let limit = options.max_triangles;
-            return Err(Error::TooMany {
-                estimate: estimate as u64,
-                limit,
-            });
+        let limit = options.max_triangles;
+        // What is not a number is too large to be one.
+        if estimate.is_nan() || estimate > limit as f64 {
+            let estimate = estimate.max(0.0).min(u64::MAX as f64) as u64;
+            return Err(Error::TooMany { estimate, limit });
         }
         let segments: Vec<[u32; 2]> = work
             .edges()
@@ -619,8 +618,8 @@ fn corner_normals(work: &Mesh, input: &TriMesh) -> Vec<[Vector3; 3]> {
     normals
 }
 
-fn sizes(input: &TriMesh, sizing: &Sizing) -> Sizes {
-    match *sizing {
+fn sizes(input: &TriMesh, sizing: &Sizing) -> Result<Sizes, Error> {
+    Ok(match *sizing {
         Sizing::Uniform {
             edge_length: Some(length),
         } => Sizes::Same(length),
@@ -647,11 +646,10 @@ fn sizes(input: &TriMesh, sizing: &Sizing) -> Sizes {
                 .zip(wanted)
                 .map(|(v, length)| (v, length / gradation))
                 .collect();
-            let paths = shortest_paths(&Graph::of_edges(input), &sources, f64::INFINITY)
-                .expect("every vertex is a node, every length positive");
+            let paths = shortest_paths(&Graph::of_edges(input)?, &sources, f64::INFINITY)?;
             Sizes::PerVertex(paths.distance.iter().map(|d| d * gradation).collect())
         }
-    }
+    })
 }
 
 /// Equilateral triangles of the wanted edge lengths on the area of the input.

@@ -371,6 +371,32 @@ fn threads_do_not_matter() {
 }
 
 #[test]
+fn what_is_too_large_to_be_measured_is_refused_before_the_work() {
+    let curved = Options {
+        sizing: Sizing::Curvature {
+            tolerance: 1e198,
+            min_edge: 2e198,
+            max_edge: 4e199,
+            gradation: 0.3,
+        },
+        ..Options::default()
+    };
+    let grow = |scale: f64| {
+        let (mut positions, triangles) = shapes::icosphere(1.0, 1).into_parts();
+        positions.iter_mut().for_each(|p| p.coords *= scale);
+        TriMesh::new(positions, triangles).unwrap()
+    };
+    for options in [uniform(5e199), uniform(1e100), Options::default(), curved] {
+        let error = remesh(grow(1e200), None, &options, Run::on(&Cpu)).unwrap_err();
+        assert_eq!(error, Error::TooLarge { triangle: 0 });
+    }
+    // Large, but all squares are finite: what is asked for decides.
+    let error = remesh(grow(1e70), None, &uniform(1e-100), Run::on(&Cpu)).unwrap_err();
+    assert!(matches!(error, Error::TooMany { .. }), "{error}");
+    assert!(remesh(grow(1e40), None, &uniform(5e39), Run::on(&Cpu)).is_ok());
+}
+
+#[test]
 fn bad_input_is_named() {
     let run = Run::on(&Cpu);
     let tetrahedron = |triangles: &[[u32; 3]]| {
@@ -408,10 +434,22 @@ fn bad_input_is_named() {
             },
             "features",
         ),
+        (
+            Options {
+                sizing: Sizing::Curvature {
+                    tolerance: 0.01,
+                    min_edge: 0.1,
+                    max_edge: 0.5,
+                    gradation: 1e-310,
+                },
+                ..Options::default()
+            },
+            "gradation",
+        ),
     ] {
         let error = fails(sphere.clone(), &bad);
         assert!(
-            matches!(error, Error::Option { name: n, .. } if n == name),
+            matches!(&error, Error::Option(out) if out.option == name),
             "{error}"
         );
     }
