@@ -21,6 +21,8 @@ pub mod bounds;
 pub mod field;
 pub mod id;
 pub mod options;
+#[cfg(all(feature = "testing", feature = "algebra"))]
+pub mod specification;
 #[cfg(feature = "testing")]
 pub mod testing;
 

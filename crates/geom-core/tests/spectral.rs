@@ -473,7 +473,7 @@ fn bad_input_is_named() {
     ] {
         let error = solve(&stiffness, &laplace::lumped_mass(&mesh), &options);
         assert!(
-            matches!(error, Error::Option { field: f, .. } if f == field),
+            matches!(&error, Error::Option(out) if out.option == field),
             "{error}"
         );
         assert!(error.to_string().contains(field));

@@ -460,10 +460,8 @@ fn heat_says_what_is_wrong() {
     };
     assert_eq!(heat(&sphere).from(&[3, 42]), Err(beyond));
     let options = HeatOptions { smoothing: 0.0 };
-    assert_eq!(
-        Heat::new(&sphere, &options).unwrap_err(),
-        DistanceError::Smoothing(0.0)
-    );
+    let error = Heat::new(&sphere, &options).unwrap_err();
+    assert!(matches!(error, DistanceError::Option(out) if out.option == "smoothing"));
     let one = vec![Point3::new(1.0, 2.0, 3.0); 42];
     let point = TriMesh::new(one, sphere.triangles().to_vec()).unwrap();
     let error = Heat::new(&point, &HeatOptions::default()).unwrap_err();

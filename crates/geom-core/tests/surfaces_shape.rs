@@ -468,5 +468,5 @@ fn one_sided_surfaces_are_refused() {
         ..repair::Options::default()
     };
     let error = repair(unit_cube(), &options).unwrap_err();
-    assert!(matches!(error, RepairError::Option { name: "merge", .. }));
+    assert!(matches!(error, RepairError::Option(out) if out.option == "merge"));
 }

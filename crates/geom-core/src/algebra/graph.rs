@@ -99,6 +99,18 @@ pub struct VoxelGraph {
     weights: Vec<f64>,
 }
 
+/// A [`VoxelGraph`] as kernels see it: the neighbours of node `i` are the nodes at `places[i] + offset` for each
+/// entry of the stencil.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StencilTables<'a> {
+    /// Place of each node in the bounds, which have a margin of one, ascending.
+    pub places: &'a [u32],
+    /// The node at each place of the bounds, or `u32::MAX`.
+    pub node_at: &'a [u32],
+    /// Offset of each neighbour and the weight of the edge to it.
+    pub stencil: Vec<(i32, f32)>,
+}
+
 impl VoxelGraph {
     /// The graph of the points with `inside[i + nx (j + ny k)]`, for a lattice of `counts = [nx, ny,
     /// nz]` points. `weights` are those across a face, an edge and a corner, of which
@@ -284,14 +296,17 @@ impl VoxelGraph {
         out
     }
 
-    /// Padded bounds, places, nodes and stencil, for kernels.
-    #[cfg(feature = "wgpu")]
-    pub(crate) fn tables(&self) -> (&[u32], &[u32], Vec<(i32, f32)>) {
+    /// The graph as a stencil on its bounds, for kernels.
+    pub fn tables(&self) -> StencilTables<'_> {
         let stencil = self
             .stencil
             .iter()
             .map(|&(offset, class)| (offset as i32, self.weights[class] as f32));
-        (&self.places, &self.node_at, stencil.collect())
+        StencilTables {
+            places: &self.places,
+            node_at: &self.node_at,
+            stencil: stencil.collect(),
+        }
     }
 }
 

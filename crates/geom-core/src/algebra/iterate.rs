@@ -4,6 +4,7 @@
 use rayon::prelude::*;
 
 use super::{Cholesky, Error, Scalar, SparseMatrix};
+use crate::options::require;
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,12 +28,13 @@ impl Default for Options {
 impl Options {
     /// Refuses values that make no sense, naming the field.
     pub fn check(&self) -> Result<(), Error> {
-        if !(self.tolerance >= 0.0 && self.tolerance < 1.0) {
-            return Err(Error::Option {
-                field: "tolerance",
-                must: "be at least 0 and below 1",
-            });
-        }
+        let holds = self.tolerance >= 0.0 && self.tolerance < 1.0;
+        require(
+            holds,
+            "tolerance",
+            self.tolerance,
+            "be at least 0 and below 1",
+        )?;
         Ok(())
     }
 }

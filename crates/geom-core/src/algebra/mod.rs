@@ -19,6 +19,8 @@ pub use mass::Mass;
 pub use operator::Operator;
 pub use sparse::{Scalar, SparseMatrix};
 
+use crate::options::OutOfRange;
+
 /// Why a matrix cannot be made, factored or solved with.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -91,13 +93,8 @@ pub enum Error {
         entries: usize,
     },
     /// An option makes no sense.
-    #[error("option {field} must {must}")]
-    Option {
-        /// The field.
-        field: &'static str,
-        /// What it must do.
-        must: &'static str,
-    },
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
     /// A right-hand side has the wrong length.
     #[error("a right-hand side of {found} values, {expected} are needed")]
     RightHandSide {

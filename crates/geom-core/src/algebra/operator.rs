@@ -76,20 +76,22 @@ impl<'a> Operator<'a> {
     }
 
     /// Does it come from a [`Laplacian`]?
-    pub(crate) fn is_graph(self) -> bool {
+    pub fn is_graph(self) -> bool {
         self.is_graph
     }
 
-    pub(crate) fn matrix(self) -> &'a SparseMatrix {
+    /// Its matrix; of a [`Laplacian`] what the graphs leave.
+    pub fn matrix(self) -> &'a SparseMatrix {
         self.matrix
     }
 
-    pub(crate) fn graphs(self) -> &'a [VoxelGraph] {
+    /// The graphs whose weights are subtracted, one after the other along the diagonal.
+    pub fn graphs(self) -> &'a [VoxelGraph] {
         self.graphs
     }
 
     /// Columns and values of a row, in no particular order.
-    pub(crate) fn row(self, row: usize) -> impl Iterator<Item = (usize, f64)> + 'a {
+    pub fn row(self, row: usize) -> impl Iterator<Item = (usize, f64)> + 'a {
         let mut first = 0;
         let mut own = None;
         for graph in self.graphs {

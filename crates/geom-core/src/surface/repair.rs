@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use crate::compute::sets::DisjointSets;
 use crate::mesh::Halfedges;
+use crate::options::{OutOfRange, require};
 use crate::search::bvh::TriangleTree;
 use crate::search::nearest::PointTree;
 use crate::{Point3, TriMesh, Vector3};
@@ -58,15 +59,8 @@ pub enum RepairError {
         triangle: u32,
     },
     /// An option is out of its range.
-    #[error("option {name} is {value}, but must be {needs}")]
-    Option {
-        /// The field.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-        /// What it must be.
-        needs: &'static str,
-    },
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
 }
 
 /// What was done, in this order.
@@ -131,11 +125,9 @@ pub struct Repaired {
 /// # Ok::<(), repair::RepairError>(())
 /// ```
 pub fn repair(mesh: TriMesh, options: &Options) -> Result<Repaired, RepairError> {
-    for (name, value) in [("merge", options.merge), ("flat", options.flat)] {
-        if !value.is_finite() || value >= 1.0 {
-            let needs = "a number below 1";
-            return Err(RepairError::Option { name, value, needs });
-        }
+    for (option, value) in [("merge", options.merge), ("flat", options.flat)] {
+        let holds = value.is_finite() && value < 1.0;
+        require(holds, option, value, "be a number below 1")?;
     }
     let tolerance = options.merge * mesh.bounds().diagonal().max(0.0);
     let (positions, triangles) = mesh.into_parts();

@@ -45,6 +45,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         h.push(0.0);
     }
     let mut block = pencil.mass_times(&random_block(n, b, &mut random), b);
+    let mut directions = Vec::new();
     let mut before: Option<(Vec<f64>, usize)> = None;
     let mut restarts = 0;
     loop {
@@ -54,8 +55,9 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
             .chunks(b)
             .flat_map(|row| row.iter().zip(&sizes).map(|(x, s)| (x / s) as f32))
             .collect();
-        let mut w: Vec<f64> = cycle.run(&narrow, b)?.into_iter().map(f64::from).collect();
+        cycle.run(&narrow, b, &mut directions)?;
         drop(narrow);
+        let mut w: Vec<f64> = directions.iter().copied().map(f64::from).collect();
         report.solves += b;
         let mut taken = Taken::nothing(basis.columns.count(), b);
         basis.orthonormalize(&mut w, b, (0, 0), &mut taken, &mut random);

@@ -4,7 +4,7 @@
 //! has its own zero. A part of few rows is solved densely; a large one by block Lanczos on
 //! `(K − σM)⁻¹ M` with a sparse Cholesky factor, σ slightly below zero (shift–invert).
 
-mod backend;
+pub mod backend;
 mod basis;
 mod davidson;
 mod lanczos;
@@ -14,7 +14,7 @@ mod parts;
 mod wgpu;
 
 pub use crate::algebra::Operator;
-pub use backend::{APPLY_BLOCK, CYCLE, Cycle, SpectralBackend};
+pub use backend::SpectralBackend;
 pub use multigrid::Multigrid;
 
 use std::ops::Range;
@@ -23,6 +23,8 @@ use rayon::prelude::*;
 
 use crate::algebra::Mass;
 use crate::algebra::{self, SparseMatrix, dense};
+use crate::compute::BackendError;
+use crate::options::{OutOfRange, require};
 use crate::{Cancelled, Run};
 
 /// Rows up to which a part is solved densely.
@@ -108,22 +110,22 @@ impl Default for Options {
 impl Options {
     /// Refuses values that make no sense, naming the field.
     pub fn check(&self) -> Result<(), Error> {
-        let bad = |field, must: &'static str| Err(Error::Option { field, must });
-        if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
-            return bad("tolerance", "lie between 0 and 1");
+        let between = self.tolerance > 0.0 && self.tolerance < 1.0;
+        require(between, "tolerance", self.tolerance, "lie between 0 and 1")?;
+        if let Some(shift) = self.shift {
+            require(shift.is_finite(), "shift", shift, "be a finite number")?;
         }
-        if self.shift.is_some_and(|s| !s.is_finite()) {
-            return bad("shift", "be a finite number");
-        }
-        if !(1..=64).contains(&self.block) {
-            return bad("block", "lie between 1 and 64");
-        }
-        if self.max_restarts == 0 {
-            return bad("max_restarts", "be at least 1");
-        }
-        if !(self.cluster_gap >= 0.0 && self.cluster_gap < 1.0) {
-            return bad("cluster_gap", "be at least 0 and below 1");
-        }
+        let fits = (1..=64).contains(&self.block);
+        require(fits, "block", self.block, "lie between 1 and 64")?;
+        let any = self.max_restarts > 0;
+        require(any, "max_restarts", self.max_restarts, "be at least 1")?;
+        let share = self.cluster_gap >= 0.0 && self.cluster_gap < 1.0;
+        require(
+            share,
+            "cluster_gap",
+            self.cluster_gap,
+            "be at least 0 and below 1",
+        )?;
         Ok(())
     }
 }
@@ -133,13 +135,8 @@ impl Options {
 #[non_exhaustive]
 pub enum Error {
     /// An option makes no sense.
-    #[error("option {field} must {must}")]
-    Option {
-        /// The field.
-        field: &'static str,
-        /// What it must do.
-        must: &'static str,
-    },
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
     /// A mass is zero, negative or not finite where the stiffness is not zero.
     #[error("the mass of row {row} is {mass}; it must be positive where the stiffness is not zero")]
     Mass {
@@ -173,10 +170,16 @@ pub enum Error {
     /// The watcher asked to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
-    /// The GPU failed.
-    #[cfg(feature = "wgpu")]
+    /// The backend failed.
     #[error(transparent)]
-    Gpu(#[from] crate::GpuError),
+    Backend(#[from] BackendError),
+}
+
+#[cfg(feature = "wgpu")]
+impl From<crate::GpuError> for Error {
+    fn from(error: crate::GpuError) -> Self {
+        Self::Backend(error.into())
+    }
 }
 
 /// Eigenpairs in ascending order.
@@ -320,12 +323,6 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
         clusters,
         report,
     })
-}
-
-/// One V-cycle in f64: what a [`Cycle`] is compared with.
-#[cfg(feature = "testing")]
-pub fn exact_cycle(hierarchy: &Multigrid<'_>, block: &[f64], columns: usize) -> Vec<f64> {
-    hierarchy.cycle(block, columns)
 }
 
 /// The matrices of one connected part.

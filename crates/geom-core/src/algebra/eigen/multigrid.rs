@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::{Error, Operator};
-use crate::algebra::graph::Real;
+use crate::algebra::graph::VoxelGraph;
 use crate::algebra::{SparseMatrix, dense};
 use crate::compute::random::SplitMix64;
 
@@ -27,14 +27,17 @@ const ROWS: usize = 2048;
 
 /// A sparse matrix of f32 in compressed rows.
 #[derive(Clone, Debug)]
-pub(crate) struct Rows32 {
-    pub(crate) starts: Vec<u32>,
-    pub(crate) indices: Vec<u32>,
-    pub(crate) values: Vec<f32>,
+pub struct CompressedRows {
+    /// Where the entries of each row start, and their number at the end.
+    pub starts: Vec<u32>,
+    /// The column of each entry.
+    pub indices: Vec<u32>,
+    /// The entries.
+    pub values: Vec<f32>,
 }
 
-impl Rows32 {
-    pub(crate) fn of(matrix: &SparseMatrix) -> Self {
+impl CompressedRows {
+    fn of(matrix: &SparseMatrix) -> Self {
         Self {
             // A sparse matrix has fewer than 2³² entries.
             starts: matrix.starts().iter().map(|&s| s as u32).collect(),
@@ -43,26 +46,27 @@ impl Rows32 {
         }
     }
 
-    pub(crate) fn rows(&self) -> usize {
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// `out ← out + scale · A X`.
-    fn add_product<T: Real>(&self, scale: T, block: &[T], columns: usize, out: &mut [T]) {
+    fn add_product(&self, scale: f32, block: &[f32], columns: usize, out: &mut [f32]) {
         match columns {
             0 => {}
-            4 => self.add::<T, 4>(scale, block, out),
-            8 => self.add::<T, 8>(scale, block, out),
-            16 => self.add::<T, 16>(scale, block, out),
+            4 => self.add::<4>(scale, block, out),
+            8 => self.add::<8>(scale, block, out),
+            16 => self.add::<16>(scale, block, out),
             _ => out
                 .par_chunks_mut(ROWS * columns)
                 .enumerate()
                 .for_each(|(part, out)| {
                     for (i, y) in out.chunks_exact_mut(columns).enumerate() {
                         for (j, a) in self.row(part * ROWS + i) {
-                            let a = scale * T::from(a);
+                            let a = scale * a;
                             for (y, &x) in y.iter_mut().zip(&block[j * columns..]) {
-                                *y = *y + a * x;
+                                *y += a * x;
                             }
                         }
                     }
@@ -70,7 +74,8 @@ impl Rows32 {
         }
     }
 
-    fn row(&self, row: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
+    /// Columns and entries of a row.
+    pub fn row(&self, row: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
         let range = self.starts[row] as usize..self.starts[row + 1] as usize;
         self.indices[range.clone()]
             .iter()
@@ -78,22 +83,22 @@ impl Rows32 {
             .zip(self.values[range].iter().copied())
     }
 
-    fn add<T: Real, const C: usize>(&self, scale: T, block: &[T], out: &mut [T]) {
+    fn add<const C: usize>(&self, scale: f32, block: &[f32], out: &mut [f32]) {
         let (rows, _) = block.as_chunks::<C>();
         let (out, _) = out.as_chunks_mut::<C>();
         out.par_chunks_mut(ROWS)
             .enumerate()
             .for_each(|(part, out)| {
                 for (i, y) in out.iter_mut().enumerate() {
-                    let mut sum = [T::default(); C];
+                    let mut sum = [0.0; C];
                     for (j, a) in self.row(part * ROWS + i) {
-                        let (a, x) = (T::from(a), &rows[j]);
+                        let x = &rows[j];
                         for c in 0..C {
-                            sum[c] = sum[c] + a * x[c];
+                            sum[c] += a * x[c];
                         }
                     }
                     for c in 0..C {
-                        y[c] = y[c] + scale * sum[c];
+                        y[c] += scale * sum[c];
                     }
                 }
             });
@@ -102,15 +107,17 @@ impl Rows32 {
 
 /// An operator with its entries rounded to f32.
 #[derive(Clone, Debug)]
-pub(crate) struct Rounded<'a> {
-    pub(crate) matrix: Rows32,
-    pub(crate) graphs: &'a [crate::algebra::graph::VoxelGraph],
+pub struct RoundedOperator<'a> {
+    /// The matrix; of a graph Laplacian what its stencils leave.
+    pub matrix: CompressedRows,
+    /// The weights of these graphs, one graph after the other along the diagonal, are subtracted.
+    pub graphs: &'a [VoxelGraph],
 }
 
-impl<'a> Rounded<'a> {
-    pub(crate) fn of(operator: Operator<'a>) -> Self {
+impl<'a> RoundedOperator<'a> {
+    fn of(operator: Operator<'a>) -> Self {
         Self {
-            matrix: Rows32::of(operator.matrix()),
+            matrix: CompressedRows::of(operator.matrix()),
             graphs: operator.graphs(),
         }
     }
@@ -120,10 +127,9 @@ impl<'a> Rounded<'a> {
     }
 
     /// `A X`.
-    pub(crate) fn multiply<T: Real>(&self, block: &[T], columns: usize) -> Vec<T> {
-        let mut out = vec![T::default(); self.rows() * columns];
-        self.matrix
-            .add_product(T::from(1.0), block, columns, &mut out);
+    fn multiply(&self, block: &[f32], columns: usize) -> Vec<f32> {
+        let mut out = vec![0.0; self.rows() * columns];
+        self.matrix.add_product(1.0, block, columns, &mut out);
         let mut first = 0;
         for graph in self.graphs {
             let range = first * columns..(first + graph.nodes()) * columns;
@@ -135,23 +141,29 @@ impl<'a> Rounded<'a> {
 }
 
 /// One level above the coarsest.
+///
+/// The cycle smooths `x` from zero, adds `prolong · cycle(restrict · (b − A x))` of the next level, and smooths
+/// again.
 #[derive(Clone, Debug)]
-pub(crate) struct Level<'a> {
-    pub(crate) operator: Rounded<'a>,
-    pub(crate) inverse_diagonal: Vec<f32>,
-    /// Step s of the smoother: `d ← first · d + second · D⁻¹ (b − A x)`, `x ← x + d`.
-    pub(crate) steps: [[f32; 2]; STEPS],
-    /// From the next level to this one, and back.
-    pub(crate) prolong: Rows32,
-    pub(crate) restrict: Rows32,
+pub struct Level<'a> {
+    /// A.
+    pub operator: RoundedOperator<'a>,
+    /// D⁻¹: the inverse of the diagonal of A.
+    pub inverse_diagonal: Vec<f32>,
+    /// The smoother, from `d = 0`: step `[first, second]` is `d ← first · d + second · D⁻¹ (b − A x)`,
+    /// `x ← x + d`.
+    pub steps: [[f32; 2]; STEPS],
+    /// From the next level to this one.
+    pub prolong: CompressedRows,
+    /// From this level to the next one: the transpose of [`Level::prolong`].
+    pub restrict: CompressedRows,
 }
 
 /// A hierarchy of ever smaller operators: see the module.
 #[derive(Clone, Debug)]
 pub struct Multigrid<'a> {
-    pub(crate) levels: Vec<Level<'a>>,
-    /// Inverse of the coarsest operator (its null space left out), or of its diagonal.
-    pub(crate) coarsest: Rows32,
+    levels: Vec<Level<'a>>,
+    coarsest: CompressedRows,
     rows: usize,
 }
 
@@ -194,9 +206,9 @@ impl<'a> Multigrid<'a> {
                 }
             })?;
             let rounded = match coarse {
-                None => Rounded::of(operator),
-                Some(ref matrix) => Rounded {
-                    matrix: Rows32::of(matrix),
+                None => RoundedOperator::of(operator),
+                Some(ref matrix) => RoundedOperator {
+                    matrix: CompressedRows::of(matrix),
                     graphs: &[],
                 },
             };
@@ -204,8 +216,8 @@ impl<'a> Multigrid<'a> {
                 operator: rounded,
                 inverse_diagonal: diagonal.iter().map(|d| (1.0 / d) as f32).collect(),
                 steps: chebyshev(DAMPED * radius, 1.05 * radius),
-                prolong: Rows32::of(&prolong),
-                restrict: Rows32::of(&restrict),
+                prolong: CompressedRows::of(&prolong),
+                restrict: CompressedRows::of(&restrict),
             });
             coarse = Some(next);
         }
@@ -222,52 +234,52 @@ impl<'a> Multigrid<'a> {
         self.rows
     }
 
-    /// Number of levels.
-    pub fn levels(&self) -> usize {
-        self.levels.len() + 1
+    /// The levels above the coarsest, the finest first.
+    pub fn levels(&self) -> &[Level<'a>] {
+        &self.levels
     }
 
-    /// One V-cycle from zero, in the precision of `T`.
-    pub(crate) fn cycle<T: Real>(&self, block: &[T], columns: usize) -> Vec<T> {
-        self.descend(0, block, columns)
+    /// The inverse of the coarsest operator, its null space left out, or of its diagonal.
+    pub fn coarsest(&self) -> &CompressedRows {
+        &self.coarsest
     }
 
-    fn descend<T: Real>(&self, depth: usize, b: &[T], columns: usize) -> Vec<T> {
+    /// One V-cycle from zero, in f32; `x` is replaced.
+    pub(super) fn cycle(&self, block: &[f32], columns: usize, x: &mut Vec<f32>) {
+        self.descend(0, block, columns, x);
+    }
+
+    fn descend(&self, depth: usize, b: &[f32], columns: usize, x: &mut Vec<f32>) {
+        x.clear();
+        x.resize(b.len(), 0.0);
         if columns == 0 {
-            return Vec::new();
+            return;
         }
         let Some(level) = self.levels.get(depth) else {
-            let mut x = vec![T::default(); b.len()];
-            self.coarsest.add_product(T::from(1.0), b, columns, &mut x);
-            return x;
+            self.coarsest.add_product(1.0, b, columns, x);
+            return;
         };
-        let mut x = vec![T::default(); b.len()];
         let mut r = b.to_vec();
-        level.smooth(&mut x, &mut r, b, columns);
-        level.residual(&mut r, &x, b, columns);
-        let mut coarse = vec![T::default(); level.restrict.rows() * columns];
-        level
-            .restrict
-            .add_product(T::from(1.0), &r, columns, &mut coarse);
-        let correction = self.descend(depth + 1, &coarse, columns);
-        level
-            .prolong
-            .add_product(T::from(1.0), &correction, columns, &mut x);
-        level.residual(&mut r, &x, b, columns);
-        level.smooth(&mut x, &mut r, b, columns);
-        x
+        level.smooth(x, &mut r, b, columns);
+        level.residual(&mut r, x, b, columns);
+        let mut coarse = vec![0.0; level.restrict.rows() * columns];
+        level.restrict.add_product(1.0, &r, columns, &mut coarse);
+        let mut correction = Vec::new();
+        self.descend(depth + 1, &coarse, columns, &mut correction);
+        level.prolong.add_product(1.0, &correction, columns, x);
+        level.residual(&mut r, x, b, columns);
+        level.smooth(x, &mut r, b, columns);
     }
 }
 
 impl Level<'_> {
     /// Smooths x, with its residual in r, which is not up to date afterwards.
-    fn smooth<T: Real>(&self, x: &mut [T], r: &mut [T], b: &[T], columns: usize) {
-        let mut d = vec![T::default(); x.len()];
+    fn smooth(&self, x: &mut [f32], r: &mut [f32], b: &[f32], columns: usize) {
+        let mut d = vec![0.0; x.len()];
         for (k, [first, second]) in self.steps.into_iter().enumerate() {
             if k > 0 {
                 self.residual(r, x, b, columns);
             }
-            let (first, second) = (T::from(first), T::from(second));
             x.par_chunks_mut(ROWS * columns)
                 .zip(d.par_chunks_mut(ROWS * columns))
                 .zip(r.par_chunks(ROWS * columns))
@@ -275,10 +287,10 @@ impl Level<'_> {
                 .for_each(|(((x, d), r), inverse)| {
                     let rows = x.chunks_mut(columns).zip(d.chunks_mut(columns));
                     for (((x, d), r), &inverse) in rows.zip(r.chunks(columns)).zip(inverse) {
-                        let scale = second * T::from(inverse);
+                        let scale = second * inverse;
                         for c in 0..columns {
                             d[c] = first * d[c] + scale * r[c];
-                            x[c] = x[c] + d[c];
+                            x[c] += d[c];
                         }
                     }
                 });
@@ -286,7 +298,7 @@ impl Level<'_> {
     }
 
     /// `r ← b − A x`.
-    fn residual<T: Real>(&self, r: &mut [T], x: &[T], b: &[T], columns: usize) {
+    fn residual(&self, r: &mut [f32], x: &[f32], b: &[f32], columns: usize) {
         let image = self.operator.multiply(x, columns);
         r.par_chunks_mut(ROWS * columns)
             .zip(b.par_chunks(ROWS * columns))
@@ -389,12 +401,12 @@ fn chebyshev(low: f64, high: f64) -> [[f32; 2]; STEPS] {
 }
 
 /// The inverse on the coarsest level. Eigenvalues of rounding size are left out.
-fn inverse(operator: Operator<'_>) -> Result<Rows32, Error> {
+fn inverse(operator: Operator<'_>) -> Result<CompressedRows, Error> {
     let n = operator.rows();
     let matrix = operator.assembled()?;
     if n > LARGEST_DENSE {
         let inverse: Vec<f64> = matrix.diagonal().iter().map(|d| 1.0 / d).collect();
-        return Ok(Rows32::of(&SparseMatrix::diagonal_of(&inverse)));
+        return Ok(CompressedRows::of(&SparseMatrix::diagonal_of(&inverse)));
     }
     let mut full = vec![0.0; n * n];
     for i in 0..n {
@@ -421,5 +433,5 @@ fn inverse(operator: Operator<'_>) -> Result<Rows32, Error> {
     let rows = SparseMatrix::from_rows(n, n, |i, out| {
         out.extend((0..n).map(|j| (j as u32, inverse[i * n + j])));
     })?;
-    Ok(Rows32::of(&rows))
+    Ok(CompressedRows::of(&rows))
 }

@@ -5,9 +5,9 @@ use std::sync::Mutex;
 use bytemuck::{Pod, Zeroable};
 use geom_shaders::{GEOM_CORE_PRODUCT, GEOM_CORE_SMOOTH, GEOM_CORE_STENCIL};
 
-use super::backend::check_block;
-use super::multigrid::{Level, Rounded, Rows32};
-use super::{Cycle, Error, Multigrid, Operator, SpectralBackend};
+use super::Error;
+use super::backend::{Cycle, SpectralBackend, check_block};
+use super::multigrid::{CompressedRows, Level, Multigrid, RoundedOperator};
 use crate::algebra::graph::VoxelGraph;
 use crate::compute::gpu::{GpuBuffer, GpuContext};
 use crate::{GpuError, Wgpu};
@@ -32,32 +32,14 @@ impl Parameters {
 }
 
 impl SpectralBackend for Wgpu {
-    fn apply_block(
-        &self,
-        operator: Operator<'_>,
-        block: &[f32],
-        columns: usize,
-    ) -> Result<Vec<f32>, Error> {
-        let rows = operator.rows();
-        check_block(rows, block.len(), columns)?;
-        let gpu = self.gpu();
-        let matrix = OnGpu::of(gpu, &Rounded::of(operator))?;
-        let quads = columns.div_ceil(4);
-        let x = gpu.upload("block", &padded(block, columns))?;
-        let out = gpu.output::<[f32; 4]>("product", rows * quads)?;
-        let none = gpu.output::<[f32; 4]>("nothing", 1)?;
-        matrix.apply(gpu, quads, [1.0, 0.0], &x, &none, &out)?;
-        Ok(trimmed(&gpu.download::<f32>(&out)?, columns))
-    }
-
     fn prepare<'a>(&'a self, hierarchy: &'a Multigrid<'a>) -> Result<Box<dyn Cycle + 'a>, Error> {
         let gpu = self.gpu();
-        let levels = hierarchy.levels.iter().map(|l| LevelOnGpu::of(gpu, l));
+        let levels = hierarchy.levels().iter().map(|l| LevelOnGpu::of(gpu, l));
         Ok(Box::new(CycleOnGpu {
             gpu,
             rows: hierarchy.rows(),
             levels: levels.collect::<Result<_, GpuError>>()?,
-            coarsest: Matrix::of(gpu, &hierarchy.coarsest)?,
+            coarsest: Matrix::of(gpu, hierarchy.coarsest())?,
             nothing: gpu.output::<[f32; 4]>("nothing", 1)?,
             workspace: Mutex::new(None),
         }))
@@ -76,13 +58,13 @@ fn padded(block: &[f32], columns: usize) -> Vec<f32> {
     out
 }
 
-fn trimmed(block: &[f32], columns: usize) -> Vec<f32> {
-    if columns == 0 {
-        return Vec::new();
+/// The rows without what they were padded with.
+fn trim(block: &[f32], columns: usize, out: &mut Vec<f32>) {
+    out.clear();
+    if columns > 0 {
+        let rows = block.chunks(columns.next_multiple_of(4));
+        out.extend(rows.flat_map(|row| &row[..columns]));
     }
-    let rows = block.chunks(columns.next_multiple_of(4));
-    rows.flat_map(|row| row[..columns].iter().copied())
-        .collect()
 }
 
 /// Workgroups of 64 for so many threads, within the limit of each dimension.
@@ -100,7 +82,7 @@ struct Matrix {
 }
 
 impl Matrix {
-    fn of(gpu: &GpuContext, matrix: &Rows32) -> Result<Self, GpuError> {
+    fn of(gpu: &GpuContext, matrix: &CompressedRows) -> Result<Self, GpuError> {
         Ok(Self {
             rows: matrix.rows(),
             starts: gpu.upload("starts", &matrix.starts)?,
@@ -153,16 +135,17 @@ impl Stencil {
             offset: i32,
             weight: f32,
         }
-        let (places, node_at, stencil) = graph.tables();
-        let stencil: Vec<Neighbour> = stencil
+        let tables = graph.tables();
+        let stencil: Vec<Neighbour> = tables
+            .stencil
             .into_iter()
             .map(|(offset, weight)| Neighbour { offset, weight })
             .collect();
         Ok(Self {
             nodes: graph.nodes(),
             first,
-            places: gpu.upload("places", places)?,
-            node_at: gpu.upload("node_at", node_at)?,
+            places: gpu.upload("places", tables.places)?,
+            node_at: gpu.upload("node_at", tables.node_at)?,
             stencil: gpu.upload("stencil", &stencil)?,
         })
     }
@@ -175,7 +158,7 @@ struct OnGpu {
 }
 
 impl OnGpu {
-    fn of(gpu: &GpuContext, operator: &Rounded<'_>) -> Result<Self, GpuError> {
+    fn of(gpu: &GpuContext, operator: &RoundedOperator<'_>) -> Result<Self, GpuError> {
         let mut stencils = Vec::new();
         let mut first = 0;
         for graph in operator.graphs {
@@ -354,7 +337,7 @@ impl CycleOnGpu<'_> {
 }
 
 impl Cycle for CycleOnGpu<'_> {
-    fn run(&self, block: &[f32], columns: usize) -> Result<Vec<f32>, Error> {
+    fn run(&self, block: &[f32], columns: usize, out: &mut Vec<f32>) -> Result<(), Error> {
         check_block(self.rows, block.len(), columns)?;
         let quads = columns.div_ceil(4);
         let mut slot = self.workspace.lock().unwrap_or_else(|e| e.into_inner());
@@ -364,8 +347,8 @@ impl Cycle for CycleOnGpu<'_> {
         };
         let b = self.gpu.upload("block", &padded(block, columns))?;
         let x = self.descend(0, &b, &work)?;
-        let out = trimmed(&self.gpu.download::<f32>(x)?, columns);
+        trim(&self.gpu.download::<f32>(x)?, columns, out);
         *slot = Some(work);
-        Ok(out)
+        Ok(())
     }
 }

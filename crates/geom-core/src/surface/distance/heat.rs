@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::{DistanceError, Graph, NONE, shortest_paths};
 use crate::TriMesh;
 use crate::algebra::{Cholesky, SparseMatrix, Symbolic};
+use crate::options::require;
 use crate::surface::laplace::Intrinsic;
 
 /// Decades that heat may fall before an f64 loses it: from [`START`] down to the smallest numbers,
@@ -33,11 +34,9 @@ impl Default for HeatOptions {
 impl HeatOptions {
     /// Are all numbers in their ranges?
     pub fn check(&self) -> Result<(), DistanceError> {
-        if self.smoothing.is_finite() && self.smoothing > 0.0 {
-            Ok(())
-        } else {
-            Err(DistanceError::Smoothing(self.smoothing))
-        }
+        let holds = self.smoothing.is_finite() && self.smoothing > 0.0;
+        require(holds, "smoothing", self.smoothing, "be a positive number")?;
+        Ok(())
     }
 }
 

@@ -8,6 +8,7 @@ use std::collections::BinaryHeap;
 use crate::TriMesh;
 use crate::algebra;
 use crate::compute::parallel;
+use crate::options::OutOfRange;
 use crate::surface::laplace;
 
 pub use heat::{Heat, HeatOptions};
@@ -65,9 +66,9 @@ pub enum DistanceError {
         /// Which of the sets.
         set: usize,
     },
-    /// [`HeatOptions::smoothing`] is out of its range.
-    #[error("option smoothing is {0}, but must be a positive number")]
-    Smoothing(f64),
+    /// An option makes no sense.
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
     /// The surface has no Laplace operator.
     #[error(transparent)]
     Operator(#[from] laplace::Error),
