@@ -420,7 +420,7 @@ fn bad_input_is_named() {
     let nan = solve(&stiffness, &Mass::Lumped(masses.clone()), &defaults);
     assert_eq!(
         nan,
-        Error::Matrix(linalg::Error::NotFinite { row: 4, column: 4 })
+        Error::Matrix(algebra::Error::NotFinite { row: 4, column: 4 })
     );
     masses[4] = -1.0;
     let negative = solve(&stiffness, &Mass::Lumped(masses), &defaults);
@@ -432,7 +432,7 @@ fn bad_input_is_named() {
     let asymmetric = solve(&skew, &laplace::lumped_mass(&mesh), &defaults);
     assert_eq!(
         asymmetric,
-        Error::Matrix(linalg::Error::NotSymmetric { row: 0, column })
+        Error::Matrix(algebra::Error::NotSymmetric { row: 0, column })
     );
     for (options, field) in [
         (
@@ -491,7 +491,7 @@ fn bad_input_is_named() {
     );
     assert!(matches!(
         error,
-        Error::Matrix(linalg::Error::NotPositiveDefinite { .. })
+        Error::Matrix(algebra::Error::NotPositiveDefinite { .. })
     ));
 }
 
