@@ -5,6 +5,9 @@ use crate::{MeshError, Point3, TriMesh, Vector3};
 
 pub(super) const NONE: u32 = u32::MAX;
 
+/// Least cosine between a triangle's normal and the surface's at its corners.
+pub(super) const FACING: f64 = 0.3;
+
 /// How a vertex may move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Kind {
@@ -62,6 +65,24 @@ pub(super) fn next(h: u32) -> u32 {
 }
 pub(super) fn previous(h: u32) -> u32 {
     if h.is_multiple_of(3) { h + 2 } else { h - 1 }
+}
+
+/// Twice the area of a triangle along its normal.
+pub(super) fn doubled_normal([a, b, c]: [Point3; 3]) -> Vector3 {
+    (b - a).cross(&(c - a))
+}
+
+/// How well a triangle faces the way the surface does at its corners: the least cosine; 1 if none
+/// of its corners knows a normal, −1 if it has no area.
+pub(super) fn facing(corners: [&Vertex; 3]) -> f64 {
+    let Some(normal) = doubled_normal(corners.map(|v| v.position)).try_normalize(0.0) else {
+        return -1.0;
+    };
+    corners
+        .iter()
+        .filter(|v| v.normal != Vector3::zeros())
+        .map(|v| normal.dot(&v.normal))
+        .fold(1.0, f64::min)
 }
 
 impl Mesh {

@@ -1,21 +1,20 @@
 //! The surface to follow, its features, and the wanted edge lengths.
 
 use crate::compute::parallel;
+use crate::field::{End, Guard, Tangent, project};
 use crate::mesh::quality::edge_lengths;
+use crate::nalgebra::center;
 use crate::search::bvh::{Closest, TriangleTree};
-use crate::surface::distance::{Graph, shortest_paths};
 use crate::{ImplicitField, Point3, TriMesh, Vector3};
 
-use super::mesh::{Kind, Mark, Mesh, Vertex};
-use super::refine::{Spots, middles};
-use super::{Deviation, Error, Features, Options, Sizing};
+use super::kept::{Course, corner_normals, kinds, mark_features, on_crease};
+use super::mesh::{Kind, Mesh, Vertex};
+use super::options::{Error, Options, Sizing};
+use super::report::Deviation;
+use super::sizes::{Sizes, Spots, expected_triangles, sizes};
 
-/// A kept curve that turns by more than this within a wanted edge has a corner there: cos 45°.
-const CORNER: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// Least cosine between the normals of the level set and of the input.
 const AGREE: f64 = 0.3;
-/// Most Newton steps towards the level set.
-const NEWTON: usize = 12;
 /// A last step of this share of an edge leaves less than can be seen.
 pub(super) const EXACT: f64 = 1e-4;
 /// Growth per Å of lengths that are shorter than the uniform one asked for.
@@ -23,48 +22,11 @@ const GRADATION: f64 = 0.3;
 /// As short as such lengths may become, in units of the one asked for.
 const SHORTEST: f64 = 1.0 / 16.0;
 
-/// Wanted lengths at the vertices of the input.
-enum Sizes {
-    Same(f64),
-    PerVertex(Vec<f64>),
-}
-
 /// Kept curves of the input as segments.
 struct Curves {
     /// Segments as triangles without area.
     tree: TriangleTree,
     ends: Vec<[u32; 2]>,
-}
-
-/// Where a kept curve runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Course {
-    /// Where the surface ends: it stays where the input has it.
-    Boundary,
-    /// Across a smooth surface, which it follows.
-    Within,
-    /// Along a crease of the input; there is no normal.
-    Crease,
-}
-
-impl Course {
-    pub(super) fn of_edge(mesh: &Mesh, h: u32) -> Self {
-        match (mesh.mark(h), mesh.twin(h)) {
-            (Mark::Crease, _) => Self::Crease,
-            (_, None) => Self::Boundary,
-            _ => Self::Within,
-        }
-    }
-
-    pub(super) fn of_vertex(mesh: &Mesh, v: u32) -> Self {
-        if on_crease(mesh, v) {
-            Self::Crease
-        } else if mesh.on_boundary(v) {
-            Self::Boundary
-        } else {
-            Self::Within
-        }
-    }
 }
 
 pub(super) struct Reference<'a> {
@@ -355,26 +317,6 @@ impl<'a> Reference<'a> {
     }
 }
 
-impl Sizes {
-    fn at(&self, v: u32) -> f64 {
-        match self {
-            Self::Same(size) => *size,
-            Self::PerVertex(sizes) => sizes[v as usize],
-        }
-    }
-
-    fn longest(&self) -> f64 {
-        match self {
-            Self::Same(size) => *size,
-            Self::PerVertex(sizes) => sizes
-                .iter()
-                .copied()
-                .filter(|s| s.is_finite())
-                .fold(0.0, f64::max),
-        }
-    }
-}
-
 impl Curves {
     fn new(input: &TriMesh, ends: Vec<[u32; 2]>) -> Self {
         let positions = ends
@@ -401,271 +343,41 @@ fn level_point(
     reach: f64,
     tolerance: f64,
 ) -> Option<(Point3, Vector3)> {
-    let mut x = *p;
-    let (mut value, mut gradient) = field.value_gradient(&x);
-    for _ in 0..NEWTON {
-        let slope = gradient.norm_squared();
-        if !(slope > 0.0 && slope.is_finite()) {
-            return None;
-        }
-        let step = gradient * ((level - value) / slope);
+    let guard = Guard {
+        near: tolerance * reach,
+        ..Guard::within(reach)
+    };
+    let look = |x| Some(Tangent::new(field, level, x));
+    let found = project(Tangent::new(field, level, *p), &guard, look);
+    let normal = -found.best.normal();
+    match found.end {
         // What a last step leaves is its square.
-        if step.norm() <= tolerance * reach {
-            return Some((x + step, -gradient / slope.sqrt()));
+        End::Near => Some((found.best.foot(), normal)),
+        // A kinked field is followed slowly; what is left must be small all the same.
+        End::Tired => {
+            let close = found.best.distance().abs() <= 1e-4 * reach;
+            close.then_some((found.best.at, normal))
         }
-        let mut t = (0.5 * reach / step.norm()).min(1.0);
-        loop {
-            let y = x + step * t;
-            let (v, g) = field.value_gradient(&y);
-            if (v - level).abs() < (value - level).abs() {
-                (x, value, gradient) = (y, v, g);
-                break;
-            }
-            t *= 0.5;
-            if t < 1e-3 {
-                return None;
-            }
-        }
-        if (x - p).norm() > reach {
-            return None;
-        }
-    }
-    // A kinked field is followed slowly; what is left must be small all the same.
-    let slope = gradient.norm();
-    (slope > 0.0 && (value - level).abs() <= 1e-4 * reach * slope).then(|| (x, -gradient / slope))
-}
-
-fn mark_features(
-    work: &mut Mesh,
-    input: &TriMesh,
-    features: &Features,
-    sizes: &Sizes,
-) -> Result<(), Error> {
-    match features {
-        Features::None => {}
-        Features::Angle(degrees) => {
-            let least = degrees.to_radians().cos();
-            let normal = |h: u32| input.doubled_area_normal((h / 3) as usize).normalize();
-            let sharp: Vec<u32> = work
-                .edges()
-                .filter(|&h| {
-                    work.twin(h)
-                        .is_some_and(|g| normal(h).dot(&normal(g)) < least)
-                })
-                .collect();
-            for h in sharp {
-                work.mark_crease(h);
-            }
-            for v in 0..work.vertices.len() as u32 {
-                drop_spur(work, v, sizes.at(v));
-            }
-        }
-        Features::Edges(edges) => {
-            for (feature, &[from, to]) in edges.iter().enumerate() {
-                let missing = Error::NoSuchEdge { feature, from, to };
-                if from as usize >= work.vertices.len() || to as usize >= work.vertices.len() {
-                    return Err(missing);
-                }
-                let leaving = work.fan(from).find(|&h| work.to(h) == to);
-                let h = leaving.or_else(|| work.fan(to).find(|&h| work.to(h) == from));
-                work.mark_crease(h.ok_or(missing)?);
-            }
-        }
-    }
-    Ok(())
-}
-
-fn on_crease(work: &Mesh, v: u32) -> bool {
-    work.fan(v).any(|h| work.mark(h) == Mark::Crease)
-}
-
-/// Takes away a crease that begins at `v` and ends, or meets others, before a wanted edge is over: it
-/// is noise.
-fn drop_spur(work: &mut Mesh, v: u32, length: f64) {
-    let creases = |work: &Mesh, v: u32| -> Vec<u32> {
-        work.fan(v)
-            .filter(|&h| work.mark(h) == Mark::Crease)
-            .collect()
-    };
-    if work.on_boundary(v) {
-        return;
-    }
-    let [mut h] = creases(work, v)[..] else {
-        return;
-    };
-    let (mut chain, mut way) = (vec![h], work.length(h));
-    while way < length {
-        let w = work.to(h);
-        let onward: Vec<u32> = creases(work, w)
-            .into_iter()
-            .filter(|&g| Some(g) != work.twin(h))
-            .collect();
-        let [next] = onward[..] else { break };
-        if work.on_boundary(w) {
-            break;
-        }
-        h = next;
-        chain.push(h);
-        way += work.length(h);
-    }
-    if way < length {
-        for h in chain {
-            work.unmark_crease(h);
-        }
+        End::Lost | End::Away => None,
     }
 }
 
-/// What holds each vertex.
-fn kinds(work: &Mesh, sizes: &Sizes) -> Vec<Kind> {
-    let vertices = 0..work.vertices.len() as u32;
-    let neighbours: Vec<Option<[u32; 2]>> = vertices
-        .clone()
-        .map(|v| {
-            let ends: Vec<u32> = work.curve_ring(v).collect();
-            <[u32; 2]>::try_from(ends).ok()
-        })
-        .collect();
-    // The cosine by which a curve turns at a vertex, seen from a wanted edge away on both sides, and
-    // the vertices within half of that.
-    let turn = |v: u32| -> Option<(f64, Vec<u32>)> {
-        let ends = neighbours[v as usize]?;
-        let (p, length) = (work.position(v), sizes.at(v));
-        let mut passed = Vec::new();
-        let [u, w] = ends.map(|first| {
-            let (mut before, mut here, mut way) = (v, first, 0.0);
-            loop {
-                let (a, b) = (work.position(before), work.position(here));
-                let step = (b - a).norm();
-                if way + step >= length {
-                    return a + (b - a) * ((length - way) / step) - p;
-                }
-                way += step;
-                if way <= 0.5 * length {
-                    passed.push(here);
-                }
-                match neighbours[here as usize] {
-                    Some([x, y]) if here != v => {
-                        (before, here) = (here, if x == before { y } else { x });
-                    }
-                    _ => return b - p,
-                }
-            }
-        });
-        let cosine = -u.dot(&w) / (u.norm() * w.norm()).max(f64::MIN_POSITIVE);
-        Some((cosine, passed))
-    };
-    // Where labels meet, the line follows the input's edges in zigzag: no corners.
-    let turns: Vec<Option<(f64, Vec<u32>)>> = vertices
-        .clone()
-        .map(|v| match neighbours[v as usize] {
-            Some(_) if Course::of_vertex(work, v) != Course::Within => turn(v),
-            _ => None,
-        })
-        .collect();
-    vertices
-        .map(|v| {
-            if neighbours[v as usize].is_none() {
-                let inside = work.curve_ring(v).next().is_none();
-                return if inside { Kind::Smooth } else { Kind::Corner };
-            }
-            let Some((cosine, passed)) = &turns[v as usize] else {
-                return Kind::Curve;
-            };
-            // Of a bend that several vertices see, the sharpest is the corner.
-            let sharpest = passed.iter().all(|&w| match &turns[w as usize] {
-                Some((other, _)) => (*cosine, v) < (*other, w),
-                None => true,
-            });
-            if *cosine < CORNER && sharpest {
-                Kind::Corner
-            } else {
-                Kind::Curve
-            }
-        })
-        .collect()
+pub(super) fn centroid([a, b, c]: [Point3; 3]) -> Point3 {
+    Point3::from((a.coords + b.coords + c.coords) / 3.0)
 }
 
-/// Per corner the mean normal of the triangles around the vertex up to the next creases, weighted
-/// by their angles.
-fn corner_normals(work: &Mesh, input: &TriMesh) -> Vec<[Vector3; 3]> {
-    let weighted = |h: u32| {
-        let (t, k) = ((h / 3) as usize, (h % 3) as usize);
-        let p = input.corners(t);
-        let (u, w) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
-        input.doubled_area_normal(t).normalize() * u.angle(&w)
-    };
-    let mut normals = vec![[Vector3::zeros(); 3]; input.triangles().len()];
-    for v in 0..work.vertices.len() as u32 {
-        let mut fan: Vec<u32> = work.fan(v).collect();
-        // Lets the fan start at a crease or boundary, so that sectors do not wrap around.
-        let ends = |h: u32| work.mark(h) == Mark::Crease || work.twin(h).is_none();
-        let start = fan.iter().position(|&h| ends(h)).unwrap_or(0);
-        fan.rotate_left(start);
-        let mut first = 0;
-        while first < fan.len() {
-            let end = (first + 1..fan.len())
-                .find(|&i| ends(fan[i]))
-                .unwrap_or(fan.len());
-            let sum: Vector3 = fan[first..end].iter().map(|&h| weighted(h)).sum();
-            for &h in &fan[first..end] {
-                let own = input.doubled_area_normal((h / 3) as usize).normalize();
-                normals[(h / 3) as usize][(h % 3) as usize] =
-                    sum.try_normalize(1e-9).unwrap_or(own);
+/// The middles of the edges and the centroids of the triangles.
+fn middles(mesh: &TriMesh) -> Vec<Point3> {
+    let mut points = Vec::with_capacity(5 * mesh.triangles().len() / 2);
+    for (t, corners) in mesh.triangles().iter().enumerate() {
+        let p = mesh.corners(t);
+        for k in 0..3 {
+            // Of an edge between two triangles, once.
+            if corners[k] < corners[(k + 1) % 3] {
+                points.push(center(&p[k], &p[(k + 1) % 3]));
             }
-            first = end;
         }
+        points.push(centroid(p));
     }
-    normals
-}
-
-fn sizes(input: &TriMesh, sizing: &Sizing) -> Result<Sizes, Error> {
-    Ok(match *sizing {
-        Sizing::Uniform {
-            edge_length: Some(length),
-        } => Sizes::Same(length),
-        Sizing::Uniform { edge_length: None } => {
-            let n = input.triangles().len();
-            let sum = parallel::sum(n, |t| edge_lengths(input.corners(t)).iter().sum());
-            Sizes::Same(sum / (3 * n) as f64)
-        }
-        Sizing::Curvature {
-            tolerance,
-            min_edge,
-            max_edge,
-            gradation,
-        } => {
-            let curvature = crate::surface::curvature::principal(input, 2);
-            let wanted = curvature.iter().map(|c| {
-                let largest = c.max.abs().max(c.min.abs());
-                // For κ → 0 the root grows without bound, and for κ ε > 2 there is none.
-                let squared = 6.0 * tolerance / largest - 3.0 * tolerance * tolerance;
-                squared.max(0.0).sqrt().clamp(min_edge, max_edge)
-            });
-            // The largest lengths that grow no faster along edges than allowed.
-            let sources: Vec<(u32, f64)> = (0..)
-                .zip(wanted)
-                .map(|(v, length)| (v, length / gradation))
-                .collect();
-            let paths = shortest_paths(&Graph::of_edges(input)?, &sources, f64::INFINITY)?;
-            Sizes::PerVertex(paths.distance.iter().map(|d| d * gradation).collect())
-        }
-    })
-}
-
-/// Equilateral triangles of the wanted edge lengths on the area of the input.
-fn expected_triangles(input: &TriMesh, sizes: &Sizes) -> f64 {
-    parallel::sum(input.triangles().len(), |t| {
-        let length = match sizes {
-            Sizes::Same(length) => *length,
-            Sizes::PerVertex(sizes) => {
-                input.triangles()[t]
-                    .iter()
-                    .map(|&v| sizes[v as usize])
-                    .sum::<f64>()
-                    / 3.0
-            }
-        };
-        let area = 0.5 * input.doubled_area_normal(t).norm();
-        area / (3f64.sqrt() / 4.0 * length * length)
-    })
+    points
 }

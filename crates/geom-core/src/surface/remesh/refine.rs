@@ -1,107 +1,15 @@
 //! Where the wanted edges are too long for the surface, and shorter ones there.
 
-use std::collections::BTreeMap;
-
 use crate::compute::parallel;
 use crate::nalgebra::center;
 use crate::search::bvh::TriangleTree;
 use crate::{Point3, TriMesh};
 use rayon::prelude::*;
 
-use super::mesh::{Kind, Mesh, NONE, Vertex, previous};
-use super::reference::Reference;
-use super::steps::{FACING, facing};
-use super::{Cause, Exception};
+use super::mesh::{FACING, Kind, Mesh, NONE, Vertex, facing, previous};
+use super::reference::{Reference, centroid};
+use super::report::{Cause, Exception};
 use crate::mesh::quality::angles;
-
-/// Places with a wanted length of their own, which grows with the distance from them.
-#[derive(Default)]
-pub(super) struct Spots {
-    /// Growth of the length per Å.
-    slope: f64,
-    /// Edge of the cubes that the spots are looked up by; at least as long as any spot reaches.
-    cell: f64,
-    spots: Vec<(Point3, f64)>,
-    /// Spots from here on are new.
-    fresh: usize,
-    /// Every place is new.
-    everywhere: bool,
-    cells: BTreeMap<[i64; 3], Vec<u32>>,
-}
-
-impl Spots {
-    pub(super) fn new(slope: f64, longest: f64) -> Self {
-        Self {
-            slope,
-            cell: longest / slope,
-            spots: Vec::new(),
-            fresh: 0,
-            everywhere: true,
-            cells: BTreeMap::new(),
-        }
-    }
-
-    fn key(&self, p: &Point3) -> [i64; 3] {
-        [p.x, p.y, p.z].map(|c| (c / self.cell).floor() as i64)
-    }
-
-    /// Lets every place be new, for a start from the input.
-    pub(super) fn renew(&mut self) {
-        self.everywhere = true;
-    }
-
-    /// May any spot have a say at `p`?
-    fn reach(&self, p: &Point3) -> bool {
-        self.cells.contains_key(&self.key(p))
-    }
-
-    /// The length at `p` where `wanted` is asked for, and whether the newest spots have a say in it.
-    pub(super) fn at(&self, p: &Point3, wanted: f64) -> (f64, bool) {
-        if self.spots.is_empty() {
-            return (wanted, self.everywhere);
-        }
-        let (mut old, mut new) = (wanted, wanted);
-        for &i in self.cells.get(&self.key(p)).into_iter().flatten() {
-            let (spot, length) = &self.spots[i as usize];
-            let length = length + self.slope * (p - spot).norm();
-            if (i as usize) < self.fresh {
-                old = old.min(length);
-            } else {
-                new = new.min(length);
-            }
-        }
-        (old.min(new), self.everywhere || new < old)
-    }
-
-    /// Takes up the places where the length is to be shorter than it is; how many are new?
-    fn add(&mut self, mut places: Vec<(Point3, f64)>, reference: &Reference<'_>) -> usize {
-        // The shortest first; what they cover needs no spot of its own.
-        places.sort_by(|(p, s), (q, t)| {
-            let order = |a: &Point3, b: &Point3| {
-                a.x.total_cmp(&b.x)
-                    .then(a.y.total_cmp(&b.y))
-                    .then(a.z.total_cmp(&b.z))
-            };
-            s.total_cmp(t).then_with(|| order(p, q))
-        });
-        self.fresh = self.spots.len();
-        self.everywhere = false;
-        for (p, length) in places {
-            let wanted = reference.wanted_near(&p);
-            if length >= 0.95 * self.at(&p, wanted).0 {
-                continue;
-            }
-            let number = self.spots.len() as u32;
-            self.spots.push((p, length));
-            let [x, y, z] = self.key(&p);
-            for k in 0..27 {
-                let near = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];
-                self.cells.entry(near).or_default().push(number);
-            }
-        }
-        self.spots.len() - self.fresh
-    }
-}
 
 /// Finds triangles whose angles and places whose distances miss the goals, and asks for shorter edges
 /// there. How many places are new?
@@ -119,7 +27,7 @@ pub(super) fn shorten(
         .par_iter_mut()
         .for_each(|(p, length)| *length = length.max(reference.shortest_near(p)));
     let mut spots = std::mem::take(&mut reference.spots);
-    let added = spots.add(places, reference);
+    let added = spots.add(places, |p| reference.wanted_near(p));
     reference.spots = spots;
     if added > 0 {
         apply(mesh, reference);
@@ -205,7 +113,7 @@ fn narrow(mesh: &Mesh, least_angle: f64) -> Vec<(Point3, f64)> {
 /// Places of the mesh that are too far from the surface, and of the surface from the mesh.
 fn far(mesh: &Mesh, reference: &Reference<'_>, points: &[Point3]) -> Vec<(Point3, f64)> {
     let farthest = reference.allowed;
-    let first = reference.spots.spots.is_empty();
+    let first = reference.spots.is_empty();
     // Distances of chords shrink with the square of their lengths.
     let shorter = |size: f64, distance: f64| {
         (distance > farthest).then(|| (0.8 * farthest / distance).sqrt().clamp(0.5, 0.75) * size)
@@ -274,26 +182,6 @@ fn shortened(mesh: &Mesh) -> TriMesh {
         .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
         .collect();
     TriMesh::new(positions, triangles).expect("corners are finite")
-}
-
-fn centroid([a, b, c]: [Point3; 3]) -> Point3 {
-    Point3::from((a.coords + b.coords + c.coords) / 3.0)
-}
-
-/// The middles of the edges and the centroids of the triangles.
-pub(super) fn middles(mesh: &TriMesh) -> Vec<Point3> {
-    let mut points = Vec::with_capacity(5 * mesh.triangles().len() / 2);
-    for (t, corners) in mesh.triangles().iter().enumerate() {
-        let p = mesh.corners(t);
-        for k in 0..3 {
-            // Of an edge between two triangles, once.
-            if corners[k] < corners[(k + 1) % 3] {
-                points.push(center(&p[k], &p[(k + 1) % 3]));
-            }
-        }
-        points.push(centroid(p));
-    }
-    points
 }
 
 /// From the points of the input to the result, straight or after their way to the level set, whichever

@@ -3,12 +3,14 @@
 use std::ops::AddAssign;
 
 use crate::compute::coloring::Coloring;
+use crate::nalgebra::center;
 use crate::search::bvh::closest_in_triangle;
 use crate::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::mesh::{Kind, Mark, Mesh, NONE, Vertex, next, previous};
-use super::reference::{Course, EXACT, Reference};
+use super::kept::Course;
+use super::mesh::{FACING, Kind, Mark, Mesh, NONE, Vertex, doubled_normal, facing, next, previous};
+use super::reference::{EXACT, Reference};
 use crate::mesh::quality::{edge_lengths, radius_ratio};
 
 /// Edges longer than this, in units of the wanted length, are split.
@@ -17,8 +19,6 @@ pub(super) const LONG: f64 = 4.0 / 3.0;
 pub(super) const SHORT: f64 = 4.0 / 5.0;
 /// No flip, and no work on small angles, makes edges longer than this.
 const STRETCHED: f64 = 1.1 * LONG;
-/// Least cosine between a triangle's normal and the surface's at its corners.
-pub(super) const FACING: f64 = 0.3;
 /// Least cosine between the normals of a triangle before and after, where a crease leaves the
 /// surface without a normal.
 const TURN: f64 = 0.5;
@@ -49,23 +49,6 @@ impl AddAssign for Counts {
         self.contractions += other.contractions;
         self.flips += other.flips;
     }
-}
-
-fn doubled_normal([a, b, c]: [Point3; 3]) -> Vector3 {
-    (b - a).cross(&(c - a))
-}
-
-/// How well a triangle faces the way the surface does at its corners: the least cosine; 1 if none
-/// of its corners knows a normal, −1 if it has no area.
-pub(super) fn facing(corners: [&Vertex; 3]) -> f64 {
-    let Some(normal) = doubled_normal(corners.map(|v| v.position)).try_normalize(0.0) else {
-        return -1.0;
-    };
-    corners
-        .iter()
-        .filter(|v| v.normal != Vector3::zeros())
-        .map(|v| normal.dot(&v.normal))
-        .fold(1.0, f64::min)
 }
 
 /// What a change must not make worse: the least quality and the least facing of some triangles.
@@ -187,10 +170,6 @@ fn middle(mesh: &Mesh, reference: &Reference<'_>, h: u32) -> Vertex {
         };
         reference.vertex(p, normal, f64::midpoint(a.wanted, b.wanted), kind)
     })
-}
-
-fn center(a: &Point3, b: &Point3) -> Point3 {
-    crate::nalgebra::center(a, b)
 }
 
 fn try_split(mesh: &mut Mesh, h: u32, vertex: Vertex) -> bool {
