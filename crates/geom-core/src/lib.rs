@@ -2,25 +2,42 @@
 
 pub use nalgebra;
 
-// Things, in the order in which data flow: atoms, values on a lattice, meshes; files of all of them.
+// The rooms, in the order in which data flow through the house.
+
+// Atoms in residues, chains and domains, and parts of them by name.
+pub mod structure;
+
+// Values on a lattice, dense or in bricks near a surface.
 pub mod grid;
+
+// Triangles, quads and tetrahedra: half-edges, measures, quality, audits, shapes.
+pub mod mesh;
+
+// Files of all three.
 #[cfg(feature = "io")]
 pub mod io;
-pub mod mesh;
-pub mod structure;
-// What is near a point; sparse matrices, graphs and eigenpairs; what surfaces say and how they are made better.
+
+// What lies near a point.
+pub mod search;
+
+// Sparse matrices, graphs, and the smallest eigenpairs of both.
 #[cfg(feature = "algebra")]
 pub mod algebra;
-pub mod search;
+
+// What triangle surfaces say, and how they are made better.
 #[cfg(feature = "surface")]
 pub mod surface;
-// How things are computed.
-pub mod compute;
-// Small things that all need.
+
+// What all of them use: a field and its level sets, bounds, ids, the error of options, and how things are computed.
+
 pub mod bounds;
+pub mod compute;
 pub mod field;
 pub mod id;
 pub mod options;
+
+// For tests.
+
 #[cfg(all(feature = "testing", feature = "algebra"))]
 pub mod specification;
 #[cfg(feature = "testing")]

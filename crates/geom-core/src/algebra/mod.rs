@@ -1,4 +1,13 @@
-//! Sparse matrices, their Cholesky factors, and dense products over tall blocks.
+//! Sparse matrices, their Cholesky factors, graphs, and the smallest eigenpairs: feature `algebra`. The only folder
+//! that knows faer.
+//!
+//! - [`sparse`]: matrices in compressed rows; [`Mass`], the second matrix of a pencil
+//! - [`cholesky`]: supernodal factors of real and Hermitian matrices (faer; George and Liu 1981 for the theory), many
+//!   right-hand sides at once, inertia by L D Lᵀ
+//! - [`iterate`]: iterative refinement and preconditioned conjugate gradients (Hestenes and Stiefel 1952)
+//! - [`graph`]: Laplacians of voxel sets, of any weights, and joint ones (Eqs. 6.1 and 6.2)
+//! - [`Operator`]: what the solver multiplies with, matrix or graph
+//! - [`eigen`]: shift–invert block Lanczos, and block Davidson over algebraic multigrid
 //!
 //! A **block** of `c` vectors of length `n` is a slice of `n · c` numbers, row after row: value `i`
 //! of vector `j` is `block[i * c + j]`. Products with a sparse matrix then read whole rows.

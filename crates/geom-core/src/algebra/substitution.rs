@@ -311,7 +311,7 @@ fn assign(
 
 /// One sweep over the supernodes of a task, compiled for the vector registers that the machine has.
 fn run<T: Scalar, const C: usize>(task: &Task, values: &[T], x: &mut [[T; C]], down: bool) {
-    lanes::Arch::new().dispatch(Sweep {
+    lanes::vectorized(Sweep {
         task,
         values,
         x,

@@ -1,4 +1,17 @@
-//! f32 values on a lattice: dense, or sparse in bricks near a surface.
+//! f32 values on a [`lattice`]: dense ([`ScalarGrid`]), or sparse in bricks near a surface ([`BrickGrid`]), the
+//! latter in the manner of the leaf nodes of OpenVDB (Museth, ACM TOG 32, 2013), without a tree above them.
+//!
+//! Both are fields, by trilinear interpolation:
+//!
+//! ```
+//! use geom_core::{ImplicitField, Lattice, Point3, ScalarGrid};
+//! let lattice = Lattice { origin: Point3::origin(), spacing: 0.5, counts: [3, 3, 3] };
+//! let values = (0..27).map(|i| lattice.point(lattice.coordinates(i)).x as f32).collect();
+//! let grid = ScalarGrid::new(lattice, values)?;
+//! let (value, gradient) = grid.value_gradient(&Point3::new(0.3, 0.2, 0.1));
+//! assert!((value - 0.3).abs() < 1e-7 && (gradient.x - 1.0).abs() < 1e-6);
+//! # Ok::<(), geom_core::GridError>(())
+//! ```
 
 mod brick;
 pub mod lattice;

@@ -1,4 +1,19 @@
 //! Triangle, quad and tetrahedral meshes: valid by construction, positions in Å.
+//!
+//! - the meshes, with regions of tetrahedra and kinds of their vertices
+//! - [`Halfedges`]: who is whose neighbour
+//! - areas, volumes, bounds; [`six_volume`]
+//! - [`quality`]: angles and radius ratios of triangles, [`TriangleReport`]
+//! - [`SurfaceAudit`], [`VolumeAudit`], [`BoundaryComparison`]: is it closed, manifold, oriented, positive, filled?
+//! - [`shapes`]: spheres, tori and boxes of exact properties
+//!
+//! ```
+//! use geom_core::mesh::{SurfaceAudit, TriangleReport, shapes};
+//! let torus = shapes::torus(3.0, 1.0, 40, 16);
+//! let audit = SurfaceAudit::of(&torus);
+//! assert!(audit.is_closed_manifold());
+//! assert!(TriangleReport::of(&torus).min_angle_deg > 20.0);
+//! ```
 
 mod audit;
 mod halfedge;

@@ -56,7 +56,8 @@ pub struct Hit {
 /// A balanced tree of boxes over the triangles of a mesh.
 ///
 /// ```
-/// use geom_core::{Point3, bvh::TriangleTree, mesh::shapes};
+/// use geom_core::{Point3, mesh::shapes};
+/// use geom_core::search::bvh::TriangleTree;
 /// let tree = TriangleTree::new(&shapes::icosphere(1.0, 4))?;
 /// let near = tree.closest(&Point3::new(0.0, 3.0, 0.0));
 /// assert!((near.distance - 2.0).abs() < 0.01);

@@ -1,4 +1,11 @@
-//! Curvature of triangle meshes: principal values and directions per vertex, and the angle defect.
+//! Curvature of triangle meshes: principal values and directions per vertex by fitted polynomials of third degree
+//! (jets: Cazals and Pouget, CAGD 22, 2005), and the angle defect.
+//!
+//! ```
+//! use geom_core::{mesh::shapes, surface::curvature};
+//! let curvature = curvature::principal(&shapes::icosphere(2.0, 3), 2);
+//! assert!(curvature.iter().all(|c| (c.max - 0.5).abs() < 0.02 && (c.min - 0.5).abs() < 0.02));
+//! ```
 
 use nalgebra::{Matrix2, SMatrix, SVector, SymmetricEigen};
 use rayon::prelude::*;
@@ -63,7 +70,8 @@ const MAX_RINGS: usize = 8;
 /// confidence is 0.
 ///
 /// ```
-/// use geom_core::{curvature, mesh::shapes};
+/// use geom_core::mesh::shapes;
+/// use geom_core::surface::curvature;
 /// let error = |levels: u32| {
 ///     let sphere = shapes::icosphere(2.0, levels);
 ///     let errors = curvature::principal(&sphere, 2)
@@ -199,7 +207,8 @@ fn fit<const N: usize>(normal: Vector3, around: &[Vector3]) -> Option<Principal>
 /// non-manifold meshes keep the sum). 0 at unused vertices.
 ///
 /// ```
-/// use geom_core::{curvature, mesh::shapes};
+/// use geom_core::mesh::shapes;
+/// use geom_core::surface::curvature;
 /// let total: f64 = curvature::angle_defects(&shapes::icosphere(1.0, 2)).iter().sum();
 /// assert!((total - 4.0 * std::f64::consts::PI).abs() < 1e-12);
 /// ```

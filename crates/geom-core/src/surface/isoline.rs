@@ -67,7 +67,8 @@ struct Segment {
 /// lowest triangle. A vertex whose value equals the level counts as above it.
 ///
 /// ```
-/// use geom_core::{isoline::isolines, mesh::shapes};
+/// use geom_core::mesh::shapes;
+/// use geom_core::surface::isoline::isolines;
 /// let sphere = shapes::icosphere(1.0, 4);
 /// let height: Vec<f64> = sphere.positions().iter().map(|p| p.z).collect();
 /// let lines = isolines(&sphere, &height, &[0.0, 0.6])?;

@@ -114,7 +114,8 @@ pub struct Repaired {
 /// stays; added ones come last.
 ///
 /// ```
-/// use geom_core::{Point3, TriMesh, repair};
+/// use geom_core::{Point3, TriMesh};
+/// use geom_core::surface::repair;
 /// // Two triangles of a strip, as an STL file has them: no vertex is shared, one is upside down.
 /// let p = [[0., 0.], [1., 0.], [0., 1.], [1., 0.], [0., 1.], [1., 1.]];
 /// let p = p.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();

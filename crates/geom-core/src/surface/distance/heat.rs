@@ -53,7 +53,8 @@ impl HeatOptions {
 /// number of triangles.
 ///
 /// ```
-/// use geom_core::{distance::{Heat, HeatOptions}, mesh::shapes};
+/// use geom_core::mesh::shapes;
+/// use geom_core::surface::distance::{Heat, HeatOptions};
 /// let sphere = shapes::icosphere(1.0, 4);
 /// let pole = sphere.positions()[0].coords;
 /// let distance = Heat::new(&sphere, &HeatOptions::default())?.from(&[0])?;

@@ -224,7 +224,8 @@ impl Paths {
 /// `reach` (infinite for all): nodes farther away count as not reached.
 ///
 /// ```
-/// use geom_core::{distance::{Graph, shortest_paths}, mesh::shapes};
+/// use geom_core::mesh::shapes;
+/// use geom_core::surface::distance::{Graph, shortest_paths};
 /// let sphere = shapes::icosphere(1.0, 4);
 /// let paths = shortest_paths(&Graph::of_edges(&sphere)?, &[(0, 0.0)], f64::INFINITY)?;
 /// let farthest = paths.distance.iter().fold(0.0, |a: f64, &b| a.max(b));
