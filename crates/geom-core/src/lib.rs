@@ -2,50 +2,74 @@
 
 pub use nalgebra;
 
-pub mod backend;
-pub mod bounds;
-pub mod bvh;
-pub mod coloring;
-pub mod curvature;
-pub mod distance;
-pub mod field;
-pub mod graph;
-pub mod grid;
-pub mod id;
-pub mod isoline;
-pub mod lanes;
-pub mod laplace;
-pub mod lattice;
-pub mod linalg;
-pub mod mesh;
-pub mod nearest;
-pub mod parallel;
-pub mod repair;
-pub mod run;
-pub mod sets;
-pub mod spectral;
+// The rooms, in the order in which data flow through the house.
+
+// Atoms in residues, chains and domains, and parts of them by name.
 pub mod structure;
 
-#[cfg(feature = "wgpu")]
-pub mod gpu;
+// Values on a lattice, dense or in bricks near a surface.
+pub mod grid;
+
+// Triangles, quads and tetrahedra: half-edges, measures, quality, audits, shapes.
+pub mod mesh;
+
+// Files of all three.
 #[cfg(feature = "io")]
 pub mod io;
+
+// What lies near a point.
+pub mod search;
+
+// Sparse matrices, graphs, and the smallest eigenpairs of both.
+#[cfg(feature = "algebra")]
+pub mod algebra;
+
+// What triangle surfaces say, and how they are made better.
+#[cfg(feature = "surface")]
+pub mod surface;
+
+// What all of them use: a field and its level sets, bounds, ids, the error of options, and how things are computed.
+
+pub mod bounds;
+pub mod compute;
+pub mod field;
+pub mod id;
+pub mod options;
+
+// For tests.
+
+#[cfg(all(feature = "testing", feature = "algebra"))]
+pub mod specification;
 #[cfg(feature = "testing")]
 pub mod testing;
 
 #[cfg(feature = "wgpu")]
 pub use geom_shaders as shaders;
 
-pub use backend::{Agreement, Backend, Break, Cpu};
-pub use bounds::Aabb;
-pub use field::ImplicitField;
+// temporary: the old paths, until all users have the new ones
+#[cfg(feature = "algebra")]
+pub use algebra::{self as linalg, eigen as spectral, graph};
 #[cfg(feature = "wgpu")]
-pub use gpu::{GpuContext, GpuError, Wgpu};
+pub use compute::gpu;
+pub use compute::{backend, coloring, lanes, parallel, run, sets};
+pub use grid::lattice;
+pub use search::bvh;
+#[cfg(feature = "search")]
+pub use search::nearest;
+#[cfg(feature = "surface")]
+pub use surface::{curvature, distance, isoline, laplace, repair};
+// temporary: end
+
+pub use bounds::Aabb;
+pub use compute::backend::{Agreement, Backend, Break, Cpu};
+#[cfg(feature = "wgpu")]
+pub use compute::gpu::{GpuContext, GpuError, Wgpu};
+pub use compute::run::{Cancelled, Monitor, Run, Silent};
+pub use field::ImplicitField;
+pub use grid::lattice::Lattice;
 pub use grid::{BrickGrid, GridError, LatticeValues, ScalarGrid};
-pub use id::{AtomId, CellId, FaceId, HalfedgeId, Per, VertexId};
-pub use lattice::Lattice;
+pub use id::{FaceId, HalfedgeId, VertexId};
 pub use mesh::{MeshError, QuadMesh, TetMesh, TriMesh};
-pub use run::{Cancelled, Monitor, Run, Silent};
 pub use structure::Structure;
 
 /// A position in Å.

@@ -3,6 +3,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use geom_core::compute::random::SplitMix64;
 use geom_core::io::{
     Encoding, Error, GridFile, MeshFile, View, dx, glb, mrc, msh, obj, off, ply, stl, vtu,
 };
@@ -13,18 +14,15 @@ use geom_core::{Lattice, QuadMesh, ScalarGrid};
 /// Mutated inputs per reader.
 const INPUTS: u64 = 20_000;
 
-/// SplitMix64: one stream per input, so that a failure names the input that caused it.
-struct Random(u64);
+/// One stream of numbers per input, so that a failure names the input that caused it.
+struct Random(SplitMix64);
 
 impl Random {
     fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.0.next_u64()
     }
     fn below(&mut self, n: usize) -> usize {
-        (self.next() % n.max(1) as u64) as usize
+        self.0.below(n.max(1))
     }
     /// A short range of `0..n`.
     fn range(&mut self, n: usize) -> std::ops::Range<usize> {
@@ -83,7 +81,7 @@ const WORDS: &[u64] = &[
 ];
 
 fn mutated(seeds: &[Vec<u8>], number: u64) -> Vec<u8> {
-    let mut random = Random(number);
+    let mut random = Random(SplitMix64::new(number));
     let mut bytes = seeds[random.below(seeds.len())].clone();
     for _ in 0..1 + random.below(4) {
         let n = bytes.len();

@@ -1,20 +1,17 @@
 //! Mutated structure files: every reader gives a structure or an error, never a panic.
 
 use geom_core::Point3;
+use geom_core::compute::random::SplitMix64;
 use geom_core::io::pqr;
 use geom_core::io::structure::{AltLocs, Format, Models, Radii, ReadOptions, parse, read};
 use geom_core::structure::Selector;
 
-/// A small generator (SplitMix64), so that a failing case has a number.
-struct Random(u64);
+/// A generator with a seed, so that a failing case has a number.
+struct Random(SplitMix64);
 
 impl Random {
     fn next(&mut self, below: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % below as u64) as usize
+        self.0.below(below)
     }
 
     /// Bytes changed, cut, repeated, or replaced by something that has a meaning.
@@ -138,7 +135,7 @@ fn survives(format: Format, seed: &[u8]) {
     );
     let mut accepted = 0;
     for case in 0..12_000u64 {
-        let mut random = Random(case);
+        let mut random = Random(SplitMix64::new(case));
         let input = random.mutate(seed);
         let options = ReadOptions {
             models: [Models::First, Models::All, Models::Number(1)][random.next(3)],
@@ -204,7 +201,7 @@ fn mutated_selectors() {
         .structure;
     let (mut understood, mut selected) = (0, 0);
     for case in 0..20_000 {
-        let mut random = Random(case);
+        let mut random = Random(SplitMix64::new(case));
         let from = random.next(seed.len());
         let input = random.mutate(&seed.as_bytes()[from..]);
         let Ok(selector) = Selector::parse(&String::from_utf8_lossy(&input)) else {

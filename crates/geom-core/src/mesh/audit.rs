@@ -5,7 +5,7 @@ use std::fmt;
 use rayon::prelude::*;
 
 use super::{FACES, QuadMesh, Region, TetMesh, TriMesh, six_volume};
-use crate::sets::DisjointSets;
+use crate::compute::sets::{DisjointSets, Sets};
 use crate::{Point3, Vector3};
 
 /// Below this multiple of the longest edge to the power of the dimension, an area or a volume is as
@@ -270,7 +270,7 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
         let k = faces[f as usize].iter().position(|&c| c == v);
         N * f as usize + k.expect("the edge belongs to the face")
     };
-    let mut fans = CornerSets::new(N * faces.len());
+    let mut fans = Sets::<usize>::new(N * faces.len());
     for group in edges.chunk_by(|a, b| a.0 == b.0) {
         let edge = ends(group[0].0);
         let component = number[pieces.find(edge[0]) as usize];
@@ -302,7 +302,7 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
     }
     let mut fans_of = vec![0u32; positions.len()];
     for (c, &v) in faces.as_flattened().iter().enumerate() {
-        if fans.is_root(c) {
+        if fans.is_lowest(c) {
             fans_of[v as usize] += 1;
         }
     }
@@ -328,29 +328,6 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
     duplicates.sort_unstable();
     audit.duplicate_faces = duplicates.into_iter().collect();
     audit
-}
-
-/// Disjoint sets of corners, of which there may be more than a u32 names.
-struct CornerSets(Vec<usize>);
-
-impl CornerSets {
-    fn new(n: usize) -> Self {
-        Self((0..n).collect())
-    }
-    fn find(&mut self, mut x: usize) -> usize {
-        while self.0[x] != x {
-            self.0[x] = self.0[self.0[x]];
-            x = self.0[x];
-        }
-        x
-    }
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.find(a), self.find(b));
-        self.0[a.max(b)] = a.min(b);
-    }
-    fn is_root(&self, x: usize) -> bool {
-        self.0[x] == x
-    }
 }
 
 /// Area, volume of the cone to the origin, and whether the area is only rounding.
