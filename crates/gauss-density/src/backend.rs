@@ -1,13 +1,12 @@
 //! The hot kernels of this crate, and what agreement each owes to the specification.
 
 use geom_core::grid::{BRICK, Brick};
-use geom_core::{Agreement, Backend, Lattice};
+use geom_core::{Agreement, Backend, Lattice, Point3};
 
 use crate::error::Error;
+use crate::kernel::prepared::Prepared;
+use crate::model::Level;
 use crate::options::Cutoff;
-use crate::prepared::Prepared;
-use crate::sites::SiteCell;
-use crate::terms::RefitSums;
 
 /// Bricks per side of a block.
 pub const BLOCK: usize = 4;
@@ -81,6 +80,98 @@ impl BlockValues {
         self.values.clear();
         self.pairs = 0;
     }
+}
+
+/// Points that share the atoms that matter around them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SiteCell {
+    /// Atoms, ascending.
+    pub atoms: Vec<u32>,
+    /// The tree above them, lowest level first.
+    pub(crate) levels: Vec<Level>,
+    /// Per level: the node above each atom (level 0) or node.
+    pub(crate) parents: Vec<Vec<u32>>,
+    /// The points.
+    pub points: Vec<Point3>,
+    /// The density of all original atoms at each point.
+    pub exact: Vec<f64>,
+    /// What counts as the full density at each point: the density, or less in the interior.
+    pub target: Vec<f64>,
+}
+
+impl SiteCell {
+    pub(crate) fn new(atoms: Vec<u32>, levels: Vec<Level>, points: Vec<Point3>) -> Self {
+        let parents = levels
+            .iter()
+            .map(|level| {
+                let mut parent = vec![0; level.first_child[level.len()] as usize];
+                for node in 0..level.len() {
+                    parent[level.children(node)].fill(node as u32);
+                }
+                parent
+            })
+            .collect();
+        Self {
+            atoms,
+            levels,
+            parents,
+            exact: Vec::with_capacity(points.len()),
+            target: Vec::with_capacity(points.len()),
+            points,
+        }
+    }
+
+    /// The points whose density is at least `floor`.
+    pub(crate) fn at_least(mut self, floor: f64) -> Self {
+        let kept: Vec<usize> = (0..self.points.len())
+            .filter(|&i| self.exact[i] >= floor)
+            .collect();
+        self.points = kept.iter().map(|&i| self.points[i]).collect();
+        self.target = kept.iter().map(|&i| self.target[i]).collect();
+        self.exact = kept.iter().map(|&i| self.exact[i]).collect();
+        self
+    }
+
+    /// Nodes of the topmost level, or atoms.
+    pub(crate) fn children_of_root(&self) -> usize {
+        self.levels.last().map_or(self.atoms.len(), Level::len)
+    }
+
+    /// Nodes of all levels and atoms.
+    pub(crate) fn nodes(&self) -> usize {
+        self.atoms.len() + self.levels.iter().map(Level::len).sum::<usize>()
+    }
+}
+
+/// What a refit step needs from a set of points: see [`DensityBackend`](crate::DensityBackend).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RefitSums {
+    /// `½ Σ w (G − G0)²` with `w = 1 / G0²`.
+    pub objective: f64,
+    /// The largest `|G − G0| / G0`.
+    pub worst: f64,
+    /// Per atom: `Σ w (G − G0) ∂G/∂p` for p = x, y, z, r, κ.
+    pub gradient: Vec<[f64; 5]>,
+    /// Per atom: `Σ w (∂G/∂p)²`.
+    pub curvature: Vec<[f64; 5]>,
+}
+
+/// Adds the sums of cells, in their order, to the sums per atom of the model.
+pub(crate) fn scatter<T, const N: usize>(
+    cells: &[SiteCell],
+    parts: &[T],
+    atoms: usize,
+    values: impl Fn(&T, usize) -> [f64; N],
+) -> Vec<[f64; N]> {
+    let mut sums = vec![[0.0; N]; atoms];
+    for (cell, part) in cells.iter().zip(parts) {
+        for (i, &a) in cell.atoms.iter().enumerate() {
+            for (sum, value) in sums[a as usize].iter_mut().zip(values(part, i)) {
+                *sum += value;
+            }
+        }
+    }
+    sums
 }
 
 /// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) follows the plain function

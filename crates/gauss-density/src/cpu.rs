@@ -1,19 +1,21 @@
 //! The kernels on the CPU: culls in f64, sums in f32 with as many lanes as the processor has.
 
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
-use geom_core::{Aabb, Cpu, Lattice, Point3, Vector3};
+use geom_core::{Cpu, Lattice};
 use rayon::prelude::*;
 
-use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
-use crate::direct;
+use crate::backend::{
+    BLOCK, Block, BlockValues, DensityBackend, Job, RefitSums, SiteCell, scatter,
+};
 use crate::error::Error;
-use crate::fast::{self, Cube};
-use crate::members::{self, Cell, Members};
+use crate::kernel::boxes::{Cell, bricks_box, lattice_box, middle};
+use crate::kernel::cells;
+use crate::kernel::cull::{self, Members};
+use crate::kernel::direct;
+use crate::kernel::plain;
+use crate::kernel::prepared::Prepared;
+use crate::kernel::relative::{self, Cube};
 use crate::options::Cutoff;
-use crate::plain;
-use crate::prepared::{Prepared, lattice_box};
-use crate::sites::{self, SiteCell};
-use crate::terms::{self, RefitSums};
 
 impl DensityBackend for Cpu {
     fn sample_blocks(
@@ -43,11 +45,11 @@ impl DensityBackend for Cpu {
         let model = model.model();
         let parts: Vec<Vec<f64>> = cells
             .par_iter()
-            .map_init(terms::Scratch::default, |scratch, cell| {
-                terms::errors_of_cell(cell, model, scratch)
+            .map_init(cells::Scratch::default, |scratch, cell| {
+                cells::errors_of_cell(cell, model, scratch)
             })
             .collect();
-        let sums = sites::scatter(cells, &parts, model.atoms(), |part, i| [part[i]]);
+        let sums = scatter(cells, &parts, model.atoms(), |part, i| [part[i]]);
         Ok(sums.into_iter().map(|[sum]| sum).collect())
     }
 
@@ -55,16 +57,16 @@ impl DensityBackend for Cpu {
         let model = model.model();
         let parts: Vec<RefitSums> = cells
             .par_iter()
-            .map_init(terms::Scratch::default, |scratch, cell| {
-                terms::refit_of_cell(cell, model, scratch)
+            .map_init(cells::Scratch::default, |scratch, cell| {
+                cells::refit_of_cell(cell, model, scratch)
             })
             .collect();
         let atoms = model.atoms();
         Ok(RefitSums {
             objective: parts.iter().map(|p| p.objective).sum(),
             worst: parts.iter().map(|p| p.worst).fold(0.0, f64::max),
-            gradient: sites::scatter(cells, &parts, atoms, |p, i| p.gradient[i]),
-            curvature: sites::scatter(cells, &parts, atoms, |p, i| p.curvature[i]),
+            gradient: scatter(cells, &parts, atoms, |p, i| p.gradient[i]),
+            curvature: scatter(cells, &parts, atoms, |p, i| p.curvature[i]),
         })
     }
 }
@@ -72,8 +74,8 @@ impl DensityBackend for Cpu {
 /// Reusable arrays of one thread.
 #[derive(Default)]
 struct Workspace {
-    cull: members::Scratch,
-    sums: fast::Scratch,
+    cull: cull::Scratch,
+    sums: relative::Scratch,
     direct: direct::Scratch,
     /// Members of the block, of an eighth of it, of a brick, of an eighth of a brick.
     kept: [Members; 4],
@@ -102,7 +104,7 @@ impl Workspace {
         let coarse = job.lattice.spacing * model.reach.fastest_decay().sqrt() > COARSE;
         let of_eps = [1.0, 1.0, if coarse { 1.0 } else { 4.0 }].map(|e| e / 8.0);
         let up = |work: &mut Self, stage: usize, from: &Members, low, high, to: &mut Members| {
-            let cell = (&bricks_box(job, low, high)).into();
+            let cell = (&bricks_box(&job.lattice, low, high)).into();
             let up = work.cull(job, of_eps[stage], from, &cell, to);
             up >= job.floor.ln()
         };
@@ -203,7 +205,7 @@ impl Workspace {
                 separable: true,
             };
             let Self { sums, values, .. } = self;
-            let fits = fast::density::<8, 64>(members, &cube, sums, values);
+            let fits = relative::density::<8, 64>(members, &cube, sums, values);
             if !fits {
                 plain_cube(model, lattice, corner, BRICK, members, |p, value| {
                     values[p] = value;
@@ -231,7 +233,7 @@ impl Workspace {
                 separable: true,
             };
             let sums = &mut self.sums;
-            let fits = fast::density::<4, 16>(&kept, &cube, sums, &mut part);
+            let fits = relative::density::<4, 16>(&kept, &cube, sums, &mut part);
             if !fits {
                 plain_cube(model, lattice, first, SIDE, &kept, |p, value| {
                     part[p] = value;
@@ -272,23 +274,6 @@ fn narrow(value: f64) -> f32 {
     (value as f32).min(f32::MAX)
 }
 
-/// The middle of a cube of points.
-pub(crate) fn middle(lattice: &Lattice, first: [usize; 3], side: usize) -> Point3 {
-    let half = 0.5 * lattice.spacing * (side as f64 - 1.0);
-    lattice.point(first) + Vector3::repeat(half)
-}
-
-/// The box of bricks `low..high`, and one cell more on the low sides: an edge of the lattice that changes
-/// sign between two bricks lies in the boxes of both, so neither can be exterior.
-pub(crate) fn bricks_box(job: &Job, low: [usize; 3], high: [usize; 3]) -> Aabb {
-    lattice_box(
-        &job.lattice.origin,
-        job.lattice.spacing,
-        low.map(|b| (b * BRICK) as i64 - 1),
-        high.map(|b| (b * BRICK) as i64),
-    )
-}
-
 /// Every atom at every point: brute force in f32, as many lanes as the processor has, one exponential per
 /// pair. Gives the densities and the number of pairs.
 pub(crate) fn all_atoms(model: &Prepared<'_>, lattice: &Lattice) -> (Vec<f32>, u64) {
@@ -300,7 +285,7 @@ pub(crate) fn all_atoms(model: &Prepared<'_>, lattice: &Lattice) -> (Vec<f32>, u
     values
         .par_chunks_mut(nx * ny * BRICK)
         .enumerate()
-        .for_each_init(fast::Scratch::default, |sums, (c, slab)| {
+        .for_each_init(relative::Scratch::default, |sums, (c, slab)| {
             let mut brick = vec![0.0f32; BRICK_POINTS];
             for (b, a) in (0..bricks[1]).flat_map(|b| (0..bricks[0]).map(move |a| (b, a))) {
                 let first = [a, b, c].map(|b| b * BRICK);
@@ -309,7 +294,7 @@ pub(crate) fn all_atoms(model: &Prepared<'_>, lattice: &Lattice) -> (Vec<f32>, u
                     spacing: lattice.spacing,
                     separable: false,
                 };
-                if !fast::density::<8, 64>(&all, &cube, sums, &mut brick) {
+                if !relative::density::<8, 64>(&all, &cube, sums, &mut brick) {
                     plain_cube(model, lattice, first, BRICK, &all, |p, g| brick[p] = g);
                 }
                 for (row, line) in brick.chunks_exact(BRICK).enumerate() {

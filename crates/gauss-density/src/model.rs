@@ -443,6 +443,20 @@ impl Model {
     }
 }
 
+/// `∂G/∂(x, y, z, r, κ)` of an atom at a point, from its share `∂G/∂ ln g`.
+pub(crate) fn slopes(model: &Model, a: usize, x: &Point3, share: f64) -> [f64; 5] {
+    let (decay, radius) = (model.decays()[a], model.radii()[a]);
+    let d = x - model.centers()[a];
+    let pull = 2.0 * decay * share;
+    [
+        pull * d.x,
+        pull * d.y,
+        pull * d.z,
+        pull * radius,
+        share * (radius * radius - d.norm_squared()),
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

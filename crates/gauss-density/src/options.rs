@@ -3,7 +3,7 @@
 use geom_core::Aabb;
 
 use crate::error::{Error, require};
-use crate::method::Method;
+use crate::thesis::Method;
 
 /// Which contributions are left out.
 #[derive(Clone, Copy, Debug, PartialEq)]

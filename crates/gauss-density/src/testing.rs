@@ -4,11 +4,12 @@ use geom_core::Point3;
 use geom_core::structure::{Atom, Element, Name, Structure, StructureBuilder};
 use proptest::prelude::*;
 
-use crate::model::Model;
-use crate::plain;
-use crate::prepared::Prepared;
-use crate::sites::{self, SiteCell};
-use crate::terms::RefitSums;
+use crate::backend::{RefitSums, SiteCell};
+use crate::kernel::cells;
+use crate::kernel::cull::Members;
+use crate::kernel::plain;
+use crate::kernel::prepared::Prepared;
+use crate::model::{Model, slopes};
 
 /// A compact, protein-like structure: `chains` random walks of residues with seven atoms each, folded into a
 /// ball. The same numbers give the same structure.
@@ -66,6 +67,15 @@ pub fn globule(chains: usize, residues: usize, seed: u64) -> Structure {
     builder.build()
 }
 
+/// A cell of given points and atoms (ascending) of a model, for tests: the target is the density of these.
+pub fn sample_cell(model: &Prepared<'_>, atoms: &[u32], points: Vec<Point3>) -> SiteCell {
+    let members = Members::gather(&model.tree, atoms);
+    let mut cell = SiteCell::new(members.atom, members.levels, points);
+    cell.exact = cells::values_of_cell(&cell, model.model(), &mut cells::Scratch::default());
+    cell.target = cell.exact.clone();
+    cell
+}
+
 /// [`DensityBackend::atom_errors`](crate::DensityBackend::atom_errors) as the equation reads: every atom of a
 /// cell is left out in turn, and the density of the others is summed anew.
 pub fn plain_atom_errors(model: &Prepared<'_>, cells: &[SiteCell]) -> Vec<f64> {
@@ -98,7 +108,7 @@ pub fn plain_refit_sums(model: &Prepared<'_>, cells: &[SiteCell]) -> RefitSums {
             sums.objective += 0.5 * weight * (g - exact) * (g - exact);
             sums.worst = sums.worst.max((g - exact).abs() / exact);
             for (&atom, share) in cell.atoms.iter().zip(shares) {
-                let slopes = sites::slopes(model.model(), atom as usize, x, share);
+                let slopes = slopes(model.model(), atom as usize, x, share);
                 for (p, slope) in slopes.into_iter().enumerate() {
                     sums.gradient[atom as usize][p] += weight * (g - exact) * slope;
                     sums.curvature[atom as usize][p] += weight * slope * slope;

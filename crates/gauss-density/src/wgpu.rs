@@ -11,14 +11,12 @@ use geom_core::shaders::{
 use geom_core::{Backend, Point3, Wgpu};
 use rayon::prelude::*;
 
-use crate::backend::{Block, BlockValues, DensityBackend, Job};
+use crate::backend::{Block, BlockValues, DensityBackend, Job, RefitSums, SiteCell, scatter};
 use crate::error::Error;
-use crate::members::Members;
+use crate::kernel::cull::Members;
+use crate::kernel::prepared::Prepared;
 use crate::model::{Level, Model};
 use crate::options::Cutoff;
-use crate::prepared::Prepared;
-use crate::sites::{self, SiteCell};
-use crate::terms::RefitSums;
 
 /// Levels whose powers are not all 1, at most: the kernels keep one open sum per level.
 const MAX_DEPTH: usize = 8;
@@ -245,7 +243,7 @@ impl DensityBackend for Wgpu {
             Ok(())
         })?;
         let atoms = model.model().atoms();
-        let sums = sites::scatter(cells, &parts, atoms, |part, i| [f64::from(part[i])]);
+        let sums = scatter(cells, &parts, atoms, |part, i| [f64::from(part[i])]);
         Ok(sums.into_iter().map(|[sum]| sum).collect())
     }
 
@@ -280,8 +278,8 @@ impl DensityBackend for Wgpu {
         let five = |part: &Vec<f32>, i: usize, offset: usize| {
             std::array::from_fn(|p| f64::from(part[10 * i + offset + p]))
         };
-        sums.gradient = sites::scatter(cells, &parts, atoms, |part, i| five(part, i, 0));
-        sums.curvature = sites::scatter(cells, &parts, atoms, |part, i| five(part, i, 5));
+        sums.gradient = scatter(cells, &parts, atoms, |part, i| five(part, i, 0));
+        sums.curvature = scatter(cells, &parts, atoms, |part, i| five(part, i, 5));
         Ok(sums)
     }
 }

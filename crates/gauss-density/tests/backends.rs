@@ -1,6 +1,6 @@
 //! Every backend follows the plain f64 functions.
 
-use gauss_density::testing::{globule, models, plain_atom_errors, plain_refit_sums};
+use gauss_density::testing::{globule, models, plain_atom_errors, plain_refit_sums, sample_cell};
 use gauss_density::{
     ATOM_ERRORS, BLOCK, Block, BlockValues, Cutoff, DensityBackend, Elimination, Job, Levels,
     Model, Options, Prepared, REFIT_SUMS, RefitSums, SAMPLE_BLOCKS, SiteCell, eliminate,
@@ -140,7 +140,7 @@ fn follows_the_bare_cut(backend: &dyn DensityBackend, cases: u32) {
                     .filter(|&a| ln[a as usize] >= eps.ln())
                     .collect();
                 let exact = if kept.is_empty() { 0.0 } else {
-                    SiteCell::of_points(&prepared, &kept, vec![x]).exact[0]
+                    sample_cell(&prepared, &kept, vec![x]).exact[0]
                 };
                 let got = f64::from(result.values[s as usize * BRICK.pow(3) + p]);
                 prop_assert!((got - exact).abs() <= 2e-4 * exact + 1e-37 || exact > 1e37, "{got} for {exact}");
@@ -162,7 +162,7 @@ fn cells_of(model: &Model, shift: f64) -> Vec<SiteCell> {
                     a + geom_core::Vector3::new(t.sin(), t.cos(), (1.3 * t).sin()) * 1.8
                 })
                 .collect();
-            let mut cell = SiteCell::of_points(&prepared, &all, points);
+            let mut cell = sample_cell(&prepared, &all, points);
             for (i, exact) in cell.exact.iter_mut().enumerate() {
                 *exact *= 1.0 + shift * f64::from(i as u32 % 5);
             }

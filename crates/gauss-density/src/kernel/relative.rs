@@ -9,8 +9,9 @@
 
 use geom_core::{Point3, Vector3};
 
+use crate::kernel::cull::{Best, Members, largest};
+use crate::kernel::math::{exp2, log2};
 use crate::lanes::{Work, with_lanes};
-use crate::members::{Best, Members, largest};
 
 /// Points of a cube, `SIDE` per axis, x fastest, then y; `PLANE = SIDE²`.
 #[derive(Clone, Copy, Debug)]
@@ -416,63 +417,5 @@ fn raise(values: &mut [f32], power: f64) {
         for v in values {
             *v = exp2(power * log2(*v));
         }
-    }
-}
-
-/// `2^x` within 2e-7, for x in [−126, 127]; clamped beyond.
-#[inline(always)]
-pub(crate) fn exp2(x: f32) -> f32 {
-    let x = x.clamp(-126.0, 126.0);
-    // Adding 1.5 · 2²³ rounds to the nearest integer.
-    let shifted = x + 12_582_912.0;
-    let whole = shifted - 12_582_912.0;
-    let t = x - whole;
-    // Taylor about 0 on [−½, ½]: the remainder is below 1.3e-8 · 1.5.
-    let p = 1.525_273e-5f32;
-    let p = p * t + 1.540_353e-4;
-    let p = p * t + 1.333_355_8e-3;
-    let p = p * t + 9.618_129e-3;
-    let p = p * t + 5.550_411e-2;
-    let p = p * t + 2.402_265e-1;
-    let p = p * t + 6.931_472e-1;
-    let p = p * t + 1.0;
-    let exponent = (shifted.to_bits() as i32).wrapping_sub(0x4b40_0000) + 127;
-    p * f32::from_bits((exponent as u32) << 23)
-}
-
-/// `log₂ x` for normal positive x, within 3e-7 absolute plus 2e-7 relative.
-#[inline(always)]
-pub(crate) fn log2(x: f32) -> f32 {
-    let bits = x.to_bits() as i32;
-    // Mantissa in [√½, √2).
-    let exponent = (bits - 0x3f35_04f3) >> 23;
-    let m = f32::from_bits((bits - (exponent << 23)) as u32);
-    // log2 m = 2/ln 2 · artanh((m − 1)/(m + 1)).
-    let s = (m - 1.0) / (m + 1.0);
-    let z = s * s;
-    let p = 0.412_198_58_f32 * z * 0.777_777_8 + 0.412_198_58;
-    let p = p * z + 0.577_078;
-    let p = p * z + 0.961_796_7;
-    let p = p * z + 2.885_39;
-    exponent as f32 + s * p
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn exponentials_and_logarithms_are_accurate() {
-        let mut worst: [f64; 2] = [0.0; 2];
-        for i in -1_250_000..1_250_000 {
-            let x = i as f32 * 1e-4;
-            let exact = f64::from(x).exp2();
-            worst[0] = worst[0].max((f64::from(exp2(x)) / exact - 1.0).abs());
-            let y = exp2(x);
-            let exact = f64::from(y).log2();
-            let off = (f64::from(log2(y)) - exact).abs();
-            worst[1] = worst[1].max(off / (1.0 + exact.abs()));
-        }
-        assert!(worst[0] < 3e-7 && worst[1] < 3e-7, "{worst:?}");
     }
 }

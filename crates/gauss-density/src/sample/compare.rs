@@ -4,13 +4,12 @@ use geom_core::{ImplicitField, LatticeValues, Run};
 use rayon::prelude::*;
 
 use crate::backend::DensityBackend;
-use crate::band::sample_band;
 use crate::error::Error;
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
-use crate::point::PointSampler;
-use crate::sample::lattice_of;
-use crate::sites::root_on_edge;
+use crate::sample::band::sample_band;
+use crate::sample::blocks::lattice_of;
+use crate::sample::point::{PointSampler, root_on_edge};
 
 /// A surface beside that of the original model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

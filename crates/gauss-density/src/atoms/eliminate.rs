@@ -7,17 +7,17 @@
 use geom_core::Run;
 use rayon::prelude::*;
 
-use crate::backend::DensityBackend;
-use crate::band::sample_band;
-use crate::compare::{Comparison, NEAR, compare_on};
+use crate::atoms::samples::{self, Wanted};
+use crate::backend::{DensityBackend, SiteCell};
 use crate::error::{Error, require};
+use crate::kernel::cells::{self, CellSums};
+use crate::kernel::prepared::Prepared;
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
-use crate::point::PointSampler;
-use crate::prepared::Prepared;
-use crate::sample::lattice_of;
-use crate::sites::{self, SiteCell, Wanted};
-use crate::terms::{self, CellSums};
+use crate::sample::band::sample_band;
+use crate::sample::blocks::lattice_of;
+use crate::sample::compare::{Comparison, NEAR, compare_on};
+use crate::sample::point::PointSampler;
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -187,7 +187,7 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
             eps: sample_eps,
             max_memory: options.max_memory,
         };
-        let cells = sites::collect(&sampler, &sampled.grid, &wanted)?;
+        let cells = samples::collect(&sampler, &sampled.grid, &wanted)?;
         drop(sampled);
         report.samples = cells.iter().map(|c| c.points.len()).sum();
         run.progress("errors per atom", 0, 1)?;
@@ -277,8 +277,8 @@ impl<'a> State<'a> {
         }
         let sums = cells
             .par_iter()
-            .map_init(terms::Scratch::default, |scratch, cell| {
-                terms::sums_of_cell(cell, model, scratch)
+            .map_init(cells::Scratch::default, |scratch, cell| {
+                cells::sums_of_cell(cell, model, scratch)
             })
             .collect();
         let mut counts = vec![0u32; model.atoms()];

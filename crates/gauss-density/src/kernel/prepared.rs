@@ -1,11 +1,12 @@
 //! A model made ready: the levels that matter, and boxes around runs of atoms.
 
-use geom_core::{Aabb, Point3};
+use geom_core::Aabb;
 use rayon::prelude::*;
 
+use crate::kernel::boxes::gap_squared;
+use crate::kernel::plain::Compiled;
+use crate::kernel::reach::Reach;
 use crate::model::Model;
-use crate::plain::Compiled;
-use crate::reach::Reach;
 
 /// A model made ready for sampling, shared by the backends.
 #[derive(Clone, Debug)]
@@ -82,15 +83,4 @@ impl<'a> Prepared<'a> {
             .filter(near)
             .collect()
     }
-}
-
-fn gap_squared(a: &Aabb, b: &Aabb) -> f64 {
-    let gap = |k: usize| (a.min[k] - b.max[k]).max(b.min[k] - a.max[k]).max(0.0);
-    (0..3).map(|k| gap(k) * gap(k)).sum()
-}
-
-/// The box of the lattice points `[low, high]` of a lattice, which may lie beyond it.
-pub(crate) fn lattice_box(origin: &Point3, spacing: f64, low: [i64; 3], high: [i64; 3]) -> Aabb {
-    let at = |p: [i64; 3]| Point3::from(std::array::from_fn(|k| origin[k] + spacing * p[k] as f64));
-    Aabb::new(at(low), at(high))
 }

@@ -8,11 +8,13 @@ use rayon::prelude::*;
 
 use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
 use crate::error::Error;
-use crate::method::Method;
+use crate::kernel::prepared::Prepared;
 use crate::model::Model;
 use crate::options::Options;
-use crate::prepared::Prepared;
-use crate::sample::{Sampled, check_memory, for_each_batch, lattice_of, start_report, touched};
+use crate::sample::blocks::{
+    Sampled, check_memory, for_each_batch, lattice_of, start_report, touched,
+};
+use crate::thesis::Method;
 
 /// Samples the density in bricks of 8 × 8 × 8 points near the surface; other bricks hold 0 outside and
 /// `2 g_u` inside.

@@ -7,17 +7,16 @@ use std::collections::VecDeque;
 use geom_core::Run;
 use rayon::prelude::*;
 
-use crate::backend::DensityBackend;
-use crate::band::sample_band;
-use crate::compare::{Comparison, NEAR, compare_on};
+use crate::atoms::samples::{self, Wanted};
+use crate::backend::{DensityBackend, RefitSums, SiteCell};
 use crate::error::{Error, require};
+use crate::kernel::prepared::Prepared;
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
-use crate::point::PointSampler;
-use crate::prepared::Prepared;
-use crate::sample::lattice_of;
-use crate::sites::{self, SiteCell, Wanted};
-use crate::terms::RefitSums;
+use crate::sample::band::sample_band;
+use crate::sample::blocks::lattice_of;
+use crate::sample::compare::{Comparison, NEAR, compare_on};
+use crate::sample::point::PointSampler;
 
 /// The share of the density that may be lost by leaving out far atoms in the sums of samples.
 const SAMPLE_EPS: f64 = 2e-5;
@@ -143,7 +142,7 @@ pub fn refit<B: DensityBackend + ?Sized>(
         eps: SAMPLE_EPS,
         max_memory: options.max_memory,
     };
-    let of_original = sites::collect(&sampler, &grid, &wanted)?;
+    let of_original = samples::collect(&sampler, &grid, &wanted)?;
     drop(grid);
     let cells = with_atoms_of(&Prepared::new(reduced), of_original, options);
     let samples = cells.iter().map(|c| c.points.len()).sum();
@@ -205,7 +204,7 @@ pub fn refit<B: DensityBackend + ?Sized>(
 
 /// The same points with the atoms of another model that can matter there after the refit.
 fn with_atoms_of(reduced: &Prepared<'_>, cells: Vec<SiteCell>, options: &Refit) -> Vec<SiteCell> {
-    use crate::members::{Members, Scratch};
+    use crate::kernel::cull::{Members, Scratch};
     use geom_core::Aabb;
     // A moved centre is like a moved point.
     let slack = options.max_shift * 3.0f64.sqrt();

@@ -1,12 +1,12 @@
 //! The density of a block of bricks in f32, straight from the kernels: where the powers are so moderate that
 //! no kernel that matters leaves the range of f32 before its power is taken.
 //!
-//! No tree is culled. [`Reach`](crate::reach::Reach) gives one exponent `t` such that all atoms with
+//! No tree is culled. [`Reach`](crate::kernel::reach::Reach) gives one exponent `t` such that all atoms with
 //! `q_a(x) > t` may be left out at `x`, whichever they are; it falls with the number of atoms that are left, so
 //! it is taken again for the block, and for each eighth of it. In a brick an atom is also left out where another
 //! one below the same node outweighs it at every point. What remains is a comparison per atom
 //! and box, three tables of a separable exponential per atom and eighth, and the rows of points of each brick
-//! that lie within its reach. (The culls of [`members`](crate::members) keep fewer atoms still, but cost more than they
+//! that lie within its reach. (The culls of [`cull`](crate::kernel::cull) keep fewer atoms still, but cost more than they
 //! save here.)
 
 use std::ops::Range;
@@ -15,11 +15,11 @@ use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Aabb, Point3};
 
 use crate::backend::{BLOCK, Block, BlockValues, Job};
-use crate::cpu::{bricks_box, middle};
-use crate::fast::{exp2, log2};
+use crate::kernel::boxes::{bricks_box, middle};
+use crate::kernel::math::{exp2, log2};
+use crate::kernel::plain::Compiled;
+use crate::kernel::prepared::Prepared;
 use crate::lanes::{Work, with_lanes};
-use crate::plain::Compiled;
-use crate::prepared::Prepared;
 
 const LOG2_E: f64 = std::f64::consts::LOG2_E;
 /// Exponents of f32 (of 2) that are safely normal.
@@ -351,7 +351,7 @@ impl Work<Task<'_, '_>> for Sample {
             }
             let low = [0, 1, 2].map(|k| block.brick[k] + first[k]);
             let high = [0, 1, 2].map(|k| block.brick[k] + last[k]);
-            of_block.within(&bricks_box(job, low, high), exponents, kept);
+            of_block.within(&bricks_box(&job.lattice, low, high), exponents, kept);
             atoms.select(of_block, kept);
             atoms.limit(model, 3.0 / 8.0 * eps, eps / 4.0, floor);
             atoms.lift = lift(model, f64::from(atoms.exponent))?;

@@ -1,13 +1,13 @@
 //! The density and its gradient at one point, many exponentials at a time: what
-//! [`PointSampler`](crate::PointSampler) gives. [`plain`](crate::plain) is the specification.
+//! [`PointSampler`](crate::PointSampler) gives. [`plain`](crate::kernel::plain) is the specification.
 
 use std::cell::RefCell;
 
 use geom_core::{Point3, Vector3};
 
+use crate::kernel::math::{exp_all, raised};
+use crate::kernel::plain::Compiled;
 use crate::lanes::{Work, with_lanes};
-use crate::plain::Compiled;
-use crate::terms::{exp_all, raised};
 
 /// Reusable arrays of one thread. A child's term is `m exp(e)`, so that nothing underflows before the powers.
 #[derive(Debug, Default)]
@@ -149,7 +149,7 @@ fn sum_of<const SLOPES: bool>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plain;
+    use crate::kernel::plain;
     use crate::testing::models;
     use proptest::prelude::*;
 

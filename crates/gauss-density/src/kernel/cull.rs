@@ -18,10 +18,11 @@
 
 use std::ops::Range;
 
-use geom_core::{Aabb, Point3, Vector3};
+use geom_core::{Point3, Vector3};
 
+use crate::kernel::boxes::Cell;
+use crate::kernel::plain::Compiled;
 use crate::model::Level;
-use crate::plain::Compiled;
 
 /// Some atoms of a model in hierarchy order, as a structure of arrays, with the part of the tree above
 /// them.
@@ -34,24 +35,6 @@ pub(crate) struct Members {
     pub(crate) radius: Vec<f64>,
     /// Lowest first, as in the model, without the nodes that have no atom here.
     pub(crate) levels: Vec<Level>,
-}
-
-/// A closed box as centre and half edges.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Cell {
-    pub(crate) center: Point3,
-    pub(crate) half: Vector3,
-}
-
-impl From<&Aabb> for Cell {
-    fn from(b: &Aabb) -> Self {
-        // A hair wider, so that rounding does not leave the box's own corners outside.
-        let half = (b.max - b.min) * 0.5;
-        Self {
-            center: b.min + half,
-            half: half * (1.0 + 1e-12) + Vector3::repeat(1e-9),
-        }
-    }
 }
 
 impl Members {
@@ -547,8 +530,8 @@ impl Greedy {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plain::value;
-    use crate::reach::Reach;
+    use crate::kernel::plain::value;
+    use crate::kernel::reach::Reach;
     use crate::testing::models;
     use geom_core::Aabb;
     use proptest::prelude::*;

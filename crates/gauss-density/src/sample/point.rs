@@ -1,17 +1,16 @@
 //! The density at any point, with analytic derivatives.
 
 use geom_core::nalgebra::Matrix3;
-use geom_core::{Aabb, ImplicitField, Point3, Vector3};
+use geom_core::{Aabb, BrickGrid, ImplicitField, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::field;
-use crate::members::{Members, Scratch};
-use crate::model::Model;
+use crate::kernel;
+use crate::kernel::cull::{Members, Scratch};
+use crate::kernel::plain;
+use crate::kernel::prepared::Prepared;
+use crate::model::{Model, slopes};
 use crate::options::Cutoff;
-use crate::plain;
-use crate::prepared::Prepared;
-use crate::sites::slopes;
 
 /// The density as a continuous field: 1 on the surface, larger inside.
 ///
@@ -218,7 +217,7 @@ impl ImplicitField for PointSampler<'_> {
             return 0.0;
         }
         match self.members_at(x) {
-            Some(members) => field::value(&self.model.tree, members, x),
+            Some(members) => kernel::point::value(&self.model.tree, members, x),
             None => plain::value(&self.model.tree, self.all(), x),
         }
     }
@@ -228,8 +227,148 @@ impl ImplicitField for PointSampler<'_> {
             return (0.0, Vector3::zeros());
         }
         match self.members_at(x) {
-            Some(members) => field::value_gradient(&self.model.tree, members, x),
+            Some(members) => kernel::point::value_gradient(&self.model.tree, members, x),
             None => plain::value_gradient(&self.model.tree, self.all(), x),
         }
+    }
+}
+
+/// Where the density is 1 on a lattice edge that crosses the surface, within 1e-6 of it: a bracket, and in it
+/// inverse interpolation of the density's logarithm, from the grid's values at the ends.
+pub(crate) fn root_on_edge(
+    sampler: &PointSampler<'_>,
+    grid: &BrickGrid,
+    p: [usize; 3],
+    q: [usize; 3],
+) -> Point3 {
+    let (start, end) = (grid.lattice().point(p), grid.lattice().point(q));
+    let [first, last] = [p, q].map(|end| f64::from(grid.at(end)).max(1e-30).ln());
+    // Places on the edge and the logarithms there; `before` was the last end of the bracket to go.
+    let (mut low, mut high, mut before) = ((0.0, first), (1.0, last), None);
+    let mut x = start;
+    for round in 0..20 {
+        let straight = interpolated(&[low, high]);
+        let curved = before.and_then(|before| interpolated(&[low, high, before]));
+        let within = |t: &f64| *t > low.0 && *t < high.0;
+        let guess = curved.filter(within).or(straight.filter(within));
+        let middle = 0.5 * (low.0 + high.0);
+        // Halved now and then, should the guesses stay on one side.
+        let t = guess.filter(|_| round % 6 < 5).unwrap_or(middle);
+        x = start + (end - start) * t;
+        let f = sampler.value(&x).ln();
+        if f.abs() < 1e-6 {
+            break;
+        }
+        // As the callers have it, 0 is inside.
+        let gone = if (f >= 0.0) == (low.1 >= 0.0) {
+            std::mem::replace(&mut low, (t, f))
+        } else {
+            std::mem::replace(&mut high, (t, f))
+        };
+        before = Some(gone);
+    }
+    x
+}
+
+/// Where a function is 0, given places and its values there, by the polynomial that has the places as its values;
+/// `None` if two values are the same.
+fn interpolated(known: &[(f64, f64)]) -> Option<f64> {
+    let weighted = known.iter().enumerate().map(|(i, (place, own))| {
+        let others = known.iter().enumerate().filter(|(j, _)| *j != i);
+        let weights = others.map(|(_, (_, f))| f / (f - own));
+        place * weights.product::<f64>()
+    });
+    Some(weighted.sum()).filter(|t: &f64| t.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::boxes::for_points;
+    use crate::options::Options;
+    use crate::testing::globule;
+    use geom_core::{Cpu, Run};
+
+    #[test]
+    fn interpolation_finds_zeros() {
+        assert_eq!(interpolated(&[(0.0, 1.0), (2.0, -1.0)]), Some(1.0));
+        assert_eq!(interpolated(&[(0.0, 1.0), (2.0, 1.0)]), None);
+        // Places that are quadratic in the values: 3 + f − f²/2.
+        let known = [-1.0, 0.5, 2.0].map(|f: f64| (3.0 + f - 0.5 * f * f, f));
+        let zero = interpolated(&known).unwrap();
+        assert!((zero - 3.0).abs() < 1e-12, "{zero}");
+    }
+
+    /// Where the density is 1, within what the cut-offs of grid and sampler allow.
+    #[test]
+    fn roots_lie_on_the_surface() {
+        let structure = globule(2, 40, 5);
+        for residue_power in [1.0, 0.25] {
+            let levels = crate::Levels {
+                residue_power,
+                decay: 0.5,
+                ..crate::Levels::default()
+            };
+            let model = Model::uniform(&structure, &levels).unwrap();
+            let cutoff = Cutoff::AfterPowers(1e-7);
+            let sampler = PointSampler::above(0.25, &model, cutoff).unwrap();
+            let options = Options {
+                spacing: 1.0,
+                cutoff,
+                ..Options::default()
+            };
+            let grid = crate::sample_band(&model, &options, Run::on(&Cpu))
+                .unwrap()
+                .grid;
+            let (mut roots, counts) = (0, grid.lattice().counts);
+            for b in 0..grid.bricks().iter().product() {
+                for_points(grid.lattice(), grid.brick_coordinates(b), |p| {
+                    for axis in 0..3 {
+                        let mut q = p;
+                        q[axis] += 1;
+                        if q[axis] < counts[axis] && (grid.at(p) >= 1.0) != (grid.at(q) >= 1.0) {
+                            let root = root_on_edge(&sampler, &grid, p, q);
+                            let off = sampler.value(&root).ln().abs();
+                            assert!(off < 1e-6, "{off:e} between {p:?} and {q:?}");
+                            roots += 1;
+                        }
+                    }
+                });
+            }
+            assert!(roots > 1000, "{roots} roots");
+        }
+    }
+
+    /// A sample right on the surface counts as inside, and is the root.
+    #[test]
+    fn roots_may_be_samples() {
+        let mut exact = 0;
+        for decay in [0.3, 0.5, 0.7, 1.0, 1.3] {
+            let mut structure = globule(1, 1, 5).filter(|atom| atom == 0);
+            for atom in structure.atoms_mut() {
+                (atom.position, atom.radius) = (Point3::origin(), 2.0);
+            }
+            let levels = crate::Levels {
+                decay,
+                ..crate::Levels::default()
+            };
+            let model = Model::uniform(&structure, &levels).unwrap();
+            let [min, max] = [-6.0, 6.0].map(|x| Point3::from([x; 3]));
+            let options = Options {
+                spacing: 1.0,
+                bounds: Some(geom_core::Aabb::new(min, max)),
+                ..Options::default()
+            };
+            let sampler = PointSampler::above(0.25, &model, options.cutoff).unwrap();
+            let sampled = crate::sample_band(&model, &options, Run::on(&Cpu));
+            let grid = sampled.unwrap().grid;
+            let [p, q] = [[8, 6, 6], [9, 6, 6]];
+            if grid.at(p) >= 1.0 {
+                let root = root_on_edge(&sampler, &grid, p, q);
+                assert!((root - Point3::new(2.0, 0.0, 0.0)).norm() < 1e-5, "{root}");
+                exact += usize::from(grid.at(p) == 1.0);
+            }
+        }
+        assert!(exact > 0, "no sample is right on the surface");
     }
 }

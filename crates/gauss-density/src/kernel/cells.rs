@@ -3,9 +3,10 @@
 
 use geom_core::Point3;
 
+use crate::backend::{RefitSums, SiteCell};
+use crate::kernel::math::{exp_all, ln_all, raise};
 use crate::lanes::{Work, with_lanes};
 use crate::model::Model;
-use crate::sites::SiteCell;
 
 /// Points are taken in groups of this size, for the lanes of the processor.
 const LANES: usize = 8;
@@ -29,112 +30,6 @@ pub(crate) struct Terms {
     above: Vec<f64>,
     tops: Vec<f64>,
     tops_above: Vec<f64>,
-}
-
-/// Numbers to a power, fast for the powers that are common.
-#[inline(always)]
-fn raise(values: &mut [f64], power: f64) {
-    if power == 1.0 {
-    } else if power == 0.5 {
-        for v in values {
-            *v = v.sqrt();
-        }
-    } else if power == 0.25 {
-        for v in values {
-            *v = v.sqrt().sqrt();
-        }
-    } else {
-        for v in values {
-            *v = v.powf(power);
-        }
-    }
-}
-
-/// `sum^power`, fast for the powers that are common.
-#[inline(always)]
-pub(crate) fn raised(sum: f64, power: f64) -> f64 {
-    let mut value = [sum];
-    raise(&mut value, power);
-    value[0]
-}
-
-/// Taylor's coefficients of `eᵗ`, the highest power first.
-const EXPONENTIAL: [f64; 14] = [
-    1.0 / 6_227_020_800.0,
-    1.0 / 479_001_600.0,
-    1.0 / 39_916_800.0,
-    1.0 / 3_628_800.0,
-    1.0 / 362_880.0,
-    1.0 / 40_320.0,
-    1.0 / 5_040.0,
-    1.0 / 720.0,
-    1.0 / 120.0,
-    1.0 / 24.0,
-    1.0 / 6.0,
-    0.5,
-    1.0,
-    1.0,
-];
-
-/// Those of `2 artanh(√z) / √z`.
-const ARTANH: [f64; 11] = [
-    2.0 / 21.0,
-    2.0 / 19.0,
-    2.0 / 17.0,
-    2.0 / 15.0,
-    2.0 / 13.0,
-    2.0 / 11.0,
-    2.0 / 9.0,
-    2.0 / 7.0,
-    2.0 / 5.0,
-    2.0 / 3.0,
-    2.0,
-];
-
-/// Horner's scheme.
-#[inline(always)]
-fn polynomial<const N: usize>(coefficients: &[f64; N], x: f64) -> f64 {
-    let (highest, others) = (coefficients[0], &coefficients[1..]);
-    others.iter().fold(highest, |p, c| p * x + c)
-}
-
-/// `eˣ` within 4e-16 of itself, for each x; 0 below −700, clamped above 700.
-#[inline(always)]
-pub(crate) fn exp_all(values: &mut [f64]) {
-    for v in values {
-        let x = v.clamp(-700.0, 700.0);
-        // Adding 1.5 · 2⁵² rounds to the nearest integer.
-        let shifted = x * std::f64::consts::LOG2_E + 6_755_399_441_055_744.0;
-        let whole = shifted - 6_755_399_441_055_744.0;
-        // ln 2 in two parts, the first with trailing zeros.
-        let t = x - whole * 0.693_147_180_369_123_8 - whole * 1.908_214_929_270_587_7e-10;
-        // Taylor on |t| ≤ ln 2 / 2; the remainder is below 5e-18.
-        let p = polynomial(&EXPONENTIAL, t);
-        let power = f64::from_bits((shifted.to_bits() << 52).wrapping_add(1.0f64.to_bits()));
-        *v = if *v < -700.0 { 0.0 } else { p * power };
-    }
-}
-
-/// `ln x` within 1e-15, relative to itself or absolute, for each normal positive x.
-#[inline(always)]
-fn ln_all(values: &mut [f64]) {
-    for v in values {
-        let bits = v.to_bits();
-        // Mantissa in [√½, √2).
-        let above = bits.wrapping_sub(std::f64::consts::FRAC_1_SQRT_2.to_bits());
-        let m = f64::from_bits(
-            (above & ((1 << 52) - 1)).wrapping_add(std::f64::consts::FRAC_1_SQRT_2.to_bits()),
-        );
-        // The exponent as a number, without a conversion: 2⁵² + (exponent + 1024) has it in its lowest bits.
-        let exponent = (above >> 52).wrapping_add(1024) & 2047;
-        let exponent =
-            f64::from_bits(exponent | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1024.0);
-        // ln m = 2 artanh s; the remainder is below 1e-18.
-        let s = (m - 1.0) / (m + 1.0);
-        let z = s * s;
-        let p = polynomial(&ARTANH, z);
-        *v = exponent * std::f64::consts::LN_2 + p * s;
-    }
 }
 
 impl Terms {
@@ -473,19 +368,6 @@ impl Work<(&CellSums<f32>, &SiteCell, usize, &mut Vec<f64>)> for Loss {
     }
 }
 
-/// What a refit step needs from a set of points: see [`DensityBackend`](crate::DensityBackend).
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct RefitSums {
-    /// `½ Σ w (G − G0)²` with `w = 1 / G0²`.
-    pub objective: f64,
-    /// The largest `|G − G0| / G0`.
-    pub worst: f64,
-    /// Per atom: `Σ w (G − G0) ∂G/∂p` for p = x, y, z, r, κ.
-    pub gradient: Vec<[f64; 5]>,
-    /// Per atom: `Σ w (∂G/∂p)²`.
-    pub curvature: Vec<[f64; 5]>,
-}
-
 /// What is evaluated, of which model, and arrays for it.
 type Cell<'a, 'm> = (&'a SiteCell, &'a Model, &'m mut Scratch);
 
@@ -628,32 +510,4 @@ impl Work<Cell<'_, '_>> for Refit {
 /// The sums of one cell, per atom of the cell.
 pub(crate) fn refit_of_cell(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> RefitSums {
     with_lanes::<Refit, _>((cell, model, scratch))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn exponentials_and_logarithms_are_accurate() {
-        let mut worst: f64 = 0.0;
-        for i in -699_000..699_000 {
-            let x = f64::from(i) * 1e-3 + 0.1 / f64::from(i).abs().max(1.0);
-            let mut got = [x];
-            exp_all(&mut got);
-            worst = worst.max((got[0] / x.exp() - 1.0).abs());
-        }
-        assert!(worst < 5e-16, "{worst:e}");
-        let mut worst: f64 = 0.0;
-        for i in -699_000..699_000 {
-            let x = (f64::from(i) * 1e-3).exp();
-            let mut got = [x];
-            ln_all(&mut got);
-            worst = worst.max((got[0] - x.ln()).abs() / x.ln().abs().max(1.0));
-        }
-        assert!(worst < 1e-15, "{worst:e}");
-        let mut ends = [-1e9, -700.5, 0.0];
-        exp_all(&mut ends);
-        assert_eq!(ends, [0.0, 0.0, 1.0]);
-    }
 }

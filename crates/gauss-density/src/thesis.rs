@@ -6,10 +6,10 @@ use rayon::prelude::*;
 
 use crate::cpu;
 use crate::error::Error;
+use crate::kernel::plain;
+use crate::kernel::prepared::Prepared;
 use crate::options::{Cutoff, Options};
-use crate::plain;
-use crate::point::PointSampler;
-use crate::prepared::Prepared;
+use crate::sample::point::PointSampler;
 
 /// How the atoms that matter at a point are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
