@@ -1,10 +1,76 @@
-//! The hot kernels of this crate, and what agreement each owes to the specification.
+//! The hot kernels of this crate, what they are handed, and what agreement each owes to the specification
+//! (`specification`, under the feature `testing`).
+//!
+//! [`Cpu`](geom_core::Cpu) and `Wgpu` implement them, and so can a type of yours: here one that counts what
+//! the CPU sums, and refuses to eliminate.
+//!
+//! ```
+//! use std::sync::atomic::{AtomicU64, Ordering};
+//!
+//! use gauss_density::backend::{Block, BlockValues, Job, Prepared, RefitSums, SampleCell};
+//! use gauss_density::{DensityBackend, Elimination, Error, Model, Options, eliminate, sample_band};
+//! use geom_core::compute::BackendError;
+//! use geom_core::{Backend, Cpu, Point3, Run};
+//!
+//! #[derive(Default)]
+//! struct Counting {
+//!     pairs: AtomicU64,
+//! }
+//!
+//! impl Backend for Counting {
+//!     fn name(&self) -> String {
+//!         "counting".to_owned()
+//!     }
+//! }
+//!
+//! impl DensityBackend for Counting {
+//!     fn sample_blocks(
+//!         &self,
+//!         model: &Prepared<'_>,
+//!         job: &Job,
+//!         blocks: &[Block],
+//!         results: &mut Vec<BlockValues>,
+//!     ) -> Result<(), Error> {
+//!         Cpu.sample_blocks(model, job, blocks, results)?;
+//!         let pairs = results.iter().map(|r| r.pairs).sum();
+//!         self.pairs.fetch_add(pairs, Ordering::Relaxed);
+//!         Ok(())
+//!     }
+//!     fn atom_errors(
+//!         &self,
+//!         _: &Prepared<'_>,
+//!         _: &[SampleCell],
+//!         _: &mut Vec<f64>,
+//!     ) -> Result<(), Error> {
+//!         Err(BackendError::new("no elimination here").into())
+//!     }
+//!     fn refit_sums(
+//!         &self,
+//!         model: &Prepared<'_>,
+//!         cells: &[SampleCell],
+//!         sums: &mut RefitSums,
+//!     ) -> Result<(), Error> {
+//!         Cpu.refit_sums(model, cells, sums)
+//!     }
+//! }
+//!
+//! # fn main() -> Result<(), Error> {
+//! let model = Model::new(vec![Point3::origin()], vec![1.7], vec![1.0], vec![])?;
+//! let counting = Counting::default();
+//! let band = sample_band(&model, &Options::default(), Run::on(&counting))?;
+//! assert_eq!(band.report.backend, "counting");
+//! assert_eq!(band.report.pairs, counting.pairs.into_inner());
+//! let error = eliminate(&model, &Elimination::default(), Run::on(&Counting::default()));
+//! assert_eq!(error.unwrap_err().to_string(), "no elimination here");
+//! # Ok(())
+//! # }
+//! ```
 
 use geom_core::grid::{BRICK, Brick};
 use geom_core::{Agreement, Backend, Lattice, Point3};
 
 use crate::error::Error;
-use crate::kernel::prepared::Prepared;
+pub use crate::kernel::prepared::Prepared;
 use crate::model::Level;
 use crate::options::Cutoff;
 
@@ -45,6 +111,11 @@ impl Block {
         let local = [i % nx, i / nx % ny, i / (nx * ny)];
         [0, 1, 2].map(|k| self.brick[k] + local[k])
     }
+    /// Which brick of the block has these coordinates in the lattice: the inverse of [`Block::brick_at`].
+    pub fn place_of(&self, brick: [usize; 3]) -> usize {
+        let local = [0, 1, 2].map(|k| brick[k] - self.brick[k]);
+        (local[2] * self.bricks[1] + local[1]) * self.bricks[0] + local[0]
+    }
 }
 
 /// What to compute in each brick.
@@ -74,7 +145,7 @@ pub struct BlockValues {
 
 impl BlockValues {
     /// No values, and no brick but exterior ones; the arrays stay allocated.
-    pub(crate) fn clear(&mut self, block: &Block) {
+    pub fn clear(&mut self, block: &Block) {
         self.kinds.clear();
         self.kinds.resize(block.len(), Brick::Exterior);
         self.values.clear();
@@ -84,7 +155,7 @@ impl BlockValues {
 
 /// Points that share the atoms that matter around them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SiteCell {
+pub struct SampleCell {
     /// Atoms, ascending.
     pub atoms: Vec<u32>,
     /// The tree above them, lowest level first.
@@ -99,18 +170,9 @@ pub struct SiteCell {
     pub target: Vec<f64>,
 }
 
-impl SiteCell {
+impl SampleCell {
     pub(crate) fn new(atoms: Vec<u32>, levels: Vec<Level>, points: Vec<Point3>) -> Self {
-        let parents = levels
-            .iter()
-            .map(|level| {
-                let mut parent = vec![0; level.first_child[level.len()] as usize];
-                for node in 0..level.len() {
-                    parent[level.children(node)].fill(node as u32);
-                }
-                parent
-            })
-            .collect();
+        let parents = levels.iter().map(Level::parents).collect();
         Self {
             atoms,
             levels,
@@ -158,7 +220,7 @@ pub struct RefitSums {
 
 /// Adds the sums of cells, in their order, to the sums per atom of the model.
 pub(crate) fn scatter<T, const N: usize>(
-    cells: &[SiteCell],
+    cells: &[SampleCell],
     parts: &[T],
     atoms: usize,
     values: impl Fn(&T, usize) -> [f64; N],
@@ -174,8 +236,7 @@ pub(crate) fn scatter<T, const N: usize>(
     sums
 }
 
-/// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) follows the plain function
-/// [`nested_sum`](crate::nested_sum).
+/// The hot kernels of this crate.
 pub trait DensityBackend: Backend {
     /// Cull, density and classification of every brick of the blocks, in one go; one result per block.
     /// Whatever `results` held is lost, but its memory may be used again.
@@ -188,15 +249,25 @@ pub trait DensityBackend: Backend {
     ) -> Result<(), Error>;
 
     /// Per atom of the model: `Σ ((target − G without the atom) / target)²` over the points of the cells,
-    /// terms below 0 left out (Eq. 3.9 squared, corrected).
-    fn atom_errors(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<Vec<f64>, Error>;
+    /// terms below 0 left out (Eq. 3.9 squared, corrected). Whatever `errors` held is lost.
+    fn atom_errors(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SampleCell],
+        errors: &mut Vec<f64>,
+    ) -> Result<(), Error>;
 
     /// The objective of the refit (Eq. 3.11) over the points of the cells, and its first derivatives and
-    /// the diagonal of its Gauss–Newton matrix per atom of the model (Eq. 3.13).
-    fn refit_sums(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<RefitSums, Error>;
+    /// the diagonal of its Gauss–Newton matrix per atom of the model (Eq. 3.13). Whatever `sums` held is lost.
+    fn refit_sums(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SampleCell],
+        sums: &mut RefitSums,
+    ) -> Result<(), Error>;
 }
 
-/// What a backend owes to [`nested_sum`](crate::nested_sum), besides what the cut-off allows, where the
+/// What a backend owes to the nested sum of the specification, besides what the cut-off allows, where the
 /// density is at least the floor: f32 sums of positive terms. Seen on llvmpipe; no hardware GPU was at hand.
 pub const SAMPLE_BLOCKS: Agreement = Agreement::Bounded {
     relative: 2e-4,

@@ -5,11 +5,12 @@ use geom_core::grid::Brick;
 use geom_core::{Aabb, BrickGrid, LatticeValues, Point3};
 use rayon::prelude::*;
 
-use crate::backend::SiteCell;
+use crate::backend::SampleCell;
 use crate::error::Error;
 use crate::kernel::boxes::for_points;
 use crate::kernel::cells;
-use crate::kernel::cull::{self, Members};
+use crate::kernel::cull::{self, ActiveSet};
+use crate::kernel::prepared::Prepared;
 use crate::sample::point::{PointSampler, root_on_edge};
 
 /// Which points are wanted.
@@ -37,57 +38,34 @@ pub(crate) fn collect(
     sampler: &PointSampler<'_>,
     grid: &BrickGrid,
     wanted: &Wanted,
-) -> Result<Vec<SiteCell>, Error> {
+) -> Result<Vec<SampleCell>, Error> {
     let prepared = sampler.prepared();
-    let lattice = *grid.lattice();
     let points = points_of(sampler, grid, wanted);
     let lists = points.len() as u128 * 600;
     if lists > u128::from(wanted.max_memory) {
-        return Err(Error::TooManySites {
-            sites: points.len(),
+        return Err(Error::TooManySamples {
+            samples: points.len(),
             bytes: lists,
             limit: wanted.max_memory,
         });
     }
-    let origin = lattice.origin;
-    let cell_of = |x: &Point3| -> [i64; 3] {
-        std::array::from_fn(|k| ((x[k] - origin[k]) / CELL).floor() as i64)
-    };
-    let mut keyed: Vec<([i64; 3], [i64; 3], usize)> = points
+    // Points of a group, and of a cell of it, side by side: sorted by both, and by their order where these agree.
+    let mut keyed: Vec<Keyed> = points
         .iter()
         .enumerate()
-        .map(|(i, x)| {
-            let cell = cell_of(x);
-            (cell.map(|c| c.div_euclid(GROUP)), cell, i)
-        })
+        .map(|(point, x)| Keyed::new(x, point, &grid.lattice().origin))
         .collect();
     keyed.par_sort_unstable();
-    let groups: Vec<_> = keyed.chunk_by(|a, b| a.0 == b.0).collect();
-    let floor = 0.5 * wanted.band[0];
-    let reach = prepared.reach.radius(wanted.eps / 4.0, floor);
-    let clusters = prepared.clusters();
-    let cells: Vec<Vec<SiteCell>> = groups
+    let groups: Vec<_> = keyed.chunk_by(|a, b| a.group == b.group).collect();
+    let cells: Vec<Vec<SampleCell>> = groups
         .par_iter()
         .map_init(cull::Scratch::default, |scratch, group| {
-            let cells: Vec<_> = group.chunk_by(|a, b| a.1 == b.1).collect();
-            let around = Aabb::of_points(group.iter().map(|k| &points[k.2]));
-            let near = prepared.near(&clusters, &around, reach);
-            let all = Members::gather(&prepared.tree, &prepared.atoms_near(&near, &around, reach));
-            let mut kept = Members::default();
-            cells
-                .into_iter()
-                .map(|cell| {
-                    let points: Vec<Point3> = cell.iter().map(|k| points[k.2]).collect();
-                    let around = Aabb::of_points(&points);
-                    let eps = 0.75 * wanted.eps;
-                    all.cull_into(&(&around).into(), eps, floor, scratch, &mut kept);
-                    SiteCell::new(kept.atom.clone(), kept.levels.clone(), points)
-                })
-                .collect()
+            cells_of_group(prepared, &points, group, wanted, scratch)
         })
         .collect();
-    let mut cells: Vec<SiteCell> = cells.into_iter().flatten().collect();
+    let mut cells: Vec<SampleCell> = cells.into_iter().flatten().collect();
     let model = prepared.model();
+    // In the interior the density may fall to the upper end of the band before the body is no longer solid.
     let cap = match wanted.interior {
         Some(_) => wanted.band[1],
         None => f64::INFINITY,
@@ -99,6 +77,53 @@ pub(crate) fn collect(
             cell.target = cell.exact.iter().map(|g| g.min(cap)).collect();
         });
     Ok(cells)
+}
+
+/// A point by the group and the cell that it lies in.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Keyed {
+    group: [i64; 3],
+    cell: [i64; 3],
+    point: usize,
+}
+
+impl Keyed {
+    fn new(x: &Point3, point: usize, origin: &Point3) -> Self {
+        let cell: [i64; 3] = std::array::from_fn(|k| ((x[k] - origin[k]) / CELL).floor() as i64);
+        Self {
+            group: cell.map(|c| c.div_euclid(GROUP)),
+            cell,
+            point,
+        }
+    }
+}
+
+/// The cells of a group: the atoms that can reach the group are gathered once, and culled for each cell.
+fn cells_of_group(
+    model: &Prepared<'_>,
+    points: &[Point3],
+    group: &[Keyed],
+    wanted: &Wanted,
+    scratch: &mut cull::Scratch,
+) -> Vec<SampleCell> {
+    // Ends of edges that cross the surface may lie below the band.
+    let floor = 0.5 * wanted.band[0];
+    // A quarter of what may be lost goes with the group, the rest with the cell.
+    let reach = model.reach.radius(wanted.eps / 4.0, floor);
+    let around = Aabb::of_points(group.iter().map(|k| &points[k.point]));
+    let near = model.near(&model.clusters(), &around, reach);
+    let all = ActiveSet::gather(model, &model.atoms_near(&near, &around, reach));
+    let mut kept = ActiveSet::default();
+    group
+        .chunk_by(|a, b| a.cell == b.cell)
+        .map(|cell| {
+            let points: Vec<Point3> = cell.iter().map(|k| points[k.point]).collect();
+            let around = Aabb::of_points(&points);
+            let eps = 0.75 * wanted.eps;
+            all.cull_into(&(&around).into(), eps, floor, scratch, &mut kept);
+            SampleCell::new(kept.atom.clone(), kept.levels.clone(), points)
+        })
+        .collect()
 }
 
 fn points_of(sampler: &PointSampler<'_>, grid: &BrickGrid, wanted: &Wanted) -> Vec<Point3> {

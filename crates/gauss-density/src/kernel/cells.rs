@@ -2,10 +2,10 @@
 //! derivatives.
 
 use geom_core::Point3;
+use geom_core::compute::lanes::vectorized;
 
-use crate::backend::{RefitSums, SiteCell};
+use crate::backend::{RefitSums, SampleCell};
 use crate::kernel::math::{exp_all, ln_all, raise};
-use crate::lanes::{Work, with_lanes};
 use crate::model::Model;
 
 /// Points are taken in groups of this size, for the lanes of the processor.
@@ -35,7 +35,8 @@ pub(crate) struct Terms {
 impl Terms {
     /// Evaluates the tree at the points of the cell.
     #[inline(always)]
-    pub(crate) fn fill(&mut self, cell: &SiteCell, model: &Model) {
+    pub(crate) fn fill(&mut self, cell: &SampleCell, model: &Model) {
+        // Whole lanes: the last point stands in for those that are missing, and is left out of every result.
         let n = cell.points.len().next_multiple_of(LANES).max(LANES);
         self.width = n;
         let last = cell.points.last().copied().unwrap_or(Point3::origin());
@@ -48,6 +49,7 @@ impl Terms {
         self.term.resize_with(depth + 1, Vec::new);
         self.factor.resize_with(depth, Vec::new);
         self.ln.resize(cell.atoms.len() * n, 0.0);
+        // Logarithms of the kernels: the terms of the lowest level before they are made relative.
         let [x, y, z] = [0, 1, 2].map(|k| &self.at[k][..n]);
         for (&a, ln) in cell.atoms.iter().zip(self.ln.chunks_exact_mut(n)) {
             let a = a as usize;
@@ -57,6 +59,8 @@ impl Terms {
                 *ln = kappa * (r * r - (x * x + y * y + z * z));
             }
         }
+        // Level by level: terms relative to the largest sibling, their sum, and the logarithm of its power, which is
+        // the term of the level above.
         for (l, level) in cell.levels.iter().enumerate() {
             let term = &mut self.term[l];
             term.resize(self.ln.len(), 0.0);
@@ -91,6 +95,7 @@ impl Terms {
             std::mem::swap(&mut self.ln, &mut self.above);
             std::mem::swap(&mut self.tops, &mut self.tops_above);
         }
+        // The root has no power: its terms are relative to the largest of all.
         self.top.resize(n, 0.0);
         let root = &mut self.term[depth];
         root.resize(self.ln.len(), 0.0);
@@ -105,7 +110,7 @@ impl Terms {
 
     /// The density at each point of the cell, into `values`.
     #[inline(always)]
-    pub(crate) fn values_into(&self, cell: &SiteCell, values: &mut Vec<f64>) {
+    pub(crate) fn values_into(&self, cell: &SampleCell, values: &mut Vec<f64>) {
         values.clear();
         values.resize(self.width, 0.0);
         for row in self.term[cell.levels.len()].chunks_exact(self.width) {
@@ -121,7 +126,7 @@ impl Terms {
 
     /// The density's derivative with respect to the logarithm of each kernel, a row per atom, into `shares`.
     #[inline(always)]
-    fn shares_into(&self, cell: &SiteCell, shares: &mut Vec<f64>, below: &mut Vec<f64>) {
+    fn shares_into(&self, cell: &SampleCell, shares: &mut Vec<f64>, below: &mut Vec<f64>) {
         let (depth, n) = (cell.levels.len(), self.width);
         shares.clear();
         let mut scale = self.top.clone();
@@ -197,6 +202,13 @@ pub(crate) struct CellSums<T> {
     scale: Vec<f64>,
 }
 
+/// A row of terms that a removal changes, and what it changes to.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ChangedRow {
+    row: usize,
+    values: Vec<f64>,
+}
+
 /// A number that terms are kept as.
 pub(crate) trait Kept: Copy + Into<f64> {
     fn of(value: f64) -> Self;
@@ -216,7 +228,7 @@ impl Kept for f32 {
 
 impl<T: Kept> CellSums<T> {
     #[inline(always)]
-    pub(crate) fn fill(&mut self, cell: &SiteCell, terms: &Terms) {
+    pub(crate) fn fill(&mut self, cell: &SampleCell, terms: &Terms) {
         self.width = terms.width;
         self.terms.clear();
         self.terms
@@ -242,7 +254,7 @@ impl<T: Kept> CellSums<T> {
     #[inline(always)]
     pub(crate) fn without(
         &self,
-        cell: &SiteCell,
+        cell: &SampleCell,
         k: usize,
         left: &mut Vec<f64>,
         mut note: impl FnMut(usize, &[f64]),
@@ -290,86 +302,79 @@ impl<T: Kept> CellSums<T> {
 
 impl CellSums<f32> {
     /// The largest share of its target that a point of the cell loses without atom `k`; `left` is for reuse.
-    pub(crate) fn loss_without(&self, cell: &SiteCell, k: usize, left: &mut Vec<f64>) -> f64 {
-        with_lanes::<Loss, _>((self, cell, k, left))
+    pub(crate) fn loss_without(&self, cell: &SampleCell, k: usize, left: &mut Vec<f64>) -> f64 {
+        vectorized(
+            #[inline(always)]
+            || loss(self, cell, k, left),
+        )
     }
 
     /// Removes atom `k`; `left` and `changed` are for reuse.
     pub(crate) fn remove(
         &mut self,
-        cell: &SiteCell,
+        cell: &SampleCell,
         k: usize,
         left: &mut Vec<f64>,
-        changed: &mut Vec<(usize, Vec<f64>)>,
+        changed: &mut Vec<ChangedRow>,
     ) {
-        with_lanes::<Removal, _>((self, cell, k, left, changed));
+        vectorized(
+            #[inline(always)]
+            || remove(self, cell, k, left, changed),
+        );
     }
 }
 
-/// Sums, their cell, an atom of it, and arrays for reuse.
-type Leaving<'a> = (
-    &'a mut CellSums<f32>,
-    &'a SiteCell,
-    usize,
-    &'a mut Vec<f64>,
-    &'a mut Vec<(usize, Vec<f64>)>,
-);
-
-struct Removal;
-impl Work<Leaving<'_>> for Removal {
-    type Output = ();
-    #[inline(always)]
-    fn run((sums, cell, k, left, changed): Leaving<'_>) {
-        let n = sums.width;
-        if !sums.matters(k) {
-            return;
+#[inline(always)]
+fn remove(
+    sums: &mut CellSums<f32>,
+    cell: &SampleCell,
+    k: usize,
+    left: &mut Vec<f64>,
+    changed: &mut Vec<ChangedRow>,
+) {
+    let n = sums.width;
+    if !sums.matters(k) {
+        return;
+    }
+    let mut count = 0;
+    sums.without(cell, k, left, |row, values| {
+        if count == changed.len() {
+            changed.push(ChangedRow::default());
         }
-        let mut count = 0;
-        sums.without(cell, k, left, |row, values| {
-            if count == changed.len() {
-                changed.push((row, Vec::new()));
-            }
-            changed[count].0 = row;
-            changed[count].1.clear();
-            changed[count].1.extend_from_slice(values);
-            count += 1;
-        });
-        let changed = &changed[..count];
-        let (last, _) = changed.last().expect("the root has a child");
-        let old = &sums.terms[last * n..][..n];
-        for (total, &old) in sums.total.iter_mut().zip(old) {
-            *total -= f64::from(old);
+        let own = &mut changed[count];
+        own.row = row;
+        own.values.clear();
+        own.values.extend_from_slice(values);
+        count += 1;
+    });
+    let changed = &changed[..count];
+    let last = changed.last().expect("the root has a child").row;
+    let old = &sums.terms[last * n..][..n];
+    for (total, &old) in sums.total.iter_mut().zip(old) {
+        *total -= f64::from(old);
+    }
+    for ChangedRow { row, values } in changed {
+        for (t, &value) in sums.terms[row * n..][..n].iter_mut().zip(values) {
+            *t = value as f32;
         }
-        for (row, values) in changed {
-            for (t, &value) in sums.terms[row * n..][..n].iter_mut().zip(values) {
-                *t = value as f32;
-            }
-        }
-        let new = &sums.terms[last * n..][..n];
-        for (total, &new) in sums.total.iter_mut().zip(new) {
-            *total += f64::from(new);
-        }
+    }
+    let new = &sums.terms[last * n..][..n];
+    for (total, &new) in sums.total.iter_mut().zip(new) {
+        *total += f64::from(new);
     }
 }
 
-struct Loss;
-impl Work<(&CellSums<f32>, &SiteCell, usize, &mut Vec<f64>)> for Loss {
-    type Output = f64;
-    #[inline(always)]
-    fn run((sums, cell, k, left): (&CellSums<f32>, &SiteCell, usize, &mut Vec<f64>)) -> f64 {
-        if !sums.matters(k) {
-            return 0.0;
-        }
-        sums.without(cell, k, left, |_, _| ());
-        let points = left.iter().zip(&cell.target);
-        points.fold(0.0, |worst: f64, (left, target)| {
-            worst.max((target - left) / target)
-        })
+#[inline(always)]
+fn loss(sums: &CellSums<f32>, cell: &SampleCell, k: usize, left: &mut Vec<f64>) -> f64 {
+    if !sums.matters(k) {
+        return 0.0;
     }
+    sums.without(cell, k, left, |_, _| ());
+    let points = left.iter().zip(&cell.target);
+    points.fold(0.0, |worst: f64, (left, target)| {
+        worst.max((target - left) / target)
+    })
 }
-
-/// What is evaluated, of which model, and arrays for it.
-type Cell<'a, 'm> = (&'a SiteCell, &'a Model, &'m mut Scratch);
 
 /// Reusable arrays of one thread.
 #[derive(Debug, Default)]
@@ -380,134 +385,134 @@ pub(crate) struct Scratch {
     below: Vec<f64>,
 }
 
-struct Sums;
-impl Work<Cell<'_, '_>> for Sums {
-    type Output = CellSums<f32>;
-    #[inline(always)]
-    fn run((cell, model, scratch): Cell<'_, '_>) -> CellSums<f32> {
-        let mut sums = CellSums::default();
-        scratch.terms.fill(cell, model);
-        sums.fill(cell, &scratch.terms);
-        sums
-    }
+#[inline(always)]
+fn sums(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> CellSums<f32> {
+    let mut sums = CellSums::default();
+    scratch.terms.fill(cell, model);
+    sums.fill(cell, &scratch.terms);
+    sums
 }
 
 /// The sums of a cell, ready for removals.
-pub(crate) fn sums_of_cell(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> CellSums<f32> {
-    with_lanes::<Sums, _>((cell, model, scratch))
+pub(crate) fn sums_of_cell(
+    cell: &SampleCell,
+    model: &Model,
+    scratch: &mut Scratch,
+) -> CellSums<f32> {
+    vectorized(
+        #[inline(always)]
+        || sums(cell, model, scratch),
+    )
 }
 
-struct Values;
-impl Work<Cell<'_, '_>> for Values {
-    type Output = Vec<f64>;
-    #[inline(always)]
-    fn run((cell, model, scratch): Cell<'_, '_>) -> Vec<f64> {
-        scratch.terms.fill(cell, model);
-        scratch.terms.values_into(cell, &mut scratch.left);
-        scratch.left.clone()
-    }
+#[inline(always)]
+fn values(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
+    scratch.terms.fill(cell, model);
+    scratch.terms.values_into(cell, &mut scratch.left);
+    scratch.left.clone()
 }
 
 /// The density at the points of a cell.
-pub(crate) fn values_of_cell(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
-    with_lanes::<Values, _>((cell, model, scratch))
+pub(crate) fn values_of_cell(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
+    vectorized(
+        #[inline(always)]
+        || values(cell, model, scratch),
+    )
 }
 
-struct Errors;
-impl Work<Cell<'_, '_>> for Errors {
-    type Output = Vec<f64>;
-    #[inline(always)]
-    fn run((cell, model, scratch): Cell<'_, '_>) -> Vec<f64> {
-        let Scratch {
-            terms, sums, left, ..
-        } = scratch;
-        terms.fill(cell, model);
-        sums.fill(cell, terms);
-        (0..cell.atoms.len())
-            .map(|k| {
-                sums.without(cell, k, left, |_, _| ());
-                let changes = left.iter().zip(&cell.target).map(|(left, target)| {
-                    let change = ((target - left) / target).max(0.0);
-                    change * change
-                });
-                changes.sum()
-            })
-            .collect()
-    }
+#[inline(always)]
+fn errors(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
+    let Scratch {
+        terms, sums, left, ..
+    } = scratch;
+    terms.fill(cell, model);
+    sums.fill(cell, terms);
+    (0..cell.atoms.len())
+        .map(|k| {
+            sums.without(cell, k, left, |_, _| ());
+            let changes = left.iter().zip(&cell.target).map(|(left, target)| {
+                let change = ((target - left) / target).max(0.0);
+                change * change
+            });
+            changes.sum()
+        })
+        .collect()
 }
 
 /// Squared relative changes of the density without each atom, summed over the points of a cell
 /// (Eq. 3.9 squared, corrected).
-pub(crate) fn errors_of_cell(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
-    with_lanes::<Errors, _>((cell, model, scratch))
+pub(crate) fn errors_of_cell(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
+    vectorized(
+        #[inline(always)]
+        || errors(cell, model, scratch),
+    )
 }
 
-struct Refit;
-impl Work<Cell<'_, '_>> for Refit {
-    type Output = RefitSums;
-    #[inline(always)]
-    fn run((cell, model, scratch): Cell<'_, '_>) -> RefitSums {
-        let atoms = cell.atoms.len();
-        let mut sums = RefitSums {
-            gradient: vec![[0.0; 5]; atoms],
-            curvature: vec![[0.0; 5]; atoms],
-            ..RefitSums::default()
-        };
-        let Scratch {
-            terms,
-            left: values,
-            below,
-            ..
-        } = scratch;
-        terms.fill(cell, model);
-        terms.values_into(cell, values);
-        let n = terms.width;
-        // Points that are there for the lanes have no weight.
-        let (mut off, mut weight) = (vec![0.0; n], vec![0.0; n]);
-        for (p, (value, exact)) in values.iter().zip(&cell.exact).enumerate() {
-            off[p] = (value - exact) / exact;
-            weight[p] = 1.0 / exact;
-            sums.objective += 0.5 * off[p] * off[p];
-            sums.worst = sums.worst.max(off[p].abs());
-        }
-        let shares = values;
-        terms.shares_into(cell, shares, below);
-        let [x, y, z] = [0, 1, 2].map(|k| &terms.at[k][..n]);
-        for (i, (&a, shares)) in cell.atoms.iter().zip(shares.chunks_exact(n)).enumerate() {
-            let a = a as usize;
-            let (center, r, kappa) = (model.centers()[a], model.radii()[a], model.decays()[a]);
-            let (mut gradient, mut curvature) = ([[0.0f64; LANES]; 5], [[0.0f64; LANES]; 5]);
-            for start in (0..n).step_by(LANES) {
-                let lanes = start..start + LANES;
-                let (x, y, z) = (&x[lanes.clone()], &y[lanes.clone()], &z[lanes.clone()]);
-                let (off, weight) = (&off[lanes.clone()], &weight[lanes.clone()]);
-                let shares = &shares[lanes];
-                for p in 0..LANES {
-                    let share = shares[p] * weight[p];
-                    let d = [x[p] - center.x, y[p] - center.y, z[p] - center.z];
-                    let pull = 2.0 * kappa * share;
-                    let inside = r * r - (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-                    let slopes = [
-                        pull * d[0],
-                        pull * d[1],
-                        pull * d[2],
-                        pull * r,
-                        share * inside,
-                    ];
-                    for k in 0..5 {
-                        gradient[k][p] += off[p] * slopes[k];
-                        curvature[k][p] += slopes[k] * slopes[k];
-                    }
+#[inline(always)]
+fn refit(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> RefitSums {
+    let atoms = cell.atoms.len();
+    let mut sums = RefitSums {
+        gradient: vec![[0.0; 5]; atoms],
+        curvature: vec![[0.0; 5]; atoms],
+        ..RefitSums::default()
+    };
+    let Scratch {
+        terms,
+        left: values,
+        below,
+        ..
+    } = scratch;
+    terms.fill(cell, model);
+    terms.values_into(cell, values);
+    let n = terms.width;
+    // Points that are there for the lanes have no weight.
+    let (mut off, mut weight) = (vec![0.0; n], vec![0.0; n]);
+    for (p, (value, exact)) in values.iter().zip(&cell.exact).enumerate() {
+        off[p] = (value - exact) / exact;
+        weight[p] = 1.0 / exact;
+        sums.objective += 0.5 * off[p] * off[p];
+        sums.worst = sums.worst.max(off[p].abs());
+    }
+    let shares = values;
+    terms.shares_into(cell, shares, below);
+    let [x, y, z] = [0, 1, 2].map(|k| &terms.at[k][..n]);
+    for (i, (&a, shares)) in cell.atoms.iter().zip(shares.chunks_exact(n)).enumerate() {
+        let a = a as usize;
+        let (center, r, kappa) = (model.centers()[a], model.radii()[a], model.decays()[a]);
+        let (mut gradient, mut curvature) = ([[0.0f64; LANES]; 5], [[0.0f64; LANES]; 5]);
+        for start in (0..n).step_by(LANES) {
+            let lanes = start..start + LANES;
+            let (x, y, z) = (&x[lanes.clone()], &y[lanes.clone()], &z[lanes.clone()]);
+            let (off, weight) = (&off[lanes.clone()], &weight[lanes.clone()]);
+            let shares = &shares[lanes];
+            for p in 0..LANES {
+                let share = shares[p] * weight[p];
+                let d = [x[p] - center.x, y[p] - center.y, z[p] - center.z];
+                let pull = 2.0 * kappa * share;
+                let inside = r * r - (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+                let slopes = [
+                    pull * d[0],
+                    pull * d[1],
+                    pull * d[2],
+                    pull * r,
+                    share * inside,
+                ];
+                for k in 0..5 {
+                    gradient[k][p] += off[p] * slopes[k];
+                    curvature[k][p] += slopes[k] * slopes[k];
                 }
             }
-            sums.gradient[i] = gradient.map(|lanes| lanes.iter().sum());
-            sums.curvature[i] = curvature.map(|lanes| lanes.iter().sum());
         }
-        sums
+        sums.gradient[i] = gradient.map(|lanes| lanes.iter().sum());
+        sums.curvature[i] = curvature.map(|lanes| lanes.iter().sum());
     }
+    sums
 }
 
 /// The sums of one cell, per atom of the cell.
-pub(crate) fn refit_of_cell(cell: &SiteCell, model: &Model, scratch: &mut Scratch) -> RefitSums {
-    with_lanes::<Refit, _>((cell, model, scratch))
+pub(crate) fn refit_of_cell(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> RefitSums {
+    vectorized(
+        #[inline(always)]
+        || refit(cell, model, scratch),
+    )
 }

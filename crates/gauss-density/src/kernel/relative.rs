@@ -7,11 +7,11 @@
 //!
 //! Products and sums are not fused, so the values do not depend on the instruction set.
 
+use geom_core::compute::lanes::vectorized;
 use geom_core::{Point3, Vector3};
 
-use crate::kernel::cull::{Best, Members, largest};
+use crate::kernel::cull::{ActiveSet, Best, largest};
 use crate::kernel::math::{exp2, log2};
-use crate::lanes::{Work, with_lanes};
 
 /// Points of a cube, `SIDE` per axis, x fastest, then y; `PLANE = SIDE²`.
 #[derive(Clone, Copy, Debug)]
@@ -44,59 +44,60 @@ const RAISED: f64 = 60.0;
 /// Fills `out` with the densities at the points of the cube, with the instruction set at hand. `false` when
 /// the numbers would leave the range of f32: then the plain function must do.
 pub(crate) fn density<const SIDE: usize, const PLANE: usize>(
-    members: &Members,
+    active: &ActiveSet,
     cube: &Cube,
     scratch: &mut Scratch,
     out: &mut [f32],
 ) -> bool {
-    with_lanes::<Density<SIDE, PLANE>, _>((members, cube, scratch, out))
+    vectorized(
+        #[inline(always)]
+        || sum_tree::<SIDE, PLANE>(active, cube, scratch, out).is_some(),
+    )
 }
 
-struct Density<const SIDE: usize, const PLANE: usize>;
-impl<const SIDE: usize, const PLANE: usize> Work<(&Members, &Cube, &mut Scratch, &mut [f32])>
-    for Density<SIDE, PLANE>
-{
-    type Output = bool;
-    #[inline(always)]
-    fn run((members, cube, scratch, out): (&Members, &Cube, &mut Scratch, &mut [f32])) -> bool {
-        assert!(PLANE == SIDE * SIDE && out.len() == PLANE * SIDE);
-        prepare(members, cube, scratch);
-        let depth = members.levels.len();
-        scratch.sums.resize_with(depth, Vec::new);
-        for sum in &mut scratch.sums {
-            // Zeros also after an evaluation that was given up.
-            sum.clear();
-            sum.resize(PLANE * SIDE, 0.0);
-        }
-        let eval = Eval::<SIDE, PLANE> {
-            members,
-            cube,
-            half: (SIDE as f64 - 1.0) * 0.5 * cube.spacing,
-            offset: &scratch.offset,
-            q: &scratch.q,
-            best: &scratch.best,
-        };
-        out.fill(0.0);
-        if depth == 0 {
-            eval.atoms(0..members.len(), None, out).is_some()
-        } else {
-            eval.tree(&mut scratch.sums, &mut scratch.open, out)
-                .is_some()
-        }
+#[inline(always)]
+fn sum_tree<const SIDE: usize, const PLANE: usize>(
+    active: &ActiveSet,
+    cube: &Cube,
+    scratch: &mut Scratch,
+    out: &mut [f32],
+) -> Option<()> {
+    assert!(PLANE == SIDE * SIDE && out.len() == PLANE * SIDE);
+    prepare(active, cube, scratch);
+    let depth = active.levels.len();
+    scratch.sums.resize_with(depth, Vec::new);
+    for sum in &mut scratch.sums {
+        // Zeros also after an evaluation that was given up.
+        sum.clear();
+        sum.resize(PLANE * SIDE, 0.0);
+    }
+    let eval = Eval::<SIDE, PLANE> {
+        active,
+        cube,
+        half: (SIDE as f64 - 1.0) * 0.5 * cube.spacing,
+        offset: &scratch.offset,
+        q: &scratch.q,
+        best: &scratch.best,
+    };
+    out.fill(0.0);
+    if depth == 0 {
+        eval.atoms(0..active.len(), None, out).map(|_| ())
+    } else {
+        eval.tree(&mut scratch.sums, &mut scratch.open, out)
     }
 }
 
 #[inline(always)]
-fn prepare(members: &Members, cube: &Cube, scratch: &mut Scratch) {
-    let n = members.len();
+fn prepare(active: &ActiveSet, cube: &Cube, scratch: &mut Scratch) {
+    let n = active.len();
     scratch.offset.clear();
     scratch.q.clear();
-    scratch.best.resize_with(members.levels.len() + 1, Vec::new);
+    scratch.best.resize_with(active.levels.len() + 1, Vec::new);
     scratch.best[0].clear();
     for i in 0..n {
-        let t = cube.center - members.center[i];
-        let r = members.radius[i];
-        let q = members.decay[i] * (t.norm_squared() - r * r);
+        let t = cube.center - active.center[i];
+        let r = active.radius[i];
+        let q = active.decay[i] * (t.norm_squared() - r * r);
         scratch.offset.push(t);
         scratch.q.push(q);
         scratch.best[0].push(Best {
@@ -105,7 +106,7 @@ fn prepare(members: &Members, cube: &Cube, scratch: &mut Scratch) {
             weight: 1.0,
         });
     }
-    for (l, level) in members.levels.iter().enumerate() {
+    for (l, level) in active.levels.iter().enumerate() {
         let (below, above) = scratch.best.split_at_mut(l + 1);
         above[0].clear();
         for v in 0..level.len() {
@@ -121,7 +122,7 @@ fn prepare(members: &Members, cube: &Cube, scratch: &mut Scratch) {
 }
 
 struct Eval<'a, const SIDE: usize, const PLANE: usize> {
-    members: &'a Members,
+    active: &'a ActiveSet,
     cube: &'a Cube,
     half: f64,
     offset: &'a [Vector3],
@@ -149,7 +150,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
     fn exponent(&self, b: Option<(u32, f64)>, a: u32, wa: f64) -> Exponent {
         const LOG2E: f64 = std::f64::consts::LOG2_E;
         let a = a as usize;
-        let ka = wa * self.members.decay[a];
+        let ka = wa * self.active.decay[a];
         let mut e = Exponent {
             constant: -wa * self.q[a],
             slope: self.offset[a] * (-2.0 * ka),
@@ -157,7 +158,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
         };
         if let Some((b, wb)) = b {
             let b = b as usize;
-            let kb = wb * self.members.decay[b];
+            let kb = wb * self.active.decay[b];
             e.constant += wb * self.q[b];
             e.slope += self.offset[b] * (2.0 * kb);
             e.curvature += kb;
@@ -261,7 +262,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
         open: &mut Vec<(usize, f64)>,
         out: &mut [f32],
     ) -> Option<()> {
-        let levels = &self.members.levels;
+        let levels = &self.active.levels;
         let depth = levels.len();
         open.clear();
         open.resize(depth, (0, f64::NEG_INFINITY));
@@ -278,6 +279,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
             loop {
                 let power = levels[level].power[node];
                 let Best { leaf, weight, .. } = self.best[level + 1][node];
+                // Where the term goes: into the node above, relative to the leaf that this one refers to, or out.
                 let above = level + 1;
                 let (lower, upper) = sums.split_at_mut(above);
                 let own = &mut lower[level];
@@ -295,6 +297,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
                     true => (0.0, true),
                     false => self.bound(&e),
                 };
+                // A node that has the reference below it needs no exponential: its factor is 1.
                 match sum_bound {
                     None if is_reference => add_one(target),
                     None => self.add(&e, separable, None, target),
@@ -316,6 +319,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
                 if above == depth {
                     break;
                 }
+                // The node above is complete after its last child; then it is its turn to go up.
                 let (parent, top) = &mut open[above];
                 *top = top.max(bound);
                 let siblings = levels[above].children(*parent);

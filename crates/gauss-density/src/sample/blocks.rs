@@ -1,4 +1,4 @@
-//! The density on a lattice, at every point; and what dense and narrow-band sampling share.
+//! What dense and narrow-band sampling share: the lattice, and the way to the blocks that some atom can reach.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
 use crate::error::Error;
 use crate::kernel::boxes::lattice_box;
 use crate::kernel::prepared::Prepared;
-use crate::options::{Cutoff, Options};
+use crate::options::Options;
 
 /// A grid and how it came about.
 #[derive(Clone, Debug, PartialEq)]
@@ -122,11 +122,8 @@ pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
     let blocks = bricks.map(|n| n.div_ceil(BLOCK));
     let regions = blocks.map(|n| n.div_ceil(REGION));
     let total = regions.iter().product::<usize>();
-    let reach = match job.cutoff {
-        // A quarter of what the cut-off allows; the culls of boxes take the rest.
-        Cutoff::AfterPowers(eps) => model.reach.radius(eps / 4.0, job.floor),
-        Cutoff::Bare(eps) => model.reach.bare(eps),
-    };
+    // A quarter of what the cut-off allows; the culls of boxes take the rest.
+    let reach = model.reach.radius(job.cutoff.0 / 4.0, job.floor);
     let all = model.clusters();
     let (mut results, mut before) = (Vec::new(), Vec::new());
     for region in 0..total {
