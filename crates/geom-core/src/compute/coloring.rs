@@ -16,7 +16,7 @@ impl Coloring {
     /// count in both directions if both are given.
     ///
     /// ```
-    /// use geom_core::coloring::Coloring;
+    /// use geom_core::compute::coloring::Coloring;
     /// // A ring of five needs three.
     /// let ring = Coloring::greedy(5, |v| [(v + 4) % 5, (v + 1) % 5]);
     /// assert_eq!(ring.color, [0, 1, 0, 1, 2]);

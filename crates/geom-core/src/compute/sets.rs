@@ -3,7 +3,7 @@
 /// Disjoint sets of `0..n`; the lowest member names a set (union–find with path halving).
 ///
 /// ```
-/// let mut sets = geom_core::sets::DisjointSets::new(4);
+/// let mut sets = geom_core::compute::sets::DisjointSets::new(4);
 /// sets.join(3, 1);
 /// assert_eq!([0, 1, 2, 3].map(|x| sets.find(x)), [0, 1, 2, 1]);
 /// ```
