@@ -3,13 +3,14 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use gauss_density::testing::globule;
+use gauss_density::thesis::{self, Cut};
 use gauss_density::{
-    DensityBackend, Elimination, Levels, LowPass, Method, Model, Options, PointSampler, Refit,
-    eliminate, low_pass, refit, sample, sample_band,
+    DensityBackend, Elimination, Levels, LowPass, Model, Options, PointSampler, Refit,
+    Sampled, eliminate, low_pass, refit, sample, sample_band,
 };
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::testing::gpu_or_skip;
-use geom_core::{Backend, Cpu, ImplicitField, Run};
+use geom_core::{Backend, Cpu, ImplicitField, Run, ScalarGrid};
 
 /// The powers of the thesis: residues and chains.
 const SETS: [(f64, f64); 3] = [(0.5, 1.0), (0.25, 1.0), (0.05, 0.5)];
@@ -61,27 +62,28 @@ fn sampling(c: &mut Criterion) {
     group.finish();
 }
 
-/// Every method on the same lattice; elements are pairs of brute force, so rates are comparable.
+/// Every search on the same lattice, the thesis's beside ours; elements are pairs of brute force, so rates are comparable.
 fn methods(c: &mut Criterion) {
     let model = protein(0.5, 1.0);
     let mut group = c.benchmark_group("gauss-density/methods");
     group.sample_size(10);
-    for method in [
-        Method::AllAtoms,
-        Method::SingleSeed,
-        Method::KdTree,
-        Method::Bvh,
-        Method::Tiles,
-    ] {
-        let options = Options {
-            spacing: 1.0,
-            method,
-            ..Options::default()
-        };
-        let first = sample(&model, &options, Run::on(&Cpu)).expect("fits");
+    type Search = fn(&Model, &Options) -> Result<Sampled<ScalarGrid>, gauss_density::Error>;
+    let searches: [(&str, Search); 5] = [
+        ("all atoms", thesis::all_atoms),
+        ("single seed", |m, o| thesis::single_seed(m, o, Cut::AfterPowers)),
+        ("k-d tree", |m, o| thesis::kd_tree(m, o, Cut::AfterPowers)),
+        ("hierarchy", |m, o| thesis::hierarchy(m, o, Cut::AfterPowers)),
+        ("blocks", |m, o| sample(m, o, Run::on(&Cpu))),
+    ];
+    let options = Options {
+        spacing: 1.0,
+        ..Options::default()
+    };
+    for (name, search) in searches {
+        let first = search(&model, &options).expect("fits");
         group.throughput(Throughput::Elements(first.report.brute_force_pairs as u64));
-        group.bench_function(format!("{method:?}"), |b| {
-            b.iter(|| sample(&model, &options, Run::on(&Cpu)).expect("fits"));
+        group.bench_function(name, |b| {
+            b.iter(|| search(&model, &options).expect("fits"));
         });
     }
     group.finish();

@@ -73,7 +73,7 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("spacing", density.spacing)?;
     session.note("density", &sampled.report)?;
 
-    let field = Field::of_atoms(&model, density.cutoff, &sampled.grid)?;
+    let field = Field::of_atoms(&model, density.cutoff)?;
     let contour = dual_contour::Options {
         method: args.method.into(),
         region: Extent::from(args.region),

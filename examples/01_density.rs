@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use biogeom_examples::args::{Common, DensityArgs, HasCommon, ReaderArgs};
 use biogeom_examples::picture::{ColorMap, Scale, sheet, slice};
 use biogeom_examples::{Failure, Session};
-use clap::{Parser, ValueEnum};
+use clap::Parser;
 use gauss_density::{Model, Options, sample, sample_band};
 use geom_core::{LatticeValues, ScalarGrid, io};
 use serde::Serialize;
@@ -18,9 +18,6 @@ use serde_json::{Value, json};
 struct Args {
     /// Structure: PDB, mmCIF or PQR, each also gzip-compressed
     input: PathBuf,
-    /// How atoms near a point are found; all but `tiles` are for comparison
-    #[arg(long, value_enum, default_value_t)]
-    method: Method,
     #[command(flatten)]
     density: DensityArgs,
     #[command(flatten)]
@@ -29,40 +26,10 @@ struct Args {
     common: Common,
 }
 
-/// How atoms near a point are found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
-#[serde(rename_all = "kebab-case")]
-enum Method {
-    /// Not at all: every atom at every point, without cut-off
-    AllAtoms,
-    /// From one point near the surface to its neighbours, as in the thesis; may miss parts and cavities
-    SingleSeed,
-    /// A k-d tree over the atoms
-    KdTree,
-    /// A hierarchy of boxes
-    Bvh,
-    /// Blocks of points that share their atoms
-    #[default]
-    Tiles,
-}
-
-impl From<Method> for gauss_density::Method {
-    fn from(method: Method) -> Self {
-        match method {
-            Method::AllAtoms => Self::AllAtoms,
-            Method::SingleSeed => Self::SingleSeed,
-            Method::KdTree => Self::KdTree,
-            Method::Bvh => Self::Bvh,
-            Method::Tiles => Self::Tiles,
-        }
-    }
-}
-
 const EXAMPLES: &str = "\
 Examples:
   01_density 1ajj.pdb --out out
   01_density 1su4.pdb --spacing 1 --residue-power 0.05 --chain-power 0.5 --out blurred
-  01_density 1ajj.pdb --bare-cutoff 1e-6 --method kd-tree --out thesis
 
 Outputs: density.mrc and density.dx (the map, for other programs), slices.png (through the middle along
 x, y and z; the white line is the surface), report.json. `k_a` there has the share of lattice points
@@ -85,16 +52,7 @@ fn main() -> ExitCode {
 fn density(args: &Args, session: &Session) -> Result<(), Failure> {
     let structure = args.reader.read(session, &args.input)?.structure;
     let model = Model::uniform(&structure, &args.density.model.levels())?;
-    if args.method == Method::AllAtoms {
-        session.refuse(
-            &["cutoff", "bare_cutoff"],
-            "does nothing with --method all-atoms",
-        )?;
-    }
-    let options = Options {
-        method: args.method.into(),
-        ..args.density.options(&structure, session)
-    };
+    let options = args.density.options(&structure, session);
     let on = session.on(session.device.density());
 
     let sampled = session.stage("density", || sample(&model, &options, on))?;
@@ -114,7 +72,6 @@ fn density(args: &Args, session: &Session) -> Result<(), Failure> {
                     &model,
                     &Options {
                         band,
-                        method: gauss_density::Method::Tiles,
                         ..options.clone()
                     },
                     on,

@@ -227,7 +227,7 @@ fn surface(model: &Model, grid: &BrickGrid, session: &Session) -> Result<TriMesh
 
 /// `|1 − G| / G` at each vertex, as in Eq. 3.10.
 fn errors(mesh: &TriMesh, model: &Model) -> Result<Vec<f64>, Failure> {
-    let field = PointSampler::new(model, Cutoff::AfterPowers(1e-6))?;
+    let field = PointSampler::new(model, Cutoff(1e-6))?;
     let error = |x| {
         let g = field.value(x);
         (1.0 - g).abs() / g.max(f64::MIN_POSITIVE)

@@ -143,9 +143,6 @@ pub struct DensityArgs {
     /// What may be left out: this share of the density wherever it matters
     #[arg(long, value_name = "EPS", default_value_t = 1e-4)]
     pub cutoff: f64,
-    /// Instead: leave out atom kernels below EPS before the powers, as the thesis does (Eq. 3.15)
-    #[arg(long, value_name = "EPS", conflicts_with = "cutoff")]
-    pub bare_cutoff: Option<f64>,
     /// Space around the outermost atom centres, Å [default: far enough that the surface closes]
     #[arg(long, value_name = "LENGTH")]
     pub margin: Option<f64>,
@@ -161,9 +158,7 @@ impl DensityArgs {
             spacing: self
                 .spacing
                 .unwrap_or_else(|| default_spacing(structure.atoms().len())),
-            cutoff: self
-                .bare_cutoff
-                .map_or(Cutoff::AfterPowers(self.cutoff), Cutoff::Bare),
+            cutoff: Cutoff(self.cutoff),
             margin: self.margin,
             max_memory: session.memory(),
             ..Default::default()

@@ -81,10 +81,9 @@ impl LatticeValues for Values {
 }
 
 /// The options that only structures have.
-pub const OF_STRUCTURES: [&str; 17] = [
+pub const OF_STRUCTURES: [&str; 16] = [
     "spacing",
     "cutoff",
-    "bare_cutoff",
     "margin",
     "residue_power",
     "chain_power",
@@ -190,7 +189,7 @@ impl Source {
     /// The field between the lattice points: analytic from atoms, trilinear from a grid.
     pub fn field(&self) -> Result<Field<'_>, Failure> {
         match &self.values {
-            Values::Atoms(atoms) => Field::of_atoms(&atoms.model, atoms.cutoff, &atoms.grid),
+            Values::Atoms(atoms) => Field::of_atoms(&atoms.model, atoms.cutoff),
             Values::Grid(grid) => Ok(Field::Grid(grid)),
         }
     }
@@ -200,24 +199,14 @@ impl Source {
 pub enum Field<'a> {
     /// Of atoms.
     Atoms(Box<PointSampler<'a>>),
-    /// Of atoms whose density jumps where the bare cut-off ends: trilinear between its samples.
-    Band(&'a BrickGrid),
     /// Of a grid.
     Grid(&'a ScalarGrid),
 }
 
 impl<'a> Field<'a> {
-    /// The density between the points of its lattice: analytic where it is continuous, which it is not
-    /// with a bare cut-off.
-    pub fn of_atoms(
-        model: &'a Model,
-        cutoff: Cutoff,
-        band: &'a BrickGrid,
-    ) -> Result<Self, Failure> {
-        Ok(match cutoff {
-            Cutoff::AfterPowers(_) => Self::Atoms(Box::new(PointSampler::new(model, cutoff)?)),
-            Cutoff::Bare(_) => Self::Band(band),
-        })
+    /// The density between the points of its lattice, analytic.
+    pub fn of_atoms(model: &'a Model, cutoff: Cutoff) -> Result<Self, Failure> {
+        Ok(Self::Atoms(Box::new(PointSampler::new(model, cutoff)?)))
     }
 }
 
@@ -225,14 +214,12 @@ impl ImplicitField for Field<'_> {
     fn value(&self, x: &Point3) -> f64 {
         match self {
             Self::Atoms(field) => field.value(x),
-            Self::Band(field) => field.value(x),
             Self::Grid(field) => field.value(x),
         }
     }
     fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
         match self {
             Self::Atoms(field) => field.value_gradient(x),
-            Self::Band(field) => field.value_gradient(x),
             Self::Grid(field) => field.value_gradient(x),
         }
     }

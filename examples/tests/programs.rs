@@ -230,34 +230,6 @@ fn density_maps_come_back_as_surfaces() {
 }
 
 #[test]
-fn every_search_gives_the_same_density() {
-    let folder = tempfile::tempdir().unwrap();
-    let input = fixture("1AJJ.pdb");
-    let map = |method: &str| {
-        let out = folder.path().join(method);
-        let args = [&input, "--spacing", "2", "--method", method];
-        let report = report_of("01_density", &args, &out);
-        let grid = io::grid::read(out.join("density.mrc")).unwrap();
-        (report, grid.values().to_vec())
-    };
-    let (all, exact) = map("all-atoms");
-    let pairs = |report: &Value, which: &str| report["pairs"][which].as_f64().unwrap();
-    assert_eq!(pairs(&all, "evaluated"), pairs(&all, "brute_force"));
-    for method in ["single-seed", "kd-tree", "bvh", "tiles"] {
-        let (report, values) = map(method);
-        assert!(pairs(&report, "evaluated") < pairs(&all, "evaluated"));
-        // Near the surface, where all of them look.
-        for (a, b) in exact
-            .iter()
-            .zip(&values)
-            .filter(|(a, _)| (0.9..1.1).contains(*a))
-        {
-            assert!((a - b).abs() < 2e-3, "{method}: {b} instead of {a}");
-        }
-    }
-}
-
-#[test]
 fn fewer_atoms_keep_the_surface() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("reduced");
@@ -602,11 +574,6 @@ fn options_without_effect_are_refused() {
             "--finer names atoms",
         ),
         (
-            "01_density",
-            &[&atoms, "--method", "all-atoms", "--cutoff", "0.1"],
-            "--cutoff does nothing",
-        ),
-        (
             "00_pipeline",
             &[&atoms, "--region", "both", "--keep-apart"],
             "--keep-apart is for",
@@ -625,24 +592,6 @@ fn options_without_effect_are_refused() {
         "02_surface",
         &[&map, "--isovalue", "1"],
         &folder.path().join("ball"),
-    );
-}
-
-/// The thesis's cut-off makes a density that jumps: it is meshed from its samples.
-#[test]
-fn a_bare_cut_off_is_meshed_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let atoms = fixture("1AJJ.pdb");
-    let args = [&atoms as &str, "--spacing", "1", "--bare-cutoff", "1e-6"];
-    let report = report_of("00_pipeline", &args, &folder.path().join("pipeline"));
-    assert_eq!(report["volume"]["valid"], true);
-    let bare = report_of("02_surface", &args, &folder.path().join("bare"));
-    let usual = report_of("02_surface", &args[..3], &folder.path().join("usual"));
-    // Trilinear between the samples is a little more than the density itself.
-    let [a, b] = [&bare, &usual].map(|r| r["surface"]["volume"].as_f64().unwrap());
-    assert!(
-        a != b && (a / b - 1.0).abs() < 0.05,
-        "{a} Å³ against {b} Å³"
     );
 }
 

@@ -1,13 +1,78 @@
-//! The hot kernels of this crate, and what agreement each owes to the specification.
+//! The hot kernels of this crate, what they are handed, and what agreement each owes to the specification
+//! (`specification`, under the feature `testing`).
+//!
+//! [`Cpu`](geom_core::Cpu) and `Wgpu` implement them, and so can a type of yours: here one that counts what
+//! the CPU sums, and refuses to eliminate.
+//!
+//! ```
+//! use std::sync::atomic::{AtomicU64, Ordering};
+//!
+//! use gauss_density::backend::{Block, BlockValues, Job, Prepared, RefitSums, SampleCell};
+//! use gauss_density::{DensityBackend, Elimination, Error, Model, Options, eliminate, sample_band};
+//! use geom_core::compute::BackendError;
+//! use geom_core::{Backend, Cpu, Point3, Run};
+//!
+//! #[derive(Default)]
+//! struct Counting {
+//!     pairs: AtomicU64,
+//! }
+//!
+//! impl Backend for Counting {
+//!     fn name(&self) -> String {
+//!         "counting".to_owned()
+//!     }
+//! }
+//!
+//! impl DensityBackend for Counting {
+//!     fn sample_blocks(
+//!         &self,
+//!         model: &Prepared<'_>,
+//!         job: &Job,
+//!         blocks: &[Block],
+//!         results: &mut Vec<BlockValues>,
+//!     ) -> Result<(), Error> {
+//!         Cpu.sample_blocks(model, job, blocks, results)?;
+//!         let pairs = results.iter().map(|r| r.pairs).sum();
+//!         self.pairs.fetch_add(pairs, Ordering::Relaxed);
+//!         Ok(())
+//!     }
+//!     fn atom_errors(
+//!         &self,
+//!         _: &Prepared<'_>,
+//!         _: &[SampleCell],
+//!         _: &mut Vec<f64>,
+//!     ) -> Result<(), Error> {
+//!         Err(BackendError::new("no elimination here").into())
+//!     }
+//!     fn refit_sums(
+//!         &self,
+//!         model: &Prepared<'_>,
+//!         cells: &[SampleCell],
+//!         sums: &mut RefitSums,
+//!     ) -> Result<(), Error> {
+//!         Cpu.refit_sums(model, cells, sums)
+//!     }
+//! }
+//!
+//! # fn main() -> Result<(), Error> {
+//! let model = Model::new(vec![Point3::origin()], vec![1.7], vec![1.0], vec![])?;
+//! let counting = Counting::default();
+//! let band = sample_band(&model, &Options::default(), Run::on(&counting))?;
+//! assert_eq!(band.report.backend, "counting");
+//! assert_eq!(band.report.pairs, counting.pairs.into_inner());
+//! let error = eliminate(&model, &Elimination::default(), Run::on(&Counting::default()));
+//! assert_eq!(error.unwrap_err().to_string(), "no elimination here");
+//! # Ok(())
+//! # }
+//! ```
 
 use geom_core::grid::{BRICK, Brick};
-use geom_core::{Agreement, Backend, Lattice};
+use geom_core::{Agreement, Backend, Lattice, Point3};
 
 use crate::error::Error;
+pub use crate::kernel::prepared::Prepared;
+use crate::model::Level;
 use crate::options::Cutoff;
-use crate::prepared::Prepared;
-use crate::sites::SiteCell;
-use crate::terms::RefitSums;
 
 /// Bricks per side of a block.
 pub const BLOCK: usize = 4;
@@ -46,6 +111,11 @@ impl Block {
         let local = [i % nx, i / nx % ny, i / (nx * ny)];
         [0, 1, 2].map(|k| self.brick[k] + local[k])
     }
+    /// Which brick of the block has these coordinates in the lattice: the inverse of [`Block::brick_at`].
+    pub fn place_of(&self, brick: [usize; 3]) -> usize {
+        let local = [0, 1, 2].map(|k| brick[k] - self.brick[k]);
+        (local[2] * self.bricks[1] + local[1]) * self.bricks[0] + local[0]
+    }
 }
 
 /// What to compute in each brick.
@@ -75,7 +145,7 @@ pub struct BlockValues {
 
 impl BlockValues {
     /// No values, and no brick but exterior ones; the arrays stay allocated.
-    pub(crate) fn clear(&mut self, block: &Block) {
+    pub fn clear(&mut self, block: &Block) {
         self.kinds.clear();
         self.kinds.resize(block.len(), Brick::Exterior);
         self.values.clear();
@@ -83,8 +153,90 @@ impl BlockValues {
     }
 }
 
-/// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) follows the plain function
-/// [`nested_sum`](crate::nested_sum).
+/// Points that share the atoms that matter around them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SampleCell {
+    /// Atoms, ascending.
+    pub atoms: Vec<u32>,
+    /// The tree above them, lowest level first.
+    pub(crate) levels: Vec<Level>,
+    /// Per level: the node above each atom (level 0) or node.
+    pub(crate) parents: Vec<Vec<u32>>,
+    /// The points.
+    pub points: Vec<Point3>,
+    /// The density of all original atoms at each point.
+    pub exact: Vec<f64>,
+    /// What counts as the full density at each point: the density, or less in the interior.
+    pub target: Vec<f64>,
+}
+
+impl SampleCell {
+    pub(crate) fn new(atoms: Vec<u32>, levels: Vec<Level>, points: Vec<Point3>) -> Self {
+        let parents = levels.iter().map(Level::parents).collect();
+        Self {
+            atoms,
+            levels,
+            parents,
+            exact: Vec::with_capacity(points.len()),
+            target: Vec::with_capacity(points.len()),
+            points,
+        }
+    }
+
+    /// The points whose density is at least `floor`.
+    pub(crate) fn at_least(mut self, floor: f64) -> Self {
+        let kept: Vec<usize> = (0..self.points.len())
+            .filter(|&i| self.exact[i] >= floor)
+            .collect();
+        self.points = kept.iter().map(|&i| self.points[i]).collect();
+        self.target = kept.iter().map(|&i| self.target[i]).collect();
+        self.exact = kept.iter().map(|&i| self.exact[i]).collect();
+        self
+    }
+
+    /// Nodes of the topmost level, or atoms.
+    pub(crate) fn children_of_root(&self) -> usize {
+        self.levels.last().map_or(self.atoms.len(), Level::len)
+    }
+
+    /// Nodes of all levels and atoms.
+    pub(crate) fn nodes(&self) -> usize {
+        self.atoms.len() + self.levels.iter().map(Level::len).sum::<usize>()
+    }
+}
+
+/// What a refit step needs from a set of points: see [`DensityBackend`](crate::DensityBackend).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RefitSums {
+    /// `½ Σ w (G − G0)²` with `w = 1 / G0²`.
+    pub objective: f64,
+    /// The largest `|G − G0| / G0`.
+    pub worst: f64,
+    /// Per atom: `Σ w (G − G0) ∂G/∂p` for p = x, y, z, r, κ.
+    pub gradient: Vec<[f64; 5]>,
+    /// Per atom: `Σ w (∂G/∂p)²`.
+    pub curvature: Vec<[f64; 5]>,
+}
+
+/// Adds the sums of cells, in their order, to the sums per atom of the model.
+pub(crate) fn scatter<T, const N: usize>(
+    cells: &[SampleCell],
+    parts: &[T],
+    atoms: usize,
+    values: impl Fn(&T, usize) -> [f64; N],
+) -> Vec<[f64; N]> {
+    let mut sums = vec![[0.0; N]; atoms];
+    for (cell, part) in cells.iter().zip(parts) {
+        for (i, &a) in cell.atoms.iter().enumerate() {
+            for (sum, value) in sums[a as usize].iter_mut().zip(values(part, i)) {
+                *sum += value;
+            }
+        }
+    }
+    sums
+}
+
+/// The hot kernels of this crate.
 pub trait DensityBackend: Backend {
     /// Cull, density and classification of every brick of the blocks, in one go; one result per block.
     /// Whatever `results` held is lost, but its memory may be used again.
@@ -97,15 +249,25 @@ pub trait DensityBackend: Backend {
     ) -> Result<(), Error>;
 
     /// Per atom of the model: `Σ ((target − G without the atom) / target)²` over the points of the cells,
-    /// terms below 0 left out (Eq. 3.9 squared, corrected).
-    fn atom_errors(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<Vec<f64>, Error>;
+    /// terms below 0 left out (Eq. 3.9 squared, corrected). Whatever `errors` held is lost.
+    fn atom_errors(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SampleCell],
+        errors: &mut Vec<f64>,
+    ) -> Result<(), Error>;
 
     /// The objective of the refit (Eq. 3.11) over the points of the cells, and its first derivatives and
-    /// the diagonal of its Gauss–Newton matrix per atom of the model (Eq. 3.13).
-    fn refit_sums(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<RefitSums, Error>;
+    /// the diagonal of its Gauss–Newton matrix per atom of the model (Eq. 3.13). Whatever `sums` held is lost.
+    fn refit_sums(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SampleCell],
+        sums: &mut RefitSums,
+    ) -> Result<(), Error>;
 }
 
-/// What a backend owes to [`nested_sum`](crate::nested_sum), besides what the cut-off allows, where the
+/// What a backend owes to the nested sum of the specification, besides what the cut-off allows, where the
 /// density is at least the floor: f32 sums of positive terms. Seen on llvmpipe; no hardware GPU was at hand.
 pub const SAMPLE_BLOCKS: Agreement = Agreement::Bounded {
     relative: 2e-4,

@@ -1,19 +1,20 @@
 //! The kernels on the CPU: culls in f64, sums in f32 with as many lanes as the processor has.
 
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
-use geom_core::{Aabb, Cpu, Lattice, Point3, Vector3};
+use geom_core::{Cpu, Lattice};
 use rayon::prelude::*;
 
-use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
-use crate::direct;
+use crate::backend::{
+    BLOCK, Block, BlockValues, DensityBackend, Job, RefitSums, SampleCell, scatter,
+};
 use crate::error::Error;
-use crate::fast::{self, Cube};
-use crate::members::{self, Cell, Members};
-use crate::options::Cutoff;
-use crate::plain;
-use crate::prepared::{Prepared, lattice_box};
-use crate::sites::{self, SiteCell};
-use crate::terms::{self, RefitSums};
+use crate::kernel::boxes::{Cell, bricks_box, lattice_box, middle};
+use crate::kernel::cells;
+use crate::kernel::cull::{self, ActiveSet};
+use crate::kernel::direct;
+use crate::kernel::plain::plain_cube;
+use crate::kernel::prepared::Prepared;
+use crate::kernel::relative::{self, Cube};
 
 impl DensityBackend for Cpu {
     fn sample_blocks(
@@ -26,57 +27,68 @@ impl DensityBackend for Cpu {
         results.resize_with(blocks.len(), BlockValues::default);
         let pairs = blocks.par_iter().zip(results);
         pairs.for_each_init(Workspace::default, |work, (block, out)| {
-            let done = match job.cutoff {
-                Cutoff::AfterPowers(eps) => {
-                    direct::sample_block(model, job, eps, block, &mut work.direct, out)
-                }
-                Cutoff::Bare(_) => false,
-            };
-            if !done {
+            // Straight from the kernels where f32 holds them, else relative to a reference atom per node.
+            if !direct::sample_block(model, job, block, &mut work.direct, out) {
                 work.sample_block(model, job, block, out);
             }
         });
         Ok(())
     }
 
-    fn atom_errors(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<Vec<f64>, Error> {
+    fn atom_errors(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SampleCell],
+        errors: &mut Vec<f64>,
+    ) -> Result<(), Error> {
         let model = model.model();
         let parts: Vec<Vec<f64>> = cells
             .par_iter()
-            .map_init(terms::Scratch::default, |scratch, cell| {
-                terms::errors_of_cell(cell, model, scratch)
+            .map_init(cells::Scratch::default, |scratch, cell| {
+                cells::errors_of_cell(cell, model, scratch)
             })
             .collect();
-        let sums = sites::scatter(cells, &parts, model.atoms(), |part, i| [part[i]]);
-        Ok(sums.into_iter().map(|[sum]| sum).collect())
+        let sums = scatter(cells, &parts, model.atoms(), |part, i| [part[i]]);
+        errors.clear();
+        errors.extend(sums.into_iter().map(|[sum]| sum));
+        Ok(())
     }
 
-    fn refit_sums(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<RefitSums, Error> {
+    fn refit_sums(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SampleCell],
+        sums: &mut RefitSums,
+    ) -> Result<(), Error> {
         let model = model.model();
         let parts: Vec<RefitSums> = cells
             .par_iter()
-            .map_init(terms::Scratch::default, |scratch, cell| {
-                terms::refit_of_cell(cell, model, scratch)
+            .map_init(cells::Scratch::default, |scratch, cell| {
+                cells::refit_of_cell(cell, model, scratch)
             })
             .collect();
         let atoms = model.atoms();
-        Ok(RefitSums {
+        *sums = RefitSums {
             objective: parts.iter().map(|p| p.objective).sum(),
             worst: parts.iter().map(|p| p.worst).fold(0.0, f64::max),
-            gradient: sites::scatter(cells, &parts, atoms, |p, i| p.gradient[i]),
-            curvature: sites::scatter(cells, &parts, atoms, |p, i| p.curvature[i]),
-        })
+            gradient: scatter(cells, &parts, atoms, |p, i| p.gradient[i]),
+            curvature: scatter(cells, &parts, atoms, |p, i| p.curvature[i]),
+        };
+        Ok(())
     }
 }
 
 /// Reusable arrays of one thread.
 #[derive(Default)]
 struct Workspace {
-    cull: members::Scratch,
-    sums: fast::Scratch,
+    cull: cull::Scratch,
+    sums: relative::Scratch,
     direct: direct::Scratch,
-    /// Members of the block, of an eighth of it, of a brick, of an eighth of a brick.
-    kept: [Members; 4],
+    /// What matters in the block, in an eighth of it, in a brick, in an eighth of a brick.
+    of_block: ActiveSet,
+    of_eighth: ActiveSet,
+    of_brick: ActiveSet,
+    of_part: ActiveSet,
     values: Vec<f32>,
 }
 
@@ -84,7 +96,77 @@ struct Workspace {
 /// most of its atoms matter for a few of its points only.
 const COARSE: f64 = 0.7;
 
+/// The shares of ε that the culls of a block take, one after the other; the descent to blocks took a quarter.
+struct Shares {
+    block: f64,
+    eighth: f64,
+    /// What is left, unless the brick is culled by eighths too.
+    brick: f64,
+    part: f64,
+}
+
+const SHARES: Shares = Shares {
+    block: 1.0 / 8.0,
+    eighth: 1.0 / 8.0,
+    brick: 4.0 / 8.0,
+    part: 0.0,
+};
+const COARSE_SHARES: Shares = Shares {
+    brick: 1.0 / 8.0,
+    part: 3.0 / 8.0,
+    ..SHARES
+};
+
+/// A range of bricks, `low..high` per axis.
+#[derive(Clone, Copy)]
+struct Bricks {
+    low: [usize; 3],
+    high: [usize; 3],
+}
+
+impl Bricks {
+    fn of_block(block: &Block) -> Self {
+        Self {
+            low: block.brick,
+            high: [0, 1, 2].map(|k| block.brick[k] + block.bricks[k]),
+        }
+    }
+
+    fn one(brick: [usize; 3]) -> Self {
+        Self {
+            low: brick,
+            high: brick.map(|b| b + 1),
+        }
+    }
+
+    /// The eighths of a block, fewer where it is narrow.
+    fn eighths(self) -> impl Iterator<Item = Self> {
+        const HALF: usize = BLOCK / 2;
+        let halves = [0, 1, 2].map(|k| (self.high[k] - self.low[k]).div_ceil(HALF));
+        (0..halves.iter().product::<usize>()).map(move |i| {
+            let at = [
+                i % halves[0],
+                i / halves[0] % halves[1],
+                i / (halves[0] * halves[1]),
+            ];
+            let low = [0, 1, 2].map(|k| self.low[k] + at[k] * HALF);
+            let high = [0, 1, 2].map(|k| (low[k] + HALF).min(self.high[k]));
+            Self { low, high }
+        })
+    }
+
+    /// One by one, x fastest.
+    fn each(self) -> impl Iterator<Item = [usize; 3]> {
+        let Self { low, high } = self;
+        (low[2]..high[2]).flat_map(move |c| {
+            (low[1]..high[1]).flat_map(move |b| (low[0]..high[0]).map(move |a| [a, b, c]))
+        })
+    }
+}
+
 impl Workspace {
+    /// Culls a block, each eighth of it and each brick of that in turn, and samples the bricks that may reach
+    /// the floor.
     fn sample_block(
         &mut self,
         model: &Prepared<'_>,
@@ -93,83 +175,62 @@ impl Workspace {
         out: &mut BlockValues,
     ) {
         out.clear(block);
-        let all = Members::gather(&model.tree, &block.atoms);
-        let low = block.brick;
-        let high = [0, 1, 2].map(|k| low[k] + block.bricks[k]);
-        let [mut of_block, mut of_eighth, mut of_brick, _] = std::mem::take(&mut self.kept);
-        // The descent to blocks took a quarter of ε; block and eighth take one eighth each, the brick the
-        // half that is left, or an eighth of it and three for its own eighths.
         let coarse = job.lattice.spacing * model.reach.fastest_decay().sqrt() > COARSE;
-        let of_eps = [1.0, 1.0, if coarse { 1.0 } else { 4.0 }].map(|e| e / 8.0);
-        let up = |work: &mut Self, stage: usize, from: &Members, low, high, to: &mut Members| {
-            let cell = (&bricks_box(job, low, high)).into();
-            let up = work.cull(job, of_eps[stage], from, &cell, to);
-            up >= job.floor.ln()
-        };
-        if up(self, 0, &all, low, high, &mut of_block) {
-            const HALF: usize = BLOCK / 2;
-            let halves = block.bricks.map(|n| n.div_ceil(HALF));
-            // Bricks in the order of the eighths they lie in; values must come x fastest.
+        let shares = if coarse { COARSE_SHARES } else { SHARES };
+        let all = ActiveSet::gather(model, &block.atoms);
+        let mut of_block = std::mem::take(&mut self.of_block);
+        let mut of_eighth = std::mem::take(&mut self.of_eighth);
+        let mut of_brick = std::mem::take(&mut self.of_brick);
+        let whole = Bricks::of_block(block);
+        if self.keeps(job, shares.block, &all, whole, &mut of_block) {
+            // Bricks come in the order of the eighths they lie in; values must come x fastest.
             let mut values = vec![None; block.len()];
-            for eighth in 0..halves.iter().product::<usize>() {
-                let at = [
-                    eighth % halves[0],
-                    eighth / halves[0] % halves[1],
-                    eighth / (halves[0] * halves[1]),
-                ];
-                let first = [0, 1, 2].map(|k| low[k] + at[k] * HALF);
-                let last = [0, 1, 2].map(|k| (first[k] + HALF).min(high[k]));
-                if !up(self, 1, &of_block, first, last, &mut of_eighth) {
+            for eighth in whole.eighths() {
+                if !self.keeps(job, shares.eighth, &of_block, eighth, &mut of_eighth) {
                     continue;
                 }
-                for c in first[2]..last[2] {
-                    for b in first[1]..last[1] {
-                        for a in first[0]..last[0] {
-                            let i = ((c - low[2]) * block.bricks[1] + b - low[1]) * block.bricks[0]
-                                + a
-                                - low[0];
-                            let brick = [a, b, c];
-                            let end = brick.map(|b| b + 1);
-                            if block.wants(i) && up(self, 2, &of_eighth, brick, end, &mut of_brick)
-                            {
-                                self.values.resize(BRICK_POINTS, 0.0);
-                                out.pairs +=
-                                    self.sample_brick(model, job, brick, coarse, &of_brick);
-                                values[i] = Some(self.values.clone());
-                            }
-                        }
+                for brick in eighth.each() {
+                    let (i, own) = (block.place_of(brick), Bricks::one(brick));
+                    if block.wants(i)
+                        && self.keeps(job, shares.brick, &of_eighth, own, &mut of_brick)
+                    {
+                        self.values.resize(BRICK_POINTS, 0.0);
+                        out.pairs += match coarse {
+                            false => self.sample_brick(model, job, brick, &of_brick),
+                            true => self.sample_parts(model, job, brick, shares.part, &of_brick),
+                        };
+                        values[i] = Some(self.values.clone());
                     }
                 }
             }
-            for (kind, found) in out.kinds.iter_mut().zip(values) {
-                let Some(found) = found else { continue };
-                let inside = found.iter().all(|&v| f64::from(v) >= job.ceiling);
-                if inside {
-                    *kind = Brick::Interior;
-                } else {
-                    *kind = Brick::Stored((out.values.len() / BRICK_POINTS) as u32);
-                    out.values.extend_from_slice(&found);
-                }
-            }
+            store(values, job.ceiling, out);
         }
-        self.kept = [of_block, of_eighth, of_brick, Members::default()];
+        (self.of_block, self.of_eighth, self.of_brick) = (of_block, of_eighth, of_brick);
     }
 
-    /// Culls as the job says; `ln` of an upper bound of the density in the cell.
+    /// Keeps in `to` what matters in some bricks; may the density reach the floor there?
+    fn keeps(
+        &mut self,
+        job: &Job,
+        share: f64,
+        from: &ActiveSet,
+        bricks: Bricks,
+        to: &mut ActiveSet,
+    ) -> bool {
+        let cell = (&bricks_box(&job.lattice, bricks.low, bricks.high)).into();
+        self.cull(job, share, from, &cell, to) >= job.floor.ln()
+    }
+
+    /// Keeps in `to` what matters in a box; gives `ln` of an upper bound of the density there.
     fn cull(
         &mut self,
         job: &Job,
-        of_eps: f64,
-        from: &Members,
+        share: f64,
+        from: &ActiveSet,
         cell: &Cell,
-        to: &mut Members,
+        to: &mut ActiveSet,
     ) -> f64 {
-        match job.cutoff {
-            Cutoff::AfterPowers(eps) => {
-                from.cull_into(cell, eps * of_eps, job.floor, &mut self.cull, to)
-            }
-            Cutoff::Bare(eps) => from.within_into(cell, eps, &mut self.cull, to),
-        }
+        from.cull_into(cell, job.cutoff.0 * share, job.floor, &mut self.cull, to)
     }
 
     /// The densities of a brick, into `self.values`; gives the number of pairs.
@@ -178,149 +239,83 @@ impl Workspace {
         model: &Prepared<'_>,
         job: &Job,
         brick: [usize; 3],
-        coarse: bool,
-        members: &Members,
+        active: &ActiveSet,
     ) -> u64 {
-        let lattice = &job.lattice;
-        let corner = brick.map(|b| b * BRICK);
-        if let Cutoff::Bare(eps) = job.cutoff {
-            for (p, value) in self.values.iter_mut().enumerate() {
-                let local = [p % BRICK, p / BRICK % BRICK, p / (BRICK * BRICK)];
-                let x = lattice.point([0, 1, 2].map(|k| corner[k] + local[k]));
-                let near = |&a: &u32| model.tree.ln_kernel(a as usize, &x) >= eps.ln();
-                *value = narrow(plain::value(
-                    &model.tree,
-                    members.atom.iter().copied().filter(near),
-                    &x,
-                ));
-            }
-            return (members.len() * BRICK_POINTS) as u64;
-        }
-        if !coarse {
-            let cube = Cube {
-                center: middle(lattice, corner, BRICK),
-                spacing: lattice.spacing,
-                separable: true,
-            };
-            let Self { sums, values, .. } = self;
-            let fits = fast::density::<8, 64>(members, &cube, sums, values);
-            if !fits {
-                plain_cube(model, lattice, corner, BRICK, members, |p, value| {
-                    values[p] = value;
-                });
-            }
-            return (members.len() * BRICK_POINTS) as u64;
-        }
+        let first = brick.map(|b| b * BRICK);
+        let Self { sums, values, .. } = self;
+        fill_cube::<BRICK, { BRICK * BRICK }>(model, &job.lattice, first, active, sums, values);
+        (active.len() * BRICK_POINTS) as u64
+    }
+
+    /// The same, culled and summed by eighths.
+    fn sample_parts(
+        &mut self,
+        model: &Prepared<'_>,
+        job: &Job,
+        brick: [usize; 3],
+        share: f64,
+        active: &ActiveSet,
+    ) -> u64 {
         const SIDE: usize = BRICK / 2;
+        let lattice = &job.lattice;
         let mut pairs = 0;
-        let mut kept = std::mem::take(&mut self.kept[3]);
+        let mut kept = std::mem::take(&mut self.of_part);
         let mut part = [0.0f32; SIDE * SIDE * SIDE];
         for eighth in 0..8 {
             let offset = [eighth & 1, eighth >> 1 & 1, eighth >> 2].map(|b| b * SIDE);
-            let first = [0, 1, 2].map(|k| corner[k] + offset[k]);
+            let first = [0, 1, 2].map(|k| brick[k] * BRICK + offset[k]);
+            // The points alone: no other brick needs what lies between this part and the next.
             let region = lattice_box(
                 &lattice.origin,
                 lattice.spacing,
                 first.map(|f| f as i64),
                 first.map(|f| (f + SIDE - 1) as i64),
             );
-            self.cull(job, 3.0 / 8.0, members, &(&region).into(), &mut kept);
-            let cube = Cube {
-                center: middle(lattice, first, SIDE),
-                spacing: lattice.spacing,
-                separable: true,
-            };
+            self.cull(job, share, active, &(&region).into(), &mut kept);
             let sums = &mut self.sums;
-            let fits = fast::density::<4, 16>(&kept, &cube, sums, &mut part);
-            if !fits {
-                plain_cube(model, lattice, first, SIDE, &kept, |p, value| {
-                    part[p] = value;
-                });
-            }
-            let values = &mut self.values;
+            fill_cube::<SIDE, { SIDE * SIDE }>(model, lattice, first, &kept, sums, &mut part);
             for (line, x_line) in part.chunks_exact(SIDE).enumerate() {
                 let y = offset[1] + line % SIDE;
                 let z = offset[2] + line / SIDE;
-                values[(z * BRICK + y) * BRICK + offset[0]..][..SIDE].copy_from_slice(x_line);
+                let start = (z * BRICK + y) * BRICK + offset[0];
+                self.values[start..][..SIDE].copy_from_slice(x_line);
             }
             pairs += (kept.len() * SIDE * SIDE * SIDE) as u64;
         }
-        self.kept[3] = kept;
+        self.of_part = kept;
         pairs
     }
 }
 
-/// The specification at the points of a cube, where f32 would leave its range.
-fn plain_cube(
+/// The densities of a cube of points: in f32, or by the plain function where f32 would leave its range.
+fn fill_cube<const SIDE: usize, const PLANE: usize>(
     model: &Prepared<'_>,
     lattice: &Lattice,
     first: [usize; 3],
-    side: usize,
-    members: &Members,
-    mut put: impl FnMut(usize, f32),
+    active: &ActiveSet,
+    sums: &mut relative::Scratch,
+    out: &mut [f32],
 ) {
-    for p in 0..side * side * side {
-        let local = [p % side, p / side % side, p / (side * side)];
-        let x = lattice.point([0, 1, 2].map(|k| first[k] + local[k]));
-        let g = plain::value(&model.tree, members.atom.iter().copied(), &x);
-        put(p, narrow(g));
+    let cube = Cube {
+        center: middle(lattice, first, SIDE),
+        spacing: lattice.spacing,
+        separable: true,
+    };
+    if !relative::density::<SIDE, PLANE>(active, &cube, sums, out) {
+        plain_cube(model, lattice, first, SIDE, &active.atom, out);
     }
 }
 
-/// To f32, finite.
-fn narrow(value: f64) -> f32 {
-    (value as f32).min(f32::MAX)
-}
-
-/// The middle of a cube of points.
-pub(crate) fn middle(lattice: &Lattice, first: [usize; 3], side: usize) -> Point3 {
-    let half = 0.5 * lattice.spacing * (side as f64 - 1.0);
-    lattice.point(first) + Vector3::repeat(half)
-}
-
-/// The box of bricks `low..high`, and one cell more on the low sides: an edge of the lattice that changes
-/// sign between two bricks lies in the boxes of both, so neither can be exterior.
-pub(crate) fn bricks_box(job: &Job, low: [usize; 3], high: [usize; 3]) -> Aabb {
-    lattice_box(
-        &job.lattice.origin,
-        job.lattice.spacing,
-        low.map(|b| (b * BRICK) as i64 - 1),
-        high.map(|b| (b * BRICK) as i64),
-    )
-}
-
-/// Every atom at every point: brute force in f32, as many lanes as the processor has, one exponential per
-/// pair. Gives the densities and the number of pairs.
-pub(crate) fn all_atoms(model: &Prepared<'_>, lattice: &Lattice) -> (Vec<f32>, u64) {
-    let atoms: Vec<u32> = (0..model.model().atoms() as u32).collect();
-    let all = Members::gather(&model.tree, &atoms);
-    let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));
-    let [nx, ny, _] = lattice.counts;
-    let mut values = vec![0.0f32; lattice.len()];
-    values
-        .par_chunks_mut(nx * ny * BRICK)
-        .enumerate()
-        .for_each_init(fast::Scratch::default, |sums, (c, slab)| {
-            let mut brick = vec![0.0f32; BRICK_POINTS];
-            for (b, a) in (0..bricks[1]).flat_map(|b| (0..bricks[0]).map(move |a| (b, a))) {
-                let first = [a, b, c].map(|b| b * BRICK);
-                let cube = Cube {
-                    center: middle(lattice, first, BRICK),
-                    spacing: lattice.spacing,
-                    separable: false,
-                };
-                if !fast::density::<8, 64>(&all, &cube, sums, &mut brick) {
-                    plain_cube(model, lattice, first, BRICK, &all, |p, g| brick[p] = g);
-                }
-                for (row, line) in brick.chunks_exact(BRICK).enumerate() {
-                    let (y, z) = (first[1] + row % BRICK, row / BRICK);
-                    let start = (z * ny + y) * nx + first[0];
-                    if y < ny && start < slab.len() {
-                        let width = BRICK.min(nx - first[0]);
-                        slab[start..][..width].copy_from_slice(&line[..width]);
-                    }
-                }
-            }
-        });
-    (values, lattice.points() as u64 * atoms.len() as u64)
+/// Bricks of which every value reaches the ceiling are interior, the others are stored, x fastest.
+fn store(values: Vec<Option<Vec<f32>>>, ceiling: f64, out: &mut BlockValues) {
+    for (kind, found) in out.kinds.iter_mut().zip(values) {
+        let Some(found) = found else { continue };
+        let inside = found.iter().all(|&v| f64::from(v) >= ceiling);
+        if inside {
+            *kind = Brick::Interior;
+        } else {
+            *kind = Brick::Stored((out.values.len() / BRICK_POINTS) as u32);
+            out.values.extend_from_slice(&found);
+        }
+    }
 }

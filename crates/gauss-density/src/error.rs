@@ -1,5 +1,7 @@
 //! Why a density cannot be computed: one enum, each variant names the element and the cure.
 
+use geom_core::compute::BackendError;
+use geom_core::options::OutOfRange;
 use geom_core::{Cancelled, GridError};
 
 /// Why a density cannot be computed.
@@ -52,15 +54,8 @@ pub enum Error {
         fault: &'static str,
     },
     /// An option that has no meaning.
-    #[error("option {option} is {value}; it must be {allowed}")]
-    InvalidOption {
-        /// Name of the option.
-        option: &'static str,
-        /// What it was set to.
-        value: f64,
-        /// What makes sense.
-        allowed: &'static str,
-    },
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
     /// A node or atom that the model does not have.
     #[error("{what} {index} does not exist, the model has {count}")]
     NoSuchNode {
@@ -84,11 +79,11 @@ pub enum Error {
     Select(#[from] geom_core::structure::SelectError),
     /// The samples near the surface need more memory than allowed.
     #[error(
-        "{sites} samples near the surface need about {bytes} bytes, the limit is {limit}; take a larger spacing"
+        "{samples} samples near the surface need about {bytes} bytes, the limit is {limit}; take a larger spacing"
     )]
-    TooManySites {
+    TooManySamples {
         /// Number of samples.
-        sites: usize,
+        samples: usize,
         /// What they need.
         bytes: u128,
         /// What `max_memory` allows.
@@ -105,9 +100,6 @@ pub enum Error {
         /// What `max_memory` allows.
         limit: u64,
     },
-    /// The k-d tree refuses the atoms.
-    #[error(transparent)]
-    Nearest(#[from] geom_core::nearest::NearestError),
     /// What a backend or a function cannot do.
     #[error("{what}; {cure}")]
     Unsupported {
@@ -137,10 +129,9 @@ pub enum Error {
     /// The watcher asked to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
-    /// The GPU failed.
-    #[cfg(feature = "wgpu")]
+    /// The backend failed.
     #[error(transparent)]
-    Gpu(#[from] geom_core::GpuError),
+    Backend(#[from] BackendError),
 }
 
 /// With three digits, and no less than it is.
@@ -150,21 +141,10 @@ fn rounded_up(value: f64) -> f64 {
     (value * scale).ceil() / scale
 }
 
-/// `value` unless the test fails.
-pub(crate) fn require(
-    holds: bool,
-    option: &'static str,
-    value: f64,
-    allowed: &'static str,
-) -> Result<(), Error> {
-    if holds {
-        Ok(())
-    } else {
-        Err(Error::InvalidOption {
-            option,
-            value,
-            allowed,
-        })
+#[cfg(feature = "wgpu")]
+impl From<geom_core::GpuError> for Error {
+    fn from(error: geom_core::GpuError) -> Self {
+        Self::Backend(BackendError::new(error))
     }
 }
 

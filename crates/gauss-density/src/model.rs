@@ -6,10 +6,11 @@
 
 use std::ops::Range;
 
+use geom_core::options::{OutOfRange, require};
 use geom_core::structure::Selector;
 use geom_core::{Aabb, Point3, Structure};
 
-use crate::error::{Error, require};
+use crate::error::Error;
 
 /// Powers and decay for a whole structure, or for the part that [`Model::emphasize`] selects.
 ///
@@ -41,7 +42,7 @@ impl Default for Levels {
 
 impl Levels {
     /// Is every field in its range?
-    pub fn check(&self) -> Result<(), Error> {
+    pub fn check(&self) -> Result<(), OutOfRange> {
         check_power("residue_power", self.residue_power)?;
         check_power("chain_power", self.chain_power)?;
         check_power("domain_power", self.domain_power)?;
@@ -49,18 +50,18 @@ impl Levels {
     }
 }
 
-fn check_power(option: &'static str, value: f64) -> Result<(), Error> {
+fn check_power(option: &'static str, value: f64) -> Result<(), OutOfRange> {
     require(
         (1e-3..=64.0).contains(&value),
         option,
         value,
-        "in [0.001, 64]",
+        "be in [0.001, 64]",
     )
 }
 
-fn check_decay(value: f64) -> Result<(), Error> {
+fn check_decay(value: f64) -> Result<(), OutOfRange> {
     let fine = (1e-6..=1e6).contains(&value);
-    require(fine, "decay", value, "in [1e-6, 1e6] Å⁻²")
+    require(fine, "decay", value, "be in [1e-6, 1e6] Å⁻²")
 }
 
 /// One level of the tree: nodes with contiguous children on the level below.
@@ -84,6 +85,14 @@ impl Level {
     /// The children of a node, on the level below (atoms for the lowest level).
     pub fn children(&self, node: usize) -> Range<usize> {
         self.first_child[node] as usize..self.first_child[node + 1] as usize
+    }
+    /// The node above each child.
+    pub(crate) fn parents(&self) -> Vec<u32> {
+        let mut parents = vec![0; self.first_child[self.len()] as usize];
+        for node in 0..self.len() {
+            parents[self.children(node)].fill(node as u32);
+        }
+        parents
     }
     /// The power of each node.
     pub fn powers(&self) -> &[f64] {
@@ -408,7 +417,7 @@ impl Model {
     /// Raises every radius below `min_radius` to it (some PQR files give hydrogens a radius of 0).
     pub fn raise_radii(&mut self, min_radius: f64) -> Result<(), Error> {
         let fine = (0.0..=1e4).contains(&min_radius);
-        require(fine, "min_radius", min_radius, "in [0, 10000] Å")?;
+        require(fine, "min_radius", min_radius, "be in [0, 10000] Å")?;
         for radius in &mut self.radii {
             *radius = radius.max(min_radius);
         }
@@ -441,6 +450,20 @@ impl Model {
         }
         kept
     }
+}
+
+/// `∂G/∂(x, y, z, r, κ)` of an atom at a point, from its share `∂G/∂ ln g`.
+pub(crate) fn slopes(model: &Model, a: usize, x: &Point3, share: f64) -> [f64; 5] {
+    let (decay, radius) = (model.decays()[a], model.radii()[a]);
+    let d = x - model.centers()[a];
+    let pull = 2.0 * decay * share;
+    [
+        pull * d.x,
+        pull * d.y,
+        pull * d.z,
+        pull * radius,
+        share * (radius * radius - d.norm_squared()),
+    ]
 }
 
 #[cfg(test)]

@@ -1,34 +1,32 @@
 //! What to compute: spacing, box, cut-off.
 
 use geom_core::Aabb;
+use geom_core::options::{OutOfRange, require};
 
-use crate::error::{Error, require};
-use crate::method::Method;
-
-/// Which contributions are left out.
+/// `ε`: what may be left out, *after* the powers. Wherever the density `G` reaches the lower end of the band,
+/// the result lies in `[(1 − ε) G, G]`; elsewhere in `[0, G]`. Proved, see the crate's front page.
+///
+/// (The thesis leaves out atom kernels below a threshold *before* the powers, Eq. 3.15; that other model is
+/// `thesis::Cut::Bare`, under the feature `thesis`.)
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Cutoff {
-    /// Leaves out what the powers make negligible: wherever the density `G` reaches the lower end of the
-    /// band, the result lies in `[(1 − ε) G, G]`; elsewhere in `[0, G]`. Proved, see the crate's front page.
-    AfterPowers(f64),
-    /// The thesis's cut (Eq. 3.15): atom kernels below `ε` count as zero, point by point, *before* the
-    /// powers. For powers below about 0.5 this is another, discontinuous model; kept for comparison.
-    Bare(f64),
-}
+pub struct Cutoff(
+    /// Above 0 and below 0.25.
+    pub f64,
+);
 
 impl Default for Cutoff {
     fn default() -> Self {
-        Self::AfterPowers(1e-4)
+        Self(1e-4)
     }
 }
 
 impl Cutoff {
     /// Is ε in its range?
-    pub fn check(&self) -> Result<(), Error> {
-        let (Self::AfterPowers(eps) | Self::Bare(eps)) = *self;
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let eps = self.0;
         let fine = eps > 0.0 && eps < 0.25;
-        require(fine, "cutoff", eps, "above 0 and below 0.25")
+        require(fine, "cutoff", eps, "be above 0 and below 0.25")
     }
 }
 
@@ -40,8 +38,6 @@ pub struct Options {
     pub spacing: f64,
     /// What is left out.
     pub cutoff: Cutoff,
-    /// How the atoms that matter are found.
-    pub method: Method,
     /// Space between the outermost atom centres and the box, Å. `None`: far enough that the density on
     /// the box is below the band, at least 4 Å.
     pub margin: Option<f64>,
@@ -51,7 +47,7 @@ pub struct Options {
     /// (within the cut-off) wherever they lie in the band.
     pub band: [f64; 2],
     /// Below this the density may be returned as anything between 0 and itself. `None`: the lower end of the
-    /// band for [`sample_band`](crate::sample_band), 0.001 for [`sample`](crate::sample).
+    /// band for [`sample_band`](crate::sample_band), 0.001 for [`sample`](crate::sample()).
     pub floor: Option<f64>,
     /// Most bytes that the grid may take.
     pub max_memory: u64,
@@ -62,7 +58,6 @@ impl Default for Options {
         Self {
             spacing: 0.5,
             cutoff: Cutoff::default(),
-            method: Method::default(),
             margin: None,
             bounds: None,
             band: [0.5, 2.0],
@@ -74,36 +69,41 @@ impl Default for Options {
 
 impl Options {
     /// Is every field in its range?
-    pub fn check(&self) -> Result<(), Error> {
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let h = self.spacing;
-        require((1e-6..=1e6).contains(&h), "spacing", h, "in [1e-6, 1e6] Å")?;
+        require(
+            (1e-6..=1e6).contains(&h),
+            "spacing",
+            h,
+            "be in [1e-6, 1e6] Å",
+        )?;
         self.cutoff.check()?;
         if let Some(m) = self.margin {
-            require((0.0..=1e4).contains(&m), "margin", m, "in [0, 10000] Å")?;
+            require((0.0..=1e4).contains(&m), "margin", m, "be in [0, 10000] Å")?;
         }
         if let Some(b) = &self.bounds {
             for k in 0..3 {
                 let extent = b.max[k] - b.min[k];
                 let fine = extent >= 0.0 && extent.is_finite() && b.min[k].abs() <= 1e8;
-                require(fine, "bounds", extent, "a finite box that is not empty")?;
+                require(fine, "bounds", extent, "be a finite box that is not empty")?;
             }
         }
         if let Some(floor) = self.floor {
             let fine = floor > 0.0 && floor <= self.band[0];
-            require(fine, "floor", floor, "above 0 and at most band[0]")?;
+            require(fine, "floor", floor, "be above 0 and at most band[0]")?;
         }
         let [low, high] = self.band;
         require(
             low > 0.0 && low < 1.0,
             "band[0]",
             low,
-            "above 0 and below 1",
+            "be above 0 and below 1",
         )?;
         require(
             high > 1.0 && high < 1e6,
             "band[1]",
             high,
-            "above 1 and below 1e6",
+            "be above 1 and below 1e6",
         )
     }
 }

@@ -4,11 +4,10 @@ use geom_core::Point3;
 use geom_core::structure::{Atom, Element, Name, Structure, StructureBuilder};
 use proptest::prelude::*;
 
+use crate::backend::{Prepared, SampleCell};
+use crate::kernel::cells;
+use crate::kernel::cull::ActiveSet;
 use crate::model::Model;
-use crate::plain;
-use crate::prepared::Prepared;
-use crate::sites::{self, SiteCell};
-use crate::terms::RefitSums;
 
 /// A compact, protein-like structure: `chains` random walks of residues with seven atoms each, folded into a
 /// ball. The same numbers give the same structure.
@@ -66,47 +65,13 @@ pub fn globule(chains: usize, residues: usize, seed: u64) -> Structure {
     builder.build()
 }
 
-/// [`DensityBackend::atom_errors`](crate::DensityBackend::atom_errors) as the equation reads: every atom of a
-/// cell is left out in turn, and the density of the others is summed anew.
-pub fn plain_atom_errors(model: &Prepared<'_>, cells: &[SiteCell]) -> Vec<f64> {
-    let mut errors = vec![0.0; model.model().atoms()];
-    for cell in cells {
-        for (x, target) in cell.points.iter().zip(&cell.target) {
-            for &atom in &cell.atoms {
-                let others = cell.atoms.iter().copied().filter(|&a| a != atom);
-                let left = plain::value(&model.tree, others, x);
-                let change = ((target - left) / target).max(0.0);
-                errors[atom as usize] += change * change;
-            }
-        }
-    }
-    errors
-}
-
-/// [`DensityBackend::refit_sums`](crate::DensityBackend::refit_sums) as the equations read.
-pub fn plain_refit_sums(model: &Prepared<'_>, cells: &[SiteCell]) -> RefitSums {
-    let atoms = model.model().atoms();
-    let mut sums = RefitSums {
-        gradient: vec![[0.0; 5]; atoms],
-        curvature: vec![[0.0; 5]; atoms],
-        ..RefitSums::default()
-    };
-    for cell in cells {
-        for (x, exact) in cell.points.iter().zip(&cell.exact) {
-            let (g, shares) = plain::shares(&model.tree, &cell.atoms, x);
-            let weight = 1.0 / (exact * exact);
-            sums.objective += 0.5 * weight * (g - exact) * (g - exact);
-            sums.worst = sums.worst.max((g - exact).abs() / exact);
-            for (&atom, share) in cell.atoms.iter().zip(shares) {
-                let slopes = sites::slopes(model.model(), atom as usize, x, share);
-                for (p, slope) in slopes.into_iter().enumerate() {
-                    sums.gradient[atom as usize][p] += weight * (g - exact) * slope;
-                    sums.curvature[atom as usize][p] += weight * slope * slope;
-                }
-            }
-        }
-    }
-    sums
+/// A cell of given points and atoms (ascending) of a model, for tests: the target is the density of these.
+pub fn sample_cell(model: &Prepared<'_>, atoms: &[u32], points: Vec<Point3>) -> SampleCell {
+    let members = ActiveSet::gather(model, atoms);
+    let mut cell = SampleCell::new(members.atom, members.levels, points);
+    cell.exact = cells::values_of_cell(&cell, model.model(), &mut cells::Scratch::default());
+    cell.target = cell.exact.clone();
+    cell
 }
 
 /// Models of random trees: depth 0 to 5, 1 to 24 atoms, per-node powers in [0.05, 3], decays in [0.1, 2],

@@ -2,7 +2,7 @@
 //! members in between; terms, errors and derivatives at the points of cells.
 
 use bytemuck::{Pod, Zeroable};
-use geom_core::gpu::GpuBuffer;
+use geom_core::compute::gpu::GpuBuffer;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::shaders::{
     GAUSS_DENSITY_ATOM_ERRORS, GAUSS_DENSITY_COMPACT, GAUSS_DENSITY_CULL, GAUSS_DENSITY_DENSITY,
@@ -11,14 +11,11 @@ use geom_core::shaders::{
 use geom_core::{Backend, Point3, Wgpu};
 use rayon::prelude::*;
 
-use crate::backend::{Block, BlockValues, DensityBackend, Job};
+use crate::backend::{Block, BlockValues, DensityBackend, Job, RefitSums, SampleCell, scatter};
 use crate::error::Error;
-use crate::members::Members;
+use crate::kernel::cull::ActiveSet;
+use crate::kernel::prepared::Prepared;
 use crate::model::{Level, Model};
-use crate::options::Cutoff;
-use crate::prepared::Prepared;
-use crate::sites::{self, SiteCell};
-use crate::terms::RefitSums;
 
 /// Levels whose powers are not all 1, at most: the kernels keep one open sum per level.
 const MAX_DEPTH: usize = 8;
@@ -44,11 +41,9 @@ struct Item {
 #[repr(C)]
 struct CullParams {
     depth: u32,
-    bare: u32,
     half: f32,
     floor: f32,
     eps: f32,
-    pad: [u32; 3],
 }
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -65,9 +60,8 @@ struct CullBrick {
 #[repr(C)]
 struct DensityParams {
     depth: u32,
-    bare: u32,
-    cut: f32,
     spacing: f32,
+    pad: [u32; 2],
 }
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -191,10 +185,10 @@ impl DensityBackend for Wgpu {
         results: &mut Vec<BlockValues>,
     ) -> Result<(), Error> {
         results.clear();
-        check_depth(&self.name(), model.tree.levels.len())?;
-        let trees: Vec<Members> = blocks
+        check_depth(&self.name(), model.levels.len())?;
+        let trees: Vec<ActiveSet> = blocks
             .par_iter()
-            .map(|b| Members::gather(&model.tree, &b.atoms))
+            .map(|b| ActiveSet::gather(model, &b.atoms))
             .collect();
         let mut first = 0;
         while first < blocks.len() {
@@ -226,7 +220,12 @@ impl DensityBackend for Wgpu {
         Ok(())
     }
 
-    fn atom_errors(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<Vec<f64>, Error> {
+    fn atom_errors(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SampleCell],
+        errors: &mut Vec<f64>,
+    ) -> Result<(), Error> {
         let mut parts = Vec::with_capacity(cells.len());
         for_site_batches(self, model, cells, |batch| {
             let gpu = self.gpu();
@@ -245,12 +244,19 @@ impl DensityBackend for Wgpu {
             Ok(())
         })?;
         let atoms = model.model().atoms();
-        let sums = sites::scatter(cells, &parts, atoms, |part, i| [f64::from(part[i])]);
-        Ok(sums.into_iter().map(|[sum]| sum).collect())
+        let sums = scatter(cells, &parts, atoms, |part, i| [f64::from(part[i])]);
+        errors.clear();
+        errors.extend(sums.into_iter().map(|[sum]| sum));
+        Ok(())
     }
 
-    fn refit_sums(&self, model: &Prepared<'_>, cells: &[SiteCell]) -> Result<RefitSums, Error> {
-        let mut sums = RefitSums::default();
+    fn refit_sums(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SampleCell],
+        sums: &mut RefitSums,
+    ) -> Result<(), Error> {
+        (sums.objective, sums.worst) = (0.0, 0.0);
         let mut parts: Vec<Vec<f32>> = Vec::with_capacity(cells.len());
         for_site_batches(self, model, cells, |batch| {
             let gpu = self.gpu();
@@ -280,9 +286,9 @@ impl DensityBackend for Wgpu {
         let five = |part: &Vec<f32>, i: usize, offset: usize| {
             std::array::from_fn(|p| f64::from(part[10 * i + offset + p]))
         };
-        sums.gradient = sites::scatter(cells, &parts, atoms, |part, i| five(part, i, 0));
-        sums.curvature = sites::scatter(cells, &parts, atoms, |part, i| five(part, i, 5));
-        Ok(sums)
+        sums.gradient = scatter(cells, &parts, atoms, |part, i| five(part, i, 0));
+        sums.curvature = scatter(cells, &parts, atoms, |part, i| five(part, i, 5));
+        Ok(())
     }
 }
 
@@ -292,17 +298,14 @@ fn sample_batch(
     model: &Prepared<'_>,
     job: &Job,
     blocks: &[Block],
-    trees: &[Members],
+    trees: &[ActiveSet],
 ) -> Result<Vec<BlockValues>, Error> {
     let gpu = backend.gpu();
-    let depth = model.tree.levels.len();
+    let depth = model.levels.len();
     let lattice = &job.lattice;
     let h = lattice.spacing;
-    let (bare, eps) = match job.cutoff {
-        // The descent to blocks took a quarter.
-        Cutoff::AfterPowers(eps) => (0, 0.75 * eps),
-        Cutoff::Bare(eps) => (1, eps),
-    };
+    // The descent to blocks took a quarter.
+    let eps = 0.75 * job.cutoff.0;
     // Each block's atoms relative to its middle.
     let mut items = Items::default();
     // Block, place in it, first point from the block's middle.
@@ -345,11 +348,9 @@ fn sample_batch(
         "cull params",
         &CullParams {
             depth: depth as u32,
-            bare,
             half: (0.5 * h * (BRICK as f64 + 1.0)) as f32 * 1.000_001,
             floor: job.floor.log2() as f32,
             eps: eps.log2() as f32,
-            pad: [0; 3],
         },
     )?;
     let item_buffer = gpu.upload("items", &items.items)?;
@@ -397,9 +398,8 @@ fn sample_batch(
         "density params",
         &DensityParams {
             depth: depth as u32,
-            bare,
-            cut: eps.log2() as f32,
             spacing: h as f32,
+            pad: [0; 2],
         },
     )?;
     let density_bricks = gpu.upload("bricks", &density_bricks)?;
@@ -457,7 +457,7 @@ fn sample_batch(
 
 /// Some cells on the GPU, with the terms at their points.
 struct SiteBatch<'a> {
-    cells: &'a [SiteCell],
+    cells: &'a [SampleCell],
     items: GpuBuffer,
     ranges: GpuBuffer,
     sites: GpuBuffer,
@@ -496,10 +496,10 @@ impl SiteBatch<'_> {
 fn for_site_batches(
     backend: &Wgpu,
     model: &Prepared<'_>,
-    cells: &[SiteCell],
+    cells: &[SampleCell],
     mut work: impl FnMut(&SiteBatch<'_>) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    let depth = check_depth(&backend.name(), model.tree.levels.len())?;
+    let depth = check_depth(&backend.name(), model.levels.len())?;
     let mut first = 0;
     while first < cells.len() {
         let (mut end, mut numbers, mut slots, mut points) = (first, 0, 0, 0);
@@ -527,9 +527,10 @@ fn for_site_batches(
 fn site_batch<'a>(
     backend: &Wgpu,
     model: &Prepared<'_>,
-    cells: &'a [SiteCell],
+    cells: &'a [SampleCell],
     depth: u32,
 ) -> Result<SiteBatch<'a>, Error> {
+    // Each cell is a tree relative to the middle of its points; a point keeps where its terms start.
     let gpu = backend.gpu();
     let mut items = Items::default();
     let (mut sites, mut slots) = (Vec::new(), Vec::new());
@@ -551,6 +552,7 @@ fn site_batch<'a>(
             });
             terms += cell.nodes();
         }
+        // A slot per atom of the cell: the kernels that follow run a thread for each.
         slots.extend((0..cell.atoms.len() as u32).map(|k| Slot {
             item: base + k,
             first,
@@ -558,6 +560,7 @@ fn site_batch<'a>(
             pad: 0,
         }));
     }
+    // The terms at all points, which both kernels need.
     let params = gpu.uniform(
         "params",
         &SiteParams {

@@ -1,9 +1,11 @@
 //! What must hold for all inputs.
 
+use gauss_density::specification::nested_sum;
 use gauss_density::testing::globule;
+use gauss_density::thesis::{self, Cut};
 use gauss_density::{
-    Cutoff, Elimination, Error, Interior, Levels, LowPass, Method, Model, Options, PointSampler,
-    Refit, Shape, Stop, eliminate, low_pass, nested_sum, refit, sample, sample_band,
+    Cutoff, Elimination, Error, Interior, Levels, LowPass, Model, Options, PointSampler, Refit,
+    Shape, Stop, eliminate, low_pass, refit, sample, sample_band,
 };
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Aabb, Cpu, ImplicitField, LatticeValues, Point3, Run, ScalarGrid};
@@ -34,7 +36,7 @@ fn dense_values_are_within_the_cut_off() {
         let eps = 1e-3;
         let options = Options {
             spacing: 1.1,
-            cutoff: Cutoff::AfterPowers(eps),
+            cutoff: Cutoff(eps),
             ..Options::default()
         };
         let sampled = sample(&model, &options, Run::on(&Cpu)).unwrap();
@@ -88,7 +90,7 @@ fn the_band_has_the_signs_of_the_dense_grid_and_its_values_at_crossings() {
 fn the_sampler_is_the_density_and_its_gradient_the_difference_quotient() {
     for (pr, pc, kappa) in SETS {
         let model = model(pr, pc, kappa);
-        let sampler = PointSampler::new(&model, Cutoff::AfterPowers(1e-9)).unwrap();
+        let sampler = PointSampler::new(&model, Cutoff(1e-9)).unwrap();
         let mut x = Point3::new(-14.0, 3.0, 1.0);
         while x.x < 14.0 {
             let exact = nested_sum(&model, &x);
@@ -137,7 +139,7 @@ fn elimination_keeps_its_bound_at_every_sample_recomputed_by_brute_force() {
                 spacing: 0.9,
                 band: done.report.band,
                 bounds: None,
-                cutoff: Cutoff::AfterPowers(1e-5),
+                cutoff: Cutoff(1e-5),
                 ..Options::default()
             };
             let grid = sample(&model, &dense, Run::on(&Cpu)).unwrap().grid;
@@ -289,36 +291,109 @@ fn results_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn every_method_finds_the_same_density() {
+fn every_search_of_the_thesis_finds_the_same_density() {
     let model = model(0.3, 0.8, 0.5);
-    let options = |method| Options {
+    let options = Options {
         spacing: 1.2,
-        method,
-        cutoff: Cutoff::AfterPowers(1e-3),
+        cutoff: Cutoff(1e-3),
         ..Options::default()
     };
-    let run = |method| sample(&model, &options(method), Run::on(&Cpu)).unwrap();
-    let all = run(Method::AllAtoms);
+    let all = thesis::all_atoms(&model, &options).unwrap();
     let lattice = *all.grid.lattice();
     assert_eq!(all.report.pairs, 252 * lattice.len() as u64);
     for (i, &got) in all.grid.values().iter().enumerate().step_by(11) {
         let exact = nested_sum(&model, &lattice.point(lattice.coordinates(i)));
         assert!((f64::from(got) - exact).abs() <= 2e-4 * exact + 1e-19);
     }
-    for method in [Method::KdTree, Method::Bvh, Method::Tiles] {
-        let other = run(method);
-        assert!(other.report.pairs < all.report.pairs, "{method:?}");
+    let trees = [thesis::kd_tree, thesis::hierarchy]
+        .map(|search| search(&model, &options, Cut::AfterPowers).unwrap());
+    let blocks = sample(&model, &options, Run::on(&Cpu)).unwrap();
+    for other in trees.iter().chain([&blocks]) {
+        assert!(other.report.pairs < all.report.pairs);
         for (&a, &b) in all.grid.values().iter().zip(other.grid.values()) {
             if a >= 1e-3 {
-                assert!((a - b).abs() <= 1.2e-3 * a, "{method:?}: {b} for {a}");
+                assert!((a - b).abs() <= 1.2e-3 * a, "{b} for {a}");
             }
         }
     }
-    let trees = [run(Method::KdTree), run(Method::Bvh)];
     assert_eq!(trees[0].grid, trees[1].grid);
+}
 
-    let error = sample_band(&model, &options(Method::Bvh), Run::on(&Cpu)).unwrap_err();
-    assert!(error.to_string().contains("Tiles"), "{error}");
+#[test]
+fn searches_of_the_thesis_heed_the_cut_and_refuse_nonsense() {
+    let model = model(0.5, 1.0, 1.0);
+    let options = |eps| Options {
+        spacing: 0.6,
+        cutoff: Cutoff(eps),
+        ..Options::default()
+    };
+    let pairs = |eps, cut| {
+        let seeded = thesis::single_seed(&model, &options(eps), cut);
+        seeded.unwrap().report.pairs
+    };
+    assert!(pairs(1e-2, Cut::AfterPowers) < pairs(1e-6, Cut::AfterPowers));
+    assert!(pairs(1e-4, Cut::Bare(1e-2)) < pairs(1e-4, Cut::Bare(1e-6)));
+    let wide = thesis::all_atoms(&model, &options(1e-2)).unwrap();
+    let blocks = sample(&model, &options(1e-2), Run::on(&Cpu)).unwrap();
+    assert!(wide.report.pairs > blocks.report.pairs);
+    for eps in [0.0, 0.25, f64::NAN] {
+        let error = thesis::hierarchy(&model, &options(1e-4), Cut::Bare(eps)).unwrap_err();
+        assert!(error.to_string().contains("option cut"), "{error}");
+    }
+    let little = Options {
+        max_memory: 1 << 10,
+        ..options(1e-4)
+    };
+    let error = thesis::all_atoms(&model, &little).unwrap_err();
+    assert!(
+        matches!(error, Error::GridTooLarge { limit: 1024, .. }),
+        "{error}"
+    );
+}
+
+/// Kernels below ε count as zero, point by point, before the powers; points at which a kernel is near ε are left
+/// out.
+#[test]
+fn the_bare_cut_leaves_out_kernels_point_by_point() {
+    let (eps, mut compared, mut changed) = (1e-3f64, 0, 0);
+    for (pr, pc, kappa) in SETS {
+        let model = model(pr, pc, kappa);
+        let options = Options {
+            spacing: 2.1,
+            ..Options::default()
+        };
+        let searches = [thesis::kd_tree, thesis::hierarchy];
+        let [a, b] = searches.map(|search| search(&model, &options, Cut::Bare(eps)).unwrap());
+        assert_eq!(a.grid, b.grid);
+        let lattice = *a.grid.lattice();
+        for (i, &got) in a.grid.values().iter().enumerate() {
+            let x = lattice.point(lattice.coordinates(i));
+            let ln = |atom: usize| {
+                let squared = (x - model.centers()[atom]).norm_squared();
+                model.decays()[atom] * (model.radii()[atom].powi(2) - squared)
+            };
+            if (0..252).any(|atom| (ln(atom) - eps.ln()).abs() < 1e-9) {
+                continue;
+            }
+            // As the equations read, with sums that hold: 252 atoms, seven to a residue, twelve residues to a chain.
+            let residue = |r: usize| {
+                let kept = (7 * r..7 * r + 7).map(ln).filter(|ln| *ln >= eps.ln());
+                kept.map(f64::exp).sum::<f64>().powf(pr)
+            };
+            let chain = |c: usize| (12 * c..12 * c + 12).map(residue).sum::<f64>().powf(pc);
+            let exact: f64 = (0..3).map(chain).sum();
+            assert!(
+                (f64::from(got) - exact).abs() <= 1e-6 * exact,
+                "{got} for {exact}"
+            );
+            compared += 1;
+            changed += usize::from(exact < 0.99 * nested_sum(&model, &x));
+        }
+    }
+    assert!(
+        compared > 5000 && changed > 1000,
+        "{compared} compared, {changed} changed"
+    );
 }
 
 /// Two balls far off the centre line and a hollow shell: the tiles find every component and the cavity, the
@@ -337,9 +412,8 @@ fn no_component_and_no_cavity_is_missed_unless_it_is_searched_from_one_seed() {
     }
     let n = centers.len();
     let model = Model::new(centers, vec![1.7; n], vec![2.0; n], vec![]).unwrap();
-    let options = |method| Options {
+    let options = Options {
         spacing: 0.7,
-        method,
         ..Options::default()
     };
     let components = |values: &dyn LatticeValues| {
@@ -382,11 +456,11 @@ fn no_component_and_no_cavity_is_missed_unless_it_is_searched_from_one_seed() {
         };
         (count(true), count(false))
     };
-    let band = sample_band(&model, &options(Method::Tiles), Run::on(&Cpu)).unwrap();
+    let band = sample_band(&model, &options, Run::on(&Cpu)).unwrap();
     assert_eq!(components(&band.grid), (3, 2));
-    let dense = sample(&model, &options(Method::Tiles), Run::on(&Cpu)).unwrap();
+    let dense = sample(&model, &options, Run::on(&Cpu)).unwrap();
     assert_eq!(components(&dense.grid), (3, 2));
-    let seeded = sample(&model, &options(Method::SingleSeed), Run::on(&Cpu)).unwrap();
+    let seeded = thesis::single_seed(&model, &options, Cut::AfterPowers).unwrap();
     assert_eq!(components(&seeded.grid), (1, 1));
 }
 
@@ -504,7 +578,7 @@ fn quotient(step: f64, f: impl Fn(f64) -> f64) -> f64 {
 #[test]
 fn derivatives_are_difference_quotients() {
     let model = model(0.25, 0.7, 0.6);
-    let sampler = PointSampler::new(&model, Cutoff::AfterPowers(1e-12)).unwrap();
+    let sampler = PointSampler::new(&model, Cutoff(1e-12)).unwrap();
     let mut checked = 0;
     for i in 0..40 {
         let t = f64::from(i);
@@ -576,7 +650,7 @@ fn derivatives_are_difference_quotients() {
 #[test]
 fn mean_curvature_of_one_atom() {
     let model = Model::new(vec![Point3::origin()], vec![1.7], vec![0.8], vec![]).unwrap();
-    let sampler = PointSampler::new(&model, Cutoff::AfterPowers(1e-6)).unwrap();
+    let sampler = PointSampler::new(&model, Cutoff(1e-6)).unwrap();
     let x = Point3::new(1.0, 1.2, -0.6);
     let expected = 1.0 / x.coords.norm();
     assert!((sampler.mean_curvature(&x) - expected).abs() < 1e-12);
@@ -704,7 +778,7 @@ fn bad_input_is_named() {
         let dense = sample(&model, &options, Run::on(&Cpu)).unwrap_err();
         let band = sample_band(&model, &options, Run::on(&Cpu)).unwrap_err();
         assert_eq!(dense.to_string(), band.to_string());
-        assert!(matches!(dense, Error::InvalidOption { .. }));
+        assert!(matches!(dense, Error::Option(_)));
     };
     for spacing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         refused(Options {
@@ -713,11 +787,11 @@ fn bad_input_is_named() {
         });
     }
     refused(Options {
-        cutoff: Cutoff::AfterPowers(0.25),
+        cutoff: Cutoff(0.25),
         ..Options::default()
     });
     refused(Options {
-        cutoff: Cutoff::Bare(0.0),
+        cutoff: Cutoff(0.0),
         ..Options::default()
     });
     refused(Options {

@@ -1,8 +1,10 @@
 //! Real structures: the bundled ones, and larger ones where they are at hand.
 
-use gauss_density::{Cutoff, Levels, Model, Options, nested_sum, sample, sample_band};
+use gauss_density::specification::nested_sum;
+use gauss_density::thesis::{self, Cut};
+use gauss_density::{Levels, Model, Options, sample, sample_band};
 use geom_core::io::structure::{ReadOptions, read};
-use geom_core::{Cpu, LatticeValues, Run, Structure};
+use geom_core::{Cpu, LatticeValues, Run, ScalarGrid, Structure};
 
 fn levels(residue_power: f64, chain_power: f64, decay: f64) -> Levels {
     Levels {
@@ -142,17 +144,15 @@ fn the_bare_cut_is_another_model_for_small_powers() {
         .structure;
     let share_inside = |pr: f64, pc: f64, kappa: f64| {
         let model = Model::uniform(&structure, &levels(pr, pc, kappa)).unwrap();
-        let inside = |cutoff| {
-            let options = Options {
-                spacing: 1.5,
-                margin: Some(14.0),
-                cutoff,
-                ..Options::default()
-            };
-            let grid = sample(&model, &options, Run::on(&Cpu)).unwrap().grid;
-            grid.values().iter().filter(|&&g| g >= 1.0).count() as f64
+        let options = Options {
+            spacing: 1.5,
+            margin: Some(14.0),
+            ..Options::default()
         };
-        inside(Cutoff::Bare(1e-6)) / inside(Cutoff::default())
+        let bare = thesis::hierarchy(&model, &options, Cut::Bare(1e-6)).unwrap();
+        let usual = sample(&model, &options, Run::on(&Cpu)).unwrap();
+        let inside = |grid: &ScalarGrid| grid.values().iter().filter(|&&g| g >= 1.0).count();
+        inside(&bare.grid) as f64 / inside(&usual.grid) as f64
     };
     assert!((share_inside(0.5, 1.0, 1.0) - 1.0).abs() < 2e-3);
     assert!((share_inside(1.0, 1.0, 1.0) - 1.0).abs() < 1e-9);
@@ -178,5 +178,32 @@ fn the_default_margin_never_cuts_the_body() {
         // Density below the band on the box.
         let corner = sampled.grid.lattice().bounds().min;
         assert!(nested_sum(&model, &corner) < 0.5);
+    }
+}
+
+/// Near the surface, where all of them look.
+#[test]
+fn every_search_of_the_thesis_gives_the_same_density_near_the_surface() {
+    let structure = read(fixtures::path("1AJJ.pdb"), &ReadOptions::default())
+        .unwrap()
+        .structure;
+    let model = Model::uniform(&structure, &Levels::default()).unwrap();
+    let options = Options {
+        spacing: 2.0,
+        ..Options::default()
+    };
+    let all = thesis::all_atoms(&model, &options).unwrap();
+    assert_eq!(all.report.pairs as f64, all.report.brute_force_pairs);
+    for search in [thesis::single_seed, thesis::kd_tree, thesis::hierarchy] {
+        let found = search(&model, &options, Cut::AfterPowers).unwrap();
+        assert!(found.report.pairs < all.report.pairs);
+        let values = all.grid.values().iter().zip(found.grid.values());
+        let near = values.filter(|(a, _)| (0.9..1.1).contains(*a));
+        let mut compared = 0;
+        for (a, b) in near {
+            assert!((a - b).abs() < 2e-3, "{b} instead of {a}");
+            compared += 1;
+        }
+        assert!(compared > 50, "{compared} points near the surface");
     }
 }

@@ -6,16 +6,11 @@
 
 struct Params {
     depth: u32,
-    // 1 for the thesis's cut before the powers.
-    bare: u32,
     // Half the side of a brick's box, Å.
     half: f32,
     // log2 of the floor, and of ε.
     floor: f32,
     eps: f32,
-    pad0: u32,
-    pad1: u32,
-    pad2: u32,
 }
 
 struct Brick {
@@ -175,83 +170,73 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         return;
     }
 
-    if params.bare == 1u {
-        for (var i = base + me; i < atoms_end; i += THREADS) {
-            // Kept when its kernel may reach ε in the box.
-            let kept = state[i + shift].x >= params.eps;
-            bounds[i + shift] = vec2<f32>(0.0, select(NOTHING, 1.0, kept));
-        }
-        if me == 0u { threshold = 0.0; }
-        everyone();
-    } else {
-        // From the root's children (step 0) down to the atoms (step `depth`).
-        for (var step = 0u; step <= depth; step += 1u) {
-            let level = depth - step;
-            for (var a = base + me; a < atoms_end; a += THREADS) {
-                // The ancestor at this level, and the powers on the way up to it.
-                var c = a;
-                var powers = 1.0;
-                for (var l = 0u; l < level; l += 1u) {
-                    c = items[c].parent;
-                    powers *= items[c].at.x;
-                }
-                let v = items[c].parent;
-                var reference = root;
-                var weight = root.z;
-                if v != ROOT {
-                    reference = state[v + shift];
-                    weight = reference.z / items[v].at.x;
-                }
-                let b = items[base + u32(reference.w)];
-                bounds[a + shift].x = bracket(items[a], b, weight / powers, brick.center);
-            }
-            everyone();
-            for (var l = 0u; l < level; l += 1u) {
-                let end = ranges[brick.row + l + 2u];
-                for (var v = ranges[brick.row + l + 1u] + me; v < end; v += THREADS) {
-                    let node = items[v];
-                    var most = NOTHING;
-                    for (var c = node.first; c < node.end; c += 1u) {
-                        most = max(most, bounds[c + shift].x);
-                    }
-                    bounds[v + shift].x = node.at.x * (most + log2(f32(node.end - node.first))) + SLACK;
-                }
-                everyone();
-            }
-            let end = ranges[brick.row + level + 1u];
-            for (var c = ranges[brick.row + level] + me; c < end; c += THREADS) {
-                let v = items[c].parent;
-                var share = min(bounds[c + shift].x, 0.0);
-                if v == ROOT {
-                    // Only where the density reaches the floor.
-                    share = min(share, state[c + shift].x - params.floor);
-                } else {
-                    share += bounds[v + shift].y + max(log2(items[v].at.x), 0.0);
-                }
-                bounds[c + shift].y = share;
-            }
-            everyone();
-        }
+    // From the root's children (step 0) down to the atoms (step `depth`).
+    for (var step = 0u; step <= depth; step += 1u) {
+        let level = depth - step;
         for (var a = base + me; a < atoms_end; a += THREADS) {
-            let bin = u32(clamp(-bounds[a + shift].y, 0.0, 63.0));
-            atomicAdd(&bins[bin], 1u);
+            // The ancestor at this level, and the powers on the way up to it.
+            var c = a;
+            var powers = 1.0;
+            for (var l = 0u; l < level; l += 1u) {
+                c = items[c].parent;
+                powers *= items[c].at.x;
+            }
+            let v = items[c].parent;
+            var reference = root;
+            var weight = root.z;
+            if v != ROOT {
+                reference = state[v + shift];
+                weight = reference.z / items[v].at.x;
+            }
+            let b = items[base + u32(reference.w)];
+            bounds[a + shift].x = bracket(items[a], b, weight / powers, brick.center);
         }
         everyone();
-        if me == 0u {
-            // Bounds in bin k are at most 2^-k.
-            let budget = exp2(params.eps);
-            var lost = 0.0;
-            var k = 64u;
-            loop {
-                if k == 0u { break; }
-                lost += f32(atomicLoad(&bins[k - 1u])) * exp2(-f32(k - 1u));
-                if lost > budget { break; }
-                k -= 1u;
+        for (var l = 0u; l < level; l += 1u) {
+            let end = ranges[brick.row + l + 2u];
+            for (var v = ranges[brick.row + l + 1u] + me; v < end; v += THREADS) {
+                let node = items[v];
+                var most = NOTHING;
+                for (var c = node.first; c < node.end; c += 1u) {
+                    most = max(most, bounds[c + shift].x);
+                }
+                bounds[v + shift].x = node.at.x * (most + log2(f32(node.end - node.first))) + SLACK;
             }
-            threshold = -f32(k);
+            everyone();
+        }
+        let end = ranges[brick.row + level + 1u];
+        for (var c = ranges[brick.row + level] + me; c < end; c += THREADS) {
+            let v = items[c].parent;
+            var share = min(bounds[c + shift].x, 0.0);
+            if v == ROOT {
+                // Only where the density reaches the floor.
+                share = min(share, state[c + shift].x - params.floor);
+            } else {
+                share += bounds[v + shift].y + max(log2(items[v].at.x), 0.0);
+            }
+            bounds[c + shift].y = share;
         }
         everyone();
     }
+    for (var a = base + me; a < atoms_end; a += THREADS) {
+        let bin = u32(clamp(-bounds[a + shift].y, 0.0, 63.0));
+        atomicAdd(&bins[bin], 1u);
+    }
+    everyone();
+    if me == 0u {
+        // Bounds in bin k are at most 2^-k.
+        let budget = exp2(params.eps);
+        var lost = 0.0;
+        var k = 64u;
+        loop {
+            if k == 0u { break; }
+            lost += f32(atomicLoad(&bins[k - 1u])) * exp2(-f32(k - 1u));
+            if lost > budget { break; }
+            k -= 1u;
+        }
+        threshold = -f32(k);
+    }
+    everyone();
 
     // Kept atoms in their order: each thread takes a run.
     let run = (atoms_end - base + THREADS - 1u) / THREADS;

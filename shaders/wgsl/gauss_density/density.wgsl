@@ -3,10 +3,9 @@
 
 struct Params {
     depth: u32,
-    // 1 for the thesis's cut before the powers, at log2 ε = cut.
-    bare: u32,
-    cut: f32,
     spacing: f32,
+    pad0: u32,
+    pad1: u32,
 }
 
 struct Brick {
@@ -84,11 +83,9 @@ fn main(
         for (var i = 0u; i < here; i += 1u) {
             let d = x - staged[i].xyz;
             let term = staged_lift[i] - staged[i].w * dot(d, d);
-            if params.bare == 0u || term >= params.cut {
-                let high = max(top[0], term);
-                sum[0] = sum[0] * exp2(top[0] - high) + exp2(term - high);
-                top[0] = high;
-            }
+            let first = max(top[0], term);
+            sum[0] = sum[0] * exp2(top[0] - first) + exp2(term - first);
+            top[0] = first;
             var node = staged_parent[i];
             for (var l = 0u; l < staged_ends[i]; l += 1u) {
                 if sum[l] > 0.0 {

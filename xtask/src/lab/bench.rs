@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use gauss_density::{Cutoff, Levels, Method, Model, Options, Sampled, sample, sample_band};
+use gauss_density::{Cutoff, Levels, Model, Options, Sampled, sample, sample_band, thesis};
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::structure::Transform;
 use geom_core::{Aabb, Cpu, LatticeValues, Run, ScalarGrid, Structure, Vector3};
@@ -214,7 +214,7 @@ impl Row {
         let model = Model::uniform(&structure, &levels).map_err(|e| e.to_string())?;
         let options = Options {
             spacing: self.spacing,
-            cutoff: Cutoff::AfterPowers(1e-3),
+            cutoff: Cutoff(1e-3),
             max_memory: 16 << 30,
             ..Options::default()
         };
@@ -222,11 +222,10 @@ impl Row {
         let middle = model.center_bounds().center();
         let half = Vector3::new(3.4, 3.4, 31.4) * self.spacing;
         let column = Options {
-            method: Method::AllAtoms,
             bounds: Some(Aabb::new(middle - half, middle + half)),
             ..options
         };
-        let (part, part_s) = best(|| sample(&model, &column, Run::on(&Cpu)))?;
+        let (part, part_s) = best(|| thesis::all_atoms(&model, &column))?;
         #[expect(clippy::cast_precision_loss, reason = "counts for people")]
         let (points, of) = (band.report.points as f64, part.report.points as f64);
         let brute = part_s * points / of;

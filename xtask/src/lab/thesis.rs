@@ -3,13 +3,14 @@
 
 use std::time::Instant;
 
+use gauss_density::thesis::{all_atoms, hierarchy, kd_tree, single_seed, Cut};
 use gauss_density::{
-    Cutoff, Elimination, Interior, Levels, Method, Model, Options, Refit, Stop, eliminate, refit,
+    Cutoff, Elimination, Interior, Levels, Model, Options, Refit, Sampled, Stop, eliminate, refit,
     sample, sample_band,
 };
 use geom_core::io::structure::{Models, ReadOptions, read};
 use geom_core::structure::Selector;
-use geom_core::{Aabb, Cpu, Run, Structure};
+use geom_core::{Aabb, Cpu, Run, ScalarGrid, Structure};
 
 use crate::Outcome;
 
@@ -168,6 +169,9 @@ fn table_3_2() -> Outcome {
     Ok(())
 }
 
+/// A way to the density of a dense lattice.
+type Search = fn(&Model, &Options) -> Result<Sampled<ScalarGrid>, gauss_density::Error>;
+
 /// One way of searching against another.
 fn table_3_3() -> Outcome {
     println!(
@@ -201,41 +205,38 @@ fn table_3_3() -> Outcome {
         let options = Options {
             spacing: 0.25,
             margin: Some(4.0),
-            cutoff: Cutoff::AfterPowers(1e-6),
+            cutoff: Cutoff(1e-6),
             max_memory: 8 << 30,
             ..Options::default()
         };
         println!("  {name}: {} atoms", structure.atoms().len());
-        let timed = |options: &Options| -> Result<(f64, f64), String> {
+        let timed = |search: Search, options: &Options| -> Result<(f64, f64), String> {
             let start = Instant::now();
-            let sampled = sample(&model, options, Run::on(&Cpu)).map_err(text)?;
+            let sampled = search(&model, options).map_err(text)?;
             Ok((start.elapsed().as_secs_f64(), sampled.report.points as f64))
         };
-        let (dense, points) = timed(&options)?;
+        let (dense, points) = timed(|m, o| sample(m, o, Run::on(&Cpu)), &options)?;
         let mut row = Vec::new();
-        for (label, method) in [
-            ("T0", Method::AllAtoms),
-            ("KD", Method::KdTree),
-            ("BVH", Method::Bvh),
-        ] {
+        let by_point: [(&str, Search); 3] = [
+            ("T0", all_atoms),
+            ("KD", |m, o| kd_tree(m, o, Cut::AfterPowers)),
+            ("BVH", |m, o| hierarchy(m, o, Cut::AfterPowers)),
+        ];
+        for (label, search) in by_point {
             // A slice of 8 planes through the middle.
             let all = model.center_bounds().inflated(4.0);
             let z = all.center().z;
             let mut slice = Aabb::new(all.min, all.max);
             (slice.min.z, slice.max.z) = (z, z + 7.0 * 0.249);
             let part = Options {
-                method,
                 bounds: Some(slice),
                 ..options.clone()
             };
-            let (seconds, of) = timed(&part)?;
+            let (seconds, of) = timed(search, &part)?;
             row.push(format!("{label} {:.1}", seconds * points / of));
         }
-        let seeded = Options {
-            method: Method::SingleSeed,
-            ..options.clone()
-        };
-        row.push(format!("NS {:.1}", timed(&seeded)?.0));
+        let seeded = timed(|m, o| single_seed(m, o, Cut::AfterPowers), &options)?;
+        row.push(format!("NS {:.1}", seeded.0));
         let start = Instant::now();
         let band = sample_band(
             &model,

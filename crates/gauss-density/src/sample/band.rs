@@ -8,30 +8,37 @@ use rayon::prelude::*;
 
 use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
 use crate::error::Error;
-use crate::method::Method;
+use crate::kernel::prepared::Prepared;
 use crate::model::Model;
 use crate::options::Options;
-use crate::prepared::Prepared;
-use crate::sample::{Sampled, check_memory, for_each_batch, lattice_of, start_report, touched};
+use crate::sample::blocks::{
+    Sampled, check_memory, for_each_batch, lattice_of, start_report, touched,
+};
 
 /// Samples the density in bricks of 8 × 8 × 8 points near the surface; other bricks hold 0 outside and
 /// `2 g_u` inside.
 ///
 /// Nothing is seeded and nothing is followed, so no component and no cavity that the lattice can see is
 /// missed: the signs of `G − 1` are those of the dense grid, and so are the values at both ends of every
-/// lattice edge that crosses the surface.
+/// lattice edge that crosses the surface. The values are summed on the backend; the search for the blocks that some
+/// atom can reach stays on the CPU.
+///
+/// ```
+/// use gauss_density::{Model, Options, sample_band};
+/// use geom_core::{Cpu, Point3, Run};
+/// # fn main() -> Result<(), gauss_density::Error> {
+/// let model = Model::new(vec![Point3::origin()], vec![6.0], vec![1.0], vec![])?;
+/// let band = sample_band(&model, &Options::default(), Run::on(&Cpu))?;
+/// assert!(band.report.stored_share < 1.0 && !band.report.touches_any_side());
+/// # Ok(())
+/// # }
+/// ```
 pub fn sample_band<B: DensityBackend + ?Sized>(
     model: &Model,
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Sampled<BrickGrid>, Error> {
     options.check()?;
-    if options.method != Method::Tiles {
-        return Err(Error::Unsupported {
-            what: format!("a narrow band with method {:?}", options.method),
-            cure: "use method Tiles, or sample for a dense grid",
-        });
-    }
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;
     let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));

@@ -4,13 +4,12 @@ use geom_core::{ImplicitField, LatticeValues, Run};
 use rayon::prelude::*;
 
 use crate::backend::DensityBackend;
-use crate::band::sample_band;
 use crate::error::Error;
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
-use crate::point::PointSampler;
-use crate::sample::lattice_of;
-use crate::sites::root_on_edge;
+use crate::sample::band::sample_band;
+use crate::sample::blocks::lattice_of;
+use crate::sample::point::{PointSampler, root_on_edge};
 
 /// A surface beside that of the original model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -29,7 +28,21 @@ pub struct Comparison {
 /// Points of surfaces lie above this density, and so does what is compared with them.
 pub(crate) const NEAR: f64 = 0.25;
 
-/// Compares the surface of a model with that of the original on the lattice of `options`.
+/// Compares the surface of a model with that of the original on the lattice of `options`. Both bands are sampled
+/// on the backend; the roots on lattice edges stay on the CPU.
+///
+/// ```
+/// use gauss_density::{Model, Options, compare};
+/// use geom_core::{Cpu, Point3, Run};
+/// # fn main() -> Result<(), gauss_density::Error> {
+/// let atom = |radius| Model::new(vec![Point3::origin()], vec![radius], vec![1.0], vec![]);
+/// let apart = compare(&atom(1.9)?, &atom(2.0)?, &Options::default(), Run::on(&Cpu))?;
+/// // On the smaller sphere the density of the larger is e^(2² − 1.9²).
+/// let density = 0.39f64.exp();
+/// assert!((apart.surface_max - (1.0 - 1.0 / density)).abs() < 1e-4);
+/// # Ok(())
+/// # }
+/// ```
 pub fn compare<B: DensityBackend + ?Sized>(
     model: &Model,
     original: &Model,
@@ -37,7 +50,7 @@ pub fn compare<B: DensityBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Comparison, Error> {
     options.check()?;
-    let sampler = PointSampler::above(NEAR, original, Cutoff::AfterPowers(1e-5))?;
+    let sampler = PointSampler::above(NEAR, original, Cutoff(1e-5))?;
     let options = Options {
         bounds: Some(lattice_of(sampler.prepared(), options)?.bounds()),
         ..options.clone()
@@ -54,7 +67,7 @@ pub(crate) fn compare_on<B: DensityBackend + ?Sized>(
 ) -> Result<Comparison, Error> {
     let new = sample_band(model, options, run)?.grid;
     let old = sample_band(original.prepared().model(), options, run)?.grid;
-    let sampler = PointSampler::above(NEAR, model, Cutoff::AfterPowers(1e-5))?;
+    let sampler = PointSampler::above(NEAR, model, Cutoff(1e-5))?;
     let lattice = *new.lattice();
     let [nx, ny, nz] = lattice.counts;
     let high = options.band[1];

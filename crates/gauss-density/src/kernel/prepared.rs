@@ -3,14 +3,18 @@
 use geom_core::{Aabb, Point3};
 use rayon::prelude::*;
 
-use crate::model::Model;
-use crate::plain::Compiled;
-use crate::reach::Reach;
+use crate::kernel::boxes::gap_squared;
+use crate::kernel::reach::Reach;
+use crate::model::{Level, Model};
 
 /// A model made ready for sampling, shared by the backends.
 #[derive(Clone, Debug)]
 pub struct Prepared<'a> {
-    pub(crate) tree: Compiled<'a>,
+    pub(crate) model: &'a Model,
+    /// The levels that matter, lowest first: those whose powers are all 1 have merged with the next.
+    pub(crate) levels: Vec<Level>,
+    /// `parent[0]`: node on level 0 per atom; `parent[l]`: node on level `l` per node of level `l − 1`.
+    pub(crate) parent: Vec<Vec<u32>>,
     pub(crate) reach: Reach,
     /// First atom per cluster (a run of atoms), and the number of atoms at the end.
     starts: Vec<u32>,
@@ -25,8 +29,9 @@ const CLUSTER_EXTENT: f64 = 9.0;
 impl<'a> Prepared<'a> {
     /// Prepares a model.
     pub fn new(model: &'a Model) -> Self {
-        let tree = Compiled::new(model);
-        let reach = Reach::new(model, &tree.levels);
+        let levels = model.compiled_levels();
+        let parent = levels.iter().map(Level::parents).collect();
+        let reach = Reach::new(model, &levels);
         let (mut starts, mut boxes) = (vec![0], Vec::new());
         let mut around = Aabb::EMPTY;
         for (i, center) in model.centers().iter().enumerate() {
@@ -43,7 +48,9 @@ impl<'a> Prepared<'a> {
         starts.push(model.atoms() as u32);
         boxes.push(around);
         Self {
-            tree,
+            model,
+            levels,
+            parent,
             reach,
             starts,
             boxes,
@@ -52,7 +59,29 @@ impl<'a> Prepared<'a> {
 
     /// The model.
     pub fn model(&self) -> &'a Model {
-        self.tree.model
+        self.model
+    }
+
+    /// `−q_a(x)`: the logarithm of the kernel of an atom.
+    pub(crate) fn ln_kernel(&self, atom: usize, x: &Point3) -> f64 {
+        let model = self.model;
+        let r = model.radii()[atom];
+        model.decays()[atom] * (r * r - (x - model.centers()[atom]).norm_squared())
+    }
+
+    /// How many levels end between two atoms: all up to the first that they share.
+    pub(crate) fn levels_that_end(&self, atom: u32, next: Option<u32>) -> usize {
+        let Some(next) = next else {
+            return self.levels.len();
+        };
+        let (mut a, mut b) = (atom, next);
+        for (level, parent) in self.parent.iter().enumerate() {
+            (a, b) = (parent[a as usize], parent[b as usize]);
+            if a == b {
+                return level;
+            }
+        }
+        self.levels.len()
     }
 
     /// All clusters.
@@ -82,15 +111,4 @@ impl<'a> Prepared<'a> {
             .filter(near)
             .collect()
     }
-}
-
-fn gap_squared(a: &Aabb, b: &Aabb) -> f64 {
-    let gap = |k: usize| (a.min[k] - b.max[k]).max(b.min[k] - a.max[k]).max(0.0);
-    (0..3).map(|k| gap(k) * gap(k)).sum()
-}
-
-/// The box of the lattice points `[low, high]` of a lattice, which may lie beyond it.
-pub(crate) fn lattice_box(origin: &Point3, spacing: f64, low: [i64; 3], high: [i64; 3]) -> Aabb {
-    let at = |p: [i64; 3]| Point3::from(std::array::from_fn(|k| origin[k] + spacing * p[k] as f64));
-    Aabb::new(at(low), at(high))
 }

@@ -1,6 +1,6 @@
 //! The atoms that matter in a box, with their tree: gathered from the model, then culled.
 //!
-//! [`Members::cull`] is the cut-off after the powers. It keeps, for a closed box, a part of the tree such
+//! [`ActiveSet::cull`] is the cut-off after the powers. It keeps, for a closed box, a part of the tree such
 //! that `(1 − ε) G ≤ G̃ ≤ G` wherever `G` reaches `floor` in the box. The proof goes down the tree. Let a
 //! node have the sum `S` over its children, the allowed relative error `ρ` of `S`, and a level `θ` below
 //! which `S` does not matter. Where `S ≥ θ`:
@@ -18,15 +18,16 @@
 
 use std::ops::Range;
 
-use geom_core::{Aabb, Point3, Vector3};
+use geom_core::{Point3, Vector3};
 
+use crate::kernel::boxes::Cell;
+use crate::kernel::prepared::Prepared;
 use crate::model::Level;
-use crate::plain::Compiled;
 
 /// Some atoms of a model in hierarchy order, as a structure of arrays, with the part of the tree above
 /// them.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Members {
+pub(crate) struct ActiveSet {
     /// Index of each atom in the model, ascending.
     pub(crate) atom: Vec<u32>,
     pub(crate) center: Vec<Point3>,
@@ -36,27 +37,9 @@ pub(crate) struct Members {
     pub(crate) levels: Vec<Level>,
 }
 
-/// A closed box as centre and half edges.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Cell {
-    pub(crate) center: Point3,
-    pub(crate) half: Vector3,
-}
-
-impl From<&Aabb> for Cell {
-    fn from(b: &Aabb) -> Self {
-        // A hair wider, so that rounding does not leave the box's own corners outside.
-        let half = (b.max - b.min) * 0.5;
-        Self {
-            center: b.min + half,
-            half: half * (1.0 + 1e-12) + Vector3::repeat(1e-9),
-        }
-    }
-}
-
-impl Members {
+impl ActiveSet {
     /// Gathers atoms (ascending) from the model.
-    pub(crate) fn gather(tree: &Compiled<'_>, atoms: &[u32]) -> Self {
+    pub(crate) fn gather(tree: &Prepared<'_>, atoms: &[u32]) -> Self {
         let model = tree.model;
         let mut members = Self {
             atom: atoms.to_vec(),
@@ -184,26 +167,6 @@ impl Members {
     }
 }
 
-impl Members {
-    /// Keeps in `out` the atoms whose kernel reaches `eps` somewhere in the box. Returns `ln` of an upper
-    /// bound of the density of the members in the box.
-    pub(crate) fn within_into(
-        &self,
-        cell: &Cell,
-        eps: f64,
-        scratch: &mut Scratch,
-        out: &mut Self,
-    ) -> f64 {
-        let up = scratch.prepare(self, cell);
-        scratch.keep.clear();
-        scratch
-            .keep
-            .extend(scratch.up[0].iter().map(|&u| u >= eps.ln()));
-        self.select_into(scratch, out);
-        up
-    }
-}
-
 /// What a node may lose: a share of its sum, where the logarithm of the sum is at least `theta`.
 #[derive(Clone, Copy)]
 struct Budget {
@@ -225,7 +188,7 @@ pub(crate) struct Scratch {
     keep: Vec<bool>,
     /// Bounds of the children of the nodes on the way from the root.
     bounds: Vec<f64>,
-    /// Places of the kept ones among the children, for [`Members::select_into`].
+    /// Places of the kept ones among the children, for [`ActiveSet::select_into`].
     places: [Vec<u32>; 2],
 }
 
@@ -248,7 +211,7 @@ fn ln_count(n: usize) -> f64 {
 
 impl Scratch {
     /// Fills the arrays for a box; returns `ln` of an upper bound of the root's sum.
-    fn prepare(&mut self, members: &Members, cell: &Cell) -> f64 {
+    fn prepare(&mut self, members: &ActiveSet, cell: &Cell) -> f64 {
         let depth = members.levels.len();
         self.up.resize_with(depth + 1, Vec::new);
         self.best.resize_with(depth + 1, Vec::new);
@@ -350,7 +313,7 @@ fn ln_sum(terms: &[f64]) -> f64 {
 }
 
 struct Cull<'a> {
-    members: &'a Members,
+    members: &'a ActiveSet,
     cell: &'a Cell,
     scratch: &'a mut Scratch,
 }
@@ -547,8 +510,8 @@ impl Greedy {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plain::value;
-    use crate::reach::Reach;
+    use crate::kernel::plain::value;
+    use crate::kernel::reach::Reach;
     use crate::testing::models;
     use geom_core::Aabb;
     use proptest::prelude::*;
@@ -594,12 +557,12 @@ mod tests {
         TestRunner::new(config)
             .run(&cases, |(model, corner, extent, ln_eps, ln_floor)| {
                 let (eps, floor) = (10f64.powf(ln_eps), 10f64.powf(ln_floor));
-                let tree = Compiled::new(&model);
+                let tree = Prepared::new(&model);
                 let all: Vec<u32> = (0..model.atoms() as u32).collect();
                 let low = Point3::from(corner);
                 let cell = Aabb::new(low, low + Vector3::from(extent));
-                let (mut kept, mut scratch) = (Members::default(), Scratch::default());
-                let up = Members::gather(&tree, &all).cull_into(
+                let (mut kept, mut scratch) = (ActiveSet::default(), Scratch::default());
+                let up = ActiveSet::gather(&tree, &all).cull_into(
                     &(&cell).into(),
                     eps,
                     floor,
@@ -666,8 +629,8 @@ mod tests {
             let radii = atoms.iter().map(|a| a.1).collect();
             let decays = atoms.iter().map(|a| a.2).collect();
             let model = crate::Model::new(centers, radii, decays, vec![]).unwrap();
-            let tree = Compiled::new(&model);
-            let members = Members::gather(&tree, &[0, 1]);
+            let tree = Prepared::new(&model);
+            let members = ActiveSet::gather(&tree, &[0, 1]);
             let cell = Aabb::new(Point3::origin(), Point3::from(extent));
             let mut scratch = Scratch::default();
             let own = (&cell).into();

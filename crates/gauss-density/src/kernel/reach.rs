@@ -161,6 +161,7 @@ impl Reach {
     }
 
     /// Beyond this distance every bare kernel is below `eps` (Eq. 3.15), Å.
+    #[cfg(feature = "thesis")]
     pub(crate) fn bare(&self, eps: f64) -> f64 {
         self.radius_of(-eps.ln())
     }

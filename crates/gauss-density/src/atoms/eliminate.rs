@@ -5,19 +5,20 @@
 //! *original* density. So the bound holds for the result, not only for each step.
 
 use geom_core::Run;
+use geom_core::options::{OutOfRange, require};
 use rayon::prelude::*;
 
-use crate::backend::DensityBackend;
-use crate::band::sample_band;
-use crate::compare::{Comparison, NEAR, compare_on};
-use crate::error::{Error, require};
+use crate::atoms::samples::{self, Wanted};
+use crate::backend::{DensityBackend, SampleCell};
+use crate::error::Error;
+use crate::kernel::cells::{self, CellSums, ChangedRow};
+use crate::kernel::prepared::Prepared;
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
-use crate::point::PointSampler;
-use crate::prepared::Prepared;
-use crate::sample::lattice_of;
-use crate::sites::{self, SiteCell, Wanted};
-use crate::terms::{self, CellSums};
+use crate::sample::band::sample_band;
+use crate::sample::blocks::lattice_of;
+use crate::sample::compare::{Comparison, NEAR, compare_on};
+use crate::sample::point::PointSampler;
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -89,9 +90,9 @@ impl Elimination {
     }
 
     /// Is every field in its range?
-    pub fn check(&self) -> Result<(), Error> {
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let fine = (0.0..=0.5).contains(&self.epsilon);
-        require(fine, "epsilon", self.epsilon, "in [0, 0.5]")?;
+        require(fine, "epsilon", self.epsilon, "be in [0, 0.5]")?;
         self.sampling().check()
     }
 
@@ -105,7 +106,7 @@ impl Elimination {
             spacing: self.spacing,
             band: self.wide_band(),
             max_memory: self.max_memory,
-            cutoff: Cutoff::AfterPowers(1e-5),
+            cutoff: Cutoff(1e-5),
             ..Options::default()
         }
     }
@@ -152,6 +153,23 @@ const SAMPLE_EPS: f64 = 0.005;
 
 /// Removes atoms while every sample keeps the share `1 − ε_G` of its original density. Protected atoms
 /// ([`Model::protect`]) stay.
+///
+/// The bands and the errors per atom are summed on the backend; the samples, their roots on lattice edges and the
+/// loop itself stay on the CPU.
+///
+/// ```
+/// use gauss_density::{Elimination, Model, eliminate};
+/// use geom_core::{Cpu, Point3, Run};
+/// # fn main() -> Result<(), gauss_density::Error> {
+/// // One atom buried by another.
+/// let places = vec![Point3::origin(), Point3::new(0.1, 0.0, 0.0)];
+/// let model = Model::new(places, vec![2.0, 0.5], vec![1.0; 2], vec![])?;
+/// let done = eliminate(&model, &Elimination { epsilon: 0.1, ..Elimination::default() }, Run::on(&Cpu))?;
+/// assert_eq!(done.kept, [0]);
+/// assert!(done.report.worst_loss <= 0.1);
+/// # Ok(())
+/// # }
+/// ```
 pub fn eliminate<B: DensityBackend + ?Sized>(
     model: &Model,
     options: &Elimination,
@@ -159,7 +177,7 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
 ) -> Result<Eliminated, Error> {
     options.check()?;
     let sample_eps = (SAMPLE_EPS * options.epsilon).clamp(1e-7, 1e-4);
-    let sampler = PointSampler::above(NEAR, model, Cutoff::AfterPowers(sample_eps))?;
+    let sampler = PointSampler::above(NEAR, model, Cutoff(sample_eps))?;
     let sampling = Options {
         bounds: Some(lattice_of(sampler.prepared(), &options.sampling())?.bounds()),
         ..options.sampling()
@@ -179,51 +197,17 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
     };
     let mut kept = vec![true; atoms];
     if options.epsilon > 0.0 {
-        let sampled = sample_band(model, &sampling, run)?;
-        let wanted = Wanted {
-            band: sampling.band,
-            ends: false,
-            interior: (options.interior == Interior::KeepSolid).then_some(2),
-            eps: sample_eps,
-            max_memory: options.max_memory,
-        };
-        let cells = sites::collect(&sampler, &sampled.grid, &wanted)?;
-        drop(sampled);
+        let cells = samples_of(model, &sampler, &sampling, options, sample_eps, run)?;
         report.samples = cells.iter().map(|c| c.points.len()).sum();
-        run.progress("errors per atom", 0, 1)?;
-        let errors = run.backend.atom_errors(sampler.prepared(), &cells)?;
-        let mut order: Vec<u32> = (0..atoms as u32)
-            .filter(|&a| !model.is_protected(a as usize))
-            .collect();
-        order.par_sort_by(|&a, &b| {
-            let error = |a: u32| errors[a as usize];
-            error(a).total_cmp(&error(b)).then(a.cmp(&b))
-        });
-        let mut state = State::new(sampler.prepared(), &cells, options.max_memory)?;
-        // Far atoms and rounding take their part.
-        let epsilon = options.epsilon - 4.0 * sample_eps - 1e-6;
-        'all: for (batch, atoms) in order.chunks(BATCH).enumerate() {
-            run.progress("elimination", (batch * BATCH) as u64, order.len() as u64)?;
-            let losses = state.losses_without(atoms, epsilon);
-            state.start_batch();
-            for (&atom, loss) in atoms.iter().zip(losses) {
-                // Atoms that went in the meantime only raise a loss, and only where they mattered.
-                let loss = loss.and_then(|loss| state.loss_now(atom, loss, epsilon));
-                match loss {
-                    Some(loss) => {
-                        state.remove(atom);
-                        kept[atom as usize] = false;
-                        report.worst_loss = report.worst_loss.max(loss);
-                    }
-                    None => {
-                        report.first_failure.get_or_insert(atom);
-                        if options.stop == Stop::FirstFailure {
-                            break 'all;
-                        }
-                    }
-                }
-            }
-        }
+        let order = order_of_trial(&sampler, &cells, run)?;
+        let state = State::new(sampler.prepared(), &cells, options.max_memory)?;
+        let trial = Trial {
+            order: &order,
+            // Far atoms and rounding take their part.
+            epsilon: options.epsilon - 4.0 * sample_eps - 1e-6,
+            stop: options.stop,
+        };
+        trial.run(state, &mut kept, &mut report, run)?;
     }
     let kept: Vec<u32> = (0..atoms as u32).filter(|&a| kept[a as usize]).collect();
     if kept.is_empty() {
@@ -241,26 +225,114 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
     })
 }
 
+/// The samples that an elimination watches, in cells.
+fn samples_of<B: DensityBackend + ?Sized>(
+    model: &Model,
+    sampler: &PointSampler<'_>,
+    sampling: &Options,
+    options: &Elimination,
+    eps: f64,
+    run: Run<'_, B>,
+) -> Result<Vec<SampleCell>, Error> {
+    let sampled = sample_band(model, sampling, run)?;
+    let wanted = Wanted {
+        band: sampling.band,
+        ends: false,
+        interior: (options.interior == Interior::KeepSolid).then_some(2),
+        eps,
+        max_memory: options.max_memory,
+    };
+    samples::collect(sampler, &sampled.grid, &wanted)
+}
+
+/// The atoms that may go, those first that change the density least (Eq. 3.9); equal ones by index.
+fn order_of_trial<B: DensityBackend + ?Sized>(
+    sampler: &PointSampler<'_>,
+    cells: &[SampleCell],
+    run: Run<'_, B>,
+) -> Result<Vec<u32>, Error> {
+    let model = sampler.prepared().model();
+    run.progress("errors per atom", 0, 1)?;
+    let mut errors = Vec::new();
+    run.backend
+        .atom_errors(sampler.prepared(), cells, &mut errors)?;
+    let mut order: Vec<u32> = (0..model.atoms() as u32)
+        .filter(|&a| !model.is_protected(a as usize))
+        .collect();
+    order.par_sort_by(|&a, &b| {
+        let error = |a: u32| errors[a as usize];
+        error(a).total_cmp(&error(b)).then(a.cmp(&b))
+    });
+    Ok(order)
+}
+
+/// The loop of Algorithm 1.
+struct Trial<'a> {
+    order: &'a [u32],
+    epsilon: f64,
+    stop: Stop,
+}
+
+impl Trial<'_> {
+    /// Tries the atoms in their order, batch by batch, and removes those that may go.
+    fn run<B: DensityBackend + ?Sized>(
+        &self,
+        mut state: State<'_>,
+        kept: &mut [bool],
+        report: &mut EliminationReport,
+        run: Run<'_, B>,
+    ) -> Result<(), Error> {
+        let total = self.order.len() as u64;
+        for (batch, atoms) in self.order.chunks(BATCH).enumerate() {
+            run.progress("elimination", (batch * BATCH) as u64, total)?;
+            let losses = state.losses_without(atoms, self.epsilon);
+            state.start_batch();
+            for (&atom, loss) in atoms.iter().zip(losses) {
+                // Atoms that went in the meantime only raise a loss, and only where they mattered.
+                let loss = loss.and_then(|loss| state.loss_now(atom, loss, self.epsilon));
+                let Some(loss) = loss else {
+                    report.first_failure.get_or_insert(atom);
+                    if self.stop == Stop::FirstFailure {
+                        return Ok(());
+                    }
+                    continue;
+                };
+                state.remove(atom);
+                kept[atom as usize] = false;
+                report.worst_loss = report.worst_loss.max(loss);
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Atoms that are tried side by side before they are tried in order. A fixed number, so that the result does
 /// not depend on the threads.
 const BATCH: usize = 64;
 
+/// Where an atom stands: in which cell, and as which of its atoms.
+#[derive(Clone, Copy, Debug, Default)]
+struct Place {
+    cell: u32,
+    atom: u32,
+}
+
 /// The current sums at all samples.
 struct State<'a> {
-    cells: &'a [SiteCell],
+    cells: &'a [SampleCell],
     sums: Vec<CellSums<f32>>,
     /// Has an atom of this batch been removed from the cell?
     changed: Vec<bool>,
     /// Where each atom's places start.
     starts: Vec<usize>,
-    /// Cell and place in it, atom by atom.
-    places: Vec<(u32, u32)>,
+    /// Atom by atom.
+    places: Vec<Place>,
     left: Vec<f64>,
-    rows: Vec<(usize, Vec<f64>)>,
+    rows: Vec<ChangedRow>,
 }
 
 impl<'a> State<'a> {
-    fn new(model: &Prepared<'_>, cells: &'a [SiteCell], max_memory: u64) -> Result<Self, Error> {
+    fn new(model: &Prepared<'_>, cells: &'a [SampleCell], max_memory: u64) -> Result<Self, Error> {
         let model = model.model();
         let numbers: u128 = cells
             .iter()
@@ -269,28 +341,31 @@ impl<'a> State<'a> {
             })
             .sum();
         if numbers * 4 > u128::from(max_memory) {
-            return Err(Error::TooManySites {
-                sites: cells.iter().map(|c| c.points.len()).sum(),
+            return Err(Error::TooManySamples {
+                samples: cells.iter().map(|c| c.points.len()).sum(),
                 bytes: numbers * 4,
                 limit: max_memory,
             });
         }
         let sums = cells
             .par_iter()
-            .map_init(terms::Scratch::default, |scratch, cell| {
-                terms::sums_of_cell(cell, model, scratch)
+            .map_init(cells::Scratch::default, |scratch, cell| {
+                cells::sums_of_cell(cell, model, scratch)
             })
             .collect();
         let mut counts = vec![0u32; model.atoms()];
         for &a in cells.iter().flat_map(|c| &c.atoms) {
             counts[a as usize] += 1;
         }
-        let starts = geom_core::parallel::starts_of(&counts);
+        let starts = geom_core::compute::parallel::starts_of(&counts);
         let mut next = starts.clone();
-        let mut places = vec![(0, 0); starts[model.atoms()]];
+        let mut places = vec![Place::default(); starts[model.atoms()]];
         for (c, cell) in cells.iter().enumerate() {
             for (k, &a) in cell.atoms.iter().enumerate() {
-                places[next[a as usize]] = (c as u32, k as u32);
+                places[next[a as usize]] = Place {
+                    cell: c as u32,
+                    atom: k as u32,
+                };
                 next[a as usize] += 1;
             }
         }
@@ -305,7 +380,7 @@ impl<'a> State<'a> {
         })
     }
 
-    fn places(&self, atom: u32) -> &[(u32, u32)] {
+    fn places(&self, atom: u32) -> &[Place] {
         &self.places[self.starts[atom as usize]..self.starts[atom as usize + 1]]
     }
 
@@ -334,7 +409,7 @@ impl<'a> State<'a> {
         let mut left = std::mem::take(&mut self.left);
         let mut worst = Some(before);
         for &place in self.places(atom) {
-            if self.changed[place.0 as usize] {
+            if self.changed[place.cell as usize] {
                 let loss = self.loss_at(place, epsilon, &mut left);
                 worst = worst.zip(loss).map(|(a, b)| a.max(b));
                 if worst.is_none() {
@@ -347,17 +422,18 @@ impl<'a> State<'a> {
     }
 
     /// The largest loss in a cell without one of its atoms, if it is within `epsilon`.
-    fn loss_at(&self, (c, k): (u32, u32), epsilon: f64, left: &mut Vec<f64>) -> Option<f64> {
-        let (cell, sums) = (&self.cells[c as usize], &self.sums[c as usize]);
-        let worst = sums.loss_without(cell, k as usize, left);
+    fn loss_at(&self, place: Place, epsilon: f64, left: &mut Vec<f64>) -> Option<f64> {
+        let c = place.cell as usize;
+        let (cell, sums) = (&self.cells[c], &self.sums[c]);
+        let worst = sums.loss_without(cell, place.atom as usize, left);
         (worst <= epsilon).then_some(worst)
     }
 
     fn remove(&mut self, atom: u32) {
         for at in self.starts[atom as usize]..self.starts[atom as usize + 1] {
-            let (c, k) = self.places[at];
+            let Place { cell: c, atom } = self.places[at];
             let (cell, sums) = (&self.cells[c as usize], &mut self.sums[c as usize]);
-            sums.remove(cell, k as usize, &mut self.left, &mut self.rows);
+            sums.remove(cell, atom as usize, &mut self.left, &mut self.rows);
             self.changed[c as usize] = true;
         }
     }

@@ -5,19 +5,21 @@
 use std::collections::VecDeque;
 
 use geom_core::Run;
+use geom_core::options::{OutOfRange, require};
+use geom_core::Aabb;
 use rayon::prelude::*;
 
-use crate::backend::DensityBackend;
-use crate::band::sample_band;
-use crate::compare::{Comparison, NEAR, compare_on};
-use crate::error::{Error, require};
+use crate::atoms::samples::{self, Wanted};
+use crate::backend::{DensityBackend, RefitSums, SampleCell};
+use crate::error::Error;
+use crate::kernel::cull::{ActiveSet, Scratch};
+use crate::kernel::prepared::Prepared;
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
-use crate::point::PointSampler;
-use crate::prepared::Prepared;
-use crate::sample::lattice_of;
-use crate::sites::{self, SiteCell, Wanted};
-use crate::terms::RefitSums;
+use crate::sample::band::sample_band;
+use crate::sample::blocks::lattice_of;
+use crate::sample::compare::{Comparison, NEAR, compare_on};
+use crate::sample::point::PointSampler;
 
 /// The share of the density that may be lost by leaving out far atoms in the sums of samples.
 const SAMPLE_EPS: f64 = 2e-5;
@@ -66,17 +68,17 @@ impl Default for Refit {
 
 impl Refit {
     /// Is every field in its range?
-    pub fn check(&self) -> Result<(), Error> {
+    pub fn check(&self) -> Result<(), OutOfRange> {
         for (name, value) in [
             ("max_shift", self.max_shift),
             ("max_radius_change", self.max_radius_change),
             ("max_decay_change", self.max_decay_change),
             ("tolerance", self.tolerance),
         ] {
-            require((0.0..=10.0).contains(&value), name, value, "in [0, 10]")?;
+            require((0.0..=10.0).contains(&value), name, value, "be in [0, 10]")?;
         }
         let fine = (1e-6..=10.0).contains(&self.min_decay);
-        require(fine, "min_decay", self.min_decay, "in [1e-6, 10] Å⁻²")?;
+        require(fine, "min_decay", self.min_decay, "be in [1e-6, 10] Å⁻²")?;
         self.sampling().check()
     }
 
@@ -85,7 +87,7 @@ impl Refit {
             spacing: self.spacing,
             band: self.band,
             max_memory: self.max_memory,
-            cutoff: Cutoff::AfterPowers(1e-5),
+            cutoff: Cutoff(1e-5),
             ..Options::default()
         }
     }
@@ -123,6 +125,22 @@ pub struct RefitReport {
 
 /// Moves atoms, radii and decays of a reduced model, within bounds, so that its density near the surface
 /// comes close to that of the original. Protected atoms stay as they are. The objective never rises.
+///
+/// The bands and the sums of each step are taken on the backend; samples, steps and comparison of surfaces stay on
+/// the CPU.
+///
+/// ```
+/// use gauss_density::{Model, Refit, refit};
+/// use geom_core::{Cpu, Point3, Run};
+/// # fn main() -> Result<(), gauss_density::Error> {
+/// let atom = |radius| Model::new(vec![Point3::origin()], vec![radius], vec![1.0], vec![]);
+/// let (original, smaller) = (atom(2.0)?, atom(1.9)?);
+/// let fit = refit(&smaller, &original, &Refit::default(), Run::on(&Cpu))?;
+/// let [before, after] = fit.report.objective;
+/// assert!(after < 1e-3 * before && (fit.model.radii()[0] - 2.0).abs() < 0.01);
+/// # Ok(())
+/// # }
+/// ```
 pub fn refit<B: DensityBackend + ?Sized>(
     reduced: &Model,
     original: &Model,
@@ -130,12 +148,44 @@ pub fn refit<B: DensityBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Refitted, Error> {
     options.check()?;
-    let sampler = PointSampler::above(NEAR, original, Cutoff::AfterPowers(SAMPLE_EPS))?;
+    let sampler = PointSampler::above(NEAR, original, Cutoff(SAMPLE_EPS))?;
     let sampling = Options {
         bounds: Some(lattice_of(sampler.prepared(), &options.sampling())?.bounds()),
         ..options.sampling()
     };
-    let grid = sample_band(original, &sampling, run)?.grid;
+    let cells = samples_of(reduced, &sampler, &sampling, options, run)?;
+    let before = compare_on(reduced, &sampler, &sampling, run)?;
+    let mut descent = Descent::start(reduced, &cells, options, run)?;
+    let mut report = RefitReport {
+        backend: run.backend.name(),
+        samples: cells.iter().map(|c| c.points.len()).sum(),
+        iterations: 0,
+        accepted: 0,
+        objective: [descent.sums.objective; 2],
+        worst: [descent.sums.worst; 2],
+        comparison: [before; 2],
+    };
+    if report.samples > 0 {
+        descent.run(&mut report, options, run)?;
+    }
+    let model = with_parameters(reduced, &descent.at);
+    report.objective[1] = descent.sums.objective;
+    report.worst[1] = descent.sums.worst;
+    if report.accepted > 0 {
+        report.comparison[1] = compare_on(&model, &sampler, &sampling, run)?;
+    }
+    Ok(Refitted { model, report })
+}
+
+/// The samples of the original's surface, in cells of the atoms of the reduced model.
+fn samples_of<B: DensityBackend + ?Sized>(
+    reduced: &Model,
+    sampler: &PointSampler<'_>,
+    sampling: &Options,
+    options: &Refit,
+    run: Run<'_, B>,
+) -> Result<Vec<SampleCell>, Error> {
+    let grid = sample_band(sampler.prepared().model(), sampling, run)?.grid;
     let wanted = Wanted {
         band: options.band,
         ends: true,
@@ -143,70 +193,115 @@ pub fn refit<B: DensityBackend + ?Sized>(
         eps: SAMPLE_EPS,
         max_memory: options.max_memory,
     };
-    let of_original = sites::collect(&sampler, &grid, &wanted)?;
+    let of_original = samples::collect(sampler, &grid, &wanted)?;
     drop(grid);
-    let cells = with_atoms_of(&Prepared::new(reduced), of_original, options);
-    let samples = cells.iter().map(|c| c.points.len()).sum();
+    Ok(with_atoms_of(
+        &Prepared::new(reduced),
+        of_original,
+        options,
+    ))
+}
 
-    let mut at = parameters(reduced);
-    let allowed = Allowed::around(reduced, options);
-    let mut sums = run.backend.refit_sums(&Prepared::new(reduced), &cells)?;
-    let mut report = RefitReport {
-        backend: run.backend.name(),
-        samples,
-        iterations: 0,
-        accepted: 0,
-        objective: [sums.objective; 2],
-        worst: [sums.worst; 2],
-        comparison: [compare_on(reduced, &sampler, &sampling, run)?; 2],
-    };
-    let mut memory = Memory::default();
-    let mut tau = 1.0;
-    while report.iterations < options.iterations && samples > 0 {
-        run.progress(
-            "refit",
-            u64::from(report.iterations),
-            u64::from(options.iterations),
-        )?;
-        report.iterations += 1;
-        let step = memory.step(&at, &sums, &allowed);
-        let trial = allowed.moved(&at, &step, tau);
-        let change = largest(&difference(&trial, &at));
-        if change < options.tolerance && report.accepted > 0 || change == 0.0 {
-            break;
-        }
-        let next = with_parameters(reduced, &trial);
-        let next = run.backend.refit_sums(&Prepared::new(&next), &cells)?;
-        if next.objective < sums.objective {
-            memory.learn(
-                difference(&trial, &at),
-                difference(&next.gradient, &sums.gradient),
-            );
-            (at, sums) = (trial, next);
-            report.accepted += 1;
-            tau = 1.0;
-        } else {
-            tau *= 0.5;
-            if tau < 0.2 && memory.forget() {
-                tau = 1.0;
-            } else if tau < 1e-6 {
+/// The way down from the reduced model: where it is, and what it has learnt of the objective.
+struct Descent<'a> {
+    start: &'a Model,
+    cells: &'a [SampleCell],
+    allowed: Allowed,
+    at: Vec<Five>,
+    sums: RefitSums,
+    /// Those of a trial, for reuse.
+    next: RefitSums,
+    memory: Memory,
+    /// Length of the next step, relative to the one that the memory gives.
+    tau: f64,
+}
+
+impl<'a> Descent<'a> {
+    fn start<B: DensityBackend + ?Sized>(
+        reduced: &'a Model,
+        cells: &'a [SampleCell],
+        options: &Refit,
+        run: Run<'_, B>,
+    ) -> Result<Self, Error> {
+        let mut sums = RefitSums::default();
+        let prepared = Prepared::new(reduced);
+        run.backend.refit_sums(&prepared, cells, &mut sums)?;
+        Ok(Self {
+            start: reduced,
+            cells,
+            allowed: Allowed::around(reduced, options),
+            at: parameters(reduced),
+            sums,
+            next: RefitSums::default(),
+            memory: Memory::default(),
+            tau: 1.0,
+        })
+    }
+
+    /// Steps until nothing changes, nothing gets better, or the steps are used up.
+    fn run<B: DensityBackend + ?Sized>(
+        &mut self,
+        report: &mut RefitReport,
+        options: &Refit,
+        run: Run<'_, B>,
+    ) -> Result<(), Error> {
+        let most = u64::from(options.iterations);
+        while report.iterations < options.iterations {
+            run.progress("refit", u64::from(report.iterations), most)?;
+            report.iterations += 1;
+            let step = self.memory.step(&self.at, &self.sums, &self.allowed);
+            let trial = self.allowed.moved(&self.at, &step, self.tau);
+            let change = largest(&difference(&trial, &self.at));
+            if change < options.tolerance && report.accepted > 0 || change == 0.0 {
+                break;
+            }
+            if self.accepts(trial, run)? {
+                report.accepted += 1;
+            } else if !self.shortens() {
                 break;
             }
         }
+        Ok(())
     }
-    let model = with_parameters(reduced, &at);
-    report.objective[1] = sums.objective;
-    report.worst[1] = sums.worst;
-    if report.accepted > 0 {
-        report.comparison[1] = compare_on(&model, &sampler, &sampling, run)?;
+
+    /// Goes to a trial if the objective is lower there.
+    fn accepts<B: DensityBackend + ?Sized>(
+        &mut self,
+        trial: Vec<Five>,
+        run: Run<'_, B>,
+    ) -> Result<bool, Error> {
+        let model = with_parameters(self.start, &trial);
+        let prepared = Prepared::new(&model);
+        run.backend
+            .refit_sums(&prepared, self.cells, &mut self.next)?;
+        let lower = self.next.objective < self.sums.objective;
+        if lower {
+            let change = difference(&self.next.gradient, &self.sums.gradient);
+            self.memory.learn(difference(&trial, &self.at), change);
+            self.at = trial;
+            std::mem::swap(&mut self.sums, &mut self.next);
+            self.tau = 1.0;
+        }
+        Ok(lower)
     }
-    Ok(Refitted { model, report })
+
+    /// A shorter step next; or, when the memory points to nothing good, one from the gradient alone. `false` when
+    /// neither is left.
+    fn shortens(&mut self) -> bool {
+        self.tau *= 0.5;
+        if self.tau < 0.2 && self.memory.forget() {
+            self.tau = 1.0;
+        }
+        self.tau >= 1e-6
+    }
 }
 
 /// The same points with the atoms of another model that can matter there after the refit.
-fn with_atoms_of(reduced: &Prepared<'_>, cells: Vec<SiteCell>, options: &Refit) -> Vec<SiteCell> {
-    use crate::members::{Members, Scratch};
-    use geom_core::Aabb;
+fn with_atoms_of(
+    reduced: &Prepared<'_>,
+    cells: Vec<SampleCell>,
+    options: &Refit,
+) -> Vec<SampleCell> {
     // A moved centre is like a moved point.
     let slack = options.max_shift * 3.0f64.sqrt();
     let floor = 0.5 * options.band[0];
@@ -219,8 +314,8 @@ fn with_atoms_of(reduced: &Prepared<'_>, cells: Vec<SiteCell>, options: &Refit) 
         .map_init(Scratch::default, |scratch, cell| {
             let around = Aabb::of_points(&cell.points).inflated(slack);
             let near = reduced.near(&clusters, &around, reach);
-            let all = Members::gather(&reduced.tree, &reduced.atoms_near(&near, &around, reach));
-            let mut kept = Members::default();
+            let all = ActiveSet::gather(reduced, &reduced.atoms_near(&near, &around, reach));
+            let mut kept = ActiveSet::default();
             all.cull_into(
                 &(&around).into(),
                 0.75 * SAMPLE_EPS,
@@ -228,10 +323,10 @@ fn with_atoms_of(reduced: &Prepared<'_>, cells: Vec<SiteCell>, options: &Refit) 
                 scratch,
                 &mut kept,
             );
-            SiteCell {
+            SampleCell {
                 exact: cell.exact,
                 target: cell.target,
-                ..SiteCell::new(kept.atom, kept.levels, cell.points)
+                ..SampleCell::new(kept.atom, kept.levels, cell.points)
             }
         })
         .collect()

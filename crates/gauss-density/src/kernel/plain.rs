@@ -1,65 +1,14 @@
-//! The specification: the density as the equation reads, in f64, with derivatives.
+//! The density at a point in f64, one term after another, with first and second derivatives; and the share of
+//! each atom in it. For what is needed at few points: the faster kernels follow it.
 //!
 //! All sums are kept as logarithms: with `L = ln D`, an atom has `L = −κ (d² − r²)` and a node
 //! `L_v = P_v ln Σ_c exp L_c`. Small powers magnify terms that a plain `exp` would lose: 1e-45 to the power
 //! of 0.05 is 0.006.
 
 use geom_core::nalgebra::Matrix3;
-use geom_core::{Point3, Vector3};
+use geom_core::{Lattice, Point3, Vector3};
 
-use crate::model::{Level, Model};
-
-/// A model made ready for evaluation: the levels that matter, and the way up from each atom.
-#[derive(Clone, Debug)]
-pub(crate) struct Compiled<'a> {
-    pub(crate) model: &'a Model,
-    pub(crate) levels: Vec<Level>,
-    /// `parent[0]`: node on level 0 per atom; `parent[l]`: node on level `l` per node of level `l − 1`.
-    pub(crate) parent: Vec<Vec<u32>>,
-}
-
-impl<'a> Compiled<'a> {
-    pub(crate) fn new(model: &'a Model) -> Self {
-        let levels = model.compiled_levels();
-        let parent = levels
-            .iter()
-            .map(|level| {
-                let mut parent = vec![0; level.first_child[level.len()] as usize];
-                for node in 0..level.len() {
-                    parent[level.children(node)].fill(node as u32);
-                }
-                parent
-            })
-            .collect();
-        Self {
-            model,
-            levels,
-            parent,
-        }
-    }
-
-    /// `−q_a(x)`: the logarithm of the kernel of an atom.
-    pub(crate) fn ln_kernel(&self, atom: usize, x: &Point3) -> f64 {
-        let model = self.model;
-        let r = model.radii()[atom];
-        model.decays()[atom] * (r * r - (x - model.centers()[atom]).norm_squared())
-    }
-
-    /// How many levels end between two atoms: all up to the first that they share.
-    pub(crate) fn levels_that_end(&self, atom: u32, next: Option<u32>) -> usize {
-        let Some(next) = next else {
-            return self.levels.len();
-        };
-        let (mut a, mut b) = (atom, next);
-        for (level, parent) in self.parent.iter().enumerate() {
-            (a, b) = (parent[a as usize], parent[b as usize]);
-            if a == b {
-                return level;
-            }
-        }
-        self.levels.len()
-    }
-}
+use crate::kernel::prepared::Prepared;
 
 /// ln Σ eᵃ, one term at a time, and the weighted sums that derivatives need.
 #[derive(Clone, Debug)]
@@ -165,7 +114,7 @@ impl<W: Weighted> LogSum<W> {
 
 /// `ln G` at `x` and its derivatives, from the atoms in `members` (ascending).
 fn fold<W: Weighted>(
-    tree: &Compiled<'_>,
+    tree: &Prepared<'_>,
     members: impl Iterator<Item = u32>,
     x: &Point3,
 ) -> (f64, W) {
@@ -189,13 +138,13 @@ fn fold<W: Weighted>(
 }
 
 /// `G(x)` from the atoms in `members` (ascending); 0 for none.
-pub(crate) fn value(tree: &Compiled<'_>, members: impl Iterator<Item = u32>, x: &Point3) -> f64 {
+pub(crate) fn value(tree: &Prepared<'_>, members: impl Iterator<Item = u32>, x: &Point3) -> f64 {
     fold::<()>(tree, members, x).0.exp()
 }
 
 /// `G(x)` and its gradient, per Å.
 pub(crate) fn value_gradient(
-    tree: &Compiled<'_>,
+    tree: &Prepared<'_>,
     members: impl Iterator<Item = u32>,
     x: &Point3,
 ) -> (f64, Vector3) {
@@ -210,7 +159,7 @@ pub(crate) fn value_gradient(
 
 /// `G(x)`, its gradient (per Å) and Hessian (per Å²).
 pub(crate) fn value_gradient_hessian(
-    tree: &Compiled<'_>,
+    tree: &Prepared<'_>,
     members: impl Iterator<Item = u32>,
     x: &Point3,
 ) -> (f64, Vector3, Matrix3<f64>) {
@@ -225,7 +174,7 @@ pub(crate) fn value_gradient_hessian(
 
 /// `G(x)` and, per member, the share `∂G/∂ ln g_a`: the density times, on the way up, each power and each
 /// child's part of its node's sum.
-pub(crate) fn shares(tree: &Compiled<'_>, members: &[u32], x: &Point3) -> (f64, Vec<f64>) {
+pub(crate) fn shares(tree: &Prepared<'_>, members: &[u32], x: &Point3) -> (f64, Vec<f64>) {
     // Logarithm of the term of each child that is present, and of the sums of the nodes above.
     let mut children: Vec<(u32, f64)> = members
         .iter()
@@ -263,55 +212,24 @@ pub(crate) fn shares(tree: &Compiled<'_>, members: &[u32], x: &Point3) -> (f64, 
     (g, of_member.iter().map(share).collect())
 }
 
-/// The density of the whole model at `x`, from all atoms: the specification that everything else is
-/// tested against.
-pub fn nested_sum(model: &Model, x: &Point3) -> f64 {
-    let tree = Compiled::new(model);
-    value(&tree, 0..model.atoms() as u32, x)
+/// The densities at the points of a cube of a lattice, x fastest, from the atoms in `active` (ascending), as
+/// finite f32.
+pub(crate) fn plain_cube(
+    model: &Prepared<'_>,
+    lattice: &Lattice,
+    first: [usize; 3],
+    side: usize,
+    active: &[u32],
+    out: &mut [f32],
+) {
+    for (p, out) in out.iter_mut().enumerate().take(side * side * side) {
+        let local = [p % side, p / side % side, p / (side * side)];
+        let x = lattice.point([0, 1, 2].map(|k| first[k] + local[k]));
+        *out = narrow(value(model, active.iter().copied(), &x));
+    }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// n coincident atoms that meet below a level: `d² = r² + ln n / (κ Π powers below)`.
-    #[test]
-    fn coincident_atoms_give_the_closed_form_at_every_level() {
-        let (r, kappa, p) = (1.7, 0.8, [0.5, 0.3, 1.7]);
-        for n in [2u32, 5, 40] {
-            for meet in 0..=3usize {
-                // On level l: one node for all below `meet` levels, else one node per atom.
-                let tree = (0..3)
-                    .map(|l| {
-                        if l < meet {
-                            ((0..=n).collect(), vec![p[l]; n as usize])
-                        } else if l == meet {
-                            (vec![0, n], vec![p[l]])
-                        } else {
-                            (vec![0, 1], vec![p[l]])
-                        }
-                    })
-                    .collect();
-                let (centers, radii) = (vec![Point3::origin(); n as usize], vec![r; n as usize]);
-                let model = Model::new(centers, radii, vec![kappa; n as usize], tree).unwrap();
-                let below: f64 = p[..meet].iter().product();
-                let d = (r * r + f64::from(n).ln() / (kappa * below)).sqrt();
-                let g = nested_sum(&model, &Point3::new(d, 0.0, 0.0));
-                assert!((g - 1.0).abs() < 1e-13, "{n} atoms, level {meet}: {g}");
-            }
-        }
-    }
-
-    #[test]
-    fn one_atom_is_a_sphere_of_its_radius_for_every_decay_and_power() {
-        for kappa in [0.1, 1.0, 5.0] {
-            for power in [0.05, 0.5, 1.0, 3.0] {
-                let tree = vec![(vec![0, 1], vec![power]); 2];
-                let model =
-                    Model::new(vec![Point3::origin()], vec![1.7], vec![kappa], tree).unwrap();
-                let g = nested_sum(&model, &Point3::new(0.0, 1.7, 0.0));
-                assert!((g - 1.0).abs() < 1e-14);
-            }
-        }
-    }
+/// To f32, finite.
+pub(crate) fn narrow(value: f64) -> f32 {
+    (value as f32).min(f32::MAX)
 }

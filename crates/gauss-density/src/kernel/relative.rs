@@ -7,10 +7,11 @@
 //!
 //! Products and sums are not fused, so the values do not depend on the instruction set.
 
+use geom_core::compute::lanes::vectorized;
 use geom_core::{Point3, Vector3};
 
-use crate::lanes::{Work, with_lanes};
-use crate::members::{Best, Members, largest};
+use crate::kernel::cull::{ActiveSet, Best, largest};
+use crate::kernel::math::{exp2, log2};
 
 /// Points of a cube, `SIDE` per axis, x fastest, then y; `PLANE = SIDE²`.
 #[derive(Clone, Copy, Debug)]
@@ -43,59 +44,60 @@ const RAISED: f64 = 60.0;
 /// Fills `out` with the densities at the points of the cube, with the instruction set at hand. `false` when
 /// the numbers would leave the range of f32: then the plain function must do.
 pub(crate) fn density<const SIDE: usize, const PLANE: usize>(
-    members: &Members,
+    active: &ActiveSet,
     cube: &Cube,
     scratch: &mut Scratch,
     out: &mut [f32],
 ) -> bool {
-    with_lanes::<Density<SIDE, PLANE>, _>((members, cube, scratch, out))
+    vectorized(
+        #[inline(always)]
+        || sum_tree::<SIDE, PLANE>(active, cube, scratch, out).is_some(),
+    )
 }
 
-struct Density<const SIDE: usize, const PLANE: usize>;
-impl<const SIDE: usize, const PLANE: usize> Work<(&Members, &Cube, &mut Scratch, &mut [f32])>
-    for Density<SIDE, PLANE>
-{
-    type Output = bool;
-    #[inline(always)]
-    fn run((members, cube, scratch, out): (&Members, &Cube, &mut Scratch, &mut [f32])) -> bool {
-        assert!(PLANE == SIDE * SIDE && out.len() == PLANE * SIDE);
-        prepare(members, cube, scratch);
-        let depth = members.levels.len();
-        scratch.sums.resize_with(depth, Vec::new);
-        for sum in &mut scratch.sums {
-            // Zeros also after an evaluation that was given up.
-            sum.clear();
-            sum.resize(PLANE * SIDE, 0.0);
-        }
-        let eval = Eval::<SIDE, PLANE> {
-            members,
-            cube,
-            half: (SIDE as f64 - 1.0) * 0.5 * cube.spacing,
-            offset: &scratch.offset,
-            q: &scratch.q,
-            best: &scratch.best,
-        };
-        out.fill(0.0);
-        if depth == 0 {
-            eval.atoms(0..members.len(), None, out).is_some()
-        } else {
-            eval.tree(&mut scratch.sums, &mut scratch.open, out)
-                .is_some()
-        }
+#[inline(always)]
+fn sum_tree<const SIDE: usize, const PLANE: usize>(
+    active: &ActiveSet,
+    cube: &Cube,
+    scratch: &mut Scratch,
+    out: &mut [f32],
+) -> Option<()> {
+    assert!(PLANE == SIDE * SIDE && out.len() == PLANE * SIDE);
+    prepare(active, cube, scratch);
+    let depth = active.levels.len();
+    scratch.sums.resize_with(depth, Vec::new);
+    for sum in &mut scratch.sums {
+        // Zeros also after an evaluation that was given up.
+        sum.clear();
+        sum.resize(PLANE * SIDE, 0.0);
+    }
+    let eval = Eval::<SIDE, PLANE> {
+        active,
+        cube,
+        half: (SIDE as f64 - 1.0) * 0.5 * cube.spacing,
+        offset: &scratch.offset,
+        q: &scratch.q,
+        best: &scratch.best,
+    };
+    out.fill(0.0);
+    if depth == 0 {
+        eval.atoms(0..active.len(), None, out).map(|_| ())
+    } else {
+        eval.tree(&mut scratch.sums, &mut scratch.open, out)
     }
 }
 
 #[inline(always)]
-fn prepare(members: &Members, cube: &Cube, scratch: &mut Scratch) {
-    let n = members.len();
+fn prepare(active: &ActiveSet, cube: &Cube, scratch: &mut Scratch) {
+    let n = active.len();
     scratch.offset.clear();
     scratch.q.clear();
-    scratch.best.resize_with(members.levels.len() + 1, Vec::new);
+    scratch.best.resize_with(active.levels.len() + 1, Vec::new);
     scratch.best[0].clear();
     for i in 0..n {
-        let t = cube.center - members.center[i];
-        let r = members.radius[i];
-        let q = members.decay[i] * (t.norm_squared() - r * r);
+        let t = cube.center - active.center[i];
+        let r = active.radius[i];
+        let q = active.decay[i] * (t.norm_squared() - r * r);
         scratch.offset.push(t);
         scratch.q.push(q);
         scratch.best[0].push(Best {
@@ -104,7 +106,7 @@ fn prepare(members: &Members, cube: &Cube, scratch: &mut Scratch) {
             weight: 1.0,
         });
     }
-    for (l, level) in members.levels.iter().enumerate() {
+    for (l, level) in active.levels.iter().enumerate() {
         let (below, above) = scratch.best.split_at_mut(l + 1);
         above[0].clear();
         for v in 0..level.len() {
@@ -120,7 +122,7 @@ fn prepare(members: &Members, cube: &Cube, scratch: &mut Scratch) {
 }
 
 struct Eval<'a, const SIDE: usize, const PLANE: usize> {
-    members: &'a Members,
+    active: &'a ActiveSet,
     cube: &'a Cube,
     half: f64,
     offset: &'a [Vector3],
@@ -148,7 +150,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
     fn exponent(&self, b: Option<(u32, f64)>, a: u32, wa: f64) -> Exponent {
         const LOG2E: f64 = std::f64::consts::LOG2_E;
         let a = a as usize;
-        let ka = wa * self.members.decay[a];
+        let ka = wa * self.active.decay[a];
         let mut e = Exponent {
             constant: -wa * self.q[a],
             slope: self.offset[a] * (-2.0 * ka),
@@ -156,7 +158,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
         };
         if let Some((b, wb)) = b {
             let b = b as usize;
-            let kb = wb * self.members.decay[b];
+            let kb = wb * self.active.decay[b];
             e.constant += wb * self.q[b];
             e.slope += self.offset[b] * (2.0 * kb);
             e.curvature += kb;
@@ -260,7 +262,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
         open: &mut Vec<(usize, f64)>,
         out: &mut [f32],
     ) -> Option<()> {
-        let levels = &self.members.levels;
+        let levels = &self.active.levels;
         let depth = levels.len();
         open.clear();
         open.resize(depth, (0, f64::NEG_INFINITY));
@@ -277,6 +279,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
             loop {
                 let power = levels[level].power[node];
                 let Best { leaf, weight, .. } = self.best[level + 1][node];
+                // Where the term goes: into the node above, relative to the leaf that this one refers to, or out.
                 let above = level + 1;
                 let (lower, upper) = sums.split_at_mut(above);
                 let own = &mut lower[level];
@@ -294,6 +297,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
                     true => (0.0, true),
                     false => self.bound(&e),
                 };
+                // A node that has the reference below it needs no exponential: its factor is 1.
                 match sum_bound {
                     None if is_reference => add_one(target),
                     None => self.add(&e, separable, None, target),
@@ -315,6 +319,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
                 if above == depth {
                     break;
                 }
+                // The node above is complete after its last child; then it is its turn to go up.
                 let (parent, top) = &mut open[above];
                 *top = top.max(bound);
                 let siblings = levels[above].children(*parent);
@@ -416,63 +421,5 @@ fn raise(values: &mut [f32], power: f64) {
         for v in values {
             *v = exp2(power * log2(*v));
         }
-    }
-}
-
-/// `2^x` within 2e-7, for x in [−126, 127]; clamped beyond.
-#[inline(always)]
-pub(crate) fn exp2(x: f32) -> f32 {
-    let x = x.clamp(-126.0, 126.0);
-    // Adding 1.5 · 2²³ rounds to the nearest integer.
-    let shifted = x + 12_582_912.0;
-    let whole = shifted - 12_582_912.0;
-    let t = x - whole;
-    // Taylor about 0 on [−½, ½]: the remainder is below 1.3e-8 · 1.5.
-    let p = 1.525_273e-5f32;
-    let p = p * t + 1.540_353e-4;
-    let p = p * t + 1.333_355_8e-3;
-    let p = p * t + 9.618_129e-3;
-    let p = p * t + 5.550_411e-2;
-    let p = p * t + 2.402_265e-1;
-    let p = p * t + 6.931_472e-1;
-    let p = p * t + 1.0;
-    let exponent = (shifted.to_bits() as i32).wrapping_sub(0x4b40_0000) + 127;
-    p * f32::from_bits((exponent as u32) << 23)
-}
-
-/// `log₂ x` for normal positive x, within 3e-7 absolute plus 2e-7 relative.
-#[inline(always)]
-pub(crate) fn log2(x: f32) -> f32 {
-    let bits = x.to_bits() as i32;
-    // Mantissa in [√½, √2).
-    let exponent = (bits - 0x3f35_04f3) >> 23;
-    let m = f32::from_bits((bits - (exponent << 23)) as u32);
-    // log2 m = 2/ln 2 · artanh((m − 1)/(m + 1)).
-    let s = (m - 1.0) / (m + 1.0);
-    let z = s * s;
-    let p = 0.412_198_58_f32 * z * 0.777_777_8 + 0.412_198_58;
-    let p = p * z + 0.577_078;
-    let p = p * z + 0.961_796_7;
-    let p = p * z + 2.885_39;
-    exponent as f32 + s * p
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn exponentials_and_logarithms_are_accurate() {
-        let mut worst: [f64; 2] = [0.0; 2];
-        for i in -1_250_000..1_250_000 {
-            let x = i as f32 * 1e-4;
-            let exact = f64::from(x).exp2();
-            worst[0] = worst[0].max((f64::from(exp2(x)) / exact - 1.0).abs());
-            let y = exp2(x);
-            let exact = f64::from(y).log2();
-            let off = (f64::from(log2(y)) - exact).abs();
-            worst[1] = worst[1].max(off / (1.0 + exact.abs()));
-        }
-        assert!(worst[0] < 3e-7 && worst[1] < 3e-7, "{worst:?}");
     }
 }

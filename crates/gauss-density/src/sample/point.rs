@@ -1,32 +1,45 @@
 //! The density at any point, with analytic derivatives.
 
+use geom_core::field::{Precision, crossing};
 use geom_core::nalgebra::Matrix3;
-use geom_core::{Aabb, ImplicitField, Point3, Vector3};
+use geom_core::{Aabb, BrickGrid, ImplicitField, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::field;
-use crate::members::{Members, Scratch};
-use crate::model::Model;
+use crate::kernel;
+use crate::kernel::cull::{ActiveSet, Scratch};
+use crate::kernel::plain;
+use crate::kernel::prepared::Prepared;
+use crate::model::{Model, slopes};
 use crate::options::Cutoff;
-use crate::plain;
-use crate::prepared::Prepared;
-use crate::sites::slopes;
 
 /// The density as a continuous field: 1 on the surface, larger inside.
 ///
 /// Space around the atoms is cut into cells, each with the atoms that matter there (a share `ε` of the
 /// density at most is lost, wherever it is above 1e-9), so that a point costs some tens of kernels. Away from the
-/// atoms all of them are summed.
+/// atoms all of them are summed. Runs on the CPU, whatever the backend of the sampling was.
+///
+/// ```
+/// use gauss_density::{Cutoff, Model, PointSampler};
+/// use geom_core::{ImplicitField, Point3};
+/// # fn main() -> Result<(), gauss_density::Error> {
+/// let model = Model::new(vec![Point3::origin()], vec![2.0], vec![0.5], vec![])?;
+/// let field = PointSampler::new(&model, Cutoff::default())?;
+/// let on_the_sphere = Point3::new(0.0, 2.0, 0.0);
+/// assert!((field.value(&on_the_sphere) - 1.0).abs() < 1e-12);
+/// assert!((field.mean_curvature(&on_the_sphere) - 0.5).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug)]
 pub struct PointSampler<'a> {
     model: Prepared<'a>,
     bounds: Aabb,
     edge: f64,
     cells: [usize; 3],
-    /// Per cell: where its members start, and their number at the end.
+    /// Per cell: where its active start, and their number at the end.
     starts: Vec<usize>,
-    members: Vec<u32>,
+    active: Vec<u32>,
 }
 
 /// Derivatives of the density with respect to the parameters of one atom.
@@ -48,8 +61,7 @@ const FLOOR: f64 = 1e-9;
 const AROUND: f64 = 4.0;
 
 impl<'a> PointSampler<'a> {
-    /// Prepares the cells. [`Cutoff::AfterPowers`] bounds the relative loss everywhere; a bare cut-off has
-    /// no gradient on the cut spheres and is refused.
+    /// Prepares the cells.
     pub fn new(model: &'a Model, cutoff: Cutoff) -> Result<Self, Error> {
         Self::above(FLOOR, model, cutoff)
     }
@@ -57,13 +69,7 @@ impl<'a> PointSampler<'a> {
     /// For points near the surface: the loss is bounded where the density is above `floor`.
     pub(crate) fn above(floor: f64, model: &'a Model, cutoff: Cutoff) -> Result<Self, Error> {
         cutoff.check()?;
-        let Cutoff::AfterPowers(eps) = cutoff else {
-            return Err(Error::InvalidOption {
-                option: "cutoff",
-                value: f64::NAN,
-                allowed: "AfterPowers, since a bare cut-off is not continuous",
-            });
-        };
+        let eps = cutoff.0;
         let prepared = Prepared::new(model);
         let bounds = model.center_bounds().inflated(AROUND);
         let extent = bounds.extent();
@@ -79,14 +85,14 @@ impl<'a> PointSampler<'a> {
             edge,
             cells,
             starts: Vec::new(),
-            members: Vec::new(),
+            active: Vec::new(),
         };
         let lists = sampler.cull_cells(eps, floor);
         sampler.starts = Vec::with_capacity(lists.len() + 1);
         sampler.starts.push(0);
         for list in lists {
-            sampler.members.extend(list);
-            sampler.starts.push(sampler.members.len());
+            sampler.active.extend(list);
+            sampler.starts.push(sampler.active.len());
         }
         Ok(sampler)
     }
@@ -103,11 +109,11 @@ impl<'a> PointSampler<'a> {
                 let [nx, ny, _] = groups;
                 let low = [group % nx, group / nx % ny, group / (nx * ny)].map(|g| g * SIDE);
                 let high = [0, 1, 2].map(|k| (low[k] + SIDE).min(self.cells[k]));
-                let (mut coarse, mut kept) = (Members::default(), Members::default());
+                let (mut coarse, mut kept) = (ActiveSet::default(), ActiveSet::default());
                 let around = self.cell_box(low, high);
                 let near = self.model.near(&clusters, &around, reach);
                 let atoms = self.model.atoms_near(&near, &around, reach);
-                let all = Members::gather(&self.model.tree, &atoms);
+                let all = ActiveSet::gather(&self.model, &atoms);
                 all.cull_into(&(&around).into(), eps / 4.0, floor, scratch, &mut coarse);
                 let mut lists = Vec::new();
                 for z in low[2]..high[2] {
@@ -138,7 +144,7 @@ impl<'a> PointSampler<'a> {
     }
 
     /// The atoms that matter at `x`, or `None` outside of the cells.
-    fn members_at(&self, x: &Point3) -> Option<&[u32]> {
+    fn active_at(&self, x: &Point3) -> Option<&[u32]> {
         let local = (x - self.bounds.min) / self.edge;
         let mut cell = [0; 3];
         for k in 0..3 {
@@ -148,14 +154,14 @@ impl<'a> PointSampler<'a> {
             cell[k] = local[k] as usize;
         }
         let index = (cell[2] * self.cells[1] + cell[1]) * self.cells[0] + cell[0];
-        Some(&self.members[self.starts[index]..self.starts[index + 1]])
+        Some(&self.active[self.starts[index]..self.starts[index + 1]])
     }
 
     /// The density, its gradient (per Å) and its Hessian (per Å²).
     pub fn value_gradient_hessian(&self, x: &Point3) -> (f64, Vector3, Matrix3<f64>) {
-        match self.members_at(x) {
-            Some(m) => plain::value_gradient_hessian(&self.model.tree, m.iter().copied(), x),
-            None => plain::value_gradient_hessian(&self.model.tree, self.all(), x),
+        match self.active_at(x) {
+            Some(m) => plain::value_gradient_hessian(&self.model, m.iter().copied(), x),
+            None => plain::value_gradient_hessian(&self.model, self.all(), x),
         }
     }
 
@@ -169,15 +175,15 @@ impl<'a> PointSampler<'a> {
     /// The derivatives of the density at `x` with respect to the parameters of every atom that matters there.
     pub fn parameter_gradient(&self, x: &Point3) -> Vec<AtomGradient> {
         let all: Vec<u32>;
-        let members = match self.members_at(x) {
-            Some(members) => members,
+        let active = match self.active_at(x) {
+            Some(active) => active,
             None => {
                 all = self.all().collect();
                 &all
             }
         };
-        let (_, shares) = plain::shares(&self.model.tree, members, x);
-        members
+        let (_, shares) = plain::shares(&self.model, active, x);
+        active
             .iter()
             .zip(shares)
             .map(|(&atom, share)| {
@@ -193,8 +199,8 @@ impl<'a> PointSampler<'a> {
     }
 
     /// Number of atoms that are summed at `x`.
-    pub fn members_near(&self, x: &Point3) -> usize {
-        self.members_at(x).map_or(self.all().len(), <[u32]>::len)
+    pub fn atoms_at(&self, x: &Point3) -> usize {
+        self.active_at(x).map_or(self.all().len(), <[u32]>::len)
     }
 
     /// The model made ready.
@@ -217,9 +223,9 @@ impl ImplicitField for PointSampler<'_> {
         if is_beyond_numbers(x) {
             return 0.0;
         }
-        match self.members_at(x) {
-            Some(members) => field::value(&self.model.tree, members, x),
-            None => plain::value(&self.model.tree, self.all(), x),
+        match self.active_at(x) {
+            Some(active) => kernel::point::value(&self.model, active, x),
+            None => plain::value(&self.model, self.all(), x),
         }
     }
 
@@ -227,9 +233,112 @@ impl ImplicitField for PointSampler<'_> {
         if is_beyond_numbers(x) {
             return (0.0, Vector3::zeros());
         }
-        match self.members_at(x) {
-            Some(members) => field::value_gradient(&self.model.tree, members, x),
-            None => plain::value_gradient(&self.model.tree, self.all(), x),
+        match self.active_at(x) {
+            Some(active) => kernel::point::value_gradient(&self.model, active, x),
+            None => plain::value_gradient(&self.model, self.all(), x),
         }
+    }
+}
+
+/// Where the density is 1 on a lattice edge that crosses the surface, within 1e-6 of it, from the grid's values at
+/// the ends. As the callers have it, a density of 1 is inside.
+pub(crate) fn root_on_edge(
+    sampler: &PointSampler<'_>,
+    grid: &BrickGrid,
+    p: [usize; 3],
+    q: [usize; 3],
+) -> Point3 {
+    let (start, end) = (grid.lattice().point(p), grid.lattice().point(q));
+    // The logarithm is nearly a parabola near one atom, the density itself a cliff.
+    let ends = [p, q].map(|end| f64::from(grid.at(end)).max(1e-30).ln());
+    let at = |t: f64| start + (end - start) * t;
+    at(crossing(ends, ROOT, |t| sampler.value(&at(t)).ln()))
+}
+
+/// How near to 1 the density at a root is.
+const ROOT: Precision = Precision {
+    place: 0.0,
+    value: 1e-6,
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::boxes::for_points;
+    use crate::options::Options;
+    use crate::testing::globule;
+    use geom_core::{Cpu, Run};
+
+    /// Where the density is 1, within what the cut-offs of grid and sampler allow.
+    #[test]
+    fn roots_lie_on_the_surface() {
+        let structure = globule(2, 40, 5);
+        for residue_power in [1.0, 0.25] {
+            let levels = crate::Levels {
+                residue_power,
+                decay: 0.5,
+                ..crate::Levels::default()
+            };
+            let model = Model::uniform(&structure, &levels).unwrap();
+            let cutoff = Cutoff(1e-7);
+            let sampler = PointSampler::above(0.25, &model, cutoff).unwrap();
+            let options = Options {
+                spacing: 1.0,
+                cutoff,
+                ..Options::default()
+            };
+            let grid = crate::sample_band(&model, &options, Run::on(&Cpu))
+                .unwrap()
+                .grid;
+            let (mut roots, counts) = (0, grid.lattice().counts);
+            for b in 0..grid.bricks().iter().product() {
+                for_points(grid.lattice(), grid.brick_coordinates(b), |p| {
+                    for axis in 0..3 {
+                        let mut q = p;
+                        q[axis] += 1;
+                        if q[axis] < counts[axis] && (grid.at(p) >= 1.0) != (grid.at(q) >= 1.0) {
+                            let root = root_on_edge(&sampler, &grid, p, q);
+                            let off = sampler.value(&root).ln().abs();
+                            assert!(off < 1e-6, "{off:e} between {p:?} and {q:?}");
+                            roots += 1;
+                        }
+                    }
+                });
+            }
+            assert!(roots > 1000, "{roots} roots");
+        }
+    }
+
+    /// A sample right on the surface counts as inside, and is the root.
+    #[test]
+    fn roots_may_be_samples() {
+        let mut exact = 0;
+        for decay in [0.3, 0.5, 0.7, 1.0, 1.3] {
+            let mut structure = globule(1, 1, 5).filter(|atom| atom == 0);
+            for atom in structure.atoms_mut() {
+                (atom.position, atom.radius) = (Point3::origin(), 2.0);
+            }
+            let levels = crate::Levels {
+                decay,
+                ..crate::Levels::default()
+            };
+            let model = Model::uniform(&structure, &levels).unwrap();
+            let [min, max] = [-6.0, 6.0].map(|x| Point3::from([x; 3]));
+            let options = Options {
+                spacing: 1.0,
+                bounds: Some(geom_core::Aabb::new(min, max)),
+                ..Options::default()
+            };
+            let sampler = PointSampler::above(0.25, &model, options.cutoff).unwrap();
+            let sampled = crate::sample_band(&model, &options, Run::on(&Cpu));
+            let grid = sampled.unwrap().grid;
+            let [p, q] = [[8, 6, 6], [9, 6, 6]];
+            if grid.at(p) >= 1.0 {
+                let root = root_on_edge(&sampler, &grid, p, q);
+                assert!((root - Point3::new(2.0, 0.0, 0.0)).norm() < 1e-5, "{root}");
+                exact += usize::from(grid.at(p) == 1.0);
+            }
+        }
+        assert!(exact > 0, "no sample is right on the surface");
     }
 }

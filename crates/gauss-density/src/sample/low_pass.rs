@@ -6,13 +6,14 @@
 
 use std::sync::Arc;
 
+use geom_core::options::{OutOfRange, require};
 use geom_core::{LatticeValues, ScalarGrid};
 use rayon::prelude::*;
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
 
-use crate::error::{Error, require};
+use crate::error::Error;
 
 /// How the response falls around the cut-off frequency.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,13 +53,13 @@ impl Default for LowPass {
 
 impl LowPass {
     /// Is every field in its range?
-    pub fn check(&self) -> Result<(), Error> {
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let l = self.cutoff_length;
         require(
             (1e-3..=1e4).contains(&l),
             "cutoff_length",
             l,
-            "in [0.001, 10000] Å",
+            "be in [0.001, 10000] Å",
         )
     }
 
@@ -78,6 +79,22 @@ const FULL: f32 = 0.9999;
 /// Filters a dense density. The result is a density again: its surface is at 1, and a response of 1
 /// everywhere would give the input. The input must hold true values (no constant fill) wherever it is within
 /// two cut-off lengths of the surface, and its box should lie that far out too; beyond it counts as 0.
+///
+/// Runs on the CPU, whatever the backend of the sampling was.
+///
+/// ```
+/// use gauss_density::{LowPass, Model, Options, low_pass, sample};
+/// use geom_core::{Cpu, Point3, Run};
+/// # fn main() -> Result<(), gauss_density::Error> {
+/// let model = Model::new(vec![Point3::origin()], vec![3.0], vec![0.5], vec![])?;
+/// let options = Options { spacing: 1.0, margin: Some(12.0), ..Options::default() };
+/// let dense = sample(&model, &options, Run::on(&Cpu))?.grid;
+/// let smooth = low_pass(&dense, &LowPass { cutoff_length: 4.0, ..LowPass::default() })?;
+/// let inside = |values: &[f32]| values.iter().filter(|&&g| g >= 1.0).count();
+/// assert!(inside(smooth.values()) > 0 && inside(smooth.values()) <= inside(dense.values()));
+/// # Ok(())
+/// # }
+/// ```
 pub fn low_pass(grid: &ScalarGrid, options: &LowPass) -> Result<ScalarGrid, Error> {
     options.check()?;
     let lattice = *grid.lattice();
@@ -95,6 +112,7 @@ pub fn low_pass(grid: &ScalarGrid, options: &LowPass) -> Result<ScalarGrid, Erro
             limit: options.max_memory,
         });
     }
+    // Padded by two cut-off lengths, since the transform is periodic: the far side must not blur into this one.
     let mut real = RealFftPlanner::<f32>::new();
     let (forward_x, inverse_x) = (real.plan_fft_forward(nx), real.plan_fft_inverse(nx));
     let mut complex = FftPlanner::<f32>::new();

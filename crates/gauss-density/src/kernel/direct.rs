@@ -1,25 +1,24 @@
 //! The density of a block of bricks in f32, straight from the kernels: where the powers are so moderate that
 //! no kernel that matters leaves the range of f32 before its power is taken.
 //!
-//! No tree is culled. [`Reach`](crate::reach::Reach) gives one exponent `t` such that all atoms with
+//! No tree is culled. [`Reach`](crate::kernel::reach::Reach) gives one exponent `t` such that all atoms with
 //! `q_a(x) > t` may be left out at `x`, whichever they are; it falls with the number of atoms that are left, so
 //! it is taken again for the block, and for each eighth of it. In a brick an atom is also left out where another
 //! one below the same node outweighs it at every point. What remains is a comparison per atom
 //! and box, three tables of a separable exponential per atom and eighth, and the rows of points of each brick
-//! that lie within its reach. (The culls of [`members`](crate::members) keep fewer atoms still, but cost more than they
+//! that lie within its reach. (The culls of [`cull`](crate::kernel::cull) keep fewer atoms still, but cost more than they
 //! save here.)
 
 use std::ops::Range;
 
+use geom_core::compute::lanes::vectorized;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Aabb, Point3};
 
 use crate::backend::{BLOCK, Block, BlockValues, Job};
-use crate::cpu::{bricks_box, middle};
-use crate::fast::{exp2, log2};
-use crate::lanes::{Work, with_lanes};
-use crate::plain::Compiled;
-use crate::prepared::Prepared;
+use crate::kernel::boxes::{bricks_box, middle};
+use crate::kernel::math::{exp2, log2};
+use crate::kernel::prepared::Prepared;
 
 const LOG2_E: f64 = std::f64::consts::LOG2_E;
 /// Exponents of f32 (of 2) that are safely normal.
@@ -31,7 +30,7 @@ const WIDE: f64 = 10.0;
 fn fits(model: &Prepared<'_>, job: &Job) -> bool {
     let reach = &model.reach;
     reach.highest_sum() * LOG2_E <= RANGE
-        && model.tree.levels.len() <= MOST_LEVELS
+        && model.levels.len() <= MOST_LEVELS
         && job.lattice.spacing * reach.fastest_decay().sqrt() <= WIDE
 }
 
@@ -43,7 +42,7 @@ fn lift(model: &Prepared<'_>, exponent: f64) -> Option<f32> {
     let farthest = exponent + model.reach.highest_kernel() * LOG2_E;
     let lift = 6.0 * ((farthest - RANGE).max(0.0) / 2.0).ceil();
     let sums = model.reach.highest_kernel_sum() * LOG2_E + lift;
-    let fits = lift == 0.0 || !model.tree.levels.is_empty() && sums <= RANGE;
+    let fits = lift == 0.0 || !model.levels.is_empty() && sums <= RANGE;
     let deepest = farthest.max(0.0) * model.reach.steepest_below_the_top();
     (fits && deepest <= RANGE).then_some(lift as f32)
 }
@@ -83,7 +82,7 @@ impl Atoms {
         self.node.clear();
     }
 
-    fn gather(&mut self, tree: &Compiled<'_>, atoms: &[u32]) {
+    fn gather(&mut self, tree: &Prepared<'_>, atoms: &[u32]) {
         self.clear();
         let model = tree.model;
         self.atom.extend_from_slice(atoms);
@@ -116,7 +115,7 @@ impl Atoms {
     /// Takes `t` for these atoms: with `eps` of the density, where it reaches `floor`. With a `relative` share
     /// of the density beside it to lose where atoms outweigh others.
     fn limit(&mut self, model: &Prepared<'_>, eps: f64, relative: f64, floor: f64) {
-        let children = most_children(&model.tree, &self.atom);
+        let children = most_children(model, &self.atom);
         let t = model.reach.exponent_among(&children, eps, floor);
         self.outweighed.clear();
         let shares = model.reach.outweighed_among(&children, relative);
@@ -133,7 +132,7 @@ impl Atoms {
 
 /// `ln` of the largest number of children among these atoms (ascending) on each level, lowest first, and of
 /// the root's.
-fn most_children(tree: &Compiled<'_>, atoms: &[u32]) -> Vec<f64> {
+fn most_children(tree: &Prepared<'_>, atoms: &[u32]) -> Vec<f64> {
     let depth = tree.levels.len();
     let (mut run, mut most) = (vec![0u32; depth + 1], vec![1u32; depth + 1]);
     for (i, &a) in atoms.iter().enumerate() {
@@ -304,88 +303,86 @@ struct Eighth {
 pub(crate) fn sample_block(
     model: &Prepared<'_>,
     job: &Job,
-    eps: f64,
     block: &Block,
     scratch: &mut Scratch,
     out: &mut BlockValues,
 ) -> bool {
-    with_lanes::<Sample, _>((model, job, eps, block, scratch, out)).is_some()
+    vectorized(
+        #[inline(always)]
+        || sample(model, job, block, scratch, out).is_some(),
+    )
 }
 
-type Task<'a, 'm> = (
-    &'a Prepared<'m>,
-    &'a Job,
-    f64,
-    &'a Block,
-    &'a mut Scratch,
-    &'a mut BlockValues,
-);
-
-struct Sample;
-impl Work<Task<'_, '_>> for Sample {
-    type Output = Option<()>;
-    #[inline(always)]
-    fn run((model, job, eps, block, scratch, out): Task<'_, '_>) -> Option<()> {
-        if !fits(model, job) {
-            return None;
-        }
-        out.clear(block);
-        // What was left out before has lost at most ε.
-        let floor = job.floor * (1.0 - eps);
-        let Scratch {
-            of_block,
-            of_eighth: atoms,
-            exponents,
-            kept,
-            eighth: work,
-        } = scratch;
-        of_block.gather(&model.tree, &block.atoms);
-        of_block.limit(model, eps / 8.0, 0.0, floor);
-        const HALF: usize = BLOCK / 2;
-        let spacing = job.lattice.spacing as f32;
-        for eighth in 0..LANES {
-            let first = [eighth & 1, eighth >> 1 & 1, eighth >> 2].map(|b| b * HALF);
-            let last = [0, 1, 2].map(|k| (first[k] + HALF).min(block.bricks[k]));
-            if (0..3).any(|k| first[k] >= last[k]) {
-                continue;
-            }
-            let low = [0, 1, 2].map(|k| block.brick[k] + first[k]);
-            let high = [0, 1, 2].map(|k| block.brick[k] + last[k]);
-            of_block.within(&bricks_box(job, low, high), exponents, kept);
-            atoms.select(of_block, kept);
-            atoms.limit(model, 3.0 / 8.0 * eps, eps / 4.0, floor);
-            atoms.lift = lift(model, f64::from(atoms.exponent))?;
-            let middle = middle(&job.lattice, low.map(|b| b * BRICK), SIDE);
-            let up = atoms.look(&model.tree, &middle, spacing, work);
-            let wanted = |lane: usize| {
-                let at = [lane & 1, lane >> 1 & 1, lane >> 2];
-                let at = [0, 1, 2].map(|k| first[k] + at[k]);
-                let within = (0..3).all(|k| at[k] < last[k]);
-                let i = (at[2] * block.bricks[1] + at[1]) * block.bricks[0] + at[0];
-                let reaches = f64::from(up[lane]) * (1.0 + 1e-4) >= floor;
-                (within && reaches && block.wants(i)).then_some(i)
-            };
-            if (0..LANES).all(|lane| wanted(lane).is_none()) {
-                continue;
-            }
-            atoms.leave_outweighed(&model.tree, spacing, work);
-            for (lane, i) in (0..LANES).filter_map(|lane| Some((lane, wanted(lane)?))) {
-                let start = out.values.len();
-                out.values.resize(start + BRICK_POINTS, 0.0);
-                let own = &mut out.values[start..];
-                out.pairs += atoms.fill(&model.tree, spacing, lane, work, own);
-                // Not `all`, which would stop early and so not use the lanes.
-                let least = own.iter().fold(f32::INFINITY, |least, &v| least.min(v));
-                out.kinds[i] = if f64::from(least) >= job.ceiling {
-                    out.values.truncate(start);
-                    Brick::Interior
-                } else {
-                    Brick::Stored((start / BRICK_POINTS) as u32)
-                };
-            }
-        }
-        Some(())
+#[inline(always)]
+fn sample(
+    model: &Prepared<'_>,
+    job: &Job,
+    block: &Block,
+    scratch: &mut Scratch,
+    out: &mut BlockValues,
+) -> Option<()> {
+    let eps = job.cutoff.0;
+    if !fits(model, job) {
+        return None;
     }
+    out.clear(block);
+    // What was left out before has lost at most ε.
+    let floor = job.floor * (1.0 - eps);
+    let Scratch {
+        of_block,
+        of_eighth: atoms,
+        exponents,
+        kept,
+        eighth: work,
+    } = scratch;
+    of_block.gather(model, &block.atoms);
+    of_block.limit(model, eps / 8.0, 0.0, floor);
+    const HALF: usize = BLOCK / 2;
+    let spacing = job.lattice.spacing as f32;
+    // By eighths: small enough for few atoms to matter, large enough for one look at all eight bricks, a lane each.
+    for eighth in 0..LANES {
+        let first = [eighth & 1, eighth >> 1 & 1, eighth >> 2].map(|b| b * HALF);
+        let last = [0, 1, 2].map(|k| (first[k] + HALF).min(block.bricks[k]));
+        if (0..3).any(|k| first[k] >= last[k]) {
+            continue;
+        }
+        let low = [0, 1, 2].map(|k| block.brick[k] + first[k]);
+        let high = [0, 1, 2].map(|k| block.brick[k] + last[k]);
+        of_block.within(&bricks_box(&job.lattice, low, high), exponents, kept);
+        atoms.select(of_block, kept);
+        atoms.limit(model, 3.0 / 8.0 * eps, eps / 4.0, floor);
+        atoms.lift = lift(model, f64::from(atoms.exponent))?;
+        let middle = middle(&job.lattice, low.map(|b| b * BRICK), SIDE);
+        let up = atoms.look(model, &middle, spacing, work);
+        // A brick below the floor is exterior, even where the backend was asked for it.
+        let wanted = |lane: usize| {
+            let at = [lane & 1, lane >> 1 & 1, lane >> 2];
+            let at = [0, 1, 2].map(|k| first[k] + at[k]);
+            let within = (0..3).all(|k| at[k] < last[k]);
+            let i = (at[2] * block.bricks[1] + at[1]) * block.bricks[0] + at[0];
+            let reaches = f64::from(up[lane]) * (1.0 + 1e-4) >= floor;
+            (within && reaches && block.wants(i)).then_some(i)
+        };
+        if (0..LANES).all(|lane| wanted(lane).is_none()) {
+            continue;
+        }
+        atoms.leave_outweighed(model, spacing, work);
+        for (lane, i) in (0..LANES).filter_map(|lane| Some((lane, wanted(lane)?))) {
+            let start = out.values.len();
+            out.values.resize(start + BRICK_POINTS, 0.0);
+            let own = &mut out.values[start..];
+            out.pairs += atoms.fill(model, spacing, lane, work, own);
+            // Not `all`, which would stop early and so not use the lanes.
+            let least = own.iter().fold(f32::INFINITY, |least, &v| least.min(v));
+            out.kinds[i] = if f64::from(least) >= job.ceiling {
+                out.values.truncate(start);
+                Brick::Interior
+            } else {
+                Brick::Stored((start / BRICK_POINTS) as u32)
+            };
+        }
+    }
+    Some(())
 }
 
 /// `x`, `y` and `z` of the middles of the bricks of an eighth, from its own middle.
@@ -426,7 +423,7 @@ impl Atoms {
     /// of the lattice that changes sign between two bricks lies in the boxes of both, so neither can be
     /// exterior.
     #[inline(always)]
-    fn look(&self, tree: &Compiled<'_>, middle: &Point3, spacing: f32, work: &mut Eighth) -> Lanes {
+    fn look(&self, tree: &Prepared<'_>, middle: &Point3, spacing: f32, work: &mut Eighth) -> Lanes {
         let n = self.atom.len();
         for (k, offset) in work.offset.iter_mut().enumerate() {
             offset.clear();
@@ -513,7 +510,7 @@ impl Atoms {
     #[inline(always)]
     fn fill(
         &self,
-        tree: &Compiled<'_>,
+        tree: &Prepared<'_>,
         spacing: f32,
         lane: usize,
         work: &mut Eighth,
@@ -572,7 +569,7 @@ impl Atoms {
     /// most at its middle, below the same node of some level. With `w` the product of the powers below
     /// the level, `w_a q_a − w_b q_b` is a quadratic, and linear for equal `w κ`, so its range is known.
     #[inline(always)]
-    fn leave_outweighed(&self, tree: &Compiled<'_>, spacing: f32, work: &mut Eighth) {
+    fn leave_outweighed(&self, tree: &Prepared<'_>, spacing: f32, work: &mut Eighth) {
         if self.outweighed.is_empty() {
             return;
         }
