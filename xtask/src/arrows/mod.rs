@@ -135,11 +135,12 @@ fn inside(name: &str, source: &Path) -> Result<Vec<String>, String> {
     Ok(faults)
 }
 
-/// How many modules lie in each folder.
+/// How many files lie in each folder.
 fn files_per_folder(modules: &[Module]) -> BTreeMap<PathBuf, usize> {
     let mut counts = BTreeMap::new();
-    for module in modules {
-        let folder = module.file.parent().unwrap_or(Path::new("")).to_owned();
+    let files: BTreeSet<&PathBuf> = modules.iter().map(|m| &m.file).collect();
+    for file in files {
+        let folder = file.parent().unwrap_or(Path::new("")).to_owned();
         *counts.entry(folder).or_insert(0) += 1;
     }
     counts

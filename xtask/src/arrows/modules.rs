@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::Visit;
 use syn::{Attribute, Item, UseTree, Visibility};
 
-/// A file of a crate.
+/// A module of a crate: a file, or a part of one.
 pub(super) struct Module {
     pub(super) file: PathBuf,
     /// The names of the modules from the crate's root to this one.
@@ -29,21 +29,29 @@ pub(super) struct Module {
 /// Reads the modules of a crate from its `lib.rs` on, parents before children.
 pub(super) fn read(source: &Path) -> Result<Vec<Module>, String> {
     let mut modules = Vec::new();
-    add(&source.join("lib.rs"), source, Vec::new(), &mut modules)?;
+    let file = source.join("lib.rs");
+    let reader = read_file(&file)?;
+    add(&file, source, Vec::new(), reader, &mut modules)?;
     Ok(modules)
 }
 
-/// Adds a file and its children, which lie in `folder`; gives its number.
-fn add(
-    file: &Path,
-    folder: &Path,
-    path: Vec<String>,
-    modules: &mut Vec<Module>,
-) -> Result<usize, String> {
+/// What a file names and defines.
+fn read_file(file: &Path) -> Result<Reader, String> {
     let text = std::fs::read_to_string(file).map_err(|e| format!("{}: {e}", file.display()))?;
     let syntax = syn::parse_file(&text).map_err(|e| format!("{}: {e}", file.display()))?;
     let mut reader = Reader::default();
     reader.visit_file(&syntax);
+    Ok(reader)
+}
+
+/// Adds a module and its children, whose files lie in `folder`; gives its number.
+fn add(
+    file: &Path,
+    folder: &Path,
+    path: Vec<String>,
+    reader: Reader,
+    modules: &mut Vec<Module>,
+) -> Result<usize, String> {
     let number = modules.len();
     modules.push(Module {
         file: file.to_owned(),
@@ -54,6 +62,11 @@ fn add(
         items: reader.items,
         named: reader.named,
     });
+    let own = |name: &String| [&path[..], std::slice::from_ref(name)].concat();
+    for (name, inline) in reader.inline {
+        let child = add(file, &folder.join(&name), own(&name), inline, modules)?;
+        modules[number].children.insert(name, child);
+    }
     for name in reader.children {
         let flat = folder.join(format!("{name}.rs"));
         let below = folder.join(&name);
@@ -61,8 +74,7 @@ fn add(
             true => flat,
             false => below.join("mod.rs"),
         };
-        let path = [&path[..], std::slice::from_ref(&name)].concat();
-        let child = add(&file, &below, path, modules)?;
+        let child = add(&file, &below, own(&name), read_file(&file)?, modules)?;
         modules[number].children.insert(name, child);
     }
     Ok(number)
@@ -137,7 +149,9 @@ fn inside(modules: &[Module], at: usize, path: &[String], depth: usize) -> Optio
 /// Collects what a file names and defines.
 #[derive(Default)]
 struct Reader {
+    /// Children in files of their own, and in this file.
     children: Vec<String>,
+    inline: Vec<(String, Reader)>,
     imports: Vec<(String, Vec<String>)>,
     globs: Vec<Vec<String>>,
     items: BTreeSet<String>,
@@ -180,10 +194,14 @@ impl<'ast> Visit<'ast> for Reader {
             return;
         }
         match item {
-            Item::Mod(module) if module.content.is_none() => {
-                self.children.push(module.ident.to_string());
-            }
-            // A module in the same file: what it names, its file names.
+            Item::Mod(module) => match &module.content {
+                None => self.children.push(module.ident.to_string()),
+                Some((_, items)) => {
+                    let mut reader = Self::default();
+                    items.iter().for_each(|item| reader.visit_item(item));
+                    self.inline.push((module.ident.to_string(), reader));
+                }
+            },
             _ => {
                 self.items.extend(defined(item));
                 syn::visit::visit_item(self, item);
@@ -238,7 +256,6 @@ fn defined(item: &Item) -> Option<String> {
         Item::Const(i) => &i.ident,
         Item::Enum(i) => &i.ident,
         Item::Fn(i) => &i.sig.ident,
-        Item::Mod(i) => &i.ident,
         Item::Static(i) => &i.ident,
         Item::Struct(i) => &i.ident,
         Item::Trait(i) => &i.ident,
