@@ -116,6 +116,7 @@ pub fn conjugate_gradients<T: Scalar>(
     options.check()?;
     check_sizes(matrix, factor, block, columns)?;
     let sizes = norms(block, columns);
+    // From zero, so that the residual is the right-hand side; the factor is the preconditioner.
     let mut x = vec![T::default(); block.len()];
     let mut r = block.to_vec();
     let mut z = r.clone();
@@ -128,6 +129,7 @@ pub fn conjugate_gradients<T: Scalar>(
         iterations += 1;
         let image = matrix.multiply(&p, columns);
         let curvature = dots(&p, &image, columns);
+        // A direction along which the energy does not grow shows that the matrix is not definite.
         if let Some(j) =
             (0..columns).find(|&j| open[j] && (curvature[j] <= 0.0 || curvature[j].is_nan()))
         {
@@ -135,6 +137,7 @@ pub fn conjugate_gradients<T: Scalar>(
             let row = crate::compute::parallel::argmax(matrix.rows(), entry).map_or(0, |m| m.0);
             return Err(Error::NotPositiveDefinite { row });
         }
+        // Columns that are done stand still, while the others go on with one product for all.
         let step: Vec<f64> = (0..columns)
             .map(|j| if open[j] { rz[j] / curvature[j] } else { 0.0 })
             .collect();

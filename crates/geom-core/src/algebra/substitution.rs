@@ -76,6 +76,7 @@ impl Schedule {
         large: usize,
         small: usize,
     ) -> Self {
+        // Which supernode a column belongs to, and which one waits for it: that of its first row below.
         let n = supernodes.last().map_or(0, |s| s.columns.end);
         let mut owner = vec![0u32; n];
         for (s, supernode) in supernodes.iter().enumerate() {
@@ -108,6 +109,7 @@ impl Schedule {
         for (new, &old) in order.iter().enumerate() {
             number[old] = new;
         }
+        // Tasks of one height do not need each other: a level is solved in parallel.
         let top = height.iter().max().map_or(0, |h| h + 1);
         let levels = (0..top)
             .map(|level| {
@@ -140,6 +142,7 @@ impl Schedule {
                     next += 1;
                 }
             }
+            // Rows that the task adds to, but that others own.
             let mut outside: Vec<u32> = members[t]
                 .iter()
                 .flat_map(|&s| supernodes[s].rows)
@@ -168,6 +171,7 @@ impl Schedule {
             for (i, &row) in outside.iter().enumerate() {
                 local[row as usize] = next + i as u32;
             }
+            // Its supernodes, in the task's own numbers.
             let mut first = 0;
             for &s in &members[t] {
                 let supernode = &supernodes[s];

@@ -103,6 +103,7 @@ impl GpuContext {
         let instance =
             wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
         let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+        // Of the adapters that compute, and bear the name asked for, the fastest kind first.
         adapters.retain(|a| {
             let fits = name
                 .as_ref()

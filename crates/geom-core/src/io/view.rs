@@ -326,6 +326,7 @@ impl<'a> View<'a> {
             },
         };
 
+        // A group per region that there is, in ascending order.
         let mut present = [false; 256];
         for &r in mesh.regions() {
             present[usize::from(r)] = true;
@@ -345,6 +346,7 @@ impl<'a> View<'a> {
             .map(|&r| of_region[usize::from(r)])
             .collect();
 
+        // A group per kind of interface: side of the box, or the two regions that meet there.
         let [molecule, exterior] = [INTERIOR, EXTERIOR].map(|r| present[usize::from(r)]);
         let outer = outer_faces(mesh, &interfaces, molecule);
         let bounds = mesh.bounds();
@@ -374,6 +376,7 @@ impl<'a> View<'a> {
             });
             group_of.push(group);
         }
+        // Triangles have the region on their inner side.
         let mut region = mesh.regions().to_vec();
         region.extend(interfaces.iter().map(|face| face.inside));
         Self {

@@ -216,6 +216,7 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
         ..SurfaceAudit::default()
     };
 
+    // Components by their vertices; a vertex without a face belongs to none.
     let mut pieces = DisjointSets::new(positions.len());
     let mut used = vec![false; positions.len()];
     for face in faces {
@@ -231,6 +232,7 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
 
     // Components are numbered by their lowest face.
     let mut number = vec![u32::MAX; positions.len()];
+    // Areas and volumes about the middle of the bounds, so that coordinates far from the origin lose no digits.
     let measures: Vec<(f64, f64, bool)> = {
         let origin = crate::Aabb::of_points(positions).center();
         faces
@@ -282,6 +284,7 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
             let k = corner(f, edge[0]) % N;
             face[(k + 1) % N] == edge[1]
         };
+        // One face: boundary. Two that run it the same way: a conflict. More: not manifold.
         match *group {
             [_] => {
                 component.boundary_edges += 1;
@@ -300,6 +303,7 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
             }
         }
     }
+    // A vertex with several fans is where sheets touch in a point.
     let mut fans_of = vec![0u32; positions.len()];
     for (c, &v) in faces.as_flattened().iter().enumerate() {
         if fans.is_lowest(c) {
@@ -310,6 +314,7 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
         .filter(|&v| fans_of[v as usize] > 1)
         .collect();
 
+    // Faces with the same corners, in whatever order.
     let mut keys: Vec<([u32; N], u32)> = faces
         .par_iter()
         .enumerate()
@@ -407,6 +412,7 @@ impl VolumeAudit {
             .filter(|&v| !used[v as usize])
             .collect();
 
+        // Faces in groups of equal corners: one tetrahedron is a boundary, two must run it opposite ways, more overlap.
         let faces = sorted_faces(tets);
         let mut pieces = DisjointSets::new(tets.len());
         let mut region_pieces = DisjointSets::new(tets.len());
@@ -433,6 +439,7 @@ impl VolumeAudit {
             }
         }
 
+        // Six volumes, and whether they are only rounding beside the longest edge.
         let volumes: Vec<(f64, bool)> = (0..tets.len())
             .into_par_iter()
             .map(|t| {
@@ -445,6 +452,7 @@ impl VolumeAudit {
                 (six / 6.0, six.abs() <= FLAT * longest * longest.sqrt())
             })
             .collect();
+        // Sums in the order of the tetrahedra, whatever the threads did.
         let mut by_region: Vec<Option<RegionAudit>> = vec![None; usize::from(Region::MAX) + 1];
         for (t, &(volume, flat)) in volumes.iter().enumerate() {
             let region = mesh.regions()[t];
@@ -568,6 +576,7 @@ pub struct BoundaryComparison {
 impl BoundaryComparison {
     /// Compares the boundary of `region`, against other regions and the outside, with `surface`.
     pub fn of(mesh: &TetMesh, region: Region, surface: &TriMesh) -> Self {
+        // The region's boundary, counter-clockwise from outside of it.
         let boundary: Vec<[u32; 3]> = mesh
             .interfaces()
             .iter()
@@ -582,6 +591,7 @@ impl BoundaryComparison {
                 }
             })
             .collect();
+        // Vertices are the same if their places are, bit for bit.
         let (of_volume, of_surface) = common_numbers(mesh.positions(), surface.positions());
         let keys = |faces: &[[u32; 3]], number: &[u32]| {
             let mut keys: Vec<([u32; 3], bool, u32)> = faces
@@ -597,6 +607,7 @@ impl BoundaryComparison {
             keys.par_sort_unstable();
             keys
         };
+        // Both sorted by their corners, and merged: what only one has, and what both have, perhaps reversed.
         let ours = keys(&boundary, &of_volume);
         let theirs = keys(surface.triangles(), &of_surface);
         let mut comparison = Self::default();

@@ -60,6 +60,7 @@ impl<const N: usize> Halfedges<N> {
         super::check_corners(vertices, faces)?;
         let mut twin = vec![NONE; count];
         let mut wrong: Option<(u32, [u32; 2])> = None;
+        // Edge by edge: two faces that run it opposite ways are twins, one face alone is a boundary.
         for group in sorted_edges(faces).chunk_by(|a, b| a.0 == b.0) {
             let [low, high] = [(group[0].0 >> 32) as u32, group[0].0 as u32];
             let halfedge = |f: u32| {
@@ -99,6 +100,7 @@ impl<const N: usize> Halfedges<N> {
             from: faces.as_flattened().to_vec(),
             out: vec![NONE; vertices],
         };
+        // A vertex whose faces are not all met on the way around it joins several fans.
         let mut degree = vec![0u32; vertices];
         for h in 0..count as u32 {
             let v = edges.from[h as usize] as usize;

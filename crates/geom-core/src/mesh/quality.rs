@@ -99,6 +99,7 @@ impl TriangleReport {
                 edges: [f64::INFINITY, 0.0, 0.0, 0.0],
                 worst: Vec::with_capacity(range.len()),
             };
+            // Sums over a fixed chunk; chunks are added in their order, so that the bits do not depend on threads.
             for t in range {
                 let corners = mesh.corners(t);
                 part.area += 0.5 * mesh.doubled_area_normal(t).norm();
@@ -122,6 +123,7 @@ impl TriangleReport {
             keep_worst(&mut part.worst);
             part
         });
+        // What the chunks found together.
         let mut all = Self {
             triangles: n,
             ..Self::default()

@@ -388,6 +388,7 @@ impl Structure {
         copies: &[(usize, Transform)],
         limit: usize,
     ) -> Result<Self, TooManyAtoms> {
+        // Counted before anything is allocated: an assembly of a capsid may be large.
         let atoms_of = |part: &Vec<bool>| -> u128 {
             assert_eq!(part.len(), self.residues.len(), "one flag per residue");
             let kept = (0..part.len()).filter(|&r| part[r]);
@@ -403,6 +404,7 @@ impl Structure {
         if total > limit as u128 {
             return Err(refused(limit));
         }
+        // Each part once, whatever the number of its copies.
         let part = |flags: &Vec<bool>| {
             let mut kept = vec![false; self.atoms.len()];
             for r in (0..flags.len()).filter(|&r| flags[r]) {
@@ -412,6 +414,7 @@ impl Structure {
         };
         let parts: Vec<Structure> = parts.iter().map(part).collect();
         let mut whole = Structure::default();
+        // Room for all, or the error that says how much was wanted.
         let count = |f: fn(&Structure) -> usize| copies.iter().map(|&(p, _)| f(&parts[p])).sum();
         let no_memory = |_| refused(self.atoms.len());
         whole
@@ -429,6 +432,7 @@ impl Structure {
             .map_err(no_memory)?;
         let mut starts = Vec::with_capacity(copies.len());
         let mut atoms = 0;
+        // Starts of the hierarchy, shifted by what stands before; a copy is a domain of its own.
         for (copy, &(part, _)) in copies.iter().enumerate() {
             starts.push(atoms);
             let one = &parts[part];
@@ -452,6 +456,7 @@ impl Structure {
             whole.residues.extend(&one.residues);
             atoms += one.atoms.len();
         }
+        // The atoms, moved, each from its place alone.
         (0..atoms)
             .into_par_iter()
             .with_min_len(4096)
@@ -463,6 +468,7 @@ impl Structure {
                 atom
             })
             .collect_into_vec(&mut whole.atoms);
+        // The ends of the last ranges.
         whole.residue_starts.push(whole.atoms.len() as u32);
         whole.chain_starts.push(whole.residues.len() as u32);
         whole.domain_starts.push(whole.chains.len() as u32);

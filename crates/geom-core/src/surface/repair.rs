@@ -319,6 +319,7 @@ impl Soup {
         let sides = self.sides();
         let n = self.triangles.len();
         let mut neighbors = vec![[(NONE, false); 3]; n];
+        // Neighbours across edges of two triangles, and whether both run alike.
         for group in sides.chunk_by(|x, y| x.0 == y.0) {
             match *group {
                 [(_, s, i), (_, t, j)] => {
@@ -331,6 +332,8 @@ impl Soup {
                 _ => self.report.nonmanifold_edges += 1,
             }
         }
+        // From the lowest triangle of each patch outwards, breadth first: a triangle met again the other way round is on
+        // a one-sided surface.
         let mut turned: Vec<Option<bool>> = vec![None; n];
         for first in 0..n as u32 {
             if turned[first as usize].is_some() {
@@ -359,6 +362,7 @@ impl Soup {
                     }
                 }
             }
+            // The larger side, by area, is right: less is turned.
             let area = |turn: bool| -> f64 {
                 patch
                     .iter()

@@ -257,6 +257,7 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
     let mut pairs: Vec<(f64, usize, Vec<f64>)> = Vec::new();
     let rows_in_all: usize = split.parts.iter().map(Vec::len).sum();
     let mut rows_done = 0;
+    // Part by part, so that each has its own zero and no mode spans two.
     for (index, rows) in split.parts.iter().enumerate() {
         if wanted == 0 {
             break;
@@ -276,6 +277,7 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
             mass: part_m.as_ref().unwrap_or(mass),
             lumped: rows.iter().map(|&i| lumped[i as usize]).collect(),
         };
+        // Small parts, and those of which a third of the pairs is asked, are solved densely.
         let many = 3 * k > rows.len();
         let found = if rows.len() <= if many { LARGEST_DENSE } else { DENSE_ROWS } {
             dense_pairs(&pencil, wanted)?
@@ -294,6 +296,7 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
         rows_done += rows.len();
     }
 
+    // The answer in rows of the whole: zero on all parts but one.
     let beyond = (pairs.len() > k).then(|| pairs[k].0);
     pairs.truncate(k);
     let values: Vec<f64> = pairs.iter().map(|p| p.0).collect();
@@ -308,6 +311,7 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
             all
         })
         .collect();
+    // Judged anew in f64, however the pairs were found.
     let residuals = residuals(stiffness, mass, &lumped, &values, &vectors);
     report.converged = residuals.iter().all(|&r| r <= options.tolerance);
     let clusters = clusters(&values, options.cluster_gap);

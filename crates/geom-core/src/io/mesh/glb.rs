@@ -179,6 +179,7 @@ impl Builder {
             extensions: None,
             extras: Default::default(),
         });
+        // Both sides are shown, since surfaces may be open; not metallic, or colours would turn dark.
         let material = root.push(json::Material {
             double_sided: true,
             pbr_metallic_roughness: json::material::PbrMetallicRoughness {
@@ -188,6 +189,7 @@ impl Builder {
             },
             ..Default::default()
         });
+        // One mesh of one primitive in one node of one scene: the least that every program shows.
         let mesh = root.push(json::Mesh {
             name: None,
             primitives: vec![json::mesh::Primitive {
@@ -336,6 +338,7 @@ impl Parts {
         let Some(positions) = primitive.get(&gltf::Semantic::Positions) else {
             return Ok(());
         };
+        // Places come in the node's own frame.
         let first = self.points.len() as u32;
         let positions = tuples(&positions, data)?;
         if positions.components != 3 {
@@ -348,6 +351,7 @@ impl Parts {
             Point3::new(p.x, p.y, p.z)
         }));
         let n = points.len() as u32;
+        // Without indices each three points are a triangle.
         let indices: Vec<u32> = match primitive.indices() {
             None => (0..n).collect(),
             Some(indices) => {
@@ -366,6 +370,7 @@ impl Parts {
         }
         self.triangles
             .extend(triangles.iter().map(|t| t.map(|i| first + i)));
+        // Colours are floats in 0…1 or whole numbers up to the largest; alpha may be absent.
         if let Some(colors) = primitive.get(&gltf::Semantic::Colors(0)) {
             let full = match colors.data_type() {
                 gltf::accessor::DataType::F32 => 1.0,

@@ -200,6 +200,7 @@ fn runs(view: &View<'_>) -> Result<Vec<Run>, Error> {
 fn write_41(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Error> {
     let (nodes, cells) = (view.points.len() as u64, view.cells() as u64);
     let bounds = crate::Aabb::of_points(view.points.iter());
+    // Each dimension and tag is an entity, which carries the physical group; their boxes are those of the whole.
     let mut entities: Vec<(u8, i32, u32)> =
         runs.iter().map(|r| (r.dimension, r.tag, r.group)).collect();
     entities.sort_unstable();
@@ -231,6 +232,7 @@ fn write_41(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Erro
     }
     out.end("Entities")?;
 
+    // All nodes belong to one block: which entity they lie on is of no use to readers.
     writeln!(out.w, "$Nodes")?;
     let (dimension, tag, _) = entities[entities.len() - 1];
     out.line([1, nodes, 1, nodes])?;
@@ -248,6 +250,7 @@ fn write_41(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Erro
     }
     out.end("Nodes")?;
 
+    // Elements in runs of one entity and kind; tags count from 1 through all of them.
     writeln!(out.w, "$Elements")?;
     out.line([runs.len() as u64, cells, 1, cells])?;
     for run in runs {
@@ -363,6 +366,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
             words.line(),
         ));
     }
+    // The header is text in either form: version, text or bytes, size of a number.
     let version = words.word("the version")?;
     let version = match version {
         b"4.1" => Version::V41,
@@ -386,6 +390,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         binary,
         little: true,
     };
+    // After it a binary file holds the number one, which tells the order of bytes.
     if binary {
         let one = input.take(4, "the number one")?;
         input.little = match one {
@@ -396,6 +401,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     }
     input.end("MeshFormat")?;
 
+    // Sections come in any order; those of no use are skipped by their end mark.
     let mut file = File::default();
     while let Some(section) = input.words.next(false) {
         input.words.rest_of_line();
@@ -838,6 +844,7 @@ impl File {
         let mut groups: Vec<(u8, i32, Group)> = Vec::new();
         let mut group_of = Vec::with_capacity(self.elements.len());
         let elements = &self.elements;
+        // A block per run of equal kinds; corners are named by tags, which need not be dense.
         for run in elements.chunk_by(|a, b| a.kind == b.kind) {
             let place = |element: &Element, k: usize| {
                 let tag = element.corners[k];
@@ -861,6 +868,7 @@ impl File {
                 QUAD => Cells::Quads(quads()?.into()),
                 _ => Cells::Tets(quads()?.into()),
             });
+            // Groups in order of appearance; 0 is no group.
             let dimension = dimension_of(run[0].kind);
             for e in run {
                 if e.physical == 0 {
@@ -884,6 +892,7 @@ impl File {
                 }) as u32);
             }
         }
+        // Data are attached by tags, too.
         let cell_places = Places::new(self.elements.iter().map(|e| e.tag));
         let (points, cells) = (self.points.len(), self.elements.len());
         View {

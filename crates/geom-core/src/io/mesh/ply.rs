@@ -28,6 +28,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, encoding: Encoding) -> Result<(
         Encoding::Ascii => "ascii",
     };
     writeln!(w, "ply\nformat {format} 1.0\ncomment lengths in angstrom")?;
+    // Vertices: place, colour, fields by names that do not clash with those.
     writeln!(w, "element vertex {}", view.points.len())?;
     for axis in ["x", "y", "z"] {
         writeln!(w, "property double {axis}")?;
@@ -45,6 +46,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, encoding: Encoding) -> Result<(
         Ok(_) => "int",
         Err(_) => "uint",
     };
+    // The shortest type that holds the number of corners.
     let largest = view
         .blocks
         .iter()
@@ -60,6 +62,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, encoding: Encoding) -> Result<(
     properties(w, &view.cell_fields, &["vertex_indices", "vertex_index"])?;
     writeln!(w, "end_header")?;
 
+    // Then the rows, in the order of the header.
     let mut row = Row::new(w, encoding);
     for (v, p) in view.points.iter().enumerate() {
         for c in p.iter() {

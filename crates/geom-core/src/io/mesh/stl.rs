@@ -88,6 +88,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         }
         Ok(())
     };
+    // The reader goes by the first word; where that lies, it is blotted out.
     if binary && bytes.starts_with(b"solid") {
         let mut other_header = bytes.to_vec();
         other_header[..5].fill(b' ');

@@ -47,6 +47,8 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
 
     let mut header = String::new();
     let mut offset = 0u64;
+    // Arrays lie behind the header, one after the other, each after 8 bytes that say its length: the header is
+    // written with the offsets that they will have.
     let mut array = |header: &mut String, kind: &str, name: &str, k: usize, bytes: usize| {
         let name = escaped(name);
         let _ = writeln!(
@@ -89,6 +91,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
         "<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{cells}\">\n<Points>",
         view.points.len()
     );
+    // Points, cells, values per point and per cell, in this order; the arrays follow in the same.
     array(&mut header, "Float64", "Points", 3, 24 * view.points.len());
     header.push_str("</Points>\n<Cells>\n");
     array(&mut header, index, "connectivity", 1, index_width * corners);
@@ -108,6 +111,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
         .push_str("</CellData>\n</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_");
     w.write_all(header.as_bytes())?;
 
+    // What was announced, byte for byte.
     let points = view.points.iter().flat_map(|p| [p.x, p.y, p.z]);
     sized(w, 24 * view.points.len(), points)?;
     let connectivity = view.blocks.iter().flat_map(|b| b.iter().flatten().copied());
@@ -123,6 +127,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
         sized(w, 4 * corners, connectivity)?;
         sized(w, 4 * cells, ends.map(|e| e as u32))?;
     }
+    // VTK's number of each kind of cell.
     let types = view.blocks.iter().flat_map(|b| {
         let kind = match b {
             Cells::Triangles(_) => TRIANGLE,
@@ -210,6 +215,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         let kind = ErrorKind::expected("well-formed XML", e.to_string());
         Error::at_line(kind, e.pos().row as usize)
     })?;
+    // What the arrays are: order and width of numbers, compressed or not.
     let file = document.root_element();
     let find = |node: Node<'_, '_>, name: &str| {
         node.children()
@@ -235,6 +241,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         },
         appended,
     };
+    // One piece of one grid is a mesh.
     let node = |id| document.get_node(id).expect("an id of this document");
     let grid = node(find(file, "UnstructuredGrid")?);
     let piece = node(find(grid, "Piece")?);
@@ -256,6 +263,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         .map(|i| Point3::new(points.get(i, 0), points.get(i, 1), points.get(i, 2)))
         .collect();
 
+    // Cells are three arrays: corners, where each cell's corners end, and VTK's kinds.
     let cells = node(find(piece, "Cells")?);
     let named = |name: &str| {
         arrays(cells)
@@ -272,6 +280,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         blocks,
         ..View::default()
     };
+    // Values by name, whatever their type.
     let fields = |of: &str| -> Result<Vec<Field<'static>>, Error> {
         let of = piece.children().filter(|n| n.has_tag_name(of));
         of.flat_map(arrays)
@@ -284,6 +293,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     };
     view.point_fields = fields("PointData")?;
     view.cell_fields = fields("CellData")?;
+    // A field of four bytes of our name is the colour, not a field.
     let is_color = |f: &Field<'_>| {
         let bytes = matches!(f.values.numbers, Numbers::U8(_));
         f.name == COLOR && bytes && f.values.components == 4
@@ -294,6 +304,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         let (colors, _) = n.as_chunks();
         view.colors = Some(colors.to_vec().into());
     }
+    // Regions by name, and a last look at all numbers together.
     groups(&reader, grid, &mut view)?;
     let view = view.checked()?;
     if let Some(colors) = &view.colors

@@ -220,6 +220,7 @@ impl Reader {
     fn biomolecule(&mut self, line: &[u8], found: &mut Records) -> Result<(), ErrorKind> {
         let text = text(line, 10, line.len());
         let assemblies = &mut found.assemblies;
+        // A new assembly begins; its chains and operators follow.
         if let Some((_, name)) = text.split_once("BIOMOLECULE:") {
             self.chain_list = false;
             assemblies.push(Assembly {
@@ -227,6 +228,7 @@ impl Reader {
                 generators: Vec::new(),
             });
         } else if let Some((_, list)) = text.split_once("CHAINS:") {
+            // A list of chains, perhaps over several rows, is the first half of a generator.
             let assembly = last_assembly(assemblies);
             if !(self.chain_list && text.starts_with("AND")) {
                 assembly.generators.push(Generator {
@@ -258,6 +260,7 @@ impl Reader {
                     .and_then(|w| number(w.as_bytes()))
                     .ok_or_else(wrong)?;
             }
+            // The three rows of an operator follow each other and bear one name.
             let follows = index == self.rows && (index == 0 || name == self.operator_name);
             if !follows || words.next().is_some() {
                 return Err(wrong());
@@ -271,6 +274,7 @@ impl Reader {
             }
             self.operator.translation += Vector3::ith(index, values[3]);
             self.rows = (index + 1) % 3;
+            // With the third row it is whole, and belongs to the chains named last, or to all.
             if self.rows == 0 {
                 let generators = &mut last_assembly(assemblies).generators;
                 if generators.is_empty() {

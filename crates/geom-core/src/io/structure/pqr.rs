@@ -39,11 +39,13 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
     while let Some((i, line)) = lines.next() {
         let last = lines.peek().is_none();
         let line = line.trim_ascii_end();
+        // A last row that is cut off, or shorter than those before, shows that the file was.
         let begun = !line.is_empty() && (b"ATOM".starts_with(line) || b"HETATM".starts_with(line));
         if last && (begun || (is_atom(line) && line.len() < width)) {
             let what = "an atom record (no end of line)".to_owned();
             return Err(Error::at_line(ErrorKind::Truncated(what), i + 1));
         }
+        // Files of ours name model and copy in a remark before the atoms of each.
         if let Some(rest) = line.strip_prefix(DOMAIN.as_bytes()) {
             let mut words = words(rest).map(|w| std::str::from_utf8(w).ok()?.parse::<u32>().ok());
             domain = words.next().flatten().zip(words.next().flatten());
@@ -57,6 +59,7 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
             }
             segment = 0;
         } else if is_atom(line) {
+            // Other files have records of models, or none; each model is a domain.
             width = line.len();
             let keep = match domain {
                 Some((model, _)) => wanted(models, model, numbers.len() - 1),
@@ -86,6 +89,7 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
             counter.next(None);
         }
     }
+    // Charge and radius are easily swapped, and no format says which is which.
     found.models = counter.count.max(numbers.len());
     let largest = found.records.iter().map(|r| r.atom.radius);
     let largest = largest.fold(0.0, f64::max);
@@ -131,6 +135,7 @@ fn atom(line: &[u8], segment: u32, found: &mut Records) -> Result<Record, ErrorK
             "ATOM, serial, name, residue, [chain,] number, x, y, z, charge, radius",
         ));
     }
+    // The last five are numbers; what stands before names the residue.
     let (identity, numbers) = fields[start..].split_at(fields.len() - start - 5);
     let mut values = [0.0; 5];
     for (value, field) in values.iter_mut().zip(numbers) {
@@ -148,6 +153,7 @@ fn atom(line: &[u8], segment: u32, found: &mut Records) -> Result<Record, ErrorK
     }
     let name =
         |field| Name::from_bytes(field).ok_or_else(|| wrong("names of at most eight characters"));
+    // With or without a chain, glued to the number or not, and perhaps with an insertion code.
     let (chain, sequence, insertion): (&[u8], &[u8], &[u8]) = match *identity {
         [_, _, place] => glued(place),
         [_, _, chain, place] => (chain, place, b""),
@@ -165,6 +171,7 @@ fn atom(line: &[u8], segment: u32, found: &mut Records) -> Result<Record, ErrorK
         let found = String::from_utf8_lossy(sequence);
         return Err(ErrorKind::expected("a residue number", found));
     };
+    // The insertion code may also stand behind the digits.
     let insertion = name(if insertion.is_empty() {
         &sequence[digits..]
     } else {

@@ -53,6 +53,7 @@ impl<'a> Reference<'a> {
         options: &Options,
         work: &mut Mesh,
     ) -> Result<Self, Error> {
+        // Wanted lengths first: corners of features and noise are judged in their units.
         let sizes = sizes(&input, &options.sizing)?;
         mark_features(work, &input, &options.features, &sizes)?;
         let normals = corner_normals(work, &input);
@@ -63,6 +64,7 @@ impl<'a> Reference<'a> {
             let estimate = estimate.max(0.0).min(u64::MAX as f64) as u64;
             return Err(Error::TooMany { estimate, limit });
         }
+        // What is kept is looked up as segments.
         let segments: Vec<[u32; 2]> = work
             .edges()
             .filter(|&h| work.is_feature(h))
@@ -71,6 +73,7 @@ impl<'a> Reference<'a> {
         let tree = TriangleTree::new(&input).expect("not empty");
         let curves = (!segments.is_empty()).then(|| Curves::new(&input, segments));
         let field = field.map(|field| (field, options.level));
+        // Where goals are missed, lengths may shrink so far and must grow so slowly.
         let (slope, shortest) = match options.sizing {
             Sizing::Uniform { .. } => (GRADATION, sizes.longest() * SHORTEST),
             Sizing::Curvature {
@@ -94,6 +97,7 @@ impl<'a> Reference<'a> {
             sizes,
             field,
         };
+        // What the working mesh's vertices know of all this.
         let kinds = kinds(work, &reference.sizes);
         for v in 0..work.vertices.len() as u32 {
             if !work.is_alive(v) {

@@ -240,6 +240,7 @@ fn try_contract(mesh: &mut Mesh, reference: &Reference<'_>, h: u32, long: f64) -
     if held(a.kind) && held(b.kind) || !mesh.may_contract(h) {
         return false;
     }
+    // To the end that is held; else to the middle if that fits, or to an end.
     let mut candidates = Vec::with_capacity(3);
     match (held(a.kind), held(b.kind)) {
         (true, _) => candidates.push(a),
@@ -250,6 +251,7 @@ fn try_contract(mesh: &mut Mesh, reference: &Reference<'_>, h: u32, long: f64) -
     for g in mesh.fan(mesh.to(h)) {
         worst.include(of_triangle(mesh, g / 3));
     }
+    // No edge becomes too long, no triangle turns away or becomes worse than those there were.
     for vertex in candidates {
         let fits = [mesh.from(h), mesh.to(h)].into_iter().all(|end| {
             mesh.ring(end).all(|v| {
@@ -269,6 +271,7 @@ fn try_contract(mesh: &mut Mesh, reference: &Reference<'_>, h: u32, long: f64) -
                 }
             })
         });
+        // Both ends must stay as near to the new triangles as is allowed.
         let stays_near = |end: u32| {
             let p = mesh.position(end);
             let most = reference.allowed * reference.allowed;
@@ -564,6 +567,7 @@ fn spread(mesh: &mut Mesh, reference: &Reference<'_>, v: u32) -> bool {
     let course = Course::of_vertex(mesh, v);
     // From the level set a small step must not lead away to the input.
     let anywhere = reference.is_off_level(&start);
+    // Along the curve, or in eight directions of the tangent plane.
     let directions: Vec<Vector3> = if start.kind == Kind::Curve {
         let ends: Vec<u32> = mesh.curve_ring(v).collect();
         let along = (mesh.position(ends[1]) - mesh.position(ends[0])).normalize();
@@ -583,6 +587,7 @@ fn spread(mesh: &mut Mesh, reference: &Reference<'_>, v: u32) -> bool {
         quality: 0.0,
         ..Worst::of_fan(mesh, v)
     };
+    // What is to grow: the smallest angle around the vertex.
     let angle_with = |mesh: &Mesh, new: &Vertex| {
         mesh.fan(v)
             .map(|h| {
@@ -597,6 +602,7 @@ fn spread(mesh: &mut Mesh, reference: &Reference<'_>, v: u32) -> bool {
         .fan(v)
         .map(|h| mesh.length(h))
         .fold(f64::INFINITY, f64::min);
+    // Pattern search: the best direction that helps, else a shorter step.
     let mut step = 0.3 * edge;
     while step > 0.01 * edge {
         let mut better = None;
