@@ -76,9 +76,7 @@ pub mod testing;
 #[cfg(feature = "thesis")]
 pub mod thesis;
 
-pub use atoms::eliminate::{
-    Eliminated, Elimination, EliminationReport, Interior, Stop, eliminate,
-};
+pub use atoms::eliminate::{Eliminated, Elimination, EliminationReport, Interior, Stop, eliminate};
 pub use atoms::refit::{Refit, RefitReport, Refitted, refit};
 pub use backend::DensityBackend;
 pub use error::Error;

@@ -5,9 +5,8 @@ use geom_core::structure::{Atom, Element, Name, Structure, StructureBuilder};
 use proptest::prelude::*;
 
 use crate::backend::{Prepared, SampleCell};
-use crate::kernel::cells;
-use crate::kernel::cull::ActiveSet;
 use crate::model::Model;
+use crate::specification;
 
 /// A compact, protein-like structure: `chains` random walks of residues with seven atoms each, folded into a
 /// ball. The same numbers give the same structure.
@@ -65,11 +64,12 @@ pub fn globule(chains: usize, residues: usize, seed: u64) -> Structure {
     builder.build()
 }
 
-/// A cell of given points and atoms (ascending) of a model, for tests: the target is the density of these.
-pub fn sample_cell(model: &Prepared<'_>, atoms: &[u32], points: Vec<Point3>) -> SampleCell {
-    let members = ActiveSet::gather(model, atoms);
-    let mut cell = SampleCell::new(members.atom, members.levels, points);
-    cell.exact = cells::values_of_cell(&cell, model.model(), &mut cells::Scratch::default());
+/// A sample cell of all atoms of a model at given points; the target is the density there.
+pub fn sample_cell(model: &Prepared<'_>, points: Vec<Point3>) -> SampleCell {
+    let atoms = (0..model.model().atoms() as u32).collect();
+    let mut cell = SampleCell::new(atoms, model.levels.clone(), points);
+    let density = |x| specification::nested_sum(model.model(), x);
+    cell.exact = cell.points.iter().map(density).collect();
     cell.target = cell.exact.clone();
     cell
 }

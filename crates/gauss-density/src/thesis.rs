@@ -16,8 +16,8 @@
 //! ```
 
 use geom_core::grid::{BRICK, BRICK_POINTS};
-use geom_core::search::nearest::PointTree;
 use geom_core::options::{OutOfRange, require};
+use geom_core::search::nearest::PointTree;
 use geom_core::{Aabb, Backend, Cpu, ImplicitField, Lattice, Point3, ScalarGrid};
 use rayon::prelude::*;
 

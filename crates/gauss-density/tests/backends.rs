@@ -119,7 +119,6 @@ fn follows_the_plain_density(backend: &dyn DensityBackend, cases: u32) {
 /// Cells around the atoms, with a density of the original that the model has to reach.
 fn cells_of(model: &Model, shift: f64) -> Vec<SampleCell> {
     let prepared = Prepared::new(model);
-    let all: Vec<u32> = (0..model.atoms() as u32).collect();
     (0..3)
         .map(|c| {
             let points = (0..20)
@@ -129,7 +128,7 @@ fn cells_of(model: &Model, shift: f64) -> Vec<SampleCell> {
                     a + geom_core::Vector3::new(t.sin(), t.cos(), (1.3 * t).sin()) * 1.8
                 })
                 .collect();
-            let mut cell = sample_cell(&prepared, &all, points);
+            let mut cell = sample_cell(&prepared, points);
             for (i, exact) in cell.exact.iter_mut().enumerate() {
                 *exact *= 1.0 + shift * f64::from(i as u32 % 5);
             }
