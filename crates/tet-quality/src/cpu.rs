@@ -4,9 +4,10 @@ use geom_core::{Cpu, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::{QualityBackend, Relaxation};
-use crate::ring::Ring;
-use crate::search::{Compass, search};
-use crate::{Error, Measures, block};
+use crate::measure::block;
+use crate::smoothing::search::{Compass, search};
+use crate::smoothing::star::Ring;
+use crate::{Error, Measures};
 
 /// Tetrahedra per task.
 const CHUNK: usize = 4096;

@@ -5,19 +5,21 @@ use geom_core::{ImplicitField, Run, TetMesh};
 use rayon::prelude::*;
 
 use crate::backend::QualityBackend;
-use crate::exceptions::{Exceptions, SurfaceFit, exceptions, surface_fit};
-use crate::flow::flow;
-use crate::input::{free_again, prepare};
-use crate::metrics::quality;
-use crate::operate::{Memory, Rules, best_climb, best_for, round_of_pushes, rounds};
-use crate::own_surface::OwnSurface;
-use crate::patch::{Effort, push};
-use crate::report::{QualityReport, report_of};
-use crate::ring::Ring;
-use crate::smooth::{SurfaceRules, corners_of, foot, load, project, relax, relax_surface};
-use crate::surface_field::Isosurface;
-use crate::untangle::untangle;
-use crate::work::{Freedom, NO_COLOUR, Work};
+use crate::boundary::field::Isosurface;
+use crate::boundary::input::{free_again, prepare};
+use crate::boundary::own::OwnSurface;
+use crate::measure::metrics::quality;
+use crate::measure::report::{QualityReport, report_of};
+use crate::measure::unmet::{Exceptions, SurfaceFit, exceptions, surface_fit};
+use crate::mesh::editable::{Freedom, NO_COLOUR, Work};
+use crate::operations::operate::{Memory, Rules, best_climb, best_for, round_of_pushes, rounds};
+use crate::operations::patch::{Effort, push};
+use crate::operations::untangle::untangle;
+use crate::smoothing::flow::flow;
+use crate::smoothing::smooth::{
+    SurfaceRules, corners_of, foot, load, project, relax, relax_surface,
+};
+use crate::smoothing::star::Ring;
 use crate::{Error, Measures, Options, SurfaceMotion, measures};
 
 /// Share of the spacing that surface vertices may be off the isosurface before the rescue passes.
@@ -49,7 +51,7 @@ const SETTLE: u32 = 6;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pass {
-    /// Smallest objective after the pass: see [`quality`](crate::metrics::quality).
+    /// Smallest objective after the pass: see [`quality`](crate::measure::metrics::quality).
     pub worst: f64,
     /// Moves of vertices inside, on box faces and on plane boundaries.
     pub moved: usize,

@@ -1,6 +1,6 @@
 //! What to reach and by which means.
 
-use crate::metrics::SHAPE_WEIGHT;
+use crate::measure::metrics::SHAPE_WEIGHT;
 use crate::{Error, Measures};
 
 /// What every tetrahedron should reach. The improvement works on what is worse, and stops when
@@ -35,7 +35,7 @@ impl Goals {
         2.0 * r / (1.0 + r * r)
     }
 
-    /// The value of [`quality`](crate::metrics::quality) from which on angles and Joe–Liu are met.
+    /// The value of [`quality`](crate::measure::metrics::quality) from which on angles and Joe–Liu are met.
     pub fn objective(&self) -> f64 {
         self.min_dihedral
             .to_radians()

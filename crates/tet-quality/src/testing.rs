@@ -168,9 +168,9 @@ pub fn ball_in_box(n: usize, h: f64, radius: f64) -> (TetMesh, Ball) {
 
 /// The task of one smoothing sweep over all vertices that may move.
 pub fn relaxation(mesh: &TetMesh, rounds: u32) -> crate::Relaxation<'_> {
-    let work = crate::input::prepare(mesh.clone(), None)
+    let work = crate::boundary::input::prepare(mesh.clone(), None)
         .expect("meshes of tests are complexes")
         .work;
     let all: Vec<u32> = (0..mesh.positions().len() as u32).collect();
-    crate::smooth::task(&work, mesh.positions(), &all, rounds, None)
+    crate::smoothing::smooth::task(&work, mesh.positions(), &all, rounds, None)
 }

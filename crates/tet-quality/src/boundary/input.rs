@@ -6,9 +6,10 @@ use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
 
 use crate::Error;
-use crate::own_surface::SMOOTH;
-use crate::surface_field::Isosurface;
-use crate::work::{Freedom, NONE, Work};
+use crate::boundary::field::Isosurface;
+use crate::boundary::own::SMOOTH;
+use crate::mesh::editable::{Freedom, Work};
+use crate::mesh::incidence::NONE;
 
 /// Sine between the normals of triangles that still count as one plane.
 const PLANE: f64 = 1e-9;

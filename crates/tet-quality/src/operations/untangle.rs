@@ -5,9 +5,9 @@ use geom_core::{Point3, Run, Vector3};
 
 use crate::Error;
 use crate::backend::QualityBackend;
-use crate::ring::Ring;
-use crate::smooth::{axes_of, corners_of, load, relax, sweep};
-use crate::work::{Freedom, Work};
+use crate::mesh::editable::{Freedom, Work};
+use crate::smoothing::smooth::{axes_of, corners_of, load, relax, sweep};
+use crate::smoothing::star::Ring;
 
 /// Most rounds.
 const ROUNDS: u32 = 40;

@@ -4,11 +4,12 @@ use geom_core::mesh::{EDGES, FACES};
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::report::Element;
-use crate::smooth::{foot, load};
-use crate::surface_field::Isosurface;
-use crate::swap::EdgeRing;
-use crate::work::{Freedom, NONE, Work};
+use crate::boundary::field::Isosurface;
+use crate::measure::report::Element;
+use crate::mesh::editable::{Freedom, Work};
+use crate::mesh::incidence::NONE;
+use crate::mesh::link::EdgeRing;
+use crate::smoothing::smooth::{foot, load};
 use crate::{Goals, Measures, measures};
 
 /// How many elements and vertices a report names.
@@ -283,7 +284,7 @@ pub(crate) fn surface_fit(
         .map(|(&d, &v)| (d, v))
         .collect();
     far.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let mut ring = crate::ring::Ring::default();
+    let mut ring = crate::smoothing::star::Ring::default();
     SurfaceFit {
         vertices: on.len(),
         far: far.len(),

@@ -8,8 +8,10 @@ use geom_core::mesh::{EDGES, FACES, VertexKind, six_volume};
 use geom_core::sets::DisjointSets;
 use rayon::prelude::*;
 
-use crate::proposal::{NEW, Proposal};
-use crate::work::{NONE, Work};
+use crate::mesh::editable::Work;
+use crate::mesh::incidence::NONE;
+use crate::mesh::link::hull;
+use crate::mesh::proposal::{NEW, Proposal};
 
 /// Share of its volume that a cavity keeps.
 const KEPT: f64 = 0.25;
@@ -118,26 +120,6 @@ impl Walls {
 /// Six times the signed volume between a point and a triangle.
 fn cone(about: Point3, [a, b, c]: [Point3; 3]) -> f64 {
     six_volume([about, a, b, c])
-}
-
-/// The faces that only one of the tetrahedra has.
-pub(crate) fn hull(tets: impl Iterator<Item = [u32; 4]>) -> Vec<[u32; 3]> {
-    let mut faces: Vec<([u32; 3], [u32; 3])> = tets
-        .flat_map(|tet| {
-            FACES.map(|f| {
-                let face = f.map(|i| tet[i]);
-                let mut key = face;
-                key.sort_unstable();
-                (key, face)
-            })
-        })
-        .collect();
-    faces.sort_unstable();
-    faces
-        .chunk_by(|a, b| a.0 == b.0)
-        .filter(|group| group.len() == 1)
-        .map(|group| group[0].1)
-        .collect()
 }
 
 impl Work {
@@ -282,13 +264,13 @@ mod tests {
     use geom_core::{Cpu, ImplicitField, Lattice, Run, ScalarGrid, TetMesh, Vector3};
 
     use super::*;
-    use crate::contract::contraction;
-    use crate::input::prepare;
-    use crate::insert::edge_split;
-    use crate::proposal::{Floor, Operation, apply_all};
-    use crate::ring::Ring;
-    use crate::surface_field::Isosurface;
-    use crate::swap::surface_flip;
+    use crate::boundary::field::Isosurface;
+    use crate::boundary::input::prepare;
+    use crate::mesh::proposal::{Floor, Operation, apply_all};
+    use crate::operations::contract::contraction;
+    use crate::operations::insert::edge_split;
+    use crate::operations::swap::surface_flip;
+    use crate::smoothing::star::Ring;
     use crate::testing::noise;
     use crate::{Options, improve};
     use geom_core::mesh::SurfaceAudit;

@@ -5,7 +5,7 @@ use geom_core::mesh::FACES;
 use geom_core::{ImplicitField, Point3, TriMesh, Vector3};
 use rayon::prelude::*;
 
-use crate::work::Work;
+use crate::mesh::editable::Work;
 
 /// Triangles that turn by less than this are parts of one smooth surface: cos 40°.
 pub(crate) const SMOOTH: f64 = 0.766_044_443_118_978;

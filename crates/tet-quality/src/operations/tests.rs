@@ -6,13 +6,13 @@ use geom_core::mesh::{Region, SurfaceAudit, VertexKind, VolumeAudit, six_volume}
 use geom_core::{Point3, TetMesh};
 use proptest::prelude::*;
 
-use crate::contract::contraction;
-use crate::insert::edge_split;
-use crate::proposal::{Floor, Proposal};
-use crate::ring::Ring;
-use crate::swap::{edge_removal, face_swap, surface_flip};
+use crate::mesh::editable::{Freedom, Work};
+use crate::mesh::proposal::{Floor, Proposal};
+use crate::operations::contract::contraction;
+use crate::operations::insert::edge_split;
+use crate::operations::swap::{edge_removal, face_swap, surface_flip};
+use crate::smoothing::star::Ring;
 use crate::testing::{lattice, noise, shaken};
-use crate::work::{Freedom, Work};
 
 const ANY: Floor = Floor::Fixed(1e-6);
 
@@ -36,7 +36,10 @@ fn ring_around_edge(n: usize, rise: f64, seed: u64) -> TetMesh {
 }
 
 fn volume(work: &Work) -> f64 {
-    let tets = work.tets.iter().filter(|t| t[0] != crate::work::NONE);
+    let tets = work
+        .tets
+        .iter()
+        .filter(|t| t[0] != crate::mesh::incidence::NONE);
     tets.map(|&t| six_volume(work.corners(t))).sum()
 }
 
@@ -327,7 +330,7 @@ proptest! {
     #[test]
     fn operations_keep_what_they_must(seed: u64, pick in any::<prop::sample::Index>(), which in 0..4) {
         let mesh = shaken(lattice([3; 3], 1.0, |p| Region::from(p.x > 1.0)), 0.2, seed);
-        let input = crate::input::prepare(mesh.clone(), None).unwrap();
+        let input = crate::boundary::input::prepare(mesh.clone(), None).unwrap();
         let mut work = input.work;
         let before = volume(&work);
         let area = |mesh: &TetMesh| SurfaceAudit::of(&mesh.region_surface(1)).area();

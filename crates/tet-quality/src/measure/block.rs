@@ -5,7 +5,7 @@
 use geom_core::Point3;
 use geom_core::mesh::EDGES;
 
-use crate::metrics::{JOE_LIU, Measures};
+use crate::measure::metrics::{JOE_LIU, Measures};
 use geom_core::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot, minus};
 
 /// Tetrahedra whose corners are gathered at a time: a multiple of all widths.

@@ -3,13 +3,13 @@
 use geom_core::mesh::FACES;
 use geom_core::{Point3, Vector3};
 
-use crate::metrics::quality;
-use crate::proposal::{NEW, Proposal};
-use crate::ring::Ring;
-use crate::search::{Compass, search};
-use crate::smooth::{SurfaceRules, axes_of, slide_from};
-use crate::surface_field::{Isosurface, Tangent};
-use crate::work::{Freedom, Work};
+use crate::boundary::field::{Isosurface, Tangent};
+use crate::measure::metrics::quality;
+use crate::mesh::editable::{Freedom, Work};
+use crate::mesh::proposal::{NEW, Proposal};
+use crate::smoothing::search::{Compass, search};
+use crate::smoothing::smooth::{SurfaceRules, axes_of, slide_from};
+use crate::smoothing::star::Ring;
 
 /// How much work an operation with its smoothing is worth.
 #[derive(Clone, Copy, Debug)]

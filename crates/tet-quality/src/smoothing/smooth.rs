@@ -6,10 +6,10 @@ use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::{QualityBackend, Relaxation};
-use crate::ring::{GAIN, Ring};
-use crate::search::{Compass, search_within};
-use crate::surface_field::{Isosurface, Tangent};
-use crate::work::{Freedom, NO_COLOUR, Work};
+use crate::boundary::field::{Isosurface, Tangent};
+use crate::mesh::editable::{Freedom, NO_COLOUR, Work};
+use crate::smoothing::search::{Compass, search_within};
+use crate::smoothing::star::{GAIN, Ring};
 
 /// Rounds of the search for a surface vertex.
 const SURFACE_ROUNDS: u32 = 5;

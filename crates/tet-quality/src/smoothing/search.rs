@@ -2,7 +2,7 @@
 
 use geom_core::Vector3;
 
-use crate::ring::{Candidates, Ring};
+use crate::smoothing::star::{Candidates, Ring};
 
 /// First step, in mean edge lengths.
 pub(crate) const STEP: f64 = 0.25;

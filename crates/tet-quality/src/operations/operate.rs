@@ -3,15 +3,15 @@
 use geom_core::mesh::EDGES;
 use rayon::prelude::*;
 
-use crate::contract::contraction;
-use crate::insert::edge_split;
-use crate::patch::{Effort, climb};
-use crate::proposal::{Floor, Operation, Proposal, apply_all};
-use crate::ring::Ring;
-use crate::smooth::SurfaceRules;
-use crate::surface_field::Isosurface;
-use crate::swap::{edge_removal, face_swap, surface_flip};
-use crate::work::{Freedom, Work};
+use crate::boundary::field::Isosurface;
+use crate::mesh::editable::{Freedom, Work};
+use crate::mesh::proposal::{Floor, Operation, Proposal, apply_all};
+use crate::operations::contract::contraction;
+use crate::operations::insert::edge_split;
+use crate::operations::patch::{Effort, climb};
+use crate::operations::swap::{edge_removal, face_swap, surface_flip};
+use crate::smoothing::smooth::SurfaceRules;
+use crate::smoothing::star::Ring;
 use crate::{Operations, Pass};
 
 /// Distance of the middle of a flipped surface edge from the isosurface, in spacings.

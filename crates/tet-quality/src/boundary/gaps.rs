@@ -7,9 +7,10 @@ use geom_core::mesh::{FACES, six_volume};
 use geom_core::{Aabb, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::proposal::{NEW, Operation, Proposal};
-use crate::walls::hull;
-use crate::work::{Freedom, NONE, Work};
+use crate::mesh::editable::{Freedom, Work};
+use crate::mesh::incidence::NONE;
+use crate::mesh::link::hull;
+use crate::mesh::proposal::{NEW, Operation, Proposal};
 
 /// Distance between the middles of triangles that face each other, in spacings.
 const REACH: f64 = 1.25;

@@ -3,9 +3,10 @@
 use geom_core::Point3;
 use geom_core::mesh::{EDGES, FACES, Region, VertexKind};
 
-use crate::contract::still_contracts;
-use crate::ring::GAIN;
-use crate::work::{Freedom, NONE, Work};
+use crate::mesh::editable::{Freedom, Work};
+use crate::mesh::incidence::NONE;
+use crate::mesh::link::still_contracts;
+use crate::smoothing::star::GAIN;
 
 /// The place of the new vertex among the corners of [`Proposal::insert`].
 pub(crate) const NEW: u32 = NONE - 1;

@@ -3,13 +3,13 @@
 use geom_core::mesh::VertexKind;
 use geom_core::nalgebra::center;
 
-use crate::proposal::{Floor, NEW, Operation, Proposal};
-use crate::ring::{Ring, objective};
-use crate::search::{Compass, search};
-use crate::smooth::axes_of;
-use crate::surface_field::Isosurface;
-use crate::swap::EdgeRing;
-use crate::work::{Freedom, Work};
+use crate::boundary::field::Isosurface;
+use crate::mesh::editable::{Freedom, Work};
+use crate::mesh::link::EdgeRing;
+use crate::mesh::proposal::{Floor, NEW, Operation, Proposal};
+use crate::smoothing::search::{Compass, search};
+use crate::smoothing::smooth::axes_of;
+use crate::smoothing::star::{Ring, objective};
 
 /// Rounds of the search for the place of the new vertex.
 const ROUNDS: u32 = 5;

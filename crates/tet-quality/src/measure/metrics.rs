@@ -42,7 +42,7 @@ pub struct Measures {
 /// assert!((regular.min_dihedral - 70.528_779).abs() < 1e-5);
 /// ```
 pub fn measures(corners: [Point3; 4]) -> Measures {
-    crate::block::measure_one(corners)
+    crate::measure::block::measure_one(corners)
 }
 
 /// Radius ratio `3 r / R` of in- and circumscribed spheres: 1 for the regular tetrahedron, 0 unless

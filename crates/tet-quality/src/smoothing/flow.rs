@@ -4,9 +4,9 @@
 use geom_core::mesh::{FACES, Region, VertexKind};
 use geom_core::{Point3, Vector3};
 
-use crate::ring::Ring;
-use crate::smooth::{load, sweep};
-use crate::work::Work;
+use crate::mesh::editable::Work;
+use crate::smoothing::smooth::{load, sweep};
+use crate::smoothing::star::Ring;
 
 /// Objective that tetrahedra keep where they had it.
 const FLOOR: f64 = 0.01;

@@ -3,10 +3,11 @@
 use geom_core::mesh::{FACES, Region};
 use geom_core::{Point3, Vector3};
 
-use crate::metrics::quality;
-use crate::proposal::{Floor, Operation, Proposal};
-use crate::surface_field::Isosurface;
-use crate::work::Work;
+use crate::boundary::field::Isosurface;
+use crate::measure::metrics::quality;
+use crate::mesh::editable::Work;
+use crate::mesh::link::EdgeRing;
+use crate::mesh::proposal::{Floor, Operation, Proposal};
 
 /// Most tetrahedra around an edge that is removed.
 const LONGEST_RING: usize = 8;
@@ -14,97 +15,6 @@ const LONGEST_RING: usize = 8;
 const FLAT_ENOUGH: f64 = 0.9;
 /// Sine between normals that count as one plane.
 const PLANE: f64 = 1e-9;
-
-/// The tetrahedra around an edge `ab`, in order.
-#[derive(Debug)]
-pub(crate) struct EdgeRing {
-    /// The vertices around the edge: tetrahedron `i` is `(a, b, vertices[i], vertices[i + 1])`,
-    /// positive. One more than tetrahedra; the last equals the first when closed.
-    pub(crate) vertices: Vec<u32>,
-    pub(crate) tets: Vec<u32>,
-    pub(crate) regions: Vec<Region>,
-}
-
-impl EdgeRing {
-    /// The ring, or `None` if the tetrahedra around the edge are not one fan.
-    pub(crate) fn new(work: &Work, a: u32, b: u32) -> Option<Self> {
-        let mut links: Vec<(u32, u32, u32)> = Vec::with_capacity(8);
-        for &t in work.rings.of(a) {
-            let tet = work.tets[t as usize];
-            let Some(j) = tet.iter().position(|&v| v == b) else {
-                continue;
-            };
-            let i = tet
-                .iter()
-                .position(|&v| v == a)
-                .expect("a stands in its ring");
-            let [x, y] = OTHERS[i][j];
-            links.push((tet[x], tet[y], t));
-        }
-        // An open ring starts at the vertex that no link ends at.
-        let first = links
-            .iter()
-            .position(|l| links.iter().all(|m| m.1 != l.0))
-            .unwrap_or(0);
-        let count = links.len();
-        if count == 0 {
-            return None;
-        }
-        links.swap(0, first);
-        for i in 1..count {
-            let end = links[i - 1].1;
-            let next = (i..count).find(|&k| links[k].0 == end)?;
-            links.swap(i, next);
-        }
-        let mut vertices: Vec<u32> = links.iter().map(|l| l.0).collect();
-        vertices.push(links[count - 1].1);
-        Some(Self {
-            vertices,
-            regions: links.iter().map(|l| work.regions[l.2 as usize]).collect(),
-            tets: links.into_iter().map(|l| l.2).collect(),
-        })
-    }
-
-    pub(crate) fn closed(&self) -> bool {
-        self.vertices[0] == self.vertices[self.tets.len()]
-    }
-
-    /// Is the edge inside one region?
-    pub(crate) fn interior(&self) -> bool {
-        self.closed() && self.regions.iter().all(|&r| r == self.regions[0])
-    }
-
-    /// Around an edge of the interface of exactly two regions: the ring turned so that it starts at
-    /// an interface face, and the number of tetrahedra up to the other one.
-    pub(crate) fn at_interface(mut self) -> Option<(Self, usize)> {
-        let n = self.tets.len();
-        if self.closed() {
-            let changes: Vec<usize> = (0..n)
-                .filter(|&i| self.regions[i] != self.regions[(i + n - 1) % n])
-                .collect();
-            let &[first, second] = changes.as_slice() else {
-                return None;
-            };
-            self.vertices.pop();
-            self.vertices.rotate_left(first);
-            self.tets.rotate_left(first);
-            self.regions.rotate_left(first);
-            self.vertices.push(self.vertices[0]);
-            Some((self, second - first))
-        } else {
-            let single = self.regions.iter().all(|&r| r == self.regions[0]);
-            single.then_some((self, n))
-        }
-    }
-}
-
-/// Corners `x`, `y` such that `(i, j, x, y)` is an even permutation.
-const OTHERS: [[[usize; 2]; 4]; 4] = [
-    [[0, 0], [2, 3], [3, 1], [1, 2]],
-    [[3, 2], [0, 0], [0, 3], [2, 0]],
-    [[1, 3], [3, 0], [0, 0], [0, 1]],
-    [[2, 1], [0, 2], [1, 0], [0, 0]],
-];
 
 /// The triangulation of the polygon `chain` whose worst tetrahedron with `a` or `b` is best, if it is
 /// above `floor` (Klincsek's dynamic programme). Triangles are counter-clockwise seen from `b`.
@@ -299,7 +209,7 @@ pub(crate) fn surface_flip(
     if !plane {
         let curved = [a, b, w, z]
             .iter()
-            .any(|&v| work.freedom[v as usize] == crate::work::Freedom::Field);
+            .any(|&v| work.freedom[v as usize] == crate::mesh::editable::Freedom::Field);
         let field = field.filter(|_| curved)?;
         let normals = [before[0], before[1], after[0], after[1]];
         if (0..4).any(|i| (0..i).any(|j| normals[i].dot(&normals[j]) < FLAT_ENOUGH)) {

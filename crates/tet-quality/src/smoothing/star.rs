@@ -2,7 +2,7 @@
 
 use geom_core::{Point3, Vector3};
 
-use crate::metrics::{JOE_LIU, SHAPE_WEIGHT};
+use crate::measure::metrics::{JOE_LIU, SHAPE_WEIGHT};
 use geom_core::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot};
 
 /// The objective counts as raised only by more than this: sweeps end.
@@ -294,7 +294,7 @@ pub(crate) fn objective(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::quality;
+    use crate::measure::metrics::quality;
     use proptest::prelude::*;
 
     fn point() -> impl Strategy<Value = Point3> {

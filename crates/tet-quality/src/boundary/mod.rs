@@ -1,0 +1,7 @@
+//! What boundaries and interfaces allow.
+
+pub(crate) mod field;
+pub(crate) mod gaps;
+pub(crate) mod input;
+pub(crate) mod own;
+pub(crate) mod walls;
