@@ -174,10 +174,9 @@ pub fn note_volume(session: &Session, mesh: &TetMesh) -> Result<(), Failure> {
 
 /// Writes `NAME.vtu`, `NAME.msh` and `NAME.png`: regions, quality per tetrahedron, and a cut.
 pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), Failure> {
-    let measures = session
-        .device
-        .quality()
-        .measure(mesh.positions(), mesh.tets())?;
+    let mut measures = Vec::new();
+    let device = session.device.quality();
+    device.measure(mesh.positions(), mesh.tets(), &mut measures)?;
     let field =
         |value: fn(&Measures) -> f64| measures.iter().map(|m| value(m) as f32).collect::<Vec<_>>();
     let low = field(|m| m.min_dihedral);
@@ -206,10 +205,9 @@ pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), 
 /// Writes `NAME.png`: a cut through the mesh. Tetrahedra of the molecule are coloured by their smallest
 /// dihedral angle; those of other regions have the region's colour, darker where that angle is small.
 pub fn picture_of_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), Failure> {
-    let measures = session
-        .device
-        .quality()
-        .measure(mesh.positions(), mesh.tets())?;
+    let mut measures = Vec::new();
+    let device = session.device.quality();
+    device.measure(mesh.positions(), mesh.tets(), &mut measures)?;
     draw_volume(session, name, mesh, &measures)
 }
 

@@ -2,7 +2,7 @@
 
 use geom_core::{ImplicitField, Point3, Vector3};
 
-use crate::Error;
+use crate::error::Error;
 
 /// The level set of an implicit field.
 pub(crate) struct Isosurface<'a> {

@@ -4,7 +4,7 @@
 pub(crate) const NONE: u32 = u32::MAX;
 
 /// The tetrahedra around each vertex, in one pool with room to grow.
-pub(crate) struct Rings {
+pub(crate) struct Incidence {
     spans: Vec<Span>,
     pool: Vec<u32>,
 }
@@ -16,7 +16,7 @@ struct Span {
     room: u32,
 }
 
-impl Rings {
+impl Incidence {
     pub(super) fn new(vertices: usize, tets: &[[u32; 4]]) -> Self {
         let mut counts = vec![0u32; vertices];
         for &v in tets.iter().flatten() {
@@ -76,7 +76,7 @@ impl Rings {
         let at = ring
             .iter()
             .position(|&r| r == t)
-            .expect("a tetrahedron stands in the rings of its corners");
+            .expect("a tetrahedron stands in the incidence of its corners");
         ring.swap_remove_last(at);
         s.len -= 1;
     }

@@ -3,14 +3,26 @@
 
 use geom_core::mesh::{FACES, Region};
 
-use crate::mesh::editable::Work;
+use crate::mesh::editable::EditableMesh;
 use crate::mesh::incidence::NONE;
 
 /// The vertex at infinity, joined to every face of the boundary.
 const INFINITY: u32 = NONE;
-/// The tetrahedra around an edge `ab`, in order.
+
+/// An edge to be contracted.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ContractedEdge {
+    /// The vertex that vanishes.
+    pub(crate) from: u32,
+    /// The vertex that it becomes.
+    pub(crate) to: u32,
+    /// Does the edge lie on an interface?
+    pub(crate) on_surface: bool,
+}
+
+/// The link of an edge `ab`: the tetrahedra around it, in order, and the vertices opposite.
 #[derive(Debug)]
-pub(crate) struct EdgeRing {
+pub(crate) struct EdgeLink {
     /// The vertices around the edge: tetrahedron `i` is `(a, b, vertices[i], vertices[i + 1])`,
     /// positive. One more than tetrahedra; the last equals the first when closed.
     pub(crate) vertices: Vec<u32>,
@@ -18,23 +30,23 @@ pub(crate) struct EdgeRing {
     pub(crate) regions: Vec<Region>,
 }
 
-impl EdgeRing {
-    /// The ring, or `None` if the tetrahedra around the edge are not one fan.
-    pub(crate) fn new(work: &Work, a: u32, b: u32) -> Option<Self> {
+impl EdgeLink {
+    /// The link, or `None` if the tetrahedra around the edge are not one fan.
+    pub(crate) fn new(mesh: &EditableMesh, a: u32, b: u32) -> Option<Self> {
         let mut links: Vec<(u32, u32, u32)> = Vec::with_capacity(8);
-        for &t in work.rings.of(a) {
-            let tet = work.tets[t as usize];
+        for &t in mesh.incidence.of(a) {
+            let tet = mesh.tets[t as usize];
             let Some(j) = tet.iter().position(|&v| v == b) else {
                 continue;
             };
             let i = tet
                 .iter()
                 .position(|&v| v == a)
-                .expect("a stands in its ring");
+                .expect("a is a corner of what is around it");
             let [x, y] = OTHERS[i][j];
             links.push((tet[x], tet[y], t));
         }
-        // An open ring starts at the vertex that no link ends at.
+        // An open link starts at the vertex that no link ends at.
         let first = links
             .iter()
             .position(|l| links.iter().all(|m| m.1 != l.0))
@@ -53,7 +65,7 @@ impl EdgeRing {
         vertices.push(links[count - 1].1);
         Some(Self {
             vertices,
-            regions: links.iter().map(|l| work.regions[l.2 as usize]).collect(),
+            regions: links.iter().map(|l| mesh.regions[l.2 as usize]).collect(),
             tets: links.into_iter().map(|l| l.2).collect(),
         })
     }
@@ -67,9 +79,9 @@ impl EdgeRing {
         self.closed() && self.regions.iter().all(|&r| r == self.regions[0])
     }
 
-    /// Around an edge of the interface of exactly two regions: the ring turned so that it starts at
-    /// an interface face, and the number of tetrahedra up to the other one.
-    pub(crate) fn at_interface(mut self) -> Option<(Self, usize)> {
+    /// Around an edge of the interface of exactly two regions: the link turned so that it starts at
+    /// an interface face.
+    pub(crate) fn at_interface(mut self) -> Option<InterfaceLink> {
         let n = self.tets.len();
         if self.closed() {
             let changes: Vec<usize> = (0..n)
@@ -83,12 +95,24 @@ impl EdgeRing {
             self.tets.rotate_left(first);
             self.regions.rotate_left(first);
             self.vertices.push(self.vertices[0]);
-            Some((self, second - first))
+            let first = second - first;
+            Some(InterfaceLink { link: self, first })
         } else {
             let single = self.regions.iter().all(|&r| r == self.regions[0]);
-            single.then_some((self, n))
+            single.then_some(InterfaceLink {
+                link: self,
+                first: n,
+            })
         }
     }
+}
+
+/// The link of an edge between two regions, or on the boundary of one.
+pub(crate) struct InterfaceLink {
+    /// Starts at an interface face.
+    pub(crate) link: EdgeLink,
+    /// The number of tetrahedra up to the other interface face.
+    pub(crate) first: usize,
 }
 
 /// Corners `x`, `y` such that `(i, j, x, y)` is an even permutation.
@@ -101,7 +125,7 @@ const OTHERS: [[[usize; 2]; 4]; 4] = [
 
 /// What lies opposite a vertex in the simplices around it, all lists sorted.
 #[derive(Default)]
-pub(crate) struct Link {
+pub(crate) struct VertexLink {
     vertices: Vec<u32>,
     edges: Vec<[u32; 2]>,
     triangles: Vec<[u32; 3]>,
@@ -109,17 +133,17 @@ pub(crate) struct Link {
     pub(crate) surface: Vec<[u32; 2]>,
 }
 
-impl Link {
-    pub(crate) fn of(work: &Work, v: u32) -> Self {
-        let ring = work.rings.of(v);
+impl VertexLink {
+    pub(crate) fn of(mesh: &EditableMesh, v: u32) -> Self {
+        let star = mesh.incidence.of(v);
         let mut link = Self::default();
-        let mut sides = Vec::with_capacity(3 * ring.len());
-        for &t in ring {
-            let tet = work.tets[t as usize];
+        let mut sides = Vec::with_capacity(3 * star.len());
+        for &t in star {
+            let tet = mesh.tets[t as usize];
             let k = tet.iter().position(|&u| u == v).expect("a corner");
             let mut f = FACES[k].map(|i| tet[i]);
             f.sort_unstable();
-            let region = work.regions[t as usize];
+            let region = mesh.regions[t as usize];
             link.triangles.push(f);
             sides.extend([[f[0], f[1]], [f[0], f[2]], [f[1], f[2]]].map(|e| (e, region)));
         }
@@ -161,52 +185,47 @@ fn common<T: Ord + Copy>(a: &[T], b: &[T]) -> Vec<T> {
 }
 
 /// The link condition (Dey et al. 1999) with the boundary closed at infinity, and the same for the
-/// interface: contraction then keeps the topology of all regions.
-pub(crate) fn keeps_topology(
-    work: &Work,
-    a: u32,
-    b: u32,
-    ring: &EdgeRing,
-    on_surface: bool,
-) -> bool {
-    let (la, lb) = (Link::of(work, a), Link::of(work, b));
-    let mut vertices = ring.vertices.clone();
-    let mut edges: Vec<[u32; 2]> = ring
+/// interface: contraction then keeps the topology of all regions. `link` is that of the edge.
+pub(crate) fn keeps_topology(mesh: &EditableMesh, edge: ContractedEdge, link: &EdgeLink) -> bool {
+    let [from, to] = [edge.from, edge.to].map(|v| VertexLink::of(mesh, v));
+    // lk(a) ∩ lk(b) = lk(ab), simplices of all dimensions.
+    let mut vertices = link.vertices.clone();
+    let mut edges: Vec<[u32; 2]> = link
         .vertices
         .windows(2)
         .map(|w| [w[0].min(w[1]), w[0].max(w[1])])
         .collect();
-    if !ring.closed() {
+    if !link.closed() {
         vertices.push(INFINITY);
-        let last = ring.vertices.len() - 1;
-        edges.extend([0, last].map(|i| [ring.vertices[i], INFINITY]));
+        let last = link.vertices.len() - 1;
+        edges.extend([0, last].map(|i| [link.vertices[i], INFINITY]));
     }
-    if common(&la.vertices, &lb.vertices)
+    if common(&from.vertices, &to.vertices)
         .iter()
         .any(|v| !vertices.contains(v))
-        || common(&la.edges, &lb.edges)
+        || common(&from.edges, &to.edges)
             .iter()
             .any(|e| !edges.contains(e))
-        || !common(&la.triangles, &lb.triangles).is_empty()
+        || !common(&from.triangles, &to.triangles).is_empty()
     {
         return false;
     }
-    if !on_surface {
+    if !edge.on_surface {
         return true;
     }
     // On the surface the two wings are the only common neighbours, and close no triangle.
-    let wings = common(&la.surface_vertices(), &lb.surface_vertices());
+    let wings = common(&from.surface_vertices(), &to.surface_vertices());
     let &[w, z] = wings.as_slice() else {
         return false;
     };
-    [&la, &lb]
+    [&from, &to]
         .iter()
         .all(|l| l.surface.binary_search(&[w, z]).is_err())
 }
 
-/// Does the contraction of `a` into `b`, judged before, still keep the topology?
-pub(crate) fn still_contracts(work: &Work, a: u32, b: u32, on_surface: bool) -> bool {
-    EdgeRing::new(work, a, b).is_some_and(|ring| keeps_topology(work, a, b, &ring, on_surface))
+/// Does a contraction that was judged before still keep the topology?
+pub(crate) fn still_contracts(mesh: &EditableMesh, edge: ContractedEdge) -> bool {
+    EdgeLink::new(mesh, edge.from, edge.to).is_some_and(|link| keeps_topology(mesh, edge, &link))
 }
 
 /// The faces that only one of the tetrahedra has.
@@ -227,4 +246,42 @@ pub(crate) fn hull(tets: impl Iterator<Item = [u32; 4]>) -> Vec<[u32; 3]> {
         .filter(|group| group.len() == 1)
         .map(|group| group[0].1)
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use geom_core::{Point3, TetMesh};
+
+    use super::*;
+
+    #[test]
+    fn a_tetrahedron_all_of_whose_faces_are_boundary_does_not_vanish() {
+        // Two that share a corner: all that the ends of an edge of one have in common, vertices and edges,
+        // lies opposite that edge, and yet contracting it would leave nothing of the tetrahedron but a
+        // triangle. Only their common opposite triangle, with infinity, shows that.
+        let x = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [-1.0, 0.0, 0.0],
+            [0.0, -1.0, 0.0],
+            [0.0, 0.0, -1.0],
+        ];
+        let tets = vec![[0, 1, 2, 3], [0, 4, 6, 5]];
+        let mesh = TetMesh::new(x.map(Point3::from).to_vec(), tets).unwrap();
+        let mesh = EditableMesh::new(mesh);
+        for on_surface in [false, true] {
+            let edge = ContractedEdge {
+                from: 0,
+                to: 1,
+                on_surface,
+            };
+            let link = EdgeLink::new(&mesh, 0, 1).unwrap();
+            let [from, to] = [0, 1].map(|v| VertexLink::of(&mesh, v));
+            assert_eq!(common(&from.vertices, &to.vertices), [2, 3, INFINITY]);
+            assert_eq!(common(&from.edges, &to.edges).len(), 3);
+            assert!(!keeps_topology(&mesh, edge, &link));
+        }
+    }
 }

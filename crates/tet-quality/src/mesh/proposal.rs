@@ -1,14 +1,13 @@
-//! A change of the mesh that is worth making, and the choice of changes that do not meet.
+//! A change of the mesh that is worth making.
 
 use geom_core::Point3;
 use geom_core::mesh::{EDGES, FACES, Region, VertexKind};
 
-use crate::mesh::editable::{Freedom, Work};
+use crate::mesh::editable::{EditableMesh, Freedom, GAIN};
 use crate::mesh::incidence::NONE;
-use crate::mesh::link::still_contracts;
-use crate::smoothing::star::GAIN;
+use crate::mesh::link::{ContractedEdge, still_contracts};
 
-/// The place of the new vertex among the corners of [`Proposal::insert`].
+/// The number of the new vertex among the corners of [`Proposal::insert`].
 pub(crate) const NEW: u32 = NONE - 1;
 
 /// Which operation a proposal is.
@@ -19,8 +18,8 @@ pub(crate) enum Operation {
     SurfaceFlip,
     Contraction,
     Insertion,
-    /// No operation: vertices move together.
-    Push,
+    /// No operation: vertices move together, one of them to the isosurface.
+    Projection,
 }
 
 /// What the worst of the new tetrahedra must exceed.
@@ -41,6 +40,29 @@ impl Floor {
     }
 }
 
+/// A tetrahedron that a proposal makes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct NewTet {
+    /// Its corners; [`NEW`] is the vertex that the proposal makes.
+    pub(crate) corners: [u32; 4],
+    pub(crate) region: Region,
+}
+
+/// A vertex that a proposal makes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct NewVertex {
+    pub(crate) position: Point3,
+    pub(crate) kind: VertexKind,
+    pub(crate) freedom: Freedom,
+}
+
+/// A vertex that stays but moves.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct VertexMove {
+    pub(crate) vertex: u32,
+    pub(crate) to: Point3,
+}
+
 /// Some tetrahedra to be replaced by others.
 #[derive(Clone, Debug)]
 pub(crate) struct Proposal {
@@ -48,16 +70,14 @@ pub(crate) struct Proposal {
     /// By how much the worst objective among the tetrahedra rises.
     pub(crate) gain: f64,
     pub(crate) remove: Vec<u32>,
-    pub(crate) insert: Vec<([u32; 4], Region)>,
-    /// A new vertex; [`NEW`] stands for it in `insert`.
-    pub(crate) vertex: Option<(Point3, VertexKind, Freedom)>,
-    /// Vertices that stay but move.
-    pub(crate) moves: Vec<(u32, Point3)>,
+    pub(crate) insert: Vec<NewTet>,
+    /// [`NEW`], if the proposal makes a vertex.
+    pub(crate) vertex: Option<NewVertex>,
+    pub(crate) moves: Vec<VertexMove>,
     /// The tetrahedra that the proposal looked at or changes: it holds while they stay.
     pub(crate) locks: Vec<u32>,
-    /// The edge that a contraction contracts, from the vertex that vanishes, and whether it lies on an
-    /// interface.
-    pub(crate) edge: Option<(u32, u32, bool)>,
+    /// The edge that a contraction contracts.
+    pub(crate) edge: Option<ContractedEdge>,
 }
 
 impl Proposal {
@@ -66,7 +86,7 @@ impl Proposal {
         operation: Operation,
         gain: f64,
         remove: Vec<u32>,
-        insert: Vec<([u32; 4], Region)>,
+        insert: Vec<NewTet>,
     ) -> Self {
         Self {
             operation,
@@ -81,96 +101,78 @@ impl Proposal {
     }
 
     /// A vertex that goes to the isosurface.
-    pub(crate) fn push(v: u32, foot: Point3) -> Self {
+    pub(crate) fn projection(vertex: u32, to: Point3) -> Self {
         Self {
-            operation: Operation::Push,
+            operation: Operation::Projection,
             gain: 0.0,
             remove: Vec::new(),
             insert: Vec::new(),
             vertex: None,
-            moves: vec![(v, foot)],
+            moves: vec![VertexMove { vertex, to }],
             locks: Vec::new(),
             edge: None,
         }
     }
 
-    /// Does the mesh outside of the locked tetrahedra, which stayed, still allow the change? What a
-    /// neighbouring change made since the last [`Work::tick`] may be an edge or a face that this one
-    /// would make again; where nothing changed, what was judged then still holds.
-    fn fits(&self, work: &Work) -> bool {
-        let fresh = |v: u32| work.changed_now(v);
-        if let Some((a, b, on_surface)) = self.edge {
-            return !(fresh(a) || fresh(b)) || still_contracts(work, a, b, on_surface);
+    /// Where a vertex, old or new, lies after the change.
+    pub(crate) fn position_after(&self, mesh: &EditableMesh, v: u32) -> Point3 {
+        match self.vertex {
+            Some(new) if v == NEW => new.position,
+            _ => {
+                let moved = self.moves.iter().find(|m| m.vertex == v);
+                moved.map_or_else(|| mesh.x[v as usize], |m| m.to)
+            }
         }
-        let old = || self.remove.iter().map(|&t| work.tets[t as usize]);
-        self.insert.iter().all(|(tet, _)| {
+    }
+
+    /// Does the mesh outside of the locked tetrahedra, which stayed, still allow the change? What a
+    /// neighbouring change made since the last [`EditableMesh::tick`] may be an edge or a face that
+    /// this one would make again; where nothing changed, what was judged then still holds.
+    pub(crate) fn fits(&self, mesh: &EditableMesh) -> bool {
+        let fresh = |v: u32| mesh.changed_now(v);
+        if let Some(edge) = self.edge {
+            return !(fresh(edge.from) || fresh(edge.to)) || still_contracts(mesh, edge);
+        }
+        let old = || self.remove.iter().map(|&t| mesh.tets[t as usize]);
+        self.insert.iter().all(|new| {
+            let tet = new.corners;
             EDGES.iter().all(|&[i, j]| {
                 let (u, v) = (tet[i], tet[j]);
                 u == NEW
                     || v == NEW
                     || !(fresh(u) && fresh(v))
                     || old().any(|t| t.contains(&u) && t.contains(&v))
-                    || !work.edge_exists(u, v)
+                    || !mesh.edge_exists(u, v)
             }) && FACES.iter().all(|f| {
                 let f = f.map(|i| tet[i]);
                 f.contains(&NEW)
                     || !f.iter().all(|&v| fresh(v))
                     || old().any(|t| f.iter().all(|v| t.contains(v)))
-                    || !work.face_exists(f[0], f[1], f[2])
+                    || !mesh.face_exists(f[0], f[1], f[2])
             })
         })
     }
 
     /// Makes the change.
-    pub(crate) fn apply(&self, work: &mut Work) {
-        work.change_walls(self);
+    pub(crate) fn apply(&self, mesh: &mut EditableMesh) {
         for &t in &self.remove {
-            work.remove(t);
+            mesh.remove(t);
         }
         let new = self
             .vertex
-            .map(|(x, kind, freedom)| work.add_vertex(x, kind, freedom));
-        for &(tet, region) in &self.insert {
-            let tet = tet.map(|v| {
+            .map(|new| mesh.add_vertex(new.position, new.kind, new.freedom));
+        for tet in &self.insert {
+            let corners = tet.corners.map(|v| {
                 if v == NEW {
                     new.expect("a new vertex")
                 } else {
                     v
                 }
             });
-            work.insert(tet, region);
+            mesh.insert(corners, tet.region);
         }
-        for &(v, x) in &self.moves {
-            work.set_position(v, x);
+        for moved in &self.moves {
+            mesh.set_position(moved.vertex, moved.to);
         }
     }
-}
-
-/// Makes the changes that lock no common tetrahedron and still fit, greatest gain first, in steps of
-/// 2⁻²⁰ so that equal ones go by their order. `marks` shows, by `stamp`, which tetrahedra are gone.
-/// Gives those that were made.
-pub(crate) fn apply_all(
-    work: &mut Work,
-    mut proposals: Vec<(u32, Proposal)>,
-    marks: &mut Vec<u32>,
-    stamp: u32,
-) -> Vec<Proposal> {
-    let steps = |gain: f64| (gain * f64::from(1u32 << 20)) as i64;
-    proposals.sort_by(|a, b| steps(b.1.gain).cmp(&steps(a.1.gain)).then(a.0.cmp(&b.0)));
-    let mut made = Vec::new();
-    for (_, proposal) in proposals {
-        marks.resize(work.tets.len(), 0);
-        if proposal.locks.iter().any(|&t| marks[t as usize] == stamp)
-            || !proposal.fits(work)
-            || !work.walls_bear(&proposal)
-        {
-            continue;
-        }
-        for &t in &proposal.locks {
-            marks[t as usize] = stamp;
-        }
-        proposal.apply(work);
-        made.push(proposal);
-    }
-    made
 }

@@ -4,12 +4,12 @@ use geom_core::mesh::VertexKind;
 use geom_core::nalgebra::center;
 
 use crate::boundary::field::Isosurface;
-use crate::mesh::editable::{Freedom, Work};
-use crate::mesh::link::EdgeRing;
-use crate::mesh::proposal::{Floor, NEW, Operation, Proposal};
+use crate::mesh::editable::{EditableMesh, Freedom};
+use crate::mesh::link::EdgeLink;
+use crate::mesh::proposal::{Floor, NEW, NewTet, NewVertex, Operation, Proposal};
 use crate::smoothing::search::{Compass, search};
 use crate::smoothing::smooth::axes_of;
-use crate::smoothing::star::{Ring, objective};
+use crate::smoothing::star::{Star, objective};
 
 /// Rounds of the search for the place of the new vertex.
 const ROUNDS: u32 = 5;
@@ -19,31 +19,31 @@ const NEAR: f64 = 0.05;
 /// Split of the edge `ab`. On the isosurface the new vertex is put onto it; other interface edges are
 /// not split.
 pub(crate) fn edge_split(
-    work: &Work,
+    mesh: &EditableMesh,
     a: u32,
     b: u32,
     field: Option<&Isosurface<'_>>,
     floor: Floor,
-    ring: &mut Ring,
+    star: &mut Star,
 ) -> Option<Proposal> {
-    let around = EdgeRing::new(work, a, b)?;
+    let around = EdgeLink::new(mesh, a, b)?;
     let old = around
         .tets
         .iter()
-        .map(|&t| work.q[t as usize])
+        .map(|&t| mesh.q[t as usize])
         .fold(f64::INFINITY, f64::min);
     if old <= 0.0 {
         return None;
     }
-    let mut x = center(&work.x[a as usize], &work.x[b as usize]);
+    let mut x = center(&mesh.x[a as usize], &mesh.x[b as usize]);
     let (kind, freedom) = if around.interior() {
         (VertexKind::Interior, Freedom::Free)
     } else {
         let on_field = [a, b]
             .iter()
-            .all(|&v| work.freedom[v as usize] == Freedom::Field);
+            .all(|&v| mesh.freedom[v as usize] == Freedom::Field);
         let field = field.filter(|_| on_field)?;
-        let reach = (work.x[a as usize] - work.x[b as usize]).norm();
+        let reach = (mesh.x[a as usize] - mesh.x[b as usize]).norm();
         for _ in 0..2 {
             let tangent = field.tangent(&x);
             x -= tangent.normal * tangent.within(0.15 * reach);
@@ -53,24 +53,31 @@ pub(crate) fn edge_split(
         }
         (VertexKind::Surface, Freedom::Field)
     };
-    ring.clear();
+    star.clear();
     let mut insert = Vec::with_capacity(2 * around.tets.len());
     for (i, w) in around.vertices.windows(2).enumerate() {
         // (a, b, u, v) becomes (new, b, u, v) and (a, new, u, v) = (new, a, v, u).
         for tet in [[NEW, b, w[0], w[1]], [NEW, a, w[1], w[0]]] {
-            ring.push([tet[1], tet[2], tet[3]].map(|v| work.x[v as usize]));
-            insert.push((tet, around.regions[i]));
+            star.push([tet[1], tet[2], tet[3]].map(|v| mesh.x[v as usize]));
+            insert.push(NewTet {
+                corners: tet,
+                region: around.regions[i],
+            });
         }
     }
     if let Some(axes) = axes_of(freedom, None) {
-        x = search(ring, x.coords, &Compass::along(&axes), ROUNDS).into();
+        x = search(star, x.coords, &Compass::along(&axes), ROUNDS).into();
     }
-    let worst = objective(ring.value(&x.coords));
+    let worst = objective(star.value(&x.coords));
     if worst <= floor.above(old) {
         return None;
     }
     let gain = worst - old;
     let mut proposal = Proposal::swap(Operation::Insertion, gain, around.tets, insert);
-    proposal.vertex = Some((x, kind, freedom));
+    proposal.vertex = Some(NewVertex {
+        position: x,
+        kind,
+        freedom,
+    });
     Some(proposal)
 }

@@ -4,16 +4,17 @@ use geom_core::mesh::FACES;
 use geom_core::{Point3, Vector3};
 
 use crate::boundary::field::{Isosurface, Tangent};
+use crate::boundary::guard::GuardedMesh;
 use crate::measure::metrics::quality;
-use crate::mesh::editable::{Freedom, Work};
-use crate::mesh::proposal::{NEW, Proposal};
+use crate::mesh::editable::{EditableMesh, Freedom};
+use crate::mesh::proposal::{NEW, NewVertex, Proposal, VertexMove};
 use crate::smoothing::search::{Compass, search};
 use crate::smoothing::smooth::{SurfaceRules, axes_of, slide_from};
-use crate::smoothing::star::Ring;
+use crate::smoothing::star::Star;
 
-/// How much work an operation with its smoothing is worth.
+/// How long the search around an operation is: what one with its smoothing is worth.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Effort {
+pub(crate) struct PatchSettings {
     /// How many operations per tetrahedron are tried with smoothing.
     pub(crate) tries: usize,
     /// Most vertices that are smoothed around an operation.
@@ -26,7 +27,7 @@ pub(crate) struct Effort {
     wide: bool,
 }
 
-impl Effort {
+impl PatchSettings {
     /// For many.
     pub(crate) const USUAL: Self = Self {
         tries: 6,
@@ -52,16 +53,19 @@ const RISE: f64 = 1.02;
 struct Patch {
     /// The tetrahedra before.
     around: Vec<u32>,
+    /// What they fall short of the goal.
+    before: Shortfall,
     ids: Vec<u32>,
     x: Vec<Point3>,
     /// The isosurface where it has been asked for.
     tangents: Vec<Tangent>,
-    /// Corners as places in `ids`.
+    /// Corners as slots in `ids`.
     tets: Vec<[usize; 4]>,
 }
 
 impl Patch {
-    fn place(&self, v: u32) -> usize {
+    /// The slot of a vertex in the patch.
+    fn slot(&self, v: u32) -> usize {
         self.ids.binary_search(&v).expect("a corner of the patch")
     }
 
@@ -70,11 +74,11 @@ impl Patch {
         [self.x[a], self.x[b], self.x[c], self.x[d]]
     }
 
-    fn tangent(&mut self, work: &Work, i: usize, field: &Isosurface<'_>) -> Tangent {
+    fn tangent(&mut self, mesh: &EditableMesh, i: usize, field: &Isosurface<'_>) -> Tangent {
         if self.tangents[i].at != self.x[i] {
             let v = self.ids[i];
-            self.tangents[i] = if v != NEW && work.x[v as usize] == self.x[i] {
-                work.tangent(v, field)
+            self.tangents[i] = if v != NEW && mesh.x[v as usize] == self.x[i] {
+                mesh.tangent(v, field)
             } else {
                 field.tangent(&self.x[i])
             };
@@ -82,91 +86,76 @@ impl Patch {
         self.tangents[i]
     }
 
-    /// The tetrahedra around `core` after the proposal, and the objectives of those before it.
-    fn new(work: &Work, proposal: &Proposal, core: &[u32]) -> (Self, Vec<f64>) {
+    /// The tetrahedra around `core` after the proposal.
+    fn new(mesh: &EditableMesh, proposal: &Proposal, core: &[u32], goal: f64) -> Self {
         let mut around: Vec<u32> = core
             .iter()
             .filter(|&&v| v != NEW)
-            .flat_map(|&v| work.rings.of(v).iter().copied())
+            .flat_map(|&v| mesh.incidence.of(v).iter().copied())
             .chain(proposal.remove.iter().copied())
             .collect();
         around.sort_unstable();
         around.dedup();
-        let before = around.iter().map(|&t| work.q[t as usize]).collect();
+        let before = Shortfall::of(around.iter().map(|&t| mesh.q[t as usize]), goal);
         let tets: Vec<[u32; 4]> = around
             .iter()
             .filter(|t| !proposal.remove.contains(t))
-            .map(|&t| work.tets[t as usize])
-            .chain(proposal.insert.iter().map(|i| i.0))
+            .map(|&t| mesh.tets[t as usize])
+            .chain(proposal.insert.iter().map(|new| new.corners))
             .collect();
         let mut ids: Vec<u32> = tets.iter().flatten().copied().collect();
         ids.sort_unstable();
         ids.dedup();
-        let start = |v: u32| match proposal.moves.iter().find(|m| m.0 == v) {
-            Some(m) => m.1,
-            None => work.x[v as usize],
-        };
         let mut patch = Self {
             x: ids
                 .iter()
-                .map(|&v| match (v, proposal.vertex) {
-                    (NEW, Some((x, ..))) => x,
-                    _ => start(v),
-                })
+                .map(|&v| proposal.position_after(mesh, v))
                 .collect(),
             tangents: vec![Tangent::UNKNOWN; ids.len()],
             tets: Vec::new(),
             ids,
             around,
+            before,
         };
-        patch.tets = tets.iter().map(|t| t.map(|v| patch.place(v))).collect();
-        (patch, before)
+        patch.tets = tets.iter().map(|t| t.map(|v| patch.slot(v))).collect();
+        patch
     }
 
     /// Moves the worst of `core` to where the tetrahedra are best.
     fn smooth(
         &mut self,
-        work: &Work,
+        guarded: &GuardedMesh,
         proposal: &Proposal,
         core: &[u32],
         surface: Option<&SurfaceRules<'_>>,
-        effort: &Effort,
-        ring: &mut Ring,
+        settings: &PatchSettings,
+        star: &mut Star,
     ) {
         // The worst first: they need it most.
         let mut movable: Vec<(f64, usize)> = core
             .iter()
             .map(|&v| {
-                let i = self.place(v);
-                self.load(i, ring);
-                (ring.value(&self.x[i].coords), i)
+                let i = self.slot(v);
+                self.load(i, star);
+                (star.value(&self.x[i].coords), i)
             })
             .collect();
         movable.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        movable.truncate(effort.movable);
-        for _ in 0..effort.sweeps {
+        movable.truncate(settings.movable);
+        for _ in 0..settings.sweeps {
             for &(_, i) in &movable {
                 let freedom = match (self.ids[i], proposal.vertex) {
-                    (NEW, Some((_, _, freedom))) => freedom,
-                    (v, _) => work.freedom[v as usize],
+                    (NEW, Some(new)) => new.freedom,
+                    (v, _) => guarded.mesh.freedom[v as usize],
                 };
-                self.load(i, ring);
-                let start = self.x[i];
+                self.load(i, star);
                 match (freedom, surface) {
-                    (Freedom::Field, Some(rules)) => {
-                        let start = self.tangent(work, i, rules.field);
-                        let id = self.ids[i];
-                        let may = |x: Point3| id == NEW || work.gap_bears_move(id, x);
-                        if let Some(tangent) = slide_from(start, None, ring, rules, may) {
-                            self.x[i] = tangent.at;
-                            self.tangents[i] = tangent;
-                        }
-                    }
+                    (Freedom::Field, Some(rules)) => self.slide(guarded, i, rules, star),
                     _ => {
                         if let Some(axes) = axes_of(freedom, None) {
-                            let compass = Compass::along(&axes);
+                            let (start, compass) = (self.x[i].coords, Compass::along(&axes));
                             self.x[i] =
-                                Point3::from(search(ring, start.coords, &compass, effort.rounds));
+                                Point3::from(search(star, start, &compass, settings.rounds));
                         }
                     }
                 }
@@ -174,11 +163,29 @@ impl Patch {
         }
     }
 
+    /// Moves the vertex in a slot, whose star is loaded, along the isosurface.
+    fn slide(
+        &mut self,
+        guarded: &GuardedMesh,
+        i: usize,
+        rules: &SurfaceRules<'_>,
+        star: &mut Star,
+    ) {
+        let start = self.tangent(&guarded.mesh, i, rules.field);
+        let id = self.ids[i];
+        // A vertex that is not yet there is judged with the whole proposal.
+        let may = |x: Point3| id == NEW || guarded.guard.allows_move(&guarded.mesh, id, x);
+        if let Some(tangent) = slide_from(start, None, star, rules, may) {
+            self.x[i] = tangent.at;
+            self.tangents[i] = tangent;
+        }
+    }
+
     /// The proposal with all moves.
-    fn finish(&self, work: &Work, proposal: &Proposal, gain: f64) -> Proposal {
+    fn finish(&self, mesh: &EditableMesh, proposal: &Proposal, gain: f64) -> Proposal {
         let moved = |i: &usize| {
             self.ids[*i] != NEW && {
-                let d: Vector3 = self.x[*i] - work.x[self.ids[*i] as usize];
+                let d: Vector3 = self.x[*i] - mesh.x[self.ids[*i] as usize];
                 d != Vector3::zeros()
             }
         };
@@ -187,96 +194,119 @@ impl Patch {
             gain,
             remove: proposal.remove.clone(),
             insert: proposal.insert.clone(),
-            vertex: proposal
-                .vertex
-                .map(|(_, kind, freedom)| (self.x[self.place(NEW)], kind, freedom)),
+            vertex: proposal.vertex.map(|new| NewVertex {
+                position: self.x[self.slot(NEW)],
+                ..new
+            }),
             moves: (0..self.ids.len())
                 .filter(moved)
-                .map(|i| (self.ids[i], self.x[i]))
+                .map(|i| VertexMove {
+                    vertex: self.ids[i],
+                    to: self.x[i],
+                })
                 .collect(),
             locks: self.around.clone(),
             edge: proposal.edge,
         }
     }
 
-    fn load(&self, i: usize, ring: &mut Ring) {
-        ring.clear();
+    fn load(&self, i: usize, star: &mut Star) {
+        star.clear();
         for tet in &self.tets {
             if let Some(k) = tet.iter().position(|&j| j == i) {
                 let [a, b, c] = FACES[k];
-                ring.push([self.x[tet[a]], self.x[tet[b]], self.x[tet[c]]]);
+                star.push([self.x[tet[a]], self.x[tet[b]], self.x[tet[c]]]);
             }
         }
     }
 }
 
-/// How much is missing to `goal`: what must shrink, so that one bad element is not traded for many.
-fn lack(qualities: impl Iterator<Item = f64>, goal: f64) -> (f64, f64) {
-    qualities.fold((f64::INFINITY, 0.0), |(worst, sum), q| {
-        let d = (goal - q).max(0.0);
-        (worst.min(q), sum + d * d)
-    })
+/// What some tetrahedra fall short of a goal.
+#[derive(Clone, Copy)]
+struct Shortfall {
+    /// The smallest objective.
+    worst: f64,
+    /// Sum of the squares of what is missing: what must shrink, so that one bad element is not traded
+    /// for many.
+    missing: f64,
 }
 
-/// The proposal followed by smoothing around it, if the worst tetrahedron of the neighbourhood gets
-/// better and less is missing to `goal`.
-pub(crate) fn climb(
-    work: &Work,
+impl Shortfall {
+    fn of(qualities: impl Iterator<Item = f64>, goal: f64) -> Self {
+        let none = Self {
+            worst: f64::INFINITY,
+            missing: 0.0,
+        };
+        qualities.fold(none, |sum, q| {
+            let d = (goal - q).max(0.0);
+            Self {
+                worst: sum.worst.min(q),
+                missing: sum.missing + d * d,
+            }
+        })
+    }
+}
+
+/// The proposal followed by smoothing around it (hill climbing over both), if the worst tetrahedron of
+/// the neighbourhood gets better and less is missing to `goal`.
+pub(crate) fn hill_climb(
+    guarded: &GuardedMesh,
     proposal: &Proposal,
     surface: Option<&SurfaceRules<'_>>,
     goal: f64,
-    effort: &Effort,
-    ring: &mut Ring,
+    settings: &PatchSettings,
+    star: &mut Star,
 ) -> Option<Proposal> {
-    let mut core: Vec<u32> = proposal.insert.iter().flat_map(|i| i.0).collect();
-    if effort.wide {
+    let mesh = &guarded.mesh;
+    let mut core: Vec<u32> = proposal.insert.iter().flat_map(|new| new.corners).collect();
+    if settings.wide {
         for v in core.clone().into_iter().filter(|&v| v != NEW) {
-            let around = work.rings.of(v).iter();
-            core.extend(around.flat_map(|&t| work.tets[t as usize]));
+            let around = mesh.incidence.of(v).iter();
+            core.extend(around.flat_map(|&t| mesh.tets[t as usize]));
         }
         // A vertex that is contracted away is no more.
-        let gone = proposal.edge.map(|e| e.0);
-        core.retain(|&v| Some(v) != gone);
+        let removed = proposal.edge.map(|e| e.from);
+        core.retain(|&v| Some(v) != removed);
     }
     core.sort_unstable();
     core.dedup();
-    let (mut patch, before) = Patch::new(work, proposal, &core);
-    let (old, lacked) = lack(before.into_iter(), goal);
-    patch.smooth(work, proposal, &core, surface, effort, ring);
+    let mut patch = Patch::new(mesh, proposal, &core, goal);
+    patch.smooth(guarded, proposal, &core, surface, settings, star);
     let after = patch.tets.iter().map(|&t| quality(patch.corners(t)));
-    let (worst, lacks) = lack(after, goal);
-    if worst <= RISE * old || worst <= 0.0 || lacks >= lacked {
+    let (before, after) = (patch.before, Shortfall::of(after, goal));
+    if after.worst <= RISE * before.worst || after.worst <= 0.0 || after.missing >= before.missing {
         return None;
     }
-    Some(patch.finish(work, proposal, worst - old))
+    Some(patch.finish(mesh, proposal, after.worst - before.worst))
 }
 
-/// The vertex `v` moved to `foot`, followed by smoothing around it, if every tetrahedron then is
-/// `good` or none is worse than the worst one was.
-pub(crate) fn push(
-    work: &Work,
+/// The vertex `v` moved to `foot` on the isosurface, followed by smoothing around it, if every
+/// tetrahedron then is `good` or none is worse than the worst one was.
+pub(crate) fn project_with_neighbours(
+    guarded: &GuardedMesh,
     v: u32,
     foot: Point3,
     surface: &SurfaceRules<'_>,
     good: impl Fn([Point3; 4]) -> bool,
-    ring: &mut Ring,
+    star: &mut Star,
 ) -> Option<Proposal> {
-    let mut core: Vec<u32> = work
-        .rings
+    let mesh = &guarded.mesh;
+    let mut core: Vec<u32> = mesh
+        .incidence
         .of(v)
         .iter()
-        .flat_map(|&t| work.tets[t as usize])
+        .flat_map(|&t| mesh.tets[t as usize])
         .collect();
     core.sort_unstable();
     core.dedup();
-    let proposal = Proposal::push(v, foot);
-    let (mut patch, before) = Patch::new(work, &proposal, &core);
-    let old = before.into_iter().fold(f64::INFINITY, f64::min);
-    patch.smooth(work, &proposal, &core, Some(surface), &Effort::USUAL, ring);
+    let proposal = Proposal::projection(v, foot);
+    let mut patch = Patch::new(mesh, &proposal, &core, f64::NEG_INFINITY);
+    let settings = &PatchSettings::USUAL;
+    patch.smooth(guarded, &proposal, &core, Some(surface), settings, star);
     let fine = patch.tets.iter().all(|&t| {
         let corners = patch.corners(t);
-        quality(corners) >= old || good(corners)
+        quality(corners) >= patch.before.worst || good(corners)
     });
-    let stays = patch.x[patch.place(v)] != work.x[v as usize];
-    (fine && stays).then(|| patch.finish(work, &proposal, 0.0))
+    let moved = patch.x[patch.slot(v)] != mesh.x[v as usize];
+    (fine && moved).then(|| patch.finish(mesh, &proposal, 0.0))
 }
