@@ -35,6 +35,7 @@ pub fn noise(seed: u64) -> impl FnMut() -> f64 {
 /// it, and are fixed elsewhere.
 pub fn lattice(n: [usize; 3], h: f64, region: impl Fn(&Point3) -> Region) -> TetMesh {
     let at = |i: [usize; 3]| ((i[2] * (n[1] + 1) + i[1]) * (n[0] + 1) + i[0]) as u32;
+    // The vertices, with kinds as of one region.
     let mut positions = Vec::new();
     let mut kinds = Vec::new();
     for k in 0..=n[2] {
@@ -59,6 +60,7 @@ pub fn lattice(n: [usize; 3], h: f64, region: impl Fn(&Point3) -> Region) -> Tet
     for k in 0..n[2] {
         for j in 0..n[1] {
             for i in 0..n[0] {
+                // A tetrahedron per order of the axes: from the low corner along them to the high one.
                 for (order, even) in [
                     ([0, 1, 2], true),
                     ([1, 2, 0], true),
@@ -86,6 +88,7 @@ pub fn lattice(n: [usize; 3], h: f64, region: impl Fn(&Point3) -> Region) -> Tet
         }
     }
     let mesh = TetMesh::with_regions(positions, tets, regions).expect("a lattice is valid");
+    // Vertices between two regions lie on a surface, or are held where that meets the box.
     let mut mixed = vec![false; kinds.len()];
     for face in mesh.interfaces() {
         for v in face.triangle {

@@ -4,8 +4,8 @@
 //! other.
 
 use geom_core::Point3;
+use geom_core::field::Tangent;
 
-use crate::boundary::field::Tangent;
 use crate::boundary::gaps::SelfIntersectionGuard;
 use crate::boundary::walls::CavityGuard;
 use crate::mesh::editable::EditableMesh;

@@ -230,6 +230,7 @@ fn orient(mesh: &mut EditableMesh, beyond: &[[u32; 4]]) -> Result<usize, Error> 
         if flip[seed].is_some() {
             continue;
         }
+        // Each neighbour as the one through which it was reached says.
         flip[seed] = Some(false);
         queue.clear();
         queue.push(seed as u32);
@@ -258,6 +259,7 @@ fn orient(mesh: &mut EditableMesh, beyond: &[[u32; 4]]) -> Result<usize, Error> 
                 }
             }
         }
+        // All of the part so, or all the other way round: whichever has a positive volume.
         let volume: f64 = queue
             .iter()
             .map(|&t| {

@@ -15,7 +15,6 @@ use crate::measure::block::measures;
 use crate::measure::metrics::quality;
 use crate::measure::report::{QualityReport, report_of};
 use crate::mesh::editable::{EditableMesh, Freedom, NO_COLOUR};
-use crate::mesh::proposal::Proposal;
 use crate::operations::operate::{
     Memory, Reserve, Rounds, Rules, best_for, best_hill_climb, round_of_projections, rounds,
 };
@@ -364,8 +363,6 @@ impl<'a> Passes<'a> {
             rescue: true,
         };
         let project_to_foot = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
-            let share = [1.0, 0.6, 0.3];
-            let may = |p: &Proposal| guarded.allows(p);
             let mesh = &guarded.mesh;
             if !is_far(mesh, v, &rules) {
                 return None;
@@ -374,9 +371,10 @@ impl<'a> Passes<'a> {
             let x = mesh.x[v as usize];
             let start = mesh.tangent(v, surface);
             let foot = foot(start, star.mean_edge(&x.coords), surface, tolerance)?.at;
-            share.into_iter().find_map(|share| {
+            [1.0, 0.6, 0.3].into_iter().find_map(|share| {
                 let to = x + (foot - x) * share;
-                project_with_neighbours(guarded, v, to, &rules, good, star).filter(may)
+                let found = project_with_neighbours(guarded, v, to, &rules, good, star);
+                found.filter(|p| guarded.allows(p))
             })
         };
         let all: Vec<u32> = (0..self.guarded.mesh.x.len() as u32).collect();
@@ -415,7 +413,7 @@ fn fix_surface(mesh: &mut EditableMesh) {
 fn is_far(mesh: &EditableMesh, v: u32, rules: &SurfaceRules<'_>) -> bool {
     mesh.freedom[v as usize] == Freedom::Field
         && mesh.colours[v as usize] != NO_COLOUR
-        && mesh.tangent(v, rules.field).distance.abs() > rules.tolerance
+        && mesh.tangent(v, rules.field).distance().abs() > rules.tolerance
 }
 
 fn far_vertices(mesh: &EditableMesh, rules: &SurfaceRules<'_>) -> Vec<u32> {

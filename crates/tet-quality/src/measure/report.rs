@@ -146,6 +146,7 @@ pub fn report_of(mesh: &TetMesh, measures: &[Measures]) -> QualityReport {
         }
         (regions, worst)
     });
+    // In the order of the chunks, so that sums do not depend on threads.
     let mut regions: Vec<(Region, Partial)> = Vec::new();
     let mut worst: Vec<(f64, u32)> = Vec::new();
     for (part, part_worst) in parts {

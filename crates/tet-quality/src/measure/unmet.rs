@@ -266,6 +266,7 @@ pub(crate) fn surface_fit(
     let Some(field) = field else {
         return SurfaceFit::default();
     };
+    // Numbers as of the result, which leaves out vertices that have vanished.
     let mut numbers = vec![NONE; mesh.x.len()];
     let mut next = 0;
     for (v, number) in numbers.iter_mut().enumerate() {
@@ -279,8 +280,9 @@ pub(crate) fn surface_fit(
         .collect();
     let distances: Vec<f64> = on
         .par_iter()
-        .map(|&v| mesh.tangent(v, field).distance.abs())
+        .map(|&v| mesh.tangent(v, field).distance().abs())
         .collect();
+    // The farthest first; equal ones by number.
     let mut far: Vec<(f64, u32)> = distances
         .iter()
         .zip(&on)
@@ -300,8 +302,9 @@ pub(crate) fn surface_fit(
                 let position = mesh.x[v as usize];
                 load(mesh, v, &mut star);
                 let edge = star.mean_edge(&position.coords);
+                // Where the steps do arrive, only the tetrahedra can have held it back.
                 let reached = foot(mesh.tangent(v, field), edge, field, tolerance)
-                    .is_some_and(|f| f.distance.abs() <= tolerance);
+                    .is_some_and(|f| f.distance().abs() <= tolerance);
                 FarVertex {
                     vertex: numbers[v as usize],
                     position,

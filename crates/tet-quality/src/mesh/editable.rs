@@ -1,11 +1,12 @@
 //! The mesh while it is being changed: tetrahedra with slots that may be empty, and for each vertex
 //! the tetrahedra around it.
 
+use geom_core::field::Tangent;
 use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
 
-use crate::boundary::field::{Isosurface, Tangent};
+use crate::boundary::field::{Isosurface, UNKNOWN};
 use crate::measure::metrics::quality;
 use crate::mesh::incidence::{Incidence, NONE};
 
@@ -79,7 +80,7 @@ impl EditableMesh {
             .collect();
         mesh.colours = vec![NO_COLOUR; mesh.x.len()];
         mesh.changed = vec![mesh.clock; mesh.x.len()];
-        mesh.tangents = vec![Tangent::UNKNOWN; mesh.x.len()];
+        mesh.tangents = vec![UNKNOWN; mesh.x.len()];
         for v in 0..mesh.x.len() as u32 {
             mesh.colours[v as usize] = mesh.free_colour(v);
         }
@@ -258,7 +259,7 @@ impl EditableMesh {
         self.incidence.add_vertex();
         self.colours.push(NO_COLOUR);
         self.changed.push(self.clock);
-        self.tangents.push(Tangent::UNKNOWN);
+        self.tangents.push(UNKNOWN);
         self.x.len() as u32 - 1
     }
 

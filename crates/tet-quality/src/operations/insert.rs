@@ -1,9 +1,10 @@
 //! Insertion of a vertex: an edge is split, and the new vertex goes to where it is best.
 
+use geom_core::field;
 use geom_core::mesh::VertexKind;
 use geom_core::nalgebra::center;
 
-use crate::boundary::field::Isosurface;
+use crate::boundary::field::{Isosurface, distance_within};
 use crate::mesh::editable::{EditableMesh, Freedom};
 use crate::mesh::link::EdgeLink;
 use crate::mesh::proposal::{Floor, NEW, NewTet, NewVertex, Operation, Proposal};
@@ -15,6 +16,8 @@ use crate::smoothing::star::{Star, objective};
 const ROUNDS: u32 = 5;
 /// Distance from the isosurface from which one step leads close enough to it, in lengths of the edge.
 const NEAR: f64 = 0.05;
+/// Longest step to the isosurface, in lengths of the edge.
+const STEP: f64 = 0.15;
 
 /// Split of the edge `ab`. On the isosurface the new vertex is put onto it; other interface edges are
 /// not split.
@@ -22,7 +25,7 @@ pub(crate) fn edge_split(
     mesh: &EditableMesh,
     a: u32,
     b: u32,
-    field: Option<&Isosurface<'_>>,
+    surface: Option<&Isosurface<'_>>,
     floor: Floor,
     star: &mut Star,
 ) -> Option<Proposal> {
@@ -42,15 +45,19 @@ pub(crate) fn edge_split(
         let on_field = [a, b]
             .iter()
             .all(|&v| mesh.freedom[v as usize] == Freedom::Field);
-        let field = field.filter(|_| on_field)?;
+        let surface = surface.filter(|_| on_field)?;
         let reach = (mesh.x[a as usize] - mesh.x[b as usize]).norm();
-        for _ in 0..2 {
-            let tangent = field.tangent(&x);
-            x -= tangent.normal * tangent.within(0.15 * reach);
-            if tangent.distance.abs() <= NEAR * reach {
-                break;
-            }
-        }
+        // One step, and another one where that did not lead close enough.
+        let way = field::Guard {
+            steps: 1,
+            halvings: 0,
+            longest: STEP * reach,
+            reach,
+            near: NEAR * reach,
+        };
+        let look = |x| Some(surface.tangent(&x));
+        let best = field::project(surface.tangent(&x), &way, look).best;
+        x = best.at - best.normal() * distance_within(&best, STEP * reach);
         (VertexKind::Surface, Freedom::Field)
     };
     star.clear();

@@ -1,9 +1,10 @@
 //! An operation together with the smoothing that it needs: judged on a copy of the neighbourhood.
 
+use geom_core::field::Tangent;
 use geom_core::mesh::FACES;
 use geom_core::{Point3, Vector3};
 
-use crate::boundary::field::{Isosurface, Tangent};
+use crate::boundary::field::{Isosurface, UNKNOWN};
 use crate::boundary::guard::GuardedMesh;
 use crate::measure::metrics::quality;
 use crate::mesh::editable::{EditableMesh, Freedom};
@@ -111,7 +112,7 @@ impl Patch {
                 .iter()
                 .map(|&v| proposal.position_after(mesh, v))
                 .collect(),
-            tangents: vec![Tangent::UNKNOWN; ids.len()],
+            tangents: vec![UNKNOWN; ids.len()],
             tets: Vec::new(),
             ids,
             around,

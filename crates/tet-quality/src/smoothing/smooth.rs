@@ -1,12 +1,13 @@
 //! Smoothing: every vertex moves to where the worst tetrahedron around it is best.
 
 use geom_core::compute::random::SplitMix64;
+use geom_core::field::{self, Tangent};
 use geom_core::mesh::FACES;
 use geom_core::{Point3, Run, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::{QualityBackend, Relaxation};
-use crate::boundary::field::{Isosurface, Tangent};
+use crate::boundary::field::{Isosurface, distance_within};
 use crate::boundary::guard::GuardedMesh;
 use crate::error::Error;
 use crate::mesh::editable::{EditableMesh, Freedom, GAIN, NO_COLOUR};
@@ -20,7 +21,7 @@ const REACH: f64 = 0.5;
 /// Longest step back to the isosurface, in mean edge lengths.
 const PULL: f64 = 0.15;
 /// Most steps to the foot point.
-const FOOT_STEPS: usize = 6;
+const FOOT_STEPS: u32 = 6;
 
 /// The given vertices by colour: no two of a class share a tetrahedron.
 fn classes(mesh: &EditableMesh, vertices: impl Iterator<Item = u32>) -> Vec<Vec<u32>> {
@@ -269,7 +270,7 @@ pub(crate) fn project(
     let step = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
         let mesh = &guarded.mesh;
         let start = mesh.tangent(v, field);
-        if start.distance.abs() <= tolerance {
+        if start.distance().abs() <= tolerance {
             return None;
         }
         load(mesh, v, star);
@@ -291,20 +292,22 @@ pub(crate) fn project(
 pub(crate) fn foot(
     start: Tangent,
     edge: f64,
-    field: &Isosurface<'_>,
+    surface: &Isosurface<'_>,
     tolerance: f64,
 ) -> Option<Tangent> {
-    if start.distance.abs() <= tolerance {
+    if start.distance().abs() <= tolerance {
         return None;
     }
-    let mut foot = start;
-    for _ in 0..FOOT_STEPS {
-        foot = field.tangent(&(foot.at - foot.normal * foot.within(PULL * edge)));
-        if foot.distance.abs() <= 0.1 * tolerance {
-            break;
-        }
-    }
-    (foot.within(0.5 * edge).abs() < start.within(0.5 * edge).abs()).then_some(foot)
+    let way = field::Guard {
+        steps: FOOT_STEPS,
+        halvings: 0,
+        longest: PULL * edge,
+        reach: f64::INFINITY,
+        near: 0.1 * tolerance,
+    };
+    let foot = field::project(start, &way, |x| Some(surface.tangent(&x))).best;
+    let off = |tangent: &Tangent| distance_within(tangent, 0.5 * edge).abs();
+    (off(&foot) < off(&start)).then_some(foot)
 }
 
 fn on_field(freedom: Freedom) -> bool {
@@ -353,9 +356,9 @@ pub(crate) fn slide_from(
     rules: &SurfaceRules<'_>,
     may: impl Fn(Point3) -> bool,
 ) -> Option<Tangent> {
-    let (from, normal) = (start.at.coords, start.normal);
+    let (from, normal) = (start.at.coords, start.normal());
     let edge = star.mean_edge(&from);
-    let distance = start.within(0.5 * edge);
+    let distance = distance_within(&start, 0.5 * edge);
     let limit = rules.tolerance.max(distance.abs());
     let best = star.value(&from);
     let reach = REACH * edge;
@@ -388,15 +391,15 @@ pub(crate) fn slide_from(
         star.value_above(&candidate, best + GAIN)?;
         let mut tangent = rules.field.tangent(&candidate.into());
         for _ in 0..2 {
-            if tangent.within(most).abs() <= near {
+            if distance_within(&tangent, most).abs() <= near {
                 break;
             }
             // What is worse already on the way back is not worth asking the field again.
-            let back = tangent.normal * tangent.within(most);
+            let back = tangent.normal() * distance_within(&tangent, most);
             star.value_above(&(tangent.at.coords - back), best + GAIN)?;
             tangent = rules.field.tangent(&(tangent.at - back));
         }
-        let better = tangent.within(most).abs() <= limit
+        let better = distance_within(&tangent, most).abs() <= limit
             && star.value_above(&tangent.at.coords, best + GAIN).is_some()
             && may(tangent.at);
         better.then_some(tangent)
