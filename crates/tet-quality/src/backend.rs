@@ -52,7 +52,7 @@ use crate::error::Error;
 use crate::measure::metrics::Measures;
 
 /// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) and [`Wgpu`](geom_core::Wgpu) have them; what
-/// they compute stands in [`specification`](crate::specification) as the equations read.
+/// they compute stands in `specification` (feature `testing`) as the equations read.
 pub trait QualityBackend: Backend {
     /// The measures of each tetrahedron, in place of what was in `out`, whose memory is used again: that
     /// of a million new ones takes as long as half of the work. Corners must be in range.
