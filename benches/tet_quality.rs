@@ -42,22 +42,29 @@ fn measuring(c: &mut Criterion) {
         let name = backend.name();
         group.bench_function(BenchmarkId::new(name, "1 M"), |b| {
             b.iter(|| {
+                let mut out = Vec::new();
                 backend
-                    .measure(mesh.positions(), mesh.tets())
-                    .expect("fits")
+                    .measure(mesh.positions(), mesh.tets(), &mut out)
+                    .expect("fits");
+                out
             });
         });
     }
     group.bench_function("cpu, 1 thread/1 M", |b| {
         on(1, || {
-            b.iter(|| Cpu.measure(mesh.positions(), mesh.tets()).expect("fits"));
+            b.iter(|| {
+                let mut out = Vec::new();
+                Cpu.measure(mesh.positions(), mesh.tets(), &mut out)
+                    .expect("fits");
+                out
+            });
         });
     });
     group.bench_function("cpu, 1 thread, memory used again/1 M", |b| {
         let mut out = Vec::new();
         on(1, || {
             b.iter(|| {
-                Cpu.measure_into(mesh.positions(), mesh.tets(), &mut out)
+                Cpu.measure(mesh.positions(), mesh.tets(), &mut out)
                     .expect("fits");
                 out.len()
             });
@@ -74,12 +81,16 @@ fn smoothing(c: &mut Criterion) {
     for backend in backends() {
         let name = backend.name();
         group.bench_function(BenchmarkId::new(name, "0.1 M"), |b| {
-            b.iter(|| backend.relax(&task).expect("fits"));
+            let mut out = Vec::new();
+            b.iter(|| backend.relax(&task, &mut out).expect("fits"));
         });
     }
     for threads in [1, 2, 4] {
         group.bench_function(format!("cpu, {threads} threads/0.1 M"), |b| {
-            on(threads, || b.iter(|| Cpu.relax(&task).expect("fits")));
+            let mut out = Vec::new();
+            on(threads, || {
+                b.iter(|| Cpu.relax(&task, &mut out).expect("fits"));
+            });
         });
     }
 }

@@ -79,7 +79,7 @@ Examples:
 
 Tetrahedra: regions, their interfaces and the boundary stay; surface vertices slide only where that
 changes no shape, since a mesh alone does not say what surface it stands for. Where that keeps
-tetrahedra bad, as the report's `exceptions` say, --deviation lets them go. Triangles: the surface is
+tetrahedra bad, as the report's `unmet` says, --deviation lets them go. Triangles: the surface is
 remeshed with edges of even length, within the surface of the input.
 
 Outputs: improved.vtu and improved.msh, or improved.ply and improved.glb; before.png and improved.png

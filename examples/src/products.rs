@@ -189,10 +189,9 @@ pub fn note_volume(session: &Session, mesh: &TetMesh) -> Result<(), Failure> {
 
 /// Writes `NAME.vtu`, `NAME.msh` and `NAME.png`: regions, quality per tetrahedron, and a cut.
 pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), Failure> {
-    let measures = session
-        .device
-        .quality()
-        .measure(mesh.positions(), mesh.tets())?;
+    let mut measures = Vec::new();
+    let device = session.device.quality();
+    device.measure(mesh.positions(), mesh.tets(), &mut measures)?;
     let field =
         |value: fn(&Measures) -> f64| measures.iter().map(|m| value(m) as f32).collect::<Vec<_>>();
     let low = field(|m| m.min_dihedral);
@@ -231,8 +230,9 @@ pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), 
 /// dihedral angle; those of other regions have the region's colour, darker where that angle is small.
 pub fn picture_of_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), Failure> {
     session.picture(name, || {
-        let quality = session.device.quality();
-        let measures = quality.measure(mesh.positions(), mesh.tets())?;
+        let mut measures = Vec::new();
+        let device = session.device.quality();
+        device.measure(mesh.positions(), mesh.tets(), &mut measures)?;
         draw_volume(session, mesh, &measures)
     })
 }

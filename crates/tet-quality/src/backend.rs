@@ -1,36 +1,75 @@
-//! The hot kernels, and what each backend owes to the specification.
+//! The hot kernels, what they are handed, and what each backend owes to the specification.
+//!
+//! A backend of your own is a type with these two kernels; here one that counts the calls:
+//!
+//! ```
+//! use std::sync::atomic::{AtomicUsize, Ordering};
+//! use tet_quality::backend::{QualityBackend, Relaxation};
+//! use tet_quality::geom_core::{Backend, Cpu, Point3, Run, TetMesh, Vector3};
+//! use tet_quality::{Error, Measures, Options, improve};
+//!
+//! #[derive(Default)]
+//! struct Counting {
+//!     measured: AtomicUsize,
+//!     relaxed: AtomicUsize,
+//! }
+//!
+//! impl Backend for Counting {
+//!     fn name(&self) -> String {
+//!         "counting".into()
+//!     }
+//! }
+//!
+//! impl QualityBackend for Counting {
+//!     fn measure(&self, x: &[Point3], tets: &[[u32; 4]], out: &mut Vec<Measures>) -> Result<(), Error> {
+//!         self.measured.fetch_add(1, Ordering::Relaxed);
+//!         Cpu.measure(x, tets, out)
+//!     }
+//!     fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
+//!         self.relaxed.fetch_add(1, Ordering::Relaxed);
+//!         Cpu.relax(task, out)
+//!     }
+//! }
+//!
+//! // Four tetrahedra around a vertex that lies too near to one side.
+//! let x = [[0., 0., 0.], [4., 0., 0.], [0., 4., 0.], [0., 0., 4.], [0.1, 0.2, 0.1]];
+//! let tets = vec![[4, 1, 2, 3], [0, 4, 2, 3], [0, 1, 4, 3], [0, 1, 2, 4]];
+//! let mesh = TetMesh::new(x.map(Point3::from).to_vec(), tets)?;
+//! let backend = Counting::default();
+//! let improved = improve(mesh, None, &Options::default(), Run::on(&backend))?;
+//! // Measured before and after, smoothed in between.
+//! assert_eq!(backend.measured.into_inner(), 2);
+//! assert!(backend.relaxed.into_inner() > 0);
+//! assert_eq!(improved.report.backend, "counting");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use std::ops::Range;
 
 use geom_core::{Agreement, Backend, Point3, Vector3};
 
-use crate::{Error, Measures};
+use crate::error::Error;
+use crate::measure::metrics::Measures;
 
-/// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) is the specification.
+/// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) and [`Wgpu`](geom_core::Wgpu) have them; what
+/// they compute stands in `specification` (feature `testing`) as the equations read.
 pub trait QualityBackend: Backend {
     /// The measures of each tetrahedron, in place of what was in `out`, whose memory is used again: that
     /// of a million new ones takes as long as half of the work. Corners must be in range.
-    fn measure_into(
+    fn measure(
         &self,
         positions: &[Point3],
         tets: &[[u32; 4]],
         out: &mut Vec<Measures>,
     ) -> Result<(), Error>;
 
-    /// The measures of each tetrahedron. Corners must be in range.
-    fn measure(&self, positions: &[Point3], tets: &[[u32; 4]]) -> Result<Vec<Measures>, Error> {
-        let mut out = Vec::new();
-        self.measure_into(positions, tets, &mut out)?;
-        Ok(out)
-    }
-
     /// Sweeps over the vertices of `task`, colour by colour, each moving to where the worst
-    /// tetrahedron around it is best. Gives one displacement per vertex of the task: a *proposal*,
-    /// which the caller accepts or refuses on the CPU.
-    fn relax(&self, task: &Relaxation<'_>) -> Result<Vec<Vector3>, Error>;
+    /// tetrahedron around it is best. Gives one displacement (Å) per vertex of the task, in place of what
+    /// was in `out`: a *proposal*, which the caller accepts or refuses on the CPU.
+    fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error>;
 }
 
-/// What a backend owes to [`QualityBackend::measure_into`] on the CPU, for Joe–Liu, edge ratio and angles
+/// What a backend owes to [`QualityBackend::measure`] on the CPU, for Joe–Liu, edge ratio and angles
 /// in units of 180°, on meshes whose edges are longer than a thousandth of the bounding box: f32
 /// positions relative to the first corner, so that only flat elements lose digits.
 pub const MEASURE: Agreement = Agreement::Bounded {

@@ -1,18 +1,21 @@
-//! The specification of the kernels: f64, the caller's rayon pool.
+//! The kernels on the processor: f64 in its vectors, on the caller's rayon pool. What they owe to is
+//! the `specification`.
 
 use geom_core::{Cpu, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::{QualityBackend, Relaxation};
-use crate::ring::Ring;
-use crate::search::{Compass, search};
-use crate::{Error, Measures, block};
+use crate::error::Error;
+use crate::measure::block;
+use crate::measure::metrics::Measures;
+use crate::smoothing::search::{Compass, search};
+use crate::smoothing::star::Star;
 
 /// Tetrahedra per task.
 const CHUNK: usize = 4096;
 
 impl QualityBackend for Cpu {
-    fn measure_into(
+    fn measure(
         &self,
         positions: &[Point3],
         tets: &[[u32; 4]],
@@ -29,7 +32,7 @@ impl QualityBackend for Cpu {
         Ok(())
     }
 
-    fn relax(&self, task: &Relaxation<'_>) -> Result<Vec<Vector3>, Error> {
+    fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
         let mut positions = task.positions.to_vec();
         for colour in &task.colours {
             // Within a colour every vertex reads fixed neighbours.
@@ -37,22 +40,21 @@ impl QualityBackend for Cpu {
                 .clone()
                 .into_par_iter()
                 .with_min_len(32)
-                .map_init(Ring::default, |ring, i| {
+                .map_init(Star::default, |star, i| {
                     let faces = task.starts[i] as usize..task.starts[i + 1] as usize;
-                    ring.load(&positions, &task.faces[faces]);
+                    star.load(&positions, &task.faces[faces]);
                     let x = positions[task.vertices[i] as usize].coords;
                     let compass = Compass::along(&task.axes[i]);
-                    Point3::from(search(ring, x, &compass, task.rounds))
+                    Point3::from(search(star, x, &compass, task.rounds))
                 })
                 .collect();
             for (&v, x) in task.vertices[colour.clone()].iter().zip(moved) {
                 positions[v as usize] = x;
             }
         }
-        Ok(task
-            .vertices
-            .iter()
-            .map(|&v| positions[v as usize] - task.positions[v as usize])
-            .collect())
+        let displacement = |&v: &u32| positions[v as usize] - task.positions[v as usize];
+        out.clear();
+        out.extend(task.vertices.iter().map(displacement));
+        Ok(())
     }
 }

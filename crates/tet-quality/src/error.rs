@@ -1,19 +1,16 @@
+//! Why a mesh cannot be improved.
+
 use geom_core::Cancelled;
+use geom_core::compute::BackendError;
+use geom_core::options::OutOfRange;
 
 /// Why a mesh cannot be improved.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// An option is out of its range.
-    #[error("option {option} is {value}, it must be {must}")]
-    InvalidOption {
-        /// Name of the option.
-        option: &'static str,
-        /// Its value.
-        value: String,
-        /// What is allowed.
-        must: &'static str,
-    },
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
     /// More than two tetrahedra share a face.
     #[error(
         "face {face:?} of tetrahedron {element} belongs to more than two tetrahedra; remove the overlapping elements"
@@ -54,8 +51,14 @@ pub enum Error {
     /// The watcher asked to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
-    /// The GPU failed.
-    #[cfg(feature = "wgpu")]
+    /// The backend failed.
     #[error(transparent)]
-    Gpu(#[from] geom_core::GpuError),
+    Backend(#[from] BackendError),
+}
+
+#[cfg(feature = "wgpu")]
+impl From<geom_core::GpuError> for Error {
+    fn from(error: geom_core::GpuError) -> Self {
+        Self::Backend(error.into())
+    }
 }

@@ -2,43 +2,42 @@
 
 pub use geom_core;
 
-pub mod backend;
-mod block;
-mod contract;
-mod cpu;
+// The verb, and what it takes and gives.
 mod error;
-pub mod exceptions;
-mod flow;
-mod gaps;
 mod improve;
-mod input;
-mod insert;
-pub mod metrics;
-mod operate;
 mod options;
-mod own_surface;
-mod patch;
-mod proposal;
-pub mod report;
-mod ring;
-mod search;
-mod smooth;
-mod surface_field;
-mod swap;
+mod outcome;
+
+// From the ground up: the folders in the order in which data passes through them.
+
+/// What boundaries and interfaces allow: how vertices may move, and the guard of cavities and gaps.
+mod boundary;
+/// What tetrahedra are like, the statistics of a mesh, and what falls short of the goals.
+pub mod measure;
+/// The mesh while it is changed: what lies around a vertex, links, proposals.
+mod mesh;
+/// Replacements of tetrahedra, alone or with the smoothing that they need.
+mod operations;
+/// Moves of vertices: the star of one, the search for its best place, sweeps over many.
+mod smoothing;
+
+// The kernels: the trait, what it owes, and who has them.
+pub mod backend;
+mod cpu;
 #[cfg(feature = "testing")]
-pub mod testing;
-#[cfg(test)]
-mod tests;
-mod untangle;
-mod walls;
+pub mod specification;
 #[cfg(feature = "wgpu")]
 mod wgpu;
-mod work;
 
-pub use backend::{QualityBackend, Relaxation};
+#[cfg(feature = "testing")]
+pub mod testing;
+
+pub use backend::QualityBackend;
 pub use error::Error;
-pub use exceptions::{Cause, Exceptions, SurfaceFit};
-pub use improve::{Improved, Pass, Report, improve};
-pub use metrics::{Measures, aspect_ratio, measures, radius_ratio};
+pub use improve::improve;
+pub use measure::block::measures;
+pub use measure::metrics::{Measures, aspect_ratio, radius_ratio};
+pub use measure::report::{QualityReport, Summary, quality_report};
+pub use measure::unmet::{Cause, SurfaceFit, Unmet};
 pub use options::{Goals, Operations, Options, SurfaceMotion};
-pub use report::{QualityReport, Summary, quality_report};
+pub use outcome::{Crossings, Improved, Pass, Report};

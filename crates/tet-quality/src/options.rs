@@ -1,7 +1,8 @@
 //! What to reach and by which means.
 
-use crate::metrics::SHAPE_WEIGHT;
-use crate::{Error, Measures};
+use geom_core::options::{OutOfRange, require};
+
+use crate::measure::metrics::{Measures, SHAPE_WEIGHT};
 
 /// What every tetrahedron should reach. The improvement works on what is worse, and stops when
 /// nothing is.
@@ -35,7 +36,7 @@ impl Goals {
         2.0 * r / (1.0 + r * r)
     }
 
-    /// The value of [`quality`](crate::metrics::quality) from which on angles and Joe–Liu are met.
+    /// The value of [`quality`](crate::measure::metrics::quality) from which on angles and Joe–Liu are met.
     pub fn objective(&self) -> f64 {
         self.min_dihedral
             .to_radians()
@@ -84,7 +85,7 @@ pub enum SurfaceMotion {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Operations {
-    /// Removal of interior edges (3-2, 4-4 and longer rings) and its inverse for one face (2-3).
+    /// Removal of interior edges (3-2, 4-4 and longer incidence) and its inverse for one face (2-3).
     pub swap: bool,
     /// Flips of surface edges: the surface changes within the allowed deviation.
     pub flip: bool,
@@ -155,46 +156,46 @@ impl Default for Options {
 
 impl Options {
     /// Refuses values out of range.
-    pub fn check(&self) -> Result<(), Error> {
-        let invalid = |option, value: f64, must| {
-            Err(Error::InvalidOption {
-                option,
-                value: value.to_string(),
-                must,
-            })
-        };
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let g = &self.goals;
-        if !(0.0..=70.0).contains(&g.min_dihedral) {
-            return invalid("goals.min_dihedral", g.min_dihedral, "within 0…70 degrees");
+        require(
+            (0.0..=70.0).contains(&g.min_dihedral),
+            "goals.min_dihedral",
+            g.min_dihedral,
+            "be within 0…70 degrees",
+        )?;
+        require(
+            (75.0..=180.0).contains(&g.max_dihedral),
+            "goals.max_dihedral",
+            g.max_dihedral,
+            "be within 75…180 degrees",
+        )?;
+        require(
+            (0.0..=1.0).contains(&g.joe_liu),
+            "goals.joe_liu",
+            g.joe_liu,
+            "be within 0…1",
+        )?;
+        require(
+            g.edge_ratio > 1.0,
+            "goals.edge_ratio",
+            g.edge_ratio,
+            "be above 1",
+        )?;
+        require(self.level.is_finite(), "level", self.level, "be finite")?;
+        if let Some(h) = self.spacing {
+            let length = h > 0.0 && h.is_finite();
+            require(length, "spacing", h, "be above 0 and finite")?;
         }
-        if !(75.0..=180.0).contains(&g.max_dihedral) {
-            return invalid(
-                "goals.max_dihedral",
-                g.max_dihedral,
-                "within 75…180 degrees",
-            );
-        }
-        if !(0.0..=1.0).contains(&g.joe_liu) {
-            return invalid("goals.joe_liu", g.joe_liu, "within 0…1");
-        }
-        if g.edge_ratio.is_nan() || g.edge_ratio <= 1.0 {
-            return invalid("goals.edge_ratio", g.edge_ratio, "above 1");
-        }
-        if !self.level.is_finite() {
-            return invalid("level", self.level, "finite");
-        }
-        if let Some(h) = self.spacing
-            && !(h > 0.0 && h.is_finite())
-        {
-            return invalid("spacing", h, "above 0 and finite");
-        }
-        if !(0.0..=1.0).contains(&self.deviation) {
-            return invalid("deviation", self.deviation, "within 0…1 spacings");
-        }
-        if let SurfaceMotion::AveragedMeanCurvature { step, .. } = self.surface
-            && !(step > 0.0 && step <= 0.25)
-        {
-            return invalid("surface.step", step, "above 0 and at most 0.25");
+        require(
+            (0.0..=1.0).contains(&self.deviation),
+            "deviation",
+            self.deviation,
+            "be within 0…1 spacings",
+        )?;
+        if let SurfaceMotion::AveragedMeanCurvature { step, .. } = self.surface {
+            let stable = step > 0.0 && step <= 0.25;
+            require(stable, "surface.step", step, "be above 0 and at most 0.25")?;
         }
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! Meshes for tests and benches.
 
+use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::{Region, VertexKind};
 use geom_core::{ImplicitField, Point3, TetMesh, Vector3};
 
@@ -23,17 +24,10 @@ impl ImplicitField for Ball {
     }
 }
 
-/// Numbers in −1…1 that depend on the seed only (SplitMix64).
+/// Numbers in −1…1 that depend on the seed only.
 pub fn noise(seed: u64) -> impl FnMut() -> f64 {
-    let mut state = seed;
-    move || {
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^= z >> 31;
-        (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
+    let mut random = SplitMix64::new(seed);
+    move || random.symmetric()
 }
 
 /// The box `[0, n·h]` on each axis in cubes of six tetrahedra each (Kuhn); the region of a
@@ -41,6 +35,7 @@ pub fn noise(seed: u64) -> impl FnMut() -> f64 {
 /// it, and are fixed elsewhere.
 pub fn lattice(n: [usize; 3], h: f64, region: impl Fn(&Point3) -> Region) -> TetMesh {
     let at = |i: [usize; 3]| ((i[2] * (n[1] + 1) + i[1]) * (n[0] + 1) + i[0]) as u32;
+    // The vertices, with kinds as of one region.
     let mut positions = Vec::new();
     let mut kinds = Vec::new();
     for k in 0..=n[2] {
@@ -65,6 +60,7 @@ pub fn lattice(n: [usize; 3], h: f64, region: impl Fn(&Point3) -> Region) -> Tet
     for k in 0..n[2] {
         for j in 0..n[1] {
             for i in 0..n[0] {
+                // A tetrahedron per order of the axes: from the low corner along them to the high one.
                 for (order, even) in [
                     ([0, 1, 2], true),
                     ([1, 2, 0], true),
@@ -92,6 +88,7 @@ pub fn lattice(n: [usize; 3], h: f64, region: impl Fn(&Point3) -> Region) -> Tet
         }
     }
     let mesh = TetMesh::with_regions(positions, tets, regions).expect("a lattice is valid");
+    // Vertices between two regions lie on a surface, or are held where that meets the box.
     let mut mixed = vec![false; kinds.len()];
     for face in mesh.interfaces() {
         for v in face.triangle {
@@ -139,10 +136,10 @@ pub fn ball_in_box(n: usize, h: f64, radius: f64) -> (TetMesh, Ball) {
     let inside = |x: &Point3| Region::from(ball.value(x) >= 1.0);
     let mesh = lattice([n; 3], h, inside);
     let (mut positions, tets, regions, kinds) = mesh.into_parts();
-    let mut rings: Vec<Vec<usize>> = vec![Vec::new(); positions.len()];
+    let mut incidence: Vec<Vec<usize>> = vec![Vec::new(); positions.len()];
     for (t, tet) in tets.iter().enumerate() {
         for &v in tet {
-            rings[v as usize].push(t);
+            incidence[v as usize].push(t);
         }
     }
     for v in 0..positions.len() {
@@ -153,7 +150,7 @@ pub fn ball_in_box(n: usize, h: f64, radius: f64) -> (TetMesh, Ball) {
         let foot = center + (start - center).normalize() * radius;
         for share in [1.0, 0.8, 0.6, 0.4, 0.2, 0.0] {
             positions[v] = start + (foot - start) * share;
-            let positive = rings[v].iter().all(|&t| {
+            let positive = incidence[v].iter().all(|&t| {
                 let corners = tets[t].map(|u| positions[u as usize]);
                 geom_core::mesh::six_volume(corners) > 1e-3 * h * h * h
             });
@@ -167,10 +164,10 @@ pub fn ball_in_box(n: usize, h: f64, radius: f64) -> (TetMesh, Ball) {
 }
 
 /// The task of one smoothing sweep over all vertices that may move.
-pub fn relaxation(mesh: &TetMesh, rounds: u32) -> crate::Relaxation<'_> {
-    let work = crate::input::prepare(mesh.clone(), None)
+pub fn relaxation(mesh: &TetMesh, rounds: u32) -> crate::backend::Relaxation<'_> {
+    let edited = crate::boundary::input::prepare(mesh.clone(), None)
         .expect("meshes of tests are complexes")
-        .work;
+        .mesh;
     let all: Vec<u32> = (0..mesh.positions().len() as u32).collect();
-    crate::smooth::task(&work, mesh.positions(), &all, rounds, None)
+    crate::smoothing::smooth::task(&edited, mesh.positions(), &all, rounds, None)
 }

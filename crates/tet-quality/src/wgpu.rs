@@ -5,7 +5,8 @@ use geom_core::shaders::{TET_QUALITY_MEASURE, TET_QUALITY_RELAX};
 use geom_core::{Point3, Vector3, Wgpu};
 
 use crate::backend::{QualityBackend, Relaxation};
-use crate::{Error, Measures};
+use crate::error::Error;
+use crate::measure::metrics::Measures;
 
 /// Tetrahedra per dispatch.
 const TETS: usize = 1 << 20;
@@ -38,7 +39,7 @@ fn split(positions: &[Point3]) -> Vec<[f32; 4]> {
 }
 
 impl QualityBackend for Wgpu {
-    fn measure_into(
+    fn measure(
         &self,
         positions: &[Point3],
         tets: &[[u32; 4]],
@@ -82,7 +83,7 @@ impl QualityBackend for Wgpu {
         Ok(())
     }
 
-    fn relax(&self, task: &Relaxation<'_>) -> Result<Vec<Vector3>, Error> {
+    fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
         let gpu = self.gpu();
         let positions = gpu.upload("positions", &split(task.positions))?;
         let moved = gpu.output::<[f32; 4]>("moved", task.positions.len())?;
@@ -118,13 +119,11 @@ impl QualityBackend for Wgpu {
             }
         }
         let moved = gpu.download::<[f32; 4]>(&moved)?;
-        Ok(task
-            .vertices
-            .iter()
-            .map(|&v| {
-                let [x, y, z, _] = moved[v as usize].map(f64::from);
-                Vector3::new(x, y, z)
-            })
-            .collect())
+        out.clear();
+        out.extend(task.vertices.iter().map(|&v| {
+            let [x, y, z, _] = moved[v as usize].map(f64::from);
+            Vector3::new(x, y, z)
+        }));
+        Ok(())
     }
 }

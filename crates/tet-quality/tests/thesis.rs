@@ -56,7 +56,7 @@ fn protein_with(
 fn assert_goals(improved: &Improved, min_dihedral: f64) {
     let report = &improved.report;
     let all = &report.after.all;
-    assert!(report.converged, "{:?}", report.exceptions.counts);
+    assert!(report.converged, "{:?}", report.unmet.counts);
     assert!(
         all.min_dihedral.min >= min_dihedral,
         "{:?}",

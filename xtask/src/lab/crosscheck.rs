@@ -310,9 +310,9 @@ fn foreign(lab: &mut Lab) -> Outcome {
             before.volume,
             1e-12,
         );
-        let missed: usize = report.exceptions.counts.iter().map(|c| c.1).sum();
+        let missed: usize = report.unmet.counts.iter().map(|c| c.1).sum();
         let forbidden = report
-            .exceptions
+            .unmet
             .counts
             .iter()
             .any(|c| c.0 == tet_quality::Cause::Boundary);
@@ -361,9 +361,9 @@ fn tetgen(lab: &mut Lab, molecule: &Molecule) -> Outcome {
     let (before, after) = (&report.before.all, &report.after.all);
     let (old, new) = (before.volume, after.volume);
     lab.near("TetGen: volume, improved", new, old, 1e-12);
-    let missed: usize = report.exceptions.counts.iter().map(|c| c.1).sum();
+    let missed: usize = report.unmet.counts.iter().map(|c| c.1).sum();
     let unsolved = tet_quality::Cause::Unsolved;
-    let named = report.exceptions.counts.iter().all(|c| c.0 != unsolved);
+    let named = report.unmet.counts.iter().all(|c| c.0 != unsolved);
     lab.row(
         &format!("TetGen: min dihedral, improved ({missed} below the goals)"),
         &format!("{:.2}", after.min_dihedral.min),

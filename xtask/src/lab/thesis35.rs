@@ -163,7 +163,7 @@ pub(crate) fn run() -> Outcome {
             fit.far,
             fit.vertices,
             100.0 * fit.far as f64 / fit.vertices.max(1) as f64,
-            report.exceptions.counts
+            report.unmet.counts
         );
     }
     Ok(())

@@ -143,7 +143,7 @@ fn figures(
     row["surface_vertices"] = fit.vertices.into();
     row["far_vertices"] = fit.far.into();
     row["largest_deviation"] = (fit.largest / h).into();
-    row["exceptions"] = format!("{:?}", report.exceptions.counts).into();
+    row["unmet"] = format!("{:?}", report.unmet.counts).into();
     row["volume"] = q.volume.into();
     let t = targets(method);
     let missed = [

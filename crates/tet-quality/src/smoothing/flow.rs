@@ -4,9 +4,10 @@
 use geom_core::mesh::{FACES, Region, VertexKind};
 use geom_core::{Point3, Vector3};
 
-use crate::ring::Ring;
-use crate::smooth::{load, sweep};
-use crate::work::Work;
+use crate::boundary::guard::GuardedMesh;
+use crate::mesh::editable::EditableMesh;
+use crate::smoothing::smooth::{load, sweep};
+use crate::smoothing::star::Star;
 
 /// Objective that tetrahedra keep where they had it.
 const FLOOR: f64 = 0.01;
@@ -30,7 +31,7 @@ struct Around {
 /// surrounding triangles. `τ` is `step`, `h` the spacing. Vertices of boxes, `junctions` and fixed
 /// ones stay. Gives how many moves were made.
 pub(crate) fn flow(
-    work: &mut Work,
+    guarded: &mut GuardedMesh,
     junctions: &[u32],
     spacing: f64,
     steps: u32,
@@ -38,13 +39,14 @@ pub(crate) fn flow(
 ) -> usize {
     let mut moved = 0;
     for _ in 0..steps {
-        let around = gather(work);
+        let mesh = &guarded.mesh;
+        let around = gather(mesh);
         let averages = averages(&around);
         let displacements: Vec<Vector3> = around
             .iter()
             .enumerate()
             .map(|(v, a)| {
-                let movable = matches!(work.kinds[v], VertexKind::Interior | VertexKind::Surface)
+                let movable = matches!(mesh.kinds[v], VertexKind::Interior | VertexKind::Surface)
                     && junctions.binary_search(&(v as u32)).is_err();
                 let Some((a, n)) = a
                     .filter(|a| movable && a.area > 0.0)
@@ -54,32 +56,32 @@ pub(crate) fn flow(
                 };
                 let mean = averages.iter().find(|m| m.0 == a.pair).map_or(0.0, |m| m.1);
                 let bend = mean - curvature(&a, &n);
-                let centre = a.centre / (3.0 * a.area) - work.x[v].coords;
+                let centre = a.centre / (3.0 * a.area) - mesh.x[v].coords;
                 let along = centre - n * n.dot(&centre);
                 n * (step * spacing * spacing * bend) + along * step
             })
             .collect();
-        let vertices: Vec<u32> = (0..work.x.len() as u32)
+        let vertices: Vec<u32> = (0..mesh.x.len() as u32)
             .filter(|&v| displacements[v as usize] != Vector3::zeros())
             .collect();
         moved += sweep(
-            work,
+            guarded,
             &vertices,
             |_| true,
-            |work, v, ring| shift(work, v, displacements[v as usize], ring),
-            Work::place,
+            |guarded, v, star| shift(&guarded.mesh, v, displacements[v as usize], star),
+            GuardedMesh::move_vertex,
         );
     }
     moved
 }
 
-fn shift(work: &Work, v: u32, d: Vector3, ring: &mut Ring) -> Option<Point3> {
-    load(work, v, ring);
-    let x = work.x[v as usize];
-    let floor = ring.value(&x.coords).min(FLOOR * FLOOR) - 1e-12;
+fn shift(mesh: &EditableMesh, v: u32, d: Vector3, star: &mut Star) -> Option<Point3> {
+    load(mesh, v, star);
+    let x = mesh.x[v as usize];
+    let floor = star.value(&x.coords).min(FLOOR * FLOOR) - 1e-12;
     [1.0, 0.5, 0.25].into_iter().find_map(|share| {
         let candidate = x + d * share;
-        ring.value_above(&candidate.coords, floor)
+        star.value_above(&candidate.coords, floor)
             .map(|_| candidate)
     })
 }
@@ -109,20 +111,20 @@ fn averages(around: &[Option<Around>]) -> Vec<([Region; 2], f64)> {
     sums.into_iter().map(|(p, h, a)| (p, h / a)).collect()
 }
 
-fn gather(work: &Work) -> Vec<Option<Around>> {
-    let mut out: Vec<Option<Around>> = vec![None; work.x.len()];
-    for t in 0..work.tets.len() as u32 {
-        if work.is_empty_slot(t) {
+fn gather(mesh: &EditableMesh) -> Vec<Option<Around>> {
+    let mut out: Vec<Option<Around>> = vec![None; mesh.x.len()];
+    for t in 0..mesh.tets.len() as u32 {
+        if mesh.is_empty_slot(t) {
             continue;
         }
-        let region = work.regions[t as usize];
+        let region = mesh.regions[t as usize];
         for (k, corners) in FACES.iter().enumerate() {
-            let other = work.region_beyond(t, k);
+            let other = mesh.region_beyond(t, k);
             if region >= other {
                 continue;
             }
-            let face = corners.map(|i| work.tets[t as usize][i]);
-            let p = face.map(|v| work.x[v as usize].coords);
+            let face = corners.map(|i| mesh.tets[t as usize][i]);
+            let p = face.map(|v| mesh.x[v as usize].coords);
             let double = (p[1] - p[0]).cross(&(p[2] - p[0]));
             let area = double.norm() / 2.0;
             if area <= 0.0 {

@@ -1,17 +1,17 @@
 //! The mesh while it is being changed: tetrahedra with slots that may be empty, and for each vertex
 //! the tetrahedra around it.
 
+use geom_core::field::Tangent;
 use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
 
-use crate::gaps::Gaps;
-use crate::metrics::quality;
-use crate::surface_field::{Isosurface, Tangent};
-use crate::walls::Walls;
+use crate::boundary::field::{Isosurface, UNKNOWN};
+use crate::measure::metrics::quality;
+use crate::mesh::incidence::{Incidence, NONE};
 
-/// No vertex: the corners of an empty slot.
-pub(crate) const NONE: u32 = u32::MAX;
+/// The objective counts as raised only by more than this: sweeps end.
+pub(crate) const GAIN: f64 = 1e-9;
 
 /// In which directions a vertex may move.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,96 +28,8 @@ pub(crate) enum Freedom {
     Fixed,
 }
 
-/// The tetrahedra around each vertex, in one pool with room to grow.
-pub(crate) struct Rings {
-    spans: Vec<Span>,
-    pool: Vec<u32>,
-}
-
-#[derive(Clone, Copy, Default)]
-struct Span {
-    start: usize,
-    len: u32,
-    room: u32,
-}
-
-impl Rings {
-    fn new(vertices: usize, tets: &[[u32; 4]]) -> Self {
-        let mut counts = vec![0u32; vertices];
-        for &v in tets.iter().flatten() {
-            counts[v as usize] += 1;
-        }
-        let mut start = 0;
-        let mut spans: Vec<Span> = counts
-            .iter()
-            .map(|&n| {
-                let room = n + n / 4 + 4;
-                let span = Span {
-                    start,
-                    len: 0,
-                    room,
-                };
-                start += room as usize;
-                span
-            })
-            .collect();
-        let mut pool = vec![NONE; start];
-        for (t, tet) in tets.iter().enumerate() {
-            for &v in tet {
-                let span = &mut spans[v as usize];
-                pool[span.start + span.len as usize] = t as u32;
-                span.len += 1;
-            }
-        }
-        Self { spans, pool }
-    }
-
-    pub(crate) fn of(&self, v: u32) -> &[u32] {
-        let s = self.spans[v as usize];
-        &self.pool[s.start..s.start + s.len as usize]
-    }
-
-    fn add_vertex(&mut self) {
-        self.spans.push(Span::default());
-    }
-
-    fn push(&mut self, v: u32, t: u32) {
-        let mut s = self.spans[v as usize];
-        if s.len == s.room {
-            let old = s.start..s.start + s.len as usize;
-            s.start = self.pool.len();
-            s.room = s.room * 2 + 8;
-            self.pool.extend_from_within(old);
-            self.pool.resize(s.start + s.room as usize, NONE);
-        }
-        self.pool[s.start + s.len as usize] = t;
-        s.len += 1;
-        self.spans[v as usize] = s;
-    }
-
-    fn remove(&mut self, v: u32, t: u32) {
-        let s = &mut self.spans[v as usize];
-        let ring = &mut self.pool[s.start..s.start + s.len as usize];
-        let at = ring
-            .iter()
-            .position(|&r| r == t)
-            .expect("a tetrahedron stands in the rings of its corners");
-        ring.swap_remove_last(at);
-        s.len -= 1;
-    }
-}
-
-trait SwapRemove {
-    fn swap_remove_last(&mut self, at: usize);
-}
-impl SwapRemove for [u32] {
-    fn swap_remove_last(&mut self, at: usize) {
-        self.swap(at, self.len() - 1);
-    }
-}
-
-/// A mesh in work.
-pub(crate) struct Work {
+/// A tetrahedral mesh that operations change in place.
+pub(crate) struct EditableMesh {
     pub(crate) x: Vec<Point3>,
     pub(crate) kinds: Vec<VertexKind>,
     pub(crate) freedom: Vec<Freedom>,
@@ -125,14 +37,12 @@ pub(crate) struct Work {
     pub(crate) regions: Vec<Region>,
     /// The objective per tetrahedron; +∞ in empty slots.
     pub(crate) q: Vec<f64>,
-    pub(crate) rings: Rings,
-    /// Classes of vertices that share no tetrahedron; kept up by [`Work::insert`].
+    pub(crate) incidence: Incidence,
+    /// Classes of vertices that share no tetrahedron; kept up by [`EditableMesh::insert`].
     pub(crate) colours: Vec<Colour>,
-    /// When something around a vertex last changed: see [`Work::tick`].
+    /// When something around a vertex last changed: see [`EditableMesh::tick`].
     pub(crate) changed: Vec<u32>,
-    pub(crate) walls: Walls,
-    pub(crate) gaps: Gaps,
-    /// The isosurface at a vertex when it was last asked for: see [`Work::tangent`].
+    /// The isosurface at a vertex when it was last asked for: see [`EditableMesh::tangent`].
     tangents: Vec<Tangent>,
     clock: u32,
     empty: Vec<u32>,
@@ -145,49 +55,47 @@ pub(crate) type Colour = u8;
 /// Not in any class: such a vertex has neighbours of all classes, or no tetrahedron, and stays.
 pub(crate) const NO_COLOUR: Colour = Colour::MAX;
 
-impl Work {
+impl EditableMesh {
     pub(crate) fn new(mesh: TetMesh) -> Self {
         let (x, tets, regions, kinds) = mesh.into_parts();
-        let rings = Rings::new(x.len(), &tets);
+        let incidence = Incidence::new(x.len(), &tets);
         let freedom = vec![Freedom::Free; x.len()];
-        let mut work = Self {
+        let mut mesh = Self {
             x,
             kinds,
             freedom,
             q: vec![0.0; tets.len()],
             tets,
             regions,
-            rings,
+            incidence,
             colours: Vec::new(),
             changed: Vec::new(),
-            walls: Walls::default(),
-            gaps: Gaps::default(),
             tangents: Vec::new(),
             clock: 1,
             empty: Vec::new(),
             unused: Vec::new(),
         };
-        work.unused = (0..work.x.len() as u32)
-            .map(|v| work.rings.of(v).is_empty())
+        mesh.unused = (0..mesh.x.len() as u32)
+            .map(|v| mesh.incidence.of(v).is_empty())
             .collect();
-        work.colours = vec![NO_COLOUR; work.x.len()];
-        work.changed = vec![work.clock; work.x.len()];
-        work.tangents = vec![Tangent::UNKNOWN; work.x.len()];
-        for v in 0..work.x.len() as u32 {
-            work.colours[v as usize] = work.free_colour(v);
+        mesh.colours = vec![NO_COLOUR; mesh.x.len()];
+        mesh.changed = vec![mesh.clock; mesh.x.len()];
+        mesh.tangents = vec![UNKNOWN; mesh.x.len()];
+        for v in 0..mesh.x.len() as u32 {
+            mesh.colours[v as usize] = mesh.free_colour(v);
         }
-        work.measure_all();
-        work
+        mesh.measure_all();
+        mesh
     }
 
     /// The lowest class that no neighbour of `v` is in.
     fn free_colour(&self, v: u32) -> Colour {
-        let ring = self.rings.of(v);
-        if ring.is_empty() {
+        let star = self.incidence.of(v);
+        if star.is_empty() {
             return NO_COLOUR;
         }
         let mut used = [0u64; 4];
-        for &t in ring {
+        for &t in star {
             for u in self.tets[t as usize] {
                 let c = self.colours[u as usize];
                 if u != v && c != NO_COLOUR {
@@ -201,7 +109,7 @@ impl Work {
         })
     }
 
-    /// Starts a new step of the clock that [`Work::changed`] shows, and gives the time.
+    /// Starts a new step of the clock that [`EditableMesh::changed`] shows, and gives the time.
     pub(crate) fn tick(&mut self) -> u32 {
         self.clock += 1;
         self.clock
@@ -259,10 +167,24 @@ impl Work {
     /// The tetrahedron beyond the face of `t` opposite its corner `k`, if there is one.
     pub(crate) fn beyond(&self, t: u32, k: usize) -> Option<u32> {
         let [a, b, c] = FACES[k].map(|i| self.tets[t as usize][i]);
-        self.rings.of(a).iter().copied().find(|&o| {
+        self.incidence.of(a).iter().copied().find(|&o| {
             let tet = &self.tets[o as usize];
             o != t && tet.contains(&b) && tet.contains(&c)
         })
+    }
+
+    /// The faces beyond which there is no tetrahedron, counter-clockwise from outside.
+    pub(crate) fn boundary_faces(&self) -> Vec<[u32; 3]> {
+        let of_tet = |t: u32| {
+            let tet = self.tets[t as usize];
+            (0..4)
+                .filter(move |&k| tet[0] != NONE && self.beyond(t, k).is_none())
+                .map(move |k| FACES[k].map(|i| tet[i]))
+        };
+        (0..self.tets.len() as u32)
+            .into_par_iter()
+            .flat_map_iter(of_tet)
+            .collect()
     }
 
     /// The region beyond the face of `t` opposite its corner `k`; [`OUTSIDE`] beyond the mesh.
@@ -273,7 +195,7 @@ impl Work {
 
     /// Is `ab` an edge of the mesh?
     pub(crate) fn edge_exists(&self, a: u32, b: u32) -> bool {
-        self.rings
+        self.incidence
             .of(a)
             .iter()
             .any(|&t| self.tets[t as usize].contains(&b))
@@ -281,7 +203,7 @@ impl Work {
 
     /// Is `abc` a face of the mesh?
     pub(crate) fn face_exists(&self, a: u32, b: u32, c: u32) -> bool {
-        self.rings.of(a).iter().any(|&t| {
+        self.incidence.of(a).iter().any(|&t| {
             let tet = &self.tets[t as usize];
             tet.contains(&b) && tet.contains(&c)
         })
@@ -291,8 +213,8 @@ impl Work {
     pub(crate) fn remove(&mut self, t: u32) {
         self.touch(self.tets[t as usize]);
         for v in self.tets[t as usize] {
-            self.rings.remove(v, t);
-            if self.rings.of(v).is_empty() {
+            self.incidence.remove(v, t);
+            if self.incidence.of(v).is_empty() {
                 self.colours[v as usize] = NO_COLOUR;
             }
         }
@@ -318,7 +240,7 @@ impl Work {
             }
         };
         for v in tet {
-            self.rings.push(v, t);
+            self.incidence.push(v, t);
         }
         self.touch(tet);
         for (i, &v) in tet.iter().enumerate() {
@@ -334,10 +256,10 @@ impl Work {
         self.x.push(x);
         self.kinds.push(kind);
         self.freedom.push(freedom);
-        self.rings.add_vertex();
+        self.incidence.add_vertex();
         self.colours.push(NO_COLOUR);
         self.changed.push(self.clock);
-        self.tangents.push(Tangent::UNKNOWN);
+        self.tangents.push(UNKNOWN);
         self.x.len() as u32 - 1
     }
 
@@ -371,21 +293,16 @@ impl Work {
         }
     }
 
-    /// Puts a vertex where the isosurface is known; its tetrahedra are to be measured anew.
-    /// Gives whether it may go there.
-    pub(crate) fn put(&mut self, v: u32, tangent: Tangent) -> bool {
-        let placed = self.place(v, tangent.at);
-        if placed {
-            self.tangents[v as usize] = tangent;
-        }
-        placed
+    /// Keeps what is known of the isosurface where a vertex now lies.
+    pub(crate) fn set_tangent(&mut self, v: u32, tangent: Tangent) {
+        self.tangents[v as usize] = tangent;
     }
 
     /// Moves a vertex and measures its tetrahedra anew.
     pub(crate) fn set_position(&mut self, v: u32, x: Point3) {
         self.x[v as usize] = x;
-        for i in 0..self.rings.of(v).len() {
-            let t = self.rings.of(v)[i];
+        for i in 0..self.incidence.of(v).len() {
+            let t = self.incidence.of(v)[i];
             self.q[t as usize] = self.quality_of(self.tets[t as usize]);
             self.touch(self.tets[t as usize]);
         }
@@ -404,7 +321,7 @@ impl Work {
         let fresh: Vec<(u32, f64)> = moved
             .par_iter()
             .with_min_len(64)
-            .flat_map_iter(|&v| state.rings.of(v))
+            .flat_map_iter(|&v| state.incidence.of(v))
             .map(|&t| (t, state.quality_of(state.tets[t as usize])))
             .collect();
         for (t, q) in fresh {
@@ -426,7 +343,7 @@ impl Work {
         self.below_and(bound, |_| true)
     }
 
-    /// Those of [`Work::below`] that are also `fit`.
+    /// Those of [`EditableMesh::below`] that are also `fit`.
     pub(crate) fn below_and(&self, bound: f64, fit: impl Fn(u32) -> bool + Sync) -> Vec<u32> {
         let mut bad: Vec<(f64, u32)> = self
             .q
@@ -442,7 +359,7 @@ impl Work {
 
     /// Is the vertex part of the result? Those whose tetrahedra have all vanished are not.
     pub(crate) fn keeps(&self, v: u32) -> bool {
-        !self.rings.of(v).is_empty() || self.unused.get(v as usize) == Some(&true)
+        !self.incidence.of(v).is_empty() || self.unused.get(v as usize) == Some(&true)
     }
 
     /// The mesh without empty slots and vanished vertices. Order is kept.

@@ -5,17 +5,18 @@ use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
 
-use crate::Error;
-use crate::own_surface::SMOOTH;
-use crate::surface_field::Isosurface;
-use crate::work::{Freedom, NONE, Work};
+use crate::boundary::field::Isosurface;
+use crate::boundary::own::SMOOTH;
+use crate::error::Error;
+use crate::mesh::editable::{EditableMesh, Freedom};
+use crate::mesh::incidence::NONE;
 
 /// Sine between the normals of triangles that still count as one plane.
 const PLANE: f64 = 1e-9;
 
 /// What the preparation found.
 pub(crate) struct Input {
-    pub(crate) work: Work,
+    pub(crate) mesh: EditableMesh,
     /// Tetrahedra whose corners were reordered because all around them said so.
     pub(crate) reoriented: usize,
     /// Vertices around which the interface is not one disk: surfaces touch or meet there.
@@ -24,47 +25,50 @@ pub(crate) struct Input {
 
 /// Checks the mesh, orients its tetrahedra alike, and says how each vertex may move.
 pub(crate) fn prepare(mesh: TetMesh, field: Option<&Isosurface<'_>>) -> Result<Input, Error> {
-    let mut work = Work::new(mesh);
-    let (beyond, flipped) = adjacency(&work)?;
-    let reoriented = if flipped || work.q.iter().any(|&q| q <= 0.0) {
-        let count = orient(&mut work, &beyond)?;
-        work.measure_all();
+    let mut mesh = EditableMesh::new(mesh);
+    let Adjacency { beyond, flipped } = adjacency(&mesh)?;
+    let reoriented = if flipped || mesh.q.iter().any(|&q| q <= 0.0) {
+        let count = orient(&mut mesh, &beyond)?;
+        mesh.measure_all();
         count
     } else {
         0
     };
-    let junctions = set_freedoms(&mut work, &beyond, field)?;
+    let junctions = set_freedoms(&mut mesh, &beyond, field)?;
     Ok(Input {
-        work,
+        mesh,
         reoriented,
         junctions,
     })
 }
 
 /// Says anew how each vertex may move, after a flow that has bent plane surfaces.
-pub(crate) fn free_again(work: &mut Work, field: Option<&Isosurface<'_>>) -> Result<(), Error> {
-    let (beyond, _) = adjacency(work)?;
-    set_freedoms(work, &beyond, field).map(|_| ())
+pub(crate) fn free_again(
+    mesh: &mut EditableMesh,
+    field: Option<&Isosurface<'_>>,
+) -> Result<(), Error> {
+    let Adjacency { beyond, .. } = adjacency(mesh)?;
+    set_freedoms(mesh, &beyond, field).map(|_| ())
 }
 
 /// Gives the vertices where surfaces touch or meet.
 fn set_freedoms(
-    work: &mut Work,
+    mesh: &mut EditableMesh,
     beyond: &[[u32; 4]],
     field: Option<&Isosurface<'_>>,
 ) -> Result<Vec<u32>, Error> {
-    let faces = InterfaceFaces::new(work, beyond);
-    let state = &*work;
-    let judged: Vec<(Freedom, bool)> = (0..state.x.len() as u32)
+    let faces = InterfaceFaces::new(mesh, beyond);
+    let state = &*mesh;
+    let judged: Vec<Judged> = (0..state.x.len() as u32)
         .into_par_iter()
-        .map(|v| freedom(state, v, &faces, field))
+        .map(|v| judge(state, v, &faces, field))
         .collect::<Result<_, _>>()?;
     let junctions = (0..judged.len() as u32)
-        .filter(|&v| judged[v as usize].1)
+        .filter(|&v| judged[v as usize].junction)
         .collect();
-    work.freedom = judged.into_iter().map(|j| j.0).collect();
+    mesh.freedom = judged.into_iter().map(|j| j.freedom).collect();
     if field.is_some_and(|field| !field.own) {
-        join_field(work, &faces);
+        join_field(mesh, &faces);
     }
     Ok(junctions)
 }
@@ -73,85 +77,117 @@ fn set_freedoms(
 /// it. They belong to it where what is around them along the interface does; where nothing else is
 /// around them, as in a bubble of the lattice's size, where the interface of the same two regions
 /// does everywhere else.
-fn join_field(work: &mut Work, faces: &InterfaceFaces) {
-    let on_field = |v: u32| work.freedom[v as usize] == Freedom::Field;
-    let lost: Vec<bool> = (0..work.x.len() as u32)
+fn join_field(mesh: &mut EditableMesh, faces: &InterfaceFaces) {
+    let lost: Vec<bool> = (0..mesh.x.len() as u32)
         .into_par_iter()
         .map(|v| {
-            work.freedom[v as usize] == Freedom::Fixed
-                && work.kinds[v as usize] != VertexKind::Fixed
+            mesh.freedom[v as usize] == Freedom::Fixed
+                && mesh.kinds[v as usize] != VertexKind::Fixed
                 && is_disk(faces.of(v))
         })
         .collect();
-    let pair_of = |v: u32| faces.of(v)[0].pair;
+    let mut joined = Vec::new();
+    for cluster in clusters(mesh, faces, &lost) {
+        let belongs = if cluster.on + cluster.off == 0 {
+            most_are_on_field(mesh, faces, &lost, faces.of(cluster.vertices[0])[0].pair)
+        } else {
+            cluster.on > cluster.off
+        };
+        if belongs {
+            joined.extend(cluster.vertices);
+        }
+    }
+    for v in joined {
+        mesh.freedom[v as usize] = Freedom::Field;
+    }
+}
+
+/// Lost vertices that hang together along the interface.
+struct Cluster {
+    vertices: Vec<u32>,
+    /// How often a neighbour of one lies on the isosurface.
+    on: usize,
+    /// How often a neighbour of one does not.
+    off: usize,
+}
+
+fn clusters(mesh: &EditableMesh, faces: &InterfaceFaces, lost: &[bool]) -> Vec<Cluster> {
     let mut seen = vec![false; lost.len()];
-    let (mut joined, mut alone) = (Vec::new(), Vec::new());
+    let mut clusters = Vec::new();
     for seed in (0..lost.len() as u32).filter(|&v| lost[v as usize]) {
         if seen[seed as usize] {
             continue;
         }
         seen[seed as usize] = true;
-        let (mut cluster, mut next) = (vec![seed], 0);
-        let (mut on, mut off) = (0usize, 0usize);
-        while let Some(&v) = cluster.get(next) {
+        let mut cluster = Cluster {
+            vertices: vec![seed],
+            on: 0,
+            off: 0,
+        };
+        let mut next = 0;
+        while let Some(&v) = cluster.vertices.get(next) {
             next += 1;
             for u in faces.of(v).iter().map(|f| f.others[0]) {
                 if lost[u as usize] {
                     if !seen[u as usize] {
                         seen[u as usize] = true;
-                        cluster.push(u);
+                        cluster.vertices.push(u);
                     }
-                } else if on_field(u) {
-                    on += 1;
+                } else if mesh.freedom[u as usize] == Freedom::Field {
+                    cluster.on += 1;
                 } else if is_disk(faces.of(u)) {
                     // Where surfaces touch, a vertex says nothing: it stays in any case.
-                    off += 1;
+                    cluster.off += 1;
                 }
             }
         }
-        match (on, off) {
-            (0, 0) => alone.push(cluster),
-            _ if on > off => joined.extend(cluster),
-            _ => {}
-        }
+        clusters.push(cluster);
     }
-    for cluster in alone {
-        let pair = pair_of(cluster[0]);
-        let others = (0..lost.len() as u32).into_par_iter().filter(|&v| {
-            let fan = faces.of(v);
-            fan.first().is_some_and(|f| f.pair == pair)
-                && is_disk(fan)
-                && !lost[v as usize]
-                && matches!(
-                    work.kinds[v as usize],
-                    VertexKind::Interior | VertexKind::Surface
-                )
-        });
-        let (on, all) = others
-            .map(|v| (usize::from(on_field(v)), 1))
-            .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-        if 2 * on > all {
-            joined.extend(cluster);
-        }
-    }
-    for v in joined {
-        work.freedom[v as usize] = Freedom::Field;
-    }
+    clusters
 }
 
-/// The tetrahedron beyond each face, [`NONE`] on the boundary; and whether two neighbours disagree
-/// on the side of their common face.
-fn adjacency(work: &Work) -> Result<(Vec<[u32; 4]>, bool), Error> {
-    let beyond: Vec<([u32; 4], bool)> = (0..work.tets.len() as u32)
+/// Do most of the vertices between two regions that are not lost lie on the isosurface?
+fn most_are_on_field(
+    mesh: &EditableMesh,
+    faces: &InterfaceFaces,
+    lost: &[bool],
+    pair: [Region; 2],
+) -> bool {
+    let others = (0..lost.len() as u32).into_par_iter().filter(|&v| {
+        let fan = faces.of(v);
+        fan.first().is_some_and(|f| f.pair == pair)
+            && is_disk(fan)
+            && !lost[v as usize]
+            && matches!(
+                mesh.kinds[v as usize],
+                VertexKind::Interior | VertexKind::Surface
+            )
+    });
+    let (on, all) = others
+        .map(|v| (usize::from(mesh.freedom[v as usize] == Freedom::Field), 1))
+        .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+    2 * on > all
+}
+
+/// Which tetrahedra are neighbours.
+struct Adjacency {
+    /// The tetrahedron beyond each face, [`NONE`] on the boundary.
+    beyond: Vec<[u32; 4]>,
+    /// Do two neighbours disagree on the side of their common face?
+    flipped: bool,
+}
+
+fn adjacency(mesh: &EditableMesh) -> Result<Adjacency, Error> {
+    let beyond: Vec<([u32; 4], bool)> = (0..mesh.tets.len() as u32)
         .into_par_iter()
         .map(|t| {
-            let tet = work.tets[t as usize];
+            let tet = mesh.tets[t as usize];
             let (mut out, mut flipped) = ([NONE; 4], false);
             for (k, corners) in FACES.iter().enumerate() {
                 let face = corners.map(|i| tet[i]);
                 let [a, b, c] = face;
-                for &o in work.rings.of(a) {
-                    let other = work.tets[o as usize];
+                for &o in mesh.incidence.of(a) {
+                    let other = mesh.tets[o as usize];
                     if o == t || !other.contains(&b) || !other.contains(&c) {
                         continue;
                     }
@@ -167,7 +203,10 @@ fn adjacency(work: &Work) -> Result<(Vec<[u32; 4]>, bool), Error> {
         })
         .collect::<Result<_, Error>>()?;
     let flipped = beyond.iter().any(|b| b.1);
-    Ok((beyond.into_iter().map(|b| b.0).collect(), flipped))
+    Ok(Adjacency {
+        beyond: beyond.into_iter().map(|b| b.0).collect(),
+        flipped,
+    })
 }
 
 /// Does `other` have this face in the same direction? Neighbours on opposite sides have it in
@@ -182,8 +221,8 @@ fn same_side(face: [u32; 3], other: [u32; 4]) -> bool {
 /// Gives all tetrahedra of a connected part the same orientation, the one in which its volume is
 /// positive. What is negative after that is truly inverted. Files of other programs order corners
 /// as they like.
-fn orient(work: &mut Work, beyond: &[[u32; 4]]) -> Result<usize, Error> {
-    let n = work.tets.len();
+fn orient(mesh: &mut EditableMesh, beyond: &[[u32; 4]]) -> Result<usize, Error> {
+    let n = mesh.tets.len();
     let mut flip: Vec<Option<bool>> = vec![None; n];
     let mut queue = Vec::new();
     let mut count = 0;
@@ -191,6 +230,7 @@ fn orient(work: &mut Work, beyond: &[[u32; 4]]) -> Result<usize, Error> {
         if flip[seed].is_some() {
             continue;
         }
+        // Each neighbour as the one through which it was reached says.
         flip[seed] = Some(false);
         queue.clear();
         queue.push(seed as u32);
@@ -203,8 +243,8 @@ fn orient(work: &mut Work, beyond: &[[u32; 4]]) -> Result<usize, Error> {
                 if o == NONE {
                     continue;
                 }
-                let face = corners.map(|i| work.tets[t][i]);
-                let disagree = same_side(face, work.tets[o as usize]);
+                let face = corners.map(|i| mesh.tets[t][i]);
+                let disagree = same_side(face, mesh.tets[o as usize]);
                 let wanted = flip[t].expect("queued tetrahedra are decided") ^ disagree;
                 match flip[o as usize] {
                     None => {
@@ -219,10 +259,11 @@ fn orient(work: &mut Work, beyond: &[[u32; 4]]) -> Result<usize, Error> {
                 }
             }
         }
+        // All of the part so, or all the other way round: whichever has a positive volume.
         let volume: f64 = queue
             .iter()
             .map(|&t| {
-                let v6 = geom_core::mesh::six_volume(work.corners(work.tets[t as usize]));
+                let v6 = geom_core::mesh::six_volume(mesh.corners(mesh.tets[t as usize]));
                 if flip[t as usize] == Some(true) {
                     -v6
                 } else {
@@ -233,7 +274,7 @@ fn orient(work: &mut Work, beyond: &[[u32; 4]]) -> Result<usize, Error> {
         for &t in &queue {
             let turn = (flip[t as usize] == Some(true)) ^ (volume < 0.0);
             if turn {
-                work.tets[t as usize].swap(0, 1);
+                mesh.tets[t as usize].swap(0, 1);
                 count += 1;
             }
         }
@@ -255,24 +296,24 @@ struct InterfaceFace {
 }
 
 impl InterfaceFaces {
-    fn new(work: &Work, beyond: &[[u32; 4]]) -> Self {
-        let found: Vec<([u32; 3], [Region; 2])> = (0..work.tets.len())
+    fn new(mesh: &EditableMesh, beyond: &[[u32; 4]]) -> Self {
+        let found: Vec<([u32; 3], [Region; 2])> = (0..mesh.tets.len())
             .into_par_iter()
             .flat_map_iter(|t| {
                 (0..4).filter_map(move |k| {
                     let o = beyond[t][k];
-                    let mine = work.regions[t];
+                    let mine = mesh.regions[t];
                     let theirs = if o == NONE {
                         OUTSIDE
                     } else {
-                        work.regions[o as usize]
+                        mesh.regions[o as usize]
                     };
                     // Each face once, from the side of the smaller region.
-                    (mine < theirs).then(|| (FACES[k].map(|i| work.tets[t][i]), [mine, theirs]))
+                    (mine < theirs).then(|| (FACES[k].map(|i| mesh.tets[t][i]), [mine, theirs]))
                 })
             })
             .collect();
-        let mut counts = vec![0u32; work.x.len()];
+        let mut counts = vec![0u32; mesh.x.len()];
         for &v in found.iter().flat_map(|f| &f.0) {
             counts[v as usize] += 1;
         }
@@ -297,15 +338,22 @@ impl InterfaceFaces {
     }
 }
 
+/// What is found of a vertex.
+struct Judged {
+    freedom: Freedom,
+    /// Do surfaces touch or meet there?
+    junction: bool,
+}
+
 /// How a vertex may move, and whether surfaces touch or meet there.
-fn freedom(
-    work: &Work,
+fn judge(
+    mesh: &EditableMesh,
     v: u32,
     faces: &InterfaceFaces,
     field: Option<&Isosurface<'_>>,
-) -> Result<(Freedom, bool), Error> {
+) -> Result<Judged, Error> {
     let fan = faces.of(v);
-    let kind = work.kinds[v as usize];
+    let kind = mesh.kinds[v as usize];
     if fan.is_empty() {
         // A vertex that is said to lie on a surface but does not: leave it.
         let freedom = if kind == VertexKind::Interior {
@@ -313,36 +361,44 @@ fn freedom(
         } else {
             Freedom::Fixed
         };
-        return Ok((freedom, false));
+        return Ok(Judged {
+            freedom,
+            junction: false,
+        });
     }
     if !is_disk(fan) {
-        return Ok((Freedom::Fixed, true));
+        return Ok(Judged {
+            freedom: Freedom::Fixed,
+            junction: true,
+        });
     }
-    let x = work.x[v as usize];
+    let x = mesh.x[v as usize];
     let axis = |axis: u8| Vector3::ith(usize::from(axis).min(2), 1.0);
-    Ok((
-        match kind {
-            VertexKind::Fixed => Freedom::Fixed,
-            VertexKind::BoxFace { axis: a } => Freedom::Plane(axis(a)),
-            VertexKind::BoxEdge { axis: a } => Freedom::Line(axis(a)),
-            VertexKind::Interior | VertexKind::Surface => {
-                let edge = fan
-                    .iter()
-                    .map(|f| (work.x[f.others[0] as usize] - x).norm())
-                    .sum::<f64>()
-                    / fan.len() as f64;
-                match field {
-                    Some(field) if field.own => match flat(work, x, fan) {
-                        Freedom::Fixed if is_smooth(work, x, fan) => Freedom::Field,
-                        exact => exact,
-                    },
-                    Some(field) if field.holds(v, &x, edge)? => Freedom::Field,
-                    _ => flat(work, x, fan),
-                }
+    let freedom = match kind {
+        VertexKind::Fixed => Freedom::Fixed,
+        VertexKind::BoxFace { axis: a } => Freedom::Plane(axis(a)),
+        VertexKind::BoxEdge { axis: a } => Freedom::Line(axis(a)),
+        VertexKind::Interior | VertexKind::Surface => {
+            let edge = fan
+                .iter()
+                .map(|f| (mesh.x[f.others[0] as usize] - x).norm())
+                .sum::<f64>()
+                / fan.len() as f64;
+            match field {
+                // Plane parts and sharp edges of the input's own surface stay exact.
+                Some(field) if field.own => match flat(mesh, x, fan) {
+                    Freedom::Fixed if is_smooth(mesh, x, fan) => Freedom::Field,
+                    exact => exact,
+                },
+                Some(field) if field.holds(v, &x, edge)? => Freedom::Field,
+                _ => flat(mesh, x, fan),
             }
-        },
-        false,
-    ))
+        }
+    };
+    Ok(Judged {
+        freedom,
+        junction: false,
+    })
 }
 
 /// Do the faces form one closed fan between the same two regions?
@@ -367,8 +423,8 @@ fn is_disk(fan: &[InterfaceFace]) -> bool {
 }
 
 /// Do all faces turn by less than 40° from their mean?
-fn is_smooth(work: &Work, x: Point3, fan: &[InterfaceFace]) -> bool {
-    let normals: Option<Vec<Vector3>> = normals(work, x, fan).collect();
+fn is_smooth(mesh: &EditableMesh, x: Point3, fan: &[InterfaceFace]) -> bool {
+    let normals: Option<Vec<Vector3>> = normals(mesh, x, fan).collect();
     normals.is_some_and(|normals| {
         let mean: Vector3 = normals.iter().sum();
         let least = SMOOTH * mean.norm();
@@ -377,16 +433,20 @@ fn is_smooth(work: &Work, x: Point3, fan: &[InterfaceFace]) -> bool {
 }
 
 /// The unit normals of the faces around a vertex; `None` for one without area.
-fn normals(work: &Work, x: Point3, fan: &[InterfaceFace]) -> impl Iterator<Item = Option<Vector3>> {
+fn normals(
+    mesh: &EditableMesh,
+    x: Point3,
+    fan: &[InterfaceFace],
+) -> impl Iterator<Item = Option<Vector3>> {
     fan.iter().map(move |f| {
-        let [a, b] = f.others.map(|u| work.x[u as usize] - x);
+        let [a, b] = f.others.map(|u| mesh.x[u as usize] - x);
         a.cross(&b).try_normalize(0.0)
     })
 }
 
 /// The directions that keep the given surface as it is: along a plane, or along the crease of two.
-fn flat(work: &Work, x: Point3, fan: &[InterfaceFace]) -> Freedom {
-    let Some(normals) = normals(work, x, fan).collect::<Option<Vec<Vector3>>>() else {
+fn flat(mesh: &EditableMesh, x: Point3, fan: &[InterfaceFace]) -> Freedom {
+    let Some(normals) = normals(mesh, x, fan).collect::<Option<Vec<Vector3>>>() else {
         return Freedom::Fixed;
     };
     let first = normals[0];
@@ -461,13 +521,13 @@ mod tests {
             own: false,
         };
         let input = prepare(mesh, Some(&field)).unwrap();
-        let work = &input.work;
-        let (beyond, _) = adjacency(work).unwrap();
-        let faces = InterfaceFaces::new(work, &beyond);
+        let mesh = &input.mesh;
+        let Adjacency { beyond, .. } = adjacency(mesh).unwrap();
+        let faces = InterfaceFaces::new(mesh, &beyond);
         [center, middle].map(|c| {
-            (0..work.x.len() as u32)
-                .filter(|&v| is_disk(faces.of(v)) && (work.x[v as usize] - c).norm() < 3.5)
-                .map(|v| work.freedom[v as usize])
+            (0..mesh.x.len() as u32)
+                .filter(|&v| is_disk(faces.of(v)) && (mesh.x[v as usize] - c).norm() < 3.5)
+                .map(|v| mesh.freedom[v as usize])
                 .collect()
         })
     }
@@ -520,13 +580,13 @@ mod tests {
         let far = far.count();
         assert!(far > 10 && 4 * far < on_ball.len(), "{far} in the dent");
         let input = prepare(mesh.clone(), Some(&field)).unwrap();
-        let work = &input.work;
-        let (beyond, _) = adjacency(work).unwrap();
-        let faces = InterfaceFaces::new(work, &beyond);
+        let mesh = &input.mesh;
+        let Adjacency { beyond, .. } = adjacency(mesh).unwrap();
+        let faces = InterfaceFaces::new(mesh, &beyond);
         let disks = on_ball.iter().filter(|&&v| is_disk(faces.of(v)));
         assert!(disks.clone().count() > 100);
         for &v in disks {
-            assert_eq!(work.freedom[v as usize], Freedom::Field, "{v}");
+            assert_eq!(mesh.freedom[v as usize], Freedom::Field, "{v}");
         }
     }
 }

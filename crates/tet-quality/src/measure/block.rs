@@ -5,8 +5,10 @@
 use geom_core::Point3;
 use geom_core::mesh::EDGES;
 
-use crate::metrics::{JOE_LIU, Measures};
-use geom_core::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot, minus};
+use crate::measure::metrics::{JOE_LIU, Measures};
+use geom_core::compute::lanes::{
+    Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot, minus, vectorized,
+};
 
 /// Tetrahedra whose corners are gathered at a time: a multiple of all widths.
 const BLOCK: usize = 64;
@@ -122,8 +124,18 @@ fn assemble(values: [f64; 5]) -> Measures {
     }
 }
 
-/// Measures one tetrahedron.
-pub(crate) fn measure_one(corners: [Point3; 4]) -> Measures {
+/// Measures a tetrahedron.
+///
+/// ```
+/// use tet_quality::{geom_core::Point3, measures};
+/// let corner = |x, y, z| Point3::new(x, y, z);
+/// let regular = measures([
+///     corner(1.0, 1.0, 1.0), corner(-1.0, 1.0, -1.0), corner(1.0, -1.0, -1.0), corner(-1.0, -1.0, 1.0),
+/// ]);
+/// assert!((regular.joe_liu - 1.0).abs() < 1e-12);
+/// assert!((regular.min_dihedral - 70.528_779).abs() < 1e-5);
+/// ```
+pub fn measures(corners: [Point3; 4]) -> Measures {
     let one = Scalar::new();
     let lanes = kernel(&corners.map(|p| [p.x, p.y, p.z].map(|x| Lanes(one, x))));
     assemble(lanes.map(|l| l.1))
@@ -131,7 +143,7 @@ pub(crate) fn measure_one(corners: [Point3; 4]) -> Measures {
 
 /// Measures tetrahedra on the widest vectors that the processor has.
 pub(crate) fn measure(positions: &[Point3], tets: &[[u32; 4]], out: &mut [Measures]) {
-    Arch::new().dispatch(Task {
+    vectorized(Task {
         positions,
         tets,
         out,
@@ -214,7 +226,7 @@ mod tests {
             let mut together = vec![Measures::default(); tets.len()];
             measure(&x, &tets, &mut together);
             for (tet, m) in tets.iter().zip(together) {
-                prop_assert_eq!(measure_one(tet.map(|v| x[v as usize])), m);
+                prop_assert_eq!(measures(tet.map(|v| x[v as usize])), m);
             }
         }
     }

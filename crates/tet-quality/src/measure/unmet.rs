@@ -4,12 +4,15 @@ use geom_core::mesh::{EDGES, FACES};
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::report::Element;
-use crate::smooth::{foot, load};
-use crate::surface_field::Isosurface;
-use crate::swap::EdgeRing;
-use crate::work::{Freedom, NONE, Work};
-use crate::{Goals, Measures, measures};
+use crate::boundary::field::Isosurface;
+use crate::measure::block::measures;
+use crate::measure::metrics::Measures;
+use crate::measure::report::Element;
+use crate::mesh::editable::{EditableMesh, Freedom};
+use crate::mesh::incidence::NONE;
+use crate::mesh::link::{EdgeLink, InterfaceLink};
+use crate::options::Goals;
+use crate::smoothing::smooth::{foot, load};
 
 /// How many elements and vertices a report names.
 pub const NAMED: usize = 100;
@@ -39,7 +42,7 @@ pub enum Cause {
 /// A tetrahedron that does not meet the goals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Exception {
+pub struct UnmetElement {
     /// Which, numbered as in the result.
     pub element: Element,
     /// Why.
@@ -90,24 +93,25 @@ pub struct SurfaceFit {
 /// What falls short.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Exceptions {
+pub struct Unmet {
     /// Tetrahedra that do not meet the goals, by cause; causes without any are left out.
     pub counts: Vec<(Cause, usize)>,
     /// The worst of them, at most [`NAMED`].
-    pub worst: Vec<Exception>,
+    pub worst: Vec<UnmetElement>,
 }
 
-pub(crate) fn exceptions(work: &Work, goals: &Goals, junctions: &[u32]) -> Exceptions {
+/// The tetrahedra that do not meet the goals, and why.
+pub(crate) fn unmet(mesh: &EditableMesh, goals: &Goals, junctions: &[u32]) -> Unmet {
     let enough = goals.objective();
-    let alive: Vec<u32> = (0..work.tets.len() as u32)
-        .filter(|&t| !work.is_empty_slot(t))
+    let alive: Vec<u32> = (0..mesh.tets.len() as u32)
+        .filter(|&t| !mesh.is_empty_slot(t))
         .collect();
-    let mut all: Vec<(f64, Exception)> = alive
+    let mut all: Vec<(f64, UnmetElement)> = alive
         .par_iter()
         .enumerate()
         .filter_map(|(number, &t)| {
-            let q = work.q[t as usize];
-            let corners = work.corners(work.tets[t as usize]);
+            let q = mesh.q[t as usize];
+            let corners = mesh.corners(mesh.tets[t as usize]);
             let m = measures(corners);
             if goals.met_by(&m) {
                 return None;
@@ -115,13 +119,13 @@ pub(crate) fn exceptions(work: &Work, goals: &Goals, junctions: &[u32]) -> Excep
             let sum = corners.iter().fold(Vector3::zeros(), |s, p| s + p.coords);
             Some((
                 q.min(enough),
-                Exception {
+                UnmetElement {
                     element: Element {
                         tet: number as u32,
                         centroid: Point3::from(sum / 4.0),
                         measures: m,
                     },
-                    cause: cause(work, t, &m, goals, junctions),
+                    cause: cause(mesh, t, &m, goals, junctions),
                 },
             ))
         })
@@ -138,16 +142,16 @@ pub(crate) fn exceptions(work: &Work, goals: &Goals, junctions: &[u32]) -> Excep
         }
     }
     counts.sort_unstable();
-    Exceptions {
+    Unmet {
         counts,
         worst: all.into_iter().take(NAMED).map(|e| e.1).collect(),
     }
 }
 
-fn cause(work: &Work, t: u32, m: &Measures, goals: &Goals, junctions: &[u32]) -> Cause {
-    let tet = work.tets[t as usize];
-    let freedom = |v: u32| work.freedom[v as usize];
-    if forbidden(work, t, m, goals) {
+fn cause(mesh: &EditableMesh, t: u32, m: &Measures, goals: &Goals, junctions: &[u32]) -> Cause {
+    let tet = mesh.tets[t as usize];
+    let freedom = |v: u32| mesh.freedom[v as usize];
+    if forbidden(mesh, t, m, goals) {
         Cause::Boundary
     } else if tet.iter().any(|v| junctions.binary_search(v).is_ok()) {
         Cause::Junction
@@ -155,7 +159,7 @@ fn cause(work: &Work, t: u32, m: &Measures, goals: &Goals, junctions: &[u32]) ->
         Cause::Fixed
     } else if tet.iter().all(|&v| freedom(v) != Freedom::Free) {
         Cause::Narrow
-    } else if beside_forbidden(work, t, goals) {
+    } else if beside_forbidden(mesh, t, goals) {
         Cause::Beside
     } else {
         Cause::Unsolved
@@ -163,37 +167,37 @@ fn cause(work: &Work, t: u32, m: &Measures, goals: &Goals, junctions: &[u32]) ->
 }
 
 /// Does the boundary forbid that the tetrahedron, which misses the goals, meets them?
-fn forbidden(work: &Work, t: u32, m: &Measures, goals: &Goals) -> bool {
-    let tet = work.tets[t as usize];
-    let region = work.regions[t as usize];
+fn forbidden(mesh: &EditableMesh, t: u32, m: &Measures, goals: &Goals) -> bool {
+    let tet = mesh.tets[t as usize];
+    let region = mesh.regions[t as usize];
     let mut walls = (0..4)
-        .filter(|&k| work.region_beyond(t, k) != region)
+        .filter(|&k| mesh.region_beyond(t, k) != region)
         .map(|k| FACES[k].map(|i| tet[i]))
         .filter(|f| {
             f.iter()
-                .all(|&v| work.freedom[v as usize] == Freedom::Fixed)
+                .all(|&v| mesh.freedom[v as usize] == Freedom::Fixed)
         });
-    walls.any(|f| slender(work, f, goals))
-        || (m.min_dihedral < goals.min_dihedral && in_sharp_wedge(work, t, goals))
+    walls.any(|f| slender(mesh, f, goals))
+        || (m.min_dihedral < goals.min_dihedral && in_sharp_wedge(mesh, t, goals))
 }
 
 /// Does a corner of the tetrahedron also belong to one that is no better and that the boundary forbids to
 /// meet the goals?
-fn beside_forbidden(work: &Work, t: u32, goals: &Goals) -> bool {
-    let tet = work.tets[t as usize];
-    let around = tet.iter().flat_map(|&v| work.rings.of(v));
+fn beside_forbidden(mesh: &EditableMesh, t: u32, goals: &Goals) -> bool {
+    let tet = mesh.tets[t as usize];
+    let around = tet.iter().flat_map(|&v| mesh.incidence.of(v));
     around.copied().any(|o| {
-        let m = measures(work.corners(work.tets[o as usize]));
-        work.q[o as usize] <= work.q[t as usize]
+        let m = measures(mesh.corners(mesh.tets[o as usize]));
+        mesh.q[o as usize] <= mesh.q[t as usize]
             && !goals.met_by(&m)
-            && forbidden(work, o, &m, goals)
+            && forbidden(mesh, o, &m, goals)
     })
 }
 
 /// Can no tetrahedron on this triangle meet the goals? The best Joe–Liu measure on a base of area `A`
 /// and squared edges of sum `s` is `4 √3 A / s`, with the apex above its centroid.
-fn slender(work: &Work, f: [u32; 3], goals: &Goals) -> bool {
-    let [a, b, c] = f.map(|v| work.x[v as usize]);
+fn slender(mesh: &EditableMesh, f: [u32; 3], goals: &Goals) -> bool {
+    let [a, b, c] = f.map(|v| mesh.x[v as usize]);
     let edges = [(b - a), (c - b), (a - c)].map(|e| e.norm_squared());
     let longest = edges.iter().copied().fold(0.0, f64::max);
     let shortest = edges.iter().copied().fold(f64::INFINITY, f64::min);
@@ -206,9 +210,9 @@ fn slender(work: &Work, f: [u32; 3], goals: &Goals) -> bool {
 /// Does an edge of the tetrahedron lie in a wedge between two boundary triangles that may not move and
 /// that meet, inside its region, at less than the smallest angle? However many share the wedge, none
 /// can have more.
-fn in_sharp_wedge(work: &Work, t: u32, goals: &Goals) -> bool {
-    let (tet, region) = (work.tets[t as usize], work.regions[t as usize]);
-    let fixed = |v: u32| work.freedom[v as usize] == Freedom::Fixed;
+fn in_sharp_wedge(mesh: &EditableMesh, t: u32, goals: &Goals) -> bool {
+    let (tet, region) = (mesh.tets[t as usize], mesh.regions[t as usize]);
+    let fixed = |v: u32| mesh.freedom[v as usize] == Freedom::Fixed;
     EDGES.iter().any(|&[i, j]| {
         let (a, b) = (tet[i], tet[j]);
         if !fixed(a) || !fixed(b) {
@@ -222,25 +226,25 @@ fn in_sharp_wedge(work: &Work, t: u32, goals: &Goals) -> bool {
             && fixed(v)
             && others
                 .into_iter()
-                .all(|k| work.region_beyond(t, k) != region)
+                .all(|k| mesh.region_beyond(t, k) != region)
         {
-            let [x, y, u, v] = [a, b, u, v].map(|p| work.x[p as usize]);
+            let [x, y, u, v] = [a, b, u, v].map(|p| mesh.x[p as usize]);
             return angle_at(x, y, u, v) < goals.min_dihedral;
         }
-        let ring = EdgeRing::new(work, a, b).and_then(EdgeRing::at_interface);
-        let Some((ring, first)) = ring else {
+        let at_interface = EdgeLink::new(mesh, a, b).and_then(EdgeLink::at_interface);
+        let Some(InterfaceLink { link, first }) = at_interface else {
             return false;
         };
-        let at = ring.tets.iter().position(|&o| o == t);
+        let at = link.tets.iter().position(|&o| o == t);
         let side = if at.is_some_and(|at| at < first) {
             0..first
         } else {
-            first..ring.tets.len()
+            first..link.tets.len()
         };
-        let walls = [side.start, side.end].map(|k| ring.vertices[k]);
+        let walls = [side.start, side.end].map(|k| link.vertices[k]);
         let angle: f64 = side
-            .map(|k| [ring.vertices[k], ring.vertices[k + 1]].map(|v| work.x[v as usize]))
-            .map(|[u, v]| angle_at(work.x[a as usize], work.x[b as usize], u, v))
+            .map(|k| [link.vertices[k], link.vertices[k + 1]].map(|v| mesh.x[v as usize]))
+            .map(|[u, v]| angle_at(mesh.x[a as usize], mesh.x[b as usize], u, v))
             .sum();
         walls.iter().all(|&v| fixed(v)) && angle < goals.min_dihedral
     })
@@ -253,29 +257,32 @@ fn angle_at(a: Point3, b: Point3, u: Point3, v: Point3) -> f64 {
     n.cross(&m).norm().atan2(n.dot(&m)).to_degrees()
 }
 
+/// How well the surface vertices lie on the isosurface.
 pub(crate) fn surface_fit(
-    work: &Work,
+    mesh: &EditableMesh,
     field: Option<&Isosurface<'_>>,
     tolerance: f64,
 ) -> SurfaceFit {
     let Some(field) = field else {
         return SurfaceFit::default();
     };
-    let mut numbers = vec![NONE; work.x.len()];
+    // Numbers as of the result, which leaves out vertices that have vanished.
+    let mut numbers = vec![NONE; mesh.x.len()];
     let mut next = 0;
     for (v, number) in numbers.iter_mut().enumerate() {
-        if work.keeps(v as u32) {
+        if mesh.keeps(v as u32) {
             *number = next;
             next += 1;
         }
     }
-    let on: Vec<u32> = (0..work.x.len() as u32)
-        .filter(|&v| work.freedom[v as usize] == Freedom::Field && !work.rings.of(v).is_empty())
+    let on: Vec<u32> = (0..mesh.x.len() as u32)
+        .filter(|&v| mesh.freedom[v as usize] == Freedom::Field && !mesh.incidence.of(v).is_empty())
         .collect();
     let distances: Vec<f64> = on
         .par_iter()
-        .map(|&v| work.tangent(v, field).distance.abs())
+        .map(|&v| mesh.tangent(v, field).distance().abs())
         .collect();
+    // The farthest first; equal ones by number.
     let mut far: Vec<(f64, u32)> = distances
         .iter()
         .zip(&on)
@@ -283,7 +290,7 @@ pub(crate) fn surface_fit(
         .map(|(&d, &v)| (d, v))
         .collect();
     far.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let mut ring = crate::ring::Ring::default();
+    let mut star = crate::smoothing::star::Star::default();
     SurfaceFit {
         vertices: on.len(),
         far: far.len(),
@@ -292,11 +299,12 @@ pub(crate) fn surface_fit(
             .iter()
             .take(NAMED)
             .map(|&(distance, v)| {
-                let position = work.x[v as usize];
-                load(work, v, &mut ring);
-                let edge = ring.mean_edge(&position.coords);
-                let reached = foot(work.tangent(v, field), edge, field, tolerance)
-                    .is_some_and(|f| f.distance.abs() <= tolerance);
+                let position = mesh.x[v as usize];
+                load(mesh, v, &mut star);
+                let edge = star.mean_edge(&position.coords);
+                // Where the steps do arrive, only the tetrahedra can have held it back.
+                let reached = foot(mesh.tangent(v, field), edge, field, tolerance)
+                    .is_some_and(|f| f.distance().abs() <= tolerance);
                 FarVertex {
                     vertex: numbers[v as usize],
                     position,

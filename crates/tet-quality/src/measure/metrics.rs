@@ -30,23 +30,15 @@ pub struct Measures {
     pub max_dihedral: f64,
 }
 
-/// Measures a tetrahedron.
-///
-/// ```
-/// use tet_quality::{geom_core::Point3, measures};
-/// let corner = |x, y, z| Point3::new(x, y, z);
-/// let regular = measures([
-///     corner(1.0, 1.0, 1.0), corner(-1.0, 1.0, -1.0), corner(1.0, -1.0, -1.0), corner(-1.0, -1.0, 1.0),
-/// ]);
-/// assert!((regular.joe_liu - 1.0).abs() < 1e-12);
-/// assert!((regular.min_dihedral - 70.528_779).abs() < 1e-5);
-/// ```
-pub fn measures(corners: [Point3; 4]) -> Measures {
-    crate::block::measure_one(corners)
-}
-
 /// Radius ratio `3 r / R` of in- and circumscribed spheres: 1 for the regular tetrahedron, 0 unless
 /// the volume is positive.
+///
+/// ```
+/// # use tet_quality::{geom_core::Point3, radius_ratio};
+/// let corner = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(Point3::from);
+/// // r = 1 / (3 + √3), R = √3 / 2.
+/// assert!((radius_ratio(corner) - 0.732_050_8).abs() < 1e-6);
+/// ```
 pub fn radius_ratio(corners: [Point3; 4]) -> f64 {
     let [a, b, c, d] = corners;
     let v6 = six_volume(corners);
@@ -65,6 +57,13 @@ pub fn radius_ratio(corners: [Point3; 4]) -> f64 {
 
 /// Longest edge over shortest altitude: √(3/2) for the regular tetrahedron, infinite unless the
 /// volume is positive.
+///
+/// ```
+/// # use tet_quality::{aspect_ratio, geom_core::Point3};
+/// let corner = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(Point3::from);
+/// // √2 over the altitude 1 / √3 on the slanted face.
+/// assert!((aspect_ratio(corner) - 6f64.sqrt()).abs() < 1e-12);
+/// ```
 pub fn aspect_ratio(corners: [Point3; 4]) -> f64 {
     let v6 = six_volume(corners);
     if v6 <= 0.0 {
@@ -86,6 +85,13 @@ pub fn aspect_ratio(corners: [Point3; 4]) -> f64 {
 /// and 1.14 times Joe–Liu; for others the Joe–Liu measure, which is ≤ 0. Never NaN for finite input.
 ///
 /// `q ≥ sin θ` means that every dihedral angle lies in `[θ, 180° − θ]`.
+///
+/// ```
+/// # use tet_quality::{geom_core::Point3, measure::metrics::quality};
+/// let corner = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(Point3::from);
+/// // Its smallest angle is acos(1/√3), with sine √(2/3) = 0.816; 1.14 Joe–Liu is 0.878.
+/// assert!((quality(corner) - (2.0f64 / 3.0).sqrt()).abs() < 1e-12);
+/// ```
 pub fn quality(corners: [Point3; 4]) -> f64 {
     let raw = Raw::of(corners);
     let shape = raw.joe_liu();
@@ -179,6 +185,7 @@ impl Raw {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measures;
 
     fn p(x: f64, y: f64, z: f64) -> Point3 {
         Point3::new(x, y, z)

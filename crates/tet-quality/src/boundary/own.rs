@@ -5,7 +5,7 @@ use geom_core::mesh::FACES;
 use geom_core::{ImplicitField, Point3, TriMesh, Vector3};
 use rayon::prelude::*;
 
-use crate::work::Work;
+use crate::mesh::editable::EditableMesh;
 
 /// Triangles that turn by less than this are parts of one smooth surface: cos 40°.
 pub(crate) const SMOOTH: f64 = 0.766_044_443_118_978;
@@ -20,22 +20,22 @@ pub(crate) struct OwnSurface {
 
 impl OwnSurface {
     /// `None` if all faces lie within one region.
-    pub(crate) fn of(work: &Work) -> Option<Self> {
-        let triangles: Vec<[u32; 3]> = (0..work.tets.len() as u32)
+    pub(crate) fn of(mesh: &EditableMesh) -> Option<Self> {
+        let triangles: Vec<[u32; 3]> = (0..mesh.tets.len() as u32)
             .into_par_iter()
-            .filter(|&t| !work.is_empty_slot(t))
+            .filter(|&t| !mesh.is_empty_slot(t))
             .flat_map_iter(|t| {
                 (0..4).filter_map(move |k| {
                     // Each face once, from the side of the smaller region.
-                    let once = work.regions[t as usize] < work.region_beyond(t, k);
-                    once.then(|| FACES[k].map(|i| work.tets[t as usize][i]))
+                    let once = mesh.regions[t as usize] < mesh.region_beyond(t, k);
+                    once.then(|| FACES[k].map(|i| mesh.tets[t as usize][i]))
                 })
             })
             .collect();
         let flat: Vec<Vector3> = triangles
             .par_iter()
             .map(|&[a, b, c]| {
-                let [a, b, c] = [a, b, c].map(|v| work.x[v as usize]);
+                let [a, b, c] = [a, b, c].map(|v| mesh.x[v as usize]);
                 let normal = (b - a).cross(&(c - a)).try_normalize(0.0);
                 normal.unwrap_or_default()
             })
@@ -55,22 +55,22 @@ impl OwnSurface {
                     let alike = around(v).map(|&(_, g)| g as usize);
                     let sum: Vector3 = alike
                         .filter(|&g| flat[f].dot(&flat[g]) >= SMOOTH)
-                        .map(|g| flat[g] * angle(work, triangles[g], v))
+                        .map(|g| flat[g] * angle(mesh, triangles[g], v))
                         .sum();
                     sum.try_normalize(1e-9).unwrap_or(flat[f])
                 })
             })
             .collect();
-        let surface = TriMesh::new(work.x.clone(), triangles).ok()?;
+        let surface = TriMesh::new(mesh.x.clone(), triangles).ok()?;
         let tree = TriangleTree::new(&surface).ok()?;
         Some(Self { tree, normals })
     }
 }
 
 /// The angle of a triangle at its corner `v`.
-fn angle(work: &Work, triangle: [u32; 3], v: u32) -> f64 {
-    let x = work.x[v as usize];
-    let others = triangle.map(|u| work.x[u as usize] - x);
+fn angle(mesh: &EditableMesh, triangle: [u32; 3], v: u32) -> f64 {
+    let x = mesh.x[v as usize];
+    let others = triangle.map(|u| mesh.x[u as usize] - x);
     let mut sides = others.into_iter().zip(triangle).filter(|s| s.1 != v);
     match (sides.next(), sides.next()) {
         (Some((a, _)), Some((b, _))) => a.angle(&b),

@@ -1,26 +1,28 @@
-//! The walls of cavities. Where the other side of a boundary is not meshed, no tetrahedron there
+//! The cavity volume guard. Where the other side of a boundary is not meshed, no tetrahedron there
 //! keeps a small cavity from being pulled through itself: many small steps, each of them valid, can
 //! turn its wall inside out. So the volume that each wall encloses is kept up to date, and no change
 //! may take more than a share of it.
 
 use geom_core::Point3;
-use geom_core::mesh::{EDGES, FACES, VertexKind, six_volume};
-use geom_core::sets::DisjointSets;
-use rayon::prelude::*;
+use geom_core::compute::sets::DisjointSets;
+use geom_core::mesh::{EDGES, VertexKind, six_volume};
 
-use crate::proposal::{NEW, Proposal};
-use crate::work::{NONE, Work};
+use crate::mesh::editable::EditableMesh;
+use crate::mesh::incidence::NONE;
+use crate::mesh::link::hull;
+use crate::mesh::proposal::{NEW, Proposal};
 
 /// Share of its volume that a cavity keeps.
 const KEPT: f64 = 0.25;
 /// The wall of a vertex where several parts of the boundary touch.
 const SEVERAL: u32 = NONE - 1;
 
-/// The closed parts of the boundary that enclose a negative volume: what they enclose is not meshed.
+/// The walls of cavities: the closed parts of the boundary that enclose a negative volume, since what
+/// they enclose is not meshed.
 #[derive(Default)]
-pub(crate) struct Walls {
+pub(crate) struct CavityGuard {
     /// Per vertex: the number of its wall, [`NONE`] or [`SEVERAL`]. Later vertices may be missing.
-    of: Vec<u32>,
+    labels: Vec<u32>,
     all: Vec<Wall>,
 }
 
@@ -31,9 +33,17 @@ struct Wall {
     most: f64,
 }
 
-impl Walls {
+/// What a change takes from a cavity.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rise {
+    wall: usize,
+    /// By how much six times the signed volume of the wall rises.
+    volume: f64,
+}
+
+impl CavityGuard {
     /// The walls of a mesh, from the faces of its boundary, counter-clockwise from outside.
-    pub(crate) fn new(x: &[Point3], faces: &[[u32; 3]]) -> Self {
+    fn new(x: &[Point3], faces: &[[u32; 3]]) -> Self {
         // Faces with a common edge belong together.
         let mut sets = DisjointSets::new(faces.len());
         let mut edges: Vec<([u32; 2], u32)> = (0u32..)
@@ -80,7 +90,7 @@ impl Walls {
                 };
             }
         }
-        walls.of = part_of
+        walls.labels = part_of
             .into_iter()
             .map(|part| match part {
                 NONE | SEVERAL => part,
@@ -91,7 +101,7 @@ impl Walls {
     }
 
     fn at(&self, v: u32) -> u32 {
-        self.of.get(v as usize).copied().unwrap_or(NONE)
+        self.labels.get(v as usize).copied().unwrap_or(NONE)
     }
 
     /// The wall that things with these corners lie on.
@@ -108,10 +118,115 @@ impl Walls {
         (wall != SEVERAL).then_some(wall as usize)
     }
 
+    /// Looks for the cavities of a mesh.
+    pub(crate) fn of(mesh: &EditableMesh) -> Self {
+        Self::new(&mesh.x, &mesh.boundary_faces())
+    }
+
+    /// By how much a vertex that goes to `x` would take from its cavity; `None` without one.
+    pub(crate) fn rise_of_move(&self, mesh: &EditableMesh, v: u32, x: Point3) -> Option<Rise> {
+        let wall = Self::common([self.at(v)])?;
+        // What the mesh gains is what the cavity loses.
+        let volume = mesh
+            .incidence
+            .of(v)
+            .iter()
+            .map(|&t| {
+                let tet = mesh.tets[t as usize];
+                let before = mesh.corners(tet);
+                let mut after = before;
+                let corner = tet.iter().position(|&u| u == v).expect("a corner");
+                after[corner] = x;
+                six_volume(after) - six_volume(before)
+            })
+            .sum();
+        Some(Rise { wall, volume })
+    }
+
+    /// By how much the volumes of walls rise with a change. Only the hull of what changes counts;
+    /// what of it is not boundary is the same before and after.
+    pub(crate) fn rises(&self, mesh: &EditableMesh, proposal: &Proposal) -> Vec<Rise> {
+        if self.all.is_empty() {
+            return Vec::new();
+        }
+        let mut patch = proposal.remove.clone();
+        patch.extend(
+            proposal
+                .moves
+                .iter()
+                .flat_map(|m| mesh.incidence.of(m.vertex)),
+        );
+        patch.sort_unstable();
+        patch.dedup();
+        let tet_of = |&t: &u32| mesh.tets[t as usize];
+        let on_wall = |v: u32| self.at(v) != NONE;
+        if !patch.iter().flat_map(tet_of).any(on_wall) {
+            return Vec::new();
+        }
+        let about = mesh.x[tet_of(&patch[0])[0] as usize];
+        let new = self.label_of_new(mesh, proposal);
+        let label = |v: u32| if v == NEW { new } else { self.at(v) };
+        let mut rises: Vec<Rise> = Vec::new();
+        let mut add = |face: [u32; 3], volume: f64| {
+            let Some(wall) = Self::common(face.map(label)) else {
+                return;
+            };
+            match rises.iter_mut().find(|r| r.wall == wall) {
+                Some(rise) => rise.volume += volume,
+                None => rises.push(Rise { wall, volume }),
+            }
+        };
+        for face in hull(patch.iter().map(tet_of)) {
+            add(face, -cone(about, face.map(|v| mesh.x[v as usize])));
+        }
+        let kept = patch.iter().filter(|t| !proposal.remove.contains(t));
+        let inserted = proposal.insert.iter().map(|new| new.corners);
+        for face in hull(kept.map(tet_of).chain(inserted)) {
+            let after = face.map(|v| proposal.position_after(mesh, v));
+            add(face, cone(about, after));
+        }
+        rises
+    }
+
     /// May the volume of a wall rise so much? A cavity that is too small already may only grow.
-    fn bears(&self, wall: usize, rise: f64) -> bool {
-        let wall = &self.all[wall];
-        rise <= 0.0 || wall.volume + rise <= wall.most
+    pub(crate) fn allows(&self, rise: &Rise) -> bool {
+        let wall = &self.all[rise.wall];
+        rise.volume <= 0.0 || wall.volume + rise.volume <= wall.most
+    }
+
+    /// A change that takes so much is made.
+    pub(crate) fn record(&mut self, rise: &Rise) {
+        self.all[rise.wall].volume += rise.volume;
+    }
+
+    /// Keeps the labels of vertices up to date; to be called before the change is made.
+    pub(crate) fn record_new_vertex(&mut self, mesh: &EditableMesh, proposal: &Proposal) {
+        if proposal.vertex.is_some() && !self.all.is_empty() {
+            let label = self.label_of_new(mesh, proposal);
+            self.labels.resize(mesh.x.len(), NONE);
+            self.labels.push(label);
+        }
+    }
+
+    /// The wall that the new vertex of a change comes to lie on: that of the edge which it splits.
+    fn label_of_new(&self, mesh: &EditableMesh, proposal: &Proposal) -> u32 {
+        let on_surface = proposal
+            .vertex
+            .is_some_and(|new| new.kind == VertexKind::Surface);
+        if !on_surface {
+            return NONE;
+        }
+        // Its ends are the corners that have been together and no longer are.
+        let tet = mesh.tets[proposal.remove[0] as usize];
+        EDGES
+            .into_iter()
+            .map(|e| e.map(|i| tet[i]))
+            .find(|[a, b]| {
+                let mut inserted = proposal.insert.iter().map(|new| new.corners);
+                !inserted.any(|t| t.contains(a) && t.contains(b))
+            })
+            .and_then(|ends| Self::common(ends.map(|v| self.at(v))))
+            .map_or(NONE, |wall| wall as u32)
     }
 }
 
@@ -120,175 +235,20 @@ fn cone(about: Point3, [a, b, c]: [Point3; 3]) -> f64 {
     six_volume([about, a, b, c])
 }
 
-/// The faces that only one of the tetrahedra has.
-pub(crate) fn hull(tets: impl Iterator<Item = [u32; 4]>) -> Vec<[u32; 3]> {
-    let mut faces: Vec<([u32; 3], [u32; 3])> = tets
-        .flat_map(|tet| {
-            FACES.map(|f| {
-                let face = f.map(|i| tet[i]);
-                let mut key = face;
-                key.sort_unstable();
-                (key, face)
-            })
-        })
-        .collect();
-    faces.sort_unstable();
-    faces
-        .chunk_by(|a, b| a.0 == b.0)
-        .filter(|group| group.len() == 1)
-        .map(|group| group[0].1)
-        .collect()
-}
-
-impl Work {
-    /// Looks for the walls of cavities; from then on no change may turn one inside out.
-    pub(crate) fn guard_walls(&mut self) {
-        let state = &*self;
-        let boundary = |t: u32| {
-            let tet = state.tets[t as usize];
-            (0..4)
-                .filter(move |&k| tet[0] != NONE && state.beyond(t, k).is_none())
-                .map(move |k| FACES[k].map(|i| tet[i]))
-        };
-        let faces: Vec<[u32; 3]> = (0..state.tets.len() as u32)
-            .into_par_iter()
-            .flat_map_iter(boundary)
-            .collect();
-        self.walls = Walls::new(&self.x, &faces);
-    }
-
-    /// Moves a vertex, whose tetrahedra are then to be measured anew, unless its wall forbids that.
-    pub(crate) fn place(&mut self, v: u32, x: Point3) -> bool {
-        if !self.gap_bears_move(v, x) {
-            return false;
-        }
-        if let Some(wall) = Walls::common([self.walls.at(v)]) {
-            // What the mesh gains is what the cavity loses.
-            let rise: f64 = self
-                .rings
-                .of(v)
-                .iter()
-                .map(|&t| {
-                    let tet = self.tets[t as usize];
-                    let before = self.corners(tet);
-                    let mut after = before;
-                    let corner = tet.iter().position(|&u| u == v).expect("a corner");
-                    after[corner] = x;
-                    six_volume(after) - six_volume(before)
-                })
-                .sum();
-            if !self.walls.bears(wall, rise) {
-                return false;
-            }
-            self.walls.all[wall].volume += rise;
-        }
-        self.x[v as usize] = x;
-        true
-    }
-
-    /// Does every wall bear the change?
-    pub(crate) fn walls_bear(&self, proposal: &Proposal) -> bool {
-        let rises = self.rises(proposal);
-        rises
-            .iter()
-            .all(|&(wall, rise)| self.walls.bears(wall, rise))
-            && self.gaps_bear(proposal)
-    }
-
-    /// Keeps the walls up to date; to be called before the change is made.
-    pub(crate) fn change_walls(&mut self, proposal: &Proposal) {
-        self.unclear(proposal);
-        for (wall, rise) in self.rises(proposal) {
-            self.walls.all[wall].volume += rise;
-        }
-        if proposal.vertex.is_some() && !self.walls.all.is_empty() {
-            let label = self.new_label(proposal);
-            self.walls.of.resize(self.x.len(), NONE);
-            self.walls.of.push(label);
-        }
-    }
-
-    /// The wall that the new vertex of a change comes to lie on: that of the edge which it splits.
-    fn new_label(&self, proposal: &Proposal) -> u32 {
-        let on_surface = proposal
-            .vertex
-            .is_some_and(|(_, kind, _)| kind == VertexKind::Surface);
-        if !on_surface {
-            return NONE;
-        }
-        // Its ends are the corners that have been together and no longer are.
-        let tet = self.tets[proposal.remove[0] as usize];
-        EDGES
-            .into_iter()
-            .map(|e| e.map(|i| tet[i]))
-            .find(|[a, b]| {
-                let mut inserted = proposal.insert.iter().map(|i| i.0);
-                !inserted.any(|t| t.contains(a) && t.contains(b))
-            })
-            .and_then(|ends| Walls::common(ends.map(|v| self.walls.at(v))))
-            .map_or(NONE, |wall| wall as u32)
-    }
-
-    /// By how much the volumes of walls rise with a change. Only the hull of what changes counts;
-    /// what of it is not boundary is the same before and after.
-    fn rises(&self, proposal: &Proposal) -> Vec<(usize, f64)> {
-        if self.walls.all.is_empty() {
-            return Vec::new();
-        }
-        let moved = proposal.moves.iter();
-        let mut patch = proposal.remove.clone();
-        patch.extend(moved.flat_map(|&(v, _)| self.rings.of(v)));
-        patch.sort_unstable();
-        patch.dedup();
-        let tet_of = |&t: &u32| self.tets[t as usize];
-        let on_wall = |v: u32| self.walls.at(v) != NONE;
-        if !patch.iter().flat_map(tet_of).any(on_wall) {
-            return Vec::new();
-        }
-        let about = self.x[tet_of(&patch[0])[0] as usize];
-        let new = self.new_label(proposal);
-        let label = |v: u32| if v == NEW { new } else { self.walls.at(v) };
-        let after = |v: u32| match proposal.vertex {
-            Some((x, ..)) if v == NEW => x,
-            _ => {
-                let to = proposal.moves.iter().find(|m| m.0 == v);
-                to.map_or_else(|| self.x[v as usize], |m| m.1)
-            }
-        };
-        let mut rises: Vec<(usize, f64)> = Vec::new();
-        let mut add = |face: [u32; 3], volume: f64| {
-            let Some(wall) = Walls::common(face.map(label)) else {
-                return;
-            };
-            match rises.iter_mut().find(|r| r.0 == wall) {
-                Some(rise) => rise.1 += volume,
-                None => rises.push((wall, volume)),
-            }
-        };
-        for face in hull(patch.iter().map(tet_of)) {
-            add(face, -cone(about, face.map(|v| self.x[v as usize])));
-        }
-        let kept = patch.iter().filter(|t| !proposal.remove.contains(t));
-        let inserted = proposal.insert.iter().map(|i| i.0);
-        for face in hull(kept.map(tet_of).chain(inserted)) {
-            add(face, cone(about, face.map(after)));
-        }
-        rises
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use geom_core::{Cpu, ImplicitField, Lattice, Run, ScalarGrid, TetMesh, Vector3};
 
     use super::*;
-    use crate::contract::contraction;
-    use crate::input::prepare;
-    use crate::insert::edge_split;
-    use crate::proposal::{Floor, Operation, apply_all};
-    use crate::ring::Ring;
-    use crate::surface_field::Isosurface;
-    use crate::swap::surface_flip;
+    use crate::boundary::field::Isosurface;
+    use crate::boundary::guard::GuardedMesh;
+    use crate::boundary::input::prepare;
+    use crate::mesh::proposal::{Floor, Operation, VertexMove};
+    use crate::operations::contract::contraction;
+    use crate::operations::insert::edge_split;
+    use crate::operations::operate::apply_all;
+    use crate::operations::swap::surface_flip;
+    use crate::smoothing::star::Star;
     use crate::testing::noise;
     use crate::{Options, improve};
     use geom_core::mesh::SurfaceAudit;
@@ -352,64 +312,67 @@ mod tests {
             level: 1.0,
             own: false,
         };
-        let mut work = prepare(mesh, Some(&surface)).unwrap().work;
-        work.guard_walls();
-        assert_eq!(work.walls.all.len(), 1);
-        let exact = |work: &mut Work| {
-            let kept = work.walls.all[0].volume;
-            work.guard_walls();
-            let [wall] = work.walls.all.as_slice() else {
-                panic!("{} walls", work.walls.all.len());
+        let mut guarded = GuardedMesh::new(prepare(mesh, Some(&surface)).unwrap().mesh);
+        assert_eq!(guarded.guard.walls.all.len(), 1);
+        let exact = |guarded: &mut GuardedMesh| {
+            let kept = guarded.guard.walls.all[0].volume;
+            guarded.guard.walls = CavityGuard::of(&guarded.mesh);
+            let [wall] = guarded.guard.walls.all.as_slice() else {
+                panic!("{} walls", guarded.guard.walls.all.len());
             };
             assert!((wall.volume - kept).abs() < 1e-9, "{} {kept}", wall.volume);
             wall.volume
         };
         let any = Floor::Fixed(1e-6);
-        let (mut noise, mut ring) = (noise(1), Ring::default());
+        let (mut noise, mut star) = (noise(1), Star::default());
         let (mut counts, mut marks) = ([0; 3], Vec::new());
         for turn in 0..400 {
-            let on_wall: Vec<u32> = (0..work.x.len() as u32)
-                .filter(|&v| work.walls.at(v) == 0 && work.keeps(v))
+            let (mesh, walls) = (&guarded.mesh, &guarded.guard.walls);
+            let on_wall: Vec<u32> = (0..mesh.x.len() as u32)
+                .filter(|&v| walls.at(v) == 0 && mesh.keeps(v))
                 .collect();
             let mut pick = |n: usize| ((noise() + 1.0) * 0.5 * n as f64) as usize % n;
             let a = on_wall[pick(on_wall.len())];
-            let tets = work.rings.of(a);
-            let b = work.tets[tets[pick(tets.len())] as usize][pick(4)];
+            let tets = mesh.incidence.of(a);
+            let b = mesh.tets[tets[pick(tets.len())] as usize][pick(4)];
             if a == b {
                 continue;
             }
             let proposal = match turn % 3 {
-                0 => contraction(&work, a, b, None, 1.0, any),
-                1 => edge_split(&work, a, b, Some(&surface), any, &mut ring),
-                _ => surface_flip(&work, a, b, Some(&surface), 1.0, any),
+                0 => contraction(mesh, a, b, None, 1.0, any),
+                1 => edge_split(mesh, a, b, Some(&surface), any, &mut star),
+                _ => surface_flip(mesh, a, b, Some(&surface), 1.0, any),
             };
             let Some(mut proposal) = proposal else {
                 continue;
             };
             // Another vertex moves along.
-            let along = proposal.insert[0].0.into_iter().find(|&v| v != NEW);
-            let v = along.expect("at most one corner is new");
+            let along = proposal.insert[0].corners.into_iter().find(|&v| v != NEW);
+            let vertex = along.expect("at most one corner is new");
             let shift = Vector3::new(noise(), noise(), noise()) * 0.05;
-            proposal.moves = vec![(v, work.x[v as usize] + shift)];
+            let to = mesh.x[vertex as usize] + shift;
+            proposal.moves = vec![VertexMove { vertex, to }];
             let kind = match proposal.operation {
                 Operation::Contraction => 0,
                 Operation::Insertion => 1,
                 _ => 2,
             };
-            counts[kind] += apply_all(&mut work, vec![(0, proposal)], &mut marks, turn + 1).len();
-            exact(&mut work);
+            let one = vec![(0, proposal)];
+            counts[kind] += apply_all(&mut guarded, one, &mut marks, turn + 1).len();
+            exact(&mut guarded);
         }
         assert!(counts.iter().all(|&n| n > 5), "{counts:?}");
         // Moves, and where they end.
-        let v = work.walls.of.iter().position(|&wall| wall == 0).unwrap() as u32;
-        let x = work.x[v as usize];
-        assert!(work.place(v, x + Vector3::repeat(0.1)));
-        let volume = exact(&mut work);
-        assert!(work.place(v, x));
-        work.walls.all[0].most = 1.001 * volume;
+        let labels = &guarded.guard.walls.labels;
+        let v = labels.iter().position(|&wall| wall == 0).unwrap() as u32;
+        let x = guarded.mesh.x[v as usize];
+        assert!(guarded.move_vertex(v, x + Vector3::repeat(0.1)));
+        let volume = exact(&mut guarded);
+        assert!(guarded.move_vertex(v, x));
+        guarded.guard.walls.all[0].most = 1.001 * volume;
         let outward = (x - field.center).normalize();
-        assert!(!work.place(v, x - outward * 0.5) && work.x[v as usize] == x);
-        assert!(work.place(v, x + outward * 0.5));
+        assert!(!guarded.move_vertex(v, x - outward * 0.5) && guarded.mesh.x[v as usize] == x);
+        assert!(guarded.move_vertex(v, x + outward * 0.5));
     }
 
     #[test]

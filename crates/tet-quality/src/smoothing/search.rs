@@ -2,7 +2,7 @@
 
 use geom_core::Vector3;
 
-use crate::ring::{Candidates, Ring};
+use crate::smoothing::star::{Candidates, Star};
 
 /// First step, in mean edge lengths.
 pub(crate) const STEP: f64 = 0.25;
@@ -72,23 +72,33 @@ const SIGNS: [(f64, f64); 4] = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.
 
 /// The best position found from `x`. Each round takes the best of all directions; the first one also
 /// looks at the mean of the neighbours.
-pub(crate) fn search(ring: &mut Ring, start: Vector3, compass: &Compass, rounds: u32) -> Vector3 {
-    let mean = ring.centroid();
-    let value = ring.value(&start);
-    search_within(ring, (start, value), Some(mean), compass, rounds, |_| true)
+pub(crate) fn search(star: &mut Star, start: Vector3, compass: &Compass, rounds: u32) -> Vector3 {
+    let mean = star.centroid();
+    let value = star.value(&start);
+    let start = Start { at: start, value };
+    search_within(star, start, Some(mean), compass, rounds, |_| true)
 }
 
-/// The same from a position with its value, for another mean or none, within a part of space.
+/// Where a search starts.
+#[derive(Clone, Copy)]
+pub(crate) struct Start {
+    /// The position.
+    pub(crate) at: Vector3,
+    /// The smallest value there.
+    pub(crate) value: f64,
+}
+
+/// The same for another mean or none, within a part of space.
 pub(crate) fn search_within(
-    ring: &mut Ring,
-    (start, value): (Vector3, f64),
+    star: &mut Star,
+    start: Start,
     mean: Option<Vector3>,
     compass: &Compass,
     rounds: u32,
     within: impl Fn(&Vector3) -> bool,
 ) -> Vector3 {
-    let (mut x, mut best) = (start, value);
-    let mut step = STEP * ring.mean_edge(&x);
+    let (mut x, mut best) = (start.at, start.value);
+    let mut step = STEP * star.mean_edge(&x);
     for round in 0..rounds {
         let mut tries = Candidates::none(&x);
         let mean = mean.filter(|_| round == 0);
@@ -97,8 +107,8 @@ pub(crate) fn search_within(
         for candidate in mean.into_iter().chain(around).filter(&within) {
             tries.push(&candidate);
         }
-        match ring.best_of(&tries, best) {
-            Some((i, value)) => (x, best) = (tries.at(i), value),
+        match star.best_of(&tries, best) {
+            Some(found) => (x, best) = (tries.at(found.number), found.value),
             None => step *= SHRINK,
         }
     }

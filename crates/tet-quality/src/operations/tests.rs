@@ -6,18 +6,18 @@ use geom_core::mesh::{Region, SurfaceAudit, VertexKind, VolumeAudit, six_volume}
 use geom_core::{Point3, TetMesh};
 use proptest::prelude::*;
 
-use crate::contract::contraction;
-use crate::insert::edge_split;
-use crate::proposal::{Floor, Proposal};
-use crate::ring::Ring;
-use crate::swap::{edge_removal, face_swap, surface_flip};
+use crate::mesh::editable::{EditableMesh, Freedom};
+use crate::mesh::proposal::{Floor, Proposal};
+use crate::operations::contract::contraction;
+use crate::operations::insert::edge_split;
+use crate::operations::swap::{edge_removal, face_swap, surface_flip};
+use crate::smoothing::star::Star;
 use crate::testing::{lattice, noise, shaken};
-use crate::work::{Freedom, Work};
 
 const ANY: Floor = Floor::Fixed(1e-6);
 
-/// `n` tetrahedra around the edge from vertex 0 to vertex 1, the ring of random radii and heights.
-fn ring_around_edge(n: usize, rise: f64, seed: u64) -> TetMesh {
+/// `n` tetrahedra around the edge from vertex 0 to vertex 1, its vertices at random radii and heights.
+fn link_of_edge(n: usize, rise: f64, seed: u64) -> TetMesh {
     let mut noise = noise(seed);
     let mut x = vec![Point3::new(0.0, 0.0, -rise), Point3::new(0.0, 0.0, rise)];
     for i in 0..n {
@@ -35,9 +35,12 @@ fn ring_around_edge(n: usize, rise: f64, seed: u64) -> TetMesh {
     TetMesh::new(x, tets).unwrap()
 }
 
-fn volume(work: &Work) -> f64 {
-    let tets = work.tets.iter().filter(|t| t[0] != crate::work::NONE);
-    tets.map(|&t| six_volume(work.corners(t))).sum()
+fn volume(edited: &EditableMesh) -> f64 {
+    let tets = edited
+        .tets
+        .iter()
+        .filter(|t| t[0] != crate::mesh::incidence::NONE);
+    tets.map(|&t| six_volume(edited.corners(t))).sum()
 }
 
 /// The faces of the outside, each turned to start at its lowest vertex.
@@ -82,10 +85,10 @@ fn all_triangulations(chain: &[u32]) -> Vec<Vec<[u32; 3]>> {
 fn edge_removal_is_the_best_of_all_triangulations() {
     for n in 3..=7 {
         for seed in 0..40 {
-            let mesh = ring_around_edge(n, 1.2, 100 * n as u64 + seed);
-            let mut work = Work::new(mesh.clone());
-            let before = (volume(&work), outside(&mesh));
-            let old = work.worst();
+            let mesh = link_of_edge(n, 1.2, 100 * n as u64 + seed);
+            let mut edited = EditableMesh::new(mesh.clone());
+            let before = (volume(&edited), outside(&mesh));
+            let old = edited.worst();
             let chain: Vec<u32> = (2..2 + n as u32).collect();
             let best = all_triangulations(&chain)
                 .into_iter()
@@ -93,21 +96,22 @@ fn edge_removal_is_the_best_of_all_triangulations() {
                     triangles
                         .iter()
                         .flat_map(|&[u, v, w]| [[u, v, w, 1], [u, w, v, 0]])
-                        .map(|tet| work.quality_of(tet))
+                        .map(|tet| edited.quality_of(tet))
                         .fold(f64::INFINITY, f64::min)
                 })
                 .fold(f64::NEG_INFINITY, f64::max);
-            let Some(proposal) = edge_removal(&work, 0, 1, ANY) else {
+            let Some(proposal) = edge_removal(&edited, 0, 1, ANY) else {
                 assert!(best <= 1e-6, "{n} around, seed {seed}: {best} was missed");
                 continue;
             };
             assert_eq!(proposal.insert.len(), 2 * (n - 2));
-            proposal.apply(&mut work);
+            proposal.apply(&mut edited);
             assert!(
-                (work.worst() - best).abs() < 1e-15 && (proposal.gain - (best - old)).abs() < 1e-15
+                (edited.worst() - best).abs() < 1e-15
+                    && (proposal.gain - (best - old)).abs() < 1e-15
             );
-            assert!((volume(&work) - before.0).abs() <= 1e-13 * before.0);
-            let after = work.finish();
+            assert!((volume(&edited) - before.0).abs() <= 1e-13 * before.0);
+            let after = edited.finish();
             assert_eq!(outside(&after), before.1);
             assert!(VolumeAudit::of(&after).is_valid());
         }
@@ -117,35 +121,37 @@ fn edge_removal_is_the_best_of_all_triangulations() {
 #[test]
 fn face_swap_undoes_the_removal_of_an_edge_of_three() {
     for seed in 0..40 {
-        let mesh = ring_around_edge(3, 0.8, seed);
-        let mut work = Work::new(mesh.clone());
-        let before = volume(&work);
-        edge_removal(&work, 0, 1, ANY).unwrap().apply(&mut work);
-        let t = (0..3).find(|&t| !work.is_empty_slot(t)).unwrap();
-        let swap = (0..4).find_map(|k| face_swap(&work, t, k, ANY)).unwrap();
+        let mesh = link_of_edge(3, 0.8, seed);
+        let mut edited = EditableMesh::new(mesh.clone());
+        let before = volume(&edited);
+        edge_removal(&edited, 0, 1, ANY).unwrap().apply(&mut edited);
+        let t = (0..3).find(|&t| !edited.is_empty_slot(t)).unwrap();
+        let swap = (0..4).find_map(|k| face_swap(&edited, t, k, ANY)).unwrap();
         assert_eq!((swap.remove.len(), swap.insert.len()), (2, 3));
-        swap.apply(&mut work);
-        assert!((volume(&work) - before).abs() <= 1e-13 * before);
-        assert!((work.worst() - Work::new(mesh.clone()).worst()).abs() < 1e-15);
-        assert_eq!(outside(&work.finish()), outside(&mesh));
+        swap.apply(&mut edited);
+        assert!((volume(&edited) - before).abs() <= 1e-13 * before);
+        assert!((edited.worst() - EditableMesh::new(mesh.clone()).worst()).abs() < 1e-15);
+        assert_eq!(outside(&edited.finish()), outside(&mesh));
     }
 }
 
 #[test]
 fn swaps_do_not_make_an_edge_twice() {
     // Two tetrahedra on a face whose far corners are joined on the other side.
-    let mesh = ring_around_edge(4, 1.0, 3);
-    let work = Work::new(mesh);
+    let mesh = link_of_edge(4, 1.0, 3);
+    let edited = EditableMesh::new(mesh);
     for t in 0..4 {
         for k in 0..4 {
-            let Some(o) = work.beyond(t, k) else { continue };
-            let far = work.tets[o as usize]
+            let Some(o) = edited.beyond(t, k) else {
+                continue;
+            };
+            let far = edited.tets[o as usize]
                 .into_iter()
-                .find(|v| !work.tets[t as usize].contains(v))
+                .find(|v| !edited.tets[t as usize].contains(v))
                 .unwrap();
-            let near = work.tets[t as usize][k];
-            if work.edge_exists(near, far) {
-                assert!(face_swap(&work, t, k, ANY).is_none());
+            let near = edited.tets[t as usize][k];
+            if edited.edge_exists(near, far) {
+                assert!(face_swap(&edited, t, k, ANY).is_none());
             }
         }
     }
@@ -154,34 +160,34 @@ fn swaps_do_not_make_an_edge_twice() {
 #[test]
 fn a_split_edge_keeps_volume_and_boundary() {
     for n in 3..=7 {
-        let mesh = ring_around_edge(n, 2.0, n as u64);
-        let mut work = Work::new(mesh);
-        let before = volume(&work);
-        let split = edge_split(&work, 0, 1, None, ANY, &mut Ring::default()).unwrap();
+        let mesh = link_of_edge(n, 2.0, n as u64);
+        let mut edited = EditableMesh::new(mesh);
+        let before = volume(&edited);
+        let split = edge_split(&edited, 0, 1, None, ANY, &mut Star::default()).unwrap();
         assert_eq!((split.remove.len(), split.insert.len()), (n, 2 * n));
-        split.apply(&mut work);
-        assert!((volume(&work) - before).abs() <= 1e-13 * before);
-        assert!(VolumeAudit::of(&work.finish()).is_valid());
+        split.apply(&mut edited);
+        assert!((volume(&edited) - before).abs() <= 1e-13 * before);
+        assert!(VolumeAudit::of(&edited.finish()).is_valid());
     }
 }
 
 /// Region 1 in region 0, with vertices of the interface free to slide: what an isosurface has, and no
 /// field to judge the shape.
-fn labelled(n: usize, region: impl Fn(&Point3) -> Region) -> Work {
+fn labelled(n: usize, region: impl Fn(&Point3) -> Region) -> EditableMesh {
     let mesh = lattice([n; 3], 1.0, region);
-    let mut work = Work::new(mesh);
-    for v in 0..work.x.len() {
-        work.freedom[v] = match work.kinds[v] {
+    let mut edited = EditableMesh::new(mesh);
+    for v in 0..edited.x.len() {
+        edited.freedom[v] = match edited.kinds[v] {
             VertexKind::Interior => Freedom::Free,
             VertexKind::Surface => Freedom::Field,
             _ => Freedom::Fixed,
         };
     }
-    work
+    edited
 }
 
-fn euler_and_faults(work: Work) -> (Vec<i64>, bool) {
-    let mesh = work.finish();
+fn euler_and_faults(edited: EditableMesh) -> (Vec<i64>, bool) {
+    let mesh = edited.finish();
     let audit = SurfaceAudit::of(&mesh.region_surface(1));
     let mut euler: Vec<i64> = audit
         .components
@@ -196,21 +202,21 @@ fn euler_and_faults(work: Work) -> (Vec<i64>, bool) {
 }
 
 /// Contracts whatever may be, in turn, down to almost flat elements: only topology says no.
-fn contract_all(work: &mut Work) -> usize {
+fn contract_all(edited: &mut EditableMesh) -> usize {
     let mut count = 0;
     loop {
         let before = count;
-        for t in 0..work.tets.len() {
+        for t in 0..edited.tets.len() {
             for i in 0..4 {
                 for j in 0..4 {
-                    let tet = work.tets[t];
-                    if i == j || work.is_empty_slot(t as u32) {
+                    let tet = edited.tets[t];
+                    if i == j || edited.is_empty_slot(t as u32) {
                         continue;
                     }
                     let proposal: Option<Proposal> =
-                        contraction(work, tet[i], tet[j], None, 0.0, Floor::Fixed(1e-9));
+                        contraction(edited, tet[i], tet[j], None, 0.0, Floor::Fixed(1e-9));
                     if let Some(p) = proposal {
-                        p.apply(work);
+                        p.apply(edited);
                         count += 1;
                     }
                 }
@@ -224,70 +230,70 @@ fn contract_all(work: &mut Work) -> usize {
 
 #[test]
 fn contraction_keeps_a_tetrahedron_bubble() {
-    let mut work = labelled(4, |_| 0);
-    let middle = work
+    let mut edited = labelled(4, |_| 0);
+    let middle = edited
         .tets
         .iter()
         .position(|t| {
             t.iter()
-                .all(|&v| work.kinds[v as usize] == VertexKind::Interior)
+                .all(|&v| edited.kinds[v as usize] == VertexKind::Interior)
         })
         .unwrap();
-    work.regions[middle] = 1;
-    for v in work.tets[middle] {
-        work.freedom[v as usize] = Freedom::Field;
+    edited.regions[middle] = 1;
+    for v in edited.tets[middle] {
+        edited.freedom[v as usize] = Freedom::Field;
     }
-    let tet = work.tets[middle];
+    let tet = edited.tets[middle];
     for i in 0..4 {
         for j in (0..4).filter(|&j| j != i) {
-            assert!(contraction(&work, tet[i], tet[j], None, 0.0, ANY).is_none());
+            assert!(contraction(&edited, tet[i], tet[j], None, 0.0, ANY).is_none());
         }
     }
-    contract_all(&mut work);
-    assert_eq!(euler_and_faults(work), (vec![2], true));
+    contract_all(&mut edited);
+    assert_eq!(euler_and_faults(edited), (vec![2], true));
 }
 
 #[test]
 fn contraction_keeps_an_octahedron_bubble() {
     // All tetrahedra around one inner edge.
-    let mut work = labelled(4, |_| 0);
-    let (a, b) = work
+    let mut edited = labelled(4, |_| 0);
+    let (a, b) = edited
         .tets
         .iter()
         .flat_map(|t| [(t[0], t[1]), (t[0], t[2]), (t[0], t[3])])
         .find(|&(a, b)| {
-            let around: Vec<_> = work
-                .rings
+            let around: Vec<_> = edited
+                .incidence
                 .of(a)
                 .iter()
-                .filter(|&&t| work.tets[t as usize].contains(&b))
+                .filter(|&&t| edited.tets[t as usize].contains(&b))
                 .collect();
             around.len() == 4
                 && around.iter().all(|&&t| {
-                    work.tets[t as usize]
+                    edited.tets[t as usize]
                         .iter()
-                        .all(|&v| work.kinds[v as usize] == VertexKind::Interior)
+                        .all(|&v| edited.kinds[v as usize] == VertexKind::Interior)
                 })
         })
         .unwrap();
-    let around: Vec<u32> = work
-        .rings
+    let around: Vec<u32> = edited
+        .incidence
         .of(a)
         .iter()
         .copied()
-        .filter(|&t| work.tets[t as usize].contains(&b))
+        .filter(|&t| edited.tets[t as usize].contains(&b))
         .collect();
     for &t in &around {
-        work.regions[t as usize] = 1;
-        for v in work.tets[t as usize] {
-            work.freedom[v as usize] = Freedom::Field;
+        edited.regions[t as usize] = 1;
+        for v in edited.tets[t as usize] {
+            edited.freedom[v as usize] = Freedom::Field;
         }
     }
     // The inner edge joins two opposite corners: contracting it would pinch the bubble.
-    assert!(contraction(&work, a, b, None, 0.0, ANY).is_none());
-    assert!(contraction(&work, b, a, None, 0.0, ANY).is_none());
-    contract_all(&mut work);
-    assert_eq!(euler_and_faults(work), (vec![2], true));
+    assert!(contraction(&edited, a, b, None, 0.0, ANY).is_none());
+    assert!(contraction(&edited, b, a, None, 0.0, ANY).is_none());
+    contract_all(&mut edited);
+    assert_eq!(euler_and_faults(edited), (vec![2], true));
 }
 
 #[test]
@@ -296,11 +302,11 @@ fn contraction_keeps_the_handle_of_a_torus() {
         let ring = (p.x - 3.5).abs().max((p.y - 3.5).abs());
         Region::from((0.5..1.5).contains(&ring) && (p.z - 3.5).abs() < 0.5)
     };
-    let mut work = labelled(7, inside);
+    let mut edited = labelled(7, inside);
     assert_eq!(euler_and_faults(labelled(7, inside)), (vec![0], true));
-    let count = contract_all(&mut work);
+    let count = contract_all(&mut edited);
     assert!(count > 20, "only {count} contractions");
-    assert_eq!(euler_and_faults(work), (vec![0], true));
+    assert_eq!(euler_and_faults(edited), (vec![0], true));
 }
 
 proptest! {
@@ -318,46 +324,46 @@ proptest! {
         };
         let before = euler_and_faults(labelled(5, inside));
         prop_assume!(before.1);
-        let mut work = labelled(5, inside);
-        contract_all(&mut work);
-        prop_assert_eq!(euler_and_faults(work), before);
+        let mut edited = labelled(5, inside);
+        contract_all(&mut edited);
+        prop_assert_eq!(euler_and_faults(edited), before);
     }
 
     /// Operations on a shaken lattice: volume, boundary, orientation and the worst element hold.
     #[test]
     fn operations_keep_what_they_must(seed: u64, pick in any::<prop::sample::Index>(), which in 0..4) {
         let mesh = shaken(lattice([3; 3], 1.0, |p| Region::from(p.x > 1.0)), 0.2, seed);
-        let input = crate::input::prepare(mesh.clone(), None).unwrap();
-        let mut work = input.work;
-        let before = volume(&work);
+        let input = crate::boundary::input::prepare(mesh.clone(), None).unwrap();
+        let mut edited = input.mesh;
+        let before = volume(&edited);
         let area = |mesh: &TetMesh| SurfaceAudit::of(&mesh.region_surface(1)).area();
         let boundary = area(&mesh);
-        let t = pick.index(work.tets.len()) as u32;
-        let tet = work.tets[t as usize];
+        let t = pick.index(edited.tets.len()) as u32;
+        let tet = edited.tets[t as usize];
         let mut applied = 0;
         for i in 0..4 {
             for j in 0..4 {
-                if i == j || work.tets[t as usize] != tet {
+                if i == j || edited.tets[t as usize] != tet {
                     continue;
                 }
                 let (a, b) = (tet[i], tet[j]);
                 let proposal = match which {
-                    0 => edge_removal(&work, a, b, Floor::Old),
-                    1 => face_swap(&work, t, i, Floor::Old),
-                    2 => surface_flip(&work, a, b, None, 0.0, Floor::Old),
-                    _ => contraction(&work, a, b, None, 0.0, Floor::Old),
+                    0 => edge_removal(&edited, a, b, Floor::Old),
+                    1 => face_swap(&edited, t, i, Floor::Old),
+                    2 => surface_flip(&edited, a, b, None, 0.0, Floor::Old),
+                    _ => contraction(&edited, a, b, None, 0.0, Floor::Old),
                 };
                 if let Some(p) = proposal {
-                    let old = p.remove.iter().map(|&t| work.q[t as usize]).fold(f64::INFINITY, f64::min);
-                    p.apply(&mut work);
-                    let new = p.insert.iter().map(|i| work.quality_of(i.0)).fold(f64::INFINITY, f64::min);
+                    let old = p.remove.iter().map(|&t| edited.q[t as usize]).fold(f64::INFINITY, f64::min);
+                    p.apply(&mut edited);
+                    let new = p.insert.iter().map(|i| edited.quality_of(i.corners)).fold(f64::INFINITY, f64::min);
                     prop_assert!(new > old);
                     applied += 1;
                 }
             }
         }
-        prop_assert!((volume(&work) - before).abs() < 1e-12 * before);
-        let after = work.finish();
+        prop_assert!((volume(&edited) - before).abs() < 1e-12 * before);
+        let after = edited.finish();
         prop_assert!(VolumeAudit::of(&after).is_valid());
         let area = area(&after);
         prop_assert!((area - boundary).abs() < 1e-12 * boundary, "after {applied} operations: {boundary}, {area}");

@@ -3,7 +3,8 @@
 use geom_core::mesh::Region;
 use geom_core::{Cpu, Point3, TetMesh, parallel};
 
-use crate::{Measures, QualityBackend, aspect_ratio, radius_ratio};
+use crate::backend::QualityBackend;
+use crate::measure::metrics::{Measures, aspect_ratio, radius_ratio};
 
 /// Width of a bin of [`Summary::min_dihedral_histogram`] and [`Summary::max_dihedral_histogram`],
 /// degrees.
@@ -92,15 +93,37 @@ pub struct QualityReport {
     pub worst: Vec<Element>,
 }
 
-/// Measures a mesh on the CPU.
+/// Measures a mesh, on the CPU; [`report_of`] takes the measures of any backend.
+///
+/// ```
+/// use tet_quality::{geom_core::{Point3, TetMesh}, quality_report};
+/// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+/// let mesh = TetMesh::new(corners.map(Point3::from).to_vec(), vec![[0, 1, 2, 3]])?;
+/// let report = quality_report(&mesh);
+/// assert!((report.all.volume - 1.0 / 6.0).abs() < 1e-12);
+/// assert!((report.all.max_dihedral.max - 90.0).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn quality_report(mesh: &TetMesh) -> QualityReport {
-    let measures = Cpu
-        .measure(mesh.positions(), mesh.tets())
+    let mut measures = Vec::new();
+    Cpu.measure(mesh.positions(), mesh.tets(), &mut measures)
         .expect("the CPU kernel has no way to fail");
     report_of(mesh, &measures)
 }
 
-/// The report of a mesh whose elements have been measured, by any [`QualityBackend`].
+/// The report of a mesh whose elements have been measured, by any [`QualityBackend`]. The radius and aspect
+/// ratios, which no backend measures, are added on the CPU.
+///
+/// ```
+/// use tet_quality::geom_core::{Cpu, Point3, TetMesh};
+/// use tet_quality::{QualityBackend, measure::report::report_of};
+/// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+/// let mesh = TetMesh::new(corners.map(Point3::from).to_vec(), vec![[0, 1, 2, 3]])?;
+/// let mut measures = Vec::new();
+/// Cpu.measure(mesh.positions(), mesh.tets(), &mut measures)?;
+/// assert_eq!(report_of(&mesh, &measures), tet_quality::quality_report(&mesh));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Panics
 ///
@@ -123,6 +146,7 @@ pub fn report_of(mesh: &TetMesh, measures: &[Measures]) -> QualityReport {
         }
         (regions, worst)
     });
+    // In the order of the chunks, so that sums do not depend on threads.
     let mut regions: Vec<(Region, Partial)> = Vec::new();
     let mut worst: Vec<(f64, u32)> = Vec::new();
     for (part, part_worst) in parts {

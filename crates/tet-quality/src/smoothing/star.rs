@@ -1,12 +1,10 @@
-//! The tetrahedra around one vertex, ready to be judged at many positions of that vertex.
+//! The star of one vertex: the tetrahedra around it, ready to be judged at many positions of that vertex.
 
 use geom_core::{Point3, Vector3};
 
-use crate::metrics::{JOE_LIU, SHAPE_WEIGHT};
-use geom_core::lanes::{Arch, Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot};
-
-/// The objective counts as raised only by more than this: sweeps end.
-pub(crate) const GAIN: f64 = 1e-9;
+use crate::measure::metrics::{JOE_LIU, SHAPE_WEIGHT};
+use crate::mesh::editable::GAIN;
+use geom_core::compute::lanes::{Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot, vectorized};
 
 /// The face opposite the vertex: what does not change when the vertex moves.
 #[derive(Clone, Copy)]
@@ -25,14 +23,13 @@ struct Face {
 /// The opposite faces of the tetrahedra around one vertex. Values are *signed squares* of the
 /// objective of [`quality`](crate::quality), which order like it and need no root.
 #[derive(Default)]
-pub(crate) struct Ring {
+pub(crate) struct Star {
     faces: Vec<Face>,
     /// The order in which the faces are asked: first those at which candidates fail.
     order: Vec<u32>,
-    arch: Arch,
 }
 
-impl Ring {
+impl Star {
     pub(crate) fn clear(&mut self) {
         self.faces.clear();
         self.order.clear();
@@ -83,16 +80,19 @@ impl Ring {
         sum / (3 * self.faces.len()) as f64
     }
 
-    /// How deep `x` lies inside all faces, negative outside, and the unit direction away from the
-    /// nearest one.
-    pub(crate) fn depth(&self, x: &Vector3) -> (f64, Vector3) {
-        let mut least = (f64::INFINITY, Vector3::zeros());
+    /// How deep `x` lies inside all faces.
+    pub(crate) fn depth(&self, x: &Vector3) -> Depth {
+        let mut least = Depth {
+            depth: f64::INFINITY,
+            inward: Vector3::zeros(),
+        };
         for f in &self.faces {
             let area = f.square.sqrt();
             if area > 0.0 {
                 let depth = f.normal.dot(&(f.a - x)) / area;
-                if depth < least.0 {
-                    least = (depth, f.normal / -area);
+                if depth < least.depth {
+                    let inward = f.normal / -area;
+                    least = Depth { depth, inward };
                 }
             }
         }
@@ -142,15 +142,23 @@ impl Ring {
     }
 
     /// The candidate that is above `best` and by more than [`GAIN`] above those before it, the last such
-    /// one, and its smallest value.
-    pub(crate) fn best_of(&mut self, candidates: &Candidates, best: f64) -> Option<(usize, f64)> {
-        self.arch.dispatch(Judge {
+    /// one.
+    pub(crate) fn best_of(&mut self, candidates: &Candidates, best: f64) -> Option<Best> {
+        vectorized(Judge {
             faces: &self.faces,
             order: &mut self.order,
             candidates,
             best,
         })
     }
+}
+
+/// How deep a point lies inside the faces of a star.
+pub(crate) struct Depth {
+    /// Negative outside.
+    pub(crate) depth: f64,
+    /// The unit direction away from the nearest face.
+    pub(crate) inward: Vector3,
 }
 
 /// Most candidates that are judged together: the directions of a search and the neighbours' mean.
@@ -183,6 +191,15 @@ impl Candidates {
     }
 }
 
+/// The best of some candidates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Best {
+    /// Which.
+    pub(crate) number: usize,
+    /// Its smallest value.
+    pub(crate) value: f64,
+}
+
 struct Judge<'a> {
     faces: &'a [Face],
     order: &'a mut [u32],
@@ -191,7 +208,7 @@ struct Judge<'a> {
 }
 
 impl WithSimd for Judge<'_> {
-    type Output = Option<(usize, f64)>;
+    type Output = Option<Best>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
@@ -228,7 +245,10 @@ impl WithSimd for Judge<'_> {
             for i in lanes {
                 if values[i] > best + GAIN {
                     best = values[i];
-                    chosen = Some((i, best));
+                    chosen = Some(Best {
+                        number: i,
+                        value: best,
+                    });
                 }
             }
         }
@@ -294,7 +314,8 @@ pub(crate) fn objective(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::quality;
+    use crate::measure::metrics::quality;
+    use crate::mesh::editable::GAIN;
     use proptest::prelude::*;
 
     fn point() -> impl Strategy<Value = Point3> {
@@ -303,10 +324,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_ring_judges_like_the_definition(p in [point(), point(), point(), point()]) {
-            let mut ring = Ring::default();
-            ring.push([p[1], p[2], p[3]]);
-            let value = objective(ring.value(&p[0].coords));
+        fn the_star_judges_like_the_definition(p in [point(), point(), point(), point()]) {
+            let mut star = Star::default();
+            star.push([p[1], p[2], p[3]]);
+            let value = objective(star.value(&p[0].coords));
             prop_assert!((value - quality(p)).abs() < 1e-9);
         }
 
@@ -316,22 +337,22 @@ mod tests {
             corners in proptest::collection::vec(point(), 4..12),
             candidates in proptest::collection::vec(point(), 1..CANDIDATES),
         ) {
-            let mut ring = Ring::default();
+            let mut star = Star::default();
             for w in corners.windows(3) {
-                ring.push([w[0], w[1], w[2]]);
+                star.push([w[0], w[1], w[2]]);
             }
             let start = Vector3::zeros();
-            let (first, mut best) = (ring.value(&start), ring.value(&start));
+            let (first, mut best) = (star.value(&start), star.value(&start));
             let mut tries = Candidates::none(&start);
             let mut chosen = None;
             for (i, x) in candidates.iter().enumerate() {
                 tries.push(&x.coords);
-                if let Some(value) = ring.value_above(&x.coords, best + GAIN) {
+                if let Some(value) = star.value_above(&x.coords, best + GAIN) {
                     best = value;
-                    chosen = Some((i, value));
+                    chosen = Some(Best { number: i, value });
                 }
             }
-            prop_assert_eq!(ring.best_of(&tries, first), chosen);
+            prop_assert_eq!(star.best_of(&tries, first), chosen);
         }
     }
 }

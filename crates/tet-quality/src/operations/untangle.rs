@@ -3,11 +3,12 @@
 
 use geom_core::{Point3, Run, Vector3};
 
-use crate::Error;
 use crate::backend::QualityBackend;
-use crate::ring::Ring;
-use crate::smooth::{axes_of, corners_of, load, relax, sweep};
-use crate::work::{Freedom, Work};
+use crate::boundary::guard::GuardedMesh;
+use crate::error::Error;
+use crate::mesh::editable::Freedom;
+use crate::smoothing::smooth::{axes_of, corners_of, load, relax, sweep};
+use crate::smoothing::star::{Depth, Star};
 
 /// Most rounds.
 const ROUNDS: u32 = 40;
@@ -19,27 +20,27 @@ const WIDEN: u32 = 2;
 /// Moves vertices until no tetrahedron is inverted or flat, as far as that is possible. Vertices of
 /// the isosurface may leave it: the passes bring them back.
 pub(crate) fn untangle<B: QualityBackend + ?Sized>(
-    work: &mut Work,
+    guarded: &mut GuardedMesh,
     run: Run<'_, B>,
 ) -> Result<(), Error> {
     for round in 0..ROUNDS {
-        let bad = work.below(f64::MIN_POSITIVE);
+        let bad = guarded.mesh.below(f64::MIN_POSITIVE);
         if bad.is_empty() {
             break;
         }
         run.progress("untangle", round.into(), ROUNDS.into())?;
-        let mut vertices = corners_of(work, &bad);
-        let mut moved = centre(work, &vertices);
+        let mut vertices = corners_of(&guarded.mesh, &bad);
+        let mut moved = centre(guarded, &vertices);
         if round >= WIDEN {
             let mut around: Vec<u32> = vertices
                 .iter()
-                .flat_map(|&v| work.rings.of(v).iter().copied())
+                .flat_map(|&v| guarded.mesh.incidence.of(v).iter().copied())
                 .collect();
             around.sort_unstable();
             around.dedup();
-            vertices = corners_of(work, &around);
-            moved += relax(work, &vertices, 3, None, run)?;
-            moved += centre(work, &vertices);
+            vertices = corners_of(&guarded.mesh, &around);
+            moved += relax(guarded, &vertices, 3, None, run)?;
+            moved += centre(guarded, &vertices);
         }
         if moved == 0 {
             break;
@@ -48,31 +49,33 @@ pub(crate) fn untangle<B: QualityBackend + ?Sized>(
     Ok(())
 }
 
-fn centre(work: &mut Work, vertices: &[u32]) -> usize {
+/// Moves each vertex to the middle of the space that its faces leave to it. Gives how many moved.
+fn centre(guarded: &mut GuardedMesh, vertices: &[u32]) -> usize {
     let axes = |freedom: Freedom| match freedom {
         Freedom::Field => axes_of(Freedom::Free, None),
         other => axes_of(other, None),
     };
     sweep(
-        work,
+        guarded,
         vertices,
         |freedom| axes(freedom).is_some(),
-        |work, v, ring| {
-            load(work, v, ring);
-            deepest(work.x[v as usize], &axes(work.freedom[v as usize])?, ring)
+        |guarded, v, star| {
+            let mesh = &guarded.mesh;
+            load(mesh, v, star);
+            deepest(mesh.x[v as usize], &axes(mesh.freedom[v as usize])?, star)
         },
-        Work::place,
+        GuardedMesh::move_vertex,
     )
 }
 
-/// The point that lies deepest inside all faces of the ring. The depth is concave, so ascent along
+/// The point that lies deepest inside all faces of the star. The depth is concave, so ascent along
 /// the face that is nearest, in shrinking steps, comes near its maximum.
-fn deepest(start: Point3, axes: &[Vector3; 3], ring: &Ring) -> Option<Point3> {
-    let edge = ring.mean_edge(&start.coords);
-    let before = ring.depth(&start.coords).0;
+fn deepest(start: Point3, axes: &[Vector3; 3], star: &Star) -> Option<Point3> {
+    let edge = star.mean_edge(&start.coords);
+    let before = star.depth(&start.coords).depth;
     let (mut x, mut best) = (start.coords, (before, start.coords));
     for k in 0..STEPS {
-        let (depth, inward) = ring.depth(&x);
+        let Depth { depth, inward } = star.depth(&x);
         if depth > best.0 {
             best = (depth, x);
         }

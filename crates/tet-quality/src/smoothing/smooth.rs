@@ -1,15 +1,18 @@
 //! Smoothing: every vertex moves to where the worst tetrahedron around it is best.
 
+use geom_core::compute::random::SplitMix64;
+use geom_core::field::{self, Tangent};
 use geom_core::mesh::FACES;
 use geom_core::{Point3, Run, Vector3};
 use rayon::prelude::*;
 
-use crate::Error;
 use crate::backend::{QualityBackend, Relaxation};
-use crate::ring::{GAIN, Ring};
-use crate::search::{Compass, search_within};
-use crate::surface_field::{Isosurface, Tangent};
-use crate::work::{Freedom, NO_COLOUR, Work};
+use crate::boundary::field::{Isosurface, distance_within};
+use crate::boundary::guard::GuardedMesh;
+use crate::error::Error;
+use crate::mesh::editable::{EditableMesh, Freedom, GAIN, NO_COLOUR};
+use crate::smoothing::search::{Compass, Start, search_within};
+use crate::smoothing::star::Star;
 
 /// Rounds of the search for a surface vertex.
 const SURFACE_ROUNDS: u32 = 5;
@@ -18,13 +21,13 @@ const REACH: f64 = 0.5;
 /// Longest step back to the isosurface, in mean edge lengths.
 const PULL: f64 = 0.15;
 /// Most steps to the foot point.
-const FOOT_STEPS: usize = 6;
+const FOOT_STEPS: u32 = 6;
 
 /// The given vertices by colour: no two of a class share a tetrahedron.
-fn classes(work: &Work, vertices: impl Iterator<Item = u32>) -> Vec<Vec<u32>> {
+fn classes(mesh: &EditableMesh, vertices: impl Iterator<Item = u32>) -> Vec<Vec<u32>> {
     let mut classes: Vec<Vec<u32>> = Vec::new();
     for v in vertices {
-        let c = work.colours[v as usize];
+        let c = mesh.colours[v as usize];
         if c == NO_COLOUR {
             continue;
         }
@@ -39,8 +42,8 @@ fn classes(work: &Work, vertices: impl Iterator<Item = u32>) -> Vec<Vec<u32>> {
 }
 
 /// The corners of some tetrahedra, sorted.
-pub(crate) fn corners_of(work: &Work, tets: &[u32]) -> Vec<u32> {
-    let mut out: Vec<u32> = tets.iter().flat_map(|&t| work.tets[t as usize]).collect();
+pub(crate) fn corners_of(mesh: &EditableMesh, tets: &[u32]) -> Vec<u32> {
+    let mut out: Vec<u32> = tets.iter().flat_map(|&t| mesh.tets[t as usize]).collect();
     out.par_sort_unstable();
     out.dedup();
     out
@@ -74,15 +77,8 @@ pub(crate) fn axes_of(freedom: Freedom, turn: Option<u64>) -> Option<[Vector3; 3
 
 /// Three orthogonal directions that depend on the seed only.
 fn random_axes(seed: u64) -> [Vector3; 3] {
-    let mut state = seed;
-    let mut number = || {
-        // SplitMix64.
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    };
+    let mut random = SplitMix64::new(seed);
+    let mut number = || random.symmetric();
     // A point in the unit ball, not too near its middle; some try succeeds.
     let axis = (0..64)
         .map(|_| Vector3::new(number(), number(), number()))
@@ -94,7 +90,7 @@ fn random_axes(seed: u64) -> [Vector3; 3] {
 
 /// The task of one sweep over those of `vertices` that may move without a field.
 pub(crate) fn task<'a>(
-    work: &Work,
+    mesh: &EditableMesh,
     positions: &'a [Point3],
     vertices: &[u32],
     rounds: u32,
@@ -103,8 +99,8 @@ pub(crate) fn task<'a>(
     let movable = vertices
         .iter()
         .copied()
-        .filter(|&v| axes_of(work.freedom[v as usize], None).is_some());
-    let classes = classes(work, movable);
+        .filter(|&v| axes_of(mesh.freedom[v as usize], None).is_some());
+    let classes = classes(mesh, movable);
     let vertices: Vec<u32> = classes.concat();
     let mut colours = Vec::with_capacity(classes.len());
     let mut start = 0;
@@ -114,7 +110,7 @@ pub(crate) fn task<'a>(
     }
     let counts: Vec<u32> = vertices
         .iter()
-        .map(|&v| work.rings.of(v).len() as u32)
+        .map(|&v| mesh.incidence.of(v).len() as u32)
         .collect();
     let starts: Vec<u32> = geom_core::parallel::starts_of(&counts)
         .into_iter()
@@ -123,8 +119,8 @@ pub(crate) fn task<'a>(
     let faces: Vec<[u32; 3]> = vertices
         .par_iter()
         .flat_map_iter(|&v| {
-            let ring = work.rings.of(v).iter();
-            ring.map(move |&t| opposite(work, t, v))
+            let star = mesh.incidence.of(v).iter();
+            star.map(move |&t| opposite(mesh, t, v))
         })
         .collect();
     Relaxation {
@@ -133,7 +129,7 @@ pub(crate) fn task<'a>(
             .iter()
             .map(|&v| {
                 let turn = turn.map(|seed| seed ^ u64::from(v).wrapping_mul(0xd6e8_feb8_6659_fd93));
-                axes_of(work.freedom[v as usize], turn).expect("only movable ones are here")
+                axes_of(mesh.freedom[v as usize], turn).expect("only movable ones are here")
             })
             .collect(),
         vertices,
@@ -148,14 +144,15 @@ pub(crate) fn task<'a>(
 /// half and in a quarter, and dropped if the worst tetrahedron does not get better. Gives how many
 /// moved.
 pub(crate) fn relax<B: QualityBackend + ?Sized>(
-    work: &mut Work,
+    guarded: &mut GuardedMesh,
     vertices: &[u32],
     rounds: u32,
     turn: Option<u64>,
     run: Run<'_, B>,
 ) -> Result<usize, Error> {
-    let task = task(work, &work.x, vertices, rounds, turn);
-    let moves = run.backend.relax(&task)?;
+    let task = task(&guarded.mesh, &guarded.mesh.x, vertices, rounds, turn);
+    let mut moves = Vec::new();
+    run.backend.relax(&task, &mut moves)?;
     let Relaxation {
         vertices,
         colours,
@@ -165,48 +162,49 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
     } = task;
     let mut moved = Vec::new();
     for colour in colours {
+        let mesh = &guarded.mesh;
         let accepted: Vec<Option<Point3>> = colour
             .clone()
             .into_par_iter()
             .with_min_len(64)
-            .map_init(Ring::default, |ring, i| {
+            .map_init(Star::default, |star, i| {
                 let d = moves[i];
                 if d == Vector3::zeros() {
                     return None;
                 }
-                ring.load(&work.x, &faces[starts[i] as usize..starts[i + 1] as usize]);
-                let x = work.x[vertices[i] as usize].coords;
-                let best = ring.value(&x);
+                star.load(&mesh.x, &faces[starts[i] as usize..starts[i + 1] as usize]);
+                let x = mesh.x[vertices[i] as usize].coords;
+                let best = star.value(&x);
                 [1.0, 0.5, 0.25].into_iter().find_map(|share| {
                     let candidate = x + d * share;
-                    ring.value_above(&candidate, best + GAIN)
+                    star.value_above(&candidate, best + GAIN)
                         .map(|_| Point3::from(candidate))
                 })
             })
             .collect();
         for (i, x) in colour.zip(accepted) {
-            if x.is_some_and(|x| work.place(vertices[i], x)) {
+            if x.is_some_and(|x| guarded.move_vertex(vertices[i], x)) {
                 moved.push(vertices[i]);
             }
         }
     }
-    work.refresh(&moved);
+    guarded.mesh.refresh(&moved);
     Ok(moved.len())
 }
 
 /// The face of `t` opposite its corner `v`, counter-clockwise from outside.
-pub(crate) fn opposite(work: &Work, t: u32, v: u32) -> [u32; 3] {
-    let tet = work.tets[t as usize];
+pub(crate) fn opposite(mesh: &EditableMesh, t: u32, v: u32) -> [u32; 3] {
+    let tet = mesh.tets[t as usize];
     let k = tet.iter().position(|&u| u == v).expect("a corner");
     let [a, b, c] = FACES[k];
     [tet[a], tet[b], tet[c]]
 }
 
-pub(crate) fn load(work: &Work, v: u32, ring: &mut Ring) {
-    ring.clear();
-    for &t in work.rings.of(v) {
-        let [a, b, c] = opposite(work, t, v);
-        ring.push([work.x[a as usize], work.x[b as usize], work.x[c as usize]]);
+pub(crate) fn load(mesh: &EditableMesh, v: u32, star: &mut Star) {
+    star.clear();
+    for &t in mesh.incidence.of(v) {
+        let [a, b, c] = opposite(mesh, t, v);
+        star.push([mesh.x[a as usize], mesh.x[b as usize], mesh.x[c as usize]]);
     }
 }
 
@@ -219,45 +217,74 @@ pub(crate) struct SurfaceRules<'a> {
     pub(crate) rescue: bool,
 }
 
+impl SurfaceRules<'_> {
+    /// The directions of a search: two in the tangent plane, for the rescue the normal too.
+    fn axes(&self, normal: &Vector3) -> [Vector3; 3] {
+        let [s, t] = if *normal == Vector3::zeros() {
+            [Vector3::x(), Vector3::y()]
+        } else {
+            across(normal)
+        };
+        let up = if self.rescue {
+            *normal
+        } else {
+            Vector3::zeros()
+        };
+        [s, t, up]
+    }
+}
+
 /// Moves surface vertices along the isosurface, colour by colour. Gives how many moved.
-pub(crate) fn relax_surface(work: &mut Work, vertices: &[u32], rules: &SurfaceRules<'_>) -> usize {
-    work.know_tangents(vertices, rules.field);
-    let step = |work: &Work, v: u32, ring: &mut Ring| {
-        load(work, v, ring);
-        let start = work.tangent(v, rules.field);
-        let may = |x: Point3| work.gap_bears_move(v, x);
-        slide_from(start, surface_mean(work, v), ring, rules, may)
+pub(crate) fn relax_surface(
+    guarded: &mut GuardedMesh,
+    vertices: &[u32],
+    rules: &SurfaceRules<'_>,
+) -> usize {
+    guarded.mesh.know_tangents(vertices, rules.field);
+    let step = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
+        let mesh = &guarded.mesh;
+        load(mesh, v, star);
+        let start = mesh.tangent(v, rules.field);
+        let may = |x: Point3| guarded.guard.allows_move(mesh, v, x);
+        slide_from(start, surface_mean(mesh, v), star, rules, may)
     };
-    sweep(work, vertices, on_field, step, Work::put)
+    sweep(
+        guarded,
+        vertices,
+        on_field,
+        step,
+        GuardedMesh::move_on_surface,
+    )
 }
 
 /// Moves surface vertices that are farther than `tolerance` toward the isosurface, as far as the
 /// tetrahedra stay `good` or the worst of them does not get worse. Gives how many moved.
 pub(crate) fn project(
-    work: &mut Work,
+    guarded: &mut GuardedMesh,
     vertices: &[u32],
     field: &Isosurface<'_>,
     tolerance: f64,
     good: impl Fn([Point3; 4]) -> bool + Sync,
 ) -> usize {
-    work.know_tangents(vertices, field);
-    let step = |work: &Work, v: u32, ring: &mut Ring| {
-        let start = work.tangent(v, field);
-        if start.distance.abs() <= tolerance {
+    guarded.mesh.know_tangents(vertices, field);
+    let step = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
+        let mesh = &guarded.mesh;
+        let start = mesh.tangent(v, field);
+        if start.distance().abs() <= tolerance {
             return None;
         }
-        load(work, v, ring);
+        load(mesh, v, star);
         let x = start.at;
-        let foot = foot(start, ring.mean_edge(&x.coords), field, tolerance)?.at;
-        let floor = ring.value(&x.coords) - GAIN;
+        let foot = foot(start, star.mean_edge(&x.coords), field, tolerance)?.at;
+        let floor = star.value(&x.coords) - GAIN;
         [1.0, 0.7, 0.4, 0.2, 0.1].into_iter().find_map(|share| {
             let candidate = x + (foot - x) * share;
-            let may =
-                ring.all_good(&candidate.coords, floor, &good) && work.gap_bears_move(v, candidate);
+            let may = star.all_good(&candidate.coords, floor, &good)
+                && guarded.guard.allows_move(mesh, v, candidate);
             may.then_some(candidate)
         })
     };
-    sweep(work, vertices, on_field, step, Work::place)
+    sweep(guarded, vertices, on_field, step, GuardedMesh::move_vertex)
 }
 
 /// The point of the isosurface next to `start`, by short Newton steps; `None` if `start` is nearer
@@ -265,20 +292,22 @@ pub(crate) fn project(
 pub(crate) fn foot(
     start: Tangent,
     edge: f64,
-    field: &Isosurface<'_>,
+    surface: &Isosurface<'_>,
     tolerance: f64,
 ) -> Option<Tangent> {
-    if start.distance.abs() <= tolerance {
+    if start.distance().abs() <= tolerance {
         return None;
     }
-    let mut foot = start;
-    for _ in 0..FOOT_STEPS {
-        foot = field.tangent(&(foot.at - foot.normal * foot.within(PULL * edge)));
-        if foot.distance.abs() <= 0.1 * tolerance {
-            break;
-        }
-    }
-    (foot.within(0.5 * edge).abs() < start.within(0.5 * edge).abs()).then_some(foot)
+    let way = field::Guard {
+        steps: FOOT_STEPS,
+        halvings: 0,
+        longest: PULL * edge,
+        reach: f64::INFINITY,
+        near: 0.1 * tolerance,
+    };
+    let foot = field::project(start, &way, |x| Some(surface.tangent(&x))).best;
+    let off = |tangent: &Tangent| distance_within(tangent, 0.5 * edge).abs();
+    (off(&foot) < off(&start)).then_some(foot)
 }
 
 fn on_field(freedom: Freedom) -> bool {
@@ -286,33 +315,34 @@ fn on_field(freedom: Freedom) -> bool {
 }
 
 /// Moves those of `vertices` whose freedom is fit, colour by colour: `step` judges, `put` moves and
-/// says whether it did.
-/// Gives how many moved.
+/// says whether it did. Gives how many moved.
 pub(crate) fn sweep<T: Send>(
-    work: &mut Work,
+    guarded: &mut GuardedMesh,
     vertices: &[u32],
     fit: impl Fn(Freedom) -> bool,
-    step: impl Fn(&Work, u32, &mut Ring) -> Option<T> + Sync,
-    put: impl Fn(&mut Work, u32, T) -> bool,
+    step: impl Fn(&GuardedMesh, u32, &mut Star) -> Option<T> + Sync,
+    put: impl Fn(&mut GuardedMesh, u32, T) -> bool,
 ) -> usize {
+    let mesh = &guarded.mesh;
     let movable = vertices
         .iter()
         .copied()
-        .filter(|&v| fit(work.freedom[v as usize]));
+        .filter(|&v| fit(mesh.freedom[v as usize]));
     let mut moved = Vec::new();
-    for class in classes(work, movable) {
+    for class in classes(mesh, movable) {
+        let state = &*guarded;
         let positions: Vec<Option<T>> = class
             .par_iter()
             .with_min_len(16)
-            .map_init(Ring::default, |ring, &v| step(work, v, ring))
+            .map_init(Star::default, |star, &v| step(state, v, star))
             .collect();
         for (v, x) in class.into_iter().zip(positions) {
-            if x.is_some_and(|x| put(work, v, x)) {
+            if x.is_some_and(|x| put(guarded, v, x)) {
                 moved.push(v);
             }
         }
     }
-    work.refresh(&moved);
+    guarded.mesh.refresh(&moved);
     moved.len()
 }
 
@@ -322,26 +352,15 @@ pub(crate) fn sweep<T: Send>(
 pub(crate) fn slide_from(
     start: Tangent,
     mean: Option<Point3>,
-    ring: &mut Ring,
+    star: &mut Star,
     rules: &SurfaceRules<'_>,
     may: impl Fn(Point3) -> bool,
 ) -> Option<Tangent> {
-    let field = rules.field;
-    let (from, normal) = (start.at.coords, start.normal);
-    let edge = ring.mean_edge(&from);
-    let distance = start.within(0.5 * edge);
+    let (from, normal) = (start.at.coords, start.normal());
+    let edge = star.mean_edge(&from);
+    let distance = distance_within(&start, 0.5 * edge);
     let limit = rules.tolerance.max(distance.abs());
-    let best = ring.value(&from);
-    let [s, t] = if normal == Vector3::zeros() {
-        [Vector3::x(), Vector3::y()]
-    } else {
-        across(&normal)
-    };
-    let up = if rules.rescue {
-        normal
-    } else {
-        Vector3::zeros()
-    };
+    let best = star.value(&from);
     let reach = REACH * edge;
     // In the tangent plane the distance stays as it is, to first order.
     let within = |x: &Vector3| {
@@ -350,8 +369,12 @@ pub(crate) fn slide_from(
             && (!rules.rescue || (distance + normal.dot(&d)).abs() <= limit)
     };
     let mean = mean.map(|m| m.coords);
-    let compass = Compass::along(&[s, t, up]);
-    let found = search_within(ring, (from, best), mean, &compass, SURFACE_ROUNDS, within);
+    let compass = Compass::along(&rules.axes(&normal));
+    let start = Start {
+        at: from,
+        value: best,
+    };
+    let found = search_within(star, start, mean, &compass, SURFACE_ROUNDS, within);
     if found == from {
         return None;
     }
@@ -365,41 +388,42 @@ pub(crate) fn slide_from(
     };
     [1.0, 0.5, 0.25].into_iter().find_map(|share| {
         let candidate = from + (found - from) * share;
-        ring.value_above(&candidate, best + GAIN)?;
-        let mut tangent = field.tangent(&candidate.into());
+        star.value_above(&candidate, best + GAIN)?;
+        let mut tangent = rules.field.tangent(&candidate.into());
         for _ in 0..2 {
-            if tangent.within(most).abs() <= near {
+            if distance_within(&tangent, most).abs() <= near {
                 break;
             }
-            let back = tangent.normal * tangent.within(most);
-            ring.value_above(&(tangent.at.coords - back), best + GAIN)?;
-            tangent = field.tangent(&(tangent.at - back));
+            // What is worse already on the way back is not worth asking the field again.
+            let back = tangent.normal() * distance_within(&tangent, most);
+            star.value_above(&(tangent.at.coords - back), best + GAIN)?;
+            tangent = rules.field.tangent(&(tangent.at - back));
         }
-        let better = tangent.within(most).abs() <= limit
-            && ring.value_above(&tangent.at.coords, best + GAIN).is_some()
+        let better = distance_within(&tangent, most).abs() <= limit
+            && star.value_above(&tangent.at.coords, best + GAIN).is_some()
             && may(tangent.at);
         better.then_some(tangent)
     })
 }
 
 /// The mean of the neighbours along the interface.
-fn surface_mean(work: &Work, v: u32) -> Option<Point3> {
+fn surface_mean(mesh: &EditableMesh, v: u32) -> Option<Point3> {
     let mut sum = Vector3::zeros();
     let mut count = 0;
-    for &t in work.rings.of(v) {
-        let tet = work.tets[t as usize];
-        let region = work.regions[t as usize];
+    for &t in mesh.incidence.of(v) {
+        let tet = mesh.tets[t as usize];
+        let region = mesh.regions[t as usize];
         // What moves freely lies inside a region.
-        let inner = tet.map(|u| work.freedom[u as usize] == Freedom::Free);
+        let inner = tet.map(|u| mesh.freedom[u as usize] == Freedom::Free);
         for k in 0..4 {
             if tet[k] == v || FACES[k].iter().any(|&i| inner[i]) {
                 continue;
             }
             // Each interface face once: from its lower region, the boundary from inside.
-            let other = work.region_beyond(t, k);
+            let other = mesh.region_beyond(t, k);
             if region < other {
                 for u in FACES[k].map(|i| tet[i]).into_iter().filter(|&u| u != v) {
-                    sum += work.x[u as usize].coords;
+                    sum += mesh.x[u as usize].coords;
                     count += 1;
                 }
             }

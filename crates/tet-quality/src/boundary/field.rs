@@ -1,0 +1,51 @@
+//! The isosurface that surface vertices lie on.
+
+use geom_core::field::Tangent;
+use geom_core::{ImplicitField, Point3, Vector3};
+
+use crate::error::Error;
+
+/// The level set of an implicit field.
+pub(crate) struct Isosurface<'a> {
+    pub(crate) field: &'a dyn ImplicitField,
+    pub(crate) level: f64,
+    /// The field is the distance to the mesh's own surfaces, plane parts and sharp edges of which stay.
+    pub(crate) own: bool,
+}
+
+/// Of no point: nothing is known there.
+pub(crate) const UNKNOWN: Tangent = Tangent {
+    at: Point3::new(f64::NAN, f64::NAN, f64::NAN),
+    height: f64::INFINITY,
+    gradient: Vector3::new(0.0, 0.0, 0.0),
+};
+
+/// The first-order distance to the isosurface, cut at `most`. Where the gradient is tiny (pinches) it is
+/// over-estimated.
+pub(crate) fn distance_within(tangent: &Tangent, most: f64) -> f64 {
+    tangent.distance().clamp(-most, most)
+}
+
+impl Isosurface<'_> {
+    /// The field at `x`, to first order.
+    pub(crate) fn tangent(&self, x: &Point3) -> Tangent {
+        Tangent::new(self.field, self.level, *x)
+    }
+
+    /// First-order distance to the isosurface.
+    pub(crate) fn distance(&self, x: &Point3) -> f64 {
+        self.tangent(x).distance().abs()
+    }
+
+    /// Does the vertex belong to this isosurface? A surface vertex far from it lies on some other
+    /// interface, e.g. a membrane's.
+    pub(crate) fn holds(&self, vertex: u32, x: &Point3, edge: f64) -> Result<bool, Error> {
+        let (value, gradient) = self.field.value_gradient(x);
+        if !value.is_finite() || gradient.iter().any(|g| !g.is_finite()) {
+            let vertex = vertex as usize;
+            return Err(Error::FieldNotFinite { vertex });
+        }
+        let rise = (value - self.level).abs();
+        Ok(rise <= gradient.norm() * edge || rise <= 0.5 * self.level.abs())
+    }
+}

@@ -1,0 +1,9 @@
+//! What boundaries and interfaces allow.
+
+pub(crate) mod crossings;
+pub(crate) mod field;
+pub(crate) mod gaps;
+pub(crate) mod guard;
+pub(crate) mod input;
+pub(crate) mod own;
+pub(crate) mod walls;

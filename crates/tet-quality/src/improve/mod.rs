@@ -1,0 +1,112 @@
+//! The verb: from a mesh and goals to a better mesh and an account.
+
+use geom_core::options::OutOfRange;
+use geom_core::{ImplicitField, Run, TetMesh};
+
+use crate::backend::QualityBackend;
+use crate::boundary::field::Isosurface;
+use crate::boundary::input::{free_again, prepare};
+use crate::boundary::own::OwnSurface;
+use crate::error::Error;
+use crate::improve::passes::Passes;
+use crate::measure::unmet::{surface_fit, unmet};
+use crate::options::{Options, SurfaceMotion};
+use crate::outcome::{Crossings, Improved, Report};
+
+mod passes;
+mod settings;
+
+/// Improves a tetrahedral mesh: smoothing, swaps, flips and contractions, until the
+/// [`Goals`](crate::Goals) are met, nothing changes, or the passes are used up. No operation inverts
+/// a tetrahedron or makes the worst of those it touches worse; regions and their interfaces keep
+/// their topology; box faces stay plane and box edges straight; a cavity that is not meshed keeps at
+/// least a quarter of its volume, so that its wall does not turn inside out. Walls of gaps that are
+/// not meshed may cross unless [`Options::keep_apart`] is set.
+///
+/// `field` is the density whose level [`Options::level`] the surface vertices lie on. A mesh of which
+/// nothing else is known can move along its own surfaces: [`SurfaceMotion::AlongInput`].
+///
+/// On any backend, moves of surface vertices, operations, the guard of cavities and gaps, and what falls
+/// short are judged on the CPU; the backend measures the mesh before and after and proposes the moves of
+/// the other vertices.
+///
+/// ```
+/// # #[cfg(feature = "testing")] {
+/// use tet_quality::geom_core::{Cpu, ImplicitField, Run};
+/// use tet_quality::{Options, improve};
+/// # use tet_quality::testing::ball_in_box;
+///
+/// // A ball in a box; the ball is also the implicit field that its surface vertices stay on.
+/// let (mesh, ball) = ball_in_box(6, 1.0, 2.1);
+/// let field: &dyn ImplicitField = &ball;
+/// let improved = improve(mesh, Some(field), &Options::default(), Run::on(&Cpu))?;
+///
+/// let report = &improved.report;
+/// assert!(report.after.all.min_dihedral.min > report.before.all.min_dihedral.min);
+/// assert!(report.converged && report.unmet.counts.is_empty());
+/// assert_eq!(report.surface.far, 0);
+/// # }
+/// # Ok::<(), tet_quality::Error>(())
+/// ```
+pub fn improve<B: QualityBackend + ?Sized>(
+    mesh: TetMesh,
+    field: Option<&dyn ImplicitField>,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<Improved, Error> {
+    options.check()?;
+    let along_input = options.surface == SurfaceMotion::AlongInput;
+    if along_input && field.is_some() {
+        let must = "be Tangential where there is a field";
+        return Err(OutOfRange::new("surface", "AlongInput", must).into());
+    }
+    // What the surface vertices lie on: the level set, or the input's own surfaces.
+    let mut surface = field.map(|field| Isosurface {
+        field,
+        level: options.level,
+        own: false,
+    });
+    let mut input = prepare(mesh, surface.as_ref())?;
+    let own = along_input.then(|| OwnSurface::of(&input.mesh)).flatten();
+    if let Some(own) = &own {
+        surface = Some(Isosurface {
+            field: own,
+            level: 0.0,
+            own: true,
+        });
+        free_again(&mut input.mesh, surface.as_ref())?;
+    }
+    // The work.
+    let mut work = Passes::new(input.mesh, surface, options);
+    let before = work.quality(run)?;
+    let crossed = work.crossings();
+    let untangled = work.untangle(run)?;
+    let flowed = work.flow(&input.junctions)?;
+    let passes = work.run(run)?;
+    // The account.
+    let after = work.quality(run)?;
+    let mesh = &work.guarded.mesh;
+    let unmet = unmet(mesh, &options.goals, &input.junctions);
+    let report = Report {
+        backend: run.backend.name(),
+        before,
+        after,
+        // Decided in f64, whatever the backend measures in.
+        converged: unmet.counts.is_empty(),
+        passes,
+        reoriented: input.reoriented,
+        untangled,
+        flowed,
+        unmet,
+        surface: surface_fit(mesh, work.surface.as_ref(), work.deviation()),
+        crossings: Crossings {
+            before: crossed,
+            after: work.crossings(),
+        },
+        junctions: input.junctions,
+    };
+    Ok(Improved {
+        mesh: work.guarded.mesh.finish(),
+        report,
+    })
+}

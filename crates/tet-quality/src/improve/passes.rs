@@ -1,0 +1,451 @@
+//! The schedule: smoothing and operations in passes, worst elements first.
+
+use geom_core::mesh::{EDGES, VertexKind};
+use geom_core::{Run, TetMesh};
+use rayon::prelude::*;
+
+use super::settings::{LAST, PassSettings};
+use crate::backend::QualityBackend;
+use crate::boundary::crossings::crossing_pairs;
+use crate::boundary::field::Isosurface;
+use crate::boundary::guard::GuardedMesh;
+use crate::boundary::input::free_again;
+use crate::error::Error;
+use crate::measure::block::measures;
+use crate::measure::metrics::quality;
+use crate::measure::report::{QualityReport, report_of};
+use crate::mesh::editable::{EditableMesh, Freedom, NO_COLOUR};
+use crate::operations::operate::{
+    Memory, Reserve, Rounds, Rules, best_for, best_hill_climb, round_of_projections, rounds,
+};
+use crate::operations::patch::{PatchSettings, project_with_neighbours};
+use crate::operations::untangle::untangle;
+use crate::options::{Options, SurfaceMotion};
+use crate::outcome::Pass;
+use crate::smoothing::flow::flow;
+use crate::smoothing::smooth::{
+    SurfaceRules, corners_of, foot, load, project, relax, relax_surface,
+};
+use crate::smoothing::star::Star;
+
+/// Share of the spacing that surface vertices may be off the isosurface before the rescue passes.
+const NEAR: f64 = 0.02;
+/// Rounds of the search per vertex and sweep.
+const ROUNDS: u32 = 7;
+/// Most rounds of operations per pass: what is postponed because of its neighbours gets another chance.
+const PLAIN_ROUNDS: u32 = 16;
+/// The same with smoothing.
+const SMOOTHED_ROUNDS: u32 = 16;
+/// How many tetrahedra are few enough to spare nothing for them.
+const FEW: usize = 100;
+/// Share of the surface vertices that may stay farther from the isosurface than allowed.
+const ENOUGH: f64 = 5e-4;
+/// Most rounds of bringing surface vertices to the isosurface after the passes.
+const SETTLE: u32 = 6;
+
+/// What tetrahedra must keep when surface vertices go to the isosurface after the passes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Keep {
+    /// The objective that the passes aim at, which is somewhat more than the goals.
+    Reserve,
+    /// The goals.
+    Goals,
+}
+
+/// A mesh with what the passes know of it.
+pub(super) struct Passes<'a> {
+    pub(super) guarded: GuardedMesh,
+    pub(super) surface: Option<Isosurface<'a>>,
+    options: &'a Options,
+    spacing: f64,
+    /// The objective at which all goals are met.
+    target: f64,
+    plain: Memory,
+    with_smoothing: Memory,
+    /// Has the memory of vain tries with smoothing been cleared for the last, longer searches?
+    cleared: bool,
+    /// Per vertex: when it was last smoothed.
+    smoothed: Vec<u32>,
+    /// When vertices were last brought back to the isosurface.
+    projected: u32,
+}
+
+impl<'a> Passes<'a> {
+    pub(super) fn new(
+        mut mesh: EditableMesh,
+        surface: Option<Isosurface<'a>>,
+        options: &'a Options,
+    ) -> Self {
+        let spacing = options.spacing.unwrap_or_else(|| surface_spacing(&mesh));
+        if options.surface == SurfaceMotion::Fixed {
+            fix_surface(&mut mesh);
+        }
+        Self {
+            guarded: GuardedMesh::new(mesh),
+            surface,
+            options,
+            spacing,
+            target: options.goals.objective(),
+            plain: Memory::default(),
+            with_smoothing: Memory::default(),
+            cleared: false,
+            smoothed: Vec::new(),
+            projected: 0,
+        }
+    }
+
+    /// The largest distance from the isosurface that is allowed, Å.
+    pub(super) fn deviation(&self) -> f64 {
+        self.options.deviation * self.spacing
+    }
+
+    /// The quality of the mesh as it is.
+    pub(super) fn quality<B: QualityBackend + ?Sized>(
+        &self,
+        run: Run<'_, B>,
+    ) -> Result<QualityReport, Error> {
+        let mesh = &self.guarded.mesh;
+        let tets: Vec<usize> = (0..mesh.tets.len())
+            .filter(|&t| !mesh.is_empty_slot(t as u32))
+            .collect();
+        let mesh = TetMesh::with_kinds(
+            mesh.x.clone(),
+            tets.iter().map(|&t| mesh.tets[t]).collect(),
+            tets.iter().map(|&t| mesh.regions[t]).collect(),
+            mesh.kinds.clone(),
+        )
+        .expect("the operations keep the mesh valid");
+        let mut measures = Vec::new();
+        run.backend
+            .measure(mesh.positions(), mesh.tets(), &mut measures)?;
+        Ok(report_of(&mesh, &measures))
+    }
+
+    /// How many pairs of boundary triangles cross.
+    pub(super) fn crossings(&self) -> usize {
+        let mesh = &self.guarded.mesh;
+        crossing_pairs(&mesh.x, &mesh.boundary_faces()).len()
+    }
+
+    /// Untangles inverted tetrahedra if that is asked for. Gives how many there were.
+    pub(super) fn untangle<B: QualityBackend + ?Sized>(
+        &mut self,
+        run: Run<'_, B>,
+    ) -> Result<usize, Error> {
+        let inverted = self.guarded.mesh.below(f64::MIN_POSITIVE).len();
+        if inverted > 0 && self.options.untangle {
+            self.find_gaps();
+            untangle(&mut self.guarded, run)?;
+        }
+        let mut elements = self.guarded.mesh.below(f64::MIN_POSITIVE);
+        if !elements.is_empty() {
+            elements.sort_unstable();
+            return Err(Error::StillInverted { elements });
+        }
+        Ok(inverted)
+    }
+
+    /// The flow of the thesis if that is asked for. Gives how many moves it made.
+    pub(super) fn flow(&mut self, junctions: &[u32]) -> Result<usize, Error> {
+        let SurfaceMotion::AveragedMeanCurvature { steps, step } = self.options.surface else {
+            return Ok(0);
+        };
+        let moved = flow(&mut self.guarded, junctions, self.spacing, steps, step);
+        free_again(&mut self.guarded.mesh, self.surface.as_ref())?;
+        Ok(moved)
+    }
+
+    /// Passes until the goals are met, nothing changes or the budget is used up.
+    pub(super) fn run<B: QualityBackend + ?Sized>(
+        &mut self,
+        run: Run<'_, B>,
+    ) -> Result<Vec<Pass>, Error> {
+        let budget = self.options.passes;
+        let mut passes = Vec::new();
+        let mut far = usize::MAX;
+        for number in 0..budget {
+            run.progress("improve", number.into(), budget.into())?;
+            if number == 0 && self.met() {
+                break;
+            }
+            let mut done = self.pass(number, run)?;
+            let last = number + 1 == budget || done.changes() == 0;
+            // The reserve is worth the usual passes only.
+            let met = self.met();
+            let mut enough = last;
+            if last || met || (number >= LAST && self.goals_met()) {
+                let allowed = ENOUGH * self.on_field() as f64;
+                let keep = if met { Keep::Reserve } else { Keep::Goals };
+                let left = self.settle_most(keep, allowed, &mut done);
+                enough |= left as f64 <= allowed || left >= far;
+                far = left;
+            }
+            done.worst = self.guarded.mesh.worst();
+            passes.push(done);
+            if enough {
+                break;
+            }
+        }
+        run.progress("improve", budget.into(), budget.into())?;
+        Ok(passes)
+    }
+
+    fn find_gaps(&mut self) {
+        if self.options.keep_apart {
+            self.guarded.find_gaps(self.spacing);
+        }
+    }
+
+    fn met(&self) -> bool {
+        self.guarded.mesh.worst() >= self.target
+    }
+
+    /// Are the goals met, be it without the reserve that the passes aim at?
+    fn goals_met(&self) -> bool {
+        let mesh = &self.guarded.mesh;
+        mesh.below(self.target).par_iter().all(|&t| {
+            self.options
+                .goals
+                .met_by(&measures(mesh.corners(mesh.tets[t as usize])))
+        })
+    }
+
+    fn pass<B: QualityBackend + ?Sized>(
+        &mut self,
+        number: u32,
+        run: Run<'_, B>,
+    ) -> Result<Pass, Error> {
+        let mut done = Pass::default();
+        let settings = PassSettings::of(number, self.target);
+        self.find_gaps();
+        self.smooth(&settings, &mut done, run)?;
+        self.operate(&settings, &mut done);
+        self.find_gaps();
+        self.smooth(&settings, &mut done, run)?;
+        self.project(&settings, &mut done);
+        Ok(done)
+    }
+
+    /// Distance from the isosurface that a pass allows, Å.
+    fn tolerance(&self, settings: &PassSettings) -> f64 {
+        let share = if settings.rescue {
+            self.options.deviation.max(NEAR)
+        } else {
+            NEAR
+        };
+        share * self.spacing
+    }
+
+    /// Smooths what lies at bad tetrahedra.
+    fn smooth<B: QualityBackend + ?Sized>(
+        &mut self,
+        settings: &PassSettings,
+        done: &mut Pass,
+        run: Run<'_, B>,
+    ) -> Result<(), Error> {
+        let mesh = &mut self.guarded.mesh;
+        let bad = mesh.below(settings.smooth);
+        let now = mesh.tick();
+        self.smoothed.resize(mesh.x.len(), 0);
+        let mut vertices = corners_of(mesh, &bad);
+        // New directions are worth another try where nothing changed.
+        if !settings.rescue {
+            vertices.retain(|&v| mesh.changed[v as usize] > self.smoothed[v as usize]);
+        }
+        for &v in &vertices {
+            self.smoothed[v as usize] = now - 1;
+        }
+        let turn = settings
+            .rescue
+            .then(|| self.options.seed.wrapping_add(u64::from(settings.number)));
+        done.moved += relax(&mut self.guarded, &vertices, ROUNDS, turn, run)?;
+        if let Some(field) = &self.surface {
+            let rules = SurfaceRules {
+                field,
+                tolerance: self.tolerance(settings),
+                rescue: settings.rescue,
+            };
+            done.slid += relax_surface(&mut self.guarded, &vertices, &rules);
+        }
+        Ok(())
+    }
+
+    /// Replaces bad tetrahedra: by operations alone, in later passes by operations with the smoothing
+    /// that they need.
+    fn operate(&mut self, settings: &PassSettings, done: &mut Pass) {
+        let tolerance = self.tolerance(settings);
+        let rules = Rules {
+            allow: self.options.operations,
+            contract: settings.contract,
+            field: self.surface.as_ref(),
+            spacing: self.spacing,
+        };
+        let alone = Rounds {
+            bound: settings.bound,
+            most: PLAIN_ROUNDS,
+            reserve: Reserve::Corners,
+        };
+        let guarded = &mut self.guarded;
+        let judge = |guarded: &GuardedMesh, t, star: &mut Star| best_for(guarded, t, &rules, star);
+        rounds(guarded, &mut self.plain, alone, judge, done);
+        if !settings.with_smoothing {
+            return;
+        }
+        let target = self.target;
+        let few = guarded.mesh.below(target).len() <= FEW;
+        let search = if settings.last && few {
+            if !self.cleared {
+                // What was tried in vain was tried with less.
+                self.with_smoothing = Memory::default();
+                self.cleared = true;
+            }
+            &PatchSettings::LAST
+        } else {
+            &PatchSettings::USUAL
+        };
+        let surface = self.surface.as_ref().map(|field| SurfaceRules {
+            field,
+            tolerance,
+            rescue: settings.rescue,
+        });
+        let judge = |guarded: &GuardedMesh, t, star: &mut Star| {
+            best_hill_climb(guarded, t, &rules, surface.as_ref(), target, search, star)
+        };
+        let smoothed = Rounds {
+            bound: target,
+            most: SMOOTHED_ROUNDS,
+            reserve: Reserve::Neighbours,
+        };
+        rounds(guarded, &mut self.with_smoothing, smoothed, judge, done);
+    }
+
+    /// Brings surface vertices that have moved back to the isosurface, as far as the goals allow.
+    fn project(&mut self, settings: &PassSettings, done: &mut Pass) {
+        let near = self.tolerance(settings);
+        let Some(surface) = &self.surface else { return };
+        let mesh = &mut self.guarded.mesh;
+        let off: Vec<u32> = (0..mesh.x.len() as u32)
+            .filter(|&v| {
+                mesh.freedom[v as usize] == Freedom::Field
+                    && mesh.changed[v as usize] > self.projected
+            })
+            .collect();
+        self.projected = mesh.tick();
+        let good = |corners| quality(corners) >= settings.floor;
+        done.projected += project(&mut self.guarded, &off, surface, near, good);
+    }
+
+    /// Brings surface vertices to the isosurface after a pass until so many are left as are allowed, if
+    /// that can be. Gives how many are left.
+    fn settle_most(&mut self, keep: Keep, allowed: f64, done: &mut Pass) -> usize {
+        let left = self.settle(keep, done);
+        // A share of the vertices is not worth the reserve of all tetrahedra.
+        if keep == Keep::Reserve && left as f64 > allowed {
+            return self.settle(Keep::Goals, done);
+        }
+        left
+    }
+
+    /// Brings the surface vertices that are still farther from the isosurface than allowed to it as
+    /// far as all tetrahedra keep what they must. Gives how many are left.
+    fn settle(&mut self, keep: Keep, done: &mut Pass) -> usize {
+        let tolerance = self.deviation();
+        let Some(surface) = &self.surface else {
+            return 0;
+        };
+        let (goals, target) = (self.options.goals, self.target);
+        let good = |corners| {
+            quality(corners) >= target || (keep == Keep::Goals && goals.met_by(&measures(corners)))
+        };
+        let rules = SurfaceRules {
+            field: surface,
+            tolerance,
+            rescue: true,
+        };
+        let project_to_foot = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
+            let mesh = &guarded.mesh;
+            if !is_far(mesh, v, &rules) {
+                return None;
+            }
+            load(mesh, v, star);
+            let x = mesh.x[v as usize];
+            let start = mesh.tangent(v, surface);
+            let foot = foot(start, star.mean_edge(&x.coords), surface, tolerance)?.at;
+            [1.0, 0.6, 0.3].into_iter().find_map(|share| {
+                let to = x + (foot - x) * share;
+                let found = project_with_neighbours(guarded, v, to, &rules, good, star);
+                found.filter(|p| guarded.allows(p))
+            })
+        };
+        let all: Vec<u32> = (0..self.guarded.mesh.x.len() as u32).collect();
+        for _ in 0..SETTLE {
+            self.guarded.mesh.know_tangents(&all, surface);
+            let off = far_vertices(&self.guarded.mesh, &rules);
+            // Alone where that does, else with their neighbours.
+            let before = done.projected;
+            done.projected += project(&mut self.guarded, &off, surface, tolerance, good);
+            let guarded = &mut self.guarded;
+            round_of_projections(guarded, &mut self.plain, &off, project_to_foot, done);
+            if done.projected == before {
+                return off.len();
+            }
+        }
+        far_vertices(&self.guarded.mesh, &rules).len()
+    }
+
+    /// Number of vertices on the isosurface.
+    fn on_field(&self) -> usize {
+        let field = |f: &&Freedom| **f == Freedom::Field;
+        self.guarded.mesh.freedom.iter().filter(field).count()
+    }
+}
+
+/// The vertices of the isosurface stay where they are.
+fn fix_surface(mesh: &mut EditableMesh) {
+    for freedom in &mut mesh.freedom {
+        if *freedom == Freedom::Field {
+            *freedom = Freedom::Fixed;
+        }
+    }
+}
+
+/// Is the vertex one of the isosurface, and farther from it than the rules allow?
+fn is_far(mesh: &EditableMesh, v: u32, rules: &SurfaceRules<'_>) -> bool {
+    mesh.freedom[v as usize] == Freedom::Field
+        && mesh.colours[v as usize] != NO_COLOUR
+        && mesh.tangent(v, rules.field).distance().abs() > rules.tolerance
+}
+
+fn far_vertices(mesh: &EditableMesh, rules: &SurfaceRules<'_>) -> Vec<u32> {
+    (0..mesh.x.len() as u32)
+        .into_par_iter()
+        .with_min_len(256)
+        .filter(|&v| is_far(mesh, v, rules))
+        .collect()
+}
+
+/// Median length of the edges between surface vertices; of all edges without any.
+fn surface_spacing(mesh: &EditableMesh) -> f64 {
+    let on_surface = |v: u32| mesh.kinds[v as usize] == VertexKind::Surface;
+    let lengths = |fit: &(dyn Fn([u32; 2]) -> bool + Sync)| -> Vec<f64> {
+        (0..mesh.tets.len())
+            .into_par_iter()
+            .flat_map_iter(|t| {
+                let tet = mesh.tets[t];
+                let edges = EDGES.iter().map(move |e| e.map(|i| tet[i]));
+                edges
+                    .filter(|e| fit(*e))
+                    .map(|[a, b]| (mesh.x[a as usize] - mesh.x[b as usize]).norm())
+            })
+            .collect()
+    };
+    let mut all = lengths(&|ends| ends.into_iter().all(on_surface));
+    if all.is_empty() {
+        all = lengths(&|_| true);
+    }
+    if all.is_empty() {
+        return 0.0;
+    }
+    let middle = all.len() / 2;
+    *all.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,129 @@
+//! Contraction of an edge: one end moves onto the other, and the tetrahedra between them vanish.
+
+use geom_core::mesh::VertexKind;
+use geom_core::{Point3, Vector3};
+
+use crate::boundary::field::Isosurface;
+use crate::measure::metrics::quality;
+use crate::mesh::editable::{EditableMesh, Freedom};
+use crate::mesh::link::{ContractedEdge, EdgeLink, VertexLink, keeps_topology};
+use crate::mesh::proposal::{Floor, NewTet, Operation, Proposal};
+
+/// Cosine between the normals of a surface triangle before and after.
+const TURN: f64 = 0.5;
+
+/// The edge, if `a` may vanish into `b` as far as the geometry of boundary and interfaces is concerned.
+fn allowed(mesh: &EditableMesh, a: u32, b: u32, link: &EdgeLink) -> Option<ContractedEdge> {
+    let edge = |on_surface| ContractedEdge {
+        from: a,
+        to: b,
+        on_surface,
+    };
+    let freedom = mesh.freedom[a as usize];
+    if freedom == Freedom::Free {
+        return Some(edge(false));
+    }
+    // The edge must lie on an interface; `a` lies on only one.
+    if link.interior() || freedom == Freedom::Fixed {
+        return None;
+    }
+    let along = mesh.x[b as usize] - mesh.x[a as usize];
+    let stays = match freedom {
+        Freedom::Line(d) => along.cross(&d).norm() <= 1e-9 * along.norm(),
+        Freedom::Plane(n) => along.dot(&n).abs() <= 1e-9 * along.norm(),
+        _ => true,
+    };
+    // A vertex of a box edge goes only to another one of it, or to its end.
+    let kinds_fit = match mesh.kinds[a as usize] {
+        VertexKind::BoxEdge { .. } => matches!(
+            mesh.kinds[b as usize],
+            VertexKind::BoxEdge { .. } | VertexKind::Fixed
+        ),
+        _ => true,
+    };
+    (stays && kinds_fit).then(|| edge(true))
+}
+
+/// Contraction of `a` into `b`. `tolerance`: largest distance of the middle of a new surface triangle
+/// from the isosurface.
+pub(crate) fn contraction(
+    mesh: &EditableMesh,
+    a: u32,
+    b: u32,
+    field: Option<&Isosurface<'_>>,
+    tolerance: f64,
+    floor: Floor,
+) -> Option<Proposal> {
+    if mesh.freedom[a as usize] == Freedom::Fixed {
+        return None;
+    }
+    let star = mesh.incidence.of(a);
+    let old = star
+        .iter()
+        .map(|&t| mesh.q[t as usize])
+        .fold(f64::INFINITY, f64::min);
+    if old <= 0.0 {
+        return None;
+    }
+    // The cheapest question first: are the tetrahedra that stay good enough?
+    let target = mesh.x[b as usize];
+    let mut worst = f64::INFINITY;
+    let mut insert = Vec::new();
+    for &t in star {
+        let tet = mesh.tets[t as usize];
+        if tet.contains(&b) {
+            continue;
+        }
+        let corners = tet.map(|v| if v == a { target } else { mesh.x[v as usize] });
+        worst = worst.min(quality(corners));
+        if worst <= floor.above(old) {
+            return None;
+        }
+        insert.push(NewTet {
+            corners: tet.map(|v| if v == a { b } else { v }),
+            region: mesh.regions[t as usize],
+        });
+    }
+    if insert.is_empty() {
+        return None;
+    }
+    let link = EdgeLink::new(mesh, a, b)?;
+    let edge = allowed(mesh, a, b, &link)?;
+    if !keeps_topology(mesh, edge, &link) {
+        return None;
+    }
+    if edge.on_surface && !surface_stays(mesh, a, b, field, tolerance) {
+        return None;
+    }
+    let remove = star.to_vec();
+    let mut proposal = Proposal::swap(Operation::Contraction, worst - old, remove, insert);
+    proposal.edge = Some(edge);
+    Some(proposal)
+}
+
+/// Do the surface triangles around `a` keep their direction, and stay near the isosurface?
+fn surface_stays(
+    mesh: &EditableMesh,
+    a: u32,
+    b: u32,
+    field: Option<&Isosurface<'_>>,
+    tolerance: f64,
+) -> bool {
+    let at = |v: u32| mesh.x[v as usize];
+    let normal = |p: Point3, q: Point3, r: Point3| -> Option<Vector3> {
+        (q - p).cross(&(r - p)).try_normalize(0.0)
+    };
+    let field = field.filter(|_| mesh.freedom[a as usize] == Freedom::Field);
+    VertexLink::of(mesh, a).surface.iter().all(|&[u, v]| {
+        if u == b || v == b {
+            return true;
+        }
+        let (Some(before), Some(after)) =
+            (normal(at(a), at(u), at(v)), normal(at(b), at(u), at(v)))
+        else {
+            return false;
+        };
+        let middle = Point3::from((at(b).coords + at(u).coords + at(v).coords) / 3.0);
+        before.dot(&after) >= TURN && field.is_none_or(|f| f.distance(&middle) <= tolerance)
+    })
+}

@@ -1,0 +1,93 @@
+//! What comes out of an improvement: the mesh, and an account of what was done and what falls short.
+
+use geom_core::TetMesh;
+
+use crate::measure::report::QualityReport;
+use crate::measure::unmet::{SurfaceFit, Unmet};
+
+/// What happened in a pass.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Pass {
+    /// Smallest objective after the pass: see [`quality`](crate::measure::metrics::quality).
+    pub worst: f64,
+    /// Moves of vertices inside, on box faces and on plane boundaries.
+    pub moved: usize,
+    /// Moves of vertices on the isosurface.
+    pub slid: usize,
+    /// Moves of vertices back to the isosurface.
+    pub projected: usize,
+    /// Edges removed.
+    pub edges_removed: usize,
+    /// Faces swapped.
+    pub faces_swapped: usize,
+    /// Surface edges flipped.
+    pub surface_flips: usize,
+    /// Edges contracted.
+    pub contracted: usize,
+    /// Vertices inserted.
+    pub inserted: usize,
+}
+
+impl Pass {
+    pub(crate) fn changes(&self) -> usize {
+        self.moved
+            + self.slid
+            + self.projected
+            + self.edges_removed
+            + self.faces_swapped
+            + self.surface_flips
+            + self.contracted
+            + self.inserted
+    }
+}
+
+/// What [`improve`](crate::improve()) did.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Report {
+    /// Name of the backend.
+    pub backend: String,
+    /// Quality of the input, its tetrahedra oriented alike.
+    pub before: QualityReport,
+    /// Quality of the result.
+    pub after: QualityReport,
+    /// Does every tetrahedron meet the goals?
+    pub converged: bool,
+    /// What each pass did.
+    pub passes: Vec<Pass>,
+    /// Tetrahedra of the input whose corners were reordered, because their neighbours said so.
+    pub reoriented: usize,
+    /// Inverted and flat tetrahedra of the input that were untangled.
+    pub untangled: usize,
+    /// Moves of the averaged mean curvature flow.
+    pub flowed: usize,
+    /// Tetrahedra that do not meet the goals, and why.
+    pub unmet: Unmet,
+    /// How often the boundary goes through itself.
+    pub crossings: Crossings,
+    /// How well the surface vertices lie on the isosurface.
+    pub surface: SurfaceFit,
+    /// Vertices of the input around which the interface is not one disk; they stay where they are.
+    pub junctions: Vec<u32>,
+}
+
+/// Pairs of boundary triangles that go through each other. Where the other side of a boundary is meshed,
+/// there are none; where it is not, walls of narrow gaps may cross though every tetrahedron is positive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Crossings {
+    /// In the input.
+    pub before: usize,
+    /// In the result: see [`Options::keep_apart`](crate::Options::keep_apart).
+    pub after: usize,
+}
+
+/// An improved mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Improved {
+    /// The mesh. Unchanged vertices keep their order; removed ones leave no gap.
+    pub mesh: TetMesh,
+    /// What was done.
+    pub report: Report,
+}

@@ -1,0 +1,6 @@
+//! What moves vertices.
+
+pub(crate) mod flow;
+pub(crate) mod search;
+pub(crate) mod smooth;
+pub(crate) mod star;
