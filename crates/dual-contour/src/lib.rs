@@ -3,36 +3,25 @@
 pub use geom_core;
 
 mod backend;
-mod build;
 mod complex;
+mod contour;
 mod cpu;
-mod cut;
 mod dual;
-mod emit;
 mod error;
-mod field;
-mod lanes;
-mod lattice;
+mod kernel;
 mod octree;
 mod options;
-mod quality;
-mod report;
-mod samples;
-mod sizing;
-mod surface;
-mod uniform;
-mod volume;
+#[cfg(test)]
+mod specification;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 
 pub use backend::{
     BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, CROSSINGS, ContourBackend, DUAL_VERTICES, MIN_MAX,
 };
+pub use contour::{Report, Surface, Volume, surface, volume};
 pub use error::Error;
-pub use field::FieldSamples;
+pub use octree::FieldSamples;
 pub use options::{
     AtBox, ErrorNorm, Extent, Material, Method, Options, Outer, Placement, Resolution, Shape, Zone,
 };
-pub use report::Report;
-pub use surface::{Surface, surface};
-pub use volume::{Volume, volume};

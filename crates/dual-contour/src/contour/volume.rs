@@ -6,11 +6,14 @@ use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region, VertexKind, six_volum
 use geom_core::sets::DisjointSets;
 use geom_core::{ImplicitField, LatticeValues, Point3, Run, TetMesh, TriMesh};
 
+use super::report::Report;
+use super::resolution::resolved;
+use super::setup::Purpose;
+use super::surface::surface_mesh;
+use super::{Contour, contour};
 use crate::backend::ContourBackend;
-use crate::build::{self, Contour, Purpose};
-use crate::emit::compact;
-use crate::surface::surface_mesh;
-use crate::{Error, Extent, Options, Outer, Report};
+use crate::complex::collect::compact;
+use crate::{Error, Extent, Options, Outer};
 
 /// Tetrahedra, the surface of the molecule, and how they came about.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,12 +61,12 @@ pub fn volume<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
             reason: "the exterior is not meshed; take Extent::Exterior or Extent::Both".to_owned(),
         });
     }
-    let options = build::resolved(values, field, options, run)?;
+    let options = resolved(values, field, options, run)?;
     let Contour {
         mut raw,
         domain,
         report,
-    } = build::contour(
+    } = contour(
         values,
         field,
         &options,

@@ -1,112 +1,31 @@
 //! The surface where all of its cells are finest: straight from the signs of the corners, without an
 //! octree. Vertices, triangles, their order and their bits are those that the octree would give.
 //!
-//! Cells that are cut into tetrahedra, and what stands around them, are in [`crate::cut`].
+//! Cells that are cut into tetrahedra, and what stands around them, are in [`cut_cells`].
 
 use geom_core::{Point3, TriMesh};
 use rayon::prelude::*;
 
+use super::report::Report;
+use crate::Error;
 use crate::backend::{BLOCK_CELLS, ContourBackend};
+use crate::complex::collect::{ADDED, joined};
 use crate::complex::simple_masks;
-use crate::cut::{CutCells, Place};
 use crate::dual::{Probe, Sample, finest_points};
-use crate::emit::{ADDED, joined};
-use crate::lanes::{self, LANES, Quads};
-use crate::octree::BLOCK;
-use crate::quality::NO_FAN;
-use crate::samples::{Domain, Samples, local};
-use crate::{Error, Report};
+use crate::kernel::{self, LANES, NO_FAN, Quads};
+use crate::octree::{BLOCK, Domain, Samples, local};
+
+mod batch;
+mod block;
+mod cut_cells;
+mod pattern;
+
+use batch::Batch;
+use block::{Block, cell_at, cells_of, place};
+use cut_cells::{CutCells, Place};
 
 /// Stored blocks per batch; batches are independent and joined in order.
 const BATCH: usize = 16;
-
-/// The cells of a stored block that carry the surface, as bits in the order of the octree's leaves.
-#[derive(Clone, Copy)]
-struct Block {
-    low: [i32; 3],
-    carrying: [u64; 8],
-    /// Those that are not cut into tetrahedra: each has a vertex.
-    simple: [u64; 8],
-    /// Number of the first vertex of each word.
-    first: [u32; 8],
-    /// Number of the first cut cell.
-    first_cut: u32,
-}
-
-/// Word and bit of a cell within its block.
-#[inline]
-fn place([x, y, z]: [i32; 3]) -> (usize, u32) {
-    let at = |shift: i32| (x >> shift & 1) | (y >> shift & 1) << 1 | (z >> shift & 1) << 2;
-    (at(2) as usize, (at(1) << 3 | at(0)) as u32)
-}
-
-/// The inverse of [`place`].
-#[inline]
-const fn cell_at(word: usize, bit: u32) -> [i32; 3] {
-    let (g, c, i) = (word as i32, bit as i32 >> 3, bit as i32 & 7);
-    let mut out = [0; 3];
-    let mut k = 0;
-    while k < 3 {
-        out[k] = (g >> k & 1) << 2 | (c >> k & 1) << 1 | (i >> k & 1);
-        k += 1;
-    }
-    out
-}
-
-impl Block {
-    /// `masks` of all cells, x fastest.
-    fn new(low: [i32; 3], masks: &[u8], simple: &[bool; 256]) -> Self {
-        let mut out = Self {
-            low,
-            carrying: [0; 8],
-            simple: [0; 8],
-            first: [0; 8],
-            first_cut: 0,
-        };
-        for (row, masks) in masks.chunks_exact(8).enumerate() {
-            if masks.iter().all(|&m| m == 0) || masks.iter().all(|&m| m == 255) {
-                continue;
-            }
-            for (x, &mask) in masks.iter().enumerate() {
-                if mask != 0 && mask != 255 {
-                    let (word, bit) = place([x as i32, (row & 7) as i32, (row >> 3) as i32]);
-                    out.carrying[word] |= 1 << bit;
-                    out.simple[word] |= u64::from(simple[usize::from(mask)]) << bit;
-                }
-            }
-        }
-        out
-    }
-}
-
-impl Block {
-    /// The number of the vertex of a cell that is not cut.
-    #[inline]
-    fn vertex(&self, (word, bit): (usize, u32)) -> Option<u32> {
-        (self.simple[word] >> bit & 1 == 1).then(|| self.number(word, bit))
-    }
-
-    /// The same for a cell that is known not to be cut.
-    #[inline]
-    fn number(&self, word: usize, bit: u32) -> u32 {
-        let below = self.simple[word] & ((1 << bit) - 1);
-        self.first[word] + below.count_ones()
-    }
-}
-
-/// The cells with a bit set, in order.
-fn cells_of(words: &[u64; 8]) -> impl Iterator<Item = [i32; 3]> + '_ {
-    words.iter().enumerate().flat_map(|(word, &bits)| {
-        let mut bits = bits;
-        std::iter::from_fn(move || {
-            (bits != 0).then(|| {
-                let bit = bits.trailing_zeros();
-                bits &= bits - 1;
-                cell_at(word, bit)
-            })
-        })
-    })
-}
 
 /// All cells that carry the surface, and their points.
 struct Sheet<'a> {
@@ -234,28 +153,6 @@ fn points_of<B: ContourBackend + ?Sized>(
     Ok(points)
 }
 
-/// Triangles of one batch; numbers with [`ADDED`] are points of the batch itself.
-#[derive(Default)]
-pub(crate) struct Batch {
-    triangles: Vec<[u32; 3]>,
-    added: Vec<Point3>,
-}
-
-impl Batch {
-    /// Takes a triangle counter-clockwise about an edge, given whether its lower end is `inside`.
-    #[inline]
-    pub(crate) fn push(&mut self, t: [u32; 3], inside: bool) {
-        self.triangles
-            .push(if inside { t } else { [t[0], t[2], t[1]] });
-    }
-
-    /// The number of a new point.
-    pub(crate) fn add(&mut self, x: Point3) -> u32 {
-        self.added.push(x);
-        ADDED | (self.added.len() - 1) as u32
-    }
-}
-
 /// Cells per side of a block and the layer before it.
 const AROUND: usize = BLOCK as usize + 1;
 
@@ -379,7 +276,7 @@ impl Waiting {
 
     /// Emits the edges that wait.
     fn flush(&mut self, samples: &Samples<'_>, probe: &Probe<'_>, out: &mut Batch) {
-        let starts = lanes::diagonals(&self.quads);
+        let starts = kernel::diagonals(&self.quads);
         for (edge, &start) in self.edges[..self.len].iter().zip(&starts) {
             let ids = edge.ids;
             if start == NO_FAN {

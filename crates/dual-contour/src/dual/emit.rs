@@ -1,131 +1,18 @@
 //! From rings to triangles and tetrahedra.
 
-use geom_core::mesh::{INTERIOR, OUTSIDE, Region, VertexKind};
+use geom_core::mesh::{INTERIOR, Region};
 use geom_core::{Point3, parallel};
 use rayon::prelude::*;
 
-use crate::complex::{Cell, Complex, Corner, Ring};
-use crate::dual::{Duals, Probe, sample_corner};
-use crate::lanes;
-use crate::octree::{PointMarks, PointSet};
-use crate::quality::best_fan;
-use crate::samples::local;
+use super::Duals;
+use super::probe::{Probe, sample_corner};
+use crate::complex::collect::{ADDED, distinct, joined, seen};
+use crate::complex::{Cell, Complex, Corner, Numbering, Ring, Vertex};
+use crate::kernel;
+use crate::octree::local;
 
 /// Leaves per batch; batches are independent and joined in order.
 const BATCH: usize = 2048;
-/// Marks a vertex that a batch has added on an edge, by its number within the batch.
-pub(crate) const ADDED: u32 = 1 << 31;
-
-/// The numbers of the vertices: cells (leaves, then parts), ghosts, lattice points, middles of split
-/// leaves, added points.
-pub(crate) struct Numbering<'a> {
-    points: PointSet,
-    ghosts: &'a [(u32, u8)],
-    /// Where each group of vertices begins.
-    first_part: u32,
-    first_ghost: u32,
-    first_corner: u32,
-    first_centre: u32,
-    len: u32,
-}
-
-impl<'a> Numbering<'a> {
-    /// `corners` says by their labels which lattice points become vertices.
-    pub(crate) fn new(
-        complex: &Complex<'_>,
-        ghosts: &'a [(u32, u8)],
-        corners: impl Fn(Region) -> bool + Sync,
-    ) -> Self {
-        let marks = PointMarks::new(complex.tree.cells);
-        complex
-            .tree
-            .leaves
-            .par_iter()
-            .with_min_len(1024)
-            .for_each(|leaf| {
-                if leaf.void {
-                    return;
-                }
-                let (o, s) = (leaf.origin(), leaf.size());
-                for (i, label) in complex.corner_labels(leaf).into_iter().enumerate() {
-                    if corners(label) {
-                        let p = crate::complex::corner_of(i);
-                        marks.mark([0, 1, 2].map(|k| o[k] + s * p[k]));
-                    }
-                }
-            });
-        let points = marks.finish();
-        let first_part = complex.tree.leaves.len() as u32;
-        let first_ghost = first_part + 12 * complex.splits.len() as u32;
-        let first_corner = first_ghost + ghosts.len() as u32;
-        let first_centre = first_corner + points.len();
-        Self {
-            points,
-            ghosts,
-            first_part,
-            first_ghost,
-            first_corner,
-            first_centre,
-            len: first_centre + complex.splits.len() as u32,
-        }
-    }
-
-    pub(crate) fn len(&self) -> usize {
-        self.len as usize
-    }
-
-    pub(crate) fn ghosts(&self) -> &[(u32, u8)] {
-        self.ghosts
-    }
-
-    pub(crate) fn cell(&self, cell: &Cell) -> u32 {
-        match *cell {
-            Cell::Leaf(id) => id,
-            Cell::Part(k, part) => self.first_part + 12 * k + u32::from(part),
-            Cell::Ghost(id, half) => {
-                let i = self.ghosts.binary_search(&(id, half));
-                self.first_ghost + i.expect("a ghost stands on the box") as u32
-            }
-        }
-    }
-
-    pub(crate) fn corner(&self, corner: Corner) -> u32 {
-        match corner {
-            Corner::Point(p) => self.first_corner + self.points.rank(p),
-            Corner::Centre(k) => self.first_centre + k,
-        }
-    }
-
-    /// All vertices in order.
-    pub(crate) fn vertices(&self) -> impl Iterator<Item = Vertex> {
-        let parts = (0..self.first_ghost - self.first_part)
-            .map(|i| Vertex::Cell(Cell::Part(i / 12, (i % 12) as u8)));
-        (0..self.first_part)
-            .map(|id| Vertex::Cell(Cell::Leaf(id)))
-            .chain(parts)
-            .chain(
-                self.ghosts
-                    .iter()
-                    .map(|&(id, half)| Vertex::Cell(Cell::Ghost(id, half))),
-            )
-            .chain(
-                self.points
-                    .points()
-                    .into_iter()
-                    .map(|p| Vertex::Corner(Corner::Point(p))),
-            )
-            .chain((0..self.len - self.first_centre).map(|k| Vertex::Corner(Corner::Centre(k))))
-    }
-}
-
-/// What a vertex stands for.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Vertex {
-    /// The point of a cell.
-    Cell(Cell),
-    /// A corner of the complex.
-    Corner(Corner),
-}
 
 /// Everything that emission reads.
 pub(crate) struct Emitter<'a> {
@@ -233,7 +120,7 @@ impl<'a> Emitter<'a> {
             if v & ADDED == 0 {
                 v
             } else {
-                self.numbering.len + starts[batch] as u32 + (v & !ADDED)
+                self.numbering.len() as u32 + starts[batch] as u32 + (v & !ADDED)
             }
         };
         let (mut tets, mut regions, mut triangles, mut added) =
@@ -385,102 +272,9 @@ impl<'a> Emitter<'a> {
             };
             let low = local(low);
             let quad = [0, 1, 2, 3].map(|q| [u, v, axis].map(|k| x[q][k] - low[k]));
-            return lanes::diagonal(quad);
+            return kernel::diagonal(quad);
         }
         let [a, b] = [ring.a.0, ring.b.0].map(|c| self.complex.corner_position(c));
-        best_fan(&x[..n], &a, &b, ring.taken)
+        kernel::best_fan(&x[..n], &a, &b, ring.taken)
     }
-}
-
-/// One list of all, in order; `f` sees the number of the list that an item comes from.
-pub(crate) fn joined<T: Copy + Default + Send + Sync>(
-    lists: Vec<Vec<T>>,
-    f: impl Fn(usize, T) -> T + Sync,
-) -> Vec<T> {
-    let mut out = vec![T::default(); lists.iter().map(Vec::len).sum()];
-    let mut rest = out.as_mut_slice();
-    let mut parts = Vec::with_capacity(lists.len());
-    for list in lists {
-        let (part, others) = std::mem::take(&mut rest).split_at_mut(list.len());
-        rest = others;
-        parts.push((part, list));
-    }
-    parts
-        .into_par_iter()
-        .enumerate()
-        .for_each(|(i, (part, list))| {
-            for (to, &from) in part.iter_mut().zip(&list) {
-                *to = f(i, from);
-            }
-        });
-    out
-}
-
-/// A label as the mesh sees it: regions that are not kept are all the outside.
-pub(crate) fn seen(label: Region, keep: impl Fn(Region) -> bool) -> Region {
-    if keep(label) { label } else { OUTSIDE }
-}
-
-/// The number of different labels, up to three.
-pub(crate) fn distinct(labels: impl IntoIterator<Item = Region>) -> u8 {
-    let mut found = [0; 2];
-    let mut n = 0;
-    for l in labels {
-        if !found[..n].contains(&l) {
-            if n == 2 {
-                return 3;
-            }
-            found[n] = l;
-            n += 1;
-        }
-    }
-    n as u8
-}
-
-/// How vertices may move: where they stand on the box, and how many labels meet there.
-pub(crate) fn kinds(positions: &[Point3], meeting: &[u8], cells: [i32; 3]) -> Vec<VertexKind> {
-    positions
-        .par_iter()
-        .zip(meeting)
-        .with_min_len(4096)
-        .map(|(p, &labels)| match (box_kind(p, cells), labels) {
-            (kind, 0 | 1) => kind,
-            (VertexKind::Interior, 2) => VertexKind::Surface,
-            _ => VertexKind::Fixed,
-        })
-        .collect()
-}
-
-/// How a vertex at `p` (finest cells) may move if the domain has `cells` cells.
-fn box_kind(p: &Point3, cells: [i32; 3]) -> VertexKind {
-    let on = [0, 1, 2].map(|k| p[k] == 0.0 || p[k] == f64::from(cells[k]));
-    match on.iter().filter(|&&o| o).count() {
-        0 => VertexKind::Interior,
-        1 => VertexKind::BoxFace {
-            axis: on.iter().position(|&o| o).expect("one axis") as u8,
-        },
-        2 => VertexKind::BoxEdge {
-            axis: on.iter().position(|&o| !o).expect("one axis") as u8,
-        },
-        _ => VertexKind::Fixed,
-    }
-}
-
-/// The vertices that elements use, in order; renumbers the elements in place.
-pub(crate) fn compact<const N: usize>(vertices: usize, elements: &mut [[u32; N]]) -> Vec<u32> {
-    let mut used = vec![false; vertices];
-    for &v in elements.iter().flatten() {
-        used[v as usize] = true;
-    }
-    let mut number = vec![u32::MAX; vertices];
-    let mut kept = Vec::new();
-    for (v, _) in used.iter().enumerate().filter(|(_, u)| **u) {
-        number[v] = kept.len() as u32;
-        kept.push(v as u32);
-    }
-    elements
-        .par_iter_mut()
-        .with_min_len(4096)
-        .for_each(|e| *e = e.map(|v| number[v as usize]));
-    kept
 }

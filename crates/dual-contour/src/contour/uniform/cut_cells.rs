@@ -1,35 +1,21 @@
-//! Cells that are cut into tetrahedra: what follows from the diagonals of their faces alone, and, where
-//! all cells around are finest, the points and polygons of the whole complex without an octree.
-
-use std::sync::LazyLock;
+//! Cells that are cut into tetrahedra, where all cells around are finest: their points and polygons without an
+//! octree.
 
 use geom_core::Point3;
 use geom_core::mesh::{INTERIOR, Region, six_volume};
 use rayon::prelude::*;
 
-use crate::complex::{
-    MIDDLE, Split, corner_of, diagonal_of, half_of, part_base, parts_around, triangle_of,
+use super::batch::Batch;
+use super::pattern::{FACE, LANES_OF_FACE, LANES_OF_PART, PART, PATTERNS, Pattern, is_positive};
+use crate::complex::Split;
+use crate::complex::collect::joined;
+use crate::complex::cube::{
+    APEX, AROUND, CORNERS, MIDDLE, QUADRANT, corner_of, diagonal_of, half_of, part_base,
 };
-use crate::dual::{LEAST_VOLUME, Probe, Sample, cut_samples, longest, part_point};
-use crate::emit::joined;
-use crate::lanes::{self, MOST, Rows};
-use crate::quality::best_fan;
-use crate::samples::{Samples, local};
-use crate::uniform::Batch;
-
-/// Number of the middle among the corners of a cut cell.
-pub(crate) const APEX: usize = 8;
-
-/// The corners of the unit cube and its middle.
-const CORNERS: [Point3; 9] = {
-    let mut out = [MIDDLE; 9];
-    let mut i = 0;
-    while i < APEX {
-        out[i] = Point3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64);
-        i += 1;
-    }
-    out
-};
+use crate::dual::room::longest;
+use crate::dual::{Probe, Sample, cut_samples, part_point};
+use crate::kernel::{self, MOST, best_fan};
+use crate::octree::{Samples, local};
 
 /// What stands at a finest cell.
 #[derive(Clone, Copy, Debug)]
@@ -42,135 +28,6 @@ pub(crate) enum Place {
     Whole(u32),
     /// A cut cell, by its number among them.
     Cut(u32),
-}
-
-/// Umbrellas of a part, [`PART`] of them, in twos of eight lanes.
-const LANES_OF_PART: usize = 16;
-const PART: usize = 12;
-/// Umbrellas of a face, of both of its parts, in eight lanes.
-const LANES_OF_FACE: usize = 8;
-const FACE: usize = 6;
-
-/// Tetrahedra of an edge, a part and what stands beyond one of its faces.
-struct Umbrellas<const N: usize> {
-    shape: lanes::Umbrellas<N>,
-    /// Their least volumes: beyond stands a whole cell, or a part. Exact in f32 but for the factor.
-    least: [[f64; N]; 2],
-}
-
-/// What the diagonals of a cut cell say.
-pub(crate) struct Pattern {
-    /// Of each part: the edges of its triangle, then those of the faces between it and its mates.
-    parts: [Umbrellas<LANES_OF_PART>; 12],
-    /// Of the triangles of both parts at each face.
-    faces: [Umbrellas<LANES_OF_FACE>; 6],
-    /// The parts beyond the three inner faces.
-    mates: [[u8; 3]; 12],
-    /// Parts around the edge from the middle to each corner, counter-clockwise about it.
-    pub(crate) around: [Vec<u8>; 8],
-}
-
-/// By the six diagonals.
-pub(crate) static PATTERNS: LazyLock<Vec<Pattern>> =
-    LazyLock::new(|| (0..64).map(Pattern::new).collect());
-
-/// An edge `a → b`, and what [`Umbrellas`] say of it.
-#[derive(Clone, Copy)]
-struct Umbrella {
-    edge: [usize; 2],
-    first: bool,
-    base: [f64; 2],
-}
-
-impl<const N: usize> Umbrellas<N> {
-    /// Lanes beyond these umbrellas never lack volume.
-    fn new(umbrellas: &[Umbrella]) -> Self {
-        let mut out = Self {
-            shape: lanes::Umbrellas {
-                a: [[0.0; N]; 3],
-                b: [[0.0; N]; 3],
-                first: [0.0; N],
-            },
-            least: [[f64::NEG_INFINITY; N]; 2],
-        };
-        for (i, umbrella) in umbrellas.iter().enumerate() {
-            let [a, b] = umbrella.edge.map(|i| CORNERS[i]);
-            for k in 0..3 {
-                (out.shape.a[k][i], out.shape.b[k][i]) = (a[k], b[k]);
-            }
-            out.shape.first[i] = f64::from(u8::from(umbrella.first));
-            for (least, base) in out.least.iter_mut().zip(umbrella.base) {
-                least[i] = LEAST_VOLUME * base;
-            }
-        }
-        out
-    }
-}
-
-impl<const N: usize> Umbrellas<N> {
-    /// What the tetrahedra have above their least volumes with parts at `x` and what is beyond at `y`.
-    fn spare(&self, cell: &CutCell, x: &Rows<N>, y: &Rows<N>, least: &[f64; N]) -> [f64; N] {
-        self.shape.spare(cell.origin.map(f64::from), x, y, least)
-    }
-}
-
-fn is_positive(spares: &[f64]) -> bool {
-    spares.iter().all(|&s| s > 0.0)
-}
-
-impl Pattern {
-    fn new(diagonals: u8) -> Self {
-        let base = |part: usize| part_base(diagonals, [0; 3], part);
-        let mut umbrellas: [Vec<Umbrella>; 12] = Default::default();
-        let mut mates = [[0; 3]; 12];
-        for part in 0..12 {
-            let t = triangle_of(diagonals, part);
-            let face = part / 2;
-            let diagonal = diagonal_of(diagonals, face);
-            let mut over = MIDDLE;
-            over[face / 2] += if face % 2 == 1 { 1.0 } else { -1.0 };
-            let sum = t.iter().fold(over.coords, |s, &i| s + CORNERS[i].coords);
-            let outer = [over, Point3::from(sum / 4.0)];
-            let umbrella = |[a, b]: [usize; 2], beyond: [Point3; 2]| {
-                let volume =
-                    beyond.map(|x| six_volume([CORNERS[a], CORNERS[b], base(part), x]) as f32);
-                Umbrella {
-                    edge: [a, b],
-                    first: volume[0] > 0.0,
-                    base: volume.map(|v| f64::from(v.abs())),
-                }
-            };
-            let mut inner = Vec::new();
-            for i in 0..3 {
-                let (p, q) = (t[i], t[(i + 1) % 3]);
-                // Along the axis, or as the ring of the diagonal goes.
-                let edge = if diagonal.contains(&p) && diagonal.contains(&q) {
-                    diagonal
-                } else {
-                    [p.min(q), p.max(q)]
-                };
-                umbrellas[part].push(umbrella(edge, outer));
-                let has = |other: &usize| {
-                    let t = triangle_of(diagonals, *other);
-                    *other != part && t.contains(&p) && t.contains(&q)
-                };
-                let mate = (0..12).find(has).expect("two triangles meet in an edge");
-                mates[part][i] = mate as u8;
-                let edges = [edge, [APEX, p], [APEX, q]];
-                inner.extend(edges.map(|e| umbrella(e, [base(mate); 2])));
-            }
-            umbrellas[part].extend(inner);
-        }
-        Self {
-            parts: std::array::from_fn(|part| Umbrellas::new(&umbrellas[part])),
-            faces: std::array::from_fn(|face| {
-                let [p, q] = [0, 1].map(|half| &umbrellas[2 * face + half][..FACE / 2]);
-                Umbrellas::new(&[p, q].concat())
-            }),
-            mates,
-            around: std::array::from_fn(|corner| parts_around(diagonals, corner)),
-        }
-    }
 }
 
 /// A cut cell among finest ones.
@@ -412,7 +269,7 @@ impl<'a> CutCells<'a> {
                 (0..3).for_each(|c| x[c][of_half.clone()].fill(part[c]));
             }
             let y = [y.x, y.y, y.z].map(|c| [c; LANES_OF_FACE]);
-            umbrellas.spare(cell, &x, &y, &umbrellas.least[0])
+            umbrellas.spare(cell.origin, &x, &y, &umbrellas.least[0])
         };
         if beside.iter().all(|b| is_positive(&spare(b, &n.target))) {
             return 1.0;
@@ -457,7 +314,7 @@ impl<'a> CutCells<'a> {
             }
             let spare = |x: &Point3| {
                 let x = [x.x, x.y, x.z].map(|c| [c; LANES_OF_PART]);
-                umbrellas.spare(cell, &x, &y, &least)
+                umbrellas.spare(cell.origin, &x, &y, &least)
             };
             let last = spare(&target);
             shares[part] = if is_positive(&last) {
@@ -534,8 +391,6 @@ impl<'a> CutCells<'a> {
         points: &[Point3],
         out: &mut Batch,
     ) {
-        // Quadrants about the axis: 0 (−,−), 1 (+,−), 2 (+,+), 3 (−,+).
-        const QUADRANT: [[i32; 2]; 4] = [[-1, -1], [0, -1], [0, 0], [-1, 0]];
         let inside = |i: usize| mask >> i & 1 == 1;
         for axis in (0..3).filter(|axis| inside(1 << axis) != inside(0)) {
             let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -554,7 +409,7 @@ impl<'a> CutCells<'a> {
             high[axis] += 1;
             let start = if polygon.len == 4 {
                 let low = local(low);
-                lanes::diagonal([0, 1, 2, 3].map(|q| {
+                kernel::diagonal([0, 1, 2, 3].map(|q| {
                     let x = polygon.points[q];
                     [u, v, axis].map(|k| x[k] - low[k])
                 }))
@@ -619,7 +474,7 @@ impl<'a> CutCells<'a> {
         }
         for corner in (0..8).filter(|&i| cell.label(i) != cell.label(APEX)) {
             let mut polygon = Polygon::default();
-            for &part in &cell.pattern().around[corner] {
+            for &part in &AROUND[usize::from(diagonals)][corner] {
                 polygon.push(self.vertex(k, part, points));
             }
             emit([APEX, corner], &polygon);

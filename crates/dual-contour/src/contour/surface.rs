@@ -2,12 +2,15 @@
 
 use geom_core::{ImplicitField, LatticeValues, Run, TriMesh};
 
+use super::report::Report;
+use super::resolution::resolved;
+use super::setup::{Purpose, sampled};
+use super::{is_uniform, mesh as mesh_of, uniform};
 use crate::backend::ContourBackend;
-use crate::build::{self, Purpose};
+use crate::complex::collect::compact;
 use crate::dual::Probe;
-use crate::emit::compact;
-use crate::samples::Domain;
-use crate::{Error, Options, Report, uniform};
+use crate::octree::Domain;
+use crate::{Error, Options};
 
 /// A surface and how it came about.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,15 +33,15 @@ pub fn surface<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Surface, Error> {
-    let options = build::resolved(values, field, options, run)?;
-    let (samples, mut report) = build::sampled(values, field, &options, Purpose::Surface, run)?;
+    let options = resolved(values, field, options, run)?;
+    let (samples, mut report) = sampled(values, field, &options, Purpose::Surface, run)?;
     let probe = Probe::new(&samples, field, &options);
-    let mesh = if build::is_uniform(&options) {
+    let mesh = if is_uniform(&options) {
         run.progress("triangles", 0, 1)?;
         uniform::surface(&samples, &probe, run.backend, &mut report)?
     } else {
         let purpose = Purpose::Surface;
-        let made = build::mesh(&samples, &probe, &options, purpose, report, run)?;
+        let made = mesh_of(&samples, &probe, &options, purpose, report, run)?;
         report = made.report;
         surface_mesh(&made.raw.positions, made.raw.triangles, &made.domain)
     };

@@ -5,8 +5,9 @@ use geom_core::mesh::{INTERIOR, Region};
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::octree::{BLOCK, Splits};
-use crate::samples::{SIDE, Samples, local};
+use super::domain::local;
+use super::samples::{SIDE, Samples};
+use super::tree::{BLOCK, Splits};
 use crate::{ErrorNorm, Options, Shape, Zone};
 
 /// The feature-sensitive error of a cell from its values on the 3 × 3 × 3 half lattice: over the 19

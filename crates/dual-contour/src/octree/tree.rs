@@ -8,7 +8,7 @@
 //! Strong balance (ratio at most 2 across faces, edges and corners) is one pass from fine to coarse:
 //! if a cell is split, the parents of its 26 neighbours must be.
 
-use std::sync::atomic::{AtomicU8, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
@@ -117,7 +117,7 @@ pub(crate) fn block_index(blocks: [i32; 3], [a, b, c]: [i32; 3]) -> usize {
     (c as usize * blocks[1] as usize + b as usize) * blocks[0] as usize + a as usize
 }
 
-fn block_coordinates(blocks: [i32; 3], b: usize) -> [i32; 3] {
+pub(super) fn block_coordinates(blocks: [i32; 3], b: usize) -> [i32; 3] {
     let [nx, ny, _] = blocks.map(|n| n as usize);
     [b % nx, b / nx % ny, b / (nx * ny)].map(|c| c as i32)
 }
@@ -366,7 +366,7 @@ fn crosses(origin: [i32; 3], size: i32, cells: [i32; 3]) -> bool {
     (0..3).all(|k| origin[k] < cells[k]) && (0..3).any(|k| origin[k] + size > cells[k])
 }
 
-fn block_count(shape: [i32; 3]) -> usize {
+pub(super) fn block_count(shape: [i32; 3]) -> usize {
     shape.iter().map(|&s| s as usize).product()
 }
 
@@ -392,94 +392,6 @@ fn two_to_four() -> [u64; 64] {
         });
         bits
     })
-}
-
-/// Lattice points marked as used, numbered in block order, 8 × 8 × 8 points per block.
-pub(crate) struct PointSet {
-    blocks: [i32; 3],
-    bits: Vec<[u64; 8]>,
-    base: Vec<u32>,
-    len: u32,
-}
-
-/// Marks points from many threads.
-pub(crate) struct PointMarks {
-    blocks: [i32; 3],
-    bits: Vec<AtomicU64>,
-}
-
-impl PointMarks {
-    pub(crate) fn new(cells: [i32; 3]) -> Self {
-        let blocks = cells.map(|n| n / BLOCK + 1);
-        let bits = (0..8 * block_count(blocks))
-            .map(|_| AtomicU64::new(0))
-            .collect();
-        Self { blocks, bits }
-    }
-
-    pub(crate) fn mark(&self, p: [i32; 3]) {
-        let b = block_index(self.blocks, p.map(|c| c >> BLOCK_LOG));
-        let word = &self.bits[8 * b + (p[2] & 7) as usize];
-        let bit = 1u64 << ((p[0] & 7) | (p[1] & 7) << 3);
-        if word.load(Relaxed) & bit == 0 {
-            word.fetch_or(bit, Relaxed);
-        }
-    }
-
-    pub(crate) fn finish(self) -> PointSet {
-        let bits: Vec<[u64; 8]> = self
-            .bits
-            .chunks_exact(8)
-            .map(|w| std::array::from_fn(|i| w[i].load(Relaxed)))
-            .collect();
-        let mut len = 0;
-        let base = bits
-            .iter()
-            .map(|words| {
-                let base = len;
-                len += words.iter().map(|w| w.count_ones()).sum::<u32>();
-                base
-            })
-            .collect();
-        PointSet {
-            blocks: self.blocks,
-            bits,
-            base,
-            len,
-        }
-    }
-}
-
-impl PointSet {
-    pub(crate) fn len(&self) -> u32 {
-        self.len
-    }
-
-    /// The number of a marked point.
-    pub(crate) fn rank(&self, p: [i32; 3]) -> u32 {
-        let b = block_index(self.blocks, p.map(|c| c >> BLOCK_LOG));
-        let words = &self.bits[b];
-        let w = (p[2] & 7) as usize;
-        let bit = (p[0] & 7) | (p[1] & 7) << 3;
-        let below: u32 = words[..w].iter().map(|w| w.count_ones()).sum();
-        self.base[b] + below + (words[w] & ((1u64 << bit) - 1)).count_ones()
-    }
-
-    /// All marked points in the order of their numbers.
-    pub(crate) fn points(&self) -> Vec<[i32; 3]> {
-        (0..self.bits.len())
-            .into_par_iter()
-            .flat_map_iter(|b| {
-                let low = block_coordinates(self.blocks, b).map(|c| c * BLOCK);
-                let words = self.bits[b];
-                (0..512i32).filter_map(move |i| {
-                    let d = [i & 7, i >> 3 & 7, i >> 6];
-                    (words[d[2] as usize] >> (i & 63) & 1 == 1)
-                        .then(|| [0, 1, 2].map(|k| low[k] + d[k]))
-                })
-            })
-            .collect()
-    }
 }
 
 #[cfg(test)]
@@ -554,20 +466,6 @@ mod tests {
                 assert_eq!(leaf.log, log);
                 assert!((0..3).all(|k| (leaf.origin()[k]..leaf.origin()[k] + leaf.size()).contains(&p[k])));
             });
-        }
-
-        #[test]
-        fn points_are_numbered_in_order(points in prop::collection::btree_set(prop::array::uniform3(0..20i32), 0..60)) {
-            let marks = PointMarks::new([19, 19, 19]);
-            for p in &points { marks.mark(*p); }
-            let set = marks.finish();
-            prop_assert_eq!(set.len() as usize, points.len());
-            let listed = set.points();
-            prop_assert_eq!(listed.len(), points.len());
-            for (i, p) in listed.iter().enumerate() {
-                prop_assert!(points.contains(p));
-                prop_assert_eq!(set.rank(*p) as usize, i);
-            }
         }
     }
 }

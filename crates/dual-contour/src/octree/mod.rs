@@ -1,0 +1,18 @@
+//! Where values, labels and sizes live: the lattice of the finest cells, what stands at its points, and the
+//! octree over it.
+
+mod domain;
+mod field;
+mod points;
+mod samples;
+mod sizing;
+mod source;
+mod tree;
+
+pub(crate) use domain::{Domain, Labels, local};
+pub use field::FieldSamples;
+pub(crate) use points::{PointMarks, PointSet};
+pub(crate) use samples::{POINTS, Samples};
+pub(crate) use sizing::splits;
+pub(crate) use source::Source;
+pub(crate) use tree::{BLOCK, BLOCK_LOG, Leaf, NONE, Octree, Splits, block_index};
