@@ -6,7 +6,9 @@ use common::*;
 use dual_contour::geom_core::grid::Brick;
 use dual_contour::geom_core::mesh::{EXTERIOR, INTERIOR};
 use dual_contour::geom_core::testing::same_on_any_threads;
-use dual_contour::geom_core::{BrickGrid, Cpu, ImplicitField, Point3, Run, ScalarGrid, Vector3};
+use dual_contour::geom_core::{
+    BrickGrid, Cpu, ImplicitField, LatticeValues, Point3, Run, ScalarGrid, Vector3,
+};
 use dual_contour::{
     AtBox, Error, Extent, FieldSamples, Material, Method, Options, Outer, Resolution, Shape,
     surface, volume,
@@ -464,7 +466,7 @@ fn threads_do_not_matter() {
     let grid = sample(&field, 6.0, 32);
     for method in METHODS {
         for tolerance in [0.0, 1.0] {
-            if tolerance > 0.0 && method == Method::Lattice {
+            if tolerance > 0.0 && method == Method::Stuffing {
                 continue;
             }
             let options = Options {

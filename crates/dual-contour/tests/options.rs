@@ -283,7 +283,7 @@ fn the_reason_for_no_surface_is_told() {
     let named = |options: Options, name: &str| {
         let error = fail(&options);
         assert!(
-            matches!(error, Error::InvalidOption { option, .. } if option == name),
+            matches!(&error, Error::Option(wrong) if wrong.option == name),
             "{error}"
         );
     };
@@ -526,7 +526,7 @@ fn bad_input_is_named() {
             "tolerance",
             Options {
                 tolerance: 1.0,
-                ..by(Method::Lattice)
+                ..by(Method::Stuffing)
             },
         ),
         (
@@ -584,9 +584,9 @@ fn bad_input_is_named() {
     ];
     for (name, options) in bad {
         match volume(&grid, None, &options, run).unwrap_err() {
-            Error::InvalidOption { option, reason } => {
-                assert_eq!(option, name);
-                assert!(!reason.is_empty());
+            Error::Option(wrong) => {
+                assert_eq!(wrong.option, name);
+                assert!(!wrong.must.is_empty());
             }
             other => panic!("{name}: {other}"),
         }

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 
+use geom_core::compute::sets::DisjointSets;
 use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region, VertexKind, six_volume};
-use geom_core::sets::DisjointSets;
+use geom_core::options::OutOfRange;
 use geom_core::{ImplicitField, LatticeValues, Point3, Run, TetMesh, TriMesh};
 
 use super::report::Report;
@@ -56,10 +57,8 @@ pub fn volume<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         ("separate_exterior", options.separate_exterior),
     ];
     if let Some((option, _)) = asked.iter().find(|(_, set)| *set && interior) {
-        return Err(Error::InvalidOption {
-            option,
-            reason: "the exterior is not meshed; take Extent::Exterior or Extent::Both".to_owned(),
-        });
+        let must = "be left alone where the exterior is not meshed; or take Extent::Exterior or Extent::Both";
+        return Err(OutOfRange::new(option, "set", must).into());
     }
     let options = resolved(values, field, options, run)?;
     let Contour {

@@ -1,7 +1,7 @@
 //! Which triangles of a polygon around an edge keep the tetrahedra on both sides best.
 
 use geom_core::Point3;
-use geom_core::lanes::{Arch, Lanes, Simd, Vectors, WithSimd, cross, dot, minus};
+use geom_core::compute::lanes::{Lanes, Simd, Vectors, WithSimd, cross, dot, minus, vectorized};
 
 use super::{LANES, load, square};
 
@@ -115,7 +115,7 @@ mod tests {
     /// Which diagonal cuts each quad so that the worst of the four tetrahedra with the ends of the edge is
     /// best: 0 from point 0 to 2, 1 from 1 to 3, [`NO_FAN`] if either way one of them is not positive.
     pub(crate) fn diagonals(quads: &Quads) -> [u8; LANES] {
-        let worst = Arch::new().dispatch(Diagonals(quads));
+        let worst = vectorized(Diagonals(quads));
         std::array::from_fn(|l| {
             let [first, second] = [worst[0][l], worst[1][l]];
             let least = if first > 0.0 { first } else { 0.0 };
@@ -204,7 +204,7 @@ mod tests {
     /// smallest squared sine of a dihedral angle in the tetrahedra of both ends with the fan from that corner;
     /// −1 if one of them is not positive.
     pub(crate) fn fans(seen: &[[[f64; 2 * MOST]; 3]; 2], n: usize) -> [f64; MOST] {
-        Arch::new().dispatch(Fans(seen, n))
+        vectorized(Fans(seen, n))
     }
 
     struct Fans<'a>(&'a [[[f64; 2 * MOST]; 3]; 2], usize);
@@ -288,7 +288,7 @@ mod tests {
             let start = found.map_or(NO_FAN, |s| s as u8);
             prop_assert_eq!(diagonals(&wide), [start; LANES]);
             let narrow = Diagonals(&wide).with_simd(Scalar::new());
-            prop_assert_eq!(narrow, Arch::new().dispatch(Diagonals(&wide)));
+            prop_assert_eq!(narrow, vectorized(Diagonals(&wide)));
         }
 
         /// What lanes give is what machines without lanes give.

@@ -1,25 +1,20 @@
 //! The hot loops over cells, for eight cells at a time. Where a step is one loop over the lanes the compiler
-//! turns it into the widest instructions at hand ([`widest`]); longer chains, which it does not see through,
-//! name their vectors ([`geom_core::lanes`]). Bits do not depend on which instructions those are, nor on the
+//! turns it into the widest instructions at hand ([`vectorized`](geom_core::compute::lanes::vectorized)); longer chains, which it does not see through,
+//! name their vectors ([`geom_core::compute::lanes`]). Bits do not depend on which instructions those are, nor on the
 //! number of lanes.
 
-use geom_core::lanes::{Arch, Lanes, Simd, Vectors};
+use geom_core::compute::lanes::{Lanes, Simd, Vectors};
 
 mod cells;
 mod edge_tets;
 mod fan;
 
 pub(crate) use cells::{all_finite, crossings, dual_vertices, min_max};
-pub(crate) use edge_tets::{Rows, Umbrellas};
+pub(crate) use edge_tets::{EdgeTets, Rows};
 pub(crate) use fan::{MOST, NO_FAN, Quads, best_fan, diagonal, diagonals};
 
 /// Cells at a time.
 pub(crate) const LANES: usize = 8;
-
-/// Runs `work` with the widest instructions of this machine.
-pub(crate) fn widest<R>(work: impl FnOnce() -> R) -> R {
-    Arch::new().dispatch(work)
-}
 
 /// A dual vertex keeps this distance from the sides of its cell.
 pub(crate) const INSET: f64 = 0.01;

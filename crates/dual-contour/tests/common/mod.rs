@@ -293,7 +293,7 @@ pub(crate) fn both(options: Options) -> Options {
 pub(crate) fn check_all(grid: &ScalarGrid, options: &Options) {
     check_method(grid, options);
     if options.tolerance == 0.0 {
-        let method = Method::Lattice;
+        let method = Method::Stuffing;
         check_method(
             grid,
             &Options {
@@ -352,7 +352,7 @@ pub(crate) fn check_method(grid: &ScalarGrid, options: &Options) {
     assert_eq!(v.surface.euler_characteristic(), 2 * euler_of_tets(&tets));
 }
 
-pub(crate) const METHODS: [Method; 2] = [Method::DualContour, Method::Lattice];
+pub(crate) const METHODS: [Method; 2] = [Method::DualContour, Method::Stuffing];
 
 pub(crate) fn by(method: Method) -> Options {
     Options {
