@@ -17,7 +17,7 @@ fn backends() -> Vec<Box<dyn ContourBackend>> {
     let mut all: Vec<Box<dyn ContourBackend>> = vec![Box::new(Cpu)];
     #[cfg(feature = "wgpu")]
     if let Some(gpu) = dual_contour::geom_core::testing::gpu_or_skip() {
-        all.push(Box::new(gpu.clone()));
+        all.push(Box::new(gpu));
     }
     all
 }

@@ -306,6 +306,7 @@ impl<'a> Complex<'a> {
         };
         for axis in 0..3 {
             let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            // Finer leaves beyond a face hang its middle and the middles of its edges on it.
             for side in [0usize, 2] {
                 let mut d = [0; 3];
                 d[axis] = side as i32 - 1;
@@ -320,6 +321,7 @@ impl<'a> Complex<'a> {
                     }
                 }
             }
+            // Finer leaves that only share an edge along the axis hang its middle on it.
             for j in [0usize, 2] {
                 for k in [0usize, 2] {
                     let mut d = [0; 3];

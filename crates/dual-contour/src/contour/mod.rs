@@ -205,7 +205,7 @@ impl Mesher<'_> {
 mod tests {
     use super::setup::site;
     use super::*;
-    use crate::complex::Interfaces;
+    use crate::complex::{Cell, Corner, Interfaces};
     use crate::octree::{BLOCK_LOG, Labels, Source, Splits};
     use geom_core::compute::sets::DisjointSets;
     use geom_core::mesh::{EXTERIOR, six_volume};
@@ -397,6 +397,113 @@ mod tests {
                 assert_eq!(ours, theirs, "region {region} at density {density}");
                 assert!(theirs > 1 || region == EXTERIOR || density > 0.3);
             }
+        }
+    }
+
+    /// Two leaves that face each other across both halves of an edge are joined by a diagonal from one half alone:
+    /// else four triangles would meet in it.
+    #[test]
+    fn a_diagonal_that_two_edges_want_is_given_to_one() {
+        let (mut wanted, mut free) = (0, 0);
+        for seed in 1..6 {
+            let grid = noise(32, seed, 0.3);
+            let samples = plain(&grid);
+            let mut splits = Splits::none(samples.domain.blocks, BLOCK_LOG);
+            for (b, two) in splits.two.iter_mut().enumerate() {
+                if b % 5 == 0 {
+                    *two = 1 << ((11 * b + 3 * seed as usize) % 64);
+                }
+            }
+            let tree = Octree::new(samples.domain.cells, &splits);
+            let kinds = Kinds::of(&samples, &tree, Interfaces::OfAnySize).unsplit();
+            let complex = Complex::new(&samples, &tree, kinds);
+            // Per pair of leaves larger than an edge between them: whether the edge may join them.
+            let mut may: BTreeMap<[Cell; 2], Vec<bool>> = BTreeMap::new();
+            for id in 0..tree.leaves.len() as u32 {
+                complex.rings_of(
+                    id,
+                    |_, _| true,
+                    |ring| {
+                        let (Corner::Point(a), Corner::Point(b)) = (ring.a.0, ring.b.0) else {
+                            unreachable!("no leaf is split");
+                        };
+                        let length: i32 = (0..3).map(|k| b[k] - a[k]).sum();
+                        let larger = |c: &Cell| match c {
+                            Cell::Leaf(id) => complex.leaf(*id).size() > length,
+                            _ => false,
+                        };
+                        if ring.open || ring.cells.len() != 4 {
+                            assert_eq!(ring.reserved, None);
+                            return;
+                        }
+                        for k in 0..2 {
+                            let mut pair = [ring.cells[k], ring.cells[k + 2]];
+                            pair.sort_unstable();
+                            if pair.iter().all(larger) {
+                                let is_free = ring.reserved != Some(k as u8);
+                                may.entry(pair).or_default().push(is_free);
+                            } else {
+                                assert_ne!(ring.reserved, Some(k as u8));
+                            }
+                        }
+                    },
+                );
+            }
+            for edges in may.values() {
+                assert!(edges.len() <= 2);
+                let joined = edges.iter().filter(|free| **free).count();
+                assert!(joined <= 1, "{joined} edges may join two leaves");
+                wanted += usize::from(edges.len() == 2);
+                free += joined;
+            }
+        }
+        assert!(
+            wanted > 20 && free > 20,
+            "{wanted} diagonals wanted twice, {free} free"
+        );
+    }
+
+    /// A leaf is split where its error is above the tolerance, and not below it.
+    #[test]
+    fn leaves_are_split_at_the_tolerance() {
+        // A paraboloid whose level set passes the middle of the one block that there is.
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 0.5,
+            counts: [9; 3],
+        };
+        let value = |p: [usize; 3]| {
+            let [x, y, z] = p.map(|c| 0.5 * c as f64 - 2.0);
+            1.0 - z - 0.05 * (x * x + y * y)
+        };
+        let values = (0..lattice.len())
+            .map(|i| value(lattice.coordinates(i)) as f32)
+            .collect();
+        let grid = ScalarGrid::new(lattice, values).unwrap();
+        // By hand: the interpolant of the corners is 1 − z − 0.4, off by 0.2 per coordinate x and y that is in the
+        // middle; its gradient has length 1. Of the 27 points of the half lattice 9 have x in the middle, 9 have y.
+        let error = (9.0 + 9.0) * 0.2;
+        for (share, expected) in [(1.01, false), (0.99, true), (0.6, true), (1.9, false)] {
+            let options = Options {
+                tolerance: share * error,
+                at_box: AtBox::Clip,
+                ..Options::default()
+            };
+            let site = site(&lattice, 0.5, &options, Purpose::Surface, true).unwrap();
+            let labels = Labels {
+                level: 1.0,
+                materials: Vec::new(),
+                outer: None,
+            };
+            let source = Source::Aligned {
+                values: &grid,
+                shift: site.shift,
+                outside: 0.0,
+            };
+            let mut samples = Samples::new(source, site.domain, labels, &Cpu).unwrap();
+            samples.find_crossings(&Cpu).unwrap();
+            let splits = octree::splits(&samples, &options);
+            assert_eq!(splits.eight, [expected], "at {share} of the error");
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::backend::ContourBackend;
 use crate::{Error, Options, Resolution};
 
 /// Meshes that the search may make.
-const ROUNDS: usize = 12;
+const ROUNDS: u64 = 12;
 
 /// Options whose resolution is no number of tetrahedra: the spacing that gives about as many as asked
 /// for, found by meshing at growing fineness.

@@ -1,9 +1,8 @@
-//! The hot loops over cells, for eight cells at a time. Where a step is one loop over the lanes the compiler
-//! turns it into the widest instructions at hand ([`vectorized`](geom_core::compute::lanes::vectorized)); longer chains, which it does not see through,
-//! name their vectors ([`geom_core::compute::lanes`]). Bits do not depend on which instructions those are, nor on the
-//! number of lanes.
+//! The hot loops over cells, for eight cells at a time. Where a step is one loop over the lanes the compiler turns
+//! it into the widest instructions at hand; longer chains, which it does not see through, name their vectors
+//! ([`geom_core::compute::lanes`]). Bits do not depend on which instructions those are, nor on the number of lanes.
 
-use geom_core::compute::lanes::{Lanes, Simd, Vectors};
+use geom_core::compute::lanes::{Lanes, Simd, Vectors, dot};
 
 mod cells;
 mod edge_tets;
@@ -22,6 +21,7 @@ pub(crate) const INSET: f64 = 0.01;
 /// per cell: flat places move little instead of jumping.
 pub(crate) const REGULAR: f64 = 0.01;
 
+/// The vectors whose coordinates stand in three rows, from a place on.
 #[inline(always)]
 fn load<S: Simd, const N: usize>(simd: S, rows: &[[f64; N]; 3], at: usize) -> Vectors<S> {
     [

@@ -13,8 +13,6 @@ use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, ContourBackend};
 mod prune;
 mod read;
 
-pub(crate) use prune::Pruned;
-
 use read::{Found, Known, OpenBlock, Reader, Scratch, known_blocks};
 
 /// Points per side of a stored block: its cells are closed, so blocks share their faces.
@@ -234,6 +232,18 @@ impl<'a> Samples<'a> {
         } else {
             self.mirrored(v)
         })
+    }
+
+    /// The value as far on the other side of the level.
+    fn mirrored(&self, v: f32) -> f32 {
+        let level = self.labels.level;
+        let other = (2.0 * level - f64::from(v)) as f32;
+        let threshold = at_least(level);
+        if v >= threshold {
+            other.min(threshold.next_down())
+        } else {
+            other.max(threshold)
+        }
     }
 
     /// The signs of the corners of a finest cell, if labels are plain and its block is stored.

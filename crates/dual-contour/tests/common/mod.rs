@@ -394,3 +394,14 @@ pub(crate) fn check_quickly(grid: &ScalarGrid, options: &Options) {
     let total = v.mesh.bounds().extent().product();
     assert!((v.mesh.volume() / total - 1.0).abs() < 1e-12);
 }
+
+/// A smooth field with many bumps.
+pub(crate) fn bumps(seed: u64) -> Field<impl Fn(&Point3) -> f64 + Sync + Copy> {
+    let k: [f64; 6] = std::array::from_fn(|i| 0.9 + scatter(10 * seed + i as u64));
+    Field(move |x: &Point3| {
+        1.2 + (k[0] * x.x).sin() * (k[1] * x.y).cos()
+            + (k[2] * x.y).sin() * (k[3] * x.z).cos()
+            + (k[4] * x.z).sin() * (k[5] * x.x).cos()
+            - 0.1 * x.coords.norm_squared()
+    })
+}

@@ -264,3 +264,40 @@ impl Link {
         i64::from(vertices.count_ones()) - edges
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The link of a vertex like an octahedron: poles 0 and 5, and 1 to 4 around them.
+    fn octahedron(signs: [i8; 6]) -> Link {
+        let mut out = Link {
+            vertices: [NONE; LINK],
+            sign: [0; LINK],
+            len: 6,
+            triangles: [[0; 3]; 2 * LINK],
+            triangle_len: 8,
+        };
+        out.sign[..6].copy_from_slice(&signs);
+        for i in 0..4u8 {
+            let (a, b) = (1 + i, 1 + (i + 1) % 4);
+            out.triangles[2 * usize::from(i)] = [0, a, b];
+            out.triangles[2 * usize::from(i) + 1] = [5, b, a];
+        }
+        out
+    }
+
+    /// The neighbour at pole 0 is on the interface. Around the edge to it one sign has two arcs where its vertices
+    /// 1 and 3 are parted by another point of the interface and one of the other sign, though they connect by pole 5.
+    #[test]
+    fn an_interface_that_would_pass_an_edge_twice_is_seen() {
+        let pinched = octahedron([0, 1, 0, 1, -1, 1]);
+        assert!(pinched.each_sign_connected(|_, _| true));
+        assert_eq!([pinched.arcs(0, 1), pinched.arcs(0, -1)], [2, 1]);
+        assert!(!pinched.has_one_arc_per_sign());
+        let flat = octahedron([0, 1, 1, 1, -1, 1]);
+        assert!(flat.each_sign_connected(|_, _| true) && flat.has_one_arc_per_sign());
+        let saddle = octahedron([0, 1, -1, 1, -1, 1]);
+        assert!(!saddle.each_sign_connected(|_, _| true));
+    }
+}

@@ -10,7 +10,7 @@ use super::pattern::{PATTERNS, Pattern};
 use crate::complex::Split;
 use crate::complex::collect::joined;
 use crate::complex::cube::{
-    APEX, AROUND, CORNERS, MIDDLE, QUADRANT, corner_of, diagonal_of, half_of, part_base,
+    APEX, AROUND, CORNERS, QUADRANT, corner_of, diagonal_of, half_of, part_base,
 };
 use crate::dual::{Probe, Sample, cut_samples, part_point};
 use crate::kernel::{self, MOST, best_fan};

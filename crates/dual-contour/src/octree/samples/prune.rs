@@ -4,7 +4,7 @@ use geom_core::Point3;
 use geom_core::compute::sets::DisjointSets;
 use geom_core::mesh::{INTERIOR, Region};
 
-use super::{BLOCK, POINTS, SIDE, Samples, UNIFORM, at_least, block_index, point_of};
+use super::{BLOCK, POINTS, SIDE, Samples, UNIFORM, block_index, point_of};
 
 /// What has been given to the other side.
 #[derive(Clone, Copy, Default)]
@@ -172,18 +172,6 @@ impl Samples<'_> {
             self.labels.at(f64::NEG_INFINITY, x)
         } else {
             INTERIOR
-        }
-    }
-
-    /// The value as far on the other side of the level.
-    fn mirrored(&self, v: f32) -> f32 {
-        let level = self.labels.level;
-        let other = (2.0 * level - f64::from(v)) as f32;
-        let threshold = at_least(level);
-        if v >= threshold {
-            other.min(threshold.next_down())
-        } else {
-            other.max(threshold)
         }
     }
 }
