@@ -3,10 +3,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use dual_contour::geom_core::mesh::{Region, six_volume};
+use dual_contour::geom_core::mesh::{INTERIOR, Region, six_volume};
 use dual_contour::geom_core::{
-    ImplicitField, Lattice, Point3, ScalarGrid, TetMesh, TriMesh, Vector3,
+    Cpu, ImplicitField, Lattice, Point3, Run, ScalarGrid, TetMesh, TriMesh, Vector3,
 };
+use dual_contour::{Extent, Method, Options, surface, volume};
 
 /// A field from a closure; gradients by central differences.
 pub(crate) struct Field<F>(pub(crate) F);
@@ -279,4 +280,128 @@ pub(crate) fn dihedral_range(mesh: &TetMesh) -> (f64, f64) {
         }
     }
     (low, high)
+}
+
+pub(crate) fn both(options: Options) -> Options {
+    Options {
+        region: Extent::Both,
+        ..options
+    }
+}
+
+/// Everything that must hold for a mesh of inside and outside, by either method.
+pub(crate) fn check_all(grid: &ScalarGrid, options: &Options) {
+    check_method(grid, options);
+    if options.tolerance == 0.0 {
+        let method = Method::Stuffing;
+        check_method(
+            grid,
+            &Options {
+                method,
+                ..options.clone()
+            },
+        );
+    }
+}
+
+pub(crate) fn check_method(grid: &ScalarGrid, options: &Options) {
+    let run = Run::on(&Cpu);
+    let v = volume(grid, None, &both(options.clone()), run).unwrap();
+    assert_conforming(&v.mesh);
+    assert_closed(&v.surface);
+    let bounds = v.mesh.bounds();
+    let total = bounds.extent().product();
+    let sum = v.mesh.volume();
+    assert!(
+        (sum / total - 1.0).abs() < 1e-12,
+        "{sum} of a box of {total}"
+    );
+    let inside = boundary_of(&v.mesh, INTERIOR);
+    assert!(
+        geometry(v.mesh.positions(), &inside)
+            == geometry(v.surface.positions(), v.surface.triangles()),
+        "the surface is the boundary of the inner tetrahedra"
+    );
+    let alone = surface(grid, None, options, run).unwrap();
+    assert!(alone.mesh == v.surface, "the surface alone is the same");
+    let inner = volume(grid, None, options, run).unwrap();
+    let outer = volume(
+        grid,
+        None,
+        &Options {
+            region: Extent::Exterior,
+            ..options.clone()
+        },
+        run,
+    )
+    .unwrap();
+    assert_eq!(
+        inner.mesh.tets().len() + outer.mesh.tets().len(),
+        v.mesh.tets().len()
+    );
+    assert!(inner.surface == v.surface);
+    assert!(outer.surface == v.surface);
+    let tets: Vec<[u32; 4]> = v
+        .mesh
+        .tets()
+        .iter()
+        .zip(v.mesh.regions())
+        .filter(|(_, r)| **r == INTERIOR)
+        .map(|(t, _)| *t)
+        .collect();
+    assert_eq!(v.surface.euler_characteristic(), 2 * euler_of_tets(&tets));
+}
+
+pub(crate) const METHODS: [Method; 2] = [Method::DualContour, Method::Stuffing];
+
+pub(crate) fn by(method: Method) -> Options {
+    Options {
+        method,
+        ..Options::default()
+    }
+}
+
+/// Values on 5 × 5 × 5 points, outside but for the given ones; distances from the level vary.
+pub(crate) fn few(inside: impl Fn([usize; 3]) -> bool, seed: u64) -> ScalarGrid {
+    let lattice = Lattice {
+        origin: Point3::origin(),
+        spacing: 1.0,
+        counts: [6, 6, 6],
+    };
+    let values = (0..lattice.len())
+        .map(|i| {
+            let p = lattice.coordinates(i);
+            let depth = 0.1 + 0.85 * scatter(i as u64 + 1000 * seed);
+            1.0 + if inside(p) { depth } else { -depth }
+        })
+        .map(|v| v as f32)
+        .collect();
+    ScalarGrid::new(lattice, values).unwrap()
+}
+
+/// A number in [0, 1) that looks random.
+pub(crate) fn scatter(i: u64) -> f64 {
+    let x = (i ^ 0x5555).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ x >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    (x >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Closed, conforming, filling the box.
+pub(crate) fn check_quickly(grid: &ScalarGrid, options: &Options) {
+    let v = volume(grid, None, &both(options.clone()), Run::on(&Cpu)).unwrap();
+    assert_conforming(&v.mesh);
+    assert_closed(&v.surface);
+    let total = v.mesh.bounds().extent().product();
+    assert!((v.mesh.volume() / total - 1.0).abs() < 1e-12);
+}
+
+/// A smooth field with many bumps.
+pub(crate) fn bumps(seed: u64) -> Field<impl Fn(&Point3) -> f64 + Sync + Copy> {
+    let k: [f64; 6] = std::array::from_fn(|i| 0.9 + scatter(10 * seed + i as u64));
+    Field(move |x: &Point3| {
+        1.2 + (k[0] * x.x).sin() * (k[1] * x.y).cos()
+            + (k[2] * x.y).sin() * (k[3] * x.z).cos()
+            + (k[4] * x.z).sin() * (k[5] * x.x).cos()
+            - 0.1 * x.coords.norm_squared()
+    })
 }

@@ -5,8 +5,9 @@ use geom_core::mesh::{INTERIOR, Region};
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::octree::{BLOCK, Splits};
-use crate::samples::{SIDE, Samples, local};
+use super::domain::local;
+use super::samples::{SIDE, Samples};
+use super::tree::{BLOCK, Splits};
 use crate::{ErrorNorm, Options, Shape, Zone};
 
 /// The feature-sensitive error of a cell from its values on the 3 × 3 × 3 half lattice: over the 19
@@ -184,7 +185,7 @@ pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
     let mut out = Splits::none(domain.blocks, largest);
     let judge = Judge::new(samples, options);
     // Without tolerances all cells with a surface are finest, and signs alone tell them.
-    let uniform = options.tolerance == 0.0 && options.zones.is_empty();
+    let uniform = options.has_one_size();
     let found: Vec<(usize, u64, u8, bool)> = (0..domain.block_len())
         .into_par_iter()
         .filter_map(|b| {

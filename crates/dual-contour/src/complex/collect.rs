@@ -1,0 +1,101 @@
+//! Lists of elements put together: joined in order, renumbered, and how their vertices may move.
+
+use geom_core::Point3;
+use geom_core::mesh::{OUTSIDE, Region, VertexKind};
+use rayon::prelude::*;
+
+/// Marks a vertex that a batch has added on an edge, by its number within the batch.
+pub(crate) const ADDED: u32 = 1 << 31;
+
+/// One list of all, in order; `f` sees the number of the list that an item comes from.
+pub(crate) fn joined<T: Copy + Default + Send + Sync>(
+    lists: Vec<Vec<T>>,
+    f: impl Fn(usize, T) -> T + Sync,
+) -> Vec<T> {
+    let mut out = vec![T::default(); lists.iter().map(Vec::len).sum()];
+    let mut rest = out.as_mut_slice();
+    let mut parts = Vec::with_capacity(lists.len());
+    for list in lists {
+        let (part, others) = std::mem::take(&mut rest).split_at_mut(list.len());
+        rest = others;
+        parts.push((part, list));
+    }
+    parts
+        .into_par_iter()
+        .enumerate()
+        .for_each(|(i, (part, list))| {
+            for (to, &from) in part.iter_mut().zip(&list) {
+                *to = f(i, from);
+            }
+        });
+    out
+}
+
+/// A label as the mesh sees it: regions that are not kept are all the outside.
+pub(crate) fn seen(label: Region, keep: impl Fn(Region) -> bool) -> Region {
+    if keep(label) { label } else { OUTSIDE }
+}
+
+/// The number of different labels, up to three.
+pub(crate) fn distinct(labels: impl IntoIterator<Item = Region>) -> u8 {
+    let mut found = [0; 2];
+    let mut n = 0;
+    for l in labels {
+        if !found[..n].contains(&l) {
+            if n == 2 {
+                return 3;
+            }
+            found[n] = l;
+            n += 1;
+        }
+    }
+    n as u8
+}
+
+/// How vertices may move: where they stand on the box, and how many labels meet there.
+pub(crate) fn kinds(positions: &[Point3], meeting: &[u8], cells: [i32; 3]) -> Vec<VertexKind> {
+    positions
+        .par_iter()
+        .zip(meeting)
+        .with_min_len(4096)
+        .map(|(p, &labels)| match (box_kind(p, cells), labels) {
+            (kind, 0 | 1) => kind,
+            (VertexKind::Interior, 2) => VertexKind::Surface,
+            _ => VertexKind::Fixed,
+        })
+        .collect()
+}
+
+/// How a vertex at `p` (finest cells) may move if the domain has `cells` cells.
+fn box_kind(p: &Point3, cells: [i32; 3]) -> VertexKind {
+    let on = [0, 1, 2].map(|k| p[k] == 0.0 || p[k] == f64::from(cells[k]));
+    match on.iter().filter(|&&o| o).count() {
+        0 => VertexKind::Interior,
+        1 => VertexKind::BoxFace {
+            axis: on.iter().position(|&o| o).expect("one axis") as u8,
+        },
+        2 => VertexKind::BoxEdge {
+            axis: on.iter().position(|&o| !o).expect("one axis") as u8,
+        },
+        _ => VertexKind::Fixed,
+    }
+}
+
+/// The vertices that elements use, in order; renumbers the elements in place.
+pub(crate) fn compact<const N: usize>(vertices: usize, elements: &mut [[u32; N]]) -> Vec<u32> {
+    let mut used = vec![false; vertices];
+    for &v in elements.iter().flatten() {
+        used[v as usize] = true;
+    }
+    let mut number = vec![u32::MAX; vertices];
+    let mut kept = Vec::new();
+    for (v, _) in used.iter().enumerate().filter(|(_, u)| **u) {
+        number[v] = kept.len() as u32;
+        kept.push(v as u32);
+    }
+    elements
+        .par_iter_mut()
+        .with_min_len(4096)
+        .for_each(|e| *e = e.map(|v| number[v as usize]));
+    kept
+}

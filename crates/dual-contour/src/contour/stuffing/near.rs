@@ -1,0 +1,185 @@
+//! The tetrahedra near interfaces.
+
+use geom_core::mesh::{EDGES, Region};
+use rayon::prelude::*;
+
+use super::base::{Base, BaseTet, planes_of};
+use crate::complex::Vertex;
+use crate::dual::Sample;
+
+/// No number yet.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// The two labels that an interface parts.
+pub(super) type Pair = (Region, Region);
+
+pub(super) fn pair(a: Region, b: Region) -> Pair {
+    (a.min(b), a.max(b))
+}
+
+/// The tetrahedra near interfaces, with vertices numbered among themselves.
+pub(super) struct Near {
+    /// The number that each vertex has among all.
+    pub(super) ids: Vec<u32>,
+    pub(super) samples: Vec<Sample>,
+    /// Corner or cell?
+    pub(super) is_corner: Vec<bool>,
+    /// Planes of the box: bit `2 · axis + side`.
+    pub(super) planes: Vec<u8>,
+    pub(super) tets: Vec<[u32; 4]>,
+    /// Tetrahedra around each vertex that may snap.
+    pub(super) around: Csr,
+    /// Edges between different labels, sorted, and where the label changes from their lower end.
+    pub(super) edges: Vec<[u32; 2]>,
+    pub(super) cuts: Vec<f64>,
+    pub(super) edges_at: Csr,
+    /// The interface a vertex has been snapped to.
+    pub(super) zero: Vec<Option<Pair>>,
+    /// Where the lattice of the values begins.
+    pub(super) anchor: [i32; 3],
+}
+
+/// Lists of numbers per vertex.
+#[derive(Default)]
+pub(super) struct Csr {
+    starts: Vec<u32>,
+    items: Vec<u32>,
+}
+
+impl Csr {
+    fn new(n: usize, pairs: impl Fn(&mut dyn FnMut(u32, u32))) -> Self {
+        let mut starts = vec![0u32; n + 1];
+        pairs(&mut |v, _| starts[v as usize + 1] += 1);
+        for v in 0..n {
+            starts[v + 1] += starts[v];
+        }
+        let mut at = starts.clone();
+        let mut items = vec![0; starts[n] as usize];
+        pairs(&mut |v, item| {
+            items[at[v as usize] as usize] = item;
+            at[v as usize] += 1;
+        });
+        Self { starts, items }
+    }
+    pub(super) fn of(&self, v: u32) -> &[u32] {
+        &self.items[self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize]
+    }
+}
+
+impl Near {
+    /// `hot` are the vertices that may snap.
+    pub(super) fn new(base: &Base<'_>, tets: &[BaseTet], hot: &[bool]) -> Self {
+        let vertices: Vec<Vertex> = base.numbering.vertices().collect();
+        // Vertices get numbers of their own, in order: arrays are short, and neighbours near each other.
+        let mut local = vec![NONE; vertices.len()];
+        for v in tets.iter().flat_map(|t| t.corners) {
+            local[v as usize] = 0;
+        }
+        let mut ids = Vec::new();
+        for (id, local) in local.iter_mut().enumerate().filter(|(_, l)| **l == 0) {
+            *local = ids.len() as u32;
+            ids.push(id as u32);
+        }
+        let tets: Vec<[u32; 4]> = tets
+            .par_iter()
+            .map(|t| t.corners.map(|v| local[v as usize]))
+            .collect();
+        let samples: Vec<Sample> = ids
+            .par_iter()
+            .map(|&id| base.sample(vertices[id as usize]))
+            .collect();
+        let cells = base.complex.tree.cells;
+        let planes = samples.iter().map(|s| planes_of(&s.x, cells)).collect();
+        let is_corner = ids
+            .iter()
+            .map(|&id| matches!(vertices[id as usize], Vertex::Corner(_)))
+            .collect();
+        // Only vertices that may snap ask for what stands around them.
+        let around = Csr::new(ids.len(), |f| {
+            for (i, t) in tets.iter().enumerate() {
+                for &v in t.iter().filter(|&&v| hot[ids[v as usize] as usize]) {
+                    f(v, i as u32);
+                }
+            }
+        });
+        // Each edge that will be cut is shared by several tetrahedra and has one cut, kept off its ends so that
+        // no tetrahedron degenerates.
+        let edges = edges_between_labels(&tets, &samples);
+        let cuts = edges
+            .par_iter()
+            .map(|e| {
+                let [a, b] = e.map(|v| &samples[v as usize]);
+                base.probe.exact_crossing(a, b).clamp(0.02, 0.98)
+            })
+            .collect();
+        let edges_at = Csr::new(ids.len(), |f| {
+            for (i, e) in edges.iter().enumerate() {
+                e.iter().for_each(|&v| f(v, i as u32));
+            }
+        });
+        Self {
+            zero: vec![None; ids.len()],
+            anchor: base.complex.samples.domain.anchor,
+            ids,
+            samples,
+            is_corner,
+            planes,
+            tets,
+            around,
+            edges,
+            cuts,
+            edges_at,
+        }
+    }
+
+    /// The other end of an edge.
+    pub(super) fn other(&self, edge: u32, v: u32) -> u32 {
+        let [a, b] = self.edges[edge as usize];
+        if a == v { b } else { a }
+    }
+
+    pub(super) fn label(&self, v: u32) -> Region {
+        self.samples[v as usize].label
+    }
+
+    /// The number of the edge between two vertices of different labels.
+    pub(super) fn edge(&self, a: u32, b: u32) -> u32 {
+        let ends = [a.min(b), a.max(b)];
+        *self
+            .edges_at
+            .of(a)
+            .iter()
+            .find(|&&e| self.edges[e as usize] == ends)
+            .expect("an edge between different labels is listed")
+    }
+
+    /// Number of labels among the corners of a tetrahedron that are not on an interface.
+    pub(super) fn labels_of(&self, t: u32) -> usize {
+        let mut seen = [0; 4];
+        let mut n = 0;
+        for v in self.tets[t as usize] {
+            if self.zero[v as usize].is_none() && !seen[..n].contains(&self.label(v)) {
+                seen[n] = self.label(v);
+                n += 1;
+            }
+        }
+        n
+    }
+}
+
+/// The edges between different labels, sorted.
+fn edges_between_labels(tets: &[[u32; 4]], samples: &[Sample]) -> Vec<[u32; 2]> {
+    let mut edges: Vec<[u32; 2]> = tets
+        .par_iter()
+        .flat_map_iter(|t| {
+            let ends = EDGES.map(|e| e.map(|k| t[k]));
+            ends.into_iter().filter_map(move |[a, b]| {
+                let differ = samples[a as usize].label != samples[b as usize].label;
+                differ.then_some([a.min(b), a.max(b)])
+            })
+        })
+        .collect();
+    edges.par_sort_unstable();
+    edges.dedup();
+    edges
+}

@@ -1,0 +1,185 @@
+//! Where the point of a cell belongs.
+
+use geom_core::mesh::INTERIOR;
+use geom_core::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::probe::{Probe, Sample, mean_of_crossings, sample_corner};
+use crate::backend::ContourBackend;
+use crate::complex::cube::corner_of;
+use crate::complex::{Cell, Complex, Corner, Frame, frame_of_corners};
+use crate::kernel::INSET;
+use crate::octree::{Samples, local};
+use crate::{Error, Placement};
+
+/// Newton steps of the kernel: more change nothing that a picture could show.
+const STEPS: u32 = 4;
+
+/// The dual vertices of leaves: finest ones in a density grid by the backend's kernel.
+pub(super) fn leaf_points<B: ContourBackend + ?Sized>(
+    complex: &Complex<'_>,
+    probe: &Probe<'_>,
+    leaves: &[u32],
+    backend: &B,
+) -> Result<Vec<Point3>, Error> {
+    let samples = complex.samples;
+    let kernel = probe.field.is_none() && probe.placement == Placement::Newton;
+    // Where the molecule meets one other region, labels are signs.
+    let by_kernel = |id: u32| {
+        kernel && complex.leaf(id).log == 0 && {
+            let labels = complex.corner_labels(complex.leaf(id));
+            let other = labels.iter().find(|&&l| l != INTERIOR);
+            labels.contains(&INTERIOR) && labels.iter().all(|l| *l == INTERIOR || Some(l) == other)
+        }
+    };
+    let (fine, rest): (Vec<u32>, Vec<u32>) = leaves
+        .par_iter()
+        .with_min_len(1024)
+        .partition(|&&id| by_kernel(id));
+    let cells: Vec<[f32; 8]> = fine
+        .par_iter()
+        .with_min_len(256)
+        .map(|&id| samples.corners_over_level(complex.leaf(id).origin()))
+        .collect();
+    let mut fine_points = Vec::new();
+    backend.dual_vertices(&cells, STEPS, &mut fine_points)?;
+    let rest_points: Vec<Point3> = rest
+        .par_iter()
+        .with_min_len(256)
+        .map(|&id| leaf_point(complex, probe, id))
+        .collect();
+    // Both lists are in order: merge them.
+    let mut fine = fine.iter().zip(fine_points).peekable();
+    let mut rest = rest_points.into_iter();
+    let next = |id: &u32| match fine.next_if(|(other, _)| *other == id) {
+        Some((_, x)) => within(complex.leaf(*id).origin(), x),
+        None => rest.next().expect("one point per leaf"),
+    };
+    Ok(leaves.iter().map(next).collect())
+}
+
+/// The points of finest cells of plain labels, given with the place of their block among the stored.
+pub(crate) fn finest_points<B: ContourBackend + ?Sized>(
+    samples: &Samples<'_>,
+    probe: &Probe<'_>,
+    cells: &[(u32, [i32; 3])],
+    backend: &B,
+    out: &mut [Point3],
+) -> Result<(), Error> {
+    debug_assert_eq!(out.len(), cells.len());
+    let all = out.par_iter_mut().zip(cells);
+    if probe.field.is_none() && probe.placement == Placement::Newton {
+        let values: Vec<[f32; 8]> = cells
+            .par_iter()
+            .with_min_len(4096)
+            .map(|&(slot, cell)| samples.corners_in(slot as usize, cell))
+            .collect();
+        let mut points = Vec::new();
+        backend.dual_vertices(&values, STEPS, &mut points)?;
+        all.zip(points)
+            .with_min_len(4096)
+            .for_each(|((out, &(_, cell)), x)| *out = within(cell, x));
+    } else {
+        all.with_min_len(256).for_each(|(out, &(_, cell))| {
+            let labels = std::array::from_fn(|i| {
+                samples.label([0, 1, 2].map(|k| cell[k] + corner_of(i)[k]))
+            });
+            *out = cell_point(samples, probe, cell, 1, &frame_of_corners(&labels));
+        });
+    }
+    Ok(())
+}
+
+fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
+    let leaf = complex.leaf(id);
+    let frame = complex.frame(id);
+    cell_point(complex.samples, probe, leaf.origin(), leaf.size(), &frame)
+}
+
+/// The dual vertex of a cell from the labels on its half lattice.
+fn cell_point(
+    samples: &Samples<'_>,
+    probe: &Probe<'_>,
+    o: [i32; 3],
+    s: i32,
+    frame: &Frame,
+) -> Point3 {
+    let sample = |i: usize| {
+        let p = [i % 3, i / 3 % 3, i / 9].map(|c| c as i32);
+        let p = [0, 1, 2].map(|k| o[k] + p[k] * s / 2);
+        Sample {
+            x: local(p),
+            label: frame.labels[i],
+            value: samples.value(p),
+        }
+    };
+    let mut crossings = Vec::with_capacity(12);
+    frame.edges(|i, j| {
+        if frame.labels[i] != frame.labels[j] {
+            let (a, b) = (sample(i), sample(j));
+            let x = a.x + (b.x - a.x) * probe.crossing(&a, &b);
+            crossings.push((x, Probe::on_level(a.label, b.label)));
+        }
+    });
+    probe.place(o, f64::from(s), &crossings)
+}
+
+/// A point of the unit cube as a point of space, in cells.
+fn within(low: [i32; 3], x: [f32; 3]) -> Point3 {
+    Point3::from([0, 1, 2].map(|k| f64::from(low[k]) + f64::from(x[k])))
+}
+
+/// The mean of the crossings of a face on the box.
+pub(super) fn ghost_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32, half: u8) -> Point3 {
+    let base = complex.base_position(&Cell::Ghost(id, half));
+    if !complex.is_interface(id) {
+        return base;
+    }
+    let leaf = complex.leaf(id);
+    let (o, s) = (leaf.origin(), leaf.size());
+    if complex.is_split(id) {
+        let split = &complex.splits[complex.split_of(id) as usize];
+        let labels = complex.corner_labels(leaf);
+        let corners: Vec<Sample> = split
+            .triangle(half as usize)
+            .iter()
+            .map(|&i| {
+                let p = corner_of(i);
+                sample_corner(
+                    complex,
+                    Corner::Point([0, 1, 2].map(|k| o[k] + p[k])),
+                    labels[i],
+                )
+            })
+            .collect();
+        return mean_of_crossings(probe, &corners).unwrap_or(base);
+    }
+    let (axis, side) = (usize::from(half / 4), 2 * usize::from(half / 2 % 2));
+    let frame = complex.frame(id);
+    let place = |i: usize| [i % 3, i / 3 % 3, i / 9];
+    let (mut sum, mut n) = (Vector3::zeros(), 0.0);
+    frame.edges(|i, j| {
+        if place(i)[axis] == side && place(j)[axis] == side && frame.labels[i] != frame.labels[j] {
+            let [a, b] = [i, j].map(|i| {
+                let p = place(i).map(|c| c as i32);
+                sample_corner(
+                    complex,
+                    Corner::Point([0, 1, 2].map(|k| o[k] + p[k] * s / 2)),
+                    frame.labels[i],
+                )
+            });
+            sum += (a.x + (b.x - a.x) * probe.crossing(&a, &b)).coords;
+            n += 1.0;
+        }
+    });
+    if n == 0.0 {
+        return base;
+    }
+    let reach = (0.5 - INSET) * f64::from(s);
+    let mut x = Point3::from(
+        base.coords
+            .zip_map(&(sum / n), |c, v| v.clamp(c - reach, c + reach)),
+    );
+    x[axis] = base[axis];
+    x
+}

@@ -1,0 +1,272 @@
+//! Where edges cross interfaces, and the surface near a point.
+
+use geom_core::field::{End, Guard, Precision, Tangent, crossing, project};
+use geom_core::mesh::{INTERIOR, Region};
+use geom_core::{ImplicitField, Point3, Vector3};
+
+use crate::complex::cube::{APEX, MIDDLE, corner_of};
+use crate::complex::{Complex, Corner, Split};
+use crate::kernel::INSET;
+use crate::octree::{Samples, local};
+use crate::{Options, Placement};
+
+/// How near to a crossing of a field, as a share of the edge.
+const CROSSING: Precision = Precision {
+    place: 1e-4,
+    value: 0.0,
+};
+/// How near to the surface a dual vertex goes by Newton steps, as a share of its cell; one more, to first order,
+/// leaves less than a millionth.
+const NEAR: f64 = 1e-3;
+/// The cell itself holds the steps: they are clamped to it, taken as they are, and the best place is kept.
+const NEWTON: Guard = Guard {
+    steps: 10,
+    halvings: 0,
+    longest: f64::INFINITY,
+    reach: f64::INFINITY,
+    near: NEAR,
+};
+
+/// Finds where edges cross interfaces, and the surface near a point.
+pub(crate) struct Probe<'a> {
+    pub(crate) samples: &'a Samples<'a>,
+    pub(crate) field: Option<&'a dyn ImplicitField>,
+    pub(crate) placement: Placement,
+}
+
+/// A corner as crossings see it: position in finest cells, label, value.
+#[derive(Clone, Copy)]
+pub(crate) struct Sample {
+    pub(crate) x: Point3,
+    pub(crate) label: Region,
+    pub(crate) value: f64,
+}
+
+impl<'a> Probe<'a> {
+    pub(crate) fn new(
+        samples: &'a Samples<'a>,
+        field: Option<&'a dyn ImplicitField>,
+        options: &Options,
+    ) -> Self {
+        Self {
+            samples,
+            field,
+            placement: options.placement,
+        }
+    }
+
+    /// Is the interface between two labels the level set?
+    pub(super) fn on_level(p: Region, q: Region) -> bool {
+        p == INTERIOR || q == INTERIOR
+    }
+
+    /// The parameter in `[0, 1]` where the label changes between two corners: linear on the values,
+    /// by bisection on the shapes.
+    pub(crate) fn crossing(&self, a: &Sample, b: &Sample) -> f64 {
+        let level = self.samples.labels.level;
+        if Self::on_level(a.label, b.label) {
+            let t = (level - a.value) / (b.value - a.value);
+            return if t.is_finite() {
+                t.clamp(0.0, 1.0)
+            } else {
+                0.5
+            };
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..30 {
+            let t = 0.5 * (low + high);
+            let x = self.samples.domain.world(&(a.x + (b.x - a.x) * t));
+            if self.samples.labels.at(f64::NEG_INFINITY, &x) == a.label {
+                low = t;
+            } else {
+                high = t;
+            }
+        }
+        0.5 * (low + high)
+    }
+
+    /// Like [`Probe::crossing`], sharpened on the field if there is one.
+    pub(crate) fn exact_crossing(&self, a: &Sample, b: &Sample) -> f64 {
+        let Some(field) = self.field.filter(|_| Self::on_level(a.label, b.label)) else {
+            return self.crossing(a, b);
+        };
+        let level = self.samples.labels.level;
+        let ends = [a.value - level, b.value - level];
+        crossing(ends, CROSSING, |t| {
+            field.value(&self.samples.domain.world(&(a.x + (b.x - a.x) * t))) - level
+        })
+    }
+
+    /// The point where an edge is cut, away from its ends.
+    pub(crate) fn cut(&self, a: &Sample, b: &Sample) -> Point3 {
+        a.x + (b.x - a.x) * self.exact_crossing(a, b).clamp(0.05, 0.95)
+    }
+
+    /// The field at a point (Å) of the box of the given values, if there is one.
+    pub(crate) fn value(&self, x: &Point3) -> Option<f64> {
+        self.field
+            .filter(|_| self.samples.bounds.contains(x))
+            .map(|f| f.value(x))
+    }
+
+    /// The field against the level, in finest cells; `cell` says where the values are if there is no field.
+    fn tangent(&self, cell: [i32; 3], at: Point3) -> Option<Tangent> {
+        let level = self.samples.labels.level;
+        let (value, gradient) = match self.field {
+            Some(field) => {
+                let (v, g) = field.value_gradient(&self.samples.domain.world(&at));
+                (v, g * self.samples.domain.spacing)
+            }
+            None => self.samples.trilinear(cell, &at)?,
+        };
+        Some(Tangent {
+            at,
+            height: value - level,
+            gradient,
+        })
+    }
+
+    /// The dual vertex of a box-shaped cell `[low, low + size]` from its crossings.
+    pub(super) fn place(&self, low: [i32; 3], size: f64, crossings: &[(Point3, bool)]) -> Point3 {
+        let n = crossings.len() as f64;
+        let mass = Point3::from(
+            crossings
+                .iter()
+                .fold(Vector3::zeros(), |s, c| s + c.0.coords)
+                / n,
+        );
+        let centre = local(low).map(|c| c + 0.5 * size);
+        let reach = (0.5 - INSET) * size;
+        let clamp = |x: Point3| {
+            Point3::from(
+                centre
+                    .coords
+                    .zip_map(&x.coords, |c, v| v.clamp(c - reach, c + reach)),
+            )
+        };
+        let start = clamp(mass);
+        if self.placement == Placement::Mass || crossings.iter().any(|c| !c.1) {
+            return start;
+        }
+        if self.placement == Placement::Qef {
+            return clamp(self.nearest_to_planes(low, &mass, crossings));
+        }
+        let look = |x: Point3| self.tangent(low, clamp(x));
+        let Some(start) = look(start) else {
+            return start;
+        };
+        let guard = Guard {
+            near: NEAR * size,
+            ..NEWTON
+        };
+        let found = project(start, &guard, look);
+        if found.end == End::Near {
+            clamp(found.best.foot())
+        } else {
+            found.best.at
+        }
+    }
+
+    /// Minimizes the squared distances to the tangent planes at the crossings, relative to the mass
+    /// point; directions in which the planes say less than a tenth of the most are left out.
+    fn nearest_to_planes(
+        &self,
+        cell: [i32; 3],
+        mass: &Point3,
+        crossings: &[(Point3, bool)],
+    ) -> Point3 {
+        let mut normal_matrix = geom_core::nalgebra::Matrix3::zeros();
+        let mut right = Vector3::zeros();
+        for (x, _) in crossings {
+            let Some(here) = self.tangent(cell, *x) else {
+                continue;
+            };
+            let Some(n) = here.gradient.try_normalize(1e-12) else {
+                continue;
+            };
+            let offset = n.dot(&(x - mass)) - here.height / here.gradient.norm();
+            normal_matrix += n * n.transpose();
+            right += n * offset;
+        }
+        let eigen = geom_core::nalgebra::SymmetricEigen::new(normal_matrix);
+        let most = eigen.eigenvalues.max();
+        if most <= 0.0 {
+            return *mass;
+        }
+        let mut x = *mass;
+        for k in 0..3 {
+            // Eigenvalues are squares of the singular values.
+            if eigen.eigenvalues[k] > 0.01 * most {
+                let direction = eigen.eigenvectors.column(k).into_owned();
+                x += direction * (direction.dot(&right) / eigen.eigenvalues[k]);
+            }
+        }
+        x
+    }
+}
+
+/// Label, value and position of a corner.
+pub(crate) fn sample_corner(complex: &Complex<'_>, corner: Corner, label: Region) -> Sample {
+    match corner {
+        Corner::Point(p) => Sample {
+            x: local(p),
+            label,
+            value: complex.samples.value(p),
+        },
+        Corner::Centre(k) => Sample {
+            x: complex.corner_position(corner),
+            label,
+            value: complex.splits[k as usize].value,
+        },
+    }
+}
+
+/// The corners of a finest cell that is cut, and its middle.
+pub(crate) fn cut_samples(
+    samples: &Samples<'_>,
+    o: [i32; 3],
+    labels: &[Region; 8],
+    split: &Split,
+) -> [Sample; 9] {
+    std::array::from_fn(|i| {
+        if i == APEX {
+            return Sample {
+                x: MIDDLE + local(o).coords,
+                label: split.label,
+                value: split.value,
+            };
+        }
+        let p = [0, 1, 2].map(|k| o[k] + corner_of(i)[k]);
+        Sample {
+            x: local(p),
+            label: labels[i],
+            value: samples.value(p),
+        }
+    })
+}
+
+/// The mean of the crossings of a tetrahedron of a cut cell, away from its corners; `None` if it has
+/// none.
+pub(crate) fn part_point(
+    probe: &Probe<'_>,
+    split: &Split,
+    corners: &[Sample; 9],
+    part: usize,
+) -> Option<Point3> {
+    let [p, q, r] = split.triangle(part).map(|i| corners[i]);
+    mean_of_crossings(probe, &[corners[APEX], p, q, r])
+}
+
+pub(super) fn mean_of_crossings(probe: &Probe<'_>, corners: &[Sample]) -> Option<Point3> {
+    let (mut sum, mut n) = (Vector3::zeros(), 0.0);
+    for (i, a) in corners.iter().enumerate() {
+        for b in &corners[i + 1..] {
+            if a.label != b.label {
+                let t = probe.crossing(a, b).clamp(0.02, 0.98);
+                sum += (a.x + (b.x - a.x) * t).coords;
+                n += 1.0;
+            }
+        }
+    }
+    (n > 0.0).then(|| Point3::from(sum / n))
+}

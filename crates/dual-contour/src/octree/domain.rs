@@ -1,0 +1,92 @@
+//! The lattice of the finest cells, and which material a point of it belongs to.
+
+use geom_core::Point3;
+use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
+
+use super::tree::BLOCK;
+use crate::{Material, Shape};
+
+/// The lattice of the finest cells.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Domain {
+    pub(crate) origin: Point3,
+    pub(crate) spacing: f64,
+    pub(crate) cells: [i32; 3],
+    pub(crate) blocks: [i32; 3],
+    /// The point where the lattice of the values begins.
+    pub(crate) anchor: [i32; 3],
+}
+
+impl Domain {
+    pub(crate) fn new(origin: Point3, spacing: f64, cells: [i32; 3], anchor: [i32; 3]) -> Self {
+        let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
+        Self {
+            origin,
+            spacing,
+            cells,
+            blocks,
+            anchor,
+        }
+    }
+    /// From units of the finest cells to Å.
+    pub(crate) fn world(&self, local: &Point3) -> Point3 {
+        self.origin + local.coords * self.spacing
+    }
+    pub(crate) fn point(&self, p: [i32; 3]) -> Point3 {
+        self.world(&local(p))
+    }
+    pub(crate) fn block_len(&self) -> usize {
+        self.blocks.iter().map(|&b| b as usize).product()
+    }
+    pub(crate) fn block(&self, b: usize) -> [i32; 3] {
+        let [nx, ny, _] = self.blocks.map(|n| n as usize);
+        [b % nx, b / nx % ny, b / (nx * ny)].map(|c| c as i32)
+    }
+}
+
+/// A lattice point in units of the finest cells.
+pub(crate) fn local(p: [i32; 3]) -> Point3 {
+    Point3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2]))
+}
+
+/// Which material a point belongs to: the molecule, then the listed ones, then the exterior; beyond
+/// the outer sphere nothing.
+#[derive(Clone, Debug)]
+pub(crate) struct Labels {
+    pub(crate) level: f64,
+    pub(crate) materials: Vec<Material>,
+    pub(crate) outer: Option<Shape>,
+}
+
+impl Labels {
+    /// With nothing but molecule and exterior, labels follow from values alone.
+    pub(crate) fn plain(&self) -> bool {
+        self.materials.is_empty() && self.outer.is_none()
+    }
+
+    pub(crate) fn at(&self, value: f64, x: &Point3) -> Region {
+        if value >= self.level {
+            return INTERIOR;
+        }
+        if self.outer.is_some_and(|s| s.depth(x) < 0.0) {
+            return OUTSIDE;
+        }
+        self.materials
+            .iter()
+            .find(|m| m.shape.depth(x) >= 0.0)
+            .map_or(EXTERIOR, |m| m.region)
+    }
+
+    /// The label of all points within `reach` of `x` that are not in the molecule, if they have one.
+    pub(super) fn around(&self, x: &Point3, reach: f64) -> Option<Region> {
+        let mut shapes = self
+            .outer
+            .iter()
+            .chain(self.materials.iter().map(|m| &m.shape));
+        if shapes.any(|s| s.depth(x).abs() <= reach) {
+            None
+        } else {
+            Some(self.at(f64::NEG_INFINITY, x))
+        }
+    }
+}

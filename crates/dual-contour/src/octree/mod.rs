@@ -1,0 +1,20 @@
+//! Where values, labels and sizes live: the lattice of the finest cells, what stands at its points, and the
+//! octree over it.
+
+mod domain;
+mod field;
+mod points;
+mod samples;
+mod sizing;
+mod source;
+mod tree;
+
+pub(crate) use domain::{Domain, Labels, local};
+pub use field::FieldSamples;
+pub(crate) use points::{PointMarks, PointSet};
+pub(crate) use samples::Samples;
+pub(crate) use sizing::splits;
+pub(crate) use source::Source;
+#[cfg(test)]
+pub(crate) use tree::BLOCK_LOG;
+pub(crate) use tree::{BLOCK, Leaf, NONE, Octree, Splits, TooManyLeaves, block_index};
