@@ -46,20 +46,6 @@ pub mod testing;
 #[cfg(feature = "wgpu")]
 pub use geom_shaders as shaders;
 
-// temporary: the old paths, until all users have the new ones
-#[cfg(feature = "algebra")]
-pub use algebra::{self as linalg, eigen as spectral, graph};
-#[cfg(feature = "wgpu")]
-pub use compute::gpu;
-pub use compute::{backend, coloring, lanes, parallel, run, sets};
-pub use grid::lattice;
-pub use search::bvh;
-#[cfg(feature = "search")]
-pub use search::nearest;
-#[cfg(feature = "surface")]
-pub use surface::{curvature, distance, isoline, laplace, repair};
-// temporary: end
-
 pub use bounds::Aabb;
 pub use compute::backend::{Agreement, Backend, Break, Cpu};
 #[cfg(feature = "wgpu")]

@@ -317,7 +317,7 @@ impl InterfaceFaces {
         for &v in found.iter().flat_map(|f| &f.0) {
             counts[v as usize] += 1;
         }
-        let starts = geom_core::parallel::starts_of(&counts);
+        let starts = geom_core::compute::parallel::starts_of(&counts);
         let mut at = starts.clone();
         let blank = InterfaceFace {
             others: [NONE; 2],

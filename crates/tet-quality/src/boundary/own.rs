@@ -1,7 +1,7 @@
 //! The surfaces of a mesh itself, for vertices that slide along them where there is no field.
 
-use geom_core::bvh::TriangleTree;
 use geom_core::mesh::FACES;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::{ImplicitField, Point3, TriMesh, Vector3};
 use rayon::prelude::*;
 

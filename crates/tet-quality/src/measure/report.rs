@@ -1,7 +1,8 @@
 //! Statistics of a mesh: extremes, histograms, the worst elements, per region.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::Region;
-use geom_core::{Cpu, Point3, TetMesh, parallel};
+use geom_core::{Cpu, Point3, TetMesh};
 
 use crate::backend::QualityBackend;
 use crate::measure::metrics::{Measures, aspect_ratio, radius_ratio};
