@@ -351,6 +351,15 @@ impl<T: Scalar> Cholesky<T> {
     }
 
     /// Solves for one right-hand side.
+    ///
+    /// ```
+    /// use geom_core::algebra::{Cholesky, SparseMatrix};
+    /// let entries = [(0, 0, 4.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 3.0)];
+    /// let matrix = SparseMatrix::from_triplets(2, 2, &entries)?;
+    /// let x = Cholesky::of(&matrix)?.solve(&[2.0, 5.0])?;
+    /// assert!((x[0] + 0.5).abs() < 1e-14 && (x[1] - 2.0).abs() < 1e-14);
+    /// # Ok::<(), geom_core::algebra::Error>(())
+    /// ```
     pub fn solve(&self, b: &[T]) -> Result<Vec<T>, Error> {
         let mut x = b.to_vec();
         self.solve_in_place(&mut x, 1)?;

@@ -55,6 +55,16 @@ pub struct Solution<T = f64> {
 /// Solves `A X = B` with a factor of A, or nearly of A, and repeats with what is missing until the
 /// residual no longer falls. Good for a factor that is exact but for rounding; where it belongs to
 /// another matrix, [`conjugate_gradients`] needs fewer steps.
+///
+/// ```
+/// use geom_core::algebra::iterate::{Options, refine};
+/// use geom_core::algebra::{Cholesky, SparseMatrix};
+/// let matrix = SparseMatrix::diagonal_of(&[4.0, 3.0]);
+/// let factor = Cholesky::of(&matrix)?;
+/// let found = refine(&matrix, &factor, &[2.0, 6.0], 1, &Options::default())?;
+/// assert_eq!(found.values, [0.5, 2.0]);
+/// # Ok::<(), geom_core::algebra::Error>(())
+/// ```
 pub fn refine<T: Scalar>(
     matrix: &SparseMatrix<T>,
     factor: &Cholesky<T>,
@@ -106,6 +116,18 @@ pub fn refine<T: Scalar>(
 /// # Errors
 /// [`Error::NotPositiveDefinite`] if A turns out not to be: `row` is then the row of the largest entry
 /// of the direction that shows it.
+///
+/// ```
+/// use geom_core::algebra::iterate::{Options, conjugate_gradients};
+/// use geom_core::algebra::{Cholesky, SparseMatrix};
+/// let entries = [(0, 0, 4.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 3.0)];
+/// let matrix = SparseMatrix::from_triplets(2, 2, &entries)?;
+/// // The factor of its diagonal will do.
+/// let factor = Cholesky::of(&SparseMatrix::diagonal_of(&[4.0, 3.0]))?;
+/// let found = conjugate_gradients(&matrix, &factor, &[2.0, 5.0], 1, &Options::default())?;
+/// assert!(found.converged && (found.values[1] - 2.0).abs() < 1e-10);
+/// # Ok::<(), geom_core::algebra::Error>(())
+/// ```
 pub fn conjugate_gradients<T: Scalar>(
     matrix: &SparseMatrix<T>,
     factor: &Cholesky<T>,

@@ -13,6 +13,10 @@ pub fn inside<T: Send>(f: impl FnOnce() -> T + Send) -> T {
 }
 
 /// `Σ f(i)` for `i < n`, over fixed chunks combined in order.
+///
+/// ```
+/// assert_eq!(geom_core::compute::parallel::sum(5, |i| i as f64), 10.0);
+/// ```
 pub fn sum(n: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
     fold_chunks(n, |range| range.map(&f).sum::<f64>())
         .into_iter()

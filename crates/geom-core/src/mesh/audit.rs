@@ -403,6 +403,7 @@ impl VolumeAudit {
             tets: tets.len(),
             ..Self::default()
         };
+        // Vertices that no tetrahedron uses.
         let mut used = vec![false; mesh.positions().len()];
         for &v in tets.as_flattened() {
             used[v as usize] = true;

@@ -87,6 +87,7 @@ impl TriangleReport {
         if n == 0 {
             return Self::default();
         }
+        // Angles in degrees, edges twice where two triangles share them.
         let parts = parallel::fold_chunks(n, |range| {
             let mut part = Part {
                 area: 0.0,

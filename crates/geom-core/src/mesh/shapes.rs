@@ -9,6 +9,7 @@ use crate::{Point3, Vector3};
 /// A sphere about the origin: the icosahedron with `levels` 1-to-4 subdivisions, vertices on the
 /// sphere. `20 · 4^levels` triangles.
 pub fn icosphere(radius: f64, levels: u32) -> TriMesh {
+    // Corners of three golden rectangles.
     let phi = f64::midpoint(1.0, 5f64.sqrt());
     let mut directions: Vec<Vector3> = [
         [-1.0, phi, 0.0],
@@ -27,6 +28,7 @@ pub fn icosphere(radius: f64, levels: u32) -> TriMesh {
     .iter()
     .map(|&v| Vector3::from(v).normalize())
     .collect();
+    // Five around the first corner, five beside them, five around the opposite one, five beside those.
     let mut triangles: Vec<[u32; 3]> = vec![
         [0, 11, 5],
         [0, 5, 1],
@@ -49,6 +51,7 @@ pub fn icosphere(radius: f64, levels: u32) -> TriMesh {
         [8, 6, 7],
         [9, 8, 1],
     ];
+    // Each triangle in four, by the middles of its edges, pushed out to the sphere.
     for _ in 0..levels {
         let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
         let mut middle = |a: u32, b: u32| {

@@ -226,6 +226,19 @@ pub struct Report {
 ///
 /// K is symmetric, and `K − σM` positive definite for σ slightly below zero, as for every stiffness
 /// matrix and graph Laplacian. Rows without stiffness *and* mass are left out. `k = 0` gives nothing.
+///
+/// ```
+/// use geom_core::algebra::eigen::{Options, eigenpairs};
+/// use geom_core::algebra::{Mass, SparseMatrix};
+/// use geom_core::{Cpu, Run};
+/// // The Laplacian of three nodes in a row: 0, 1 and 3.
+/// let entries = [(0, 0, 1.0), (0, 1, -1.0), (1, 0, -1.0), (1, 1, 2.0), (1, 2, -1.0), (2, 1, -1.0), (2, 2, 1.0)];
+/// let matrix = SparseMatrix::from_triplets(3, 3, &entries)?;
+/// let mass = Mass::Lumped(vec![1.0; 3]);
+/// let pairs = eigenpairs(&matrix, &mass, 2, &Options::default(), Run::on(&Cpu))?;
+/// assert!(pairs.values[0].abs() < 1e-12 && (pairs.values[1] - 1.0).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
     stiffness: impl Into<Operator<'a>>,
     mass: &Mass,

@@ -90,6 +90,7 @@ pub fn parse(bytes: &[u8]) -> Result<GridFile, Error> {
         return Err(ErrorKind::Empty.into());
     }
     words = Words::new(bytes);
+    // Statement by statement, in any order; the values follow the array that announces them.
     while let Some(word) = words.next(true) {
         let line = words.line();
         match word {
@@ -129,6 +130,7 @@ pub fn parse(bytes: &[u8]) -> Result<GridFile, Error> {
                     }
                 }
             }
+            // What places the lattice; attributes and components only tie objects together.
             b"origin" => origin = Some(vector(&mut words)?.into()),
             b"delta" => deltas.push(vector(&mut words)?),
             b"attribute" | b"component" => {
@@ -148,6 +150,7 @@ pub fn parse(bytes: &[u8]) -> Result<GridFile, Error> {
         return Err(missing("three deltas"));
     };
     let values = values.ok_or_else(|| missing("an array of values"))?;
+    // In the file z runs fastest, here x: axes are turned around, and so is the place of a fault.
     GridFile::new(origin, [z, y, x], [nz, ny, nx], values).map_err(|e| match e.kind {
         // In the order of the file.
         ErrorKind::Grid(GridError::NotFinite {

@@ -114,6 +114,7 @@ pub fn write(
         }
     }
 
+    // The header, word for word as the format has it: points, mode, start, intervals, cell.
     let mut header = Vec::with_capacity(HEADER);
     let mut put = |words: &[i32]| words.iter().for_each(|i| i.put(&mut header));
     put(&counts);

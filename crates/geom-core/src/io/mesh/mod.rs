@@ -48,6 +48,15 @@ pub struct MeshFile {
 
 /// Reads a mesh; the format is told by the content, or else by the name. See [`MeshFile`]'s
 /// conversion from a [`View`] for what becomes of mixed cells.
+///
+/// ```no_run
+/// use geom_core::io::{View, mesh};
+/// let file = mesh::read("bunny.ply")?;
+/// if let mesh::AnyMesh::Tri(surface) = &file.mesh {
+///     mesh::save("bunny.vtu", &View::from(surface))?;
+/// }
+/// # Ok::<(), geom_core::io::Error>(())
+/// ```
 pub fn read(path: impl AsRef<Path>) -> Result<MeshFile, Error> {
     let path = path.as_ref();
     let bytes = read_bytes(path)?;

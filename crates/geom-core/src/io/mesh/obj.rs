@@ -83,6 +83,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
             Error::at_line(ErrorKind::expected(expected, found), i + 1)
         };
         match words.next() {
+            // A place, perhaps a weight or a colour behind it; anything longer is no vertex.
             Some(b"v") => {
                 let mut numbers = [0.0; 7];
                 let mut n = 0;
@@ -104,6 +105,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
                     colors.push([r, g, b, u8::MAX]);
                 }
             }
+            // Corners may name a texture and a normal after slashes, which are left out.
             Some(b"f") => {
                 let start = corners.len();
                 for word in words {
@@ -125,6 +127,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
                 ends.push(corners.len() as u32);
                 group_of.push(group);
             }
+            // A group goes on until the next one; groups of one name are one.
             Some(b"g") => {
                 let name = words.collect::<Vec<_>>().join(&b' ');
                 let name = String::from_utf8_lossy(&name).into_owned();
@@ -146,6 +149,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
             Some(other) => return Err(wrong("an OBJ statement such as v or f", other)),
         }
     }
+    // Colours count only where every vertex has one.
     if points.is_empty() {
         return Err(ErrorKind::expected("vertices (v lines)", "none").into());
     }

@@ -49,6 +49,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     let mut words = Words::new(bytes);
     let first = words.next(true).ok_or(ErrorKind::Empty)?;
+    // The first word says what vertices carry; old files begin with the numbers at once.
     let (normals, colors, vertices) = match first {
         b"OFF" => (false, false, None),
         b"COFF" => (false, true, None),
@@ -80,6 +81,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         let what = format!("{vertices} vertices and {faces} faces");
         return Err(ErrorKind::Truncated(what).into());
     }
+    // Vertices: place, normal (left out), colour.
     let mut points = Vec::with_capacity(vertices as usize);
     let mut rgba = Vec::new();
     for _ in 0..vertices {
@@ -101,6 +103,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
             rgba.push(color(&mut words)?);
         }
     }
+    // Faces; what stands behind the corners is left out.
     let (mut ends, mut corners) = (Vec::new(), Vec::new());
     for f in 0..faces {
         let what = "a number of corners";

@@ -38,6 +38,7 @@ impl Records {
             copies: 0,
             warnings: std::mem::take(&mut self.warnings),
         };
+        // Nothing to keep, or too much, is said before any work.
         if self.records.is_empty() {
             let reason = format!(" in model {}: the file has {}", options.models, self.models);
             return Err(ErrorKind::NoAtoms(format!("{reason} models")).into());
@@ -56,6 +57,7 @@ impl Records {
         if self.records.is_empty() {
             return Err(ErrorKind::NoAtoms(left_over(&report)).into());
         }
+        // The selection is made of the structure as deposited, before it is copied.
         let (mut structure, mut parts) = self.build();
         if let Some(selector) = &options.select {
             let selection = structure
@@ -82,6 +84,7 @@ impl Records {
                 };
                 return Err(ErrorKind::expected(format!("an assembly ({known})"), name).into());
             };
+            // An assembly: which parts of the file each copy takes, and where it goes.
             let Copies { sets, copies } = assembly.copies(&self.parts)?;
             report.copies = copies.len();
             let flags = |set: &Option<Vec<u32>>| {
@@ -97,6 +100,7 @@ impl Records {
                 return Err(ErrorKind::NoAtoms(reason).into());
             }
         }
+        // What is left, counted.
         report.atoms = structure.atoms().len();
         report.zero_radii = structure.atoms().iter().filter(|a| a.radius == 0.0).count();
         let unknown = |a: &&Atom| a.element == Element::UNKNOWN;

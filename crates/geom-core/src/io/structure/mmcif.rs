@@ -147,6 +147,7 @@ impl<'a> Lexer<'a> {
                 Some(_) => break,
             }
         }
+        // A value is a text field, a quoted one, or a word.
         let (start, line) = (self.at, self.line);
         let token = |bytes, word| Ok(Some(Token { bytes, word, line }));
         match content[start] {
@@ -294,6 +295,7 @@ impl Reader {
         line: usize,
     ) -> Result<Option<Token<'a>>, Error> {
         let rules = lexer.rules;
+        // The header: tags up to the first value.
         let mut tags = Vec::new();
         let mut token = lexer.next()?;
         while let Some(t) = token.filter(|t| t.word && t.bytes[0] == b'_') {
@@ -304,6 +306,7 @@ impl Reader {
             let kind = ErrorKind::expected("items after loop_", "none");
             return Err(Error::at_line(kind, line));
         };
+        // Atoms are read row by row as they come; the few tables that say more are kept whole, all others skipped.
         let atoms = first.starts_with("_atom_site.");
         self.fractional |= first.starts_with("_atom_site_");
         let mut columns = [None; ITEMS.len()];
@@ -320,6 +323,7 @@ impl Reader {
             t.rows.clear();
             table = TABLES.iter().position(|t| first.starts_with(t));
         }
+        // Rows until a tag or keyword; one that is not full is cut off or wrong.
         let category = first.split('.').next().unwrap_or_default().to_owned();
         let width = tags.len();
         let mut row: Vec<&[u8]> = Vec::with_capacity(width);
@@ -388,6 +392,7 @@ impl Reader {
             b"" => at(second),
             value => value,
         };
+        // A row of another model than the last one begins a model.
         let model = match at(17) {
             b"" => 1,
             n => integer(n).ok_or_else(|| expected("a model number", n))?,
@@ -410,6 +415,7 @@ impl Reader {
             })
         };
         let position = Point3::new(coordinate(0)?, coordinate(1)?, coordinate(2)?);
+        // The author's names and numbers, or where there are none those of the format.
         let residue = name(either(8, 7))?;
         let sequence = either(12, 11);
         let sequence_number = match sequence {
@@ -418,6 +424,7 @@ impl Reader {
         };
         let chain = either(10, 9);
         name(chain)?;
+        // Assemblies name chains by the format's names.
         let part = either(9, 10);
         let hetero = at(3).eq_ignore_ascii_case(b"HETATM");
         let atom_name = name(either(6, 5))?;

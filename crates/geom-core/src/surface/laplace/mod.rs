@@ -94,6 +94,16 @@ fn element_stiffness([a, b, c]: [f64; 3]) -> [[f64; 3]; 3] {
 /// side ij, and rows that sum to zero. Dimensionless. An edge of one or of more than two triangles has
 /// as many terms as triangles, so borders get the natural (Neumann) condition; a vertex of no
 /// triangle has an empty row.
+///
+/// ```
+/// use geom_core::{mesh::shapes, surface::laplace};
+/// let sphere = shapes::icosphere(1.0, 2);
+/// let stiffness = laplace::stiffness(&sphere)?;
+/// // A constant has no gradient.
+/// let image = stiffness.multiply(&vec![1.0; sphere.positions().len()], 1);
+/// assert!(image.iter().all(|x| x.abs() < 1e-12));
+/// # Ok::<(), laplace::Error>(())
+/// ```
 pub fn stiffness(mesh: &TriMesh) -> Result<SparseMatrix, Error> {
     check_shapes(mesh)?;
     assemble(mesh.positions().len(), mesh.triangles(), |t| {
@@ -157,6 +167,15 @@ pub struct RobustReport {
 ///
 /// # Errors
 /// [`Error::Degenerate`] only if all vertices coincide or a length overflows.
+///
+/// ```
+/// use geom_core::{mesh::shapes, surface::laplace};
+/// let sphere = shapes::icosphere(1.0, 2);
+/// let robust = laplace::robust(&sphere)?;
+/// assert_eq!(robust.report.added, 0.0);
+/// assert_eq!(robust.stiffness.rows(), sphere.positions().len());
+/// # Ok::<(), laplace::Error>(())
+/// ```
 pub fn robust(mesh: &TriMesh) -> Result<Robust, Error> {
     robust::robust(mesh)
 }
@@ -222,6 +241,17 @@ pub fn gradient(mesh: &TriMesh, function: &[f64]) -> Result<Vec<Vector3>, Error>
 
 /// The divergence of a field with one vector per triangle, integrated around each vertex:
 /// `−∫ X · ∇φᵢ`. Then `divergence(gradient(f)) = −K f`. Sums to zero.
+///
+/// ```
+/// use geom_core::{mesh::shapes, surface::laplace};
+/// let sphere = shapes::icosphere(1.0, 2);
+/// let height: Vec<f64> = sphere.positions().iter().map(|p| p.z).collect();
+/// let slopes = laplace::gradient(&sphere, &height)?;
+/// let divergence = laplace::divergence(&sphere, &slopes)?;
+/// let image = laplace::stiffness(&sphere)?.multiply(&height, 1);
+/// assert!(divergence.iter().zip(&image).all(|(d, k)| (d + k).abs() < 1e-12));
+/// # Ok::<(), laplace::Error>(())
+/// ```
 pub fn divergence(mesh: &TriMesh, field: &[Vector3]) -> Result<Vec<f64>, Error> {
     check_length("triangle", field.len(), mesh.triangles().len())?;
     let corners = Corners::of(mesh.positions().len(), mesh.triangles());

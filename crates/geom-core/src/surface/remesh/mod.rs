@@ -7,6 +7,13 @@
 //! else the input mesh. The wanted length is the same everywhere or adapts to the curvature
 //! (Dunyach et al., *Adaptive remeshing for real-time mesh deformation*, 2013).
 //!
+//! Where the surface is too narrow or too curved for the wanted edges, they become shorter, with gradation, until two
+//! goals are met: all angles at least 30° ([`Options::min_angle_deg`]), and a distance between result and surface,
+//! both ways, of at most 0.3 edge lengths ([`Options::max_deviation`]). [`Report`] has the distances as measured, the
+//! lengths of the edges in units of those asked for, and each triangle below the goal with its cause. Borders and
+//! creases ([`Features::Angle`]) are resampled; their corners are those that turn by 45° within a wanted edge, so that
+//! a ragged border makes no needles. All of it runs on the CPU, whatever the backend.
+//!
 //! Every step is tested before it is done: the surface stays a manifold of the same topology (link
 //! condition), no triangle turns away from the surface's normal, and features, boundaries and
 //! their corners stay. Topology changes run in a fixed order and moves colour by colour, so the
