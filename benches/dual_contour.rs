@@ -3,10 +3,8 @@
 //! Throughput is in lattice points for kernels, in elements for meshes.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use dual_contour::{
-    BLOCK_POINTS, ContourBackend, Extent, FieldSamples, Method, Options, Resolution, surface,
-    volume,
-};
+use dual_contour::backend::{BLOCK_POINTS, ContourBackend};
+use dual_contour::{Extent, FieldSamples, Method, Options, Resolution, surface, volume};
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Aabb, BrickGrid, Cpu, ImplicitField, LatticeValues, Point3, Run, Vector3, Wgpu};
 
@@ -101,7 +99,7 @@ fn meshes(c: &mut Criterion) {
                 3.0,
             ),
             ("both", Method::DualContour, Extent::Both, 0.0),
-            ("lattice_interior", Method::Lattice, Extent::Interior, 0.0),
+            ("stuffing_interior", Method::Stuffing, Extent::Interior, 0.0),
         ] {
             if n == 513 && tolerance == 0.0 {
                 // Meshes of ten million tetrahedra: the adaptive one is of the size of the thesis.
@@ -149,14 +147,17 @@ fn kernels(c: &mut Criterion) {
     for (name, backend) in backends {
         group.throughput(Throughput::Elements(blocks.len() as u64));
         group.bench_function(format!("min_max/{name}"), |b| {
-            b.iter(|| backend.min_max(&blocks).expect("ranges"));
+            let mut out = Vec::new();
+            b.iter(|| backend.min_max(&blocks, &mut out).expect("ranges"));
         });
         group.bench_function(format!("crossings/{name}"), |b| {
-            b.iter(|| backend.crossings(&blocks, 0.1).expect("signs"));
+            let mut out = Vec::new();
+            b.iter(|| backend.crossings(&blocks, 0.1, &mut out).expect("signs"));
         });
         group.throughput(Throughput::Elements(cells.len() as u64));
         group.bench_function(format!("dual_vertices/{name}"), |b| {
-            b.iter(|| backend.dual_vertices(&cells, 4).expect("points"));
+            let mut out = Vec::new();
+            b.iter(|| backend.dual_vertices(&cells, 4, &mut out).expect("points"));
         });
     }
     group.finish();

@@ -93,7 +93,7 @@ fn improving(c: &mut Criterion) {
     let mut group = c.benchmark_group("tet-quality/improve");
     group.sample_size(10);
     for (method, spacings) in [
-        (Method::Lattice, [1.2, 0.55]),
+        (Method::Stuffing, [1.2, 0.55]),
         (Method::DualContour, [1.0, 0.45]),
     ] {
         for spacing in spacings {

@@ -337,9 +337,9 @@ impl MeshArgs {
         let method = self.method.unwrap_or(if dual {
             Method::DualContour
         } else {
-            Method::Lattice
+            Method::Stuffing
         });
-        if method == Method::Lattice && self.placement.is_some() {
+        if method == Method::Stuffing && self.placement.is_some() {
             return Err("--placement is of --method dual-contour".into());
         }
         if !uneven {
@@ -452,14 +452,15 @@ pub enum Method {
     DualContour,
     /// Isosurface stuffing on the same octree: better angles in a fraction of the time
     #[default]
-    Lattice,
+    #[value(alias = "lattice")]
+    Stuffing,
 }
 
 impl From<Method> for dual_contour::Method {
     fn from(method: Method) -> Self {
         match method {
             Method::DualContour => Self::DualContour,
-            Method::Lattice => Self::Lattice,
+            Method::Stuffing => Self::Stuffing,
         }
     }
 }

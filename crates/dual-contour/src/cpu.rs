@@ -6,34 +6,37 @@ use rayon::prelude::*;
 use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, ContourBackend};
 use crate::{Error, kernel};
 
+/// Blocks, and cells, that a thread takes at a time.
+const BLOCKS: usize = 64;
+const CELLS: usize = 1024;
+
 impl ContourBackend for Cpu {
-    /// As many as stay in the cache of a core.
-    fn blocks_per_call(&self) -> usize {
-        64
-    }
-
-    fn min_max(&self, blocks: &[f32]) -> Result<Vec<[f32; 2]>, Error> {
-        let mut out = vec![[0.0; 2]; blocks.len() / BLOCK_POINTS];
-        out.par_chunks_mut(64)
-            .zip(blocks.par_chunks(64 * BLOCK_POINTS))
+    fn min_max(&self, blocks: &[f32], out: &mut Vec<[f32; 2]>) -> Result<(), Error> {
+        out.resize(blocks.len() / BLOCK_POINTS, [0.0; 2]);
+        out.par_chunks_mut(BLOCKS)
+            .zip(blocks.par_chunks(BLOCKS * BLOCK_POINTS))
             .for_each(|(out, blocks)| kernel::min_max(blocks, BLOCK_POINTS, out));
-        Ok(out)
+        Ok(())
     }
 
-    fn crossings(&self, blocks: &[f32], level: f32) -> Result<Vec<u8>, Error> {
-        let mut masks = vec![0; blocks.len() / BLOCK_POINTS * BLOCK_CELLS];
-        masks
-            .par_chunks_mut(64 * BLOCK_CELLS)
-            .zip(blocks.par_chunks(64 * BLOCK_POINTS))
+    fn crossings(&self, blocks: &[f32], level: f32, out: &mut Vec<u8>) -> Result<(), Error> {
+        out.resize(blocks.len() / BLOCK_POINTS * BLOCK_CELLS, 0);
+        out.par_chunks_mut(BLOCKS * BLOCK_CELLS)
+            .zip(blocks.par_chunks(BLOCKS * BLOCK_POINTS))
             .for_each(|(masks, blocks)| kernel::crossings(blocks, level, masks));
-        Ok(masks)
+        Ok(())
     }
 
-    fn dual_vertices(&self, cells: &[[f32; 8]], steps: u32) -> Result<Vec<[f32; 3]>, Error> {
-        let mut out = vec![[0.0; 3]; cells.len()];
-        out.par_chunks_mut(1024)
-            .zip(cells.par_chunks(1024))
+    fn dual_vertices(
+        &self,
+        cells: &[[f32; 8]],
+        steps: u32,
+        out: &mut Vec<[f32; 3]>,
+    ) -> Result<(), Error> {
+        out.resize(cells.len(), [0.0; 3]);
+        out.par_chunks_mut(CELLS)
+            .zip(cells.par_chunks(CELLS))
             .for_each(|(out, cells)| kernel::dual_vertices(cells, steps, out));
-        Ok(out)
+        Ok(())
     }
 }

@@ -1,5 +1,8 @@
 //! Why no mesh can be made.
 
+use geom_core::compute::BackendError;
+use geom_core::options::OutOfRange;
+
 /// Why no mesh can be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -30,14 +33,9 @@ pub enum Error {
         /// The value.
         value: f32,
     },
-    /// An option makes no sense.
-    #[error("option {option}: {reason}")]
-    InvalidOption {
-        /// Name of the field of [`Options`](crate::Options).
-        option: &'static str,
-        /// What is wrong, and what would be right.
-        reason: String,
-    },
+    /// A field of [`Options`](crate::Options) makes no sense, for itself or for these values.
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
     /// The surface meets the box of the lattice, and [`AtBox::Refuse`](crate::AtBox) is set.
     #[error(
         "the surface meets the {} side of the lattice at {points} points; enlarge the margin of the density, or choose to cap or clip the surface",
@@ -74,10 +72,16 @@ pub enum Error {
     /// The watcher asked to stop.
     #[error(transparent)]
     Cancelled(#[from] geom_core::Cancelled),
-    /// The GPU cannot serve.
-    #[cfg(feature = "wgpu")]
+    /// The backend cannot serve: a [`GpuError`](geom_core::GpuError), or what a backend of the caller's own says.
     #[error(transparent)]
-    Gpu(#[from] geom_core::GpuError),
+    Backend(#[from] BackendError),
 }
 
 const SIDES: [&str; 6] = ["low x", "high x", "low y", "high y", "low z", "high z"];
+
+#[cfg(feature = "wgpu")]
+impl From<geom_core::GpuError> for Error {
+    fn from(error: geom_core::GpuError) -> Self {
+        Self::Backend(error.into())
+    }
+}

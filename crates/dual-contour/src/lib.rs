@@ -1,8 +1,23 @@
 #![doc = include_str!("../README.md")]
+//!
+//! ## Map
+//!
+//! In the order of the data; each folder uses only those above it.
+//!
+//! | | |
+//! |---|---|
+//! | [`Options`], [`Error`] | what to compute, and why not |
+//! | [`backend`], `cpu`, `wgpu` | the hot kernels: what a backend is handed and owes, and the two that are here |
+//! | `kernel/` | the loops of the CPU over many cells at a time: ranges, signs, dual vertices, fans, volumes |
+//! | `octree/` | the lattice of the finest cells, values and labels at its points, the octree and its sizes |
+//! | `complex/` | the base complex over the leaves: cells, corners, rings of cells around edges; vertex numbers |
+//! | `dual/` | dual contouring: where points belong, how far they may go, triangles and tetrahedra |
+//! | `contour/` | the two verbs [`surface`] and [`volume`], their road from values to meshes, and the other meshers: `uniform/`, cells of one size without an octree, and `stuffing/` |
+//! | `specification` | the kernels as the equations read (feature `testing`) |
 
 pub use geom_core;
 
-mod backend;
+pub mod backend;
 mod complex;
 mod contour;
 mod cpu;
@@ -11,14 +26,12 @@ mod error;
 mod kernel;
 mod octree;
 mod options;
-#[cfg(test)]
-mod specification;
+#[cfg(feature = "testing")]
+pub mod specification;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 
-pub use backend::{
-    BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, CROSSINGS, ContourBackend, DUAL_VERTICES, MIN_MAX,
-};
+pub use backend::ContourBackend;
 pub use contour::{Report, Surface, Volume, surface, volume};
 pub use error::Error;
 pub use octree::FieldSamples;

@@ -1,8 +1,8 @@
 //! What to compute.
 
-use geom_core::{Aabb, Point3, Vector3, mesh::Region};
-
-use crate::Error;
+use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
+use geom_core::options::{OutOfRange, require};
+use geom_core::{Aabb, Point3, Vector3};
 
 /// What to mesh and how finely. The defaults mesh the molecule of a density whose surface has the
 /// value 1 with cells of the lattice's own spacing at the surface.
@@ -78,7 +78,8 @@ pub enum Method {
     DualContour,
     /// Isosurface stuffing on the same complex (Labelle & Shewchuk 2007): uniform on the surface,
     /// better angles.
-    Lattice,
+    #[cfg_attr(feature = "serde", serde(alias = "Lattice"))]
+    Stuffing,
 }
 
 /// Size of the finest cells.
@@ -160,11 +161,9 @@ pub enum Extent {
 impl Extent {
     pub(crate) fn holds(self, region: Region) -> bool {
         match self {
-            Self::Interior => region == geom_core::mesh::INTERIOR,
-            Self::Exterior => {
-                region != geom_core::mesh::INTERIOR && region != geom_core::mesh::OUTSIDE
-            }
-            Self::Both => region != geom_core::mesh::OUTSIDE,
+            Self::Interior => region == INTERIOR,
+            Self::Exterior => region != INTERIOR && region != OUTSIDE,
+            Self::Both => region != OUTSIDE,
         }
     }
 }
@@ -255,8 +254,9 @@ impl Shape {
         }
     }
 
-    fn check(&self) -> Result<(), String> {
-        let fine = match *self {
+    /// Is it finite, and does it hold points?
+    fn is_sound(&self) -> bool {
+        match *self {
             Self::Slab { normal, low, high } => {
                 normal.norm().is_normal() && low < high && low.is_finite() && high.is_finite()
             }
@@ -270,90 +270,120 @@ impl Shape {
                 b.min.iter().chain(b.max.iter()).all(|c| c.is_finite())
                     && (0..3).all(|k| b.min[k] < b.max[k])
             }
-        };
-        if fine {
-            Ok(())
-        } else {
-            Err(format!("{self:?} holds no point or is not finite"))
+        }
+    }
+}
+
+impl Material {
+    fn check(&self) -> Result<(), OutOfRange> {
+        require(
+            ![EXTERIOR, INTERIOR, OUTSIDE].contains(&self.region),
+            "materials",
+            format!("a material of region {}", self.region),
+            "have a region of its own, 2 … 254",
+        )?;
+        require(
+            self.shape.is_sound(),
+            "materials",
+            format!("{:?}", self.shape),
+            "hold points and be finite",
+        )
+    }
+}
+
+impl Zone {
+    fn check(&self) -> Result<(), OutOfRange> {
+        let numbers = [self.radius, self.tolerance];
+        let sound = numbers.iter().all(|&v| v >= 0.0 && v.is_finite())
+            && self.center.iter().all(|c| c.is_finite());
+        require(
+            sound,
+            "zones",
+            format!("{self:?}"),
+            "have no number that is negative or not finite",
+        )
+    }
+}
+
+impl Resolution {
+    fn check(&self) -> Result<(), OutOfRange> {
+        match *self {
+            Self::Lattice => Ok(()),
+            Self::Spacing(h) => require(
+                h > 0.0 && h.is_finite(),
+                "resolution",
+                format!("{h} Å"),
+                "be a positive length",
+            ),
+            Self::Tets(n) => require(
+                n >= 1000,
+                "resolution",
+                format!("{n} tetrahedra"),
+                "ask for 1000 or more",
+            ),
+        }
+    }
+}
+
+impl Outer {
+    fn check(&self) -> Result<(), OutOfRange> {
+        match *self {
+            Self::Grid => Ok(()),
+            Self::Box { scale } | Self::Sphere { scale } => require(
+                (1.0..=100.0).contains(&scale),
+                "outer",
+                format!("scaled by {scale}"),
+                "have a scale between 1 and 100",
+            ),
         }
     }
 }
 
 impl Options {
-    /// Refuses options that make no sense, and names the field.
-    pub fn check(&self) -> Result<(), Error> {
-        let refuse = |option, reason: String| Err(Error::InvalidOption { option, reason });
-        if !self.level.is_finite() {
-            return refuse("level", format!("{} is not a finite number", self.level));
-        }
-        match self.resolution {
-            Resolution::Spacing(h) if !(h > 0.0 && h.is_finite()) => {
-                return refuse("resolution", format!("{h} Å is not a positive length"));
-            }
-            Resolution::Tets(n) if n < 1000 => {
-                return refuse(
-                    "resolution",
-                    format!("{n} tetrahedra are too few to aim at; ask for 1000 or more"),
-                );
-            }
-            _ => {}
-        }
-        if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
-            return refuse(
-                "tolerance",
-                format!("{} Å is not 0 or a positive length", self.tolerance),
-            );
-        }
-        for zone in &self.zones {
-            let numbers = [zone.radius, zone.tolerance];
-            if numbers.iter().any(|&v| !(v >= 0.0 && v.is_finite()))
-                || zone.center.iter().any(|c| !c.is_finite())
-            {
-                return refuse(
-                    "zones",
-                    format!("{zone:?} has a number that is negative or not finite"),
-                );
-            }
-        }
-        if self.max_cell.is_nan() || self.max_cell <= 0.0 {
-            return refuse(
-                "max_cell",
-                format!("{} Å is not a positive length", self.max_cell),
-            );
-        }
-        for material in &self.materials {
-            if [
-                geom_core::mesh::EXTERIOR,
-                geom_core::mesh::INTERIOR,
-                geom_core::mesh::OUTSIDE,
-            ]
-            .contains(&material.region)
-            {
-                return refuse(
-                    "materials",
-                    format!("region {} is taken; use 2 … 254", material.region),
-                );
-            }
-            if let Err(reason) = material.shape.check() {
-                return refuse("materials", reason);
-            }
-        }
-        match self.outer {
-            Outer::Box { scale } | Outer::Sphere { scale } if !(1.0..=100.0).contains(&scale) => {
-                return refuse(
-                    "outer",
-                    format!("a scale of {scale} is not between 1 and 100"),
-                );
-            }
-            _ => {}
-        }
-        let uneven = self.tolerance > 0.0 || !self.zones.is_empty();
-        if self.method == Method::Lattice && uneven {
-            return refuse(
-                "tolerance",
-                "the lattice method needs cells of one size at the surface; leave tolerance and zones at 0 or take the dual-contour method".to_owned(),
-            );
-        }
-        Ok(())
+    /// Refuses options that make no sense, and names the field. The verbs do so first of all.
+    ///
+    /// ```
+    /// use dual_contour::{Options, Resolution};
+    /// let options = Options {
+    ///     resolution: Resolution::Spacing(-0.5),
+    ///     ..Options::default()
+    /// };
+    /// let error = options.check().unwrap_err();
+    /// assert_eq!(error.to_string(), "option resolution is -0.5 Å; it must be a positive length");
+    /// ```
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        require(
+            self.level.is_finite(),
+            "level",
+            self.level,
+            "be a finite number",
+        )?;
+        self.resolution.check()?;
+        require(
+            self.tolerance >= 0.0 && self.tolerance.is_finite(),
+            "tolerance",
+            format!("{} Å", self.tolerance),
+            "be 0 or a positive length",
+        )?;
+        self.zones.iter().try_for_each(Zone::check)?;
+        require(
+            self.max_cell > 0.0,
+            "max_cell",
+            format!("{} Å", self.max_cell),
+            "be a positive length",
+        )?;
+        self.materials.iter().try_for_each(Material::check)?;
+        self.outer.check()?;
+        require(
+            self.method != Method::Stuffing || self.has_one_size(),
+            "tolerance",
+            format!("{} Å, with {} zones", self.tolerance, self.zones.len()),
+            "be 0, without zones, for isosurface stuffing, whose cells at the surface have one size; or take Method::DualContour",
+        )
+    }
+
+    /// Have all cells at the surface of the molecule the finest size?
+    pub(crate) fn has_one_size(&self) -> bool {
+        self.tolerance == 0.0 && self.zones.is_empty()
     }
 }

@@ -1,7 +1,51 @@
-//! The kernels as the equations read, for one cell at a time: what every backend must give.
+//! The kernels as the equations read, one cell or block at a time, in f64 where there is rounding: what every
+//! backend must give.
 
+use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE};
 use crate::kernel::{INSET, REGULAR};
 use geom_core::Vector3;
+
+/// [`ContourBackend::min_max`](crate::ContourBackend) for one block.
+pub fn min_max(block: &[f32; BLOCK_POINTS]) -> [f32; 2] {
+    let (mut low, mut high) = (block[0], block[0]);
+    for &v in block {
+        if v < low {
+            low = v;
+        }
+        if v > high {
+            high = v;
+        }
+    }
+    [low, high]
+}
+
+/// [`ContourBackend::crossings`](crate::ContourBackend) for one block.
+pub fn crossings(block: &[f32; BLOCK_POINTS], level: f32) -> [u8; BLOCK_CELLS] {
+    std::array::from_fn(|cell| {
+        let [x, y, z] = [cell % 8, cell / 8 % 8, cell / 64];
+        let corners = (0..8usize).filter(|c| {
+            let p = [x + (c & 1), y + (c >> 1 & 1), z + (c >> 2)];
+            block[(p[2] * BLOCK_SIDE + p[1]) * BLOCK_SIDE + p[0]] >= level
+        });
+        corners.map(|c| 1u8 << c).sum()
+    })
+}
+
+/// [`ContourBackend::dual_vertices`](crate::ContourBackend) for one cell: from the mean of the crossings `steps`
+/// Newton steps, each kept off the sides of the cell.
+pub fn dual_vertex(v: &[f64; 8], steps: u32) -> [f64; 3] {
+    let spread = v.iter().fold(f64::NEG_INFINITY, |m, &c| m.max(c))
+        - v.iter().fold(f64::INFINITY, |m, &c| m.min(c));
+    let mut x = mass_point(v);
+    for _ in 0..steps {
+        let (f, g) = trilinear(v, &x);
+        let step = newton_step(f, &Vector3::from(g), spread);
+        for k in 0..3 {
+            x[k] = (x[k] + step[k]).clamp(INSET, 1.0 - INSET);
+        }
+    }
+    x
+}
 
 /// Value and gradient of the trilinear interpolant of the corners of the unit cube.
 fn trilinear(v: &[f64; 8], x: &[f64; 3]) -> (f64, [f64; 3]) {
@@ -47,21 +91,6 @@ fn mass_point(v: &[f64; 8]) -> [f64; 3] {
     } else {
         sum.map(|s| (s / n).clamp(INSET, 1.0 - INSET))
     }
-}
-
-/// [`ContourBackend::dual_vertices`] for one cell, as the equations read.
-pub(crate) fn dual_vertex(v: &[f64; 8], steps: u32) -> [f64; 3] {
-    let spread = v.iter().fold(f64::NEG_INFINITY, |m, &c| m.max(c))
-        - v.iter().fold(f64::INFINITY, |m, &c| m.min(c));
-    let mut x = mass_point(v);
-    for _ in 0..steps {
-        let (f, g) = trilinear(v, &x);
-        let step = newton_step(f, &Vector3::from(g), spread);
-        for k in 0..3 {
-            x[k] = (x[k] + step[k]).clamp(INSET, 1.0 - INSET);
-        }
-    }
-    x
 }
 
 /// A regularized Newton step towards the level set, in cells: `f` is value minus level, `g` its

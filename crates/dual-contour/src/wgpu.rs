@@ -20,9 +20,9 @@ impl ContourBackend for Wgpu {
         BLOCKS
     }
 
-    fn min_max(&self, blocks: &[f32]) -> Result<Vec<[f32; 2]>, Error> {
+    fn min_max(&self, blocks: &[f32], out: &mut Vec<[f32; 2]>) -> Result<(), Error> {
         let gpu = self.gpu();
-        let mut out = Vec::with_capacity(blocks.len() / BLOCK_POINTS);
+        out.clear();
         for batch in blocks.chunks(BLOCKS * BLOCK_POINTS) {
             let n = batch.len() / BLOCK_POINTS;
             let values = gpu.upload("values", batch)?;
@@ -30,13 +30,13 @@ impl ContourBackend for Wgpu {
             gpu.dispatch(&DUAL_CONTOUR_MIN_MAX, &[&values, &range], [n as u32, 1, 1])?;
             out.extend(gpu.download::<[f32; 2]>(&range)?);
         }
-        Ok(out)
+        Ok(())
     }
 
-    fn crossings(&self, blocks: &[f32], level: f32) -> Result<Vec<u8>, Error> {
+    fn crossings(&self, blocks: &[f32], level: f32, out: &mut Vec<u8>) -> Result<(), Error> {
         let gpu = self.gpu();
         let level = gpu.uniform("level", &[level, 0.0, 0.0, 0.0])?;
-        let mut out = Vec::with_capacity(blocks.len() / BLOCK_POINTS * BLOCK_CELLS);
+        out.clear();
         for batch in blocks.chunks(BLOCKS * BLOCK_POINTS) {
             let n = batch.len() / BLOCK_POINTS;
             let values = gpu.upload("values", batch)?;
@@ -48,12 +48,17 @@ impl ContourBackend for Wgpu {
             )?;
             out.extend(gpu.download::<u8>(&masks)?);
         }
-        Ok(out)
+        Ok(())
     }
 
-    fn dual_vertices(&self, cells: &[[f32; 8]], steps: u32) -> Result<Vec<[f32; 3]>, Error> {
+    fn dual_vertices(
+        &self,
+        cells: &[[f32; 8]],
+        steps: u32,
+        out: &mut Vec<[f32; 3]>,
+    ) -> Result<(), Error> {
         let gpu = self.gpu();
-        let mut out = Vec::with_capacity(cells.len());
+        out.clear();
         for batch in cells.chunks(CELLS) {
             let n = batch.len();
             let values = gpu.upload("values", batch)?;
@@ -67,6 +72,6 @@ impl ContourBackend for Wgpu {
             )?;
             out.extend(gpu.download::<[f32; 3]>(&points)?);
         }
-        Ok(out)
+        Ok(())
     }
 }

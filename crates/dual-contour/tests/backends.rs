@@ -1,22 +1,54 @@
-//! Every backend follows `Cpu`, and the comparison can fail.
-#![cfg(feature = "wgpu")]
+//! Every backend follows the specification, and the comparison can fail.
 
 mod common;
 
 use common::*;
-use dual_contour::geom_core::testing::gpu_or_skip;
-use dual_contour::geom_core::{Agreement, Cpu, LatticeValues, Point3, Run};
-use dual_contour::{
-    BLOCK_CELLS, BLOCK_POINTS, CROSSINGS, ContourBackend, DUAL_VERTICES, MIN_MAX, Method, Options,
-    surface,
+use dual_contour::backend::{
+    BLOCK_CELLS, BLOCK_POINTS, CROSSINGS, ContourBackend, DUAL_VERTICES, MIN_MAX,
 };
+use dual_contour::geom_core::compute::BackendError;
+use dual_contour::geom_core::{Agreement, Backend, Cpu, LatticeValues, Point3, Run};
+use dual_contour::{Error, Options, specification, surface};
 use proptest::prelude::*;
-use proptest::test_runner::{Config, TestRunner};
+use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
-fn check<T: Copy + Into<f64>>(owed: Agreement, cpu: &[T], gpu: &[T]) -> Result<(), TestCaseError> {
-    match owed.first_break(cpu, gpu) {
+/// The processor, and the GPU where there is one.
+fn backends() -> Vec<Box<dyn ContourBackend>> {
+    let mut all: Vec<Box<dyn ContourBackend>> = vec![Box::new(Cpu)];
+    #[cfg(feature = "wgpu")]
+    if let Some(gpu) = dual_contour::geom_core::testing::gpu_or_skip() {
+        all.push(Box::new(gpu));
+    }
+    all
+}
+
+fn min_max(backend: &dyn ContourBackend, blocks: &[f32]) -> Vec<[f32; 2]> {
+    // What is in the buffer before does not matter.
+    let mut out = vec![[7.0; 2]; 5];
+    backend.min_max(blocks, &mut out).unwrap();
+    out
+}
+
+fn crossings(backend: &dyn ContourBackend, blocks: &[f32], level: f32) -> Vec<u8> {
+    let mut out = vec![7; 5];
+    backend.crossings(blocks, level, &mut out).unwrap();
+    out
+}
+
+fn dual_vertices(backend: &dyn ContourBackend, cells: &[[f32; 8]]) -> Vec<[f32; 3]> {
+    let mut out = vec![[7.0; 3]; 5];
+    backend.dual_vertices(cells, 4, &mut out).unwrap();
+    out
+}
+
+fn check<T: Copy + Into<f64>>(
+    owed: Agreement,
+    spec: &[T],
+    found: &[T],
+) -> Result<(), TestCaseError> {
+    match owed.first_break(spec, found) {
         None => Ok(()),
-        Some(found) => Err(TestCaseError::fail(format!("{owed:?}: {found:?}"))),
+        Some(broken) => Err(TestCaseError::fail(format!("{owed:?}: {broken:?}"))),
     }
 }
 
@@ -30,46 +62,83 @@ fn blocks() -> impl Strategy<Value = Vec<f32>> {
     (1..4usize).prop_flat_map(move |n| prop::collection::vec(value.clone(), n * BLOCK_POINTS))
 }
 
+/// The same cases in every run.
 fn runner() -> TestRunner {
-    TestRunner::new(Config {
+    let config = Config {
         cases: 48,
         failure_persistence: None,
         ..Config::default()
-    })
+    };
+    TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha))
+}
+
+fn spec_min_max(values: &[f32]) -> Vec<[f32; 2]> {
+    let (blocks, _) = values.as_chunks::<BLOCK_POINTS>();
+    blocks.iter().map(specification::min_max).collect()
+}
+
+fn spec_crossings(values: &[f32], level: f32) -> Vec<u8> {
+    let (blocks, _) = values.as_chunks::<BLOCK_POINTS>();
+    blocks
+        .iter()
+        .flat_map(|b| specification::crossings(b, level))
+        .collect()
 }
 
 #[test]
 fn min_max_is_exact() {
-    let Some(gpu) = gpu_or_skip() else { return };
-    runner()
-        .run(&blocks(), |values| {
-            let (ours, theirs) = (Cpu.min_max(&values).unwrap(), gpu.min_max(&values).unwrap());
-            prop_assert_eq!(ours.len(), values.len() / BLOCK_POINTS);
-            check(MIN_MAX, ours.as_flattened(), theirs.as_flattened())
-        })
-        .unwrap();
+    for backend in backends() {
+        runner()
+            .run(&blocks(), |values| {
+                let found = min_max(&*backend, &values);
+                prop_assert_eq!(found.len(), values.len() / BLOCK_POINTS);
+                let spec = spec_min_max(&values);
+                check(MIN_MAX, spec.as_flattened(), found.as_flattened())
+            })
+            .unwrap();
+    }
+}
+
+/// The lowest and the highest value at each of the places of a block, in blocks that follow each other: a kernel that
+/// leaves one out, or steps wrongly from block to block, is seen.
+#[test]
+fn extremes_are_seen_wherever_they_stand() {
+    let mut values = vec![0.5f32; BLOCK_POINTS * BLOCK_POINTS];
+    for (place, block) in values.chunks_exact_mut(BLOCK_POINTS).enumerate() {
+        block[place] = 3.0 + place as f32;
+        block[(place + 400) % BLOCK_POINTS] = -1.0 - place as f32;
+    }
+    for backend in backends() {
+        let found = min_max(&*backend, &values);
+        assert_eq!(found.len(), BLOCK_POINTS);
+        for (place, range) in found.into_iter().enumerate() {
+            let expected = [-1.0 - place as f32, 3.0 + place as f32];
+            assert_eq!(range, expected, "{} at {place}", backend.name());
+        }
+    }
 }
 
 #[test]
 fn crossings_are_exact() {
-    let Some(gpu) = gpu_or_skip() else { return };
-    runner()
-        .run(&(blocks(), -0.5f32..1.5), |(values, other)| {
-            for level in [1.0, other] {
-                let ours = Cpu.crossings(&values, level).unwrap();
-                let theirs = gpu.crossings(&values, level).unwrap();
-                prop_assert_eq!(ours.len(), values.len() / BLOCK_POINTS * BLOCK_CELLS);
-                check(CROSSINGS, &ours, &theirs)?;
-            }
-            Ok(())
-        })
-        .unwrap();
+    for backend in backends() {
+        runner()
+            .run(&(blocks(), -0.5f32..1.5), |(values, other)| {
+                for level in [1.0, other] {
+                    let found = crossings(&*backend, &values, level);
+                    prop_assert_eq!(found.len(), values.len() / BLOCK_POINTS * BLOCK_CELLS);
+                    check(CROSSINGS, &spec_crossings(&values, level), &found)?;
+                }
+                Ok(())
+            })
+            .unwrap();
+    }
 }
 
+/// The specification itself, by hand.
 #[test]
 fn crossings_are_the_signs_of_the_corners() {
     let values: Vec<f32> = (0..BLOCK_POINTS).map(|i| (i * 37 % 11) as f32).collect();
-    let masks = Cpu.crossings(&values, 5.0).unwrap();
+    let masks = spec_crossings(&values, 5.0);
     for (cell, &mask) in masks.iter().enumerate() {
         let at = [cell % 8, cell / 8 % 8, cell / 64];
         for c in 0..8 {
@@ -99,54 +168,83 @@ fn cells() -> impl Strategy<Value = Vec<[f32; 8]>> {
 
 #[test]
 fn dual_vertices_stay_within_their_bound() {
-    let Some(gpu) = gpu_or_skip() else { return };
-    runner()
-        .run(&cells(), |cells| {
-            let ours = Cpu.dual_vertices(&cells, 4).unwrap();
-            let theirs = gpu.dual_vertices(&cells, 4).unwrap();
-            check(DUAL_VERTICES, ours.as_flattened(), theirs.as_flattened())
-        })
-        .unwrap();
+    for backend in backends() {
+        runner()
+            .run(&cells(), |cells| {
+                let found: Vec<f64> = dual_vertices(&*backend, &cells)
+                    .as_flattened()
+                    .iter()
+                    .map(|&x| f64::from(x))
+                    .collect();
+                let spec: Vec<[f64; 3]> = cells
+                    .iter()
+                    .map(|v| specification::dual_vertex(&v.map(f64::from), 4))
+                    .collect();
+                check(DUAL_VERTICES, spec.as_flattened(), &found)
+            })
+            .unwrap();
+    }
 }
 
 #[test]
 fn the_comparison_can_fail() {
-    let Some(gpu) = gpu_or_skip() else { return };
     let values: Vec<f32> = (0..BLOCK_POINTS).map(|i| (i as f32 * 0.7).sin()).collect();
     let mut spoiled = values.clone();
     spoiled[300] = 9.0;
-    let (ours, theirs) = (
-        Cpu.min_max(&values).unwrap(),
-        gpu.min_max(&spoiled).unwrap(),
-    );
-    assert!(check(MIN_MAX, ours.as_flattened(), theirs.as_flattened()).is_err());
-    let (ours, theirs) = (
-        Cpu.crossings(&values, 0.3).unwrap(),
-        gpu.crossings(&values, 0.31).unwrap(),
-    );
-    assert!(check(CROSSINGS, &ours, &theirs).is_err());
     let cell = [-1.0f32, 1.0, -1.1, 0.9, -0.8, 1.2, -1.0, 1.0];
-    let (ours, theirs) = (
-        Cpu.dual_vertices(&[cell], 4).unwrap(),
-        gpu.dual_vertices(&[cell.map(|v| v + 0.01)], 4).unwrap(),
-    );
-    assert!(check(DUAL_VERTICES, ours.as_flattened(), theirs.as_flattened()).is_err());
+    for backend in backends() {
+        let found = min_max(&*backend, &spoiled);
+        let spec = spec_min_max(&values);
+        assert!(check(MIN_MAX, spec.as_flattened(), found.as_flattened()).is_err());
+        let found = crossings(&*backend, &values, 0.31);
+        assert!(check(CROSSINGS, &spec_crossings(&values, 0.3), &found).is_err());
+        let found = dual_vertices(&*backend, &[cell.map(|v| v + 0.01)])[0].map(f64::from);
+        let spec = specification::dual_vertex(&cell.map(f64::from), 4);
+        assert!(check(DUAL_VERTICES, &spec, &found).is_err());
+    }
 }
 
 #[test]
 fn meshes_differ_by_the_bound_alone() {
-    let Some(gpu) = gpu_or_skip() else { return };
     let grid = sample(&ball(Point3::new(0.1, 0.2, -0.1), 3.0), 4.0, 24);
-    for method in [Method::DualContour, Method::Lattice] {
-        let options = Options {
-            method,
-            ..Options::default()
-        };
+    for (backend, method) in backends().iter().flat_map(|b| METHODS.map(|m| (b, m))) {
+        let options = by(method);
         let ours = surface(&grid, None, &options, Run::on(&Cpu)).unwrap();
-        let theirs = surface(&grid, None, &options, Run::on(&gpu)).unwrap();
+        let theirs = surface(&grid, None, &options, Run::on(&**backend)).unwrap();
         assert_eq!(ours.mesh.triangles(), theirs.mesh.triangles());
         let reach = 2e-4 * grid.lattice().spacing;
         let pairs = ours.mesh.positions().iter().zip(theirs.mesh.positions());
         assert!(pairs.into_iter().all(|(a, b)| (a - b).norm() <= reach));
     }
+}
+
+/// What a backend fails of comes back to the caller.
+#[test]
+fn the_error_of_a_backend_is_the_callers() {
+    struct Broken;
+    impl Backend for Broken {
+        fn name(&self) -> String {
+            "broken".to_owned()
+        }
+    }
+    impl ContourBackend for Broken {
+        fn min_max(&self, _: &[f32], _: &mut Vec<[f32; 2]>) -> Result<(), Error> {
+            Err(BackendError::new("the device is gone").into())
+        }
+        fn crossings(&self, _: &[f32], _: f32, _: &mut Vec<u8>) -> Result<(), Error> {
+            Err(BackendError::new("the device is gone").into())
+        }
+        fn dual_vertices(
+            &self,
+            _: &[[f32; 8]],
+            _: u32,
+            _: &mut Vec<[f32; 3]>,
+        ) -> Result<(), Error> {
+            Err(BackendError::new("the device is gone").into())
+        }
+    }
+    let grid = sample(&ball(Point3::origin(), 3.0), 4.0, 24);
+    let error = surface(&grid, None, &Options::default(), Run::on(&Broken)).unwrap_err();
+    assert!(matches!(error, Error::Backend(_)));
+    assert_eq!(error.to_string(), "the device is gone");
 }

@@ -3,7 +3,7 @@
 mod common;
 
 use common::*;
-use dual_contour::geom_core::{Cpu, Point3, Run, Vector3};
+use dual_contour::geom_core::{Cpu, ImplicitField, LatticeValues, Point3, Run, Vector3};
 use dual_contour::{ErrorNorm, Extent, Method, Options, Outer, Placement, Zone, surface, volume};
 
 /// Errors of volume and area of the unit ball's surface at a spacing.
@@ -44,8 +44,8 @@ fn vertices_lie_on_the_surface() {
         let off = |p: &Point3| (p.coords.norm() - 3.0).abs() / grid.lattice().spacing;
         let n = mesh.positions().len();
         let far = mesh.positions().iter().filter(|p| off(p) > 0.02).count();
-        // The lattice method leaves a few cuts off the surface where snapping is not safe.
-        let allowed = if method == Method::Lattice {
+        // Stuffing leaves a few cuts off the surface where snapping is not safe.
+        let allowed = if method == Method::Stuffing {
             n / 100
         } else {
             0

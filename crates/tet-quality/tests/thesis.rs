@@ -86,15 +86,15 @@ fn dual_contouring_reaches_20_degrees() {
 #[test]
 fn the_lattice_method_reaches_25_degrees_on_both_sides() {
     assert_goals(
-        &protein(Method::Lattice, dual_contour::Extent::Interior, 0.8),
+        &protein(Method::Stuffing, dual_contour::Extent::Interior, 0.8),
         25.0,
     );
     assert_goals(
-        &protein(Method::Lattice, dual_contour::Extent::Exterior, 1.2),
+        &protein(Method::Stuffing, dual_contour::Extent::Exterior, 1.2),
         25.0,
     );
     assert_goals(
-        &protein(Method::Lattice, dual_contour::Extent::Both, 1.2),
+        &protein(Method::Stuffing, dual_contour::Extent::Both, 1.2),
         25.0,
     );
 }

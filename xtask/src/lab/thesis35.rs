@@ -53,7 +53,7 @@ const CASES: [Case; 5] = [
         chain_power: 1.0,
         region: Extent::Interior,
         spacing: 1.2,
-        method: Method::Lattice,
+        method: Method::Stuffing,
     },
     Case {
         name: "30S (class of 2W4U), interior",

@@ -54,7 +54,15 @@ pub(crate) struct Ring<'a> {
     /// Does the ring begin and end with ghosts?
     pub(crate) open: bool,
     /// The diagonal between the cells `k` and `k + 2` of a ring of four that another edge may use.
-    pub(crate) taken: Option<u8>,
+    pub(crate) reserved: Option<u8>,
+}
+
+impl Ring<'_> {
+    /// Consecutive cells around the edge; each two span a base tetrahedron with it.
+    pub(crate) fn neighbours(&self) -> impl Iterator<Item = [Cell; 2]> {
+        let n = self.cells.len();
+        (0..if self.open { n - 1 } else { n }).map(move |i| [i, (i + 1) % n].map(|i| self.cells[i]))
+    }
 }
 
 const SIMPLE: u8 = 0;
@@ -71,12 +79,19 @@ pub(crate) struct Complex<'a> {
     pub(crate) splits: Vec<Split>,
 }
 
+/// Which leaves can carry an interface.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Interfaces {
+    OfFinest,
+    OfAnySize,
+}
+
 /// What each leaf is: simple, an interface, or to be split.
 pub(crate) struct Kinds(Vec<u8>);
 
 impl Kinds {
-    /// Judges all leaves; if `finest`, only the finest carry interfaces.
-    pub(crate) fn of(samples: &Samples<'_>, tree: &Octree, finest: bool) -> Self {
+    /// Judges all leaves.
+    pub(crate) fn of(samples: &Samples<'_>, tree: &Octree, interfaces: Interfaces) -> Self {
         let masks = simple_masks();
         let view = Complex {
             samples,
@@ -89,7 +104,7 @@ impl Kinds {
             .into_par_iter()
             .with_min_len(1024)
             .map(|id| {
-                if finest && tree.leaves[id as usize].log > 0 {
+                if interfaces == Interfaces::OfFinest && tree.leaves[id as usize].log > 0 {
                     SIMPLE
                 } else {
                     view.kind_of(id, &masks)
@@ -291,6 +306,7 @@ impl<'a> Complex<'a> {
         };
         for axis in 0..3 {
             let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            // Finer leaves beyond a face hang its middle and the middles of its edges on it.
             for side in [0usize, 2] {
                 let mut d = [0; 3];
                 d[axis] = side as i32 - 1;
@@ -305,6 +321,7 @@ impl<'a> Complex<'a> {
                     }
                 }
             }
+            // Finer leaves that only share an edge along the axis hang its middle on it.
             for j in [0usize, 2] {
                 for k in [0usize, 2] {
                     let mut d = [0; 3];

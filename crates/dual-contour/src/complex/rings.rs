@@ -6,6 +6,42 @@ use super::cube::{AROUND, QUADRANT, corner_of, diagonal_of};
 use super::{Cell, Complex, Corner, Ring};
 use crate::octree::{Leaf, NONE, local};
 
+/// Who owns an edge: of the smallest leaves around it the first in this order of quadrants.
+const OWNERS: [usize; 4] = [2, 3, 1, 0];
+
+/// An edge between lattice points.
+struct LatticeEdge {
+    axis: usize,
+    /// Its lower end.
+    start: [i32; 3],
+    /// Logarithm of its length.
+    log: u8,
+    /// The leaf in each quadrant, and the logarithm of its size.
+    around: [(u32, u8); 4],
+    a: (Corner, Region),
+    b: (Corner, Region),
+}
+
+impl LatticeEdge {
+    /// Its ends among the corners of the finest cell in a quadrant.
+    fn corners_in(&self, quadrant: usize) -> [usize; 2] {
+        let (u, v) = ((self.axis + 1) % 3, (self.axis + 2) % 3);
+        let [du, dv] = QUADRANT[quadrant].map(|d| (-d) as usize);
+        let p = du << u | dv << v;
+        [p, p | 1 << self.axis]
+    }
+
+    /// The diagonal of a ring of four that the edge must leave to another. Two larger cells may face each other
+    /// across both halves of their common edge, and a triangle of either half may join them; an edge of the
+    /// surface would then have four triangles. The upper half leaves their diagonal to the lower one.
+    fn reserved_diagonal(&self) -> Option<u8> {
+        let larger = |q: usize| self.around[q].1 > self.log;
+        let upper = self.start[self.axis] >> self.log & 1 == 1;
+        let joins = |k: &u8| larger(usize::from(*k)) && larger(usize::from(*k) + 2);
+        (0..2).rev().find(joins).filter(|_| upper)
+    }
+}
+
 impl Complex<'_> {
     /// The rings of the edges that this leaf owns: lattice edges, and if it is split the diagonals of
     /// its faces and the edges to its middle. `wanted` is asked for the labels of both ends first.
@@ -28,6 +64,7 @@ impl Complex<'_> {
         }
     }
 
+    /// The lattice edges of a leaf that it owns.
     fn lattice_rings(
         &self,
         id: u32,
@@ -37,11 +74,9 @@ impl Complex<'_> {
         f: &mut impl FnMut(&Ring),
     ) {
         let (o, s) = (leaf.origin(), leaf.size());
-        // Who owns an edge: the first of these that has its size.
-        const ORDER: [usize; 4] = [2, 3, 1, 0];
         for axis in 0..3 {
             let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            for mine in ORDER {
+            for mine in OWNERS {
                 let (du, dv) = (-QUADRANT[mine][0], -QUADRANT[mine][1]);
                 let low = ((du as usize) << u) | ((dv as usize) << v);
                 let (la, lb) = (labels[low], labels[low | 1 << axis]);
@@ -51,60 +86,60 @@ impl Complex<'_> {
                 let mut start = o;
                 start[u] += du * s;
                 start[v] += dv * s;
-                let mut found = [(NONE, u8::MAX); 4];
-                let mut owner = true;
-                let mut before = true;
-                for q in ORDER {
-                    if q == mine {
-                        found[q] = (id, leaf.log);
-                        before = false;
-                        continue;
-                    }
-                    let mut cell = start;
-                    cell[u] += QUADRANT[q][0];
-                    cell[v] += QUADRANT[q][1];
-                    found[q] = self.tree.find(cell);
-                    if found[q].1 < leaf.log || before && found[q].1 == leaf.log {
-                        owner = false;
-                        break;
-                    }
-                }
-                if !owner {
+                let Some(around) = self.owned_quadrants((id, leaf.log), mine, axis, start) else {
                     continue;
-                }
+                };
                 let mut end = start;
                 end[axis] += s;
-                self.ring(
+                let edge = LatticeEdge {
                     axis,
-                    low,
                     start,
-                    found,
-                    (Corner::Point(start), la),
-                    (Corner::Point(end), lb),
-                    leaf.log,
-                    f,
-                );
+                    log: leaf.log,
+                    around,
+                    a: (Corner::Point(start), la),
+                    b: (Corner::Point(end), lb),
+                };
+                self.lattice_ring(&edge, f);
             }
         }
     }
 
-    /// Puts the cells around a lattice edge in order.
-    #[expect(clippy::too_many_arguments, reason = "the pieces of one edge")]
-    fn ring(
+    /// The leaves in the quadrants around the edge at `start`, with the logarithms of their sizes, if the leaf
+    /// `own` in quadrant `mine` owns it: none is smaller, and none of its size comes first.
+    fn owned_quadrants(
         &self,
+        own: (u32, u8),
+        mine: usize,
         axis: usize,
-        _low: usize,
         start: [i32; 3],
-        found: [(u32, u8); 4],
-        a: (Corner, Region),
-        b: (Corner, Region),
-        log: u8,
-        f: &mut impl FnMut(&Ring),
-    ) {
+    ) -> Option<[(u32, u8); 4]> {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut found = [(NONE, u8::MAX); 4];
+        let mut before = true;
+        for q in OWNERS {
+            if q == mine {
+                found[q] = own;
+                before = false;
+                continue;
+            }
+            let mut cell = start;
+            cell[u] += QUADRANT[q][0];
+            cell[v] += QUADRANT[q][1];
+            found[q] = self.tree.find(cell);
+            if found[q].1 < own.1 || before && found[q].1 == own.1 {
+                return None;
+            }
+        }
+        Some(found)
+    }
+
+    /// Puts the cells around a lattice edge in order.
+    fn lattice_ring(&self, edge: &LatticeEdge, f: &mut impl FnMut(&Ring)) {
+        let (u, v) = ((edge.axis + 1) % 3, (edge.axis + 2) % 3);
         // The face of a cell in quadrant q towards the quadrant before and after it.
         let before = [2 * v + 1, 2 * u, 2 * v, 2 * u + 1];
         let after = [2 * u + 1, 2 * v + 1, 2 * u, 2 * v];
+        let found = &edge.around;
         let open = found.iter().any(|c| c.0 == NONE);
         // An open ring begins after the box.
         let first = if open {
@@ -114,31 +149,16 @@ impl Complex<'_> {
         } else {
             0
         };
-        // Corners of the edge in the unit cube of a finest cell in quadrant q.
-        let ends = |q: usize| {
-            let low = [[1, 1], [0, 1], [0, 0], [1, 0]][q];
-            let p = low[0] << u | low[1] << v;
-            (p, p | 1 << axis)
-        };
         let mut cells = [Cell::Leaf(NONE); 10];
         let mut n = 0;
         let mut push = |c: Cell| {
             cells[n] = c;
             n += 1;
         };
-        let ghost = |q: usize, face: usize| {
-            let id = found[q].0;
-            if self.is_split(id) {
-                let (p, r) = ends(q);
-                Cell::Ghost(id, self.splits[self.split_of(id) as usize].half(face, p, r))
-            } else {
-                Cell::Ghost(id, 2 * face as u8)
-            }
-        };
         if open {
-            push(ghost(first, before[first]));
+            push(self.ghost(edge, first, before[first]));
         }
-        let mut last_quadrant = first;
+        let mut last = first;
         let mut previous = NONE;
         for i in 0..4 {
             let q = (first + i) % 4;
@@ -146,39 +166,45 @@ impl Complex<'_> {
             if id == NONE {
                 break;
             }
-            last_quadrant = q;
+            last = q;
             if self.is_split(id) {
+                // Of a cut leaf the two parts at the faces that hold the edge.
                 let k = self.split_of(id);
-                let (p, r) = ends(q);
+                let [p, r] = edge.corners_in(q);
                 let split = &self.splits[k as usize];
                 push(Cell::Part(k, split.half(before[q], p, r)));
                 push(Cell::Part(k, split.half(after[q], p, r)));
             } else if id != previous && !(i == 3 && !open && id == found[first].0) {
+                // A large leaf may fill two quadrants: it stands in the ring once.
                 push(Cell::Leaf(id));
             }
             previous = id;
         }
         if open {
-            push(ghost(last_quadrant, after[last_quadrant]));
-        }
-        // Two larger cells face each other across both halves of their common edge: the upper half
-        // leaves their diagonal to the lower one.
-        let mut taken = None;
-        if n == 4 && !open {
-            for k in 0..2 {
-                let larger = |q: usize| found[q].1 > log;
-                if larger(k) && larger(k + 2) && start[axis] >> log & 1 == 1 {
-                    taken = Some(k as u8);
-                }
-            }
+            push(self.ghost(edge, last, after[last]));
         }
         f(&Ring {
-            a,
-            b,
+            a: edge.a,
+            b: edge.b,
             cells: &cells[..n],
             open,
-            taken,
+            reserved: if n == 4 && !open {
+                edge.reserved_diagonal()
+            } else {
+                None
+            },
         });
+    }
+
+    /// The ghost beyond a face of the leaf in a quadrant.
+    fn ghost(&self, edge: &LatticeEdge, quadrant: usize, face: usize) -> Cell {
+        let id = edge.around[quadrant].0;
+        if self.is_split(id) {
+            let [p, r] = edge.corners_in(quadrant);
+            Cell::Ghost(id, self.splits[self.split_of(id) as usize].half(face, p, r))
+        } else {
+            Cell::Ghost(id, 2 * face as u8)
+        }
     }
 
     /// The diagonals of the faces of a split leaf; one between two split leaves belongs to the lower.
@@ -230,7 +256,7 @@ impl Complex<'_> {
                 b: (Corner::Point(b), labels[q]),
                 cells: &cells,
                 open,
-                taken: None,
+                reserved: None,
             });
         }
     }
@@ -258,7 +284,7 @@ impl Complex<'_> {
                 b: (Corner::Point(p), label),
                 cells: &cells,
                 open: false,
-                taken: None,
+                reserved: None,
             });
         }
     }

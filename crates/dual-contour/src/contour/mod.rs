@@ -1,14 +1,12 @@
 //! From values and options to the complex: the steps that surface and volume share.
 
-use geom_core::mesh::{INTERIOR, Region};
-use geom_core::{ImplicitField, LatticeValues, Run};
-use rayon::prelude::*;
-
 use crate::backend::ContourBackend;
 use crate::complex::{Complex, Kinds};
-use crate::dual::{Duals, Emitter, Probe, Want};
-use crate::octree::{self, Domain, Octree, Samples, Splits};
+use crate::dual::{Duals, Emitter, Ends, Probe, Want};
+use crate::octree::{self, Domain, Octree, Samples};
 use crate::{AtBox, Error, Extent, Method, Options};
+use geom_core::mesh::{INTERIOR, Region};
+use geom_core::{ImplicitField, LatticeValues, Run};
 
 mod raw;
 mod report;
@@ -16,6 +14,7 @@ mod resolution;
 mod setup;
 mod stuffing;
 mod surface;
+mod trees;
 mod uniform;
 mod volume;
 
@@ -48,8 +47,7 @@ pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
 
 /// Are all cells with a surface finest, with nothing but molecule and exterior, off the box?
 pub(crate) fn is_uniform(options: &Options) -> bool {
-    options.tolerance == 0.0
-        && options.zones.is_empty()
+    options.has_one_size()
         && options.materials.is_empty()
         && options.at_box != AtBox::Clip
         && options.method == Method::DualContour
@@ -60,7 +58,7 @@ pub(crate) fn is_uniform(options: &Options) -> bool {
 const SPIKE_ROUNDS: u32 = 4;
 
 /// Makes the mesh of what has been sampled.
-pub(crate) fn mesh<B: ContourBackend + ?Sized>(
+fn mesh<B: ContourBackend + ?Sized>(
     samples: &Samples<'_>,
     probe: &Probe<'_>,
     options: &Options,
@@ -68,154 +66,149 @@ pub(crate) fn mesh<B: ContourBackend + ?Sized>(
     mut report: Report,
     run: Run<'_, B>,
 ) -> Result<Contour, Error> {
-    let boxed = match purpose {
-        Purpose::Surface | Purpose::Volume(Extent::Interior) => options.at_box == AtBox::Clip,
-        Purpose::Volume(_) => true,
+    let mesher = Mesher {
+        samples,
+        probe,
+        options,
+        purpose,
     };
-    let keep = |r| match purpose {
-        Purpose::Surface => false,
-        Purpose::Volume(extent) => extent.holds(r),
+    let raw = match options.method {
+        Method::DualContour => mesher.dual_contour(&mut report, run)?,
+        Method::Stuffing => mesher.stuff(&mut report, run)?,
     };
-    let stage = match purpose {
-        Purpose::Surface => "triangles",
-        Purpose::Volume(_) => "tetrahedra",
-    };
-    run.progress("octree", 0, 1)?;
-    let mut splits = octree::splits(samples, options);
-    let mut before = None;
-    let mut rounds = 0..SPIKE_ROUNDS;
-    let raw = loop {
-        let (tree, kinds) = match options.method {
-            Method::DualContour => tree(samples, options, &mut splits),
-            Method::Lattice => even_tree(samples, options, &mut splits),
-        };
-        let complex = Complex::new(samples, &tree, kinds);
-        check_counts(&complex, purpose)?;
-        report.leaves = tree.leaves.iter().filter(|l| !l.void).count();
-        report.surface_cells = (0..tree.leaves.len() as u32)
-            .filter(|&id| complex.is_interface(id))
-            .count();
-        if options.method == Method::Lattice {
-            run.progress(stage, 0, 1)?;
-            let (raw, counts) =
-                stuffing::mesh(&complex, probe, options.at_box == AtBox::Clip, keep);
-            (report.snapped, report.held_back) = (counts.snapped, counts.refused);
-            break raw;
+    report.added_vertices = raw.added;
+    report.triangles = raw.triangles.len();
+    report.tets = raw.tets.len();
+    run.progress(mesher.stage(), 1, 1)?;
+    Ok(Contour {
+        raw,
+        domain: samples.domain,
+        report,
+    })
+}
+
+/// What both methods read.
+struct Mesher<'a> {
+    samples: &'a Samples<'a>,
+    probe: &'a Probe<'a>,
+    options: &'a Options,
+    purpose: Purpose,
+}
+
+impl Mesher<'_> {
+    fn stage(&self) -> &'static str {
+        match self.purpose {
+            Purpose::Surface => "triangles",
+            Purpose::Volume(_) => "tetrahedra",
         }
-        run.progress("dual vertices", 0, 1)?;
-        let duals = Duals::new(&complex, probe, boxed, before.as_ref(), run.backend)?;
-        let spikes = duals.spikes(&complex);
-        if !spikes.is_empty() && rounds.next().is_some() {
+    }
+
+    /// Is a region meshed?
+    fn keeps(&self, region: Region) -> bool {
+        match self.purpose {
+            Purpose::Surface => false,
+            Purpose::Volume(extent) => extent.holds(region),
+        }
+    }
+
+    /// A surface or an interior mesh stops short of the box, unless the box cuts it.
+    fn ends(&self) -> Ends {
+        match self.purpose {
+            Purpose::Surface | Purpose::Volume(Extent::Interior)
+                if self.options.at_box != AtBox::Clip =>
+            {
+                Ends::OffBox
+            }
+            _ => Ends::AtBox,
+        }
+    }
+
+    /// Dual contouring. The octree is made again while points of large leaves would stick out of the surface.
+    fn dual_contour<B: ContourBackend + ?Sized>(
+        &self,
+        report: &mut Report,
+        run: Run<'_, B>,
+    ) -> Result<Raw, Error> {
+        let (samples, ends) = (self.samples, self.ends());
+        run.progress("octree", 0, 1)?;
+        let mut splits = octree::splits(samples, self.options);
+        let mut before = None;
+        let mut rounds = 0..SPIKE_ROUNDS;
+        loop {
+            let (tree, kinds) = trees::adapted(samples, self.options, &mut splits);
+            let complex = self.complex(&tree, kinds, report)?;
+            run.progress("dual vertices", 0, 1)?;
+            let duals = Duals::new(&complex, self.probe, ends, before.as_ref(), run.backend)?;
+            let spikes = duals.spikes(&complex);
+            if spikes.is_empty() || rounds.next().is_none() {
+                report.split_cells = complex.splits.len();
+                report.clamped = duals.clamped();
+                run.progress(self.stage(), 0, 1)?;
+                return Ok(self.emit(&complex, &duals));
+            }
             for id in spikes {
                 splits.split(samples.domain.blocks, complex.leaf(id));
             }
             drop(complex);
             before = Some((tree, duals));
-            continue;
         }
-        report.split_cells = complex.splits.len();
-        report.held_back = duals.held_back();
-        run.progress(stage, 0, 1)?;
-        let emitter = Emitter::new(&complex, &duals, probe, |r| {
-            keep(r) || boxed && r == INTERIOR
-        });
+    }
+
+    /// Triangles and tetrahedra of placed dual vertices.
+    fn emit(&self, complex: &Complex<'_>, duals: &Duals) -> Raw {
+        let keep = |r| self.keeps(r);
+        // Where the box closes the molecule, its lattice points there are corners of the surface.
+        let corners = |r| keep(r) || self.ends() == Ends::AtBox && r == INTERIOR;
+        let emitter = Emitter::new(complex, duals, self.probe, corners);
         let emission = emitter.emit(&Want {
-            tets: purpose != Purpose::Surface,
+            tets: self.purpose != Purpose::Surface,
             region: keep,
         });
-        break Raw::from_emission(&emitter, emission, keep);
-    };
-    report.added_vertices = raw.added;
-    report.triangles = raw.triangles.len();
-    report.tets = raw.tets.len();
-    let domain = samples.domain;
-    run.progress(stage, 1, 1)?;
-    Ok(Contour {
-        raw,
-        domain,
-        report,
-    })
-}
-
-/// Do labels follow from signs, and are all cells with a surface finest?
-fn is_finest(samples: &Samples<'_>, options: &Options) -> bool {
-    samples.labels.plain() && options.tolerance == 0.0 && options.zones.is_empty()
-}
-
-/// The octree with cells of one size around the surface, as snapping needs it.
-fn even_tree(samples: &Samples<'_>, options: &Options, splits: &mut Splits) -> (Octree, Kinds) {
-    let cells = samples.domain.cells;
-    let finest = is_finest(samples, options);
-    let tree = Octree::new(cells, splits);
-    for id in Kinds::of(samples, &tree, finest).interfaces() {
-        let leaf = &tree.leaves[id as usize];
-        if leaf.log == 0 {
-            splits.surround(cells, leaf.origin());
-        }
+        Raw::from_emission(&emitter, emission, keep)
     }
-    let tree = Octree::new(cells, splits);
-    let kinds = Kinds::of(samples, &tree, finest).unsplit();
-    (tree, kinds)
-}
 
-/// The octree in which ambiguous cells are finest, and stand among finest ones.
-fn tree(samples: &Samples<'_>, options: &Options, splits: &mut Splits) -> (Octree, Kinds) {
-    let domain = samples.domain;
-    let finest = is_finest(samples, options);
-    let mut tree = Octree::new(domain.cells, splits);
-    let mut kinds = Kinds::of(samples, &tree, finest);
-    loop {
-        let large = kinds.large(&tree);
-        for &id in &large {
-            splits.split(domain.blocks, &tree.leaves[id as usize]);
-        }
-        // Cut cells stand among finest ones, so that surfaces do not hang on what lies off them.
-        let bare: Vec<u32> = kinds
-            .cut(&tree)
-            .into_par_iter()
-            .filter(|&id| {
-                tree.touching(id)
-                    .any(|other| tree.leaves[other as usize].log > 0)
-            })
-            .collect();
-        for &id in &bare {
-            splits.surround(domain.cells, tree.leaves[id as usize].origin());
-        }
-        if large.is_empty() && bare.is_empty() {
-            return (tree, kinds);
-        }
-        tree = Octree::new(domain.cells, splits);
-        kinds = Kinds::of(samples, &tree, finest);
+    /// Isosurface stuffing.
+    fn stuff<B: ContourBackend + ?Sized>(
+        &self,
+        report: &mut Report,
+        run: Run<'_, B>,
+    ) -> Result<Raw, Error> {
+        run.progress("octree", 0, 1)?;
+        let mut splits = octree::splits(self.samples, self.options);
+        let (tree, kinds) = trees::even(self.samples, self.options, &mut splits);
+        let complex = self.complex(&tree, kinds, report)?;
+        run.progress(self.stage(), 0, 1)?;
+        let keep = |r| self.keeps(r);
+        let (raw, counts) = stuffing::mesh(&complex, self.probe, self.options.at_box, keep);
+        (report.snapped, report.clamped) = (counts.snapped, counts.clamped);
+        Ok(raw)
     }
-}
 
-/// Refuses what vertex and element numbers could not name: fewer than 24 tetrahedra per leaf and 4
-/// vertices, with 4 more per surface leaf for cuts.
-fn check_counts(complex: &Complex<'_>, purpose: Purpose) -> Result<(), Error> {
-    let leaves = complex.tree.leaves.len() as u128;
-    let elements = match purpose {
-        Purpose::Surface => 12 * leaves,
-        Purpose::Volume(_) => 24 * leaves,
-    };
-    let limit = u128::from(u32::MAX - 2);
-    if elements > 4 * limit || 8 * leaves > limit {
-        return Err(Error::TooLarge {
-            what: "the mesh",
-            bytes: elements * 17,
-            limit: limit * 17,
-            cure: "take a larger spacing",
-        });
+    /// The complex of an octree, its leaves counted.
+    fn complex<'a>(
+        &'a self,
+        tree: &'a Octree,
+        kinds: Kinds,
+        report: &mut Report,
+    ) -> Result<Complex<'a>, Error> {
+        let complex = Complex::new(self.samples, tree, kinds);
+        trees::check_counts(&complex, self.purpose)?;
+        report.leaves = tree.leaves.iter().filter(|l| !l.void).count();
+        report.surface_cells = (0..tree.leaves.len() as u32)
+            .filter(|&id| complex.is_interface(id))
+            .count();
+        Ok(complex)
     }
-    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
-    use super::setup::domain;
+    use super::setup::site;
     use super::*;
+    use crate::complex::{Cell, Corner, Interfaces};
     use crate::octree::{BLOCK_LOG, Labels, Source, Splits};
+    use geom_core::compute::sets::DisjointSets;
     use geom_core::mesh::{EXTERIOR, six_volume};
-    use geom_core::sets::DisjointSets;
     use geom_core::{Cpu, Lattice, Point3, ScalarGrid};
     use std::collections::{BTreeMap, BTreeSet};
 
@@ -261,18 +254,18 @@ mod tests {
     fn plain(grid: &ScalarGrid) -> Samples<'_> {
         let options = Options::default();
         let purpose = Purpose::Volume(Extent::Both);
-        let (domain, shift, outer) = domain(grid.lattice(), 1.0, &options, purpose, false).unwrap();
+        let site = site(grid.lattice(), 1.0, &options, purpose, false).unwrap();
         let labels = Labels {
             level: 1.0,
             materials: Vec::new(),
-            outer,
+            outer: site.outer,
         };
         let source = Source::Aligned {
             values: grid,
-            shift,
+            shift: site.shift,
             outside: 0.0,
         };
-        let mut samples = Samples::new(source, domain, labels, &Cpu).unwrap();
+        let mut samples = Samples::new(source, site.domain, labels, &Cpu).unwrap();
         samples.find_crossings(&Cpu).unwrap();
         samples
     }
@@ -296,7 +289,7 @@ mod tests {
                 }
             }
             let tree = Octree::new(domain.cells, &splits);
-            let kinds = Kinds::of(&samples, &tree, false);
+            let kinds = Kinds::of(&samples, &tree, Interfaces::OfAnySize);
             let mut split = kinds.large(&tree);
             split.extend(kinds.cut(&tree));
             let interfaces: BTreeSet<u32> = kinds.interfaces().collect();
@@ -358,10 +351,10 @@ mod tests {
             let samples = plain(&grid);
             let options = Options::default();
             let mut splits = octree::splits(&samples, &options);
-            let (tree, kinds) = tree(&samples, &options, &mut splits);
+            let (tree, kinds) = trees::adapted(&samples, &options, &mut splits);
             let complex = Complex::new(&samples, &tree, kinds);
             let probe = Probe::new(&samples, None, &options);
-            let duals = Duals::new(&complex, &probe, true, None, &Cpu).unwrap();
+            let duals = Duals::new(&complex, &probe, Ends::AtBox, None, &Cpu).unwrap();
             let emitter = Emitter::new(&complex, &duals, &probe, |_| true);
             let emission = emitter.emit(&Want {
                 tets: true,
@@ -404,6 +397,113 @@ mod tests {
                 assert_eq!(ours, theirs, "region {region} at density {density}");
                 assert!(theirs > 1 || region == EXTERIOR || density > 0.3);
             }
+        }
+    }
+
+    /// Two leaves that face each other across both halves of an edge are joined by a diagonal from one half alone:
+    /// else four triangles would meet in it.
+    #[test]
+    fn a_diagonal_that_two_edges_want_is_given_to_one() {
+        let (mut wanted, mut free) = (0, 0);
+        for seed in 1..6 {
+            let grid = noise(32, seed, 0.3);
+            let samples = plain(&grid);
+            let mut splits = Splits::none(samples.domain.blocks, BLOCK_LOG);
+            for (b, two) in splits.two.iter_mut().enumerate() {
+                if b % 5 == 0 {
+                    *two = 1 << ((11 * b + 3 * seed as usize) % 64);
+                }
+            }
+            let tree = Octree::new(samples.domain.cells, &splits);
+            let kinds = Kinds::of(&samples, &tree, Interfaces::OfAnySize).unsplit();
+            let complex = Complex::new(&samples, &tree, kinds);
+            // Per pair of leaves larger than an edge between them: whether the edge may join them.
+            let mut may: BTreeMap<[Cell; 2], Vec<bool>> = BTreeMap::new();
+            for id in 0..tree.leaves.len() as u32 {
+                complex.rings_of(
+                    id,
+                    |_, _| true,
+                    |ring| {
+                        let (Corner::Point(a), Corner::Point(b)) = (ring.a.0, ring.b.0) else {
+                            unreachable!("no leaf is split");
+                        };
+                        let length: i32 = (0..3).map(|k| b[k] - a[k]).sum();
+                        let larger = |c: &Cell| match c {
+                            Cell::Leaf(id) => complex.leaf(*id).size() > length,
+                            _ => false,
+                        };
+                        if ring.open || ring.cells.len() != 4 {
+                            assert_eq!(ring.reserved, None);
+                            return;
+                        }
+                        for k in 0..2 {
+                            let mut pair = [ring.cells[k], ring.cells[k + 2]];
+                            pair.sort_unstable();
+                            if pair.iter().all(larger) {
+                                let is_free = ring.reserved != Some(k as u8);
+                                may.entry(pair).or_default().push(is_free);
+                            } else {
+                                assert_ne!(ring.reserved, Some(k as u8));
+                            }
+                        }
+                    },
+                );
+            }
+            for edges in may.values() {
+                assert!(edges.len() <= 2);
+                let joined = edges.iter().filter(|free| **free).count();
+                assert!(joined <= 1, "{joined} edges may join two leaves");
+                wanted += usize::from(edges.len() == 2);
+                free += joined;
+            }
+        }
+        assert!(
+            wanted > 20 && free > 20,
+            "{wanted} diagonals wanted twice, {free} free"
+        );
+    }
+
+    /// A leaf is split where its error is above the tolerance, and not below it.
+    #[test]
+    fn leaves_are_split_at_the_tolerance() {
+        // A paraboloid whose level set passes the middle of the one block that there is.
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 0.5,
+            counts: [9; 3],
+        };
+        let value = |p: [usize; 3]| {
+            let [x, y, z] = p.map(|c| 0.5 * c as f64 - 2.0);
+            1.0 - z - 0.05 * (x * x + y * y)
+        };
+        let values = (0..lattice.len())
+            .map(|i| value(lattice.coordinates(i)) as f32)
+            .collect();
+        let grid = ScalarGrid::new(lattice, values).unwrap();
+        // By hand: the interpolant of the corners is 1 − z − 0.4, off by 0.2 per coordinate x and y that is in the
+        // middle; its gradient has length 1. Of the 27 points of the half lattice 9 have x in the middle, 9 have y.
+        let error = (9.0 + 9.0) * 0.2;
+        for (share, expected) in [(1.01, false), (0.99, true), (0.6, true), (1.9, false)] {
+            let options = Options {
+                tolerance: share * error,
+                at_box: AtBox::Clip,
+                ..Options::default()
+            };
+            let site = site(&lattice, 0.5, &options, Purpose::Surface, true).unwrap();
+            let labels = Labels {
+                level: 1.0,
+                materials: Vec::new(),
+                outer: None,
+            };
+            let source = Source::Aligned {
+                values: &grid,
+                shift: site.shift,
+                outside: 0.0,
+            };
+            let mut samples = Samples::new(source, site.domain, labels, &Cpu).unwrap();
+            samples.find_crossings(&Cpu).unwrap();
+            let splits = octree::splits(&samples, &options);
+            assert_eq!(splits.eight, [expected], "at {share} of the error");
         }
     }
 }

@@ -12,10 +12,11 @@ pub struct Report {
     pub surface_cells: usize,
     /// Leaves whose labels are ambiguous and that were cut into twelve tetrahedra.
     pub split_cells: usize,
-    /// Vertices that were held back from their place: dual vertices to keep all volumes positive,
-    /// lattice vertices to keep the surface a manifold.
-    pub held_back: usize,
-    /// Lattice method: vertices snapped onto an interface.
+    /// Vertices that were clamped on the way to their place: dual vertices to keep all volumes positive,
+    /// vertices of stuffing to keep the surface a manifold.
+    #[cfg_attr(feature = "serde", serde(alias = "held_back"))]
+    pub clamped: usize,
+    /// Stuffing: vertices snapped onto an interface.
     pub snapped: usize,
     /// Vertices beside those of cells and corners: where edges are cut.
     pub added_vertices: usize,

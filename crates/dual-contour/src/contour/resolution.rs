@@ -1,11 +1,15 @@
 //! The spacing that gives a number of tetrahedra.
 
+use geom_core::options::OutOfRange;
 use geom_core::{ImplicitField, LatticeValues, Run};
 
 use super::contour;
 use super::setup::Purpose;
 use crate::backend::ContourBackend;
 use crate::{Error, Options, Resolution};
+
+/// Meshes that the search may make.
+const ROUNDS: u64 = 12;
 
 /// Options whose resolution is no number of tetrahedra: the spacing that gives about as many as asked
 /// for, found by meshing at growing fineness.
@@ -30,18 +34,11 @@ pub(crate) fn resolved<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     let mut h = (6.0 * volume / wanted as f64).cbrt().max(own * 1e-3);
     let mut last: Option<(f64, f64)> = None;
     let mut best: Option<(f64, f64)> = None;
-    for round in 0..12 {
-        run.progress("resolution", round, 12)?;
+    for round in 0..ROUNDS {
+        run.progress("resolution", round, ROUNDS)?;
         let count = match contour(values, field, &at(h), Purpose::Volume(options.region), run) {
             Ok(mesh) => mesh.report.tets as f64,
-            // Too coarse to see anything.
-            Err(
-                Error::NoSurface { .. }
-                | Error::InvalidOption {
-                    option: "resolution" | "prune",
-                    ..
-                },
-            ) if h > 0.5 * own => 0.0,
+            Err(error) if h > 0.5 * own && sees_nothing(&error) => 0.0,
             Err(error) => return Err(error),
         };
         if count == 0.0 {
@@ -55,6 +52,7 @@ pub(crate) fn resolved<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         if miss.abs() < 0.1 {
             break;
         }
+        // The secant through the last two counts, as powers of the spacing.
         let power = match last {
             Some((other, n)) if (other / h).ln().abs() > 1e-3 => {
                 ((count / n).ln() / (other / h).ln()).clamp(1.5, 4.0)
@@ -66,12 +64,25 @@ pub(crate) fn resolved<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     }
     match best {
         Some((h, miss)) if miss < 0.2 => Ok(at(h)),
-        _ => Err(Error::InvalidOption {
-            option: "resolution",
-            reason: format!(
-                "no spacing gives about {wanted} tetrahedra; give a spacing instead{}",
+        _ => Err(Error::from(OutOfRange::new(
+            "resolution",
+            format!("{wanted} tetrahedra"),
+            format!(
+                "be a number that some spacing gives; give a spacing instead{}",
                 best.map_or(String::new(), |(h, _)| format!(", e.g. {h:.3} Å"))
             ),
-        }),
+        ))),
     }
+}
+
+/// Were the cells too coarse to see a surface?
+fn sees_nothing(error: &Error) -> bool {
+    matches!(
+        error,
+        Error::NoSurface { .. }
+            | Error::Option(OutOfRange {
+                option: "resolution" | "prune",
+                ..
+            })
+    )
 }

@@ -1,6 +1,7 @@
 //! From values and options to samples: where the mesh lies, what it may cost, and why there is none.
 
-use geom_core::{ImplicitField, Lattice, LatticeValues, Run};
+use geom_core::options::OutOfRange;
+use geom_core::{ImplicitField, Lattice, LatticeValues, Run, Vector3};
 use rayon::prelude::*;
 
 use super::report::Report;
@@ -43,18 +44,18 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>
         Resolution::Lattice => lattice.spacing,
         Resolution::Tets(_) => unreachable!("resolved into a spacing before"),
     };
-    let aligned = spacing == lattice.spacing;
-    let outside = (options.level - options.level.abs() - 1.0) as f32;
-    let (domain, shift, outer) = domain(lattice, spacing, options, purpose, touching.is_some())?;
+    let site = site(lattice, spacing, options, purpose, touching.is_some())?;
     let labels = Labels {
         level: options.level,
         materials: options.materials.clone(),
-        outer,
+        outer: site.outer,
     };
-    let source = if aligned {
+    // Below the level by more than rounding can take away.
+    let outside = (options.level - options.level.abs() - 1.0) as f32;
+    let source = if spacing == lattice.spacing {
         Source::Aligned {
             values,
-            shift,
+            shift: site.shift,
             outside,
         }
     } else {
@@ -64,23 +65,24 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>
             outside,
         }
     };
-    let mut report = Report::default();
-    let mut samples = Samples::new(source, domain, labels, run.backend)?;
+    let mut report = Report {
+        spacing,
+        ..Report::default()
+    };
+    let mut samples = Samples::new(source, site.domain, labels, run.backend)?;
     if options.prune > 0 {
-        let points: u64 = domain.cells.iter().map(|&n| n as u64 + 1).product();
+        let points: u64 = site.domain.cells.iter().map(|&n| n as u64 + 1).product();
         if u64::from(options.prune) > points {
-            return Err(Error::InvalidOption {
-                option: "prune",
-                reason: format!("{} points are more than all {points}", options.prune),
-            });
+            let must = format!("be at most {points}, all points there are");
+            return Err(OutOfRange::new("prune", options.prune, must).into());
         }
-        (report.pruned_groups, report.pruned_points) = samples.prune(options.prune);
+        let pruned = samples.prune(options.prune);
+        (report.pruned_groups, report.pruned_points) = (pruned.groups, pruned.points);
     }
     if !samples.holds_both_sides() {
         return Err(no_surface(values, options, samples.range, spacing));
     }
     samples.find_crossings(run.backend)?;
-    report.spacing = samples.domain.spacing;
     Ok((samples, report))
 }
 
@@ -105,20 +107,11 @@ fn no_surface<V: LatticeValues + ?Sized>(
     if !crossed(min, max) {
         Error::NoSurface { level, min, max }
     } else if crossed(f64::from(seen.0), f64::from(seen.1)) && options.prune > 0 {
-        Error::InvalidOption {
-            option: "prune",
-            reason: format!(
-                "every group on one side of level {level} has fewer than {} points",
-                options.prune
-            ),
-        }
+        let must = format!("leave a group on either side of level {level}; all of one are smaller");
+        OutOfRange::new("prune", format!("{} points", options.prune), must).into()
     } else {
-        Error::InvalidOption {
-            option: "resolution",
-            reason: format!(
-                "cells of {spacing} Å see no value on one side of level {level}; take smaller ones"
-            ),
-        }
+        let must = format!("be smaller to see a value on either side of level {level}");
+        OutOfRange::new("resolution", format!("{spacing} Å"), must).into()
     }
 }
 
@@ -154,36 +147,33 @@ fn touching<V: LatticeValues + ?Sized>(values: &V, level: f64) -> Option<(usize,
     })
 }
 
-/// The mesh lattice, the shift of the value lattice within it (aligned only), and the outer sphere.
-pub(super) fn domain(
+/// Where a mesh lies.
+pub(super) struct Site {
+    pub(super) domain: Domain,
+    /// The point of the mesh lattice where that of the values begins, if both have one spacing.
+    pub(super) shift: [i32; 3],
+    /// The sphere where the mesh ends.
+    pub(super) outer: Option<Shape>,
+}
+
+/// The mesh lattice around that of the values; `touches` says whether the surface meets the box of the values.
+pub(super) fn site(
     lattice: &Lattice,
     spacing: f64,
     options: &Options,
     purpose: Purpose,
     touches: bool,
-) -> Result<(Domain, [i32; 3], Option<Shape>), Error> {
-    let aligned = spacing == lattice.spacing;
+) -> Result<Site, Error> {
     let bounds = lattice.bounds();
     let exterior = matches!(purpose, Purpose::Volume(Extent::Exterior | Extent::Both));
     let clip = options.at_box == AtBox::Clip;
     let outer = if exterior { options.outer } else { Outer::Grid };
     if clip && outer != Outer::Grid {
-        return Err(Error::InvalidOption {
-            option: "outer",
-            reason: "clipping ends the mesh at the box of the lattice; take Outer::Grid, or cap the surface".to_owned(),
-        });
+        let must =
+            "be Outer::Grid where the surface is clipped, since the mesh ends there; or cap it";
+        return Err(OutOfRange::new("outer", format!("{outer:?}"), must).into());
     }
-    // Cells of the value lattice's box, rounded so that a clipped mesh stays within it.
-    let own = [0, 1, 2].map(|k| {
-        let n = bounds.extent()[k] / spacing;
-        if aligned {
-            lattice.counts[k] as f64 - 1.0
-        } else if clip {
-            (n + 1e-9).floor().max(1.0)
-        } else {
-            (n - 1e-9).ceil().max(1.0)
-        }
-    });
+    let own = own_cells(lattice, spacing, options.at_box);
     let round = |n: f64, to: f64| (n / to).ceil() * to;
     let block = f64::from(BLOCK);
     // Whole blocks below the lattice, so that leaves near the surface do not depend on where the mesh
@@ -204,15 +194,48 @@ pub(super) fn domain(
             ([n; 3], Some(Shape::Sphere { center, radius }))
         }
     };
+    check_size(cells, options)?;
+    let cells = cells.map(|n| n as i32);
+    // In the middle of a larger box, by whole blocks.
+    let shift = match outer {
+        Outer::Grid => [pad as i32; 3],
+        _ => [0, 1, 2].map(|k| {
+            let half = (cells[k] - own[k] as i32) / 2;
+            (half / BLOCK * BLOCK).max(pad as i32)
+        }),
+    };
+    let origin = bounds.min - Vector3::from(shift.map(f64::from)) * spacing;
+    Ok(Site {
+        domain: Domain::new(origin, spacing, cells, shift),
+        shift,
+        outer: sphere,
+    })
+}
+
+/// Cells along the box of the values, rounded so that a clipped mesh stays within it.
+fn own_cells(lattice: &Lattice, spacing: f64, at_box: AtBox) -> [f64; 3] {
+    let extent = lattice.bounds().extent();
+    [0, 1, 2].map(|k| {
+        let n = extent[k] / spacing;
+        if spacing == lattice.spacing {
+            lattice.counts[k] as f64 - 1.0
+        } else if at_box == AtBox::Clip {
+            (n + 1e-9).floor().max(1.0)
+        } else {
+            (n - 1e-9).ceil().max(1.0)
+        }
+    })
+}
+
+/// Refuses lattices whose cells have no coordinates, or whose blocks alone need too much memory.
+fn check_size(cells: [f64; 3], options: &Options) -> Result<(), Error> {
     if cells.iter().any(|&n| n > MOST_CELLS) {
-        return Err(Error::InvalidOption {
-            option: "resolution",
-            reason: format!(
-                "{} cells along an axis, more than {MOST_CELLS}; take a larger spacing",
-                cells.iter().fold(0.0f64, |m, &n| m.max(n))
-            ),
-        });
+        let most = cells.iter().fold(0.0f64, |m, &n| m.max(n));
+        let must = format!("give at most {MOST_CELLS}; take a larger spacing");
+        let value = format!("{most} cells along an axis");
+        return Err(OutOfRange::new("resolution", value, must).into());
     }
+    let block = f64::from(BLOCK);
     let blocks: u128 = cells.iter().map(|&n| (n / block).ceil() as u128).product();
     // Per block a node, marks of points, and requests; stored blocks are checked by the surface they
     // carry, of the order of blocks^(2/3).
@@ -226,14 +249,5 @@ pub(super) fn domain(
             cure: "take a larger spacing or a smaller outer box, or allow more memory",
         });
     }
-    let cells = cells.map(|n| n as i32);
-    let shift = match outer {
-        Outer::Grid => [pad as i32; 3],
-        _ => [0, 1, 2].map(|k| {
-            let half = (cells[k] - own[k] as i32) / 2;
-            (half / BLOCK * BLOCK).max(pad as i32)
-        }),
-    };
-    let origin = bounds.min - geom_core::Vector3::from(shift.map(f64::from)) * spacing;
-    Ok((Domain::new(origin, spacing, cells, shift), shift, sphere))
+    Ok(())
 }

@@ -27,6 +27,40 @@ pub struct Surface {
 /// `field`, if given, is the function that the values sample; vertices are then placed on its level
 /// set instead of on the trilinear one. A [resolution](crate::Resolution) in tetrahedra gives the
 /// surface of the volume mesh that has about as many.
+///
+/// The backend finds the range of each block of values and the signs at all corners, and places the dual vertices
+/// of finest cells if no field is given; the rest, all of [`Method::Stuffing`](crate::Method) included, runs on the
+/// processor whatever the backend.
+///
+/// ```
+/// use dual_contour::geom_core::{Aabb, Cpu, Run};
+/// use dual_contour::{FieldSamples, Options, surface};
+/// # use dual_contour::geom_core::{ImplicitField, Point3, Vector3};
+/// # struct Ball;
+/// # impl ImplicitField for Ball {
+/// #     fn value(&self, x: &Point3) -> f64 {
+/// #         4.0 - x.coords.norm()
+/// #     }
+/// #     fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+/// #         (self.value(x), -x.coords.normalize())
+/// #     }
+/// # }
+/// # fn main() -> Result<(), dual_contour::Error> {
+/// // The field `Ball` has the value 1 on a sphere of radius 3 Å.
+/// let bounds = Aabb::new(Point3::new(-4.0, -4.0, -4.0), Point3::new(4.0, 4.0, 4.0));
+/// let values = FieldSamples::new(&Ball, &bounds, 0.5);
+/// let made = surface(&values, Some(&Ball), &Options::default(), Run::on(&Cpu))?;
+/// assert_eq!(made.mesh.euler_characteristic(), 2);
+/// let off = |p: &Point3| (p.coords.norm() - 3.0).abs();
+/// assert!(made.mesh.positions().iter().all(|p| off(p) < 1e-3));
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+///
+/// No surface at the level, a surface that meets the box ([`AtBox`](crate::AtBox)), options out of range, values that
+/// are not finite, too much memory, or what the backend or the watcher says.
 pub fn surface<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     values: &V,
     field: Option<&dyn ImplicitField>,

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 
+use geom_core::compute::sets::DisjointSets;
 use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region, VertexKind, six_volume};
-use geom_core::sets::DisjointSets;
+use geom_core::options::OutOfRange;
 use geom_core::{ImplicitField, LatticeValues, Point3, Run, TetMesh, TriMesh};
 
 use super::report::Report;
@@ -43,7 +44,43 @@ impl Volume {
     }
 }
 
-/// Tetrahedra inside or outside of the molecule, or both, conforming across all interfaces.
+/// Tetrahedra inside or outside of the molecule, or both, conforming across all interfaces; the surface is that of
+/// [`surface`](crate::surface), and so is what runs on the backend.
+///
+/// ```
+/// use dual_contour::geom_core::{Aabb, Cpu, Run};
+/// use dual_contour::{Extent, FieldSamples, Method, Options, volume};
+/// # use dual_contour::geom_core::{ImplicitField, Point3, Vector3};
+/// # struct Ball;
+/// # impl ImplicitField for Ball {
+/// #     fn value(&self, x: &Point3) -> f64 {
+/// #         4.0 - x.coords.norm()
+/// #     }
+/// #     fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+/// #         (self.value(x), -x.coords.normalize())
+/// #     }
+/// # }
+/// # fn main() -> Result<(), dual_contour::Error> {
+/// // The field `Ball` has the value 1 on a sphere of radius 3 Å.
+/// let bounds = Aabb::new(Point3::new(-4.0, -4.0, -4.0), Point3::new(4.0, 4.0, 4.0));
+/// let values = FieldSamples::new(&Ball, &bounds, 0.5);
+/// let options = Options {
+///     method: Method::Stuffing,
+///     region: Extent::Both,
+///     ..Options::default()
+/// };
+/// let made = volume(&values, Some(&Ball), &options, Run::on(&Cpu))?;
+/// let box_volume: f64 = made.mesh.bounds().extent().iter().product();
+/// assert!((made.mesh.volume() / box_volume - 1.0).abs() < 1e-12, "the box is filled");
+/// assert_eq!(made.surface.euler_characteristic(), 2);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+///
+/// Those of [`surface`](crate::surface); options of the exterior without an exterior, and more separate parts of it
+/// than there are regions.
 pub fn volume<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     values: &V,
     field: Option<&dyn ImplicitField>,
@@ -56,10 +93,8 @@ pub fn volume<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         ("separate_exterior", options.separate_exterior),
     ];
     if let Some((option, _)) = asked.iter().find(|(_, set)| *set && interior) {
-        return Err(Error::InvalidOption {
-            option,
-            reason: "the exterior is not meshed; take Extent::Exterior or Extent::Both".to_owned(),
-        });
+        let must = "be left alone where the exterior is not meshed; or take Extent::Exterior or Extent::Both";
+        return Err(OutOfRange::new(option, "set", must).into());
     }
     let options = resolved(values, field, options, run)?;
     let Contour {

@@ -1,7 +1,8 @@
 //! From rings to triangles and tetrahedra.
 
+use geom_core::Point3;
+use geom_core::compute::parallel;
 use geom_core::mesh::{INTERIOR, Region};
-use geom_core::{Point3, parallel};
 use rayon::prelude::*;
 
 use super::Duals;
@@ -140,92 +141,62 @@ impl<'a> Emitter<'a> {
     }
 
     /// Emits what stands around one edge.
-    pub(crate) fn ring<F: Fn(Region) -> bool>(
+    fn ring<F: Fn(Region) -> bool>(&self, ring: &Ring<'_>, want: &Want<F>, out: &mut Emission) {
+        if ring.open && self.duals.ghosts().is_empty() {
+            // The box is not part of the mesh, so nothing that is wanted reaches it.
+            return;
+        }
+        if ring.a.1 == ring.b.1 {
+            self.ring_within(ring, want, out);
+            return;
+        }
+        let mut ids = [0; 10];
+        for (id, cell) in ids.iter_mut().zip(ring.cells) {
+            *id = self.numbering.cell(cell);
+        }
+        let ids = &ids[..ring.cells.len()];
+        let sides = Sides::new(self, ring, want);
+        // An open ring is always cut on the edge: its ends and the pieces of the box meet there.
+        let start = if ring.open { None } else { self.best_fan(ring) };
+        match start {
+            Some(start) => sides.fan(ids, start, out),
+            None => {
+                let x = self.add_on_edge(ring, out);
+                sides.cone(ids, ring.open, x, out);
+                if ring.open && sides.surface {
+                    self.cap(ring, |c| self.numbering.corner(c), Some(x), out);
+                }
+            }
+        }
+    }
+
+    /// The edge tetrahedra of an edge whose ends have one label.
+    fn ring_within<F: Fn(Region) -> bool>(
         &self,
         ring: &Ring<'_>,
         want: &Want<F>,
         out: &mut Emission,
     ) {
-        let n = ring.cells.len();
-        let sides = if ring.open { n - 1 } else { n };
-        let (la, lb) = (ring.a.1, ring.b.1);
-        let keep = |label: Region| want.tets && (want.region)(label);
-        let mut ids = [0; 10];
-        if ring.open && self.duals.ghosts().is_empty() {
-            // The box is not part of the mesh, so nothing that is wanted reaches it.
-            return;
-        }
-        if la == lb {
-            if keep(la) {
-                for (id, cell) in ids.iter_mut().zip(ring.cells) {
-                    *id = self.numbering.cell(cell);
-                }
-                let [a, b] = [ring.a.0, ring.b.0].map(|c| self.numbering.corner(c));
-                for i in 0..sides {
-                    out.tets.push([a, b, ids[i], ids[(i + 1) % n]]);
-                    out.regions.push(la);
-                }
+        let label = ring.a.1;
+        if want.tets && (want.region)(label) {
+            let [a, b] = [ring.a.0, ring.b.0].map(|c| self.numbering.corner(c));
+            for cells in ring.neighbours() {
+                let [c, d] = cells.map(|cell| self.numbering.cell(&cell));
+                out.tets.push([a, b, c, d]);
+                out.regions.push(label);
             }
-            if ring.open && la == INTERIOR {
-                self.cap(ring, |c| self.numbering.corner(c), None, out);
-            }
-            return;
         }
-        for (id, cell) in ids.iter_mut().zip(ring.cells) {
-            *id = self.numbering.cell(cell);
+        if ring.open && label == INTERIOR {
+            self.cap(ring, |c| self.numbering.corner(c), None, out);
         }
-        let ids = &ids[..n];
-        let surface = la == INTERIOR || lb == INTERIOR;
-        // Seen from outside of the molecule.
-        let facing = |t: [u32; 3]| {
-            if la == INTERIOR {
-                t
-            } else {
-                [t[0], t[2], t[1]]
-            }
-        };
-        let a = keep(la).then(|| self.numbering.corner(ring.a.0));
-        let b = keep(lb).then(|| self.numbering.corner(ring.b.0));
-        if !ring.open
-            && let Some(start) = self.best_fan(ring)
-        {
-            for i in 1..n - 1 {
-                let t = [ids[start], ids[(start + i) % n], ids[(start + i + 1) % n]];
-                if surface {
-                    out.triangles.push(facing(t));
-                }
-                if let Some(a) = a {
-                    out.tets.push([a, t[0], t[1], t[2]]);
-                    out.regions.push(la);
-                }
-                if let Some(b) = b {
-                    out.tets.push([b, t[0], t[2], t[1]]);
-                    out.regions.push(lb);
-                }
-            }
-            return;
-        }
-        // A point on the edge itself: always positive, and both sides agree.
+    }
+
+    /// Adds the point where the edge itself is cut: with it all tetrahedra are positive, and both sides agree.
+    fn add_on_edge(&self, ring: &Ring<'_>, out: &mut Emission) -> u32 {
         let [p, q] = [ring.a, ring.b].map(|(c, label)| sample_corner(self.complex, c, label));
         let x = ADDED | out.added.len() as u32;
         out.added.push(self.probe.cut(&p, &q));
-        for i in 0..sides {
-            let (c, d) = (ids[i], ids[(i + 1) % n]);
-            if surface {
-                out.triangles.push(facing([x, c, d]));
-            }
-            if let Some(a) = a {
-                out.tets.push([a, x, c, d]);
-                out.regions.push(la);
-            }
-            if let Some(b) = b {
-                out.tets.push([x, b, c, d]);
-                out.regions.push(lb);
-            }
-        }
-        if ring.open && surface {
-            self.cap(ring, |c| self.numbering.corner(c), Some(x), out);
-        }
+        x
     }
 
     /// The pieces of the box beside an edge in it that close the molecule: `a`, `b` (or the added
@@ -275,6 +246,73 @@ impl<'a> Emitter<'a> {
             return kernel::diagonal(quad);
         }
         let [a, b] = [ring.a.0, ring.b.0].map(|c| self.complex.corner_position(c));
-        kernel::best_fan(&x[..n], &a, &b, ring.taken)
+        kernel::best_fan(&x[..n], &a, &b, ring.reserved)
+    }
+}
+
+/// What is wanted on the two sides of the polygon around an edge whose ends differ.
+struct Sides {
+    /// The ends that get tetrahedra, and their labels.
+    a: Option<(u32, Region)>,
+    b: Option<(u32, Region)>,
+    /// Is the polygon part of the molecule's surface, and its lower end inside?
+    surface: bool,
+    inside: bool,
+}
+
+impl Sides {
+    fn new<F: Fn(Region) -> bool>(emitter: &Emitter<'_>, ring: &Ring<'_>, want: &Want<F>) -> Self {
+        let end = |(corner, label): (Corner, Region)| {
+            let keep = want.tets && (want.region)(label);
+            keep.then(|| (emitter.numbering.corner(corner), label))
+        };
+        Self {
+            a: end(ring.a),
+            b: end(ring.b),
+            surface: ring.a.1 == INTERIOR || ring.b.1 == INTERIOR,
+            inside: ring.a.1 == INTERIOR,
+        }
+    }
+
+    /// A triangle of the surface, given counter-clockwise about the edge, as seen from outside of the molecule.
+    fn push_triangle(&self, t: [u32; 3], out: &mut Emission) {
+        if self.surface {
+            out.triangles
+                .push(if self.inside { t } else { [t[0], t[2], t[1]] });
+        }
+    }
+
+    /// The fan of triangles from corner `start`, with the tetrahedra on both sides.
+    fn fan(&self, ids: &[u32], start: usize, out: &mut Emission) {
+        let n = ids.len();
+        for i in 1..n - 1 {
+            let t = [ids[start], ids[(start + i) % n], ids[(start + i + 1) % n]];
+            self.push_triangle(t, out);
+            if let Some((a, label)) = self.a {
+                out.tets.push([a, t[0], t[1], t[2]]);
+                out.regions.push(label);
+            }
+            if let Some((b, label)) = self.b {
+                out.tets.push([b, t[0], t[2], t[1]]);
+                out.regions.push(label);
+            }
+        }
+    }
+
+    /// The triangles around a point `x` on the edge, with the tetrahedra on both sides.
+    fn cone(&self, ids: &[u32], open: bool, x: u32, out: &mut Emission) {
+        let n = ids.len();
+        for i in 0..if open { n - 1 } else { n } {
+            let (c, d) = (ids[i], ids[(i + 1) % n]);
+            self.push_triangle([x, c, d], out);
+            if let Some((a, label)) = self.a {
+                out.tets.push([a, x, c, d]);
+                out.regions.push(label);
+            }
+            if let Some((b, label)) = self.b {
+                out.tets.push([x, b, c, d]);
+                out.regions.push(label);
+            }
+        }
     }
 }

@@ -20,8 +20,9 @@ pub(crate) use place::finest_points;
 pub(crate) use probe::{Probe, Sample, cut_samples, part_point};
 
 use place::{ghost_point, leaf_points};
+use positive::Clamped;
 
-/// How far off its place the point of a leaf larger than the finest may be held, in finest cells: more
+/// How far off its place the point of a leaf larger than the finest may be clamped, in finest cells: more
 /// would stick out of the surface, and the leaf is split instead.
 const SPIKE: f64 = 0.5;
 
@@ -36,9 +37,17 @@ pub(crate) struct Duals {
     /// Ghost cells in order, and their points.
     ghosts: Vec<(u32, u8)>,
     ghost_points: Vec<Point3>,
-    /// Cells that were pulled back towards their base to keep volumes positive: place among the moved
-    /// ones in order, and how far they are from where they belong.
-    held: Vec<(usize, f64)>,
+    /// Points that stopped on the way from their base to keep volumes positive, in order.
+    clamped: Vec<Clamped>,
+}
+
+/// Where the mesh ends.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Ends {
+    /// At the surface of the molecule, off the box.
+    OffBox,
+    /// At the box, whose faces carry ghost cells.
+    AtBox,
 }
 
 impl Duals {
@@ -47,11 +56,12 @@ impl Duals {
     pub(crate) fn new<B: ContourBackend + ?Sized>(
         complex: &Complex<'_>,
         probe: &Probe<'_>,
-        boxed: bool,
+        ends: Ends,
         before: Option<&(Octree, Duals)>,
         backend: &B,
     ) -> Result<Self, Error> {
         let len = complex.tree.leaves.len();
+        // Leaves with a surface have a point on it, unless their parts have.
         let moved: Vec<u32> = (0..len as u32)
             .filter(|&id| complex.is_interface(id) && !complex.is_split(id))
             .collect();
@@ -67,48 +77,17 @@ impl Duals {
                 _ => complex.frame(id).used,
             })
             .collect();
-        let mut known: Vec<(u32, Option<Point3>)> = moved
-            .par_iter()
-            .zip(&frames)
-            .with_min_len(1024)
-            .map(|(&id, &frame)| {
-                let arrived =
-                    |(tree, duals): &(Octree, Self)| duals.arrived(tree, complex.leaf(id), frame);
-                (id, before.and_then(arrived))
-            })
-            .collect();
-        let missing = known.iter().filter(|(_, x)| x.is_none());
-        let missing: Vec<u32> = missing.map(|(id, _)| *id).collect();
-        let found = leaf_points(complex, probe, &missing, backend)?;
-        let missing = known.iter_mut().filter(|(_, x)| x.is_none());
-        missing
-            .zip(found)
-            .for_each(|((_, x), found)| *x = Some(found));
-        let leaves = known.into_iter().filter_map(|(_, x)| x).collect();
-        let parts = complex
-            .splits
-            .par_iter()
-            .zip(&complex.split_leaves)
-            .flat_map_iter(|(split, &id)| {
-                let leaf = complex.leaf(id);
-                let (o, labels) = (leaf.origin(), complex.corner_labels(leaf));
-                let corners = cut_samples(complex.samples, o, &labels, split);
-                (0..12).map(move |part| {
-                    part_point(probe, split, &corners, part)
-                        .unwrap_or_else(|| part_base(split.diagonals, o, part))
-                })
-            })
-            .collect();
+        let leaves = known_or_found(complex, probe, &moved, &frames, before, backend)?;
         let mut out = Self {
             rank,
             leaves,
             frames,
-            parts,
+            parts: part_points(complex, probe),
             ghosts: Vec::new(),
             ghost_points: Vec::new(),
-            held: Vec::new(),
+            clamped: Vec::new(),
         };
-        if boxed {
+        if ends == Ends::AtBox {
             out.ghosts = complex.ghosts();
             out.ghost_points = out
                 .ghosts
@@ -149,21 +128,21 @@ impl Duals {
     }
 
     /// Number of points that do not arrive where they belong.
-    pub(crate) fn held_back(&self) -> usize {
-        self.held.len()
+    pub(crate) fn clamped(&self) -> usize {
+        self.clamped.len()
     }
 
     /// How far the point of a moved cell is from where it belongs.
-    fn lag(&self, moved: usize) -> f64 {
-        let place = self.held.binary_search_by_key(&moved, |held| held.0);
-        place.map_or(0.0, |i| self.held[i].1)
+    fn shortfall(&self, moved: usize) -> f64 {
+        let found = self.clamped.binary_search_by_key(&moved, |c| c.moved);
+        found.map_or(0.0, |i| self.clamped[i].shortfall)
     }
 
     /// Leaves larger than the finest whose points stay more than [`SPIKE`] off the surface.
     pub(crate) fn spikes(&self, complex: &Complex<'_>) -> Vec<u32> {
         let is_spike = |&id: &u32| {
-            let lag = |rank| self.lag(rank as usize);
-            complex.leaf(id).log > 0 && self.rank(id).map_or(0.0, lag) > SPIKE
+            let shortfall = |rank| self.shortfall(rank as usize);
+            complex.leaf(id).log > 0 && self.rank(id).map_or(0.0, shortfall) > SPIKE
         };
         (0..self.rank.len() as u32).filter(is_spike).collect()
     }
@@ -173,7 +152,15 @@ impl Duals {
         let (id, _) = tree.find(leaf.origin());
         let same = tree.leaves.get(id as usize)?.log == leaf.log;
         let rank = self.rank(id).filter(|_| same)? as usize;
-        (self.frames[rank] == frame && self.lag(rank) == 0.0).then(|| self.leaves[rank])
+        (self.frames[rank] == frame && self.shortfall(rank) == 0.0).then(|| self.leaves[rank])
+    }
+
+    /// The point of a moved cell, by its place among them.
+    fn at(&self, moved: usize) -> &Point3 {
+        match moved.checked_sub(self.leaves.len()) {
+            None => &self.leaves[moved],
+            Some(part) => &self.parts[part],
+        }
     }
 
     fn at_mut(&mut self, moved: usize) -> &mut Point3 {
@@ -183,6 +170,7 @@ impl Duals {
         }
     }
 
+    /// The place of a cell among the moved ones: leaves, then parts.
     fn moved(&self, cell: &Cell) -> Option<usize> {
         match *cell {
             Cell::Leaf(id) => self.rank(id).map(|r| r as usize),
@@ -190,4 +178,51 @@ impl Duals {
             Cell::Ghost(..) => None,
         }
     }
+}
+
+/// The points of moved leaves: those that had arrived in the octree `before`, the rest found.
+fn known_or_found<B: ContourBackend + ?Sized>(
+    complex: &Complex<'_>,
+    probe: &Probe<'_>,
+    moved: &[u32],
+    frames: &[u32],
+    before: Option<&(Octree, Duals)>,
+    backend: &B,
+) -> Result<Vec<Point3>, Error> {
+    let mut known: Vec<(u32, Option<Point3>)> = moved
+        .par_iter()
+        .zip(frames)
+        .with_min_len(1024)
+        .map(|(&id, &frame)| {
+            let arrived =
+                |(tree, duals): &(Octree, Duals)| duals.arrived(tree, complex.leaf(id), frame);
+            (id, before.and_then(arrived))
+        })
+        .collect();
+    let missing = known.iter().filter(|(_, x)| x.is_none());
+    let missing: Vec<u32> = missing.map(|(id, _)| *id).collect();
+    let found = leaf_points(complex, probe, &missing, backend)?;
+    let missing = known.iter_mut().filter(|(_, x)| x.is_none());
+    missing
+        .zip(found)
+        .for_each(|((_, x), found)| *x = Some(found));
+    Ok(known.into_iter().filter_map(|(_, x)| x).collect())
+}
+
+/// The points of the parts of all cut cells; a part of one label stays at its base.
+fn part_points(complex: &Complex<'_>, probe: &Probe<'_>) -> Vec<Point3> {
+    complex
+        .splits
+        .par_iter()
+        .zip(&complex.split_leaves)
+        .flat_map_iter(|(split, &id)| {
+            let leaf = complex.leaf(id);
+            let (o, labels) = (leaf.origin(), complex.corner_labels(leaf));
+            let corners = cut_samples(complex.samples, o, &labels, split);
+            (0..12).map(move |part| {
+                part_point(probe, split, &corners, part)
+                    .unwrap_or_else(|| part_base(split.diagonals, o, part))
+            })
+        })
+        .collect()
 }

@@ -41,7 +41,8 @@ pub(super) fn leaf_points<B: ContourBackend + ?Sized>(
         .with_min_len(256)
         .map(|&id| samples.corners_over_level(complex.leaf(id).origin()))
         .collect();
-    let fine_points = backend.dual_vertices(&cells, STEPS)?;
+    let mut fine_points = Vec::new();
+    backend.dual_vertices(&cells, STEPS, &mut fine_points)?;
     let rest_points: Vec<Point3> = rest
         .par_iter()
         .with_min_len(256)
@@ -73,7 +74,8 @@ pub(crate) fn finest_points<B: ContourBackend + ?Sized>(
             .with_min_len(4096)
             .map(|&(slot, cell)| samples.corners_in(slot as usize, cell))
             .collect();
-        let points = backend.dual_vertices(&values, STEPS)?;
+        let mut points = Vec::new();
+        backend.dual_vertices(&values, STEPS, &mut points)?;
         all.zip(points)
             .with_min_len(4096)
             .for_each(|((out, &(_, cell)), x)| *out = within(cell, x));

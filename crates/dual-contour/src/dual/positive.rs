@@ -1,4 +1,4 @@
-//! Points go to their place only as far as all tetrahedra stay positive.
+//! Points go to their place only as far as all edge tetrahedra stay positive.
 
 use geom_core::Point3;
 use geom_core::mesh::six_volume;
@@ -8,12 +8,85 @@ use super::Duals;
 use super::room::{LEAST_VOLUME, farthest};
 use crate::complex::{Cell, Complex};
 
+/// How often each point is tried: the second time where others have moved on.
+const ROUNDS: usize = 2;
+
+/// An edge and two consecutive cells around it, at least one of which moves.
+struct EdgeTet {
+    a: Point3,
+    b: Point3,
+    cells: [Cell; 2],
+    /// Six times the least volume.
+    least: f64,
+}
+
+/// A moved point at a tetrahedron. In order: by the colour of the point, then by its place among the moved ones.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct MovedCorner {
+    colour: u16,
+    moved: u32,
+    tet: u32,
+}
+
+/// A point on its way from base to target.
+struct Free<'a> {
+    moved: usize,
+    base: Point3,
+    target: Point3,
+    share: f64,
+    tets: &'a [MovedCorner],
+}
+
+/// Where a point has stopped, and how far from its place.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Clamped {
+    pub(super) moved: usize,
+    pub(super) shortfall: f64,
+}
+
 impl Duals {
-    /// Lets points go from their base to their place only as far as every umbrella tetrahedron (an edge
-    /// and two consecutive cells) stays positive. No harm can come from leaves of one size, nor from a
-    /// leaf beside a larger one that stands at its base. The tetrahedra of all others are gathered
-    /// once; then the points are placed, twice, colour by colour: no two of a colour share one.
+    /// Lets points go from their base to their place only as far as every edge tetrahedron (an edge and two
+    /// consecutive cells) stays positive, and lists those that are clamped. The tetrahedra that could fail are
+    /// gathered once; then the points are placed, twice, colour by colour: no two of a colour share one, so
+    /// those of a colour move at once.
     pub(super) fn keep_positive(&mut self, complex: &Complex<'_>) {
+        let owners = self.owners_at_risk(complex);
+        if owners.is_empty() {
+            return;
+        }
+        let tets = self.tets_at_risk(complex, owners);
+        let corners = self.moved_corners(complex, &tets);
+        let mut points = self.free_points(complex, &tets, &corners);
+        for p in &points {
+            *self.at_mut(p.moved) = p.base;
+        }
+        for _ in 0..ROUNDS {
+            for group in points.chunk_by_mut(|x, y| x.tets[0].colour == y.tets[0].colour) {
+                group.par_iter_mut().with_min_len(8).for_each(|p| {
+                    if p.share < 1.0 {
+                        p.share = self.farthest_share(complex, &tets, p);
+                    }
+                });
+                for p in group {
+                    *self.at_mut(p.moved) = p.base + (p.target - p.base) * p.share;
+                }
+            }
+        }
+        self.clamped = points
+            .iter()
+            .filter(|p| p.share < 1.0)
+            .map(|p| Clamped {
+                moved: p.moved,
+                shortfall: (1.0 - p.share) * (p.target - p.base).norm(),
+            })
+            .collect();
+        self.clamped.sort_unstable_by_key(|clamped| clamped.moved);
+    }
+
+    /// The leaves whose edges may have a tetrahedron that fails. No harm can come from leaves of one size, whose
+    /// points stay in convex cells that share a face, nor from a leaf beside a larger one that stands at its
+    /// base: what is left are edges at cut leaves and at moved leaves larger than the finest.
+    fn owners_at_risk(&self, complex: &Complex<'_>) -> Vec<u32> {
         let harmful =
             |id: u32| complex.is_split(id) || complex.leaf(id).log > 0 && self.rank(id).is_some();
         let mut owners: Vec<u32> = (0..complex.tree.leaves.len() as u32)
@@ -23,34 +96,34 @@ impl Duals {
             .flat_map_iter(|id| {
                 // Off the box, of leaves of one size that around an edge emits whose corner begins it.
                 let leaf = complex.leaf(id);
-                let beyond = leaf.log == 0 && !complex.is_on_box(id);
+                let finest = leaf.log == 0 && !complex.is_on_box(id);
                 let low = leaf.origin();
                 complex.tree.touching(id).filter(move |&other| {
                     let o = complex.leaf(other).origin();
-                    !beyond || (0..3).all(|k| o[k] >= low[k])
+                    !finest || (0..3).all(|k| o[k] >= low[k])
                 })
             })
             .collect();
-        if owners.is_empty() {
-            return;
-        }
         owners.par_sort_unstable();
         owners.dedup();
-        struct Tet {
-            a: Point3,
-            b: Point3,
-            cells: [Cell; 2],
-            least: f64,
-        }
-        let risky = |c: &Cell, d: &Cell| match (c, d) {
+        owners
+    }
+
+    /// Can the tetrahedron of an edge with two cells fail?
+    fn is_risky(&self, complex: &Complex<'_>, c: &Cell, d: &Cell) -> bool {
+        match (c, d) {
             (Cell::Leaf(i), Cell::Leaf(j)) => {
                 let (p, q) = (complex.leaf(*i).log, complex.leaf(*j).log);
                 p > q && self.rank(*i).is_some() || q > p && self.rank(*j).is_some()
             }
             (Cell::Ghost(..), _) | (_, Cell::Ghost(..)) => false,
             _ => true,
-        };
-        let tets: Vec<Tet> = owners
+        }
+    }
+
+    /// The tetrahedra that may fail around the edges of some leaves.
+    fn tets_at_risk(&self, complex: &Complex<'_>, owners: Vec<u32>) -> Vec<EdgeTet> {
+        owners
             .into_par_iter()
             .with_min_len(256)
             .flat_map_iter(|id| {
@@ -59,14 +132,12 @@ impl Duals {
                     id,
                     |_, _| true,
                     |ring| {
-                        let n = ring.cells.len();
-                        for i in 0..if ring.open { n - 1 } else { n } {
-                            let cells = [ring.cells[i], ring.cells[(i + 1) % n]];
-                            if risky(&cells[0], &cells[1]) {
+                        for cells in ring.neighbours() {
+                            if self.is_risky(complex, &cells[0], &cells[1]) {
                                 let a = complex.corner_position(ring.a.0);
                                 let b = complex.corner_position(ring.b.0);
                                 let [c, d] = [0, 1].map(|k| complex.base_position(&cells[k]));
-                                tets.push(Tet {
+                                tets.push(EdgeTet {
                                     a,
                                     b,
                                     cells,
@@ -78,78 +149,69 @@ impl Duals {
                 );
                 tets
             })
-            .collect();
-        // Tetrahedra per moved point, points by colour.
-        let mut around: Vec<(u16, u32, u32)> = tets
+            .collect()
+    }
+
+    /// The moved points of all tetrahedra: those of one point together, points by colour.
+    fn moved_corners(&self, complex: &Complex<'_>, tets: &[EdgeTet]) -> Vec<MovedCorner> {
+        let mut corners: Vec<MovedCorner> = tets
             .par_iter()
             .enumerate()
             .with_min_len(1024)
             .flat_map_iter(|(i, t)| {
-                let moved = t
-                    .cells
-                    .iter()
-                    .filter_map(|c| Some((colour(complex, c), self.moved(c)?)));
-                moved.map(move |(colour, m)| (colour, m as u32, i as u32))
+                t.cells.iter().filter_map(move |cell| {
+                    Some(MovedCorner {
+                        colour: colour(complex, cell),
+                        moved: self.moved(cell)? as u32,
+                        tet: i as u32,
+                    })
+                })
             })
             .collect();
-        around.par_sort_unstable();
-        struct Free<'a> {
-            moved: usize,
-            base: Point3,
-            target: Point3,
-            share: f64,
-            tets: &'a [(u16, u32, u32)],
-        }
-        let mut points: Vec<Free<'_>> = around
-            .chunk_by(|x, y| x.1 == y.1)
+        corners.par_sort_unstable();
+        corners
+    }
+
+    /// The points that move at all, with base and target.
+    fn free_points<'a>(
+        &self,
+        complex: &Complex<'_>,
+        tets: &[EdgeTet],
+        corners: &'a [MovedCorner],
+    ) -> Vec<Free<'a>> {
+        corners
+            .chunk_by(|x, y| x.moved == y.moved)
             .map(|group| {
-                let moved = group[0].1 as usize;
+                let moved = group[0].moved as usize;
                 let of = |c: &&Cell| self.moved(c) == Some(moved);
-                let cell = tets[group[0].2 as usize].cells.iter().find(of);
+                let cell = tets[group[0].tet as usize].cells.iter().find(of);
                 Free {
                     moved,
                     base: complex.base_position(cell.expect("one of the two has moved")),
-                    target: *self.at_mut(moved),
+                    target: *self.at(moved),
                     share: 0.0,
                     tets: group,
                 }
             })
             .filter(|p| p.target != p.base)
-            .collect();
-        for p in &points {
-            *self.at_mut(p.moved) = p.base;
-        }
-        for _ in 0..2 {
-            for group in points.chunk_by_mut(|x, y| x.tets[0].0 == y.tets[0].0) {
-                group.par_iter_mut().with_min_len(8).for_each(|p| {
-                    if p.share == 1.0 {
-                        return;
-                    }
-                    let ends = [&p.base, &p.target];
-                    p.share = farthest(p.share, ends, p.tets.len(), |i, x| {
-                        let tet = &tets[p.tets[i].2 as usize];
-                        let [c, d] = [0, 1].map(|k| {
-                            let cell = &tet.cells[k];
-                            if self.moved(cell) == Some(p.moved) {
-                                *x
-                            } else {
-                                self.position(complex, cell)
-                            }
-                        });
-                        six_volume([tet.a, tet.b, c, d]) - tet.least
-                    });
-                });
-                for p in group {
-                    *self.at_mut(p.moved) = p.base + (p.target - p.base) * p.share;
+            .collect()
+    }
+
+    /// How far a point may go with all others where they are.
+    fn farthest_share(&self, complex: &Complex<'_>, tets: &[EdgeTet], p: &Free<'_>) -> f64 {
+        let ends = [&p.base, &p.target];
+        farthest(p.share, ends, p.tets.len(), |i, x| {
+            let tet = &tets[p.tets[i].tet as usize];
+            let [c, d] = [0, 1].map(|k| {
+                let cell = &tet.cells[k];
+                if self.moved(cell) == Some(p.moved) {
+                    *x
+                } else {
+                    self.position(complex, cell)
                 }
-            }
-        }
-        self.held = points
-            .iter()
-            .filter(|p| p.share < 1.0)
-            .map(|p| (p.moved, (1.0 - p.share) * (p.target - p.base).norm()))
-            .collect();
-        self.held.sort_unstable_by_key(|held| held.0);
+            });
+            six_volume([tet.a, tet.b, c, d]) - tet.least
+        })
     }
 }
 

@@ -1,25 +1,19 @@
-//! The hot loops over cells, for eight cells at a time. Where a step is one loop over the lanes the compiler
-//! turns it into the widest instructions at hand ([`widest`]); longer chains, which it does not see through,
-//! name their vectors ([`geom_core::lanes`]). Bits do not depend on which instructions those are, nor on the
-//! number of lanes.
+//! The hot loops over cells, for eight cells at a time. Where a step is one loop over the lanes the compiler turns
+//! it into the widest instructions at hand; longer chains, which it does not see through, name their vectors
+//! ([`geom_core::compute::lanes`]). Bits do not depend on which instructions those are, nor on the number of lanes.
 
-use geom_core::lanes::{Arch, Lanes, Simd, Vectors};
+use geom_core::compute::lanes::{Lanes, Simd, Vectors, dot};
 
 mod cells;
 mod edge_tets;
 mod fan;
 
 pub(crate) use cells::{all_finite, crossings, dual_vertices, min_max};
-pub(crate) use edge_tets::{Rows, Umbrellas};
+pub(crate) use edge_tets::{EdgeTets, Rows};
 pub(crate) use fan::{MOST, NO_FAN, Quads, best_fan, diagonal, diagonals};
 
 /// Cells at a time.
 pub(crate) const LANES: usize = 8;
-
-/// Runs `work` with the widest instructions of this machine.
-pub(crate) fn widest<R>(work: impl FnOnce() -> R) -> R {
-    Arch::new().dispatch(work)
-}
 
 /// A dual vertex keeps this distance from the sides of its cell.
 pub(crate) const INSET: f64 = 0.01;
@@ -27,6 +21,7 @@ pub(crate) const INSET: f64 = 0.01;
 /// per cell: flat places move little instead of jumping.
 pub(crate) const REGULAR: f64 = 0.01;
 
+/// The vectors whose coordinates stand in three rows, from a place on.
 #[inline(always)]
 fn load<S: Simd, const N: usize>(simd: S, rows: &[[f64; N]; 3], at: usize) -> Vectors<S> {
     [

@@ -15,4 +15,6 @@ pub(crate) use points::{PointMarks, PointSet};
 pub(crate) use samples::{POINTS, Samples};
 pub(crate) use sizing::splits;
 pub(crate) use source::Source;
-pub(crate) use tree::{BLOCK, BLOCK_LOG, Leaf, NONE, Octree, Splits, block_index};
+#[cfg(test)]
+pub(crate) use tree::BLOCK_LOG;
+pub(crate) use tree::{BLOCK, Leaf, NONE, Octree, Splits, block_index};

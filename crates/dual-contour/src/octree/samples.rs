@@ -4,13 +4,16 @@ use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{Aabb, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::domain::{Domain, Labels, local};
+use super::domain::{Domain, Labels};
 use super::source::Source;
 use super::tree::{BLOCK, BLOCK_LOG, block_index};
+use crate::Error;
 use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, ContourBackend};
-use crate::{Error, kernel};
 
 mod prune;
+mod read;
+
+use read::{Found, Known, OpenBlock, Reader, Scratch, known_blocks};
 
 /// Points per side of a stored block: its cells are closed, so blocks share their faces.
 pub(crate) const SIDE: usize = BLOCK_SIDE;
@@ -93,208 +96,83 @@ fn at_least(level: f64) -> f32 {
     if f64::from(v) < level { v.next_up() } else { v }
 }
 
-/// What reading some blocks has told.
-struct Judged {
-    /// The label of a block, if all of it has one.
-    labels: Vec<Option<Region>>,
-    /// Values of the others.
-    values: Vec<f32>,
-    /// Their labels, unless labels are plain.
-    regions: Vec<Region>,
-    range: (f32, f32),
-}
-
-/// Reads blocks.
-struct Judge<'a, 'b, V: ?Sized, B: ?Sized> {
-    source: &'a Source<'b, V>,
-    domain: &'a Domain,
-    labels: &'a Labels,
-    backend: &'a B,
-}
-
-impl<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized> Judge<'_, '_, V, B> {
-    /// Blocks come with the label around them, if they have one off the molecule.
-    fn judge(
-        &self,
-        open: &[(usize, Option<Region>)],
-        buffer: &mut Vec<f32>,
-    ) -> Result<Judged, Error> {
-        let (domain, labels) = (self.domain, self.labels);
-        buffer.resize(POINTS * open.len(), 0.0);
-        let row = domain.blocks[0] as usize;
-        let low = |b: usize| domain.block(b).map(|c| c * BLOCK);
-        let follows = |p: usize, q: usize| {
-            let within = |b: usize| self.source.is_within(domain, low(b)[0]);
-            q == p + 1 && !q.is_multiple_of(row) && within(p) && within(q)
-        };
-        let mut rest = buffer.as_mut_slice();
-        let mut runs = Vec::new();
-        let mut first = 0;
-        for run in open.chunk_by(|p, q| follows(p.0, q.0)) {
-            let (out, others) = std::mem::take(&mut rest).split_at_mut(POINTS * run.len());
-            rest = others;
-            runs.push((first, run[0].0, out));
-            first += run.len();
-        }
-        let bad = runs
-            .into_par_iter()
-            .with_min_len(16)
-            .filter_map(|(first, b, out)| {
-                self.source.gather(domain, low(b), out);
-                let bad = out
-                    .chunks_exact(POINTS)
-                    .position(|block| !kernel::all_finite(block));
-                bad.map(|i| first + i)
-            })
-            .min();
-        if let Some(bad) = bad {
-            let block = &buffer[POINTS * bad..][..POINTS];
-            let i = block
-                .iter()
-                .position(|v| !v.is_finite())
-                .expect("one is bad");
-            let p = point_of(domain, open[bad].0, i);
-            return Err(Error::NotFinite {
-                index: self.source.index(domain, p),
-                value: block[i],
-            });
-        }
-        let ranges = self.backend.min_max(buffer)?;
-        let both = |[low, high]: &&[f32; 2]| {
-            f64::from(*low) < labels.level && f64::from(*high) >= labels.level
-        };
-        let mut out = Judged {
-            labels: Vec::with_capacity(open.len()),
-            values: Vec::with_capacity(POINTS * ranges.iter().filter(both).count()),
-            regions: Vec::new(),
-            range: (f32::INFINITY, f32::NEG_INFINITY),
-        };
-        for ((&(b, around), &[low, high]), values) in
-            open.iter().zip(&ranges).zip(buffer.chunks_exact(POINTS))
-        {
-            out.range = (out.range.0.min(low), out.range.1.max(high));
-            let above = f64::from(high) >= labels.level;
-            let below = f64::from(low) < labels.level;
-            let mut label = match (below, above, around) {
-                (false, ..) => Some(INTERIOR),
-                (true, false, label) => label,
-                _ => None,
-            };
-            if label.is_none() && !labels.plain() {
-                let regions = regions_of(domain, labels, b, values, around);
-                if regions.iter().all(|&r| r == regions[0]) {
-                    label = Some(regions[0]);
-                } else {
-                    out.regions.extend(regions);
-                }
-            }
-            if label.is_none() {
-                out.values.extend_from_slice(values);
-            }
-            out.labels.push(label);
-        }
-        Ok(out)
-    }
-}
-
-/// What is known of a block.
-enum Known {
-    Uniform(Region, f32),
-    /// The label around, if the block has one off the molecule.
-    Open(Option<Region>),
-}
-
 impl<'a> Samples<'a> {
+    /// Reads all blocks that may hold a surface, and keeps the values of those that do.
     pub(crate) fn new<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         source: Source<'a, V>,
         domain: Domain,
         labels: Labels,
         backend: &B,
     ) -> Result<Self, Error> {
-        // A little more, so that a corner that just touches a boundary counts.
-        let radius = (0.5 * f64::from(BLOCK) * 3f64.sqrt() + 1e-3) * domain.spacing;
-        let known: Vec<Known> = (0..domain.block_len())
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|b| {
-                let low = domain.block(b).map(|c| c * BLOCK);
-                let middle = domain.world(&(local(low) + Vector3::repeat(0.5 * f64::from(BLOCK))));
-                let around = if labels.plain() {
-                    Some(EXTERIOR)
-                } else {
-                    labels.around(&middle, radius)
-                };
-                match (around, source.constant(&domain, low, labels.level)) {
-                    (_, Some(v)) if f64::from(v) >= labels.level => Known::Uniform(INTERIOR, v),
-                    (Some(label), Some(v)) => Known::Uniform(label, v),
-                    _ => Known::Open(around),
-                }
-            })
-            .collect();
-        let mut range = (f32::INFINITY, f32::NEG_INFINITY);
-        let mut state = Vec::with_capacity(known.len());
-        let mut open = Vec::new();
-        for (b, known) in known.into_iter().enumerate() {
-            match known {
-                Known::Uniform(label, v) => {
-                    range = (range.0.min(v), range.1.max(v));
-                    state.push(UNIFORM | u32::from(label));
-                }
-                Known::Open(around) => {
-                    state.push(u32::MAX);
-                    open.push((b, around));
-                }
-            }
-        }
-        let judge = Judge {
-            source: &source,
-            domain: &domain,
-            labels: &labels,
-            backend,
-        };
-        let judged: Vec<Result<Judged, Error>> = open
-            .par_chunks(backend.blocks_per_call())
-            .map_init(Vec::new, |buffer, open| judge.judge(open, buffer))
-            .collect();
-        let (mut stored, mut places) = (Vec::new(), Vec::new());
-        let (mut values, mut regions) = (Pieces::none(POINTS), Pieces::none(POINTS));
-        let mut open = open.into_iter();
-        for judged in judged {
-            let judged = judged?;
-            range = (range.0.min(judged.range.0), range.1.max(judged.range.1));
-            let mut number = 0;
-            for (label, (b, _)) in judged.labels.into_iter().zip(&mut open) {
-                state[b] = match label {
-                    Some(label) => UNIFORM | u32::from(label),
-                    None => {
-                        let list = values.lists.len() as u32;
-                        places.push(Place { list, number });
-                        number += 1;
-                        stored.push(b as u32);
-                        stored.len() as u32 - 1
-                    }
-                };
-            }
-            if number > 0 {
-                values.lists.push(judged.values);
-                regions.lists.push(judged.regions);
-            }
-        }
-        let threshold = at_least(labels.level);
-        Ok(Self {
+        let known = known_blocks(&source, &domain, &labels);
+        let mut out = Self {
+            bounds: source.bounds(),
+            threshold: at_least(labels.level),
+            state: Vec::with_capacity(known.len()),
+            stored: Vec::new(),
+            places: Vec::new(),
+            values: Pieces::none(POINTS),
+            regions: Pieces::none(POINTS),
+            masks: Pieces::none(BLOCK_CELLS),
+            range: (f32::INFINITY, f32::NEG_INFINITY),
             domain,
             labels,
-            bounds: source.bounds(),
-            state,
-            stored,
-            places,
-            values,
-            regions,
-            masks: Pieces::none(BLOCK_CELLS),
-            threshold,
-            range,
             read: Box::new(move |p| source.at(&domain, p)),
-        })
+        };
+        let mut open = Vec::new();
+        for (number, known) in known.into_iter().enumerate() {
+            match known {
+                Known::Uniform(label, v) => {
+                    out.widen((v, v));
+                    out.state.push(UNIFORM | u32::from(label));
+                }
+                Known::Open(around) => {
+                    out.state.push(u32::MAX);
+                    open.push(OpenBlock { number, around });
+                }
+            }
+        }
+        let reader = Reader {
+            source: &source,
+            domain: &domain,
+            labels: &out.labels,
+            backend,
+        };
+        let found: Vec<Result<Found, Error>> = open
+            .par_chunks(backend.blocks_per_call().max(1))
+            .map_init(Scratch::default, |scratch, open| reader.read(open, scratch))
+            .collect();
+        let mut open = open.iter();
+        for found in found {
+            out.keep(found?, &mut open);
+        }
+        Ok(out)
+    }
+
+    fn widen(&mut self, range: (f32, f32)) {
+        self.range = (self.range.0.min(range.0), self.range.1.max(range.1));
+    }
+
+    /// Takes what has been read of the next open blocks.
+    fn keep<'b>(&mut self, found: Found, open: &mut impl Iterator<Item = &'b OpenBlock>) {
+        self.widen(found.range);
+        let list = self.values.lists.len() as u32;
+        let mut number = 0;
+        for (label, block) in found.labels.into_iter().zip(open) {
+            self.state[block.number] = match label {
+                Some(label) => UNIFORM | u32::from(label),
+                None => {
+                    self.places.push(Place { list, number });
+                    number += 1;
+                    self.stored.push(block.number as u32);
+                    self.stored.len() as u32 - 1
+                }
+            };
+        }
+        if number > 0 {
+            self.values.lists.push(found.values);
+            self.regions.lists.push(found.regions);
+        }
     }
 
     /// The signs of the finest cells of block `b`, if it is stored and labels are plain.
@@ -320,7 +198,11 @@ impl<'a> Samples<'a> {
         if self.labels.plain() {
             let level = at_least(self.labels.level);
             let lists = self.values.lists.par_iter();
-            let masks = lists.map(|values| backend.crossings(values, level));
+            let masks = lists.map(|values| {
+                let mut masks = Vec::new();
+                backend.crossings(values, level, &mut masks)?;
+                Ok(masks)
+            });
             self.masks.lists = masks.collect::<Result<_, Error>>()?;
         }
         Ok(())
@@ -350,6 +232,18 @@ impl<'a> Samples<'a> {
         } else {
             self.mirrored(v)
         })
+    }
+
+    /// The value as far on the other side of the level.
+    fn mirrored(&self, v: f32) -> f32 {
+        let level = self.labels.level;
+        let other = (2.0 * level - f64::from(v)) as f32;
+        let threshold = at_least(level);
+        if v >= threshold {
+            other.min(threshold.next_down())
+        } else {
+            other.max(threshold)
+        }
     }
 
     /// The signs of the corners of a finest cell, if labels are plain and its block is stored.
@@ -486,29 +380,4 @@ fn point_of(domain: &Domain, b: usize, i: usize) -> [i32; 3] {
     let low = domain.block(b).map(|c| c * BLOCK);
     let d = [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)];
     [0, 1, 2].map(|k| (low[k] + d[k] as i32).min(domain.cells[k]))
-}
-
-/// The labels of the points of a block.
-fn regions_of(
-    domain: &Domain,
-    labels: &Labels,
-    b: usize,
-    values: &[f32],
-    around: Option<Region>,
-) -> Vec<Region> {
-    let threshold = at_least(labels.level);
-    values
-        .iter()
-        .enumerate()
-        .map(|(i, &v)| match around {
-            Some(label) => {
-                if v >= threshold {
-                    INTERIOR
-                } else {
-                    label
-                }
-            }
-            None => labels.at(f64::from(v), &domain.point(point_of(domain, b, i))),
-        })
-        .collect()
 }

@@ -185,7 +185,7 @@ pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
     let mut out = Splits::none(domain.blocks, largest);
     let judge = Judge::new(samples, options);
     // Without tolerances all cells with a surface are finest, and signs alone tell them.
-    let uniform = options.tolerance == 0.0 && options.zones.is_empty();
+    let uniform = options.has_one_size();
     let found: Vec<(usize, u64, u8, bool)> = (0..domain.block_len())
         .into_par_iter()
         .filter_map(|b| {

@@ -7,7 +7,6 @@ use super::tree::BLOCK;
 use crate::backend::{BLOCK_POINTS, BLOCK_SIDE};
 
 /// Where the values of the mesh lattice come from.
-#[derive(Clone, Copy)]
 pub(crate) enum Source<'a, V: ?Sized> {
     /// The lattice of the values, shifted by whole cells; beyond it `outside`.
     Aligned {
@@ -22,6 +21,14 @@ pub(crate) enum Source<'a, V: ?Sized> {
         outside: f32,
     },
 }
+
+impl<V: ?Sized> Clone for Source<'_, V> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<V: ?Sized> Copy for Source<'_, V> {}
 
 impl<V: LatticeValues + ?Sized> Source<'_, V> {
     pub(super) fn bounds(&self) -> Aabb {

@@ -126,145 +126,28 @@ impl Octree {
     /// The coarsest balanced tree over `cells` finest cells in which all asked cells are split.
     pub(crate) fn new(cells: [i32; 3], splits: &Splits) -> Self {
         let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
-        let n = splits.two.len();
-        let inside = |b: [i32; 3]| (0..3).all(|k| (0..blocks[k]).contains(&b[k]));
-
-        // Size 2: asked for, or crossing the end of the domain.
-        let two: Vec<u64> = (0..n)
+        let two = split_two(cells, blocks, splits);
+        let four = split_four(cells, blocks, splits, &two);
+        let coarse = Coarse::new(cells, blocks, splits, &four);
+        let mut nodes: Vec<Node> = (0..two.len())
             .into_par_iter()
-            .map(|b| {
-                let low = block_coordinates(blocks, b).map(|c| c * BLOCK);
-                let mut bits = splits.two[b];
-                if splits.largest < 1 {
-                    bits = !0;
-                }
-                if (0..3).any(|k| low[k] + BLOCK > cells[k]) {
-                    for t in 0..64u32 {
-                        let (p, q) = (child(t >> 3), child(t & 7));
-                        let o = [0, 1, 2].map(|k| low[k] + 4 * p[k] + 2 * q[k]);
-                        bits |= u64::from(crosses(o, 2, cells)) << t;
-                    }
-                }
-                bits
-            })
-            .collect();
-
-        // Size 4: the parents of all neighbours of a split cell of size 2.
-        let four: Vec<AtomicU8> = (0..n).map(|b| AtomicU8::new(splits.four[b])).collect();
-        let reach = two_to_four();
-        (0..n).into_par_iter().for_each(|b| {
-            let at = block_coordinates(blocks, b);
-            let mut asked = 0u64;
-            let mut bits = two[b];
-            while bits != 0 {
-                asked |= reach[bits.trailing_zeros() as usize];
-                bits &= bits - 1;
-            }
-            while asked != 0 {
-                let i = asked.trailing_zeros() as i32;
-                asked &= asked - 1;
-                let f = [i & 3, i >> 2 & 3, i >> 4].map(|c| c - 1);
-                let to = [0, 1, 2].map(|k| at[k] + (f[k] >> 1));
-                if inside(to) {
-                    let bit = (f[0] & 1) | (f[1] & 1) << 1 | (f[2] & 1) << 2;
-                    four[block_index(blocks, to)].fetch_or(1 << bit, Relaxed);
-                }
-            }
-            if (0..3).any(|k| (at[k] + 1) * BLOCK > cells[k]) || splits.largest < 2 {
-                let mut bits = 0;
-                for g in 0..8 {
-                    let o = [0, 1, 2].map(|k| at[k] * BLOCK + 4 * child(g)[k]);
-                    bits |= u8::from(crosses(o, 4, cells) || splits.largest < 2) << g;
-                }
-                four[b].fetch_or(bits, Relaxed);
-            }
-        });
-        let four: Vec<u8> = four.into_iter().map(AtomicU8::into_inner).collect();
-
-        // Size 8 and above: a bool per cell and level.
-        let mut split: Vec<Vec<bool>> = vec![splits.eight.clone()];
-        for b in 0..n {
-            let at = block_coordinates(blocks, b);
-            if crosses(at.map(|c| c * BLOCK), BLOCK, cells) {
-                split[0][b] = true;
-            }
-            for g in (0..8).filter(|g| four[b] >> g & 1 == 1) {
-                let low = [0, 1, 2].map(|k| (child(g)[k] - 1) >> 1);
-                let high = [0, 1, 2].map(|k| (child(g)[k] + 1) >> 1);
-                for_box(low, high, |d| {
-                    let to = [0, 1, 2].map(|k| at[k] + d[k]);
-                    if inside(to) {
-                        split[0][block_index(blocks, to)] = true;
-                    }
-                });
-            }
-        }
-        let mut shape = vec![blocks];
-        while shape.last().expect("one level").iter().any(|&s| s > 1) {
-            let fine = *shape.last().expect("one level");
-            let coarse = fine.map(|s| (s + 1) / 2);
-            let log = BLOCK_LOG + shape.len() as u8;
-            let mut marks = vec![log > splits.largest; block_count(coarse)];
-            for (c, mark) in marks.iter_mut().enumerate() {
-                let size = 1i32.checked_shl(u32::from(log)).unwrap_or(i32::MAX);
-                let low = block_coordinates(coarse, c).map(|v| v << log);
-                *mark |= (0..3).any(|k| low[k] > cells[k] - size);
-            }
-            if shape.len() == 1 {
-                for b in (0..n).filter(|&b| splits.alone[b]) {
-                    marks[block_index(coarse, block_coordinates(blocks, b).map(|c| c >> 1))] = true;
-                }
-            }
-            let below = split.last().expect("one level");
-            for (i, _) in below.iter().enumerate().filter(|(_, s)| **s) {
-                let at = block_coordinates(fine, i);
-                let low = [0, 1, 2].map(|k| ((at[k] - 1) >> 1).max(0));
-                let high = [0, 1, 2].map(|k| ((at[k] + 1) >> 1).min(coarse[k] - 1));
-                for_box(low, high, |p| marks[block_index(coarse, p)] = true);
-            }
-            split.push(marks);
-            shape.push(coarse);
-        }
-
-        let mut nodes: Vec<Node> = (0..n)
-            .into_par_iter()
-            .map(|b| {
-                let at = block_coordinates(blocks, b);
-                let level = (0..split.len())
-                    .rev()
-                    .find(|&j| !split[j][block_index(shape[j], at.map(|c| c >> j))])
-                    .map_or(0, |j| BLOCK_LOG + j as u8);
-                let (two, four) = if level == 0 {
-                    (two[b], four[b])
-                } else {
-                    (0, 0)
-                };
-                Node {
-                    two,
+            .map(|b| match coarse.level(block_coordinates(blocks, b)) {
+                0 => Node {
+                    two: two[b],
                     base: 0,
-                    four,
+                    four: four[b],
+                    level: 0,
+                },
+                level => Node {
+                    two: 0,
+                    base: 0,
+                    four: 0,
                     level,
-                }
+                },
             })
             .collect();
-        let mut total = 0u64;
-        for b in 0..n {
-            let at = block_coordinates(blocks, b);
-            let node = nodes[b];
-            if node.level == 0 {
-                nodes[b].base = total as u32;
-                total += u64::from(8 + 7 * node.four.count_ones() + 7 * node.two.count_ones());
-            } else {
-                let first = at.map(|c| c >> (node.level - BLOCK_LOG) << (node.level - BLOCK_LOG));
-                if first == at {
-                    nodes[b].base = total as u32;
-                    total += 1;
-                } else {
-                    nodes[b].base = nodes[block_index(blocks, first)].base;
-                }
-            }
-        }
-        let leaves = (0..n)
+        number(blocks, &mut nodes);
+        let leaves = (0..nodes.len())
             .into_par_iter()
             .flat_map_iter(|b| leaves_of(&nodes[b], block_coordinates(blocks, b), cells))
             .collect();
@@ -321,6 +204,164 @@ impl Octree {
             .flat_map(move |z| (0..=last).flat_map(move |y| (0..=last).map(move |x| [x, y, z])))
             .map(move |p| self.find([0, 1, 2].map(|k| at(k, p[k]))).0)
             .filter(|&other| other != NONE)
+    }
+}
+
+/// The split cells of size 2: those asked for, and those that cross the end of the domain.
+fn split_two(cells: [i32; 3], blocks: [i32; 3], splits: &Splits) -> Vec<u64> {
+    (0..splits.two.len())
+        .into_par_iter()
+        .map(|b| {
+            let low = block_coordinates(blocks, b).map(|c| c * BLOCK);
+            let mut bits = splits.two[b];
+            if splits.largest < 1 {
+                bits = !0;
+            }
+            if (0..3).any(|k| low[k] + BLOCK > cells[k]) {
+                for t in 0..64u32 {
+                    let (p, q) = (child(t >> 3), child(t & 7));
+                    let o = [0, 1, 2].map(|k| low[k] + 4 * p[k] + 2 * q[k]);
+                    bits |= u64::from(crosses(o, 2, cells)) << t;
+                }
+            }
+            bits
+        })
+        .collect()
+}
+
+/// The split cells of size 4: those asked for, those that cross the end of the domain, and the parents of all
+/// neighbours of a split cell of size 2.
+fn split_four(cells: [i32; 3], blocks: [i32; 3], splits: &Splits, two: &[u64]) -> Vec<u8> {
+    let four: Vec<AtomicU8> = splits.four.iter().map(|&f| AtomicU8::new(f)).collect();
+    let reach = two_to_four();
+    (0..two.len()).into_par_iter().for_each(|b| {
+        let at = block_coordinates(blocks, b);
+        // What the split cells of size 2 ask for, in this block and one cell around it.
+        let mut asked = 0u64;
+        let mut bits = two[b];
+        while bits != 0 {
+            asked |= reach[bits.trailing_zeros() as usize];
+            bits &= bits - 1;
+        }
+        while asked != 0 {
+            let i = asked.trailing_zeros() as i32;
+            asked &= asked - 1;
+            let f = [i & 3, i >> 2 & 3, i >> 4].map(|c| c - 1);
+            let to = [0, 1, 2].map(|k| at[k] + (f[k] >> 1));
+            if (0..3).all(|k| (0..blocks[k]).contains(&to[k])) {
+                let bit = (f[0] & 1) | (f[1] & 1) << 1 | (f[2] & 1) << 2;
+                four[block_index(blocks, to)].fetch_or(1 << bit, Relaxed);
+            }
+        }
+        if (0..3).any(|k| (at[k] + 1) * BLOCK > cells[k]) || splits.largest < 2 {
+            let mut bits = 0;
+            for g in 0..8 {
+                let o = [0, 1, 2].map(|k| at[k] * BLOCK + 4 * child(g)[k]);
+                bits |= u8::from(crosses(o, 4, cells) || splits.largest < 2) << g;
+            }
+            four[b].fetch_or(bits, Relaxed);
+        }
+    });
+    four.into_iter().map(AtomicU8::into_inner).collect()
+}
+
+/// Which cells of the size of a block and above are split: a bool per cell and level.
+struct Coarse {
+    split: Vec<Vec<bool>>,
+    /// Cells per axis of each level.
+    shape: Vec<[i32; 3]>,
+}
+
+impl Coarse {
+    fn new(cells: [i32; 3], blocks: [i32; 3], splits: &Splits, four: &[u8]) -> Self {
+        let mut out = Self {
+            split: vec![split_eight(cells, blocks, splits, four)],
+            shape: vec![blocks],
+        };
+        while out.last().1.iter().any(|&s| s > 1) {
+            let (below, fine) = out.last();
+            let coarse = fine.map(|s| (s + 1) / 2);
+            let log = BLOCK_LOG + out.shape.len() as u8;
+            let size = 1i32.checked_shl(u32::from(log)).unwrap_or(i32::MAX);
+            // Too large, or crossing the end of the domain.
+            let mut marks: Vec<bool> = (0..block_count(coarse))
+                .map(|c| {
+                    let low = block_coordinates(coarse, c).map(|v| v << log);
+                    log > splits.largest || (0..3).any(|k| low[k] > cells[k] - size)
+                })
+                .collect();
+            if out.shape.len() == 1 {
+                for b in (0..splits.alone.len()).filter(|&b| splits.alone[b]) {
+                    marks[block_index(coarse, block_coordinates(blocks, b).map(|c| c >> 1))] = true;
+                }
+            }
+            // Balance: the parents of all neighbours of a split cell.
+            for (i, _) in below.iter().enumerate().filter(|(_, s)| **s) {
+                let at = block_coordinates(fine, i);
+                let low = [0, 1, 2].map(|k| ((at[k] - 1) >> 1).max(0));
+                let high = [0, 1, 2].map(|k| ((at[k] + 1) >> 1).min(coarse[k] - 1));
+                for_box(low, high, |p| marks[block_index(coarse, p)] = true);
+            }
+            out.split.push(marks);
+            out.shape.push(coarse);
+        }
+        out
+    }
+
+    fn last(&self) -> (&[bool], [i32; 3]) {
+        let last = self.shape.len() - 1;
+        (&self.split[last], self.shape[last])
+    }
+
+    /// 0 if a block is split, else the logarithm of the size of the leaf that holds it.
+    fn level(&self, block: [i32; 3]) -> u8 {
+        (0..self.split.len())
+            .rev()
+            .find(|&j| !self.split[j][block_index(self.shape[j], block.map(|c| c >> j))])
+            .map_or(0, |j| BLOCK_LOG + j as u8)
+    }
+}
+
+/// The split blocks: those asked for, those that cross the end of the domain, and those around a split cell of size 4.
+fn split_eight(cells: [i32; 3], blocks: [i32; 3], splits: &Splits, four: &[u8]) -> Vec<bool> {
+    let mut split = splits.eight.clone();
+    for b in 0..split.len() {
+        let at = block_coordinates(blocks, b);
+        if crosses(at.map(|c| c * BLOCK), BLOCK, cells) {
+            split[b] = true;
+        }
+        for g in (0..8).filter(|g| four[b] >> g & 1 == 1) {
+            let low = [0, 1, 2].map(|k| (child(g)[k] - 1) >> 1);
+            let high = [0, 1, 2].map(|k| (child(g)[k] + 1) >> 1);
+            for_box(low, high, |d| {
+                let to = [0, 1, 2].map(|k| at[k] + d[k]);
+                if (0..3).all(|k| (0..blocks[k]).contains(&to[k])) {
+                    split[block_index(blocks, to)] = true;
+                }
+            });
+        }
+    }
+    split
+}
+
+/// Gives each node the number of its first leaf; a leaf larger than a block has the number of its first block.
+fn number(blocks: [i32; 3], nodes: &mut [Node]) {
+    let mut total = 0u64;
+    for b in 0..nodes.len() {
+        let at = block_coordinates(blocks, b);
+        let node = nodes[b];
+        if node.level == 0 {
+            nodes[b].base = total as u32;
+            total += u64::from(8 + 7 * node.four.count_ones() + 7 * node.two.count_ones());
+        } else {
+            let first = at.map(|c| c >> (node.level - BLOCK_LOG) << (node.level - BLOCK_LOG));
+            if first == at {
+                nodes[b].base = total as u32;
+                total += 1;
+            } else {
+                nodes[b].base = nodes[block_index(blocks, first)].base;
+            }
+        }
     }
 }
 
@@ -436,6 +477,38 @@ mod tests {
         }
     }
 
+    /// Compares the tree with [`brute`], and looks up every cell in it.
+    fn check_tree(cells: [i32; 3], asked: &[[f64; 3]]) {
+        let asked: Vec<[i32; 3]> = asked
+            .iter()
+            .map(|a| [0, 1, 2].map(|k| (a[k] * f64::from(cells[k])) as i32))
+            .collect();
+        let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
+        let mut splits = Splits::none(blocks, 30);
+        for a in &asked {
+            let b = block_index(blocks, a.map(|c| c >> BLOCK_LOG));
+            let (g, c) = morton(*a);
+            splits.two[b] |= 1 << (8 * g + c);
+        }
+        let tree = Octree::new(cells, &splits);
+        let mut ours: Vec<_> = tree
+            .leaves
+            .iter()
+            .filter(|l| !l.void)
+            .map(|l| (l.origin(), l.size()))
+            .collect();
+        ours.sort_unstable();
+        assert_eq!(ours, brute(cells, &asked));
+        for_box([0; 3], cells.map(|n| n - 1), |p| {
+            let (id, log) = tree.find(p);
+            let leaf = tree.leaves[id as usize];
+            assert_eq!(leaf.log, log);
+            assert!(
+                (0..3).all(|k| (leaf.origin()[k]..leaf.origin()[k] + leaf.size()).contains(&p[k]))
+            );
+        });
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]
         #[test]
@@ -443,29 +516,19 @@ mod tests {
             cells in prop::array::uniform3(3..40i32),
             asked in prop::collection::vec(prop::array::uniform3(0.0..1.0f64), 1..4),
         ) {
-            let asked: Vec<[i32; 3]> = asked.iter()
-                .map(|a| [0, 1, 2].map(|k| (a[k] * f64::from(cells[k])) as i32))
-                .collect();
-            let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
-            let mut splits = Splits::none(blocks, 30);
-            for a in &asked {
-                let b = block_index(blocks, a.map(|c| c >> BLOCK_LOG));
-                let (g, c) = morton(*a);
-                splits.two[b] |= 1 << (8 * g + c);
-            }
-            let tree = Octree::new(cells, &splits);
-            let mut ours: Vec<_> = tree.leaves.iter()
-                .filter(|l| !l.void)
-                .map(|l| (l.origin(), l.size()))
-                .collect();
-            ours.sort_unstable();
-            prop_assert_eq!(ours, brute(cells, &asked));
-            for_box([0; 3], cells.map(|n| n - 1), |p| {
-                let (id, log) = tree.find(p);
-                let leaf = tree.leaves[id as usize];
-                assert_eq!(leaf.log, log);
-                assert!((0..3).all(|k| (leaf.origin()[k]..leaf.origin()[k] + leaf.size()).contains(&p[k])));
-            });
+            check_tree(cells, &asked);
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(6))]
+        /// Large enough for leaves of 16 cells and more, which are balanced level by level.
+        #[test]
+        fn large_leaves_are_balanced_too(
+            sizes in prop::array::uniform3(2..5i32),
+            asked in prop::collection::vec(prop::array::uniform3(0.0..1.0f64), 1..3),
+        ) {
+            check_tree(sizes.map(|n| 32 * n), &asked);
         }
     }
 }

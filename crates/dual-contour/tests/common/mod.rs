@@ -293,7 +293,7 @@ pub(crate) fn both(options: Options) -> Options {
 pub(crate) fn check_all(grid: &ScalarGrid, options: &Options) {
     check_method(grid, options);
     if options.tolerance == 0.0 {
-        let method = Method::Lattice;
+        let method = Method::Stuffing;
         check_method(
             grid,
             &Options {
@@ -352,7 +352,7 @@ pub(crate) fn check_method(grid: &ScalarGrid, options: &Options) {
     assert_eq!(v.surface.euler_characteristic(), 2 * euler_of_tets(&tets));
 }
 
-pub(crate) const METHODS: [Method; 2] = [Method::DualContour, Method::Lattice];
+pub(crate) const METHODS: [Method; 2] = [Method::DualContour, Method::Stuffing];
 
 pub(crate) fn by(method: Method) -> Options {
     Options {
@@ -393,4 +393,15 @@ pub(crate) fn check_quickly(grid: &ScalarGrid, options: &Options) {
     assert_closed(&v.surface);
     let total = v.mesh.bounds().extent().product();
     assert!((v.mesh.volume() / total - 1.0).abs() < 1e-12);
+}
+
+/// A smooth field with many bumps.
+pub(crate) fn bumps(seed: u64) -> Field<impl Fn(&Point3) -> f64 + Sync + Copy> {
+    let k: [f64; 6] = std::array::from_fn(|i| 0.9 + scatter(10 * seed + i as u64));
+    Field(move |x: &Point3| {
+        1.2 + (k[0] * x.x).sin() * (k[1] * x.y).cos()
+            + (k[2] * x.y).sin() * (k[3] * x.z).cos()
+            + (k[4] * x.z).sin() * (k[5] * x.x).cos()
+            - 0.1 * x.coords.norm_squared()
+    })
 }

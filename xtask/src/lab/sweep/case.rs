@@ -20,7 +20,7 @@ const ON_SURFACE: f64 = 0.999;
 fn targets(method: Method) -> Goals {
     Goals {
         min_dihedral: match method {
-            Method::Lattice => 25.0,
+            Method::Stuffing => 25.0,
             Method::DualContour => 20.0,
         },
         max_dihedral: 155.0,
@@ -51,7 +51,7 @@ pub(super) fn expected(
     // lattice of the other mesher.
     let (middle, cells): (&dyn Fn([usize; 3]) -> f64, _) = match method {
         Method::DualContour => (&of_corners, Cells::Cubes),
-        Method::Lattice => (&of_field, Cells::Centred),
+        Method::Stuffing => (&of_field, Cells::Centred),
     };
     Lattice {
         counts: lattice.counts,
@@ -113,7 +113,7 @@ fn figures(
         .map_err(|e| format!("meshing: {e}"))?;
     row["mesh_s"] = start.elapsed().as_secs_f64().into();
     row["split_cells"] = volume.report.split_cells.into();
-    row["held_back"] = volume.report.held_back.into();
+    row["clamped"] = volume.report.clamped.into();
     let faults = audit(&volume.mesh, region, &expected).0;
     push(row, "faults", named("raw", faults));
     push(row, "faults", named("raw", compare(&volume, region)));

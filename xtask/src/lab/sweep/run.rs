@@ -25,7 +25,7 @@ pub(super) fn text(error: impl std::fmt::Display) -> String {
 
 fn method(name: &str) -> Method {
     match name {
-        "lattice" => Method::Lattice,
+        "stuffing" | "lattice" => Method::Stuffing,
         _ => Method::DualContour,
     }
 }

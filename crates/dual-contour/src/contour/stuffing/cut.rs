@@ -1,23 +1,52 @@
 //! Tetrahedra are cut where labels change.
 
-use geom_core::mesh::{FACES, Region};
+use geom_core::mesh::{EDGES, FACES, Region};
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::near::{NONE, Near};
 
+/// Tetrahedra of one label each, and what stands at the vertices that were added.
+pub(super) struct Cut {
+    pub(super) tets: Vec<([u32; 4], Region)>,
+    /// The labels that meet at each.
+    pub(super) added: Vec<[Region; 4]>,
+}
+
 impl Near {
-    /// gives the labels at each.
-    #[expect(
-        clippy::type_complexity,
-        reason = "tetrahedra with regions, and labels"
-    )]
-    pub(super) fn cut(
-        &self,
-        ids: &[u32],
-        positions: &mut Vec<Point3>,
-    ) -> (Vec<([u32; 4], Region)>, Vec<[Region; 4]>) {
+    /// Cuts all tetrahedra; adds the points of cuts, of faces and of cells where three labels meet.
+    pub(super) fn cut(&self, positions: &mut Vec<Point3>) -> Cut {
         let mut added = Vec::new();
+        let mut cutter = Cutter {
+            near: self,
+            at: self.add_cuts(positions, &mut added),
+            several: (0..self.tets.len() as u32)
+                .into_par_iter()
+                .filter(|&t| self.labels_of(t) > 2)
+                .collect(),
+            faces: Vec::new(),
+            first_face: 0,
+            first_cell: 0,
+        };
+        cutter.add_faces(positions, &mut added);
+        cutter.add_cells(positions, &mut added);
+        let tets = (0..self.tets.len() as u32)
+            .into_par_iter()
+            .with_min_len(1024)
+            .flat_map_iter(|t| {
+                let mut out = Vec::with_capacity(6);
+                match cutter.several.binary_search(&t) {
+                    Ok(i) => cutter.several(t, cutter.first_cell + i as u32, &mut out),
+                    Err(_) => cutter.two(t, &mut out),
+                }
+                out
+            })
+            .collect();
+        Cut { tets, added }
+    }
+
+    /// Adds the cuts of edges whose ends are both off the interface, and lists their vertices.
+    fn add_cuts(&self, positions: &mut Vec<Point3>, added: &mut Vec<[Region; 4]>) -> Vec<u32> {
         let mut at = vec![NONE; self.edges.len()];
         for (e, at) in at.iter_mut().enumerate() {
             let [a, b] = self.edges[e];
@@ -29,61 +58,7 @@ impl Near {
                 added.push([p, p, q, q]);
             }
         }
-        let cutter = Cutter {
-            near: self,
-            ids,
-            at: &at,
-        };
-        let several: Vec<u32> = (0..self.tets.len() as u32)
-            .into_par_iter()
-            .filter(|&t| self.labels_of(t) > 2)
-            .collect();
-        // Points of faces with three labels, shared by the two tetrahedra of a face.
-        let mut faces: Vec<[u32; 3]> = several
-            .iter()
-            .flat_map(|&t| FACES.map(|f| f.map(|k| self.tets[t as usize][k])))
-            .filter(|f| {
-                let [a, b, c] = f.map(|v| self.label(v));
-                a != b && b != c && a != c
-            })
-            .map(|mut f| {
-                f.sort_unstable();
-                f
-            })
-            .collect();
-        faces.sort_unstable();
-        faces.dedup();
-        let face_at = positions.len() as u32;
-        for &[a, b, c] in &faces {
-            let ends = [[a, b], [b, c], [c, a]].map(|[a, b]| cutter.point(a, b));
-            positions.push(mean(ends.map(|v| positions[v as usize])));
-            added.push([a, b, c, c].map(|v| self.label(v)));
-        }
-        let cell_at = positions.len() as u32;
-        for &t in &several {
-            let tet = self.tets[t as usize];
-            let cuts: Vec<Point3> = geom_core::mesh::EDGES
-                .iter()
-                .map(|e| e.map(|k| tet[k]))
-                .filter(|&[a, b]| self.label(a) != self.label(b))
-                .map(|[a, b]| positions[cutter.point(a, b) as usize])
-                .collect();
-            positions.push(mean(cuts));
-            added.push(tet.map(|v| self.label(v)));
-        }
-        let tets = (0..self.tets.len() as u32)
-            .into_par_iter()
-            .with_min_len(1024)
-            .flat_map_iter(|t| {
-                let mut out = Vec::with_capacity(6);
-                match several.binary_search(&t) {
-                    Ok(i) => cutter.several(t, cell_at + i as u32, &faces, face_at, &mut out),
-                    Err(_) => cutter.two(t, &mut out),
-                }
-                out
-            })
-            .collect();
-        (tets, added)
+        at
     }
 }
 
@@ -96,9 +71,14 @@ fn mean(points: impl IntoIterator<Item = Point3>) -> Point3 {
 
 struct Cutter<'a> {
     near: &'a Near,
-    ids: &'a [u32],
     /// Vertex of each cut edge.
-    at: &'a [u32],
+    at: Vec<u32>,
+    /// Tetrahedra with more than two labels, in order; from `first_cell` on each has a vertex inside.
+    several: Vec<u32>,
+    first_cell: u32,
+    /// Faces with three labels, in order; from `first_face` on each has a vertex.
+    faces: Vec<[u32; 3]>,
+    first_face: u32,
 }
 
 /// A vertex within a tetrahedron: one of its corners, or the cut between two of them.
@@ -167,6 +147,49 @@ fn stencil(below: &[usize], above: &[usize], on: &[usize], mut emit: impl FnMut(
 }
 
 impl Cutter<'_> {
+    /// Adds points to faces with three labels, which two tetrahedra share.
+    fn add_faces(&mut self, positions: &mut Vec<Point3>, added: &mut Vec<[Region; 4]>) {
+        let near = self.near;
+        self.faces = self
+            .several
+            .iter()
+            .flat_map(|&t| FACES.map(|f| f.map(|k| near.tets[t as usize][k])))
+            .filter(|f| {
+                let [a, b, c] = f.map(|v| near.label(v));
+                a != b && b != c && a != c
+            })
+            .map(|mut f| {
+                f.sort_unstable();
+                f
+            })
+            .collect();
+        self.faces.sort_unstable();
+        self.faces.dedup();
+        self.first_face = positions.len() as u32;
+        for &[a, b, c] in &self.faces {
+            let ends = [[a, b], [b, c], [c, a]].map(|[a, b]| self.point(a, b));
+            positions.push(mean(ends.map(|v| positions[v as usize])));
+            added.push([a, b, c, c].map(|v| near.label(v)));
+        }
+    }
+
+    /// Adds points inside of tetrahedra with more than two labels.
+    fn add_cells(&mut self, positions: &mut Vec<Point3>, added: &mut Vec<[Region; 4]>) {
+        let near = self.near;
+        self.first_cell = positions.len() as u32;
+        for &t in &self.several {
+            let tet = near.tets[t as usize];
+            let cuts: Vec<Point3> = EDGES
+                .iter()
+                .map(|e| e.map(|k| tet[k]))
+                .filter(|&[a, b]| near.label(a) != near.label(b))
+                .map(|[a, b]| positions[self.point(a, b) as usize])
+                .collect();
+            positions.push(mean(cuts));
+            added.push(tet.map(|v| near.label(v)));
+        }
+    }
+
     /// The vertex where the edge between two corners is cut.
     fn point(&self, a: u32, b: u32) -> u32 {
         self.at[self.near.edge(a, b) as usize]
@@ -189,7 +212,7 @@ impl Cutter<'_> {
             unreachable!("snapping leaves no tetrahedron on the interface as a whole");
         };
         if low == high {
-            out.push((tet.map(|v| self.ids[v as usize]), low));
+            out.push((tet.map(|v| near.ids[v as usize]), low));
             return;
         }
         let of = |keep: &dyn Fn(usize) -> bool| -> Vec<usize> {
@@ -203,7 +226,7 @@ impl Cutter<'_> {
                 spots.swap(2, 3);
             }
             let ids = spots.map(|s| match s {
-                Spot::Corner(k) => self.ids[tet[k] as usize],
+                Spot::Corner(k) => near.ids[tet[k] as usize],
                 Spot::Cut(i, j) => self.point(tet[i], tet[j]),
             });
             out.push((ids, if side { high } else { low }));
@@ -212,28 +235,21 @@ impl Cutter<'_> {
 
     /// Cuts a tetrahedron with three or four labels, none of whose corners is on an interface: cones
     /// from a point inside over the pieces of its faces.
-    fn several(
-        &self,
-        t: u32,
-        apex: u32,
-        faces: &[[u32; 3]],
-        face_at: u32,
-        out: &mut Vec<([u32; 4], Region)>,
-    ) {
+    fn several(&self, t: u32, apex: u32, out: &mut Vec<([u32; 4], Region)>) {
         let near = self.near;
         let tet = near.tets[t as usize];
         for f in FACES {
             let face = f.map(|k| tet[k]);
             let [la, lb, lc] = face.map(|v| near.label(v));
             let mut emit = |t: [u32; 3], label| out.push(([apex, t[0], t[1], t[2]], label));
-            let id = |v: u32| self.ids[v as usize];
+            let id = |v: u32| near.ids[v as usize];
             if la == lb && lb == lc {
                 emit(face.map(id), la);
             } else if la != lb && lb != lc && la != lc {
                 let mut key = face;
                 key.sort_unstable();
-                let middle = faces.binary_search(&key).expect("its point has been added");
-                let middle = face_at + middle as u32;
+                let middle = self.faces.binary_search(&key);
+                let middle = self.first_face + middle.expect("its point has been added") as u32;
                 for k in 0..3 {
                     let [a, b, c] = [0, 1, 2].map(|i| face[(k + i) % 3]);
                     let (next, last) = (self.point(a, b), self.point(c, a));

@@ -1,13 +1,11 @@
 //! The tetrahedra near interfaces.
 
-use geom_core::Point3;
-use geom_core::mesh::Region;
+use geom_core::mesh::{EDGES, Region};
 use rayon::prelude::*;
 
-use super::{Labelled, cell_sample, planes_of};
-use crate::complex::{Complex, Corner, Vertex};
-use crate::dual::{Probe, Sample};
-use crate::octree::local;
+use super::base::{Base, BaseTet, planes_of};
+use crate::complex::Vertex;
+use crate::dual::Sample;
 
 /// No number yet.
 pub(super) const NONE: u32 = u32::MAX;
@@ -21,6 +19,8 @@ pub(super) fn pair(a: Region, b: Region) -> Pair {
 
 /// The tetrahedra near interfaces, with vertices numbered among themselves.
 pub(super) struct Near {
+    /// The number that each vertex has among all.
+    pub(super) ids: Vec<u32>,
     pub(super) samples: Vec<Sample>,
     /// Corner or cell?
     pub(super) is_corner: Vec<bool>,
@@ -67,17 +67,12 @@ impl Csr {
 }
 
 impl Near {
-    /// Also gives the number that each vertex has among all.
-    pub(super) fn new(
-        complex: &Complex<'_>,
-        probe: &Probe<'_>,
-        vertices: &[Vertex],
-        labelled: &[Labelled],
-        hot: &[bool],
-        clipped: bool,
-    ) -> (Self, Vec<u32>) {
+    /// `hot` are the vertices that may snap.
+    pub(super) fn new(base: &Base<'_>, tets: &[BaseTet], hot: &[bool]) -> Self {
+        let vertices: Vec<Vertex> = base.numbering.vertices().collect();
+        // Vertices get numbers of their own, in order: arrays are short, and neighbours near each other.
         let mut local = vec![NONE; vertices.len()];
-        for v in labelled.iter().flat_map(|t| t.0) {
+        for v in tets.iter().flat_map(|t| t.corners) {
             local[v as usize] = 0;
         }
         let mut ids = Vec::new();
@@ -85,64 +80,47 @@ impl Near {
             *local = ids.len() as u32;
             ids.push(id as u32);
         }
+        let tets: Vec<[u32; 4]> = tets
+            .par_iter()
+            .map(|t| t.corners.map(|v| local[v as usize]))
+            .collect();
         let samples: Vec<Sample> = ids
             .par_iter()
-            .map(|&id| match vertices[id as usize] {
-                Vertex::Cell(cell) => cell_sample(complex, probe, &cell, clipped),
-                Vertex::Corner(Corner::Point(p)) => Sample {
-                    x: local(p),
-                    label: complex.samples.label(p),
-                    value: complex.samples.value(p),
-                },
-                Vertex::Corner(Corner::Centre(_)) => {
-                    unreachable!("the lattice method splits no leaf")
-                }
-            })
+            .map(|&id| base.sample(vertices[id as usize]))
             .collect();
-        let cells = complex.tree.cells;
+        let cells = base.complex.tree.cells;
         let planes = samples.iter().map(|s| planes_of(&s.x, cells)).collect();
         let is_corner = ids
             .iter()
             .map(|&id| matches!(vertices[id as usize], Vertex::Corner(_)))
             .collect();
-        let tets: Vec<[u32; 4]> = labelled
-            .par_iter()
-            .map(|t| t.0.map(|v| local[v as usize]))
-            .collect();
-        let n = ids.len();
-        let around = Csr::new(n, |f| {
+        // Only vertices that may snap ask for what stands around them.
+        let around = Csr::new(ids.len(), |f| {
             for (i, t) in tets.iter().enumerate() {
                 for &v in t.iter().filter(|&&v| hot[ids[v as usize] as usize]) {
                     f(v, i as u32);
                 }
             }
         });
-        let mut edges: Vec<[u32; 2]> = tets
-            .par_iter()
-            .flat_map_iter(|t| {
-                let ends = geom_core::mesh::EDGES.map(|e| e.map(|k| t[k]));
-                let samples = &samples;
-                ends.into_iter().filter_map(move |[a, b]| {
-                    let differ = samples[a as usize].label != samples[b as usize].label;
-                    differ.then_some([a.min(b), a.max(b)])
-                })
-            })
-            .collect();
-        edges.par_sort_unstable();
-        edges.dedup();
+        // Each edge that will be cut is shared by several tetrahedra and has one cut, kept off its ends so that
+        // no tetrahedron degenerates.
+        let edges = edges_between_labels(&tets, &samples);
         let cuts = edges
             .par_iter()
             .map(|e| {
                 let [a, b] = e.map(|v| &samples[v as usize]);
-                probe.exact_crossing(a, b).clamp(0.02, 0.98)
+                base.probe.exact_crossing(a, b).clamp(0.02, 0.98)
             })
             .collect();
-        let edges_at = Csr::new(n, |f| {
+        let edges_at = Csr::new(ids.len(), |f| {
             for (i, e) in edges.iter().enumerate() {
                 e.iter().for_each(|&v| f(v, i as u32));
             }
         });
-        let near = Self {
+        Self {
+            zero: vec![None; ids.len()],
+            anchor: base.complex.samples.domain.anchor,
+            ids,
             samples,
             is_corner,
             planes,
@@ -151,12 +129,10 @@ impl Near {
             edges,
             cuts,
             edges_at,
-            zero: vec![None; n],
-            anchor: complex.samples.domain.anchor,
-        };
-        (near, ids)
+        }
     }
 
+    /// The other end of an edge.
     pub(super) fn other(&self, edge: u32, v: u32) -> u32 {
         let [a, b] = self.edges[edge as usize];
         if a == v { b } else { a }
@@ -177,8 +153,6 @@ impl Near {
             .expect("an edge between different labels is listed")
     }
 
-    /// Cuts all tetrahedra; adds the points of cuts, of faces and of cells where three labels meet, and
-
     /// Number of labels among the corners of a tetrahedron that are not on an interface.
     pub(super) fn labels_of(&self, t: u32) -> usize {
         let mut seen = [0; 4];
@@ -191,4 +165,21 @@ impl Near {
         }
         n
     }
+}
+
+/// The edges between different labels, sorted.
+fn edges_between_labels(tets: &[[u32; 4]], samples: &[Sample]) -> Vec<[u32; 2]> {
+    let mut edges: Vec<[u32; 2]> = tets
+        .par_iter()
+        .flat_map_iter(|t| {
+            let ends = EDGES.map(|e| e.map(|k| t[k]));
+            ends.into_iter().filter_map(move |[a, b]| {
+                let differ = samples[a as usize].label != samples[b as usize].label;
+                differ.then_some([a.min(b), a.max(b)])
+            })
+        })
+        .collect();
+    edges.par_sort_unstable();
+    edges.dedup();
+    edges
 }

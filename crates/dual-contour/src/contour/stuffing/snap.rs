@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::near::{NONE, Near, pair};
+use super::Counts;
+use super::near::{NONE, Near, Pair, pair};
 
 /// Share of an edge within which a cut is too close: between points of one kind, and between a corner
 /// and a cell (Labelle & Shewchuk, uniform and one-sided).
@@ -10,15 +11,6 @@ const LONG: f64 = 0.249_99;
 const SHORT: f64 = 0.411_89;
 /// Most neighbours of a vertex that may snap; no octree has more than 50.
 const LINK: usize = 64;
-
-/// What the mesher did.
-#[derive(Default)]
-pub(super) struct Counts {
-    /// Vertices snapped onto the interface.
-    pub(super) snapped: usize,
-    /// Vertices kept, because snapping would have pinched the interface; their cuts moved away.
-    pub(super) refused: usize,
-}
 
 impl Near {
     /// Distance of a cut from one end, as a share of the edge.
@@ -51,19 +43,7 @@ impl Near {
     /// vertices that have no undecided neighbour of higher priority; what is decided depends on
     /// neighbours alone, so the result is that of a fixed order.
     pub(super) fn snap(&mut self) -> Counts {
-        // Scattered priorities make few rounds. They follow from the place among the values (twice the
-        // coordinates are whole numbers), so that what else is meshed does not matter.
-        let priority: Vec<u64> = self
-            .samples
-            .iter()
-            .map(|s| {
-                let key = (0..3).fold(0u64, |key, k| {
-                    let place = (2.0 * s.x[k]) as i64 - 2 * i64::from(self.anchor[k]);
-                    key << 20 | (place as u64 & 0xf_ffff)
-                });
-                key.wrapping_mul(0x9e37_79b9_7f4a_7c15)
-            })
-            .collect();
+        let priority = self.priorities();
         let mut waiting: Vec<u32> = (0..self.samples.len() as u32)
             .into_par_iter()
             .filter(|&v| self.violated(v).next().is_some())
@@ -74,44 +54,26 @@ impl Near {
         }
         let mut counts = Counts::default();
         while !waiting.is_empty() {
+            // Of those that wait, no two that are decided now stand in one tetrahedron.
+            let comes_first = |v: u32, w: u32| {
+                w == v || !open[w as usize] || priority[w as usize] < priority[v as usize]
+            };
             let decided: Vec<(u32, Option<u32>)> = waiting
                 .par_iter()
                 .filter(|&&v| {
-                    self.around.of(v).iter().all(|&t| {
-                        self.tets[t as usize].iter().all(|&w| {
-                            w == v
-                                || !open[w as usize]
-                                || priority[w as usize] < priority[v as usize]
-                        })
-                    })
+                    let mut tets = self.around.of(v).iter().map(|&t| self.tets[t as usize]);
+                    tets.all(|t| t.iter().all(|&w| comes_first(v, w)))
                 })
-                .map(|&v| {
-                    let target = self
-                        .violated(v)
-                        .filter(|&(e, _)| self.is_safe(v, self.other(e, v)))
-                        .min_by(|x, y| x.1.total_cmp(&y.1));
-                    (v, target.map(|(e, _)| e))
-                })
+                .map(|&v| (v, self.safe_target(v)))
                 .collect();
             for &(v, target) in &decided {
                 open[v as usize] = false;
                 match target {
                     Some(e) => {
-                        let w = self.other(e, v);
-                        let (from, to) = (self.samples[v as usize].x, self.samples[w as usize].x);
-                        self.samples[v as usize].x = from + (to - from) * self.from(e, v);
-                        self.zero[v as usize] = Some(pair(self.label(v), self.label(w)));
+                        self.snap_to(v, e);
                         counts.snapped += 1;
                     }
-                    None => {
-                        let close: Vec<u32> = self.violated(v).map(|(e, _)| e).collect();
-                        counts.refused += usize::from(!close.is_empty());
-                        for e in close {
-                            let t = self.limit(e);
-                            let low = self.edges[e as usize][0] == v;
-                            self.cuts[e as usize] = if low { t } else { 1.0 - t };
-                        }
-                    }
+                    None => counts.clamped += usize::from(self.push_cuts_away(v)),
                 }
             }
             waiting.retain(|&v| open[v as usize]);
@@ -119,23 +81,146 @@ impl Near {
         counts
     }
 
-    /// Are there vertices of both signs at the edges of the triangles that are taken, and are those of
-    /// each sign connected by them?
-    fn each_sign_connected(
-        &self,
-        sign: &[i8],
-        triangles: &[[u8; 3]],
-        takes: impl Fn(u8, u8) -> bool,
-    ) -> bool {
+    /// Scattered priorities make few rounds. They follow from the place among the values (twice the
+    /// coordinates are whole numbers), so that what else is meshed does not matter.
+    fn priorities(&self) -> Vec<u64> {
+        self.samples
+            .iter()
+            .map(|s| {
+                let key = (0..3).fold(0u64, |key, k| {
+                    let place = (2.0 * s.x[k]) as i64 - 2 * i64::from(self.anchor[k]);
+                    key << 20 | (place as u64 & 0xf_ffff)
+                });
+                key.wrapping_mul(0x9e37_79b9_7f4a_7c15)
+            })
+            .collect()
+    }
+
+    /// The edge whose cut is closest to `v`, relative to what is too close, and may take it.
+    fn safe_target(&self, v: u32) -> Option<u32> {
+        self.violated(v)
+            .filter(|&(e, _)| self.is_safe(v, self.other(e, v)))
+            .min_by(|x, y| x.1.total_cmp(&y.1))
+            .map(|(e, _)| e)
+    }
+
+    fn snap_to(&mut self, v: u32, edge: u32) {
+        let w = self.other(edge, v);
+        let (from, to) = (self.samples[v as usize].x, self.samples[w as usize].x);
+        self.samples[v as usize].x = from + (to - from) * self.from(edge, v);
+        self.zero[v as usize] = Some(pair(self.label(v), self.label(w)));
+    }
+
+    /// Moves the cuts that are too close to `v` to where they may stay. Returns whether there were any.
+    fn push_cuts_away(&mut self, v: u32) -> bool {
+        let close: Vec<u32> = self.violated(v).map(|(e, _)| e).collect();
+        for &e in &close {
+            let t = self.limit(e);
+            let low = self.edges[e as usize][0] == v;
+            self.cuts[e as usize] = if low { t } else { 1.0 - t };
+        }
+        !close.is_empty()
+    }
+
+    /// May `v` become a point of the interface towards `w`? The interface around it is then a disk: seen from
+    /// `v`, the rest of its neighbours falls into one connected part on either side.
+    fn is_safe(&self, v: u32, w: u32) -> bool {
+        // On the box only along it.
+        let planes = self.planes[v as usize];
+        if planes & !self.planes[w as usize] != 0 {
+            return false;
+        }
+        let Some(link) = Link::new(self, v, pair(self.label(v), self.label(w))) else {
+            return false;
+        };
+        // The link's vertices of each sign are connected; so are, on the box, those of its rim.
+        let rim = |a: u8, b: u8| {
+            let [a, b] = [a, b].map(|c| self.planes[link.vertices[c as usize] as usize]);
+            planes & a & b != 0
+        };
+        (planes == 0 || link.each_sign_connected(rim))
+            && link.each_sign_connected(|_, _| true)
+            && link.has_one_arc_per_sign()
+    }
+}
+
+/// The link of a vertex: the triangles opposite it in the tetrahedra around, each of their corners on one side of
+/// an interface or on it.
+struct Link {
+    vertices: [u32; LINK],
+    /// −1 and 1 on the two sides, 0 on the interface.
+    sign: [i8; LINK],
+    len: usize,
+    triangles: [[u8; 3]; 2 * LINK],
+    triangle_len: usize,
+}
+
+impl Link {
+    /// `None` if `v` must stay: another label or interface is near, a tetrahedron would lie on the interface as a
+    /// whole, or there are too many neighbours.
+    fn new(near: &Near, v: u32, parted: Pair) -> Option<Self> {
+        let mut out = Self {
+            vertices: [NONE; LINK],
+            sign: [0; LINK],
+            len: 0,
+            triangles: [[0; 3]; 2 * LINK],
+            triangle_len: 0,
+        };
+        for &t in near.around.of(v) {
+            if out.triangle_len == out.triangles.len() {
+                return None;
+            }
+            let mut triangle = [0; 3];
+            let others = near.tets[t as usize].into_iter().filter(|&u| u != v);
+            for (corner, u) in triangle.iter_mut().zip(others) {
+                *corner = out.number(near, u, parted)?;
+            }
+            if triangle.iter().all(|&c| out.sign[c as usize] == 0) {
+                return None;
+            }
+            out.triangles[out.triangle_len] = triangle;
+            out.triangle_len += 1;
+        }
+        Some(out)
+    }
+
+    /// The number of a neighbour, new or not.
+    fn number(&mut self, near: &Near, u: u32, parted: Pair) -> Option<u8> {
+        let n = self.len;
+        if let Some(at) = self.vertices[..n].iter().position(|&l| l == u) {
+            return Some(at as u8);
+        }
+        if n == LINK {
+            return None;
+        }
+        self.sign[n] = match near.zero[u as usize] {
+            Some(p) if p != parted => return None,
+            Some(_) => 0,
+            None if near.label(u) == parted.0 => -1,
+            None if near.label(u) == parted.1 => 1,
+            None => return None,
+        };
+        self.vertices[n] = u;
+        self.len += 1;
+        Some(n as u8)
+    }
+
+    fn triangles(&self) -> &[[u8; 3]] {
+        &self.triangles[..self.triangle_len]
+    }
+
+    /// Are there vertices of both signs at the edges that are taken, and are those of each sign connected by
+    /// them?
+    fn each_sign_connected(&self, takes: impl Fn(u8, u8) -> bool) -> bool {
         let mut group: [u8; LINK] = std::array::from_fn(|i| i as u8);
         let mut used = [false; LINK];
-        for t in triangles {
+        for t in self.triangles() {
             for (mut a, mut b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
                 if !takes(a, b) {
                     continue;
                 }
                 (used[a as usize], used[b as usize]) = (true, true);
-                if sign[a as usize] == sign[b as usize] {
+                if self.sign[a as usize] == self.sign[b as usize] {
                     while group[a as usize] != a {
                         a = group[a as usize];
                     }
@@ -147,88 +232,72 @@ impl Near {
             }
         }
         [1, -1].into_iter().all(|s| {
-            let is_root = |i: &usize| used[*i] && sign[*i] == s && group[*i] as usize == *i;
-            (0..sign.len()).filter(is_root).count() == 1
+            let is_root = |i: &usize| used[*i] && self.sign[*i] == s && group[*i] as usize == *i;
+            (0..self.len).filter(is_root).count() == 1
         })
     }
 
-    /// May `v` become a point of the interface towards `w`?
-    fn is_safe(&self, v: u32, w: u32) -> bool {
-        // On the box only along it.
-        let planes = self.planes[v as usize];
-        if planes & !self.planes[w as usize] != 0 {
-            return false;
+    /// Around the edge to each neighbour on the interface, has each sign at most one arc? Else the interface would
+    /// pass that edge twice.
+    fn has_one_arc_per_sign(&self) -> bool {
+        let on_interface = (0..self.len).filter(|&i| self.sign[i] == 0);
+        on_interface
+            .flat_map(|i| [(i as u8, 1), (i as u8, -1)])
+            .all(|(i, sign)| self.arcs(i, sign) <= 1)
+    }
+
+    /// Arcs of a sign around the edge to neighbour `i`: its vertices in the edge's link, less the link's edges
+    /// between them. (A full circle counts as none.)
+    fn arcs(&self, i: u8, sign: i8) -> i64 {
+        let (mut vertices, mut edges) = (0u64, 0);
+        for t in self.triangles().iter().filter(|t| t.contains(&i)) {
+            let mut both = true;
+            for &c in t.iter().filter(|&&c| c != i) {
+                if self.sign[c as usize] == sign {
+                    vertices |= 1 << c;
+                } else {
+                    both = false;
+                }
+            }
+            edges += i64::from(both);
         }
-        let parted = pair(self.label(v), self.label(w));
-        let mut sign = [0i8; LINK];
-        let mut link = [NONE; LINK];
-        let mut n = 0;
-        let mut triangles = [[0u8; 3]; 2 * LINK];
-        let mut m = 0;
-        for &t in self.around.of(v) {
-            let tet = self.tets[t as usize];
-            for (k, u) in tet.into_iter().filter(|&u| u != v).enumerate() {
-                let at = match link[..n].iter().position(|&l| l == u) {
-                    Some(at) => at,
-                    None => {
-                        if n == link.len() {
-                            return false;
-                        }
-                        sign[n] = match self.zero[u as usize] {
-                            Some(p) if p != parted => return false,
-                            Some(_) => 0,
-                            None if self.label(u) == parted.0 => -1,
-                            None if self.label(u) == parted.1 => 1,
-                            None => return false,
-                        };
-                        link[n] = u;
-                        n += 1;
-                        n - 1
-                    }
-                };
-                triangles[m][k] = at as u8;
-            }
-            let zero = |c: u8| sign[c as usize] == 0;
-            if triangles[m].iter().all(|&c| zero(c)) {
-                return false;
-            }
-            m += 1;
-            if m == triangles.len() {
-                return false;
-            }
-        }
-        // The link's vertices of each sign are connected; so are, on the box, those of its rim.
-        let rim = |a: u8, b: u8| {
-            let [a, b] = [a, b].map(|c| self.planes[link[c as usize] as usize]);
-            planes & a & b != 0
+        i64::from(vertices.count_ones()) - edges
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The link of a vertex like an octahedron: poles 0 and 5, and 1 to 4 around them.
+    fn octahedron(signs: [i8; 6]) -> Link {
+        let mut out = Link {
+            vertices: [NONE; LINK],
+            sign: [0; LINK],
+            len: 6,
+            triangles: [[0; 3]; 2 * LINK],
+            triangle_len: 8,
         };
-        if planes != 0 && !self.each_sign_connected(&sign[..n], &triangles[..m], rim) {
-            return false;
+        out.sign[..6].copy_from_slice(&signs);
+        for i in 0..4u8 {
+            let (a, b) = (1 + i, 1 + (i + 1) % 4);
+            out.triangles[2 * usize::from(i)] = [0, a, b];
+            out.triangles[2 * usize::from(i) + 1] = [5, b, a];
         }
-        if !self.each_sign_connected(&sign[..n], &triangles[..m], |_, _| true) {
-            return false;
-        }
-        // Around the edge to a neighbour on the interface, each sign has at most one arc.
-        (0..n).filter(|&i| sign[i] == 0).all(|i| {
-            for s in [1, -1] {
-                // Arcs of a sign: its vertices in the edge's link, less the link's edges between them.
-                let (mut vertices, mut edges) = (0u64, 0);
-                for t in triangles[..m].iter().filter(|t| t.contains(&(i as u8))) {
-                    let mut both = true;
-                    for &c in t.iter().filter(|&&c| c as usize != i) {
-                        if sign[c as usize] == s {
-                            vertices |= 1 << c;
-                        } else {
-                            both = false;
-                        }
-                    }
-                    edges += u32::from(both);
-                }
-                if vertices.count_ones() > edges + 1 {
-                    return false;
-                }
-            }
-            true
-        })
+        out
+    }
+
+    /// The neighbour at pole 0 is on the interface. Around the edge to it one sign has two arcs where its vertices
+    /// 1 and 3 are parted by another point of the interface and one of the other sign, though they connect by pole 5.
+    #[test]
+    fn an_interface_that_would_pass_an_edge_twice_is_seen() {
+        let pinched = octahedron([0, 1, 0, 1, -1, 1]);
+        assert!(pinched.each_sign_connected(|_, _| true));
+        assert_eq!([pinched.arcs(0, 1), pinched.arcs(0, -1)], [2, 1]);
+        assert!(!pinched.has_one_arc_per_sign());
+        let flat = octahedron([0, 1, 1, 1, -1, 1]);
+        assert!(flat.each_sign_connected(|_, _| true) && flat.has_one_arc_per_sign());
+        let saddle = octahedron([0, 1, -1, 1, -1, 1]);
+        assert!(!saddle.each_sign_connected(|_, _| true));
     }
 }

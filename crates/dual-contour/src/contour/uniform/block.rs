@@ -15,12 +15,12 @@ pub(super) struct Block {
 
 /// Word and bit of a cell within its block.
 #[inline]
-pub(super) fn place([x, y, z]: [i32; 3]) -> (usize, u32) {
+pub(super) fn bit_of([x, y, z]: [i32; 3]) -> (usize, u32) {
     let at = |shift: i32| (x >> shift & 1) | (y >> shift & 1) << 1 | (z >> shift & 1) << 2;
     (at(2) as usize, (at(1) << 3 | at(0)) as u32)
 }
 
-/// The inverse of [`place`].
+/// The inverse of [`bit_of`].
 #[inline]
 pub(super) const fn cell_at(word: usize, bit: u32) -> [i32; 3] {
     let (g, c, i) = (word as i32, bit as i32 >> 3, bit as i32 & 7);
@@ -49,7 +49,7 @@ impl Block {
             }
             for (x, &mask) in masks.iter().enumerate() {
                 if mask != 0 && mask != 255 {
-                    let (word, bit) = place([x as i32, (row & 7) as i32, (row >> 3) as i32]);
+                    let (word, bit) = bit_of([x as i32, (row & 7) as i32, (row >> 3) as i32]);
                     out.carrying[word] |= 1 << bit;
                     out.simple[word] |= u64::from(simple[usize::from(mask)]) << bit;
                 }
@@ -57,9 +57,12 @@ impl Block {
         }
         out
     }
-}
 
-impl Block {
+    /// Those that are cut.
+    pub(super) fn cut(&self) -> [u64; 8] {
+        std::array::from_fn(|w| self.carrying[w] & !self.simple[w])
+    }
+
     /// The number of the vertex of a cell that is not cut.
     #[inline]
     pub(super) fn vertex(&self, (word, bit): (usize, u32)) -> Option<u32> {

@@ -6,22 +6,21 @@ use geom_core::mesh::{INTERIOR, Region, six_volume};
 use rayon::prelude::*;
 
 use super::batch::Batch;
-use super::pattern::{FACE, LANES_OF_FACE, LANES_OF_PART, PART, PATTERNS, Pattern, is_positive};
+use super::pattern::{PATTERNS, Pattern};
 use crate::complex::Split;
 use crate::complex::collect::joined;
 use crate::complex::cube::{
-    APEX, AROUND, CORNERS, MIDDLE, QUADRANT, corner_of, diagonal_of, half_of, part_base,
+    APEX, AROUND, CORNERS, QUADRANT, corner_of, diagonal_of, half_of, part_base,
 };
-use crate::dual::room::longest;
 use crate::dual::{Probe, Sample, cut_samples, part_point};
 use crate::kernel::{self, MOST, best_fan};
 use crate::octree::{Samples, local};
 
 /// What stands at a finest cell.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Place {
+pub(super) enum CellState {
     /// Nothing: it is beyond the domain.
-    Gone,
+    Beyond,
     /// A cell of one label, its point in its middle.
     Plain,
     /// A cell that is not cut, by the number of its vertex.
@@ -31,43 +30,33 @@ pub(crate) enum Place {
 }
 
 /// A cut cell among finest ones.
-struct CutCell {
-    origin: [i32; 3],
-    split: Split,
+pub(super) struct CutCell {
+    pub(super) origin: [i32; 3],
+    pub(super) split: Split,
     labels: [Region; 8],
     /// What stands beyond each face (2 · axis + side).
-    sides: [Place; 6],
+    pub(super) sides: [CellState; 6],
     /// Parts with corners of both labels: each has a vertex.
     carrying: u16,
     /// Number of the first of those among all.
     first: u32,
-    /// Where parts want to stand, and how far they have come.
-    targets: [Point3; 12],
-    shares: [f64; 12],
+    /// Where parts belong, and how far they have come on the way from their base.
+    pub(super) targets: [Point3; 12],
+    pub(super) shares: [f64; 12],
 }
 
 /// All cut cells, in order, and the points of their parts.
-pub(crate) struct CutCells<'a> {
+pub(super) struct CutCells<'a> {
     samples: &'a Samples<'a>,
     probe: &'a Probe<'a>,
-    cells: Vec<CutCell>,
-    parts: Vec<[Point3; 12]>,
+    pub(super) cells: Vec<CutCell>,
+    pub(super) parts: Vec<[Point3; 12]>,
     vertices: u32,
-}
-
-/// A cell that is not cut beside cut ones.
-struct Neighbour {
-    vertex: u32,
-    cell: [i32; 3],
-    target: Point3,
-    share: f64,
-    /// Cut cells, and which of their faces.
-    beside: std::ops::Range<usize>,
 }
 
 /// A polygon around an edge whose ends differ: numbers and points of its corners, counter-clockwise.
 #[derive(Default)]
-pub(crate) struct Polygon {
+pub(super) struct Polygon {
     ids: [u32; MOST],
     points: [Point3; MOST],
     len: usize,
@@ -86,7 +75,38 @@ impl Polygon {
 }
 
 impl CutCell {
-    fn pattern(&self) -> &'static Pattern {
+    /// The finest cell at `o`, its parts at their base.
+    fn new(
+        samples: &Samples<'_>,
+        probe: &Probe<'_>,
+        o: [i32; 3],
+        state: impl Fn([i32; 3]) -> CellState,
+    ) -> Self {
+        let labels =
+            std::array::from_fn(|i| samples.label([0, 1, 2].map(|k| o[k] + corner_of(i)[k])));
+        let split = Split::new(samples, o, &labels);
+        let corners = cut_samples(samples, o, &labels, &split);
+        let mut carrying = 0;
+        let targets = std::array::from_fn(|part| match part_point(probe, &split, &corners, part) {
+            Some(x) => {
+                carrying |= 1 << part;
+                x
+            }
+            None => part_base(split.diagonals, o, part),
+        });
+        Self {
+            origin: o,
+            split,
+            labels,
+            sides: std::array::from_fn(|face| state(beyond(o, face))),
+            carrying,
+            first: 0,
+            targets,
+            shares: [0.0; 12],
+        }
+    }
+
+    pub(super) fn pattern(&self) -> &'static Pattern {
         &PATTERNS[usize::from(self.split.diagonals)]
     }
 
@@ -105,62 +125,25 @@ impl CutCell {
     }
 }
 
-impl Neighbour {
-    /// Its point at a share of the way to its place.
-    fn at(&self, t: f64) -> Point3 {
-        let base = MIDDLE + local(self.cell).coords;
-        base + (self.target - base) * t
-    }
-}
-
-/// A number that two cut cells, or two others, with a common face share only if they are one.
-fn parity(cell: [i32; 3]) -> usize {
-    (0..3).map(|k| ((cell[k] & 1) << k) as usize).sum()
-}
-
-fn beyond(cell: [i32; 3], face: usize) -> [i32; 3] {
+/// The cell beyond a face.
+pub(super) fn beyond(cell: [i32; 3], face: usize) -> [i32; 3] {
     let mut out = cell;
     out[face / 2] += if face % 2 == 1 { 1 } else { -1 };
     out
 }
 
 impl<'a> CutCells<'a> {
-    /// `place` says what stands at a cell.
-    pub(crate) fn new(
+    /// `state` says what stands at a cell.
+    pub(super) fn new(
         samples: &'a Samples<'a>,
         probe: &'a Probe<'a>,
         cells: &[[i32; 3]],
-        place: impl Fn([i32; 3]) -> Place + Sync,
+        state: impl Fn([i32; 3]) -> CellState + Sync,
     ) -> Self {
         let mut cells: Vec<CutCell> = cells
             .par_iter()
             .with_min_len(64)
-            .map(|&o| {
-                let labels = std::array::from_fn(|i| {
-                    samples.label([0, 1, 2].map(|k| o[k] + corner_of(i)[k]))
-                });
-                let split = Split::new(samples, o, &labels);
-                let corners = cut_samples(samples, o, &labels, &split);
-                let mut carrying = 0;
-                let targets =
-                    std::array::from_fn(|part| match part_point(probe, &split, &corners, part) {
-                        Some(x) => {
-                            carrying |= 1 << part;
-                            x
-                        }
-                        None => part_base(split.diagonals, o, part),
-                    });
-                CutCell {
-                    origin: o,
-                    split,
-                    labels,
-                    sides: std::array::from_fn(|face| place(beyond(o, face))),
-                    carrying,
-                    first: 0,
-                    targets,
-                    shares: [0.0; 12],
-                }
-            })
+            .map(|&o| CutCell::new(samples, probe, o, &state))
             .collect();
         let mut vertices = 0;
         for cell in &mut cells {
@@ -180,156 +163,8 @@ impl<'a> CutCells<'a> {
         }
     }
 
-    /// Lets the points of parts, and of the cells that share a face with a cut one, go from their base to
-    /// their place as far as all umbrellas stay positive: in the order of the complex's own code.
-    /// Returns how many do not arrive.
-    pub(crate) fn keep_positive(&mut self, points: &mut [Point3]) -> usize {
-        let mut beside: Vec<(usize, u32, u32, u8)> = self
-            .cells
-            .par_iter()
-            .enumerate()
-            .with_min_len(256)
-            .flat_map_iter(|(k, cell)| {
-                (0..6).filter_map(move |face| match cell.sides[face] {
-                    Place::Whole(v) => {
-                        Some((parity(beyond(cell.origin, face)), v, k as u32, face as u8))
-                    }
-                    _ => None,
-                })
-            })
-            .collect();
-        beside.par_sort_unstable();
-        let starts: Vec<usize> = (0..beside.len())
-            .into_par_iter()
-            .with_min_len(4096)
-            .filter(|&i| i == 0 || beside[i - 1].1 != beside[i].1)
-            .collect();
-        // By parity, as what is beside.
-        let mut neighbours: Vec<Neighbour> = (0..starts.len())
-            .into_par_iter()
-            .with_min_len(1024)
-            .map(|i| {
-                let end = starts.get(i + 1).map_or(beside.len(), |&end| end);
-                let (_, vertex, k, face) = beside[starts[i]];
-                Neighbour {
-                    vertex,
-                    cell: beyond(self.cells[k as usize].origin, usize::from(face)),
-                    target: points[vertex as usize],
-                    share: 0.0,
-                    beside: starts[i]..end,
-                }
-            })
-            .collect();
-        for n in &neighbours {
-            points[n.vertex as usize] = n.at(0.0);
-        }
-        let mut of_parity: [Vec<u32>; 8] = Default::default();
-        for (k, cell) in self.cells.iter().enumerate() {
-            of_parity[parity(cell.origin)].push(k as u32);
-        }
-        for _ in 0..2 {
-            for group in neighbours.chunk_by_mut(|n, m| parity(n.cell) == parity(m.cell)) {
-                group.par_iter_mut().with_min_len(64).for_each(|n| {
-                    if n.share < 1.0 {
-                        n.share = self.neighbour_share(n, &beside[n.beside.clone()]);
-                    }
-                });
-                for n in group {
-                    points[n.vertex as usize] = n.at(n.share);
-                }
-            }
-            for group in &of_parity {
-                let moved: Vec<_> = group
-                    .par_iter()
-                    .with_min_len(32)
-                    .filter(|&&k| self.cells[k as usize].shares.iter().any(|&s| s < 1.0))
-                    .map(|&k| (k, self.moved(k as usize, points)))
-                    .collect();
-                for (k, (parts, shares)) in moved {
-                    self.parts[k as usize] = parts;
-                    self.cells[k as usize].shares = shares;
-                }
-            }
-        }
-        let short = |shares: &[f64]| shares.iter().filter(|&&s| s < 1.0).count();
-        let parts: usize = self.cells.iter().map(|c| short(&c.shares)).sum();
-        let whole = neighbours.iter().filter(|n| n.share < 1.0);
-        parts + whole.count()
-    }
-
-    /// How far a cell that is not cut may go beside the cut ones.
-    fn neighbour_share(&self, n: &Neighbour, beside: &[(usize, u32, u32, u8)]) -> f64 {
-        let base = MIDDLE + local(n.cell).coords;
-        let spare = |&(.., k, face): &(usize, u32, u32, u8), y: &Point3| {
-            let cell = &self.cells[k as usize];
-            let umbrellas = &cell.pattern().faces[usize::from(face)];
-            let mut x = [[0.0; LANES_OF_FACE]; 3];
-            for (half, of_half) in [0..FACE / 2, FACE / 2..FACE].into_iter().enumerate() {
-                let part = &self.parts[k as usize][2 * usize::from(face) + half];
-                (0..3).for_each(|c| x[c][of_half.clone()].fill(part[c]));
-            }
-            let y = [y.x, y.y, y.z].map(|c| [c; LANES_OF_FACE]);
-            umbrellas.spare(cell.origin, &x, &y, &umbrellas.least[0])
-        };
-        if beside.iter().all(|b| is_positive(&spare(b, &n.target))) {
-            return 1.0;
-        }
-        let spares = beside.iter().flat_map(|b| {
-            let (first, last) = (spare(b, &base), spare(b, &n.target));
-            (0..FACE).map(move |i| [first[i], last[i]])
-        });
-        longest(n.share, spares)
-    }
-
-    /// The points of the parts of a cell after each has gone as far as it may, one after the other.
-    fn moved(&self, k: usize, points: &[Point3]) -> ([Point3; 12], [f64; 12]) {
-        let cell = &self.cells[k];
-        let pattern = cell.pattern();
-        let (mut parts, mut shares) = (self.parts[k], cell.shares);
-        for part in 0..12 {
-            let base = part_base(cell.split.diagonals, cell.origin, part);
-            let target = cell.targets[part];
-            if shares[part] >= 1.0 || target == base {
-                shares[part] = 1.0;
-                continue;
-            }
-            let face = part / 2;
-            let outer = match cell.sides[face] {
-                Place::Gone => None,
-                Place::Plain => Some((MIDDLE + local(beyond(cell.origin, face)).coords, 0)),
-                Place::Whole(v) => Some((points[v as usize], 0)),
-                // The two halves of a face have the same numbers on both sides.
-                Place::Cut(j) => Some((self.parts[j as usize][part ^ 2], 1)),
-            };
-            let mates = pattern.mates[part].map(|mate| parts[usize::from(mate)]);
-            let umbrellas = &pattern.parts[part];
-            let mut least = umbrellas.least[outer.map_or(0, |(_, kind)| kind)];
-            if outer.is_none() {
-                least[..3].fill(f64::NEG_INFINITY);
-            }
-            let outer = outer.map_or(base, |(x, _)| x);
-            let mut y = [[0.0; LANES_OF_PART]; 3];
-            for (beyond, x) in [outer, mates[0], mates[1], mates[2]].iter().enumerate() {
-                (0..3).for_each(|c| y[c][3 * beyond..3 * beyond + 3].fill(x[c]));
-            }
-            let spare = |x: &Point3| {
-                let x = [x.x, x.y, x.z].map(|c| [c; LANES_OF_PART]);
-                umbrellas.spare(cell.origin, &x, &y, &least)
-            };
-            let last = spare(&target);
-            shares[part] = if is_positive(&last) {
-                1.0
-            } else {
-                let first = spare(&base);
-                longest(shares[part], (0..PART).map(|i| [first[i], last[i]]))
-            };
-            parts[part] = base + (target - base) * shares[part];
-        }
-        (parts, shares)
-    }
-
     /// The points of all vertices, in order.
-    pub(crate) fn points(&self, to_world: impl Fn(&Point3) -> Point3 + Sync) -> Vec<Point3> {
+    pub(super) fn points(&self, to_world: impl Fn(&Point3) -> Point3 + Sync) -> Vec<Point3> {
         let lists = self.cells.par_chunks(256).zip(self.parts.par_chunks(256));
         let lists = lists.map(|(cells, parts)| {
             let carried = cells.iter().zip(parts).flat_map(|(cell, parts)| {
@@ -342,7 +177,7 @@ impl<'a> CutCells<'a> {
     }
 
     /// Number of vertices.
-    pub(crate) fn len(&self) -> u32 {
+    pub(super) fn len(&self) -> u32 {
         self.vertices
     }
 
@@ -360,21 +195,21 @@ impl<'a> CutCells<'a> {
     /// faces before and after it.
     fn push_quadrant(
         &self,
-        place: Place,
+        state: CellState,
         [before, after]: [usize; 2],
         [p, q]: [usize; 2],
         points: &[Point3],
         out: &mut Polygon,
     ) {
-        match place {
-            Place::Whole(v) => out.push((v, points[v as usize])),
-            Place::Cut(k) => {
+        match state {
+            CellState::Whole(v) => out.push((v, points[v as usize])),
+            CellState::Cut(k) => {
                 let diagonals = self.cells[k as usize].split.diagonals;
                 for face in [before, after] {
                     out.push(self.vertex(k, half_of(diagonals, face, p, q), points));
                 }
             }
-            Place::Plain | Place::Gone => {
+            CellState::Plain | CellState::Beyond => {
                 unreachable!("an edge whose ends differ is off the box, in cells with both labels")
             }
         }
@@ -383,11 +218,11 @@ impl<'a> CutCells<'a> {
     /// The triangles around the edges from the lowest corner of a cell whose ends differ, and if it is
     /// cut itself around those within it and in its faces. `mask` are the signs of its corners, `points`
     /// those of the cells that are not cut.
-    pub(crate) fn emit(
+    pub(super) fn emit(
         &self,
         low: [i32; 3],
         mask: u8,
-        place: impl Fn([i32; 3]) -> Place,
+        state: impl Fn([i32; 3]) -> CellState,
         points: &[Point3],
         out: &mut Batch,
     ) {
@@ -403,7 +238,7 @@ impl<'a> CutCells<'a> {
                 cell[v] += dv;
                 let p = (-du as usize) << u | (-dv as usize) << v;
                 let faces = [before[q], after[q]];
-                self.push_quadrant(place(cell), faces, [p, p | 1 << axis], points, &mut polygon);
+                self.push_quadrant(state(cell), faces, [p, p | 1 << axis], points, &mut polygon);
             }
             let mut high = low;
             high[axis] += 1;
@@ -426,7 +261,7 @@ impl<'a> CutCells<'a> {
             };
             self.fan(&polygon, start, inside(0), ends, out);
         }
-        if let Place::Cut(k) = place(low) {
+        if let CellState::Cut(k) = state(low) {
             self.emit_inner(k, points, out);
         }
     }
@@ -446,7 +281,7 @@ impl<'a> CutCells<'a> {
         };
         for face in 0..6 {
             let edge = diagonal_of(diagonals, face);
-            let shared = matches!(cell.sides[face], Place::Cut(_));
+            let shared = matches!(cell.sides[face], CellState::Cut(_));
             // A diagonal between two cut cells belongs to the lower.
             if cell.label(edge[0]) == cell.label(edge[1]) || shared && face % 2 == 0 {
                 continue;
@@ -457,11 +292,11 @@ impl<'a> CutCells<'a> {
                 .into_iter()
                 .for_each(|half| polygon.push(self.vertex(k, half, points)));
             match cell.sides[face] {
-                Place::Whole(v) => polygon.push((v, points[v as usize])),
-                Place::Cut(j) => [halves[1], halves[0]]
+                CellState::Whole(v) => polygon.push((v, points[v as usize])),
+                CellState::Cut(j) => [halves[1], halves[0]]
                     .into_iter()
                     .for_each(|half| polygon.push(self.vertex(j, half ^ 2, points))),
-                Place::Plain | Place::Gone => {
+                CellState::Plain | CellState::Beyond => {
                     unreachable!("a face with both labels is off the box, between cells with both")
                 }
             }

@@ -8,24 +8,20 @@ use rayon::prelude::*;
 
 use super::report::Report;
 use crate::Error;
-use crate::backend::{BLOCK_CELLS, ContourBackend};
-use crate::complex::collect::{ADDED, joined};
+use crate::backend::ContourBackend;
 use crate::complex::simple_masks;
-use crate::dual::{Probe, Sample, finest_points};
-use crate::kernel::{self, LANES, NO_FAN, Quads};
-use crate::octree::{BLOCK, Domain, Samples, local};
+use crate::dual::{Probe, finest_points};
+use crate::octree::{BLOCK, Samples};
 
 mod batch;
 mod block;
+mod clamp;
 mod cut_cells;
 mod pattern;
+mod triangles;
 
-use batch::Batch;
-use block::{Block, cell_at, cells_of, place};
-use cut_cells::{CutCells, Place};
-
-/// Stored blocks per batch; batches are independent and joined in order.
-const BATCH: usize = 16;
+use block::{Block, bit_of, cells_of};
+use cut_cells::{CellState, CutCells};
 
 /// All cells that carry the surface, and their points.
 struct Sheet<'a> {
@@ -36,29 +32,43 @@ struct Sheet<'a> {
 }
 
 impl Sheet<'_> {
+    /// The cells that are cut, in order.
+    fn cut_cells(&self) -> Vec<[i32; 3]> {
+        self.blocks
+            .iter()
+            .filter(|b| b.carrying != b.simple)
+            .flat_map(|b| {
+                let cells: Vec<[i32; 3]> = cells_of(&b.cut()).collect();
+                cells
+                    .into_iter()
+                    .map(|c| [0, 1, 2].map(|k| b.low[k] + c[k]))
+            })
+            .collect()
+    }
+
     /// What stands at any cell.
-    fn place(&self, cell: [i32; 3]) -> Place {
+    fn state(&self, cell: [i32; 3]) -> CellState {
         let cells = self.samples.domain.cells;
         if (0..3).any(|k| cell[k] < 0 || cell[k] >= cells[k]) {
-            return Place::Gone;
+            return CellState::Beyond;
         }
         let Some(slot) = self.samples.slot_of(cell) else {
-            return Place::Plain;
+            return CellState::Plain;
         };
         let block = &self.blocks[slot];
-        let (word, bit) = place(cell.map(|c| c & 7));
+        let (word, bit) = bit_of(cell.map(|c| c & 7));
         let carrying = block.carrying[word];
         if carrying >> bit & 1 == 0 {
-            return Place::Plain;
+            return CellState::Plain;
         }
         block.vertex((word, bit)).map_or_else(
             || {
-                let cut = |w: usize| block.carrying[w] & !block.simple[w];
-                let before: u32 = (0..word).map(|w| cut(w).count_ones()).sum();
-                let below = cut(word) & ((1 << bit) - 1);
-                Place::Cut(block.first_cut + before + below.count_ones())
+                let cut = block.cut();
+                let before: u32 = cut[..word].iter().map(|w| w.count_ones()).sum();
+                let below = cut[word] & ((1 << bit) - 1);
+                CellState::Cut(block.first_cut + before + below.count_ones())
             },
-            Place::Whole,
+            CellState::Whole,
         )
     }
 }
@@ -70,6 +80,26 @@ pub(crate) fn surface<B: ContourBackend + ?Sized>(
     backend: &B,
     report: &mut Report,
 ) -> Result<TriMesh, Error> {
+    let (blocks, vertices) = carrying_blocks(samples, report);
+    let points = points_of(samples, probe, &blocks, vertices, backend)?;
+    let mut sheet = Sheet {
+        samples,
+        blocks,
+        points,
+    };
+    let cut = sheet.cut_cells();
+    if cut.is_empty() {
+        return Ok(triangles::emit(sheet, probe, None, report));
+    }
+    let mut points = std::mem::take(&mut sheet.points);
+    let mut cut = CutCells::new(samples, probe, &cut, |cell| sheet.state(cell));
+    report.clamped = clamp::clamp(&mut cut, &mut points);
+    sheet.points = points;
+    Ok(triangles::emit(sheet, probe, Some(&cut), report))
+}
+
+/// The stored blocks with what they carry, vertices and cut cells numbered; and how many vertices there are.
+fn carrying_blocks(samples: &Samples<'_>, report: &mut Report) -> (Vec<Block>, usize) {
     let simple = simple_masks();
     let domain = samples.domain;
     let mut blocks: Vec<Block> = samples
@@ -90,37 +120,11 @@ pub(crate) fn surface<B: ContourBackend + ?Sized>(
             report.surface_cells += block.carrying[word].count_ones() as usize;
         }
         block.first_cut = report.split_cells as u32;
-        let cut = (0..8).map(|w| (block.carrying[w] & !block.simple[w]).count_ones());
-        report.split_cells += cut.sum::<u32>() as usize;
+        let cut = block.cut().map(u64::count_ones);
+        report.split_cells += cut.iter().sum::<u32>() as usize;
     }
     report.leaves = report.surface_cells;
-    let points = points_of(samples, probe, &blocks, vertices as usize, backend)?;
-    let mut sheet = Sheet {
-        samples,
-        blocks,
-        points,
-    };
-
-    let cut: Vec<[i32; 3]> = sheet
-        .blocks
-        .iter()
-        .filter(|b| b.carrying != b.simple)
-        .flat_map(|b| {
-            let words: [u64; 8] = std::array::from_fn(|w| b.carrying[w] & !b.simple[w]);
-            let cells: Vec<[i32; 3]> = cells_of(&words).collect();
-            cells
-                .into_iter()
-                .map(|c| [0, 1, 2].map(|k| b.low[k] + c[k]))
-        })
-        .collect();
-    if cut.is_empty() {
-        return Ok(emit(sheet, probe, None, report));
-    }
-    let mut points = std::mem::take(&mut sheet.points);
-    let mut cut = CutCells::new(samples, probe, &cut, |cell| sheet.place(cell));
-    report.held_back = cut.keep_positive(&mut points);
-    sheet.points = points;
-    Ok(emit(sheet, probe, Some(&cut), report))
+    (blocks, vertices as usize)
 }
 
 /// The points of all simple cells.
@@ -151,277 +155,4 @@ fn points_of<B: ContourBackend + ?Sized>(
         finest_points(samples, probe, &cells, backend, out)
     })?;
     Ok(points)
-}
-
-/// Cells per side of a block and the layer before it.
-const AROUND: usize = BLOCK as usize + 1;
-
-/// Where the cells of a block stand, in their order: among its masks, and in [`Around`].
-static CELLS: [(u16, u16); BLOCK_CELLS] = {
-    let mut out = [(0, 0); BLOCK_CELLS];
-    let mut i = 0;
-    while i < BLOCK_CELLS {
-        let [x, y, z] = cell_at(i / 64, (i % 64) as u32);
-        let [x, y, z] = [x as u16, y as u16, z as u16];
-        let side = AROUND as u16;
-        out[i] = (
-            x | y << 3 | z << 6,
-            (x + 1) + side * (y + 1) + side * side * (z + 1),
-        );
-        i += 1;
-    }
-    out
-};
-
-/// The last layer of each axis within a word.
-const LAST: [u64; 3] = {
-    let mut out = [0; 3];
-    let mut bit = 0;
-    while bit < 64 {
-        let cell = cell_at(0, bit);
-        let mut k = 0;
-        while k < 3 {
-            if cell[k] == 3 {
-                out[k] |= 1 << bit;
-            }
-            k += 1;
-        }
-        bit += 1;
-    }
-    out
-};
-
-/// The numbers of the vertices in a block and in the layer before it, for many look-ups.
-struct Around {
-    /// [`NO_VERTEX`] where a cell is cut or does not carry the surface.
-    ids: [u32; AROUND * AROUND * AROUND],
-}
-
-const NO_VERTEX: u32 = u32::MAX;
-
-impl Around {
-    fn new() -> Self {
-        Self {
-            ids: [NO_VERTEX; AROUND * AROUND * AROUND],
-        }
-    }
-
-    fn fill(&mut self, sheet: &Sheet<'_>, slot: usize) {
-        self.ids.fill(NO_VERTEX);
-        let low = sheet.blocks[slot].low;
-        for before in 0..8usize {
-            let beside = [0, 1, 2].map(|k| before >> k & 1);
-            let cell = [0, 1, 2].map(|k| low[k] - beside[k] as i32);
-            if cell.iter().any(|&c| c < 0) {
-                continue;
-            }
-            let Some(slot) = sheet.samples.slot_of(cell) else {
-                continue;
-            };
-            let block = &sheet.blocks[slot];
-            let back = BLOCK as usize * (beside[0] + AROUND * (beside[1] + AROUND * beside[2]));
-            let mut within = u64::MAX;
-            (0..3)
-                .filter(|&k| beside[k] == 1)
-                .for_each(|k| within &= LAST[k]);
-            for word in (0..8).filter(|word| word & before == before) {
-                let mut bits = block.simple[word] & within;
-                while bits != 0 {
-                    let bit = bits.trailing_zeros();
-                    bits &= bits - 1;
-                    let at = usize::from(CELLS[64 * word + bit as usize].1) - back;
-                    self.ids[at] = block.number(word, bit);
-                }
-            }
-        }
-    }
-}
-
-/// Edges that wait until there are enough of them.
-struct Waiting {
-    quads: Quads,
-    edges: [Edge; LANES],
-    len: usize,
-}
-
-#[derive(Clone, Copy, Default)]
-struct Edge {
-    ids: [u32; 4],
-    low: [i32; 3],
-    axis: usize,
-    /// Is the lower end in the molecule?
-    inside: bool,
-}
-
-impl Waiting {
-    fn new() -> Self {
-        Self {
-            quads: [[[0.5; LANES]; 3]; 4],
-            edges: [Edge::default(); LANES],
-            len: 0,
-        }
-    }
-
-    fn push(&mut self, points: &[Point3], edge: Edge) {
-        let axes = [(edge.axis + 1) % 3, (edge.axis + 2) % 3, edge.axis];
-        for (quad, &id) in self.quads.iter_mut().zip(&edge.ids) {
-            let x = &points[id as usize];
-            for (row, k) in quad.iter_mut().zip(axes) {
-                row[self.len] = x[k] - f64::from(edge.low[k]);
-            }
-        }
-        self.edges[self.len] = edge;
-        self.len += 1;
-    }
-
-    /// Emits the edges that wait.
-    fn flush(&mut self, samples: &Samples<'_>, probe: &Probe<'_>, out: &mut Batch) {
-        let starts = kernel::diagonals(&self.quads);
-        for (edge, &start) in self.edges[..self.len].iter().zip(&starts) {
-            let ids = edge.ids;
-            if start == NO_FAN {
-                let mut high = edge.low;
-                high[edge.axis] += 1;
-                let [p, q] = [edge.low, high].map(|p| Sample {
-                    x: local(p),
-                    label: samples.label(p),
-                    value: samples.value(p),
-                });
-                let x = out.add(probe.cut(&p, &q));
-                (0..4).for_each(|i| out.push([x, ids[i], ids[(i + 1) % 4]], edge.inside));
-            } else {
-                let s = usize::from(start);
-                out.push([ids[s], ids[s + 1], ids[s + 2]], edge.inside);
-                out.push([ids[s], ids[s + 2], ids[(s + 3) % 4]], edge.inside);
-            }
-        }
-        self.len = 0;
-    }
-}
-
-/// The triangles around all edges whose ends differ. Of the four cells around an edge, the one whose
-/// lowest corner begins it emits.
-fn emit(
-    sheet: Sheet<'_>,
-    probe: &Probe<'_>,
-    cut: Option<&CutCells<'_>>,
-    report: &mut Report,
-) -> TriMesh {
-    let Sheet { samples, .. } = sheet;
-    let batches: Vec<Batch> = sheet
-        .blocks
-        .par_chunks(BATCH)
-        .enumerate()
-        .map(|(batch, blocks)| {
-            let mut out = Batch::default();
-            let count: u32 = blocks
-                .iter()
-                .flat_map(|b| b.carrying)
-                .map(u64::count_ones)
-                .sum();
-            out.triangles.reserve_exact(2 * count as usize + 64);
-            let mut waiting = Waiting::new();
-            let mut around = Around::new();
-            for (slot, block) in (batch * BATCH..).zip(blocks) {
-                around.fill(&sheet, slot);
-                let masks = samples.masks_at(slot);
-                for (word, &bits) in block.carrying.iter().enumerate() {
-                    let mut bits = bits;
-                    while bits != 0 {
-                        let bit = bits.trailing_zeros();
-                        bits &= bits - 1;
-                        let (mask, at) = CELLS[64 * word + bit as usize];
-                        let mask = masks[usize::from(mask)];
-                        let [x, y, z] = cell_at(word, bit);
-                        let low = [block.low[0] + x, block.low[1] + y, block.low[2] + z];
-                        let whole = around.edges(usize::from(at), mask, |axis, ids| {
-                            waiting.push(
-                                &sheet.points,
-                                Edge {
-                                    ids,
-                                    low,
-                                    axis,
-                                    inside: mask & 1 == 1,
-                                },
-                            );
-                            if waiting.len == LANES {
-                                waiting.flush(samples, probe, &mut out);
-                            }
-                        });
-                        if !whole {
-                            waiting.flush(samples, probe, &mut out);
-                            let cut = cut.expect("cut cells are listed");
-                            cut.emit(low, mask, |c| sheet.place(c), &sheet.points, &mut out);
-                        }
-                    }
-                }
-            }
-            waiting.flush(samples, probe, &mut out);
-            out
-        })
-        .collect();
-
-    // Cells, then parts, then added points.
-    let first_added = (sheet.points.len() as u32) + cut.map_or(0, CutCells::len);
-    let counts: Vec<u32> = batches.iter().map(|b| b.added.len() as u32).collect();
-    let starts = geom_core::parallel::starts_of(&counts);
-    let (triangles, added): (Vec<_>, Vec<_>) =
-        batches.into_iter().map(|b| (b.triangles, b.added)).unzip();
-    let triangles = joined(triangles, |batch, t: [u32; 3]| {
-        t.map(|v| {
-            if v & ADDED == 0 {
-                v
-            } else {
-                first_added + starts[batch] as u32 + (v & !ADDED)
-            }
-        })
-    });
-    let domain: Domain = samples.domain;
-    let mut positions = sheet.points;
-    positions
-        .par_iter_mut()
-        .with_min_len(4096)
-        .for_each(|x| *x = domain.world(x));
-    report.added_vertices = added.iter().map(Vec::len).sum();
-    positions.reserve_exact(cut.map_or(0, |c| c.len() as usize) + report.added_vertices);
-    if let Some(cut) = cut {
-        positions.extend_from_slice(&cut.points(|x| domain.world(x)));
-    }
-    positions.extend(added.iter().flatten().map(|x| domain.world(x)));
-    report.triangles = triangles.len();
-    TriMesh::new(positions, triangles).expect("emitted triangles name emitted vertices")
-}
-
-impl Around {
-    /// The edges from the lowest corner of the cell at a place whose ends differ: axis and numbers of the
-    /// cells around. `false`, and none, if a cut cell stands around one of them.
-    #[inline]
-    fn edges(&self, at: usize, mask: u8, mut f: impl FnMut(usize, [u32; 4])) -> bool {
-        const STEP: [usize; 3] = [1, AROUND, AROUND * AROUND];
-        let own = self.ids[at];
-        if own == NO_VERTEX {
-            return false;
-        }
-        // Which of the three other ends of the edges differ from the corner.
-        let differ =
-            (mask >> 1 & 1 | mask >> 1 & 2 | mask >> 2 & 4) ^ if mask & 1 == 1 { 7 } else { 0 };
-        let mut found = [[0; 4]; 3];
-        for axis in (0..3).filter(|axis| differ >> axis & 1 == 1) {
-            let (u, v) = (STEP[(axis + 1) % 3], STEP[(axis + 2) % 3]);
-            let ids = [
-                self.ids[at - u - v],
-                self.ids[at - v],
-                own,
-                self.ids[at - u],
-            ];
-            if ids.contains(&NO_VERTEX) {
-                return false;
-            }
-            found[axis] = ids;
-        }
-        (0..3)
-            .filter(|axis| differ >> axis & 1 == 1)
-            .for_each(|axis| f(axis, found[axis]));
-        true
-    }
 }

@@ -1,0 +1,177 @@
+//! The base tetrahedra of the complex, with a label at every corner.
+
+use geom_core::Point3;
+use geom_core::mesh::{INTERIOR, Region};
+use rayon::prelude::*;
+
+use crate::AtBox;
+use crate::complex::cube::{corner_of, corners_of};
+use crate::complex::{Cell, Complex, Corner, Numbering, Vertex};
+use crate::dual::{Probe, Sample};
+use crate::octree::local;
+
+/// A base tetrahedron and the labels of its corners.
+#[derive(Clone, Copy)]
+pub(super) struct BaseTet {
+    pub(super) corners: [u32; 4],
+    pub(super) labels: [Region; 4],
+}
+
+/// The complex with a label in the middle of each cell.
+pub(super) struct Base<'a> {
+    pub(super) complex: &'a Complex<'a>,
+    pub(super) probe: &'a Probe<'a>,
+    pub(super) numbering: Numbering<'a>,
+    at_box: AtBox,
+}
+
+impl<'a> Base<'a> {
+    pub(super) fn new(
+        complex: &'a Complex<'a>,
+        probe: &'a Probe<'a>,
+        ghosts: &'a [(u32, u8)],
+        at_box: AtBox,
+    ) -> Self {
+        Self {
+            complex,
+            probe,
+            numbering: Numbering::new(complex, ghosts, |_| true),
+            at_box,
+        }
+    }
+
+    /// May the molecule meet the box?
+    pub(super) fn is_clipped(&self) -> bool {
+        self.at_box == AtBox::Clip
+    }
+
+    /// Where all vertices stand before they snap, in finest cells.
+    pub(super) fn positions(&self) -> Vec<Point3> {
+        let vertices: Vec<Vertex> = self.numbering.vertices().collect();
+        vertices
+            .par_iter()
+            .map(|v| match v {
+                Vertex::Cell(cell) => self.complex.base_position(cell),
+                Vertex::Corner(corner) => self.complex.corner_position(*corner),
+            })
+            .collect()
+    }
+
+    /// Position, label and value of a vertex.
+    pub(super) fn sample(&self, vertex: Vertex) -> Sample {
+        match vertex {
+            Vertex::Cell(cell) => self.cell_sample(&cell),
+            Vertex::Corner(Corner::Point(p)) => Sample {
+                x: local(p),
+                label: self.complex.samples.label(p),
+                value: self.complex.samples.value(p),
+            },
+            Vertex::Corner(Corner::Centre(_)) => unreachable!("stuffing cuts no leaf into parts"),
+        }
+    }
+
+    /// The middle of a leaf, or of a face on the box, with its label and value. Where all corners have one
+    /// label, so has the middle.
+    fn cell_sample(&self, cell: &Cell) -> Sample {
+        let samples = self.complex.samples;
+        let x = self.complex.base_position(cell);
+        let (id, face) = match *cell {
+            Cell::Leaf(id) => (id, None),
+            Cell::Ghost(id, half) => (id, Some(usize::from(half / 2))),
+            Cell::Part(..) => unreachable!("stuffing cuts no leaf into parts"),
+        };
+        let leaf = self.complex.leaf(id);
+        if leaf.log > 0 {
+            // The middle is a lattice point; it has a value where a boundary is near.
+            let p = [0, 1, 2].map(|k| x[k].round() as i32);
+            let near = self.complex.is_interface(id);
+            let label = samples.label(if near { p } else { leaf.origin() });
+            let value = samples.value(p);
+            return Sample { x, label, value };
+        }
+        let corners: Vec<[i32; 3]> = corners_of(face)
+            .into_iter()
+            .map(|c| [0, 1, 2].map(|k| leaf.origin()[k] + corner_of(c)[k]))
+            .collect();
+        let label = samples.label(corners[0]);
+        let values = corners.iter().map(|&p| samples.value(p));
+        let mean = values.sum::<f64>() / corners.len() as f64;
+        if corners.iter().all(|&p| samples.label(p) == label) {
+            let value = mean;
+            return Sample { x, label, value };
+        }
+        let point = samples.domain.world(&x);
+        let value = self.probe.value(&point).unwrap_or(mean);
+        let label = samples.labels.at(value, &point);
+        if label == INTERIOR && !self.is_clipped() && self.complex.is_on_box(id) {
+            return self.off_box(x, &corners);
+        }
+        Sample { x, label, value }
+    }
+
+    /// The middle `x` of a leaf on the box, outside as its corner there: the surface stays off the box.
+    fn off_box(&self, x: Point3, corners: &[[i32; 3]]) -> Sample {
+        let samples = self.complex.samples;
+        let on_box = |p: &&[i32; 3]| planes_of(&local(**p), self.complex.tree.cells) != 0;
+        let p = *corners
+            .iter()
+            .find(on_box)
+            .expect("a leaf on the box has a corner there");
+        let (label, value) = (samples.label(p), samples.value(p));
+        Sample { x, label, value }
+    }
+
+    /// Labels of leaves and ghosts, by vertex number.
+    fn cell_labels(&self) -> Vec<Region> {
+        let complex = self.complex;
+        let label = |id: u32, cell: Cell| {
+            if complex.is_interface(id) {
+                self.cell_sample(&cell).label
+            } else {
+                complex.samples.label(complex.leaf(id).origin())
+            }
+        };
+        let ghosts = self.numbering.ghosts().par_iter();
+        (0..complex.tree.leaves.len() as u32)
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|id| label(id, Cell::Leaf(id)))
+            .chain(ghosts.map(|&(id, half)| label(id, Cell::Ghost(id, half))))
+            .collect()
+    }
+
+    /// All base tetrahedra with the labels of their corners.
+    pub(super) fn tets(&self) -> Vec<BaseTet> {
+        let labels = self.cell_labels();
+        (0..self.complex.tree.leaves.len() as u32)
+            .into_par_iter()
+            .with_min_len(1024)
+            .flat_map_iter(|id| {
+                let mut tets = Vec::new();
+                self.complex.rings_of(
+                    id,
+                    |_, _| true,
+                    |ring| {
+                        let [a, b] = [ring.a.0, ring.b.0].map(|c| self.numbering.corner(c));
+                        for cells in ring.neighbours() {
+                            let [c, d] = cells.map(|cell| self.numbering.cell(&cell));
+                            let [lc, ld] = [c, d].map(|c| labels[c as usize]);
+                            tets.push(BaseTet {
+                                corners: [a, b, c, d],
+                                labels: [ring.a.1, ring.b.1, lc, ld],
+                            });
+                        }
+                    },
+                );
+                tets
+            })
+            .collect()
+    }
+}
+
+/// The planes of the box that hold a point: bit `2 · axis + side`.
+pub(super) fn planes_of(p: &Point3, cells: [i32; 3]) -> u8 {
+    (0..3).fold(0, |m, k| {
+        m | u8::from(p[k] == 0.0) << (2 * k) | u8::from(p[k] == f64::from(cells[k])) << (2 * k + 1)
+    })
+}
