@@ -8,6 +8,7 @@ use crate::{AtBox, Error, Extent, Method, Options};
 use geom_core::mesh::{INTERIOR, Region};
 use geom_core::{ImplicitField, LatticeValues, Run};
 
+mod memory;
 mod raw;
 mod report;
 mod resolution;
@@ -135,7 +136,7 @@ impl Mesher<'_> {
         let mut before = None;
         let mut rounds = 0..SPIKE_ROUNDS;
         loop {
-            let (tree, kinds) = trees::adapted(samples, self.options, &mut splits);
+            let (tree, kinds) = trees::adapted(samples, self.options, &mut splits)?;
             let complex = self.complex(&tree, kinds, report)?;
             run.progress("dual vertices", 0, 1)?;
             let duals = Duals::new(&complex, self.probe, ends, before.as_ref(), run.backend)?;
@@ -175,7 +176,7 @@ impl Mesher<'_> {
     ) -> Result<Raw, Error> {
         run.progress("octree", 0, 1)?;
         let mut splits = octree::splits(self.samples, self.options);
-        let (tree, kinds) = trees::even(self.samples, self.options, &mut splits);
+        let (tree, kinds) = trees::even(self.samples, self.options, &mut splits)?;
         let complex = self.complex(&tree, kinds, report)?;
         run.progress(self.stage(), 0, 1)?;
         let keep = |r| self.keeps(r);
@@ -191,8 +192,15 @@ impl Mesher<'_> {
         kinds: Kinds,
         report: &mut Report,
     ) -> Result<Complex<'a>, Error> {
+        memory::check_mesh(
+            tree,
+            &kinds,
+            self.options.method,
+            self.purpose,
+            self.samples.stored_bytes(),
+            self.options.max_memory,
+        )?;
         let complex = Complex::new(self.samples, tree, kinds);
-        trees::check_counts(&complex, self.purpose)?;
         report.leaves = tree.leaves.iter().filter(|l| !l.void).count();
         report.surface_cells = (0..tree.leaves.len() as u32)
             .filter(|&id| complex.is_interface(id))
@@ -265,7 +273,7 @@ mod tests {
             shift: site.shift,
             outside: 0.0,
         };
-        let mut samples = Samples::new(source, site.domain, labels, &Cpu).unwrap();
+        let mut samples = Samples::new(source, site.domain, labels, u64::MAX, &Cpu).unwrap();
         samples.find_crossings(&Cpu).unwrap();
         samples
     }
@@ -288,7 +296,7 @@ mod tests {
                     *two = 1 << ((7 * b + 5 * seed as usize) % 64);
                 }
             }
-            let tree = Octree::new(domain.cells, &splits);
+            let tree = Octree::new(domain.cells, &splits, u64::MAX).unwrap();
             let kinds = Kinds::of(&samples, &tree, Interfaces::OfAnySize);
             let mut split = kinds.large(&tree);
             split.extend(kinds.cut(&tree));
@@ -351,7 +359,7 @@ mod tests {
             let samples = plain(&grid);
             let options = Options::default();
             let mut splits = octree::splits(&samples, &options);
-            let (tree, kinds) = trees::adapted(&samples, &options, &mut splits);
+            let (tree, kinds) = trees::adapted(&samples, &options, &mut splits).unwrap();
             let complex = Complex::new(&samples, &tree, kinds);
             let probe = Probe::new(&samples, None, &options);
             let duals = Duals::new(&complex, &probe, Ends::AtBox, None, &Cpu).unwrap();
@@ -414,7 +422,7 @@ mod tests {
                     *two = 1 << ((11 * b + 3 * seed as usize) % 64);
                 }
             }
-            let tree = Octree::new(samples.domain.cells, &splits);
+            let tree = Octree::new(samples.domain.cells, &splits, u64::MAX).unwrap();
             let kinds = Kinds::of(&samples, &tree, Interfaces::OfAnySize).unsplit();
             let complex = Complex::new(&samples, &tree, kinds);
             // Per pair of leaves larger than an edge between them: whether the edge may join them.
@@ -500,7 +508,7 @@ mod tests {
                 shift: site.shift,
                 outside: 0.0,
             };
-            let mut samples = Samples::new(source, site.domain, labels, &Cpu).unwrap();
+            let mut samples = Samples::new(source, site.domain, labels, u64::MAX, &Cpu).unwrap();
             samples.find_crossings(&Cpu).unwrap();
             let splits = octree::splits(&samples, &options);
             assert_eq!(splits.eight, [expected], "at {share} of the error");

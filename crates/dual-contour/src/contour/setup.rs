@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::report::Report;
 use crate::backend::ContourBackend;
-use crate::octree::{BLOCK, Domain, Labels, POINTS, Samples, Source};
+use crate::octree::{BLOCK, Domain, Labels, Samples, Source};
 use crate::{AtBox, Error, Extent, Options, Outer, Resolution, Shape};
 
 /// Most finest cells per axis that a leaf's coordinates can name.
@@ -69,14 +69,14 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>
         spacing,
         ..Report::default()
     };
-    let mut samples = Samples::new(source, site.domain, labels, run.backend)?;
+    let mut samples = Samples::new(source, site.domain, labels, options.max_memory, run.backend)?;
     if options.prune > 0 {
         let points: u64 = site.domain.cells.iter().map(|&n| n as u64 + 1).product();
         if u64::from(options.prune) > points {
             let must = format!("be at most {points}, all points there are");
             return Err(OutOfRange::new("prune", options.prune, must).into());
         }
-        let pruned = samples.prune(options.prune);
+        let pruned = samples.prune(options.prune, options.max_memory)?;
         (report.pruned_groups, report.pruned_points) = (pruned.groups, pruned.points);
     }
     if !samples.holds_both_sides() {
@@ -237,10 +237,8 @@ fn check_size(cells: [f64; 3], options: &Options) -> Result<(), Error> {
     }
     let block = f64::from(BLOCK);
     let blocks: u128 = cells.iter().map(|&n| (n / block).ceil() as u128).product();
-    // Per block a node, marks of points, and requests; stored blocks are checked by the surface they
-    // carry, of the order of blocks^(2/3).
-    let stored = (blocks as f64).powf(2.0 / 3.0) * 12.0;
-    let bytes = blocks * 120 + (stored as u128) * (POINTS as u128) * 8;
+    // Per block a node, marks of points, and requests; blocks that are stored count while they are read.
+    let bytes = blocks * 120;
     if bytes > u128::from(options.max_memory) {
         return Err(Error::TooLarge {
             what: "the octree",

@@ -72,7 +72,13 @@ pub fn surface<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     let probe = Probe::new(&samples, field, &options);
     let mesh = if is_uniform(&options) {
         run.progress("triangles", 0, 1)?;
-        uniform::surface(&samples, &probe, run.backend, &mut report)?
+        uniform::surface(
+            &samples,
+            &probe,
+            run.backend,
+            options.max_memory,
+            &mut report,
+        )?
     } else {
         let purpose = Purpose::Surface;
         let made = mesh_of(&samples, &probe, &options, purpose, report, run)?;

@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::setup::Purpose;
-use crate::complex::{Complex, Interfaces, Kinds};
-use crate::octree::{Octree, Samples, Splits};
+use super::memory;
+use crate::complex::{Interfaces, Kinds};
+use crate::octree::{Octree, Samples, Splits, TooManyLeaves};
 use crate::{Error, Options};
 
 /// Where interfaces are: labels that follow from signs alone make all cells with a surface finest, unless these
@@ -17,24 +17,31 @@ fn interfaces(samples: &Samples<'_>, options: &Options) -> Interfaces {
     }
 }
 
+/// The octree, unless its leaves are more than memory or numbers allow.
+fn octree(cells: [i32; 3], splits: &Splits, options: &Options) -> Result<Octree, Error> {
+    let most = memory::most_leaves(options.max_memory);
+    Octree::new(cells, splits, most)
+        .map_err(|TooManyLeaves(leaves)| memory::too_many_leaves(leaves, most))
+}
+
 /// The octree with cells of one size around the surface, as snapping needs it.
 pub(super) fn even(
     samples: &Samples<'_>,
     options: &Options,
     splits: &mut Splits,
-) -> (Octree, Kinds) {
+) -> Result<(Octree, Kinds), Error> {
     let cells = samples.domain.cells;
     let interfaces = interfaces(samples, options);
-    let tree = Octree::new(cells, splits);
+    let tree = octree(cells, splits, options)?;
     for id in Kinds::of(samples, &tree, interfaces).interfaces() {
         let leaf = &tree.leaves[id as usize];
         if leaf.log == 0 {
             splits.surround(cells, leaf.origin());
         }
     }
-    let tree = Octree::new(cells, splits);
+    let tree = octree(cells, splits, options)?;
     let kinds = Kinds::of(samples, &tree, interfaces).unsplit();
-    (tree, kinds)
+    Ok((tree, kinds))
 }
 
 /// The octree in which ambiguous cells are finest, and stand among finest ones.
@@ -42,10 +49,10 @@ pub(super) fn adapted(
     samples: &Samples<'_>,
     options: &Options,
     splits: &mut Splits,
-) -> (Octree, Kinds) {
+) -> Result<(Octree, Kinds), Error> {
     let domain = samples.domain;
     let interfaces = interfaces(samples, options);
-    let mut tree = Octree::new(domain.cells, splits);
+    let mut tree = octree(domain.cells, splits, options)?;
     let mut kinds = Kinds::of(samples, &tree, interfaces);
     loop {
         let large = kinds.large(&tree);
@@ -65,29 +72,9 @@ pub(super) fn adapted(
             splits.surround(domain.cells, tree.leaves[id as usize].origin());
         }
         if large.is_empty() && bare.is_empty() {
-            return (tree, kinds);
+            return Ok((tree, kinds));
         }
-        tree = Octree::new(domain.cells, splits);
+        tree = octree(domain.cells, splits, options)?;
         kinds = Kinds::of(samples, &tree, interfaces);
     }
-}
-
-/// Refuses what vertex and element numbers could not name: fewer than 24 tetrahedra per leaf and 4
-/// vertices, with 4 more per surface leaf for cuts.
-pub(super) fn check_counts(complex: &Complex<'_>, purpose: Purpose) -> Result<(), Error> {
-    let leaves = complex.tree.leaves.len() as u128;
-    let elements = match purpose {
-        Purpose::Surface => 12 * leaves,
-        Purpose::Volume(_) => 24 * leaves,
-    };
-    let limit = u128::from(u32::MAX - 2);
-    if elements > 4 * limit || 8 * leaves > limit {
-        return Err(Error::TooLarge {
-            what: "the mesh",
-            bytes: elements * 17,
-            limit: limit * 17,
-            cure: "take a larger spacing",
-        });
-    }
-    Ok(())
 }

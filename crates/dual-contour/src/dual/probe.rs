@@ -1,5 +1,6 @@
 //! Where edges cross interfaces, and the surface near a point.
 
+use geom_core::field::{End, Guard, Precision, Tangent, crossing, project};
 use geom_core::mesh::{INTERIOR, Region};
 use geom_core::{ImplicitField, Point3, Vector3};
 
@@ -8,6 +9,23 @@ use crate::complex::{Complex, Corner, Split};
 use crate::kernel::INSET;
 use crate::octree::{Samples, local};
 use crate::{Options, Placement};
+
+/// How near to a crossing of a field, as a share of the edge.
+const CROSSING: Precision = Precision {
+    place: 1e-4,
+    value: 0.0,
+};
+/// How near to the surface a dual vertex goes by Newton steps, as a share of its cell; one more, to first order,
+/// leaves less than a millionth.
+const NEAR: f64 = 1e-3;
+/// The cell itself holds the steps: they are clamped to it, taken as they are, and the best place is kept.
+const NEWTON: Guard = Guard {
+    steps: 10,
+    halvings: 0,
+    longest: f64::INFINITY,
+    reach: f64::INFINITY,
+    near: NEAR,
+};
 
 /// Finds where edges cross interfaces, and the surface near a point.
 pub(crate) struct Probe<'a> {
@@ -69,35 +87,14 @@ impl<'a> Probe<'a> {
 
     /// Like [`Probe::crossing`], sharpened on the field if there is one.
     pub(crate) fn exact_crossing(&self, a: &Sample, b: &Sample) -> f64 {
-        let t = self.crossing(a, b);
         let Some(field) = self.field.filter(|_| Self::on_level(a.label, b.label)) else {
-            return t;
+            return self.crossing(a, b);
         };
         let level = self.samples.labels.level;
-        let at = |t: f64| field.value(&self.samples.domain.world(&(a.x + (b.x - a.x) * t))) - level;
-        // False position, with the kept end halved (Illinois): a handful of values instead of twenty.
-        let (mut low, mut high) = ((0.0, a.value - level), (1.0, b.value - level));
-        let (mut t, mut last) = (t, None);
-        for _ in 0..16 {
-            let f = at(t);
-            let is_low = (f >= 0.0) == (a.value >= level);
-            let (moved, kept) = if is_low {
-                (&mut low, &mut high)
-            } else {
-                (&mut high, &mut low)
-            };
-            *moved = (t, f);
-            if last == Some(is_low) {
-                kept.1 *= 0.5;
-            }
-            last = Some(is_low);
-            let next = low.0 - low.1 * (high.0 - low.0) / (high.1 - low.1);
-            if !next.is_finite() || (next - t).abs() < 1e-4 {
-                break;
-            }
-            t = next.clamp(low.0, high.0);
-        }
-        t
+        let ends = [a.value - level, b.value - level];
+        crossing(ends, CROSSING, |t| {
+            field.value(&self.samples.domain.world(&(a.x + (b.x - a.x) * t))) - level
+        })
     }
 
     /// The point where an edge is cut, away from its ends.
@@ -112,16 +109,21 @@ impl<'a> Probe<'a> {
             .map(|f| f.value(x))
     }
 
-    /// Value minus level and gradient per finest cell.
-    fn value_gradient(&self, cell: [i32; 3], x: &Point3) -> Option<(f64, Vector3)> {
+    /// The field against the level, in finest cells; `cell` says where the values are if there is no field.
+    fn tangent(&self, cell: [i32; 3], at: Point3) -> Option<Tangent> {
         let level = self.samples.labels.level;
-        match self.field {
+        let (value, gradient) = match self.field {
             Some(field) => {
-                let (v, g) = field.value_gradient(&self.samples.domain.world(x));
-                Some((v - level, g * self.samples.domain.spacing))
+                let (v, g) = field.value_gradient(&self.samples.domain.world(&at));
+                (v, g * self.samples.domain.spacing)
             }
-            None => self.samples.trilinear(cell, x).map(|(v, g)| (v - level, g)),
-        }
+            None => self.samples.trilinear(cell, &at)?,
+        };
+        Some(Tangent {
+            at,
+            height: value - level,
+            gradient,
+        })
     }
 
     /// The dual vertex of a box-shaped cell `[low, low + size]` from its crossings.
@@ -149,31 +151,20 @@ impl<'a> Probe<'a> {
         if self.placement == Placement::Qef {
             return clamp(self.nearest_to_planes(low, &mass, crossings));
         }
-        let Some((first, mut gradient)) = self.value_gradient(low, &start) else {
+        let look = |x: Point3| self.tangent(low, clamp(x));
+        let Some(start) = look(start) else {
             return start;
         };
-        let (mut x, mut f) = (start, first);
-        let mut best = (start, first.abs());
-        for _ in 0..10 {
-            let square = gradient.norm_squared();
-            if square < 1e-24 {
-                break;
-            }
-            let next = clamp(x - gradient * (f / square));
-            let step = (next - x).norm();
-            x = next;
-            let Some(found) = self.value_gradient(low, &x) else {
-                break;
-            };
-            (f, gradient) = found;
-            if f.abs() < best.1 {
-                best = (x, f.abs());
-            }
-            if step < 1e-6 * size || f.abs() < 1e-12 {
-                break;
-            }
+        let guard = Guard {
+            near: NEAR * size,
+            ..NEWTON
+        };
+        let found = project(start, &guard, look);
+        if found.end == End::Near {
+            clamp(found.best.foot())
+        } else {
+            found.best.at
         }
-        best.0
     }
 
     /// Minimizes the squared distances to the tangent planes at the crossings, relative to the mass
@@ -187,13 +178,13 @@ impl<'a> Probe<'a> {
         let mut normal_matrix = geom_core::nalgebra::Matrix3::zeros();
         let mut right = Vector3::zeros();
         for (x, _) in crossings {
-            let Some((f, g)) = self.value_gradient(cell, x) else {
+            let Some(here) = self.tangent(cell, *x) else {
                 continue;
             };
-            let Some(n) = g.try_normalize(1e-12) else {
+            let Some(n) = here.gradient.try_normalize(1e-12) else {
                 continue;
             };
-            let offset = n.dot(&(x - mass)) - f / g.norm();
+            let offset = n.dot(&(x - mass)) - here.height / here.gradient.norm();
             normal_matrix += n * n.transpose();
             right += n * offset;
         }

@@ -12,9 +12,9 @@ mod tree;
 pub(crate) use domain::{Domain, Labels, local};
 pub use field::FieldSamples;
 pub(crate) use points::{PointMarks, PointSet};
-pub(crate) use samples::{POINTS, Samples};
+pub(crate) use samples::Samples;
 pub(crate) use sizing::splits;
 pub(crate) use source::Source;
 #[cfg(test)]
 pub(crate) use tree::BLOCK_LOG;
-pub(crate) use tree::{BLOCK, Leaf, NONE, Octree, Splits, block_index};
+pub(crate) use tree::{BLOCK, Leaf, NONE, Octree, Splits, TooManyLeaves, block_index};

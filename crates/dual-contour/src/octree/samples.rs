@@ -97,11 +97,13 @@ fn at_least(level: f64) -> f32 {
 }
 
 impl<'a> Samples<'a> {
-    /// Reads all blocks that may hold a surface, and keeps the values of those that do.
+    /// Reads all blocks that may hold a surface, and keeps the values of those that do, as long as they take no
+    /// more than `max_memory` bytes.
     pub(crate) fn new<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         source: Source<'a, V>,
         domain: Domain,
         labels: Labels,
+        max_memory: u64,
         backend: &B,
     ) -> Result<Self, Error> {
         let known = known_blocks(&source, &domain, &labels);
@@ -132,21 +134,60 @@ impl<'a> Samples<'a> {
                 }
             }
         }
+        let labels = out.labels.clone();
         let reader = Reader {
             source: &source,
             domain: &domain,
-            labels: &out.labels,
+            labels: &labels,
             backend,
         };
-        let found: Vec<Result<Found, Error>> = open
-            .par_chunks(backend.blocks_per_call().max(1))
-            .map_init(Scratch::default, |scratch, open| reader.read(open, scratch))
-            .collect();
-        let mut open = open.iter();
-        for found in found {
-            out.keep(found?, &mut open);
+        // As many at once as would fit if all were kept: what is kept is known only when they have been read.
+        let per_call = backend.blocks_per_call().max(1);
+        let mut rest = open.as_slice();
+        while !rest.is_empty() {
+            let left = max_memory.saturating_sub(out.stored_bytes()) / out.bytes_per_block();
+            let fits = usize::try_from(left).unwrap_or(usize::MAX).max(per_call);
+            let (now, later) = rest.split_at(fits.min(rest.len()));
+            let found: Vec<Result<Found, Error>> = now
+                .par_chunks(per_call)
+                .map_init(Scratch::default, |scratch, open| reader.read(open, scratch))
+                .collect();
+            let mut now = now.iter();
+            for found in found {
+                out.keep(found?, &mut now);
+            }
+            if out.stored_bytes() > max_memory {
+                return Err(out.too_many_blocks(later.len(), open.len(), max_memory));
+            }
+            rest = later;
         }
         Ok(out)
+    }
+
+    /// What a stored block takes: values, signs or labels, and where they are.
+    fn bytes_per_block(&self) -> u64 {
+        let labels = if self.labels.plain() {
+            BLOCK_CELLS
+        } else {
+            POINTS
+        };
+        (POINTS * size_of::<f32>() + labels + size_of::<Place>() + size_of::<u32>()) as u64
+    }
+
+    /// What all stored blocks take.
+    pub(crate) fn stored_bytes(&self) -> u64 {
+        self.stored.len() as u64 * self.bytes_per_block()
+    }
+
+    /// With `unread` of `open` blocks to come, of which as many will be kept as of those before.
+    fn too_many_blocks(&self, unread: usize, open: usize, limit: u64) -> Error {
+        let read = (open - unread).max(1) as u128;
+        Error::TooLarge {
+            what: "values near the surface",
+            bytes: u128::from(self.stored_bytes()) * open as u128 / read,
+            limit: limit.into(),
+            cure: "take a larger spacing, or allow more memory",
+        }
     }
 
     fn widen(&mut self, range: (f32, f32)) {

@@ -95,6 +95,10 @@ struct Node {
     level: u8,
 }
 
+/// So many leaves, more than allowed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TooManyLeaves(pub(crate) u64);
+
 /// The leaves, and the way from a finest cell to its leaf.
 pub(crate) struct Octree {
     pub(crate) cells: [i32; 3],
@@ -123,8 +127,9 @@ pub(super) fn block_coordinates(blocks: [i32; 3], b: usize) -> [i32; 3] {
 }
 
 impl Octree {
-    /// The coarsest balanced tree over `cells` finest cells in which all asked cells are split.
-    pub(crate) fn new(cells: [i32; 3], splits: &Splits) -> Self {
+    /// The coarsest balanced tree over `cells` finest cells in which all asked cells are split; `Err` with the
+    /// number of its leaves if that is more than `most`, before any is made.
+    pub(crate) fn new(cells: [i32; 3], splits: &Splits, most: u64) -> Result<Self, TooManyLeaves> {
         let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
         let two = split_two(cells, blocks, splits);
         let four = split_four(cells, blocks, splits, &two);
@@ -146,17 +151,20 @@ impl Octree {
                 },
             })
             .collect();
-        number(blocks, &mut nodes);
+        let total = number(blocks, &mut nodes);
+        if total > most {
+            return Err(TooManyLeaves(total));
+        }
         let leaves = (0..nodes.len())
             .into_par_iter()
             .flat_map_iter(|b| leaves_of(&nodes[b], block_coordinates(blocks, b), cells))
             .collect();
-        Self {
+        Ok(Self {
             cells,
             blocks,
             nodes,
             leaves,
-        }
+        })
     }
 
     /// The number of the leaf that holds a finest cell, and the logarithm of its size; [`NONE`]
@@ -345,7 +353,8 @@ fn split_eight(cells: [i32; 3], blocks: [i32; 3], splits: &Splits, four: &[u8]) 
 }
 
 /// Gives each node the number of its first leaf; a leaf larger than a block has the number of its first block.
-fn number(blocks: [i32; 3], nodes: &mut [Node]) {
+/// Returns how many leaves there are; numbers mean nothing if there are more than `u32` can name.
+fn number(blocks: [i32; 3], nodes: &mut [Node]) -> u64 {
     let mut total = 0u64;
     for b in 0..nodes.len() {
         let at = block_coordinates(blocks, b);
@@ -363,6 +372,7 @@ fn number(blocks: [i32; 3], nodes: &mut [Node]) {
             }
         }
     }
+    total
 }
 
 fn leaves_of(node: &Node, at: [i32; 3], cells: [i32; 3]) -> Vec<Leaf> {
@@ -490,7 +500,7 @@ mod tests {
             let (g, c) = morton(*a);
             splits.two[b] |= 1 << (8 * g + c);
         }
-        let tree = Octree::new(cells, &splits);
+        let tree = Octree::new(cells, &splits, u64::MAX).unwrap();
         let mut ours: Vec<_> = tree
             .leaves
             .iter()

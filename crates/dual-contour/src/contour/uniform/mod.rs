@@ -6,6 +6,7 @@
 use geom_core::{Point3, TriMesh};
 use rayon::prelude::*;
 
+use super::memory;
 use super::report::Report;
 use crate::Error;
 use crate::backend::ContourBackend;
@@ -78,9 +79,16 @@ pub(crate) fn surface<B: ContourBackend + ?Sized>(
     samples: &Samples<'_>,
     probe: &Probe<'_>,
     backend: &B,
+    max_memory: u64,
     report: &mut Report,
 ) -> Result<TriMesh, Error> {
     let (blocks, vertices) = carrying_blocks(samples, report);
+    memory::check_surface(
+        report.surface_cells,
+        report.split_cells,
+        samples.stored_bytes(),
+        max_memory,
+    )?;
     let points = points_of(samples, probe, &blocks, vertices, backend)?;
     let mut sheet = Sheet {
         samples,

@@ -5,6 +5,7 @@ use geom_core::compute::sets::DisjointSets;
 use geom_core::mesh::{INTERIOR, Region};
 
 use super::{BLOCK, POINTS, SIDE, Samples, UNIFORM, block_index, point_of};
+use crate::Error;
 
 /// What has been given to the other side.
 #[derive(Clone, Copy, Default)]
@@ -14,16 +15,37 @@ pub(crate) struct Pruned {
     pub(crate) points: u64,
 }
 
+/// Bytes of a node while groups are found: its parent, its root, and the size of its group.
+const NODE_BYTES: u128 = 16;
+
+/// Refuses more nodes (see [`Samples::first_node`]) than have numbers, or than there is memory for.
+fn check_nodes(blocks: usize, stored: usize, max_memory: u64) -> Result<(), Error> {
+    let nodes = blocks as u128 + POINTS as u128 * stored as u128;
+    let limit = u128::from(u32::MAX).min(u128::from(max_memory) / NODE_BYTES);
+    if nodes <= limit {
+        return Ok(());
+    }
+    Err(Error::TooLarge {
+        what: "finding small groups",
+        bytes: nodes * NODE_BYTES,
+        limit: limit * NODE_BYTES,
+        cure: "take a larger spacing, allow more memory, or leave prune at 0",
+    })
+}
+
 impl Samples<'_> {
     /// Gives groups of fewer than `least` lattice points on one side of the level to the other side;
     /// groups are connected by lattice edges. A group that was given away may leave another small one,
     /// so this goes on until there is none.
-    pub(crate) fn prune(&mut self, least: u32) -> Pruned {
+    ///
+    /// Refuses lattices with more nodes than have numbers, or than fit into `max_memory` bytes.
+    pub(crate) fn prune(&mut self, least: u32, max_memory: u64) -> Result<Pruned, Error> {
+        check_nodes(self.state.len(), self.stored.len(), max_memory)?;
         let mut all = Pruned::default();
         loop {
             let pruned = self.prune_once(least);
             if pruned.groups == 0 {
-                return all;
+                return Ok(all);
             }
             all.groups += pruned.groups;
             all.points += pruned.points;
@@ -173,5 +195,19 @@ impl Samples<'_> {
         } else {
             INTERIOR
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_nodes_than_numbers_are_refused() {
+        assert!(check_nodes(1000, 1000, 1 << 30).is_ok());
+        // 729 nodes per stored block: these would wrap around.
+        let error = check_nodes(6_000_000, 5_900_000, u64::MAX).unwrap_err();
+        assert!(matches!(error, Error::TooLarge { bytes, .. } if bytes > 1 << 36));
+        assert!(check_nodes(1000, 1000, 1 << 20).is_err());
     }
 }
