@@ -121,6 +121,7 @@ impl<'a> Samples<'a> {
             labels,
             read: Box::new(move |p| source.at(&domain, p)),
         };
+        // Most blocks are known to lie on one side; the rest must be read.
         let mut open = Vec::new();
         for (number, known) in known.into_iter().enumerate() {
             match known {
