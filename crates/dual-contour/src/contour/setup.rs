@@ -35,10 +35,12 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>
         });
     }
     run.progress("sample", 0, 1)?;
+    // A surface that would be cut off is refused before anything is read in full.
     let touching = touching(values, options.level);
     if let (AtBox::Refuse, Some((side, points))) = (options.at_box, touching) {
         return Err(Error::SurfaceTouchesBox { side, points });
     }
+    // Values of the lattice itself are read; another spacing asks the field or interpolates.
     let spacing = match options.resolution {
         Resolution::Spacing(h) => h,
         Resolution::Lattice => lattice.spacing,
@@ -82,6 +84,7 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>
     if !samples.holds_both_sides() {
         return Err(no_surface(values, options, samples.range, spacing));
     }
+    // Values stay as they are from here on, so signs can be kept.
     samples.find_crossings(run.backend)?;
     Ok((samples, report))
 }

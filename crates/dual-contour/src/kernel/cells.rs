@@ -127,6 +127,7 @@ fn most(a: f64, b: f64) -> f64 {
 
 #[inline(always)]
 fn dual_vertex<const L: usize>(v: &[[f64; L]; 8], steps: u32) -> [[f64; L]; 3] {
+    // The mean of the crossings on the twelve edges; lanes whose edge has none add zeros.
     let (mut sum, mut n) = ([[0.0; L]; 3], [0.0; L]);
     for axis in 0..3 {
         for i in 0..8usize {
@@ -154,6 +155,7 @@ fn dual_vertex<const L: usize>(v: &[[f64; L]; 8], steps: u32) -> [[f64; L]; 3] {
             x[k][l] = if n[l] > 0.0 { mean } else { 0.5 };
         }
     }
+    // What the square of the gradient is taken to be at least.
     let mut floor = [0.0; L];
     for l in 0..L {
         let (mut low, mut high) = (v[0][l], v[0][l]);
@@ -163,6 +165,7 @@ fn dual_vertex<const L: usize>(v: &[[f64; L]; 8], steps: u32) -> [[f64; L]; 3] {
         }
         floor[l] = REGULAR * (high - low) * (high - low);
     }
+    // Newton steps on the trilinear interpolant, each kept within the cell.
     for _ in 0..steps {
         for l in 0..L {
             let [x0, x1, x2] = [x[0][l], x[1][l], x[2][l]];
