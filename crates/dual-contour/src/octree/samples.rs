@@ -121,10 +121,7 @@ impl<'a> Samples<'a> {
             labels,
             read: Box::new(move |p| source.at(&domain, p)),
         };
-<<<<<<< HEAD
-=======
         // Most blocks are known to lie on one side; the rest must be read.
->>>>>>> h-contour
         let mut open = Vec::new();
         for (number, known) in known.into_iter().enumerate() {
             match known {
