@@ -10,32 +10,10 @@ mod error;
 mod options;
 
 // Fewer atoms for the same surface.
-#[rustfmt::skip]
-mod atoms {
-    // Removes atoms while every sample keeps its share of the density (Algorithm 1).
-    pub(crate) mod eliminate;
-    // Moves what remains towards the original density (Eqs. 3.11–3.14).
-    pub(crate) mod refit;
-    // The points near the surface where both look, in cells that share their atoms.
-    pub(crate) mod samples;
-}
+mod atoms;
 
 // From the model to values: on a lattice, near the surface, anywhere.
-#[rustfmt::skip]
-mod sample {
-    // The way to the blocks of bricks that some atom can reach, batch after batch.
-    pub(crate) mod blocks;
-    // Every lattice point.
-    pub(crate) mod dense;
-    // Bricks near the surface.
-    pub(crate) mod band;
-    // Any point, with derivatives.
-    pub(crate) mod point;
-    // One surface beside another (Eq. 3.10).
-    pub(crate) mod compare;
-    // The shape without its short waves (§5.2.1).
-    pub(crate) mod low_pass;
-}
+mod sample;
 
 // The three hot kernels: what they are handed and owe, and where they run.
 pub mod backend;
@@ -44,29 +22,7 @@ mod cpu;
 mod wgpu;
 
 // What the kernels are made of, the lowest first.
-#[rustfmt::skip]
-mod kernel {
-    // Exponentials, logarithms and powers as vector instructions.
-    pub(crate) mod math;
-    // Boxes of lattice points, bricks and blocks.
-    pub(crate) mod boxes;
-    // How far an atom can matter after the powers.
-    pub(crate) mod reach;
-    // The model made ready: levels that matter, parents, clusters of atoms.
-    pub(crate) mod prepared;
-    // f64, one point: with second derivatives and shares of atoms.
-    pub(crate) mod plain;
-    // f64, one point, many exponentials at a time.
-    pub(crate) mod point;
-    // The atoms that matter in a box, with their tree.
-    pub(crate) mod cull;
-    // f32, a brick, relative to a reference atom per node: for small powers that reach far.
-    pub(crate) mod relative;
-    // f32, a block, straight from the kernels: for moderate powers.
-    pub(crate) mod direct;
-    // f64, the points of a sample cell side by side: "without this atom", and derivatives.
-    pub(crate) mod cells;
-}
+mod kernel;
 
 // What must hold, and what the thesis did otherwise.
 #[cfg(feature = "testing")]

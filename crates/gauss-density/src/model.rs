@@ -12,6 +12,8 @@ use geom_core::{Aabb, Point3, Structure};
 
 use crate::error::Error;
 
+pub(crate) mod reach;
+
 /// Powers and decay for a whole structure, or for the part that [`Model::emphasize`] selects.
 ///
 /// A power below 1 blurs what lies below it, a power above 1 sharpens it; 1 leaves a plain sum.

@@ -4,9 +4,9 @@
 
 use std::collections::VecDeque;
 
+use geom_core::Aabb;
 use geom_core::Run;
 use geom_core::options::{OutOfRange, require};
-use geom_core::Aabb;
 use rayon::prelude::*;
 
 use crate::atoms::samples::{self, Wanted};
@@ -195,11 +195,7 @@ fn samples_of<B: DensityBackend + ?Sized>(
     };
     let of_original = samples::collect(sampler, &grid, &wanted)?;
     drop(grid);
-    Ok(with_atoms_of(
-        &Prepared::new(reduced),
-        of_original,
-        options,
-    ))
+    Ok(with_atoms_of(&Prepared::new(reduced), of_original, options))
 }
 
 /// The way down from the reduced model: where it is, and what it has learnt of the objective.

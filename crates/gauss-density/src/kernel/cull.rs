@@ -511,7 +511,7 @@ impl Greedy {
 mod tests {
     use super::*;
     use crate::kernel::plain::value;
-    use crate::kernel::reach::Reach;
+    use crate::model::reach::Reach;
     use crate::testing::models;
     use geom_core::Aabb;
     use proptest::prelude::*;

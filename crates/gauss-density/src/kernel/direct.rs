@@ -1,7 +1,7 @@
 //! The density of a block of bricks in f32, straight from the kernels: where the powers are so moderate that
 //! no kernel that matters leaves the range of f32 before its power is taken.
 //!
-//! No tree is culled. [`Reach`](crate::kernel::reach::Reach) gives one exponent `t` such that all atoms with
+//! No tree is culled. [`Reach`](crate::model::reach::Reach) gives one exponent `t` such that all atoms with
 //! `q_a(x) > t` may be left out at `x`, whichever they are; it falls with the number of atoms that are left, so
 //! it is taken again for the block, and for each eighth of it. In a brick an atom is also left out where another
 //! one below the same node outweighs it at every point. What remains is a comparison per atom

@@ -4,7 +4,7 @@ use geom_core::{Aabb, Point3};
 use rayon::prelude::*;
 
 use crate::kernel::boxes::gap_squared;
-use crate::kernel::reach::Reach;
+use crate::model::reach::Reach;
 use crate::model::{Level, Model};
 
 /// A model made ready for sampling, shared by the backends.

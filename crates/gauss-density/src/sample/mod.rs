@@ -1,0 +1,15 @@
+//! From the model to values: on a lattice, near the surface, anywhere.
+//!
+//! - `blocks`: the way to the blocks of bricks that some atom can reach, batch after batch.
+//! - `dense`: every lattice point.
+//! - `band`: bricks near the surface.
+//! - `point`: any point, with derivatives.
+//! - `compare`: one surface beside another (Eq. 3.10).
+//! - `low_pass`: the shape without its short waves (§5.2.1).
+
+pub(crate) mod band;
+pub(crate) mod blocks;
+pub(crate) mod compare;
+pub(crate) mod dense;
+pub(crate) mod low_pass;
+pub(crate) mod point;
