@@ -18,6 +18,12 @@ use serde_json::{Value, json};
 struct Args {
     /// Structure: PDB, mmCIF or PQR, each also gzip-compressed
     input: PathBuf,
+    /// Write the map as OpenDX text, too: nine times as large as MRC
+    #[arg(long)]
+    dx: bool,
+    /// Note the shares of Table 3.2 of the thesis, `k_a`: samples four bands more
+    #[arg(long)]
+    k_a: bool,
     #[command(flatten)]
     density: DensityArgs,
     #[command(flatten)]
@@ -31,10 +37,10 @@ Examples:
   01_density 1ajj.pdb --out out
   01_density 1su4.pdb --spacing 1 --residue-power 0.05 --chain-power 0.5 --out blurred
 
-Outputs: density.mrc and density.dx (the map, for other programs), slices.png (through the middle along
-x, y and z; the white line is the surface), report.json. `k_a` there has the share of lattice points
-that a search near the surface analyses, for the thresholds of the thesis's Table 3.2: `points` of cells
-that meet the band, and `stored` by this program's bricks.";
+Outputs: density.mrc (the map, for other programs), with --dx also density.dx, slices.png (through the
+middle along x, y and z; the white line is the surface), report.json. With --k-a it has the share of
+lattice points that a search near the surface analyses, for the thresholds of the thesis's Table 3.2:
+`points` of cells that meet the band, and `stored` by this program's bricks.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {
@@ -62,49 +68,57 @@ fn density(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("pairs", pairs)?;
 
     let grid = &sampled.grid;
-    let shares = session.stage("narrow bands", || {
-        // The thresholds of Table 3.2.
-        let bands = [[0.9, 1.1], [0.6, 1.4], [0.3, 1.7], [0.1, 2.0]];
-        let shares: Result<Vec<Value>, Failure> = bands
-            .into_iter()
-            .map(|band| {
-                let stored = sample_band(
-                    &model,
-                    &Options {
-                        band,
-                        ..options.clone()
-                    },
-                    on,
-                )?
-                .report;
-                Ok(json!({
-                    "lower": band[0],
-                    "upper": band[1],
-                    "points": share_near(grid, band),
-                    "stored": stored.stored_share,
-                    "pairs": stored.pairs,
-                }))
-            })
-            .collect();
-        shares
-    })?;
-    session.note("k_a", shares)?;
+    if args.k_a {
+        let shares = session.stage("narrow bands", || {
+            let shares = BANDS.map(|band| narrow_band(&model, &options, session, grid, band));
+            shares.into_iter().collect::<Result<Vec<Value>, Failure>>()
+        })?;
+        session.note("k_a", shares)?;
+    }
 
-    session.stage("files and pictures", || {
+    session.files(2 + u64::from(args.dx), || {
         io::grid::save(session.output("density.mrc")?, grid)?;
-        io::grid::save(session.output("density.dx")?, grid)?;
-        let scale = Scale::new(ColorMap::Viridis, [0.0, 2.0], "density G");
-        let pictures: Vec<_> = [("along x", 0), ("along y", 1), ("along z", 2)]
-            .map(|(title, axis)| {
-                (
-                    title.to_owned(),
-                    slice(grid, grid.lattice(), axis, 0.5, 1.0, &scale, 620),
-                )
-            })
-            .into();
-        sheet(&pictures, 3).save(session.output("slices.png")?)?;
-        Ok::<_, Failure>(())
+        if args.dx {
+            io::grid::save(session.output("density.dx")?, grid)?;
+        }
+        session.picture("slices", || {
+            let scale = Scale::new(ColorMap::Viridis, [0.0, 2.0], "density G");
+            let pictures: Vec<_> = [("along x", 0), ("along y", 1), ("along z", 2)]
+                .map(|(title, axis)| {
+                    (
+                        title.to_owned(),
+                        slice(grid, grid.lattice(), axis, 0.5, 1.0, &scale, 620),
+                    )
+                })
+                .into();
+            Ok(sheet(&pictures, 3))
+        })
     })
+}
+
+/// The thresholds of Table 3.2.
+const BANDS: [[f64; 2]; 4] = [[0.9, 1.1], [0.6, 1.4], [0.3, 1.7], [0.1, 2.0]];
+
+/// What a search within a band analyses, as shares of the whole grid.
+fn narrow_band(
+    model: &Model,
+    options: &Options,
+    session: &Session,
+    grid: &ScalarGrid,
+    band: [f64; 2],
+) -> Result<Value, Failure> {
+    let options = Options {
+        band,
+        ..options.clone()
+    };
+    let stored = sample_band(model, &options, session.on(session.device.density()))?.report;
+    Ok(json!({
+        "lower": band[0],
+        "upper": band[1],
+        "points": share_near(grid, band),
+        "stored": stored.stored_share,
+        "pairs": stored.pairs,
+    }))
 }
 
 /// The share of lattice points that are corners of cells whose range of values meets the band.

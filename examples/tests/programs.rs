@@ -195,7 +195,8 @@ fn density_maps_come_back_as_surfaces() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("density");
     let input = fixture("1AJJ.pdb");
-    let report = report_of("01_density", &[&input, "--spacing", "1"], &out);
+    let arguments = [&input, "--spacing", "1", "--dx", "--k-a"];
+    let report = report_of("01_density", &arguments, &out);
     let shares: Vec<f64> = report["k_a"]
         .as_array()
         .unwrap()
@@ -211,6 +212,18 @@ fn density_maps_come_back_as_surfaces() {
     );
     assert!(report["pairs"]["evaluated"].as_u64().unwrap() > 0);
     assert_png(out.join("slices.png"));
+    // Neither is made unless it is asked for, nor are pictures.
+    let bare = folder.path().join("bare");
+    let report = report_of(
+        "01_density",
+        &[&input, "--spacing", "1", "--no-pictures"],
+        &bare,
+    );
+    assert_eq!(
+        report["outputs"],
+        serde_json::json!(["density.mrc", "report.json"])
+    );
+    assert!(report["k_a"].is_null());
 
     let from_atoms = folder.path().join("surface");
     let direct = report_of("02_surface", &[&input, "--spacing", "1"], &from_atoms);
