@@ -93,11 +93,36 @@ fn check_block(
     Ok(compared)
 }
 
+/// The same model elsewhere.
+fn moved(model: &Model, by: geom_core::Vector3) -> Model {
+    let level = |l: &gauss_density::Level| {
+        let mut starts: Vec<u32> = (0..l.len()).map(|v| l.children(v).start as u32).collect();
+        starts.push(l.children(l.len() - 1).end as u32);
+        (starts, l.powers().to_vec())
+    };
+    Model::new(
+        model.centers().iter().map(|x| x + by).collect(),
+        model.radii().to_vec(),
+        model.decays().to_vec(),
+        model.levels().iter().map(level).collect(),
+    )
+    .unwrap()
+}
+
 fn follows_the_plain_density(backend: &dyn DensityBackend, cases: u32) {
+    follows_the_plain_density_at(backend, geom_core::Vector3::zeros(), cases);
+}
+
+fn follows_the_plain_density_at(
+    backend: &dyn DensityBackend,
+    place: geom_core::Vector3,
+    cases: u32,
+) {
     let strategy = (models(), 0.2..1.5f64, -5.0..-1.0f64, any::<bool>());
     let compared = std::cell::Cell::new(0);
     let config = config(cases);
     proptest!(config, |((model, spacing, ln_eps, band) in strategy)| {
+        let model = moved(&model, place);
         let (lattice, block) = block_of(&model, spacing);
         let eps = 10f64.powf(ln_eps);
         let (floor, ceiling) = if band { (0.5, 2.0) } else { (1e-3, f64::INFINITY) };
@@ -206,6 +231,21 @@ fn cpu_follows_the_plain_functions() {
 fn wgpu_follows_the_plain_density() {
     let Some(gpu) = gpu_or_skip() else { return };
     follows_the_plain_density(&gpu, 64);
+}
+
+/// Where f32 resolves a thousandth of an Å: a crystal's copies, or a capsid.
+const FAR: [f64; 3] = [10_000.0, -8000.0, 9000.0];
+
+#[test]
+fn cpu_follows_the_plain_density_far_from_the_origin() {
+    follows_the_plain_density_at(&Cpu, FAR.into(), 40);
+}
+
+#[cfg(feature = "wgpu")]
+#[test]
+fn wgpu_follows_the_plain_density_far_from_the_origin() {
+    let Some(gpu) = gpu_or_skip() else { return };
+    follows_the_plain_density_at(&gpu, FAR.into(), 24);
 }
 
 #[cfg(feature = "wgpu")]

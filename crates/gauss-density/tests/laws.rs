@@ -7,6 +7,7 @@ use gauss_density::{
     Cutoff, Elimination, Error, Interior, Levels, LowPass, Model, Options, PointSampler, Refit,
     Shape, Stop, eliminate, low_pass, refit, sample, sample_band,
 };
+use geom_core::grid::Brick;
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Aabb, Cpu, ImplicitField, LatticeValues, Point3, Run, ScalarGrid};
 
@@ -82,6 +83,60 @@ fn the_band_has_the_signs_of_the_dense_grid_and_its_values_at_crossings() {
                     }
                 }
             }
+        }
+    }
+}
+
+/// Against brute force, which has no floor, no band and no culls: a wrong exterior brick would be wrong in dense
+/// sampling too.
+#[test]
+fn the_band_is_that_of_brute_force() {
+    for (pr, pc, kappa) in SETS {
+        for spacing in [0.45, 1.3] {
+            let model = model(pr, pc, kappa);
+            let options = Options {
+                spacing,
+                ..Options::default()
+            };
+            let all = thesis::all_atoms(&model, &options).unwrap().grid;
+            let band = sample_band(&model, &options, Run::on(&Cpu)).unwrap().grid;
+            let lattice = *all.lattice();
+            // What the cut-off may leave out, and the rounding of both.
+            let off = 1e-4 + 2.0 * 2e-4;
+            let near_one = |p| (f64::from(all.at(p)) - 1.0).abs() < off;
+            let mut crossings = 0;
+            for i in 0..lattice.len() {
+                let p = lattice.coordinates(i);
+                let inside = all.at(p) >= 1.0;
+                assert!(
+                    near_one(p) || inside == (band.at(p) >= 1.0),
+                    "sign at {p:?}"
+                );
+                for k in 0..3 {
+                    let mut q = p;
+                    q[k] += 1;
+                    let crosses = q[k] < lattice.counts[k] && (all.at(q) >= 1.0) != inside;
+                    if !crosses || near_one(p) || near_one(q) {
+                        continue;
+                    }
+                    for end in [p, q] {
+                        let (exact, got) = (f64::from(all.at(end)), f64::from(band.at(end)));
+                        let brick = band.brick(end.map(|c| c / 8));
+                        assert!(matches!(brick, Brick::Stored(_)), "no values at {end:?}");
+                        let least = if exact >= 0.5 {
+                            exact * (1.0 - off)
+                        } else {
+                            0.0
+                        };
+                        assert!(
+                            got >= least && got <= exact * (1.0 + off),
+                            "{got} for {exact}"
+                        );
+                    }
+                    crossings += 1;
+                }
+            }
+            assert!(crossings > 300, "{crossings} crossings");
         }
     }
 }

@@ -189,7 +189,7 @@ fn every_search_of_the_thesis_gives_the_same_density_near_the_surface() {
         .structure;
     let model = Model::uniform(&structure, &Levels::default()).unwrap();
     let options = Options {
-        spacing: 2.0,
+        spacing: 1.5,
         ..Options::default()
     };
     let all = thesis::all_atoms(&model, &options).unwrap();

@@ -169,3 +169,60 @@ fn points_of(sampler: &PointSampler<'_>, grid: &BrickGrid, wanted: &Wanted) -> V
         .collect();
     lists.concat()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Levels, Model};
+    use crate::options::{Cutoff, Options};
+    use crate::sample::band::sample_band;
+    use crate::testing::globule;
+    use geom_core::{Cpu, Run};
+
+    #[test]
+    fn every_crossing_of_a_lattice_edge_is_a_sample_on_every_axis() {
+        let model = Model::uniform(&globule(2, 20, 5), &Levels::default()).unwrap();
+        let sampler = PointSampler::above(0.25, &model, Cutoff::default()).unwrap();
+        let options = Options {
+            spacing: 1.0,
+            ..Options::default()
+        };
+        let grid = sample_band(&model, &options, Run::on(&Cpu)).unwrap().grid;
+        let wanted = Wanted {
+            band: [0.9, 1.1],
+            ends: false,
+            interior: None,
+            eps: 1e-5,
+            max_memory: 1 << 30,
+        };
+        let cells = collect(&sampler, &grid, &wanted).unwrap();
+        let lattice = *grid.lattice();
+        // Samples per lattice edge: those that lie on a line of the lattice, between two of its points.
+        let mut on_edges = std::collections::BTreeMap::new();
+        for x in cells.iter().flat_map(|c| &c.points) {
+            let place = (x - lattice.origin) / lattice.spacing;
+            let off = |k: usize| (place[k] - place[k].round()).abs() > 1e-9;
+            let axes: Vec<usize> = (0..3).filter(|&k| off(k)).collect();
+            assert!(axes.len() < 2, "{x} is neither a lattice point nor on an edge");
+            if let [axis] = axes[..] {
+                let mut p = [0, 1, 2].map(|k| place[k].round() as usize);
+                p[axis] = place[axis].floor() as usize;
+                *on_edges.entry((axis, p)).or_insert(0) += 1;
+            }
+        }
+        let mut crossings = [0; 3];
+        for i in 0..lattice.len() {
+            let p = lattice.coordinates(i);
+            for axis in 0..3 {
+                let mut q = p;
+                q[axis] += 1;
+                if q[axis] < lattice.counts[axis] && (grid.at(p) >= 1.0) != (grid.at(q) >= 1.0) {
+                    assert_eq!(on_edges.get(&(axis, p)), Some(&1), "axis {axis} at {p:?}");
+                    crossings[axis] += 1;
+                }
+            }
+        }
+        assert_eq!(crossings.iter().sum::<usize>(), on_edges.len());
+        assert!(crossings.iter().all(|&n| n > 200), "{crossings:?}");
+    }
+}
