@@ -13,7 +13,7 @@ mod scene;
 mod slice;
 
 pub use canvas::{Image, sheet};
-pub use color::{ColorMap, Rgb, Scale, mix, region_color};
+pub use color::{ColorMap, Rgb, Scale, mix, region_color, segment_color};
 pub use plot::{Bars, Curve, histogram, lines};
 pub use scene::{Layer, Paint, Scene, View, cut_tets};
 pub use slice::slice;

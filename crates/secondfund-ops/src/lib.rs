@@ -1,0 +1,34 @@
+#![doc = include_str!("../README.md")]
+//!
+//! # The map, in the order of the data
+//!
+//! - [`catmull`]: quads to their limit surface: subdivision, limit positions, patches.
+//! - [`forms`]: the fundamental forms at a point, weights, and what an operator makes of them.
+//! - [`operators`]: matrices and modes, on limit surfaces and on triangles.
+//! - [`segment`](mod@segment): modes to segments, and how far two segmentations differ.
+//! - [`flow`]: smoothing that keeps creases.
+//!
+//! Beside them [`backend`] (the kernels, and what another backend owes), [`options`] and [`Error`].
+
+pub use geom_core;
+
+pub mod backend;
+pub mod catmull;
+mod cpu;
+mod error;
+pub mod flow;
+pub mod forms;
+pub mod operators;
+pub mod options;
+pub mod pockets;
+mod random;
+pub mod segment;
+
+pub use backend::OperatorBackend;
+pub use catmull::Surface;
+pub use error::Error;
+pub use flow::{smooth, smooth_quads};
+pub use forms::{Normals, Operator, Weight};
+pub use operators::{Element, Spectrum, spectrum};
+pub use options::{Groups, Modes, FlowOptions, PocketOptions, SegmentOptions, SpectrumOptions};
+pub use segment::{Faces, Segments, segment};

@@ -1,0 +1,331 @@
+//! What is asked for.
+
+use crate::Error;
+use crate::forms::Operator;
+
+/// Options of [`spectrum`](crate::spectrum) and [`assemble`](crate::operators::assemble()).
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct SpectrumOptions {
+    /// The operator.
+    pub operator: Operator,
+    /// Modes, the constants not counted.
+    pub modes: usize,
+    /// ε: curvatures below it count as flat, in unit scale. Results depend little on it from 0.1 to 2.
+    /// 0 is allowed where no principal curvature vanishes.
+    pub regularization: f64,
+    /// Smallest and largest Ψ.
+    pub bounds: [f64; 2],
+    /// How a quad of a Catmull–Clark surface is integrated.
+    pub quadrature: Quadrature,
+    /// Largest relative residual of an eigenpair.
+    pub tolerance: f64,
+    /// Count the eigenvalues by the inertia of a factor, so that no copy of a multiple one is lost.
+    pub verify: bool,
+}
+
+impl Default for SpectrumOptions {
+    fn default() -> Self {
+        Self {
+            operator: Operator::default(),
+            modes: 10,
+            regularization: 0.5,
+            bounds: [0.5, 10.0],
+            quadrature: Quadrature::default(),
+            tolerance: 1e-8,
+            verify: false,
+        }
+    }
+}
+
+/// Quadrature over a quad of a Catmull–Clark surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Quadrature {
+    /// Gauss points per direction, 2…8.
+    pub points: usize,
+    /// Levels towards an extraordinary vertex, 1…12; the last corner of side 2^−depth is left out.
+    pub depth: usize,
+}
+
+impl Default for Quadrature {
+    fn default() -> Self {
+        Self {
+            points: 4,
+            depth: 6,
+        }
+    }
+}
+
+impl SpectrumOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), Error> {
+        if !(self.regularization >= 0.0 && self.regularization.is_finite()) {
+            let must = "at least 0 and finite";
+            return Err(Error::option("regularization", self.regularization, must));
+        }
+        let [low, high] = self.bounds;
+        if !(low > 0.0 && low <= high && high.is_finite()) {
+            let value = format!("{low}…{high}");
+            return Err(Error::option("bounds", value, "positive and in order"));
+        }
+        if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
+            return Err(Error::option("tolerance", self.tolerance, "within 0…1"));
+        }
+        self.quadrature.check()
+    }
+}
+
+impl Quadrature {
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        if !(2..=8).contains(&self.points) {
+            return Err(Error::option("quadrature.points", self.points, "within 2…8"));
+        }
+        if !(1..=12).contains(&self.depth) {
+            return Err(Error::option("quadrature.depth", self.depth, "within 1…12"));
+        }
+        Ok(())
+    }
+}
+
+/// How many modes the rows take.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Modes {
+    /// As many as groups, at least 3 and at most 15; 8 where the number of groups is sought.
+    #[default]
+    Auto,
+    /// This many.
+    Count(usize),
+    /// Up to the largest ratio of an eigenvalue to the one before, among the first 15.
+    EigenGap,
+}
+
+/// How many groups there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Groups {
+    /// This many. Segments may be more: groups fall into connected patches.
+    Count(usize),
+    /// The number from 2 to `most` with the smallest index of Davies and Bouldin.
+    DaviesBouldin {
+        /// Largest number.
+        most: usize,
+    },
+}
+
+impl Default for Groups {
+    fn default() -> Self {
+        Self::DaviesBouldin { most: 12 }
+    }
+}
+
+/// Options of [`segment`](crate::segment()).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct SegmentOptions {
+    /// Modes in the rows.
+    pub modes: Modes,
+    /// Groups of rows.
+    pub groups: Groups,
+    /// Vertices that are grouped, drawn by area; the others follow the nearest medoid. At most 8,000.
+    pub sample: usize,
+    /// Starts of the search; the best is taken.
+    pub restarts: usize,
+    /// Smooth the borders of the segments where no crease holds them.
+    pub smooth: bool,
+    /// Seed of the sample and the starts.
+    pub seed: u64,
+}
+
+impl Default for SegmentOptions {
+    fn default() -> Self {
+        Self {
+            modes: Modes::default(),
+            groups: Groups::default(),
+            sample: 2000,
+            restarts: 3,
+            smooth: true,
+            seed: 1,
+        }
+    }
+}
+
+/// Most vertices in the sample: their distances take 4 bytes per pair.
+const MOST_SAMPLE: usize = 8000;
+/// Modes where the number of groups is sought.
+const SEARCH_MODES: usize = 8;
+
+impl SegmentOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), Error> {
+        let groups = match self.groups {
+            Groups::Count(count) => count,
+            Groups::DaviesBouldin { most } => most,
+        };
+        if groups < 2 || groups > self.sample {
+            return Err(Error::option("groups", groups, "at least 2 and at most the sample"));
+        }
+        if self.sample > MOST_SAMPLE {
+            let must = "at most 8000: distances of all pairs are kept, and more change nothing";
+            return Err(Error::option("sample", self.sample, must));
+        }
+        if self.modes == Modes::Count(0) {
+            return Err(Error::option("modes", 0, "at least 1"));
+        }
+        if self.restarts == 0 {
+            return Err(Error::option("restarts", 0, "at least 1"));
+        }
+        Ok(())
+    }
+
+    /// The modes that [`segment`](crate::segment()) takes at most, so that the spectrum has enough.
+    pub fn modes_needed(&self) -> usize {
+        match (self.modes, self.groups) {
+            (Modes::Count(count), _) => count,
+            (Modes::EigenGap, _) => MOST_MODES + 1,
+            (Modes::Auto, Groups::Count(count)) => count.clamp(3, MOST_MODES),
+            (Modes::Auto, _) => SEARCH_MODES,
+        }
+    }
+}
+
+/// Most modes of [`Modes::Auto`] and [`Modes::EigenGap`].
+pub(crate) const MOST_MODES: usize = 15;
+
+/// Which operator moves the surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum FlowOperator {
+    /// Laplace–Beltrami: mean curvature flow.
+    Lbo,
+    /// The generalized Giaquinta–Hildebrandt operator (Eq. 7.26): flat parts and straight creases stay.
+    #[default]
+    Ggho,
+}
+
+/// Options of [`smooth`](crate::smooth) and [`smooth_quads`](crate::smooth_quads).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct FlowOptions {
+    /// The operator.
+    pub operator: FlowOperator,
+    /// Steps.
+    pub iterations: usize,
+    /// In a step 95 % of the vertices move less than this share of a mean edge.
+    pub step: f64,
+    /// δ of `H K / √(K² + δ²)`, in unit scale.
+    pub delta: f64,
+    /// The share β of the backward part, which sharpens and amplifies noise: 0 for a well-posed flow, 1 for
+    /// Eq. 7.26 as it stands.
+    pub sharpen: f64,
+    /// λ: the share of the way to the mean of its neighbours, weighted along the curvature lines (Eqs.
+    /// 7.24–7.25), that a vertex goes in its tangent plane per step.
+    pub tangential: f64,
+    /// Keep the enclosed volume, of a closed surface.
+    pub keep_volume: bool,
+    /// Keep the vertices of boundaries where they are.
+    pub keep_rims: bool,
+    /// How quads are integrated.
+    pub quadrature: Quadrature,
+}
+
+impl Default for FlowOptions {
+    fn default() -> Self {
+        Self {
+            operator: FlowOperator::default(),
+            iterations: 10,
+            step: 0.02,
+            delta: 0.1,
+            sharpen: 0.5,
+            tangential: 0.05,
+            keep_volume: false,
+            keep_rims: true,
+            quadrature: Quadrature {
+                points: 3,
+                depth: 4,
+            },
+        }
+    }
+}
+
+impl FlowOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), Error> {
+        let within = |option, value: f64, low: f64, high: f64, must| {
+            if (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                Err(Error::option(option, value, must))
+            }
+        };
+        within("step", self.step, 1e-6, 0.25, "within 1e-6…0.25 mean edges")?;
+        within("delta", self.delta, 1e-9, 1e9, "within 1e-9…1e9")?;
+        within("sharpen", self.sharpen, 0.0, 1.0, "within 0…1")?;
+        within("tangential", self.tangential, 0.0, 1.0, "within 0…1")?;
+        self.quadrature.check()
+    }
+}
+
+/// Options of [`pockets::find`](crate::pockets::find).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PocketOptions {
+    /// Atoms within this distance of a point count as its burial, Å.
+    pub radius: f64,
+    /// Spacing of the points, Å.
+    pub spacing: f64,
+    /// Smallest and largest distance of a point from the nearest atom's surface, Å.
+    pub shell: [f64; 2],
+    /// The share of the points that are not deep enough.
+    pub percentile: f64,
+    /// Take that percentile of each chain's own points.
+    pub per_chain: bool,
+    /// Points at most this far apart belong together, Å.
+    pub link: f64,
+    /// Fewer points are no pocket.
+    pub least_points: usize,
+    /// Most pockets.
+    pub most: usize,
+}
+
+impl Default for PocketOptions {
+    fn default() -> Self {
+        Self {
+            radius: 10.0,
+            spacing: 1.2,
+            shell: [1.6, 2.8],
+            percentile: 0.95,
+            per_chain: true,
+            link: 1.8,
+            least_points: 4,
+            most: 20,
+        }
+    }
+}
+
+impl PocketOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), Error> {
+        let within = |option, value: f64, low: f64, high: f64, must| {
+            if (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                Err(Error::option(option, value, must))
+            }
+        };
+        within("radius", self.radius, 4.0, 30.0, "within 4…30 Å")?;
+        within("spacing", self.spacing, 0.3, 3.0, "within 0.3…3 Å")?;
+        within("percentile", self.percentile, 0.0, 0.999, "within 0…0.999")?;
+        within("link", self.link, self.spacing, 6.0, "within the spacing…6 Å")?;
+        let [near, far] = self.shell;
+        if !(near >= 0.0 && near < far && far <= 10.0) {
+            let value = format!("{near}…{far}");
+            return Err(Error::option("shell", value, "in order and within 0…10 Å"));
+        }
+        if self.most == 0 {
+            return Err(Error::option("most", 0, "at least 1"));
+        }
+        Ok(())
+    }
+}
