@@ -2,10 +2,9 @@
 
 pub use nalgebra;
 
-pub mod backend;
 pub mod bounds;
 pub mod bvh;
-pub mod coloring;
+pub mod compute;
 pub mod curvature;
 pub mod distance;
 pub mod field;
@@ -13,21 +12,16 @@ pub mod graph;
 pub mod grid;
 pub mod id;
 pub mod isoline;
-pub mod lanes;
 pub mod laplace;
 pub mod lattice;
 pub mod linalg;
 pub mod mesh;
 pub mod nearest;
-pub mod parallel;
+pub mod options;
 pub mod repair;
-pub mod run;
-pub mod sets;
 pub mod spectral;
 pub mod structure;
 
-#[cfg(feature = "wgpu")]
-pub mod gpu;
 #[cfg(feature = "io")]
 pub mod io;
 #[cfg(feature = "testing")]
@@ -36,16 +30,21 @@ pub mod testing;
 #[cfg(feature = "wgpu")]
 pub use geom_shaders as shaders;
 
-pub use backend::{Agreement, Backend, Break, Cpu};
-pub use bounds::Aabb;
-pub use field::ImplicitField;
+// temporary: the old paths, until all users have the new ones
 #[cfg(feature = "wgpu")]
-pub use gpu::{GpuContext, GpuError, Wgpu};
+pub use compute::gpu;
+pub use compute::{backend, coloring, lanes, parallel, run, sets};
+
+pub use bounds::Aabb;
+pub use compute::backend::{Agreement, Backend, Break, Cpu};
+#[cfg(feature = "wgpu")]
+pub use compute::gpu::{GpuContext, GpuError, Wgpu};
+pub use compute::run::{Cancelled, Monitor, Run, Silent};
+pub use field::ImplicitField;
 pub use grid::{BrickGrid, GridError, LatticeValues, ScalarGrid};
 pub use id::{AtomId, CellId, FaceId, HalfedgeId, Per, VertexId};
 pub use lattice::Lattice;
 pub use mesh::{MeshError, QuadMesh, TetMesh, TriMesh};
-pub use run::{Cancelled, Monitor, Run, Silent};
 pub use structure::Structure;
 
 /// A position in Å.

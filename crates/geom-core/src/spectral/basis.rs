@@ -6,6 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::parts;
+use crate::compute::random::{SplitMix64, symmetric};
 use crate::laplace::Mass;
 use crate::linalg::dense::{self, Tall};
 
@@ -130,9 +131,9 @@ impl<'a> Basis<'a> {
         b: usize,
         near: (usize, usize),
         taken: &mut Taken,
-        seed: &mut u64,
+        random: &mut SplitMix64,
     ) {
-        crate::parallel::inside(|| self.orthonormalize_here(w, b, near, taken, seed));
+        crate::parallel::inside(|| self.orthonormalize_here(w, b, near, taken, random));
     }
 
     fn orthonormalize_here(
@@ -141,7 +142,7 @@ impl<'a> Basis<'a> {
         b: usize,
         (locked, mut near): (usize, usize),
         taken: &mut Taken,
-        seed: &mut u64,
+        random: &mut SplitMix64,
     ) {
         for _ in 0..6 {
             let against = self.columns.among(locked, near);
@@ -162,7 +163,7 @@ impl<'a> Basis<'a> {
             }
             taken.r = dense::product(&[Tall::of(&factor, b)], &taken.r, b);
             for &j in &dead {
-                let fresh = random_block(w.len() / b, 1, seed);
+                let fresh = random_block(w.len() / b, 1, random);
                 for (row, x) in w.chunks_mut(b).zip(fresh) {
                     row[j] = x;
                 }
@@ -192,19 +193,13 @@ impl<'a> Basis<'a> {
     }
 }
 
-/// Numbers in −1…1, one per row and column, from a counter: the same on every machine.
-pub(super) fn random_block(rows: usize, columns: usize, seed: &mut u64) -> Vec<f64> {
-    *seed = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let base = *seed;
+/// Numbers in −1…1, one per row and column, each from its place alone.
+pub(super) fn random_block(rows: usize, columns: usize, random: &mut SplitMix64) -> Vec<f64> {
+    // The next block starts one number on: its numbers are those of this one but for the first.
+    *random = random.skip(1);
+    let random = random.clone();
     (0..(rows * columns) as u64)
         .into_par_iter()
-        .map(|i| {
-            // SplitMix64.
-            let mut z = base.wrapping_add((i + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            z ^= z >> 31;
-            (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        })
+        .map(|i| symmetric(random.nth(i)))
         .collect()
 }

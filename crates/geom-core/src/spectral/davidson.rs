@@ -7,6 +7,7 @@ use super::basis::{Basis, Columns, Taken, random_block};
 use super::multigrid::Multigrid;
 use super::{Error, Options, Pair, Pencil, Report, SpectralBackend, not_finite, rayleigh_ritz};
 use crate::Run;
+use crate::compute::random::SplitMix64;
 use crate::linalg::dense::{self, Tall};
 
 /// Blocks of room beyond those that a restart keeps.
@@ -34,7 +35,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
     let mut images = Columns::new();
     // Vᵀ K V, row after row of the columns at hand.
     let mut h: Vec<f64> = Vec::new();
-    let mut seed = options.seed;
+    let mut random = SplitMix64::new(options.seed);
 
     // A known null vector is not searched for: it stays the first column.
     let locked = usize::from(pencil.constants_vanish());
@@ -43,7 +44,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         images.push(vec![0.0; n], 1);
         h.push(0.0);
     }
-    let mut block = pencil.mass_times(&random_block(n, b, &mut seed), b);
+    let mut block = pencil.mass_times(&random_block(n, b, &mut random), b);
     let mut before: Option<(Vec<f64>, usize)> = None;
     let mut restarts = 0;
     loop {
@@ -57,7 +58,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         drop(narrow);
         report.solves += b;
         let mut taken = Taken::nothing(basis.columns.count(), b);
-        basis.orthonormalize(&mut w, b, (0, 0), &mut taken, &mut seed);
+        basis.orthonormalize(&mut w, b, (0, 0), &mut taken, &mut random);
         let image = pencil.stiffness.multiply(&w, b);
         basis.columns.push(w, b);
         h = bordered(
@@ -105,7 +106,7 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         block = if targets.len() == b {
             residuals
         } else {
-            random_block(n, b, &mut seed)
+            random_block(n, b, &mut random)
         };
         if m + b > room {
             restarts += 1;

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::basis::{Basis, Taken, random_block};
 use super::{Error, Options, Pair, Pencil, Report, SpectralBackend, not_finite, rayleigh_ritz};
 use crate::Run;
+use crate::compute::random::SplitMix64;
 use crate::laplace::Mass;
 use crate::linalg::dense::{self, Tall};
 use crate::linalg::{Cholesky, Symbolic};
@@ -99,14 +100,14 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         basis.columns.push(inverse.adopt(pencil.constant()), 1);
         h.set(0, 0, -1.0 / shift);
     }
-    let mut seed = options.seed;
+    let mut random = SplitMix64::new(options.seed);
     let step = |q: &[f64], basis: &Basis<'_>, report: &mut Report| {
         report.solves += block;
         inverse.apply(basis.image(q, block), block)
     };
-    let mut next = step(&random_block(n, block, &mut seed), &basis, report)?;
+    let mut next = step(&random_block(n, block, &mut random), &basis, report)?;
     let mut taken = Taken::nothing(locked, block);
-    basis.orthonormalize(&mut next, block, (0, 0), &mut taken, &mut seed);
+    basis.orthonormalize(&mut next, block, (0, 0), &mut taken, &mut random);
     let mut drift = Drift::default();
     let mut restarts = 0;
     let mut kept = 0;
@@ -125,11 +126,11 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
             at.saturating_sub(block).max(kept)
         };
         let mut taken = Taken::nothing(at + block, block);
-        basis.orthonormalize(&mut image, block, (locked, near), &mut taken, &mut seed);
+        basis.orthonormalize(&mut image, block, (locked, near), &mut taken, &mut random);
         h.add_block(at, block, &taken.c);
         if drift.step(&h, at, block, (locked, near), &taken.r) {
             let mut rest = Taken::nothing(at + block, block);
-            basis.orthonormalize(&mut image, block, (0, 0), &mut rest, &mut seed);
+            basis.orthonormalize(&mut image, block, (0, 0), &mut rest, &mut random);
             taken.r = dense::product(&[Tall::of(&rest.r, block)], &taken.r, block);
         }
         let coupling = taken.r;

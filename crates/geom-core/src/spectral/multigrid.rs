@@ -8,6 +8,7 @@
 use rayon::prelude::*;
 
 use super::{Error, Operator};
+use crate::compute::random::SplitMix64;
 use crate::graph::Real;
 use crate::linalg::{SparseMatrix, dense};
 
@@ -359,8 +360,8 @@ fn spectral_radius(operator: Operator<'_>, diagonal: &[f64]) -> f64 {
         operator.row(i).map(|(_, a)| a.abs()).sum::<f64>() / diagonal[i]
     })
     .map_or(1.0, |b| b.1);
-    let mut seed = 1;
-    let mut x = super::basis::random_block(n, 1, &mut seed);
+    let mut random = SplitMix64::new(1);
+    let mut x = super::basis::random_block(n, 1, &mut random);
     let mut radius = 0.0;
     for _ in 0..12 {
         let norm = crate::parallel::sum(n, |i| diagonal[i] * x[i] * x[i]).sqrt();

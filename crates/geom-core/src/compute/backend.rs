@@ -1,7 +1,11 @@
-//! Where kernels run, and how closely two backends must agree.
+//! Where kernels run, how closely two backends must agree, and how one fails.
+
+use std::error::Error;
+use std::fmt;
+use std::sync::Arc;
 
 /// A place where kernels run. Each algorithm crate has a trait of its own above this one that names
-/// its hot kernels; [`Cpu`] and [`Wgpu`](crate::Wgpu) implement them all.
+/// its hot kernels; [`Cpu`] and `Wgpu` (feature `wgpu`) implement them all, and a caller's own type may.
 pub trait Backend: Send + Sync {
     /// A name for reports, e.g. `cpu` or `wgpu (llvmpipe)`.
     fn name(&self) -> String;
@@ -14,6 +18,55 @@ pub struct Cpu;
 impl Backend for Cpu {
     fn name(&self) -> String {
         "cpu".to_owned()
+    }
+}
+
+/// Whatever a backend failed of: the one form in which the errors of the algorithms carry it, so that a backend
+/// from outside has an error to return.
+///
+/// ```
+/// use geom_core::compute::BackendError;
+/// let error = BackendError::new(std::io::Error::other("the device is gone"));
+/// assert_eq!(error.to_string(), "the device is gone");
+/// assert!(error.downcast_ref::<std::io::Error>().is_some());
+/// ```
+#[derive(Clone)]
+pub struct BackendError(Arc<dyn Error + Send + Sync>);
+
+impl BackendError {
+    /// Wraps the backend's own error, or a message.
+    pub fn new(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
+        Self(error.into().into())
+    }
+
+    /// The backend's own error, if it is of this type.
+    pub fn downcast_ref<E: Error + 'static>(&self) -> Option<&E> {
+        self.0.downcast_ref()
+    }
+}
+
+impl fmt::Debug for BackendError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(&self.0, f)
+    }
+}
+
+impl fmt::Display for BackendError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(&self.0, f)
+    }
+}
+
+impl Error for BackendError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        self.0.source()
+    }
+}
+
+/// Errors are equal if they say the same.
+impl PartialEq for BackendError {
+    fn eq(&self, other: &Self) -> bool {
+        self.to_string() == other.to_string()
     }
 }
 
@@ -103,6 +156,24 @@ impl Agreement {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn errors_of_backends_keep_what_they_were() {
+        let error = BackendError::new(crate::Cancelled);
+        assert_eq!(error, BackendError::new("cancelled by the caller"));
+        assert_eq!(error.downcast_ref(), Some(&crate::Cancelled));
+        assert!(error != BackendError::new("something else"));
+        let outer = BackendError::new(Outer { source: error });
+        assert_eq!(outer.to_string(), "outer");
+        let source = outer.source().expect("its cause");
+        assert_eq!(source.to_string(), "cancelled by the caller");
+    }
+
+    #[derive(Debug, thiserror::Error)]
+    #[error("outer")]
+    struct Outer {
+        source: BackendError,
+    }
 
     #[test]
     fn a_comparison_can_fail() {

@@ -1,12 +1,52 @@
 //! Numbers on the processor's vectors: arithmetic that gives each lane what it would have alone, so that
 //! results do not depend on how wide the vectors are. There are no fused operations and no sums over lanes.
 //!
-//! A kernel is a [`WithSimd`], generic in the instruction set; [`Arch::dispatch`] runs it on the widest at
-//! hand. All that it calls must be `#[inline(always)]`, since only what is inlined is compiled for that set.
+//! There is one way in: [`vectorized`]. Loops that the compiler turns into vector instructions by itself are
+//! given to it as a closure, chains that it does not see through as a [`WithSimd`] that names its [`Lanes`]. All
+//! that either calls must be `#[inline(always)]`, the closure too, since only what is inlined is compiled for the
+//! instruction set.
 
 use std::ops::{Add, Div, Mul, Sub};
 
 pub use pulp::{Arch, NullaryFnOnce, Scalar, Simd, WithSimd};
+
+/// Does work with the widest vector instructions of this machine.
+///
+/// ```
+/// use geom_core::compute::lanes::{Lanes, Simd, WithSimd, vectorized};
+/// let x = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+///
+/// // A plain loop.
+/// let mut squares = [0.0; 8];
+/// vectorized(
+///     #[inline(always)]
+///     || {
+///         for (square, x) in squares.iter_mut().zip(x) {
+///             *square = x * x;
+///         }
+///     },
+/// );
+///
+/// // The same with the vectors named.
+/// struct Squares<'a>(&'a [f64; 8]);
+/// impl WithSimd for Squares<'_> {
+///     type Output = [f64; 8];
+///     #[inline(always)]
+///     fn with_simd<S: Simd>(self, simd: S) -> [f64; 8] {
+///         let mut out = [0.0; 8];
+///         for first in (0..8).step_by(S::F64_LANES) {
+///             let x = Lanes::of(simd, &self.0[first..]);
+///             S::as_mut_simd_f64s(&mut out[first..]).0[0] = (x * x).1;
+///         }
+///         out
+///     }
+/// }
+/// assert_eq!(vectorized(Squares(&x)), squares);
+/// ```
+#[inline]
+pub fn vectorized<W: WithSimd>(work: W) -> W::Output {
+    Arch::new().dispatch(work)
+}
 
 /// A number per lane: as many as a vector holds.
 #[derive(Clone, Copy)]

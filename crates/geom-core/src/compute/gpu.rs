@@ -10,6 +10,7 @@ use geom_shaders::Shader;
 use wgpu::util::DeviceExt;
 
 use crate::Backend;
+use crate::compute::BackendError;
 
 pub use wgpu;
 
@@ -65,6 +66,12 @@ pub enum GpuError {
         /// What the driver says.
         reason: String,
     },
+}
+
+impl From<GpuError> for BackendError {
+    fn from(error: GpuError) -> Self {
+        Self::new(error)
+    }
 }
 
 /// A device, its queue, its limits and the pipelines compiled so far.
