@@ -1,19 +1,14 @@
+use geom_core::compute::BackendError;
+use geom_core::options::OutOfRange;
 use geom_core::{Cancelled, MeshError, laplace, linalg, nearest, spectral};
 
 /// Why there is no result.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// An option is out of its range.
-    #[error("option {option} is {value}, it must be {must}")]
-    Option {
-        /// Name of the option.
-        option: &'static str,
-        /// Its value.
-        value: String,
-        /// What is allowed.
-        must: &'static str,
-    },
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
     /// The surface has no extent: no vertices, or all in one place.
     #[error("the surface has no extent, so it has no scale; is it empty?")]
     NoExtent,
@@ -116,23 +111,12 @@ pub enum Error {
     Cancelled(#[from] Cancelled),
     /// The backend failed.
     #[error(transparent)]
-    Backend(Box<dyn std::error::Error + Send + Sync>),
-}
-
-impl Error {
-    pub(crate) fn option(option: &'static str, value: impl ToString, must: &'static str) -> Self {
-        let value = value.to_string();
-        Self::Option {
-            option,
-            value,
-            must,
-        }
-    }
+    Backend(#[from] BackendError),
 }
 
 #[cfg(feature = "wgpu")]
 impl From<geom_core::GpuError> for Error {
     fn from(error: geom_core::GpuError) -> Self {
-        Self::Backend(Box::new(error))
+        Self::Backend(BackendError::new(error))
     }
 }

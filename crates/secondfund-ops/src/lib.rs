@@ -21,7 +21,6 @@ pub mod forms;
 pub mod operators;
 pub mod options;
 pub mod pockets;
-mod random;
 pub mod segment;
 
 pub use backend::OperatorBackend;

@@ -1,6 +1,7 @@
 //! What is asked for.
 
-use crate::Error;
+use geom_core::options::{OutOfRange, require};
+
 use crate::forms::Operator;
 
 /// Options of [`spectrum`](crate::spectrum) and [`assemble`](crate::operators::assemble()).
@@ -59,32 +60,27 @@ impl Default for Quadrature {
 
 impl SpectrumOptions {
     /// Refuses values out of range.
-    pub fn check(&self) -> Result<(), Error> {
-        if !(self.regularization >= 0.0 && self.regularization.is_finite()) {
-            let must = "at least 0 and finite";
-            return Err(Error::option("regularization", self.regularization, must));
-        }
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let epsilon = self.regularization;
+        let finite = epsilon >= 0.0 && epsilon.is_finite();
+        require(finite, "regularization", epsilon, "be at least 0 and finite")?;
         let [low, high] = self.bounds;
-        if !(low > 0.0 && low <= high && high.is_finite()) {
-            let value = format!("{low}…{high}");
-            return Err(Error::option("bounds", value, "positive and in order"));
-        }
-        if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
-            return Err(Error::option("tolerance", self.tolerance, "within 0…1"));
-        }
+        let in_order = low > 0.0 && low <= high && high.is_finite();
+        let value = format!("{low}…{high}");
+        require(in_order, "bounds", value, "be positive and in order")?;
+        let tolerance = self.tolerance;
+        let within = tolerance > 0.0 && tolerance < 1.0;
+        require(within, "tolerance", tolerance, "lie between 0 and 1")?;
         self.quadrature.check()
     }
 }
 
 impl Quadrature {
-    pub(crate) fn check(&self) -> Result<(), Error> {
-        if !(2..=8).contains(&self.points) {
-            return Err(Error::option("quadrature.points", self.points, "within 2…8"));
-        }
-        if !(1..=12).contains(&self.depth) {
-            return Err(Error::option("quadrature.depth", self.depth, "within 1…12"));
-        }
-        Ok(())
+    pub(crate) fn check(&self) -> Result<(), OutOfRange> {
+        let points = self.points;
+        require((2..=8).contains(&points), "quadrature.points", points, "lie within 2…8")?;
+        let depth = self.depth;
+        require((1..=12).contains(&depth), "quadrature.depth", depth, "lie within 1…12")
     }
 }
 
@@ -158,25 +154,17 @@ const SEARCH_MODES: usize = 8;
 
 impl SegmentOptions {
     /// Refuses values out of range.
-    pub fn check(&self) -> Result<(), Error> {
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let groups = match self.groups {
             Groups::Count(count) => count,
             Groups::DaviesBouldin { most } => most,
         };
-        if groups < 2 || groups > self.sample {
-            return Err(Error::option("groups", groups, "at least 2 and at most the sample"));
-        }
-        if self.sample > MOST_SAMPLE {
-            let must = "at most 8000: distances of all pairs are kept, and more change nothing";
-            return Err(Error::option("sample", self.sample, must));
-        }
-        if self.modes == Modes::Count(0) {
-            return Err(Error::option("modes", 0, "at least 1"));
-        }
-        if self.restarts == 0 {
-            return Err(Error::option("restarts", 0, "at least 1"));
-        }
-        Ok(())
+        let within = (2..=self.sample).contains(&groups);
+        require(within, "groups", groups, "be at least 2 and at most the sample")?;
+        let must = "be at most 8000: distances of all pairs are kept, and more change nothing";
+        require(self.sample <= MOST_SAMPLE, "sample", self.sample, must)?;
+        require(self.modes != Modes::Count(0), "modes", 0, "be at least 1")?;
+        require(self.restarts > 0, "restarts", 0, "be at least 1")
     }
 
     /// The modes that [`segment`](crate::segment()) takes at most, so that the spectrum has enough.
@@ -251,18 +239,14 @@ impl Default for FlowOptions {
 
 impl FlowOptions {
     /// Refuses values out of range.
-    pub fn check(&self) -> Result<(), Error> {
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let within = |option, value: f64, low: f64, high: f64, must| {
-            if (low..=high).contains(&value) {
-                Ok(())
-            } else {
-                Err(Error::option(option, value, must))
-            }
+            require((low..=high).contains(&value), option, value, must)
         };
-        within("step", self.step, 1e-6, 0.25, "within 1e-6…0.25 mean edges")?;
-        within("delta", self.delta, 1e-9, 1e9, "within 1e-9…1e9")?;
-        within("sharpen", self.sharpen, 0.0, 1.0, "within 0…1")?;
-        within("tangential", self.tangential, 0.0, 1.0, "within 0…1")?;
+        within("step", self.step, 1e-6, 0.25, "lie within 1e-6…0.25 mean edges")?;
+        within("delta", self.delta, 1e-9, 1e9, "lie within 1e-9…1e9")?;
+        within("sharpen", self.sharpen, 0.0, 1.0, "lie within 0…1")?;
+        within("tangential", self.tangential, 0.0, 1.0, "lie within 0…1")?;
         self.quadrature.check()
     }
 }
@@ -306,26 +290,49 @@ impl Default for PocketOptions {
 
 impl PocketOptions {
     /// Refuses values out of range.
-    pub fn check(&self) -> Result<(), Error> {
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let within = |option, value: f64, low: f64, high: f64, must| {
-            if (low..=high).contains(&value) {
-                Ok(())
-            } else {
-                Err(Error::option(option, value, must))
-            }
+            require((low..=high).contains(&value), option, value, must)
         };
-        within("radius", self.radius, 4.0, 30.0, "within 4…30 Å")?;
-        within("spacing", self.spacing, 0.3, 3.0, "within 0.3…3 Å")?;
-        within("percentile", self.percentile, 0.0, 0.999, "within 0…0.999")?;
-        within("link", self.link, self.spacing, 6.0, "within the spacing…6 Å")?;
+        within("radius", self.radius, 4.0, 30.0, "lie within 4…30 Å")?;
+        within("spacing", self.spacing, 0.3, 3.0, "lie within 0.3…3 Å")?;
+        within("percentile", self.percentile, 0.0, 0.999, "lie within 0…0.999")?;
+        within("link", self.link, self.spacing, 6.0, "lie within the spacing…6 Å")?;
         let [near, far] = self.shell;
-        if !(near >= 0.0 && near < far && far <= 10.0) {
-            let value = format!("{near}…{far}");
-            return Err(Error::option("shell", value, "in order and within 0…10 Å"));
+        let in_order = near >= 0.0 && near < far && far <= 10.0;
+        let value = format!("{near}…{far}");
+        require(in_order, "shell", value, "be in order and within 0…10 Å")?;
+        require(self.most > 0, "most", 0, "be at least 1")
+    }
+}
+
+/// Options of [`pockets::outline`](crate::pockets::outline()).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct OutlineOptions {
+    /// Modes of the secondary Laplace operator with Ψ = e^{−H}.
+    pub modes: usize,
+    /// Patches into which the surface is cut.
+    pub groups: usize,
+    /// ε of the operator.
+    pub regularization: f64,
+    /// Rounds of smoothing of the surface's normals.
+    pub normal_rounds: u32,
+    /// How far above the surface its burial is taken, Å.
+    pub probe: f64,
+    /// Atoms within this distance count as burial, Å.
+    pub radius: f64,
+}
+
+impl Default for OutlineOptions {
+    fn default() -> Self {
+        Self {
+            modes: 20,
+            groups: 40,
+            regularization: 2.0,
+            normal_rounds: 20,
+            probe: 1.6,
+            radius: 10.0,
         }
-        if self.most == 0 {
-            return Err(Error::option("most", 0, "at least 1"));
-        }
-        Ok(())
     }
 }

@@ -1,5 +1,6 @@
 //! The bilateral normal filter, the rival of the flow on surfaces of flat parts.
 
+use geom_core::options::require;
 use geom_core::{Point3, TriMesh, Vector3, parallel};
 use rayon::prelude::*;
 
@@ -36,9 +37,8 @@ impl Default for BilateralOptions {
 /// # Errors
 /// [`BilateralOptions::range`] not above 0.
 pub fn filter_normals(mesh: &TriMesh, options: &BilateralOptions) -> Result<Smoothed<TriMesh>, Error> {
-    if !(options.range > 0.0 && options.range.is_finite()) {
-        return Err(Error::option("range", options.range, "above 0 and finite"));
-    }
+    let range = options.range;
+    require(range > 0.0 && range.is_finite(), "range", range, "be above 0 and finite")?;
     let around = FacesAround::of(mesh);
     let normals = filtered(mesh, &around, options);
     let mut positions = mesh.positions().to_vec();

@@ -1,6 +1,6 @@
 //! Grouping around medoids: FasterPAM, and the Davies–Bouldin index.
 
-use crate::random::Random;
+use geom_core::compute::random::SplitMix64;
 
 /// Groups around medoids.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,7 +68,7 @@ pub fn medoids(distances: &[f32], n: usize, groups: usize, seed: u64) -> Medoids
 
 /// `count` different numbers below `n` (Floyd's sampling).
 fn distinct(n: usize, count: usize, seed: u64) -> Vec<u32> {
-    let mut random = Random::new(seed);
+    let mut random = SplitMix64::new(seed);
     let mut chosen: Vec<u32> = Vec::with_capacity(count);
     for last in n - count..n {
         let pick = random.below(last + 1) as u32;

@@ -11,7 +11,7 @@ use crate::options::{Groups, MOST_MODES, Modes, SegmentOptions};
 use crate::Error;
 use crate::backend::OperatorBackend;
 use crate::operators::Spectrum;
-use crate::random::Random;
+use geom_core::compute::random::SplitMix64;
 
 fn modes_of(options: &SegmentOptions, spectrum: &Spectrum) -> usize {
     let wanted = match options.modes {
@@ -114,7 +114,7 @@ fn draw(areas: &[f64], count: usize, seed: u64) -> Vec<u32> {
         return used;
     }
     let total: f64 = used.iter().map(|&v| areas[v as usize]).sum();
-    let mut random = Random::new(seed);
+    let mut random = SplitMix64::new(seed);
     let mut drawn = Vec::with_capacity(count);
     let (mut at, mut reached) = (0, areas[used[0] as usize]);
     for stratum in 0..count {
