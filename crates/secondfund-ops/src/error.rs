@@ -76,7 +76,9 @@ pub enum Error {
         skipped: usize,
     },
     /// The surface has a boundary where it must have none.
-    #[error("{what} needs a closed surface; the edge from vertex {from} to vertex {to} has one face")]
+    #[error(
+        "{what} needs a closed surface; the edge from vertex {from} to vertex {to} has one face"
+    )]
     Open {
         /// What needs it.
         what: &'static str,

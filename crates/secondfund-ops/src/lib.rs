@@ -22,6 +22,12 @@ pub mod operators;
 pub mod options;
 pub mod pockets;
 pub mod segment;
+#[cfg(feature = "testing")]
+pub mod specification;
+#[cfg(feature = "testing")]
+pub mod testing;
+#[cfg(feature = "wgpu")]
+mod wgpu;
 
 pub use backend::OperatorBackend;
 pub use catmull::Surface;
@@ -29,5 +35,5 @@ pub use error::Error;
 pub use flow::{smooth, smooth_quads};
 pub use forms::{Normals, Operator, Weight};
 pub use operators::{Element, Spectrum, spectrum};
-pub use options::{Groups, Modes, FlowOptions, PocketOptions, SegmentOptions, SpectrumOptions};
+pub use options::{FlowOptions, Groups, Modes, PocketOptions, SegmentOptions, SpectrumOptions};
 pub use segment::{Faces, Segments, segment};

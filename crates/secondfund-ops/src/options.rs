@@ -63,7 +63,12 @@ impl SpectrumOptions {
     pub fn check(&self) -> Result<(), OutOfRange> {
         let epsilon = self.regularization;
         let finite = epsilon >= 0.0 && epsilon.is_finite();
-        require(finite, "regularization", epsilon, "be at least 0 and finite")?;
+        require(
+            finite,
+            "regularization",
+            epsilon,
+            "be at least 0 and finite",
+        )?;
         let [low, high] = self.bounds;
         let in_order = low > 0.0 && low <= high && high.is_finite();
         let value = format!("{low}…{high}");
@@ -78,9 +83,19 @@ impl SpectrumOptions {
 impl Quadrature {
     pub(crate) fn check(&self) -> Result<(), OutOfRange> {
         let points = self.points;
-        require((2..=8).contains(&points), "quadrature.points", points, "lie within 2…8")?;
+        require(
+            (2..=8).contains(&points),
+            "quadrature.points",
+            points,
+            "lie within 2…8",
+        )?;
         let depth = self.depth;
-        require((1..=12).contains(&depth), "quadrature.depth", depth, "lie within 1…12")
+        require(
+            (1..=12).contains(&depth),
+            "quadrature.depth",
+            depth,
+            "lie within 1…12",
+        )
     }
 }
 
@@ -160,7 +175,12 @@ impl SegmentOptions {
             Groups::DaviesBouldin { most } => most,
         };
         let within = (2..=self.sample).contains(&groups);
-        require(within, "groups", groups, "be at least 2 and at most the sample")?;
+        require(
+            within,
+            "groups",
+            groups,
+            "be at least 2 and at most the sample",
+        )?;
         let must = "be at most 8000: distances of all pairs are kept, and more change nothing";
         require(self.sample <= MOST_SAMPLE, "sample", self.sample, must)?;
         require(self.modes != Modes::Count(0), "modes", 0, "be at least 1")?;
@@ -243,7 +263,13 @@ impl FlowOptions {
         let within = |option, value: f64, low: f64, high: f64, must| {
             require((low..=high).contains(&value), option, value, must)
         };
-        within("step", self.step, 1e-6, 0.25, "lie within 1e-6…0.25 mean edges")?;
+        within(
+            "step",
+            self.step,
+            1e-6,
+            0.25,
+            "lie within 1e-6…0.25 mean edges",
+        )?;
         within("delta", self.delta, 1e-9, 1e9, "lie within 1e-9…1e9")?;
         within("sharpen", self.sharpen, 0.0, 1.0, "lie within 0…1")?;
         within("tangential", self.tangential, 0.0, 1.0, "lie within 0…1")?;
@@ -296,8 +322,20 @@ impl PocketOptions {
         };
         within("radius", self.radius, 4.0, 30.0, "lie within 4…30 Å")?;
         within("spacing", self.spacing, 0.3, 3.0, "lie within 0.3…3 Å")?;
-        within("percentile", self.percentile, 0.0, 0.999, "lie within 0…0.999")?;
-        within("link", self.link, self.spacing, 6.0, "lie within the spacing…6 Å")?;
+        within(
+            "percentile",
+            self.percentile,
+            0.0,
+            0.999,
+            "lie within 0…0.999",
+        )?;
+        within(
+            "link",
+            self.link,
+            self.spacing,
+            6.0,
+            "lie within the spacing…6 Å",
+        )?;
         let [near, far] = self.shell;
         let in_order = near >= 0.0 && near < far && far <= 10.0;
         let value = format!("{near}…{far}");

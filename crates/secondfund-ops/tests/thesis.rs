@@ -6,13 +6,13 @@ use std::path::Path;
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::structure::{Element, ResidueKind};
 use geom_core::{Point3, Structure};
-use secondfund_ops::pockets::{SiteScore, find, site_ranks};
 use secondfund_ops::PocketOptions;
+use secondfund_ops::pockets::{SiteScore, find, site_ranks};
 
 /// What is put into crystals to make them grow, and sugars bound to the surface: no ligands.
 const ADDITIVES: [&str; 20] = [
-    "GOL", "EDO", "SO4", "PO4", "ACT", "DMS", "PEG", "DIO", "IMD", "BOG", "NAG", "MAN", "BMA", "FUC", "CAS", "ACE",
-    "MES", "TRS", "CIT", "FMT",
+    "GOL", "EDO", "SO4", "PO4", "ACT", "DMS", "PEG", "DIO", "IMD", "BOG", "NAG", "MAN", "BMA",
+    "FUC", "CAS", "ACE", "MES", "TRS", "CIT", "FMT",
 ];
 
 /// The heavy atoms of each ligand of at least six.
@@ -49,14 +49,22 @@ fn entries(folder: &Path) -> Vec<(String, Structure)> {
 
 /// The best rank over the ligands, and how many of them are within the first n + 2.
 fn summary(scores: &[SiteScore]) -> (usize, usize) {
-    let best = scores.iter().filter_map(|s| s.rank_by_atom).min().unwrap_or(99);
-    let found = scores.iter().filter(|s| s.rank_by_atom.is_some_and(|r| r <= scores.len() + 2));
+    let best = scores
+        .iter()
+        .filter_map(|s| s.rank_by_atom)
+        .min()
+        .unwrap_or(99);
+    let found = scores
+        .iter()
+        .filter(|s| s.rank_by_atom.is_some_and(|r| r <= scores.len() + 2));
     (best, found.count())
 }
 
 #[test]
 fn pockets_are_where_the_ligands_are() {
-    let Some(folder) = fixtures::shared_or_skip("pockets") else { return };
+    let Some(folder) = fixtures::shared_or_skip("pockets") else {
+        return;
+    };
     let options = PocketOptions::default();
     let (mut first, mut third, mut all, mut sites, mut sites_found) = (0, 0, 0, 0, 0);
     for (name, structure) in entries(&folder) {
@@ -72,9 +80,17 @@ fn pockets_are_where_the_ligands_are() {
             found.atoms,
             structure.chains().len(),
             ligands.len(),
-            scores.iter().map(|s| s.rank_by_atom.unwrap_or(0)).collect::<Vec<_>>(),
+            scores
+                .iter()
+                .map(|s| s.rank_by_atom.unwrap_or(0))
+                .collect::<Vec<_>>(),
             found.candidates,
-            found.pockets.iter().take(4).map(|p| p.chains.len()).collect::<Vec<_>>(),
+            found
+                .pockets
+                .iter()
+                .take(4)
+                .map(|p| p.chains.len())
+                .collect::<Vec<_>>(),
         );
         all += 1;
         first += usize::from(best == 1);

@@ -46,15 +46,23 @@ const TOLERANCE: f64 = 1e-14;
 /// condition (81 on a regular net) does not depend on the number of vertices.
 pub(crate) fn interpolate(mask: &SparseMatrix, samples: &[Point3]) -> Vec<Point3> {
     let transposed = mask.transposed();
-    let block = |points: &[Point3]| -> Vec<f64> { points.iter().flat_map(|p| [p.x, p.y, p.z]).collect() };
+    let block =
+        |points: &[Point3]| -> Vec<f64> { points.iter().flat_map(|p| [p.x, p.y, p.z]).collect() };
     let dots = |a: &[f64], b: &[f64]| -> [f64; 3] {
         let mut sums = [0.0; 3];
-        a.iter().zip(b).enumerate().for_each(|(i, (x, y))| sums[i % 3] += x * y);
+        a.iter()
+            .zip(b)
+            .enumerate()
+            .for_each(|(i, (x, y))| sums[i % 3] += x * y);
         sums
     };
     let mut x = block(samples);
     let image = mask.multiply(&x, 3);
-    let mut rest: Vec<f64> = block(samples).iter().zip(&image).map(|(b, a)| b - a).collect();
+    let mut rest: Vec<f64> = block(samples)
+        .iter()
+        .zip(&image)
+        .map(|(b, a)| b - a)
+        .collect();
     let mut gradient = transposed.multiply(&rest, 3);
     let mut direction = gradient.clone();
     let mut size = dots(&gradient, &gradient);
@@ -62,18 +70,34 @@ pub(crate) fn interpolate(mask: &SparseMatrix, samples: &[Point3]) -> Vec<Point3
     for _ in 0..STEPS {
         let image = mask.multiply(&direction, 3);
         let curvature = dots(&image, &image);
-        let open: [bool; 3] = std::array::from_fn(|k| size[k] > TOLERANCE * TOLERANCE * start[k] && curvature[k] > 0.0);
+        let open: [bool; 3] = std::array::from_fn(|k| {
+            size[k] > TOLERANCE * TOLERANCE * start[k] && curvature[k] > 0.0
+        });
         if open == [false; 3] {
             break;
         }
-        let step: [f64; 3] = std::array::from_fn(|k| if open[k] { size[k] / curvature[k] } else { 0.0 });
-        x.par_iter_mut().zip(&direction).enumerate().with_min_len(4096).for_each(|(i, (x, d))| *x += step[i % 3] * d);
-        rest.iter_mut().zip(&image).enumerate().for_each(|(i, (r, a))| *r -= step[i % 3] * a);
+        let step: [f64; 3] =
+            std::array::from_fn(|k| if open[k] { size[k] / curvature[k] } else { 0.0 });
+        x.par_iter_mut()
+            .zip(&direction)
+            .enumerate()
+            .with_min_len(4096)
+            .for_each(|(i, (x, d))| *x += step[i % 3] * d);
+        rest.iter_mut()
+            .zip(&image)
+            .enumerate()
+            .for_each(|(i, (r, a))| *r -= step[i % 3] * a);
         gradient = transposed.multiply(&rest, 3);
         let next = dots(&gradient, &gradient);
         let turn: [f64; 3] = std::array::from_fn(|k| if open[k] { next[k] / size[k] } else { 0.0 });
-        direction.iter_mut().zip(&gradient).enumerate().for_each(|(i, (d, g))| *d = g + turn[i % 3] * *d);
+        direction
+            .iter_mut()
+            .zip(&gradient)
+            .enumerate()
+            .for_each(|(i, (d, g))| *d = g + turn[i % 3] * *d);
         size = next;
     }
-    x.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2])).collect()
+    x.chunks_exact(3)
+        .map(|p| Point3::new(p[0], p[1], p[2]))
+        .collect()
 }

@@ -67,7 +67,11 @@ fn vertex_point(
         let left = at(edges.from(edges.previous(around[around.len() - 1])));
         return Point3::from((left + here * 6.0 + right) / 8.0);
     }
-    let face_mean = around.iter().map(|&h| faces[edges.face(h).index()]).sum::<Vector3>() / n;
+    let face_mean = around
+        .iter()
+        .map(|&h| faces[edges.face(h).index()])
+        .sum::<Vector3>()
+        / n;
     let middles = around.iter().map(|&h| (here + at(edges.to(h))) / 2.0);
     let edge_mean = middles.sum::<Vector3>() / n;
     Point3::from((face_mean + edge_mean * 2.0 + here * (n - 3.0)) / n)

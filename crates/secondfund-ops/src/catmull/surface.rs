@@ -107,7 +107,10 @@ impl Surface {
         let points = self.control.positions();
         let block: Vec<f64> = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
         let limit = self.mask.multiply(&block, 3);
-        limit.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2])).collect()
+        limit
+            .chunks_exact(3)
+            .map(|p| Point3::new(p[0], p[1], p[2]))
+            .collect()
     }
 
     /// The quads of the control mesh at their limit positions.
@@ -162,7 +165,9 @@ impl Surface {
             Some(fold) => {
                 let real: Vec<Vector3> = real.map(|p| p.coords).collect();
                 let sum = |row: &[f64]| row.iter().zip(&real).map(|(w, x)| x * *w).sum::<Vector3>();
-                fold.chunks(real.len()).map(|row| Point3::from(sum(row))).collect()
+                fold.chunks(real.len())
+                    .map(|row| Point3::from(sum(row)))
+                    .collect()
             }
         }
     }

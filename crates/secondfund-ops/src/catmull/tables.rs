@@ -150,7 +150,14 @@ fn extraordinary(valence: usize, quadrature: Quadrature) -> Table {
             for &(v, wv) in &rule {
                 for &(u, wu) in &rule {
                     let rows = bicubic(u, v);
-                    let scales = [1.0, stretch, stretch, stretch * stretch, stretch * stretch, stretch * stretch];
+                    let scales = [
+                        1.0,
+                        stretch,
+                        stretch,
+                        stretch * stretch,
+                        stretch * stretch,
+                        stretch * stretch,
+                    ];
                     let weight = wu * wv / (stretch * stretch);
                     let all = rows.iter().zip(scales).flat_map(|(row, scale)| {
                         let grid = &grid;
@@ -353,7 +360,10 @@ mod tests {
         for n in 2..=8 {
             for power in 0..2 * n as i32 {
                 let sum: f64 = gauss(n).iter().map(|(x, w)| w * x.powi(power)).sum();
-                assert!((sum - 1.0 / f64::from(power + 1)).abs() < 1e-14, "{n} {power}");
+                assert!(
+                    (sum - 1.0 / f64::from(power + 1)).abs() < 1e-14,
+                    "{n} {power}"
+                );
             }
         }
     }
@@ -371,7 +381,10 @@ mod tests {
                     let sum: f64 = row.iter().sum();
                     let size: f64 = row.iter().map(|x| x.abs()).sum();
                     let wanted = f64::from(k == 0);
-                    assert!((sum - wanted).abs() < 1e-13 * size.max(1.0), "{valence} {q} {k}");
+                    assert!(
+                        (sum - wanted).abs() < 1e-13 * size.max(1.0),
+                        "{valence} {q} {k}"
+                    );
                 }
             }
         }
@@ -395,7 +408,9 @@ mod tests {
         for k in 0..16 {
             let value: f64 = (0..16).map(|i| fine[0][i] * child[i * 16 + order[k]]).sum();
             assert!((value - coarse[0][k]).abs() < 1e-15);
-            let second: f64 = (0..16).map(|i| 4.0 * fine[4][i] * child[i * 16 + order[k]]).sum();
+            let second: f64 = (0..16)
+                .map(|i| 4.0 * fine[4][i] * child[i * 16 + order[k]])
+                .sum();
             assert!((second - coarse[4][k]).abs() < 1e-14);
         }
     }

@@ -36,9 +36,17 @@ impl Default for BilateralOptions {
 ///
 /// # Errors
 /// [`BilateralOptions::range`] not above 0.
-pub fn filter_normals(mesh: &TriMesh, options: &BilateralOptions) -> Result<Smoothed<TriMesh>, Error> {
+pub fn filter_normals(
+    mesh: &TriMesh,
+    options: &BilateralOptions,
+) -> Result<Smoothed<TriMesh>, Error> {
     let range = options.range;
-    require(range > 0.0 && range.is_finite(), "range", range, "be above 0 and finite")?;
+    require(
+        range > 0.0 && range.is_finite(),
+        "range",
+        range,
+        "be above 0 and finite",
+    )?;
     let around = FacesAround::of(mesh);
     let normals = filtered(mesh, &around, options);
     let mut positions = mesh.positions().to_vec();
@@ -60,7 +68,11 @@ pub fn filter_normals(mesh: &TriMesh, options: &BilateralOptions) -> Result<Smoo
         positions.iter_mut().zip(&moves).for_each(|(p, m)| *p += m);
     }
     let smoothed = TriMesh::new(positions, mesh.triangles().to_vec())?;
-    let squares = smoothed.positions().iter().zip(mesh.positions()).map(|(p, q)| (p - q).norm_squared());
+    let squares = smoothed
+        .positions()
+        .iter()
+        .zip(mesh.positions())
+        .map(|(p, q)| (p - q).norm_squared());
     let (sum, most) = squares.fold((0.0, 0.0), |(s, m): (f64, f64), x| (s + x, m.max(x)));
     let report = FlowReport {
         steps: options.vertex_rounds,
@@ -78,7 +90,11 @@ pub fn filter_normals(mesh: &TriMesh, options: &BilateralOptions) -> Result<Smoo
 fn filtered(mesh: &TriMesh, around: &FacesAround, options: &BilateralOptions) -> Vec<Vector3> {
     let count = mesh.triangles().len();
     let scaled: Vec<Vector3> = (0..count).map(|t| mesh.doubled_area_normal(t)).collect();
-    let centers: Vec<Point3> = mesh.triangles().iter().map(|&t| centroid(mesh.positions(), t)).collect();
+    let centers: Vec<Point3> = mesh
+        .triangles()
+        .iter()
+        .map(|&t| centroid(mesh.positions(), t))
+        .collect();
     let neighbors: Vec<Vec<u32>> = (0..count)
         .into_par_iter()
         .map(|t| {
@@ -93,10 +109,18 @@ fn filtered(mesh: &TriMesh, around: &FacesAround, options: &BilateralOptions) ->
             faces
         })
         .collect();
-    let apart = |t: usize| neighbors[t].iter().map(|&f| (centers[f as usize] - centers[t]).norm()).sum::<f64>();
+    let apart = |t: usize| {
+        neighbors[t]
+            .iter()
+            .map(|&f| (centers[f as usize] - centers[t]).norm())
+            .sum::<f64>()
+    };
     let pairs: usize = neighbors.iter().map(Vec::len).sum();
     let reach = parallel::sum(count, apart) / pairs.max(1) as f64;
-    let mut normals: Vec<Vector3> = scaled.iter().map(|n| n.try_normalize(0.0).unwrap_or_else(Vector3::zeros)).collect();
+    let mut normals: Vec<Vector3> = scaled
+        .iter()
+        .map(|n| n.try_normalize(0.0).unwrap_or_else(Vector3::zeros))
+        .collect();
     for _ in 0..options.normal_rounds {
         normals = (0..count)
             .into_par_iter()
@@ -106,11 +130,14 @@ fn filtered(mesh: &TriMesh, around: &FacesAround, options: &BilateralOptions) ->
                     .map(|&f| {
                         let f = f as usize;
                         let near = (centers[f] - centers[t]).norm_squared() / (2.0 * reach * reach);
-                        let alike = (normals[f] - normals[t]).norm_squared() / (2.0 * options.range * options.range);
+                        let alike = (normals[f] - normals[t]).norm_squared()
+                            / (2.0 * options.range * options.range);
                         normals[f] * (scaled[f].norm() * (-near - alike).exp())
                     })
                     .sum();
-                (sum + normals[t] * scaled[t].norm()).try_normalize(0.0).unwrap_or(normals[t])
+                (sum + normals[t] * scaled[t].norm())
+                    .try_normalize(0.0)
+                    .unwrap_or(normals[t])
             })
             .collect();
     }

@@ -43,9 +43,8 @@ pub(crate) fn hold_back<const N: usize>(
 fn turns_over<const N: usize>(positions: &[Point3], face: &[u32; N], moves: &[Vector3]) -> bool {
     let old = face.map(|v| positions[v as usize]);
     let new = face.map(|v| positions[v as usize] + moves[v as usize]);
-    let corner = |p: &[Point3; N], k: usize| {
-        (p[(k + 1) % N] - p[k]).cross(&(p[(k + N - 1) % N] - p[k]))
-    };
+    let corner =
+        |p: &[Point3; N], k: usize| (p[(k + 1) % N] - p[k]).cross(&(p[(k + N - 1) % N] - p[k]));
     (0..N).any(|k| {
         let before = corner(&old, k);
         before.dot(&corner(&new, k)) <= 0.0 && before != Vector3::zeros()
@@ -59,7 +58,11 @@ mod tests {
     #[test]
     fn a_face_that_would_turn_over_is_held_back() {
         let p = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Point3::from);
-        let mut moves = [Vector3::zeros(), Vector3::zeros(), Vector3::new(0.0, -1.5, 0.0)];
+        let mut moves = [
+            Vector3::zeros(),
+            Vector3::zeros(),
+            Vector3::new(0.0, -1.5, 0.0),
+        ];
         assert_eq!(hold_back(&p, &[[0, 1, 2]], &mut moves), 1);
         assert!(moves[2].y > -1.0 && moves[2].y < 0.0);
     }

@@ -11,12 +11,12 @@ use geom_core::{Point3, QuadMesh, Run, TriMesh, Vector3};
 
 use super::guard::hold_back;
 use super::tangential::relaxation;
+use crate::Error;
 use crate::backend::OperatorBackend;
 use crate::catmull::Surface;
 use crate::forms::{Conductor, Law, Neighbors, Normals, TriangleMatrix};
 use crate::operators::{Pattern, Quads, UnitScale, triangle_elements, vertex_normals};
 use crate::options::{FlowOperator, FlowOptions};
-use crate::Error;
 
 /// No vertex moves farther in a step, in mean edges.
 const FARTHEST: f64 = 0.25;
@@ -54,7 +54,11 @@ pub struct FlowReport {
 /// A mesh that flows: what differs between triangles and quads.
 trait Flowing {
     /// Stiffness of a law and lumped mass in unit scale, for positions in unit scale.
-    fn matrices(&self, positions: &[Point3], conductor: &Conductor) -> Result<(SparseMatrix, Vec<f64>), Error>;
+    fn matrices(
+        &self,
+        positions: &[Point3],
+        conductor: &Conductor,
+    ) -> Result<(SparseMatrix, Vec<f64>), Error>;
     /// The surface as triangles.
     fn triangles(&self, positions: &[Point3]) -> Result<TriMesh, Error>;
     /// Shortens displacements that would turn a face over.
@@ -72,13 +76,31 @@ struct Triangles<'a, B: ?Sized> {
 }
 
 impl<B: OperatorBackend + ?Sized> Flowing for Triangles<'_, B> {
-    fn matrices(&self, positions: &[Point3], conductor: &Conductor) -> Result<(SparseMatrix, Vec<f64>), Error> {
+    fn matrices(
+        &self,
+        positions: &[Point3],
+        conductor: &Conductor,
+    ) -> Result<(SparseMatrix, Vec<f64>), Error> {
         let mesh = self.triangles(positions)?;
-        let normals = vertex_normals(&mesh, &Normals::OfMesh { rounds: self.rounds })?;
-        let elements = triangle_elements(&mesh, &normals, &UnitScale::IDENTITY, conductor, &[], self.run)?;
+        let normals = vertex_normals(
+            &mesh,
+            &Normals::OfMesh {
+                rounds: self.rounds,
+            },
+        )?;
+        let elements = triangle_elements(
+            &mesh,
+            &normals,
+            &UnitScale::IDENTITY,
+            conductor,
+            &[],
+            self.run,
+        )?;
         let mut mass = vec![0.0; positions.len()];
         for (corners, element) in self.triangles.iter().zip(&elements) {
-            corners.iter().for_each(|&v| mass[v as usize] += element.mass);
+            corners
+                .iter()
+                .for_each(|&v| mass[v as usize] += element.mass);
         }
         let finite = |e: &TriangleMatrix| e.stiffness.map(|k| if k.is_finite() { k } else { 0.0 });
         let values: Vec<f64> = elements.iter().flat_map(finite).collect();
@@ -106,9 +128,19 @@ struct Patches {
 }
 
 impl Flowing for Patches {
-    fn matrices(&self, positions: &[Point3], conductor: &Conductor) -> Result<(SparseMatrix, Vec<f64>), Error> {
+    fn matrices(
+        &self,
+        positions: &[Point3],
+        conductor: &Conductor,
+    ) -> Result<(SparseMatrix, Vec<f64>), Error> {
         let surface = self.surface.with_control(positions.to_vec())?;
-        let quads = Quads::of(&surface, &UnitScale::IDENTITY, *conductor, &[], self.quadrature);
+        let quads = Quads::of(
+            &surface,
+            &UnitScale::IDENTITY,
+            *conductor,
+            &[],
+            self.quadrature,
+        );
         let all = quads.matrices()?;
         let mut mass = vec![0.0; positions.len()];
         for (patch, matrix) in surface.patches().iter().zip(&all) {
@@ -236,7 +268,10 @@ fn flow<F: Flowing, B: ?Sized>(
     }
     let cubed = scale.length.powi(3);
     report.volume = [volume * cubed, mesh.triangles(&positions)?.volume() * cubed];
-    let squares = positions.iter().zip(&first).map(|(p, q)| (p - q).norm_squared());
+    let squares = positions
+        .iter()
+        .zip(&first)
+        .map(|(p, q)| (p - q).norm_squared());
     let (sum, most) = squares.fold((0.0, 0.0), |(s, m): (f64, f64), x| (s + x, m.max(x)));
     report.rms_displacement = (sum / positions.len() as f64).sqrt() * scale.length;
     report.max_displacement = most.sqrt() * scale.length;
@@ -284,7 +319,13 @@ fn displacements<F: Flowing>(
         sharpening.iter_mut().for_each(|x| *x *= options.sharpen);
     }
     let diffusing = forward.multiply(&block, 3);
-    let force = Vectors(diffusing.iter().zip(&sharpening).map(|(d, s)| s - d).collect());
+    let force = Vectors(
+        diffusing
+            .iter()
+            .zip(&sharpening)
+            .map(|(d, s)| s - d)
+            .collect(),
+    );
     let mut speeds: Vec<f64> = (0..mass.len())
         .filter(|&v| mass[v] > 0.0)
         .map(|v| force.at(v).norm() / mass[v])
@@ -297,7 +338,14 @@ fn displacements<F: Flowing>(
     }
     let time = options.step * edge / fast;
     // (m + τ K₊) d = τ (β K₋ − K₊) x for the displacement d.
-    let matrix = forward.map(|i, j, k| time * k + if i == j { mass[i].max(f64::MIN_POSITIVE) } else { 0.0 });
+    let matrix = forward.map(|i, j, k| {
+        time * k
+            + if i == j {
+                mass[i].max(f64::MIN_POSITIVE)
+            } else {
+                0.0
+            }
+    });
     let symbolic = match symbolic {
         Some(known) => known,
         None => symbolic.insert(Symbolic::of(&matrix)?),
@@ -313,7 +361,11 @@ fn displacements<F: Flowing>(
     let limited = |v: usize| {
         let d = solution.at(v) + relaxed[v] * options.tangential;
         let (length, most) = (d.norm(), FARTHEST * edge);
-        if length > most { d * (most / length) } else { d }
+        if length > most {
+            d * (most / length)
+        } else {
+            d
+        }
     };
     Ok(Some((0..positions.len()).map(limited).collect()))
 }

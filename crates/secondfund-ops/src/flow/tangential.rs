@@ -34,7 +34,8 @@ pub(crate) fn relaxation(mesh: &TriMesh, ring: &Neighbors, positions: &[Point3])
             for &w in around {
                 let other = &lines[w as usize];
                 let a = own.anisotropy.min(other.anisotropy);
-                let along = (own.direction.dot(&other.direction) * own.normal.dot(&other.normal)).abs();
+                let along =
+                    (own.direction.dot(&other.direction) * own.normal.dot(&other.normal)).abs();
                 let weight = LEAST + (1.0 - a) + a * along;
                 sum += (positions[w as usize] - positions[v]) * weight;
                 total += weight;
@@ -52,7 +53,8 @@ pub(crate) fn relaxation(mesh: &TriMesh, ring: &Neighbors, positions: &[Point3])
 fn lines(mesh: &TriMesh, normals: &[Vector3]) -> Vec<Line> {
     let mut tensors = vec![Matrix3::zeros(); normals.len()];
     for (t, corners) in mesh.triangles().iter().enumerate() {
-        let tensor = crate::forms::shape_tensor(mesh.corners(t), corners.map(|v| normals[v as usize]));
+        let tensor =
+            crate::forms::shape_tensor(mesh.corners(t), corners.map(|v| normals[v as usize]));
         let area = mesh.doubled_area_normal(t).norm();
         for &v in corners {
             tensors[v as usize] += tensor * area;
@@ -64,7 +66,12 @@ fn lines(mesh: &TriMesh, normals: &[Vector3]) -> Vec<Line> {
         corners.iter().for_each(|&v| areas[v as usize] += area);
     }
     (0..normals.len())
-        .map(|v| line(normals[v], tensors[v] / f64::max(areas[v], f64::MIN_POSITIVE)))
+        .map(|v| {
+            line(
+                normals[v],
+                tensors[v] / f64::max(areas[v], f64::MIN_POSITIVE),
+            )
+        })
         .collect()
 }
 
@@ -78,7 +85,11 @@ fn line(normal: Vector3, tensor: Matrix3<f64>) -> Line {
         };
     };
     let y = normal.cross(&x);
-    let shape = Symmetric::new(x.dot(&(tensor * x)), x.dot(&(tensor * y)), y.dot(&(tensor * y)));
+    let shape = Symmetric::new(
+        x.dot(&(tensor * x)),
+        x.dot(&(tensor * y)),
+        y.dot(&(tensor * y)),
+    );
     let (large, small, [p, q]) = shape.eigen();
     let first = x * p + y * q;
     let direction = if large.abs() >= small.abs() {

@@ -109,11 +109,7 @@ impl Symmetric {
 impl Add for Symmetric {
     type Output = Self;
     fn add(self, other: Self) -> Self {
-        Self::new(
-            self.xx + other.xx,
-            self.xy + other.xy,
-            self.yy + other.yy,
-        )
+        Self::new(self.xx + other.xx, self.xy + other.xy, self.yy + other.yy)
     }
 }
 
@@ -188,10 +184,7 @@ impl Forms {
         let r = (g.determinant() / g.xx).sqrt();
         let inverse = [[1.0 / l, -m / (l * r)], [0.0, 1.0 / r]];
         let column = |k: usize| [inverse[0][k], inverse[1][k]];
-        (
-            Self::of_shape(b.pulled_back(column(0), column(1))),
-            inverse,
-        )
+        (Self::of_shape(b.pulled_back(column(0), column(1))), inverse)
     }
 
     /// The same point with both curvatures multiplied by `s ≤ 1`, so that none exceeds `limit`.

@@ -21,10 +21,13 @@ pub fn assemble<B: OperatorBackend + ?Sized>(
 ) -> Result<Matrices, Error> {
     options.check()?;
     match *element {
-        Element::Triangles(mesh, normals) => triangles::matrices(mesh, normals, operator, options, run),
+        Element::Triangles(mesh, normals) => {
+            triangles::matrices(mesh, normals, operator, options, run)
+        }
         Element::CatmullClark(surface) => {
             let vertices = surface.control().positions().len();
-            let (conductor, factors) = operator.prepared(vertices, options.bounds, options.regularization)?;
+            let (conductor, factors) =
+                operator.prepared(vertices, options.bounds, options.regularization)?;
             quads::matrices(surface, &conductor, &factors, options)
         }
     }

@@ -2,8 +2,8 @@
 
 use geom_core::{Aabb, Point3, TriMesh, Vector3};
 
-use crate::catmull::Surface;
 use crate::Error;
+use crate::catmull::Surface;
 use crate::forms::Normals;
 
 /// What carries the functions.

@@ -1,7 +1,7 @@
 //! The matrices of a Catmull–Clark surface, quad by quad.
 
-use geom_core::laplace::Mass;
 use geom_core::Point3;
+use geom_core::laplace::Mass;
 use rayon::prelude::*;
 
 use super::element::UnitScale;
@@ -42,7 +42,8 @@ impl<'a> Quads<'a> {
         quadrature: crate::options::Quadrature,
     ) -> Self {
         let control = surface.control();
-        let mean = control.area() / (scale.length * scale.length * control.quads().len().max(1) as f64);
+        let mean =
+            control.area() / (scale.length * scale.length * control.quads().len().max(1) as f64);
         Self {
             surface,
             positions: control.positions().iter().map(|p| scale.apply(p)).collect(),
@@ -77,7 +78,10 @@ impl<'a> Quads<'a> {
             let quad = all.iter().position(|m| m.skipped > 0).unwrap_or(0);
             return Err(Error::DegeneratePatch { quad, skipped });
         }
-        match all.iter().position(|m| m.stiffness.iter().any(|k| !k.is_finite())) {
+        match all
+            .iter()
+            .position(|m| m.stiffness.iter().any(|k| !k.is_finite()))
+        {
             Some(element) => Err(Error::Flat { element }),
             None => Ok(()),
         }
@@ -103,7 +107,11 @@ impl<'a> Quads<'a> {
             let (values, along, across) = (&rows[..m], &rows[m..2 * m], &rows[2 * m..3 * m]);
             let factor = match self.factors {
                 [] => 1.0,
-                f => values.iter().zip(&patch.ids).map(|(n, &v)| n * f[v as usize]).sum(),
+                f => values
+                    .iter()
+                    .zip(&patch.ids)
+                    .map(|(n, &v)| n * f[v as usize])
+                    .sum(),
             };
             let forms = jet.forms();
             let weight = table.weights[q] * area;
@@ -166,12 +174,12 @@ pub(crate) fn matrices(
 }
 
 /// The sums of the quads at the vertices, in the order of the quads.
-pub(crate) fn vertex_sums(
-    vertices: usize,
-    surface: &Surface,
-    all: &[QuadMatrix],
-) -> [Vec<f64>; 3] {
-    let mut out = [vec![0.0; vertices], vec![0.0; vertices], vec![0.0; vertices]];
+pub(crate) fn vertex_sums(vertices: usize, surface: &Surface, all: &[QuadMatrix]) -> [Vec<f64>; 3] {
+    let mut out = [
+        vec![0.0; vertices],
+        vec![0.0; vertices],
+        vec![0.0; vertices],
+    ];
     for (patch, matrix) in surface.patches().iter().zip(all) {
         for (out, sums) in out.iter_mut().zip(&matrix.sums) {
             for (&v, sum) in patch.ids.iter().zip(sums) {

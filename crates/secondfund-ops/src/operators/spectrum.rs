@@ -60,15 +60,13 @@ pub fn spectrum<B: OperatorBackend + ?Sized>(
         verify: options.verify,
         ..spectral::Options::default()
     };
-    let mut pairs = eigenpairs(
-        &matrices.stiffness,
-        &matrices.mass,
-        wanted,
-        &spectral,
-        run,
-    )
-    .map_err(|e| named(e, &options.operator))?;
-    if pairs.values.first().is_some_and(|&v| v < -1e-6 * pairs.values[pairs.values.len() - 1].abs()) {
+    let mut pairs = eigenpairs(&matrices.stiffness, &matrices.mass, wanted, &spectral, run)
+        .map_err(|e| named(e, &options.operator))?;
+    if pairs
+        .values
+        .first()
+        .is_some_and(|&v| v < -1e-6 * pairs.values[pairs.values.len() - 1].abs())
+    {
         return Err(Error::Indefinite);
     }
     // The zeros of the components come first.

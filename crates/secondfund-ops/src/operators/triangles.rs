@@ -18,7 +18,8 @@ pub(crate) fn matrices<B: OperatorBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Matrices, Error> {
     let vertices = mesh.positions().len();
-    let (conductor, factors) = operator.prepared(vertices, options.bounds, options.regularization)?;
+    let (conductor, factors) =
+        operator.prepared(vertices, options.bounds, options.regularization)?;
     let scale = UnitScale::of(mesh.positions())?;
     let normals = vertex_normals(mesh, normals)?;
     let elements = triangle_elements(mesh, &normals, &scale, &conductor, &factors, run)?;

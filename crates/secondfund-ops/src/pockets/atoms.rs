@@ -47,7 +47,10 @@ impl Frame {
         order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
         let axis = |k: usize| -> Vector3 {
             let v: Vector3 = eigen.eigenvectors.column(order[k]).into();
-            let tail: f64 = points.iter().map(|p| v.dot(&(p.coords - mean)).powi(3)).sum();
+            let tail: f64 = points
+                .iter()
+                .map(|p| v.dot(&(p.coords - mean)).powi(3))
+                .sum();
             if tail < 0.0 { -v } else { v }
         };
         let (x, y) = (axis(0), axis(1));

@@ -6,12 +6,12 @@ use geom_core::{Point3, Run, Structure, TriMesh, Vector3};
 
 use super::shell::burial;
 use super::sites::Pocket;
+use crate::Error;
 use crate::backend::OperatorBackend;
 use crate::forms::{Normals, Operator, Weight};
 use crate::operators::{Element, spectrum};
 use crate::options::{Groups, Modes, OutlineOptions, SegmentOptions, SpectrumOptions};
 use crate::segment::{Faces, segment};
-use crate::Error;
 
 /// The share of vertices that are not deep enough to count for a patch.
 const SHALLOW: f64 = 0.88;
@@ -154,13 +154,20 @@ impl Patches {
             .filter(|&f| inside(f))
             .map(|f| f as u32)
             .collect();
-        let area: f64 = triangles.iter().map(|&f| self.faces.areas()[f as usize]).sum();
+        let area: f64 = triangles
+            .iter()
+            .map(|&f| self.faces.areas()[f as usize])
+            .sum();
         let curved = triangles.iter().map(|&f| {
             let corners = surface.triangles()[f as usize];
             let mean = corners.map(|v| self.mean[v as usize]).iter().sum::<f64>() / 3.0;
             mean * self.faces.areas()[f as usize]
         });
-        let mean_curvature = if area > 0.0 { curved.sum::<f64>() / area } else { 0.0 };
+        let mean_curvature = if area > 0.0 {
+            curved.sum::<f64>() / area
+        } else {
+            0.0
+        };
         let cap = Cap::of(surface, &triangles);
         Outline {
             rank,
@@ -232,7 +239,9 @@ impl Cap {
         }
         let middle = Point3::from(if length > 0.0 { sum / length } else { sum });
         // The patch runs along its border with itself on the left; seen from outside so does its lid.
-        let fan = edges.iter().map(|&[a, b]| (at(a) - middle).cross(&(at(b) - middle)) * 0.5);
+        let fan = edges
+            .iter()
+            .map(|&[a, b]| (at(a) - middle).cross(&(at(b) - middle)) * 0.5);
         Self {
             middle,
             normal: fan.sum(),
@@ -262,7 +271,10 @@ impl Cap {
             (a - o).cross(&(b - o)).dot(&(c - o))
         };
         // The lid's own tetrahedra have their tip in its plane point: only the patch counts.
-        let patch: f64 = triangles.iter().map(|&f| six(surface.corners(f as usize))).sum();
+        let patch: f64 = triangles
+            .iter()
+            .map(|&f| six(surface.corners(f as usize)))
+            .sum();
         (-patch / 6.0).max(0.0)
     }
 }

@@ -20,7 +20,10 @@ const BY_CENTROID: f64 = 12.0;
 
 /// The distance from a centre to the nearest atom of a ligand, Å; infinite for none.
 pub fn distance_to_ligand(center: &Point3, ligand: &[Point3]) -> f64 {
-    ligand.iter().map(|p| (p - center).norm()).fold(f64::INFINITY, f64::min)
+    ligand
+        .iter()
+        .map(|p| (p - center).norm())
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// The ranks that find each ligand, given by its atoms.
@@ -30,7 +33,12 @@ pub fn site_ranks(pockets: &[Pocket], ligands: &[Vec<Point3>]) -> Vec<SiteScore>
         .iter()
         .map(|ligand| {
             let n = ligand.len().max(1) as f64;
-            let centroid = Point3::from(ligand.iter().map(|p| p.coords / n).sum::<geom_core::Vector3>());
+            let centroid = Point3::from(
+                ligand
+                    .iter()
+                    .map(|p| p.coords / n)
+                    .sum::<geom_core::Vector3>(),
+            );
             SiteScore {
                 rank_by_atom: rank(&|p| distance_to_ligand(&p.center, ligand) <= BY_ATOM),
                 rank_by_centroid: rank(&|p| (p.center - centroid).norm() <= BY_CENTROID),

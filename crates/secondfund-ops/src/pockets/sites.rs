@@ -90,11 +90,16 @@ fn thresholds(points: &[ShellPoint], chains: usize, options: &PocketOptions) -> 
     let percentile = |mut burial: Vec<f64>| {
         burial.sort_by(f64::total_cmp);
         let at = (options.percentile * burial.len() as f64) as usize;
-        burial.get(at.min(burial.len().saturating_sub(1))).copied().unwrap_or(f64::INFINITY)
+        burial
+            .get(at.min(burial.len().saturating_sub(1)))
+            .copied()
+            .unwrap_or(f64::INFINITY)
     };
     if options.per_chain {
         let mut of_chain = vec![Vec::new(); chains];
-        points.iter().for_each(|p| of_chain[p.chain as usize].push(p.burial));
+        points
+            .iter()
+            .for_each(|p| of_chain[p.chain as usize].push(p.burial));
         of_chain.into_iter().map(percentile).collect()
     } else {
         vec![percentile(points.iter().map(|p| p.burial).collect()); chains]

@@ -51,7 +51,11 @@ fn join_tiny(faces: &Faces, patches: Vec<u32>) -> Vec<u32> {
     let mut tiny: Vec<u32> = (0..faces.len() as u32)
         .filter(|&p| !members[p as usize].is_empty() && areas[p as usize] < TINY * total)
         .collect();
-    tiny.sort_by(|&a, &b| areas[a as usize].total_cmp(&areas[b as usize]).then(a.cmp(&b)));
+    tiny.sort_by(|&a, &b| {
+        areas[a as usize]
+            .total_cmp(&areas[b as usize])
+            .then(a.cmp(&b))
+    });
     for p in tiny {
         // It may have grown by what joined it.
         if areas[p as usize] >= TINY * total {
@@ -122,7 +126,11 @@ fn by_area(faces: &Faces, patches: &[u32]) -> Vec<u32> {
     let mut used: Vec<u32> = patches.to_vec();
     used.sort_unstable();
     used.dedup();
-    used.sort_by(|&a, &b| areas[b as usize].total_cmp(&areas[a as usize]).then(a.cmp(&b)));
+    used.sort_by(|&a, &b| {
+        areas[b as usize]
+            .total_cmp(&areas[a as usize])
+            .then(a.cmp(&b))
+    });
     let mut number = vec![0; faces.len()];
     for (new, &old) in used.iter().enumerate() {
         number[old as usize] = new as u32;

@@ -72,7 +72,11 @@ fn distinct(n: usize, count: usize, seed: u64) -> Vec<u32> {
     let mut chosen: Vec<u32> = Vec::with_capacity(count);
     for last in n - count..n {
         let pick = random.below(last + 1) as u32;
-        chosen.push(if chosen.contains(&pick) { last as u32 } else { pick });
+        chosen.push(if chosen.contains(&pick) {
+            last as u32
+        } else {
+            pick
+        });
     }
     chosen
 }
@@ -160,12 +164,18 @@ pub fn davies_bouldin(rows: &[f32], width: usize, group: &[u32]) -> f64 {
     let center = |g: usize| &centers[g * width..(g + 1) * width];
     let mut spread = vec![0.0; groups];
     for (i, &g) in group.iter().enumerate() {
-        let squares = center(g as usize).iter().zip(row(i)).map(|(c, &x)| (c - f64::from(x)).powi(2));
+        let squares = center(g as usize)
+            .iter()
+            .zip(row(i))
+            .map(|(c, &x)| (c - f64::from(x)).powi(2));
         spread[g as usize] += squares.sum::<f64>().sqrt() / counts[g as usize] as f64;
     }
     let used: Vec<usize> = (0..groups).filter(|&g| counts[g] > 0).collect();
     let ratio = |a: usize, b: usize| {
-        let squares = center(a).iter().zip(center(b)).map(|(x, y)| (x - y).powi(2));
+        let squares = center(a)
+            .iter()
+            .zip(center(b))
+            .map(|(x, y)| (x - y).powi(2));
         (spread[a] + spread[b]) / squares.sum::<f64>().sqrt()
     };
     let worst = |&a: &usize| {

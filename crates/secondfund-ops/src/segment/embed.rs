@@ -26,7 +26,11 @@ impl Rows {
             .flat_map(|(s, mode)| mode.iter().map(move |x| (x * s).abs()))
             .fold(0.0, f64::max);
         let unit = if largest > 0.0 { 1.0 / largest } else { 1.0 };
-        let row = |v: usize| modes.iter().map(move |(s, mode)| (mode[v] * s * unit) as f32);
+        let row = |v: usize| {
+            modes
+                .iter()
+                .map(move |(s, mode)| (mode[v] * s * unit) as f32)
+        };
         Self {
             width: modes.len(),
             values: (0..vertices).flat_map(row).collect(),

@@ -56,8 +56,22 @@ impl Faces {
                     let apart = (centers[f as usize] - centers[g as usize]).norm();
                     let length = (b - a).norm();
                     let turn = if apart > 0.0 { angle / apart } else { 0.0 };
-                    links.push((f, Link { face: g, length, turn }));
-                    links.push((g, Link { face: f, length, turn }));
+                    links.push((
+                        f,
+                        Link {
+                            face: g,
+                            length,
+                            turn,
+                        },
+                    ));
+                    links.push((
+                        g,
+                        Link {
+                            face: f,
+                            length,
+                            turn,
+                        },
+                    ));
                 }
             }
         }

@@ -47,9 +47,8 @@ impl Contingency {
             }
         }
         let (first, second) = (dense(first), dense(second));
-        let mut pairs: Vec<(u32, u32, usize)> = (0..first.len())
-            .map(|f| (first[f], second[f], f))
-            .collect();
+        let mut pairs: Vec<(u32, u32, usize)> =
+            (0..first.len()).map(|f| (first[f], second[f], f)).collect();
         pairs.sort_unstable();
         let cells: Vec<_> = pairs
             .chunk_by(|a, b| (a.0, a.1) == (b.0, b.1))
@@ -187,7 +186,9 @@ fn cut_vertices(mesh: &TriMesh, labels: &[u32]) -> Vec<u32> {
         .triangles()
         .iter()
         .zip(labels)
-        .flat_map(|(&[a, b, c], &l)| [[a, b], [b, c], [c, a]].map(|[a, b]| ([a.min(b), a.max(b)], l)))
+        .flat_map(|(&[a, b, c], &l)| {
+            [[a, b], [b, c], [c, a]].map(|[a, b]| ([a.min(b), a.max(b)], l))
+        })
         .collect();
     sides.sort_unstable();
     let cut = |edge: &&[([u32; 2], u32)]| edge.iter().any(|s| s.1 != edge[0].1);

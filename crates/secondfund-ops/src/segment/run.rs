@@ -7,10 +7,10 @@ use super::clean::clean;
 use super::cluster::{Medoids, davies_bouldin, medoids};
 use super::embed::{Rows, squared};
 use super::faces::Faces;
-use crate::options::{Groups, MOST_MODES, Modes, SegmentOptions};
 use crate::Error;
 use crate::backend::OperatorBackend;
 use crate::operators::Spectrum;
+use crate::options::{Groups, MOST_MODES, Modes, SegmentOptions};
 use geom_core::compute::random::SplitMix64;
 
 fn modes_of(options: &SegmentOptions, spectrum: &Spectrum) -> usize {
@@ -67,7 +67,11 @@ pub fn segment<B: OperatorBackend + ?Sized>(
 ) -> Result<Segments, Error> {
     options.check()?;
     let vertices = spectrum.areas.len();
-    if let Some(&beyond) = faces.all_corners().iter().find(|&&v| v as usize >= vertices) {
+    if let Some(&beyond) = faces
+        .all_corners()
+        .iter()
+        .find(|&&v| v as usize >= vertices)
+    {
         return Err(Error::Length {
             what: "the modes",
             found: vertices,
@@ -78,7 +82,8 @@ pub fn segment<B: OperatorBackend + ?Sized>(
     let sample = draw(&spectrum.areas, options.sample, options.seed);
     let drawn = rows.of_sample(&sample);
     let mut distances = Vec::new();
-    run.backend.distances(&drawn.values, drawn.width, &mut distances)?;
+    run.backend
+        .distances(&drawn.values, drawn.width, &mut distances)?;
 
     let search = Search {
         rows: &rows,
@@ -109,7 +114,9 @@ pub fn segment<B: OperatorBackend + ?Sized>(
 
 /// One vertex per stratum of equal area, at a random place of it; vertices of large area may come twice.
 fn draw(areas: &[f64], count: usize, seed: u64) -> Vec<u32> {
-    let used: Vec<u32> = (0..areas.len() as u32).filter(|&v| areas[v as usize] > 0.0).collect();
+    let used: Vec<u32> = (0..areas.len() as u32)
+        .filter(|&v| areas[v as usize] > 0.0)
+        .collect();
     if used.len() <= count {
         return used;
     }
@@ -175,8 +182,7 @@ impl Search<'_> {
                 for groups in 2..=most.min(n) {
                     run.progress("groups", groups as u64 - 1, most as u64)?;
                     let found = self.best(groups);
-                    let index =
-                        davies_bouldin(&self.drawn.values, self.drawn.width, &found.group);
+                    let index = davies_bouldin(&self.drawn.values, self.drawn.width, &found.group);
                     tried.push((index, found));
                 }
                 let choices = tried.iter().map(|(index, found)| GroupChoice {
@@ -188,7 +194,10 @@ impl Search<'_> {
                     .into_iter()
                     .min_by(|a, b| a.0.total_cmp(&b.0))
                     .map(|t| t.1)
-                    .ok_or(Error::TooManyModes { asked: 2, vertices: n })?;
+                    .ok_or(Error::TooManyModes {
+                        asked: 2,
+                        vertices: n,
+                    })?;
                 Ok((best, choices))
             }
         }
@@ -216,7 +225,11 @@ impl Search<'_> {
     }
 
     fn loss_over_all(&self, found: &Medoids) -> f64 {
-        let vertices: Vec<u32> = found.medoids.iter().map(|&m| self.sample[m as usize]).collect();
+        let vertices: Vec<u32> = found
+            .medoids
+            .iter()
+            .map(|&m| self.sample[m as usize])
+            .collect();
         parallel::sum(self.rows.len(), |v| {
             self.areas[v] * f64::from(nearest(self.rows, &vertices, self.rows.row(v)).1)
         })
