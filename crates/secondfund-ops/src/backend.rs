@@ -1,13 +1,48 @@
 //! The hot kernels, and what each backend owes to the specification.
+//!
+//! A backend may come from outside of this crate; this one counts its calls:
+//!
+//! ```
+//! use std::sync::atomic::{AtomicUsize, Ordering};
+//! use secondfund_ops::backend::{OperatorBackend, TriangleTask};
+//! use secondfund_ops::forms::TriangleMatrix;
+//! use secondfund_ops::geom_core::{Backend, Cpu, Run, mesh::shapes};
+//! use secondfund_ops::{Element, Error, Normals, SpectrumOptions, spectrum};
+//!
+//! #[derive(Default)]
+//! struct Counting(AtomicUsize);
+//!
+//! impl Backend for Counting {
+//!     fn name(&self) -> String {
+//!         "counting".to_owned()
+//!     }
+//! }
+//!
+//! impl OperatorBackend for Counting {
+//!     fn triangle_matrices(&self, task: &TriangleTask<'_>, out: &mut Vec<TriangleMatrix>) -> Result<(), Error> {
+//!         self.0.fetch_add(1, Ordering::Relaxed);
+//!         Cpu.triangle_matrices(task, out)
+//!     }
+//!     fn distances(&self, rows: &[f32], width: usize, out: &mut Vec<f32>) -> Result<(), Error> {
+//!         self.0.fetch_add(1, Ordering::Relaxed);
+//!         Cpu.distances(rows, width, out)
+//!     }
+//! }
+//!
+//! let (sphere, normals, counting) = (shapes::icosphere(1.0, 2), Normals::default(), Counting::default());
+//! let element = Element::Triangles(&sphere, &normals);
+//! spectrum(&element, &SpectrumOptions::default(), Run::on(&counting))?;
+//! assert_eq!(counting.0.into_inner(), 1);
+//! # Ok::<(), Error>(())
+//! ```
 
-use geom_core::spectral::SpectralBackend;
-use geom_core::{Agreement, Point3, Vector3};
+use geom_core::{Agreement, Backend, Point3, Vector3};
 
 use crate::Error;
 use crate::forms::{Conductor, TriangleMatrix};
 
 /// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) is the specification.
-pub trait OperatorBackend: SpectralBackend {
+pub trait OperatorBackend: Backend {
     /// The matrices of every triangle of a task, in place of what was in `out`.
     fn triangle_matrices(
         &self,

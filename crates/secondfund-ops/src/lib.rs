@@ -6,6 +6,7 @@
 //! - [`forms`]: the fundamental forms at a point, weights, and what an operator makes of them.
 //! - [`operators`]: matrices and modes, on limit surfaces and on triangles.
 //! - [`segment`](mod@segment): modes to segments, and how far two segmentations differ.
+//! - [`pockets`]: where a ligand may bind, and which part of the surface that is.
 //! - [`flow`]: smoothing that keeps creases.
 //!
 //! Beside them [`backend`] (the kernels, and what another backend owes), [`options`] and [`Error`].

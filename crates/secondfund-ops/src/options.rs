@@ -123,6 +123,11 @@ pub enum Groups {
         /// Largest number.
         most: usize,
     },
+    /// The number from 2 to `most` with the largest medoid silhouette.
+    Silhouette {
+        /// Largest number.
+        most: usize,
+    },
 }
 
 impl Default for Groups {
@@ -172,7 +177,7 @@ impl SegmentOptions {
     pub fn check(&self) -> Result<(), OutOfRange> {
         let groups = match self.groups {
             Groups::Count(count) => count,
-            Groups::DaviesBouldin { most } => most,
+            Groups::DaviesBouldin { most } | Groups::Silhouette { most } => most,
         };
         let within = (2..=self.sample).contains(&groups);
         require(
@@ -283,13 +288,18 @@ impl FlowOptions {
 pub struct PocketOptions {
     /// Atoms within this distance of a point count as its burial, Å.
     pub radius: f64,
+    /// How much the atoms of other chains count than of the one that has most atoms around a point: below 1 the
+    /// clefts between chains do not hide the pockets within them.
+    pub foreign: f64,
     /// Spacing of the points, Å.
     pub spacing: f64,
     /// Smallest and largest distance of a point from the nearest atom's surface, Å.
     pub shell: [f64; 2],
     /// The share of the points that are not deep enough.
     pub percentile: f64,
-    /// Take that percentile of each chain's own points.
+    /// Nor are points whose burial is less than this times the median: a convex body has no pockets.
+    pub prominence: f64,
+    /// Take percentile and median of each chain's own points.
     pub per_chain: bool,
     /// Points at most this far apart belong together, Å.
     pub link: f64,
@@ -303,9 +313,11 @@ impl Default for PocketOptions {
     fn default() -> Self {
         Self {
             radius: 10.0,
+            foreign: 0.5,
             spacing: 1.2,
             shell: [1.6, 2.8],
             percentile: 0.95,
+            prominence: 1.15,
             per_chain: true,
             link: 1.8,
             least_points: 4,
@@ -321,6 +333,7 @@ impl PocketOptions {
             require((low..=high).contains(&value), option, value, must)
         };
         within("radius", self.radius, 4.0, 30.0, "lie within 4…30 Å")?;
+        within("foreign", self.foreign, 0.0, 1.0, "lie within 0…1")?;
         within("spacing", self.spacing, 0.3, 3.0, "lie within 0.3…3 Å")?;
         within(
             "percentile",
@@ -360,6 +373,8 @@ pub struct OutlineOptions {
     pub probe: f64,
     /// Atoms within this distance count as burial, Å.
     pub radius: f64,
+    /// How much those of other chains than the nearest count: see [`PocketOptions::foreign`].
+    pub foreign: f64,
 }
 
 impl Default for OutlineOptions {
@@ -371,6 +386,7 @@ impl Default for OutlineOptions {
             normal_rounds: 20,
             probe: 1.6,
             radius: 10.0,
+            foreign: 0.5,
         }
     }
 }

@@ -1,8 +1,8 @@
 //! The smallest eigenpairs of an operator.
 
-use geom_core::Run;
 use geom_core::linalg::Error as MatrixError;
 use geom_core::spectral::{self, Report, eigenpairs};
+use geom_core::{Cpu, Run};
 
 use super::assemble::assemble;
 use super::element::Element;
@@ -36,10 +36,10 @@ pub struct Spectrum {
 }
 
 /// The smallest eigenpairs `∫ f_a A^{ab} h_b = λ ∫ f h` of an operator, the constant of each connected
-/// component left out; fewer than asked if the surface has fewer vertices.
+/// component left out. Matrices come from the backend; the pairs are found on the CPU with any.
 ///
 /// # Errors
-/// [`Error::Indefinite`] for [`Operator::Gho`] and [`Operator::Ggho`] on a surface with saddles; those of
+/// [`Error::TooManyModes`]; [`Error::Indefinite`] for [`Operator::Gho`] and [`Operator::Ggho`] on a surface with saddles; those of
 /// [`assemble`].
 pub fn spectrum<B: OperatorBackend + ?Sized>(
     element: &Element<'_>,
@@ -60,8 +60,19 @@ pub fn spectrum<B: OperatorBackend + ?Sized>(
         verify: options.verify,
         ..spectral::Options::default()
     };
-    let mut pairs = eigenpairs(&matrices.stiffness, &matrices.mass, wanted, &spectral, run)
-        .map_err(|e| named(e, &options.operator))?;
+    // A sparse factor: no kernel of a backend takes part.
+    let on_cpu = Run {
+        backend: &Cpu,
+        monitor: run.monitor,
+    };
+    let mut pairs = eigenpairs(
+        &matrices.stiffness,
+        &matrices.mass,
+        wanted,
+        &spectral,
+        on_cpu,
+    )
+    .map_err(|e| named(e, &options.operator))?;
     if pairs
         .values
         .first()

@@ -177,11 +177,26 @@ impl Atoms {
         });
     }
 
-    /// How many atoms lie within `radius` of `p`.
-    pub(crate) fn count(&self, p: &Point3, radius: f64) -> u32 {
-        let mut count = 0;
-        self.within(p, radius, |_, _| count += 1);
-        count
+    /// The atoms within `radius` of `p`, of the chain that has most of them in full, of the others `foreign` each.
+    /// `counts` is scratch.
+    pub(crate) fn burial(
+        &self,
+        p: &Point3,
+        radius: f64,
+        foreign: f64,
+        counts: &mut Vec<(u32, u32)>,
+    ) -> f64 {
+        counts.clear();
+        self.within(p, radius, |a, _| {
+            let chain = self.chain[a as usize];
+            match counts.iter_mut().find(|c| c.0 == chain) {
+                Some(count) => count.1 += 1,
+                None => counts.push((chain, 1)),
+            }
+        });
+        let most = counts.iter().map(|c| c.1).max().unwrap_or(0);
+        let all: u32 = counts.iter().map(|c| c.1).sum();
+        f64::from(most) + foreign * f64::from(all - most)
     }
 
     /// The distance from `p` to the nearest atom's surface, at most `reach`, and that atom.

@@ -104,7 +104,7 @@ impl Patches {
             .zip(surface.vertex_normals())
             .map(|(p, n)| p + n * options.probe)
             .collect();
-        let deep = burial(&probes, structure, options.radius)?;
+        let deep = burial(&probes, structure, options.radius, options.foreign)?;
         let mut face_of = vec![u32::MAX; surface.positions().len()];
         for (f, corners) in surface.triangles().iter().enumerate() {
             corners.iter().for_each(|&v| face_of[v as usize] = f as u32);

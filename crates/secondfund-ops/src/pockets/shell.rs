@@ -7,17 +7,26 @@ use super::atoms::Atoms;
 use crate::Error;
 use crate::options::PocketOptions;
 
-/// The number of heavy polymer atoms within `radius` (Å) of each point: how deep it lies in the molecule. 400
-/// on the surface of a globular protein, 600 in a pocket, for 10 Å.
+/// How deep each point lies in the molecule: the heavy polymer atoms within `radius` (Å), those of the chain that
+/// has most of them in full, of the others `foreign` each. About 400 on the surface of a globular protein and 600
+/// in a pocket, for 10 Å. With `foreign` = 1 the clefts between chains, where two surfaces meet, are deeper than
+/// most pockets within a chain.
 ///
 /// # Errors
 /// [`Error::NoAtoms`].
-pub fn burial(points: &[Point3], structure: &Structure, radius: f64) -> Result<Vec<f64>, Error> {
+pub fn burial(
+    points: &[Point3],
+    structure: &Structure,
+    radius: f64,
+    foreign: f64,
+) -> Result<Vec<f64>, Error> {
     let atoms = Atoms::of(structure)?;
     Ok(points
         .par_iter()
         .with_min_len(64)
-        .map(|p| f64::from(atoms.count(&atoms.frame.enter(p), radius)))
+        .map_init(Vec::new, |counts, p| {
+            atoms.burial(&atoms.frame.enter(p), radius, foreign, counts)
+        })
         .collect())
 }
 
@@ -42,6 +51,7 @@ pub(crate) fn shell(atoms: &Atoms, options: &PocketOptions) -> Vec<ShellPoint> {
     let low: [i32; 3] = [0, 1, 2].map(|k| (bounds.min[k] / h).floor() as i32);
     let high: [i32; 3] = [0, 1, 2].map(|k| (bounds.max[k] / h).ceil() as i32);
     let plane = |k: i32| -> Vec<ShellPoint> {
+        let mut counts = Vec::new();
         let row = move |j: i32| (low[0]..=high[0]).map(move |i| [i, j, k]);
         (low[1]..=high[1])
             .flat_map(row)
@@ -52,7 +62,7 @@ pub(crate) fn shell(atoms: &Atoms, options: &PocketOptions) -> Vec<ShellPoint> {
                     place,
                     position,
                     chain: atoms.chain[atom as usize],
-                    burial: f64::from(atoms.count(&position, options.radius)),
+                    burial: atoms.burial(&position, options.radius, options.foreign, &mut counts),
                 })
             })
             .collect()

@@ -16,7 +16,7 @@ pub struct Pocket {
     pub rank: usize,
     /// `Σ (c − τ)²` over its points, with the burial c and the threshold τ, in squared atoms.
     pub score: f64,
-    /// The mean of its points weighted in the same way, Å.
+    /// Where its points, weighted in the same way, lie densest, Å.
     pub center: Point3,
     /// The largest burial of a point.
     pub burial: f64,
@@ -84,25 +84,30 @@ pub fn find(structure: &Structure, options: &PocketOptions) -> Result<Pockets, E
     })
 }
 
-/// The percentile of the burial: of each chain's own points, so that the clefts between chains do not hide
-/// the pockets within them.
+/// The burial that counts as deep: the percentile, and at least so much above the median. Of each chain's own
+/// points, so that the clefts between chains do not hide the pockets within them.
 fn thresholds(points: &[ShellPoint], chains: usize, options: &PocketOptions) -> Vec<f64> {
-    let percentile = |mut burial: Vec<f64>| {
+    let threshold = |mut burial: Vec<f64>| {
         burial.sort_by(f64::total_cmp);
-        let at = (options.percentile * burial.len() as f64) as usize;
-        burial
-            .get(at.min(burial.len().saturating_sub(1)))
-            .copied()
-            .unwrap_or(f64::INFINITY)
+        let at = |share: f64| {
+            let place = (share * burial.len() as f64) as usize;
+            burial
+                .get(place.min(burial.len().saturating_sub(1)))
+                .copied()
+        };
+        match (at(options.percentile), at(0.5)) {
+            (Some(high), Some(median)) => high.max(options.prominence * median),
+            _ => f64::INFINITY,
+        }
     };
     if options.per_chain {
         let mut of_chain = vec![Vec::new(); chains];
         points
             .iter()
             .for_each(|p| of_chain[p.chain as usize].push(p.burial));
-        of_chain.into_iter().map(percentile).collect()
+        of_chain.into_iter().map(threshold).collect()
     } else {
-        vec![percentile(points.iter().map(|p| p.burial).collect()); chains]
+        vec![threshold(points.iter().map(|p| p.burial).collect()); chains]
     }
 }
 
@@ -143,6 +148,42 @@ fn clusters(deep: &[(ShellPoint, f64)], spacing: f64, link: f64) -> Vec<Vec<u32>
     members
 }
 
+/// Width σ of the kernel in which the points of a pocket are densest at its centre, Å.
+const WIDTH: f64 = 4.0;
+/// Most steps towards that place, and the length of the last, Å.
+const SHIFTS: usize = 100;
+const LAST_SHIFT: f64 = 1e-6;
+
+/// The place where weighted points are densest: mean shift from the point of the highest density (Comaniciu and
+/// Meer, *Mean shift*, 2002). The mean itself may lie in none of the parts of a long pocket.
+fn densest(points: &[(Point3, f64)]) -> Point3 {
+    let kernel = |p: &Point3, q: &Point3| (-(p - q).norm_squared() / (2.0 * WIDTH * WIDTH)).exp();
+    let density = |at: &Point3| points.iter().map(|(p, w)| w * kernel(p, at)).sum::<f64>();
+    let mut best = (f64::NEG_INFINITY, Point3::origin());
+    for (p, _) in points {
+        let d = density(p);
+        if d > best.0 {
+            best = (d, *p);
+        }
+    }
+    let mut at = best.1;
+    for _ in 0..SHIFTS {
+        let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+        for (p, w) in points {
+            let share = w * kernel(p, &at);
+            sum += p.coords * share;
+            total += share;
+        }
+        let next = Point3::from(sum / total);
+        let length = (next - at).norm();
+        at = next;
+        if length < LAST_SHIFT {
+            break;
+        }
+    }
+    at
+}
+
 /// A set of points with its score.
 struct Candidate {
     members: Vec<u32>,
@@ -152,16 +193,15 @@ struct Candidate {
 
 impl Candidate {
     fn of(deep: &[(ShellPoint, f64)], members: Vec<u32>) -> Self {
-        let (mut score, mut sum) = (0.0, Vector3::zeros());
-        for &m in &members {
-            let (point, excess) = &deep[m as usize];
-            score += excess * excess;
-            sum += point.position.coords * (excess * excess);
-        }
+        let weighted: Vec<(Point3, f64)> = members
+            .iter()
+            .map(|&m| &deep[m as usize])
+            .map(|(point, excess)| (point.position, excess * excess))
+            .collect();
         Self {
             members,
-            score,
-            center: Point3::from(sum / score),
+            score: weighted.iter().map(|w| w.1).sum(),
+            center: densest(&weighted),
         }
     }
 

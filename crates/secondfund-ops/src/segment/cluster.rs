@@ -139,6 +139,24 @@ fn best_swap(row: &[f32], near: &[Near], groups: usize) -> (usize, f64) {
     (best, change[best] + gained)
 }
 
+/// The mean medoid silhouette `1 − d₁/d₂` with the distances to the nearest and the second nearest medoid: 1 for
+/// compact groups far apart, 0 where every point lies between two (Lenssen and Schubert, 2022). Points on both
+/// medoids count 0; 0 for a single group.
+pub(crate) fn medoid_silhouette(distances: &[f32], n: usize, medoids: &[u32]) -> f64 {
+    if medoids.len() < 2 || n == 0 {
+        return 0.0;
+    }
+    let near = nearest(distances, n, medoids);
+    let one = |p: &Near| {
+        if p.second > 0.0 {
+            1.0 - f64::from(p.first) / f64::from(p.second)
+        } else {
+            0.0
+        }
+    };
+    near.iter().map(one).sum::<f64>() / n as f64
+}
+
 /// The index of Davies and Bouldin (1979): the mean over the groups of the worst `(sᵢ + sⱼ) / |cᵢ − cⱼ|`
 /// with the centroids c and the mean distances s from them. Small for compact groups far apart; empty
 /// groups are left out; infinite where two centroids coincide.

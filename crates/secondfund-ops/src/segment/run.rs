@@ -4,7 +4,7 @@ use geom_core::{Run, parallel};
 use rayon::prelude::*;
 
 use super::clean::clean;
-use super::cluster::{Medoids, davies_bouldin, medoids};
+use super::cluster::{Medoids, davies_bouldin, medoid_silhouette, medoids};
 use super::embed::{Rows, squared};
 use super::faces::Faces;
 use crate::Error;
@@ -36,6 +36,8 @@ pub struct GroupChoice {
     pub groups: usize,
     /// Its index of Davies and Bouldin.
     pub davies_bouldin: f64,
+    /// Its medoid silhouette.
+    pub silhouette: f64,
 }
 
 /// A segmentation.
@@ -177,30 +179,40 @@ impl Search<'_> {
         let n = self.sample.len();
         match self.options.groups {
             Groups::Count(count) => Ok((self.best(count.min(n)), Vec::new())),
-            Groups::DaviesBouldin { most } => {
-                let mut tried = Vec::new();
-                for groups in 2..=most.min(n) {
-                    run.progress("groups", groups as u64 - 1, most as u64)?;
-                    let found = self.best(groups);
-                    let index = davies_bouldin(&self.drawn.values, self.drawn.width, &found.group);
-                    tried.push((index, found));
-                }
-                let choices = tried.iter().map(|(index, found)| GroupChoice {
-                    groups: found.medoids.len(),
-                    davies_bouldin: *index,
-                });
-                let choices = choices.collect();
-                let best = tried
-                    .into_iter()
-                    .min_by(|a, b| a.0.total_cmp(&b.0))
-                    .map(|t| t.1)
-                    .ok_or(Error::TooManyModes {
-                        asked: 2,
-                        vertices: n,
-                    })?;
-                Ok((best, choices))
+            Groups::DaviesBouldin { most } => self.sought(most, run, |c| c.davies_bouldin),
+            Groups::Silhouette { most } => self.sought(most, run, |c| -c.silhouette),
+        }
+    }
+
+    /// Every number from 2 to `most`; the groups for which `badness` is least.
+    fn sought<B: OperatorBackend + ?Sized>(
+        &self,
+        most: usize,
+        run: Run<'_, B>,
+        badness: impl Fn(&GroupChoice) -> f64,
+    ) -> Result<(Medoids, Vec<GroupChoice>), Error> {
+        let n = self.sample.len();
+        let mut choices = Vec::new();
+        let mut best: Option<(f64, Medoids)> = None;
+        for groups in 2..=most.min(n) {
+            run.progress("groups", groups as u64 - 1, most as u64)?;
+            let found = self.best(groups);
+            let choice = GroupChoice {
+                groups,
+                davies_bouldin: davies_bouldin(&self.drawn.values, self.drawn.width, &found.group),
+                silhouette: medoid_silhouette(self.distances, n, &found.medoids),
+            };
+            let bad = badness(&choice);
+            choices.push(choice);
+            if best.as_ref().is_none_or(|b| bad < b.0) {
+                best = Some((bad, found));
             }
         }
+        let best = best.ok_or(Error::TooManyModes {
+            asked: 2,
+            vertices: n,
+        })?;
+        Ok((best.1, choices))
     }
 
     /// The best of the restarts, by the loss over all vertices (CLARA with our sample: Kaufman and
