@@ -317,7 +317,7 @@ impl Default for PocketOptions {
             spacing: 1.2,
             shell: [1.6, 2.8],
             percentile: 0.95,
-            prominence: 1.15,
+            prominence: 1.3,
             per_chain: true,
             link: 1.8,
             least_points: 4,

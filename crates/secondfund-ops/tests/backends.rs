@@ -48,15 +48,12 @@ fn body(seed: u64) -> (TriMesh, Vec<Vector3>, Vec<f64>) {
     (mesh, normals, factors)
 }
 
-/// The values of each triangle over its largest one.
+/// The values of each triangle over its largest one; what is below 1e-6 of a unit conductivity is nothing.
 fn relative(matrices: &[TriangleMatrix]) -> Vec<f64> {
     matrices
         .iter()
         .flat_map(|m| {
-            let largest = m
-                .stiffness
-                .iter()
-                .fold(f64::MIN_POSITIVE, |s, k| s.max(k.abs()));
+            let largest = m.stiffness.iter().fold(1e-6, |s, k| s.max(k.abs()));
             m.stiffness.map(|k| k / largest)
         })
         .collect()

@@ -5,6 +5,9 @@ use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::Rotation3;
 use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
+use proptest::prelude::*;
+use secondfund_ops::catmull::subdivide;
+use secondfund_ops::forms::{Conductor, Forms, Law, Symmetric};
 use secondfund_ops::options::{FlowOperator, Quadrature};
 use secondfund_ops::segment::medoids;
 use secondfund_ops::segment::metrics::{cut_discrepancy, difference};
@@ -122,6 +125,249 @@ fn a_torus_has_the_spectrum_of_the_fourier_solution() {
     assert!(total.abs() < 1e-10, "∫K = {total}");
 }
 
+#[test]
+fn a_convex_body_has_modes_of_the_giaquinta_hildebrandt_operator_and_a_torus_has_none() {
+    let sphere = Surface::interpolating(&shapes::quad_sphere(1.0, 8)).unwrap();
+    let gho = modes_of(Element::CatmullClark(&sphere), Operator::Gho, 8, 0.5);
+    // l(l+1) / R³ with R = ½.
+    let errors = sphere_errors(&gho.values, |x| x * gho.scale.powi(3));
+    assert!(errors[0] < 1e-3 && errors[1] < 2e-3, "{errors:?}");
+    let torus = Surface::interpolating(&shapes::quad_torus(1.0, 0.4, 24, 12)).unwrap();
+    let options = SpectrumOptions {
+        operator: Operator::Gho,
+        ..SpectrumOptions::default()
+    };
+    let none = spectrum(&Element::CatmullClark(&torus), &options, Run::on(&Cpu));
+    assert_eq!(none.err(), Some(Error::Indefinite));
+}
+
+/// `∫ dA`, `∫ H dA`, `∫ K dA` over a surface.
+fn totals(surface: &Surface) -> [f64; 3] {
+    let mut sums = [0.0; 3];
+    for (jet, weight) in surface.jets(Quadrature::default()).unwrap() {
+        let area = weight * jet.area_normal().norm();
+        let forms = jet.forms();
+        sums[0] += area;
+        sums[1] += area * forms.mean();
+        sums[2] += area * forms.gaussian();
+    }
+    sums
+}
+
+#[test]
+fn an_ellipsoid_has_four_pi_of_curvature_and_turns_outwards() {
+    let axes = Vector3::new(1.0, 0.7, 0.5);
+    let (positions, quads) = shapes::quad_sphere(1.0, 16).into_parts();
+    let positions: Vec<Point3> = positions
+        .iter()
+        .map(|p| Point3::from(p.coords.component_mul(&axes)))
+        .collect();
+    let mesh = QuadMesh::new(positions.clone(), quads.clone()).unwrap();
+    let surface = Surface::interpolating(&mesh).unwrap();
+    assert!(!surface.flipped());
+    let [area, mean, gauss] = totals(&surface);
+    let error = gauss / 4.0 / std::f64::consts::PI - 1.0;
+    assert!(error.abs() < 1.6e-6, "{error}");
+    assert!(mean > 0.0);
+    // The limit passes through the samples.
+    for (p, q) in surface.limit_positions().iter().zip(mesh.positions()) {
+        assert!((p - q).norm() < 1e-11);
+    }
+    let back: Vec<[u32; 4]> = quads.iter().map(|&[a, b, c, d]| [a, d, c, b]).collect();
+    let other = Surface::interpolating(&QuadMesh::new(positions, back).unwrap()).unwrap();
+    assert!(other.flipped());
+    for (a, b) in totals(&other).iter().zip([area, mean, gauss]) {
+        assert!((a - b).abs() < 1e-8 * b.abs(), "{a} {b}");
+    }
+}
+
+#[test]
+fn an_open_cylinder_is_curved_one_way() {
+    let (around, along, radius) = (24u32, 8u32, 1.5);
+    let positions = (0..=along).flat_map(|j| {
+        (0..around).map(move |i| {
+            let u = std::f64::consts::TAU * f64::from(i) / f64::from(around);
+            Point3::new(radius * u.cos(), radius * u.sin(), 0.4 * f64::from(j))
+        })
+    });
+    let at = |i: u32, j: u32| j * around + i % around;
+    let quads: Vec<[u32; 4]> = (0..along * around)
+        .map(|q| (q % around, q / around))
+        .map(|(i, j)| [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)])
+        .collect();
+    let surface =
+        Surface::interpolating(&QuadMesh::new(positions.collect(), quads).unwrap()).unwrap();
+    for (jet, _) in surface.jets(Quadrature::default()).unwrap() {
+        let principal = jet.forms().principal();
+        assert!((principal.max * radius - 1.0).abs() < 5e-3, "{principal:?}");
+        assert!(principal.min.abs() < 1e-9, "{principal:?}");
+    }
+    let area = totals(&surface)[0];
+    let exact = std::f64::consts::TAU * radius * 3.2;
+    assert!((area / exact - 1.0).abs() < 1e-4, "{area} {exact}");
+}
+
+#[test]
+fn limit_positions_survive_a_subdivision() {
+    // Valences 3, 4 and 5: the cube of 2 × 2 quads a side with one corner pulled.
+    let mesh = rounded_box([1.0, 0.9, 0.8], 0.3, 3);
+    let surface = Surface::new(mesh.clone()).unwrap();
+    let finer = Surface::new(subdivide(surface.control()).unwrap()).unwrap();
+    for (p, q) in surface
+        .limit_positions()
+        .iter()
+        .zip(finer.limit_positions())
+    {
+        assert!((p - q).norm() < 1e-14);
+    }
+    for (a, b) in totals(&surface).iter().zip(totals(&finer)) {
+        assert!((a / b - 1.0).abs() < 2e-5, "{a} {b}");
+    }
+}
+
+proptest! {
+    /// `A_ε ≤ Ψ²/ε² g⁻¹`, and without regularization `Ψ² b⁻¹ g b⁻¹`.
+    #[test]
+    fn the_secondary_operator_is_bounded(
+        (p, q, r) in (-2.0..2.0f64, -2.0..2.0f64, -2.0..2.0f64),
+        (x, y, z) in (-5.0..5.0f64, -5.0..5.0f64, -5.0..5.0f64),
+        epsilon in 0.05..3.0f64,
+    ) {
+        let first = Symmetric::new(p * p + 0.3, p * r, q * q + r * r + 0.3);
+        prop_assume!(first.determinant() > 0.05);
+        let forms = Forms { first, second: Symmetric::new(x, y, z) };
+        let conductor = |regularization| Conductor {
+            law: Law::GaussImage,
+            gauss: 1.0,
+            mean: 0.0,
+            bounds: [0.5, 10.0],
+            regularization,
+            limit: f64::INFINITY,
+        };
+        let a = conductor(epsilon).at(&forms, 1.0);
+        let psi = conductor(epsilon).psi(&forms, 1.0);
+        let bound = first.inverse() * (psi * psi / (epsilon * epsilon));
+        let (_, least, _) = (bound + a * -1.0).eigen();
+        prop_assert!(least >= -1e-9 * bound.trace(), "{least}");
+        prop_assert!(a.eigen().1 > 0.0);
+        prop_assume!(forms.second.determinant().abs() > 0.1);
+        let inverse = forms.second.inverse();
+        let exact = inverse.around(first) * (psi * psi);
+        let limit = conductor(0.0).at(&forms, 1.0);
+        let off = (exact.xx - limit.xx).abs() + (exact.xy - limit.xy).abs() + (exact.yy - limit.yy).abs();
+        prop_assert!(off < 1e-6 * exact.trace(), "{off} {exact:?}");
+    }
+}
+
+#[test]
+fn bad_input_is_named() {
+    let sphere = shapes::icosphere(1.0, 1);
+    let normals = Normals::default();
+    let element = Element::Triangles(&sphere, &normals);
+    let run = |options: &SpectrumOptions| spectrum(&element, options, Run::on(&Cpu)).err().unwrap();
+    let with = |operator| SpectrumOptions {
+        operator,
+        ..SpectrumOptions::default()
+    };
+    let many = SpectrumOptions {
+        modes: 42,
+        ..SpectrumOptions::default()
+    };
+    assert_eq!(
+        run(&many),
+        Error::TooManyModes {
+            asked: 42,
+            vertices: 42
+        }
+    );
+    assert!(matches!(
+        run(&with(Operator::Slo(Weight::Field(vec![1.0; 3])))),
+        Error::Length { expected: 42, .. }
+    ));
+    let mut field = vec![1.0; 42];
+    field[7] = 0.0;
+    assert_eq!(
+        run(&with(Operator::Slo(Weight::Field(field)))),
+        Error::Field { vertex: 7 }
+    );
+    let negative = SpectrumOptions {
+        regularization: -1.0,
+        ..SpectrumOptions::default()
+    };
+    assert!(matches!(run(&negative), Error::Option(_)));
+    let other = Normals::Given(vec![Vector3::z(); 5]);
+    let wrong = spectrum(
+        &Element::Triangles(&sphere, &other),
+        &SpectrumOptions::default(),
+        Run::on(&Cpu),
+    );
+    assert!(matches!(wrong.err(), Some(Error::Length { .. })));
+
+    // A flat triangle has no finite conductivity without regularization.
+    let flat = TriMesh::new(
+        [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [1.0, 1.0, 0.0],
+        ]
+        .map(Point3::from)
+        .to_vec(),
+        vec![[0, 1, 2], [1, 3, 2]],
+    )
+    .unwrap();
+    let bare = SpectrumOptions {
+        regularization: 0.0,
+        modes: 1,
+        ..SpectrumOptions::default()
+    };
+    let found = spectrum(&Element::Triangles(&flat, &normals), &bare, Run::on(&Cpu));
+    assert_eq!(found.err(), Some(Error::Flat { element: 0 }));
+    let nothing = spectrum(
+        &Element::Triangles(&TriMesh::default(), &normals),
+        &bare,
+        Run::on(&Cpu),
+    );
+    assert_eq!(nothing.err(), Some(Error::NoExtent));
+
+    // Three quads at a boundary vertex, and two at an inner one.
+    let ring: Vec<Point3> = (0..8)
+        .map(|k| Point3::new((f64::from(k) * 0.7).cos(), (f64::from(k) * 0.7).sin(), 0.0))
+        .collect();
+    let mut fan = ring.clone();
+    fan.push(Point3::origin());
+    let open = QuadMesh::new(fan.clone(), vec![[8, 0, 1, 2], [8, 2, 3, 4], [8, 4, 5, 6]]).unwrap();
+    assert!(matches!(
+        Surface::new(open).err(),
+        Some(Error::Valence {
+            vertex: 8,
+            quads: 3,
+            ..
+        })
+    ));
+    let pillow = QuadMesh::new(ring, vec![[0, 1, 2, 3], [3, 2, 1, 0]]).unwrap();
+    assert!(matches!(
+        Surface::new(pillow).err(),
+        Some(Error::Valence { quads: 2, .. })
+    ));
+
+    let modes = spectrum(&element, &SpectrumOptions::default(), Run::on(&Cpu)).unwrap();
+    let faces = Faces::from(&sphere);
+    let one = SegmentOptions {
+        groups: Groups::Count(1),
+        ..SegmentOptions::default()
+    };
+    assert!(matches!(
+        segment(&modes, &faces, &one, Run::on(&Cpu)).err(),
+        Some(Error::Option(_))
+    ));
+    let larger = Faces::from(&shapes::icosphere(1.0, 2));
+    assert!(matches!(
+        segment(&modes, &larger, &SegmentOptions::default(), Run::on(&Cpu)).err(),
+        Some(Error::Length { .. })
+    ));
+}
+
 // ── segmentation
 
 /// The segment that holds most of a set of faces, and the Jaccard index of both.
@@ -191,15 +437,15 @@ fn dimples_are_segments_of_exp_minus_h() {
         0.3,
     );
     let asked = SegmentOptions {
-        groups: Groups::Count(10),
-        modes: Modes::Count(6),
+        groups: Groups::Count(16),
+        modes: Modes::Count(3),
         ..SegmentOptions::default()
     };
     let faces = Faces::from(&ball);
     let segments = segment(&modes, &faces, &asked, Run::on(&Cpu)).unwrap();
     for d in directions {
         let inside: Vec<bool> = (0..ball.triangles().len())
-            .map(|t| d.angle(&ball.corners(t)[0].coords) < 0.4)
+            .map(|t| d.angle(&ball.corners(t)[0].coords) < 0.3)
             .collect();
         let jaccard = best_overlap(&segments.labels, faces.areas(), &inside);
         println!("dimple {jaccard}");
@@ -395,37 +641,30 @@ fn creases_outlast_mean_curvature_flow_and_volume_is_kept() {
             near.iter().filter(|d| **d < 0.05).count() >= 2
         })
         .collect();
-    let lost = |operator| {
+    let lost = |operator, iterations| {
         let options = FlowOptions {
             operator,
-            iterations: 50,
+            iterations,
             keep_volume: true,
             ..FlowOptions::default()
         };
         let done = smooth(&noisy, 1, &options, Run::on(&Cpu)).unwrap();
         let [before, after] = done.report.volume;
         assert!((after / before - 1.0).abs() < 1e-3, "{:?}", done.report);
-        assert!(
-            done.mesh
-                .positions()
-                .iter()
-                .all(|p| p.coords.norm().is_finite())
-        );
-        let sum: f64 = crease
-            .iter()
-            .map(|&v| tree.closest(&done.mesh.positions()[v]).distance)
-            .sum();
-        (
-            sum / crease.len() as f64 / edge,
-            done.report.rms_displacement,
-        )
+        let away = |&v: &usize| tree.closest(&done.mesh.positions()[v]).distance;
+        let sum: f64 = crease.iter().map(away).sum();
+        let distance = sum / crease.len() as f64 / edge;
+        assert!(distance.is_finite());
+        (distance, done.report.rms_displacement)
     };
-    let (ggho, mean) = (lost(FlowOperator::Ggho), lost(FlowOperator::Lbo));
-    println!(
-        "{} crease vertices; crease distance / edge and rms: GGHO {ggho:?}, mean curvature {mean:?}",
-        crease.len()
-    );
-    assert!(ggho.0 < 0.5 * mean.0, "{ggho:?} {mean:?}");
+    let ggho = lost(FlowOperator::Ggho, 50);
+    // Mean curvature flow, as far as it moves the surface as much.
+    let mean = (1..=10)
+        .map(|k| lost(FlowOperator::Lbo, 5 * k))
+        .find(|m| m.1 >= ggho.1)
+        .unwrap();
+    println!("crease distance / edge and rms: GGHO {ggho:?}, mean curvature {mean:?}");
+    assert!(ggho.0 <= 0.4 * mean.0, "{ggho:?} {mean:?}");
 }
 
 #[test]
