@@ -10,8 +10,8 @@ use clap::{Parser, ValueEnum};
 use geom_core::io::{self, mesh::AnyMesh, view::View as Fields};
 use geom_core::{Point3, TriMesh};
 use secondfund_ops::{
-    Element, Faces, Groups, Normals, Operator, SegmentOptions, Segments, Spectrum, SpectrumOptions, Surface, Weight,
-    segment, spectrum,
+    Element, Faces, Groups, Normals, Operator, SegmentOptions, Segments, Spectrum, SpectrumOptions,
+    Surface, Weight, segment, spectrum,
 };
 use serde::Serialize;
 use serde_json::json;
@@ -147,9 +147,15 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let read = session.stage("reading", || io::mesh::read(&args.input))?;
     let done = match read.mesh {
         AnyMesh::Quad(mesh) => {
-            session.refuse(&["normal_rounds"], "is for triangles, and the input has quads")?;
+            session.refuse(
+                &["normal_rounds"],
+                "is for triangles, and the input has quads",
+            )?;
             let surface = session.stage("limit surface", || Surface::new(mesh))?;
-            session.note("surface", json!({ "element": "catmull-clark", "refined": surface.refined() }))?;
+            session.note(
+                "surface",
+                json!({ "element": "catmull-clark", "refined": surface.refined() }),
+            )?;
             of_quads(args, session, &surface)?
         }
         mesh => {
@@ -158,12 +164,21 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         }
     };
     note(session, &done)?;
-    session.stage("files and pictures", || write(session, &done, args.modes.into()))
+    session.stage("files and pictures", || {
+        write(session, &done, args.modes.into())
+    })
 }
 
 fn of_triangles(args: &Args, session: &Session, mesh: TriMesh) -> Result<Segmented, Failure> {
-    let normals = Normals::OfMesh { rounds: args.normal_rounds };
-    let (spectrum, segments) = solve(args, session, Element::Triangles(&mesh, &normals), &Faces::from(&mesh))?;
+    let normals = Normals::OfMesh {
+        rounds: args.normal_rounds,
+    };
+    let (spectrum, segments) = solve(
+        args,
+        session,
+        Element::Triangles(&mesh, &normals),
+        &Faces::from(&mesh),
+    )?;
     Ok(Segmented {
         labels: segments.labels.clone(),
         spectrum,
@@ -175,7 +190,12 @@ fn of_triangles(args: &Args, session: &Session, mesh: TriMesh) -> Result<Segment
 
 fn of_quads(args: &Args, session: &Session, surface: &Surface) -> Result<Segmented, Failure> {
     let limit = surface.limit_mesh();
-    let (spectrum, segments) = solve(args, session, Element::CatmullClark(surface), &Faces::from(&limit))?;
+    let (spectrum, segments) = solve(
+        args,
+        session,
+        Element::CatmullClark(surface),
+        &Faces::from(&limit),
+    )?;
     // A quad of the input has the label of its first child where it was refined.
     let step = if surface.refined() { 4 } else { 1 };
     let labels = segments.labels.iter().step_by(step).copied().collect();
@@ -198,7 +218,9 @@ fn solve(
     let asked = args.spectrum_options(options.modes_needed());
     let backend = session.device.operators();
     let spectrum = session.stage("modes", || spectrum(&element, &asked, session.on(backend)))?;
-    let segments = session.stage("segments", || segment(&spectrum, faces, &options, session.on(backend)))?;
+    let segments = session.stage("segments", || {
+        segment(&spectrum, faces, &options, session.on(backend))
+    })?;
     Ok((spectrum, segments))
 }
 
@@ -273,7 +295,9 @@ fn pictures_of_modes(
 
 /// Triangles that share no vertices, so that each has its own colour at its corners.
 fn split_faces(mesh: &TriMesh, of_triangles: &[Rgb]) -> (TriMesh, Vec<Rgb>) {
-    let corners: Vec<Point3> = (0..mesh.triangles().len()).flat_map(|t| mesh.corners(t)).collect();
+    let corners: Vec<Point3> = (0..mesh.triangles().len())
+        .flat_map(|t| mesh.corners(t))
+        .collect();
     let triangles = (0..mesh.triangles().len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]);
     let colors = of_triangles.iter().flat_map(|&c| [c; 3]).collect();
     let split = TriMesh::new(corners, triangles.collect()).expect("the triangles of a valid mesh");

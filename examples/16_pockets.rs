@@ -3,17 +3,17 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use biogeom_examples::args::{Common, DensityArgs, HasCommon, ReaderArgs};
+use biogeom_examples::args::{Common, HasCommon, ReaderArgs, default_spacing};
 use biogeom_examples::picture::{Layer, Paint, Rgb, Scene, View, segment_color};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
-use gauss_density::{Model, PointSampler, sample_band};
+use gauss_density::{Levels, Model, PointSampler, sample_band};
 use geom_core::io::{self, view::View as Fields};
 use geom_core::structure::ResidueKind;
 use geom_core::{Structure, TriMesh};
+use secondfund_ops::PocketOptions;
 use secondfund_ops::options::OutlineOptions;
 use secondfund_ops::pockets::{Outline, Pocket, Pockets, find, outline};
-use secondfund_ops::PocketOptions;
 use serde::Serialize;
 use serde_json::json;
 
@@ -35,8 +35,13 @@ struct Args {
     /// One threshold for all chains instead of one for each
     #[arg(long)]
     pooled: bool,
-    #[command(flatten)]
-    density: DensityArgs,
+    /// Decay of an atom's kernel, 1/Å²: the surface on which pockets are outlined is smooth, without the tunnels
+    /// between side chains
+    #[arg(long, value_name = "KAPPA", default_value_t = 0.15)]
+    decay: f64,
+    /// Distance of the lattice points of the surface, Å [default: 0.5, more from 1000 atoms on]
+    #[arg(long, value_name = "H")]
+    spacing: Option<f64>,
     #[command(flatten)]
     reader: ReaderArgs,
     #[command(flatten)]
@@ -95,8 +100,18 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
 /// The surface of the polymers alone, the part of the largest area.
 fn surface(args: &Args, session: &Session, structure: &Structure) -> Result<TriMesh, Failure> {
     let polymer = polymers(structure);
-    let model = Model::uniform(&polymer, &args.density.model.levels())?;
-    let options = args.density.options(&polymer, session);
+    let levels = Levels {
+        decay: args.decay,
+        ..Levels::default()
+    };
+    let model = Model::uniform(&polymer, &levels)?;
+    let options = gauss_density::Options {
+        spacing: args
+            .spacing
+            .unwrap_or_else(|| default_spacing(polymer.atoms().len())),
+        max_memory: session.memory(),
+        ..Default::default()
+    };
     let sampled = session.stage("density", || {
         sample_band(&model, &options, session.on(session.device.density()))
     })?;
@@ -131,7 +146,9 @@ fn note(session: &Session, found: &Pockets) -> Result<(), Failure> {
     let pockets: Vec<_> = found
         .pockets
         .iter()
-        .map(|p| json!({ "rank": p.rank, "score": p.score, "center": p.center, "volume": p.volume }))
+        .map(
+            |p| json!({ "rank": p.rank, "score": p.score, "center": p.center, "volume": p.volume }),
+        )
         .collect();
     session.note(
         "pockets",
@@ -158,7 +175,11 @@ fn write_table(
         )?;
         for (p, o) in pockets.iter().zip(outlines) {
             let c = p.center;
-            let residues: Vec<String> = p.residues.iter().map(|&r| residue_name(structure, r)).collect();
+            let residues: Vec<String> = p
+                .residues
+                .iter()
+                .map(|&r| residue_name(structure, r))
+                .collect();
             writeln!(
                 w,
                 "{},{:.1},{:.3},{:.3},{:.3},{:.1},{:.1},{:.2},{:.1},{:.4},{}",
@@ -190,8 +211,13 @@ fn residue_name(structure: &Structure, residue: u32) -> String {
 
 fn write_points(session: &Session, pockets: &[Pocket]) -> Result<(), Failure> {
     io::save(session.output("pockets.pdb")?, |w| {
-        writeln!(w, "REMARK   Points of pockets: chain P, residue number = rank, B factor = rank")?;
-        let points = pockets.iter().flat_map(|p| p.points.iter().map(move |x| (p.rank, x)));
+        writeln!(
+            w,
+            "REMARK   Points of pockets: chain P, residue number = rank, B factor = rank"
+        )?;
+        let points = pockets
+            .iter()
+            .flat_map(|p| p.points.iter().map(move |x| (p.rank, x)));
         for (serial, (rank, x)) in points.enumerate() {
             writeln!(
                 w,
@@ -210,7 +236,11 @@ fn write_points(session: &Session, pockets: &[Pocket]) -> Result<(), Failure> {
 }
 
 /// Best pockets are coloured last, so that they win where outlines overlap.
-fn write_surface(session: &Session, surface: &TriMesh, outlines: &[Outline]) -> Result<(), Failure> {
+fn write_surface(
+    session: &Session,
+    surface: &TriMesh,
+    outlines: &[Outline],
+) -> Result<(), Failure> {
     const PLAIN: Rgb = [226, 222, 214];
     let mut colors = vec![PLAIN; surface.triangles().len()];
     for outline in outlines.iter().take(SHOWN).rev() {
@@ -221,7 +251,9 @@ fn write_surface(session: &Session, surface: &TriMesh, outlines: &[Outline]) -> 
     let mut of_vertices = vec![PLAIN; surface.positions().len()];
     for (corners, &color) in surface.triangles().iter().zip(&colors) {
         if color != PLAIN {
-            corners.iter().for_each(|&v| of_vertices[v as usize] = color);
+            corners
+                .iter()
+                .for_each(|&v| of_vertices[v as usize] = color);
         }
     }
     let fields = Fields::from(surface).colored(products::rgba(&of_vertices))?;
@@ -229,7 +261,10 @@ fn write_surface(session: &Session, surface: &TriMesh, outlines: &[Outline]) -> 
     let mut layer = Layer::surface(surface, Paint::Faces(colors));
     layer.edges = false;
     let mut scene = Scene::new(vec![layer], view_into(surface, outlines));
-    scene.caption = Some(format!("{} pockets; the first {SHOWN} are coloured", outlines.len()));
+    scene.caption = Some(format!(
+        "{} pockets; the first {SHOWN} are coloured",
+        outlines.len()
+    ));
     scene
         .draw(session.rasterizer()?, products::SIZE)?
         .save(session.output("pockets.png")?)?;

@@ -99,7 +99,14 @@ impl Args {
 fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     match args.method {
         Method::Bilateral => {
-            let of_flows = ["steps", "step", "sharpen", "keep_volume", "free_rims", "normal_rounds"];
+            let of_flows = [
+                "steps",
+                "step",
+                "sharpen",
+                "keep_volume",
+                "free_rims",
+                "normal_rounds",
+            ];
             session.refuse(&of_flows, "is of the flows, not of --method bilateral")?;
         }
         Method::MeanCurvature => session.refuse(&["sharpen"], "is of --method ggho")?,
@@ -108,7 +115,10 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let read = session.stage("reading", || io::mesh::read(&args.input))?;
     match read.mesh {
         AnyMesh::Quad(mesh) if args.method != Method::Bilateral => {
-            session.refuse(&["normal_rounds"], "is for triangles, and the input has quads")?;
+            session.refuse(
+                &["normal_rounds"],
+                "is for triangles, and the input has quads",
+            )?;
             quads(args, session, &mesh)
         }
         mesh => triangles(args, session, &mesh.into_triangles()),

@@ -494,7 +494,11 @@ fn the_pocket_of_a_protease_is_where_its_inhibitor_lies() {
         .fold(f64::INFINITY, f64::min);
     assert!(away < 4.0, "{away} Å from the inhibitor");
     assert!(report["pockets"]["candidates"].as_u64().unwrap() >= 1);
-    assert!(std::fs::read_to_string(out.join("pockets.pdb")).unwrap().contains("PKT P   1"));
+    assert!(
+        std::fs::read_to_string(out.join("pockets.pdb"))
+            .unwrap()
+            .contains("PKT P   1")
+    );
     assert_png(out.join("pockets.png"));
 }
 
@@ -503,7 +507,14 @@ fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
     let folder = tempfile::tempdir().unwrap();
     for method in ["ggho", "mean-curvature"] {
         let out = folder.path().join(method);
-        let args = [&fixture("spot.ply"), "--method", method, "--steps", "3", "--keep-volume"];
+        let args = [
+            &fixture("spot.ply"),
+            "--method",
+            method,
+            "--steps",
+            "3",
+            "--keep-volume",
+        ];
         let report = report_of("17_smooth", &args, &out);
         let volume: Vec<f64> = serde_json::from_value(report["flow"]["volume"].clone()).unwrap();
         assert!((volume[1] / volume[0] - 1.0).abs() < 1e-3, "{volume:?}");
@@ -511,7 +522,11 @@ fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
         assert_png(out.join("smooth.png"));
     }
     let out = folder.path().join("bilateral");
-    report_of("17_smooth", &[&fixture("bob_small.ply"), "--method", "bilateral"], &out);
+    report_of(
+        "17_smooth",
+        &[&fixture("bob_small.ply"), "--method", "bilateral"],
+        &out,
+    );
     assert!(out.join("smooth.ply").exists());
 }
 

@@ -103,7 +103,7 @@ impl Quadrature {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Modes {
-    /// As many as groups, at least 3 and at most 15; 8 where the number of groups is sought.
+    /// As many as groups, at least 3 and at most 15; 8 while the number of groups is sought.
     #[default]
     Auto,
     /// This many.
@@ -123,7 +123,7 @@ pub enum Groups {
         /// Largest number.
         most: usize,
     },
-    /// The number from 2 to `most` with the largest medoid silhouette.
+    /// The smallest number from 2 to `most` whose medoid silhouette is nearly (99 %) the largest.
     Silhouette {
         /// Largest number.
         most: usize,
@@ -132,7 +132,7 @@ pub enum Groups {
 
 impl Default for Groups {
     fn default() -> Self {
-        Self::DaviesBouldin { most: 12 }
+        Self::Silhouette { most: 12 }
     }
 }
 
@@ -170,7 +170,7 @@ impl Default for SegmentOptions {
 /// Most vertices in the sample: their distances take 4 bytes per pair.
 const MOST_SAMPLE: usize = 8000;
 /// Modes where the number of groups is sought.
-const SEARCH_MODES: usize = 8;
+pub(crate) const SEARCH_MODES: usize = 8;
 
 impl SegmentOptions {
     /// Refuses values out of range.
@@ -197,12 +197,16 @@ impl SegmentOptions {
         match (self.modes, self.groups) {
             (Modes::Count(count), _) => count,
             (Modes::EigenGap, _) => MOST_MODES + 1,
-            (Modes::Auto, Groups::Count(count)) => count.clamp(3, MOST_MODES),
-            (Modes::Auto, _) => SEARCH_MODES,
+            (Modes::Auto, Groups::Count(count)) => count.clamp(LEAST_MODES, MOST_MODES),
+            (Modes::Auto, Groups::DaviesBouldin { most } | Groups::Silhouette { most }) => {
+                most.clamp(SEARCH_MODES, MOST_MODES)
+            }
         }
     }
 }
 
+/// Fewest modes of [`Modes::Auto`].
+pub(crate) const LEAST_MODES: usize = 3;
 /// Most modes of [`Modes::Auto`] and [`Modes::EigenGap`].
 pub(crate) const MOST_MODES: usize = 15;
 

@@ -53,7 +53,7 @@ fn relative(matrices: &[TriangleMatrix]) -> Vec<f64> {
     matrices
         .iter()
         .flat_map(|m| {
-            let largest = m.stiffness.iter().fold(1e-6, |s, k| s.max(k.abs()));
+            let largest = m.stiffness.iter().fold(1e-6f64, |s, k| s.max(k.abs()));
             m.stiffness.map(|k| k / largest)
         })
         .collect()

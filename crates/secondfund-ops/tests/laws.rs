@@ -142,9 +142,9 @@ fn a_convex_body_has_modes_of_the_giaquinta_hildebrandt_operator_and_a_torus_has
 }
 
 /// `∫ dA`, `∫ H dA`, `∫ K dA` over a surface.
-fn totals(surface: &Surface) -> [f64; 3] {
+fn totals(surface: &Surface, quadrature: Quadrature) -> [f64; 3] {
     let mut sums = [0.0; 3];
-    for (jet, weight) in surface.jets(Quadrature::default()).unwrap() {
+    for (jet, weight) in surface.jets(quadrature).unwrap() {
         let area = weight * jet.area_normal().norm();
         let forms = jet.forms();
         sums[0] += area;
@@ -165,7 +165,7 @@ fn an_ellipsoid_has_four_pi_of_curvature_and_turns_outwards() {
     let mesh = QuadMesh::new(positions.clone(), quads.clone()).unwrap();
     let surface = Surface::interpolating(&mesh).unwrap();
     assert!(!surface.flipped());
-    let [area, mean, gauss] = totals(&surface);
+    let [area, mean, gauss] = totals(&surface, Quadrature::default());
     let error = gauss / 4.0 / std::f64::consts::PI - 1.0;
     assert!(error.abs() < 1.6e-6, "{error}");
     assert!(mean > 0.0);
@@ -176,7 +176,10 @@ fn an_ellipsoid_has_four_pi_of_curvature_and_turns_outwards() {
     let back: Vec<[u32; 4]> = quads.iter().map(|&[a, b, c, d]| [a, d, c, b]).collect();
     let other = Surface::interpolating(&QuadMesh::new(positions, back).unwrap()).unwrap();
     assert!(other.flipped());
-    for (a, b) in totals(&other).iter().zip([area, mean, gauss]) {
+    for (a, b) in totals(&other, Quadrature::default())
+        .iter()
+        .zip([area, mean, gauss])
+    {
         assert!((a - b).abs() < 1e-8 * b.abs(), "{a} {b}");
     }
 }
@@ -202,26 +205,26 @@ fn an_open_cylinder_is_curved_one_way() {
         assert!((principal.max * radius - 1.0).abs() < 5e-3, "{principal:?}");
         assert!(principal.min.abs() < 1e-9, "{principal:?}");
     }
-    let area = totals(&surface)[0];
+    let area = totals(&surface, Quadrature::default())[0];
     let exact = std::f64::consts::TAU * radius * 3.2;
     assert!((area / exact - 1.0).abs() < 1e-4, "{area} {exact}");
 }
 
 #[test]
 fn limit_positions_survive_a_subdivision() {
-    // Valences 3, 4 and 5: the cube of 2 × 2 quads a side with one corner pulled.
-    let mesh = rounded_box([1.0, 0.9, 0.8], 0.3, 3);
-    let surface = Surface::new(mesh.clone()).unwrap();
+    // Corners of valence 3 among those of valence 4.
+    let surface = Surface::new(rounded_box([1.0, 0.9, 0.8], 0.3, 3)).unwrap();
     let finer = Surface::new(subdivide(surface.control()).unwrap()).unwrap();
-    for (p, q) in surface
-        .limit_positions()
-        .iter()
-        .zip(finer.limit_positions())
-    {
+    let both = surface.limit_positions();
+    for (p, q) in both.iter().zip(finer.limit_positions()) {
         assert!((p - q).norm() < 1e-14);
     }
-    for (a, b) in totals(&surface).iter().zip(totals(&finer)) {
-        assert!((a / b - 1.0).abs() < 2e-5, "{a} {b}");
+    let fine = Quadrature {
+        points: 8,
+        depth: 10,
+    };
+    for (a, b) in totals(&surface, fine).iter().zip(totals(&finer, fine)) {
+        assert!((a / b - 1.0).abs() < 1e-6, "{a} {b}");
     }
 }
 
@@ -428,28 +431,28 @@ fn a_rounded_box_falls_into_its_six_faces() {
 #[test]
 fn dimples_are_segments_of_exp_minus_h() {
     let directions = [Vector3::x(), Vector3::y(), Vector3::new(-1.0, -1.0, 0.5)];
-    let ball = dimpled_ball(5, &directions, 0.25, 0.4);
+    let ball = dimpled_ball(4, &directions, 0.25, 0.4);
     let normals = Normals::OfMesh { rounds: 1 };
     let modes = modes_of(
         Element::Triangles(&ball, &normals),
         Operator::Slo(Weight::ExpMinusH),
         6,
-        0.3,
+        0.1,
     );
     let asked = SegmentOptions {
         groups: Groups::Count(16),
-        modes: Modes::Count(3),
+        modes: Modes::Count(6),
         ..SegmentOptions::default()
     };
     let faces = Faces::from(&ball);
     let segments = segment(&modes, &faces, &asked, Run::on(&Cpu)).unwrap();
     for d in directions {
         let inside: Vec<bool> = (0..ball.triangles().len())
-            .map(|t| d.angle(&ball.corners(t)[0].coords) < 0.3)
+            .map(|t| d.angle(&ball.corners(t)[0].coords) < 0.5)
             .collect();
         let jaccard = best_overlap(&segments.labels, faces.areas(), &inside);
         println!("dimple {jaccard}");
-        assert!(jaccard > 0.5, "{jaccard}");
+        assert!(jaccard >= 0.55, "{jaccard}");
     }
 }
 
@@ -658,13 +661,16 @@ fn creases_outlast_mean_curvature_flow_and_volume_is_kept() {
         (distance, done.report.rms_displacement)
     };
     let ggho = lost(FlowOperator::Ggho, 50);
-    // Mean curvature flow, as far as it moves the surface as much.
+    // Steps in which 95 % of the vertices move as far.
+    let mean = lost(FlowOperator::Lbo, 50);
+    assert!(ggho.0 <= 0.3 * mean.0, "{ggho:?} {mean:?}");
+    // As many steps as move the whole surface as far.
     let mean = (1..=10)
         .map(|k| lost(FlowOperator::Lbo, 5 * k))
         .find(|m| m.1 >= ggho.1)
         .unwrap();
     println!("crease distance / edge and rms: GGHO {ggho:?}, mean curvature {mean:?}");
-    assert!(ggho.0 <= 0.4 * mean.0, "{ggho:?} {mean:?}");
+    assert!(ggho.0 <= 0.42 * mean.0, "{ggho:?} {mean:?}");
 }
 
 #[test]

@@ -141,13 +141,13 @@ fn a_turned_molecule_has_the_same_pockets() {
     }
 }
 
-/// Atoms on a lattice within a ball: convex.
+/// Atoms on a lattice within a ball, so close together that it is convex.
 fn ball_of_atoms(radius: f64) -> Structure {
     let mut builder = StructureBuilder::new();
     builder.domain(1, 1);
     builder.chain(Name::new("A").unwrap());
     builder.residue(Name::new("ALA").unwrap(), 1, Name::default());
-    let steps = || (-8..=8).map(|i| 2.0 * f64::from(i));
+    let steps = || (-15..=15).map(f64::from);
     for p in
         steps().flat_map(|x| steps().flat_map(move |y| steps().map(move |z| Point3::new(x, y, z))))
     {
@@ -298,47 +298,42 @@ fn cut(model: &Model, modes: &Spectrum, groups: Groups) -> Segments {
 }
 
 /// Rand errors of a set of models with the number of parts given and sought; prints a table.
-fn benchmark(names: &[&str]) -> Option<[f64; 4]> {
+fn benchmark(names: &[&str]) -> Option<[f64; 5]> {
     let folder = fixtures::shared_or_skip("psb")?;
-    let mut sums = [0.0; 4];
+    let mut sums = [0.0; 5];
     for name in names {
         let model = model(&folder, name);
         let k = model.groups();
-        let slo = model.modes(Operator::Slo(Weight::ExpK), k.clamp(8, 15));
+        let slo = model.modes(Operator::Slo(Weight::ExpK), 15);
         let lbo = model.modes(Operator::Lbo, k.clamp(3, 15));
-        let given = model.rand(&cut(&model, &slo, Groups::Count(k)).labels);
-        let other = model.rand(&cut(&model, &lbo, Groups::Count(k)).labels);
-        let sought = cut(&model, &slo, Groups::default());
-        let auto = model.rand(&sought.labels);
-        let row = [model.among_humans(), given, other, auto];
-        println!(
-            "{name:4} {k:2} groups: humans {:.3} SLO {:.3} LBO {:.3} automatic {:.3} ({})",
-            row[0], row[1], row[2], row[3], sought.groups
-        );
-        println!("     values {:.3?}", slo.values);
-        for c in &sought.choices {
-            println!(
-                "     {:2} DB {:.3} silhouette {:.3}",
-                c.groups, c.davies_bouldin, c.silhouette
-            );
-        }
+        let given = cut(&model, &slo, Groups::Count(k));
+        let other = cut(&model, &lbo, Groups::Count(k));
+        let sought = [Groups::default(), Groups::DaviesBouldin { most: 12 }];
+        let [silhouette, index] = sought.map(|groups| cut(&model, &slo, groups));
+        let row = [
+            model.among_humans(),
+            model.rand(&given.labels),
+            model.rand(&other.labels),
+            model.rand(&silhouette.labels),
+            model.rand(&index.labels),
+        ];
+        let (s, d) = (silhouette.groups, index.groups);
+        println!("{name:4} {k:2} groups: {row:.3?} with {s} and {d} sought");
         sums.iter_mut()
             .zip(row)
             .for_each(|(s, x)| *s += x / names.len() as f64);
     }
-    println!(
-        "mean: humans {:.3} SLO {:.3} LBO {:.3} automatic {:.3}",
-        sums[0], sums[1], sums[2], sums[3]
-    );
+    println!("mean of humans, SLO, LBO, silhouette, Davies–Bouldin: {sums:.3?}");
     Some(sums)
 }
 
+/// Five of the models of the notes' table, one per kind.
 #[test]
 fn parts_are_nearly_those_that_humans_see() {
-    let Some([_, slo, lbo, automatic]) = benchmark(&["61", "309", "381", "41"]) else {
+    let Some([humans, slo, lbo, automatic, _]) = benchmark(&["61", "41", "1", "121", "301"]) else {
         return;
     };
-    assert!(slo <= 0.175 && slo < lbo, "{slo} {lbo}");
+    assert!(slo <= 0.175 && slo < 0.7 * lbo && slo < 1.2 * humans);
     assert!(automatic <= 0.19, "{automatic}");
 }
 

@@ -139,7 +139,10 @@ pub fn segment_color(segment: u32) -> Rgb {
         [150, 150, 150],
         [120, 210, 215],
     ];
-    let (round, place) = (segment as usize / COLORS.len(), segment as usize % COLORS.len());
+    let (round, place) = (
+        segment as usize / COLORS.len(),
+        segment as usize % COLORS.len(),
+    );
     mix(COLORS[place], [30, 30, 40], (0.22 * round as f64).min(0.66))
 }
 

@@ -15,7 +15,8 @@ use crate::segment::{Faces, segment};
 
 /// The share of vertices that are not deep enough to count for a patch.
 const SHALLOW: f64 = 0.88;
-/// A neighbouring patch belongs to the pocket if its score per area is this share of the first one's.
+/// A neighbouring patch that the pocket's points touch belongs to it if its score per area is this share of the
+/// first one's.
 const ALIKE: f64 = 0.5;
 
 /// A pocket as a part of the surface.
@@ -118,7 +119,8 @@ impl Patches {
         })
     }
 
-    /// The patch to which most of the pocket's points are nearest, and its neighbours that are as deep.
+    /// The patch to which most of the pocket's points are nearest, and those of its neighbours to which some are
+    /// and that are as deep.
     fn of_pocket(&self, pocket: &Pocket, tree: &PointTree<3>) -> Vec<u32> {
         let mut votes = vec![0usize; self.density.len()];
         for p in &pocket.points {
@@ -140,7 +142,7 @@ impl Patches {
             for link in self.faces.links(f) {
                 let other = self.labels[link.face as usize];
                 let alike = self.density[other as usize] > ALIKE * self.density[first];
-                if alike && !chosen.contains(&other) {
+                if votes[other as usize] > 0 && alike && !chosen.contains(&other) {
                     chosen.push(other);
                 }
             }

@@ -10,16 +10,52 @@ use super::faces::Faces;
 use crate::Error;
 use crate::backend::OperatorBackend;
 use crate::operators::Spectrum;
-use crate::options::{Groups, MOST_MODES, Modes, SegmentOptions};
+use crate::options::{Groups, LEAST_MODES, MOST_MODES, Modes, SEARCH_MODES, SegmentOptions};
 use geom_core::compute::random::SplitMix64;
 
-fn modes_of(options: &SegmentOptions, spectrum: &Spectrum) -> usize {
+/// The modes in the rows for a number of groups.
+fn modes_of(options: &SegmentOptions, groups: usize, spectrum: &Spectrum) -> usize {
     let wanted = match options.modes {
         Modes::EigenGap => eigen_gap(&spectrum.values),
-        _ => options.modes_needed(),
+        Modes::Count(count) => count,
+        Modes::Auto => groups.clamp(LEAST_MODES, MOST_MODES),
     };
     wanted.min(spectrum.values.len())
 }
+
+/// The number of groups as asked, and the numbers that were tried.
+fn number_of_groups<B: OperatorBackend + ?Sized>(
+    spectrum: &Spectrum,
+    options: &SegmentOptions,
+    run: Run<'_, B>,
+) -> Result<(usize, Vec<GroupChoice>), Error> {
+    let (Groups::DaviesBouldin { most } | Groups::Silhouette { most }) = options.groups else {
+        let Groups::Count(count) = options.groups else {
+            unreachable!("all other groups are sought");
+        };
+        return Ok((count, Vec::new()));
+    };
+    let count = match options.modes {
+        Modes::Auto => SEARCH_MODES.min(spectrum.values.len()),
+        _ => modes_of(options, most, spectrum),
+    };
+    let search = Search::of(spectrum, count, options, run)?;
+    let choices = search.choices(most, run)?;
+    let silhouette = |c: &GroupChoice| c.silhouette;
+    let best = match options.groups {
+        Groups::Silhouette { .. } => {
+            let largest = choices.iter().map(silhouette).fold(0.0, f64::max);
+            choices.iter().find(|c| c.silhouette >= NEARLY * largest)
+        }
+        _ => choices
+            .iter()
+            .min_by(|a, b| a.davies_bouldin.total_cmp(&b.davies_bouldin)),
+    };
+    Ok((best.map_or(1, |c| c.groups), choices))
+}
+
+/// Of the numbers whose silhouette is at least this share of the largest the smallest is taken.
+const NEARLY: f64 = 0.99;
 
 fn eigen_gap(values: &[f64]) -> usize {
     let ratio = |k: usize| values[k] / values[k - 1].max(f64::MIN_POSITIVE);
@@ -80,23 +116,16 @@ pub fn segment<B: OperatorBackend + ?Sized>(
             expected: beyond as usize + 1,
         });
     }
-    let rows = Rows::of(spectrum, modes_of(options, spectrum));
-    let sample = draw(&spectrum.areas, options.sample, options.seed);
-    let drawn = rows.of_sample(&sample);
-    let mut distances = Vec::new();
-    run.backend
-        .distances(&drawn.values, drawn.width, &mut distances)?;
-
-    let search = Search {
-        rows: &rows,
-        drawn: &drawn,
-        sample: &sample,
-        areas: &spectrum.areas,
-        distances: &distances,
-        options,
-    };
-    let (found, choices) = search.grouping(run)?;
-    let medoids: Vec<u32> = found.medoids.iter().map(|&m| sample[m as usize]).collect();
+    let (groups, choices) = number_of_groups(spectrum, options, run)?;
+    let count = modes_of(options, groups, spectrum);
+    let search = Search::of(spectrum, count, options, run)?;
+    let found = search.best(groups.min(search.sample.len()));
+    let medoids: Vec<u32> = found
+        .medoids
+        .iter()
+        .map(|&m| search.sample[m as usize])
+        .collect();
+    let rows = search.rows;
     let labels = label_faces(faces, &rows, &medoids);
     let labels = clean(faces, &labels, spectrum.scale, options.smooth);
     let count = labels.iter().max().map_or(0, |&l| l as usize + 1);
@@ -162,57 +191,52 @@ fn nearest(rows: &Rows, medoids: &[u32], row: &[f32]) -> (u32, f32) {
 
 /// What the search for groups reads.
 struct Search<'a> {
-    rows: &'a Rows,
-    drawn: &'a Rows,
-    sample: &'a [u32],
+    rows: Rows,
+    drawn: Rows,
+    sample: Vec<u32>,
     areas: &'a [f64],
-    distances: &'a [f32],
+    distances: Vec<f32>,
     options: &'a SegmentOptions,
 }
 
-impl Search<'_> {
-    /// The groups as asked, and what was tried.
-    fn grouping<B: OperatorBackend + ?Sized>(
-        &self,
+impl<'a> Search<'a> {
+    /// The rows of `modes` modes, a sample of them and its distances.
+    fn of<B: OperatorBackend + ?Sized>(
+        spectrum: &'a Spectrum,
+        modes: usize,
+        options: &'a SegmentOptions,
         run: Run<'_, B>,
-    ) -> Result<(Medoids, Vec<GroupChoice>), Error> {
-        let n = self.sample.len();
-        match self.options.groups {
-            Groups::Count(count) => Ok((self.best(count.min(n)), Vec::new())),
-            Groups::DaviesBouldin { most } => self.sought(most, run, |c| c.davies_bouldin),
-            Groups::Silhouette { most } => self.sought(most, run, |c| -c.silhouette),
-        }
+    ) -> Result<Self, Error> {
+        let rows = Rows::of(spectrum, modes);
+        let sample = draw(&spectrum.areas, options.sample, options.seed);
+        let drawn = rows.of_sample(&sample);
+        let mut distances = Vec::new();
+        run.backend
+            .distances(&drawn.values, drawn.width, &mut distances)?;
+        Ok(Self {
+            rows,
+            drawn,
+            sample,
+            areas: &spectrum.areas,
+            distances,
+            options,
+        })
     }
 
-    /// Every number from 2 to `most`; the groups for which `badness` is least.
-    fn sought<B: OperatorBackend + ?Sized>(
-        &self,
-        most: usize,
-        run: Run<'_, B>,
-        badness: impl Fn(&GroupChoice) -> f64,
-    ) -> Result<(Medoids, Vec<GroupChoice>), Error> {
+    /// Every number of groups from 2 to `most` with its indices.
+    fn choices<B: ?Sized>(&self, most: usize, run: Run<'_, B>) -> Result<Vec<GroupChoice>, Error> {
         let n = self.sample.len();
         let mut choices = Vec::new();
-        let mut best: Option<(f64, Medoids)> = None;
         for groups in 2..=most.min(n) {
             run.progress("groups", groups as u64 - 1, most as u64)?;
             let found = self.best(groups);
-            let choice = GroupChoice {
+            choices.push(GroupChoice {
                 groups,
                 davies_bouldin: davies_bouldin(&self.drawn.values, self.drawn.width, &found.group),
-                silhouette: medoid_silhouette(self.distances, n, &found.medoids),
-            };
-            let bad = badness(&choice);
-            choices.push(choice);
-            if best.as_ref().is_none_or(|b| bad < b.0) {
-                best = Some((bad, found));
-            }
+                silhouette: medoid_silhouette(&self.distances, n, &found.medoids),
+            });
         }
-        let best = best.ok_or(Error::TooManyModes {
-            asked: 2,
-            vertices: n,
-        })?;
-        Ok((best.1, choices))
+        Ok(choices)
     }
 
     /// The best of the restarts, by the loss over all vertices (CLARA with our sample: Kaufman and
@@ -225,7 +249,7 @@ impl Search<'_> {
         let found: Vec<(f64, Medoids)> = seeds
             .into_par_iter()
             .map(|seed| {
-                let found = medoids(self.distances, n, groups, seed);
+                let found = medoids(&self.distances, n, groups, seed);
                 (self.loss_over_all(&found), found)
             })
             .collect();
@@ -243,7 +267,7 @@ impl Search<'_> {
             .map(|&m| self.sample[m as usize])
             .collect();
         parallel::sum(self.rows.len(), |v| {
-            self.areas[v] * f64::from(nearest(self.rows, &vertices, self.rows.row(v)).1)
+            self.areas[v] * f64::from(nearest(&self.rows, &vertices, self.rows.row(v)).1)
         })
     }
 }
