@@ -15,7 +15,7 @@ mod shade;
 mod slice;
 
 pub use canvas::{Image, sheet};
-pub use color::{ColorMap, Rgb, Scale, mix, region_color};
+pub use color::{ColorMap, Rgb, Scale, mix, region_color, segment_color};
 pub use cut::cut_tets;
 pub use plot::{Bars, Curve, histogram, lines};
 pub use scene::{Layer, Paint, Scene, View};

@@ -14,6 +14,7 @@ use gauss_density::DensityBackend;
 use geom_core::algebra::eigen::SpectralBackend;
 use geom_core::{Backend, Cancelled, Cpu, Monitor, Run, Wgpu, io};
 use indicatif::{ProgressBar, ProgressStyle};
+use secondfund_ops::OperatorBackend;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -171,6 +172,14 @@ impl Device {
 
     /// For eigenfunctions.
     pub fn spectral(&self) -> &dyn SpectralBackend {
+        match self {
+            Self::Cpu(cpu) => cpu,
+            Self::Wgpu(gpu) => gpu,
+        }
+    }
+
+    /// For operators of the second fundamental form.
+    pub fn operators(&self) -> &dyn OperatorBackend {
         match self {
             Self::Cpu(cpu) => cpu,
             Self::Wgpu(gpu) => gpu,

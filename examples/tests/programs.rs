@@ -433,6 +433,89 @@ fn modes_are_those_of_the_largest_component() {
 }
 
 #[test]
+fn a_surface_falls_into_segments() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("parts");
+    let report = report_of("15_segment", &[&fixture("spot.ply"), "--groups", "6"], &out);
+    let labels = std::fs::read_to_string(out.join("segments.seg")).unwrap();
+    let labels: Vec<usize> = labels.lines().map(|l| l.parse().unwrap()).collect();
+    assert_eq!(labels.len(), 5856);
+    let areas = report["segments"]["areas"].as_array().unwrap();
+    assert!(areas.len() >= 2 && labels.iter().all(|&l| l < areas.len()));
+    assert_eq!(report["segments"]["groups"], json!(6));
+    assert!(out.join("segments.glb").exists());
+    assert_png(out.join("segments.png"));
+    assert_png(out.join("modes.png"));
+
+    // Quads, as the control mesh of a limit surface; every input face has its label.
+    let path = folder.path().join("box.obj");
+    let quads = shapes::quad_sphere(1.0, 4);
+    io::mesh::save(&path, &io::view::View::from(&quads)).unwrap();
+    let out = folder.path().join("quads");
+    let args = [path.to_str().unwrap(), "--groups", "3", "--operator", "lbo"];
+    let report = report_of("15_segment", &args, &out);
+    assert_eq!(report["surface"]["element"], json!("catmull-clark"));
+    let labels = std::fs::read_to_string(out.join("segments.seg")).unwrap();
+    assert_eq!(labels.lines().count(), 96);
+}
+
+#[test]
+fn the_pocket_of_a_protease_is_where_its_inhibitor_lies() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("pockets");
+    let args = [&fixture("1hvr.pdb"), "--spacing", "1.5", "--most", "4"];
+    let report = report_of("16_pockets", &args, &out);
+    let table = std::fs::read_to_string(out.join("pockets.csv")).unwrap();
+    let first: Vec<&str> = table.lines().nth(1).unwrap().split(',').collect();
+    let center: Vec<f64> = first[2..5].iter().map(|x| x.parse().unwrap()).collect();
+    let read = io::structure::read(fixture("1hvr.pdb"), &io::structure::ReadOptions::default());
+    let structure = read.unwrap().structure;
+    let inhibitor = (0..structure.residues().len())
+        .find(|&r| structure.residues()[r].name.as_str() == "XK2")
+        .unwrap();
+    let away = structure.atoms()[structure.residue_atoms(inhibitor)]
+        .iter()
+        .map(|a| (a.position.coords - Vector3::from_column_slice(&center)).norm())
+        .fold(f64::INFINITY, f64::min);
+    assert!(away < 4.0, "{away} Å from the inhibitor");
+    assert!(report["pockets"]["candidates"].as_u64().unwrap() >= 1);
+    assert!(
+        std::fs::read_to_string(out.join("pockets.pdb"))
+            .unwrap()
+            .contains("PKT P   1")
+    );
+    assert_png(out.join("pockets.png"));
+}
+
+#[test]
+fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
+    let folder = tempfile::tempdir().unwrap();
+    for method in ["ggho", "mean-curvature"] {
+        let out = folder.path().join(method);
+        let args = [
+            &fixture("spot.ply"),
+            "--method",
+            method,
+            "--steps",
+            "3",
+            "--keep-volume",
+        ];
+        let report = report_of("17_smooth", &args, &out);
+        let volume: Vec<f64> = serde_json::from_value(report["flow"]["volume"].clone()).unwrap();
+        assert!((volume[1] / volume[0] - 1.0).abs() < 1e-3, "{volume:?}");
+        assert!(report["flow"]["rms_displacement"].as_f64().unwrap() > 0.0);
+        assert_png(out.join("smooth.png"));
+    }
+    let out = folder.path().join("bilateral");
+    report_of(
+        "17_smooth",
+        &[&fixture("bob_small.ply"), "--method", "bilateral"],
+        &out,
+    );
+    assert!(out.join("smooth.ply").exists());
+}
+
+#[test]
 fn bad_input_is_one_line_and_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, content: &str| {

@@ -134,6 +134,22 @@ pub const TET_QUALITY_RELAX: Shader = Shader {
     workgroup: [64, 1, 1],
 };
 
+// ── secondfund-ops
+
+/// `secondfund-ops`: the matrices of triangles.
+pub const SECONDFUND_OPS_TRIANGLE_MATRICES: Shader = Shader {
+    name: "secondfund_ops_triangle_matrices",
+    source: joined!("secondfund_ops/triangle_matrices"),
+    workgroup: [64, 1, 1],
+};
+
+/// `secondfund-ops`: distances of all pairs of rows.
+pub const SECONDFUND_OPS_DISTANCES: Shader = Shader {
+    name: "secondfund_ops_distances",
+    source: joined!("secondfund_ops/distances"),
+    workgroup: [16, 16, 1],
+};
+
 /// Every kernel.
 pub const ALL: &[Shader] = &[
     GEOM_CORE_PRODUCT,
@@ -150,4 +166,6 @@ pub const ALL: &[Shader] = &[
     GAUSS_DENSITY_REFIT_SUMS,
     TET_QUALITY_MEASURE,
     TET_QUALITY_RELAX,
+    SECONDFUND_OPS_TRIANGLE_MATRICES,
+    SECONDFUND_OPS_DISTANCES,
 ];

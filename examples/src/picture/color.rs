@@ -123,6 +123,29 @@ pub fn region_color(region: Region) -> Rgb {
     COLORS[usize::from(region) % COLORS.len()]
 }
 
+/// The colour of a segment: twelve hues, of neighbours in number far apart; further ones are darker.
+pub fn segment_color(segment: u32) -> Rgb {
+    const COLORS: [Rgb; 12] = [
+        [166, 206, 227],
+        [251, 154, 60],
+        [124, 190, 120],
+        [227, 90, 88],
+        [177, 146, 214],
+        [250, 220, 110],
+        [70, 130, 190],
+        [240, 160, 200],
+        [60, 150, 120],
+        [180, 130, 90],
+        [150, 150, 150],
+        [120, 210, 215],
+    ];
+    let (round, place) = (
+        segment as usize / COLORS.len(),
+        segment as usize % COLORS.len(),
+    );
+    mix(COLORS[place], [30, 30, 40], (0.22 * round as f64).min(0.66))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -19,6 +19,7 @@ pub(crate) const LIBRARIES: &[&str] = &[
     "gauss-density",
     "dual-contour",
     "tet-quality",
+    "secondfund-ops",
 ];
 
 /// Who may depend on whom among the published crates.
@@ -27,6 +28,7 @@ const ALLOWED: &[(&str, &str)] = &[
     ("gauss-density", "geom-core"),
     ("dual-contour", "geom-core"),
     ("tet-quality", "geom-core"),
+    ("secondfund-ops", "geom-core"),
 ];
 
 /// More files than this in a folder, and a newcomer needs a guide.

@@ -1,0 +1,106 @@
+//! Open meshes made closed by ghost vertices, so that every patch is a regular one or has one
+//! extraordinary corner.
+//!
+//! Across a boundary edge the net goes on linearly, `P₋₁ = 2 P₀ − P₁`, and at a corner
+//! `P₋₁₋₁ = 4 P₀₀ − 2 P₁₀ − 2 P₀₁ + P₁₁`: the boundary curve is then the cubic B-spline of its vertices.
+
+use geom_core::mesh::Halfedges;
+use geom_core::{QuadMesh, VertexId, id::Id};
+
+use crate::Error;
+
+/// A linear combination of vertices.
+pub(crate) type Combination = Vec<(u32, f64)>;
+
+/// The quads of a mesh and of a rim of ghosts around it.
+#[derive(Clone, Debug)]
+pub(crate) struct Extended {
+    /// The mesh's own vertices.
+    pub(crate) real: usize,
+    /// The mesh's own quads come first.
+    pub(crate) quads: Vec<[u32; 4]>,
+    /// What each vertex beyond `real` is.
+    pub(crate) ghosts: Vec<Combination>,
+}
+
+impl Extended {
+    /// # Errors
+    /// [`Error::Valence`] for a boundary vertex of more than two quads.
+    pub(crate) fn of(mesh: &QuadMesh, edges: &Halfedges<4>) -> Result<Self, Error> {
+        let mut extended = Self {
+            real: mesh.positions().len(),
+            quads: mesh.quads().to_vec(),
+            ghosts: Vec::new(),
+        };
+        // Per boundary vertex: the ghost across the edge that leaves it, the one across the edge that
+        // arrives, and at a corner the one between.
+        let mut of_vertex = vec![[u32::MAX; 3]; mesh.positions().len()];
+        for v in 0..mesh.positions().len() {
+            let id = VertexId(v as u32);
+            if edges.on_boundary(id) {
+                of_vertex[v] = extended.ghosts_of(edges, id)?;
+            }
+        }
+        for h in edges.iter().filter(|&h| edges.twin(h).is_none()) {
+            let (a, b) = (edges.from(h), edges.to(h));
+            let [leaving, _, _] = of_vertex[a.index()];
+            let [_, arriving, _] = of_vertex[b.index()];
+            extended.quads.push([b.0, a.0, leaving, arriving]);
+        }
+        for (v, &[leaving, arriving, between]) in of_vertex.iter().enumerate() {
+            if between != u32::MAX {
+                extended.quads.push([v as u32, arriving, between, leaving]);
+            }
+        }
+        Ok(extended)
+    }
+
+    fn ghosts_of(&mut self, edges: &Halfedges<4>, v: VertexId) -> Result<[u32; 3], Error> {
+        let around: Vec<_> = edges.around(v).collect();
+        match around[..] {
+            // A corner: the neighbours along the leaving edge, along the arriving one, and across.
+            [h] => {
+                let next = edges.to(h).0;
+                let before = edges.from(edges.previous(h)).0;
+                let across = edges.to(edges.next(h)).0;
+                let leaving = self.ghost(vec![(v.0, 2.0), (before, -1.0)]);
+                let arriving = self.ghost(vec![(v.0, 2.0), (next, -1.0)]);
+                let corner = vec![(v.0, 4.0), (next, -2.0), (before, -2.0), (across, 1.0)];
+                Ok([leaving, arriving, self.ghost(corner)])
+            }
+            [_, inner] => {
+                let ghost = self.ghost(vec![(v.0, 2.0), (edges.to(inner).0, -1.0)]);
+                Ok([ghost, ghost, u32::MAX])
+            }
+            _ => Err(Error::Valence {
+                vertex: v.index(),
+                quads: around.len(),
+                must: "a vertex on the boundary may have one or two",
+            }),
+        }
+    }
+
+    fn ghost(&mut self, combination: Combination) -> u32 {
+        self.ghosts.push(combination);
+        (self.real + self.ghosts.len() - 1) as u32
+    }
+
+    /// Adds `weight` times a vertex, real or not, to a combination of real ones.
+    pub(crate) fn add(&self, vertex: u32, weight: f64, to: &mut Combination) {
+        match self.ghosts.get((vertex as usize).wrapping_sub(self.real)) {
+            None => add(to, vertex, weight),
+            Some(combination) => {
+                for &(v, w) in combination {
+                    add(to, v, w * weight);
+                }
+            }
+        }
+    }
+}
+
+fn add(to: &mut Combination, vertex: u32, weight: f64) {
+    match to.iter_mut().find(|t| t.0 == vertex) {
+        Some(entry) => entry.1 += weight,
+        None => to.push((vertex, weight)),
+    }
+}

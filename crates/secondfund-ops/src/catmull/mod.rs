@@ -1,0 +1,15 @@
+//! Catmull–Clark limit surfaces: subdivision, limit positions, patches and their tables.
+
+mod ghosts;
+mod limit;
+mod patches;
+mod subdivide;
+mod surface;
+mod tables;
+
+pub use subdivide::subdivide;
+pub use surface::{Jet, Surface};
+pub(crate) use surface::{folded_rows, jet};
+
+pub(crate) use patches::Patch;
+pub(crate) use tables::{Table, Tables};

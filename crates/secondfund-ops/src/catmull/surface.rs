@@ -1,0 +1,215 @@
+//! The limit surface of a quad mesh.
+
+use geom_core::linalg::SparseMatrix;
+use geom_core::mesh::Halfedges;
+use geom_core::{Point3, QuadMesh, Vector3};
+use rayon::prelude::*;
+
+use super::ghosts::Extended;
+use super::limit::{interpolate, mask};
+use super::patches::{Patch, has_two_odd_corners, patches};
+use super::subdivide::subdivide;
+use super::tables::{ROWS, Table, Tables};
+use crate::Error;
+use crate::forms::{Forms, Symmetric};
+use crate::options::Quadrature;
+
+/// The limit surface of Catmull–Clark subdivision: bicubic, C² but for its extraordinary vertices, where it
+/// is C¹. Open or closed, of any valence from 3 to 32; vertices of a boundary have one or two quads.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    control: QuadMesh,
+    refined: bool,
+    flipped: bool,
+    patches: Vec<Patch>,
+    mask: SparseMatrix,
+}
+
+/// A point of the surface with its derivatives by the parameters of its quad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jet {
+    /// x, Å.
+    pub position: Point3,
+    /// `x_u`, `x_v`.
+    pub first: [Vector3; 2],
+    /// `x_uu`, `x_uv`, `x_vv`.
+    pub second: [Vector3; 3],
+}
+
+impl Jet {
+    /// `x_u × x_v`: the outward normal times the area element.
+    pub fn area_normal(&self) -> Vector3 {
+        self.first[0].cross(&self.first[1])
+    }
+
+    /// The fundamental forms; entries are not finite where the surface has no tangent plane.
+    pub fn forms(&self) -> Forms {
+        let [u, v] = self.first;
+        let [uu, uv, vv] = self.second;
+        let n = -self.area_normal().normalize();
+        Forms {
+            first: Symmetric::new(u.dot(&u), u.dot(&v), v.dot(&v)),
+            second: Symmetric::new(n.dot(&uu), n.dot(&uv), n.dot(&vv)),
+        }
+    }
+}
+
+impl Surface {
+    /// The limit surface of a control mesh. Refined once if a quad has two extraordinary corners; a closed
+    /// mesh that encloses a negative volume is turned inside out.
+    ///
+    /// # Errors
+    /// Meshes that are not manifold; [`Error::Valence`].
+    pub fn new(control: QuadMesh) -> Result<Self, Error> {
+        let edges = Halfedges::<4>::of_quads(&control)?;
+        let closed = edges.iter().all(|h| edges.twin(h).is_some());
+        let flipped = closed && control.volume() < 0.0;
+        let mut control = if flipped { turned(control)? } else { control };
+        let refined = has_two_odd_corners(&edges_of(&control)?, control.quads().len());
+        if refined {
+            control = subdivide(&control)?;
+        }
+        let extended = Extended::of(&control, &edges_of(&control)?)?;
+        Ok(Self {
+            patches: patches(&extended, control.quads().len())?,
+            mask: mask(&extended)?,
+            control,
+            refined,
+            flipped,
+        })
+    }
+
+    /// The surface whose limit positions are the vertices of `samples`: of fourth order in the size of the
+    /// quads away from extraordinary vertices.
+    pub fn interpolating(samples: &QuadMesh) -> Result<Self, Error> {
+        let extended = Extended::of(samples, &edges_of(samples)?)?;
+        let control = interpolate(&mask(&extended)?, samples.positions());
+        Self::new(QuadMesh::new(control, samples.quads().to_vec())?)
+    }
+
+    /// The control mesh of the patches: that given, or once refined.
+    pub fn control(&self) -> &QuadMesh {
+        &self.control
+    }
+
+    /// Was the mesh refined? Then child k of the given quad q is quad `4 q + k`.
+    pub fn refined(&self) -> bool {
+        self.refined
+    }
+
+    /// Was the mesh turned inside out?
+    pub fn flipped(&self) -> bool {
+        self.flipped
+    }
+
+    /// The limit positions of the control vertices.
+    pub fn limit_positions(&self) -> Vec<Point3> {
+        let points = self.control.positions();
+        let block: Vec<f64> = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
+        let limit = self.mask.multiply(&block, 3);
+        limit
+            .chunks_exact(3)
+            .map(|p| Point3::new(p[0], p[1], p[2]))
+            .collect()
+    }
+
+    /// The quads of the control mesh at their limit positions.
+    pub fn limit_mesh(&self) -> QuadMesh {
+        QuadMesh::new(self.limit_positions(), self.control.quads().to_vec())
+            .expect("the limit of a valid mesh is valid")
+    }
+
+    /// Functions given by their coefficients, at the limit positions of the vertices.
+    pub(crate) fn limit_values(&self, coefficients: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let limit = |c: &Vec<f64>| self.mask.multiply(c, 1);
+        coefficients.iter().map(limit).collect()
+    }
+
+    /// The same quads with other control points, one per vertex.
+    pub(crate) fn with_control(&self, positions: Vec<Point3>) -> Result<Self, Error> {
+        Ok(Self {
+            control: QuadMesh::new(positions, self.control.quads().to_vec())?,
+            ..self.clone()
+        })
+    }
+
+    pub(crate) fn patches(&self) -> &[Patch] {
+        &self.patches
+    }
+
+    pub(crate) fn tables(&self, quadrature: Quadrature) -> Tables {
+        Tables::of(self.patches.iter().map(|p| p.valence), quadrature)
+    }
+
+    /// The points of the quadrature of all quads with their weights, quad after quad: the weight times the
+    /// length of [`Jet::area_normal`] is an area. The last corner at an extraordinary vertex is left out.
+    pub fn jets(&self, quadrature: Quadrature) -> Result<Vec<(Jet, f64)>, Error> {
+        quadrature.check()?;
+        let tables = self.tables(quadrature);
+        let of_patch = |patch: &Patch| -> Vec<(Jet, f64)> {
+            let table = tables.of_valence(patch.valence);
+            let points = self.points_of(patch, self.control.positions());
+            (0..table.weights.len())
+                .map(|q| (jet(table.point(q), &points), table.weights[q]))
+                .collect()
+        };
+        let all: Vec<_> = self.patches.par_iter().map(of_patch).collect();
+        Ok(all.concat())
+    }
+
+    /// The control points of a patch's table.
+    pub(crate) fn points_of(&self, patch: &Patch, positions: &[Point3]) -> Vec<Point3> {
+        let real = patch.ids.iter().map(|&v| positions[v as usize]);
+        match &patch.fold {
+            None => real.collect(),
+            Some(fold) => {
+                let real: Vec<Vector3> = real.map(|p| p.coords).collect();
+                let sum = |row: &[f64]| row.iter().zip(&real).map(|(w, x)| x * *w).sum::<Vector3>();
+                fold.chunks(real.len())
+                    .map(|row| Point3::from(sum(row)))
+                    .collect()
+            }
+        }
+    }
+}
+
+/// The point with these six rows of the basis.
+pub(crate) fn jet(rows: &[f64], points: &[Point3]) -> Jet {
+    let n = points.len();
+    let sum = |k: usize| -> Vector3 {
+        let row = &rows[k * n..(k + 1) * n];
+        row.iter().zip(points).map(|(w, p)| p.coords * *w).sum()
+    };
+    let [x, u, v, uu, uv, vv]: [Vector3; ROWS] = std::array::from_fn(sum);
+    Jet {
+        position: Point3::from(x),
+        first: [u, v],
+        second: [uu, uv, vv],
+    }
+}
+
+/// A row of the basis by the vertices of a patch instead of the points of its table.
+pub(crate) fn folded_rows(patch: &Patch, table: &Table, q: usize) -> Vec<f64> {
+    let rows = table.point(q);
+    let Some(fold) = &patch.fold else {
+        return rows.to_vec();
+    };
+    let m = patch.ids.len();
+    let mut out = vec![0.0; ROWS * m];
+    for (row, out) in rows.chunks(table.ids).zip(out.chunks_mut(m)) {
+        for (w, fold) in row.iter().zip(fold.chunks(m)) {
+            out.iter_mut().zip(fold).for_each(|(o, f)| *o += w * f);
+        }
+    }
+    out
+}
+
+fn edges_of(mesh: &QuadMesh) -> Result<Halfedges<4>, Error> {
+    Ok(Halfedges::<4>::of_quads(mesh)?)
+}
+
+fn turned(mesh: QuadMesh) -> Result<QuadMesh, Error> {
+    let (positions, quads) = mesh.into_parts();
+    let back = quads.iter().map(|&[a, b, c, d]| [a, d, c, b]);
+    Ok(QuadMesh::new(positions, back.collect())?)
+}

@@ -1,0 +1,412 @@
+//! The flow by an operator: `∂x/∂t = −M⁻¹ (K₊ − β K₋) x`, step by step.
+//!
+//! With `Q = H K / √(K² + δ²) adj(b) / det g` the stiffness of Q applied to the positions is the generalized
+//! Giaquinta–Hildebrandt operator of them in weak form: normal and tangential part of Eq. 7.26 together, no
+//! third derivatives. It is backward-parabolic where one curvature of a saddle exceeds twice the other, so Q is
+//! split by the signs of its eigenvalues; the positive part is taken implicitly.
+
+use geom_core::linalg::{SparseMatrix, Symbolic};
+use geom_core::mesh::Halfedges;
+use geom_core::{Point3, QuadMesh, Run, TriMesh, Vector3};
+
+use super::guard::hold_back;
+use super::tangential::relaxation;
+use crate::Error;
+use crate::backend::OperatorBackend;
+use crate::catmull::Surface;
+use crate::forms::{Conductor, Law, Neighbors, Normals, TriangleMatrix};
+use crate::operators::{Pattern, Quads, UnitScale, triangle_elements, vertex_normals};
+use crate::options::{FlowOperator, FlowOptions};
+
+/// No vertex moves farther in a step, in mean edges.
+const FARTHEST: f64 = 0.25;
+/// Curvature times the mean edge above which a surface is not resolved.
+const SHARPEST: f64 = 2.0;
+/// Most corrections of the volume per step, and the relative error at which they stop.
+const VOLUME_STEPS: usize = 5;
+const VOLUME_ERROR: f64 = 1e-6;
+
+/// A smoothed mesh.
+#[derive(Clone, Debug)]
+pub struct Smoothed<M> {
+    /// The mesh: the same faces, other positions.
+    pub mesh: M,
+    /// What was done.
+    pub report: FlowReport,
+}
+
+/// What a flow did.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct FlowReport {
+    /// Steps.
+    pub steps: usize,
+    /// Root mean square of the distances from the first to the last positions, Å.
+    pub rms_displacement: f64,
+    /// The largest of them, Å.
+    pub max_displacement: f64,
+    /// Volume enclosed before and after, Å³; of an open surface it means nothing.
+    pub volume: [f64; 2],
+    /// How often a vertex was held back because a face would have turned over.
+    pub held_back: usize,
+}
+
+/// A mesh that flows: what differs between triangles and quads.
+trait Flowing {
+    /// Stiffness of a law and lumped mass in unit scale, for positions in unit scale.
+    fn matrices(
+        &self,
+        positions: &[Point3],
+        conductor: &Conductor,
+    ) -> Result<(SparseMatrix, Vec<f64>), Error>;
+    /// The surface as triangles.
+    fn triangles(&self, positions: &[Point3]) -> Result<TriMesh, Error>;
+    /// Shortens displacements that would turn a face over.
+    fn hold_back(&self, positions: &[Point3], moves: &mut [Vector3]) -> usize;
+    /// Neighbours along edges.
+    fn ring(&self) -> &Neighbors;
+}
+
+struct Triangles<'a, B: ?Sized> {
+    triangles: &'a [[u32; 3]],
+    rounds: u32,
+    pattern: Pattern,
+    ring: Neighbors,
+    run: Run<'a, B>,
+}
+
+impl<B: OperatorBackend + ?Sized> Flowing for Triangles<'_, B> {
+    fn matrices(
+        &self,
+        positions: &[Point3],
+        conductor: &Conductor,
+    ) -> Result<(SparseMatrix, Vec<f64>), Error> {
+        let mesh = self.triangles(positions)?;
+        let normals = vertex_normals(
+            &mesh,
+            &Normals::OfMesh {
+                rounds: self.rounds,
+            },
+        )?;
+        let elements = triangle_elements(
+            &mesh,
+            &normals,
+            &UnitScale::IDENTITY,
+            conductor,
+            &[],
+            self.run,
+        )?;
+        let mut mass = vec![0.0; positions.len()];
+        for (corners, element) in self.triangles.iter().zip(&elements) {
+            corners
+                .iter()
+                .for_each(|&v| mass[v as usize] += element.mass);
+        }
+        let finite = |e: &TriangleMatrix| e.stiffness.map(|k| if k.is_finite() { k } else { 0.0 });
+        let values: Vec<f64> = elements.iter().flat_map(finite).collect();
+        Ok((self.pattern.sum(&values), mass))
+    }
+
+    fn triangles(&self, positions: &[Point3]) -> Result<TriMesh, Error> {
+        Ok(TriMesh::new(positions.to_vec(), self.triangles.to_vec())?)
+    }
+
+    fn hold_back(&self, positions: &[Point3], moves: &mut [Vector3]) -> usize {
+        hold_back(positions, self.triangles, moves)
+    }
+
+    fn ring(&self) -> &Neighbors {
+        &self.ring
+    }
+}
+
+struct Patches {
+    surface: Surface,
+    pattern: Pattern,
+    ring: Neighbors,
+    quadrature: crate::options::Quadrature,
+}
+
+impl Flowing for Patches {
+    fn matrices(
+        &self,
+        positions: &[Point3],
+        conductor: &Conductor,
+    ) -> Result<(SparseMatrix, Vec<f64>), Error> {
+        let surface = self.surface.with_control(positions.to_vec())?;
+        let quads = Quads::of(
+            &surface,
+            &UnitScale::IDENTITY,
+            *conductor,
+            &[],
+            self.quadrature,
+        );
+        let all = quads.matrices()?;
+        let mut mass = vec![0.0; positions.len()];
+        for (patch, matrix) in surface.patches().iter().zip(&all) {
+            for (&v, m) in patch.ids.iter().zip(&matrix.sums[0]) {
+                mass[v as usize] += m;
+            }
+        }
+        let values: Vec<f64> = all.iter().flat_map(|m| &m.stiffness).copied().collect();
+        Ok((self.pattern.sum(&values), mass))
+    }
+
+    fn triangles(&self, positions: &[Point3]) -> Result<TriMesh, Error> {
+        let surface = self.surface.with_control(positions.to_vec())?;
+        Ok(surface.limit_mesh().into_triangles())
+    }
+
+    fn hold_back(&self, positions: &[Point3], moves: &mut [Vector3]) -> usize {
+        hold_back(positions, self.surface.control().quads(), moves)
+    }
+
+    fn ring(&self) -> &Neighbors {
+        &self.ring
+    }
+}
+
+/// Moves the vertices of a triangle mesh by the flow of an operator. Curvature from normals smoothed by
+/// `rounds` rounds.
+///
+/// # Errors
+/// Options out of range; [`Error::Open`] with [`FlowOptions::keep_volume`]; meshes that are not manifold.
+pub fn smooth<B: OperatorBackend + ?Sized>(
+    mesh: &TriMesh,
+    rounds: u32,
+    options: &FlowOptions,
+    run: Run<'_, B>,
+) -> Result<Smoothed<TriMesh>, Error> {
+    options.check()?;
+    let edges = Halfedges::<3>::of(mesh)?;
+    let flowing = Triangles {
+        triangles: mesh.triangles(),
+        rounds,
+        pattern: Pattern::of(mesh.positions().len(), mesh.triangles())?,
+        ring: Neighbors::of_triangles(mesh),
+        run,
+    };
+    let rims = rims(&edges);
+    refuse_open(&edges, options)?;
+    let (positions, report) = flow(&flowing, mesh.positions(), &rims, options, run)?;
+    let mesh = flowing.triangles(&positions)?;
+    Ok(Smoothed { mesh, report })
+}
+
+/// Moves the control points of a quad mesh by the flow of an operator on its Catmull–Clark limit surface. Where
+/// the mesh has to be refined once ([`Surface::refined`]), the refined one comes back. On the CPU with any
+/// backend.
+///
+/// # Errors
+/// As [`smooth`] and [`Surface::new`].
+pub fn smooth_quads<B: OperatorBackend + ?Sized>(
+    mesh: &QuadMesh,
+    options: &FlowOptions,
+    run: Run<'_, B>,
+) -> Result<Smoothed<QuadMesh>, Error> {
+    options.check()?;
+    let surface = Surface::new(mesh.clone())?;
+    let control = surface.control().clone();
+    let edges = Halfedges::<4>::of_quads(&control)?;
+    let flowing = Patches {
+        pattern: Pattern::of(control.positions().len(), surface.patches())?,
+        ring: Neighbors::of_quads(&control),
+        quadrature: options.quadrature,
+        surface,
+    };
+    refuse_open(&edges, options)?;
+    let (positions, report) = flow(&flowing, control.positions(), &rims(&edges), options, run)?;
+    let mesh = QuadMesh::new(positions, control.quads().to_vec())?;
+    Ok(Smoothed { mesh, report })
+}
+
+/// Which vertices lie on boundaries.
+fn rims<const N: usize>(edges: &Halfedges<N>) -> Vec<bool> {
+    (0..edges.vertices() as u32)
+        .map(|v| edges.on_boundary(geom_core::VertexId(v)))
+        .collect()
+}
+
+fn refuse_open<const N: usize>(edges: &Halfedges<N>, options: &FlowOptions) -> Result<(), Error> {
+    match edges.iter().find(|&h| edges.twin(h).is_none()) {
+        Some(h) if options.keep_volume => Err(Error::Open {
+            what: "keeping the volume",
+            from: edges.from(h).0,
+            to: edges.to(h).0,
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// All steps; positions come and go in Å.
+fn flow<F: Flowing, B: ?Sized>(
+    mesh: &F,
+    start: &[Point3],
+    rims: &[bool],
+    options: &FlowOptions,
+    run: Run<'_, B>,
+) -> Result<(Vec<Point3>, FlowReport), Error> {
+    let scale = UnitScale::of(start)?;
+    let first: Vec<Point3> = start.iter().map(|p| scale.apply(p)).collect();
+    let mut positions = first.clone();
+    let volume = mesh.triangles(&positions)?.volume();
+    let mut symbolic = None;
+    let mut report = FlowReport::default();
+    for step in 0..options.iterations {
+        run.progress("smoothing", step as u64, options.iterations as u64)?;
+        let moves = displacements(mesh, &positions, options, &mut symbolic)?;
+        let Some(mut moves) = moves else { break };
+        if options.keep_rims {
+            hold(&mut moves, rims);
+        }
+        report.held_back += mesh.hold_back(&positions, &mut moves);
+        shift(&mut positions, &moves);
+        if options.keep_volume {
+            report.held_back += restore_volume(mesh, &mut positions, volume)?;
+        }
+        report.steps += 1;
+    }
+    let cubed = scale.length.powi(3);
+    report.volume = [volume * cubed, mesh.triangles(&positions)?.volume() * cubed];
+    let squares = positions
+        .iter()
+        .zip(&first)
+        .map(|(p, q)| (p - q).norm_squared());
+    let (sum, most) = squares.fold((0.0, 0.0), |(s, m): (f64, f64), x| (s + x, m.max(x)));
+    report.rms_displacement = (sum / positions.len() as f64).sqrt() * scale.length;
+    report.max_displacement = most.sqrt() * scale.length;
+    let back = positions.iter().map(|p| scale.undo(&p.coords));
+    Ok((back.collect(), report))
+}
+
+fn hold(moves: &mut [Vector3], rims: &[bool]) {
+    for (m, &rim) in moves.iter_mut().zip(rims) {
+        if rim {
+            *m = Vector3::zeros();
+        }
+    }
+}
+
+fn shift(positions: &mut [Point3], moves: &[Vector3]) {
+    positions.iter_mut().zip(moves).for_each(|(p, m)| *p += m);
+}
+
+/// Where a step would bring the vertices; `None` where nothing moves.
+fn displacements<F: Flowing>(
+    mesh: &F,
+    positions: &[Point3],
+    options: &FlowOptions,
+    symbolic: &mut Option<Symbolic>,
+) -> Result<Option<Vec<Vector3>>, Error> {
+    let edge = mean_edge(mesh.ring(), positions);
+    let conductor = |law| Conductor {
+        law,
+        gauss: 0.0,
+        mean: 0.0,
+        bounds: [1.0, 1.0],
+        regularization: options.delta.sqrt(),
+        limit: SHARPEST / edge,
+    };
+    let (forward, mass) = match options.operator {
+        FlowOperator::Lbo => mesh.matrices(positions, &conductor(Law::Metric))?,
+        FlowOperator::Ggho => mesh.matrices(positions, &conductor(Law::Diffusing))?,
+    };
+    let block: Vec<f64> = positions.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
+    let mut sharpening = vec![0.0; block.len()];
+    if options.operator == FlowOperator::Ggho && options.sharpen > 0.0 {
+        let (backward, _) = mesh.matrices(positions, &conductor(Law::Sharpening))?;
+        sharpening = backward.multiply(&block, 3);
+        sharpening.iter_mut().for_each(|x| *x *= options.sharpen);
+    }
+    let diffusing = forward.multiply(&block, 3);
+    let force = Vectors(
+        diffusing
+            .iter()
+            .zip(&sharpening)
+            .map(|(d, s)| s - d)
+            .collect(),
+    );
+    let mut speeds: Vec<f64> = (0..mass.len())
+        .filter(|&v| mass[v] > 0.0)
+        .map(|v| force.at(v).norm() / mass[v])
+        .collect();
+    speeds.sort_by(f64::total_cmp);
+    let fast = speeds.get(speeds.len() * 95 / 100).copied().unwrap_or(0.0);
+    // Below this all motion is rounding.
+    if fast * edge <= 1e-12 {
+        return Ok(None);
+    }
+    let time = options.step * edge / fast;
+    // (m + τ K₊) d = τ (β K₋ − K₊) x for the displacement d.
+    let matrix = forward.map(|i, j, k| {
+        time * k
+            + if i == j {
+                mass[i].max(f64::MIN_POSITIVE)
+            } else {
+                0.0
+            }
+    });
+    let symbolic = match symbolic {
+        Some(known) => known,
+        None => symbolic.insert(Symbolic::of(&matrix)?),
+    };
+    let mut solution: Vec<f64> = force.0.iter().map(|f| f * time).collect();
+    symbolic.factor(&matrix)?.solve_in_place(&mut solution, 3)?;
+    let solution = Vectors(solution);
+    let relaxed = if options.tangential > 0.0 {
+        relaxation(&mesh.triangles(positions)?, mesh.ring(), positions)
+    } else {
+        vec![Vector3::zeros(); positions.len()]
+    };
+    let limited = |v: usize| {
+        let d = solution.at(v) + relaxed[v] * options.tangential;
+        let (length, most) = (d.norm(), FARTHEST * edge);
+        if length > most {
+            d * (most / length)
+        } else {
+            d
+        }
+    };
+    Ok(Some((0..positions.len()).map(limited).collect()))
+}
+
+/// Three numbers per vertex.
+struct Vectors(Vec<f64>);
+
+impl Vectors {
+    fn at(&self, v: usize) -> Vector3 {
+        Vector3::new(self.0[3 * v], self.0[3 * v + 1], self.0[3 * v + 2])
+    }
+}
+
+fn mean_edge(ring: &Neighbors, positions: &[Point3]) -> f64 {
+    let (mut sum, mut count) = (0.0, 0usize);
+    for (v, p) in positions.iter().enumerate() {
+        for &w in ring.of_vertex(v) {
+            sum += (positions[w as usize] - p).norm();
+            count += 1;
+        }
+    }
+    sum / count.max(1) as f64
+}
+
+/// Moves the surface along its normals until it encloses `volume` again.
+fn restore_volume<F: Flowing>(
+    mesh: &F,
+    positions: &mut [Point3],
+    volume: f64,
+) -> Result<usize, Error> {
+    let mut held = 0;
+    for _ in 0..VOLUME_STEPS {
+        let surface = mesh.triangles(positions)?;
+        let missing = volume - surface.volume();
+        if missing.abs() <= VOLUME_ERROR * volume.abs() {
+            break;
+        }
+        let along = missing / surface.area();
+        let mut moves: Vec<Vector3> = surface.vertex_normals().iter().map(|n| n * along).collect();
+        held += mesh.hold_back(positions, &mut moves);
+        shift(positions, &moves);
+    }
+    Ok(held)
+}

@@ -1,0 +1,99 @@
+//! The conductivity of each operator: the one place where an operator is a formula.
+
+use super::symmetric::{Forms, Symmetric};
+
+/// The formula of an operator's conductivity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Law {
+    /// `g⁻¹`: Laplace–Beltrami.
+    Metric,
+    /// `adj(b) / det g = K b⁻¹`: Giaquinta–Hildebrandt. Indefinite on saddles.
+    Adjugate,
+    /// `Ψ² (III + ε² g)⁻¹`: the secondary Laplace operator, regularized.
+    GaussImage,
+    /// `Ψ K / (K² + δ²) adj(b) / det g`, which is `Ψ b⁻¹` regularized: the generalized
+    /// Giaquinta–Hildebrandt operator.
+    Generalized,
+    /// The positive part of `Q = H K / √(K² + δ²) adj(b) / det g`, which is the same with `Ψ = H |K|`: it
+    /// moves the surface in the flow of Eq. 7.26.
+    Diffusing,
+    /// The negative part of Q, sign turned: it sharpens, and amplifies noise.
+    Sharpening,
+}
+
+/// An operator ready to be evaluated: its law with the weight
+/// `Ψ = clamp(exp(gauss · K + mean · H) · factor, bounds)`. All in unit scale (the largest extent of
+/// the surface is 1).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Conductor {
+    /// The formula.
+    pub law: Law,
+    /// Coefficient of K in the exponent.
+    pub gauss: f64,
+    /// Coefficient of H in the exponent.
+    pub mean: f64,
+    /// Smallest and largest Ψ.
+    pub bounds: [f64; 2],
+    /// ε of [`Law::GaussImage`], √δ of the generalized laws.
+    pub regularization: f64,
+    /// Curvatures above this are scaled down to it; infinite for no such limit.
+    pub limit: f64,
+}
+
+/// Larger exponents mean nothing: Ψ is bounded anyway.
+const MOST_EXPONENT: f64 = 50.0;
+
+impl Conductor {
+    /// Ψ at a point, where `factor` is the value of the weight's fields.
+    pub fn psi(&self, forms: &Forms, factor: f64) -> f64 {
+        if self.gauss == 0.0 && self.mean == 0.0 && factor == 1.0 {
+            return 1.0;
+        }
+        let exponent = self.gauss * forms.gaussian() + self.mean * forms.mean();
+        let bounded = exponent.clamp(-MOST_EXPONENT, MOST_EXPONENT);
+        (bounded.exp() * factor).clamp(self.bounds[0], self.bounds[1])
+    }
+
+    /// The conductivity `A^{ab}`, of which the operator's form is `∫ f_a A^{ab} h_b dA`.
+    pub fn at(&self, forms: &Forms, factor: f64) -> Symmetric {
+        let forms = &forms.capped(self.limit);
+        let g = forms.first;
+        let adjugate = || forms.second.adjugate() * (1.0 / g.determinant());
+        let delta = || self.regularization * self.regularization;
+        match self.law {
+            Law::Metric => g.inverse(),
+            Law::Adjugate => adjugate(),
+            Law::GaussImage => {
+                let psi = self.psi(forms, factor);
+                (forms.third() + g * delta()).inverse() * (psi * psi)
+            }
+            Law::Generalized => {
+                let k = forms.gaussian();
+                adjugate() * (self.psi(forms, factor) * k / (k * k + delta() * delta()))
+            }
+            Law::Diffusing => self.flow(forms).split().0,
+            Law::Sharpening => self.flow(forms).split().1,
+        }
+    }
+
+    /// Like [`Conductor::at`] for forms in any coordinates: the parts of Q are taken in an orthonormal frame.
+    pub fn in_coordinates(&self, forms: &Forms, factor: f64) -> Symmetric {
+        match self.law {
+            Law::Diffusing | Law::Sharpening => {
+                let (forms, [first, second]) = forms.in_frame();
+                let a = self.at(&forms, factor);
+                a.pulled_back(first, second)
+            }
+            _ => self.at(forms, factor),
+        }
+    }
+
+    /// `H K / √(K² + δ²) adj(b) / det g`. Its parts are those of a symmetric matrix, so the forms must be in
+    /// an orthonormal frame: [`Forms::in_frame`].
+    fn flow(&self, forms: &Forms) -> Symmetric {
+        let k = forms.gaussian();
+        let delta = self.regularization * self.regularization;
+        let scale = 1.0 / forms.first.determinant();
+        forms.second.adjugate() * (scale * forms.mean() * k / k.hypot(delta))
+    }
+}

@@ -1,0 +1,18 @@
+//! Operators on a surface: their matrices and their smallest eigenpairs.
+
+mod assemble;
+mod element;
+mod pattern;
+mod quads;
+mod spectrum;
+mod triangles;
+
+pub use assemble::assemble;
+pub use element::Element;
+pub use pattern::Matrices;
+pub use spectrum::{Spectrum, spectrum};
+
+pub(crate) use element::UnitScale;
+pub(crate) use pattern::Pattern;
+pub(crate) use quads::Quads;
+pub(crate) use triangles::{triangle_elements, vertex_normals};

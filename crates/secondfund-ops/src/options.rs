@@ -1,0 +1,396 @@
+//! What is asked for.
+
+use geom_core::options::{OutOfRange, require};
+
+use crate::forms::Operator;
+
+/// Options of [`spectrum`](crate::spectrum) and [`assemble`](crate::operators::assemble()).
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct SpectrumOptions {
+    /// The operator.
+    pub operator: Operator,
+    /// Modes, the constants not counted.
+    pub modes: usize,
+    /// ε: curvatures below it count as flat, in unit scale. Results depend little on it from 0.1 to 2.
+    /// 0 is allowed where no principal curvature vanishes.
+    pub regularization: f64,
+    /// Smallest and largest Ψ.
+    pub bounds: [f64; 2],
+    /// How a quad of a Catmull–Clark surface is integrated.
+    pub quadrature: Quadrature,
+    /// Largest relative residual of an eigenpair.
+    pub tolerance: f64,
+    /// Count the eigenvalues by the inertia of a factor, so that no copy of a multiple one is lost.
+    pub verify: bool,
+}
+
+impl Default for SpectrumOptions {
+    fn default() -> Self {
+        Self {
+            operator: Operator::default(),
+            modes: 10,
+            regularization: 0.5,
+            bounds: [0.5, 10.0],
+            quadrature: Quadrature::default(),
+            tolerance: 1e-8,
+            verify: false,
+        }
+    }
+}
+
+/// Quadrature over a quad of a Catmull–Clark surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Quadrature {
+    /// Gauss points per direction, 2…8.
+    pub points: usize,
+    /// Levels towards an extraordinary vertex, 1…12; the last corner of side 2^−depth is left out.
+    pub depth: usize,
+}
+
+impl Default for Quadrature {
+    fn default() -> Self {
+        Self {
+            points: 4,
+            depth: 6,
+        }
+    }
+}
+
+impl SpectrumOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let epsilon = self.regularization;
+        let finite = epsilon >= 0.0 && epsilon.is_finite();
+        require(
+            finite,
+            "regularization",
+            epsilon,
+            "be at least 0 and finite",
+        )?;
+        let [low, high] = self.bounds;
+        let in_order = low > 0.0 && low <= high && high.is_finite();
+        let value = format!("{low}…{high}");
+        require(in_order, "bounds", value, "be positive and in order")?;
+        let tolerance = self.tolerance;
+        let within = tolerance > 0.0 && tolerance < 1.0;
+        require(within, "tolerance", tolerance, "lie between 0 and 1")?;
+        self.quadrature.check()
+    }
+}
+
+impl Quadrature {
+    pub(crate) fn check(&self) -> Result<(), OutOfRange> {
+        let points = self.points;
+        require(
+            (2..=8).contains(&points),
+            "quadrature.points",
+            points,
+            "lie within 2…8",
+        )?;
+        let depth = self.depth;
+        require(
+            (1..=12).contains(&depth),
+            "quadrature.depth",
+            depth,
+            "lie within 1…12",
+        )
+    }
+}
+
+/// How many modes the rows take.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Modes {
+    /// As many as groups, at least 3 and at most 15; 8 while the number of groups is sought.
+    #[default]
+    Auto,
+    /// This many.
+    Count(usize),
+    /// Up to the largest ratio of an eigenvalue to the one before, among the first 15.
+    EigenGap,
+}
+
+/// How many groups there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Groups {
+    /// This many. Segments may be more: groups fall into connected patches.
+    Count(usize),
+    /// The number from 2 to `most` with the smallest index of Davies and Bouldin.
+    DaviesBouldin {
+        /// Largest number.
+        most: usize,
+    },
+    /// The smallest number from 2 to `most` whose medoid silhouette is nearly (99 %) the largest.
+    Silhouette {
+        /// Largest number.
+        most: usize,
+    },
+}
+
+impl Default for Groups {
+    fn default() -> Self {
+        Self::Silhouette { most: 12 }
+    }
+}
+
+/// Options of [`segment`](crate::segment()).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct SegmentOptions {
+    /// Modes in the rows.
+    pub modes: Modes,
+    /// Groups of rows.
+    pub groups: Groups,
+    /// Vertices that are grouped, drawn by area; the others follow the nearest medoid. At most 8,000.
+    pub sample: usize,
+    /// Starts of the search; the best is taken.
+    pub restarts: usize,
+    /// Smooth the borders of the segments where no crease holds them.
+    pub smooth: bool,
+    /// Seed of the sample and the starts.
+    pub seed: u64,
+}
+
+impl Default for SegmentOptions {
+    fn default() -> Self {
+        Self {
+            modes: Modes::default(),
+            groups: Groups::default(),
+            sample: 2000,
+            restarts: 3,
+            smooth: true,
+            seed: 1,
+        }
+    }
+}
+
+/// Most vertices in the sample: their distances take 4 bytes per pair.
+const MOST_SAMPLE: usize = 8000;
+/// Modes where the number of groups is sought.
+pub(crate) const SEARCH_MODES: usize = 8;
+
+impl SegmentOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let groups = match self.groups {
+            Groups::Count(count) => count,
+            Groups::DaviesBouldin { most } | Groups::Silhouette { most } => most,
+        };
+        let within = (2..=self.sample).contains(&groups);
+        require(
+            within,
+            "groups",
+            groups,
+            "be at least 2 and at most the sample",
+        )?;
+        let must = "be at most 8000: distances of all pairs are kept, and more change nothing";
+        require(self.sample <= MOST_SAMPLE, "sample", self.sample, must)?;
+        require(self.modes != Modes::Count(0), "modes", 0, "be at least 1")?;
+        require(self.restarts > 0, "restarts", 0, "be at least 1")
+    }
+
+    /// The modes that [`segment`](crate::segment()) takes at most, so that the spectrum has enough.
+    pub fn modes_needed(&self) -> usize {
+        match (self.modes, self.groups) {
+            (Modes::Count(count), _) => count,
+            (Modes::EigenGap, _) => MOST_MODES + 1,
+            (Modes::Auto, Groups::Count(count)) => count.clamp(LEAST_MODES, MOST_MODES),
+            (Modes::Auto, Groups::DaviesBouldin { most } | Groups::Silhouette { most }) => {
+                most.clamp(SEARCH_MODES, MOST_MODES)
+            }
+        }
+    }
+}
+
+/// Fewest modes of [`Modes::Auto`].
+pub(crate) const LEAST_MODES: usize = 3;
+/// Most modes of [`Modes::Auto`] and [`Modes::EigenGap`].
+pub(crate) const MOST_MODES: usize = 15;
+
+/// Which operator moves the surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum FlowOperator {
+    /// Laplace–Beltrami: mean curvature flow.
+    Lbo,
+    /// The generalized Giaquinta–Hildebrandt operator (Eq. 7.26): flat parts and straight creases stay.
+    #[default]
+    Ggho,
+}
+
+/// Options of [`smooth`](crate::smooth) and [`smooth_quads`](crate::smooth_quads).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct FlowOptions {
+    /// The operator.
+    pub operator: FlowOperator,
+    /// Steps.
+    pub iterations: usize,
+    /// In a step 95 % of the vertices move less than this share of a mean edge.
+    pub step: f64,
+    /// δ of `H K / √(K² + δ²)`, in unit scale.
+    pub delta: f64,
+    /// The share β of the backward part, which sharpens and amplifies noise: 0 for a well-posed flow, 1 for
+    /// Eq. 7.26 as it stands.
+    pub sharpen: f64,
+    /// λ: the share of the way to the mean of its neighbours, weighted along the curvature lines (Eqs.
+    /// 7.24–7.25), that a vertex goes in its tangent plane per step.
+    pub tangential: f64,
+    /// Keep the enclosed volume, of a closed surface.
+    pub keep_volume: bool,
+    /// Keep the vertices of boundaries where they are.
+    pub keep_rims: bool,
+    /// How quads are integrated.
+    pub quadrature: Quadrature,
+}
+
+impl Default for FlowOptions {
+    fn default() -> Self {
+        Self {
+            operator: FlowOperator::default(),
+            iterations: 10,
+            step: 0.02,
+            delta: 0.1,
+            sharpen: 0.5,
+            tangential: 0.05,
+            keep_volume: false,
+            keep_rims: true,
+            quadrature: Quadrature {
+                points: 3,
+                depth: 4,
+            },
+        }
+    }
+}
+
+impl FlowOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let within = |option, value: f64, low: f64, high: f64, must| {
+            require((low..=high).contains(&value), option, value, must)
+        };
+        within(
+            "step",
+            self.step,
+            1e-6,
+            0.25,
+            "lie within 1e-6…0.25 mean edges",
+        )?;
+        within("delta", self.delta, 1e-9, 1e9, "lie within 1e-9…1e9")?;
+        within("sharpen", self.sharpen, 0.0, 1.0, "lie within 0…1")?;
+        within("tangential", self.tangential, 0.0, 1.0, "lie within 0…1")?;
+        self.quadrature.check()
+    }
+}
+
+/// Options of [`pockets::find`](crate::pockets::find).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PocketOptions {
+    /// Atoms within this distance of a point count as its burial, Å.
+    pub radius: f64,
+    /// How much the atoms of other chains count than of the one that has most atoms around a point: below 1 the
+    /// clefts between chains do not hide the pockets within them.
+    pub foreign: f64,
+    /// Spacing of the points, Å.
+    pub spacing: f64,
+    /// Smallest and largest distance of a point from the nearest atom's surface, Å.
+    pub shell: [f64; 2],
+    /// The share of the points that are not deep enough.
+    pub percentile: f64,
+    /// Nor are points whose burial is less than this times the median: a convex body has no pockets.
+    pub prominence: f64,
+    /// Take percentile and median of each chain's own points.
+    pub per_chain: bool,
+    /// Points at most this far apart belong together, Å.
+    pub link: f64,
+    /// Fewer points are no pocket.
+    pub least_points: usize,
+    /// Most pockets.
+    pub most: usize,
+}
+
+impl Default for PocketOptions {
+    fn default() -> Self {
+        Self {
+            radius: 10.0,
+            foreign: 0.5,
+            spacing: 1.2,
+            shell: [1.6, 2.8],
+            percentile: 0.95,
+            prominence: 1.3,
+            per_chain: true,
+            link: 1.8,
+            least_points: 4,
+            most: 20,
+        }
+    }
+}
+
+impl PocketOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let within = |option, value: f64, low: f64, high: f64, must| {
+            require((low..=high).contains(&value), option, value, must)
+        };
+        within("radius", self.radius, 4.0, 30.0, "lie within 4…30 Å")?;
+        within("foreign", self.foreign, 0.0, 1.0, "lie within 0…1")?;
+        within("spacing", self.spacing, 0.3, 3.0, "lie within 0.3…3 Å")?;
+        within(
+            "percentile",
+            self.percentile,
+            0.0,
+            0.999,
+            "lie within 0…0.999",
+        )?;
+        within(
+            "link",
+            self.link,
+            self.spacing,
+            6.0,
+            "lie within the spacing…6 Å",
+        )?;
+        let [near, far] = self.shell;
+        let in_order = near >= 0.0 && near < far && far <= 10.0;
+        let value = format!("{near}…{far}");
+        require(in_order, "shell", value, "be in order and within 0…10 Å")?;
+        require(self.most > 0, "most", 0, "be at least 1")
+    }
+}
+
+/// Options of [`pockets::outline`](crate::pockets::outline()).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct OutlineOptions {
+    /// Modes of the secondary Laplace operator with Ψ = e^{−H}.
+    pub modes: usize,
+    /// Patches into which the surface is cut.
+    pub groups: usize,
+    /// ε of the operator.
+    pub regularization: f64,
+    /// Rounds of smoothing of the surface's normals.
+    pub normal_rounds: u32,
+    /// How far above the surface its burial is taken, Å.
+    pub probe: f64,
+    /// Atoms within this distance count as burial, Å.
+    pub radius: f64,
+    /// How much those of other chains than the nearest count: see [`PocketOptions::foreign`].
+    pub foreign: f64,
+}
+
+impl Default for OutlineOptions {
+    fn default() -> Self {
+        Self {
+            modes: 20,
+            groups: 40,
+            regularization: 2.0,
+            normal_rounds: 20,
+            probe: 1.6,
+            radius: 10.0,
+            foreign: 0.5,
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! The atoms that make pockets, in a frame of their own, sorted into cells.
+
+use geom_core::nalgebra::{Matrix3, SymmetricEigen};
+use geom_core::structure::{Element, ResidueKind};
+use geom_core::{Aabb, Point3, Structure, Vector3, parallel};
+
+use crate::Error;
+
+/// Side of the cells, Å.
+const CELL: f64 = 5.0;
+
+/// The heavy atoms of polymers: no ligands, ions, waters, hydrogens.
+#[derive(Clone, Debug)]
+pub(crate) struct Atoms {
+    /// The atom's number in the structure.
+    pub(crate) index: Vec<u32>,
+    /// In the molecule's own frame, Å.
+    pub(crate) positions: Vec<Point3>,
+    pub(crate) radii: Vec<f64>,
+    pub(crate) chain: Vec<u32>,
+    pub(crate) frame: Frame,
+    /// The largest radius.
+    largest: f64,
+    cells: Cells,
+}
+
+/// The principal axes of a molecule: what is computed in them does not depend on how it lies in space.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frame {
+    center: Point3,
+    /// Rows are the axes.
+    axes: Matrix3<f64>,
+}
+
+impl Frame {
+    /// Centred, along the axes of inertia, each towards the side of the longer tail (the sign of the third
+    /// moment); right-handed.
+    fn of(points: &[Point3]) -> Self {
+        let n = points.len() as f64;
+        let mean = points.iter().map(|p| p.coords).sum::<Vector3>() / n;
+        let spread = points.iter().fold(Matrix3::zeros(), |s, p| {
+            let d = p.coords - mean;
+            s + d * d.transpose()
+        });
+        let eigen = SymmetricEigen::new(spread);
+        let mut order = [0, 1, 2];
+        order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+        let axis = |k: usize| -> Vector3 {
+            let v: Vector3 = eigen.eigenvectors.column(order[k]).into();
+            let tail: f64 = points
+                .iter()
+                .map(|p| v.dot(&(p.coords - mean)).powi(3))
+                .sum();
+            if tail < 0.0 { -v } else { v }
+        };
+        let (x, y) = (axis(0), axis(1));
+        let z = x.cross(&y);
+        Self {
+            center: Point3::from(mean),
+            axes: Matrix3::from_rows(&[x.transpose(), y.transpose(), z.transpose()]),
+        }
+    }
+
+    pub(crate) fn enter(&self, p: &Point3) -> Point3 {
+        Point3::from(self.axes * (p - self.center))
+    }
+
+    pub(crate) fn leave(&self, p: &Point3) -> Point3 {
+        self.center + self.axes.transpose() * p.coords
+    }
+}
+
+/// Points sorted into cubes.
+#[derive(Clone, Debug)]
+struct Cells {
+    origin: Point3,
+    counts: [usize; 3],
+    starts: Vec<usize>,
+    members: Vec<u32>,
+}
+
+impl Cells {
+    fn of(points: &[Point3]) -> Self {
+        let bounds = Aabb::of_points(points);
+        let counts = [0, 1, 2].map(|k| (bounds.extent()[k] / CELL) as usize + 1);
+        let mut cells = Self {
+            origin: bounds.min,
+            counts,
+            starts: Vec::new(),
+            members: vec![0; points.len()],
+        };
+        let place: Vec<usize> = points.iter().map(|p| cells.place(p)).collect();
+        let mut sizes = vec![0u32; counts.iter().product()];
+        place.iter().for_each(|&c| sizes[c] += 1);
+        cells.starts = parallel::starts_of(&sizes);
+        let mut next = cells.starts.clone();
+        for (i, &c) in place.iter().enumerate() {
+            cells.members[next[c]] = i as u32;
+            next[c] += 1;
+        }
+        cells
+    }
+
+    fn place(&self, p: &Point3) -> usize {
+        let [i, j, k] = [0, 1, 2].map(|a| self.along(p[a], a));
+        (k * self.counts[1] + j) * self.counts[0] + i
+    }
+
+    /// The cell along an axis, clamped into the box.
+    fn along(&self, x: f64, axis: usize) -> usize {
+        (((x - self.origin[axis]) / CELL).max(0.0) as usize).min(self.counts[axis] - 1)
+    }
+
+    /// Calls `f` with every member of the cells that a ball meets.
+    fn near(&self, p: &Point3, radius: f64, mut f: impl FnMut(u32)) {
+        let range = |a: usize| self.along(p[a] - radius, a)..=self.along(p[a] + radius, a);
+        for k in range(2) {
+            for j in range(1) {
+                let row = (k * self.counts[1] + j) * self.counts[0];
+                let along = range(0);
+                let members = self.starts[row + along.start()]..self.starts[row + along.end() + 1];
+                self.members[members].iter().for_each(|&m| f(m));
+            }
+        }
+    }
+}
+
+impl Atoms {
+    pub(crate) fn of(structure: &Structure) -> Result<Self, Error> {
+        let mut chosen: Vec<(u32, u32)> = Vec::new();
+        for chain in 0..structure.chains().len() {
+            for residue in structure.chain_residues(chain) {
+                if structure.residues()[residue].kind != ResidueKind::Polymer {
+                    continue;
+                }
+                let heavy = |&a: &usize| structure.atoms()[a].element != Element::HYDROGEN;
+                let atoms = structure.residue_atoms(residue).filter(heavy);
+                chosen.extend(atoms.map(|a| (a as u32, chain as u32)));
+            }
+        }
+        if chosen.is_empty() {
+            return Err(Error::NoAtoms);
+        }
+        let all: Vec<Point3> = chosen
+            .iter()
+            .map(|&(a, _)| structure.atoms()[a as usize].position)
+            .collect();
+        let frame = Frame::of(&all);
+        let positions: Vec<Point3> = all.iter().map(|p| frame.enter(p)).collect();
+        let radii: Vec<f64> = chosen
+            .iter()
+            .map(|&(a, _)| structure.atoms()[a as usize].radius)
+            .collect();
+        Ok(Self {
+            cells: Cells::of(&positions),
+            largest: radii.iter().copied().fold(0.0, f64::max),
+            radii,
+            index: chosen.iter().map(|c| c.0).collect(),
+            chain: chosen.iter().map(|c| c.1).collect(),
+            positions,
+            frame,
+        })
+    }
+
+    pub(crate) fn bounds(&self) -> Aabb {
+        Aabb::of_points(&self.positions)
+    }
+
+    /// Calls `f` with each atom within `radius` of `p` and its squared distance.
+    pub(crate) fn within(&self, p: &Point3, radius: f64, mut f: impl FnMut(u32, f64)) {
+        let squared = radius * radius;
+        self.cells.near(p, radius, |a| {
+            let d = (self.positions[a as usize] - p).norm_squared();
+            if d <= squared {
+                f(a, d);
+            }
+        });
+    }
+
+    /// The atoms within `radius` of `p`, of the chain that has most of them in full, of the others `foreign` each.
+    /// `counts` is scratch.
+    pub(crate) fn burial(
+        &self,
+        p: &Point3,
+        radius: f64,
+        foreign: f64,
+        counts: &mut Vec<(u32, u32)>,
+    ) -> f64 {
+        counts.clear();
+        self.within(p, radius, |a, _| {
+            let chain = self.chain[a as usize];
+            match counts.iter_mut().find(|c| c.0 == chain) {
+                Some(count) => count.1 += 1,
+                None => counts.push((chain, 1)),
+            }
+        });
+        let most = counts.iter().map(|c| c.1).max().unwrap_or(0);
+        let all: u32 = counts.iter().map(|c| c.1).sum();
+        f64::from(most) + foreign * f64::from(all - most)
+    }
+
+    /// The distance from `p` to the nearest atom's surface, at most `reach`, and that atom.
+    pub(crate) fn gap(&self, p: &Point3, reach: f64) -> Option<(f64, u32)> {
+        let mut best: Option<(f64, u32)> = None;
+        self.within(p, reach + self.largest, |a, d| {
+            let gap = d.sqrt() - self.radii[a as usize];
+            if gap <= reach && best.is_none_or(|b| gap < b.0 || (gap == b.0 && a < b.1)) {
+                best = Some((gap, a));
+            }
+        });
+        best
+    }
+}

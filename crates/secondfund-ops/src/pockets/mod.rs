@@ -1,0 +1,12 @@
+//! operator.
+
+mod atoms;
+mod outline;
+mod score;
+mod shell;
+mod sites;
+
+pub use outline::{Outline, outline};
+pub use score::{SiteScore, distance_to_ligand, site_ranks};
+pub use shell::burial;
+pub use sites::{Pocket, Pockets, find};

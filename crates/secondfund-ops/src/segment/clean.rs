@@ -1,0 +1,139 @@
+//! From groups to patches: connected, not tiny, with smooth borders.
+
+use geom_core::sets::DisjointSets;
+
+use super::faces::Faces;
+
+/// Patches smaller than this share of the area join a neighbour.
+const TINY: f64 = 0.005;
+/// Rounds of border smoothing.
+const ROUNDS: usize = 3;
+/// Curvature across an edge, in unit scale, above which a border along it is wanted.
+const CREASE: f64 = 5.0;
+
+/// Splits labels into connected patches, joins tiny ones to their neighbours, smooths borders if asked,
+/// and renumbers by decreasing area. `scale` is the length of the unit.
+pub(crate) fn clean(faces: &Faces, labels: &[u32], scale: f64, smooth: bool) -> Vec<u32> {
+    let mut patches = join_tiny(faces, split(faces, labels));
+    if smooth {
+        for _ in 0..ROUNDS {
+            patches = majority(faces, &patches, scale);
+        }
+        patches = join_tiny(faces, split(faces, &patches));
+    }
+    by_area(faces, &patches)
+}
+
+/// A label of its own for each connected part of a label: the lowest face of it.
+fn split(faces: &Faces, labels: &[u32]) -> Vec<u32> {
+    let mut sets = DisjointSets::new(faces.len());
+    for f in 0..faces.len() {
+        for link in faces.links(f) {
+            if labels[f] == labels[link.face as usize] {
+                sets.join(f as u32, link.face);
+            }
+        }
+    }
+    sets.into_roots()
+}
+
+/// Joins patches below [`TINY`], the smallest first, to the neighbour with the longest common border.
+/// Labels are faces.
+fn join_tiny(faces: &Faces, patches: Vec<u32>) -> Vec<u32> {
+    let total: f64 = faces.areas().iter().sum();
+    let mut members: Vec<Vec<u32>> = vec![Vec::new(); faces.len()];
+    let mut areas = vec![0.0; faces.len()];
+    for (f, &p) in patches.iter().enumerate() {
+        members[p as usize].push(f as u32);
+        areas[p as usize] += faces.areas()[f];
+    }
+    let mut patches = patches;
+    let mut tiny: Vec<u32> = (0..faces.len() as u32)
+        .filter(|&p| !members[p as usize].is_empty() && areas[p as usize] < TINY * total)
+        .collect();
+    tiny.sort_by(|&a, &b| {
+        areas[a as usize]
+            .total_cmp(&areas[b as usize])
+            .then(a.cmp(&b))
+    });
+    for p in tiny {
+        // It may have grown by what joined it.
+        if areas[p as usize] >= TINY * total {
+            continue;
+        }
+        let Some(into) = longest_border(faces, &members[p as usize], &patches) else {
+            continue;
+        };
+        let moved = std::mem::take(&mut members[p as usize]);
+        for &f in &moved {
+            patches[f as usize] = into;
+        }
+        areas[into as usize] += areas[p as usize];
+        members[into as usize].extend(moved);
+    }
+    patches
+}
+
+fn longest_border(faces: &Faces, members: &[u32], patches: &[u32]) -> Option<u32> {
+    let own = patches[members[0] as usize];
+    let mut lengths: Vec<(u32, f64)> = Vec::new();
+    for &f in members {
+        for link in faces.links(f as usize) {
+            let other = patches[link.face as usize];
+            if other != own {
+                add(&mut lengths, other, link.length);
+            }
+        }
+    }
+    largest(&lengths)
+}
+
+fn add(sums: &mut Vec<(u32, f64)>, label: u32, value: f64) {
+    match sums.iter_mut().find(|s| s.0 == label) {
+        Some(sum) => sum.1 += value,
+        None => sums.push((label, value)),
+    }
+}
+
+/// The label of the largest sum; of equal ones the lowest.
+fn largest(sums: &[(u32, f64)]) -> Option<u32> {
+    let better = |a: &(u32, f64), b: &(u32, f64)| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0));
+    sums.iter().copied().max_by(better).map(|s| s.0)
+}
+
+/// Each face takes the label of most of its edges' length, edges along creases not counted.
+fn majority(faces: &Faces, patches: &[u32], scale: f64) -> Vec<u32> {
+    (0..faces.len())
+        .map(|f| {
+            let mut sums = vec![(patches[f], 0.0)];
+            for link in faces.links(f).iter().filter(|l| l.turn * scale <= CREASE) {
+                add(&mut sums, patches[link.face as usize], link.length);
+            }
+            let best = largest(&sums).unwrap_or(patches[f]);
+            let own = sums[0].1;
+            let gain = sums.iter().find(|s| s.0 == best).map_or(0.0, |s| s.1);
+            if gain > own { best } else { patches[f] }
+        })
+        .collect()
+}
+
+/// Labels 0, 1, … by decreasing area.
+fn by_area(faces: &Faces, patches: &[u32]) -> Vec<u32> {
+    let mut areas = vec![0.0; faces.len()];
+    for (f, &p) in patches.iter().enumerate() {
+        areas[p as usize] += faces.areas()[f];
+    }
+    let mut used: Vec<u32> = patches.to_vec();
+    used.sort_unstable();
+    used.dedup();
+    used.sort_by(|&a, &b| {
+        areas[b as usize]
+            .total_cmp(&areas[a as usize])
+            .then(a.cmp(&b))
+    });
+    let mut number = vec![0; faces.len()];
+    for (new, &old) in used.iter().enumerate() {
+        number[old as usize] = new as u32;
+    }
+    patches.iter().map(|&p| number[p as usize]).collect()
+}

@@ -1,0 +1,95 @@
+//! What each kernel computes, as the equations read: f64, one element at a time, sharing no code with the
+//! kernels.
+
+use geom_core::nalgebra::Matrix3;
+use geom_core::{Point3, Vector3};
+
+use crate::forms::{Conductor, Law, TriangleMatrix};
+
+/// The matrices of a triangle in space coordinates: with the gradients `∇φ = n × e / 2A` of the hat functions,
+/// `dn = Σ nᵢ ∇φᵢᵀ`, the shape operator `S = sym(P dn P)` with the projector P, and the conductivity as a
+/// matrix on the tangent plane.
+pub fn triangle_matrix(
+    corners: [Point3; 3],
+    normals: [Vector3; 3],
+    factor: f64,
+    conductor: &Conductor,
+) -> TriangleMatrix {
+    let [a, b, c] = corners;
+    let doubled = (b - a).cross(&(c - a));
+    let n = doubled.normalize();
+    let gradients = [c - b, a - c, b - a].map(|e| n.cross(&e) / doubled.norm());
+    let project = Matrix3::identity() - n * n.transpose();
+    let dn: Matrix3<f64> = (0..3).map(|k| normals[k] * gradients[k].transpose()).sum();
+    let tangential = project * dn * project;
+    let shape = (tangential + tangential.transpose()) * 0.5;
+    let conductivity = conductivity(&shape, &project, factor, conductor);
+    let area = 0.5 * doubled.norm();
+    let entry = |i: usize, j: usize| area * gradients[i].dot(&(conductivity * gradients[j]));
+    TriangleMatrix {
+        stiffness: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|(i, j)| entry(i, j)),
+        mass: area / 3.0,
+        mean: 0.5 * shape.trace(),
+        gauss: gaussian(&shape),
+    }
+}
+
+/// The product of the two eigenvalues of a shape operator that are not that of the normal.
+fn gaussian(shape: &Matrix3<f64>) -> f64 {
+    0.5 * (shape.trace().powi(2) - (shape * shape).trace())
+}
+
+fn conductivity(
+    shape: &Matrix3<f64>,
+    project: &Matrix3<f64>,
+    factor: f64,
+    conductor: &Conductor,
+) -> Matrix3<f64> {
+    let mean = 0.5 * shape.trace();
+    let largest = mean.abs() + (mean * mean - gaussian(shape)).max(0.0).sqrt();
+    let shape = shape * (conductor.limit / largest).min(1.0);
+    let (h, k) = (0.5 * shape.trace(), gaussian(&shape));
+    let psi = {
+        let exponent = (conductor.gauss * k + conductor.mean * h).clamp(-50.0, 50.0);
+        let plain = conductor.gauss == 0.0 && conductor.mean == 0.0 && factor == 1.0;
+        let bounded = (exponent.exp() * factor).clamp(conductor.bounds[0], conductor.bounds[1]);
+        if plain { 1.0 } else { bounded }
+    };
+    let delta = conductor.regularization.powi(2);
+    // tr(S) P − S is the adjugate on the plane.
+    let adjugate = project * shape.trace() - shape;
+    match conductor.law {
+        Law::Metric => *project,
+        Law::Adjugate => adjugate,
+        Law::GaussImage => {
+            let normal = Matrix3::identity() - project;
+            let inverse = (shape * shape + project * delta + normal).try_inverse();
+            let inverse = inverse.unwrap_or_else(|| Matrix3::repeat(f64::NAN));
+            (inverse - normal) * (psi * psi)
+        }
+        Law::Generalized => adjugate * (psi * k / (k * k + delta * delta)),
+        Law::Diffusing | Law::Sharpening => {
+            let sign = if conductor.law == Law::Diffusing {
+                1.0
+            } else {
+                -1.0
+            };
+            let q = adjugate * (sign * h * k / k.hypot(delta));
+            let eigen = q.symmetric_eigen();
+            let parts = (0..3).map(|i| {
+                let v = eigen.eigenvectors.column(i);
+                v * v.transpose() * eigen.eigenvalues[i].max(0.0)
+            });
+            parts.sum()
+        }
+    }
+}
+
+/// The distance between two rows.
+pub fn distance(a: &[f32], b: &[f32]) -> f64 {
+    let squares = a
+        .iter()
+        .zip(b)
+        .map(|(&x, &y)| (f64::from(x) - f64::from(y)).powi(2));
+    squares.sum::<f64>().sqrt()
+}

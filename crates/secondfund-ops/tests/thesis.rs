@@ -1,0 +1,364 @@
+//! Chapter 7 on real data: the Princeton models with their human segmentations, and structures with the
+//! ligands that mark their pockets. The data lie beside the workspace; without them these tests say so.
+
+use std::io::Read;
+use std::path::Path;
+
+use geom_core::io::structure::{ReadOptions, read};
+use geom_core::nalgebra::Rotation3;
+use geom_core::structure::{Atom, Element, Name, ResidueKind, StructureBuilder};
+use geom_core::{Cpu, Point3, Run, Structure, TriMesh, Vector3};
+use secondfund_ops::pockets::{SiteScore, distance_to_ligand, find, site_ranks};
+use secondfund_ops::segment::metrics::difference;
+use secondfund_ops::{
+    Element as SurfaceElement, Error, Faces, Groups, Normals, Operator, PocketOptions,
+    SegmentOptions, Segments, Spectrum, SpectrumOptions, Weight, segment, spectrum,
+};
+
+/// What is put into crystals to make them grow, and sugars bound to the surface: no ligands.
+const ADDITIVES: [&str; 20] = [
+    "GOL", "EDO", "SO4", "PO4", "ACT", "DMS", "PEG", "DIO", "IMD", "BOG", "NAG", "MAN", "BMA",
+    "FUC", "CAS", "ACE", "MES", "TRS", "CIT", "FMT",
+];
+
+/// The heavy atoms of each ligand of at least six.
+fn ligands(structure: &Structure) -> Vec<Vec<Point3>> {
+    (0..structure.residues().len())
+        .filter(|&r| {
+            let residue = structure.residues()[r];
+            residue.kind == ResidueKind::Ligand && !ADDITIVES.contains(&residue.name.as_str())
+        })
+        .map(|r| {
+            let atoms = &structure.atoms()[structure.residue_atoms(r)];
+            let heavy = atoms.iter().filter(|a| a.element != Element::HYDROGEN);
+            heavy.map(|a| a.position).collect::<Vec<_>>()
+        })
+        .filter(|atoms| atoms.len() >= 6)
+        .collect()
+}
+
+fn entries(folder: &Path) -> Vec<(String, Structure)> {
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .filter(|p| p.extension().is_some_and(|e| e == "pdb" || e == "cif"))
+        .collect();
+    files.sort();
+    files
+        .iter()
+        .map(|path| {
+            let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+            (name, read(path, &ReadOptions::default()).unwrap().structure)
+        })
+        .collect()
+}
+
+/// The best rank over the ligands, and how many of them are within the first n + 2.
+fn summary(scores: &[SiteScore]) -> (usize, usize) {
+    let best = scores
+        .iter()
+        .filter_map(|s| s.rank_by_atom)
+        .min()
+        .unwrap_or(99);
+    let found = scores
+        .iter()
+        .filter(|s| s.rank_by_atom.is_some_and(|r| r <= scores.len() + 2));
+    (best, found.count())
+}
+
+#[test]
+fn pockets_are_where_the_ligands_are() {
+    let Some(folder) = fixtures::shared_or_skip("pockets") else {
+        return;
+    };
+    let options = PocketOptions::default();
+    let (mut first, mut third, mut all, mut sites, mut sites_found) = (0, 0, 0, 0, 0);
+    for (name, structure) in entries(&folder) {
+        let ligands = ligands(&structure);
+        if ligands.is_empty() {
+            continue;
+        }
+        let found = find(&structure, &options).unwrap();
+        let scores = site_ranks(&found.pockets, &ligands);
+        let (best, within) = summary(&scores);
+        println!(
+            "{name:6} {:5} atoms {} chains {} ligands: best rank {best}, {within} sites by n+2; ranks {:?}; candidates {}; chains {:?}",
+            found.atoms,
+            structure.chains().len(),
+            ligands.len(),
+            scores
+                .iter()
+                .map(|s| s.rank_by_atom.unwrap_or(0))
+                .collect::<Vec<_>>(),
+            found.candidates,
+            found
+                .pockets
+                .iter()
+                .take(4)
+                .map(|p| p.chains.len())
+                .collect::<Vec<_>>(),
+        );
+        all += 1;
+        first += usize::from(best == 1);
+        third += usize::from(best <= 3);
+        sites += ligands.len();
+        sites_found += within;
+    }
+    println!("top-1 {first}/{all}, top-3 {third}/{all}, sites within n+2 {sites_found}/{sites}");
+    assert!(first as f64 >= 0.75 * all as f64 && third as f64 >= 0.85 * all as f64);
+}
+
+/// The structure turned and moved.
+fn turned(structure: &Structure, turn: &Rotation3<f64>, shift: Vector3) -> Structure {
+    let mut moved = structure.clone();
+    for atom in moved.atoms_mut() {
+        atom.position = turn * atom.position + shift;
+    }
+    moved
+}
+
+#[test]
+fn a_turned_molecule_has_the_same_pockets() {
+    let path = fixtures::path("1hvr.pdb");
+    let structure = read(&path, &ReadOptions::default()).unwrap().structure;
+    let options = PocketOptions::default();
+    let first = find(&structure, &options).unwrap();
+    // The inhibitor XK2 lies in the first one.
+    let ranks = site_ranks(&first.pockets, &ligands(&structure));
+    assert_eq!(ranks[0].rank_by_atom, Some(1), "{ranks:?}");
+    for k in 0..10 {
+        let turn = Rotation3::from_euler_angles(
+            0.61 * f64::from(k),
+            1.7 - 0.3 * f64::from(k),
+            0.23 * f64::from(k * k),
+        );
+        let shift = Vector3::new(f64::from(k), -3.0, 40.0);
+        let other = find(&turned(&structure, &turn, shift), &options).unwrap();
+        for (p, q) in first.pockets.iter().zip(&other.pockets).take(3) {
+            let apart = (turn * p.center + shift - q.center).norm();
+            assert!(apart < 1.0, "{k}: pocket {} is {apart} Å away", p.rank);
+        }
+    }
+}
+
+/// Atoms on a lattice within a ball, so close together that it is convex.
+fn ball_of_atoms(radius: f64) -> Structure {
+    let mut builder = StructureBuilder::new();
+    builder.domain(1, 1);
+    builder.chain(Name::new("A").unwrap());
+    builder.residue(Name::new("ALA").unwrap(), 1, Name::default());
+    let steps = || (-15..=15).map(f64::from);
+    for p in
+        steps().flat_map(|x| steps().flat_map(move |y| steps().map(move |z| Point3::new(x, y, z))))
+    {
+        if p.coords.norm() <= radius {
+            builder.atom(Atom {
+                position: p,
+                radius: 1.7,
+                charge: 0.0,
+                b_factor: 0.0,
+                name: Name::new("C").unwrap(),
+                element: Element::CARBON,
+                hetero: false,
+            });
+        }
+    }
+    builder.build()
+}
+
+#[test]
+fn a_ball_has_no_pocket_and_nothing_is_an_error() {
+    let found = find(&ball_of_atoms(14.0), &PocketOptions::default()).unwrap();
+    assert!(
+        found.shell_points > 1000 && found.pockets.is_empty(),
+        "{:?}",
+        found.pockets.first()
+    );
+    let nothing = find(&Structure::default(), &PocketOptions::default());
+    assert_eq!(nothing, Err(Error::NoAtoms));
+    let wrong = PocketOptions {
+        radius: 0.0,
+        ..PocketOptions::default()
+    };
+    assert!(matches!(
+        find(&ball_of_atoms(5.0), &wrong),
+        Err(Error::Option(_))
+    ));
+}
+
+#[test]
+fn centres_are_measured_to_atoms_and_to_centroids() {
+    let ligand = vec![Point3::new(0.0, 0.0, 0.0), Point3::new(6.0, 0.0, 0.0)];
+    assert_eq!(
+        distance_to_ligand(&Point3::new(6.0, 3.0, 0.0), &ligand),
+        3.0
+    );
+    let path = fixtures::path("1hvr.pdb");
+    let structure = read(&path, &ReadOptions::default()).unwrap().structure;
+    let mut pockets = find(&structure, &PocketOptions::default()).unwrap().pockets;
+    pockets.truncate(2);
+    pockets[0].center = Point3::new(3.0, 13.0, 0.0);
+    pockets[1].center = Point3::new(6.0, 3.9, 0.0);
+    let [score] = site_ranks(&pockets, &[ligand])[..] else {
+        unreachable!()
+    };
+    assert_eq!(
+        (score.rank_by_atom, score.rank_by_centroid),
+        (Some(2), Some(2))
+    );
+}
+
+// ── the Princeton benchmark
+
+struct Model {
+    mesh: TriMesh,
+    areas: Vec<f64>,
+    humans: Vec<Vec<u32>>,
+}
+
+fn labels_of(path: &Path) -> Vec<u32> {
+    let mut text = String::new();
+    let file = std::fs::File::open(path).unwrap();
+    flate2::read::GzDecoder::new(file)
+        .read_to_string(&mut text)
+        .unwrap();
+    text.lines().filter_map(|l| l.trim().parse().ok()).collect()
+}
+
+fn model(folder: &Path, name: &str) -> Model {
+    let read = geom_core::io::mesh::read(folder.join(format!("off/{name}.off.gz"))).unwrap();
+    let mesh = read.mesh.into_triangles();
+    let mut files: Vec<_> = std::fs::read_dir(folder.join("seg").join(name))
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .collect();
+    files.sort();
+    Model {
+        areas: (0..mesh.triangles().len())
+            .map(|t| 0.5 * mesh.doubled_area_normal(t).norm())
+            .collect(),
+        humans: files.iter().map(|f| labels_of(f)).collect(),
+        mesh,
+    }
+}
+
+impl Model {
+    /// The median of the humans' numbers of segments.
+    fn groups(&self) -> usize {
+        let mut counts: Vec<usize> = self
+            .humans
+            .iter()
+            .map(|h| 1 + *h.iter().max().unwrap() as usize)
+            .collect();
+        counts.sort_unstable();
+        counts[counts.len() / 2].max(2)
+    }
+
+    fn rand(&self, labels: &[u32]) -> f64 {
+        let each = self
+            .humans
+            .iter()
+            .map(|h| difference(labels, h, &self.areas).unwrap().rand);
+        each.sum::<f64>() / self.humans.len() as f64
+    }
+
+    fn among_humans(&self) -> f64 {
+        let (mut sum, mut pairs) = (0.0, 0.0);
+        for (i, a) in self.humans.iter().enumerate() {
+            for b in &self.humans[i + 1..] {
+                sum += difference(a, b, &self.areas).unwrap().rand;
+                pairs += 1.0;
+            }
+        }
+        sum / f64::max(pairs, 1.0)
+    }
+
+    fn modes(&self, operator: Operator, count: usize) -> Spectrum {
+        let normals = Normals::default();
+        let options = SpectrumOptions {
+            operator,
+            modes: count,
+            ..SpectrumOptions::default()
+        };
+        spectrum(
+            &SurfaceElement::Triangles(&self.mesh, &normals),
+            &options,
+            Run::on(&Cpu),
+        )
+        .unwrap()
+    }
+}
+
+fn cut(model: &Model, modes: &Spectrum, groups: Groups) -> Segments {
+    let options = SegmentOptions {
+        groups,
+        ..SegmentOptions::default()
+    };
+    segment(modes, &Faces::from(&model.mesh), &options, Run::on(&Cpu)).unwrap()
+}
+
+/// Rand errors of a set of models with the number of parts given and sought; prints a table.
+fn benchmark(names: &[&str]) -> Option<[f64; 5]> {
+    let folder = fixtures::shared_or_skip("psb")?;
+    let mut sums = [0.0; 5];
+    for name in names {
+        let model = model(&folder, name);
+        let k = model.groups();
+        let slo = model.modes(Operator::Slo(Weight::ExpK), 15);
+        let lbo = model.modes(Operator::Lbo, k.clamp(3, 15));
+        let given = cut(&model, &slo, Groups::Count(k));
+        let other = cut(&model, &lbo, Groups::Count(k));
+        let sought = [Groups::default(), Groups::DaviesBouldin { most: 12 }];
+        let [silhouette, index] = sought.map(|groups| cut(&model, &slo, groups));
+        let row = [
+            model.among_humans(),
+            model.rand(&given.labels),
+            model.rand(&other.labels),
+            model.rand(&silhouette.labels),
+            model.rand(&index.labels),
+        ];
+        let (s, d) = (silhouette.groups, index.groups);
+        println!("{name:4} {k:2} groups: {row:.3?} with {s} and {d} sought");
+        sums.iter_mut()
+            .zip(row)
+            .for_each(|(s, x)| *s += x / names.len() as f64);
+    }
+    println!("mean of humans, SLO, LBO, silhouette, Davies–Bouldin: {sums:.3?}");
+    Some(sums)
+}
+
+/// Five of the models of the notes' table, one per kind.
+#[test]
+fn parts_are_nearly_those_that_humans_see() {
+    let Some([humans, slo, lbo, automatic, _]) = benchmark(&["61", "41", "1", "121", "301"]) else {
+        return;
+    };
+    assert!(slo <= 0.175 && slo < 0.7 * lbo && slo < 1.2 * humans);
+    assert!(automatic <= 0.19, "{automatic}");
+}
+
+#[test]
+#[ignore = "minutes: all twenty models, with every number of groups"]
+fn the_whole_benchmark() {
+    let names = [
+        "1", "41", "61", "101", "121", "141", "181", "186", "301", "302", "303", "304", "305",
+        "306", "307", "308", "309", "310", "381", "385",
+    ];
+    let folder = fixtures::shared_or_skip("psb");
+    if let Some(folder) = folder {
+        for name in names {
+            let model = model(&folder, name);
+            let slo = model.modes(Operator::Slo(Weight::ExpK), 15);
+            let of: Vec<String> = (2..=15)
+                .map(|k| {
+                    format!(
+                        "{k}:{:.3}",
+                        model.rand(&cut(&model, &slo, Groups::Count(k)).labels)
+                    )
+                })
+                .collect();
+            println!("{name} by number: {}", of.join(" "));
+        }
+    }
+    benchmark(&names);
+}
