@@ -1,0 +1,23 @@
+#![doc = include_str!("../README.md")]
+
+pub use geom_core;
+
+pub mod backend;
+mod cpu;
+mod error;
+pub mod field;
+pub mod guidance;
+pub mod map;
+pub mod options;
+pub mod quads;
+#[cfg(feature = "testing")]
+pub mod specification;
+#[cfg(not(feature = "testing"))]
+mod specification;
+
+pub use backend::CrossfieldBackend;
+pub use error::Error;
+pub use field::{CrossField, cross_field};
+pub use guidance::Guidance;
+pub use options::{FieldOptions, Ladder, Options, Size};
+pub use quads::{Quadrangulation, Report, quadrangulate};

@@ -1,0 +1,16 @@
+//! Integer-grid maps: a surface cut open and laid out so that the lines of integer coordinates are quads'
+//! sides.
+
+mod chart;
+mod cut;
+pub(crate) mod exact;
+mod parameterize;
+mod round;
+pub(crate) mod spacing;
+mod system;
+mod transition;
+mod untangle;
+
+pub use chart::Chart;
+pub use parameterize::{GridMap, MapReport};
+pub(crate) use parameterize::{parameterize, Request};
