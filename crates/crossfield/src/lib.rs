@@ -14,6 +14,8 @@ pub mod quads;
 pub mod specification;
 #[cfg(not(feature = "testing"))]
 mod specification;
+#[cfg(feature = "wgpu")]
+mod wgpu;
 
 pub use backend::CrossfieldBackend;
 pub use error::Error;

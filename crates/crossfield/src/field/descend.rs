@@ -80,7 +80,19 @@ impl<'a> Descent<'a> {
                 break;
             }
         }
-        self.split_extremes()
+        self.split_extremes()?;
+        if self.is_impossible() {
+            report.annihilated += self.annihilate(f64::INFINITY)?;
+        }
+        Ok(())
+    }
+
+    /// A torus of quads with one vertex of three and one of five and all others of four does not exist (Izmestiev et al.,
+    /// *There is no triangulation of the torus with vertex degrees 5, 6, …, 6, 7 and related results*, 2013).
+    fn is_impossible(&self) -> bool {
+        let mut signs: Vec<i32> = self.index.iter().copied().filter(|&i| i != 0).collect();
+        signs.sort_unstable();
+        signs == [-1, 1] && self.frames.interior().count() * 2 == self.frames.edges().len()
     }
 
     /// Single edges at singular vertices, the best first.

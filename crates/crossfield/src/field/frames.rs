@@ -1,6 +1,6 @@
 //! A frame per triangle, and the angles between the frames of neighbours.
 
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::FRAC_PI_2;
 
 use geom_core::id::Id;
 use geom_core::laplace::{self, EdgeWeights};
@@ -143,12 +143,6 @@ pub(crate) fn previous(halfedge: usize) -> usize {
     } else {
         halfedge - 1
     }
-}
-
-/// In −π…π.
-pub(crate) fn wrapped(angle: f64) -> f64 {
-    let inside = (angle + PI).rem_euclid(TAU) - PI;
-    if inside == -PI { PI } else { inside }
 }
 
 /// The rest of an angle after the nearest multiple of a quarter turn, within ±π/4.

@@ -1,7 +1,7 @@
 //! From guides to a cross field: diffusion, polish, descent, on a surface smoothed to the size of the
 //! quads.
 
-use geom_core::laplace::{self, EdgeWeights, Mass};
+use geom_core::laplace::{self, Mass};
 use geom_core::linalg::Cholesky;
 use geom_core::{Point3, TriMesh};
 
@@ -196,6 +196,3 @@ fn flowed(mesh: &TriMesh, time: f64) -> Result<TriMesh, Error> {
     let positions = block.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2])).collect();
     Ok(TriMesh::new(positions, mesh.triangles().to_vec())?)
 }
-
-/// How edges count in the energy unless an option says otherwise.
-pub(crate) const PARITY: EdgeWeights = EdgeWeights::One;

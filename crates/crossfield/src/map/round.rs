@@ -31,12 +31,6 @@ impl Quadratic {
         Some(factor.solve(&self.right).as_slice().to_vec())
     }
 
-    /// The energy at integers.
-    pub(crate) fn value(&self, z: &[f64]) -> f64 {
-        let z = DVector::from_column_slice(z);
-        0.5 * z.dot(&(&self.matrix * &z)) - self.right.dot(&z)
-    }
-
     /// Rounds the variable that is nearest to an integer, lets the others follow to their exact optimum, and so on
     /// (Bommes, Zimmer and Kobbelt, *Mixed-integer quadrangulation*, 2009, with the real unknowns eliminated); then moves single
     /// integers and pairs of them by one while the energy falls.

@@ -33,15 +33,18 @@ impl SurfacePoint {
     }
 }
 
-/// Quads and where their vertices lie on the surface.
-pub(crate) struct Extracted {
-    pub(crate) mesh: QuadMesh,
-    pub(crate) sources: Vec<SurfacePoint>,
+/// Quads and where their vertices lie on the surface, exactly.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Extracted {
+    /// The quads.
+    pub mesh: QuadMesh,
+    /// A point of the surface per vertex.
+    pub sources: Vec<SurfacePoint>,
 }
 
 /// The quad mesh of an integer-grid map (Ebke et al., *QEx: robust quad mesh extraction*, 2013, without their repairs: the map is
 /// exact): every orbit of lines must be a quad.
-pub(crate) fn extract(mesh: &TriMesh, frames: &Frames, map: &GridMap) -> Result<Extracted, Error> {
+pub fn extract(mesh: &TriMesh, frames: &Frames, map: &GridMap) -> Result<Extracted, Error> {
     let paper = Paper { frames, map };
     let sites = Sites::of(&paper);
     let ports = Ports::of(&paper, &sites);

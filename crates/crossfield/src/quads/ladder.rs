@@ -30,9 +30,11 @@ pub enum Rung {
     /// The map of the field, as asked for.
     #[default]
     Direct,
-    /// A field with fewer singularities.
+    /// The same on triangles a quarter as large.
+    Refined,
+    /// A field with fewer singularities, on these.
     Smoother,
-    /// A smaller spacing, this many times by √2.
+    /// A smaller spacing, this many times by √2, with the last of these fields.
     Denser(u32),
     /// No map: triangles paired and cut into quads.
     Split,
@@ -86,6 +88,8 @@ pub struct Quadrangulation {
     pub mesh: QuadMesh,
     /// Where each vertex lies on the input surface.
     pub sources: Vec<SurfacePoint>,
+    /// The scaled Jacobian of each quad, signed by the surface's normals: see [`scaled_jacobian`].
+    pub jacobians: Vec<f64>,
     /// What was done.
     pub report: Report,
 }
@@ -122,29 +126,30 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
     }
     let mesh = QuadMesh::new(positions, quads)?;
     report.valences = Valences::of(&mesh)?;
-    report.scaled_jacobian = JacobianSummary::of(&jacobians(&mesh, surface)?);
     let sources = sources(&mesh, surface)?;
-    Ok(Quadrangulation { mesh, sources, report })
+    let jacobians = jacobians(&mesh, surface, &sources);
+    report.scaled_jacobian = JacobianSummary::of(&jacobians);
+    Ok(Quadrangulation {
+        mesh,
+        sources,
+        jacobians,
+        report,
+    })
 }
 
-/// The scaled Jacobian of each quad, signed by the surface's normal below its centre.
-pub fn jacobians(mesh: &QuadMesh, surface: &TriMesh) -> Result<Vec<f64>, Error> {
-    let tree = TriangleTree::new(surface).map_err(|_| Error::Empty)?;
-    let centres: Vec<Point3> = (0..mesh.quads().len())
-        .map(|q| {
-            let sum = mesh.corners(q).iter().fold(geom_core::Vector3::zeros(), |s, p| s + p.coords);
-            Point3::from(sum / 4.0)
-        })
-        .collect();
-    let closest = tree.closest_to_all(&centres).map_err(|_| Error::Empty)?;
-    Ok(closest
+/// The scaled Jacobian of each quad, signed by the surface's normals where its corners lie.
+fn jacobians(mesh: &QuadMesh, surface: &TriMesh, sources: &[SurfacePoint]) -> Vec<f64> {
+    mesh.quads()
         .iter()
         .enumerate()
-        .map(|(q, at)| {
-            let normal = surface.doubled_area_normal(at.triangle as usize);
-            scaled_jacobian(&mesh.corners(q), &normal)
+        .map(|(q, corners)| {
+            let normals = corners.map(|v| {
+                let at = sources[v as usize].triangle as usize;
+                surface.doubled_area_normal(at).try_normalize(0.0).unwrap_or_default()
+            });
+            scaled_jacobian(&mesh.corners(q), &normals.iter().sum())
         })
-        .collect())
+        .collect()
 }
 
 fn sources(mesh: &QuadMesh, surface: &TriMesh) -> Result<Vec<SurfacePoint>, Error> {
@@ -172,11 +177,13 @@ fn part_quads<B: CrossfieldBackend + ?Sized>(
         ..PartReport::default()
     };
     let raw = match climb(&part, spacing, options, run, &mut report) {
-        Ok(extracted) => extracted.mesh,
+        Ok(quads) => quads,
         Err(error @ Error::Cancelled(_)) => return Err(error),
         Err(error) if options.ladder == Ladder::Off => return Err(error),
         Err(error) => {
-            report.failures.push(error.to_string());
+            if report.failures.is_empty() {
+                report.failures.push(error.to_string());
+            }
             report.rung = Rung::Split;
             (report.field, report.map) = (None, None);
             last_resort(&part)?
@@ -194,51 +201,85 @@ fn climb<B: CrossfieldBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
     report: &mut PartReport,
-) -> Result<Extracted, Error> {
-    let mut failure = None;
-    for (attempt, factor) in [1.0, 2.0, 4.0].into_iter().enumerate() {
-        let field_options = FieldOptions {
-            smoothing: factor * options.smoothing * spacing,
-            singularity_penalty: factor * options.singularity_penalty,
-            weights: options.weights,
-        };
-        let guides = guides(part, options)?;
-        let field = cross_field(&part.mesh, &guides, &field_options)?;
-        let made = mapped(part, &field, &Spacing::Uniform(spacing), options, run);
-        let rung = if attempt == 0 { Rung::Direct } else { Rung::Smoother };
-        match made {
-            Ok((extracted, map)) => {
-                report.rung = rung;
-                report.field = Some(field.report);
-                report.map = Some(map.report);
-                return Ok(extracted);
-            }
-            Err(error @ Error::Cancelled(_)) => return Err(error),
-            Err(error) if options.ladder == Ladder::Off => return Err(error),
-            Err(error) => {
-                report.failures.push(error.to_string());
-                failure = Some((error, field));
-            }
-        }
+) -> Result<QuadMesh, Error> {
+    let mut rungs = Rungs {
+        options,
+        run,
+        report,
+        error: None,
+    };
+    if let Some(quads) = rungs.with_field(part, spacing, 1.0, Rung::Direct)?.0 {
+        return Ok(quads);
     }
-    let (mut error, field) = failure.expect("an attempt was made");
+    let fine = part.refined()?;
+    let mut field = None;
+    for (factor, rung) in [(1.0, Rung::Refined), (2.0, Rung::Smoother), (4.0, Rung::Smoother)] {
+        let (quads, solved) = rungs.with_field(&fine, spacing, factor, rung)?;
+        if let Some(quads) = quads {
+            return Ok(quads);
+        }
+        field = Some(solved);
+    }
+    let field = field.expect("three were solved");
     for step in 1..=DENSER {
         let denser = spacing * 0.5f64.powf(0.5 * f64::from(step));
-        match mapped(part, &field, &Spacing::Uniform(denser), options, run) {
+        if let Some(quads) = rungs.with_map(&fine, &field, denser, Rung::Denser(step))? {
+            return Ok(quads);
+        }
+    }
+    Err(rungs.error.expect("every rung failed"))
+}
+
+/// What the rungs share; the last failure.
+struct Rungs<'a, B: ?Sized> {
+    options: &'a Options,
+    run: Run<'a, B>,
+    report: &'a mut PartReport,
+    error: Option<Error>,
+}
+
+impl<B: CrossfieldBackend + ?Sized> Rungs<'_, B> {
+    /// A field smoothed `factor` times as much as asked for, and the quads of its map unless it folds.
+    fn with_field(
+        &mut self,
+        part: &Part,
+        spacing: f64,
+        factor: f64,
+        rung: Rung,
+    ) -> Result<(Option<QuadMesh>, CrossField), Error> {
+        let field_options = FieldOptions {
+            smoothing: factor * self.options.smoothing * spacing,
+            singularity_penalty: factor * self.options.singularity_penalty,
+            weights: self.options.weights,
+        };
+        let field = cross_field(&part.mesh, &guides(part, self.options)?, &field_options)?;
+        Ok((self.with_map(part, &field, spacing, rung)?, field))
+    }
+
+    /// The quads of a field's map unless it folds; an error where no rung follows.
+    fn with_map(
+        &mut self,
+        part: &Part,
+        field: &CrossField,
+        spacing: f64,
+        rung: Rung,
+    ) -> Result<Option<QuadMesh>, Error> {
+        match mapped(part, field, &Spacing::Uniform(spacing), self.options, self.run) {
             Ok((extracted, map)) => {
-                report.rung = Rung::Denser(step);
-                report.field = Some(field.report);
-                report.map = Some(map.report);
-                return Ok(extracted);
+                self.report.rung = rung;
+                self.report.field = Some(field.report.clone());
+                self.report.map = Some(map.report);
+                Ok(Some(extracted.mesh))
             }
-            Err(cancelled @ Error::Cancelled(_)) => return Err(cancelled),
-            Err(other) => {
-                report.failures.push(other.to_string());
-                error = other;
+            Err(error @ Error::Cancelled(_)) => Err(error),
+            Err(error) if self.options.ladder == Ladder::Off => Err(error),
+            Err(error) => {
+                self.report.failures.push(error.to_string());
+                self.error = Some(error);
+                Ok(None)
             }
         }
     }
-    Err(error)
 }
 
 /// The guidance asked for, and the lines that must be kept.

@@ -1,12 +1,12 @@
 //! Quad meshes: from an integer-grid map, exactly; improved; and the ladder that always ends with one.
 
-pub(crate) mod extract;
-pub(crate) mod improve;
+mod extract;
+mod improve;
 mod ladder;
 mod parts;
 pub mod quality;
-pub(crate) mod split;
+mod split;
 mod trace;
 
-pub use extract::SurfacePoint;
-pub use ladder::{PartReport, Quadrangulation, Report, Rung, jacobians, quadrangulate};
+pub use extract::{Extracted, SurfacePoint, extract};
+pub use ladder::{PartReport, Quadrangulation, Report, Rung, quadrangulate};

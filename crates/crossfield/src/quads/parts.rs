@@ -97,6 +97,45 @@ impl Part {
         Ok((Self { mesh, lines }, origin))
     }
 
+    /// Every triangle cut into four at the midpoints of its sides: where the triangles are as large as the quads, a map has
+    /// too little freedom.
+    pub(super) fn refined(&self) -> Result<Self, Error> {
+        let edges = Halfedges::of(&self.mesh)?;
+        let mut positions = self.mesh.positions().to_vec();
+        let mut midpoint = vec![0u32; edges.len()];
+        for h in edges.edges() {
+            let [a, b] = [edges.from(h), edges.to(h)].map(|v| positions[v.index()]);
+            midpoint[h.index()] = positions.len() as u32;
+            if let Some(twin) = edges.twin(h) {
+                midpoint[twin.index()] = positions.len() as u32;
+            }
+            positions.push(geom_core::nalgebra::center(&a, &b));
+        }
+        let mut is_line = vec![false; edges.len()];
+        for &h in &self.lines {
+            is_line[h] = true;
+        }
+        let (mut triangles, mut lines) = (Vec::new(), Vec::new());
+        for (&[a, b, c], (mid, line)) in self
+            .mesh
+            .triangles()
+            .iter()
+            .zip(midpoint.chunks_exact(3).zip(is_line.chunks_exact(3)))
+        {
+            triangles.extend([
+                [a, mid[0], mid[2]],
+                [b, mid[1], mid[0]],
+                [c, mid[2], mid[1]],
+                [mid[0], mid[1], mid[2]],
+            ]);
+            lines.extend([line[0], false, line[2], line[1], false, line[0]]);
+            lines.extend([line[2], false, line[1], false, false, false]);
+        }
+        let (mesh, is_line, _) = cut_corners(TriMesh::new(positions, triangles)?, lines)?;
+        let lines = (0..is_line.len()).filter(|&h| is_line[h]).collect();
+        Ok(Self { mesh, lines })
+    }
+
     /// Which vertices are ends, branches or corners of the lines: where the line turns by more than 45°.
     pub(super) fn corners(&self) -> Result<Vec<Option<bool>>, Error> {
         let edges = Halfedges::of(&self.mesh)?;
