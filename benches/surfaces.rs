@@ -4,13 +4,17 @@
 use std::hint::black_box;
 
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use geom_core::bvh::TriangleTree;
-use geom_core::coloring::Coloring;
-use geom_core::distance::{Graph, Heat, HeatOptions, shortest_paths};
+use geom_core::compute::coloring::Coloring;
+use geom_core::mesh::TriangleReport;
 use geom_core::mesh::shapes;
-use geom_core::nearest::PointTree;
-use geom_core::{Cpu, Point3, Run, TriMesh, curvature, isoline, repair};
-use tet_quality::surface::{Options, Sizing, TriangleReport, remesh};
+use geom_core::search::bvh::TriangleTree;
+use geom_core::search::nearest::PointTree;
+use geom_core::surface::curvature;
+use geom_core::surface::distance::{Graph, Heat, HeatOptions, shortest_paths};
+use geom_core::surface::isoline;
+use geom_core::surface::remesh::{Options, Sizing, remesh};
+use geom_core::surface::repair;
+use geom_core::{Cpu, Point3, Run, TriMesh};
 
 /// A sphere with bumps of about ten edges, so that nothing is as regular as on a sphere.
 fn bumpy(levels: u32) -> TriMesh {
@@ -71,7 +75,7 @@ fn fields(c: &mut Criterion) {
     group.bench_function("angle defects", |b| {
         b.iter(|| curvature::angle_defects(black_box(&mesh)));
     });
-    let graph = Graph::of_edges(&mesh);
+    let graph = Graph::of_edges(&mesh).expect("finite");
     group.bench_function("shortest paths", |b| {
         b.iter(|| shortest_paths(black_box(&graph), &[(0, 0.0)], f64::INFINITY).expect("a node"));
     });

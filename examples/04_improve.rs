@@ -7,9 +7,9 @@ use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::io::{self, mesh::AnyMesh};
+use geom_core::surface::remesh::{self, Features, Sizing, remesh};
 use geom_core::{TetMesh, TriMesh};
 use serde::Serialize;
-use tet_quality::surface::{self, Features, Sizing};
 use tet_quality::{Goals, Options, SurfaceMotion, improve};
 
 /// Improves the tetrahedra or the triangles of any mesh and shows the quality before and after
@@ -169,7 +169,7 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
     let even = Sizing::Uniform {
         edge_length: asked.edge_length,
     };
-    let options = surface::Options {
+    let options = remesh::Options {
         sizing: asked.tolerance.map_or(even, |tolerance| Sizing::Curvature {
             tolerance,
             min_edge: 2.0 * tolerance,
@@ -187,7 +187,7 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
         vec![products::GOLD; mesh.positions().len()],
     )?;
     let made = session.stage("remeshing", || {
-        surface::remesh(mesh, None, &options, session.on(session.device.quality()))
+        remesh(mesh, None, &options, session.on(session.device.quality()))
     })?;
     let report = made.report;
     session.note("quality", &report)?;

@@ -8,9 +8,10 @@ use biogeom_examples::picture::{Curve, Layer, Paint, Scale, Scene, View, lines, 
 use biogeom_examples::source::{OF_STRUCTURES, SourceArgs, extension};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
+use geom_core::TriMesh;
+use geom_core::algebra::eigen::{Options, eigenpairs};
 use geom_core::io::{self, view::View as Fields};
-use geom_core::spectral::{Options, eigenpairs};
-use geom_core::{TriMesh, laplace};
+use geom_core::surface::laplace;
 use serde::Serialize;
 use serde_json::json;
 

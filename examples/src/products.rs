@@ -2,7 +2,7 @@
 
 use geom_core::io::{self, view::View as Fields};
 use geom_core::mesh::{SurfaceAudit, VolumeAudit};
-use geom_core::nearest::{NearestError, PointTree};
+use geom_core::search::nearest::{NearestError, PointTree};
 use geom_core::{Point3, Structure, TetMesh, TriMesh, mesh};
 use serde_json::json;
 use tet_quality::{Measures, Summary};

@@ -11,7 +11,7 @@ use clap::parser::ValueSource;
 use clap::{ArgMatches, Parser};
 use dual_contour::ContourBackend;
 use gauss_density::DensityBackend;
-use geom_core::spectral::SpectralBackend;
+use geom_core::algebra::eigen::SpectralBackend;
 use geom_core::{Backend, Cancelled, Cpu, Monitor, Run, Wgpu, io};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;

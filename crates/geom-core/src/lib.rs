@@ -2,50 +2,57 @@
 
 pub use nalgebra;
 
-pub mod backend;
-pub mod bounds;
-pub mod bvh;
-pub mod coloring;
-pub mod curvature;
-pub mod distance;
-pub mod field;
-pub mod graph;
+// Things, in the order in which data flow: atoms, values on a lattice, meshes; files of all of them.
 pub mod grid;
-pub mod id;
-pub mod isoline;
-pub mod lanes;
-pub mod laplace;
-pub mod lattice;
-pub mod linalg;
-pub mod mesh;
-pub mod nearest;
-pub mod parallel;
-pub mod repair;
-pub mod run;
-pub mod sets;
-pub mod spectral;
-pub mod structure;
-
-#[cfg(feature = "wgpu")]
-pub mod gpu;
 #[cfg(feature = "io")]
 pub mod io;
+pub mod mesh;
+pub mod structure;
+// What is near a point; sparse matrices, graphs and eigenpairs; what surfaces say and how they are made better.
+#[cfg(feature = "algebra")]
+pub mod algebra;
+pub mod search;
+#[cfg(feature = "surface")]
+pub mod surface;
+// How things are computed.
+pub mod compute;
+// Small things that all need.
+pub mod bounds;
+pub mod field;
+pub mod id;
+pub mod options;
+#[cfg(all(feature = "testing", feature = "algebra"))]
+pub mod specification;
 #[cfg(feature = "testing")]
 pub mod testing;
 
 #[cfg(feature = "wgpu")]
 pub use geom_shaders as shaders;
 
-pub use backend::{Agreement, Backend, Break, Cpu};
-pub use bounds::Aabb;
-pub use field::ImplicitField;
+// temporary: the old paths, until all users have the new ones
+#[cfg(feature = "algebra")]
+pub use algebra::{self as linalg, eigen as spectral, graph};
 #[cfg(feature = "wgpu")]
-pub use gpu::{GpuContext, GpuError, Wgpu};
+pub use compute::gpu;
+pub use compute::{backend, coloring, lanes, parallel, run, sets};
+pub use grid::lattice;
+pub use search::bvh;
+#[cfg(feature = "search")]
+pub use search::nearest;
+#[cfg(feature = "surface")]
+pub use surface::{curvature, distance, isoline, laplace, repair};
+// temporary: end
+
+pub use bounds::Aabb;
+pub use compute::backend::{Agreement, Backend, Break, Cpu};
+#[cfg(feature = "wgpu")]
+pub use compute::gpu::{GpuContext, GpuError, Wgpu};
+pub use compute::run::{Cancelled, Monitor, Run, Silent};
+pub use field::ImplicitField;
+pub use grid::lattice::Lattice;
 pub use grid::{BrickGrid, GridError, LatticeValues, ScalarGrid};
-pub use id::{AtomId, CellId, FaceId, HalfedgeId, Per, VertexId};
-pub use lattice::Lattice;
+pub use id::{FaceId, HalfedgeId, VertexId};
 pub use mesh::{MeshError, QuadMesh, TetMesh, TriMesh};
-pub use run::{Cancelled, Monitor, Run, Silent};
 pub use structure::Structure;
 
 /// A position in Å.

@@ -2,12 +2,13 @@
 
 use std::f64::consts::PI;
 
-use geom_core::graph::{Error, Laplacian, Neighbours, VoxelGraph};
-use geom_core::linalg::SparseMatrix;
+use geom_core::algebra::SparseMatrix;
+use geom_core::algebra::eigen::{EigenPairs, Method, Operator, Options, eigenpairs};
+use geom_core::algebra::graph::{Error, Laplacian, Neighbours, VoxelGraph};
 use geom_core::nalgebra::DMatrix;
-use geom_core::spectral::{EigenPairs, Method, Operator, Options, eigenpairs};
+use geom_core::surface::laplace::Mass;
 use geom_core::testing::same_on_any_threads;
-use geom_core::{Cpu, Run, laplace::Mass};
+use geom_core::{Cpu, Run};
 use proptest::prelude::*;
 
 const ALL: [Neighbours; 3] = [Neighbours::Six, Neighbours::Eighteen, Neighbours::TwentySix];

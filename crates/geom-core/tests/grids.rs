@@ -138,6 +138,36 @@ fn grids_survive_a_walk_through_files() {
 }
 
 #[test]
+fn bricks_that_do_not_fit_are_named() {
+    use geom_core::GridError;
+    use geom_core::grid::{Brick, BrickGrid};
+    let lattice = Lattice {
+        origin: Point3::origin(),
+        spacing: 1.0,
+        counts: [16, 8, 8],
+    };
+    let new = |kinds: &[Brick], bricks: usize| {
+        BrickGrid::new(lattice, kinds, vec![0.0; 512 * bricks], 0.0, 2.0)
+    };
+    let both = [Brick::Stored(1), Brick::Stored(0)];
+    assert!(new(&both, 2).is_ok());
+    for (kinds, bricks) in [(&both[..1], 1), (&both[..], 1), (&both[..], 3)] {
+        let error = new(kinds, bricks).unwrap_err();
+        assert!(matches!(error, GridError::Bricks { .. }), "{error}");
+    }
+    // Twice the same number, and one beyond the last.
+    for number in [1, 2, u32::MAX] {
+        let error = new(&[Brick::Stored(1), Brick::Stored(number)], 2).unwrap_err();
+        let named = GridError::BrickNumber {
+            brick: 1,
+            number,
+            stored: 2,
+        };
+        assert_eq!(error, named);
+    }
+}
+
+#[test]
 fn sparse_grids_are_written_like_dense_ones() {
     use geom_core::grid::{Brick, BrickGrid};
     let lattice = Lattice {

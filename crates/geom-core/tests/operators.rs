@@ -1,9 +1,9 @@
 //! The Laplace operators by identities.
 
-use geom_core::laplace::{self, EdgeWeights, Error, Mass};
-use geom_core::linalg::{Cholesky, SparseMatrix};
+use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::{Complex, DMatrix, Rotation3};
+use geom_core::surface::laplace::{self, EdgeWeights, Error, Mass};
 use geom_core::{MeshError, Point3, TriMesh, Vector3, testing::same_on_any_threads};
 use proptest::prelude::*;
 

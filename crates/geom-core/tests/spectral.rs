@@ -4,10 +4,10 @@ use std::ops::ControlFlow;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use geom_core::laplace::{self, Mass};
-use geom_core::linalg::{self, SparseMatrix};
+use geom_core::algebra::eigen::{EigenPairs, Error, Method, Options, eigenpairs};
+use geom_core::algebra::{self, SparseMatrix};
 use geom_core::mesh::shapes;
-use geom_core::spectral::{EigenPairs, Error, Method, Options, eigenpairs};
+use geom_core::surface::laplace::{self, Mass};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Cpu, Point3, Run, TriMesh};
 
@@ -420,7 +420,7 @@ fn bad_input_is_named() {
     let nan = solve(&stiffness, &Mass::Lumped(masses.clone()), &defaults);
     assert_eq!(
         nan,
-        Error::Matrix(linalg::Error::NotFinite { row: 4, column: 4 })
+        Error::Matrix(algebra::Error::NotFinite { row: 4, column: 4 })
     );
     masses[4] = -1.0;
     let negative = solve(&stiffness, &Mass::Lumped(masses), &defaults);
@@ -432,7 +432,7 @@ fn bad_input_is_named() {
     let asymmetric = solve(&skew, &laplace::lumped_mass(&mesh), &defaults);
     assert_eq!(
         asymmetric,
-        Error::Matrix(linalg::Error::NotSymmetric { row: 0, column })
+        Error::Matrix(algebra::Error::NotSymmetric { row: 0, column })
     );
     for (options, field) in [
         (
@@ -473,7 +473,7 @@ fn bad_input_is_named() {
     ] {
         let error = solve(&stiffness, &laplace::lumped_mass(&mesh), &options);
         assert!(
-            matches!(error, Error::Option { field: f, .. } if f == field),
+            matches!(&error, Error::Option(out) if out.option == field),
             "{error}"
         );
         assert!(error.to_string().contains(field));
@@ -491,7 +491,7 @@ fn bad_input_is_named() {
     );
     assert!(matches!(
         error,
-        Error::Matrix(linalg::Error::NotPositiveDefinite { .. })
+        Error::Matrix(algebra::Error::NotPositiveDefinite { .. })
     ));
 }
 

@@ -1,9 +1,9 @@
 //! Closest points, neighbours and shortest paths against brute force.
 
-use geom_core::bvh::{TreeError, TriangleTree, closest_in_triangle};
-use geom_core::distance::{DistanceError, Graph, Heat, HeatOptions, NONE, shortest_paths};
 use geom_core::mesh::shapes;
-use geom_core::nearest::{NearestError, PointTree};
+use geom_core::search::bvh::{TreeError, TriangleTree, closest_in_triangle};
+use geom_core::search::nearest::{NearestError, PointTree};
+use geom_core::surface::distance::{DistanceError, Graph, Heat, HeatOptions, NONE, shortest_paths};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Point3, TriMesh, Vector3};
 use proptest::prelude::*;
@@ -92,7 +92,7 @@ proptest! {
             .map(|(p, i)| ((0..4).map(|k| (p[k] - query[k]).powi(2)).sum(), i))
             .collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let plain = |found: Vec<geom_core::nearest::Neighbor>| -> Vec<(f64, u32)> {
+        let plain = |found: Vec<geom_core::search::nearest::Neighbor>| -> Vec<(f64, u32)> {
             found.into_iter().map(|n| (n.distance, n.index)).collect()
         };
         let root = |all: &[(f64, u32)]| -> Vec<(f64, u32)> {
@@ -176,11 +176,12 @@ fn a_mesh_has_the_distances_of_its_edges_and_triangles() {
     let p = [[0, 0], [1, 0], [1, 1], [0, 1], [5, 5], [6, 5], [5, 6]]
         .map(|[x, y]| Point3::new(f64::from(x), f64::from(y), 0.0));
     let mesh = TriMesh::new(p.to_vec(), vec![[0, 1, 2], [0, 2, 3], [4, 5, 6]]).unwrap();
-    let edges = shortest_paths(&Graph::of_edges(&mesh), &[(1, 0.0)], f64::INFINITY).unwrap();
+    let edges =
+        shortest_paths(&Graph::of_edges(&mesh).unwrap(), &[(1, 0.0)], f64::INFINITY).unwrap();
     assert_eq!(edges.distance[3], 2.0);
     assert_eq!(edges.to(3).len(), 3);
     assert_eq!(edges.parent[4], NONE);
-    let dual = shortest_paths(&Graph::of_dual(&mesh), &[(0, 0.5)], f64::INFINITY).unwrap();
+    let dual = shortest_paths(&Graph::of_dual(&mesh).unwrap(), &[(0, 0.5)], f64::INFINITY).unwrap();
     // The centroids lie at (2/3, 1/3) and (1/3, 2/3), the midpoint of the diagonal at (1/2, 1/2).
     let step = 2.0 * (1.0f64 / 6.0).hypot(1.0 / 6.0);
     assert!((dual.distance[1] - 0.5 - step).abs() < 1e-15);
@@ -329,7 +330,7 @@ fn heat_crosses_triangles_without_area_and_edges_of_three() {
     triangles[40] = [a, middle, c];
     triangles.extend([[middle, b, c], [a, b, middle]]);
     let sphere = TriMesh::new(positions, triangles).unwrap();
-    assert!(geom_core::laplace::stiffness(&sphere).is_err());
+    assert!(geom_core::surface::laplace::stiffness(&sphere).is_err());
     for source in [a, middle, 7] {
         let error = error_on_sphere(&sphere, source);
         assert!(error < 0.02, "{error}");
@@ -459,16 +460,14 @@ fn heat_says_what_is_wrong() {
     };
     assert_eq!(heat(&sphere).from(&[3, 42]), Err(beyond));
     let options = HeatOptions { smoothing: 0.0 };
-    assert_eq!(
-        Heat::new(&sphere, &options).unwrap_err(),
-        DistanceError::Smoothing(0.0)
-    );
+    let error = Heat::new(&sphere, &options).unwrap_err();
+    assert!(matches!(error, DistanceError::Option(out) if out.option == "smoothing"));
     let one = vec![Point3::new(1.0, 2.0, 3.0); 42];
     let point = TriMesh::new(one, sphere.triangles().to_vec()).unwrap();
     let error = Heat::new(&point, &HeatOptions::default()).unwrap_err();
     assert_eq!(
         error,
-        DistanceError::Operator(geom_core::laplace::Error::Degenerate { triangle: 0 })
+        DistanceError::Operator(geom_core::surface::laplace::Error::Degenerate { triangle: 0 })
     );
 }
 
@@ -528,6 +527,26 @@ fn bad_input_is_named() {
         })
     );
     assert!(shortest_paths(&graph, &[(0, f64::NAN)], f64::INFINITY).is_err());
+    // Finite coordinates whose squares are not.
+    let far = far_tetrahedron(1e200);
+    for graph in [Graph::of_edges(&far), Graph::of_dual(&far)] {
+        assert!(
+            matches!(graph, Err(DistanceError::Length { length, .. }) if length == f64::INFINITY)
+        );
+    }
+    assert!(Heat::new(&far, &HeatOptions::default()).is_err());
+}
+
+/// The origin and a point on each axis.
+fn far_tetrahedron(far: f64) -> TriMesh {
+    let corners = [
+        [0.0, 0.0, 0.0],
+        [far, 0.0, 0.0],
+        [0.0, far, 0.0],
+        [0.0, 0.0, far],
+    ];
+    let triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+    TriMesh::new(corners.map(Point3::from).to_vec(), triangles).unwrap()
 }
 
 #[test]

@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use geom_core::curvature::{Principal, angle_defects, principal};
-use geom_core::isoline::{IsolineError, isolines};
 use geom_core::mesh::{Halfedges, SurfaceAudit, shapes};
-use geom_core::repair::{self, RepairError, repair};
+use geom_core::surface::curvature::{Principal, angle_defects, principal};
+use geom_core::surface::isoline::{IsolineError, isolines};
+use geom_core::surface::repair::{self, RepairError, repair};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Point3, TriMesh, Vector3};
 use proptest::prelude::*;
@@ -468,5 +468,5 @@ fn one_sided_surfaces_are_refused() {
         ..repair::Options::default()
     };
     let error = repair(unit_cube(), &options).unwrap_err();
-    assert!(matches!(error, RepairError::Option { name: "merge", .. }));
+    assert!(matches!(error, RepairError::Option(out) if out.option == "merge"));
 }

@@ -35,8 +35,6 @@ mod walls;
 mod wgpu;
 mod work;
 
-pub mod surface;
-
 pub use backend::{QualityBackend, Relaxation};
 pub use error::Error;
 pub use exceptions::{Cause, Exceptions, SurfaceFit};

@@ -1,7 +1,7 @@
 //! The rasterizer on a wgpu adapter.
 
 use geom_core::GpuError;
-use geom_core::gpu::{GpuContext, wgpu};
+use geom_core::compute::gpu::{GpuContext, wgpu};
 
 use super::{Corner, Visible};
 

@@ -5,11 +5,11 @@ use std::path::Path;
 use std::time::Instant;
 
 use gauss_density::{Levels, Model, sample};
-use geom_core::graph::{Laplacian, Neighbours, VoxelGraph};
+use geom_core::algebra::SparseMatrix;
+use geom_core::algebra::eigen::{EigenPairs, Operator, Options, eigenpairs};
+use geom_core::algebra::graph::{Laplacian, Neighbours, VoxelGraph};
 use geom_core::io::structure::{ReadOptions, read};
-use geom_core::laplace::{self, Mass};
-use geom_core::linalg::SparseMatrix;
-use geom_core::spectral::{EigenPairs, Operator, Options, eigenpairs};
+use geom_core::surface::laplace::{self, Mass};
 use geom_core::{Cpu, LatticeValues, Run, ScalarGrid, TriMesh};
 
 use super::{number, python};

@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use super::{Error, ErrorKind};
+use crate::compute::sets::DisjointSets;
 use crate::mesh::{EXTERIOR, INTERIOR, Interface, OUTSIDE, Region, VertexKind};
-use crate::sets::DisjointSets;
 use crate::{Aabb, Point3, QuadMesh, TetMesh, TriMesh, Vector3};
 
 /// No group: see [`View::groups`].

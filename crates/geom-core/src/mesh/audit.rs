@@ -5,7 +5,7 @@ use std::fmt;
 use rayon::prelude::*;
 
 use super::{FACES, QuadMesh, Region, TetMesh, TriMesh, six_volume};
-use crate::sets::DisjointSets;
+use crate::compute::sets::DisjointSets;
 use crate::{Point3, Vector3};
 
 /// Below this multiple of the longest edge to the power of the dimension, an area or a volume is as

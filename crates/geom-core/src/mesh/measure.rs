@@ -3,7 +3,8 @@
 use rayon::prelude::*;
 
 use super::{EDGES, FACES, QuadMesh, Region, TetMesh, TriMesh};
-use crate::{Aabb, Point3, Vector3, parallel};
+use crate::compute::parallel;
+use crate::{Aabb, Point3, Vector3};
 
 /// Six times the signed volume of a tetrahedron: positive if `(b − a, c − a, d − a)` is right-handed.
 #[inline]

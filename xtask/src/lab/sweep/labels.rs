@@ -5,7 +5,7 @@
 //! parts of a cell complex all of whose corners have the label. Both meshers promise the topology of
 //! such a complex; which one is what [`Cells`] says.
 
-use geom_core::sets::DisjointSets;
+use geom_core::compute::sets::DisjointSets;
 
 /// How the cells between the corners are filled.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

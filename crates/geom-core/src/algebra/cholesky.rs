@@ -1,0 +1,359 @@
+//! Sparse Cholesky factors: analyse once, factor often, solve for many right-hand sides. The only
+//! file that knows faer's sparse interface.
+
+use std::sync::Arc;
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
+use faer::linalg::cholesky::llt::factor::LltError;
+use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
+use faer::sparse::linalg::cholesky::{
+    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
+    factorize_symbolic_cholesky,
+};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+use faer::{Conj, MatMut, Par, Side};
+use rayon::prelude::*;
+
+use super::substitution::{Schedule, Solved, Supernode};
+use super::{Error, Scalar, SparseMatrix};
+
+/// Right-hand sides per pass over the factor. Part of the result: another number, other last bits.
+const COLUMNS: usize = 8;
+
+/// The analysis of a pattern: ordering and shape of the factor, for every matrix of that pattern.
+#[derive(Clone)]
+pub struct Symbolic {
+    inner: Arc<Analysis>,
+}
+
+struct Analysis {
+    symbolic: SymbolicCholesky<u32>,
+    /// `None` for a small or nearly diagonal factor, which has no supernodes.
+    schedule: Option<Schedule>,
+    /// The upper half of the matrix row by row, which is the lower half column by column.
+    starts: Vec<u32>,
+    indices: Vec<u32>,
+}
+
+impl std::fmt::Debug for Symbolic {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Symbolic")
+            .field("rows", &self.rows())
+            .field("factor_entries", &self.factor_entries())
+            .finish()
+    }
+}
+
+impl Symbolic {
+    /// Analyses the pattern of a symmetric matrix: a minimum-degree ordering and the shape of the
+    /// factor.
+    pub fn of<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Self, Error> {
+        let (starts, indices, _) = upper_half(matrix)?;
+        let n = matrix.rows();
+        let too_large = Error::TooLarge {
+            rows: n,
+            entries: matrix.entries() as u128,
+        };
+        let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &indices);
+        let symbolic = factorize_symbolic_cholesky(
+            pattern,
+            Side::Lower,
+            SymmetricOrdering::Amd,
+            CholeskySymbolicParams::default(),
+        )
+        .map_err(|e| match e {
+            faer::sparse::FaerError::OutOfMemory => Error::OutOfMemory { entries: 0 },
+            _ => too_large,
+        })?;
+        let schedule = match symbolic.raw() {
+            SymbolicCholeskyRaw::Supernodal(shape) => {
+                let order = symbolic.perm();
+                let original = |i: usize| order.map_or(i, |p| p.arrays().0[i] as usize);
+                Some(Schedule::of(&supernodes(shape), original))
+            }
+            SymbolicCholeskyRaw::Simplicial(_) => None,
+        };
+        let inner = Arc::new(Analysis {
+            symbolic,
+            schedule,
+            starts,
+            indices,
+        });
+        Ok(Self { inner })
+    }
+
+    /// Rows of the matrix.
+    pub fn rows(&self) -> usize {
+        self.inner.symbolic.nrows()
+    }
+
+    /// Entries of the factor.
+    pub fn factor_entries(&self) -> usize {
+        self.inner.symbolic.len_val()
+    }
+
+    /// Factors a positive definite matrix of the analysed pattern as L Lᴴ.
+    pub fn factor<T: Scalar>(&self, matrix: &SparseMatrix<T>) -> Result<Cholesky<T>, Error> {
+        let upper = self.values_of(matrix)?;
+        let symbolic = &self.inner.symbolic;
+        let (mut values, mut memory) = self.memory::<T>(
+            symbolic.factorize_numeric_llt_scratch::<T>(Par::Seq, Default::default()),
+        )?;
+        symbolic
+            .factorize_numeric_llt::<T>(
+                &mut values,
+                self.lower(&upper),
+                Side::Lower,
+                Default::default(),
+                Par::Seq,
+                MemStack::new(&mut memory),
+                Default::default(),
+            )
+            .map_err(
+                |LltError::NonPositivePivot { index }| Error::NotPositiveDefinite {
+                    row: self.original(index),
+                },
+            )?;
+        Ok(Cholesky {
+            symbolic: self.clone(),
+            values,
+        })
+    }
+
+    /// How many eigenvalues of a matrix of this pattern are negative: the signs of the pivots of
+    /// L D Lᵀ (Sylvester's law of inertia). `None` when a pivot vanishes, which says that zero is an
+    /// eigenvalue, or nearly so.
+    pub fn negative_eigenvalues(&self, matrix: &SparseMatrix<f64>) -> Result<Option<usize>, Error> {
+        let upper = self.values_of(matrix)?;
+        let symbolic = &self.inner.symbolic;
+        let (mut values, mut memory) = self.memory::<f64>(
+            symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Default::default()),
+        )?;
+        let factored = symbolic.factorize_numeric_ldlt::<f64>(
+            &mut values,
+            self.lower(&upper),
+            Side::Lower,
+            LdltRegularization::default(),
+            Par::Seq,
+            MemStack::new(&mut memory),
+            Default::default(),
+        );
+        if factored.is_err() {
+            return Ok(None);
+        }
+        let pivots = self.pivots(&values);
+        if pivots.iter().any(|&d| d == 0.0 || !d.is_finite()) {
+            return Ok(None);
+        }
+        Ok(Some(pivots.iter().filter(|&&d| d < 0.0).count()))
+    }
+
+    /// The diagonal of a factor.
+    fn pivots(&self, values: &[f64]) -> Vec<f64> {
+        match self.inner.symbolic.raw() {
+            SymbolicCholeskyRaw::Simplicial(s) => s.col_ptr()[..s.ncols()]
+                .iter()
+                .map(|&at| values[at as usize])
+                .collect(),
+            SymbolicCholeskyRaw::Supernodal(s) => (0..s.n_supernodes())
+                .flat_map(|k| {
+                    let columns = (s.supernode_end()[k] - s.supernode_begin()[k]) as usize;
+                    let start = s.col_ptr_for_val()[k] as usize;
+                    let height = (s.col_ptr_for_val()[k + 1] as usize - start) / columns;
+                    (0..columns).map(move |j| start + j * height + j)
+                })
+                .map(|at| values[at])
+                .collect(),
+        }
+    }
+
+    fn memory<T: Scalar>(
+        &self,
+        scratch: faer::dyn_stack::StackReq,
+    ) -> Result<(Vec<T>, MemBuffer), Error> {
+        let entries = self.factor_entries();
+        let mut values = Vec::new();
+        values
+            .try_reserve_exact(entries)
+            .map_err(|_| Error::OutOfMemory { entries })?;
+        values.resize(entries, T::default());
+        let memory = MemBuffer::try_new(scratch).map_err(|_| Error::OutOfMemory { entries })?;
+        Ok((values, memory))
+    }
+
+    fn values_of<T: Scalar>(&self, matrix: &SparseMatrix<T>) -> Result<Vec<T>, Error> {
+        let (starts, indices, values) = upper_half(matrix)?;
+        if starts != self.inner.starts || indices != self.inner.indices {
+            return Err(Error::OtherPattern);
+        }
+        Ok(values)
+    }
+
+    fn lower<'a, T: Scalar>(&'a self, upper: &'a [T]) -> SparseColMatRef<'a, u32, T> {
+        let (a, n) = (&*self.inner, self.rows());
+        SparseColMatRef::new(
+            SymbolicSparseColMatRef::new_checked(n, n, &a.starts, None, &a.indices),
+            upper,
+        )
+    }
+
+    /// The row of the matrix that the ordering puts at `index`.
+    fn original(&self, index: usize) -> usize {
+        match self.inner.symbolic.perm() {
+            Some(order) => order.arrays().0[index] as usize,
+            None => index,
+        }
+    }
+}
+
+fn supernodes(shape: &SymbolicSupernodalCholesky<u32>) -> Vec<Supernode<'_>> {
+    let values = |s: usize| shape.col_ptr_for_val()[s] as usize;
+    (0..shape.n_supernodes())
+        .map(|s| {
+            let first = shape.col_ptr_for_row_idx()[s] as usize;
+            let count = shape.nnz_per_super()[s] as usize;
+            Supernode {
+                columns: shape.supernode_begin()[s] as usize..shape.supernode_end()[s] as usize,
+                rows: &shape.row_idx()[first..first + count],
+                values: values(s)..values(s + 1),
+            }
+        })
+        .collect()
+}
+
+/// Starts, indices and conjugated values: a row of the upper half, conjugated, is a column of the
+/// lower half.
+type Half<T> = (Vec<u32>, Vec<u32>, Vec<T>);
+
+fn upper_half<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Half<T>, Error> {
+    let n = matrix.rows();
+    if matrix.columns() != n {
+        return Err(Error::Shape {
+            what: "a matrix that should be square",
+            found: n,
+            expected: matrix.columns(),
+        });
+    }
+    if matrix.entries() > i32::MAX as usize {
+        return Err(Error::TooLarge {
+            rows: n,
+            entries: matrix.entries() as u128,
+        });
+    }
+    let (mut starts, mut indices, mut values) = (vec![0u32], Vec::new(), Vec::new());
+    for i in 0..n {
+        for (j, a) in matrix.row(i).filter(|&(j, _)| j >= i) {
+            if !a.finite() {
+                return Err(Error::NotFinite { row: i, column: j });
+            }
+            indices.push(j as u32);
+            values.push(a.conjugate());
+        }
+        starts.push(indices.len() as u32);
+    }
+    Ok((starts, indices, values))
+}
+
+/// The factor L Lᴴ of a positive definite matrix.
+#[derive(Clone, Debug)]
+pub struct Cholesky<T = f64> {
+    symbolic: Symbolic,
+    values: Vec<T>,
+}
+
+impl<T: Scalar> Cholesky<T> {
+    /// Analyses and factors a positive definite matrix. Only the upper half is read.
+    pub fn of(matrix: &SparseMatrix<T>) -> Result<Self, Error> {
+        Symbolic::of(matrix)?.factor(matrix)
+    }
+
+    /// The analysis, for other matrices of the same pattern.
+    pub fn symbolic(&self) -> &Symbolic {
+        &self.symbolic
+    }
+
+    /// Rows of the matrix.
+    pub fn rows(&self) -> usize {
+        self.symbolic.rows()
+    }
+
+    /// Entries of the factor.
+    pub fn factor_entries(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Replaces a block of `columns` right-hand sides by the solutions.
+    pub fn solve_in_place(&self, block: &mut [T], columns: usize) -> Result<(), Error> {
+        let n = self.rows();
+        let expected = n * columns;
+        if block.len() != expected {
+            let found = block.len();
+            return Err(Error::RightHandSide { found, expected });
+        }
+        if expected == 0 {
+            return Ok(());
+        }
+        match &self.symbolic.inner.schedule {
+            Some(schedule) => crate::compute::parallel::inside(|| {
+                let (wide, rest) = (columns / COLUMNS, columns % COLUMNS);
+                self.solve_parts::<COLUMNS>(schedule, block, columns, 0, wide);
+                let first = wide * COLUMNS;
+                match rest {
+                    0 => {}
+                    1 => self.solve_parts::<1>(schedule, block, columns, first, 1),
+                    2 => self.solve_parts::<2>(schedule, block, columns, first, 1),
+                    3 | 4 => self.solve_parts::<4>(schedule, block, columns, first, 1),
+                    _ => self.solve_parts::<COLUMNS>(schedule, block, columns, first, 1),
+                }
+            }),
+            // Small or nearly diagonal: not worth a kernel.
+            None => {
+                let symbolic = &self.symbolic.inner.symbolic;
+                let scratch = symbolic.solve_in_place_scratch::<T>(columns, Par::Seq);
+                let mut memory =
+                    MemBuffer::try_new(scratch).map_err(|_| Error::OutOfMemory { entries: 0 })?;
+                LltRef::new(symbolic, &self.values).solve_in_place_with_conj(
+                    Conj::No,
+                    MatMut::from_row_major_slice_mut(block, n, columns),
+                    Par::Seq,
+                    MemStack::new(&mut memory),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// Replaces `parts` times `C` columns of a block (the last ones may be missing) by the solutions.
+    fn solve_parts<const C: usize>(
+        &self,
+        schedule: &Schedule,
+        block: &mut [T],
+        columns: usize,
+        first: usize,
+        parts: usize,
+    ) {
+        let range = |part: usize| first + part * C..(first + (part + 1) * C).min(columns);
+        let solved: Vec<Solved<T, C>> = (0..parts)
+            .into_par_iter()
+            .map(|part| schedule.solve(&self.values, block, columns, range(part)))
+            .collect();
+        block
+            .par_chunks_mut(columns)
+            .enumerate()
+            .with_min_len(4096)
+            .for_each(|(i, out)| {
+                for (part, solved) in solved.iter().enumerate() {
+                    let out = &mut out[range(part)];
+                    out.copy_from_slice(&schedule.row(solved, i)[..out.len()]);
+                }
+            });
+    }
+
+    /// Solves for one right-hand side.
+    pub fn solve(&self, b: &[T]) -> Result<Vec<T>, Error> {
+        let mut x = b.to_vec();
+        self.solve_in_place(&mut x, 1)?;
+        Ok(x)
+    }
+}

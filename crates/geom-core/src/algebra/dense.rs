@@ -1,0 +1,300 @@
+//! Dense products of tall blocks and eigenvalues of small matrices, with the same bits for any
+//! number of threads. The only file that knows faer's dense interface.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use rayon::prelude::*;
+
+/// Rows per task. Part of the result: another number, other last bits.
+const ROWS: usize = 2048;
+/// Columns up to which a product is summed block by block; wider ones gather the blocks first.
+const NARROW: usize = 16;
+/// Rows that are gathered at once.
+const GATHERED: usize = 256;
+
+/// A tall block: some columns, row after row.
+#[derive(Clone, Copy)]
+pub(crate) struct Tall<'a> {
+    pub(crate) values: &'a [f64],
+    pub(crate) columns: usize,
+}
+
+impl<'a> Tall<'a> {
+    pub(crate) fn of(values: &'a [f64], columns: usize) -> Self {
+        Self { values, columns }
+    }
+
+    fn rows(&self) -> usize {
+        self.values.len() / self.columns.max(1)
+    }
+
+    fn part(&self, from: usize, rows: usize) -> MatRef<'a, f64> {
+        let values = &self.values[from * self.columns..(from + rows) * self.columns];
+        MatRef::from_row_major_slice(values, rows, self.columns)
+    }
+}
+
+fn width(blocks: &[Tall<'_>]) -> usize {
+    blocks.iter().map(|a| a.columns).sum()
+}
+
+/// `Aᵀ B`, row after row, where A stands in blocks side by side.
+pub(crate) fn gram(a: &[Tall<'_>], b: Tall<'_>) -> Vec<f64> {
+    let length = width(a) * b.columns;
+    if length == 0 {
+        return Vec::new();
+    }
+    let n = b.rows();
+    let parts: Vec<Vec<f64>> = (0..n.div_ceil(ROWS))
+        .into_par_iter()
+        .map(|k| {
+            let (from, rows) = (k * ROWS, ROWS.min(n - k * ROWS));
+            let mut part = vec![0.0; length];
+            gram_part(&mut part, a, b.part(from, rows), from);
+            part
+        })
+        .collect();
+    add_all(parts, length)
+}
+
+/// The same for some rows of B from `from` on.
+fn gram_part(out: &mut [f64], a: &[Tall<'_>], b: MatRef<'_, f64>, from: usize) {
+    let mut rest = out;
+    for a in a {
+        let (out, more) = rest.split_at_mut(a.columns * b.ncols());
+        rest = more;
+        matmul(
+            MatMut::from_row_major_slice_mut(out, a.columns, b.ncols()),
+            Accum::Replace,
+            a.part(from, b.nrows()).transpose(),
+            b,
+            1.0,
+            Par::Seq,
+        );
+    }
+}
+
+/// `out ← out + scale · A C`, where `out` has `columns` columns, A stands in blocks side by side, and
+/// C is `width of A × columns`, row after row.
+pub(crate) fn add_product(out: &mut [f64], columns: usize, a: &[Tall<'_>], c: &[f64], scale: f64) {
+    if columns == 0 || a.is_empty() {
+        return;
+    }
+    out.par_chunks_mut(ROWS * columns)
+        .enumerate()
+        .for_each(|(k, out)| add_product_part(out, columns, a, c, scale, k * ROWS));
+}
+
+/// The same for some rows from `from` on.
+fn add_product_part(
+    out: &mut [f64],
+    columns: usize,
+    a: &[Tall<'_>],
+    c: &[f64],
+    scale: f64,
+    from: usize,
+) {
+    let m = width(a);
+    let add = |out: &mut [f64], a: MatRef<'_, f64>, c: &[f64]| {
+        matmul(
+            MatMut::from_row_major_slice_mut(out, a.nrows(), columns),
+            Accum::Add,
+            a,
+            MatRef::from_row_major_slice(c, a.ncols(), columns),
+            scale,
+            Par::Seq,
+        );
+    };
+    if a.len() == 1 || columns <= NARROW {
+        let rows = out.len() / columns;
+        let mut rest = c;
+        for a in a {
+            let (c, more) = rest.split_at(a.columns * columns);
+            rest = more;
+            add(out, a.part(from, rows), c);
+        }
+        return;
+    }
+    let mut gathered = vec![0.0; GATHERED * m];
+    for (k, out) in out.chunks_mut(GATHERED * columns).enumerate() {
+        let (from, rows) = (from + k * GATHERED, out.len() / columns);
+        let mut at = 0;
+        for a in a {
+            let part = &a.values[from * a.columns..(from + rows) * a.columns];
+            for (row, values) in gathered.chunks_mut(m).zip(part.chunks(a.columns)) {
+                row[at..at + a.columns].copy_from_slice(values);
+            }
+            at += a.columns;
+        }
+        add(
+            out,
+            MatRef::from_row_major_slice(&gathered[..rows * m], rows, m),
+            c,
+        );
+    }
+}
+
+/// `A C` as a new block of `columns` columns.
+pub(crate) fn product(a: &[Tall<'_>], c: &[f64], columns: usize) -> Vec<f64> {
+    let rows = a.first().map_or(0, Tall::rows);
+    let mut out = vec![0.0; rows * columns];
+    add_product(&mut out, columns, a, c, 1.0);
+    out
+}
+
+/// `W ← W − A C`, and the new `Wᵀ W`.
+pub(crate) fn subtract_product(
+    w: &mut [f64],
+    columns: usize,
+    a: &[Tall<'_>],
+    c: &[f64],
+) -> Vec<f64> {
+    let parts: Vec<Vec<f64>> = w
+        .par_chunks_mut(ROWS * columns)
+        .enumerate()
+        .map(|(k, w)| {
+            if !a.is_empty() {
+                add_product_part(w, columns, a, c, -1.0, k * ROWS);
+            }
+            let mut part = vec![0.0; columns * columns];
+            let w = Tall::of(w, columns);
+            gram_part(&mut part, &[w], w.part(0, w.rows()), 0);
+            part
+        })
+        .collect();
+    add_all(parts, columns * columns)
+}
+
+/// `W ← W C` for a square C.
+pub(crate) fn turn(w: &mut [f64], columns: usize, c: &[f64]) {
+    w.par_chunks_mut(ROWS * columns).for_each(|w| {
+        let old = w.to_vec();
+        w.fill(0.0);
+        add_product_part(w, columns, &[Tall::of(&old, columns)], c, 1.0, 0);
+    });
+}
+
+/// The columns of a block.
+pub(crate) fn separate(block: &[f64], columns: usize) -> Vec<Vec<f64>> {
+    // As many at once as lie in a line of the cache.
+    let starts: Vec<usize> = (0..columns).step_by(8).collect();
+    let parts = starts.into_par_iter().map(|first| {
+        let mut out = vec![Vec::with_capacity(block.len() / columns); (columns - first).min(8)];
+        for row in block.chunks_exact(columns) {
+            for (out, &x) in out.iter_mut().zip(&row[first..]) {
+                out.push(x);
+            }
+        }
+        out
+    });
+    parts.flatten().collect()
+}
+
+/// `Σ weight(i) x_i²` of each column.
+pub(crate) fn squares(
+    block: &[f64],
+    columns: usize,
+    weight: impl Fn(usize) -> f64 + Sync,
+) -> Vec<f64> {
+    let parts = crate::compute::parallel::fold_chunks(block.len() / columns, |range| {
+        let mut sums = vec![0.0; columns];
+        for i in range {
+            let weight = weight(i);
+            for (s, x) in sums.iter_mut().zip(&block[i * columns..]) {
+                *s += weight * x * x;
+            }
+        }
+        sums
+    });
+    add_all(parts, columns)
+}
+
+fn add_all(parts: Vec<Vec<f64>>, length: usize) -> Vec<f64> {
+    let mut total = vec![0.0; length];
+    for part in parts {
+        for (t, p) in total.iter_mut().zip(part) {
+            *t += p;
+        }
+    }
+    total
+}
+
+/// Eigenvalues, ascending, and eigenvectors (column `j` of the row-major result) of a symmetric
+/// matrix of `n` rows, of which the lower half is read. `None` when the iteration does not converge
+/// (NaN).
+pub(crate) fn symmetric_eigen(matrix: &[f64], n: usize) -> Option<(Vec<f64>, Vec<f64>)> {
+    use faer::diag::DiagMut;
+    use faer::dyn_stack::{MemBuffer, MemStack};
+    use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
+    if matrix.iter().any(|v| !v.is_finite()) {
+        return None;
+    }
+    let (mut values, mut vectors) = (vec![0.0; n], vec![0.0; n * n]);
+    let scratch =
+        self_adjoint_evd_scratch::<f64>(n, ComputeEigenvectors::Yes, Par::Seq, Default::default());
+    // Column-major on both sides: symmetric input, and transposed afterwards.
+    self_adjoint_evd(
+        MatRef::from_row_major_slice(matrix, n, n),
+        DiagMut::from_slice_mut(&mut values),
+        Some(MatMut::from_column_major_slice_mut(&mut vectors, n, n)),
+        Par::Seq,
+        MemStack::new(&mut MemBuffer::new(scratch)),
+        Default::default(),
+    )
+    .ok()?;
+    let mut rows = vec![0.0; n * n];
+    for j in 0..n {
+        for i in 0..n {
+            rows[i * n + j] = vectors[j * n + i];
+        }
+    }
+    Some((values, rows))
+}
+
+/// The upper factor R of a small positive semi-definite matrix G = Rᵀ R, row after row, and the
+/// columns whose pivot is below `floor` of their diagonal: they depend on the columns before, and
+/// their row of R is zero.
+pub(crate) fn upper_cholesky(gram: &[f64], n: usize, floor: f64) -> (Vec<f64>, Vec<usize>) {
+    let mut r = vec![0.0; n * n];
+    let mut dead = Vec::new();
+    for j in 0..n {
+        let mut pivot = gram[j * n + j];
+        for i in 0..j {
+            if r[i * n + i] == 0.0 {
+                continue;
+            }
+            let mut s = gram[i * n + j];
+            for k in 0..i {
+                s -= r[k * n + i] * r[k * n + j];
+            }
+            r[i * n + j] = s / r[i * n + i];
+            pivot -= r[i * n + j] * r[i * n + j];
+        }
+        if pivot > floor * gram[j * n + j] && pivot > 0.0 {
+            r[j * n + j] = pivot.sqrt();
+        } else {
+            dead.push(j);
+        }
+    }
+    (r, dead)
+}
+
+/// The inverse of an upper triangular matrix, row after row; a zero on the diagonal counts as one.
+pub(crate) fn upper_inverse(r: &[f64], n: usize) -> Vec<f64> {
+    let pivot = |i: usize| {
+        if r[i * n + i] == 0.0 {
+            1.0
+        } else {
+            r[i * n + i]
+        }
+    };
+    let mut inverse = vec![0.0; n * n];
+    for j in 0..n {
+        inverse[j * n + j] = 1.0 / pivot(j);
+        for i in (0..j).rev() {
+            let s: f64 = (i + 1..=j).map(|k| r[i * n + k] * inverse[k * n + j]).sum();
+            inverse[i * n + j] = -s / pivot(i);
+        }
+    }
+    inverse
+}

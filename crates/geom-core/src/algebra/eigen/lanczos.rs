@@ -1,0 +1,422 @@
+//! Block Lanczos with thick restarts on `(K − σM)⁻¹ M`.
+//!
+//! A new block is orthogonalized against the two before it, and against all others only when rounding
+//! may have brought more than [`DRIFT`] of them back, which the recurrence of the overlaps tells
+//! (partial reorthogonalization: Simon, 1984; in blocks: Grimes, Lewis and Simon, 1994).
+
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use super::basis::{Basis, Taken, random_block};
+use super::{Error, Options, Pair, Pencil, Report, SpectralBackend, not_finite, rayleigh_ritz};
+use crate::Run;
+use crate::algebra::Mass;
+use crate::algebra::dense::{self, Tall};
+use crate::algebra::{Cholesky, Symbolic};
+use crate::compute::random::SplitMix64;
+
+/// Overlap of a new block with an older one at which it is orthogonalized anew.
+const DRIFT: f64 = 1e-12;
+/// What one step of rounding adds to an overlap, of the size of the operator.
+const ROUNDING: f64 = 1e-14;
+
+/// The operator whose largest eigenvalues are sought. With a lumped mass it is
+/// `M^½ (K − σM)⁻¹ M^½`, symmetric as it stands; else `(K − σM)⁻¹ M`, symmetric in the product of M.
+struct Inverse<'a> {
+    factor: Cholesky,
+    /// Roots of the lumped mass.
+    roots: Option<Vec<f64>>,
+    mass: Option<&'a Mass>,
+}
+
+impl<'a> Inverse<'a> {
+    fn of(pencil: &Pencil<'a>, shift: f64) -> Result<Self, Error> {
+        let shifted = pencil.shifted(shift)?;
+        let (matrix, roots, mass) = match pencil.mass {
+            Mass::Lumped(masses) => {
+                let roots: Vec<f64> = masses.iter().map(|m| m.sqrt()).collect();
+                let scaled = shifted.map(|i, j, a| a / (roots[i] * roots[j]));
+                (scaled, Some(roots), None)
+            }
+            Mass::Consistent(_) => (shifted, None, Some(pencil.mass)),
+        };
+        Ok(Self {
+            factor: Symbolic::of(&matrix)?.factor(&matrix)?,
+            roots,
+            mass,
+        })
+    }
+
+    fn apply(&self, block: Cow<'_, [f64]>, columns: usize) -> Result<Vec<f64>, Error> {
+        let mut image = block.into_owned();
+        self.factor.solve_in_place(&mut image, columns)?;
+        Ok(image)
+    }
+
+    /// From vectors of the pencil to those of this operator.
+    fn adopt(&self, mut vector: Vec<f64>) -> Vec<f64> {
+        if let Some(roots) = &self.roots {
+            vector.iter_mut().zip(roots).for_each(|(x, r)| *x *= r);
+        }
+        vector
+    }
+
+    /// From vectors of this operator to those of the pencil.
+    fn restore(&self, block: &mut [f64], columns: usize) {
+        if let Some(roots) = &self.roots {
+            let rows = block.par_chunks_mut(columns).zip(roots);
+            rows.with_min_len(4096)
+                .for_each(|(row, root)| row.iter_mut().for_each(|x| *x /= root));
+        }
+    }
+}
+
+/// The smallest `k + 1` pairs of one connected part, the first `k` of them converged.
+pub(super) fn pairs<B: SpectralBackend + ?Sized>(
+    pencil: &Pencil<'_>,
+    k: usize,
+    options: &Options,
+    run: Run<'_, B>,
+    report: &mut Report,
+) -> Result<Vec<Pair>, Error> {
+    let n = pencil.rows();
+    run.progress("factor", 0, 1)?;
+    let shift = options.shift.unwrap_or_else(|| default_shift(pencil));
+    let inverse = Inverse::of(pencil, shift)?;
+    report.factor_entries = report.factor_entries.max(inverse.factor.factor_entries());
+    run.progress("factor", 1, 1)?;
+
+    let block = options.block;
+    // Enough room that a restart keeps a good part of the space.
+    let keep = k + 1 + block;
+    let room = keep + (5 * k / 2).max(12 * block);
+    let mut basis = Basis::new(inverse.mass);
+    let mut h = Projected::new(room + block);
+
+    // A known null vector is not searched for.
+    let locked = usize::from(pencil.constants_vanish());
+    if locked == 1 {
+        basis.columns.push(inverse.adopt(pencil.constant()), 1);
+        h.set(0, 0, -1.0 / shift);
+    }
+    let mut random = SplitMix64::new(options.seed);
+    let step = |q: &[f64], basis: &Basis<'_>, report: &mut Report| {
+        report.solves += block;
+        inverse.apply(basis.image(q, block), block)
+    };
+    let mut next = step(&random_block(n, block, &mut random), &basis, report)?;
+    let mut taken = Taken::nothing(locked, block);
+    basis.orthonormalize(&mut next, block, (0, 0), &mut taken, &mut random);
+    let mut drift = Drift::default();
+    let mut restarts = 0;
+    let mut kept = 0;
+    let mut ready = 0;
+    let mut checks = Checks::new(k + 1 + 2 * block);
+    loop {
+        // The block joins the basis; its image is what the basis lacks, and how it couples.
+        let at = basis.columns.count();
+        basis.columns.push(next, block);
+        let mut image = step(basis.columns.last(), &basis, report)?;
+        // Three-term recurrence: the image overlaps with the newest two blocks; right after a
+        // restart with all that was kept.
+        let near = if at == kept {
+            0
+        } else {
+            at.saturating_sub(block).max(kept)
+        };
+        let mut taken = Taken::nothing(at + block, block);
+        basis.orthonormalize(&mut image, block, (locked, near), &mut taken, &mut random);
+        h.add_block(at, block, &taken.c);
+        if drift.step(&h, at, block, (locked, near), &taken.r) {
+            let mut rest = Taken::nothing(at + block, block);
+            basis.orthonormalize(&mut image, block, (0, 0), &mut rest, &mut random);
+            taken.r = dense::product(&[Tall::of(&rest.r, block)], &taken.r, block);
+        }
+        let coupling = taken.r;
+        next = image;
+        run.progress("eigenpairs", ready as u64, k as u64)?;
+
+        let m = basis.columns.count();
+        let full = m + block > room;
+        if !full && m < checks.next {
+            continue;
+        }
+        let ritz = h.solve(m)?;
+        // Residual of Op x = θ x, in the norm of M: the last rows of y through the coupling.
+        let tails = ritz.tails(&coupling, at, block);
+        let value = |j: usize| shift + 1.0 / ritz.theta[j];
+        let first = value(locked.min(m - 1)).abs();
+        // One step of inverse iteration (see `finish`) makes the residual of K x = λ M x equal to
+        // tail / θ². This is its share of what is allowed.
+        let share = |j: usize| {
+            let theta = ritz.theta[j];
+            if theta > 0.0 {
+                let allowed = 0.3 * options.tolerance * theta * theta;
+                tails[j] / (allowed * value(j).abs().max(first))
+            } else {
+                f64::INFINITY
+            }
+        };
+        ready = (0..k)
+            .take_while(|&j| j < locked || share(j) <= 1.0)
+            .count();
+        checks.plan(m, block, (locked..k).map(share).fold(0.0, f64::max));
+        if ready == k || (full && restarts == options.max_restarts) {
+            report.restarts += restarts;
+            let last = LastBlock {
+                values: &next,
+                coupling: &coupling,
+                at,
+                columns: block,
+            };
+            return finish(pencil, &inverse, &basis, &ritz, &last, locked, k + 1);
+        }
+        if full {
+            restarts += 1;
+            basis.columns.combine(&ritz.columns(keep), keep, locked);
+            h.clear();
+            for (j, &t) in ritz.theta.iter().take(keep).enumerate() {
+                h.set(j, j, t);
+            }
+            kept = keep;
+            drift = Drift::default();
+            checks = Checks::new(keep + 2 * block);
+        }
+    }
+}
+
+/// When to look at the Ritz values next.
+struct Checks {
+    next: usize,
+    /// Columns and worst share of the last look.
+    last: Option<(usize, f64)>,
+}
+
+impl Checks {
+    fn new(next: usize) -> Self {
+        Self { next, last: None }
+    }
+
+    /// The worst residual falls by a factor per column: most of the way to 1, and at least a block.
+    fn plan(&mut self, m: usize, block: usize, worst: f64) {
+        let guess = self.last.map_or(m as f64 / 8.0, |(before, larger)| {
+            let fall = (larger / worst).ln() / (m - before) as f64;
+            if fall > 0.0 {
+                0.7 * worst.ln() / fall
+            } else {
+                m as f64 / 8.0
+            }
+        });
+        // Of no use where a residual is not finite.
+        let ahead = if guess.is_finite() { guess as usize } else { 0 };
+        self.next = m + ahead.clamp(block, m.max(block));
+        self.last = Some((m, worst));
+    }
+}
+
+/// Overlaps `Vᵀ Q` of the two newest blocks Q with the columns before, as rounding lets them grow.
+#[derive(Default)]
+struct Drift {
+    newest: Vec<f64>,
+    before: Vec<f64>,
+    /// The block before was orthogonalized against all, so this one has to be as well.
+    again: bool,
+}
+
+impl Drift {
+    /// After the step that brought the block at column `at` into the basis and left the next one with
+    /// the factor `r`: is that to be orthogonalized against all?
+    fn step(
+        &mut self,
+        h: &Projected,
+        at: usize,
+        b: usize,
+        (locked, near): (usize, usize),
+        r: &[f64],
+    ) -> bool {
+        let m = at + b;
+        self.newest.resize(m * b, 0.0);
+        self.before.resize(m * b, 0.0);
+        let t = h.leading(m);
+        let columns = |from: usize| -> Vec<f64> {
+            let row = |i: usize| (0..b).map(move |j| (from + i, at + j));
+            let entries = (0..b).flat_map(row);
+            entries.map(|(i, j)| t[i * m + j]).collect()
+        };
+        let image = dense::product(&[Tall::of(&t, m)], &self.newest, b);
+        let own = dense::product(&[Tall::of(&self.newest, b)], &columns(at), b);
+        let old = if near < at && near + b == at {
+            dense::product(&[Tall::of(&self.before, b)], &columns(near), b)
+        } else {
+            vec![0.0; m * b]
+        };
+        let size = ROUNDING
+            * t.iter()
+                .skip(locked * (m + 1))
+                .fold(0.0, |s, &x| f64::max(s, x.abs()));
+        let overlap = image.iter().zip(&own).zip(&old).map(|((i, o), b)| {
+            let sum = i - o - b;
+            sum + size.copysign(sum)
+        });
+        let overlap: Vec<f64> = overlap.collect();
+        let mut next = dense::product(&[Tall::of(&overlap, b)], &dense::upper_inverse(r, b), b);
+        for (i, row) in next.chunks_mut(b).enumerate() {
+            if i < locked || i >= near {
+                row.fill(ROUNDING);
+            }
+        }
+        let worst = next.iter().fold(0.0, |s, &x| f64::max(s, x.abs()));
+        // A NaN is a reason as well.
+        let clean = worst <= DRIFT;
+        let all = self.again || !clean;
+        self.again = !clean && !self.again;
+        if all {
+            next.fill(ROUNDING);
+        }
+        self.before = std::mem::replace(&mut self.newest, next);
+        all
+    }
+}
+
+/// Slightly below zero, of the size of the smallest eigenvalue of a surface: the mean eigenvalue
+/// over the number of rows.
+fn default_shift(pencil: &Pencil<'_>) -> f64 {
+    let trace: f64 = pencil.stiffness.diagonal().iter().sum();
+    let total: f64 = pencil.lumped.iter().sum();
+    let rows = pencil.rows() as f64;
+    if trace > 0.0 {
+        -trace / total / rows
+    } else {
+        -1.0
+    }
+}
+
+/// The block that would be next, and how the newest block of the basis couples to it.
+struct LastBlock<'a> {
+    values: &'a [f64],
+    coupling: &'a [f64],
+    at: usize,
+    columns: usize,
+}
+
+/// Ritz vectors, improved by one step of inverse iteration at no cost: `Op V y = θ V y + Q R y_last`,
+/// with Q the block that would be next (Ericsson and Ruhe's purification). Then Rayleigh–Ritz with
+/// K and M themselves.
+fn finish(
+    pencil: &Pencil<'_>,
+    inverse: &Inverse<'_>,
+    basis: &Basis<'_>,
+    ritz: &Ritz,
+    last: &LastBlock<'_>,
+    locked: usize,
+    wanted: usize,
+) -> Result<Vec<Pair>, Error> {
+    let (m, b) = (basis.columns.count(), last.columns);
+    let count = wanted.min(m) - locked;
+    let mut y = vec![0.0; (m + b) * count];
+    for j in 0..count {
+        for i in 0..m {
+            y[i * count + j] = ritz.y[i * m + locked + j];
+        }
+        for i in 0..b {
+            y[(m + i) * count + j] = (0..b)
+                .map(|l| last.coupling[i * b + l] * y[(last.at + l) * count + j])
+                .sum::<f64>()
+                / ritz.theta[locked + j];
+        }
+    }
+    let mut blocks = basis.columns.tall();
+    blocks.push(Tall::of(last.values, b));
+    let mut x = dense::product(&blocks, &y, count);
+    inverse.restore(&mut x, count);
+
+    let mut out = Vec::with_capacity(count + locked);
+    if locked == 1 {
+        out.push((0.0, pencil.constant()));
+    }
+    out.extend(rayleigh_ritz(pencil, &x, count)?);
+    Ok(out)
+}
+
+/// The operator seen by the basis.
+struct Projected {
+    values: Vec<f64>,
+    width: usize,
+}
+
+/// Ritz values θ, descending, and coefficients (column `j` of the row-major `y`).
+struct Ritz {
+    theta: Vec<f64>,
+    y: Vec<f64>,
+}
+
+impl Projected {
+    fn new(width: usize) -> Self {
+        Self {
+            values: vec![0.0; width * width],
+            width,
+        }
+    }
+
+    fn set(&mut self, i: usize, j: usize, value: f64) {
+        self.values[i * self.width + j] = value;
+    }
+
+    fn clear(&mut self) {
+        self.values.fill(0.0);
+    }
+
+    /// Columns `at..at + block`, and by symmetry the rows; the block on the diagonal is symmetrized.
+    fn add_block(&mut self, at: usize, block: usize, c: &[f64]) {
+        for j in 0..block {
+            for i in 0..at + block {
+                let value = if i < at {
+                    c[i * block + j]
+                } else {
+                    f64::midpoint(c[i * block + j], c[(at + j) * block + i - at])
+                };
+                self.set(i, at + j, value);
+                self.set(at + j, i, value);
+            }
+        }
+    }
+
+    /// Its first `m` rows and columns.
+    fn leading(&self, m: usize) -> Vec<f64> {
+        let rows = self.values.chunks(self.width).take(m);
+        rows.flat_map(|row| row[..m].iter().copied()).collect()
+    }
+
+    fn solve(&self, m: usize) -> Result<Ritz, Error> {
+        let part = self.leading(m);
+        let (ascending, vectors) = dense::symmetric_eigen(&part, m).ok_or_else(not_finite)?;
+        let theta = ascending.into_iter().rev().collect();
+        let mut y = vectors;
+        y.chunks_mut(m).for_each(<[f64]>::reverse);
+        Ok(Ritz { theta, y })
+    }
+}
+
+impl Ritz {
+    /// The coefficients of the first `keep` vectors.
+    fn columns(&self, keep: usize) -> Vec<f64> {
+        let rows = self.y.chunks(self.theta.len());
+        rows.flat_map(|row| row[..keep].iter().copied()).collect()
+    }
+
+    fn tails(&self, coupling: &[f64], at: usize, block: usize) -> Vec<f64> {
+        let m = self.theta.len();
+        (0..m)
+            .map(|j| {
+                let square = |i: usize| {
+                    let s: f64 = (0..block)
+                        .map(|l| coupling[i * block + l] * self.y[(at + l) * m + j])
+                        .sum();
+                    s * s
+                };
+                (0..block).map(square).sum::<f64>().sqrt()
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,585 @@
+//! The smallest eigenpairs of `K x = λ M x`.
+//!
+//! Every connected part of the matrix is solved by itself, so that equal parts cannot mix and each
+//! has its own zero. A part of few rows is solved densely; a large one by block Lanczos on
+//! `(K − σM)⁻¹ M` with a sparse Cholesky factor, σ slightly below zero (shift–invert).
+
+pub mod backend;
+mod basis;
+mod davidson;
+mod lanczos;
+mod multigrid;
+mod parts;
+#[cfg(feature = "wgpu")]
+mod wgpu;
+
+pub use crate::algebra::Operator;
+pub use backend::SpectralBackend;
+pub use multigrid::Multigrid;
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use crate::algebra::Mass;
+use crate::algebra::{self, SparseMatrix, dense};
+use crate::compute::BackendError;
+use crate::options::{OutOfRange, require};
+use crate::{Cancelled, Run};
+
+/// Rows up to which a part is solved densely.
+const DENSE_ROWS: usize = 384;
+/// The same where so many pairs are wanted that an iteration is of no use.
+const LARGEST_DENSE: usize = 2048;
+/// Vectors whose residuals are measured at once.
+const RESIDUALS: usize = 8;
+/// Searches for a part in which pairs are found to be missing.
+const ATTEMPTS: usize = 4;
+
+/// How a large connected part is solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Method {
+    /// [`ShiftInvert`](Self::ShiftInvert) for a sparse matrix, [`Multigrid`](Self::Multigrid) for a
+    /// graph Laplacian.
+    #[default]
+    Auto,
+    /// Block Lanczos on `(K − σM)⁻¹ M` with a sparse Cholesky factor. The method for surfaces, whose
+    /// factors stay sparse; any mass.
+    ShiftInvert,
+    /// Block Davidson with a multigrid cycle in place of the inverse. The method for voxel graphs and
+    /// others that fill space, whose factors do not stay sparse. K needs rows that sum to zero, or
+    /// nearly so, and few positive entries beside the diagonal.
+    Multigrid,
+}
+
+impl Method {
+    fn of(self, operator: Operator<'_>) -> Self {
+        match self {
+            Self::Auto if operator.is_graph() => Self::Multigrid,
+            Self::Auto => Self::ShiftInvert,
+            given => given,
+        }
+    }
+}
+
+/// What to compute.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Options {
+    /// Largest residual `‖K x − λ M x‖ / (λ ‖M x‖)` of a pair, in the norm of the inverse lumped
+    /// mass; for λ = 0 the smallest λ that is not zero stands in the denominator. Pairs come out
+    /// better than asked.
+    pub tolerance: f64,
+    /// How large parts are solved.
+    pub method: Method,
+    /// σ of shift–invert; `None`: a small negative number from the traces of K and M. `K − σM` must
+    /// be positive definite.
+    pub shift: Option<f64>,
+    /// Vectors per block of the Krylov space; an eigenvalue of higher multiplicity in one connected
+    /// part may lose copies, which `verify` finds out.
+    pub block: usize,
+    /// Most restarts of the Krylov space per part.
+    pub max_restarts: usize,
+    /// Counts the eigenvalues below the last gap by the signs of a factor L D Lᵀ, and searches anew
+    /// with larger blocks if one is missing. One more factorization per large part: little for a
+    /// surface, more than the search itself for a voxel graph.
+    pub verify: bool,
+    /// Neighbouring eigenvalues whose difference is at most this share of the larger one form a
+    /// cluster.
+    pub cluster_gap: f64,
+    /// Seed of the start vectors.
+    pub seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-9,
+            method: Method::Auto,
+            shift: None,
+            block: 8,
+            max_restarts: 60,
+            verify: false,
+            cluster_gap: 1e-3,
+            seed: 1,
+        }
+    }
+}
+
+impl Options {
+    /// Refuses values that make no sense, naming the field.
+    pub fn check(&self) -> Result<(), Error> {
+        let between = self.tolerance > 0.0 && self.tolerance < 1.0;
+        require(between, "tolerance", self.tolerance, "lie between 0 and 1")?;
+        if let Some(shift) = self.shift {
+            require(shift.is_finite(), "shift", shift, "be a finite number")?;
+        }
+        let fits = (1..=64).contains(&self.block);
+        require(fits, "block", self.block, "lie between 1 and 64")?;
+        let any = self.max_restarts > 0;
+        require(any, "max_restarts", self.max_restarts, "be at least 1")?;
+        let share = self.cluster_gap >= 0.0 && self.cluster_gap < 1.0;
+        require(
+            share,
+            "cluster_gap",
+            self.cluster_gap,
+            "be at least 0 and below 1",
+        )?;
+        Ok(())
+    }
+}
+
+/// Why there are no eigenpairs.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// An option makes no sense.
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
+    /// A mass is zero, negative or not finite where the stiffness is not zero.
+    #[error("the mass of row {row} is {mass}; it must be positive where the stiffness is not zero")]
+    Mass {
+        /// The row.
+        row: usize,
+        /// Its mass.
+        mass: f64,
+    },
+    /// The number of masses is not the number of rows.
+    #[error("{found} masses for {rows} rows")]
+    MassLength {
+        /// Masses given.
+        found: usize,
+        /// Rows of the stiffness.
+        rows: usize,
+    },
+    /// More pairs are asked of a large part than the iteration is made for.
+    #[error(
+        "{asked} pairs of a connected part of {rows} rows: of a part of more than {LARGEST_DENSE} rows \
+         at most a third of the pairs can be found"
+    )]
+    TooMany {
+        /// Pairs asked for.
+        asked: usize,
+        /// Rows of the part.
+        rows: usize,
+    },
+    /// A matrix is not finite, not symmetric, not definite, or too large.
+    #[error(transparent)]
+    Matrix(#[from] algebra::Error),
+    /// The watcher asked to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The backend failed.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+}
+
+#[cfg(feature = "wgpu")]
+impl From<crate::GpuError> for Error {
+    fn from(error: crate::GpuError) -> Self {
+        Self::Backend(error.into())
+    }
+}
+
+/// Eigenpairs in ascending order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EigenPairs {
+    /// Eigenvalues, in the unit of K over the unit of M (Å⁻² for a surface).
+    pub values: Vec<f64>,
+    /// One vector per eigenvalue, one number per row, with `xᵀ M x = 1`. The entry of largest
+    /// magnitude (the first of them) is positive.
+    pub vectors: Vec<Vec<f64>>,
+    /// Relative residual of each pair: see [`Options::tolerance`].
+    pub residuals: Vec<f64>,
+    /// Runs of two or more nearly equal eigenvalues; in each of them only the space is defined.
+    pub clusters: Vec<Range<usize>>,
+    /// How they were found.
+    pub report: Report,
+}
+
+/// How eigenpairs were found.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Report {
+    /// Backend of the block products.
+    pub backend: String,
+    /// Connected parts of the matrix.
+    pub parts: usize,
+    /// Rows without stiffness and mass, e.g. vertices of no triangle: left out, zero in each vector.
+    pub isolated: usize,
+    /// Solved right-hand sides.
+    pub solves: usize,
+    /// Restarts of Krylov spaces.
+    pub restarts: usize,
+    /// Entries of the largest factor.
+    pub factor_entries: usize,
+    /// Whether every residual is within the tolerance.
+    pub converged: bool,
+    /// Whether the number of eigenvalues was confirmed; `None` when that was not asked for.
+    pub verified: Option<bool>,
+    /// Whether the last cluster may go on beyond the last pair.
+    pub last_cluster_cut: bool,
+}
+
+/// The `k` smallest eigenpairs of `K x = λ M x`, fewer if the matrix has fewer.
+///
+/// K is symmetric, and `K − σM` positive definite for σ slightly below zero, as for every stiffness
+/// matrix and graph Laplacian. Rows without stiffness *and* mass are left out. `k = 0` gives nothing.
+pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
+    stiffness: impl Into<Operator<'a>>,
+    mass: &Mass,
+    k: usize,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<EigenPairs, Error> {
+    options.check()?;
+    let stiffness = stiffness.into();
+    let options = &Options {
+        method: options.method.of(stiffness),
+        ..options.clone()
+    };
+    // The graphs of an operator are symmetric by construction.
+    stiffness.matrix().check_hermitian()?;
+    let n = stiffness.rows();
+    let lumped = parts::check_mass(stiffness, mass)?;
+    let split = parts::split(stiffness, mass, &lumped);
+    let mut report = Report {
+        backend: run.backend.name(),
+        parts: split.parts.len(),
+        isolated: split.isolated,
+        converged: true,
+        verified: options.verify.then_some(true),
+        ..Report::default()
+    };
+    // One pair more than asked shows whether a cluster is cut.
+    let wanted = if k == 0 { 0 } else { k + 1 };
+    let mut pairs: Vec<(f64, usize, Vec<f64>)> = Vec::new();
+    let rows_in_all: usize = split.parts.iter().map(Vec::len).sum();
+    let mut rows_done = 0;
+    for (index, rows) in split.parts.iter().enumerate() {
+        if wanted == 0 {
+            break;
+        }
+        run.progress("eigenpairs", rows_done as u64, rows_in_all as u64)?;
+        let whole = rows.len() == n;
+        let (part_k, part_m) = if whole {
+            (None, None)
+        } else {
+            (
+                Some(stiffness.part(rows)),
+                Some(parts::restrict(mass, rows)),
+            )
+        };
+        let pencil = Pencil {
+            stiffness: part_k.as_ref().map_or(stiffness, Operator::from),
+            mass: part_m.as_ref().unwrap_or(mass),
+            lumped: rows.iter().map(|&i| lumped[i as usize]).collect(),
+        };
+        let many = 3 * k > rows.len();
+        let found = if rows.len() <= if many { LARGEST_DENSE } else { DENSE_ROWS } {
+            dense_pairs(&pencil, wanted)?
+        } else if many {
+            let rows = rows.len();
+            return Err(Error::TooMany { asked: k, rows });
+        } else {
+            iterate(&pencil, k, options, run, &mut report)?
+        };
+        for (value, vector) in found {
+            pairs.push((value, index, vector));
+        }
+        // Only the smallest can be among the answer.
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        pairs.truncate(wanted);
+        rows_done += rows.len();
+    }
+
+    let beyond = (pairs.len() > k).then(|| pairs[k].0);
+    pairs.truncate(k);
+    let values: Vec<f64> = pairs.iter().map(|p| p.0).collect();
+    let vectors: Vec<Vec<f64>> = pairs
+        .into_par_iter()
+        .map(|(_, index, vector)| {
+            let mut all = vec![0.0; n];
+            for (&row, x) in split.parts[index].iter().zip(vector) {
+                all[row as usize] = x;
+            }
+            orient(&mut all);
+            all
+        })
+        .collect();
+    let residuals = residuals(stiffness, mass, &lumped, &values, &vectors);
+    report.converged = residuals.iter().all(|&r| r <= options.tolerance);
+    let clusters = clusters(&values, options.cluster_gap);
+    report.last_cluster_cut = beyond.is_some_and(|next| {
+        values
+            .last()
+            .is_some_and(|&last| is_close(last, next, options.cluster_gap))
+    });
+    Ok(EigenPairs {
+        values,
+        vectors,
+        residuals,
+        clusters,
+        report,
+    })
+}
+
+/// The matrices of one connected part.
+struct Pencil<'a> {
+    stiffness: Operator<'a>,
+    mass: &'a Mass,
+    /// Row sums of the mass, or its diagonal where they are not positive.
+    lumped: Vec<f64>,
+}
+
+impl Pencil<'_> {
+    fn rows(&self) -> usize {
+        self.stiffness.rows()
+    }
+
+    /// `K − σM`.
+    fn shifted(&self, shift: f64) -> Result<SparseMatrix, Error> {
+        let stiffness = self.stiffness.assembled()?;
+        Ok(match self.mass {
+            Mass::Consistent(mass) => stiffness.plus(-shift, mass)?,
+            Mass::Lumped(mass) => stiffness.plus(-shift, &SparseMatrix::diagonal_of(mass))?,
+        })
+    }
+
+    /// `M X`.
+    fn mass_times(&self, block: &[f64], columns: usize) -> Vec<f64> {
+        parts::mass_times(self.mass, block, columns)
+    }
+
+    /// The constant of length one in the product of M.
+    fn constant(&self) -> Vec<f64> {
+        let n = self.rows();
+        let total: f64 = self.mass_times(&vec![1.0; n], 1).iter().sum();
+        vec![1.0 / total.sqrt(); n]
+    }
+
+    /// Does K map constants to zero? Then the constant is an eigenvector known beforehand.
+    fn constants_vanish(&self) -> bool {
+        (0..self.rows()).all(|i| {
+            let (sum, size) = self
+                .stiffness
+                .row(i)
+                .fold((0.0, 0.0), |(s, m), (_, a)| (s + a, m + f64::abs(a)));
+            sum.abs() <= 1e-12 * size
+        })
+    }
+}
+
+type Pair = (f64, Vec<f64>);
+
+/// The smallest `k + 1` pairs of a large part, counted if that is asked for.
+fn iterate<B: SpectralBackend + ?Sized>(
+    pencil: &Pencil<'_>,
+    k: usize,
+    options: &Options,
+    run: Run<'_, B>,
+    report: &mut Report,
+) -> Result<Vec<Pair>, Error> {
+    let mut options = options.clone();
+    for attempt in 1.. {
+        let found = match options.method {
+            Method::Multigrid => davidson::pairs(pencil, k, &options, run, report)?,
+            _ => lanczos::pairs(pencil, k, &options, run, report)?,
+        };
+        if !options.verify {
+            return Ok(found);
+        }
+        run.progress("verify", 0, 1)?;
+        let complete = is_complete(pencil, &found, k)?;
+        run.progress("verify", 1, 1)?;
+        if complete || attempt == ATTEMPTS {
+            report.verified = Some(report.verified == Some(true) && complete);
+            return Ok(found);
+        }
+        // Other start vectors, and room for more copies of one eigenvalue.
+        options.seed = options.seed.wrapping_add(1);
+        options.block = (2 * options.block).min(64);
+    }
+    unreachable!("the last attempt returns")
+}
+
+/// Are there as many eigenvalues below a gap at the end of the wanted ones as were found? The signs of
+/// the pivots of K − μM say how many there are (Sylvester's law of inertia).
+fn is_complete(pencil: &Pencil<'_>, found: &[Pair], k: usize) -> Result<bool, Error> {
+    let values: Vec<f64> = found.iter().map(|p| p.0).collect();
+    // The last gap wide enough to put a shift into.
+    let gap = (1..=k.min(values.len() - 1))
+        .rev()
+        .find(|&j| !is_close(values[j - 1], values[j], 1e-6));
+    let Some(count) = gap else {
+        return Ok(false);
+    };
+    let shift = f64::midpoint(values[count - 1], values[count]);
+    let shifted = pencil.shifted(shift)?;
+    let below = algebra::Symbolic::of(&shifted)?.negative_eigenvalues(&shifted)?;
+    Ok(below == Some(count))
+}
+
+/// The best pairs of the span of `count` columns, by K and M themselves.
+fn rayleigh_ritz(pencil: &Pencil<'_>, x: &[f64], count: usize) -> Result<Vec<Pair>, Error> {
+    use dense::Tall;
+    let image = pencil.stiffness.multiply(x, count);
+    let a = dense::gram(&[Tall::of(x, count)], Tall::of(&image, count));
+    let image = pencil.mass_times(x, count);
+    let g = dense::gram(&[Tall::of(x, count)], Tall::of(&image, count));
+    drop(image);
+    let (r, dead) = dense::upper_cholesky(&g, count, 1e-12);
+    if let Some(&row) = dead.first() {
+        return Err(algebra::Error::NotPositiveDefinite { row }.into());
+    }
+    let inverse = dense::upper_inverse(&r, count);
+    let c = dense::product(&[Tall::of(&a, count)], &inverse, count);
+    let reduced = dense::gram(&[Tall::of(&inverse, count)], Tall::of(&c, count));
+    let (values, u) = dense::symmetric_eigen(&reduced, count).ok_or_else(not_finite)?;
+    let turn = dense::product(&[Tall::of(&inverse, count)], &u, count);
+    let x = dense::product(&[Tall::of(x, count)], &turn, count);
+
+    let vectors = dense::separate(&x, count);
+    Ok(values.into_iter().zip(vectors).collect())
+}
+
+fn not_finite() -> Error {
+    algebra::Error::NotFinite { row: 0, column: 0 }.into()
+}
+
+/// All pairs of a small part, the smallest `k` of them kept: `L⁻¹ K L⁻ᵀ` with `M = L Lᵀ`.
+fn dense_pairs(pencil: &Pencil<'_>, k: usize) -> Result<Vec<Pair>, Error> {
+    let n = pencil.rows();
+    let mut identity = vec![0.0; n * n];
+    for i in 0..n {
+        identity[i * n + i] = 1.0;
+    }
+    let kk = pencil.stiffness.multiply(&identity, n);
+    let mm = pencil.mass_times(&identity, n);
+    let (r, dead) = dense::upper_cholesky(&mm, n, 0.0);
+    if let Some(&row) = dead.first() {
+        return Err(algebra::Error::NotPositiveDefinite { row }.into());
+    }
+    let inverse = dense::upper_inverse(&r, n);
+    let c = dense::product(&[dense::Tall::of(&kk, n)], &inverse, n);
+    let mut reduced = dense::gram(&[dense::Tall::of(&inverse, n)], dense::Tall::of(&c, n));
+    let constants = pencil.constants_vanish();
+    if constants {
+        // The constant is an exact eigenvector: R·1 spans its image; push it out of the way.
+        let mut u: Vec<f64> = (0..n).map(|i| (i..n).map(|j| r[i * n + j]).sum()).collect();
+        let norm = u.iter().map(|x| x * x).sum::<f64>().sqrt();
+        u.iter_mut().for_each(|x| *x /= norm);
+        deflate(&mut reduced, &u, n);
+    }
+    let (values, vectors) = dense::symmetric_eigen(&reduced, n)
+        .ok_or(algebra::Error::NotFinite { row: 0, column: 0 })?;
+    let full = dense::product(&[dense::Tall::of(&inverse, n)], &vectors, n);
+    Ok((0..n.min(k))
+        .map(|j| {
+            let value = if constants && j == 0 { 0.0 } else { values[j] };
+            (value, (0..n).map(|i| full[i * n + j]).collect())
+        })
+        .collect())
+}
+
+/// `P A P − s u uᵀ` with `P = 1 − u uᵀ`: u becomes the eigenvector of the smallest eigenvalue, −s.
+fn deflate(a: &mut [f64], u: &[f64], n: usize) {
+    let au: Vec<f64> = (0..n)
+        .map(|i| (0..n).map(|j| a[i * n + j] * u[j]).sum())
+        .collect();
+    let uau: f64 = u.iter().zip(&au).map(|(x, y)| x * y).sum();
+    let scale = (0..n).map(|i| a[i * n + i].abs()).fold(0.0, f64::max);
+    for i in 0..n {
+        for j in 0..n {
+            a[i * n + j] += u[i] * u[j] * (uau - scale) - au[i] * u[j] - u[i] * au[j];
+        }
+    }
+}
+
+/// The entry of largest magnitude, the first of them, becomes positive.
+fn orient(vector: &mut [f64]) {
+    let largest = crate::compute::parallel::argmax(vector.len(), |i| vector[i].abs());
+    if largest.is_some_and(|(i, _)| vector[i] < 0.0) {
+        vector.iter_mut().for_each(|x| *x = -*x);
+    }
+}
+
+fn residuals(
+    stiffness: Operator<'_>,
+    mass: &Mass,
+    lumped: &[f64],
+    values: &[f64],
+    vectors: &[Vec<f64>],
+) -> Vec<f64> {
+    let top = values.last().copied().unwrap_or(0.0);
+    // A zero has no relative residual of its own: the first value that is not zero lends its size.
+    let first = values
+        .iter()
+        .copied()
+        .find(|&v| v > 1e-10 * top)
+        .unwrap_or_else(|| {
+            let trace: f64 = stiffness.diagonal().iter().sum();
+            let total: f64 = lumped.iter().sum();
+            trace / total / lumped.len().max(1) as f64
+        });
+    let norms = |block: &[f64], columns| {
+        let weight = |i: usize| {
+            if lumped[i] > 0.0 {
+                1.0 / lumped[i]
+            } else {
+                0.0
+            }
+        };
+        let squares = dense::squares(block, columns, weight);
+        squares.into_iter().map(f64::sqrt)
+    };
+    values
+        .chunks(RESIDUALS)
+        .zip(vectors.chunks(RESIDUALS))
+        .flat_map(|(values, vectors)| {
+            // Some side by side: one pass over the matrix.
+            let c = values.len();
+            let mut x = vec![0.0; lumped.len() * c];
+            x.par_chunks_mut(c)
+                .with_min_len(4096)
+                .enumerate()
+                .for_each(|(i, row)| {
+                    for (x, vector) in row.iter_mut().zip(vectors) {
+                        *x = vector[i];
+                    }
+                });
+            let mx = parts::mass_times(mass, &x, c);
+            let mut r = stiffness.multiply(&x, c);
+            r.par_chunks_mut(c)
+                .zip(mx.par_chunks(c))
+                .with_min_len(4096)
+                .for_each(|(r, mx)| {
+                    for ((r, m), value) in r.iter_mut().zip(mx).zip(values) {
+                        *r -= value * m;
+                    }
+                });
+            let sizes = norms(&mx, c).zip(norms(&r, c));
+            let share = |(&value, (size, r)): (&f64, (f64, f64))| r / (value.max(first) * size);
+            values.iter().zip(sizes).map(share).collect::<Vec<f64>>()
+        })
+        .collect()
+}
+
+fn is_close(a: f64, b: f64, gap: f64) -> bool {
+    (b - a).abs() <= gap * a.abs().max(b.abs())
+}
+
+fn clusters(values: &[f64], gap: f64) -> Vec<Range<usize>> {
+    let mut out = Vec::new();
+    let mut start = 0;
+    for i in 1..=values.len() {
+        if i == values.len() || !is_close(values[i - 1], values[i], gap) {
+            if i - start > 1 {
+                out.push(start..i);
+            }
+            start = i;
+        }
+    }
+    out
+}

@@ -1,0 +1,354 @@
+//! The kernels on the GPU. A V-cycle runs there as a whole: only its input and its result travel.
+
+use std::sync::Mutex;
+
+use bytemuck::{Pod, Zeroable};
+use geom_shaders::{GEOM_CORE_PRODUCT, GEOM_CORE_SMOOTH, GEOM_CORE_STENCIL};
+
+use super::Error;
+use super::backend::{Cycle, SpectralBackend, check_block};
+use super::multigrid::{CompressedRows, Level, Multigrid, RoundedOperator};
+use crate::algebra::graph::VoxelGraph;
+use crate::compute::gpu::{GpuBuffer, GpuContext};
+use crate::{GpuError, Wgpu};
+
+/// Two sizes and two factors, as each of the kernels has them.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Parameters {
+    sizes: [u32; 2],
+    third: u32,
+    fourth: f32,
+}
+
+impl Parameters {
+    fn new(rows: usize, quads: usize, third: f32, fourth: f32) -> Self {
+        Self {
+            sizes: [rows as u32, quads as u32],
+            third: third.to_bits(),
+            fourth,
+        }
+    }
+}
+
+impl SpectralBackend for Wgpu {
+    fn prepare<'a>(&'a self, hierarchy: &'a Multigrid<'a>) -> Result<Box<dyn Cycle + 'a>, Error> {
+        let gpu = self.gpu();
+        let levels = hierarchy.levels().iter().map(|l| LevelOnGpu::of(gpu, l));
+        Ok(Box::new(CycleOnGpu {
+            gpu,
+            rows: hierarchy.rows(),
+            levels: levels.collect::<Result<_, GpuError>>()?,
+            coarsest: Matrix::of(gpu, hierarchy.coarsest())?,
+            nothing: gpu.output::<[f32; 4]>("nothing", 1)?,
+            workspace: Mutex::new(None),
+        }))
+    }
+}
+
+/// Rows of four columns each, the last ones zero.
+fn padded(block: &[f32], columns: usize) -> Vec<f32> {
+    let width = columns.next_multiple_of(4);
+    let mut out = vec![0.0; block.len() / columns.max(1) * width];
+    if columns > 0 {
+        for (to, from) in out.chunks_mut(width).zip(block.chunks(columns)) {
+            to[..columns].copy_from_slice(from);
+        }
+    }
+    out
+}
+
+/// The rows without what they were padded with.
+fn trim(block: &[f32], columns: usize, out: &mut Vec<f32>) {
+    out.clear();
+    if columns > 0 {
+        let rows = block.chunks(columns.next_multiple_of(4));
+        out.extend(rows.flat_map(|row| &row[..columns]));
+    }
+}
+
+/// Workgroups of 64 for so many threads, within the limit of each dimension.
+fn groups(threads: usize) -> [u32; 3] {
+    let groups = threads.div_ceil(64);
+    let x = groups.min(32_768);
+    [x as u32, groups.div_ceil(x.max(1)) as u32, 1]
+}
+
+struct Matrix {
+    rows: usize,
+    starts: GpuBuffer,
+    indices: GpuBuffer,
+    values: GpuBuffer,
+}
+
+impl Matrix {
+    fn of(gpu: &GpuContext, matrix: &CompressedRows) -> Result<Self, GpuError> {
+        Ok(Self {
+            rows: matrix.rows(),
+            starts: gpu.upload("starts", &matrix.starts)?,
+            indices: gpu.upload("indices", &matrix.indices)?,
+            values: gpu.upload("values", &matrix.values)?,
+        })
+    }
+
+    /// `out ← beta z + alpha A x`.
+    fn apply(
+        &self,
+        gpu: &GpuContext,
+        quads: usize,
+        [alpha, beta]: [f32; 2],
+        x: &GpuBuffer,
+        z: &GpuBuffer,
+        out: &GpuBuffer,
+    ) -> Result<(), GpuError> {
+        let parameters = Parameters::new(self.rows, quads, alpha, beta);
+        let parameters = gpu.uniform("product", &parameters)?;
+        gpu.dispatch(
+            &GEOM_CORE_PRODUCT,
+            &[
+                &self.starts,
+                &self.indices,
+                &self.values,
+                x,
+                z,
+                out,
+                &parameters,
+            ],
+            groups(self.rows * quads),
+        )
+    }
+}
+
+struct Stencil {
+    nodes: usize,
+    first: usize,
+    places: GpuBuffer,
+    node_at: GpuBuffer,
+    stencil: GpuBuffer,
+}
+
+impl Stencil {
+    fn of(gpu: &GpuContext, graph: &VoxelGraph, first: usize) -> Result<Self, GpuError> {
+        #[repr(C)]
+        #[derive(Clone, Copy, Pod, Zeroable)]
+        struct Neighbour {
+            offset: i32,
+            weight: f32,
+        }
+        let tables = graph.tables();
+        let stencil: Vec<Neighbour> = tables
+            .stencil
+            .into_iter()
+            .map(|(offset, weight)| Neighbour { offset, weight })
+            .collect();
+        Ok(Self {
+            nodes: graph.nodes(),
+            first,
+            places: gpu.upload("places", tables.places)?,
+            node_at: gpu.upload("node_at", tables.node_at)?,
+            stencil: gpu.upload("stencil", &stencil)?,
+        })
+    }
+}
+
+/// A matrix, minus the weights of graphs.
+struct OnGpu {
+    matrix: Matrix,
+    stencils: Vec<Stencil>,
+}
+
+impl OnGpu {
+    fn of(gpu: &GpuContext, operator: &RoundedOperator<'_>) -> Result<Self, GpuError> {
+        let mut stencils = Vec::new();
+        let mut first = 0;
+        for graph in operator.graphs {
+            stencils.push(Stencil::of(gpu, graph, first)?);
+            first += graph.nodes();
+        }
+        Ok(Self {
+            matrix: Matrix::of(gpu, &operator.matrix)?,
+            stencils,
+        })
+    }
+
+    /// `out ← beta z + alpha A x`.
+    fn apply(
+        &self,
+        gpu: &GpuContext,
+        quads: usize,
+        [alpha, beta]: [f32; 2],
+        x: &GpuBuffer,
+        z: &GpuBuffer,
+        out: &GpuBuffer,
+    ) -> Result<(), GpuError> {
+        self.matrix.apply(gpu, quads, [alpha, beta], x, z, out)?;
+        for s in &self.stencils {
+            let parameters = Parameters {
+                sizes: [s.nodes as u32, quads as u32],
+                third: s.first as u32,
+                fourth: -alpha,
+            };
+            let parameters = gpu.uniform("stencil", &parameters)?;
+            gpu.dispatch(
+                &GEOM_CORE_STENCIL,
+                &[&s.places, &s.node_at, &s.stencil, x, out, &parameters],
+                groups(s.nodes * quads),
+            )?;
+        }
+        Ok(())
+    }
+}
+
+struct LevelOnGpu {
+    operator: OnGpu,
+    inverse_diagonal: GpuBuffer,
+    steps: Vec<[f32; 2]>,
+    prolong: Matrix,
+    restrict: Matrix,
+}
+
+impl LevelOnGpu {
+    fn of(gpu: &GpuContext, level: &Level<'_>) -> Result<Self, GpuError> {
+        Ok(Self {
+            operator: OnGpu::of(gpu, &level.operator)?,
+            inverse_diagonal: gpu.upload("inverse_diagonal", &level.inverse_diagonal)?,
+            steps: level.steps.to_vec(),
+            prolong: Matrix::of(gpu, &level.prolong)?,
+            restrict: Matrix::of(gpu, &level.restrict)?,
+        })
+    }
+
+    fn rows(&self) -> usize {
+        self.operator.matrix.rows
+    }
+}
+
+/// The blocks of one level: right-hand side of the next, iterates, residual, step.
+struct Blocks {
+    coarse: GpuBuffer,
+    before: GpuBuffer,
+    after: GpuBuffer,
+    residual: GpuBuffer,
+    step: GpuBuffer,
+}
+
+struct Workspace {
+    quads: usize,
+    blocks: Vec<Blocks>,
+    result: GpuBuffer,
+}
+
+struct CycleOnGpu<'a> {
+    gpu: &'a GpuContext,
+    rows: usize,
+    levels: Vec<LevelOnGpu>,
+    coarsest: Matrix,
+    nothing: GpuBuffer,
+    /// For the last width.
+    workspace: Mutex<Option<Workspace>>,
+}
+
+impl CycleOnGpu<'_> {
+    fn workspace(&self, quads: usize) -> Result<Workspace, GpuError> {
+        let block = |what, rows: usize| self.gpu.output::<[f32; 4]>(what, rows * quads);
+        let blocks = self.levels.iter().map(|level| {
+            let rows = level.rows();
+            Ok(Blocks {
+                coarse: block("coarse", level.restrict.rows)?,
+                before: block("before", rows)?,
+                after: block("after", rows)?,
+                residual: block("residual", rows)?,
+                step: block("step", rows)?,
+            })
+        });
+        Ok(Workspace {
+            quads,
+            blocks: blocks.collect::<Result<_, GpuError>>()?,
+            result: block("result", self.coarsest.rows)?,
+        })
+    }
+
+    /// Approximates `A⁻¹ b` on a level; where the result lies.
+    fn descend<'w>(
+        &self,
+        depth: usize,
+        b: &GpuBuffer,
+        work: &'w Workspace,
+    ) -> Result<&'w GpuBuffer, GpuError> {
+        let (gpu, quads) = (self.gpu, work.quads);
+        let Some(level) = self.levels.get(depth) else {
+            self.coarsest
+                .apply(gpu, quads, [1.0, 0.0], b, &self.nothing, &work.result)?;
+            return Ok(&work.result);
+        };
+        let own = &work.blocks[depth];
+        self.smooth(level, own, quads, &own.before, b, true)?;
+        level
+            .operator
+            .apply(gpu, quads, [-1.0, 1.0], &own.before, b, &own.residual)?;
+        level.restrict.apply(
+            gpu,
+            quads,
+            [1.0, 0.0],
+            &own.residual,
+            &self.nothing,
+            &own.coarse,
+        )?;
+        let correction = self.descend(depth + 1, &own.coarse, work)?;
+        level
+            .prolong
+            .apply(gpu, quads, [1.0, 1.0], correction, &own.before, &own.after)?;
+        level
+            .operator
+            .apply(gpu, quads, [-1.0, 1.0], &own.after, b, &own.residual)?;
+        self.smooth(level, own, quads, &own.after, b, false)?;
+        Ok(&own.after)
+    }
+
+    /// Smooths x, from zero if it is fresh, else with its residual at hand.
+    fn smooth(
+        &self,
+        level: &LevelOnGpu,
+        own: &Blocks,
+        quads: usize,
+        x: &GpuBuffer,
+        b: &GpuBuffer,
+        fresh: bool,
+    ) -> Result<(), GpuError> {
+        for (k, &[first, second]) in level.steps.iter().enumerate() {
+            let zero = fresh && k == 0;
+            if k > 0 {
+                level
+                    .operator
+                    .apply(self.gpu, quads, [-1.0, 1.0], x, b, &own.residual)?;
+            }
+            let parameters = Parameters::new(level.rows(), quads, first, second);
+            let parameters = self.gpu.uniform("smooth", &parameters)?;
+            let flag = self.gpu.uniform("fresh", &[u32::from(zero), 0, 0, 0])?;
+            let r = if zero { b } else { &own.residual };
+            self.gpu.dispatch(
+                &GEOM_CORE_SMOOTH,
+                &[&level.inverse_diagonal, r, &own.step, x, &parameters, &flag],
+                groups(level.rows() * quads),
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl Cycle for CycleOnGpu<'_> {
+    fn run(&self, block: &[f32], columns: usize, out: &mut Vec<f32>) -> Result<(), Error> {
+        check_block(self.rows, block.len(), columns)?;
+        let quads = columns.div_ceil(4);
+        let mut slot = self.workspace.lock().unwrap_or_else(|e| e.into_inner());
+        let work = match slot.take().filter(|w| w.quads == quads) {
+            Some(work) => work,
+            None => self.workspace(quads)?,
+        };
+        let b = self.gpu.upload("block", &padded(block, columns))?;
+        let x = self.descend(0, &b, &work)?;
+        trim(&self.gpu.download::<f32>(x)?, columns, out);
+        *slot = Some(work);
+        Ok(())
+    }
+}

@@ -1,0 +1,241 @@
+//! Solutions better than a factor alone gives them: iterative refinement, and conjugate gradients
+//! with the factor of another, similar matrix.
+
+use rayon::prelude::*;
+
+use super::{Cholesky, Error, Scalar, SparseMatrix};
+use crate::options::require;
+
+/// When to stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Options {
+    /// Relative residual `‖b − A x‖ / ‖b‖` at which a column is done.
+    pub tolerance: f64,
+    /// Most iterations.
+    pub max_iterations: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-12,
+            max_iterations: 200,
+        }
+    }
+}
+
+impl Options {
+    /// Refuses values that make no sense, naming the field.
+    pub fn check(&self) -> Result<(), Error> {
+        let holds = self.tolerance >= 0.0 && self.tolerance < 1.0;
+        require(
+            holds,
+            "tolerance",
+            self.tolerance,
+            "be at least 0 and below 1",
+        )?;
+        Ok(())
+    }
+}
+
+/// Solutions for a block of right-hand sides.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solution<T = f64> {
+    /// The block of solutions.
+    pub values: Vec<T>,
+    /// Relative residual of each column; 0 where the right-hand side is zero.
+    pub residuals: Vec<f64>,
+    /// Iterations of the column that took most.
+    pub iterations: usize,
+    /// Whether every column reached the tolerance.
+    pub converged: bool,
+}
+
+/// Solves `A X = B` with a factor of A, or nearly of A, and repeats with what is missing until the
+/// residual no longer falls. Good for a factor that is exact but for rounding; where it belongs to
+/// another matrix, [`conjugate_gradients`] needs fewer steps.
+pub fn refine<T: Scalar>(
+    matrix: &SparseMatrix<T>,
+    factor: &Cholesky<T>,
+    block: &[T],
+    columns: usize,
+    options: &Options,
+) -> Result<Solution<T>, Error> {
+    options.check()?;
+    check_sizes(matrix, factor, block, columns)?;
+    let sizes = norms(block, columns);
+    let mut x = vec![T::default(); block.len()];
+    let mut missing = block.to_vec();
+    let mut solution = Solution {
+        values: Vec::new(),
+        residuals: sizes.iter().map(|&s| f64::from(s > 0.0)).collect(),
+        iterations: 0,
+        converged: false,
+    };
+    let mut worst = f64::INFINITY;
+    for iteration in 0..=options.max_iterations {
+        let mut step = missing.clone();
+        factor.solve_in_place(&mut step, columns)?;
+        let next: Vec<T> = x.iter().zip(&step).map(|(&x, &d)| x + d).collect();
+        let image = matrix.multiply(&next, columns);
+        let rest: Vec<T> = block.iter().zip(&image).map(|(&b, &a)| b - a).collect();
+        let residuals = relative(&norms(&rest, columns), &sizes);
+        let largest = residuals.iter().copied().fold(0.0, f64::max);
+        // Rounding has the last word: keep the better one.
+        if largest >= worst || largest.is_nan() {
+            break;
+        }
+        (x, missing) = (next, rest);
+        solution.residuals = residuals;
+        solution.iterations = iteration;
+        let slow = largest > 0.5 * worst;
+        worst = largest;
+        if largest <= options.tolerance || slow {
+            break;
+        }
+    }
+    solution.values = x;
+    solution.converged = worst <= options.tolerance;
+    Ok(solution)
+}
+
+/// Solves `A X = B` by conjugate gradients, with the factor of a similar matrix as preconditioner;
+/// every column by itself.
+///
+/// # Errors
+/// [`Error::NotPositiveDefinite`] if A turns out not to be: `row` is then the row of the largest entry
+/// of the direction that shows it.
+pub fn conjugate_gradients<T: Scalar>(
+    matrix: &SparseMatrix<T>,
+    factor: &Cholesky<T>,
+    block: &[T],
+    columns: usize,
+    options: &Options,
+) -> Result<Solution<T>, Error> {
+    options.check()?;
+    check_sizes(matrix, factor, block, columns)?;
+    let sizes = norms(block, columns);
+    let mut x = vec![T::default(); block.len()];
+    let mut r = block.to_vec();
+    let mut z = r.clone();
+    factor.solve_in_place(&mut z, columns)?;
+    let mut p = z.clone();
+    let mut rz = dots(&r, &z, columns);
+    let mut open: Vec<bool> = sizes.iter().map(|&s| s > options.tolerance * s).collect();
+    let mut iterations = 0;
+    while iterations < options.max_iterations && open.contains(&true) {
+        iterations += 1;
+        let image = matrix.multiply(&p, columns);
+        let curvature = dots(&p, &image, columns);
+        if let Some(j) =
+            (0..columns).find(|&j| open[j] && (curvature[j] <= 0.0 || curvature[j].is_nan()))
+        {
+            let entry = |i: usize| p[i * columns + j].norm_squared();
+            let row = crate::compute::parallel::argmax(matrix.rows(), entry).map_or(0, |m| m.0);
+            return Err(Error::NotPositiveDefinite { row });
+        }
+        let step: Vec<f64> = (0..columns)
+            .map(|j| if open[j] { rz[j] / curvature[j] } else { 0.0 })
+            .collect();
+        add_scaled(&mut x, &step, &p, columns);
+        let back: Vec<f64> = step.iter().map(|s| -s).collect();
+        add_scaled(&mut r, &back, &image, columns);
+        for (open, residual) in open.iter_mut().zip(relative(&norms(&r, columns), &sizes)) {
+            *open &= residual > options.tolerance;
+        }
+        z.copy_from_slice(&r);
+        factor.solve_in_place(&mut z, columns)?;
+        let next = dots(&r, &z, columns);
+        let turn: Vec<f64> = (0..columns)
+            .map(|j| if open[j] { next[j] / rz[j] } else { 0.0 })
+            .collect();
+        p.chunks_mut(columns)
+            .zip(z.chunks(columns))
+            .for_each(|(p, z)| {
+                for ((p, &z), &t) in p.iter_mut().zip(z).zip(&turn) {
+                    *p = z + *p * t;
+                }
+            });
+        rz = next;
+    }
+    // The true residual, not the one that was carried along.
+    let image = matrix.multiply(&x, columns);
+    let rest: Vec<T> = block.iter().zip(&image).map(|(&b, &a)| b - a).collect();
+    Ok(Solution {
+        values: x,
+        residuals: relative(&norms(&rest, columns), &sizes),
+        iterations,
+        converged: !open.contains(&true),
+    })
+}
+
+fn check_sizes<T: Scalar>(
+    matrix: &SparseMatrix<T>,
+    factor: &Cholesky<T>,
+    block: &[T],
+    columns: usize,
+) -> Result<(), Error> {
+    for found in [matrix.rows(), matrix.columns()] {
+        if found != factor.rows() {
+            return Err(Error::Shape {
+                what: "the matrix that goes with a factor",
+                found,
+                expected: factor.rows(),
+            });
+        }
+    }
+    let (found, expected) = (block.len(), matrix.rows() * columns);
+    if found != expected {
+        return Err(Error::RightHandSide { found, expected });
+    }
+    if let Some(at) = block.iter().position(|b| !b.finite()) {
+        let (row, column) = (at / columns, at % columns);
+        return Err(Error::NotFinite { row, column });
+    }
+    Ok(())
+}
+
+fn relative(norms: &[f64], sizes: &[f64]) -> Vec<f64> {
+    let share = |(&n, &s)| if s > 0.0 { n / s } else { n };
+    norms.iter().zip(sizes).map(share).collect()
+}
+
+fn norms<T: Scalar>(block: &[T], columns: usize) -> Vec<f64> {
+    let squares = dots(block, block, columns);
+    squares.into_iter().map(f64::sqrt).collect()
+}
+
+/// Real parts of the products of columns, `Re xᴴ y`.
+fn dots<T: Scalar>(x: &[T], y: &[T], columns: usize) -> Vec<f64> {
+    let mut total = vec![0.0; columns];
+    let parts = crate::compute::parallel::fold_chunks(x.len() / columns.max(1), |rows| {
+        let range = rows.start * columns..rows.end * columns;
+        let mut sums = vec![0.0; columns];
+        for (x, y) in x[range.clone()]
+            .chunks(columns)
+            .zip(y[range].chunks(columns))
+        {
+            for ((s, &x), &y) in sums.iter_mut().zip(x).zip(y) {
+                *s += (x.conjugate() * y).real_part();
+            }
+        }
+        sums
+    });
+    for part in parts {
+        total.iter_mut().zip(part).for_each(|(t, p)| *t += p);
+    }
+    total
+}
+
+/// `x ← x + y · scale`, a factor per column.
+fn add_scaled<T: Scalar>(x: &mut [T], scale: &[f64], y: &[T], columns: usize) {
+    x.par_chunks_mut(columns)
+        .zip(y.par_chunks(columns))
+        .with_min_len(4096)
+        .for_each(|(x, y)| {
+            for ((x, &y), &s) in x.iter_mut().zip(y).zip(scale) {
+                *x += y * s;
+            }
+        });
+}

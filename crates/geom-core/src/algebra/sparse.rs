@@ -1,0 +1,429 @@
+//! Sparse matrices in compressed rows.
+
+use std::fmt::Debug;
+use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};
+
+use nalgebra::Complex;
+use rayon::prelude::*;
+
+use super::Error;
+
+/// Rows per task of a product.
+const ROWS: usize = 2048;
+
+mod sealed {
+    pub trait Sealed: faer::traits::ComplexField {}
+    impl Sealed for f64 {}
+    impl Sealed for super::Complex<f64> {}
+}
+
+/// What a sparse matrix holds: f64 or complex f64. Sealed.
+pub trait Scalar:
+    sealed::Sealed
+    + Copy
+    + Debug
+    + Default
+    + PartialEq
+    + Send
+    + Sync
+    + Add<Output = Self>
+    + AddAssign
+    + Sub<Output = Self>
+    + SubAssign
+    + Mul<Output = Self>
+    + Mul<f64, Output = Self>
+    + Neg<Output = Self>
+    + From<f64>
+{
+    /// The complex conjugate.
+    #[must_use]
+    fn conjugate(self) -> Self;
+    /// |x|².
+    fn norm_squared(self) -> f64;
+    /// The real part.
+    fn real_part(self) -> f64;
+    /// Neither NaN nor infinite.
+    fn finite(self) -> bool;
+    /// `self · factor + summand`, rounded once where that is real.
+    fn fused(self, factor: Self, summand: Self) -> Self;
+}
+
+impl Scalar for f64 {
+    #[inline(always)]
+    fn conjugate(self) -> Self {
+        self
+    }
+    #[inline(always)]
+    fn norm_squared(self) -> f64 {
+        self * self
+    }
+    #[inline(always)]
+    fn real_part(self) -> f64 {
+        self
+    }
+    #[inline(always)]
+    fn finite(self) -> bool {
+        self.is_finite()
+    }
+    #[inline(always)]
+    fn fused(self, factor: Self, summand: Self) -> Self {
+        self.mul_add(factor, summand)
+    }
+}
+
+impl Scalar for Complex<f64> {
+    #[inline(always)]
+    fn conjugate(self) -> Self {
+        self.conj()
+    }
+    #[inline(always)]
+    fn norm_squared(self) -> f64 {
+        self.norm_sqr()
+    }
+    #[inline(always)]
+    fn real_part(self) -> f64 {
+        self.re
+    }
+    #[inline(always)]
+    fn finite(self) -> bool {
+        self.re.is_finite() && self.im.is_finite()
+    }
+    #[inline(always)]
+    fn fused(self, factor: Self, summand: Self) -> Self {
+        let part = |a: f64, b: f64, c: f64| self.re.mul_add(a, self.im.mul_add(b, c));
+        Self::new(
+            part(factor.re, -factor.im, summand.re),
+            part(factor.im, factor.re, summand.im),
+        )
+    }
+}
+
+/// A sparse matrix in compressed rows; columns ascend within a row, each at most once. A symmetric
+/// matrix holds both halves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SparseMatrix<T = f64> {
+    columns: usize,
+    starts: Vec<usize>,
+    indices: Vec<u32>,
+    values: Vec<T>,
+}
+
+impl<T: Scalar> SparseMatrix<T> {
+    /// The sum of entries `(row, column, value)`; entries of one place are added in the given order.
+    pub fn from_triplets(
+        rows: usize,
+        columns: usize,
+        entries: &[(u32, u32, T)],
+    ) -> Result<Self, Error> {
+        check_size(rows.max(columns), entries.len())?;
+        for &(row, column, value) in entries {
+            let (row, column) = (row as usize, column as usize);
+            if row >= rows || column >= columns {
+                return Err(Error::OutOfRange {
+                    row,
+                    column,
+                    rows,
+                    columns,
+                });
+            }
+            if !value.finite() {
+                return Err(Error::NotFinite { row, column });
+            }
+        }
+        let mut counts = vec![0u32; rows];
+        for e in entries {
+            counts[e.0 as usize] += 1;
+        }
+        let starts = crate::compute::parallel::starts_of(&counts);
+        let mut next = starts.clone();
+        let mut sorted = vec![(0u32, T::default()); entries.len()];
+        for &(row, column, value) in entries {
+            let slot = &mut next[row as usize];
+            sorted[*slot] = (column, value);
+            *slot += 1;
+        }
+        Self::from_rows(rows, columns, |row, out| {
+            out.extend_from_slice(&sorted[starts[row]..starts[row + 1]]);
+        })
+    }
+
+    /// A matrix whose rows are written by `row(i, &mut entries)`: pairs of column and value in any
+    /// order; entries of one column are added in the written order.
+    pub(crate) fn from_rows(
+        rows: usize,
+        columns: usize,
+        row: impl Fn(usize, &mut Vec<(u32, T)>) + Sync,
+    ) -> Result<Self, Error> {
+        let parts: Vec<_> = (0..rows.div_ceil(ROWS))
+            .into_par_iter()
+            .map(|part| {
+                let range = part * ROWS..((part + 1) * ROWS).min(rows);
+                let (mut lengths, mut indices, mut values) = (Vec::new(), Vec::new(), Vec::new());
+                let mut entries: Vec<(u32, T)> = Vec::new();
+                for i in range {
+                    entries.clear();
+                    row(i, &mut entries);
+                    entries.sort_by_key(|e| e.0);
+                    let before = indices.len();
+                    for &(column, value) in &entries {
+                        if indices.len() > before && indices.last() == Some(&column) {
+                            *values.last_mut().expect("as many values as indices") += value;
+                        } else {
+                            indices.push(column);
+                            values.push(value);
+                        }
+                    }
+                    lengths.push((indices.len() - before) as u32);
+                }
+                (lengths, indices, values)
+            })
+            .collect();
+        let lengths: Vec<u32> = parts.iter().flat_map(|p| &p.0).copied().collect();
+        let starts = crate::compute::parallel::starts_of(&lengths);
+        check_size(rows, starts[rows])?;
+        let mut indices = Vec::with_capacity(starts[rows]);
+        let mut values = Vec::with_capacity(starts[rows]);
+        for (_, part_indices, part_values) in parts {
+            indices.extend_from_slice(&part_indices);
+            values.extend_from_slice(&part_values);
+        }
+        Ok(Self {
+            columns,
+            starts,
+            indices,
+            values,
+        })
+    }
+
+    /// A diagonal matrix.
+    pub fn diagonal_of(values: &[T]) -> Self {
+        Self {
+            columns: values.len(),
+            starts: (0..=values.len()).collect(),
+            indices: (0..values.len() as u32).collect(),
+            values: values.to_vec(),
+        }
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.starts.len() - 1
+    }
+    /// Number of columns.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+    /// Number of stored entries.
+    pub fn entries(&self) -> usize {
+        self.values.len()
+    }
+    /// Where each row starts in [`indices`](Self::indices) and [`values`](Self::values); `rows + 1`
+    /// numbers.
+    pub fn starts(&self) -> &[usize] {
+        &self.starts
+    }
+    /// Column of each entry, row after row, ascending within a row.
+    pub fn indices(&self) -> &[u32] {
+        &self.indices
+    }
+    /// Value of each entry.
+    pub fn values(&self) -> &[T] {
+        &self.values
+    }
+    /// Columns and values of a row.
+    pub fn row(&self, row: usize) -> impl Iterator<Item = (usize, T)> + '_ {
+        let range = self.starts[row]..self.starts[row + 1];
+        self.indices[range.clone()]
+            .iter()
+            .map(|&j| j as usize)
+            .zip(self.values[range].iter().copied())
+    }
+    /// One entry; zero where none is stored.
+    pub fn get(&self, row: usize, column: usize) -> T {
+        let range = self.starts[row]..self.starts[row + 1];
+        match self.indices[range.clone()].binary_search(&(column as u32)) {
+            Ok(at) => self.values[range.start + at],
+            Err(_) => T::default(),
+        }
+    }
+    /// The diagonal.
+    pub fn diagonal(&self) -> Vec<T> {
+        (0..self.rows()).map(|i| self.get(i, i)).collect()
+    }
+
+    /// `A X` for a block of `columns` vectors.
+    ///
+    /// # Panics
+    /// If the block does not have `self.columns() · columns` values.
+    pub fn multiply(&self, block: &[T], columns: usize) -> Vec<T> {
+        let mut out = vec![T::default(); self.rows() * columns];
+        self.multiply_into(block, columns, &mut out);
+        out
+    }
+
+    /// Like [`multiply`](Self::multiply), into `out`.
+    pub(crate) fn multiply_into(&self, block: &[T], columns: usize, out: &mut [T]) {
+        assert_eq!(block.len(), self.columns * columns, "a block of other size");
+        assert_eq!(out.len(), self.rows() * columns, "a block of other size");
+        if columns == 0 {
+            return;
+        }
+        out.par_chunks_mut(ROWS * columns)
+            .enumerate()
+            .for_each(|(part, out)| {
+                let mut at = 0;
+                while at < columns {
+                    let width = match columns - at {
+                        1 => self.rows_times::<1>(part * ROWS, block, out, columns, at),
+                        2 | 3 => self.rows_times::<2>(part * ROWS, block, out, columns, at),
+                        4..8 => self.rows_times::<4>(part * ROWS, block, out, columns, at),
+                        8..16 => self.rows_times::<8>(part * ROWS, block, out, columns, at),
+                        _ => self.rows_times::<16>(part * ROWS, block, out, columns, at),
+                    };
+                    at += width;
+                }
+            });
+    }
+
+    /// Rows from `first` on and `C` columns from `at` on, with their number known to the compiler: the
+    /// sums stay in registers.
+    fn rows_times<const C: usize>(
+        &self,
+        first: usize,
+        block: &[T],
+        out: &mut [T],
+        columns: usize,
+        at: usize,
+    ) -> usize {
+        for (i, y) in out.chunks_exact_mut(columns).enumerate() {
+            let mut sum = [T::default(); C];
+            for (j, a) in self.row(first + i) {
+                let x = &block[j * columns + at..][..C];
+                for (s, &x) in sum.iter_mut().zip(x) {
+                    *s += a * x;
+                }
+            }
+            y[at..at + C].copy_from_slice(&sum);
+        }
+        C
+    }
+
+    /// The same pattern with other values: `value(row, column, old)`.
+    pub fn map(&self, value: impl Fn(usize, usize, T) -> T + Sync) -> Self {
+        let parts: Vec<Vec<T>> = (0..self.rows().div_ceil(ROWS))
+            .into_par_iter()
+            .map(|part| {
+                let rows = part * ROWS..((part + 1) * ROWS).min(self.rows());
+                let entries = rows.flat_map(|i| self.row(i).map(move |(j, a)| (i, j, a)));
+                entries.map(|(i, j, a)| value(i, j, a)).collect()
+            })
+            .collect();
+        Self {
+            columns: self.columns,
+            starts: self.starts.clone(),
+            indices: self.indices.clone(),
+            values: parts.concat(),
+        }
+    }
+
+    /// `A + s B`, with the union of both patterns.
+    pub fn plus(&self, s: f64, other: &Self) -> Result<Self, Error> {
+        if other.rows() != self.rows() || other.columns != self.columns {
+            return Err(Error::Shape {
+                what: "the second summand",
+                found: other.rows(),
+                expected: self.rows(),
+            });
+        }
+        Self::from_rows(self.rows(), self.columns, |i, out| {
+            out.extend(self.row(i).map(|(j, a)| (j as u32, a)));
+            out.extend(other.row(i).map(|(j, b)| (j as u32, b * s)));
+        })
+    }
+
+    /// The square matrix of some rows and the same columns, ascending; `rows` must ascend.
+    pub(crate) fn principal(&self, rows: &[u32]) -> Self {
+        let mut new = vec![u32::MAX; self.columns];
+        for (i, &row) in rows.iter().enumerate() {
+            new[row as usize] = i as u32;
+        }
+        Self::from_rows(rows.len(), rows.len(), |i, out| {
+            out.extend(
+                self.row(rows[i] as usize)
+                    .filter(|&(j, _)| new[j] != u32::MAX)
+                    .map(|(j, a)| (new[j], a)),
+            );
+        })
+        .expect("a part of a matrix is no larger than the matrix")
+    }
+
+    /// The transposed matrix.
+    #[must_use]
+    pub fn transposed(&self) -> Self {
+        let mut counts = vec![0u32; self.columns];
+        for &j in &self.indices {
+            counts[j as usize] += 1;
+        }
+        let starts = crate::compute::parallel::starts_of(&counts);
+        let mut next = starts.clone();
+        let mut indices = vec![0; self.entries()];
+        let mut values = vec![T::default(); self.entries()];
+        for i in 0..self.rows() {
+            for (j, a) in self.row(i) {
+                indices[next[j]] = i as u32;
+                values[next[j]] = a;
+                next[j] += 1;
+            }
+        }
+        Self {
+            columns: self.rows(),
+            starts,
+            indices,
+            values,
+        }
+    }
+
+    /// Square, finite, and equal to its conjugate transpose up to `1e-12` of the larger of the two
+    /// entries' rows.
+    pub fn check_hermitian(&self) -> Result<(), Error> {
+        if self.rows() != self.columns {
+            return Err(Error::Shape {
+                what: "a matrix that should be square",
+                found: self.rows(),
+                expected: self.columns,
+            });
+        }
+        let largest: Vec<f64> = (0..self.rows())
+            .into_par_iter()
+            .with_min_len(ROWS)
+            .map(|i| self.row(i).fold(0.0, |m, (_, a)| a.norm_squared().max(m)))
+            .collect();
+        let check_row = |i: usize| {
+            for (j, a) in self.row(i) {
+                if !a.finite() {
+                    return Err(Error::NotFinite { row: i, column: j });
+                }
+                let off = (a - self.get(j, i).conjugate()).norm_squared();
+                if off > 1e-24 * largest[i].max(largest[j]) {
+                    return Err(Error::NotSymmetric { row: i, column: j });
+                }
+            }
+            Ok(())
+        };
+        // The first complaint in the order of rows.
+        (0..self.rows())
+            .into_par_iter()
+            .with_min_len(ROWS)
+            .map(check_row)
+            .find_first(Result::is_err)
+            .unwrap_or(Ok(()))
+    }
+}
+
+fn check_size(rows: usize, entries: usize) -> Result<(), Error> {
+    if rows > crate::id::MAX_ELEMENTS || entries > crate::id::MAX_ELEMENTS {
+        let entries = entries as u128;
+        return Err(Error::TooLarge { rows, entries });
+    }
+    Ok(())
+}

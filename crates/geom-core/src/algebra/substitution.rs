@@ -1,0 +1,589 @@
+//! `X ← L⁻ᴴ L⁻¹ X` with a supernodal factor: dense trapezoids, several right-hand sides at once, and
+//! independent subtrees of the elimination tree side by side.
+
+use std::any::TypeId;
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::Scalar;
+use crate::compute::lanes;
+
+/// Rows (columns) of a trapezoid that are handled together.
+const TILE: usize = 4;
+/// A subtree with at most this share of the factor is one task.
+const LARGE: usize = 24;
+/// A subtree with at most this share of the factor is no task of its own.
+const SMALL: usize = 400;
+/// Entries of a factor, or of a subtree, that are not worth a task.
+const ENTRIES: usize = 1 << 14;
+
+/// The columns of one supernode: a lower triangle over a rectangle, column after column.
+pub(super) struct Supernode<'a> {
+    /// Columns in the order of the factor, which are the rows of the triangle.
+    pub(super) columns: Range<usize>,
+    /// Rows of the rectangle, ascending.
+    pub(super) rows: &'a [u32],
+    /// Where its values are.
+    pub(super) values: Range<usize>,
+}
+
+/// Which supernodes are solved in which task, and in which order. It does not depend on the number of
+/// threads.
+pub(super) struct Schedule {
+    tasks: Vec<Task>,
+    /// Tasks whose children are all in the levels before.
+    levels: Vec<Range<usize>>,
+    /// Task of each row of the matrix, and its place there.
+    places: Vec<(u32, u32)>,
+}
+
+/// Some supernodes. Their rows are numbered from zero in the order of the factor, and then come the
+/// rows of other tasks that they reach.
+#[derive(Default)]
+struct Task {
+    supernodes: Vec<Local>,
+    /// Rows of the rectangles, one supernode after the other.
+    rows: Vec<u32>,
+    /// Rows of the matrix that belong to this task.
+    own: Vec<u32>,
+    /// The task that all the other rows belong to or pass through, and their places there.
+    parent: u32,
+    reached: Vec<u32>,
+    children: Vec<u32>,
+}
+
+struct Local {
+    columns: Range<usize>,
+    rows: Range<usize>,
+    values: Range<usize>,
+}
+
+impl Schedule {
+    /// Supernodes in the order of the factor; `original` tells the row of the matrix that became a row
+    /// of the factor.
+    pub(super) fn of(supernodes: &[Supernode<'_>], original: impl Fn(usize) -> usize) -> Self {
+        let total: usize = supernodes.iter().map(|s| s.values.len()).sum();
+        let large = (total / LARGE).max(ENTRIES);
+        let small = (total / SMALL).max(ENTRIES);
+        Self::with(supernodes, original, large, small)
+    }
+
+    /// With subtrees of more than `large` entries divided, and none of up to `small` a task of its own.
+    fn with(
+        supernodes: &[Supernode<'_>],
+        original: impl Fn(usize) -> usize,
+        large: usize,
+        small: usize,
+    ) -> Self {
+        let n = supernodes.last().map_or(0, |s| s.columns.end);
+        let mut owner = vec![0u32; n];
+        for (s, supernode) in supernodes.iter().enumerate() {
+            owner[supernode.columns.clone()].fill(s as u32);
+        }
+        let parents: Vec<Option<usize>> = supernodes
+            .iter()
+            .map(|s| s.rows.first().map(|&row| owner[row as usize] as usize))
+            .collect();
+        let task_of = assign(supernodes, &parents, large, small);
+
+        // Tasks by height, so that levels are ranges.
+        let count = task_of.iter().max().map_or(0, |&t| t + 1);
+        let mut above: Vec<Option<usize>> = vec![None; count];
+        for (s, &parent) in parents.iter().enumerate() {
+            if let Some(p) = parent.filter(|&p| task_of[p] != task_of[s]) {
+                above[task_of[s]] = Some(task_of[p]);
+            }
+        }
+        // A task is numbered before those below it.
+        let mut height = vec![0usize; count];
+        for t in (0..count).rev() {
+            if let Some(p) = above[t] {
+                height[p] = height[p].max(height[t] + 1);
+            }
+        }
+        let mut order: Vec<usize> = (0..count).collect();
+        order.sort_by_key(|&t| (height[t], t));
+        let mut number = vec![0; count];
+        for (new, &old) in order.iter().enumerate() {
+            number[old] = new;
+        }
+        let top = height.iter().max().map_or(0, |h| h + 1);
+        let levels = (0..top)
+            .map(|level| {
+                let place = |h| order.partition_point(|&t| height[t] < h);
+                place(level)..place(level + 1)
+            })
+            .collect();
+
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); count];
+        for (s, &t) in task_of.iter().enumerate() {
+            members[number[t]].push(s);
+        }
+        // From the top down: rows that a task reaches have a place in the task above.
+        let mut tasks: Vec<Task> = (0..count).map(|_| Task::default()).collect();
+        let mut places = vec![(0u32, 0u32); n];
+        let mut local = vec![u32::MAX; n];
+        let mut reached: Vec<Vec<u32>> = vec![Vec::new(); count];
+        for t in (0..count).rev() {
+            let parent = above[order[t]].map(|p| number[p]);
+            let mut task = Task {
+                parent: parent.unwrap_or(0) as u32,
+                ..Task::default()
+            };
+            let mut next = 0;
+            for &s in &members[t] {
+                for row in supernodes[s].columns.clone() {
+                    local[row] = next;
+                    places[original(row)] = (t as u32, next);
+                    task.own.push(original(row) as u32);
+                    next += 1;
+                }
+            }
+            let mut outside: Vec<u32> = members[t]
+                .iter()
+                .flat_map(|&s| supernodes[s].rows)
+                .copied()
+                .filter(|&row| task_of[owner[row as usize] as usize] != order[t])
+                .collect();
+            outside.sort_unstable();
+            outside.dedup();
+            // Places in the task above, before this one's numbers replace them.
+            if let Some(p) = parent {
+                let start = tasks[p].own.len() as u32;
+                let own = |row: u32| task_of[owner[row as usize] as usize] == order[p];
+                task.reached = outside
+                    .iter()
+                    .map(|&row| {
+                        if own(row) {
+                            places[original(row as usize)].1
+                        } else {
+                            let at = reached[p].binary_search(&row);
+                            start + at.expect("the task above reaches what this one does") as u32
+                        }
+                    })
+                    .collect();
+                tasks[p].children.push(t as u32);
+            }
+            for (i, &row) in outside.iter().enumerate() {
+                local[row as usize] = next + i as u32;
+            }
+            let mut first = 0;
+            for &s in &members[t] {
+                let supernode = &supernodes[s];
+                let width = supernode.columns.len();
+                let at = task.rows.len();
+                let rows = supernode.rows.iter().map(|&row| local[row as usize]);
+                task.rows.extend(rows);
+                task.supernodes.push(Local {
+                    columns: first..first + width,
+                    rows: at..task.rows.len(),
+                    values: supernode.values.clone(),
+                });
+                first += width;
+            }
+            reached[t] = outside;
+            tasks[t] = task;
+        }
+        Self {
+            tasks,
+            levels,
+            places,
+        }
+    }
+
+    /// The solutions for some columns of a block, `C` of them row after row (the last ones zero),
+    /// handed to `store` task by task.
+    pub(super) fn solve<T: Scalar, const C: usize>(
+        &self,
+        values: &[T],
+        block: &[T],
+        columns: usize,
+        range: Range<usize>,
+    ) -> Solved<T, C> {
+        let mut solved: Solved<T, C> = self.tasks.iter().map(|_| Vec::new()).collect();
+        for level in &self.levels {
+            let new: Vec<Vec<[T; C]>> = level
+                .clone()
+                .into_par_iter()
+                .with_max_len(1)
+                .map(|t| {
+                    let task = &self.tasks[t];
+                    let mut x = vec![[T::default(); C]; task.own.len() + task.reached.len()];
+                    for (x, &row) in x.iter_mut().zip(&task.own) {
+                        let row = &block[row as usize * columns..][range.clone()];
+                        x[..row.len()].copy_from_slice(row);
+                    }
+                    for &child in &task.children {
+                        let child = child as usize;
+                        let below = &self.tasks[child];
+                        let rows = &solved[child][below.own.len()..];
+                        for (&at, row) in below.reached.iter().zip(rows) {
+                            plus(&mut x[at as usize], row);
+                        }
+                    }
+                    run(task, values, &mut x, true);
+                    x
+                })
+                .collect();
+            for (t, x) in level.clone().zip(new) {
+                solved[t] = x;
+            }
+        }
+        for level in self.levels.iter().rev() {
+            let (below, above) = solved.split_at_mut(level.end);
+            below[level.clone()]
+                .par_iter_mut()
+                .with_max_len(1)
+                .zip(&self.tasks[level.clone()])
+                .for_each(|(x, task)| {
+                    let (_, rows) = x.split_at_mut(task.own.len());
+                    if !rows.is_empty() {
+                        let parent = &above[task.parent as usize - level.end];
+                        for (row, &at) in rows.iter_mut().zip(&task.reached) {
+                            *row = parent[at as usize];
+                        }
+                    }
+                    run(task, values, x, false);
+                });
+        }
+        solved
+    }
+
+    /// One row of what was solved.
+    pub(super) fn row<'a, T, const C: usize>(
+        &self,
+        solved: &'a Solved<T, C>,
+        row: usize,
+    ) -> &'a [T; C] {
+        let (task, place) = self.places[row];
+        &solved[task as usize][place as usize]
+    }
+}
+
+/// The rows of each task, those that it reaches at the end.
+pub(super) type Solved<T, const C: usize> = Vec<Vec<[T; C]>>;
+
+/// A number per supernode; a task above another has the lower number.
+fn assign(
+    supernodes: &[Supernode<'_>],
+    parents: &[Option<usize>],
+    large: usize,
+    small: usize,
+) -> Vec<usize> {
+    let mut weights: Vec<usize> = supernodes.iter().map(|s| s.values.len()).collect();
+    for (s, parent) in parents.iter().enumerate() {
+        if let &Some(p) = parent {
+            weights[p] += weights[s];
+        }
+    }
+    let mut branches = vec![0; supernodes.len()];
+    for (s, parent) in parents.iter().enumerate() {
+        if let &Some(p) = parent {
+            branches[p] += usize::from(weights[s] > large);
+        }
+    }
+    let mut task_of = vec![0; supernodes.len()];
+    let mut count = 0;
+    // The small trees of a forest share one task.
+    let mut rest = None;
+    for s in (0..supernodes.len()).rev() {
+        let joins = match parents[s] {
+            Some(p) => {
+                let alone = weights[p] > large
+                    && weights[s] > small
+                    && (weights[s] <= large || branches[p] > 1);
+                (!alone).then(|| task_of[p])
+            }
+            None if weights[s] <= small => rest,
+            None => None,
+        };
+        task_of[s] = joins.unwrap_or_else(|| {
+            count += 1;
+            count - 1
+        });
+        if parents[s].is_none() && weights[s] <= small {
+            rest = Some(task_of[s]);
+        }
+    }
+    task_of
+}
+
+/// One sweep over the supernodes of a task, compiled for the vector registers that the machine has.
+fn run<T: Scalar, const C: usize>(task: &Task, values: &[T], x: &mut [[T; C]], down: bool) {
+    lanes::Arch::new().dispatch(Sweep {
+        task,
+        values,
+        x,
+        down,
+    });
+}
+
+struct Sweep<'a, T, const C: usize> {
+    task: &'a Task,
+    values: &'a [T],
+    x: &'a mut [[T; C]],
+    down: bool,
+}
+
+impl<T: Scalar, const C: usize> lanes::WithSimd for Sweep<'_, T, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: lanes::Simd>(self, _: S) {
+        // Without the instruction, a fused product is a call.
+        if TypeId::of::<S>() == TypeId::of::<lanes::Scalar>() {
+            self.run::<false>();
+        } else {
+            self.run::<true>();
+        }
+    }
+}
+
+impl<T: Scalar, const C: usize> Sweep<'_, T, C> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let (task, values) = (self.task, self.values);
+        if self.down {
+            for s in &task.supernodes {
+                forward::<T, C, FUSED>(Block::of(s, task, values, self.x));
+            }
+        } else {
+            for s in task.supernodes.iter().rev() {
+                backward::<T, C, FUSED>(Block::of(s, task, values, self.x));
+            }
+        }
+    }
+}
+
+/// A supernode with the unknowns that it solves for and those that follow them.
+struct Block<'a, T, const C: usize> {
+    /// Its columns of the factor, each from the diagonal block down.
+    columns: &'a [T],
+    /// The unknowns of the rows below the diagonal block.
+    rows: &'a [u32],
+    own: &'a mut [[T; C]],
+    /// The unknowns from `end` on.
+    below: &'a mut [[T; C]],
+    end: usize,
+}
+
+impl<'a, T, const C: usize> Block<'a, T, C> {
+    #[inline(always)]
+    fn of(s: &Local, task: &'a Task, values: &'a [T], x: &'a mut [[T; C]]) -> Self {
+        let (head, below) = x.split_at_mut(s.columns.end);
+        Self {
+            columns: &values[s.values.clone()],
+            rows: &task.rows[s.rows.clone()],
+            own: &mut head[s.columns.clone()],
+            below,
+            end: s.columns.end,
+        }
+    }
+
+    /// Columns, and rows of each: those of the triangle and those below it.
+    #[inline(always)]
+    fn shape(&self) -> (usize, usize) {
+        (self.own.len(), self.own.len() + self.rows.len())
+    }
+}
+
+#[inline(always)]
+fn forward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>) {
+    let (width, height) = block.shape();
+    for c in 0..width {
+        let column = &block.columns[c * height..][..width];
+        let mut xc = block.own[c];
+        let scale = 1.0 / column[c].real_part();
+        for v in &mut xc {
+            *v = *v * scale;
+        }
+        block.own[c] = xc;
+        for v in &mut xc {
+            *v = -*v;
+        }
+        for (x, &l) in block.own[c + 1..].iter_mut().zip(&column[c + 1..]) {
+            add::<T, C, FUSED>(x, l, &xc);
+        }
+    }
+    let mut at = width;
+    let (tiles, rest) = block.rows.as_chunks::<TILE>();
+    for tile in tiles {
+        let mut sums = [[T::default(); C]; TILE];
+        for (xc, column) in block.own.iter().zip(block.columns.chunks_exact(height)) {
+            let l = &column[at..at + TILE];
+            for q in 0..TILE {
+                add::<T, C, FUSED>(&mut sums[q], l[q], xc);
+            }
+        }
+        for q in 0..TILE {
+            take(&mut block.below[tile[q] as usize - block.end], &sums[q]);
+        }
+        at += TILE;
+    }
+    for &row in rest {
+        let mut sum = [T::default(); C];
+        for (xc, column) in block.own.iter().zip(block.columns.chunks_exact(height)) {
+            add::<T, C, FUSED>(&mut sum, column[at], xc);
+        }
+        take(&mut block.below[row as usize - block.end], &sum);
+        at += 1;
+    }
+}
+
+#[inline(always)]
+fn backward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>) {
+    let (width, height) = block.shape();
+    let (tiles, rest) = block.own.as_chunks_mut::<TILE>();
+    let mut c = 0;
+    for tile in tiles {
+        let mut sums = [[T::default(); C]; TILE];
+        let below = &block.columns[c * height..(c + TILE) * height];
+        let (l0, below) = below.split_at(height);
+        let (l1, below) = below.split_at(height);
+        let (l2, l3) = below.split_at(height);
+        let l = [&l0[width..], &l1[width..], &l2[width..], &l3[width..]];
+        for (p, &row) in block.rows.iter().enumerate() {
+            let x = &block.below[row as usize - block.end];
+            for q in 0..TILE {
+                add::<T, C, FUSED>(&mut sums[q], l[q][p].conjugate(), x);
+            }
+        }
+        for q in 0..TILE {
+            take(&mut tile[q], &sums[q]);
+        }
+        c += TILE;
+    }
+    for x in rest {
+        let column = &block.columns[c * height + width..(c + 1) * height];
+        let mut sum = [T::default(); C];
+        for (&l, &row) in column.iter().zip(block.rows) {
+            add::<T, C, FUSED>(
+                &mut sum,
+                l.conjugate(),
+                &block.below[row as usize - block.end],
+            );
+        }
+        take(x, &sum);
+        c += 1;
+    }
+    for c in (0..width).rev() {
+        let column = &block.columns[c * height..][..width];
+        let mut sum = [T::default(); C];
+        for (x, &l) in block.own[c + 1..].iter().zip(&column[c + 1..]) {
+            add::<T, C, FUSED>(&mut sum, l.conjugate(), x);
+        }
+        take(&mut block.own[c], &sum);
+        let scale = 1.0 / column[c].real_part();
+        for v in &mut block.own[c] {
+            *v = *v * scale;
+        }
+    }
+}
+
+#[inline(always)]
+fn add<T: Scalar, const C: usize, const FUSED: bool>(sum: &mut [T; C], l: T, x: &[T; C]) {
+    for i in 0..C {
+        sum[i] = if FUSED {
+            l.fused(x[i], sum[i])
+        } else {
+            sum[i] + l * x[i]
+        };
+    }
+}
+
+#[inline(always)]
+fn plus<T: Scalar, const C: usize>(x: &mut [T; C], sum: &[T; C]) {
+    for i in 0..C {
+        x[i] += sum[i];
+    }
+}
+
+#[inline(always)]
+fn take<T: Scalar, const C: usize>(x: &mut [T; C], sum: &[T; C]) {
+    for i in 0..C {
+        x[i] -= sum[i];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A factor whose tree has two long branches and many short ones: solved in one task and in many.
+    #[test]
+    fn tasks_solve_what_one_sweep_solves() {
+        // Column j of a binary tree in postorder has the rows of all its ancestors.
+        let depth = 9;
+        let mut parents = Vec::new();
+        fn build(depth: usize, parents: &mut Vec<Option<usize>>) -> usize {
+            let children: Vec<usize> = if depth == 0 {
+                Vec::new()
+            } else {
+                (0..2).map(|_| build(depth - 1, parents)).collect()
+            };
+            parents.push(None);
+            let own = parents.len() - 1;
+            children.into_iter().for_each(|c| parents[c] = Some(own));
+            own
+        }
+        build(depth, &mut parents);
+        let n = parents.len();
+        let rows: Vec<Vec<u32>> = (0..n)
+            .map(|j| {
+                std::iter::successors(parents[j], |&p| parents[p])
+                    .map(|p| p as u32)
+                    .collect()
+            })
+            .collect();
+        let mut values = Vec::new();
+        let mut supernodes = Vec::new();
+        for (j, rows) in rows.iter().enumerate() {
+            let first = values.len();
+            values.push(2.0 + (j % 7) as f64);
+            values.extend((0..rows.len()).map(|i| ((3 * i + j) % 5) as f64 / 10.0 - 0.2));
+            supernodes.push(Supernode {
+                columns: j..j + 1,
+                rows,
+                values: first..values.len(),
+            });
+        }
+        let original = |i: usize| (i * 5 + 3) % n;
+        let b: Vec<f64> = (0..2 * n).map(|i| ((i * 37) % 101) as f64 - 50.0).collect();
+        // By the definition, column after column.
+        let mut x: Vec<[f64; 2]> = (0..n)
+            .map(|i| [b[2 * original(i)], b[2 * original(i) + 1]])
+            .collect();
+        let axpy = |x: &mut [f64; 2], l: f64, y: [f64; 2]| {
+            x.iter_mut().zip(y).for_each(|(x, y)| *x -= l * y);
+        };
+        for j in 0..n {
+            let column = &values[supernodes[j].values.clone()];
+            x[j] = x[j].map(|x| x / column[0]);
+            let own = x[j];
+            for (&row, &l) in rows[j].iter().zip(&column[1..]) {
+                axpy(&mut x[row as usize], l, own);
+            }
+        }
+        for j in (0..n).rev() {
+            let column = &values[supernodes[j].values.clone()];
+            for (&row, &l) in rows[j].iter().zip(&column[1..]) {
+                let other = x[row as usize];
+                axpy(&mut x[j], l, other);
+            }
+            x[j] = x[j].map(|x| x / column[0]);
+        }
+        for (large, small) in [(usize::MAX, usize::MAX), (2000, 100), (60, 1), (1, 0)] {
+            let schedule = Schedule::with(&supernodes, original, large, small);
+            let alone = large == usize::MAX;
+            assert_eq!(schedule.tasks.len() == 1, alone);
+            let solved: Solved<f64, 2> = schedule.solve(&values, &b, 2, 0..2);
+            for (i, x) in x.iter().enumerate() {
+                let found = schedule.row(&solved, original(i));
+                for (found, x) in found.iter().zip(x) {
+                    assert!((found - x).abs() < 1e-9 * (1.0 + x.abs()), "{i} {large}");
+                }
+            }
+        }
+    }
+}

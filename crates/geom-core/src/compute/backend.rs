@@ -1,0 +1,202 @@
+//! Where kernels run, how closely two backends must agree, and how one fails.
+
+use std::error::Error;
+use std::fmt;
+use std::sync::Arc;
+
+/// A place where kernels run. Each algorithm crate has a trait of its own above this one that names
+/// its hot kernels; [`Cpu`] and `Wgpu` (feature `wgpu`) implement them all, and a caller's own type may.
+pub trait Backend: Send + Sync {
+    /// A name for reports, e.g. `cpu` or `wgpu (llvmpipe)`.
+    fn name(&self) -> String;
+}
+
+/// The CPU: f64 where it matters, the caller's rayon pool. The specification.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cpu;
+
+impl Backend for Cpu {
+    fn name(&self) -> String {
+        "cpu".to_owned()
+    }
+}
+
+/// Whatever a backend failed of: the one form in which the errors of the algorithms carry it, so that a backend
+/// from outside has an error to return.
+///
+/// ```
+/// use geom_core::compute::BackendError;
+/// let error = BackendError::new(std::io::Error::other("the device is gone"));
+/// assert_eq!(error.to_string(), "the device is gone");
+/// assert!(error.downcast_ref::<std::io::Error>().is_some());
+/// ```
+#[derive(Clone)]
+pub struct BackendError(Arc<dyn Error + Send + Sync>);
+
+impl BackendError {
+    /// Wraps the backend's own error, or a message.
+    pub fn new(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
+        Self(error.into().into())
+    }
+
+    /// The backend's own error, if it is of this type.
+    pub fn downcast_ref<E: Error + 'static>(&self) -> Option<&E> {
+        self.0.downcast_ref()
+    }
+}
+
+impl fmt::Debug for BackendError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(&self.0, f)
+    }
+}
+
+impl fmt::Display for BackendError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(&self.0, f)
+    }
+}
+
+impl Error for BackendError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        self.0.source()
+    }
+}
+
+/// Errors are equal if they say the same.
+impl PartialEq for BackendError {
+    fn eq(&self, other: &Self) -> bool {
+        self.to_string() == other.to_string()
+    }
+}
+
+/// What a kernel of one backend owes to the specification; declared next to the trait that names
+/// the kernel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Agreement {
+    /// Equal bits: minima, counts, signs, indices.
+    Exact,
+    /// `|candidate − reference| ≤ absolute + relative · |reference|`.
+    Bounded {
+        /// Share of the reference.
+        relative: f64,
+        /// In the unit of the values.
+        absolute: f64,
+    },
+}
+
+/// The first place where two arrays break their [`Agreement`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Break {
+    /// Index of the value; the shorter length when the lengths differ.
+    pub index: usize,
+    /// What the specification gives (NaN beyond its end).
+    pub reference: f64,
+    /// What the other backend gives (NaN beyond its end).
+    pub candidate: f64,
+}
+
+impl Agreement {
+    /// The first value that breaks the agreement, or `None`. Values equal in bits always agree; a
+    /// NaN agrees with nothing but NaN.
+    pub fn first_break<T: Copy + Into<f64>>(
+        &self,
+        reference: &[T],
+        candidate: &[T],
+    ) -> Option<Break> {
+        if reference.len() != candidate.len() {
+            let index = reference.len().min(candidate.len());
+            let at = |s: &[T]| s.get(index).map_or(f64::NAN, |&v| v.into());
+            return Some(Break {
+                index,
+                reference: at(reference),
+                candidate: at(candidate),
+            });
+        }
+        reference
+            .iter()
+            .zip(candidate)
+            .enumerate()
+            .find_map(|(index, (&r, &c))| {
+                let (r, c) = (r.into(), c.into());
+                let agrees = r.to_bits() == c.to_bits()
+                    || (r.is_nan() && c.is_nan())
+                    || match *self {
+                        Self::Exact => r == c,
+                        Self::Bounded { relative, absolute } => {
+                            (c - r).abs() <= absolute + relative * r.abs()
+                        }
+                    };
+                (!agrees).then_some(Break {
+                    index,
+                    reference: r,
+                    candidate: c,
+                })
+            })
+    }
+
+    /// The largest `|candidate − reference| / (absolute + relative · |reference|)`: the used share
+    /// of the bound; 0 or infinite for [`Agreement::Exact`].
+    pub fn worst_share<T: Copy + Into<f64>>(&self, reference: &[T], candidate: &[T]) -> f64 {
+        reference
+            .iter()
+            .zip(candidate)
+            .fold(0.0, |worst: f64, (&r, &c)| {
+                let (r, c): (f64, f64) = (r.into(), c.into());
+                let allowed = match *self {
+                    Self::Exact => 0.0,
+                    Self::Bounded { relative, absolute } => absolute + relative * r.abs(),
+                };
+                let off = (c - r).abs();
+                worst.max(if off == 0.0 { 0.0 } else { off / allowed })
+            })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_backends_keep_what_they_were() {
+        let error = BackendError::new(crate::Cancelled);
+        assert_eq!(error, BackendError::new("cancelled by the caller"));
+        assert_eq!(error.downcast_ref(), Some(&crate::Cancelled));
+        assert!(error != BackendError::new("something else"));
+        let outer = BackendError::new(Outer { source: error });
+        assert_eq!(outer.to_string(), "outer");
+        let source = outer.source().expect("its cause");
+        assert_eq!(source.to_string(), "cancelled by the caller");
+    }
+
+    #[derive(Debug, thiserror::Error)]
+    #[error("outer")]
+    struct Outer {
+        source: BackendError,
+    }
+
+    #[test]
+    fn a_comparison_can_fail() {
+        let bound = Agreement::Bounded {
+            relative: 1e-3,
+            absolute: 1e-6,
+        };
+        assert_eq!(bound.first_break(&[1.0, 2.0], &[1.0005, 2.0]), None);
+        assert_eq!(
+            bound.first_break(&[1.0, 2.0], &[1.0, 2.1]).map(|b| b.index),
+            Some(1)
+        );
+        assert_eq!(
+            bound.first_break(&[1.0], &[1.0, 2.0]).map(|b| b.index),
+            Some(1)
+        );
+        assert!(bound.first_break(&[1.0], &[f64::NAN]).is_some());
+        assert_eq!(
+            Agreement::Exact
+                .first_break(&[1u32, 2], &[1, 3])
+                .map(|b| b.index),
+            Some(1)
+        );
+        assert_eq!(Agreement::Exact.first_break(&[0.0f32], &[-0.0f32]), None);
+    }
+}

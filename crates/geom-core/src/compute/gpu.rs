@@ -1,0 +1,526 @@
+//! A GPU: device, queue and compiled pipelines, behind four verbs (`upload`, `output`, `dispatch`,
+//! `download`). The only file that knows wgpu.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use bytemuck::{NoUninit, Pod};
+use geom_shaders::Shader;
+use wgpu::util::DeviceExt;
+
+use crate::Backend;
+use crate::compute::BackendError;
+
+pub use wgpu;
+
+/// Longest wait for the device before it counts as hung.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// Why the GPU cannot serve.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GpuError {
+    /// No adapter with compute shaders, or none of the asked name.
+    #[error(
+        "no GPU adapter with compute shaders{}; install a driver (a software one will do) or use the CPU backend",
+        name.as_ref().map(|n| format!(" whose name contains {n:?}")).unwrap_or_default()
+    )]
+    NoAdapter {
+        /// The name that was asked for.
+        name: Option<String>,
+    },
+    /// The adapter refuses a device.
+    #[error("{adapter} gives no device: {reason}")]
+    NoDevice {
+        /// Name of the adapter.
+        adapter: String,
+        /// What the driver says.
+        reason: String,
+    },
+    /// A buffer is larger than the device allows.
+    #[error("GPU buffer {label:?} needs {bytes} bytes, the device allows {limit}")]
+    TooLarge {
+        /// Name of the buffer.
+        label: String,
+        /// Its size.
+        bytes: u64,
+        /// The limit of the device.
+        limit: u64,
+    },
+    /// A dispatch has more workgroups than the device allows.
+    #[error("kernel {kernel} asks for {groups:?} workgroups, the device allows {limit} per axis")]
+    TooManyGroups {
+        /// Name of the kernel.
+        kernel: &'static str,
+        /// Workgroups asked for.
+        groups: [u32; 3],
+        /// The limit per axis.
+        limit: u32,
+    },
+    /// The driver reports an error: out of memory, device lost, a kernel that is not valid.
+    #[error("the GPU failed in {during}: {reason}")]
+    Failed {
+        /// What was being done.
+        during: String,
+        /// What the driver says.
+        reason: String,
+    },
+}
+
+impl From<GpuError> for BackendError {
+    fn from(error: GpuError) -> Self {
+        Self::new(error)
+    }
+}
+
+/// A device, its queue, its limits and the pipelines compiled so far.
+pub struct GpuContext {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    info: wgpu::AdapterInfo,
+    limits: wgpu::Limits,
+    pipelines: Mutex<HashMap<PipelineKey, Arc<wgpu::ComputePipeline>>>,
+    lost: Arc<Mutex<Option<String>>>,
+}
+
+/// Name of a kernel, and the bits of its `override` constants.
+type PipelineKey = (&'static str, Vec<u64>);
+
+/// An array on the GPU.
+pub struct GpuBuffer {
+    buffer: wgpu::Buffer,
+    bytes: u64,
+}
+
+impl GpuContext {
+    /// The best adapter at hand: discrete before integrated, virtual, other and software ones. The
+    /// environment variable `WGPU_ADAPTER_NAME` asks for one whose name contains that text.
+    pub fn new() -> Result<Self, GpuError> {
+        let name = std::env::var("WGPU_ADAPTER_NAME")
+            .ok()
+            .filter(|n| !n.is_empty());
+        let instance =
+            wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+        adapters.retain(|a| {
+            let fits = name
+                .as_ref()
+                .is_none_or(|n| a.get_info().name.to_lowercase().contains(&n.to_lowercase()));
+            let compute = wgpu::DownlevelFlags::COMPUTE_SHADERS;
+            fits && a.get_downlevel_capabilities().flags.contains(compute)
+        });
+        adapters.sort_by_key(|a| match a.get_info().device_type {
+            wgpu::DeviceType::DiscreteGpu => 0,
+            wgpu::DeviceType::IntegratedGpu => 1,
+            wgpu::DeviceType::VirtualGpu => 2,
+            wgpu::DeviceType::Other => 3,
+            wgpu::DeviceType::Cpu => 4,
+        });
+        let adapter = adapters
+            .into_iter()
+            .next()
+            .ok_or(GpuError::NoAdapter { name })?;
+        let info = adapter.get_info();
+        // The default limits stop at 128 MiB per binding; ask for all the adapter has.
+        let limits = adapter.limits();
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("biogeom"),
+            required_limits: limits.clone(),
+            required_features: adapter.features()
+                & (wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY),
+            ..Default::default()
+        }))
+        .map_err(|e| GpuError::NoDevice {
+            adapter: info.name.clone(),
+            reason: e.to_string(),
+        })?;
+
+        // The default handlers panic; errors here are values.
+        let lost = Arc::new(Mutex::new(None));
+        let note = Arc::clone(&lost);
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            set_once(&note, error.to_string());
+        }));
+        let note = Arc::clone(&lost);
+        device.set_device_lost_callback(move |reason, message| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                set_once(&note, format!("device lost: {message}"));
+            }
+        });
+        let pipelines = Mutex::new(HashMap::new());
+        Ok(Self {
+            device,
+            queue,
+            info,
+            limits,
+            pipelines,
+            lost,
+        })
+    }
+
+    /// Name of the adapter.
+    pub fn adapter(&self) -> &str {
+        &self.info.name
+    }
+
+    /// Is the adapter a program on the CPU?
+    pub fn is_software(&self) -> bool {
+        self.info.device_type == wgpu::DeviceType::Cpu
+    }
+
+    /// What the device allows.
+    pub fn limits(&self) -> &wgpu::Limits {
+        &self.limits
+    }
+
+    /// Largest array that one binding may hold, in bytes.
+    pub fn max_buffer_bytes(&self) -> u64 {
+        self.limits
+            .max_storage_buffer_binding_size
+            .min(self.limits.max_buffer_size)
+    }
+
+    /// The device, for programs that draw.
+    pub fn device(&self) -> &wgpu::Device {
+        &self.device
+    }
+
+    /// The queue, for programs that draw.
+    pub fn queue(&self) -> &wgpu::Queue {
+        &self.queue
+    }
+
+    /// Copies an array to the GPU. An empty array becomes one zero element, since bindings may not
+    /// be empty.
+    pub fn upload<T: NoUninit>(&self, label: &str, data: &[T]) -> Result<GpuBuffer, GpuError> {
+        self.buffer(label, size_of_val(data), size_of::<T>(), |bytes| {
+            let mut contents = bytemuck::cast_slice::<T, u8>(data).to_vec();
+            contents.resize(bytes as usize, 0);
+            self.device
+                .create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                    label: Some(label),
+                    contents: &contents,
+                    usage: USAGE,
+                })
+        })
+    }
+
+    /// A small uniform: a struct of 16-byte aligned size.
+    pub fn uniform<T: NoUninit>(&self, label: &str, value: &T) -> Result<GpuBuffer, GpuError> {
+        let contents = bytemuck::bytes_of(value);
+        self.watched(label, || {
+            let buffer = self
+                .device
+                .create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                    label: Some(label),
+                    contents,
+                    usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                });
+            GpuBuffer {
+                buffer,
+                bytes: contents.len() as u64,
+            }
+        })
+    }
+
+    /// An array of `len` zeros on the GPU.
+    pub fn output<T: Pod>(&self, label: &str, len: usize) -> Result<GpuBuffer, GpuError> {
+        self.buffer(
+            label,
+            len.saturating_mul(size_of::<T>()),
+            size_of::<T>(),
+            |bytes| {
+                self.device.create_buffer(&wgpu::BufferDescriptor {
+                    label: Some(label),
+                    size: bytes,
+                    usage: USAGE,
+                    mapped_at_creation: false,
+                })
+            },
+        )
+    }
+
+    fn buffer(
+        &self,
+        label: &str,
+        bytes: usize,
+        element: usize,
+        make: impl FnOnce(u64) -> wgpu::Buffer,
+    ) -> Result<GpuBuffer, GpuError> {
+        let (bytes, limit) = (bytes as u64, self.max_buffer_bytes());
+        if bytes > limit {
+            return Err(GpuError::TooLarge {
+                label: label.to_owned(),
+                bytes,
+                limit,
+            });
+        }
+        let allocated = bytes.max(element as u64).next_multiple_of(4);
+        self.watched(label, || GpuBuffer {
+            buffer: make(allocated),
+            bytes,
+        })
+    }
+
+    /// Runs a kernel over `groups` workgroups. The buffers stand in binding order of group 0.
+    pub fn dispatch(
+        &self,
+        shader: &Shader,
+        bindings: &[&GpuBuffer],
+        groups: [u32; 3],
+    ) -> Result<(), GpuError> {
+        self.dispatch_with(shader, &[], bindings, groups)
+    }
+
+    /// Like [`GpuContext::dispatch`], with values for the kernel's `override` constants.
+    pub fn dispatch_with(
+        &self,
+        shader: &Shader,
+        constants: &[(&str, f64)],
+        bindings: &[&GpuBuffer],
+        groups: [u32; 3],
+    ) -> Result<(), GpuError> {
+        let limit = self.limits.max_compute_workgroups_per_dimension;
+        if groups.iter().any(|&g| g > limit) {
+            return Err(GpuError::TooManyGroups {
+                kernel: shader.name,
+                groups,
+                limit,
+            });
+        }
+        if groups.contains(&0) {
+            return Ok(());
+        }
+        self.watched(shader.name, || {
+            let pipeline = self.pipeline(shader, constants);
+            let entries: Vec<_> = bindings
+                .iter()
+                .enumerate()
+                .map(|(i, b)| wgpu::BindGroupEntry {
+                    binding: i as u32,
+                    resource: b.buffer.as_entire_binding(),
+                })
+                .collect();
+            let bind_group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some(shader.name),
+                layout: &pipeline.get_bind_group_layout(0),
+                entries: &entries,
+            });
+            let mut encoder = self.device.create_command_encoder(&Default::default());
+            {
+                let mut pass = encoder.begin_compute_pass(&Default::default());
+                pass.set_pipeline(&pipeline);
+                pass.set_bind_group(0, &bind_group, &[]);
+                pass.dispatch_workgroups(groups[0], groups[1], groups[2]);
+            }
+            self.queue.submit([encoder.finish()]);
+        })
+    }
+
+    /// Copies an array back; waits for all work before it.
+    pub fn download<T: Pod>(&self, buffer: &GpuBuffer) -> Result<Vec<T>, GpuError> {
+        if buffer.bytes == 0 {
+            return Ok(Vec::new());
+        }
+        let bytes = buffer.bytes.next_multiple_of(4);
+        let staging = self.watched("download", || {
+            let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("download"),
+                size: bytes,
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            });
+            let mut encoder = self.device.create_command_encoder(&Default::default());
+            encoder.copy_buffer_to_buffer(&buffer.buffer, 0, &staging, 0, bytes);
+            self.queue.submit([encoder.finish()]);
+            staging
+        })?;
+        let failed = |reason: String| GpuError::Failed {
+            during: "download".to_owned(),
+            reason,
+        };
+        let (sender, receiver) = std::sync::mpsc::channel();
+        staging.map_async(wgpu::MapMode::Read, .., move |outcome| {
+            let _ = sender.send(outcome);
+        });
+        self.device
+            .poll(wgpu::PollType::Wait {
+                submission_index: None,
+                timeout: Some(PATIENCE),
+            })
+            .map_err(|e| failed(e.to_string()))?;
+        receiver
+            .recv()
+            .map_err(|e| failed(e.to_string()))?
+            .map_err(|e| failed(e.to_string()))?;
+        self.check_lost("download")?;
+        let data = {
+            let view = staging
+                .get_mapped_range(..)
+                .map_err(|e| failed(e.to_string()))?;
+            let mut data = vec![T::zeroed(); buffer.bytes as usize / size_of::<T>()];
+            bytemuck::cast_slice_mut::<T, u8>(&mut data)
+                .copy_from_slice(&view[..buffer.bytes as usize]);
+            data
+        };
+        staging.unmap();
+        Ok(data)
+    }
+
+    fn pipeline(&self, shader: &Shader, constants: &[(&str, f64)]) -> Arc<wgpu::ComputePipeline> {
+        let key = (
+            shader.name,
+            constants.iter().map(|c| c.1.to_bits()).collect::<Vec<_>>(),
+        );
+        let mut pipelines = self.pipelines.lock().unwrap_or_else(|e| e.into_inner());
+        let compiled = pipelines.entry(key).or_insert_with(|| {
+            let module = self
+                .device
+                .create_shader_module(wgpu::ShaderModuleDescriptor {
+                    label: Some(shader.name),
+                    source: wgpu::ShaderSource::Wgsl(shader.source.into()),
+                });
+            Arc::new(
+                self.device
+                    .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                        label: Some(shader.name),
+                        layout: None,
+                        module: &module,
+                        entry_point: Some("main"),
+                        compilation_options: wgpu::PipelineCompilationOptions {
+                            constants,
+                            ..Default::default()
+                        },
+                        cache: None,
+                    }),
+            )
+        });
+        Arc::clone(compiled)
+    }
+
+    /// Does something on the device, and turns the driver's complaints into an error. For programs
+    /// that use [`GpuContext::device`] themselves.
+    pub fn watched<T>(&self, during: &str, work: impl FnOnce() -> T) -> Result<T, GpuError> {
+        let scopes = [
+            wgpu::ErrorFilter::Internal,
+            wgpu::ErrorFilter::OutOfMemory,
+            wgpu::ErrorFilter::Validation,
+        ]
+        .map(|filter| self.device.push_error_scope(filter));
+        let result = work();
+        let mut complaint = None;
+        for scope in scopes.into_iter().rev() {
+            complaint = complaint.or(pollster::block_on(scope.pop()));
+        }
+        match complaint {
+            Some(error) => Err(GpuError::Failed {
+                during: during.to_owned(),
+                reason: error.to_string(),
+            }),
+            None => self.check_lost(during).map(|()| result),
+        }
+    }
+
+    fn check_lost(&self, during: &str) -> Result<(), GpuError> {
+        match &*self.lost.lock().unwrap_or_else(|e| e.into_inner()) {
+            Some(reason) => Err(GpuError::Failed {
+                during: during.to_owned(),
+                reason: reason.clone(),
+            }),
+            None => Ok(()),
+        }
+    }
+}
+
+const USAGE: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE
+    .union(wgpu::BufferUsages::COPY_SRC)
+    .union(wgpu::BufferUsages::COPY_DST);
+
+fn set_once(slot: &Mutex<Option<String>>, reason: String) {
+    slot.lock()
+        .unwrap_or_else(|e| e.into_inner())
+        .get_or_insert(reason);
+}
+
+/// The GPU as a backend: a cheap handle to a [`GpuContext`].
+#[derive(Clone)]
+pub struct Wgpu {
+    context: Arc<GpuContext>,
+}
+
+impl Wgpu {
+    /// The best adapter at hand; an error if there is none. There is no silent fallback.
+    pub fn new() -> Result<Self, GpuError> {
+        GpuContext::new().map(Self::from)
+    }
+
+    /// The device and its verbs.
+    pub fn gpu(&self) -> &GpuContext {
+        &self.context
+    }
+}
+
+impl From<GpuContext> for Wgpu {
+    fn from(context: GpuContext) -> Self {
+        Self {
+            context: Arc::new(context),
+        }
+    }
+}
+
+impl Backend for Wgpu {
+    fn name(&self) -> String {
+        format!("wgpu ({})", self.context.adapter())
+    }
+}
+
+#[cfg(all(test, feature = "testing"))]
+mod tests {
+    use super::*;
+    use crate::testing::gpu_or_skip;
+
+    const DOUBLE: Shader = Shader {
+        name: "test_double",
+        source: "@group(0) @binding(0) var<storage, read> a: array<u32>;
+            @group(0) @binding(1) var<storage, read_write> b: array<u32>;
+            @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) i: vec3<u32>) {
+                if i.x < arrayLength(&a) { b[i.x] = 2u * a[i.x]; }
+            }",
+        workgroup: [64, 1, 1],
+    };
+
+    #[test]
+    fn a_kernel_doubles_numbers() {
+        let Some(gpu) = gpu_or_skip() else { return };
+        let gpu = gpu.gpu();
+        let input: Vec<u32> = (0..1000).collect();
+        let a = gpu.upload("a", &input).unwrap();
+        let b = gpu.output::<u32>("b", input.len()).unwrap();
+        gpu.dispatch(&DOUBLE, &[&a, &b], [16, 1, 1]).unwrap();
+        let doubled: Vec<u32> = gpu.download(&b).unwrap();
+        assert_eq!(doubled, input.iter().map(|x| 2 * x).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn limits_and_driver_complaints_are_errors() {
+        let Some(gpu) = gpu_or_skip() else { return };
+        let gpu = gpu.gpu();
+        let too_large = gpu.output::<u32>("huge", usize::MAX / 8);
+        assert!(matches!(too_large, Err(GpuError::TooLarge { .. })));
+        let a = gpu.upload("a", &[1u32]).unwrap();
+        let missing_binding = gpu.dispatch(&DOUBLE, &[&a], [1, 1, 1]);
+        assert!(matches!(missing_binding, Err(GpuError::Failed { .. })));
+        let many = gpu.dispatch(&DOUBLE, &[&a, &a], [u32::MAX, 1, 1]);
+        assert!(matches!(many, Err(GpuError::TooManyGroups { .. })));
+        // The context is still usable.
+        assert_eq!(gpu.download::<u32>(&a).unwrap(), [1]);
+    }
+
+    #[test]
+    fn empty_arrays_are_fine() {
+        let Some(gpu) = gpu_or_skip() else { return };
+        let empty = gpu.gpu().upload::<u32>("empty", &[]).unwrap();
+        assert!(gpu.gpu().download::<u32>(&empty).unwrap().is_empty());
+    }
+}

@@ -1,0 +1,22 @@
+//! How things are computed: on which backend, watched by whom, with the same bits on any number of threads.
+//!
+//! - [`backend`]: a place where kernels run, what it owes to the specification, and how it fails
+//! - [`gpu`]: device, queue and pipelines of a GPU (feature `wgpu`)
+//! - [`run`]: a computation's backend, its progress, its cancellation
+//! - [`parallel`]: loops and sums over fixed chunks, combined in order
+//! - [`lanes`]: the processor's vector instructions
+//! - [`coloring`], [`sets`]: colours such that neighbours differ; disjoint sets (union–find)
+//! - [`random`]: a seeded generator
+
+pub mod backend;
+pub mod coloring;
+pub mod lanes;
+pub mod parallel;
+pub mod random;
+pub mod run;
+pub mod sets;
+
+#[cfg(feature = "wgpu")]
+pub mod gpu;
+
+pub use backend::BackendError;

@@ -1,0 +1,353 @@
+//! f32 values on a lattice: dense, or sparse in bricks near a surface.
+
+mod brick;
+pub mod lattice;
+
+pub use brick::{BRICK, BRICK_POINTS, Brick, BrickGrid};
+
+use rayon::prelude::*;
+
+use crate::{ImplicitField, Lattice, Point3, Vector3};
+
+/// Why a grid cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GridError {
+    /// Values and lattice points differ in number.
+    #[error("{values} values for a lattice of {points} points")]
+    Length {
+        /// Number of values given.
+        values: usize,
+        /// Number of lattice points.
+        points: u128,
+    },
+    /// A value is NaN or infinite.
+    #[error("the value at lattice point {index:?} is {value}, not a finite number")]
+    NotFinite {
+        /// Lattice coordinates.
+        index: [usize; 3],
+        /// The value.
+        value: f32,
+    },
+    /// The spacing is not a positive finite length, or the origin is not finite.
+    #[error("a lattice needs a finite origin and a positive finite spacing, not {spacing} Å")]
+    Lattice {
+        /// The spacing, Å.
+        spacing: f64,
+    },
+    /// Bricks, kinds and values differ in number.
+    #[error(
+        "{kinds} kinds for {expected} bricks, {values} values for {stored} stored ones; \
+         one kind per brick and 512 values per stored brick are needed"
+    )]
+    Bricks {
+        /// Kinds given.
+        kinds: usize,
+        /// Bricks of the lattice.
+        expected: u128,
+        /// Values given.
+        values: usize,
+        /// Bricks that are stored.
+        stored: usize,
+    },
+    /// The number of a stored brick is too large, or that of another one too.
+    #[error(
+        "brick {brick} has the number {number}, but the {stored} stored bricks have the numbers from 0, each once"
+    )]
+    BrickNumber {
+        /// Place of the brick, x fastest.
+        brick: usize,
+        /// Its number.
+        number: u32,
+        /// Bricks that are stored.
+        stored: usize,
+    },
+}
+
+/// Values at lattice points, however they are stored.
+pub trait LatticeValues: Sync {
+    /// The lattice.
+    fn lattice(&self) -> &Lattice;
+    /// The value at a lattice point. Panics outside of the lattice.
+    fn at(&self, point: [usize; 3]) -> f32;
+    /// The values at `start` and the points that follow it along x. Panics outside of the lattice.
+    fn read_row(&self, start: [usize; 3], row: &mut [f32]) {
+        for (i, value) in row.iter_mut().enumerate() {
+            *value = self.at([start[0] + i, start[1], start[2]]);
+        }
+    }
+    /// The value of all points of the closed box from `low` to `high`, if it is known to be one
+    /// without reading them.
+    fn constant(&self, low: [usize; 3], high: [usize; 3]) -> Option<f32> {
+        let _ = (low, high);
+        None
+    }
+}
+
+/// A lattice and one f32 value per point, x fastest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScalarGrid {
+    lattice: Lattice,
+    values: Vec<f32>,
+}
+
+impl ScalarGrid {
+    /// A grid of finite values; refuses anything else.
+    pub fn new(lattice: Lattice, values: Vec<f32>) -> Result<Self, GridError> {
+        check_lattice(&lattice)?;
+        if lattice.points() != values.len() as u128 {
+            return Err(GridError::Length {
+                values: values.len(),
+                points: lattice.points(),
+            });
+        }
+        if let Some(i) = first_not_finite(&values) {
+            return Err(GridError::NotFinite {
+                index: lattice.coordinates(i),
+                value: values[i],
+            });
+        }
+        Ok(Self { lattice, values })
+    }
+
+    /// The values, x fastest.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// Gives lattice and values away.
+    pub fn into_parts(self) -> (Lattice, Vec<f32>) {
+        (self.lattice, self.values)
+    }
+
+    /// Lowest and highest value; `None` for a grid without points.
+    pub fn range(&self) -> Option<(f32, f32)> {
+        let first = *self.values.first()?;
+        Some(
+            self.values
+                .iter()
+                .fold((first, first), |(lo, hi), &v| (lo.min(v), hi.max(v))),
+        )
+    }
+
+    /// The level above which the points of the grid hold this volume, Å³, each standing for one cell:
+    /// how an isovalue is chosen for a map whose molecule has a known volume. `None` if the grid has
+    /// no points or the volume is not between 0 and that of all of them.
+    pub fn level_enclosing(&self, volume: f64) -> Option<f32> {
+        let points = volume / self.lattice.spacing.powi(3);
+        if !(0.0..=self.values.len() as f64).contains(&points) || self.values.is_empty() {
+            return None;
+        }
+        // Between the last value that belongs inside and the first that does not.
+        let inside = points.round() as usize;
+        let mut values = self.values.clone();
+        let descending = |a: &f32, b: &f32| b.total_cmp(a);
+        if inside == values.len() {
+            return values.into_iter().min_by(f32::total_cmp);
+        }
+        let (above, &mut outer, _) = values.select_nth_unstable_by(inside, descending);
+        let inner = above.iter().copied().min_by(f32::total_cmp);
+        Some(inner.map_or(outer.next_up(), |inner| f32::midpoint(inner, outer)))
+    }
+}
+
+impl LatticeValues for ScalarGrid {
+    fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+    fn at(&self, point: [usize; 3]) -> f32 {
+        self.values[self.lattice.index(point)]
+    }
+    fn read_row(&self, start: [usize; 3], row: &mut [f32]) {
+        assert!(
+            start[0] + row.len() <= self.lattice.counts[0],
+            "a row ends within the lattice"
+        );
+        let first = self.lattice.index(start);
+        copy_row(row, &self.values[first..first + row.len()]);
+    }
+}
+
+/// Copies values that are often as few as the points of a block: without a call.
+#[inline]
+fn copy_row(to: &mut [f32], from: &[f32]) {
+    let (to, to_rest) = to.as_chunks_mut::<8>();
+    let (from, from_rest) = from.as_chunks::<8>();
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = *from;
+    }
+    for (to, from) in to_rest.iter_mut().zip(from_rest) {
+        *to = *from;
+    }
+}
+
+/// The place of the first value that is not finite.
+fn first_not_finite(values: &[f32]) -> Option<usize> {
+    const CHUNK: usize = 1 << 14;
+    // A count, not a search: it uses the lanes of the processor.
+    let broken = |chunk: &[f32]| chunk.iter().filter(|v| !v.is_finite()).count() > 0;
+    let chunk = values.par_chunks(CHUNK).position_first(broken)?;
+    let place = values[chunk * CHUNK..].iter().position(|v| !v.is_finite());
+    place.map(|i| chunk * CHUNK + i)
+}
+
+fn check_lattice(lattice: &Lattice) -> Result<(), GridError> {
+    let fine = lattice.spacing.is_finite()
+        && lattice.spacing > 0.0
+        && lattice.origin.iter().all(|c| c.is_finite());
+    if fine {
+        Ok(())
+    } else {
+        Err(GridError::Lattice {
+            spacing: lattice.spacing,
+        })
+    }
+}
+
+/// Trilinear interpolation; outside of the lattice the value at the nearest point of its box.
+fn trilinear(grid: &impl LatticeValues, x: &Point3) -> (f64, Vector3) {
+    let lattice = grid.lattice();
+    let local = lattice.local(x);
+    let (mut base, mut t, mut slope) = ([0usize; 3], [0.0; 3], [0.0; 3]);
+    for k in 0..3 {
+        let last = lattice.counts[k].saturating_sub(1);
+        let clamped = local[k].clamp(0.0, last as f64);
+        base[k] = (clamped as usize).min(last.saturating_sub(1));
+        t[k] = clamped - base[k] as f64;
+        // Beyond the box the field is constant along this axis.
+        slope[k] = if clamped == local[k] && last > 0 {
+            1.0 / lattice.spacing
+        } else {
+            0.0
+        };
+    }
+    let (mut value, mut gradient) = (0.0, Vector3::zeros());
+    for corner in 0..8usize {
+        let bit = [corner & 1, corner >> 1 & 1, corner >> 2];
+        let point = [0, 1, 2].map(|k| (base[k] + bit[k]).min(lattice.counts[k] - 1));
+        let v = f64::from(grid.at(point));
+        let weight = [0, 1, 2].map(|k| if bit[k] == 1 { t[k] } else { 1.0 - t[k] });
+        let sign = [0, 1, 2].map(|k| if bit[k] == 1 { slope[k] } else { -slope[k] });
+        value += v * weight[0] * weight[1] * weight[2];
+        gradient += v * Vector3::new(
+            sign[0] * weight[1] * weight[2],
+            weight[0] * sign[1] * weight[2],
+            weight[0] * weight[1] * sign[2],
+        );
+    }
+    (value, gradient)
+}
+
+impl ImplicitField for ScalarGrid {
+    fn value(&self, x: &Point3) -> f64 {
+        trilinear(self, x).0
+    }
+    fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        trilinear(self, x)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> ScalarGrid {
+        let lattice = Lattice {
+            origin: Point3::new(1.0, 2.0, 3.0),
+            spacing: 0.5,
+            counts: [9, 10, 11],
+        };
+        let values = (0..lattice.len())
+            .map(|i| {
+                let p = lattice.point(lattice.coordinates(i));
+                (2.0 * p.x - 3.0 * p.y + p.z) as f32
+            })
+            .collect();
+        ScalarGrid::new(lattice, values).unwrap()
+    }
+
+    #[test]
+    fn a_level_encloses_the_volume_asked_for() {
+        let (lattice, values) = ramp().into_parts();
+        let shuffled = (0..values.len()).map(|i| (i * 389 % 990) as f32 - 300.0);
+        let grid = ScalarGrid::new(lattice, shuffled.collect()).unwrap();
+        for points in [0, 1, 100, 333, 989, 990] {
+            let level = grid.level_enclosing(f64::from(points) * 0.125).unwrap();
+            let inside = grid.values().iter().filter(|&&v| v >= level).count();
+            assert_eq!(inside, points as usize);
+        }
+        assert_eq!(grid.level_enclosing(124.0), None);
+        assert_eq!(grid.level_enclosing(f64::NAN), None);
+    }
+
+    #[test]
+    fn trilinear_reproduces_linear_fields() {
+        let (value, gradient) = ramp().value_gradient(&Point3::new(1.7, 3.1, 4.9));
+        assert!((value - (3.4 - 9.3 + 4.9)).abs() < 1e-5);
+        assert!((gradient - Vector3::new(2.0, -3.0, 1.0)).norm() < 1e-5);
+    }
+
+    #[test]
+    fn bricks_hold_the_same_values_as_the_dense_grid() {
+        let dense = ramp();
+        let bricks = dense.lattice().counts.map(|n| n.div_ceil(BRICK));
+        let n = bricks.iter().product::<usize>();
+        let mut values = Vec::new();
+        for b in 0..n {
+            let corner = [
+                b % bricks[0],
+                b / bricks[0] % bricks[1],
+                b / (bricks[0] * bricks[1]),
+            ];
+            for p in 0..BRICK_POINTS {
+                let inside = [p % BRICK, p / BRICK % BRICK, p / (BRICK * BRICK)];
+                let at = [0, 1, 2].map(|k| corner[k] * BRICK + inside[k]);
+                let within = (0..3).all(|k| at[k] < dense.lattice().counts[k]);
+                values.push(if within { dense.at(at) } else { 0.0 });
+            }
+        }
+        let kinds: Vec<_> = (0..n as u32).map(Brick::Stored).collect();
+        let sparse = BrickGrid::new(*dense.lattice(), &kinds, values, 0.0, 2.0).unwrap();
+        assert_eq!(sparse.to_dense(), dense);
+        let (mut ours, mut theirs) = ([0.0; 7], [0.0; 7]);
+        sparse.read_row([2, 9, 4], &mut ours);
+        dense.read_row([2, 9, 4], &mut theirs);
+        assert_eq!(ours, theirs);
+    }
+
+    #[test]
+    fn boxes_without_stored_bricks_are_known_to_be_constant() {
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 1.0,
+            counts: [24, 8, 8],
+        };
+        let kinds = [Brick::Exterior, Brick::Interior, Brick::Stored(0)];
+        let grid = BrickGrid::new(lattice, &kinds, vec![1.0; BRICK_POINTS], 0.0, 2.0).unwrap();
+        assert_eq!(grid.constant([0, 0, 0], [7, 7, 7]), Some(0.0));
+        assert_eq!(grid.constant([9, 1, 2], [12, 7, 7]), Some(2.0));
+        assert_eq!(grid.constant([0, 0, 0], [8, 7, 7]), None);
+        assert_eq!(grid.constant([17, 0, 0], [18, 7, 7]), None);
+        let mut row = [0.0; 20];
+        grid.read_row([3, 2, 2], &mut row);
+        assert_eq!((row[4], row[5], row[12], row[13]), (0.0, 2.0, 2.0, 1.0));
+    }
+
+    #[test]
+    fn values_that_are_not_finite_are_named() {
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 1.0,
+            counts: [2, 2, 2],
+        };
+        let mut values = vec![0.0; 8];
+        values[6] = f32::INFINITY;
+        assert_eq!(
+            ScalarGrid::new(lattice, values),
+            Err(GridError::NotFinite {
+                index: [0, 1, 1],
+                value: f32::INFINITY
+            })
+        );
+    }
+}

@@ -1,0 +1,238 @@
+//! Meshes from files of any format.
+
+pub mod glb;
+pub mod msh;
+pub mod obj;
+pub mod off;
+pub mod ply;
+pub mod stl;
+pub mod vtu;
+
+use std::path::Path;
+
+use crate::io::view::{Cells, Field, Group, NO_GROUP, Numbers, View};
+use crate::io::{Encoding, Error, ErrorKind, extension, read_bytes};
+use crate::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
+use crate::{QuadMesh, TetMesh, TriMesh};
+
+/// A mesh of one of our kinds.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum AnyMesh {
+    /// Triangles.
+    Tri(TriMesh),
+    /// Quads.
+    Quad(QuadMesh),
+    /// Tetrahedra.
+    Tet(TetMesh),
+}
+
+/// What a file holds, besides a mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshFile {
+    /// The mesh.
+    pub mesh: AnyMesh,
+    /// Values per vertex.
+    pub point_fields: Vec<Field<'static>>,
+    /// Values per triangle, quad or tetrahedron.
+    pub cell_fields: Vec<Field<'static>>,
+    /// Red, green, blue and opacity per vertex.
+    pub colors: Option<Vec<[u8; 4]>>,
+    /// Named groups.
+    pub groups: Vec<Group>,
+    /// The group of each triangle, quad or tetrahedron, or [`NO_GROUP`]; empty if none has one.
+    pub group_of: Vec<u32>,
+    /// With tetrahedra: triangles that the file has beside them, with their group.
+    pub faces: Vec<([u32; 3], u32)>,
+}
+
+/// Reads a mesh; the format is told by the content, or else by the name. See [`MeshFile`]'s
+/// conversion from a [`View`] for what becomes of mixed cells.
+pub fn read(path: impl AsRef<Path>) -> Result<MeshFile, Error> {
+    let path = path.as_ref();
+    let bytes = read_bytes(path)?;
+    let view = parse(&bytes, &extension(path));
+    view.and_then(MeshFile::try_from)
+        .map_err(|e| e.in_file(path))
+}
+
+/// Writes a view to a file whole or not at all, in the format of the name's ending: `ply` (binary),
+/// `off`, `obj`, `stl` (binary), `glb`, `vtu`, `msh` (4.1, binary).
+pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
+    let path = path.as_ref();
+    match extension(path).as_str() {
+        "ply" => ply::save(path, view, Encoding::default()),
+        "off" => off::save(path, view),
+        "obj" => obj::save(path, view),
+        "stl" => stl::save(path, view),
+        "glb" => glb::save(path, view),
+        "vtu" => vtu::save(path, view),
+        "msh" => msh::save(path, view, msh::Options::default()),
+        _ => Err(unknown().in_file(path)),
+    }
+}
+
+fn unknown() -> Error {
+    let what =
+        "no mesh format is known by this name; .ply, .off, .obj, .stl, .glb, .vtu and .msh are";
+    ErrorKind::Unsupported(what.to_owned()).into()
+}
+
+/// A view from the bytes of a file of any format; `extension` (as `obj`) decides where the content
+/// does not.
+pub fn parse(bytes: &[u8], extension: &str) -> Result<View<'static>, Error> {
+    if bytes.is_empty() {
+        return Err(ErrorKind::Empty.into());
+    }
+    let text = bytes.trim_ascii_start();
+    let first = text.split(u8::is_ascii_whitespace).next().unwrap_or(text);
+    match first {
+        b"ply" => ply::parse(bytes),
+        b"$MeshFormat" => msh::parse(bytes),
+        b"OFF" | b"COFF" | b"NOFF" | b"CNOFF" => off::parse(bytes),
+        _ if bytes.starts_with(b"glTF") => glb::parse(bytes),
+        _ if first.starts_with(b"<?xml") || first.starts_with(b"<VTKFile") => vtu::parse(bytes),
+        _ => match extension {
+            "ply" => ply::parse(bytes),
+            "off" => off::parse(bytes),
+            "obj" => obj::parse(bytes),
+            "stl" => stl::parse(bytes),
+            "glb" => glb::parse(bytes),
+            "vtu" => vtu::parse(bytes),
+            "msh" => msh::parse(bytes),
+            _ => Err(unknown()),
+        },
+    }
+}
+
+/// Tetrahedra if there are any, with their regions from a cell field `region` or from the names of
+/// their groups; else quads if all faces are; else triangles, larger polygons cut into fans.
+/// Values of cells follow their cells.
+impl TryFrom<View<'static>> for MeshFile {
+    type Error = Error;
+
+    fn try_from(view: View<'static>) -> Result<Self, Error> {
+        let kind = |dimension: u8| {
+            view.blocks
+                .iter()
+                .filter(move |b| b.dimension() == dimension)
+        };
+        let tets = kind(3).any(|b| !b.is_empty());
+        let quads = kind(2).any(|b| !b.is_empty())
+            && kind(2).all(|b| b.is_empty() || matches!(b, Cells::Quads(_)));
+        let mut cells = Vec::new();
+        let mut faces = Vec::new();
+        let mut corners3: Vec<[u32; 3]> = Vec::new();
+        let mut corners4: Vec<[u32; 4]> = Vec::new();
+        let mut number = 0;
+        for block in &view.blocks {
+            for ring in block.iter() {
+                let fan = (1..ring.len().max(1) - 1).map(|k| [ring[0], ring[k], ring[k + 1]]);
+                if tets && block.dimension() == 2 {
+                    let group = view.group_of.get(number).copied().unwrap_or(NO_GROUP);
+                    faces.extend(fan.map(|t| (t, group)));
+                } else if tets || quads {
+                    corners4.push([ring[0], ring[1], ring[2], ring[3]]);
+                    cells.push(number);
+                } else {
+                    for t in fan {
+                        corners3.push(t);
+                        cells.push(number);
+                    }
+                }
+                number += 1;
+            }
+        }
+        let cell_fields = view.fields_of(&cells);
+        let group_of: Vec<u32> = match view.group_of.is_empty() {
+            true => Vec::new(),
+            false => cells.iter().map(|&c| view.group_of[c]).collect(),
+        };
+        let points = view.points.into_owned();
+        let mesh = if tets {
+            let regions = regions(corners4.len(), &cell_fields, &view.groups, &group_of)?;
+            AnyMesh::Tet(TetMesh::with_regions(points, corners4, regions)?)
+        } else if quads {
+            AnyMesh::Quad(QuadMesh::new(points, corners4)?)
+        } else {
+            AnyMesh::Tri(TriMesh::new(points, corners3)?)
+        };
+        Ok(Self {
+            mesh,
+            point_fields: view.point_fields,
+            cell_fields,
+            colors: view.colors.map(std::borrow::Cow::into_owned),
+            groups: view.groups,
+            group_of,
+            faces,
+        })
+    }
+}
+
+/// The region of each tetrahedron.
+fn regions(
+    tets: usize,
+    fields: &[Field<'_>],
+    groups: &[Group],
+    group_of: &[u32],
+) -> Result<Vec<Region>, Error> {
+    let region = fields
+        .iter()
+        .find(|f| f.name == "region" && f.values.components == 1);
+    if let Some(field) = region {
+        if let Numbers::U8(n) = &field.values.numbers {
+            return Ok(n.to_vec());
+        }
+        return (0..tets)
+            .map(|t| {
+                let value = field.values.get(t, 0);
+                let region = value as Region;
+                if f64::from(region) == value && region != OUTSIDE {
+                    Ok(region)
+                } else {
+                    let expected = format!("a region 0…254 of tetrahedron {t}");
+                    Err(ErrorKind::expected(expected, value.to_string()).into())
+                }
+            })
+            .collect();
+    }
+    if group_of.is_empty() {
+        return Ok(vec![INTERIOR; tets]);
+    }
+    let mut next: Region = INTERIOR;
+    let named: Vec<Region> = groups
+        .iter()
+        .map(|g| match (g.dimension, g.name.as_str()) {
+            (3, "exterior") => EXTERIOR,
+            (3, "molecule") => INTERIOR,
+            (3, name) => {
+                let number = name.strip_prefix("region_").and_then(|n| n.parse().ok());
+                number.unwrap_or_else(|| {
+                    next = next.saturating_add(1).min(OUTSIDE - 1);
+                    next
+                })
+            }
+            _ => INTERIOR,
+        })
+        .collect();
+    let of = |&g: &u32| named.get(g as usize).copied().unwrap_or(INTERIOR);
+    Ok(group_of.iter().map(of).collect())
+}
+
+impl AnyMesh {
+    /// The surface as triangles: quads cut along their first diagonal, tetrahedra replaced by the
+    /// boundary of the molecule, or of the only region.
+    pub fn into_triangles(self) -> TriMesh {
+        match self {
+            Self::Tri(mesh) => mesh,
+            Self::Quad(mesh) => mesh.into_triangles(),
+            Self::Tet(mesh) => {
+                let region = match mesh.regions().contains(&INTERIOR) {
+                    true => INTERIOR,
+                    false => mesh.regions().first().copied().unwrap_or(INTERIOR),
+                };
+                mesh.region_surface(region)
+            }
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! How good the triangles of a surface are.
+
+use crate::compute::parallel;
+use crate::{Point3, TriMesh};
+
+/// Quality of a triangle: twice the radius of the inscribed over that of the circumscribed circle,
+/// 1 for an equilateral one, 0 for a degenerate one.
+pub fn radius_ratio(corners: [Point3; 3]) -> f64 {
+    let [a, b, c] = edge_lengths(corners);
+    let product = a * b * c;
+    if product <= 0.0 {
+        return 0.0;
+    }
+    // 2 r / R = (b + c − a) (c + a − b) (a + b − c) / (a b c)
+    ((b + c - a) * (c + a - b) * (a + b - c) / product).clamp(0.0, 1.0)
+}
+
+/// Lengths of the edges, each opposite to the corner of the same number.
+pub fn edge_lengths([a, b, c]: [Point3; 3]) -> [f64; 3] {
+    [(c - b).norm(), (a - c).norm(), (b - a).norm()]
+}
+
+/// The angles at the corners, radians; 0 at a corner that coincides with another.
+pub fn angles([a, b, c]: [Point3; 3]) -> [f64; 3] {
+    let at = |p: Point3, q: Point3, r: Point3| {
+        let (u, v) = (q - p, r - p);
+        u.cross(&v).norm().atan2(u.dot(&v))
+    };
+    [at(a, b, c), at(b, c, a), at(c, a, b)]
+}
+
+/// Measures of all triangles of a surface.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct TriangleReport {
+    /// Number of used vertices.
+    pub vertices: usize,
+    /// Number of triangles.
+    pub triangles: usize,
+    /// Total area, Å².
+    pub area: f64,
+    /// Smallest angle of all, degrees.
+    pub min_angle_deg: f64,
+    /// Mean of the smallest angles of the triangles, degrees.
+    pub mean_min_angle_deg: f64,
+    /// Largest angle of all, degrees.
+    pub max_angle_deg: f64,
+    /// Triangles by their smallest angle in bins of 5°: 0–5, 5–10, … 55–60.
+    pub min_angle_histogram: [usize; 12],
+    /// Smallest [`radius_ratio`].
+    pub min_radius_ratio: f64,
+    /// Mean [`radius_ratio`].
+    pub mean_radius_ratio: f64,
+    /// Shortest edge, Å.
+    pub min_edge: f64,
+    /// Mean edge, Å; edges between two triangles count twice.
+    pub mean_edge: f64,
+    /// Standard deviation of the edges, Å.
+    pub edge_deviation: f64,
+    /// Longest edge, Å.
+    pub max_edge: f64,
+    /// Share of the used vertices with six triangles.
+    pub regular: f64,
+    /// Share of the used vertices with five to seven triangles, on a boundary two to four.
+    pub nearly_regular: f64,
+    /// The ten triangles of the smallest angles, worst first, with those angles in degrees.
+    pub worst: Vec<(u32, f64)>,
+}
+
+/// Sums and extremes of some triangles.
+struct Part {
+    area: f64,
+    min_angle: f64,
+    sum_min_angle: f64,
+    max_angle: f64,
+    histogram: [usize; 12],
+    min_ratio: f64,
+    sum_ratio: f64,
+    edges: [f64; 4],
+    worst: Vec<(u32, f64)>,
+}
+
+impl TriangleReport {
+    /// The measures of `mesh`; all 0 for an empty one.
+    pub fn of(mesh: &TriMesh) -> Self {
+        let n = mesh.triangles().len();
+        if n == 0 {
+            return Self::default();
+        }
+        let parts = parallel::fold_chunks(n, |range| {
+            let mut part = Part {
+                area: 0.0,
+                min_angle: f64::INFINITY,
+                sum_min_angle: 0.0,
+                max_angle: 0.0,
+                histogram: [0; 12],
+                min_ratio: f64::INFINITY,
+                sum_ratio: 0.0,
+                edges: [f64::INFINITY, 0.0, 0.0, 0.0],
+                worst: Vec::with_capacity(range.len()),
+            };
+            for t in range {
+                let corners = mesh.corners(t);
+                part.area += 0.5 * mesh.doubled_area_normal(t).norm();
+                let angles = angles(corners).map(f64::to_degrees);
+                let smallest = angles[0].min(angles[1]).min(angles[2]);
+                part.min_angle = part.min_angle.min(smallest);
+                part.sum_min_angle += smallest;
+                part.max_angle = part.max_angle.max(angles[0]).max(angles[1]).max(angles[2]);
+                part.histogram[((smallest / 5.0) as usize).min(11)] += 1;
+                let ratio = radius_ratio(corners);
+                part.min_ratio = part.min_ratio.min(ratio);
+                part.sum_ratio += ratio;
+                for e in edge_lengths(corners) {
+                    part.edges[0] = part.edges[0].min(e);
+                    part.edges[1] += e;
+                    part.edges[2] += e * e;
+                    part.edges[3] = part.edges[3].max(e);
+                }
+                part.worst.push((t as u32, smallest));
+            }
+            keep_worst(&mut part.worst);
+            part
+        });
+        let mut all = Self {
+            triangles: n,
+            ..Self::default()
+        };
+        (all.min_angle_deg, all.min_radius_ratio, all.min_edge) =
+            (f64::INFINITY, f64::INFINITY, f64::INFINITY);
+        let (mut edge_sum, mut edge_squares) = (0.0, 0.0);
+        for part in parts {
+            all.area += part.area;
+            all.min_angle_deg = all.min_angle_deg.min(part.min_angle);
+            all.mean_min_angle_deg += part.sum_min_angle;
+            all.max_angle_deg = all.max_angle_deg.max(part.max_angle);
+            for (sum, count) in all.min_angle_histogram.iter_mut().zip(part.histogram) {
+                *sum += count;
+            }
+            all.min_radius_ratio = all.min_radius_ratio.min(part.min_ratio);
+            all.mean_radius_ratio += part.sum_ratio;
+            all.min_edge = all.min_edge.min(part.edges[0]);
+            edge_sum += part.edges[1];
+            edge_squares += part.edges[2];
+            all.max_edge = all.max_edge.max(part.edges[3]);
+            all.worst.extend(part.worst);
+        }
+        keep_worst(&mut all.worst);
+        let count = n as f64;
+        all.mean_min_angle_deg /= count;
+        all.mean_radius_ratio /= count;
+        all.mean_edge = edge_sum / (3.0 * count);
+        let variance = edge_squares / (3.0 * count) - all.mean_edge * all.mean_edge;
+        all.edge_deviation = variance.max(0.0).sqrt();
+        let mut valence = vec![0u32; mesh.positions().len()];
+        // Around an inner vertex the neighbours of its triangles cancel; on a boundary two are left.
+        let mut turn = vec![0i64; mesh.positions().len()];
+        for corners in mesh.triangles() {
+            for k in 0..3 {
+                let v = corners[k] as usize;
+                valence[v] += 1;
+                turn[v] += i64::from(corners[(k + 1) % 3]) - i64::from(corners[(k + 2) % 3]);
+            }
+        }
+        all.vertices = valence.iter().filter(|&&n| n > 0).count();
+        let regular = valence.iter().filter(|&&n| n == 6).count();
+        all.regular = regular as f64 / all.vertices as f64;
+        let nearly = valence.iter().zip(&turn).filter(|&(n, turn)| match turn {
+            0 => (5..=7).contains(n),
+            _ => (2..=4).contains(n),
+        });
+        all.nearly_regular = nearly.count() as f64 / all.vertices as f64;
+        all
+    }
+}
+
+fn keep_worst(worst: &mut Vec<(u32, f64)>) {
+    worst.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+    worst.truncate(10);
+}

@@ -1,0 +1,82 @@
+//! The connection between the frames of neighbouring triangles, and the Hermitian form that says how
+//! far a field of n-fold directions is from parallel.
+
+use nalgebra::Complex;
+
+use super::{Connection, EdgeWeights, Error};
+use crate::algebra::SparseMatrix;
+use crate::mesh::Halfedges;
+use crate::{HalfedgeId, TriMesh, Vector3};
+
+pub(super) fn connection(
+    mesh: &TriMesh,
+    order: u32,
+    weights: EdgeWeights,
+) -> Result<Connection, Error> {
+    super::check_shapes(mesh)?;
+    let edges = Halfedges::of(mesh)?;
+    let faces = mesh.triangles().len();
+    let areas = super::areas(mesh);
+    let mut transports = Vec::new();
+    for h in 0..3 * faces as u32 {
+        let Some(twin) = edges.twin(HalfedgeId(h)).filter(|t| t.0 > h) else {
+            continue;
+        };
+        let (f, g) = (h / 3, twin.0 / 3);
+        let turn = angle_in_frame(mesh, twin.0) + std::f64::consts::PI - angle_in_frame(mesh, h);
+        let weight = match weights {
+            EdgeWeights::One => 1.0,
+            EdgeWeights::Shape => {
+                let squared = side(mesh, h).norm_squared();
+                1.5 * squared / (areas[f as usize] + areas[g as usize])
+            }
+        };
+        transports.push(super::Transport {
+            faces: [f, g],
+            angle: wrapped(turn),
+            weight,
+        });
+    }
+    let mut triplets = Vec::with_capacity(4 * transports.len());
+    // Every triangle has a row, even where it has no neighbour.
+    triplets.extend((0..faces as u32).map(|f| (f, f, Complex::from(0.0))));
+    for t in &transports {
+        let [f, g] = t.faces;
+        let w = Complex::from(t.weight);
+        let turned = Complex::from_polar(t.weight, f64::from(order) * t.angle);
+        triplets.extend([
+            (f, f, w),
+            (g, g, w),
+            (g, f, -turned),
+            (f, g, -turned.conj()),
+        ]);
+    }
+    let matrix = SparseMatrix::from_triplets(faces, faces, &triplets)?;
+    Ok(Connection {
+        transports,
+        matrix,
+        areas,
+    })
+}
+
+/// The side that a half-edge runs along.
+fn side(mesh: &TriMesh, halfedge: u32) -> Vector3 {
+    let corners = mesh.corners(halfedge as usize / 3);
+    let k = halfedge as usize % 3;
+    corners[(k + 1) % 3] - corners[k]
+}
+
+/// The angle of a half-edge in the frame of its triangle, whose first axis is the first side.
+fn angle_in_frame(mesh: &TriMesh, halfedge: u32) -> f64 {
+    let first = side(mesh, halfedge / 3 * 3);
+    let own = side(mesh, halfedge);
+    let normal = mesh.doubled_area_normal(halfedge as usize / 3).normalize();
+    normal.dot(&first.cross(&own)).atan2(first.dot(&own))
+}
+
+/// In −π…π.
+fn wrapped(angle: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    let inside = (angle + PI).rem_euclid(TAU) - PI;
+    if inside == -PI { PI } else { inside }
+}

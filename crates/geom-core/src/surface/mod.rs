@@ -1,0 +1,15 @@
+//! What triangle surfaces say and how they are made better: feature `surface`.
+//!
+//! - [`laplace`]: cotangent stiffness, mass, gradient and divergence, the robust operator, the connection
+//! - [`curvature`]: principal curvatures by fitted quadrics
+//! - [`isoline`]: the lines where a function of the vertices has a value
+//! - [`distance`]: shortest ways along edges, and geodesic distances by heat flow
+//! - [`repair`]: any triangles made an oriented manifold
+//! - [`remesh`]: triangles near equilateral, of a wanted edge length
+
+pub mod curvature;
+pub mod distance;
+pub mod isoline;
+pub mod laplace;
+pub mod remesh;
+pub mod repair;
