@@ -1,32 +1,20 @@
-use geom_core::{Cancelled, MeshError, distance::DistanceError, laplace, linalg, spectral};
+use geom_core::algebra::{self, eigen};
+use geom_core::compute::BackendError;
+use geom_core::options::OutOfRange;
+use geom_core::surface::distance::DistanceError;
+use geom_core::surface::{laplace, remesh, repair};
+use geom_core::{Cancelled, MeshError};
 
 /// Why there is no field, no map or no quad mesh.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// An option is out of its range.
-    #[error("option {option} is {value}, it must be {must}")]
-    InvalidOption {
-        /// Name of the option.
-        option: &'static str,
-        /// Its value.
-        value: String,
-        /// What is allowed.
-        must: &'static str,
-    },
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
     /// The surface has no triangle.
     #[error("the surface has no triangle")]
     Empty,
-    /// A value per triangle or vertex is missing.
-    #[error("{found} {what}, {expected} are needed")]
-    Length {
-        /// What the values are.
-        what: &'static str,
-        /// Values given.
-        found: usize,
-        /// Values needed.
-        expected: usize,
-    },
     /// The map folds: the spacing is too wide for the distances of the singularities, or the field cannot be
     /// integrated.
     #[error(
@@ -49,6 +37,21 @@ pub enum Error {
         /// What was met.
         why: &'static str,
     },
+    /// The quads of a map have another Euler characteristic or other boundaries than the surface.
+    #[error(
+        "the quads have Euler characteristic {euler} and {loops} boundary loops, the surface {wanted_euler} and \
+         {wanted_loops}; a smaller spacing helps"
+    )]
+    Topology {
+        /// Euler characteristic of the quads.
+        euler: i64,
+        /// Boundary loops of the quads.
+        loops: usize,
+        /// Euler characteristic of the surface.
+        wanted_euler: i64,
+        /// Boundary loops of the surface.
+        wanted_loops: usize,
+    },
     /// The mesh is not an oriented manifold, or not finite.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -57,19 +60,22 @@ pub enum Error {
     Operator(#[from] laplace::Error),
     /// A matrix cannot be factored.
     #[error(transparent)]
-    Matrix(#[from] linalg::Error),
+    Matrix(#[from] algebra::Error),
     /// Distances cannot be found.
     #[error(transparent)]
     Distance(#[from] DistanceError),
     /// The eigenfunctions of the guidance cannot be found.
     #[error(transparent)]
-    Spectral(#[from] spectral::Error),
+    Eigen(#[from] eigen::Error),
     /// The input cannot be repaired.
     #[error(transparent)]
-    Repair(#[from] geom_core::repair::RepairError),
+    Repair(#[from] repair::RepairError),
+    /// The surface cannot be remeshed.
+    #[error(transparent)]
+    Remesh(#[from] remesh::Error),
     /// The backend failed.
-    #[error("the backend failed: {0}")]
-    Backend(#[source] Box<dyn std::error::Error + Send + Sync>),
+    #[error(transparent)]
+    Backend(#[from] BackendError),
     /// The watcher asked to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -78,6 +84,6 @@ pub enum Error {
 #[cfg(feature = "wgpu")]
 impl From<geom_core::GpuError> for Error {
     fn from(error: geom_core::GpuError) -> Self {
-        Self::Backend(Box::new(error))
+        Self::Backend(BackendError::new(error))
     }
 }

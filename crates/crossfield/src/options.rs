@@ -1,6 +1,7 @@
 //! What to compute.
 
-use geom_core::laplace::EdgeWeights;
+use geom_core::options::require;
+use geom_core::surface::laplace::EdgeWeights;
 
 use crate::Error;
 use crate::guidance::Guidance;
@@ -115,36 +116,22 @@ impl Options {
     pub fn check(&self) -> Result<(), Error> {
         not_negative("smoothing", self.smoothing)?;
         not_negative("singularity_penalty", self.singularity_penalty)?;
-        let invalid = |option, value: String, must| {
-            Err(Error::InvalidOption {
-                option,
-                value,
-                must,
-            })
-        };
         match self.size {
-            Size::Quads(0) => return invalid("size", "0 quads".into(), "at least 1 quad"),
-            Size::Spacing(h) if !(h > 0.0 && h.is_finite()) => {
-                return invalid("size", h.to_string(), "above 0 and finite");
+            Size::Quads(n) => require(n > 0, "size", n, "be at least one quad")?,
+            Size::Spacing(h) => {
+                require(h > 0.0 && h.is_finite(), "size", h, "be above 0 and finite")?;
             }
-            _ => {}
+            Size::Triangles => {}
         }
-        if let Some(degrees) = self.crease
-            && !(degrees > 0.0 && degrees < 180.0)
-        {
-            return invalid("crease", degrees.to_string(), "between 0 and 180 degrees");
+        if let Some(degrees) = self.crease {
+            let fine = degrees > 0.0 && degrees < 180.0;
+            require(fine, "crease", degrees, "lie between 0 and 180 degrees")?;
         }
         self.guidance.iter().try_for_each(Guidance::check)
     }
 }
 
 pub(crate) fn not_negative(option: &'static str, value: f64) -> Result<(), Error> {
-    if value >= 0.0 && value.is_finite() {
-        return Ok(());
-    }
-    Err(Error::InvalidOption {
-        option,
-        value: value.to_string(),
-        must: "at least 0 and finite",
-    })
+    let fine = value >= 0.0 && value.is_finite();
+    Ok(require(fine, option, value, "be at least 0 and finite")?)
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use geom_core::TriMesh;
-use geom_core::distance::{Graph, shortest_paths};
+use geom_core::surface::distance::{Graph, shortest_paths};
 
 use super::field::FieldReport;
 use super::frames::{Frames, QUARTER};
@@ -228,7 +228,7 @@ impl<'a> Descent<'a> {
         if positive.is_empty() {
             return Ok(Vec::new());
         }
-        let graph = Graph::of_edges(self.mesh);
+        let graph = Graph::of_edges(self.mesh)?;
         let nearest = shortest_paths(&graph, &positive, f64::INFINITY)?.distance;
         let mut changes = Vec::new();
         for v in signed(-1) {

@@ -1,6 +1,6 @@
 //! The start: diffusion of unit crosses, made unit again after each step.
 
-use geom_core::linalg::{Cholesky, SparseMatrix, Symbolic};
+use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
 use geom_core::nalgebra::Complex;
 
 use super::field::Guide;

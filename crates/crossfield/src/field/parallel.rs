@@ -1,7 +1,7 @@
 //! The smoothest angles for given period jumps: a graph Laplacian over the triangles.
 
-use geom_core::linalg::{Cholesky, SparseMatrix};
-use geom_core::sets::DisjointSets;
+use geom_core::algebra::{Cholesky, SparseMatrix};
+use geom_core::compute::sets::DisjointSets;
 
 use super::field::Guide;
 use super::frames::{Frames, QUARTER, modulo_quarter};

@@ -1,8 +1,8 @@
 //! From guides to a cross field: diffusion, polish, descent, on a surface smoothed to the size of the
 //! quads.
 
-use geom_core::laplace::{self, Mass};
-use geom_core::linalg::Cholesky;
+use geom_core::surface::laplace::{self, Mass};
+use geom_core::algebra::Cholesky;
 use geom_core::{Point3, TriMesh};
 
 use super::descend::Descent;

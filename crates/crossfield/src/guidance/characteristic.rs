@@ -1,8 +1,9 @@
 //! Guidance by characteristic values: each eigenfunction where it is steepest (Eq. 4.8).
 
-use geom_core::distance::{Graph, shortest_paths};
-use geom_core::sets::DisjointSets;
-use geom_core::{TriMesh, Vector3, laplace};
+use geom_core::surface::distance::{Graph, shortest_paths};
+use geom_core::compute::sets::DisjointSets;
+use geom_core::surface::laplace;
+use geom_core::{TriMesh, Vector3};
 
 use super::modes::Mode;
 use crate::Error;
@@ -144,5 +145,5 @@ fn depths(mesh: &TriMesh, frames: &Frames, label: &[usize]) -> Result<Vec<f64>, 
         border.push(0);
     }
     let sources: Vec<(u32, f64)> = border.into_iter().map(|f| (f, 0.0)).collect();
-    Ok(shortest_paths(&Graph::of_dual(mesh), &sources, f64::INFINITY)?.distance)
+    Ok(shortest_paths(&Graph::of_dual(mesh)?, &sources, f64::INFINITY)?.distance)
 }

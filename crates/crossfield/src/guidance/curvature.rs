@@ -1,7 +1,8 @@
 //! Guidance by principal curvature: the thesis's comparison.
 
 use geom_core::nalgebra::Complex;
-use geom_core::{TriMesh, curvature};
+use geom_core::TriMesh;
+use geom_core::surface::curvature;
 
 use crate::field::Frames;
 use crate::field::{Guide, Toward};

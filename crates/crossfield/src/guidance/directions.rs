@@ -1,6 +1,6 @@
 //! Guidance by directions that the caller gives.
 
-use geom_core::bvh::TriangleTree;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, TriMesh, Vector3};
 
 use crate::Error;

@@ -1,6 +1,7 @@
 //! Guidance by isocontours of eigenfunctions (Eqs. 4.6–4.7).
 
-use geom_core::{TriMesh, laplace};
+use geom_core::TriMesh;
+use geom_core::surface::laplace;
 
 use super::modes::Mode;
 use crate::Error;

@@ -8,6 +8,7 @@ mod modes;
 
 pub use characteristic::Normalization;
 
+use geom_core::options::require;
 use geom_core::{TriMesh, Vector3};
 
 use crate::Error;
@@ -66,13 +67,6 @@ pub enum Guidance {
 impl Guidance {
     /// Refuses values out of range.
     pub fn check(&self) -> Result<(), Error> {
-        let invalid = |option, value: f64, must| {
-            Err(Error::InvalidOption {
-                option,
-                value: value.to_string(),
-                must,
-            })
-        };
         let (Self::Isocontours { weight, .. }
         | Self::Characteristic { weight, .. }
         | Self::Curvature { weight, .. }
@@ -80,15 +74,18 @@ impl Guidance {
         if *weight != f64::INFINITY {
             not_negative("guidance.weight", *weight)?;
         }
-        match self {
-            Self::Isocontours { inset, .. } if !(*inset > 0.0 && *inset < 0.5) => {
-                invalid("guidance.inset", *inset, "between 0 and 0.5")
+        match *self {
+            Self::Isocontours { inset, .. } => {
+                let fine = inset > 0.0 && inset < 0.5;
+                require(fine, "guidance.inset", inset, "lie between 0 and 0.5")?;
             }
-            Self::Curvature { threshold, .. } if !(0.0..1.0).contains(threshold) => {
-                invalid("guidance.threshold", *threshold, "at least 0 and below 1")
+            Self::Curvature { threshold, .. } => {
+                let fine = (0.0..1.0).contains(&threshold);
+                require(fine, "guidance.threshold", threshold, "be at least 0 and below 1")?;
             }
-            _ => Ok(()),
+            Self::Characteristic { .. } | Self::Strokes { .. } => {}
         }
+        Ok(())
     }
 }
 

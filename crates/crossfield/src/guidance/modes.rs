@@ -1,7 +1,8 @@
 //! Eigenfunctions of the surface, and which of them guide.
 
-use geom_core::spectral::{self, eigenpairs};
-use geom_core::{Cpu, Run, TriMesh, laplace};
+use geom_core::algebra::eigen::{self, eigenpairs};
+use geom_core::surface::laplace;
+use geom_core::{Cpu, Run, TriMesh};
 
 use super::Modes;
 use crate::Error;
@@ -23,9 +24,9 @@ pub(super) fn eigenfunctions(mesh: &TriMesh, modes: &Modes) -> Result<Vec<Mode>,
         Modes::Auto => MOST + 1,
         Modes::Numbers(numbers) => numbers.iter().copied().max().unwrap_or(0),
     };
-    let options = spectral::Options {
+    let options = eigen::Options {
         tolerance: TOLERANCE,
-        ..spectral::Options::default()
+        ..eigen::Options::default()
     };
     let stiffness = laplace::stiffness(mesh)?;
     let mass = laplace::lumped_mass(mesh);

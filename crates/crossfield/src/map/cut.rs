@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 
 use geom_core::TriMesh;
-use geom_core::distance::{Graph, shortest_paths};
-use geom_core::sets::DisjointSets;
+use geom_core::surface::distance::{Graph, shortest_paths};
+use geom_core::compute::sets::DisjointSets;
 
 use crate::Error;
 use crate::field::frames::{Frames, next};
@@ -155,7 +155,7 @@ fn shortest_path_tree(
         let first = singular.iter().position(|&s| s).unwrap_or(0);
         roots.push((first as u32, 0.0));
     }
-    let paths = shortest_paths(&Graph::of_edges(mesh), &roots, f64::INFINITY)?;
+    let paths = shortest_paths(&Graph::of_edges(mesh)?, &roots, f64::INFINITY)?;
     let on_tree = (0..frames.edges().len())
         .map(|h| {
             let (a, b) = (frames.from(h), frames.to(h));

@@ -121,7 +121,7 @@ fn quantized(
 ) -> Result<Vec<f64>, Error> {
     let (s, right) = weighted.schur()?;
     let quadratic = Quadratic::new(&s, &right);
-    let indefinite = geom_core::linalg::Error::NotPositiveDefinite { row: 0 };
+    let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
     let with_reals = |z: &[f64]| -> Result<Vec<f64>, Error> {
         let mut y = weighted.reals_for(z)?;
         y.extend_from_slice(z);

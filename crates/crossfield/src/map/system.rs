@@ -1,6 +1,6 @@
 //! The orientation energy (Eq. 4.10) over independent unknowns.
 
-use geom_core::linalg::{Cholesky, SparseMatrix, Symbolic};
+use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
 
 use super::chart::Chart;
 use super::cut::Cut;

@@ -1,6 +1,6 @@
 //! Better quads: vertices move on the surface until corners are right angles.
 
-use geom_core::bvh::TriangleTree;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
 
 use super::quality::scaled_jacobian;
@@ -57,31 +57,19 @@ impl Ground<'_> {
         (at, normal)
     }
 
-    /// Does a point lie on a line, within `near` Å?
-    pub(crate) fn is_on_line(&self, p: &Point3, near: f64) -> bool {
-        (self.on_line(p) - p).norm() <= near
-    }
-
     fn on_line(&self, p: &Point3) -> Point3 {
-        let on = |[a, b]: &[Point3; 2]| {
-            let d = b - a;
-            let part = (p - a).dot(&d) / d.norm_squared();
-            a + d * part.clamp(0.0, 1.0)
-        };
-        let nearest = self.lines.iter().map(on).min_by(|a, b| {
+        let nearest = self.lines.iter().map(|line| on_segment(line, p)).min_by(|a, b| {
             (a - p).norm_squared().total_cmp(&(b - p).norm_squared())
         });
         nearest.unwrap_or(*p)
     }
 }
 
-/// Lengths that the sides of quads should keep in proportion.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Sides {
-    /// Squares.
-    Equal,
-    /// The quads' own, as they are at the start.
-    Own,
+/// The point of a segment that is nearest to `p`.
+pub(crate) fn on_segment([a, b]: &[Point3; 2], p: &Point3) -> Point3 {
+    let d = b - a;
+    let part = (p - a).dot(&d) / d.norm_squared();
+    a + d * part.clamp(0.0, 1.0)
 }
 
 /// Moves vertices down the gradient of the corners' distortion (Eqs. 5.5–5.7, signed), back onto the surface after each
@@ -91,10 +79,9 @@ pub(crate) fn improve<B: CrossfieldBackend + ?Sized>(
     mesh: QuadMesh,
     ground: &Ground<'_>,
     freedom: &[Freedom],
-    sides: Sides,
     backend: &B,
 ) -> Result<QuadMesh, Error> {
-    let mut flow = Flow::new(mesh, ground, freedom, sides, backend);
+    let mut flow = Flow::new(mesh, ground, freedom, backend);
     flow.run()?;
     flow.lift_the_worst();
     Ok(QuadMesh::new(flow.positions, flow.quads)?)
@@ -104,7 +91,7 @@ struct Flow<'a, B: ?Sized> {
     quads: Vec<[u32; 4]>,
     positions: Vec<Point3>,
     normals: Vec<Vector3>,
-    lengths: Vec<[f64; 2]>,
+    lengths: Vec<f64>,
     ground: &'a Ground<'a>,
     freedom: &'a [Freedom],
     backend: &'a B,
@@ -117,8 +104,7 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
         mesh: QuadMesh,
         ground: &'a Ground<'a>,
         freedom: &'a [Freedom],
-        sides: Sides,
-        backend: &'a B,
+            backend: &'a B,
     ) -> Self {
         let (positions, quads) = mesh.into_parts();
         let mut around = vec![Vec::new(); positions.len()];
@@ -127,7 +113,7 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
                 around[v as usize].push(q);
             }
         }
-        let lengths = quads.iter().map(|q| lengths(&positions, q, sides)).collect();
+        let lengths = quads.iter().map(|q| mean_side(&positions, q)).collect();
         let mut flow = Self {
             quads,
             normals: vec![Vector3::zeros(); positions.len()],
@@ -161,16 +147,13 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
             .quads
             .iter()
             .zip(&self.lengths)
-            .flat_map(|(quad, &[a, b])| {
+            .flat_map(|(quad, &side)| {
                 let p = quad.map(|v| self.positions[v as usize]);
                 let normals = &self.normals;
-                (0..4).map(move |k| {
-                    let (next, previous) = if k % 2 == 0 { (a, b) } else { (b, a) };
-                    Corner {
-                        next: (p[(k + 1) % 4] - p[k]) / next,
-                        previous: (p[(k + 3) % 4] - p[k]) / previous,
-                        normal: normals[quad[k] as usize],
-                    }
+                (0..4).map(move |k| Corner {
+                    next: (p[(k + 1) % 4] - p[k]) / side,
+                    previous: (p[(k + 3) % 4] - p[k]) / side,
+                    normal: normals[quad[k] as usize],
                 })
             })
             .collect();
@@ -190,15 +173,14 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
         let mut gradient = vec![Vector3::zeros(); self.positions.len()];
         let mut scale = vec![0.0; self.positions.len()];
         for (q, quad) in self.quads.iter().enumerate() {
-            let [a, b] = self.lengths[q];
+            let side = self.lengths[q];
             for k in 0..4 {
                 let of = &self.out[4 * q + k];
-                let (next, previous) = if k % 2 == 0 { (a, b) } else { (b, a) };
-                let (to_next, to_previous) = (of.next / next, of.previous / previous);
+                let (to_next, to_previous) = (of.next / side, of.previous / side);
                 gradient[quad[(k + 1) % 4] as usize] += to_next;
                 gradient[quad[(k + 3) % 4] as usize] += to_previous;
                 gradient[quad[k] as usize] -= to_next + to_previous;
-                scale[quad[k] as usize] += a * b / self.around[quad[k] as usize].len() as f64;
+                scale[quad[k] as usize] += side * side / self.around[quad[k] as usize].len() as f64;
             }
         }
         (0..gradient.len())
@@ -312,10 +294,7 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
         }
         let (start, normal) = (self.positions[v], self.normals[v]);
         let before = self.worst_around(v);
-        let length = self.around[v].iter().map(|&q| {
-            let [a, b] = self.lengths[q as usize];
-            a.min(b)
-        });
+        let length = self.around[v].iter().map(|&q| self.lengths[q as usize]);
         let length = step * length.fold(f64::INFINITY, f64::min);
         let first = normal.cross(&any_other(&normal)).normalize();
         let second = normal.cross(&first);
@@ -340,13 +319,9 @@ fn any_other(n: &Vector3) -> Vector3 {
     if n.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() }
 }
 
-/// Wanted lengths of the sides 0–1 and 2–3, and of the others.
-fn lengths(positions: &[Point3], quad: &[u32; 4], sides: Sides) -> [f64; 2] {
+/// The mean length of a quad's sides: all four shall be equal.
+fn mean_side(positions: &[Point3], quad: &[u32; 4]) -> f64 {
     let p = quad.map(|v| positions[v as usize]);
-    let side = |k: usize| (p[(k + 1) % 4] - p[k]).norm();
-    let (a, b) = (0.5 * (side(0) + side(2)), 0.5 * (side(1) + side(3)));
-    match sides {
-        Sides::Equal => [0.5 * (a + b); 2],
-        Sides::Own => [a.max(0.05 * b), b.max(0.05 * a)],
-    }
+    let sides = (0..4).map(|k| (p[(k + 1) % 4] - p[k]).norm());
+    sides.sum::<f64>() / 4.0
 }

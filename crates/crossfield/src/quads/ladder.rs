@@ -1,11 +1,13 @@
 //! From a surface to quads, one rung after another until one holds.
 
-use geom_core::bvh::TriangleTree;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::mesh::Halfedges;
-use geom_core::{Point3, QuadMesh, Run, TriMesh, repair};
+use geom_core::surface::remesh::{self, remesh};
+use geom_core::surface::repair;
+use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh};
 
 use super::extract::{Extracted, SurfacePoint, extract};
-use super::improve::{Freedom, Ground, Sides, improve};
+use super::improve::{Freedom, Ground, improve, on_segment};
 use super::parts::{self, Part};
 use super::quality::{JacobianSummary, Valences, scaled_jacobian};
 use super::split::split_quads;
@@ -19,6 +21,14 @@ use crate::options::{FieldOptions, Ladder, Options, Size};
 
 /// How often the spacing may be made smaller by √2.
 const DENSER: u32 = 5;
+/// From so many triangles per quad on, a coarser surface is mapped instead.
+const MANY: f64 = 24.0;
+/// Its edges, in sides of quads.
+const PROXY: f64 = 0.4;
+/// The edges of a surface whose own triangles were too large, in sides of quads.
+const FINE: f64 = 0.5;
+/// The edges that the last rung starts from, in sides of quads: each triangle becomes three quads or one and a half.
+const LAST: f64 = 1.8;
 /// How far the number of quads may be from the one asked for before the spacing is corrected.
 const OFF_TARGET: f64 = 0.1;
 
@@ -115,7 +125,7 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
         repaired,
         ..Report::default()
     };
-    for (number, (mesh, _)) in split.iter().enumerate() {
+    for (number, mesh) in split.iter().enumerate() {
         run.progress("quads", number as u64, split.len() as u64)?;
         let (made, part) = part_quads(mesh, spacing, options, run)?;
         let first = positions.len() as u32;
@@ -171,13 +181,13 @@ fn part_quads<B: CrossfieldBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<(QuadMesh, PartReport), Error> {
-    let (part, _) = Part::of(mesh.clone(), options.crease)?;
+    let part = Part::of(mesh.clone(), options.crease)?;
     let mut report = PartReport {
         triangles: mesh.triangles().len(),
         ..PartReport::default()
     };
     let raw = match climb(&part, spacing, options, run, &mut report) {
-        Ok(quads) => quads,
+        Ok(raw) => raw,
         Err(error @ Error::Cancelled(_)) => return Err(error),
         Err(error) if options.ladder == Ladder::Off => return Err(error),
         Err(error) => {
@@ -186,12 +196,18 @@ fn part_quads<B: CrossfieldBackend + ?Sized>(
             }
             report.rung = Rung::Split;
             (report.field, report.map) = (None, None);
-            last_resort(&part)?
+            last_resort(&part, spacing, options)?
         }
     };
     let made = finished(&part, raw, options, run)?;
     report.quads = made.quads().len();
     Ok((made, report))
+}
+
+/// Quads, and the triangles they were made of.
+struct Raw {
+    quads: QuadMesh,
+    part: Part,
 }
 
 /// The rungs that have a map.
@@ -201,22 +217,30 @@ fn climb<B: CrossfieldBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
     report: &mut PartReport,
-) -> Result<QuadMesh, Error> {
+) -> Result<Raw, Error> {
     let mut rungs = Rungs {
         options,
         run,
         report,
         error: None,
     };
-    if let Some(quads) = rungs.with_field(part, spacing, 1.0, Rung::Direct)?.0 {
-        return Ok(quads);
+    let start = match proxy(part, spacing, options) {
+        Some(proxy) => proxy,
+        None => part.clone(),
+    };
+    if let Some(quads) = rungs.with_field(&start, spacing, 1.0, Rung::Direct)?.0 {
+        return Ok(Raw { quads, part: start });
     }
-    let fine = part.refined()?;
+    // Where the triangles are as large as the quads, a map has too little freedom.
+    let fine = match remeshed(part, FINE * spacing, options) {
+        Ok(fine) => fine,
+        Err(_) => part.refined()?,
+    };
     let mut field = None;
     for (factor, rung) in [(1.0, Rung::Refined), (2.0, Rung::Smoother), (4.0, Rung::Smoother)] {
         let (quads, solved) = rungs.with_field(&fine, spacing, factor, rung)?;
         if let Some(quads) = quads {
-            return Ok(quads);
+            return Ok(Raw { quads, part: fine });
         }
         field = Some(solved);
     }
@@ -224,10 +248,41 @@ fn climb<B: CrossfieldBackend + ?Sized>(
     for step in 1..=DENSER {
         let denser = spacing * 0.5f64.powf(0.5 * f64::from(step));
         if let Some(quads) = rungs.with_map(&fine, &field, denser, Rung::Denser(step))? {
-            return Ok(quads);
+            return Ok(Raw { quads, part: fine });
         }
     }
     Err(rungs.error.expect("every rung failed"))
+}
+
+/// Fewer triangles in place of far too many: the field needs no more than about fourteen per quad.
+fn proxy(part: &Part, spacing: f64, options: &Options) -> Option<Part> {
+    let quads = part.mesh.area() / (spacing * spacing);
+    if (part.mesh.triangles().len() as f64) < MANY * quads {
+        return None;
+    }
+    remeshed(part, PROXY * spacing, options).ok()
+}
+
+/// The part with nearly equilateral triangles of this edge length (Botsch and Kobbelt, 2004), if its topology stays.
+fn remeshed(part: &Part, edge: f64, options: &Options) -> Result<Part, Error> {
+    let wanted = remesh::Options {
+        sizing: remesh::Sizing::Uniform {
+            edge_length: Some(edge),
+        },
+        features: match options.crease {
+            Some(degrees) => remesh::Features::Angle(degrees),
+            None => remesh::Features::None,
+        },
+        ..remesh::Options::default()
+    };
+    let made = remesh(part.mesh.clone(), None, &wanted, Run::on(&Cpu))?.mesh;
+    let loops = |mesh: &TriMesh| Halfedges::of(mesh).map(|e| e.boundary_loops().len());
+    let same = made.euler_characteristic() == part.mesh.euler_characteristic()
+        && loops(&made)? == loops(&part.mesh)?;
+    if !same {
+        return Err(Error::Empty);
+    }
+    Part::of(made, options.crease)
 }
 
 /// What the rungs share; the last failure.
@@ -334,35 +389,46 @@ fn mapped<B: CrossfieldBackend + ?Sized>(
 
 /// A manifold with the surface's Euler characteristic and boundary loops, or an error.
 fn check(quads: &QuadMesh, surface: &TriMesh) -> Result<(), Error> {
-    let made = Halfedges::of_quads(quads)?;
-    let given = Halfedges::of(surface)?;
-    let same = quads.euler_characteristic() == surface.euler_characteristic()
-        && made.boundary_loops().len() == given.boundary_loops().len();
-    if same {
+    let euler = quads.euler_characteristic();
+    let loops = Halfedges::of_quads(quads)?.boundary_loops().len();
+    let wanted_euler = surface.euler_characteristic();
+    let wanted_loops = Halfedges::of(surface)?.boundary_loops().len();
+    if euler == wanted_euler && loops == wanted_loops {
         return Ok(());
     }
-    let why = "the quads have another topology than the surface";
-    Err(Error::Torn { face: 0, why })
+    Err(Error::Topology {
+        euler,
+        loops,
+        wanted_euler,
+        wanted_loops,
+    })
 }
 
-fn last_resort(part: &Part) -> Result<QuadMesh, Error> {
+/// Quads of the triangles themselves, of about the wanted size if the surface can be remeshed.
+fn last_resort(part: &Part, spacing: f64, options: &Options) -> Result<Raw, Error> {
+    let part = match remeshed(part, LAST * spacing, options) {
+        Ok(coarse) => coarse,
+        Err(_) => part.clone(),
+    };
     let mut keep = vec![false; 3 * part.mesh.triangles().len()];
     for &h in &part.lines {
         keep[h] = true;
     }
-    split_quads(&part.mesh, &keep)
+    let quads = split_quads(&part.mesh, &keep)?;
+    Ok(Raw { quads, part })
 }
 
 /// Vertices on the surface, better quads.
 fn finished<B: CrossfieldBackend + ?Sized>(
     part: &Part,
-    raw: QuadMesh,
+    raw: Raw,
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<QuadMesh, Error> {
     if !options.improve {
-        return Ok(raw);
+        return Ok(raw.quads);
     }
+    let freedom = freedoms(&raw)?;
     let tree = TriangleTree::new(&part.mesh).map_err(|_| Error::Empty)?;
     let normals = part.mesh.vertex_normals();
     let ground = Ground {
@@ -371,29 +437,26 @@ fn finished<B: CrossfieldBackend + ?Sized>(
         normals: &normals,
         lines: part.segments()?,
     };
-    let freedom = freedoms(part, &raw, &ground)?;
-    improve(raw, &ground, &freedom, Sides::Equal, run.backend)
+    improve(raw.quads, &ground, &freedom, run.backend)
 }
 
-/// Vertices on lines slide along them, those next to their corners stay.
-fn freedoms(part: &Part, quads: &QuadMesh, ground: &Ground<'_>) -> Result<Vec<Freedom>, Error> {
-    let corners = part.corners()?;
-    let fixed: Vec<Point3> = (0..corners.len())
+/// Vertices on lines slide along them, their corners stay.
+fn freedoms(raw: &Raw) -> Result<Vec<Freedom>, Error> {
+    let (positions, lines) = (raw.part.mesh.positions(), raw.part.segments()?);
+    let corners = raw.part.corners()?;
+    let fixed: Vec<&Point3> = (0..corners.len())
         .filter(|&v| corners[v] == Some(true))
-        .map(|v| part.mesh.positions()[v])
+        .map(|v| &positions[v])
         .collect();
-    let near = 1e-9 * part.mesh.bounds().diagonal();
-    Ok(quads
-        .positions()
-        .iter()
-        .map(|p| {
-            if ground.lines.is_empty() || !ground.is_on_line(p, near) {
-                Freedom::Surface
-            } else if fixed.iter().any(|c| (c - p).norm() <= near) {
-                Freedom::Fixed
-            } else {
-                Freedom::Line
-            }
-        })
-        .collect())
+    let near = 1e-9 * raw.part.mesh.bounds().diagonal();
+    let of = |p: &Point3| {
+        if !lines.iter().any(|line| (on_segment(line, p) - p).norm() <= near) {
+            Freedom::Surface
+        } else if fixed.iter().any(|c| (*c - p).norm() <= near) {
+            Freedom::Fixed
+        } else {
+            Freedom::Line
+        }
+    };
+    Ok(raw.quads.positions().iter().map(of).collect())
 }

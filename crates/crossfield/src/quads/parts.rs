@@ -2,13 +2,14 @@
 
 use geom_core::id::Id;
 use geom_core::mesh::Halfedges;
-use geom_core::repair::{self, repair};
-use geom_core::sets::DisjointSets;
+use geom_core::surface::repair::{self, repair};
+use geom_core::compute::sets::DisjointSets;
 use geom_core::{HalfedgeId, Point3, TriMesh, VertexId};
 
 use crate::Error;
 
 /// A connected surface, ready for a field: no triangle has two sides that must be lines.
+#[derive(Clone, Debug)]
 pub(super) struct Part {
     pub(super) mesh: TriMesh,
     /// Half-edges along boundaries and sharp edges; both of a sharp one.
@@ -44,8 +45,8 @@ fn is_flat(mesh: &TriMesh, triangle: usize) -> bool {
     mesh.doubled_area_normal(triangle).norm() <= 1e-9 * longest
 }
 
-/// The connected parts, in the order of their lowest triangles: the triangles of each.
-pub(super) fn split(mesh: &TriMesh) -> Vec<(TriMesh, Vec<u32>)> {
+/// The connected parts, in the order of their lowest triangles.
+pub(super) fn split(mesh: &TriMesh) -> Vec<TriMesh> {
     let mut sets = DisjointSets::new(mesh.positions().len());
     for &[a, b, c] in mesh.triangles() {
         sets.join(a, b);
@@ -62,7 +63,7 @@ pub(super) fn split(mesh: &TriMesh) -> Vec<(TriMesh, Vec<u32>)> {
         }
         parts[*slot].push(t);
     }
-    parts.into_iter().map(|faces| (restricted(mesh, &faces), faces)).collect()
+    parts.iter().map(|faces| restricted(mesh, faces)).collect()
 }
 
 fn restricted(mesh: &TriMesh, faces: &[u32]) -> TriMesh {
@@ -78,8 +79,8 @@ fn restricted(mesh: &TriMesh, faces: &[u32]) -> TriMesh {
 
 impl Part {
     /// Finds the sharp edges (normals differing by more than `crease` degrees), and cuts triangles with two lines at their
-    /// centres, the second list saying which triangle of `mesh` each comes from.
-    pub(super) fn of(mesh: TriMesh, crease: Option<f64>) -> Result<(Self, Vec<u32>), Error> {
+    /// centres.
+    pub(super) fn of(mesh: TriMesh, crease: Option<f64>) -> Result<Self, Error> {
         let edges = Halfedges::of(&mesh)?;
         let is_line: Vec<bool> = edges
             .iter()
@@ -92,9 +93,9 @@ impl Part {
                 (Some(_), None) => false,
             })
             .collect();
-        let (mesh, is_line, origin) = cut_corners(mesh, is_line)?;
+        let (mesh, is_line) = cut_corners(mesh, is_line)?;
         let lines = (0..is_line.len()).filter(|&h| is_line[h]).collect();
-        Ok((Self { mesh, lines }, origin))
+        Ok(Self { mesh, lines })
     }
 
     /// Every triangle cut into four at the midpoints of its sides: where the triangles are as large as the quads, a map has
@@ -131,7 +132,7 @@ impl Part {
             lines.extend([line[0], false, line[2], line[1], false, line[0]]);
             lines.extend([line[2], false, line[1], false, false, false]);
         }
-        let (mesh, is_line, _) = cut_corners(TriMesh::new(positions, triangles)?, lines)?;
+        let (mesh, is_line) = cut_corners(TriMesh::new(positions, triangles)?, lines)?;
         let lines = (0..is_line.len()).filter(|&h| is_line[h]).collect();
         Ok(Self { mesh, lines })
     }
@@ -182,14 +183,13 @@ impl Part {
 fn cut_corners(
     mesh: TriMesh,
     is_line: Vec<bool>,
-) -> Result<(TriMesh, Vec<bool>, Vec<u32>), Error> {
+) -> Result<(TriMesh, Vec<bool>), Error> {
     let (mut positions, triangles) = mesh.into_parts();
-    let (mut out, mut lines, mut origin) = (Vec::new(), Vec::new(), Vec::new());
-    for (f, (&[a, b, c], is_line)) in triangles.iter().zip(is_line.chunks_exact(3)).enumerate() {
+    let (mut out, mut lines) = (Vec::new(), Vec::new());
+    for (&[a, b, c], is_line) in triangles.iter().zip(is_line.chunks_exact(3)) {
         if is_line.iter().filter(|&&l| l).count() < 2 {
             out.push([a, b, c]);
             lines.extend_from_slice(is_line);
-            origin.push(f as u32);
             continue;
         }
         let sum = [a, b, c]
@@ -200,8 +200,7 @@ fn cut_corners(
         for (k, [from, to]) in [[a, b], [b, c], [c, a]].into_iter().enumerate() {
             out.push([from, to, centre]);
             lines.extend([is_line[k], false, false]);
-            origin.push(f as u32);
         }
     }
-    Ok((TriMesh::new(positions, out)?, lines, origin))
+    Ok((TriMesh::new(positions, out)?, lines))
 }

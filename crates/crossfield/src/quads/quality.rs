@@ -1,6 +1,6 @@
 //! How good a quad mesh is.
 
-use geom_core::bvh::TriangleTree;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::mesh::Halfedges;
 use geom_core::{Point3, QuadMesh, TriMesh, Vector3, VertexId};
 
