@@ -12,6 +12,7 @@ pub(crate) const LIBRARIES: &[&str] = &[
     "gauss-density",
     "dual-contour",
     "tet-quality",
+    "crossfield",
 ];
 
 /// Who may depend on whom among the published crates.
@@ -20,6 +21,7 @@ const ALLOWED: &[(&str, &str)] = &[
     ("gauss-density", "geom-core"),
     ("dual-contour", "geom-core"),
     ("tet-quality", "geom-core"),
+    ("crossfield", "geom-core"),
 ];
 
 /// Reads `cargo metadata`; fails on an arrow too many or too few.

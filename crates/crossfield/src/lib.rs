@@ -13,7 +13,10 @@ pub mod quads;
 #[cfg(feature = "testing")]
 pub mod specification;
 #[cfg(not(feature = "testing"))]
+#[expect(unreachable_pub, reason = "public for tests only")]
 mod specification;
+#[cfg(feature = "testing")]
+pub mod testing;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 

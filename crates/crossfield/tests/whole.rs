@@ -20,7 +20,7 @@ fn show(name: &str, mesh: &TriMesh, options: &Options) {
             }
             if let Ok(dir) = std::env::var("CROSSFIELD_OUT") {
                 let f = io::view::View::from(&made.mesh);
-                io::mesh::save(format!("{dir}/{name}.vtu"), &f).unwrap();
+                io::mesh::save(format!("{dir}/{name}.obj"), &f).unwrap();
             }
         }
         Err(e) => println!("{name}: ERROR {e}"),

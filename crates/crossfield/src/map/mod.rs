@@ -2,15 +2,16 @@
 //! sides.
 
 mod chart;
+mod coarse;
 mod cut;
 pub(crate) mod exact;
 mod parameterize;
 mod round;
-pub(crate) mod spacing;
+mod spacing;
 mod system;
 mod transition;
 mod untangle;
 
 pub use chart::Chart;
-pub use parameterize::{GridMap, MapReport};
-pub(crate) use parameterize::{parameterize, Request};
+pub use parameterize::{GridMap, MapOptions, MapReport, parameterize};
+pub use spacing::Spacing;

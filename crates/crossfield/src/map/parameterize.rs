@@ -1,8 +1,10 @@
 //! From a cross field to an integer-grid map.
 
+use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
 use super::chart::{Chart, charts};
+use super::coarse::Coarse;
 use super::cut::Cut;
 use super::round::Quadratic;
 use super::spacing::Spacing;
@@ -44,6 +46,8 @@ pub struct MapReport {
     pub relaxed_energy: f64,
     /// The same of the final map.
     pub energy: f64,
+    /// Whether rounding laid singular vertices onto each other and other integers had to be found.
+    pub respaced: bool,
     /// Triangles inverted by rounding.
     pub folded: usize,
     /// Solves with stiffer triangles.
@@ -60,24 +64,40 @@ impl GridMap {
     }
 }
 
-/// What to map.
-pub(crate) struct Request<'a> {
-    pub(crate) mesh: &'a TriMesh,
-    pub(crate) frames: &'a Frames,
-    pub(crate) field: &'a CrossField,
-    /// Half-edges that must be lines: boundaries and sharp edges.
-    pub(crate) lines: &'a [usize],
-    pub(crate) spacing: &'a Spacing,
+/// What the map should be like.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct MapOptions {
+    /// How far apart neighbouring lines shall be.
+    pub spacing: Spacing,
+    /// Half-edges (3 × triangle + side) that must be lines, e.g. sharp edges; the field has to be parallel to them. Of the
+    /// two of an edge one is enough. Boundaries always are lines.
+    pub lines: Vec<u32>,
 }
 
-/// The map whose gradients are closest to the field, with integers on the seams (Eq. 4.10).
-pub(crate) fn parameterize<B: CrossfieldBackend + ?Sized>(
-    request: &Request<'_>,
+/// The map whose gradients are closest to the field, with integers on the seams (Eq. 4.10); `mesh` is connected.
+///
+/// The surface is cut open, all conditions of seams, singular vertices and lines are eliminated exactly, and the integers are
+/// rounded one by one with the rest following to its optimum. Triangles that fold get stiffer (Bommes et al. 2009); what is
+/// folded then is untangled (Garanzha et al. 2021). The result is checked in integers: [`Error::Folded`] says where it is no
+/// integer-grid map.
+pub fn parameterize<B: CrossfieldBackend + ?Sized>(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
     run: Run<'_, B>,
 ) -> Result<GridMap, Error> {
-    let Request { mesh, frames, field, lines, spacing } = *request;
+    let spacing = &options.spacing;
+    spacing.check(frames.faces())?;
+    let mut lines: Vec<usize> = options.lines.iter().map(|&h| h as usize).collect();
+    let known = lines.iter().all(|&h| h < frames.edges().len());
+    require(known, "lines", lines.len(), "name half-edges of the mesh")?;
+    lines.extend((0..frames.edges().len()).filter(|&h| frames.twin(h).is_none()));
+    lines.sort_unstable();
+    lines.dedup();
     let cut = Cut::of(mesh, frames, field)?;
-    let seams = Seams::of(frames, field, &cut, lines);
+    let seams = Seams::of(frames, field, &cut, &lines);
     let charts = charts(mesh, frames, field, &cut, spacing);
     let mut system = System::new(&cut, &seams, &charts);
     let mut report = MapReport {
@@ -87,7 +107,7 @@ pub(crate) fn parameterize<B: CrossfieldBackend + ?Sized>(
     run.progress("map", 0, 3)?;
     let mut weights = vec![1.0; charts.len()];
     let mut weighted = system.weighted(&weights)?;
-    let mut y = quantized(&system, &weighted, &mut report)?;
+    let mut y = quantized(frames, field, &system, &weighted, &mut report)?;
     let mut corners = system.corners(&y);
     run.progress("map", 1, 3)?;
     report.folded = faults(frames, field, &charts, &corners).len();
@@ -113,8 +133,11 @@ pub(crate) fn parameterize<B: CrossfieldBackend + ?Sized>(
     fixed(frames, field, &cut, &seams, &y, report)
 }
 
-/// Integers and the reals that follow them.
+/// Integers and the reals that follow them. Where rounding lays singular vertices onto each other, the integers are found
+/// on a denser grid and brought back while the decimated map stays upright.
 fn quantized(
+    frames: &Frames,
+    field: &CrossField,
     system: &System<'_>,
     weighted: &Weighted,
     report: &mut MapReport,
@@ -128,9 +151,26 @@ fn quantized(
         Ok(y)
     };
     let relaxed = quadratic.relaxed().ok_or(indefinite.clone())?;
-    report.relaxed_energy = system.energy(&system.corners(&with_reals(&relaxed)?));
+    let corners = system.corners(&with_reals(&relaxed)?);
+    report.relaxed_energy = system.energy(&corners);
     let rounded = quadratic.rounded().ok_or(indefinite)?;
-    with_reals(&rounded)
+    let y = with_reals(&rounded)?;
+    if faults(frames, field, system.charts, &system.corners(&y)).is_empty() {
+        return Ok(y);
+    }
+    let Some(coarse) = Coarse::of(frames, field, system.cut, system.seams, &corners) else {
+        return Ok(y);
+    };
+    if coarse.is_upright(&rounded) {
+        return Ok(y);
+    }
+    match quadratic.rounded_within(|z| coarse.is_upright(z)) {
+        Some(z) => {
+            report.respaced = true;
+            with_reals(&z)
+        }
+        None => Ok(y),
+    }
 }
 
 /// Triangles that are inverted or turned away, and triangles around vertices whose angles in the map do not add up to

@@ -40,6 +40,25 @@ impl Quadratic {
         Some(z)
     }
 
+    /// Integers that are `allowed`: rounded on a grid so many times denser that they are, then brought back step by step to
+    /// the wanted spacing by descent within what is allowed. `None` if even the densest grid is of no use.
+    pub(crate) fn rounded_within(&self, allowed: impl Fn(&[f64]) -> bool) -> Option<Vec<f64>> {
+        const STEPS: i32 = 16;
+        const RATIO: f64 = 1.2;
+        let denser = |step: i32| Self {
+            matrix: self.matrix.clone(),
+            right: &self.right * RATIO.powi(step),
+        };
+        let (first, mut z) = (1..=STEPS).find_map(|step| {
+            let z = denser(step).rounded()?;
+            allowed(&z).then_some((step, z))
+        })?;
+        for step in (0..first).rev() {
+            denser(step).descend(&mut z, &allowed);
+        }
+        Some(z)
+    }
+
     fn greedy(&self) -> Option<Vec<f64>> {
         let n = self.right.len();
         let mut inverse = self.matrix.clone().cholesky()?.inverse();

@@ -207,7 +207,7 @@ pub(crate) fn turned(turn: u8, component: usize) -> (usize, i64) {
 }
 
 /// `form += factor · other`.
-fn add(form: &mut Form, other: &Form, factor: i64) {
+pub(super) fn add(form: &mut Form, other: &Form, factor: i64) {
     for (&variable, &c) in other {
         let entry = form.entry(variable).or_insert(0);
         *entry += factor * c;

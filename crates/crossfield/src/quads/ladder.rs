@@ -14,9 +14,8 @@ use super::split::split_quads;
 use crate::backend::CrossfieldBackend;
 use crate::error::Error;
 use crate::field::{CrossField, FieldReport, Frames, Guide, Toward, cross_field};
-use crate::guidance;
-use crate::map::spacing::Spacing;
-use crate::map::{GridMap, MapReport, Request, parameterize};
+use crate::guidance::{self, Guidance};
+use crate::map::{GridMap, MapOptions, MapReport, Spacing, parameterize};
 use crate::options::{FieldOptions, Ladder, Options, Size};
 
 /// How often the spacing may be made smaller by √2.
@@ -98,10 +97,30 @@ pub struct Quadrangulation {
     pub mesh: QuadMesh,
     /// Where each vertex lies on the input surface.
     pub sources: Vec<SurfacePoint>,
+    /// The triangle of the input surface nearest to the centre of each quad.
+    pub origins: Vec<u32>,
     /// The scaled Jacobian of each quad, signed by the surface's normals: see [`scaled_jacobian`].
     pub jacobians: Vec<f64>,
     /// What was done.
     pub report: Report,
+}
+
+impl Quadrangulation {
+    /// Values per vertex of the input surface, on the vertices of the quads. Panics unless there is one per vertex.
+    pub fn vertex_values(&self, surface: &TriMesh, values: &[f64]) -> Vec<f64> {
+        assert_eq!(values.len(), surface.positions().len(), "one value per vertex");
+        let at = |source: &SurfacePoint| {
+            let corners = surface.triangles()[source.triangle as usize];
+            (0..3).map(|k| source.barycentric[k] * values[corners[k] as usize]).sum()
+        };
+        self.sources.iter().map(at).collect()
+    }
+
+    /// Labels per triangle of the input surface, on the quads: residues, chains, regions. Panics unless there is one per
+    /// triangle.
+    pub fn face_labels<T: Clone>(&self, labels: &[T]) -> Vec<T> {
+        self.origins.iter().map(|&t| labels[t as usize].clone()).collect()
+    }
 }
 
 /// Quads of any surface: its field, the map that follows it, the quads of the map; see [`Rung`] for what happens where that
@@ -119,6 +138,7 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
     let (whole, repaired) = parts::manifold(surface)?;
     let spacing = options.size.spacing(whole.area(), whole.triangles().len());
     let split = parts::split(&whole);
+    let guidance = guidance_of_parts(&whole, &split, &options.guidance)?;
     let (mut positions, mut quads) = (Vec::new(), Vec::new());
     let mut report = Report {
         backend: run.backend.name(),
@@ -127,7 +147,11 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
     };
     for (number, mesh) in split.iter().enumerate() {
         run.progress("quads", number as u64, split.len() as u64)?;
-        let (made, part) = part_quads(mesh, spacing, options, run)?;
+        let options = Options {
+            guidance: guidance[number].clone(),
+            ..options.clone()
+        };
+        let (made, part) = part_quads(&mesh.0, spacing, &options, run)?;
         let first = positions.len() as u32;
         let (more, faces) = made.into_parts();
         positions.extend(more);
@@ -136,12 +160,13 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
     }
     let mesh = QuadMesh::new(positions, quads)?;
     report.valences = Valences::of(&mesh)?;
-    let sources = sources(&mesh, surface)?;
+    let (sources, origins) = origins(&mesh, surface)?;
     let jacobians = jacobians(&mesh, surface, &sources);
     report.scaled_jacobian = JacobianSummary::of(&jacobians);
     Ok(Quadrangulation {
         mesh,
         sources,
+        origins,
         jacobians,
         report,
     })
@@ -162,16 +187,57 @@ fn jacobians(mesh: &QuadMesh, surface: &TriMesh, sources: &[SurfacePoint]) -> Ve
         .collect()
 }
 
-fn sources(mesh: &QuadMesh, surface: &TriMesh) -> Result<Vec<SurfacePoint>, Error> {
+/// Where vertices and centres of quads lie on the surface.
+fn origins(mesh: &QuadMesh, surface: &TriMesh) -> Result<(Vec<SurfacePoint>, Vec<u32>), Error> {
     let tree = TriangleTree::new(surface).map_err(|_| Error::Empty)?;
-    let closest = tree.closest_to_all(mesh.positions()).map_err(|_| Error::Empty)?;
-    Ok(closest
-        .iter()
-        .map(|c| SurfacePoint {
-            triangle: c.triangle,
-            barycentric: c.barycentric,
+    let closest = |points: &[Point3]| tree.closest_to_all(points).map_err(|_| Error::Empty);
+    let centres: Vec<Point3> = (0..mesh.quads().len())
+        .map(|q| {
+            let corners = mesh.corners(q).map(|p| p.coords);
+            Point3::from((corners[0] + corners[1] + corners[2] + corners[3]) / 4.0)
         })
-        .collect())
+        .collect();
+    let sources = closest(mesh.positions())?.into_iter().map(|c| SurfacePoint {
+        triangle: c.triangle,
+        barycentric: c.barycentric,
+    });
+    let origins = closest(&centres)?.iter().map(|c| c.triangle).collect();
+    Ok((sources.collect(), origins))
+}
+
+/// Each stroke guides the part that it lies on, everything else all parts.
+fn guidance_of_parts(
+    whole: &TriMesh,
+    split: &[(TriMesh, Vec<u32>)],
+    guidance: &[Guidance],
+) -> Result<Vec<Vec<Guidance>>, Error> {
+    let mut part_of = vec![0; whole.triangles().len()];
+    for (number, (_, faces)) in split.iter().enumerate() {
+        for &face in faces {
+            part_of[face as usize] = number;
+        }
+    }
+    let mut of_parts = vec![Vec::new(); split.len()];
+    for one in guidance {
+        let Guidance::Strokes { strokes, weight } = one else {
+            for part in &mut of_parts {
+                part.push(one.clone());
+            }
+            continue;
+        };
+        let points: Vec<Point3> = strokes.iter().map(|s| s.0).collect();
+        let tree = TriangleTree::new(whole).map_err(|_| Error::Empty)?;
+        let nearest = tree.closest_to_all(&points).map_err(|_| Error::Empty)?;
+        for (number, part) in of_parts.iter_mut().enumerate() {
+            let own = strokes.iter().zip(&nearest);
+            let own = own.filter(|(_, at)| part_of[at.triangle as usize] == number);
+            part.push(Guidance::Strokes {
+                strokes: own.map(|(stroke, _)| *stroke).collect(),
+                weight: *weight,
+            });
+        }
+    }
+    Ok(of_parts)
 }
 
 /// The quads of one connected part.
@@ -359,16 +425,11 @@ fn mapped<B: CrossfieldBackend + ?Sized>(
 ) -> Result<(Extracted, GridMap), Error> {
     let frames = Frames::of(&part.mesh, options.weights)?;
     let make = |spacing: &Spacing| -> Result<(Extracted, GridMap), Error> {
-        let map = {
-            let request = Request {
-                mesh: &part.mesh,
-                frames: &frames,
-                field,
-                lines: &part.lines,
-                spacing,
-            };
-            parameterize(&request, run)?
+        let map_options = MapOptions {
+            spacing: spacing.clone(),
+            lines: part.lines.iter().map(|&h| h as u32).collect(),
         };
+        let map = parameterize(&part.mesh, &frames, field, &map_options, run)?;
         let extracted = extract(&part.mesh, &frames, &map)?;
         check(&extracted.mesh, &part.mesh)?;
         Ok((extracted, map))

@@ -45,8 +45,8 @@ fn is_flat(mesh: &TriMesh, triangle: usize) -> bool {
     mesh.doubled_area_normal(triangle).norm() <= 1e-9 * longest
 }
 
-/// The connected parts, in the order of their lowest triangles.
-pub(super) fn split(mesh: &TriMesh) -> Vec<TriMesh> {
+/// The connected parts, in the order of their lowest triangles, and the triangles of each.
+pub(super) fn split(mesh: &TriMesh) -> Vec<(TriMesh, Vec<u32>)> {
     let mut sets = DisjointSets::new(mesh.positions().len());
     for &[a, b, c] in mesh.triangles() {
         sets.join(a, b);
@@ -63,7 +63,7 @@ pub(super) fn split(mesh: &TriMesh) -> Vec<TriMesh> {
         }
         parts[*slot].push(t);
     }
-    parts.iter().map(|faces| restricted(mesh, faces)).collect()
+    parts.into_iter().map(|faces| (restricted(mesh, &faces), faces)).collect()
 }
 
 fn restricted(mesh: &TriMesh, faces: &[u32]) -> TriMesh {
