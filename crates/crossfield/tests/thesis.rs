@@ -68,31 +68,3 @@ fn characteristic_values_are_fair_when_normalized() {
     assert!(count(Normalization::Raw) > 0);
     assert_ne!(count(Normalization::Raw), count(Normalization::Normalized));
 }
-
-/// On an elongated body two modes guide to no more singularities than principal curvature (the thesis: 144 against 178).
-#[test]
-fn modes_earn_fewer_singularities_than_curvature() {
-    let (mut positions, triangles) = body().into_parts();
-    // Bumps, which curvature follows and low modes do not.
-    for p in &mut positions {
-        let bump = (9.0 * p.x).sin() * (8.0 * p.y).cos() * (7.0 * p.z).sin();
-        p.coords *= 1.0 + 0.06 * bump;
-    }
-    let mesh = TriMesh::new(positions, triangles).unwrap();
-    let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
-    let singularities = |guidance| {
-        let guides = guides(&mesh, &frames, &[guidance]).unwrap();
-        assert!(guides.len() > 20);
-        cross_field(&mesh, &guides, &FieldOptions::default()).unwrap().report.singularities
-    };
-    let by_modes = singularities(Guidance::Isocontours {
-        modes: Modes::Numbers(vec![1, 2]),
-        inset: 0.125,
-        weight: 1.0,
-    });
-    let by_curvature = singularities(Guidance::Curvature {
-        threshold: 0.8,
-        weight: 1.0,
-    });
-    assert!(by_modes < by_curvature, "{by_modes} {by_curvature}");
-}
