@@ -72,7 +72,11 @@ fn kernels(c: &mut Criterion) {
     let mut out = Vec::new();
     for backend in backends() {
         group.bench_function(backend.name(), |b| {
-            b.iter(|| backend.corner_distortion(&corners, 0.0, &mut out).expect("fits"));
+            b.iter(|| {
+                backend
+                    .corner_distortion(&corners, 0.0, &mut out)
+                    .expect("fits")
+            });
         });
     }
     group.finish();

@@ -78,7 +78,10 @@ fn field(args: &Args, session: &Session) -> Result<(), Failure> {
     })?;
     let field = session.stage("field", || cross_field(&mesh, &guides, &options))?;
     session.note("field", &field.report)?;
-    session.note("counts", json!({ "singularities": field.report.singularities }))?;
+    session.note(
+        "counts",
+        json!({ "singularities": field.report.singularities }),
+    )?;
 
     session.stage("files and pictures", || {
         let arms: Vec<[f32; 3]> = (0..frames.faces())

@@ -89,7 +89,11 @@ fn quads(args: &Args, session: &Session) -> Result<(), Failure> {
         crease: args.crease,
         smoothing: args.smoothing,
         singularity_penalty: args.singularity_penalty,
-        ladder: if args.no_fallback { Ladder::Off } else { Ladder::Full },
+        ladder: if args.no_fallback {
+            Ladder::Off
+        } else {
+            Ladder::Full
+        },
         improve: !args.raw,
         ..Options::default()
     };
@@ -108,7 +112,10 @@ fn note(session: &Session, mesh: &TriMesh, made: &Quadrangulation) -> Result<(),
     });
     session.note("counts", counts)?;
     let fields = report.parts.iter().filter_map(|p| p.field.as_ref());
-    session.note("singularities", fields.clone().map(|f| f.singularities).sum::<usize>())?;
+    session.note(
+        "singularities",
+        fields.clone().map(|f| f.singularities).sum::<usize>(),
+    )?;
     session.note("energy", fields.map(|f| f.energy).sum::<f64>())?;
     session.note("scaled_jacobian", report.scaled_jacobian)?;
     session.note("hausdorff", distances(&made.mesh, mesh)?)?;
@@ -127,7 +134,11 @@ fn save(session: &Session, made: &Quadrangulation) -> Result<(), Failure> {
 
     let scale = Scale::new(ColorMap::Viridis, [0.0, 1.0], "scaled Jacobian");
     let halves = made.mesh.clone().into_triangles();
-    let colors = made.jacobians.iter().flat_map(|&j| [scale.color(j); 2]).collect();
+    let colors = made
+        .jacobians
+        .iter()
+        .flat_map(|&j| [scale.color(j); 2])
+        .collect();
     let mut body = Layer::surface(&halves, Paint::Faces(colors));
     body.edges = false;
     let edges = Halfedges::of_quads(&made.mesh)?;

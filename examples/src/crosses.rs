@@ -123,8 +123,12 @@ fn strip(layer: &mut Layer, [a, b]: [Point3; 2], normal: &Vector3, width: f64) {
     let side = normal.cross(&(b - a)).normalize() * (0.5 * width);
     let lift = normal * (0.6 * width);
     let first = layer.positions.len() as u32;
-    layer.positions.extend([a - side, b - side, b + side, a + side].map(|p| p + lift));
-    layer.faces.extend([[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first)));
+    layer
+        .positions
+        .extend([a - side, b - side, b + side, a + side].map(|p| p + lift));
+    layer
+        .faces
+        .extend([[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first)));
 }
 
 fn plain(color: Rgb) -> Layer {
@@ -143,13 +147,21 @@ pub fn crosses(mesh: &TriMesh, frames: &Frames, field: &CrossField) -> Layer {
     let every = mesh.triangles().len().div_ceil(CROSSES);
     let spacing = (mesh.area() * every as f64 / mesh.triangles().len() as f64).sqrt();
     for f in (0..mesh.triangles().len()).step_by(every) {
-        let sum = mesh.corners(f).iter().fold(Vector3::zeros(), |s, p| s + p.coords);
+        let sum = mesh
+            .corners(f)
+            .iter()
+            .fold(Vector3::zeros(), |s, p| s + p.coords);
         let centre = Point3::from(sum / 3.0);
         let normal = mesh.doubled_area_normal(f).normalize();
         let arms = field.arms(frames, f);
         for arm in &arms[..2] {
             let half = arm * (0.42 * spacing);
-            strip(&mut layer, [centre - half, centre + half], &normal, 0.08 * spacing);
+            strip(
+                &mut layer,
+                [centre - half, centre + half],
+                &normal,
+                0.08 * spacing,
+            );
         }
     }
     layer
@@ -162,8 +174,12 @@ pub fn balls(points: impl Iterator<Item = (Point3, bool)>, radius: f64) -> [Laye
     for (at, positive) in points {
         let layer = &mut layers[usize::from(positive)];
         let first = layer.positions.len() as u32;
-        layer.positions.extend(ball.positions().iter().map(|p| at + p.coords));
-        layer.faces.extend(ball.triangles().iter().map(|t| t.map(|v| v + first)));
+        layer
+            .positions
+            .extend(ball.positions().iter().map(|p| at + p.coords));
+        layer
+            .faces
+            .extend(ball.triangles().iter().map(|t| t.map(|v| v + first)));
     }
     layers
 }
@@ -192,7 +208,13 @@ mod tests {
 
     #[test]
     fn guides_are_read_as_they_are_written() {
-        for text in ["none", "curvature", "modes:auto", "modes:1,2", "characteristic:3"] {
+        for text in [
+            "none",
+            "curvature",
+            "modes:auto",
+            "modes:1,2",
+            "characteristic:3",
+        ] {
             assert_eq!(guide(text).unwrap().to_string(), text);
         }
         for text in ["modes:0", "modes:", "modes:a", "contours", "curvature:1"] {

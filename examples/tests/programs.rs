@@ -419,7 +419,13 @@ fn modes_of_a_mesh_and_of_a_structure() {
 fn fields_and_quads_of_a_mesh_and_of_a_structure() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("field");
-    let args = [&fixture("spot.ply"), "--guide", "modes:1,2", "--mode", "hard"];
+    let args = [
+        &fixture("spot.ply"),
+        "--guide",
+        "modes:1,2",
+        "--mode",
+        "hard",
+    ];
     let report = report_of("07_field", &args, &out);
     let field = &report["field"];
     assert!(field["guided"].as_u64().unwrap() > 20, "{field}");
@@ -428,8 +434,14 @@ fn fields_and_quads_of_a_mesh_and_of_a_structure() {
     assert!(out.join("field.vtu").exists());
 
     for (name, args) in [
-        ("spot", [fixture("spot.ply"), "--quads".into(), "1200".into()]),
-        ("protein", [fixture("1AJJ.pdb"), "--spacing".into(), "1.5".into()]),
+        (
+            "spot",
+            [fixture("spot.ply"), "--quads".into(), "1200".into()],
+        ),
+        (
+            "protein",
+            [fixture("1AJJ.pdb"), "--spacing".into(), "1.5".into()],
+        ),
     ] {
         let out = folder.path().join(name);
         let report = report_of("08_quads", &args.each_ref().map(String::as_str), &out);
@@ -442,8 +454,14 @@ fn fields_and_quads_of_a_mesh_and_of_a_structure() {
         let AnyMesh::Quad(quads) = quads else {
             panic!("{name}: not all faces are quads")
         };
-        assert_eq!(quads.quads().len() as u64, report["counts"]["quads"].as_u64().unwrap());
-        assert_eq!(report["surface"]["euler_characteristic"], quads.euler_characteristic());
+        assert_eq!(
+            quads.quads().len() as u64,
+            report["counts"]["quads"].as_u64().unwrap()
+        );
+        assert_eq!(
+            report["surface"]["euler_characteristic"],
+            quads.euler_characteristic()
+        );
     }
 }
 

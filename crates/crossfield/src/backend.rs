@@ -1,4 +1,53 @@
 //! The hot kernels, and what each backend owes to the specification.
+//!
+//! A backend from outside, which counts calls and leaves the work to the CPU:
+//!
+//! ```
+//! use std::sync::atomic::{AtomicUsize, Ordering};
+//!
+//! use crossfield::backend::{ChartDistortion, Corner, CornerDistortion, CrossfieldBackend};
+//! use crossfield::geom_core::{Backend, Cpu, Run, mesh::shapes};
+//! use crossfield::map::Chart;
+//! use crossfield::{Error, Options, quadrangulate};
+//!
+//! #[derive(Default)]
+//! struct Counting(AtomicUsize);
+//!
+//! impl Backend for Counting {
+//!     fn name(&self) -> String {
+//!         "counting".into()
+//!     }
+//! }
+//!
+//! impl CrossfieldBackend for Counting {
+//!     fn chart_distortion(
+//!         &self,
+//!         charts: &[Chart],
+//!         corners: &[[[f64; 2]; 3]],
+//!         epsilon: f64,
+//!         out: &mut Vec<ChartDistortion>,
+//!     ) -> Result<(), Error> {
+//!         self.0.fetch_add(1, Ordering::Relaxed);
+//!         Cpu.chart_distortion(charts, corners, epsilon, out)
+//!     }
+//!     fn corner_distortion(
+//!         &self,
+//!         corners: &[Corner],
+//!         epsilon: f64,
+//!         out: &mut Vec<CornerDistortion>,
+//!     ) -> Result<(), Error> {
+//!         self.0.fetch_add(1, Ordering::Relaxed);
+//!         Cpu.corner_distortion(corners, epsilon, out)
+//!     }
+//! }
+//!
+//! let backend = Counting::default();
+//! let sphere = shapes::icosphere(1.0, 2);
+//! let made = quadrangulate(&sphere, &Options::default(), Run::on(&backend))?;
+//! assert_eq!(made.report.backend, "counting");
+//! assert!(backend.0.load(Ordering::Relaxed) > 0);
+//! # Ok::<(), Error>(())
+//! ```
 
 use geom_core::{Agreement, Backend, Vector3};
 

@@ -2,14 +2,17 @@
 
 pub use geom_core;
 
-pub mod backend;
-mod cpu;
-mod error;
+// In the order in which data flow: directions for some triangles; a cross in every triangle; the map whose lines follow
+// the crosses; quads between the lines.
 pub mod field;
 pub mod guidance;
 pub mod map;
-pub mod options;
 pub mod quads;
+// What to compute, where, and why not.
+pub mod backend;
+mod cpu;
+mod error;
+pub mod options;
 #[cfg(feature = "testing")]
 pub mod specification;
 #[cfg(not(feature = "testing"))]

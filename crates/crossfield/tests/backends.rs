@@ -21,7 +21,11 @@ fn threads_do_not_matter() {
 /// Triangles with sides of about one, mapped with noise, some inverted.
 fn charts() -> impl Strategy<Value = (Vec<Chart>, Vec<[[f64; 2]; 3]>)> {
     let point = || [-0.4..0.4f64, -0.4..0.4f64];
-    let one = ([point(), point(), point()], [point(), point(), point()], 0.3..2.0f64);
+    let one = (
+        [point(), point(), point()],
+        [point(), point(), point()],
+        0.3..2.0f64,
+    );
     prop::collection::vec(one, 1..40).prop_map(|all| {
         all.into_iter()
             .map(|(shake, map, area)| {

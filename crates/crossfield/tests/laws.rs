@@ -15,7 +15,10 @@ use geom_core::{Cpu, Point3, Run, TriMesh, Vector3, io};
 use proptest::prelude::*;
 
 fn fixture(name: &str) -> TriMesh {
-    io::mesh::read(fixtures::path(name)).unwrap().mesh.into_triangles()
+    io::mesh::read(fixtures::path(name))
+        .unwrap()
+        .mesh
+        .into_triangles()
 }
 
 fn quads(mesh: &TriMesh, size: Size) -> Quadrangulation {
@@ -32,9 +35,15 @@ fn quads(mesh: &TriMesh, size: Size) -> Quadrangulation {
 fn obeys(made: &Quadrangulation, mesh: &TriMesh) {
     let audit = SurfaceAudit::of_quads(&made.mesh);
     assert!(audit.is_manifold(), "{audit:?}");
-    assert_eq!(made.mesh.euler_characteristic(), mesh.euler_characteristic());
+    assert_eq!(
+        made.mesh.euler_characteristic(),
+        mesh.euler_characteristic()
+    );
     let loops = Halfedges::of(mesh).unwrap().boundary_loops().len();
-    let made_loops = Halfedges::of_quads(&made.mesh).unwrap().boundary_loops().len();
+    let made_loops = Halfedges::of_quads(&made.mesh)
+        .unwrap()
+        .boundary_loops()
+        .len();
     assert_eq!(made_loops, loops);
     assert_eq!(made.sources.len(), made.mesh.positions().len());
     let near = 1e-9 * mesh.bounds().diagonal();
@@ -112,7 +121,9 @@ fn scale_and_rotation_do_not_matter() {
     let mesh = fixture("bob_small.ply");
     let turn = geom_core::nalgebra::Rotation3::from_euler_angles(0.3, 1.1, -0.7);
     let (positions, triangles) = mesh.clone().into_parts();
-    let moved = positions.iter().map(|p| turn * p * 10.0 + Vector3::new(5.0, -3.0, 1.0));
+    let moved = positions
+        .iter()
+        .map(|p| turn * p * 10.0 + Vector3::new(5.0, -3.0, 1.0));
     let moved = TriMesh::new(moved.collect(), triangles).unwrap();
     let options = FieldOptions::default();
     let [a, b] = [&mesh, &moved].map(|m| cross_field(m, &[], &options).unwrap());
@@ -161,7 +172,11 @@ fn closed_surfaces_become_good_quads() {
         let made = quads(&mesh, Size::Quads(count));
         let share = made.mesh.quads().len() as f64 / count as f64;
         assert!((0.88..1.12).contains(&share), "{share}");
-        assert!(made.report.valences.irregular() <= most, "{:?}", made.report.valences);
+        assert!(
+            made.report.valences.irregular() <= most,
+            "{:?}",
+            made.report.valences
+        );
         let jacobian = made.report.scaled_jacobian;
         assert!(jacobian.min >= 0.3 && jacobian.mean >= 0.9, "{jacobian:?}");
     }
@@ -224,14 +239,30 @@ fn rims_become_sides_of_quads() {
     let open = [
         ("plate", plate(12, 0.2, |_, _| false), 0),
         ("tube", tube(0.5, 1.4, 24, 12), 0),
-        ("one hole", plate(15, 0.2, |i, j| (6..9).contains(&i) && (6..9).contains(&j)), 8),
-        ("two holes", plate(18, 0.0, |i, j| [4, 12].contains(&i) && [6, 12].contains(&j)), 40),
+        (
+            "one hole",
+            plate(15, 0.2, |i, j| (6..9).contains(&i) && (6..9).contains(&j)),
+            8,
+        ),
+        (
+            "two holes",
+            plate(18, 0.0, |i, j| [4, 12].contains(&i) && [6, 12].contains(&j)),
+            40,
+        ),
         ("disc", disc, 60),
     ];
     for (name, mesh, most) in open {
         let made = quads(&mesh, Size::Quads(300));
-        assert!(made.report.rung() < Rung::Split, "{name}: {:?}", made.report.parts);
-        assert!(made.report.valences.irregular() <= most, "{name}: {:?}", made.report.valences);
+        assert!(
+            made.report.rung() < Rung::Split,
+            "{name}: {:?}",
+            made.report.parts
+        );
+        assert!(
+            made.report.valences.irregular() <= most,
+            "{name}: {:?}",
+            made.report.valences
+        );
         let edges = Halfedges::of(&mesh).unwrap();
         let rim: Vec<[Point3; 2]> = edges
             .edges()
@@ -246,7 +277,12 @@ fn rims_become_sides_of_quads() {
             };
             rim.iter().map(to).fold(f64::INFINITY, f64::min)
         };
-        for v in Halfedges::of_quads(&made.mesh).unwrap().boundary_loops().iter().flatten() {
+        for v in Halfedges::of_quads(&made.mesh)
+            .unwrap()
+            .boundary_loops()
+            .iter()
+            .flatten()
+        {
             let p = made.mesh.positions()[v.0 as usize];
             assert!(off(&p) < 1e-9, "{name}: {p}");
         }
@@ -283,7 +319,9 @@ fn sharp_edges_are_chains_of_sides() {
     obeys(&made, &mesh);
     // A point on an edge has two coordinates at the box's limits; sides along edges add up to all twelve.
     let at_limits = |p: &Point3| -> usize {
-        (0..3).filter(|&c| p[c].abs() < 1e-9 || (p[c] - extent[c]).abs() < 1e-9).count()
+        (0..3)
+            .filter(|&c| p[c].abs() < 1e-9 || (p[c] - extent[c]).abs() < 1e-9)
+            .count()
     };
     let edges = Halfedges::of_quads(&made.mesh).unwrap();
     let along: f64 = edges

@@ -37,7 +37,10 @@ fn isocontours_lie_an_eighth_from_both_ends() {
             above == 1 || above == 2
         })
     };
-    let wanted: Vec<u32> = (0..mesh.triangles().len()).filter(|&f| crossed(f)).map(|f| f as u32).collect();
+    let wanted: Vec<u32> = (0..mesh.triangles().len())
+        .filter(|&f| crossed(f))
+        .map(|f| f as u32)
+        .collect();
     let named: Vec<u32> = made.iter().map(|g| g.face).collect();
     assert_eq!(named, wanted);
     // The field runs along the gradient there.
@@ -46,7 +49,11 @@ fn isocontours_lie_an_eighth_from_both_ends() {
     for guide in &made {
         let face = guide.face as usize;
         let along = gradient[face].normalize();
-        let best = field.arms(&frames, face).iter().map(|a| a.dot(&along)).fold(0.0, f64::max);
+        let best = field
+            .arms(&frames, face)
+            .iter()
+            .map(|a| a.dot(&along))
+            .fold(0.0, f64::max);
         assert!(best > 1.0 - 1e-9, "{best}");
     }
 }

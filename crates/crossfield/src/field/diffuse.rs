@@ -87,9 +87,9 @@ impl<'a> Matrices<'a> {
 
     /// The factor of `A + τ (L + G)`.
     fn step(&self, tau: f64) -> Result<Cholesky<C>, Error> {
-        let matrix = self.stiffness.map(|i, j, x| {
-            x * tau + C::from(if i == j { self.areas[i] } else { 0.0 })
-        });
+        let matrix = self
+            .stiffness
+            .map(|i, j, x| x * tau + C::from(if i == j { self.areas[i] } else { 0.0 }));
         Ok(self.symbolic.factor(&matrix)?)
     }
 
@@ -125,7 +125,11 @@ impl<'a> Matrices<'a> {
         }
         let applied = self.stiffness.multiply(z, 1);
         let top: f64 = z.iter().zip(&applied).map(|(z, l)| (z.conj() * l).re).sum();
-        let bottom: f64 = z.iter().zip(self.areas).map(|(z, a)| z.norm_sqr() * a).sum();
+        let bottom: f64 = z
+            .iter()
+            .zip(self.areas)
+            .map(|(z, a)| z.norm_sqr() * a)
+            .sum();
         self.normalize(z, None);
         let decay = top / bottom;
         // A flat torus has parallel fields.
@@ -159,7 +163,11 @@ impl<'a> Matrices<'a> {
     }
 
     fn norm(&self, z: &[C]) -> f64 {
-        let sum: f64 = z.iter().zip(self.areas).map(|(z, a)| z.norm_sqr() * a).sum();
+        let sum: f64 = z
+            .iter()
+            .zip(self.areas)
+            .map(|(z, a)| z.norm_sqr() * a)
+            .sum();
         sum.sqrt()
     }
 

@@ -89,10 +89,7 @@ impl CrossField {
     }
 
     /// The vertices inside of the surface where the field turns.
-    pub fn singular_vertices<'a>(
-        &'a self,
-        frames: &'a Frames,
-    ) -> impl Iterator<Item = usize> + 'a {
+    pub fn singular_vertices<'a>(&'a self, frames: &'a Frames) -> impl Iterator<Item = usize> + 'a {
         (0..self.index.len()).filter(|&v| self.index[v] != 0 && !frames.on_boundary(v))
     }
 

@@ -3,9 +3,9 @@
 use std::f64::consts::FRAC_PI_2;
 
 use geom_core::id::Id;
-use geom_core::surface::laplace::{self, EdgeWeights};
 use geom_core::mesh::Halfedges;
 use geom_core::surface::curvature;
+use geom_core::surface::laplace::{self, EdgeWeights};
 use geom_core::{HalfedgeId, TriMesh, Vector3, VertexId};
 
 use crate::Error;

@@ -108,7 +108,11 @@ impl<'a> Parallel<'a> {
             let w = self.frames.weight(h);
             let turn = self.frames.transport(h) + QUARTER * f64::from(jump[h]);
             let known = |face: usize| {
-                if self.row[face] == FIXED { theta[face] } else { 0.0 }
+                if self.row[face] == FIXED {
+                    theta[face]
+                } else {
+                    0.0
+                }
             };
             if let Some(b) = b.get_mut(self.row[j] as usize) {
                 *b += w * (turn + known(i));

@@ -41,7 +41,12 @@ fn boundary_index(frames: &Frames, theta: &[f64], jump: &[i32], v: usize) -> i32
         if i == 0 {
             total += off_side(frames, theta, out);
         } else {
-            total += difference(frames, theta, jump, frames.twin(out).expect("inside of the fan"));
+            total += difference(
+                frames,
+                theta,
+                jump,
+                frames.twin(out).expect("inside of the fan"),
+            );
         }
         last = out;
     }

@@ -1,8 +1,8 @@
 //! From guides to a cross field: diffusion, polish, descent, on a surface smoothed to the size of the
 //! quads.
 
-use geom_core::surface::laplace::{self, Mass};
 use geom_core::algebra::Cholesky;
+use geom_core::surface::laplace::{self, Mass};
 use geom_core::{Point3, TriMesh};
 
 use super::descend::Descent;
@@ -173,7 +173,11 @@ fn flowed(mesh: &TriMesh, time: f64) -> Result<TriMesh, Error> {
         (false, false) => step * k,
     });
     let factor = Cholesky::of(&matrix)?;
-    let mut block: Vec<f64> = mesh.positions().iter().flat_map(|p| p.coords.iter().copied()).collect();
+    let mut block: Vec<f64> = mesh
+        .positions()
+        .iter()
+        .flat_map(|p| p.coords.iter().copied())
+        .collect();
     for _ in 0..FLOW_STEPS {
         let mut right = vec![0.0; block.len()];
         for i in 0..vertices {
@@ -193,6 +197,9 @@ fn flowed(mesh: &TriMesh, time: f64) -> Result<TriMesh, Error> {
         factor.solve_in_place(&mut right, 3)?;
         block = right;
     }
-    let positions = block.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2])).collect();
+    let positions = block
+        .chunks_exact(3)
+        .map(|p| Point3::new(p[0], p[1], p[2]))
+        .collect();
     Ok(TriMesh::new(positions, mesh.triangles().to_vec())?)
 }

@@ -1,7 +1,7 @@
 //! Guidance by characteristic values: each eigenfunction where it is steepest (Eq. 4.8).
 
-use geom_core::surface::distance::{Graph, shortest_paths};
 use geom_core::compute::sets::DisjointSets;
+use geom_core::surface::distance::{Graph, shortest_paths};
 use geom_core::surface::laplace;
 use geom_core::{TriMesh, Vector3};
 
@@ -63,7 +63,10 @@ pub(super) fn guides(
     for f in (0..frames.faces()).filter(|&f| within(f, BAND)) {
         count[patch[f] as usize] += 1;
     }
-    let flat: Vec<f64> = gradients.iter().map(|g| FLAT * root_mean_square(frames, g)).collect();
+    let flat: Vec<f64> = gradients
+        .iter()
+        .map(|g| FLAT * root_mean_square(frames, g))
+        .collect();
     Ok((0..frames.faces())
         .filter(|&f| {
             let few = count[patch[f] as usize] < FEW;
@@ -80,7 +83,11 @@ pub(super) fn guides(
 
 fn root_mean_square(frames: &Frames, gradient: &[Vector3]) -> f64 {
     let areas = frames.areas();
-    let sum: f64 = gradient.iter().zip(areas).map(|(g, a)| a * g.norm_squared()).sum();
+    let sum: f64 = gradient
+        .iter()
+        .zip(areas)
+        .map(|(g, a)| a * g.norm_squared())
+        .sum();
     (sum / areas.iter().sum::<f64>()).sqrt()
 }
 
@@ -115,7 +122,9 @@ fn filtered(frames: &Frames, label: &[usize]) -> Vec<usize> {
                 .filter_map(|h| frames.twin(h))
                 .map(|t| label[t / 3])
                 .collect();
-            let shared = near.iter().find(|&&a| near.iter().filter(|&&b| b == a).count() >= 2);
+            let shared = near
+                .iter()
+                .find(|&&a| near.iter().filter(|&&b| b == a).count() >= 2);
             shared.copied().unwrap_or(label[f])
         })
         .collect()

@@ -1,7 +1,7 @@
 //! Guidance by principal curvature: the thesis's comparison.
 
-use geom_core::nalgebra::Complex;
 use geom_core::TriMesh;
+use geom_core::nalgebra::Complex;
 use geom_core::surface::curvature;
 
 use crate::field::Frames;

@@ -24,9 +24,11 @@ pub(super) fn guides(
     for (number, mode) in modes.iter().enumerate() {
         let f = &mode.function;
         let gradient = laplace::gradient(mesh, f)?;
-        let (low, high) = f.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &x| {
-            (l.min(x), h.max(x))
-        });
+        let (low, high) = f
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &x| {
+                (l.min(x), h.max(x))
+            });
         for level in [low + inset * (high - low), high - inset * (high - low)] {
             for (face, corners) in mesh.triangles().iter().enumerate() {
                 let above = corners.iter().filter(|&&v| f[v as usize] > level).count();

@@ -81,7 +81,12 @@ impl Guidance {
             }
             Self::Curvature { threshold, .. } => {
                 let fine = (0.0..1.0).contains(&threshold);
-                require(fine, "guidance.threshold", threshold, "be at least 0 and below 1")?;
+                require(
+                    fine,
+                    "guidance.threshold",
+                    threshold,
+                    "be at least 0 and below 1",
+                )?;
             }
             Self::Characteristic { .. } | Self::Strokes { .. } => {}
         }
@@ -96,11 +101,19 @@ pub fn guides(mesh: &TriMesh, frames: &Frames, guidance: &[Guidance]) -> Result<
     for one in guidance {
         one.check()?;
         let more = match one {
-            Guidance::Isocontours { modes, inset, weight } => {
+            Guidance::Isocontours {
+                modes,
+                inset,
+                weight,
+            } => {
                 let modes = modes::eigenfunctions(mesh, modes)?;
                 isocontour::guides(mesh, frames, &modes, *inset, *weight)?
             }
-            Guidance::Characteristic { modes, normalization, weight } => {
+            Guidance::Characteristic {
+                modes,
+                normalization,
+                weight,
+            } => {
                 let modes = modes::eigenfunctions(mesh, modes)?;
                 characteristic::guides(mesh, frames, &modes, *normalization, *weight)?
             }

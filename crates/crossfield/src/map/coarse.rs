@@ -47,7 +47,10 @@ impl Coarse {
         seams: &Seams,
         corners: &[[[f64; 2]; 3]],
     ) -> Option<Self> {
-        if corners.iter().any(|uv| signed_area(uv[0], uv[1], uv[2]) <= 0.0) {
+        if corners
+            .iter()
+            .any(|uv| signed_area(uv[0], uv[1], uv[2]) <= 0.0)
+        {
             return None;
         }
         let mut coarse = Self::fine(frames, cut, seams, corners);
@@ -76,7 +79,9 @@ impl Coarse {
     /// Are all triangles upright with these integers?
     pub(super) fn is_upright(&self, integers: &[f64]) -> bool {
         let value = |form: &Form| -> i64 {
-            form.iter().map(|(&k, &c)| c * integers[k as usize].round() as i64).sum()
+            form.iter()
+                .map(|(&k, &c)| c * integers[k as usize].round() as i64)
+                .sum()
         };
         (0..self.alive.len()).filter(|&t| self.alive[t]).all(|t| {
             let [a, b, c] = [0, 1, 2].map(|k| {
@@ -204,7 +209,9 @@ impl Coarse {
             })
             .collect();
         // The sides of the polygon as they were: outer half-edge k runs from point k to the next.
-        let outer: Vec<Option<usize>> = (0..count).map(|k| star.out.get(k).map(|&h| next(h))).collect();
+        let outer: Vec<Option<usize>> = (0..count)
+            .map(|k| star.out.get(k).map(|&h| next(h)))
+            .collect();
         let old: Vec<(u32, Link)> = outer
             .iter()
             .map(|o| match o {
@@ -332,7 +339,9 @@ fn inverse(link: &Link) -> Link {
 fn integers_of(seams: &Seams, copy: u32) -> [Form; 2] {
     [0, 1].map(|c| {
         let terms = seams.row(copy, c).filter(|&(k, _)| k >= seams.reals);
-        terms.map(|(k, p)| ((k - seams.reals) as u32, i64::from(p))).collect()
+        terms
+            .map(|(k, p)| ((k - seams.reals) as u32, i64::from(p)))
+            .collect()
     })
 }
 
@@ -375,7 +384,9 @@ fn ears(polygon: &[[f64; 2]]) -> Option<Vec<[usize; 3]>> {
             let size = squared(a, b) + squared(b, c) + squared(c, a);
             let holds = |i: usize| {
                 let p = polygon[i];
-                [(a, b), (b, c), (c, a)].iter().all(|&(s, t)| signed_area(s, t, p) >= 0.0)
+                [(a, b), (b, c), (c, a)]
+                    .iter()
+                    .all(|&(s, t)| signed_area(s, t, p) >= 0.0)
             };
             let empty = left.iter().all(|&i| corner.contains(&i) || !holds(i));
             (empty && area > 1e-9 * size).then_some(area / size)

@@ -3,12 +3,12 @@
 use std::collections::VecDeque;
 
 use geom_core::TriMesh;
-use geom_core::surface::distance::{Graph, shortest_paths};
 use geom_core::compute::sets::DisjointSets;
+use geom_core::surface::distance::{Graph, shortest_paths};
 
 use crate::Error;
-use crate::field::frames::{Frames, next};
 use crate::field::CrossField;
+use crate::field::frames::{Frames, next};
 
 const NONE: u32 = u32::MAX;
 
@@ -96,7 +96,9 @@ impl Cut {
         let is_node: Vec<bool> = (0..vertices)
             .map(|v| degree[v] > 0 && (degree[v] != 2 || singular[v] || frames.on_boundary(v)))
             .collect();
-        self.nodes = (0..vertices as u32).filter(|&v| is_node[v as usize]).collect();
+        self.nodes = (0..vertices as u32)
+            .filter(|&v| is_node[v as usize])
+            .collect();
         for node in self.nodes.clone() {
             let starts: Vec<usize> = out_of(frames, node as usize)
                 .filter(|&h| self.is_cut[h] && self.chain[h] == NONE)
@@ -108,8 +110,11 @@ impl Cut {
             }
         }
         let depth = &self.depth;
-        self.nodes
-            .sort_by(|&a, &b| depth[b as usize].total_cmp(&depth[a as usize]).then(a.cmp(&b)));
+        self.nodes.sort_by(|&a, &b| {
+            depth[b as usize]
+                .total_cmp(&depth[a as usize])
+                .then(a.cmp(&b))
+        });
     }
 
     fn follow_chain(&mut self, frames: &Frames, start: usize, is_node: &[bool]) {
@@ -205,7 +210,9 @@ fn prune(frames: &Frames, singular: &[bool], is_cut: &mut [bool]) {
         if !loose(v, &degree) {
             continue;
         }
-        let h = out_of(frames, v).find(|&h| is_cut[h]).expect("of degree one");
+        let h = out_of(frames, v)
+            .find(|&h| is_cut[h])
+            .expect("of degree one");
         is_cut[h] = false;
         is_cut[frames.twin(h).expect("inside")] = false;
         let other = frames.to(h);

@@ -6,10 +6,10 @@ use geom_core::{Run, TriMesh};
 use super::chart::{Chart, charts};
 use super::coarse::Coarse;
 use super::cut::Cut;
+use super::exact::{axes_in, doubled_area, sector};
 use super::round::Quadratic;
 use super::spacing::Spacing;
 use super::system::{System, Weighted};
-use super::exact::{axes_in, doubled_area, sector};
 use super::transition::Seams;
 use super::untangle::untangle;
 use crate::Error;
@@ -189,7 +189,10 @@ fn faults(
         if fan.is_empty() {
             continue;
         }
-        let angle: f64 = fan.iter().map(|&h| corner_angle(&corners[h / 3], h % 3)).sum();
+        let angle: f64 = fan
+            .iter()
+            .map(|&h| corner_angle(&corners[h / 3], h % 3))
+            .sum();
         let quarters = if frames.on_boundary(v) { 2 } else { 4 } - field.index[v];
         let wanted = f64::from(quarters) * std::f64::consts::FRAC_PI_2;
         if (angle - wanted).abs() > std::f64::consts::FRAC_PI_4 {
@@ -224,8 +227,13 @@ fn stiffen(
             let j = chart.jacobian(uv);
             let determinant = j[0][0] * j[1][1] - j[0][1] * j[1][0];
             let sum = j.iter().flatten().map(|x| x * x).sum::<f64>();
-            let root = (sum * sum - 4.0 * determinant * determinant).max(0.0).sqrt();
-            let (large, small) = (((sum + root) / 2.0).sqrt(), ((sum - root).max(0.0) / 2.0).sqrt());
+            let root = (sum * sum - 4.0 * determinant * determinant)
+                .max(0.0)
+                .sqrt();
+            let (large, small) = (
+                ((sum + root) / 2.0).sqrt(),
+                ((sum - root).max(0.0) / 2.0).sqrt(),
+            );
             let sign = determinant.signum();
             (large * sign - 1.0).abs() + (small * sign - 1.0).abs()
         })
@@ -264,7 +272,11 @@ fn fixed(
         .iter()
         .enumerate()
         .map(|(k, &y)| {
-            if k < seams.reals { (y * unit).round() as i64 } else { (y.round() as i64) << BITS }
+            if k < seams.reals {
+                (y * unit).round() as i64
+            } else {
+                (y.round() as i64) << BITS
+            }
         })
         .collect();
     let at = |copy: u32, component: usize| -> i64 {
@@ -287,8 +299,16 @@ fn fixed(
     };
     let cones = wrong_cones(frames, field, &map);
     if triangles + cones > 0 {
-        let stage = if report.untangled { "untangling" } else { "rounding" };
-        return Err(Error::Folded { triangles, cones, stage });
+        let stage = if report.untangled {
+            "untangling"
+        } else {
+            "rounding"
+        };
+        return Err(Error::Folded {
+            triangles,
+            cones,
+            stage,
+        });
     }
     Ok(map)
 }

@@ -88,8 +88,7 @@ impl Quadratic {
     /// Moves by ±1, and pairs of them, while the energy falls and `allowed` agrees.
     pub(crate) fn descend(&self, z: &mut [f64], mut allowed: impl FnMut(&[f64]) -> bool) {
         let n = z.len();
-        let mut gradient =
-            &self.matrix * DVector::from_column_slice(z) - &self.right;
+        let mut gradient = &self.matrix * DVector::from_column_slice(z) - &self.right;
         let mut shift = |z: &mut [f64], gradient: &mut DVector<f64>, moves: &[(usize, f64)]| {
             for &(k, d) in moves {
                 z[k] += d;
@@ -105,9 +104,8 @@ impl Quadratic {
             }
             true
         };
-        let single = |gradient: &DVector<f64>, k: usize, d: f64| {
-            d * gradient[k] + 0.5 * self.matrix[(k, k)]
-        };
+        let single =
+            |gradient: &DVector<f64>, k: usize, d: f64| d * gradient[k] + 0.5 * self.matrix[(k, k)];
         for _ in 0..20 * n + 20 {
             let mut moves: Vec<(f64, Vec<(usize, f64)>)> = Vec::new();
             for i in 0..n {
@@ -118,8 +116,7 @@ impl Quadratic {
                     }
                     for j in i + 1..n {
                         for e in [-1.0, 1.0] {
-                            let both =
-                                own + single(&gradient, j, e) + d * e * self.matrix[(i, j)];
+                            let both = own + single(&gradient, j, e) + d * e * self.matrix[(i, j)];
                             if both < -FALLS {
                                 moves.push((both, vec![(i, d), (j, e)]));
                             }

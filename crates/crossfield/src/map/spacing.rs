@@ -22,7 +22,12 @@ impl Spacing {
             Self::Uniform(h) => require(fine(*h), "spacing", h, "be above 0 and finite")?,
             Self::PerFace(all) => {
                 let count = all.len();
-                require(count == faces, "spacing", count, "have one value per triangle")?;
+                require(
+                    count == faces,
+                    "spacing",
+                    count,
+                    "have one value per triangle",
+                )?;
                 if let Some(h) = all.as_flattened().iter().find(|&&h| !fine(h)) {
                     require(false, "spacing", h, "be above 0 and finite")?;
                 }
@@ -37,7 +42,11 @@ impl Spacing {
             Self::Uniform(h) => [*h, *h],
             Self::PerFace(spacings) => {
                 let [along, across] = spacings[face];
-                if comb.is_multiple_of(2) { [along, across] } else { [across, along] }
+                if comb.is_multiple_of(2) {
+                    [along, across]
+                } else {
+                    [across, along]
+                }
             }
         }
     }

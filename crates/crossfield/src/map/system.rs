@@ -46,7 +46,11 @@ impl<'a> System<'a> {
         for (f, chart) in self.charts.iter().enumerate() {
             let weight = weights[f] * chart.area;
             for component in 0..2 {
-                let hats = if component == 0 { &chart.along_u } else { &chart.along_v };
+                let hats = if component == 0 {
+                    &chart.along_u
+                } else {
+                    &chart.along_v
+                };
                 let corners = [0, 1, 2].map(|k| self.cut.copy[3 * f + k]);
                 for (k, &copy) in corners.iter().enumerate() {
                     for (y, p) in self.seams.row(copy, component) {

@@ -51,7 +51,11 @@ impl Seams {
     }
 
     /// The terms of a coordinate: unknown and coefficient.
-    pub(crate) fn row(&self, copy: u32, component: usize) -> impl Iterator<Item = (usize, i32)> + '_ {
+    pub(crate) fn row(
+        &self,
+        copy: u32,
+        component: usize,
+    ) -> impl Iterator<Item = (usize, i32)> + '_ {
         let row = 2 * copy as usize + component;
         let range = self.starts[row]..self.starts[row + 1];
         range.map(|at| (self.unknowns[at] as usize, self.coefficients[at]))

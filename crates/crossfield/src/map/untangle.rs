@@ -2,8 +2,8 @@
 
 use super::chart::Chart;
 use super::system::System;
-use crate::backend::{ChartDistortion, CrossfieldBackend};
 use crate::Error;
+use crate::backend::{ChartDistortion, CrossfieldBackend};
 
 /// Steps remembered by the minimizer.
 const HISTORY: usize = 10;
@@ -119,7 +119,11 @@ fn minimize<B: CrossfieldBackend + ?Sized>(
         };
         let mut next = None;
         for _ in 0..30 {
-            let at: Vec<f64> = x.iter().zip(&direction).map(|(x, d)| x + step * d).collect();
+            let at: Vec<f64> = x
+                .iter()
+                .zip(&direction)
+                .map(|(x, d)| x + step * d)
+                .collect();
             let (there, slope_there) = energy.gradient(&at)?;
             if there.is_finite() && there <= value + 1e-4 * step * slope {
                 next = Some((at, there, slope_there));
@@ -131,7 +135,11 @@ fn minimize<B: CrossfieldBackend + ?Sized>(
             return Ok(());
         };
         let moved: Vec<f64> = at.iter().zip(x.iter()).map(|(a, b)| a - b).collect();
-        let turned: Vec<f64> = gradient_there.iter().zip(&gradient).map(|(a, b)| a - b).collect();
+        let turned: Vec<f64> = gradient_there
+            .iter()
+            .zip(&gradient)
+            .map(|(a, b)| a - b)
+            .collect();
         let curvature = dot(&moved, &turned);
         if curvature > 1e-12 * dot(&turned, &turned) {
             history.push((moved, turned, 1.0 / curvature));

@@ -234,7 +234,12 @@ impl Ports {
     fn add(&mut self, paper: &Paper<'_>, site: u32, place: &Place) -> bool {
         match *place {
             Place::Face(face, at) => {
-                self.all.extend((0..4).map(|heading| Port { site, face, heading, at }));
+                self.all.extend((0..4).map(|heading| Port {
+                    site,
+                    face,
+                    heading,
+                    at,
+                }));
                 false
             }
             Place::Edge(h, at) => {
@@ -265,7 +270,14 @@ impl Ports {
     }
 
     /// From along a half-edge to against it, half-open or closed.
-    fn add_half_turn(&mut self, paper: &Paper<'_>, site: u32, h: usize, at: [i64; 2], closed: bool) {
+    fn add_half_turn(
+        &mut self,
+        paper: &Paper<'_>,
+        site: u32,
+        h: usize,
+        at: [i64; 2],
+        closed: bool,
+    ) {
         let uv = &paper.map.corners[h / 3];
         let along = minus(uv[next(h) % 3], uv[h % 3]);
         let first = (0..4u8)
@@ -279,7 +291,12 @@ impl Ports {
             let side = cross(along, d);
             let ahead = dot(along, d) > 0;
             if side > 0 || (side == 0 && (ahead || closed)) {
-                self.all.push(Port { site, face: h / 3, heading: q, at });
+                self.all.push(Port {
+                    site,
+                    face: h / 3,
+                    heading: q,
+                    at,
+                });
             }
         }
     }
@@ -320,8 +337,13 @@ impl Ports {
                 target: [port.at[0] + d[0], port.at[1] + d[1]],
                 heading: port.heading,
             };
-            let torn = |why| Error::Torn { face: port.face, why };
-            let end = paper.follow(walker)?.ok_or_else(|| torn("it leaves the surface"))?;
+            let torn = |why| Error::Torn {
+                face: port.face,
+                why,
+            };
+            let end = paper
+                .follow(walker)?
+                .ok_or_else(|| torn("it leaves the surface"))?;
             let site = sites
                 .at(paper, end.face, end.target)
                 .ok_or_else(|| torn("no integer point lies at its end"))?;
@@ -371,7 +393,10 @@ impl Ports {
                 _ if !closed => {}
                 _ => {
                     let why = "its face is no quad";
-                    return Err(Error::Torn { face: self.all[start].face, why });
+                    return Err(Error::Torn {
+                        face: self.all[start].face,
+                        why,
+                    });
                 }
             }
         }

@@ -53,14 +53,20 @@ impl Ground<'_> {
             .try_normalize(1e-12)
             .or_else(|| own.try_normalize(0.0))
             .unwrap_or_else(Vector3::z);
-        let at = if freedom == Freedom::Surface { closest.point } else { p };
+        let at = if freedom == Freedom::Surface {
+            closest.point
+        } else {
+            p
+        };
         (at, normal)
     }
 
     fn on_line(&self, p: &Point3) -> Point3 {
-        let nearest = self.lines.iter().map(|line| on_segment(line, p)).min_by(|a, b| {
-            (a - p).norm_squared().total_cmp(&(b - p).norm_squared())
-        });
+        let nearest = self
+            .lines
+            .iter()
+            .map(|line| on_segment(line, p))
+            .min_by(|a, b| (a - p).norm_squared().total_cmp(&(b - p).norm_squared()));
         nearest.unwrap_or(*p)
     }
 }
@@ -100,12 +106,7 @@ struct Flow<'a, B: ?Sized> {
 }
 
 impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
-    fn new(
-        mesh: QuadMesh,
-        ground: &'a Ground<'a>,
-        freedom: &'a [Freedom],
-            backend: &'a B,
-    ) -> Self {
+    fn new(mesh: QuadMesh, ground: &'a Ground<'a>, freedom: &'a [Freedom], backend: &'a B) -> Self {
         let (positions, quads) = mesh.into_parts();
         let mut around = vec![Vec::new(); positions.len()];
         for (q, quad) in (0u32..).zip(&quads) {
@@ -157,7 +158,8 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
                 })
             })
             .collect();
-        self.backend.corner_distortion(&corners, epsilon, &mut self.out)
+        self.backend
+            .corner_distortion(&corners, epsilon, &mut self.out)
     }
 
     fn energy(&self) -> f64 {
@@ -165,7 +167,10 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
     }
 
     fn smallest_area(&self) -> f64 {
-        self.out.iter().map(|c| c.area).fold(f64::INFINITY, f64::min)
+        self.out
+            .iter()
+            .map(|c| c.area)
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// Displacements for a step of one: down the gradient, in units of the sides.
@@ -193,7 +198,11 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
                 let step = -tangential * scale[v];
                 // No vertex jumps over its neighbours.
                 let most = 0.3 * scale[v].sqrt();
-                if step.norm() > most { step * (most / step.norm()) } else { step }
+                if step.norm() > most {
+                    step * (most / step.norm())
+                } else {
+                    step
+                }
             })
             .collect()
     }
@@ -204,7 +213,11 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
         for _ in 0..STEPS {
             self.distortions(0.0)?;
             let smallest = self.smallest_area();
-            let epsilon = if smallest <= 1e-3 { (0.5 * smallest.abs()).max(1e-2) } else { 0.0 };
+            let epsilon = if smallest <= 1e-3 {
+                (0.5 * smallest.abs()).max(1e-2)
+            } else {
+                0.0
+            };
             if epsilon > 0.0 {
                 self.distortions(epsilon)?;
             }
@@ -316,7 +329,11 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
 
 /// A vector that is not parallel to `n`.
 fn any_other(n: &Vector3) -> Vector3 {
-    if n.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() }
+    if n.x.abs() < 0.6 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    }
 }
 
 /// The mean length of a quad's sides: all four shall be equal.

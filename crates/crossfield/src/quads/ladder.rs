@@ -1,7 +1,7 @@
 //! From a surface to quads, one rung after another until one holds.
 
-use geom_core::search::bvh::TriangleTree;
 use geom_core::mesh::Halfedges;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::surface::remesh::{self, remesh};
 use geom_core::surface::repair;
 use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh};
@@ -108,10 +108,16 @@ pub struct Quadrangulation {
 impl Quadrangulation {
     /// Values per vertex of the input surface, on the vertices of the quads. Panics unless there is one per vertex.
     pub fn vertex_values(&self, surface: &TriMesh, values: &[f64]) -> Vec<f64> {
-        assert_eq!(values.len(), surface.positions().len(), "one value per vertex");
+        assert_eq!(
+            values.len(),
+            surface.positions().len(),
+            "one value per vertex"
+        );
         let at = |source: &SurfacePoint| {
             let corners = surface.triangles()[source.triangle as usize];
-            (0..3).map(|k| source.barycentric[k] * values[corners[k] as usize]).sum()
+            (0..3)
+                .map(|k| source.barycentric[k] * values[corners[k] as usize])
+                .sum()
         };
         self.sources.iter().map(at).collect()
     }
@@ -119,7 +125,10 @@ impl Quadrangulation {
     /// Labels per triangle of the input surface, on the quads: residues, chains, regions. Panics unless there is one per
     /// triangle.
     pub fn face_labels<T: Clone>(&self, labels: &[T]) -> Vec<T> {
-        self.origins.iter().map(|&t| labels[t as usize].clone()).collect()
+        self.origins
+            .iter()
+            .map(|&t| labels[t as usize].clone())
+            .collect()
     }
 }
 
@@ -180,7 +189,10 @@ fn jacobians(mesh: &QuadMesh, surface: &TriMesh, sources: &[SurfacePoint]) -> Ve
         .map(|(q, corners)| {
             let normals = corners.map(|v| {
                 let at = sources[v as usize].triangle as usize;
-                surface.doubled_area_normal(at).try_normalize(0.0).unwrap_or_default()
+                surface
+                    .doubled_area_normal(at)
+                    .try_normalize(0.0)
+                    .unwrap_or_default()
             });
             scaled_jacobian(&mesh.corners(q), &normals.iter().sum())
         })
@@ -197,10 +209,12 @@ fn origins(mesh: &QuadMesh, surface: &TriMesh) -> Result<(Vec<SurfacePoint>, Vec
             Point3::from((corners[0] + corners[1] + corners[2] + corners[3]) / 4.0)
         })
         .collect();
-    let sources = closest(mesh.positions())?.into_iter().map(|c| SurfacePoint {
-        triangle: c.triangle,
-        barycentric: c.barycentric,
-    });
+    let sources = closest(mesh.positions())?
+        .into_iter()
+        .map(|c| SurfacePoint {
+            triangle: c.triangle,
+            barycentric: c.barycentric,
+        });
     let origins = closest(&centres)?.iter().map(|c| c.triangle).collect();
     Ok((sources.collect(), origins))
 }
@@ -303,7 +317,11 @@ fn climb<B: CrossfieldBackend + ?Sized>(
         Err(_) => part.refined()?,
     };
     let mut field = None;
-    for (factor, rung) in [(1.0, Rung::Refined), (2.0, Rung::Smoother), (4.0, Rung::Smoother)] {
+    for (factor, rung) in [
+        (1.0, Rung::Refined),
+        (2.0, Rung::Smoother),
+        (4.0, Rung::Smoother),
+    ] {
         let (quads, solved) = rungs.with_field(&fine, spacing, factor, rung)?;
         if let Some(quads) = quads {
             return Ok(Raw { quads, part: fine });
@@ -385,7 +403,13 @@ impl<B: CrossfieldBackend + ?Sized> Rungs<'_, B> {
         spacing: f64,
         rung: Rung,
     ) -> Result<Option<QuadMesh>, Error> {
-        match mapped(part, field, &Spacing::Uniform(spacing), self.options, self.run) {
+        match mapped(
+            part,
+            field,
+            &Spacing::Uniform(spacing),
+            self.options,
+            self.run,
+        ) {
             Ok((extracted, map)) => {
                 self.report.rung = rung;
                 self.report.field = Some(field.report.clone());
@@ -511,7 +535,10 @@ fn freedoms(raw: &Raw) -> Result<Vec<Freedom>, Error> {
         .collect();
     let near = 1e-9 * raw.part.mesh.bounds().diagonal();
     let of = |p: &Point3| {
-        if !lines.iter().any(|line| (on_segment(line, p) - p).norm() <= near) {
+        if !lines
+            .iter()
+            .any(|line| (on_segment(line, p) - p).norm() <= near)
+        {
             Freedom::Surface
         } else if fixed.iter().any(|c| (*c - p).norm() <= near) {
             Freedom::Fixed

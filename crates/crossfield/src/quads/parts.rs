@@ -1,9 +1,9 @@
 //! The connected parts of the input, made ready one by one.
 
+use geom_core::compute::sets::DisjointSets;
 use geom_core::id::Id;
 use geom_core::mesh::Halfedges;
 use geom_core::surface::repair::{self, repair};
-use geom_core::compute::sets::DisjointSets;
 use geom_core::{HalfedgeId, Point3, TriMesh, VertexId};
 
 use crate::Error;
@@ -63,7 +63,10 @@ pub(super) fn split(mesh: &TriMesh) -> Vec<(TriMesh, Vec<u32>)> {
         }
         parts[*slot].push(t);
     }
-    parts.into_iter().map(|faces| (restricted(mesh, &faces), faces)).collect()
+    parts
+        .into_iter()
+        .map(|faces| (restricted(mesh, &faces), faces))
+        .collect()
 }
 
 fn restricted(mesh: &TriMesh, faces: &[u32]) -> TriMesh {
@@ -72,7 +75,10 @@ fn restricted(mesh: &TriMesh, faces: &[u32]) -> TriMesh {
     vertices.sort_unstable();
     vertices.dedup();
     let place = |v: u32| vertices.partition_point(|&u| u < v) as u32;
-    let positions = vertices.iter().map(|&v| mesh.positions()[v as usize]).collect();
+    let positions = vertices
+        .iter()
+        .map(|&v| mesh.positions()[v as usize])
+        .collect();
     let triangles = corners.map(|t| t.map(place)).collect();
     TriMesh::new(positions, triangles).expect("a part of a valid mesh")
 }
@@ -180,10 +186,7 @@ impl Part {
 }
 
 /// A triangle with two lines would have to be flat in the map if they are one line there.
-fn cut_corners(
-    mesh: TriMesh,
-    is_line: Vec<bool>,
-) -> Result<(TriMesh, Vec<bool>), Error> {
+fn cut_corners(mesh: TriMesh, is_line: Vec<bool>) -> Result<(TriMesh, Vec<bool>), Error> {
     let (mut positions, triangles) = mesh.into_parts();
     let (mut out, mut lines) = (Vec::new(), Vec::new());
     for (&[a, b, c], is_line) in triangles.iter().zip(is_line.chunks_exact(3)) {
@@ -192,9 +195,9 @@ fn cut_corners(
             lines.extend_from_slice(is_line);
             continue;
         }
-        let sum = [a, b, c]
-            .iter()
-            .fold(geom_core::Vector3::zeros(), |s, &v| s + positions[v as usize].coords);
+        let sum = [a, b, c].iter().fold(geom_core::Vector3::zeros(), |s, &v| {
+            s + positions[v as usize].coords
+        });
         let centre = positions.len() as u32;
         positions.push(Point3::from(sum / 3.0));
         for (k, [from, to]) in [[a, b], [b, c], [c, a]].into_iter().enumerate() {

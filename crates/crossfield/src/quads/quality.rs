@@ -1,7 +1,7 @@
 //! How good a quad mesh is.
 
-use geom_core::search::bvh::TriangleTree;
 use geom_core::mesh::Halfedges;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, QuadMesh, TriMesh, Vector3, VertexId};
 
 use crate::Error;
@@ -21,10 +21,18 @@ pub fn scaled_jacobian(corners: &[Point3; 4], surface_normal: &Vector3) -> f64 {
                 corners[(k + 3) % 4] - corners[k],
             );
             let lengths = next.norm() * previous.norm();
-            if lengths > 0.0 { next.cross(&previous).dot(&normal) / lengths } else { -1.0 }
+            if lengths > 0.0 {
+                next.cross(&previous).dot(&normal) / lengths
+            } else {
+                -1.0
+            }
         })
         .fold(f64::INFINITY, f64::min);
-    if normal.dot(surface_normal) < 0.0 { -worst.abs() } else { worst }
+    if normal.dot(surface_normal) < 0.0 {
+        -worst.abs()
+    } else {
+        worst
+    }
 }
 
 /// Scaled Jacobians of all quads of a mesh.
@@ -95,7 +103,8 @@ impl Valences {
     /// Vertices inside with other than four quads.
     pub fn irregular(&self) -> usize {
         let all: usize = self.interior.iter().sum();
-        all - self.interior.get(4).copied().unwrap_or(0) - self.interior.first().copied().unwrap_or(0)
+        all - self.interior.get(4).copied().unwrap_or(0)
+            - self.interior.first().copied().unwrap_or(0)
     }
 }
 

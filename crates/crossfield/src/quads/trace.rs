@@ -2,8 +2,8 @@
 
 use crate::Error;
 use crate::field::frames::{Frames, next, previous};
-use crate::map::exact::{axes_in, cross, dot, minus, rotated, sector};
 use crate::map::GridMap;
+use crate::map::exact::{axes_in, cross, dot, minus, rotated, sector};
 
 /// Where a triangle is entered, and where the line leads, in the chart of the triangle.
 #[derive(Clone, Copy, Debug)]
