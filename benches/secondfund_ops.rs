@@ -6,8 +6,8 @@ use geom_core::mesh::shapes;
 use geom_core::{Cpu, Run};
 use secondfund_ops::operators::assemble;
 use secondfund_ops::{
-    Element, Faces, FlowOptions, Groups, Normals, PocketOptions, SegmentOptions, SpectrumOptions, Surface, pockets,
-    segment, smooth_quads, spectrum,
+    Element, Faces, FlowOptions, Groups, Normals, PocketOptions, SegmentOptions, SpectrumOptions,
+    Surface, pockets, segment, smooth_quads, spectrum,
 };
 
 fn operators(c: &mut Criterion) {
@@ -18,7 +18,9 @@ fn operators(c: &mut Criterion) {
     let normals = Normals::default();
     let element = Element::Triangles(&triangles, &normals);
     group.bench_function("assembly, 20k triangles", |b| {
-        b.iter(|| assemble(&element, &options.operator, &options, Run::on(&Cpu)).expect("matrices"));
+        b.iter(|| {
+            assemble(&element, &options.operator, &options, Run::on(&Cpu)).expect("matrices")
+        });
     });
     let surface = Surface::new(shapes::quad_torus(1.0, 0.4, 160, 64)).expect("a surface");
     let quads = Element::CatmullClark(&surface);
@@ -44,7 +46,10 @@ fn operators(c: &mut Criterion) {
     group.bench_function("one step of the flow, 10k quads", |b| {
         b.iter(|| smooth_quads(surface.control(), &flow, Run::on(&Cpu)).expect("a step"));
     });
-    let read = structure::read(fixtures::path("1hvr.pdb"), &structure::ReadOptions::default());
+    let read = structure::read(
+        fixtures::path("1hvr.pdb"),
+        &structure::ReadOptions::default(),
+    );
     let structure = read.expect("a fixture").structure;
     group.bench_function("pockets, 1hvr", |b| {
         b.iter(|| pockets::find(&structure, &PocketOptions::default()).expect("pockets"));

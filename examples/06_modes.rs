@@ -5,10 +5,9 @@ use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::picture::{Curve, Layer, Paint, Scale, Scene, View, lines, sheet};
-use biogeom_examples::source::{OF_STRUCTURES, SourceArgs, extension};
-use biogeom_examples::{Failure, Session, products};
+use biogeom_examples::source::SourceArgs;
+use biogeom_examples::{Failure, Session, products, surface};
 use clap::Parser;
-use geom_core::TriMesh;
 use geom_core::algebra::eigen::{Options, eigenpairs};
 use geom_core::io::{self, view::View as Fields};
 use geom_core::surface::laplace;
@@ -63,7 +62,7 @@ fn main() -> ExitCode {
 }
 
 fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
-    let whole = surface(args, session)?;
+    let whole = surface::read(&args.source, session)?;
     let mut components = whole.components();
     session.note("components", components.len())?;
     let mesh = if args.all_components || components.is_empty() {
@@ -165,36 +164,3 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
 
 /// Most modes on the contact sheet.
 const SHOWN: usize = 16;
-
-fn surface(args: &Args, session: &Session) -> Result<TriMesh, Failure> {
-    let path = &args.source.input;
-    let mesh = match extension(path).as_str() {
-        "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb" => {
-            session.refuse(&OF_STRUCTURES, "is for structures, and the input is a mesh")?;
-            let of_grids = ["isovalue", "enclosed_volume"];
-            session.refuse(&of_grids, "is for grids, and the input is a mesh")?;
-            let read = session.stage("reading", || io::mesh::read(path))?;
-            read.mesh.into_triangles()
-        }
-        _ => {
-            let source = args.source.read(session)?;
-            let options = dual_contour::Options {
-                level: source.level,
-                max_memory: session.memory(),
-                ..Default::default()
-            };
-            let field = source.field()?;
-            session
-                .stage("surface", || {
-                    dual_contour::surface(
-                        &source.values,
-                        Some(&field),
-                        &options,
-                        session.on(session.device.contour()),
-                    )
-                })?
-                .mesh
-        }
-    };
-    Ok(mesh)
-}

@@ -6,10 +6,12 @@
 //! `report.json`), and pictures, so that each program shows only its crate's own calls.
 
 pub mod args;
+pub mod crosses;
 pub mod picture;
 pub mod products;
 pub mod session;
 pub mod source;
+pub mod surface;
 
 pub use session::{Failure, Session, run};
 

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Parser};
+use crossfield::CrossfieldBackend;
 use dual_contour::ContourBackend;
 use gauss_density::DensityBackend;
 use geom_core::algebra::eigen::SpectralBackend;
@@ -172,6 +173,14 @@ impl Device {
 
     /// For eigenfunctions.
     pub fn spectral(&self) -> &dyn SpectralBackend {
+        match self {
+            Self::Cpu(cpu) => cpu,
+            Self::Wgpu(gpu) => gpu,
+        }
+    }
+
+    /// For quads.
+    pub fn crossfield(&self) -> &dyn CrossfieldBackend {
         match self {
             Self::Cpu(cpu) => cpu,
             Self::Wgpu(gpu) => gpu,

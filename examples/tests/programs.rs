@@ -401,6 +401,56 @@ fn modes_of_a_mesh_and_of_a_structure() {
 }
 
 #[test]
+fn fields_and_quads_of_a_mesh_and_of_a_structure() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("field");
+    let args = [
+        &fixture("spot.ply"),
+        "--guide",
+        "modes:1,2",
+        "--mode",
+        "hard",
+    ];
+    let report = report_of("07_field", &args, &out);
+    let field = &report["field"];
+    assert!(field["guided"].as_u64().unwrap() > 20, "{field}");
+    assert_eq!(report["counts"]["singularities"], field["singularities"]);
+    assert_png(out.join("field.png"));
+    assert!(out.join("field.vtu").exists());
+
+    for (name, args) in [
+        (
+            "spot",
+            [fixture("spot.ply"), "--quads".into(), "1200".into()],
+        ),
+        (
+            "protein",
+            [fixture("1AJJ.pdb"), "--spacing".into(), "1.5".into()],
+        ),
+    ] {
+        let out = folder.path().join(name);
+        let report = report_of("08_quads", &args.each_ref().map(String::as_str), &out);
+        let jacobian = &report["scaled_jacobian"];
+        assert!(jacobian["min"].as_f64().unwrap() > 0.3, "{name}: {report}");
+        assert!(jacobian["mean"].as_f64().unwrap() > 0.9, "{name}: {report}");
+        assert_png(out.join("quads.png"));
+        assert!(out.join("quads.vtu").exists() && out.join("quads.glb").exists());
+        let quads = io::mesh::read(out.join("quads.obj")).unwrap().mesh;
+        let AnyMesh::Quad(quads) = quads else {
+            panic!("{name}: not all faces are quads")
+        };
+        assert_eq!(
+            quads.quads().len() as u64,
+            report["counts"]["quads"].as_u64().unwrap()
+        );
+        assert_eq!(
+            report["surface"]["euler_characteristic"],
+            quads.euler_characteristic()
+        );
+    }
+}
+
+#[test]
 fn modes_are_those_of_the_largest_component() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("two.ply");

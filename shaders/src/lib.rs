@@ -134,6 +134,22 @@ pub const TET_QUALITY_RELAX: Shader = Shader {
     workgroup: [64, 1, 1],
 };
 
+// ── crossfield
+
+/// `crossfield`: distortion of the triangles of a map.
+pub const CROSSFIELD_CHART_DISTORTION: Shader = Shader {
+    name: "crossfield_chart_distortion",
+    source: joined!("crossfield/chart_distortion"),
+    workgroup: [64, 1, 1],
+};
+
+/// `crossfield`: distortion of the corners of quads.
+pub const CROSSFIELD_CORNER_DISTORTION: Shader = Shader {
+    name: "crossfield_corner_distortion",
+    source: joined!("crossfield/corner_distortion"),
+    workgroup: [64, 1, 1],
+};
+
 // ── secondfund-ops
 
 /// `secondfund-ops`: the matrices of triangles.
@@ -166,6 +182,8 @@ pub const ALL: &[Shader] = &[
     GAUSS_DENSITY_REFIT_SUMS,
     TET_QUALITY_MEASURE,
     TET_QUALITY_RELAX,
+    CROSSFIELD_CHART_DISTORTION,
+    CROSSFIELD_CORNER_DISTORTION,
     SECONDFUND_OPS_TRIANGLE_MATRICES,
     SECONDFUND_OPS_DISTANCES,
 ];

@@ -1,6 +1,10 @@
+use geom_core::algebra;
+use geom_core::algebra::eigen;
 use geom_core::compute::BackendError;
 use geom_core::options::OutOfRange;
-use geom_core::{Cancelled, MeshError, laplace, linalg, nearest, spectral};
+use geom_core::search::nearest;
+use geom_core::surface::laplace;
+use geom_core::{Cancelled, MeshError};
 
 /// Why there is no result.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -95,16 +99,16 @@ pub enum Error {
     Mesh(#[from] MeshError),
     /// A matrix cannot be made or factored.
     #[error(transparent)]
-    Matrix(#[from] linalg::Error),
+    Matrix(#[from] algebra::Error),
     /// There are no eigenpairs.
     #[error(transparent)]
-    Spectral(#[from] spectral::Error),
+    Spectral(#[from] eigen::Error),
     /// The Laplace operator of a triangle mesh cannot be made.
     #[error(transparent)]
     Laplace(#[from] laplace::Error),
     /// Distances along the surface cannot be found.
     #[error(transparent)]
-    Distance(#[from] geom_core::distance::DistanceError),
+    Distance(#[from] geom_core::surface::distance::DistanceError),
     /// Points are not finite.
     #[error(transparent)]
     Nearest(#[from] nearest::NearestError),

@@ -1,9 +1,9 @@
 //! Closed forms: spectra of spheres, tori and cylinders, curvature of limit surfaces.
 
-use geom_core::bvh::TriangleTree;
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::Rotation3;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 use proptest::prelude::*;
 use secondfund_ops::catmull::subdivide;

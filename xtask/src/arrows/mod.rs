@@ -19,6 +19,7 @@ pub(crate) const LIBRARIES: &[&str] = &[
     "gauss-density",
     "dual-contour",
     "tet-quality",
+    "crossfield",
     "secondfund-ops",
 ];
 
@@ -28,6 +29,7 @@ const ALLOWED: &[(&str, &str)] = &[
     ("gauss-density", "geom-core"),
     ("dual-contour", "geom-core"),
     ("tet-quality", "geom-core"),
+    ("crossfield", "geom-core"),
     ("secondfund-ops", "geom-core"),
 ];
 

@@ -203,7 +203,10 @@ mod tests {
             let place = (x - lattice.origin) / lattice.spacing;
             let off = |k: usize| (place[k] - place[k].round()).abs() > 1e-9;
             let axes: Vec<usize> = (0..3).filter(|&k| off(k)).collect();
-            assert!(axes.len() < 2, "{x} is neither a lattice point nor on an edge");
+            assert!(
+                axes.len() < 2,
+                "{x} is neither a lattice point nor on an edge"
+            );
             if let [axis] = axes[..] {
                 let mut p = [0, 1, 2].map(|k| place[k].round() as usize);
                 p[axis] = place[axis].floor() as usize;

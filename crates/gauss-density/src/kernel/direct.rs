@@ -872,8 +872,8 @@ mod tests {
                 let slack = 1e-3 + 1e-5 * most.abs();
                 assert!(bound[lane] >= most - slack, "{} below {most}", bound[lane]);
                 // Without the bend of unequal decays the bound would fail here.
-                let straight = bound[lane]
-                    - 3.0 * (3.5 * spacing).powi(2) * (both[1].1 - both[0].1).max(0.0);
+                let straight =
+                    bound[lane] - 3.0 * (3.5 * spacing).powi(2) * (both[1].1 - both[0].1).max(0.0);
                 bent += u32::from(straight < most - slack);
             }
         }

@@ -1,6 +1,6 @@
 //! Limit positions of vertices, and control points from them.
 
-use geom_core::linalg::SparseMatrix;
+use geom_core::algebra::SparseMatrix;
 use geom_core::mesh::Halfedges;
 use geom_core::{Point3, VertexId};
 use rayon::prelude::*;

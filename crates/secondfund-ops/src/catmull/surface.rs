@@ -1,6 +1,6 @@
 //! The limit surface of a quad mesh.
 
-use geom_core::linalg::SparseMatrix;
+use geom_core::algebra::SparseMatrix;
 use geom_core::mesh::Halfedges;
 use geom_core::{Point3, QuadMesh, Vector3};
 use rayon::prelude::*;

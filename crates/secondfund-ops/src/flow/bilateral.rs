@@ -1,7 +1,8 @@
 //! The bilateral normal filter, the rival of the flow on surfaces of flat parts.
 
+use geom_core::compute::parallel;
 use geom_core::options::require;
-use geom_core::{Point3, TriMesh, Vector3, parallel};
+use geom_core::{Point3, TriMesh, Vector3};
 use rayon::prelude::*;
 
 use super::guard::hold_back;

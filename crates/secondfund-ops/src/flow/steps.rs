@@ -5,7 +5,7 @@
 //! third derivatives. It is backward-parabolic where one curvature of a saddle exceeds twice the other, so Q is
 //! split by the signs of its eigenvalues; the positive part is taken implicitly.
 
-use geom_core::linalg::{SparseMatrix, Symbolic};
+use geom_core::algebra::{SparseMatrix, Symbolic};
 use geom_core::mesh::Halfedges;
 use geom_core::{Point3, QuadMesh, Run, TriMesh, Vector3};
 

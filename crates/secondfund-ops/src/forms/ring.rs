@@ -1,6 +1,7 @@
 //! Which vertices share an edge.
 
-use geom_core::{QuadMesh, TriMesh, parallel};
+use geom_core::compute::parallel;
+use geom_core::{QuadMesh, TriMesh};
 
 /// The neighbours of each vertex along edges, ascending.
 #[derive(Clone, Debug)]

@@ -1,10 +1,10 @@
 //! Sums of element matrices: the pattern once, values by fixed lists, so that nothing depends on
 //! threads.
 
-use geom_core::laplace::Mass;
-use geom_core::linalg::SparseMatrix;
-use geom_core::parallel;
-use geom_core::sets::DisjointSets;
+use geom_core::algebra::SparseMatrix;
+use geom_core::compute::parallel;
+use geom_core::compute::sets::DisjointSets;
+use geom_core::surface::laplace::Mass;
 use rayon::prelude::*;
 
 use crate::Error;

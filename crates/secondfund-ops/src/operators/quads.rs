@@ -1,7 +1,7 @@
 //! The matrices of a Catmull–Clark surface, quad by quad.
 
 use geom_core::Point3;
-use geom_core::laplace::Mass;
+use geom_core::surface::laplace::Mass;
 use rayon::prelude::*;
 
 use super::element::UnitScale;

@@ -1,7 +1,7 @@
 //! The smallest eigenpairs of an operator.
 
-use geom_core::linalg::Error as MatrixError;
-use geom_core::spectral::{self, Report, eigenpairs};
+use geom_core::algebra::Error as MatrixError;
+use geom_core::algebra::eigen::{self, Report, eigenpairs};
 use geom_core::{Cpu, Run};
 
 use super::assemble::assemble;
@@ -55,10 +55,10 @@ pub fn spectrum<B: OperatorBackend + ?Sized>(
             vertices: matrices.areas.len(),
         });
     }
-    let spectral = spectral::Options {
+    let spectral = eigen::Options {
         tolerance: options.tolerance,
         verify: options.verify,
-        ..spectral::Options::default()
+        ..eigen::Options::default()
     };
     // A sparse factor: no kernel of a backend takes part.
     let on_cpu = Run {
@@ -115,13 +115,13 @@ fn count_components(matrices: &Matrices) -> usize {
 }
 
 /// A factor that does not exist says that the operator is indefinite, if it is one that may be.
-fn named(error: spectral::Error, operator: &Operator) -> Error {
+fn named(error: eigen::Error, operator: &Operator) -> Error {
     match (&error, operator) {
         (
-            spectral::Error::Matrix(MatrixError::NotPositiveDefinite { .. }),
+            eigen::Error::Matrix(MatrixError::NotPositiveDefinite { .. }),
             Operator::Gho | Operator::Ggho(_),
         ) => Error::Indefinite,
-        (spectral::Error::Cancelled(cancelled), _) => Error::Cancelled(*cancelled),
+        (eigen::Error::Cancelled(cancelled), _) => Error::Cancelled(*cancelled),
         _ => Error::Spectral(error),
     }
 }

@@ -1,6 +1,6 @@
 //! The matrices of a triangle mesh.
 
-use geom_core::laplace::Mass;
+use geom_core::surface::laplace::Mass;
 use geom_core::{Run, TriMesh, Vector3};
 
 use super::element::UnitScale;

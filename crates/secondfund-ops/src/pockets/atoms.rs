@@ -1,8 +1,9 @@
 //! The atoms that make pockets, in a frame of their own, sorted into cells.
 
+use geom_core::compute::parallel;
 use geom_core::nalgebra::{Matrix3, SymmetricEigen};
 use geom_core::structure::{Element, ResidueKind};
-use geom_core::{Aabb, Point3, Structure, Vector3, parallel};
+use geom_core::{Aabb, Point3, Structure, Vector3};
 
 use crate::Error;
 

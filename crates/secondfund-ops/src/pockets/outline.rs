@@ -1,7 +1,7 @@
 //! The part of a surface that is a pocket: patches on which the modes of the secondary Laplace operator with
 //! Ψ = e^{−H} change little, those that hold most of the burial.
 
-use geom_core::nearest::PointTree;
+use geom_core::search::nearest::PointTree;
 use geom_core::{Point3, Run, Structure, TriMesh, Vector3};
 
 use super::shell::burial;

@@ -1,6 +1,6 @@
 //! Candidates: connected sets of deep shell points, ranked by how deep and how many they are.
 
-use geom_core::sets::DisjointSets;
+use geom_core::compute::sets::DisjointSets;
 use geom_core::{Point3, Structure, Vector3};
 
 use super::atoms::Atoms;

@@ -1,6 +1,6 @@
 //! From groups to patches: connected, not tiny, with smooth borders.
 
-use geom_core::sets::DisjointSets;
+use geom_core::compute::sets::DisjointSets;
 
 use super::faces::Faces;
 

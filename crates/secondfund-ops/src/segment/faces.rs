@@ -1,6 +1,7 @@
 //! Faces as a graph: areas, and which faces meet along which edges.
 
-use geom_core::{Point3, QuadMesh, TriMesh, Vector3, parallel};
+use geom_core::compute::parallel;
+use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
 
 /// Two faces with a common edge.
 #[derive(Clone, Copy, Debug, PartialEq)]

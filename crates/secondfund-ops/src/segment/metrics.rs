@@ -1,7 +1,7 @@
 //! How far two segmentations differ: the measures of the Princeton benchmark (Chen, Golovinskiy and
 //! Funkhouser, *A benchmark for 3D mesh segmentation*, 2009). All are errors: 0 is best.
 
-use geom_core::distance::{Graph, shortest_paths};
+use geom_core::surface::distance::{Graph, shortest_paths};
 use geom_core::{TriMesh, Vector3};
 
 use crate::Error;

@@ -1,6 +1,7 @@
 //! The whole way from modes to segments.
 
-use geom_core::{Run, parallel};
+use geom_core::Run;
+use geom_core::compute::parallel;
 use rayon::prelude::*;
 
 use super::clean::clean;

@@ -1,0 +1,89 @@
+use geom_core::algebra::{self, eigen};
+use geom_core::compute::BackendError;
+use geom_core::options::OutOfRange;
+use geom_core::surface::distance::DistanceError;
+use geom_core::surface::{laplace, remesh, repair};
+use geom_core::{Cancelled, MeshError};
+
+/// Why there is no field, no map or no quad mesh.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// An option is out of its range.
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
+    /// The surface has no triangle.
+    #[error("the surface has no triangle")]
+    Empty,
+    /// The map folds: the spacing is too wide for the distances of the singularities, or the field cannot be
+    /// integrated.
+    #[error(
+        "{triangles} triangles of the map are inverted and {cones} vertices have a wrong angle after {stage}; \
+         a smaller spacing or a larger smoothing helps"
+    )]
+    Folded {
+        /// Triangles without positive area in the map.
+        triangles: usize,
+        /// Vertices around which the map's angles do not add up to what the field says.
+        cones: usize,
+        /// The last stage that tried.
+        stage: &'static str,
+    },
+    /// A line of the map leads nowhere: the map is not an integer-grid map.
+    #[error("a line of the map cannot be followed from triangle {face}: {why}")]
+    Torn {
+        /// The triangle it starts in.
+        face: usize,
+        /// What was met.
+        why: &'static str,
+    },
+    /// The quads of a map have another Euler characteristic or other boundaries than the surface.
+    #[error(
+        "the quads have Euler characteristic {euler} and {loops} boundary loops, the surface {wanted_euler} and \
+         {wanted_loops}; a smaller spacing helps"
+    )]
+    Topology {
+        /// Euler characteristic of the quads.
+        euler: i64,
+        /// Boundary loops of the quads.
+        loops: usize,
+        /// Euler characteristic of the surface.
+        wanted_euler: i64,
+        /// Boundary loops of the surface.
+        wanted_loops: usize,
+    },
+    /// The mesh is not an oriented manifold, or not finite.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// A triangle without area, or another number of values.
+    #[error(transparent)]
+    Operator(#[from] laplace::Error),
+    /// A matrix cannot be factored.
+    #[error(transparent)]
+    Matrix(#[from] algebra::Error),
+    /// Distances cannot be found.
+    #[error(transparent)]
+    Distance(#[from] DistanceError),
+    /// The eigenfunctions of the guidance cannot be found.
+    #[error(transparent)]
+    Eigen(#[from] eigen::Error),
+    /// The input cannot be repaired.
+    #[error(transparent)]
+    Repair(#[from] repair::RepairError),
+    /// The surface cannot be remeshed.
+    #[error(transparent)]
+    Remesh(#[from] remesh::Error),
+    /// The backend failed.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+    /// The watcher asked to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+#[cfg(feature = "wgpu")]
+impl From<geom_core::GpuError> for Error {
+    fn from(error: geom_core::GpuError) -> Self {
+        Self::Backend(BackendError::new(error))
+    }
+}

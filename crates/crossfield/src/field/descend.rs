@@ -1,0 +1,299 @@
+//! Period jumps that lower the energy: single edges, and pairs of singularities that meet.
+
+use std::collections::BTreeMap;
+
+use geom_core::TriMesh;
+use geom_core::surface::distance::{Graph, shortest_paths};
+
+use super::field::FieldReport;
+use super::frames::{Frames, QUARTER};
+use super::parallel::{Change, Parallel};
+use super::singularity::{difference, interior_index};
+use crate::Error;
+
+/// Rounds of edge moves and annihilations.
+const ROUNDS: usize = 6;
+/// An energy falls when it falls by this, rad².
+const FALLS: f64 = 1e-9;
+/// How much farther than to the nearest opposite singularity partners are looked for.
+const REACH: f64 = 2.0;
+/// Partners tried per singularity.
+const PARTNERS: usize = 4;
+
+/// Angles and period jumps on their way down.
+pub(super) struct Descent<'a> {
+    mesh: &'a TriMesh,
+    frames: &'a Frames,
+    parallel: &'a Parallel<'a>,
+    pub(super) theta: Vec<f64>,
+    pub(super) jump: Vec<i32>,
+    index: Vec<i32>,
+    /// What one quarter turn on an edge gains by letting the angles follow.
+    compliance: BTreeMap<usize, f64>,
+}
+
+impl<'a> Descent<'a> {
+    pub(super) fn new(
+        mesh: &'a TriMesh,
+        parallel: &'a Parallel<'a>,
+        theta: Vec<f64>,
+        jump: Vec<i32>,
+    ) -> Self {
+        let frames = parallel.frames;
+        let mut descent = Self {
+            mesh,
+            frames,
+            parallel,
+            theta,
+            jump,
+            index: Vec::new(),
+            compliance: BTreeMap::new(),
+        };
+        descent.count();
+        descent
+    }
+
+    /// Interior indices; 0 on boundaries, whose corners are not for trade.
+    fn count(&mut self) {
+        let frames = self.frames;
+        self.index = (0..frames.edges().vertices())
+            .map(|v| {
+                let used = frames.edges().out(geom_core::VertexId(v as u32)).is_some();
+                if used && !frames.on_boundary(v) {
+                    interior_index(frames, &self.jump, v)
+                } else {
+                    0
+                }
+            })
+            .collect();
+    }
+
+    /// Alternates until nothing lowers `E + μ · singularities` any more. A change of the period jumps on a set
+    /// of edges by d quarter turns changes the energy by `2 Σ w d ρ + Σ w d² − bᵀ W⁻¹ b`, the angles following.
+    pub(super) fn run(&mut self, penalty: f64, report: &mut FieldReport) -> Result<(), Error> {
+        for _ in 0..ROUNDS {
+            let moved = self.move_edges()?;
+            let met = self.annihilate(penalty)?;
+            report.edge_moves += moved;
+            report.annihilated += met;
+            if moved + met == 0 {
+                break;
+            }
+        }
+        self.split_extremes()?;
+        if self.is_impossible() {
+            report.annihilated += self.annihilate(f64::INFINITY)?;
+        }
+        Ok(())
+    }
+
+    /// A torus of quads with one vertex of three and one of five and all others of four does not exist (Izmestiev et al.,
+    /// *There is no triangulation of the torus with vertex degrees 5, 6, …, 6, 7 and related results*, 2013).
+    fn is_impossible(&self) -> bool {
+        let mut signs: Vec<i32> = self.index.iter().copied().filter(|&i| i != 0).collect();
+        signs.sort_unstable();
+        signs == [-1, 1] && self.frames.interior().count() * 2 == self.frames.edges().len()
+    }
+
+    /// Single edges at singular vertices, the best first.
+    fn move_edges(&mut self) -> Result<usize, Error> {
+        let mut moves = 0;
+        let most = 4 * self.index.iter().filter(|&&i| i != 0).count() + 50;
+        while moves < most {
+            let edges = self.edges_at_singularities();
+            self.remember(&edges)?;
+            let best = edges
+                .iter()
+                .flat_map(|&h| [(h, 1), (h, -1)])
+                .filter(|&(h, s)| self.keeps_valences(h, s))
+                .map(|(h, s)| (self.single(h, s), h, s))
+                .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            match best {
+                Some((gain, h, s)) if gain < -FALLS => self.apply(&[(h, s)])?,
+                _ => break,
+            }
+            moves += 1;
+        }
+        Ok(moves)
+    }
+
+    /// Interior edges with a singular end, by their lower half-edge.
+    fn edges_at_singularities(&self) -> Vec<usize> {
+        let mut edges: Vec<usize> = (0..self.index.len())
+            .filter(|&v| self.index[v] != 0)
+            .flat_map(|v| self.frames.around(v))
+            .filter_map(|h| self.frames.twin(h).map(|t| h.min(t)))
+            .filter(|&h| self.is_inside(h))
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        edges
+    }
+
+    /// Neither end on the boundary.
+    fn is_inside(&self, h: usize) -> bool {
+        !self.frames.on_boundary(self.frames.from(h)) && !self.frames.on_boundary(self.frames.to(h))
+    }
+
+    /// Does a move leave both ends with three to six quads?
+    fn keeps_valences(&self, h: usize, s: i32) -> bool {
+        let allowed = |i: i32| (-2..=1).contains(&i);
+        let (a, b) = (self.frames.from(h), self.frames.to(h));
+        // A move may also improve what is not allowed.
+        let fine = |before: i32, after: i32| allowed(after) || after.abs() < before.abs();
+        fine(self.index[a], self.index[a] + s) && fine(self.index[b], self.index[b] - s)
+    }
+
+    fn remember(&mut self, edges: &[usize]) -> Result<(), Error> {
+        let new: Vec<usize> = edges
+            .iter()
+            .copied()
+            .filter(|h| !self.compliance.contains_key(h))
+            .collect();
+        let changes: Vec<Change> = new.iter().map(|&h| vec![(h, 1)]).collect();
+        let values = self.parallel.compliances(&changes)?;
+        self.compliance.extend(new.into_iter().zip(values));
+        Ok(())
+    }
+
+    fn single(&self, h: usize, s: i32) -> f64 {
+        self.direct(&[(h, s)]) - self.compliance[&h]
+    }
+
+    /// What a change costs with the angles held: `2 Σ w d ρ + Σ w d²`, ρ = −δ.
+    fn direct(&self, change: &[(usize, i32)]) -> f64 {
+        change
+            .iter()
+            .map(|&(h, s)| {
+                let d = QUARTER * f64::from(s);
+                let rho = -difference(self.frames, &self.theta, &self.jump, h);
+                self.frames.weight(h) * (2.0 * d * rho + d * d)
+            })
+            .sum()
+    }
+
+    fn apply(&mut self, change: &[(usize, i32)]) -> Result<(), Error> {
+        for &(h, s) in change {
+            let twin = self.frames.twin(h).expect("an interior edge");
+            self.jump[h] += s;
+            self.jump[twin] -= s;
+            // p(a→b) + 1 moves a quarter of index from b to a.
+            let (a, b) = (self.frames.from(h), self.frames.to(h));
+            self.index[a] += s;
+            self.index[b] -= s;
+        }
+        self.parallel.follow(change, &mut self.theta)
+    }
+
+    /// Pairs of opposite singularities that may meet along a shortest path, where that costs less than
+    /// `penalty` rad².
+    fn annihilate(&mut self, penalty: f64) -> Result<usize, Error> {
+        let changes = self.pairs()?;
+        let gains = self.parallel.compliances(&changes)?;
+        let mut order: Vec<(f64, usize)> = changes
+            .iter()
+            .zip(&gains)
+            .enumerate()
+            .map(|(k, (change, gain))| (self.direct(change) - gain, k))
+            .filter(|&(cost, _)| cost < penalty)
+            .collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut met = 0;
+        for (_, k) in order {
+            let change = &changes[k];
+            let (first, last) = self.ends(change);
+            if self.index[first] >= 0 || self.index[last] <= 0 {
+                continue;
+            }
+            // The field has changed since.
+            if self.direct(change) - gains[k] < penalty {
+                self.apply(change)?;
+                met += 1;
+            }
+        }
+        Ok(met)
+    }
+
+    fn ends(&self, change: &[(usize, i32)]) -> (usize, usize) {
+        let (first, last) = (change[0].0, change[change.len() - 1].0);
+        (self.frames.from(first), self.frames.to(last))
+    }
+
+    /// Paths from each negative singularity to the nearest positive ones.
+    fn pairs(&self) -> Result<Vec<Change>, Error> {
+        let signed = |sign: i32| {
+            (0..self.index.len() as u32).filter(move |&v| self.index[v as usize] * sign > 0)
+        };
+        let positive: Vec<(u32, f64)> = signed(1).map(|v| (v, 0.0)).collect();
+        if positive.is_empty() {
+            return Ok(Vec::new());
+        }
+        let graph = Graph::of_edges(self.mesh)?;
+        let nearest = shortest_paths(&graph, &positive, f64::INFINITY)?.distance;
+        let mut changes = Vec::new();
+        for v in signed(-1) {
+            let reach = REACH * nearest[v as usize];
+            if !reach.is_finite() {
+                continue;
+            }
+            let paths = shortest_paths(&graph, &[(v, 0.0)], reach)?;
+            let mut partners: Vec<(f64, u32)> = signed(1)
+                .map(|u| (paths.distance[u as usize], u))
+                .filter(|p| p.0.is_finite())
+                .collect();
+            partners.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            for (_, u) in partners.into_iter().take(PARTNERS) {
+                changes.extend(self.along(&paths.to(u)));
+            }
+        }
+        Ok(changes)
+    }
+
+    /// One quarter of index from the last vertex of a path to the first; `None` along a boundary.
+    fn along(&self, path: &[u32]) -> Option<Change> {
+        path.windows(2)
+            .map(|pair| {
+                let (a, b) = (pair[0] as usize, pair[1] as usize);
+                let h = self.frames.around(a).find(|&h| self.frames.to(h) == b)?;
+                self.frames.twin(h)?;
+                (!self.frames.on_boundary(a) && !self.frames.on_boundary(b)).then_some((h, 1))
+            })
+            .collect()
+    }
+
+    /// Vertices of fewer than three or more than six quads give a quarter to a neighbour, where it costs
+    /// least.
+    fn split_extremes(&mut self) -> Result<(), Error> {
+        let most = 8 * self.index.iter().filter(|i| !(-2..=1).contains(*i)).count();
+        for _ in 0..most {
+            let Some(v) = (0..self.index.len()).find(|&v| !(-2..=1).contains(&self.index[v]))
+            else {
+                break;
+            };
+            let s = if self.index[v] > 0 { -1 } else { 1 };
+            let edges: Vec<usize> = self
+                .frames
+                .around(v)
+                .filter(|&h| self.frames.twin(h).is_some() && self.is_inside(h))
+                .collect();
+            let changes: Vec<Change> = edges.iter().map(|&h| vec![(h, s)]).collect();
+            let gains = self.parallel.compliances(&changes)?;
+            let best = changes
+                .into_iter()
+                .zip(gains)
+                .filter(|(c, _)| {
+                    let to = self.index[self.frames.to(c[0].0)] - s;
+                    (-2..=1).contains(&to)
+                })
+                .min_by(|a, b| {
+                    let cost = |(c, gain): &(Change, f64)| self.direct(c) - gain;
+                    cost(a).total_cmp(&cost(b))
+                });
+            match best {
+                Some((change, _)) => self.apply(&change)?,
+                None => break,
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,179 @@
+//! The start: diffusion of unit crosses, made unit again after each step.
+
+use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
+use geom_core::nalgebra::Complex;
+
+use super::field::Guide;
+use super::frames::Frames;
+use crate::Error;
+
+type C = Complex<f64>;
+
+/// Weight of a guide that must be followed, in edges: the exact angle is set after each step anyway.
+const HARD: f64 = 1e3;
+/// Lengths of the steps, the first long, the last short, in units of the slowest decay.
+const STEPS: [f64; 3] = [1.0, 0.3, 0.1];
+/// Most steps of one length.
+const MOST: usize = 60;
+/// The crosses stand still when they change by less, root of the mean square.
+const STILL: f64 = 1e-3;
+
+/// Angles of a smooth cross field by diffusion and renormalization of `z = e^{4iθ}`, the gradient flow of a
+/// Ginzburg–Landau energy (Viertel and Osting, *An approach to quad meshing based on harmonic
+/// cross-valued maps*, 2019). Local minima remain: the descent afterwards leaves some of them.
+pub(super) fn diffused(frames: &Frames, guides: &[Guide]) -> Result<Vec<f64>, Error> {
+    let matrices = Matrices::of(frames, guides)?;
+    let mut z = matrices.start()?;
+    let decay = matrices.slowest_decay(&mut z)?;
+    for step in STEPS {
+        let tau = step / decay;
+        let factor = matrices.step(tau)?;
+        for _ in 0..MOST {
+            let before = z.clone();
+            matrices.diffuse(&factor, tau, &mut z)?;
+            if matrices.change(&before, &z) < STILL {
+                break;
+            }
+        }
+    }
+    Ok(z.iter().map(|z| z.arg() / 4.0).collect())
+}
+
+struct Matrices<'a> {
+    areas: &'a [f64],
+    /// The connection Laplacian plus the weights of the guides.
+    stiffness: SparseMatrix<C>,
+    symbolic: Symbolic,
+    /// Weight and `e^{4iγ}` per guided triangle.
+    pulls: Vec<(usize, f64, C)>,
+    hard: Vec<(usize, C)>,
+}
+
+impl<'a> Matrices<'a> {
+    fn of(frames: &'a Frames, guides: &[Guide]) -> Result<Self, Error> {
+        let faces = frames.faces();
+        let mut entries: Vec<(u32, u32, C)> = Vec::new();
+        entries.extend((0..faces as u32).map(|f| (f, f, C::from(0.0))));
+        for (h, t) in frames.interior() {
+            let (i, j, w) = ((h / 3) as u32, (t / 3) as u32, frames.weight(h));
+            let turned = C::from_polar(w, 4.0 * frames.transport(h));
+            entries.extend([(i, i, C::from(w)), (j, j, C::from(w))]);
+            entries.extend([(j, i, -turned), (i, j, -turned.conj())]);
+        }
+        let (mut pulls, mut hard) = (Vec::new(), Vec::new());
+        for guide in guides {
+            let (face, z) = (
+                guide.face as usize,
+                C::from_polar(1.0, 4.0 * guide.angle(frames)),
+            );
+            let weight = if guide.is_hard() {
+                hard.push((face, z));
+                HARD
+            } else {
+                guide.weight
+            };
+            entries.push((guide.face, guide.face, C::from(weight)));
+            pulls.push((face, weight, z));
+        }
+        let stiffness = SparseMatrix::from_triplets(faces, faces, &entries)?;
+        Ok(Self {
+            areas: frames.areas(),
+            symbolic: Symbolic::of(&stiffness)?,
+            stiffness,
+            pulls,
+            hard,
+        })
+    }
+
+    /// The factor of `A + τ (L + G)`.
+    fn step(&self, tau: f64) -> Result<Cholesky<C>, Error> {
+        let matrix = self
+            .stiffness
+            .map(|i, j, x| x * tau + C::from(if i == j { self.areas[i] } else { 0.0 }));
+        Ok(self.symbolic.factor(&matrix)?)
+    }
+
+    /// Directions that do not depend on a seed: the guides where there are any, else what a constant
+    /// becomes.
+    fn start(&self) -> Result<Vec<C>, Error> {
+        let mut z = vec![C::from(1.0); self.areas.len()];
+        let mean = self.areas.iter().sum::<f64>() / self.areas.len().max(1) as f64;
+        // Far enough that every triangle hears of a guide.
+        let tau = mean * self.areas.len() as f64;
+        self.diffuse(&self.step(tau)?, tau, &mut z)?;
+        Ok(z)
+    }
+
+    /// Inverse iteration towards the slowest mode; its Rayleigh quotient, Å⁻². With guides, the scale of
+    /// the surface.
+    fn slowest_decay(&self, z: &mut Vec<C>) -> Result<f64, Error> {
+        let area: f64 = self.areas.iter().sum();
+        let scale = 4.0 * std::f64::consts::PI / area;
+        if !self.pulls.is_empty() {
+            return Ok(scale);
+        }
+        let tau = 1e6 / scale;
+        let factor = self.step(tau)?;
+        for _ in 0..30 {
+            let mut right: Vec<C> = z.iter().zip(self.areas).map(|(z, &a)| z * a).collect();
+            factor.solve_in_place(&mut right, 1)?;
+            let norm = self.norm(&right);
+            for x in &mut right {
+                *x /= norm;
+            }
+            *z = right;
+        }
+        let applied = self.stiffness.multiply(z, 1);
+        let top: f64 = z.iter().zip(&applied).map(|(z, l)| (z.conj() * l).re).sum();
+        let bottom: f64 = z
+            .iter()
+            .zip(self.areas)
+            .map(|(z, a)| z.norm_sqr() * a)
+            .sum();
+        self.normalize(z, None);
+        let decay = top / bottom;
+        // A flat torus has parallel fields.
+        Ok(if decay > 1e-6 * scale { decay } else { scale })
+    }
+
+    fn diffuse(&self, factor: &Cholesky<C>, tau: f64, z: &mut Vec<C>) -> Result<(), Error> {
+        let mut next: Vec<C> = z.iter().zip(self.areas).map(|(z, &a)| z * a).collect();
+        for &(face, weight, target) in &self.pulls {
+            next[face] += target * (tau * weight);
+        }
+        factor.solve_in_place(&mut next, 1)?;
+        self.normalize(&mut next, Some(z));
+        *z = next;
+        Ok(())
+    }
+
+    /// Unit length again; where nothing is left, the phase before.
+    fn normalize(&self, z: &mut [C], before: Option<&[C]>) {
+        for (i, z) in z.iter_mut().enumerate() {
+            let length = z.norm();
+            *z = if length > 1e-12 {
+                *z / length
+            } else {
+                before.map_or(C::from(1.0), |b| b[i])
+            };
+        }
+        for &(face, target) in &self.hard {
+            z[face] = target;
+        }
+    }
+
+    fn norm(&self, z: &[C]) -> f64 {
+        let sum: f64 = z
+            .iter()
+            .zip(self.areas)
+            .map(|(z, a)| z.norm_sqr() * a)
+            .sum();
+        sum.sqrt()
+    }
+
+    fn change(&self, before: &[C], after: &[C]) -> f64 {
+        let area: f64 = self.areas.iter().sum();
+        let difference: Vec<C> = before.iter().zip(after).map(|(a, b)| a - b).collect();
+        self.norm(&difference) / area.sqrt()
+    }
+}

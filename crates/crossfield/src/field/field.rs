@@ -1,0 +1,119 @@
+//! The cross field: an angle per triangle, a period jump per edge.
+
+use geom_core::Vector3;
+
+use super::frames::Frames;
+use super::singularity::{self, difference};
+
+/// A direction that the field should have in a triangle, up to quarter turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Guide {
+    /// The triangle.
+    pub face: u32,
+    /// The direction.
+    pub toward: Toward,
+    /// λ̄ of Eq. 4.9, in units of the smoothness energy of one edge; infinite: the field has exactly this
+    /// direction.
+    pub weight: f64,
+}
+
+/// How a [`Guide`] names its direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Toward {
+    /// An angle in the triangle's frame: [`Frames`].
+    Angle(f64),
+    /// Along a side of the triangle, 0…2: sharp edges and boundaries, whatever the smoothing does to the
+    /// geometry.
+    Side(u8),
+}
+
+impl Guide {
+    /// The angle in a triangle's frame.
+    pub fn angle(&self, frames: &Frames) -> f64 {
+        match self.toward {
+            Toward::Angle(angle) => angle,
+            Toward::Side(k) => frames.side_angle(3 * self.face as usize + k as usize),
+        }
+    }
+
+    /// Does the field have to follow exactly?
+    pub fn is_hard(&self) -> bool {
+        self.weight == f64::INFINITY
+    }
+}
+
+/// A cross per triangle: four directions a quarter turn apart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CrossField {
+    /// The angle θ of one arm in each triangle's frame.
+    pub theta: Vec<f64>,
+    /// The period jump p of each half-edge, odd under exchange with the twin; 0 on a boundary.
+    pub jump: Vec<i32>,
+    /// Four times the index of each vertex: see [`singularity::indices`].
+    pub index: Vec<i32>,
+    /// How it came about.
+    pub report: FieldReport,
+}
+
+/// What a cross field is like.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct FieldReport {
+    /// Singular vertices inside of the surface.
+    pub singularities: usize,
+    /// Of those, with positive index (three quads or fewer).
+    pub positive: usize,
+    /// The smoothness energy Σ δ² with unit weights, rad² (Eq. 4.9 without guidance).
+    pub energy: f64,
+    /// Triangles with guidance.
+    pub guided: usize,
+    /// Guides left out because another one held the triangle.
+    pub conflicts: usize,
+    /// Edges whose period jump was changed because that lowered the energy.
+    pub edge_moves: usize,
+    /// Pairs of opposite singularities that were made to meet.
+    pub annihilated: usize,
+    /// The length over which the surface was smoothed to decide where the field turns, Å; 0 when the
+    /// smoothing was off, or could not be carried back.
+    pub smoothing: f64,
+}
+
+impl CrossField {
+    /// The four arms of a triangle's cross, counter-clockwise.
+    pub fn arms(&self, frames: &Frames, face: usize) -> [Vector3; 4] {
+        let first = frames.direction(face, self.theta[face]);
+        let second = frames.direction(face, self.theta[face] + super::frames::QUARTER);
+        [first, second, -first, -second]
+    }
+
+    /// The vertices inside of the surface where the field turns.
+    pub fn singular_vertices<'a>(&'a self, frames: &'a Frames) -> impl Iterator<Item = usize> + 'a {
+        (0..self.index.len()).filter(|&v| self.index[v] != 0 && !frames.on_boundary(v))
+    }
+
+    /// Fills in indices, energy and counts.
+    pub(crate) fn measured(
+        frames: &Frames,
+        theta: Vec<f64>,
+        jump: Vec<i32>,
+        report: FieldReport,
+    ) -> Self {
+        let index = singularity::indices(frames, &theta, &jump);
+        let mut field = Self {
+            theta,
+            jump,
+            index,
+            report,
+        };
+        let singular: Vec<usize> = field.singular_vertices(frames).collect();
+        field.report.positive = singular.iter().filter(|&&v| field.index[v] > 0).count();
+        field.report.singularities = singular.len();
+        field.report.energy = frames
+            .interior()
+            .map(|(h, _)| difference(frames, &field.theta, &field.jump, h).powi(2))
+            .sum();
+        field
+    }
+}

@@ -1,0 +1,14 @@
+//! Cross fields: four directions per triangle, smooth but for a few singular vertices.
+
+mod descend;
+mod diffuse;
+#[expect(clippy::module_inception, reason = "the field of the folder's name")]
+mod field;
+pub mod frames;
+mod parallel;
+pub mod singularity;
+pub(crate) mod solve;
+
+pub use field::{CrossField, FieldReport, Guide, Toward};
+pub use frames::Frames;
+pub use solve::cross_field;

@@ -1,0 +1,189 @@
+//! The smoothest angles for given period jumps: a graph Laplacian over the triangles.
+
+use geom_core::algebra::{Cholesky, SparseMatrix};
+use geom_core::compute::sets::DisjointSets;
+
+use super::field::Guide;
+use super::frames::{Frames, QUARTER, modulo_quarter};
+use crate::Error;
+
+/// No row: the angle of the triangle is given.
+const FIXED: u32 = u32::MAX;
+
+/// Right-hand sides per pass.
+const COLUMNS: usize = 16;
+
+/// `min_θ Σ w (θ_j − θ_i − κ − (π/2) p)² + Σ λ̄ (θ − γ)²` with the period jumps p given (Eq. 4.9). The matrix does
+/// not depend on p: it is factored once.
+pub(super) struct Parallel<'a> {
+    pub(super) frames: &'a Frames,
+    row: Vec<u32>,
+    rows: usize,
+    factor: Cholesky,
+    /// γ and λ̄ of the softly guided triangles.
+    soft: Vec<(usize, f64, f64)>,
+    /// The angles of the given triangles.
+    fixed: Vec<(usize, f64)>,
+}
+
+/// A change of period jumps: half-edges and what is added to theirs.
+pub(super) type Change = Vec<(usize, i32)>;
+
+impl<'a> Parallel<'a> {
+    /// Factors the matrix. In a component without any guide, the lowest triangle keeps its angle.
+    pub(super) fn new(frames: &'a Frames, guides: &[Guide]) -> Result<Self, Error> {
+        let faces = frames.faces();
+        let mut sets = DisjointSets::new(faces);
+        for (h, t) in frames.interior() {
+            sets.join((h / 3) as u32, (t / 3) as u32);
+        }
+        let part = sets.into_roots();
+        let mut anchored = vec![false; faces];
+        let (mut soft, mut fixed) = (Vec::new(), Vec::new());
+        for guide in guides {
+            let face = guide.face as usize;
+            anchored[part[face] as usize] = true;
+            let angle = guide.angle(frames);
+            if guide.is_hard() {
+                fixed.push((face, angle));
+            } else {
+                soft.push((face, angle, guide.weight));
+            }
+        }
+        let mut row = vec![0; faces];
+        for &(face, _) in &fixed {
+            row[face] = FIXED;
+        }
+        for face in 0..faces {
+            if part[face] as usize == face && !anchored[face] {
+                row[face] = FIXED;
+            }
+        }
+        let mut rows = 0;
+        for r in &mut row {
+            if *r != FIXED {
+                *r = rows;
+                rows += 1;
+            }
+        }
+        let mut entries = Vec::new();
+        for (h, t) in frames.interior() {
+            let (i, j, w) = (row[h / 3], row[t / 3], frames.weight(h));
+            if i != FIXED {
+                entries.push((i, i, w));
+            }
+            if j != FIXED {
+                entries.push((j, j, w));
+            }
+            if i != FIXED && j != FIXED {
+                entries.extend([(i, j, -w), (j, i, -w)]);
+            }
+        }
+        for &(face, _, weight) in &soft {
+            if row[face] != FIXED {
+                entries.push((row[face], row[face], weight));
+            }
+        }
+        let rows = rows as usize;
+        let matrix = SparseMatrix::from_triplets(rows, rows, &entries)?;
+        let factor = Cholesky::of(&matrix)?;
+        Ok(Self {
+            frames,
+            row,
+            rows,
+            factor,
+            soft,
+            fixed,
+        })
+    }
+
+    /// The smoothest angles for these period jumps; `theta` says which branch of each guide is meant.
+    pub(super) fn angles(&self, jump: &[i32], theta: &mut [f64]) -> Result<(), Error> {
+        for &(face, angle) in &self.fixed {
+            theta[face] = nearest_branch(angle, theta[face]);
+        }
+        let mut b = vec![0.0; self.rows];
+        for (h, t) in self.frames.interior() {
+            let (i, j) = (h / 3, t / 3);
+            let w = self.frames.weight(h);
+            let turn = self.frames.transport(h) + QUARTER * f64::from(jump[h]);
+            let known = |face: usize| {
+                if self.row[face] == FIXED {
+                    theta[face]
+                } else {
+                    0.0
+                }
+            };
+            if let Some(b) = b.get_mut(self.row[j] as usize) {
+                *b += w * (turn + known(i));
+            }
+            if let Some(b) = b.get_mut(self.row[i] as usize) {
+                *b += w * (known(j) - turn);
+            }
+        }
+        for &(face, angle, weight) in &self.soft {
+            if let Some(b) = b.get_mut(self.row[face] as usize) {
+                *b += weight * nearest_branch(angle, theta[face]);
+            }
+        }
+        let x = self.factor.solve(&b)?;
+        for (face, &row) in self.row.iter().enumerate() {
+            if row != FIXED {
+                theta[face] = x[row as usize];
+            }
+        }
+        Ok(())
+    }
+
+    /// For each change of period jumps, what the energy falls by because the angles follow: `bᵀ W⁻¹ b` with
+    /// `b = Σ w d (e_j − e_i)`.
+    pub(super) fn compliances(&self, changes: &[Change]) -> Result<Vec<f64>, Error> {
+        let mut out = Vec::with_capacity(changes.len());
+        for part in changes.chunks(COLUMNS) {
+            let columns = part.len();
+            let mut block = vec![0.0; self.rows * columns];
+            for (c, change) in part.iter().enumerate() {
+                self.load(change, |row, value| block[row * columns + c] += value);
+            }
+            let right = block.clone();
+            self.factor.solve_in_place(&mut block, columns)?;
+            out.extend((0..columns).map(|c| {
+                (0..self.rows)
+                    .map(|r| right[r * columns + c] * block[r * columns + c])
+                    .sum::<f64>()
+            }));
+        }
+        Ok(out)
+    }
+
+    /// Lets the angles follow a change of period jumps.
+    pub(super) fn follow(&self, change: &[(usize, i32)], theta: &mut [f64]) -> Result<(), Error> {
+        let mut b = vec![0.0; self.rows];
+        self.load(change, |row, value| b[row] += value);
+        let x = self.factor.solve(&b)?;
+        for (face, &row) in self.row.iter().enumerate() {
+            if row != FIXED {
+                theta[face] += x[row as usize];
+            }
+        }
+        Ok(())
+    }
+
+    fn load(&self, change: &[(usize, i32)], mut add: impl FnMut(usize, f64)) {
+        for &(h, quarters) in change {
+            let twin = self.frames.twin(h).expect("an interior edge");
+            let value = self.frames.weight(h) * QUARTER * f64::from(quarters);
+            if self.row[twin / 3] != FIXED {
+                add(self.row[twin / 3] as usize, value);
+            }
+            if self.row[h / 3] != FIXED {
+                add(self.row[h / 3] as usize, -value);
+            }
+        }
+    }
+}
+
+/// `angle` plus the multiple of a quarter turn that brings it nearest to `to`.
+pub(super) fn nearest_branch(angle: f64, to: f64) -> f64 {
+    to - modulo_quarter(to - angle)
+}

@@ -1,0 +1,58 @@
+//! Predicates of the map in integers: 64 bits for coordinates, 128 for products.
+
+use super::parameterize::GridMap;
+use super::transition::turned;
+use crate::field::frames::{next, previous};
+
+/// Twice the signed area, in units of 2^−2·bits.
+pub(crate) fn doubled_area([a, b, c]: &[[i64; 2]; 3]) -> i128 {
+    cross(minus(*b, *a), minus(*c, *a))
+}
+
+pub(crate) fn minus(a: [i64; 2], b: [i64; 2]) -> [i64; 2] {
+    [a[0] - b[0], a[1] - b[1]]
+}
+
+pub(crate) fn cross(a: [i64; 2], b: [i64; 2]) -> i128 {
+    i128::from(a[0]) * i128::from(b[1]) - i128::from(a[1]) * i128::from(b[0])
+}
+
+pub(crate) fn dot(a: [i64; 2], b: [i64; 2]) -> i128 {
+    i128::from(a[0]) * i128::from(b[0]) + i128::from(a[1]) * i128::from(b[1])
+}
+
+/// Turned left by quarters.
+pub(crate) fn rotated(v: [i64; 2], quarters: u8) -> [i64; 2] {
+    [0, 1].map(|c| {
+        let (from, sign) = turned(quarters, c);
+        sign * v[from]
+    })
+}
+
+/// The directions along the half-edge out of a corner and against the one into it.
+pub(crate) fn sector(map: &GridMap, h: usize) -> [[i64; 2]; 2] {
+    let uv = &map.corners[h / 3];
+    let at = uv[h % 3];
+    [minus(uv[next(h) % 3], at), minus(uv[previous(h) % 3], at)]
+}
+
+/// The unit directions, as quarter turns from +u, within the half-open sector from a counter-clockwise to b, in that
+/// order; `closed`: b too.
+pub(crate) fn axes_in(a: [i64; 2], b: [i64; 2], closed: bool) -> impl Iterator<Item = u8> {
+    let inside = move |d: [i64; 2]| {
+        let from = cross(a, d);
+        (from == 0 && dot(a, d) > 0)
+            || (from > 0 && cross(d, b) > 0)
+            || (closed && cross(b, d) == 0 && dot(b, d) > 0)
+    };
+    // The first axis at or after a, counter-clockwise: a sector is below half a turn.
+    let first = (0..4u8)
+        .find(|&q| {
+            let (d, before) = (rotated([1, 0], q), rotated([1, 0], (q + 3) % 4));
+            cross(before, a) > 0 && cross(a, d) >= 0
+        })
+        .unwrap_or(0);
+    (0..3u8)
+        .map(move |k| (first + k) % 4)
+        .filter(move |&q| inside(rotated([1, 0], q)))
+}

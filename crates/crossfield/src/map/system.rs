@@ -1,0 +1,195 @@
+//! The orientation energy (Eq. 4.10) over independent unknowns.
+
+use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
+
+use super::chart::Chart;
+use super::cut::Cut;
+use super::transition::Seams;
+use crate::Error;
+
+/// `½ yᵀ A y − bᵀ y`, with the real unknowns R apart from the integer ones I.
+pub(crate) struct System<'a> {
+    pub(crate) cut: &'a Cut,
+    pub(crate) seams: &'a Seams,
+    pub(crate) charts: &'a [Chart],
+    symbolic: Option<Symbolic>,
+}
+
+/// The system for one choice of weights, A_RR factored.
+pub(crate) struct Weighted {
+    factor: Option<Cholesky>,
+    /// A_RI, column by column.
+    mixed: Vec<Vec<(u32, f64)>>,
+    /// A_II, row after row.
+    pub(crate) integer: Vec<f64>,
+    pub(crate) right: Vec<f64>,
+    reals: usize,
+}
+
+impl<'a> System<'a> {
+    pub(crate) fn new(cut: &'a Cut, seams: &'a Seams, charts: &'a [Chart]) -> Self {
+        Self {
+            cut,
+            seams,
+            charts,
+            symbolic: None,
+        }
+    }
+
+    /// Assembles and factors, triangle f counting `weights[f]` times.
+    pub(crate) fn weighted(&mut self, weights: &[f64]) -> Result<Weighted, Error> {
+        let (reals, integers) = (self.seams.reals, self.seams.integers);
+        let mut real = Vec::with_capacity(18 * self.charts.len());
+        let mut mixed = vec![Vec::new(); integers];
+        let mut integer = vec![0.0; integers * integers];
+        let mut right = vec![0.0; reals + integers];
+        for (f, chart) in self.charts.iter().enumerate() {
+            let weight = weights[f] * chart.area;
+            for component in 0..2 {
+                let hats = if component == 0 {
+                    &chart.along_u
+                } else {
+                    &chart.along_v
+                };
+                let corners = [0, 1, 2].map(|k| self.cut.copy[3 * f + k]);
+                for (k, &copy) in corners.iter().enumerate() {
+                    for (y, p) in self.seams.row(copy, component) {
+                        right[y] += weight * f64::from(p) * hats[k][component];
+                    }
+                    for (l, &other) in corners.iter().enumerate() {
+                        let stiffness =
+                            weight * (hats[k][0] * hats[l][0] + hats[k][1] * hats[l][1]);
+                        for (y, p) in self.seams.row(copy, component) {
+                            for (z, q) in self.seams.row(other, component) {
+                                let value = stiffness * f64::from(p * q);
+                                match (y < reals, z < reals) {
+                                    (true, true) => real.push((y as u32, z as u32, value)),
+                                    (true, false) => mixed[z - reals].push((y as u32, value)),
+                                    (false, false) => {
+                                        integer[(y - reals) * integers + z - reals] += value;
+                                    }
+                                    (false, true) => {}
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        for column in &mut mixed {
+            *column = summed(std::mem::take(column));
+        }
+        let matrix = SparseMatrix::from_triplets(reals, reals, &real)?;
+        drop(real);
+        let factor = self.factored(&matrix)?;
+        Ok(Weighted {
+            factor,
+            mixed,
+            integer,
+            right,
+            reals,
+        })
+    }
+
+    fn factored(&mut self, matrix: &SparseMatrix) -> Result<Option<Cholesky>, Error> {
+        if matrix.rows() == 0 {
+            return Ok(None);
+        }
+        let symbolic = match &self.symbolic {
+            Some(symbolic) => symbolic.clone(),
+            None => self.symbolic.insert(Symbolic::of(matrix)?).clone(),
+        };
+        Ok(Some(symbolic.factor(matrix)?))
+    }
+
+    /// The coordinates of the corners of all triangles.
+    pub(crate) fn corners(&self, y: &[f64]) -> Vec<[[f64; 2]; 3]> {
+        let at = |copy: u32, component: usize| -> f64 {
+            let terms = self.seams.row(copy, component);
+            terms.map(|(k, c)| f64::from(c) * y[k]).sum()
+        };
+        let copies: Vec<[f64; 2]> = (0..self.seams.copies() as u32)
+            .map(|copy| [at(copy, 0), at(copy, 1)])
+            .collect();
+        self.cut
+            .copy
+            .chunks_exact(3)
+            .map(|c| [0, 1, 2].map(|k| copies[c[k] as usize]))
+            .collect()
+    }
+
+    /// Σ weight · area · |J − 1|², the energy that is minimized, with equal weights.
+    pub(crate) fn energy(&self, corners: &[[[f64; 2]; 3]]) -> f64 {
+        let of = |(chart, uv): (&Chart, &[[f64; 2]; 3])| {
+            let j = chart.jacobian(uv);
+            let off = [j[0][0] - 1.0, j[0][1], j[1][0], j[1][1] - 1.0];
+            chart.area * off.iter().map(|x| x * x).sum::<f64>()
+        };
+        let total: f64 = self.charts.iter().zip(corners).map(of).sum();
+        total / self.charts.len().max(1) as f64
+    }
+}
+
+impl Weighted {
+    /// The real unknowns for given integers.
+    pub(crate) fn reals_for(&self, integers: &[f64]) -> Result<Vec<f64>, Error> {
+        let mut x = self.right[..self.reals].to_vec();
+        for (column, &z) in self.mixed.iter().zip(integers) {
+            for &(row, a) in column {
+                x[row as usize] -= a * z;
+            }
+        }
+        if let Some(factor) = &self.factor {
+            factor.solve_in_place(&mut x, 1)?;
+        }
+        Ok(x)
+    }
+
+    /// The Schur complement `S = A_II − A_IR A_RR⁻¹ A_RI`, row after row, and its right-hand side: what the energy
+    /// is as a function of the integers alone, the reals following.
+    pub(crate) fn schur(&self) -> Result<(Vec<f64>, Vec<f64>), Error> {
+        const COLUMNS: usize = 32;
+        let n = self.mixed.len();
+        let (mut s, mut right) = (self.integer.clone(), self.right[self.reals..].to_vec());
+        let Some(factor) = &self.factor else {
+            return Ok((s, right));
+        };
+        for first in (0..n).step_by(COLUMNS) {
+            let columns = COLUMNS.min(n - first);
+            let mut block = vec![0.0; self.reals * columns];
+            for c in 0..columns {
+                for &(row, a) in &self.mixed[first + c] {
+                    block[row as usize * columns + c] = a;
+                }
+            }
+            factor.solve_in_place(&mut block, columns)?;
+            for (i, column) in self.mixed.iter().enumerate() {
+                for &(row, a) in column {
+                    let solved = &block[row as usize * columns..][..columns];
+                    for (c, x) in solved.iter().enumerate() {
+                        s[i * n + first + c] -= a * x;
+                    }
+                }
+            }
+            for (row, &b) in self.right[..self.reals].iter().enumerate() {
+                for c in 0..columns {
+                    right[first + c] -= block[row * columns + c] * b;
+                }
+            }
+        }
+        Ok((s, right))
+    }
+}
+
+/// Entries of one row added up.
+fn summed(mut column: Vec<(u32, f64)>) -> Vec<(u32, f64)> {
+    column.sort_by_key(|e| e.0);
+    column.dedup_by(|later, kept| {
+        let same = later.0 == kept.0;
+        if same {
+            kept.1 += later.1;
+        }
+        same
+    });
+    column
+}

@@ -1,0 +1,390 @@
+//! The integer conditions of seams, boundaries and sharp edges, solved exactly.
+
+use std::collections::BTreeMap;
+
+use super::cut::Cut;
+use crate::field::CrossField;
+use crate::field::frames::{Frames, QUARTER};
+
+/// A sum of variables with integer coefficients: by variable, none of them zero.
+pub(crate) type Form = BTreeMap<u32, i64>;
+
+/// Both coordinates of every copy of every vertex as integer sums of independent unknowns: real ones first,
+/// then those that must become integers. Whatever values the unknowns get, all transitions
+/// `(u, v)_right = R(−90° k) (u, v)_left + t` over the seams hold exactly, and kept lines are lines of
+/// equal coordinate.
+#[derive(Clone, Debug)]
+pub(crate) struct Seams {
+    /// Row 2 · copy + component.
+    starts: Vec<usize>,
+    unknowns: Vec<u32>,
+    coefficients: Vec<i32>,
+    /// Number of real unknowns.
+    pub(crate) reals: usize,
+    /// Number of integer unknowns.
+    pub(crate) integers: usize,
+}
+
+impl Seams {
+    /// Eliminates the conditions at the nodes of the cut, and on the half-edges that must be lines of equal
+    /// coordinate.
+    pub(crate) fn of(frames: &Frames, field: &CrossField, cut: &Cut, lines: &[usize]) -> Self {
+        let places = Places::of(frames, cut);
+        let mut unknowns = Unknowns::of(frames, field, cut);
+        for closing in &places.closings {
+            unknowns.impose(closing.clone());
+        }
+        let aligned = aligned_coordinates(frames, field, cut, lines);
+        for &(h, component) in &aligned {
+            let (a, b) = (cut.copy[h], cut.copy[crate::field::frames::next(h)]);
+            let mut row = places.form(a, component);
+            add(&mut row, &places.form(b, component), -1);
+            unknowns.impose(row);
+        }
+        for &(h, component) in &aligned {
+            unknowns.make_integer(&places.form(cut.copy[h], component));
+        }
+        for row in gauge(frames, field, cut, &places, &aligned) {
+            unknowns.impose(row);
+        }
+        unknowns.rows(&places, cut.vertex.len())
+    }
+
+    /// The terms of a coordinate: unknown and coefficient.
+    pub(crate) fn row(
+        &self,
+        copy: u32,
+        component: usize,
+    ) -> impl Iterator<Item = (usize, i32)> + '_ {
+        let row = 2 * copy as usize + component;
+        let range = self.starts[row]..self.starts[row + 1];
+        range.map(|at| (self.unknowns[at] as usize, self.coefficients[at]))
+    }
+
+    /// Number of copies.
+    pub(crate) fn copies(&self) -> usize {
+        (self.starts.len() - 1) / 2
+    }
+}
+
+/// Half-edges that are lines of equal coordinate, and which: 0 for u, 1 for v.
+fn aligned_coordinates(
+    frames: &Frames,
+    field: &CrossField,
+    cut: &Cut,
+    lines: &[usize],
+) -> Vec<(usize, usize)> {
+    lines
+        .iter()
+        .map(|&h| {
+            let arm = field.theta[h / 3] + QUARTER * f64::from(cut.comb[h / 3]);
+            let quarters = ((frames.side_angle(h) - arm) / QUARTER).round() as i64;
+            // Along the first arm, v stays the same.
+            (h, 1 - quarters.rem_euclid(2) as usize)
+        })
+        .collect()
+}
+
+/// The map may be shifted: two coordinates are put to zero, where possible such as are integers anyway.
+fn gauge(
+    frames: &Frames,
+    field: &CrossField,
+    cut: &Cut,
+    places: &Places,
+    aligned: &[(usize, usize)],
+) -> Vec<Form> {
+    let singular = field.singular_vertices(frames).next();
+    if let Some(v) = singular {
+        let copy = cut.copy[frames.around(v).next().expect("a used vertex")];
+        return vec![places.form(copy, 0), places.form(copy, 1)];
+    }
+    [0, 1]
+        .map(|component| {
+            let on_line = aligned.iter().find(|a| a.1 == component);
+            let copy = on_line.map_or(0, |&(h, _)| cut.copy[h]);
+            places.form(copy, component)
+        })
+        .to_vec()
+}
+
+/// Where the copies of a vertex lie: `R(90° turn) base + Σ R(90° turn_c) t_c`.
+struct Places {
+    /// Per copy: the vertex, its quarter turns, and chains with theirs.
+    copies: Vec<(u32, u8, Vec<(u32, u8)>)>,
+    /// What must vanish so that a walk around a node ends where it began.
+    closings: Vec<Form>,
+    vertices: u32,
+}
+
+impl Places {
+    fn of(frames: &Frames, cut: &Cut) -> Self {
+        let vertices = frames.edges().vertices() as u32;
+        let mut places = Self {
+            copies: cut.vertex.iter().map(|&v| (v, 0, Vec::new())).collect(),
+            closings: Vec::new(),
+            vertices,
+        };
+        // Nodes come leaves first; the others need no closing.
+        let mut is_node = vec![false; vertices as usize];
+        for &node in &cut.nodes {
+            is_node[node as usize] = true;
+            places.walk(frames, cut, node);
+        }
+        let mut on_cut = vec![false; vertices as usize];
+        for h in (0..cut.is_cut.len()).filter(|&h| cut.is_cut[h]) {
+            on_cut[frames.from(h)] = true;
+        }
+        for v in (0..vertices).filter(|&v| on_cut[v as usize] && !is_node[v as usize]) {
+            places.walk(frames, cut, v);
+        }
+        places
+    }
+
+    /// Goes around a vertex counter-clockwise and composes the transitions.
+    fn walk(&mut self, frames: &Frames, cut: &Cut, vertex: u32) {
+        let (mut turn, mut terms): (u8, Vec<(u32, u8)>) = (0, Vec::new());
+        let fan = cut.fan(frames, vertex as usize);
+        for &out in &fan {
+            self.copies[cut.copy[out] as usize] = (vertex, turn, terms.clone());
+            let h = crate::field::frames::previous(out);
+            if !cut.is_cut[h] {
+                continue;
+            }
+            let (chain, k) = (cut.chain[h], cut.turn[h]);
+            if !cut.forward[h] {
+                // x_left = R(k_c) (x_right − t): the turn of this half-edge is −k_c.
+                terms.push((chain, 2));
+            }
+            // Coordinates turn by −k.
+            let by = (4 - k) % 4;
+            turn = (turn + by) % 4;
+            for term in &mut terms {
+                term.1 = (term.1 + by) % 4;
+            }
+            if cut.forward[h] {
+                terms.push((chain, 0));
+            }
+        }
+        if frames.on_boundary(vertex as usize) {
+            return;
+        }
+        for component in [0, 1] {
+            let mut row = self.expand((vertex, turn, &terms), component);
+            add(&mut row, &self.expand((vertex, 0, &[]), component), -1);
+            if !row.is_empty() {
+                self.closings.push(row);
+            }
+        }
+    }
+
+    /// A coordinate of a copy over the variables: vertices first, then chains, two each.
+    fn form(&self, copy: u32, component: usize) -> Form {
+        let (vertex, turn, terms) = &self.copies[copy as usize];
+        self.expand((*vertex, *turn, terms), component)
+    }
+
+    fn expand(&self, (vertex, turn, terms): (u32, u8, &[(u32, u8)]), component: usize) -> Form {
+        let mut form = Form::new();
+        let mut push = |variable: u32, turn: u8| {
+            let (other, sign) = turned(turn, component);
+            let one = Form::from([(2 * variable + other as u32, sign)]);
+            add(&mut form, &one, 1);
+        };
+        push(vertex, turn);
+        for &(chain, turn) in terms {
+            push(self.vertices + chain, turn);
+        }
+        form
+    }
+}
+
+/// Component of a vector after quarter turns to the left: which component it was, and its sign.
+pub(crate) fn turned(turn: u8, component: usize) -> (usize, i64) {
+    match (turn % 4, component) {
+        (0, c) => (c, 1),
+        (1, 0) => (1, -1),
+        (1, _) => (0, 1),
+        (2, c) => (c, -1),
+        (_, 0) => (1, 1),
+        (_, _) => (0, -1),
+    }
+}
+
+/// `form += factor · other`.
+pub(super) fn add(form: &mut Form, other: &Form, factor: i64) {
+    for (&variable, &c) in other {
+        let entry = form.entry(variable).or_insert(0);
+        *entry += factor * c;
+        if *entry == 0 {
+            form.remove(&variable);
+        }
+    }
+}
+
+/// Variables, some of which are expressed by others.
+struct Unknowns {
+    expression: Vec<Option<Form>>,
+    integer: Vec<bool>,
+    /// Of variables that could be eliminated, the one of lowest rank is.
+    rank: Vec<f64>,
+}
+
+impl Unknowns {
+    fn of(frames: &Frames, field: &CrossField, cut: &Cut) -> Self {
+        let vertices = frames.edges().vertices();
+        let variables = 2 * (vertices + cut.chains);
+        let mut integer = vec![false; variables];
+        let mut rank = vec![f64::INFINITY; variables];
+        integer[2 * vertices..].fill(true);
+        for v in field.singular_vertices(frames) {
+            integer[2 * v] = true;
+            integer[2 * v + 1] = true;
+        }
+        // A chain is eliminated at its outer end, so that few others depend on it.
+        for h in (0..cut.is_cut.len()).filter(|&h| cut.is_cut[h]) {
+            let near = cut.depth[frames.from(h)];
+            for component in [0, 1] {
+                let slot = &mut rank[2 * (vertices + cut.chain[h] as usize) + component];
+                *slot = slot.min(near);
+            }
+        }
+        Self {
+            expression: vec![None; variables],
+            integer,
+            rank,
+        }
+    }
+
+    /// A form over variables that are not eliminated.
+    fn resolved(&self, mut form: Form) -> Form {
+        let mut open: Vec<u32> = form.keys().copied().collect();
+        while let Some(variable) = open.pop() {
+            let Some(expression) = &self.expression[variable as usize] else {
+                continue;
+            };
+            if let Some(c) = form.remove(&variable) {
+                add(&mut form, expression, c);
+                open.extend(expression.keys());
+            }
+        }
+        form
+    }
+
+    /// Makes `row = 0` true by eliminating one variable: a real one with coefficient ±1 if there is one, else an
+    /// integer. Where no coefficient is ±1, Euclid's algorithm on the columns makes one: a change of integer variables
+    /// of determinant 1.
+    fn impose(&mut self, row: Form) {
+        let mut row = self.resolved(row);
+        if row.is_empty() {
+            return;
+        }
+        if let Some(real) = self.pivot(&row, false) {
+            self.eliminate(real, row);
+            return;
+        }
+        // 2 x = integers, for a line that meets itself turned: x must be an integer anyway.
+        for &v in row.keys() {
+            self.integer[v as usize] = true;
+        }
+        loop {
+            let divisor = row.values().fold(0, |g, &c| gcd(g, c.abs()));
+            for c in row.values_mut() {
+                *c /= divisor;
+            }
+            if let Some(integer) = self.pivot(&row, true) {
+                self.eliminate(integer, row);
+                return;
+            }
+            row = self.euclid(row);
+        }
+    }
+
+    /// The variable with coefficient ±1 to eliminate; of reals the last, which is new on its line.
+    fn pivot(&self, row: &Form, integer: bool) -> Option<u32> {
+        let units = row
+            .iter()
+            .filter(|&(&v, &c)| c.abs() == 1 && self.integer[v as usize] == integer)
+            .map(|(&v, _)| v);
+        if integer {
+            units.min_by(|&a, &b| {
+                let rank = |v: u32| self.rank[v as usize];
+                rank(a).total_cmp(&rank(b)).then(a.cmp(&b))
+            })
+        } else {
+            units.last()
+        }
+    }
+
+    fn eliminate(&mut self, variable: u32, mut row: Form) {
+        let sign = row.remove(&variable).expect("the pivot is in the row");
+        for c in row.values_mut() {
+            *c *= -sign;
+        }
+        self.expression[variable as usize] = Some(row);
+    }
+
+    /// `z_k = z' − Σ q_i z_i` for the smallest coefficient c_k, with q_i the rounded c_i / c_k.
+    fn euclid(&mut self, row: Form) -> Form {
+        let (&k, &least) = row.iter().min_by_key(|(_, c)| c.abs()).expect("not empty");
+        let new = self.expression.len() as u32;
+        let mut expression = Form::from([(new, 1)]);
+        let mut rest = Form::from([(new, least)]);
+        for (&v, &c) in row.iter().filter(|&(&v, _)| v != k) {
+            let q = (c as f64 / least as f64).round() as i64;
+            add(&mut expression, &Form::from([(v, 1)]), -q);
+            add(&mut rest, &Form::from([(v, 1)]), c - q * least);
+        }
+        self.expression[k as usize] = Some(expression);
+        self.expression.push(None);
+        self.integer.push(true);
+        self.rank.push(f64::INFINITY);
+        rest
+    }
+
+    fn make_integer(&mut self, form: &Form) {
+        for v in self.resolved(form.clone()).into_keys() {
+            self.integer[v as usize] = true;
+        }
+    }
+
+    /// Numbers the variables that are left and writes every coordinate over them.
+    fn rows(&self, places: &Places, copies: usize) -> Seams {
+        let forms: Vec<Form> = (0..2 * copies)
+            .map(|row| self.resolved(places.form((row / 2) as u32, row % 2)))
+            .collect();
+        let mut used = vec![false; self.expression.len()];
+        for &v in forms.iter().flat_map(Form::keys) {
+            used[v as usize] = true;
+        }
+        let mut number = vec![u32::MAX; used.len()];
+        let mut count = 0;
+        let mut number_all = |integer: bool| {
+            for v in (0..used.len()).filter(|&v| used[v] && self.integer[v] == integer) {
+                number[v] = count;
+                count += 1;
+            }
+            count as usize
+        };
+        let reals = number_all(false);
+        let integers = number_all(true) - reals;
+        let mut seams = Seams {
+            starts: vec![0],
+            unknowns: Vec::new(),
+            coefficients: Vec::new(),
+            reals,
+            integers,
+        };
+        for form in &forms {
+            for (&v, &c) in form {
+                seams.unknowns.push(number[v as usize]);
+                seams.coefficients.push(c as i32);
+            }
+            seams.starts.push(seams.unknowns.len());
+        }
+        seams
+    }
+}
+
+fn gcd(a: i64, b: i64) -> i64 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}

@@ -1,0 +1,137 @@
+//! What to compute.
+
+use geom_core::options::require;
+use geom_core::surface::laplace::EdgeWeights;
+
+use crate::Error;
+use crate::guidance::Guidance;
+
+/// Options of [`cross_field`](crate::cross_field).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct FieldOptions {
+    /// Bumps smaller than this length, Å, get no singularities of their own; 0 takes the surface as it is.
+    /// [`quadrangulate`](crate::quadrangulate) sets it to the side of a quad.
+    pub smoothing: f64,
+    /// What one pair of opposite singularities is worth, rad²: pairs that cost less energy to remove go. 0 keeps
+    /// the energy's minimum, 1 comes near to the smallest possible number.
+    pub singularity_penalty: f64,
+    /// How much edges count: all the same as in the thesis, or by their shape.
+    pub weights: EdgeWeights,
+}
+
+impl Default for FieldOptions {
+    fn default() -> Self {
+        Self {
+            smoothing: 0.0,
+            singularity_penalty: 0.25,
+            weights: EdgeWeights::One,
+        }
+    }
+}
+
+impl FieldOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), Error> {
+        not_negative("field.smoothing", self.smoothing)?;
+        not_negative("field.singularity_penalty", self.singularity_penalty)
+    }
+}
+
+/// How large the quads shall be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Size {
+    /// So many quads, within about a tenth.
+    Quads(usize),
+    /// Sides of this length, Å.
+    Spacing(f64),
+    /// A third as many quads as triangles.
+    Triangles,
+}
+
+impl Size {
+    /// The wanted side of a quad, Å.
+    pub(crate) fn spacing(self, area: f64, triangles: usize) -> f64 {
+        match self {
+            Self::Spacing(h) => h,
+            Self::Quads(n) => (area / n as f64).sqrt(),
+            Self::Triangles => (3.0 * area / triangles as f64).sqrt(),
+        }
+    }
+}
+
+/// What happens where the map of the field folds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Ladder {
+    /// The first failure is an error.
+    Off,
+    /// Other fields, smaller quads, and at last quads without a field, as the report says.
+    #[default]
+    Full,
+}
+
+/// Options of [`quadrangulate`](crate::quadrangulate).
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Options {
+    /// How large the quads shall be.
+    pub size: Size,
+    /// What the field follows, together: of a triangle that several name, the first has it.
+    pub guidance: Vec<Guidance>,
+    /// Edges whose triangles' normals differ by more than this many degrees are kept as sides of quads; `None`: only
+    /// boundaries are.
+    pub crease: Option<f64>,
+    /// [`FieldOptions::smoothing`] in sides of quads.
+    pub smoothing: f64,
+    /// [`FieldOptions::singularity_penalty`], rad².
+    pub singularity_penalty: f64,
+    /// [`FieldOptions::weights`].
+    pub weights: EdgeWeights,
+    /// What happens where the map of the field folds.
+    pub ladder: Ladder,
+    /// Move the vertices on the surface until the quads' corners are right angles.
+    pub improve: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        let field = FieldOptions::default();
+        Self {
+            size: Size::Triangles,
+            guidance: Vec::new(),
+            crease: None,
+            smoothing: 1.0,
+            singularity_penalty: field.singularity_penalty,
+            weights: field.weights,
+            ladder: Ladder::Full,
+            improve: true,
+        }
+    }
+}
+
+impl Options {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), Error> {
+        not_negative("smoothing", self.smoothing)?;
+        not_negative("singularity_penalty", self.singularity_penalty)?;
+        match self.size {
+            Size::Quads(n) => require(n > 0, "size", n, "be at least one quad")?,
+            Size::Spacing(h) => {
+                require(h > 0.0 && h.is_finite(), "size", h, "be above 0 and finite")?;
+            }
+            Size::Triangles => {}
+        }
+        if let Some(degrees) = self.crease {
+            let fine = degrees > 0.0 && degrees < 180.0;
+            require(fine, "crease", degrees, "lie between 0 and 180 degrees")?;
+        }
+        self.guidance.iter().try_for_each(Guidance::check)
+    }
+}
+
+pub(crate) fn not_negative(option: &'static str, value: f64) -> Result<(), Error> {
+    let fine = value >= 0.0 && value.is_finite();
+    Ok(require(fine, option, value, "be at least 0 and finite")?)
+}

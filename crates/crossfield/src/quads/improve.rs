@@ -1,0 +1,344 @@
+//! Better quads: vertices move on the surface until corners are right angles.
+
+use geom_core::search::bvh::TriangleTree;
+use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
+
+use super::quality::scaled_jacobian;
+use crate::Error;
+use crate::backend::{Corner, CornerDistortion, CrossfieldBackend};
+
+/// Steps of the flow.
+const STEPS: usize = 100;
+/// The flow stands still when the energy falls by less, relatively.
+const STILL: f64 = 1e-5;
+/// Quads below this are worked on one by one after the flow.
+const GOAL: f64 = 0.6;
+/// Rounds of that.
+const ROUNDS: usize = 24;
+
+/// How a vertex of the quad mesh may move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Freedom {
+    /// On the surface.
+    Surface,
+    /// Along boundaries and sharp edges.
+    Line,
+    /// Not at all: their corners.
+    Fixed,
+}
+
+/// The surface that vertices stay on.
+pub(crate) struct Ground<'a> {
+    pub(crate) surface: &'a TriMesh,
+    pub(crate) tree: &'a TriangleTree,
+    pub(crate) normals: &'a [Vector3],
+    /// Boundaries and sharp edges.
+    pub(crate) lines: Vec<[Point3; 2]>,
+}
+
+impl Ground<'_> {
+    /// The nearest allowed place, and the surface's normal there.
+    fn pulled(&self, p: &Point3, freedom: Freedom) -> (Point3, Vector3) {
+        let p = match freedom {
+            Freedom::Line => self.on_line(p),
+            _ => *p,
+        };
+        let closest = self.tree.closest(&p);
+        let corners = self.surface.triangles()[closest.triangle as usize];
+        let normal: Vector3 = (0..3)
+            .map(|k| self.normals[corners[k] as usize] * closest.barycentric[k])
+            .fold(Vector3::zeros(), |a, b| a + b);
+        let own = self.surface.doubled_area_normal(closest.triangle as usize);
+        let normal = normal
+            .try_normalize(1e-12)
+            .or_else(|| own.try_normalize(0.0))
+            .unwrap_or_else(Vector3::z);
+        let at = if freedom == Freedom::Surface {
+            closest.point
+        } else {
+            p
+        };
+        (at, normal)
+    }
+
+    fn on_line(&self, p: &Point3) -> Point3 {
+        let nearest = self
+            .lines
+            .iter()
+            .map(|line| on_segment(line, p))
+            .min_by(|a, b| (a - p).norm_squared().total_cmp(&(b - p).norm_squared()));
+        nearest.unwrap_or(*p)
+    }
+}
+
+/// The point of a segment that is nearest to `p`.
+pub(crate) fn on_segment([a, b]: &[Point3; 2], p: &Point3) -> Point3 {
+    let d = b - a;
+    let part = (p - a).dot(&d) / d.norm_squared();
+    a + d * part.clamp(0.0, 1.0)
+}
+
+/// Moves vertices down the gradient of the corners' distortion (Eqs. 5.5–5.7, signed), back onto the surface after each
+/// step, and then those of the worst quads to where these are best. Returns the mesh with the largest smallest scaled
+/// Jacobian that was met.
+pub(crate) fn improve<B: CrossfieldBackend + ?Sized>(
+    mesh: QuadMesh,
+    ground: &Ground<'_>,
+    freedom: &[Freedom],
+    backend: &B,
+) -> Result<QuadMesh, Error> {
+    let mut flow = Flow::new(mesh, ground, freedom, backend);
+    flow.run()?;
+    flow.lift_the_worst();
+    Ok(QuadMesh::new(flow.positions, flow.quads)?)
+}
+
+struct Flow<'a, B: ?Sized> {
+    quads: Vec<[u32; 4]>,
+    positions: Vec<Point3>,
+    normals: Vec<Vector3>,
+    lengths: Vec<f64>,
+    ground: &'a Ground<'a>,
+    freedom: &'a [Freedom],
+    backend: &'a B,
+    out: Vec<CornerDistortion>,
+    around: Vec<Vec<u32>>,
+}
+
+impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
+    fn new(mesh: QuadMesh, ground: &'a Ground<'a>, freedom: &'a [Freedom], backend: &'a B) -> Self {
+        let (positions, quads) = mesh.into_parts();
+        let mut around = vec![Vec::new(); positions.len()];
+        for (q, quad) in (0u32..).zip(&quads) {
+            for &v in quad {
+                around[v as usize].push(q);
+            }
+        }
+        let lengths = quads.iter().map(|q| mean_side(&positions, q)).collect();
+        let mut flow = Self {
+            quads,
+            normals: vec![Vector3::zeros(); positions.len()],
+            positions,
+            lengths,
+            ground,
+            freedom,
+            backend,
+            out: Vec::new(),
+            around,
+        };
+        flow.settle();
+        flow
+    }
+
+    /// Everything back onto the surface.
+    fn settle(&mut self) {
+        use rayon::prelude::*;
+        let (ground, freedom) = (self.ground, self.freedom);
+        let settled: Vec<(Point3, Vector3)> = self
+            .positions
+            .par_iter()
+            .zip(freedom)
+            .map(|(p, &freedom)| ground.pulled(p, freedom))
+            .collect();
+        (self.positions, self.normals) = settled.into_iter().unzip();
+    }
+
+    fn distortions(&mut self, epsilon: f64) -> Result<(), Error> {
+        let corners: Vec<Corner> = self
+            .quads
+            .iter()
+            .zip(&self.lengths)
+            .flat_map(|(quad, &side)| {
+                let p = quad.map(|v| self.positions[v as usize]);
+                let normals = &self.normals;
+                (0..4).map(move |k| Corner {
+                    next: (p[(k + 1) % 4] - p[k]) / side,
+                    previous: (p[(k + 3) % 4] - p[k]) / side,
+                    normal: normals[quad[k] as usize],
+                })
+            })
+            .collect();
+        self.backend
+            .corner_distortion(&corners, epsilon, &mut self.out)
+    }
+
+    fn energy(&self) -> f64 {
+        self.out.iter().map(|c| c.energy).sum()
+    }
+
+    fn smallest_area(&self) -> f64 {
+        self.out
+            .iter()
+            .map(|c| c.area)
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// Displacements for a step of one: down the gradient, in units of the sides.
+    fn descent(&self) -> Vec<Vector3> {
+        let mut gradient = vec![Vector3::zeros(); self.positions.len()];
+        let mut scale = vec![0.0; self.positions.len()];
+        for (q, quad) in self.quads.iter().enumerate() {
+            let side = self.lengths[q];
+            for k in 0..4 {
+                let of = &self.out[4 * q + k];
+                let (to_next, to_previous) = (of.next / side, of.previous / side);
+                gradient[quad[(k + 1) % 4] as usize] += to_next;
+                gradient[quad[(k + 3) % 4] as usize] += to_previous;
+                gradient[quad[k] as usize] -= to_next + to_previous;
+                scale[quad[k] as usize] += side * side / self.around[quad[k] as usize].len() as f64;
+            }
+        }
+        (0..gradient.len())
+            .map(|v| {
+                if self.freedom[v] == Freedom::Fixed {
+                    return Vector3::zeros();
+                }
+                let n = self.normals[v];
+                let tangential = gradient[v] - n * n.dot(&gradient[v]);
+                let step = -tangential * scale[v];
+                // No vertex jumps over its neighbours.
+                let most = 0.3 * scale[v].sqrt();
+                if step.norm() > most {
+                    step * (most / step.norm())
+                } else {
+                    step
+                }
+            })
+            .collect()
+    }
+
+    fn run(&mut self) -> Result<(), Error> {
+        let mut best = (self.smallest_jacobian(), self.positions.clone());
+        let mut tau = 0.1;
+        for _ in 0..STEPS {
+            self.distortions(0.0)?;
+            let smallest = self.smallest_area();
+            let epsilon = if smallest <= 1e-3 {
+                (0.5 * smallest.abs()).max(1e-2)
+            } else {
+                0.0
+            };
+            if epsilon > 0.0 {
+                self.distortions(epsilon)?;
+            }
+            let before = self.energy();
+            let direction = self.descent();
+            let start = (self.positions.clone(), self.normals.clone());
+            let mut after = None;
+            for _ in 0..12 {
+                for (v, p) in self.positions.iter_mut().enumerate() {
+                    *p = start.0[v] + direction[v] * tau;
+                }
+                self.settle();
+                self.distortions(epsilon)?;
+                let energy = self.energy();
+                let upright = epsilon > 0.0 || self.smallest_area() > 0.0;
+                if energy < before && upright {
+                    after = Some(energy);
+                    break;
+                }
+                tau *= 0.5;
+            }
+            let Some(after) = after else {
+                (self.positions, self.normals) = start;
+                break;
+            };
+            let smallest = self.smallest_jacobian();
+            if smallest > best.0 {
+                best = (smallest, self.positions.clone());
+            }
+            if before - after < STILL * before && epsilon == 0.0 {
+                break;
+            }
+            tau = (tau * 1.5).min(1.0);
+        }
+        // The sum may fall while the worst corner does: keep the best of both unless the worst is fine.
+        if self.smallest_jacobian() < best.0.min(GOAL) {
+            self.positions = best.1;
+            self.settle();
+        }
+        Ok(())
+    }
+
+    fn jacobian(&self, q: u32) -> f64 {
+        let quad = self.quads[q as usize];
+        let normal: Vector3 = quad.iter().map(|&v| self.normals[v as usize]).sum();
+        scaled_jacobian(&quad.map(|v| self.positions[v as usize]), &normal)
+    }
+
+    fn smallest_jacobian(&self) -> f64 {
+        let all = (0..self.quads.len() as u32).map(|q| self.jacobian(q));
+        all.fold(f64::INFINITY, f64::min)
+    }
+
+    fn worst_around(&self, v: usize) -> f64 {
+        let all = self.around[v].iter().map(|&q| self.jacobian(q));
+        all.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Vertices of bad quads search the directions of a compass for a place where the worst quad around them is
+    /// better.
+    fn lift_the_worst(&mut self) {
+        let mut step = 0.25;
+        for _ in 0..ROUNDS {
+            let mut bad: Vec<(f64, u32)> = (0..self.quads.len() as u32)
+                .map(|q| (self.jacobian(q), q))
+                .filter(|&(j, _)| j < GOAL)
+                .collect();
+            if bad.is_empty() {
+                return;
+            }
+            bad.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let mut moved = false;
+            for (_, q) in bad {
+                for v in self.quads[q as usize] {
+                    moved |= self.search(v as usize, step);
+                }
+            }
+            if !moved {
+                step *= 0.5;
+            }
+        }
+    }
+
+    fn search(&mut self, v: usize, step: f64) -> bool {
+        if self.freedom[v] == Freedom::Fixed {
+            return false;
+        }
+        let (start, normal) = (self.positions[v], self.normals[v]);
+        let before = self.worst_around(v);
+        let length = self.around[v].iter().map(|&q| self.lengths[q as usize]);
+        let length = step * length.fold(f64::INFINITY, f64::min);
+        let first = normal.cross(&any_other(&normal)).normalize();
+        let second = normal.cross(&first);
+        let mut best = (before + 1e-6, start, normal);
+        for k in 0..8 {
+            let angle = f64::from(k) * std::f64::consts::FRAC_PI_4;
+            let to = start + (first * angle.cos() + second * angle.sin()) * length;
+            let (to, normal) = self.ground.pulled(&to, self.freedom[v]);
+            (self.positions[v], self.normals[v]) = (to, normal);
+            let after = self.worst_around(v);
+            if after > best.0 {
+                best = (after, to, normal);
+            }
+        }
+        (self.positions[v], self.normals[v]) = (best.1, best.2);
+        best.0 > before + 1e-6
+    }
+}
+
+/// A vector that is not parallel to `n`.
+fn any_other(n: &Vector3) -> Vector3 {
+    if n.x.abs() < 0.6 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    }
+}
+
+/// The mean length of a quad's sides: all four shall be equal.
+fn mean_side(positions: &[Point3], quad: &[u32; 4]) -> f64 {
+    let p = quad.map(|v| positions[v as usize]);
+    let sides = (0..4).map(|k| (p[(k + 1) % 4] - p[k]).norm());
+    sides.sum::<f64>() / 4.0
+}

@@ -1,0 +1,12 @@
+//! Quad meshes: from an integer-grid map, exactly; improved; and the ladder that always ends with one.
+
+mod extract;
+mod improve;
+mod ladder;
+mod parts;
+pub mod quality;
+mod split;
+mod trace;
+
+pub use extract::{Extracted, SurfacePoint, extract};
+pub use ladder::{PartReport, Quadrangulation, Report, Rung, quadrangulate};

@@ -1,0 +1,209 @@
+//! The connected parts of the input, made ready one by one.
+
+use geom_core::compute::sets::DisjointSets;
+use geom_core::id::Id;
+use geom_core::mesh::Halfedges;
+use geom_core::surface::repair::{self, repair};
+use geom_core::{HalfedgeId, Point3, TriMesh, VertexId};
+
+use crate::Error;
+
+/// A connected surface, ready for a field: no triangle has two sides that must be lines.
+#[derive(Clone, Debug)]
+pub(super) struct Part {
+    pub(super) mesh: TriMesh,
+    /// Half-edges along boundaries and sharp edges; both of a sharp one.
+    pub(super) lines: Vec<usize>,
+}
+
+/// An oriented manifold: the input, or what repair makes of it, and whether it was repaired.
+pub(super) fn manifold(mesh: &TriMesh) -> Result<(TriMesh, Option<repair::Report>), Error> {
+    let flat = (0..mesh.triangles().len()).any(|t| is_flat(mesh, t));
+    let mut used = vec![false; mesh.positions().len()];
+    for &v in mesh.triangles().as_flattened() {
+        used[v as usize] = true;
+    }
+    if Halfedges::of(mesh).is_ok() && !flat && used.iter().all(|&u| u) {
+        return Ok((mesh.clone(), None));
+    }
+    let options = repair::Options {
+        outward: false,
+        fill: 0,
+        ..repair::Options::default()
+    };
+    let repaired = repair(mesh.clone(), &options)?;
+    Ok((repaired.mesh, Some(repaired.report)))
+}
+
+/// Height below 1e-9 of the longest side.
+fn is_flat(mesh: &TriMesh, triangle: usize) -> bool {
+    let [a, b, c] = mesh.corners(triangle);
+    let longest = [b - a, c - b, a - c]
+        .iter()
+        .map(|s| s.norm_squared())
+        .fold(0.0, f64::max);
+    mesh.doubled_area_normal(triangle).norm() <= 1e-9 * longest
+}
+
+/// The connected parts, in the order of their lowest triangles, and the triangles of each.
+pub(super) fn split(mesh: &TriMesh) -> Vec<(TriMesh, Vec<u32>)> {
+    let mut sets = DisjointSets::new(mesh.positions().len());
+    for &[a, b, c] in mesh.triangles() {
+        sets.join(a, b);
+        sets.join(b, c);
+    }
+    let root = sets.into_roots();
+    let mut number = vec![usize::MAX; root.len()];
+    let mut parts: Vec<Vec<u32>> = Vec::new();
+    for (t, corners) in (0u32..).zip(mesh.triangles()) {
+        let slot = &mut number[root[corners[0] as usize] as usize];
+        if *slot == usize::MAX {
+            *slot = parts.len();
+            parts.push(Vec::new());
+        }
+        parts[*slot].push(t);
+    }
+    parts
+        .into_iter()
+        .map(|faces| (restricted(mesh, &faces), faces))
+        .collect()
+}
+
+fn restricted(mesh: &TriMesh, faces: &[u32]) -> TriMesh {
+    let corners = faces.iter().map(|&f| mesh.triangles()[f as usize]);
+    let mut vertices: Vec<u32> = corners.clone().flatten().collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let place = |v: u32| vertices.partition_point(|&u| u < v) as u32;
+    let positions = vertices
+        .iter()
+        .map(|&v| mesh.positions()[v as usize])
+        .collect();
+    let triangles = corners.map(|t| t.map(place)).collect();
+    TriMesh::new(positions, triangles).expect("a part of a valid mesh")
+}
+
+impl Part {
+    /// Finds the sharp edges (normals differing by more than `crease` degrees), and cuts triangles with two lines at their
+    /// centres.
+    pub(super) fn of(mesh: TriMesh, crease: Option<f64>) -> Result<Self, Error> {
+        let edges = Halfedges::of(&mesh)?;
+        let is_line: Vec<bool> = edges
+            .iter()
+            .map(|h| match (edges.twin(h), crease) {
+                (None, _) => true,
+                (Some(t), Some(degrees)) => {
+                    let normal = |h: HalfedgeId| mesh.doubled_area_normal(edges.face(h).0 as usize);
+                    normal(h).angle(&normal(t)).to_degrees() > degrees
+                }
+                (Some(_), None) => false,
+            })
+            .collect();
+        let (mesh, is_line) = cut_corners(mesh, is_line)?;
+        let lines = (0..is_line.len()).filter(|&h| is_line[h]).collect();
+        Ok(Self { mesh, lines })
+    }
+
+    /// Every triangle cut into four at the midpoints of its sides: where the triangles are as large as the quads, a map has
+    /// too little freedom.
+    pub(super) fn refined(&self) -> Result<Self, Error> {
+        let edges = Halfedges::of(&self.mesh)?;
+        let mut positions = self.mesh.positions().to_vec();
+        let mut midpoint = vec![0u32; edges.len()];
+        for h in edges.edges() {
+            let [a, b] = [edges.from(h), edges.to(h)].map(|v| positions[v.index()]);
+            midpoint[h.index()] = positions.len() as u32;
+            if let Some(twin) = edges.twin(h) {
+                midpoint[twin.index()] = positions.len() as u32;
+            }
+            positions.push(geom_core::nalgebra::center(&a, &b));
+        }
+        let mut is_line = vec![false; edges.len()];
+        for &h in &self.lines {
+            is_line[h] = true;
+        }
+        let (mut triangles, mut lines) = (Vec::new(), Vec::new());
+        for (&[a, b, c], (mid, line)) in self
+            .mesh
+            .triangles()
+            .iter()
+            .zip(midpoint.chunks_exact(3).zip(is_line.chunks_exact(3)))
+        {
+            triangles.extend([
+                [a, mid[0], mid[2]],
+                [b, mid[1], mid[0]],
+                [c, mid[2], mid[1]],
+                [mid[0], mid[1], mid[2]],
+            ]);
+            lines.extend([line[0], false, line[2], line[1], false, line[0]]);
+            lines.extend([line[2], false, line[1], false, false, false]);
+        }
+        let (mesh, is_line) = cut_corners(TriMesh::new(positions, triangles)?, lines)?;
+        let lines = (0..is_line.len()).filter(|&h| is_line[h]).collect();
+        Ok(Self { mesh, lines })
+    }
+
+    /// Which vertices are ends, branches or corners of the lines: where the line turns by more than 45°.
+    pub(super) fn corners(&self) -> Result<Vec<Option<bool>>, Error> {
+        let edges = Halfedges::of(&self.mesh)?;
+        let mut ways: Vec<Vec<u32>> = vec![Vec::new(); self.mesh.positions().len()];
+        for &h in &self.lines {
+            let h = HalfedgeId(h as u32);
+            let (a, b) = (edges.from(h).0, edges.to(h).0);
+            ways[a as usize].push(b);
+            ways[b as usize].push(a);
+        }
+        let at = |v: u32| self.mesh.positions()[v as usize];
+        Ok((0u32..)
+            .zip(&mut ways)
+            .map(|(v, ways)| {
+                ways.sort_unstable();
+                ways.dedup();
+                match ways[..] {
+                    [] => None,
+                    [a, b] => {
+                        let turn = (at(v) - at(a)).angle(&(at(b) - at(v)));
+                        Some(turn > std::f64::consts::FRAC_PI_4)
+                    }
+                    _ => Some(true),
+                }
+            })
+            .collect())
+    }
+
+    /// The lines as segments, each once.
+    pub(super) fn segments(&self) -> Result<Vec<[Point3; 2]>, Error> {
+        let edges = Halfedges::of(&self.mesh)?;
+        let at = |v: VertexId| self.mesh.positions()[v.index()];
+        Ok(self
+            .lines
+            .iter()
+            .map(|&h| HalfedgeId(h as u32))
+            .filter(|&h| edges.twin(h).is_none_or(|t| h < t))
+            .map(|h| [at(edges.from(h)), at(edges.to(h))])
+            .collect())
+    }
+}
+
+/// A triangle with two lines would have to be flat in the map if they are one line there.
+fn cut_corners(mesh: TriMesh, is_line: Vec<bool>) -> Result<(TriMesh, Vec<bool>), Error> {
+    let (mut positions, triangles) = mesh.into_parts();
+    let (mut out, mut lines) = (Vec::new(), Vec::new());
+    for (&[a, b, c], is_line) in triangles.iter().zip(is_line.chunks_exact(3)) {
+        if is_line.iter().filter(|&&l| l).count() < 2 {
+            out.push([a, b, c]);
+            lines.extend_from_slice(is_line);
+            continue;
+        }
+        let sum = [a, b, c].iter().fold(geom_core::Vector3::zeros(), |s, &v| {
+            s + positions[v as usize].coords
+        });
+        let centre = positions.len() as u32;
+        positions.push(Point3::from(sum / 3.0));
+        for (k, [from, to]) in [[a, b], [b, c], [c, a]].into_iter().enumerate() {
+            out.push([from, to, centre]);
+            lines.extend([is_line[k], false, false]);
+        }
+    }
+    Ok((TriMesh::new(positions, out)?, lines))
+}

@@ -1,0 +1,151 @@
+//! Lines of integer coordinate through the triangles, in exact arithmetic.
+
+use crate::Error;
+use crate::field::frames::{Frames, next, previous};
+use crate::map::GridMap;
+use crate::map::exact::{axes_in, cross, dot, minus, rotated, sector};
+
+/// Where a triangle is entered, and where the line leads, in the chart of the triangle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Walker {
+    pub(super) face: usize,
+    pub(super) at: [i64; 2],
+    pub(super) target: [i64; 2],
+    /// Quarter turns from +u.
+    pub(super) heading: u8,
+}
+
+/// How a line goes on.
+enum Step {
+    /// The target lies in this triangle.
+    There,
+    /// Over this half-edge.
+    Over(usize),
+    /// Through this corner of the triangle and on.
+    Through(usize),
+}
+
+/// A map that can be walked.
+pub(super) struct Paper<'a> {
+    pub(super) frames: &'a Frames,
+    pub(super) map: &'a GridMap,
+}
+
+impl Paper<'_> {
+    /// One unit.
+    pub(super) fn unit(&self) -> i64 {
+        1 << self.map.bits
+    }
+
+    /// A point in the chart of the half-edge's triangle, in that of its twin's.
+    pub(super) fn across(&self, h: usize, twin: usize, point: [i64; 2]) -> [i64; 2] {
+        let turn = (4 - self.map.turn[h]) % 4;
+        let here = self.map.corners[h / 3][h % 3];
+        let there = self.map.corners[twin / 3][next(twin) % 3];
+        let offset = rotated(minus(point, here), turn);
+        [there[0] + offset[0], there[1] + offset[1]]
+    }
+
+    /// A heading, likewise.
+    pub(super) fn heading_across(&self, h: usize, heading: u8) -> u8 {
+        (heading + 4 - self.map.turn[h]) % 4
+    }
+
+    /// Walks on to the triangle that holds the target; `None` at the rim of the surface.
+    pub(super) fn follow(&self, mut walker: Walker) -> Result<Option<Walker>, Error> {
+        let start = walker.face;
+        // Every triangle is crossed at most once per unit square of the map, and lines are one unit long.
+        let most = self.frames.faces() + 64;
+        for _ in 0..most {
+            match self.step(&walker) {
+                Some(Step::There) => return Ok(Some(walker)),
+                Some(Step::Over(h)) => {
+                    let Some(twin) = self.frames.twin(h) else {
+                        return Ok(None);
+                    };
+                    walker = self.carried(walker, h, twin);
+                }
+                Some(Step::Through(h)) => match self.turned_about(walker, h) {
+                    Some(on) => walker = on,
+                    None => return Ok(None),
+                },
+                None => {
+                    let why = "no side of a triangle lies ahead";
+                    return Err(Error::Torn { face: start, why });
+                }
+            }
+        }
+        let why = "it does not come to an end";
+        Err(Error::Torn { face: start, why })
+    }
+
+    fn carried(&self, walker: Walker, h: usize, twin: usize) -> Walker {
+        Walker {
+            face: twin / 3,
+            at: self.across(h, twin, walker.at),
+            target: self.across(h, twin, walker.target),
+            heading: self.heading_across(h, walker.heading),
+        }
+    }
+
+    fn step(&self, walker: &Walker) -> Option<Step> {
+        let uv = &self.map.corners[walker.face];
+        let inside = (0..3).all(|k| {
+            let (a, b) = (uv[k], uv[(k + 1) % 3]);
+            cross(minus(b, a), minus(walker.target, a)) >= 0
+        });
+        if inside {
+            return Some(Step::There);
+        }
+        let d = rotated([1, 0], walker.heading);
+        let side: [i128; 3] = [0, 1, 2].map(|k| cross(d, minus(uv[k], walker.at)));
+        for k in 0..3 {
+            if side[k] == 0 && dot(d, minus(uv[k], walker.at)) > 0 {
+                return Some(Step::Through(3 * walker.face + k));
+            }
+        }
+        // The line leaves over the side that runs from its right to its left.
+        let over = (0..3).find(|&k| side[k] < 0 && side[(k + 1) % 3] > 0)?;
+        Some(Step::Over(3 * walker.face + over))
+    }
+
+    /// Turns about the vertex at the corner `h` until the line leads into the triangle.
+    fn turned_about(&self, walker: Walker, h: usize) -> Option<Walker> {
+        let (mut here, mut corner) = (walker, h);
+        loop {
+            here.at = self.map.corners[corner / 3][corner % 3];
+            if self.leads_into(corner, here.heading) {
+                return Some(here);
+            }
+            // Counter-clockwise.
+            let over = previous(corner);
+            match self.frames.twin(over) {
+                Some(twin) => {
+                    here = self.carried(here, over, twin);
+                    corner = twin;
+                }
+                None => break,
+            }
+            if corner == h {
+                return None;
+            }
+        }
+        let (mut here, mut corner) = (walker, h);
+        // Clockwise from the start, up to the rim on the other side.
+        while let Some(twin) = self.frames.twin(corner) {
+            here = self.carried(here, corner, twin);
+            corner = next(twin);
+            here.at = self.map.corners[corner / 3][corner % 3];
+            if self.leads_into(corner, here.heading) {
+                return Some(here);
+            }
+        }
+        None
+    }
+
+    fn leads_into(&self, corner: usize, heading: u8) -> bool {
+        let [a, b] = sector(self.map, corner);
+        let closed = self.frames.twin(previous(corner)).is_none();
+        axes_in(a, b, closed).any(|q| q == heading)
+    }
+}

@@ -1,0 +1,94 @@
+//! Surfaces for tests.
+
+use geom_core::compute::random::SplitMix64;
+use geom_core::{Point3, TriMesh, Vector3};
+
+/// A plate of `n × n` cells in the plane z = 0, a unit to a side, its inner vertices shaken by `noise` cells; cells for
+/// which `hole` holds are missing.
+pub fn plate(n: u32, noise: f64, hole: impl Fn(u32, u32) -> bool) -> TriMesh {
+    let mut random = SplitMix64::new(7);
+    let cell = 1.0 / f64::from(n);
+    let mut positions = Vec::new();
+    for j in 0..=n {
+        for i in 0..=n {
+            let missing = |i: u32, j: u32| i >= n || j >= n || hole(i, j);
+            let whole = i > 0 && j > 0 && (0..4).all(|k| !missing(i - k % 2, j - k / 2));
+            let shake = if whole { noise * cell } else { 0.0 };
+            let mut off = || shake * random.symmetric();
+            let (x, y) = (f64::from(i) * cell + off(), f64::from(j) * cell + off());
+            positions.push(Point3::new(x, y, 0.0));
+        }
+    }
+    let at = |i: u32, j: u32| j * (n + 1) + i;
+    let cells = (0..n).flat_map(|j| (0..n).map(move |i| (i, j)));
+    let triangles = cells
+        .filter(|&(i, j)| !hole(i, j))
+        .flat_map(|(i, j)| {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        })
+        .collect();
+    without_unused(positions, triangles)
+}
+
+/// A tube about the z axis without ends: `around × along` cells.
+pub fn tube(radius: f64, height: f64, around: u32, along: u32) -> TriMesh {
+    let at = |i: u32, j: u32| j * around + i % around;
+    let positions = (0..=along)
+        .flat_map(|j| (0..around).map(move |i| (i, j)))
+        .map(|(i, j)| {
+            let angle = std::f64::consts::TAU * f64::from(i) / f64::from(around);
+            let z = height * f64::from(j) / f64::from(along);
+            Point3::new(radius * angle.cos(), radius * angle.sin(), z)
+        })
+        .collect();
+    let triangles = (0..along)
+        .flat_map(|j| (0..around).map(move |i| (i, j)))
+        .flat_map(|(i, j)| {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        })
+        .collect();
+    TriMesh::new(positions, triangles).expect("a valid tube")
+}
+
+/// The surface of a box from the origin, each side of `n × n` cells.
+pub fn cuboid(extent: Vector3, n: u32) -> TriMesh {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    let mut number = std::collections::BTreeMap::new();
+    for axis in 0..3usize {
+        for top in [false, true] {
+            let mut vertex = |i: u32, j: u32| {
+                let mut p = [0; 3];
+                p[axis] = if top { n } else { 0 };
+                p[(axis + 1) % 3] = i;
+                p[(axis + 2) % 3] = j;
+                *number.entry(p).or_insert_with(|| {
+                    let part = [0, 1, 2].map(|c| f64::from(p[c]) / f64::from(n) * extent[c]);
+                    positions.push(Point3::from(part));
+                    positions.len() as u32 - 1
+                })
+            };
+            for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+                let [a, b, c, d] =
+                    [[0, 0], [1, 0], [1, 1], [0, 1]].map(|[x, y]| vertex(i + x, j + y));
+                if top {
+                    triangles.extend([[a, b, c], [a, c, d]]);
+                } else {
+                    triangles.extend([[a, c, b], [a, d, c]]);
+                }
+            }
+        }
+    }
+    TriMesh::new(positions, triangles).expect("a valid box")
+}
+
+fn without_unused(positions: Vec<Point3>, triangles: Vec<[u32; 3]>) -> TriMesh {
+    let mut used: Vec<u32> = triangles.iter().flatten().copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    let place = |v: u32| used.partition_point(|&u| u < v) as u32;
+    let kept = used.iter().map(|&v| positions[v as usize]).collect();
+    let triangles = triangles.iter().map(|t| t.map(place)).collect();
+    TriMesh::new(kept, triangles).expect("a valid plate")
+}

@@ -1,0 +1,409 @@
+//! What must hold for all inputs.
+
+use std::ops::ControlFlow;
+
+use crossfield::field::{Frames, Guide, Toward, singularity};
+use crossfield::map::{MapOptions, Spacing, parameterize};
+use crossfield::quads::{Rung, extract};
+use crossfield::testing::{cuboid, plate, tube};
+use crossfield::{
+    Error, FieldOptions, Ladder, Options, Quadrangulation, Size, cross_field, quadrangulate,
+};
+use geom_core::mesh::{Halfedges, SurfaceAudit, shapes};
+use geom_core::surface::laplace::EdgeWeights;
+use geom_core::{Cpu, Point3, Run, TriMesh, Vector3, io};
+use proptest::prelude::*;
+
+fn fixture(name: &str) -> TriMesh {
+    io::mesh::read(fixtures::path(name))
+        .unwrap()
+        .mesh
+        .into_triangles()
+}
+
+fn quads(mesh: &TriMesh, size: Size) -> Quadrangulation {
+    let options = Options {
+        size,
+        ..Options::default()
+    };
+    let made = quadrangulate(mesh, &options, Run::on(&Cpu)).unwrap();
+    obeys(&made, mesh);
+    made
+}
+
+/// A manifold of the surface's topology whose vertices lie on it.
+fn obeys(made: &Quadrangulation, mesh: &TriMesh) {
+    let audit = SurfaceAudit::of_quads(&made.mesh);
+    assert!(audit.is_manifold(), "{audit:?}");
+    assert_eq!(
+        made.mesh.euler_characteristic(),
+        mesh.euler_characteristic()
+    );
+    let loops = Halfedges::of(mesh).unwrap().boundary_loops().len();
+    let made_loops = Halfedges::of_quads(&made.mesh)
+        .unwrap()
+        .boundary_loops()
+        .len();
+    assert_eq!(made_loops, loops);
+    assert_eq!(made.sources.len(), made.mesh.positions().len());
+    let near = 1e-9 * mesh.bounds().diagonal();
+    for (p, source) in made.mesh.positions().iter().zip(&made.sources) {
+        assert!((source.position(mesh) - p).norm() <= near, "{p}");
+    }
+    assert_eq!(made.jacobians.len(), made.mesh.quads().len());
+}
+
+#[test]
+fn a_sphere_has_eight_corners() {
+    let mesh = shapes::icosphere(1.0, 3);
+    let field = cross_field(&mesh, &[], &FieldOptions::default()).unwrap();
+    let singular: Vec<i32> = field.index.iter().copied().filter(|&i| i != 0).collect();
+    assert_eq!(singular, [1; 8]);
+    assert!(field.report.energy <= 4.85, "{}", field.report.energy);
+}
+
+#[test]
+fn a_thin_torus_has_none() {
+    let mesh = shapes::torus(1.0, 0.1, 60, 12);
+    let field = cross_field(&mesh, &[], &FieldOptions::default()).unwrap();
+    assert_eq!(field.report.singularities, 0);
+    // Singularities of a thick one are local minima that a higher price leaves.
+    let mesh = shapes::torus(1.0, 0.4, 60, 30);
+    let options = FieldOptions {
+        singularity_penalty: 1.0,
+        ..FieldOptions::default()
+    };
+    let field = cross_field(&mesh, &[], &options).unwrap();
+    assert_eq!(field.report.singularities, 0);
+    assert!(field.report.energy <= 6.2, "{}", field.report.energy);
+}
+
+#[test]
+fn indices_add_up_to_the_euler_characteristic() {
+    for (mesh, smoothing) in [(fixture("bob_small.ply"), 0.0), (fixture("spot.ply"), 0.05)] {
+        let options = FieldOptions {
+            smoothing,
+            ..FieldOptions::default()
+        };
+        let field = cross_field(&mesh, &[], &options).unwrap();
+        let sum: i32 = field.index.iter().sum();
+        assert_eq!(i64::from(sum), 4 * mesh.euler_characteristic());
+        assert_eq!(field.report.smoothing, smoothing);
+    }
+}
+
+#[test]
+fn a_changed_jump_moves_a_quarter_between_two_vertices() {
+    let mesh = fixture("bob_small.ply");
+    let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+    let field = cross_field(&mesh, &[], &FieldOptions::default()).unwrap();
+    for h in frames.edges().iter().step_by(97) {
+        let twin = frames.edges().twin(h).unwrap();
+        let mut jump = field.jump.clone();
+        jump[h.0 as usize] += 1;
+        jump[twin.0 as usize] -= 1;
+        let index = singularity::indices(&frames, &field.theta, &jump);
+        for v in 0..index.len() as u32 {
+            let expected = if frames.edges().from(h).0 == v {
+                1
+            } else if frames.edges().to(h).0 == v {
+                -1
+            } else {
+                0
+            };
+            assert_eq!(index[v as usize] - field.index[v as usize], expected);
+        }
+    }
+}
+
+#[test]
+fn scale_and_rotation_do_not_matter() {
+    let mesh = fixture("bob_small.ply");
+    let turn = geom_core::nalgebra::Rotation3::from_euler_angles(0.3, 1.1, -0.7);
+    let (positions, triangles) = mesh.clone().into_parts();
+    let moved = positions
+        .iter()
+        .map(|p| turn * p * 10.0 + Vector3::new(5.0, -3.0, 1.0));
+    let moved = TriMesh::new(moved.collect(), triangles).unwrap();
+    let options = FieldOptions::default();
+    let [a, b] = [&mesh, &moved].map(|m| cross_field(m, &[], &options).unwrap());
+    assert_eq!(a.index, b.index);
+    assert!((a.report.energy - b.report.energy).abs() < 1e-9);
+}
+
+#[test]
+fn hard_guides_are_followed_exactly_and_soft_ones_the_more_the_heavier() {
+    let mesh = shapes::icosphere(1.0, 3);
+    let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+    let guides = |weight: f64| -> Vec<Guide> {
+        (0..frames.faces() as u32)
+            .step_by(90)
+            .map(|face| Guide {
+                face,
+                toward: Toward::Angle(0.4 * f64::from(face)),
+                weight,
+            })
+            .collect()
+    };
+    let off = |weight: f64| -> f64 {
+        let guides = guides(weight);
+        let field = cross_field(&mesh, &guides, &FieldOptions::default()).unwrap();
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let angles = guides.iter().map(|g| {
+            let d = field.theta[g.face as usize] - g.angle(&frames);
+            (d - (d / quarter).round() * quarter).abs()
+        });
+        angles.sum::<f64>() / guides.len() as f64
+    };
+    assert!(off(f64::INFINITY) < 1e-12);
+    let [light, middle, heavy] = [0.05, 0.5, 5.0].map(off);
+    assert!(light > middle && middle > heavy, "{light} {middle} {heavy}");
+}
+
+#[test]
+fn closed_surfaces_become_good_quads() {
+    let irregular = [
+        (shapes::icosphere(1.0, 4), 1500, 8),
+        (shapes::torus(1.0, 0.4, 60, 30), 1000, 0),
+        (fixture("bob_small.ply"), 400, 16),
+        (fixture("spot.ply"), 1800, 24),
+    ];
+    for (mesh, count, most) in irregular {
+        let made = quads(&mesh, Size::Quads(count));
+        let share = made.mesh.quads().len() as f64 / count as f64;
+        assert!((0.88..1.12).contains(&share), "{share}");
+        assert!(
+            made.report.valences.irregular() <= most,
+            "{:?}",
+            made.report.valences
+        );
+        let jacobian = made.report.scaled_jacobian;
+        assert!(jacobian.min >= 0.3 && jacobian.mean >= 0.9, "{jacobian:?}");
+    }
+}
+
+#[test]
+fn irregular_vertices_are_the_fields() {
+    let mesh = fixture("spot.ply");
+    let made = quads(&mesh, Size::Quads(1800));
+    let field = made.report.parts[0].field.as_ref().unwrap();
+    assert_eq!(made.report.valences.irregular(), field.singularities);
+    let threes = made.report.valences.interior[..4].iter().sum::<usize>();
+    assert_eq!(threes, field.positive);
+}
+
+#[test]
+fn maps_are_exact() {
+    let mesh = fixture("bob_small.ply");
+    let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+    let field = cross_field(&mesh, &[], &FieldOptions::default()).unwrap();
+    let options = MapOptions {
+        spacing: Spacing::Uniform(0.05),
+        lines: Vec::new(),
+    };
+    let map = parameterize(&mesh, &frames, &field, &options, Run::on(&Cpu)).unwrap();
+    let unit = 1i64 << map.bits;
+    let turned = |[x, y]: [i64; 2], k: u8| match k {
+        0 => [x, y],
+        1 => [y, -x],
+        2 => [-x, -y],
+        _ => [-y, x],
+    };
+    let edges = frames.edges();
+    let at = |h: geom_core::HalfedgeId| map.corners[h.0 as usize / 3][h.0 as usize % 3];
+    for h in edges.iter() {
+        let twin = edges.twin(h).unwrap();
+        let k = map.turn[h.0 as usize];
+        let ends = [(h, edges.next(twin)), (edges.next(h), twin)];
+        let shifts = ends.map(|(here, there)| {
+            let (a, b) = (turned(at(here), k), at(there));
+            [b[0] - a[0], b[1] - a[1]]
+        });
+        assert_eq!(shifts[0], shifts[1]);
+        assert!(shifts[0].iter().all(|s| s % unit == 0));
+    }
+    for v in field.singular_vertices(&frames) {
+        let h = edges.out(geom_core::VertexId(v as u32)).unwrap();
+        assert!(at(h).iter().all(|x| x % unit == 0));
+    }
+    let quads = extract(&mesh, &frames, &map).unwrap();
+    assert_eq!(quads.mesh.euler_characteristic(), 0);
+}
+
+#[test]
+fn rims_become_sides_of_quads() {
+    let disc = {
+        let centre = |i: u32| (f64::from(i) + 0.5) / 16.0 - 0.5;
+        plate(16, 0.2, |i, j| centre(i).hypot(centre(j)) > 0.5)
+    };
+    let open = [
+        ("plate", plate(12, 0.2, |_, _| false), 0),
+        ("tube", tube(0.5, 1.4, 24, 12), 0),
+        (
+            "one hole",
+            plate(15, 0.2, |i, j| (6..9).contains(&i) && (6..9).contains(&j)),
+            8,
+        ),
+        (
+            "two holes",
+            plate(18, 0.0, |i, j| [4, 12].contains(&i) && [6, 12].contains(&j)),
+            40,
+        ),
+        ("disc", disc, 60),
+    ];
+    for (name, mesh, most) in open {
+        let made = quads(&mesh, Size::Quads(300));
+        assert!(
+            made.report.rung() < Rung::Split,
+            "{name}: {:?}",
+            made.report.parts
+        );
+        assert!(
+            made.report.valences.irregular() <= most,
+            "{name}: {:?}",
+            made.report.valences
+        );
+        let edges = Halfedges::of(&mesh).unwrap();
+        let rim: Vec<[Point3; 2]> = edges
+            .edges()
+            .filter(|&h| edges.twin(h).is_none())
+            .map(|h| [edges.from(h), edges.to(h)].map(|v| mesh.positions()[v.0 as usize]))
+            .collect();
+        let off = |p: &Point3| {
+            let to = |[a, b]: &[Point3; 2]| {
+                let d = b - a;
+                let part = ((p - a).dot(&d) / d.norm_squared()).clamp(0.0, 1.0);
+                (a + d * part - p).norm()
+            };
+            rim.iter().map(to).fold(f64::INFINITY, f64::min)
+        };
+        for v in Halfedges::of_quads(&made.mesh)
+            .unwrap()
+            .boundary_loops()
+            .iter()
+            .flatten()
+        {
+            let p = made.mesh.positions()[v.0 as usize];
+            assert!(off(&p) < 1e-9, "{name}: {p}");
+        }
+    }
+}
+
+#[test]
+fn a_cube_becomes_the_cube_of_quads() {
+    let mesh = cuboid(Vector3::new(1.0, 1.0, 1.0), 10);
+    for (h, count) in [(0.1, 600), (0.2, 150)] {
+        let options = Options {
+            size: Size::Spacing(h),
+            crease: Some(40.0),
+            ..Options::default()
+        };
+        let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
+        obeys(&made, &mesh);
+        assert_eq!(made.mesh.quads().len(), count);
+        assert_eq!(made.report.valences.interior[3], 8);
+        assert!(made.report.scaled_jacobian.min > 1.0 - 1e-9);
+    }
+}
+
+#[test]
+fn sharp_edges_are_chains_of_sides() {
+    let extent = Vector3::new(1.0, 1.3, 0.7);
+    let mesh = cuboid(extent, 8);
+    let options = Options {
+        size: Size::Quads(300),
+        crease: Some(40.0),
+        ..Options::default()
+    };
+    let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
+    obeys(&made, &mesh);
+    // A point on an edge has two coordinates at the box's limits; sides along edges add up to all twelve.
+    let at_limits = |p: &Point3| -> usize {
+        (0..3)
+            .filter(|&c| p[c].abs() < 1e-9 || (p[c] - extent[c]).abs() < 1e-9)
+            .count()
+    };
+    let edges = Halfedges::of_quads(&made.mesh).unwrap();
+    let along: f64 = edges
+        .edges()
+        .map(|h| [edges.from(h), edges.to(h)].map(|v| made.mesh.positions()[v.0 as usize]))
+        .filter(|[a, b]| {
+            let middle = geom_core::nalgebra::center(a, b);
+            at_limits(a) >= 2 && at_limits(b) >= 2 && at_limits(&middle) >= 2
+        })
+        .map(|[a, b]| (b - a).norm())
+        .sum();
+    assert!((along - 4.0 * extent.sum()).abs() < 1e-6, "{along}");
+}
+
+#[test]
+fn parts_are_taken_one_by_one() {
+    let (mut positions, mut triangles) = shapes::icosphere(1.0, 3).into_parts();
+    let (more, faces) = shapes::torus(2.0, 0.1, 60, 8).into_parts();
+    let first = positions.len() as u32;
+    positions.extend(more.iter().map(|p| p + Vector3::new(5.0, 0.0, 0.0)));
+    triangles.extend(faces.iter().map(|t| t.map(|v| v + first)));
+    let mesh = TriMesh::new(positions, triangles).unwrap();
+    let made = quads(&mesh, Size::Spacing(0.15));
+    assert_eq!(made.report.parts.len(), 2);
+}
+
+#[test]
+fn quads_larger_than_the_surface_end_on_a_lower_rung() {
+    for mesh in [fixture("bob_small.ply"), shapes::torus(1.0, 0.3, 30, 12)] {
+        let made = quads(&mesh, Size::Quads(8));
+        assert!(made.report.rung() > Rung::Direct);
+        let options = Options {
+            size: Size::Quads(8),
+            ladder: Ladder::Off,
+            ..Options::default()
+        };
+        assert!(quadrangulate(&mesh, &options, Run::on(&Cpu)).is_err());
+    }
+}
+
+#[test]
+fn bad_input_is_named_or_repaired() {
+    let none = TriMesh::new(Vec::new(), Vec::new()).unwrap();
+    let options = Options::default();
+    let made = |mesh: &TriMesh, options: &Options| quadrangulate(mesh, options, Run::on(&Cpu));
+    assert_eq!(made(&none, &options), Err(Error::Empty));
+    // A duplicate and a flat triangle.
+    let (mut positions, mut triangles) = shapes::icosphere(1.0, 3).into_parts();
+    triangles.push(triangles[0]);
+    positions.push(positions[0]);
+    let dirty = TriMesh::new(positions, triangles).unwrap();
+    let repaired = made(&dirty, &options).unwrap();
+    assert_eq!(repaired.report.repaired.unwrap().duplicate_triangles, 1);
+    assert_eq!(repaired.mesh.euler_characteristic(), 2);
+    let wrong = Options {
+        size: Size::Spacing(-1.0),
+        ..Options::default()
+    };
+    assert!(matches!(made(&dirty, &wrong), Err(Error::Option(_))));
+}
+
+#[test]
+fn the_watcher_can_stop_it() {
+    let stop = |_: &'static str, _: u64, _: u64| ControlFlow::Break(());
+    let mesh = shapes::icosphere(1.0, 2);
+    let run = Run::on(&Cpu).watched_by(&stop);
+    let stopped = quadrangulate(&mesh, &Options::default(), run);
+    assert!(matches!(stopped, Err(Error::Cancelled(_))));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(6))]
+
+    /// Noisy surfaces of any size of quads: never a panic, always a valid mesh.
+    #[test]
+    fn noise_does_no_harm(seed: u64, noise in 0.0..0.25f64, count in 30usize..600) {
+        let (mut positions, triangles) = shapes::torus(1.0, 0.4, 24, 12).into_parts();
+        let mut random = geom_core::compute::random::SplitMix64::new(seed);
+        for p in &mut positions {
+            *p += Vector3::from_fn(|_, _| 0.1 * noise * random.symmetric());
+        }
+        let mesh = TriMesh::new(positions, triangles).unwrap();
+        quads(&mesh, Size::Quads(count));
+    }
+}
