@@ -13,7 +13,7 @@ use geom_core::{TriMesh, Vector3};
 
 use crate::Error;
 use crate::field::{Frames, Guide};
-use crate::options::not_negative;
+use crate::error::not_negative;
 
 /// Which eigenfunctions of the surface's Laplace operator guide the field; the constant one is number 0.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

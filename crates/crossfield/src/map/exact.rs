@@ -1,6 +1,5 @@
 //! Predicates of the map in integers: 64 bits for coordinates, 128 for products.
 
-use super::parameterize::GridMap;
 use super::transition::turned;
 use crate::field::frames::{next, previous};
 
@@ -29,9 +28,9 @@ pub(crate) fn rotated(v: [i64; 2], quarters: u8) -> [i64; 2] {
     })
 }
 
-/// The directions along the half-edge out of a corner and against the one into it.
-pub(crate) fn sector(map: &GridMap, h: usize) -> [[i64; 2]; 2] {
-    let uv = &map.corners[h / 3];
+/// The directions along the half-edge out of a corner of a map and against the one into it.
+pub(crate) fn sector(corners: &[[[i64; 2]; 3]], h: usize) -> [[i64; 2]; 2] {
+    let uv = &corners[h / 3];
     let at = uv[h % 3];
     [minus(uv[next(h) % 3], at), minus(uv[previous(h) % 3], at)]
 }

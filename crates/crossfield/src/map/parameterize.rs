@@ -3,7 +3,7 @@
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
-use super::chart::{Chart, charts};
+use super::spacing::{Chart, charts};
 use super::coarse::Coarse;
 use super::cut::Cut;
 use super::exact::{axes_in, doubled_area, sector};
@@ -328,7 +328,7 @@ fn wrong_cones(frames: &Frames, field: &CrossField, map: &GridMap) -> usize {
                 .iter()
                 .enumerate()
                 .map(|(i, &h)| {
-                    let [a, b] = sector(map, h);
+                    let [a, b] = sector(&map.corners, h);
                     axes_in(a, b, on_boundary && i == last).count()
                 })
                 .sum();

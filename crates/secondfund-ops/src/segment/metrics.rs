@@ -166,7 +166,7 @@ pub fn cut_discrepancy(
     if cuts.iter().any(Vec::is_empty) {
         return Ok(None);
     }
-    let graph = Graph::of_edges(mesh);
+    let graph = Graph::of_edges(mesh)?;
     let mut sum = 0.0;
     let mut count = 0usize;
     for (from, to) in [(&cuts[0], &cuts[1]), (&cuts[1], &cuts[0])] {
