@@ -751,6 +751,9 @@ fn every_program_explains_itself() {
         "04_improve",
         "05_eliminate",
         "06_modes",
+        "15_segment",
+        "16_pockets",
+        "17_smooth",
     ] {
         let output = program(name).arg("--help").output().unwrap();
         let text = String::from_utf8(output.stdout).unwrap();
