@@ -22,9 +22,15 @@ impl OutOfRange {
         value: impl Display,
         must: impl Into<Cow<'static, str>>,
     ) -> Self {
+        let value = value.to_string();
+        // Very small and very large numbers would be rows of zeros.
+        let value = match value.parse::<f64>() {
+            Ok(number) if value.len() > 24 => format!("{number:e}"),
+            _ => value,
+        };
         Self {
             option,
-            value: value.to_string(),
+            value,
             must: must.into(),
         }
     }
@@ -48,5 +54,19 @@ pub fn require(
         Ok(())
     } else {
         Err(OutOfRange::new(option, value, must))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_short() {
+        let of = |value: f64| OutOfRange::new("option", value, "be otherwise").value;
+        assert_eq!([of(0.25), of(f64::NAN)], ["0.25", "NaN"]);
+        assert_eq!([of(1e-310), of(-1e200)], ["1e-310", "-1e200"]);
+        let text = OutOfRange::new("option", "a path that is rather long", "be shorter");
+        assert_eq!(text.value, "a path that is rather long");
     }
 }
