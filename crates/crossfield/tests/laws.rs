@@ -350,10 +350,7 @@ fn parts_are_taken_one_by_one() {
 
 #[test]
 fn quads_larger_than_the_surface_get_other_integers_or_a_lower_rung() {
-    for mesh in [
-        fixture("bob_small.ply"),
-        shapes::torus(1.0, 0.3, 30, 12),
-    ] {
+    for mesh in [fixture("bob_small.ply"), shapes::torus(1.0, 0.3, 30, 12)] {
         let made = quads(&mesh, Size::Quads(8));
         let part = &made.report.parts[0];
         let respaced = part.map.is_some_and(|map| map.respaced);
