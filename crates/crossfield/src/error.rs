@@ -1,6 +1,6 @@
 use geom_core::algebra::{self, eigen};
 use geom_core::compute::BackendError;
-use geom_core::options::{OutOfRange, require};
+use geom_core::options::OutOfRange;
 use geom_core::surface::distance::DistanceError;
 use geom_core::surface::{laplace, remesh, repair};
 use geom_core::{Cancelled, MeshError};
@@ -86,10 +86,4 @@ impl From<geom_core::GpuError> for Error {
     fn from(error: geom_core::GpuError) -> Self {
         Self::Backend(BackendError::new(error))
     }
-}
-
-/// An option that must be a finite number and not below 0.
-pub(crate) fn not_negative(option: &'static str, value: f64) -> Result<(), Error> {
-    let fine = value >= 0.0 && value.is_finite();
-    Ok(require(fine, option, value, "be at least 0 and finite")?)
 }

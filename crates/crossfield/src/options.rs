@@ -3,7 +3,7 @@
 use geom_core::options::require;
 use geom_core::surface::laplace::EdgeWeights;
 
-use crate::error::{Error, not_negative};
+use crate::Error;
 use crate::guidance::Guidance;
 
 /// Options of [`cross_field`](crate::cross_field).
@@ -129,4 +129,9 @@ impl Options {
         }
         self.guidance.iter().try_for_each(Guidance::check)
     }
+}
+
+pub(crate) fn not_negative(option: &'static str, value: f64) -> Result<(), Error> {
+    let fine = value >= 0.0 && value.is_finite();
+    Ok(require(fine, option, value, "be at least 0 and finite")?)
 }

@@ -13,7 +13,6 @@ use geom_core::{TriMesh, Vector3};
 
 use crate::Error;
 use crate::field::{Frames, Guide};
-use crate::error::not_negative;
 
 /// Which eigenfunctions of the surface's Laplace operator guide the field; the constant one is number 0.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -72,7 +71,8 @@ impl Guidance {
         | Self::Curvature { weight, .. }
         | Self::Strokes { weight, .. }) = self;
         if *weight != f64::INFINITY {
-            not_negative("guidance.weight", *weight)?;
+            let fine = *weight >= 0.0 && weight.is_finite();
+            require(fine, "guidance.weight", weight, "be at least 0")?;
         }
         match *self {
             Self::Isocontours { inset, .. } => {

@@ -1,7 +1,49 @@
-//! Predicates of the map in integers: 64 bits for coordinates, 128 for products.
+//! The map in fixed point, and its predicates in integers: 64 bits for coordinates, 128 for products.
 
 use super::transition::turned;
 use crate::field::frames::{next, previous};
+
+/// A map of the surface into the plane, triangle by triangle, in fixed point. Over an edge coordinates turn by quarter
+/// turns and shift by whole numbers, exactly; every triangle has a positive area.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GridMap {
+    /// Coordinates of the three corners of each triangle, in units of 2^−bits.
+    pub corners: Vec<[[i64; 2]; 3]>,
+    /// Per half-edge: coordinates in the neighbour are those here turned right by this many quarters, and shifted.
+    pub turn: Vec<u8>,
+    /// Binary digits after the point.
+    pub bits: u32,
+    /// How it came about.
+    pub report: MapReport,
+}
+
+/// How an integer-grid map came about.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct MapReport {
+    /// Integers of the seams and lines, after exact elimination of all conditions.
+    pub integers: usize,
+    /// Mean of `|J − 1|²` over the area before the integers were rounded, and after.
+    pub relaxed_energy: f64,
+    /// The same of the final map.
+    pub energy: f64,
+    /// Whether rounding laid singular vertices onto each other and other integers had to be found.
+    pub respaced: bool,
+    /// Triangles inverted by rounding.
+    pub folded: usize,
+    /// Solves with stiffer triangles.
+    pub stiffenings: usize,
+    /// Whether the map had to be untangled.
+    pub untangled: bool,
+}
+
+impl GridMap {
+    /// Coordinates in units of lines.
+    pub fn coordinates(&self, face: usize) -> [[f64; 2]; 3] {
+        let unit = (1i64 << self.bits) as f64;
+        self.corners[face].map(|c| c.map(|x| x as f64 / unit))
+    }
+}
 
 /// Twice the signed area, in units of 2^−2·bits.
 pub(crate) fn doubled_area([a, b, c]: &[[i64; 2]; 3]) -> i128 {
@@ -28,9 +70,9 @@ pub(crate) fn rotated(v: [i64; 2], quarters: u8) -> [i64; 2] {
     })
 }
 
-/// The directions along the half-edge out of a corner of a map and against the one into it.
-pub(crate) fn sector(corners: &[[[i64; 2]; 3]], h: usize) -> [[i64; 2]; 2] {
-    let uv = &corners[h / 3];
+/// The directions along the half-edge out of a corner and against the one into it.
+pub(crate) fn sector(map: &GridMap, h: usize) -> [[i64; 2]; 2] {
+    let uv = &map.corners[h / 3];
     let at = uv[h % 3];
     [minus(uv[next(h) % 3], at), minus(uv[previous(h) % 3], at)]
 }

@@ -1,6 +1,7 @@
 //! Integer-grid maps: a surface cut open and laid out so that the lines of integer coordinates are quads'
 //! sides.
 
+mod chart;
 mod coarse;
 mod cut;
 pub(crate) mod exact;
@@ -11,5 +12,7 @@ mod system;
 mod transition;
 mod untangle;
 
-pub use parameterize::{GridMap, MapOptions, MapReport, parameterize};
-pub use spacing::{Chart, Spacing};
+pub use chart::Chart;
+pub use exact::{GridMap, MapReport};
+pub use parameterize::{MapOptions, parameterize};
+pub use spacing::Spacing;

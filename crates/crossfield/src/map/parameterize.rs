@@ -3,10 +3,10 @@
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
-use super::spacing::{Chart, charts};
+use super::chart::{Chart, charts};
 use super::coarse::Coarse;
 use super::cut::Cut;
-use super::exact::{axes_in, doubled_area, sector};
+use super::exact::{GridMap, MapReport, axes_in, doubled_area, sector};
 use super::round::Quadratic;
 use super::spacing::Spacing;
 use super::system::{System, Weighted};
@@ -21,48 +21,6 @@ use crate::field::frames::Frames;
 const STIFFENINGS: usize = 8;
 /// Binary digits after the point: coordinates stay below 2³⁸, products in 128 bits.
 const BITS: u32 = 24;
-
-/// A map of the surface into the plane, triangle by triangle, in fixed point. Over an edge coordinates turn by quarter
-/// turns and shift by whole numbers, exactly; every triangle has a positive area.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GridMap {
-    /// Coordinates of the three corners of each triangle, in units of 2^−bits.
-    pub corners: Vec<[[i64; 2]; 3]>,
-    /// Per half-edge: coordinates in the neighbour are those here turned right by this many quarters, and shifted.
-    pub turn: Vec<u8>,
-    /// Binary digits after the point.
-    pub bits: u32,
-    /// How it came about.
-    pub report: MapReport,
-}
-
-/// How an integer-grid map came about.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct MapReport {
-    /// Integers of the seams and lines, after exact elimination of all conditions.
-    pub integers: usize,
-    /// Mean of `|J − 1|²` over the area before the integers were rounded, and after.
-    pub relaxed_energy: f64,
-    /// The same of the final map.
-    pub energy: f64,
-    /// Whether rounding laid singular vertices onto each other and other integers had to be found.
-    pub respaced: bool,
-    /// Triangles inverted by rounding.
-    pub folded: usize,
-    /// Solves with stiffer triangles.
-    pub stiffenings: usize,
-    /// Whether the map had to be untangled.
-    pub untangled: bool,
-}
-
-impl GridMap {
-    /// Coordinates in units of lines.
-    pub fn coordinates(&self, face: usize) -> [[f64; 2]; 3] {
-        let unit = (1i64 << self.bits) as f64;
-        self.corners[face].map(|c| c.map(|x| x as f64 / unit))
-    }
-}
 
 /// What the map should be like.
 #[derive(Clone, Debug, PartialEq)]
@@ -328,7 +286,7 @@ fn wrong_cones(frames: &Frames, field: &CrossField, map: &GridMap) -> usize {
                 .iter()
                 .enumerate()
                 .map(|(i, &h)| {
-                    let [a, b] = sector(&map.corners, h);
+                    let [a, b] = sector(map, h);
                     axes_in(a, b, on_boundary && i == last).count()
                 })
                 .sum();

@@ -2,7 +2,7 @@
 
 use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
 
-use super::spacing::Chart;
+use super::chart::Chart;
 use super::cut::Cut;
 use super::transition::Seams;
 use crate::Error;

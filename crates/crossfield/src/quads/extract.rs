@@ -254,7 +254,7 @@ impl Ports {
                 let fan: Vec<usize> = paper.frames.around(v).collect();
                 let on_rim = paper.frames.on_boundary(v);
                 for (i, &h) in fan.iter().enumerate() {
-                    let [a, b] = sector(&paper.map.corners, h);
+                    let [a, b] = sector(paper.map, h);
                     let at = paper.map.corners[h / 3][h % 3];
                     let headings = axes_in(a, b, on_rim && i + 1 == fan.len());
                     self.all.extend(headings.map(|heading| Port {

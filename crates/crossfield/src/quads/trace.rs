@@ -144,7 +144,7 @@ impl Paper<'_> {
     }
 
     fn leads_into(&self, corner: usize, heading: u8) -> bool {
-        let [a, b] = sector(&self.map.corners, corner);
+        let [a, b] = sector(self.map, corner);
         let closed = self.frames.twin(previous(corner)).is_none();
         axes_in(a, b, closed).any(|q| q == heading)
     }
