@@ -83,7 +83,7 @@ fn field(args: &Args, session: &Session) -> Result<(), Failure> {
         json!({ "singularities": field.report.singularities }),
     )?;
 
-    session.stage("files and pictures", || {
+    session.files(2, || {
         let arms: Vec<[f32; 3]> = (0..frames.faces())
             .map(|f| field.arms(&frames, f)[0].cast::<f32>().into())
             .collect();
@@ -93,23 +93,22 @@ fn field(args: &Args, session: &Session) -> Result<(), Failure> {
             .point_field("four_times_index", &index)?;
         io::mesh::save(session.output("field.vtu")?, &fields)?;
 
-        let mut body = Layer::surface(&mesh, Paint::Plain(products::GOLD));
-        body.edges = false;
-        let mut layers = vec![body, crosses::crosses(&mesh, &frames, &field)];
-        let singular = field
-            .singular_vertices(&frames)
-            .map(|v| (mesh.positions()[v], field.index[v] > 0));
-        layers.extend(crosses::balls(singular, 0.008 * mesh.bounds().diagonal()));
-        let view = View::principal(mesh.positions()).turned(0.25, 0.2);
-        let mut scene = Scene::new(layers, view);
-        scene.caption = Some(format!(
-            "{} singularities, energy {:.2} rad²",
-            field.report.singularities, field.report.energy
-        ));
-        scene
-            .draw(session.rasterizer()?, products::SIZE)?
-            .save(session.output("field.png")?)?;
-        Ok::<_, Failure>(())
+        session.picture("field", || {
+            let mut body = Layer::surface(&mesh, Paint::Plain(products::GOLD));
+            body.edges = false;
+            let mut layers = vec![body, crosses::crosses(&mesh, &frames, &field)];
+            let singular = field
+                .singular_vertices(&frames)
+                .map(|v| (mesh.positions()[v], field.index[v] > 0));
+            layers.extend(crosses::balls(singular, 0.008 * mesh.bounds().diagonal()));
+            let view = View::principal(mesh.positions()).turned(0.25, 0.2);
+            let mut scene = Scene::new(layers, view);
+            scene.caption = Some(format!(
+                "{} singularities, energy {:.2} rad²",
+                field.report.singularities, field.report.energy
+            ));
+            Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+        })
     })
 }
 

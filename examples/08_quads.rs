@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::crosses::{self, Guide, Mode};
-use biogeom_examples::picture::{ColorMap, Layer, Paint, Scale, Scene, View};
+use biogeom_examples::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
 use biogeom_examples::source::SourceArgs;
 use biogeom_examples::{Failure, Session, products, surface};
 use clap::Parser;
@@ -100,7 +100,7 @@ fn quads(args: &Args, session: &Session) -> Result<(), Failure> {
     let on = session.on(session.device.crossfield());
     let made = session.stage("quads", || quadrangulate(&mesh, &options, on))?;
     note(session, &mesh, &made)?;
-    session.stage("files and pictures", || save(session, &made))
+    session.files(4, || save(session, &made))
 }
 
 fn note(session: &Session, mesh: &TriMesh, made: &Quadrangulation) -> Result<(), Failure> {
@@ -132,6 +132,11 @@ fn save(session: &Session, made: &Quadrangulation) -> Result<(), Failure> {
     io::mesh::save(session.output("quads.obj")?, &Fields::from(&made.mesh))?;
     io::mesh::save(session.output("quads.glb")?, &Fields::from(&made.mesh))?;
 
+    session.picture("quads", || picture(session, made))
+}
+
+/// The quads with their sides and irregular vertices, coloured by the scaled Jacobian.
+fn picture(session: &Session, made: &Quadrangulation) -> Result<Image, Failure> {
     let scale = Scale::new(ColorMap::Viridis, [0.0, 1.0], "scaled Jacobian");
     let halves = made.mesh.clone().into_triangles();
     let colors = made
@@ -159,8 +164,5 @@ fn save(session: &Session, made: &Quadrangulation) -> Result<(), Failure> {
         products::grouped(made.mesh.quads().len()),
         made.report.valences.irregular()
     ));
-    scene
-        .draw(session.rasterizer()?, products::SIZE)?
-        .save(session.output("quads.png")?)?;
-    Ok(())
+    Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
 }

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
-use biogeom_examples::picture::{Layer, Paint, Rgb, Scale, Scene, View, segment_color, sheet};
+use biogeom_examples::picture::{
+    Image, Layer, Paint, Rgb, Scale, Scene, View, segment_color, sheet,
+};
 use biogeom_examples::{Failure, Session, products};
 use clap::{Parser, ValueEnum};
 use geom_core::io::{self, mesh::AnyMesh, view::View as Fields};
@@ -164,9 +166,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         }
     };
     note(session, &done)?;
-    session.stage("files and pictures", || {
-        write(session, &done, args.modes.into())
-    })
+    session.files(4, || write(session, &done, args.modes.into()))
 }
 
 fn of_triangles(args: &Args, session: &Session, mesh: TriMesh) -> Result<Segmented, Failure> {
@@ -225,6 +225,8 @@ fn solve(
 }
 
 fn note(session: &Session, done: &Segmented) -> Result<(), Failure> {
+    let counts = json!({ "faces": done.labels.len(), "segments": done.segments.areas.len() });
+    session.note("counts", counts)?;
     session.note("eigenvalues", &done.spectrum.values)?;
     session.note("spectral", &done.spectrum.report)?;
     session.note("unit", done.spectrum.scale)?;
@@ -262,35 +264,33 @@ fn write(session: &Session, done: &Segmented, modes: usize) -> Result<(), Failur
         &Fields::from(&split).colored(products::rgba(&colors))?,
     )?;
     let view = View::principal(done.shown.positions()).turned(0.25, 0.2);
-    let mut layer = Layer::surface(&done.shown, Paint::Faces(of_triangles));
-    layer.edges = false;
-    let mut scene = Scene::new(vec![layer], view);
-    let (count, groups) = (done.segments.areas.len(), done.segments.groups);
-    scene.caption = Some(format!("{count} segments from {groups} groups"));
-    scene
-        .draw(session.rasterizer()?, products::SIZE)?
-        .save(session.output("segments.png")?)?;
-    let pictures = pictures_of_modes(session, done, view, modes)?;
-    sheet(&pictures, 4).save(session.output("modes.png")?)?;
-    Ok(())
+    session.picture("segments", || {
+        let mut layer = Layer::surface(&done.shown, Paint::Faces(of_triangles));
+        layer.edges = false;
+        let mut scene = Scene::new(vec![layer], view);
+        let (count, groups) = (done.segments.areas.len(), done.segments.groups);
+        scene.caption = Some(format!("{count} segments from {groups} groups"));
+        Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+    })?;
+    session.picture("modes", || picture_of_modes(session, done, view, modes))
 }
 
-fn pictures_of_modes(
+fn picture_of_modes(
     session: &Session,
     done: &Segmented,
     view: View,
     modes: usize,
-) -> Result<Vec<(String, biogeom_examples::picture::Image)>, Failure> {
-    let mut pictures = Vec::new();
-    let both = done.spectrum.values.iter().zip(&done.spectrum.modes);
-    for (i, (value, mode)) in both.take(modes).enumerate() {
-        let colors = Scale::symmetric(mode, "").colors(mode);
-        let mut layer = Layer::surface(&done.shown, Paint::Vertices(colors));
-        layer.edges = false;
-        let image = Scene::new(vec![layer], view).draw(session.rasterizer()?, [420, 330])?;
-        pictures.push((format!("{}: λ = {}", i + 1, products::brief(*value)), image));
-    }
-    Ok(pictures)
+) -> Result<Image, Failure> {
+    let shown = modes.min(done.spectrum.modes.len());
+    let paint = |mode: &Vec<f64>| Paint::Vertices(Scale::symmetric(mode, "").colors(mode));
+    let paints: Vec<Paint> = done.spectrum.modes[..shown].iter().map(paint).collect();
+    let mut layer = Layer::surface(&done.shown, Paint::Plain(products::GOLD));
+    layer.edges = false;
+    let scene = Scene::new(vec![layer], view);
+    let images = scene.draw_each(session.rasterizer()?, [420, 330], &paints)?;
+    let title = |(i, value): (usize, &f64)| format!("{}: λ = {}", i + 1, products::brief(*value));
+    let titles = done.spectrum.values.iter().enumerate().map(title);
+    Ok(sheet(&titles.zip(images).collect::<Vec<_>>(), 4))
 }
 
 /// Triangles that share no vertices, so that each has its own colour at its corners.

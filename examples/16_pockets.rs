@@ -90,7 +90,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         outline(&surface, &structure, &found.pockets, &outlining, on)
     })?;
     note(session, &found)?;
-    session.stage("files and pictures", || {
+    session.files(4, || {
         write_table(session, &structure, &found.pockets, &outlines)?;
         write_points(session, &found.pockets)?;
         write_surface(session, &surface, &outlines)
@@ -150,6 +150,8 @@ fn note(session: &Session, found: &Pockets) -> Result<(), Failure> {
             |p| json!({ "rank": p.rank, "score": p.score, "center": p.center, "volume": p.volume }),
         )
         .collect();
+    let counts = json!({ "atoms": found.atoms, "pockets": pockets.len() });
+    session.note("counts", counts)?;
     session.note(
         "pockets",
         json!({
@@ -258,17 +260,16 @@ fn write_surface(
     }
     let fields = Fields::from(surface).colored(products::rgba(&of_vertices))?;
     io::mesh::save(session.output("pockets.glb")?, &fields)?;
-    let mut layer = Layer::surface(surface, Paint::Faces(colors));
-    layer.edges = false;
-    let mut scene = Scene::new(vec![layer], view_into(surface, outlines));
-    scene.caption = Some(format!(
-        "{} pockets; the first {SHOWN} are coloured",
-        outlines.len()
-    ));
-    scene
-        .draw(session.rasterizer()?, products::SIZE)?
-        .save(session.output("pockets.png")?)?;
-    Ok(())
+    session.picture("pockets", || {
+        let mut layer = Layer::surface(surface, Paint::Faces(colors));
+        layer.edges = false;
+        let mut scene = Scene::new(vec![layer], view_into(surface, outlines));
+        scene.caption = Some(format!(
+            "{} pockets; the first {SHOWN} are coloured",
+            outlines.len()
+        ));
+        Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
+    })
 }
 
 /// Pockets with a colour.

@@ -152,20 +152,22 @@ fn write(
 ) -> Result<(), Failure> {
     session.note("flow", report)?;
     products::note_surface(session, after)?;
-    session.stage("files and pictures", || {
+    session.files(3, || {
         let fields = Fields::from(after);
         io::mesh::save(session.output("smooth.ply")?, &fields)?;
         io::mesh::save(session.output("smooth.glb")?, &fields)?;
-        let view = View::principal(before.positions()).turned(0.25, 0.2);
-        let mut pictures = Vec::new();
-        for (name, mesh) in [("before", before), ("after", after)] {
-            let mut layer = Layer::surface(mesh, Paint::Plain(products::GOLD));
-            layer.edges = false;
-            layer.normals = None;
-            let image = Scene::new(vec![layer], view).draw(session.rasterizer()?, [800, 640])?;
-            pictures.push((name.to_owned(), image));
-        }
-        sheet(&pictures, 2).save(session.output("smooth.png")?)?;
-        Ok::<_, Failure>(())
+        session.picture("smooth", || {
+            let view = View::principal(before.positions()).turned(0.25, 0.2);
+            let mut pictures = Vec::new();
+            for (name, mesh) in [("before", before), ("after", after)] {
+                let mut layer = Layer::surface(mesh, Paint::Plain(products::GOLD));
+                layer.edges = false;
+                layer.normals = None;
+                let image =
+                    Scene::new(vec![layer], view).draw(session.rasterizer()?, [800, 640])?;
+                pictures.push((name.to_owned(), image));
+            }
+            Ok(sheet(&pictures, 2))
+        })
     })
 }

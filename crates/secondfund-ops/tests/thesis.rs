@@ -336,29 +336,3 @@ fn parts_are_nearly_those_that_humans_see() {
     assert!(slo <= 0.175 && slo < 0.7 * lbo && slo < 1.2 * humans);
     assert!(automatic <= 0.19, "{automatic}");
 }
-
-#[test]
-#[ignore = "minutes: all twenty models, with every number of groups"]
-fn the_whole_benchmark() {
-    let names = [
-        "1", "41", "61", "101", "121", "141", "181", "186", "301", "302", "303", "304", "305",
-        "306", "307", "308", "309", "310", "381", "385",
-    ];
-    let folder = fixtures::shared_or_skip("psb");
-    if let Some(folder) = folder {
-        for name in names {
-            let model = model(&folder, name);
-            let slo = model.modes(Operator::Slo(Weight::ExpK), 15);
-            let of: Vec<String> = (2..=15)
-                .map(|k| {
-                    format!(
-                        "{k}:{:.3}",
-                        model.rand(&cut(&model, &slo, Groups::Count(k)).labels)
-                    )
-                })
-                .collect();
-            println!("{name} by number: {}", of.join(" "));
-        }
-    }
-    benchmark(&names);
-}

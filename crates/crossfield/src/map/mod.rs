@@ -1,7 +1,6 @@
 //! Integer-grid maps: a surface cut open and laid out so that the lines of integer coordinates are quads'
 //! sides.
 
-mod chart;
 mod coarse;
 mod cut;
 pub(crate) mod exact;
@@ -12,7 +11,6 @@ mod system;
 mod transition;
 mod untangle;
 
-pub use chart::Chart;
 pub use exact::{GridMap, MapReport};
 pub use parameterize::{MapOptions, parameterize};
-pub use spacing::Spacing;
+pub use spacing::{Chart, Spacing};

@@ -3,12 +3,12 @@
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
-use super::chart::{Chart, charts};
 use super::coarse::Coarse;
 use super::cut::Cut;
 use super::exact::{GridMap, MapReport, axes_in, doubled_area, sector};
 use super::round::Quadratic;
 use super::spacing::Spacing;
+use super::spacing::{Chart, charts};
 use super::system::{System, Weighted};
 use super::transition::Seams;
 use super::untangle::untangle;

@@ -2,8 +2,8 @@
 
 use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
 
-use super::chart::Chart;
 use super::cut::Cut;
+use super::spacing::Chart;
 use super::transition::Seams;
 use crate::Error;
 

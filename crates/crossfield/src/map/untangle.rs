@@ -1,6 +1,6 @@
 //! Unfolding of a map with given integers.
 
-use super::chart::Chart;
+use super::spacing::Chart;
 use super::system::System;
 use crate::Error;
 use crate::backend::{ChartDistortion, CrossfieldBackend};
