@@ -3,7 +3,7 @@
 //!
 //! ```
 //! use gauss_density::{Model, Options, sample, thesis};
-//! use geom_core::{Cpu, Point3, Run};
+//! use geom_core::{Cpu, LatticeValues, Point3, Run};
 //! # fn main() -> Result<(), gauss_density::Error> {
 //! let model = Model::new(vec![Point3::origin()], vec![1.7], vec![1.0], vec![])?;
 //! let options = Options { spacing: 1.0, ..Options::default() };

@@ -28,7 +28,8 @@ use crate::sample::blocks::{
 /// use geom_core::{Cpu, Point3, Run};
 /// # fn main() -> Result<(), gauss_density::Error> {
 /// let model = Model::new(vec![Point3::origin()], vec![6.0], vec![1.0], vec![])?;
-/// let band = sample_band(&model, &Options::default(), Run::on(&Cpu))?;
+/// let options = Options { margin: Some(12.0), ..Options::default() };
+/// let band = sample_band(&model, &options, Run::on(&Cpu))?;
 /// assert!(band.report.stored_share < 1.0 && !band.report.touches_any_side());
 /// # Ok(())
 /// # }
