@@ -418,36 +418,35 @@ fn fields_and_quads_of_a_mesh_and_of_a_structure() {
     assert_png(out.join("field.png"));
     assert!(out.join("field.vtu").exists());
 
-    for (name, args) in [
-        (
-            "spot",
-            [fixture("spot.ply"), "--quads".into(), "1200".into()],
-        ),
-        (
-            "protein",
-            [fixture("1AJJ.pdb"), "--spacing".into(), "1.5".into()],
-        ),
-    ] {
-        let out = folder.path().join(name);
-        let report = report_of("08_quads", &args.each_ref().map(String::as_str), &out);
-        let jacobian = &report["scaled_jacobian"];
-        assert!(jacobian["min"].as_f64().unwrap() > 0.3, "{name}: {report}");
-        assert!(jacobian["mean"].as_f64().unwrap() > 0.9, "{name}: {report}");
-        assert_png(out.join("quads.png"));
-        assert!(out.join("quads.vtu").exists() && out.join("quads.glb").exists());
-        let quads = io::mesh::read(out.join("quads.obj")).unwrap().mesh;
-        let AnyMesh::Quad(quads) = quads else {
-            panic!("{name}: not all faces are quads")
-        };
-        assert_eq!(
-            quads.quads().len() as u64,
-            report["counts"]["quads"].as_u64().unwrap()
-        );
-        assert_eq!(
-            report["surface"]["euler_characteristic"],
-            quads.euler_characteristic()
-        );
-    }
+    let guided = folder.path().join("guided");
+    let args = [
+        &fixture("1AJJ.pdb"),
+        "--spacing",
+        "1.5",
+        "--guide",
+        "modes:1,2",
+    ];
+    let report = report_of("07_field", &args, &guided);
+    assert!(report["counts"]["singularities"].as_u64().unwrap() > 0);
+
+    let out = folder.path().join("quads");
+    let args = [&fixture("spot.ply"), "--quads", "1200"];
+    let report = report_of("08_quads", &args, &out);
+    let jacobian = &report["scaled_jacobian"];
+    assert!(jacobian["min"].as_f64().unwrap() > 0.3, "{report}");
+    assert!(jacobian["mean"].as_f64().unwrap() > 0.9, "{report}");
+    assert_png(out.join("quads.png"));
+    assert!(out.join("quads.vtu").exists() && out.join("quads.glb").exists());
+    let quads = io::mesh::read(out.join("quads.obj")).unwrap().mesh;
+    let AnyMesh::Quad(quads) = quads else {
+        panic!("not all faces are quads")
+    };
+    let count = report["counts"]["quads"].as_u64().unwrap();
+    assert_eq!(quads.quads().len() as u64, count);
+    assert_eq!(
+        report["surface"]["euler_characteristic"],
+        quads.euler_characteristic()
+    );
 }
 
 #[test]

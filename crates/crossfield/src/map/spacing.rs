@@ -94,14 +94,16 @@ pub struct Chart {
 impl Chart {
     /// The Jacobian for these coordinates of the corners.
     pub fn jacobian(&self, uv: &[[f64; 2]; 3]) -> [[f64; 2]; 2] {
-        let mut j = [[0.0; 2]; 2];
-        for k in 0..3 {
-            for c in 0..2 {
-                j[0][c] += uv[k][0] * self.along_u[k][c];
-                j[1][c] += uv[k][1] * self.along_v[k][c];
-            }
-        }
-        j
+        let row = |axis: usize, along: &[[f64; 2]; 3]| {
+            let sum = |c: usize| {
+                uv.iter()
+                    .zip(along)
+                    .map(|(at, hat)| at[axis] * hat[c])
+                    .sum()
+            };
+            [sum(0), sum(1)]
+        };
+        [row(0, &self.along_u), row(1, &self.along_v)]
     }
 
     /// Is the triangle inverted, or turned away from the field by more than a quarter?

@@ -35,10 +35,9 @@ impl Extended {
         // Per boundary vertex: the ghost across the edge that leaves it, the one across the edge that
         // arrives, and at a corner the one between.
         let mut of_vertex = vec![[u32::MAX; 3]; mesh.positions().len()];
-        for v in 0..mesh.positions().len() {
-            let id = VertexId(v as u32);
-            if edges.on_boundary(id) {
-                of_vertex[v] = extended.ghosts_of(edges, id)?;
+        for (v, ghosts) in (0..).zip(&mut of_vertex) {
+            if edges.on_boundary(VertexId(v)) {
+                *ghosts = extended.ghosts_of(edges, VertexId(v))?;
             }
         }
         for h in edges.iter().filter(|&h| edges.twin(h).is_none()) {

@@ -383,7 +383,7 @@ mod tests {
                     let wanted = f64::from(k == 0);
                     assert!(
                         (sum - wanted).abs() < 1e-13 * size.max(1.0),
-                        "{valence} {q} {k}"
+                        "valence {valence}, point {q}, derivative {k}: {sum} of {size}"
                     );
                 }
             }

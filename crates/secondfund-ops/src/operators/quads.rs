@@ -99,7 +99,8 @@ impl<'a> Quads<'a> {
         for q in 0..table.weights.len() {
             let jet = jet(table.point(q), &points);
             let area = jet.area_normal().norm();
-            if !(area > self.least) {
+            // NaN, too.
+            if area.is_nan() || area <= self.least {
                 out.skipped += 1;
                 continue;
             }
