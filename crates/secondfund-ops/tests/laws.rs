@@ -1,5 +1,7 @@
 //! Closed forms: spectra of spheres, tori and cylinders, curvature of limit surfaces.
 
+#![expect(clippy::print_stdout, reason = "figures for people, with --nocapture")]
+
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::Rotation3;

@@ -1,6 +1,8 @@
 //! Chapter 7 on real data: the Princeton models with their human segmentations, and structures with the
 //! ligands that mark their pockets. The data lie beside the workspace; without them these tests say so.
 
+#![expect(clippy::print_stdout, reason = "figures for people, with --nocapture")]
+
 use std::io::Read;
 use std::path::Path;
 

@@ -107,10 +107,13 @@ fn gauge(
         .to_vec()
 }
 
+/// A copy of a vertex: the vertex, its quarter turns, and the chains between with theirs.
+type PlacedCopy = (u32, u8, Vec<(u32, u8)>);
+
 /// Where the copies of a vertex lie: `R(90° turn) base + Σ R(90° turn_c) t_c`.
 struct Places {
-    /// Per copy: the vertex, its quarter turns, and chains with theirs.
-    copies: Vec<(u32, u8, Vec<(u32, u8)>)>,
+    /// All of them.
+    copies: Vec<PlacedCopy>,
     /// What must vanish so that a walk around a node ends where it began.
     closings: Vec<Form>,
     vertices: u32,
@@ -311,7 +314,7 @@ impl Unknowns {
                 rank(a).total_cmp(&rank(b)).then(a.cmp(&b))
             })
         } else {
-            units.last()
+            units.next_back()
         }
     }
 
