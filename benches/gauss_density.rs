@@ -5,8 +5,8 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use gauss_density::testing::globule;
 use gauss_density::thesis::{self, Cut};
 use gauss_density::{
-    DensityBackend, Elimination, Levels, LowPass, Model, Options, PointSampler, Refit,
-    Sampled, eliminate, low_pass, refit, sample, sample_band,
+    DensityBackend, Elimination, Levels, LowPass, Model, Options, PointSampler, Refit, Sampled,
+    eliminate, low_pass, refit, sample, sample_band,
 };
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::testing::gpu_or_skip;
@@ -70,9 +70,13 @@ fn methods(c: &mut Criterion) {
     type Search = fn(&Model, &Options) -> Result<Sampled<ScalarGrid>, gauss_density::Error>;
     let searches: [(&str, Search); 5] = [
         ("all atoms", thesis::all_atoms),
-        ("single seed", |m, o| thesis::single_seed(m, o, Cut::AfterPowers)),
+        ("single seed", |m, o| {
+            thesis::single_seed(m, o, Cut::AfterPowers)
+        }),
         ("k-d tree", |m, o| thesis::kd_tree(m, o, Cut::AfterPowers)),
-        ("hierarchy", |m, o| thesis::hierarchy(m, o, Cut::AfterPowers)),
+        ("hierarchy", |m, o| {
+            thesis::hierarchy(m, o, Cut::AfterPowers)
+        }),
         ("blocks", |m, o| sample(m, o, Run::on(&Cpu))),
     ];
     let options = Options {

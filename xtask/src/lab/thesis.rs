@@ -3,7 +3,7 @@
 
 use std::time::Instant;
 
-use gauss_density::thesis::{all_atoms, hierarchy, kd_tree, single_seed, Cut};
+use gauss_density::thesis::{Cut, all_atoms, hierarchy, kd_tree, single_seed};
 use gauss_density::{
     Cutoff, Elimination, Interior, Levels, Model, Options, Refit, Sampled, Stop, eliminate, refit,
     sample, sample_band,
