@@ -205,7 +205,7 @@ impl SampleCell {
     }
 }
 
-/// What a refit step needs from a set of points: see [`DensityBackend`](crate::DensityBackend).
+/// What a refit step needs from a set of points: see [`DensityBackend`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RefitSums {
     /// `½ Σ w (G − G0)²` with `w = 1 / G0²`.
