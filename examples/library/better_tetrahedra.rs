@@ -1,5 +1,7 @@
 //! Your own arrays in, better tetrahedra out. `cargo run --release --example better_tetrahedra`
 
+#![expect(clippy::print_stdout, reason = "the result")]
+
 use geom_core::{Cpu, Point3, Run, TetMesh};
 use tet_quality::{Options, improve, quality_report};
 

@@ -1,5 +1,7 @@
 //! A surface in, its Laplace–Beltrami eigenvalues out. `cargo run --release --example modes_of_a_surface`
 
+#![expect(clippy::print_stdout, reason = "the result")]
+
 use geom_core::algebra::eigen::{Options, eigenpairs};
 use geom_core::surface::laplace::{lumped_mass, stiffness};
 use geom_core::{Cpu, Run, io};

@@ -1,5 +1,7 @@
 //! Atoms in, closed surface out. `cargo run --release --example surface_of_a_protein`
 
+#![expect(clippy::print_stdout, reason = "the result")]
+
 use gauss_density::{Levels, Model, Options, PointSampler, sample_band};
 use geom_core::io::structure::{self, ReadOptions};
 use geom_core::{Cpu, Run};

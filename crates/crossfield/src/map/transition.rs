@@ -304,7 +304,7 @@ impl Unknowns {
 
     /// The variable with coefficient ±1 to eliminate; of reals the last, which is new on its line.
     fn pivot(&self, row: &Form, integer: bool) -> Option<u32> {
-        let units = row
+        let mut units = row
             .iter()
             .filter(|&(&v, &c)| c.abs() == 1 && self.integer[v as usize] == integer)
             .map(|(&v, _)| v);
