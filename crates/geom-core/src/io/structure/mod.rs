@@ -149,9 +149,9 @@ pub enum Radii {
     /// The file (PQR), or else as [`Elements`](Self::Elements).
     #[default]
     File,
-    /// Van der Waals radii of the elements: [`Element::vdw_radius`].
+    /// Van der Waals radii of the elements: [`Element::vdw_radius`](crate::structure::Element::vdw_radius).
     Elements,
-    /// Heavy atoms with the hydrogens they carry: [`united_radius`]. Hydrogens are dropped.
+    /// Heavy atoms with the hydrogens they carry: [`united_radius`](crate::structure::united_radius). Hydrogens are dropped.
     United,
 }
 

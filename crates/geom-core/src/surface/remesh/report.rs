@@ -3,7 +3,7 @@
 use crate::TriMesh;
 use crate::mesh::TriangleReport;
 
-/// How long the edges are, in units of what [`Options::sizing`] wants there. Each edge counts once.
+/// How long the edges are, in units of what [`Options::sizing`](super::Options::sizing) wants there. Each edge counts once.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RelativeLengths {
@@ -31,7 +31,7 @@ pub struct Deviation {
     pub max: f64,
 }
 
-/// Why a triangle stays below [`Options::min_angle_deg`].
+/// Why a triangle stays below [`Options::min_angle_deg`](super::Options::min_angle_deg).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
@@ -48,7 +48,7 @@ pub enum Cause {
     NothingHelped,
 }
 
-/// A triangle below [`Options::min_angle_deg`].
+/// A triangle below [`Options::min_angle_deg`](super::Options::min_angle_deg).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Exception {
@@ -78,7 +78,7 @@ pub struct Report {
     pub flips: usize,
     /// How often edges were made shorter where a goal was missed.
     pub refinements: usize,
-    /// Share of the result's vertices where edges are now wanted shorter than [`Options::sizing`] says.
+    /// Share of the result's vertices where edges are now wanted shorter than [`Options::sizing`](super::Options::sizing) says.
     pub shortened: f64,
     /// Lengths of the result's edges.
     pub lengths: RelativeLengths,
@@ -91,15 +91,15 @@ pub struct Report {
     /// From the surface to the result: the largest distance of the input's vertices and middles of edges
     /// and triangles, after their way to the level set.
     pub reverse_deviation: f64,
-    /// What [`Options::max_deviation`] allowed.
+    /// What [`Options::max_deviation`](super::Options::max_deviation) allowed.
     pub allowed_deviation: f64,
     /// Vertices farther from the level set than a hundredth of the wanted edge length: they lie on
     /// necks, tunnels and pieces of the input that the level set has not, and follow the input there.
     pub off_level: usize,
-    /// The triangles below [`Options::min_angle_deg`], with the cause.
+    /// The triangles below [`Options::min_angle_deg`](super::Options::min_angle_deg), with the cause.
     pub exceptions: Vec<Exception>,
     /// Did the last round change less than one edge in a hundred, are all angles at least
-    /// [`Options::min_angle_deg`] and all distances within what is allowed?
+    /// [`Options::min_angle_deg`](super::Options::min_angle_deg) and all distances within what is allowed?
     pub converged: bool,
 }
 
