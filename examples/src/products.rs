@@ -2,6 +2,7 @@
 
 use geom_core::io::{self, view::View as Fields};
 use geom_core::mesh::{SurfaceAudit, VolumeAudit};
+use geom_core::search::crossing::crossing_pairs;
 use geom_core::search::nearest::{NearestError, PointTree};
 use geom_core::{Point3, Structure, TetMesh, TriMesh, mesh};
 use serde_json::json;
@@ -167,6 +168,7 @@ pub fn note_surface(session: &Session, mesh: &TriMesh) -> Result<(), Failure> {
         "manifold": audit.is_manifold(),
         "parts": audit.components.len(),
         "euler_characteristic": audit.euler_characteristic(),
+        "crossing_pairs": crossing_pairs(mesh).len(),
     });
     session.note("surface", numbers)
 }

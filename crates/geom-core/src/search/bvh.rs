@@ -199,6 +199,43 @@ impl TriangleTree {
         Ok(queries.par_iter().map(|p| self.closest(p)).collect())
     }
 
+    /// The pairs of triangles whose leaves' boxes meet and of which `holds` is true, the lower one first, in
+    /// order. Parallel.
+    pub fn overlapping_pairs(&self, holds: impl Fn(u32, u32) -> bool + Sync) -> Vec<[u32; 2]> {
+        let inner = self.leaves - 1;
+        let mut pairs: Vec<[u32; 2]> = (0..self.leaves)
+            .into_par_iter()
+            .flat_map_iter(|leaf| {
+                let mut found = Vec::new();
+                let bounds = &self.boxes[inner + leaf];
+                let mut waiting = vec![0];
+                while let Some(node) = waiting.pop() {
+                    if !self.boxes[node].intersects(bounds) {
+                        continue;
+                    }
+                    if node < inner {
+                        waiting.extend([2 * node + 1, 2 * node + 2]);
+                        continue;
+                    }
+                    // Each pair of leaves once, by the lower one.
+                    let other = node - inner;
+                    for s in self.slots(leaf).filter(|_| other >= leaf) {
+                        let from = if other == leaf { s + 1 } else { 0 };
+                        for t in self.slots(other).filter(|&t| t >= from) {
+                            let pair = [self.ids[s].min(self.ids[t]), self.ids[s].max(self.ids[t])];
+                            if holds(pair[0], pair[1]) {
+                                found.push(pair);
+                            }
+                        }
+                    }
+                }
+                found
+            })
+            .collect();
+        pairs.par_sort_unstable();
+        pairs
+    }
+
     /// The first point where the ray `origin + time · direction`, `time ≥ 0`, meets the mesh.
     ///
     /// The test is watertight: a ray through an edge or vertex of a closed mesh does not slip

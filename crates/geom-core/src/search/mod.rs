@@ -1,4 +1,5 @@
-//! What lies near a point: [`bvh`], the triangles of a surface; `nearest`, points (feature `search`, kiddo).
+//! What lies near a point: [`bvh`], the triangles of a surface; [`crossing`], those that go through each other;
+//! `nearest`, points (feature `search`, kiddo).
 //!
 //! ```
 //! use geom_core::search::bvh::TriangleTree;
@@ -10,5 +11,6 @@
 //! ```
 
 pub mod bvh;
+pub mod crossing;
 #[cfg(feature = "search")]
 pub mod nearest;

@@ -4,10 +4,10 @@
 //! there may let more triangles cross.
 
 use geom_core::mesh::FACES;
+use geom_core::search::crossing::BoxedTriangle;
 use geom_core::{Aabb, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::boundary::crossings::Boxed;
 use crate::mesh::editable::{EditableMesh, Freedom};
 use crate::mesh::incidence::NONE;
 use crate::mesh::link::hull;
@@ -298,7 +298,10 @@ impl SelfIntersectionGuard {
     /// Would a triangle around the vertex `v` cross another one if it went to `x`?
     fn star_crosses(&self, mesh: &EditableMesh, v: u32, x: Point3) -> bool {
         let at = |u: u32| if u == v { x } else { mesh.x[u as usize] };
-        let star: Vec<Boxed> = self.star(mesh, v).map(|t| Boxed::new(t, &at)).collect();
+        let star: Vec<BoxedTriangle> = self
+            .star(mesh, v)
+            .map(|t| BoxedTriangle::new(t, &at))
+            .collect();
         let all = star.iter().fold(Aabb::EMPTY, |all, t| all.union(&t.bounds));
         let folds = (0..star.len()).any(|i| star[..i].iter().any(|t| star[i].crosses(t)));
         folds
@@ -307,7 +310,7 @@ impl SelfIntersectionGuard {
                 .iter()
                 .flat_map(|&u| self.star(mesh, u))
                 .filter(|t| !t.contains(&v))
-                .map(|t| Boxed::new(t, &at))
+                .map(|t| BoxedTriangle::new(t, &at))
                 .any(|t| t.bounds.intersects(&all) && star.iter().any(|s| s.crosses(&t)))
     }
 
@@ -321,15 +324,16 @@ impl SelfIntersectionGuard {
         removed: &[[u32; 3]],
         at: impl Fn(u32) -> Point3,
     ) -> usize {
-        let new: Vec<Boxed> = new.iter().map(|&t| Boxed::new(t, &at)).collect();
+        let new: Vec<BoxedTriangle> = new.iter().map(|&t| BoxedTriangle::new(t, &at)).collect();
         let all = new.iter().fold(Aabb::EMPTY, |all, t| all.union(&t.bounds));
         let around = distinct(near.iter().flat_map(|&v| self.faced_by(v)).copied());
         let others = around.into_iter().flat_map(|u| self.star(mesh, u));
-        let others: Vec<Boxed> = distinct(others.filter(|t| removed.binary_search(t).is_err()))
-            .into_iter()
-            .map(|t| Boxed::new(t, &at))
-            .filter(|t| t.bounds.intersects(&all) && new.iter().all(|n| n.ids != t.ids))
-            .collect();
+        let others: Vec<BoxedTriangle> =
+            distinct(others.filter(|t| removed.binary_search(t).is_err()))
+                .into_iter()
+                .map(|t| BoxedTriangle::new(t, &at))
+                .filter(|t| t.bounds.intersects(&all) && new.iter().all(|n| n.ids != t.ids))
+                .collect();
         (0..new.len())
             .map(|i| {
                 let both = new[..i].iter().chain(&others);

@@ -1,6 +1,5 @@
 //! What boundaries and interfaces allow.
 
-pub(crate) mod crossings;
 pub(crate) mod field;
 pub(crate) mod gaps;
 pub(crate) mod guard;

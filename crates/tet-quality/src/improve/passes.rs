@@ -1,12 +1,12 @@
 //! The schedule: smoothing and operations in passes, worst elements first.
 
 use geom_core::mesh::{EDGES, VertexKind};
-use geom_core::{Run, TetMesh};
+use geom_core::search::crossing::crossing_pairs;
+use geom_core::{Run, TetMesh, TriMesh};
 use rayon::prelude::*;
 
 use super::settings::{LAST, PassSettings};
 use crate::backend::QualityBackend;
-use crate::boundary::crossings::crossing_pairs;
 use crate::boundary::field::Isosurface;
 use crate::boundary::guard::GuardedMesh;
 use crate::boundary::input::free_again;
@@ -124,7 +124,8 @@ impl<'a> Passes<'a> {
     /// How many pairs of boundary triangles cross.
     pub(super) fn crossings(&self) -> usize {
         let mesh = &self.guarded.mesh;
-        crossing_pairs(&mesh.x, &mesh.boundary_faces()).len()
+        let boundary = TriMesh::new(mesh.x.clone(), mesh.boundary_faces());
+        crossing_pairs(&boundary.expect("the operations keep the mesh valid")).len()
     }
 
     /// Untangles inverted tetrahedra if that is asked for. Gives how many there were.
