@@ -68,6 +68,11 @@ fn answer(
 }
 
 #[cfg(feature = "lab")]
+fn text(error: impl std::fmt::Display) -> String {
+    error.to_string()
+}
+
+#[cfg(feature = "lab")]
 fn number(answer: &serde_json::Value, key: &str) -> Result<f64, String> {
     answer[key]
         .as_f64()

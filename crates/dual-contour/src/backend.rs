@@ -76,7 +76,7 @@ pub const BLOCK_CELLS: usize = 512;
 /// from several threads.
 pub trait ContourBackend: Backend {
     /// A capability, not a choice of results: how many blocks, or the cells with a surface of how many, the
-    /// backend likes to get with one call where there are more. By default as many as stay in the cache of a core;
+    /// backend likes to get with one call where there are more; at least 1. By default as many as stay in the cache of a core;
     /// a device with a cost per call says more.
     fn blocks_per_call(&self) -> usize {
         64

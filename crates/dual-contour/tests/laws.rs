@@ -160,13 +160,13 @@ proptest! {
         n in 3..9usize,
         density in 0.05..0.95f64,
         seed in any::<u64>(),
-        lattice in any::<bool>(),
+        stuffing in any::<bool>(),
         clip in any::<bool>(),
     ) {
         let grid = noise(n, density, 0, seed);
         let options = Options {
             at_box: if clip { AtBox::Clip } else { AtBox::Cap },
-            ..by(METHODS[usize::from(lattice)])
+            ..by(METHODS[usize::from(stuffing)])
         };
         match volume(&grid, None, &both(options.clone()), Run::on(&Cpu)) {
             Ok(_) => check_method(&grid, &options),

@@ -20,7 +20,11 @@ use proptest::prelude::*;
 fn regions_of_a_volume_are_named() {
     let grid = sample(&ball(Point3::origin(), 2.0), 3.0, 12);
     let v = volume(&grid, None, &both(Options::default()), Run::on(&Cpu)).unwrap();
-    assert!(v.mesh.regions().contains(&INTERIOR) && v.mesh.regions().contains(&EXTERIOR));
+    let names = v.names();
+    for (region, name) in [(INTERIOR, "molecule"), (EXTERIOR, "exterior")] {
+        assert!(v.mesh.regions().contains(&region));
+        assert!(names.contains(&(region, name.to_owned())), "{names:?}");
+    }
 }
 
 #[test]
@@ -419,7 +423,7 @@ fn odd_options() -> impl Strategy<Value = Options> {
         usually(Vec::new(), prop::collection::vec(material, 1..3)),
         any::<bool>(),
     );
-    (sizes, places, any::<bool>()).prop_map(|(sizes, places, lattice)| Options {
+    (sizes, places, any::<bool>()).prop_map(|(sizes, places, stuffing)| Options {
         resolution: sizes.0,
         tolerance: sizes.1,
         max_cell: sizes.2,
@@ -433,7 +437,7 @@ fn odd_options() -> impl Strategy<Value = Options> {
         materials: places.5,
         separate_exterior: places.6,
         max_memory: 1 << 24,
-        ..by(METHODS[usize::from(lattice)])
+        ..by(METHODS[usize::from(stuffing)])
     })
 }
 
@@ -453,6 +457,35 @@ proptest! {
         if let Ok(made) = surface(&grid, field, &options, Run::on(&Cpu)) {
             prop_assert_eq!(faults(made.mesh.triangles()), Faults::default());
         }
+    }
+}
+
+/// A lattice that no coordinates or memory can hold is refused before one of its values is asked for.
+#[test]
+fn a_lattice_too_fine_is_refused_unread() {
+    struct Unread(Lattice);
+    impl LatticeValues for Unread {
+        fn lattice(&self) -> &Lattice {
+            &self.0
+        }
+        fn at(&self, _: [usize; 3]) -> f32 {
+            panic!("a value was asked for");
+        }
+    }
+    for counts in [[60_000; 3], [usize::MAX, 9, 9], [1 << 40, 1 << 40, 1 << 40]] {
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 1e-3,
+            counts,
+        };
+        let values = Unread(lattice);
+        let options = Options::default();
+        let error = surface(&values, None, &options, Run::on(&Cpu)).unwrap_err();
+        assert!(
+            matches!(&error, Error::TooLarge { .. })
+                || matches!(&error, Error::Option(o) if o.option == "resolution"),
+            "{error}"
+        );
     }
 }
 

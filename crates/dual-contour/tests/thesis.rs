@@ -82,7 +82,7 @@ fn placements_differ_as_they_should() {
     assert!(newton < mass, "{newton}");
 }
 
-/// Large leaves whose points would be held back on their way to the surface are split instead.
+/// Large leaves whose points would be clamped on their way to the surface are split instead.
 #[test]
 fn nothing_sticks_out_of_a_surface_of_large_cells() {
     let field = Field(|x: &Point3| {

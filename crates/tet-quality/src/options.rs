@@ -85,7 +85,7 @@ pub enum SurfaceMotion {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Operations {
-    /// Removal of interior edges (3-2, 4-4 and longer incidence) and its inverse for one face (2-3).
+    /// Removal of interior edges (3-2, 4-4 and longer links) and its inverse for one face (2-3).
     pub swap: bool,
     /// Flips of surface edges: the surface changes within the allowed deviation.
     pub flip: bool,

@@ -1,12 +1,12 @@
 //! Every backend follows the specification; the comparison can fail; threads do not matter.
 
 use geom_core::testing::same_on_any_threads;
-use geom_core::{Cpu, ImplicitField, Point3, Run, TetMesh, Vector3};
+use geom_core::{Backend, Cpu, ImplicitField, Point3, Run, TetMesh, Vector3};
 use proptest::prelude::*;
 use tet_quality::backend::{MEASURE, RELAX, Relaxation};
 use tet_quality::measure::metrics::quality;
 use tet_quality::testing::{ball_in_box, lattice, relaxation, shaken};
-use tet_quality::{Measures, Options, QualityBackend, improve, specification};
+use tet_quality::{Error, Measures, Options, QualityBackend, improve, specification};
 
 #[test]
 fn threads_do_not_matter() {
@@ -61,6 +61,86 @@ fn one_colour(mesh: &TetMesh) -> Relaxation<'_> {
     task.colours.truncate(1);
     task.vertices.truncate(task.colours[0].end);
     task
+}
+
+/// Displacements that are no numbers, too few, or absurd leave the mesh as good as it was.
+#[test]
+fn moves_that_make_no_sense_do_no_harm() {
+    struct Odd(fn(&mut Vec<Vector3>));
+    impl Backend for Odd {
+        fn name(&self) -> String {
+            "odd".to_owned()
+        }
+    }
+    impl QualityBackend for Odd {
+        fn measure(
+            &self,
+            x: &[Point3],
+            tets: &[[u32; 4]],
+            out: &mut Vec<Measures>,
+        ) -> Result<(), Error> {
+            Cpu.measure(x, tets, out)
+        }
+        fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
+            Cpu.relax(task, out)?;
+            (self.0)(out);
+            Ok(())
+        }
+    }
+    let (mesh, ball) = ball_in_box(8, 1.0, 2.7);
+    let field: &dyn ImplicitField = &ball;
+    for odd in [
+        Odd(|moves| moves.fill(Vector3::repeat(f64::NAN))),
+        Odd(|moves| moves.fill(Vector3::repeat(f64::INFINITY))),
+        Odd(|moves| moves.fill(Vector3::repeat(1e300))),
+        Odd(Vec::clear),
+    ] {
+        let made = improve(
+            mesh.clone(),
+            Some(field),
+            &Options::default(),
+            Run::on(&odd),
+        )
+        .unwrap();
+        assert!(
+            made.mesh
+                .positions()
+                .iter()
+                .all(|x| x.iter().all(|c| c.is_finite()))
+        );
+        let report = made.report;
+        assert_eq!(report.after.all.inverted, 0);
+        assert!(report.after.all.min_dihedral.min >= report.before.all.min_dihedral.min);
+    }
+}
+
+/// Measures of too few tetrahedra are an error that names the backend, not a report of the others.
+#[test]
+fn missing_measures_are_an_error() {
+    struct Short;
+    impl Backend for Short {
+        fn name(&self) -> String {
+            "short".to_owned()
+        }
+    }
+    impl QualityBackend for Short {
+        fn measure(
+            &self,
+            x: &[Point3],
+            tets: &[[u32; 4]],
+            out: &mut Vec<Measures>,
+        ) -> Result<(), Error> {
+            Cpu.measure(x, tets, out)?;
+            out.pop();
+            Ok(())
+        }
+        fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
+            Cpu.relax(task, out)
+        }
+    }
+    let (mesh, _) = ball_in_box(6, 1.0, 2.0);
+    let error = improve(mesh, None, &Options::default(), Run::on(&Short)).unwrap_err();
+    assert!(error.to_string().starts_with("short gave"), "{error}");
 }
 
 /// The objective around each vertex of the task after its displacement.

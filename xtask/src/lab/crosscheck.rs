@@ -12,8 +12,8 @@ use geom_core::{
 };
 use serde_json::Value;
 
-use super::python;
-use crate::{Outcome, capture, root};
+use super::{number, python, text};
+use crate::{Outcome, root};
 
 /// Prints a row per comparison; an error if one is out of its tolerance.
 pub(crate) fn run() -> Outcome {
@@ -60,10 +60,7 @@ impl Lab {
     /// What a script of `peers/` prints.
     fn ask(&self, script: &str, arguments: &[String]) -> Result<Value, String> {
         let script = root().join("xtask/src/lab/peers").join(script);
-        let mut all = vec![script.display().to_string()];
-        all.extend_from_slice(arguments);
-        let text = capture(&self.python.display().to_string(), &all)?;
-        serde_json::from_str(&text).map_err(|e| format!("{}: {e}", script.display()))
+        super::answer(&self.python, &script, arguments)
     }
 
     fn file(&self, name: &str) -> PathBuf {
@@ -91,15 +88,6 @@ impl Lab {
         let fine = ours == theirs;
         self.row(what, &ours.to_string(), &theirs.to_string(), "equal", fine);
     }
-}
-
-fn number(answer: &Value, key: &str) -> Result<f64, String> {
-    let value = answer[key].as_f64();
-    value.ok_or_else(|| format!("a peer printed no `{key}`"))
-}
-
-fn text(e: impl std::fmt::Display) -> String {
-    e.to_string()
 }
 
 /// A bundled protein: its density, surface and improved tetrahedra inside and outside.
@@ -412,12 +400,14 @@ fn grids(lab: &mut Lab, density: &ScalarGrid) -> Outcome {
     let theirs = lab.ask("grids.py", &paths)?;
 
     lab.same("molecule.mrc: valid", true, theirs["valid"] == true);
+    // Weighted by place: exchanged axes leave a plain sum as it is.
     let weighted: f64 = (0..lattice.len())
         .map(|i| {
             let [x, y, z] = lattice.coordinates(i);
             f64::from(ours.at([x, y, z])) * (1 + x + 2 * y + 3 * z) as f64
         })
         .sum();
+    // Frames pass through f32 (MRC) and printed digits (DX).
     for (file, prefix) in [("molecule.mrc", ""), ("molecule.dx", "dx ")] {
         for k in 0..3 {
             let axis = ["x", "y", "z"][k];
@@ -447,10 +437,12 @@ fn grids(lab: &mut Lab, density: &ScalarGrid) -> Outcome {
             1e-12,
         );
     }
+    // The mean stands in MRC's header, which others trust unread.
     let n = lattice.len() as f64;
     let mean = ours.values().iter().map(|&v| f64::from(v)).sum::<f64>() / n;
     lab.near("molecule.mrc: mean", mean, number(&theirs, "mean")?, 1e-6);
 
+    // Their number types, packed and not: each must give the sum that they wrote.
     for file in theirs["written"].as_array().into_iter().flatten() {
         let name = file["name"].as_str().unwrap_or_default();
         let read = grid::read(lab.file(name)).map_err(text)?;
@@ -462,6 +454,7 @@ fn grids(lab: &mut Lab, density: &ScalarGrid) -> Outcome {
             number(file, "sum")?,
             1e-6,
         );
+        // Headers hold f32.
         let placed = read.lattice().counts == counts
             && (read.lattice().origin - lattice.origin).norm() < 1e-4
             && (read.lattice().spacing - lattice.spacing).abs() < 1e-6;

@@ -12,7 +12,7 @@ use geom_core::io::structure::{ReadOptions, read};
 use geom_core::surface::laplace::{self, Mass};
 use geom_core::{Cpu, LatticeValues, Run, ScalarGrid, TriMesh};
 
-use super::{number, python};
+use super::{number, python, text};
 use crate::{Outcome, root};
 
 /// Relative difference of eigenvalues that is still agreement; the first value that is not zero lends
@@ -38,7 +38,7 @@ pub(crate) fn run(large: bool) -> Outcome {
                 .collect();
             files.sort();
             for path in files {
-                let file = geom_core::io::mesh::read(&path).map_err(|e| e.to_string())?;
+                let file = geom_core::io::mesh::read(&path).map_err(text)?;
                 let name = path.file_name().unwrap_or_default().to_string_lossy();
                 let mesh = file.mesh.into_triangles();
                 worst = worst.max(compare(&name, &mesh, "superlu", &[0], &[40], &python)?);
@@ -88,7 +88,7 @@ fn operators(mesh: &TriMesh) -> Result<(SparseMatrix, Mass), String> {
     match laplace::stiffness(mesh) {
         Ok(stiffness) => Ok((stiffness, laplace::lumped_mass(mesh))),
         Err(laplace::Error::Degenerate { .. }) => {
-            let robust = laplace::robust(mesh).map_err(|e| e.to_string())?;
+            let robust = laplace::robust(mesh).map_err(text)?;
             Ok((robust.stiffness, robust.mass))
         }
         Err(error) => Err(error.to_string()),
@@ -108,33 +108,17 @@ fn compare(
     let Mass::Lumped(masses) = &mass else {
         return Err("a lumped mass".into());
     };
+    // By files: both sides solve the same bits, so what differs is the solver.
     let folder = root().join("target/spectra");
-    std::fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
-    let write = |file: &str, bytes: Vec<u8>| {
-        std::fs::write(folder.join(file), bytes).map_err(|e| e.to_string())
-    };
-    let starts = stiffness.starts().iter();
-    write(
-        "starts.u64",
-        starts.flat_map(|&s| (s as u64).to_le_bytes()).collect(),
-    )?;
-    let indices = stiffness.indices().iter();
-    write(
-        "indices.u32",
-        indices.flat_map(|i| i.to_le_bytes()).collect(),
-    )?;
-    let values = stiffness.values().iter();
-    write("values.f64", values.flat_map(|v| v.to_le_bytes()).collect())?;
-    write(
-        "mass.f64",
-        masses.iter().flat_map(|m| m.to_le_bytes()).collect(),
-    )?;
+    write_pencil(&folder, &stiffness, masses)?;
 
+    // K is singular: a shift below its zeros keeps the shifted matrix positive definite, as CHOLMOD wants.
     // The mean eigenvalue over the number of rows, below zero: of the size of the first ones.
     let trace: f64 = stiffness.diagonal().iter().sum();
     let shift = -trace / masses.iter().sum::<f64>() / masses.len() as f64;
     let script = root().join("xtask/src/lab/peers/eigsh.py");
     let mut answers = Vec::new();
+    // A process per setting: NumPy reads the number of threads when it is loaded.
     for &threads in threads {
         let mut arguments = vec![
             folder.display().to_string(),
@@ -153,12 +137,9 @@ fn compare(
         let start = (Instant::now(), cpu_seconds());
         let ours = solve((&stiffness).into(), &mass, count)?;
         let (wall, cpu) = elapsed(start);
-        let first = ours
-            .values
-            .iter()
-            .copied()
-            .find(|&v| v > 0.0)
-            .unwrap_or(1.0);
+        // Zeros have no size of their own to be relative to.
+        let positive = ours.values.iter().copied().find(|&v| v > 0.0);
+        let first = positive.unwrap_or(1.0);
         println!(
             "{name} · {} vertices, {} parts, {count} pairs: {wall:.2} s, {cpu:.2} CPU s, residuals ≤ {:.1e}",
             stiffness.rows(),
@@ -169,11 +150,17 @@ fn compare(
             let theirs = answer["values"]
                 .as_array()
                 .ok_or("eigsh.py printed no values")?;
+            if theirs.len() != ours.values.len() {
+                let (theirs, ours) = (theirs.len(), ours.values.len());
+                return Err(format!("eigsh.py printed {theirs} values, not {ours}"));
+            }
             let off = ours.values.iter().zip(theirs).map(|(&a, b)| {
-                let b = b.as_f64().unwrap_or(f64::NAN);
-                (a - b).abs() / a.max(first)
+                let b = b
+                    .as_f64()
+                    .ok_or("eigsh.py printed a value that is no number")?;
+                Ok::<f64, String>((a - b).abs() / a.max(first))
             });
-            let off = largest(&off.collect::<Vec<_>>());
+            let off = largest(&off.collect::<Result<Vec<_>, _>>()?);
             worst = worst.max(off);
             println!(
                 "    SciPy with {}, {}: {:.2} s ({:.1}× ours), {:.2} CPU s ({:.1}× ours), largest difference {off:.1e}",
@@ -192,9 +179,33 @@ fn compare(
     Ok(worst)
 }
 
+/// Stiffness (rows' starts, columns, values) and lumped masses in files that NumPy reads.
+fn write_pencil(folder: &Path, stiffness: &SparseMatrix, masses: &[f64]) -> Outcome {
+    fn bytes<const N: usize>(numbers: impl Iterator<Item = [u8; N]>) -> Vec<u8> {
+        numbers.flatten().collect()
+    }
+    std::fs::create_dir_all(folder).map_err(text)?;
+    let starts = stiffness.starts().iter().map(|&s| (s as u64).to_le_bytes());
+    for (file, bytes) in [
+        ("starts.u64", bytes(starts)),
+        (
+            "indices.u32",
+            bytes(stiffness.indices().iter().map(|i| i.to_le_bytes())),
+        ),
+        (
+            "values.f64",
+            bytes(stiffness.values().iter().map(|v| v.to_le_bytes())),
+        ),
+        ("mass.f64", bytes(masses.iter().map(|m| m.to_le_bytes()))),
+    ] {
+        std::fs::write(folder.join(file), bytes).map_err(text)?;
+    }
+    Ok(())
+}
+
 fn solve(stiffness: Operator<'_>, mass: &Mass, count: usize) -> Result<EigenPairs, String> {
-    let pairs = eigenpairs(stiffness, mass, count, &Options::default(), Run::on(&Cpu))
-        .map_err(|e| e.to_string())?;
+    let pairs =
+        eigenpairs(stiffness, mass, count, &Options::default(), Run::on(&Cpu)).map_err(text)?;
     if !pairs.report.converged {
         return Err(format!("residuals up to {:.1e}", largest(&pairs.residuals)));
     }
@@ -221,15 +232,15 @@ fn cost(name: &str, stiffness: Operator<'_>, mass: &Mass, count: usize) -> Outco
 
 fn density(spacing: f64) -> Result<ScalarGrid, String> {
     let structure = read(fixtures::path("1A8O.pdb"), &ReadOptions::default())
-        .map_err(|e| e.to_string())?
+        .map_err(text)?
         .structure;
-    let model = Model::uniform(&structure, &Levels::default()).map_err(|e| e.to_string())?;
+    let model = Model::uniform(&structure, &Levels::default()).map_err(text)?;
     let options = gauss_density::Options {
         spacing,
         max_memory: 4 << 30,
         ..gauss_density::Options::default()
     };
-    let sampled = sample(&model, &options, Run::on(&Cpu)).map_err(|e| e.to_string())?;
+    let sampled = sample(&model, &options, Run::on(&Cpu)).map_err(text)?;
     Ok(sampled.grid)
 }
 
@@ -244,7 +255,7 @@ fn protein_surface(vertices: usize) -> Result<TriMesh, String> {
             Run::on(&Cpu),
         )
         .map(|s| s.mesh)
-        .map_err(|e| e.to_string())
+        .map_err(text)
     };
     // Vertices grow with the square of the fineness.
     let coarse = surface(0.5)?;
@@ -265,7 +276,7 @@ fn protein_voxels(nodes: usize) -> Result<Laplacian, String> {
         Neighbours::Eighteen,
         weights,
     )
-    .map_err(|e| e.to_string())?;
+    .map_err(text)?;
     Ok(Laplacian::of_voxels(graph))
 }
 

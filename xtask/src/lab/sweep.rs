@@ -18,8 +18,12 @@ use std::path::PathBuf;
 pub(crate) use run::run;
 
 /// The meshers and regions that a case may have.
-const METHODS: [&str; 2] = ["lattice", "dual-contour"];
+const METHODS: [&str; 2] = ["stuffing", "dual-contour"];
 const REGIONS: [&str; 3] = ["interior", "exterior", "both"];
+
+/// Results by the name of their case.
+#[cfg(feature = "lab")]
+type Rows = std::collections::BTreeMap<String, serde_json::Value>;
 
 /// What is swept, and where the results go.
 #[derive(clap::Args)]

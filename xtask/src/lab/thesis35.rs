@@ -9,6 +9,7 @@ use geom_core::io::structure::{ReadOptions, read};
 use geom_core::{Cpu, Run, Structure, Wgpu};
 use tet_quality::{Improved, QualityBackend};
 
+use super::text;
 use crate::Outcome;
 
 /// Ours: a file of the larger data set, how it is read and meshed.
@@ -83,10 +84,6 @@ struct Times {
     quality: f64,
 }
 
-fn text(error: impl std::fmt::Display) -> String {
-    error.to_string()
-}
-
 pub(crate) fn run() -> Outcome {
     println!(
         "DM density map, MG mesh generation, QI quality improvement, seconds; thesis: CS / C-8 / GPU"
@@ -127,6 +124,7 @@ pub(crate) fn run() -> Outcome {
             case.residue_power,
             case.chain_power
         );
+        // One thread is the thesis's CS; its mesh is what more threads must give again.
         let (first, improved) = on(1, || measure(case, &structure, &Cpu))?;
         line("1 thread", &first);
         if all > 1 {
@@ -139,34 +137,40 @@ pub(crate) fn run() -> Outcome {
                 ));
             }
         }
+        // The GPU proposes in f32: its mesh may differ, only its time is told.
         if let Some(gpu) = &gpu {
             let (times, _) = measure(case, &structure, gpu)?;
             line(&geom_core::Backend::name(gpu), &times);
         }
-        let report = &improved.report;
-        let (b, a) = (&report.before.all, &report.after.all);
-        println!(
-            "  {} vertices, {} tetrahedra; dihedral {:.1}°–{:.1}° → {:.2}°–{:.2}°, Joe–Liu {:.3}, edge ratio {:.2}, goals {}",
-            improved.mesh.positions().len(),
-            a.tets,
-            b.min_dihedral.min,
-            b.max_dihedral.max,
-            a.min_dihedral.min,
-            a.max_dihedral.max,
-            a.joe_liu.min,
-            a.edge_ratio.max,
-            if report.converged { "met" } else { "missed" }
-        );
-        let fit = &report.surface;
-        println!(
-            "  {} of {} surface vertices ({:.3} %) farther than 0.1 spacings from the isosurface; below the goals: {:?}",
-            fit.far,
-            fit.vertices,
-            100.0 * fit.far as f64 / fit.vertices.max(1) as f64,
-            report.unmet.counts
-        );
+        print_quality(&improved);
     }
     Ok(())
+}
+
+/// Before and after, and how well the surface is kept.
+fn print_quality(improved: &Improved) {
+    let report = &improved.report;
+    let (b, a) = (&report.before.all, &report.after.all);
+    println!(
+        "  {} vertices, {} tetrahedra; dihedral {:.1}°–{:.1}° → {:.2}°–{:.2}°, Joe–Liu {:.3}, edge ratio {:.2}, goals {}",
+        improved.mesh.positions().len(),
+        a.tets,
+        b.min_dihedral.min,
+        b.max_dihedral.max,
+        a.min_dihedral.min,
+        a.max_dihedral.max,
+        a.joe_liu.min,
+        a.edge_ratio.max,
+        if report.converged { "met" } else { "missed" }
+    );
+    let fit = &report.surface;
+    println!(
+        "  {} of {} surface vertices ({:.3} %) farther than 0.1 spacings from the isosurface; below the goals: {:?}",
+        fit.far,
+        fit.vertices,
+        100.0 * fit.far as f64 / fit.vertices.max(1) as f64,
+        report.unmet.counts
+    );
 }
 
 fn on<T: Send>(threads: usize, f: impl FnOnce() -> T + Send) -> T {

@@ -367,7 +367,7 @@ impl<'a> Complex<'a> {
         }
     }
 
-    /// Position and label of a corner, in finest cells.
+    /// Position of a corner, in finest cells.
     pub(crate) fn corner_position(&self, corner: Corner) -> Point3 {
         match corner {
             Corner::Point(p) => local(p),

@@ -40,7 +40,7 @@ pub(super) fn too_many_leaves(leaves: u64, most: u64) -> Error {
     refused("the octree", leaves * LEAF, most * LEAF)
 }
 
-fn refused(what: &'static str, bytes: u64, limit: u64) -> Error {
+pub(super) fn refused(what: &'static str, bytes: impl Into<u128>, limit: u64) -> Error {
     Error::TooLarge {
         what,
         bytes: bytes.into(),

@@ -6,7 +6,7 @@
 pub struct Report {
     /// Edge of the finest cells, Å.
     pub spacing: f64,
-    /// Leaves of the octree.
+    /// Leaves of the octree; where none is made, the cells that carry the surface.
     pub leaves: usize,
     /// Leaves that carry a surface.
     pub surface_cells: usize,

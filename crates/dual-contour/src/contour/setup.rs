@@ -4,6 +4,7 @@ use geom_core::options::OutOfRange;
 use geom_core::{ImplicitField, Lattice, LatticeValues, Run, Vector3};
 use rayon::prelude::*;
 
+use super::memory::refused;
 use super::report::Report;
 use crate::backend::ContourBackend;
 use crate::octree::{BLOCK, Domain, Labels, Samples, Source};
@@ -34,18 +35,19 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>
             counts: lattice.counts,
         });
     }
-    run.progress("sample", 0, 1)?;
-    // A surface that would be cut off is refused before anything is read in full.
-    let touching = touching(values, options.level);
-    if let (AtBox::Refuse, Some((side, points))) = (options.at_box, touching) {
-        return Err(Error::SurfaceTouchesBox { side, points });
-    }
     // Values of the lattice itself are read; another spacing asks the field or interpolates.
     let spacing = match options.resolution {
         Resolution::Spacing(h) => h,
         Resolution::Lattice => lattice.spacing,
         Resolution::Tets(_) => unreachable!("resolved into a spacing before"),
     };
+    check_size(own_cells(lattice, spacing, options.at_box), options)?;
+    run.progress("sample", 0, 1)?;
+    // A surface that would be cut off is refused before anything is read in full.
+    let touching = touching(values, options.level);
+    if let (AtBox::Refuse, Some((side, points))) = (options.at_box, touching) {
+        return Err(Error::SurfaceTouchesBox { side, points });
+    }
     let site = site(lattice, spacing, options, purpose, touching.is_some())?;
     let labels = Labels {
         level: options.level,
@@ -236,19 +238,19 @@ fn check_size(cells: [f64; 3], options: &Options) -> Result<(), Error> {
         let most = cells.iter().fold(0.0f64, |m, &n| m.max(n));
         let must = format!("give at most {MOST_CELLS}; take a larger spacing");
         let value = format!("{most} cells along an axis");
-        return Err(OutOfRange::new("resolution", value, must).into());
+        // Cells that an outer box adds are no word on the cells of the surface.
+        let option = match options.outer {
+            Outer::Grid => "resolution",
+            _ => "outer",
+        };
+        return Err(OutOfRange::new(option, value, must).into());
     }
     let block = f64::from(BLOCK);
     let blocks: u128 = cells.iter().map(|&n| (n / block).ceil() as u128).product();
     // Per block a node, marks of points, and requests; blocks that are stored count while they are read.
     let bytes = blocks * 120;
     if bytes > u128::from(options.max_memory) {
-        return Err(Error::TooLarge {
-            what: "the octree",
-            bytes,
-            limit: options.max_memory.into(),
-            cure: "take a larger spacing or a smaller outer box, or allow more memory",
-        });
+        return Err(refused("the octree", bytes, options.max_memory));
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! Where the point of a cell belongs.
 
+use geom_core::compute::BackendError;
 use geom_core::mesh::INTERIOR;
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
@@ -41,8 +42,7 @@ pub(super) fn leaf_points<B: ContourBackend + ?Sized>(
         .with_min_len(256)
         .map(|&id| samples.corners_over_level(complex.leaf(id).origin()))
         .collect();
-    let mut fine_points = Vec::new();
-    backend.dual_vertices(&cells, STEPS, &mut fine_points)?;
+    let fine_points = dual_vertices(backend, &cells)?;
     let rest_points: Vec<Point3> = rest
         .par_iter()
         .with_min_len(256)
@@ -74,8 +74,7 @@ pub(crate) fn finest_points<B: ContourBackend + ?Sized>(
             .with_min_len(4096)
             .map(|&(slot, cell)| samples.corners_in(slot as usize, cell))
             .collect();
-        let mut points = Vec::new();
-        backend.dual_vertices(&values, STEPS, &mut points)?;
+        let points = dual_vertices(backend, &values)?;
         all.zip(points)
             .with_min_len(4096)
             .for_each(|((out, &(_, cell)), x)| *out = within(cell, x));
@@ -124,9 +123,35 @@ fn cell_point(
     probe.place(o, f64::from(s), &crossings)
 }
 
-/// A point of the unit cube as a point of space, in cells.
+/// One point per cell, or an error: a backend from outside may answer anything.
+fn dual_vertices<B: ContourBackend + ?Sized>(
+    backend: &B,
+    cells: &[[f32; 8]],
+) -> Result<Vec<[f32; 3]>, Error> {
+    let mut points = Vec::with_capacity(cells.len());
+    backend.dual_vertices(cells, STEPS, &mut points)?;
+    if points.len() == cells.len() {
+        return Ok(points);
+    }
+    let (found, of) = (points.len(), cells.len());
+    let message = format!(
+        "{} gave {found} dual vertices for {of} cells",
+        backend.name()
+    );
+    Err(BackendError::new(message).into())
+}
+
+/// A point of the unit cube as a point of space, in cells; one outside, or none, is brought back.
 fn within(low: [i32; 3], x: [f32; 3]) -> Point3 {
-    Point3::from([0, 1, 2].map(|k| f64::from(low[k]) + f64::from(x[k])))
+    let (least, most) = (INSET as f32, (1.0 - INSET) as f32);
+    Point3::from([0, 1, 2].map(|k| {
+        let x = if x[k].is_nan() {
+            0.5
+        } else {
+            x[k].clamp(least, most)
+        };
+        f64::from(low[k]) + f64::from(x)
+    }))
 }
 
 /// The mean of the crossings of a face on the box.

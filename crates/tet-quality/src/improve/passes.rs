@@ -1,5 +1,6 @@
 //! The schedule: smoothing and operations in passes, worst elements first.
 
+use geom_core::compute::BackendError;
 use geom_core::mesh::{EDGES, VertexKind};
 use geom_core::search::crossing::crossing_pairs;
 use geom_core::{Run, TetMesh, TriMesh};
@@ -118,6 +119,12 @@ impl<'a> Passes<'a> {
         let mut measures = Vec::new();
         run.backend
             .measure(mesh.positions(), mesh.tets(), &mut measures)?;
+        if measures.len() != mesh.tets().len() {
+            let (found, of) = (measures.len(), mesh.tets().len());
+            let name = run.backend.name();
+            let message = format!("{name} gave {found} measures for {of} tetrahedra");
+            return Err(BackendError::new(message).into());
+        }
         Ok(report_of(&mesh, &measures))
     }
 

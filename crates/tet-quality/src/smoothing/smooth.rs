@@ -168,8 +168,9 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
             .into_par_iter()
             .with_min_len(64)
             .map_init(Star::default, |star, i| {
-                let d = moves[i];
-                if d == Vector3::zeros() {
+                // What a backend leaves out, or cannot tell, stays where it is.
+                let d = *moves.get(i)?;
+                if d == Vector3::zeros() || !d.iter().all(|c| c.is_finite()) {
                     return None;
                 }
                 star.load(&mesh.x, &faces[starts[i] as usize..starts[i + 1] as usize]);

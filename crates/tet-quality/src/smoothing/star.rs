@@ -21,7 +21,7 @@ struct Face {
 }
 
 /// The opposite faces of the tetrahedra around one vertex. Values are *signed squares* of the
-/// objective of [`quality`](crate::quality), which order like it and need no root.
+/// objective of [`quality`](crate::measure::metrics::quality), which order like it and need no root.
 #[derive(Default)]
 pub(crate) struct Star {
     faces: Vec<Face>,

@@ -9,7 +9,7 @@ use geom_core::{TetMesh, TriMesh};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use super::run::text;
+use crate::lab::text;
 use crate::{capture, root};
 
 /// Is this one of the cases that the program sees? One of seven, whichever others are swept with it.

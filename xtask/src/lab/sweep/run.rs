@@ -1,6 +1,5 @@
 //! The loop over all cases and the file of results.
 
-use std::collections::BTreeMap;
 use std::fs::{self, OpenOptions};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -13,19 +12,13 @@ use geom_core::io::structure::{ReadOptions, read};
 use geom_core::{Cpu, Run, Structure};
 use serde_json::{Value, json};
 
-use super::{Arguments, case, check, table};
+use super::{Arguments, Rows, case, check, table};
+use crate::lab::text;
 use crate::{Outcome, root};
-
-/// Results by the name of their case.
-pub(super) type Rows = BTreeMap<String, Value>;
-
-pub(super) fn text(error: impl std::fmt::Display) -> String {
-    error.to_string()
-}
 
 fn method(name: &str) -> Method {
     match name {
-        "stuffing" | "lattice" => Method::Stuffing,
+        "stuffing" => Method::Stuffing,
         _ => Method::DualContour,
     }
 }

@@ -4,8 +4,7 @@ use std::fmt::Write as _;
 
 use serde_json::Value;
 
-use super::run::Rows;
-use super::{METHODS, REGIONS};
+use super::{METHODS, REGIONS, Rows};
 use crate::Outcome;
 
 fn number(row: &Value, key: &str) -> f64 {
@@ -128,7 +127,7 @@ pub(super) fn page(keys: &[String], rows: &Rows, tets: u64) -> String {
         "\
 # Every structure, meshed and audited
 
-`cargo xtask sweep --tets {tets} --table` wrote this page. Each structure is meshed at two spacings by both meshers, inside, outside and on both sides, and improved, all at the default options. Before and after the improvement a mesh must have no crack, no edge or vertex that is not manifold and no inverted or flat tetrahedron; its boundary must be its surface, its volumes must sum to the box, and its components, tunnels and cavities must be those of the labels on the lattice, counted without a mesh. Its quality should reach: dihedral angles from 25° (lattice) or 20° (dual contouring) to 155°, Joe–Liu 0.3, edge ratio 6, and 99.9 % of the surface vertices within 0.1 spacings of the isosurface.
+`cargo xtask sweep --tets {tets} --table` wrote this page. Each structure is meshed at two spacings by both meshers, inside, outside and on both sides, and improved, all at the default options. Before and after the improvement a mesh must have no crack, no edge or vertex that is not manifold and no inverted or flat tetrahedron; its boundary must be its surface, its volumes must sum to the box, and its components, tunnels and cavities must be those of the labels on the lattice, counted without a mesh. Its quality should reach: dihedral angles from 25° (stuffing) or 20° (dual contouring) to 155°, Joe–Liu 0.3, edge ratio 6, and 99.9 % of the surface vertices within 0.1 spacings of the isosurface.
 
 {} cases: {broken} broken, {missed} below a target; an independent program measured {checked} of them and found the same. The worst of all:
 
@@ -137,7 +136,7 @@ pub(super) fn page(keys: &[String], rows: &Rows, tets: u64) -> String {
 
 The worst of the three regions; tets are those inside. Parts, tunnels and cavities depend on how a mesher joins the values of the lattice.
 
-| structure | atoms | spacing, Å | lattice: tets | angles | Joe–Liu | parts, tunnels, cavities | dual contouring: tets | angles | Joe–Liu | parts, tunnels, cavities |
+| structure | atoms | spacing, Å | stuffing: tets | angles | Joe–Liu | parts, tunnels, cavities | dual contouring: tets | angles | Joe–Liu | parts, tunnels, cavities |
 |---|---|---|---|---|---|---|---|---|---|---|
 ",
         rows.len(),

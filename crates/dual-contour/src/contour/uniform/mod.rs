@@ -145,7 +145,7 @@ fn points_of<B: ContourBackend + ?Sized>(
 ) -> Result<Vec<Point3>, Error> {
     let mut points = vec![Point3::origin(); vertices];
     let mut rest = points.as_mut_slice();
-    let per_call = backend.blocks_per_call();
+    let per_call = backend.blocks_per_call().max(1);
     let mut calls = Vec::new();
     for (call, blocks) in blocks.chunks(per_call).enumerate() {
         let simple = blocks.iter().flat_map(|b| b.simple);

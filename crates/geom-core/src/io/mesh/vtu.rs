@@ -217,12 +217,6 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     })?;
     // What the arrays are: order and width of numbers, compressed or not.
     let file = document.root_element();
-    let find = |node: Node<'_, '_>, name: &str| {
-        node.children()
-            .find(|n| n.has_tag_name(name))
-            .map(|n| n.id())
-            .ok_or_else(|| missing(&document, node, name))
-    };
     if !file.has_tag_name("VTKFile") || file.attribute("type") != Some("UnstructuredGrid") {
         let found = file.attribute("type").unwrap_or(file.tag_name().name());
         return Err(ErrorKind::expected("a VTKFile of type UnstructuredGrid", found).into());
@@ -242,29 +236,25 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         appended,
     };
     // One piece of one grid is a mesh.
-    let node = |id| document.get_node(id).expect("an id of this document");
-    let grid = node(find(file, "UnstructuredGrid")?);
-    let piece = node(find(grid, "Piece")?);
+    let grid = child(&document, file, "UnstructuredGrid")?;
+    let piece = child(&document, grid, "Piece")?;
     if grid.children().filter(|n| n.has_tag_name("Piece")).count() > 1 {
         let what = "a file of several pieces is not read; merge them first".to_owned();
         return Err(ErrorKind::Unsupported(what).into());
     }
 
-    let point_array = find(node(find(piece, "Points")?), "DataArray")?;
-    let points = reader.numbers(node(point_array))?;
+    let point_array = child(&document, child(&document, piece, "Points")?, "DataArray")?;
+    let points = reader.numbers(point_array)?;
     if points.components != 3 {
         let found = points.components.to_string();
-        return Err(reader.at(
-            node(point_array),
-            ErrorKind::expected("3 components", found),
-        ));
+        return Err(reader.at(point_array, ErrorKind::expected("3 components", found)));
     }
     let points: Vec<Point3> = (0..points.len())
         .map(|i| Point3::new(points.get(i, 0), points.get(i, 1), points.get(i, 2)))
         .collect();
 
     // Cells are three arrays: corners, where each cell's corners end, and VTK's kinds.
-    let cells = node(find(piece, "Cells")?);
+    let cells = child(&document, piece, "Cells")?;
     let named = |name: &str| {
         arrays(cells)
             .find(|n| n.attribute("Name") == Some(name))
@@ -359,6 +349,16 @@ fn groups(reader: &Arrays<'_, '_>, grid: Node<'_, '_>, view: &mut View<'_>) -> R
 
 fn arrays<'a, 'i>(node: Node<'a, 'i>) -> impl Iterator<Item = Node<'a, 'i>> {
     node.children().filter(|n| n.has_tag_name("DataArray"))
+}
+
+/// The first child of this name.
+fn child<'a, 'input>(
+    document: &Document<'input>,
+    node: Node<'a, 'input>,
+    name: &str,
+) -> Result<Node<'a, 'input>, Error> {
+    let found = node.children().find(|n| n.has_tag_name(name));
+    found.ok_or_else(|| missing(document, node, name))
 }
 
 fn missing(document: &Document<'_>, node: Node<'_, '_>, name: &str) -> Error {
