@@ -132,7 +132,8 @@ impl Star {
         let mut worst = f64::INFINITY;
         for i in 0..self.order.len() {
             let value = self.faces[self.order[i] as usize].value(x);
-            if value <= bound {
+            // So far away that squares overflow, there is no value.
+            if value <= bound || value.is_nan() {
                 self.order.swap(i, i / 2);
                 return None;
             }
