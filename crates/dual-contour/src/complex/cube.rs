@@ -5,10 +5,18 @@ use std::sync::LazyLock;
 
 use geom_core::Point3;
 
-use crate::octree::local;
+use crate::octree::{corner_of, local};
 
 /// Quadrants about an axis: 0 (−,−), 1 (+,−), 2 (+,+), 3 (−,+).
 pub(crate) const QUADRANT: [[i32; 2]; 4] = [[-1, -1], [0, -1], [0, 0], [-1, 0]];
+
+/// The faces of the four cells around an axis towards the quadrants before and after theirs.
+pub(crate) fn faces_beside(axis: usize) -> [[usize; 4]; 2] {
+    let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+    let before = [2 * v + 1, 2 * u, 2 * v, 2 * u + 1];
+    let after = [2 * u + 1, 2 * v + 1, 2 * u, 2 * v];
+    [before, after]
+}
 
 /// The middle of the unit cube.
 pub(crate) const MIDDLE: Point3 = Point3::new(0.5, 0.5, 0.5);
@@ -26,11 +34,6 @@ pub(crate) const CORNERS: [Point3; 9] = {
     }
     out
 };
-
-/// Offsets of the corners of a cube: bit 0 is x, bit 1 is y, bit 2 is z.
-pub(crate) fn corner_of(i: usize) -> [i32; 3] {
-    [i & 1, i >> 1 & 1, i >> 2 & 1].map(|c| c as i32)
-}
 
 /// The corners of face `2 · axis + side` of the unit cube, counter-clockwise about the axis.
 pub(super) fn face_corners(face: usize) -> [usize; 4] {

@@ -10,7 +10,7 @@ use geom_core::Point3;
 use geom_core::mesh::Region;
 use rayon::prelude::*;
 
-use crate::octree::{Leaf, NONE, Octree, Samples, block_index, local};
+use crate::octree::{Leaf, NONE, Octree, Samples, block_index, corner_of, local};
 
 pub(crate) mod collect;
 pub(crate) mod cube;
@@ -23,7 +23,7 @@ pub(crate) use frame::{Frame, frame_of_corners, simple_masks};
 pub(crate) use numbering::{Numbering, Vertex};
 pub(crate) use split::Split;
 
-use cube::{corner_of, part_base};
+use cube::part_base;
 use frame::half_index;
 
 /// A corner of the complex.
@@ -232,11 +232,7 @@ impl<'a> Complex<'a> {
     }
 
     pub(crate) fn corner_labels(&self, leaf: &Leaf) -> [Region; 8] {
-        let (o, s) = (leaf.origin(), leaf.size());
-        std::array::from_fn(|i| {
-            let p = corner_of(i);
-            self.samples.label([0, 1, 2].map(|k| o[k] + s * p[k]))
-        })
+        self.samples.corner_labels(leaf.origin(), leaf.size())
     }
 
     /// The labels of the corners of a cell; for an unsplit leaf of one label only that one.

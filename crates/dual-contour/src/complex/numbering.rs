@@ -3,9 +3,8 @@
 use geom_core::mesh::Region;
 use rayon::prelude::*;
 
-use super::cube::corner_of;
 use super::{Cell, Complex, Corner};
-use crate::octree::{PointMarks, PointSet};
+use crate::octree::{PointMarks, PointSet, corner_of};
 
 /// The numbers of the vertices: cells (leaves, then parts), ghosts, lattice points, middles of split
 /// leaves, added points.

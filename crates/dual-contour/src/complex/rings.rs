@@ -2,9 +2,9 @@
 
 use geom_core::mesh::Region;
 
-use super::cube::{AROUND, QUADRANT, corner_of, diagonal_of};
+use super::cube::{AROUND, QUADRANT, diagonal_of, faces_beside};
 use super::{Cell, Complex, Corner, Ring};
-use crate::octree::{Leaf, NONE, local};
+use crate::octree::{Leaf, NONE, corner_of, local};
 
 /// Who owns an edge: of the smallest leaves around it the first in this order of quadrants.
 const OWNERS: [usize; 4] = [2, 3, 1, 0];
@@ -136,9 +136,7 @@ impl Complex<'_> {
     /// Puts the cells around a lattice edge in order.
     fn lattice_ring(&self, edge: &LatticeEdge, f: &mut impl FnMut(&Ring)) {
         let (u, v) = ((edge.axis + 1) % 3, (edge.axis + 2) % 3);
-        // The face of a cell in quadrant q towards the quadrant before and after it.
-        let before = [2 * v + 1, 2 * u, 2 * v, 2 * u + 1];
-        let after = [2 * u + 1, 2 * v + 1, 2 * u, 2 * v];
+        let [before, after] = faces_beside(edge.axis);
         let found = &edge.around;
         let open = found.iter().any(|c| c.0 == NONE);
         // An open ring begins after the box.

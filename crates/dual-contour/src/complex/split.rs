@@ -3,8 +3,8 @@
 use geom_core::Point3;
 use geom_core::mesh::{INTERIOR, Region};
 
-use super::cube::{MIDDLE, corner_of, face_corners, half_of, triangle_of};
-use crate::octree::{Samples, local};
+use super::cube::{MIDDLE, face_corners, half_of, triangle_of};
+use crate::octree::{Samples, corner_of, local};
 
 /// A finest cell cut into twelve tetrahedra: its middle and the triangles of its faces.
 #[derive(Clone, Debug)]

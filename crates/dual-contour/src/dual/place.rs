@@ -7,10 +7,9 @@ use rayon::prelude::*;
 
 use super::probe::{Probe, Sample, mean_of_crossings, sample_corner};
 use crate::backend::ContourBackend;
-use crate::complex::cube::corner_of;
 use crate::complex::{Cell, Complex, Corner, Frame, frame_of_corners};
 use crate::kernel::INSET;
-use crate::octree::{Samples, local};
+use crate::octree::{Samples, corner_of, local};
 use crate::{Error, Placement};
 
 /// Newton steps of the kernel: more change nothing that a picture could show.
@@ -80,9 +79,7 @@ pub(crate) fn finest_points<B: ContourBackend + ?Sized>(
             .for_each(|((out, &(_, cell)), x)| *out = within(cell, x));
     } else {
         all.with_min_len(256).for_each(|(out, &(_, cell))| {
-            let labels = std::array::from_fn(|i| {
-                samples.label([0, 1, 2].map(|k| cell[k] + corner_of(i)[k]))
-            });
+            let labels = samples.corner_labels(cell, 1);
             *out = cell_point(samples, probe, cell, 1, &frame_of_corners(&labels));
         });
     }
@@ -106,11 +103,7 @@ fn cell_point(
     let sample = |i: usize| {
         let p = [i % 3, i / 3 % 3, i / 9].map(|c| c as i32);
         let p = [0, 1, 2].map(|k| o[k] + p[k] * s / 2);
-        Sample {
-            x: local(p),
-            label: frame.labels[i],
-            value: samples.value(p),
-        }
+        Sample::at(samples, p, frame.labels[i])
     };
     let mut crossings = Vec::with_capacity(12);
     frame.edges(|i, j| {

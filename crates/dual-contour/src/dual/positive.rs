@@ -5,11 +5,8 @@ use geom_core::mesh::six_volume;
 use rayon::prelude::*;
 
 use super::Duals;
-use super::room::{LEAST_VOLUME, farthest};
+use super::room::{LEAST_VOLUME, ROUNDS, farthest};
 use crate::complex::{Cell, Complex};
-
-/// How often each point is tried: the second time where others have moved on.
-const ROUNDS: usize = 2;
 
 /// An edge and two consecutive cells around it, at least one of which moves.
 struct EdgeTet {

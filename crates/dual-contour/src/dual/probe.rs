@@ -4,10 +4,10 @@ use geom_core::field::{End, Guard, Precision, Tangent, crossing, project};
 use geom_core::mesh::{INTERIOR, Region};
 use geom_core::{ImplicitField, Point3, Vector3};
 
-use crate::complex::cube::{APEX, MIDDLE, corner_of};
+use crate::complex::cube::{APEX, MIDDLE};
 use crate::complex::{Complex, Corner, Split};
 use crate::kernel::INSET;
-use crate::octree::{Samples, local};
+use crate::octree::{Samples, corner_of, local};
 use crate::{Options, Placement};
 
 /// How near to a crossing of a field, as a share of the edge.
@@ -40,6 +40,17 @@ pub(crate) struct Sample {
     pub(crate) x: Point3,
     pub(crate) label: Region,
     pub(crate) value: f64,
+}
+
+impl Sample {
+    /// A lattice point, labelled as the caller sees it.
+    pub(crate) fn at(samples: &Samples<'_>, p: [i32; 3], label: Region) -> Self {
+        Self {
+            x: local(p),
+            label,
+            value: samples.value(p),
+        }
+    }
 }
 
 impl<'a> Probe<'a> {
@@ -208,11 +219,7 @@ impl<'a> Probe<'a> {
 /// Label, value and position of a corner.
 pub(crate) fn sample_corner(complex: &Complex<'_>, corner: Corner, label: Region) -> Sample {
     match corner {
-        Corner::Point(p) => Sample {
-            x: local(p),
-            label,
-            value: complex.samples.value(p),
-        },
+        Corner::Point(p) => Sample::at(complex.samples, p, label),
         Corner::Centre(k) => Sample {
             x: complex.corner_position(corner),
             label,
@@ -237,11 +244,7 @@ pub(crate) fn cut_samples(
             };
         }
         let p = [0, 1, 2].map(|k| o[k] + corner_of(i)[k]);
-        Sample {
-            x: local(p),
-            label: labels[i],
-            value: samples.value(p),
-        }
+        Sample::at(samples, p, labels[i])
     })
 }
 

@@ -5,6 +5,9 @@ use geom_core::Point3;
 /// A moved edge tetrahedron keeps at least this share of its volume.
 pub(crate) const LEAST_VOLUME: f64 = 1e-3;
 
+/// How often each point is tried: the second time where others have moved on.
+pub(crate) const ROUNDS: usize = 2;
+
 /// How far a point may go from its base to its place: the longest of some shares of the way, beyond
 /// `share`, at which none of `n` tetrahedra lacks volume; else `share` itself. `margin(i, x)` is the volume
 /// margin of tetrahedron `i` with the point at `x`, what it has above its least volume: linear on the way.

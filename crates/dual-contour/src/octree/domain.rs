@@ -3,7 +3,7 @@
 use geom_core::Point3;
 use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
 
-use super::tree::BLOCK;
+use super::tree::{BLOCK, block_coordinates, block_count};
 use crate::{Material, Shape};
 
 /// The lattice of the finest cells.
@@ -36,12 +36,16 @@ impl Domain {
         self.world(&local(p))
     }
     pub(crate) fn block_len(&self) -> usize {
-        self.blocks.iter().map(|&b| b as usize).product()
+        block_count(self.blocks)
     }
     pub(crate) fn block(&self, b: usize) -> [i32; 3] {
-        let [nx, ny, _] = self.blocks.map(|n| n as usize);
-        [b % nx, b / nx % ny, b / (nx * ny)].map(|c| c as i32)
+        block_coordinates(self.blocks, b)
     }
+}
+
+/// Offsets of the corners of a cube, or of its eighths: bit 0 is x, bit 1 is y, bit 2 is z.
+pub(crate) fn corner_of(i: usize) -> [i32; 3] {
+    [i & 1, i >> 1 & 1, i >> 2 & 1].map(|c| c as i32)
 }
 
 /// A lattice point in units of the finest cells.

@@ -4,7 +4,7 @@ use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{Aabb, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::domain::{Domain, Labels};
+use super::domain::{Domain, Labels, corner_of};
 use super::source::Source;
 use super::tree::{BLOCK, BLOCK_LOG, block_index};
 use crate::Error;
@@ -330,6 +330,14 @@ impl<'a> Samples<'a> {
             block_index(self.domain.blocks, b),
             (d[2] * SIDE + d[1]) * SIDE + d[0],
         )
+    }
+
+    /// The labels of the corners of a cell of edge `s` at `o`.
+    pub(crate) fn corner_labels(&self, o: [i32; 3], s: i32) -> [Region; 8] {
+        std::array::from_fn(|i| {
+            let p = corner_of(i);
+            self.label([0, 1, 2].map(|k| o[k] + s * p[k]))
+        })
     }
 
     /// The label of a lattice point.

@@ -12,6 +12,8 @@ use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
+use super::domain::corner_of;
+
 /// Finest cells per side of a block, and its logarithm.
 pub(crate) const BLOCK: i32 = 8;
 pub(crate) const BLOCK_LOG: u8 = 3;
@@ -111,10 +113,6 @@ pub(crate) struct Octree {
 fn morton([x, y, z]: [i32; 3]) -> (u32, u32) {
     let at = |shift: i32| (x >> shift & 1) | (y >> shift & 1) << 1 | (z >> shift & 1) << 2;
     (at(2) as u32, at(1) as u32)
-}
-
-fn child(i: u32) -> [i32; 3] {
-    [i & 1, i >> 1 & 1, i >> 2 & 1].map(|c| c as i32)
 }
 
 pub(crate) fn block_index(blocks: [i32; 3], [a, b, c]: [i32; 3]) -> usize {
@@ -226,8 +224,8 @@ fn split_two(cells: [i32; 3], blocks: [i32; 3], splits: &Splits) -> Vec<u64> {
                 bits = !0;
             }
             if (0..3).any(|k| low[k] + BLOCK > cells[k]) {
-                for t in 0..64u32 {
-                    let (p, q) = (child(t >> 3), child(t & 7));
+                for t in 0..64 {
+                    let (p, q) = (corner_of(t >> 3), corner_of(t & 7));
                     let o = [0, 1, 2].map(|k| low[k] + 4 * p[k] + 2 * q[k]);
                     bits |= u64::from(crosses(o, 2, cells)) << t;
                 }
@@ -264,7 +262,7 @@ fn split_four(cells: [i32; 3], blocks: [i32; 3], splits: &Splits, two: &[u64]) -
         if (0..3).any(|k| (at[k] + 1) * BLOCK > cells[k]) || splits.largest < 2 {
             let mut bits = 0;
             for g in 0..8 {
-                let o = [0, 1, 2].map(|k| at[k] * BLOCK + 4 * child(g)[k]);
+                let o = [0, 1, 2].map(|k| at[k] * BLOCK + 4 * corner_of(g)[k]);
                 bits |= u8::from(crosses(o, 4, cells) || splits.largest < 2) << g;
             }
             four[b].fetch_or(bits, Relaxed);
@@ -339,8 +337,8 @@ fn split_eight(cells: [i32; 3], blocks: [i32; 3], splits: &Splits, four: &[u8]) 
             split[b] = true;
         }
         for g in (0..8).filter(|g| four[b] >> g & 1 == 1) {
-            let low = [0, 1, 2].map(|k| (child(g)[k] - 1) >> 1);
-            let high = [0, 1, 2].map(|k| (child(g)[k] + 1) >> 1);
+            let low = [0, 1, 2].map(|k| (corner_of(g)[k] - 1) >> 1);
+            let high = [0, 1, 2].map(|k| (corner_of(g)[k] + 1) >> 1);
             for_box(low, high, |d| {
                 let to = [0, 1, 2].map(|k| at[k] + d[k]);
                 if (0..3).all(|k| (0..blocks[k]).contains(&to[k])) {
@@ -393,18 +391,18 @@ fn leaves_of(node: &Node, at: [i32; 3], cells: [i32; 3]) -> Vec<Leaf> {
         return out;
     }
     for g in 0..8 {
-        let o = [0, 1, 2].map(|k| low[k] + 4 * child(g)[k]);
+        let o = [0, 1, 2].map(|k| low[k] + 4 * corner_of(g)[k]);
         if node.four >> g & 1 == 0 {
             push(o, 2);
             continue;
         }
         for c in 0..8 {
-            let o = [0, 1, 2].map(|k| o[k] + 2 * child(c)[k]);
+            let o = [0, 1, 2].map(|k| o[k] + 2 * corner_of(c)[k]);
             if node.two >> (8 * g + c) & 1 == 0 {
                 push(o, 1);
             } else {
                 for i in 0..8 {
-                    push([0, 1, 2].map(|k| o[k] + child(i)[k]), 0);
+                    push([0, 1, 2].map(|k| o[k] + corner_of(i)[k]), 0);
                 }
             }
         }
@@ -435,7 +433,7 @@ fn for_box(low: [i32; 3], high: [i32; 3], mut f: impl FnMut([i32; 3])) {
 /// 4 × 4 × 4 of them that begin one before the block.
 fn two_to_four() -> [u64; 64] {
     std::array::from_fn(|t| {
-        let (p, q) = (child(t as u32 >> 3), child(t as u32 & 7));
+        let (p, q) = (corner_of(t >> 3), corner_of(t & 7));
         let at = [0, 1, 2].map(|k| 2 * p[k] + q[k]);
         let mut bits = 0;
         for_box(at.map(|c| (c - 1) >> 1), at.map(|c| (c + 1) >> 1), |f| {
@@ -472,7 +470,7 @@ mod tests {
                 if wanted {
                     let half = s / 2;
                     next.extend(
-                        (0..8).map(|i| ([0, 1, 2].map(|k| o[k] + half * child(i)[k]), half)),
+                        (0..8).map(|i| ([0, 1, 2].map(|k| o[k] + half * corner_of(i)[k]), half)),
                     );
                 } else {
                     next.push((o, s));

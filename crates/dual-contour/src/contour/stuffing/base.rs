@@ -5,10 +5,10 @@ use geom_core::mesh::{INTERIOR, Region};
 use rayon::prelude::*;
 
 use crate::AtBox;
-use crate::complex::cube::{corner_of, corners_of};
+use crate::complex::cube::corners_of;
 use crate::complex::{Cell, Complex, Corner, Numbering, Vertex};
 use crate::dual::{Probe, Sample};
-use crate::octree::local;
+use crate::octree::{corner_of, local};
 
 /// A base tetrahedron and the labels of its corners.
 #[derive(Clone, Copy)]
@@ -61,11 +61,10 @@ impl<'a> Base<'a> {
     pub(super) fn sample(&self, vertex: Vertex) -> Sample {
         match vertex {
             Vertex::Cell(cell) => self.cell_sample(&cell),
-            Vertex::Corner(Corner::Point(p)) => Sample {
-                x: local(p),
-                label: self.complex.samples.label(p),
-                value: self.complex.samples.value(p),
-            },
+            Vertex::Corner(Corner::Point(p)) => {
+                let samples = self.complex.samples;
+                Sample::at(samples, p, samples.label(p))
+            }
             Vertex::Corner(Corner::Centre(_)) => unreachable!("stuffing cuts no leaf into parts"),
         }
     }

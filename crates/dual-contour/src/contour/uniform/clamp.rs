@@ -8,11 +8,8 @@ use rayon::prelude::*;
 use super::cut_cells::{CellState, CutCells, beyond};
 use super::pattern::{FACE, LANES_OF_FACE, LANES_OF_PART, PART, is_positive};
 use crate::complex::cube::{MIDDLE, part_base};
-use crate::dual::room::longest;
+use crate::dual::room::{ROUNDS, longest};
 use crate::octree::local;
-
-/// How often each point is tried: the second time where others have moved on.
-const ROUNDS: usize = 2;
 
 /// A face between a cell that is not cut and a cut one. In order: by the parity of the first, then by its vertex.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -10,7 +10,7 @@ use super::pattern::{PATTERNS, Pattern};
 use crate::complex::Split;
 use crate::complex::collect::joined;
 use crate::complex::cube::{
-    APEX, AROUND, CORNERS, QUADRANT, corner_of, diagonal_of, half_of, part_base,
+    APEX, AROUND, CORNERS, QUADRANT, diagonal_of, faces_beside, half_of, part_base,
 };
 use crate::dual::{Probe, Sample, cut_samples, part_point};
 use crate::kernel::{self, MOST, best_fan};
@@ -82,8 +82,7 @@ impl CutCell {
         o: [i32; 3],
         state: impl Fn([i32; 3]) -> CellState,
     ) -> Self {
-        let labels =
-            std::array::from_fn(|i| samples.label([0, 1, 2].map(|k| o[k] + corner_of(i)[k])));
+        let labels = samples.corner_labels(o, 1);
         let split = Split::new(samples, o, &labels);
         let corners = cut_samples(samples, o, &labels, &split);
         let mut carrying = 0;
@@ -229,8 +228,7 @@ impl<'a> CutCells<'a> {
         let inside = |i: usize| mask >> i & 1 == 1;
         for axis in (0..3).filter(|axis| inside(1 << axis) != inside(0)) {
             let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            let before = [2 * v + 1, 2 * u, 2 * v, 2 * u + 1];
-            let after = [2 * u + 1, 2 * v + 1, 2 * u, 2 * v];
+            let [before, after] = faces_beside(axis);
             let mut polygon = Polygon::default();
             for (q, [du, dv]) in QUADRANT.into_iter().enumerate() {
                 let mut cell = low;
@@ -252,13 +250,7 @@ impl<'a> CutCells<'a> {
                 let [a, b] = [low, high].map(local);
                 best_fan(&polygon.points[..polygon.len], &a, &b, None)
             };
-            let ends = || {
-                [low, high].map(|p| Sample {
-                    x: local(p),
-                    label: self.samples.label(p),
-                    value: self.samples.value(p),
-                })
-            };
+            let ends = || [low, high].map(|p| Sample::at(self.samples, p, self.samples.label(p)));
             self.fan(&polygon, start, inside(0), ends, out);
         }
         if let CellState::Cut(k) = state(low) {

@@ -278,11 +278,7 @@ impl Waiting {
             if start == NO_FAN {
                 let mut high = edge.low;
                 high[edge.axis] += 1;
-                let [p, q] = [edge.low, high].map(|p| Sample {
-                    x: local(p),
-                    label: samples.label(p),
-                    value: samples.value(p),
-                });
+                let [p, q] = [edge.low, high].map(|p| Sample::at(samples, p, samples.label(p)));
                 let x = out.add(probe.cut(&p, &q));
                 (0..4).for_each(|i| out.push([x, ids[i], ids[(i + 1) % 4]], edge.inside));
             } else {
