@@ -135,7 +135,6 @@ impl Complex<'_> {
 
     /// Puts the cells around a lattice edge in order.
     fn lattice_ring(&self, edge: &LatticeEdge, f: &mut impl FnMut(&Ring)) {
-        let (u, v) = ((edge.axis + 1) % 3, (edge.axis + 2) % 3);
         let [before, after] = faces_beside(edge.axis);
         let found = &edge.around;
         let open = found.iter().any(|c| c.0 == NONE);

@@ -9,7 +9,7 @@ use super::probe::{Probe, Sample, mean_of_crossings, sample_corner};
 use crate::backend::ContourBackend;
 use crate::complex::{Cell, Complex, Corner, Frame, frame_of_corners};
 use crate::kernel::INSET;
-use crate::octree::{Samples, corner_of, local};
+use crate::octree::{Samples, corner_of};
 use crate::{Error, Placement};
 
 /// Newton steps of the kernel: more change nothing that a picture could show.

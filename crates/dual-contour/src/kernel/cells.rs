@@ -1,13 +1,13 @@
 //! What is done to every block and every cell: ranges, signs, dual vertices.
 
-use geom_core::compute::lanes::vectorized;
+use geom_core::compute::lanes::autovectorized;
 
 use super::{INSET, LANES, REGULAR};
 use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE};
 
 /// [`crate::ContourBackend::dual_vertices`] on this machine.
 pub(crate) fn dual_vertices(cells: &[[f32; 8]], steps: u32, out: &mut [[f32; 3]]) {
-    vectorized(
+    autovectorized(
         #[inline(always)]
         || {
             for (cells, out) in cells.chunks(LANES).zip(out.chunks_mut(LANES)) {
@@ -28,10 +28,10 @@ pub(crate) fn dual_vertices(cells: &[[f32; 8]], steps: u32, out: &mut [[f32; 3]]
 
 /// The lowest and the highest of each block's values.
 pub(crate) fn min_max(blocks: &[f32], points: usize, out: &mut [[f32; 2]]) {
-    vectorized(
+    autovectorized(
         #[inline(always)]
         || {
-            for (block, out) in blocks.chunks_exact(points).zip(out) {
+            for (block, out) in blocks.chunks_exact(points).zip(out.iter_mut()) {
                 let (mut low, mut high) = ([f32::INFINITY; 16], [f32::NEG_INFINITY; 16]);
                 let (chunks, rest) = block.as_chunks::<16>();
                 for chunk in chunks {
@@ -60,7 +60,7 @@ pub(crate) fn min_max(blocks: &[f32], points: usize, out: &mut [[f32; 2]]) {
 
 /// Is none of the values infinite or not a number?
 pub(crate) fn all_finite(values: &[f32]) -> bool {
-    vectorized(
+    autovectorized(
         #[inline(always)]
         || {
             values.chunks(64).all(|chunk| {
@@ -73,7 +73,7 @@ pub(crate) fn all_finite(values: &[f32]) -> bool {
 
 /// The signs of the corners of all cells of the blocks.
 pub(crate) fn crossings(blocks: &[f32], level: f32, masks: &mut [u8]) {
-    vectorized(
+    autovectorized(
         #[inline(always)]
         || {
             let blocks = blocks.chunks_exact(BLOCK_POINTS);

@@ -2,7 +2,7 @@
 //! derivatives.
 
 use geom_core::Point3;
-use geom_core::compute::lanes::vectorized;
+use geom_core::compute::lanes::autovectorized;
 
 use crate::backend::{RefitSums, SampleCell};
 use crate::kernel::math::{exp_all, ln_all, raise};
@@ -303,7 +303,7 @@ impl<T: Kept> CellSums<T> {
 impl CellSums<f32> {
     /// The largest share of its target that a point of the cell loses without atom `k`; `left` is for reuse.
     pub(crate) fn loss_without(&self, cell: &SampleCell, k: usize, left: &mut Vec<f64>) -> f64 {
-        vectorized(
+        autovectorized(
             #[inline(always)]
             || loss(self, cell, k, left),
         )
@@ -317,7 +317,7 @@ impl CellSums<f32> {
         left: &mut Vec<f64>,
         changed: &mut Vec<ChangedRow>,
     ) {
-        vectorized(
+        autovectorized(
             #[inline(always)]
             || remove(self, cell, k, left, changed),
         );
@@ -399,7 +399,7 @@ pub(crate) fn sums_of_cell(
     model: &Model,
     scratch: &mut Scratch,
 ) -> CellSums<f32> {
-    vectorized(
+    autovectorized(
         #[inline(always)]
         || sums(cell, model, scratch),
     )
@@ -414,7 +414,7 @@ fn values(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
 
 /// The density at the points of a cell.
 pub(crate) fn values_of_cell(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
-    vectorized(
+    autovectorized(
         #[inline(always)]
         || values(cell, model, scratch),
     )
@@ -442,7 +442,7 @@ fn errors(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
 /// Squared relative changes of the density without each atom, summed over the points of a cell
 /// (Eq. 3.9 squared, corrected).
 pub(crate) fn errors_of_cell(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> Vec<f64> {
-    vectorized(
+    autovectorized(
         #[inline(always)]
         || errors(cell, model, scratch),
     )
@@ -511,7 +511,7 @@ fn refit(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> RefitSums {
 
 /// The sums of one cell, per atom of the cell.
 pub(crate) fn refit_of_cell(cell: &SampleCell, model: &Model, scratch: &mut Scratch) -> RefitSums {
-    vectorized(
+    autovectorized(
         #[inline(always)]
         || refit(cell, model, scratch),
     )

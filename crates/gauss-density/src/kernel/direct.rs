@@ -11,7 +11,7 @@
 
 use std::ops::Range;
 
-use geom_core::compute::lanes::vectorized;
+use geom_core::compute::lanes::autovectorized;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Aabb, Point3};
 
@@ -307,7 +307,7 @@ pub(crate) fn sample_block(
     scratch: &mut Scratch,
     out: &mut BlockValues,
 ) -> bool {
-    vectorized(
+    autovectorized(
         #[inline(always)]
         || sample(model, job, block, scratch, out).is_some(),
     )

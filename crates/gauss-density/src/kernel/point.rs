@@ -3,7 +3,7 @@
 
 use std::cell::RefCell;
 
-use geom_core::compute::lanes::vectorized;
+use geom_core::compute::lanes::autovectorized;
 use geom_core::{Point3, Vector3};
 
 use crate::kernel::math::{exp_all, raised};
@@ -37,7 +37,7 @@ pub(crate) fn value_gradient(tree: &Prepared<'_>, active: &[u32], x: &Point3) ->
 
 fn evaluate<const SLOPES: bool>(tree: &Prepared<'_>, active: &[u32], x: &Point3) -> (f64, Vector3) {
     WORK.with_borrow_mut(|work| {
-        vectorized(
+        autovectorized(
             #[inline(always)]
             || sum_tree::<SLOPES>(tree, active, x, work),
         )

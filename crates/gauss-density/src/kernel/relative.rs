@@ -7,7 +7,7 @@
 //!
 //! Products and sums are not fused, so the values do not depend on the instruction set.
 
-use geom_core::compute::lanes::vectorized;
+use geom_core::compute::lanes::autovectorized;
 use geom_core::{Point3, Vector3};
 
 use crate::kernel::cull::{ActiveSet, Best, largest};
@@ -49,7 +49,7 @@ pub(crate) fn density<const SIDE: usize, const PLANE: usize>(
     scratch: &mut Scratch,
     out: &mut [f32],
 ) -> bool {
-    vectorized(
+    autovectorized(
         #[inline(always)]
         || sum_tree::<SIDE, PLANE>(active, cube, scratch, out).is_some(),
     )

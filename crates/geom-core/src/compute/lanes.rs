@@ -1,33 +1,20 @@
 //! Numbers on the processor's vectors: arithmetic that gives each lane what it would have alone, so that
 //! results do not depend on how wide the vectors are. There are no fused operations and no sums over lanes.
 //!
-//! There is one way in: [`vectorized`]. Loops that the compiler turns into vector instructions by itself are
-//! given to it as a closure, chains that it does not see through as a [`WithSimd`] that names its [`Lanes`]. All
-//! that either calls must be `#[inline(always)]`, the closure too, since only what is inlined is compiled for the
-//! instruction set.
+//! There are two ways in. Loops that the compiler turns into vector instructions by itself are given to
+//! [`autovectorized`] as a closure; chains that it does not see through are given to [`vectorized`] as a
+//! [`WithSimd`] that names its [`Lanes`]. All that either calls must be `#[inline(always)]`, the closure too,
+//! since only what is inlined is compiled for the instruction set.
 
 use std::ops::{Add, Div, Mul, Sub};
 
-pub use pulp::{Arch, NullaryFnOnce, Scalar, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce};
+pub use pulp::{Scalar, Simd, WithSimd};
 
 /// Does work with the widest vector instructions of this machine.
 ///
 /// ```
 /// use geom_core::compute::lanes::{Lanes, Simd, WithSimd, vectorized};
-/// let x = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
-///
-/// // A plain loop.
-/// let mut squares = [0.0; 8];
-/// vectorized(
-///     #[inline(always)]
-///     || {
-///         for (square, x) in squares.iter_mut().zip(x) {
-///             *square = x * x;
-///         }
-///     },
-/// );
-///
-/// // The same with the vectors named.
 /// struct Squares<'a>(&'a [f64; 8]);
 /// impl WithSimd for Squares<'_> {
 ///     type Output = [f64; 8];
@@ -41,11 +28,44 @@ pub use pulp::{Arch, NullaryFnOnce, Scalar, Simd, WithSimd};
 ///         out
 ///     }
 /// }
-/// assert_eq!(vectorized(Squares(&x)), squares);
+/// let x = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+/// assert_eq!(vectorized(Squares(&x)), x.map(|x| x * x));
 /// ```
 #[inline]
 pub fn vectorized<W: WithSimd>(work: W) -> W::Output {
     Arch::new().dispatch(work)
+}
+
+/// The same for plain loops.
+///
+/// ```
+/// use geom_core::compute::lanes::autovectorized;
+/// let x = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+/// let mut squares = [0.0; 8];
+/// autovectorized(
+///     #[inline(always)]
+///     || {
+///         for (square, x) in squares.iter_mut().zip(x) {
+///             *square = x * x;
+///         }
+///     },
+/// );
+/// assert_eq!(squares, x.map(|x| x * x));
+/// ```
+// `FnMut`, and not the `FnOnce` that `dispatch` would take as it is: called as that, a closure that could be called
+// again goes through a shim of the compiler's, which is not inlined when it is large, and so is compiled for the
+// oldest processor (measured: half the speed of the density).
+#[inline]
+pub fn autovectorized<R>(work: impl FnMut() -> R) -> R {
+    struct Plain<F>(F);
+    impl<R, F: FnMut() -> R> NullaryFnOnce for Plain<F> {
+        type Output = R;
+        #[inline(always)]
+        fn call(mut self) -> R {
+            (self.0)()
+        }
+    }
+    Arch::new().dispatch(Plain(work))
 }
 
 /// A number per lane: as many as a vector holds.

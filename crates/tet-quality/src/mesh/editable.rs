@@ -177,12 +177,17 @@ impl EditableMesh {
     pub(crate) fn boundary_faces(&self) -> Vec<[u32; 3]> {
         let of_tet = |t: u32| {
             let tet = self.tets[t as usize];
+            // What moves freely lies inside a region; most faces have such a corner, and need no search.
+            let inner = tet.map(|v| v == NONE || self.freedom[v as usize] == Freedom::Free);
             (0..4)
-                .filter(move |&k| tet[0] != NONE && self.beyond(t, k).is_none())
+                .filter(move |&k| {
+                    !FACES[k].iter().any(|&i| inner[i]) && self.beyond(t, k).is_none()
+                })
                 .map(move |k| FACES[k].map(|i| tet[i]))
         };
         (0..self.tets.len() as u32)
             .into_par_iter()
+            .with_min_len(1024)
             .flat_map_iter(of_tet)
             .collect()
     }

@@ -11,7 +11,7 @@ use crate::backend::BLOCK_CELLS;
 use crate::complex::collect::{ADDED, joined};
 use crate::dual::{Probe, Sample};
 use crate::kernel::{self, LANES, NO_FAN, Quads};
-use crate::octree::{BLOCK, Samples, local};
+use crate::octree::{BLOCK, Samples};
 
 /// Stored blocks per batch; batches are independent and joined in order.
 const BATCH: usize = 16;
