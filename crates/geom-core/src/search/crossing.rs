@@ -38,19 +38,20 @@ impl BoxedTriangle {
 
     /// Does an edge go through the other triangle? Edges at a common corner lie beside it.
     fn goes_through(&self, other: &Self) -> bool {
+        let [a, b, c] = other.corners;
+        // On which side of the other's plane each corner lies settles most pairs.
+        let sides = self.corners.map(|p| six_volume([a, b, c, p]));
         (0..3).any(|i| {
-            let ends = [i, (i + 1) % 3];
-            !ends.iter().any(|&k| other.ids.contains(&self.ids[k]))
-                && pierces(ends.map(|k| self.corners[k]), other.corners)
+            let (i, j) = (i, (i + 1) % 3);
+            sides[i] * sides[j] < 0.0
+                && ![i, j].iter().any(|&k| other.ids.contains(&self.ids[k]))
+                && surrounds([self.corners[i], self.corners[j]], other.corners)
         })
     }
 }
 
-/// Does the segment go through the triangle?
-fn pierces([p, q]: [Point3; 2], [a, b, c]: [Point3; 3]) -> bool {
-    if six_volume([a, b, c, p]) * six_volume([a, b, c, q]) >= 0.0 {
-        return false;
-    }
+/// Does the line through two points go through the triangle?
+fn surrounds([p, q]: [Point3; 2], [a, b, c]: [Point3; 3]) -> bool {
     let turns = [[a, b], [b, c], [c, a]].map(|[s, t]| six_volume([p, q, s, t]));
     turns.iter().all(|&v| v >= 0.0) || turns.iter().all(|&v| v <= 0.0)
 }

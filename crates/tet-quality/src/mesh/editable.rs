@@ -178,7 +178,7 @@ impl EditableMesh {
         let of_tet = |t: u32| {
             let tet = self.tets[t as usize];
             // What moves freely lies inside a region; most faces have such a corner, and need no search.
-            let inner = tet.map(|v| v == NONE || self.freedom[v as usize] == Freedom::Free);
+            let inner = tet.map(|v| v == NONE || matches!(self.freedom[v as usize], Freedom::Free));
             (0..4)
                 .filter(move |&k| {
                     !FACES[k].iter().any(|&i| inner[i]) && self.beyond(t, k).is_none()
