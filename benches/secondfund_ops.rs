@@ -18,14 +18,12 @@ fn operators(c: &mut Criterion) {
     let normals = Normals::default();
     let element = Element::Triangles(&triangles, &normals);
     group.bench_function("assembly, 20k triangles", |b| {
-        b.iter(|| {
-            assemble(&element, &options.operator, &options, Run::on(&Cpu)).expect("matrices")
-        });
+        b.iter(|| assemble(&element, &options, Run::on(&Cpu)).expect("matrices"));
     });
     let surface = Surface::new(shapes::quad_torus(1.0, 0.4, 160, 64)).expect("a surface");
     let quads = Element::CatmullClark(&surface);
     group.bench_function("assembly, 10k quads", |b| {
-        b.iter(|| assemble(&quads, &options.operator, &options, Run::on(&Cpu)).expect("matrices"));
+        b.iter(|| assemble(&quads, &options, Run::on(&Cpu)).expect("matrices"));
     });
     group.bench_function("10 modes, 10k quads", |b| {
         b.iter(|| spectrum(&quads, &options, Run::on(&Cpu)).expect("modes"));

@@ -196,9 +196,9 @@ fn of_quads(args: &Args, session: &Session, surface: &Surface) -> Result<Segment
         Element::CatmullClark(surface),
         &Faces::from(&limit),
     )?;
-    // A quad of the input has the label of its first child where it was refined.
+    // Where it was refined, a quad of the input has the label that most of its children have.
     let step = if surface.refined() { 4 } else { 1 };
-    let labels = segments.labels.iter().step_by(step).copied().collect();
+    let labels = segments.labels.chunks(step).map(most).collect();
     Ok(Segmented {
         spectrum,
         segments,
@@ -206,6 +206,13 @@ fn of_quads(args: &Args, session: &Session, surface: &Surface) -> Result<Segment
         shown: limit.into_triangles(),
         sides: 4,
     })
+}
+
+/// The label that occurs most; of several the lowest.
+fn most(labels: &[u32]) -> u32 {
+    let count = |l: u32| labels.iter().filter(|&&other| other == l).count();
+    let ranked = labels.iter().map(|&l| (count(l), std::cmp::Reverse(l)));
+    ranked.max().map_or(0, |(_, label)| label.0)
 }
 
 fn solve(

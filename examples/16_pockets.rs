@@ -35,9 +35,9 @@ struct Args {
     /// One threshold for all chains instead of one for each
     #[arg(long)]
     pooled: bool,
-    /// Decay of an atom's kernel, 1/Å²: the surface on which pockets are outlined is smooth, without the tunnels
-    /// between side chains
-    #[arg(long, value_name = "KAPPA", default_value_t = 0.15)]
+    /// Decay of an atom's kernel, 1/Å²: of the surface on which pockets are outlined. Smaller is smoother; below 0.3
+    /// deep pockets close
+    #[arg(long, value_name = "KAPPA", default_value_t = 0.5)]
     decay: f64,
     /// Distance of the lattice points of the surface, Å [default: 0.5, more from 1000 atoms on]
     #[arg(long, value_name = "H")]

@@ -73,6 +73,7 @@ impl SpectrumOptions {
         let in_order = low > 0.0 && low <= high && high.is_finite();
         let value = format!("{low}…{high}");
         require(in_order, "bounds", value, "be positive and in order")?;
+        require(self.modes > 0, "modes", 0, "be at least 1")?;
         let tolerance = self.tolerance;
         let within = tolerance > 0.0 && tolerance < 1.0;
         require(within, "tolerance", tolerance, "lie between 0 and 1")?;
@@ -336,8 +337,14 @@ impl PocketOptions {
         let within = |option, value: f64, low: f64, high: f64, must| {
             require((low..=high).contains(&value), option, value, must)
         };
-        within("radius", self.radius, 4.0, 30.0, "lie within 4…30 Å")?;
-        within("foreign", self.foreign, 0.0, 1.0, "lie within 0…1")?;
+        check_burial(self.radius, self.foreign)?;
+        within(
+            "prominence",
+            self.prominence,
+            0.0,
+            100.0,
+            "lie within 0…100",
+        )?;
         within("spacing", self.spacing, 0.3, 3.0, "lie within 0.3…3 Å")?;
         within(
             "percentile",
@@ -361,6 +368,14 @@ impl PocketOptions {
     }
 }
 
+/// Refuses a burial out of range.
+pub(crate) fn check_burial(radius: f64, foreign: f64) -> Result<(), OutOfRange> {
+    let within = (4.0..=30.0).contains(&radius);
+    require(within, "radius", radius, "lie within 4…30 Å")?;
+    let within = (0.0..=1.0).contains(&foreign);
+    require(within, "foreign", foreign, "lie within 0…1")
+}
+
 /// Options of [`pockets::outline`](crate::pockets::outline()).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -377,7 +392,7 @@ pub struct OutlineOptions {
     pub probe: f64,
     /// Atoms within this distance count as burial, Å.
     pub radius: f64,
-    /// How much those of other chains than the nearest count: see [`PocketOptions::foreign`].
+    /// How much those of other chains than the one with most atoms there count: see [`PocketOptions::foreign`].
     pub foreign: f64,
 }
 
@@ -392,5 +407,22 @@ impl Default for OutlineOptions {
             radius: 10.0,
             foreign: 0.5,
         }
+    }
+}
+
+impl OutlineOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        require(self.modes > 0, "modes", 0, "be at least 1")?;
+        let groups = self.groups;
+        require(groups >= 2, "groups", groups, "be at least 2")?;
+        let probe = self.probe;
+        let within = (0.0..=10.0).contains(&probe);
+        require(within, "probe", probe, "lie within 0…10 Å")?;
+        let epsilon = self.regularization;
+        let finite = epsilon >= 0.0 && epsilon.is_finite();
+        let must = "be at least 0 and finite";
+        require(finite, "regularization", epsilon, must)?;
+        check_burial(self.radius, self.foreign)
     }
 }

@@ -11,8 +11,8 @@ use proptest::prelude::*;
 use secondfund_ops::catmull::subdivide;
 use secondfund_ops::forms::{Conductor, Forms, Law, Symmetric};
 use secondfund_ops::options::{FlowOperator, Quadrature};
-use secondfund_ops::segment::medoids;
 use secondfund_ops::segment::metrics::{cut_discrepancy, difference};
+use secondfund_ops::segment::{davies_bouldin, medoids};
 use secondfund_ops::testing::{dimpled_ball, rounded_box, shaken};
 use secondfund_ops::{
     Element, Error, Faces, FlowOptions, Groups, Modes, Normals, Operator, SegmentOptions, Spectrum,
@@ -295,6 +295,22 @@ fn bad_input_is_named() {
         run(&with(Operator::Slo(Weight::Field(field)))),
         Error::Field { vertex: 7 }
     );
+    let none = SpectrumOptions {
+        modes: 0,
+        ..SpectrumOptions::default()
+    };
+    assert!(matches!(run(&none), Error::Option(o) if o.option == "modes"));
+    let few = SpectrumOptions {
+        modes: 4,
+        ..SpectrumOptions::default()
+    };
+    let few = spectrum(&element, &few, Run::on(&Cpu)).unwrap();
+    let asked = SegmentOptions {
+        modes: Modes::Count(5),
+        ..SegmentOptions::default()
+    };
+    let error = segment(&few, &Faces::from(&sphere), &asked, Run::on(&Cpu)).unwrap_err();
+    assert!(matches!(error, Error::Option(o) if o.option == "modes"));
     let negative = SpectrumOptions {
         regularization: -1.0,
         ..SpectrumOptions::default()
@@ -541,6 +557,9 @@ fn measures_of_segmentations_are_what_they_should_be() {
     );
     assert!((d.hamming - back.hamming).abs() < 1e-15);
     assert!(d.local_consistency <= d.global_consistency);
+    // Two groups in one place could not be worse apart.
+    let alike = davies_bouldin(&[1.0, 1.0, 1.0, 1.0], 1, &[0, 0, 1, 1]);
+    assert_eq!(alike, f64::INFINITY);
     // A refinement.
     let fine = [0, 1, 2, 2, 3, 3];
     assert_eq!(
@@ -559,7 +578,7 @@ fn measures_of_segmentations_are_what_they_should_be() {
 // ── flow
 
 #[test]
-fn a_sphere_moves_inwards_at_twice_mean_times_gaussian_curvature() {
+fn a_sphere_moves_evenly_inwards_whichever_way_it_is_turned() {
     let sphere = shapes::icosphere(0.5, 4);
     let options = FlowOptions {
         iterations: 1,

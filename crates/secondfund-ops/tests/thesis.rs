@@ -6,11 +6,13 @@
 use std::io::Read;
 use std::path::Path;
 
+use gauss_density::Levels;
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::nalgebra::Rotation3;
 use geom_core::structure::{Atom, Element, Name, ResidueKind, StructureBuilder};
 use geom_core::{Cpu, Point3, Run, Structure, TriMesh, Vector3};
-use secondfund_ops::pockets::{SiteScore, distance_to_ligand, find, site_ranks};
+use secondfund_ops::options::OutlineOptions;
+use secondfund_ops::pockets::{Outline, SiteScore, distance_to_ligand, find, outline, site_ranks};
 use secondfund_ops::segment::metrics::difference;
 use secondfund_ops::{
     Element as SurfaceElement, Error, Faces, Groups, Normals, Operator, PocketOptions,
@@ -141,6 +143,93 @@ fn a_turned_molecule_has_the_same_pockets() {
             assert!(apart < 1.0, "{k}: pocket {} is {apart} Å away", p.rank);
         }
     }
+}
+
+/// The outlines of the best pockets: apart from each other, hollow, and where their points are.
+#[test]
+fn outlines_of_a_protease_are_apart_and_hollow() {
+    let path = fixtures::path("1hvr.pdb");
+    let structure = read(&path, &ReadOptions::default()).unwrap().structure;
+    let polymer = polymers(&structure);
+    let levels = Levels {
+        decay: 0.5,
+        ..Levels::default()
+    };
+    let model = gauss_density::Model::uniform(&polymer, &levels).unwrap();
+    let sampling = gauss_density::Options {
+        spacing: 1.0,
+        ..Default::default()
+    };
+    let grid = gauss_density::sample(&model, &sampling, Run::on(&Cpu)).unwrap();
+    let contour = dual_contour::Options::default();
+    let made = dual_contour::surface(&grid.grid, None, &contour, Run::on(&Cpu)).unwrap();
+    let surface = made.mesh.components().swap_remove(0);
+    let found = find(&structure, &PocketOptions::default()).unwrap().pockets;
+    let options = OutlineOptions::default();
+    let outlines = outline(&surface, &structure, &found, &options, Run::on(&Cpu)).unwrap();
+    let mut taken = vec![false; surface.triangles().len()];
+    for o in &outlines {
+        for &f in &o.triangles {
+            let twice = std::mem::replace(&mut taken[f as usize], true);
+            assert!(!twice, "triangle {f} is in two outlines");
+        }
+    }
+    // The active site, a tunnel under the flaps.
+    let (first, points) = (&outlines[0], &found[0].points);
+    println!(
+        "{:?}",
+        Outline {
+            triangles: Vec::new(),
+            ..first.clone()
+        }
+    );
+    assert!(first.mean_curvature < -0.02 && first.area > 100.0);
+    assert!(first.depth > 3.0 && first.volume > 50.0 && first.mouth > 0.1 * first.area);
+    let near = |f: &u32| {
+        let [a, b, c] = surface.corners(*f as usize);
+        let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
+        points.iter().any(|p| (p - middle).norm() < 8.0)
+    };
+    let share = first.triangles.iter().filter(|f| near(f)).count() as f64;
+    assert!(share > 0.5 * first.triangles.len() as f64);
+    assert!(
+        OutlineOptions {
+            radius: f64::NAN,
+            ..options
+        }
+        .check()
+        .is_err()
+    );
+}
+
+/// The structure without ligands, ions and waters.
+fn polymers(structure: &Structure) -> Structure {
+    let mut keep = vec![false; structure.atoms().len()];
+    for (r, residue) in structure.residues().iter().enumerate() {
+        if residue.kind == ResidueKind::Polymer {
+            keep[structure.residue_atoms(r)].fill(true);
+        }
+    }
+    structure.filter(|a| keep[a])
+}
+
+/// Stray atoms far away cost nothing and change nothing nearby.
+#[test]
+fn stray_atoms_cost_nothing() {
+    let path = fixtures::path("1AJJ.pdb");
+    let structure = read(&path, &ReadOptions::default()).unwrap().structure;
+    let options = PocketOptions {
+        per_chain: false,
+        ..PocketOptions::default()
+    };
+    let mut stray = structure.clone();
+    let last = stray.atoms().len() - 1;
+    stray.atoms_mut()[last].position = Point3::new(9e3, -9e3, 9e3);
+    let found = find(&stray, &options).unwrap();
+    let alone = find(&structure, &options).unwrap();
+    // A shell of its own around the stray atom; the frame, and so the lattice, lies otherwise.
+    let (a, b) = (alone.shell_points as f64, found.shell_points as f64);
+    assert!((b / a - 1.0).abs() < 0.1, "{a} {b}");
 }
 
 /// Atoms on a lattice within a ball, so close together that it is convex.

@@ -9,7 +9,7 @@ mod tables;
 
 pub use subdivide::subdivide;
 pub use surface::{Jet, Surface};
-pub(crate) use surface::{folded_rows, jet};
+pub(crate) use surface::{folded_rows, jet, turned};
 
 pub(crate) use patches::Patch;
 pub(crate) use tables::{Table, Tables};

@@ -208,7 +208,7 @@ fn edges_of(mesh: &QuadMesh) -> Result<Halfedges<4>, Error> {
     Ok(Halfedges::<4>::of_quads(mesh)?)
 }
 
-fn turned(mesh: QuadMesh) -> Result<QuadMesh, Error> {
+pub(crate) fn turned(mesh: QuadMesh) -> Result<QuadMesh, Error> {
     let (positions, quads) = mesh.into_parts();
     let back = quads.iter().map(|&[a, b, c, d]| [a, d, c, b]);
     Ok(QuadMesh::new(positions, back.collect())?)

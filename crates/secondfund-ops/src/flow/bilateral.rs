@@ -36,7 +36,7 @@ impl Default for BilateralOptions {
 /// the normals (Sun, Rosin, Martin and Langbein, 2007).
 ///
 /// # Errors
-/// [`BilateralOptions::range`] not above 0.
+/// [`BilateralOptions::range`] not above 0, [`Error::NoExtent`] of a mesh without triangles.
 pub fn filter_normals(
     mesh: &TriMesh,
     options: &BilateralOptions,
@@ -48,6 +48,9 @@ pub fn filter_normals(
         range,
         "be above 0 and finite",
     )?;
+    if mesh.triangles().is_empty() {
+        return Err(Error::NoExtent);
+    }
     let around = FacesAround::of(mesh);
     let normals = filtered(mesh, &around, options);
     let mut positions = mesh.positions().to_vec();

@@ -13,7 +13,7 @@ use super::guard::hold_back;
 use super::tangential::relaxation;
 use crate::Error;
 use crate::backend::OperatorBackend;
-use crate::catmull::Surface;
+use crate::catmull::{Surface, turned};
 use crate::forms::{Conductor, Law, Neighbors, Normals, TriangleMatrix};
 use crate::operators::{Pattern, Quads, UnitScale, triangle_elements, vertex_normals};
 use crate::options::{FlowOperator, FlowOptions};
@@ -215,8 +215,13 @@ pub fn smooth_quads<B: OperatorBackend + ?Sized>(
         surface,
     };
     refuse_open(&edges, options)?;
-    let (positions, report) = flow(&flowing, control.positions(), &rims(&edges), options, run)?;
-    let mesh = QuadMesh::new(positions, control.quads().to_vec())?;
+    let (positions, mut report) = flow(&flowing, control.positions(), &rims(&edges), options, run)?;
+    let mut mesh = QuadMesh::new(positions, control.quads().to_vec())?;
+    // One that came inside out goes so.
+    if flowing.surface.flipped() {
+        mesh = turned(mesh)?;
+        report.volume = report.volume.map(|v| -v);
+    }
     Ok(Smoothed { mesh, report })
 }
 

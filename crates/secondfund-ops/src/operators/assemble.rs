@@ -6,26 +6,25 @@ use super::element::Element;
 use super::pattern::Matrices;
 use super::{quads, triangles};
 use crate::backend::OperatorBackend;
-use crate::forms::Operator;
 use crate::{Error, SpectrumOptions};
 
-/// The matrices of an operator on a surface, in unit scale (the largest extent is 1).
+/// The matrices of [`SpectrumOptions::operator`] on a surface, in unit scale (the largest extent is 1).
 ///
 /// # Errors
 /// [`Error::NoExtent`] for a point or nothing, [`Error::DegeneratePatch`], weights of the wrong length.
 pub fn assemble<B: OperatorBackend + ?Sized>(
     element: &Element<'_>,
-    operator: &Operator,
     options: &SpectrumOptions,
     run: Run<'_, B>,
 ) -> Result<Matrices, Error> {
     options.check()?;
     match *element {
         Element::Triangles(mesh, normals) => {
-            triangles::matrices(mesh, normals, operator, options, run)
+            triangles::matrices(mesh, normals, &options.operator, options, run)
         }
         Element::CatmullClark(surface) => {
             let vertices = surface.control().positions().len();
+            let operator = &options.operator;
             let (conductor, factors) =
                 operator.prepared(vertices, options.bounds, options.regularization)?;
             quads::matrices(surface, &conductor, &factors, options)

@@ -46,7 +46,7 @@ pub fn spectrum<B: OperatorBackend + ?Sized>(
     options: &SpectrumOptions,
     run: Run<'_, B>,
 ) -> Result<Spectrum, Error> {
-    let matrices = assemble(element, &options.operator, options, run)?;
+    let matrices = assemble(element, options, run)?;
     let constants = count_components(&matrices);
     let wanted = options.modes + constants;
     if wanted >= matrices.areas.len() {

@@ -21,7 +21,7 @@ pub(crate) struct Atoms {
     pub(crate) chain: Vec<u32>,
     pub(crate) frame: Frame,
     /// The largest radius.
-    largest: f64,
+    pub(crate) largest: f64,
     cells: Cells,
 }
 
@@ -71,55 +71,47 @@ impl Frame {
     }
 }
 
-/// Points sorted into cubes.
+/// A cube of side [`CELL`] by its place, ordered by z, then y, then x.
+type Cell = [i32; 3];
+
+/// The cell of a point.
+fn cell_of(p: &Point3) -> Cell {
+    [2, 1, 0].map(|axis| (p[axis] / CELL).floor() as i32)
+}
+
+/// Points sorted into cubes, of which only those that hold some are kept: a stray atom far away costs nothing.
 #[derive(Clone, Debug)]
 struct Cells {
-    origin: Point3,
-    counts: [usize; 3],
+    occupied: Vec<Cell>,
+    /// Where the members of each begin.
     starts: Vec<usize>,
     members: Vec<u32>,
 }
 
 impl Cells {
     fn of(points: &[Point3]) -> Self {
-        let bounds = Aabb::of_points(points);
-        let counts = [0, 1, 2].map(|k| (bounds.extent()[k] / CELL) as usize + 1);
-        let mut cells = Self {
-            origin: bounds.min,
-            counts,
-            starts: Vec::new(),
-            members: vec![0; points.len()],
-        };
-        let place: Vec<usize> = points.iter().map(|p| cells.place(p)).collect();
-        let mut sizes = vec![0u32; counts.iter().product()];
-        place.iter().for_each(|&c| sizes[c] += 1);
-        cells.starts = parallel::starts_of(&sizes);
-        let mut next = cells.starts.clone();
-        for (i, &c) in place.iter().enumerate() {
-            cells.members[next[c]] = i as u32;
-            next[c] += 1;
+        let mut placed: Vec<(Cell, u32)> = points.iter().map(cell_of).zip(0..).collect();
+        placed.sort_unstable();
+        let runs = placed.chunk_by(|a, b| a.0 == b.0);
+        let (occupied, sizes): (Vec<Cell>, Vec<u32>) =
+            runs.map(|run| (run[0].0, run.len() as u32)).unzip();
+        Self {
+            occupied,
+            starts: parallel::starts_of(&sizes),
+            members: placed.into_iter().map(|p| p.1).collect(),
         }
-        cells
-    }
-
-    fn place(&self, p: &Point3) -> usize {
-        let [i, j, k] = [0, 1, 2].map(|a| self.along(p[a], a));
-        (k * self.counts[1] + j) * self.counts[0] + i
-    }
-
-    /// The cell along an axis, clamped into the box.
-    fn along(&self, x: f64, axis: usize) -> usize {
-        (((x - self.origin[axis]) / CELL).max(0.0) as usize).min(self.counts[axis] - 1)
     }
 
     /// Calls `f` with every member of the cells that a ball meets.
     fn near(&self, p: &Point3, radius: f64, mut f: impl FnMut(u32)) {
-        let range = |a: usize| self.along(p[a] - radius, a)..=self.along(p[a] + radius, a);
-        for k in range(2) {
-            for j in range(1) {
-                let row = (k * self.counts[1] + j) * self.counts[0];
-                let along = range(0);
-                let members = self.starts[row + along.start()]..self.starts[row + along.end() + 1];
+        let reach = Vector3::repeat(radius);
+        let (low, high) = (cell_of(&(p - reach)), cell_of(&(p + reach)));
+        for z in low[0]..=high[0] {
+            for y in low[1]..=high[1] {
+                let first = self.occupied.partition_point(|c| *c < [z, y, low[2]]);
+                let row = &self.occupied[first..];
+                let count = row.iter().take_while(|c| **c <= [z, y, high[2]]).count();
+                let members = self.starts[first]..self.starts[first + count];
                 self.members[members].iter().for_each(|&m| f(m));
             }
         }
@@ -163,8 +155,24 @@ impl Atoms {
         })
     }
 
-    pub(crate) fn bounds(&self) -> Aabb {
-        Aabb::of_points(&self.positions)
+    /// The boxes, ordered and apart, that together hold all points within `reach` of an atom's surface.
+    pub(crate) fn boxes_within(&self, reach: f64) -> Vec<Aabb> {
+        let n = ((reach + self.largest) / CELL).ceil() as i32;
+        let around = |c: &Cell| {
+            let c = *c;
+            let along = move |k: usize| c[k].saturating_sub(n)..=c[k].saturating_add(n);
+            along(0).flat_map(move |z| along(1).flat_map(move |y| along(2).map(move |x| [z, y, x])))
+        };
+        let mut cells: Vec<Cell> = self.cells.occupied.iter().flat_map(around).collect();
+        cells.sort_unstable();
+        cells.dedup();
+        let corner = |[z, y, x]: Cell, d: i32| {
+            Point3::from([x, y, z].map(|c| (f64::from(c) + f64::from(d)) * CELL))
+        };
+        cells
+            .into_iter()
+            .map(|c| Aabb::new(corner(c, 0), corner(c, 1)))
+            .collect()
     }
 
     /// Calls `f` with each atom within `radius` of `p` and its squared distance.

@@ -1,4 +1,4 @@
-//! operator.
+//! Pockets: where a ligand may bind between the atoms of polymers, and which part of the surface that is.
 
 mod atoms;
 mod outline;

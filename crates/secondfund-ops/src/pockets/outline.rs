@@ -1,6 +1,7 @@
 //! The part of a surface that is a pocket: patches on which the modes of the secondary Laplace operator with
 //! Ψ = e^{−H} change little, those that hold most of the burial.
 
+use geom_core::compute::sets::DisjointSets;
 use geom_core::search::nearest::PointTree;
 use geom_core::{Point3, Run, Structure, TriMesh, Vector3};
 
@@ -15,9 +16,14 @@ use crate::segment::{Faces, segment};
 
 /// The share of vertices that are not deep enough to count for a patch.
 const SHALLOW: f64 = 0.88;
-/// A neighbouring patch that the pocket's points touch belongs to it if its score per area is this share of the
-/// first one's.
+/// A neighbouring patch that the pocket's points touch belongs to it if the lower of the two scores per area is
+/// this share of the higher: a shallow pocket does not swallow the deep one beside it.
 const ALIKE: f64 = 0.5;
+/// How far from the surface a pocket's point may lie to speak for a patch, Å: a shell reaches 2.8 Å from the atoms,
+/// and the surface may lie under that. Points deeper in a surface that has closed over them say nothing.
+const REACH: f64 = 4.5;
+/// A border loop is a mouth of its own if its lid is this share of the largest one's.
+const MOUTH: f64 = 0.1;
 
 /// A pocket as a part of the surface.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,19 +37,20 @@ pub struct Outline {
     pub area: f64,
     /// Area-weighted mean curvature, Å⁻¹: negative where concave.
     pub mean_curvature: f64,
-    /// Area of the mouth: of the fan over the border, Å².
+    /// Area of the mouths: of the fans over the border's loops, Å². A tunnel has two.
     pub mouth: f64,
-    /// The largest distance of the patch below the mouth, Å.
+    /// The largest distance of the patch below the nearest of its mouths, Å.
     pub depth: f64,
-    /// Volume between the patch and its mouth, Å³.
+    /// Volume between the patch and its mouths, Å³.
     pub volume: f64,
 }
 
-/// The outlines of pockets on the molecule's surface; a pocket that no part of the surface is near has no
-/// triangles.
+/// The outlines of pockets on the molecule's surface. No triangle is in two of them: a patch that two pockets claim
+/// is shared out by the nearest pocket point. A pocket that no part of the surface is near, because the surface has
+/// closed over it, has no triangles; a surface that follows the atoms more closely has it.
 ///
 /// # Errors
-/// Those of [`spectrum`] and [`segment`].
+/// Options out of range, and those of [`spectrum`] and [`segment`].
 pub fn outline<B: OperatorBackend + ?Sized>(
     surface: &TriMesh,
     structure: &Structure,
@@ -51,15 +58,57 @@ pub fn outline<B: OperatorBackend + ?Sized>(
     options: &OutlineOptions,
     run: Run<'_, B>,
 ) -> Result<Vec<Outline>, Error> {
+    options.check()?;
     let patches = Patches::of(surface, structure, options, run)?;
     let tree = PointTree::of_positions(surface.positions())?;
-    Ok(pockets
+    let claims: Vec<Vec<u32>> = pockets
         .iter()
-        .map(|pocket| {
-            let chosen = patches.of_pocket(pocket, &tree);
-            patches.measured(pocket.rank, surface, &chosen)
+        .map(|pocket| patches.of_pocket(pocket, &tree))
+        .collect();
+    let owner = owners(surface, &patches.labels, pockets, &claims)?;
+    Ok((0..pockets.len())
+        .map(|i| {
+            let mine = |f: &u32| owner[*f as usize] == Some(i as u32);
+            let triangles = (0..owner.len() as u32).filter(mine).collect();
+            patches.measured(pockets[i].rank, surface, triangles)
         })
         .collect())
+}
+
+/// The pocket of each triangle: the one that claims its patch, or of several the one with the nearest point.
+fn owners(
+    surface: &TriMesh,
+    labels: &[u32],
+    pockets: &[Pocket],
+    claims: &[Vec<u32>],
+) -> Result<Vec<Option<u32>>, Error> {
+    let patches = labels.iter().max().map_or(0, |&l| l as usize + 1);
+    let mut claimants: Vec<Vec<u32>> = vec![Vec::new(); patches];
+    for (pocket, claimed) in claims.iter().enumerate() {
+        for &patch in claimed {
+            claimants[patch as usize].push(pocket as u32);
+        }
+    }
+    let trees: Vec<PointTree<3>> = pockets
+        .iter()
+        .map(|pocket| PointTree::of_positions(&pocket.points))
+        .collect::<Result<_, _>>()?;
+    let distance = |pocket: u32, p: &Point3| {
+        let found = trees[pocket as usize].nearest(&[p.x, p.y, p.z], 1);
+        found.first().map_or(f64::INFINITY, |near| near.distance)
+    };
+    let owner = |f: usize| {
+        let all = &claimants[labels[f] as usize];
+        if all.len() < 2 {
+            return all.first().copied();
+        }
+        let [a, b, c] = surface.corners(f).map(|p| p.coords);
+        let middle = Point3::from((a + b + c) / 3.0);
+        // Ranks settle what is equally near.
+        let nearer = |a: &u32, b: &u32| distance(*a, &middle).total_cmp(&distance(*b, &middle));
+        all.iter().copied().min_by(nearer)
+    };
+    Ok((0..labels.len()).map(owner).collect())
 }
 
 /// The surface in patches, each with its burial.
@@ -124,7 +173,8 @@ impl Patches {
     fn of_pocket(&self, pocket: &Pocket, tree: &PointTree<3>) -> Vec<u32> {
         let mut votes = vec![0usize; self.density.len()];
         for p in &pocket.points {
-            for near in tree.nearest(&[p.x, p.y, p.z], 1) {
+            let nearest = tree.nearest(&[p.x, p.y, p.z], 1);
+            for near in nearest.into_iter().filter(|n| n.distance <= REACH) {
                 let face = self.face_of[near.index as usize];
                 if face != u32::MAX {
                     votes[self.labels[face as usize] as usize] += 1;
@@ -141,7 +191,8 @@ impl Patches {
         for f in (0..self.faces.len()).filter(|&f| self.labels[f] as usize == first) {
             for link in self.faces.links(f) {
                 let other = self.labels[link.face as usize];
-                let alike = self.density[other as usize] > ALIKE * self.density[first];
+                let (a, b) = (self.density[other as usize], self.density[first]);
+                let alike = a.min(b) > ALIKE * a.max(b);
                 if votes[other as usize] > 0 && alike && !chosen.contains(&other) {
                     chosen.push(other);
                 }
@@ -150,12 +201,7 @@ impl Patches {
         chosen
     }
 
-    fn measured(&self, rank: usize, surface: &TriMesh, chosen: &[u32]) -> Outline {
-        let inside = |f: usize| chosen.contains(&self.labels[f]);
-        let triangles: Vec<u32> = (0..self.faces.len())
-            .filter(|&f| inside(f))
-            .map(|f| f as u32)
-            .collect();
+    fn measured(&self, rank: usize, surface: &TriMesh, triangles: Vec<u32>) -> Outline {
         let area: f64 = triangles
             .iter()
             .map(|&f| self.faces.areas()[f as usize])
@@ -170,14 +216,14 @@ impl Patches {
         } else {
             0.0
         };
-        let cap = Cap::of(surface, &triangles);
+        let lids = Lid::all(surface, &triangles);
         Outline {
             rank,
             area,
             mean_curvature,
-            mouth: cap.normal.norm(),
-            depth: cap.depth(surface, &triangles),
-            volume: cap.volume(surface, &triangles),
+            mouth: lids.iter().map(|lid| lid.normal.norm()).sum(),
+            depth: depth(surface, &triangles, &lids),
+            volume: volume(surface, &triangles, &lids),
             triangles,
         }
     }
@@ -207,17 +253,18 @@ fn densities(faces: &Faces, labels: &[u32], deep: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// The fan of triangles from the middle of a patch's border over its edges.
-struct Cap {
+/// The fan of triangles from the middle of a loop of a patch's border over its edges.
+struct Lid {
     middle: Point3,
     /// Its area times its mean normal, out of the pocket.
     normal: Vector3,
-    /// The border's edges, as the patch's own triangles run along them.
+    /// The loop's edges, as the patch's own triangles run along them.
     edges: Vec<[u32; 2]>,
 }
 
-impl Cap {
-    fn of(surface: &TriMesh, triangles: &[u32]) -> Self {
+impl Lid {
+    /// One for each loop of the border: those of a tunnel's two ends face apart, and one over both would cancel.
+    fn all(surface: &TriMesh, triangles: &[u32]) -> Vec<Self> {
         let mut sides: Vec<([u32; 2], [u32; 2])> = triangles
             .iter()
             .flat_map(|&f| {
@@ -232,6 +279,21 @@ impl Cap {
             .filter(|side| side.len() == 1)
             .map(|side| side[0].1)
             .collect();
+        let mut joined = DisjointSets::new(surface.positions().len());
+        for &[a, b] in &edges {
+            joined.join(a, b);
+        }
+        let loop_of = joined.into_roots();
+        let mut loops: Vec<(u32, [u32; 2])> =
+            edges.iter().map(|e| (loop_of[e[0] as usize], *e)).collect();
+        loops.sort_unstable();
+        loops
+            .chunk_by(|a, b| a.0 == b.0)
+            .map(|edges| Self::of(surface, edges.iter().map(|e| e.1).collect()))
+            .collect()
+    }
+
+    fn of(surface: &TriMesh, edges: Vec<[u32; 2]>) -> Self {
         let at = |v: u32| surface.positions()[v as usize];
         let (mut sum, mut length) = (Vector3::zeros(), 0.0);
         for &[a, b] in &edges {
@@ -250,33 +312,84 @@ impl Cap {
             edges,
         }
     }
+}
 
-    fn depth(&self, surface: &TriMesh, triangles: &[u32]) -> f64 {
-        let Some(up) = self.normal.try_normalize(0.0) else {
-            return 0.0;
-        };
-        triangles
-            .iter()
-            .flat_map(|&f| surface.corners(f as usize))
-            .map(|p| up.dot(&(self.middle - p)))
-            .fold(0.0, f64::max)
+/// The largest distance of a corner below the mouth nearest above it.
+fn depth(surface: &TriMesh, triangles: &[u32], lids: &[Lid]) -> f64 {
+    let largest = lids.iter().map(|lid| lid.normal.norm()).fold(0.0, f64::max);
+    let mouths: Vec<(Vector3, Point3)> = lids
+        .iter()
+        .filter(|lid| lid.normal.norm() >= MOUTH * largest)
+        .filter_map(|lid| Some((lid.normal.try_normalize(0.0)?, lid.middle)))
+        .collect();
+    let below = |p: Point3| {
+        let of_mouth = mouths.iter().map(|(up, middle)| up.dot(&(middle - p)));
+        of_mouth.reduce(f64::min).unwrap_or(0.0)
+    };
+    triangles
+        .iter()
+        .flat_map(|&f| surface.corners(f as usize))
+        .map(below)
+        .fold(0.0, f64::max)
+}
+
+/// Enclosed by the lids, turned outwards, and the patch, turned inwards: what lies between them. Negative volumes,
+/// of patches that bulge out, count as none; so does that of a patch without a border.
+fn volume(surface: &TriMesh, triangles: &[u32], lids: &[Lid]) -> f64 {
+    let Some(first) = lids.first() else {
+        return 0.0;
+    };
+    // From a point nearby, where the tetrahedra are small.
+    let o = first.middle;
+    let six = |[a, b, c]: [Point3; 3]| (a - o).cross(&(b - o)).dot(&(c - o));
+    let at = |v: u32| surface.positions()[v as usize];
+    let fans = lids
+        .iter()
+        .flat_map(|lid| lid.edges.iter().map(|&[a, b]| [lid.middle, at(a), at(b)]));
+    let lid: f64 = fans.map(six).sum();
+    let patch: f64 = triangles
+        .iter()
+        .map(|&f| six(surface.corners(f as usize)))
+        .sum();
+    ((lid - patch) / 6.0).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+
+    /// The wall of a straight tunnel of radius 2 Å and length 10 Å, seen from inside.
+    fn tunnel(around: u32, along: u32) -> TriMesh {
+        let positions = (0..=along).flat_map(|j| {
+            (0..around).map(move |i| {
+                let angle = 2.0 * PI * f64::from(i) / f64::from(around);
+                let z = 10.0 * f64::from(j) / f64::from(along);
+                Point3::new(2.0 * angle.cos(), 2.0 * angle.sin(), z)
+            })
+        });
+        let at = |i: u32, j: u32| j * around + i % around;
+        let quads = (0..along).flat_map(|j| (0..around).map(move |i| (i, j)));
+        let triangles = quads.flat_map(|(i, j)| {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            [[a, c, b], [a, d, c]]
+        });
+        TriMesh::new(positions.collect(), triangles.collect()).unwrap()
     }
 
-    /// Enclosed by the lid, turned outwards, and the patch, turned inwards: what lies between them. Negative
-    /// volumes, of patches that bulge out, count as none.
-    fn volume(&self, surface: &TriMesh, triangles: &[u32]) -> f64 {
-        if self.edges.is_empty() {
-            return 0.0;
-        }
-        let six = |[a, b, c]: [Point3; 3]| {
-            let o = self.middle;
-            (a - o).cross(&(b - o)).dot(&(c - o))
-        };
-        // The lid's own tetrahedra have their tip in its plane point: only the patch counts.
-        let patch: f64 = triangles
-            .iter()
-            .map(|&f| six(surface.corners(f as usize)))
-            .sum();
-        (-patch / 6.0).max(0.0)
+    /// Two mouths, the middle farthest from both, and a cylinder's volume.
+    #[test]
+    fn a_tunnel_has_two_mouths() {
+        let wall = tunnel(256, 40);
+        let triangles: Vec<u32> = (0..wall.triangles().len() as u32).collect();
+        let lids = Lid::all(&wall, &triangles);
+        assert_eq!(lids.len(), 2);
+        let disc = 4.0 * PI;
+        let mouths: f64 = lids.iter().map(|lid| lid.normal.norm()).sum();
+        assert!((mouths / (2.0 * disc) - 1.0).abs() < 1e-3, "{mouths}");
+        assert!((depth(&wall, &triangles, &lids) - 5.0).abs() < 1e-9);
+        let enclosed = volume(&wall, &triangles, &lids);
+        assert!((enclosed / (10.0 * disc) - 1.0).abs() < 1e-3, "{enclosed}");
     }
 }

@@ -1,11 +1,11 @@
 //! Points in the shell around a molecule where a ligand's atoms can lie, and how deep in it they are.
 
-use geom_core::{Point3, Structure};
+use geom_core::{Aabb, Point3, Structure};
 use rayon::prelude::*;
 
 use super::atoms::Atoms;
 use crate::Error;
-use crate::options::PocketOptions;
+use crate::options::{PocketOptions, check_burial};
 
 /// How deep each point lies in the molecule: the heavy polymer atoms within `radius` (Å), those of the chain that
 /// has most of them in full, of the others `foreign` each. About 400 on the surface of a globular protein and 600
@@ -13,13 +13,14 @@ use crate::options::PocketOptions;
 /// most pockets within a chain.
 ///
 /// # Errors
-/// [`Error::NoAtoms`].
+/// A radius or share out of its range, [`Error::NoAtoms`].
 pub fn burial(
     points: &[Point3],
     structure: &Structure,
     radius: f64,
     foreign: f64,
 ) -> Result<Vec<f64>, Error> {
+    check_burial(radius, foreign)?;
     let atoms = Atoms::of(structure)?;
     Ok(points
         .par_iter()
@@ -43,18 +44,17 @@ pub(crate) struct ShellPoint {
     pub(crate) burial: f64,
 }
 
-/// The lattice points whose distance from the nearest atom's surface lies within the shell.
+/// The lattice points whose distance from the nearest atom's surface lies within the shell, by z, then y, then x.
 pub(crate) fn shell(atoms: &Atoms, options: &PocketOptions) -> Vec<ShellPoint> {
     let [near, far] = options.shell;
     let h = options.spacing;
-    let bounds = atoms.bounds().inflated(far + 2.0);
-    let low: [i32; 3] = [0, 1, 2].map(|k| (bounds.min[k] / h).floor() as i32);
-    let high: [i32; 3] = [0, 1, 2].map(|k| (bounds.max[k] / h).ceil() as i32);
-    let plane = |k: i32| -> Vec<ShellPoint> {
-        let mut counts = Vec::new();
-        let row = move |j: i32| (low[0]..=high[0]).map(move |i| [i, j, k]);
-        (low[1]..=high[1])
-            .flat_map(row)
+    // Lattice points from the lower side of a box to its upper one, which is the next box's lower.
+    let first = |x: f64| (x / h).ceil() as i32;
+    let of_box = |counts: &mut Vec<(u32, u32)>, bounds: Aabb| -> Vec<ShellPoint> {
+        let along = |k: usize| first(bounds.min[k])..first(bounds.max[k]);
+        let row = |k: i32, j: i32| along(0).map(move |i| [i, j, k]);
+        let places = along(2).flat_map(|k| along(1).flat_map(move |j| row(k, j)));
+        places
             .filter_map(|place| {
                 let position = Point3::from(place.map(|c| f64::from(c) * h));
                 let (gap, atom) = atoms.gap(&position, far)?;
@@ -62,11 +62,17 @@ pub(crate) fn shell(atoms: &Atoms, options: &PocketOptions) -> Vec<ShellPoint> {
                     place,
                     position,
                     chain: atoms.chain[atom as usize],
-                    burial: atoms.burial(&position, options.radius, options.foreign, &mut counts),
+                    burial: atoms.burial(&position, options.radius, options.foreign, counts),
                 })
             })
             .collect()
     };
-    let planes: Vec<_> = (low[2]..=high[2]).into_par_iter().map(plane).collect();
-    planes.concat()
+    let mut points: Vec<ShellPoint> = atoms
+        .boxes_within(far)
+        .into_par_iter()
+        .map_init(Vec::new, of_box)
+        .flatten_iter()
+        .collect();
+    points.sort_unstable_by_key(|p| [p.place[2], p.place[1], p.place[0]]);
+    points
 }

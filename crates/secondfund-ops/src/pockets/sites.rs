@@ -216,7 +216,7 @@ impl Candidate {
         let points = || self.members.iter().map(|&m| &deep[m as usize].0);
         let mut lining: Vec<u32> = Vec::new();
         for p in points() {
-            atoms.within(&p.position, LINING + 2.0, |a, d| {
+            atoms.within(&p.position, LINING + atoms.largest, |a, d| {
                 if d.sqrt() - atoms.radii[a as usize] <= LINING {
                     lining.push(a);
                 }

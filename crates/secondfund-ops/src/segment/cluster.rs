@@ -194,7 +194,12 @@ pub fn davies_bouldin(rows: &[f32], width: usize, group: &[u32]) -> f64 {
             .iter()
             .zip(center(b))
             .map(|(x, y)| (x - y).powi(2));
-        (spread[a] + spread[b]) / squares.sum::<f64>().sqrt()
+        let apart = squares.sum::<f64>().sqrt();
+        if apart > 0.0 {
+            (spread[a] + spread[b]) / apart
+        } else {
+            f64::INFINITY
+        }
     };
     let worst = |&a: &usize| {
         let others = used.iter().filter(|&&b| b != a);

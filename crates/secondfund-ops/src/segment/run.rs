@@ -2,6 +2,7 @@
 
 use geom_core::Run;
 use geom_core::compute::parallel;
+use geom_core::options::{OutOfRange, require};
 use rayon::prelude::*;
 
 use super::clean::clean;
@@ -105,6 +106,15 @@ pub fn segment<B: OperatorBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Segments, Error> {
     options.check()?;
+    let has = spectrum.values.len();
+    require(has > 0, "modes", has, "be at least 1 in the spectrum")?;
+    match options.modes {
+        Modes::Count(count) if count > has => {
+            let must = format!("be at most the {has} of the spectrum");
+            return Err(OutOfRange::new("modes", count, must).into());
+        }
+        _ => {}
+    }
     let vertices = spectrum.areas.len();
     if let Some(&beyond) = faces
         .all_corners()
