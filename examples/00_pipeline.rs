@@ -112,7 +112,7 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
     session.files(7, || {
         products::side_by_side(
             || products::save_surface(session, "surface", &surface, Some(&structure)),
-            || products::save_volume(session, "volume", &mesh),
+            || products::save_volume(session, "volume", &mesh, (&mesh).into()),
         )?;
         products::picture_of_quality(session, "quality", &report.before.all, &report.after.all)
     })

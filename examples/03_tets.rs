@@ -110,7 +110,7 @@ fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
     session.files(6, || {
         products::side_by_side(
             || products::save_surface(session, "surface", &made.surface, source.structure()),
-            || products::save_volume(session, "volume", &made.mesh),
+            || products::save_volume(session, "volume", &made.mesh, (&made.mesh).into()),
         )
     })
 }

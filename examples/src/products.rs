@@ -189,8 +189,14 @@ pub fn note_volume(session: &Session, mesh: &TetMesh) -> Result<(), Failure> {
     session.note("volume", numbers)
 }
 
-/// Writes `NAME.vtu`, `NAME.msh` and `NAME.png`: regions, quality per tetrahedron, and a cut.
-pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), Failure> {
+/// Writes `NAME.vtu`, `NAME.msh` and `NAME.png`: regions, quality per tetrahedron, and a cut. `view` is the mesh with
+/// the names of its groups.
+pub fn save_volume(
+    session: &Session,
+    name: &str,
+    mesh: &TetMesh,
+    view: Fields<'_>,
+) -> Result<(), Failure> {
     let mut measures = Vec::new();
     let device = session.device.quality();
     device.measure(mesh.positions(), mesh.tets(), &mut measures)?;
@@ -207,7 +213,8 @@ pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), 
     };
     let radii = of_corners(tet_quality::radius_ratio);
     let aspect = of_corners(tet_quality::aspect_ratio);
-    let fields = Fields::from(mesh)
+    let fields = view
+        .clone()
         .cell_field("min_dihedral", &low)?
         .cell_field("max_dihedral", &high)?
         .cell_field("joe_liu", &shape)?
@@ -222,7 +229,7 @@ pub fn save_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), 
     };
     let msh = || {
         let path = session.output(format!("{name}.msh"))?;
-        Ok(io::mesh::save(path, &Fields::from(mesh))?)
+        Ok(io::mesh::save(path, &view)?)
     };
     let png = || session.picture(name, || draw_volume(session, mesh, &measures));
     side_by_side(|| side_by_side(vtu, msh), png)

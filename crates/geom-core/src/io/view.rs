@@ -269,6 +269,9 @@ pub struct Group {
     pub name: String,
     /// Dimension of its cells: 2 or 3.
     pub dimension: u8,
+    /// The number by which solvers know it among those of its dimension, above 0: MSH's physical tag. Without one, a
+    /// writer that needs numbers gives it one that is free.
+    pub tag: Option<i32>,
 }
 
 impl<'a> From<&'a TriMesh> for View<'a> {
@@ -313,6 +316,10 @@ impl<'a> View<'a> {
     /// * `outer`: the outer boundary of the exterior, if it is no box;
     /// * `region_2|outside`: any other boundary.
     ///
+    /// Their tags do not depend on which of them there are: a region's is its number, 256 for the exterior, whose
+    /// number 0 stands for "none" in MSH; the sides of the box have 1 … 6 in the order above, `outer` has 7, and
+    /// what parts region *a* from *b* has 256 *a* + *b* (so `molecule|exterior` 256), where the outside counts as 255.
+    ///
     /// The cell field `region` has the region of each tetrahedron; for a face that of its inner side.
     pub fn of_tets(mesh: &'a TetMesh, names: &[(Region, &str)]) -> Self {
         let interfaces = mesh.interfaces();
@@ -338,6 +345,7 @@ impl<'a> View<'a> {
             groups.push(Group {
                 name: name(r),
                 dimension: 3,
+                tag: Some(if r == EXTERIOR { 256 } else { r.into() }),
             });
         }
         let mut group_of: Vec<u32> = mesh
@@ -357,10 +365,13 @@ impl<'a> View<'a> {
             let kind = (face.inside, face.outside, side, outer);
             let known = kinds.iter().find(|(k, _)| *k == kind);
             let group = known.map(|&(_, group)| group).unwrap_or_else(|| {
-                let parted = |a, b| format!("{}|{}", name(a), name(b));
-                let name = match (side, face.inside, face.outside) {
-                    (Some(side), ..) => format!("box_{side}"),
-                    (None, EXTERIOR, OUTSIDE) if outer => "outer".to_owned(),
+                let parted = |a: Region, b: Region| {
+                    let tag = 256 * i32::from(a) + i32::from(b);
+                    (format!("{}|{}", name(a), name(b)), tag)
+                };
+                let (name, tag) = match (side, face.inside, face.outside) {
+                    (Some((side, tag)), ..) => (format!("box_{side}"), tag),
+                    (None, EXTERIOR, OUTSIDE) if outer => ("outer".to_owned(), 7),
                     (None, EXTERIOR, OUTSIDE) => parted(INTERIOR, EXTERIOR),
                     (None, INTERIOR, OUTSIDE) if !exterior => parted(INTERIOR, EXTERIOR),
                     (None, inside, outside) => parted(inside, outside),
@@ -368,7 +379,12 @@ impl<'a> View<'a> {
                 // Two kinds may share a name.
                 let same = |g: &Group| g.dimension == 2 && g.name == name;
                 let group = groups.iter().position(same).unwrap_or_else(|| {
-                    groups.push(Group { name, dimension: 2 });
+                    let (dimension, tag) = (2, Some(tag));
+                    groups.push(Group {
+                        name,
+                        dimension,
+                        tag,
+                    });
                     groups.len() - 1
                 }) as u32;
                 kinds.push((kind, group));
@@ -427,6 +443,30 @@ impl<'a> View<'a> {
         fits("colors", "point", colors.len(), self.points.len())?;
         self.colors = Some(colors);
         Ok(self)
+    }
+
+    /// The tag of each group: its own, or one that no group of its dimension has.
+    pub(super) fn tags(&self) -> Vec<i32> {
+        let groups = &self.groups;
+        let mut taken: Vec<(u8, i32)> = Vec::new();
+        let mut claim = |dimension: u8, wanted: i32| {
+            let free = wanted > 0 && !taken.contains(&(dimension, wanted));
+            if free {
+                taken.push((dimension, wanted));
+            }
+            free
+        };
+        // Those that ask for a number get it, the first of several that ask for one.
+        let own: Vec<Option<i32>> = groups
+            .iter()
+            .map(|g| g.tag.filter(|&tag| claim(g.dimension, tag)))
+            .collect();
+        let mut free = |g: &Group| (1..).find(|&tag| claim(g.dimension, tag)).unwrap_or(0);
+        groups
+            .iter()
+            .zip(own)
+            .map(|(g, own)| own.unwrap_or_else(|| free(g)))
+            .collect()
     }
 
     /// Number of cells in all blocks.
@@ -618,8 +658,8 @@ pub(super) fn block_of_rings(ends: Vec<u32>, corners: Vec<u32>) -> Cells<'static
     }
 }
 
-/// The side of the bounding box in which a boundary face lies, if its vertices belong to the box.
-fn box_side(mesh: &TetMesh, face: &Interface, bounds: &Aabb) -> Option<&'static str> {
+/// The side of the bounding box in which a boundary face lies, and its number, if its vertices belong to the box.
+fn box_side(mesh: &TetMesh, face: &Interface, bounds: &Aabb) -> Option<(&'static str, i32)> {
     if face.outside != OUTSIDE {
         return None;
     }
@@ -634,10 +674,11 @@ fn box_side(mesh: &TetMesh, face: &Interface, bounds: &Aabb) -> Option<&'static 
     // Smoothing keeps these coordinates, but a last bit may be lost.
     let slack = 1e-9 * bounds.diagonal();
     for (axis, names) in SIDES.iter().enumerate() {
-        for (side, place) in names.iter().zip([bounds.min[axis], bounds.max[axis]]) {
+        let places = [bounds.min[axis], bounds.max[axis]];
+        for ((side, place), tag) in names.iter().zip(places).zip(2 * axis as i32 + 1..) {
             let near = |&v: &usize| (mesh.positions()[v][axis] - place).abs() <= slack;
             if corners.iter().all(near) {
-                return Some(side);
+                return Some((side, tag));
             }
         }
     }

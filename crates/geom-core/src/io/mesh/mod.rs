@@ -1,12 +1,17 @@
 //! Meshes from files of any format.
 
 pub mod glb;
+#[cfg(feature = "search")]
+mod groups;
 pub mod msh;
 pub mod obj;
 pub mod off;
 pub mod ply;
 pub mod stl;
 pub mod vtu;
+
+#[cfg(feature = "search")]
+pub use groups::VolumeGroups;
 
 use std::path::Path;
 
@@ -208,22 +213,24 @@ fn regions(
     if group_of.is_empty() {
         return Ok(vec![INTERIOR; tets]);
     }
-    let mut next: Region = INTERIOR;
+    // Names of ours say which; others get the numbers that none of those has.
+    let ours = |g: &Group| match (g.dimension, g.name.as_str()) {
+        (3, "exterior") => Some(EXTERIOR),
+        (3, "molecule") => Some(INTERIOR),
+        (3, name) => name.strip_prefix("region_").and_then(|n| n.parse().ok()),
+        _ => Some(INTERIOR),
+    };
+    let taken: Vec<Region> = groups.iter().filter_map(ours).collect();
+    let mut free = (INTERIOR + 1..OUTSIDE).filter(|r| !taken.contains(r));
     let named: Vec<Region> = groups
         .iter()
-        .map(|g| match (g.dimension, g.name.as_str()) {
-            (3, "exterior") => EXTERIOR,
-            (3, "molecule") => INTERIOR,
-            (3, name) => {
-                let number = name.strip_prefix("region_").and_then(|n| n.parse().ok());
-                number.unwrap_or_else(|| {
-                    next = next.saturating_add(1).min(OUTSIDE - 1);
-                    next
-                })
-            }
-            _ => INTERIOR,
-        })
-        .collect();
+        .map(|g| ours(g).or_else(|| free.next()))
+        .collect::<Option<_>>()
+        .ok_or_else(|| {
+            let volumes = groups.iter().filter(|g| g.dimension == 3).count();
+            let what = format!("{volumes} groups of tetrahedra; at most 253 can be told apart");
+            ErrorKind::TooLarge(what)
+        })?;
     let of = |&g: &u32| named.get(g as usize).copied().unwrap_or(INTERIOR);
     Ok(group_of.iter().map(of).collect())
 }

@@ -13,6 +13,7 @@ use crate::io::bytes::{Bytes, Scalar, put_all};
 use crate::io::text::Words;
 use crate::io::view::{Cells, Field, Group, NO_GROUP, Numbers, Values, View};
 use crate::io::{Encoding, Error, ErrorKind, read_bytes};
+use crate::mesh::FACES;
 
 /// A version of the format.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,6 +49,8 @@ struct Run {
     dimension: u8,
     /// Tag of the entity: number of the group + 1, or one more than groups.
     tag: i32,
+    /// Tag of the physical group, 0 for none.
+    physical: i32,
     group: u32,
     block: usize,
     /// Numbers in the block, and the number of the block's first cell.
@@ -70,7 +73,8 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, options: Options) -> Result<(),
         );
         return Err(ErrorKind::TooLarge(what).into());
     }
-    let runs = runs(view)?;
+    let tags = view.tags();
+    let runs = runs(view, &tags)?;
     let version = match options.version {
         Version::V41 => "4.1",
         Version::V22 => "2.2",
@@ -83,7 +87,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, options: Options) -> Result<(),
     writeln!(w, "$EndMeshFormat")?;
     if !view.groups.is_empty() {
         writeln!(w, "$PhysicalNames\n{}", view.groups.len())?;
-        for (tag, group) in (1..).zip(&view.groups) {
+        for (tag, group) in tags.iter().zip(&view.groups) {
             let name = group.name.replace(['"', '\n', '\r'], "'");
             writeln!(w, "{} {tag} \"{name}\"", group.dimension)?;
         }
@@ -148,7 +152,7 @@ impl Run {
 }
 
 /// Sorts the cells by block and group.
-fn runs(view: &View<'_>) -> Result<Vec<Run>, Error> {
+fn runs(view: &View<'_>, tags: &[i32]) -> Result<Vec<Run>, Error> {
     let mut runs: Vec<Run> = Vec::new();
     let mut first = 0;
     for (block, cells) in view.blocks.iter().enumerate() {
@@ -175,6 +179,7 @@ fn runs(view: &View<'_>) -> Result<Vec<Run>, Error> {
                             kind,
                             dimension: cells.dimension(),
                             tag: number as i32 + 1,
+                            physical: tags.get(number).copied().unwrap_or(0),
                             group,
                             block,
                             cells: Vec::new(),
@@ -197,36 +202,88 @@ fn runs(view: &View<'_>) -> Result<Vec<Run>, Error> {
     Ok(runs)
 }
 
+/// The pairs of volume and surface entities of which the second bounds the first, in order.
+fn sides(view: &View<'_>, runs: &[Run]) -> Vec<(i32, i32)> {
+    let sorted = |mut corners: [u32; 3]| {
+        corners.sort_unstable();
+        corners
+    };
+    // The faces, and the points of which they are made: few tetrahedra have three of those in a face.
+    let mut faces: Vec<([u32; 3], i32)> = Vec::new();
+    let mut on_face = vec![false; view.points.len()];
+    for run in runs.iter().filter(|run| run.kind == TRIANGLE) {
+        for &c in &run.cells {
+            let corners = view.blocks[run.block].corners(c as usize);
+            corners.iter().for_each(|&v| on_face[v as usize] = true);
+            faces.push((sorted([corners[0], corners[1], corners[2]]), run.tag));
+        }
+    }
+    faces.sort_unstable();
+    let mut found = Vec::new();
+    for run in runs.iter().filter(|run| run.kind == TETRA) {
+        for &c in &run.cells {
+            let corners = view.blocks[run.block].corners(c as usize);
+            for face in FACES.map(|face| face.map(|i| corners[i])) {
+                if !face.iter().all(|&v| on_face[v as usize]) {
+                    continue;
+                }
+                let face = sorted(face);
+                let first = faces.partition_point(|f| f.0 < face);
+                let same = faces[first..].iter().take_while(|f| f.0 == face);
+                found.extend(same.map(|f| (run.tag, f.1)));
+            }
+        }
+        found.sort_unstable();
+        found.dedup();
+    }
+    found
+}
+
 fn write_41(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Error> {
     let (nodes, cells) = (view.points.len() as u64, view.cells() as u64);
     let bounds = crate::Aabb::of_points(view.points.iter());
     // Each dimension and tag is an entity, which carries the physical group; their boxes are those of the whole.
-    let mut entities: Vec<(u8, i32, u32)> =
-        runs.iter().map(|r| (r.dimension, r.tag, r.group)).collect();
+    let mut entities: Vec<(u8, i32, i32)> = runs
+        .iter()
+        .map(|r| (r.dimension, r.tag, r.physical))
+        .collect();
     entities.sort_unstable();
     entities.dedup();
     if entities.is_empty() {
-        entities.push((2, 1, NO_GROUP));
+        entities.push((2, 1, 0));
     }
+    let sides = sides(view, runs);
     writeln!(out.w, "$Entities")?;
     let of = |d: u8| entities.iter().filter(|e| e.0 == d).count() as u64;
     out.line([0, 0, of(2), of(3)])?;
-    for &(_, tag, group) in &entities {
-        let physical = if group == NO_GROUP { vec![] } else { vec![tag] };
+    for &(dimension, tag, physical) in &entities {
+        let physical = if physical == 0 {
+            vec![]
+        } else {
+            vec![physical]
+        };
+        // What bounds a surface, curves, is not told; what bounds a volume is.
+        let bounding: Vec<i32> = sides
+            .iter()
+            .filter(|side| dimension == 3 && side.0 == tag)
+            .map(|side| side.1)
+            .collect();
         let b = [bounds.min, bounds.max].map(|p| [p.x, p.y, p.z]);
         if out.binary {
             out.line([tag])?;
             out.line(b.into_iter().flatten())?;
             out.line([physical.len() as u64])?;
             out.line(physical)?;
-            out.line([0u64])?;
+            out.line([bounding.len() as u64])?;
+            out.line(bounding)?;
         } else {
             let b = b.as_flattened().iter().map(f64::to_string);
             let mut words = vec![tag.to_string()];
             words.extend(b);
             words.push(physical.len().to_string());
             words.extend(physical.iter().map(i32::to_string));
-            words.push("0".to_owned());
+            words.push(bounding.len().to_string());
+            words.extend(bounding.iter().map(i32::to_string));
             writeln!(out.w, "{}", words.join(" "))?;
         }
     }
@@ -287,7 +344,7 @@ fn write_22(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Erro
     out.end("Nodes")?;
     writeln!(out.w, "$Elements\n{}", view.cells())?;
     for run in runs {
-        let physical = if run.group == NO_GROUP { 0 } else { run.tag };
+        let physical = run.physical;
         let corners = |&c: &u32| {
             let corners = view.blocks[run.block].corners(c as usize);
             corners.iter().map(|&v| v as i32 + 1)
@@ -887,7 +944,13 @@ impl File {
                         Some((.., name)) => name.clone(),
                         None => format!("physical {}", e.physical),
                     };
-                    groups.push((dimension, e.physical, Group { name, dimension }));
+                    let tag = Some(e.physical);
+                    let group = Group {
+                        name,
+                        dimension,
+                        tag,
+                    };
+                    groups.push((dimension, e.physical, group));
                     groups.len() - 1
                 }) as u32);
             }

@@ -136,7 +136,11 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
                 } else {
                     let known = groups.iter().position(|g| g.name == name);
                     known.unwrap_or_else(|| {
-                        groups.push(Group { name, dimension: 2 });
+                        groups.push(Group {
+                            name,
+                            dimension: 2,
+                            tag: None,
+                        });
                         groups.len() - 1
                     }) as u32
                 };

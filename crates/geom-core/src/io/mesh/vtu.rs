@@ -1,8 +1,8 @@
 //! VTU: VTK's XML file for unstructured grids, read by ParaView, VTK and meshio.
 //!
 //! Written with appended raw data (little-endian, 64-bit sizes): points, cells, point and cell
-//! fields by name; groups as the cell field `group` (number + 1, 0 for none) and, per group, a pair
-//! `(number + 1, dimension)` of that name in the field data. Colours become the point field `color`.
+//! fields by name; groups as the cell field `group` (the group's tag, 0 for none) and, per group, a pair
+//! `(tag, dimension)` of that name in the field data. Colours become the point field `color`.
 //! Read with ASCII, base64 or appended data, with or without zlib compression, in both byte orders.
 
 use std::fmt::Write as _;
@@ -75,13 +75,13 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     );
     if group_numbers.is_some() && !view.groups.is_empty() {
         header.push_str("<FieldData>\n");
-        for (number, group) in (1..).zip(&view.groups) {
+        for (tag, group) in view.tags().iter().zip(&view.groups) {
             // As text, because meshio does not look for field data in the appended part.
             let (name, dimension) = (escaped(&group.name), group.dimension);
             let _ = writeln!(
                 header,
                 "<DataArray type=\"Int32\" Name=\"{name}\" NumberOfComponents=\"1\" \
-                 NumberOfTuples=\"2\" format=\"ascii\">\n{number} {dimension}\n</DataArray>"
+                 NumberOfTuples=\"2\" format=\"ascii\">\n{tag} {dimension}\n</DataArray>"
             );
         }
         header.push_str("</FieldData>\n");
@@ -158,13 +158,11 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     Ok(())
 }
 
-/// Group number + 1 per cell, 0 for none; `None` if the view has no groups.
+/// The tag of each cell's group, 0 for none; `None` if the view has no groups.
 fn grouped<'v>(view: &'v View<'_>) -> Option<impl Iterator<Item = u32> + 'v> {
-    (!view.group_of.is_empty()).then(|| {
-        view.group_of
-            .iter()
-            .map(|&g| if g == NO_GROUP { 0 } else { g + 1 })
-    })
+    let tags = view.tags();
+    let tag = move |&g: &u32| tags.get(g as usize).map_or(0, |&tag| tag as u32);
+    (!view.group_of.is_empty()).then(|| view.group_of.iter().map(tag))
 }
 
 fn sized<T: Scalar>(
@@ -312,7 +310,7 @@ fn groups(reader: &Arrays<'_, '_>, grid: Node<'_, '_>, view: &mut View<'_>) -> R
         return Ok(());
     };
     let data = grid.children().filter(|n| n.has_tag_name("FieldData"));
-    let mut groups: Vec<(f64, Group)> = Vec::new();
+    let mut groups: Vec<Group> = Vec::new();
     for array in data.flat_map(arrays) {
         // Field data of other programs may hold anything.
         if array.attribute("type") != Some("Int32") {
@@ -320,30 +318,34 @@ fn groups(reader: &Arrays<'_, '_>, grid: Node<'_, '_>, view: &mut View<'_>) -> R
         }
         let numbers = reader.numbers(array)?;
         if let (2, Numbers::I32(n)) = (numbers.len() * numbers.components, &numbers.numbers) {
-            groups.push((
-                n[0].into(),
-                Group {
-                    name: array.attribute("Name").unwrap_or("unnamed").to_owned(),
-                    dimension: n[1].clamp(0, 3) as u8,
-                },
-            ));
+            groups.push(Group {
+                name: array.attribute("Name").unwrap_or("unnamed").to_owned(),
+                dimension: n[1].clamp(0, 3) as u8,
+                tag: Some(n[0]),
+            });
         }
     }
     if groups.is_empty() {
         return Ok(());
     }
     let field = view.cell_fields.remove(at);
-    let number_of = |i: usize| {
-        let number = field.values.get(i, 0);
-        let known = groups.iter().position(|(n, _)| *n == number);
-        known.map_or(NO_GROUP, |g| g as u32)
-    };
-    view.group_of = (0..field.values.len()).map(number_of).collect();
-    if view.group_of.len() != view.cells() {
+    if field.values.len() != view.cells() {
         let expected = format!("one group for each cell: {}", view.cells());
-        return Err(ErrorKind::expected(expected, view.group_of.len().to_string()).into());
+        return Err(ErrorKind::expected(expected, field.values.len().to_string()).into());
     }
-    view.groups = groups.into_iter().map(|(_, g)| g).collect();
+    // Tags count for each dimension on its own.
+    let blocks = view.blocks.iter();
+    let dimensions = blocks.flat_map(|block| std::iter::repeat_n(block.dimension(), block.len()));
+    let number_of = |(i, dimension): (usize, u8)| {
+        let tag = field.values.get(i, 0);
+        let is_it = |g: &Group| g.dimension == dimension && g.tag.map(f64::from) == Some(tag);
+        groups.iter().position(is_it).map_or(NO_GROUP, |g| g as u32)
+    };
+    view.group_of = (0..field.values.len())
+        .zip(dimensions)
+        .map(number_of)
+        .collect();
+    view.groups = groups;
     Ok(())
 }
 

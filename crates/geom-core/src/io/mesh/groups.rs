@@ -1,0 +1,162 @@
+//! Names and numbers of the parts of a volume and of its boundary, as a file had them, for what becomes of it.
+
+use rayon::prelude::*;
+
+use super::{AnyMesh, MeshFile};
+use crate::io::view::{Group, NO_GROUP, View};
+use crate::mesh::{Interface, Region};
+use crate::search::bvh::TriangleTree;
+use crate::{Point3, TetMesh, TriMesh};
+
+/// The groups of a file of tetrahedra: materials by region, patches of the boundary and of interfaces by place.
+///
+/// ```no_run
+/// use geom_core::io::mesh::{self, AnyMesh, VolumeGroups};
+/// let file = mesh::read("steel_in_air.msh")?;
+/// let groups = VolumeGroups::of(&file);
+/// if let AnyMesh::Tet(volume) = file.mesh {
+///     // … improve it …
+///     mesh::save("better.msh", &groups.view(&volume))?;
+/// }
+/// # Ok::<(), geom_core::io::Error>(())
+/// ```
+pub struct VolumeGroups {
+    regions: Vec<(Region, Group)>,
+    patches: Option<Patches>,
+}
+
+/// The faces that part regions, or bound them, in the file's mesh.
+struct Patches {
+    tree: TriangleTree,
+    /// The group of each; [`NO_GROUP`] where the file names none.
+    group_of: Vec<u32>,
+    groups: Vec<Group>,
+}
+
+impl VolumeGroups {
+    /// Those of a file; none if it holds no tetrahedra or names no groups.
+    pub fn of(file: &MeshFile) -> Self {
+        let AnyMesh::Tet(mesh) = &file.mesh else {
+            return Self {
+                regions: Vec::new(),
+                patches: None,
+            };
+        };
+        let mut regions: Vec<(Region, Group)> = Vec::new();
+        for (&region, &group) in mesh.regions().iter().zip(&file.group_of) {
+            let named = file.groups.get(group as usize);
+            if let Some(group) = named.filter(|_| regions.iter().all(|r| r.0 != region)) {
+                regions.push((region, group.clone()));
+            }
+        }
+        Self {
+            regions,
+            patches: Patches::of(file, mesh),
+        }
+    }
+
+    /// A mesh with the file's names and numbers for its regions, and for the faces that lie where the file's patches
+    /// did: each face has the group of the nearest one of the file's. What the file names not has the names of
+    /// [`View::of_tets`]. The borders of patches are kept exactly where the mesh has kept them, as at creases; within
+    /// a plane they follow its edges.
+    pub fn view<'a>(&self, mesh: &'a TetMesh) -> View<'a> {
+        let names: Vec<(Region, &str)> = self
+            .regions
+            .iter()
+            .map(|(region, group)| (*region, group.name.as_str()))
+            .collect();
+        let mut view = View::of_tets(mesh, &names);
+        let mut all = Numbered::default();
+        // Each of the few groups is looked up once, not once per cell.
+        let ours: Vec<u32> = view.groups.iter().map(|g| all.number(g)).collect();
+        let mut of_region: [Option<u32>; 256] = [None; 256];
+        for (region, group) in &self.regions {
+            of_region[usize::from(*region)] = Some(all.number(group));
+        }
+        let of_tets = mesh.regions().iter().map(|&r| of_region[usize::from(r)]);
+        let of_faces = match &self.patches {
+            Some(patches) => patches.nearest(mesh, &mut all),
+            None => vec![None; view.cells() - mesh.tets().len()],
+        };
+        let given = of_tets.chain(of_faces).zip(view.group_of.iter());
+        let mut group_of: Vec<u32> = given
+            .map(|(given, &own)| given.unwrap_or(ours[own as usize]))
+            .collect();
+        view.groups = all.used(&mut group_of);
+        view.group_of = group_of.into();
+        view
+    }
+}
+
+/// Groups without a double.
+#[derive(Default)]
+struct Numbered(Vec<Group>);
+
+impl Numbered {
+    fn number(&mut self, group: &Group) -> u32 {
+        let same = |g: &Group| g.name == group.name && g.dimension == group.dimension;
+        let known = self.0.iter().position(same);
+        known.unwrap_or_else(|| {
+            self.0.push(group.clone());
+            self.0.len() - 1
+        }) as u32
+    }
+
+    /// Those that occur, renumbered.
+    fn used(self, group_of: &mut [u32]) -> Vec<Group> {
+        let mut number = vec![NO_GROUP; self.0.len()];
+        group_of.iter().for_each(|&g| number[g as usize] = 0);
+        let mut kept = Vec::new();
+        for (number, group) in number.iter_mut().zip(self.0) {
+            if *number == 0 {
+                *number = kept.len() as u32;
+                kept.push(group);
+            }
+        }
+        group_of.iter_mut().for_each(|g| *g = number[*g as usize]);
+        kept
+    }
+}
+
+impl Patches {
+    fn of(file: &MeshFile, mesh: &TetMesh) -> Option<Self> {
+        let sorted = |mut corners: [u32; 3]| {
+            corners.sort_unstable();
+            corners
+        };
+        let mut named: Vec<([u32; 3], u32)> = file
+            .faces
+            .iter()
+            .filter(|face| face.1 != NO_GROUP)
+            .map(|&(corners, group)| (sorted(corners), group))
+            .collect();
+        if named.is_empty() {
+            return None;
+        }
+        named.sort_unstable();
+        let triangles: Vec<[u32; 3]> = mesh.interfaces().iter().map(|face| face.triangle).collect();
+        let group = |&corners: &[u32; 3]| {
+            let found = named.binary_search_by_key(&sorted(corners), |n| n.0);
+            found.map_or(NO_GROUP, |at| named[at].1)
+        };
+        let group_of = triangles.iter().map(group).collect();
+        let faces = TriMesh::new(mesh.positions().to_vec(), triangles).ok()?;
+        Some(Self {
+            tree: TriangleTree::new(&faces).ok()?,
+            group_of,
+            groups: file.groups.clone(),
+        })
+    }
+
+    /// The group of each face's nearest one, if that has one.
+    fn nearest(&self, mesh: &TetMesh, all: &mut Numbered) -> Vec<Option<u32>> {
+        let number: Vec<u32> = self.groups.iter().map(|g| all.number(g)).collect();
+        let group = |face: &Interface| {
+            let [a, b, c] = face.triangle.map(|v| mesh.positions()[v as usize].coords);
+            let nearest = self.tree.closest(&Point3::from((a + b + c) / 3.0));
+            let group = self.group_of[nearest.triangle as usize];
+            number.get(group as usize).copied()
+        };
+        mesh.interfaces().par_iter().map(group).collect()
+    }
+}
