@@ -266,10 +266,11 @@ fn what_is_out_of_range_is_named() {
 
 #[test]
 fn the_floor_counts_for_the_search_from_one_seed() {
-    let model = blurred();
+    let model = body(Levels::default());
     let pairs = |floor| {
         let options = Options {
             spacing: 1.0,
+            cutoff: Cutoff(0.1),
             floor,
             ..Options::default()
         };

@@ -239,17 +239,21 @@ fn what_a_backend_fails_of_reaches_the_caller() {
         assert!(matches!(error, Error::Backend(_)), "{error}");
         assert!(error.to_string().starts_with("odd gave"), "{error}");
     }
-    // A direction is only a proposal: a poor one costs steps, one that is no number is no panic.
+    // A direction is only a proposal: a poor one costs steps, one that is no number is replaced.
     let zeros = Odd::Cycle(|values| {
         values.fill(0.0);
         Ok(())
     });
-    let _ = solved(&zeros);
     let nan = Odd::Cycle(|values| {
         values.fill(f32::NAN);
         Ok(())
     });
-    assert!(solved(&nan).is_err());
+    for backend in [zeros, nan] {
+        if let Ok(pairs) = solved(&backend) {
+            let good = pairs.residuals.iter().all(|&r| r <= 1e-9);
+            assert_eq!(pairs.report.converged, good, "{:?}", pairs.residuals);
+        }
+    }
 }
 
 #[test]

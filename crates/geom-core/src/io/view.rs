@@ -719,7 +719,12 @@ mod tests {
 
     fn triangle() -> View<'static> {
         View {
-            points: vec![Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(0.0, 1.0, 0.0)].into(),
+            points: vec![
+                Point3::origin(),
+                Point3::new(1.0, 0.0, 0.0),
+                Point3::new(0.0, 1.0, 0.0),
+            ]
+            .into(),
             blocks: vec![Cells::Triangles(vec![[0, 1, 2]].into())],
             ..View::default()
         }
@@ -785,7 +790,10 @@ mod tests {
         let mut file = Vec::new();
         vtu::write(&mut file, &view).unwrap();
         let back = vtu::parse(&file).unwrap();
-        assert_eq!((&back.groups, &back.group_of), (&view.groups, &view.group_of));
+        assert_eq!(
+            (&back.groups, &back.group_of),
+            (&view.groups, &view.group_of)
+        );
         let values = &back.find_cell_field("group").unwrap().values;
         assert_eq!(values.to_f64(), [7.0]);
     }
