@@ -66,7 +66,8 @@
 //! # }
 //! ```
 
-use geom_core::grid::{BRICK, Brick};
+use geom_core::compute::BackendError;
+use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Agreement, Backend, Lattice, Point3};
 
 use crate::error::Error;
@@ -113,9 +114,13 @@ impl Block {
     }
     /// Which brick of the block has these coordinates in the lattice: the inverse of [`Block::brick_at`].
     pub fn place_of(&self, brick: [usize; 3]) -> usize {
-        let local = [0, 1, 2].map(|k| brick[k] - self.brick[k]);
-        (local[2] * self.bricks[1] + local[1]) * self.bricks[0] + local[0]
+        place_in(self.bricks, [0, 1, 2].map(|k| brick[k] - self.brick[k]))
     }
+}
+
+/// The place of a brick among those of a block of so many per axis, x fastest.
+pub(crate) fn place_in(bricks: [usize; 3], [x, y, z]: [usize; 3]) -> usize {
+    (z * bricks[1] + y) * bricks[0] + x
 }
 
 /// What to compute in each brick.
@@ -218,6 +223,80 @@ pub struct RefitSums {
     pub curvature: Vec<[f64; 5]>,
 }
 
+impl RefitSums {
+    /// Are the lists those of a model of so many atoms?
+    pub(crate) fn check_lengths(&self, name: &str, atoms: usize) -> Result<(), Error> {
+        check_per_atom(name, "gradients", self.gradient.len(), atoms)?;
+        check_per_atom(name, "curvatures", self.curvature.len(), atoms)
+    }
+
+    /// Is every number finite? A step from others would lead nowhere.
+    pub(crate) fn check_finite(&self, name: &str) -> Result<(), Error> {
+        let derivatives = [&self.gradient, &self.curvature];
+        let mut derivatives = derivatives.into_iter().flat_map(|d| d.as_flattened());
+        let (objective, worst) = (self.objective, self.worst);
+        must(objective.is_finite() && worst.is_finite(), name, || {
+            format!("an objective of {objective}, with a largest error of {worst}, for the refit")
+        })?;
+        must(derivatives.all(|d| d.is_finite()), name, || {
+            "derivatives that are not finite for the refit".to_owned()
+        })
+    }
+}
+
+/// A backend from outside may answer anything. What does not fit the question is its error, before it becomes a
+/// panic or a silent gap further on.
+fn must(holds: bool, name: &str, gave: impl FnOnce() -> String) -> Result<(), Error> {
+    if holds {
+        return Ok(());
+    }
+    Err(BackendError::new(format!("{name} gave {}", gave())).into())
+}
+
+/// Do the answers to [`DensityBackend::sample_blocks`] fit the blocks? (Values that are not finite are refused by
+/// the grid that they come into.)
+pub(crate) fn check_blocks(
+    name: &str,
+    blocks: &[Block],
+    results: &[BlockValues],
+) -> Result<(), Error> {
+    let (found, expected) = (results.len(), blocks.len());
+    must(found == expected, name, || {
+        format!("{found} results for {expected} blocks")
+    })?;
+    for (block, result) in blocks.iter().zip(results) {
+        let (kinds, bricks) = (result.kinds.len(), block.len());
+        must(kinds == bricks, name, || {
+            format!("{kinds} kinds for a block of {bricks} bricks")
+        })?;
+        let values = result.values.len();
+        must(values.is_multiple_of(BRICK_POINTS), name, || {
+            format!("{values} values of a block, which must be {BRICK_POINTS} per stored brick")
+        })?;
+        let stored = values / BRICK_POINTS;
+        for kind in &result.kinds {
+            if let Brick::Stored(s) = *kind {
+                must((s as usize) < stored, name, || {
+                    format!("the number {s} to one of {stored} stored bricks")
+                })?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Is there one number per atom?
+pub(crate) fn check_per_atom(
+    name: &str,
+    what: &str,
+    found: usize,
+    atoms: usize,
+) -> Result<(), Error> {
+    must(found == atoms, name, || {
+        format!("{found} {what} for {atoms} atoms")
+    })
+}
+
 /// Adds the sums of cells, in their order, to the sums per atom of the model.
 pub(crate) fn scatter<T, const N: usize>(
     cells: &[SampleCell],
@@ -234,6 +313,18 @@ pub(crate) fn scatter<T, const N: usize>(
         }
     }
     sums
+}
+
+/// The same for one sum per atom; whatever `sums` held is lost.
+pub(crate) fn scatter_into<T>(
+    cells: &[SampleCell],
+    parts: &[T],
+    atoms: usize,
+    value: impl Fn(&T, usize) -> f64,
+    sums: &mut Vec<f64>,
+) {
+    sums.clear();
+    sums.extend(scatter(cells, parts, atoms, |part, i| [value(part, i)]).into_flattened());
 }
 
 /// The hot kernels of this crate.

@@ -5,7 +5,7 @@ use geom_core::{Cpu, Lattice};
 use rayon::prelude::*;
 
 use crate::backend::{
-    BLOCK, Block, BlockValues, DensityBackend, Job, RefitSums, SampleCell, scatter,
+    BLOCK, Block, BlockValues, DensityBackend, Job, RefitSums, SampleCell, scatter, scatter_into,
 };
 use crate::error::Error;
 use crate::kernel::boxes::{Cell, bricks_box, lattice_box, middle};
@@ -48,9 +48,7 @@ impl DensityBackend for Cpu {
                 cells::errors_of_cell(cell, model, scratch)
             })
             .collect();
-        let sums = scatter(cells, &parts, model.atoms(), |part, i| [part[i]]);
-        errors.clear();
-        errors.extend(sums.into_iter().map(|[sum]| sum));
+        scatter_into(cells, &parts, model.atoms(), |part, i| part[i], errors);
         Ok(())
     }
 

@@ -512,4 +512,40 @@ mod tests {
         assert_eq!(model.levels()[1].powers(), [3.0, 0.5]);
         assert!(model.emphasize([6], &strong).is_err());
     }
+
+    #[test]
+    fn one_power_is_set_and_what_does_not_exist_is_named() {
+        let tree = vec![
+            (vec![0, 2, 3, 6], vec![0.5; 3]),
+            (vec![0, 1, 3], vec![0.5; 2]),
+        ];
+        let centers = vec![Point3::origin(); 6];
+        let mut model = Model::new(centers, vec![1.0; 6], vec![1.0; 6], tree).unwrap();
+        model.set_power(0, 2, 0.25).unwrap();
+        model.set_power(1, 0, 3.0).unwrap();
+        assert_eq!(model.levels()[0].powers(), [0.5, 0.5, 0.25]);
+        assert_eq!(model.levels()[1].powers(), [3.0, 0.5]);
+        let before = model.clone();
+        let none = |what, index, count| Err(Error::NoSuchNode { what, index, count });
+        assert_eq!(model.set_power(2, 0, 1.0), none("level", 2, 2));
+        assert_eq!(model.set_power(1, 2, 1.0), none("node", 2, 2));
+        for power in [0.0, f64::NAN, 65.0] {
+            let error = model.set_power(0, 0, power).unwrap_err();
+            assert!(matches!(error, Error::Option(out) if out.option == "power"));
+        }
+        assert_eq!(model, before);
+    }
+
+    #[test]
+    fn only_small_radii_are_raised() {
+        let radii = vec![0.0, 1.0, 2.5];
+        let mut model = Model::new(vec![Point3::origin(); 3], radii, vec![1.0; 3], vec![]).unwrap();
+        model.raise_radii(1.2).unwrap();
+        assert_eq!(model.radii(), [1.2, 1.2, 2.5]);
+        for radius in [-1.0, f64::NAN, 2e4] {
+            let error = model.raise_radii(radius).unwrap_err();
+            assert!(matches!(error, Error::Option(out) if out.option == "min_radius"));
+        }
+        assert_eq!(model.radii(), [1.2, 1.2, 2.5]);
+    }
 }

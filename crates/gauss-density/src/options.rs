@@ -41,7 +41,7 @@ pub struct Options {
     /// Space between the outermost atom centres and the box, Å. `None`: far enough that the density on
     /// the box is below the band, at least 4 Å.
     pub margin: Option<f64>,
-    /// The box, instead of atoms and margin.
+    /// The box, instead of atoms and margin; within ±1e8 Å.
     pub bounds: Option<Aabb>,
     /// `g_l < 1 < g_u`: bricks whose density stays below or above need no values. The values are exact
     /// (within the cut-off) wherever they lie in the band.
@@ -83,14 +83,18 @@ impl Options {
         }
         if let Some(b) = &self.bounds {
             for k in 0..3 {
+                for corner in [b.min[k], b.max[k]] {
+                    let fine = (-1e8..=1e8).contains(&corner);
+                    require(fine, "bounds", corner, "lie within ±1e8 Å")?;
+                }
                 let extent = b.max[k] - b.min[k];
-                let fine = extent >= 0.0 && extent.is_finite() && b.min[k].abs() <= 1e8;
-                require(fine, "bounds", extent, "be a finite box that is not empty")?;
+                require(
+                    extent >= 0.0,
+                    "bounds",
+                    extent,
+                    "be a box that is not empty",
+                )?;
             }
-        }
-        if let Some(floor) = self.floor {
-            let fine = floor > 0.0 && floor <= self.band[0];
-            require(fine, "floor", floor, "be above 0 and at most band[0]")?;
         }
         let [low, high] = self.band;
         require(
@@ -104,6 +108,12 @@ impl Options {
             "band[1]",
             high,
             "be above 1 and below 1e6",
-        )
+        )?;
+        // After the band, which it is measured by.
+        if let Some(floor) = self.floor {
+            let fine = floor > 0.0 && floor <= low;
+            require(fine, "floor", floor, "be above 0 and at most band[0]")?;
+        }
+        Ok(())
     }
 }

@@ -1,6 +1,7 @@
 //! Generated structures and proptest strategies for models.
 
 use geom_core::Point3;
+use geom_core::compute::random::SplitMix64;
 use geom_core::structure::{Atom, Element, Name, Structure, StructureBuilder};
 use proptest::prelude::*;
 
@@ -11,14 +12,8 @@ use crate::specification;
 /// A compact, protein-like structure: `chains` random walks of residues with seven atoms each, folded into a
 /// ball. The same numbers give the same structure.
 pub fn globule(chains: usize, residues: usize, seed: u64) -> Structure {
-    let mut random = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-    let mut uniform = move || {
-        // xorshift64*: enough for test data.
-        random ^= random >> 12;
-        random ^= random << 25;
-        random ^= random >> 27;
-        (random.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 11) as f64 / (1u64 << 53) as f64
-    };
+    let mut random = SplitMix64::new(seed);
+    let mut uniform = move || random.unit();
     let ball =
         (chains as f64 * residues as f64 * 130.0 * 3.0 / (4.0 * std::f64::consts::PI)).cbrt();
     let elements = [7, 6, 6, 8, 6, 6, 16].map(Element);

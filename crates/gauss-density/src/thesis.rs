@@ -292,7 +292,8 @@ impl<'t, 'a> OneSeed<'t, 'a> {
         let model = task.model.model();
         let near = match task.cut {
             Cut::AfterPowers => {
-                Near::Cells(Box::new(PointSampler::new(model, task.options.cutoff)?))
+                let sampler = PointSampler::above(task.floor, model, task.options.cutoff)?;
+                Near::Cells(Box::new(sampler))
             }
             Cut::Bare(_) => Near::Boxes(Boxes::new(model)),
         };

@@ -11,7 +11,9 @@ use geom_core::shaders::{
 use geom_core::{Backend, Point3, Wgpu};
 use rayon::prelude::*;
 
-use crate::backend::{Block, BlockValues, DensityBackend, Job, RefitSums, SampleCell, scatter};
+use crate::backend::{
+    Block, BlockValues, DensityBackend, Job, RefitSums, SampleCell, scatter, scatter_into,
+};
 use crate::error::Error;
 use crate::kernel::cull::ActiveSet;
 use crate::kernel::prepared::Prepared;
@@ -244,9 +246,7 @@ impl DensityBackend for Wgpu {
             Ok(())
         })?;
         let atoms = model.model().atoms();
-        let sums = scatter(cells, &parts, atoms, |part, i| [f64::from(part[i])]);
-        errors.clear();
-        errors.extend(sums.into_iter().map(|[sum]| sum));
+        scatter_into(cells, &parts, atoms, |part, i| f64::from(part[i]), errors);
         Ok(())
     }
 

@@ -7,7 +7,8 @@ use gauss_density::backend::{
 use gauss_density::specification::{self, nested_sum};
 use gauss_density::testing::{globule, models, sample_cell};
 use gauss_density::{
-    Cutoff, DensityBackend, Elimination, Levels, Model, Options, eliminate, sample, sample_band,
+    Cutoff, DensityBackend, Elimination, Error, Levels, Model, Options, Refit, eliminate, refit,
+    sample, sample_band,
 };
 use geom_core::grid::{BRICK, Brick};
 use geom_core::{Aabb, Agreement, Cpu, Lattice, LatticeValues, Point3, Run};
@@ -380,4 +381,151 @@ fn trees_that_are_too_deep_for_the_kernels_are_refused() {
     let model = Model::new(vec![Point3::origin()], vec![1.7], vec![1.0], tree).unwrap();
     let error = sample(&model, &Options::default(), Run::on(&gpu)).unwrap_err();
     assert!(error.to_string().contains("8 levels"), "{error}");
+}
+
+/// What is wrong with the answers of a backend that else asks the processor.
+#[derive(Clone, Copy)]
+struct Odd {
+    blocks: fn(&mut Vec<BlockValues>),
+    errors: fn(&mut Vec<f64>),
+    sums: fn(&mut RefitSums),
+}
+
+/// Nothing.
+const PLAIN: Odd = Odd {
+    blocks: |_| (),
+    errors: |_| (),
+    sums: |_| (),
+};
+
+impl geom_core::Backend for Odd {
+    fn name(&self) -> String {
+        "odd".to_owned()
+    }
+}
+
+impl DensityBackend for Odd {
+    fn sample_blocks(
+        &self,
+        model: &Prepared<'_>,
+        job: &Job,
+        blocks: &[Block],
+        results: &mut Vec<BlockValues>,
+    ) -> Result<(), Error> {
+        Cpu.sample_blocks(model, job, blocks, results)?;
+        (self.blocks)(results);
+        Ok(())
+    }
+    fn atom_errors(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SampleCell],
+        errors: &mut Vec<f64>,
+    ) -> Result<(), Error> {
+        Cpu.atom_errors(model, cells, errors)?;
+        (self.errors)(errors);
+        Ok(())
+    }
+    fn refit_sums(
+        &self,
+        model: &Prepared<'_>,
+        cells: &[SampleCell],
+        sums: &mut RefitSums,
+    ) -> Result<(), Error> {
+        Cpu.refit_sums(model, cells, sums)?;
+        (self.sums)(sums);
+        Ok(())
+    }
+}
+
+/// Whatever a backend from outside answers, the error is typed and names it.
+#[test]
+fn answers_that_make_no_sense_do_no_harm() {
+    let model = Model::uniform(&globule(1, 6, 3), &Levels::default()).unwrap();
+    let options = Options {
+        spacing: 1.0,
+        ..Options::default()
+    };
+    let elimination = Elimination {
+        epsilon: 0.1,
+        spacing: 1.0,
+        ..Elimination::default()
+    };
+    let fit = Refit {
+        spacing: 1.0,
+        iterations: 5,
+        ..Refit::default()
+    };
+    let reduced = eliminate(&model, &elimination, Run::on(&PLAIN)).unwrap();
+    assert!(reduced.kept.len() < model.atoms());
+    let blamed = |error: Error, what: &str| {
+        assert!(matches!(error, Error::Backend(_)), "{error}");
+        let text = error.to_string();
+        assert!(
+            text.starts_with("odd gave") && text.contains(what),
+            "{text}"
+        );
+    };
+
+    type Spoil = fn(&mut Vec<BlockValues>);
+    let blocks: [(Spoil, &str); 6] = [
+        (|r| r.clear(), "results"),
+        (|r| r.push(BlockValues::default()), "results"),
+        (|r| r[0].kinds.truncate(1), "kinds"),
+        (
+            |r| r.iter_mut().for_each(|r| r.kinds.push(Brick::Exterior)),
+            "kinds",
+        ),
+        (
+            |r| r.iter_mut().for_each(|r| r.values.truncate(100)),
+            "values",
+        ),
+        (
+            |r| r.iter_mut().for_each(|r| r.kinds.fill(Brick::Stored(1000))),
+            "number 1000",
+        ),
+    ];
+    for (blocks, what) in blocks {
+        let odd = Odd { blocks, ..PLAIN };
+        blamed(sample(&model, &options, Run::on(&odd)).unwrap_err(), what);
+        blamed(
+            sample_band(&model, &options, Run::on(&odd)).unwrap_err(),
+            what,
+        );
+    }
+    let odd = Odd {
+        blocks: |r| r.iter_mut().for_each(|r| r.values.fill(f32::NAN)),
+        ..PLAIN
+    };
+    assert!(sample(&model, &options, Run::on(&odd)).is_err());
+    assert!(sample_band(&model, &options, Run::on(&odd)).is_err());
+
+    let errors: [fn(&mut Vec<f64>); 2] = [|e| e.truncate(41), |e| e.push(0.0)];
+    for errors in errors {
+        let odd = Odd { errors, ..PLAIN };
+        let error = eliminate(&model, &elimination, Run::on(&odd)).unwrap_err();
+        blamed(error, "errors for 42 atoms");
+    }
+    // An order of trial like any other; the bound holds all the same.
+    let odd = Odd {
+        errors: |e| e.fill(f64::NAN),
+        ..PLAIN
+    };
+    let done = eliminate(&model, &elimination, Run::on(&odd)).unwrap();
+    assert!(done.report.worst_loss <= elimination.epsilon);
+
+    type Sums = fn(&mut RefitSums);
+    let sums: [(Sums, &str); 6] = [
+        (|s| s.gradient.truncate(1), "gradients"),
+        (|s| s.curvature.push([0.0; 5]), "curvatures"),
+        (|s| s.objective = f64::NAN, "objective of NaN"),
+        (|s| s.objective = f64::INFINITY, "objective of inf"),
+        (|s| s.gradient[0][3] = f64::NAN, "derivatives"),
+        (|s| s.curvature[0][0] = f64::INFINITY, "derivatives"),
+    ];
+    for (sums, what) in sums {
+        let odd = Odd { sums, ..PLAIN };
+        let error = refit(&reduced.model, &model, &fit, Run::on(&odd)).unwrap_err();
+        blamed(error, what);
+    }
 }

@@ -4,7 +4,7 @@ use gauss_density::testing::globule;
 use gauss_density::thesis::{self, Cut};
 use gauss_density::{
     Cutoff, Elimination, Error, Interior, Levels, LowPass, Model, Options, PointSampler, Refit,
-    Shape, Stop, eliminate, low_pass, refit, sample, sample_band,
+    Shape, Stop, compare, eliminate, low_pass, refit, sample, sample_band,
 };
 use geom_core::options::OutOfRange;
 use geom_core::{Aabb, Cpu, ImplicitField, LatticeValues, Point3, Run};
@@ -187,6 +187,13 @@ fn every_option_of_the_refit_counts() {
     );
     assert_eq!(with(|o| o.iterations = 3).report.iterations, 3);
     assert!(with(|o| o.tolerance = 0.2).report.iterations < 12);
+    // A step that goes nowhere is not tried.
+    let fixed = with(|o| (o.max_shift, o.max_radius_change, o.max_decay_change) = (0.0, 0.0, 0.0));
+    assert_eq!(
+        (fixed.report.iterations, fixed.report.accepted),
+        (0, 0),
+        "nothing may change"
+    );
     let little = Refit {
         max_memory: 1 << 10,
         ..base
@@ -203,6 +210,75 @@ fn every_option_of_the_refit_counts() {
             ..
         })
     ));
+}
+
+/// Ends of long edges lie so far out that no atom matters around them.
+#[test]
+fn samples_without_an_atom_end_no_refit() {
+    for decay in [0.5, 2.0] {
+        let model = body(Levels {
+            decay,
+            ..Levels::default()
+        });
+        let options = Refit {
+            spacing: 2.0,
+            iterations: 2,
+            ..Refit::default()
+        };
+        let fit = refit(&model, &model, &options, Run::on(&Cpu)).unwrap();
+        assert!(fit.report.samples > 0 && fit.report.worst[0] < 1e-3);
+        // Nothing of the reduced model is near most of the samples: all of their density is missing.
+        let corner = Model::new(vec![model.centers()[0]], vec![1.0], vec![2.0], vec![]).unwrap();
+        let fit = refit(&corner, &model, &options, Run::on(&Cpu)).unwrap();
+        assert!(fit.report.worst[0] > 0.9);
+    }
+}
+
+/// The option that is wrong is the one that is named.
+#[test]
+fn what_is_out_of_range_is_named() {
+    let base = Options::default();
+    let named = |options: Options| {
+        let error = options.check().unwrap_err();
+        (error.option, error.value)
+    };
+    let no_band = Options {
+        band: [f64::NAN, 2.0],
+        floor: Some(0.1),
+        ..base.clone()
+    };
+    assert_eq!(named(no_band).0, "band[0]");
+    let within = |min: f64, max: f64| Options {
+        bounds: Some(Aabb {
+            min: Point3::from([min; 3]),
+            max: Point3::from([max; 3]),
+        }),
+        ..base.clone()
+    };
+    assert_eq!(
+        named(within(-2e8, 0.0)),
+        ("bounds", "-200000000".to_owned())
+    );
+    assert_eq!(named(within(0.0, 2e8)), ("bounds", "200000000".to_owned()));
+    assert_eq!(named(within(1.0, 0.0)), ("bounds", "-1".to_owned()));
+    assert!(within(-1e8, 1e8).check().is_ok());
+}
+
+#[test]
+fn the_floor_counts_for_the_search_from_one_seed() {
+    let model = body(Levels::default());
+    let pairs = |floor| {
+        let options = Options {
+            spacing: 1.0,
+            cutoff: Cutoff(0.1),
+            floor,
+            ..Options::default()
+        };
+        let done = thesis::single_seed(&model, &options, Cut::AfterPowers).unwrap();
+        done.report.pairs
+    };
+    assert!(pairs(Some(0.5)) < pairs(Some(1e-3)));
+    assert_eq!(pairs(None), pairs(Some(1e-3)));
 }
 
 /// The fast path in f32 against the closed form: a single atom, at every power and decay.
@@ -346,10 +422,19 @@ proptest! {
         if let Ok(done) = sample_band(&model, &options, Run::on(&Cpu)) {
             prop_assert!(done.grid.values().iter().all(|v| v.is_finite() && *v >= 0.0));
         }
+        let _ = compare(&model, &model, &options, Run::on(&Cpu));
         if let Ok(field) = PointSampler::new(&model, options.cutoff) {
+            // Squares of distances would be infinite here.
+            let far = Point3::new(1e300, 0.0, -1e200);
+            let (value, gradient, hessian) = field.value_gradient_hessian(&far);
+            prop_assert!(value == 0.0 && gradient.norm() == 0.0 && hessian.norm() == 0.0);
+            prop_assert!(field.mean_curvature(&far).is_nan());
+            prop_assert!(field.parameter_gradient(&far).is_empty());
             for x in [Point3::origin(), Point3::new(spacing, eps, power)] {
                 let (value, _) = field.value_gradient(&x);
                 prop_assert!(value >= 0.0 || x.iter().any(|c| !c.is_finite()), "{value} at {x}");
+                let _ = field.mean_curvature(&x);
+                let _ = field.parameter_gradient(&x);
             }
         }
         let elimination = Elimination {

@@ -161,7 +161,7 @@ fn the_bare_cut_is_another_model_for_small_powers() {
     assert!(share_inside(0.05, 0.5, 1.0) < 0.85);
 }
 
-/// The default margin is wide enough for every set of powers, and a box that cuts the body says where.
+/// The default margin is wide enough for every set of powers.
 #[test]
 fn the_default_margin_never_cuts_the_body() {
     let structure = read(fixtures::path("1AJJ.pdb"), &ReadOptions::default())

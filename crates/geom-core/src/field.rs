@@ -44,8 +44,8 @@ const SMOOTH: u32 = 5;
 /// for Minimization without Derivatives*, 1973, ch. 4).
 ///
 /// `ends` are the values at 0 and 1; one of them is negative and the other is not. They may be rough (a sample of
-/// the function); only their signs are trusted. The place that is found lies strictly between the ends. Values are
-/// taken to be expensive: for a precision of 10⁻⁴ of the segment a smooth function is asked three or four times.
+/// the function); only their signs are trusted. The place that is found lies between the ends; a root that is nearer
+/// to one of them than the precision may be placed right there. Values are taken to be expensive: for a precision of 10⁻⁴ of the segment a smooth function is asked three or four times.
 /// Exponentials are better given as their logarithms.
 ///
 /// ```

@@ -7,8 +7,6 @@ pub const MAX_ELEMENTS: usize = u32::MAX as usize - 1;
 
 /// An index of one kind of element.
 pub trait Id: Copy + Eq + Ord {
-    /// The id with this number. Numbers above [`MAX_ELEMENTS`] are a bug of the caller.
-    fn new(index: usize) -> Self;
     /// The number of this id.
     fn index(self) -> usize;
 }
@@ -21,9 +19,6 @@ macro_rules! ids {
         pub struct $name(pub u32);
 
         impl Id for $name {
-            fn new(index: usize) -> Self {
-                Self(u32::try_from(index).expect("more than 2³² − 2 elements"))
-            }
             fn index(self) -> usize {
                 self.0 as usize
             }

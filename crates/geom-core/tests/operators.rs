@@ -1,6 +1,7 @@
 //! The Laplace operators by identities.
 
 use geom_core::algebra::{Cholesky, SparseMatrix};
+use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::{Complex, DMatrix, Rotation3};
 use geom_core::surface::laplace::{self, EdgeWeights, Error, Mass};
@@ -10,13 +11,8 @@ use proptest::prelude::*;
 /// A planar patch of `n × n` cells with its inner vertices shaken, in a plane askew to the axes.
 fn plane(n: usize, shake: f64, seed: u64) -> TriMesh {
     let turn = Rotation3::from_euler_angles(0.3, -0.7, 1.1);
-    let mut state = seed | 1;
-    let mut random = move || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-    };
+    let mut random = SplitMix64::new(seed);
+    let mut random = move || random.unit() - 0.5;
     let mut positions = Vec::new();
     for j in 0..=n {
         for i in 0..=n {

@@ -4,6 +4,7 @@ use geom_core::algebra::iterate::Options;
 use geom_core::algebra::{
     Cholesky, Error, Scalar, SparseMatrix, Symbolic, conjugate_gradients, refine,
 };
+use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::{Complex, DMatrix};
 use geom_core::surface::laplace::{self, EdgeWeights};
@@ -12,15 +13,8 @@ use proptest::prelude::*;
 
 /// Numbers in −1…1.
 fn values(count: usize, seed: u64) -> Vec<f64> {
-    let mut state = seed | 1;
-    (0..count)
-        .map(|_| {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        })
-        .collect()
+    let mut random = SplitMix64::new(seed);
+    (0..count).map(|_| random.symmetric()).collect()
 }
 
 /// `K + s M` of a torus.
@@ -170,6 +164,22 @@ fn conjugate_gradients_with_the_factor_of_a_similar_matrix() {
     assert!(!short.converged && short.residuals.iter().all(|&r| r > 1e-12));
 }
 
+/// A residual that is no number closes no column.
+#[test]
+fn what_leaves_the_range_of_numbers_has_not_converged() {
+    // The products of the first step overflow, so that its residual is no number.
+    let matrix = SparseMatrix::diagonal_of(&[1e200, 1e200]);
+    let factor = Cholesky::of(&SparseMatrix::diagonal_of(&[1e-10, 1e-10])).unwrap();
+    let once = Options {
+        max_iterations: 1,
+        ..Options::default()
+    };
+    for options in [once, Options::default()] {
+        let found = conjugate_gradients(&matrix, &factor, &[1e149, 1e149], 1, &options);
+        assert!(!found.is_ok_and(|solution| solution.converged));
+    }
+}
+
 #[test]
 fn bad_input_is_named() {
     let matrix = screened(1.0);
@@ -196,6 +206,15 @@ fn bad_input_is_named() {
         ),
         Err(Error::NotPositiveDefinite { .. })
     ));
+    // Finite, but not its norm: nothing would be missing relative to that.
+    let huge = vec![1e160; matrix.rows()];
+    let usual = Options::default();
+    for found in [
+        refine(&matrix, &factor, &huge, 1, &usual),
+        conjugate_gradients(&matrix, &factor, &huge, 1, &usual),
+    ] {
+        assert_eq!(found, Err(Error::RightHandSideTooLarge { column: 0 }));
+    }
     let mut b = vec![1.0; matrix.rows()];
     b[5] = f64::NAN;
     assert_eq!(

@@ -9,7 +9,7 @@ use geom_core::options::{OutOfRange, require};
 use rayon::prelude::*;
 
 use crate::atoms::samples::{self, Wanted};
-use crate::backend::{DensityBackend, SampleCell};
+use crate::backend::{DensityBackend, SampleCell, check_per_atom};
 use crate::error::Error;
 use crate::kernel::cells::{self, CellSums, ChangedRow};
 use crate::kernel::prepared::Prepared;
@@ -256,6 +256,7 @@ fn order_of_trial<B: DensityBackend + ?Sized>(
     let mut errors = Vec::new();
     run.backend
         .atom_errors(sampler.prepared(), cells, &mut errors)?;
+    check_per_atom(&run.backend.name(), "errors", errors.len(), model.atoms())?;
     let mut order: Vec<u32> = (0..model.atoms() as u32)
         .filter(|&a| !model.is_protected(a as usize))
         .collect();

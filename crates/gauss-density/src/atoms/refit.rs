@@ -195,7 +195,8 @@ fn samples_of<B: DensityBackend + ?Sized>(
     };
     let of_original = samples::collect(sampler, &grid, &wanted)?;
     drop(grid);
-    Ok(with_atoms_of(&Prepared::new(reduced), of_original, options))
+    let widest = Allowed::around(reduced, options).widest(reduced);
+    Ok(with_atoms_of(&Prepared::new(&widest), of_original, options))
 }
 
 /// The way down from the reduced model: where it is, and what it has learnt of the objective.
@@ -222,6 +223,9 @@ impl<'a> Descent<'a> {
         let mut sums = RefitSums::default();
         let prepared = Prepared::new(reduced);
         run.backend.refit_sums(&prepared, cells, &mut sums)?;
+        let name = run.backend.name();
+        sums.check_lengths(&name, reduced.atoms())?;
+        sums.check_finite(&name)?;
         Ok(Self {
             start: reduced,
             cells,
@@ -244,13 +248,13 @@ impl<'a> Descent<'a> {
         let most = u64::from(options.iterations);
         while report.iterations < options.iterations {
             run.progress("refit", u64::from(report.iterations), most)?;
-            report.iterations += 1;
             let step = self.memory.step(&self.at, &self.sums, &self.allowed);
             let trial = self.allowed.moved(&self.at, &step, self.tau);
             let change = largest(&difference(&trial, &self.at));
             if change < options.tolerance && report.accepted > 0 || change == 0.0 {
                 break;
             }
+            report.iterations += 1;
             if self.accepts(trial, run)? {
                 report.accepted += 1;
             } else if !self.shortens() {
@@ -270,8 +274,12 @@ impl<'a> Descent<'a> {
         let prepared = Prepared::new(&model);
         run.backend
             .refit_sums(&prepared, self.cells, &mut self.next)?;
+        let name = run.backend.name();
+        self.next.check_lengths(&name, model.atoms())?;
+        // A trial may go too far for numbers: then it is not lower, and the next step is shorter.
         let lower = self.next.objective < self.sums.objective;
         if lower {
+            self.next.check_finite(&name)?;
             let change = difference(&self.next.gradient, &self.sums.gradient);
             self.memory.learn(difference(&trial, &self.at), change);
             self.at = trial;
@@ -292,25 +300,26 @@ impl<'a> Descent<'a> {
     }
 }
 
-/// The same points with the atoms of another model that can matter there after the refit.
+/// The same points with the atoms of another model that can matter there after the refit: `widest` has its largest
+/// radii and smallest decays.
 fn with_atoms_of(
-    reduced: &Prepared<'_>,
+    widest: &Prepared<'_>,
     cells: Vec<SampleCell>,
     options: &Refit,
 ) -> Vec<SampleCell> {
     // A moved centre is like a moved point.
     let slack = options.max_shift * 3.0f64.sqrt();
     let floor = 0.5 * options.band[0];
-    let reach = reduced.reach.radius(SAMPLE_EPS / 4.0, floor) + slack + options.max_radius_change;
-    let clusters = reduced.clusters();
+    let reach = widest.reach.radius(SAMPLE_EPS / 4.0, floor) + slack;
+    let clusters = widest.clusters();
     cells
         .into_par_iter()
         .map(|cell| cell.at_least(floor))
         .filter(|cell| !cell.points.is_empty())
         .map_init(Scratch::default, |scratch, cell| {
             let around = Aabb::of_points(&cell.points).inflated(slack);
-            let near = reduced.near(&clusters, &around, reach);
-            let all = ActiveSet::gather(reduced, &reduced.atoms_near(&near, &around, reach));
+            let near = widest.near(&clusters, &around, reach);
+            let all = ActiveSet::gather(widest, &widest.atoms_near(&near, &around, reach));
             let mut kept = ActiveSet::default();
             all.cull_into(
                 &(&around).into(),
@@ -400,6 +409,15 @@ impl Allowed {
             low: low.collect(),
             high,
         }
+    }
+
+    /// The model whose atoms reach farthest.
+    fn widest(&self, start: &Model) -> Model {
+        start.with_atoms(
+            start.centers().to_vec(),
+            self.high.iter().map(|p| p[3]).collect(),
+            self.low.iter().map(|p| p[4]).collect(),
+        )
     }
 
     /// Where a step of relative length `tau` leads.

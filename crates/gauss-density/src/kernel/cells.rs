@@ -161,9 +161,14 @@ impl Terms {
     }
 }
 
-/// `terms = exp(lns − top)` with the largest logarithm of each point as `top`.
+/// `terms = exp(lns − top)` with the largest logarithm of each point as `top`; 0 without terms, as where no atom of the
+/// cell matters.
 #[inline(always)]
 fn relative(lns: &[f64], terms: &mut [f64], top: &mut [f64]) {
+    if lns.is_empty() {
+        top.fill(0.0);
+        return;
+    }
     let n = top.len();
     top.copy_from_slice(&lns[..n]);
     for row in lns.chunks_exact(n) {

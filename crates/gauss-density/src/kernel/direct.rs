@@ -15,7 +15,7 @@ use geom_core::compute::lanes::autovectorized;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Aabb, Point3};
 
-use crate::backend::{BLOCK, Block, BlockValues, Job};
+use crate::backend::{BLOCK, Block, BlockValues, Job, place_in};
 use crate::kernel::boxes::{bricks_box, middle};
 use crate::kernel::math::{exp2, log2};
 use crate::kernel::prepared::Prepared;
@@ -359,7 +359,7 @@ fn sample(
             let at = [lane & 1, lane >> 1 & 1, lane >> 2];
             let at = [0, 1, 2].map(|k| first[k] + at[k]);
             let within = (0..3).all(|k| at[k] < last[k]);
-            let i = (at[2] * block.bricks[1] + at[1]) * block.bricks[0] + at[0];
+            let i = place_in(block.bricks, at);
             let reaches = f64::from(up[lane]) * (1.0 + 1e-4) >= floor;
             (within && reaches && block.wants(i)).then_some(i)
         };

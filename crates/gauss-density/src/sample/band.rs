@@ -6,7 +6,7 @@ use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{BrickGrid, Run};
 use rayon::prelude::*;
 
-use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
+use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job, place_in};
 use crate::error::Error;
 use crate::kernel::prepared::Prepared;
 use crate::model::Model;
@@ -151,9 +151,8 @@ impl Band {
         for at in found {
             let brick = coordinates(at);
             let block = brick.map(|b| b / BLOCK * BLOCK);
-            let side = [0, 1].map(|k| BLOCK.min(self.bricks[k] - block[k]));
-            let local = [0, 1, 2].map(|k| brick[k] - block[k]);
-            let bit = (local[2] * side[1] + local[1]) * side[0] + local[0];
+            let side = [0, 1, 2].map(|k| BLOCK.min(self.bricks[k] - block[k]));
+            let bit = place_in(side, [0, 1, 2].map(|k| brick[k] - block[k]));
             *crossed.entry(block).or_insert(0) |= 1 << bit;
         }
         crossed

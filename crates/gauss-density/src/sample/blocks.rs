@@ -6,7 +6,7 @@ use geom_core::grid::BRICK;
 use geom_core::{Lattice, Run};
 use rayon::prelude::*;
 
-use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job};
+use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job, check_blocks};
 use crate::error::Error;
 use crate::kernel::boxes::lattice_box;
 use crate::kernel::prepared::Prepared;
@@ -125,6 +125,7 @@ pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
     // A quarter of what the cut-off allows; the culls of boxes take the rest.
     let reach = model.reach.radius(job.cutoff.0 / 4.0, job.floor);
     let all = model.clusters();
+    let name = run.backend.name();
     let (mut results, mut before) = (Vec::new(), Vec::new());
     for region in 0..total {
         run.progress("density", region as u64, total as u64)?;
@@ -156,6 +157,7 @@ pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
             );
             taken?;
             sampled?;
+            check_blocks(&name, batch, &results)?;
             std::mem::swap(&mut results, &mut before);
             blocks_before = batch;
         }

@@ -98,20 +98,27 @@ const FULL: f32 = 0.9999;
 pub fn low_pass(grid: &ScalarGrid, options: &LowPass) -> Result<ScalarGrid, Error> {
     options.check()?;
     let lattice = *grid.lattice();
+    if lattice.is_empty() {
+        return Ok(grid.clone());
+    }
     let pad = (2.0 * options.cutoff_length / lattice.spacing).ceil();
-    let sizes = lattice
-        .counts
-        .map(|n| good_size((n as f64 + pad).min(1e9) as usize));
-    let [nx, ny, nz] = sizes;
-    let half = nx / 2 + 1;
+    // As many as there are numbers for stand for more.
+    let pad = pad.min(1e18) as u128;
+    let sizes = lattice.counts.map(|n| good_size(n as u128 + pad));
     // The spectrum, its transpose, and the result.
-    let bytes = half as u128 * ny as u128 * nz as u128 * 16 + lattice.points().saturating_mul(4);
+    let [nx, ny, nz] = sizes;
+    let spectrum = [ny, nz, 16]
+        .into_iter()
+        .fold(nx / 2 + 1, u128::saturating_mul);
+    let bytes = spectrum.saturating_add(lattice.points().saturating_mul(4));
     if bytes > u128::from(options.max_memory) {
         return Err(Error::TooLargeToFilter {
             bytes,
             limit: options.max_memory,
         });
     }
+    let [nx, ny, nz] = sizes.map(|n| n as usize);
+    let half = nx / 2 + 1;
     // Padded by two cut-off lengths, since the transform is periodic: the far side must not blur into this one.
     let mut real = RealFftPlanner::<f32>::new();
     let (forward_x, inverse_x) = (real.plan_fft_forward(nx), real.plan_fft_inverse(nx));
@@ -217,17 +224,19 @@ fn along_y(spectrum: &mut [Complex32], half: usize, ny: usize, plan: &Arc<dyn Ff
 }
 
 /// The smallest `2^a 3^b 5^c` that is at least `n`.
-fn good_size(n: usize) -> usize {
-    let smooth = |n: usize| {
-        let mut rest = n;
-        for p in [2, 3, 5] {
-            while rest.is_multiple_of(p) {
-                rest /= p;
-            }
+fn good_size(n: u128) -> u128 {
+    let n = n.max(1);
+    let mut best = n.next_power_of_two();
+    let mut five = 1;
+    while five < best {
+        let mut odd = five;
+        while odd < best {
+            best = best.min(odd * n.div_ceil(odd).next_power_of_two());
+            odd *= 3;
         }
-        rest == 1
-    };
-    (n.max(1)..).find(|&n| smooth(n)).expect("powers of two")
+        five *= 5;
+    }
+    best
 }
 
 #[cfg(test)]
@@ -237,5 +246,40 @@ mod tests {
     #[test]
     fn sizes_have_small_factors() {
         assert_eq!([1, 7, 11, 127, 513].map(good_size), [1, 8, 12, 128, 540]);
+        let smooth = |n: &u128| {
+            let mut rest = *n;
+            for p in [2, 3, 5] {
+                while rest.is_multiple_of(p) {
+                    rest /= p;
+                }
+            }
+            rest == 1
+        };
+        for n in 1..3000 {
+            assert_eq!(Some(good_size(n)), (n..).find(smooth));
+        }
+        assert!((1 << 60..1 << 61).contains(&good_size(1 << 60)));
+    }
+
+    #[test]
+    fn what_is_too_large_is_counted_and_what_is_empty_stays() {
+        let grid = |spacing, counts: [usize; 3]| {
+            let origin = geom_core::Point3::origin();
+            let lattice = geom_core::Lattice {
+                origin,
+                spacing,
+                counts,
+            };
+            ScalarGrid::new(lattice, vec![1.0; lattice.len()]).unwrap()
+        };
+        // Eight thousand million points of padding per axis.
+        let error = low_pass(&grid(1e-9, [2; 3]), &LowPass::default()).unwrap_err();
+        let Error::TooLargeToFilter { bytes, .. } = error else {
+            panic!("{error}");
+        };
+        assert!(bytes >= 8 * 8_000_000_000u128.pow(3), "{bytes}");
+        assert!(low_pass(&grid(1e-300, [2; 3]), &LowPass::default()).is_err());
+        let none = grid(1.0, [3, 0, 4]);
+        assert_eq!(low_pass(&none, &LowPass::default()).unwrap(), none);
     }
 }

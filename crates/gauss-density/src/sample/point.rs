@@ -159,13 +159,17 @@ impl<'a> PointSampler<'a> {
 
     /// The density, its gradient (per Å) and its Hessian (per Å²).
     pub fn value_gradient_hessian(&self, x: &Point3) -> (f64, Vector3, Matrix3<f64>) {
+        if is_beyond_numbers(x) {
+            return (0.0, Vector3::zeros(), Matrix3::zeros());
+        }
         match self.active_at(x) {
             Some(m) => plain::value_gradient_hessian(&self.model, m.iter().copied(), x),
             None => plain::value_gradient_hessian(&self.model, self.all(), x),
         }
     }
 
-    /// Mean curvature of the level set through `x`, Å⁻¹: positive on spheres.
+    /// Mean curvature of the level set through `x`, Å⁻¹: positive on spheres. NaN where the gradient vanishes, as in the
+    /// middle of an atom and far from all of them: there is no level set with a normal.
     pub fn mean_curvature(&self, x: &Point3) -> f64 {
         let (_, g, h) = self.value_gradient_hessian(x);
         let norm = g.norm();
@@ -174,6 +178,9 @@ impl<'a> PointSampler<'a> {
 
     /// The derivatives of the density at `x` with respect to the parameters of every atom that matters there.
     pub fn parameter_gradient(&self, x: &Point3) -> Vec<AtomGradient> {
+        if is_beyond_numbers(x) {
+            return Vec::new();
+        }
         let all: Vec<u32>;
         let active = match self.active_at(x) {
             Some(active) => active,

@@ -12,7 +12,8 @@ use crate::options::require;
 pub struct Options {
     /// Relative residual `‖b − A x‖ / ‖b‖` at which a column is done.
     pub tolerance: f64,
-    /// Most iterations.
+    /// Most corrections of the first solution: of that by the factor alone in [`refine`], of zero in
+    /// [`conjugate_gradients`].
     pub max_iterations: usize,
 }
 
@@ -44,7 +45,7 @@ impl Options {
 pub struct Solution<T = f64> {
     /// The block of solutions.
     pub values: Vec<T>,
-    /// Relative residual of each column; 0 where the right-hand side is zero.
+    /// Relative residual of each column; 0 where the right-hand side is zero, or its squares are.
     pub residuals: Vec<f64>,
     /// Iterations of the column that took most.
     pub iterations: usize,
@@ -72,11 +73,9 @@ pub fn refine<T: Scalar>(
     columns: usize,
     options: &Options,
 ) -> Result<Solution<T>, Error> {
-    options.check()?;
-    check_sizes(matrix, factor, block, columns)?;
-    let sizes = norms(block, columns);
+    let sizes = start(matrix, factor, block, columns, options)?;
     let mut x = vec![T::default(); block.len()];
-    let mut missing = block.to_vec();
+    let mut rest = block.to_vec();
     let mut solution = Solution {
         values: Vec::new(),
         residuals: sizes.iter().map(|&s| f64::from(s > 0.0)).collect(),
@@ -85,18 +84,16 @@ pub fn refine<T: Scalar>(
     };
     let mut worst = f64::INFINITY;
     for iteration in 0..=options.max_iterations {
-        let mut step = missing.clone();
+        let mut step = rest.clone();
         factor.solve_in_place(&mut step, columns)?;
         let next: Vec<T> = x.iter().zip(&step).map(|(&x, &d)| x + d).collect();
-        let image = matrix.multiply(&next, columns);
-        let rest: Vec<T> = block.iter().zip(&image).map(|(&b, &a)| b - a).collect();
-        let residuals = relative(&norms(&rest, columns), &sizes);
+        let (after, residuals) = missing(matrix, &next, block, &sizes);
         let largest = residuals.iter().copied().fold(0.0, f64::max);
         // Rounding has the last word: keep the better one.
         if largest >= worst || largest.is_nan() {
             break;
         }
-        (x, missing) = (next, rest);
+        (x, rest) = (next, after);
         solution.residuals = residuals;
         solution.iterations = iteration;
         let slow = largest > 0.5 * worst;
@@ -135,9 +132,7 @@ pub fn conjugate_gradients<T: Scalar>(
     columns: usize,
     options: &Options,
 ) -> Result<Solution<T>, Error> {
-    options.check()?;
-    check_sizes(matrix, factor, block, columns)?;
-    let sizes = norms(block, columns);
+    let sizes = start(matrix, factor, block, columns, options)?;
     // From zero, so that the residual is the right-hand side; the factor is the preconditioner.
     let mut x = vec![T::default(); block.len()];
     let mut r = block.to_vec();
@@ -145,7 +140,7 @@ pub fn conjugate_gradients<T: Scalar>(
     factor.solve_in_place(&mut z, columns)?;
     let mut p = z.clone();
     let mut rz = dots(&r, &z, columns);
-    let mut open: Vec<bool> = sizes.iter().map(|&s| s > options.tolerance * s).collect();
+    let mut open: Vec<bool> = sizes.iter().map(|&s| s > 0.0).collect();
     let mut iterations = 0;
     while iterations < options.max_iterations && open.contains(&true) {
         iterations += 1;
@@ -167,7 +162,8 @@ pub fn conjugate_gradients<T: Scalar>(
         let back: Vec<f64> = step.iter().map(|s| -s).collect();
         add_scaled(&mut r, &back, &image, columns);
         for (open, residual) in open.iter_mut().zip(relative(&norms(&r, columns), &sizes)) {
-            *open &= residual > options.tolerance;
+            // One that is no number is not done.
+            *open &= residual > options.tolerance || residual.is_nan();
         }
         z.copy_from_slice(&r);
         factor.solve_in_place(&mut z, columns)?;
@@ -185,14 +181,44 @@ pub fn conjugate_gradients<T: Scalar>(
         rz = next;
     }
     // The true residual, not the one that was carried along.
-    let image = matrix.multiply(&x, columns);
-    let rest: Vec<T> = block.iter().zip(&image).map(|(&b, &a)| b - a).collect();
+    let (_, residuals) = missing(matrix, &x, block, &sizes);
     Ok(Solution {
+        converged: !open.contains(&true) && !residuals.iter().any(|r| r.is_nan()),
         values: x,
-        residuals: relative(&norms(&rest, columns), &sizes),
+        residuals,
         iterations,
-        converged: !open.contains(&true),
     })
+}
+
+/// Refuses what does not fit together; the norms of the right-hand sides.
+fn start<T: Scalar>(
+    matrix: &SparseMatrix<T>,
+    factor: &Cholesky<T>,
+    block: &[T],
+    columns: usize,
+    options: &Options,
+) -> Result<Vec<f64>, Error> {
+    options.check()?;
+    check_sizes(matrix, factor, block, columns)?;
+    let sizes = norms(block, columns);
+    // Relative to an infinite norm nothing would be missing.
+    match sizes.iter().position(|s| !s.is_finite()) {
+        Some(column) => Err(Error::RightHandSideTooLarge { column }),
+        None => Ok(sizes),
+    }
+}
+
+/// `B − A X`, and the norm of each of its columns as a share of that of B.
+fn missing<T: Scalar>(
+    matrix: &SparseMatrix<T>,
+    x: &[T],
+    block: &[T],
+    sizes: &[f64],
+) -> (Vec<T>, Vec<f64>) {
+    let image = matrix.multiply(x, sizes.len());
+    let rest: Vec<T> = block.iter().zip(&image).map(|(&b, &a)| b - a).collect();
+    let residuals = relative(&norms(&rest, sizes.len()), sizes);
+    (rest, residuals)
 }
 
 fn check_sizes<T: Scalar>(

@@ -112,4 +112,13 @@ pub enum Error {
         /// Rows × columns.
         expected: usize,
     },
+    /// The norm of a right-hand side is beyond the largest number.
+    #[error(
+        "the right-hand side in column {column} is so large that its norm is no finite number; \
+         divide it by a power of two, and the solution is divided too"
+    )]
+    RightHandSideTooLarge {
+        /// The column.
+        column: usize,
+    },
 }

@@ -134,23 +134,6 @@ impl Agreement {
                 })
             })
     }
-
-    /// The largest `|candidate − reference| / (absolute + relative · |reference|)`: the used share
-    /// of the bound; 0 or infinite for [`Agreement::Exact`].
-    pub fn worst_share<T: Copy + Into<f64>>(&self, reference: &[T], candidate: &[T]) -> f64 {
-        reference
-            .iter()
-            .zip(candidate)
-            .fold(0.0, |worst: f64, (&r, &c)| {
-                let (r, c): (f64, f64) = (r.into(), c.into());
-                let allowed = match *self {
-                    Self::Exact => 0.0,
-                    Self::Bounded { relative, absolute } => absolute + relative * r.abs(),
-                };
-                let off = (c - r).abs();
-                worst.max(if off == 0.0 { 0.0 } else { off / allowed })
-            })
-    }
 }
 
 #[cfg(test)]

@@ -80,12 +80,10 @@ pub struct GpuContext {
     queue: wgpu::Queue,
     info: wgpu::AdapterInfo,
     limits: wgpu::Limits,
-    pipelines: Mutex<HashMap<PipelineKey, Arc<wgpu::ComputePipeline>>>,
+    /// By name of the kernel.
+    pipelines: Mutex<HashMap<&'static str, Arc<wgpu::ComputePipeline>>>,
     lost: Arc<Mutex<Option<String>>>,
 }
-
-/// Name of a kernel, and the bits of its `override` constants.
-type PipelineKey = (&'static str, Vec<u64>);
 
 /// An array on the GPU.
 pub struct GpuBuffer {
@@ -271,17 +269,6 @@ impl GpuContext {
         bindings: &[&GpuBuffer],
         groups: [u32; 3],
     ) -> Result<(), GpuError> {
-        self.dispatch_with(shader, &[], bindings, groups)
-    }
-
-    /// Like [`GpuContext::dispatch`], with values for the kernel's `override` constants.
-    pub fn dispatch_with(
-        &self,
-        shader: &Shader,
-        constants: &[(&str, f64)],
-        bindings: &[&GpuBuffer],
-        groups: [u32; 3],
-    ) -> Result<(), GpuError> {
         let limit = self.limits.max_compute_workgroups_per_dimension;
         if groups.iter().any(|&g| g > limit) {
             return Err(GpuError::TooManyGroups {
@@ -294,7 +281,7 @@ impl GpuContext {
             return Ok(());
         }
         self.watched(shader.name, || {
-            let pipeline = self.pipeline(shader, constants);
+            let pipeline = self.pipeline(shader);
             let entries: Vec<_> = bindings
                 .iter()
                 .enumerate()
@@ -369,13 +356,9 @@ impl GpuContext {
         Ok(data)
     }
 
-    fn pipeline(&self, shader: &Shader, constants: &[(&str, f64)]) -> Arc<wgpu::ComputePipeline> {
-        let key = (
-            shader.name,
-            constants.iter().map(|c| c.1.to_bits()).collect::<Vec<_>>(),
-        );
+    fn pipeline(&self, shader: &Shader) -> Arc<wgpu::ComputePipeline> {
         let mut pipelines = self.pipelines.lock().unwrap_or_else(|e| e.into_inner());
-        let compiled = pipelines.entry(key).or_insert_with(|| {
+        let compiled = pipelines.entry(shader.name).or_insert_with(|| {
             let module = self
                 .device
                 .create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -389,10 +372,7 @@ impl GpuContext {
                         layout: None,
                         module: &module,
                         entry_point: Some("main"),
-                        compilation_options: wgpu::PipelineCompilationOptions {
-                            constants,
-                            ..Default::default()
-                        },
+                        compilation_options: wgpu::PipelineCompilationOptions::default(),
                         cache: None,
                     }),
             )

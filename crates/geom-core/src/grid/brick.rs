@@ -47,7 +47,8 @@ impl BrickGrid {
     /// these numbers.
     ///
     /// # Errors
-    /// Kinds, numbers and values that do not fit together, and values that are not finite, are named.
+    /// Kinds, numbers and values that do not fit together, and values that are not finite, those of bricks that are not
+    /// stored among them, are named.
     pub fn new(
         lattice: Lattice,
         kinds: &[Brick],
@@ -56,6 +57,11 @@ impl BrickGrid {
         interior: f32,
     ) -> Result<Self, GridError> {
         check_lattice(&lattice)?;
+        for (bricks, value) in [("exterior", exterior), ("interior", interior)] {
+            if !value.is_finite() {
+                return Err(GridError::Fill { bricks, value });
+            }
+        }
         let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));
         let brick_of = numbered(kinds, bricks, values.len())?;
         let grid = Self {

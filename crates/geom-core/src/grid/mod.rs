@@ -63,6 +63,14 @@ pub enum GridError {
         /// Bricks that are stored.
         stored: usize,
     },
+    /// The value of bricks that are not stored is NaN or infinite.
+    #[error("the value of {bricks} bricks is {value}, not a finite number")]
+    Fill {
+        /// "exterior" or "interior".
+        bricks: &'static str,
+        /// The value.
+        value: f32,
+    },
     /// The number of a stored brick is too large, or that of another one too.
     #[error(
         "brick {brick} has the number {number}, but the {stored} stored bricks have the numbers from 0, each once"
@@ -217,9 +225,13 @@ fn check_lattice(lattice: &Lattice) -> Result<(), GridError> {
     }
 }
 
-/// Trilinear interpolation; outside of the lattice the value at the nearest point of its box.
+/// Trilinear interpolation; outside of the lattice the value at the nearest point of its box. A lattice without points
+/// has the value 0 everywhere.
 fn trilinear(grid: &impl LatticeValues, x: &Point3) -> (f64, Vector3) {
     let lattice = grid.lattice();
+    if lattice.counts.contains(&0) {
+        return (0.0, Vector3::zeros());
+    }
     let local = lattice.local(x);
     let (mut base, mut t, mut slope) = ([0usize; 3], [0.0; 3], [0.0; 3]);
     for k in 0..3 {
@@ -344,6 +356,35 @@ mod tests {
         let mut row = [0.0; 20];
         grid.read_row([3, 2, 2], &mut row);
         assert_eq!((row[4], row[5], row[12], row[13]), (0.0, 2.0, 2.0, 1.0));
+    }
+
+    #[test]
+    fn a_grid_without_points_has_the_value_0() {
+        for counts in [[0, 0, 0], [3, 0, 2]] {
+            let lattice = Lattice {
+                origin: Point3::origin(),
+                spacing: 1.0,
+                counts,
+            };
+            let dense = ScalarGrid::new(lattice, vec![]).unwrap();
+            let bricks = BrickGrid::new(lattice, &[], vec![], 0.0, 2.0).unwrap();
+            let x = Point3::new(0.5, 0.0, 1.0);
+            assert_eq!(dense.value(&x), 0.0);
+            assert_eq!(bricks.value_gradient(&x), (0.0, Vector3::zeros()));
+        }
+    }
+
+    #[test]
+    fn fill_values_are_finite() {
+        let lattice = Lattice {
+            origin: Point3::origin(),
+            spacing: 1.0,
+            counts: [8; 3],
+        };
+        for (exterior, interior) in [(f32::NAN, 2.0), (0.0, f32::INFINITY)] {
+            let grid = BrickGrid::new(lattice, &[Brick::Exterior], vec![], exterior, interior);
+            assert!(matches!(grid, Err(GridError::Fill { .. })));
+        }
     }
 
     #[test]

@@ -107,6 +107,33 @@ impl Cells<'_> {
             },
         }
     }
+    /// Does every cell have its corners, and are these among so many vertices? `first` is the number of the first
+    /// cell.
+    fn check(&self, first: usize, vertices: usize) -> Result<(), Error> {
+        if let Self::Polygons { ends, corners } = self {
+            let rises = ends.windows(2).all(|w| w[0] <= w[1]);
+            let last = ends.last().map_or(0, |&end| end as usize);
+            if !rises || last != corners.len() {
+                let expected = format!("ends of polygons that rise to {}", corners.len());
+                return Err(ErrorKind::expected(expected, format!("{last} as the last")).into());
+            }
+        }
+        let bad = |&v: &u32| v as usize >= vertices;
+        let Some(at) = self.all_corners().iter().position(bad) else {
+            return Ok(());
+        };
+        let cell = match self {
+            Self::Triangles(_) => at / 3,
+            Self::Quads(_) | Self::Tets(_) => at / 4,
+            Self::Polygons { ends, .. } => ends.partition_point(|&e| e as usize <= at),
+        };
+        Err(crate::MeshError::OutOfRange {
+            element: first + cell,
+            vertex: self.all_corners()[at],
+            vertices,
+        }
+        .into())
+    }
     fn all_corners(&self) -> &[u32] {
         match self {
             Self::Triangles(c) => c.as_flattened(),
@@ -163,7 +190,8 @@ pub(super) use each_type;
 impl Values<'_> {
     /// Number of tuples.
     pub fn len(&self) -> usize {
-        each_type!(&self.numbers, n => n.len()) / self.components
+        // Both are fields of the user's.
+        self.numbers().checked_div(self.components).unwrap_or(0)
     }
     /// Is there no value?
     pub fn is_empty(&self) -> bool {
@@ -183,6 +211,11 @@ impl Values<'_> {
     /// The scalars as f64; the first component of tuples.
     pub fn to_f64(&self) -> Vec<f64> {
         (0..self.len()).map(|i| self.get(i, 0)).collect()
+    }
+
+    /// How many there are, whatever the tuples.
+    fn numbers(&self) -> usize {
+        each_type!(&self.numbers, n => n.len())
     }
 
     /// The tuples of these numbers.
@@ -414,7 +447,7 @@ impl<'a> View<'a> {
     /// Adds values per point; refuses another number of them than of points.
     pub fn point_field(mut self, name: &str, values: impl Into<Values<'a>>) -> Result<Self, Error> {
         let values = values.into();
-        fits(name, "point", values.len(), self.points.len())?;
+        fits(name, "point", &values, self.points.len())?;
         self.point_fields.push(Field {
             name: name.to_owned(),
             values,
@@ -426,10 +459,11 @@ impl<'a> View<'a> {
     /// [`TetMesh`]); the rest then has NaN, or the largest number of an integer type.
     pub fn cell_field(mut self, name: &str, values: impl Into<Values<'a>>) -> Result<Self, Error> {
         let mut values = values.into();
-        if self.blocks.first().is_some_and(|b| b.len() == values.len()) {
+        let of_first = |b: &Cells<'_>| fits(name, "cell", &values, b.len()).is_ok();
+        if self.blocks.first().is_some_and(of_first) {
             values = values.padded(self.cells());
         }
-        fits(name, "cell", values.len(), self.cells())?;
+        fits(name, "cell", &values, self.cells())?;
         self.cell_fields.push(Field {
             name: name.to_owned(),
             values,
@@ -440,7 +474,7 @@ impl<'a> View<'a> {
     /// Sets red, green, blue and opacity per point; refuses another number of them than of points.
     pub fn colored(mut self, colors: impl Into<Cow<'a, [[u8; 4]]>>) -> Result<Self, Error> {
         let colors = colors.into();
-        fits("colors", "point", colors.len(), self.points.len())?;
+        one_each("one colour for each point", colors.len(), self.points.len())?;
         self.colors = Some(colors);
         Ok(self)
     }
@@ -566,11 +600,7 @@ impl<'a> View<'a> {
     /// All faces as triangles: quads and polygons as fans from their first corner.
     pub fn triangles(&self) -> Vec<[u32; 3]> {
         self.faces()
-            .flat_map(|block| {
-                block.iter().flat_map(|ring| {
-                    (1..ring.len().max(1) - 1).map(|k| [ring[0], ring[k], ring[k + 1]])
-                })
-            })
+            .flat_map(|block| block.iter().flat_map(fan))
             .collect()
     }
 
@@ -593,52 +623,60 @@ impl<'a> View<'a> {
         self.cell_fields.iter().map(select).collect()
     }
 
-    /// Checks what the parts promise each other; readers call it on what a file says.
-    pub(super) fn checked(self) -> Result<Self, Error> {
+    /// Do the parts keep what they promise each other? Asked by readers of what a file says, by writers of what a user
+    /// put together by hand.
+    pub(super) fn check(&self) -> Result<(), Error> {
         let finite = |p: &Point3| p.iter().all(|c| c.is_finite());
         if let Some(vertex) = self.points.iter().position(|p| !finite(p)) {
             return Err(crate::MeshError::NotFinite { vertex }.into());
         }
         for field in &self.point_fields {
-            fits(&field.name, "point", field.values.len(), self.points.len())?;
+            fits(&field.name, "point", &field.values, self.points.len())?;
         }
-        let cells = self.cells();
-        for field in &self.cell_fields {
-            fits(&field.name, "cell", field.values.len(), cells)?;
+        if let Some(colors) = &self.colors {
+            one_each("one colour for each point", colors.len(), self.points.len())?;
         }
-        let mut element = 0;
+        let mut cells = 0;
         for block in &self.blocks {
-            let vertices = self.points.len();
-            let bad = |&v: &u32| v as usize >= vertices;
-            if let Some(at) = block.all_corners().iter().position(bad) {
-                let vertex = block.all_corners()[at];
-                let cell = match block {
-                    Cells::Triangles(_) => at / 3,
-                    Cells::Quads(_) | Cells::Tets(_) => at / 4,
-                    Cells::Polygons { ends, .. } => ends.partition_point(|&e| e as usize <= at),
-                };
-                return Err(crate::MeshError::OutOfRange {
-                    element: element + cell,
-                    vertex,
-                    vertices,
-                }
-                .into());
-            }
-            element += block.len();
+            block.check(cells, self.points.len())?;
+            cells += block.len();
         }
-        Ok(self)
+        for field in &self.cell_fields {
+            fits(&field.name, "cell", &field.values, cells)?;
+        }
+        if !self.group_of.is_empty() {
+            one_each("one group for each cell", self.group_of.len(), cells)?;
+        }
+        Ok(())
+    }
+
+    /// The view, once it is checked.
+    pub(super) fn checked(self) -> Result<Self, Error> {
+        self.check().map(|()| self)
     }
 }
 
-fn fits(name: &str, of: &str, values: usize, elements: usize) -> Result<(), Error> {
-    if values == elements {
+/// Are there whole tuples, one for each element?
+fn fits(name: &str, of: &str, values: &Values<'_>, elements: usize) -> Result<(), Error> {
+    let (numbers, k) = (values.numbers(), values.components);
+    let what = format!("one value of \"{name}\" for each {of}");
+    if k == 0 || !numbers.is_multiple_of(k) {
+        let found = format!("{numbers} numbers in tuples of {k}");
+        return Err(ErrorKind::expected(format!("{what}: {elements}"), found).into());
+    }
+    one_each(&what, values.len(), elements)
+}
+
+pub(super) fn one_each(what: &str, found: usize, elements: usize) -> Result<(), Error> {
+    if found == elements {
         return Ok(());
     }
-    Err(ErrorKind::expected(
-        format!("one value of \"{name}\" for each {of}: {elements}"),
-        values.to_string(),
-    )
-    .into())
+    Err(ErrorKind::expected(format!("{what}: {elements}"), found.to_string()).into())
+}
+
+/// A polygon as triangles around its first corner; none if it has less than three.
+pub(super) fn fan(ring: &[u32]) -> impl Iterator<Item = [u32; 3]> {
+    (1..ring.len().max(1) - 1).map(|k| [ring[0], ring[k], ring[k + 1]])
 }
 
 /// Polygons as the simplest block that holds them.
@@ -713,4 +751,91 @@ fn outer_faces(mesh: &TetMesh, faces: &[Interface], molecule_meshed: bool) -> Ve
         .iter()
         .map(|f| touches[pieces.find(f.triangle[0]) as usize])
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::{Encoding, glb, msh, obj, off, ply, stl, vtu};
+
+    fn triangle() -> View<'static> {
+        View {
+            points: vec![
+                Point3::origin(),
+                Point3::new(1.0, 0.0, 0.0),
+                Point3::new(0.0, 1.0, 0.0),
+            ]
+            .into(),
+            blocks: vec![Cells::Triangles(vec![[0, 1, 2]].into())],
+            ..View::default()
+        }
+    }
+
+    type Writer = fn(&mut dyn std::io::Write, &View<'_>) -> Result<(), Error>;
+
+    /// Of every format.
+    const WRITERS: [Writer; 7] = [
+        |w, view| ply::write(w, view, Encoding::default()),
+        off::write,
+        obj::write,
+        stl::write,
+        glb::write,
+        vtu::write,
+        |w, view| msh::write(w, view, msh::Options::default()),
+    ];
+
+    /// Every field of a view is public: what was put together by hand is looked at before it is written.
+    #[test]
+    fn no_writer_takes_parts_that_do_not_fit() {
+        let field = |components, numbers: Vec<f64>| Field {
+            name: "height".to_owned(),
+            values: Values {
+                components,
+                numbers: Numbers::F64(numbers.into()),
+            },
+        };
+        let mut none: Vec<View<'_>> = vec![triangle(); 10];
+        none[0].points.to_mut()[1].x = f64::NAN;
+        none[1].blocks.push(Cells::Quads(vec![[0, 1, 2, 3]].into()));
+        none[2].blocks.push(Cells::Polygons {
+            ends: vec![3, 2].into(),
+            corners: vec![0, 1, 2].into(),
+        });
+        none[3].point_fields.push(field(1, vec![1.0; 2]));
+        none[4].point_fields.push(field(0, vec![1.0; 3]));
+        none[5].point_fields.push(field(2, vec![1.0; 7]));
+        none[6].cell_fields.push(field(1, vec![1.0; 2]));
+        none[7].colors = Some(vec![[0; 4]; 2].into());
+        none[8].group_of = vec![0, 0].into();
+        none[9].cell_fields.push(field(0, vec![]));
+        for write in WRITERS {
+            write(&mut Vec::new(), &triangle()).unwrap();
+            for (i, view) in none.iter().enumerate() {
+                assert!(write(&mut Vec::new(), view).is_err(), "{i}");
+            }
+        }
+        assert_eq!(none[4].point_fields[0].values.len(), 0);
+        let partial = field(2, vec![1.0; 3]).values;
+        assert!(triangle().cell_field("height", partial).is_err());
+    }
+
+    /// A field of the name under which groups are written stays a field.
+    #[test]
+    fn a_field_named_group_is_no_group() {
+        let mut view = triangle().cell_field("group", vec![7u32]).unwrap();
+        view.groups.push(Group {
+            name: "top".to_owned(),
+            dimension: 2,
+        });
+        view.group_of = vec![0].into();
+        let mut file = Vec::new();
+        vtu::write(&mut file, &view).unwrap();
+        let back = vtu::parse(&file).unwrap();
+        assert_eq!(
+            (&back.groups, &back.group_of),
+            (&view.groups, &view.group_of)
+        );
+        let values = &back.find_cell_field("group").unwrap().values;
+        assert_eq!(values.to_f64(), [7.0]);
+    }
 }

@@ -8,6 +8,7 @@ use super::multigrid::Multigrid;
 use super::{Error, Options, Pair, Pencil, Report, SpectralBackend, not_finite, rayleigh_ritz};
 use crate::Run;
 use crate::algebra::dense::{self, Tall};
+use crate::compute::BackendError;
 use crate::compute::random::SplitMix64;
 
 /// Blocks of room beyond those that a restart keeps.
@@ -57,6 +58,11 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
             .collect();
         cycle.run(&narrow, b, &mut directions)?;
         drop(narrow);
+        if directions.len() != n * b {
+            let (name, found) = (run.backend.name(), directions.len());
+            let what = format!("{name} gave {found} values for a cycle of {n} rows × {b}");
+            return Err(BackendError::new(what).into());
+        }
         let mut w: Vec<f64> = directions.iter().copied().map(f64::from).collect();
         report.solves += b;
         let mut taken = Taken::nothing(basis.columns.count(), b);

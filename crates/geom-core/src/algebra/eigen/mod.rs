@@ -1,8 +1,9 @@
 //! The smallest eigenpairs of `K x = λ M x`.
 //!
 //! Every connected part of the matrix is solved by itself, so that equal parts cannot mix and each
-//! has its own zero. A part of few rows is solved densely; a large one by block Lanczos on
-//! `(K − σM)⁻¹ M` with a sparse Cholesky factor, σ slightly below zero (shift–invert).
+//! has its own zero. A part of few rows is solved densely; a large one of a matrix by block Lanczos on
+//! `(K − σM)⁻¹ M` with a sparse Cholesky factor, σ slightly below zero (shift–invert), a large one of a
+//! graph by block Davidson over multigrid: see [`Method`].
 
 pub mod backend;
 mod basis;
@@ -74,7 +75,7 @@ pub struct Options {
     /// How large parts are solved.
     pub method: Method,
     /// σ of shift–invert; `None`: a small negative number from the traces of K and M. `K − σM` must
-    /// be positive definite.
+    /// be positive definite. Multigrid has no shift and refuses one; a part that is solved densely needs none.
     pub shift: Option<f64>,
     /// Vectors per block of the Krylov space; an eigenvalue of higher multiplicity in one connected
     /// part may lose copies, which `verify` finds out.
@@ -252,6 +253,10 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
         method: options.method.of(stiffness),
         ..options.clone()
     };
+    if let (Method::Multigrid, Some(shift)) = (options.method, options.shift) {
+        let must = "be left out: multigrid has no shift";
+        return Err(OutOfRange::new("shift", shift, must).into());
+    }
     // The graphs of an operator are symmetric by construction.
     stiffness.matrix().check_hermitian()?;
     let n = stiffness.rows();

@@ -29,6 +29,7 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
 
 /// Writes a view. A view without a face is refused, because glTF cannot hold it.
 pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
+    view.check()?;
     let view = view.surface();
     let mesh = TriMesh::new(view.points.to_vec(), view.triangles())?;
     if mesh.triangles().is_empty() {

@@ -15,7 +15,7 @@ pub use groups::VolumeGroups;
 
 use std::path::Path;
 
-use crate::io::view::{Cells, Field, Group, NO_GROUP, Numbers, View};
+use crate::io::view::{Cells, Field, Group, NO_GROUP, Numbers, View, fan};
 use crate::io::{Encoding, Error, ErrorKind, extension, read_bytes};
 use crate::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
 use crate::{QuadMesh, TetMesh, TriMesh};
@@ -126,6 +126,7 @@ impl TryFrom<View<'static>> for MeshFile {
     type Error = Error;
 
     fn try_from(view: View<'static>) -> Result<Self, Error> {
+        let view = view.checked()?;
         let kind = |dimension: u8| {
             view.blocks
                 .iter()
@@ -141,7 +142,7 @@ impl TryFrom<View<'static>> for MeshFile {
         let mut number = 0;
         for block in &view.blocks {
             for ring in block.iter() {
-                let fan = (1..ring.len().max(1) - 1).map(|k| [ring[0], ring[k], ring[k + 1]]);
+                let fan = fan(ring);
                 if tets && block.dimension() == 2 {
                     let group = view.group_of.get(number).copied().unwrap_or(NO_GROUP);
                     faces.extend(fan.map(|t| (t, group)));

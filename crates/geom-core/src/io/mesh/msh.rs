@@ -63,6 +63,7 @@ struct Run {
 /// Writes a view. Polygons with more than four corners are refused, as are fields of more than nine
 /// components; fields of 2 or 4 … 8 are filled up with zeros to the next of 1, 3, 9.
 pub fn write(w: &mut dyn Write, view: &View<'_>, options: Options) -> Result<(), Error> {
+    view.check()?;
     let binary = options.encoding == Encoding::Binary;
     let (nodes, cells) = (view.points.len(), view.cells());
     let limit = i32::MAX as usize - 1;

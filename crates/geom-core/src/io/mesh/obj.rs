@@ -18,6 +18,7 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
 
 /// Writes a view.
 pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
+    view.check()?;
     let view = view.surface();
     writeln!(w, "# lengths in angstrom")?;
     for (v, p) in view.points.iter().enumerate() {

@@ -17,6 +17,7 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
 
 /// Writes a view.
 pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
+    view.check()?;
     let view = view.surface();
     let magic = if view.colors.is_some() { "COFF" } else { "OFF" };
     writeln!(w, "{magic}\n{} {} 0", view.points.len(), view.cells())?;

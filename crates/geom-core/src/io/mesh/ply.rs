@@ -22,6 +22,7 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>, encoding: Encoding) -> Resu
 
 /// Writes a view.
 pub fn write(w: &mut dyn Write, view: &View<'_>, encoding: Encoding) -> Result<(), Error> {
+    view.check()?;
     let view = view.surface();
     let format = match encoding {
         Encoding::Binary => "binary_little_endian",

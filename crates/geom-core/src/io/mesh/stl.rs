@@ -20,6 +20,7 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
 
 /// Writes a view.
 pub fn write(mut w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
+    view.check()?;
     let triangles = view.triangles();
     if u32::try_from(triangles.len()).is_err() {
         let what = format!("{} triangles; STL counts with 32 bits", triangles.len());

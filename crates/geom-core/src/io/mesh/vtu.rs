@@ -17,7 +17,7 @@ use crate::Point3;
 use crate::io::bytes::{Bytes, Scalar, put_all};
 use crate::io::text::Words;
 use crate::io::view::{
-    Cells, Field, Group, NO_GROUP, Numbers, Values, View, block_of_rings, each_type,
+    Cells, Field, Group, NO_GROUP, Numbers, Values, View, block_of_rings, each_type, one_each,
 };
 use crate::io::{Error, ErrorKind, read_bytes};
 
@@ -35,6 +35,7 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
 
 /// Writes a view.
 pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
+    view.check()?;
     let cells = view.cells();
     let corners: usize = view
         .blocks
@@ -286,7 +287,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         let bytes = matches!(f.values.numbers, Numbers::U8(_));
         f.name == COLOR && bytes && f.values.components == 4
     };
-    if let Some(at) = view.point_fields.iter().position(is_color)
+    if let Some(at) = view.point_fields.iter().rposition(is_color)
         && let Numbers::U8(n) = view.point_fields.remove(at).values.numbers
     {
         let (colors, _) = n.as_chunks();
@@ -294,19 +295,13 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     }
     // Regions by name, and a last look at all numbers together.
     groups(&reader, grid, &mut view)?;
-    let view = view.checked()?;
-    if let Some(colors) = &view.colors
-        && colors.len() != view.points.len()
-    {
-        let expected = format!("one colour per point: {}", view.points.len());
-        return Err(ErrorKind::expected(expected, colors.len().to_string()).into());
-    }
-    Ok(view)
+    view.checked()
 }
 
 /// The groups that [`write`] wrote, if the file has them.
 fn groups(reader: &Arrays<'_, '_>, grid: Node<'_, '_>, view: &mut View<'_>) -> Result<(), Error> {
-    let Some(at) = view.cell_fields.iter().position(|f| f.name == GROUP) else {
+    // Ours comes last, after a user's field of that name.
+    let Some(at) = view.cell_fields.iter().rposition(|f| f.name == GROUP) else {
         return Ok(());
     };
     let data = grid.children().filter(|n| n.has_tag_name("FieldData"));
@@ -329,10 +324,7 @@ fn groups(reader: &Arrays<'_, '_>, grid: Node<'_, '_>, view: &mut View<'_>) -> R
         return Ok(());
     }
     let field = view.cell_fields.remove(at);
-    if field.values.len() != view.cells() {
-        let expected = format!("one group for each cell: {}", view.cells());
-        return Err(ErrorKind::expected(expected, field.values.len().to_string()).into());
-    }
+    one_each("one group for each cell", field.values.len(), view.cells())?;
     // Tags count for each dimension on its own.
     let blocks = view.blocks.iter();
     let dimensions = blocks.flat_map(|block| std::iter::repeat_n(block.dimension(), block.len()));

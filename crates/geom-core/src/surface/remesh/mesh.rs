@@ -232,28 +232,26 @@ impl Mesh {
     }
     /// The neighbours of `v`, counter-clockwise.
     pub(super) fn ring(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
-        let last = self.on_boundary(v).then(|| {
-            let last = self
-                .fan(v)
-                .last()
-                .expect("a boundary vertex has a triangle");
-            self.opposite(last)
-        });
+        let last = self.beyond_the_fan(v);
         self.fan(v).map(|h| self.to(h)).chain(last)
     }
     /// The neighbours along features and boundaries.
     pub(super) fn curve_ring(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
-        let last = self.on_boundary(v).then(|| {
+        let last = self.beyond_the_fan(v);
+        self.fan(v)
+            .filter(|&h| self.is_feature(h))
+            .map(|h| self.to(h))
+            .chain(last)
+    }
+    /// The neighbour of a boundary vertex to which no half-edge leaves.
+    fn beyond_the_fan(&self, v: u32) -> Option<u32> {
+        self.on_boundary(v).then(|| {
             let last = self
                 .fan(v)
                 .last()
                 .expect("a boundary vertex has a triangle");
             self.opposite(last)
-        });
-        self.fan(v)
-            .filter(|&h| self.is_feature(h))
-            .map(|h| self.to(h))
-            .chain(last)
+        })
     }
 
     fn link(&mut self, h: u32, g: u32) {
@@ -330,8 +328,23 @@ impl Mesh {
         let m = self.vertices.len() as u32;
         self.vertices.push(vertex);
         self.out.push(NONE);
-        let g = self.twin[h as usize];
-        let mark = self.marks[h as usize];
+        let (g, mark) = self.side(h);
+        let (b, a) = (self.to(h), self.from(h));
+        let new = self.cut(h, m, mark);
+        if g != NONE {
+            let other = self.cut(g, m, mark);
+            self.link(h, other);
+            self.link(new, g);
+            self.set_out(a, other + 1);
+        }
+        self.set_out(b, new + 1);
+        self.set_out(m, new);
+        m
+    }
+
+    /// Cuts the triangle of a half-edge from `m` on it to the corner opposite. The half-edge keeps its first half; the
+    /// other one, with the mark, is the first of the new triangle, which is returned.
+    fn cut(&mut self, h: u32, m: u32, mark: Mark) -> u32 {
         let (b, c) = (self.to(h), self.opposite(h));
         let n = next(h);
         let bc = self.side(n);
@@ -340,22 +353,7 @@ impl Mesh {
         self.inherit(new + 1, bc);
         self.inherit(n, (new + 2, Mark::Free));
         self.marks[new as usize] = mark;
-        if g != NONE {
-            let (a, d) = (self.to(g), self.opposite(g));
-            let gn = next(g);
-            let ad = self.side(gn);
-            let other = self.push_triangle([m, a, d], self.labels[(g / 3) as usize]);
-            self.triangles[(g / 3) as usize][(gn % 3) as usize] = m;
-            self.inherit(other + 1, ad);
-            self.inherit(gn, (other + 2, Mark::Free));
-            self.marks[other as usize] = mark;
-            self.link(h, other);
-            self.link(new, g);
-            self.set_out(a, other + 1);
-        }
-        self.set_out(b, new + 1);
-        self.set_out(m, new);
-        m
+        new
     }
 
     /// The link condition: contracting the edge keeps the surface a manifold of the same topology
