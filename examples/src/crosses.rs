@@ -122,7 +122,10 @@ impl Guide {
 /// An error where the command line says how strictly nothing is to be followed.
 pub fn refuse_mode_alone(guide: &Guide, session: &Session) -> Result<(), Failure> {
     if *guide == Guide::None {
-        session.refuse(&["mode"], "says how strictly --guide is followed, and there is none")?;
+        session.refuse(
+            &["mode"],
+            "says how strictly --guide is followed, and there is none",
+        )?;
     }
     Ok(())
 }

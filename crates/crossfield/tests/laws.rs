@@ -3,12 +3,13 @@
 use std::ops::ControlFlow;
 
 use crossfield::field::{Frames, Guide, Toward, singularity};
+use crossfield::guidance::Modes;
 use crossfield::map::{MapOptions, Spacing, parameterize};
 use crossfield::quads::{Rung, extract};
 use crossfield::testing::{cuboid, plate, tube};
-use crossfield::guidance::Modes;
 use crossfield::{
-    Error, FieldOptions, Guidance, Ladder, Options, Quadrangulation, Size, cross_field, quadrangulate,
+    Error, FieldOptions, Guidance, Ladder, Options, Quadrangulation, Size, cross_field,
+    quadrangulate,
 };
 use geom_core::mesh::{Halfedges, SurfaceAudit, shapes};
 use geom_core::surface::laplace::EdgeWeights;
@@ -402,14 +403,30 @@ fn guides_are_checked_and_those_without_weight_hold_nothing() {
         toward: Toward::Angle(0.2),
         weight: 0.0,
     };
-    let with = |guides: &[Guide]| cross_field(&mesh, guides, &FieldOptions::default(), Run::on(&Cpu));
+    let with =
+        |guides: &[Guide]| cross_field(&mesh, guides, &FieldOptions::default(), Run::on(&Cpu));
     assert!(with(&[guide]).is_ok());
     let wrong = [
-        Guide { face: 1 << 20, ..guide },
-        Guide { toward: Toward::Side(3), ..guide },
-        Guide { toward: Toward::Angle(f64::NAN), ..guide },
-        Guide { weight: -1.0, ..guide },
-        Guide { weight: f64::NAN, ..guide },
+        Guide {
+            face: 1 << 20,
+            ..guide
+        },
+        Guide {
+            toward: Toward::Side(3),
+            ..guide
+        },
+        Guide {
+            toward: Toward::Angle(f64::NAN),
+            ..guide
+        },
+        Guide {
+            weight: -1.0,
+            ..guide
+        },
+        Guide {
+            weight: f64::NAN,
+            ..guide
+        },
     ];
     for guide in wrong {
         assert!(matches!(with(&[guide]), Err(Error::Option(_))), "{guide:?}");
@@ -423,7 +440,12 @@ fn guides_are_checked_and_those_without_weight_hold_nothing() {
         strokes: vec![(Point3::new(x, 0.0, 0.0), Vector3::x())],
         weight: 1.0,
     };
-    for one in [modes(vec![]), modes(vec![0]), modes(vec![2, 2]), stroke(f64::NAN)] {
+    for one in [
+        modes(vec![]),
+        modes(vec![0]),
+        modes(vec![2, 2]),
+        stroke(f64::NAN),
+    ] {
         assert!(matches!(one.check(), Err(Error::Option(_))), "{one:?}");
     }
     assert!(modes(vec![1, 2]).check().is_ok() && stroke(0.0).check().is_ok());
