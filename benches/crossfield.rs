@@ -38,10 +38,10 @@ fn steps(c: &mut Criterion) {
             ..FieldOptions::default()
         };
         group.bench_function(BenchmarkId::new("field", name), |b| {
-            b.iter(|| cross_field(&mesh, &[], &options).expect("a closed surface"));
+            b.iter(|| cross_field(&mesh, &[], &options, Run::on(&Cpu)).expect("a closed surface"));
         });
         let frames = Frames::of(&mesh, EdgeWeights::One).expect("a closed surface");
-        let field = cross_field(&mesh, &[], &options).expect("a closed surface");
+        let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).expect("a closed surface");
         let map = MapOptions {
             spacing: Spacing::Uniform(side),
             lines: Vec::new(),

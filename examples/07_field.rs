@@ -29,7 +29,7 @@ struct Args {
     /// How strictly
     #[arg(long, value_enum, default_value_t)]
     mode: Mode,
-    /// Bumps smaller than this get no singularities of their own, Å [default: 1.7 edges]
+    /// Bumps smaller than this get no singularities of their own, Å [default: 1.14 edges]
     #[arg(long, value_name = "LENGTH")]
     smoothing: Option<f64>,
     /// What removing a pair of singularities may cost, rad²
@@ -61,6 +61,7 @@ fn main() -> ExitCode {
 }
 
 fn field(args: &Args, session: &Session) -> Result<(), Failure> {
+    crosses::refuse_mode_alone(&args.guide, session)?;
     let mut components = surface::read(&args.source, session)?.components();
     if components.is_empty() {
         return Err("the surface has no triangle".into());
@@ -76,7 +77,14 @@ fn field(args: &Args, session: &Session) -> Result<(), Failure> {
     let guides = session.stage("guidance", || {
         guidance::guides(&mesh, &frames, &args.guide.guidance(args.mode))
     })?;
-    let field = session.stage("field", || cross_field(&mesh, &guides, &options))?;
+    let field = session.stage("field", || {
+        cross_field(
+            &mesh,
+            &guides,
+            &options,
+            session.on(session.device.crossfield()),
+        )
+    })?;
     session.note("field", &field.report)?;
     session.note(
         "counts",

@@ -77,6 +77,7 @@ fn main() -> ExitCode {
 }
 
 fn quads(args: &Args, session: &Session) -> Result<(), Failure> {
+    crosses::refuse_mode_alone(&args.guide, session)?;
     let mesh = surface::read(&args.source, session)?;
     products::note_surface(session, &mesh)?;
     let options = Options {
@@ -97,10 +98,33 @@ fn quads(args: &Args, session: &Session) -> Result<(), Failure> {
         improve: !args.raw,
         ..Options::default()
     };
+    affordable(&options, &mesh, session)?;
     let on = session.on(session.device.crossfield());
     let made = session.stage("quads", || quadrangulate(&mesh, &options, on))?;
     note(session, &mesh, &made)?;
     session.files(4, || save(session, &made))
+}
+
+/// Refuses more quads than there is memory for, before anything is made of them.
+fn affordable(options: &Options, mesh: &TriMesh, session: &Session) -> Result<(), Failure> {
+    // Ten triangles on the way to each quad, their matrices factored.
+    const BYTES: f64 = 16384.0;
+    let quads = match options.size {
+        Size::Quads(n) => n as f64,
+        Size::Spacing(side) => mesh.area() / (side * side),
+        Size::Triangles => mesh.triangles().len() as f64 / 3.0,
+    };
+    let (needed, allowed) = (quads * BYTES, session.memory());
+    if needed > allowed as f64 {
+        let gigabytes = |bytes: f64| bytes / 1e9;
+        return Err(format!(
+            "{quads:.0} quads need about {:.1} GB, more than the {:.1} GB of --max-memory",
+            gigabytes(needed),
+            gigabytes(allowed as f64)
+        )
+        .into());
+    }
+    Ok(())
 }
 
 fn note(session: &Session, mesh: &TriMesh, made: &Quadrangulation) -> Result<(), Failure> {

@@ -9,6 +9,7 @@ use geom_core::{Point3, TriMesh, Vector3};
 use serde::Serialize;
 
 use crate::picture::{Layer, Paint, Rgb};
+use crate::{Failure, Session};
 
 /// A vertex where three quads or fewer meet.
 const POSITIVE: Rgb = [52, 102, 178];
@@ -116,6 +117,17 @@ impl Guide {
             }],
         }
     }
+}
+
+/// An error where the command line says how strictly nothing is to be followed.
+pub fn refuse_mode_alone(guide: &Guide, session: &Session) -> Result<(), Failure> {
+    if *guide == Guide::None {
+        session.refuse(
+            &["mode"],
+            "says how strictly --guide is followed, and there is none",
+        )?;
+    }
+    Ok(())
 }
 
 /// A segment as a strip on the surface.

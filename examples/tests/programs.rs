@@ -594,6 +594,8 @@ fn bad_input_is_one_line_and_leaves_nothing() {
     let no_mesh = file("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\n");
     let cases: &[(&str, &[&str], &str)] = &[
         ("00_pipeline", &["absent.pdb"], "absent.pdb"),
+        ("07_field", &["absent.ply"], "absent.ply"),
+        ("08_quads", &[&no_mesh], "a.ply"),
         ("00_pipeline", &[&empty], "empty.pdb"),
         ("00_pipeline", &[&wrong], "wrong.pdb"),
         ("01_density", &[&nan], "line 1"),
@@ -723,6 +725,13 @@ fn options_without_effect_are_refused() {
             &[&atoms, "--region", "both", "--keep-apart"],
             "--keep-apart is for",
         ),
+        ("07_field", &[&mesh, "--mode", "hard"], "--mode says how"),
+        ("08_quads", &[&mesh, "--mode", "hard"], "--mode says how"),
+        (
+            "08_quads",
+            &[&mesh, "--quads", "4000000000"],
+            "--max-memory",
+        ),
     ];
     for (name, args, says) in cases {
         let out = folder.path().join("out");
@@ -750,6 +759,8 @@ fn every_program_explains_itself() {
         "04_improve",
         "05_eliminate",
         "06_modes",
+        "07_field",
+        "08_quads",
         "15_segment",
         "16_pockets",
         "17_smooth",

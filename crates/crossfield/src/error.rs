@@ -1,6 +1,7 @@
 use geom_core::algebra::{self, eigen};
 use geom_core::compute::BackendError;
 use geom_core::options::OutOfRange;
+use geom_core::search::bvh::TreeError;
 use geom_core::surface::distance::DistanceError;
 use geom_core::surface::{laplace, remesh, repair};
 use geom_core::{Cancelled, MeshError};
@@ -15,19 +16,20 @@ pub enum Error {
     /// The surface has no triangle.
     #[error("the surface has no triangle")]
     Empty,
-    /// The map folds: the spacing is too wide for the distances of the singularities, or the field cannot be
-    /// integrated.
+    /// The map folds: two singularities are too near to each other for the spacing, or the field cannot be integrated.
     #[error(
-        "{triangles} triangles of the map are inverted and {cones} vertices have a wrong angle after {stage}; \
-         a smaller spacing or a larger smoothing helps"
+        "{triangles} triangles of the map are inverted and {cones} vertices have a wrong angle after {stage}; {}",
+        if *relaxed { "a larger smoothing or singularity penalty helps" } else { "a smaller spacing or a larger smoothing helps" }
     )]
     Folded {
         /// Triangles without positive area in the map.
         triangles: usize,
         /// Vertices around which the map's angles do not add up to what the field says.
         cones: usize,
-        /// The last stage that tried.
+        /// What was done last before the map was to be unfolded for good.
         stage: &'static str,
+        /// Whether it folds with real numbers in place of the integers: then no spacing helps, only another field.
+        relaxed: bool,
     },
     /// A line of the map leads nowhere: the map is not an integer-grid map.
     #[error("a line of the map cannot be followed from triangle {face}: {why}")]
@@ -61,6 +63,15 @@ pub enum Error {
     /// A matrix cannot be factored.
     #[error(transparent)]
     Matrix(#[from] algebra::Error),
+    /// The nearest point of the surface cannot be found: a point is not finite.
+    #[error(transparent)]
+    Tree(#[from] TreeError),
+    /// Remeshing has changed the Euler characteristic or the boundaries of the surface.
+    #[error("remeshed to triangles of {edge}, the surface has another topology")]
+    Remeshed {
+        /// The wanted edge length, Å.
+        edge: f64,
+    },
     /// Distances cannot be found.
     #[error(transparent)]
     Distance(#[from] DistanceError),

@@ -3,11 +3,13 @@
 use std::ops::ControlFlow;
 
 use crossfield::field::{Frames, Guide, Toward, singularity};
+use crossfield::guidance::Modes;
 use crossfield::map::{MapOptions, Spacing, parameterize};
 use crossfield::quads::{Rung, extract};
 use crossfield::testing::{cuboid, plate, tube};
 use crossfield::{
-    Error, FieldOptions, Ladder, Options, Quadrangulation, Size, cross_field, quadrangulate,
+    Error, FieldOptions, Guidance, Ladder, Options, Quadrangulation, Size, cross_field,
+    quadrangulate,
 };
 use geom_core::mesh::{Halfedges, SurfaceAudit, shapes};
 use geom_core::surface::laplace::EdgeWeights;
@@ -56,7 +58,7 @@ fn obeys(made: &Quadrangulation, mesh: &TriMesh) {
 #[test]
 fn a_sphere_has_eight_corners() {
     let mesh = shapes::icosphere(1.0, 3);
-    let field = cross_field(&mesh, &[], &FieldOptions::default()).unwrap();
+    let field = cross_field(&mesh, &[], &FieldOptions::default(), Run::on(&Cpu)).unwrap();
     let singular: Vec<i32> = field.index.iter().copied().filter(|&i| i != 0).collect();
     assert_eq!(singular, [1; 8]);
     assert!(field.report.energy <= 4.85, "{}", field.report.energy);
@@ -65,7 +67,7 @@ fn a_sphere_has_eight_corners() {
 #[test]
 fn a_thin_torus_has_none() {
     let mesh = shapes::torus(1.0, 0.1, 60, 12);
-    let field = cross_field(&mesh, &[], &FieldOptions::default()).unwrap();
+    let field = cross_field(&mesh, &[], &FieldOptions::default(), Run::on(&Cpu)).unwrap();
     assert_eq!(field.report.singularities, 0);
     // Singularities of a thick one are local minima that a higher price leaves.
     let mesh = shapes::torus(1.0, 0.4, 60, 30);
@@ -73,7 +75,7 @@ fn a_thin_torus_has_none() {
         singularity_penalty: 1.0,
         ..FieldOptions::default()
     };
-    let field = cross_field(&mesh, &[], &options).unwrap();
+    let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
     assert_eq!(field.report.singularities, 0);
     assert!(field.report.energy <= 6.2, "{}", field.report.energy);
 }
@@ -85,7 +87,7 @@ fn indices_add_up_to_the_euler_characteristic() {
             smoothing,
             ..FieldOptions::default()
         };
-        let field = cross_field(&mesh, &[], &options).unwrap();
+        let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
         let sum: i32 = field.index.iter().sum();
         assert_eq!(i64::from(sum), 4 * mesh.euler_characteristic());
         assert_eq!(field.report.smoothing, smoothing);
@@ -96,7 +98,7 @@ fn indices_add_up_to_the_euler_characteristic() {
 fn a_changed_jump_moves_a_quarter_between_two_vertices() {
     let mesh = fixture("bob_small.ply");
     let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
-    let field = cross_field(&mesh, &[], &FieldOptions::default()).unwrap();
+    let field = cross_field(&mesh, &[], &FieldOptions::default(), Run::on(&Cpu)).unwrap();
     for h in frames.edges().iter().step_by(97) {
         let twin = frames.edges().twin(h).unwrap();
         let mut jump = field.jump.clone();
@@ -126,7 +128,7 @@ fn scale_and_rotation_do_not_matter() {
         .map(|p| turn * p * 10.0 + Vector3::new(5.0, -3.0, 1.0));
     let moved = TriMesh::new(moved.collect(), triangles).unwrap();
     let options = FieldOptions::default();
-    let [a, b] = [&mesh, &moved].map(|m| cross_field(m, &[], &options).unwrap());
+    let [a, b] = [&mesh, &moved].map(|m| cross_field(m, &[], &options, Run::on(&Cpu)).unwrap());
     assert_eq!(a.index, b.index);
     assert!((a.report.energy - b.report.energy).abs() < 1e-9);
 }
@@ -147,7 +149,7 @@ fn hard_guides_are_followed_exactly_and_soft_ones_the_more_the_heavier() {
     };
     let off = |weight: f64| -> f64 {
         let guides = guides(weight);
-        let field = cross_field(&mesh, &guides, &FieldOptions::default()).unwrap();
+        let field = cross_field(&mesh, &guides, &FieldOptions::default(), Run::on(&Cpu)).unwrap();
         let quarter = std::f64::consts::FRAC_PI_2;
         let angles = guides.iter().map(|g| {
             let d = field.theta[g.face as usize] - g.angle(&frames);
@@ -196,7 +198,7 @@ fn irregular_vertices_are_the_fields() {
 fn maps_are_exact() {
     let mesh = fixture("bob_small.ply");
     let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
-    let field = cross_field(&mesh, &[], &FieldOptions::default()).unwrap();
+    let field = cross_field(&mesh, &[], &FieldOptions::default(), Run::on(&Cpu)).unwrap();
     let options = MapOptions {
         spacing: Spacing::Uniform(0.05),
         lines: Vec::new(),
@@ -364,6 +366,89 @@ fn quads_larger_than_the_surface_get_other_integers_or_a_lower_rung() {
         let without = quadrangulate(&mesh, &options, Run::on(&Cpu));
         assert_eq!(without.is_err(), part.rung > Rung::Direct);
     }
+}
+
+/// Bumps of half a quad's side all over: the field of the raw surface turns between them, and its map folds.
+#[test]
+fn a_bumpy_surface_becomes_seamless_quads() {
+    let (mut positions, triangles) = shapes::icosphere(1.0, 4).into_parts();
+    let mut random = geom_core::compute::random::SplitMix64::new(11);
+    for p in &mut positions {
+        *p *= 1.0 + 0.03 * random.symmetric();
+    }
+    let mesh = TriMesh::new(positions, triangles).unwrap();
+    let made = quads(&mesh, Size::Quads(800));
+    assert_eq!(made.report.rung(), Rung::Direct, "{:?}", made.report.parts);
+    let irregular = made.report.valences.irregular();
+    assert!(irregular <= 24, "{irregular}");
+}
+
+#[test]
+fn vertices_lie_on_the_surface_without_improvement_too() {
+    let mesh = fixture("bob_small.ply");
+    let options = Options {
+        size: Size::Quads(400),
+        improve: false,
+        ..Options::default()
+    };
+    let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
+    obeys(&made, &mesh);
+}
+
+#[test]
+fn guides_are_checked_and_those_without_weight_hold_nothing() {
+    let mesh = fixture("bob_small.ply");
+    let guide = Guide {
+        face: 3,
+        toward: Toward::Angle(0.2),
+        weight: 0.0,
+    };
+    let with =
+        |guides: &[Guide]| cross_field(&mesh, guides, &FieldOptions::default(), Run::on(&Cpu));
+    assert!(with(&[guide]).is_ok());
+    let wrong = [
+        Guide {
+            face: 1 << 20,
+            ..guide
+        },
+        Guide {
+            toward: Toward::Side(3),
+            ..guide
+        },
+        Guide {
+            toward: Toward::Angle(f64::NAN),
+            ..guide
+        },
+        Guide {
+            weight: -1.0,
+            ..guide
+        },
+        Guide {
+            weight: f64::NAN,
+            ..guide
+        },
+    ];
+    for guide in wrong {
+        assert!(matches!(with(&[guide]), Err(Error::Option(_))), "{guide:?}");
+    }
+    let modes = |numbers: Vec<usize>| Guidance::Isocontours {
+        modes: Modes::Numbers(numbers),
+        inset: 0.125,
+        weight: 1.0,
+    };
+    let stroke = |x: f64| Guidance::Strokes {
+        strokes: vec![(Point3::new(x, 0.0, 0.0), Vector3::x())],
+        weight: 1.0,
+    };
+    for one in [
+        modes(vec![]),
+        modes(vec![0]),
+        modes(vec![2, 2]),
+        stroke(f64::NAN),
+    ] {
+        assert!(matches!(one.check(), Err(Error::Option(_))), "{one:?}");
+    }
+    assert!(modes(vec![1, 2]).check().is_ok() && stroke(0.0).check().is_ok());
 }
 
 #[test]

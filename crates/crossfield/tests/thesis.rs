@@ -44,7 +44,7 @@ fn isocontours_lie_an_eighth_from_both_ends() {
     let named: Vec<u32> = made.iter().map(|g| g.face).collect();
     assert_eq!(named, wanted);
     // The field runs along the gradient there.
-    let field = cross_field(&mesh, &made, &FieldOptions::default()).unwrap();
+    let field = cross_field(&mesh, &made, &FieldOptions::default(), Run::on(&Cpu)).unwrap();
     let gradient = laplace::gradient(&mesh, f).unwrap();
     for guide in &made {
         let face = guide.face as usize;

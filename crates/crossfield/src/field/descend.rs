@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use geom_core::TriMesh;
 use geom_core::surface::distance::{Graph, shortest_paths};
+use geom_core::{Run, TriMesh};
 
 use super::field::FieldReport;
 use super::frames::{Frames, QUARTER};
@@ -19,6 +19,26 @@ const FALLS: f64 = 1e-9;
 const REACH: f64 = 2.0;
 /// Partners tried per singularity.
 const PARTNERS: usize = 4;
+
+/// What removing a pair of opposite singularities may cost.
+#[derive(Clone, Copy)]
+pub(super) struct Price {
+    /// Of pairs far apart, rad².
+    pub(super) far: f64,
+    /// From this distance on, Å: of two nearer to each other, a quad mesh of that size can hold but one.
+    pub(super) near: f64,
+}
+
+impl Price {
+    /// The energy of a dipole grows with the logarithm of its length, but what it does to a map with the inverse square:
+    /// both singularities need integer points of their own.
+    fn at(self, distance: f64) -> f64 {
+        self.far * (NEAR * self.near / distance).max(1.0).powi(2)
+    }
+}
+
+/// Pairs nearer to each other than so many sides of a quad cost more.
+const NEAR: f64 = 2.0;
 
 /// Angles and period jumps on their way down.
 pub(super) struct Descent<'a> {
@@ -70,10 +90,16 @@ impl<'a> Descent<'a> {
 
     /// Alternates until nothing lowers `E + μ · singularities` any more. A change of the period jumps on a set
     /// of edges by d quarter turns changes the energy by `2 Σ w d ρ + Σ w d² − bᵀ W⁻¹ b`, the angles following.
-    pub(super) fn run(&mut self, penalty: f64, report: &mut FieldReport) -> Result<(), Error> {
-        for _ in 0..ROUNDS {
+    pub(super) fn run<B: ?Sized>(
+        &mut self,
+        price: Price,
+        report: &mut FieldReport,
+        run: Run<'_, B>,
+    ) -> Result<(), Error> {
+        for round in 0..ROUNDS {
+            run.progress("singularities", round as u64, ROUNDS as u64)?;
             let moved = self.move_edges()?;
-            let met = self.annihilate(penalty)?;
+            let met = self.annihilate(|distance| price.at(distance))?;
             report.edge_moves += moved;
             report.annihilated += met;
             if moved + met == 0 {
@@ -81,8 +107,9 @@ impl<'a> Descent<'a> {
             }
         }
         self.split_extremes()?;
+        report.moved_apart = self.part(price.near, run)?;
         if self.is_impossible() {
-            report.annihilated += self.annihilate(f64::INFINITY)?;
+            report.annihilated += self.annihilate(|_| f64::INFINITY)?;
         }
         Ok(())
     }
@@ -185,17 +212,15 @@ impl<'a> Descent<'a> {
         self.parallel.follow(change, &mut self.theta)
     }
 
-    /// Pairs of opposite singularities that may meet along a shortest path, where that costs less than
-    /// `penalty` rad².
-    fn annihilate(&mut self, penalty: f64) -> Result<usize, Error> {
-        let changes = self.pairs()?;
+    /// Pairs of opposite singularities that may meet along a shortest path, where that costs less than the price of their
+    /// distance, rad².
+    fn annihilate(&mut self, price: impl Fn(f64) -> f64) -> Result<usize, Error> {
+        let pairs = self.pairs()?;
+        let (distances, changes): (Vec<f64>, Vec<Change>) = pairs.into_iter().unzip();
         let gains = self.parallel.compliances(&changes)?;
-        let mut order: Vec<(f64, usize)> = changes
-            .iter()
-            .zip(&gains)
-            .enumerate()
-            .map(|(k, (change, gain))| (self.direct(change) - gain, k))
-            .filter(|&(cost, _)| cost < penalty)
+        let mut order: Vec<(f64, usize)> = (0..changes.len())
+            .map(|k| (self.direct(&changes[k]) - gains[k], k))
+            .filter(|&(cost, k)| cost < price(distances[k]))
             .collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut met = 0;
@@ -206,7 +231,7 @@ impl<'a> Descent<'a> {
                 continue;
             }
             // The field has changed since.
-            if self.direct(change) - gains[k] < penalty {
+            if self.direct(change) - gains[k] < price(distances[k]) {
                 self.apply(change)?;
                 met += 1;
             }
@@ -219,8 +244,8 @@ impl<'a> Descent<'a> {
         (self.frames.from(first), self.frames.to(last))
     }
 
-    /// Paths from each negative singularity to the nearest positive ones.
-    fn pairs(&self) -> Result<Vec<Change>, Error> {
+    /// Paths from each negative singularity to the nearest positive ones, with their lengths.
+    fn pairs(&self) -> Result<Vec<(f64, Change)>, Error> {
         let signed = |sign: i32| {
             (0..self.index.len() as u32).filter(move |&v| self.index[v as usize] * sign > 0)
         };
@@ -242,8 +267,9 @@ impl<'a> Descent<'a> {
                 .filter(|p| p.0.is_finite())
                 .collect();
             partners.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            for (_, u) in partners.into_iter().take(PARTNERS) {
-                changes.extend(self.along(&paths.to(u)));
+            for (distance, u) in partners.into_iter().take(PARTNERS) {
+                let change = self.along(&paths.to(u));
+                changes.extend(change.map(|change| (distance, change)));
             }
         }
         Ok(changes)
@@ -295,5 +321,101 @@ impl<'a> Descent<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Singular vertices nearer to each other than `apart` give a quarter to one that is not near to any, or to each other,
+    /// whatever costs least: all get integer points of their own in a map, and a map with room for them does not fold.
+    fn part<B: ?Sized>(&mut self, apart: f64, run: Run<'_, B>) -> Result<usize, Error> {
+        if apart <= 0.0 {
+            return Ok(0);
+        }
+        let graph = Graph::of_edges(self.mesh)?;
+        let mut stuck = vec![false; self.index.len()];
+        let mut moved = 0;
+        let most = 2 * self.index.iter().filter(|&&i| i != 0).count();
+        for step in 0..most {
+            run.progress("singularities", step as u64, most as u64)?;
+            let Some(pair) = self.nearest_pair(&graph, apart, &stuck)? else {
+                break;
+            };
+            let mut changes = Vec::new();
+            for (v, other) in [(pair.0, pair.1), (pair.1, pair.0)] {
+                changes.extend(self.ways_out(&graph, v, other, apart)?);
+            }
+            let gains = self.parallel.compliances(&changes)?;
+            let best = (0..changes.len())
+                .map(|k| (self.direct(&changes[k]) - gains[k], k))
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            match best {
+                Some((_, k)) => {
+                    self.apply(&changes[k])?;
+                    moved += 1;
+                }
+                None => (stuck[pair.0 as usize], stuck[pair.1 as usize]) = (true, true),
+            }
+        }
+        Ok(moved)
+    }
+
+    fn singular(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..self.index.len() as u32).filter(|&v| self.index[v as usize] != 0)
+    }
+
+    /// The two singular vertices nearest to each other, if that is nearer than `apart`; two that are stuck are none.
+    fn nearest_pair(
+        &self,
+        graph: &Graph,
+        apart: f64,
+        stuck: &[bool],
+    ) -> Result<Option<(u32, u32)>, Error> {
+        let mut best: Option<(f64, u32, u32)> = None;
+        for v in self.singular() {
+            let reach = best.map_or(apart, |b| b.0);
+            let from = shortest_paths(graph, &[(v, 0.0)], reach)?.distance;
+            for u in self.singular().filter(|&u| u > v) {
+                let distance = from[u as usize];
+                let known = stuck[u as usize] && stuck[v as usize];
+                if distance < reach && !known && best.is_none_or(|b| distance < b.0) {
+                    best = Some((distance, v, u));
+                }
+            }
+        }
+        Ok(best.map(|(_, v, u)| (v, u)))
+    }
+
+    /// Paths on which a singular vertex may give a quarter away: to another of opposite sign, or to regular ones a little
+    /// farther than `apart` that are as far from all others.
+    fn ways_out(
+        &self,
+        graph: &Graph,
+        v: u32,
+        other: u32,
+        apart: f64,
+    ) -> Result<Vec<Change>, Error> {
+        const TARGETS: usize = 24;
+        const RING: [f64; 2] = [1.05, 1.5];
+        let others: Vec<(u32, f64)> = self
+            .singular()
+            .filter(|&u| u != v)
+            .map(|u| (u, 0.0))
+            .collect();
+        let free = shortest_paths(graph, &others, RING[1] * apart)?.distance;
+        let paths = shortest_paths(graph, &[(v, 0.0)], RING[1] * apart)?;
+        let ring: Vec<u32> = (0..self.index.len() as u32)
+            .filter(|&u| {
+                let (far, own) = (free[u as usize], paths.distance[u as usize]);
+                own.is_finite() && far >= apart && own >= RING[0] * apart
+            })
+            .collect();
+        let every = ring.len().div_ceil(TARGETS).max(1);
+        let sign = self.index[v as usize].signum();
+        let meets = self.index[other as usize].signum() == -sign;
+        let targets = ring.into_iter().step_by(every);
+        Ok(targets
+            .chain(meets.then_some(other))
+            .filter_map(|u| self.along(&paths.to(u)))
+            .filter(|change| !change.is_empty())
+            .map(|change| change.into_iter().map(|(h, _)| (h, -sign)).collect())
+            .collect())
     }
 }

@@ -1,5 +1,6 @@
 //! The start: diffusion of unit crosses, made unit again after each step.
 
+use geom_core::Run;
 use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
 use geom_core::nalgebra::Complex;
 
@@ -21,14 +22,19 @@ const STILL: f64 = 1e-3;
 /// Angles of a smooth cross field by diffusion and renormalization of `z = e^{4iθ}`, the gradient flow of a
 /// Ginzburg–Landau energy (Viertel and Osting, *An approach to quad meshing based on harmonic
 /// cross-valued maps*, 2019). Local minima remain: the descent afterwards leaves some of them.
-pub(super) fn diffused(frames: &Frames, guides: &[Guide]) -> Result<Vec<f64>, Error> {
+pub(super) fn diffused<B: ?Sized>(
+    frames: &Frames,
+    guides: &[Guide],
+    run: Run<'_, B>,
+) -> Result<Vec<f64>, Error> {
     let matrices = Matrices::of(frames, guides)?;
     let mut z = matrices.start()?;
     let decay = matrices.slowest_decay(&mut z)?;
     for step in STEPS {
         let tau = step / decay;
         let factor = matrices.step(tau)?;
-        for _ in 0..MOST {
+        for count in 0..MOST {
+            run.progress("field", count as u64, MOST as u64)?;
             let before = z.clone();
             matrices.diffuse(&factor, tau, &mut z)?;
             if matrices.change(&before, &z) < STILL {

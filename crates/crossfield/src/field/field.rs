@@ -1,9 +1,11 @@
 //! The cross field: an angle per triangle, a period jump per edge.
 
 use geom_core::Vector3;
+use geom_core::options::require;
 
 use super::frames::Frames;
 use super::singularity::{self, difference};
+use crate::Error;
 
 /// A direction that the field should have in a triangle, up to quarter turns.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +38,26 @@ impl Guide {
             Toward::Angle(angle) => angle,
             Toward::Side(k) => frames.side_angle(3 * self.face as usize + k as usize),
         }
+    }
+
+    /// Refuses triangles and sides that there are none of, and values that are no numbers.
+    pub(crate) fn check(&self, faces: usize) -> Result<(), Error> {
+        let face = self.face;
+        let known = (face as usize) < faces;
+        require(known, "guide.face", face, "be a triangle of the mesh")?;
+        match self.toward {
+            Toward::Angle(angle) => {
+                require(angle.is_finite(), "guide.toward", angle, "be finite")?;
+            }
+            Toward::Side(side) => require(side < 3, "guide.toward", side, "be a side: 0, 1 or 2")?,
+        }
+        let weight = self.weight;
+        Ok(require(
+            weight >= 0.0,
+            "guide.weight",
+            weight,
+            "be at least 0",
+        )?)
     }
 
     /// Does the field have to follow exactly?
@@ -75,6 +97,8 @@ pub struct FieldReport {
     pub edge_moves: usize,
     /// Pairs of opposite singularities that were made to meet.
     pub annihilated: usize,
+    /// Singularities that were moved because another one was nearer than the smoothing.
+    pub moved_apart: usize,
     /// The length over which the surface was smoothed to decide where the field turns, Å; 0 when the
     /// smoothing was off, or could not be carried back.
     pub smoothing: f64,

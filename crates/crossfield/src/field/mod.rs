@@ -7,6 +7,7 @@ mod field;
 pub mod frames;
 mod parallel;
 pub mod singularity;
+pub(crate) mod smooth;
 pub(crate) mod solve;
 
 pub use field::{CrossField, FieldReport, Guide, Toward};

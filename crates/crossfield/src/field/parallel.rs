@@ -42,7 +42,8 @@ impl<'a> Parallel<'a> {
         let (mut soft, mut fixed) = (Vec::new(), Vec::new());
         for guide in guides {
             let face = guide.face as usize;
-            anchored[part[face] as usize] = true;
+            // A guide without weight holds nothing.
+            anchored[part[face] as usize] |= guide.weight > 0.0;
             let angle = guide.angle(frames);
             if guide.is_hard() {
                 fixed.push((face, angle));

@@ -1,21 +1,18 @@
 //! From guides to a cross field: diffusion, polish, descent, on a surface smoothed to the size of the
 //! quads.
 
-use geom_core::algebra::Cholesky;
-use geom_core::surface::laplace::{self, Mass};
-use geom_core::{Point3, TriMesh};
+use geom_core::{Run, TriMesh};
 
-use super::descend::Descent;
+use super::descend::{Descent, Price};
 use super::diffuse::diffused;
 use super::field::{CrossField, FieldReport, Guide};
 use super::frames::{Frames, QUARTER};
 use super::parallel::Parallel;
 use super::singularity;
+use super::smooth::flowed;
 use crate::Error;
 use crate::options::FieldOptions;
 
-/// Steps of mean curvature flow.
-const FLOW_STEPS: usize = 3;
 /// How often a smoothing that cannot be carried back is halved.
 const HALVINGS: usize = 4;
 /// Rounds of matching and exact angles.
@@ -29,12 +26,16 @@ const POLISH: usize = 20;
 /// indices stay.
 ///
 /// Runs on the CPU, whatever the backend: its factors are sparse and irregular.
-pub fn cross_field(
+pub fn cross_field<B: ?Sized>(
     mesh: &TriMesh,
     guides: &[Guide],
     options: &FieldOptions,
+    run: Run<'_, B>,
 ) -> Result<CrossField, Error> {
     options.check()?;
+    guides
+        .iter()
+        .try_for_each(|g| g.check(mesh.triangles().len()))?;
     let frames = Frames::of(mesh, options.weights)?;
     let (guides, conflicts) = without_conflicts(guides, &frames);
     let report = FieldReport {
@@ -47,24 +48,44 @@ pub fn cross_field(
         if smoothing <= 0.0 {
             break;
         }
-        let smooth = flowed(mesh, smoothing * smoothing)?;
-        if let Some(field) = carried(&frames, &smooth, smoothing, &guides, options, &report)? {
+        let smooth = flowed(mesh, smoothing * smoothing, |_| false)?;
+        if let Some(field) = carried(run, &frames, &smooth, smoothing, &guides, options, &report)? {
             return Ok(field);
         }
         smoothing *= std::f64::consts::FRAC_1_SQRT_2;
     }
-    on_one_surface(mesh, &frames, &guides, options, report)
+    on_one_surface(mesh, &frames, &guides, options, report, run)
+}
+
+/// The field of a surface with the frames of what smoothing has left of it: `mesh` is what it was before, on which distances of
+/// singularities are measured.
+pub(crate) fn field_of<B: ?Sized>(
+    mesh: &TriMesh,
+    frames: &Frames,
+    guides: &[Guide],
+    options: &FieldOptions,
+    run: Run<'_, B>,
+) -> Result<CrossField, Error> {
+    let (guides, conflicts) = without_conflicts(guides, frames);
+    let report = FieldReport {
+        guided: guides.len(),
+        conflicts,
+        smoothing: options.smoothing,
+        ..FieldReport::default()
+    };
+    on_one_surface(mesh, frames, &guides, options, report, run)
 }
 
 /// The field of a surface as it is.
-fn on_one_surface(
+fn on_one_surface<B: ?Sized>(
     mesh: &TriMesh,
     frames: &Frames,
     guides: &[Guide],
     options: &FieldOptions,
     mut report: FieldReport,
+    run: Run<'_, B>,
 ) -> Result<CrossField, Error> {
-    let mut theta = diffused(frames, guides)?;
+    let mut theta = diffused(frames, guides, run)?;
     let parallel = Parallel::new(frames, guides)?;
     let mut jump = vec![0; frames.edges().len()];
     for _ in 0..POLISH {
@@ -76,14 +97,19 @@ fn on_one_surface(
         parallel.angles(&jump, &mut theta)?;
     }
     let mut descent = Descent::new(mesh, &parallel, theta, jump);
-    descent.run(options.singularity_penalty, &mut report)?;
+    let price = Price {
+        far: options.singularity_penalty,
+        near: options.smoothing,
+    };
+    descent.run(price, &mut report, run)?;
     let (mut theta, jump) = (descent.theta, descent.jump);
     parallel.angles(&jump, &mut theta)?;
     Ok(CrossField::measured(frames, theta, jump, report))
 }
 
 /// Solves on the smoothed surface and carries the period jumps back; `None` where an index would change.
-fn carried(
+fn carried<B: ?Sized>(
+    run: Run<'_, B>,
     frames: &Frames,
     smooth: &TriMesh,
     smoothing: f64,
@@ -95,7 +121,7 @@ fn carried(
         // The flow has made a triangle flat.
         return Ok(None);
     };
-    let solved = on_one_surface(smooth, &smooth_frames, guides, options, report.clone())?;
+    let solved = on_one_surface(smooth, &smooth_frames, guides, options, report.clone(), run)?;
     let mut jump = solved.jump.clone();
     for (h, t) in frames.interior() {
         let turns = (smooth_frames.transport(h) - frames.transport(h)) / std::f64::consts::TAU;
@@ -147,59 +173,4 @@ fn without_conflicts(guides: &[Guide], frames: &Frames) -> (Vec<Guide>, usize) {
     });
     debug_assert!(kept.len() + conflicts <= before);
     (kept, conflicts)
-}
-
-/// Mean curvature flow for a time t, in implicit steps with the operator of the start (Desbrun et al., 1999).
-/// Boundary vertices stay.
-fn flowed(mesh: &TriMesh, time: f64) -> Result<TriMesh, Error> {
-    let stiffness = laplace::stiffness(mesh)?;
-    let Mass::Lumped(mass) = laplace::lumped_mass(mesh) else {
-        unreachable!("the lumped mass is lumped")
-    };
-    let edges = geom_core::mesh::Halfedges::of(mesh)?;
-    let vertices = mesh.positions().len();
-    let stays: Vec<bool> = (0..vertices)
-        .map(|v| {
-            let v = geom_core::VertexId(v as u32);
-            edges.out(v).is_none() || edges.on_boundary(v)
-        })
-        .collect();
-    let step = time / FLOW_STEPS as f64;
-    // Rows of vertices that stay become x = x; their columns go to the right-hand side.
-    let matrix = stiffness.map(|i, j, k| match (i == j, stays[i] || stays[j]) {
-        (true, true) => 1.0,
-        (false, true) => 0.0,
-        (true, false) => mass[i] + step * k,
-        (false, false) => step * k,
-    });
-    let factor = Cholesky::of(&matrix)?;
-    let mut block: Vec<f64> = mesh
-        .positions()
-        .iter()
-        .flat_map(|p| p.coords.iter().copied())
-        .collect();
-    for _ in 0..FLOW_STEPS {
-        let mut right = vec![0.0; block.len()];
-        for i in 0..vertices {
-            for c in 0..3 {
-                right[3 * i + c] = if stays[i] {
-                    block[3 * i + c]
-                } else {
-                    let pulled: f64 = stiffness
-                        .row(i)
-                        .filter(|&(j, _)| stays[j])
-                        .map(|(j, k)| step * k * block[3 * j + c])
-                        .sum();
-                    mass[i] * block[3 * i + c] - pulled
-                };
-            }
-        }
-        factor.solve_in_place(&mut right, 3)?;
-        block = right;
-    }
-    let positions = block
-        .chunks_exact(3)
-        .map(|p| Point3::new(p[0], p[1], p[2]))
-        .collect();
-    Ok(TriMesh::new(positions, mesh.triangles().to_vec())?)
 }

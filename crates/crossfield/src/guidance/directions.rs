@@ -14,9 +14,9 @@ pub(super) fn guides(
     strokes: &[(Point3, Vector3)],
     weight: f64,
 ) -> Result<Vec<Guide>, Error> {
-    let tree = TriangleTree::new(mesh).map_err(|_| Error::Empty)?;
+    let tree = TriangleTree::new(mesh)?;
     let points: Vec<Point3> = strokes.iter().map(|s| s.0).collect();
-    let closest = tree.closest_to_all(&points).map_err(|_| Error::Empty)?;
+    let closest = tree.closest_to_all(&points)?;
     Ok(closest
         .iter()
         .zip(strokes)

@@ -25,6 +25,34 @@ pub enum Modes {
     Numbers(Vec<usize>),
 }
 
+impl Modes {
+    /// Refuses no numbers, the constant mode and numbers named twice.
+    fn check(&self) -> Result<(), Error> {
+        let Self::Numbers(numbers) = self else {
+            return Ok(());
+        };
+        let listed = || format!("{numbers:?}");
+        let any = !numbers.is_empty();
+        require(any, "guidance.modes", listed(), "name at least one mode")?;
+        let varied = !numbers.contains(&0);
+        require(
+            varied,
+            "guidance.modes",
+            listed(),
+            "be above 0: mode 0 is constant",
+        )?;
+        let mut sorted = numbers.clone();
+        sorted.sort_unstable();
+        let once = sorted.windows(2).all(|pair| pair[0] != pair[1]);
+        Ok(require(
+            once,
+            "guidance.modes",
+            listed(),
+            "name each mode once",
+        )?)
+    }
+}
+
 /// Something that the field follows.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -88,7 +116,18 @@ impl Guidance {
                     "be at least 0 and below 1",
                 )?;
             }
-            Self::Characteristic { .. } | Self::Strokes { .. } => {}
+            Self::Characteristic { .. } => {}
+            Self::Strokes { ref strokes, .. } => {
+                for (k, (point, direction)) in strokes.iter().enumerate() {
+                    let all = point.iter().chain(direction.iter());
+                    let fine = all.clone().all(|x| x.is_finite()) && direction.norm() > 0.0;
+                    let must = "have finite coordinates and a direction";
+                    require(fine, "guidance.strokes", k, must)?;
+                }
+            }
+        }
+        if let Self::Isocontours { modes, .. } | Self::Characteristic { modes, .. } = self {
+            modes.check()?;
         }
         Ok(())
     }

@@ -25,7 +25,10 @@ pub struct MapReport {
     pub integers: usize,
     /// Mean of `|J − 1|²` over the area before the integers were rounded, and after.
     pub relaxed_energy: f64,
-    /// The same of the final map.
+    /// Triangles inverted, turned away from the field or at a wrong angle then; if any, the map was unfolded before the
+    /// integers were sought.
+    pub relaxed_folded: usize,
+    /// The same energy of the final map.
     pub energy: f64,
     /// Whether rounding laid singular vertices onto each other and other integers had to be found.
     pub respaced: bool,

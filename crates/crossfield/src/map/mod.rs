@@ -1,11 +1,10 @@
 //! Integer-grid maps: a surface cut open and laid out so that the lines of integer coordinates are quads'
 //! sides.
 
-mod coarse;
 mod cut;
 pub(crate) mod exact;
+mod integers;
 mod parameterize;
-mod round;
 mod spacing;
 mod system;
 mod transition;

@@ -1,17 +1,16 @@
 //! From a cross field to an integer-grid map.
 
+use geom_core::nalgebra::DVector;
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
-use super::coarse::Coarse;
 use super::cut::Cut;
 use super::exact::{GridMap, MapReport, axes_in, doubled_area, sector};
-use super::round::Quadratic;
-use super::spacing::Spacing;
-use super::spacing::{Chart, charts};
+use super::integers::{Coarse, Quadratic};
+use super::spacing::{Chart, Spacing, charts};
 use super::system::{System, Weighted};
 use super::transition::Seams;
-use super::untangle::untangle;
+use super::untangle::{Moves, untangle};
 use crate::Error;
 use crate::backend::CrossfieldBackend;
 use crate::field::CrossField;
@@ -35,10 +34,11 @@ pub struct MapOptions {
 
 /// The map whose gradients are closest to the field, with integers on the seams (Eq. 4.10); `mesh` is connected.
 ///
-/// The surface is cut open, all conditions of seams, singular vertices and lines are eliminated exactly, and the integers are
-/// rounded one by one with the rest following to its optimum. Triangles that fold get stiffer (Bommes et al. 2009); what is
-/// folded then is untangled (Garanzha et al. 2021). The result is checked in integers: [`Error::Folded`] says where it is no
-/// integer-grid map.
+/// The surface is cut open, all conditions of seams, singular vertices and lines are eliminated exactly. A map that folds
+/// before anything is an integer is unfolded with all unknowns free (Garanzha et al. 2021), and what comes out is what is
+/// wanted from then on. The integers are rounded one by one with the rest following to its optimum. Triangles that fold get
+/// stiffer (Bommes et al. 2009); what is folded then is untangled. The result is checked in integers: [`Error::Folded`] says
+/// where it is no integer-grid map.
 pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     mesh: &TriMesh,
     frames: &Frames,
@@ -57,77 +57,194 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     let cut = Cut::of(mesh, frames, field)?;
     let seams = Seams::of(frames, field, &cut, &lines);
     let charts = charts(mesh, frames, field, &cut, spacing);
-    let mut system = System::new(&cut, &seams, &charts);
-    let mut report = MapReport {
-        integers: seams.integers,
-        ..MapReport::default()
+    let mut making = Making {
+        frames,
+        field,
+        system: System::new(&cut, &seams, &charts),
+        weights: vec![1.0; charts.len()],
+        report: MapReport {
+            integers: seams.integers,
+            ..MapReport::default()
+        },
+        run,
     };
     run.progress("map", 0, 3)?;
-    let mut weights = vec![1.0; charts.len()];
-    let mut weighted = system.weighted(&weights)?;
-    let mut y = quantized(frames, field, &system, &weighted, &mut report)?;
-    let mut corners = system.corners(&y);
+    let relaxed = making.relaxed()?;
     run.progress("map", 1, 3)?;
-    report.folded = faults(frames, field, &charts, &corners).len();
-    for _ in 0..STIFFENINGS {
-        let faults = faults(frames, field, &charts, &corners);
-        if faults.is_empty() {
-            break;
-        }
-        stiffen(frames, &charts, &corners, &faults, &mut weights);
-        weighted = system.weighted(&weights)?;
-        let reals = weighted.reals_for(&y[seams.reals..])?;
-        y[..seams.reals].copy_from_slice(&reals);
-        corners = system.corners(&y);
-        report.stiffenings += 1;
-    }
+    let (mut y, stage) = making.quantized(&relaxed)?;
     run.progress("map", 2, 3)?;
-    if !faults(frames, field, &charts, &corners).is_empty() {
-        report.untangled = true;
-        untangle(&system, &mut y, run.backend)?;
-        corners = system.corners(&y);
-    }
-    report.energy = system.energy(&corners);
-    fixed(frames, field, &cut, &seams, &y, report)
+    making.unfold(&relaxed.weighted, &mut y)?;
+    making.report.energy = making.system.energy(&making.system.corners(&y));
+    fixed(frames, field, &cut, &seams, &y, stage, making.report)
 }
 
-/// Integers and the reals that follow them. Where rounding lays singular vertices onto each other, the integers are found
-/// on a denser grid and brought back while the decimated map stays upright.
-fn quantized(
-    frames: &Frames,
-    field: &CrossField,
-    system: &System<'_>,
-    weighted: &Weighted,
-    report: &mut MapReport,
-) -> Result<Vec<f64>, Error> {
-    let (s, right) = weighted.schur()?;
-    let quadratic = Quadratic::new(&s, &right);
-    let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
-    let with_reals = |z: &[f64]| -> Result<Vec<f64>, Error> {
-        let mut y = weighted.reals_for(z)?;
-        y.extend_from_slice(z);
+/// A map on its way.
+struct Making<'a, B: ?Sized> {
+    frames: &'a Frames,
+    field: &'a CrossField,
+    system: System<'a>,
+    /// How much each triangle counts.
+    weights: Vec<f64>,
+    report: MapReport,
+    run: Run<'a, B>,
+}
+
+/// The best map without integers.
+struct Relaxed {
+    weighted: Weighted,
+    quadratic: Quadratic,
+    corners: Vec<[[f64; 2]; 3]>,
+}
+
+impl<B: CrossfieldBackend + ?Sized> Making<'_, B> {
+    fn faults(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
+        faults(self.frames, self.field, self.system.charts, corners)
+    }
+
+    fn with_reals(weighted: &Weighted, integers: &[f64]) -> Result<Vec<f64>, Error> {
+        let mut y = weighted.reals_for(integers)?;
+        y.extend_from_slice(integers);
         Ok(y)
-    };
-    let relaxed = quadratic.relaxed().ok_or(indefinite.clone())?;
-    let corners = system.corners(&with_reals(&relaxed)?);
-    report.relaxed_energy = system.energy(&corners);
-    let rounded = quadratic.rounded().ok_or(indefinite)?;
-    let y = with_reals(&rounded)?;
-    if faults(frames, field, system.charts, &system.corners(&y)).is_empty() {
-        return Ok(y);
     }
-    let Some(coarse) = Coarse::of(frames, field, system.cut, system.seams, &corners) else {
-        return Ok(y);
-    };
-    if coarse.is_upright(&rounded) {
-        return Ok(y);
-    }
-    match quadratic.rounded_within(|z| coarse.is_upright(z)) {
-        Some(z) => {
-            report.respaced = true;
-            with_reals(&z)
+
+    /// The optimum of Eq. 4.10 with real numbers in place of integers, unfolded where it folds: no rounding could mend that,
+    /// and the integers of a folded map are wrong ones.
+    fn relaxed(&mut self) -> Result<Relaxed, Error> {
+        let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
+        let weighted = self.system.weighted(&self.weights)?;
+        let (s, right) = weighted.schur()?;
+        let quadratic = Quadratic::new(&s, &right);
+        let factor = quadratic.factor().ok_or(indefinite)?;
+        let mut y = Self::with_reals(&weighted, &quadratic.relaxed(&factor))?;
+        let mut corners = self.system.corners(&y);
+        self.report.relaxed_energy = self.system.energy(&corners);
+        self.report.relaxed_folded = self.faults(&corners).len();
+        if self.report.relaxed_folded == 0 {
+            return Ok(Relaxed {
+                weighted,
+                quadratic,
+                corners,
+            });
         }
-        None => Ok(y),
+        let schur = |z: &mut [f64]| {
+            let solved = factor.solve(&DVector::from_column_slice(z));
+            z.copy_from_slice(solved.as_slice());
+        };
+        let moves = Moves {
+            weighted: &weighted,
+            integers: Some(&schur),
+        };
+        untangle(&self.system, &mut y, &moves, self.run)?;
+        corners = self.system.corners(&y);
+        let (triangles, cones) = self.invalid(&corners);
+        if triangles + cones > 0 {
+            return Err(Error::Folded {
+                triangles,
+                cones,
+                stage: "unfolding",
+                relaxed: true,
+            });
+        }
+        self.want(&corners);
+        let weighted = self.system.weighted(&self.weights)?;
+        let (s, right) = weighted.schur()?;
+        Ok(Relaxed {
+            quadratic: Quadratic::new(&s, &right),
+            weighted,
+            corners,
+        })
+    }
+
+    /// Makes a map the optimum: its gradients are wanted in place of the field's, the more strictly the narrower it is.
+    fn want(&mut self, corners: &[[[f64; 2]; 3]]) {
+        const MOST: f64 = 100.0;
+        for (f, uv) in corners.iter().enumerate() {
+            let j = self.system.charts[f].jacobian(uv);
+            self.system.wanted[f] = j;
+            let [_, least] = singular_values(&j);
+            self.weights[f] = (least * least).recip().clamp(1.0, MOST);
+        }
+    }
+
+    /// Triangles that are not upright, and vertices around which they turn too far or not far enough.
+    fn invalid(&self, corners: &[[[f64; 2]; 3]]) -> (usize, usize) {
+        let upright = |f: &usize| determinant(&self.system.charts[*f].jacobian(&corners[*f])) > 0.0;
+        let triangles = (0..corners.len()).filter(|f| !upright(f)).count();
+        let cones = (0..self.frames.edges().vertices())
+            .filter(|&v| has_wrong_angle(self.frames, self.field, corners, v))
+            .count();
+        (triangles, cones)
+    }
+
+    /// Integers and the reals that follow them. Where rounding lays singular vertices onto each other, the integers are found
+    /// on a denser grid and brought back while the decimated map stays upright. Also what to say if the map folds.
+    fn quantized(&mut self, relaxed: &Relaxed) -> Result<(Vec<f64>, &'static str), Error> {
+        let Relaxed {
+            weighted,
+            quadratic,
+            corners,
+        } = relaxed;
+        let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
+        let rounded = quadratic.rounded(self.run)?.ok_or(indefinite)?;
+        let y = Self::with_reals(weighted, &rounded)?;
+        if self.faults(&self.system.corners(&y)).is_empty() {
+            return Ok((y, "rounding"));
+        }
+        let System { cut, seams, .. } = self.system;
+        let coarse = Coarse::of(self.frames, self.field, cut, seams, corners);
+        let Some(upright) = coarse.and_then(|coarse| coarse.upright()) else {
+            return Ok((y, "rounding without a decimated map"));
+        };
+        if upright.holds(&rounded) {
+            return Ok((y, "rounding"));
+        }
+        match quadratic.rounded_within(&upright, self.run)? {
+            Some(z) => {
+                self.report.respaced = true;
+                Ok((Self::with_reals(weighted, &z)?, "rounding on a denser grid"))
+            }
+            None => {
+                // No real numbers can mend what the integers fold.
+                let (triangles, cones) = self.invalid(&self.system.corners(&y));
+                Err(Error::Folded {
+                    triangles,
+                    cones,
+                    stage: "rounding, on denser grids too",
+                    relaxed: false,
+                })
+            }
+        }
+    }
+
+    /// Stiffer triangles where the map folds, then untangling, the integers held.
+    fn unfold(&mut self, weighted: &Weighted, y: &mut [f64]) -> Result<(), Error> {
+        let reals = self.system.seams.reals;
+        let mut corners = self.system.corners(y);
+        self.report.folded = self.faults(&corners).len();
+        let mut weights = self.weights.clone();
+        for _ in 0..STIFFENINGS {
+            let faults = self.faults(&corners);
+            if faults.is_empty() {
+                return Ok(());
+            }
+            let charts = self.system.charts;
+            stiffen(self.frames, charts, &corners, &faults, &mut weights);
+            let stiffer = self.system.weighted(&weights)?;
+            let solved = stiffer.reals_for(&y[reals..])?;
+            y[..reals].copy_from_slice(&solved);
+            corners = self.system.corners(y);
+            self.report.stiffenings += 1;
+        }
+        if self.faults(&corners).is_empty() {
+            return Ok(());
+        }
+        self.report.untangled = true;
+        let moves = Moves {
+            weighted,
+            integers: None,
+        };
+        untangle(&self.system, y, &moves, self.run)?;
+        Ok(())
     }
 }
 
@@ -144,22 +261,48 @@ fn faults(
         .collect();
     for v in 0..frames.edges().vertices() {
         let fan: Vec<usize> = frames.around(v).collect();
-        if fan.is_empty() {
-            continue;
-        }
-        let angle: f64 = fan
-            .iter()
-            .map(|&h| corner_angle(&corners[h / 3], h % 3))
-            .sum();
-        let quarters = if frames.on_boundary(v) { 2 } else { 4 } - field.index[v];
-        let wanted = f64::from(quarters) * std::f64::consts::FRAC_PI_2;
-        if (angle - wanted).abs() > std::f64::consts::FRAC_PI_4 {
+        if has_wrong_angle(frames, field, corners, v) {
             faults.extend(fan.iter().map(|&h| h / 3));
         }
     }
     faults.sort_unstable();
     faults.dedup();
     faults
+}
+
+/// Do the angles around a vertex add up to something else than what the field says?
+fn has_wrong_angle(
+    frames: &Frames,
+    field: &CrossField,
+    corners: &[[[f64; 2]; 3]],
+    v: usize,
+) -> bool {
+    if frames.around(v).next().is_none() {
+        return false;
+    }
+    let angles = frames
+        .around(v)
+        .map(|h| corner_angle(&corners[h / 3], h % 3));
+    let quarters = if frames.on_boundary(v) { 2 } else { 4 } - field.index[v];
+    let wanted = f64::from(quarters) * std::f64::consts::FRAC_PI_2;
+    (angles.sum::<f64>() - wanted).abs() > std::f64::consts::FRAC_PI_4
+}
+
+fn determinant(j: &[[f64; 2]; 2]) -> f64 {
+    j[0][0] * j[1][1] - j[0][1] * j[1][0]
+}
+
+/// The larger and the smaller.
+fn singular_values(j: &[[f64; 2]; 2]) -> [f64; 2] {
+    let sum = j.iter().flatten().map(|x| x * x).sum::<f64>();
+    let determinant = determinant(j);
+    let root = (sum * sum - 4.0 * determinant * determinant)
+        .max(0.0)
+        .sqrt();
+    [
+        ((sum + root) / 2.0).sqrt(),
+        ((sum - root).max(0.0) / 2.0).sqrt(),
+    ]
 }
 
 fn corner_angle(uv: &[[f64; 2]; 3], k: usize) -> f64 {
@@ -183,16 +326,7 @@ fn stiffen(
         .zip(corners)
         .map(|(chart, uv)| {
             let j = chart.jacobian(uv);
-            let determinant = j[0][0] * j[1][1] - j[0][1] * j[1][0];
-            let sum = j.iter().flatten().map(|x| x * x).sum::<f64>();
-            let root = (sum * sum - 4.0 * determinant * determinant)
-                .max(0.0)
-                .sqrt();
-            let (large, small) = (
-                ((sum + root) / 2.0).sqrt(),
-                ((sum - root).max(0.0) / 2.0).sqrt(),
-            );
-            let sign = determinant.signum();
+            let (sign, [large, small]) = (determinant(&j).signum(), singular_values(&j));
             (large * sign - 1.0).abs() + (small * sign - 1.0).abs()
         })
         .collect();
@@ -223,6 +357,7 @@ fn fixed(
     cut: &Cut,
     seams: &Seams,
     y: &[f64],
+    stage: &'static str,
     report: MapReport,
 ) -> Result<GridMap, Error> {
     let unit = (1i64 << BITS) as f64;
@@ -257,15 +392,11 @@ fn fixed(
     };
     let cones = wrong_cones(frames, field, &map);
     if triangles + cones > 0 {
-        let stage = if report.untangled {
-            "untangling"
-        } else {
-            "rounding"
-        };
         return Err(Error::Folded {
             triangles,
             cones,
             stage,
+            relaxed: false,
         });
     }
     Ok(map)

@@ -56,26 +56,6 @@ impl Spacing {
             }
         }
     }
-
-    /// All distances times `factor`.
-    pub(crate) fn scaled(&self, factor: f64) -> Self {
-        match self {
-            Self::Uniform(h) => Self::Uniform(h * factor),
-            Self::PerFace(spacings) => {
-                Self::PerFace(spacings.iter().map(|s| s.map(|h| h * factor)).collect())
-            }
-        }
-    }
-
-    /// Quads that this spacing makes of triangles with these areas.
-    pub(crate) fn quads(&self, areas: &[f64]) -> f64 {
-        (0..areas.len())
-            .map(|f| {
-                let [u, v] = self.of_face(f, 0);
-                areas[f] / (u * v)
-            })
-            .sum()
-    }
 }
 
 /// A triangle as the map sees it: the gradients of its hat functions along the field's two arms, multiplied by the
@@ -87,7 +67,7 @@ pub struct Chart {
     pub along_u: [[f64; 2]; 3],
     /// Per corner: what one unit of v adds to the second row of J.
     pub along_v: [[f64; 2]; 3],
-    /// Area, in units of the mean.
+    /// Area over that of the quads wanted there, in units of the mean.
     pub area: f64,
 }
 
@@ -122,7 +102,11 @@ pub(crate) fn charts(
     cut: &Cut,
     spacing: &Spacing,
 ) -> Vec<Chart> {
-    let mean = frames.areas().iter().sum::<f64>() / frames.faces() as f64;
+    let quads = |f: usize| {
+        let [u, v] = spacing.of_face(f, 0);
+        frames.areas()[f] / (u * v)
+    };
+    let mean = (0..frames.faces()).map(quads).sum::<f64>() / frames.faces() as f64;
     (0..frames.faces())
         .into_par_iter()
         .map(|f| {
@@ -139,7 +123,7 @@ pub(crate) fn charts(
             Chart {
                 along_u: hats.map(|g| g.map(|x| h_u * x)),
                 along_v: hats.map(|g| g.map(|x| h_v * x)),
-                area: frames.areas()[f] / mean,
+                area: quads(f) / mean,
             }
         })
         .collect()

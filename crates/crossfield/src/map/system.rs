@@ -12,6 +12,8 @@ pub(crate) struct System<'a> {
     pub(crate) cut: &'a Cut,
     pub(crate) seams: &'a Seams,
     pub(crate) charts: &'a [Chart],
+    /// The wanted Jacobians: at first the field's, the identity.
+    pub(crate) wanted: Vec<[[f64; 2]; 2]>,
     symbolic: Option<Symbolic>,
 }
 
@@ -32,6 +34,7 @@ impl<'a> System<'a> {
             cut,
             seams,
             charts,
+            wanted: vec![[[1.0, 0.0], [0.0, 1.0]]; charts.len()],
             symbolic: None,
         }
     }
@@ -51,10 +54,12 @@ impl<'a> System<'a> {
                 } else {
                     &chart.along_v
                 };
+                let wanted = self.wanted[f][component];
                 let corners = [0, 1, 2].map(|k| self.cut.copy[3 * f + k]);
                 for (k, &copy) in corners.iter().enumerate() {
+                    let pull = hats[k][0] * wanted[0] + hats[k][1] * wanted[1];
                     for (y, p) in self.seams.row(copy, component) {
-                        right[y] += weight * f64::from(p) * hats[k][component];
+                        right[y] += weight * f64::from(p) * pull;
                     }
                     for (l, &other) in corners.iter().enumerate() {
                         let stiffness =
@@ -131,6 +136,45 @@ impl<'a> System<'a> {
 }
 
 impl Weighted {
+    /// `A_RR⁻¹ x`, in place.
+    fn solve(&self, x: &mut [f64]) -> Result<(), Error> {
+        match &self.factor {
+            Some(factor) => Ok(factor.solve_in_place(x, 1)?),
+            None => Ok(()),
+        }
+    }
+
+    /// `A⁻¹ (r, i)` by blocks, where `schur` solves with the Schur complement; with the integers held where it is `None`.
+    pub(crate) fn inverse(
+        &self,
+        gradient: &[f64],
+        schur: Option<&dyn Fn(&mut [f64])>,
+    ) -> Result<Vec<f64>, Error> {
+        let (real, integer) = gradient.split_at(self.reals);
+        let mut x = real.to_vec();
+        self.solve(&mut x)?;
+        let Some(schur) = schur else {
+            return Ok(x);
+        };
+        let mut z = integer.to_vec();
+        for (z, column) in z.iter_mut().zip(&self.mixed) {
+            *z -= column
+                .iter()
+                .map(|&(row, a)| a * x[row as usize])
+                .sum::<f64>();
+        }
+        schur(&mut z);
+        x.copy_from_slice(real);
+        for (column, &z) in self.mixed.iter().zip(&z) {
+            for &(row, a) in column {
+                x[row as usize] -= a * z;
+            }
+        }
+        self.solve(&mut x)?;
+        x.extend(z);
+        Ok(x)
+    }
+
     /// The real unknowns for given integers.
     pub(crate) fn reals_for(&self, integers: &[f64]) -> Result<Vec<f64>, Error> {
         let mut x = self.right[..self.reals].to_vec();
@@ -139,9 +183,7 @@ impl Weighted {
                 x[row as usize] -= a * z;
             }
         }
-        if let Some(factor) = &self.factor {
-            factor.solve_in_place(&mut x, 1)?;
-        }
+        self.solve(&mut x)?;
         Ok(x)
     }
 

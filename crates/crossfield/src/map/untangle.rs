@@ -1,51 +1,104 @@
-//! Unfolding of a map with given integers.
+//! Unfolding of a map.
+
+use geom_core::Run;
 
 use super::spacing::Chart;
-use super::system::System;
+use super::system::{System, Weighted};
 use crate::Error;
 use crate::backend::{ChartDistortion, CrossfieldBackend};
 
 /// Steps remembered by the minimizer.
 const HISTORY: usize = 10;
 /// Steps per regularization.
-const STEPS: usize = 120;
-/// Halvings of the regularization.
-const ROUNDS: usize = 14;
+const STEPS: usize = 60;
+/// Regularizations.
+const ROUNDS: usize = 60;
+/// A folded map stays so when its worst triangle is not better after so many.
+const STALLED: usize = 20;
+/// The smallest regularization: determinants below it are as good as none.
+const LEAST: f64 = 1e-6;
+/// The least area that counts, in units of the mean.
+const LEAST_AREA: f64 = 0.25;
+/// An upright map is settled when a round lowers its energy by less, relatively.
+const SETTLED: f64 = 1e-2;
 
-/// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`, over
-/// the real unknowns (Garanzha et al., *Foldover-free maps in 50 lines of code*, 2021), by L-BFGS. ε falls as the worst
-/// determinant rises. Returns whether all determinants are positive.
+/// What moves.
+pub(crate) struct Moves<'a> {
+    /// The quadratic energy whose inverse bends the steps (Kovalsky, Galun and Lipman, *Accelerated quadratic proxy for
+    /// geometric optimization*, 2016): a mesh of any fineness takes about as many.
+    pub(crate) weighted: &'a Weighted,
+    /// Solves with its Schur complement, where the integers move like the reals; `None`: they stay.
+    pub(crate) integers: Option<&'a dyn Fn(&mut [f64])>,
+}
+
+/// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`
+/// (Garanzha et al., *Foldover-free maps in 50 lines of code*, 2021), by L-BFGS. ε falls as theirs does, by what a round has
+/// gained and by the worst determinant. Returns whether all determinants are positive.
 pub(crate) fn untangle<B: CrossfieldBackend + ?Sized>(
     system: &System<'_>,
     y: &mut [f64],
-    backend: &B,
+    moves: &Moves<'_>,
+    run: Run<'_, B>,
 ) -> Result<bool, Error> {
+    let free = match moves.integers {
+        Some(_) => y.len(),
+        None => system.seams.reals,
+    };
+    // A triangle hardly there shall not stay folded because it counts for nothing.
+    let charts: Vec<Chart> = system
+        .charts
+        .iter()
+        .map(|chart| Chart {
+            area: chart.area.max(LEAST_AREA),
+            ..*chart
+        })
+        .collect();
     let mut energy = Energy {
         system,
-        backend,
-        fixed: y[system.seams.reals..].to_vec(),
+        charts: &charts,
+        backend: run.backend,
+        fixed: y[free..].to_vec(),
         epsilon: 0.0,
         out: Vec::new(),
     };
-    let mut x = y[..system.seams.reals].to_vec();
+    let mut x = y[..free].to_vec();
     let worst = energy.worst(&x)?;
     energy.epsilon = (0.5 * worst.abs()).max(0.1);
     let mut positive = worst > 0.0;
-    for _ in 0..ROUNDS {
-        minimize(&mut energy, &mut x)?;
+    let (mut best, mut stalled) = (worst, 0);
+    for round in 0..ROUNDS {
+        run.progress("untangle", round as u64, ROUNDS as u64)?;
+        let (before, after) = minimize(&mut energy, moves, &mut x)?;
         let worst = energy.worst(&x)?;
         positive = worst > 0.0;
-        if positive && energy.epsilon <= 1e-6 {
+        if worst > best + 1e-2 * best.abs() {
+            (best, stalled) = (worst, 0);
+        } else {
+            stalled += 1;
+        }
+        if !positive && stalled >= STALLED {
             break;
         }
-        energy.epsilon = if positive { 1e-6 } else { 0.5 * energy.epsilon };
+        let gained = 1.0 - after / before;
+        if positive && gained < SETTLED {
+            break;
+        }
+        let share = gained.max(0.3);
+        let root = worst.hypot(energy.epsilon);
+        let falls = if positive {
+            share
+        } else {
+            share * root / (worst.abs() + root)
+        };
+        energy.epsilon = (energy.epsilon * (1.0 - falls)).max(LEAST);
     }
-    y[..system.seams.reals].copy_from_slice(&x);
+    y[..free].copy_from_slice(&x);
     Ok(positive)
 }
 
 struct Energy<'a, B: ?Sized> {
     system: &'a System<'a>,
+    charts: &'a [Chart],
     backend: &'a B,
     fixed: Vec<f64>,
     epsilon: f64,
@@ -57,7 +110,7 @@ impl<B: CrossfieldBackend + ?Sized> Energy<'_, B> {
         let y: Vec<f64> = x.iter().chain(&self.fixed).copied().collect();
         let corners = self.system.corners(&y);
         self.backend
-            .chart_distortion(self.system.charts, &corners, self.epsilon, &mut self.out)
+            .chart_distortion(self.charts, &corners, self.epsilon, &mut self.out)
     }
 
     fn worst(&mut self, x: &[f64]) -> Result<f64, Error> {
@@ -71,7 +124,7 @@ impl<B: CrossfieldBackend + ?Sized> Energy<'_, B> {
         Ok(all.fold(f64::INFINITY, f64::min))
     }
 
-    /// Energy and gradient with respect to the real unknowns.
+    /// Energy and gradient with respect to the unknowns that move.
     fn gradient(&mut self, x: &[f64]) -> Result<(f64, Vec<f64>), Error> {
         self.evaluate(x)?;
         let mut gradient = vec![0.0; x.len()];
@@ -93,92 +146,115 @@ impl<B: CrossfieldBackend + ?Sized> Energy<'_, B> {
     }
 }
 
-/// L-BFGS (Nocedal and Wright, *Numerical Optimization*, algorithm 7.5) with backtracking.
+/// A step and what it changed.
+struct Step {
+    /// Of the unknowns.
+    moved: Vec<f64>,
+    /// Of the gradient.
+    turned: Vec<f64>,
+    /// `1 / moved · turned`.
+    rho: f64,
+    /// `moved · turned` over `turned · P⁻¹ turned`, with P the matrix of the quadratic energy.
+    scale: f64,
+}
+
+/// L-BFGS (Nocedal and Wright, *Numerical Optimization*, algorithm 7.5) with backtracking; the energy before and after.
 fn minimize<B: CrossfieldBackend + ?Sized>(
     energy: &mut Energy<'_, B>,
+    moves: &Moves<'_>,
     x: &mut Vec<f64>,
-) -> Result<(), Error> {
+) -> Result<(f64, f64), Error> {
     let (mut value, mut gradient) = energy.gradient(x)?;
-    let mut history: Vec<(Vec<f64>, Vec<f64>, f64)> = Vec::new();
+    let first = value;
+    let mut history: Vec<Step> = Vec::new();
     for _ in 0..STEPS {
-        let mut direction = two_loops(&gradient, &history);
+        let mut direction = two_loops(&gradient, &history, moves)?;
         let mut slope = dot(&direction, &gradient);
-        if slope >= 0.0 {
+        if slope >= 0.0 && !history.is_empty() {
             history.clear();
-            direction = gradient.iter().map(|g| -g).collect();
+            direction = two_loops(&gradient, &history, moves)?;
             slope = dot(&direction, &gradient);
         }
-        if slope > -1e-14 * (1.0 + value.abs()) {
-            return Ok(());
+        if !(slope < -1e-14 * (1.0 + value.abs())) {
+            break;
         }
-        // The first step is a small one: nothing is known of the curvature yet.
-        let mut step = if history.is_empty() {
-            0.1 / dot(&gradient, &gradient).sqrt().max(1e-12)
-        } else {
-            1.0
+        let Some((at, there, gradient_there)) = searched(energy, x, &direction, value, slope)?
+        else {
+            break;
         };
-        let mut next = None;
-        for _ in 0..30 {
-            let at: Vec<f64> = x
-                .iter()
-                .zip(&direction)
-                .map(|(x, d)| x + step * d)
-                .collect();
-            let (there, slope_there) = energy.gradient(&at)?;
-            if there.is_finite() && there <= value + 1e-4 * step * slope {
-                next = Some((at, there, slope_there));
-                break;
-            }
-            step *= 0.5;
-        }
-        let Some((at, there, gradient_there)) = next else {
-            return Ok(());
-        };
-        let moved: Vec<f64> = at.iter().zip(x.iter()).map(|(a, b)| a - b).collect();
-        let turned: Vec<f64> = gradient_there
-            .iter()
-            .zip(&gradient)
-            .map(|(a, b)| a - b)
-            .collect();
+        let moved = minus(&at, x);
+        let turned = minus(&gradient_there, &gradient);
         let curvature = dot(&moved, &turned);
-        if curvature > 1e-12 * dot(&turned, &turned) {
-            history.push((moved, turned, 1.0 / curvature));
+        if curvature > 1e-12 * (dot(&moved, &moved) * dot(&turned, &turned)).sqrt() {
+            let bent = moves.weighted.inverse(&turned, moves.integers)?;
+            let scale = curvature / dot(&turned, &bent);
+            history.push(Step {
+                moved,
+                turned,
+                rho: 1.0 / curvature,
+                scale,
+            });
             if history.len() > HISTORY {
                 history.remove(0);
             }
         }
         let gain = value - there;
         (*x, value, gradient) = (at, there, gradient_there);
-        if gain < 1e-7 * value.abs() {
-            return Ok(());
+        if gain < 1e-8 * value.abs() {
+            break;
         }
     }
-    Ok(())
+    Ok((first, value))
 }
 
-fn two_loops(gradient: &[f64], history: &[(Vec<f64>, Vec<f64>, f64)]) -> Vec<f64> {
+/// The first of ever shorter steps that lowers the energy enough, with energy and gradient there.
+fn searched<B: CrossfieldBackend + ?Sized>(
+    energy: &mut Energy<'_, B>,
+    x: &[f64],
+    direction: &[f64],
+    value: f64,
+    slope: f64,
+) -> Result<Option<(Vec<f64>, f64, Vec<f64>)>, Error> {
+    let mut step = 1.0;
+    for _ in 0..30 {
+        let at: Vec<f64> = x.iter().zip(direction).map(|(x, d)| x + step * d).collect();
+        let (there, gradient) = energy.gradient(&at)?;
+        if there.is_finite() && there <= value + 1e-4 * step * slope {
+            return Ok(Some((at, there, gradient)));
+        }
+        step *= 0.5;
+    }
+    Ok(None)
+}
+
+/// Minus the gradient, bent by the curvature met so far.
+fn two_loops(gradient: &[f64], history: &[Step], moves: &Moves<'_>) -> Result<Vec<f64>, Error> {
     let mut q: Vec<f64> = gradient.iter().map(|g| -g).collect();
     let mut alphas = Vec::new();
-    for (s, y, rho) in history.iter().rev() {
-        let alpha = rho * dot(s, &q);
-        for (q, y) in q.iter_mut().zip(y) {
+    for step in history.iter().rev() {
+        let alpha = step.rho * dot(&step.moved, &q);
+        for (q, y) in q.iter_mut().zip(&step.turned) {
             *q -= alpha * y;
         }
         alphas.push(alpha);
     }
-    if let Some((_, y, rho)) = history.last() {
-        let scale = 1.0 / (rho * dot(y, y));
+    q = moves.weighted.inverse(&q, moves.integers)?;
+    if let Some(last) = history.last() {
         for q in &mut q {
-            *q *= scale;
+            *q *= last.scale;
         }
     }
-    for ((s, y, rho), alpha) in history.iter().zip(alphas.into_iter().rev()) {
-        let beta = rho * dot(y, &q);
-        for (q, s) in q.iter_mut().zip(s) {
+    for (step, alpha) in history.iter().zip(alphas.into_iter().rev()) {
+        let beta = step.rho * dot(&step.turned, &q);
+        for (q, s) in q.iter_mut().zip(&step.moved) {
             *q += (alpha - beta) * s;
         }
     }
-    q
+    Ok(q)
+}
+
+fn minus(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

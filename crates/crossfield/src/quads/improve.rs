@@ -1,7 +1,7 @@
 //! Better quads: vertices move on the surface until corners are right angles.
 
 use geom_core::search::bvh::TriangleTree;
-use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
+use geom_core::{Point3, QuadMesh, Run, TriMesh, Vector3};
 
 use super::quality::scaled_jacobian;
 use crate::Error;
@@ -85,11 +85,22 @@ pub(crate) fn improve<B: CrossfieldBackend + ?Sized>(
     mesh: QuadMesh,
     ground: &Ground<'_>,
     freedom: &[Freedom],
-    backend: &B,
+    run: Run<'_, B>,
 ) -> Result<QuadMesh, Error> {
-    let mut flow = Flow::new(mesh, ground, freedom, backend);
+    let mut flow = Flow::new(mesh, ground, freedom, run);
     flow.run()?;
     flow.lift_the_worst();
+    Ok(QuadMesh::new(flow.positions, flow.quads)?)
+}
+
+/// Vertices on the surface, as near as possible to where they were.
+pub(crate) fn settled<B: CrossfieldBackend + ?Sized>(
+    mesh: QuadMesh,
+    ground: &Ground<'_>,
+    freedom: &[Freedom],
+    run: Run<'_, B>,
+) -> Result<QuadMesh, Error> {
+    let flow = Flow::new(mesh, ground, freedom, run);
     Ok(QuadMesh::new(flow.positions, flow.quads)?)
 }
 
@@ -100,13 +111,18 @@ struct Flow<'a, B: ?Sized> {
     lengths: Vec<f64>,
     ground: &'a Ground<'a>,
     freedom: &'a [Freedom],
-    backend: &'a B,
+    run: Run<'a, B>,
     out: Vec<CornerDistortion>,
     around: Vec<Vec<u32>>,
 }
 
 impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
-    fn new(mesh: QuadMesh, ground: &'a Ground<'a>, freedom: &'a [Freedom], backend: &'a B) -> Self {
+    fn new(
+        mesh: QuadMesh,
+        ground: &'a Ground<'a>,
+        freedom: &'a [Freedom],
+        run: Run<'a, B>,
+    ) -> Self {
         let (positions, quads) = mesh.into_parts();
         let mut around = vec![Vec::new(); positions.len()];
         for (q, quad) in (0u32..).zip(&quads) {
@@ -122,7 +138,7 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
             lengths,
             ground,
             freedom,
-            backend,
+            run,
             out: Vec::new(),
             around,
         };
@@ -158,7 +174,8 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
                 })
             })
             .collect();
-        self.backend
+        self.run
+            .backend
             .corner_distortion(&corners, epsilon, &mut self.out)
     }
 
@@ -210,7 +227,8 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
     fn run(&mut self) -> Result<(), Error> {
         let mut best = (self.smallest_jacobian(), self.positions.clone());
         let mut tau = 0.1;
-        for _ in 0..STEPS {
+        for step in 0..STEPS {
+            self.run.progress("improve", step as u64, STEPS as u64)?;
             self.distortions(0.0)?;
             let smallest = self.smallest_area();
             let epsilon = if smallest <= 1e-3 {

@@ -5,6 +5,8 @@ mod improve;
 mod ladder;
 mod parts;
 pub mod quality;
+mod rungs;
+mod smooth;
 mod split;
 mod trace;
 

@@ -113,14 +113,14 @@ impl Valences {
 pub fn distances(quads: &QuadMesh, surface: &TriMesh) -> Result<[f64; 2], Error> {
     let halves = quads.clone().into_triangles();
     let one = |from: &TriMesh, to: &TriMesh| -> Result<f64, Error> {
-        let tree = TriangleTree::new(to).map_err(|_| Error::Empty)?;
+        let tree = TriangleTree::new(to)?;
         let mut samples = from.positions().to_vec();
         for t in 0..from.triangles().len() {
             let [a, b, c] = from.corners(t).map(|p| p.coords);
             samples.push(Point3::from((a + b + c) / 3.0));
             samples.extend([a + b, b + c, c + a].map(|s| Point3::from(s / 2.0)));
         }
-        let closest = tree.closest_to_all(&samples).map_err(|_| Error::Empty)?;
+        let closest = tree.closest_to_all(&samples)?;
         Ok(closest.iter().map(|c| c.distance).fold(0.0, f64::max))
     };
     Ok([one(&halves, surface)?, one(surface, &halves)?])

@@ -3,12 +3,17 @@
 
 use std::collections::BTreeMap;
 
-use super::cut::Cut;
-use super::transition::{Form, Seams, turned};
+use super::upright::Upright;
 use crate::field::CrossField;
 use crate::field::frames::{Frames, next, previous};
+use crate::map::cut::Cut;
+use crate::map::transition::{self, Form, Seams, turned};
 
 const NONE: u32 = u32::MAX;
+/// Most half-edges around a vertex.
+const MOST_AROUND: usize = 256;
+/// Triangles with an area below this over their sides squared are flat.
+const FLAT: f64 = 1e-9;
 
 /// A position in a chart: as it is in the relaxed map, and as sums of integers where it is one.
 #[derive(Clone, Debug, Default)]
@@ -28,7 +33,7 @@ struct Link {
 /// Triangles that remain of a map (Coudert-Osmont et al., *Quad mesh quantization without a T-mesh*, 2024: the integers of a
 /// seamless map are right when they leave the triangles of a decimated map upright). A vertex around which the map is flat is
 /// taken out and the polygon around it triangulated anew, in its chart; what is left are cones and corners of the boundary.
-pub(super) struct Coarse {
+pub(in crate::map) struct Coarse {
     from: Vec<u32>,
     place: Vec<Place>,
     twin: Vec<u32>,
@@ -40,7 +45,7 @@ pub(super) struct Coarse {
 
 impl Coarse {
     /// Of a relaxed map given by its corners; `None` where the map is folded or a regular vertex cannot be taken out.
-    pub(super) fn of(
+    pub(in crate::map) fn of(
         frames: &Frames,
         field: &CrossField,
         cut: &Cut,
@@ -68,34 +73,53 @@ impl Coarse {
         // What cannot be taken out now may be when its neighbours are gone.
         while !left.is_empty() {
             let before = left.len();
-            left.retain(|&v| coarse.take_out(v).is_none());
+            left.retain(|&v| !coarse.is_taken_out(v));
             if left.len() == before {
                 return None;
             }
         }
+        coarse.make_delaunay();
         Some(coarse)
     }
 
-    /// Are all triangles upright with these integers?
-    pub(super) fn is_upright(&self, integers: &[f64]) -> bool {
-        let value = |form: &Form| -> i64 {
-            form.iter()
-                .map(|(&k, &c)| c * integers[k as usize].round() as i64)
-                .sum()
+    /// What the integers must be for every triangle to be upright; `None` if a corner is no sum of integers.
+    pub(in crate::map) fn upright(&self) -> Option<Upright> {
+        let sides = (0..self.alive.len()).filter(|&t| self.alive[t]).map(|t| {
+            let [a, b, c] = [0, 1, 2].map(|k| self.place[3 * t + k].exact.as_ref());
+            let from_a = |to: &[Form; 2]| {
+                let mut side = to.clone();
+                add(&mut side, a?, -1);
+                Some(side)
+            };
+            Some([from_a(b?)?, from_a(c?)?])
+        });
+        Some(Upright::new(&sides.collect::<Option<Vec<_>>>()?))
+    }
+
+    /// Flips edges until the sum of the angles opposite each is at most a half turn (Delaunay): no triangle is flatter than
+    /// it must be, and has to stay upright less strictly.
+    fn make_delaunay(&mut self) {
+        let most = 20 * self.alive.iter().filter(|&&a| a).count();
+        for _ in 0..most {
+            let all = (0..self.from.len()).filter(|&h| self.alive[h / 3]);
+            let Some(h) = all.filter(|&h| self.is_too_long(h)).min() else {
+                return;
+            };
+            self.flip(h);
+        }
+    }
+
+    fn is_too_long(&self, h: usize) -> bool {
+        let Some(ring) = self.diamond(h) else {
+            return false;
         };
-        (0..self.alive.len()).filter(|&t| self.alive[t]).all(|t| {
-            let [a, b, c] = [0, 1, 2].map(|k| {
-                let exact = self.place[3 * t + k].exact.as_ref();
-                exact.map(|form| [value(&form[0]), value(&form[1])])
-            });
-            match (a, b, c) {
-                (Some(a), Some(b), Some(c)) => {
-                    let (u, v) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
-                    i128::from(u[0]) * i128::from(v[1]) > i128::from(u[1]) * i128::from(v[0])
-                }
-                _ => false,
-            }
-        })
+        let [a, d, b, c] = ring.map(|p| p.at);
+        let cotangent = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
+            let (u, v) = ([q[0] - p[0], q[1] - p[1]], [r[0] - p[0], r[1] - p[1]]);
+            (u[0] * v[0] + u[1] * v[1]) / (u[0] * v[1] - u[1] * v[0])
+        };
+        // Not Delaunay, hence convex.
+        cotangent(c, a, b) + cotangent(d, b, a) < -1e-6
     }
 
     /// All triangles of the map.
@@ -144,18 +168,95 @@ impl Coarse {
         }
     }
 
+    /// Takes a flat vertex out, after as many flips of its edges as that needs.
+    fn is_taken_out(&mut self, v: u32) -> bool {
+        loop {
+            if self.take_out(v).is_some() {
+                return true;
+            }
+            if self.loosen(v).is_none() {
+                return false;
+            }
+        }
+    }
+
     /// Takes a flat vertex out; `None` if its star is no simple polygon.
     fn take_out(&mut self, v: u32) -> Option<()> {
         let star = self.star(v)?;
         let ring = self.ring(&star)?;
         let ears = ears(&ring.iter().map(|p| p.at).collect::<Vec<_>>())?;
-        self.fill(v, &star, &ring, &ears);
+        let polygon = self.around(&star);
+        self.out[v as usize] = NONE;
+        self.fill(&polygon, &ring, &ears);
         Some(())
+    }
+
+    /// Flips the edge that frees a vertex of most of its edges, loops above all; `None` if none does. A flat vertex loses all
+    /// but three that way (Sharp, Soliman and Crane, *Navigating intrinsic triangulations*, 2019).
+    fn loosen(&mut self, v: u32) -> Option<()> {
+        let mut best: Option<(usize, usize)> = None;
+        let first = self.out[v as usize] as usize;
+        let mut h = first;
+        for _ in 0..MOST_AROUND {
+            if let Some(freed) = self.freed(h, v)
+                && best.is_none_or(|b| freed > b.0)
+            {
+                best = Some((freed, h));
+            }
+            let over = previous(h);
+            if self.twin[over] == NONE || self.twin[over] as usize == first {
+                break;
+            }
+            h = self.twin[over] as usize;
+        }
+        self.flip(best?.1);
+        Some(())
+    }
+
+    /// How many ends of edges fewer a vertex has when an edge is flipped; `None` if not fewer, or the edge cannot be
+    /// flipped.
+    fn freed(&self, h: usize, v: u32) -> Option<usize> {
+        let ring = self.diamond(h)?;
+        let t = self.twin[h] as usize;
+        let ends = |edges: [usize; 2]| edges.iter().filter(|&&e| self.from[e] == v).count();
+        let (now, then) = (ends([h, t]), ends([previous(h), previous(t)]));
+        let [a, d, b, c] = ring.map(|p| p.at);
+        let scale = [a, d, b, c]
+            .windows(2)
+            .map(|w| (w[0][0] - w[1][0]).powi(2) + (w[0][1] - w[1][1]).powi(2))
+            .sum::<f64>();
+        let convex = signed_area(a, d, c) > FLAT * scale && signed_area(d, b, c) > FLAT * scale;
+        (convex && then < now).then(|| now - then)
+    }
+
+    /// The corners of both triangles at an edge in the chart of the half-edge's: from its start counter-clockwise.
+    fn diamond(&self, h: usize) -> Option<[Place; 4]> {
+        if self.twin[h] == NONE || self.twin[h] as usize / 3 == h / 3 {
+            return None;
+        }
+        let beyond = inverse(&self.link[h]).apply(&self.place[previous(self.twin[h] as usize)]);
+        let own = |h: usize| self.place[h].clone();
+        Some([own(h), beyond, own(next(h)), own(previous(h))])
+    }
+
+    fn flip(&mut self, h: usize) {
+        let Some(ring) = self.diamond(h) else {
+            return;
+        };
+        let t = self.twin[h] as usize;
+        let back = inverse(&self.link[h]);
+        let outer = [next(t), previous(t), next(h), previous(h)];
+        let polygon = Polygon {
+            vertices: outer.iter().map(|&o| self.from[o]).collect(),
+            outer: outer.map(Some).to_vec(),
+            home: vec![back.clone(), back, Link::default(), Link::default()],
+            slots: vec![h / 3, t / 3],
+        };
+        self.fill(&polygon, &ring, &[[0, 1, 3], [1, 2, 3]]);
     }
 
     /// The half-edges out of a vertex, counter-clockwise, each with what leads from its chart to the first.
     fn star(&self, v: u32) -> Option<Star> {
-        const MOST: usize = 256;
         let first = self.out[v as usize] as usize;
         let mut star = Star {
             out: Vec::new(),
@@ -164,7 +265,10 @@ impl Coarse {
         };
         let (mut h, mut home) = (first, Link::default());
         loop {
-            if star.out.len() > MOST || self.from[next(h)] == v || self.from[previous(h)] == v {
+            if star.out.len() > MOST_AROUND
+                || self.from[next(h)] == v
+                || self.from[previous(h)] == v
+            {
                 return None;
             }
             star.out.push(h);
@@ -199,19 +303,32 @@ impl Coarse {
         (ring.len() >= 3).then_some(ring)
     }
 
-    /// Puts the triangles of a polygon in place of a star.
-    fn fill(&mut self, v: u32, star: &Star, ring: &[Place], ears: &[[usize; 3]]) {
+    /// The polygon that a star fills.
+    fn around(&self, star: &Star) -> Polygon {
+        let mut polygon = Polygon {
+            outer: star.out.iter().map(|&h| Some(next(h))).collect(),
+            home: star.home.clone(),
+            vertices: star.out.iter().map(|&h| self.from[next(h)]).collect(),
+            slots: star.out.iter().map(|h| h / 3).collect(),
+        };
+        if !star.closed {
+            let last = star.out[star.out.len() - 1];
+            polygon.outer.push(None);
+            polygon.home.push(Link::default());
+            polygon.vertices.push(self.from[previous(last)]);
+        }
+        polygon
+    }
+
+    /// Puts the triangles of a polygon in place of those that filled it.
+    fn fill(&mut self, polygon: &Polygon, ring: &[Place], ears: &[[usize; 3]]) {
+        let Polygon {
+            outer,
+            home,
+            vertices,
+            slots,
+        } = polygon;
         let count = ring.len();
-        let vertices: Vec<u32> = (0..count)
-            .map(|k| match star.out.get(k) {
-                Some(&h) => self.from[next(h)],
-                None => self.from[previous(star.out[k - 1])],
-            })
-            .collect();
-        // The sides of the polygon as they were: outer half-edge k runs from point k to the next.
-        let outer: Vec<Option<usize>> = (0..count)
-            .map(|k| star.out.get(k).map(|&h| next(h)))
-            .collect();
         let old: Vec<(u32, Link)> = outer
             .iter()
             .map(|o| match o {
@@ -219,12 +336,11 @@ impl Coarse {
                 None => (NONE, Link::default()),
             })
             .collect();
-        let slots: Vec<usize> = star.out.iter().map(|h| h / 3).collect();
-        for &slot in &slots {
+        for &slot in slots {
             self.alive[slot] = false;
         }
         let mut side: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-        for (ear, &slot) in ears.iter().zip(&slots) {
+        for (ear, &slot) in ears.iter().zip(slots) {
             self.alive[slot] = true;
             for k in 0..3 {
                 let h = 3 * slot + k;
@@ -247,12 +363,12 @@ impl Coarse {
             if *twin == NONE {
                 continue;
             }
-            let from_here = inverse(&star.home[k]).then(link);
+            let from_here = inverse(&home[k]).then(link);
             match place_of(*twin as usize) {
                 // Glued to another side of the same polygon.
                 Some(j) => {
                     self.twin[h] = side[&(j, (j + 1) % count)] as u32;
-                    self.link[h] = from_here.then(&star.home[j]);
+                    self.link[h] = from_here.then(&home[j]);
                 }
                 None => {
                     self.twin[h] = *twin;
@@ -262,7 +378,6 @@ impl Coarse {
                 }
             }
         }
-        self.out[v as usize] = NONE;
         for &h in side.values() {
             self.out[self.from[h] as usize] = h as u32;
         }
@@ -270,7 +385,7 @@ impl Coarse {
         for &h in side.values().filter(|&&h| self.twin[h] == NONE) {
             self.out[self.from[h] as usize] = h as u32;
         }
-        self.restore_rims(&vertices);
+        self.restore_rims(vertices);
     }
 
     /// Boundary vertices of a polygon whose boundary half-edge lies outside of it.
@@ -295,6 +410,17 @@ struct Star {
     out: Vec<usize>,
     home: Vec<Link>,
     closed: bool,
+}
+
+/// Triangles about to be replaced by others.
+struct Polygon {
+    /// Per side the half-edge of the triangle inside, counter-clockwise; none along a boundary.
+    outer: Vec<Option<usize>>,
+    /// What leads from the chart of each to that of the polygon.
+    home: Vec<Link>,
+    vertices: Vec<u32>,
+    /// The triangles.
+    slots: Vec<usize>,
 }
 
 impl Link {
@@ -362,7 +488,7 @@ fn rotated_form(form: &[Form; 2], quarters: u8) -> [Form; 2] {
 
 fn add(form: &mut [Form; 2], other: &[Form; 2], factor: i64) {
     for (form, other) in form.iter_mut().zip(other) {
-        super::transition::add(form, other, factor);
+        transition::add(form, other, factor);
     }
 }
 
@@ -389,7 +515,7 @@ fn ears(polygon: &[[f64; 2]]) -> Option<Vec<[usize; 3]>> {
                     .all(|&(s, t)| signed_area(s, t, p) >= 0.0)
             };
             let empty = left.iter().all(|&i| corner.contains(&i) || !holds(i));
-            (empty && area > 1e-9 * size).then_some(area / size)
+            (empty && area > FLAT * size).then_some(area / size)
         };
         let best = (0..n)
             .filter_map(|k| quality(k).map(|q| (q, k)))

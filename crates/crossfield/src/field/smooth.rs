@@ -1,0 +1,69 @@
+//! A copy of a surface without its bumps.
+
+use geom_core::algebra::Cholesky;
+use geom_core::surface::laplace::{self, Mass};
+use geom_core::{Point3, TriMesh};
+
+use crate::Error;
+
+/// Steps of mean curvature flow.
+const FLOW_STEPS: usize = 3;
+
+/// Mean curvature flow for a time t, in implicit steps with the operator of the start (Desbrun et al., 1999).
+/// Boundary vertices stay, and those that `held` names.
+pub(crate) fn flowed(
+    mesh: &TriMesh,
+    time: f64,
+    held: impl Fn(usize) -> bool,
+) -> Result<TriMesh, Error> {
+    let stiffness = laplace::stiffness(mesh)?;
+    let Mass::Lumped(mass) = laplace::lumped_mass(mesh) else {
+        unreachable!("the lumped mass is lumped")
+    };
+    let edges = geom_core::mesh::Halfedges::of(mesh)?;
+    let vertices = mesh.positions().len();
+    let stays: Vec<bool> = (0..vertices)
+        .map(|v| {
+            let id = geom_core::VertexId(v as u32);
+            edges.out(id).is_none() || edges.on_boundary(id) || held(v)
+        })
+        .collect();
+    let step = time / FLOW_STEPS as f64;
+    // Rows of vertices that stay become x = x; their columns go to the right-hand side.
+    let matrix = stiffness.map(|i, j, k| match (i == j, stays[i] || stays[j]) {
+        (true, true) => 1.0,
+        (false, true) => 0.0,
+        (true, false) => mass[i] + step * k,
+        (false, false) => step * k,
+    });
+    let factor = Cholesky::of(&matrix)?;
+    let mut block: Vec<f64> = mesh
+        .positions()
+        .iter()
+        .flat_map(|p| p.coords.iter().copied())
+        .collect();
+    for _ in 0..FLOW_STEPS {
+        let mut right = vec![0.0; block.len()];
+        for i in 0..vertices {
+            for c in 0..3 {
+                right[3 * i + c] = if stays[i] {
+                    block[3 * i + c]
+                } else {
+                    let pulled: f64 = stiffness
+                        .row(i)
+                        .filter(|&(j, _)| stays[j])
+                        .map(|(j, k)| step * k * block[3 * j + c])
+                        .sum();
+                    mass[i] * block[3 * i + c] - pulled
+                };
+            }
+        }
+        factor.solve_in_place(&mut right, 3)?;
+        block = right;
+    }
+    let positions = block
+        .chunks_exact(3)
+        .map(|p| Point3::new(p[0], p[1], p[2]))
+        .collect();
+    Ok(TriMesh::new(positions, mesh.triangles().to_vec())?)
+}

@@ -1,0 +1,260 @@
+//! Integers for the seams: greedy rounding with exact re-optimization, then descent.
+
+use geom_core::nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use geom_core::{Cancelled, Run};
+
+use super::upright::{Pair, Upright};
+
+/// Moves lower the energy when they do so by this much.
+const FALLS: f64 = 1e-9;
+/// Denser grids that rounding is tried on.
+const DENSEST: i32 = 4;
+/// How many times denser each is.
+const RATIO: f64 = 1.25;
+/// More integers than this are rounded in batches between solves.
+const LARGEST: usize = 2000;
+
+/// The energy as a function of the integers: `½ zᵀ S z − sᵀ z`.
+pub(crate) struct Quadratic {
+    matrix: DMatrix<f64>,
+    right: DVector<f64>,
+}
+
+impl Quadratic {
+    pub(crate) fn new(matrix: &[f64], right: &[f64]) -> Self {
+        let n = right.len();
+        let mut matrix = DMatrix::from_row_slice(n, n, matrix);
+        // Symmetric but for the last digits.
+        matrix = (&matrix + matrix.transpose()) * 0.5;
+        Self {
+            matrix,
+            right: DVector::from_column_slice(right),
+        }
+    }
+
+    /// The factor of the matrix; `None` if it is not positive definite.
+    pub(crate) fn factor(&self) -> Option<Cholesky<f64, Dyn>> {
+        self.matrix.clone().cholesky()
+    }
+
+    /// The real minimum.
+    pub(crate) fn relaxed(&self, factor: &Cholesky<f64, Dyn>) -> Vec<f64> {
+        factor.solve(&self.right).as_slice().to_vec()
+    }
+
+    /// Rounds the variable that is nearest to an integer, lets the others follow to their exact optimum, and so on
+    /// (Bommes, Zimmer and Kobbelt, *Mixed-integer quadrangulation*, 2009, with the real unknowns eliminated); then moves single
+    /// integers and pairs of them by one while the energy falls. `None` if the matrix is not positive definite.
+    pub(crate) fn rounded<B: ?Sized>(
+        &self,
+        run: Run<'_, B>,
+    ) -> Result<Option<Vec<f64>>, Cancelled> {
+        let Some(mut z) = self.greedy() else {
+            return Ok(None);
+        };
+        self.descend(&mut z, None, run)?;
+        Ok(Some(z))
+    }
+
+    /// Integers that leave all triangles of a decimated map upright: those rounded, on a grid so many times denser that moves
+    /// by one mend them, brought back step by step to the wanted spacing by descent that keeps them so. `None` if even
+    /// the densest grid is of no use.
+    pub(crate) fn rounded_within<B: ?Sized>(
+        &self,
+        upright: &Upright,
+        run: Run<'_, B>,
+    ) -> Result<Option<Vec<f64>>, Cancelled> {
+        let denser = |step| self.denser(step);
+        for first in 0..=DENSEST {
+            let grid = denser(first);
+            let Some(mut z) = grid.greedy() else {
+                return Ok(None);
+            };
+            if !grid.mend(&mut z, upright, run)? {
+                continue;
+            }
+            for step in (0..=first).rev() {
+                denser(step).descend(&mut z, Some(upright), run)?;
+            }
+            return Ok(Some(z));
+        }
+        Ok(None)
+    }
+
+    /// The same on a grid so many steps denser.
+    fn denser(&self, step: i32) -> Self {
+        Self {
+            matrix: self.matrix.clone(),
+            right: &self.right * RATIO.powi(step),
+        }
+    }
+
+    /// Moves single integers and pairs by one while that brings triangles nearer to upright; of the moves that do so most,
+    /// those of least energy. Returns whether all are.
+    fn mend<B: ?Sized>(
+        &self,
+        z: &mut [f64],
+        upright: &Upright,
+        run: Run<'_, B>,
+    ) -> Result<bool, Cancelled> {
+        let n = z.len();
+        let coupled = self.coupled();
+        let mut sides = upright.sides(z);
+        let mut shortages = upright.shortages(&sides);
+        let mut gradient = &self.matrix * DVector::from_column_slice(z) - &self.right;
+        let most = 4 * n + 50;
+        for step in 0..most {
+            if shortages == 0 {
+                return Ok(true);
+            }
+            run.progress("integers", step as u64, most as u64)?;
+            let short = upright.short(&sides);
+            let single = short
+                .iter()
+                .flat_map(|&i| [-1.0, 1.0].map(|d| [(i, d), (i, 0.0)]));
+            let best = self.best_mend(single, &sides, &gradient, upright);
+            let best = best.or_else(|| {
+                let signs = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
+                let pairs = short
+                    .iter()
+                    .flat_map(|&i| coupled[i].iter().map(move |&j| (i, j)))
+                    .flat_map(|(i, j)| signs.map(|(d, e)| [(i, d), (j, e)]));
+                self.best_mend(pairs, &sides, &gradient, upright)
+            });
+            let Some((change, _, moves)) = best else {
+                return Ok(false);
+            };
+            shortages += change;
+            for (k, d) in moves {
+                z[k] += d;
+                upright.shift(&mut sides, k, d);
+                gradient.axpy(d, &self.matrix.column(k), 1.0);
+            }
+        }
+        Ok(shortages == 0)
+    }
+
+    /// Of moves that bring triangles nearer to upright, the one that does so most and costs least energy.
+    fn best_mend(
+        &self,
+        moves: impl Iterator<Item = Pair>,
+        sides: &[[i64; 4]],
+        gradient: &DVector<f64>,
+        upright: &Upright,
+    ) -> Option<(i128, f64, Pair)> {
+        let mut best: Option<(i128, f64, Pair)> = None;
+        for pair in moves {
+            let change = upright.change(sides, &pair);
+            if change >= 0 || best.is_some_and(|b| b.0 < change) {
+                continue;
+            }
+            let [(i, d), (j, e)] = pair;
+            let energy = d * gradient[i]
+                + e * gradient[j]
+                + 0.5 * (d * d * self.matrix[(i, i)] + e * e * self.matrix[(j, j)])
+                + d * e * self.matrix[(i, j)];
+            if best.is_none_or(|b| (change, energy) < (b.0, b.1)) {
+                best = Some((change, energy, pair));
+            }
+        }
+        best
+    }
+
+    fn greedy(&self) -> Option<Vec<f64>> {
+        let n = self.right.len();
+        let mut inverse = self.matrix.clone().cholesky()?.inverse();
+        let mut z: Vec<f64> = (&inverse * &self.right).as_slice().to_vec();
+        let mut free: Vec<usize> = (0..n).collect();
+        let batch = if n > LARGEST { n / LARGEST + 1 } else { 1 };
+        while !free.is_empty() {
+            let away = |k: usize, z: &[f64]| (z[k] - z[k].round()).abs();
+            free.sort_by(|&a, &b| away(a, &z).total_cmp(&away(b, &z)).then(a.cmp(&b)));
+            for k in free.drain(..batch.min(free.len())).collect::<Vec<_>>() {
+                let to = z[k].round();
+                let column = inverse.column(k).clone_owned();
+                let pivot = column[k];
+                if pivot > 0.0 {
+                    let step = (to - z[k]) / pivot;
+                    for &j in &free {
+                        z[j] += column[j] * step;
+                    }
+                    inverse.ger(-1.0 / pivot, &column, &column, 1.0);
+                }
+                z[k] = to;
+            }
+        }
+        Some(z)
+    }
+
+    /// Moves by ±1, and pairs of them that are coupled most, while the energy falls and all
+    /// triangles of a decimated map stay upright.
+    pub(crate) fn descend<B: ?Sized>(
+        &self,
+        z: &mut [f64],
+        upright: Option<&Upright>,
+        run: Run<'_, B>,
+    ) -> Result<(), Cancelled> {
+        let n = z.len();
+        let coupled = self.coupled();
+        let mut gradient = &self.matrix * DVector::from_column_slice(z) - &self.right;
+        let single =
+            |gradient: &DVector<f64>, k: usize, d: f64| d * gradient[k] + 0.5 * self.matrix[(k, k)];
+        let mut moves: Vec<(f64, Pair)> = Vec::new();
+        let mut sides = upright.map(|upright| upright.sides(z));
+        let most = 20 * n + 20;
+        for step in 0..most {
+            run.progress("integers", step as u64, most as u64)?;
+            moves.clear();
+            for i in 0..n {
+                for d in [-1.0, 1.0] {
+                    let own = single(&gradient, i, d);
+                    if own < -FALLS {
+                        moves.push((own, [(i, d), (i, 0.0)]));
+                    }
+                    for &j in &coupled[i] {
+                        for e in [-1.0, 1.0] {
+                            let both = own + single(&gradient, j, e) + d * e * self.matrix[(i, j)];
+                            if both < -FALLS {
+                                moves.push((both, [(i, d), (j, e)]));
+                            }
+                        }
+                    }
+                }
+            }
+            moves.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let accepted = moves.iter().find(|(_, pair)| {
+                let triangles = upright.zip(sides.as_ref());
+                triangles.is_none_or(|(upright, sides)| upright.change(sides, pair) <= 0)
+            });
+            let Some((_, pair)) = accepted else {
+                return Ok(());
+            };
+            for &(k, d) in pair {
+                z[k] += d;
+                if let Some((upright, sides)) = upright.zip(sides.as_mut()) {
+                    upright.shift(sides, k, d);
+                }
+                gradient.axpy(d, &self.matrix.column(k), 1.0);
+            }
+        }
+        Ok(())
+    }
+
+    /// Per integer, the later ones that it is coupled to most: all of them while there are few.
+    fn coupled(&self) -> Vec<Vec<usize>> {
+        const MOST: usize = 256;
+        let n = self.right.len();
+        (0..n)
+            .map(|i| {
+                let mut others: Vec<usize> = (i + 1..n).collect();
+                let strength = |j: usize| self.matrix[(i, j)].abs();
+                if others.len() > MOST {
+                    others.sort_by(|&a, &b| strength(b).total_cmp(&strength(a)).then(a.cmp(&b)));
+                    others.truncate(MOST);
+                    others.sort_unstable();
+                }
+                others
+            })
+            .collect()
+    }
+}

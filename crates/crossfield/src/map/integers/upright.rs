@@ -1,0 +1,117 @@
+//! The triangles of a decimated map as conditions on its integers.
+
+use crate::map::transition::Form;
+
+/// Two sides of a triangle, two components each.
+type Sides = [i64; 4];
+
+/// A move by one, or of two integers at once.
+pub(super) type Pair = [(usize, f64); 2];
+
+/// Triangles whose sides are integer sums of integers, which shall be upright.
+pub(in crate::map) struct Upright {
+    count: usize,
+    /// Per integer, the triangles that depend on it and what one more of it adds to their sides; ascending.
+    of: Vec<Vec<(u32, Sides)>>,
+}
+
+impl Upright {
+    pub(super) fn new(triangles: &[[[Form; 2]; 2]]) -> Self {
+        let mut of: Vec<Vec<(u32, Sides)>> = Vec::new();
+        for (t, sides) in (0u32..).zip(triangles) {
+            for (slot, form) in sides.as_flattened().iter().enumerate() {
+                for (&k, &c) in form {
+                    let k = k as usize;
+                    if of.len() <= k {
+                        of.resize(k + 1, Vec::new());
+                    }
+                    if of[k].last().is_none_or(|last| last.0 != t) {
+                        of[k].push((t, [0; 4]));
+                    }
+                    let last = of[k].len() - 1;
+                    of[k][last].1[slot] = c;
+                }
+            }
+        }
+        Self {
+            count: triangles.len(),
+            of,
+        }
+    }
+
+    /// The sides of all triangles.
+    pub(super) fn sides(&self, z: &[f64]) -> Vec<Sides> {
+        let mut sides = vec![[0; 4]; self.count];
+        for (k, z) in z.iter().enumerate() {
+            self.shift(&mut sides, k, *z);
+        }
+        sides
+    }
+
+    /// Adds to one integer.
+    pub(super) fn shift(&self, sides: &mut [Sides], k: usize, by: f64) {
+        for (t, sum) in self.of.get(k).into_iter().flatten() {
+            added(&mut sides[*t as usize], sum, by);
+        }
+    }
+
+    /// 0 where all triangles are upright.
+    pub(super) fn shortages(&self, sides: &[Sides]) -> i128 {
+        sides.iter().map(shortage).sum()
+    }
+
+    /// Are all upright?
+    pub(in crate::map) fn holds(&self, z: &[f64]) -> bool {
+        self.shortages(&self.sides(z)) == 0
+    }
+
+    /// The integers of the triangles that are not upright, ascending.
+    pub(super) fn short(&self, sides: &[Sides]) -> Vec<usize> {
+        let is_short = |of: &[(u32, Sides)]| of.iter().any(|o| shortage(&sides[o.0 as usize]) > 0);
+        (0..self.of.len())
+            .filter(|&k| is_short(&self.of[k]))
+            .collect()
+    }
+
+    /// What a move changes of the shortages.
+    pub(super) fn change(&self, sides: &[Sides], [(i, d), (j, e)]: &Pair) -> i128 {
+        let list = |k: usize, by: f64| {
+            let of = self.of.get(k).filter(|_| by != 0.0);
+            of.map_or(&[][..], Vec::as_slice)
+        };
+        let (mut first, mut second) = (list(*i, *d), list(*j, *e));
+        let mut change = 0;
+        // Both lists ascend: triangles in either, each once.
+        loop {
+            let t = match (first.first(), second.first()) {
+                (None, None) => return change,
+                (Some(a), None) => a.0,
+                (None, Some(b)) => b.0,
+                (Some(a), Some(b)) => a.0.min(b.0),
+            };
+            let before = sides[t as usize];
+            let mut after = before;
+            for (list, by) in [(&mut first, *d), (&mut second, *e)] {
+                if let Some((head, rest)) = list.split_first()
+                    && head.0 == t
+                {
+                    added(&mut after, &head.1, by);
+                    *list = rest;
+                }
+            }
+            change += shortage(&after) - shortage(&before);
+        }
+    }
+}
+
+fn added(sides: &mut Sides, sum: &Sides, by: f64) {
+    for (side, c) in sides.iter_mut().zip(sum) {
+        *side += c * by.round() as i64;
+    }
+}
+
+/// By how much twice the area falls short of 1.
+fn shortage([px, py, qx, qy]: &Sides) -> i128 {
+    let product = |a: i64, b: i64| i128::from(a) * i128::from(b);
+    (1 - (product(*px, *qy) - product(*py, *qx))).max(0)
+}

@@ -1,0 +1,426 @@
+//! One connected part of a surface: one rung after another until one holds.
+
+use geom_core::mesh::Halfedges;
+use geom_core::search::bvh::TriangleTree;
+use geom_core::surface::remesh::{self, remesh};
+use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh};
+
+use super::extract::{Extracted, extract};
+use super::improve::{Freedom, Ground, improve, on_segment, settled};
+use super::ladder::{PartReport, Rung};
+use super::parts::Part;
+use super::smooth::Smooth;
+use super::split::split_quads;
+use crate::backend::CrossfieldBackend;
+use crate::error::Error;
+use crate::field::solve::field_of;
+use crate::field::{CrossField, Frames, Guide, Toward};
+use crate::guidance;
+use crate::map::{GridMap, MapOptions, parameterize};
+use crate::options::{FieldOptions, Ladder, Options, Size};
+
+/// How often the spacing may be made smaller by √2.
+const DENSER: u32 = 5;
+/// From so many triangles per quad on, a coarser surface is mapped instead.
+const MANY: f64 = 24.0;
+/// Its edges, in sides of quads.
+const PROXY: f64 = 0.4;
+/// The edges of a surface whose own triangles were too large, in sides of quads.
+const FINE: f64 = 0.5;
+/// The edges that the last rung starts from, in sides of quads: each triangle becomes three quads or one and a half.
+const LAST: f64 = 1.8;
+/// How far the number of quads may be from the one asked for before the spacing is corrected.
+const OFF_TARGET: f64 = 0.1;
+
+/// Smoothing of the rungs, in that asked for.
+const SMOOTHER: [f64; 5] = [1.5, 2.0, 3.0, 4.0, 6.0];
+
+/// The quads of one connected part.
+pub(super) fn part_quads<B: CrossfieldBackend + ?Sized>(
+    mesh: &TriMesh,
+    spacing: f64,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<(QuadMesh, PartReport), Error> {
+    let part = Part::of(mesh.clone(), options.crease)?;
+    let mut report = PartReport {
+        triangles: mesh.triangles().len(),
+        ..PartReport::default()
+    };
+    let raw = match climb(&part, spacing, options, run, &mut report) {
+        Ok(raw) => raw,
+        Err(error @ Error::Cancelled(_)) => return Err(error),
+        Err(error) if options.ladder == Ladder::Off => return Err(error),
+        Err(error) => {
+            if report.failures.is_empty() {
+                report.failures.push(error.to_string());
+            }
+            report.rung = Rung::Split;
+            (report.field, report.map) = (None, None);
+            last_resort(&part, spacing, options, run)?
+        }
+    };
+    let made = finished(&part, raw, options, run)?;
+    report.quads = made.quads().len();
+    Ok((made, report))
+}
+
+/// Quads, and the triangles they were made of.
+struct Raw {
+    quads: QuadMesh,
+    part: Part,
+}
+
+/// The rungs that have a map.
+fn climb<B: CrossfieldBackend + ?Sized>(
+    part: &Part,
+    spacing: f64,
+    options: &Options,
+    run: Run<'_, B>,
+    report: &mut PartReport,
+) -> Result<Raw, Error> {
+    let mut rungs = Rungs {
+        options,
+        spacing,
+        run,
+        report,
+        error: None,
+        denser: None,
+        smoothing: 0.0,
+    };
+    let start = match proxy(part, spacing, options, run)? {
+        Some(proxy) => proxy,
+        None => part.clone(),
+    };
+    if let Some(quads) = rungs.with_field(&start, 1.0, Rung::Direct)? {
+        return Ok(Raw { quads, part: start });
+    }
+    // Where the triangles are as large as the quads, a map has too little freedom.
+    let fine = match remeshed(part, FINE * spacing, options, run) {
+        Ok(fine) => fine,
+        Err(error @ Error::Cancelled(_)) => return Err(error),
+        Err(_) => part.refined()?,
+    };
+    rungs.denser = None;
+    if let Some(quads) = rungs.with_field(&fine, 1.0, Rung::Refined)? {
+        return Ok(Raw { quads, part: fine });
+    }
+    for factor in SMOOTHER {
+        if let Some(quads) = rungs.with_field(&fine, factor, Rung::Smoother)? {
+            return Ok(Raw { quads, part: fine });
+        }
+    }
+    if let Some((smooth, field)) = rungs.denser.take() {
+        for step in 1..=DENSER {
+            let factor = 0.5f64.powf(0.5 * f64::from(step));
+            if let Some(quads) =
+                rungs.with_map(&fine, &smooth, &field, factor, Rung::Denser(step))?
+            {
+                return Ok(Raw { quads, part: fine });
+            }
+        }
+    }
+    Err(rungs.error.expect("every rung failed"))
+}
+
+/// Fewer triangles in place of far too many: the field needs no more than about fourteen per quad.
+fn proxy<B: ?Sized>(
+    part: &Part,
+    spacing: f64,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<Option<Part>, Error> {
+    let quads = part.mesh.area() / (spacing * spacing);
+    if (part.mesh.triangles().len() as f64) < MANY * quads {
+        return Ok(None);
+    }
+    match remeshed(part, PROXY * spacing, options, run) {
+        Ok(proxy) => Ok(Some(proxy)),
+        Err(error @ Error::Cancelled(_)) => Err(error),
+        Err(_) => Ok(None),
+    }
+}
+
+/// The part with nearly equilateral triangles of this edge length (Botsch and Kobbelt, 2004), if its topology stays.
+fn remeshed<B: ?Sized>(
+    part: &Part,
+    edge: f64,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<Part, Error> {
+    remeshed_with(part, edge, options, remesh::Options::default(), run)
+}
+
+fn remeshed_with<B: ?Sized>(
+    part: &Part,
+    edge: f64,
+    options: &Options,
+    wanted: remesh::Options,
+    run: Run<'_, B>,
+) -> Result<Part, Error> {
+    let wanted = remesh::Options {
+        sizing: remesh::Sizing::Uniform {
+            edge_length: Some(edge),
+        },
+        features: match options.crease {
+            Some(degrees) => remesh::Features::Angle(degrees),
+            None => remesh::Features::None,
+        },
+        ..wanted
+    };
+    let watched = Run::on(&Cpu).watched_by(run.monitor);
+    let made = match remesh(part.mesh.clone(), None, &wanted, watched) {
+        Err(remesh::Error::Cancelled(cancelled)) => return Err(cancelled.into()),
+        made => made?.mesh,
+    };
+    let loops = |mesh: &TriMesh| Halfedges::of(mesh).map(|e| e.boundary_loops().len());
+    let same = made.euler_characteristic() == part.mesh.euler_characteristic()
+        && loops(&made)? == loops(&part.mesh)?;
+    if !same {
+        return Err(Error::Remeshed { edge });
+    }
+    Part::of(made, options.crease)
+}
+
+/// What the rungs share; the last failure.
+struct Rungs<'a, B: ?Sized> {
+    options: &'a Options,
+    spacing: f64,
+    run: Run<'a, B>,
+    report: &'a mut PartReport,
+    error: Option<Error>,
+    /// The first field whose map folds only on integers, and what it is a field of.
+    denser: Option<(Smooth, CrossField)>,
+    /// The smoothing of the last rung, Å: none that follows has less.
+    smoothing: f64,
+}
+
+impl<B: CrossfieldBackend + ?Sized> Rungs<'_, B> {
+    /// A field smoothed `factor` times as much as asked for, and the quads of its map unless it folds.
+    fn with_field(
+        &mut self,
+        part: &Part,
+        factor: f64,
+        rung: Rung,
+    ) -> Result<Option<QuadMesh>, Error> {
+        match self.field(part, factor) {
+            Ok((smooth, field)) => {
+                let made = self.with_map(part, &smooth, &field, 1.0, rung)?;
+                let relaxed = matches!(self.error, Some(Error::Folded { relaxed: true, .. }));
+                if made.is_none() && !relaxed && self.denser.is_none() {
+                    self.denser = Some((smooth, field));
+                }
+                Ok(made)
+            }
+            Err(error) => self.failed(error),
+        }
+    }
+
+    fn field(&mut self, part: &Part, factor: f64) -> Result<(Smooth, CrossField), Error> {
+        let options = self.options;
+        let length = factor * options.smoothing * self.spacing;
+        let smooth = Smooth::of(part, length, self.smoothing, options.weights)?;
+        self.smoothing = smooth.length;
+        let field_options = FieldOptions {
+            smoothing: smooth.length,
+            singularity_penalty: factor * options.singularity_penalty,
+            weights: options.weights,
+        };
+        let guides = guides(part, options)?;
+        let field = field_of(
+            &part.mesh,
+            &smooth.frames,
+            &guides,
+            &field_options,
+            self.run,
+        )?;
+        Ok((smooth, field))
+    }
+
+    /// The quads of a field's map unless it folds; an error where no rung follows.
+    fn with_map(
+        &mut self,
+        part: &Part,
+        smooth: &Smooth,
+        field: &CrossField,
+        factor: f64,
+        rung: Rung,
+    ) -> Result<Option<QuadMesh>, Error> {
+        let spacing = factor * self.spacing;
+        match mapped(part, smooth, field, spacing, self.options, self.run) {
+            Ok((extracted, map)) => {
+                self.report.rung = rung;
+                self.report.field = Some(field.report.clone());
+                self.report.map = Some(map.report);
+                Ok(Some(extracted.mesh))
+            }
+            Err(error) => self.failed(error),
+        }
+    }
+
+    /// Remembers why a rung failed; an error where no rung follows.
+    fn failed<T>(&mut self, error: Error) -> Result<Option<T>, Error> {
+        if matches!(error, Error::Cancelled(_)) || self.options.ladder == Ladder::Off {
+            return Err(error);
+        }
+        self.report.failures.push(error.to_string());
+        self.error = Some(error);
+        Ok(None)
+    }
+}
+
+/// The guidance asked for, and the lines that must be kept.
+fn guides(part: &Part, options: &Options) -> Result<Vec<Guide>, Error> {
+    let frames = Frames::of(&part.mesh, options.weights)?;
+    let mut guides = guidance::guides(&part.mesh, &frames, &options.guidance)?;
+    guides.extend(part.lines.iter().map(|&h| Guide {
+        face: (h / 3) as u32,
+        toward: Toward::Side((h % 3) as u8),
+        weight: f64::INFINITY,
+    }));
+    Ok(guides)
+}
+
+/// Map and quads of a field, checked against the surface.
+fn mapped<B: CrossfieldBackend + ?Sized>(
+    part: &Part,
+    smooth: &Smooth,
+    field: &CrossField,
+    spacing: f64,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<(Extracted, GridMap), Error> {
+    let make = |spacing: f64| -> Result<(Extracted, GridMap), Error> {
+        let map_options = MapOptions {
+            spacing: smooth.spacing(spacing),
+            lines: part.lines.iter().map(|&h| h as u32).collect(),
+        };
+        let map = parameterize(&smooth.mesh, &smooth.frames, field, &map_options, run)?;
+        // The map of the smoothed triangles is one of those that they were, too.
+        let extracted = extract(&part.mesh, &smooth.frames, &map)?;
+        check(&extracted.mesh, &part.mesh)?;
+        Ok((extracted, map))
+    };
+    let first = make(spacing)?;
+    let wanted = part.mesh.area() / (spacing * spacing);
+    let share = first.0.mesh.quads().len() as f64 / wanted;
+    if matches!(options.size, Size::Quads(_)) && (share - 1.0).abs() > OFF_TARGET {
+        // Rounding made the quads larger or smaller: once more with that allowed for.
+        match make(spacing * share.sqrt()) {
+            Ok(second) => {
+                let again = second.0.mesh.quads().len() as f64 / wanted;
+                if (again - 1.0).abs() < (share - 1.0).abs() {
+                    return Ok(second);
+                }
+            }
+            Err(error @ Error::Cancelled(_)) => return Err(error),
+            Err(_) => {}
+        }
+    }
+    Ok(first)
+}
+
+/// A manifold with the surface's Euler characteristic and boundary loops, or an error.
+fn check(quads: &QuadMesh, surface: &TriMesh) -> Result<(), Error> {
+    let euler = quads.euler_characteristic();
+    let loops = Halfedges::of_quads(quads)?.boundary_loops().len();
+    let wanted_euler = surface.euler_characteristic();
+    let wanted_loops = Halfedges::of(surface)?.boundary_loops().len();
+    if euler == wanted_euler && loops == wanted_loops {
+        return Ok(());
+    }
+    Err(Error::Topology {
+        euler,
+        loops,
+        wanted_euler,
+        wanted_loops,
+    })
+}
+
+/// Quads of the triangles themselves, of about the wanted size if the surface can be remeshed.
+fn last_resort<B: ?Sized>(
+    part: &Part,
+    spacing: f64,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<Raw, Error> {
+    // The vertices go back onto the surface: here a far one does no harm.
+    let loose = remesh::Options {
+        max_deviation: Some(f64::INFINITY),
+        refinements: 0,
+        ..remesh::Options::default()
+    };
+    let make = |edge: f64| -> Result<Raw, Error> {
+        let part = match remeshed_with(part, edge, options, loose.clone(), run) {
+            Ok(coarse) => coarse,
+            Err(error @ Error::Cancelled(_)) => return Err(error),
+            Err(_) => part.clone(),
+        };
+        let mut keep = vec![false; 3 * part.mesh.triangles().len()];
+        for &h in &part.lines {
+            keep[h] = true;
+        }
+        let quads = split_quads(&part.mesh, &keep)?;
+        Ok(Raw { quads, part })
+    };
+    let first = make(LAST * spacing)?;
+    let wanted = part.mesh.area() / (spacing * spacing);
+    let share = |raw: &Raw| raw.quads.quads().len() as f64 / wanted;
+    let off = |raw: &Raw| share(raw).ln().abs();
+    if (share(&first) - 1.0).abs() <= OFF_TARGET {
+        return Ok(first);
+    }
+    let second = make(LAST * spacing * share(&first).sqrt())?;
+    Ok(if off(&second) < off(&first) {
+        second
+    } else {
+        first
+    })
+}
+
+/// Vertices on the surface, better quads.
+fn finished<B: CrossfieldBackend + ?Sized>(
+    part: &Part,
+    raw: Raw,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<QuadMesh, Error> {
+    let freedom = freedoms(&raw)?;
+    let tree = TriangleTree::new(&part.mesh)?;
+    let normals = part.mesh.vertex_normals();
+    let ground = Ground {
+        surface: &part.mesh,
+        tree: &tree,
+        normals: &normals,
+        lines: part.segments()?,
+    };
+    if options.improve {
+        improve(raw.quads, &ground, &freedom, run)
+    } else {
+        settled(raw.quads, &ground, &freedom, run)
+    }
+}
+
+/// Vertices on lines slide along them, their corners stay.
+fn freedoms(raw: &Raw) -> Result<Vec<Freedom>, Error> {
+    let (positions, lines) = (raw.part.mesh.positions(), raw.part.segments()?);
+    let corners = raw.part.corners()?;
+    let fixed: Vec<&Point3> = (0..corners.len())
+        .filter(|&v| corners[v] == Some(true))
+        .map(|v| &positions[v])
+        .collect();
+    let near = 1e-9 * raw.part.mesh.bounds().diagonal();
+    let of = |p: &Point3| {
+        if !lines
+            .iter()
+            .any(|line| (on_segment(line, p) - p).norm() <= near)
+        {
+            Freedom::Surface
+        } else if fixed.iter().any(|c| (*c - p).norm() <= near) {
+            Freedom::Fixed
+        } else {
+            Freedom::Line
+        }
+    };
+    Ok(raw.quads.positions().iter().map(of).collect())
+}
