@@ -7,6 +7,9 @@ use super::spacing::Chart;
 use super::transition::Seams;
 use crate::Error;
 
+/// Solves a system in place.
+pub(crate) type Solver<'a> = &'a dyn Fn(&mut [f64]);
+
 /// `½ yᵀ A y − bᵀ y`, with the real unknowns R apart from the integer ones I.
 pub(crate) struct System<'a> {
     pub(crate) cut: &'a Cut,
@@ -148,7 +151,7 @@ impl Weighted {
     pub(crate) fn inverse(
         &self,
         gradient: &[f64],
-        schur: Option<&dyn Fn(&mut [f64])>,
+        schur: Option<Solver<'_>>,
     ) -> Result<Vec<f64>, Error> {
         let (real, integer) = gradient.split_at(self.reals);
         let mut x = real.to_vec();

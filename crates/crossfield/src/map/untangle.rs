@@ -3,7 +3,7 @@
 use geom_core::Run;
 
 use super::spacing::Chart;
-use super::system::{System, Weighted};
+use super::system::{Solver, System, Weighted};
 use crate::Error;
 use crate::backend::{ChartDistortion, CrossfieldBackend};
 
@@ -28,7 +28,7 @@ pub(crate) struct Moves<'a> {
     /// geometric optimization*, 2016): a mesh of any fineness takes about as many.
     pub(crate) weighted: &'a Weighted,
     /// Solves with its Schur complement, where the integers move like the reals; `None`: they stay.
-    pub(crate) integers: Option<&'a dyn Fn(&mut [f64])>,
+    pub(crate) integers: Option<Solver<'a>>,
 }
 
 /// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`
@@ -175,15 +175,14 @@ fn minimize<B: CrossfieldBackend + ?Sized>(
             direction = two_loops(&gradient, &history, moves)?;
             slope = dot(&direction, &gradient);
         }
-        if !(slope < -1e-14 * (1.0 + value.abs())) {
+        if slope.is_nan() || slope >= -1e-14 * (1.0 + value.abs()) {
             break;
         }
-        let Some((at, there, gradient_there)) = searched(energy, x, &direction, value, slope)?
-        else {
+        let Some(found) = searched(energy, x, &direction, value, slope)? else {
             break;
         };
-        let moved = minus(&at, x);
-        let turned = minus(&gradient_there, &gradient);
+        let moved = minus(&found.at, x);
+        let turned = minus(&found.gradient, &gradient);
         let curvature = dot(&moved, &turned);
         if curvature > 1e-12 * (dot(&moved, &moved) * dot(&turned, &turned)).sqrt() {
             let bent = moves.weighted.inverse(&turned, moves.integers)?;
@@ -198,13 +197,20 @@ fn minimize<B: CrossfieldBackend + ?Sized>(
                 history.remove(0);
             }
         }
-        let gain = value - there;
-        (*x, value, gradient) = (at, there, gradient_there);
+        let gain = value - found.value;
+        (*x, value, gradient) = (found.at, found.value, found.gradient);
         if gain < 1e-8 * value.abs() {
             break;
         }
     }
     Ok((first, value))
+}
+
+/// Where a search along a line has ended, with energy and gradient there.
+struct Found {
+    at: Vec<f64>,
+    value: f64,
+    gradient: Vec<f64>,
 }
 
 /// The first of ever shorter steps that lowers the energy enough, with energy and gradient there.
@@ -214,13 +220,18 @@ fn searched<B: CrossfieldBackend + ?Sized>(
     direction: &[f64],
     value: f64,
     slope: f64,
-) -> Result<Option<(Vec<f64>, f64, Vec<f64>)>, Error> {
+) -> Result<Option<Found>, Error> {
     let mut step = 1.0;
     for _ in 0..30 {
         let at: Vec<f64> = x.iter().zip(direction).map(|(x, d)| x + step * d).collect();
         let (there, gradient) = energy.gradient(&at)?;
         if there.is_finite() && there <= value + 1e-4 * step * slope {
-            return Ok(Some((at, there, gradient)));
+            let value = there;
+            return Ok(Some(Found {
+                at,
+                value,
+                gradient,
+            }));
         }
         step *= 0.5;
     }

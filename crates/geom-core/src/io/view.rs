@@ -826,6 +826,7 @@ mod tests {
         view.groups.push(Group {
             name: "top".to_owned(),
             dimension: 2,
+            tag: Some(1),
         });
         view.group_of = vec![0].into();
         let mut file = Vec::new();

@@ -205,13 +205,13 @@ impl Quadratic {
         for step in 0..most {
             run.progress("integers", step as u64, most as u64)?;
             moves.clear();
-            for i in 0..n {
+            for (i, coupled) in coupled.iter().enumerate() {
                 for d in [-1.0, 1.0] {
                     let own = single(&gradient, i, d);
                     if own < -FALLS {
                         moves.push((own, [(i, d), (i, 0.0)]));
                     }
-                    for &j in &coupled[i] {
+                    for &j in coupled {
                         for e in [-1.0, 1.0] {
                             let both = own + single(&gradient, j, e) + d * e * self.matrix[(i, j)];
                             if both < -FALLS {

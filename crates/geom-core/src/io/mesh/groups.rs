@@ -67,8 +67,7 @@ impl VolumeGroups {
             .collect();
         let mut view = View::of_tets(mesh, &names);
         let mut all = Numbered::default();
-        // Each of the few groups is looked up once, not once per cell.
-        let ours: Vec<u32> = view.groups.iter().map(|g| all.number(g)).collect();
+        // Each of the few groups is looked up once, not once per cell; the file's first, so that their tags stay.
         let mut of_region: [Option<u32>; 256] = [None; 256];
         for (region, group) in &self.regions {
             of_region[usize::from(*region)] = Some(all.number(group));
@@ -78,6 +77,7 @@ impl VolumeGroups {
             Some(patches) => patches.nearest(mesh, &mut all),
             None => vec![None; view.cells() - mesh.tets().len()],
         };
+        let ours: Vec<u32> = view.groups.iter().map(|g| all.number(g)).collect();
         let given = of_tets.chain(of_faces).zip(view.group_of.iter());
         let mut group_of: Vec<u32> = given
             .map(|(given, &own)| given.unwrap_or(ours[own as usize]))
