@@ -7,49 +7,11 @@ use geom_core::{Point3, QuadMesh, Run, TriMesh};
 use super::extract::SurfacePoint;
 use super::parts;
 use super::quality::{JacobianSummary, Valences, scaled_jacobian};
-use super::rungs::part_quads;
+use super::rungs::{PartReport, Rung, part_quads};
 use crate::backend::CrossfieldBackend;
 use crate::error::Error;
-use crate::field::FieldReport;
 use crate::guidance::Guidance;
-use crate::map::MapReport;
 use crate::options::Options;
-
-/// Which way led to the quads of a part.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Rung {
-    /// The map of the field, as asked for.
-    #[default]
-    Direct,
-    /// The same on triangles a quarter as large.
-    Refined,
-    /// A field with fewer singularities, on these.
-    Smoother,
-    /// A smaller spacing, this many times by √2, with the first of these fields whose map folds only on integers.
-    Denser(u32),
-    /// No map: triangles paired and cut into quads.
-    Split,
-}
-
-/// What was made of one connected part of the surface.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct PartReport {
-    /// Triangles of the part.
-    pub triangles: usize,
-    /// Its quads.
-    pub quads: usize,
-    /// The way that led to them.
-    pub rung: Rung,
-    /// Why the rungs before that one failed.
-    pub failures: Vec<String>,
-    /// The field; `None` on the last rung.
-    pub field: Option<FieldReport>,
-    /// The map; `None` on the last rung.
-    pub map: Option<MapReport>,
-}
 
 /// What was done.
 #[derive(Clone, Debug, Default, PartialEq)]

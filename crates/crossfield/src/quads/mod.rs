@@ -11,4 +11,5 @@ mod split;
 mod trace;
 
 pub use extract::{Extracted, SurfacePoint, extract};
-pub use ladder::{PartReport, Quadrangulation, Report, Rung, quadrangulate};
+pub use ladder::{Quadrangulation, Report, quadrangulate};
+pub use rungs::{PartReport, Rung};

@@ -3,7 +3,7 @@
 //! The numbers are bytes at the peak, by the lists that the code holds at one time and confirmed within a factor of
 //! two by `tests/memory.rs`; they do not know what the allocator adds.
 
-use super::setup::Purpose;
+use super::setup::{Purpose, refused};
 use crate::complex::Kinds;
 use crate::octree::Octree;
 use crate::{Error, Extent, Method};
@@ -38,15 +38,6 @@ pub(super) fn most_leaves(max_memory: u64) -> u64 {
 
 pub(super) fn too_many_leaves(leaves: u64, most: u64) -> Error {
     refused("the octree", leaves * LEAF, most * LEAF)
-}
-
-pub(super) fn refused(what: &'static str, bytes: impl Into<u128>, limit: u64) -> Error {
-    Error::TooLarge {
-        what,
-        bytes: bytes.into(),
-        limit: limit.into(),
-        cure: "take a larger spacing or a smaller outer box, or allow more memory",
-    }
 }
 
 /// Refuses a mesh that would take more than is allowed beside what is `held` already.

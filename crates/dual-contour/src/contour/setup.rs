@@ -4,7 +4,6 @@ use geom_core::options::OutOfRange;
 use geom_core::{ImplicitField, Lattice, LatticeValues, Run, Vector3};
 use rayon::prelude::*;
 
-use super::memory::refused;
 use super::report::Report;
 use crate::backend::ContourBackend;
 use crate::octree::{BLOCK, Domain, Labels, Samples, Source};
@@ -253,4 +252,14 @@ fn check_size(cells: [f64; 3], options: &Options) -> Result<(), Error> {
         return Err(refused("the octree", bytes, options.max_memory));
     }
     Ok(())
+}
+
+/// The error of what would need more memory than is allowed.
+pub(super) fn refused(what: &'static str, bytes: impl Into<u128>, limit: u64) -> Error {
+    Error::TooLarge {
+        what,
+        bytes: bytes.into(),
+        limit: limit.into(),
+        cure: "take a larger spacing or a smaller outer box, or allow more memory",
+    }
 }

@@ -43,11 +43,6 @@ impl Domain {
     }
 }
 
-/// Offsets of the corners of a cube, or of its eighths: bit 0 is x, bit 1 is y, bit 2 is z.
-pub(crate) fn corner_of(i: usize) -> [i32; 3] {
-    [i & 1, i >> 1 & 1, i >> 2 & 1].map(|c| c as i32)
-}
-
 /// A lattice point in units of the finest cells.
 pub(crate) fn local(p: [i32; 3]) -> Point3 {
     Point3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2]))

@@ -9,7 +9,7 @@ mod sizing;
 mod source;
 mod tree;
 
-pub(crate) use domain::{Domain, Labels, corner_of, local};
+pub(crate) use domain::{Domain, Labels, local};
 pub use field::FieldSamples;
 pub(crate) use points::{PointMarks, PointSet};
 pub(crate) use samples::Samples;
@@ -17,4 +17,4 @@ pub(crate) use sizing::splits;
 pub(crate) use source::Source;
 #[cfg(test)]
 pub(crate) use tree::BLOCK_LOG;
-pub(crate) use tree::{BLOCK, Leaf, NONE, Octree, Splits, TooManyLeaves, block_index};
+pub(crate) use tree::{BLOCK, Leaf, NONE, Octree, Splits, TooManyLeaves, block_index, corner_of};

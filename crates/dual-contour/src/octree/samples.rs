@@ -4,9 +4,9 @@ use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{Aabb, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::domain::{Domain, Labels, corner_of};
+use super::domain::{Domain, Labels};
 use super::source::Source;
-use super::tree::{BLOCK, BLOCK_LOG, block_index};
+use super::tree::{BLOCK, BLOCK_LOG, block_index, corner_of};
 use crate::Error;
 use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, ContourBackend};
 

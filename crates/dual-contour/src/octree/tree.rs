@@ -12,8 +12,6 @@ use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use super::domain::corner_of;
-
 /// Finest cells per side of a block, and its logarithm.
 pub(crate) const BLOCK: i32 = 8;
 pub(crate) const BLOCK_LOG: u8 = 3;
@@ -113,6 +111,11 @@ pub(crate) struct Octree {
 fn morton([x, y, z]: [i32; 3]) -> (u32, u32) {
     let at = |shift: i32| (x >> shift & 1) | (y >> shift & 1) << 1 | (z >> shift & 1) << 2;
     (at(2) as u32, at(1) as u32)
+}
+
+/// Offsets of the corners of a cube, or of its eighths: bit 0 is x, bit 1 is y, bit 2 is z.
+pub(crate) fn corner_of(i: usize) -> [i32; 3] {
+    [i & 1, i >> 1 & 1, i >> 2 & 1].map(|c| c as i32)
 }
 
 pub(crate) fn block_index(blocks: [i32; 3], [a, b, c]: [i32; 3]) -> usize {
