@@ -160,6 +160,7 @@ fn surfaces(lab: &mut Lab, molecule: &Molecule) -> Outcome {
         ply::save(&path, &view, Encoding::Ascii).map_err(text)?;
         files.push(path.display().to_string());
         let audit = SurfaceAudit::of(surface);
+        // Every format must carry the same mesh, so each file is measured for itself.
         let answers = lab.ask("measure.py", &files)?;
         for (file, theirs) in files.iter().zip(answers.as_array().into_iter().flatten()) {
             let file = file.rsplit('/').next().unwrap_or(file);
@@ -248,6 +249,7 @@ fn volumes(lab: &mut Lab, molecule: &Molecule) -> Outcome {
                 boundary,
                 integer(theirs, "boundary faces")?,
             );
+            // Whole numbers: nothing was lost, doubled or turned on the way.
             let euler = tets.euler_characteristic();
             lab.same(
                 &what("Euler characteristic"),

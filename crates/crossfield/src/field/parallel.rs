@@ -51,6 +51,8 @@ impl<'a> Parallel<'a> {
                 soft.push((face, angle, guide.weight));
             }
         }
+        // What hard guides hold has no row; nor has one triangle of each part that no guide holds, or its crosses could
+        // all turn together at no cost, and the matrix would be singular.
         let mut row = vec![0; faces];
         for &(face, _) in &fixed {
             row[face] = FIXED;
@@ -67,6 +69,7 @@ impl<'a> Parallel<'a> {
                 rows += 1;
             }
         }
+        // The connection's Laplace operator on triangles; columns of what is held go to the right-hand side.
         let mut entries = Vec::new();
         for (h, t) in frames.interior() {
             let (i, j, w) = (row[h / 3], row[t / 3], frames.weight(h));

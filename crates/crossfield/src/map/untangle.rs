@@ -71,6 +71,7 @@ pub(crate) fn untangle<B: CrossfieldBackend + ?Sized>(
         let (before, after) = minimize(&mut energy, moves, &mut x)?;
         let worst = energy.worst(&x)?;
         positive = worst > 0.0;
+        // Folds that hold each other do not open however long they are pushed.
         if worst > best + 1e-2 * best.abs() {
             (best, stalled) = (worst, 0);
         } else {
@@ -83,6 +84,7 @@ pub(crate) fn untangle<B: CrossfieldBackend + ?Sized>(
         if positive && gained < SETTLED {
             break;
         }
+        // ε follows what was gained: too fast a fall freezes the folds, too slow a one takes forever.
         let share = gained.max(0.3);
         let root = worst.hypot(energy.epsilon);
         let falls = if positive {

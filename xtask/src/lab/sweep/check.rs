@@ -65,6 +65,7 @@ pub(super) fn check(
     ] {
         same(theirs, &tets[theirs], row[ours].clone());
     }
+    // A cavity's wall is a part of the surface of its own; around the molecule there is the box as well.
     let topology = [0, 1, 2].map(|k| row["topology"][k].as_i64().unwrap_or(0));
     let [parts, tunnels, cavities] = topology;
     let (parts, euler) = (parts + cavities, 2 * (parts - tunnels + cavities));

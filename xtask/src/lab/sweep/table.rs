@@ -121,6 +121,7 @@ pub(super) fn summary(keys: &[String], rows: &Rows) -> Outcome {
 
 /// A page in Markdown: the summary, a line per structure and spacing, and all that falls short.
 pub(super) fn page(keys: &[String], rows: &Rows, tets: u64) -> String {
+    // The claim and the worst of all come first: who trusts them need not read on.
     let rows = chosen(keys, rows);
     let [broken, missed, checked] = counts(&rows);
     let mut out = format!(

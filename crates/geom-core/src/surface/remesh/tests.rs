@@ -416,6 +416,7 @@ fn bad_input_is_named() {
     assert!(matches!(fails(three, &options), Error::NotManifold(_)));
     let flat = tetrahedron(&[[0, 3, 4]]);
     assert_eq!(fails(flat, &options), Error::Degenerate { triangle: 0 });
+    // One bad value at a time, blamed by its name.
     let sphere = shapes::icosphere(1.0, 1);
     for (bad, name) in [
         (uniform(-1.0), "edge_length"),
@@ -463,6 +464,7 @@ fn bad_input_is_named() {
         to: 99,
     };
     assert_eq!(fails(sphere.clone(), &named), missing);
+    // Refused by an estimate, before memory is asked for.
     let error = fails(sphere.clone(), &uniform(1e-5));
     assert!(matches!(error, Error::TooMany { estimate, .. } if estimate > 200_000_000_000));
     let stop = |_: &'static str, _: u64, _: u64| std::ops::ControlFlow::Break(());
