@@ -16,6 +16,7 @@ use serde::Serialize;
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     /// Structure: PDB, mmCIF or PQR, each also gzip-compressed
+    #[serde(serialize_with = "biogeom_examples::args::as_text")]
     input: PathBuf,
     /// What to mesh
     #[arg(long, value_enum, default_value_t)]

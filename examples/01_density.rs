@@ -17,6 +17,7 @@ use serde_json::{Value, json};
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     /// Structure: PDB, mmCIF or PQR, each also gzip-compressed
+    #[serde(serialize_with = "biogeom_examples::args::as_text")]
     input: PathBuf,
     /// Write the map as OpenDX text, too: nine times as large as MRC
     #[arg(long)]

@@ -20,6 +20,7 @@ use tet_quality::{Goals, Options, SurfaceMotion, improve};
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     /// Mesh: VTU, MSH, PLY, OFF, OBJ, STL or GLB
+    #[serde(serialize_with = "biogeom_examples::args::as_text")]
     input: PathBuf,
     #[command(flatten)]
     tets: Tets,

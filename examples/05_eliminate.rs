@@ -24,6 +24,7 @@ use serde_json::json;
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     /// Structure: PDB, mmCIF or PQR, each also gzip-compressed
+    #[serde(serialize_with = "biogeom_examples::args::as_text")]
     input: PathBuf,
     /// Largest share of the density near the surface that may be lost; 0 keeps every atom
     #[arg(long, value_name = "EPS", default_value_t = Elimination::default().epsilon)]

@@ -23,6 +23,7 @@ use serde_json::json;
 #[command(version, after_help = EXAMPLES)]
 struct Args {
     /// Mesh of triangles or quads (PLY, OFF, OBJ, STL, GLB, VTU, MSH)
+    #[serde(serialize_with = "biogeom_examples::args::as_text")]
     input: PathBuf,
     /// How many groups [default: sought]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=200))]

@@ -22,6 +22,7 @@ use serde_json::json;
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     /// Structure (PDB, mmCIF, PQR), also gzip-compressed. Ligands, ions, waters and hydrogens never count
+    #[serde(serialize_with = "biogeom_examples::args::as_text")]
     input: PathBuf,
     /// Most pockets
     #[arg(long, value_name = "N", default_value_t = PocketOptions::default().most as u16, value_parser = clap::value_parser!(u16).range(1..=1000))]

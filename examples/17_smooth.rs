@@ -19,6 +19,7 @@ use serde::Serialize;
 #[command(version, after_help = EXAMPLES)]
 struct Args {
     /// Mesh of triangles or quads (PLY, OFF, OBJ, STL, GLB, VTU, MSH)
+    #[serde(serialize_with = "biogeom_examples::args::as_text")]
     input: PathBuf,
     /// How to smooth
     #[arg(long, value_enum, default_value_t)]

@@ -9,7 +9,7 @@ use gauss_density::{Cutoff, Levels};
 use geom_core::io::structure::{self, Models, Radii, ReadOptions, ReadStructure};
 use geom_core::structure::Selector;
 use geom_core::{Aabb, Point3, Structure, Vector3};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use crate::picture::Renderer;
 use crate::source::Source;
@@ -28,12 +28,18 @@ pub enum BackendName {
     Auto,
 }
 
+/// A path as it stands in a report: names of files need not be UTF-8, JSON must.
+pub fn as_text<S: Serializer>(path: &Path, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(&path.to_string_lossy())
+}
+
 /// What every program asks.
 #[derive(Clone, Debug, Args, Serialize)]
 #[command(next_help_heading = "How to run")]
 pub struct Common {
     /// Folder for all outputs, made if it is absent; a failed run leaves nothing there
     #[arg(long, short, value_name = "DIR")]
+    #[serde(serialize_with = "as_text")]
     pub out: PathBuf,
     /// Where kernels run
     #[arg(long, value_enum, default_value_t)]

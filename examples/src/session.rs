@@ -113,7 +113,7 @@ where
     let inputs: Vec<Value> = args
         .inputs()
         .iter()
-        .map(|path| json!({ "file": path, "bytes": std::fs::metadata(path).map(|m| m.len()).ok() }))
+        .map(|path| json!({ "file": path.to_string_lossy(), "bytes": std::fs::metadata(path).map(|m| m.len()).ok() }))
         .collect();
     let head = json!({
         "program": program,

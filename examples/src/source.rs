@@ -19,6 +19,7 @@ use crate::{Failure, Session};
 #[derive(Clone, Debug, Args, Serialize)]
 pub struct SourceArgs {
     /// Structure (PDB, mmCIF, PQR) or grid (MRC, CCP4, OpenDX), each also gzip-compressed
+    #[serde(serialize_with = "crate::args::as_text")]
     pub input: PathBuf,
     /// Grids: the value on the surface; inside it is larger
     #[arg(long, value_name = "VALUE", help_heading = "Grids")]

@@ -564,6 +564,32 @@ fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
     assert!(out.join("smooth.ply").exists());
 }
 
+/// Names of files are bytes; a report has what can be read of them.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_name_that_is_not_utf8_is_a_name() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+
+    let folder = tempfile::tempdir().unwrap();
+    let name = folder.path().join(OsStr::from_bytes(b"caf\xe9.pdb"));
+    let atom = "ATOM      1  CA  ALA A   1       0.000   0.000   0.000  1.00  0.00           C\n";
+    std::fs::write(&name, atom).unwrap();
+    let out = folder.path().join(OsStr::from_bytes(b"out\xe9"));
+    let mut density = program("01_density");
+    density.arg(&name).args(["--quiet", "--no-pictures"]);
+    let output = density.arg("--out").arg(&out).output().unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let report = std::fs::read(out.join("report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    let file = report["input"][0]["file"].as_str().unwrap();
+    assert!(file.ends_with("caf\u{fffd}.pdb"), "{file}");
+}
+
 #[test]
 fn bad_input_is_one_line_and_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
