@@ -228,8 +228,17 @@ fn meshes_differ_by_the_bound_alone() {
 /// Whatever a backend from outside answers to the question for points, the mesh is sound or the error typed.
 #[test]
 fn answers_that_make_no_sense_do_no_harm() {
-    /// A wrong answer to `dual_vertices`, else the processor.
-    struct Odd(fn(&mut Vec<[f32; 3]>));
+    /// What is wrong with the answers; else the processor's.
+    struct Odd {
+        ranges: fn(&mut Vec<[f32; 2]>),
+        masks: fn(&mut Vec<u8>),
+        points: fn(&mut Vec<[f32; 3]>),
+    }
+    const PLAIN: Odd = Odd {
+        ranges: |_| (),
+        masks: |_| (),
+        points: |_| (),
+    };
     impl Backend for Odd {
         fn name(&self) -> String {
             "odd".to_owned()
@@ -240,10 +249,14 @@ fn answers_that_make_no_sense_do_no_harm() {
             0
         }
         fn min_max(&self, blocks: &[f32], out: &mut Vec<[f32; 2]>) -> Result<(), Error> {
-            Cpu.min_max(blocks, out)
+            Cpu.min_max(blocks, out)?;
+            (self.ranges)(out);
+            Ok(())
         }
         fn crossings(&self, blocks: &[f32], level: f32, out: &mut Vec<u8>) -> Result<(), Error> {
-            Cpu.crossings(blocks, level, out)
+            Cpu.crossings(blocks, level, out)?;
+            (self.masks)(out);
+            Ok(())
         }
         fn dual_vertices(
             &self,
@@ -252,25 +265,41 @@ fn answers_that_make_no_sense_do_no_harm() {
             out: &mut Vec<[f32; 3]>,
         ) -> Result<(), Error> {
             Cpu.dual_vertices(cells, steps, out)?;
-            (self.0)(out);
+            (self.points)(out);
             Ok(())
         }
     }
     let grid = sample(&ball(Point3::origin(), 3.0), 4.0, 24);
     let options = by(Method::DualContour);
     let ours = surface(&grid, None, &options, Run::on(&Cpu)).unwrap();
-    let same = surface(&grid, None, &options, Run::on(&Odd(|_| {}))).unwrap();
+    let same = surface(&grid, None, &options, Run::on(&PLAIN)).unwrap();
     assert_eq!(ours.mesh, same.mesh, "a wish for no blocks is one for one");
-    let short = Odd(|points| {
-        points.pop();
-    });
-    let error = surface(&grid, None, &options, Run::on(&short)).unwrap_err();
-    assert!(matches!(error, Error::Backend(_)), "{error}");
-    for odd in [
-        Odd(|points| points.fill([f32::NAN; 3])),
-        Odd(|points| points.fill([f32::INFINITY; 3])),
-        Odd(|points| points.fill([-7.0; 3])),
-    ] {
+    let short = [
+        Odd {
+            ranges: Vec::clear,
+            ..PLAIN
+        },
+        Odd {
+            masks: |masks| masks.truncate(1),
+            ..PLAIN
+        },
+        Odd {
+            points: |points| points.truncate(1),
+            ..PLAIN
+        },
+    ];
+    for odd in short {
+        let error = surface(&grid, None, &options, Run::on(&odd)).unwrap_err();
+        assert!(matches!(error, Error::Backend(_)), "{error}");
+        assert!(error.to_string().starts_with("odd gave"), "{error}");
+    }
+    let nowhere: [fn(&mut Vec<[f32; 3]>); 3] = [
+        |points| points.fill([f32::NAN; 3]),
+        |points| points.fill([f32::INFINITY; 3]),
+        |points| points.fill([-7.0; 3]),
+    ];
+    for points in nowhere {
+        let odd = Odd { points, ..PLAIN };
         let made = surface(&grid, None, &options, Run::on(&odd)).unwrap();
         // Points say which diagonal a face takes, and nothing else about the topology.
         assert_eq!(ours.mesh.triangles().len(), made.mesh.triangles().len());

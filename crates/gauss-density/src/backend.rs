@@ -235,22 +235,15 @@ impl RefitSums {
         let derivatives = [&self.gradient, &self.curvature];
         let mut derivatives = derivatives.into_iter().flat_map(|d| d.as_flattened());
         let (objective, worst) = (self.objective, self.worst);
-        must(objective.is_finite() && worst.is_finite(), name, || {
+        BackendError::unless(objective.is_finite() && worst.is_finite(), name, || {
             format!("an objective of {objective}, with a largest error of {worst}, for the refit")
         })?;
-        must(derivatives.all(|d| d.is_finite()), name, || {
-            "derivatives that are not finite for the refit".to_owned()
-        })
+        Ok(BackendError::unless(
+            derivatives.all(|d| d.is_finite()),
+            name,
+            || "derivatives that are not finite for the refit".to_owned(),
+        )?)
     }
-}
-
-/// A backend from outside may answer anything. What does not fit the question is its error, before it becomes a
-/// panic or a silent gap further on.
-fn must(holds: bool, name: &str, gave: impl FnOnce() -> String) -> Result<(), Error> {
-    if holds {
-        return Ok(());
-    }
-    Err(BackendError::new(format!("{name} gave {}", gave())).into())
 }
 
 /// Do the answers to [`DensityBackend::sample_blocks`] fit the blocks? (Values that are not finite are refused by
@@ -261,22 +254,22 @@ pub(crate) fn check_blocks(
     results: &[BlockValues],
 ) -> Result<(), Error> {
     let (found, expected) = (results.len(), blocks.len());
-    must(found == expected, name, || {
+    BackendError::unless(found == expected, name, || {
         format!("{found} results for {expected} blocks")
     })?;
     for (block, result) in blocks.iter().zip(results) {
         let (kinds, bricks) = (result.kinds.len(), block.len());
-        must(kinds == bricks, name, || {
+        BackendError::unless(kinds == bricks, name, || {
             format!("{kinds} kinds for a block of {bricks} bricks")
         })?;
         let values = result.values.len();
-        must(values.is_multiple_of(BRICK_POINTS), name, || {
+        BackendError::unless(values.is_multiple_of(BRICK_POINTS), name, || {
             format!("{values} values of a block, which must be {BRICK_POINTS} per stored brick")
         })?;
         let stored = values / BRICK_POINTS;
         for kind in &result.kinds {
             if let Brick::Stored(s) = *kind {
-                must((s as usize) < stored, name, || {
+                BackendError::unless((s as usize) < stored, name, || {
                     format!("the number {s} to one of {stored} stored bricks")
                 })?;
             }
@@ -292,9 +285,9 @@ pub(crate) fn check_per_atom(
     found: usize,
     atoms: usize,
 ) -> Result<(), Error> {
-    must(found == atoms, name, || {
+    Ok(BackendError::unless(found == atoms, name, || {
         format!("{found} {what} for {atoms} atoms")
-    })
+    })?)
 }
 
 /// Adds the sums of cells, in their order, to the sums per atom of the model.

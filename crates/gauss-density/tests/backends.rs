@@ -257,27 +257,37 @@ fn wgpu_follows_the_plain_errors_and_refit() {
     follows_the_plain_refit(&gpu, 64);
 }
 
-/// A backend that is wrong in one place.
-struct Wrong;
+/// What is wrong with the answers of a backend that else asks the processor.
+#[derive(Clone, Copy)]
+struct Odd {
+    blocks: fn(&mut Vec<BlockValues>),
+    errors: fn(&mut Vec<f64>),
+    sums: fn(&mut RefitSums),
+}
 
-impl geom_core::Backend for Wrong {
+/// Nothing.
+const PLAIN: Odd = Odd {
+    blocks: |_| (),
+    errors: |_| (),
+    sums: |_| (),
+};
+
+impl geom_core::Backend for Odd {
     fn name(&self) -> String {
-        "wrong".to_owned()
+        "odd".to_owned()
     }
 }
 
-impl DensityBackend for Wrong {
+impl DensityBackend for Odd {
     fn sample_blocks(
         &self,
         model: &Prepared<'_>,
         job: &Job,
         blocks: &[Block],
         results: &mut Vec<BlockValues>,
-    ) -> Result<(), gauss_density::Error> {
+    ) -> Result<(), Error> {
         Cpu.sample_blocks(model, job, blocks, results)?;
-        for value in results.iter_mut().flat_map(|r| r.values.iter_mut()) {
-            *value *= 1.001;
-        }
+        (self.blocks)(results);
         Ok(())
     }
     fn atom_errors(
@@ -285,9 +295,9 @@ impl DensityBackend for Wrong {
         model: &Prepared<'_>,
         cells: &[SampleCell],
         errors: &mut Vec<f64>,
-    ) -> Result<(), gauss_density::Error> {
+    ) -> Result<(), Error> {
         Cpu.atom_errors(model, cells, errors)?;
-        errors[0] = errors[0] * 1.01 + 1e-5;
+        (self.errors)(errors);
         Ok(())
     }
     fn refit_sums(
@@ -295,31 +305,39 @@ impl DensityBackend for Wrong {
         model: &Prepared<'_>,
         cells: &[SampleCell],
         sums: &mut RefitSums,
-    ) -> Result<(), gauss_density::Error> {
+    ) -> Result<(), Error> {
         Cpu.refit_sums(model, cells, sums)?;
-        for gradient in &mut sums.gradient {
-            gradient[3] *= 1.01;
-        }
+        (self.sums)(sums);
         Ok(())
     }
 }
 
+/// Wrong in one place of each answer.
+const WRONG: Odd = Odd {
+    blocks: |results| {
+        let values = results.iter_mut().flat_map(|r| r.values.iter_mut());
+        values.for_each(|value| *value *= 1.001);
+    },
+    errors: |errors| errors[0] = errors[0] * 1.01 + 1e-5,
+    sums: |sums| sums.gradient.iter_mut().for_each(|g| g[3] *= 1.01),
+};
+
 #[test]
 #[should_panic(expected = "above")]
 fn a_wrong_density_is_caught() {
-    follows_the_plain_density(&Wrong, 20);
+    follows_the_plain_density(&WRONG, 20);
 }
 
 #[test]
 #[should_panic(expected = "None")]
 fn a_wrong_error_is_caught() {
-    follows_the_plain_errors(&Wrong, 20);
+    follows_the_plain_errors(&WRONG, 20);
 }
 
 #[test]
 #[should_panic(expected = "None")]
 fn a_wrong_derivative_is_caught() {
-    follows_the_plain_refit(&Wrong, 20);
+    follows_the_plain_refit(&WRONG, 20);
 }
 
 #[cfg(feature = "wgpu")]
@@ -381,61 +399,6 @@ fn trees_that_are_too_deep_for_the_kernels_are_refused() {
     let model = Model::new(vec![Point3::origin()], vec![1.7], vec![1.0], tree).unwrap();
     let error = sample(&model, &Options::default(), Run::on(&gpu)).unwrap_err();
     assert!(error.to_string().contains("8 levels"), "{error}");
-}
-
-/// What is wrong with the answers of a backend that else asks the processor.
-#[derive(Clone, Copy)]
-struct Odd {
-    blocks: fn(&mut Vec<BlockValues>),
-    errors: fn(&mut Vec<f64>),
-    sums: fn(&mut RefitSums),
-}
-
-/// Nothing.
-const PLAIN: Odd = Odd {
-    blocks: |_| (),
-    errors: |_| (),
-    sums: |_| (),
-};
-
-impl geom_core::Backend for Odd {
-    fn name(&self) -> String {
-        "odd".to_owned()
-    }
-}
-
-impl DensityBackend for Odd {
-    fn sample_blocks(
-        &self,
-        model: &Prepared<'_>,
-        job: &Job,
-        blocks: &[Block],
-        results: &mut Vec<BlockValues>,
-    ) -> Result<(), Error> {
-        Cpu.sample_blocks(model, job, blocks, results)?;
-        (self.blocks)(results);
-        Ok(())
-    }
-    fn atom_errors(
-        &self,
-        model: &Prepared<'_>,
-        cells: &[SampleCell],
-        errors: &mut Vec<f64>,
-    ) -> Result<(), Error> {
-        Cpu.atom_errors(model, cells, errors)?;
-        (self.errors)(errors);
-        Ok(())
-    }
-    fn refit_sums(
-        &self,
-        model: &Prepared<'_>,
-        cells: &[SampleCell],
-        sums: &mut RefitSums,
-    ) -> Result<(), Error> {
-        Cpu.refit_sums(model, cells, sums)?;
-        (self.sums)(sums);
-        Ok(())
-    }
 }
 
 /// Whatever a backend from outside answers, the error is typed and names it.

@@ -63,84 +63,85 @@ fn one_colour(mesh: &TetMesh) -> Relaxation<'_> {
     task
 }
 
-/// Displacements that are no numbers, too few, or absurd leave the mesh as good as it was.
-#[test]
-fn moves_that_make_no_sense_do_no_harm() {
-    struct Odd(fn(&mut Vec<Vector3>));
-    impl Backend for Odd {
-        fn name(&self) -> String {
-            "odd".to_owned()
-        }
-    }
-    impl QualityBackend for Odd {
-        fn measure(
-            &self,
-            x: &[Point3],
-            tets: &[[u32; 4]],
-            out: &mut Vec<Measures>,
-        ) -> Result<(), Error> {
-            Cpu.measure(x, tets, out)
-        }
-        fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
-            Cpu.relax(task, out)?;
-            (self.0)(out);
-            Ok(())
-        }
-    }
-    let (mesh, ball) = ball_in_box(8, 1.0, 2.7);
-    let field: &dyn ImplicitField = &ball;
-    for odd in [
-        Odd(|moves| moves.fill(Vector3::repeat(f64::NAN))),
-        Odd(|moves| moves.fill(Vector3::repeat(f64::INFINITY))),
-        Odd(|moves| moves.fill(Vector3::repeat(1e300))),
-        Odd(Vec::clear),
-    ] {
-        let made = improve(
-            mesh.clone(),
-            Some(field),
-            &Options::default(),
-            Run::on(&odd),
-        )
-        .unwrap();
-        assert!(
-            made.mesh
-                .positions()
-                .iter()
-                .all(|x| x.iter().all(|c| c.is_finite()))
-        );
-        let report = made.report;
-        assert_eq!(report.after.all.inverted, 0);
-        assert!(report.after.all.min_dihedral.min >= report.before.all.min_dihedral.min);
+/// What is wrong with the answers of a backend that else asks the processor.
+struct Odd {
+    measures: fn(&mut Vec<Measures>),
+    moves: fn(&mut Vec<Vector3>),
+}
+
+/// Nothing.
+const PLAIN: Odd = Odd {
+    measures: |_| (),
+    moves: |_| (),
+};
+
+impl Backend for Odd {
+    fn name(&self) -> String {
+        "odd".to_owned()
     }
 }
 
-/// Measures of too few tetrahedra are an error that names the backend, not a report of the others.
+impl QualityBackend for Odd {
+    fn measure(
+        &self,
+        x: &[Point3],
+        tets: &[[u32; 4]],
+        out: &mut Vec<Measures>,
+    ) -> Result<(), Error> {
+        Cpu.measure(x, tets, out)?;
+        (self.measures)(out);
+        Ok(())
+    }
+    fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
+        Cpu.relax(task, out)?;
+        (self.moves)(out);
+        Ok(())
+    }
+}
+
+/// Displacements that are no numbers or absurd leave the mesh as good as it was.
 #[test]
-fn missing_measures_are_an_error() {
-    struct Short;
-    impl Backend for Short {
-        fn name(&self) -> String {
-            "short".to_owned()
-        }
+fn moves_that_make_no_sense_do_no_harm() {
+    let (mesh, ball) = ball_in_box(8, 1.0, 2.7);
+    let field: Option<&dyn ImplicitField> = Some(&ball);
+    let options = Options::default();
+    let absurd: [fn(&mut Vec<Vector3>); 3] = [
+        |moves| moves.fill(Vector3::repeat(f64::NAN)),
+        |moves| moves.fill(Vector3::repeat(f64::INFINITY)),
+        |moves| moves.fill(Vector3::repeat(1e300)),
+    ];
+    for moves in absurd {
+        let odd = Odd { moves, ..PLAIN };
+        let made = improve(mesh.clone(), field, &options, Run::on(&odd)).unwrap();
+        let finite = |x: &Point3| x.iter().all(|c| c.is_finite());
+        assert!(made.mesh.positions().iter().all(finite));
+        let (before, after) = (made.report.before.all, made.report.after.all);
+        assert_eq!(after.inverted, 0);
+        assert!(after.min_dihedral.min >= before.min_dihedral.min);
     }
-    impl QualityBackend for Short {
-        fn measure(
-            &self,
-            x: &[Point3],
-            tets: &[[u32; 4]],
-            out: &mut Vec<Measures>,
-        ) -> Result<(), Error> {
-            Cpu.measure(x, tets, out)?;
-            out.pop();
-            Ok(())
-        }
-        fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
-            Cpu.relax(task, out)
-        }
-    }
+}
+
+/// Too few answers are an error that names the backend.
+#[test]
+fn missing_answers_are_an_error() {
+    let few_measures = Odd {
+        measures: |m| m.truncate(1),
+        ..PLAIN
+    };
+    let few_moves = Odd {
+        moves: Vec::clear,
+        ..PLAIN
+    };
     let (mesh, _) = ball_in_box(6, 1.0, 2.0);
-    let error = improve(mesh, None, &Options::default(), Run::on(&Short)).unwrap_err();
-    assert!(error.to_string().starts_with("short gave"), "{error}");
+    for (odd, what) in [(few_measures, "measures"), (few_moves, "displacements")] {
+        let run = Run::on(&odd);
+        let error = improve(mesh.clone(), None, &Options::default(), run).unwrap_err();
+        let text = error.to_string();
+        assert!(
+            text.starts_with("odd gave") && text.contains(what),
+            "{text}"
+        );
+    }
 }
 
 /// The objective around each vertex of the task after its displacement.

@@ -228,6 +228,7 @@ fn volumes(lab: &mut Lab, molecule: &Molecule) -> Outcome {
             ] {
                 lab.near(&what(measure), ours, number(theirs, measure)?, 1e-9);
             }
+            // Ours counts by the sign of a volume, theirs by its size: both must see the same sides.
             let positive = number(theirs, "smallest volume")? > 0.0;
             lab.same(
                 &what("no inverted tetrahedron"),
@@ -258,6 +259,7 @@ fn volumes(lab: &mut Lab, molecule: &Molecule) -> Outcome {
             );
         }
     }
+    // By the divergence theorem, without a file between.
     let surface = molecule.volume.region_surface(INTERIOR);
     let enclosed = molecule.volume.region_volume(INTERIOR);
     lab.near(

@@ -1,6 +1,7 @@
 //! Unfolding of a map.
 
 use geom_core::Run;
+use geom_core::compute::BackendError;
 
 use super::spacing::Chart;
 use super::system::{Solver, System, Weighted};
@@ -112,7 +113,13 @@ impl<B: CrossfieldBackend + ?Sized> Energy<'_, B> {
         let y: Vec<f64> = x.iter().chain(&self.fixed).copied().collect();
         let corners = self.system.corners(&y);
         self.backend
-            .chart_distortion(self.charts, &corners, self.epsilon, &mut self.out)
+            .chart_distortion(self.charts, &corners, self.epsilon, &mut self.out)?;
+        let (found, of) = (self.out.len(), corners.len());
+        Ok(BackendError::unless(
+            found == of,
+            &self.backend.name(),
+            || format!("{found} distortions for {of} triangles"),
+        )?)
     }
 
     fn worst(&mut self, x: &[f64]) -> Result<f64, Error> {

@@ -1,5 +1,6 @@
 //! Better quads: vertices move on the surface until corners are right angles.
 
+use geom_core::compute::BackendError;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, QuadMesh, Run, TriMesh, Vector3};
 
@@ -176,7 +177,13 @@ impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
             .collect();
         self.run
             .backend
-            .corner_distortion(&corners, epsilon, &mut self.out)
+            .corner_distortion(&corners, epsilon, &mut self.out)?;
+        let (found, of) = (self.out.len(), corners.len());
+        Ok(BackendError::unless(
+            found == of,
+            &self.run.backend.name(),
+            || format!("{found} distortions for {of} corners"),
+        )?)
     }
 
     fn energy(&self) -> f64 {

@@ -123,15 +123,11 @@ fn dual_vertices<B: ContourBackend + ?Sized>(
 ) -> Result<Vec<[f32; 3]>, Error> {
     let mut points = Vec::with_capacity(cells.len());
     backend.dual_vertices(cells, STEPS, &mut points)?;
-    if points.len() == cells.len() {
-        return Ok(points);
-    }
     let (found, of) = (points.len(), cells.len());
-    let message = format!(
-        "{} gave {found} dual vertices for {of} cells",
-        backend.name()
-    );
-    Err(BackendError::new(message).into())
+    BackendError::unless(found == of, &backend.name(), || {
+        format!("{found} dual vertices for {of} cells")
+    })?;
+    Ok(points)
 }
 
 /// A point of the unit cube as a point of space, in cells; one outside, or none, is brought back.

@@ -1,5 +1,6 @@
 //! Values and region labels at the points of the mesh lattice, stored in blocks where they matter.
 
+use geom_core::compute::BackendError;
 use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{Aabb, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
@@ -243,6 +244,10 @@ impl<'a> Samples<'a> {
             let masks = lists.map(|values| {
                 let mut masks = Vec::new();
                 backend.crossings(values, level, &mut masks)?;
+                let (found, of) = (masks.len(), values.len() / BLOCK_POINTS * BLOCK_CELLS);
+                BackendError::unless(found == of, &backend.name(), || {
+                    format!("the corners of {found} cells for those of {of}")
+                })?;
                 Ok(masks)
             });
             self.masks.lists = masks.collect::<Result<_, Error>>()?;

@@ -39,6 +39,22 @@ impl BackendError {
         Self(error.into().into())
     }
 
+    /// Nothing where the answer `holds` to its question, else the error that says what the backend of this name gave: one
+    /// from outside may answer anything, and should be blamed before it becomes a panic or a silent gap further on.
+    ///
+    /// ```
+    /// use geom_core::compute::BackendError;
+    /// let (found, of) = (41, 42);
+    /// let error = BackendError::unless(found == of, "mine", || format!("{found} values for {of} rows"));
+    /// assert_eq!(error.unwrap_err().to_string(), "mine gave 41 values for 42 rows");
+    /// ```
+    pub fn unless(holds: bool, backend: &str, gave: impl FnOnce() -> String) -> Result<(), Self> {
+        if holds {
+            return Ok(());
+        }
+        Err(Self::new(format!("{backend} gave {}", gave())))
+    }
+
     /// The backend's own error, if it is of this type.
     pub fn downcast_ref<E: Error + 'static>(&self) -> Option<&E> {
         self.0.downcast_ref()

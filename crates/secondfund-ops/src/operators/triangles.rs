@@ -1,5 +1,6 @@
 //! The matrices of a triangle mesh.
 
+use geom_core::compute::BackendError;
 use geom_core::surface::laplace::Mass;
 use geom_core::{Run, TriMesh, Vector3};
 
@@ -83,6 +84,10 @@ pub(crate) fn triangle_elements<B: OperatorBackend + ?Sized>(
         conductor: *conductor,
     };
     run.backend.triangle_matrices(&task, &mut elements)?;
+    let (found, of) = (elements.len(), task.triangles.len());
+    BackendError::unless(found == of, &run.backend.name(), || {
+        format!("{found} matrices for {of} triangles")
+    })?;
     Ok(elements)
 }
 

@@ -1,7 +1,7 @@
 //! The whole way from modes to segments.
 
 use geom_core::Run;
-use geom_core::compute::parallel;
+use geom_core::compute::{BackendError, parallel};
 use geom_core::options::{OutOfRange, require};
 use rayon::prelude::*;
 
@@ -224,6 +224,10 @@ impl<'a> Search<'a> {
         let mut distances = Vec::new();
         run.backend
             .distances(&drawn.values, drawn.width, &mut distances)?;
+        let (found, of) = (distances.len(), sample.len() * sample.len());
+        BackendError::unless(found == of, &run.backend.name(), || {
+            format!("{found} distances for {of} pairs")
+        })?;
         Ok(Self {
             rows,
             drawn,

@@ -119,12 +119,10 @@ impl<'a> Passes<'a> {
         let mut measures = Vec::new();
         run.backend
             .measure(mesh.positions(), mesh.tets(), &mut measures)?;
-        if measures.len() != mesh.tets().len() {
-            let (found, of) = (measures.len(), mesh.tets().len());
-            let name = run.backend.name();
-            let message = format!("{name} gave {found} measures for {of} tetrahedra");
-            return Err(BackendError::new(message).into());
-        }
+        let (found, of) = (measures.len(), mesh.tets().len());
+        BackendError::unless(found == of, &run.backend.name(), || {
+            format!("{found} measures for {of} tetrahedra")
+        })?;
         Ok(report_of(&mesh, &measures))
     }
 

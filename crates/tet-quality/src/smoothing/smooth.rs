@@ -1,5 +1,6 @@
 //! Smoothing: every vertex moves to where the worst tetrahedron around it is best.
 
+use geom_core::compute::BackendError;
 use geom_core::compute::random::SplitMix64;
 use geom_core::field::{self, Tangent};
 use geom_core::mesh::FACES;
@@ -153,6 +154,10 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
     let task = task(&guarded.mesh, &guarded.mesh.x, vertices, rounds, turn);
     let mut moves = Vec::new();
     run.backend.relax(&task, &mut moves)?;
+    let (found, of) = (moves.len(), task.vertices.len());
+    BackendError::unless(found == of, &run.backend.name(), || {
+        format!("{found} displacements for {of} vertices")
+    })?;
     let Relaxation {
         vertices,
         colours,
@@ -168,8 +173,8 @@ pub(crate) fn relax<B: QualityBackend + ?Sized>(
             .into_par_iter()
             .with_min_len(64)
             .map_init(Star::default, |star, i| {
-                // What a backend leaves out, or cannot tell, stays where it is.
-                let d = *moves.get(i)?;
+                // What a backend cannot tell stays where it is.
+                let d = moves[i];
                 if d == Vector3::zeros() || !d.iter().all(|c| c.is_finite()) {
                     return None;
                 }

@@ -1,5 +1,6 @@
 //! Blocks are read once, and judged: one label, or several.
 
+use geom_core::compute::BackendError;
 use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{LatticeValues, Vector3};
 use rayon::prelude::*;
@@ -86,6 +87,10 @@ impl<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized> Reader<'_, '_, V, B>
         scratch.values.resize(POINTS * open.len(), 0.0);
         self.gather(open, &mut scratch.values)?;
         self.backend.min_max(&scratch.values, &mut scratch.ranges)?;
+        let (found, of) = (scratch.ranges.len(), open.len());
+        BackendError::unless(found == of, &self.backend.name(), || {
+            format!("{found} ranges for {of} blocks")
+        })?;
         let level = self.labels.level;
         let both = |[low, high]: &&[f32; 2]| f64::from(*low) < level && f64::from(*high) >= level;
         let crossed = scratch.ranges.iter().filter(both).count();

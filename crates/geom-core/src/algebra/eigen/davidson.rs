@@ -58,11 +58,10 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
             .collect();
         cycle.run(&narrow, b, &mut directions)?;
         drop(narrow);
-        if directions.len() != n * b {
-            let (name, found) = (run.backend.name(), directions.len());
-            let what = format!("{name} gave {found} values for a cycle of {n} rows × {b}");
-            return Err(BackendError::new(what).into());
-        }
+        let found = directions.len();
+        BackendError::unless(found == n * b, &run.backend.name(), || {
+            format!("{found} values for a cycle of {n} rows × {b}")
+        })?;
         let mut w: Vec<f64> = directions.iter().copied().map(f64::from).collect();
         report.solves += b;
         let mut taken = Taken::nothing(basis.columns.count(), b);
