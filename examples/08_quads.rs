@@ -98,6 +98,7 @@ fn quads(args: &Args, session: &Session) -> Result<(), Failure> {
         improve: !args.raw,
         ..Options::default()
     };
+    options.check()?;
     affordable(&options, &mesh, session)?;
     let on = session.on(session.device.crossfield());
     let made = session.stage("quads", || quadrangulate(&mesh, &options, on))?;
@@ -109,11 +110,9 @@ fn quads(args: &Args, session: &Session) -> Result<(), Failure> {
 fn affordable(options: &Options, mesh: &TriMesh, session: &Session) -> Result<(), Failure> {
     // Ten triangles on the way to each quad, their matrices factored.
     const BYTES: f64 = 16384.0;
-    let quads = match options.size {
-        Size::Quads(n) => n as f64,
-        Size::Spacing(side) => mesh.area() / (side * side),
-        Size::Triangles => mesh.triangles().len() as f64 / 3.0,
-    };
+    let area = mesh.area();
+    let side = options.size.spacing(area, mesh.triangles().len());
+    let quads = area / (side * side);
     let (needed, allowed) = (quads * BYTES, session.memory());
     if needed > allowed as f64 {
         let gigabytes = |bytes: f64| bytes / 1e9;

@@ -100,7 +100,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
 
 /// The surface of the polymers alone, the part of the largest area.
 fn surface(args: &Args, session: &Session, structure: &Structure) -> Result<TriMesh, Failure> {
-    let polymer = polymers(structure);
+    let polymer = structure.of_kind(ResidueKind::Polymer);
     let levels = Levels {
         decay: args.decay,
         ..Levels::default()
@@ -131,16 +131,6 @@ fn surface(args: &Args, session: &Session, structure: &Structure) -> Result<TriM
         .into_iter()
         .next()
         .ok_or_else(|| "the surface has no triangles".into())
-}
-
-fn polymers(structure: &Structure) -> Structure {
-    let mut keep = vec![false; structure.atoms().len()];
-    for (r, residue) in structure.residues().iter().enumerate() {
-        if residue.kind == ResidueKind::Polymer {
-            keep[structure.residue_atoms(r)].fill(true);
-        }
-    }
-    structure.filter(|a| keep[a])
 }
 
 fn note(session: &Session, found: &Pockets) -> Result<(), Failure> {

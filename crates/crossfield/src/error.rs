@@ -3,7 +3,7 @@ use geom_core::compute::BackendError;
 use geom_core::options::OutOfRange;
 use geom_core::search::bvh::TreeError;
 use geom_core::surface::distance::DistanceError;
-use geom_core::surface::{laplace, remesh, repair};
+use geom_core::surface::{laplace, repair};
 use geom_core::{Cancelled, MeshError};
 
 /// Why there is no field, no map or no quad mesh.
@@ -66,12 +66,6 @@ pub enum Error {
     /// The nearest point of the surface cannot be found: a point is not finite.
     #[error(transparent)]
     Tree(#[from] TreeError),
-    /// Remeshing has changed the Euler characteristic or the boundaries of the surface.
-    #[error("remeshed to triangles of {edge}, the surface has another topology")]
-    Remeshed {
-        /// The wanted edge length, Å.
-        edge: f64,
-    },
     /// Distances cannot be found.
     #[error(transparent)]
     Distance(#[from] DistanceError),
@@ -81,9 +75,6 @@ pub enum Error {
     /// The input cannot be repaired.
     #[error(transparent)]
     Repair(#[from] repair::RepairError),
-    /// The surface cannot be remeshed.
-    #[error(transparent)]
-    Remesh(#[from] remesh::Error),
     /// The backend failed.
     #[error(transparent)]
     Backend(#[from] BackendError),

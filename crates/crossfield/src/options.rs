@@ -10,11 +10,13 @@ use crate::guidance::Guidance;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FieldOptions {
-    /// Bumps smaller than this length, Å, get no singularities of their own; 0 takes the surface as it is.
+    /// Bumps smaller than this length, Å, get no singularities of their own, and singularities nearer to each other are
+    /// moved apart; 0: neither.
     /// [`quadrangulate`](crate::quadrangulate) sets it to the side of a quad.
     pub smoothing: f64,
-    /// What one pair of opposite singularities is worth, rad²: pairs that cost less energy to remove go. 0 keeps
-    /// the energy's minimum, 1 comes near to the smallest possible number.
+    /// What one pair of opposite singularities is worth, rad²: pairs that cost less energy to remove go; of those nearer to
+    /// each other than twice the smoothing, the more the nearer they are. Without smoothing, 0 keeps the energy's minimum; 1
+    /// comes near to the smallest possible number.
     pub singularity_penalty: f64,
     /// How much edges count: all the same as in the thesis, or by their shape.
     pub weights: EdgeWeights,
@@ -51,8 +53,8 @@ pub enum Size {
 }
 
 impl Size {
-    /// The wanted side of a quad, Å.
-    pub(crate) fn spacing(self, area: f64, triangles: usize) -> f64 {
+    /// The wanted side of a quad, Å, on a surface of this area, Å², and so many triangles.
+    pub fn spacing(self, area: f64, triangles: usize) -> f64 {
         match self {
             Self::Spacing(h) => h,
             Self::Quads(n) => (area / n as f64).sqrt(),

@@ -385,9 +385,10 @@ fn a_bumpy_surface_becomes_seamless_quads() {
 
 #[test]
 fn vertices_lie_on_the_surface_without_improvement_too() {
-    let mesh = fixture("bob_small.ply");
+    // A coarser surface is mapped in its place.
+    let mesh = shapes::icosphere(1.0, 4);
     let options = Options {
-        size: Size::Quads(400),
+        size: Size::Quads(100),
         improve: false,
         ..Options::default()
     };
@@ -405,7 +406,7 @@ fn guides_are_checked_and_those_without_weight_hold_nothing() {
     };
     let with =
         |guides: &[Guide]| cross_field(&mesh, guides, &FieldOptions::default(), Run::on(&Cpu));
-    assert!(with(&[guide]).is_ok());
+    assert_eq!(with(&[guide]).unwrap(), with(&[]).unwrap());
     let wrong = [
         Guide {
             face: 1 << 20,

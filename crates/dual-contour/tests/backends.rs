@@ -8,7 +8,7 @@ use dual_contour::backend::{
 };
 use dual_contour::geom_core::compute::BackendError;
 use dual_contour::geom_core::{Agreement, Backend, Cpu, LatticeValues, Point3, Run};
-use dual_contour::{Error, Method, Options, specification, surface};
+use dual_contour::{Error, Method, specification, surface};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
@@ -225,50 +225,52 @@ fn meshes_differ_by_the_bound_alone() {
     }
 }
 
-/// Whatever a backend from outside answers to the question for points, the mesh is sound or the error typed.
+/// What is wrong with the answers of a backend that else asks the processor, or why there are none.
+struct Odd {
+    ranges: fn(&mut Vec<[f32; 2]>) -> Result<(), Error>,
+    masks: fn(&mut Vec<u8>) -> Result<(), Error>,
+    points: fn(&mut Vec<[f32; 3]>) -> Result<(), Error>,
+}
+
+/// Nothing.
+const PLAIN: Odd = Odd {
+    ranges: |_| Ok(()),
+    masks: |_| Ok(()),
+    points: |_| Ok(()),
+};
+
+impl Backend for Odd {
+    fn name(&self) -> String {
+        "odd".to_owned()
+    }
+}
+
+impl ContourBackend for Odd {
+    fn blocks_per_call(&self) -> usize {
+        0
+    }
+    fn min_max(&self, blocks: &[f32], out: &mut Vec<[f32; 2]>) -> Result<(), Error> {
+        Cpu.min_max(blocks, out)?;
+        (self.ranges)(out)
+    }
+    fn crossings(&self, blocks: &[f32], level: f32, out: &mut Vec<u8>) -> Result<(), Error> {
+        Cpu.crossings(blocks, level, out)?;
+        (self.masks)(out)
+    }
+    fn dual_vertices(
+        &self,
+        cells: &[[f32; 8]],
+        steps: u32,
+        out: &mut Vec<[f32; 3]>,
+    ) -> Result<(), Error> {
+        Cpu.dual_vertices(cells, steps, out)?;
+        (self.points)(out)
+    }
+}
+
+/// Whatever a backend from outside answers, the mesh is sound or the error typed.
 #[test]
 fn answers_that_make_no_sense_do_no_harm() {
-    /// What is wrong with the answers; else the processor's.
-    struct Odd {
-        ranges: fn(&mut Vec<[f32; 2]>),
-        masks: fn(&mut Vec<u8>),
-        points: fn(&mut Vec<[f32; 3]>),
-    }
-    const PLAIN: Odd = Odd {
-        ranges: |_| (),
-        masks: |_| (),
-        points: |_| (),
-    };
-    impl Backend for Odd {
-        fn name(&self) -> String {
-            "odd".to_owned()
-        }
-    }
-    impl ContourBackend for Odd {
-        fn blocks_per_call(&self) -> usize {
-            0
-        }
-        fn min_max(&self, blocks: &[f32], out: &mut Vec<[f32; 2]>) -> Result<(), Error> {
-            Cpu.min_max(blocks, out)?;
-            (self.ranges)(out);
-            Ok(())
-        }
-        fn crossings(&self, blocks: &[f32], level: f32, out: &mut Vec<u8>) -> Result<(), Error> {
-            Cpu.crossings(blocks, level, out)?;
-            (self.masks)(out);
-            Ok(())
-        }
-        fn dual_vertices(
-            &self,
-            cells: &[[f32; 8]],
-            steps: u32,
-            out: &mut Vec<[f32; 3]>,
-        ) -> Result<(), Error> {
-            Cpu.dual_vertices(cells, steps, out)?;
-            (self.points)(out);
-            Ok(())
-        }
-    }
     let grid = sample(&ball(Point3::origin(), 3.0), 4.0, 24);
     let options = by(Method::DualContour);
     let ours = surface(&grid, None, &options, Run::on(&Cpu)).unwrap();
@@ -276,15 +278,24 @@ fn answers_that_make_no_sense_do_no_harm() {
     assert_eq!(ours.mesh, same.mesh, "a wish for no blocks is one for one");
     let short = [
         Odd {
-            ranges: Vec::clear,
+            ranges: |ranges| {
+                ranges.clear();
+                Ok(())
+            },
             ..PLAIN
         },
         Odd {
-            masks: |masks| masks.truncate(1),
+            masks: |masks| {
+                masks.truncate(1);
+                Ok(())
+            },
             ..PLAIN
         },
         Odd {
-            points: |points| points.truncate(1),
+            points: |points| {
+                points.truncate(1);
+                Ok(())
+            },
             ..PLAIN
         },
     ];
@@ -293,10 +304,19 @@ fn answers_that_make_no_sense_do_no_harm() {
         assert!(matches!(error, Error::Backend(_)), "{error}");
         assert!(error.to_string().starts_with("odd gave"), "{error}");
     }
-    let nowhere: [fn(&mut Vec<[f32; 3]>); 3] = [
-        |points| points.fill([f32::NAN; 3]),
-        |points| points.fill([f32::INFINITY; 3]),
-        |points| points.fill([-7.0; 3]),
+    let nowhere: [fn(&mut Vec<[f32; 3]>) -> Result<(), Error>; 3] = [
+        |points| {
+            points.fill([f32::NAN; 3]);
+            Ok(())
+        },
+        |points| {
+            points.fill([f32::INFINITY; 3]);
+            Ok(())
+        },
+        |points| {
+            points.fill([-7.0; 3]);
+            Ok(())
+        },
     ];
     for points in nowhere {
         let odd = Odd { points, ..PLAIN };
@@ -310,33 +330,32 @@ fn answers_that_make_no_sense_do_no_harm() {
     }
 }
 
-/// What a backend fails of comes back to the caller.
+fn gone() -> Result<(), Error> {
+    Err(BackendError::new("the device is gone").into())
+}
+
+/// What a backend fails of comes back to the caller, whatever it was asked.
 #[test]
 fn the_error_of_a_backend_is_the_callers() {
-    struct Broken;
-    impl Backend for Broken {
-        fn name(&self) -> String {
-            "broken".to_owned()
-        }
-    }
-    impl ContourBackend for Broken {
-        fn min_max(&self, _: &[f32], _: &mut Vec<[f32; 2]>) -> Result<(), Error> {
-            Err(BackendError::new("the device is gone").into())
-        }
-        fn crossings(&self, _: &[f32], _: f32, _: &mut Vec<u8>) -> Result<(), Error> {
-            Err(BackendError::new("the device is gone").into())
-        }
-        fn dual_vertices(
-            &self,
-            _: &[[f32; 8]],
-            _: u32,
-            _: &mut Vec<[f32; 3]>,
-        ) -> Result<(), Error> {
-            Err(BackendError::new("the device is gone").into())
-        }
-    }
     let grid = sample(&ball(Point3::origin(), 3.0), 4.0, 24);
-    let error = surface(&grid, None, &Options::default(), Run::on(&Broken)).unwrap_err();
-    assert!(matches!(error, Error::Backend(_)));
-    assert_eq!(error.to_string(), "the device is gone");
+    let broken = [
+        Odd {
+            ranges: |_| gone(),
+            ..PLAIN
+        },
+        Odd {
+            masks: |_| gone(),
+            ..PLAIN
+        },
+        Odd {
+            points: |_| gone(),
+            ..PLAIN
+        },
+    ];
+    for odd in broken {
+        let options = by(Method::DualContour);
+        let error = surface(&grid, None, &options, Run::on(&odd)).unwrap_err();
+        assert!(matches!(error, Error::Backend(_)));
+        assert_eq!(error.to_string(), "the device is gone");
+    }
 }

@@ -2,7 +2,7 @@
 
 use geom_core::options::{OutOfRange, require};
 
-use crate::forms::Operator;
+use crate::forms::{Operator, Weight};
 
 /// Options of [`spectrum`](crate::spectrum) and [`assemble`](crate::operators::assemble()).
 #[derive(Clone, Debug, PartialEq)]
@@ -413,16 +413,31 @@ impl Default for OutlineOptions {
 impl OutlineOptions {
     /// Refuses values out of range.
     pub fn check(&self) -> Result<(), OutOfRange> {
-        require(self.modes > 0, "modes", 0, "be at least 1")?;
-        let groups = self.groups;
-        require(groups >= 2, "groups", groups, "be at least 2")?;
+        self.spectrum().check()?;
+        self.segments().check()?;
         let probe = self.probe;
         let within = (0.0..=10.0).contains(&probe);
         require(within, "probe", probe, "lie within 0…10 Å")?;
-        let epsilon = self.regularization;
-        let finite = epsilon >= 0.0 && epsilon.is_finite();
-        let must = "be at least 0 and finite";
-        require(finite, "regularization", epsilon, must)?;
         check_burial(self.radius, self.foreign)
+    }
+
+    /// The modes on which the patches are cut.
+    pub(crate) fn spectrum(&self) -> SpectrumOptions {
+        SpectrumOptions {
+            operator: Operator::Slo(Weight::ExpMinusH),
+            modes: self.modes,
+            regularization: self.regularization,
+            ..SpectrumOptions::default()
+        }
+    }
+
+    /// How they are cut.
+    pub(crate) fn segments(&self) -> SegmentOptions {
+        SegmentOptions {
+            modes: Modes::Count(self.modes),
+            groups: Groups::Count(self.groups),
+            restarts: 1,
+            ..SegmentOptions::default()
+        }
     }
 }

@@ -150,7 +150,7 @@ fn a_turned_molecule_has_the_same_pockets() {
 fn outlines_of_a_protease_are_apart_and_hollow() {
     let path = fixtures::path("1hvr.pdb");
     let structure = read(&path, &ReadOptions::default()).unwrap().structure;
-    let polymer = polymers(&structure);
+    let polymer = structure.of_kind(ResidueKind::Polymer);
     let levels = Levels {
         decay: 0.5,
         ..Levels::default()
@@ -202,18 +202,7 @@ fn outlines_of_a_protease_are_apart_and_hollow() {
     );
 }
 
-/// The structure without ligands, ions and waters.
-fn polymers(structure: &Structure) -> Structure {
-    let mut keep = vec![false; structure.atoms().len()];
-    for (r, residue) in structure.residues().iter().enumerate() {
-        if residue.kind == ResidueKind::Polymer {
-            keep[structure.residue_atoms(r)].fill(true);
-        }
-    }
-    structure.filter(|a| keep[a])
-}
-
-/// Stray atoms far away cost nothing and change nothing nearby.
+/// Stray atoms far away cost nothing.
 #[test]
 fn stray_atoms_cost_nothing() {
     let path = fixtures::path("1AJJ.pdb");

@@ -25,7 +25,7 @@ const PARTNERS: usize = 4;
 pub(super) struct Price {
     /// Of pairs far apart, rad².
     pub(super) far: f64,
-    /// From this distance on, Å: of two nearer to each other, a quad mesh of that size can hold but one.
+    /// The side of a quad, Å: pairs nearer than [`NEAR`] of these cost more.
     pub(super) near: f64,
 }
 
@@ -107,7 +107,7 @@ impl<'a> Descent<'a> {
             }
         }
         self.split_extremes()?;
-        report.moved_apart = self.part(price.near, run)?;
+        self.part(price.near, report, run)?;
         if self.is_impossible() {
             report.annihilated += self.annihilate(|_| f64::INFINITY)?;
         }
@@ -325,14 +325,18 @@ impl<'a> Descent<'a> {
 
     /// Singular vertices nearer to each other than `apart` give a quarter to one that is not near to any, or to each other,
     /// whatever costs least: all get integer points of their own in a map, and a map with room for them does not fold.
-    fn part<B: ?Sized>(&mut self, apart: f64, run: Run<'_, B>) -> Result<usize, Error> {
+    fn part<B: ?Sized>(
+        &mut self,
+        apart: f64,
+        report: &mut FieldReport,
+        run: Run<'_, B>,
+    ) -> Result<(), Error> {
         if apart <= 0.0 {
-            return Ok(0);
+            return Ok(());
         }
         let graph = Graph::of_edges(self.mesh)?;
         let mut stuck = vec![false; self.index.len()];
-        let mut moved = 0;
-        let most = 2 * self.index.iter().filter(|&&i| i != 0).count();
+        let most = 2 * self.singular().count();
         for step in 0..most {
             run.progress("singularities", step as u64, most as u64)?;
             let Some(pair) = self.nearest_pair(&graph, apart, &stuck)? else {
@@ -348,13 +352,18 @@ impl<'a> Descent<'a> {
                 .min_by(|a, b| a.0.total_cmp(&b.0));
             match best {
                 Some((_, k)) => {
+                    let before = self.singular().count();
                     self.apply(&changes[k])?;
-                    moved += 1;
+                    if self.singular().count() < before {
+                        report.annihilated += 1;
+                    } else {
+                        report.moved_apart += 1;
+                    }
                 }
                 None => (stuck[pair.0 as usize], stuck[pair.1 as usize]) = (true, true),
             }
         }
-        Ok(moved)
+        Ok(())
     }
 
     fn singular(&self) -> impl Iterator<Item = u32> + '_ {

@@ -42,8 +42,7 @@ impl<'a> Parallel<'a> {
         let (mut soft, mut fixed) = (Vec::new(), Vec::new());
         for guide in guides {
             let face = guide.face as usize;
-            // A guide without weight holds nothing.
-            anchored[part[face] as usize] |= guide.weight > 0.0;
+            anchored[part[face] as usize] = true;
             let angle = guide.angle(frames);
             if guide.is_hard() {
                 fixed.push((face, angle));

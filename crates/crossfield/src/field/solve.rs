@@ -157,9 +157,9 @@ fn match_branches(frames: &Frames, theta: &[f64], jump: &mut [i32]) {
     }
 }
 
-/// One guide per triangle: hard before soft, then the heavier, then the first.
+/// One guide per triangle: hard before soft, then the heavier, then the first. One of weight 0 holds nothing.
 fn without_conflicts(guides: &[Guide], frames: &Frames) -> (Vec<Guide>, usize) {
-    let mut kept: Vec<Guide> = guides.to_vec();
+    let mut kept: Vec<Guide> = guides.iter().filter(|g| g.weight > 0.0).copied().collect();
     kept.sort_by(|a, b| a.face.cmp(&b.face).then(b.weight.total_cmp(&a.weight)));
     let before = kept.len();
     let mut conflicts = 0;

@@ -119,8 +119,8 @@ impl Guidance {
             Self::Characteristic { .. } => {}
             Self::Strokes { ref strokes, .. } => {
                 for (k, (point, direction)) in strokes.iter().enumerate() {
-                    let all = point.iter().chain(direction.iter());
-                    let fine = all.clone().all(|x| x.is_finite()) && direction.norm() > 0.0;
+                    let mut all = point.iter().chain(direction.iter());
+                    let fine = all.all(|x| x.is_finite()) && direction.norm() > 0.0;
                     let must = "have finite coordinates and a direction";
                     require(fine, "guidance.strokes", k, must)?;
                 }

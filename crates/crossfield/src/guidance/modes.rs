@@ -18,11 +18,12 @@ pub(super) struct Mode {
     pub(super) function: Vec<f64>,
 }
 
-/// The wanted eigenfunctions of a connected surface, computed on the CPU: the factor of shift and invert is there.
+/// The wanted eigenfunctions of a connected surface, of modes that are checked; computed on the CPU: the factor of shift and
+/// invert is there.
 pub(super) fn eigenfunctions(mesh: &TriMesh, modes: &Modes) -> Result<Vec<Mode>, Error> {
     let highest = match modes {
         Modes::Auto => MOST + 1,
-        Modes::Numbers(numbers) => numbers.iter().copied().max().unwrap_or(0),
+        Modes::Numbers(numbers) => numbers.iter().copied().fold(0, usize::max),
     };
     let options = eigen::Options {
         tolerance: TOLERANCE,
@@ -38,12 +39,11 @@ pub(super) fn eigenfunctions(mesh: &TriMesh, modes: &Modes) -> Result<Vec<Mode>,
     let (values, mut vectors) = (pairs.values, pairs.vectors);
     Ok(numbers
         .into_iter()
-        .filter(|&n| n > 0 && n < values.len())
+        .filter(|&n| n < values.len())
         .map(|n| Mode {
             value: values[n],
             function: std::mem::take(&mut vectors[n]),
         })
-        .filter(|mode| !mode.function.is_empty())
         .collect())
 }
 

@@ -23,7 +23,7 @@ pub struct GridMap {
 pub struct MapReport {
     /// Integers of the seams and lines, after exact elimination of all conditions.
     pub integers: usize,
-    /// Mean of `|J − 1|²` over the area before the integers were rounded, and after.
+    /// Mean of `|J − 1|²` over the area before the integers were rounded.
     pub relaxed_energy: f64,
     /// Triangles inverted, turned away from the field or at a wrong angle then; if any, the map was unfolded before the
     /// integers were sought.

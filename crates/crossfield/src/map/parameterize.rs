@@ -7,7 +7,7 @@ use geom_core::{Run, TriMesh};
 use super::cut::Cut;
 use super::exact::{GridMap, MapReport, axes_in, doubled_area, sector};
 use super::integers::{Coarse, Quadratic};
-use super::spacing::{Chart, Spacing, charts};
+use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
 use super::untangle::{Moves, untangle};
@@ -168,16 +168,18 @@ impl<B: CrossfieldBackend + ?Sized> Making<'_, B> {
 
     /// Triangles that are not upright, and vertices around which they turn too far or not far enough.
     fn invalid(&self, corners: &[[[f64; 2]; 3]]) -> (usize, usize) {
-        let upright = |f: &usize| determinant(&self.system.charts[*f].jacobian(&corners[*f])) > 0.0;
-        let triangles = (0..corners.len()).filter(|f| !upright(f)).count();
+        let all = self.system.charts.iter().zip(corners);
+        let upright = all.filter(|(chart, uv)| chart.determinant(uv) > 0.0);
+        let triangles = corners.len() - upright.count();
         let cones = (0..self.frames.edges().vertices())
             .filter(|&v| has_wrong_angle(self.frames, self.field, corners, v))
             .count();
         (triangles, cones)
     }
 
-    /// Integers and the reals that follow them. Where rounding lays singular vertices onto each other, the integers are found
-    /// on a denser grid and brought back while the decimated map stays upright. Also what to say if the map folds.
+    /// Integers and the reals that follow them. Where rounding lays singular vertices onto each other, other integers are
+    /// found, on a denser grid if need be and brought back, that hold the decimated map upright. Also what to say if the map
+    /// folds.
     fn quantized(&mut self, relaxed: &Relaxed) -> Result<(Vec<f64>, &'static str), Error> {
         let Relaxed {
             weighted,
@@ -201,7 +203,10 @@ impl<B: CrossfieldBackend + ?Sized> Making<'_, B> {
         match quadratic.rounded_within(&upright, self.run)? {
             Some(z) => {
                 self.report.respaced = true;
-                Ok((Self::with_reals(weighted, &z)?, "rounding on a denser grid"))
+                Ok((
+                    Self::with_reals(weighted, &z)?,
+                    "rounding to other integers",
+                ))
             }
             None => {
                 // No real numbers can mend what the integers fold.
@@ -243,8 +248,7 @@ impl<B: CrossfieldBackend + ?Sized> Making<'_, B> {
             weighted,
             integers: None,
         };
-        untangle(&self.system, y, &moves, self.run)?;
-        Ok(())
+        untangle(&self.system, y, &moves, self.run)
     }
 }
 
@@ -260,9 +264,8 @@ fn faults(
         .filter(|&f| charts[f].is_bad(&corners[f]))
         .collect();
     for v in 0..frames.edges().vertices() {
-        let fan: Vec<usize> = frames.around(v).collect();
         if has_wrong_angle(frames, field, corners, v) {
-            faults.extend(fan.iter().map(|&h| h / 3));
+            faults.extend(frames.around(v).map(|h| h / 3));
         }
     }
     faults.sort_unstable();
@@ -286,10 +289,6 @@ fn has_wrong_angle(
     let quarters = if frames.on_boundary(v) { 2 } else { 4 } - field.index[v];
     let wanted = f64::from(quarters) * std::f64::consts::FRAC_PI_2;
     (angles.sum::<f64>() - wanted).abs() > std::f64::consts::FRAC_PI_4
-}
-
-fn determinant(j: &[[f64; 2]; 2]) -> f64 {
-    j[0][0] * j[1][1] - j[0][1] * j[1][0]
 }
 
 /// The larger and the smaller.

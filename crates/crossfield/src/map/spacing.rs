@@ -86,12 +86,20 @@ impl Chart {
         [row(0, &self.along_u), row(1, &self.along_v)]
     }
 
+    /// The determinant of the Jacobian: above 0 where the triangle is upright.
+    pub fn determinant(&self, uv: &[[f64; 2]; 3]) -> f64 {
+        determinant(&self.jacobian(uv))
+    }
+
     /// Is the triangle inverted, or turned away from the field by more than a quarter?
     pub fn is_bad(&self, uv: &[[f64; 2]; 3]) -> bool {
         let j = self.jacobian(uv);
-        let determinant = j[0][0] * j[1][1] - j[0][1] * j[1][0];
-        !(determinant > 0.0 && j[0][0] + j[1][1] > 0.0)
+        !(determinant(&j) > 0.0 && j[0][0] + j[1][1] > 0.0)
     }
+}
+
+pub(crate) fn determinant(j: &[[f64; 2]; 2]) -> f64 {
+    j[0][0] * j[1][1] - j[0][1] * j[1][0]
 }
 
 /// The charts of all triangles.

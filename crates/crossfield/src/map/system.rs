@@ -126,7 +126,7 @@ impl<'a> System<'a> {
             .collect()
     }
 
-    /// Σ weight · area · |J − 1|², the energy that is minimized, with equal weights.
+    /// How far the map is from the field: Σ area · |J − 1|², over the number of triangles.
     pub(crate) fn energy(&self, corners: &[[[f64; 2]; 3]]) -> f64 {
         let of = |(chart, uv): (&Chart, &[[f64; 2]; 3])| {
             let j = chart.jacobian(uv);

@@ -34,13 +34,13 @@ pub(crate) struct Moves<'a> {
 
 /// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`
 /// (Garanzha et al., *Foldover-free maps in 50 lines of code*, 2021), by L-BFGS. ε falls as theirs does, by what a round has
-/// gained and by the worst determinant. Returns whether all determinants are positive.
+/// gained and by the worst determinant. A map that cannot be unfolded comes out folded.
 pub(crate) fn untangle<B: CrossfieldBackend + ?Sized>(
     system: &System<'_>,
     y: &mut [f64],
     moves: &Moves<'_>,
     run: Run<'_, B>,
-) -> Result<bool, Error> {
+) -> Result<(), Error> {
     let free = match moves.integers {
         Some(_) => y.len(),
         None => system.seams.reals,
@@ -63,15 +63,14 @@ pub(crate) fn untangle<B: CrossfieldBackend + ?Sized>(
         out: Vec::new(),
     };
     let mut x = y[..free].to_vec();
-    let worst = energy.worst(&x)?;
+    let worst = energy.worst(&x);
     energy.epsilon = (0.5 * worst.abs()).max(0.1);
-    let mut positive = worst > 0.0;
     let (mut best, mut stalled) = (worst, 0);
     for round in 0..ROUNDS {
         run.progress("untangle", round as u64, ROUNDS as u64)?;
         let (before, after) = minimize(&mut energy, moves, &mut x)?;
-        let worst = energy.worst(&x)?;
-        positive = worst > 0.0;
+        let worst = energy.worst(&x);
+        let positive = worst > 0.0;
         // Folds that hold each other do not open however long they are pushed.
         if worst > best + 1e-2 * best.abs() {
             (best, stalled) = (worst, 0);
@@ -96,7 +95,7 @@ pub(crate) fn untangle<B: CrossfieldBackend + ?Sized>(
         energy.epsilon = (energy.epsilon * (1.0 - falls)).max(LEAST);
     }
     y[..free].copy_from_slice(&x);
-    Ok(positive)
+    Ok(())
 }
 
 struct Energy<'a, B: ?Sized> {
@@ -122,15 +121,13 @@ impl<B: CrossfieldBackend + ?Sized> Energy<'_, B> {
         )?)
     }
 
-    fn worst(&mut self, x: &[f64]) -> Result<f64, Error> {
+    /// The smallest determinant.
+    fn worst(&self, x: &[f64]) -> f64 {
         let y: Vec<f64> = x.iter().chain(&self.fixed).copied().collect();
         let corners = self.system.corners(&y);
-        let determinant = |(chart, uv): (&Chart, &[[f64; 2]; 3])| {
-            let j = chart.jacobian(uv);
-            j[0][0] * j[1][1] - j[0][1] * j[1][0]
-        };
-        let all = self.system.charts.iter().zip(&corners).map(determinant);
-        Ok(all.fold(f64::INFINITY, f64::min))
+        let all = self.system.charts.iter().zip(&corners);
+        all.map(|(chart, uv)| chart.determinant(uv))
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// Energy and gradient with respect to the unknowns that move.

@@ -3,7 +3,7 @@
 use geom_core::mesh::Halfedges;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::surface::remesh::{self, remesh};
-use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh};
+use geom_core::{Cancelled, Cpu, Point3, QuadMesh, Run, TriMesh};
 
 use super::extract::{Extracted, extract};
 use super::improve::{Freedom, Ground, improve, on_segment, settled};
@@ -82,16 +82,10 @@ pub(super) fn part_quads<B: CrossfieldBackend + ?Sized>(
         triangles: mesh.triangles().len(),
         ..PartReport::default()
     };
-    let raw = match climb(&part, spacing, options, run, &mut report) {
-        Ok(raw) => raw,
-        Err(error @ Error::Cancelled(_)) => return Err(error),
-        Err(error) if options.ladder == Ladder::Off => return Err(error),
-        Err(error) => {
-            if report.failures.is_empty() {
-                report.failures.push(error.to_string());
-            }
+    let raw = match climb(&part, spacing, options, run, &mut report)? {
+        Some(raw) => raw,
+        None => {
             report.rung = Rung::Split;
-            (report.field, report.map) = (None, None);
             last_resort(&part, spacing, options, run)?
         }
     };
@@ -106,56 +100,58 @@ struct Raw {
     part: Part,
 }
 
-/// The rungs that have a map.
+/// The rungs that have a map; `None` where all of them failed, and the report says why. An error where no rung follows.
 fn climb<B: CrossfieldBackend + ?Sized>(
     part: &Part,
     spacing: f64,
     options: &Options,
     run: Run<'_, B>,
     report: &mut PartReport,
-) -> Result<Raw, Error> {
+) -> Result<Option<Raw>, Error> {
     let mut rungs = Rungs {
         options,
         spacing,
         run,
         report,
-        error: None,
         denser: None,
         smoothing: 0.0,
     };
-    let start = match proxy(part, spacing, options, run)? {
-        Some(proxy) => proxy,
-        None => part.clone(),
-    };
-    if let Some(quads) = rungs.with_field(&start, 1.0, Rung::Direct)? {
-        return Ok(Raw { quads, part: start });
+    let start = proxy(part, spacing, options, run)?.unwrap_or_else(|| part.clone());
+    if let Some(guides) = rungs.reported(guides(&start, options))?
+        && let Some(quads) = rungs.with_field(&start, &guides, 1.0, Rung::Direct)?
+    {
+        return Ok(Some(Raw { quads, part: start }));
     }
     // Where the triangles are as large as the quads, a map has too little freedom.
-    let fine = match remeshed(part, FINE * spacing, options, run) {
-        Ok(fine) => fine,
-        Err(error @ Error::Cancelled(_)) => return Err(error),
-        Err(_) => part.refined()?,
+    let fine = match remeshed(part, FINE * spacing, options, run)? {
+        Some(fine) => Ok(fine),
+        None => part.refined(),
+    };
+    let Some(fine) = rungs.reported(fine)? else {
+        return Ok(None);
+    };
+    let Some(guides) = rungs.reported(guides(&fine, options))? else {
+        return Ok(None);
     };
     rungs.denser = None;
-    if let Some(quads) = rungs.with_field(&fine, 1.0, Rung::Refined)? {
-        return Ok(Raw { quads, part: fine });
+    if let Some(quads) = rungs.with_field(&fine, &guides, 1.0, Rung::Refined)? {
+        return Ok(Some(Raw { quads, part: fine }));
     }
     for factor in SMOOTHER {
-        if let Some(quads) = rungs.with_field(&fine, factor, Rung::Smoother)? {
-            return Ok(Raw { quads, part: fine });
+        if let Some(quads) = rungs.with_field(&fine, &guides, factor, Rung::Smoother)? {
+            return Ok(Some(Raw { quads, part: fine }));
         }
     }
     if let Some((smooth, field)) = rungs.denser.take() {
         for step in 1..=DENSER {
             let factor = 0.5f64.powf(0.5 * f64::from(step));
-            if let Some(quads) =
-                rungs.with_map(&fine, &smooth, &field, factor, Rung::Denser(step))?
-            {
-                return Ok(Raw { quads, part: fine });
+            let made = rungs.with_map(&fine, &smooth, &field, factor, Rung::Denser(step));
+            if let Some(quads) = rungs.reported(made)? {
+                return Ok(Some(Raw { quads, part: fine }));
             }
         }
     }
-    Err(rungs.error.expect("every rung failed"))
+    Ok(None)
 }
 
 /// Fewer triangles in place of far too many: the field needs no more than about fourteen per quad.
@@ -164,25 +160,22 @@ fn proxy<B: ?Sized>(
     spacing: f64,
     options: &Options,
     run: Run<'_, B>,
-) -> Result<Option<Part>, Error> {
+) -> Result<Option<Part>, Cancelled> {
     let quads = part.mesh.area() / (spacing * spacing);
     if (part.mesh.triangles().len() as f64) < MANY * quads {
         return Ok(None);
     }
-    match remeshed(part, PROXY * spacing, options, run) {
-        Ok(proxy) => Ok(Some(proxy)),
-        Err(error @ Error::Cancelled(_)) => Err(error),
-        Err(_) => Ok(None),
-    }
+    remeshed(part, PROXY * spacing, options, run)
 }
 
-/// The part with nearly equilateral triangles of this edge length (Botsch and Kobbelt, 2004), if its topology stays.
+/// The part with nearly equilateral triangles of this edge length (Botsch and Kobbelt, 2004); `None` where that fails or
+/// changes its topology.
 fn remeshed<B: ?Sized>(
     part: &Part,
     edge: f64,
     options: &Options,
     run: Run<'_, B>,
-) -> Result<Part, Error> {
+) -> Result<Option<Part>, Cancelled> {
     remeshed_with(part, edge, options, remesh::Options::default(), run)
 }
 
@@ -192,7 +185,7 @@ fn remeshed_with<B: ?Sized>(
     options: &Options,
     wanted: remesh::Options,
     run: Run<'_, B>,
-) -> Result<Part, Error> {
+) -> Result<Option<Part>, Cancelled> {
     let wanted = remesh::Options {
         sizing: remesh::Sizing::Uniform {
             edge_length: Some(edge),
@@ -205,25 +198,25 @@ fn remeshed_with<B: ?Sized>(
     };
     let watched = Run::on(&Cpu).watched_by(run.monitor);
     let made = match remesh(part.mesh.clone(), None, &wanted, watched) {
-        Err(remesh::Error::Cancelled(cancelled)) => return Err(cancelled.into()),
-        made => made?.mesh,
+        Ok(made) => made.mesh,
+        Err(remesh::Error::Cancelled(cancelled)) => return Err(cancelled),
+        Err(_) => return Ok(None),
     };
     let loops = |mesh: &TriMesh| Halfedges::of(mesh).map(|e| e.boundary_loops().len());
     let same = made.euler_characteristic() == part.mesh.euler_characteristic()
-        && loops(&made)? == loops(&part.mesh)?;
+        && loops(&made) == loops(&part.mesh);
     if !same {
-        return Err(Error::Remeshed { edge });
+        return Ok(None);
     }
-    Part::of(made, options.crease)
+    Ok(Part::of(made, options.crease).ok())
 }
 
-/// What the rungs share; the last failure.
+/// What the rungs share.
 struct Rungs<'a, B: ?Sized> {
     options: &'a Options,
     spacing: f64,
     run: Run<'a, B>,
     report: &'a mut PartReport,
-    error: Option<Error>,
     /// The first field whose map folds only on integers, and what it is a field of.
     denser: Option<(Smooth, CrossField)>,
     /// The smoothing of the last rung, Å: none that follows has less.
@@ -231,27 +224,32 @@ struct Rungs<'a, B: ?Sized> {
 }
 
 impl<B: CrossfieldBackend + ?Sized> Rungs<'_, B> {
-    /// A field smoothed `factor` times as much as asked for, and the quads of its map unless it folds.
+    /// A field smoothed `factor` times as much as asked for, and the quads of its map; `None` where it failed.
     fn with_field(
         &mut self,
         part: &Part,
+        guides: &[Guide],
         factor: f64,
         rung: Rung,
     ) -> Result<Option<QuadMesh>, Error> {
-        match self.field(part, factor) {
-            Ok((smooth, field)) => {
-                let made = self.with_map(part, &smooth, &field, 1.0, rung)?;
-                let relaxed = matches!(self.error, Some(Error::Folded { relaxed: true, .. }));
-                if made.is_none() && !relaxed && self.denser.is_none() {
-                    self.denser = Some((smooth, field));
-                }
-                Ok(made)
-            }
-            Err(error) => self.failed(error),
+        let field = self.field(part, guides, factor);
+        let Some((smooth, field)) = self.reported(field)? else {
+            return Ok(None);
+        };
+        let made = self.with_map(part, &smooth, &field, 1.0, rung);
+        let relaxed = matches!(made, Err(Error::Folded { relaxed: true, .. }));
+        if made.is_err() && !relaxed && self.denser.is_none() {
+            self.denser = Some((smooth, field));
         }
+        self.reported(made)
     }
 
-    fn field(&mut self, part: &Part, factor: f64) -> Result<(Smooth, CrossField), Error> {
+    fn field(
+        &mut self,
+        part: &Part,
+        guides: &[Guide],
+        factor: f64,
+    ) -> Result<(Smooth, CrossField), Error> {
         let options = self.options;
         let length = factor * options.smoothing * self.spacing;
         let smooth = Smooth::of(part, length, self.smoothing, options.weights)?;
@@ -261,18 +259,11 @@ impl<B: CrossfieldBackend + ?Sized> Rungs<'_, B> {
             singularity_penalty: factor * options.singularity_penalty,
             weights: options.weights,
         };
-        let guides = guides(part, options)?;
-        let field = field_of(
-            &part.mesh,
-            &smooth.frames,
-            &guides,
-            &field_options,
-            self.run,
-        )?;
+        let field = field_of(&part.mesh, &smooth.frames, guides, &field_options, self.run)?;
         Ok((smooth, field))
     }
 
-    /// The quads of a field's map unless it folds; an error where no rung follows.
+    /// The quads of a field's map.
     fn with_map(
         &mut self,
         part: &Part,
@@ -280,27 +271,26 @@ impl<B: CrossfieldBackend + ?Sized> Rungs<'_, B> {
         field: &CrossField,
         factor: f64,
         rung: Rung,
-    ) -> Result<Option<QuadMesh>, Error> {
+    ) -> Result<QuadMesh, Error> {
         let spacing = factor * self.spacing;
-        match mapped(part, smooth, field, spacing, self.options, self.run) {
-            Ok((extracted, map)) => {
-                self.report.rung = rung;
-                self.report.field = Some(field.report.clone());
-                self.report.map = Some(map.report);
-                Ok(Some(extracted.mesh))
-            }
-            Err(error) => self.failed(error),
-        }
+        let (extracted, map) = mapped(part, smooth, field, spacing, self.options, self.run)?;
+        self.report.rung = rung;
+        self.report.field = Some(field.report.clone());
+        self.report.map = Some(map.report);
+        Ok(extracted.mesh)
     }
 
-    /// Remembers why a rung failed; an error where no rung follows.
-    fn failed<T>(&mut self, error: Error) -> Result<Option<T>, Error> {
-        if matches!(error, Error::Cancelled(_)) || self.options.ladder == Ladder::Off {
-            return Err(error);
+    /// `None` for what has failed, and the report says why; an error where no rung follows.
+    fn reported<T>(&mut self, made: Result<T, Error>) -> Result<Option<T>, Error> {
+        match made {
+            Ok(made) => Ok(Some(made)),
+            Err(error @ Error::Cancelled(_)) => Err(error),
+            Err(error) if self.options.ladder == Ladder::Off => Err(error),
+            Err(error) => {
+                self.report.failures.push(error.to_string());
+                Ok(None)
+            }
         }
-        self.report.failures.push(error.to_string());
-        self.error = Some(error);
-        Ok(None)
     }
 }
 
@@ -386,11 +376,8 @@ fn last_resort<B: ?Sized>(
         ..remesh::Options::default()
     };
     let make = |edge: f64| -> Result<Raw, Error> {
-        let part = match remeshed_with(part, edge, options, loose.clone(), run) {
-            Ok(coarse) => coarse,
-            Err(error @ Error::Cancelled(_)) => return Err(error),
-            Err(_) => part.clone(),
-        };
+        let part =
+            remeshed_with(part, edge, options, loose.clone(), run)?.unwrap_or_else(|| part.clone());
         let mut keep = vec![false; 3 * part.mesh.triangles().len()];
         for &h in &part.lines {
             keep[h] = true;

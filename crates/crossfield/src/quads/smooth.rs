@@ -34,12 +34,7 @@ impl Smooth {
         least: f64,
         weights: EdgeWeights,
     ) -> Result<Self, Error> {
-        let mut on_line = vec![false; part.mesh.positions().len()];
-        for &h in &part.lines {
-            let corners = part.mesh.triangles()[h / 3];
-            on_line[corners[h % 3] as usize] = true;
-            on_line[corners[(h + 1 - 3 * (h / 3)) % 3] as usize] = true;
-        }
+        let on_lines = part.corners()?;
         let mut last = None;
         for step in 0..=SHORTER {
             let length = length * 0.5f64.powf(0.5 * f64::from(step));
@@ -47,7 +42,7 @@ impl Smooth {
                 break;
             }
             let mesh = if length > 0.0 {
-                flowed(&part.mesh, length * length, |v| on_line[v])?
+                flowed(&part.mesh, length * length, |v| on_lines[v].is_some())?
             } else {
                 part.mesh.clone()
             };

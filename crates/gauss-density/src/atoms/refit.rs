@@ -153,9 +153,10 @@ pub fn refit<B: DensityBackend + ?Sized>(
         bounds: Some(lattice_of(sampler.prepared(), &options.sampling())?.bounds()),
         ..options.sampling()
     };
-    let cells = samples_of(reduced, &sampler, &sampling, options, run)?;
+    let allowed = Allowed::around(reduced, options);
+    let cells = samples_of(&allowed.widest(reduced), &sampler, &sampling, options, run)?;
     let before = compare_on(reduced, &sampler, &sampling, run)?;
-    let mut descent = Descent::start(reduced, &cells, options, run)?;
+    let mut descent = Descent::start(reduced, &cells, allowed, run)?;
     let mut report = RefitReport {
         backend: run.backend.name(),
         samples: cells.iter().map(|c| c.points.len()).sum(),
@@ -177,9 +178,9 @@ pub fn refit<B: DensityBackend + ?Sized>(
     Ok(Refitted { model, report })
 }
 
-/// The samples of the original's surface, in cells of the atoms of the reduced model.
+/// The samples of the original's surface, in cells of the atoms of the reduced model, as `widest` as they may become.
 fn samples_of<B: DensityBackend + ?Sized>(
-    reduced: &Model,
+    widest: &Model,
     sampler: &PointSampler<'_>,
     sampling: &Options,
     options: &Refit,
@@ -195,8 +196,7 @@ fn samples_of<B: DensityBackend + ?Sized>(
     };
     let of_original = samples::collect(sampler, &grid, &wanted)?;
     drop(grid);
-    let widest = Allowed::around(reduced, options).widest(reduced);
-    Ok(with_atoms_of(&Prepared::new(&widest), of_original, options))
+    Ok(with_atoms_of(&Prepared::new(widest), of_original, options))
 }
 
 /// The way down from the reduced model: where it is, and what it has learnt of the objective.
@@ -217,7 +217,7 @@ impl<'a> Descent<'a> {
     fn start<B: DensityBackend + ?Sized>(
         reduced: &'a Model,
         cells: &'a [SampleCell],
-        options: &Refit,
+        allowed: Allowed,
         run: Run<'_, B>,
     ) -> Result<Self, Error> {
         let mut sums = RefitSums::default();
@@ -229,7 +229,7 @@ impl<'a> Descent<'a> {
         Ok(Self {
             start: reduced,
             cells,
-            allowed: Allowed::around(reduced, options),
+            allowed,
             at: parameters(reduced),
             sums,
             next: RefitSums::default(),

@@ -1,6 +1,7 @@
 //! What every mesh format writes and reads: points, blocks of cells, named values and named groups.
 
 use std::borrow::Cow;
+use std::collections::HashSet;
 
 use super::{Error, ErrorKind};
 use crate::compute::sets::DisjointSets;
@@ -481,25 +482,27 @@ impl<'a> View<'a> {
 
     /// The tag of each group: its own, or one that no group of its dimension has.
     pub(super) fn tags(&self) -> Vec<i32> {
-        let groups = &self.groups;
-        let mut taken: Vec<(u8, i32)> = Vec::new();
-        let mut claim = |dimension: u8, wanted: i32| {
-            let free = wanted > 0 && !taken.contains(&(dimension, wanted));
-            if free {
-                taken.push((dimension, wanted));
-            }
-            free
-        };
+        let mut taken: HashSet<(u8, i32)> = HashSet::new();
         // Those that ask for a number get it, the first of several that ask for one.
-        let own: Vec<Option<i32>> = groups
+        let own: Vec<Option<i32>> = self
+            .groups
             .iter()
-            .map(|g| g.tag.filter(|&tag| claim(g.dimension, tag)))
+            .map(|g| {
+                g.tag
+                    .filter(|&tag| tag > 0 && taken.insert((g.dimension, tag)))
+            })
             .collect();
-        let mut free = |g: &Group| (1..).find(|&tag| claim(g.dimension, tag)).unwrap_or(0);
+        let mut next = [1; 256];
+        let mut free = |dimension: u8| {
+            let next = &mut next[usize::from(dimension)];
+            while !taken.insert((dimension, *next)) {
+                *next += 1;
+            }
+            *next
+        };
+        let groups = self.groups.iter().zip(own);
         groups
-            .iter()
-            .zip(own)
-            .map(|(g, own)| own.unwrap_or_else(|| free(g)))
+            .map(|(g, own)| own.unwrap_or_else(|| free(g.dimension)))
             .collect()
     }
 

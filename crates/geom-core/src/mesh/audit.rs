@@ -4,7 +4,7 @@ use std::fmt;
 
 use rayon::prelude::*;
 
-use super::{FACES, QuadMesh, Region, TetMesh, TriMesh, six_volume};
+use super::{FACES, QuadMesh, Region, TetMesh, TriMesh, six_volume, sorted};
 use crate::compute::sets::{DisjointSets, Sets};
 use crate::{Point3, Vector3};
 
@@ -538,11 +538,7 @@ impl fmt::Display for VolumeAudit {
 pub(super) fn sorted_faces(tets: &[[u32; 4]]) -> Vec<([u32; 3], u64)> {
     let mut faces: Vec<([u32; 3], u64)> = (0..4 * tets.len() as u64)
         .into_par_iter()
-        .map(|slot| {
-            let mut key = face(tets, slot);
-            key.sort_unstable();
-            (key, slot)
-        })
+        .map(|slot| (sorted(face(tets, slot)), slot))
         .collect();
     faces.par_sort_unstable();
     faces

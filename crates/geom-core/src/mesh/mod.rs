@@ -473,6 +473,12 @@ fn compact<const N: usize>(
 /// The corners of the faces of a positive tetrahedron, seen from outside; face `k` lies opposite
 /// corner `k`.
 pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+/// The corners of a face in ascending order: the same for all that share it.
+pub fn sorted(mut face: [u32; 3]) -> [u32; 3] {
+    face.sort_unstable();
+    face
+}
+
 /// The corners of the edges of a tetrahedron.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 

@@ -18,12 +18,11 @@ impl BoxedTriangle {
     /// The triangle of these vertices; `at` says where each of them is.
     #[inline]
     pub fn new(ids: [u32; 3], at: &impl Fn(u32) -> Point3) -> Self {
-        let corners @ [a, b, c] = ids.map(at);
-        let bounds = Aabb::new(a.inf(&b).inf(&c), a.sup(&b).sup(&c));
+        let corners = ids.map(at);
         Self {
             ids,
             corners,
-            bounds,
+            bounds: Aabb::of_points(&corners),
         }
     }
 
@@ -68,12 +67,18 @@ fn surrounds([p, q]: [Point3; 2], [a, b, c]: [Point3; 3]) -> bool {
 /// ```
 pub fn crossing_pairs(mesh: &TriMesh) -> Vec<[u32; 2]> {
     // Nothing crosses nothing.
-    let Ok(tree) = TriangleTree::new(mesh) else {
+    if mesh.triangles().is_empty() {
         return Vec::new();
-    };
+    }
+    let tree = TriangleTree::new(mesh).expect("there is a triangle");
+    let boxed = boxed(mesh);
+    tree.overlapping_pairs(|s, t| boxed[s as usize].crosses(&boxed[t as usize]))
+}
+
+fn boxed(mesh: &TriMesh) -> Vec<BoxedTriangle> {
     let at = |v: u32| mesh.positions()[v as usize];
-    let boxed = |t: u32| BoxedTriangle::new(mesh.triangles()[t as usize], &at);
-    tree.overlapping_pairs(|s, t| boxed(s).crosses(&boxed(t)))
+    let triangles = mesh.triangles().iter();
+    triangles.map(|&t| BoxedTriangle::new(t, &at)).collect()
 }
 
 #[cfg(test)]
@@ -83,12 +88,7 @@ mod tests {
     use super::*;
 
     fn by_hand(mesh: &TriMesh) -> Vec<[u32; 2]> {
-        let at = |v: u32| mesh.positions()[v as usize];
-        let boxed: Vec<_> = mesh
-            .triangles()
-            .iter()
-            .map(|&t| BoxedTriangle::new(t, &at))
-            .collect();
+        let boxed = boxed(mesh);
         let all = (0..boxed.len()).flat_map(|i| (i + 1..boxed.len()).map(move |j| [i, j]));
         all.filter(|&[i, j]| boxed[i].crosses(&boxed[j]))
             .map(|pair| pair.map(|i| i as u32))

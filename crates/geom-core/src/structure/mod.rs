@@ -356,6 +356,15 @@ impl Structure {
         &mut self.atoms
     }
 
+    /// The residues of one kind alone.
+    pub fn of_kind(&self, kind: ResidueKind) -> Self {
+        let mut keep = vec![false; self.atoms.len()];
+        for (r, residue) in self.residues.iter().enumerate() {
+            keep[self.residue_atoms(r)].fill(residue.kind == kind);
+        }
+        self.filter(|atom| keep[atom])
+    }
+
     /// The structure of those atoms for which `keep` says so, by index; parts that lose all their
     /// atoms are dropped.
     pub fn filter(&self, mut keep: impl FnMut(usize) -> bool) -> Self {

@@ -9,9 +9,9 @@ use super::shell::burial;
 use super::sites::Pocket;
 use crate::Error;
 use crate::backend::OperatorBackend;
-use crate::forms::{Normals, Operator, Weight};
+use crate::forms::Normals;
 use crate::operators::{Element, spectrum};
-use crate::options::{Groups, Modes, OutlineOptions, SegmentOptions, SpectrumOptions};
+use crate::options::OutlineOptions;
 use crate::segment::{Faces, segment};
 
 /// The share of vertices that are not deep enough to count for a patch.
@@ -65,50 +65,21 @@ pub fn outline<B: OperatorBackend + ?Sized>(
         .iter()
         .map(|pocket| patches.of_pocket(pocket, &tree))
         .collect();
-    let owner = owners(surface, &patches.labels, pockets, &claims)?;
-    Ok((0..pockets.len())
-        .map(|i| {
-            let mine = |f: &u32| owner[*f as usize] == Some(i as u32);
-            let triangles = (0..owner.len() as u32).filter(mine).collect();
-            patches.measured(pockets[i].rank, surface, triangles)
-        })
-        .collect())
-}
-
-/// The pocket of each triangle: the one that claims its patch, or of several the one with the nearest point.
-fn owners(
-    surface: &TriMesh,
-    labels: &[u32],
-    pockets: &[Pocket],
-    claims: &[Vec<u32>],
-) -> Result<Vec<Option<u32>>, Error> {
-    let patches = labels.iter().max().map_or(0, |&l| l as usize + 1);
-    let mut claimants: Vec<Vec<u32>> = vec![Vec::new(); patches];
-    for (pocket, claimed) in claims.iter().enumerate() {
-        for &patch in claimed {
-            claimants[patch as usize].push(pocket as u32);
+    let mut triangles: Vec<Vec<u32>> = vec![Vec::new(); pockets.len()];
+    for (f, owner) in patches
+        .owners(surface, pockets, &claims)?
+        .into_iter()
+        .enumerate()
+    {
+        if let Some(owner) = owner {
+            triangles[owner as usize].push(f as u32);
         }
     }
-    let trees: Vec<PointTree<3>> = pockets
+    Ok(pockets
         .iter()
-        .map(|pocket| PointTree::of_positions(&pocket.points))
-        .collect::<Result<_, _>>()?;
-    let distance = |pocket: u32, p: &Point3| {
-        let found = trees[pocket as usize].nearest(&[p.x, p.y, p.z], 1);
-        found.first().map_or(f64::INFINITY, |near| near.distance)
-    };
-    let owner = |f: usize| {
-        let all = &claimants[labels[f] as usize];
-        if all.len() < 2 {
-            return all.first().copied();
-        }
-        let [a, b, c] = surface.corners(f).map(|p| p.coords);
-        let middle = Point3::from((a + b + c) / 3.0);
-        // Ranks settle what is equally near.
-        let nearer = |a: &u32, b: &u32| distance(*a, &middle).total_cmp(&distance(*b, &middle));
-        all.iter().copied().min_by(nearer)
-    };
-    Ok((0..labels.len()).map(owner).collect())
+        .zip(triangles)
+        .map(|(pocket, triangles)| patches.measured(pocket.rank, surface, triangles))
+        .collect())
 }
 
 /// The surface in patches, each with its burial.
@@ -133,21 +104,13 @@ impl Patches {
         let normals = Normals::OfMesh {
             rounds: options.normal_rounds,
         };
-        let asked = SpectrumOptions {
-            operator: Operator::Slo(Weight::ExpMinusH),
-            modes: options.modes,
-            regularization: options.regularization,
-            ..SpectrumOptions::default()
-        };
-        let spectrum = spectrum(&Element::Triangles(surface, &normals), &asked, run)?;
+        let spectrum = spectrum(
+            &Element::Triangles(surface, &normals),
+            &options.spectrum(),
+            run,
+        )?;
         let faces = Faces::from(surface);
-        let groups = SegmentOptions {
-            modes: Modes::Count(options.modes),
-            groups: Groups::Count(options.groups),
-            restarts: 1,
-            ..SegmentOptions::default()
-        };
-        let segments = segment(&spectrum, &faces, &groups, run)?;
+        let segments = segment(&spectrum, &faces, &options.segments(), run)?;
         let probes: Vec<Point3> = surface
             .positions()
             .iter()
@@ -199,6 +162,41 @@ impl Patches {
             }
         }
         chosen
+    }
+
+    /// The pocket of each triangle: the one that claims its patch, or of several the one with the nearest point.
+    fn owners(
+        &self,
+        surface: &TriMesh,
+        pockets: &[Pocket],
+        claims: &[Vec<u32>],
+    ) -> Result<Vec<Option<u32>>, Error> {
+        let mut claimants: Vec<Vec<u32>> = vec![Vec::new(); self.density.len()];
+        for (pocket, claimed) in claims.iter().enumerate() {
+            for &patch in claimed {
+                claimants[patch as usize].push(pocket as u32);
+            }
+        }
+        let trees: Vec<PointTree<3>> = pockets
+            .iter()
+            .map(|pocket| PointTree::of_positions(&pocket.points))
+            .collect::<Result<_, _>>()?;
+        let distance = |pocket: u32, p: &Point3| {
+            let found = trees[pocket as usize].nearest(&[p.x, p.y, p.z], 1);
+            found.first().map_or(f64::INFINITY, |near| near.distance)
+        };
+        let owner = |f: usize| {
+            let all = &claimants[self.labels[f] as usize];
+            if all.len() < 2 {
+                return all.first().copied();
+            }
+            let [a, b, c] = surface.corners(f).map(|p| p.coords);
+            let middle = Point3::from((a + b + c) / 3.0);
+            // Ranks settle what is equally near.
+            let nearer = |a: &u32, b: &u32| distance(*a, &middle).total_cmp(&distance(*b, &middle));
+            all.iter().copied().min_by(nearer)
+        };
+        Ok((0..self.labels.len()).map(owner).collect())
     }
 
     fn measured(&self, rank: usize, surface: &TriMesh, triangles: Vec<u32>) -> Outline {

@@ -3,7 +3,7 @@
 //! the other. So the parts that face each other across a gap are looked for now and then, and no change
 //! there may let more triangles cross.
 
-use geom_core::mesh::FACES;
+use geom_core::mesh::{FACES, sorted};
 use geom_core::search::crossing::BoxedTriangle;
 use geom_core::{Aabb, Point3, Vector3};
 use rayon::prelude::*;
@@ -178,11 +178,6 @@ fn distinct<T: Ord>(items: impl Iterator<Item = T>) -> Vec<T> {
     items.sort_unstable();
     items.dedup();
     items
-}
-
-fn sorted(mut face: [u32; 3]) -> [u32; 3] {
-    face.sort_unstable();
-    face
 }
 
 /// The boundary around a change: the triangles that it makes and those that it takes away or moves.

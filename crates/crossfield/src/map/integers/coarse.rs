@@ -101,8 +101,8 @@ impl Coarse {
     fn make_delaunay(&mut self) {
         let most = 20 * self.alive.iter().filter(|&&a| a).count();
         for _ in 0..most {
-            let all = (0..self.from.len()).filter(|&h| self.alive[h / 3]);
-            let Some(h) = all.filter(|&h| self.is_too_long(h)).min() else {
+            let is_next = |&h: &usize| self.alive[h / 3] && self.is_too_long(h);
+            let Some(h) = (0..self.from.len()).find(is_next) else {
                 return;
             };
             self.flip(h);

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::{AnyMesh, MeshFile};
 use crate::io::view::{Group, NO_GROUP, View};
-use crate::mesh::{Interface, Region};
+use crate::mesh::{Region, sorted};
 use crate::search::bvh::TriangleTree;
 use crate::{Point3, TetMesh, TriMesh};
 
@@ -43,10 +43,12 @@ impl VolumeGroups {
             };
         };
         let mut regions: Vec<(Region, Group)> = Vec::new();
+        let mut seen = [false; 256];
         for (&region, &group) in mesh.regions().iter().zip(&file.group_of) {
-            let named = file.groups.get(group as usize);
-            if let Some(group) = named.filter(|_| regions.iter().all(|r| r.0 != region)) {
+            let seen = &mut seen[usize::from(region)];
+            if let (Some(group), false) = (file.groups.get(group as usize), *seen) {
                 regions.push((region, group.clone()));
+                *seen = true;
             }
         }
         Self {
@@ -74,7 +76,7 @@ impl VolumeGroups {
         }
         let of_tets = mesh.regions().iter().map(|&r| of_region[usize::from(r)]);
         let of_faces = match &self.patches {
-            Some(patches) => patches.nearest(mesh, &mut all),
+            Some(patches) => patches.nearest(&view, &mut all),
             None => vec![None; view.cells() - mesh.tets().len()],
         };
         let ours: Vec<u32> = view.groups.iter().map(|g| all.number(g)).collect();
@@ -120,10 +122,6 @@ impl Numbered {
 
 impl Patches {
     fn of(file: &MeshFile, mesh: &TetMesh) -> Option<Self> {
-        let sorted = |mut corners: [u32; 3]| {
-            corners.sort_unstable();
-            corners
-        };
         let mut named: Vec<([u32; 3], u32)> = file
             .faces
             .iter()
@@ -140,23 +138,27 @@ impl Patches {
             found.map_or(NO_GROUP, |at| named[at].1)
         };
         let group_of = triangles.iter().map(group).collect();
-        let faces = TriMesh::new(mesh.positions().to_vec(), triangles).ok()?;
+        if triangles.is_empty() {
+            return None;
+        }
+        let faces = TriMesh::new(mesh.positions().to_vec(), triangles);
+        let faces = faces.expect("the faces of a valid mesh are valid");
         Some(Self {
-            tree: TriangleTree::new(&faces).ok()?,
+            tree: TriangleTree::new(&faces).expect("there is a triangle"),
             group_of,
             groups: file.groups.clone(),
         })
     }
 
-    /// The group of each face's nearest one, if that has one.
-    fn nearest(&self, mesh: &TetMesh, all: &mut Numbered) -> Vec<Option<u32>> {
+    /// The group of the patch nearest to each face of a view, if that has one.
+    fn nearest(&self, view: &View<'_>, all: &mut Numbered) -> Vec<Option<u32>> {
         let number: Vec<u32> = self.groups.iter().map(|g| all.number(g)).collect();
-        let group = |face: &Interface| {
-            let [a, b, c] = face.triangle.map(|v| mesh.positions()[v as usize].coords);
+        let group = |[a, b, c]: [u32; 3]| {
+            let [a, b, c] = [a, b, c].map(|v| view.points[v as usize].coords);
             let nearest = self.tree.closest(&Point3::from((a + b + c) / 3.0));
             let group = self.group_of[nearest.triangle as usize];
             number.get(group as usize).copied()
         };
-        mesh.interfaces().par_iter().map(group).collect()
+        view.triangles().into_par_iter().map(group).collect()
     }
 }

@@ -66,7 +66,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<MeshFile, Error> {
     let path = path.as_ref();
     let bytes = read_bytes(path)?;
     let view = parse(&bytes, &extension(path));
-    view.and_then(MeshFile::try_from)
+    view.and_then(MeshFile::of_checked)
         .map_err(|e| e.in_file(path))
 }
 
@@ -126,7 +126,13 @@ impl TryFrom<View<'static>> for MeshFile {
     type Error = Error;
 
     fn try_from(view: View<'static>) -> Result<Self, Error> {
-        let view = view.checked()?;
+        Self::of_checked(view.checked()?)
+    }
+}
+
+impl MeshFile {
+    /// The same of a view that a reader has checked.
+    fn of_checked(view: View<'static>) -> Result<Self, Error> {
         let kind = |dimension: u8| {
             view.blocks
                 .iter()

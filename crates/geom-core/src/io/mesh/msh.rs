@@ -13,7 +13,7 @@ use crate::io::bytes::{Bytes, Scalar, put_all};
 use crate::io::text::Words;
 use crate::io::view::{Cells, Field, Group, NO_GROUP, Numbers, Values, View};
 use crate::io::{Encoding, Error, ErrorKind, read_bytes};
-use crate::mesh::FACES;
+use crate::mesh::{FACES, sorted};
 
 /// A version of the format.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -205,10 +205,6 @@ fn runs(view: &View<'_>, tags: &[i32]) -> Result<Vec<Run>, Error> {
 
 /// The pairs of volume and surface entities of which the second bounds the first, in order.
 fn sides(view: &View<'_>, runs: &[Run]) -> Vec<(i32, i32)> {
-    let sorted = |mut corners: [u32; 3]| {
-        corners.sort_unstable();
-        corners
-    };
     // The faces, and the points of which they are made: few tetrahedra have three of those in a face.
     let mut faces: Vec<([u32; 3], i32)> = Vec::new();
     let mut on_face = vec![false; view.points.len()];

@@ -59,7 +59,8 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
         );
         offset += 8 + bytes as u64;
     };
-    let group_numbers = grouped(view);
+    let tags = view.tags();
+    let group_numbers = grouped(view, &tags);
     let colors: Option<Values<'_>> = view.colors.as_ref().map(|c| c.as_ref().into());
     let fields = |header: &mut String,
                   array: &mut dyn FnMut(&mut String, &str, &str, usize, usize),
@@ -76,7 +77,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     );
     if group_numbers.is_some() && !view.groups.is_empty() {
         header.push_str("<FieldData>\n");
-        for (tag, group) in view.tags().iter().zip(&view.groups) {
+        for (tag, group) in tags.iter().zip(&view.groups) {
             // As text, because meshio does not look for field data in the appended part.
             let (name, dimension) = (escaped(&group.name), group.dimension);
             let _ = writeln!(
@@ -160,8 +161,7 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
 }
 
 /// The tag of each cell's group, 0 for none; `None` if the view has no groups.
-fn grouped<'v>(view: &'v View<'_>) -> Option<impl Iterator<Item = u32> + 'v> {
-    let tags = view.tags();
+fn grouped<'v>(view: &'v View<'_>, tags: &'v [i32]) -> Option<impl Iterator<Item = u32> + 'v> {
     let tag = move |&g: &u32| tags.get(g as usize).map_or(0, |&tag| tag as u32);
     (!view.group_of.is_empty()).then(|| view.group_of.iter().map(tag))
 }
@@ -312,7 +312,9 @@ fn groups(reader: &Arrays<'_, '_>, grid: Node<'_, '_>, view: &mut View<'_>) -> R
             continue;
         }
         let numbers = reader.numbers(array)?;
-        if let (2, Numbers::I32(n)) = (numbers.len() * numbers.components, &numbers.numbers) {
+        if let (2, Numbers::I32(n)) = (numbers.len() * numbers.components, &numbers.numbers)
+            && n[0] > 0
+        {
             groups.push(Group {
                 name: array.attribute("Name").unwrap_or("unnamed").to_owned(),
                 dimension: n[1].clamp(0, 3) as u8,
