@@ -234,28 +234,28 @@ fn what_a_backend_fails_of_reaches_the_caller() {
         values.push(0.0);
         Ok(())
     });
-    for backend in [short, long] {
+    let nan = Odd::Cycle(|values| {
+        values[3] = f32::NAN;
+        Ok(())
+    });
+    for backend in [short, long, nan] {
         let error = solved(&backend).unwrap_err();
         assert!(matches!(error, Error::Backend(_)), "{error}");
         assert!(error.to_string().starts_with("odd gave"), "{error}");
     }
-    // A direction is only a proposal: a poor one costs steps, one that is no number is replaced.
+    // Zeros are numbers, and of no use: random directions take their place, which converge hardly, and the
+    // report says so.
     let zeros = Odd::Cycle(|values| {
         values.fill(0.0);
         Ok(())
     });
-    let nan = Odd::Cycle(|values| {
-        values.fill(f32::NAN);
-        Ok(())
-    });
-    let ours = solved(&Odd::Cycle(|_| Ok(()))).unwrap();
-    for backend in [zeros, nan] {
-        let pairs = solved(&backend).unwrap();
-        assert!(pairs.report.converged, "{:?}", pairs.residuals);
-        for (a, b) in pairs.values.iter().zip(&ours.values) {
-            assert!((a - b).abs() <= 1e-9, "{a} {b}");
-        }
-    }
+    let pairs = solved(&zeros).unwrap();
+    assert!(!pairs.report.converged);
+    assert!(
+        pairs.residuals.iter().any(|&r| r > 1e-3),
+        "{:?}",
+        pairs.residuals
+    );
 }
 
 #[test]

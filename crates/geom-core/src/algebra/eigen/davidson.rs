@@ -62,6 +62,10 @@ pub(super) fn pairs<B: SpectralBackend + ?Sized>(
         BackendError::unless(found == n * b, &run.backend.name(), || {
             format!("{found} values for a cycle of {n} rows × {b}")
         })?;
+        let finite = directions.iter().all(|x| x.is_finite());
+        BackendError::unless(finite, &run.backend.name(), || {
+            "a value that is not finite in a cycle".to_owned()
+        })?;
         let mut w: Vec<f64> = directions.iter().copied().map(f64::from).collect();
         report.solves += b;
         let mut taken = Taken::nothing(basis.columns.count(), b);
