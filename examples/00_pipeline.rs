@@ -3,35 +3,29 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use biogeom_examples::args::{Common, DensityArgs, HasCommon, Method, ReaderArgs, Region};
-use biogeom_examples::source::Field;
+use biogeom_examples::args::{Common, HasCommon, MeshArgs, Region, VolumeArgs};
+use biogeom_examples::labels::LabelArgs;
+use biogeom_examples::source::SourceArgs;
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
-use dual_contour::Extent;
-use gauss_density::Model;
 use serde::Serialize;
 
-/// From atoms to a quality tetrahedral mesh, inside and outside of the molecule's surface
+/// From atoms or a grid to a quality tetrahedral mesh, inside and outside of the molecule's surface
 #[derive(Parser, Serialize)]
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
-    /// Structure: PDB, mmCIF or PQR, each also gzip-compressed
-    #[serde(serialize_with = "biogeom_examples::args::as_text")]
-    input: PathBuf,
-    /// What to mesh
-    #[arg(long, value_enum, default_value_t)]
-    region: Region,
-    /// How to mesh
-    #[arg(long, value_enum, default_value_t)]
-    method: Method,
+    #[command(flatten)]
+    source: SourceArgs,
+    #[command(flatten)]
+    mesh: MeshArgs,
+    #[command(flatten)]
+    volume: VolumeArgs,
     /// Let no walls of gaps that are not meshed cross, for programs that take the surface further; takes
     /// up to three times as long
     #[arg(long)]
     keep_apart: bool,
     #[command(flatten)]
-    density: DensityArgs,
-    #[command(flatten)]
-    reader: ReaderArgs,
+    labels: LabelArgs,
     #[command(flatten)]
     common: Common,
 }
@@ -43,8 +37,13 @@ Examples:
   00_pipeline 1ajj.pdb --method dual-contour --out thesis
   00_pipeline 1ajj.pdb --keep-apart --out for-tetgen
   00_pipeline 1su4.pdb --region both --spacing 0.8 --residue-power 0.25 --out both
+  00_pipeline 2nwl_opm.pdb --membrane --region both --outer box:1.5 --out membrane
+  00_pipeline 1ajj.pdb --region both --spacing 0.5 --max-cell 2 --out study
 
-Outputs: surface.ply, surface.glb (coloured by chain) and surface.png; volume.vtu (regions and quality
+Materials get the region numbers 2, 3, … in the order cylinders, balls, boxes, slabs; where they overlap
+the first one counts, and the molecule (1) before all.
+
+Outputs: surface.ply, surface.glb (coloured by --color) and surface.png; volume.vtu (regions and quality
 per tetrahedron), volume.msh (named groups, for solvers) and volume.png (a cut); quality.png;
 report.json with counts, quality before and after, seconds per stage and peak memory.";
 
@@ -53,7 +52,7 @@ impl HasCommon for Args {
         &self.common
     }
     fn inputs(&self) -> Vec<PathBuf> {
-        vec![self.input.clone()]
+        vec![self.source.input.clone()]
     }
 }
 
@@ -62,37 +61,25 @@ fn main() -> ExitCode {
 }
 
 fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
-    if matches!(args.region, Region::Both) {
+    if matches!(args.volume.region, Region::Both) {
         session.refuse(&["keep_apart"], "is for --region interior and exterior")?;
     }
-    let structure = args.reader.read(session, &args.input)?.structure;
-    let model = Model::uniform(&structure, &args.density.model.levels())?;
-    let density = args.density.options(&structure, session);
-    let sampled = session.stage("density", || {
-        gauss_density::sample_band(&model, &density, session.on(session.device.density()))
-    })?;
-    session.note("spacing", density.spacing)?;
-    session.note("density", &sampled.report)?;
-
-    let field = Field::of_atoms(&model, density.cutoff)?;
-    let contour = dual_contour::Options {
-        method: args.method.into(),
-        region: Extent::from(args.region),
-        max_memory: session.memory(),
-        ..Default::default()
-    };
+    let source = args.source.read(session)?;
+    let field = source.field()?;
+    let options = args.volume.options(&args.mesh, &source, session)?;
     let volume = session.stage("tetrahedra", || {
         dual_contour::volume(
-            &sampled.grid,
+            &source.values,
             Some(&field),
-            &contour,
+            &options,
             session.on(session.device.contour()),
         )
     })?;
     session.note("contour", &volume.report)?;
 
     let quality = tet_quality::Options {
-        spacing: Some(density.spacing),
+        level: source.level,
+        spacing: Some(volume.report.spacing),
         keep_apart: args.keep_apart,
         ..Default::default()
     };
@@ -112,8 +99,15 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
     products::note_surface(session, &surface)?;
     session.files(7, || {
         products::side_by_side(
-            || products::save_surface(session, "surface", &surface, Some(&structure)),
-            || products::save_volume(session, "volume", &mesh, (&mesh).into()),
+            || {
+                products::save_surface(
+                    session,
+                    "surface",
+                    &surface,
+                    source.structure().map(|s| (s, &args.labels)),
+                )
+            },
+            || products::save_volume(session, "volume", &mesh, (&mesh).into(), source.structure()),
         )?;
         products::picture_of_quality(session, "quality", &report.before.all, &report.after.all)
     })

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon, MeshArgs};
+use biogeom_examples::labels::LabelArgs;
 use biogeom_examples::source::SourceArgs;
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
@@ -19,6 +20,8 @@ struct Args {
     #[command(flatten)]
     mesh: MeshArgs,
     #[command(flatten)]
+    labels: LabelArgs,
+    #[command(flatten)]
     common: Common,
 }
 
@@ -28,7 +31,7 @@ Examples:
   02_surface 1su4.pdb --spacing 0.5 --tolerance 0.2 --out adaptive
   02_surface emd_1234.map.gz --isovalue 0.03 --out map
 
-Outputs: surface.ply, surface.glb (coloured by chain), surface.png, report.json with the audit (closed,
+Outputs: surface.ply, surface.glb (coloured by --color), surface.png, report.json with the audit (closed,
 manifold, parts, Euler characteristic), area and volume.";
 
 impl HasCommon for Args {
@@ -59,6 +62,11 @@ fn contour(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("contour", &made.report)?;
     products::note_surface(session, &made.mesh)?;
     session.files(3, || {
-        products::save_surface(session, "surface", &made.mesh, source.structure())
+        products::save_surface(
+            session,
+            "surface",
+            &made.mesh,
+            source.structure().map(|s| (s, &args.labels)),
+        )
     })
 }

@@ -3,15 +3,16 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use biogeom_examples::args::{self, Common, HasCommon, MeshArgs, Region};
+use biogeom_examples::args::{Common, HasCommon, MeshArgs, VolumeArgs};
+use biogeom_examples::labels::LabelArgs;
 use biogeom_examples::source::SourceArgs;
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
-use dual_contour::{Material, Outer, Shape, volume};
-use geom_core::Vector3;
+use dual_contour::volume;
 use serde::Serialize;
 
-/// From atoms or a grid to tetrahedra inside and outside of its surface
+/// From atoms or a grid to tetrahedra inside and outside of its surface, as the mesher makes them; 00_pipeline
+/// takes the same options and improves them
 #[derive(Parser, Serialize)]
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
@@ -19,30 +20,10 @@ struct Args {
     source: SourceArgs,
     #[command(flatten)]
     mesh: MeshArgs,
-    /// What to mesh
-    #[arg(long, value_enum, default_value_t)]
-    region: Region,
-    /// Where the exterior ends: grid, box:SCALE or sphere:SCALE
-    #[arg(long, value_name = "grid|box:S|sphere:S", default_value = "grid", value_parser = args::outer)]
-    outer: Outer,
-    /// A material between two planes, e.g. a membrane z:-15:15; may be repeated
-    #[arg(long, value_name = "AXIS:LOW:HIGH", value_parser = args::slab)]
-    slab: Vec<Shape>,
-    /// A material in a cylinder between two points; may be repeated
-    #[arg(long, value_name = "X,Y,Z:X,Y,Z:R", value_parser = args::cylinder)]
-    cylinder: Vec<Shape>,
-    /// A material in a ball; may be repeated
-    #[arg(long, value_name = "X,Y,Z:R", value_parser = args::ball)]
-    ball: Vec<Shape>,
-    /// A material in an axis-aligned box between two corners; may be repeated
-    #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = args::cuboid)]
-    cuboid: Vec<Shape>,
-    /// Take the membrane's planes from the structure file (dummy atoms as in the OPM database)
-    #[arg(long)]
-    membrane: bool,
-    /// Give each separate part of the exterior a region number of its own
-    #[arg(long)]
-    separate_exterior: bool,
+    #[command(flatten)]
+    volume: VolumeArgs,
+    #[command(flatten)]
+    labels: LabelArgs,
     #[command(flatten)]
     common: Common,
 }
@@ -74,27 +55,7 @@ fn main() -> ExitCode {
 fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
     let source = args.source.read(session)?;
     let field = source.field()?;
-    let mut shapes = [&args.cylinder[..], &args.ball, &args.cuboid, &args.slab].concat();
-    if args.membrane {
-        let planes = source
-            .membrane
-            .ok_or("the file has no dummy atoms that mark a membrane; give --slab")?;
-        shapes.push(Shape::Slab {
-            normal: Vector3::z(),
-            low: planes.lower,
-            high: planes.upper,
-        });
-    }
-    let options = dual_contour::Options {
-        region: args.region.into(),
-        outer: args.outer,
-        separate_exterior: args.separate_exterior,
-        materials: (2..)
-            .zip(shapes)
-            .map(|(region, shape)| Material { region, shape })
-            .collect(),
-        ..args.mesh.options(&source, session)?
-    };
+    let options = args.volume.options(&args.mesh, &source, session)?;
     let made = session.stage("tetrahedra", || {
         volume(
             &source.values,
@@ -109,8 +70,23 @@ fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
     products::note_surface(session, &made.surface)?;
     session.files(6, || {
         products::side_by_side(
-            || products::save_surface(session, "surface", &made.surface, source.structure()),
-            || products::save_volume(session, "volume", &made.mesh, (&made.mesh).into()),
+            || {
+                products::save_surface(
+                    session,
+                    "surface",
+                    &made.surface,
+                    source.structure().map(|s| (s, &args.labels)),
+                )
+            },
+            || {
+                products::save_volume(
+                    session,
+                    "volume",
+                    &made.mesh,
+                    (&made.mesh).into(),
+                    source.structure(),
+                )
+            },
         )
     })
 }

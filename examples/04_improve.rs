@@ -107,7 +107,9 @@ fn main() -> ExitCode {
 }
 
 fn better(args: &Args, session: &Session) -> Result<(), Failure> {
-    let file = session.stage("reading", || io::mesh::read(&args.input))?;
+    let file = session.stage("reading", || {
+        io::mesh::read_up_to(&args.input, session.memory())
+    })?;
     let groups = VolumeGroups::of(&file);
     match file.mesh {
         AnyMesh::Tet(mesh) => better_tets(args, mesh, &groups, session),
@@ -159,7 +161,7 @@ fn better_tets(
     session.note("quality", &report)?;
     products::note_volume(session, &mesh)?;
     session.files(4, || {
-        products::save_volume(session, "improved", &mesh, groups.view(&mesh))?;
+        products::save_volume(session, "improved", &mesh, groups.view(&mesh), None)?;
         products::picture_of_quality(session, "quality", &report.before.all, &report.after.all)
     })
 }

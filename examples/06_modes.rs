@@ -71,6 +71,14 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
         components.swap_remove(0)
     };
     products::note_surface(session, &mesh)?;
+    let vertices = mesh.positions().len();
+    if args.count as usize > vertices {
+        let count = args.count;
+        return Err(format!(
+            "--count {count}: a surface of {vertices} vertices has {vertices} eigenpairs"
+        )
+        .into());
+    }
     let pairs = session.stage("eigenpairs", || {
         let stiffness = laplace::stiffness(&mesh)?;
         let mass = if args.consistent {

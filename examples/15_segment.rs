@@ -147,7 +147,9 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         let because = "is of --operator slo";
         session.refuse(&["weight", "regularization"], because)?;
     }
-    let read = session.stage("reading", || io::mesh::read(&args.input))?;
+    let read = session.stage("reading", || {
+        io::mesh::read_up_to(&args.input, session.memory())
+    })?;
     let done = match read.mesh {
         AnyMesh::Quad(mesh) => {
             session.refuse(

@@ -113,7 +113,9 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         Method::MeanCurvature => session.refuse(&["sharpen"], "is of --method ggho")?,
         Method::Ggho => {}
     }
-    let read = session.stage("reading", || io::mesh::read(&args.input))?;
+    let read = session.stage("reading", || {
+        io::mesh::read_up_to(&args.input, session.memory())
+    })?;
     match read.mesh {
         AnyMesh::Quad(mesh) if args.method != Method::Bilateral => {
             session.refuse(

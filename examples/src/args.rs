@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use dual_contour::{Extent, Outer, Resolution, Shape, Zone};
+use dual_contour::{Extent, Material, Outer, Resolution, Shape, Zone};
 use gauss_density::{Cutoff, Levels};
 use geom_core::io::structure::{self, Models, Radii, ReadOptions, ReadStructure};
 use geom_core::structure::Selector;
@@ -47,7 +47,7 @@ pub struct Common {
     /// Threads [default: one per core]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Most memory that grids may take, e.g. 500M or 4G [default: half of what is free]
+    /// Most memory that a file may unpack to, and grids may take, e.g. 500M or 4G [default: half of what is free]
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub max_memory: Option<u64>,
     /// What draws the pictures
@@ -258,7 +258,11 @@ impl ReaderArgs {
 
     /// Reads a structure, as a stage of the session, and notes what was kept.
     pub fn read(&self, session: &Session, path: &Path) -> Result<ReadStructure, Failure> {
-        let read = session.stage("reading", || structure::read(path, &self.options()))?;
+        let options = ReadOptions {
+            max_bytes: session.memory(),
+            ..self.options()
+        };
+        let read = session.stage("reading", || structure::read(path, &options))?;
         session.note("structure", &read.report)?;
         let s = &read.structure;
         let counts = serde_json::json!({
@@ -314,7 +318,8 @@ pub struct MeshArgs {
     /// Atoms around which another tolerance holds, such as A,B:10-25=0.1; may be repeated
     #[arg(long, value_name = "SELECTOR=LENGTH", value_parser = finer)]
     pub finer: Vec<Finer>,
-    /// Largest cells, Å [default: as large as the balance of the octree allows]
+    /// Largest cells, Å [default: as large as the balance of the octree allows, so that cells inside stay coarse
+    /// when --spacing is halved; studies of convergence halve both]
     #[arg(long, value_name = "LENGTH")]
     pub max_cell: Option<f64>,
     /// Where the vertices of dual contouring go within cells [default: newton]
@@ -384,6 +389,68 @@ impl MeshArgs {
             },
             max_memory: session.memory(),
             ..Default::default()
+        })
+    }
+}
+
+/// What is filled with tetrahedra.
+#[derive(Clone, Debug, Args, Serialize)]
+#[command(next_help_heading = "Regions")]
+pub struct VolumeArgs {
+    /// What to mesh
+    #[arg(long, value_enum, default_value_t)]
+    pub region: Region,
+    /// Where the exterior ends: grid, box:SCALE or sphere:SCALE
+    #[arg(long, value_name = "grid|box:S|sphere:S", default_value = "grid", value_parser = outer)]
+    pub outer: Outer,
+    /// A material between two planes, e.g. a membrane z:-15:15; may be repeated
+    #[arg(long, value_name = "AXIS:LOW:HIGH", value_parser = slab)]
+    pub slab: Vec<Shape>,
+    /// A material in a cylinder between two points; may be repeated
+    #[arg(long, value_name = "X,Y,Z:X,Y,Z:R", value_parser = cylinder)]
+    pub cylinder: Vec<Shape>,
+    /// A material in a ball; may be repeated
+    #[arg(long, value_name = "X,Y,Z:R", value_parser = ball)]
+    pub ball: Vec<Shape>,
+    /// A material in an axis-aligned box between two corners; may be repeated
+    #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = cuboid)]
+    pub cuboid: Vec<Shape>,
+    /// Take the membrane's planes from the structure file (dummy atoms as in the OPM database)
+    #[arg(long)]
+    pub membrane: bool,
+    /// Give each separate part of the exterior a region number of its own
+    #[arg(long)]
+    pub separate_exterior: bool,
+}
+
+impl VolumeArgs {
+    /// What these and the options of the surface ask for together.
+    pub fn options(
+        &self,
+        mesh: &MeshArgs,
+        source: &Source,
+        session: &Session,
+    ) -> Result<dual_contour::Options, Failure> {
+        let mut shapes = [&self.cylinder[..], &self.ball, &self.cuboid, &self.slab].concat();
+        if self.membrane {
+            let planes = source
+                .membrane
+                .ok_or("the file has no dummy atoms that mark a membrane; give --slab")?;
+            shapes.push(Shape::Slab {
+                normal: Vector3::z(),
+                low: planes.lower,
+                high: planes.upper,
+            });
+        }
+        Ok(dual_contour::Options {
+            region: self.region.into(),
+            outer: self.outer,
+            separate_exterior: self.separate_exterior,
+            materials: (2..)
+                .zip(shapes)
+                .map(|(region, shape)| Material { region, shape })
+                .collect(),
+            ..mesh.options(source, session)?
         })
     }
 }

@@ -7,11 +7,13 @@
 
 pub mod args;
 pub mod crosses;
+pub mod labels;
 pub mod picture;
 pub mod products;
 pub mod session;
 pub mod source;
 pub mod surface;
+mod words;
 
 pub use session::{Failure, Session, run};
 

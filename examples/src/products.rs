@@ -1,13 +1,16 @@
 //! What several programs write: surfaces and volumes with their pictures and numbers.
 
-use geom_core::io::{self, view::View as Fields};
+use geom_core::io::{
+    self,
+    view::{NO_CELL, View as Fields},
+};
 use geom_core::mesh::{SurfaceAudit, VolumeAudit};
 use geom_core::search::crossing::crossing_pairs;
-use geom_core::search::nearest::{NearestError, PointTree};
 use geom_core::{Point3, Structure, TetMesh, TriMesh, mesh};
 use serde_json::json;
 use tet_quality::{Measures, Summary};
 
+use crate::labels::{LabelArgs, Labels};
 use crate::picture::{
     Bars, ColorMap, Image, Layer, Paint, Rgb, Scale, Scene, View, cut_tets, histogram, mix,
     region_color,
@@ -20,51 +23,25 @@ pub const SIZE: [usize; 2] = [1280, 960];
 pub const GOLD: Rgb = [224, 172, 98];
 const SKIN: Rgb = [222, 222, 224];
 
-/// One colour per vertex: that of the chain of the nearest atom. One chain is golden.
-pub fn chain_colors(structure: &Structure, mesh: &TriMesh) -> Result<Vec<Rgb>, NearestError> {
-    const CHAINS: [Rgb; 10] = [
-        [114, 158, 206],
-        [255, 176, 98],
-        [124, 190, 120],
-        [232, 124, 118],
-        [172, 146, 202],
-        [178, 138, 120],
-        [232, 158, 204],
-        [168, 168, 168],
-        [206, 204, 108],
-        [122, 204, 218],
-    ];
-    if structure.chains().len() < 2 {
-        return Ok(vec![GOLD; mesh.positions().len()]);
-    }
-    let mut chain_of = vec![0u32; structure.atoms().len()];
-    for chain in 0..structure.chains().len() {
-        for residue in structure.chain_residues(chain) {
-            chain_of[structure.residue_atoms(residue)].fill(chain as u32);
-        }
-    }
-    let centers: Vec<_> = structure.atoms().iter().map(|a| a.position).collect();
-    let queries: Vec<[f64; 3]> = mesh.positions().iter().map(|p| [p.x, p.y, p.z]).collect();
-    let near = PointTree::of_positions(&centers)?.nearest_to_all(&queries, 1)?;
-    Ok(near
-        .iter()
-        .map(|n| CHAINS[chain_of[n[0].index as usize] as usize % CHAINS.len()])
-        .collect())
-}
-
-/// Writes `NAME.ply`, `NAME.glb` and `NAME.png`, coloured by chain if there are chains.
+/// Writes `NAME.ply`, `NAME.glb` and `NAME.png`. Of a surface around atoms, the nearest give the fields `atom`,
+/// `residue` and `chain` of the PLY file, and the colour.
 pub fn save_surface(
     session: &Session,
     name: &str,
     mesh: &TriMesh,
-    structure: Option<&Structure>,
+    structure: Option<(&Structure, &LabelArgs)>,
 ) -> Result<(), Failure> {
-    let colors = match structure {
-        Some(structure) => chain_colors(structure, mesh)?,
-        None => vec![GOLD; mesh.positions().len()],
-    };
+    let labels = structure
+        .map(|(s, _)| Labels::of(s, mesh.positions()))
+        .transpose()?;
+    let mut view = Fields::from(mesh);
+    let mut colors = vec![GOLD; mesh.positions().len()];
+    if let (Some(labels), Some((_, args))) = (&labels, structure) {
+        view = labels.fields(view)?;
+        colors = labels.colors(args.color);
+    }
     side_by_side(
-        || save_colored(session, name, mesh, &colors),
+        || save_colored(session, name, view, &colors),
         || picture_of_surface(session, name, mesh, colors.clone()),
     )
 }
@@ -107,7 +84,7 @@ pub fn save_scalars(
     scale: &Scale,
 ) -> Result<Layer, Failure> {
     let colors = scale.colors(values);
-    save_colored(session, name, mesh, &colors)?;
+    save_colored(session, name, Fields::from(mesh), &colors)?;
     let mut layer = Layer::surface(mesh, Paint::Vertices(colors));
     layer.edges = false;
     Ok(layer)
@@ -116,10 +93,10 @@ pub fn save_scalars(
 fn save_colored(
     session: &Session,
     name: &str,
-    mesh: &TriMesh,
+    view: Fields<'_>,
     colors: &[Rgb],
 ) -> Result<(), Failure> {
-    let view = Fields::from(mesh).colored(rgba(colors))?;
+    let view = view.colored(rgba(colors))?;
     let save = |kind| {
         Ok(io::mesh::save(
             session.output(format!("{name}.{kind}"))?,
@@ -190,31 +167,52 @@ pub fn note_volume(session: &Session, mesh: &TetMesh) -> Result<(), Failure> {
 }
 
 /// Writes `NAME.vtu`, `NAME.msh` and `NAME.png`: regions, quality per tetrahedron, and a cut. `view` is the mesh with
-/// the names of its groups.
+/// the names of its groups; around atoms, the nearest give the fields `atom`, `residue` and `chain` of the points.
 pub fn save_volume(
     session: &Session,
     name: &str,
     mesh: &TetMesh,
     view: Fields<'_>,
+    structure: Option<&Structure>,
 ) -> Result<(), Failure> {
+    let labels = structure
+        .map(|s| Labels::of(s, mesh.positions()))
+        .transpose()?;
     let mut measures = Vec::new();
     let device = session.device.quality();
     device.measure(mesh.positions(), mesh.tets(), &mut measures)?;
-    let field =
-        |value: fn(&Measures) -> f64| measures.iter().map(|m| value(m) as f32).collect::<Vec<_>>();
+    // A face shows the quality of the tetrahedron behind it.
+    let sides = view.sides();
+    let with_faces = |mut values: Vec<f32>| {
+        let of_side = |&(_, [behind, before]): &(u32, [u32; 2])| {
+            let tet = if behind == NO_CELL { before } else { behind };
+            values.get(tet as usize).copied().unwrap_or(f32::NAN)
+        };
+        let faces: Vec<f32> = sides.iter().map(of_side).collect();
+        values.extend(faces);
+        values
+    };
+    let field = |value: fn(&Measures) -> f64| {
+        with_faces(measures.iter().map(|m| value(m) as f32).collect())
+    };
     let low = field(|m| m.min_dihedral);
     let high = field(|m| m.max_dihedral);
     let shape = field(|m| m.joe_liu);
     let edges = field(|m| m.edge_ratio);
     let of_corners = |value: fn([Point3; 4]) -> f64| -> Vec<f32> {
-        (0..measures.len())
-            .map(|t| value(mesh.corners(t)) as f32)
-            .collect()
+        with_faces(
+            (0..measures.len())
+                .map(|t| value(mesh.corners(t)) as f32)
+                .collect(),
+        )
     };
     let radii = of_corners(tet_quality::radius_ratio);
     let aspect = of_corners(tet_quality::aspect_ratio);
-    let fields = view
-        .clone()
+    let mut fields = view.clone();
+    if let Some(labels) = &labels {
+        fields = labels.fields(fields)?;
+    }
+    let fields = fields
         .cell_field("min_dihedral", &low)?
         .cell_field("max_dihedral", &high)?
         .cell_field("joe_liu", &shape)?

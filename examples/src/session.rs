@@ -1,9 +1,11 @@
 //! One run of a program: threads, backend, progress, outputs and `report.json`.
 
+use std::fs::File;
+use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -18,18 +20,22 @@ use indicatif::{ProgressBar, ProgressStyle};
 use secondfund_ops::OperatorBackend;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
+#[cfg(unix)]
+use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use tet_quality::QualityBackend;
 
 use crate::args::{BackendName, Common, HasCommon};
 use crate::picture::{Image, Rasterizer};
+use crate::words;
 
 /// Why a program stops: said in one line.
 pub type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 /// Parses the arguments, runs `work` on a pool of the asked threads, and moves the outputs to their
-/// place. Failures become one line on stderr, exit code 1, and no output.
+/// place. Failures become one line on stderr, exit code 1, and no output; a signal that ends the work is the
+/// exit code, as shells count (130 for Ctrl-C).
 pub fn run<A>(
     program: &'static str,
     work: impl FnOnce(&A, &Session) -> Result<(), Failure> + Send,
@@ -40,45 +46,52 @@ where
     let matches = A::command().get_matches();
     let args = A::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
     let stop = Arc::<AtomicBool>::default();
-    let done = heed_signals(stop.clone())
+    let signal = Arc::<AtomicUsize>::default();
+    let done = heed_signals(&stop, &signal)
         .and_then(|()| run_with(program, &args, given(&matches), stop, work));
     match done {
         Ok(summary) => {
             if !args.common().quiet {
-                say(&summary);
+                // A reader that has gone misses the words, not the files.
+                let _ = writeln!(std::io::stdout(), "{summary}");
             }
             ExitCode::SUCCESS
         }
         Err(failure) => {
             complain(&failure.to_string());
-            ExitCode::FAILURE
+            match signal.load(Ordering::Relaxed) {
+                0 => ExitCode::FAILURE,
+                number => ExitCode::from(128 + number as u8),
+            }
         }
     }
 }
 
-/// Ctrl-C and SIGTERM ask the work to stop, which leaves nothing behind; a second one does not wait.
-fn heed_signals(stop: Arc<AtomicBool>) -> Result<(), Failure> {
-    for signal in [SIGINT, SIGTERM] {
+/// Ctrl-C, SIGTERM and the end of the terminal ask the work to stop, which leaves nothing behind; a second
+/// one does not wait.
+fn heed_signals(stop: &Arc<AtomicBool>, number: &Arc<AtomicUsize>) -> Result<(), Failure> {
+    let heeded = [
+        SIGINT,
+        SIGTERM,
+        #[cfg(unix)]
+        SIGHUP,
+    ];
+    for signal in heeded {
         // The first registered is the first to act: it ends the program if the work was asked before.
         flag::register_conditional_shutdown(signal, 128 + signal, stop.clone())?;
         flag::register(signal, stop.clone())?;
+        flag::register_usize(signal, number.clone(), signal as usize)?;
     }
     Ok(())
 }
 
-#[expect(clippy::print_stdout, reason = "a program tells what it has done")]
-fn say(text: &str) {
-    println!("{text}");
-}
-
-#[expect(clippy::print_stderr, reason = "a program tells why it stops")]
 fn complain(text: &str) {
     let lines: Vec<&str> = text
         .lines()
         .map(str::trim)
         .filter(|l| !l.is_empty())
         .collect();
-    eprintln!("error: {}", lines.join("; "));
+    let _ = writeln!(std::io::stderr(), "error: {}", lines.join("; "));
 }
 
 /// The options that the command line names, by the names of their fields.
@@ -395,7 +408,7 @@ impl Session {
             return Err(Cancelled.into());
         }
         let path = self.output("report.json")?;
-        let outputs = {
+        let (outputs, mut lines) = {
             let mut report = self.report();
             report.seconds = self.started.elapsed().as_secs_f64();
             report.peak_bytes = peak_bytes();
@@ -406,7 +419,7 @@ impl Session {
                     .map_err(|e| io::ErrorKind::System(e.into()))?;
                 Ok(w.write_all(b"\n")?)
             })?;
-            report.outputs.clone()
+            (report.outputs.clone(), words::lines(&report.notes))
         };
         let mut session = self;
         if let Some(staging) = session.staging.take() {
@@ -414,17 +427,24 @@ impl Session {
         }
         let seconds = session.started.elapsed().as_secs_f64();
         let (n, folder) = (outputs.len(), session.common.out.display());
-        Ok(format!(
+        lines.push(format!(
             "{n} files in {folder} after {seconds:.1} s: {}",
             outputs.join(", ")
-        ))
+        ));
+        Ok(lines.join("\n"))
     }
 }
 
+/// How the hidden folders are named, and the file in them that a living run locks.
+const UNFINISHED: &str = ".unfinished-";
+const ALIVE: &str = ".alive";
+
 /// A hidden folder in the output folder. When it goes, the output folder goes, too, if it is empty and
-/// we made it.
+/// we made it. What a run that was killed has left there, the next one clears away.
 struct Staging {
     folder: tempfile::TempDir,
+    /// Locked as long as this run lives: how another run knows that the folder is in use.
+    _alive: File,
     out: PathBuf,
     /// The topmost folder that we had to make.
     made: Option<PathBuf>,
@@ -439,15 +459,36 @@ impl Staging {
             .last();
         let made = absent.map(Path::to_owned);
         std::fs::create_dir_all(out).map_err(named)?;
+        Self::clear(out);
         let folder = tempfile::Builder::new()
-            .prefix(".unfinished-")
+            .prefix(UNFINISHED)
             .tempdir_in(out)
             .map_err(named)?;
+        // It gets its name when it is locked, so that nobody finds it unlocked. Where the file system knows no
+        // locks, it gets none, and a folder that a killed run leaves stays.
+        let path = folder.path().join("unlocked");
+        let alive = File::create(&path).map_err(named)?;
+        if alive.try_lock().is_ok() {
+            std::fs::rename(path, folder.path().join(ALIVE)).map_err(named)?;
+        }
         Ok(Self {
             folder,
+            _alive: alive,
             out: out.to_owned(),
             made,
         })
+    }
+
+    /// Removes the folders of runs that have died, as well as that goes.
+    fn clear(out: &Path) {
+        for entry in std::fs::read_dir(out).into_iter().flatten().flatten() {
+            let (name, path) = (entry.file_name(), entry.path());
+            if name.as_encoded_bytes().starts_with(UNFINISHED.as_bytes())
+                && File::open(path.join(ALIVE)).is_ok_and(|f| f.try_lock().is_ok())
+            {
+                let _ = std::fs::remove_dir_all(path);
+            }
+        }
     }
 
     /// Moves every output to its place.
@@ -672,7 +713,7 @@ mod tests {
     fn a_signal_stops_the_work_and_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let stop = Arc::<AtomicBool>::default();
-        heed_signals(stop.clone()).unwrap();
+        heed_signals(&stop, &Arc::default()).unwrap();
         let stopped = run_with(
             "test",
             &args(&folder.path().join("a")),

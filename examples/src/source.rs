@@ -82,7 +82,8 @@ impl LatticeValues for Values {
 }
 
 /// The options that only structures have.
-pub const OF_STRUCTURES: [&str; 16] = [
+pub const OF_STRUCTURES: [&str; 17] = [
+    "color",
     "spacing",
     "cutoff",
     "margin",
@@ -146,7 +147,9 @@ impl SourceArgs {
 
     fn read_grid(&self, session: &Session) -> Result<Source, Failure> {
         session.refuse(&OF_STRUCTURES, "is for structures, and the input is a grid")?;
-        let file = session.stage("reading", || io::grid::read(&self.input))?;
+        let file = session.stage("reading", || {
+            io::grid::read_up_to(&self.input, session.memory())
+        })?;
         let (bytes, most) = (4 * file.values().len() as u64, session.memory());
         if bytes > most {
             let path = self.input.display();

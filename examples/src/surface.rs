@@ -13,7 +13,7 @@ pub fn read(source: &SourceArgs, session: &Session) -> Result<TriMesh, Failure> 
             session.refuse(&OF_STRUCTURES, "is for structures, and the input is a mesh")?;
             let of_grids = ["isovalue", "enclosed_volume"];
             session.refuse(&of_grids, "is for grids, and the input is a mesh")?;
-            let read = session.stage("reading", || io::mesh::read(path))?;
+            let read = session.stage("reading", || io::mesh::read_up_to(path, session.memory()))?;
             read.mesh.into_triangles()
         }
         _ => {

@@ -188,6 +188,89 @@ fn the_pipeline_gives_the_same_valid_mesh_for_any_number_of_threads() {
     for picture in ["surface.png", "volume.png", "quality.png"] {
         assert_png(out.join(picture));
     }
+
+    // Points know the atom that lies nearest, its residue and its chain.
+    let atoms = io::structure::read(&input, &io::structure::ReadOptions::default()).unwrap();
+    let atoms = atoms.structure;
+    for file in ["surface.ply", "volume.vtu"] {
+        let bytes = std::fs::read(out.join(file)).unwrap();
+        let view = io::mesh::parse(&bytes, &file[file.len() - 3..]).unwrap();
+        let [atom, residue, chain] = ["atom", "residue", "chain"]
+            .map(|name| view.find_point_field(name).unwrap().values.to_f64());
+        for (v, p) in view.points.iter().enumerate().step_by(97) {
+            let distance = |a: usize| (atoms.atoms()[a].position - p).norm();
+            let nearest =
+                (0..atoms.atoms().len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+            let nearest = nearest.unwrap();
+            assert!(
+                distance(atom[v] as usize) <= distance(nearest) + 1e-4,
+                "{file} {v}"
+            );
+            let of = (0..atoms.residues().len())
+                .find(|&r| atoms.residue_atoms(r).contains(&(atom[v] as usize)));
+            assert_eq!(f64::from(atoms.residues()[of.unwrap()].number), residue[v]);
+            assert!((chain[v] as usize) < atoms.chains().len());
+        }
+    }
+
+    // Every cell has its quality, a face that of the tetrahedron behind it.
+    let bytes = std::fs::read(out.join("volume.vtu")).unwrap();
+    let view = io::vtu::parse(&bytes).unwrap();
+    let quality = view.find_cell_field("joe_liu").unwrap().values.to_f64();
+    assert_eq!(quality.len(), view.cells());
+    assert!(quality.iter().all(|q| *q > 0.0 && *q <= 1.0));
+    let sides = view.sides();
+    assert!(!sides.is_empty());
+    for (face, [behind, before]) in sides {
+        assert_eq!(quality[face as usize], quality[behind as usize]);
+        assert_eq!(before, io::view::NO_CELL, "only the molecule is meshed");
+    }
+}
+
+/// The pipeline takes all that the mesher takes: materials, an outer box, cells of a largest size, grids.
+#[test]
+fn the_pipeline_improves_materials_and_maps() {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, out) = (fixture("1AJJ.pdb"), folder.path().join("slab"));
+    let asked = [
+        "--region",
+        "both",
+        "--outer",
+        "box:1.1",
+        "--slab",
+        "z:-4:4",
+        "--max-cell",
+        "8",
+        "--select",
+        "residue:4-15",
+    ];
+    let report = report_of(
+        "00_pipeline",
+        &[&[&input, "--spacing", "2"], &asked[..]].concat(),
+        &out,
+    );
+    let mesh = tets(out.join("volume.vtu"));
+    assert!(VolumeAudit::of(&mesh).is_valid());
+    for region in 0..3 {
+        assert!(mesh.regions().contains(&region), "{region}");
+    }
+    let smallest = |when: &str| {
+        report["quality"][when]["all"]["min_dihedral"]["min"]
+            .as_f64()
+            .unwrap()
+    };
+    // Where three regions meet at sharp angles, elements cannot be better than the angles.
+    assert!(smallest("after") > 10.0 && smallest("after") > smallest("before"));
+    assert_eq!(report["quality"]["after"]["all"]["inverted"], 0);
+
+    let maps = folder.path().join("maps");
+    report_of("01_density", &[&input, "--spacing", "2"], &maps);
+    let map = maps.join("density.mrc");
+    let out = folder.path().join("map");
+    let args = [map.to_str().unwrap(), "--isovalue", "1"];
+    report_of("00_pipeline", &args, &out);
+    let mesh = tets(out.join("volume.vtu"));
+    assert!(VolumeAudit::of(&mesh).is_valid() && mesh.volume() > 1000.0);
 }
 
 #[test]
@@ -573,8 +656,7 @@ fn a_name_that_is_not_utf8_is_a_name() {
 
     let folder = tempfile::tempdir().unwrap();
     let name = folder.path().join(OsStr::from_bytes(b"caf\xe9.pdb"));
-    let atom = "ATOM      1  CA  ALA A   1       0.000   0.000   0.000  1.00  0.00           C\n";
-    std::fs::write(&name, atom).unwrap();
+    std::fs::write(&name, ATOM).unwrap();
     let out = folder.path().join(OsStr::from_bytes(b"out\xe9"));
     let mut density = program("01_density");
     density.arg(&name).args(["--quiet", "--no-pictures"]);
@@ -588,6 +670,128 @@ fn a_name_that_is_not_utf8_is_a_name() {
     let report: Value = serde_json::from_slice(&report).unwrap();
     let file = report["input"][0]["file"].as_str().unwrap();
     assert!(file.ends_with("caf\u{fffd}.pdb"), "{file}");
+}
+
+const ATOM: &str =
+    "ATOM      1  CA  ALA A   1       0.000   0.000   0.000  1.00  0.00           C\n";
+
+/// A gzip file may hold a thousand times its size: `--max-memory` bounds reading, too.
+#[test]
+fn what_unpacks_beyond_the_memory_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let packed = folder.path().join("long.pdb.gz");
+    io::save(&packed, |w| {
+        (0..200_000).try_for_each(|_| Ok(w.write_all(ATOM.as_bytes())?))
+    })
+    .unwrap();
+    assert!(std::fs::metadata(&packed).unwrap().len() < 200_000);
+    let args = [packed.to_str().unwrap(), "--max-memory", "10M"];
+    let output = run("01_density", &args, &folder.path().join("out"));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(
+        errors.contains("unpack to more than 10485760 bytes"),
+        "{errors}"
+    );
+}
+
+/// The folder of a run that was killed goes with the next run, that of a living one stays.
+#[test]
+fn what_killed_runs_left_is_cleared() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("a.pdb");
+    std::fs::write(&input, ATOM).unwrap();
+    let out = folder.path().join("out");
+    let [dead, alive] = ["dead", "alive"].map(|name| {
+        let folder = out.join(format!(".unfinished-{name}"));
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("half.vtu"), "<").unwrap();
+        let file = std::fs::File::create(folder.join(".alive")).unwrap();
+        (folder, file)
+    });
+    alive.1.lock().unwrap();
+    let output = run(
+        "01_density",
+        &[input.to_str().unwrap(), "--no-pictures"],
+        &out,
+    );
+    assert!(output.status.success());
+    assert!(!dead.0.exists() && alive.0.join("half.vtu").exists());
+    let left = std::fs::read_dir(&out).unwrap().flatten();
+    let hidden = left.filter(|e| e.file_name().as_encoded_bytes().starts_with(b"."));
+    assert_eq!(hidden.count(), 1);
+}
+
+/// Ctrl-C and the end of a terminal end the work, and the exit code says which.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_signal_ends_the_work_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    for (signal, code) in [("HUP", 129), ("INT", 130), ("TERM", 143)] {
+        let out = folder.path().join(signal);
+        let mut command = program("00_pipeline");
+        command
+            .arg(fixture("1AJJ.pdb"))
+            .args(["--spacing", "0.4", "--quiet", "--no-pictures"]);
+        let child = command
+            .arg("--out")
+            .arg(&out)
+            .stderr(std::process::Stdio::piped());
+        let child = child.spawn().unwrap();
+        // When it listens: the mask of the signals that it handles has the bit of SIGTERM, the last one.
+        let listens = || {
+            let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
+            let mask = status
+                .lines()
+                .find_map(|l| l.strip_prefix("SigCgt:"))
+                .unwrap();
+            let mask = u64::from_str_radix(mask.trim(), 16).unwrap();
+            [1, 2, 15].iter().all(|s| mask >> (s - 1) & 1 == 1)
+        };
+        while !listens() {
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        let number = format!("-{signal}");
+        assert!(
+            Command::new("kill")
+                .args([&number, &child.id().to_string()])
+                .status()
+                .unwrap()
+                .success()
+        );
+        let output = child.wait_with_output().unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{signal}: {errors}");
+        assert!(!out.exists(), "{signal}");
+    }
+}
+
+/// What a user should know stands at the end, without looking into the report.
+#[test]
+fn the_last_lines_say_what_matters() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("a.pqr");
+    let atoms = "ATOM 1 C  ALA 1 0.0 0.0 0.0 0.1 1.7\nATOM 2 H  ALA 1 1.0 0.0 0.0 0.1 0.0\n";
+    std::fs::write(&input, atoms).unwrap();
+    let args = [input.to_str().unwrap(), "--no-pictures"];
+    let output = run("00_pipeline", &args, &folder.path().join("out"));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines[0], "2 atoms");
+    assert!(
+        lines[1].contains(" tetrahedra, ") && lines[1].contains("dihedral angles from "),
+        "{text}"
+    );
+    assert!(
+        lines[2].starts_with("warning: 1 atoms have radius 0"),
+        "{text}"
+    );
+    assert!(lines.last().unwrap().contains(" files in "), "{text}");
 }
 
 #[test]
@@ -618,6 +822,10 @@ fn bad_input_is_one_line_and_leaves_nothing() {
     std::fs::write(&cut_gz, &packed[..packed.len() / 2]).unwrap();
     let no_grid = file("a.mrc", "MAP?");
     let no_mesh = file("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\n");
+    let tetrahedron = file(
+        "four.off",
+        "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n",
+    );
     let cases: &[(&str, &[&str], &str)] = &[
         ("00_pipeline", &["absent.pdb"], "absent.pdb"),
         ("07_field", &["absent.ply"], "absent.ply"),
@@ -656,6 +864,11 @@ fn bad_input_is_one_line_and_leaves_nothing() {
         ),
         ("04_improve", &[&no_mesh], "a.ply"),
         ("06_modes", &[&no_mesh], "a.ply"),
+        (
+            "06_modes",
+            &[&tetrahedron, "--count", "5"],
+            "has 4 eigenpairs",
+        ),
     ];
     for (name, args, says) in cases {
         let out = folder.path().join("out/deep");

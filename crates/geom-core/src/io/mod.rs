@@ -142,12 +142,27 @@ impl ErrorKind {
     }
 }
 
-/// The bytes of a file, decompressed if they are gzip (by content, not by name).
+/// The bytes of a file, decompressed if they are gzip (by content, not by name); more than
+/// [`MAX_BYTES`] are refused.
 pub fn read_bytes(path: impl AsRef<Path>) -> Result<Vec<u8>, Error> {
+    read_bytes_up_to(path, MAX_BYTES)
+}
+
+/// [`read_bytes`] with a limit of one's own: a file that holds more, packed or not, is refused before
+/// more than the limit is in memory.
+pub fn read_bytes_up_to(path: impl AsRef<Path>, max_bytes: u64) -> Result<Vec<u8>, Error> {
     let path = path.as_ref();
     let read = || -> Result<Vec<u8>, Error> {
-        let raw = std::fs::read(path)?;
-        let bytes = decompress(raw)?;
+        let mut raw = Vec::new();
+        let file = std::fs::File::open(path)?;
+        file.take(max_bytes.saturating_add(1))
+            .read_to_end(&mut raw)?;
+        if raw.len() as u64 > max_bytes {
+            return Err(
+                ErrorKind::TooLarge(format!("more than {max_bytes} bytes, the limit")).into(),
+            );
+        }
+        let bytes = decompress_up_to(raw, max_bytes)?;
         if bytes.is_empty() {
             Err(ErrorKind::Empty.into())
         } else {
@@ -157,12 +172,13 @@ pub fn read_bytes(path: impl AsRef<Path>) -> Result<Vec<u8>, Error> {
     read().map_err(|e| e.in_file(path))
 }
 
-/// Most bytes that gzip data may unpack to: 8 GiB. A file can hold a thousand times its own size.
-pub const MAX_DECOMPRESSED: u64 = 8 << 30;
+/// Most bytes that a file may hold, unpacked, where the caller has no limit of its own: 8 GiB. Gzip data
+/// can unpack to a thousand times their size.
+pub const MAX_BYTES: u64 = 8 << 30;
 
-/// The content of gzip data, all members, up to [`MAX_DECOMPRESSED`]; other data as it is.
+/// The content of gzip data, all members, up to [`MAX_BYTES`]; other data as it is.
 pub fn decompress(raw: Vec<u8>) -> Result<Vec<u8>, Error> {
-    decompress_up_to(raw, MAX_DECOMPRESSED)
+    decompress_up_to(raw, MAX_BYTES)
 }
 
 fn decompress_up_to(raw: Vec<u8>, limit: u64) -> Result<Vec<u8>, Error> {
@@ -170,7 +186,8 @@ fn decompress_up_to(raw: Vec<u8>, limit: u64) -> Result<Vec<u8>, Error> {
         return Ok(raw);
     }
     let mut bytes = Vec::new();
-    let mut content = flate2::read::MultiGzDecoder::new(raw.as_slice()).take(limit + 1);
+    let mut content =
+        flate2::read::MultiGzDecoder::new(raw.as_slice()).take(limit.saturating_add(1));
     match content.read_to_end(&mut bytes) {
         Ok(_) if bytes.len() as u64 > limit => Err(ErrorKind::TooLarge(format!(
             "gzip data that unpack to more than {limit} bytes, the limit; unpack the file first"

@@ -5,11 +5,16 @@ use std::collections::HashSet;
 
 use super::{Error, ErrorKind};
 use crate::compute::sets::DisjointSets;
-use crate::mesh::{EXTERIOR, INTERIOR, Interface, OUTSIDE, Region, VertexKind};
+use crate::mesh::{
+    EXTERIOR, FACES, INTERIOR, Interface, OUTSIDE, Region, VertexKind, is_even, sorted,
+};
 use crate::{Aabb, Point3, QuadMesh, TetMesh, TriMesh, Vector3};
 
 /// No group: see [`View::groups`].
 pub const NO_GROUP: u32 = u32::MAX;
+
+/// No cell: see [`View::sides`].
+pub const NO_CELL: u32 = u32::MAX;
 
 /// A mesh as files see it. Writers take it whole and leave out only what their format cannot hold,
 /// as each says; readers give it back with everything owned.
@@ -514,6 +519,45 @@ impl<'a> View<'a> {
     /// The blocks of triangles, quads and polygons.
     pub fn faces(&self) -> impl Iterator<Item = &Cells<'a>> {
         self.blocks.iter().filter(|b| b.dimension() == 2)
+    }
+
+    /// Each triangle of a view with tetrahedra, and the tetrahedra behind and before it, all as numbers of cells;
+    /// [`NO_CELL`] where there is none. A triangle points away from the one behind it.
+    pub fn sides(&self) -> Vec<(u32, [u32; 2])> {
+        // The faces, and the points of which they are made: few tetrahedra have three of those in a face.
+        let mut found = Vec::new();
+        let mut faces: Vec<([u32; 3], usize, bool)> = Vec::new();
+        let mut on_face = vec![false; self.points.len()];
+        let mut first = 0;
+        for block in &self.blocks {
+            for (cell, corners) in (first..).zip(block.iter()) {
+                let &[a, b, c] = corners else { continue };
+                corners.iter().for_each(|&v| on_face[v as usize] = true);
+                faces.push((sorted([a, b, c]), found.len(), is_even([a, b, c])));
+                found.push((cell, [NO_CELL; 2]));
+            }
+            first += block.len() as u32;
+        }
+        faces.sort_unstable();
+        first = 0;
+        for block in &self.blocks {
+            if let Cells::Tets(tets) = block {
+                for (cell, corners) in (first..).zip(tets.iter()) {
+                    for face in FACES.map(|face| face.map(|i| corners[i])) {
+                        if !face.iter().all(|&v| on_face[v as usize]) {
+                            continue;
+                        }
+                        let key = sorted(face);
+                        let start = faces.partition_point(|f| f.0 < key);
+                        for &(_, i, even) in faces[start..].iter().take_while(|f| f.0 == key) {
+                            found[i].1[usize::from(even != is_even(face))] = cell;
+                        }
+                    }
+                }
+            }
+            first += block.len() as u32;
+        }
+        found
     }
 
     /// The faces alone: for a mesh with tetrahedra, its boundary and interfaces, with their vertices,

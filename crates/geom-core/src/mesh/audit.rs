@@ -4,7 +4,7 @@ use std::fmt;
 
 use rayon::prelude::*;
 
-use super::{FACES, QuadMesh, Region, TetMesh, TriMesh, six_volume, sorted};
+use super::{FACES, QuadMesh, Region, TetMesh, TriMesh, is_even, six_volume, sorted};
 use crate::compute::sets::{DisjointSets, Sets};
 use crate::{Point3, Vector3};
 
@@ -423,7 +423,7 @@ impl VolumeAudit {
             match *group {
                 [_] => audit.boundary_faces += 1,
                 [(key, first), (_, second)] => {
-                    let side = |slot| runs_ascending(face(tets, slot));
+                    let side = |slot| is_even(face(tets, slot));
                     if side(first) == side(second) {
                         audit.folded_faces.add(key);
                     }
@@ -549,11 +549,6 @@ pub(super) fn face(tets: &[[u32; 4]], slot: u64) -> [u32; 3] {
     FACES[(slot % 4) as usize].map(|c| tets[(slot / 4) as usize][c])
 }
 
-/// Do the corners, from the lowest on, run lowest, middle, highest?
-fn runs_ascending([a, b, c]: [u32; 3]) -> bool {
-    (a < b) as u8 + (b < c) as u8 + (c < a) as u8 == 2
-}
-
 /// How the boundary of a region of a tetrahedral mesh compares with a surface. Vertices are matched
 /// by their exact positions, so the two may number them differently.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -596,7 +591,7 @@ impl BoundaryComparison {
                 .enumerate()
                 .map(|(i, f)| {
                     let mut key = f.map(|v| number[v as usize]);
-                    let ascending = runs_ascending(key);
+                    let ascending = is_even(key);
                     key.sort_unstable();
                     (key, ascending, i as u32)
                 })

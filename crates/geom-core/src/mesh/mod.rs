@@ -470,6 +470,11 @@ fn compact<const N: usize>(
     (kept, elements)
 }
 
+/// Do the corners, from the lowest on, run lowest, middle, highest?
+pub(crate) fn is_even([a, b, c]: [u32; 3]) -> bool {
+    (a < b) as u8 + (b < c) as u8 + (c < a) as u8 == 2
+}
+
 /// The corners of the faces of a positive tetrahedron, seen from outside; face `k` lies opposite
 /// corner `k`.
 pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];

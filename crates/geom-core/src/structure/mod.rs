@@ -307,6 +307,33 @@ pub struct Structure {
 }
 
 impl Structure {
+    /// Bare atoms, as centres and radii in Å: one residue of one chain, without names. The powers of all levels
+    /// then change the density but not its surface at level 1.
+    ///
+    /// Panics beyond [`MAX_ELEMENTS`] atoms.
+    ///
+    /// ```
+    /// use geom_core::{Point3, Structure};
+    /// let water = [([0.0, 0.0, 0.0], 1.52), ([0.96, 0.0, 0.0], 1.2), ([-0.24, 0.93, 0.0], 1.2)];
+    /// let structure = Structure::of_spheres(water.map(|(p, r)| (Point3::from(p), r)));
+    /// assert_eq!(structure.atoms().len(), 3);
+    /// ```
+    pub fn of_spheres(spheres: impl IntoIterator<Item = (Point3, f64)>) -> Self {
+        let mut builder = StructureBuilder::new();
+        for (position, radius) in spheres {
+            builder.atom(Atom {
+                position,
+                radius,
+                charge: 0.0,
+                b_factor: 0.0,
+                name: Name::default(),
+                element: Element::UNKNOWN,
+                hetero: false,
+            });
+        }
+        builder.build()
+    }
+
     /// All atoms, in hierarchy order.
     pub fn atoms(&self) -> &[Atom] {
         &self.atoms

@@ -13,6 +13,7 @@ use super::{Name, ResidueKind, Structure};
 /// | factor | means |
 /// |---|---|
 /// | `A` or `chain:A` | the chain A, in all copies and models |
+/// | `chain:`, `:10-25` | the chain without a name, residues of it |
 /// | `B:10-25`, `B:7`, `B:-3-4` | residues of chain B by number, both ends included |
 /// | `residue:10-25` | residues by number in all chains |
 /// | `name:HEM` | residues by name |
@@ -262,7 +263,13 @@ impl Structure {
                 names.push(chain.name);
             }
         }
-        let list: Vec<_> = names.iter().map(Name::as_str).collect();
+        let list: Vec<_> = names
+            .iter()
+            .map(|name| match name.as_str() {
+                "" => "chain: (no name)",
+                name => name,
+            })
+            .collect();
         let domains = self.domains().len();
         format!("chains: {}; domains: {domains}", list.join(" "))
     }

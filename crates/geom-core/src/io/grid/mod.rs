@@ -15,7 +15,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use crate::io::{Error, ErrorKind, extension, read_bytes};
+use crate::io::{Error, ErrorKind, MAX_BYTES, extension, read_bytes_up_to};
 use crate::{Aabb, GridError, Lattice, LatticeValues, Point3, ScalarGrid, Vector3};
 
 /// What every grid must have.
@@ -255,8 +255,13 @@ impl GridFile {
 
 /// Reads a grid; the format is told by the content, or else by the name.
 pub fn read(path: impl AsRef<Path>) -> Result<GridFile, Error> {
+    read_up_to(path, MAX_BYTES)
+}
+
+/// [`read`] for a file of at most so many bytes, unpacked.
+pub fn read_up_to(path: impl AsRef<Path>, max_bytes: u64) -> Result<GridFile, Error> {
     let path = path.as_ref();
-    let bytes = read_bytes(path)?;
+    let bytes = read_bytes_up_to(path, max_bytes)?;
     parse(&bytes, &extension(path)).map_err(|e| e.in_file(path))
 }
 

@@ -16,7 +16,7 @@ pub use groups::VolumeGroups;
 use std::path::Path;
 
 use crate::io::view::{Cells, Field, Group, NO_GROUP, Numbers, View, fan};
-use crate::io::{Encoding, Error, ErrorKind, extension, read_bytes};
+use crate::io::{Encoding, Error, ErrorKind, MAX_BYTES, extension, read_bytes_up_to};
 use crate::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
 use crate::{QuadMesh, TetMesh, TriMesh};
 
@@ -63,8 +63,13 @@ pub struct MeshFile {
 /// # Ok::<(), geom_core::io::Error>(())
 /// ```
 pub fn read(path: impl AsRef<Path>) -> Result<MeshFile, Error> {
+    read_up_to(path, MAX_BYTES)
+}
+
+/// [`read`] for a file of at most so many bytes, unpacked.
+pub fn read_up_to(path: impl AsRef<Path>, max_bytes: u64) -> Result<MeshFile, Error> {
     let path = path.as_ref();
-    let bytes = read_bytes(path)?;
+    let bytes = read_bytes_up_to(path, max_bytes)?;
     let view = parse(&bytes, &extension(path));
     view.and_then(MeshFile::of_checked)
         .map_err(|e| e.in_file(path))

@@ -11,9 +11,8 @@ use std::path::Path;
 use crate::Point3;
 use crate::io::bytes::{Bytes, Scalar, put_all};
 use crate::io::text::Words;
-use crate::io::view::{Cells, Field, Group, NO_GROUP, Numbers, Values, View};
+use crate::io::view::{Cells, Field, Group, NO_CELL, NO_GROUP, Numbers, Values, View};
 use crate::io::{Encoding, Error, ErrorKind, read_bytes};
-use crate::mesh::{FACES, sorted};
 
 /// A version of the format.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -205,34 +204,25 @@ fn runs(view: &View<'_>, tags: &[i32]) -> Result<Vec<Run>, Error> {
 
 /// The pairs of volume and surface entities of which the second bounds the first, in order.
 fn sides(view: &View<'_>, runs: &[Run]) -> Vec<(i32, i32)> {
-    // The faces, and the points of which they are made: few tetrahedra have three of those in a face.
-    let mut faces: Vec<([u32; 3], i32)> = Vec::new();
-    let mut on_face = vec![false; view.points.len()];
-    for run in runs.iter().filter(|run| run.kind == TRIANGLE) {
+    let mut starts = vec![0];
+    for block in &view.blocks {
+        starts.push(starts[starts.len() - 1] + block.len());
+    }
+    let mut tag_of = vec![0; view.cells()];
+    for run in runs {
         for &c in &run.cells {
-            let corners = view.blocks[run.block].corners(c as usize);
-            corners.iter().for_each(|&v| on_face[v as usize] = true);
-            faces.push((sorted([corners[0], corners[1], corners[2]]), run.tag));
+            tag_of[starts[run.block] + c as usize] = run.tag;
         }
     }
-    faces.sort_unstable();
-    let mut found = Vec::new();
-    for run in runs.iter().filter(|run| run.kind == TETRA) {
-        for &c in &run.cells {
-            let corners = view.blocks[run.block].corners(c as usize);
-            for face in FACES.map(|face| face.map(|i| corners[i])) {
-                if !face.iter().all(|&v| on_face[v as usize]) {
-                    continue;
-                }
-                let face = sorted(face);
-                let first = faces.partition_point(|f| f.0 < face);
-                let same = faces[first..].iter().take_while(|f| f.0 == face);
-                found.extend(same.map(|f| (run.tag, f.1)));
-            }
-        }
-        found.sort_unstable();
-        found.dedup();
-    }
+    let mut found: Vec<(i32, i32)> = view
+        .sides()
+        .iter()
+        .flat_map(|&(face, sides)| sides.map(|tet| (tet, face)))
+        .filter(|&(tet, _)| tet != NO_CELL)
+        .map(|(tet, face)| (tag_of[tet as usize], tag_of[face as usize]))
+        .collect();
+    found.sort_unstable();
+    found.dedup();
     found
 }
 

@@ -52,9 +52,14 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     // written with the offsets that they will have.
     let mut array = |header: &mut String, kind: &str, name: &str, k: usize, bytes: usize| {
         let name = escaped(name);
+        // One component is what is meant where none is told; told, some readers make columns of it.
+        let components = match k {
+            1 => String::new(),
+            _ => format!(" NumberOfComponents=\"{k}\""),
+        };
         let _ = writeln!(
             header,
-            "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{k}\" \
+            "<DataArray type=\"{kind}\" Name=\"{name}\"{components} \
              format=\"appended\" offset=\"{offset}\"/>"
         );
         offset += 8 + bytes as u64;

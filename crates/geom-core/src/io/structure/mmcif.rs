@@ -409,7 +409,7 @@ impl Reader {
             return Ok(());
         }
         let coordinate = |item: usize| {
-            number(at(item)).ok_or_else(|| {
+            measured(at(item)).ok_or_else(|| {
                 let axis = ["Cartn_x", "Cartn_y", "Cartn_z"][item];
                 expected(&format!("a finite {axis}"), at(item))
             })
@@ -435,7 +435,7 @@ impl Reader {
                 position,
                 radius: 0.0,
                 charge: 0.0,
-                b_factor: number(at(16)).unwrap_or(0.0) as f32,
+                b_factor: measured(at(16)).unwrap_or(0.0) as f32,
                 name: atom_name,
                 element: names::element_in_file(symbol)
                     .unwrap_or_else(|| names::element_of(atom_name, residue, false, None)),
@@ -456,7 +456,7 @@ impl Reader {
             part: found.parts.index(part),
             domain: found.domains.len() as u32 - 1,
             altloc: at(14).first().copied().unwrap_or(b' '),
-            occupancy: number(at(15)).unwrap_or(1.0) as f32,
+            occupancy: measured(at(15)).unwrap_or(1.0) as f32,
         });
         self.entity_of.push(self.entities.index(at(18)));
         Ok(())
@@ -520,7 +520,7 @@ impl Reader {
                 let value = |item: String| {
                     operators
                         .column(&item)
-                        .and_then(|c| number(row[c].as_bytes()))
+                        .and_then(|c| measured(row[c].as_bytes()))
                         .ok_or_else(|| {
                             let expected = format!("{item} of operator {}", row[id]);
                             Error::at_line(ErrorKind::expected(expected, "none"), *line)
@@ -608,6 +608,17 @@ fn name(text: &[u8]) -> Result<Name, ErrorKind> {
         .ok_or_else(|| expected("a name of at most eight printable ASCII characters", text))
 }
 
+/// A number, its standard uncertainty in parentheses left out: `1.5(3)` is 1.5 ± 0.3.
+fn measured(field: &[u8]) -> Option<f64> {
+    let Some(open) = field.iter().position(|&b| b == b'(') else {
+        return number(field);
+    };
+    let (value, uncertainty) = (&field[..open], &field[open + 1..]);
+    let digits = uncertainty.strip_suffix(b")")?;
+    (!digits.is_empty() && digits.iter().all(u8::is_ascii_digit)).then_some(())?;
+    number(value)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -642,6 +653,16 @@ mod tests {
                 matches!(error.kind, ErrorKind::Truncated(_)),
                 "{text}: {error}"
             );
+        }
+    }
+
+    #[test]
+    fn uncertainties_are_left_out() {
+        assert_eq!(measured(b"1.5(3)"), Some(1.5));
+        assert_eq!(measured(b"-12.375(11)"), Some(-12.375));
+        assert_eq!(measured(b"7"), Some(7.0));
+        for wrong in ["1.5(3", "1.5()", "1.5(x)", "(3)", "1.5(3)4"] {
+            assert_eq!(measured(wrong.as_bytes()), None, "{wrong}");
         }
     }
 }

@@ -40,7 +40,7 @@ use std::path::Path;
 
 use crate::Structure;
 use crate::id::MAX_ELEMENTS;
-use crate::io::{Error, ErrorKind, read_bytes};
+use crate::io::{Error, ErrorKind, MAX_BYTES, read_bytes_up_to};
 use crate::structure::Selector;
 
 /// What to keep of a file. The default: the first model, one location of each atom, everything but
@@ -71,6 +71,8 @@ pub struct ReadOptions {
     pub min_radius: f64,
     /// More atoms than this are refused before they are allocated.
     pub max_atoms: usize,
+    /// A file that holds more bytes, unpacked, is refused before they are in memory.
+    pub max_bytes: u64,
 }
 
 impl Default for ReadOptions {
@@ -88,6 +90,7 @@ impl Default for ReadOptions {
             radii: Radii::File,
             min_radius: 0.0,
             max_atoms: MAX_ELEMENTS,
+            max_bytes: MAX_BYTES,
         }
     }
 }
@@ -281,7 +284,7 @@ pub struct Membrane {
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<ReadStructure, Error> {
     let path = path.as_ref();
     let read = || {
-        let content = read_bytes(path)?;
+        let content = read_bytes_up_to(path, options.max_bytes)?;
         let format = match options.format {
             Some(format) => format,
             None => Format::detect(&content, Some(path))?,

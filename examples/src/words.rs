@@ -1,0 +1,140 @@
+//! What a program says when it is done: of the numbers in `report.json`, those that its user would look up
+//! first, and what should make him look twice.
+
+use serde_json::{Map, Value};
+
+use crate::products::{brief, grouped};
+
+/// Atoms left out, elements and angles, one line each; then the warnings.
+pub(crate) fn lines(notes: &Map<String, Value>) -> Vec<String> {
+    let warned = warnings(notes).map(|w| format!("warning: {w}"));
+    atoms(notes)
+        .into_iter()
+        .chain(elements(notes))
+        .chain(warned)
+        .collect()
+}
+
+/// `2,345 atoms; left out: 120 of waters, 35 of other locations`.
+fn atoms(notes: &Map<String, Value>) -> Option<String> {
+    let read = notes.get("structure")?;
+    let left_out: Vec<String> = [
+        ("altlocs", "of other locations"),
+        ("hydrogens", "hydrogens"),
+        ("waters", "of waters"),
+        ("ions", "of ions"),
+        ("ligands", "of ligands"),
+        ("unselected", "not selected"),
+    ]
+    .iter()
+    .filter_map(|(key, what)| Some(format!("{} {what}", counted(&read[*key])?)))
+    .collect();
+    let mut line = format!("{} atoms", counted(&read["atoms"])?);
+    if !left_out.is_empty() {
+        line += &format!("; left out: {}", left_out.join(", "));
+    }
+    Some(line)
+}
+
+/// `103,342 tetrahedra, 9,880 triangles of the surface, dihedral angles from 25.6° to 141.2°`.
+fn elements(notes: &Map<String, Value>) -> Option<String> {
+    let counts = notes.get("counts")?;
+    let mut line: Vec<String> = [
+        ("tetrahedra", "tetrahedra"),
+        ("surface_triangles", "triangles of the surface"),
+        ("triangles", "triangles"),
+        ("quads", "quads"),
+        ("irregular", "irregular vertices"),
+        ("groups", "groups"),
+        ("pockets", "pockets"),
+    ]
+    .iter()
+    .filter_map(|(key, what)| Some(format!("{} {what}", counted(&counts[*key])?)))
+    .collect();
+    if line.is_empty() {
+        return None;
+    }
+    let quality = &notes.get("quality").unwrap_or(&Value::Null);
+    let quality = [&quality["after"], quality]
+        .into_iter()
+        .find(|q| !q.is_null())
+        .unwrap_or(&Value::Null);
+    let angle = |key: &str, end: &str| quality["all"][key][end].as_f64();
+    if let (Some(low), Some(high)) = (angle("min_dihedral", "min"), angle("max_dihedral", "max")) {
+        line.push(format!("dihedral angles from {low:.1}° to {high:.1}°"));
+    }
+    if let Some(low) = quality["min_angle_deg"].as_f64() {
+        line.push(format!("angles from {low:.1}°"));
+    }
+    if let Some(jacobian) = notes.get("scaled_jacobian")
+        && let (Some(low), Some(mean)) = (jacobian["min"].as_f64(), jacobian["mean"].as_f64())
+    {
+        line.push(format!(
+            "scaled Jacobian {} at least, {} in the mean",
+            brief(low),
+            brief(mean)
+        ));
+    }
+    Some(line.join(", "))
+}
+
+fn warnings(notes: &Map<String, Value>) -> impl Iterator<Item = String> {
+    let read = notes.get("structure").unwrap_or(&Value::Null);
+    let odd = [
+        (
+            "zero_radii",
+            "atoms have radius 0 and are hardly seen by the density; --min-radius or --radii elements gives them one",
+        ),
+        ("unknown_elements", "atoms are of unknown elements"),
+        (
+            "trace_chains",
+            "chains are traces of one atom per residue, which got the residue's radius",
+        ),
+    ];
+    let counts = odd
+        .into_iter()
+        .filter_map(|(key, what)| Some(format!("{} {what}", counted(&read[key])?)));
+    let said = read["warnings"].as_array().into_iter().flatten();
+    let said = said.filter_map(|w| Some(w.as_str()?.to_owned()));
+    let surface = notes.get("surface").unwrap_or(&Value::Null);
+    let crossings = counted(&surface["crossing_pairs"])
+        .map(|n| format!("{n} pairs of triangles of the surface cross"));
+    counts
+        .chain(said)
+        .chain(crossings)
+        .collect::<Vec<_>>()
+        .into_iter()
+}
+
+/// A number of things, unless there are none.
+fn counted(value: &Value) -> Option<String> {
+    let number = value.as_u64().filter(|&n| n > 0)?;
+    Some(grouped(number as usize))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn what_matters_is_said() {
+        let notes = json!({
+            "structure": { "atoms": 1234, "waters": 56, "ions": 0, "zero_radii": 2, "warnings": ["odd"] },
+            "counts": { "tetrahedra": 99_999, "surface_triangles": 7 },
+            "quality": { "after": { "all": {
+                "min_dihedral": { "min": 25.04 }, "max_dihedral": { "max": 141.0 }
+            } } },
+            "surface": { "crossing_pairs": 0 }
+        });
+        let said = lines(notes.as_object().unwrap());
+        assert_eq!(said[0], "1,234 atoms; left out: 56 of waters");
+        assert_eq!(
+            said[1],
+            "99,999 tetrahedra, 7 triangles of the surface, dihedral angles from 25.0° to 141.0°"
+        );
+        assert!(said[2].starts_with("warning: 2 atoms have radius 0"));
+        assert_eq!(said[3..], ["warning: odd"]);
+        assert!(lines(&Map::new()).is_empty());
+    }
+}
