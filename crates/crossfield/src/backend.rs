@@ -55,7 +55,7 @@ use crate::Error;
 use crate::map::Chart;
 
 /// The hot kernels of this crate. Each replaces what was in `out`, whose memory is used again.
-pub trait CrossfieldBackend: Backend {
+pub trait CrossfieldBackend: Backend + CrossfieldObject {
     /// The distortion of each triangle of a map and its derivatives; ε as in [`ChartDistortion`].
     fn chart_distortion(
         &self,
@@ -73,6 +73,11 @@ pub trait CrossfieldBackend: Backend {
         out: &mut Vec<CornerDistortion>,
     ) -> Result<(), Error>;
 }
+
+geom_core::backend_object!(CrossfieldObject, as_crossfield -> CrossfieldBackend);
+
+/// A run on any of them.
+pub(crate) type On<'a> = geom_core::Run<'a, dyn CrossfieldBackend + 'a>;
 
 /// How far the map of a triangle is from what is wanted: `A ((|J|² + det² + 1) / 2χ + |J − 1|²)`,
 /// `χ = (det + √(ε² + det²)) / 2`: finite for inverted triangles while ε > 0.

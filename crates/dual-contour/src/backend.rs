@@ -74,7 +74,7 @@ pub const BLOCK_CELLS: usize = 512;
 
 /// Where the kernels of this crate run. A kernel replaces what is in `out` and uses its memory again. Calls come
 /// from several threads.
-pub trait ContourBackend: Backend {
+pub trait ContourBackend: Backend + ContourObject {
     /// A capability, not a choice of results: how many blocks, or the cells with a surface of how many, the
     /// backend likes to get with one call where there are more; at least 1. By default as many as stay in the cache of a core;
     /// a device with a cost per call says more.
@@ -102,6 +102,11 @@ pub trait ContourBackend: Backend {
         out: &mut Vec<[f32; 3]>,
     ) -> Result<(), Error>;
 }
+
+geom_core::backend_object!(ContourObject, as_contour -> ContourBackend);
+
+/// A run on any of them.
+pub(crate) type On<'a> = geom_core::Run<'a, dyn ContourBackend + 'a>;
 
 /// Comparisons alone: the same bits.
 pub const MIN_MAX: Agreement = Agreement::Exact;

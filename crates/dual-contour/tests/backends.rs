@@ -304,22 +304,30 @@ fn answers_that_make_no_sense_do_no_harm() {
         assert!(matches!(error, Error::Backend(_)), "{error}");
         assert!(error.to_string().starts_with("odd gave"), "{error}");
     }
-    let nowhere: [fn(&mut Vec<[f32; 3]>) -> Result<(), Error>; 3] = [
-        |points| {
-            points.fill([f32::NAN; 3]);
-            Ok(())
+    let nowhere = [
+        Odd {
+            points: |points| {
+                points.fill([f32::NAN; 3]);
+                Ok(())
+            },
+            ..PLAIN
         },
-        |points| {
-            points.fill([f32::INFINITY; 3]);
-            Ok(())
+        Odd {
+            points: |points| {
+                points.fill([f32::INFINITY; 3]);
+                Ok(())
+            },
+            ..PLAIN
         },
-        |points| {
-            points.fill([-7.0; 3]);
-            Ok(())
+        Odd {
+            points: |points| {
+                points.fill([-7.0; 3]);
+                Ok(())
+            },
+            ..PLAIN
         },
     ];
-    for points in nowhere {
-        let odd = Odd { points, ..PLAIN };
+    for odd in nowhere {
         let made = surface(&grid, None, &options, Run::on(&odd)).unwrap();
         // Points say which diagonal a face takes, and nothing else about the topology.
         assert_eq!(ours.mesh.triangles().len(), made.mesh.triangles().len());

@@ -321,7 +321,7 @@ pub(crate) fn scatter_into<T>(
 }
 
 /// The hot kernels of this crate.
-pub trait DensityBackend: Backend {
+pub trait DensityBackend: Backend + DensityObject {
     /// Cull, density and classification of every brick of the blocks, in one go; one result per block.
     /// Whatever `results` held is lost, but its memory may be used again.
     fn sample_blocks(
@@ -350,6 +350,11 @@ pub trait DensityBackend: Backend {
         sums: &mut RefitSums,
     ) -> Result<(), Error>;
 }
+
+geom_core::backend_object!(DensityObject, as_density -> DensityBackend);
+
+/// A run on any of them.
+pub(crate) type On<'a> = geom_core::Run<'a, dyn DensityBackend + 'a>;
 
 /// What a backend owes to the nested sum of the specification, besides what the cut-off allows, where the
 /// density is at least the floor: f32 sums of positive terms. Seen on llvmpipe; no hardware GPU was at hand.

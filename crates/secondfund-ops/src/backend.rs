@@ -42,7 +42,7 @@ use crate::Error;
 use crate::forms::{Conductor, TriangleMatrix};
 
 /// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) is the specification.
-pub trait OperatorBackend: Backend {
+pub trait OperatorBackend: Backend + OperatorObject {
     /// The matrices of every triangle of a task, in place of what was in `out`.
     fn triangle_matrices(
         &self,
@@ -54,6 +54,11 @@ pub trait OperatorBackend: Backend {
     /// dissimilarities of the medoids, in place of what was in `out`.
     fn distances(&self, rows: &[f32], width: usize, out: &mut Vec<f32>) -> Result<(), Error>;
 }
+
+geom_core::backend_object!(OperatorObject, as_operators -> OperatorBackend);
+
+/// A run on any of them.
+pub(crate) type On<'a> = geom_core::Run<'a, dyn OperatorBackend + 'a>;
 
 /// Triangles whose matrices are wanted, in unit scale.
 #[derive(Clone, Debug)]

@@ -53,7 +53,7 @@ use crate::measure::metrics::Measures;
 
 /// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) and [`Wgpu`](geom_core::Wgpu) have them; what
 /// they compute stands in `specification` (feature `testing`) as the equations read.
-pub trait QualityBackend: Backend {
+pub trait QualityBackend: Backend + QualityObject {
     /// The measures of each tetrahedron, in place of what was in `out`, whose memory is used again: that
     /// of a million new ones takes as long as half of the work. Corners must be in range.
     fn measure(
@@ -68,6 +68,11 @@ pub trait QualityBackend: Backend {
     /// was in `out`: a *proposal*, which the caller accepts or refuses on the CPU.
     fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error>;
 }
+
+geom_core::backend_object!(QualityObject, as_quality -> QualityBackend);
+
+/// A run on any of them.
+pub(crate) type On<'a> = geom_core::Run<'a, dyn QualityBackend + 'a>;
 
 /// What a backend owes to [`QualityBackend::measure`] on the CPU, for Joe–Liu, edge ratio and angles
 /// in units of 180°, on meshes whose edges are longer than a thousandth of the bounding box: f32

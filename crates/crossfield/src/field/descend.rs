@@ -2,14 +2,15 @@
 
 use std::collections::BTreeMap;
 
+use geom_core::TriMesh;
 use geom_core::surface::distance::{Graph, shortest_paths};
-use geom_core::{Run, TriMesh};
 
 use super::field::FieldReport;
 use super::frames::{Frames, QUARTER};
 use super::parallel::{Change, Parallel};
 use super::singularity::{difference, interior_index};
 use crate::Error;
+use crate::backend::On;
 
 /// Rounds of edge moves and annihilations.
 const ROUNDS: usize = 6;
@@ -90,11 +91,11 @@ impl<'a> Descent<'a> {
 
     /// Alternates until nothing lowers `E + μ · singularities` any more. A change of the period jumps on a set
     /// of edges by d quarter turns changes the energy by `2 Σ w d ρ + Σ w d² − bᵀ W⁻¹ b`, the angles following.
-    pub(super) fn run<B: ?Sized>(
+    pub(super) fn run(
         &mut self,
         price: Price,
         report: &mut FieldReport,
-        run: Run<'_, B>,
+        run: On<'_>,
     ) -> Result<(), Error> {
         for round in 0..ROUNDS {
             run.progress("singularities", round as u64, ROUNDS as u64)?;
@@ -325,12 +326,7 @@ impl<'a> Descent<'a> {
 
     /// Singular vertices nearer to each other than `apart` give a quarter to one that is not near to any, or to each other,
     /// whatever costs least: all get integer points of their own in a map, and a map with room for them does not fold.
-    fn part<B: ?Sized>(
-        &mut self,
-        apart: f64,
-        report: &mut FieldReport,
-        run: Run<'_, B>,
-    ) -> Result<(), Error> {
+    fn part(&mut self, apart: f64, report: &mut FieldReport, run: On<'_>) -> Result<(), Error> {
         if apart <= 0.0 {
             return Ok(());
         }

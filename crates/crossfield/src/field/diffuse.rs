@@ -1,12 +1,12 @@
 //! The start: diffusion of unit crosses, made unit again after each step.
 
-use geom_core::Run;
 use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
 use geom_core::nalgebra::Complex;
 
 use super::field::Guide;
 use super::frames::Frames;
 use crate::Error;
+use crate::backend::On;
 
 type C = Complex<f64>;
 
@@ -22,11 +22,7 @@ const STILL: f64 = 1e-3;
 /// Angles of a smooth cross field by diffusion and renormalization of `z = e^{4iθ}`, the gradient flow of a
 /// Ginzburg–Landau energy (Viertel and Osting, *An approach to quad meshing based on harmonic
 /// cross-valued maps*, 2019). Local minima remain: the descent afterwards leaves some of them.
-pub(super) fn diffused<B: ?Sized>(
-    frames: &Frames,
-    guides: &[Guide],
-    run: Run<'_, B>,
-) -> Result<Vec<f64>, Error> {
+pub(super) fn diffused(frames: &Frames, guides: &[Guide], run: On<'_>) -> Result<Vec<f64>, Error> {
     let matrices = Matrices::of(frames, guides)?;
     let mut z = matrices.start()?;
     let decay = matrices.slowest_decay(&mut z)?;

@@ -10,7 +10,9 @@ use super::frames::{Frames, QUARTER};
 use super::parallel::Parallel;
 use super::singularity;
 use super::smooth::flowed;
+use crate::CrossfieldBackend;
 use crate::Error;
+use crate::backend::On;
 use crate::options::FieldOptions;
 
 /// How often a smoothing that cannot be carried back is halved.
@@ -26,12 +28,13 @@ const POLISH: usize = 20;
 /// indices stay.
 ///
 /// Runs on the CPU, whatever the backend: its factors are sparse and irregular.
-pub fn cross_field<B: ?Sized>(
+pub fn cross_field<B: CrossfieldBackend + ?Sized>(
     mesh: &TriMesh,
     guides: &[Guide],
     options: &FieldOptions,
     run: Run<'_, B>,
 ) -> Result<CrossField, Error> {
+    let run = run.with(run.backend.as_crossfield());
     options.check()?;
     guides
         .iter()
@@ -59,12 +62,12 @@ pub fn cross_field<B: ?Sized>(
 
 /// The field of a surface with the frames of what smoothing has left of it: `mesh` is what it was before, on which distances of
 /// singularities are measured.
-pub(crate) fn field_of<B: ?Sized>(
+pub(crate) fn field_of(
     mesh: &TriMesh,
     frames: &Frames,
     guides: &[Guide],
     options: &FieldOptions,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<CrossField, Error> {
     let (guides, conflicts) = without_conflicts(guides, frames);
     let report = FieldReport {
@@ -77,13 +80,13 @@ pub(crate) fn field_of<B: ?Sized>(
 }
 
 /// The field of a surface as it is.
-fn on_one_surface<B: ?Sized>(
+fn on_one_surface(
     mesh: &TriMesh,
     frames: &Frames,
     guides: &[Guide],
     options: &FieldOptions,
     mut report: FieldReport,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<CrossField, Error> {
     let mut theta = diffused(frames, guides, run)?;
     let parallel = Parallel::new(frames, guides)?;
@@ -108,8 +111,8 @@ fn on_one_surface<B: ?Sized>(
 }
 
 /// Solves on the smoothed surface and carries the period jumps back; `None` where an index would change.
-fn carried<B: ?Sized>(
-    run: Run<'_, B>,
+fn carried(
+    run: On<'_>,
     frames: &Frames,
     smooth: &TriMesh,
     smoothing: f64,

@@ -12,7 +12,7 @@ use super::system::{System, Weighted};
 use super::transition::Seams;
 use super::untangle::{Moves, untangle};
 use crate::Error;
-use crate::backend::CrossfieldBackend;
+use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
 use crate::field::frames::Frames;
 
@@ -46,6 +46,7 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     options: &MapOptions,
     run: Run<'_, B>,
 ) -> Result<GridMap, Error> {
+    let run = run.with(run.backend.as_crossfield());
     let spacing = &options.spacing;
     spacing.check(frames.faces())?;
     let mut lines: Vec<usize> = options.lines.iter().map(|&h| h as usize).collect();
@@ -79,14 +80,14 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
 }
 
 /// A map on its way.
-struct Making<'a, B: ?Sized> {
+struct Making<'a> {
     frames: &'a Frames,
     field: &'a CrossField,
     system: System<'a>,
     /// How much each triangle counts.
     weights: Vec<f64>,
     report: MapReport,
-    run: Run<'a, B>,
+    run: On<'a>,
 }
 
 /// The best map without integers.
@@ -96,7 +97,7 @@ struct Relaxed {
     corners: Vec<[[f64; 2]; 3]>,
 }
 
-impl<B: CrossfieldBackend + ?Sized> Making<'_, B> {
+impl Making<'_> {
     fn faults(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
         faults(self.frames, self.field, self.system.charts, corners)
     }

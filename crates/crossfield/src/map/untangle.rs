@@ -1,12 +1,11 @@
 //! Unfolding of a map.
 
-use geom_core::Run;
 use geom_core::compute::BackendError;
 
 use super::spacing::Chart;
 use super::system::{Solver, System, Weighted};
 use crate::Error;
-use crate::backend::{ChartDistortion, CrossfieldBackend};
+use crate::backend::{ChartDistortion, CrossfieldBackend, On};
 
 /// Steps remembered by the minimizer.
 const HISTORY: usize = 10;
@@ -35,11 +34,11 @@ pub(crate) struct Moves<'a> {
 /// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`
 /// (Garanzha et al., *Foldover-free maps in 50 lines of code*, 2021), by L-BFGS. ε falls as theirs does, by what a round has
 /// gained and by the worst determinant. A map that cannot be unfolded comes out folded.
-pub(crate) fn untangle<B: CrossfieldBackend + ?Sized>(
+pub(crate) fn untangle(
     system: &System<'_>,
     y: &mut [f64],
     moves: &Moves<'_>,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<(), Error> {
     let free = match moves.integers {
         Some(_) => y.len(),
@@ -98,16 +97,16 @@ pub(crate) fn untangle<B: CrossfieldBackend + ?Sized>(
     Ok(())
 }
 
-struct Energy<'a, B: ?Sized> {
+struct Energy<'a> {
     system: &'a System<'a>,
     charts: &'a [Chart],
-    backend: &'a B,
+    backend: &'a (dyn CrossfieldBackend + 'a),
     fixed: Vec<f64>,
     epsilon: f64,
     out: Vec<ChartDistortion>,
 }
 
-impl<B: CrossfieldBackend + ?Sized> Energy<'_, B> {
+impl Energy<'_> {
     fn evaluate(&mut self, x: &[f64]) -> Result<(), Error> {
         let y: Vec<f64> = x.iter().chain(&self.fixed).copied().collect();
         let corners = self.system.corners(&y);
@@ -165,8 +164,8 @@ struct Step {
 }
 
 /// L-BFGS (Nocedal and Wright, *Numerical Optimization*, algorithm 7.5) with backtracking; the energy before and after.
-fn minimize<B: CrossfieldBackend + ?Sized>(
-    energy: &mut Energy<'_, B>,
+fn minimize(
+    energy: &mut Energy<'_>,
     moves: &Moves<'_>,
     x: &mut Vec<f64>,
 ) -> Result<(f64, f64), Error> {
@@ -220,8 +219,8 @@ struct Found {
 }
 
 /// The first of ever shorter steps that lowers the energy enough, with energy and gradient there.
-fn searched<B: CrossfieldBackend + ?Sized>(
-    energy: &mut Energy<'_, B>,
+fn searched(
+    energy: &mut Energy<'_>,
     x: &[f64],
     direction: &[f64],
     value: f64,

@@ -2,11 +2,11 @@
 
 use geom_core::compute::BackendError;
 use geom_core::search::bvh::TriangleTree;
-use geom_core::{Point3, QuadMesh, Run, TriMesh, Vector3};
+use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
 
 use super::quality::scaled_jacobian;
 use crate::Error;
-use crate::backend::{Corner, CornerDistortion, CrossfieldBackend};
+use crate::backend::{Corner, CornerDistortion, On};
 
 /// Steps of the flow.
 const STEPS: usize = 100;
@@ -82,11 +82,11 @@ pub(crate) fn on_segment([a, b]: &[Point3; 2], p: &Point3) -> Point3 {
 /// Moves vertices down the gradient of the corners' distortion (Eqs. 5.5–5.7, signed), back onto the surface after each
 /// step, and then those of the worst quads to where these are best. Returns the mesh with the largest smallest scaled
 /// Jacobian that was met.
-pub(crate) fn improve<B: CrossfieldBackend + ?Sized>(
+pub(crate) fn improve(
     mesh: QuadMesh,
     ground: &Ground<'_>,
     freedom: &[Freedom],
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<QuadMesh, Error> {
     let mut flow = Flow::new(mesh, ground, freedom, run);
     flow.run()?;
@@ -95,35 +95,30 @@ pub(crate) fn improve<B: CrossfieldBackend + ?Sized>(
 }
 
 /// Vertices on the surface, as near as possible to where they were.
-pub(crate) fn settled<B: CrossfieldBackend + ?Sized>(
+pub(crate) fn settled(
     mesh: QuadMesh,
     ground: &Ground<'_>,
     freedom: &[Freedom],
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<QuadMesh, Error> {
     let flow = Flow::new(mesh, ground, freedom, run);
     Ok(QuadMesh::new(flow.positions, flow.quads)?)
 }
 
-struct Flow<'a, B: ?Sized> {
+struct Flow<'a> {
     quads: Vec<[u32; 4]>,
     positions: Vec<Point3>,
     normals: Vec<Vector3>,
     lengths: Vec<f64>,
     ground: &'a Ground<'a>,
     freedom: &'a [Freedom],
-    run: Run<'a, B>,
+    run: On<'a>,
     out: Vec<CornerDistortion>,
     around: Vec<Vec<u32>>,
 }
 
-impl<'a, B: CrossfieldBackend + ?Sized> Flow<'a, B> {
-    fn new(
-        mesh: QuadMesh,
-        ground: &'a Ground<'a>,
-        freedom: &'a [Freedom],
-        run: Run<'a, B>,
-    ) -> Self {
+impl<'a> Flow<'a> {
+    fn new(mesh: QuadMesh, ground: &'a Ground<'a>, freedom: &'a [Freedom], run: On<'a>) -> Self {
         let (positions, quads) = mesh.into_parts();
         let mut around = vec![Vec::new(); positions.len()];
         for (q, quad) in (0u32..).zip(&quads) {

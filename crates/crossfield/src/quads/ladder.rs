@@ -86,6 +86,7 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Quadrangulation, Error> {
+    let run = run.with(run.backend.as_crossfield());
     options.check()?;
     if surface.triangles().is_empty() {
         return Err(Error::Empty);

@@ -10,7 +10,7 @@ use super::improve::{Freedom, Ground, improve, on_segment, settled};
 use super::parts::Part;
 use super::smooth::Smooth;
 use super::split::split_quads;
-use crate::backend::CrossfieldBackend;
+use crate::backend::On;
 use crate::error::Error;
 use crate::field::solve::field_of;
 use crate::field::{CrossField, FieldReport, Frames, Guide, Toward};
@@ -71,11 +71,11 @@ const OFF_TARGET: f64 = 0.1;
 const SMOOTHER: [f64; 5] = [1.5, 2.0, 3.0, 4.0, 6.0];
 
 /// The quads of one connected part.
-pub(super) fn part_quads<B: CrossfieldBackend + ?Sized>(
+pub(super) fn part_quads(
     mesh: &TriMesh,
     spacing: f64,
     options: &Options,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<(QuadMesh, PartReport), Error> {
     let part = Part::of(mesh.clone(), options.crease)?;
     let mut report = PartReport {
@@ -101,11 +101,11 @@ struct Raw {
 }
 
 /// The rungs that have a map; `None` where all of them failed, and the report says why. An error where no rung follows.
-fn climb<B: CrossfieldBackend + ?Sized>(
+fn climb(
     part: &Part,
     spacing: f64,
     options: &Options,
-    run: Run<'_, B>,
+    run: On<'_>,
     report: &mut PartReport,
 ) -> Result<Option<Raw>, Error> {
     let mut rungs = Rungs {
@@ -155,11 +155,11 @@ fn climb<B: CrossfieldBackend + ?Sized>(
 }
 
 /// Fewer triangles in place of far too many: the field needs no more than about fourteen per quad.
-fn proxy<B: ?Sized>(
+fn proxy(
     part: &Part,
     spacing: f64,
     options: &Options,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Option<Part>, Cancelled> {
     let quads = part.mesh.area() / (spacing * spacing);
     if (part.mesh.triangles().len() as f64) < MANY * quads {
@@ -170,21 +170,21 @@ fn proxy<B: ?Sized>(
 
 /// The part with nearly equilateral triangles of this edge length (Botsch and Kobbelt, 2004); `None` where that fails or
 /// changes its topology.
-fn remeshed<B: ?Sized>(
+fn remeshed(
     part: &Part,
     edge: f64,
     options: &Options,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Option<Part>, Cancelled> {
     remeshed_with(part, edge, options, remesh::Options::default(), run)
 }
 
-fn remeshed_with<B: ?Sized>(
+fn remeshed_with(
     part: &Part,
     edge: f64,
     options: &Options,
     wanted: remesh::Options,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Option<Part>, Cancelled> {
     let wanted = remesh::Options {
         sizing: remesh::Sizing::Uniform {
@@ -212,10 +212,10 @@ fn remeshed_with<B: ?Sized>(
 }
 
 /// What the rungs share.
-struct Rungs<'a, B: ?Sized> {
+struct Rungs<'a> {
     options: &'a Options,
     spacing: f64,
-    run: Run<'a, B>,
+    run: On<'a>,
     report: &'a mut PartReport,
     /// The first field whose map folds only on integers, and what it is a field of.
     denser: Option<(Smooth, CrossField)>,
@@ -223,7 +223,7 @@ struct Rungs<'a, B: ?Sized> {
     smoothing: f64,
 }
 
-impl<B: CrossfieldBackend + ?Sized> Rungs<'_, B> {
+impl Rungs<'_> {
     /// A field smoothed `factor` times as much as asked for, and the quads of its map; `None` where it failed.
     fn with_field(
         &mut self,
@@ -307,13 +307,13 @@ fn guides(part: &Part, options: &Options) -> Result<Vec<Guide>, Error> {
 }
 
 /// Map and quads of a field, checked against the surface.
-fn mapped<B: CrossfieldBackend + ?Sized>(
+fn mapped(
     part: &Part,
     smooth: &Smooth,
     field: &CrossField,
     spacing: f64,
     options: &Options,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<(Extracted, GridMap), Error> {
     let make = |spacing: f64| -> Result<(Extracted, GridMap), Error> {
         let map_options = MapOptions {
@@ -363,12 +363,7 @@ fn check(quads: &QuadMesh, surface: &TriMesh) -> Result<(), Error> {
 }
 
 /// Quads of the triangles themselves, of about the wanted size if the surface can be remeshed.
-fn last_resort<B: ?Sized>(
-    part: &Part,
-    spacing: f64,
-    options: &Options,
-    run: Run<'_, B>,
-) -> Result<Raw, Error> {
+fn last_resort(part: &Part, spacing: f64, options: &Options, run: On<'_>) -> Result<Raw, Error> {
     // The vertices go back onto the surface: here a far one does no harm.
     let loose = remesh::Options {
         max_deviation: Some(f64::INFINITY),
@@ -401,12 +396,7 @@ fn last_resort<B: ?Sized>(
 }
 
 /// Vertices on the surface, better quads.
-fn finished<B: CrossfieldBackend + ?Sized>(
-    part: &Part,
-    raw: Raw,
-    options: &Options,
-    run: Run<'_, B>,
-) -> Result<QuadMesh, Error> {
+fn finished(part: &Part, raw: Raw, options: &Options, run: On<'_>) -> Result<QuadMesh, Error> {
     let freedom = freedoms(&raw)?;
     let tree = TriangleTree::new(&part.mesh)?;
     let normals = part.mesh.vertex_normals();

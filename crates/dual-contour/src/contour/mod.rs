@@ -1,12 +1,11 @@
 //! From values and options to the complex: the steps that surface and volume share.
 
-use crate::backend::ContourBackend;
 use crate::complex::{Complex, Kinds};
 use crate::dual::{Duals, Emitter, Ends, Probe, Want};
 use crate::octree::{self, Domain, Octree, Samples};
 use crate::{AtBox, Error, Extent, Method, Options};
 use geom_core::mesh::{INTERIOR, Region};
-use geom_core::{ImplicitField, LatticeValues, Run};
+use geom_core::{ImplicitField, LatticeValues};
 
 mod memory;
 mod raw;
@@ -23,6 +22,7 @@ pub use report::Report;
 pub use surface::{Surface, surface};
 pub use volume::{Volume, volume};
 
+use crate::backend::On;
 use raw::Raw;
 use setup::{Purpose, sampled};
 
@@ -34,12 +34,12 @@ pub(crate) struct Contour {
 }
 
 /// Makes the mesh that options and purpose ask for.
-pub(crate) fn contour<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
+pub(crate) fn contour<V: LatticeValues + ?Sized>(
     values: &V,
     field: Option<&dyn ImplicitField>,
     options: &Options,
     purpose: Purpose,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Contour, Error> {
     let (samples, report) = sampled(values, field, options, purpose, run)?;
     let probe = Probe::new(&samples, field, options);
@@ -59,13 +59,13 @@ pub(crate) fn is_uniform(options: &Options) -> bool {
 const SPIKE_ROUNDS: u32 = 4;
 
 /// Makes the mesh of what has been sampled.
-fn mesh<B: ContourBackend + ?Sized>(
+fn mesh(
     samples: &Samples<'_>,
     probe: &Probe<'_>,
     options: &Options,
     purpose: Purpose,
     mut report: Report,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Contour, Error> {
     let mesher = Mesher {
         samples,
@@ -125,11 +125,7 @@ impl Mesher<'_> {
     }
 
     /// Dual contouring. The octree is made again while points of large leaves would stick out of the surface.
-    fn dual_contour<B: ContourBackend + ?Sized>(
-        &self,
-        report: &mut Report,
-        run: Run<'_, B>,
-    ) -> Result<Raw, Error> {
+    fn dual_contour(&self, report: &mut Report, run: On<'_>) -> Result<Raw, Error> {
         let (samples, ends) = (self.samples, self.ends());
         run.progress("octree", 0, 1)?;
         let mut splits = octree::splits(samples, self.options);
@@ -169,11 +165,7 @@ impl Mesher<'_> {
     }
 
     /// Isosurface stuffing.
-    fn stuff<B: ContourBackend + ?Sized>(
-        &self,
-        report: &mut Report,
-        run: Run<'_, B>,
-    ) -> Result<Raw, Error> {
+    fn stuff(&self, report: &mut Report, run: On<'_>) -> Result<Raw, Error> {
         run.progress("octree", 0, 1)?;
         let mut splits = octree::splits(self.samples, self.options);
         let (tree, kinds) = trees::even(self.samples, self.options, &mut splits)?;

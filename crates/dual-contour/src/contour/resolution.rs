@@ -1,11 +1,11 @@
 //! The spacing that gives a number of tetrahedra.
 
 use geom_core::options::OutOfRange;
-use geom_core::{ImplicitField, LatticeValues, Run};
+use geom_core::{ImplicitField, LatticeValues};
 
 use super::contour;
 use super::setup::Purpose;
-use crate::backend::ContourBackend;
+use crate::backend::On;
 use crate::{Error, Options, Resolution};
 
 /// Meshes that the search may make.
@@ -13,11 +13,11 @@ const ROUNDS: u64 = 12;
 
 /// Options whose resolution is no number of tetrahedra: the spacing that gives about as many as asked
 /// for, found by meshing at growing fineness.
-pub(crate) fn resolved<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
+pub(crate) fn resolved<V: LatticeValues + ?Sized>(
     values: &V,
     field: Option<&dyn ImplicitField>,
     options: &Options,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Options, Error> {
     let Resolution::Tets(wanted) = options.resolution else {
         return Ok(options.clone());

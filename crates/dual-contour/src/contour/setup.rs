@@ -1,11 +1,11 @@
 //! From values and options to samples: where the mesh lies, what it may cost, and why there is none.
 
 use geom_core::options::OutOfRange;
-use geom_core::{ImplicitField, Lattice, LatticeValues, Run, Vector3};
+use geom_core::{ImplicitField, Lattice, LatticeValues, Vector3};
 use rayon::prelude::*;
 
 use super::report::Report;
-use crate::backend::ContourBackend;
+use crate::backend::On;
 use crate::octree::{BLOCK, Domain, Labels, Samples, Source};
 use crate::{AtBox, Error, Extent, Options, Outer, Resolution, Shape};
 
@@ -20,12 +20,12 @@ pub(crate) enum Purpose {
 }
 
 /// Values and labels as options and purpose ask for, and what has been counted.
-pub(crate) fn sampled<'a, V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
+pub(crate) fn sampled<'a, V: LatticeValues + ?Sized>(
     values: &'a V,
     field: Option<&'a dyn ImplicitField>,
     options: &Options,
     purpose: Purpose,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<(Samples<'a>, Report), Error> {
     options.check()?;
     let lattice = values.lattice();

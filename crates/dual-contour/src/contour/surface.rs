@@ -68,6 +68,7 @@ pub fn surface<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Surface, Error> {
+    let run = run.with(run.backend.as_contour());
     let options = resolved(values, field, options, run)?;
     let (samples, mut report) = sampled(values, field, &options, Purpose::Surface, run)?;
     let probe = Probe::new(&samples, field, &options);

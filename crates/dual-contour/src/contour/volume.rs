@@ -87,6 +87,7 @@ pub fn volume<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Volume, Error> {
+    let run = run.with(run.backend.as_contour());
     let interior = options.region == Extent::Interior;
     let asked = [
         ("outer", options.outer != Outer::Grid),

@@ -53,12 +53,12 @@ pub(crate) enum Ends {
 impl Duals {
     /// All points: at their base, or on the surface. Leaves of the octree `before`, of which some have
     /// been split, keep the points that had arrived.
-    pub(crate) fn new<B: ContourBackend + ?Sized>(
+    pub(crate) fn new(
         complex: &Complex<'_>,
         probe: &Probe<'_>,
         ends: Ends,
         before: Option<&(Octree, Duals)>,
-        backend: &B,
+        backend: &dyn ContourBackend,
     ) -> Result<Self, Error> {
         let len = complex.tree.leaves.len();
         // Leaves with a surface have a point on it, unless their parts have.
@@ -181,13 +181,13 @@ impl Duals {
 }
 
 /// The points of moved leaves: those that had arrived in the octree `before`, the rest found.
-fn known_or_found<B: ContourBackend + ?Sized>(
+fn known_or_found(
     complex: &Complex<'_>,
     probe: &Probe<'_>,
     moved: &[u32],
     frames: &[u32],
     before: Option<&(Octree, Duals)>,
-    backend: &B,
+    backend: &dyn ContourBackend,
 ) -> Result<Vec<Point3>, Error> {
     let mut known: Vec<(u32, Option<Point3>)> = moved
         .par_iter()

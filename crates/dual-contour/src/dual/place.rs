@@ -16,11 +16,11 @@ use crate::{Error, Placement};
 const STEPS: u32 = 4;
 
 /// The dual vertices of leaves: finest ones in a density grid by the backend's kernel.
-pub(super) fn leaf_points<B: ContourBackend + ?Sized>(
+pub(super) fn leaf_points(
     complex: &Complex<'_>,
     probe: &Probe<'_>,
     leaves: &[u32],
-    backend: &B,
+    backend: &dyn ContourBackend,
 ) -> Result<Vec<Point3>, Error> {
     let samples = complex.samples;
     let kernel = probe.field.is_none() && probe.placement == Placement::Newton;
@@ -58,11 +58,11 @@ pub(super) fn leaf_points<B: ContourBackend + ?Sized>(
 }
 
 /// The points of finest cells of plain labels, given with the place of their block among the stored.
-pub(crate) fn finest_points<B: ContourBackend + ?Sized>(
+pub(crate) fn finest_points(
     samples: &Samples<'_>,
     probe: &Probe<'_>,
     cells: &[(u32, [i32; 3])],
-    backend: &B,
+    backend: &dyn ContourBackend,
     out: &mut [Point3],
 ) -> Result<(), Error> {
     debug_assert_eq!(out.len(), cells.len());
@@ -117,10 +117,7 @@ fn cell_point(
 }
 
 /// One point per cell, or an error: a backend from outside may answer anything.
-fn dual_vertices<B: ContourBackend + ?Sized>(
-    backend: &B,
-    cells: &[[f32; 8]],
-) -> Result<Vec<[f32; 3]>, Error> {
+fn dual_vertices(backend: &dyn ContourBackend, cells: &[[f32; 8]]) -> Result<Vec<[f32; 3]>, Error> {
     let mut points = Vec::with_capacity(cells.len());
     backend.dual_vertices(cells, STEPS, &mut points)?;
     let (found, of) = (points.len(), cells.len());

@@ -100,12 +100,12 @@ fn at_least(level: f64) -> f32 {
 impl<'a> Samples<'a> {
     /// Reads all blocks that may hold a surface, and keeps the values of those that do, as long as they take no
     /// more than `max_memory` bytes.
-    pub(crate) fn new<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
+    pub(crate) fn new<V: LatticeValues + ?Sized>(
         source: Source<'a, V>,
         domain: Domain,
         labels: Labels,
         max_memory: u64,
-        backend: &B,
+        backend: &dyn ContourBackend,
     ) -> Result<Self, Error> {
         let known = known_blocks(&source, &domain, &labels);
         let mut out = Self {
@@ -234,10 +234,7 @@ impl<'a> Samples<'a> {
     }
 
     /// Finds the signs of all stored cells; after this values stay as they are.
-    pub(crate) fn find_crossings<B: ContourBackend + ?Sized>(
-        &mut self,
-        backend: &B,
-    ) -> Result<(), Error> {
+    pub(crate) fn find_crossings(&mut self, backend: &dyn ContourBackend) -> Result<(), Error> {
         if self.labels.plain() {
             let level = at_least(self.labels.level);
             let lists = self.values.lists.par_iter();

@@ -9,7 +9,7 @@ use geom_core::options::{OutOfRange, require};
 use rayon::prelude::*;
 
 use crate::atoms::samples::{self, Wanted};
-use crate::backend::{DensityBackend, SampleCell, check_per_atom};
+use crate::backend::{DensityBackend, On, SampleCell, check_per_atom};
 use crate::error::Error;
 use crate::kernel::cells::{self, CellSums, ChangedRow};
 use crate::kernel::prepared::Prepared;
@@ -175,6 +175,7 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
     options: &Elimination,
     run: Run<'_, B>,
 ) -> Result<Eliminated, Error> {
+    let run = run.with(run.backend.as_density());
     options.check()?;
     let sample_eps = (SAMPLE_EPS * options.epsilon).clamp(1e-7, 1e-4);
     let sampler = PointSampler::above(NEAR, model, Cutoff(sample_eps))?;
@@ -226,13 +227,13 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
 }
 
 /// The samples that an elimination watches, in cells.
-fn samples_of<B: DensityBackend + ?Sized>(
+fn samples_of(
     model: &Model,
     sampler: &PointSampler<'_>,
     sampling: &Options,
     options: &Elimination,
     eps: f64,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Vec<SampleCell>, Error> {
     let sampled = sample_band(model, sampling, run)?;
     let wanted = Wanted {
@@ -246,10 +247,10 @@ fn samples_of<B: DensityBackend + ?Sized>(
 }
 
 /// The atoms that may go, those first that change the density least (Eq. 3.9); equal ones by index.
-fn order_of_trial<B: DensityBackend + ?Sized>(
+fn order_of_trial(
     sampler: &PointSampler<'_>,
     cells: &[SampleCell],
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Vec<u32>, Error> {
     let model = sampler.prepared().model();
     run.progress("errors per atom", 0, 1)?;
@@ -276,12 +277,12 @@ struct Trial<'a> {
 
 impl Trial<'_> {
     /// Tries the atoms in their order, batch by batch, and removes those that may go.
-    fn run<B: DensityBackend + ?Sized>(
+    fn run(
         &self,
         mut state: State<'_>,
         kept: &mut [bool],
         report: &mut EliminationReport,
-        run: Run<'_, B>,
+        run: On<'_>,
     ) -> Result<(), Error> {
         let total = self.order.len() as u64;
         for (batch, atoms) in self.order.chunks(BATCH).enumerate() {

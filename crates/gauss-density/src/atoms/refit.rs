@@ -10,7 +10,7 @@ use geom_core::options::{OutOfRange, require};
 use rayon::prelude::*;
 
 use crate::atoms::samples::{self, Wanted};
-use crate::backend::{DensityBackend, RefitSums, SampleCell};
+use crate::backend::{DensityBackend, On, RefitSums, SampleCell};
 use crate::error::Error;
 use crate::kernel::cull::{ActiveSet, Scratch};
 use crate::kernel::prepared::Prepared;
@@ -147,6 +147,7 @@ pub fn refit<B: DensityBackend + ?Sized>(
     options: &Refit,
     run: Run<'_, B>,
 ) -> Result<Refitted, Error> {
+    let run = run.with(run.backend.as_density());
     options.check()?;
     let sampler = PointSampler::above(NEAR, original, Cutoff(SAMPLE_EPS))?;
     let sampling = Options {
@@ -179,12 +180,12 @@ pub fn refit<B: DensityBackend + ?Sized>(
 }
 
 /// The samples of the original's surface, in cells of the atoms of the reduced model, as `widest` as they may become.
-fn samples_of<B: DensityBackend + ?Sized>(
+fn samples_of(
     widest: &Model,
     sampler: &PointSampler<'_>,
     sampling: &Options,
     options: &Refit,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Vec<SampleCell>, Error> {
     let grid = sample_band(sampler.prepared().model(), sampling, run)?.grid;
     let wanted = Wanted {
@@ -214,11 +215,11 @@ struct Descent<'a> {
 }
 
 impl<'a> Descent<'a> {
-    fn start<B: DensityBackend + ?Sized>(
+    fn start(
         reduced: &'a Model,
         cells: &'a [SampleCell],
         allowed: Allowed,
-        run: Run<'_, B>,
+        run: On<'_>,
     ) -> Result<Self, Error> {
         let mut sums = RefitSums::default();
         let prepared = Prepared::new(reduced);
@@ -239,12 +240,7 @@ impl<'a> Descent<'a> {
     }
 
     /// Steps until nothing changes, nothing gets better, or the steps are used up.
-    fn run<B: DensityBackend + ?Sized>(
-        &mut self,
-        report: &mut RefitReport,
-        options: &Refit,
-        run: Run<'_, B>,
-    ) -> Result<(), Error> {
+    fn run(&mut self, report: &mut RefitReport, options: &Refit, run: On<'_>) -> Result<(), Error> {
         let most = u64::from(options.iterations);
         while report.iterations < options.iterations {
             run.progress("refit", u64::from(report.iterations), most)?;
@@ -265,11 +261,7 @@ impl<'a> Descent<'a> {
     }
 
     /// Goes to a trial if the objective is lower there.
-    fn accepts<B: DensityBackend + ?Sized>(
-        &mut self,
-        trial: Vec<Five>,
-        run: Run<'_, B>,
-    ) -> Result<bool, Error> {
+    fn accepts(&mut self, trial: Vec<Five>, run: On<'_>) -> Result<bool, Error> {
         let model = with_parameters(self.start, &trial);
         let prepared = Prepared::new(&model);
         run.backend

@@ -39,6 +39,7 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Sampled<BrickGrid>, Error> {
+    let run = run.with(run.backend.as_density());
     options.check()?;
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use geom_core::Lattice;
 use geom_core::grid::BRICK;
-use geom_core::{Lattice, Run};
 use rayon::prelude::*;
 
-use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job, check_blocks};
+use crate::backend::{BLOCK, Block, BlockValues, Job, On, check_blocks};
 use crate::error::Error;
 use crate::kernel::boxes::lattice_box;
 use crate::kernel::prepared::Prepared;
@@ -111,11 +111,11 @@ const BATCH: usize = 256;
 
 /// Calls the backend for batch after batch of blocks that some atom can reach, in a fixed order; with `wanted`
 /// (masks by lowest brick) for these only. Between batches the watcher is asked.
-pub(crate) fn for_each_batch<B: DensityBackend + ?Sized>(
+pub(crate) fn for_each_batch(
     model: &Prepared<'_>,
     job: &Job,
     wanted: Option<&BTreeMap<[usize; 3], u64>>,
-    run: Run<'_, B>,
+    run: On<'_>,
     mut take: impl FnMut(&[Block], &[BlockValues]) -> Result<(), Error> + Send,
 ) -> Result<(), Error> {
     let bricks = job.lattice.counts.map(|n| n.div_ceil(BRICK));

@@ -3,7 +3,7 @@
 use geom_core::{ImplicitField, LatticeValues, Run};
 use rayon::prelude::*;
 
-use crate::backend::DensityBackend;
+use crate::backend::{DensityBackend, On};
 use crate::error::Error;
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
@@ -49,6 +49,7 @@ pub fn compare<B: DensityBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Comparison, Error> {
+    let run = run.with(run.backend.as_density());
     options.check()?;
     let sampler = PointSampler::above(NEAR, original, Cutoff(1e-5))?;
     let options = Options {
@@ -59,11 +60,11 @@ pub fn compare<B: DensityBackend + ?Sized>(
 }
 
 /// Both on the lattice of the given bounds.
-pub(crate) fn compare_on<B: DensityBackend + ?Sized>(
+pub(crate) fn compare_on(
     model: &Model,
     original: &PointSampler<'_>,
     options: &Options,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Comparison, Error> {
     let new = sample_band(model, options, run)?.grid;
     let old = sample_band(original.prepared().model(), options, run)?.grid;

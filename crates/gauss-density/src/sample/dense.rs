@@ -38,6 +38,7 @@ pub fn sample<B: DensityBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Sampled<ScalarGrid>, Error> {
+    let run = run.with(run.backend.as_density());
     options.check()?;
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;

@@ -50,10 +50,13 @@ impl Symbolic {
     /// factor.
     pub fn of<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Self, Error> {
         let (starts, indices, _) = upper_half(matrix)?;
-        let n = matrix.rows();
+        Self::analysed(matrix.rows(), starts, indices)
+    }
+
+    fn analysed(n: usize, starts: Vec<u32>, indices: Vec<u32>) -> Result<Self, Error> {
         let too_large = Error::TooLarge {
             rows: n,
-            entries: matrix.entries() as u128,
+            entries: indices.len() as u128,
         };
         let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &indices);
         let symbolic = factorize_symbolic_cholesky(
@@ -95,29 +98,9 @@ impl Symbolic {
 
     /// Factors a positive definite matrix of the analysed pattern as L Lᴴ.
     pub fn factor<T: Scalar>(&self, matrix: &SparseMatrix<T>) -> Result<Cholesky<T>, Error> {
-        let upper = self.values_of(matrix)?;
-        let symbolic = &self.inner.symbolic;
-        let (mut values, mut memory) = self.memory::<T>(
-            symbolic.factorize_numeric_llt_scratch::<T>(Par::Seq, Default::default()),
-        )?;
-        symbolic
-            .factorize_numeric_llt::<T>(
-                &mut values,
-                self.lower(&upper),
-                Side::Lower,
-                Default::default(),
-                Par::Seq,
-                MemStack::new(&mut memory),
-                Default::default(),
-            )
-            .map_err(
-                |LltError::NonPositivePivot { index }| Error::NotPositiveDefinite {
-                    row: self.original(index),
-                },
-            )?;
         Ok(Cholesky {
             symbolic: self.clone(),
-            values,
+            values: T::factor(self, matrix)?,
         })
     }
 
@@ -255,6 +238,33 @@ fn upper_half<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Half<T>, Error> {
     Ok((starts, indices, values))
 }
 
+/// The values of the factor L Lᴴ: [`Symbolic::factor`].
+pub(super) fn factor<T: Scalar>(
+    symbolic: &Symbolic,
+    matrix: &SparseMatrix<T>,
+) -> Result<Vec<T>, Error> {
+    let upper = symbolic.values_of(matrix)?;
+    let inner = &symbolic.inner.symbolic;
+    let (mut values, mut memory) = symbolic
+        .memory::<T>(inner.factorize_numeric_llt_scratch::<T>(Par::Seq, Default::default()))?;
+    inner
+        .factorize_numeric_llt::<T>(
+            &mut values,
+            symbolic.lower(&upper),
+            Side::Lower,
+            Default::default(),
+            Par::Seq,
+            MemStack::new(&mut memory),
+            Default::default(),
+        )
+        .map_err(
+            |LltError::NonPositivePivot { index }| Error::NotPositiveDefinite {
+                row: symbolic.original(index),
+            },
+        )?;
+    Ok(values)
+}
+
 /// The factor L Lᴴ of a positive definite matrix.
 #[derive(Clone, Debug)]
 pub struct Cholesky<T = f64> {
@@ -294,60 +304,7 @@ impl<T: Scalar> Cholesky<T> {
         if expected == 0 {
             return Ok(());
         }
-        match &self.symbolic.inner.schedule {
-            Some(schedule) => crate::compute::parallel::inside(|| {
-                let (wide, rest) = (columns / COLUMNS, columns % COLUMNS);
-                self.solve_parts::<COLUMNS>(schedule, block, columns, 0, wide);
-                let first = wide * COLUMNS;
-                match rest {
-                    0 => {}
-                    1 => self.solve_parts::<1>(schedule, block, columns, first, 1),
-                    2 => self.solve_parts::<2>(schedule, block, columns, first, 1),
-                    3 | 4 => self.solve_parts::<4>(schedule, block, columns, first, 1),
-                    _ => self.solve_parts::<COLUMNS>(schedule, block, columns, first, 1),
-                }
-            }),
-            // Small or nearly diagonal: not worth a kernel.
-            None => {
-                let symbolic = &self.symbolic.inner.symbolic;
-                let scratch = symbolic.solve_in_place_scratch::<T>(columns, Par::Seq);
-                let mut memory =
-                    MemBuffer::try_new(scratch).map_err(|_| Error::OutOfMemory { entries: 0 })?;
-                LltRef::new(symbolic, &self.values).solve_in_place_with_conj(
-                    Conj::No,
-                    MatMut::from_row_major_slice_mut(block, n, columns),
-                    Par::Seq,
-                    MemStack::new(&mut memory),
-                );
-            }
-        }
-        Ok(())
-    }
-
-    /// Replaces `parts` times `C` columns of a block (the last ones may be missing) by the solutions.
-    fn solve_parts<const C: usize>(
-        &self,
-        schedule: &Schedule,
-        block: &mut [T],
-        columns: usize,
-        first: usize,
-        parts: usize,
-    ) {
-        let range = |part: usize| first + part * C..(first + (part + 1) * C).min(columns);
-        let solved: Vec<Solved<T, C>> = (0..parts)
-            .into_par_iter()
-            .map(|part| schedule.solve(&self.values, block, columns, range(part)))
-            .collect();
-        block
-            .par_chunks_mut(columns)
-            .enumerate()
-            .with_min_len(4096)
-            .for_each(|(i, out)| {
-                for (part, solved) in solved.iter().enumerate() {
-                    let out = &mut out[range(part)];
-                    out.copy_from_slice(&schedule.row(solved, i)[..out.len()]);
-                }
-            });
+        T::substitute(&self.symbolic, &self.values, block, columns)
     }
 
     /// Solves for one right-hand side.
@@ -365,4 +322,68 @@ impl<T: Scalar> Cholesky<T> {
         self.solve_in_place(&mut x, 1)?;
         Ok(x)
     }
+}
+
+/// [`Cholesky::solve_in_place`] for a block of the right size that is not empty.
+pub(super) fn substitute<T: Scalar>(
+    symbolic: &Symbolic,
+    factor: &[T],
+    block: &mut [T],
+    columns: usize,
+) -> Result<(), Error> {
+    let n = symbolic.rows();
+    match &symbolic.inner.schedule {
+        Some(schedule) => crate::compute::parallel::inside(|| {
+            let (wide, rest) = (columns / COLUMNS, columns % COLUMNS);
+            solve_parts::<T, COLUMNS>(schedule, factor, block, columns, 0, wide);
+            let first = wide * COLUMNS;
+            match rest {
+                0 => {}
+                1 => solve_parts::<T, 1>(schedule, factor, block, columns, first, 1),
+                2 => solve_parts::<T, 2>(schedule, factor, block, columns, first, 1),
+                3 | 4 => solve_parts::<T, 4>(schedule, factor, block, columns, first, 1),
+                _ => solve_parts::<T, COLUMNS>(schedule, factor, block, columns, first, 1),
+            }
+        }),
+        // Small or nearly diagonal: not worth a kernel.
+        None => {
+            let symbolic = &symbolic.inner.symbolic;
+            let scratch = symbolic.solve_in_place_scratch::<T>(columns, Par::Seq);
+            let mut memory =
+                MemBuffer::try_new(scratch).map_err(|_| Error::OutOfMemory { entries: 0 })?;
+            LltRef::new(symbolic, factor).solve_in_place_with_conj(
+                Conj::No,
+                MatMut::from_row_major_slice_mut(block, n, columns),
+                Par::Seq,
+                MemStack::new(&mut memory),
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Replaces `parts` times `C` columns of a block (the last ones may be missing) by the solutions.
+fn solve_parts<T: Scalar, const C: usize>(
+    schedule: &Schedule,
+    factor: &[T],
+    block: &mut [T],
+    columns: usize,
+    first: usize,
+    parts: usize,
+) {
+    let range = |part: usize| first + part * C..(first + (part + 1) * C).min(columns);
+    let solved: Vec<Solved<T, C>> = (0..parts)
+        .into_par_iter()
+        .map(|part| schedule.solve(factor, block, columns, range(part)))
+        .collect();
+    block
+        .par_chunks_mut(columns)
+        .enumerate()
+        .with_min_len(4096)
+        .for_each(|(i, out)| {
+            for (part, solved) in solved.iter().enumerate() {
+                let out = &mut out[range(part)];
+                out.copy_from_slice(&schedule.row(solved, i)[..out.len()]);
+            }
+        });
 }

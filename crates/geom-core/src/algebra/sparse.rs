@@ -12,9 +12,50 @@ use super::Error;
 const ROWS: usize = 2048;
 
 mod sealed {
-    pub trait Sealed: faer::traits::ComplexField {}
-    impl Sealed for f64 {}
-    impl Sealed for super::Complex<f64> {}
+    use super::super::{Error, Symbolic, cholesky};
+    use super::{Complex, SparseMatrix};
+
+    /// The heavy functions, compiled here once for each of the two types and not in every program that calls them.
+    pub trait Sealed: faer::traits::ComplexField {
+        fn factor(symbolic: &Symbolic, matrix: &SparseMatrix<Self>) -> Result<Vec<Self>, Error>;
+        fn substitute(
+            symbolic: &Symbolic,
+            factor: &[Self],
+            block: &mut [Self],
+            columns: usize,
+        ) -> Result<(), Error>;
+        fn multiply(matrix: &SparseMatrix<Self>, block: &[Self], columns: usize, out: &mut [Self]);
+    }
+    macro_rules! sealed {
+        ($scalar:ty) => {
+            impl Sealed for $scalar {
+                fn factor(
+                    symbolic: &Symbolic,
+                    matrix: &SparseMatrix<Self>,
+                ) -> Result<Vec<Self>, Error> {
+                    cholesky::factor(symbolic, matrix)
+                }
+                fn substitute(
+                    symbolic: &Symbolic,
+                    factor: &[Self],
+                    block: &mut [Self],
+                    columns: usize,
+                ) -> Result<(), Error> {
+                    cholesky::substitute(symbolic, factor, block, columns)
+                }
+                fn multiply(
+                    matrix: &SparseMatrix<Self>,
+                    block: &[Self],
+                    columns: usize,
+                    out: &mut [Self],
+                ) {
+                    super::multiply(matrix, block, columns, out);
+                }
+            }
+        };
+    }
+    sealed!(f64);
+    sealed!(Complex<f64>);
 }
 
 /// What a sparse matrix holds: f64 or complex f64. Sealed.
@@ -96,6 +137,25 @@ impl Scalar for Complex<f64> {
             part(factor.im, factor.re, summand.im),
         )
     }
+}
+
+/// [`SparseMatrix::multiply_into`] for a block of the right size that is not empty.
+fn multiply<T: Scalar>(matrix: &SparseMatrix<T>, block: &[T], columns: usize, out: &mut [T]) {
+    out.par_chunks_mut(ROWS * columns)
+        .enumerate()
+        .for_each(|(part, out)| {
+            let mut at = 0;
+            while at < columns {
+                let width = match columns - at {
+                    1 => matrix.rows_times::<1>(part * ROWS, block, out, columns, at),
+                    2 | 3 => matrix.rows_times::<2>(part * ROWS, block, out, columns, at),
+                    4..8 => matrix.rows_times::<4>(part * ROWS, block, out, columns, at),
+                    8..16 => matrix.rows_times::<8>(part * ROWS, block, out, columns, at),
+                    _ => matrix.rows_times::<16>(part * ROWS, block, out, columns, at),
+                };
+                at += width;
+            }
+        });
 }
 
 /// A sparse matrix in compressed rows; columns ascend within a row, each at most once. A symmetric
@@ -268,21 +328,7 @@ impl<T: Scalar> SparseMatrix<T> {
         if columns == 0 {
             return;
         }
-        out.par_chunks_mut(ROWS * columns)
-            .enumerate()
-            .for_each(|(part, out)| {
-                let mut at = 0;
-                while at < columns {
-                    let width = match columns - at {
-                        1 => self.rows_times::<1>(part * ROWS, block, out, columns, at),
-                        2 | 3 => self.rows_times::<2>(part * ROWS, block, out, columns, at),
-                        4..8 => self.rows_times::<4>(part * ROWS, block, out, columns, at),
-                        8..16 => self.rows_times::<8>(part * ROWS, block, out, columns, at),
-                        _ => self.rows_times::<16>(part * ROWS, block, out, columns, at),
-                    };
-                    at += width;
-                }
-            });
+        T::multiply(self, block, columns, out);
     }
 
     /// Rows from `first` on and `C` columns from `at` on, with their number known to the compiler: the

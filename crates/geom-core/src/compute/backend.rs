@@ -11,6 +11,25 @@ pub trait Backend: Send + Sync {
     fn name(&self) -> String;
 }
 
+/// Declares a supertrait `$object` of a backend trait whose `$method` gives any backend as a trait object. A verb
+/// takes backends of every type and hands the object on: what it does is compiled once, in its own crate, and not
+/// again in each program for each type.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! backend_object {
+    ($object:ident, $method:ident -> $backend:ident) => {
+        #[doc(hidden)]
+        pub trait $object {
+            fn $method(&self) -> &(dyn $backend + '_);
+        }
+        impl<B: $backend> $object for B {
+            fn $method(&self) -> &(dyn $backend + '_) {
+                self
+            }
+        }
+    };
+}
+
 /// The CPU: f64 where it matters, the caller's rayon pool. The specification.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cpu;

@@ -33,7 +33,7 @@ impl Monitor for Silent {
 
 /// How to compute: on which backend, watched by whom. Threads are the caller's:
 /// `pool.install(|| …)`.
-pub struct Run<'a, B: ?Sized> {
+pub struct Run<'a, B: ?Sized + 'a> {
     /// Where the kernels run.
     pub backend: &'a B,
     /// Who watches.
@@ -52,6 +52,14 @@ impl<'a, B: ?Sized> Run<'a, B> {
     /// Watched by `monitor`.
     pub fn watched_by(self, monitor: &'a dyn Monitor) -> Self {
         Self { monitor, ..self }
+    }
+
+    /// The same watcher, another backend.
+    pub fn with<C: ?Sized>(self, backend: &'a C) -> Run<'a, C> {
+        Run {
+            backend,
+            monitor: self.monitor,
+        }
     }
 
     /// Reports progress; `Err` when the watcher asks to stop.

@@ -12,7 +12,7 @@ use geom_core::{Point3, QuadMesh, Run, TriMesh, Vector3};
 use super::guard::hold_back;
 use super::tangential::relaxation;
 use crate::Error;
-use crate::backend::OperatorBackend;
+use crate::backend::{On, OperatorBackend};
 use crate::catmull::{Surface, turned};
 use crate::forms::{Conductor, Law, Neighbors, Normals, TriangleMatrix};
 use crate::operators::{Pattern, Quads, UnitScale, triangle_elements, vertex_normals};
@@ -67,15 +67,15 @@ trait Flowing {
     fn ring(&self) -> &Neighbors;
 }
 
-struct Triangles<'a, B: ?Sized> {
+struct Triangles<'a> {
     triangles: &'a [[u32; 3]],
     rounds: u32,
     pattern: Pattern,
     ring: Neighbors,
-    run: Run<'a, B>,
+    run: On<'a>,
 }
 
-impl<B: OperatorBackend + ?Sized> Flowing for Triangles<'_, B> {
+impl Flowing for Triangles<'_> {
     fn matrices(
         &self,
         positions: &[Point3],
@@ -177,6 +177,7 @@ pub fn smooth<B: OperatorBackend + ?Sized>(
     options: &FlowOptions,
     run: Run<'_, B>,
 ) -> Result<Smoothed<TriMesh>, Error> {
+    let run = run.with(run.backend.as_operators());
     options.check()?;
     let edges = Halfedges::<3>::of(mesh)?;
     let flowing = Triangles {
@@ -204,6 +205,7 @@ pub fn smooth_quads<B: OperatorBackend + ?Sized>(
     options: &FlowOptions,
     run: Run<'_, B>,
 ) -> Result<Smoothed<QuadMesh>, Error> {
+    let run = run.with(run.backend.as_operators());
     options.check()?;
     let surface = Surface::new(mesh.clone())?;
     let control = surface.control().clone();
@@ -244,12 +246,12 @@ fn refuse_open<const N: usize>(edges: &Halfedges<N>, options: &FlowOptions) -> R
 }
 
 /// All steps; positions come and go in Å.
-fn flow<F: Flowing, B: ?Sized>(
+fn flow<F: Flowing>(
     mesh: &F,
     start: &[Point3],
     rims: &[bool],
     options: &FlowOptions,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<(Vec<Point3>, FlowReport), Error> {
     let scale = UnitScale::of(start)?;
     let first: Vec<Point3> = start.iter().map(|p| scale.apply(p)).collect();

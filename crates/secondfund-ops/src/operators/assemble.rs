@@ -17,6 +17,7 @@ pub fn assemble<B: OperatorBackend + ?Sized>(
     options: &SpectrumOptions,
     run: Run<'_, B>,
 ) -> Result<Matrices, Error> {
+    let run = run.with(run.backend.as_operators());
     options.check()?;
     match *element {
         Element::Triangles(mesh, normals) => {

@@ -46,6 +46,7 @@ pub fn spectrum<B: OperatorBackend + ?Sized>(
     options: &SpectrumOptions,
     run: Run<'_, B>,
 ) -> Result<Spectrum, Error> {
+    let run = run.with(run.backend.as_operators());
     let matrices = assemble(element, options, run)?;
     let constants = count_components(&matrices);
     let wanted = options.modes + constants;

@@ -2,21 +2,21 @@
 
 use geom_core::compute::BackendError;
 use geom_core::surface::laplace::Mass;
-use geom_core::{Run, TriMesh, Vector3};
+use geom_core::{TriMesh, Vector3};
 
 use super::element::UnitScale;
 use super::pattern::{Matrices, Pattern, components};
-use crate::backend::{OperatorBackend, TriangleTask};
+use crate::backend::{On, TriangleTask};
 use crate::forms::{Conductor, Normals, Operator, TriangleMatrix, smoothed_normals};
 use crate::{Error, SpectrumOptions};
 
 /// The matrices of an operator on a triangle mesh.
-pub(crate) fn matrices<B: OperatorBackend + ?Sized>(
+pub(crate) fn matrices(
     mesh: &TriMesh,
     normals: &Normals,
     operator: &Operator,
     options: &SpectrumOptions,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Matrices, Error> {
     let vertices = mesh.positions().len();
     let (conductor, factors) =
@@ -66,13 +66,13 @@ pub(crate) fn vertex_normals(mesh: &TriMesh, normals: &Normals) -> Result<Vec<Ve
 }
 
 /// The matrices of all triangles.
-pub(crate) fn triangle_elements<B: OperatorBackend + ?Sized>(
+pub(crate) fn triangle_elements(
     mesh: &TriMesh,
     normals: &[Vector3],
     scale: &UnitScale,
     conductor: &Conductor,
     factors: &[f64],
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<Vec<TriangleMatrix>, Error> {
     let positions: Vec<_> = mesh.positions().iter().map(|p| scale.apply(p)).collect();
     let mut elements = Vec::new();

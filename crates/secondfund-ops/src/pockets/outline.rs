@@ -8,7 +8,7 @@ use geom_core::{Point3, Run, Structure, TriMesh, Vector3};
 use super::shell::burial;
 use super::sites::Pocket;
 use crate::Error;
-use crate::backend::OperatorBackend;
+use crate::backend::{On, OperatorBackend};
 use crate::forms::Normals;
 use crate::operators::{Element, spectrum};
 use crate::options::OutlineOptions;
@@ -58,6 +58,7 @@ pub fn outline<B: OperatorBackend + ?Sized>(
     options: &OutlineOptions,
     run: Run<'_, B>,
 ) -> Result<Vec<Outline>, Error> {
+    let run = run.with(run.backend.as_operators());
     options.check()?;
     let patches = Patches::of(surface, structure, options, run)?;
     let tree = PointTree::of_positions(surface.positions())?;
@@ -95,11 +96,11 @@ struct Patches {
 }
 
 impl Patches {
-    fn of<B: OperatorBackend + ?Sized>(
+    fn of(
         surface: &TriMesh,
         structure: &Structure,
         options: &OutlineOptions,
-        run: Run<'_, B>,
+        run: On<'_>,
     ) -> Result<Self, Error> {
         let normals = Normals::OfMesh {
             rounds: options.normal_rounds,

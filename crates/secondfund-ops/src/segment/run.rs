@@ -10,7 +10,7 @@ use super::cluster::{Medoids, davies_bouldin, medoid_silhouette, medoids};
 use super::embed::{Rows, squared};
 use super::faces::Faces;
 use crate::Error;
-use crate::backend::OperatorBackend;
+use crate::backend::{On, OperatorBackend};
 use crate::operators::Spectrum;
 use crate::options::{Groups, LEAST_MODES, MOST_MODES, Modes, SEARCH_MODES, SegmentOptions};
 use geom_core::compute::random::SplitMix64;
@@ -26,10 +26,10 @@ fn modes_of(options: &SegmentOptions, groups: usize, spectrum: &Spectrum) -> usi
 }
 
 /// The number of groups as asked, and the numbers that were tried.
-fn number_of_groups<B: OperatorBackend + ?Sized>(
+fn number_of_groups(
     spectrum: &Spectrum,
     options: &SegmentOptions,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<(usize, Vec<GroupChoice>), Error> {
     let (Groups::DaviesBouldin { most } | Groups::Silhouette { most }) = options.groups else {
         let Groups::Count(count) = options.groups else {
@@ -105,6 +105,7 @@ pub fn segment<B: OperatorBackend + ?Sized>(
     options: &SegmentOptions,
     run: Run<'_, B>,
 ) -> Result<Segments, Error> {
+    let run = run.with(run.backend.as_operators());
     options.check()?;
     let has = spectrum.values.len();
     require(has > 0, "modes", has, "be at least 1 in the spectrum")?;
@@ -212,11 +213,11 @@ struct Search<'a> {
 
 impl<'a> Search<'a> {
     /// The rows of `modes` modes, a sample of them and its distances.
-    fn of<B: OperatorBackend + ?Sized>(
+    fn of(
         spectrum: &'a Spectrum,
         modes: usize,
         options: &'a SegmentOptions,
-        run: Run<'_, B>,
+        run: On<'_>,
     ) -> Result<Self, Error> {
         let rows = Rows::of(spectrum, modes);
         let sample = draw(&spectrum.areas, options.sample, options.seed);
@@ -239,7 +240,7 @@ impl<'a> Search<'a> {
     }
 
     /// Every number of groups from 2 to `most` with its indices.
-    fn choices<B: ?Sized>(&self, most: usize, run: Run<'_, B>) -> Result<Vec<GroupChoice>, Error> {
+    fn choices(&self, most: usize, run: On<'_>) -> Result<Vec<GroupChoice>, Error> {
         let n = self.sample.len();
         let mut choices = Vec::new();
         for groups in 2..=most.min(n) {

@@ -54,6 +54,7 @@ pub fn improve<B: QualityBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Improved, Error> {
+    let run = run.with(run.backend.as_quality());
     options.check()?;
     let along_input = options.surface == SurfaceMotion::AlongInput;
     if along_input && field.is_some() {

@@ -3,11 +3,11 @@
 use geom_core::compute::BackendError;
 use geom_core::mesh::{EDGES, VertexKind};
 use geom_core::search::crossing::crossing_pairs;
-use geom_core::{Run, TetMesh, TriMesh};
+use geom_core::{TetMesh, TriMesh};
 use rayon::prelude::*;
 
 use super::settings::{LAST, PassSettings};
-use crate::backend::QualityBackend;
+use crate::backend::On;
 use crate::boundary::field::Isosurface;
 use crate::boundary::guard::GuardedMesh;
 use crate::boundary::input::free_again;
@@ -101,10 +101,7 @@ impl<'a> Passes<'a> {
     }
 
     /// The quality of the mesh as it is.
-    pub(super) fn quality<B: QualityBackend + ?Sized>(
-        &self,
-        run: Run<'_, B>,
-    ) -> Result<QualityReport, Error> {
+    pub(super) fn quality(&self, run: On<'_>) -> Result<QualityReport, Error> {
         let mesh = &self.guarded.mesh;
         let tets: Vec<usize> = (0..mesh.tets.len())
             .filter(|&t| !mesh.is_empty_slot(t as u32))
@@ -134,10 +131,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Untangles inverted tetrahedra if that is asked for. Gives how many there were.
-    pub(super) fn untangle<B: QualityBackend + ?Sized>(
-        &mut self,
-        run: Run<'_, B>,
-    ) -> Result<usize, Error> {
+    pub(super) fn untangle(&mut self, run: On<'_>) -> Result<usize, Error> {
         let inverted = self.guarded.mesh.below(f64::MIN_POSITIVE).len();
         if inverted > 0 && self.options.untangle {
             self.find_gaps();
@@ -162,10 +156,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Passes until the goals are met, nothing changes or the budget is used up.
-    pub(super) fn run<B: QualityBackend + ?Sized>(
-        &mut self,
-        run: Run<'_, B>,
-    ) -> Result<Vec<Pass>, Error> {
+    pub(super) fn run(&mut self, run: On<'_>) -> Result<Vec<Pass>, Error> {
         let budget = self.options.passes;
         let mut passes = Vec::new();
         let mut far = usize::MAX;
@@ -216,11 +207,7 @@ impl<'a> Passes<'a> {
         })
     }
 
-    fn pass<B: QualityBackend + ?Sized>(
-        &mut self,
-        number: u32,
-        run: Run<'_, B>,
-    ) -> Result<Pass, Error> {
+    fn pass(&mut self, number: u32, run: On<'_>) -> Result<Pass, Error> {
         let mut done = Pass::default();
         let settings = PassSettings::of(number, self.target);
         self.find_gaps();
@@ -243,11 +230,11 @@ impl<'a> Passes<'a> {
     }
 
     /// Smooths what lies at bad tetrahedra.
-    fn smooth<B: QualityBackend + ?Sized>(
+    fn smooth(
         &mut self,
         settings: &PassSettings,
         done: &mut Pass,
-        run: Run<'_, B>,
+        run: On<'_>,
     ) -> Result<(), Error> {
         let mesh = &mut self.guarded.mesh;
         let bad = mesh.below(settings.smooth);

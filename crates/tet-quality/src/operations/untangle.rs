@@ -1,9 +1,9 @@
 //! Inverted tetrahedra: every vertex around them moves to the middle of the space that its faces
 //! leave to it (Freitag & Plassmann 2000), until all are positive or nothing moves.
 
-use geom_core::{Point3, Run, Vector3};
+use geom_core::{Point3, Vector3};
 
-use crate::backend::QualityBackend;
+use crate::backend::On;
 use crate::boundary::guard::GuardedMesh;
 use crate::error::Error;
 use crate::mesh::editable::Freedom;
@@ -19,10 +19,7 @@ const WIDEN: u32 = 2;
 
 /// Moves vertices until no tetrahedron is inverted or flat, as far as that is possible. Vertices of
 /// the isosurface may leave it: the passes bring them back.
-pub(crate) fn untangle<B: QualityBackend + ?Sized>(
-    guarded: &mut GuardedMesh,
-    run: Run<'_, B>,
-) -> Result<(), Error> {
+pub(crate) fn untangle(guarded: &mut GuardedMesh, run: On<'_>) -> Result<(), Error> {
     for round in 0..ROUNDS {
         let bad = guarded.mesh.below(f64::MIN_POSITIVE);
         if bad.is_empty() {

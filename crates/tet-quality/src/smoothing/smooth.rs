@@ -4,10 +4,10 @@ use geom_core::compute::BackendError;
 use geom_core::compute::random::SplitMix64;
 use geom_core::field::{self, Tangent};
 use geom_core::mesh::FACES;
-use geom_core::{Point3, Run, Vector3};
+use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::backend::{QualityBackend, Relaxation};
+use crate::backend::{On, Relaxation};
 use crate::boundary::field::{Isosurface, distance_within};
 use crate::boundary::guard::GuardedMesh;
 use crate::error::Error;
@@ -144,12 +144,12 @@ pub(crate) fn task<'a>(
 /// Moves vertices by one sweep of [`QualityBackend::relax`]; each displacement is tried in full, in
 /// half and in a quarter, and dropped if the worst tetrahedron does not get better. Gives how many
 /// moved.
-pub(crate) fn relax<B: QualityBackend + ?Sized>(
+pub(crate) fn relax(
     guarded: &mut GuardedMesh,
     vertices: &[u32],
     rounds: u32,
     turn: Option<u64>,
-    run: Run<'_, B>,
+    run: On<'_>,
 ) -> Result<usize, Error> {
     let task = task(&guarded.mesh, &guarded.mesh.x, vertices, rounds, turn);
     let mut moves = Vec::new();

@@ -1,9 +1,10 @@
 //! Integers for the seams: greedy rounding with exact re-optimization, then descent.
 
+use geom_core::Cancelled;
 use geom_core::nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use geom_core::{Cancelled, Run};
 
 use super::upright::{Pair, Upright};
+use crate::backend::On;
 
 /// Moves lower the energy when they do so by this much.
 const FALLS: f64 = 1e-9;
@@ -45,10 +46,7 @@ impl Quadratic {
     /// Rounds the variable that is nearest to an integer, lets the others follow to their exact optimum, and so on
     /// (Bommes, Zimmer and Kobbelt, *Mixed-integer quadrangulation*, 2009, with the real unknowns eliminated); then moves single
     /// integers and pairs of them by one while the energy falls. `None` if the matrix is not positive definite.
-    pub(crate) fn rounded<B: ?Sized>(
-        &self,
-        run: Run<'_, B>,
-    ) -> Result<Option<Vec<f64>>, Cancelled> {
+    pub(crate) fn rounded(&self, run: On<'_>) -> Result<Option<Vec<f64>>, Cancelled> {
         let Some(mut z) = self.greedy() else {
             return Ok(None);
         };
@@ -59,10 +57,10 @@ impl Quadratic {
     /// Integers that leave all triangles of a decimated map upright: those rounded, on a grid so many times denser that moves
     /// by one mend them, brought back step by step to the wanted spacing by descent that keeps them so. `None` if even
     /// the densest grid is of no use.
-    pub(crate) fn rounded_within<B: ?Sized>(
+    pub(crate) fn rounded_within(
         &self,
         upright: &Upright,
-        run: Run<'_, B>,
+        run: On<'_>,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
         let denser = |step| self.denser(step);
         for first in 0..=DENSEST {
@@ -91,12 +89,7 @@ impl Quadratic {
 
     /// Moves single integers and pairs by one while that brings triangles nearer to upright; of the moves that do so most,
     /// those of least energy. Returns whether all are.
-    fn mend<B: ?Sized>(
-        &self,
-        z: &mut [f64],
-        upright: &Upright,
-        run: Run<'_, B>,
-    ) -> Result<bool, Cancelled> {
+    fn mend(&self, z: &mut [f64], upright: &Upright, run: On<'_>) -> Result<bool, Cancelled> {
         let n = z.len();
         let coupled = self.coupled();
         let mut sides = upright.sides(z);
@@ -188,11 +181,11 @@ impl Quadratic {
 
     /// Moves by ±1, and pairs of them that are coupled most, while the energy falls and all
     /// triangles of a decimated map stay upright.
-    pub(crate) fn descend<B: ?Sized>(
+    pub(crate) fn descend(
         &self,
         z: &mut [f64],
         upright: Option<&Upright>,
-        run: Run<'_, B>,
+        run: On<'_>,
     ) -> Result<(), Cancelled> {
         let n = z.len();
         let coupled = self.coupled();

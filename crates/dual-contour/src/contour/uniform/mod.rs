@@ -75,10 +75,10 @@ impl Sheet<'_> {
 }
 
 /// The surface of plain labels that stays off the box, all cells finest.
-pub(crate) fn surface<B: ContourBackend + ?Sized>(
+pub(crate) fn surface(
     samples: &Samples<'_>,
     probe: &Probe<'_>,
-    backend: &B,
+    backend: &dyn ContourBackend,
     max_memory: u64,
     report: &mut Report,
 ) -> Result<TriMesh, Error> {
@@ -136,12 +136,12 @@ fn carrying_blocks(samples: &Samples<'_>, report: &mut Report) -> (Vec<Block>, u
 }
 
 /// The points of all simple cells.
-fn points_of<B: ContourBackend + ?Sized>(
+fn points_of(
     samples: &Samples<'_>,
     probe: &Probe<'_>,
     blocks: &[Block],
     vertices: usize,
-    backend: &B,
+    backend: &dyn ContourBackend,
 ) -> Result<Vec<Point3>, Error> {
     let mut points = vec![Point3::origin(); vertices];
     let mut rest = points.as_mut_slice();

@@ -74,14 +74,14 @@ pub(super) struct Scratch {
 }
 
 /// Reads blocks.
-pub(super) struct Reader<'a, 'b, V: ?Sized, B: ?Sized> {
+pub(super) struct Reader<'a, 'b, V: ?Sized> {
     pub(super) source: &'a Source<'b, V>,
     pub(super) domain: &'a Domain,
     pub(super) labels: &'a Labels,
-    pub(super) backend: &'a B,
+    pub(super) backend: &'a (dyn ContourBackend + 'a),
 }
 
-impl<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized> Reader<'_, '_, V, B> {
+impl<V: LatticeValues + ?Sized> Reader<'_, '_, V> {
     /// Reads some blocks and keeps the values of those with more than one label.
     pub(super) fn read(&self, open: &[OpenBlock], scratch: &mut Scratch) -> Result<Found, Error> {
         scratch.values.resize(POINTS * open.len(), 0.0);

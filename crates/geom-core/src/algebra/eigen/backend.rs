@@ -56,10 +56,15 @@ use crate::{Agreement, Backend, Cpu};
 pub use super::multigrid::{CompressedRows, Level, Multigrid, RoundedOperator};
 
 /// Where the V-cycles of the eigen-solver run.
-pub trait SpectralBackend: Backend {
+pub trait SpectralBackend: Backend + SpectralObject {
     /// Gets ready for V-cycles of a hierarchy, whose matrices stay where the cycles run.
     fn prepare<'a>(&'a self, hierarchy: &'a Multigrid<'a>) -> Result<Box<dyn Cycle + 'a>, Error>;
 }
+
+crate::backend_object!(SpectralObject, as_spectral -> SpectralBackend);
+
+/// A run on any of them.
+pub(super) type On<'a> = crate::Run<'a, dyn SpectralBackend + 'a>;
 
 /// V-cycles of one [`Multigrid`] hierarchy.
 pub trait Cycle {

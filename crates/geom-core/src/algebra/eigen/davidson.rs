@@ -3,10 +3,10 @@
 //! and those of the step before (GD+k: Stathopoulos and Saad, 1998), which makes up for the
 //! directions that are dropped.
 
+use super::backend::On;
 use super::basis::{Basis, Columns, Taken, random_block};
 use super::multigrid::Multigrid;
-use super::{Error, Options, Pair, Pencil, Report, SpectralBackend, not_finite, rayleigh_ritz};
-use crate::Run;
+use super::{Error, Options, Pair, Pencil, Report, not_finite, rayleigh_ritz};
 use crate::algebra::dense::{self, Tall};
 use crate::compute::BackendError;
 use crate::compute::random::SplitMix64;
@@ -15,11 +15,11 @@ use crate::compute::random::SplitMix64;
 const BLOCKS: usize = 3;
 
 /// The smallest `k + 1` pairs of one connected part, the first `k` of them converged.
-pub(super) fn pairs<B: SpectralBackend + ?Sized>(
+pub(super) fn pairs(
     pencil: &Pencil<'_>,
     k: usize,
     options: &Options,
-    run: Run<'_, B>,
+    run: On<'_>,
     report: &mut Report,
 ) -> Result<Vec<Pair>, Error> {
     let n = pencil.rows();

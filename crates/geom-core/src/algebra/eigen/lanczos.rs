@@ -8,9 +8,9 @@ use std::borrow::Cow;
 
 use rayon::prelude::*;
 
+use super::backend::On;
 use super::basis::{Basis, Taken, random_block};
-use super::{Error, Options, Pair, Pencil, Report, SpectralBackend, not_finite, rayleigh_ritz};
-use crate::Run;
+use super::{Error, Options, Pair, Pencil, Report, not_finite, rayleigh_ritz};
 use crate::algebra::Mass;
 use crate::algebra::dense::{self, Tall};
 use crate::algebra::{Cholesky, Symbolic};
@@ -73,11 +73,11 @@ impl<'a> Inverse<'a> {
 }
 
 /// The smallest `k + 1` pairs of one connected part, the first `k` of them converged.
-pub(super) fn pairs<B: SpectralBackend + ?Sized>(
+pub(super) fn pairs(
     pencil: &Pencil<'_>,
     k: usize,
     options: &Options,
-    run: Run<'_, B>,
+    run: On<'_>,
     report: &mut Report,
 ) -> Result<Vec<Pair>, Error> {
     let n = pencil.rows();

@@ -22,6 +22,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use self::backend::On;
 use crate::algebra::Mass;
 use crate::algebra::{self, SparseMatrix, dense};
 use crate::compute::BackendError;
@@ -247,6 +248,7 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<EigenPairs, Error> {
+    let run = run.with(run.backend.as_spectral());
     options.check()?;
     let stiffness = stiffness.into();
     let options = &Options {
@@ -396,11 +398,11 @@ impl Pencil<'_> {
 type Pair = (f64, Vec<f64>);
 
 /// The smallest `k + 1` pairs of a large part, counted if that is asked for.
-fn iterate<B: SpectralBackend + ?Sized>(
+fn iterate(
     pencil: &Pencil<'_>,
     k: usize,
     options: &Options,
-    run: Run<'_, B>,
+    run: On<'_>,
     report: &mut Report,
 ) -> Result<Vec<Pair>, Error> {
     let mut options = options.clone();

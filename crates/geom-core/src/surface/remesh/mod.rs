@@ -69,6 +69,8 @@ pub fn remesh(
     options: &Options,
     run: Run<'_, impl Backend + ?Sized>,
 ) -> Result<Remeshed, Error> {
+    // Of the run, only the watcher: all that follows is compiled once, whatever the backend.
+    let run = run.with(&());
     options.check()?;
     if mesh.triangles().is_empty() {
         return Err(Error::Empty);
@@ -201,7 +203,7 @@ fn rounds(
     work: &mut Mesh,
     reference: &Reference<'_>,
     options: &Options,
-    run: Run<'_, impl Backend + ?Sized>,
+    run: Run<'_, ()>,
     counts: &mut steps::Counts,
 ) -> Result<(bool, usize), Error> {
     let (mut settled, mut done) = (false, 0);
