@@ -181,44 +181,11 @@ pub fn save_volume(
     let mut measures = Vec::new();
     let device = session.device.quality();
     device.measure(mesh.positions(), mesh.tets(), &mut measures)?;
-    // A face shows the quality of the tetrahedron behind it.
-    let sides = view.sides();
-    let with_faces = |mut values: Vec<f32>| {
-        let of_side = |&(_, [behind, before]): &(u32, [u32; 2])| {
-            let tet = if behind == NO_CELL { before } else { behind };
-            values.get(tet as usize).copied().unwrap_or(f32::NAN)
-        };
-        let faces: Vec<f32> = sides.iter().map(of_side).collect();
-        values.extend(faces);
-        values
-    };
-    let field = |value: fn(&Measures) -> f64| {
-        with_faces(measures.iter().map(|m| value(m) as f32).collect())
-    };
-    let low = field(|m| m.min_dihedral);
-    let high = field(|m| m.max_dihedral);
-    let shape = field(|m| m.joe_liu);
-    let edges = field(|m| m.edge_ratio);
-    let of_corners = |value: fn([Point3; 4]) -> f64| -> Vec<f32> {
-        with_faces(
-            (0..measures.len())
-                .map(|t| value(mesh.corners(t)) as f32)
-                .collect(),
-        )
-    };
-    let radii = of_corners(tet_quality::radius_ratio);
-    let aspect = of_corners(tet_quality::aspect_ratio);
-    let mut fields = view.clone();
+    let mut fields = with_quality(view.clone(), mesh, &measures)?;
     if let Some(labels) = &labels {
         fields = labels.fields(fields)?;
     }
-    let fields = fields
-        .cell_field("min_dihedral", &low)?
-        .cell_field("max_dihedral", &high)?
-        .cell_field("joe_liu", &shape)?
-        .cell_field("edge_ratio", &edges)?
-        .cell_field("radius_ratio", &radii)?
-        .cell_field("aspect_ratio", &aspect)?;
+    // Only VTU carries the fields: solvers that read MSH want names and elements.
     let vtu = || {
         Ok(io::mesh::save(
             session.output(format!("{name}.vtu"))?,
@@ -231,6 +198,39 @@ pub fn save_volume(
     };
     let png = || session.picture(name, || draw_volume(session, mesh, &measures));
     side_by_side(|| side_by_side(vtu, msh), png)
+}
+
+/// The quality of each tetrahedron as cell fields.
+fn with_quality<'a>(
+    view: Fields<'a>,
+    mesh: &TetMesh,
+    measures: &[Measures],
+) -> Result<Fields<'a>, io::Error> {
+    // A face shows the quality of the tetrahedron behind it, so that no cell is without.
+    let sides = view.sides();
+    let with_faces = |mut values: Vec<f32>| {
+        let of_side = |&(_, [behind, before]): &(u32, [u32; 2])| {
+            let tet = if behind == NO_CELL { before } else { behind };
+            values.get(tet as usize).copied().unwrap_or(f32::NAN)
+        };
+        let faces: Vec<f32> = sides.iter().map(of_side).collect();
+        values.extend(faces);
+        values
+    };
+    let measured = |value: fn(&Measures) -> f64| {
+        with_faces(measures.iter().map(|m| value(m) as f32).collect())
+    };
+    // What no backend measures is taken from the corners.
+    let of_corners = |value: fn([Point3; 4]) -> f64| {
+        let tets = 0..measures.len();
+        with_faces(tets.map(|t| value(mesh.corners(t)) as f32).collect())
+    };
+    view.cell_field("min_dihedral", measured(|m| m.min_dihedral))?
+        .cell_field("max_dihedral", measured(|m| m.max_dihedral))?
+        .cell_field("joe_liu", measured(|m| m.joe_liu))?
+        .cell_field("edge_ratio", measured(|m| m.edge_ratio))?
+        .cell_field("radius_ratio", of_corners(tet_quality::radius_ratio))?
+        .cell_field("aspect_ratio", of_corners(tet_quality::aspect_ratio))
 }
 
 /// Writes `NAME.png`: a cut through the mesh. Tetrahedra of the molecule are coloured by their smallest

@@ -7,7 +7,7 @@ use crate::products::{brief, grouped};
 
 /// Atoms left out, elements and angles, one line each; then the warnings.
 pub(crate) fn lines(notes: &Map<String, Value>) -> Vec<String> {
-    let warned = warnings(notes).map(|w| format!("warning: {w}"));
+    let warned = warnings(notes).into_iter().map(|w| format!("warning: {w}"));
     atoms(notes)
         .into_iter()
         .chain(elements(notes))
@@ -54,11 +54,8 @@ fn elements(notes: &Map<String, Value>) -> Option<String> {
     if line.is_empty() {
         return None;
     }
-    let quality = &notes.get("quality").unwrap_or(&Value::Null);
-    let quality = [&quality["after"], quality]
-        .into_iter()
-        .find(|q| !q.is_null())
-        .unwrap_or(&Value::Null);
+    let quality = notes.get("quality").unwrap_or(&Value::Null);
+    let quality = quality.get("after").unwrap_or(quality);
     let angle = |key: &str, end: &str| quality["all"][key][end].as_f64();
     if let (Some(low), Some(high)) = (angle("min_dihedral", "min"), angle("max_dihedral", "max")) {
         line.push(format!("dihedral angles from {low:.1}° to {high:.1}°"));
@@ -78,7 +75,7 @@ fn elements(notes: &Map<String, Value>) -> Option<String> {
     Some(line.join(", "))
 }
 
-fn warnings(notes: &Map<String, Value>) -> impl Iterator<Item = String> {
+fn warnings(notes: &Map<String, Value>) -> Vec<String> {
     let read = notes.get("structure").unwrap_or(&Value::Null);
     let odd = [
         (
@@ -99,11 +96,7 @@ fn warnings(notes: &Map<String, Value>) -> impl Iterator<Item = String> {
     let surface = notes.get("surface").unwrap_or(&Value::Null);
     let crossings = counted(&surface["crossing_pairs"])
         .map(|n| format!("{n} pairs of triangles of the surface cross"));
-    counts
-        .chain(said)
-        .chain(crossings)
-        .collect::<Vec<_>>()
-        .into_iter()
+    counts.chain(said).chain(crossings).collect()
 }
 
 /// A number of things, unless there are none.

@@ -87,7 +87,7 @@ fn corners() -> impl Strategy<Value = Vec<Corner>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(32) })]
+    #![proptest_config(geom_core::testing::cases(32))]
 
     #[test]
     fn cpu_is_the_specification((charts, uv) in charts(), corners in corners()) {
@@ -160,10 +160,7 @@ mod gpu {
     #[test]
     fn distortions_follow_cpu() {
         let Some(gpu) = gpu_or_skip() else { return };
-        let config = ProptestConfig {
-            rng_seed: proptest::test_runner::RngSeed::Fixed(11),
-            ..ProptestConfig::with_cases(24)
-        };
+        let config = geom_core::testing::cases(24);
         proptest!(config, |((charts, uv) in charts(), corners in corners(), epsilon in 0.03..1.0f64)| {
             let (mut reference, mut candidate) = (Vec::new(), Vec::new());
             Cpu.chart_distortion(&charts, &uv, epsilon, &mut reference).unwrap();

@@ -483,7 +483,7 @@ fn the_watcher_can_stop_it() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(6) })]
+    #![proptest_config(geom_core::testing::cases(6))]
 
     /// Noisy surfaces of any size of quads: never a panic, always a valid mesh.
     #[test]

@@ -154,7 +154,7 @@ fn noise_on_large_leaves_is_manifold_too() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(24) })]
+    #![proptest_config(geom_core::testing::cases(24))]
     #[test]
     fn random_signs_are_meshed(
         n in 3..9usize,

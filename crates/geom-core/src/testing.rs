@@ -19,6 +19,14 @@ pub fn gpu_or_skip() -> Option<crate::Wgpu> {
     }
 }
 
+/// So many cases of a property, the same every time: a gate must not depend on luck.
+pub fn cases(number: u32) -> proptest::test_runner::Config {
+    proptest::test_runner::Config {
+        rng_seed: proptest::test_runner::RngSeed::Fixed(11),
+        ..proptest::test_runner::Config::with_cases(number)
+    }
+}
+
 /// Runs `f` on 1, 2 and 5 threads and asserts that the results are equal.
 pub fn same_on_any_threads<T: PartialEq + std::fmt::Debug + Send>(f: impl Fn() -> T + Sync) -> T {
     let on = |threads| {

@@ -47,7 +47,7 @@ fn pairs(laplacian: &Laplacian, mass: &Mass, k: usize, options: &Options) -> Eig
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(48) })]
+    #![proptest_config(geom_core::testing::cases(48))]
 
     /// Neighbours are those at distance 1, √2, √3; products, degrees and rows agree with that.
     #[test]

@@ -49,6 +49,8 @@ fn grids() -> impl Strategy<Value = ScalarGrid> {
 }
 
 proptest! {
+    #![proptest_config(geom_core::testing::cases(256))]
+
     #[test]
     fn mrc_keeps_every_bit(grid in grids()) {
         let again = mrc::parse(&mrc_bytes(&grid, mrc::Mode::Float32)).unwrap();

@@ -193,6 +193,8 @@ fn agrees<const N: usize>(halfedges: &Halfedges<N>, audit: &SurfaceAudit) {
 }
 
 proptest! {
+    #![proptest_config(geom_core::testing::cases(256))]
+
     /// Moved and turned bodies keep their measures; a mirrored one has negative volume.
     #[test]
     fn measures_do_not_depend_on_place(

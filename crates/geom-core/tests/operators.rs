@@ -122,7 +122,7 @@ fn positive_but_for_one_zero() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(32) })]
+    #![proptest_config(geom_core::testing::cases(32))]
 
     /// Linear functions on a plane: constant gradient, no Laplacian inside, energy = area · slope².
     #[test]

@@ -85,7 +85,7 @@ fn many_right_hand_sides_real_and_hermitian() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(40) })]
+    #![proptest_config(geom_core::testing::cases(40))]
     /// Small matrices with any pattern, against dense LU.
     #[test]
     fn any_small_matrix(n in 1usize..30, seed in any::<u64>(), dense in 0.05f64..0.9) {

@@ -45,7 +45,7 @@ fn distance_by_search(p: &Point3, [a, b, c]: [Point3; 3]) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(128) })]
+    #![proptest_config(geom_core::testing::cases(128))]
 
     #[test]
     fn the_closest_point_of_a_triangle_is_closest(

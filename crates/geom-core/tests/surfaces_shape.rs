@@ -154,7 +154,7 @@ fn a_plane_is_flat_and_its_directions_are_not_trusted() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(64) })]
+    #![proptest_config(geom_core::testing::cases(64))]
 
     /// Gauss and Bonnet hold for any triangles, also where many meet in an edge.
     #[test]

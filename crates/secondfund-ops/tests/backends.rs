@@ -139,7 +139,7 @@ fn distances_agree(backend: &dyn OperatorBackend, rows: &[f32], width: usize) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(16) })]
+    #![proptest_config(geom_core::testing::cases(16))]
 
     #[test]
     fn the_cpu_follows_the_specification(seed: u64, gauss in -1.0..1.0, limit in prop_oneof![Just(f64::INFINITY), 3.0..30.0]) {
@@ -199,7 +199,7 @@ mod gpu {
     #[test]
     fn triangles_follow_the_specification() {
         let Some(gpu) = gpu_or_skip() else { return };
-        proptest!(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(12) }, |(seed: u64, gauss in -1.0..1.0, limit in prop_oneof![Just(f64::INFINITY), 3.0..30.0])| {
+        proptest!(geom_core::testing::cases(12), |(seed: u64, gauss in -1.0..1.0, limit in prop_oneof![Just(f64::INFINITY), 3.0..30.0])| {
             with_tasks(seed, gauss, limit, |task| agreement(&gpu, task));
         });
     }
@@ -207,7 +207,7 @@ mod gpu {
     #[test]
     fn distances_follow_the_specification() {
         let Some(gpu) = gpu_or_skip() else { return };
-        proptest!(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(12) }, |(seed: u64, count in 1usize..60, width in 1usize..33)| {
+        proptest!(geom_core::testing::cases(12), |(seed: u64, count in 1usize..60, width in 1usize..33)| {
             distances_agree(&gpu, &rows(seed, count, width), width);
         });
     }

@@ -231,6 +231,8 @@ fn limit_positions_survive_a_subdivision() {
 }
 
 proptest! {
+    #![proptest_config(geom_core::testing::cases(256))]
+
     /// `A_ε ≤ Ψ²/ε² g⁻¹`, and without regularization `Ψ² b⁻¹ g b⁻¹`.
     #[test]
     fn the_secondary_operator_is_bounded(

@@ -161,7 +161,7 @@ fn reached(mesh: &TetMesh, vertices: &[u32], moves: &[Vector3]) -> Vec<f64> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(24) })]
+    #![proptest_config(geom_core::testing::cases(24))]
 
     /// The processor's vectors give what the equations say.
     #[test]
@@ -224,7 +224,7 @@ mod gpu {
     #[test]
     fn measure_follows_the_specification() {
         let Some(gpu) = gpu_or_skip() else { return };
-        proptest!(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(24) }, |(noise in 0.0..0.24, seed: u64, at in -1e3..1e3, unit in 1e-3..1e3)| {
+        proptest!(geom_core::testing::cases(24), |(noise in 0.0..0.24, seed: u64, at in -1e3..1e3, unit in 1e-3..1e3)| {
             let mesh = mesh(noise, seed, at, unit);
             let reference = specification::measure(mesh.positions(), mesh.tets());
             let candidate = measured(&gpu, &mesh);
@@ -235,7 +235,7 @@ mod gpu {
     #[test]
     fn relax_reaches_what_the_specification_reaches() {
         let Some(gpu) = gpu_or_skip() else { return };
-        proptest!(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(24) }, |(noise in 0.0..0.3, seed: u64)| {
+        proptest!(geom_core::testing::cases(24), |(noise in 0.0..0.3, seed: u64)| {
             let mesh = mesh(noise, seed, 0.0, 1.0);
             let task = one_colour(&mesh);
             let reference = reached(&mesh, &task.vertices, &specification::relax(&task));

@@ -706,7 +706,7 @@ fn a_field_that_is_not_finite_is_named() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(16) })]
+    #![proptest_config(geom_core::testing::cases(16))]
 
     /// Noise on a lattice: with no field there is nothing to project to, and no pass makes the worst
     /// element worse.

@@ -100,7 +100,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(24) })]
+        #![proptest_config(geom_core::testing::cases(24))]
         #[test]
         fn points_are_numbered_in_order(points in prop::collection::btree_set(prop::array::uniform3(0..20i32), 0..60)) {
             let marks = PointMarks::new([19, 19, 19]);

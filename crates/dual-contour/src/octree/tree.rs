@@ -521,7 +521,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(24) })]
+        #![proptest_config(geom_core::testing::cases(24))]
         #[test]
         fn the_tree_is_the_coarsest_balanced_one(
             cells in prop::array::uniform3(3..40i32),
@@ -532,7 +532,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(6) })]
+        #![proptest_config(geom_core::testing::cases(6))]
         /// Large enough for leaves of 16 cells and more, which are balanced level by level.
         #[test]
         fn large_leaves_are_balanced_too(

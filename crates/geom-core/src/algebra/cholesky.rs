@@ -50,13 +50,20 @@ impl Symbolic {
     /// factor.
     pub fn of<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Self, Error> {
         let (starts, indices, _) = upper_half(matrix)?;
-        Self::analysed(matrix.rows(), starts, indices)
+        Self::analysed(matrix.rows(), matrix.entries(), starts, indices)
     }
 
-    fn analysed(n: usize, starts: Vec<u32>, indices: Vec<u32>) -> Result<Self, Error> {
+    /// The analysis of the upper half of a matrix of `n` rows and so many entries: not generic, so that it is compiled
+    /// here and not in every program.
+    fn analysed(
+        n: usize,
+        entries: usize,
+        starts: Vec<u32>,
+        indices: Vec<u32>,
+    ) -> Result<Self, Error> {
         let too_large = Error::TooLarge {
             rows: n,
-            entries: indices.len() as u128,
+            entries: entries as u128,
         };
         let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &indices);
         let symbolic = factorize_symbolic_cholesky(

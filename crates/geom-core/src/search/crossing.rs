@@ -96,7 +96,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(64) })]
+        #![proptest_config(crate::testing::cases(64))]
 
         #[test]
         fn the_tree_finds_what_all_pairs_find(

@@ -310,7 +310,7 @@ fn contraction_keeps_the_handle_of_a_torus() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(11), ..ProptestConfig::with_cases(24) })]
+    #![proptest_config(geom_core::testing::cases(24))]
 
     #[test]
     fn contraction_keeps_the_topology_of_random_bodies(seed: u64, share in -0.6..0.6) {
