@@ -196,22 +196,30 @@ pub fn balls(points: impl Iterator<Item = (Point3, bool)>, radius: f64) -> [Laye
     layers
 }
 
-/// The sides of quads.
-pub fn sides(mesh: &geom_core::QuadMesh) -> Layer {
+/// Segments as strips on the surface, each with a normal of any length.
+pub fn strips(segments: impl Iterator<Item = ([Point3; 2], Vector3)>, width: f64) -> Layer {
     let mut layer = plain(INK);
-    let normals = mesh.vertex_normals();
-    let width = 0.05 * (mesh.area() / mesh.quads().len().max(1) as f64).sqrt();
-    for quad in mesh.quads() {
-        for k in 0..4 {
-            let (a, b) = (quad[k] as usize, quad[(k + 1) % 4] as usize);
-            let normal = (normals[a] + normals[b]).normalize();
-            let (p, q) = (mesh.positions()[a], mesh.positions()[b]);
-            if p != q && normal.iter().all(|c| c.is_finite()) {
-                strip(&mut layer, [p, q], &normal, width);
-            }
+    for (ends, normal) in segments {
+        let normal = normal.normalize();
+        if ends[0] != ends[1] && normal.iter().all(|c| c.is_finite()) {
+            strip(&mut layer, ends, &normal, width);
         }
     }
     layer
+}
+
+/// The sides of quads.
+pub fn sides(mesh: &geom_core::QuadMesh) -> Layer {
+    let normals = mesh.vertex_normals();
+    let width = 0.05 * (mesh.area() / mesh.quads().len().max(1) as f64).sqrt();
+    let sides = mesh.quads().iter().flat_map(|quad| {
+        (0..4).map(|k| {
+            let (a, b) = (quad[k] as usize, quad[(k + 1) % 4] as usize);
+            let ends = [mesh.positions()[a], mesh.positions()[b]];
+            (ends, normals[a] + normals[b])
+        })
+    });
+    strips(sides, width)
 }
 
 #[cfg(test)]

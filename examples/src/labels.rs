@@ -74,6 +74,11 @@ impl<'a> Labels<'a> {
         })
     }
 
+    /// Per point the place of the nearest chain in the structure.
+    pub fn chains(&self) -> &[u32] {
+        &self.chain
+    }
+
     /// Adds the fields `atom`, `residue` and `chain` to the points of a mesh.
     pub fn fields<'b>(&'b self, view: Fields<'b>) -> Result<Fields<'b>, io::Error> {
         view.point_field("atom", &self.atom)?

@@ -24,7 +24,9 @@ use serde_json::{Map, Value, json};
 use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
+use spectral_corresp::CorrespBackend;
 use tet_quality::QualityBackend;
+use tspline::SplineBackend;
 
 use crate::args::{BackendName, Common, HasCommon};
 use crate::picture::{Image, Rasterizer};
@@ -202,6 +204,22 @@ impl Device {
 
     /// For operators of the second fundamental form.
     pub fn operators(&self) -> &dyn OperatorBackend {
+        match self {
+            Self::Cpu(cpu) => cpu,
+            Self::Wgpu(gpu) => gpu,
+        }
+    }
+
+    /// For correspondences.
+    pub fn corresp(&self) -> &dyn CorrespBackend {
+        match self {
+            Self::Cpu(cpu) => cpu,
+            Self::Wgpu(gpu) => gpu,
+        }
+    }
+
+    /// For T-meshes and splines.
+    pub fn spline(&self) -> &dyn SplineBackend {
         match self {
             Self::Cpu(cpu) => cpu,
             Self::Wgpu(gpu) => gpu,

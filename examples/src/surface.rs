@@ -1,6 +1,6 @@
 //! The triangle surface that a program works on: of a mesh, a structure or a grid.
 
-use geom_core::{TriMesh, io};
+use geom_core::{Structure, TriMesh, io};
 
 use crate::source::{OF_STRUCTURES, SourceArgs, extension};
 use crate::{Failure, Session};
@@ -16,25 +16,26 @@ pub fn read(source: &SourceArgs, session: &Session) -> Result<TriMesh, Failure> 
             let read = session.stage("reading", || io::mesh::read_up_to(path, session.memory()))?;
             read.mesh.into_triangles()
         }
-        _ => {
-            let source = source.read(session)?;
-            let options = dual_contour::Options {
-                level: source.level,
-                max_memory: session.memory(),
-                ..Default::default()
-            };
-            let field = source.field()?;
-            session
-                .stage("surface", || {
-                    dual_contour::surface(
-                        &source.values,
-                        Some(&field),
-                        &options,
-                        session.on(session.device.contour()),
-                    )
-                })?
-                .mesh
-        }
+        _ => with_structure(source, session)?.0,
     };
     Ok(mesh)
+}
+
+/// Makes the surface of a structure or grid; the structure, too.
+pub fn with_structure(
+    source: &SourceArgs,
+    session: &Session,
+) -> Result<(TriMesh, Option<Structure>), Failure> {
+    let source = source.read(session)?;
+    let options = dual_contour::Options {
+        level: source.level,
+        max_memory: session.memory(),
+        ..Default::default()
+    };
+    let field = source.field()?;
+    let made = session.stage("surface", || {
+        let on = session.on(session.device.contour());
+        dual_contour::surface(&source.values, Some(&field), &options, on)
+    })?;
+    Ok((made.mesh, source.structure().cloned()))
 }

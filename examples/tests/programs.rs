@@ -533,6 +533,85 @@ fn fields_and_quads_of_a_mesh_and_of_a_structure() {
 }
 
 #[test]
+fn t_meshes_are_coarse_where_they_may_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("curved");
+    let args = [
+        &fixture("spot.ply"),
+        "--quads",
+        "4000",
+        "--levels",
+        "curvature",
+    ];
+    let report = report_of("10_tmesh", &args, &out);
+    let counts = &report["counts"];
+    let elements = counts["elements"].as_u64().unwrap();
+    assert!(
+        elements < 6 * counts["fine_quads"].as_u64().unwrap() / 10,
+        "{counts}"
+    );
+    assert!(counts["t_junctions"].as_u64().unwrap() > 0);
+    assert_eq!(report["valid"], true);
+    let jacobian = &report["scaled_jacobian"];
+    assert!(jacobian["min"].as_f64().unwrap() > 0.45, "{report}");
+    assert_png(out.join("tmesh.png"));
+    assert!(out.join("tmesh.glb").exists() && out.join("tmesh.obj").exists());
+    let view = io::mesh::parse(&std::fs::read(out.join("tmesh.vtu")).unwrap(), "vtu").unwrap();
+    assert_eq!(
+        view.blocks.iter().map(|b| b.len() as u64).sum::<u64>(),
+        elements
+    );
+    let record: tspline::mesh::Record =
+        serde_json::from_slice(&std::fs::read(out.join("tmesh.json")).unwrap()).unwrap();
+    let mesh = tspline::TMesh::try_from(record).unwrap();
+    assert_eq!(mesh.elements().len() as u64, elements);
+}
+
+#[test]
+fn spline_surfaces_come_near_and_go_into_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = fixture("spot.ply");
+    let mut errors = Vec::new();
+    for basis in ["hierarchical", "rational"] {
+        let out = folder.path().join(basis);
+        let args = [
+            &*mesh,
+            "--quads=800",
+            "--levels=curvature",
+            "--basis",
+            basis,
+            "--files=vtu,step,glb,obj,bext,iga,json",
+            "--eigenvalues=4",
+        ];
+        let report = report_of("11_tspline", &args, &out);
+        errors.push(report["error"]["hausdorff"].as_f64().unwrap());
+        assert!(report["independence"].as_f64().unwrap() > 1e-4, "{report}");
+        assert!(report["eigenvalues"][1].as_f64().unwrap() > 0.1);
+        assert_png(out.join("surface.png"));
+        let text = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
+        let patches = report["counts"]["patches"].as_u64().unwrap() as usize;
+        let step = text("surface.step");
+        assert_eq!(step.matches("ADVANCED_FACE").count(), patches);
+        let iga = tspline::files::iga::read(&text("surface.iga")).unwrap();
+        let bext = tspline::files::bext::read(&text("surface.bext")).unwrap();
+        assert!(iga.nodes == bext.nodes);
+        assert_eq!(iga.elements.len(), patches);
+        let json: serde_json::Value = serde_json::from_str(&text("surface.json")).unwrap();
+        let same: tspline::files::Exchange =
+            serde_json::from_value(json["surface"].clone()).unwrap();
+        // Serde reads JSON's numbers to the last bit but one.
+        let near = |a: &f64, b: &f64| (a - b).abs() <= 1e-15 * a.abs();
+        let numbers = same.nodes.iter().flatten().zip(iga.nodes.iter().flatten());
+        assert!(same.elements.len() == patches && numbers.into_iter().all(|(a, b)| near(a, b)));
+        assert!(text("surface.vtu").contains("RationalWeights"));
+        let triangles = io::mesh::read(out.join("surface.obj")).unwrap().mesh;
+        assert!(SurfaceAudit::of(&triangles.into_triangles()).is_closed_manifold());
+        assert!(text("mass.mtx").starts_with("%%MatrixMarket"));
+    }
+    assert!(errors[0] < 0.1, "{errors:?}");
+}
+
+#[test]
 fn modes_are_those_of_the_largest_component() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("two.ply");
@@ -645,6 +724,82 @@ fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
         &out,
     );
     assert!(out.join("smooth.ply").exists());
+}
+
+#[test]
+fn a_shape_is_morphed_into_itself_and_does_not_differ_from_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = fixture("1AJJ.pdb");
+    // Equal histograms find each node again: nothing is left to refine.
+    let found = [
+        "--spacing",
+        "2",
+        "--start",
+        "thesis",
+        "--refine",
+        "none",
+        "--forward-only",
+    ];
+    let out = folder.path().join("compared");
+    let args = [&[&*input, &*input, "--truth-atoms"], &found[..]].concat();
+    let report = report_of("14_compare", &args, &out);
+    assert_eq!(report["correspondence"]["verdict"], "good");
+    assert_eq!(report["comparison"]["coverage"], 1.0);
+    assert!(report["comparison"]["distortions"]["max"].as_f64().unwrap() < 1e-3);
+    assert!(report["truth"]["mean"].as_f64().unwrap() < 1e-6);
+    assert_png(out.join("compare.png"));
+    let out = folder.path().join("partners");
+    let args = [&[&*input, &*input], &found[..]].concat();
+    let report = report_of("12_correspond", &args, &out);
+    let table = std::fs::read_to_string(out.join("matches.csv")).unwrap();
+    assert_eq!(
+        table.lines().count() as u64,
+        1 + report["first"]["boundary"].as_u64().unwrap()
+    );
+    let row: Vec<f64> = table
+        .lines()
+        .nth(1)
+        .unwrap()
+        .split(',')
+        .map(|n| n.parse().unwrap())
+        .collect();
+    assert!(row[..3] == row[3..6] && row[6] < 1e-3, "{row:?}");
+    assert_png(out.join("correspond.png"));
+    assert_png(out.join("modes.png"));
+    assert!(out.join("first.glb").exists() && out.join("second.glb").exists());
+    let mut outputs = Vec::new();
+    for (threads, drawn) in [("1", &[][..]), ("3", &["--no-pictures"])] {
+        let out = folder.path().join(threads);
+        let frames = [&*input; 3].join(",");
+        let args = [
+            &[
+                &*input,
+                &*input,
+                "--times=0,0.4,1.2",
+                "--truth-frames",
+                &frames,
+            ][..],
+            &["--threads", threads],
+            drawn,
+            &found,
+        ];
+        let report = report_of("13_deform", &args.concat(), &out);
+        for frame in report["frames"].as_array().unwrap() {
+            assert!((frame["largest_stretch"].as_f64().unwrap() - 1.0).abs() < 1e-3);
+            assert_eq!(frame["volume"], report["first"]["volume"]);
+            assert!(frame["truth"]["epsilon"].as_f64().unwrap() < 0.05);
+            assert!(frame["atoms_rmsd"].as_f64().unwrap() < 0.01);
+        }
+        let mut files = contents(&out);
+        assert!(files.remove("frames.png").is_some() == drawn.is_empty());
+        files.remove("report.json");
+        outputs.push(files);
+    }
+    assert!(outputs[0].len() == 7 && outputs[0] == outputs[1]);
+    let args = [&*input, &*input, "--truth-frames", &*input];
+    let refused = run("13_deform", &args, &folder.path().join("refused"));
+    let says = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(says.contains("1 --truth-frames for 4 --times"), "{says}");
 }
 
 /// Names of files are bytes; a report has what can be read of them.
@@ -967,6 +1122,31 @@ fn options_without_effect_are_refused() {
         ("07_field", &[&mesh, "--mode", "hard"], "--mode says how"),
         ("08_quads", &[&mesh, "--mode", "hard"], "--mode says how"),
         (
+            "10_tmesh",
+            &[&mesh, "--turn", "20"],
+            "--turn is for --levels curvature",
+        ),
+        (
+            "11_tspline",
+            &[&mesh, "--tolerance", "0.1"],
+            "--tolerance cuts elements",
+        ),
+        (
+            "10_tmesh",
+            &[&mesh, "--levels", "chain:A=1"],
+            "is for structures",
+        ),
+        (
+            "10_tmesh",
+            &[&mesh, "--levels", "height"],
+            "no point field `height`",
+        ),
+        (
+            "10_tmesh",
+            &[&mesh, "--raw", "--method", "triangles"],
+            "--method says how",
+        ),
+        (
             "08_quads",
             &[&mesh, "--quads", "4000000000"],
             "--max-memory",
@@ -1000,6 +1180,9 @@ fn every_program_explains_itself() {
         "06_modes",
         "07_field",
         "08_quads",
+        "12_correspond",
+        "13_deform",
+        "14_compare",
         "15_segment",
         "16_pockets",
         "17_smooth",

@@ -166,6 +166,52 @@ pub const SECONDFUND_OPS_DISTANCES: Shader = Shader {
     workgroup: [16, 16, 1],
 };
 
+// ── tspline
+
+/// `tspline`: distortion of the corners of a T-mesh.
+pub const TSPLINE_CORNER_DISTORTION: Shader = Shader {
+    name: "tspline_corner_distortion",
+    source: joined!("tspline/corner_distortion"),
+    workgroup: [64, 1, 1],
+};
+
+/// `tspline`: Bézier points of patches from control points.
+pub const TSPLINE_BEZIER_POINTS: Shader = Shader {
+    name: "tspline_bezier_points",
+    source: joined!("tspline/bezier_points"),
+    workgroup: [64, 1, 1],
+};
+
+/// `tspline`: points, normals and areas of patches.
+pub const TSPLINE_BEZIER_SAMPLES: Shader = Shader {
+    name: "tspline_bezier_samples",
+    source: joined!("tspline/bezier_samples"),
+    workgroup: [64, 1, 1],
+};
+
+// ── spectral-corresp
+
+/// `spectral-corresp`: the nearest row to each of others.
+pub const SPECTRAL_CORRESP_NEAREST: Shader = Shader {
+    name: "spectral_corresp_nearest",
+    source: joined!("spectral_corresp/nearest"),
+    workgroup: [64, 1, 1],
+};
+
+/// `spectral-corresp`: the rotation of each node's neighbourhood.
+pub const SPECTRAL_CORRESP_ROTATIONS: Shader = Shader {
+    name: "spectral_corresp_rotations",
+    source: joined!("spectral_corresp/rotations"),
+    workgroup: [64, 1, 1],
+};
+
+/// `spectral-corresp`: a step of Jacobi's method for the distortion.
+pub const SPECTRAL_CORRESP_SWEEP: Shader = Shader {
+    name: "spectral_corresp_sweep",
+    source: joined!("spectral_corresp/sweep"),
+    workgroup: [64, 1, 1],
+};
+
 /// Every kernel.
 pub const ALL: &[Shader] = &[
     GEOM_CORE_PRODUCT,
@@ -186,4 +232,10 @@ pub const ALL: &[Shader] = &[
     CROSSFIELD_CORNER_DISTORTION,
     SECONDFUND_OPS_TRIANGLE_MATRICES,
     SECONDFUND_OPS_DISTANCES,
+    TSPLINE_CORNER_DISTORTION,
+    TSPLINE_BEZIER_POINTS,
+    TSPLINE_BEZIER_SAMPLES,
+    SPECTRAL_CORRESP_NEAREST,
+    SPECTRAL_CORRESP_ROTATIONS,
+    SPECTRAL_CORRESP_SWEEP,
 ];

@@ -14,6 +14,8 @@ mod sweep;
 mod thesis;
 #[cfg(feature = "lab")]
 mod thesis35;
+#[cfg(feature = "lab")]
+mod thesis6;
 
 use clap::Subcommand;
 
@@ -38,7 +40,7 @@ pub(crate) enum Chore {
     Sweep(Box<sweep::Arguments>),
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
-        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5.
+        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5; or 6, the correspondences of its chapter 6.
         table: String,
     },
 }

@@ -80,12 +80,17 @@ pub enum Ladder {
 pub struct Options {
     /// How large the quads shall be.
     pub size: Size,
+    /// Irregular vertices lie multiples of 2^nested sides apart, so that squares of so many quads fit together everywhere, as
+    /// adaptive T-meshes want it (Eq. 5.3: a map of lines 2^nested as far apart, with the lines between); at most 10. The
+    /// quads of the last rung of the ladder are not nested. 0 is no condition, and more ask for larger parts without
+    /// irregular vertices.
+    pub nested: u8,
     /// What the field follows, together: of a triangle that several name, the first has it.
     pub guidance: Vec<Guidance>,
     /// Edges whose triangles' normals differ by more than this many degrees are kept as sides of quads; `None`: only
     /// boundaries are.
     pub crease: Option<f64>,
-    /// [`FieldOptions::smoothing`] in sides of quads.
+    /// [`FieldOptions::smoothing`] in sides of quads, of 2^nested of them if they are nested.
     pub smoothing: f64,
     /// [`FieldOptions::singularity_penalty`], rad².
     pub singularity_penalty: f64,
@@ -102,6 +107,7 @@ impl Default for Options {
         let field = FieldOptions::default();
         Self {
             size: Size::Triangles,
+            nested: 0,
             guidance: Vec::new(),
             crease: None,
             smoothing: 1.0,
@@ -118,6 +124,7 @@ impl Options {
     pub fn check(&self) -> Result<(), Error> {
         not_negative("smoothing", self.smoothing)?;
         not_negative("singularity_penalty", self.singularity_penalty)?;
+        require(self.nested <= 10, "nested", self.nested, "be at most 10")?;
         match self.size {
             Size::Quads(n) => require(n > 0, "size", n, "be at least one quad")?,
             Size::Spacing(h) => {

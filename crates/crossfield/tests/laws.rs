@@ -292,6 +292,36 @@ fn rims_become_sides_of_quads() {
 }
 
 #[test]
+fn lines_between_irregular_vertices_of_nested_quads_have_multiples_of_sides() {
+    let mesh = fixture("spot.ply");
+    let options = Options {
+        size: Size::Quads(3000),
+        nested: 2,
+        ..Options::default()
+    };
+    let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
+    assert!(made.report.rung() < Rung::Split, "{:?}", made.report);
+    obeys(&made, &mesh);
+    let edges = Halfedges::of_quads(&made.mesh).unwrap();
+    let irregular = |v| edges.around(v).count() != 4;
+    let mut met = 0;
+    for first in edges.iter().filter(|&h| irregular(edges.from(h))) {
+        let ahead = |&h: &_| Some(edges.next(edges.twin(edges.next(h))?));
+        let mut line = std::iter::successors(Some(first), ahead).take(400);
+        if let Some(sides) = line.position(|h| irregular(edges.to(h))) {
+            assert_eq!((sides + 1) % 4, 0);
+            met += 1;
+        }
+    }
+    assert!(met > 0);
+    let too_many = Options {
+        nested: 11,
+        ..options
+    };
+    assert!(matches!(too_many.check(), Err(Error::Option(_))));
+}
+
+#[test]
 fn a_cube_becomes_the_cube_of_quads() {
     let mesh = cuboid(Vector3::new(1.0, 1.0, 1.0), 10);
     for (h, count) in [(0.1, 600), (0.2, 150)] {

@@ -21,6 +21,8 @@ pub(crate) const LIBRARIES: &[&str] = &[
     "tet-quality",
     "crossfield",
     "secondfund-ops",
+    "spectral-corresp",
+    "tspline",
 ];
 
 /// Who may depend on whom among the published crates.
@@ -31,6 +33,8 @@ const ALLOWED: &[(&str, &str)] = &[
     ("tet-quality", "geom-core"),
     ("crossfield", "geom-core"),
     ("secondfund-ops", "geom-core"),
+    ("spectral-corresp", "geom-core"),
+    ("tspline", "geom-core"),
 ];
 
 /// More files than this in a folder, and a newcomer needs a guide.

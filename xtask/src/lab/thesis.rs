@@ -27,8 +27,9 @@ pub(crate) fn run(table: &str) -> Outcome {
         "3.3" => table_3_3(),
         "3.4" => table_3_4(),
         "3.5" => super::thesis35::run(),
+        "6" => super::thesis6::run(),
         other => Err(format!(
-            "no table {other}; there are 3.1, 3.2, 3.3, 3.4 and 3.5"
+            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5 and 6"
         )),
     }
 }

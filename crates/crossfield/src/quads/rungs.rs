@@ -110,7 +110,7 @@ fn climb(
 ) -> Result<Option<Raw>, Error> {
     let mut rungs = Rungs {
         options,
-        spacing,
+        spacing: spacing * f64::from(1u16 << options.nested),
         run,
         report,
         denser: None,
@@ -123,7 +123,7 @@ fn climb(
         return Ok(Some(Raw { quads, part: start }));
     }
     // Where the triangles are as large as the quads, a map has too little freedom.
-    let fine = match remeshed(part, FINE * spacing, options, run)? {
+    let fine = match remeshed(part, FINE * rungs.spacing, options, run)? {
         Some(fine) => Ok(fine),
         None => part.refined(),
     };
@@ -214,6 +214,7 @@ fn remeshed_with(
 /// What the rungs share.
 struct Rungs<'a> {
     options: &'a Options,
+    /// Of the lines that nested quads lie between, Å.
     spacing: f64,
     run: On<'a>,
     report: &'a mut PartReport,
@@ -320,14 +321,16 @@ fn mapped(
             spacing: smooth.spacing(spacing),
             lines: part.lines.iter().map(|&h| h as u32).collect(),
         };
-        let map = parameterize(&smooth.mesh, &smooth.frames, field, &map_options, run)?;
+        let mut map = parameterize(&smooth.mesh, &smooth.frames, field, &map_options, run)?;
+        // The lines between, too.
+        map.bits -= u32::from(options.nested);
         // The map of the smoothed triangles is one of those that they were, too.
         let extracted = extract(&part.mesh, &smooth.frames, &map)?;
         check(&extracted.mesh, &part.mesh)?;
         Ok((extracted, map))
     };
     let first = make(spacing)?;
-    let wanted = part.mesh.area() / (spacing * spacing);
+    let wanted = part.mesh.area() / (spacing * spacing) * f64::from(1u32 << (2 * options.nested));
     let share = first.0.mesh.quads().len() as f64 / wanted;
     if matches!(options.size, Size::Quads(_)) && (share - 1.0).abs() > OFF_TARGET {
         // Rounding made the quads larger or smaller: once more with that allowed for.

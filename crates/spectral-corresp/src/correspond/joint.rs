@@ -1,0 +1,142 @@
+//! Modes of two shapes as one graph (Eqs. 6.5–6.6).
+
+use geom_core::algebra::SparseMatrix;
+use geom_core::algebra::graph::Laplacian;
+
+use crate::Error;
+use crate::backend::On;
+use crate::options::MatchOptions;
+use crate::shape::{self, VoxelShape};
+
+/// Modes less correlated over the links than this move the shapes against each other.
+const IN_PHASE: f64 = 0.5;
+/// Fewer joint modes than this, and the links are made stronger.
+const LEAST: usize = 4;
+/// By this factor, at most so many times.
+const STRONGER: (f64, usize) = (3.0, 3);
+
+/// Modes of both shapes, joined by links between partners.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointModes {
+    /// Eigenvalues of the normalized Laplacian of the joint graph, ascending.
+    pub values: Vec<f64>,
+    /// A number per node of the first shape; the largest in magnitude over both is 1.
+    pub first: Vec<Vec<f64>>,
+    /// A number per node of the second shape.
+    pub second: Vec<Vec<f64>>,
+    /// The correlation of each mode over the links.
+    pub correlations: Vec<f64>,
+    /// How many modes were left out because the shapes move against each other in them.
+    pub dropped: usize,
+    /// The weight of a link over that of an edge across a face, after it was made stronger.
+    pub link: f64,
+}
+
+/// The first modes of both shapes that move in phase. `forward` and `backward` are partners as in
+/// [`Correspondence`](crate::Correspondence): a pair has one link, whichever names it.
+pub fn joint_modes(
+    a: &VoxelShape,
+    b: &VoxelShape,
+    forward: &[u32],
+    backward: &[u32],
+    options: &MatchOptions,
+    run: On<'_>,
+) -> Result<JointModes, Error> {
+    let links = links(a, b, forward, backward);
+    let mut link = options.link;
+    for attempt in 0..=STRONGER.1 {
+        let found = modes(a, b, &links, link, options, run)?;
+        let enough = found.values.len() >= LEAST.min(options.modes);
+        if enough {
+            return Ok(found);
+        }
+        if attempt == STRONGER.1 {
+            return Err(Error::Unlinked {
+                kept: found.values.len(),
+            });
+        }
+        link *= STRONGER.0;
+    }
+    unreachable!("the last attempt returns")
+}
+
+/// Pairs of nodes, each once.
+fn links(a: &VoxelShape, b: &VoxelShape, forward: &[u32], backward: &[u32]) -> Vec<(u32, u32)> {
+    let node = |i: u32, j: u32| (a.boundary()[i as usize], b.boundary()[j as usize]);
+    let there = (0u32..).zip(forward).map(|(i, &j)| node(i, j));
+    let back = (0u32..).zip(backward).map(|(j, &i)| node(i, j));
+    let mut links: Vec<(u32, u32)> = there.chain(back).collect();
+    links.sort_unstable();
+    links.dedup();
+    links
+}
+
+fn modes(
+    a: &VoxelShape,
+    b: &VoxelShape,
+    links: &[(u32, u32)],
+    link: f64,
+    options: &MatchOptions,
+    run: On<'_>,
+) -> Result<JointModes, Error> {
+    let (first, all) = (a.nodes(), a.nodes() + b.nodes());
+    // In units of the edge across a face.
+    let unit = a
+        .graph()
+        .tables()
+        .stencil
+        .first()
+        .map_or(1.0, |s| f64::from(s.1));
+    let both = |&(i, j): &(u32, u32)| {
+        let j = j + first as u32;
+        [(i, j, link * unit), (j, i, link * unit)]
+    };
+    let entries: Vec<_> = links.iter().flat_map(both).collect();
+    let matrix = SparseMatrix::from_triplets(all, all, &entries)?;
+    let graphs = vec![a.graph().clone(), b.graph().clone()];
+    let laplacian = Laplacian::joint(graphs, &matrix)?;
+    let found = shape::modes(&laplacian, options.modes, run)?;
+    let mut out = JointModes {
+        values: Vec::new(),
+        first: Vec::new(),
+        second: Vec::new(),
+        correlations: Vec::new(),
+        dropped: 0,
+        link,
+    };
+    for (value, mode) in found.values.into_iter().zip(found.vectors) {
+        let (on_a, on_b) = mode.split_at(first);
+        let correlation = correlation(links, on_a, on_b);
+        if correlation < IN_PHASE {
+            out.dropped += 1;
+            continue;
+        }
+        let (mut on_a, mut on_b) = (on_a.to_vec(), on_b.to_vec());
+        shape::normalize(&mut [&mut on_a, &mut on_b]);
+        out.values.push(value);
+        out.first.push(on_a);
+        out.second.push(on_b);
+        out.correlations.push(correlation);
+    }
+    Ok(out)
+}
+
+/// Of the values at both ends of the links.
+fn correlation(links: &[(u32, u32)], a: &[f64], b: &[f64]) -> f64 {
+    let count = links.len().max(1) as f64;
+    let pairs = || links.iter().map(|&(i, j)| (a[i as usize], b[j as usize]));
+    let (sum_a, sum_b) = pairs().fold((0.0, 0.0), |s, (x, y)| (s.0 + x, s.1 + y));
+    let (mean_a, mean_b) = (sum_a / count, sum_b / count);
+    let (mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0);
+    for (x, y) in pairs() {
+        let (x, y) = (x - mean_a, y - mean_b);
+        aa += x * x;
+        bb += y * y;
+        ab += x * y;
+    }
+    if aa * bb > 0.0 {
+        ab / (aa * bb).sqrt()
+    } else {
+        0.0
+    }
+}

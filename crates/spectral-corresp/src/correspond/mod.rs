@@ -1,0 +1,525 @@
+//! The search for the correspondence of two shapes, its verdict, and their joint modes (Sections 6.2–6.4).
+
+mod embed;
+mod joint;
+
+use geom_core::nalgebra::Matrix3;
+use geom_core::{Point3, Run, Vector3};
+
+use crate::Error;
+use crate::backend::{CorrespBackend, On};
+use crate::fit::{self, Fit, LONG, SHORT, Side, anneal, descend};
+use crate::options::{Directions, MatchOptions, Refine, Start};
+use crate::shape::VoxelShape;
+use crate::start::{self, Boundary, Candidate, Judge, best_apart, distance};
+
+pub use embed::Embedding;
+pub use joint::{JointModes, joint_modes};
+
+/// Nodes on which candidates are fitted.
+const THINNED: usize = 1500;
+/// Maps that are fitted on all nodes, of those that score at most this times the best.
+const FITTED: usize = 3;
+const NEAR_BEST: f64 = 1.15;
+/// Spacings of two shapes may differ by this share.
+const SPACINGS: f64 = 0.01;
+/// Two maps that differ, the worse of which scores less than this times the better and this more (Å): which is right is
+/// not known.
+const AMBIGUOUS: (f64, f64) = (1.04, 0.05);
+/// Maps whose images are farther apart than this on average are not variants of one, Å.
+const ANOTHER: f64 = 8.0;
+/// Neighbourhoods of the thesis's second step, Å.
+const THESIS_RADIUS: f64 = 18.0;
+
+/// How far a correspondence is to be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+pub enum Verdict {
+    /// The score is that of right matches, and no other map comes near it.
+    Good,
+    /// The score is between those of right and of wrong matches, or another map scores as well.
+    Doubtful,
+    /// The score is that of wrong matches.
+    Failed,
+}
+
+/// A map that was tried.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct CandidateReport {
+    /// What it came from.
+    pub name: String,
+    /// Does it lead from the second shape to the first?
+    pub backward: bool,
+    /// The score by which it was chosen among its kind, Å.
+    pub start: f64,
+    /// J after a short fit, Å.
+    pub fitted: f64,
+    /// How far its images are from those of the best one on average, Å; 0 for the best.
+    pub apart: f64,
+}
+
+/// Which boundary node of the second shape belongs to which of the first, and the other way. Nodes are named by their
+/// places in [`VoxelShape::boundary`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Correspondence {
+    /// For each boundary node of the first shape one of the second.
+    pub forward: Vec<u32>,
+    /// For each boundary node of the second shape one of the first.
+    pub backward: Vec<u32>,
+    /// Where each boundary node of the first shape goes: near its partner, not on a lattice.
+    pub images: Vec<Point3>,
+    /// The rotation of each boundary node's neighbourhood.
+    pub rotations: Vec<Matrix3<f64>>,
+    /// How far each image is from its partner, in places and normals; large where the other shape has no such part.
+    pub distances: Vec<f64>,
+    /// The share of the second shape's boundary nodes that are partners of the first's.
+    pub coverage: f64,
+    /// J: root mean square distortion of neighbourhoods of 6 Å, and the mean distances both ways, Å (see
+    /// [`MatchOptions::unit`]).
+    pub score: f64,
+    /// What that means.
+    pub verdict: Verdict,
+    /// Was the second shape fitted to the first, and the result turned round?
+    pub turned: bool,
+    /// Modes of both shapes as one graph.
+    pub modes: JointModes,
+    /// The maps that were tried, the best first.
+    pub candidates: Vec<CandidateReport>,
+}
+
+/// Which point became which.
+///
+/// Both shapes must have about the same spacing, Å. Their position and orientation do not matter, nor the order of their
+/// nodes; a mirror image is not matched.
+///
+/// ```
+/// use spectral_corresp::geom_core::{Cpu, Lattice, Point3, Run};
+/// use spectral_corresp::{MatchOptions, ShapeOptions, Start, VoxelShape, correspond};
+/// // An L of voxels, and the same turned by a quarter about z.
+/// let flags = |turned: bool| -> Vec<bool> {
+///     let inside = |i: usize, j: usize| (i < 5 || j < 5) && i < 13 && j < 20;
+///     let at = |p: usize| [p % 20, p / 20 % 20];
+///     (0..20 * 20 * 5).map(at).map(|[i, j]| if turned { inside(j, 19 - i) } else { inside(i, j) }).collect()
+/// };
+/// let lattice = Lattice { origin: Point3::origin(), spacing: 1.5, counts: [20, 20, 5] };
+/// let options = ShapeOptions::default();
+/// let a = VoxelShape::of_flags(&lattice, flags(false), &options)?;
+/// let b = VoxelShape::of_flags(&lattice, flags(true), &options)?;
+/// let asked = MatchOptions { start: Start::Rigid, ..MatchOptions::default() };
+/// let found = correspond(&a, &b, &asked, Run::on(&Cpu))?;
+/// // The far end of the long arm is found again.
+/// let ends = a.boundary_points().iter().zip(&found.forward).filter(|(p, _)| p.y > 27.0);
+/// let right = ends.clone().filter(|&(_, &q)| b.boundary_points()[q as usize].x < 6.0).count();
+/// assert!(right * 10 > ends.count() * 9);
+/// # Ok::<(), spectral_corresp::Error>(())
+/// ```
+pub fn correspond<B: CorrespBackend + ?Sized>(
+    a: &VoxelShape,
+    b: &VoxelShape,
+    options: &MatchOptions,
+    run: Run<'_, B>,
+) -> Result<Correspondence, Error> {
+    let run: On<'_> = run.with(run.backend.as_corresp());
+    options.check()?;
+    check_spacings(a, b)?;
+    let (front, back) = boundaries(a, b, options, run)?;
+    let given = given(a, b, &front, options)?;
+    if let Some((name, images)) = given.images {
+        let fit = refine(&front, &back, images, &given.anchors, options, run)?;
+        let fitted = fit.score();
+        let report = CandidateReport {
+            name,
+            backward: false,
+            start: 0.0,
+            fitted,
+            apart: 0.0,
+        };
+        return finish(a, b, fit, fitted, false, false, vec![report], options, run);
+    }
+    // One way, and the other where both are wanted.
+    let mut searches = vec![search(&front, &back, options, run)?];
+    if options.directions == Directions::Both && options.refine == Refine::Annealed {
+        searches.push(search(&back, &front, options, run)?);
+    }
+    let ambiguous = searches.iter().any(Search::is_ambiguous);
+    // The best of both are fitted whole, since a short fit does not always tell.
+    let all = searches.iter().enumerate();
+    let mut ranked: Vec<(bool, &Tried)> = all
+        .flat_map(|(way, s)| s.tried.iter().map(move |t| (way == 1, t)))
+        .collect();
+    ranked.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
+    let near_best = |t: &Tried| t.score <= NEAR_BEST * ranked[0].1.score;
+    let mut best: Option<(bool, Fit)> = None;
+    for &(backward, tried) in ranked.iter().take(FITTED).filter(|(_, t)| near_best(t)) {
+        let (from, to) = if backward {
+            (&back, &front)
+        } else {
+            (&front, &back)
+        };
+        let fit = fit_whole(from, to, tried, options, run)?;
+        if best.as_ref().is_none_or(|(_, b)| fit.score() < b.score()) {
+            best = Some((backward, fit));
+        }
+    }
+    let (turned, best) = best.expect("the best of the ranked is near itself");
+    let candidates = ranked.iter().map(|&(backward, t)| CandidateReport {
+        name: t.name.clone(),
+        backward,
+        start: t.start,
+        fitted: t.score,
+        apart: t.apart,
+    });
+    let candidates = candidates.collect();
+    let score = best.score();
+    let fit = if turned {
+        turn_round(&front.side, &back.side, &best, options.seed, run)?
+    } else {
+        best
+    };
+    finish(
+        a, b, fit, score, turned, ambiguous, candidates, options, run,
+    )
+}
+
+/// The correspondence of a fit.
+#[expect(clippy::too_many_arguments, reason = "the last step of one verb")]
+fn finish(
+    a: &VoxelShape,
+    b: &VoxelShape,
+    fit: Fit,
+    score: f64,
+    turned: bool,
+    ambiguous: bool,
+    candidates: Vec<CandidateReport>,
+    options: &MatchOptions,
+    run: On<'_>,
+) -> Result<Correspondence, Error> {
+    let forward: Vec<u32> = fit.forward.iter().map(|n| n.index).collect();
+    let backward: Vec<u32> = fit.backward.iter().map(|n| n.index).collect();
+    run.progress("joint modes", 0, 1)?;
+    let modes = joint_modes(a, b, &forward, &backward, options, run)?;
+    let mut hit = vec![false; b.boundary().len()];
+    forward.iter().for_each(|&j| hit[j as usize] = true);
+    let [good, failed] = options.verdict;
+    let verdict = match score {
+        s if s > failed => Verdict::Failed,
+        s if s >= good || ambiguous => Verdict::Doubtful,
+        _ => Verdict::Good,
+    };
+    let scaled = |p: &Point3| Point3::from(p.coords * options.unit);
+    Ok(Correspondence {
+        images: fit.images.iter().map(scaled).collect(),
+        distances: fit
+            .forward
+            .iter()
+            .map(|n| n.distance * options.unit)
+            .collect(),
+        coverage: hit.iter().filter(|h| **h).count() as f64 / hit.len() as f64,
+        rotations: fit.rotations,
+        forward,
+        backward,
+        score,
+        verdict,
+        turned,
+        modes,
+        candidates,
+    })
+}
+
+fn check_spacings(a: &VoxelShape, b: &VoxelShape) -> Result<(), Error> {
+    let (a, b) = (a.lattice().spacing, b.lattice().spacing);
+    if (a - b).abs() > SPACINGS * a.max(b) {
+        return Err(Error::SpacingMismatch { a, b });
+    }
+    Ok(())
+}
+
+/// What the search needs to know of both shapes.
+fn boundaries(
+    a: &VoxelShape,
+    b: &VoxelShape,
+    options: &MatchOptions,
+    run: On<'_>,
+) -> Result<(Boundary, Boundary), Error> {
+    let diameters =
+        |s: &VoxelShape| -> Vec<f64> { s.diameters().iter().map(|d| d / options.unit).collect() };
+    let both = [diameters(a), diameters(b)];
+    let all = || both.iter().flatten().copied();
+    let range = [
+        all().fold(f64::INFINITY, f64::min),
+        all().fold(0.0, f64::max),
+    ];
+    let of = |shape: &VoxelShape, diameters: &[f64]| -> Result<Boundary, Error> {
+        run.progress("shapes", 0, 2)?;
+        let points = shape.boundary_points().iter();
+        let side = Side {
+            points: points
+                .map(|p| Point3::from(p.coords / options.unit))
+                .collect(),
+            normals: shape.normals().to_vec(),
+        };
+        // Only what the start will ask for.
+        let (histogram, modal) = match options.start {
+            Start::Thesis => (true, true),
+            Start::Auto => (true, true),
+            Start::Spectral => (false, true),
+            Start::Rigid | Start::Anchors(_) | Start::Given(_) => (false, false),
+        };
+        let histograms = if histogram {
+            start::histograms(&side, diameters, range, &options.histograms)?
+        } else {
+            Vec::new()
+        };
+        let (mut modes, mut values) = (Vec::new(), Vec::new());
+        if modal {
+            let found = shape.modes_on(options.modes, run)?;
+            modes = found.vectors.iter().map(|m| shape.on_boundary(m)).collect();
+            values = found.values;
+        }
+        Ok(Boundary {
+            spread: start::spread(&side.points, THINNED),
+            side,
+            histograms,
+            modes,
+            values,
+        })
+    };
+    Ok((of(a, &both[0])?, of(b, &both[1])?))
+}
+
+/// What the caller knows of the map.
+#[derive(Default)]
+struct Given {
+    /// Images of all nodes.
+    images: Option<(String, Vec<Point3>)>,
+    /// Nodes with places of their own.
+    anchors: Vec<(u32, Point3)>,
+}
+
+fn given(
+    a: &VoxelShape,
+    b: &VoxelShape,
+    front: &Boundary,
+    options: &MatchOptions,
+) -> Result<Given, Error> {
+    match &options.start {
+        Start::Anchors(anchors) => {
+            let (motion, anchors) = start::anchored(&front.side, anchors, options)?;
+            let images = front.side.points.iter().map(|p| motion.of(p)).collect();
+            Ok(Given {
+                images: Some(("anchors".to_owned(), images)),
+                anchors,
+            })
+        }
+        Start::Given(map) => {
+            let (found, expected) = (map.len(), a.boundary().len());
+            if found != expected {
+                return Err(Error::Length {
+                    what: "partners in the given map",
+                    found,
+                    expected,
+                });
+            }
+            let points = b.boundary_points();
+            let image = |(node, &image): (usize, &u32)| match points.get(image as usize) {
+                Some(p) => Ok(Point3::from(p.coords / options.unit)),
+                None => Err(Error::Image {
+                    node,
+                    image: image as usize,
+                    count: points.len(),
+                }),
+            };
+            let images = map
+                .iter()
+                .enumerate()
+                .map(image)
+                .collect::<Result<_, _>>()?;
+            Ok(Given {
+                images: Some(("given".to_owned(), images)),
+                anchors: Vec::new(),
+            })
+        }
+        _ => Ok(Given::default()),
+    }
+}
+
+/// The maps that were tried one way, the best first.
+struct Search {
+    tried: Vec<Tried>,
+}
+
+/// A map of the spread nodes after a short fit.
+struct Tried {
+    name: String,
+    /// The score of the candidate.
+    start: f64,
+    /// J after the fit.
+    score: f64,
+    images: Vec<Point3>,
+    /// Of the neighbourhoods; none without a fit.
+    rotations: Vec<Matrix3<f64>>,
+    /// How far the images are from those of the best.
+    apart: f64,
+}
+
+impl Search {
+    /// Does quite another map score as well as the best?
+    fn is_ambiguous(&self) -> bool {
+        let most = AMBIGUOUS.0 * self.tried[0].score + AMBIGUOUS.1;
+        self.tried
+            .iter()
+            .any(|t| t.apart > ANOTHER && t.score < most)
+    }
+}
+
+/// Tries the candidates of one way.
+fn search(
+    a: &Boundary,
+    b: &Boundary,
+    options: &MatchOptions,
+    run: On<'_>,
+) -> Result<Search, Error> {
+    let candidates = candidates(a, b, options, run)?;
+    let (from, to) = (a.thinned(), b.thinned());
+    let mut tried = Vec::new();
+    let total = candidates.len() as u64;
+    for (done, candidate) in candidates.into_iter().enumerate() {
+        run.progress("candidates", done as u64, total)?;
+        let mut one = Tried {
+            name: candidate.name,
+            start: candidate.score,
+            score: candidate.score,
+            images: candidate.images,
+            rotations: Vec::new(),
+            apart: 0.0,
+        };
+        // The thesis does not fit; its candidates are told apart by their distortion.
+        if options.refine == Refine::Annealed {
+            let fit = anneal(&from, &to, one.images, &[], SHORT, options.seed, run)?;
+            one.score = fit.score();
+            one.images = fit.images;
+            one.rotations = fit.rotations;
+        }
+        tried.push(one);
+    }
+    tried.sort_by(|a, b| a.score.total_cmp(&b.score));
+    let best = tried[0].images.clone();
+    for one in &mut tried {
+        one.apart = distance(&one.images, &best);
+    }
+    Ok(Search { tried })
+}
+
+/// All nodes follow those that were tried, and are fitted.
+fn fit_whole(
+    a: &Boundary,
+    b: &Boundary,
+    tried: &Tried,
+    options: &MatchOptions,
+    run: On<'_>,
+) -> Result<Fit, Error> {
+    let rest = a.thinned().points;
+    let embedding = Embedding::new(&rest, &tried.images, &tried.rotations)?;
+    let images = embedding.of(&a.side.points);
+    refine(a, b, images, &[], options, run)
+}
+
+/// The maps to be tried.
+fn candidates(
+    a: &Boundary,
+    b: &Boundary,
+    options: &MatchOptions,
+    run: On<'_>,
+) -> Result<Vec<Candidate>, Error> {
+    let judge = Judge::of(a, options.seed)?;
+    let start = &options.start;
+    let mut of_features = Vec::new();
+    if matches!(start, Start::Thesis | Start::Auto) {
+        let found = start::of_histograms(a, b, &options.histograms, &judge, run)?;
+        of_features.extend(found);
+    }
+    if matches!(start, Start::Spectral | Start::Auto) {
+        of_features.extend(start::of_modes(a, b, &judge, run)?);
+    }
+    let mut out = best_apart(of_features);
+    if matches!(start, Start::Rigid | Start::Auto) {
+        run.progress("motions", 0, 1)?;
+        out.extend(best_apart(start::of_motions(a, b, options.seed)));
+    }
+    Ok(out)
+}
+
+/// The last fit, on all nodes; on the spread ones first where there are too many.
+fn refine(
+    a: &Boundary,
+    b: &Boundary,
+    images: Vec<Point3>,
+    anchors: &[(u32, Point3)],
+    options: &MatchOptions,
+    run: On<'_>,
+) -> Result<Fit, Error> {
+    let seed = options.seed;
+    run.progress("fit", 0, 1)?;
+    match options.refine {
+        Refine::None => anneal(&a.side, &b.side, images, anchors, fit::JUDGE, seed, run),
+        Refine::Thesis { tolerance, most } => {
+            let images = thesis_links(a, b, images, run)?;
+            let (images, _) = descend(
+                &a.side,
+                &b.side,
+                images,
+                THESIS_RADIUS,
+                tolerance,
+                most,
+                seed,
+                run,
+            )?;
+            anneal(&a.side, &b.side, images, anchors, fit::JUDGE, seed, run)
+        }
+        Refine::Annealed
+            if a.side.points.len().max(b.side.points.len()) > options.control_nodes =>
+        {
+            let few = start::spread(&a.side.points, options.control_nodes);
+            let others = start::spread(&b.side.points, options.control_nodes);
+            let (from, to) = (a.side.some(&few), b.side.some(&others));
+            let placed = few.iter().map(|&n| images[n as usize]).collect();
+            let on_few = anchors.iter().filter_map(|&(node, place)| {
+                let at = few.iter().position(|&f| f == node)?;
+                Some((at as u32, place))
+            });
+            let on_few: Vec<(u32, Point3)> = on_few.collect();
+            let fit = anneal(&from, &to, placed, &on_few, LONG, seed, run)?;
+            let embedding = Embedding::new(&from.points, &fit.images, &fit.rotations)?;
+            let images = embedding.of(&a.side.points);
+            anneal(&a.side, &b.side, images, anchors, fit::LAST, seed, run)
+        }
+        Refine::Annealed => anneal(&a.side, &b.side, images, anchors, LONG, seed, run),
+    }
+}
+
+/// The nodes nearest to the images, which is where the thesis's second step starts.
+fn thesis_links(
+    a: &Boundary,
+    b: &Boundary,
+    images: Vec<Point3>,
+    run: On<'_>,
+) -> Result<Vec<Point3>, Error> {
+    let fit = anneal(&a.side, &b.side, images, &[], fit::JUDGE, 0, run)?;
+    let partner = |n: &crate::backend::Nearest| b.side.points[n.index as usize];
+    Ok(fit.forward.iter().map(partner).collect())
+}
+
+/// A fit from `b` to `a` as one from `a` to `b`.
+fn turn_round(a: &Side, b: &Side, fit: &Fit, seed: u64, run: On<'_>) -> Result<Fit, Error> {
+    // The image of a node of `a` goes with the node of `b` whose image it met.
+    let met = &fit.backward;
+    let image = |(p, n): (&Point3, &crate::backend::Nearest)| {
+        let j = n.index as usize;
+        let offset: Vector3 = p - fit.images[j];
+        b.points[j] + fit.rotations[j].transpose() * offset
+    };
+    let images: Vec<Point3> = a.points.iter().zip(met).map(image).collect();
+    anneal(a, b, images, &[], fit::JUDGE, seed, run)
+}

@@ -1,0 +1,89 @@
+//! The kernels on the CPU: f64, the caller's rayon pool.
+
+use geom_core::nalgebra::Matrix3;
+use geom_core::search::nearest::PointTree;
+use geom_core::{Cpu, Point3};
+use rayon::prelude::*;
+
+use crate::Error;
+use crate::backend::{CorrespBackend, Nearest, RotationTask, Rows, SweepTask};
+use crate::fit::{Flat, rotation, swept};
+
+/// Rows wider than this gain nothing from a tree.
+const TREE_WIDTH: usize = 12;
+/// Up to so many rows of more than three numbers are all looked at.
+const LOOKED_AT: usize = 16_384;
+/// Queries per task.
+const QUERIES: usize = 64;
+
+impl CorrespBackend for Cpu {
+    fn nearest(
+        &self,
+        queries: Rows<'_>,
+        targets: Rows<'_>,
+        out: &mut Vec<Nearest>,
+    ) -> Result<(), Error> {
+        out.clear();
+        if targets.is_empty() {
+            return Ok(());
+        }
+        if targets.width <= 3 || (targets.len() > LOOKED_AT && targets.width <= TREE_WIDTH) {
+            return match targets.width {
+                0..=3 => by_tree::<3>(queries, targets, out),
+                4..=6 => by_tree::<6>(queries, targets, out),
+                _ => by_tree::<TREE_WIDTH>(queries, targets, out),
+            };
+        }
+        let flat = Flat::of(targets);
+        out.resize(queries.len(), Nearest::default());
+        let some = queries.values.par_chunks(QUERIES * queries.width);
+        out.par_chunks_mut(QUERIES)
+            .zip(some)
+            .for_each(|(out, values)| {
+                let width = queries.width;
+                flat.nearest(Rows { values, width }, out);
+            });
+        Ok(())
+    }
+
+    fn rotations(&self, task: &RotationTask<'_>, out: &mut Vec<Matrix3<f64>>) -> Result<(), Error> {
+        (0..task.rest.len())
+            .into_par_iter()
+            .with_min_len(128)
+            .map(|i| rotation(task, i))
+            .collect_into_vec(out);
+        Ok(())
+    }
+
+    fn sweep(&self, task: &SweepTask<'_>, out: &mut Vec<Point3>) -> Result<(), Error> {
+        (0..task.shape.rest.len())
+            .into_par_iter()
+            .with_min_len(128)
+            .map(|i| swept(task, i))
+            .collect_into_vec(out);
+        Ok(())
+    }
+}
+
+/// Rows filled up with zeros, which change no distance.
+fn by_tree<const K: usize>(
+    queries: Rows<'_>,
+    targets: Rows<'_>,
+    out: &mut Vec<Nearest>,
+) -> Result<(), Error> {
+    let fill = |row: &[f64]| std::array::from_fn(|c| row.get(c).copied().unwrap_or(0.0));
+    let targets = (0..targets.len()).map(|i| fill(targets.row(i)));
+    let tree = PointTree::<K>::new(targets.collect())?;
+    (0..queries.len())
+        .into_par_iter()
+        .with_min_len(16)
+        .map(|q| {
+            let near = tree.nearest(&fill(queries.row(q)), 1);
+            near.first().map_or(Nearest::default(), |n| Nearest {
+                index: n.index,
+                distance: n.distance,
+            })
+        })
+        .collect_into_vec(out);
+    Ok(())
+}

@@ -1,0 +1,191 @@
+//! The annealed two-way fit: as rigid as possible over wide neighbourhoods, then over narrow ones.
+//!
+//! Wide neighbourhoods at first forbid folds, narrow ones at the end allow hinges. Every node of each shape is drawn to the
+//! nearest of the other: with one direction alone the cheapest map shrinks the shape to a part of the other.
+
+use geom_core::nalgebra::Matrix3;
+use geom_core::{Point3, Vector3};
+
+use super::{Neighbourhoods, distortions, lifted, six};
+use crate::Error;
+use crate::backend::{Nearest, On, RotationTask, SweepTask};
+
+/// A stage: pairs within `radius` (Å), so many rounds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Stage {
+    radius: f64,
+    rounds: usize,
+    pairs: usize,
+}
+
+const fn stage(radius: f64, rounds: usize, pairs: usize) -> Stage {
+    Stage {
+        radius,
+        rounds,
+        pairs,
+    }
+}
+
+/// To tell candidates apart.
+pub(crate) const SHORT: &[Stage] = &[stage(18.0, 8, 30), stage(12.0, 8, 30)];
+/// For the one that is kept.
+pub(crate) const LONG: &[Stage] = &[stage(12.0, 10, 60), stage(8.0, 20, 60), stage(6.0, 20, 60)];
+
+/// After the long schedule on some of the nodes, for all of them.
+pub(crate) const LAST: &[Stage] = &[stage(6.0, 5, 60)];
+/// To score a map as it is.
+pub(crate) const JUDGE: &[Stage] = &[stage(6.0, 0, 60)];
+
+/// λ: the pull of the data on a node over that of its neighbours.
+const PULL: f64 = 0.1;
+/// A node that many are drawn from pulls at most this many times as strongly.
+const MOST_PULL: f64 = 3.0;
+/// Steps of Jacobi's method per round.
+const SWEEPS: usize = 3;
+/// A stage ends when nodes move less than this in a round on average, Å.
+const AT_REST: f64 = 0.02;
+/// The pull of an anchor.
+const ANCHOR_PULL: f64 = 1.0;
+
+/// Boundary nodes of a shape, or some of them.
+#[derive(Clone, Debug)]
+pub(crate) struct Side {
+    pub(crate) points: Vec<Point3>,
+    pub(crate) normals: Vec<Vector3>,
+}
+
+/// A map from one side to the other.
+#[derive(Clone, Debug)]
+pub(crate) struct Fit {
+    /// Where each node of the first goes.
+    pub(crate) images: Vec<Point3>,
+    /// The rotation of its neighbourhood.
+    pub(crate) rotations: Vec<Matrix3<f64>>,
+    /// The nearest node of the second to each image.
+    pub(crate) forward: Vec<Nearest>,
+    /// The node of the first with the nearest image to each node of the second.
+    pub(crate) backward: Vec<Nearest>,
+    /// Root mean square distortion in the last stage, Å.
+    pub(crate) distortion: f64,
+}
+
+impl Fit {
+    /// J: distortion, and how far each side's nodes are from the other, with normals; Å.
+    pub(crate) fn score(&self) -> f64 {
+        let mean = |near: &[Nearest]| {
+            near.iter().map(|n| n.distance).sum::<f64>() / near.len().max(1) as f64
+        };
+        self.distortion + mean(&self.forward) + mean(&self.backward)
+    }
+}
+
+/// Fits the images of `a` to `b` from `images`, stage after stage. `anchors` are nodes of `a` with a place of their own.
+pub(crate) fn anneal(
+    a: &Side,
+    b: &Side,
+    images: Vec<Point3>,
+    anchors: &[(u32, Point3)],
+    stages: &[Stage],
+    seed: u64,
+    run: On<'_>,
+) -> Result<Fit, Error> {
+    let targets = lifted(&b.points, b.normals.iter().copied());
+    let mut fit = Fit {
+        images,
+        rotations: Vec::new(),
+        forward: Vec::new(),
+        backward: Vec::new(),
+        distortion: 0.0,
+    };
+    let mut near = Neighbourhoods::default();
+    for stage in stages {
+        near = Neighbourhoods::within(&a.points, stage.radius, stage.pairs, seed)?;
+        for _ in 0..stage.rounds {
+            let before = fit.images.clone();
+            round(a, b, &targets, anchors, &near, &mut fit, run)?;
+            let moved = fit.images.iter().zip(&before).map(|(x, y)| (x - y).norm());
+            if moved.sum::<f64>() < AT_REST * before.len() as f64 {
+                break;
+            }
+        }
+    }
+    let task = RotationTask {
+        rest: &a.points,
+        now: &fit.images,
+        near: &near,
+    };
+    run.backend.rotations(&task, &mut fit.rotations)?;
+    let squares = distortions(&task, &fit.rotations);
+    fit.distortion = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+    meet(a, &targets, &mut fit, run)?;
+    Ok(fit)
+}
+
+/// Who is nearest to whom, both ways.
+fn meet(a: &Side, targets: &[f64], fit: &mut Fit, run: On<'_>) -> Result<(), Error> {
+    let turned = fit.rotations.iter().zip(&a.normals).map(|(r, n)| r * n);
+    let images = lifted(&fit.images, turned);
+    let (images, targets) = (six(&images), six(targets));
+    run.backend.nearest(images, targets, &mut fit.forward)?;
+    run.backend.nearest(targets, images, &mut fit.backward)
+}
+
+fn round(
+    a: &Side,
+    b: &Side,
+    targets: &[f64],
+    anchors: &[(u32, Point3)],
+    near: &Neighbourhoods,
+    fit: &mut Fit,
+    run: On<'_>,
+) -> Result<(), Error> {
+    let rotate = |fit: &mut Fit| {
+        let mut rotations = std::mem::take(&mut fit.rotations);
+        let task = RotationTask {
+            rest: &a.points,
+            now: &fit.images,
+            near,
+        };
+        run.backend.rotations(&task, &mut rotations)?;
+        fit.rotations = rotations;
+        Ok::<(), Error>(())
+    };
+    rotate(fit)?;
+    meet(a, targets, fit, run)?;
+    // The data of a node: the node that it meets, and all that meet it.
+    let mut sums: Vec<(Vector3, f64)> = fit
+        .forward
+        .iter()
+        .map(|n| (b.points[n.index as usize].coords, 1.0))
+        .collect();
+    for (n, y) in fit.backward.iter().zip(&b.points) {
+        let (sum, count) = &mut sums[n.index as usize];
+        *sum += y.coords;
+        *count += 1.0;
+    }
+    let mut places: Vec<Point3> = sums.iter().map(|(s, n)| Point3::from(s / *n)).collect();
+    let mut pull: Vec<f64> = sums.iter().map(|(_, n)| PULL * n.min(MOST_PULL)).collect();
+    for &(node, place) in anchors {
+        places[node as usize] = place;
+        pull[node as usize] = ANCHOR_PULL;
+    }
+    let mut next = Vec::new();
+    for sweep in 0..SWEEPS {
+        if sweep > 0 {
+            rotate(fit)?;
+        }
+        let task = SweepTask {
+            shape: RotationTask {
+                rest: &a.points,
+                now: &fit.images,
+                near,
+            },
+            rotations: &fit.rotations,
+            targets: &places,
+            pull: &pull,
+        };
+        run.backend.sweep(&task, &mut next)?;
+        std::mem::swap(&mut fit.images, &mut next);
+    }
+    Ok(())
+}

@@ -1,0 +1,88 @@
+//! Who is near whom.
+
+use geom_core::Point3;
+use geom_core::compute::parallel;
+use geom_core::compute::random::SplitMix64;
+use geom_core::search::nearest::PointTree;
+use rayon::prelude::*;
+
+use crate::Error;
+
+/// Who is near whom: a symmetric sample of the pairs of nodes within a radius.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Neighbourhoods {
+    starts: Vec<usize>,
+    others: Vec<u32>,
+}
+
+impl Neighbourhoods {
+    /// About `per_node` of the pairs within `radius` of each point, the same for the same `seed`; all where there are
+    /// fewer. A pair belongs to both of its points or to none.
+    pub fn within(
+        points: &[Point3],
+        radius: f64,
+        per_node: usize,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        let tree = PointTree::of_positions(points)?;
+        let all: Vec<Vec<u32>> = points
+            .par_iter()
+            .with_min_len(32)
+            .map(|p| {
+                let near = tree.within(&[p.x, p.y, p.z], radius);
+                near.into_iter().map(|n| n.index).collect()
+            })
+            .collect();
+        let random = SplitMix64::new(seed);
+        let is_in = |i: u32, j: u32| {
+            let least = all[i as usize].len().min(all[j as usize].len()) - 1;
+            let (low, high) = (u64::from(i.min(j)), u64::from(i.max(j)));
+            let draw = random.nth(low.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ high) >> 11;
+            (draw as f64) * (1.0 / (1u64 << 53) as f64) * (least as f64) < per_node as f64
+        };
+        let rows: Vec<Vec<u32>> = (0..points.len() as u32)
+            .into_par_iter()
+            .map(|i| {
+                let mut row = all[i as usize].clone();
+                row.retain(|&j| j != i && is_in(i, j));
+                row.sort_unstable();
+                row
+            })
+            .collect();
+        Ok(Self::of_rows(rows))
+    }
+
+    /// The others of each node.
+    pub fn of_rows(rows: Vec<Vec<u32>>) -> Self {
+        let counts: Vec<u32> = rows.iter().map(|r| r.len() as u32).collect();
+        Self {
+            starts: parallel::starts_of(&counts),
+            others: rows.concat(),
+        }
+    }
+
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.starts.len().saturating_sub(1)
+    }
+
+    /// Is there no node?
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The nodes near a node, ascending.
+    pub fn of(&self, node: usize) -> &[u32] {
+        &self.others[self.starts[node]..self.starts[node + 1]]
+    }
+
+    /// Where the neighbours of each node start in [`others`](Self::others), and the total at the end.
+    pub fn starts(&self) -> &[usize] {
+        &self.starts
+    }
+
+    /// The neighbours of all nodes, node after node.
+    pub fn others(&self) -> &[u32] {
+        &self.others
+    }
+}

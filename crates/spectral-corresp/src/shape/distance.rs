@@ -1,0 +1,101 @@
+//! Exact Euclidean distances on a lattice (Meijster, Roerdink and Hesselink, *A general algorithm for computing distance
+//! transforms in linear time*, 2000): squares are integers, so nothing is rounded.
+
+use rayon::prelude::*;
+
+/// The square of the distance of each lattice point to the nearest one that is not `inside`, in spacings; what lies
+/// beyond the lattice is outside. `counts` are points per axis, the first fastest. In the order *second axis fastest,
+/// then first, then third* of [`place`], as the last pass leaves them.
+pub(crate) fn squared_distances(counts: [usize; 3], inside: &[bool]) -> Vec<u32> {
+    let [nx, ny, nz] = counts;
+    // Along the first axis: how far to the nearest end of a run.
+    let mut rows = vec![0u32; inside.len()];
+    rows.par_chunks_mut(nx.max(1))
+        .zip(inside.par_chunks(nx.max(1)))
+        .with_min_len(64)
+        .for_each(|(row, inside)| {
+            let mut run = 0;
+            for (d, &inside) in row.iter_mut().zip(inside) {
+                run = if inside { run + 1 } else { 0 };
+                *d = run;
+            }
+            let mut run = 0;
+            for (d, &inside) in row.iter_mut().zip(inside).rev() {
+                run = if inside { run + 1 } else { 0 };
+                *d = run.min(*d);
+            }
+        });
+    for d in &mut rows {
+        *d *= *d;
+    }
+    // Along the third axis, into columns of it: [y][x][z].
+    let mut columns = vec![0u32; inside.len()];
+    columns
+        .par_chunks_mut(nz.max(1))
+        .enumerate()
+        .with_min_len(64)
+        .for_each_init(Envelope::default, |envelope, (xy, out)| {
+            let line = |z: usize| rows[xy + nx * ny * z];
+            envelope.lower(nz, line, out);
+        });
+    // Along the second axis, into columns of that: [z][x][y].
+    let mut out = rows;
+    out.par_chunks_mut(ny.max(1))
+        .enumerate()
+        .with_min_len(64)
+        .for_each_init(Envelope::default, |envelope, (xz, out)| {
+            let (x, z) = (xz % nx, xz / nx);
+            let line = |y: usize| columns[(x + nx * y) * nz + z];
+            envelope.lower(ny, line, out);
+        });
+    out
+}
+
+/// Where the distance of lattice point `[i, j, k]` stands.
+pub(crate) fn place([nx, ny, _]: [usize; 3], [i, j, k]: [usize; 3]) -> usize {
+    j + ny * (i + nx * k)
+}
+
+/// The lower envelope of parabolas over a line.
+#[derive(Default)]
+struct Envelope {
+    /// Vertices of the parabolas on the envelope, their heights, and from where on each is lowest.
+    parabolas: Vec<(i64, i64, i64)>,
+}
+
+impl Envelope {
+    /// `out[t] = min over u of (t − u)² + line(u)`, where `u` goes one beyond the line on both sides and `line` is 0
+    /// there.
+    fn lower(&mut self, n: usize, line: impl Fn(usize) -> u32, out: &mut [u32]) {
+        let (n, parabolas) = (n as i64, &mut self.parabolas);
+        parabolas.clear();
+        for u in -1..=n {
+            let height = if u < 0 || u == n {
+                0
+            } else {
+                i64::from(line(u as usize))
+            };
+            let mut from = -1;
+            while let Some(&(v, g, start)) = parabolas.last() {
+                // From where on the new one is at most as high as the last.
+                let meet = (u * u - v * v + height - g).div_euclid(2 * (u - v)) + 1;
+                if meet > start {
+                    from = meet;
+                    break;
+                }
+                parabolas.pop();
+            }
+            if from <= n {
+                parabolas.push((u, height, from));
+            }
+        }
+        let mut at = 0;
+        for t in 0..n {
+            while at + 1 < parabolas.len() && parabolas[at + 1].2 <= t {
+                at += 1;
+            }
+            let (u, height, _) = parabolas[at];
+            out[t as usize] = ((t - u) * (t - u) + height) as u32;
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! The lattice points inside a closed triangle mesh.
+
+use geom_core::{Aabb, Lattice, Point3, TriMesh};
+use rayon::prelude::*;
+
+use crate::Error;
+
+/// The lattice around a mesh with a margin of two spacings, and which of its points lie inside: those from which a
+/// line along the first axis leaves the mesh an odd number of times. Lines are moved off the lattice by a millionth of
+/// a spacing, so that they pass no vertex or edge of a mesh that was made on a lattice.
+pub(super) fn inside(
+    mesh: &TriMesh,
+    spacing: f64,
+    limit: u64,
+) -> Result<(Lattice, Vec<bool>), Error> {
+    if !(spacing > 0.0 && spacing.is_finite()) {
+        return Err(Error::Spacing { spacing });
+    }
+    let bounds = Aabb::of_points(mesh.positions());
+    if bounds.is_empty() {
+        return Err(Error::Empty { largest: 0.0 });
+    }
+    let lattice = Lattice::covering(&bounds.inflated(2.0 * spacing), spacing);
+    super::check_memory(&lattice, limit)?;
+    let [nx, ny, nz] = lattice.counts;
+    let shift = [1.3e-6 * spacing, 0.7e-6 * spacing];
+
+    // Which triangles each row of lattice points may cross.
+    let mut rows: Vec<Vec<u32>> = vec![Vec::new(); ny * nz];
+    for (t, _) in mesh.triangles().iter().enumerate() {
+        let corners = mesh.corners(t);
+        let span = |axis: usize, count: usize| {
+            let values = corners.map(|c| (c[axis] - lattice.origin[axis]) / spacing);
+            let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let last = high.ceil().min((count - 1) as f64);
+            low.floor().max(0.0) as usize..=last.max(0.0) as usize
+        };
+        for k in span(2, nz) {
+            for j in span(1, ny) {
+                rows[j + ny * k].push(t as u32);
+            }
+        }
+    }
+    let mut inside = vec![false; lattice.len()];
+    inside
+        .par_chunks_mut(nx)
+        .zip(&rows)
+        .enumerate()
+        .try_for_each(|(row, (flags, triangles))| {
+            let [j, k] = [row % ny, row / ny];
+            let start = lattice.point([0, j, k]);
+            let at = [start.y + shift[0], start.z + shift[1]];
+            let mut crossings: Vec<f64> = triangles
+                .iter()
+                .filter_map(|&t| crossing(mesh.corners(t as usize), at))
+                .collect();
+            crossings.sort_unstable_by(f64::total_cmp);
+            if crossings.len() % 2 == 1 {
+                let crossings = crossings.len();
+                return Err(Error::Open { j, k, crossings });
+            }
+            for pair in crossings.chunks_exact(2) {
+                let local = |x: f64| (x - start.x) / spacing;
+                let first = local(pair[0]).ceil().max(0.0) as usize;
+                let last = (local(pair[1]).ceil().max(0.0) as usize).min(nx);
+                flags[first.min(last)..last].fill(true);
+            }
+            Ok(())
+        })?;
+    Ok((lattice, inside))
+}
+
+/// Where the line along x through `[y, z]` crosses a triangle.
+fn crossing(corners: [Point3; 3], [y, z]: [f64; 2]) -> Option<f64> {
+    // Of both triangles at an edge exactly one has the line: the sign of an edge does not depend on its direction.
+    let side = |a: &Point3, b: &Point3| {
+        let turned = (a.y, a.z) > (b.y, b.z);
+        let (p, q) = if turned { (b, a) } else { (a, b) };
+        let area = (q.y - p.y) * (z - p.z) - (q.z - p.z) * (y - p.y);
+        if turned { -area } else { area }
+    };
+    let [a, b, c] = &corners;
+    let areas = [side(b, c), side(c, a), side(a, b)];
+    let positive = areas.map(|s| s > 0.0);
+    if positive[0] != positive[1] || positive[1] != positive[2] {
+        return None;
+    }
+    let total: f64 = areas.iter().sum();
+    let x: f64 = areas
+        .iter()
+        .zip(&corners)
+        .map(|(s, p)| s / total * p.x)
+        .sum();
+    x.is_finite().then_some(x)
+}

@@ -1,0 +1,440 @@
+//! What holds for all shapes: closed forms of small graphs, invariance of the search, honest verdicts.
+
+use std::f64::consts::PI;
+
+use geom_core::algebra::graph::Neighbours;
+use geom_core::compute::random::SplitMix64;
+use geom_core::mesh::shapes;
+use geom_core::nalgebra::{Quaternion, UnitQuaternion};
+use geom_core::testing::same_on_any_threads;
+use geom_core::{Cpu, GridError, Lattice, Point3, Run, ScalarGrid, Vector3};
+use spectral_corresp::options::{Components, HistogramOptions};
+use spectral_corresp::specification;
+use spectral_corresp::{
+    Correspondence, Directions, Error, MatchOptions, Refine, ShapeOptions, Start, Verdict,
+    VoxelShape, correspond,
+};
+
+/// Coarser than for proteins: a third of the nodes, and a test is to be quick.
+const H: f64 = 2.2;
+
+fn on_cpu(a: &VoxelShape, b: &VoxelShape, options: &MatchOptions) -> Correspondence {
+    correspond(a, b, options, Run::on(&Cpu)).unwrap()
+}
+
+/// One start, one way: quick.
+fn only(start: Start) -> MatchOptions {
+    MatchOptions {
+        start,
+        directions: Directions::Forward,
+        ..MatchOptions::default()
+    }
+}
+
+fn lattice(counts: [usize; 3]) -> Lattice {
+    Lattice {
+        origin: Point3::origin(),
+        spacing: H,
+        counts,
+    }
+}
+
+/// The points within `radius` of a chain of centres, turned as asked: a body without any symmetry, and its mirror image.
+/// `bend` folds the far half over, in radians.
+fn worm(mirrored: bool, bend: f64, rotation: &UnitQuaternion<f64>) -> VoxelShape {
+    let beads = (0..26).map(|i| {
+        let s = f64::from(i) * 2.0;
+        // Thick at one end, with a bulge to one side and one to another: chiral.
+        let radius = 8.0 - 0.12 * s;
+        let body = Point3::new(s - 25.0, 0.0, 0.0);
+        (body, radius)
+    });
+    let bulges = [
+        (Point3::new(-15.0, 9.0, 0.0), 5.0),
+        (Point3::new(0.0, 0.0, 8.5), 4.5),
+        (Point3::new(14.0, -7.0, 1.0), 4.0),
+    ];
+    let bent = |p: Point3| {
+        let y = if mirrored { -p.y } else { p.y };
+        let (x, z) = (p.x.max(0.0), p.z);
+        let (sin, cos) = bend.sin_cos();
+        if p.x <= 0.0 {
+            Point3::new(p.x, y, z)
+        } else {
+            Point3::new(x * cos - z * sin, y, x * sin + z * cos)
+        }
+    };
+    let balls: Vec<(Point3, f64)> = beads
+        .chain(bulges)
+        .map(|(p, r)| (rotation * bent(p), r))
+        .collect();
+    of_balls(&balls)
+}
+
+fn of_balls(balls: &[(Point3, f64)]) -> VoxelShape {
+    let low = balls
+        .iter()
+        .fold(Vector3::repeat(f64::INFINITY), |m, (p, r)| {
+            m.inf(&(p.coords.add_scalar(-r - 4.0)))
+        });
+    let high = balls
+        .iter()
+        .fold(Vector3::repeat(f64::NEG_INFINITY), |m, (p, r)| {
+            m.sup(&(p.coords.add_scalar(r + 4.0)))
+        });
+    let grid = Lattice {
+        origin: Point3::from(low),
+        spacing: H,
+        counts: [0, 1, 2].map(|a| ((high[a] - low[a]) / H) as usize + 1),
+    };
+    let value = |i: usize| {
+        let x = grid.point(grid.coordinates(i));
+        let depth = balls.iter().map(|(p, r)| r - (x - p).norm());
+        depth.fold(f64::NEG_INFINITY, f64::max) as f32
+    };
+    let values = (0..grid.len()).map(value).collect();
+    let grid: Result<ScalarGrid, GridError> = ScalarGrid::new(grid, values);
+    VoxelShape::of_grid(&grid.unwrap(), 0.0, &ShapeOptions::default()).unwrap()
+}
+
+fn some_rotation(seed: u64) -> UnitQuaternion<f64> {
+    let mut random = SplitMix64::new(seed);
+    let mut draw = || random.symmetric();
+    UnitQuaternion::from_quaternion(Quaternion::new(draw(), draw(), draw(), draw()))
+}
+
+#[test]
+fn modes_of_a_bar_are_cosines() {
+    // Long and thick enough to be a shape, thin enough that its first modes run along it: those of a path of 60 nodes,
+    // whose edges are shared by all four rows.
+    let n = 60;
+    let flags = vec![true; 4 * n];
+    let options = ShapeOptions {
+        neighbours: Neighbours::Six,
+        ..ShapeOptions::default()
+    };
+    let bar = VoxelShape::of_flags(&lattice([n, 2, 2]), flags, &options).unwrap();
+    let modes = bar.modes(3, Run::on(&Cpu)).unwrap();
+    // Each node has two neighbours across the bar and two along it (one at the ends): half of the weight of the ends'
+    // mass is missing, so values lie near those of the free path with mass 4.
+    for (k, value) in (1u32..).zip(&modes.values) {
+        let path = (1.0 - (PI * f64::from(k) / (n as f64)).cos()) / 2.0;
+        assert!((value / path - 1.0).abs() < 0.02, "{k}: {value} {path}");
+    }
+    for mode in &modes.vectors {
+        let largest = mode.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        assert!((largest - 1.0).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn distances_equal_brute_force() {
+    let mut random = SplitMix64::new(7);
+    let cases = [
+        ([13, 11, 9], 0.7),
+        ([6, 14, 10], 0.97),
+        ([5, 5, 5], 1.0),
+        ([1, 9, 4], 0.9),
+    ];
+    for (counts, share) in cases {
+        let points: usize = counts.iter().product();
+        let inside: Vec<bool> = (0..points).map(|_| random.unit() < share).collect();
+        let found = specification::found_squared_distances(counts, &inside);
+        assert_eq!(
+            found,
+            specification::squared_distances(counts, &inside),
+            "{counts:?}"
+        );
+    }
+}
+
+#[test]
+fn a_ball_has_its_radius_as_diameters() {
+    let ball = of_balls(&[(Point3::new(0.3, -0.2, 0.1), 15.0)]);
+    let center: Vector3 = ball
+        .skeleton()
+        .iter()
+        .map(|&n| ball.position(n as usize).coords)
+        .sum::<Vector3>()
+        / ball.skeleton().len() as f64;
+    assert!((center - Vector3::new(0.3, -0.2, 0.1)).norm() < H);
+    assert!(ball.diameters().iter().all(|d| (d - 15.0).abs() < 1.7 * H));
+    let volume = 4.0 / 3.0 * PI * 15f64.powi(3);
+    assert!((ball.volume() / volume - 1.0).abs() < 0.03);
+    // Normals point outwards.
+    let points = ball.boundary_points().iter().zip(ball.normals());
+    assert!(
+        points
+            .clone()
+            .all(|(p, n)| p.coords.normalize().dot(n) > 0.95)
+    );
+}
+
+#[test]
+fn parts_and_cavities_are_as_asked() {
+    let counts = [30, 12, 12];
+    let flag = |i: usize| {
+        let [x, y, z] = [i % 30, i / 30 % 12, i / 360];
+        // Two blocks, the larger with a cavity.
+        let inside = (1..11).contains(&y) && (1..11).contains(&z);
+        let cavity = (7..9).contains(&x) && (4..7).contains(&y) && (4..7).contains(&z);
+        inside && !cavity && ((1..17).contains(&x) || (20..28).contains(&x))
+    };
+    let flags: Vec<bool> = (0..30 * 144).map(flag).collect();
+    let of = |components, fill_cavities| {
+        let options = ShapeOptions {
+            components,
+            fill_cavities,
+            ..ShapeOptions::default()
+        };
+        VoxelShape::of_flags(&lattice(counts), flags.clone(), &options).unwrap()
+    };
+    let largest = of(Components::Largest, false);
+    assert_eq!(
+        (largest.nodes(), largest.report().left_out.clone()),
+        (1600 - 18, vec![800])
+    );
+    let filled = of(Components::Largest, true);
+    assert_eq!((filled.nodes(), filled.report().filled), (1600, 18));
+    assert_eq!(of(Components::All, false).nodes(), 2400 - 18);
+    assert_eq!(of(Components::MinFraction(0.6), false).nodes(), 1600 - 18);
+    assert_eq!(of(Components::MinFraction(0.4), false).nodes(), 2400 - 18);
+}
+
+#[test]
+fn a_mesh_has_the_lattice_points_within() {
+    let sphere = shapes::icosphere(12.0, 4);
+    let body = VoxelShape::of_mesh(&sphere, H, &ShapeOptions::default()).unwrap();
+    for k in 0..body.lattice().len() {
+        let at = body.lattice().coordinates(k);
+        let r = body.lattice().point(at).coords.norm();
+        if (r - 12.0).abs() > 0.05 {
+            assert_eq!(body.graph().node(at).is_some(), r < 12.0, "{at:?} {r}");
+        }
+    }
+    let open: Vec<_> = sphere.triangles()[10..].to_vec();
+    let open = geom_core::TriMesh::new(sphere.positions().to_vec(), open).unwrap();
+    let error = VoxelShape::of_mesh(&open, 0.5, &ShapeOptions::default()).unwrap_err();
+    assert!(matches!(error, Error::Open { .. }), "{error}");
+}
+
+#[test]
+fn a_shape_corresponds_to_itself() {
+    let body = worm(false, 0.0, &UnitQuaternion::identity());
+    let itself: Vec<u32> = (0..body.boundary().len() as u32).collect();
+    let options = MatchOptions {
+        start: Start::Given(itself.clone()),
+        refine: Refine::None,
+        ..MatchOptions::default()
+    };
+    let found = on_cpu(&body, &body, &options);
+    assert_eq!(found.forward, itself);
+    assert_eq!(found.backward, itself);
+    assert!(found.score < 1e-6 && found.coverage == 1.0 && found.verdict == Verdict::Good);
+    // Two equal shapes, linked at the boundary: joint modes move in phase and are those of one.
+    let alone = body.modes(3, Run::on(&Cpu)).unwrap();
+    assert!(found.modes.correlations.iter().take(3).all(|c| *c > 0.99));
+    assert!(found.modes.values[0] < alone.values[0] * 1.001);
+    // Found without help, too.
+    let found = on_cpu(&body, &body, &only(Start::Spectral));
+    assert_eq!(found.verdict, Verdict::Good);
+    let wrong = found
+        .forward
+        .iter()
+        .zip(&itself)
+        .filter(|(a, b)| a != b)
+        .count();
+    assert!(wrong * 20 < itself.len(), "{wrong} of {}", itself.len());
+}
+
+/// Mean distance of the partners from where a rotation takes the nodes, in spacings.
+fn error(
+    a: &VoxelShape,
+    b: &VoxelShape,
+    found: &Correspondence,
+    rotation: &UnitQuaternion<f64>,
+) -> f64 {
+    let pairs = a.boundary_points().iter().zip(&found.forward);
+    let off = pairs.map(|(p, &j)| (rotation * p - b.boundary_points()[j as usize]).norm());
+    off.sum::<f64>() / found.forward.len() as f64 / H
+}
+
+#[test]
+fn a_turned_shape_is_found_and_its_mirror_image_is_not() {
+    let body = worm(false, 0.0, &UnitQuaternion::identity());
+    let rotation = some_rotation(3);
+    let turned = worm(false, 0.0, &rotation);
+    let found = on_cpu(&body, &turned, &MatchOptions::default());
+    let off = error(&body, &turned, &found, &rotation);
+    assert!(
+        off < 1.2 && found.verdict == Verdict::Good,
+        "{off} {}",
+        found.score
+    );
+    let right = found.score;
+    let found = on_cpu(&body, &worm(true, 0.0, &rotation), &only(Start::Rigid));
+    assert!(found.score > right + 0.3, "{} {right}", found.score);
+}
+
+#[test]
+fn a_bent_shape_is_followed_by_the_fit_and_by_the_thesis() {
+    let body = worm(false, 0.0, &UnitQuaternion::identity());
+    let rotation = some_rotation(5);
+    let bent = worm(false, 0.9, &rotation);
+    // Where nodes go that are far from the hinge.
+    let image = |p: &Point3| {
+        let (sin, cos) = 0.9f64.sin_cos();
+        let there = Point3::new(p.x * cos - p.z * sin, p.y, p.x * sin + p.z * cos);
+        rotation * if p.x > 0.0 { there } else { *p }
+    };
+    let off = |found: &Correspondence| {
+        let nodes = body.boundary_points().iter().zip(&found.forward);
+        let far: Vec<f64> = nodes
+            .filter(|(p, _)| p.x.abs() > 9.0)
+            .map(|(p, &j)| (image(p) - bent.boundary_points()[j as usize]).norm())
+            .collect();
+        far.iter().sum::<f64>() / far.len() as f64
+    };
+    let found = on_cpu(&body, &bent, &only(Start::Spectral));
+    assert!(
+        off(&found) < 2.0 && found.verdict == Verdict::Good,
+        "{} {}",
+        off(&found),
+        found.score
+    );
+    let thesis = MatchOptions {
+        start: Start::Thesis,
+        refine: Refine::Thesis {
+            tolerance: 0.01,
+            most: 150,
+        },
+        ..MatchOptions::default()
+    };
+    let theirs = on_cpu(&body, &bent, &thesis);
+    assert!(off(&theirs) < 8.0, "{}", off(&theirs));
+    // Three anchors are enough where nothing else is known.
+    let pick = [
+        Point3::new(-30.0, 2.0, 0.0),
+        Point3::new(-12.0, 12.0, 0.0),
+        Point3::new(22.0, 0.0, 3.0),
+    ];
+    let anchors = MatchOptions {
+        start: Start::Anchors(pick.iter().map(|p| (*p, image(p))).collect()),
+        ..MatchOptions::default()
+    };
+    assert!(off(&on_cpu(&body, &bent, &anchors)) < 2.5);
+}
+
+#[test]
+fn symmetric_bodies_are_doubtful() {
+    let ends = [(-16.0, 10.0), (0.0, 6.5), (16.0, 10.0)];
+    let dumbbell = |rotation: UnitQuaternion<f64>| {
+        of_balls(&ends.map(|(x, r)| (rotation * Point3::new(x, 0.0, 0.0), r)))
+    };
+    let (upright, turned) = (
+        dumbbell(UnitQuaternion::identity()),
+        dumbbell(some_rotation(4)),
+    );
+    let found = on_cpu(&upright, &turned, &only(Start::Rigid));
+    assert!(found.score < 4.0);
+    assert_eq!(found.verdict, Verdict::Doubtful, "{:?}", found.candidates);
+}
+
+#[test]
+fn threads_do_not_matter() {
+    let body = worm(false, 0.0, &UnitQuaternion::identity());
+    let bent = worm(false, 0.5, &some_rotation(2));
+    same_on_any_threads(|| {
+        let found = on_cpu(&body, &bent, &only(Start::Spectral));
+        let bits = found
+            .images
+            .iter()
+            .flat_map(|p| [p.x, p.y, p.z])
+            .map(f64::to_bits);
+        (found.forward, found.backward, bits.collect::<Vec<_>>())
+    });
+}
+
+#[test]
+fn bad_input_is_refused_by_name() {
+    let fine = ShapeOptions::default();
+    let of = |counts: [usize; 3], inside: bool| {
+        let lattice = lattice(counts);
+        VoxelShape::of_flags(&lattice, vec![inside; lattice.len()], &fine)
+    };
+    assert!(matches!(
+        of([8, 8, 8], false).unwrap_err(),
+        Error::Empty { .. }
+    ));
+    assert!(matches!(
+        of([3, 3, 3], true).unwrap_err(),
+        Error::TooSmall { boundary: 26, .. }
+    ));
+    let grid = |value: f32| ScalarGrid::new(lattice([8, 8, 8]), vec![value; 512]).unwrap();
+    let at = |value, level| VoxelShape::of_grid(&grid(value), level, &fine).unwrap_err();
+    assert!(matches!(at(2.0, 1.0), Error::Full { .. }));
+    assert!(matches!(at(0.5, 1.0), Error::Empty { .. }));
+    let huge = Lattice {
+        counts: [100_000; 3],
+        ..lattice([1; 3])
+    };
+    let error = VoxelShape::of_flags(&huge, Vec::new(), &fine).unwrap_err();
+    assert!(matches!(error, Error::TooLarge { .. }), "{error}");
+
+    let a = of([10, 8, 6], true).unwrap();
+    let coarse = Lattice {
+        spacing: 1.6,
+        ..lattice([10, 8, 6])
+    };
+    let coarse = VoxelShape::of_flags(&coarse, vec![true; 480], &fine).unwrap();
+    let error = |b: &VoxelShape, options: MatchOptions| {
+        correspond(&a, b, &options, Run::on(&Cpu)).unwrap_err()
+    };
+    assert!(matches!(
+        error(&coarse, MatchOptions::default()),
+        Error::SpacingMismatch { .. }
+    ));
+    let line = |x: f64| (Point3::new(x, 0.0, 0.0), Point3::new(x, 1.0, 0.0));
+    let anchors = Start::Anchors(vec![line(0.0), line(5.0), line(9.0)]);
+    let with = |start| MatchOptions {
+        start,
+        ..MatchOptions::default()
+    };
+    assert_eq!(error(&a, with(anchors)), Error::Anchors { count: 3 });
+    assert!(matches!(
+        error(&a, with(Start::Given(vec![0]))),
+        Error::Length { .. }
+    ));
+    let beyond = Start::Given(vec![1_000_000; a.boundary().len()]);
+    assert!(matches!(
+        error(&a, with(beyond)),
+        Error::Image { node: 0, .. }
+    ));
+    for wrong in [
+        MatchOptions {
+            link: 0.0,
+            ..MatchOptions::default()
+        },
+        MatchOptions {
+            unit: f64::NAN,
+            ..MatchOptions::default()
+        },
+        MatchOptions {
+            modes: 0,
+            ..MatchOptions::default()
+        },
+        MatchOptions {
+            verdict: [5.0, 4.0],
+            ..MatchOptions::default()
+        },
+        MatchOptions {
+            histograms: HistogramOptions {
+                radius: -1.0,
+                ..HistogramOptions::default()
+            },
+            ..MatchOptions::default()
+        },
+    ] {
+        assert!(matches!(error(&a, wrong), Error::Option(_)));
+    }
+}

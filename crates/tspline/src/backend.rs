@@ -1,0 +1,138 @@
+//! The hot kernels, and what each backend owes to the specification.
+//!
+//! A backend from outside, which counts calls and leaves the work to the CPU:
+//!
+//! ```
+//! use std::sync::atomic::{AtomicUsize, Ordering};
+//!
+//! use tspline::backend::{Corner, CornerDistortion, PointsTask, SamplesTask, SplineBackend};
+//! use tspline::geom_core::{Backend, Cpu, Run, mesh::shapes};
+//! use tspline::surface::{PatchPoints, Sample};
+//! use tspline::{Error, QualityOptions, TMesh, TMeshOptions, improve};
+//!
+//! #[derive(Default)]
+//! struct Counting(AtomicUsize);
+//!
+//! impl Backend for Counting {
+//!     fn name(&self) -> String {
+//!         "counting".into()
+//!     }
+//! }
+//!
+//! impl SplineBackend for Counting {
+//!     fn corner_distortion(
+//!         &self,
+//!         corners: &[Corner],
+//!         epsilon: f64,
+//!         out: &mut Vec<CornerDistortion>,
+//!     ) -> Result<(), Error> {
+//!         self.0.fetch_add(1, Ordering::Relaxed);
+//!         Cpu.corner_distortion(corners, epsilon, out)
+//!     }
+//!     fn bezier_points(&self, task: &PointsTask<'_>, out: &mut Vec<PatchPoints>) -> Result<(), Error> {
+//!         Cpu.bezier_points(task, out)
+//!     }
+//!     fn bezier_samples(&self, task: &SamplesTask<'_>, out: &mut Vec<Sample>) -> Result<(), Error> {
+//!         Cpu.bezier_samples(task, out)
+//!     }
+//! }
+//!
+//! let backend = Counting::default();
+//! let (fine, sphere) = (shapes::quad_sphere(1.0, 4), shapes::icosphere(1.0, 3));
+//! let mesh = TMesh::build(&fine, &[0; 96], &TMeshOptions::default())?;
+//! let better = improve(mesh, &sphere, &QualityOptions::default(), Run::on(&backend))?;
+//! assert_eq!(better.report.backend, "counting");
+//! assert!(backend.0.load(Ordering::Relaxed) > 0);
+//! # Ok::<(), Error>(())
+//! ```
+
+use geom_core::{Agreement, Backend, Point3, Vector3};
+
+use crate::Error;
+use crate::surface::{Extraction, PatchPoints, Sample};
+
+/// The hot kernels of this crate. Each replaces what was in `out`, whose memory is used again.
+pub trait SplineBackend: Backend + SplineObject {
+    /// The distortion of each corner of a mesh and its derivatives; ε as in [`CornerDistortion`].
+    fn corner_distortion(
+        &self,
+        corners: &[Corner],
+        epsilon: f64,
+        out: &mut Vec<CornerDistortion>,
+    ) -> Result<(), Error>;
+
+    /// The Bézier points of every patch.
+    fn bezier_points(&self, task: &PointsTask<'_>, out: &mut Vec<PatchPoints>)
+    -> Result<(), Error>;
+
+    /// Samples of every patch at all pairs of parameters, that along side 0 running fastest.
+    fn bezier_samples(&self, task: &SamplesTask<'_>, out: &mut Vec<Sample>) -> Result<(), Error>;
+}
+
+geom_core::backend_object!(SplineObject, as_spline -> SplineBackend);
+
+/// A run on any of them.
+pub(crate) type On<'a> = geom_core::Run<'a, dyn SplineBackend + 'a>;
+
+/// Two edges that leave a point, and what they should be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corner {
+    /// The edges, the second to the left of the first.
+    pub edges: [Vector3; 2],
+    /// Unit normal of the surface.
+    pub normal: Vector3,
+    /// Inverse of the matrix whose columns are the ideal edges in the plane; row after row.
+    pub inverse: [[f64; 2]; 2],
+}
+
+/// How far a corner is from its ideal, whatever the direction: `|K|² / (det + √(det² + ε²))`, where the columns of
+/// `K = edges · inverse` are the ideal's axes and `det = n · (K₁ × K₂)`. 1 is perfect; finite for inverted corners while
+/// ε > 0. Eq. 5.5 (signed) with ideal edges at right angles, Eqs. 5.8–5.9 with those of an ideal triangle and `ε = 2δ`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CornerDistortion {
+    /// The distortion.
+    pub energy: f64,
+    /// det, positive where the corner is not inverted.
+    pub area: f64,
+    /// Derivatives with respect to the edges.
+    pub gradient: [Vector3; 2],
+}
+
+/// What a backend owes to [`SplineBackend::corner_distortion`], for energies, areas and derivatives over the energy: f32 with
+/// differences taken before. The determinant of a nearly flat corner loses digits, which ε bounds: for ε ≥ 0.03.
+pub const CORNER_DISTORTION: Agreement = Agreement::Bounded {
+    relative: 1e-3,
+    absolute: 1e-3,
+};
+
+/// Control points of which Bézier points are wanted.
+#[derive(Clone, Copy, Debug)]
+pub struct PointsTask<'a> {
+    /// The functions on the patches.
+    pub extraction: &'a Extraction,
+    /// One point per function, Å.
+    pub controls: &'a [Point3],
+}
+
+/// Patches of which samples are wanted.
+#[derive(Clone, Copy, Debug)]
+pub struct SamplesTask<'a> {
+    /// Their Bézier points.
+    pub patches: &'a [PatchPoints],
+    /// Parameters in 0…1.
+    pub parameters: &'a [f64],
+}
+
+/// What a backend owes to [`SplineBackend::bezier_points`], for coordinates over the extent of all control points: sums of
+/// some twenty f32.
+pub const BEZIER_POINTS: Agreement = Agreement::Bounded {
+    relative: 0.0,
+    absolute: 1e-6,
+};
+
+/// What a backend owes to [`SplineBackend::bezier_samples`], for points and areas over the extent of their patch and its
+/// square, and for normals of patches that are not degenerate: sums of sixteen f32 from differences taken before.
+pub const BEZIER_SAMPLES: Agreement = Agreement::Bounded {
+    relative: 0.0,
+    absolute: 1e-5,
+};

@@ -1,0 +1,102 @@
+//! Files for other programs. Lengths are in Å; coordinates and coefficients have 17 digits, so that what is read again
+//! is what was written.
+//!
+//! - [`Exchange`]: nodes, and per patch its functions and their Bézier coefficients: what [`bext`] and [`iga`] hold, and
+//!   JSON with feature `serde`
+//! - [`vtu`]: Bézier cells for ParaView
+//! - [`step`]: B-spline faces for CAD
+//! - [`market`]: sparse matrices for solvers
+
+pub mod bext;
+pub mod iga;
+pub mod market;
+pub mod step;
+pub mod vtu;
+mod words;
+
+use crate::surface::{POINTS, PatchPoints};
+use crate::{Error, Surface};
+
+/// A surface as solvers exchange it: without its T-mesh.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Exchange {
+    /// Control points: x, y, z and weight.
+    pub nodes: Vec<[f64; 4]>,
+    /// Bicubic patches.
+    pub elements: Vec<ExchangeElement>,
+}
+
+/// A bicubic patch.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ExchangeElement {
+    /// Its nodes.
+    pub nodes: Vec<u32>,
+    /// The coefficients of the function of each node; `a + 4 b` as in [`POINTS`].
+    pub rows: Vec<[f64; POINTS]>,
+}
+
+impl From<&Surface> for Exchange {
+    fn from(surface: &Surface) -> Self {
+        let extraction = surface.extraction();
+        let element = |patch: usize| ExchangeElement {
+            nodes: extraction.on(patch).to_vec(),
+            rows: extraction.coefficients(patch).to_vec(),
+        };
+        Self {
+            nodes: (surface.controls().iter())
+                .map(|p| [p.x, p.y, p.z, 1.0])
+                .collect(),
+            elements: (0..extraction.patches().len()).map(element).collect(),
+        }
+    }
+}
+
+impl Exchange {
+    /// Refuses what cannot be evaluated: nodes that do not exist, numbers of rows that are not those of nodes.
+    ///
+    /// # Errors
+    /// [`Error::Count`] with the number of the element.
+    pub fn check(&self) -> Result<(), Error> {
+        for element in &self.elements {
+            if element.rows.len() != element.nodes.len() {
+                return Err(Error::Count {
+                    what: "rows of an element",
+                    found: element.rows.len(),
+                    expected: element.nodes.len(),
+                });
+            }
+            let bad = |&&n: &&u32| n as usize >= self.nodes.len();
+            if let Some(&node) = element.nodes.iter().find(bad) {
+                return Err(Error::Count {
+                    what: "as the number of a node",
+                    found: node as usize,
+                    expected: self.nodes.len(),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The Bézier points of every patch.
+    ///
+    /// # Errors
+    /// As of [`check`](Self::check).
+    pub fn patches(&self) -> Result<Vec<PatchPoints>, Error> {
+        self.check()?;
+        let points = |element: &ExchangeElement| {
+            let mut points = [[0.0; 4]; POINTS];
+            for (&n, row) in element.nodes.iter().zip(&element.rows) {
+                let [x, y, z, w] = self.nodes[n as usize];
+                for (out, c) in points.iter_mut().zip(row) {
+                    for (out, x) in out.iter_mut().zip([x * w, y * w, z * w, w]) {
+                        *out += c * x;
+                    }
+                }
+            }
+            points
+        };
+        Ok(self.elements.iter().map(points).collect())
+    }
+}

@@ -1,0 +1,236 @@
+//! Elements cut into quads without T-junctions, and the corners whose distortion is measured.
+
+use geom_core::{Point3, Vector3};
+
+use crate::TMesh;
+use crate::options::Method;
+
+/// A T-mesh as conforming quads: an element with a T-junction is cut from there to the opposite T-junction or, where
+/// there is none, to the middle of the opposite side, its *foot* (Fig. 5.5b).
+pub(crate) struct Cells {
+    vertices: usize,
+    /// Nodes beyond the vertices, each the mean of four earlier ones.
+    feet: Vec<[u32; 4]>,
+    /// Corners per quad.
+    pub(crate) quads: Vec<[u32; 4]>,
+    /// Where the quads of each element begin.
+    starts: Vec<u32>,
+    /// The elements around each vertex.
+    around: Vec<Vec<u32>>,
+    /// Corners whose distortion is measured.
+    pub(crate) wedges: Vec<Wedge>,
+    /// The square of a reasonable step per vertex: the mean area of the quads around it.
+    pub(crate) scale: Vec<f64>,
+}
+
+/// A node and two others to which edges lead, with the inverse of the ideal edges.
+pub(crate) struct Wedge {
+    pub(crate) nodes: [u32; 3],
+    pub(crate) inverse: [[f64; 2]; 2],
+}
+
+impl Cells {
+    /// The quads of a mesh, with the proportions of their sides as they are at these positions.
+    pub(crate) fn new(mesh: &TMesh, positions: &[Point3], method: Method) -> Self {
+        let mut cells = Self {
+            vertices: positions.len(),
+            feet: Vec::new(),
+            quads: Vec::new(),
+            starts: vec![0],
+            around: vec![Vec::new(); positions.len()],
+            wedges: Vec::new(),
+            scale: vec![0.0; positions.len()],
+        };
+        for e in 0..mesh.elements().len() {
+            cells.cut(mesh, e);
+            cells.starts.push(cells.quads.len() as u32);
+            for side in 0..4 {
+                // The last vertex is the first of the next side.
+                let along = mesh.side(e, side);
+                for &v in &along[..along.len() - 1] {
+                    cells.around[v as usize].push(e as u32);
+                }
+            }
+        }
+        let nodes = cells.nodes(positions);
+        match method {
+            Method::Corners => cells.right_angles(&nodes),
+            Method::Triangles => cells.triangles(mesh, &nodes),
+        }
+        cells.scales(&nodes);
+        cells
+    }
+
+    fn foot(&mut self, parents: [u32; 4]) -> u32 {
+        self.feet.push(parents);
+        (self.vertices + self.feet.len() - 1) as u32
+    }
+
+    fn cut(&mut self, mesh: &TMesh, e: usize) {
+        let [a, b, c, d] = mesh.elements()[e].corners;
+        let hung = [0, 1, 2, 3].map(|k| match mesh.side(e, k) {
+            &[_, middle, _] => Some(middle),
+            _ => None,
+        });
+        let corners = [a, b, c, d];
+        let mut middle = |k: usize| {
+            let (from, to) = (corners[k], corners[(k + 1) % 4]);
+            hung[k].unwrap_or_else(|| self.foot([from, from, to, to]))
+        };
+        let along = [0, 1].map(|k| hung[k].is_some() || hung[k + 2].is_some());
+        match along {
+            [false, false] => self.quads.push(corners),
+            [true, false] => {
+                let [m, n] = [0, 2].map(&mut middle);
+                self.quads.extend([[a, m, n, d], [m, b, c, n]]);
+            }
+            [false, true] => {
+                let [m, n] = [1, 3].map(&mut middle);
+                self.quads.extend([[a, b, m, n], [n, m, c, d]]);
+            }
+            [true, true] => {
+                let m = [0, 1, 2, 3].map(&mut middle);
+                let o = self.foot(m);
+                let [m, n, p, q] = m;
+                self.quads
+                    .extend([[a, m, o, q], [m, b, n, o], [o, n, c, p], [q, o, p, d]]);
+            }
+        }
+    }
+
+    /// Right angles between sides whose lengths are in proportion as they are now: the mean of opposite ones (Eqs. 5.5–5.6).
+    fn right_angles(&mut self, nodes: &[Point3]) {
+        for quad in &self.quads {
+            let p = quad.map(|n| nodes[n as usize]);
+            let length = |k: usize| (p[(k + 1) % 4] - p[k]).norm();
+            let sides = [length(0) + length(2), length(1) + length(3)].map(|s| 0.5 * s);
+            for k in 0..4 {
+                let [next, previous] = [sides[k % 2], sides[(k + 1) % 2]];
+                self.wedges.push(Wedge {
+                    nodes: [quad[k], quad[(k + 1) % 4], quad[(k + 3) % 4]],
+                    inverse: [[1.0 / next, 0.0], [0.0, 1.0 / previous]],
+                });
+            }
+        }
+    }
+
+    /// The triangles into which an ideal square of the element's area falls: both ways in two, or a fan about a T-junction
+    /// (Eqs. 5.8–5.9).
+    fn triangles(&mut self, mesh: &TMesh, nodes: &[Point3]) {
+        const SQUARE: [[f64; 2]; 4] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        for (e, element) in mesh.elements().iter().enumerate() {
+            let side = self.area(e, nodes).sqrt();
+            let rim: Vec<(u32, [f64; 2])> = (0..4)
+                .flat_map(|k| {
+                    let along = mesh.side(e, k);
+                    let [from, to] = [SQUARE[k], SQUARE[(k + 1) % 4]];
+                    let parts = (along.len() - 1) as f64;
+                    let at = move |i: usize| {
+                        [0, 1].map(|c| side * (from[c] + (to[c] - from[c]) * i as f64 / parts))
+                    };
+                    along[..along.len() - 1]
+                        .iter()
+                        .enumerate()
+                        .map(move |(i, &v)| (v, at(i)))
+                })
+                .collect();
+            let n = rim.len();
+            let apexes: Vec<[usize; 3]> = if n == 4 {
+                (0..4).map(|k| [k, (k + 1) % 4, (k + 3) % 4]).collect()
+            } else {
+                let hung = (0..n).find(|&i| !element.corners.contains(&rim[i].0));
+                let t = hung.expect("a T-junction");
+                (1..n - 1)
+                    .map(|i| [t, (t + i) % n, (t + i + 1) % n])
+                    .collect()
+            };
+            for [o, a, b] in apexes {
+                let edge = |i: usize| [0, 1].map(|c| rim[i].1[c] - rim[o].1[c]);
+                let ([ax, ay], [bx, by]) = (edge(a), edge(b));
+                let area = ax * by - ay * bx;
+                self.wedges.push(Wedge {
+                    nodes: [o, a, b].map(|i| rim[i].0),
+                    inverse: [[by / area, -bx / area], [-ay / area, ax / area]],
+                });
+            }
+        }
+    }
+
+    fn scales(&mut self, nodes: &[Point3]) {
+        for v in 0..self.vertices {
+            let quads = self.around[v].iter().map(|&e| {
+                let parts = self.starts[e as usize + 1] - self.starts[e as usize];
+                self.area(e as usize, nodes) / f64::from(parts)
+            });
+            let count = self.around[v].len().max(1);
+            self.scale[v] = quads.sum::<f64>() / count as f64;
+        }
+    }
+
+    fn area(&self, e: usize, nodes: &[Point3]) -> f64 {
+        let of = |quad: &[u32; 4]| {
+            let [a, b, c, d] = quad.map(|n| nodes[n as usize]);
+            0.5 * (c - a).cross(&(d - b)).norm()
+        };
+        self.of_element(e).iter().map(of).sum()
+    }
+
+    /// The quads of an element.
+    pub(crate) fn of_element(&self, e: usize) -> &[[u32; 4]] {
+        &self.quads[self.starts[e] as usize..self.starts[e + 1] as usize]
+    }
+    /// The elements around a vertex.
+    pub(crate) fn around(&self, v: usize) -> &[u32] {
+        &self.around[v]
+    }
+    /// How many elements.
+    pub(crate) fn elements(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Where all nodes are, or any other value that feet take the mean of.
+    pub(crate) fn nodes(&self, positions: &[Point3]) -> Vec<Point3> {
+        let mut nodes = positions.to_vec();
+        for foot in &self.feet {
+            let sum: Vector3 = foot.iter().map(|&n| nodes[n as usize].coords).sum();
+            nodes.push(Point3::from(sum / 4.0));
+        }
+        nodes
+    }
+
+    /// Unit normals of all nodes.
+    pub(crate) fn normals(&self, normals: &[Vector3]) -> Vec<Vector3> {
+        let mut nodes = normals.to_vec();
+        for foot in &self.feet {
+            let sum: Vector3 = foot.iter().map(|&n| nodes[n as usize]).sum();
+            let first = nodes[foot[0] as usize];
+            nodes.push(sum.try_normalize(1e-9).unwrap_or(first));
+        }
+        nodes
+    }
+
+    /// A node alone.
+    pub(crate) fn node(&self, n: u32, positions: &[Point3]) -> Point3 {
+        match (n as usize).checked_sub(self.vertices) {
+            None => positions[n as usize],
+            Some(foot) => {
+                let parents = self.feet[foot]
+                    .iter()
+                    .map(|&p| self.node(p, positions).coords);
+                Point3::from(parents.sum::<Vector3>() / 4.0)
+            }
+        }
+    }
+
+    /// What derivatives with respect to nodes are with respect to vertices.
+    pub(crate) fn to_vertices(&self, mut gradient: Vec<Vector3>) -> Vec<Vector3> {
+        for (i, foot) in self.feet.iter().enumerate().rev() {
+            let share = gradient[self.vertices + i] / 4.0;
+            for &n in foot {
+                gradient[n as usize] += share;
+            }
+        }
+        gradient.truncate(self.vertices);
+        gradient
+    }
+}

@@ -1,0 +1,54 @@
+//! Bases on a T-mesh, each as its Bézier extraction.
+
+mod extraction;
+mod gram;
+mod hierarchical;
+mod knots;
+mod rational;
+mod stars;
+
+pub use extraction::{Extraction, POINTS, Patch};
+pub(crate) use gram::{Local, gauss};
+pub use knots::bezier_coefficients;
+
+use geom_core::Point3;
+
+use crate::{Error, TMesh};
+
+/// Which functions carry the surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Basis {
+    /// Truncated hierarchical functions: polynomial, not negative, of sum one, and nested: refinement adds to the space
+    /// and takes nothing away.
+    #[default]
+    Hierarchical,
+    /// Bicubic T-spline functions at every vertex by their local knots, divided by their sum (the thesis's). Across a
+    /// change of level they do not reproduce cubics, so that local refinement may make the error larger. Closed surfaces
+    /// only.
+    Rational,
+}
+
+impl Extraction {
+    /// The extraction of a basis on a T-mesh.
+    ///
+    /// # Errors
+    /// [`Error::Ring`] if blocks of an element's level are missing around it: build the T-mesh with more rings.
+    /// [`Error::Open`] for [`Basis::Rational`] on an open surface.
+    pub fn of(mesh: &TMesh, basis: Basis) -> Result<Self, Error> {
+        match basis {
+            Basis::Hierarchical => hierarchical::extraction(mesh),
+            Basis::Rational => rational::extraction(mesh),
+        }
+    }
+
+    /// The control points by which the basis of a cut T-mesh carries the same surface.
+    pub(super) fn carried(
+        &self,
+        mesh: &TMesh,
+        controls: &[Point3],
+        after: &Self,
+    ) -> Result<Vec<Point3>, Error> {
+        hierarchical::carried(mesh, self, controls, after)
+    }
+}

@@ -1,0 +1,197 @@
+//! The kernels on the GPU. It proposes; what is accepted is decided in f64 on the CPU.
+
+use bytemuck::{Pod, Zeroable};
+use geom_core::shaders::{
+    TSPLINE_BEZIER_POINTS, TSPLINE_BEZIER_SAMPLES, TSPLINE_CORNER_DISTORTION,
+};
+use geom_core::{Aabb, Point3, Vector3, Wgpu};
+
+use crate::Error;
+use crate::backend::{Corner, CornerDistortion, PointsTask, SamplesTask, SplineBackend};
+use crate::surface::bezier::bernstein;
+use crate::surface::{PatchPoints, Sample};
+
+/// Elements per dispatch.
+const ELEMENTS: usize = 1 << 20;
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Parameters {
+    count: u32,
+    epsilon: f32,
+    padding: [u32; 2],
+}
+
+/// Edges and normal, with the inverse in the fourth components and one vector more.
+fn packed(corner: &Corner) -> [[f32; 4]; 4] {
+    let of = |v: &Vector3, w: f64| [v.x as f32, v.y as f32, v.z as f32, w as f32];
+    let [[a, b], [c, d]] = corner.inverse;
+    let [first, second] = &corner.edges;
+    [
+        of(first, a),
+        of(second, b),
+        of(&corner.normal, c),
+        [d as f32, 0.0, 0.0, 0.0],
+    ]
+}
+
+/// Patches per dispatch of Bézier points, samples per dispatch of them.
+const PATCHES: usize = 1 << 16;
+const SAMPLES: usize = 1 << 21;
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Counts {
+    items: u32,
+    parameters: u32,
+    padding: [u32; 2],
+}
+
+impl SplineBackend for Wgpu {
+    fn corner_distortion(
+        &self,
+        corners: &[Corner],
+        epsilon: f64,
+        out: &mut Vec<CornerDistortion>,
+    ) -> Result<(), Error> {
+        out.clear();
+        out.reserve(corners.len());
+        let gpu = self.gpu();
+        for part in corners.chunks(ELEMENTS) {
+            let inputs: Vec<[[f32; 4]; 4]> = part.iter().map(packed).collect();
+            let inputs = gpu.upload("corners", &inputs)?;
+            let made = gpu.output::<[f32; 8]>("distortions", part.len())?;
+            let parameters = Parameters {
+                count: part.len() as u32,
+                epsilon: epsilon as f32,
+                padding: [0; 2],
+            };
+            let parameters = gpu.uniform("parameters", &parameters)?;
+            let groups = part.len().div_ceil(64) as u32;
+            gpu.dispatch(
+                &TSPLINE_CORNER_DISTORTION,
+                &[&inputs, &made, &parameters],
+                [groups, 1, 1],
+            )?;
+            out.extend(gpu.download::<[f32; 8]>(&made)?.iter().map(|values| {
+                let [energy, area, a, b, c, d, e, f] = values.map(f64::from);
+                CornerDistortion {
+                    energy,
+                    area,
+                    gradient: [Vector3::new(a, b, c), Vector3::new(d, e, f)],
+                }
+            }));
+        }
+        Ok(())
+    }
+
+    fn bezier_points(
+        &self,
+        task: &PointsTask<'_>,
+        out: &mut Vec<PatchPoints>,
+    ) -> Result<(), Error> {
+        let gpu = self.gpu();
+        let extraction = task.extraction;
+        // Around the middle, so that digits go into differences.
+        let middle = Aabb::of_points(task.controls).center();
+        let controls: Vec<[f32; 4]> = (task.controls.iter())
+            .map(|p| p - middle)
+            .map(|v| [v.x as f32, v.y as f32, v.z as f32, 1.0])
+            .collect();
+        let controls = gpu.upload("controls", &controls)?;
+        out.clear();
+        out.reserve(extraction.patches().len());
+        for bounds in extraction.starts()[..]
+            .windows(2)
+            .collect::<Vec<_>>()
+            .chunks(PATCHES)
+        {
+            let (first, end) = (bounds[0][0], bounds[bounds.len() - 1][1]);
+            let mut starts: Vec<u32> = bounds.iter().map(|b| (b[0] - first) as u32).collect();
+            starts.push((end - first) as u32);
+            let rows = extraction.all_coefficients()[first..end].iter().flatten();
+            let rows: Vec<f32> = rows.map(|&c| c as f32).collect();
+            let counts = Counts {
+                items: 16 * bounds.len() as u32,
+                parameters: 0,
+                padding: [0; 2],
+            };
+            let counts = gpu.uniform("counts", &counts)?;
+            let starts = gpu.upload("starts", &starts)?;
+            let functions = gpu.upload("functions", &extraction.all_functions()[first..end])?;
+            let rows = gpu.upload("coefficients", &rows)?;
+            let made = gpu.output::<[f32; 4]>("points", 16 * bounds.len())?;
+            gpu.dispatch(
+                &TSPLINE_BEZIER_POINTS,
+                &[&counts, &starts, &functions, &rows, &controls, &made],
+                [(16 * bounds.len()).div_ceil(64) as u32, 1, 1],
+            )?;
+            let points = gpu.download::<[[f32; 4]; 16]>(&made)?;
+            out.extend(points.iter().map(|patch| {
+                patch.map(|p| {
+                    let [x, y, z, w] = p.map(f64::from);
+                    let w = if extraction.is_rational() { w } else { 1.0 };
+                    [x + middle.x * w, y + middle.y * w, z + middle.z * w, w]
+                })
+            }));
+        }
+        Ok(())
+    }
+
+    fn bezier_samples(&self, task: &SamplesTask<'_>, out: &mut Vec<Sample>) -> Result<(), Error> {
+        let gpu = self.gpu();
+        let single = |x: [f64; 4]| x.map(|c| c as f32);
+        let table: Vec<[[f32; 4]; 2]> = (task.parameters.iter())
+            .map(|&t| bernstein(t))
+            .map(|[value, slope, _]| [single(value), single(slope)])
+            .collect();
+        let per = table.len() * table.len();
+        out.clear();
+        out.reserve(per * task.patches.len());
+        if per == 0 {
+            return Ok(());
+        }
+        let table = gpu.upload("table", &table)?;
+        for part in task.patches.chunks((SAMPLES / per).max(1)) {
+            // Seen from its first point.
+            let origin = |patch: &PatchPoints| {
+                let [x, y, z, w] = patch[0];
+                Point3::new(x / w, y / w, z / w)
+            };
+            let near: Vec<[[f32; 4]; 16]> = part
+                .iter()
+                .map(|patch| {
+                    let o = origin(patch);
+                    patch.map(|[x, y, z, w]| single([x - o.x * w, y - o.y * w, z - o.z * w, w]))
+                })
+                .collect();
+            let count = per * part.len();
+            let counts = Counts {
+                items: count as u32,
+                parameters: task.parameters.len() as u32,
+                padding: [0; 2],
+            };
+            let counts = gpu.uniform("counts", &counts)?;
+            let near = gpu.upload("patches", &near)?;
+            let made = gpu.output::<[[f32; 4]; 2]>("samples", count)?;
+            gpu.dispatch(
+                &TSPLINE_BEZIER_SAMPLES,
+                &[&counts, &near, &table, &made],
+                [count.div_ceil(64) as u32, 1, 1],
+            )?;
+            let samples = gpu.download::<[[f32; 4]; 2]>(&made)?;
+            for (patch, samples) in part.iter().zip(samples.chunks_exact(per)) {
+                let o = origin(patch);
+                out.extend(samples.iter().map(|[p, n]| {
+                    let ([x, y, z, area], n) = (p.map(f64::from), n.map(f64::from));
+                    Sample {
+                        point: o + Vector3::new(x, y, z),
+                        normal: Vector3::new(n[0], n[1], n[2]),
+                        area,
+                    }
+                }));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,660 @@
+//! What holds for spline surfaces.
+
+use std::sync::OnceLock;
+
+use geom_core::compute::random::SplitMix64;
+use geom_core::mesh::{SurfaceAudit, shapes};
+use geom_core::testing::same_on_any_threads;
+use geom_core::{Cpu, Point3, QuadMesh, Run, Vector3};
+use tspline::files::{Exchange, bext, iga, market, step, vtu};
+use tspline::surface::adapt::adapt;
+use tspline::surface::errors::{errors, measures};
+use tspline::surface::fit::{FitOptions, MeshTarget, Target, fit};
+use tspline::surface::inverse::Search;
+use tspline::surface::seams::Seams;
+use tspline::surface::tessellate::tessellate;
+use tspline::surface::{Jet, Sample};
+use tspline::{Basis, Error, Surface, TMesh, TMeshOptions, VertexKind, analysis};
+
+fn cpu() -> Run<'static, Cpu> {
+    Run::on(&Cpu)
+}
+
+struct Ball;
+impl Target for Ball {
+    fn closest(&self, to: &Point3) -> Point3 {
+        Point3::from(to.coords.normalize())
+    }
+}
+
+fn build(fine: &QuadMesh, basis: Basis, allowed: impl Fn(Point3) -> u8) -> Surface {
+    let level = |q: &[u32; 4]| {
+        let sum: Vector3 = q.iter().map(|&v| fine.positions()[v as usize].coords).sum();
+        allowed(Point3::from(sum / 4.0))
+    };
+    let allowed: Vec<u8> = fine.quads().iter().map(level).collect();
+    let mesh = TMesh::build(fine, &allowed, &TMeshOptions::default()).expect("a T-mesh");
+    Surface::new(mesh, basis, cpu()).expect("a surface")
+}
+
+fn sphere(n: u32, basis: Basis, allowed: impl Fn(Point3) -> u8) -> Surface {
+    let mut surface = build(&shapes::quad_sphere(1.0, n), basis, allowed);
+    fit(&mut surface, &Ball, &FitOptions::default(), cpu()).expect("a fit");
+    surface
+}
+
+/// A sphere of 16 × 16 elements per side of the cube, which several laws look at.
+fn sphere_of_16() -> &'static Surface {
+    static SPHERE: OnceLock<Surface> = OnceLock::new();
+    SPHERE.get_or_init(|| sphere(16, Basis::Hierarchical, |_| 0))
+}
+
+/// A corner of the sphere is fine, with steps of levels that do not run along the quads.
+fn oblique(p: Point3) -> u8 {
+    let height = p.x + p.y + 0.3 * p.z;
+    if height > 1.0 {
+        0
+    } else if height > 0.3 {
+        1
+    } else {
+        2
+    }
+}
+
+/// `n × m` unit quads in a plane, aslant.
+fn plane(n: u32, m: u32) -> QuadMesh {
+    let at = |i: u32, j: u32| {
+        let (x, y) = (f64::from(i), f64::from(j));
+        Point3::new(x + 0.2 * y, y, 0.5 * x - 0.1 * y)
+    };
+    let positions = (0..=m).flat_map(|j| (0..=n).map(move |i| at(i, j)));
+    let corner = |i: u32, j: u32| i + j * (n + 1);
+    let quads = (0..m).flat_map(|j| {
+        (0..n).map(move |i| {
+            [
+                corner(i, j),
+                corner(i + 1, j),
+                corner(i + 1, j + 1),
+                corner(i, j + 1),
+            ]
+        })
+    });
+    QuadMesh::new(positions.collect(), quads.collect()).expect("a plane")
+}
+
+/// `valence` quads around a vertex, each cut into `n × n`.
+fn fan(valence: u32, times: u8) -> QuadMesh {
+    let around = |k: f64, r: f64| {
+        let angle = std::f64::consts::TAU * k / f64::from(valence);
+        Point3::new(r * angle.cos(), r * angle.sin(), 0.1 * r * r)
+    };
+    let mut positions = vec![Point3::origin()];
+    for k in 0..valence {
+        positions.extend([around(k.into(), 1.0), around(f64::from(k) + 0.5, 1.4)]);
+    }
+    let quads = (0..valence).map(|k| [0, 1 + 2 * k, 2 + 2 * k, 1 + 2 * ((k + 1) % valence)]);
+    let coarse = QuadMesh::new(positions, quads.collect()).expect("a fan");
+    tspline::mesh::refined(&coarse, times).expect("refined")
+}
+
+/// Relative errors of the eigenvalues of degree 1, 2, 3 on the unit sphere.
+fn spectrum(surface: &Surface) -> [f64; 3] {
+    let matrices = analysis::matrices(surface).expect("matrices");
+    let pairs = analysis::eigenpairs(&matrices, 16, cpu()).expect("pairs");
+    [1, 2, 3].map(|l| {
+        let exact = (l * (l + 1)) as f64;
+        let of = &pairs.values[l * l..(l + 1) * (l + 1)];
+        of.iter()
+            .map(|v| (v / exact - 1.0).abs())
+            .fold(0.0, f64::max)
+    })
+}
+
+#[test]
+fn eigenvalues_of_the_sphere_and_their_order() {
+    let table = [
+        (4, 98, [1.8e-5, 2.8e-4, 8.4e-4]),
+        (8, 386, [1.4e-6, 3.1e-5, 6.9e-5]),
+        (16, 1538, [8.7e-8, 3.7e-6, 8.1e-6]),
+    ];
+    let mut found = Vec::new();
+    for (n, functions, errors) in table {
+        let surface = match n {
+            16 => sphere_of_16(),
+            _ => &sphere(n, Basis::Hierarchical, |_| 0),
+        };
+        assert_eq!(surface.controls().len(), functions);
+        let of = spectrum(surface);
+        for (a, b) in of.iter().zip(errors) {
+            assert!(*a < 1.5 * b, "{n}: {of:?}");
+        }
+        found.push(of);
+    }
+    for l in [1, 2] {
+        let order = (found[1][l] / found[2][l]).log2();
+        assert!(order > 2.8, "order {order}");
+    }
+    // A cap that is finer never makes it worse.
+    let cap = sphere(16, Basis::Hierarchical, |p| u8::from(p.z + 0.4 * p.x < 0.6));
+    let of = spectrum(&cap);
+    for (a, b) in of.iter().zip(found[1]) {
+        assert!(*a <= b, "{of:?} against {:?}", found[1]);
+    }
+    let matrices = analysis::matrices(&cap).expect("matrices");
+    assert!(analysis::independence(&matrices, cpu()).expect("a number") > 1e-3);
+}
+
+#[test]
+fn poisson_on_the_sphere() {
+    let surface = sphere_of_16();
+    let matrices = analysis::matrices(surface).expect("matrices");
+    let harmonic = |p: &Point3| 3.0 * p.z * p.z - 1.0;
+    let found = analysis::poisson(surface, &matrices, &|p| 6.0 * harmonic(p)).expect("solved");
+    let (mut apart, mut size) = (0.0, 0.0);
+    for e in 0..surface.mesh().elements().len() {
+        let p = surface.evaluate(e, [0.4, 0.7]).point;
+        let value = analysis::value(surface, &found, e, [0.4, 0.7]);
+        apart += (value - harmonic(&p)).powi(2);
+        size += harmonic(&p).powi(2);
+    }
+    let error = (apart / size).sqrt();
+    assert!(error < 1e-4, "{error}");
+}
+
+/// Surfaces of all kinds: closed and open, of one level and of three, with vertices of 3…8 quads, and the smallest.
+fn zoo() -> Vec<(&'static str, Surface)> {
+    let h = Basis::Hierarchical;
+    let mut zoo = vec![
+        ("oblique", build(&shapes::quad_sphere(1.0, 24), h, oblique)),
+        (
+            "rational",
+            build(&shapes::quad_sphere(1.0, 16), Basis::Rational, oblique),
+        ),
+        ("cube", build(&shapes::quad_sphere(1.0, 1), h, |_| 0)),
+        (
+            "cube, rational",
+            build(&shapes::quad_sphere(1.0, 2), Basis::Rational, |_| 0),
+        ),
+        ("quad", build(&plane(1, 1), h, |_| 0)),
+        ("strip", build(&plane(5, 1), h, |_| 0)),
+        ("plane", build(&plane(20, 16), h, |p| u8::from(p.x > 6.0))),
+    ];
+    for valence in [3, 5, 8] {
+        let coarse_outside = move |p: Point3| u8::from(p.coords.norm() > 0.9);
+        zoo.push(("fan", build(&fan(valence, 0), h, |_| 0)));
+        zoo.push(("fine fan", build(&fan(valence, 3), h, coarse_outside)));
+    }
+    zoo
+}
+
+#[test]
+fn functions_are_a_partition_of_unity() {
+    for (name, surface) in zoo() {
+        let extraction = surface.extraction();
+        let open = !surface.mesh().fine_edges().boundary_loops().is_empty();
+        let mut met = vec![false; extraction.functions()];
+        for patch in 0..extraction.patches().len() {
+            let mut sums = [0.0; 16];
+            for (&f, row) in extraction
+                .on(patch)
+                .iter()
+                .zip(extraction.coefficients(patch))
+            {
+                met[f as usize] = true;
+                assert!(row.iter().all(|&c| c >= 0.0), "{name}");
+                sums.iter_mut().zip(row).for_each(|(s, c)| *s += c);
+            }
+            let weights = surface.patches()[patch].map(|p| p[3]);
+            for (sum, weight) in sums.iter().zip(weights) {
+                assert!(
+                    (sum - weight).abs() < 1e-13 && (0.5..1.5).contains(&weight),
+                    "{name} {sum}"
+                );
+            }
+        }
+        assert!(met.iter().all(|&m| m), "{name}: a function without support");
+        // Functions beyond a boundary belong to it.
+        let vertices = surface.mesh().positions().len();
+        assert!(open || extraction.functions() <= vertices, "{name}");
+    }
+}
+
+#[test]
+fn patches_meet_without_gaps_and_smoothly() {
+    for (name, surface) in zoo() {
+        let seams = Seams::of(&surface);
+        let mesh = surface.mesh();
+        for segment in &seams.segments {
+            let Some(other) = segment.other else { continue };
+            let irregular = segment.ends.map(|c| {
+                let fine = seams.corners[c as usize];
+                let vertex = mesh.vertex_of_fine(fine);
+                vertex
+                    .is_some_and(|v| matches!(mesh.kind(v as usize), VertexKind::Extraordinary(_)))
+                    || mesh.is_extraordinary(fine)
+            });
+            for share in [0.0, 0.3] {
+                let [a, b] = [segment.owner, other]
+                    .map(|s| Jet::of(&surface.patches()[s.patch as usize], s.at(share)));
+                assert!((a.point - b.point).norm() < 1e-12, "{name}: a gap");
+                if irregular == [false; 2] && !name.contains("rational") {
+                    let (n, m) = (a.normal().expect("regular"), b.normal().expect("regular"));
+                    let angle = n.cross(&m).norm().to_degrees();
+                    assert!(angle < 1e-5, "{name}: a crease of {angle}°");
+                }
+            }
+        }
+        let triangles = tessellate(&surface, 3, cpu()).expect("triangles");
+        let audit = SurfaceAudit::of(&triangles.mesh);
+        let closed = seams.segments.iter().all(|s| s.other.is_some());
+        assert_eq!(audit.is_closed_manifold(), closed, "{name}");
+        let corners = triangles.parameters.iter().zip(triangles.mesh.triangles());
+        for ((parameters, corners), &patch) in corners.zip(&triangles.patches) {
+            for (at, &v) in parameters.iter().zip(corners) {
+                let there = Jet::of(&surface.patches()[patch as usize], *at).point;
+                let apart = (there - triangles.mesh.positions()[v as usize]).norm();
+                assert!(apart < 1e-12, "{name}: {apart}");
+            }
+        }
+    }
+}
+
+#[test]
+fn creases_at_extraordinary_vertices_are_small_and_vanish() {
+    for (n, largest) in [(4, 1.35), (8, 0.69), (16, 0.35)] {
+        let surface = match n {
+            16 => sphere_of_16(),
+            _ => &sphere(n, Basis::Hierarchical, |_| 0),
+        };
+        let seams = Seams::of(surface);
+        let mut worst: f64 = 0.0;
+        for segment in &seams.segments {
+            let sides = [Some(segment.owner), segment.other];
+            let normals = sides.map(|s| {
+                let s = s.expect("closed");
+                Jet::of(&surface.patches()[s.patch as usize], s.at(0.0))
+                    .normal()
+                    .expect("regular")
+            });
+            worst = worst.max(normals[0].cross(&normals[1]).norm().asin().to_degrees());
+        }
+        assert!(worst < 1.5 * largest, "{n}: {worst}°");
+    }
+}
+
+#[test]
+fn planes_and_bicubics_are_reproduced() {
+    let surface = build(&plane(32, 24), Basis::Hierarchical, |p| {
+        u8::from(p.x > 9.0) + u8::from(p.x + p.y > 22.0)
+    });
+    let levels = surface.mesh().audit().levels;
+    assert!(
+        levels.len() == 3 && levels.iter().all(|&l| l > 0),
+        "{levels:?}"
+    );
+    // Control points at the vertices: the plane itself, linear in the parameters.
+    for (e, element) in surface.mesh().elements().iter().enumerate() {
+        let corners = element
+            .corners
+            .map(|v| surface.mesh().positions()[v as usize]);
+        let (s, t) = (0.3, 0.6);
+        let wanted = corners[0] + (corners[1] - corners[0]) * s + (corners[3] - corners[0]) * t;
+        let found = surface.evaluate(e, [s, t]).point;
+        assert!((found - wanted).norm() < 1e-10, "{found} for {wanted}");
+    }
+    let mut random = SplitMix64::new(5);
+    let c: [f64; 16] = std::array::from_fn(|_| 2.0 * random.unit() - 1.0);
+    let bicubic = |p: &Point3| {
+        // The parameters of the plane.
+        let (x, y) = ((p.x - 0.2 * p.y) / 16.0 - 1.0, p.y / 12.0 - 1.0);
+        (0..16)
+            .map(|k| c[k] * x.powi(k as i32 % 4) * y.powi(k as i32 / 4))
+            .sum::<f64>()
+    };
+    let matrices = analysis::matrices(&surface).expect("matrices");
+    let found = analysis::projection(&surface, &matrices, &bicubic).expect("a projection");
+    for e in 0..surface.mesh().elements().len() {
+        let p = surface.evaluate(e, [0.9, 0.2]).point;
+        let value = analysis::value(&surface, &found, e, [0.9, 0.2]);
+        assert!(
+            (value - bicubic(&p)).abs() < 1e-9,
+            "{value} for {}",
+            bicubic(&p)
+        );
+    }
+}
+
+#[test]
+fn cutting_moves_nothing() {
+    let closed = sphere(32, Basis::Hierarchical, oblique);
+    let open = build(&plane(32, 24), Basis::Hierarchical, |p| {
+        2 * u8::from(p.x > 9.0)
+    });
+    let mut random = SplitMix64::new(3);
+    for mut surface in [closed, open] {
+        let controls = surface.controls().iter();
+        let shaken = controls.map(|p| p + Vector3::new(0.0, 0.0, 0.02 * random.unit()));
+        surface
+            .set_controls(shaken.collect(), cpu())
+            .expect("finite");
+        let elements = surface.mesh().elements();
+        // Far from the extraordinary vertices.
+        let far = |e: &usize| {
+            let p = surface.evaluate(*e, [0.5, 0.5]).point;
+            elements[*e].level > 0 && p.iter().any(|c| c.abs() > 0.95)
+        };
+        let coarse: Vec<usize> = (0..elements.len()).filter(far).step_by(3).collect();
+        assert!(coarse.len() > 5);
+        let finer = surface
+            .cut(&coarse, &TMeshOptions::default(), cpu())
+            .expect("cut");
+        assert!(finer.mesh().elements().len() >= elements.len() + 3 * coarse.len());
+        let (a, b) = (
+            measures(&surface, cpu()).unwrap(),
+            measures(&finer, cpu()).unwrap(),
+        );
+        // The area is no polynomial, and smaller patches are integrated better.
+        assert!((a[0] / b[0] - 1.0).abs() < 1e-5, "{a:?} {b:?}");
+        assert!(
+            (a[1] - b[1]).abs() < 1e-12 * (1.0 + a[1].abs()),
+            "{a:?} {b:?}"
+        );
+        let search = Search::new(&surface).expect("a tree");
+        for e in (0..finer.mesh().elements().len()).step_by(5) {
+            let near = search.nearest(&finer.evaluate(e, [0.3, 0.8]).point);
+            assert!(near.distance < 4e-12, "moved by {}", near.distance);
+        }
+    }
+    let rational = build(&shapes::quad_sphere(1.0, 4), Basis::Rational, |_| 0);
+    assert_eq!(
+        rational.cut(&[0], &TMeshOptions::default(), cpu()),
+        Err(Error::NotNested)
+    );
+}
+
+#[test]
+fn rational_is_the_same_where_nothing_is_coarse_and_worse_where_it_is() {
+    let [a, b] = [Basis::Hierarchical, Basis::Rational].map(|basis| sphere(8, basis, |_| 0));
+    for (p, q) in a
+        .patches()
+        .iter()
+        .flatten()
+        .zip(b.patches().iter().flatten())
+    {
+        assert!((0..4).all(|k| (p[k] - q[k]).abs() < 1e-12), "{p:?} {q:?}");
+    }
+    let [a, b] = [Basis::Hierarchical, Basis::Rational]
+        .map(|basis| sphere(16, basis, |p| u8::from(p.z + 0.4 * p.x < 0.6)));
+    assert!(b.patches().len() > a.patches().len() && b.controls().len() > a.controls().len());
+    let (of_a, of_b) = (spectrum(&a), spectrum(&b));
+    assert!(of_b[0] > of_a[0] && of_b[0] < 1e-3, "{of_a:?} {of_b:?}");
+    let weights = b.patches().iter().flatten().map(|p| (p[3] - 1.0).abs());
+    // How far the plain sum of T-spline functions is from one.
+    let defect = weights.fold(0.0, f64::max);
+    assert!((0.05..0.4).contains(&defect), "{defect}");
+}
+
+#[test]
+fn nearest_points_are_found_across_seams() {
+    let surface = sphere(16, Basis::Hierarchical, |p| u8::from(p.z < 0.5));
+    let search = Search::new(&surface).expect("a tree");
+    for e in (0..surface.mesh().elements().len()).step_by(11) {
+        for at in [[0.5, 0.2], [0.0, 0.7], [0.99, 0.01]] {
+            let jet = surface.evaluate(e, at);
+            let Some(normal) = jet.normal() else { continue };
+            let found = search.nearest(&(jet.point + normal * 0.1));
+            assert!((found.distance - 0.1).abs() < 1e-4, "{found:?}");
+            let on = search.nearest(&jet.point);
+            assert!(on.distance < 1e-12, "{on:?}");
+        }
+    }
+}
+
+#[test]
+fn curvatures_of_the_sphere() {
+    let surface = sphere_of_16();
+    for (e, element) in surface.mesh().elements().iter().enumerate() {
+        let [mean, gauss] = surface
+            .evaluate(e, [0.5, 0.5])
+            .curvatures()
+            .expect("regular");
+        let worst = (mean - 1.0).abs().max((gauss - 1.0).abs());
+        // Bounded, but not continuous, at the extraordinary vertices.
+        let kind = |&v: &u32| surface.mesh().kind(v as usize);
+        let regular = element
+            .corners
+            .iter()
+            .all(|v| kind(v) == VertexKind::Regular);
+        assert!(worst < if regular { 0.05 } else { 0.3 }, "{worst}");
+    }
+}
+
+#[test]
+fn a_fit_reaches_its_tolerance() {
+    let quads = shapes::quad_sphere(1.0, 16);
+    let mesh = TMesh::build(
+        &quads,
+        &vec![2; quads.quads().len()],
+        &TMeshOptions::default(),
+    );
+    let target = shapes::ellipsoid(Vector3::new(1.0, 0.8, 1.3), 4);
+    let adapted = adapt(
+        mesh.unwrap(),
+        Basis::Hierarchical,
+        &target,
+        4e-3,
+        &FitOptions::default(),
+        cpu(),
+    );
+    let adapted = adapted.expect("a surface");
+    assert!(adapted.reached, "{:?}", adapted.rounds);
+    assert!(adapted.rounds.len() > 1 && adapted.errors.hausdorff <= 4e-3);
+    let [a, b] = [adapted.errors.volume, adapted.errors.mesh_volume].map(Option::unwrap);
+    assert!((a / b - 1.0).abs() < 2e-3);
+}
+
+#[test]
+fn rims_are_met() {
+    let dome = |mesh: QuadMesh, scale: f64| {
+        let up = |p: &Point3| {
+            let (x, y) = (scale * (p.x - 0.2 * p.y), scale * p.y);
+            Point3::new(x, y, 0.03 * (x * x + y * y) + 0.1 * x * y)
+        };
+        let positions = mesh.positions().iter().map(up).collect();
+        QuadMesh::new(positions, mesh.quads().to_vec()).expect("a dome")
+    };
+    let target = dome(plane(64, 48), 0.125).into_triangles();
+    let mut surface = build(&dome(plane(16, 12), 0.5), Basis::Hierarchical, |p| {
+        u8::from(p.x > 4.0)
+    });
+    assert!(surface.mesh().audit().levels.len() == 2);
+    let near = MeshTarget::new(&target).expect("a target");
+    fit(&mut surface, &near, &FitOptions::default(), cpu()).expect("a fit");
+    let seams = Seams::of(&surface);
+    for segment in seams.segments.iter().filter(|s| s.other.is_none()) {
+        for share in [0.0, 0.5] {
+            let owner = &segment.owner;
+            let p = Jet::of(&surface.patches()[owner.patch as usize], owner.at(share)).point;
+            let apart = (near.closest_on_rim(&p).expect("a rim") - p).norm();
+            assert!(apart < 0.02, "{apart} Å from the rim of 20 Å");
+        }
+    }
+    let (errors, _) = errors(&surface, &target, cpu()).expect("errors");
+    assert!(errors.hausdorff < 0.02 && errors.rms < 2e-3, "{errors:?}");
+}
+
+fn text(write: impl FnOnce(&mut dyn std::io::Write) -> std::io::Result<()>) -> String {
+    let mut out = Vec::new();
+    write(&mut out).expect("memory");
+    String::from_utf8(out).expect("text")
+}
+
+#[test]
+fn files_are_read_as_they_were_written() {
+    for basis in [Basis::Hierarchical, Basis::Rational] {
+        let surface = sphere(16, basis, oblique);
+        let exchange = Exchange::from(&surface);
+        let again = iga::read(&text(|out| iga::write(out, &exchange))).expect("iga");
+        assert!(again == exchange);
+        assert_eq!(again.patches().unwrap().len(), surface.patches().len());
+        // Elements come back sorted by their number of nodes.
+        let again = bext::read(&text(|out| bext::write(out, &exchange))).expect("bext");
+        let mut sorted = exchange.clone();
+        sorted.elements.sort_by_key(|e| e.nodes.len());
+        assert!(again == sorted);
+        let file = text(|out| vtu::write(out, &surface, &[]));
+        assert!(file.contains("RationalWeights") && file.contains("77 77"));
+        let file = text(|out| step::write(out, &surface, "a 'sphere'"));
+        assert_eq!(
+            file.matches("ADVANCED_FACE").count(),
+            surface.patches().len()
+        );
+        assert_eq!(
+            file.matches("EDGE_CURVE(").count(),
+            Seams::of(&surface).segments.len()
+        );
+        assert!(file.contains("CLOSED_SHELL"));
+    }
+    let surface = sphere(4, Basis::Hierarchical, |_| 0);
+    let mass = analysis::matrices(&surface).expect("matrices").mass;
+    let file = text(|out| market::write_symmetric(out, &mass));
+    let entries = (mass.entries() + mass.rows()) / 2;
+    assert_eq!(file.lines().nth(1), Some(&*format!("98 98 {entries}")));
+    assert_eq!(file.lines().count(), entries + 2);
+}
+
+#[test]
+fn damaged_files_are_refused() {
+    let surface = sphere(1, Basis::Hierarchical, |_| 0);
+    let exchange = Exchange::from(&surface);
+    let files = [
+        text(|out| iga::write(out, &exchange)),
+        text(|out| bext::write(out, &exchange)),
+    ];
+    let mut random = SplitMix64::new(1);
+    for case in 0..400 {
+        let mut words: Vec<&str> = files[case % 2].split_inclusive([' ', '\n']).collect();
+        let at = (random.unit() * words.len() as f64) as usize;
+        match case % 3 {
+            0 => words.truncate(at),
+            1 => words[at] = "4294967295 ",
+            _ => words[at] = "x ",
+        }
+        let file: String = words.concat();
+        // An error or another surface, but no panic.
+        let _ = if case % 2 == 0 {
+            iga::read(&file)
+        } else {
+            bext::read(&file)
+        };
+    }
+    assert!(matches!(
+        iga::read("type solid"),
+        Err(Error::File { line: 1, .. })
+    ));
+    assert!(matches!(bext::read(""), Err(Error::File { .. })));
+}
+
+#[test]
+fn what_cannot_be_is_refused() {
+    let mut surface = build(&plane(2, 2), Basis::Hierarchical, |_| 0);
+    assert!(matches!(
+        surface.set_controls(Vec::new(), cpu()),
+        Err(Error::Count { .. })
+    ));
+    let mut controls = surface.controls().to_vec();
+    controls[3].y = f64::NAN;
+    assert_eq!(
+        surface.set_controls(controls, cpu()),
+        Err(Error::NotFinite { control: 3 })
+    );
+    let mesh = surface.mesh().clone();
+    assert!(matches!(
+        Surface::new(mesh, Basis::Rational, cpu()),
+        Err(Error::Open { .. })
+    ));
+    assert!(matches!(
+        tessellate(&surface, 1, cpu()),
+        Err(Error::Option(_))
+    ));
+    let options = FitOptions {
+        rounds: 0,
+        ..FitOptions::default()
+    };
+    assert!(matches!(
+        fit(&mut surface, &Ball, &options, cpu()),
+        Err(Error::Option(_))
+    ));
+}
+
+#[test]
+fn threads_change_nothing() {
+    same_on_any_threads(|| {
+        let surface = sphere(16, Basis::Hierarchical, oblique);
+        let matrices = analysis::matrices(&surface).expect("matrices");
+        (surface, matrices)
+    });
+    same_on_any_threads(|| build(&shapes::quad_sphere(1.0, 16), Basis::Rational, oblique));
+}
+
+#[test]
+fn the_gpu_agrees() {
+    use geom_core::compute::backend::Break;
+    use tspline::backend::{BEZIER_POINTS, BEZIER_SAMPLES, PointsTask, SamplesTask, SplineBackend};
+    let Some(gpu) = geom_core::testing::gpu_or_skip() else {
+        return;
+    };
+    for basis in [Basis::Hierarchical, Basis::Rational] {
+        let mut surface = sphere(16, basis, oblique);
+        // Far from the origin, where f32 alone would see little.
+        let far = surface
+            .controls()
+            .iter()
+            .map(|p| p + Vector3::new(100.0, -50.0, 20.0));
+        surface.set_controls(far.collect(), cpu()).expect("finite");
+        let task = PointsTask {
+            extraction: surface.extraction(),
+            controls: surface.controls(),
+        };
+        let (mut a, mut b) = (Vec::new(), Vec::new());
+        Cpu.bezier_points(&task, &mut a).expect("points");
+        gpu.bezier_points(&task, &mut b).expect("points");
+        let of = |p: &[f64; 4]| [p[0] / p[3], p[1] / p[3], p[2] / p[3], p[3]];
+        let [a, b] = [a, b].map(|p| p.iter().flatten().flat_map(of).collect::<Vec<f64>>());
+        let broken: Option<Break> = BEZIER_POINTS.first_break(&a, &b);
+        assert_eq!(broken, None);
+
+        let task = SamplesTask {
+            patches: surface.patches(),
+            parameters: &[0.0, 0.3, 0.5, 0.9, 1.0],
+        };
+        let (mut a, mut b) = (Vec::new(), Vec::new());
+        Cpu.bezier_samples(&task, &mut a).expect("samples");
+        gpu.bezier_samples(&task, &mut b).expect("samples");
+        let (s, t) = (task.parameters[3], task.parameters[1]);
+        for (points, samples) in task.patches.iter().zip(a.chunks_exact(25)) {
+            let (jet, sample) = (Jet::of(points, [s, t]), &samples[3 + 5]);
+            let apart =
+                (jet.point - sample.point).norm() + (jet.area_vector().norm() - sample.area).abs();
+            assert!(
+                apart < 1e-12 && (jet.normal().unwrap() - sample.normal).norm() < 1e-11,
+                "{apart}"
+            );
+        }
+        // Over the extent of a patch, at most half of one.
+        let of = |s: &Sample| {
+            let p = s.point.coords / 0.5;
+            [
+                p.x,
+                p.y,
+                p.z,
+                s.normal.x,
+                s.normal.y,
+                s.normal.z,
+                s.area / 0.25,
+            ]
+        };
+        let [a, b] = [a, b].map(|s| s.iter().flat_map(of).collect::<Vec<f64>>());
+        assert_eq!(BEZIER_SAMPLES.first_break(&a, &b), None);
+    }
+}
