@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
-use biogeom_examples::tmesh::TMeshArgs;
+use biogeom_examples::tmesh::{TMeshArgs, affordable};
 use biogeom_examples::{Failure, Session, crosses, products};
 use clap::{Parser, ValueEnum};
 use geom_core::io::{self, view::View as Fields};
@@ -123,6 +123,9 @@ fn spline(args: &Args, session: &Session) -> Result<(), Failure> {
         let because = "cuts elements of higher levels, and there are none; see --levels";
         session.refuse(&["tolerance"], because)?;
     }
+    // Samples of a patch, its place in the least squares, and their factor.
+    const BYTES: f64 = 16384.0;
+    affordable(made.mesh.elements().len(), BYTES, session)?;
     let basis = match args.basis {
         BasisName::Hierarchical => Basis::Hierarchical,
         BasisName::Rational => Basis::Rational,

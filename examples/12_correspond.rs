@@ -66,7 +66,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         session.note("truth", judged)?;
     }
     session.files(5, || {
-        write_matches(session, &pair, &found)?;
+        write_matches(args, session, &pair, &found)?;
         let colors = partners(&pair, &found)?;
         for (name, body, colors) in [
             ("first", &pair.first, &colors[0]),
@@ -82,9 +82,19 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     })
 }
 
-fn write_matches(session: &Session, pair: &Pair, found: &Correspondence) -> Result<(), Failure> {
+fn write_matches(
+    args: &Args,
+    session: &Session,
+    pair: &Pair,
+    found: &Correspondence,
+) -> Result<(), Failure> {
     let (a, b) = (&pair.first.shape, &pair.second.shape);
-    let options = CompareOptions::default();
+    let defaults = CompareOptions::default();
+    let options = CompareOptions {
+        radius: defaults.radius * args.matching.unit(pair),
+        seed: args.matching.seed,
+        ..defaults
+    };
     let on = session.on(session.device.corresp());
     let compared = compare(a, b, &found.forward, &options, on)?;
     session.note("comparison", compared.report)?;

@@ -100,12 +100,12 @@ fn main() -> ExitCode {
 }
 
 impl Args {
-    fn options(&self, session: &Session) -> MorphOptions {
+    fn options(&self, pair: &Pair, session: &Session) -> MorphOptions {
         MorphOptions {
             landmarks: match self.landmarks {
                 LandmarkName::Boundary => Landmarks::Boundary,
                 LandmarkName::Harmonic => Landmarks::Harmonic {
-                    radius: self.landmark_radius,
+                    radius: self.landmark_radius * self.matching.unit(pair),
                 },
             },
             paths: match self.paths {
@@ -133,7 +133,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let (a, b) = (&pair.first.shape, &pair.second.shape);
     let on = session.on(session.device.corresp());
     let morph = session.stage("images", || {
-        Morph::new(a, b, &found, &args.options(session), on)
+        Morph::new(a, b, &found, &args.options(&pair, session), on)
     })?;
     session.note("morph", morph.report())?;
     let mut frames: Vec<(Frame, TriMesh)> = Vec::new();

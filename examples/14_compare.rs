@@ -56,7 +56,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let pair = args.shapes.read(session)?;
     let found = args.matching.find(&pair, session)?;
     let (a, b) = (&pair.first.shape, &pair.second.shape);
-    let unit = args.matching.unit.unwrap_or(pair.unit);
+    let unit = args.matching.unit(&pair);
     let options = CompareOptions {
         radius: args.radius * unit,
         seed: args.matching.seed,

@@ -543,6 +543,11 @@ fn residues(a: &Structure, b: &Structure) -> Vec<(Point3, Point3)> {
 }
 
 impl MatchArgs {
+    /// The length that counts as 1 Å.
+    pub fn unit(&self, pair: &Pair) -> f64 {
+        self.unit.unwrap_or(pair.unit)
+    }
+
     /// As the crate takes them.
     pub fn options(&self, pair: &Pair) -> Result<MatchOptions, Failure> {
         let start = match self.start {
@@ -574,7 +579,7 @@ impl MatchArgs {
                 true => Directions::Forward,
                 false => Directions::Both,
             },
-            unit: self.unit.unwrap_or(pair.unit),
+            unit: self.unit(pair),
             seed: self.seed,
             ..MatchOptions::default()
         })

@@ -392,7 +392,8 @@ fn near(
 }
 
 /// Refuses more quads than there is memory for.
-fn affordable(quads: usize, bytes: f64, session: &Session) -> Result<(), Failure> {
+/// An error if so many quads need more than `--max-memory`.
+pub fn affordable(quads: usize, bytes: f64, session: &Session) -> Result<(), Failure> {
     let (needed, allowed) = (quads as f64 * bytes, session.memory() as f64);
     if needed > allowed {
         let [needed, allowed] = [needed, allowed].map(|bytes| bytes / 1e9);

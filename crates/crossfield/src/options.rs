@@ -82,7 +82,8 @@ pub struct Options {
     pub size: Size,
     /// Irregular vertices lie multiples of 2^nested sides apart, so that squares of so many quads fit together everywhere, as
     /// adaptive T-meshes want it (Eq. 5.3: a map of lines 2^nested as far apart, with the lines between); at most 10. The
-    /// quads of the last rung of the ladder are not nested. 0 is no condition, and more ask for larger parts without
+    /// quads of the last rung of the ladder are not nested, and where the direct map fails the others remesh at half of
+    /// 2^nested sides, which loses details smaller than that. 0 is no condition, and more ask for larger parts without
     /// irregular vertices.
     pub nested: u8,
     /// What the field follows, together: of a triangle that several name, the first has it.

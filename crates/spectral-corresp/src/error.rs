@@ -28,8 +28,8 @@ pub enum Error {
         /// The smallest value.
         smallest: f64,
     },
-    /// A value is not a number.
-    #[error("the value at lattice point {point} is not finite")]
+    /// A value or place is not a number.
+    #[error("the value or place of lattice point {point} is not finite")]
     NotFinite {
         /// Its place in memory.
         point: usize,
@@ -137,6 +137,14 @@ pub enum Error {
     Unlinked {
         /// Modes that do.
         kept: usize,
+    },
+    /// The equations of a morph were not solved.
+    #[error(
+        "the equations of the morph are solved to a relative residual of {residual:e} only; lead more landmarks"
+    )]
+    NotSolved {
+        /// The residual that is left.
+        residual: f64,
     },
     /// The mesh is not closed, so it has no inside.
     #[error(

@@ -25,26 +25,28 @@ impl Neighbourhoods {
         seed: u64,
     ) -> Result<Self, Error> {
         let tree = PointTree::of_positions(points)?;
-        let all: Vec<Vec<u32>> = points
+        let around = |p: &Point3| tree.within(&[p.x, p.y, p.z], radius);
+        // Counted first and found again: not all pairs are ever held at once.
+        let counts: Vec<u32> = points
             .par_iter()
             .with_min_len(32)
-            .map(|p| {
-                let near = tree.within(&[p.x, p.y, p.z], radius);
-                near.into_iter().map(|n| n.index).collect()
-            })
+            .map(|p| around(p).len() as u32)
             .collect();
         let random = SplitMix64::new(seed);
         let is_in = |i: u32, j: u32| {
-            let least = all[i as usize].len().min(all[j as usize].len()) - 1;
+            let least = counts[i as usize].min(counts[j as usize]) - 1;
             let (low, high) = (u64::from(i.min(j)), u64::from(i.max(j)));
             let draw = random.nth(low.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ high) >> 11;
-            (draw as f64) * (1.0 / (1u64 << 53) as f64) * (least as f64) < per_node as f64
+            (draw as f64) * (1.0 / (1u64 << 53) as f64) * f64::from(least) < per_node as f64
         };
-        let rows: Vec<Vec<u32>> = (0..points.len() as u32)
-            .into_par_iter()
-            .map(|i| {
-                let mut row = all[i as usize].clone();
-                row.retain(|&j| j != i && is_in(i, j));
+        let rows: Vec<Vec<u32>> = points
+            .par_iter()
+            .enumerate()
+            .with_min_len(32)
+            .map(|(i, p)| {
+                let i = i as u32;
+                let others = around(p).into_iter().map(|n| n.index);
+                let mut row: Vec<u32> = others.filter(|&j| j != i && is_in(i, j)).collect();
                 row.sort_unstable();
                 row
             })
@@ -85,4 +87,15 @@ impl Neighbourhoods {
     pub fn others(&self) -> &[u32] {
         &self.others
     }
+}
+
+/// The mean distance of points from the nearest other one.
+pub(crate) fn distance(points: &[Point3]) -> Result<f64, Error> {
+    let tree = PointTree::of_positions(points)?;
+    let nearest = |i: usize| {
+        let p = points[i];
+        let near = tree.nearest(&[p.x, p.y, p.z], 2);
+        near.last().map_or(0.0, |n| n.distance)
+    };
+    Ok(parallel::sum(points.len(), nearest) / points.len().max(1) as f64)
 }

@@ -160,7 +160,7 @@ pub struct MatchOptions {
     pub start: Start,
     /// How starts are made better.
     pub refine: Refine,
-    /// Modes of each shape, and joint modes.
+    /// Modes of each shape, of which the spectral start tries the first 1 to 5 and 8, and joint modes.
     pub modes: usize,
     /// Rows of the thesis's start.
     pub histograms: HistogramOptions,

@@ -57,8 +57,10 @@ pub enum Error {
         "rational T-splines are not nested; make the surface of the cut T-mesh anew and fit it"
     )]
     NotNested,
-    /// A control point is NaN or infinite.
-    #[error("control point {control} has a coordinate that is not a finite number")]
+    /// A control point is NaN or infinite, or its weight is not positive.
+    #[error(
+        "control point {control} has a coordinate that is not a finite number, or a weight that is not positive"
+    )]
     NotFinite {
         /// The control point.
         control: usize,
@@ -79,6 +81,14 @@ pub enum Error {
     /// There are no eigenpairs.
     #[error(transparent)]
     Spectral(#[from] geom_core::algebra::eigen::Error),
+    /// A system of equations was not solved to its tolerance.
+    #[error(
+        "the equations are solved to a relative residual of {residual:e} only; is the surface in one piece?"
+    )]
+    NotSolved {
+        /// The residual that is left.
+        residual: f64,
+    },
     /// A recorded T-mesh contradicts itself.
     #[error(
         "the {what} of the recorded T-mesh do not follow from its fine quads and levels; write it anew"

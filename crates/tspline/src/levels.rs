@@ -6,11 +6,13 @@
 use std::collections::VecDeque;
 
 use geom_core::mesh::Halfedges;
+use geom_core::options::require;
 use geom_core::search::bvh::{Closest, TriangleTree};
 use geom_core::surface::curvature;
 use geom_core::{FaceId, HalfedgeId, Point3, QuadMesh, TriMesh, Vector3};
 
 use crate::Error;
+use crate::mesh::check_levels;
 use crate::options::{CleanOptions, MAX_LEVEL};
 
 /// Rings of neighbours to which curvature is fitted.
@@ -57,7 +59,7 @@ impl<'a> Places<'a> {
         Ok(self.closest.iter().map(of).collect())
     }
 
-    /// The larger principal curvature at the quads, without sign, Å⁻¹; 0 where it is unknown.
+    /// The larger principal curvature at the quads, without sign, Å⁻¹; 0 where it is unknown, as at rims.
     pub fn curvatures(&self) -> Vec<f64> {
         let largest = |c: &curvature::Principal| {
             let largest = c.max.abs().max(c.min.abs());
@@ -101,13 +103,14 @@ pub fn by_side(fine: &QuadMesh, lengths: &[f64], most: u8) -> Result<Vec<u8>, Er
 /// Levels by curvature: along the side of an element the surface turns by `angle` (radians) at most.
 ///
 /// # Errors
-/// [`Error::Count`] if the places are those of other quads.
+/// [`Error::Count`] if the places are those of other quads; [`Error::Option`] unless the angle is positive.
 pub fn by_curvature(
     fine: &QuadMesh,
     places: &Places<'_>,
     angle: f64,
     most: u8,
 ) -> Result<Vec<u8>, Error> {
+    require(angle > 0.0, "angle", angle, "be positive, in radians")?;
     let lengths: Vec<f64> = places.curvatures().iter().map(|k| angle / k).collect();
     by_side(fine, &lengths, most)
 }
@@ -143,10 +146,10 @@ pub fn by_field(values: &[f64], most: u8) -> Vec<u8> {
 /// one.
 ///
 /// # Errors
-/// [`Error::Count`] unless there is one level per quad; [`Error::Mesh`], [`Error::Option`].
+/// [`Error::Count`] unless there is one level per quad; [`Error::Level`], [`Error::Mesh`], [`Error::Option`].
 pub fn cleaned(fine: &QuadMesh, levels: &[u8], options: &CleanOptions) -> Result<Vec<u8>, Error> {
     options.check()?;
-    one_each("levels", levels.len(), fine.quads().len())?;
+    check_levels(fine, levels)?;
     let edges = Halfedges::of_quads(fine)?;
     let mut levels = levels.to_vec();
     for _ in 0..options.rounds {

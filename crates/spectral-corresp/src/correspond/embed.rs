@@ -27,6 +27,19 @@ impl<'a> Embedding<'a> {
         images: &'a [Point3],
         rotations: &[Matrix3<f64>],
     ) -> Result<Self, Error> {
+        let expected = rest.len();
+        let fits = |what, found| match found == expected {
+            true => Ok(()),
+            false => Err(Error::Length {
+                what,
+                found,
+                expected,
+            }),
+        };
+        fits("images of control nodes", images.len())?;
+        if !rotations.is_empty() {
+            fits("rotations of control nodes", rotations.len())?;
+        }
         let tree = PointTree::of_positions(rest)?;
         let own = |p: &Point3| -> Motion {
             let near = tree.nearest(&[p.x, p.y, p.z], 2 * FOLLOWED);

@@ -7,6 +7,7 @@ use crate::Error;
 use crate::backend::On;
 use crate::options::MatchOptions;
 use crate::shape::{self, VoxelShape};
+use crate::truth::check_map;
 
 /// Modes less correlated over the links than this move the shapes against each other.
 const IN_PHASE: f64 = 0.5;
@@ -42,6 +43,9 @@ pub fn joint_modes(
     options: &MatchOptions,
     run: On<'_>,
 ) -> Result<JointModes, Error> {
+    options.check()?;
+    check_map(a, b, forward)?;
+    check_map(b, a, backward)?;
     let links = links(a, b, forward, backward);
     let mut link = options.link;
     for attempt in 0..=STRONGER.1 {

@@ -4,10 +4,11 @@ mod embed;
 mod joint;
 
 use geom_core::nalgebra::Matrix3;
+use geom_core::options::require;
 use geom_core::{Point3, Run, Vector3};
 
 use crate::Error;
-use crate::backend::{CorrespBackend, On};
+use crate::backend::{CorrespBackend, Nearest, On, Rows};
 use crate::fit::{self, Fit, LONG, SHORT, Side, anneal, descend};
 use crate::options::{Directions, MatchOptions, Refine, Start};
 use crate::shape::VoxelShape;
@@ -54,7 +55,7 @@ pub struct CandidateReport {
     pub backward: bool,
     /// The score by which it was chosen among its kind, Å.
     pub start: f64,
-    /// J after a short fit, Å.
+    /// J after a short fit, or as it is where none is asked for, Å.
     pub fitted: f64,
     /// How far its images are from those of the best one on average, Å; 0 for the best.
     pub apart: f64,
@@ -77,7 +78,7 @@ pub struct Correspondence {
     /// The share of the second shape's boundary nodes that are partners of the first's.
     pub coverage: f64,
     /// J: root mean square distortion of neighbourhoods of 6 Å, and the mean distances both ways, Å (see
-    /// [`MatchOptions::unit`]).
+    /// [`MatchOptions::unit`]), of the way that was solved.
     pub score: f64,
     /// What that means.
     pub verdict: Verdict,
@@ -143,16 +144,21 @@ pub fn correspond<B: CorrespBackend + ?Sized>(
     if options.directions == Directions::Both && options.refine == Refine::Annealed {
         searches.push(search(&back, &front, options, run)?);
     }
-    let ambiguous = searches.iter().any(Search::is_ambiguous);
     // The best of both are fitted whole, since a short fit does not always tell.
     let all = searches.iter().enumerate();
     let mut ranked: Vec<(bool, &Tried)> = all
         .flat_map(|(way, s)| s.tried.iter().map(move |t| (way == 1, t)))
         .collect();
     ranked.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
-    let near_best = |t: &Tried| t.score <= NEAR_BEST * ranked[0].1.score;
+    let least = ranked[0].1.score;
+    let ambiguous = searches.iter().any(|s| s.is_ambiguous(least));
+    // Not to be passed by, whatever it is: a score may be no number.
+    let near_best = |rank: usize, t: &Tried| rank == 0 || t.score <= NEAR_BEST * least;
     let mut best: Option<(bool, Fit)> = None;
-    for &(backward, tried) in ranked.iter().take(FITTED).filter(|(_, t)| near_best(t)) {
+    for (rank, &(backward, tried)) in ranked.iter().take(FITTED).enumerate() {
+        if !near_best(rank, tried) {
+            continue;
+        }
         let (from, to) = if backward {
             (&back, &front)
         } else {
@@ -196,17 +202,16 @@ fn finish(
     options: &MatchOptions,
     run: On<'_>,
 ) -> Result<Correspondence, Error> {
-    let forward: Vec<u32> = fit.forward.iter().map(|n| n.index).collect();
-    let backward: Vec<u32> = fit.backward.iter().map(|n| n.index).collect();
+    let [forward, backward] = [&fit.forward, &fit.backward].map(|f| indices(f));
     run.progress("joint modes", 0, 1)?;
     let modes = joint_modes(a, b, &forward, &backward, options, run)?;
     let mut hit = vec![false; b.boundary().len()];
     forward.iter().for_each(|&j| hit[j as usize] = true);
     let [good, failed] = options.verdict;
     let verdict = match score {
-        s if s > failed => Verdict::Failed,
-        s if s >= good || ambiguous => Verdict::Doubtful,
-        _ => Verdict::Good,
+        s if s < good && !ambiguous => Verdict::Good,
+        s if s <= failed => Verdict::Doubtful,
+        _ => Verdict::Failed,
     };
     let scaled = |p: &Point3| Point3::from(p.coords * options.unit);
     Ok(Correspondence {
@@ -237,12 +242,12 @@ fn check_spacings(a: &VoxelShape, b: &VoxelShape) -> Result<(), Error> {
 }
 
 /// What the search needs to know of both shapes.
-fn boundaries(
-    a: &VoxelShape,
-    b: &VoxelShape,
+fn boundaries<'a>(
+    a: &'a VoxelShape,
+    b: &'a VoxelShape,
     options: &MatchOptions,
     run: On<'_>,
-) -> Result<(Boundary, Boundary), Error> {
+) -> Result<(Boundary<'a>, Boundary<'a>), Error> {
     let diameters =
         |s: &VoxelShape| -> Vec<f64> { s.diameters().iter().map(|d| d / options.unit).collect() };
     let both = [diameters(a), diameters(b)];
@@ -251,7 +256,11 @@ fn boundaries(
         all().fold(f64::INFINITY, f64::min),
         all().fold(0.0, f64::max),
     ];
-    let of = |shape: &VoxelShape, diameters: &[f64]| -> Result<Boundary, Error> {
+    let spacing = a.lattice().spacing / options.unit;
+    let radius = options.histograms.radius;
+    let must = "be larger than the spacing";
+    require(radius > spacing, "histograms.radius", radius, must)?;
+    let of = |shape: &'a VoxelShape, diameters: &[f64]| -> Result<Boundary<'a>, Error> {
         run.progress("shapes", 0, 2)?;
         let points = shape.boundary_points().iter();
         let side = Side {
@@ -279,6 +288,7 @@ fn boundaries(
             values = found.values;
         }
         Ok(Boundary {
+            shape,
             spread: start::spread(&side.points, THINNED),
             side,
             histograms,
@@ -301,7 +311,7 @@ struct Given {
 fn given(
     a: &VoxelShape,
     b: &VoxelShape,
-    front: &Boundary,
+    front: &Boundary<'_>,
     options: &MatchOptions,
 ) -> Result<Given, Error> {
     match &options.start {
@@ -358,16 +368,16 @@ struct Tried {
     /// J after the fit.
     score: f64,
     images: Vec<Point3>,
-    /// Of the neighbourhoods; none without a fit.
+    /// Of the neighbourhoods.
     rotations: Vec<Matrix3<f64>>,
     /// How far the images are from those of the best.
     apart: f64,
 }
 
 impl Search {
-    /// Does quite another map score as well as the best?
-    fn is_ambiguous(&self) -> bool {
-        let most = AMBIGUOUS.0 * self.tried[0].score + AMBIGUOUS.1;
+    /// Does quite another map than the best one of this way score as well as `least`, the best of both?
+    fn is_ambiguous(&self, least: f64) -> bool {
+        let most = AMBIGUOUS.0 * least + AMBIGUOUS.1;
         self.tried
             .iter()
             .any(|t| t.apart > ANOTHER && t.score < most)
@@ -376,8 +386,8 @@ impl Search {
 
 /// Tries the candidates of one way.
 fn search(
-    a: &Boundary,
-    b: &Boundary,
+    a: &Boundary<'_>,
+    b: &Boundary<'_>,
     options: &MatchOptions,
     run: On<'_>,
 ) -> Result<Search, Error> {
@@ -395,13 +405,15 @@ fn search(
             rotations: Vec::new(),
             apart: 0.0,
         };
-        // The thesis does not fit; its candidates are told apart by their distortion.
-        if options.refine == Refine::Annealed {
-            let fit = anneal(&from, &to, one.images, &[], SHORT, options.seed, run)?;
-            one.score = fit.score();
-            one.images = fit.images;
-            one.rotations = fit.rotations;
-        }
+        // The thesis does not fit; its candidates are told apart by J as they are.
+        let stages = match options.refine {
+            Refine::Annealed => SHORT,
+            _ => fit::JUDGE,
+        };
+        let fit = anneal(&from, &to, one.images, &[], stages, options.seed, run)?;
+        one.score = fit.score();
+        one.images = fit.images;
+        one.rotations = fit.rotations;
         tried.push(one);
     }
     tried.sort_by(|a, b| a.score.total_cmp(&b.score));
@@ -414,8 +426,8 @@ fn search(
 
 /// All nodes follow those that were tried, and are fitted.
 fn fit_whole(
-    a: &Boundary,
-    b: &Boundary,
+    a: &Boundary<'_>,
+    b: &Boundary<'_>,
     tried: &Tried,
     options: &MatchOptions,
     run: On<'_>,
@@ -428,8 +440,8 @@ fn fit_whole(
 
 /// The maps to be tried.
 fn candidates(
-    a: &Boundary,
-    b: &Boundary,
+    a: &Boundary<'_>,
+    b: &Boundary<'_>,
     options: &MatchOptions,
     run: On<'_>,
 ) -> Result<Vec<Candidate>, Error> {
@@ -453,8 +465,8 @@ fn candidates(
 
 /// The last fit, on all nodes; on the spread ones first where there are too many.
 fn refine(
-    a: &Boundary,
-    b: &Boundary,
+    a: &Boundary<'_>,
+    b: &Boundary<'_>,
     images: Vec<Point3>,
     anchors: &[(u32, Point3)],
     options: &MatchOptions,
@@ -465,8 +477,8 @@ fn refine(
     match options.refine {
         Refine::None => anneal(&a.side, &b.side, images, anchors, fit::JUDGE, seed, run),
         Refine::Thesis { tolerance, most } => {
-            let images = thesis_links(a, b, images, run)?;
-            let (images, _) = descend(
+            let images = thesis_links(a, b, images, options, run)?;
+            let images = descend(
                 &a.side,
                 &b.side,
                 images,
@@ -481,7 +493,10 @@ fn refine(
         Refine::Annealed
             if a.side.points.len().max(b.side.points.len()) > options.control_nodes =>
         {
-            let few = start::spread(&a.side.points, options.control_nodes);
+            let mut few = start::spread(&a.side.points, options.control_nodes);
+            let anchored = anchors.iter().map(|(node, _)| *node);
+            let missing: Vec<u32> = anchored.filter(|n| !few.contains(n)).collect();
+            few.extend(missing);
             let others = start::spread(&b.side.points, options.control_nodes);
             let (from, to) = (a.side.some(&few), b.side.some(&others));
             let placed = few.iter().map(|&n| images[n as usize]).collect();
@@ -499,23 +514,43 @@ fn refine(
     }
 }
 
-/// The nodes nearest to the images, which is where the thesis's second step starts.
+/// The thesis's first step: joint modes from links between the images and their nearest nodes; each node goes to the one
+/// with the nearest row of them.
 fn thesis_links(
-    a: &Boundary,
-    b: &Boundary,
+    a: &Boundary<'_>,
+    b: &Boundary<'_>,
     images: Vec<Point3>,
+    options: &MatchOptions,
     run: On<'_>,
 ) -> Result<Vec<Point3>, Error> {
-    let fit = anneal(&a.side, &b.side, images, &[], fit::JUDGE, 0, run)?;
-    let partner = |n: &crate::backend::Nearest| b.side.points[n.index as usize];
-    Ok(fit.forward.iter().map(partner).collect())
+    let fit = anneal(&a.side, &b.side, images, &[], fit::JUDGE, options.seed, run)?;
+    let [forward, backward] = [&fit.forward, &fit.backward].map(|f| indices(f));
+    let modes = joint_modes(a.shape, b.shape, &forward, &backward, options, run)?;
+    let rows = |shape: &VoxelShape, modes: &[Vec<f64>]| -> Vec<f64> {
+        let row = |&n: &u32| modes.iter().map(move |m| m[n as usize]);
+        shape.boundary().iter().flat_map(row).collect()
+    };
+    let (queries, targets) = (rows(a.shape, &modes.first), rows(b.shape, &modes.second));
+    let width = modes.values.len();
+    let rows = |values| Rows { values, width };
+    let mut found = Vec::new();
+    run.backend
+        .nearest(rows(&queries), rows(&targets), &mut found)?;
+    Ok(found
+        .iter()
+        .map(|n| b.side.points[n.index as usize])
+        .collect())
+}
+
+fn indices(near: &[Nearest]) -> Vec<u32> {
+    near.iter().map(|n| n.index).collect()
 }
 
 /// A fit from `b` to `a` as one from `a` to `b`.
 fn turn_round(a: &Side, b: &Side, fit: &Fit, seed: u64, run: On<'_>) -> Result<Fit, Error> {
     // The image of a node of `a` goes with the node of `b` whose image it met.
     let met = &fit.backward;
-    let image = |(p, n): (&Point3, &crate::backend::Nearest)| {
+    let image = |(p, n): (&Point3, &Nearest)| {
         let j = n.index as usize;
         let offset: Vector3 = p - fit.images[j];
         b.points[j] + fit.rotations[j].transpose() * offset

@@ -9,6 +9,7 @@ use geom_core::{Point3, Vector3};
 use super::{Neighbourhoods, distortions, lifted, six};
 use crate::Error;
 use crate::backend::{Nearest, On, RotationTask, SweepTask};
+use crate::near;
 
 /// A stage: pairs within `radius` (Å), so many rounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +43,8 @@ const PULL: f64 = 0.1;
 const MOST_PULL: f64 = 3.0;
 /// Steps of Jacobi's method per round.
 const SWEEPS: usize = 3;
+/// Neighbourhoods reach at least this many times as far as the nearest node.
+const LEAST_RADIUS: f64 = 3.0;
 /// A stage ends when nodes move less than this in a round on average, Å.
 const AT_REST: f64 = 0.02;
 /// The pull of an anchor.
@@ -97,12 +100,15 @@ pub(crate) fn anneal(
         backward: Vec::new(),
         distortion: 0.0,
     };
-    let mut near = Neighbourhoods::default();
+    let mut pairs = Neighbourhoods::default();
+    // Where nodes lie far apart, so must neighbours.
+    let least = LEAST_RADIUS * near::distance(&a.points)?;
     for stage in stages {
-        near = Neighbourhoods::within(&a.points, stage.radius, stage.pairs, seed)?;
+        let radius = stage.radius.max(least);
+        pairs = Neighbourhoods::within(&a.points, radius, stage.pairs, seed)?;
         for _ in 0..stage.rounds {
             let before = fit.images.clone();
-            round(a, b, &targets, anchors, &near, &mut fit, run)?;
+            round(a, b, &targets, anchors, &pairs, &mut fit, run)?;
             let moved = fit.images.iter().zip(&before).map(|(x, y)| (x - y).norm());
             if moved.sum::<f64>() < AT_REST * before.len() as f64 {
                 break;
@@ -112,7 +118,7 @@ pub(crate) fn anneal(
     let task = RotationTask {
         rest: &a.points,
         now: &fit.images,
-        near: &near,
+        near: &pairs,
     };
     run.backend.rotations(&task, &mut fit.rotations)?;
     let squares = distortions(&task, &fit.rotations);

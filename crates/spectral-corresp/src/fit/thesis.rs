@@ -11,7 +11,7 @@ use crate::backend::{On, RotationTask, Rows, SweepTask};
 const PAIRS: usize = 60;
 
 /// Jacobi steps with the images put back on the nearest node of `b`, until the energy falls by less than `tolerance`
-/// of itself, at most `most`. Gives the images and the root mean square distortion, Å.
+/// of itself, at most `most`.
 #[expect(
     clippy::too_many_arguments,
     reason = "one call, and each of them is a parameter of the method"
@@ -25,7 +25,7 @@ pub(crate) fn descend(
     most: usize,
     seed: u64,
     run: On<'_>,
-) -> Result<(Vec<Point3>, f64), Error> {
+) -> Result<Vec<Point3>, Error> {
     let near = Neighbourhoods::within(&a.points, radius, PAIRS, seed)?;
     let flat = |points: &[Point3]| {
         points
@@ -36,7 +36,7 @@ pub(crate) fn descend(
     let targets = flat(&b.points);
     let free = vec![0.0; images.len()];
     let (mut rotations, mut next, mut found) = (Vec::new(), Vec::new(), Vec::new());
-    let mut energy = f64::INFINITY;
+    let (mut energy, mut before) = (f64::INFINITY, images.clone());
     for _ in 0..most {
         let shape = RotationTask {
             rest: &a.points,
@@ -45,11 +45,14 @@ pub(crate) fn descend(
         };
         run.backend.rotations(&shape, &mut rotations)?;
         let now: f64 = distortions(&shape, &rotations).iter().sum();
+        if now > energy {
+            return Ok(before);
+        }
         if energy - now < tolerance * energy && energy.is_finite() {
-            energy = energy.min(now);
             break;
         }
         energy = now;
+        before.clone_from(&images);
         let task = SweepTask {
             shape,
             rotations: &rotations,
@@ -63,5 +66,5 @@ pub(crate) fn descend(
             .nearest(rows(&moved), rows(&targets), &mut found)?;
         images = found.iter().map(|n| b.points[n.index as usize]).collect();
     }
-    Ok((images, (energy / a.points.len().max(1) as f64).sqrt()))
+    Ok(images)
 }

@@ -28,9 +28,10 @@ pub(super) fn lattice_of(
     let bounds = Aabb::of_points(positions.iter().flat_map(|p| p.iter()));
     let local = |p: &Point3| (p - lattice.origin) / h;
     let (low, high) = (local(&bounds.min), local(&bounds.max));
-    let low = low.map(|c| c.round() as i64 - MARGIN);
-    let high = high.map(|c| c.round() as i64 + MARGIN);
-    let counts = [0, 1, 2].map(|a| (high[a].saturating_sub(low[a]) + 1) as usize);
+    let low = low.map(|c| (c.round() as i64).saturating_sub(MARGIN));
+    let high = high.map(|c| (c.round() as i64).saturating_add(MARGIN));
+    let counts =
+        [0, 1, 2].map(|a| high[a].saturating_sub(low[a]).saturating_add(1).max(1) as usize);
     let made = Lattice {
         origin: lattice.origin + low.map(|c| c as f64 * h),
         spacing: h,

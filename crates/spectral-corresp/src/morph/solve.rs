@@ -17,6 +17,8 @@ const TOLERANCE: iterate::Options = iterate::Options {
     tolerance: 1e-6,
     max_iterations: 2000,
 };
+/// A residual larger than this is no solution.
+const POOR: f64 = 1e-3;
 /// The number of a node that is held.
 const HELD: u32 = u32::MAX;
 
@@ -106,6 +108,10 @@ impl Solver {
             let image = self.matrix.multiply(&start, 3);
             let missing: Vec<f64> = block.iter().zip(&image).map(|(b, a)| b - a).collect();
             let found = conjugate_gradients(&self.matrix, &self.factor, &missing, 3, &TOLERANCE)?;
+            let residual = found.residuals.iter().copied().fold(0.0, f64::max);
+            if !(found.converged || residual < POOR) {
+                return Err(Error::NotSolved { residual });
+            }
             block = start
                 .iter()
                 .zip(&found.values)

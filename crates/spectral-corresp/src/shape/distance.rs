@@ -26,7 +26,7 @@ pub(crate) fn squared_distances(counts: [usize; 3], inside: &[bool]) -> Vec<u32>
             }
         });
     for d in &mut rows {
-        *d *= *d;
+        *d = d.saturating_mul(*d);
     }
     // Along the third axis, into columns of it: [y][x][z].
     let mut columns = vec![0u32; inside.len()];
@@ -95,7 +95,7 @@ impl Envelope {
                 at += 1;
             }
             let (u, height, _) = parabolas[at];
-            out[t as usize] = ((t - u) * (t - u) + height) as u32;
+            out[t as usize] = ((t - u) * (t - u) + height).min(u32::MAX.into()) as u32;
         }
     }
 }

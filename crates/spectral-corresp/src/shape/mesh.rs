@@ -43,11 +43,11 @@ pub(super) fn inside(
         }
     }
     let mut inside = vec![false; lattice.len()];
-    inside
+    let found: Vec<Result<(), Error>> = inside
         .par_chunks_mut(nx)
         .zip(&rows)
         .enumerate()
-        .try_for_each(|(row, (flags, triangles))| {
+        .map(|(row, (flags, triangles))| {
             let [j, k] = [row % ny, row / ny];
             let start = lattice.point([0, j, k]);
             let at = [start.y + shift[0], start.z + shift[1]];
@@ -67,7 +67,10 @@ pub(super) fn inside(
                 flags[first.min(last)..last].fill(true);
             }
             Ok(())
-        })?;
+        })
+        .collect();
+    // The first in order, whichever was found first.
+    found.into_iter().collect::<Result<(), Error>>()?;
     Ok((lattice, inside))
 }
 
@@ -82,7 +85,11 @@ fn crossing(corners: [Point3; 3], [y, z]: [f64; 2]) -> Option<f64> {
     };
     let [a, b, c] = &corners;
     let areas = [side(b, c), side(c, a), side(a, b)];
-    let positive = areas.map(|s| s > 0.0);
+    // A line through an edge belongs to the triangle that has the edge in order.
+    let ordered = |a: &Point3, b: &Point3| (a.y, a.z) <= (b.y, b.z);
+    let edges = [(b, c), (c, a), (a, b)];
+    let positive =
+        [0, 1, 2].map(|k| areas[k] > 0.0 || (areas[k] == 0.0 && ordered(edges[k].0, edges[k].1)));
     if positive[0] != positive[1] || positive[1] != positive[2] {
         return None;
     }

@@ -6,6 +6,7 @@ mod mesh;
 use geom_core::algebra::Mass;
 use geom_core::algebra::eigen::{self, EigenPairs, eigenpairs};
 use geom_core::algebra::graph::{Laplacian, VoxelGraph};
+use geom_core::options::require;
 use geom_core::search::nearest::PointTree;
 use geom_core::{Lattice, LatticeValues, Point3, Run, ScalarGrid, TriMesh, Vector3};
 use rayon::prelude::*;
@@ -147,6 +148,13 @@ impl VoxelShape {
             return Err(Error::Spacing { spacing });
         }
         check_memory(lattice, options.max_memory)?;
+        let bounds = lattice.bounds();
+        if let Some(point) = [bounds.min, bounds.max]
+            .iter()
+            .position(|p| p.iter().any(|c| !c.is_finite()))
+        {
+            return Err(Error::NotFinite { point });
+        }
         let (found, expected) = (inside.len(), lattice.points());
         if found as u128 != expected {
             return Err(Error::Flags { found, expected });
@@ -159,6 +167,13 @@ impl VoxelShape {
             report.filled = fill_cavities(lattice.counts, &mut inside);
         }
         let weights = options.weights.of(spacing);
+        // In single precision, which kernels take, there would be no edges.
+        require(
+            weights[0] >= f64::from(f32::MIN_POSITIVE),
+            "weights",
+            "Angstrom",
+            "be Lattice for a spacing as large as this",
+        )?;
         let make =
             |inside: &[bool]| VoxelGraph::new(lattice.counts, inside, options.neighbours, weights);
         let mut graph = make(&inside)?;
@@ -294,7 +309,8 @@ impl VoxelShape {
         &self.report
     }
 
-    /// The first `count` modes that are not constant (Eq. 6.2, see "Reading the thesis"): `(D − W) φ = λ D φ`.
+    /// The first `count` modes after the constant one (Eq. 6.2, see "Reading the thesis"): `(D − W) φ = λ D φ`. Of a shape
+    /// in several parts the next ones are constant on each.
     pub fn modes<B: CorrespBackend + ?Sized>(
         &self,
         count: usize,
@@ -349,6 +365,13 @@ pub(crate) fn modes(laplacian: &Laplacian, count: usize, run: On<'_>) -> Result<
         report,
         ..
     } = eigenpairs(laplacian, &mass, count + 1, &options, spectral)?;
+    // Nodes without neighbours have no part in any.
+    if values.len() <= count {
+        return Err(Error::TooManyModes {
+            asked: count,
+            nodes: nodes - report.isolated,
+        });
+    }
     values.remove(0);
     vectors.remove(0);
     Ok(Modes {

@@ -11,7 +11,7 @@ use crate::fit::Side;
 use crate::options::HistogramOptions;
 
 /// How many modes the spectral starts take.
-const COUNTS: [usize; 5] = [2, 3, 4, 5, 8];
+const COUNTS: [usize; 6] = [1, 2, 3, 4, 5, 8];
 /// All signs of this many modes are tried; further ones one after the other.
 const ALL_SIGNS: usize = 4;
 /// Neighbours in order are swapped if their eigenvalues differ by less than this share.
@@ -51,8 +51,8 @@ pub(crate) fn histograms(
 
 /// The thesis's start (Eq. 6.7) with both signs of the first mode.
 pub(crate) fn of_histograms(
-    a: &Boundary,
-    b: &Boundary,
+    a: &Boundary<'_>,
+    b: &Boundary<'_>,
     options: &HistogramOptions,
     judge: &Judge,
     run: On<'_>,
@@ -64,7 +64,7 @@ pub(crate) fn of_histograms(
         .sum();
     let mode = variance(a.modes[0].iter());
     let weight = options.mode * (spread / mode.max(f64::MIN_POSITIVE)).sqrt();
-    let rows = |of: &Boundary, nodes: &[u32], sign: f64| -> Vec<f64> {
+    let rows = |of: &Boundary<'_>, nodes: &[u32], sign: f64| -> Vec<f64> {
         let row = |&n: &u32| {
             let n = n as usize;
             let bars = of.histograms[n * bars..][..bars].iter().copied();
@@ -100,7 +100,7 @@ fn nearest_points(
     queries: &[f64],
     targets: &[f64],
     width: usize,
-    b: &Boundary,
+    b: &Boundary<'_>,
     run: On<'_>,
 ) -> Result<Vec<Point3>, Error> {
     let rows = |values| Rows { values, width };
@@ -116,8 +116,8 @@ fn nearest_points(
 /// The first modes of both shapes, matched in order: all signs of the first four, further signs one after the other,
 /// and swaps of neighbours whose eigenvalues are close.
 pub(crate) fn of_modes(
-    a: &Boundary,
-    b: &Boundary,
+    a: &Boundary<'_>,
+    b: &Boundary<'_>,
     judge: &Judge,
     run: On<'_>,
 ) -> Result<Vec<Candidate>, Error> {
@@ -184,8 +184,8 @@ impl Tried {
 }
 
 struct Search<'a> {
-    a: &'a Boundary,
-    b: &'a Boundary,
+    a: &'a Boundary<'a>,
+    b: &'a Boundary<'a>,
     judge: &'a Judge,
     run: On<'a>,
     all: Vec<u32>,

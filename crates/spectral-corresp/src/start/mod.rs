@@ -10,7 +10,9 @@ use geom_core::{Point3, Vector3};
 use crate::Error;
 use crate::backend::{On, RotationTask};
 use crate::fit::{self, Motion, Neighbourhoods, Side, superpose};
+use crate::near;
 use crate::options::MatchOptions;
+use crate::shape::VoxelShape;
 
 pub(crate) use features::{histograms, of_histograms, of_modes};
 pub(crate) use motions::of_motions;
@@ -27,7 +29,8 @@ const APART: f64 = 5.0;
 
 /// What is known of one shape's boundary before the search; lengths in Å.
 #[derive(Clone, Debug)]
-pub(crate) struct Boundary {
+pub(crate) struct Boundary<'a> {
+    pub(crate) shape: &'a VoxelShape,
     pub(crate) side: Side,
     /// Rows of the thesis's start without the mode: histograms of diameters.
     pub(crate) histograms: Vec<f64>,
@@ -50,7 +53,7 @@ pub(crate) struct Candidate {
     pub(crate) score: f64,
 }
 
-impl Boundary {
+impl Boundary<'_> {
     /// The spread nodes alone.
     pub(crate) fn thinned(&self) -> Side {
         self.side.some(&self.spread)
@@ -105,14 +108,15 @@ pub(crate) struct Judge {
 }
 
 impl Judge {
-    pub(crate) fn of(a: &Boundary, seed: u64) -> Result<Self, Error> {
+    pub(crate) fn of(a: &Boundary<'_>, seed: u64) -> Result<Self, Error> {
         let rest: Vec<Point3> = a
             .spread
             .iter()
             .map(|&n| a.side.points[n as usize])
             .collect();
         let rest = rest[..SCORED.min(rest.len())].to_vec();
-        let near = Neighbourhoods::within(&rest, SCORED_RADIUS, SCORED_PAIRS, seed)?;
+        let radius = SCORED_RADIUS.max(3.0 * near::distance(&rest)?);
+        let near = Neighbourhoods::within(&rest, radius, SCORED_PAIRS, seed)?;
         Ok(Self { rest, near })
     }
 
@@ -164,16 +168,25 @@ pub(crate) fn anchored(
         .map(|(p, q)| (scaled(p), scaled(q)))
         .collect();
     let count = anchors.len();
-    let mean = anchors.iter().map(|(p, _)| p.coords).sum::<Vector3>() / count.max(1) as f64;
-    let spread: Matrix3<f64> = anchors
-        .iter()
-        .map(|(p, _)| (p.coords - mean) * (p.coords - mean).transpose())
-        .sum();
-    let extents = spread.symmetric_eigenvalues();
-    let mut extents = [extents[0], extents[1], extents[2]];
-    extents.sort_by(f64::total_cmp);
-    let finite = extents.iter().all(|e| e.is_finite());
-    if count < 3 || !finite || extents[1] <= 1e-6 * extents[2] {
+    let spans = |points: &mut dyn Iterator<Item = Point3>| {
+        let points: Vec<Point3> = points.collect();
+        let mean = points.iter().map(|p| p.coords).sum::<Vector3>() / count.max(1) as f64;
+        let spread: Matrix3<f64> = points
+            .iter()
+            .map(|p| (p.coords - mean) * (p.coords - mean).transpose())
+            .sum();
+        let extents = spread
+            .iter()
+            .all(|x| x.is_finite())
+            .then(|| spread.symmetric_eigenvalues());
+        extents.is_some_and(|e| {
+            let mut e = [e[0], e[1], e[2]];
+            e.sort_by(f64::total_cmp);
+            e[1] > 1e-6 * e[2]
+        })
+    };
+    let both = spans(&mut anchors.iter().map(|a| a.0)) && spans(&mut anchors.iter().map(|a| a.1));
+    if count < 3 || !both {
         return Err(Error::Anchors { count });
     }
     let motion = superpose(&anchors);

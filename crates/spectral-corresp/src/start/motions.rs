@@ -59,7 +59,7 @@ impl Cloud {
 }
 
 /// The best motions of the spread nodes of `a` onto those of `b`, with the two-way mean distance as their score.
-pub(crate) fn of_motions(a: &Boundary, b: &Boundary, seed: u64) -> Vec<Candidate> {
+pub(crate) fn of_motions(a: &Boundary<'_>, b: &Boundary<'_>, seed: u64) -> Vec<Candidate> {
     let (from, to) = (Cloud::of(a.thinned()), Cloud::of(b.thinned()));
     let starts = SplitMix64::new(seed);
     let mut motions: Vec<(f64, Motion)> = (0..ROTATIONS)

@@ -181,7 +181,7 @@ fn loads(surface: &Surface, f: &(dyn Fn(&Point3) -> f64 + Sync)) -> Result<Vec<f
 /// The coefficients of the combination of functions nearest to `f`, in the mean of squares over the surface.
 ///
 /// # Errors
-/// [`Error::Option`] for an `f` that is not finite; [`Error::Matrix`].
+/// [`Error::Option`] for an `f` that is not finite; [`Error::Matrix`], [`Error::NotSolved`].
 pub fn projection(
     surface: &Surface,
     matrices: &Matrices,
@@ -190,14 +190,20 @@ pub fn projection(
     let right: Vec<f64> = (loads(surface, f)?.chunks_exact(2)).map(|x| x[0]).collect();
     let factor = Cholesky::of(&matrices.mass)?;
     let options = iterate::Options::default();
-    Ok(iterate::refine(&matrices.mass, &factor, &right, 1, &options)?.values)
+    solved(iterate::refine(
+        &matrices.mass,
+        &factor,
+        &right,
+        1,
+        &options,
+    )?)
 }
 
 /// The coefficients of the solution of `−Δu = f` on a connected surface, of mean zero; the mean of `f` is left out. On a
 /// boundary its normal derivative is zero.
 ///
 /// # Errors
-/// [`Error::Option`] for an `f` that is not finite; [`Error::Matrix`] on a surface of several components.
+/// [`Error::Option`] for an `f` that is not finite; [`Error::Matrix`] or [`Error::NotSolved`] on a surface of several components.
 pub fn poisson(
     surface: &Surface,
     matrices: &Matrices,
@@ -222,7 +228,7 @@ pub fn poisson(
         .collect();
     let factor = Cholesky::of(&reduced)?;
     let options = iterate::Options::default();
-    let found = iterate::refine(&reduced, &factor, &right, 1, &options)?.values;
+    let found = solved(iterate::refine(&reduced, &factor, &right, 1, &options)?)?;
     let mut solution = vec![0.0];
     solution.extend(found);
     let integral: f64 = (solution.iter().zip(sums.chunks_exact(2)))
@@ -251,4 +257,13 @@ pub fn value(surface: &Surface, coefficients: &[f64], element: usize, at: [f64; 
         coefficients[f as usize] * function
     })
     .sum()
+}
+
+/// Of equations that have a solution the residual falls to rounding.
+fn solved(solution: iterate::Solution) -> Result<Vec<f64>, Error> {
+    let residual = solution.residuals.iter().copied().fold(0.0, f64::max);
+    if solution.converged || residual < 1e-8 {
+        return Ok(solution.values);
+    }
+    Err(Error::NotSolved { residual })
 }

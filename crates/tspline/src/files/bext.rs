@@ -110,7 +110,7 @@ pub fn read(text: &str) -> Result<Exchange, Error> {
     for word in ["B", "E", "X", "T", "2.0"] {
         words.expect(word)?;
     }
-    let [_, nodes, _, _, _]: [usize; 5] = head(&mut words)?;
+    let [_, nodes, elements, _, _]: [usize; 5] = head(&mut words)?;
     let mut out = Exchange::default();
     for _ in 0..nodes {
         out.nodes.push(words.array("a coordinate or weight")?);
@@ -121,6 +121,9 @@ pub fn read(text: &str) -> Result<Exchange, Error> {
         let [kind, elements, nodes, vectors, p, q, r]: [usize; 7] = head(&mut words)?;
         if [kind, p, q, r] != [1, 3, 3, 0] || vectors != nodes {
             return Err(words.wrong("a block of bicubic quads (1 … 3 3 0)", "others"));
+        }
+        if nodes == 0 {
+            return Err(words.wrong("a positive number of nodes", "0"));
         }
         for _ in 0..elements {
             let nodes: Vec<u32> = words.several(nodes, "the number of a node")?;
@@ -154,6 +157,9 @@ pub fn read(text: &str) -> Result<Exchange, Error> {
             let vector = vector.ok_or_else(|| words.wrong("the number of a vector", "another"))?;
             element.rows.push(*vector);
         }
+    }
+    if out.elements.len() != elements {
+        return Err(words.wrong("as many elements as the first line says", "others"));
     }
     out.check()?;
     Ok(out)

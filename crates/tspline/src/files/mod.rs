@@ -54,11 +54,16 @@ impl From<&Surface> for Exchange {
 }
 
 impl Exchange {
-    /// Refuses what cannot be evaluated: nodes that do not exist, numbers of rows that are not those of nodes.
+    /// Refuses what cannot be evaluated: nodes that do not exist or have no place or weight, numbers of rows that are not
+    /// those of nodes.
     ///
     /// # Errors
-    /// [`Error::Count`] with the number of the element.
+    /// [`Error::NotFinite`], [`Error::Count`].
     pub fn check(&self) -> Result<(), Error> {
+        let bad = |node: &[f64; 4]| node.iter().any(|x| !x.is_finite()) || node[3] <= 0.0;
+        if let Some(control) = self.nodes.iter().position(bad) {
+            return Err(Error::NotFinite { control });
+        }
         for element in &self.elements {
             if element.rows.len() != element.nodes.len() {
                 return Err(Error::Count {

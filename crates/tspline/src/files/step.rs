@@ -3,7 +3,10 @@
 //!
 //! CAD has no unit for Å: one millimetre stands for one Å.
 
+use std::collections::BTreeMap;
 use std::io::{self, Write};
+
+use geom_core::compute::sets::DisjointSets;
 
 use crate::Surface;
 use crate::surface::PatchPoints;
@@ -58,9 +61,32 @@ pub fn write(out: &mut dyn Write, surface: &Surface, name: &str) -> io::Result<(
         let shape = file.surface(points)?;
         faces.push(file.add(&format!("ADVANCED_FACE('',(#{bound}),#{shape},.T.)"))?);
     }
-    let closed = seams.segments.iter().all(|s| s.other.is_some());
-    file.product(&name, &faces, closed)?;
+    file.product(&name, &shells(&faces, &seams))?;
     file.text("ENDSEC;\nEND-ISO-10303-21;\n")
+}
+
+/// The faces of each connected part, by its first one, and whether it is closed.
+fn shells(faces: &[u32], seams: &Seams) -> Vec<(Vec<u32>, bool)> {
+    let mut sets = DisjointSets::new(faces.len());
+    for segment in &seams.segments {
+        if let Some(other) = &segment.other {
+            sets.join(segment.owner.patch, other.patch);
+        }
+    }
+    let roots = sets.into_roots();
+    let mut parts = BTreeMap::<u32, (Vec<u32>, bool)>::new();
+    for (face, root) in faces.iter().zip(&roots) {
+        parts
+            .entry(*root)
+            .or_insert((Vec::new(), true))
+            .0
+            .push(*face);
+    }
+    for segment in seams.segments.iter().filter(|s| s.other.is_none()) {
+        let part = parts.get_mut(&roots[segment.owner.patch as usize]);
+        part.expect("the part of a face").1 = false;
+    }
+    parts.into_values().collect()
 }
 
 struct File<'a> {
@@ -145,16 +171,23 @@ impl File<'_> {
     }
 
     /// The shell, and all that a file needs around it.
-    fn product(&mut self, name: &str, faces: &[u32], closed: bool) -> io::Result<()> {
-        let (kind, faces) = (if closed { "CLOSED" } else { "OPEN" }, references(faces));
-        let shell = self.add(&format!("{kind}_SHELL('',({faces}))"))?;
-        let (item, kind) = match closed {
-            true => (
-                format!("MANIFOLD_SOLID_BREP('{name}',#{shell})"),
+    fn product(&mut self, name: &str, parts: &[(Vec<u32>, bool)]) -> io::Result<()> {
+        let mut shells = Vec::with_capacity(parts.len());
+        for (faces, closed) in parts {
+            let (kind, faces) = (if *closed { "CLOSED" } else { "OPEN" }, references(faces));
+            shells.push(self.add(&format!("{kind}_SHELL('',({faces}))"))?);
+        }
+        // One closed shell bounds a solid. Of several, which may lie within each other, only the surfaces are said.
+        let (item, kind) = match parts {
+            [(_, true)] => (
+                format!("MANIFOLD_SOLID_BREP('{name}',#{})", shells[0]),
                 "ADVANCED_BREP_SHAPE_REPRESENTATION",
             ),
-            false => (
-                format!("SHELL_BASED_SURFACE_MODEL('{name}',(#{shell}))"),
+            _ => (
+                format!(
+                    "SHELL_BASED_SURFACE_MODEL('{name}',({}))",
+                    references(&shells)
+                ),
                 "MANIFOLD_SURFACE_SHAPE_REPRESENTATION",
             ),
         };

@@ -384,11 +384,17 @@ impl TMesh {
     /// All blocks of a level that the fine mesh has, whether or not they are elements: the squares of `2^level` quads
     /// that fit together into the coarse mesh of that level where it exists.
     pub fn blocks(&self, level: u8) -> &[Block] {
-        &self.forest.levels[usize::from(level)].list
+        let of_level = self.forest.levels.get(usize::from(level));
+        of_level.map_or(&[], |l| &l.list)
     }
     /// The block of a level in which a fine quad lies.
     pub fn block_of(&self, level: u8, fine_quad: usize) -> Option<u32> {
-        let block = self.forest.levels[usize::from(level)].of_quad[fine_quad];
+        let block = *self
+            .forest
+            .levels
+            .get(usize::from(level))?
+            .of_quad
+            .get(fine_quad)?;
         (block != NONE).then_some(block)
     }
     /// Is the vertex of the fine mesh extraordinary: inside with other than four quads, or on the boundary with other
@@ -399,7 +405,7 @@ impl TMesh {
 }
 
 /// One level per quad, none too high.
-fn check_levels(fine: &QuadMesh, levels: &[u8]) -> Result<(), Error> {
+pub(crate) fn check_levels(fine: &QuadMesh, levels: &[u8]) -> Result<(), Error> {
     let (found, expected) = (levels.len(), fine.quads().len());
     if expected == 0 {
         return Err(Error::Empty);

@@ -19,12 +19,17 @@ use crate::Error;
 /// # Ok::<(), tspline::Error>(())
 /// ```
 pub fn refined(mesh: &QuadMesh, times: u8) -> Result<QuadMesh, Error> {
+    let quads = mesh.quads().len().max(1) as u128;
+    let count = 4u128
+        .checked_pow(times.into())
+        .and_then(|n| n.checked_mul(quads));
+    if count.is_none_or(|n| n > u128::from(u32::MAX / 8)) {
+        let count = count.and_then(|n| usize::try_from(n).ok());
+        let count = count.unwrap_or(usize::MAX);
+        return Err(MeshError::TooMany { count }.into());
+    }
     let mut mesh = mesh.clone();
     for _ in 0..times {
-        let count = 4 * mesh.quads().len();
-        if count > (u32::MAX / 8) as usize {
-            return Err(MeshError::TooMany { count }.into());
-        }
         mesh = once(&mesh)?;
     }
     Ok(mesh)

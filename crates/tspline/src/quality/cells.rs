@@ -5,6 +5,9 @@ use geom_core::{Point3, Vector3};
 use crate::TMesh;
 use crate::options::Method;
 
+/// No side counts as shorter than this share of the mean one.
+const SHORTEST: f64 = 1e-6;
+
 /// A T-mesh as conforming quads: an element with a T-junction is cut from there to the opposite T-junction or, where
 /// there is none, to the middle of the opposite side, its *foot* (Fig. 5.5b).
 pub(crate) struct Cells {
@@ -100,10 +103,16 @@ impl Cells {
 
     /// Right angles between sides whose lengths are in proportion as they are now: the mean of opposite ones (Eqs. 5.5–5.6).
     fn right_angles(&mut self, nodes: &[Point3]) {
-        for quad in &self.quads {
+        let sides = |quad: &[u32; 4]| {
             let p = quad.map(|n| nodes[n as usize]);
             let length = |k: usize| (p[(k + 1) % 4] - p[k]).norm();
-            let sides = [length(0) + length(2), length(1) + length(3)].map(|s| 0.5 * s);
+            [length(0) + length(2), length(1) + length(3)].map(|s| 0.5 * s)
+        };
+        // A quad without extent must not make the energy infinite.
+        let all: f64 = self.quads.iter().flat_map(sides).sum();
+        let least = SHORTEST * all / (2 * self.quads.len()).max(1) as f64;
+        for quad in &self.quads {
+            let sides = sides(quad).map(|s| s.max(least));
             for k in 0..4 {
                 let [next, previous] = [sides[k % 2], sides[(k + 1) % 2]];
                 self.wedges.push(Wedge {

@@ -136,7 +136,10 @@ pub(crate) fn freedoms(mesh: &TMesh, ground: &Ground<'_>) -> Vec<Freedom> {
         let direction = |w: usize| (fine[w] - fine[v]).normalize();
         match lines[..] {
             [] => Freedom::Surface,
-            [a, b] if -direction(a).dot(&direction(b)) > STRAIGHT => Freedom::Line,
+            // Without a line on the surface there is nothing to slide along.
+            [a, b] if !ground.lines.is_empty() && -direction(a).dot(&direction(b)) > STRAIGHT => {
+                Freedom::Line
+            }
             _ => Freedom::Fixed,
         }
     };

@@ -83,7 +83,12 @@ pub fn errors<B: SplineBackend + ?Sized>(
     let largest = |d: &mut dyn Iterator<Item = f64>| d.fold(0.0, f64::max);
     let to_mesh = largest(&mut distances.iter().map(|d| d.0));
     let from_mesh = largest(&mut back.iter().map(|n| n.distance));
-    let mut angles: Vec<f64> = distances.iter().map(|d| d.1).collect();
+    // A sample or triangle without area has no normal.
+    let mut angles: Vec<f64> = distances
+        .iter()
+        .map(|d| d.1)
+        .filter(|a| a.is_finite())
+        .collect();
     angles.sort_unstable_by(f64::total_cmp);
     let [area, volume] = measures(surface, run)?;
     let edges = surface.mesh().fine_edges();

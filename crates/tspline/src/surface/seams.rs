@@ -132,7 +132,7 @@ impl Seams {
         }
     }
 
-    /// Where the surface is at each corner: the mean of what its patches say, which differ by rounding.
+    /// Where the surface is at each corner, as the first of its patches says; the others differ by rounding.
     pub fn positions(&self, surface: &Surface) -> Vec<Point3> {
         let mut at = vec![None; self.corners.len()];
         for (points, corners) in surface.patches().iter().zip(&self.of_patch) {

@@ -55,6 +55,13 @@ pub(crate) fn tessellate_on(
         seams,
         steps: steps as usize,
     };
+    // Refused before anything is made of it.
+    let per = u128::from(steps) * u128::from(steps) * 2;
+    let count = per * surface.patches().len() as u128;
+    if count > u128::from(u32::MAX / 4) {
+        let count = usize::try_from(count).unwrap_or(usize::MAX);
+        return Err(geom_core::MeshError::TooMany { count }.into());
+    }
     let (positions, normals) = parts.vertices(run)?;
     let triangles = (0..surface.patches().len())
         .into_par_iter()
