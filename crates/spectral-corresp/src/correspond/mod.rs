@@ -9,7 +9,7 @@ use geom_core::{Point3, Run, Vector3};
 
 use crate::Error;
 use crate::backend::{CorrespBackend, Nearest, On, Rows};
-use crate::fit::{self, Fit, LONG, SHORT, Side, anneal, descend};
+use crate::fit::{self, Fit, LONG, SHORT, Schedule, Side, anneal, descend};
 use crate::options::{Directions, MatchOptions, Refine, Start};
 use crate::shape::VoxelShape;
 use crate::start::{self, Boundary, Candidate, Judge, best_apart, distance};
@@ -393,6 +393,12 @@ fn search(
 ) -> Result<Search, Error> {
     let candidates = candidates(a, b, options, run)?;
     let (from, to) = (a.thinned(), b.thinned());
+    // The thesis does not fit; its candidates are told apart by J as they are.
+    let stages = match options.refine {
+        Refine::Annealed => SHORT,
+        _ => fit::JUDGE,
+    };
+    let schedule = Schedule::of(&from, stages, options.seed)?;
     let mut tried = Vec::new();
     let total = candidates.len() as u64;
     for (done, candidate) in candidates.into_iter().enumerate() {
@@ -405,12 +411,7 @@ fn search(
             rotations: Vec::new(),
             apart: 0.0,
         };
-        // The thesis does not fit; its candidates are told apart by J as they are.
-        let stages = match options.refine {
-            Refine::Annealed => SHORT,
-            _ => fit::JUDGE,
-        };
-        let fit = anneal(&from, &to, one.images, &[], stages, options.seed, run)?;
+        let fit = anneal(&from, &to, one.images, &[], &schedule, run)?;
         one.score = fit.score();
         one.images = fit.images;
         one.rotations = fit.rotations;
@@ -473,9 +474,10 @@ fn refine(
     run: On<'_>,
 ) -> Result<Fit, Error> {
     let seed = options.seed;
+    let of_all = |stages| Schedule::of(&a.side, stages, seed);
     run.progress("fit", 0, 1)?;
     match options.refine {
-        Refine::None => anneal(&a.side, &b.side, images, anchors, fit::JUDGE, seed, run),
+        Refine::None => anneal(&a.side, &b.side, images, anchors, &of_all(fit::JUDGE)?, run),
         Refine::Thesis { tolerance, most } => {
             let images = thesis_links(a, b, images, options, run)?;
             let images = descend(
@@ -488,7 +490,7 @@ fn refine(
                 seed,
                 run,
             )?;
-            anneal(&a.side, &b.side, images, anchors, fit::JUDGE, seed, run)
+            anneal(&a.side, &b.side, images, anchors, &of_all(fit::JUDGE)?, run)
         }
         Refine::Annealed
             if a.side.points.len().max(b.side.points.len()) > options.control_nodes =>
@@ -505,12 +507,19 @@ fn refine(
                 Some((at as u32, place))
             });
             let on_few: Vec<(u32, Point3)> = on_few.collect();
-            let fit = anneal(&from, &to, placed, &on_few, LONG, seed, run)?;
+            let fit = anneal(
+                &from,
+                &to,
+                placed,
+                &on_few,
+                &Schedule::of(&from, LONG, seed)?,
+                run,
+            )?;
             let embedding = Embedding::new(&from.points, &fit.images, &fit.rotations)?;
             let images = embedding.of(&a.side.points);
-            anneal(&a.side, &b.side, images, anchors, fit::LAST, seed, run)
+            anneal(&a.side, &b.side, images, anchors, &of_all(fit::LAST)?, run)
         }
-        Refine::Annealed => anneal(&a.side, &b.side, images, anchors, LONG, seed, run),
+        Refine::Annealed => anneal(&a.side, &b.side, images, anchors, &of_all(LONG)?, run),
     }
 }
 
@@ -523,7 +532,8 @@ fn thesis_links(
     options: &MatchOptions,
     run: On<'_>,
 ) -> Result<Vec<Point3>, Error> {
-    let fit = anneal(&a.side, &b.side, images, &[], fit::JUDGE, options.seed, run)?;
+    let schedule = Schedule::of(&a.side, fit::JUDGE, options.seed)?;
+    let fit = anneal(&a.side, &b.side, images, &[], &schedule, run)?;
     let [forward, backward] = [&fit.forward, &fit.backward].map(|f| indices(f));
     let modes = joint_modes(a.shape, b.shape, &forward, &backward, options, run)?;
     let rows = |shape: &VoxelShape, modes: &[Vec<f64>]| -> Vec<f64> {
@@ -556,5 +566,5 @@ fn turn_round(a: &Side, b: &Side, fit: &Fit, seed: u64, run: On<'_>) -> Result<F
         b.points[j] + fit.rotations[j].transpose() * offset
     };
     let images: Vec<Point3> = a.points.iter().zip(met).map(image).collect();
-    anneal(a, b, images, &[], fit::JUDGE, seed, run)
+    anneal(a, b, images, &[], &Schedule::of(a, fit::JUDGE, seed)?, run)
 }

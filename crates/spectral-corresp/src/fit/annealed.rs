@@ -82,14 +82,30 @@ impl Fit {
     }
 }
 
+/// Stages on one side, with who is near whom in each: the same for every map of it.
+pub(crate) struct Schedule(Vec<(usize, Neighbourhoods)>);
+
+impl Schedule {
+    pub(crate) fn of(a: &Side, stages: &[Stage], seed: u64) -> Result<Self, Error> {
+        // Where nodes lie far apart, so must neighbours.
+        let least = LEAST_RADIUS * near::distance(&a.points)?;
+        let stage = |s: &Stage| {
+            let near = Neighbourhoods::within(&a.points, s.radius.max(least), s.pairs, seed)?;
+            Ok((s.rounds, near))
+        };
+        Ok(Self(
+            stages.iter().map(stage).collect::<Result<_, Error>>()?,
+        ))
+    }
+}
+
 /// Fits the images of `a` to `b` from `images`, stage after stage. `anchors` are nodes of `a` with a place of their own.
 pub(crate) fn anneal(
     a: &Side,
     b: &Side,
     images: Vec<Point3>,
     anchors: &[(u32, Point3)],
-    stages: &[Stage],
-    seed: u64,
+    schedule: &Schedule,
     run: On<'_>,
 ) -> Result<Fit, Error> {
     let targets = lifted(&b.points, b.normals.iter().copied());
@@ -100,15 +116,13 @@ pub(crate) fn anneal(
         backward: Vec::new(),
         distortion: 0.0,
     };
-    let mut pairs = Neighbourhoods::default();
-    // Where nodes lie far apart, so must neighbours.
-    let least = LEAST_RADIUS * near::distance(&a.points)?;
-    for stage in stages {
-        let radius = stage.radius.max(least);
-        pairs = Neighbourhoods::within(&a.points, radius, stage.pairs, seed)?;
-        for _ in 0..stage.rounds {
+    let none = Neighbourhoods::default();
+    let mut last = &none;
+    for (rounds, near) in &schedule.0 {
+        last = near;
+        for _ in 0..*rounds {
             let before = fit.images.clone();
-            round(a, b, &targets, anchors, &pairs, &mut fit, run)?;
+            round(a, b, &targets, anchors, near, &mut fit, run)?;
             let moved = fit.images.iter().zip(&before).map(|(x, y)| (x - y).norm());
             if moved.sum::<f64>() < AT_REST * before.len() as f64 {
                 break;
@@ -118,7 +132,7 @@ pub(crate) fn anneal(
     let task = RotationTask {
         rest: &a.points,
         now: &fit.images,
-        near: &pairs,
+        near: last,
     };
     run.backend.rotations(&task, &mut fit.rotations)?;
     let squares = distortions(&task, &fit.rotations);

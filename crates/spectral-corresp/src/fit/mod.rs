@@ -18,7 +18,7 @@ use crate::Error;
 use crate::backend::{On, RotationTask, Rows, SweepTask};
 
 pub use crate::near::Neighbourhoods;
-pub(crate) use annealed::{Fit, JUDGE, LAST, LONG, SHORT, Side, anneal};
+pub(crate) use annealed::{Fit, JUDGE, LAST, LONG, SHORT, Schedule, Side, anneal};
 pub use rigid::{Motion, superpose};
 pub(crate) use rows::Flat;
 pub(crate) use thesis::descend;
