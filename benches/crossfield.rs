@@ -62,8 +62,10 @@ fn kernels(c: &mut Criterion) {
         .map(|i| {
             let off = f64::from(i % 997) / 997.0;
             Corner {
-                next: Vector3::new(1.0, 0.3 * off, 0.0),
-                previous: Vector3::new(-0.5 * off, 1.0, 0.1),
+                sides: [
+                    Vector3::new(1.0, 0.3 * off, 0.0),
+                    Vector3::new(-0.5 * off, 1.0, 0.1),
+                ],
                 normal: Vector3::z(),
             }
         })

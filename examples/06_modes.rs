@@ -4,9 +4,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
+use biogeom_examples::input::source::SourceArgs;
+use biogeom_examples::input::surface;
 use biogeom_examples::picture::{Curve, Layer, Paint, Scale, Scene, View, lines, sheet};
-use biogeom_examples::source::SourceArgs;
-use biogeom_examples::{Failure, Session, products, surface};
+use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::algebra::eigen::{Options, eigenpairs};
 use geom_core::io::{self, view::View as Fields};

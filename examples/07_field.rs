@@ -5,9 +5,10 @@ use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::crosses::{self, Guide, Mode};
+use biogeom_examples::input::source::SourceArgs;
+use biogeom_examples::input::surface;
 use biogeom_examples::picture::{Layer, Paint, Scene, View};
-use biogeom_examples::source::SourceArgs;
-use biogeom_examples::{Failure, Session, products, surface};
+use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use crossfield::field::Frames;
 use crossfield::{FieldOptions, cross_field, guidance};

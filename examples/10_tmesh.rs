@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
-use biogeom_examples::tmesh::{self, Made, TMeshArgs};
+use biogeom_examples::input::tmesh::{self, Made, TMeshArgs};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::io::{self, view};

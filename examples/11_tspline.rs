@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
+use biogeom_examples::input::tmesh::{TMeshArgs, affordable};
 use biogeom_examples::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
-use biogeom_examples::tmesh::{TMeshArgs, affordable};
 use biogeom_examples::{Failure, Session, crosses, products};
 use clap::{Parser, ValueEnum};
 use geom_core::io::{self, view::View as Fields};

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
+use biogeom_examples::input::shapes::{Body, MatchArgs, Pair, ShapeArgs};
 use biogeom_examples::picture::{Image, Layer, Paint, Rgb, Scale, Scene, View, sheet};
-use biogeom_examples::shapes::{Body, MatchArgs, Pair, ShapeArgs};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::io::{self, view::View as Fields};

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
+use biogeom_examples::input::shapes::{Field, MatchArgs, Pair, ShapeArgs, contour};
 use biogeom_examples::picture::{Layer, Paint, Scene, View, sheet};
-use biogeom_examples::shapes::{Field, MatchArgs, Pair, ShapeArgs, contour};
 use biogeom_examples::{Failure, Session, products};
 use clap::{Parser, ValueEnum};
 use geom_core::io::structure::pqr;

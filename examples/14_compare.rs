@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
+use biogeom_examples::input::shapes::{MatchArgs, ShapeArgs};
 use biogeom_examples::picture::{ColorMap, Layer, Paint, Scale, Scene, View, sheet};
 use biogeom_examples::products;
-use biogeom_examples::shapes::{MatchArgs, ShapeArgs};
 use biogeom_examples::{Failure, Session};
 use clap::Parser;
 use geom_core::io::{self, view::View as Fields};

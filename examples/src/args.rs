@@ -11,8 +11,8 @@ use geom_core::structure::Selector;
 use geom_core::{Aabb, Point3, Structure, Vector3};
 use serde::{Serialize, Serializer};
 
+use crate::input::source::Source;
 use crate::picture::Renderer;
-use crate::source::Source;
 use crate::{Failure, Session};
 
 /// Where kernels run.

@@ -7,14 +7,11 @@
 
 pub mod args;
 pub mod crosses;
+pub mod input;
 pub mod labels;
 pub mod picture;
 pub mod products;
 pub mod session;
-pub mod shapes;
-pub mod source;
-pub mod surface;
-pub mod tmesh;
 mod words;
 
 pub use session::{Failure, Session, run};

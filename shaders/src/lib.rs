@@ -146,7 +146,7 @@ pub const CROSSFIELD_CHART_DISTORTION: Shader = Shader {
 /// `crossfield`: distortion of the corners of quads.
 pub const CROSSFIELD_CORNER_DISTORTION: Shader = Shader {
     name: "crossfield_corner_distortion",
-    source: joined!("crossfield/corner_distortion"),
+    source: joined!("common/corner", "crossfield/corner_distortion"),
     workgroup: [64, 1, 1],
 };
 
@@ -171,7 +171,7 @@ pub const SECONDFUND_OPS_DISTANCES: Shader = Shader {
 /// `tspline`: distortion of the corners of a T-mesh.
 pub const TSPLINE_CORNER_DISTORTION: Shader = Shader {
     name: "tspline_corner_distortion",
-    source: joined!("tspline/corner_distortion"),
+    source: joined!("common/corner", "tspline/corner_distortion"),
     workgroup: [64, 1, 1],
 };
 
@@ -201,14 +201,14 @@ pub const SPECTRAL_CORRESP_NEAREST: Shader = Shader {
 /// `spectral-corresp`: the rotation of each node's neighbourhood.
 pub const SPECTRAL_CORRESP_ROTATIONS: Shader = Shader {
     name: "spectral_corresp_rotations",
-    source: joined!("spectral_corresp/rotations"),
+    source: joined!("common/neighbourhoods", "spectral_corresp/rotations"),
     workgroup: [64, 1, 1],
 };
 
 /// `spectral-corresp`: a step of Jacobi's method for the distortion.
 pub const SPECTRAL_CORRESP_SWEEP: Shader = Shader {
     name: "spectral_corresp_sweep",
-    source: joined!("spectral_corresp/sweep"),
+    source: joined!("common/neighbourhoods", "spectral_corresp/sweep"),
     workgroup: [64, 1, 1],
 };
 

@@ -49,6 +49,7 @@
 //! # Ok::<(), Error>(())
 //! ```
 
+pub use geom_core::mesh::quality::CornerDistortion;
 use geom_core::{Agreement, Backend, Vector3};
 
 use crate::Error;
@@ -65,7 +66,7 @@ pub trait CrossfieldBackend: Backend + CrossfieldObject {
         out: &mut Vec<ChartDistortion>,
     ) -> Result<(), Error>;
 
-    /// The distortion of each corner of a quad mesh and its derivatives; ε as in [`CornerDistortion`].
+    /// The distortion of each corner of a quad mesh and its derivatives; ε as in [`CornerDistortion::of`].
     fn corner_distortion(
         &self,
         corners: &[Corner],
@@ -89,29 +90,13 @@ pub struct ChartDistortion {
     pub gradient: [[f64; 2]; 3],
 }
 
-/// A corner of a quad: its two sides, divided by their wanted lengths, and the surface's unit normal.
+/// A corner of a quad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// To the next corner.
-    pub next: Vector3,
-    /// To the previous corner.
-    pub previous: Vector3,
+    /// Its sides to the next corner and to the previous one, divided by their wanted lengths.
+    pub sides: [Vector3; 2],
     /// Unit normal of the surface.
     pub normal: Vector3,
-}
-
-/// How far a corner is from a right angle between sides of the wanted lengths: `(P² + S²) / (s + √(s² + ε²))` with
-/// `s = n · (P × S)` (Eq. 5.5, signed); 1 is perfect.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CornerDistortion {
-    /// The distortion.
-    pub energy: f64,
-    /// s, positive where the corner is not inverted.
-    pub area: f64,
-    /// Derivatives with respect to the side to the next corner.
-    pub next: Vector3,
-    /// Derivatives with respect to the side to the previous corner.
-    pub previous: Vector3,
 }
 
 /// What a backend owes to [`CrossfieldBackend::chart_distortion`], for energies and derivatives over the energy: f32 with

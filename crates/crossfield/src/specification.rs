@@ -33,16 +33,5 @@ pub fn chart_distortion(chart: &Chart, corners: &[[f64; 2]; 3], epsilon: f64) ->
 
 /// [`CornerDistortion`] of one corner.
 pub fn corner_distortion(corner: &Corner, epsilon: f64) -> CornerDistortion {
-    let (p, s, n) = (corner.next, corner.previous, corner.normal);
-    let area = n.dot(&p.cross(&s));
-    let root = (area * area + epsilon * epsilon).sqrt();
-    let (bottom, slope) = (area + root, 1.0 + area / root);
-    let top = p.norm_squared() + s.norm_squared();
-    let along = top * slope / (bottom * bottom);
-    CornerDistortion {
-        energy: top / bottom,
-        area,
-        next: p * (2.0 / bottom) - s.cross(&n) * along,
-        previous: s * (2.0 / bottom) - n.cross(&p) * along,
-    }
+    CornerDistortion::of(&corner.sides, &corner.normal, epsilon)
 }

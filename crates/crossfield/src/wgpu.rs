@@ -94,7 +94,7 @@ impl CrossfieldBackend for Wgpu {
             let narrow = |v: &Vector3| [v.x as f32, v.y as f32, v.z as f32, 0.0];
             let inputs: Vec<[f32; 4]> = part
                 .iter()
-                .flat_map(|c| [&c.next, &c.previous, &c.normal].map(narrow))
+                .flat_map(|c| [&c.sides[0], &c.sides[1], &c.normal].map(narrow))
                 .collect();
             let shader = &CROSSFIELD_CORNER_DISTORTION;
             let made = dispatched(self, shader, &inputs, part.len(), epsilon)?;
@@ -103,8 +103,7 @@ impl CrossfieldBackend for Wgpu {
                 CornerDistortion {
                     energy,
                     area,
-                    next: Vector3::new(a, b, c),
-                    previous: Vector3::new(d, e, f),
+                    gradient: [Vector3::new(a, b, c), Vector3::new(d, e, f)],
                 }
             }));
         }

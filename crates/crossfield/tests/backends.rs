@@ -67,7 +67,7 @@ fn chart_numbers(all: &[ChartDistortion]) -> Vec<f64> {
 
 fn corner_numbers(all: &[CornerDistortion]) -> Vec<f64> {
     let numbers = |d: &CornerDistortion| {
-        let g = d.next.iter().chain(d.previous.iter()).map(|g| g / d.energy);
+        let g = d.gradient.iter().flatten().map(|g| g / d.energy);
         [d.energy, d.area].into_iter().chain(g).collect::<Vec<_>>()
     };
     all.iter().flat_map(numbers).collect()
@@ -78,8 +78,10 @@ fn corners() -> impl Strategy<Value = Vec<Corner>> {
     prop::collection::vec((vector(), vector()), 1..60).prop_map(|all| {
         all.into_iter()
             .map(|(a, b)| Corner {
-                next: Vector3::x() + Vector3::from(a),
-                previous: Vector3::y() + Vector3::from(b),
+                sides: [
+                    Vector3::x() + Vector3::from(a),
+                    Vector3::y() + Vector3::from(b),
+                ],
                 normal: Vector3::new(0.1, -0.2, 1.0).normalize(),
             })
             .collect()
@@ -125,13 +127,12 @@ proptest! {
         for corner in &corners {
             let energy = |by: f64| {
                 let mut corner = *corner;
-                let side = if at < 3 { &mut corner.next } else { &mut corner.previous };
-                side[at % 3] += by;
+                corner.sides[at / 3][at % 3] += by;
                 specification::corner_distortion(&corner, 0.1).energy
             };
             let here = specification::corner_distortion(corner, 0.1);
             let difference = (energy(STEP) - energy(-STEP)) / (2.0 * STEP);
-            let slope = if at < 3 { here.next[at] } else { here.previous[at - 3] };
+            let slope = here.gradient[at / 3][at % 3];
             let size = here.energy * (1.0 + here.energy);
             prop_assert!((slope - difference).abs() < 1e-4 * size * (1.0 + size), "{slope} {difference}");
         }

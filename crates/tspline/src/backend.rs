@@ -46,14 +46,18 @@
 //! # Ok::<(), Error>(())
 //! ```
 
+pub use geom_core::mesh::quality::CornerDistortion;
 use geom_core::{Agreement, Backend, Point3, Vector3};
 
 use crate::Error;
-use crate::surface::{Extraction, PatchPoints, Sample};
+use crate::surface::basis::Extraction;
+use crate::surface::bezier::{PatchPoints, Sample};
 
 /// The hot kernels of this crate. Each replaces what was in `out`, whose memory is used again.
 pub trait SplineBackend: Backend + SplineObject {
-    /// The distortion of each corner of a mesh and its derivatives; ε as in [`CornerDistortion`].
+    /// The distortion of each corner of a mesh, whatever its ideal, and the derivatives by its edges: that of the columns
+    /// of `edges · inverse`; ε as in [`CornerDistortion::of`]. Eq. 5.5 (signed) with ideal edges at right angles, Eqs.
+    /// 5.8–5.9 with those of an ideal triangle and `ε = 2δ`.
     fn corner_distortion(
         &self,
         corners: &[Corner],
@@ -83,19 +87,6 @@ pub struct Corner {
     pub normal: Vector3,
     /// Inverse of the matrix whose columns are the ideal edges in the plane; row after row.
     pub inverse: [[f64; 2]; 2],
-}
-
-/// How far a corner is from its ideal, whatever the direction: `|K|² / (det + √(det² + ε²))`, where the columns of
-/// `K = edges · inverse` are the ideal's axes and `det = n · (K₁ × K₂)`. 1 is perfect; finite for inverted corners while
-/// ε > 0. Eq. 5.5 (signed) with ideal edges at right angles, Eqs. 5.8–5.9 with those of an ideal triangle and `ε = 2δ`.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CornerDistortion {
-    /// The distortion.
-    pub energy: f64,
-    /// det, positive where the corner is not inverted.
-    pub area: f64,
-    /// Derivatives with respect to the edges.
-    pub gradient: [Vector3; 2],
 }
 
 /// What a backend owes to [`SplineBackend::corner_distortion`], for energies, areas and derivatives over the energy: f32 with

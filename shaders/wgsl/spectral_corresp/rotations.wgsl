@@ -1,18 +1,6 @@
 // The proper rotation that takes each node's neighbourhood at rest nearest to where it is now: the eigenvector of the
 // largest eigenvalue of Horn's symmetric 4 × 4 matrix, a unit quaternion, by Jacobi's method. One thread per node.
 
-struct Task {
-    nodes: u32,
-    unused0: u32,
-    unused1: u32,
-    unused2: u32,
-}
-
-@group(0) @binding(0) var<uniform> task: Task;
-@group(0) @binding(1) var<storage, read> rest: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> now: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> starts: array<u32>; // nodes + 1
-@group(0) @binding(4) var<storage, read> others: array<u32>;
 @group(0) @binding(5) var<storage, read_write> rotations: array<vec4<f32>>; // unit quaternions w, x, y, z
 
 // Turns rows and columns p < q of a symmetric matrix so that their common entry is 0; v holds the eigenvectors.

@@ -1,18 +1,6 @@
 // A step of Jacobi's method for the distortion with a pull towards targets: how far each node moves. One thread per
 // node.
 
-struct Task {
-    nodes: u32,
-    unused0: u32,
-    unused1: u32,
-    unused2: u32,
-}
-
-@group(0) @binding(0) var<uniform> task: Task;
-@group(0) @binding(1) var<storage, read> rest: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> now: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> starts: array<u32>; // nodes + 1
-@group(0) @binding(4) var<storage, read> others: array<u32>;
 @group(0) @binding(5) var<storage, read> rotations: array<vec4<f32>>; // three rows per node
 @group(0) @binding(6) var<storage, read> targets: array<vec4<f32>>;   // from where the node is now; the pull
 @group(0) @binding(7) var<storage, read_write> moves: array<vec4<f32>>;

@@ -12,27 +12,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let i = id.y * groups.x * 64u + id.x;
     if i >= parameters.count { return; }
     let corner = corners[i];
-    let n = corner.normal.xyz;
     // Rows of the inverse of the ideal edges.
     let upper = vec2<f32>(corner.first.w, corner.second.w);
     let lower = vec2<f32>(corner.normal.w, corner.rest.x);
     let p = corner.first.xyz * upper.x + corner.second.xyz * lower.x;
     let s = corner.first.xyz * upper.y + corner.second.xyz * lower.y;
-    let squared = parameters.epsilon * parameters.epsilon;
-    let area = dot(n, cross(p, s));
-    let root = sqrt(area * area + squared);
-    // The sum loses its digits where the corner is inverted.
-    var bottom = area + root;
-    if area < 0.0 { bottom = squared / (root - area); }
-    // Not finite numbers are no numbers in WGSL: an inverted corner without regularization is very bad.
-    bottom = max(bottom, 1e-30);
-    let slope = bottom / max(root, 1e-30);
-    let top = dot(p, p) + dot(s, s);
-    let along = top / bottom * (slope / bottom);
-    let to_p = p * (2.0 / bottom) - cross(s, n) * along;
-    let to_s = s * (2.0 / bottom) - cross(n, p) * along;
-    let first = to_p * upper.x + to_s * upper.y;
-    let second = to_p * lower.x + to_s * lower.y;
-    out[2u * i] = vec4<f32>(top / bottom, area, first.x, first.y);
+    let made = corner_distortion(p, s, corner.normal.xyz, parameters.epsilon);
+    let first = made.first * upper.x + made.second * upper.y;
+    let second = made.first * lower.x + made.second * lower.y;
+    out[2u * i] = vec4<f32>(made.energy, made.area, first.xy);
     out[2u * i + 1u] = vec4<f32>(first.z, second);
 }

@@ -1,8 +1,8 @@
 //! Better quads: vertices move on the surface until corners are right angles.
 
 use geom_core::compute::BackendError;
-use geom_core::search::bvh::TriangleTree;
-use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
+use geom_core::surface::ground::{Freedom, Ground};
+use geom_core::{Point3, QuadMesh, Vector3};
 
 use super::quality::scaled_jacobian;
 use crate::Error;
@@ -16,68 +16,6 @@ const STILL: f64 = 1e-5;
 const GOAL: f64 = 0.6;
 /// Rounds of that.
 const ROUNDS: usize = 24;
-
-/// How a vertex of the quad mesh may move.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Freedom {
-    /// On the surface.
-    Surface,
-    /// Along boundaries and sharp edges.
-    Line,
-    /// Not at all: their corners.
-    Fixed,
-}
-
-/// The surface that vertices stay on.
-pub(crate) struct Ground<'a> {
-    pub(crate) surface: &'a TriMesh,
-    pub(crate) tree: &'a TriangleTree,
-    pub(crate) normals: &'a [Vector3],
-    /// Boundaries and sharp edges.
-    pub(crate) lines: Vec<[Point3; 2]>,
-}
-
-impl Ground<'_> {
-    /// The nearest allowed place, and the surface's normal there.
-    fn pulled(&self, p: &Point3, freedom: Freedom) -> (Point3, Vector3) {
-        let p = match freedom {
-            Freedom::Line => self.on_line(p),
-            _ => *p,
-        };
-        let closest = self.tree.closest(&p);
-        let corners = self.surface.triangles()[closest.triangle as usize];
-        let normal: Vector3 = (0..3)
-            .map(|k| self.normals[corners[k] as usize] * closest.barycentric[k])
-            .fold(Vector3::zeros(), |a, b| a + b);
-        let own = self.surface.doubled_area_normal(closest.triangle as usize);
-        let normal = normal
-            .try_normalize(1e-12)
-            .or_else(|| own.try_normalize(0.0))
-            .unwrap_or_else(Vector3::z);
-        let at = if freedom == Freedom::Surface {
-            closest.point
-        } else {
-            p
-        };
-        (at, normal)
-    }
-
-    fn on_line(&self, p: &Point3) -> Point3 {
-        let nearest = self
-            .lines
-            .iter()
-            .map(|line| on_segment(line, p))
-            .min_by(|a, b| (a - p).norm_squared().total_cmp(&(b - p).norm_squared()));
-        nearest.unwrap_or(*p)
-    }
-}
-
-/// The point of a segment that is nearest to `p`.
-pub(crate) fn on_segment([a, b]: &[Point3; 2], p: &Point3) -> Point3 {
-    let d = b - a;
-    let part = (p - a).dot(&d) / d.norm_squared();
-    a + d * part.clamp(0.0, 1.0)
-}
 
 /// Moves vertices down the gradient of the corners' distortion (Eqs. 5.5–5.7, signed), back onto the surface after each
 /// step, and then those of the worst quads to where these are best. Returns the mesh with the largest smallest scaled
@@ -164,8 +102,7 @@ impl<'a> Flow<'a> {
                 let p = quad.map(|v| self.positions[v as usize]);
                 let normals = &self.normals;
                 (0..4).map(move |k| Corner {
-                    next: (p[(k + 1) % 4] - p[k]) / side,
-                    previous: (p[(k + 3) % 4] - p[k]) / side,
+                    sides: [1, 3].map(|to| (p[(k + to) % 4] - p[k]) / side),
                     normal: normals[quad[k] as usize],
                 })
             })
@@ -200,7 +137,7 @@ impl<'a> Flow<'a> {
             let side = self.lengths[q];
             for k in 0..4 {
                 let of = &self.out[4 * q + k];
-                let (to_next, to_previous) = (of.next / side, of.previous / side);
+                let [to_next, to_previous] = of.gradient.map(|g| g / side);
                 gradient[quad[(k + 1) % 4] as usize] += to_next;
                 gradient[quad[(k + 3) % 4] as usize] += to_previous;
                 gradient[quad[k] as usize] -= to_next + to_previous;
@@ -329,13 +266,8 @@ impl<'a> Flow<'a> {
         let before = self.worst_around(v);
         let length = self.around[v].iter().map(|&q| self.lengths[q as usize]);
         let length = step * length.fold(f64::INFINITY, f64::min);
-        let first = normal.cross(&any_other(&normal)).normalize();
-        let second = normal.cross(&first);
         let mut best = (before + 1e-6, start, normal);
-        for k in 0..8 {
-            let angle = f64::from(k) * std::f64::consts::FRAC_PI_4;
-            let to = start + (first * angle.cos() + second * angle.sin()) * length;
-            let (to, normal) = self.ground.pulled(&to, self.freedom[v]);
+        for (to, normal) in self.ground.around((start, normal), length, self.freedom[v]) {
             (self.positions[v], self.normals[v]) = (to, normal);
             let after = self.worst_around(v);
             if after > best.0 {
@@ -344,15 +276,6 @@ impl<'a> Flow<'a> {
         }
         (self.positions[v], self.normals[v]) = (best.1, best.2);
         best.0 > before + 1e-6
-    }
-}
-
-/// A vector that is not parallel to `n`.
-fn any_other(n: &Vector3) -> Vector3 {
-    if n.x.abs() < 0.6 {
-        Vector3::x()
-    } else {
-        Vector3::y()
     }
 }
 

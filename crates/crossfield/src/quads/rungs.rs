@@ -1,12 +1,12 @@
 //! One connected part of a surface: one rung after another until one holds.
 
 use geom_core::mesh::Halfedges;
-use geom_core::search::bvh::TriangleTree;
+use geom_core::surface::ground::{Freedom, Ground, on_segments};
 use geom_core::surface::remesh::{self, remesh};
 use geom_core::{Cancelled, Cpu, Point3, QuadMesh, Run, TriMesh};
 
 use super::extract::{Extracted, extract};
-use super::improve::{Freedom, Ground, improve, on_segment, settled};
+use super::improve::{improve, settled};
 use super::parts::Part;
 use super::smooth::Smooth;
 use super::split::split_quads;
@@ -401,14 +401,7 @@ fn last_resort(part: &Part, spacing: f64, options: &Options, run: On<'_>) -> Res
 /// Vertices on the surface, better quads.
 fn finished(part: &Part, raw: Raw, options: &Options, run: On<'_>) -> Result<QuadMesh, Error> {
     let freedom = freedoms(&raw)?;
-    let tree = TriangleTree::new(&part.mesh)?;
-    let normals = part.mesh.vertex_normals();
-    let ground = Ground {
-        surface: &part.mesh,
-        tree: &tree,
-        normals: &normals,
-        lines: part.segments()?,
-    };
+    let ground = Ground::new(&part.mesh, part.segments()?)?;
     if options.improve {
         improve(raw.quads, &ground, &freedom, run)
     } else {
@@ -426,10 +419,7 @@ fn freedoms(raw: &Raw) -> Result<Vec<Freedom>, Error> {
         .collect();
     let near = 1e-9 * raw.part.mesh.bounds().diagonal();
     let of = |p: &Point3| {
-        if !lines
-            .iter()
-            .any(|line| (on_segment(line, p) - p).norm() <= near)
-        {
+        if lines.is_empty() || (on_segments(&lines, p) - p).norm() > near {
             Freedom::Surface
         } else if fixed.iter().any(|c| (*c - p).norm() <= near) {
             Freedom::Fixed

@@ -7,6 +7,7 @@
 //! - [`iterate`]: iterative refinement and preconditioned conjugate gradients (Hestenes and Stiefel 1952)
 //! - [`graph`]: Laplacians of voxel sets, of any weights, and joint ones (Eqs. 6.1 and 6.2)
 //! - [`Operator`]: what the solver multiplies with, matrix or graph
+//! - [`quadrature`]: Gauss's rule
 //! - [`eigen`]: shift–invert block Lanczos, and block Davidson over algebraic multigrid
 //!
 //! A **block** of `c` vectors of length `n` is a slice of `n · c` numbers, row after row: value `i`
@@ -19,6 +20,7 @@ pub mod graph;
 pub mod iterate;
 mod mass;
 mod operator;
+pub mod quadrature;
 pub mod sparse;
 mod substitution;
 

@@ -1,7 +1,7 @@
-//! How good the triangles of a surface are.
+//! How good the triangles of a surface are, and its quads.
 
 use crate::compute::parallel;
-use crate::{Point3, TriMesh};
+use crate::{Point3, TriMesh, Vector3};
 
 /// Quality of a triangle: twice the radius of the inscribed over that of the circumscribed circle,
 /// 1 for an equilateral one, 0 for a degenerate one.
@@ -180,4 +180,99 @@ impl TriangleReport {
 fn keep_worst(worst: &mut Vec<(u32, f64)>) {
     worst.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
     worst.truncate(10);
+}
+/// The smallest signed sine between two sides that meet in a corner of a quad (the scaled Jacobian): 1 for a
+/// rectangle, negative where a corner is turned inside out. Corners are seen along the quad's vector area, whose sign
+/// is that of the surface's normal.
+pub fn scaled_jacobian(corners: &[Point3; 4], surface_normal: &Vector3) -> f64 {
+    let area = (corners[2] - corners[0]).cross(&(corners[3] - corners[1]));
+    let Some(normal) = area.try_normalize(0.0) else {
+        return -1.0;
+    };
+    let sine = |k: usize| {
+        let next = corners[(k + 1) % 4] - corners[k];
+        let previous = corners[(k + 3) % 4] - corners[k];
+        let lengths = next.norm() * previous.norm();
+        if lengths > 0.0 {
+            next.cross(&previous).dot(&normal) / lengths
+        } else {
+            -1.0
+        }
+    };
+    let worst = (0..4).map(sine).fold(f64::INFINITY, f64::min);
+    if normal.dot(surface_normal) < 0.0 {
+        -worst.abs()
+    } else {
+        worst
+    }
+}
+
+/// Scaled Jacobians of all quads of a mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct JacobianSummary {
+    /// The smallest.
+    pub min: f64,
+    /// One in a hundred is smaller.
+    pub percentile_1: f64,
+    /// One in twenty is smaller.
+    pub percentile_5: f64,
+    /// The mean.
+    pub mean: f64,
+    /// Quads below 0.3.
+    pub below_0_3: usize,
+    /// The smallest if inverted corners counted as upright ones: what tables of the literature may mean.
+    pub unsigned_min: f64,
+}
+
+impl JacobianSummary {
+    /// Of these values.
+    pub fn of(values: &[f64]) -> Self {
+        if values.is_empty() {
+            return Self::default();
+        }
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
+        Self {
+            min: sorted[0],
+            percentile_1: at(0.01),
+            percentile_5: at(0.05),
+            mean: values.iter().sum::<f64>() / values.len() as f64,
+            below_0_3: values.iter().filter(|&&j| j < 0.3).count(),
+            unsigned_min: values.iter().fold(f64::INFINITY, |a, j| a.min(j.abs())),
+        }
+    }
+}
+
+/// How far a corner is from a right angle between unit sides, and the derivatives by the sides.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CornerDistortion {
+    /// The distortion; 1 is perfect.
+    pub energy: f64,
+    /// The area that the sides span, positive where the corner is not inverted.
+    pub area: f64,
+    /// Derivatives of the distortion with respect to the sides.
+    pub gradient: [Vector3; 2],
+}
+
+impl CornerDistortion {
+    /// `(P² + S²) / (s + √(s² + ε²))` with `s = n · (P × S)` (T. Liao, X. Li, G. Xu and Y. Zhang, Eq. 5.5, signed), for
+    /// sides in units of their wanted lengths, the second to the left of the first, and the surface's unit normal.
+    /// Finite for inverted corners while ε > 0.
+    pub fn of([p, s]: &[Vector3; 2], n: &Vector3, epsilon: f64) -> Self {
+        let area = n.dot(&p.cross(s));
+        let root = (area * area + epsilon * epsilon).sqrt();
+        let (bottom, slope) = (area + root, 1.0 + area / root);
+        let top = p.norm_squared() + s.norm_squared();
+        let along = top * slope / (bottom * bottom);
+        Self {
+            energy: top / bottom,
+            area,
+            gradient: [
+                p * (2.0 / bottom) - s.cross(n) * along,
+                s * (2.0 / bottom) - n.cross(p) * along,
+            ],
+        }
+    }
 }

@@ -4,11 +4,13 @@
 //! - [`curvature`]: principal curvatures by fitted quadrics
 //! - [`isoline`]: the lines where a function of the vertices has a value
 //! - [`distance`]: shortest ways along edges, and geodesic distances by heat flow
+//! - [`ground`]: a surface that the vertices of another mesh stay on
 //! - [`repair`]: any triangles made an oriented manifold
 //! - [`remesh`]: triangles near equilateral, of a wanted edge length
 
 pub mod curvature;
 pub mod distance;
+pub mod ground;
 pub mod isoline;
 pub mod laplace;
 pub mod remesh;

@@ -6,6 +6,7 @@
 //! last corner.
 
 use crate::options::Quadrature;
+use geom_core::algebra::quadrature::gauss;
 
 /// Value and derivatives u, v, uu, uv, vv.
 pub(crate) const ROWS: usize = 6;
@@ -91,29 +92,6 @@ pub(crate) fn bicubic(u: f64, v: f64) -> [[f64; 16]; ROWS] {
     let (a, b) = (cubic(u), cubic(v));
     let orders = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
     orders.map(|(i, j)| std::array::from_fn(|k| a[i][k % 4] * b[j][k / 4]))
-}
-
-/// Points and weights of Gauss's rule over 0…1, by Newton's method on Legendre's polynomial.
-fn gauss(n: usize) -> Vec<(f64, f64)> {
-    let legendre = |x: f64| {
-        let (mut p, mut before) = (1.0, 0.0);
-        for k in 0..n {
-            let k = k as f64;
-            (p, before) = (((2.0 * k + 1.0) * x * p - k * before) / (k + 1.0), p);
-        }
-        (p, n as f64 * (before - x * p) / (1.0 - x * x))
-    };
-    (0..n)
-        .map(|i| {
-            let mut x = -(std::f64::consts::PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
-            for _ in 0..40 {
-                let (p, d) = legendre(x);
-                x -= p / d;
-            }
-            let (_, d) = legendre(x);
-            (0.5 * (1.0 + x), 1.0 / ((1.0 - x * x) * d * d))
-        })
-        .collect()
 }
 
 fn regular(quadrature: Quadrature) -> Table {
@@ -354,19 +332,6 @@ impl Level {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn gauss_integrates_polynomials() {
-        for n in 2..=8 {
-            for power in 0..2 * n as i32 {
-                let sum: f64 = gauss(n).iter().map(|(x, w)| w * x.powi(power)).sum();
-                assert!(
-                    (sum - 1.0 / f64::from(power + 1)).abs() < 1e-14,
-                    "{n} {power}"
-                );
-            }
-        }
-    }
 
     #[test]
     fn basis_functions_sum_to_one_and_their_derivatives_to_zero() {

@@ -77,6 +77,25 @@ struct Rotating {
     rotations: Vec<Matrix3<f64>>,
 }
 
+impl Rotating {
+    fn of(
+        graph: &VoxelGraph,
+        parts: Parts,
+        rest: &[Point3],
+        target: &[Point3],
+        solver: Solver,
+    ) -> Self {
+        let logarithms = logarithms(graph, &parts, rest, target);
+        let rotation = |l: &Vector3| Rotation3::new(*l).into_inner();
+        Self {
+            rotations: logarithms.iter().map(rotation).collect(),
+            logarithms,
+            solver,
+            parts,
+        }
+    }
+}
+
 /// How the images of all nodes were found.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -156,7 +175,7 @@ impl Morph {
         Ok(morph)
     }
 
-    /// One way of it.
+    /// One way of it: images of all nodes by the boundary, landmarks, and what frames are made with.
     fn led(
         a: &VoxelShape,
         b: &VoxelShape,
@@ -167,49 +186,42 @@ impl Morph {
         let rest: Vec<Point3> = (0..a.nodes()).map(|i| a.position(i)).collect();
         let parts = Parts::of(&graph);
         let (mut target, mut rounds, mut factored) = dense_images(a, found, &rest, options)?;
-        let mut landmarks = a.boundary().to_vec();
-        // Of all but a node in each part.
-        let loose = || {
-            let mut held = vec![false; rest.len()];
-            parts.roots().for_each(|i| held[i as usize] = true);
-            Solver::new(&graph, &held, options.direct_nodes)
+        let leading = |landmarks: &[u32]| {
+            Solver::new(&graph, &held(rest.len(), landmarks), options.direct_nodes)
         };
+        // Of all nodes but one in each part, where only the shape of the motion is asked for.
+        let loose = || {
+            let roots: Vec<u32> = parts.roots().collect();
+            leading(&roots)
+        };
+
+        // By default the boundary leads, and its images are known. Fewer landmarks lead the rest anew.
         let mut all_free = None;
+        let landmarks = match &options.landmarks {
+            Landmarks::Boundary => a.boundary().to_vec(),
+            Landmarks::Harmonic { radius } => {
+                let solver = all_free.insert(loose()?);
+                factored &= solver.direct;
+                let found = landmarks::harmonic(&graph, &rest, &parts, *radius, solver)?;
+                completed(found, &parts)
+            }
+            Landmarks::Custom(given) => completed(custom(given, &mut target)?, &parts),
+        };
         let mut led = None;
         if options.landmarks != Landmarks::Boundary {
-            landmarks = match &options.landmarks {
-                Landmarks::Harmonic { radius } => {
-                    let solver = all_free.insert(loose()?);
-                    landmarks::harmonic(&graph, &rest, &parts, *radius, solver)?
-                }
-                Landmarks::Custom(given) => custom(given, &mut target)?,
-                Landmarks::Boundary => unreachable!("excluded above"),
-            };
-            complete(&mut landmarks, &parts);
-            let solver = Solver::new(&graph, &held(rest.len(), &landmarks), options.direct_nodes)?;
+            let solver = led.insert(leading(&landmarks)?);
             rounds += solver.relax(&graph, &rest, &mut target, ROUNDS[1], SETTLED)?;
             factored &= solver.direct;
-            led = Some(solver);
         }
+
+        // Straight ways need the places of the landmarks; turning ones the rotation of every node.
         let ways = match options.paths {
-            Paths::Linear => Ways::Linear(match led {
-                Some(solver) => solver,
-                None => Solver::new(&graph, &held(rest.len(), &landmarks), options.direct_nodes)?,
-            }),
+            Paths::Linear => Ways::Linear(led.map_or_else(|| leading(&landmarks), Ok)?),
             Paths::Rotating => {
-                let solver = match all_free {
-                    Some(solver) => solver,
-                    None => loose()?,
-                };
+                let solver = all_free.map_or_else(loose, Ok)?;
                 factored &= solver.direct;
-                let logarithms = logarithms(&graph, &parts, &rest, &target);
-                let rotation = |l: &Vector3| Rotation3::new(*l).into_inner();
-                Ways::Rotating(Box::new(Rotating {
-                    rotations: logarithms.iter().map(rotation).collect(),
-                    logarithms,
-                    solver,
-                    parts,
-                }))
+                let turning = Rotating::of(&graph, parts, &rest, &target, solver);
+                Ways::Rotating(Box::new(turning))
             }
         };
         let report = MorphReport {
@@ -426,14 +438,15 @@ fn custom(given: &[(u32, Point3)], target: &mut [Point3]) -> Result<Vec<u32>, Er
     Ok(nodes)
 }
 
-/// Adds the first node of each part that has no landmark.
-fn complete(landmarks: &mut Vec<u32>, parts: &Parts) {
-    let led = held(parts.order.len(), landmarks);
+/// With the first node of each part that has no landmark.
+fn completed(mut landmarks: Vec<u32>, parts: &Parts) -> Vec<u32> {
+    let led = held(parts.order.len(), &landmarks);
     let bare = parts
         .each()
         .filter(|part| !part.iter().any(|&i| led[i as usize]));
     landmarks.extend(bare.map(|part| part[0]));
     landmarks.sort_unstable();
+    landmarks
 }
 
 /// The logarithm of each node's rotation: of those that differ by whole turns, the one nearest to that of the node it

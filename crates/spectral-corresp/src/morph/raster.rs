@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::FrameReport;
 use crate::Error;
+use crate::shape::check_memory;
 
 /// Points on each edge, besides its ends. None of them is the middle, which lies between lattice points.
 const ON_EDGES: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
@@ -37,15 +38,7 @@ pub(super) fn lattice_of(
         spacing: h,
         counts,
     };
-    let points = made.points();
-    let bytes = points.saturating_mul(BYTES_PER_POINT);
-    if bytes > u128::from(limit) {
-        return Err(Error::TooLarge {
-            points,
-            bytes,
-            limit,
-        });
-    }
+    check_memory(&made, BYTES_PER_POINT, limit)?;
     Ok(made)
 }
 

@@ -21,7 +21,7 @@ pub(super) fn inside(
         return Err(Error::Empty { largest: 0.0 });
     }
     let lattice = Lattice::covering(&bounds.inflated(2.0 * spacing), spacing);
-    super::check_memory(&lattice, limit)?;
+    super::check_memory(&lattice, super::BYTES_PER_POINT, limit)?;
     let [nx, ny, nz] = lattice.counts;
     let shift = [1.3e-6 * spacing, 0.7e-6 * spacing];
 

@@ -68,9 +68,9 @@ pub struct ShapeReport {
 }
 
 /// A lattice larger than allowed is refused before it is allocated.
-fn check_memory(lattice: &Lattice, limit: u64) -> Result<(), Error> {
+pub(crate) fn check_memory(lattice: &Lattice, per_point: u128, limit: u64) -> Result<(), Error> {
     let points = lattice.points();
-    let bytes = points.saturating_mul(BYTES_PER_POINT);
+    let bytes = points.saturating_mul(per_point);
     if bytes > u128::from(limit) {
         return Err(Error::TooLarge {
             points,
@@ -85,7 +85,7 @@ impl VoxelShape {
     /// The points of a grid at which the value is at least `level`.
     pub fn of_grid(grid: &ScalarGrid, level: f64, options: &ShapeOptions) -> Result<Self, Error> {
         options.check()?;
-        check_memory(grid.lattice(), options.max_memory)?;
+        check_memory(grid.lattice(), BYTES_PER_POINT, options.max_memory)?;
         let values = grid.values();
         if let Some(point) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite { point });
@@ -147,7 +147,7 @@ impl VoxelShape {
         if !(spacing > 0.0 && spacing.is_finite()) {
             return Err(Error::Spacing { spacing });
         }
-        check_memory(lattice, options.max_memory)?;
+        check_memory(lattice, BYTES_PER_POINT, options.max_memory)?;
         let bounds = lattice.bounds();
         if let Some(point) = [bounds.min, bounds.max]
             .iter()

@@ -2,13 +2,14 @@
 //! Bazilevs 2005).
 
 use geom_core::algebra::eigen::{self, EigenPairs, SpectralBackend};
+use geom_core::algebra::quadrature::gauss;
 use geom_core::algebra::{Cholesky, Mass, SparseMatrix, iterate};
 use geom_core::options::require;
 use geom_core::{Point3, Run};
 use rayon::prelude::*;
 
 use crate::surface::bezier::bernstein;
-use crate::surface::{Jet, Local, POINTS, gauss};
+use crate::surface::{Jet, Local, POINTS};
 use crate::{Error, Surface};
 
 /// Gauss points per direction and patch.

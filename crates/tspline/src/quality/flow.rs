@@ -1,12 +1,13 @@
 //! Down the gradient of the distortion, and then the worst one by one.
 
 use geom_core::compute::BackendError;
+use geom_core::surface::ground::{Freedom, Ground};
 use geom_core::{Point3, TriMesh, Vector3};
 use rayon::prelude::*;
 
 use super::cells::Cells;
-use super::ground::{Freedom, Ground, freedoms};
-use super::jacobian::{self, Jacobians};
+use super::jacobian::{self, JacobianSummary};
+use super::lines::{Lines, freedoms};
 use super::{Improved, QualityReport};
 use crate::backend::{Corner, CornerDistortion, On};
 use crate::options::Method;
@@ -29,8 +30,9 @@ pub(crate) fn improve(
     run: On<'_>,
 ) -> Result<Improved, Error> {
     let open = (0..mesh.positions().len()).any(|v| mesh.kind(v) == VertexKind::Boundary);
-    let ground = Ground::new(surface, options.crease, open)?;
-    let freedom = freedoms(&mesh, &ground);
+    let lines = Lines::of(surface, options.crease, open)?;
+    let freedom = freedoms(&mesh, &lines);
+    let ground = Ground::new(surface, lines.all)?;
     let mut flow = Flow::new(&mesh, &freedom, &ground, options, run);
     let before = flow.jacobians();
     let least = before.iter().copied().fold(f64::INFINITY, f64::min);
@@ -50,8 +52,8 @@ pub(crate) fn improve(
         steps,
         distortion,
         lifted,
-        before: Jacobians::of(&before),
-        after: Jacobians::of(&jacobians),
+        before: JacobianSummary::of(&before),
+        after: JacobianSummary::of(&jacobians),
         backend: run.backend.name(),
     };
     Ok(Improved {
@@ -310,13 +312,8 @@ impl<'a> Flow<'a> {
         let (start, normal) = (self.positions[v], self.normals[v]);
         let before = self.worst_around(v);
         let length = step * self.cells.scale[v].sqrt();
-        let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
-        let second = normal.cross(&first);
         let mut best = (before + 1e-6, start, normal);
-        for k in 0..8 {
-            let (sine, cosine) = (f64::from(k) * std::f64::consts::FRAC_PI_4).sin_cos();
-            let to = start + (first * cosine + second * sine) * length;
-            let (to, normal) = self.ground.pulled(&to, self.freedom[v]);
+        for (to, normal) in self.ground.around((start, normal), length, self.freedom[v]) {
             (self.positions[v], self.normals[v]) = (to, normal);
             let after = self.worst_around(v);
             if after > best.0 {

@@ -2,10 +2,10 @@
 
 mod cells;
 mod flow;
-mod ground;
 mod jacobian;
+mod lines;
 
-pub use jacobian::{Jacobians, scaled_jacobians};
+pub use jacobian::{JacobianSummary, scaled_jacobians};
 
 use geom_core::{Run, TriMesh};
 
@@ -34,10 +34,10 @@ pub struct QualityReport {
     pub distortion: [f64; 2],
     /// Vertices that were moved one by one after the flow.
     pub lifted: usize,
-    /// Scaled Jacobians before.
-    pub before: Jacobians,
-    /// Scaled Jacobians after.
-    pub after: Jacobians,
+    /// Scaled JacobianSummary before.
+    pub before: JacobianSummary,
+    /// Scaled JacobianSummary after.
+    pub after: JacobianSummary,
     /// Name of the backend.
     pub backend: String,
 }

@@ -1,11 +1,11 @@
 //! How far a surface and a mesh are apart, both ways.
 
+use geom_core::algebra::quadrature::gauss;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, Run, TriMesh};
 use rayon::prelude::*;
 
 use super::Surface;
-use super::basis::gauss;
 use super::inverse::Search;
 use crate::Error;
 use crate::backend::SplineBackend;

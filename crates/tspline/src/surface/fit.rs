@@ -1,12 +1,13 @@
 //! Control points by which a surface lies on another: least squares over the nearest points, again and again.
 
+use geom_core::algebra::quadrature::gauss;
 use geom_core::algebra::{Cholesky, SparseMatrix, iterate};
 use geom_core::options::{OutOfRange, require};
 use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, Run, TriMesh, VertexId};
 use rayon::prelude::*;
 
-use super::basis::{Local, gauss};
+use super::basis::Local;
 use super::bezier::bernstein;
 use super::inverse::Search;
 use super::seams::Seams;

@@ -7,7 +7,7 @@
 //! - [`fit`](mod@fit) to another surface, [`errors`]: how far both are apart, [`adapt`]: finer where that is too far
 
 pub mod adapt;
-mod basis;
+pub(crate) mod basis;
 pub mod bezier;
 pub mod errors;
 pub mod fit;
@@ -15,8 +15,8 @@ pub mod inverse;
 pub mod seams;
 pub mod tessellate;
 
+pub(crate) use basis::Local;
 pub use basis::{Basis, Extraction, POINTS, Patch, bezier_coefficients};
-pub(crate) use basis::{Local, gauss};
 pub use bezier::{Jet, PatchPoints, Sample};
 
 use geom_core::{Point3, Run};

@@ -8,7 +8,7 @@ mod rational;
 mod stars;
 
 pub use extraction::{Extraction, POINTS, Patch};
-pub(crate) use gram::{Local, gauss};
+pub(crate) use gram::Local;
 pub use knots::bezier_coefficients;
 
 use geom_core::Point3;

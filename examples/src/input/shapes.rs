@@ -19,7 +19,7 @@ use spectral_corresp::{
 };
 
 use crate::args::ReaderArgs;
-use crate::source::extension;
+use crate::input::source::extension;
 use crate::{Failure, Session};
 
 /// Two shapes and how lattice points are made of them.
@@ -196,7 +196,7 @@ fn kind(path: &Path) -> Kind {
     }
 }
 
-/// The options of structures; the rest of those of the reader stands in [`crate::source::OF_STRUCTURES`].
+/// The options of structures; the rest of those of the reader stands in [`crate::input::source::OF_STRUCTURES`].
 const OF_STRUCTURES: [&str; 2] = ["decay", "residue_power"];
 
 impl ShapeArgs {
@@ -211,7 +211,7 @@ impl ShapeArgs {
         if !kinds.contains(&Kind::Structure) {
             let because = "is for structures, and neither input is one";
             session.refuse(&OF_STRUCTURES, because)?;
-            let of_reader = crate::source::OF_STRUCTURES;
+            let of_reader = crate::input::source::OF_STRUCTURES;
             let of_reader = of_reader.into_iter().filter(|o| *o != "spacing");
             session.refuse(&of_reader.collect::<Vec<_>>(), because)?;
         }

@@ -15,11 +15,12 @@ use tspline::levels::{self, Places};
 use tspline::mesh::refined;
 use tspline::{CleanOptions, Improved, Method, QualityOptions, TMesh, TMeshOptions, improve};
 
+use super::surface;
 use crate::crosses::{self, Guide, Mode};
+use crate::input::source::{OF_STRUCTURES, SourceArgs, extension};
 use crate::labels::Labels;
 use crate::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
-use crate::source::{OF_STRUCTURES, SourceArgs, extension};
-use crate::{Failure, Session, products, surface};
+use crate::{Failure, Session, products};
 
 /// A surface and the T-mesh that is wanted of it.
 #[derive(Clone, Debug, Args, Serialize)]

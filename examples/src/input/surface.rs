@@ -2,7 +2,7 @@
 
 use geom_core::{Structure, TriMesh, io};
 
-use crate::source::{OF_STRUCTURES, SourceArgs, extension};
+use crate::input::source::{OF_STRUCTURES, SourceArgs, extension};
 use crate::{Failure, Session};
 
 /// Reads a mesh, or makes the surface of a structure or grid.

@@ -1,0 +1,109 @@
+//! A surface on which the vertices of another mesh stay while they move.
+
+use std::f64::consts::FRAC_PI_4;
+
+use crate::search::bvh::{TreeError, TriangleTree};
+use crate::{Point3, TriMesh, Vector3};
+
+/// How a vertex may move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Freedom {
+    /// On the surface.
+    Surface,
+    /// Along boundaries and sharp edges.
+    Line,
+    /// Not at all: their corners.
+    Fixed,
+}
+
+/// A surface, and the boundaries and sharp edges of it that are kept.
+///
+/// ```
+/// use geom_core::mesh::shapes;
+/// use geom_core::surface::ground::{Freedom, Ground};
+/// use geom_core::Point3;
+/// let sphere = shapes::icosphere(1.0, 3);
+/// let ground = Ground::new(&sphere, Vec::new())?;
+/// let (at, normal) = ground.pulled(&Point3::new(2.0, 0.0, 0.0), Freedom::Surface);
+/// assert!((at.coords.norm() - 1.0).abs() < 0.01 && normal.x > 0.99);
+/// # Ok::<(), geom_core::search::bvh::TreeError>(())
+/// ```
+pub struct Ground<'a> {
+    surface: &'a TriMesh,
+    tree: TriangleTree,
+    normals: Vec<Vector3>,
+    lines: Vec<[Point3; 2]>,
+}
+
+impl<'a> Ground<'a> {
+    /// A surface with these lines on it.
+    ///
+    /// # Errors
+    /// Of a surface without triangles, or not finite.
+    pub fn new(surface: &'a TriMesh, lines: Vec<[Point3; 2]>) -> Result<Self, TreeError> {
+        Ok(Self {
+            surface,
+            tree: TriangleTree::new(surface)?,
+            normals: surface.vertex_normals(),
+            lines,
+        })
+    }
+
+    /// Its lines.
+    pub fn lines(&self) -> &[[Point3; 2]] {
+        &self.lines
+    }
+
+    /// The nearest allowed place, and the surface's unit normal there: that of the vertices, blended.
+    pub fn pulled(&self, p: &Point3, freedom: Freedom) -> (Point3, Vector3) {
+        let p = match freedom {
+            Freedom::Line => on_segments(&self.lines, p),
+            _ => *p,
+        };
+        let closest = self.tree.closest(&p);
+        let corners = self.surface.triangles()[closest.triangle as usize];
+        let normal: Vector3 = (0..3)
+            .map(|k| self.normals[corners[k] as usize] * closest.barycentric[k])
+            .sum();
+        let own = self.surface.doubled_area_normal(closest.triangle as usize);
+        let normal = normal
+            .try_normalize(1e-12)
+            .or_else(|| own.try_normalize(0.0))
+            .unwrap_or_else(Vector3::z);
+        let at = if freedom == Freedom::Surface {
+            closest.point
+        } else {
+            p
+        };
+        (at, normal)
+    }
+
+    /// Allowed places with their normals in eight directions around a place with this normal, `length` away: where a
+    /// search for a better one looks.
+    pub fn around(
+        &self,
+        (p, normal): (Point3, Vector3),
+        length: f64,
+        freedom: Freedom,
+    ) -> [(Point3, Vector3); 8] {
+        let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
+        let second = normal.cross(&first);
+        std::array::from_fn(|k| {
+            let (sine, cosine) = (k as f64 * FRAC_PI_4).sin_cos();
+            self.pulled(&(p + (first * cosine + second * sine) * length), freedom)
+        })
+    }
+}
+
+/// The point of some segments that is nearest to `p`; `p` itself without any.
+pub fn on_segments(segments: &[[Point3; 2]], p: &Point3) -> Point3 {
+    let on = |[a, b]: &[Point3; 2]| {
+        let d = b - a;
+        let part = (p - a).dot(&d) / d.norm_squared();
+        // A segment without length is its end.
+        let part = if part.is_finite() { part } else { 0.0 };
+        a + d * part.clamp(0.0, 1.0)
+    };
+    let nearer = |a: &Point3, b: &Point3| (a - p).norm_squared().total_cmp(&(b - p).norm_squared());
+    segments.iter().map(on).min_by(nearer).unwrap_or(*p)
+}
