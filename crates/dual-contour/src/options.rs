@@ -309,12 +309,17 @@ impl Resolution {
     fn check(&self) -> Result<(), OutOfRange> {
         match *self {
             Self::Lattice => Ok(()),
-            Self::Spacing(h) => require(
-                h > 0.0 && h.is_finite(),
-                "resolution",
-                format!("{h} Å"),
-                "be a positive length",
-            ),
+            Self::Spacing(h) => {
+                let value = format!("{h} Å");
+                require(
+                    h > 0.0 && h.is_finite(),
+                    "resolution",
+                    &value,
+                    "be a positive length",
+                )?;
+                // The volume of a cell must be a number.
+                require(h <= 1e100, "resolution", value, "be at most 1e100 Å")
+            }
             Self::Tets(n) => require(
                 n >= 1000,
                 "resolution",

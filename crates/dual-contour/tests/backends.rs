@@ -1,8 +1,6 @@
 //! Every backend follows the specification, and the comparison can fail.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use dual_contour::backend::{
     BLOCK_CELLS, BLOCK_POINTS, CROSSINGS, ContourBackend, DUAL_VERTICES, MIN_MAX,
 };

@@ -1,8 +1,6 @@
 //! What must hold for all inputs.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use dual_contour::geom_core::grid::Brick;
 use dual_contour::geom_core::mesh::{EXTERIOR, INTERIOR};
 use dual_contour::geom_core::testing::same_on_any_threads;

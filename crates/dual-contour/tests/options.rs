@@ -1,12 +1,11 @@
 //! What the options say is done; what they cannot mean is refused by name.
 
-mod common;
-
 use std::collections::BTreeSet;
 
-use common::*;
+use crate::common::*;
 use dual_contour::geom_core::io::View;
 use dual_contour::geom_core::mesh::{EXTERIOR, INTERIOR, VertexKind};
+use dual_contour::geom_core::testing::cases;
 use dual_contour::geom_core::{
     Aabb, Cpu, ImplicitField, Lattice, LatticeValues, Point3, Run, ScalarGrid, TetMesh, Vector3,
 };
@@ -442,7 +441,7 @@ fn odd_options() -> impl Strategy<Value = Options> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(200) })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..cases(200) })]
 
     /// A sound mesh or a typed error, whatever the options.
     #[test]
@@ -458,6 +457,23 @@ proptest! {
             prop_assert_eq!(faults(made.mesh.triangles()), Faults::default());
         }
     }
+}
+
+/// Cells whose volume is no number are refused: they were made, and were neither positive nor conforming.
+#[test]
+fn cells_larger_than_numbers_are_refused() {
+    let field = ball(Point3::new(0.1, -0.2, 0.3), 2.0);
+    let grid = sample(&field, 3.0, 12);
+    let options = Options {
+        resolution: Resolution::Spacing(1e300),
+        level: 0.0,
+        ..by(Method::DualContour)
+    };
+    let error = volume(&grid, None, &options, Run::on(&Cpu)).unwrap_err();
+    assert!(
+        matches!(&error, Error::Option(o) if o.option == "resolution"),
+        "{error}"
+    );
 }
 
 /// A lattice that no coordinates or memory can hold is refused before one of its values is asked for.

@@ -1,8 +1,6 @@
 //! How near the surface is, and how cells grow: what section 3.3 of the thesis and its sources promise.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use dual_contour::geom_core::{Cpu, ImplicitField, LatticeValues, Point3, Run, Vector3};
 use dual_contour::{ErrorNorm, Extent, Method, Options, Outer, Placement, Zone, surface, volume};
 

@@ -10,13 +10,25 @@ pub fn gpu_or_skip() -> Option<crate::Wgpu> {
             panic!("GEOM_REQUIRE_GPU is set, but there is no GPU: {error}")
         }
         Err(error) => {
-            #[expect(clippy::print_stderr, reason = "a skipped test must be heard")]
-            {
-                eprintln!("SKIPPED, not passed: no wgpu adapter ({error})");
-            }
+            skipped(&format!("no wgpu adapter ({error})"));
             None
         }
     }
+}
+
+/// Says on stderr that a test did nothing, and how many have in this program, so that the last such line has them all. It is
+/// heard without `--nocapture`: what a test prints is held back, what it writes is not.
+#[cfg(feature = "wgpu")]
+fn skipped(why: &str) {
+    use std::io::Write;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    static COUNT: AtomicUsize = AtomicUsize::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed) + 1;
+    // Where nobody listens there is nobody to tell.
+    let _ = writeln!(
+        std::io::stderr(),
+        "SKIPPED, not passed ({count} so far): {why}"
+    );
 }
 
 /// So many cases of a property, the same every time: a gate must not depend on luck.

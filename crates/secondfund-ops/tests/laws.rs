@@ -446,6 +446,21 @@ fn a_rounded_box_falls_into_its_six_faces() {
     assert!(slo > 0.9, "{slo}");
     assert!(lbo < 0.7, "{lbo}");
     assert!(values[5] / values[4] > 4.0, "{values:?}");
+
+    // Six is what both indices find, too; that of Davies and Bouldin likes eight as well.
+    let modes = modes_of(element, Operator::Slo(Weight::One), 8, 0.5);
+    for groups in [
+        Groups::Silhouette { most: 8 },
+        Groups::DaviesBouldin { most: 7 },
+    ] {
+        let sought = SegmentOptions {
+            groups,
+            modes: Modes::Count(6),
+            ..SegmentOptions::default()
+        };
+        let found = segment(&modes, &faces, &sought, Run::on(&Cpu)).unwrap();
+        assert_eq!(found.groups, 6, "{groups:?}: {:?}", found.choices);
+    }
 }
 
 #[test]
