@@ -6,7 +6,7 @@ use geom_core::search::crossing::crossing_pairs;
 use geom_core::{TetMesh, TriMesh};
 use rayon::prelude::*;
 
-use super::settings::{LAST, PassSettings};
+use super::settings::{LAST, PassSettings, bolder_than};
 use crate::backend::On;
 use crate::boundary::field::Isosurface;
 use crate::boundary::guard::GuardedMesh;
@@ -160,13 +160,18 @@ impl<'a> Passes<'a> {
         let budget = self.options.passes;
         let mut passes = Vec::new();
         let mut far = usize::MAX;
-        for number in 0..budget {
+        let mut number = 0;
+        while number < budget {
             run.progress("improve", number.into(), budget.into())?;
             if number == 0 && self.met() {
                 break;
             }
             let mut done = self.pass(number, run)?;
-            let last = number + 1 == budget || done.changes() == 0;
+            let next = match done.changes() {
+                0 => bolder_than(number),
+                _ => Some(number + 1),
+            };
+            let last = next.is_none_or(|next| next >= budget);
             // The reserve is worth the usual passes only.
             let met = self.met();
             let mut enough = last;
@@ -179,8 +184,9 @@ impl<'a> Passes<'a> {
             }
             done.worst = self.guarded.mesh.worst();
             passes.push(done);
-            if enough {
-                break;
+            match next {
+                Some(next) if !enough => number = next,
+                _ => break,
             }
         }
         run.progress("improve", budget.into(), budget.into())?;

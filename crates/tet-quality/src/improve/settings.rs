@@ -30,6 +30,12 @@ pub(super) struct PassSettings {
     pub(super) floor: f64,
 }
 
+/// The pass after one in which nothing changed: the first that may do more, because another like it would change nothing
+/// either. `None` if there is none.
+pub(super) fn bolder_than(number: u32) -> Option<u32> {
+    [RESCUE, LAST].into_iter().find(|&bolder| bolder > number)
+}
+
 impl PassSettings {
     /// Of a pass, where `target` is the objective at which all goals are met.
     pub(super) fn of(number: u32, target: f64) -> Self {
