@@ -31,6 +31,21 @@ pub enum Error {
         /// Whether it folds with real numbers in place of the integers: then no spacing helps, only another field.
         relaxed: bool,
     },
+    /// The map has room only for far more quads than wanted.
+    #[error(
+        "the map has {quads} quads where {wanted} are wanted; a smaller spacing or a larger smoothing helps"
+    )]
+    TooMany {
+        /// Quads of the map.
+        quads: usize,
+        /// Quads wanted.
+        wanted: usize,
+    },
+    /// The rungs before have done the work that a surface of so many triangles is worth.
+    #[error(
+        "the work that so many triangles are worth has been done; fewer quads or a larger smoothing help"
+    )]
+    Spent,
     /// A line of the map leads nowhere: the map is not an integer-grid map.
     #[error("a line of the map cannot be followed from triangle {face}: {why}")]
     Torn {

@@ -121,6 +121,13 @@ impl Default for Options {
 }
 
 impl Options {
+    /// About how many bytes the quads of a surface of this area, Å², and so many triangles need while they are made: ten triangles
+    /// on the way to each quad, and their matrices factored.
+    pub fn bytes(&self, area: f64, triangles: usize) -> f64 {
+        const PER_QUAD: f64 = 16384.0;
+        PER_QUAD * area / self.size.spacing(area, triangles).powi(2)
+    }
+
     /// Refuses values out of range.
     pub fn check(&self) -> Result<(), Error> {
         not_negative("smoothing", self.smoothing)?;

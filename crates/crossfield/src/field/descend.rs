@@ -18,6 +18,9 @@ const ROUNDS: usize = 6;
 const FALLS: f64 = 1e-9;
 /// How much farther than to the nearest opposite singularity partners are looked for.
 const REACH: f64 = 2.0;
+/// Partners are not looked for farther than so many sides of a quad: as many singularities as triangles allow would make that
+/// a walk over the whole surface for each.
+const FARTHEST: f64 = 20.0;
 /// Partners tried per singularity.
 const PARTNERS: usize = 4;
 
@@ -38,6 +41,12 @@ impl Price {
     }
 }
 
+/// Of more singularities than these, the costs of moving one are estimated.
+const MANY: usize = 128;
+/// The energy of a quarter that has moved by a distance r, apart from what pulls it, is `(π / 4√3) ln r` and a constant, rad²:
+/// that of a dipole on equilateral triangles with unit weights.
+const SELF: f64 = 0.453;
+
 /// Pairs nearer to each other than so many sides of a quad cost more.
 const NEAR: f64 = 2.0;
 
@@ -51,6 +60,10 @@ pub(super) struct Descent<'a> {
     index: Vec<i32>,
     /// What one quarter turn on an edge gains by letting the angles follow.
     compliance: BTreeMap<usize, f64>,
+    /// The side of a quad, Å; 0 if that shall not matter.
+    apart: f64,
+    /// The same of shortest paths, by their ends.
+    of_paths: BTreeMap<(usize, usize), f64>,
 }
 
 impl<'a> Descent<'a> {
@@ -59,6 +72,7 @@ impl<'a> Descent<'a> {
         parallel: &'a Parallel<'a>,
         theta: Vec<f64>,
         jump: Vec<i32>,
+        apart: f64,
     ) -> Self {
         let frames = parallel.frames;
         let mut descent = Self {
@@ -69,6 +83,8 @@ impl<'a> Descent<'a> {
             jump,
             index: Vec::new(),
             compliance: BTreeMap::new(),
+            apart,
+            of_paths: BTreeMap::new(),
         };
         descent.count();
         descent
@@ -188,6 +204,16 @@ impl<'a> Descent<'a> {
         self.direct(&[(h, s)]) - self.compliance[&h]
     }
 
+    /// The part of a change's cost that is linear in it, `2 Σ w d ρ`: what all other singularities and the curvature do to the
+    /// quarter that moves, whatever path it takes.
+    fn pull(&self, change: &[(usize, i32)]) -> f64 {
+        let of = |&(h, s): &(usize, i32)| {
+            let rho = -difference(self.frames, &self.theta, &self.jump, h);
+            self.frames.weight(h) * 2.0 * QUARTER * f64::from(s) * rho
+        };
+        change.iter().map(of).sum()
+    }
+
     /// What a change costs with the angles held: `2 Σ w d ρ + Σ w d²`, ρ = −δ.
     fn direct(&self, change: &[(usize, i32)]) -> f64 {
         change
@@ -218,7 +244,7 @@ impl<'a> Descent<'a> {
     fn annihilate(&mut self, price: impl Fn(f64) -> f64) -> Result<usize, Error> {
         let pairs = self.pairs()?;
         let (distances, changes): (Vec<f64>, Vec<Change>) = pairs.into_iter().unzip();
-        let gains = self.parallel.compliances(&changes)?;
+        let gains = self.gains(&changes)?;
         let mut order: Vec<(f64, usize)> = (0..changes.len())
             .map(|k| (self.direct(&changes[k]) - gains[k], k))
             .filter(|&(cost, k)| cost < price(distances[k]))
@@ -240,6 +266,19 @@ impl<'a> Descent<'a> {
         Ok(met)
     }
 
+    /// What the angles gain by following changes along shortest paths, which does not depend on the period jumps.
+    fn gains(&mut self, changes: &[Change]) -> Result<Vec<f64>, Error> {
+        let ends: Vec<(usize, usize)> = changes.iter().map(|c| self.ends(c)).collect();
+        let new: Vec<usize> = (0..changes.len())
+            .filter(|&k| !self.of_paths.contains_key(&ends[k]))
+            .collect();
+        let unknown: Vec<Change> = new.iter().map(|&k| changes[k].clone()).collect();
+        let found = self.parallel.compliances(&unknown)?;
+        self.of_paths
+            .extend(new.iter().map(|&k| ends[k]).zip(found));
+        Ok(ends.iter().map(|ends| self.of_paths[ends]).collect())
+    }
+
     fn ends(&self, change: &[(usize, i32)]) -> (usize, usize) {
         let (first, last) = (change[0].0, change[change.len() - 1].0);
         (self.frames.from(first), self.frames.to(last))
@@ -257,8 +296,12 @@ impl<'a> Descent<'a> {
         let graph = Graph::of_edges(self.mesh)?;
         let nearest = shortest_paths(&graph, &positive, f64::INFINITY)?.distance;
         let mut changes = Vec::new();
+        let farthest = match self.apart {
+            0.0 => f64::INFINITY,
+            apart => FARTHEST * apart,
+        };
         for v in signed(-1) {
-            let reach = REACH * nearest[v as usize];
+            let reach = (REACH * nearest[v as usize]).min(farthest);
             if !reach.is_finite() {
                 continue;
             }
@@ -338,18 +381,28 @@ impl<'a> Descent<'a> {
             let Some(pair) = self.nearest_pair(&graph, apart, &stuck)? else {
                 break;
             };
-            let mut changes = Vec::new();
+            let mut ways = Vec::new();
             for (v, other) in [(pair.0, pair.1), (pair.1, pair.0)] {
-                changes.extend(self.ways_out(&graph, v, other, apart)?);
+                ways.extend(self.ways_out(&graph, v, other, apart)?);
             }
-            let gains = self.parallel.compliances(&changes)?;
-            let best = (0..changes.len())
-                .map(|k| (self.direct(&changes[k]) - gains[k], k))
-                .min_by(|a, b| a.0.total_cmp(&b.0));
+            // Solving for each of so many would take as long as their square.
+            let costs: Vec<f64> = if self.singular().count() > MANY {
+                let cost = |(far, change): &(f64, Change)| self.pull(change) + SELF * far.ln();
+                ways.iter().map(cost).collect()
+            } else {
+                let changes: Vec<Change> = ways.iter().map(|(_, c)| c.clone()).collect();
+                let gains = self.parallel.compliances(&changes)?;
+                let all = changes.iter().zip(gains);
+                all.map(|(c, gain)| self.direct(c) - gain).collect()
+            };
+            let best = costs
+                .into_iter()
+                .enumerate()
+                .min_by(|a, b| a.1.total_cmp(&b.1));
             match best {
-                Some((_, k)) => {
+                Some((k, _)) => {
                     let before = self.singular().count();
-                    self.apply(&changes[k])?;
+                    self.apply(&ways[k].1)?;
                     if self.singular().count() < before {
                         report.annihilated += 1;
                     } else {
@@ -389,14 +442,14 @@ impl<'a> Descent<'a> {
     }
 
     /// Paths on which a singular vertex may give a quarter away: to another of opposite sign, or to regular ones a little
-    /// farther than `apart` that are as far from all others.
+    /// farther than `apart` that are as far from all others; each with its length.
     fn ways_out(
         &self,
         graph: &Graph,
         v: u32,
         other: u32,
         apart: f64,
-    ) -> Result<Vec<Change>, Error> {
+    ) -> Result<Vec<(f64, Change)>, Error> {
         const TARGETS: usize = 24;
         const RING: [f64; 2] = [1.05, 1.5];
         let others: Vec<(u32, f64)> = self
@@ -418,9 +471,9 @@ impl<'a> Descent<'a> {
         let targets = ring.into_iter().step_by(every);
         Ok(targets
             .chain(meets.then_some(other))
-            .filter_map(|u| self.along(&paths.to(u)))
-            .filter(|change| !change.is_empty())
-            .map(|change| change.into_iter().map(|(h, _)| (h, -sign)).collect())
+            .filter_map(|u| Some((paths.distance[u as usize], self.along(&paths.to(u))?)))
+            .filter(|(_, change)| !change.is_empty())
+            .map(|(far, change)| (far, change.into_iter().map(|(h, _)| (h, -sign)).collect()))
             .collect())
     }
 }

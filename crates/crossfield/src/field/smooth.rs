@@ -1,6 +1,6 @@
 //! A copy of a surface without its bumps.
 
-use geom_core::algebra::Cholesky;
+use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::surface::laplace::{self, Mass};
 use geom_core::{Point3, TriMesh};
 
@@ -9,17 +9,38 @@ use crate::Error;
 /// Steps of mean curvature flow.
 const FLOW_STEPS: usize = 3;
 
-/// Mean curvature flow for a time t, in implicit steps with the operator of the start (Desbrun et al., 1999).
-/// Boundary vertices stay, and those that `held` names.
+/// What a surface's flows need: the same for every length of time.
+pub(crate) struct Operators<'a> {
+    pub(crate) mesh: &'a TriMesh,
+    pub(crate) stiffness: SparseMatrix,
+    pub(crate) mass: Vec<f64>,
+}
+
+impl<'a> Operators<'a> {
+    pub(crate) fn of(mesh: &'a TriMesh) -> Result<Self, Error> {
+        let Mass::Lumped(mass) = laplace::lumped_mass(mesh) else {
+            unreachable!("the lumped mass is lumped")
+        };
+        Ok(Self {
+            mesh,
+            stiffness: laplace::stiffness(mesh)?,
+            mass,
+        })
+    }
+}
+
+/// Mean curvature flow in implicit steps with the operator of the start (Desbrun et al., 1999), for a time of its own at each
+/// vertex, above 0. Boundary vertices stay, and those that `held` names.
 pub(crate) fn flowed(
-    mesh: &TriMesh,
-    time: f64,
+    operators: &Operators<'_>,
+    times: &[f64],
     held: impl Fn(usize) -> bool,
 ) -> Result<TriMesh, Error> {
-    let stiffness = laplace::stiffness(mesh)?;
-    let Mass::Lumped(mass) = laplace::lumped_mass(mesh) else {
-        unreachable!("the lumped mass is lumped")
-    };
+    let Operators {
+        mesh,
+        stiffness,
+        mass,
+    } = operators;
     let edges = geom_core::mesh::Halfedges::of(mesh)?;
     let vertices = mesh.positions().len();
     let stays: Vec<bool> = (0..vertices)
@@ -28,13 +49,18 @@ pub(crate) fn flowed(
             edges.out(id).is_none() || edges.on_boundary(id) || held(v)
         })
         .collect();
-    let step = time / FLOW_STEPS as f64;
+    // Divided by the length of a step.
+    let inert: Vec<f64> = mass
+        .iter()
+        .zip(times)
+        .map(|(m, t)| m * FLOW_STEPS as f64 / t)
+        .collect();
     // Rows of vertices that stay become x = x; their columns go to the right-hand side.
     let matrix = stiffness.map(|i, j, k| match (i == j, stays[i] || stays[j]) {
         (true, true) => 1.0,
         (false, true) => 0.0,
-        (true, false) => mass[i] + step * k,
-        (false, false) => step * k,
+        (true, false) => inert[i] + k,
+        (false, false) => k,
     });
     let factor = Cholesky::of(&matrix)?;
     let mut block: Vec<f64> = mesh
@@ -52,9 +78,9 @@ pub(crate) fn flowed(
                     let pulled: f64 = stiffness
                         .row(i)
                         .filter(|&(j, _)| stays[j])
-                        .map(|(j, k)| step * k * block[3 * j + c])
+                        .map(|(j, k)| k * block[3 * j + c])
                         .sum();
-                    mass[i] * block[3 * i + c] - pulled
+                    inert[i] * block[3 * i + c] - pulled
                 };
             }
         }

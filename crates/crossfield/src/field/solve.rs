@@ -9,7 +9,7 @@ use super::field::{CrossField, FieldReport, Guide};
 use super::frames::{Frames, QUARTER};
 use super::parallel::Parallel;
 use super::singularity;
-use super::smooth::flowed;
+use super::smooth::{Operators, flowed};
 use crate::CrossfieldBackend;
 use crate::Error;
 use crate::backend::On;
@@ -47,11 +47,10 @@ pub fn cross_field<B: CrossfieldBackend + ?Sized>(
         ..FieldReport::default()
     };
     let mut smoothing = options.smoothing;
-    for _ in 0..HALVINGS {
-        if smoothing <= 0.0 {
-            break;
-        }
-        let smooth = flowed(mesh, smoothing * smoothing, |_| false)?;
+    let operators = (smoothing > 0.0).then(|| Operators::of(mesh)).transpose()?;
+    for operators in operators.iter().cycle().take(HALVINGS) {
+        let times = vec![smoothing * smoothing; mesh.positions().len()];
+        let smooth = flowed(operators, &times, |_| false)?;
         if let Some(field) = carried(run, &frames, &smooth, smoothing, &guides, options, &report)? {
             return Ok(field);
         }
@@ -99,7 +98,7 @@ fn on_one_surface(
         }
         parallel.angles(&jump, &mut theta)?;
     }
-    let mut descent = Descent::new(mesh, &parallel, theta, jump);
+    let mut descent = Descent::new(mesh, &parallel, theta, jump, options.smoothing);
     let price = Price {
         far: options.singularity_penalty,
         near: options.smoothing,

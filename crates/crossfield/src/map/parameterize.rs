@@ -4,13 +4,14 @@ use geom_core::nalgebra::DVector;
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
+use super::cones::{has_wrong_angle, wound};
 use super::cut::Cut;
 use super::exact::{GridMap, MapReport, axes_in, doubled_area, sector};
 use super::integers::{Coarse, Quadratic};
 use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
-use super::untangle::{Moves, untangle};
+use super::untangle::{Effort, Moves, untangle};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
@@ -47,6 +48,19 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<GridMap, Error> {
     let run = run.with(run.backend.as_crossfield());
+    let effort = Effort::of(mesh.triangles().len());
+    parameterized(mesh, frames, field, options, &effort, run)
+}
+
+/// The same for not more than so much work.
+pub(crate) fn parameterized(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    effort: &Effort,
+    run: On<'_>,
+) -> Result<GridMap, Error> {
     let spacing = &options.spacing;
     spacing.check(frames.faces())?;
     let mut lines: Vec<usize> = options.lines.iter().map(|&h| h as usize).collect();
@@ -67,6 +81,7 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
             integers: seams.integers,
             ..MapReport::default()
         },
+        effort,
         run,
     };
     run.progress("map", 0, 3)?;
@@ -87,6 +102,7 @@ struct Making<'a> {
     /// How much each triangle counts.
     weights: Vec<f64>,
     report: MapReport,
+    effort: &'a Effort,
     run: On<'a>,
 }
 
@@ -131,11 +147,22 @@ impl Making<'_> {
             let solved = factor.solve(&DVector::from_column_slice(z));
             z.copy_from_slice(solved.as_slice());
         };
-        let moves = Moves {
+        let folded = y.clone();
+        let share = self.effort.share(3);
+        let mut moves = Moves {
             weighted: &weighted,
             integers: Some(&schur),
+            held: Vec::new(),
+            effort: &share,
         };
         untangle(&self.system, &mut y, &moves, self.run)?;
+        self.effort.give_back(&share);
+        if self.invalid(&self.system.corners(&y)) != (0, 0) {
+            y = folded;
+            moves.held = wound(&self.system, self.frames, self.field, &mut y);
+            moves.effort = self.effort;
+            untangle(&self.system, &mut y, &moves, self.run)?;
+        }
         corners = self.system.corners(&y);
         let (triangles, cones) = self.invalid(&corners);
         if triangles + cones > 0 {
@@ -245,10 +272,22 @@ impl Making<'_> {
             return Ok(());
         }
         self.report.untangled = true;
-        let moves = Moves {
+        let folded = y.to_vec();
+        let share = self.effort.share(3);
+        let mut moves = Moves {
             weighted,
             integers: None,
+            held: Vec::new(),
+            effort: &share,
         };
+        untangle(&self.system, y, &moves, self.run)?;
+        self.effort.give_back(&share);
+        if self.invalid(&self.system.corners(y)) == (0, 0) {
+            return Ok(());
+        }
+        y.copy_from_slice(&folded);
+        moves.held = wound(&self.system, self.frames, self.field, y);
+        moves.effort = self.effort;
         untangle(&self.system, y, &moves, self.run)
     }
 }
@@ -274,24 +313,6 @@ fn faults(
     faults
 }
 
-/// Do the angles around a vertex add up to something else than what the field says?
-fn has_wrong_angle(
-    frames: &Frames,
-    field: &CrossField,
-    corners: &[[[f64; 2]; 3]],
-    v: usize,
-) -> bool {
-    if frames.around(v).next().is_none() {
-        return false;
-    }
-    let angles = frames
-        .around(v)
-        .map(|h| corner_angle(&corners[h / 3], h % 3));
-    let quarters = if frames.on_boundary(v) { 2 } else { 4 } - field.index[v];
-    let wanted = f64::from(quarters) * std::f64::consts::FRAC_PI_2;
-    (angles.sum::<f64>() - wanted).abs() > std::f64::consts::FRAC_PI_4
-}
-
 /// The larger and the smaller.
 fn singular_values(j: &[[f64; 2]; 2]) -> [f64; 2] {
     let sum = j.iter().flatten().map(|x| x * x).sum::<f64>();
@@ -303,12 +324,6 @@ fn singular_values(j: &[[f64; 2]; 2]) -> [f64; 2] {
         ((sum + root) / 2.0).sqrt(),
         ((sum - root).max(0.0) / 2.0).sqrt(),
     ]
-}
-
-fn corner_angle(uv: &[[f64; 2]; 3], k: usize) -> f64 {
-    let side = |l: usize| [uv[l][0] - uv[k][0], uv[l][1] - uv[k][1]];
-    let (a, b) = (side((k + 1) % 3), side((k + 2) % 3));
-    (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1])
 }
 
 /// Local stiffening (Bommes, Zimmer and Kobbelt, 2009): weights grow where the distortion is uneven, and around faults.

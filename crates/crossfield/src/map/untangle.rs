@@ -1,11 +1,14 @@
 //! Unfolding of a map.
 
+use std::cell::Cell;
+
 use geom_core::compute::BackendError;
 
 use super::spacing::Chart;
 use super::system::{Solver, System, Weighted};
 use crate::Error;
 use crate::backend::{ChartDistortion, CrossfieldBackend, On};
+use crate::specification::chart_distortion;
 
 /// Steps remembered by the minimizer.
 const HISTORY: usize = 10;
@@ -22,6 +25,44 @@ const LEAST_AREA: f64 = 0.25;
 /// An upright map is settled when a round lowers its energy by less, relatively.
 const SETTLED: f64 = 1e-2;
 
+/// How much work may still be done, in triangles times evaluations of their energy: what makes unfolding, and the ladder that
+/// calls it, end in a time that the number of triangles bounds, on any machine after the same steps.
+#[derive(Debug)]
+pub(crate) struct Effort(Cell<u64>);
+
+impl Effort {
+    /// What a surface of so many triangles is worth: a thousand evaluations, and as many of ten thousand triangles.
+    pub(crate) fn of(triangles: usize) -> Self {
+        const EVALUATIONS: u64 = 1000;
+        const FEW: u64 = 10_000;
+        Self(Cell::new(EVALUATIONS * (triangles as u64 + FEW)))
+    }
+
+    /// Takes one of so many parts of what is left, so that something remains for another try.
+    pub(crate) fn share(&self, parts: u64) -> Self {
+        let share = self.0.get() / parts;
+        self.0.set(self.0.get() - share);
+        Self(Cell::new(share))
+    }
+
+    /// What was not spent of a share comes back.
+    pub(crate) fn give_back(&self, share: &Self) {
+        self.0.set(self.0.get() + share.0.take());
+    }
+
+    /// Takes from it; false if there was not as much.
+    pub(crate) fn spend(&self, amount: usize) -> bool {
+        let left = self.0.get().checked_sub(amount as u64);
+        self.0.set(left.unwrap_or(0));
+        left.is_some()
+    }
+
+    /// Is nothing left?
+    pub(crate) fn is_spent(&self) -> bool {
+        self.0.get() == 0
+    }
+}
+
 /// What moves.
 pub(crate) struct Moves<'a> {
     /// The quadratic energy whose inverse bends the steps (Kovalsky, Galun and Lipman, *Accelerated quadratic proxy for
@@ -29,6 +70,10 @@ pub(crate) struct Moves<'a> {
     pub(crate) weighted: &'a Weighted,
     /// Solves with its Schur complement, where the integers move like the reals; `None`: they stay.
     pub(crate) integers: Option<Solver<'a>>,
+    /// Triangles that are upright, and stay so.
+    pub(crate) held: Vec<usize>,
+    /// What unfolding may cost.
+    pub(crate) effort: &'a Effort,
 }
 
 /// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`
@@ -58,6 +103,7 @@ pub(crate) fn untangle(
         charts: &charts,
         backend: run.backend,
         fixed: y[free..].to_vec(),
+        held: &moves.held,
         epsilon: 0.0,
         out: Vec::new(),
     };
@@ -76,7 +122,7 @@ pub(crate) fn untangle(
         } else {
             stalled += 1;
         }
-        if !positive && stalled >= STALLED {
+        if !positive && (stalled >= STALLED || moves.effort.is_spent()) {
             break;
         }
         let gained = 1.0 - after / before;
@@ -102,6 +148,7 @@ struct Energy<'a> {
     charts: &'a [Chart],
     backend: &'a (dyn CrossfieldBackend + 'a),
     fixed: Vec<f64>,
+    held: &'a [usize],
     epsilon: f64,
     out: Vec<ChartDistortion>,
 }
@@ -113,11 +160,13 @@ impl Energy<'_> {
         self.backend
             .chart_distortion(self.charts, &corners, self.epsilon, &mut self.out)?;
         let (found, of) = (self.out.len(), corners.len());
-        Ok(BackendError::unless(
-            found == of,
-            &self.backend.name(),
-            || format!("{found} distortions for {of} triangles"),
-        )?)
+        BackendError::unless(found == of, &self.backend.name(), || {
+            format!("{found} distortions for {of} triangles")
+        })?;
+        for &f in self.held {
+            self.out[f] = chart_distortion(&self.charts[f], &corners[f], LEAST);
+        }
+        Ok(())
     }
 
     /// The smallest determinant.
@@ -173,6 +222,9 @@ fn minimize(
     let first = value;
     let mut history: Vec<Step> = Vec::new();
     for _ in 0..STEPS {
+        if !moves.effort.spend(energy.charts.len()) {
+            break;
+        }
         let mut direction = two_loops(&gradient, &history, moves)?;
         let mut slope = dot(&direction, &gradient);
         if slope >= 0.0 && !history.is_empty() {

@@ -45,16 +45,47 @@ pub struct Extracted {
 /// The quad mesh of an integer-grid map (Ebke et al., *QEx: robust quad mesh extraction*, 2013, without their repairs: the map is
 /// exact): every orbit of lines must be a quad.
 pub fn extract(mesh: &TriMesh, frames: &Frames, map: &GridMap) -> Result<Extracted, Error> {
+    let (sources, quads) = cells(frames, map)?;
+    let positions = sources.iter().map(|p| p.position(mesh)).collect();
+    Ok(Extracted {
+        mesh: QuadMesh::new(positions, quads)?,
+        sources,
+    })
+}
+
+/// The vertices and quads of a map. Around a handle or neck that is one or two quads wide they are no mesh: a side may
+/// return to its vertex, and two have the same ends.
+pub(super) fn cells(
+    frames: &Frames,
+    map: &GridMap,
+) -> Result<(Vec<SurfacePoint>, Vec<[u32; 4]>), Error> {
     let paper = Paper { frames, map };
     let sites = Sites::of(&paper);
     let ports = Ports::of(&paper, &sites);
     let partner = ports.connected(&paper, &sites)?;
     let quads = ports.orbits(&partner)?;
-    let positions = sites.points.iter().map(|p| p.position(mesh)).collect();
-    Ok(Extracted {
-        mesh: QuadMesh::new(positions, quads)?,
-        sources: sites.points,
-    })
+    Ok((sites.points, quads))
+}
+
+/// The vertices of a map's quads where these are no mesh, ascending.
+pub(super) fn tangled(quads: &[[u32; 4]]) -> Vec<u32> {
+    let mut tangled = Vec::new();
+    let mut sides = Vec::with_capacity(4 * quads.len());
+    for quad in quads {
+        let mut corners = *quad;
+        corners.sort_unstable();
+        if corners.windows(2).any(|w| w[0] == w[1]) {
+            tangled.extend(corners);
+        }
+        sides.extend((0..4).map(|k| (quad[k], quad[(k + 1) % 4])));
+    }
+    sides.sort_unstable();
+    for pair in sides.windows(2).filter(|w| w[0] == w[1]) {
+        tangled.extend([pair[0].0, pair[0].1]);
+    }
+    tangled.sort_unstable();
+    tangled.dedup();
+    tangled
 }
 
 /// What a vertex of the quad mesh lies on.

@@ -1,11 +1,12 @@
 //! One connected part of a surface: one rung after another until one holds.
 
 use geom_core::mesh::Halfedges;
+use geom_core::surface::distance::{Graph, shortest_paths};
 use geom_core::surface::ground::{Freedom, Ground, on_segments};
 use geom_core::surface::remesh::{self, remesh};
 use geom_core::{Cancelled, Cpu, Point3, QuadMesh, Run, TriMesh};
 
-use super::extract::{Extracted, extract};
+use super::extract::{SurfacePoint, cells, tangled};
 use super::improve::{improve, settled};
 use super::parts::Part;
 use super::smooth::Smooth;
@@ -15,7 +16,7 @@ use crate::error::Error;
 use crate::field::solve::field_of;
 use crate::field::{CrossField, FieldReport, Frames, Guide, Toward};
 use crate::guidance;
-use crate::map::{GridMap, MapOptions, MapReport, parameterize};
+use crate::map::{Effort, MapOptions, MapReport, parameterized};
 use crate::options::{FieldOptions, Ladder, Options, Size};
 
 /// Which way led to the quads of a part.
@@ -52,6 +53,8 @@ pub struct PartReport {
     pub field: Option<FieldReport>,
     /// The map; `None` on the last rung.
     pub map: Option<MapReport>,
+    /// How often the lines were laid closer to each other where a handle or neck was too narrow for them.
+    pub closer: usize,
 }
 
 /// How often the spacing may be made smaller by √2.
@@ -66,6 +69,12 @@ const FINE: f64 = 0.5;
 const LAST: f64 = 1.8;
 /// How far the number of quads may be from the one asked for before the spacing is corrected.
 const OFF_TARGET: f64 = 0.1;
+
+/// How many times more quads than wanted are refused, unless they are few.
+const MOST: f64 = 4.0;
+const FEW: usize = 400;
+/// How often lines are laid closer where quads are no mesh.
+const CLOSER: usize = 3;
 
 /// Smoothing of the rungs, in that asked for.
 const SMOOTHER: [f64; 5] = [1.5, 2.0, 3.0, 4.0, 6.0];
@@ -115,6 +124,7 @@ fn climb(
         report,
         denser: None,
         smoothing: 0.0,
+        effort: Effort::of(part.mesh.triangles().len()),
     };
     let start = proxy(part, spacing, options, run)?.unwrap_or_else(|| part.clone());
     if let Some(guides) = rungs.reported(guides(&start, options))?
@@ -138,12 +148,18 @@ fn climb(
         return Ok(Some(Raw { quads, part: fine }));
     }
     for factor in SMOOTHER {
+        if rungs.effort.is_spent() {
+            break;
+        }
         if let Some(quads) = rungs.with_field(&fine, &guides, factor, Rung::Smoother)? {
             return Ok(Some(Raw { quads, part: fine }));
         }
     }
     if let Some((smooth, field)) = rungs.denser.take() {
         for step in 1..=DENSER {
+            if rungs.effort.is_spent() {
+                break;
+            }
             let factor = 0.5f64.powf(0.5 * f64::from(step));
             let made = rungs.with_map(&fine, &smooth, &field, factor, Rung::Denser(step));
             if let Some(quads) = rungs.reported(made)? {
@@ -222,6 +238,7 @@ struct Rungs<'a> {
     denser: Option<(Smooth, CrossField)>,
     /// The smoothing of the last rung, Å: none that follows has less.
     smoothing: f64,
+    effort: Effort,
 }
 
 impl Rungs<'_> {
@@ -251,6 +268,10 @@ impl Rungs<'_> {
         guides: &[Guide],
         factor: f64,
     ) -> Result<(Smooth, CrossField), Error> {
+        const EVALUATIONS: usize = 50;
+        if !self.effort.spend(EVALUATIONS * part.mesh.triangles().len()) {
+            return Err(Error::Spent);
+        }
         let options = self.options;
         let length = factor * options.smoothing * self.spacing;
         let smooth = Smooth::of(part, length, self.smoothing, options.weights)?;
@@ -274,11 +295,12 @@ impl Rungs<'_> {
         rung: Rung,
     ) -> Result<QuadMesh, Error> {
         let spacing = factor * self.spacing;
-        let (extracted, map) = mapped(part, smooth, field, spacing, self.options, self.run)?;
+        let (quads, closer, map) = as_many(part, smooth, field, spacing, self)?;
         self.report.rung = rung;
         self.report.field = Some(field.report.clone());
-        self.report.map = Some(map.report);
-        Ok(extracted.mesh)
+        self.report.map = Some(map);
+        self.report.closer = closer;
+        Ok(quads)
     }
 
     /// `None` for what has failed, and the report says why; an error where no rung follows.
@@ -307,45 +329,103 @@ fn guides(part: &Part, options: &Options) -> Result<Vec<Guide>, Error> {
     Ok(guides)
 }
 
-/// Map and quads of a field, checked against the surface.
+/// Map and quads of a field, checked against the surface, and how often lines were laid closer to each other.
+type Mapped = (QuadMesh, usize, MapReport);
+
+/// Once more where rounding made the quads larger or smaller than wanted, with that allowed for.
+fn as_many(
+    part: &Part,
+    smooth: &Smooth,
+    field: &CrossField,
+    spacing: f64,
+    rungs: &Rungs<'_>,
+) -> Result<Mapped, Error> {
+    let first = mapped(part, smooth, field, spacing, rungs)?;
+    let nested = f64::from(1u32 << (2 * rungs.options.nested));
+    let wanted = part.mesh.area() / (spacing * spacing) * nested;
+    let share = |made: &Mapped| made.0.quads().len() as f64 / wanted;
+    let off = |made: &Mapped| (share(made) - 1.0).abs();
+    if matches!(rungs.options.size, Size::Quads(_)) && off(&first) > OFF_TARGET {
+        match mapped(part, smooth, field, spacing * share(&first).sqrt(), rungs) {
+            Ok(second) if off(&second) < off(&first) => return Ok(second),
+            Err(error @ Error::Cancelled(_)) => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(first)
+}
+
+/// Map and quads of a field. Where the quads are no mesh because a handle or neck is too narrow for them, the lines are laid
+/// closer to each other.
 fn mapped(
     part: &Part,
     smooth: &Smooth,
     field: &CrossField,
     spacing: f64,
-    options: &Options,
-    run: On<'_>,
-) -> Result<(Extracted, GridMap), Error> {
-    let make = |spacing: f64| -> Result<(Extracted, GridMap), Error> {
+    rungs: &Rungs<'_>,
+) -> Result<Mapped, Error> {
+    let mut closer = vec![1.0; part.mesh.triangles().len()];
+    let mut tried = 0;
+    loop {
         let map_options = MapOptions {
-            spacing: smooth.spacing(spacing),
+            spacing: smooth.spacing(spacing, &closer),
             lines: part.lines.iter().map(|&h| h as u32).collect(),
         };
-        let mut map = parameterize(&smooth.mesh, &smooth.frames, field, &map_options, run)?;
+        let effort = rungs.effort.share(2);
+        let Smooth { mesh, frames, .. } = smooth;
+        let map = parameterized(mesh, frames, field, &map_options, &effort, rungs.run);
+        rungs.effort.give_back(&effort);
+        let mut map = map?;
         // The lines between, too.
-        map.bits -= u32::from(options.nested);
+        map.bits -= u32::from(rungs.options.nested);
         // The map of the smoothed triangles is one of those that they were, too.
-        let extracted = extract(&part.mesh, &smooth.frames, &map)?;
-        check(&extracted.mesh, &part.mesh)?;
-        Ok((extracted, map))
-    };
-    let first = make(spacing)?;
-    let wanted = part.mesh.area() / (spacing * spacing) * f64::from(1u32 << (2 * options.nested));
-    let share = first.0.mesh.quads().len() as f64 / wanted;
-    if matches!(options.size, Size::Quads(_)) && (share - 1.0).abs() > OFF_TARGET {
-        // Rounding made the quads larger or smaller: once more with that allowed for.
-        match make(spacing * share.sqrt()) {
-            Ok(second) => {
-                let again = second.0.mesh.quads().len() as f64 / wanted;
-                if (again - 1.0).abs() < (share - 1.0).abs() {
-                    return Ok(second);
-                }
-            }
-            Err(error @ Error::Cancelled(_)) => return Err(error),
-            Err(_) => {}
+        let (sources, quads) = cells(&smooth.frames, &map)?;
+        let area = part.mesh.area() / rungs.spacing.powi(2);
+        let wanted = area * f64::from(1u32 << (2 * rungs.options.nested));
+        if quads.len() > FEW.max((MOST * wanted) as usize) {
+            return Err(Error::TooMany {
+                quads: quads.len(),
+                wanted: wanted as usize,
+            });
         }
+        let tangled = tangled(&quads);
+        if tangled.is_empty() || tried == CLOSER {
+            let positions = sources.iter().map(|p| p.position(&part.mesh)).collect();
+            let quads = QuadMesh::new(positions, quads)?;
+            check(&quads, &part.mesh)?;
+            return Ok((quads, tried, map.report));
+        }
+        tried += 1;
+        let near: Vec<SurfacePoint> = tangled.iter().map(|&v| sources[v as usize]).collect();
+        lay_closer(part, &near, spacing, &mut closer)?;
     }
-    Ok(first)
+}
+
+/// Makes the spacing of lines near some points smaller, from a quad's side away on less and less.
+fn lay_closer(
+    part: &Part,
+    points: &[SurfacePoint],
+    spacing: f64,
+    closer: &mut [f64],
+) -> Result<(), Error> {
+    const FAR: f64 = 3.0;
+    const RATIO: f64 = 0.65;
+    let triangles = part.mesh.triangles();
+    let mut sources: Vec<(u32, f64)> = points
+        .iter()
+        .flat_map(|p| triangles[p.triangle as usize])
+        .map(|v| (v, 0.0))
+        .collect();
+    sources.sort_by_key(|s| s.0);
+    sources.dedup_by_key(|s| s.0);
+    let graph = Graph::of_edges(&part.mesh)?;
+    let distance = shortest_paths(&graph, &sources, 2.0 * FAR * spacing)?.distance;
+    for (closer, corners) in closer.iter_mut().zip(triangles) {
+        let nearest = corners.iter().map(|&v| distance[v as usize]);
+        let nearest = nearest.fold(f64::INFINITY, f64::min) / spacing;
+        *closer *= RATIO + (1.0 - RATIO) * ((nearest - 1.0) / (FAR - 1.0)).clamp(0.0, 1.0);
+    }
+    Ok(())
 }
 
 /// A manifold with the surface's Euler characteristic and boundary loops, or an error.
@@ -400,7 +480,7 @@ fn last_resort(part: &Part, spacing: f64, options: &Options, run: On<'_>) -> Res
 
 /// Vertices on the surface, better quads.
 fn finished(part: &Part, raw: Raw, options: &Options, run: On<'_>) -> Result<QuadMesh, Error> {
-    let freedom = freedoms(&raw)?;
+    let freedom = freedoms(&raw.part, raw.quads.positions())?;
     let ground = Ground::new(&part.mesh, part.segments()?)?;
     if options.improve {
         improve(raw.quads, &ground, &freedom, run)
@@ -410,14 +490,14 @@ fn finished(part: &Part, raw: Raw, options: &Options, run: On<'_>) -> Result<Qua
 }
 
 /// Vertices on lines slide along them, their corners stay.
-fn freedoms(raw: &Raw) -> Result<Vec<Freedom>, Error> {
-    let (positions, lines) = (raw.part.mesh.positions(), raw.part.segments()?);
-    let corners = raw.part.corners()?;
+fn freedoms(part: &Part, points: &[Point3]) -> Result<Vec<Freedom>, Error> {
+    let (positions, lines) = (part.mesh.positions(), part.segments()?);
+    let corners = part.corners()?;
     let fixed: Vec<&Point3> = (0..corners.len())
         .filter(|&v| corners[v] == Some(true))
         .map(|v| &positions[v])
         .collect();
-    let near = 1e-9 * raw.part.mesh.bounds().diagonal();
+    let near = 1e-9 * part.mesh.bounds().diagonal();
     let of = |p: &Point3| {
         if lines.is_empty() || (on_segments(&lines, p) - p).norm() > near {
             Freedom::Surface
@@ -427,5 +507,5 @@ fn freedoms(raw: &Raw) -> Result<Vec<Freedom>, Error> {
             Freedom::Line
         }
     };
-    Ok(raw.quads.positions().iter().map(of).collect())
+    Ok(points.iter().map(of).collect())
 }

@@ -2,14 +2,20 @@
 
 use geom_core::TriMesh;
 use geom_core::algebra::Cholesky;
-use geom_core::surface::laplace::{self, EdgeWeights, Mass};
+use geom_core::surface::laplace::EdgeWeights;
 
 use super::parts::Part;
 use crate::Error;
 use crate::field::Frames;
-use crate::field::smooth::flowed;
+use crate::field::smooth::{Operators, flowed};
 use crate::map::Spacing;
 
+/// Where sides become shorter than this part of what they were, the flow is slowed down.
+const THIN: f64 = 0.5;
+/// How often, by four each time.
+const SLOWER: usize = 4;
+/// No side counts as shorter than this part of what it was.
+const LEAST: f64 = 1e-6;
 /// How often a smoothing that makes triangles flat is shortened by √2.
 const SHORTER: i32 = 4;
 
@@ -35,24 +41,25 @@ impl Smooth {
         weights: EdgeWeights,
     ) -> Result<Self, Error> {
         let on_lines = part.corners()?;
+        let operators = Operators::of(&part.mesh)?;
         let mut last = None;
         for step in 0..=SHORTER {
             let length = length * 0.5f64.powf(0.5 * f64::from(step));
             if length < least {
                 break;
             }
-            let mesh = if length > 0.0 {
-                flowed(&part.mesh, length * length, |v| on_lines[v].is_some())?
+            let (mesh, shrunk) = if length > 0.0 {
+                evened(&operators, length, |v| on_lines[v].is_some())?
             } else {
-                part.mesh.clone()
+                (part.mesh.clone(), vec![1.0; part.mesh.triangles().len()])
             };
             match Frames::of(&mesh, weights) {
                 Ok(frames) => {
                     return Ok(Self {
-                        shrunk: shrunk(&part.mesh, &mesh, length)?,
                         mesh,
                         frames,
                         length,
+                        shrunk,
                     });
                 }
                 Err(error) => last = Some(error),
@@ -62,33 +69,53 @@ impl Smooth {
     }
 
     /// The spacing that makes quads of this side on the surface before: the flow draws tips together, and singular vertices
-    /// there with them.
-    pub(super) fn spacing(&self, side: f64) -> Spacing {
-        Spacing::PerFace(self.shrunk.iter().map(|s| [side * s; 2]).collect())
+    /// there with them. `closer` times as large in each triangle.
+    pub(super) fn spacing(&self, side: f64, closer: &[f64]) -> Spacing {
+        let all = self.shrunk.iter().zip(closer);
+        Spacing::PerFace(all.map(|(s, c)| [side * s * c; 2]).collect())
     }
 }
 
-/// Per triangle, the square root of its area after over that before: its logarithm diffused over the surface before for a time
-/// of `length² / 4`, so that bumps, which are to go, do not count.
-fn shrunk(before: &TriMesh, after: &TriMesh, length: f64) -> Result<Vec<f64>, Error> {
-    if length <= 0.0 {
-        return Ok(vec![1.0; before.triangles().len()]);
-    }
-    let stiffness = laplace::stiffness(before)?;
-    let Mass::Lumped(mass) = laplace::lumped_mass(before) else {
-        unreachable!("the lumped mass is lumped")
-    };
+/// The surface after the flow, and how many times shorter the sides of each triangle have become: the square root of its area
+/// after over that before, its logarithm diffused over the surface before for a time of `length² / 4`, so that bumps, which are
+/// to go, do not count. A limb thinner than `length` would become a thread, with a field of its own making: where sides are
+/// shorter than [`THIN`] of what they were, the flow takes a shorter time.
+fn evened(
+    operators: &Operators<'_>,
+    length: f64,
+    held: impl Fn(usize) -> bool,
+) -> Result<(TriMesh, Vec<f64>), Error> {
+    let Operators {
+        mesh: before,
+        stiffness,
+        mass,
+    } = operators;
     let time = 0.25 * length * length;
-    let matrix = stiffness.map(|i, j, k| time * k + if i == j { mass[i] } else { 0.0 });
-    let mut right = vec![0.0; before.positions().len()];
-    for (t, corners) in before.triangles().iter().enumerate() {
-        let area = |mesh: &TriMesh| mesh.doubled_area_normal(t).norm();
-        let ratio = (area(after) / area(before)).sqrt().ln();
-        for &v in corners {
-            right[v as usize] += area(before) / 6.0 * ratio;
+    let factor =
+        Cholesky::of(&stiffness.map(|i, j, k| time * k + if i == j { mass[i] } else { 0.0 }))?;
+    let mut times = vec![length * length; mass.len()];
+    let mut round = 0;
+    loop {
+        let after = flowed(operators, &times, &held)?;
+        let mut log = vec![0.0; mass.len()];
+        for (t, corners) in before.triangles().iter().enumerate() {
+            let area = |mesh: &TriMesh| mesh.doubled_area_normal(t).norm();
+            let ratio = (area(&after) / area(before)).sqrt().max(LEAST).ln();
+            for &v in corners {
+                log[v as usize] += area(before) / 6.0 * ratio;
+            }
         }
+        factor.solve_in_place(&mut log, 1)?;
+        let thin: Vec<usize> = (0..log.len()).filter(|&v| log[v] < THIN.ln()).collect();
+        if thin.is_empty() || round == SLOWER {
+            let mean =
+                |corners: &[u32; 3]| corners.iter().map(|&v| log[v as usize]).sum::<f64>() / 3.0;
+            let shrunk = before.triangles().iter().map(|c| mean(c).exp()).collect();
+            return Ok((after, shrunk));
+        }
+        for v in thin {
+            times[v] *= 0.25;
+        }
+        round += 1;
     }
-    let log = Cholesky::of(&matrix)?.solve(&right)?;
-    let mean = |corners: &[u32; 3]| corners.iter().map(|&v| log[v as usize]).sum::<f64>() / 3.0;
-    Ok(before.triangles().iter().map(|c| mean(c).exp()).collect())
 }

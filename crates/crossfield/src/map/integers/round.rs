@@ -12,6 +12,8 @@ const FALLS: f64 = 1e-9;
 const DENSEST: i32 = 4;
 /// How many times denser each is.
 const RATIO: f64 = 1.25;
+/// Moves looked at per integer, at most.
+const MOST_TRIED: usize = 20_000;
 /// More integers than this are rounded in batches between solves.
 const LARGEST: usize = 2000;
 
@@ -91,21 +93,29 @@ impl Quadratic {
     /// those of least energy. Returns whether all are.
     fn mend(&self, z: &mut [f64], upright: &Upright, run: On<'_>) -> Result<bool, Cancelled> {
         let n = z.len();
-        let coupled = self.coupled();
+        let coupled = self.coupled(|_| 0);
         let mut sides = upright.sides(z);
         let mut shortages = upright.shortages(&sides);
         let mut gradient = &self.matrix * DVector::from_column_slice(z) - &self.right;
         let most = 4 * n + 50;
+        let mut tried = 0;
         for step in 0..most {
             if shortages == 0 {
                 return Ok(true);
             }
             run.progress("integers", step as u64, most as u64)?;
             let short = upright.short(&sides);
+            tried += 2 * short.len();
             let single = short
                 .iter()
                 .flat_map(|&i| [-1.0, 1.0].map(|d| [(i, d), (i, 0.0)]));
             let best = self.best_mend(single, &sides, &gradient, upright);
+            if best.is_none() {
+                tried += short.iter().map(|&i| 4 * coupled[i].len()).sum::<usize>();
+            }
+            if tried > MOST_TRIED / 5 * n {
+                return Ok(false);
+            }
             let best = best.or_else(|| {
                 let signs = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
                 let pairs = short
@@ -179,7 +189,7 @@ impl Quadratic {
         Some(z)
     }
 
-    /// Moves by ±1, and pairs of them that are coupled most, while the energy falls and all
+    /// Moves by ±1, and pairs of them that are coupled most, the best first, while the energy falls and all
     /// triangles of a decimated map stay upright.
     pub(crate) fn descend(
         &self,
@@ -188,13 +198,14 @@ impl Quadratic {
         run: On<'_>,
     ) -> Result<(), Cancelled> {
         let n = z.len();
-        let coupled = self.coupled();
+        let coupled = self.coupled(|i| i + 1);
         let mut gradient = &self.matrix * DVector::from_column_slice(z) - &self.right;
         let single =
             |gradient: &DVector<f64>, k: usize, d: f64| d * gradient[k] + 0.5 * self.matrix[(k, k)];
         let mut moves: Vec<(f64, Pair)> = Vec::new();
         let mut sides = upright.map(|upright| upright.sides(z));
-        let most = 20 * n + 20;
+        let pairs: usize = coupled.iter().map(|c| 2 + 4 * c.len()).sum();
+        let most = (20 * n + 20).min(20 * MOST_TRIED * n / pairs.max(1) + 200);
         for step in 0..most {
             run.progress("integers", step as u64, most as u64)?;
             moves.clear();
@@ -233,13 +244,13 @@ impl Quadratic {
         Ok(())
     }
 
-    /// Per integer, the later ones that it is coupled to most: all of them while there are few.
-    fn coupled(&self) -> Vec<Vec<usize>> {
+    /// Per integer, the others from a first one on that it is coupled to most: all of them while there are few.
+    fn coupled(&self, first: impl Fn(usize) -> usize) -> Vec<Vec<usize>> {
         const MOST: usize = 256;
         let n = self.right.len();
         (0..n)
             .map(|i| {
-                let mut others: Vec<usize> = (i + 1..n).collect();
+                let mut others: Vec<usize> = (first(i)..n).filter(|&j| j != i).collect();
                 let strength = |j: usize| self.matrix[(i, j)].abs();
                 if others.len() > MOST {
                     others.sort_by(|&a, &b| strength(b).total_cmp(&strength(a)).then(a.cmp(&b)));
