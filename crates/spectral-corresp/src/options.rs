@@ -51,7 +51,8 @@ pub struct ShapeOptions {
     pub components: Components,
     /// Fill what is outside but cannot be reached from the border of the lattice.
     pub fill_cavities: bool,
-    /// Most bytes that the lattice may take: 21 per point of the shape's bounds.
+    /// Most bytes that a shape may take while it is made: 22 per lattice point; of a mesh also 20 per row of points and 4 per
+    /// triangle that a row may cross.
     pub max_memory: u64,
 }
 

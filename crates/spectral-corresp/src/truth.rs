@@ -116,15 +116,28 @@ impl Truth {
         forward: &[u32],
     ) -> Result<TruthReport, Error> {
         check_map(a, b, forward)?;
+        let partners = forward.iter().map(|&j| b.boundary_points()[j as usize]);
+        self.judge_places(a, b, &partners.collect::<Vec<_>>())
+    }
+
+    /// The same of places that are not on the lattice, as
+    /// [`Correspondence::places`](crate::Correspondence::places) gives them.
+    pub fn judge_places(
+        &self,
+        a: &VoxelShape,
+        b: &VoxelShape,
+        places: &[Point3],
+    ) -> Result<TruthReport, Error> {
+        require("places", places.len(), a.boundary().len())?;
         let there = PointTree::of_positions(b.boundary_points())?;
         let judged: Vec<(f64, f64)> = a
             .boundary_points()
             .par_iter()
-            .zip(forward)
+            .zip(places)
             .with_min_len(64)
-            .map(|(x, &j)| {
+            .map(|(x, place)| {
                 let truth = self.image(x);
-                let error = (b.boundary_points()[j as usize] - truth).norm();
+                let error = (place - truth).norm();
                 let floor = there.nearest(&[truth.x, truth.y, truth.z], 1);
                 (error, floor.first().map_or(0.0, |n| n.distance))
             })

@@ -8,6 +8,7 @@ use geom_core::mesh::shapes;
 use geom_core::nalgebra::{Quaternion, UnitQuaternion};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Cpu, GridError, Lattice, Point3, Run, ScalarGrid, Vector3};
+use spectral_corresp::correspond::joint_modes;
 use spectral_corresp::options::{Components, HistogramOptions};
 use spectral_corresp::specification;
 use spectral_corresp::{
@@ -212,6 +213,15 @@ fn a_mesh_has_the_lattice_points_within() {
             assert_eq!(body.graph().node(at).is_some(), r < 12.0, "{at:?} {r}");
         }
     }
+    // What lists the triangles of each row is counted, too: many triangles on few lattice points.
+    let fine = shapes::icosphere(12.0, 6);
+    let tight = ShapeOptions {
+        max_memory: 400_000,
+        ..ShapeOptions::default()
+    };
+    assert!(VoxelShape::of_mesh(&sphere, H, &tight).is_ok());
+    let error = VoxelShape::of_mesh(&fine, H, &tight).unwrap_err();
+    assert!(matches!(error, Error::TooLarge { .. }), "{error}");
     let open: Vec<_> = sphere.triangles()[10..].to_vec();
     let open = geom_core::TriMesh::new(sphere.positions().to_vec(), open).unwrap();
     let error = VoxelShape::of_mesh(&open, 0.5, &ShapeOptions::default()).unwrap_err();
@@ -338,6 +348,89 @@ fn symmetric_bodies_are_doubtful() {
     let found = on_cpu(&upright, &turned, &only(Start::Rigid));
     assert!(found.score < 4.0);
     assert_eq!(found.verdict, Verdict::Doubtful, "{:?}", found.candidates);
+}
+
+/// A trunk on four legs, no two of one length.
+fn table() -> VoxelShape {
+    let trunk = (0..11).map(|i| (Point3::new(3.0 * f64::from(i) - 15.0, 0.0, 0.0), 8.0));
+    let legs = [
+        (-13.0, -6.0, 11),
+        (-13.0, 6.0, 12),
+        (13.0, -6.0, 13),
+        (13.0, 6.0, 14),
+    ];
+    let legs = legs.into_iter().flat_map(|(x, y, beads)| {
+        (0..beads).map(move |i| (Point3::new(x, 1.6 * y, -6.0 - 2.5 * f64::from(i)), 4.6))
+    });
+    of_balls(&trunk.chain(legs).collect::<Vec<_>>())
+}
+
+#[test]
+fn legs_that_are_swapped_below_the_knee_are_never_good() {
+    let body = table();
+    let points = body.boundary_points();
+    let nearest = |p: Point3| {
+        let distance = |q: &Point3| (q - p).norm_squared();
+        let ends = 0..points.len() as u32;
+        ends.min_by(|&i, &j| {
+            distance(&points[i as usize]).total_cmp(&distance(&points[j as usize]))
+        })
+    };
+    // Left for right, of the two legs at one end.
+    let swapped: Vec<u32> = points
+        .iter()
+        .enumerate()
+        .map(|(i, p)| {
+            let shin = p.x < 0.0 && p.z < -20.0;
+            let side = if p.y > 0.0 { -19.2 } else { 19.2 };
+            let there = Point3::new(p.x, p.y + side, p.z);
+            if shin {
+                nearest(there).unwrap()
+            } else {
+                i as u32
+            }
+        })
+        .collect();
+    let wrong = |map: &[u32]| (0u32..).zip(map).filter(|(i, j)| i != *j).count();
+    assert!(wrong(&swapped) * 12 > points.len());
+    let with = |refine| MatchOptions {
+        refine,
+        ..only(Start::Given(swapped.clone()))
+    };
+    // As it is: nearly all fits, but for the knees.
+    let found = on_cpu(&body, &body, &with(Refine::None));
+    assert!(found.score < 4.0, "{}", found.score);
+    assert_eq!(found.verdict, Verdict::Doubtful);
+    // The fit hangs the shins back on.
+    let found = on_cpu(&body, &body, &with(Refine::Annealed));
+    let far = |(p, &j): (&Point3, &u32)| (p - points[j as usize]).norm() > 2.0 * H;
+    let far = points
+        .iter()
+        .zip(&found.forward)
+        .filter(|e| far(*e))
+        .count();
+    assert!(far * 50 < points.len(), "{far} of {}", points.len());
+    assert_eq!(found.verdict, Verdict::Good, "{}", found.score);
+}
+
+#[test]
+fn anchors_hold_the_joint_graph_together_more_than_other_links() {
+    let body = worm(false, 0.0, &UnitQuaternion::identity());
+    let itself: Vec<u32> = (0..body.boundary().len() as u32).collect();
+    let options = MatchOptions {
+        modes: 2,
+        link: 0.02,
+        ..MatchOptions::default()
+    };
+    let with = |anchored: &[u32]| {
+        let on = Run::on(&Cpu as &dyn spectral_corresp::CorrespBackend);
+        joint_modes(&body, &body, &itself, &itself, anchored, &options, on)
+    };
+    // Equal shapes in phase: links weigh on both ends alike, so they only add to the mass.
+    let (plain, held) = (with(&[]).unwrap(), with(&itself).unwrap());
+    assert!(held.values[0] < plain.values[0]);
+    let beyond = body.boundary().len() as u32;
+    assert!(matches!(with(&[beyond]), Err(Error::Length { .. })));
 }
 
 #[test]

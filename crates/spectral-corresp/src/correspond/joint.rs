@@ -1,5 +1,7 @@
 //! Modes of two shapes as one graph (Eqs. 6.5–6.6).
 
+use std::collections::BTreeSet;
+
 use geom_core::algebra::SparseMatrix;
 use geom_core::algebra::graph::Laplacian;
 
@@ -33,23 +35,37 @@ pub struct JointModes {
     pub link: f64,
 }
 
+/// The links of an anchored node over others: what the caller knows counts more than what was found.
+const ANCHORED: f64 = 10.0;
+
 /// The first modes of both shapes that move in phase. `forward` and `backward` are partners as in
-/// [`Correspondence`](crate::Correspondence): a pair has one link, whichever names it.
+/// [`Correspondence`](crate::Correspondence): a pair has one link, whichever names it. That of an `anchored` boundary
+/// node of the first shape to its partner is ten times as strong as the others.
 pub fn joint_modes(
     a: &VoxelShape,
     b: &VoxelShape,
     forward: &[u32],
     backward: &[u32],
+    anchored: &[u32],
     options: &MatchOptions,
     run: On<'_>,
 ) -> Result<JointModes, Error> {
     options.check()?;
     check_map(a, b, forward)?;
     check_map(b, a, backward)?;
+    if let Some(&node) = anchored.iter().find(|&&n| n as usize >= forward.len()) {
+        return Err(Error::Length {
+            what: "partners, for an anchored node of this number",
+            found: forward.len(),
+            expected: node as usize + 1,
+        });
+    }
     let links = links(a, b, forward, backward);
+    let anchored = anchored.iter().map(|&i| pair(a, b, i, forward[i as usize]));
+    let anchored: BTreeSet<(u32, u32)> = anchored.collect();
     let mut link = options.link;
     for attempt in 0..=STRONGER.1 {
-        let found = modes(a, b, &links, link, options, run)?;
+        let found = modes(a, b, &links, &anchored, link, options, run)?;
         let enough = found.values.len() >= LEAST.min(options.modes);
         if enough {
             return Ok(found);
@@ -64,11 +80,15 @@ pub fn joint_modes(
     unreachable!("the last attempt returns")
 }
 
+/// Two boundary nodes as nodes of the graphs.
+fn pair(a: &VoxelShape, b: &VoxelShape, i: u32, j: u32) -> (u32, u32) {
+    (a.boundary()[i as usize], b.boundary()[j as usize])
+}
+
 /// Pairs of nodes, each once.
 fn links(a: &VoxelShape, b: &VoxelShape, forward: &[u32], backward: &[u32]) -> Vec<(u32, u32)> {
-    let node = |i: u32, j: u32| (a.boundary()[i as usize], b.boundary()[j as usize]);
-    let there = (0u32..).zip(forward).map(|(i, &j)| node(i, j));
-    let back = (0u32..).zip(backward).map(|(j, &i)| node(i, j));
+    let there = (0u32..).zip(forward).map(|(i, &j)| pair(a, b, i, j));
+    let back = (0u32..).zip(backward).map(|(j, &i)| pair(a, b, i, j));
     let mut links: Vec<(u32, u32)> = there.chain(back).collect();
     links.sort_unstable();
     links.dedup();
@@ -79,6 +99,7 @@ fn modes(
     a: &VoxelShape,
     b: &VoxelShape,
     links: &[(u32, u32)],
+    anchored: &BTreeSet<(u32, u32)>,
     link: f64,
     options: &MatchOptions,
     run: On<'_>,
@@ -92,8 +113,13 @@ fn modes(
         .first()
         .map_or(1.0, |s| f64::from(s.1));
     let both = |&(i, j): &(u32, u32)| {
-        let j = j + first as u32;
-        [(i, j, link * unit), (j, i, link * unit)]
+        let stronger = if anchored.contains(&(i, j)) {
+            ANCHORED
+        } else {
+            1.0
+        };
+        let (j, weight) = (j + first as u32, link * unit * stronger);
+        [(i, j, weight), (j, i, weight)]
     };
     let entries: Vec<_> = links.iter().flat_map(both).collect();
     let matrix = SparseMatrix::from_triplets(all, all, &entries)?;

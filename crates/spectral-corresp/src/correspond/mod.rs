@@ -2,6 +2,7 @@
 
 mod embed;
 mod joint;
+mod torn;
 
 use geom_core::nalgebra::Matrix3;
 use geom_core::options::require;
@@ -16,6 +17,7 @@ use crate::start::{self, Boundary, Candidate, Judge, best_apart, distance};
 
 pub use embed::Embedding;
 pub use joint::{JointModes, joint_modes};
+use torn::Pieces;
 
 /// Nodes on which candidates are fitted.
 const THINNED: usize = 1500;
@@ -29,6 +31,13 @@ const SPACINGS: f64 = 0.01;
 const AMBIGUOUS: (f64, f64) = (1.04, 0.05);
 /// Maps whose images are farther apart than this on average are not variants of one, Å.
 const ANOTHER: f64 = 8.0;
+/// The share of nodes in pieces torn off above which a map is doubtful: right maps of 16 pairs of proteins tear off at
+/// most 0.016 (a tail that folded away).
+const TORN: f64 = 0.02;
+/// How often pieces are hung back on.
+const MENDED: usize = 3;
+/// The share of nodes that another map takes elsewhere, farther than the last, if it is not a variant.
+const ELSEWHERE: f64 = 0.15;
 /// Neighbourhoods of the thesis's second step, Å.
 const THESIS_RADIUS: f64 = 18.0;
 
@@ -37,9 +46,10 @@ const THESIS_RADIUS: f64 = 18.0;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum Verdict {
-    /// The score is that of right matches, and no other map comes near it.
+    /// The score is that of right matches, no other map comes near it, and nothing is torn off.
     Good,
-    /// The score is between those of right and of wrong matches, or another map scores as well.
+    /// The score is between those of right and of wrong matches, or another map scores as well, or pieces of a shape are
+    /// torn from what they hang on.
     Doubtful,
     /// The score is that of wrong matches.
     Failed,
@@ -73,7 +83,8 @@ pub struct Correspondence {
     pub images: Vec<Point3>,
     /// The rotation of each boundary node's neighbourhood.
     pub rotations: Vec<Matrix3<f64>>,
-    /// How far each image is from its partner, in places and normals; large where the other shape has no such part.
+    /// How far each image is from its partner, in places and normals, of which one counts as 1 Å; large where the other
+    /// shape has no such part.
     pub distances: Vec<f64>,
     /// The share of the second shape's boundary nodes that are partners of the first's.
     pub coverage: f64,
@@ -129,7 +140,8 @@ pub fn correspond<B: CorrespBackend + ?Sized>(
     let given = given(a, b, &front, options)?;
     if let Some((name, images)) = given.images {
         let fit = refine(&front, &back, images, &given.anchors, options, run)?;
-        let fitted = fit.score();
+        let (fit, torn) = mended(&front, &back, fit, &given.anchors, options, run)?;
+        let fitted = fit.score;
         let report = CandidateReport {
             name,
             backward: false,
@@ -137,7 +149,15 @@ pub fn correspond<B: CorrespBackend + ?Sized>(
             fitted,
             apart: 0.0,
         };
-        return finish(a, b, fit, fitted, false, false, vec![report], options, run);
+        let anchored: Vec<u32> = given.anchors.iter().map(|a| a.0).collect();
+        let found = Found {
+            fit,
+            score: fitted,
+            turned: false,
+            ambiguous: torn,
+            candidates: vec![report],
+        };
+        return finish(a, b, found, &anchored, options, run);
     }
     // One way, and the other where both are wanted.
     let mut searches = vec![search(&front, &back, options, run)?];
@@ -154,7 +174,7 @@ pub fn correspond<B: CorrespBackend + ?Sized>(
     let ambiguous = searches.iter().any(|s| s.is_ambiguous(least));
     // Not to be passed by, whatever it is: a score may be no number.
     let near_best = |rank: usize, t: &Tried| rank == 0 || t.score <= NEAR_BEST * least;
-    let mut best: Option<(bool, Fit)> = None;
+    let mut fitted: Vec<(bool, Fit)> = Vec::new();
     for (rank, &(backward, tried)) in ranked.iter().take(FITTED).enumerate() {
         if !near_best(rank, tried) {
             continue;
@@ -164,12 +184,24 @@ pub fn correspond<B: CorrespBackend + ?Sized>(
         } else {
             (&front, &back)
         };
-        let fit = fit_whole(from, to, tried, options, run)?;
-        if best.as_ref().is_none_or(|(_, b)| fit.score() < b.score()) {
-            best = Some((backward, fit));
+        fitted.push((backward, fit_whole(from, to, tried, options, run)?));
+    }
+    // The first of them is always there, and remains where scores are no numbers.
+    let mut least = 0;
+    for (k, (_, fit)) in fitted.iter().enumerate() {
+        if fit.score < fitted[least].1.score {
+            least = k;
         }
     }
-    let (turned, best) = best.expect("the best of the ranked is near itself");
+    let rivalled = rivalled(&fitted, least, &back.side);
+    let (turned, best) = fitted.swap_remove(least);
+    let (from, to) = if turned {
+        (&back, &front)
+    } else {
+        (&front, &back)
+    };
+    let (best, torn) = mended(from, to, best, &[], options, run)?;
+    let ambiguous = ambiguous || rivalled || torn;
     let candidates = ranked.iter().map(|&(backward, t)| CandidateReport {
         name: t.name.clone(),
         backward,
@@ -178,38 +210,119 @@ pub fn correspond<B: CorrespBackend + ?Sized>(
         apart: t.apart,
     });
     let candidates = candidates.collect();
-    let score = best.score();
+    let score = best.score;
     let fit = if turned {
         turn_round(&front.side, &back.side, &best, options.seed, run)?
     } else {
         best
     };
-    finish(
-        a, b, fit, score, turned, ambiguous, candidates, options, run,
-    )
+    let found = Found {
+        fit,
+        score,
+        turned,
+        ambiguous,
+        candidates,
+    };
+    finish(a, b, found, &[], options, run)
 }
 
-/// The correspondence of a fit.
-#[expect(clippy::too_many_arguments, reason = "the last step of one verb")]
+/// Does another of the maps, fitted whole, score nearly as well as the best and take a good share of the nodes elsewhere?
+fn rivalled(fitted: &[(bool, Fit)], best: usize, b: &Side) -> bool {
+    // From the first shape to the second, whichever way was solved.
+    let partners = |(turned, fit): &(bool, Fit)| match turned {
+        false => fit.forward.clone(),
+        true => fit.backward.clone(),
+    };
+    let (ours, score) = (partners(&fitted[best]), fitted[best].1.score);
+    fitted.iter().enumerate().any(|(k, other)| {
+        let near = k != best && other.1.score < AMBIGUOUS.0 * score + AMBIGUOUS.1;
+        near && {
+            let theirs = partners(other);
+            let pairs = ours.iter().zip(&theirs);
+            let apart = pairs.filter(|(m, n)| {
+                let [p, q] = [m, n].map(|n| b.points[n.index as usize]);
+                (p - q).norm() > ANOTHER
+            });
+            apart.count() as f64 > ELSEWHERE * ours.len() as f64
+        }
+    })
+}
+
+/// A map that tears a piece off is tried again with the piece hung back on, while that makes it better. Does it still
+/// tear?
+fn mended(
+    a: &Boundary<'_>,
+    b: &Boundary<'_>,
+    mut fit: Fit,
+    anchors: &[(u32, Point3)],
+    options: &MatchOptions,
+    run: On<'_>,
+) -> Result<(Fit, bool), Error> {
+    let spacing = a.shape.lattice().spacing / options.unit;
+    for attempt in 0.. {
+        let (pieces, torn) = pieces(a, b, &fit, spacing)?;
+        // A map that fails anyway is not worth it, and the thesis's is left as it is.
+        let over = attempt == MENDED || fit.score > options.verdict[1];
+        if !torn || over || pieces.loose() == 0.0 || options.refine != Refine::Annealed {
+            return Ok((fit, torn));
+        }
+        let images = pieces.hung_back(&a.side, &fit.images, spacing);
+        let again = refine(a, b, images, anchors, options, run)?;
+        if again.score >= fit.score {
+            return Ok((fit, torn));
+        }
+        fit = again;
+    }
+    unreachable!("the last attempt returns")
+}
+
+/// The pieces of the first boundary under a fit, and whether either boundary is torn.
+fn pieces(
+    a: &Boundary<'_>,
+    b: &Boundary<'_>,
+    fit: &Fit,
+    spacing: f64,
+) -> Result<(Pieces, bool), Error> {
+    // Partners, not images: those are drawn out smoothly where their partners are torn.
+    let met = |partners: &[Nearest], other: &Side| -> Vec<Point3> {
+        let place = |n: &Nearest| other.points[n.index as usize];
+        partners.iter().map(place).collect()
+    };
+    let there = Pieces::of(&a.side, &met(&fit.forward, &b.side), spacing)?;
+    let back = Pieces::of(&b.side, &met(&fit.backward, &a.side), spacing)?;
+    let torn = there.loose().max(back.loose()) > TORN;
+    Ok((there, torn))
+}
+
+/// What the search ends with.
+struct Found {
+    fit: Fit,
+    /// J of the way that was solved.
+    score: f64,
+    turned: bool,
+    /// Does another map score as well?
+    ambiguous: bool,
+    candidates: Vec<CandidateReport>,
+}
+
+/// The correspondence of a fit; `anchored` nodes were given.
 fn finish(
     a: &VoxelShape,
     b: &VoxelShape,
-    fit: Fit,
-    score: f64,
-    turned: bool,
-    ambiguous: bool,
-    candidates: Vec<CandidateReport>,
+    found: Found,
+    anchored: &[u32],
     options: &MatchOptions,
     run: On<'_>,
 ) -> Result<Correspondence, Error> {
+    let Found { fit, score, .. } = found;
     let [forward, backward] = [&fit.forward, &fit.backward].map(|f| indices(f));
     run.progress("joint modes", 0, 1)?;
-    let modes = joint_modes(a, b, &forward, &backward, options, run)?;
+    let modes = joint_modes(a, b, &forward, &backward, anchored, options, run)?;
     let mut hit = vec![false; b.boundary().len()];
     forward.iter().for_each(|&j| hit[j as usize] = true);
     let [good, failed] = options.verdict;
     let verdict = match score {
-        s if s < good && !ambiguous => Verdict::Good,
+        s if s < good && !found.ambiguous => Verdict::Good,
         s if s <= failed => Verdict::Doubtful,
         _ => Verdict::Failed,
     };
@@ -227,9 +340,9 @@ fn finish(
         backward,
         score,
         verdict,
-        turned,
+        turned: found.turned,
         modes,
-        candidates,
+        candidates: found.candidates,
     })
 }
 
@@ -374,6 +487,24 @@ struct Tried {
     apart: f64,
 }
 
+impl Correspondence {
+    /// Where each boundary node of the first shape goes on the second, not on its lattice: its image, but at most a spacing
+    /// from its partner, where the second shape has no such part.
+    pub fn places(&self, b: &VoxelShape) -> Vec<Point3> {
+        let spacing = b.lattice().spacing;
+        let place = |(x, &j): (&Point3, &u32)| {
+            let partner = b.boundary_points()[j as usize];
+            let offset = x - partner;
+            // What was rounded off says nothing.
+            if offset.norm() <= 1e-9 * spacing {
+                return partner;
+            }
+            partner + offset * (spacing / offset.norm().max(spacing))
+        };
+        self.images.iter().zip(&self.forward).map(place).collect()
+    }
+}
+
 impl Search {
     /// Does quite another map than the best one of this way score as well as `least`, the best of both?
     fn is_ambiguous(&self, least: f64) -> bool {
@@ -412,7 +543,7 @@ fn search(
             apart: 0.0,
         };
         let fit = anneal(&from, &to, one.images, &[], &schedule, run)?;
-        one.score = fit.score();
+        one.score = fit.score;
         one.images = fit.images;
         one.rotations = fit.rotations;
         tried.push(one);
@@ -535,7 +666,7 @@ fn thesis_links(
     let schedule = Schedule::of(&a.side, fit::JUDGE, options.seed)?;
     let fit = anneal(&a.side, &b.side, images, &[], &schedule, run)?;
     let [forward, backward] = [&fit.forward, &fit.backward].map(|f| indices(f));
-    let modes = joint_modes(a.shape, b.shape, &forward, &backward, options, run)?;
+    let modes = joint_modes(a.shape, b.shape, &forward, &backward, &[], options, run)?;
     let rows = |shape: &VoxelShape, modes: &[Vec<f64>]| -> Vec<f64> {
         let row = |&n: &u32| modes.iter().map(move |m| m[n as usize]);
         shape.boundary().iter().flat_map(row).collect()

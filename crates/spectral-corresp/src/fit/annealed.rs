@@ -6,7 +6,7 @@
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Point3, Vector3};
 
-use super::{Neighbourhoods, distortions, lifted, six};
+use super::{FITTED, Neighbourhoods, PARTNERS, SCORED, distortions, lifted, six};
 use crate::Error;
 use crate::backend::{Nearest, On, RotationTask, SweepTask};
 use crate::near;
@@ -38,7 +38,7 @@ pub(crate) const LAST: &[Stage] = &[stage(6.0, 5, 60)];
 pub(crate) const JUDGE: &[Stage] = &[stage(6.0, 0, 60)];
 
 /// λ: the pull of the data on a node over that of its neighbours.
-const PULL: f64 = 0.1;
+const PULL: f64 = 0.15;
 /// A node that many are drawn from pulls at most this many times as strongly.
 const MOST_PULL: f64 = 3.0;
 /// Steps of Jacobi's method per round.
@@ -68,18 +68,8 @@ pub(crate) struct Fit {
     pub(crate) forward: Vec<Nearest>,
     /// The node of the first with the nearest image to each node of the second.
     pub(crate) backward: Vec<Nearest>,
-    /// Root mean square distortion in the last stage, Å.
-    pub(crate) distortion: f64,
-}
-
-impl Fit {
-    /// J: distortion, and how far each side's nodes are from the other, with normals; Å.
-    pub(crate) fn score(&self) -> f64 {
-        let mean = |near: &[Nearest]| {
-            near.iter().map(|n| n.distance).sum::<f64>() / near.len().max(1) as f64
-        };
-        self.distortion + mean(&self.forward) + mean(&self.backward)
-    }
+    /// J: root mean square distortion in the last stage, and the mean distances both ways, with normals; Å.
+    pub(crate) score: f64,
 }
 
 /// Stages on one side, with who is near whom in each: the same for every map of it.
@@ -108,13 +98,14 @@ pub(crate) fn anneal(
     schedule: &Schedule,
     run: On<'_>,
 ) -> Result<Fit, Error> {
-    let targets = lifted(&b.points, b.normals.iter().copied());
+    let targets = |length| lifted(&b.points, b.normals.iter().copied(), length);
+    let fitted = targets(FITTED);
     let mut fit = Fit {
         images,
         rotations: Vec::new(),
         forward: Vec::new(),
         backward: Vec::new(),
-        distortion: 0.0,
+        score: 0.0,
     };
     let none = Neighbourhoods::default();
     let mut last = &none;
@@ -122,7 +113,7 @@ pub(crate) fn anneal(
         last = near;
         for _ in 0..*rounds {
             let before = fit.images.clone();
-            round(a, b, &targets, anchors, near, &mut fit, run)?;
+            round(a, b, &fitted, anchors, near, &mut fit, run)?;
             let moved = fit.images.iter().zip(&before).map(|(x, y)| (x - y).norm());
             if moved.sum::<f64>() < AT_REST * before.len() as f64 {
                 break;
@@ -136,15 +127,19 @@ pub(crate) fn anneal(
     };
     run.backend.rotations(&task, &mut fit.rotations)?;
     let squares = distortions(&task, &fit.rotations);
-    fit.distortion = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
-    meet(a, &targets, &mut fit, run)?;
+    let distortion = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+    meet(a, &targets(SCORED), SCORED, &mut fit, run)?;
+    let mean =
+        |near: &[Nearest]| near.iter().map(|n| n.distance).sum::<f64>() / near.len().max(1) as f64;
+    fit.score = distortion + mean(&fit.forward) + mean(&fit.backward);
+    meet(a, &targets(PARTNERS), PARTNERS, &mut fit, run)?;
     Ok(fit)
 }
 
-/// Who is nearest to whom, both ways.
-fn meet(a: &Side, targets: &[f64], fit: &mut Fit, run: On<'_>) -> Result<(), Error> {
+/// Who is nearest to whom, both ways, with normals of this length.
+fn meet(a: &Side, targets: &[f64], length: f64, fit: &mut Fit, run: On<'_>) -> Result<(), Error> {
     let turned = fit.rotations.iter().zip(&a.normals).map(|(r, n)| r * n);
-    let images = lifted(&fit.images, turned);
+    let images = lifted(&fit.images, turned, length);
     let (images, targets) = (six(&images), six(targets));
     run.backend.nearest(images, targets, &mut fit.forward)?;
     run.backend.nearest(targets, images, &mut fit.backward)
@@ -171,7 +166,7 @@ fn round(
         Ok::<(), Error>(())
     };
     rotate(fit)?;
-    meet(a, targets, fit, run)?;
+    meet(a, targets, FITTED, fit, run)?;
     // The data of a node: the node that it meets, and all that meet it.
     let mut sums: Vec<(Vector3, f64)> = fit
         .forward

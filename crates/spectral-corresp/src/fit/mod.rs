@@ -223,18 +223,27 @@ pub(crate) fn score(task: &RotationTask<'_>, run: On<'_>) -> Result<f64, Error> 
 }
 
 /// Positions and normals as rows of six numbers: two nodes are near if their places are, and their normals (Lévy and
-/// Bonneel, *Variational anisotropic surface meshing with Voronoi parallel linear enumeration*, 2012).
-pub(crate) fn lifted(points: &[Point3], normals: impl Iterator<Item = Vector3>) -> Vec<f64> {
+/// Bonneel, *Variational anisotropic surface meshing with Voronoi parallel linear enumeration*, 2012). A normal has
+/// `length`, Å.
+pub(crate) fn lifted(
+    points: &[Point3],
+    normals: impl Iterator<Item = Vector3>,
+    length: f64,
+) -> Vec<f64> {
     let rows = points.iter().zip(normals);
     rows.flat_map(|(p, n)| {
-        let n = n * NORMAL_LENGTH;
+        let n = n * length;
         [p.x, p.y, p.z, n.x, n.y, n.z]
     })
     .collect()
 }
 
-/// How long a normal is in a row of six, Å.
-const NORMAL_LENGTH: f64 = 3.0;
+/// How long a normal is in a row of six, Å: while maps are fitted (long, since on a smooth body normals tell where on it
+/// a node is better than places do), in J and in the rigid search, and for partners, which are to lie where the images
+/// do and only not on the other side of a sheet.
+pub(crate) const FITTED: f64 = 7.0;
+pub(crate) const SCORED: f64 = 3.0;
+pub(crate) const PARTNERS: f64 = 1.0;
 
 /// Rows of six numbers.
 pub(crate) fn six(values: &[f64]) -> Rows<'_> {

@@ -5,10 +5,9 @@ use geom_core::algebra::graph::VoxelGraph;
 use geom_core::search::nearest::PointTree;
 use rayon::prelude::*;
 
-use super::parts::Parts;
 use super::solve::Solver;
 use crate::Error;
-use crate::shape::VoxelShape;
+use crate::shape::{Parts, VoxelShape};
 
 /// The extrema of the harmonic function `W h = ρ − mean(ρ)`, `ρ_i = |(W x)_i|` with `W` the weights less their sums on
 /// the diagonal: its minima lie at the tips, its maxima deep inside. A node counts if no other within `radius` is as

@@ -6,7 +6,6 @@
 //! backwards, the nearer the more, so that a morph ends at the second shape itself.
 
 mod landmarks;
-mod parts;
 mod raster;
 mod solve;
 
@@ -20,9 +19,8 @@ use crate::backend::CorrespBackend;
 use crate::correspond::{Correspondence, Embedding};
 use crate::fit::{nearest_rotation, superpose};
 use crate::options::{Landmarks, MorphOptions, Paths};
-use crate::shape::VoxelShape;
+use crate::shape::{Parts, ROOT, VoxelShape};
 use crate::truth::check_map;
-use parts::{Parts, ROOT};
 use solve::Solver;
 
 /// Rounds of the as-rigid-as-possible method where all of the boundary is led, and where few nodes are.

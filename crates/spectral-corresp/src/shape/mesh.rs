@@ -1,9 +1,13 @@
 //! The lattice points inside a closed triangle mesh.
 
+use geom_core::compute::parallel;
 use geom_core::{Aabb, Lattice, Point3, TriMesh};
 use rayon::prelude::*;
 
 use crate::Error;
+
+/// Bytes per row of lattice points: its count, its first triangle, its next one.
+const BYTES_PER_ROW: u128 = 20;
 
 /// The lattice around a mesh with a margin of two spacings, and which of its points lie inside: those from which a
 /// line along the first axis leaves the mesh an odd number of times. Lines are moved off the lattice by a millionth of
@@ -25,9 +29,8 @@ pub(super) fn inside(
     let [nx, ny, nz] = lattice.counts;
     let shift = [1.3e-6 * spacing, 0.7e-6 * spacing];
 
-    // Which triangles each row of lattice points may cross.
-    let mut rows: Vec<Vec<u32>> = vec![Vec::new(); ny * nz];
-    for (t, _) in mesh.triangles().iter().enumerate() {
+    // Which triangles each row of lattice points may cross: counted first, so that no more is held than allowed.
+    let rows_of = |t: usize| {
         let corners = mesh.corners(t);
         let span = |axis: usize, count: usize| {
             let values = corners.map(|c| (c[axis] - lattice.origin[axis]) / spacing);
@@ -36,22 +39,37 @@ pub(super) fn inside(
             let last = high.ceil().min((count - 1) as f64);
             low.floor().max(0.0) as usize..=last.max(0.0) as usize
         };
-        for k in span(2, nz) {
-            for j in span(1, ny) {
-                rows[j + ny * k].push(t as u32);
-            }
+        let (js, ks) = (span(1, ny), span(2, nz));
+        ks.flat_map(move |k| js.clone().map(move |j| j + ny * k))
+    };
+    let triangles = mesh.triangles().len();
+    let mut counts = vec![0u32; ny * nz];
+    (0..triangles)
+        .flat_map(rows_of)
+        .for_each(|row| counts[row] += 1);
+    let entries: u128 = counts.iter().map(|&c| u128::from(c)).sum();
+    let table = 4 * entries + BYTES_PER_ROW * counts.len() as u128;
+    let points = lattice.points();
+    super::refuse_above(limit, points, super::BYTES_PER_POINT * points + table)?;
+    let starts = parallel::starts_of(&counts);
+    let mut next = starts.clone();
+    let mut crossed = vec![0u32; starts[counts.len()]];
+    for t in 0..triangles {
+        for row in rows_of(t) {
+            crossed[next[row]] = t as u32;
+            next[row] += 1;
         }
     }
+    drop((counts, next));
     let mut inside = vec![false; lattice.len()];
     let found: Vec<Result<(), Error>> = inside
         .par_chunks_mut(nx)
-        .zip(&rows)
         .enumerate()
-        .map(|(row, (flags, triangles))| {
+        .map(|(row, flags)| {
             let [j, k] = [row % ny, row / ny];
             let start = lattice.point([0, j, k]);
             let at = [start.y + shift[0], start.z + shift[1]];
-            let mut crossings: Vec<f64> = triangles
+            let mut crossings: Vec<f64> = crossed[starts[row]..starts[row + 1]]
                 .iter()
                 .filter_map(|&t| crossing(mesh.corners(t as usize), at))
                 .collect();

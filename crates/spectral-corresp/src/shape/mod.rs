@@ -2,6 +2,7 @@
 
 pub(crate) mod distance;
 mod mesh;
+mod parts;
 
 use geom_core::algebra::Mass;
 use geom_core::algebra::eigen::{self, EigenPairs, eigenpairs};
@@ -15,10 +16,13 @@ use crate::backend::CorrespBackend;
 use crate::options::{Components, ShapeOptions};
 use crate::{Error, backend::On};
 
+pub(crate) use parts::{Parts, ROOT};
+
 /// Fewest boundary nodes of a shape: with fewer there is nothing to tell its parts by.
 const LEAST_BOUNDARY: usize = 50;
-/// Bytes per lattice point while a shape is made: its flag, two passes of distances, its node, its part and its value.
-const BYTES_PER_POINT: u128 = 21;
+/// Bytes per lattice point while a shape is made, if all lie inside: its value, its flag, its node and its place, the order
+/// of the parts, from where each node was reached, and whether. Two passes of distances take less, later.
+const BYTES_PER_POINT: u128 = 22;
 /// Half the width of the ball in which the normal of a boundary node is taken, in spacings.
 const NORMAL_REACH: i64 = 3;
 /// Residual of the modes, relative to the first eigenvalue: the features need no more, and closer ones do not match
@@ -70,7 +74,10 @@ pub struct ShapeReport {
 /// A lattice larger than allowed is refused before it is allocated.
 pub(crate) fn check_memory(lattice: &Lattice, per_point: u128, limit: u64) -> Result<(), Error> {
     let points = lattice.points();
-    let bytes = points.saturating_mul(per_point);
+    refuse_above(limit, points, points.saturating_mul(per_point))
+}
+
+fn refuse_above(limit: u64, points: u128, bytes: u128) -> Result<(), Error> {
     if bytes > u128::from(limit) {
         return Err(Error::TooLarge {
             points,
@@ -177,12 +184,16 @@ impl VoxelShape {
         let make =
             |inside: &[bool]| VoxelGraph::new(lattice.counts, inside, options.neighbours, weights);
         let mut graph = make(&inside)?;
-        let (part_of, sizes) = parts(&graph);
+        let parts = Parts::of(&graph);
+        let sizes: Vec<usize> = parts.each().map(<[u32]>::len).collect();
         let keep = kept(&sizes, options.components);
-        if keep.contains(&false) {
-            for (node, &part) in part_of.iter().enumerate() {
-                inside[lattice.index(graph.point(node))] = keep[part as usize];
+        for (part, _) in parts.each().zip(&keep).filter(|(_, keep)| !**keep) {
+            for &node in part {
+                inside[lattice.index(graph.point(node as usize))] = false;
             }
+        }
+        drop(parts);
+        if keep.contains(&false) {
             graph = make(&inside)?;
             let sizes = sizes.iter().zip(&keep).filter(|(_, keep)| !**keep);
             report.left_out = sizes.map(|(&size, _)| size).collect();
@@ -402,32 +413,6 @@ const FACES: [[i64; 3]; 6] = [
 
 fn sum(a: [i64; 3], b: [i64; 3]) -> [i64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-/// The part of each node, numbered by their first nodes, and the nodes of each part.
-fn parts(graph: &VoxelGraph) -> (Vec<u32>, Vec<usize>) {
-    let mut part_of = vec![u32::MAX; graph.nodes()];
-    let (mut sizes, mut stack) = (Vec::new(), Vec::new());
-    for first in 0..graph.nodes() {
-        if part_of[first] != u32::MAX {
-            continue;
-        }
-        let part = sizes.len() as u32;
-        part_of[first] = part;
-        stack.push(first);
-        let mut size = 0;
-        while let Some(node) = stack.pop() {
-            size += 1;
-            for (other, _) in graph.around(node) {
-                if part_of[other] == u32::MAX {
-                    part_of[other] = part;
-                    stack.push(other);
-                }
-            }
-        }
-        sizes.push(size);
-    }
-    (part_of, sizes)
 }
 
 /// Which parts are kept.

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::{Boundary, Candidate};
 use crate::backend::Nearest;
-use crate::fit::{Flat, Motion, Side, lifted, six, superpose};
+use crate::fit::{Flat, Motion, SCORED, Side, lifted, six, superpose};
 
 /// Rotations from which it starts.
 const ROTATIONS: usize = 600;
@@ -31,7 +31,7 @@ struct Cloud {
 
 impl Cloud {
     fn of(side: Side) -> Self {
-        let rows = lifted(&side.points, side.normals.iter().copied());
+        let rows = lifted(&side.points, side.normals.iter().copied(), SCORED);
         let mean = side.points.iter().map(|p| p.coords).sum::<Vector3>();
         Self {
             rows: Flat::of(six(&rows)),
@@ -50,7 +50,7 @@ impl Cloud {
         let normals = self.side.normals[..count]
             .iter()
             .map(|n| motion.rotation * n);
-        let rows = lifted(&points, normals);
+        let rows = lifted(&points, normals, SCORED);
         let mut near = vec![Nearest::default(); count];
         other.rows.nearest(six(&rows), &mut near);
         let met = near.iter().zip(0u32..);

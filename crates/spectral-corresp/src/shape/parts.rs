@@ -4,20 +4,20 @@ use geom_core::algebra::graph::VoxelGraph;
 use geom_core::{Point3, Vector3};
 
 /// A node without another before it.
-pub(super) const ROOT: u32 = u32::MAX;
+pub(crate) const ROOT: u32 = u32::MAX;
 
 /// The nodes in an order in which each comes after one that it is joined to.
-pub(super) struct Parts {
+pub(crate) struct Parts {
     /// All nodes, part after part, each part breadth first from its first node.
-    pub(super) order: Vec<u32>,
+    pub(crate) order: Vec<u32>,
     /// For each node the one from which it was reached.
-    pub(super) parent: Vec<u32>,
+    pub(crate) parent: Vec<u32>,
     /// Where each part starts in `order`.
     starts: Vec<usize>,
 }
 
 impl Parts {
-    pub(super) fn of(graph: &VoxelGraph) -> Self {
+    pub(crate) fn of(graph: &VoxelGraph) -> Self {
         let nodes = graph.nodes();
         let (mut order, mut parent) = (Vec::with_capacity(nodes), vec![ROOT; nodes]);
         let (mut seen, mut starts) = (vec![false; nodes], Vec::new());
@@ -48,17 +48,17 @@ impl Parts {
         }
     }
 
-    pub(super) fn each(&self) -> impl Iterator<Item = &[u32]> {
+    pub(crate) fn each(&self) -> impl Iterator<Item = &[u32]> {
         self.starts.windows(2).map(|s| &self.order[s[0]..s[1]])
     }
 
     /// The first node of each part.
-    pub(super) fn roots(&self) -> impl Iterator<Item = u32> {
+    pub(crate) fn roots(&self) -> impl Iterator<Item = u32> {
         self.each().map(|part| part[0])
     }
 
     /// Makes the mean over each part zero.
-    pub(super) fn subtract_means(&self, values: &mut [f64]) {
+    pub(crate) fn subtract_means(&self, values: &mut [f64]) {
         for part in self.each() {
             let sum: f64 = part.iter().map(|&i| values[i as usize]).sum();
             let mean = sum / part.len() as f64;
@@ -67,7 +67,7 @@ impl Parts {
     }
 
     /// Shifts each part so that its mean is that of `(1 − t) a + t b`.
-    pub(super) fn center(&self, positions: &mut [Point3], a: &[Point3], b: &[Point3], t: f64) {
+    pub(crate) fn center(&self, positions: &mut [Point3], a: &[Point3], b: &[Point3], t: f64) {
         for part in self.each() {
             let missing = part.iter().map(|&i| {
                 let i = i as usize;
