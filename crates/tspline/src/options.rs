@@ -86,7 +86,7 @@ pub struct QualityOptions {
     pub steps: usize,
     /// The flow stands still when the distortion falls by less in a step, relatively.
     pub tolerance: f64,
-    /// Rounds in which the vertices of elements with a scaled Jacobian below 0.7 are moved one by one after the flow;
+    /// Rounds in which the vertices of elements with a scaled Jacobian below 0.9 are moved one by one after the flow;
     /// 0 for the flow alone.
     pub rounds: usize,
 }

@@ -6,7 +6,7 @@ use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::{SurfaceAudit, shapes};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Cpu, Point3, QuadMesh, Run, Vector3};
-use tspline::files::{Exchange, bext, iga, market, step, vtu};
+use tspline::files::{Exchange, bext, iga, market, npz, step, vtu};
 use tspline::surface::adapt::adapt;
 use tspline::surface::errors::{errors, measures};
 use tspline::surface::fit::{FitOptions, MeshTarget, Target, fit};
@@ -449,6 +449,21 @@ fn a_fit_reaches_its_tolerance() {
     let adapted = adapted.expect("a surface");
     assert!(adapted.reached, "{:?}", adapted.rounds);
     assert!(adapted.rounds.len() > 1 && adapted.errors.hausdorff <= 4e-3);
+    // What is fine without need becomes coarse again.
+    let (rules, fit) = (TMeshOptions::default(), FitOptions::default());
+    let quads = shapes::quad_sphere(1.0, 8);
+    let coarse = TMesh::build(&quads, &[1; 384], &rules).unwrap();
+    let all: Vec<usize> = (0..coarse.elements().len()).collect();
+    let fine = coarse.cut(&all, &rules).unwrap();
+    assert_eq!(fine.merge(&[0, 1, 2], &rules).unwrap(), fine);
+    let all: Vec<usize> = (0..fine.elements().len()).collect();
+    assert_eq!(fine.merge(&all, &rules).unwrap(), coarse);
+    assert!(fine.merge(&[all.len()], &rules).is_err());
+    let back = adapt(fine, Basis::Hierarchical, &target, 0.03, &fit, cpu());
+    let back = back.expect("a surface");
+    let [before, after] = [&back.rounds[0], &back.rounds[1]];
+    assert!(back.reached && after.pruned && after.functions < before.functions);
+    assert!(back.surface.mesh().audit().is_valid() && back.errors.to_mesh <= 0.03);
     let [a, b] = [adapted.errors.volume, adapted.errors.mesh_volume].map(Option::unwrap);
     assert!((a / b - 1.0).abs() < 2e-3);
 }
@@ -502,8 +517,10 @@ fn files_are_read_as_they_were_written() {
         let mut sorted = exchange.clone();
         sorted.elements.sort_by_key(|e| e.nodes.len());
         assert!(again == sorted);
-        let file = text(|out| vtu::write(out, &surface, &[]));
+        let zeros = vec![0.0; surface.mesh().elements().len()];
+        let file = text(|out| vtu::write(out, &surface, &[("\"a\" < b", &zeros)]));
         assert!(file.contains("RationalWeights") && file.contains("77 77"));
+        assert!(file.contains("Name=\"&#34;a&#34; &#60; b\""));
         let file = text(|out| step::write(out, &surface, "a 'sphere'"));
         assert_eq!(
             file.matches("ADVANCED_FACE").count(),
@@ -521,6 +538,12 @@ fn files_are_read_as_they_were_written() {
     let entries = (mass.entries() + mass.rows()) / 2;
     assert_eq!(file.lines().nth(1), Some(&*format!("98 98 {entries}")));
     assert_eq!(file.lines().count(), entries + 2);
+    let mut archive = Vec::new();
+    npz::write(&mut archive, &mass).expect("written");
+    let has = |bytes: &[u8]| archive.windows(bytes.len()).any(|w| w == bytes);
+    assert!(archive.starts_with(b"PK\x03\x04") && has(b"data.npy\x93NUMPY"));
+    let values: Vec<u8> = mass.values().iter().flat_map(|x| x.to_le_bytes()).collect();
+    assert!(has(&values) && has(b"'descr': '<i4', 'fortran_order': False, 'shape': (99,)"));
 }
 
 #[test]

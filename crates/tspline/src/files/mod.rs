@@ -5,11 +5,12 @@
 //!   JSON with feature `serde`
 //! - [`vtu`]: Bézier cells for ParaView
 //! - [`step`]: B-spline faces for CAD
-//! - [`market`]: sparse matrices for solvers
+//! - [`market`], [`npz`]: sparse matrices for solvers, as text and as NumPy arrays
 
 pub mod bext;
 pub mod iga;
 pub mod market;
+pub mod npz;
 pub mod step;
 pub mod vtu;
 mod words;

@@ -52,7 +52,7 @@ pub fn write(out: &mut dyn Write, surface: &Surface, fields: &[(&str, &[f64])]) 
     whole_numbers(out, patches.iter().map(|p| p.element as usize))?;
     for (name, values) in fields {
         let of_patches = patches.iter().map(|p| values[p.element as usize]);
-        array(out, "Float64", name, 1, of_patches)?;
+        array(out, "Float64", &escaped(name), 1, of_patches)?;
     }
     writeln!(out, "</CellData>\n<Points>")?;
     let places = ordered().flat_map(|[x, y, z, w]| [x / w, y / w, z / w]);
@@ -72,6 +72,16 @@ pub fn write(out: &mut dyn Write, surface: &Surface, fields: &[(&str, &[f64])]) 
     )?;
     whole_numbers(out, (0..cells).map(|_| 77))?;
     writeln!(out, "</Cells>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>")
+}
+
+/// A name as the value of an attribute.
+fn escaped(name: &str) -> String {
+    let replaced = |c: char| match c {
+        '&' | '<' | '>' | '"' => format!("&#{};", u32::from(c)),
+        c if c.is_control() => " ".to_owned(),
+        c => c.to_string(),
+    };
+    name.chars().map(replaced).collect()
 }
 
 fn array(

@@ -49,6 +49,36 @@ pub(crate) fn cut(
     settled(cover, rings)
 }
 
+/// The same from the elements that there are, with each four that are marked (by their quads) and that a block of the next
+/// level may replace as that block, and without those that then break a rule.
+pub(crate) fn merged(
+    edges: &Halfedges<4>,
+    forest: &Forest,
+    mut level: Vec<u8>,
+    marked: &[bool],
+    rings: u32,
+) -> Vec<u8> {
+    let before = level.clone();
+    for l in 1..forest.levels.len() {
+        let blocks = &forest.levels[l];
+        let usable = forest.usable(edges, l, rings);
+        for (block, _) in blocks.list.iter().zip(usable).filter(|(_, usable)| *usable) {
+            let quads = rows(edges, block.sides[0], 1 << l).flatten();
+            let quads: Vec<usize> = quads.map(|h| edges.face(h).0 as usize).collect();
+            let part = |&q: &usize| marked[q] && usize::from(before[q]) + 1 == l;
+            if quads.iter().all(part) {
+                quads.iter().for_each(|&q| level[q] = l as u8);
+            }
+        }
+    }
+    let cover = Cover {
+        edges,
+        forest,
+        level,
+    };
+    settled(cover, rings)
+}
+
 fn settled(mut cover: Cover<'_>, rings: u32) -> Vec<u8> {
     let edges = cover.edges;
     let extraordinary: Vec<u32> = (0..edges.vertices() as u32)
@@ -83,7 +113,12 @@ pub(crate) fn is_cover(edges: &Halfedges<4>, forest: &Forest, level: &[u8]) -> b
         level: level.to_vec(),
     };
     let of = |q: u32| (level[q as usize], cover.start(q));
-    let whole = |q: u32| cover.quads(q).into_iter().all(|other| of(other) == of(q));
+    // A block is looked at once, from where it begins; all others of its quads must be of that one.
+    let whole = |q: u32| {
+        let first = edges.face(cover.start(q)).0;
+        let all = || cover.quads(q).into_iter().all(|other| of(other) == of(q));
+        of(first) == of(q) && (first != q || all())
+    };
     let fits = |h: HalfedgeId| {
         let Some(twin) = edges.twin(h) else {
             return true;

@@ -106,18 +106,11 @@ impl TMesh {
     /// [`Error::Count`] for an element that does not exist; [`Error::Option`].
     pub fn cut(&self, elements: &[usize], options: &TMeshOptions) -> Result<Self, Error> {
         options.check()?;
-        if let Some(&found) = elements.iter().find(|&&e| e >= self.elements.len()) {
-            return Err(Error::Count {
-                what: "as the number of an element",
-                found,
-                expected: self.elements.len(),
-            });
-        }
+        self.check_elements(elements)?;
         let mut elements = elements.to_vec();
         elements.sort_unstable();
         elements.dedup();
-        let of_quad = |&e: &u32| self.elements[e as usize].level;
-        let level = self.element_of.iter().map(of_quad).collect();
+        let level = self.levels();
         let quads: Vec<u32> = elements.iter().map(|&e| self.fine_quads(e)[0]).collect();
         let level = balance::cut(&self.edges, &self.forest, level, &quads, options.rings);
         Ok(Self::of_levels(
@@ -126,6 +119,47 @@ impl TMesh {
             self.forest.clone(),
             &level,
         ))
+    }
+
+    /// The same T-mesh with one element for each four that are all among these, where a block allows that, and without
+    /// those that then break a rule: the reverse of [`cut`](Self::cut).
+    ///
+    /// # Errors
+    /// [`Error::Count`] for an element that does not exist; [`Error::Option`].
+    pub fn merge(&self, elements: &[usize], options: &TMeshOptions) -> Result<Self, Error> {
+        options.check()?;
+        self.check_elements(elements)?;
+        let mut marked = vec![false; self.element_of.len()];
+        for &q in elements.iter().flat_map(|&e| self.fine_quads(e)) {
+            marked[q as usize] = true;
+        }
+        let (edges, forest) = (&self.edges, &self.forest);
+        let level = balance::merged(edges, forest, self.levels(), &marked, options.rings);
+        Ok(Self::of_levels(
+            &self.fine,
+            edges.clone(),
+            forest.clone(),
+            &level,
+        ))
+    }
+
+    fn check_elements(&self, elements: &[usize]) -> Result<(), Error> {
+        let expected = self.elements.len();
+        let what = "as the number of an element";
+        match elements.iter().find(|&&e| e >= expected) {
+            None => Ok(()),
+            Some(&found) => Err(Error::Count {
+                what,
+                found,
+                expected,
+            }),
+        }
+    }
+
+    /// The level of the element at each fine quad.
+    pub fn levels(&self) -> Vec<u8> {
+        let of_quad = |&e: &u32| self.elements[e as usize].level;
+        self.element_of.iter().map(of_quad).collect()
     }
 
     /// The T-mesh whose element at each fine quad is the block of this level there.

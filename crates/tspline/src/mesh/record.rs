@@ -43,7 +43,6 @@ pub struct Record {
 
 impl From<&TMesh> for Record {
     fn from(mesh: &TMesh) -> Self {
-        let level = |&e: &u32| mesh.elements[e as usize].level;
         Self {
             format: FORMAT.to_owned(),
             fine_vertices: mesh
@@ -54,7 +53,7 @@ impl From<&TMesh> for Record {
                 .collect(),
             fine_quads: mesh.fine.quads().to_vec(),
             allowed: mesh.forest.allowed().to_vec(),
-            levels: mesh.element_of.iter().map(level).collect(),
+            levels: mesh.levels(),
             vertices: mesh.fine_of.clone(),
             elements: mesh.elements.clone(),
             halfedges: mesh.halfedges(),

@@ -14,14 +14,14 @@ use crate::options::Method;
 use crate::{Error, QualityOptions, TMesh, VertexKind};
 
 /// Elements below this are worked on one by one after the flow.
-const GOAL: f64 = 0.7;
+const GOAL: f64 = 0.9;
 /// Powers of the distortions whose sum is lowered, one after the other: the first is Eq. 5.6, the second heeds the worse
 /// corners more.
 const POWERS: [i32; 2] = [1, 4];
 /// No vertex moves farther in a step than this share of the elements' size.
 const LONGEST: f64 = 0.3;
-/// Where a search for a better place begins, in the elements' size.
-const COMPASS: f64 = 0.25;
+/// Where a search for a better place begins and where it ends, in the elements' size.
+const COMPASS: [f64; 2] = [0.25, 0.003];
 
 pub(crate) fn improve(
     mut mesh: TMesh,
@@ -270,9 +270,10 @@ impl<'a> Flow<'a> {
     }
 
     /// Vertices of bad elements search the directions of a compass for a place where the worst element around them is
-    /// better. How many moved.
+    /// better, nearer and nearer until something around them moves. How many moved.
     fn lift_the_worst(&mut self) -> Result<usize, Error> {
-        let mut step = COMPASS;
+        let [longest, least] = COMPASS;
+        let mut steps = vec![longest; self.positions.len()];
         let mut lifted = vec![false; self.positions.len()];
         for round in 0..self.options.rounds {
             let rounds = self.options.rounds as u64;
@@ -281,28 +282,41 @@ impl<'a> Flow<'a> {
             let mut bad: Vec<usize> = (0..jacobians.len())
                 .filter(|&e| jacobians[e] < GOAL)
                 .collect();
-            if bad.is_empty() {
-                break;
-            }
             bad.sort_by(|&a, &b| jacobians[a].total_cmp(&jacobians[b]).then(a.cmp(&b)));
-            let mut moved = false;
+            let mut searched = false;
             for e in bad {
-                let mut rim: Vec<u32> = self.cells.of_element(e).concat();
-                rim.retain(|&n| (n as usize) < self.positions.len());
-                rim.sort_unstable();
-                rim.dedup();
-                for v in rim {
-                    if self.search(v as usize, step) {
-                        lifted[v as usize] = true;
-                        moved = true;
+                for v in self.rim(e) {
+                    let (v, step) = (v as usize, steps[v as usize]);
+                    if step < least {
+                        continue;
+                    }
+                    searched = true;
+                    if !self.search(v, step) {
+                        steps[v] = 0.5 * step;
+                        continue;
+                    }
+                    lifted[v] = true;
+                    for &near in self.cells.around(v) {
+                        for w in self.rim(near as usize) {
+                            steps[w as usize] = step.max(steps[w as usize]);
+                        }
                     }
                 }
             }
-            if !moved {
-                step *= 0.5;
+            if !searched {
+                break;
             }
         }
         Ok(lifted.iter().filter(|&&l| l).count())
+    }
+
+    /// The vertices of an element, ascending.
+    fn rim(&self, e: usize) -> Vec<u32> {
+        let mut rim: Vec<u32> = self.cells.of_element(e).concat();
+        rim.retain(|&n| (n as usize) < self.positions.len());
+        rim.sort_unstable();
+        rim.dedup();
+        rim
     }
 
     fn search(&mut self, v: usize, step: f64) -> bool {

@@ -6,7 +6,7 @@ use geom_core::{Run, TriMesh};
 use super::errors::{Errors, errors};
 use super::fit::{FitOptions, FitReport, MeshTarget, fit};
 use super::{Basis, Surface};
-use crate::backend::SplineBackend;
+use crate::backend::{On, SplineBackend};
 use crate::{Error, TMesh, TMeshOptions};
 
 /// A surface fitted to a mesh.
@@ -20,7 +20,7 @@ pub struct Adapted {
     pub of_elements: Vec<f64>,
     /// How its last fit went.
     pub fit: FitReport,
-    /// Each round: before the first refinement, and after each.
+    /// Each round: before the first refinement, after each, and after vertices without need went.
     pub rounds: Vec<Round>,
     /// Is no element farther away than asked? Where elements of the finest level are, a finer mesh is needed.
     pub reached: bool,
@@ -42,10 +42,19 @@ pub struct Round {
     pub too_far: usize,
     /// Elements that are cut for it, those around them included.
     pub cut: usize,
+    /// Is this the surface after four elements each became one where the distance allows it?
+    pub pruned: bool,
 }
 
+/// Four elements may become one where they are nearer than this share of the tolerance.
+const SPARE: f64 = 0.5;
+/// How often it is tried.
+const TRIES: usize = 8;
+
 /// Fits a surface to a mesh, cuts the elements, with those around them, that are farther from it than `tolerance` (Å; infinite: none), and goes on
-/// until none is left that can be cut.
+/// until none is left that can be cut. Then vertices without need go: four elements become one where the surface, fitted
+/// anew, stays within the tolerance. Rules of T-meshes are those of [`TMeshOptions::default`], whatever the mesh was made
+/// by.
 ///
 /// # Errors
 /// [`Error::Option`] for a tolerance that is not positive; those of [`fit`], [`errors`] and [`Surface::new`].
@@ -62,38 +71,139 @@ pub fn adapt<B: SplineBackend + ?Sized>(
     let near = MeshTarget::new(target)?;
     let mut surface = Surface::new(mesh, basis, run)?;
     let mut rounds = Vec::new();
+    let rules = TMeshOptions::default();
     loop {
-        let fit = fit(&mut surface, &near, options, run)?;
+        let state = State::of(surface, &near, target, tolerance, options, run)?;
+        let cut = to_cut(state.surface.mesh(), &state.too_far);
+        rounds.push(state.round(cut.len(), false));
+        if cut.is_empty() {
+            let (state, was_pruned) = if tolerance.is_finite() {
+                pruned(state, &near, target, tolerance, options, run)?
+            } else {
+                (state, false)
+            };
+            if was_pruned {
+                rounds.push(state.round(0, true));
+            }
+            return Ok(Adapted {
+                reached: state.too_far.is_empty(),
+                surface: state.surface,
+                errors: state.errors,
+                of_elements: state.of_elements,
+                fit: state.fit,
+                rounds,
+            });
+        }
+        surface = match basis {
+            Basis::Hierarchical => state.surface.cut(&cut, &rules, run)?,
+            Basis::Rational => Surface::new(state.surface.mesh().cut(&cut, &rules)?, basis, run)?,
+        };
+    }
+}
+
+/// A fitted surface and how far away it is.
+struct State {
+    surface: Surface,
+    fit: FitReport,
+    errors: Errors,
+    of_elements: Vec<f64>,
+    too_far: Vec<usize>,
+}
+
+impl State {
+    fn of(
+        mut surface: Surface,
+        near: &MeshTarget,
+        target: &TriMesh,
+        tolerance: f64,
+        options: &FitOptions,
+        run: On<'_>,
+    ) -> Result<Self, Error> {
+        let fit = fit(&mut surface, near, options, run)?;
         let (errors, of_elements) = errors(&surface, target, run)?;
         let far = |e: &usize| of_elements[*e] > tolerance;
-        let levels: Vec<u8> = surface.mesh().elements().iter().map(|e| e.level).collect();
-        let too_far: Vec<usize> = (0..levels.len()).filter(far).collect();
-        let cut = to_cut(surface.mesh(), &too_far);
-        rounds.push(Round {
-            elements: levels.len(),
-            functions: surface.controls().len(),
-            rms: errors.rms,
-            hausdorff: errors.hausdorff,
-            too_far: too_far.len(),
-            cut: cut.len(),
-        });
-        if !cut.is_empty() {
-            let options = TMeshOptions::default();
-            surface = match basis {
-                Basis::Hierarchical => surface.cut(&cut, &options, run)?,
-                Basis::Rational => Surface::new(surface.mesh().cut(&cut, &options)?, basis, run)?,
-            };
-            continue;
-        }
-        return Ok(Adapted {
+        let too_far = (0..of_elements.len()).filter(far).collect();
+        Ok(Self {
             surface,
+            fit,
             errors,
             of_elements,
-            fit,
-            rounds,
-            reached: too_far.is_empty(),
-        });
+            too_far,
+        })
     }
+
+    fn round(&self, cut: usize, pruned: bool) -> Round {
+        Round {
+            elements: self.of_elements.len(),
+            functions: self.surface.controls().len(),
+            rms: self.errors.rms,
+            hausdorff: self.errors.hausdorff,
+            too_far: self.too_far.len(),
+            cut,
+            pruned,
+        }
+    }
+}
+
+/// Fewer elements, none of which is too far away that was not before; whether there are fewer.
+fn pruned(
+    mut state: State,
+    near: &MeshTarget,
+    target: &TriMesh,
+    tolerance: f64,
+    options: &FitOptions,
+    run: On<'_>,
+) -> Result<(State, bool), Error> {
+    let rules = TMeshOptions::default();
+    let mut fewer = false;
+    // By fine quads: where it was tried in vain.
+    let mut needed = vec![false; state.surface.mesh().fine().quads().len()];
+    for _ in 0..TRIES {
+        let mesh = state.surface.mesh();
+        let may = |e: &usize| {
+            let quads = mesh.fine_quads(*e);
+            state.of_elements[*e] <= SPARE * tolerance && quads.iter().all(|&q| !needed[q as usize])
+        };
+        let spare: Vec<usize> = (0..mesh.elements().len()).filter(may).collect();
+        let merged = mesh.merge(&spare, &rules)?;
+        if merged.elements().len() == mesh.elements().len() {
+            break;
+        }
+        let surface = Surface::new(merged, state.surface.basis(), run)?;
+        let next = State::of(surface, near, target, tolerance, options, run)?;
+        let was_far = |q: u32| state.of_elements[mesh.element_of(q as usize) as usize] > tolerance;
+        let is_worse = |&e: &usize| {
+            !next
+                .surface
+                .mesh()
+                .fine_quads(e)
+                .iter()
+                .any(|&q| was_far(q))
+        };
+        let worse: Vec<usize> = next.too_far.iter().copied().filter(is_worse).collect();
+        if worse.is_empty() {
+            (state, fewer) = (next, true);
+            continue;
+        }
+        // What was joined there and beside it is needed: functions reach over two elements.
+        let next = next.surface.mesh();
+        let near = with_those_around(next, &with_those_around(next, &worse));
+        for &q in near.iter().flat_map(|&e| next.fine_quads(e)) {
+            needed[q as usize] = true;
+        }
+    }
+    Ok((state, fewer))
+}
+
+/// Some elements and those that share a vertex with them.
+fn with_those_around(mesh: &TMesh, elements: &[usize]) -> Vec<usize> {
+    let vertices = |e: usize| (0..4).flat_map(move |side| mesh.side(e, side));
+    let mut near = vec![false; mesh.positions().len()];
+    for &v in elements.iter().flat_map(|&e| vertices(e)) {
+        near[v as usize] = true;
+    }
+    let reached = |e: &usize| vertices(*e).any(|&v| near[v as usize]);
+    (0..mesh.elements().len()).filter(reached).collect()
 }
 
 /// The elements of these that are not of the finest level, and those around them that are no finer: a function of the next

@@ -1,0 +1,5 @@
+//! All tests of the crate as one program: each program links and compiles what it uses anew.
+
+mod backends;
+mod mesh;
+mod surface;
