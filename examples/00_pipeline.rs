@@ -43,7 +43,8 @@ Examples:
 Materials get the region numbers 2, 3, … in the order cylinders, balls, boxes, slabs; where they overlap
 the first one counts, and the molecule (1) before all.
 
-Outputs: surface.ply, surface.glb (coloured by --color) and surface.png; volume.vtu (regions and quality
+Outputs: surface.ply, surface.glb (coloured by --color) and surface.png; of structures view.cxc and view.pml
+(ChimeraX and PyMOL open the surface around the atoms); volume.vtu (regions and quality
 per tetrahedron), volume.msh (named groups, for solvers) and volume.png (a cut); quality.png;
 report.json with counts, quality before and after, seconds per stage and peak memory.";
 
@@ -97,14 +98,14 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
     let surface = products::molecule_surface(&mesh);
     products::note_volume(session, &mesh)?;
     products::note_surface(session, &surface)?;
-    session.files(7, || {
+    session.files(9, || {
         products::side_by_side(
             || {
                 products::save_surface(
                     session,
                     "surface",
                     &surface,
-                    source.structure().map(|s| (s, &args.labels)),
+                    args.labels.around(&source, &args.source.input),
                 )
             },
             || products::save_volume(session, "volume", &mesh, (&mesh).into(), source.structure()),

@@ -31,7 +31,8 @@ Examples:
   02_surface 1su4.pdb --spacing 0.5 --tolerance 0.2 --out adaptive
   02_surface emd_1234.map.gz --isovalue 0.03 --out map
 
-Outputs: surface.ply, surface.glb (coloured by --color), surface.png, report.json with the audit (closed,
+Outputs: surface.ply, surface.glb (coloured by --color), surface.png, of structures view.cxc and view.pml
+(ChimeraX and PyMOL open the surface around the atoms), report.json with the audit (closed,
 manifold, parts, Euler characteristic), area and volume.";
 
 impl HasCommon for Args {
@@ -61,12 +62,12 @@ fn contour(args: &Args, session: &Session) -> Result<(), Failure> {
     })?;
     session.note("contour", &made.report)?;
     products::note_surface(session, &made.mesh)?;
-    session.files(3, || {
+    session.files(5, || {
         products::save_surface(
             session,
             "surface",
             &made.mesh,
-            source.structure().map(|s| (s, &args.labels)),
+            args.labels.around(&source, &args.source.input),
         )
     })
 }

@@ -37,7 +37,8 @@ Examples:
 
 Materials get the region numbers 2, 3, … in the order cylinders, balls, boxes, slabs; where they overlap
 the first one counts, and the molecule (1) before all. Outputs: volume.vtu (regions and quality per
-tetrahedron), volume.msh (named groups), volume.png (a cut), surface.ply/.glb/.png, report.json.";
+tetrahedron), volume.msh (named groups), volume.png (a cut), surface.ply/.glb/.png,
+of structures view.cxc and view.pml (ChimeraX and PyMOL open the surface around the atoms), report.json.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {
@@ -68,14 +69,14 @@ fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
     session.note("quality", tet_quality::quality_report(&made.mesh))?;
     products::note_volume(session, &made.mesh)?;
     products::note_surface(session, &made.surface)?;
-    session.files(6, || {
+    session.files(8, || {
         products::side_by_side(
             || {
                 products::save_surface(
                     session,
                     "surface",
                     &made.surface,
-                    source.structure().map(|s| (s, &args.labels)),
+                    args.labels.around(&source, &args.source.input),
                 )
             },
             || {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
+use biogeom_examples::products::Coloring;
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::io::{
@@ -153,7 +154,7 @@ fn better_tets(
         ..Options::default()
     };
     session.note("improvement", options)?;
-    products::picture_of_volume(session, "before", &mesh)?;
+    products::picture_of_volume(session, "before", &mesh, &groups.view(&mesh))?;
     let improved = session.stage("improvement", || {
         improve(mesh, None, &options, session.on(session.device.quality()))
     })?;
@@ -193,12 +194,7 @@ fn better_triangles(args: &Args, mesh: TriMesh, session: &Session) -> Result<(),
         ..Default::default()
     };
     session.note("improvement", &options)?;
-    products::picture_of_surface(
-        session,
-        "before",
-        &mesh,
-        vec![products::GOLD; mesh.positions().len()],
-    )?;
+    products::picture_of_surface(session, "before", &mesh, &Coloring::plain(&mesh))?;
     let made = session.stage("remeshing", || {
         remesh(mesh, None, &options, session.on(session.device.quality()))
     })?;

@@ -6,7 +6,8 @@ use std::process::ExitCode;
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::input::source::SourceArgs;
 use biogeom_examples::input::surface;
-use biogeom_examples::picture::{Curve, Layer, Paint, Scale, Scene, View, lines, sheet};
+use biogeom_examples::picture::{Curve, Layer, Paint, Scale, Scene, View, lines, sheet_of_modes};
+use biogeom_examples::products::Coloring;
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::algebra::eigen::{Options, eigenpairs};
@@ -136,6 +137,12 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
             let path = session.output(format!("mode_{:02}.glb", i + 1))?;
             Ok::<_, Failure>(io::mesh::save(path, &colored)?)
         })?;
+        let colorings = pairs.vectors.iter().zip(&pairs.values).zip(1..);
+        let colorings = colorings.map(|((mode, value), number)| {
+            let name = format!("mode {number}: λ = {}", products::brief(*value));
+            (name, Coloring::of_values(mode, Scale::symmetric(mode, "")))
+        });
+        session.show("surface", &mesh, colorings.take(SHOWN).collect());
         session.picture("modes", || {
             let view = View::principal(mesh.positions()).turned(0.25, 0.2);
             let mut layer = Layer::surface(&mesh, Paint::Plain(products::GOLD));
@@ -149,7 +156,7 @@ fn modes(args: &Args, session: &Session) -> Result<(), Failure> {
             let title =
                 |(i, value): (usize, &f64)| format!("{}: λ = {}", i + 1, products::brief(*value));
             let titles = pairs.values.iter().enumerate().map(title);
-            Ok(sheet(&titles.zip(images).collect::<Vec<_>>(), 4))
+            Ok(sheet_of_modes(&titles.zip(images).collect::<Vec<_>>(), 4))
         })?;
         let points = (1..)
             .zip(&pairs.values)

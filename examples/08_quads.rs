@@ -109,16 +109,12 @@ fn quads(args: &Args, session: &Session) -> Result<(), Failure> {
 
 /// Refuses more quads than there is memory for, before anything is made of them.
 fn affordable(options: &Options, mesh: &TriMesh, session: &Session) -> Result<(), Failure> {
-    // Ten triangles on the way to each quad, their matrices factored.
-    const BYTES: f64 = 16384.0;
-    let area = mesh.area();
-    let side = options.size.spacing(area, mesh.triangles().len());
-    let quads = area / (side * side);
-    let (needed, allowed) = (quads * BYTES, session.memory());
+    let needed = options.bytes(mesh.area(), mesh.triangles().len());
+    let allowed = session.memory();
     if needed > allowed as f64 {
         let gigabytes = |bytes: f64| bytes / 1e9;
         return Err(format!(
-            "{quads:.0} quads need about {:.1} GB, more than the {:.1} GB of --max-memory",
+            "the quads need about {:.1} GB, more than the {:.1} GB of --max-memory",
             gigabytes(needed),
             gigabytes(allowed as f64)
         )

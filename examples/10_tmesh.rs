@@ -27,7 +27,7 @@ Examples:
   10_tmesh spot.ply --quads 8000 --levels curvature --coarsest 2 --out spot
 
 Outputs: tmesh.json (fine quads, levels, elements, half-edges with knot intervals), tmesh.obj and tmesh.vtu (elements as
-polygons; level and scaled Jacobian per element), tmesh.glb and tmesh.png (a colour per level), report.json with
+polygons; level, scaled Jacobian and the input's labels or scalar fields per element), tmesh.glb and tmesh.png (a colour per level), report.json with
 `counts.elements`, `counts.t_junctions`, `counts.extraordinary`, `counts.levels`, and `scaled_jacobian` (signed).";
 
 impl HasCommon for Args {
@@ -65,9 +65,13 @@ fn save(session: &Session, made: &Made) -> Result<(), Failure> {
     };
     io::mesh::save(session.output("tmesh.obj")?, &elements)?;
     let levels: Vec<u8> = mesh.elements().iter().map(|e| e.level).collect();
-    let fields = elements
+    let mut fields = elements
         .cell_field("level", &levels)?
         .cell_field("scaled_jacobian", &made.jacobians)?;
+    let carried = made.input.carried(mesh)?;
+    for (name, values) in &carried {
+        fields = fields.cell_field(name, values)?;
+    }
     io::mesh::save(session.output("tmesh.vtu")?, &fields)?;
 
     let scale = tmesh::scale(mesh);

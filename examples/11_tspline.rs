@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
-use biogeom_examples::input::tmesh::{TMeshArgs, affordable};
+use biogeom_examples::input::tmesh::{Input, TMeshArgs, affordable};
 use biogeom_examples::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
 use biogeom_examples::{Failure, Session, crosses, products};
 use clap::{Parser, ValueEnum};
@@ -14,7 +14,7 @@ use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, TriMesh, Vector3};
 use serde::Serialize;
 use serde_json::json;
-use tspline::files::{Exchange, bext, iga, market, step, vtu};
+use tspline::files::{Exchange, bext, iga, market, npz, step, vtu};
 use tspline::surface::Jet;
 use tspline::surface::adapt::{Adapted, adapt};
 use tspline::surface::fit::FitOptions;
@@ -68,7 +68,7 @@ enum BasisName {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
 enum Product {
-    /// Bézier cells for ParaView, with the error of each element
+    /// Bézier cells for ParaView, with the error of each element and the input's labels or scalar fields
     Vtu,
     /// B-spline faces for CAD; a millimetre stands for an Å
     Step,
@@ -92,7 +92,7 @@ Examples:
 
 Outputs: surface.vtu, surface.step, surface.glb and others as --files says; surface.png (distance from the input, sides
 of elements, T-junctions, extraordinary vertices),
-stiffness.mtx and mass.mtx with --eigenvalues; report.json with `counts`, `error` (`rms`, `hausdorff`, Å), `rounds`,
+stiffness and mass as .mtx (Matrix Market) and .npz (SciPy) with --eigenvalues; report.json with `counts`, `error` (`rms`, `hausdorff`, Å), `rounds`,
 `independence` and `eigenvalues` (Å⁻²).";
 
 impl HasCommon for Args {
@@ -131,9 +131,10 @@ fn spline(args: &Args, session: &Session) -> Result<(), Failure> {
         BasisName::Rational => Basis::Rational,
     };
     let on = session.on(session.device.spline());
+    let target = &made.input.surface;
     let tolerance = args.tolerance.unwrap_or(f64::INFINITY);
     let adapted = session.stage("surface", || {
-        adapt(made.mesh, basis, &made.surface, tolerance, &options, on)
+        adapt(made.mesh, basis, target, tolerance, &options, on)
     })?;
     note(session, &adapted, args.tolerance.is_some())?;
     let surface = &adapted.surface;
@@ -142,21 +143,22 @@ fn spline(args: &Args, session: &Session) -> Result<(), Failure> {
         None => None,
         Some(count) => Some(spectrum(session, surface, count as usize)?),
     };
-    let count = args.files.len() as u64 + 1 + 2 * u64::from(matrices.is_some());
+    let count = args.files.len() as u64 + 1 + 4 * u64::from(matrices.is_some());
     session.files(count, || {
         for &file in &args.files {
-            save(session, file, &adapted, &triangles, &made.surface)?;
+            save(session, file, &adapted, &triangles, &made.input)?;
         }
         if let Some(matrices) = &matrices {
             for (name, matrix) in [("stiffness", &matrices.stiffness), ("mass", &matrices.mass)] {
                 write(session, &format!("{name}.mtx"), |out| {
                     market::write_symmetric(out, matrix)
                 })?;
+                write(session, &format!("{name}.npz"), |out| {
+                    npz::write(out, matrix)
+                })?;
             }
         }
-        session.picture("surface", || {
-            picture(session, &adapted, &triangles, &made.surface)
-        })
+        session.picture("surface", || picture(session, &adapted, &triangles, target))
     })
 }
 
@@ -213,13 +215,22 @@ fn save(
     file: Product,
     adapted: &Adapted,
     triangles: &Tessellation,
-    target: &TriMesh,
+    input: &Input,
 ) -> Result<(), Failure> {
     let surface = &adapted.surface;
     match file {
-        Product::Vtu => write(session, "surface.vtu", |out| {
-            vtu::write(out, surface, &[("distance", &adapted.of_elements)])
-        }),
+        Product::Vtu => {
+            let carried = input.carried(surface.mesh())?;
+            let mut fields = vec![("distance", &adapted.of_elements[..])];
+            fields.extend(
+                carried
+                    .iter()
+                    .map(|(name, values)| (&name[..], &values[..])),
+            );
+            write(session, "surface.vtu", |out| {
+                vtu::write(out, surface, &fields)
+            })
+        }
         Product::Step => write(session, "surface.step", |out| {
             step::write(out, surface, "surface")
         }),
@@ -239,7 +250,7 @@ fn save(
             Ok(io::mesh::save(session.output("surface.obj")?, &view)?)
         }
         Product::Glb => {
-            let (values, scale) = distances(triangles, target)?;
+            let (values, scale) = distances(triangles, &input.surface)?;
             let colors = products::rgba(&scale.colors(&values));
             let view = Fields::from(&triangles.mesh).colored(colors)?;
             Ok(io::mesh::save(session.output("surface.glb")?, &view)?)

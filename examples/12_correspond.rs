@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::input::shapes::{Body, MatchArgs, Pair, ShapeArgs};
-use biogeom_examples::picture::{Image, Layer, Paint, Rgb, Scale, Scene, View, sheet};
+use biogeom_examples::picture::{Image, Layer, Paint, Rgb, Scale, Scene, View, sheet_of_modes};
+use biogeom_examples::products::Coloring;
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use geom_core::io::{self, view::View as Fields};
@@ -41,7 +42,8 @@ Examples:
 
 Positions, orientations and numbers of nodes do not matter; a mirror image is not matched. The verdict is good, doubtful
 or failed: look at the candidates in report.json where it is not good. Outputs: matches.csv (a row per boundary point of
-the first shape: ax,ay,az,bx,by,bz,distortion, in Å and in the inputs' own coordinates), first.glb and second.glb (partners
+the first shape: ax,ay,az,bx,by,bz,distortion, in Å and in the inputs' own coordinates; b lies on the second shape within a
+spacing of a boundary point, not on the lattice), first.glb and second.glb (partners
 have one colour), correspond.png (with links), modes.png (joint modes on both), report.json.";
 
 impl HasCommon for Args {
@@ -62,8 +64,10 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let found = args.matching.find(&pair, session)?;
     if args.truth_atoms {
         let truth = pair.truth()?;
-        let judged = truth.judge(&pair.first.shape, &pair.second.shape, &found.forward)?;
-        session.note("truth", judged)?;
+        let (a, b) = (&pair.first.shape, &pair.second.shape);
+        session.note("truth", truth.judge(a, b, &found.forward)?)?;
+        let places = truth.judge_places(a, b, &found.places(b))?;
+        session.note("truth_of_places", places)?;
     }
     session.files(5, || {
         write_matches(args, session, &pair, &found)?;
@@ -74,6 +78,12 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         ] {
             let view = Fields::from(&body.surface).colored(products::rgba(colors))?;
             io::mesh::save(session.output(format!("{name}.glb"))?, &view)?;
+            let coloring = Coloring {
+                colors: colors.clone(),
+                scale: None,
+                legend: Vec::new(),
+            };
+            session.show(name, &body.surface, vec![("partners".to_owned(), coloring)]);
         }
         session.picture("correspond", || {
             picture(session, &pair, &found, &colors, args.links.into())
@@ -99,12 +109,11 @@ fn write_matches(
     let compared = compare(a, b, &found.forward, &options, on)?;
     session.note("comparison", compared.report)?;
     session.note("counts", json!({ "matches": found.forward.len() }))?;
-    let rows = a.boundary_points().iter().zip(&found.forward);
+    let rows = a.boundary_points().iter().zip(found.places(b));
     let rows = rows.zip(&compared.distortions);
     io::save(session.output("matches.csv")?, |w| {
         writeln!(w, "ax,ay,az,bx,by,bz,distortion")?;
-        for ((p, &j), e) in rows {
-            let q = b.boundary_points()[j as usize];
+        for ((p, q), e) in rows {
             writeln!(w, "{},{},{},{},{},{},{e:.4}", p.x, p.y, p.z, q.x, q.y, q.z)?;
         }
         Ok(())
@@ -281,5 +290,5 @@ fn modes(session: &Session, pair: &Pair, found: &Correspondence) -> Result<Image
         let image = scene.draw(session.rasterizer()?, [560, 300])?;
         images.push((format!("{}: λ = {}", k + 1, products::brief(*value)), image));
     }
-    Ok(sheet(&images, 2))
+    Ok(sheet_of_modes(&images, 2))
 }

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::input::shapes::{MatchArgs, ShapeArgs};
 use biogeom_examples::picture::{ColorMap, Layer, Paint, Scale, Scene, View, sheet};
-use biogeom_examples::products;
+use biogeom_examples::products::{self, Coloring};
 use biogeom_examples::{Failure, Session};
 use clap::Parser;
 use geom_core::io::{self, view::View as Fields};
@@ -88,7 +88,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     session.files(4, || {
         let mut all = Fields::from(surface).point_field("partner_distance", distances)?;
         let view = View::principal(surface.positions()).turned(0.25, 0.2);
-        let mut pictures = Vec::new();
+        let (mut pictures, mut colorings) = (Vec::new(), Vec::new());
         for (name, values, label) in &fields {
             all = all.point_field(name, values)?;
             // The few largest do not decide what is seen.
@@ -98,11 +98,14 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
                 .get(sorted.len() * 98 / 100)
                 .map_or(1.0, |h| h.max(1e-6));
             let scale = Scale::new(ColorMap::Heat, [0.0, high], *label);
-            let colors = scale.colors(values);
+            let coloring = Coloring::of_values(values, scale.clone());
+            let colors = coloring.colors.clone();
+            colorings.push(((*name).to_owned(), coloring));
             let colored = Fields::from(surface).colored(products::rgba(&colors))?;
             io::mesh::save(session.output(format!("{name}.glb"))?, &colored)?;
             pictures.push((name, scale, colors));
         }
+        session.show("first", surface, colorings);
         io::mesh::save(session.output("compare.vtu")?, &all)?;
         session.picture("compare", || {
             let mut images = Vec::new();

@@ -5,8 +5,9 @@ use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::picture::{
-    Image, Layer, Paint, Rgb, Scale, Scene, View, segment_color, sheet,
+    Image, Layer, Paint, Rgb, Scale, Scene, View, segment_color, sheet_of_modes,
 };
+use biogeom_examples::products::Coloring;
 use biogeom_examples::{Failure, Session, products};
 use clap::{Parser, ValueEnum};
 use geom_core::io::{self, mesh::AnyMesh, view::View as Fields};
@@ -268,6 +269,11 @@ fn write(session: &Session, done: &Segmented, modes: usize) -> Result<(), Failur
         .iter()
         .flat_map(|&l| std::iter::repeat_n(segment_color(l), per_face))
         .collect();
+    session.show(
+        "segments",
+        &done.shown,
+        colorings(done, &of_triangles, modes),
+    );
     let (split, colors) = split_faces(&done.shown, &of_triangles);
     io::mesh::save(
         session.output("segments.glb")?,
@@ -285,6 +291,28 @@ fn write(session: &Session, done: &Segmented, modes: usize) -> Result<(), Failur
     session.picture("modes", || picture_of_modes(session, done, view, modes))
 }
 
+/// What the page shows: the segments and the modes. A vertex between segments has the colour of one of them.
+fn colorings(done: &Segmented, of_triangles: &[Rgb], modes: usize) -> Vec<(String, Coloring)> {
+    let mut colors = vec![[255; 3]; done.shown.positions().len()];
+    for (corners, &color) in done.shown.triangles().iter().zip(of_triangles) {
+        corners.iter().for_each(|&v| colors[v as usize] = color);
+    }
+    let labels = 0..done.segments.areas.len() as u32;
+    let named = |l: u32| (segment_color(l), format!("segment {l}"));
+    let segments = Coloring {
+        colors,
+        scale: None,
+        legend: labels.map(named).collect(),
+    };
+    let mode = |(i, mode): (usize, &Vec<f64>)| {
+        let scale = Scale::symmetric(mode, "");
+        (format!("mode {}", i + 1), Coloring::of_values(mode, scale))
+    };
+    let mut ways = vec![("segments".to_owned(), segments)];
+    ways.extend(done.spectrum.modes.iter().enumerate().map(mode).take(modes));
+    ways
+}
+
 fn picture_of_modes(
     session: &Session,
     done: &Segmented,
@@ -300,7 +328,7 @@ fn picture_of_modes(
     let images = scene.draw_each(session.rasterizer()?, [420, 330], &paints)?;
     let title = |(i, value): (usize, &f64)| format!("{}: λ = {}", i + 1, products::brief(*value));
     let titles = done.spectrum.values.iter().enumerate().map(title);
-    Ok(sheet(&titles.zip(images).collect::<Vec<_>>(), 4))
+    Ok(sheet_of_modes(&titles.zip(images).collect::<Vec<_>>(), 4))
 }
 
 /// Triangles that share no vertices, so that each has its own colour at its corners.

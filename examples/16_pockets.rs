@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon, ReaderArgs, default_spacing};
 use biogeom_examples::picture::{Layer, Paint, Rgb, Scene, View, segment_color};
-use biogeom_examples::{Failure, Session, products};
+use biogeom_examples::products::Coloring;
+use biogeom_examples::{Failure, Session, products, scripts};
 use clap::Parser;
 use gauss_density::{Levels, Model, PointSampler, sample_band};
 use geom_core::io::{self, view::View as Fields};
@@ -56,7 +57,7 @@ Examples:
 
 Outputs: pockets.csv (rank, score, centre, volume, area, depth, mouth, residues), pockets.pdb (the points of the pockets:
 chain P, residue = rank, for PyMOL and ChimeraX), pockets.glb and pockets.png (the surface, each pocket in its
-colour), report.json with which atoms counted.";
+colour), view.cxc and view.pml (ChimeraX and PyMOL open all of it around the structure), report.json with which atoms counted.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {
@@ -91,9 +92,11 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         outline(&surface, &structure, &found.pockets, &outlining, on)
     })?;
     note(session, &found)?;
-    session.files(4, || {
+    session.files(6, || {
         write_table(session, &structure, &found.pockets, &outlines)?;
         write_points(session, &found.pockets)?;
+        scripts::save(session, &args.input, &["pockets"], &["pockets"])?;
+        session.show_structure(&args.input);
         write_surface(session, &surface, &outlines)
     })
 }
@@ -250,6 +253,14 @@ fn write_surface(
         }
     }
     let fields = Fields::from(surface).colored(products::rgba(&of_vertices))?;
+    let legend = outlines.iter().take(SHOWN);
+    let legend = legend.map(|o| (segment_color(o.rank as u32), format!("pocket {}", o.rank)));
+    let coloring = Coloring {
+        colors: of_vertices.clone(),
+        scale: None,
+        legend: legend.collect(),
+    };
+    session.show("pockets", surface, vec![("pockets".to_owned(), coloring)]);
     io::mesh::save(session.output("pockets.glb")?, &fields)?;
     session.picture("pockets", || {
         let mut layer = Layer::surface(surface, Paint::Faces(colors));

@@ -156,6 +156,9 @@ fn write(
     session.note("flow", report)?;
     products::note_surface(session, after)?;
     session.files(3, || {
+        for (name, mesh) in [("1: before", before), ("2: after", after)] {
+            session.show(name, mesh, products::colorings(mesh, None));
+        }
         let fields = Fields::from(after);
         io::mesh::save(session.output("smooth.ply")?, &fields)?;
         io::mesh::save(session.output("smooth.glb")?, &fields)?;

@@ -1,14 +1,17 @@
 //! Which atom, residue and chain lie nearest to the points of a mesh, as fields of files and as colours.
 
+use std::collections::BTreeSet;
+use std::path::Path;
+
 use clap::{Args, ValueEnum};
 use geom_core::io::{self, view::View as Fields};
 use geom_core::search::nearest::{NearestError, PointTree};
-use geom_core::structure::Element;
 use geom_core::{Point3, Structure};
 use serde::Serialize;
 
-use crate::picture::{ColorMap, Rgb};
-use crate::products::GOLD;
+use crate::input::source::Source;
+use crate::picture::{ColorMap, Rgb, Scale};
+use crate::products::{Coloring, GOLD};
 
 /// How a surface of atoms looks.
 #[derive(Clone, Debug, Args, Serialize)]
@@ -17,6 +20,26 @@ pub struct LabelArgs {
     /// Structures: what the nearest atom gives the surface its colour by
     #[arg(long, value_enum, default_value_t)]
     pub color: ColorBy,
+}
+
+/// The structure that a surface is around, its file, and how the surface is to look.
+#[derive(Clone, Copy)]
+pub struct Around<'a> {
+    pub(crate) structure: &'a Structure,
+    pub(crate) file: &'a Path,
+    pub(crate) color: ColorBy,
+}
+
+impl LabelArgs {
+    /// Of a source that is a structure.
+    pub fn around<'a>(&self, source: &'a Source, file: &'a Path) -> Option<Around<'a>> {
+        let around = |structure| Around {
+            structure,
+            file,
+            color: self.color,
+        };
+        source.structure().map(around)
+    }
 }
 
 /// What of the nearest atom gives the colour.
@@ -87,23 +110,68 @@ impl<'a> Labels<'a> {
     }
 
     /// One colour per point.
-    pub fn colors(&self, by: ColorBy) -> Vec<Rgb> {
+    fn colors(&self, by: ColorBy) -> Vec<Rgb> {
         match by {
             ColorBy::Chain if self.structure.chains().len() < 2 => vec![GOLD; self.chain.len()],
-            ColorBy::Chain => {
-                let color = |&c: &u32| CHAINS[c as usize % CHAINS.len()];
-                self.chain.iter().map(color).collect()
-            }
+            ColorBy::Chain => self.chain.iter().map(|&c| chain_color(c)).collect(),
             ColorBy::Residue => {
                 let color = |&t: &f64| ColorMap::Viridis.at(t);
                 self.along.iter().map(color).collect()
             }
             ColorBy::Element => {
-                let color = |&a: &u32| element_color(self.structure.atoms()[a as usize].element);
+                let color =
+                    |&a: &u32| element_color(self.structure.atoms()[a as usize].element.symbol());
                 self.atom.iter().map(color).collect()
             }
         }
     }
+
+    /// One colour per point, and what the colours stand for; a single chain is golden and needs no words.
+    pub fn coloring(&self, by: ColorBy) -> Coloring {
+        Coloring {
+            colors: self.colors(by),
+            scale: (by == ColorBy::Residue)
+                .then(|| Scale::new(ColorMap::Viridis, [0.0, 1.0], "along the chain")),
+            legend: match by {
+                ColorBy::Chain if self.structure.chains().len() > 1 => self.legend_of_chains(),
+                ColorBy::Element => self.legend_of_elements(),
+                ColorBy::Chain | ColorBy::Residue => Vec::new(),
+            },
+        }
+    }
+
+    /// The chains that are nearest to some point. Copies of one in an assembly have its name and other colours.
+    fn legend_of_chains(&self) -> Vec<(Rgb, String)> {
+        let seen: BTreeSet<u32> = self.chain.iter().copied().collect();
+        let entry = |c: u32| {
+            let name = self.structure.chains()[c as usize].name.as_str();
+            let shown = if name.trim().is_empty() { "?" } else { name };
+            (chain_color(c), format!("chain {shown}"))
+        };
+        seen.into_iter().map(entry).collect()
+    }
+
+    /// The elements that are nearest to some point, those of one colour together.
+    fn legend_of_elements(&self) -> Vec<(Rgb, String)> {
+        let atoms = self.structure.atoms();
+        let symbols = self
+            .atom
+            .iter()
+            .map(|&a| atoms[a as usize].element.symbol());
+        let mut entries: Vec<(Rgb, String)> = Vec::new();
+        for symbol in symbols.collect::<BTreeSet<_>>() {
+            let color = element_color(symbol);
+            match entries.iter_mut().find(|e| e.0 == color) {
+                Some((_, names)) => *names = format!("{names}, {symbol}"),
+                None => entries.push((color, symbol.to_owned())),
+            }
+        }
+        entries
+    }
+}
+
+fn chain_color(chain: u32) -> Rgb {
+    CHAINS[chain as usize % CHAINS.len()]
 }
 
 const CHAINS: [Rgb; 10] = [
@@ -120,8 +188,8 @@ const CHAINS: [Rgb; 10] = [
 ];
 
 /// Softened versions of the usual colours.
-fn element_color(element: Element) -> Rgb {
-    match element.symbol() {
+fn element_color(symbol: &str) -> Rgb {
+    match symbol {
         "H" => [240, 240, 240],
         "C" => [176, 176, 176],
         "N" => [98, 128, 226],
@@ -135,6 +203,7 @@ fn element_color(element: Element) -> Rgb {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use geom_core::structure::Element;
 
     #[test]
     fn the_nearest_atom_gives_the_labels() {
@@ -146,7 +215,7 @@ mod tests {
         assert_eq!(labels.colors(ColorBy::Chain), [GOLD; 3]);
         assert_eq!(
             labels.colors(ColorBy::Element),
-            [element_color(Element::UNKNOWN); 3]
+            [element_color(Element::UNKNOWN.symbol()); 3]
         );
         assert_eq!(labels.along, [0.0; 3]);
     }

@@ -9,8 +9,10 @@ pub mod args;
 pub mod crosses;
 pub mod input;
 pub mod labels;
+mod page;
 pub mod picture;
 pub mod products;
+pub mod scripts;
 pub mod session;
 mod words;
 

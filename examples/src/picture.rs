@@ -14,7 +14,7 @@ mod scene;
 mod shade;
 mod slice;
 
-pub use canvas::{Image, sheet};
+pub use canvas::{Image, sheet, sheet_of_modes};
 pub use color::{ColorMap, Rgb, Scale, mix, region_color, segment_color};
 pub use cut::cut_tets;
 pub use plot::{Bars, Curve, histogram, lines};

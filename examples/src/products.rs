@@ -1,21 +1,24 @@
 //! What several programs write: surfaces and volumes with their pictures and numbers.
 
+use std::collections::BTreeMap;
+
 use geom_core::io::{
     self,
     view::{NO_CELL, View as Fields},
 };
 use geom_core::mesh::{SurfaceAudit, VolumeAudit};
 use geom_core::search::crossing::crossing_pairs;
+use geom_core::surface::curvature;
 use geom_core::{Point3, Structure, TetMesh, TriMesh, mesh};
 use serde_json::json;
 use tet_quality::{Measures, Summary};
 
-use crate::labels::{LabelArgs, Labels};
+use crate::labels::{Around, ColorBy, Labels};
 use crate::picture::{
     Bars, ColorMap, Image, Layer, Paint, Rgb, Scale, Scene, View, cut_tets, histogram, mix,
     region_color,
 };
-use crate::{Failure, Session};
+use crate::{Failure, Session, scripts};
 
 /// Width and height of pictures, in pixels.
 pub const SIZE: [usize; 2] = [1280, 960];
@@ -23,27 +26,91 @@ pub const SIZE: [usize; 2] = [1280, 960];
 pub const GOLD: Rgb = [224, 172, 98];
 const SKIN: Rgb = [222, 222, 224];
 
+/// The colours of a surface, and what they stand for.
+pub struct Coloring {
+    /// One per vertex.
+    pub colors: Vec<Rgb>,
+    /// Where they follow a number.
+    pub scale: Option<Scale>,
+    /// Where they stand for things.
+    pub legend: Vec<(Rgb, String)>,
+}
+
+impl Coloring {
+    /// By values on the vertices.
+    pub fn of_values(values: &[f64], scale: Scale) -> Self {
+        Self {
+            colors: scale.colors(values),
+            scale: Some(scale),
+            legend: Vec::new(),
+        }
+    }
+
+    /// All golden.
+    pub fn plain(mesh: &TriMesh) -> Self {
+        Self {
+            colors: vec![GOLD; mesh.positions().len()],
+            scale: None,
+            legend: Vec::new(),
+        }
+    }
+}
+
 /// Writes `NAME.ply`, `NAME.glb` and `NAME.png`. Of a surface around atoms, the nearest give the fields `atom`,
-/// `residue` and `chain` of the PLY file, and the colour.
+/// `residue` and `chain` of the PLY file, and the colour; scripts open it beside them.
 pub fn save_surface(
     session: &Session,
     name: &str,
     mesh: &TriMesh,
-    structure: Option<(&Structure, &LabelArgs)>,
+    around: Option<Around<'_>>,
 ) -> Result<(), Failure> {
-    let labels = structure
-        .map(|(s, _)| Labels::of(s, mesh.positions()))
+    let labels = around
+        .map(|a| Labels::of(a.structure, mesh.positions()))
         .transpose()?;
     let mut view = Fields::from(mesh);
-    let mut colors = vec![GOLD; mesh.positions().len()];
-    if let (Some(labels), Some((_, args))) = (&labels, structure) {
+    let mut coloring = Coloring::plain(mesh);
+    if let (Some(labels), Some(around)) = (&labels, around) {
         view = labels.fields(view)?;
-        colors = labels.colors(args.color);
+        coloring = labels.coloring(around.color);
+        scripts::save(session, around.file, &[name], &[])?;
+        session.show_structure(around.file);
     }
+    session.show(name, mesh, colorings(mesh, labels.as_ref()));
     side_by_side(
-        || save_colored(session, name, view, &colors),
-        || picture_of_surface(session, name, mesh, colors.clone()),
+        || save_colored(session, name, view, &coloring.colors),
+        || picture_of_surface(session, name, mesh, &coloring),
     )
+}
+
+/// The ways to look at a surface on the page of a run: what is nearest, and how it is curved.
+pub fn colorings(mesh: &TriMesh, labels: Option<&Labels<'_>>) -> Vec<(String, Coloring)> {
+    let mut ways = vec![];
+    if let Some(labels) = labels {
+        for (name, by) in [
+            ("chain", ColorBy::Chain),
+            ("residue", ColorBy::Residue),
+            ("element", ColorBy::Element),
+        ] {
+            ways.push((name.to_owned(), labels.coloring(by)));
+        }
+    } else {
+        ways.push(("plain".to_owned(), Coloring::plain(mesh)));
+    }
+    let curvature: Vec<f64> = curvature::principal(mesh, 2)
+        .iter()
+        .map(|k| k.mean())
+        .collect();
+    // A few vertices are curved far more than the rest: the scale ends where a tenth lies outside.
+    let mut sizes: Vec<f64> = curvature.iter().map(|h| h.abs()).collect();
+    sizes.sort_unstable_by(f64::total_cmp);
+    let reach = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or(1.0);
+    let reach = if reach > 0.0 { reach } else { 1.0 };
+    let scale = Scale::new(ColorMap::CoolWarm, [-reach, reach], "mean curvature / Å⁻¹");
+    ways.push((
+        "mean curvature".to_owned(),
+        Coloring::of_values(&curvature, scale),
+    ));
+    ways
 }
 
 /// Does both at the same time.
@@ -60,11 +127,14 @@ pub fn picture_of_surface(
     session: &Session,
     name: &str,
     mesh: &TriMesh,
-    colors: Vec<Rgb>,
+    coloring: &Coloring,
 ) -> Result<(), Failure> {
     session.picture(name, || {
         let view = View::principal(mesh.positions()).turned(0.25, 0.2);
-        let mut scene = Scene::new(vec![Layer::surface(mesh, Paint::Vertices(colors))], view);
+        let paint = Paint::Vertices(coloring.colors.clone());
+        let mut scene = Scene::new(vec![Layer::surface(mesh, paint)], view);
+        scene.scale = coloring.scale.clone();
+        scene.legend = coloring.legend.clone();
         scene.caption = Some(format!(
             "{} triangles · {} Å² around {} Å³",
             grouped(mesh.triangles().len()),
@@ -83,7 +153,9 @@ pub fn save_scalars(
     values: &[f64],
     scale: &Scale,
 ) -> Result<Layer, Failure> {
-    let colors = scale.colors(values);
+    let coloring = Coloring::of_values(values, scale.clone());
+    let colors = coloring.colors.clone();
+    session.show(name, mesh, vec![(scale.label.clone(), coloring)]);
     save_colored(session, name, Fields::from(mesh), &colors)?;
     let mut layer = Layer::surface(mesh, Paint::Vertices(colors));
     layer.edges = false;
@@ -196,7 +268,7 @@ pub fn save_volume(
         let path = session.output(format!("{name}.msh"))?;
         Ok(io::mesh::save(path, &view)?)
     };
-    let png = || session.picture(name, || draw_volume(session, mesh, &measures));
+    let png = || session.picture(name, || draw_volume(session, mesh, &view, &measures));
     side_by_side(|| side_by_side(vtu, msh), png)
 }
 
@@ -235,16 +307,39 @@ fn with_quality<'a>(
 
 /// Writes `NAME.png`: a cut through the mesh. Tetrahedra of the molecule are coloured by their smallest
 /// dihedral angle; those of other regions have the region's colour, darker where that angle is small.
-pub fn picture_of_volume(session: &Session, name: &str, mesh: &TetMesh) -> Result<(), Failure> {
+pub fn picture_of_volume(
+    session: &Session,
+    name: &str,
+    mesh: &TetMesh,
+    view: &Fields<'_>,
+) -> Result<(), Failure> {
     session.picture(name, || {
         let mut measures = Vec::new();
         let device = session.device.quality();
         device.measure(mesh.positions(), mesh.tets(), &mut measures)?;
-        draw_volume(session, mesh, &measures)
+        draw_volume(session, mesh, view, &measures)
     })
 }
 
-fn draw_volume(session: &Session, mesh: &TetMesh, measures: &[Measures]) -> Result<Image, Failure> {
+/// The regions that have colours of their own, by the names of their groups.
+fn legend_of_regions(mesh: &TetMesh, view: &Fields<'_>) -> Vec<(Rgb, String)> {
+    let mut names = BTreeMap::new();
+    for (&region, &group) in mesh.regions().iter().zip(view.group_of.iter()) {
+        if region != mesh::INTERIOR && !names.contains_key(&region) {
+            let named = view.groups.get(group as usize).map(|g| g.name.clone());
+            names.insert(region, named.unwrap_or_else(|| format!("region {region}")));
+        }
+    }
+    let entry = |(region, name)| (region_color(region), name);
+    names.into_iter().map(entry).collect()
+}
+
+fn draw_volume(
+    session: &Session,
+    mesh: &TetMesh,
+    view: &Fields<'_>,
+    measures: &[Measures],
+) -> Result<Image, Failure> {
     let scale = Scale::new(ColorMap::Viridis, [0.0, 70.0], "min dihedral / °");
     let colors: Vec<Rgb> = measures
         .iter()
@@ -274,6 +369,7 @@ fn draw_volume(session: &Session, mesh: &TetMesh, measures: &[Measures]) -> Resu
     let layers = cut_tets(mesh, &front, 0.5, &colors, SKIN);
     let mut scene = Scene::new(layers, front.turned(0.28, 0.24));
     scene.scale = Some(scale);
+    scene.legend = legend_of_regions(mesh, view);
     let shown = if mesh.regions().contains(&mesh::INTERIOR) {
         "cut open"
     } else {

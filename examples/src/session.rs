@@ -15,7 +15,7 @@ use crossfield::CrossfieldBackend;
 use dual_contour::ContourBackend;
 use gauss_density::DensityBackend;
 use geom_core::algebra::eigen::SpectralBackend;
-use geom_core::{Backend, Cancelled, Cpu, Monitor, Run, Wgpu, io};
+use geom_core::{Backend, Cancelled, Cpu, Monitor, Run, TriMesh, Wgpu, io};
 use indicatif::{ProgressBar, ProgressStyle};
 use secondfund_ops::OperatorBackend;
 use serde::Serialize;
@@ -29,7 +29,9 @@ use tet_quality::QualityBackend;
 use tspline::SplineBackend;
 
 use crate::args::{BackendName, Common, HasCommon};
+use crate::page::Page;
 use crate::picture::{Image, Rasterizer};
+use crate::products::Coloring;
 use crate::words;
 
 /// Why a program stops: said in one line.
@@ -255,6 +257,7 @@ pub struct Session {
     started: Instant,
     bars: Bars,
     rasterizer: OnceLock<Rasterizer>,
+    page: Mutex<Page>,
     report: Mutex<Report>,
 }
 
@@ -306,6 +309,7 @@ impl Session {
             started: Instant::now(),
             bars: Bars::new(common.quiet, stop),
             rasterizer: OnceLock::new(),
+            page: Mutex::default(),
             report: Mutex::new(report),
         })
     }
@@ -406,6 +410,25 @@ impl Session {
         Ok(draw()?.save(self.output(format!("{name}.png"))?)?)
     }
 
+    /// Puts a surface on the page of the run, in one or more colourings with their names, unless the command line wants
+    /// no pictures.
+    pub fn show(&self, name: &str, mesh: &TriMesh, colorings: Vec<(String, Coloring)>) {
+        if !self.common.no_pictures {
+            self.page().add(name, mesh, colorings);
+        }
+    }
+
+    /// Puts the structure of a file inside the surfaces of the page.
+    pub fn show_structure(&self, file: &Path) {
+        if !self.common.no_pictures {
+            self.page().put_structure(file);
+        }
+    }
+
+    fn page(&self) -> MutexGuard<'_, Page> {
+        self.page.lock().unwrap_or_else(|e| e.into_inner())
+    }
+
     /// What draws pictures; opened on first use.
     pub fn rasterizer(&self) -> Result<&Rasterizer, Failure> {
         if self.rasterizer.get().is_none() {
@@ -420,12 +443,15 @@ impl Session {
         Ok(self.rasterizer.get().expect("set above"))
     }
 
-    /// Writes `report.json` and moves every output to its place.
+    /// Writes `report.json` and `index.html`, and moves every output to its place.
     fn close(self) -> Result<String, Failure> {
         if self.bars.stopped() {
             return Err(Cancelled.into());
         }
         let path = self.output("report.json")?;
+        let page = (!self.common.no_pictures)
+            .then(|| self.output("index.html"))
+            .transpose()?;
         let (outputs, mut lines) = {
             let mut report = self.report();
             report.seconds = self.started.elapsed().as_secs_f64();
@@ -437,7 +463,12 @@ impl Session {
                     .map_err(|e| io::ErrorKind::System(e.into()))?;
                 Ok(w.write_all(b"\n")?)
             })?;
-            (report.outputs.clone(), words::lines(&report.notes))
+            let lines = words::lines(&report.notes);
+            if let Some(path) = page {
+                let shown = std::mem::take(&mut *self.page());
+                shown.save(&path, &serde_json::to_value(&*report)?, &lines)?;
+            }
+            (report.outputs.clone(), lines)
         };
         let mut session = self;
         if let Some(staging) = session.staging.take() {
@@ -687,7 +718,7 @@ mod tests {
             .map(|e| e.unwrap().file_name())
             .collect();
         names.sort();
-        assert_eq!(names, ["report.json", "x.txt"]);
+        assert_eq!(names, ["index.html", "report.json", "x.txt"]);
         let report: Value =
             serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
         assert_eq!(report["counts"], json!({ "atoms": 3, "triangles": 5 }));

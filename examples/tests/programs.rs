@@ -93,6 +93,23 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
         .collect()
 }
 
+/// The outputs whose bytes do not depend on how long the run took.
+fn lasting(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut files = contents(folder);
+    for name in ["report.json", "index.html"] {
+        assert!(files.remove(name).is_some(), "{name}");
+    }
+    files
+}
+
+/// What the page of a run shows.
+fn page_of(folder: &Path) -> Value {
+    let page = std::fs::read_to_string(folder.join("index.html")).unwrap();
+    let start = r#"<script id="data" type="application/json">"#;
+    let (_, data) = page.split_once(start).unwrap();
+    serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap()
+}
+
 fn fixture(name: &str) -> String {
     fixtures::path(name).to_str().unwrap().to_owned()
 }
@@ -144,9 +161,22 @@ fn the_pipeline_gives_the_same_valid_mesh_for_any_number_of_threads() {
         assert_eq!(report["surface"]["closed"], true);
         assert_eq!(report["surface"]["manifold"], true);
         assert_eq!(report["volume"]["valid"], true);
-        let mut files = contents(&out);
-        files.remove("report.json");
-        outputs.push(files);
+        // The page holds the report, and the surface in all its colours.
+        let page = page_of(&out);
+        assert_eq!(page["report"]["counts"], report["counts"]);
+        assert_eq!(page["structure"]["format"], "pdb");
+        let surface = &page["surfaces"][0];
+        let ways: Vec<_> = surface["colorings"].as_array().unwrap().iter().collect();
+        let named: Vec<_> = ways.iter().map(|w| w["name"].as_str().unwrap()).collect();
+        assert_eq!(named, ["chain", "residue", "element", "mean curvature"]);
+        let vertices = report["counts"]["surface_vertices"].as_u64().unwrap() as usize;
+        let encoded = |value: &Value| value.as_str().unwrap().len();
+        assert_eq!(
+            encoded(&surface["positions"]),
+            (12 * vertices).div_ceil(3) * 4
+        );
+        assert!(ways.iter().all(|w| encoded(&w["colors"]) == 4 * vertices));
+        outputs.push(lasting(&out));
     }
     let names: Vec<_> = outputs[0].keys().map(String::as_str).collect();
     assert_eq!(
@@ -156,6 +186,8 @@ fn the_pipeline_gives_the_same_valid_mesh_for_any_number_of_threads() {
             "surface.glb",
             "surface.ply",
             "surface.png",
+            "view.cxc",
+            "view.pml",
             "volume.msh",
             "volume.png",
             "volume.vtu"
@@ -607,6 +639,11 @@ fn spline_surfaces_come_near_and_go_into_files() {
         let triangles = io::mesh::read(out.join("surface.obj")).unwrap().mesh;
         assert!(SurfaceAudit::of(&triangles.into_triangles()).is_closed_manifold());
         assert!(text("mass.mtx").starts_with("%%MatrixMarket"));
+        assert!(
+            std::fs::read(out.join("mass.npz"))
+                .unwrap()
+                .starts_with(b"PK")
+        );
     }
     assert!(errors[0] < 0.1, "{errors:?}");
 }
@@ -791,7 +828,9 @@ fn a_shape_is_morphed_into_itself_and_does_not_differ_from_it() {
             assert!(frame["atoms_rmsd"].as_f64().unwrap() < 0.01);
         }
         let mut files = contents(&out);
-        assert!(files.remove("frames.png").is_some() == drawn.is_empty());
+        for picture in ["frames.png", "index.html"] {
+            assert!(files.remove(picture).is_some() == drawn.is_empty());
+        }
         files.remove("report.json");
         outputs.push(files);
     }

@@ -15,6 +15,8 @@ mod thesis;
 #[cfg(feature = "lab")]
 mod thesis35;
 #[cfg(feature = "lab")]
+mod thesis5;
+#[cfg(feature = "lab")]
 mod thesis6;
 
 use clap::Subcommand;
@@ -32,15 +34,18 @@ pub(crate) enum Chore {
         #[arg(long)]
         large: bool,
     },
-    /// Our files in other people's programs: surfaces, tetrahedra and grids are measured there, and
+    /// Our files in other people's programs: surfaces, tetrahedra, grids and splines are measured there, and
     /// equations with known answers solved.
-    Crosscheck,
+    Crosscheck {
+        /// Only one of surfaces, volumes, grids, solver, foreign, tetgen, splines.
+        part: Option<String>,
+    },
     /// Every structure of a folder at two spacings, with both meshers, inside, outside and both: meshed,
     /// improved and audited. Fails if a mesh is broken; lists what is below the targets.
     Sweep(Box<sweep::Arguments>),
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
-        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5; or 6, the correspondences of its chapter 6.
+        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5, 5.1, 5.2; or a chapter: 5, T-meshes and splines; 6, correspondences.
         table: String,
     },
 }
@@ -50,7 +55,7 @@ pub(crate) fn run(chore: &Chore) -> Outcome {
     match chore {
         Chore::Bench => bench::run(),
         Chore::Spectra { large } => spectra::run(*large),
-        Chore::Crosscheck => crosscheck::run(),
+        Chore::Crosscheck { part } => crosscheck::run(part.as_deref()),
         Chore::Sweep(arguments) => sweep::run(arguments),
         Chore::Thesis { table } => thesis::run(table),
     }

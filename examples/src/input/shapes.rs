@@ -31,7 +31,7 @@ pub struct ShapeArgs {
     /// The second shape, likewise
     #[serde(serialize_with = "crate::args::as_text")]
     pub second: PathBuf,
-    /// Distance of lattice points of structures and meshes [default: 1.5 Å; of a mesh its largest extent over 96]
+    /// Distance of lattice points of structures and meshes [default: that of a grid beside it; else 1.5 Å, of a mesh its largest extent over 96]
     #[arg(long, value_name = "H", help_heading = "Shapes")]
     pub spacing: Option<f64>,
     /// Structures: decay of an atom's kernel, 1/Å²; smaller is smoother
@@ -103,6 +103,9 @@ pub struct MatchArgs {
     /// Structures: residues of the same chain, number and name belong together
     #[arg(long, conflicts_with_all = ["start", "anchor"])]
     pub same_residues: bool,
+    /// Structures: chains of the same name belong together; at least three, whose centres are not on one line
+    #[arg(long, conflicts_with_all = ["start", "anchor", "same_residues"])]
+    pub same_chains: bool,
     /// Modes of each shape, and joint modes
     #[arg(long, value_name = "K", default_value_t = MatchOptions::default().modes)]
     pub modes: usize,
@@ -219,12 +222,24 @@ impl ShapeArgs {
             let because = "is for grids, and neither input is one";
             session.refuse(&["isovalue", "enclosed_volume"], because)?;
         }
-        if kinds == [Kind::Grid; 2] {
-            session.refuse(&["spacing"], "is that of the grids")?;
-        }
         let mut spacing = self.spacing;
-        let first = self.body(session, "first", &self.first, &mut spacing)?;
-        let second = self.body(session, "second", &self.second, &mut spacing)?;
+        // A grid has its spacing, which the other shape takes: it is read first.
+        let grid_is_second = kinds[1] == Kind::Grid && kinds[0] != Kind::Grid;
+        if kinds.contains(&Kind::Grid) {
+            session.refuse(&["spacing"], "is that of the grid")?;
+        }
+        let (first, second) = if grid_is_second {
+            let second = self.body(session, "second", &self.second, &mut spacing)?;
+            (
+                self.body(session, "first", &self.first, &mut spacing)?,
+                second,
+            )
+        } else {
+            (
+                self.body(session, "first", &self.first, &mut spacing)?,
+                self.body(session, "second", &self.second, &mut spacing)?,
+            )
+        };
         let nodes = |body: &Body| [body.shape.nodes(), body.shape.boundary().len()];
         let ([a, on_a], [b, on_b]) = (nodes(&first), nodes(&second));
         session.note(
@@ -509,6 +524,30 @@ pub fn truth(a: &Structure, b: &Structure) -> Result<Truth, spectral_corresp::Er
     Truth::new(&points(a), &radii, &points(b))
 }
 
+/// Centres of the chains of the same name.
+fn chains(a: &Structure, b: &Structure) -> Vec<(Point3, Point3)> {
+    let named = |s: &Structure| {
+        let mut sums = std::collections::BTreeMap::new();
+        for c in 0..s.chains().len() {
+            let of_chain = s.chain_residues(c).flat_map(|r| s.residue_atoms(r));
+            // A chain may come in pieces: waters and ligands after the last one.
+            let sum = sums
+                .entry(s.chains()[c].name.as_str().to_owned())
+                .or_insert((geom_core::Vector3::zeros(), 0.0));
+            for atom in of_chain {
+                sum.0 += s.atoms()[atom].position.coords;
+                sum.1 += 1.0;
+            }
+        }
+        sums
+    };
+    let (here, there) = (named(a), named(b));
+    let center = |(sum, count): &(geom_core::Vector3, f64)| Point3::from(sum / count.max(1.0));
+    here.iter()
+        .filter_map(|(name, sum)| Some((center(sum), center(there.get(name)?))))
+        .collect()
+}
+
 /// Centres of residues of the same chain, number and name.
 fn residues(a: &Structure, b: &Structure) -> Vec<(Point3, Point3)> {
     let named = |s: &Structure| {
@@ -551,11 +590,12 @@ impl MatchArgs {
     /// As the crate takes them.
     pub fn options(&self, pair: &Pair) -> Result<MatchOptions, Failure> {
         let start = match self.start {
-            _ if self.same_residues => {
+            _ if self.same_residues || self.same_chains => {
                 let (Some(a), Some(b)) = (&pair.first.structure, &pair.second.structure) else {
-                    return Err("--same-residues is for two structures".into());
+                    return Err("--same-residues and --same-chains are for two structures".into());
                 };
-                Start::Anchors(residues(a, b))
+                let named = if self.same_chains { chains } else { residues };
+                Start::Anchors(named(a, b))
             }
             _ if !self.anchor.is_empty() => Start::Anchors(self.anchor.clone()),
             StartName::Auto => Start::Auto,

@@ -8,11 +8,12 @@ use crossfield::{Options, Size, quadrangulate};
 use geom_core::io::{self, AnyMesh, view::Field};
 use geom_core::mesh::Halfedges;
 use geom_core::search::bvh::TriangleTree;
-use geom_core::{Point3, QuadMesh, Structure, TriMesh, VertexId};
+use geom_core::{Point3, QuadMesh, Structure, TriMesh, Vector3, VertexId};
 use serde::Serialize;
 use serde_json::json;
 use tspline::levels::{self, Places};
 use tspline::mesh::refined;
+use tspline::quality::{JacobianSummary, scaled_jacobians};
 use tspline::{CleanOptions, Improved, Method, QualityOptions, TMesh, TMeshOptions, improve};
 
 use super::surface;
@@ -143,20 +144,61 @@ fn wanted(text: &str) -> Result<Wanted, String> {
 }
 
 /// What was read of the input.
-struct Input {
-    surface: TriMesh,
+pub struct Input {
+    /// The surface.
+    pub surface: TriMesh,
     /// If it is a mesh of quads.
     quads: Option<QuadMesh>,
-    /// The fields of a mesh's points, if its points are those of the surface.
+    /// The fields of a mesh's points and cells, if these are those of the surface.
     fields: Vec<Field<'static>>,
+    cell_fields: Vec<Field<'static>>,
     /// If it is a structure.
     structure: Option<Structure>,
 }
 
+impl Input {
+    /// What the input says of the middle of each element: atom, residue and chain of structures, scalars of meshes, those of
+    /// points linear between them.
+    pub fn carried(&self, mesh: &TMesh) -> Result<Vec<(String, Vec<f64>)>, Failure> {
+        let corners = mesh.elements().iter().map(|e| e.corners).collect();
+        let elements = QuadMesh::new(mesh.positions().to_vec(), corners)?;
+        if let Some(structure) = &self.structure {
+            let labels = Labels::of(structure, &levels::centres(&elements))?;
+            let centres = io::View {
+                points: levels::centres(&elements).into(),
+                ..io::View::default()
+            };
+            let fields = labels.fields(centres)?.point_fields;
+            let named = fields.iter().map(|f| (f.name.clone(), f.values.to_f64()));
+            return Ok(named.collect());
+        }
+        let places = Places::of(&self.surface, &elements)?;
+        let scalar = |f: &&Field<'_>| f.values.components == 1;
+        let points = self.surface.positions().len();
+        let of_points = (self.fields.iter().filter(scalar)).filter(|f| f.values.len() == points);
+        let mut all = Vec::new();
+        for field in of_points {
+            all.push((field.name.clone(), places.values(&field.values.to_f64())?));
+        }
+        // A quad is two triangles.
+        let triangles = self.surface.triangles().len();
+        let cells = self.quads.as_ref().map_or(triangles, |q| q.quads().len());
+        let nearest: Vec<u32> = (0..triangles as u32).collect();
+        let nearest = places.labels(&nearest)?;
+        let of_cells = (self.cell_fields.iter().filter(scalar)).filter(|f| f.values.len() == cells);
+        for field in of_cells {
+            let cell = |&t: &u32| t as usize * cells / triangles;
+            let values = nearest.iter().map(|t| field.values.get(cell(t), 0));
+            all.push((field.name.clone(), values.collect()));
+        }
+        Ok(all)
+    }
+}
+
 /// A surface and its T-mesh.
 pub struct Made {
-    /// The surface.
-    pub surface: TriMesh,
+    /// What it was made of.
+    pub input: Input,
     /// The T-mesh.
     pub mesh: TMesh,
     /// Signed scaled Jacobian per element.
@@ -179,13 +221,25 @@ impl TMeshArgs {
         let built = session.stage("T-mesh", || {
             TMesh::build(&fine, &allowed, &TMeshOptions::default())
         })?;
-        let improved =
-            session.stage("quality", || self.improved(built, &input.surface, session))?;
-        note(session, &improved, &input.surface)?;
+        let (mesh, jacobians) = if self.raw {
+            let normals = built.fine().vertex_normals();
+            let of = |v| normals[built.fine_of_vertex(v) as usize];
+            let normals: Vec<Vector3> = (0..built.positions().len()).map(of).collect();
+            let jacobians = scaled_jacobians(&built, &normals);
+            session.note("scaled_jacobian", JacobianSummary::of(&jacobians))?;
+            (built, jacobians)
+        } else {
+            let better = || self.improved(built, &input.surface, session);
+            let improved = session.stage("quality", better)?;
+            session.note("scaled_jacobian", improved.report.after)?;
+            session.note("quality", &improved.report)?;
+            (improved.mesh, improved.jacobians)
+        };
+        note(session, &mesh, &input.surface)?;
         Ok(Made {
-            surface: input.surface,
-            mesh: improved.mesh,
-            jacobians: improved.jacobians,
+            input,
+            mesh,
+            jacobians,
         })
     }
 
@@ -198,10 +252,8 @@ impl TMeshArgs {
             session.refuse(&["coarsest"], "is for levels by curvature or a field")?;
         }
         if self.raw {
-            session.refuse(
-                &["method"],
-                "says how elements are made better, and --raw leaves them",
-            )?;
+            let because = "says how elements are made better, and --raw leaves them";
+            session.refuse(&["method"], because)?;
         }
         if !(self.turn > 0.0 && self.turn <= 360.0) {
             return Err(format!("--turn {} must lie between 0 and 360 degrees", self.turn).into());
@@ -226,11 +278,11 @@ impl TMeshArgs {
             "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb"
         ) {
             let (surface, structure) = surface::with_structure(&self.source, session)?;
-            let (quads, fields) = (None, Vec::new());
             return Ok(Input {
                 surface,
-                quads,
-                fields,
+                quads: None,
+                fields: Vec::new(),
+                cell_fields: Vec::new(),
                 structure,
             });
         }
@@ -252,14 +304,15 @@ impl TMeshArgs {
                 "is for triangles, and the input has quads already",
             )?;
         }
-        let fields = match &file.mesh {
-            AnyMesh::Tet(_) => Vec::new(),
-            _ => file.point_fields,
+        let (fields, cell_fields) = match &file.mesh {
+            AnyMesh::Tet(_) => (Vec::new(), Vec::new()),
+            _ => (file.point_fields, file.cell_fields),
         };
         Ok(Input {
             surface: file.mesh.into_triangles(),
             quads,
             fields,
+            cell_fields,
             structure: None,
         })
     }
@@ -334,16 +387,6 @@ impl TMeshArgs {
                 MethodName::Triangles => Method::Triangles,
             },
             crease: self.crease,
-            steps: if self.raw {
-                0
-            } else {
-                QualityOptions::default().steps
-            },
-            rounds: if self.raw {
-                0
-            } else {
-                QualityOptions::default().rounds
-            },
             ..QualityOptions::default()
         };
         Ok(improve(
@@ -421,20 +464,18 @@ fn onto(mesh: &QuadMesh, surface: &TriMesh) -> Result<QuadMesh, Failure> {
     Ok(QuadMesh::new(positions.collect(), mesh.quads().to_vec())?)
 }
 
-fn note(session: &Session, made: &Improved, surface: &TriMesh) -> Result<(), Failure> {
-    let audit = made.mesh.audit();
+fn note(session: &Session, mesh: &TMesh, surface: &TriMesh) -> Result<(), Failure> {
+    let audit = mesh.audit();
     let counts = json!({
         "elements": audit.elements,
         "vertices": audit.vertices,
         "t_junctions": audit.t_junctions,
         "extraordinary": audit.extraordinary,
         "levels": audit.levels,
-        "fine_quads": made.mesh.fine().quads().len(),
+        "fine_quads": mesh.fine().quads().len(),
     });
     session.note("counts", counts)?;
-    session.note("scaled_jacobian", made.report.after)?;
-    session.note("quality", &made.report)?;
-    session.note("hausdorff", distances(made.mesh.fine(), surface)?)?;
+    session.note("hausdorff", distances(mesh.fine(), surface)?)?;
     session.note("valid", audit.is_valid())?;
     session.note("audit", audit)
 }

@@ -9,7 +9,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::color::mix;
-use super::{Rgb, Scale};
+use super::{ColorMap, Rgb, Scale};
 
 /// An sRGB image, row by row from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -183,6 +183,38 @@ impl Image {
         );
     }
 
+    /// Draws colours with their names, one below the other, down to row `bottom`; gives the row that they begin at.
+    /// What would not fit in half of the picture is counted.
+    pub(crate) fn legend(
+        &mut self,
+        entries: &[(Rgb, String)],
+        left: usize,
+        bottom: usize,
+    ) -> usize {
+        const ROW: usize = 26;
+        let most = (bottom / (2 * ROW)).max(2);
+        let shown = if entries.len() > most {
+            most - 1
+        } else {
+            entries.len()
+        };
+        let rows = shown + usize::from(shown < entries.len());
+        let top = bottom.saturating_sub(rows * ROW);
+        for (row, (color, name)) in entries[..shown].iter().enumerate() {
+            let y = top + row * ROW + ROW / 2;
+            for (x, y) in (0..18 * 18).map(|i| (left + i % 18, y + i / 18 - 9)) {
+                self.set(x, y, *color);
+            }
+            self.text(name, (left + 25, y), 19.0, Align::Left);
+        }
+        if shown < entries.len() {
+            let more = format!("and {} more", entries.len() - shown);
+            let y = top + shown * ROW + ROW / 2;
+            self.text(&more, (left, y), 19.0, Align::Left);
+        }
+        top
+    }
+
     /// Writes a PNG, whole or not at all.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), io::Error> {
         io::save(path, |w| {
@@ -251,6 +283,17 @@ pub fn sheet(images: &[(String, Image)], columns: usize) -> Image {
     out
 }
 
+/// A sheet of functions that are each coloured by [`Scale::symmetric`], with the colour bar that all share.
+pub fn sheet_of_modes(images: &[(String, Image)], columns: usize) -> Image {
+    let cells = sheet(images, columns);
+    let mut out = Image::filled(cells.width + BAR_WIDTH, cells.height, [255; 3]);
+    out.paste(&cells, 0, 0);
+    let scale = Scale::new(ColorMap::CoolWarm, [-1.0, 1.0], "of the largest");
+    let (top, bottom) = (cells.height / 7 + 20, cells.height - cells.height / 7);
+    out.color_bar(&scale, cells.width, [top, bottom.max(top + 1)]);
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -286,6 +329,19 @@ mod tests {
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut pixels).unwrap();
         assert_eq!(pixels, image.rgb);
+    }
+
+    #[test]
+    fn a_legend_shows_what_fits_and_counts_the_rest() {
+        let entries =
+            |n: u8| -> Vec<(Rgb, String)> { (1..=n).map(|i| ([i; 3], i.to_string())).collect() };
+        let mut image = Image::filled(200, 210, [255; 3]);
+        let has = |image: &Image, c| image.rgb.chunks(3).filter(|p| **p == [c; 3]).count();
+        assert_eq!(image.legend(&entries(3), 20, 200), 200 - 3 * 26);
+        assert!([1, 2, 3].iter().all(|&c| has(&image, c) == 18 * 18));
+        let mut image = Image::filled(200, 210, [255; 3]);
+        assert_eq!(image.legend(&entries(9), 20, 200), 200 - 3 * 26);
+        assert_eq!((has(&image, 2), has(&image, 3)), (18 * 18, 0));
     }
 
     #[test]

@@ -123,17 +123,20 @@ pub struct Scene {
     pub view: View,
     /// What the colours mean: drawn at the right.
     pub scale: Option<Scale>,
+    /// What single colours stand for: drawn at the right, below the scale.
+    pub legend: Vec<(Rgb, String)>,
     /// A line of text, drawn at the bottom.
     pub caption: Option<String>,
 }
 
 impl Scene {
-    /// Layers seen from somewhere, without colour bar and caption.
+    /// Layers seen from somewhere, without colour bar, legend and caption.
     pub fn new(layers: Vec<Layer>, view: View) -> Self {
         Self {
             layers,
             view,
             scale: None,
+            legend: Vec::new(),
             caption: None,
         }
     }
@@ -164,7 +167,8 @@ impl Scene {
         [width, height]: [usize; 2],
         paintings: &[Vec<&Paint>],
     ) -> Result<Vec<Image>, GpuError> {
-        let bar = if self.scale.is_some() { BAR_WIDTH } else { 0 };
+        let explained = self.scale.is_some() || !self.legend.is_empty();
+        let bar = if explained { BAR_WIDTH } else { 0 };
         let foot = if self.caption.is_some() { 44 } else { 0 };
         let room = [(width - bar) * FINE, (height - foot) * FINE];
         let size = [width * FINE, height * FINE];
@@ -172,8 +176,14 @@ impl Scene {
         let seen = rasterizer.visible(&frame.triangles(), size)?.triangle;
         let mut images = frame.shade(&seen, paintings);
         for image in &mut images {
+            // The legend stands at the bottom, the scale has what is left.
+            let mut bottom = height - height / 7;
+            if !self.legend.is_empty() {
+                let top = image.legend(&self.legend, width - BAR_WIDTH, bottom);
+                bottom = top.saturating_sub(24);
+            }
             if let Some(scale) = &self.scale {
-                let (top, bottom) = (height / 7 + 20, height - height / 7);
+                let top = (height / 7 + 20).min(bottom.saturating_sub(1));
                 image.color_bar(scale, width - BAR_WIDTH, [top, bottom]);
             }
             if let Some(caption) = &self.caption {

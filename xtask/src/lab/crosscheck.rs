@@ -1,6 +1,10 @@
 //! `cargo xtask crosscheck`: our files in other people's programs. trimesh and meshio measure our
 //! surfaces and tetrahedra, mrcfile and GridDataFormats read and write our grids, and scikit-fem solves
-//! equations with known answers on our meshes. Meshes of SciPy and, where it is at hand, TetGen are improved.
+//! equations with known answers on our meshes. Meshes of SciPy and, where it is at hand, TetGen are improved. Gmsh and
+//! VTK read our spline surfaces. Chromium opens the pages of runs.
+
+mod pages;
+mod splines;
 
 use std::path::PathBuf;
 
@@ -15,8 +19,16 @@ use serde_json::Value;
 use super::{number, python, text};
 use crate::{Outcome, root};
 
-/// Prints a row per comparison; an error if one is out of its tolerance.
-pub(crate) fn run() -> Outcome {
+/// The parts, in the order in which they run.
+const PARTS: [&str; 8] = [
+    "surfaces", "volumes", "grids", "solver", "foreign", "tetgen", "splines", "pages",
+];
+
+/// Prints a row per comparison, of one part or of all; an error if one is out of its tolerance.
+pub(crate) fn run(part: Option<&str>) -> Outcome {
+    if let Some(unknown) = part.filter(|p| !PARTS.contains(p)) {
+        return Err(format!("no part {unknown}; there are {}", PARTS.join(", ")));
+    }
     let python = python::with(&[
         "numpy",
         "scipy",
@@ -25,6 +37,8 @@ pub(crate) fn run() -> Outcome {
         "scikit-fem",
         "mrcfile",
         "GridDataFormats",
+        "gmsh",
+        "vtk",
     ])?;
     let folder = root().join("target/crosscheck");
     std::fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
@@ -36,12 +50,21 @@ pub(crate) fn run() -> Outcome {
     };
     println!("{:<44} {:>16} {:>16}  tolerance", "", "ours", "theirs");
     let molecule = molecule()?;
-    surfaces(&mut lab, &molecule)?;
-    volumes(&mut lab, &molecule)?;
-    grids(&mut lab, &molecule.grid)?;
-    solver(&mut lab)?;
-    foreign(&mut lab)?;
-    tetgen(&mut lab, &molecule)?;
+    for name in PARTS {
+        if part.is_some_and(|p| p != name) {
+            continue;
+        }
+        match name {
+            "surfaces" => surfaces(&mut lab, &molecule)?,
+            "volumes" => volumes(&mut lab, &molecule)?,
+            "grids" => grids(&mut lab, &molecule.grid)?,
+            "solver" => solver(&mut lab)?,
+            "foreign" => foreign(&mut lab)?,
+            "tetgen" => tetgen(&mut lab, &molecule)?,
+            "splines" => splines::splines(&mut lab)?,
+            _ => pages::pages(&mut lab)?,
+        }
+    }
     println!("{} compared, {} out of tolerance", lab.compared, lab.failed);
     match lab.failed {
         0 => Ok(()),

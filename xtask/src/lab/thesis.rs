@@ -27,9 +27,12 @@ pub(crate) fn run(table: &str) -> Outcome {
         "3.3" => table_3_3(),
         "3.4" => table_3_4(),
         "3.5" => super::thesis35::run(),
+        "5" => super::thesis5::run(),
+        "5.1" => super::thesis5::quality(),
+        "5.2" => super::thesis5::adaptive_beside_uniform(),
         "6" => super::thesis6::run(),
         other => Err(format!(
-            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5 and 6"
+            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5, 5, 5.1, 5.2 and 6"
         )),
     }
 }
