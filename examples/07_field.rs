@@ -116,6 +116,7 @@ fn field(args: &Args, session: &Session) -> Result<(), Failure> {
                 "{} singularities, energy {:.2} rad²",
                 field.report.singularities, field.report.energy
             ));
+            session.show_scene("field", &scene);
             Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
         })
     })

@@ -184,5 +184,6 @@ fn picture(session: &Session, made: &Quadrangulation) -> Result<Image, Failure> 
         products::grouped(made.mesh.quads().len()),
         made.report.valences.irregular()
     ));
+    session.show_scene("quads", &scene);
     Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
 }

@@ -315,6 +315,7 @@ fn picture(
         products::brief(adapted.errors.rms),
         products::brief(adapted.errors.hausdorff)
     ));
+    session.show_scene("surface", &scene);
     Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
 }
 

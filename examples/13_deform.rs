@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::input::shapes::{Field, MatchArgs, Pair, ShapeArgs, contour};
 use biogeom_examples::picture::{Layer, Paint, Scene, View, sheet};
+use biogeom_examples::products::Coloring;
 use biogeom_examples::{Failure, Session, products};
 use clap::{Parser, ValueEnum};
 use geom_core::io::structure::pqr;
@@ -228,6 +229,8 @@ fn write(session: &Session, pair: &Pair, frames: &[(Frame, TriMesh)]) -> Result<
             session.output(format!("{name}.glb"))?,
             &Fields::from(surface),
         )?;
+        let plain = ("plain".to_owned(), Coloring::plain(surface));
+        session.show(&name, surface, vec![plain]);
         if let Some(atoms) = carried(pair, frame)? {
             pqr::save(session.output(format!("{name}.pqr"))?, &atoms)?;
         }

@@ -5,12 +5,12 @@ use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use geom_core::Point3;
 use geom_core::io::{self, structure::Format};
-use geom_core::{Point3, TriMesh};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::picture::{Rgb, Scale};
+use crate::picture::{Paint, Rgb, Scale, Scene};
 use crate::products::Coloring;
 
 const PAGE: &str = include_str!("../assets/page.html");
@@ -77,15 +77,21 @@ struct Structure {
 }
 
 impl Page {
-    /// Adds a surface in one or more colourings; nothing if it is too large.
-    pub(crate) fn add(&mut self, name: &str, mesh: &TriMesh, colorings: Vec<(String, Coloring)>) {
-        if mesh.triangles().len() > MOST_TRIANGLES || colorings.is_empty() {
+    /// Adds triangles in one or more colourings; nothing if they are too many.
+    pub(crate) fn add(
+        &mut self,
+        name: &str,
+        positions: &[Point3],
+        triangles: &[[u32; 3]],
+        colorings: Vec<(String, Coloring)>,
+    ) {
+        if triangles.len() > MOST_TRIANGLES || colorings.is_empty() {
             return;
         }
         let narrow = |p: &Point3| [p.x as f32, p.y as f32, p.z as f32].map(f32::to_le_bytes);
-        let positions: Vec<_> = mesh.positions().iter().map(narrow).collect();
+        let positions: Vec<_> = positions.iter().map(narrow).collect();
         let corners = |t: &[u32; 3]| t.map(u32::to_le_bytes);
-        let triangles: Vec<_> = mesh.triangles().iter().map(corners).collect();
+        let triangles: Vec<_> = triangles.iter().map(corners).collect();
         let encode = |bytes: &[[[u8; 4]; 3]]| STANDARD.encode(bytes.as_flattened().as_flattened());
         let named = |(name, coloring): (String, Coloring)| NamedColoring {
             name,
@@ -99,6 +105,43 @@ impl Page {
             triangles: encode(&triangles),
             colorings: colorings.into_iter().map(named).collect(),
         });
+    }
+
+    /// Adds all layers of a scene as they are coloured.
+    pub(crate) fn add_scene(&mut self, name: &str, scene: &Scene) {
+        let (mut positions, mut triangles, mut colors) = (Vec::new(), Vec::new(), Vec::new());
+        for layer in &scene.layers {
+            let first = positions.len() as u32;
+            let corner = |v: u32| layer.positions[v as usize];
+            match &layer.paint {
+                // Each face has corners of its own, so that its colour ends with it.
+                Paint::Faces(of_faces) => {
+                    for (face, &color) in layer.faces.iter().zip(of_faces) {
+                        let next = positions.len() as u32;
+                        triangles.push([next, next + 1, next + 2]);
+                        positions.extend(face.map(corner));
+                        colors.extend([color; 3]);
+                    }
+                    continue;
+                }
+                Paint::Plain(color) => colors.extend(vec![*color; layer.positions.len()]),
+                Paint::Vertices(of_vertices) => colors.extend(of_vertices),
+            }
+            positions.extend(&layer.positions);
+            triangles.extend(layer.faces.iter().map(|f| f.map(|v| first + v)));
+        }
+        let coloring = Coloring {
+            colors,
+            scale: scene.scale.clone(),
+            legend: scene.legend.clone(),
+        };
+        let way = scene.scale.as_ref().map_or("as drawn", |s| &s.label);
+        self.add(
+            name,
+            &positions,
+            &triangles,
+            vec![(way.to_owned(), coloring)],
+        );
     }
 
     /// Shows a structure inside the surfaces, as its file has it; nothing if that is long or not read.

@@ -30,7 +30,7 @@ use tspline::SplineBackend;
 
 use crate::args::{BackendName, Common, HasCommon};
 use crate::page::Page;
-use crate::picture::{Image, Rasterizer};
+use crate::picture::{Image, Rasterizer, Scene};
 use crate::products::Coloring;
 use crate::words;
 
@@ -414,7 +414,15 @@ impl Session {
     /// no pictures.
     pub fn show(&self, name: &str, mesh: &TriMesh, colorings: Vec<(String, Coloring)>) {
         if !self.common.no_pictures {
-            self.page().add(name, mesh, colorings);
+            let (positions, triangles) = (mesh.positions(), mesh.triangles());
+            self.page().add(name, positions, triangles, colorings);
+        }
+    }
+
+    /// Puts on the page what a picture shows, to be turned.
+    pub fn show_scene(&self, name: &str, scene: &Scene) {
+        if !self.common.no_pictures {
+            self.page().add_scene(name, scene);
         }
     }
 

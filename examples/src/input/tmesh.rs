@@ -510,6 +510,7 @@ pub fn picture(made: &TMesh, session: &Session) -> Result<Image, Failure> {
         products::grouped(audit.t_junctions),
         audit.extraordinary
     ));
+    session.show_scene("tmesh", &scene);
     Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
 }
 
