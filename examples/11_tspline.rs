@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
-use biogeom_examples::input::tmesh::{Input, TMeshArgs, affordable};
+use biogeom_examples::input::tmesh::{Input, TMeshArgs, affordable, note_counts};
 use biogeom_examples::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
 use biogeom_examples::{Failure, Session, crosses, products};
 use clap::{Parser, ValueEnum};
@@ -164,13 +164,8 @@ fn spline(args: &Args, session: &Session) -> Result<(), Failure> {
 
 fn note(session: &Session, adapted: &Adapted, asked: bool) -> Result<(), Failure> {
     let surface = &adapted.surface;
-    let audit = surface.mesh().audit();
+    note_counts(session, surface.mesh())?;
     let counts = json!({
-        "elements": audit.elements,
-        "vertices": audit.vertices,
-        "t_junctions": audit.t_junctions,
-        "extraordinary": audit.extraordinary,
-        "levels": audit.levels,
         "functions": surface.controls().len(),
         "patches": surface.patches().len(),
     });

@@ -53,7 +53,7 @@ pub struct Common {
     /// What draws the pictures
     #[arg(long, value_enum, default_value_t)]
     pub renderer: Renderer,
-    /// No PNG pictures
+    /// No PNG pictures, and no page
     #[arg(long)]
     pub no_pictures: bool,
     /// No progress bars and no summary

@@ -464,7 +464,8 @@ fn onto(mesh: &QuadMesh, surface: &TriMesh) -> Result<QuadMesh, Failure> {
     Ok(QuadMesh::new(positions.collect(), mesh.quads().to_vec())?)
 }
 
-fn note(session: &Session, mesh: &TMesh, surface: &TriMesh) -> Result<(), Failure> {
+/// Notes how many of what a T-mesh has.
+pub fn note_counts(session: &Session, mesh: &TMesh) -> Result<(), Failure> {
     let audit = mesh.audit();
     let counts = json!({
         "elements": audit.elements,
@@ -472,9 +473,14 @@ fn note(session: &Session, mesh: &TMesh, surface: &TriMesh) -> Result<(), Failur
         "t_junctions": audit.t_junctions,
         "extraordinary": audit.extraordinary,
         "levels": audit.levels,
-        "fine_quads": mesh.fine().quads().len(),
     });
-    session.note("counts", counts)?;
+    session.note("counts", counts)
+}
+
+fn note(session: &Session, mesh: &TMesh, surface: &TriMesh) -> Result<(), Failure> {
+    let audit = mesh.audit();
+    note_counts(session, mesh)?;
+    session.note("counts", json!({ "fine_quads": mesh.fine().quads().len() }))?;
     session.note("hausdorff", distances(mesh.fine(), surface)?)?;
     session.note("valid", audit.is_valid())?;
     session.note("audit", audit)

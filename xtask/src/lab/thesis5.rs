@@ -359,6 +359,36 @@ fn convergence_on_a_protein() -> Outcome {
     Ok(())
 }
 
+/// What is fitted with uniform and with adaptive elements.
+struct Rivalry {
+    file: &'static str,
+    /// Of the triangles, Å: facets as large as elements would be the error that both are measured by.
+    spacing: f64,
+    /// Fine quads that adaptive elements are joined from.
+    finest: usize,
+    /// Numbers of quads of the uniform meshes.
+    uniform: &'static [usize],
+    /// What the adaptive ones are refined to, Å.
+    tolerances: &'static [f64],
+}
+
+const RIVALRIES: [Rivalry; 2] = [
+    Rivalry {
+        file: "pdb/1ajj.pdb",
+        spacing: 0.5,
+        finest: 6400,
+        uniform: &[200, 400, 800, 1600, 3200],
+        tolerances: &[0.4, 0.2, 0.1],
+    },
+    Rivalry {
+        file: "pdb/1su4.pdb",
+        spacing: 1.5,
+        finest: 64_000,
+        uniform: &[2000, 4000, 8000, 16_000],
+        tolerances: &[0.4, 0.2],
+    },
+];
+
 /// How many functions a uniform mesh needs for the error of an adaptive one.
 pub(crate) fn adaptive_beside_uniform() -> Outcome {
     println!(
@@ -366,68 +396,62 @@ pub(crate) fn adaptive_beside_uniform() -> Outcome {
     );
     println!("| surface | functions | rms, Å | Hausdorff, Å | s |");
     println!("|---|---|---|---|---|");
-    for (file, spacing, finest, uniform, tolerances) in [
-        (
-            "pdb/1ajj.pdb",
-            1.5,
-            6400,
-            &[200, 400, 800, 1600, 3200][..],
-            &[0.4, 0.2, 0.1][..],
-        ),
-        (
-            "pdb/1su4.pdb",
-            1.5,
-            64_000,
-            &[2000, 4000, 8000, 16_000][..],
-            &[0.4, 0.2][..],
-        ),
-    ] {
-        let Some(path) = fixtures::shared(file) else {
-            println!("| {file} | not at hand |");
-            continue;
-        };
-        let surface = protein(&path, spacing)?;
-        let line = |name: String, mesh: TMesh, tolerance: f64| -> Outcome {
-            let clock = Instant::now();
-            let options = FitOptions::default();
-            let made = adapt(
-                mesh,
-                Basis::Hierarchical,
-                &surface,
-                tolerance,
-                &options,
-                cpu(),
-            );
-            let made = made.map_err(text)?;
-            println!(
-                "| {file}, {name} | {} | {:.3} | {:.3} | {:.0} |",
-                made.surface.controls().len(),
-                made.errors.rms,
-                made.errors.hausdorff,
-                clock.elapsed().as_secs_f64()
-            );
-            Ok(())
-        };
-        for &quads in uniform {
-            let options = crossfield::Options {
-                size: crossfield::Size::Quads(quads),
-                ..crossfield::Options::default()
-            };
-            let fine = crossfield::quadrangulate(&surface, &options, cpu())
-                .map_err(text)?
-                .mesh;
-            let mesh = t_mesh(&fine, &vec![0; fine.quads().len()])?;
-            line(format!("uniform of {quads}"), mesh, f64::INFINITY)?;
-        }
-        let fine = nested(&surface, finest)?;
-        let mesh = t_mesh(&fine, &vec![2; fine.quads().len()])?;
-        for &tolerance in tolerances {
-            line(
-                format!("adaptive to {tolerance} Å"),
-                mesh.clone(),
-                tolerance,
-            )?;
+    for rivalry in RIVALRIES {
+        match fixtures::shared(rivalry.file) {
+            Some(path) => rivals(&rivalry, &protein(&path, rivalry.spacing)?)?,
+            None => println!("| {} | not at hand |", rivalry.file),
         }
     }
+    Ok(())
+}
+
+fn rivals(rivalry: &Rivalry, surface: &TriMesh) -> Outcome {
+    let file = rivalry.file;
+    for &quads in rivalry.uniform {
+        let options = crossfield::Options {
+            size: crossfield::Size::Quads(quads),
+            ..crossfield::Options::default()
+        };
+        let made = crossfield::quadrangulate(surface, &options, cpu());
+        let fine = made.map_err(text)?.mesh;
+        let mesh = t_mesh(&fine, &vec![0; fine.quads().len()])?;
+        // An infinite tolerance cuts nothing: the fit alone.
+        fitted(
+            &format!("{file}, uniform of {quads}"),
+            mesh,
+            surface,
+            f64::INFINITY,
+        )?;
+    }
+    // All as coarse as they may be; the error cuts them where it is large.
+    let fine = nested(surface, rivalry.finest)?;
+    let coarse = t_mesh(&fine, &vec![2; fine.quads().len()])?;
+    for &tolerance in rivalry.tolerances {
+        let name = format!("{file}, adaptive to {tolerance} Å");
+        fitted(&name, coarse.clone(), surface, tolerance)?;
+    }
+    Ok(())
+}
+
+/// A row of the table.
+fn fitted(name: &str, mesh: TMesh, surface: &TriMesh, tolerance: f64) -> Outcome {
+    let clock = Instant::now();
+    let options = FitOptions::default();
+    let made = adapt(
+        mesh,
+        Basis::Hierarchical,
+        surface,
+        tolerance,
+        &options,
+        cpu(),
+    );
+    let made = made.map_err(text)?;
+    println!(
+        "| {name} | {} | {:.3} | {:.3} | {:.0} |",
+        made.surface.controls().len(),
+        made.errors.rms,
+        made.errors.hausdorff,
+        clock.elapsed().as_secs_f64()
+    );
     Ok(())
 }
