@@ -5,6 +5,7 @@ use std::fmt;
 use rayon::prelude::*;
 
 use super::{FACES, QuadMesh, Region, TetMesh, TriMesh, is_even, six_volume, sorted};
+use crate::compute::parallel::sorted_by_number;
 use crate::compute::sets::{DisjointSets, Sets};
 use crate::{Point3, Vector3};
 
@@ -191,18 +192,12 @@ fn fault<T: fmt::Debug>(f: &mut fmt::Formatter<'_>, what: &str, faults: &Faults<
 /// Corner `k` of every face starts the edge to corner `k + 1`: all of them, sorted by the edge's
 /// vertices (lower one in the high bits), then by face.
 pub(super) fn sorted_edges<const N: usize>(faces: &[[u32; N]]) -> Vec<(u64, u32)> {
-    let mut edges: Vec<(u64, u32)> = faces
-        .par_iter()
-        .enumerate()
-        .flat_map_iter(|(f, corners)| {
-            (0..N).map(move |k| {
-                let (a, b) = (corners[k], corners[(k + 1) % N]);
-                (u64::from(a.min(b)) << 32 | u64::from(a.max(b)), f as u32)
-            })
-        })
-        .collect();
-    edges.par_sort_unstable();
-    edges
+    let side = |i: usize| {
+        let (f, k) = (i / N, i % N);
+        let (a, b) = (faces[f][k], faces[f][(k + 1) % N]);
+        (u64::from(a.min(b)) << 32 | u64::from(a.max(b)), f as u32)
+    };
+    sorted_by_number(N * faces.len(), side, |side| ends(side.0)[0])
 }
 
 fn ends(edge: u64) -> [u32; 2] {
@@ -315,16 +310,12 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
         .collect();
 
     // Faces with the same corners, in whatever order.
-    let mut keys: Vec<([u32; N], u32)> = faces
-        .par_iter()
-        .enumerate()
-        .map(|(f, corners)| {
-            let mut key = *corners;
-            key.sort_unstable();
-            (key, f as u32)
-        })
-        .collect();
-    keys.par_sort_unstable();
+    let key = |f: usize| {
+        let mut key = faces[f];
+        key.sort_unstable();
+        (key, f as u32)
+    };
+    let keys = sorted_by_number(faces.len(), key, |key| key.0[0]);
     let mut duplicates: Vec<u32> = keys
         .windows(2)
         .filter(|pair| pair[0].0 == pair[1].0)
@@ -536,12 +527,8 @@ impl fmt::Display for VolumeAudit {
 
 /// All faces of all tetrahedra: sorted corners, and 4 · tetrahedron + face; sorted by both.
 pub(super) fn sorted_faces(tets: &[[u32; 4]]) -> Vec<([u32; 3], u64)> {
-    let mut faces: Vec<([u32; 3], u64)> = (0..4 * tets.len() as u64)
-        .into_par_iter()
-        .map(|slot| (sorted(face(tets, slot)), slot))
-        .collect();
-    faces.par_sort_unstable();
-    faces
+    let side = |slot: usize| (sorted(face(tets, slot as u64)), slot as u64);
+    sorted_by_number(4 * tets.len(), side, |side| side.0[0])
 }
 
 /// The face of slot 4 · tetrahedron + face, seen from outside of the tetrahedron.
@@ -586,18 +573,13 @@ impl BoundaryComparison {
         // Vertices are the same if their places are, bit for bit.
         let (of_volume, of_surface) = common_numbers(mesh.positions(), surface.positions());
         let keys = |faces: &[[u32; 3]], number: &[u32]| {
-            let mut keys: Vec<([u32; 3], bool, u32)> = faces
-                .par_iter()
-                .enumerate()
-                .map(|(i, f)| {
-                    let mut key = f.map(|v| number[v as usize]);
-                    let ascending = is_even(key);
-                    key.sort_unstable();
-                    (key, ascending, i as u32)
-                })
-                .collect();
-            keys.par_sort_unstable();
-            keys
+            let key = |i: usize| {
+                let mut key = faces[i].map(|v| number[v as usize]);
+                let ascending = is_even(key);
+                key.sort_unstable();
+                (key, ascending, i as u32)
+            };
+            sorted_by_number(faces.len(), key, |key| key.0[0])
         };
         // Both sorted by their corners, and merged: what only one has, and what both have, perhaps reversed.
         let ours = keys(&boundary, &of_volume);

@@ -1,6 +1,7 @@
 //! Before the work: is the mesh a complex, which way round are its tetrahedra, and how may each
 //! vertex move?
 
+use geom_core::compute::parallel::fold_chunks;
 use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
@@ -178,34 +179,71 @@ struct Adjacency {
 }
 
 fn adjacency(mesh: &EditableMesh) -> Result<Adjacency, Error> {
-    let beyond: Vec<([u32; 4], bool)> = (0..mesh.tets.len() as u32)
-        .into_par_iter()
-        .map(|t| {
-            let tet = mesh.tets[t as usize];
-            let (mut out, mut flipped) = ([NONE; 4], false);
-            for (k, corners) in FACES.iter().enumerate() {
-                let face = corners.map(|i| tet[i]);
-                let [a, b, c] = face;
-                for &o in mesh.incidence.of(a) {
-                    let other = mesh.tets[o as usize];
-                    if o == t || !other.contains(&b) || !other.contains(&c) {
-                        continue;
+    // Each face at its lowest corner, around which both of its tetrahedra lie.
+    let met = fold_chunks(mesh.x.len(), |vertices| {
+        let (mut met, mut sides) = (Vec::new(), Vec::new());
+        for v in vertices {
+            sides.clear();
+            sides.extend(sides_at(mesh, v as u32));
+            sides.sort_unstable();
+            for both in sides.chunk_by(|a, b| a.others == b.others) {
+                match *both {
+                    [_] => {}
+                    [a, b] => met.push([a, b]),
+                    _ => {
+                        let [b, c] = [(both[0].others >> 32) as u32, both[0].others as u32];
+                        return Err(Error::NonManifoldFace {
+                            element: both[2].tet as usize,
+                            face: [v as u32, b, c],
+                        });
                     }
-                    if out[k] != NONE {
-                        let element = t.max(o).max(out[k]) as usize;
-                        return Err(Error::NonManifoldFace { element, face });
-                    }
-                    out[k] = o;
-                    flipped |= same_side(face, other);
                 }
             }
-            Ok((out, flipped))
+        }
+        Ok(met)
+    });
+    let (mut beyond, mut flipped) = (vec![[NONE; 4]; mesh.tets.len()], false);
+    for met in met {
+        for [a, b] in met? {
+            beyond[a.tet as usize][a.face as usize] = b.tet;
+            beyond[b.tet as usize][b.face as usize] = a.tet;
+            flipped |= a.ascending == b.ascending;
+        }
+    }
+    Ok(Adjacency { beyond, flipped })
+}
+
+/// A face of a tetrahedron, seen from its lowest corner.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Side {
+    /// The other corners, the lower one in the high bits.
+    others: u64,
+    tet: u32,
+    /// Opposite which corner of the tetrahedron.
+    face: u8,
+    /// Are the others in ascending order as seen from outside?
+    ascending: bool,
+}
+
+/// The faces of which `v` is the lowest corner.
+fn sides_at(mesh: &EditableMesh, v: u32) -> impl Iterator<Item = Side> {
+    mesh.incidence.of(v).iter().flat_map(move |&tet| {
+        let corners = mesh.tets[tet as usize];
+        (0..4).filter_map(move |face| {
+            let [a, b, c] = FACES[usize::from(face)].map(|i| corners[i]);
+            let [next, last] = match v {
+                _ if v == a => [b, c],
+                _ if v == b => [c, a],
+                _ if v == c => [a, b],
+                _ => return None,
+            };
+            (v < next && v < last).then(|| Side {
+                others: u64::from(next.min(last)) << 32 | u64::from(next.max(last)),
+                tet,
+                face,
+                ascending: next < last,
+            })
         })
-        .collect::<Result<_, Error>>()?;
-    let flipped = beyond.iter().any(|b| b.1);
-    Ok(Adjacency {
-        beyond: beyond.into_iter().map(|b| b.0).collect(),
-        flipped,
     })
 }
 

@@ -111,6 +111,10 @@ pub(crate) fn unmet(mesh: &EditableMesh, goals: &Goals, junctions: &[u32]) -> Un
         .enumerate()
         .filter_map(|(number, &t)| {
             let q = mesh.q[t as usize];
+            // Most are good enough to meet whatever is asked for.
+            if q >= enough {
+                return None;
+            }
             let corners = mesh.corners(mesh.tets[t as usize]);
             let m = measures(corners);
             if goals.met_by(&m) {

@@ -7,6 +7,7 @@
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use geom_core::Point3;
+use geom_core::compute::parallel::sorted_by_number;
 use geom_core::mesh::{FACES, INTERIOR, Region};
 use rayon::prelude::*;
 
@@ -176,9 +177,8 @@ impl Collector {
 
     /// The surface are the faces of the molecule that no other tetrahedron of it has.
     fn finish(mut self) -> Raw {
-        self.faces.par_sort_unstable();
-        self.out.triangles = self
-            .faces
+        let faces = sorted_by_number(self.faces.len(), |i| self.faces[i], |face| face.0[0]);
+        self.out.triangles = faces
             .chunk_by(|a, b| a.0 == b.0)
             .filter(|group| group.len() == 1)
             .map(|group| group[0].1)

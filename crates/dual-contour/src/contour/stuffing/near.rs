@@ -1,5 +1,6 @@
 //! The tetrahedra near interfaces.
 
+use geom_core::compute::parallel::sorted_by_number;
 use geom_core::mesh::{EDGES, Region};
 use rayon::prelude::*;
 
@@ -169,7 +170,7 @@ impl Near {
 
 /// The edges between different labels, sorted.
 fn edges_between_labels(tets: &[[u32; 4]], samples: &[Sample]) -> Vec<[u32; 2]> {
-    let mut edges: Vec<[u32; 2]> = tets
+    let edges: Vec<[u32; 2]> = tets
         .par_iter()
         .flat_map_iter(|t| {
             let ends = EDGES.map(|e| e.map(|k| t[k]));
@@ -179,7 +180,7 @@ fn edges_between_labels(tets: &[[u32; 4]], samples: &[Sample]) -> Vec<[u32; 2]> 
             })
         })
         .collect();
-    edges.par_sort_unstable();
+    let mut edges = sorted_by_number(edges.len(), |i| edges[i], |edge| edge[0]);
     edges.dedup();
     edges
 }
