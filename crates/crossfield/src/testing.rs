@@ -1,7 +1,12 @@
-//! Surfaces for tests.
+//! Surfaces for tests, and a look inside.
 
 use geom_core::compute::random::SplitMix64;
-use geom_core::{Point3, TriMesh, Vector3};
+use geom_core::{Cpu, Point3, Run, TriMesh, Vector3};
+
+use crate::Error;
+use crate::backend::CrossfieldObject;
+use crate::field::{CrossField, Frames};
+use crate::map::MapOptions;
 
 /// A plate of `n × n` cells in the plane z = 0, a unit to a side, its inner vertices shaken by `noise` cells; cells for
 /// which `hole` holds are missing.
@@ -91,4 +96,16 @@ fn without_unused(positions: Vec<Point3>, triangles: Vec<[u32; 3]>) -> TriMesh {
     let kept = used.iter().map(|&v| positions[v as usize]).collect();
     let triangles = triangles.iter().map(|t| t.map(place)).collect();
     TriMesh::new(kept, triangles).expect("a valid plate")
+}
+
+/// The triangles that are left of a map of a field when all its regular vertices are taken out, before anything is an integer;
+/// `None` if one of them cannot be.
+pub fn decimated(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+) -> Result<Option<usize>, Error> {
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    crate::map::decimated(mesh, frames, field, options, run)
 }

@@ -2,11 +2,13 @@
 
 use std::io::Write;
 
-use geom_core::io::structure::{AltLocs, Format, Models, Radii, ReadOptions, parse, read};
+use geom_core::io::structure::{
+    AltLocs, Format, Models, Radii, ReadOptions, parse, read, write_models,
+};
 use geom_core::io::{ErrorKind, pqr};
 use geom_core::structure::{Element, ResidueKind, Selector};
 use geom_core::testing::same_on_any_threads;
-use geom_core::{Point3, Structure};
+use geom_core::{Point3, Structure, Vector3};
 
 /// Everything that stands in the file.
 fn everything() -> ReadOptions {
@@ -244,6 +246,48 @@ fn pqr_files_are_read_as_they_are_written() {
     // Both copies are of the first model.
     let first = parse(&text, Format::Pqr, &ReadOptions::default()).unwrap();
     assert_eq!(first.structure.atoms().len(), s.atoms().len());
+}
+
+#[test]
+fn models_are_read_as_they_are_written() {
+    let s = fixture("1A8O.pdb", &options(|o| o.assembly = Some("1".to_owned())));
+    let (shift, mut moved) = (Vector3::new(1.0, -2.0, 3.5), s.clone());
+    moved
+        .atoms_mut()
+        .iter_mut()
+        .for_each(|a| a.position += shift);
+    let mut text = Vec::new();
+    write_models(&[s.clone(), moved], &mut text).unwrap();
+    let all = options(|o| o.models = Models::All);
+    let again = parse(&text, Format::Mmcif, &all).unwrap().structure;
+    assert_eq!(again.domains().len(), 2);
+    assert_eq!(again.residues().len(), 2 * s.residues().len());
+    let count = s.atoms().len();
+    for (model, by) in [(0, Vector3::zeros()), (1, shift)] {
+        let of_model = &again.atoms()[model * count..(model + 1) * count];
+        for (a, b) in of_model.iter().zip(s.atoms()) {
+            assert_eq!((a.name, a.element, a.hetero), (b.name, b.element, b.hetero));
+            assert!((a.position - b.position - by).abs().max() < 1e-3);
+            assert!((a.b_factor - b.b_factor).abs() < 0.01);
+        }
+    }
+    // Copies have names of their own; primes and blanks are no trouble.
+    let names: Vec<String> = again.chains().iter().map(|c| c.name.to_string()).collect();
+    assert!(
+        names.contains(&"A".to_owned()) && names.contains(&"A-2".to_owned()),
+        "{names:?}"
+    );
+    let odd = b"ATOM      1  O5'  DA B   7A      1.000   2.000   3.000  1.00  0.00           O\n";
+    let odd = parse(odd, Format::Pdb, &ReadOptions::default())
+        .unwrap()
+        .structure;
+    let mut text = Vec::new();
+    write_models(std::slice::from_ref(&odd), &mut text).unwrap();
+    let again = parse(&text, Format::Mmcif, &ReadOptions::default())
+        .unwrap()
+        .structure;
+    assert_eq!(again.atoms()[0].name, odd.atoms()[0].name);
+    assert_eq!(again.residues()[0], odd.residues()[0]);
 }
 
 #[test]

@@ -7,6 +7,7 @@ use geom_core::surface::distance::{Graph, shortest_paths};
 
 use super::field::FieldReport;
 use super::frames::{Frames, QUARTER};
+use super::near::Near;
 use super::parallel::{Change, Parallel};
 use super::singularity::{difference, interior_index};
 use crate::Error;
@@ -41,7 +42,8 @@ impl Price {
     }
 }
 
-/// Of more singularities than these, the costs of moving one are estimated.
+/// Of more singularities than these, the costs of moving one are estimated, and of what angles gain only the part nearby
+/// counts.
 const MANY: usize = 128;
 /// The energy of a quarter that has moved by a distance r, apart from what pulls it, is `(π / 4√3) ln r` and a constant, rad²:
 /// that of a dipole on equilateral triangles with unit weights.
@@ -62,8 +64,10 @@ pub(super) struct Descent<'a> {
     compliance: BTreeMap<usize, f64>,
     /// The side of a quad, Å; 0 if that shall not matter.
     apart: f64,
-    /// The same of shortest paths, by their ends.
-    of_paths: BTreeMap<(usize, usize), f64>,
+    /// The same of shortest paths, by their ends, and whether all angles were asked.
+    of_paths: BTreeMap<(usize, usize), (f64, bool)>,
+    /// Are the singularities few to begin with?
+    is_small: bool,
 }
 
 impl<'a> Descent<'a> {
@@ -85,8 +89,10 @@ impl<'a> Descent<'a> {
             compliance: BTreeMap::new(),
             apart,
             of_paths: BTreeMap::new(),
+            is_small: false,
         };
         descent.count();
+        descent.is_small = descent.singular().count() <= MANY;
         descent
     }
 
@@ -195,9 +201,18 @@ impl<'a> Descent<'a> {
             .filter(|h| !self.compliance.contains_key(h))
             .collect();
         let changes: Vec<Change> = new.iter().map(|&h| vec![(h, 1)]).collect();
-        let values = self.parallel.compliances(&changes)?;
+        let values = self.compliances(&changes)?;
         self.compliance.extend(new.into_iter().zip(values));
         Ok(())
+    }
+
+    /// What the angles gain by following changes: all of them, or only those nearby where that would be solving too often.
+    fn compliances(&self, changes: &[Change]) -> Result<Vec<f64>, Error> {
+        if self.is_small {
+            self.parallel.exact_compliances(changes)
+        } else {
+            Ok(self.parallel.compliances(changes))
+        }
     }
 
     fn single(&self, h: usize, s: i32) -> f64 {
@@ -244,10 +259,11 @@ impl<'a> Descent<'a> {
     fn annihilate(&mut self, price: impl Fn(f64) -> f64) -> Result<usize, Error> {
         let pairs = self.pairs()?;
         let (distances, changes): (Vec<f64>, Vec<Change>) = pairs.into_iter().unzip();
-        let gains = self.gains(&changes)?;
+        let prices: Vec<f64> = distances.iter().map(|&d| price(d)).collect();
+        let gains = self.gains(&changes, &prices)?;
         let mut order: Vec<(f64, usize)> = (0..changes.len())
             .map(|k| (self.direct(&changes[k]) - gains[k], k))
-            .filter(|&(cost, k)| cost < price(distances[k]))
+            .filter(|&(cost, k)| cost < prices[k])
             .collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut met = 0;
@@ -258,7 +274,7 @@ impl<'a> Descent<'a> {
                 continue;
             }
             // The field has changed since.
-            if self.direct(change) - gains[k] < price(distances[k]) {
+            if self.direct(change) - gains[k] < prices[k] {
                 self.apply(change)?;
                 met += 1;
             }
@@ -266,17 +282,34 @@ impl<'a> Descent<'a> {
         Ok(met)
     }
 
-    /// What the angles gain by following changes along shortest paths, which does not depend on the period jumps.
-    fn gains(&mut self, changes: &[Change]) -> Result<Vec<f64>, Error> {
+    /// What the angles gain by following changes along shortest paths, which does not depend on the period jumps: exactly where
+    /// that may decide whether a change is worth its price.
+    fn gains(&mut self, changes: &[Change], prices: &[f64]) -> Result<Vec<f64>, Error> {
+        /// How much more than those nearby all angles may gain.
+        const MORE: f64 = 1.5;
         let ends: Vec<(usize, usize)> = changes.iter().map(|c| self.ends(c)).collect();
+        let of = |wanted: &[usize]| -> Vec<Change> {
+            wanted.iter().map(|&k| changes[k].clone()).collect()
+        };
         let new: Vec<usize> = (0..changes.len())
             .filter(|&k| !self.of_paths.contains_key(&ends[k]))
             .collect();
-        let unknown: Vec<Change> = new.iter().map(|&k| changes[k].clone()).collect();
-        let found = self.parallel.compliances(&unknown)?;
+        let exact = self.is_small;
+        let found = self.compliances(&of(&new))?;
+        let found = found.into_iter().map(|gain| (gain, exact));
         self.of_paths
             .extend(new.iter().map(|&k| ends[k]).zip(found));
-        Ok(ends.iter().map(|ends| self.of_paths[ends]).collect())
+        let close: Vec<usize> = (0..changes.len())
+            .filter(|&k| {
+                let (gain, exact) = self.of_paths[&ends[k]];
+                !exact && self.direct(&changes[k]) - MORE * gain < prices[k]
+            })
+            .collect();
+        let found = self.parallel.exact_compliances(&of(&close))?;
+        let found = found.into_iter().map(|gain| (gain, true));
+        self.of_paths
+            .extend(close.iter().map(|&k| ends[k]).zip(found));
+        Ok(ends.iter().map(|ends| self.of_paths[ends].0).collect())
     }
 
     fn ends(&self, change: &[(usize, i32)]) -> (usize, usize) {
@@ -347,7 +380,7 @@ impl<'a> Descent<'a> {
                 .filter(|&h| self.frames.twin(h).is_some() && self.is_inside(h))
                 .collect();
             let changes: Vec<Change> = edges.iter().map(|&h| vec![(h, s)]).collect();
-            let gains = self.parallel.compliances(&changes)?;
+            let gains = self.compliances(&changes)?;
             let best = changes
                 .into_iter()
                 .zip(gains)
@@ -375,10 +408,12 @@ impl<'a> Descent<'a> {
         }
         let graph = Graph::of_edges(self.mesh)?;
         let mut stuck = vec![false; self.index.len()];
+        let mut near = Near::default();
         let most = 2 * self.singular().count();
         for step in 0..most {
             run.progress("singularities", step as u64, most as u64)?;
-            let Some(pair) = self.nearest_pair(&graph, apart, &stuck)? else {
+            let singular: Vec<u32> = self.singular().collect();
+            let Some(pair) = near.pair(&graph, &singular, apart, &stuck)? else {
                 break;
             };
             let mut ways = Vec::new();
@@ -391,7 +426,7 @@ impl<'a> Descent<'a> {
                 ways.iter().map(cost).collect()
             } else {
                 let changes: Vec<Change> = ways.iter().map(|(_, c)| c.clone()).collect();
-                let gains = self.parallel.compliances(&changes)?;
+                let gains = self.compliances(&changes)?;
                 let all = changes.iter().zip(gains);
                 all.map(|(c, gain)| self.direct(c) - gain).collect()
             };
@@ -417,28 +452,6 @@ impl<'a> Descent<'a> {
 
     fn singular(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.index.len() as u32).filter(|&v| self.index[v as usize] != 0)
-    }
-
-    /// The two singular vertices nearest to each other, if that is nearer than `apart`; two that are stuck are none.
-    fn nearest_pair(
-        &self,
-        graph: &Graph,
-        apart: f64,
-        stuck: &[bool],
-    ) -> Result<Option<(u32, u32)>, Error> {
-        let mut best: Option<(f64, u32, u32)> = None;
-        for v in self.singular() {
-            let reach = best.map_or(apart, |b| b.0);
-            let from = shortest_paths(graph, &[(v, 0.0)], reach)?.distance;
-            for u in self.singular().filter(|&u| u > v) {
-                let distance = from[u as usize];
-                let known = stuck[u as usize] && stuck[v as usize];
-                if distance < reach && !known && best.is_none_or(|b| distance < b.0) {
-                    best = Some((distance, v, u));
-                }
-            }
-        }
-        Ok(best.map(|(_, v, u)| (v, u)))
     }
 
     /// Paths on which a singular vertex may give a quarter away: to another of opposite sign, or to regular ones a little

@@ -5,6 +5,7 @@ mod diffuse;
 #[expect(clippy::module_inception, reason = "the field of the folder's name")]
 mod field;
 pub mod frames;
+mod near;
 mod parallel;
 pub mod singularity;
 pub(crate) mod smooth;

@@ -2,6 +2,7 @@
 
 use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::compute::sets::DisjointSets;
+use rayon::prelude::*;
 
 use super::field::Guide;
 use super::frames::{Frames, QUARTER, modulo_quarter};
@@ -12,6 +13,8 @@ const FIXED: u32 = u32::MAX;
 
 /// Right-hand sides per pass.
 const COLUMNS: usize = 16;
+/// Angles follow a change for so many triangles around it at least.
+const RINGS: usize = 10;
 
 /// `min_θ Σ w (θ_j − θ_i − κ − (π/2) p)² + Σ λ̄ (θ − γ)²` with the period jumps p given (Eq. 4.9). The matrix does
 /// not depend on p: it is factored once.
@@ -19,6 +22,8 @@ pub(super) struct Parallel<'a> {
     pub(super) frames: &'a Frames,
     row: Vec<u32>,
     rows: usize,
+    /// λ̄ of each triangle that a soft guide holds, 0 of others.
+    softness: Vec<f64>,
     factor: Cholesky,
     /// γ and λ̄ of the softly guided triangles.
     soft: Vec<(usize, f64, f64)>,
@@ -87,6 +92,10 @@ impl<'a> Parallel<'a> {
                 entries.push((row[face], row[face], weight));
             }
         }
+        let mut softness = vec![0.0; faces];
+        for &(face, _, weight) in &soft {
+            softness[face] += weight;
+        }
         let rows = rows as usize;
         let matrix = SparseMatrix::from_triplets(rows, rows, &entries)?;
         let factor = Cholesky::of(&matrix)?;
@@ -94,6 +103,7 @@ impl<'a> Parallel<'a> {
             frames,
             row,
             rows,
+            softness,
             factor,
             soft,
             fixed,
@@ -139,8 +149,81 @@ impl<'a> Parallel<'a> {
     }
 
     /// For each change of period jumps, what the energy falls by because the angles follow: `bᵀ W⁻¹ b` with
-    /// `b = Σ w d (e_j − e_i)`.
-    pub(super) fn compliances(&self, changes: &[Change]) -> Result<Vec<f64>, Error> {
+    /// `b = Σ w d (e_j − e_i)`. Only angles near the change follow, so that it is never more than the energy falls by, and
+    /// hardly less: what a change does fades with the square of the distance.
+    pub(super) fn compliances(&self, changes: &[Change]) -> Vec<f64> {
+        changes
+            .par_iter()
+            .map_init(
+                || vec![FIXED; self.frames.faces()],
+                |place, change| self.compliance(change, place),
+            )
+            .collect()
+    }
+
+    /// By conjugate gradients on the triangles within twice as many steps as the change is long, and [`RINGS`] at least.
+    /// `place` holds [`FIXED`] throughout, before and after.
+    fn compliance(&self, change: &[(usize, i32)], place: &mut [u32]) -> f64 {
+        let rings = RINGS.max(2 * change.len());
+        let mut near: Vec<u32> = Vec::new();
+        let reach = |face: usize, near: &mut Vec<u32>, place: &mut [u32]| {
+            if self.row[face] != FIXED && place[face] == FIXED {
+                place[face] = near.len() as u32;
+                near.push(face as u32);
+            }
+        };
+        for &(h, _) in change {
+            let twin = self.frames.twin(h).expect("an interior edge");
+            reach(h / 3, &mut near, place);
+            reach(twin / 3, &mut near, place);
+        }
+        let mut first = 0;
+        for _ in 0..rings {
+            let end = near.len();
+            for k in first..end {
+                let face = near[k] as usize;
+                for h in 3 * face..3 * face + 3 {
+                    if let Some(twin) = self.frames.twin(h) {
+                        reach(twin / 3, &mut near, place);
+                    }
+                }
+            }
+            first = end;
+        }
+        let mut right = vec![0.0; near.len()];
+        for &(h, quarters) in change {
+            let twin = self.frames.twin(h).expect("an interior edge");
+            let value = self.frames.weight(h) * QUARTER * f64::from(quarters);
+            for (face, value) in [(twin / 3, value), (h / 3, -value)] {
+                if let Some(right) = right.get_mut(place[face] as usize) {
+                    *right += value;
+                }
+            }
+        }
+        // Up to three neighbours, and what a row has on its diagonal.
+        let rows: Vec<(f64, [(u32, f64); 3])> = near
+            .iter()
+            .map(|&face| {
+                let mut row = (self.softness[face as usize], [(FIXED, 0.0); 3]);
+                for k in 0..3 {
+                    let h = 3 * face as usize + k;
+                    if let Some(twin) = self.frames.twin(h) {
+                        let w = self.frames.weight(h);
+                        row.0 += w;
+                        row.1[k] = (place[twin / 3], w);
+                    }
+                }
+                row
+            })
+            .collect();
+        for &face in &near {
+            place[face as usize] = FIXED;
+        }
+        gained(&rows, &right)
+    }
+
+    /// The same with all angles following.
+    pub(super) fn exact_compliances(&self, changes: &[Change]) -> Result<Vec<f64>, Error> {
         let mut out = Vec::with_capacity(changes.len());
         for part in changes.chunks(COLUMNS) {
             let columns = part.len();
@@ -184,6 +267,45 @@ impl<'a> Parallel<'a> {
             }
         }
     }
+}
+
+/// `bᵀ A⁻¹ b` by conjugate gradients with the diagonal as preconditioner. Spelled out for rows of three neighbours: those of
+/// the core start from a factor, and here are thousands of systems of some hundred triangles, each solved once.
+fn gained(rows: &[(f64, [(u32, f64); 3])], right: &[f64]) -> f64 {
+    const STEPS: usize = 200;
+    const SMALL: f64 = 1e-8;
+    let n = right.len();
+    let (mut x, mut rest) = (vec![0.0; n], right.to_vec());
+    let mut way: Vec<f64> = rest.iter().zip(rows).map(|(r, row)| r / row.0).collect();
+    let mut along = vec![0.0; n];
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut energy = dot(&rest, &way);
+    let small = SMALL * energy;
+    for _ in 0..STEPS {
+        if energy <= small {
+            break;
+        }
+        for (out, (k, (diagonal, others))) in along.iter_mut().zip(rows.iter().enumerate()) {
+            *out = diagonal * way[k];
+            for &(j, w) in others {
+                if let Some(there) = way.get(j as usize) {
+                    *out -= w * there;
+                }
+            }
+        }
+        let step = energy / dot(&way, &along);
+        for k in 0..n {
+            x[k] += step * way[k];
+            rest[k] -= step * along[k];
+        }
+        let after: f64 = rest.iter().zip(rows).map(|(r, row)| r * r / row.0).sum();
+        let turn = after / energy;
+        for k in 0..n {
+            way[k] = rest[k] / rows[k].0 + turn * way[k];
+        }
+        energy = after;
+    }
+    dot(right, &x)
 }
 
 /// `angle` plus the multiple of a quarter turn that brings it nearest to `to`.

@@ -1,7 +1,14 @@
 //! The map in fixed point, and its predicates in integers: 64 bits for coordinates, 128 for products.
 
-use super::transition::turned;
-use crate::field::frames::{next, previous};
+use super::cut::Cut;
+use super::net::Net;
+use super::transition::{Seams, turned};
+use crate::Error;
+use crate::field::CrossField;
+use crate::field::frames::{Frames, next, previous};
+
+/// Binary digits after the point: coordinates stay below 2³⁸, products in 128 bits.
+pub(super) const BITS: u32 = 24;
 
 /// A map of the surface into the plane, triangle by triangle, in fixed point. Over an edge coordinates turn by quarter
 /// turns and shift by whole numbers, exactly; every triangle has a positive area.
@@ -38,6 +45,9 @@ pub struct MapReport {
     pub stiffenings: usize,
     /// Whether the map had to be untangled.
     pub untangled: bool,
+    /// Whether the triangles of the surface could not be untangled, and the quads are those of the decimated map, laid on the
+    /// surface along straight lines of the map before its rounding.
+    pub decimated: bool,
 }
 
 impl GridMap {
@@ -99,4 +109,81 @@ pub(crate) fn axes_in(a: [i64; 2], b: [i64; 2], closed: bool) -> impl Iterator<I
     (0..3u8)
         .map(move |k| (first + k) % 4)
         .filter(move |&q| inside(rotated([1, 0], q)))
+}
+
+/// The map in fixed point, checked exactly.
+pub(super) fn fixed(
+    frames: &Frames,
+    field: &CrossField,
+    cut: &Cut,
+    seams: &Seams,
+    y: &[f64],
+    stage: &'static str,
+    report: MapReport,
+) -> Result<GridMap, Error> {
+    let unit = (1i64 << BITS) as f64;
+    let values: Vec<i64> = y
+        .iter()
+        .enumerate()
+        .map(|(k, &y)| {
+            if k < seams.reals {
+                (y * unit).round() as i64
+            } else {
+                (y.round() as i64) << BITS
+            }
+        })
+        .collect();
+    let at = |copy: u32, component: usize| -> i64 {
+        seams
+            .row(copy, component)
+            .map(|(k, c)| i64::from(c) * values[k])
+            .sum()
+    };
+    let corners: Vec<[[i64; 2]; 3]> = cut
+        .copy
+        .chunks_exact(3)
+        .map(|c| [0, 1, 2].map(|k| [at(c[k], 0), at(c[k], 1)]))
+        .collect();
+    let triangles = corners.iter().filter(|uv| doubled_area(uv) <= 0).count();
+    let map = GridMap {
+        corners,
+        turn: cut.turn.clone(),
+        bits: BITS,
+        report,
+    };
+    let cones = wrong_cones(&Net::of(frames), &field.index, &map);
+    if triangles + cones > 0 {
+        return Err(Error::Folded {
+            triangles,
+            cones,
+            stage,
+            relaxed: false,
+        });
+    }
+    Ok(map)
+}
+
+/// Vertices around which the axis directions do not number `4 − 4 I` (inside) or `3 − 4 I` (on a boundary), counted
+/// exactly.
+pub(super) fn wrong_cones(net: &Net, index: &[i32], map: &GridMap) -> usize {
+    (0..net.vertices())
+        .filter(|&v| {
+            let fan: Vec<usize> = net.around(v).collect();
+            if fan.is_empty() {
+                return false;
+            }
+            let on_boundary = net.on_boundary(v);
+            let last = fan.len() - 1;
+            let count: usize = fan
+                .iter()
+                .enumerate()
+                .map(|(i, &h)| {
+                    let [a, b] = sector(map, h);
+                    axes_in(a, b, on_boundary && i == last).count()
+                })
+                .sum();
+            let whole = if on_boundary { 3 } else { 4 };
+            count as i32 != whole - index[v]
+        })
+        .count()
 }

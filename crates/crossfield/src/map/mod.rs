@@ -5,13 +5,18 @@ mod cones;
 mod cut;
 pub(crate) mod exact;
 mod integers;
+mod net;
 mod parameterize;
 mod spacing;
 mod system;
 mod transition;
 mod untangle;
 
-pub(crate) use parameterize::parameterized;
+pub(crate) use integers::Spread;
+pub(crate) use net::Net;
+#[cfg(feature = "testing")]
+pub(crate) use parameterize::decimated;
+pub(crate) use parameterize::{Laid, parameterized};
 pub(crate) use untangle::Effort;
 
 pub use exact::{GridMap, MapReport};

@@ -6,8 +6,8 @@ use geom_core::{Run, TriMesh};
 
 use super::cones::{has_wrong_angle, wound};
 use super::cut::Cut;
-use super::exact::{GridMap, MapReport, axes_in, doubled_area, sector};
-use super::integers::{Coarse, Quadratic};
+use super::exact::{BITS, GridMap, MapReport, fixed, wrong_cones};
+use super::integers::{Coarse, Quadratic, Spread};
 use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
@@ -19,8 +19,6 @@ use crate::field::frames::Frames;
 
 /// Solves with stiffer triangles before the map is untangled.
 const STIFFENINGS: usize = 8;
-/// Binary digits after the point: coordinates stay below 2³⁸, products in 128 bits.
-const BITS: u32 = 24;
 
 /// What the map should be like.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,18 +47,87 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
 ) -> Result<GridMap, Error> {
     let run = run.with(run.backend.as_crossfield());
     let effort = Effort::of(mesh.triangles().len());
-    parameterized(mesh, frames, field, options, &effort, run)
+    match parameterized(mesh, frames, field, options, &effort, |_| false, run)? {
+        Laid::Whole(map) => Ok(map),
+        Laid::Decimated(_, error) => Err(error),
+        Laid::Vain(_) => unreachable!("no map is called vain"),
+    }
 }
 
-/// The same for not more than so much work.
+/// What came of a field.
+pub(crate) enum Laid {
+    /// A map that is upright in every triangle.
+    Whole(GridMap),
+    /// One that is so as a decimated map only, and what is wrong in the triangles of the surface.
+    Decimated(Box<Spread>, Error),
+    /// A decimated map that is of no use.
+    Vain(Box<Spread>),
+}
+
+/// The same for not more than so much work; a decimated map that is `vain` is not made one of all triangles.
 pub(crate) fn parameterized(
     mesh: &TriMesh,
     frames: &Frames,
     field: &CrossField,
     options: &MapOptions,
     effort: &Effort,
+    vain: impl Fn(&Spread) -> bool,
     run: On<'_>,
-) -> Result<GridMap, Error> {
+) -> Result<Laid, Error> {
+    let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
+    let system = System::new(&cut, &seams, &charts);
+    let mut making = Making::new(frames, field, system, effort, run);
+    run.progress("map", 0, 3)?;
+    let relaxed = making.relaxed()?;
+    run.progress("map", 1, 3)?;
+    let Rounded {
+        mut y,
+        stage,
+        coarse,
+    } = making.quantized(&relaxed)?;
+    run.progress("map", 2, 3)?;
+    let spread = coarse
+        .and_then(|coarse| {
+            let integers = &y[seams.reals..];
+            coarse.spread(
+                integers,
+                BITS,
+                relaxed.corners,
+                cut.turn.clone(),
+                making.report,
+            )
+        })
+        .filter(|spread| wrong_cones(&spread.net, &field.index, &spread.map) == 0)
+        .map(Box::new);
+    let spread = match spread {
+        Some(spread) if vain(&spread) => return Ok(Laid::Vain(spread)),
+        spread => spread,
+    };
+    making.unfold(&relaxed.weighted, &mut y)?;
+    making.report.energy = making.system.energy(&making.system.corners(&y));
+    match (
+        fixed(frames, field, &cut, &seams, &y, stage, making.report),
+        spread,
+    ) {
+        (Ok(map), _) => Ok(Laid::Whole(map)),
+        (Err(error), Some(mut spread)) => {
+            spread.map.report = MapReport {
+                decimated: true,
+                ..making.report
+            };
+            Ok(Laid::Decimated(spread, error))
+        }
+        (Err(error), None) => Err(error),
+    }
+}
+
+/// The cut, its conditions and what is wanted in each triangle.
+fn prepared(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+) -> Result<(Cut, Seams, Vec<Chart>), Error> {
     let spacing = &options.spacing;
     spacing.check(frames.faces())?;
     let mut lines: Vec<usize> = options.lines.iter().map(|&h| h as usize).collect();
@@ -72,26 +139,34 @@ pub(crate) fn parameterized(
     let cut = Cut::of(mesh, frames, field)?;
     let seams = Seams::of(frames, field, &cut, &lines);
     let charts = charts(mesh, frames, field, &cut, spacing);
-    let mut making = Making {
-        frames,
-        field,
-        system: System::new(&cut, &seams, &charts),
-        weights: vec![1.0; charts.len()],
-        report: MapReport {
-            integers: seams.integers,
-            ..MapReport::default()
-        },
-        effort,
-        run,
-    };
-    run.progress("map", 0, 3)?;
-    let relaxed = making.relaxed()?;
-    run.progress("map", 1, 3)?;
-    let (mut y, stage) = making.quantized(&relaxed)?;
-    run.progress("map", 2, 3)?;
-    making.unfold(&relaxed.weighted, &mut y)?;
-    making.report.energy = making.system.energy(&making.system.corners(&y));
-    fixed(frames, field, &cut, &seams, &y, stage, making.report)
+    Ok((cut, seams, charts))
+}
+
+/// The triangles that are left of a map without integers when all its regular vertices are taken out; `None` if one of them
+/// cannot be.
+#[cfg(feature = "testing")]
+pub(crate) fn decimated(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<Option<usize>, Error> {
+    let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
+    let effort = Effort::of(charts.len());
+    let system = System::new(&cut, &seams, &charts);
+    let relaxed = Making::new(frames, field, system, &effort, run).relaxed()?;
+    let coarse = Coarse::of(frames, field, &cut, &seams, &relaxed.corners);
+    Ok(coarse.map(|coarse| coarse.triangles()))
+}
+
+/// Integers, and the real numbers that follow them.
+struct Rounded {
+    y: Vec<f64>,
+    /// What to say if the map folds.
+    stage: &'static str,
+    /// The decimated map that they leave upright, where one was needed.
+    coarse: Option<Coarse>,
 }
 
 /// A map on its way.
@@ -113,7 +188,28 @@ struct Relaxed {
     corners: Vec<[[f64; 2]; 3]>,
 }
 
-impl Making<'_> {
+impl<'a> Making<'a> {
+    fn new(
+        frames: &'a Frames,
+        field: &'a CrossField,
+        system: System<'a>,
+        effort: &'a Effort,
+        run: On<'a>,
+    ) -> Self {
+        Self {
+            frames,
+            field,
+            weights: vec![1.0; system.charts.len()],
+            report: MapReport {
+                integers: system.seams.integers,
+                ..MapReport::default()
+            },
+            system,
+            effort,
+            run,
+        }
+    }
+
     fn faults(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
         faults(self.frames, self.field, self.system.charts, corners)
     }
@@ -206,9 +302,8 @@ impl Making<'_> {
     }
 
     /// Integers and the reals that follow them. Where rounding lays singular vertices onto each other, other integers are
-    /// found, on a denser grid if need be and brought back, that hold the decimated map upright. Also what to say if the map
-    /// folds.
-    fn quantized(&mut self, relaxed: &Relaxed) -> Result<(Vec<f64>, &'static str), Error> {
+    /// found, on a denser grid if need be and brought back, that hold the decimated map upright.
+    fn quantized(&mut self, relaxed: &Relaxed) -> Result<Rounded, Error> {
         let Relaxed {
             weighted,
             quadratic,
@@ -216,29 +311,33 @@ impl Making<'_> {
         } = relaxed;
         let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
         let rounded = quadratic.rounded(self.run)?.ok_or(indefinite)?;
-        let y = Self::with_reals(weighted, &rounded)?;
-        if self.faults(&self.system.corners(&y)).is_empty() {
-            return Ok((y, "rounding"));
+        let with = |stage, coarse, integers: &[f64]| -> Result<Rounded, Error> {
+            let y = Self::with_reals(weighted, integers)?;
+            Ok(Rounded { y, stage, coarse })
+        };
+        let direct = with("rounding", None, &rounded)?;
+        if self.faults(&self.system.corners(&direct.y)).is_empty() {
+            return Ok(direct);
         }
         let System { cut, seams, .. } = self.system;
-        let coarse = Coarse::of(self.frames, self.field, cut, seams, corners);
-        let Some(upright) = coarse.and_then(|coarse| coarse.upright()) else {
-            return Ok((y, "rounding without a decimated map"));
+        let decimated = Coarse::of(self.frames, self.field, cut, seams, corners)
+            .and_then(|coarse| coarse.upright().map(|upright| (coarse, upright)));
+        let Some((coarse, upright)) = decimated else {
+            let stage = "rounding without a decimated map";
+            return Ok(Rounded { stage, ..direct });
         };
+        let coarse = Some(coarse);
         if upright.holds(&rounded) {
-            return Ok((y, "rounding"));
+            return Ok(Rounded { coarse, ..direct });
         }
         match quadratic.rounded_within(&upright, self.run)? {
             Some(z) => {
                 self.report.respaced = true;
-                Ok((
-                    Self::with_reals(weighted, &z)?,
-                    "rounding to other integers",
-                ))
+                with("rounding to other integers", coarse, &z)
             }
             None => {
                 // No real numbers can mend what the integers fold.
-                let (triangles, cones) = self.invalid(&self.system.corners(&y));
+                let (triangles, cones) = self.invalid(&self.system.corners(&direct.y));
                 Err(Error::Folded {
                     triangles,
                     cones,
@@ -363,81 +462,4 @@ fn stiffen(
     for f in near {
         weights[f] += AT_FAULTS;
     }
-}
-
-/// The map in fixed point, checked exactly.
-fn fixed(
-    frames: &Frames,
-    field: &CrossField,
-    cut: &Cut,
-    seams: &Seams,
-    y: &[f64],
-    stage: &'static str,
-    report: MapReport,
-) -> Result<GridMap, Error> {
-    let unit = (1i64 << BITS) as f64;
-    let values: Vec<i64> = y
-        .iter()
-        .enumerate()
-        .map(|(k, &y)| {
-            if k < seams.reals {
-                (y * unit).round() as i64
-            } else {
-                (y.round() as i64) << BITS
-            }
-        })
-        .collect();
-    let at = |copy: u32, component: usize| -> i64 {
-        seams
-            .row(copy, component)
-            .map(|(k, c)| i64::from(c) * values[k])
-            .sum()
-    };
-    let corners: Vec<[[i64; 2]; 3]> = cut
-        .copy
-        .chunks_exact(3)
-        .map(|c| [0, 1, 2].map(|k| [at(c[k], 0), at(c[k], 1)]))
-        .collect();
-    let triangles = corners.iter().filter(|uv| doubled_area(uv) <= 0).count();
-    let map = GridMap {
-        corners,
-        turn: cut.turn.clone(),
-        bits: BITS,
-        report,
-    };
-    let cones = wrong_cones(frames, field, &map);
-    if triangles + cones > 0 {
-        return Err(Error::Folded {
-            triangles,
-            cones,
-            stage,
-            relaxed: false,
-        });
-    }
-    Ok(map)
-}
-
-/// Vertices around which the axis directions do not number `4 − 4 I` (inside) or `3 − 4 I` (on a boundary), counted
-/// exactly.
-fn wrong_cones(frames: &Frames, field: &CrossField, map: &GridMap) -> usize {
-    (0..frames.edges().vertices())
-        .filter(|&v| {
-            let fan: Vec<usize> = frames.around(v).collect();
-            if fan.is_empty() {
-                return false;
-            }
-            let on_boundary = frames.on_boundary(v);
-            let last = fan.len() - 1;
-            let count: usize = fan
-                .iter()
-                .enumerate()
-                .map(|(i, &h)| {
-                    let [a, b] = sector(map, h);
-                    axes_in(a, b, on_boundary && i == last).count()
-                })
-                .sum();
-            let whole = if on_boundary { 3 } else { 4 };
-            count as i32 != whole - field.index[v]
-        })
-        .count()
 }

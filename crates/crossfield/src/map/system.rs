@@ -45,45 +45,54 @@ impl<'a> System<'a> {
     /// Assembles and factors, triangle f counting `weights[f]` times.
     pub(crate) fn weighted(&mut self, weights: &[f64]) -> Result<Weighted, Error> {
         let (reals, integers) = (self.seams.reals, self.seams.integers);
-        let mut real = Vec::with_capacity(18 * self.charts.len());
+        let (stiffness, pulls) = self.of_copies(weights)?;
+        let mut right = vec![0.0; reals + integers];
+        let mut real = Vec::with_capacity(stiffness.entries());
         let mut mixed = vec![Vec::new(); integers];
         let mut integer = vec![0.0; integers * integers];
-        let mut right = vec![0.0; reals + integers];
-        for (f, chart) in self.charts.iter().enumerate() {
-            let weight = weights[f] * chart.area;
-            for component in 0..2 {
-                let hats = if component == 0 {
-                    &chart.along_u
-                } else {
-                    &chart.along_v
-                };
-                let wanted = self.wanted[f][component];
-                let corners = [0, 1, 2].map(|k| self.cut.copy[3 * f + k]);
-                for (k, &copy) in corners.iter().enumerate() {
-                    let pull = hats[k][0] * wanted[0] + hats[k][1] * wanted[1];
-                    for (y, p) in self.seams.row(copy, component) {
-                        right[y] += weight * f64::from(p) * pull;
+        let row = |k: usize| self.seams.row((k / 2) as u32, k % 2);
+        let integers_of: Vec<Vec<(usize, f64)>> = (0..pulls.len())
+            .map(|k| {
+                let terms = row(k).filter(|t| t.0 >= reals);
+                terms.map(|(z, q)| (z - reals, f64::from(q))).collect()
+            })
+            .collect();
+        // What a coordinate's row of the matrix is over the integers.
+        let (mut sum, mut touched) = (vec![0.0; integers], Vec::new());
+        for (k, &pull) in pulls.iter().enumerate() {
+            for (other, value) in stiffness.row(k) {
+                for &(z, q) in &integers_of[other] {
+                    if sum[z] == 0.0 {
+                        touched.push(z);
                     }
-                    for (l, &other) in corners.iter().enumerate() {
-                        let stiffness =
-                            weight * (hats[k][0] * hats[l][0] + hats[k][1] * hats[l][1]);
-                        for (y, p) in self.seams.row(copy, component) {
-                            for (z, q) in self.seams.row(other, component) {
-                                let value = stiffness * f64::from(p * q);
-                                match (y < reals, z < reals) {
-                                    (true, true) => real.push((y as u32, z as u32, value)),
-                                    (true, false) => mixed[z - reals].push((y as u32, value)),
-                                    (false, false) => {
-                                        integer[(y - reals) * integers + z - reals] += value;
-                                    }
-                                    (false, true) => {}
-                                }
-                            }
-                        }
+                    sum[z] += value * q;
+                }
+            }
+            for (y, p) in row(k) {
+                let p = f64::from(p);
+                right[y] += p * pull;
+                // Reals with reals, reals with integers, integers with integers.
+                if y < reals {
+                    for (other, value) in stiffness.row(k) {
+                        let reals_of = row(other).filter(|t| t.0 < reals);
+                        real.extend(
+                            reals_of.map(|(z, q)| (y as u32, z as u32, value * p * f64::from(q))),
+                        );
+                    }
+                    for &z in &touched {
+                        mixed[z].push((y as u32, p * sum[z]));
+                    }
+                } else {
+                    for &z in &touched {
+                        integer[(y - reals) * integers + z] += p * sum[z];
                     }
                 }
             }
+            for z in touched.drain(..) {
+                sum[z] = 0.0;
+            }
         }
+        // The same place may have been met from several copies.
         for column in &mut mixed {
             *column = summed(std::mem::take(column));
         }
@@ -99,13 +108,37 @@ impl<'a> System<'a> {
         })
     }
 
+    /// The matrix and right-hand side over the coordinates of all copies, as if no conditions held.
+    fn of_copies(&self, weights: &[f64]) -> Result<(SparseMatrix, Vec<f64>), Error> {
+        let coordinates = 2 * self.seams.copies();
+        let mut entries = Vec::with_capacity(18 * self.charts.len());
+        let mut pulls = vec![0.0; coordinates];
+        for (f, chart) in self.charts.iter().enumerate() {
+            let weight = weights[f] * chart.area;
+            for (component, hats) in [&chart.along_u, &chart.along_v].into_iter().enumerate() {
+                let wanted = self.wanted[f][component];
+                let places = [0, 1, 2].map(|k| 2 * self.cut.copy[3 * f + k] + component as u32);
+                for k in 0..3 {
+                    pulls[places[k] as usize] +=
+                        weight * (hats[k][0] * wanted[0] + hats[k][1] * wanted[1]);
+                    entries.extend((0..3).map(|l| {
+                        let product = hats[k][0] * hats[l][0] + hats[k][1] * hats[l][1];
+                        (places[k], places[l], weight * product)
+                    }));
+                }
+            }
+        }
+        let matrix = SparseMatrix::from_triplets(coordinates, coordinates, &entries)?;
+        Ok((matrix, pulls))
+    }
+
     fn factored(&mut self, matrix: &SparseMatrix) -> Result<Option<Cholesky>, Error> {
         if matrix.rows() == 0 {
             return Ok(None);
         }
         let symbolic = match &self.symbolic {
-            Some(symbolic) => symbolic.clone(),
-            None => self.symbolic.insert(Symbolic::of(matrix)?).clone(),
+            Some(symbolic) => symbolic,
+            None => self.symbolic.insert(Symbolic::of(matrix)?),
         };
         Ok(Some(symbolic.factor(matrix)?))
     }

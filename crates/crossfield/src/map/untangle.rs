@@ -181,17 +181,22 @@ impl Energy<'_> {
     /// Energy and gradient with respect to the unknowns that move.
     fn gradient(&mut self, x: &[f64]) -> Result<(f64, Vec<f64>), Error> {
         self.evaluate(x)?;
-        let mut gradient = vec![0.0; x.len()];
         let mut value = 0.0;
-        for (f, of) in self.out.iter().enumerate() {
+        let seams = self.system.seams;
+        let mut of_copies = vec![[0.0; 2]; seams.copies()];
+        for (of, copies) in self.out.iter().zip(self.system.cut.copy.chunks_exact(3)) {
             value += of.energy;
-            for k in 0..3 {
-                for component in 0..2 {
-                    let copy = self.system.cut.copy[3 * f + k];
-                    for (y, p) in self.system.seams.row(copy, component) {
-                        if let Some(g) = gradient.get_mut(y) {
-                            *g += f64::from(p) * of.gradient[k][component];
-                        }
+            for (&copy, slope) in copies.iter().zip(&of.gradient) {
+                let sum = &mut of_copies[copy as usize];
+                *sum = [sum[0] + slope[0], sum[1] + slope[1]];
+            }
+        }
+        let mut gradient = vec![0.0; x.len()];
+        for (copy, slope) in (0u32..).zip(&of_copies) {
+            for (component, slope) in slope.iter().enumerate() {
+                for (y, p) in seams.row(copy, component) {
+                    if let Some(g) = gradient.get_mut(y) {
+                        *g += f64::from(p) * slope;
                     }
                 }
             }

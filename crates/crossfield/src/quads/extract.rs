@@ -7,8 +7,8 @@ use geom_core::{Point3, QuadMesh, TriMesh};
 use super::trace::{Paper, Walker};
 use crate::Error;
 use crate::field::frames::{Frames, next};
-use crate::map::GridMap;
 use crate::map::exact::{axes_in, cross, dot, minus, rotated, sector};
+use crate::map::{GridMap, Laid, MapReport, Net, Spread};
 
 const NONE: u32 = u32::MAX;
 
@@ -45,7 +45,7 @@ pub struct Extracted {
 /// The quad mesh of an integer-grid map (Ebke et al., *QEx: robust quad mesh extraction*, 2013, without their repairs: the map is
 /// exact): every orbit of lines must be a quad.
 pub fn extract(mesh: &TriMesh, frames: &Frames, map: &GridMap) -> Result<Extracted, Error> {
-    let (sources, quads) = cells(frames, map)?;
+    let (sources, quads) = cells(&Net::of(frames), map)?;
     let positions = sources.iter().map(|p| p.position(mesh)).collect();
     Ok(Extracted {
         mesh: QuadMesh::new(positions, quads)?,
@@ -55,11 +55,8 @@ pub fn extract(mesh: &TriMesh, frames: &Frames, map: &GridMap) -> Result<Extract
 
 /// The vertices and quads of a map. Around a handle or neck that is one or two quads wide they are no mesh: a side may
 /// return to its vertex, and two have the same ends.
-pub(super) fn cells(
-    frames: &Frames,
-    map: &GridMap,
-) -> Result<(Vec<SurfacePoint>, Vec<[u32; 4]>), Error> {
-    let paper = Paper { frames, map };
+fn cells(net: &Net, map: &GridMap) -> Result<(Vec<SurfacePoint>, Vec<[u32; 4]>), Error> {
+    let paper = Paper { net, map };
     let sites = Sites::of(&paper);
     let ports = Ports::of(&paper, &sites);
     let partner = ports.connected(&paper, &sites)?;
@@ -67,24 +64,66 @@ pub(super) fn cells(
     Ok((sites.points, quads))
 }
 
-/// The vertices of a map's quads where these are no mesh, ascending.
-pub(super) fn tangled(quads: &[[u32; 4]]) -> Vec<u32> {
+/// The quads of what came of a field, with the lines between, and where their vertices lie.
+pub(super) type Lines = (Vec<SurfacePoint>, Vec<[u32; 4]>, MapReport);
+
+/// The quads of a map and of `2^nested − 1` lines between each two of it.
+pub(super) fn lines(laid: Laid, frames: &Frames, nested: u8) -> Result<Lines, Error> {
+    match laid {
+        Laid::Whole(mut map) => {
+            map.bits -= u32::from(nested);
+            let (sources, quads) = cells(&Net::of(frames), &map)?;
+            Ok((sources, quads, map.report))
+        }
+        Laid::Decimated(mut spread, _) | Laid::Vain(mut spread) => {
+            spread.map.bits -= u32::from(nested);
+            let (points, quads) = cells(&spread.net, &spread.map)?;
+            let placed = |p: &SurfacePoint| {
+                let face = p.triangle as usize;
+                let (triangle, barycentric) =
+                    spread
+                        .place(frames, face, p.barycentric)
+                        .ok_or(Error::Torn {
+                            face,
+                            why: "a line of the decimated map does not end",
+                        })?;
+                Ok(SurfacePoint {
+                    triangle: triangle as u32,
+                    barycentric,
+                })
+            };
+            let sources = points.iter().map(placed).collect::<Result<_, Error>>()?;
+            Ok((sources, quads, spread.map.report))
+        }
+    }
+}
+
+/// Are the quads of a decimated map no mesh?
+pub(super) fn is_vain(spread: &Spread, nested: u8) -> bool {
+    let mut map = spread.map.clone();
+    map.bits -= u32::from(nested);
+    cells(&spread.net, &map).is_ok_and(|(_, quads)| !tangled(&quads).is_empty())
+}
+
+/// The vertices of a map's quads where these are no mesh, ascending, and how many quads lie around the surface there: one or
+/// two.
+pub(super) fn tangled(quads: &[[u32; 4]]) -> Vec<(u32, u8)> {
     let mut tangled = Vec::new();
     let mut sides = Vec::with_capacity(4 * quads.len());
     for quad in quads {
         let mut corners = *quad;
         corners.sort_unstable();
         if corners.windows(2).any(|w| w[0] == w[1]) {
-            tangled.extend(corners);
+            tangled.extend(corners.map(|v| (v, 1)));
         }
         sides.extend((0..4).map(|k| (quad[k], quad[(k + 1) % 4])));
     }
     sides.sort_unstable();
     for pair in sides.windows(2).filter(|w| w[0] == w[1]) {
-        tangled.extend([pair[0].0, pair[0].1]);
+        tangled.extend([(pair[0].0, 2), (pair[0].1, 2)]);
     }
     tangled.sort_unstable();
-    tangled.dedup();
+    tangled.dedup_by_key(|t| t.0);
     tangled
 }
 
@@ -111,13 +150,13 @@ impl Sites {
         let mut sites = Self {
             places: Vec::new(),
             points: Vec::new(),
-            of_vertex: vec![NONE; paper.frames.edges().vertices()],
+            of_vertex: vec![NONE; paper.net.vertices()],
             on_edge: HashMap::new(),
             in_face: HashMap::new(),
         };
         let unit = paper.unit();
         for v in 0..sites.of_vertex.len() {
-            let Some(h) = paper.frames.around(v).next() else {
+            let Some(h) = paper.net.around(v).next() else {
                 continue;
             };
             let at = paper.map.corners[h / 3][h % 3];
@@ -125,12 +164,12 @@ impl Sites {
                 sites.of_vertex[v] = sites.push(Place::Vertex(v), h / 3, |k| f64::from(k == h % 3));
             }
         }
-        for h in 0..paper.frames.edges().len() {
-            if paper.frames.twin(h).is_none_or(|t| h < t) {
+        for h in 0..3 * paper.net.faces() {
+            if paper.net.twin(h).is_none_or(|t| h < t) {
                 sites.add_edge_points(paper, h);
             }
         }
-        for face in 0..paper.frames.faces() {
+        for face in 0..paper.net.faces() {
             sites.add_face_points(paper, face);
         }
         sites
@@ -211,13 +250,13 @@ impl Sites {
     fn at(&self, paper: &Paper<'_>, face: usize, point: [i64; 2]) -> Option<u32> {
         let uv = &paper.map.corners[face];
         if let Some(k) = (0..3).find(|&k| uv[k] == point) {
-            let site = self.of_vertex[paper.frames.from(3 * face + k)];
+            let site = self.of_vertex[paper.net.from(3 * face + k)];
             return (site != NONE).then_some(site);
         }
         for h in 3 * face..3 * face + 3 {
             let (a, b) = (uv[h % 3], uv[next(h) % 3]);
             if cross(minus(b, a), minus(point, a)) == 0 {
-                let key = match paper.frames.twin(h) {
+                let key = match paper.net.twin(h) {
                     Some(t) if t < h => (t, paper.across(h, t, point)),
                     _ => (h, point),
                 };
@@ -274,7 +313,7 @@ impl Ports {
                 false
             }
             Place::Edge(h, at) => {
-                let twin = paper.frames.twin(h);
+                let twin = paper.net.twin(h);
                 self.add_half_turn(paper, site, h, at, twin.is_none());
                 if let Some(twin) = twin {
                     self.add_half_turn(paper, site, twin, paper.across(h, twin, at), false);
@@ -282,8 +321,8 @@ impl Ports {
                 twin.is_none()
             }
             Place::Vertex(v) => {
-                let fan: Vec<usize> = paper.frames.around(v).collect();
-                let on_rim = paper.frames.on_boundary(v);
+                let fan: Vec<usize> = paper.net.around(v).collect();
+                let on_rim = paper.net.on_boundary(v);
                 for (i, &h) in fan.iter().enumerate() {
                     let [a, b] = sector(paper.map, h);
                     let at = paper.map.corners[h / 3][h % 3];
@@ -332,23 +371,32 @@ impl Ports {
         }
     }
 
-    /// The port of a site that has this heading in this triangle, which holds the site.
-    fn find(&self, paper: &Paper<'_>, site: u32, face: usize, heading: u8) -> Option<usize> {
+    /// The port of a site through which a line comes back that has ended there.
+    fn find(&self, paper: &Paper<'_>, site: u32, end: &Walker) -> Option<usize> {
         let range = self.starts[site as usize]..self.starts[site as usize + 1];
-        let named = |face: usize, heading: u8| {
-            range
-                .clone()
-                .find(|&p| self.all[p].face == face && self.all[p].heading == heading)
+        // A triangle glued to itself may have a site more than once.
+        let named = |face: usize, heading: u8, at: [i64; 2]| {
+            range.clone().find(|&p| {
+                let port = &self.all[p];
+                port.face == face && port.heading == heading && port.at == at
+            })
         };
+        let (face, at) = (end.face, end.target);
+        let heading = (end.heading + 2) % 4;
         // A port along a side belongs to the triangle on one side of it only.
-        named(face, heading).or_else(|| {
+        named(face, heading, at).or_else(|| {
             (3 * face..3 * face + 3).find_map(|h| {
-                let twin = paper.frames.twin(h)?;
-                named(twin / 3, paper.heading_across(h, heading)).filter(|_| {
-                    let uv = &paper.map.corners[face];
-                    let along = minus(uv[next(h) % 3], uv[h % 3]);
-                    cross(along, rotated([1, 0], heading)) == 0
-                })
+                let twin = paper.net.twin(h)?;
+                let uv = &paper.map.corners[face];
+                let along = minus(uv[next(h) % 3], uv[h % 3]);
+                let lies = cross(along, minus(at, uv[h % 3])) == 0
+                    && cross(along, rotated([1, 0], heading)) == 0;
+                let there = || {
+                    let (heading, at) =
+                        (paper.heading_across(h, heading), paper.across(h, twin, at));
+                    named(twin / 3, heading, at)
+                };
+                lies.then(there).flatten()
             })
         })
     }
@@ -379,7 +427,7 @@ impl Ports {
                 .at(paper, end.face, end.target)
                 .ok_or_else(|| torn("no integer point lies at its end"))?;
             let other = self
-                .find(paper, site, end.face, (end.heading + 2) % 4)
+                .find(paper, site, &end)
                 .ok_or_else(|| torn("no line comes back"))?;
             if partner[other] != NONE || other == number {
                 return Err(torn("two lines end in one"));

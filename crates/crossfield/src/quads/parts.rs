@@ -3,10 +3,12 @@
 use geom_core::compute::sets::DisjointSets;
 use geom_core::id::Id;
 use geom_core::mesh::Halfedges;
+use geom_core::surface::remesh::{self, remesh};
 use geom_core::surface::repair::{self, repair};
-use geom_core::{HalfedgeId, Point3, TriMesh, VertexId};
+use geom_core::{Cancelled, Cpu, HalfedgeId, Point3, Run, TriMesh, VertexId};
 
 use crate::Error;
+use crate::backend::On;
 
 /// A connected surface, ready for a field: no triangle has two sides that must be lines.
 #[derive(Clone, Debug)]
@@ -141,6 +143,49 @@ impl Part {
         let (mesh, is_line) = cut_corners(TriMesh::new(positions, triangles)?, lines)?;
         let lines = (0..is_line.len()).filter(|&h| is_line[h]).collect();
         Ok(Self { mesh, lines })
+    }
+
+    /// The part with nearly equilateral triangles of this edge length (Botsch and Kobbelt, 2004); `None` where that fails or
+    /// changes its topology.
+    pub(super) fn remeshed(
+        &self,
+        edge: f64,
+        crease: Option<f64>,
+        run: On<'_>,
+    ) -> Result<Option<Self>, Cancelled> {
+        self.remeshed_with(edge, crease, remesh::Options::default(), run)
+    }
+
+    pub(super) fn remeshed_with(
+        &self,
+        edge: f64,
+        crease: Option<f64>,
+        wanted: remesh::Options,
+        run: On<'_>,
+    ) -> Result<Option<Self>, Cancelled> {
+        let wanted = remesh::Options {
+            sizing: remesh::Sizing::Uniform {
+                edge_length: Some(edge),
+            },
+            features: match crease {
+                Some(degrees) => remesh::Features::Angle(degrees),
+                None => remesh::Features::None,
+            },
+            ..wanted
+        };
+        let watched = Run::on(&Cpu).watched_by(run.monitor);
+        let made = match remesh(self.mesh.clone(), None, &wanted, watched) {
+            Ok(made) => made.mesh,
+            Err(remesh::Error::Cancelled(cancelled)) => return Err(cancelled),
+            Err(_) => return Ok(None),
+        };
+        let loops = |mesh: &TriMesh| Halfedges::of(mesh).map(|e| e.boundary_loops().len());
+        let same = made.euler_characteristic() == self.mesh.euler_characteristic()
+            && loops(&made) == loops(&self.mesh);
+        if !same {
+            return Ok(None);
+        }
+        Ok(Self::of(made, crease).ok())
     }
 
     /// Which vertices are ends, branches or corners of the lines: where the line turns by more than 45°.

@@ -3,10 +3,10 @@
 use geom_core::mesh::Halfedges;
 use geom_core::surface::distance::{Graph, shortest_paths};
 use geom_core::surface::ground::{Freedom, Ground, on_segments};
-use geom_core::surface::remesh::{self, remesh};
-use geom_core::{Cancelled, Cpu, Point3, QuadMesh, Run, TriMesh};
+use geom_core::surface::remesh;
+use geom_core::{Cancelled, Point3, QuadMesh, TriMesh};
 
-use super::extract::{SurfacePoint, cells, tangled};
+use super::extract::{SurfacePoint, is_vain, lines, tangled};
 use super::improve::{improve, settled};
 use super::parts::Part;
 use super::smooth::Smooth;
@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::field::solve::field_of;
 use crate::field::{CrossField, FieldReport, Frames, Guide, Toward};
 use crate::guidance;
-use crate::map::{Effort, MapOptions, MapReport, parameterized};
+use crate::map::{Effort, MapOptions, MapReport, Spread, parameterized};
 use crate::options::{FieldOptions, Ladder, Options, Size};
 
 /// Which way led to the quads of a part.
@@ -74,7 +74,10 @@ const OFF_TARGET: f64 = 0.1;
 const MOST: f64 = 4.0;
 const FEW: usize = 400;
 /// How often lines are laid closer where quads are no mesh.
-const CLOSER: usize = 3;
+const CLOSER: usize = 6;
+
+/// How much closer, where one quad goes around the surface, and where two do.
+const RATIO: [f64; 2] = [0.4, 0.55];
 
 /// Smoothing of the rungs, in that asked for.
 const SMOOTHER: [f64; 5] = [1.5, 2.0, 3.0, 4.0, 6.0];
@@ -133,7 +136,7 @@ fn climb(
         return Ok(Some(Raw { quads, part: start }));
     }
     // Where the triangles are as large as the quads, a map has too little freedom.
-    let fine = match remeshed(part, FINE * rungs.spacing, options, run)? {
+    let fine = match part.remeshed(FINE * rungs.spacing, options.crease, run)? {
         Some(fine) => Ok(fine),
         None => part.refined(),
     };
@@ -181,50 +184,7 @@ fn proxy(
     if (part.mesh.triangles().len() as f64) < MANY * quads {
         return Ok(None);
     }
-    remeshed(part, PROXY * spacing, options, run)
-}
-
-/// The part with nearly equilateral triangles of this edge length (Botsch and Kobbelt, 2004); `None` where that fails or
-/// changes its topology.
-fn remeshed(
-    part: &Part,
-    edge: f64,
-    options: &Options,
-    run: On<'_>,
-) -> Result<Option<Part>, Cancelled> {
-    remeshed_with(part, edge, options, remesh::Options::default(), run)
-}
-
-fn remeshed_with(
-    part: &Part,
-    edge: f64,
-    options: &Options,
-    wanted: remesh::Options,
-    run: On<'_>,
-) -> Result<Option<Part>, Cancelled> {
-    let wanted = remesh::Options {
-        sizing: remesh::Sizing::Uniform {
-            edge_length: Some(edge),
-        },
-        features: match options.crease {
-            Some(degrees) => remesh::Features::Angle(degrees),
-            None => remesh::Features::None,
-        },
-        ..wanted
-    };
-    let watched = Run::on(&Cpu).watched_by(run.monitor);
-    let made = match remesh(part.mesh.clone(), None, &wanted, watched) {
-        Ok(made) => made.mesh,
-        Err(remesh::Error::Cancelled(cancelled)) => return Err(cancelled),
-        Err(_) => return Ok(None),
-    };
-    let loops = |mesh: &TriMesh| Halfedges::of(mesh).map(|e| e.boundary_loops().len());
-    let same = made.euler_characteristic() == part.mesh.euler_characteristic()
-        && loops(&made) == loops(&part.mesh);
-    if !same {
-        return Ok(None);
-    }
-    Ok(Part::of(made, options.crease).ok())
+    part.remeshed(PROXY * spacing, options.crease, run)
 }
 
 /// What the rungs share.
@@ -373,15 +333,14 @@ fn mapped(
         };
         let effort = rungs.effort.share(2);
         let Smooth { mesh, frames, .. } = smooth;
-        let map = parameterized(mesh, frames, field, &map_options, &effort, rungs.run);
+        let nested = rungs.options.nested;
+        let vain = |spread: &Spread| tried < CLOSER && is_vain(spread, nested);
+        let map = parameterized(mesh, frames, field, &map_options, &effort, vain, rungs.run);
         rungs.effort.give_back(&effort);
-        let mut map = map?;
-        // The lines between, too.
-        map.bits -= u32::from(rungs.options.nested);
         // The map of the smoothed triangles is one of those that they were, too.
-        let (sources, quads) = cells(&smooth.frames, &map)?;
+        let (sources, quads, report) = lines(map?, frames, nested)?;
         let area = part.mesh.area() / rungs.spacing.powi(2);
-        let wanted = area * f64::from(1u32 << (2 * rungs.options.nested));
+        let wanted = area * f64::from(1u32 << (2 * nested));
         if quads.len() > FEW.max((MOST * wanted) as usize) {
             return Err(Error::TooMany {
                 quads: quads.len(),
@@ -393,11 +352,14 @@ fn mapped(
             let positions = sources.iter().map(|p| p.position(&part.mesh)).collect();
             let quads = QuadMesh::new(positions, quads)?;
             check(&quads, &part.mesh)?;
-            return Ok((quads, tried, map.report));
+            return Ok((quads, tried, report));
         }
         tried += 1;
-        let near: Vec<SurfacePoint> = tangled.iter().map(|&v| sources[v as usize]).collect();
-        lay_closer(part, &near, spacing, &mut closer)?;
+        for (around, ratio) in (1..).zip(RATIO) {
+            let near = tangled.iter().filter(|t| t.1 == around);
+            let near: Vec<SurfacePoint> = near.map(|t| sources[t.0 as usize]).collect();
+            lay_closer(part, &near, spacing, ratio, &mut closer)?;
+        }
     }
 }
 
@@ -406,10 +368,13 @@ fn lay_closer(
     part: &Part,
     points: &[SurfacePoint],
     spacing: f64,
+    ratio: f64,
     closer: &mut [f64],
 ) -> Result<(), Error> {
     const FAR: f64 = 3.0;
-    const RATIO: f64 = 0.65;
+    if points.is_empty() {
+        return Ok(());
+    }
     let triangles = part.mesh.triangles();
     let mut sources: Vec<(u32, f64)> = points
         .iter()
@@ -423,7 +388,7 @@ fn lay_closer(
     for (closer, corners) in closer.iter_mut().zip(triangles) {
         let nearest = corners.iter().map(|&v| distance[v as usize]);
         let nearest = nearest.fold(f64::INFINITY, f64::min) / spacing;
-        *closer *= RATIO + (1.0 - RATIO) * ((nearest - 1.0) / (FAR - 1.0)).clamp(0.0, 1.0);
+        *closer *= ratio + (1.0 - ratio) * ((nearest - 1.0) / (FAR - 1.0)).clamp(0.0, 1.0);
     }
     Ok(())
 }
@@ -454,8 +419,9 @@ fn last_resort(part: &Part, spacing: f64, options: &Options, run: On<'_>) -> Res
         ..remesh::Options::default()
     };
     let make = |edge: f64| -> Result<Raw, Error> {
-        let part =
-            remeshed_with(part, edge, options, loose.clone(), run)?.unwrap_or_else(|| part.clone());
+        let part = part
+            .remeshed_with(edge, options.crease, loose.clone(), run)?
+            .unwrap_or_else(|| part.clone());
         let mut keep = vec![false; 3 * part.mesh.triangles().len()];
         for &h in &part.lines {
             keep[h] = true;

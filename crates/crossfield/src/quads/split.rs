@@ -2,7 +2,7 @@
 
 use geom_core::id::Id;
 use geom_core::mesh::Halfedges;
-use geom_core::{HalfedgeId, Point3, QuadMesh, TriMesh};
+use geom_core::{HalfedgeId, Point3, QuadMesh, TriMesh, VertexId};
 
 use super::quality::scaled_jacobian;
 use crate::Error;
@@ -10,8 +10,8 @@ use crate::Error;
 /// Pairs of triangles whose quad is worse stay triangles.
 const WORST_PAIR: f64 = 0.3;
 
-/// Triangles paired to quads as far as they make good ones, the best first; then every triangle and quad is cut at
-/// its centre and the midpoints of its sides (one step of Catmull–Clark topology). The result is all quads, and a
+/// Triangles paired to quads as far as they make good ones and leave no vertex with two, the best first; then every
+/// triangle and quad is cut at its centre and the midpoints of its sides (one step of Catmull–Clark topology). The result is all quads, and a
 /// manifold with the input's topology whatever the input. `keep` names half-edges that must stay.
 pub(crate) fn split_quads(mesh: &TriMesh, keep: &[bool]) -> Result<QuadMesh, Error> {
     let edges = Halfedges::of(mesh)?;
@@ -74,12 +74,21 @@ fn pairs(mesh: &TriMesh, edges: &Halfedges<3>, keep: &[bool]) -> Vec<Option<u32>
         .filter(|c| c.0 > WORST_PAIR)
         .collect();
     candidates.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let vertices = (0..edges.vertices() as u32).map(VertexId);
+    let mut faces: Vec<usize> = vertices.clone().map(|v| edges.around(v).count()).collect();
+    let inside: Vec<bool> = vertices.map(|v| !edges.on_boundary(v)).collect();
     let mut partner = vec![None; mesh.triangles().len()];
     for (_, h, t) in candidates {
         let (f, g) = (h as usize / 3, t as usize / 3);
-        if partner[f].is_none() && partner[g].is_none() {
+        let ends = [h, t].map(|h| edges.from(HalfedgeId(h)).index());
+        // Two quads around a vertex would share two sides, and one of them could not be upright.
+        let doublet = ends.iter().any(|&v| inside[v] && faces[v] == 3);
+        if partner[f].is_none() && partner[g].is_none() && !doublet {
             partner[f] = Some(h);
             partner[g] = Some(t);
+            for v in ends {
+                faces[v] -= 1;
+            }
         }
     }
     partner

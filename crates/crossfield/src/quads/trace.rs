@@ -1,9 +1,9 @@
 //! Lines of integer coordinate through the triangles, in exact arithmetic.
 
 use crate::Error;
-use crate::field::frames::{Frames, next, previous};
-use crate::map::GridMap;
+use crate::field::frames::{next, previous};
 use crate::map::exact::{axes_in, cross, dot, minus, rotated, sector};
+use crate::map::{GridMap, Net};
 
 /// Where a triangle is entered, and where the line leads, in the chart of the triangle.
 #[derive(Clone, Copy, Debug)]
@@ -27,7 +27,7 @@ enum Step {
 
 /// A map that can be walked.
 pub(super) struct Paper<'a> {
-    pub(super) frames: &'a Frames,
+    pub(super) net: &'a Net,
     pub(super) map: &'a GridMap,
 }
 
@@ -55,12 +55,12 @@ impl Paper<'_> {
     pub(super) fn follow(&self, mut walker: Walker) -> Result<Option<Walker>, Error> {
         let start = walker.face;
         // Every triangle is crossed at most once per unit square of the map, and lines are one unit long.
-        let most = self.frames.faces() + 64;
+        let most = self.net.faces() + 64;
         for _ in 0..most {
             match self.step(&walker) {
                 Some(Step::There) => return Ok(Some(walker)),
                 Some(Step::Over(h)) => {
-                    let Some(twin) = self.frames.twin(h) else {
+                    let Some(twin) = self.net.twin(h) else {
                         return Ok(None);
                     };
                     walker = self.carried(walker, h, twin);
@@ -119,7 +119,7 @@ impl Paper<'_> {
             }
             // Counter-clockwise.
             let over = previous(corner);
-            match self.frames.twin(over) {
+            match self.net.twin(over) {
                 Some(twin) => {
                     here = self.carried(here, over, twin);
                     corner = twin;
@@ -132,7 +132,7 @@ impl Paper<'_> {
         }
         let (mut here, mut corner) = (walker, h);
         // Clockwise from the start, up to the rim on the other side.
-        while let Some(twin) = self.frames.twin(corner) {
+        while let Some(twin) = self.net.twin(corner) {
             here = self.carried(here, corner, twin);
             corner = next(twin);
             here.at = self.map.corners[corner / 3][corner % 3];
@@ -145,7 +145,7 @@ impl Paper<'_> {
 
     fn leads_into(&self, corner: usize, heading: u8) -> bool {
         let [a, b] = sector(self.map, corner);
-        let closed = self.frames.twin(previous(corner)).is_none();
+        let closed = self.net.twin(previous(corner)).is_none();
         axes_in(a, b, closed).any(|q| q == heading)
     }
 }

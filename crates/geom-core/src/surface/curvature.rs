@@ -249,12 +249,13 @@ struct Adjacency {
 
 impl Adjacency {
     fn of(mesh: &TriMesh) -> Self {
-        let mut pairs: Vec<(u32, u32)> = mesh
-            .triangles()
-            .iter()
-            .flat_map(|&[a, b, c]| [(a, b), (b, a), (b, c), (c, b), (c, a), (a, c)])
-            .collect();
-        pairs.par_sort_unstable();
+        const ENDS: [[usize; 2]; 6] = [[0, 1], [1, 0], [1, 2], [2, 1], [2, 0], [0, 2]];
+        let pair = |i: usize| {
+            let corners = mesh.triangles()[i / 6];
+            let [a, b] = ENDS[i % 6].map(|k| corners[k]);
+            (a, b)
+        };
+        let mut pairs = parallel::sorted_by_number(6 * mesh.triangles().len(), pair, |p| p.0);
         pairs.dedup();
         let mut counts = vec![0u32; mesh.positions().len()];
         for &(v, _) in &pairs {

@@ -3,44 +3,37 @@
 
 use std::collections::BTreeMap;
 
+use super::plane::{
+    FLAT, Link, Place, add, cross, ears, inverse, minus, opening, rotated, rotated_form,
+    signed_area,
+};
 use super::upright::Upright;
 use crate::field::CrossField;
 use crate::field::frames::{Frames, next, previous};
 use crate::map::cut::Cut;
-use crate::map::transition::{self, Form, Seams, turned};
+use crate::map::transition::{Form, Seams};
 
 const NONE: u32 = u32::MAX;
 /// Most half-edges around a vertex.
 const MOST_AROUND: usize = 256;
-/// Triangles with an area below this over their sides squared are flat.
-const FLAT: f64 = 1e-9;
-
-/// A position in a chart: as it is in the relaxed map, and as sums of integers where it is one.
-#[derive(Clone, Debug, Default)]
-struct Place {
-    at: [f64; 2],
-    exact: Option<[Form; 2]>,
-}
-
-/// `p ↦ R(−90° turn) p + shift`: from one chart to another.
-#[derive(Clone, Debug, Default)]
-struct Link {
-    turn: u8,
-    shift: [f64; 2],
-    exact: [Form; 2],
-}
+/// Vertices of no more go first: what is left of a plane then has few around each, too.
+const FEW_AROUND: usize = 8;
+/// Most flips for one vertex.
+const MOST_FLIPS: usize = 1000;
 
 /// Triangles that remain of a map (Coudert-Osmont et al., *Quad mesh quantization without a T-mesh*, 2024: the integers of a
 /// seamless map are right when they leave the triangles of a decimated map upright). A vertex around which the map is flat is
 /// taken out and the polygon around it triangulated anew, in its chart; what is left are cones and corners of the boundary.
 pub(in crate::map) struct Coarse {
-    from: Vec<u32>,
-    place: Vec<Place>,
-    twin: Vec<u32>,
-    link: Vec<Link>,
-    alive: Vec<bool>,
+    pub(super) from: Vec<u32>,
+    pub(super) place: Vec<Place>,
+    pub(super) twin: Vec<u32>,
+    pub(super) link: Vec<Link>,
+    pub(super) alive: Vec<bool>,
     /// A half-edge out of each vertex.
-    out: Vec<u32>,
+    pub(super) out: Vec<u32>,
+    /// The angle of each half-edge around its vertex, from the first of the whole map.
+    pub(super) angle: Vec<f64>,
 }
 
 impl Coarse {
@@ -71,15 +64,30 @@ impl Coarse {
             .filter(|&v| field.index[v as usize] == 0 && coarse.out[v as usize] != NONE)
             .collect();
         // What cannot be taken out now may be when its neighbours are gone.
+        let mut most = FEW_AROUND;
         while !left.is_empty() {
             let before = left.len();
-            left.retain(|&v| !coarse.is_taken_out(v));
-            if left.len() == before {
-                return None;
+            left.retain(|&v| coarse.has_more_than(v, most) || !coarse.is_taken_out(v));
+            if left.len() < before {
+                continue;
+            }
+            most *= 2;
+            if most > MOST_AROUND {
+                coarse.make_delaunay();
+                left.retain(|&v| !coarse.is_hidden(v));
+                if left.len() == before {
+                    return None;
+                }
             }
         }
         coarse.make_delaunay();
         Some(coarse)
+    }
+
+    /// How many are left.
+    #[cfg(feature = "testing")]
+    pub(in crate::map) fn triangles(&self) -> usize {
+        self.alive.iter().filter(|&&alive| alive).count()
     }
 
     /// What the integers must be for every triangle to be upright; `None` if a corner is no sum of integers.
@@ -99,14 +107,82 @@ impl Coarse {
     /// Flips edges until the sum of the angles opposite each is at most a half turn (Delaunay): no triangle is flatter than
     /// it must be, and has to stay upright less strictly.
     fn make_delaunay(&mut self) {
-        let most = 20 * self.alive.iter().filter(|&&a| a).count();
-        for _ in 0..most {
-            let is_next = |&h: &usize| self.alive[h / 3] && self.is_too_long(h);
-            let Some(h) = (0..self.from.len()).find(is_next) else {
+        let mut open: Vec<usize> = (0..self.from.len()).filter(|h| self.alive[h / 3]).collect();
+        let mut left = 40 * open.len();
+        while let Some(h) = open.pop() {
+            if left == 0 {
                 return;
-            };
-            self.flip(h);
+            }
+            if self.is_too_long(h) {
+                left -= 1;
+                let t = self.twin[h] as usize;
+                self.flip(h);
+                open.extend([h / 3, t / 3].iter().flat_map(|f| 3 * f..3 * f + 3));
+            }
         }
+    }
+
+    /// Takes a flat vertex out of a Delaunay triangulation whatever its edges, loops above all: its weight falls, and each edge
+    /// that is regular no more is flipped, until the vertex is inside of a triangle (Edelsbrunner and Shah, *Incremental topological
+    /// flipping works for regular triangulations*, 1996).
+    fn is_hidden(&mut self, v: u32) -> bool {
+        for _ in 0..MOST_FLIPS {
+            if self.take_out(v).is_some() {
+                return true;
+            }
+            let mut first: Option<(f64, usize)> = None;
+            for h in self.edges_at(v) {
+                if let Some(height) = self.regular_up_to(h, v)
+                    && first.is_none_or(|f| height < f.0)
+                {
+                    first = Some((height, h));
+                }
+            }
+            match first {
+                Some((_, h)) => self.flip(h),
+                None => return false,
+            }
+        }
+        false
+    }
+
+    fn has_more_than(&self, v: u32, most: usize) -> bool {
+        most < MOST_AROUND && self.edges_at(v).len() > most
+    }
+
+    /// The half-edges out of a vertex.
+    fn edges_at(&self, v: u32) -> Vec<usize> {
+        let first = self.out[v as usize] as usize;
+        let mut out = vec![first];
+        loop {
+            let over = previous(out[out.len() - 1]);
+            match self.twin[over] {
+                NONE => return out,
+                h if h as usize == first || out.len() > self.from.len() => return out,
+                h => out.push(h as usize),
+            }
+        }
+    }
+
+    /// How far a vertex may be lifted before an edge is not regular any more; `None` if it always is, or cannot be flipped.
+    fn regular_up_to(&self, h: usize, v: u32) -> Option<f64> {
+        let ring = self.diamond(h)?;
+        let t = self.twin[h] as usize;
+        let ends = [self.from[h], self.from[next(h)], self.from[previous(h)]];
+        let lifted = |vertex: u32| f64::from(u8::from(vertex == v));
+        let [a, d, b, c] = ring.map(|p| p.at);
+        let origin = lifted(self.from[previous(t)]);
+        let rows = [a, b, c].map(|p| minus(p, d));
+        let cofactor = |k: usize| cross(rows[(k + 1) % 3], rows[(k + 2) % 3]);
+        let (mut now, mut by) = (0.0, 0.0);
+        for k in 0..3 {
+            let [x, y] = rows[k];
+            now += (x * x + y * y) * cofactor(k);
+            by += (lifted(ends[k]) - origin) * cofactor(k);
+        }
+        let scale = rows.iter().map(|[x, y]| x * x + y * y).sum::<f64>();
+        let convex = signed_area(a, d, c) > FLAT * scale && signed_area(d, b, c) > FLAT * scale;
+        (convex && by > FLAT * scale).then(|| -now / by)
     }
 
     fn is_too_long(&self, h: usize) -> bool {
@@ -116,7 +192,7 @@ impl Coarse {
         let [a, d, b, c] = ring.map(|p| p.at);
         let cotangent = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
             let (u, v) = ([q[0] - p[0], q[1] - p[1]], [r[0] - p[0], r[1] - p[1]]);
-            (u[0] * v[0] + u[1] * v[1]) / (u[0] * v[1] - u[1] * v[0])
+            (u[0] * v[0] + u[1] * v[1]) / cross(u, v)
         };
         // Not Delaunay, hence convex.
         cotangent(c, a, b) + cotangent(d, b, a) < -1e-6
@@ -155,6 +231,7 @@ impl Coarse {
             link: (0..count).map(link).collect(),
             alive: vec![true; frames.faces()],
             out: vec![NONE; frames.edges().vertices()],
+            angle: signposts(frames, corners),
         }
     }
 
@@ -251,6 +328,7 @@ impl Coarse {
             outer: outer.map(Some).to_vec(),
             home: vec![back.clone(), back, Link::default(), Link::default()],
             slots: vec![h / 3, t / 3],
+            base: outer.map(|o| self.angle[o]).to_vec(),
         };
         self.fill(&polygon, &ring, &[[0, 1, 3], [1, 2, 3]]);
     }
@@ -310,9 +388,12 @@ impl Coarse {
             home: star.home.clone(),
             vertices: star.out.iter().map(|&h| self.from[next(h)]).collect(),
             slots: star.out.iter().map(|h| h / 3).collect(),
+            base: star.out.iter().map(|&h| self.angle[next(h)]).collect(),
         };
         if !star.closed {
             let last = star.out[star.out.len() - 1];
+            // Straight on through the vertex that goes.
+            polygon.base.push(self.angle[previous(last)]);
             polygon.outer.push(None);
             polygon.home.push(Link::default());
             polygon.vertices.push(self.from[previous(last)]);
@@ -327,6 +408,7 @@ impl Coarse {
             home,
             vertices,
             slots,
+            base,
         } = polygon;
         let count = ring.len();
         let old: Vec<(u32, Link)> = outer
@@ -348,6 +430,14 @@ impl Coarse {
                 self.place[h] = ring[ear[k]].clone();
                 self.twin[h] = NONE;
                 self.link[h] = Link::default();
+                let (a, b) = (ear[k], ear[(k + 1) % 3]);
+                self.angle[h] = base[a]
+                    + if b == (a + 1) % count {
+                        0.0
+                    } else {
+                        let toward = |i: usize| minus(ring[i].at, ring[a].at);
+                        opening(toward((a + 1) % count), toward(b))
+                    };
                 side.insert((ear[k], ear[(k + 1) % 3]), h);
             }
         }
@@ -421,44 +511,8 @@ struct Polygon {
     vertices: Vec<u32>,
     /// The triangles.
     slots: Vec<usize>,
-}
-
-impl Link {
-    /// This, then `after`.
-    fn then(&self, after: &Link) -> Link {
-        let moved = rotated(self.shift, (4 - after.turn) % 4);
-        let mut exact = rotated_form(&self.exact, (4 - after.turn) % 4);
-        add(&mut exact, &after.exact, 1);
-        Link {
-            turn: (self.turn + after.turn) % 4,
-            shift: [moved[0] + after.shift[0], moved[1] + after.shift[1]],
-            exact,
-        }
-    }
-
-    fn apply(&self, place: &Place) -> Place {
-        let moved = rotated(place.at, (4 - self.turn) % 4);
-        let exact = place.exact.as_ref().map(|form| {
-            let mut form = rotated_form(form, (4 - self.turn) % 4);
-            add(&mut form, &self.exact, 1);
-            form
-        });
-        Place {
-            at: [moved[0] + self.shift[0], moved[1] + self.shift[1]],
-            exact,
-        }
-    }
-}
-
-fn inverse(link: &Link) -> Link {
-    let back = rotated(link.shift, link.turn);
-    let mut exact = [Form::new(), Form::new()];
-    add(&mut exact, &rotated_form(&link.exact, link.turn), -1);
-    Link {
-        turn: (4 - link.turn) % 4,
-        shift: [-back[0], -back[1]],
-        exact,
-    }
+    /// The angle of each side around its first vertex.
+    base: Vec<f64>,
 }
 
 /// The integer terms of a copy's coordinates, by integer.
@@ -471,58 +525,17 @@ fn integers_of(seams: &Seams, copy: u32) -> [Form; 2] {
     })
 }
 
-/// Turned left by quarters.
-fn rotated(p: [f64; 2], quarters: u8) -> [f64; 2] {
-    [0, 1].map(|c| {
-        let (from, sign) = turned(quarters, c);
-        sign as f64 * p[from]
-    })
-}
-
-fn rotated_form(form: &[Form; 2], quarters: u8) -> [Form; 2] {
-    [0, 1].map(|c| {
-        let (from, sign) = turned(quarters, c);
-        form[from].iter().map(|(&k, &v)| (k, sign * v)).collect()
-    })
-}
-
-fn add(form: &mut [Form; 2], other: &[Form; 2], factor: i64) {
-    for (form, other) in form.iter_mut().zip(other) {
-        transition::add(form, other, factor);
+/// The angle of each half-edge around its vertex, from the first one of the fan.
+fn signposts(frames: &Frames, corners: &[[[f64; 2]; 3]]) -> Vec<f64> {
+    let mut angle = vec![0.0; frames.edges().len()];
+    for v in 0..frames.edges().vertices() {
+        let mut sum = 0.0;
+        for h in frames.around(v) {
+            angle[h] = sum;
+            let uv = &corners[h / 3];
+            let toward = |k: usize| minus(uv[k % 3], uv[h % 3]);
+            sum += opening(toward(next(h)), toward(previous(h)));
+        }
     }
-}
-
-fn signed_area(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
-    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-}
-
-/// A triangulation of a simple polygon by cutting off its best ears; `None` if it has none.
-fn ears(polygon: &[[f64; 2]]) -> Option<Vec<[usize; 3]>> {
-    let mut left: Vec<usize> = (0..polygon.len()).collect();
-    let mut out = Vec::new();
-    let squared = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
-    while left.len() >= 3 {
-        let n = left.len();
-        let quality = |k: usize| {
-            let corner = [left[(k + n - 1) % n], left[k], left[(k + 1) % n]];
-            let [a, b, c] = corner.map(|i| polygon[i]);
-            let area = signed_area(a, b, c);
-            let size = squared(a, b) + squared(b, c) + squared(c, a);
-            let holds = |i: usize| {
-                let p = polygon[i];
-                [(a, b), (b, c), (c, a)]
-                    .iter()
-                    .all(|&(s, t)| signed_area(s, t, p) >= 0.0)
-            };
-            let empty = left.iter().all(|&i| corner.contains(&i) || !holds(i));
-            (empty && area > FLAT * size).then_some(area / size)
-        };
-        let best = (0..n)
-            .filter_map(|k| quality(k).map(|q| (q, k)))
-            .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
-        let k = best.1;
-        out.push([left[(k + n - 1) % n], left[k], left[(k + 1) % n]]);
-        left.remove(k);
-    }
-    (out.len() + 2 == polygon.len()).then_some(out)
+    angle
 }

@@ -1,9 +1,12 @@
 //! Integers for the seams: greedy rounding with exact re-optimization, then descent.
 
+use std::cell::OnceCell;
+
 use geom_core::Cancelled;
 use geom_core::nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
 
-use super::upright::{Pair, Upright};
+use super::upright::{Pair, Upright, Weighed};
 use crate::backend::On;
 
 /// Moves lower the energy when they do so by this much.
@@ -14,6 +17,8 @@ const DENSEST: i32 = 4;
 const RATIO: f64 = 1.25;
 /// Moves looked at per integer, at most.
 const MOST_TRIED: usize = 20_000;
+/// How often triangles are given more weight.
+const BREAKOUTS: usize = 60;
 /// More integers than this are rounded in batches between solves.
 const LARGEST: usize = 2000;
 
@@ -21,6 +26,7 @@ const LARGEST: usize = 2000;
 pub(crate) struct Quadratic {
     matrix: DMatrix<f64>,
     right: DVector<f64>,
+    inverse: OnceCell<Option<DMatrix<f64>>>,
 }
 
 impl Quadratic {
@@ -32,6 +38,7 @@ impl Quadratic {
         Self {
             matrix,
             right: DVector::from_column_slice(right),
+            inverse: OnceCell::new(),
         }
     }
 
@@ -49,9 +56,10 @@ impl Quadratic {
     /// (Bommes, Zimmer and Kobbelt, *Mixed-integer quadrangulation*, 2009, with the real unknowns eliminated); then moves single
     /// integers and pairs of them by one while the energy falls. `None` if the matrix is not positive definite.
     pub(crate) fn rounded(&self, run: On<'_>) -> Result<Option<Vec<f64>>, Cancelled> {
-        let Some(mut z) = self.greedy() else {
+        let Some(inverse) = self.inverse() else {
             return Ok(None);
         };
+        let mut z = greedy(inverse, &self.right);
         self.descend(&mut z, None, run)?;
         Ok(Some(z))
     }
@@ -64,52 +72,66 @@ impl Quadratic {
         upright: &Upright,
         run: On<'_>,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
-        let denser = |step| self.denser(step);
+        let Some(inverse) = self.inverse() else {
+            return Ok(None);
+        };
         for first in 0..=DENSEST {
-            let grid = denser(first);
-            let Some(mut z) = grid.greedy() else {
-                return Ok(None);
-            };
-            if !grid.mend(&mut z, upright, run)? {
+            let right = self.denser(first);
+            let mut z = greedy(inverse, &right);
+            if !self.mend(&mut z, &right, upright, run)? {
                 continue;
             }
             for step in (0..=first).rev() {
-                denser(step).descend(&mut z, Some(upright), run)?;
+                self.descend_on(&mut z, &self.denser(step), Some(upright), run)?;
             }
             return Ok(Some(z));
         }
         Ok(None)
     }
 
-    /// The same on a grid so many steps denser.
-    fn denser(&self, step: i32) -> Self {
-        Self {
-            matrix: self.matrix.clone(),
-            right: &self.right * RATIO.powi(step),
-        }
+    /// The right-hand side on a grid so many steps denser.
+    fn denser(&self, step: i32) -> DVector<f64> {
+        &self.right * RATIO.powi(step)
+    }
+
+    fn inverse(&self) -> Option<&DMatrix<f64>> {
+        let inverse = || self.factor().map(|factor| factor.inverse());
+        self.inverse.get_or_init(inverse).as_ref()
     }
 
     /// Moves single integers and pairs by one while that brings triangles nearer to upright; of the moves that do so most,
-    /// those of least energy. Returns whether all are.
-    fn mend(&self, z: &mut [f64], upright: &Upright, run: On<'_>) -> Result<bool, Cancelled> {
+    /// those of least energy. Where none does, triangles that are not upright weigh more from then on (Morris, *The breakout
+    /// method for escaping from local minima*, 1993). Returns whether all are.
+    fn mend(
+        &self,
+        z: &mut [f64],
+        right: &DVector<f64>,
+        upright: &Upright,
+        run: On<'_>,
+    ) -> Result<bool, Cancelled> {
         let n = z.len();
         let coupled = self.coupled(|_| 0);
         let mut sides = upright.sides(z);
-        let mut shortages = upright.shortages(&sides);
-        let mut gradient = &self.matrix * DVector::from_column_slice(z) - &self.right;
+        let mut weights = vec![1; sides.len()];
+        let mut gradient = &self.matrix * DVector::from_column_slice(z) - right;
         let most = 4 * n + 50;
-        let mut tried = 0;
+        let (mut tried, mut breakouts) = (0, 0);
         for step in 0..most {
-            if shortages == 0 {
+            let short = upright.short(&sides);
+            if short.is_empty() {
                 return Ok(true);
             }
             run.progress("integers", step as u64, most as u64)?;
-            let short = upright.short(&sides);
             tried += 2 * short.len();
             let single = short
                 .iter()
                 .flat_map(|&i| [-1.0, 1.0].map(|d| [(i, d), (i, 0.0)]));
-            let best = self.best_mend(single, &sides, &gradient, upright);
+            let weighed = Weighed {
+                upright,
+                sides: &sides,
+                weights: &weights,
+            };
+            let best = self.best_mend(single, weighed, &gradient);
             if best.is_none() {
                 tried += short.iter().map(|&i| 4 * coupled[i].len()).sum::<usize>();
             }
@@ -122,32 +144,35 @@ impl Quadratic {
                     .iter()
                     .flat_map(|&i| coupled[i].iter().map(move |&j| (i, j)))
                     .flat_map(|(i, j)| signs.map(|(d, e)| [(i, d), (j, e)]));
-                self.best_mend(pairs, &sides, &gradient, upright)
+                self.best_mend(pairs, weighed, &gradient)
             });
-            let Some((change, _, moves)) = best else {
-                return Ok(false);
+            let Some(moves) = best else {
+                breakouts += 1;
+                if breakouts > BREAKOUTS {
+                    return Ok(false);
+                }
+                upright.weigh_short(&sides, &mut weights);
+                continue;
             };
-            shortages += change;
             for (k, d) in moves {
                 z[k] += d;
                 upright.shift(&mut sides, k, d);
                 gradient.axpy(d, &self.matrix.column(k), 1.0);
             }
         }
-        Ok(shortages == 0)
+        Ok(false)
     }
 
     /// Of moves that bring triangles nearer to upright, the one that does so most and costs least energy.
     fn best_mend(
         &self,
         moves: impl Iterator<Item = Pair>,
-        sides: &[[i64; 4]],
+        weighed: Weighed<'_>,
         gradient: &DVector<f64>,
-        upright: &Upright,
-    ) -> Option<(i128, f64, Pair)> {
+    ) -> Option<Pair> {
         let mut best: Option<(i128, f64, Pair)> = None;
         for pair in moves {
-            let change = upright.change(sides, &pair);
+            let change = weighed.change(&pair);
             if change >= 0 || best.is_some_and(|b| b.0 < change) {
                 continue;
             }
@@ -160,33 +185,7 @@ impl Quadratic {
                 best = Some((change, energy, pair));
             }
         }
-        best
-    }
-
-    fn greedy(&self) -> Option<Vec<f64>> {
-        let n = self.right.len();
-        let mut inverse = self.matrix.clone().cholesky()?.inverse();
-        let mut z: Vec<f64> = (&inverse * &self.right).as_slice().to_vec();
-        let mut free: Vec<usize> = (0..n).collect();
-        let batch = if n > LARGEST { n / LARGEST + 1 } else { 1 };
-        while !free.is_empty() {
-            let away = |k: usize, z: &[f64]| (z[k] - z[k].round()).abs();
-            free.sort_by(|&a, &b| away(a, &z).total_cmp(&away(b, &z)).then(a.cmp(&b)));
-            for k in free.drain(..batch.min(free.len())).collect::<Vec<_>>() {
-                let to = z[k].round();
-                let column = inverse.column(k).clone_owned();
-                let pivot = column[k];
-                if pivot > 0.0 {
-                    let step = (to - z[k]) / pivot;
-                    for &j in &free {
-                        z[j] += column[j] * step;
-                    }
-                    inverse.ger(-1.0 / pivot, &column, &column, 1.0);
-                }
-                z[k] = to;
-            }
-        }
-        Some(z)
+        best.map(|b| b.2)
     }
 
     /// Moves by ±1, and pairs of them that are coupled most, the best first, while the energy falls and all
@@ -197,17 +196,31 @@ impl Quadratic {
         upright: Option<&Upright>,
         run: On<'_>,
     ) -> Result<(), Cancelled> {
+        self.descend_on(z, &self.right, upright, run)
+    }
+
+    /// Changes one integer or two that are coupled by one, whatever lowers the energy most, as long as that turns no triangle
+    /// over.
+    fn descend_on(
+        &self,
+        z: &mut [f64],
+        right: &DVector<f64>,
+        upright: Option<&Upright>,
+        run: On<'_>,
+    ) -> Result<(), Cancelled> {
         let n = z.len();
         let coupled = self.coupled(|i| i + 1);
-        let mut gradient = &self.matrix * DVector::from_column_slice(z) - &self.right;
+        let mut gradient = &self.matrix * DVector::from_column_slice(z) - right;
         let single =
             |gradient: &DVector<f64>, k: usize, d: f64| d * gradient[k] + 0.5 * self.matrix[(k, k)];
         let mut moves: Vec<(f64, Pair)> = Vec::new();
         let mut sides = upright.map(|upright| upright.sides(z));
+        let weights = vec![1; sides.as_ref().map_or(0, Vec::len)];
         let pairs: usize = coupled.iter().map(|c| 2 + 4 * c.len()).sum();
         let most = (20 * n + 20).min(20 * MOST_TRIED * n / pairs.max(1) + 200);
         for step in 0..most {
             run.progress("integers", step as u64, most as u64)?;
+            // What each change does to the energy follows from its gradient.
             moves.clear();
             for (i, coupled) in coupled.iter().enumerate() {
                 for d in [-1.0, 1.0] {
@@ -225,10 +238,19 @@ impl Quadratic {
                     }
                 }
             }
+            // The best that no triangle forbids.
             moves.sort_by(|a, b| a.0.total_cmp(&b.0));
             let accepted = moves.iter().find(|(_, pair)| {
                 let triangles = upright.zip(sides.as_ref());
-                triangles.is_none_or(|(upright, sides)| upright.change(sides, pair) <= 0)
+                triangles.is_none_or(|(upright, sides)| {
+                    let weights = &weights;
+                    let weighed = Weighed {
+                        upright,
+                        sides,
+                        weights,
+                    };
+                    weighed.change(pair) <= 0
+                })
             });
             let Some((_, pair)) = accepted else {
                 return Ok(());
@@ -246,13 +268,14 @@ impl Quadratic {
 
     /// Per integer, the others from a first one on that it is coupled to most: all of them while there are few.
     fn coupled(&self, first: impl Fn(usize) -> usize) -> Vec<Vec<usize>> {
-        const MOST: usize = 256;
+        const FEW: usize = 256;
+        const MOST: usize = 32;
         let n = self.right.len();
         (0..n)
             .map(|i| {
                 let mut others: Vec<usize> = (first(i)..n).filter(|&j| j != i).collect();
                 let strength = |j: usize| self.matrix[(i, j)].abs();
-                if others.len() > MOST {
+                if n > FEW && others.len() > MOST {
                     others.sort_by(|&a, &b| strength(b).total_cmp(&strength(a)).then(a.cmp(&b)));
                     others.truncate(MOST);
                     others.sort_unstable();
@@ -261,4 +284,47 @@ impl Quadratic {
             })
             .collect()
     }
+}
+
+/// Variable by variable, with the inverse of the matrix of those that are free.
+fn greedy(inverse: &DMatrix<f64>, right: &DVector<f64>) -> Vec<f64> {
+    let n = right.len();
+    let mut z: Vec<f64> = (inverse * right).as_slice().to_vec();
+    // Column by column; of what is free the first columns and rows.
+    let mut inverse = inverse.clone();
+    let mut free: Vec<usize> = (0..n).collect();
+    let batch = if n > LARGEST { n / LARGEST + 1 } else { 1 };
+    while !free.is_empty() {
+        let away = |k: usize, z: &[f64]| (z[k] - z[k].round()).abs();
+        let mut order = free.clone();
+        order.sort_by(|&a, &b| away(a, &z).total_cmp(&away(b, &z)).then(a.cmp(&b)));
+        for &k in order.iter().take(batch) {
+            let at = free.iter().position(|&j| j == k).expect("free");
+            let last = free.len() - 1;
+            free.swap_remove(at);
+            inverse.swap_columns(at, last);
+            inverse.swap_rows(at, last);
+            let to = z[k].round();
+            let column: Vec<f64> = inverse.column(last).as_slice()[..=last].to_vec();
+            let pivot = column[last];
+            if pivot > 0.0 {
+                let step = (to - z[k]) / pivot;
+                for (&j, c) in free.iter().zip(&column) {
+                    z[j] += c * step;
+                }
+                let columns = inverse.as_mut_slice().par_chunks_mut(n).take(last);
+                columns
+                    .zip(&column[..last])
+                    .with_min_len(64)
+                    .for_each(|(to, &c)| {
+                        let by = c / pivot;
+                        for (to, from) in to[..last].iter_mut().zip(&column) {
+                            *to -= by * from;
+                        }
+                    });
+            }
+            z[k] = to;
+        }
+    }
+    z
 }

@@ -73,10 +73,27 @@ impl Upright {
             .collect()
     }
 
+    /// Those that are not upright weigh one more.
+    pub(super) fn weigh_short(&self, sides: &[Sides], weights: &mut [i128]) {
+        for (weight, sides) in weights.iter_mut().zip(sides) {
+            *weight += i128::from(shortage(sides) > 0);
+        }
+    }
+}
+
+/// How much each triangle counts that falls short of upright.
+#[derive(Clone, Copy)]
+pub(super) struct Weighed<'a> {
+    pub(super) upright: &'a Upright,
+    pub(super) sides: &'a [Sides],
+    pub(super) weights: &'a [i128],
+}
+
+impl Weighed<'_> {
     /// What a move changes of the shortages.
-    pub(super) fn change(&self, sides: &[Sides], [(i, d), (j, e)]: &Pair) -> i128 {
+    pub(super) fn change(&self, [(i, d), (j, e)]: &Pair) -> i128 {
         let list = |k: usize, by: f64| {
-            let of = self.of.get(k).filter(|_| by != 0.0);
+            let of = self.upright.of.get(k).filter(|_| by != 0.0);
             of.map_or(&[][..], Vec::as_slice)
         };
         let (mut first, mut second) = (list(*i, *d), list(*j, *e));
@@ -89,7 +106,7 @@ impl Upright {
                 (None, Some(b)) => b.0,
                 (Some(a), Some(b)) => a.0.min(b.0),
             };
-            let before = sides[t as usize];
+            let before = self.sides[t as usize];
             let mut after = before;
             for (list, by) in [(&mut first, *d), (&mut second, *e)] {
                 if let Some((head, rest)) = list.split_first()
@@ -99,7 +116,7 @@ impl Upright {
                     *list = rest;
                 }
             }
-            change += shortage(&after) - shortage(&before);
+            change += self.weights[t as usize] * (shortage(&after) - shortage(&before));
         }
     }
 }

@@ -30,6 +30,7 @@
 mod assembly;
 mod keep;
 mod mmcif;
+mod models;
 mod names;
 mod pdb;
 pub mod pqr;
@@ -37,6 +38,8 @@ mod record;
 
 use std::fmt;
 use std::path::Path;
+
+pub use models::{save_models, write_models};
 
 use crate::Structure;
 use crate::id::MAX_ELEMENTS;

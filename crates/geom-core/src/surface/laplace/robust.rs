@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::{Error, Mass, Robust, RobustReport};
 use crate::TriMesh;
 use crate::algebra::SparseMatrix;
+use crate::compute::parallel;
 
 /// Smallest excess of two sides over the third, in mean edges of the mesh.
 const THICKNESS: f64 = 1e-5;
@@ -140,14 +141,12 @@ impl Cover {
         );
         let mut twin = vec![0; 6 * count];
         // Sides by edge, then by triangle: a group is the fan around an edge.
-        let mut sides: Vec<(u64, u32)> = (0..3 * count)
-            .map(|s| {
-                let face = &faces[s / 3];
-                let (a, b) = (face[s % 3], face[(s + 1) % 3]);
-                (u64::from(a.min(b)) << 32 | u64::from(a.max(b)), s as u32)
-            })
-            .collect();
-        sides.par_sort_unstable();
+        let side = |s: usize| {
+            let face = &faces[s / 3];
+            let (a, b) = (face[s % 3], face[(s + 1) % 3]);
+            (u64::from(a.min(b)) << 32 | u64::from(a.max(b)), s as u32)
+        };
+        let sides = parallel::sorted_by_number(3 * count, side, |side| (side.0 >> 32) as u32);
         for group in sides.chunk_by(|a, b| a.0 == b.0) {
             // Of front and back, one sheet runs up the edge and the other down.
             let sheet = |side: u32, up: bool| {

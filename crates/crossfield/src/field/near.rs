@@ -1,0 +1,51 @@
+//! Singular vertices too near to each other.
+
+use geom_core::surface::distance::{Graph, shortest_paths};
+
+use crate::Error;
+
+/// Pairs of singular vertices near to each other.
+#[derive(Default)]
+pub(super) struct Near {
+    /// What they were of, ascending.
+    of: Vec<u32>,
+    /// With their distances.
+    pairs: Vec<(f64, u32, u32)>,
+}
+
+impl Near {
+    /// The two nearest to each other, if that is nearer than `apart`; two that are stuck are none.
+    pub(super) fn pair(
+        &mut self,
+        graph: &Graph,
+        singular: &[u32],
+        apart: f64,
+        stuck: &[bool],
+    ) -> Result<Option<(u32, u32)>, Error> {
+        let is_singular = |v: u32| singular.binary_search(&v).is_ok();
+        self.pairs.retain(|p| is_singular(p.1) && is_singular(p.2));
+        let new: Vec<u32> = singular
+            .iter()
+            .copied()
+            .filter(|v| self.of.binary_search(v).is_err())
+            .collect();
+        for &v in &new {
+            let from = shortest_paths(graph, &[(v, 0.0)], apart)?.distance;
+            for &u in singular.iter().filter(|&&u| u != v) {
+                let distance = from[u as usize];
+                // Of two new ones each pair once.
+                let again = u < v && new.binary_search(&u).is_ok();
+                if distance < apart && !again {
+                    self.pairs.push((distance, u.min(v), u.max(v)));
+                }
+            }
+        }
+        self.of = singular.to_vec();
+        let open = |p: &&(f64, u32, u32)| !(stuck[p.1 as usize] && stuck[p.2 as usize]);
+        let nearest = self.pairs.iter().filter(open).min_by(|a, b| {
+            let ends = (a.1, a.2).cmp(&(b.1, b.2));
+            a.0.total_cmp(&b.0).then(ends)
+        });
+        Ok(nearest.map(|p| (p.1, p.2)))
+    }
+}

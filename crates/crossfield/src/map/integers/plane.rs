@@ -1,0 +1,131 @@
+//! Places in the charts of a map, and what leads from one chart to another.
+
+use crate::map::transition::{self, Form, turned};
+
+/// Triangles with an area below this over their sides squared are flat.
+pub(super) const FLAT: f64 = 1e-9;
+
+/// A position in a chart: as it is in the relaxed map, and as sums of integers where it is one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Place {
+    pub(super) at: [f64; 2],
+    pub(super) exact: Option<[Form; 2]>,
+}
+
+/// `p ↦ R(−90° turn) p + shift`: from one chart to another.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Link {
+    pub(super) turn: u8,
+    pub(super) shift: [f64; 2],
+    pub(super) exact: [Form; 2],
+}
+
+impl Link {
+    /// This, then `after`.
+    pub(super) fn then(&self, after: &Link) -> Link {
+        let moved = rotated(self.shift, (4 - after.turn) % 4);
+        let mut exact = rotated_form(&self.exact, (4 - after.turn) % 4);
+        add(&mut exact, &after.exact, 1);
+        Link {
+            turn: (self.turn + after.turn) % 4,
+            shift: [moved[0] + after.shift[0], moved[1] + after.shift[1]],
+            exact,
+        }
+    }
+
+    pub(super) fn apply(&self, place: &Place) -> Place {
+        let moved = rotated(place.at, (4 - self.turn) % 4);
+        let exact = place.exact.as_ref().map(|form| {
+            let mut form = rotated_form(form, (4 - self.turn) % 4);
+            add(&mut form, &self.exact, 1);
+            form
+        });
+        Place {
+            at: [moved[0] + self.shift[0], moved[1] + self.shift[1]],
+            exact,
+        }
+    }
+}
+
+pub(super) fn inverse(link: &Link) -> Link {
+    let back = rotated(link.shift, link.turn);
+    let mut exact = [Form::new(), Form::new()];
+    add(&mut exact, &rotated_form(&link.exact, link.turn), -1);
+    Link {
+        turn: (4 - link.turn) % 4,
+        shift: [-back[0], -back[1]],
+        exact,
+    }
+}
+
+/// Turned left by quarters.
+pub(super) fn rotated(p: [f64; 2], quarters: u8) -> [f64; 2] {
+    [0, 1].map(|c| {
+        let (from, sign) = turned(quarters, c);
+        sign as f64 * p[from]
+    })
+}
+
+pub(super) fn rotated_form(form: &[Form; 2], quarters: u8) -> [Form; 2] {
+    [0, 1].map(|c| {
+        let (from, sign) = turned(quarters, c);
+        form[from].iter().map(|(&k, &v)| (k, sign * v)).collect()
+    })
+}
+
+pub(super) fn add(form: &mut [Form; 2], other: &[Form; 2], factor: i64) {
+    for (form, other) in form.iter_mut().zip(other) {
+        transition::add(form, other, factor);
+    }
+}
+
+pub(super) fn minus(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] - b[0], a[1] - b[1]]
+}
+
+pub(super) fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[1] - a[1] * b[0]
+}
+
+/// The angle from one direction counter-clockwise to another, below a full turn.
+pub(super) fn opening(from: [f64; 2], to: [f64; 2]) -> f64 {
+    let cosine = from[0] * to[0] + from[1] * to[1];
+    cross(from, to)
+        .atan2(cosine)
+        .rem_euclid(std::f64::consts::TAU)
+}
+
+pub(super) fn signed_area(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
+    cross(minus(b, a), minus(c, a))
+}
+
+/// A triangulation of a simple polygon by cutting off its best ears; `None` if it has none.
+pub(super) fn ears(polygon: &[[f64; 2]]) -> Option<Vec<[usize; 3]>> {
+    let mut left: Vec<usize> = (0..polygon.len()).collect();
+    let mut out = Vec::new();
+    let squared = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
+    while left.len() >= 3 {
+        let n = left.len();
+        let quality = |k: usize| {
+            let corner = [left[(k + n - 1) % n], left[k], left[(k + 1) % n]];
+            let [a, b, c] = corner.map(|i| polygon[i]);
+            let area = signed_area(a, b, c);
+            let size = squared(a, b) + squared(b, c) + squared(c, a);
+            let holds = |i: usize| {
+                let p = polygon[i];
+                [(a, b), (b, c), (c, a)]
+                    .iter()
+                    .all(|&(s, t)| signed_area(s, t, p) >= 0.0)
+            };
+            let empty = left.iter().all(|&i| corner.contains(&i) || !holds(i));
+            (empty && area > FLAT * size).then_some(area / size)
+        };
+        let best = (0..n)
+            .filter_map(|k| quality(k).map(|q| (q, k)))
+            .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
+        let k = best.1;
+        out.push([left[(k + n - 1) % n], left[k], left[(k + 1) % n]]);
+        left.remove(k);
+    }
+    (out.len() + 2 == polygon.len()).then_some(out)
+}

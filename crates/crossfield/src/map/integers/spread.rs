@@ -1,0 +1,194 @@
+//! The integers of a decimated map, laid on the surface by straight lines of the relaxed map.
+
+use super::coarse::Coarse;
+use super::plane::{cross, minus, opening, rotated};
+use crate::field::frames::{Frames, next, previous};
+use crate::map::exact::{GridMap, MapReport};
+use crate::map::net::Net;
+
+type Point = [f64; 2];
+
+/// A decimated map with integers at its corners. Between them it is the relaxed map, stretched: each of its triangles is one
+/// of that map's plane, and a point of it is found by a straight walk from a corner. It is upright wherever the integers leave
+/// its few triangles so, whatever the triangles of the surface.
+pub(crate) struct Spread {
+    pub(crate) net: Net,
+    pub(crate) map: GridMap,
+    /// The corners as they are in the relaxed map.
+    at: Vec<[Point; 3]>,
+    /// The angle of each half-edge around its vertex.
+    angle: Vec<f64>,
+    /// The relaxed map.
+    relaxed: Vec<[Point; 3]>,
+    turn: Vec<u8>,
+}
+
+impl Coarse {
+    /// With these integers; `relaxed` is the map that was decimated, `turn` its quarter turns. `None` if a corner is no sum of
+    /// integers.
+    pub(in crate::map) fn spread(
+        &self,
+        z: &[f64],
+        bits: u32,
+        relaxed: Vec<[Point; 3]>,
+        turn: Vec<u8>,
+        report: MapReport,
+    ) -> Option<Spread> {
+        const NONE: u32 = u32::MAX;
+        let alive: Vec<usize> = (0..self.alive.len()).filter(|&t| self.alive[t]).collect();
+        let mut number = vec![NONE; self.alive.len()];
+        for (k, &t) in (0u32..).zip(&alive) {
+            number[t] = k;
+        }
+        let moved = |h: u32| match h {
+            NONE => NONE,
+            h => 3 * number[h as usize / 3] + h % 3,
+        };
+        let sides = || alive.iter().flat_map(|&t| 3 * t..3 * t + 3);
+        let value = |h: usize| -> Option<[i64; 2]> {
+            let exact = self.place[h].exact.as_ref()?;
+            let sum = |c: usize| {
+                exact[c]
+                    .iter()
+                    .map(|(&k, &p)| p * z[k as usize].round() as i64)
+            };
+            Some([0, 1].map(|c| sum(c).sum::<i64>() << bits))
+        };
+        let corners = alive
+            .iter()
+            .map(|&t| Some([value(3 * t)?, value(3 * t + 1)?, value(3 * t + 2)?]));
+        Some(Spread {
+            net: Net::new(
+                sides().map(|h| self.from[h]).collect(),
+                sides().map(|h| moved(self.twin[h])).collect(),
+                self.out.iter().map(|&h| moved(h)).collect(),
+            ),
+            map: GridMap {
+                corners: corners.collect::<Option<_>>()?,
+                turn: sides().map(|h| self.link[h].turn).collect(),
+                bits,
+                report,
+            },
+            at: alive
+                .iter()
+                .map(|&t| [0, 1, 2].map(|k| self.place[3 * t + k].at))
+                .collect(),
+            angle: sides().map(|h| self.angle[h]).collect(),
+            relaxed,
+            turn,
+        })
+    }
+}
+
+impl Spread {
+    /// Where a point of one of its triangles lies on the surface: triangle and barycentric coordinates. `None` if the walk
+    /// does not end.
+    pub(crate) fn place(
+        &self,
+        frames: &Frames,
+        face: usize,
+        weights: [f64; 3],
+    ) -> Option<(usize, [f64; 3])> {
+        let at = &self.at[face];
+        let k = (0..3).fold(
+            0,
+            |best, k| if weights[k] > weights[best] { k } else { best },
+        );
+        let h = 3 * face + k;
+        let to: Point =
+            [0, 1].map(|c| (0..3).map(|j| weights[j] * at[j][c]).sum::<f64>() - at[k][c]);
+        let side = minus(at[(k + 1) % 3], at[k]);
+        let turn = opening(side, to);
+        // Along the side it may be a full turn for rounding.
+        let turn = if turn > std::f64::consts::PI {
+            0.0
+        } else {
+            turn
+        };
+        self.walk(
+            frames,
+            self.net.from(h),
+            self.angle[h] + turn,
+            to[0].hypot(to[1]),
+        )
+    }
+
+    /// So far straight on from a vertex.
+    fn walk(
+        &self,
+        frames: &Frames,
+        vertex: usize,
+        angle: f64,
+        mut length: f64,
+    ) -> Option<(usize, [f64; 3])> {
+        let (h, direction) = self.start(frames, vertex, angle)?;
+        if length == 0.0 {
+            let mut weights = [0.0; 3];
+            weights[h % 3] = 1.0;
+            return Some((h / 3, weights));
+        }
+        let mut at = self.relaxed[h / 3][h % 3];
+        let (mut direction, mut over) = (direction, next(h));
+        for _ in 0..4 * frames.faces() {
+            let uv = &self.relaxed[over / 3];
+            let (p, q) = (uv[over % 3], uv[next(over) % 3]);
+            let side = minus(q, p);
+            let far = cross(minus(p, at), side) / cross(direction, side);
+            if far.is_nan() || length <= far {
+                let end = [0, 1].map(|c| at[c] + direction[c] * length);
+                return Some((over / 3, weights_of(uv, end)));
+            }
+            let far = far.max(0.0);
+            length -= far;
+            let crossing = [0, 1].map(|c| at[c] + direction[c] * far);
+            let twin = frames.twin(over)?;
+            let turn = (4 - self.turn[over]) % 4;
+            let there = &self.relaxed[twin / 3];
+            let offset = rotated(minus(crossing, p), turn);
+            let from = there[next(twin) % 3];
+            at = [from[0] + offset[0], from[1] + offset[1]];
+            direction = rotated(direction, turn);
+            let apex = there[previous(twin) % 3];
+            over = if cross(direction, minus(apex, at)) > 0.0 {
+                next(twin)
+            } else {
+                previous(twin)
+            };
+        }
+        None
+    }
+
+    /// The triangle at a vertex into which a direction points, by its half-edge there, and the direction in its chart.
+    fn start(&self, frames: &Frames, vertex: usize, angle: f64) -> Option<(usize, Point)> {
+        let toward = |h: usize, to: usize| {
+            let uv = &self.relaxed[h / 3];
+            minus(uv[to % 3], uv[h % 3])
+        };
+        let fan: Vec<usize> = frames.around(vertex).collect();
+        let openings: Vec<f64> = fan
+            .iter()
+            .map(|&h| opening(toward(h, next(h)), toward(h, previous(h))))
+            .collect();
+        let mut rest = angle.rem_euclid(openings.iter().sum());
+        for (k, &h) in fan.iter().enumerate() {
+            if rest <= openings[k] || k + 1 == fan.len() {
+                let (sine, cosine) = rest.min(openings[k]).sin_cos();
+                let [x, y] = toward(h, next(h));
+                let norm = x.hypot(y);
+                let turned = [cosine * x - sine * y, sine * x + cosine * y];
+                return Some((h, turned.map(|x| x / norm)));
+            }
+            rest -= openings[k];
+        }
+        None
+    }
+}
+
+fn weights_of(uv: &[Point; 3], at: Point) -> [f64; 3] {
+    let areas = [0, 1, 2].map(|k| {
+        let (a, b) = (uv[(k + 1) % 3], uv[(k + 2) % 3]);
+        cross(minus(b, a), minus(at, a)).max(0.0)
+    });
+    let total: f64 = areas.iter().sum();
+    areas.map(|a| a / total)
+}
