@@ -6,8 +6,8 @@ use crate::Error;
 use crate::backend::{CorrespBackend, On, RotationTask};
 use crate::fit::{Neighbourhoods, distortions};
 use crate::options::CompareOptions;
-use crate::shape::VoxelShape;
-use crate::truth::{check_map, percentile};
+use crate::shape::{Map, VoxelShape};
+use crate::truth::percentile;
 
 /// Where the first shape differs from the second: a value per boundary node of the first.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,10 +68,10 @@ impl CompareReport {
 ///
 /// ```
 /// use spectral_corresp::geom_core::{Cpu, Lattice, Point3, Run};
-/// use spectral_corresp::{CompareOptions, ShapeOptions, VoxelShape, compare};
+/// use spectral_corresp::{CompareOptions, Map, ShapeOptions, VoxelShape, compare};
 /// let lattice = Lattice { origin: Point3::origin(), spacing: 1.5, counts: [10, 6, 6] };
 /// let body = VoxelShape::of_flags(&lattice, vec![true; 360], &ShapeOptions::default())?;
-/// let itself: Vec<u32> = (0..body.boundary().len() as u32).collect();
+/// let itself = Map::new(&body, &body, (0..body.boundary().len() as u32).collect())?;
 /// let found = compare(&body, &body, &itself, &CompareOptions::default(), Run::on(&Cpu))?;
 /// assert_eq!(found.report.coverage, 1.0);
 /// assert!(found.report.distance() < 1e-6);
@@ -80,7 +80,7 @@ impl CompareReport {
 pub fn compare<B: CorrespBackend + ?Sized>(
     a: &VoxelShape,
     b: &VoxelShape,
-    forward: &[u32],
+    forward: &Map,
     options: &CompareOptions,
     run: Run<'_, B>,
 ) -> Result<Comparison, Error> {
@@ -90,12 +90,12 @@ pub fn compare<B: CorrespBackend + ?Sized>(
 fn compared(
     a: &VoxelShape,
     b: &VoxelShape,
-    forward: &[u32],
+    forward: &Map,
     options: &CompareOptions,
     run: On<'_>,
 ) -> Result<Comparison, Error> {
     options.check()?;
-    check_map(a, b, forward)?;
+    forward.check(a, b)?;
     run.progress("comparison", 0, 1)?;
     let there = b.boundary_points();
     let images: Vec<Point3> = forward.iter().map(|&j| there[j as usize]).collect();
@@ -139,7 +139,7 @@ fn compared(
 /// mapped to the next one by `maps[k]`, the last one to the first.
 ///
 /// With maps of all pairs of three shapes this tells a wrong one without a ground truth: right maps lead back.
-pub fn cycle_error(shapes: &[&VoxelShape], maps: &[&[u32]]) -> Result<Spread, Error> {
+pub fn cycle_error(shapes: &[&VoxelShape], maps: &[&Map]) -> Result<Spread, Error> {
     if maps.len() != shapes.len() || shapes.is_empty() {
         return Err(Error::Length {
             what: "maps of a cycle of shapes",
@@ -148,7 +148,7 @@ pub fn cycle_error(shapes: &[&VoxelShape], maps: &[&[u32]]) -> Result<Spread, Er
         });
     }
     for (k, map) in maps.iter().enumerate() {
-        check_map(shapes[k], shapes[(k + 1) % shapes.len()], map)?;
+        map.check(shapes[k], shapes[(k + 1) % shapes.len()])?;
     }
     let points = shapes[0].boundary_points();
     let back = |i: u32| maps.iter().fold(i, |at, map| map[at as usize]);
@@ -161,7 +161,7 @@ pub fn cycle_error(shapes: &[&VoxelShape], maps: &[&[u32]]) -> Result<Spread, Er
 /// the direction, so do the distances; each entry is the mean of both.
 pub fn distances<B: CorrespBackend + ?Sized>(
     shapes: &[&VoxelShape],
-    map: impl Fn(usize, usize) -> Result<Vec<u32>, Error>,
+    map: impl Fn(usize, usize) -> Result<Map, Error>,
     options: &CompareOptions,
     run: Run<'_, B>,
 ) -> Result<Vec<f64>, Error> {

@@ -70,6 +70,18 @@ pub enum Error {
         /// Bytes allowed.
         limit: u64,
     },
+    /// The search takes more memory than allowed.
+    #[error(
+        "to match {nodes} nodes takes about {bytes} bytes, more than the {limit} allowed: use a larger spacing"
+    )]
+    Memory {
+        /// Nodes of both shapes.
+        nodes: usize,
+        /// Bytes that they would take.
+        bytes: u64,
+        /// Bytes allowed.
+        limit: u64,
+    },
     /// Two shapes on lattices of different spacing.
     #[error(
         "the spacings of the shapes are {a} and {b} Å; they may differ by 1 %: make both on one spacing"
@@ -106,6 +118,11 @@ pub enum Error {
         /// How many there must be.
         expected: usize,
     },
+    /// A map leads between other shapes.
+    #[error(
+        "the map does not lead from the first of these shapes to the second; is it turned round?"
+    )]
+    Direction,
     /// A given correspondence names a node that does not exist.
     #[error(
         "boundary node {node} is given to boundary node {image}, but the other shape has {count}"

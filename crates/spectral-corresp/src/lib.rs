@@ -39,5 +39,5 @@ pub use morph::{Frame, Morph};
 pub use options::{
     CompareOptions, Directions, MatchOptions, MorphOptions, Refine, ShapeOptions, Start,
 };
-pub use shape::VoxelShape;
+pub use shape::{Map, VoxelShape};
 pub use truth::{Truth, TruthReport};

@@ -178,6 +178,8 @@ pub struct MatchOptions {
     /// Scores J (Å) below the first are [`Verdict::Good`](crate::Verdict::Good), above the second
     /// [`Verdict::Failed`](crate::Verdict::Failed).
     pub verdict: [f64; 2],
+    /// Most bytes that the search may take: see [`expected_bytes`](crate::correspond::expected_bytes).
+    pub max_memory: u64,
     /// Seed of samples and rotations.
     pub seed: u64,
 }
@@ -194,6 +196,7 @@ impl Default for MatchOptions {
             control_nodes: 8000,
             unit: 1.0,
             verdict: [4.0, 5.0],
+            max_memory: 8 << 30,
             seed: 1,
         }
     }
@@ -214,6 +217,7 @@ impl MatchOptions {
         let in_order = good > 0.0 && good <= failed;
         let value = format!("{good}…{failed}");
         require(in_order, "verdict", value, "be positive and in order")?;
+        require(self.max_memory > 0, "max_memory", 0, "be positive")?;
         positive("histograms.radius", self.histograms.radius)?;
         positive("histograms.mode", self.histograms.mode)?;
         let bars = self.histograms.bars;

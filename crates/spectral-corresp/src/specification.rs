@@ -3,8 +3,27 @@
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Point3, Vector3};
 
+use crate::Error;
 use crate::backend::{Nearest, RotationTask, Rows, SweepTask};
+use crate::fit::Side;
+use crate::options::HistogramOptions;
 use crate::shape::distance;
+use crate::start;
+
+/// The rows of the thesis's start without the mode, as the search finds them: of each point, the share of the points within
+/// the radius whose diameter falls into each bar of `range`. Here so that laws can be tested.
+pub fn found_histograms(
+    points: &[Point3],
+    diameters: &[f64],
+    range: [f64; 2],
+    options: &HistogramOptions,
+) -> Result<Vec<f64>, Error> {
+    let side = Side {
+        points: points.to_vec(),
+        normals: vec![Vector3::zeros(); points.len()],
+    };
+    start::histograms(&side, diameters, range, options)
+}
 
 /// The squared distance of each lattice point to the nearest one outside, in spacings, as a
 /// [`VoxelShape`](crate::VoxelShape) finds them: here to be compared with [`squared_distances`].

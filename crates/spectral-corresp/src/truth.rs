@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::Error;
 use crate::fit::superpose;
-use crate::shape::VoxelShape;
+use crate::shape::{Map, VoxelShape};
 
 /// Atoms within this of an atom move with it as a rigid body, Å.
 const RIGID: f64 = 8.0;
@@ -113,9 +113,9 @@ impl Truth {
         &self,
         a: &VoxelShape,
         b: &VoxelShape,
-        forward: &[u32],
+        forward: &Map,
     ) -> Result<TruthReport, Error> {
-        check_map(a, b, forward)?;
+        forward.check(a, b)?;
         let partners = forward.iter().map(|&j| b.boundary_points()[j as usize]);
         self.judge_places(a, b, &partners.collect::<Vec<_>>())
     }
@@ -162,14 +162,14 @@ impl Truth {
         residues: &[u32],
         a: &VoxelShape,
         b: &VoxelShape,
-        forward: &[u32],
+        forward: &Map,
     ) -> Result<f64, Error> {
-        check_map(a, b, forward)?;
+        forward.check(a, b)?;
         require("residues", residues.len(), self.rotations.len())?;
         let same = a
             .boundary_points()
             .par_iter()
-            .zip(forward)
+            .zip(forward.partners())
             .filter(|(x, j)| {
                 let y = &b.boundary_points()[**j as usize];
                 residues[self.atom(0, x)] == residues[self.atom(1, y)]
@@ -187,20 +187,6 @@ fn require(what: &'static str, found: usize, expected: usize) -> Result<(), Erro
         found,
         expected,
     })
-}
-
-/// Is this a map of boundary nodes?
-pub(crate) fn check_map(a: &VoxelShape, b: &VoxelShape, forward: &[u32]) -> Result<(), Error> {
-    require("partners", forward.len(), a.boundary().len())?;
-    let count = b.boundary().len();
-    match forward.iter().position(|&j| j as usize >= count) {
-        None => Ok(()),
-        Some(node) => Err(Error::Image {
-            node,
-            image: forward[node] as usize,
-            count,
-        }),
-    }
 }
 
 /// Of ascending values, between the two around it; 0 without any.

@@ -210,6 +210,26 @@ fn the_first_of_the_nearest_is_taken() {
     ties(&Cpu);
 }
 
+/// Thousands of rows lie in groups of blocks, most of which are passed by; on whole numbers many rows are equally near.
+#[test]
+fn no_row_is_passed_by() {
+    for (width, size) in [(6, 1.0), (8, 0.05), (11, 0.05), (2, 0.1)] {
+        let whole = |seed, count| -> Vec<f64> {
+            let rows = rows(seed, count, width).into_iter();
+            rows.map(|x| (x * size).round()).collect()
+        };
+        let (a, b) = (whole(3, 50), whole(4, 3000));
+        let (queries, targets) = (Rows { values: &a, width }, Rows { values: &b, width });
+        let mut found = Vec::new();
+        Cpu.nearest(queries, targets, &mut found).unwrap();
+        for (q, found) in found.iter().enumerate() {
+            let exact = specification::nearest(queries.row(q), targets).unwrap();
+            assert_eq!(found.index, exact.index, "{width} {q}");
+            assert!((found.distance - exact.distance).abs() < 1e-12);
+        }
+    }
+}
+
 /// A T of lattice points, its arm bent by a slant.
 fn shape(slant: usize) -> VoxelShape {
     let lattice = Lattice {

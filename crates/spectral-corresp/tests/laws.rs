@@ -12,7 +12,7 @@ use spectral_corresp::correspond::joint_modes;
 use spectral_corresp::options::{Components, HistogramOptions};
 use spectral_corresp::specification;
 use spectral_corresp::{
-    Correspondence, Directions, Error, MatchOptions, Refine, ShapeOptions, Start, Verdict,
+    Correspondence, Directions, Error, Map, MatchOptions, Refine, ShapeOptions, Start, Verdict,
     VoxelShape, correspond,
 };
 
@@ -126,6 +126,12 @@ fn modes_of_a_bar_are_cosines() {
         let largest = mode.iter().fold(0.0f64, |m, x| m.max(x.abs()));
         assert!((largest - 1.0).abs() < 1e-12);
     }
+    assert!(modes.clusters.is_empty());
+    // A cube does not know its axes.
+    let cube = VoxelShape::of_flags(&lattice([9; 3]), vec![true; 729], &options).unwrap();
+    let modes = cube.modes(3, Run::on(&Cpu)).unwrap();
+    assert_eq!(modes.clusters.len(), 1);
+    assert_eq!((modes.clusters[0].clone(), modes.report.parts), (0..3, 1));
 }
 
 #[test]
@@ -151,23 +157,34 @@ fn distances_equal_brute_force() {
 
 #[test]
 fn a_ball_has_its_radius_as_diameters() {
-    let ball = of_balls(&[(Point3::new(0.3, -0.2, 0.1), 15.0)]);
-    let center: Vector3 = ball
-        .skeleton()
-        .iter()
-        .map(|&n| ball.position(n as usize).coords)
-        .sum::<Vector3>()
-        / ball.skeleton().len() as f64;
-    assert!((center - Vector3::new(0.3, -0.2, 0.1)).norm() < H);
-    assert!(ball.diameters().iter().all(|d| (d - 15.0).abs() < 1.7 * H));
-    let volume = 4.0 / 3.0 * PI * 15f64.powi(3);
+    let (middle, radius) = (Vector3::new(0.3, -0.2, 0.1), 10.0 * H);
+    let ball = of_balls(&[(Point3::from(middle), radius)]);
+    for &n in ball.skeleton() {
+        assert!((ball.position(n as usize).coords - middle).norm() < H);
+    }
+    assert!(
+        ball.diameters()
+            .iter()
+            .all(|d| (d - radius).abs() < 1.7 * H)
+    );
+    // In the middle of a lattice there is one centre.
+    let inside = (0..23usize.pow(3)).map(|i| {
+        let at = [i % 23, i / 23 % 23, i / 529].map(|c| (c as i64 - 11).pow(2));
+        at.iter().sum::<i64>() <= 100
+    });
+    let options = ShapeOptions::default();
+    let central = VoxelShape::of_flags(&lattice([23; 3]), inside.collect(), &options).unwrap();
+    assert_eq!(central.skeleton().len(), 1);
+    let near = |d: &f64| (d / H - 10.0).abs() <= 1.0;
+    assert!(central.diameters().iter().all(near));
+    let volume = 4.0 / 3.0 * PI * radius.powi(3);
     assert!((ball.volume() / volume - 1.0).abs() < 0.03);
     // Normals point outwards.
     let points = ball.boundary_points().iter().zip(ball.normals());
     assert!(
         points
             .clone()
-            .all(|(p, n)| p.coords.normalize().dot(n) > 0.95)
+            .all(|(p, n)| (p.coords - middle).normalize().dot(n) > 0.95)
     );
 }
 
@@ -197,6 +214,13 @@ fn parts_and_cavities_are_as_asked() {
     );
     let filled = of(Components::Largest, true);
     assert_eq!((filled.nodes(), filled.report().filled), (1600, 18));
+    // Of two that are equal the first is kept, and the other is reported.
+    let equal: Vec<bool> = (0..30 * 144)
+        .map(|i| flag(i + 20 - i % 30) && [3, 4, 5, 12, 13, 14].contains(&(i % 30)))
+        .collect();
+    let first = VoxelShape::of_flags(&lattice(counts), equal, &ShapeOptions::default()).unwrap();
+    assert_eq!(first.report().left_out, vec![first.nodes()]);
+    assert!(first.boundary_points().iter().all(|p| p.x < 6.0 * H));
     assert_eq!(of(Components::All, false).nodes(), 2400 - 18);
     assert_eq!(of(Components::MinFraction(0.6), false).nodes(), 1600 - 18);
     assert_eq!(of(Components::MinFraction(0.4), false).nodes(), 2400 - 18);
@@ -238,9 +262,10 @@ fn a_shape_corresponds_to_itself() {
         ..MatchOptions::default()
     };
     let found = on_cpu(&body, &body, &options);
-    assert_eq!(found.forward, itself);
-    assert_eq!(found.backward, itself);
+    assert_eq!(found.forward.partners(), itself);
+    assert_eq!(found.backward.partners(), itself);
     assert!(found.score < 1e-6 && found.coverage == 1.0 && found.verdict == Verdict::Good);
+    assert!(!found.unmatched(0.1).contains(&true) && found.unmatched(-1.0).contains(&true));
     // Two equal shapes, linked at the boundary: joint modes move in phase and are those of one.
     let alone = body.modes(3, Run::on(&Cpu)).unwrap();
     assert!(found.modes.correlations.iter().take(3).all(|c| *c > 0.99));
@@ -274,16 +299,51 @@ fn a_turned_shape_is_found_and_its_mirror_image_is_not() {
     let body = worm(false, 0.0, &UnitQuaternion::identity());
     let rotation = some_rotation(3);
     let turned = worm(false, 0.0, &rotation);
-    let found = on_cpu(&body, &turned, &MatchOptions::default());
+    let both = MatchOptions {
+        start: Start::Spectral,
+        ..MatchOptions::default()
+    };
+    let found = on_cpu(&body, &turned, &both);
     let off = error(&body, &turned, &found, &rotation);
     assert!(
         off < 1.2 && found.verdict == Verdict::Good,
         "{off} {}",
         found.score
     );
+    assert!(!found.mirrored);
     let right = found.score;
     let found = on_cpu(&body, &worm(true, 0.0, &rotation), &only(Start::Rigid));
     assert!(found.score > right + 0.3, "{} {right}", found.score);
+    assert!(
+        found.mirrored && found.verdict != Verdict::Good,
+        "{} {:?}",
+        found.score,
+        found.verdict
+    );
+    for seed in [8, 21] {
+        let rotation = some_rotation(seed);
+        let turned = worm(false, 0.0, &rotation);
+        let found = on_cpu(&body, &turned, &only(Start::Spectral));
+        let off = error(&body, &turned, &found, &rotation);
+        assert!(off < 1.2 && found.verdict == Verdict::Good, "{seed}: {off}");
+    }
+}
+
+/// The same body with its axes in another order, and so its nodes; and with it whatever signs its modes have.
+#[test]
+fn renumbered_nodes_are_found_again() {
+    let third =
+        UnitQuaternion::from_scaled_axis(Vector3::repeat(1.0).normalize() * (2.0 * PI / 3.0));
+    let identity = UnitQuaternion::identity();
+    let (body, turned) = (worm(false, 0.0, &identity), worm(false, 0.0, &third));
+    assert_eq!(body.nodes(), turned.nodes());
+    let found = on_cpu(&body, &turned, &only(Start::Spectral));
+    let pairs = body.boundary_points().iter().zip(&found.forward);
+    let there = |(p, j): &(&Point3, &u32)| {
+        (third * *p - turned.boundary_points()[**j as usize]).norm() < 1e-6
+    };
+    let right = pairs.filter(there).count();
+    assert!(right * 20 > 19 * found.forward.len(), "{right}");
 }
 
 #[test]
@@ -417,6 +477,7 @@ fn legs_that_are_swapped_below_the_knee_are_never_good() {
 fn anchors_hold_the_joint_graph_together_more_than_other_links() {
     let body = worm(false, 0.0, &UnitQuaternion::identity());
     let itself: Vec<u32> = (0..body.boundary().len() as u32).collect();
+    let map = Map::new(&body, &body, itself.clone()).unwrap();
     let options = MatchOptions {
         modes: 2,
         link: 0.02,
@@ -424,7 +485,7 @@ fn anchors_hold_the_joint_graph_together_more_than_other_links() {
     };
     let with = |anchored: &[u32]| {
         let on = Run::on(&Cpu as &dyn spectral_corresp::CorrespBackend);
-        joint_modes(&body, &body, &itself, &itself, anchored, &options, on)
+        joint_modes(&body, &body, &map, &map, anchored, &options, on)
     };
     // Equal shapes in phase: links weigh on both ends alike, so they only add to the mass.
     let (plain, held) = (with(&[]).unwrap(), with(&itself).unwrap());
@@ -474,7 +535,12 @@ fn bad_input_is_refused_by_name() {
     let error = VoxelShape::of_flags(&huge, Vec::new(), &fine).unwrap_err();
     assert!(matches!(error, Error::TooLarge { .. }), "{error}");
 
+    let nan = ScalarGrid::new(lattice([8; 3]), vec![f32::NAN; 512]);
+    assert!(matches!(nan, Err(GridError::NotFinite { .. })));
+
     let a = of([10, 8, 6], true).unwrap();
+    let many = a.modes(a.nodes(), Run::on(&Cpu)).unwrap_err();
+    assert!(matches!(many, Error::TooManyModes { .. }), "{many}");
     let coarse = Lattice {
         spacing: 1.6,
         ..lattice([10, 8, 6])
@@ -503,6 +569,11 @@ fn bad_input_is_refused_by_name() {
         error(&a, with(beyond)),
         Error::Image { node: 0, .. }
     ));
+    let tight = MatchOptions {
+        max_memory: 10_000,
+        ..MatchOptions::default()
+    };
+    assert!(matches!(error(&a, tight), Error::Memory { nodes: 960, .. }));
     for wrong in [
         MatchOptions {
             link: 0.0,
@@ -518,6 +589,13 @@ fn bad_input_is_refused_by_name() {
         },
         MatchOptions {
             verdict: [5.0, 4.0],
+            ..MatchOptions::default()
+        },
+        MatchOptions {
+            histograms: HistogramOptions {
+                radius: 0.9 * H,
+                ..HistogramOptions::default()
+            },
             ..MatchOptions::default()
         },
         MatchOptions {

@@ -1,14 +1,14 @@
 //! Morphs, comparisons and the truth: what holds for all of them, and cases done by hand.
 
 use geom_core::nalgebra::Rotation3;
-use geom_core::{Cpu, Lattice, LatticeValues, Point3, Run, Vector3};
+use geom_core::{Aabb, Cpu, Lattice, LatticeValues, Point3, Run, Vector3};
 use spectral_corresp::compare::{cycle_error, distances};
 use spectral_corresp::fit::superpose;
 use spectral_corresp::morph::Overlap;
 use spectral_corresp::options::{Components, Landmarks, Paths};
 use spectral_corresp::{
-    CompareOptions, Correspondence, Error, JointModes, Morph, MorphOptions, ShapeOptions, Truth,
-    Verdict, VoxelShape, compare,
+    CompareOptions, Correspondence, Error, JointModes, Map, Morph, MorphOptions, ShapeOptions,
+    Truth, Verdict, VoxelShape, compare,
 };
 
 fn shape_of(counts: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> VoxelShape {
@@ -34,10 +34,14 @@ fn body() -> VoxelShape {
     })
 }
 
+fn map(from: &VoxelShape, to: &VoxelShape, partners: impl IntoIterator<Item = u32>) -> Map {
+    Map::new(from, to, partners.into_iter().collect()).unwrap()
+}
+
 /// A correspondence that says no more than where the boundary goes.
 fn to(a: &VoxelShape, image: impl Fn(&Point3) -> Point3) -> Correspondence {
     let images: Vec<Point3> = a.boundary_points().iter().map(image).collect();
-    let itself: Vec<u32> = (0..images.len() as u32).collect();
+    let itself = map(a, a, 0..images.len() as u32);
     let pairs: Vec<(Point3, Point3)> = a
         .boundary_points()
         .iter()
@@ -54,6 +58,7 @@ fn to(a: &VoxelShape, image: impl Fn(&Point3) -> Point3) -> Correspondence {
         score: 0.0,
         verdict: Verdict::Good,
         turned: false,
+        mirrored: false,
         modes: JointModes {
             values: Vec::new(),
             first: Vec::new(),
@@ -185,6 +190,19 @@ fn a_rigid_motion_is_rigid_all_the_way() {
     for (a, b) in parts(&rest(&a)).iter().zip(&parts(&now)) {
         assert!(unrigid(a, b) < 1e-3);
     }
+    // A frame is compared with what lies within reach, and refuses to look at the whole world.
+    let frame = morph.frame(0.5, Run::on(&Cpu)).unwrap();
+    let bounds = |far: f64| Aabb::of_points(&[Point3::origin(), Point3::new(far, 1.0, 1.0)]);
+    let nowhere = |points: &[Point3]| Ok::<_, Error>(vec![false; points.len()]);
+    let first = |points: &[Point3]| Ok::<_, Error>((0..points.len()).map(|i| i == 0).collect());
+    assert!(frame.overlap(&bounds(1.0), first).unwrap().volume_ratio > 100.0);
+    for far in [1e12, f64::INFINITY] {
+        let refused = frame.overlap(&bounds(far), nowhere);
+        assert!(
+            matches!(refused, Err(Error::TooLarge { .. })),
+            "{refused:?}"
+        );
+    }
 }
 
 #[test]
@@ -217,7 +235,7 @@ fn frames_have_the_volume_between() {
     let turn = Rotation3::new(Vector3::new(0.2, 0.1, 0.3));
     let squeeze = |p: &Point3| turn * Point3::new(p.x * 17.0 / 22.0, p.y, p.z);
     let mut found = to(&a, squeeze);
-    found.backward.truncate(b.boundary().len());
+    found.backward = map(&b, &a, 0..b.boundary().len() as u32);
     let morph = Morph::new(&a, &b, &found, &one_way(), Run::on(&Cpu)).unwrap();
     for t in [-0.2, 0.0, 0.3, 0.8, 1.0, 1.1] {
         let frame = morph.frame(t, Run::on(&Cpu)).unwrap();
@@ -256,7 +274,7 @@ fn both_ways_end_at_the_second_shape() {
         let all = 0..found.images.len() as u32;
         all.min_by(|i, j| apart(i).total_cmp(&apart(j))).unwrap()
     };
-    found.backward = b.boundary_points().iter().map(nearest).collect();
+    found.backward = map(&b, &a, b.boundary_points().iter().map(nearest));
     let options = MorphOptions {
         sigma: 0.0,
         ..MorphOptions::default()
@@ -374,44 +392,42 @@ fn what_makes_no_sense_is_refused() {
         Err(Error::Empty { .. })
     ));
     let far: Vec<u32> = vec![9999; a.boundary().len()];
-    let refused = compare(&a, &a, &far, &CompareOptions::default(), Run::on(&Cpu));
+    let refused = Map::new(&a, &a, far);
     assert!(matches!(refused, Err(Error::Image { node: 0, .. })));
-    let none: &[u32] = &[];
-    assert!(cycle_error(&[&a], &[none]).is_err() && cycle_error(&[], &[]).is_err());
+    assert!(cycle_error(&[&a], &[]).is_err() && cycle_error(&[], &[]).is_err());
 }
 
 #[test]
 fn a_shape_does_not_differ_from_itself() {
     let (a, b) = (body(), shape_of([18, 14, 5], |_| true));
-    let itself: Vec<u32> = (0..a.boundary().len() as u32).collect();
+    let itself = map(&a, &a, 0..a.boundary().len() as u32);
     let options = CompareOptions::default();
     let found = compare(&a, &a, &itself, &options, Run::on(&Cpu)).unwrap();
     assert!(found.diameters.iter().all(|d| *d == 0.0));
     assert!(found.distortions.iter().all(|e| *e < 1e-6));
     assert_eq!(found.report.coverage, 1.0);
     // All nodes on one: everything is lost.
-    let one = vec![0; itself.len()];
+    let one = map(&a, &a, vec![0; itself.len()]);
     let lost = compare(&a, &a, &one, &options, Run::on(&Cpu)).unwrap();
     assert!(lost.report.distortions.mean > 5.0 && lost.report.coverage < 0.01);
     assert!(lost.report.distortions.max >= lost.report.distortions.p95);
     // A walk from node to node and back.
     let n = itself.len() as u32;
-    let next: Vec<u32> = itself.iter().map(|i| (i + 1) % n).collect();
-    let back: Vec<u32> = itself.iter().map(|i| (i + n - 1) % n).collect();
+    let next = map(&a, &a, itself.iter().map(|i| (i + 1) % n));
+    let back = map(&a, &a, itself.iter().map(|i| (i + n - 1) % n));
     assert_eq!(cycle_error(&[&a, &a], &[&next, &back]).unwrap().max, 0.0);
     let once = cycle_error(&[&a], &[&next]).unwrap();
     let points = a.boundary_points();
     let steps = (0..points.len()).map(|i| (points[(i + 1) % points.len()] - points[i]).norm());
     assert!((once.mean - steps.sum::<f64>() / points.len() as f64).abs() < 1e-9);
     // Of shapes that are equal, nothing but zeros; and the same both ways.
-    let map = |i: usize, j: usize| {
+    let maps = |i: usize, j: usize| {
         let shapes = [&a, &a, &b];
         let there = shapes[j].boundary().len() as u32;
-        Ok((0..shapes[i].boundary().len() as u32)
-            .map(|k| k.min(there - 1))
-            .collect())
+        let first = 0..shapes[i].boundary().len() as u32;
+        Ok(map(shapes[i], shapes[j], first.map(|k| k.min(there - 1))))
     };
-    let all = distances(&[&a, &a, &b], map, &options, Run::on(&Cpu)).unwrap();
+    let all = distances(&[&a, &a, &b], maps, &options, Run::on(&Cpu)).unwrap();
     assert!(all[1] < 1e-6 && all[2] > 1.0 && all[2] == all[6] && all[0] == 0.0);
 }
 
@@ -426,12 +442,14 @@ fn a_missing_part_is_seen_where_it_was() {
         let all = 0..b.boundary().len() as u32;
         all.min_by(|i, j| apart(i).total_cmp(&apart(j))).unwrap()
     };
-    let map: Vec<u32> = a.boundary_points().iter().map(nearest).collect();
+    let found = map(&a, &b, a.boundary_points().iter().map(nearest));
     let options = CompareOptions {
         radius: 6.0,
         ..CompareOptions::default()
     };
-    let found = compare(&a, &b, &map, &options, Run::on(&Cpu)).unwrap();
+    let turned = compare(&b, &a, &found, &options, Run::on(&Cpu));
+    assert_eq!(turned, Err(Error::Direction));
+    let found = compare(&a, &b, &found, &options, Run::on(&Cpu)).unwrap();
     let mean = |values: &[f64], is_in: &dyn Fn(&Point3) -> bool| {
         let some = a
             .boundary_points()
@@ -477,7 +495,7 @@ fn the_truth_follows_the_atoms() {
     assert!((of(&[5.9, 1.0]) - point).norm() < 1e-9);
     // Reports.
     let a = body();
-    let itself: Vec<u32> = (0..a.boundary().len() as u32).collect();
+    let itself = map(&a, &a, 0..a.boundary().len() as u32);
     let still = Truth::new(&atoms, &[1.7; 40], &atoms).unwrap();
     let judged = still.judge(&a, &a, &itself).unwrap();
     assert!(judged.mean < 1e-9 && judged.p95 < 1e-9 && judged.floor < 1e-9);
@@ -506,7 +524,8 @@ fn the_truth_follows_the_atoms() {
         Truth::new(&pair, &[1.0, f64::NAN], &apart),
         Err(Error::Nearest(_))
     ));
-    assert!(still.judge(&a, &a, &itself[1..]).is_err());
+    let other = shape_of([12, 9, 5], |_| true);
+    assert_eq!(still.judge(&other, &a, &itself), Err(Error::Direction));
     assert!(
         still
             .residue_accuracy(&residues[1..], &a, &a, &itself)

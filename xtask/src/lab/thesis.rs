@@ -31,8 +31,12 @@ pub(crate) fn run(table: &str) -> Outcome {
         "5.1" => super::thesis5::quality(),
         "5.2" => super::thesis5::adaptive_beside_uniform(),
         "6" => super::thesis6::run(),
+        "6.1" => super::thesis6::pairs(),
+        "6.2" => super::thesis6::morph(),
+        "6.3" => super::thesis6::retrieval(),
+        "6.4" => super::thesis6::growth(),
         other => Err(format!(
-            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5, 5, 5.1, 5.2 and 6"
+            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5, 5, 5.1, 5.2, 6, and 6.1 to 6.4"
         )),
     }
 }

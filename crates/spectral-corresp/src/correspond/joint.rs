@@ -8,8 +8,7 @@ use geom_core::algebra::graph::Laplacian;
 use crate::Error;
 use crate::backend::On;
 use crate::options::MatchOptions;
-use crate::shape::{self, VoxelShape};
-use crate::truth::check_map;
+use crate::shape::{self, Map, VoxelShape};
 
 /// Modes less correlated over the links than this move the shapes against each other.
 const IN_PHASE: f64 = 0.5;
@@ -44,15 +43,15 @@ const ANCHORED: f64 = 10.0;
 pub fn joint_modes(
     a: &VoxelShape,
     b: &VoxelShape,
-    forward: &[u32],
-    backward: &[u32],
+    forward: &Map,
+    backward: &Map,
     anchored: &[u32],
     options: &MatchOptions,
     run: On<'_>,
 ) -> Result<JointModes, Error> {
     options.check()?;
-    check_map(a, b, forward)?;
-    check_map(b, a, backward)?;
+    forward.check(a, b)?;
+    backward.check(b, a)?;
     if let Some(&node) = anchored.iter().find(|&&n| n as usize >= forward.len()) {
         return Err(Error::Length {
             what: "partners, for an anchored node of this number",

@@ -188,7 +188,11 @@ pub(crate) fn swept(task: &SweepTask<'_>, i: usize) -> Point3 {
 /// `R e`, spelled out: the innermost product of the fit.
 #[inline(always)]
 fn times(r: &Matrix3<f64>, e: [f64; 3]) -> [f64; 3] {
-    [0, 1, 2].map(|c| r[(c, 0)] * e[0] + r[(c, 1)] * e[1] + r[(c, 2)] * e[2])
+    [
+        r.m11 * e[0] + r.m12 * e[1] + r.m13 * e[2],
+        r.m21 * e[0] + r.m22 * e[1] + r.m23 * e[2],
+        r.m31 * e[0] + r.m32 * e[1] + r.m33 * e[2],
+    ]
 }
 
 /// The mean square distortion of each node's neighbourhood, Å².

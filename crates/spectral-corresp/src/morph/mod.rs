@@ -11,7 +11,7 @@ mod solve;
 
 use geom_core::algebra::graph::VoxelGraph;
 use geom_core::nalgebra::{Matrix3, Rotation3};
-use geom_core::{Lattice, Point3, Run, ScalarGrid, Vector3};
+use geom_core::{Aabb, Lattice, LatticeValues, Point3, Run, ScalarGrid, Vector3};
 use rayon::prelude::*;
 
 use crate::Error;
@@ -20,7 +20,6 @@ use crate::correspond::{Correspondence, Embedding};
 use crate::fit::{nearest_rotation, superpose};
 use crate::options::{Landmarks, MorphOptions, Paths};
 use crate::shape::{Parts, ROOT, VoxelShape};
-use crate::truth::check_map;
 use solve::Solver;
 
 /// Rounds of the as-rigid-as-possible method where all of the boundary is led, and where few nodes are.
@@ -353,8 +352,52 @@ impl Morph {
     }
 }
 
+impl Frame {
+    /// How far the points inside are from those of the real shape, on the frame's lattice continued over `bounds`, which hold
+    /// the real shape. `inside` says which of some points lie in it. Bounds that reach over more than 4 GiB of lattice points, at
+    /// 32 bytes each, are an error.
+    pub fn overlap<E: From<Error>>(
+        &self,
+        bounds: &Aabb,
+        inside: impl FnOnce(&[Point3]) -> Result<Vec<bool>, E>,
+    ) -> Result<Overlap, E> {
+        let lattice = self.grid.lattice();
+        let low = lattice
+            .local(&bounds.min)
+            .map(|c| (c.floor() as i64).min(0));
+        let high = lattice.local(&bounds.max).map(|c| c.ceil() as i64);
+        let high = [0, 1, 2].map(|a| high[a].max(lattice.counts[a] as i64 - 1));
+        const LIMIT: u64 = 4 << 30;
+        let count = |a: usize| (i128::from(high[a]) - i128::from(low[a]) + 1) as u128;
+        let count = (0..3).fold(1u128, |all, a| all.saturating_mul(count(a)));
+        let bytes = count.saturating_mul(32);
+        if bytes > u128::from(LIMIT) {
+            let limit = LIMIT;
+            return Err(Error::TooLarge {
+                points: count,
+                bytes,
+                limit,
+            }
+            .into());
+        }
+        let (mut points, mut ours) = (Vec::new(), Vec::new());
+        for k in low[2]..=high[2] {
+            for j in low[1]..=high[1] {
+                for i in low[0]..=high[0] {
+                    let p = [i, j, k];
+                    let at = [0, 1, 2].map(|a| lattice.origin[a] + lattice.spacing * p[a] as f64);
+                    points.push(Point3::from(at));
+                    let within = (0..3).all(|a| p[a] >= 0 && p[a] < lattice.counts[a] as i64);
+                    ours.push(within && self.flags[lattice.index(p.map(|c| c as usize))]);
+                }
+            }
+        }
+        Ok(Overlap::of(&inside(&points)?, &ours)?)
+    }
+}
+
 fn check(a: &VoxelShape, b: &VoxelShape, found: &Correspondence) -> Result<(), Error> {
-    check_map(b, a, &found.backward)?;
+    found.backward.check(b, a)?;
     let expected = a.boundary().len();
     let lengths = [
         ("images in the correspondence", found.images.len()),

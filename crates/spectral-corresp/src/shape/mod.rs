@@ -1,8 +1,11 @@
 //! Shapes as sets of lattice points: their graph, boundary, depth, skeleton and diameters (Sections 6.1 and 6.3.2).
 
 pub(crate) mod distance;
+mod map;
 mod mesh;
 mod parts;
+
+use std::ops::Range;
 
 use geom_core::algebra::Mass;
 use geom_core::algebra::eigen::{self, EigenPairs, eigenpairs};
@@ -16,6 +19,7 @@ use crate::backend::CorrespBackend;
 use crate::options::{Components, ShapeOptions};
 use crate::{Error, backend::On};
 
+pub use map::Map;
 pub(crate) use parts::{Parts, ROOT};
 
 /// Fewest boundary nodes of a shape: with fewer there is nothing to tell its parts by.
@@ -28,6 +32,8 @@ const NORMAL_REACH: i64 = 3;
 /// Residual of the modes, relative to the first eigenvalue: the features need no more, and closer ones do not match
 /// better.
 const MODE_TOLERANCE: f64 = 1e-3;
+/// Eigenvalues that differ by at most this share form a cluster.
+const CLUSTER_GAP: f64 = 1e-2;
 
 /// The lattice points inside a shape, as nodes of a weighted graph.
 ///
@@ -54,6 +60,8 @@ pub struct VoxelShape {
     skeleton: Vec<u32>,
     diameters: Vec<f64>,
     report: ShapeReport,
+    /// For maps, to know it again.
+    identity: u64,
 }
 
 /// What became of the points inside.
@@ -217,6 +225,7 @@ impl VoxelShape {
                 && within(k, counts[2])
                 && inside[lattice.index([i as usize, j as usize, k as usize])]
         };
+        // A node is of the boundary if it has a side to the outside.
         let nodes = graph.nodes() as u32;
         let boundary: Vec<u32> = (0..nodes)
             .into_par_iter()
@@ -235,6 +244,7 @@ impl VoxelShape {
             .par_iter()
             .map(|&node| normal(graph.point(node as usize).map(|c| c as i64), &is_inside))
             .collect();
+        // How far the outside is; where that is most around lies the skeleton, and from there to the boundary go diameters.
         let squares = distance::squared_distances(counts, inside);
         let depth = |point: [usize; 3]| squares[distance::place(counts, point)];
         let skeleton = skeleton(&graph, &depth, &is_inside);
@@ -260,7 +270,9 @@ impl VoxelShape {
             skeleton,
             diameters,
             report,
-        })
+            identity: 0,
+        }
+        .identified())
     }
 
     /// The lattice.
@@ -350,7 +362,10 @@ pub struct Modes {
     pub values: Vec<f64>,
     /// A number per node; the largest in magnitude is 1. Within a cluster only the space is defined.
     pub vectors: Vec<Vec<f64>>,
-    /// How they were found.
+    /// Runs of two or more modes whose eigenvalues differ by at most 1 %; the last one may go on beyond the last mode, as
+    /// the report says.
+    pub clusters: Vec<Range<usize>>,
+    /// How they were found, and in how many connected parts the graph is.
     pub report: eigen::Report,
 }
 
@@ -365,7 +380,7 @@ pub(crate) fn modes(laplacian: &Laplacian, count: usize, run: On<'_>) -> Result<
     }
     let options = eigen::Options {
         tolerance: MODE_TOLERANCE,
-        cluster_gap: 1e-2,
+        cluster_gap: CLUSTER_GAP,
         ..eigen::Options::default()
     };
     let mass: Mass = laplacian.degree_mass();
@@ -373,6 +388,7 @@ pub(crate) fn modes(laplacian: &Laplacian, count: usize, run: On<'_>) -> Result<
     let EigenPairs {
         mut values,
         mut vectors,
+        clusters,
         report,
         ..
     } = eigenpairs(laplacian, &mass, count + 1, &options, spectral)?;
@@ -385,9 +401,14 @@ pub(crate) fn modes(laplacian: &Laplacian, count: usize, run: On<'_>) -> Result<
     }
     values.remove(0);
     vectors.remove(0);
+    // Without the constant, which may belong to a cluster of constants on parts.
+    let shifted = clusters
+        .into_iter()
+        .map(|c| c.start.saturating_sub(1)..c.end - 1);
     Ok(Modes {
         values,
         vectors,
+        clusters: shifted.filter(|c| c.len() > 1).collect(),
         report,
     })
 }
