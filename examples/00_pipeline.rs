@@ -4,14 +4,22 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon, MeshArgs, Region, VolumeArgs};
-use biogeom_examples::input::source::SourceArgs;
-use biogeom_examples::labels::LabelArgs;
+use biogeom_examples::batch::{Batch, BatchArgs};
+use biogeom_examples::input::labels::LabelArgs;
+use biogeom_examples::input::source::{Source, SourceArgs};
+use biogeom_examples::input::tmesh::{ElementArgs, Input, Made};
+use biogeom_examples::steps::spline::{self, Product};
+use biogeom_examples::steps::{self, elements, modes, pockets, quads, segments};
 use biogeom_examples::{Failure, Session, products};
-use clap::Parser;
+use clap::{Parser, ValueEnum};
+use gauss_density::{Model, sample};
+use geom_core::{Structure, TriMesh};
 use serde::Serialize;
+use tspline::Basis;
+use tspline::surface::fit::FitOptions;
 
 /// From atoms or a grid to a quality tetrahedral mesh, inside and outside of the molecule's surface
-#[derive(Parser, Serialize)]
+#[derive(Clone, Parser, Serialize)]
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     #[command(flatten)]
@@ -20,6 +28,10 @@ struct Args {
     mesh: MeshArgs,
     #[command(flatten)]
     volume: VolumeArgs,
+    /// What to make: tets (with their surface), surface (alone), density, modes, quads, tmesh, spline, segments, pockets, or
+    /// all of them. Each of the last seven has a folder of its own and is done as its program does it by default
+    #[arg(long, value_name = "STAGES", value_enum, value_delimiter = ',', hide_possible_values = true, default_values_t = [Stage::Tets])]
+    stages: Vec<Stage>,
     /// Let no walls of gaps that are not meshed cross, for programs that take the surface further; takes
     /// up to three times as long
     #[arg(long)]
@@ -27,8 +39,50 @@ struct Args {
     #[command(flatten)]
     labels: LabelArgs,
     #[command(flatten)]
+    #[serde(skip)]
+    batch: BatchArgs,
+    #[command(flatten)]
     common: Common,
 }
+
+/// What the pipeline makes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum Stage {
+    /// A density map: as `01_density`
+    Density,
+    /// A surface of triangles: as `02_surface`, or the skin of the tetrahedra
+    Surface,
+    /// Tetrahedra, improved
+    Tets,
+    /// Eigenfunctions: as `06_modes`
+    Modes,
+    /// Quads: as `08_quads`
+    Quads,
+    /// A T-mesh, coarse where the surface is flat: as `10_tmesh --levels curvature`
+    Tmesh,
+    /// A spline surface on that: as `11_tspline --levels curvature`
+    Spline,
+    /// Segments: as `15_segment`
+    Segments,
+    /// Pockets: as `16_pockets`
+    Pockets,
+    /// All of them that the input allows
+    All,
+}
+
+/// The options that only tetrahedra have.
+const OF_VOLUMES: [&str; 9] = [
+    "region",
+    "outer",
+    "slab",
+    "cylinder",
+    "ball",
+    "cuboid",
+    "membrane",
+    "separate_exterior",
+    "keep_apart",
+];
 
 const EXAMPLES: &str = "\
 Examples:
@@ -39,6 +93,8 @@ Examples:
   00_pipeline 1su4.pdb --region both --spacing 0.8 --residue-power 0.25 --out both
   00_pipeline 2nwl_opm.pdb --membrane --region both --outer box:1.5 --out membrane
   00_pipeline 1ajj.pdb --region both --spacing 0.5 --max-cell 2 --out study
+  00_pipeline 1ajj.pdb --stages all --spacing 1 --out everything
+  00_pipeline structures/ --shard 2/8 --no-pictures --out all
 
 Materials get the region numbers 2, 3, … in the order cylinders, balls, boxes, slabs; where they overlap
 the first one counts, and the molecule (1) before all.
@@ -57,17 +113,144 @@ impl HasCommon for Args {
     }
 }
 
+impl Batch for Args {
+    fn batch(&self) -> &BatchArgs {
+        &self.batch
+    }
+    fn parts_mut(&mut self) -> (&mut PathBuf, &mut Common) {
+        (&mut self.source.input, &mut self.common)
+    }
+}
+
 fn main() -> ExitCode {
-    biogeom_examples::run("00_pipeline", pipeline)
+    biogeom_examples::run_each("00_pipeline", pipeline)
 }
 
 fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
+    let wants = |stage| args.stages.contains(&stage) || args.stages.contains(&Stage::All);
+    if !wants(Stage::Tets) {
+        session.refuse(&OF_VOLUMES, "is for --stages tets")?;
+    }
     if matches!(args.volume.region, Region::Both) {
         session.refuse(&["keep_apart"], "is for --region interior and exterior")?;
     }
     let source = args.source.read(session)?;
+    let structure = source.structure();
+    if structure.is_none() {
+        for (stage, name) in [(Stage::Density, "density"), (Stage::Pockets, "pockets")] {
+            if args.stages.contains(&stage) {
+                return Err(
+                    format!("--stages {name} is for structures, and the input is a grid").into(),
+                );
+            }
+        }
+    }
+    if let Some(structure) = structure.filter(|_| wants(Stage::Density)) {
+        session.part("density", || density(args, session, structure))?;
+    }
+
+    // The surface on which the others work is the skin of the tetrahedra if there are some.
+    let of_surface = [
+        Stage::Surface,
+        Stage::Modes,
+        Stage::Quads,
+        Stage::Tmesh,
+        Stage::Spline,
+        Stage::Segments,
+    ];
+    let surface = if wants(Stage::Tets) {
+        tetrahedra(args, session, &source)?
+    } else if of_surface.into_iter().any(wants) {
+        surface(args, session, &source, wants(Stage::Surface))?
+    } else {
+        TriMesh::default()
+    };
+    if wants(Stage::Modes) {
+        let asked = modes::Settings::default();
+        session.part("modes", || modes::run(session, &largest(&surface)?, &asked))?;
+    }
+    if wants(Stage::Quads) {
+        let asked = crossfield::Options::default();
+        session.part("quads", || quads::run(session, &surface, &asked))?;
+    }
+    if wants(Stage::Tmesh) || wants(Stage::Spline) {
+        let input = Input::of_surface(surface.clone(), structure.cloned());
+        let made = session.part("tmesh", || {
+            let made = ElementArgs::by_curvature().make(input, session)?;
+            if wants(Stage::Tmesh) {
+                session.files(5, || elements::save(session, &made))?;
+            }
+            Ok(made)
+        })?;
+        if wants(Stage::Spline) {
+            session.part("spline", || spline_of(session, made))?;
+        }
+    }
+    if wants(Stage::Segments) {
+        session.part("segments", || {
+            let asked = segments::Settings::default();
+            let done = segments::of_triangles(session, largest(&surface)?, &asked)?;
+            segments::finish(session, &done, MODES)
+        })?;
+    }
+    if let Some(structure) = structure.filter(|_| wants(Stage::Pockets)) {
+        let (input, asked) = (&args.source.input, pockets::Settings::default());
+        session.part("pockets", || {
+            pockets::run(session, structure, input, &asked)
+        })?;
+    }
+    Ok(())
+}
+
+/// Modes on the contact sheet of the segments.
+const MODES: usize = 8;
+
+/// The component of the largest area: cavities have modes of their own.
+fn largest(surface: &TriMesh) -> Result<TriMesh, Failure> {
+    let first = surface.components().into_iter().next();
+    first.ok_or_else(|| "the surface has no triangles".into())
+}
+
+/// The density on a whole lattice: the other stages need it near the surface only.
+fn density(args: &Args, session: &Session, structure: &Structure) -> Result<(), Failure> {
+    let density = &args.source.density;
+    let model = Model::uniform(structure, &density.model.levels())?;
+    let options = density.options(structure, session);
+    let on = session.on(session.device.density());
+    let sampled = session.stage("density", || sample(&model, &options, on))?;
+    session.note("spacing", options.spacing)?;
+    session.note("density", &sampled.report)?;
+    session.files(2, || steps::density::save(session, &sampled.grid, false))
+}
+
+/// The surface alone.
+fn surface(
+    args: &Args,
+    session: &Session,
+    source: &Source,
+    save: bool,
+) -> Result<TriMesh, Failure> {
     let field = source.field()?;
-    let options = args.volume.options(&args.mesh, &source, session)?;
+    let options = args.mesh.options(source, session)?;
+    let on = session.on(session.device.contour());
+    let made = session.stage("surface", || {
+        dual_contour::surface(&source.values, Some(&field), &options, on)
+    })?;
+    session.note("contour", &made.report)?;
+    products::note_surface(session, &made.mesh)?;
+    if save {
+        let around = args.labels.around(source, &args.source.input);
+        session.files(5, || {
+            products::save_surface(session, "surface", &made.mesh, around)
+        })?;
+    }
+    Ok(made.mesh)
+}
+
+/// Tetrahedra and their skin.
+fn tetrahedra(args: &Args, session: &Session, source: &Source) -> Result<TriMesh, Failure> {
+    let field = source.field()?;
+    let options = args.volume.options(&args.mesh, source, session)?;
     let volume = session.stage("tetrahedra", || {
         dual_contour::volume(
             &source.values,
@@ -105,11 +288,29 @@ fn pipeline(args: &Args, session: &Session) -> Result<(), Failure> {
                     session,
                     "surface",
                     &surface,
-                    args.labels.around(&source, &args.source.input),
+                    args.labels.around(source, &args.source.input),
                 )
             },
             || products::save_volume(session, "volume", &mesh, (&mesh).into(), source.structure()),
         )?;
         products::picture_of_quality(session, "quality", &report.before.all, &report.after.all)
+    })?;
+    Ok(surface)
+}
+
+/// A spline surface with the files that most read.
+fn spline_of(session: &Session, made: Made) -> Result<(), Failure> {
+    let asked = (Basis::Hierarchical, None, 4);
+    let input = &made.input;
+    let (adapted, triangles) =
+        spline::fit(session, made.mesh, input, asked, &FitOptions::default())?;
+    let files = [Product::Vtu, Product::Step, Product::Glb];
+    session.files(1 + files.len() as u64, || {
+        for file in files {
+            spline::save(session, file, &adapted, &triangles, input)?;
+        }
+        session.picture("surface", || {
+            spline::picture(session, &adapted, &triangles, &input.surface)
+        })
     })
 }

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, DensityArgs, HasCommon, ReaderArgs};
-use biogeom_examples::picture::{ColorMap, Scale, sheet, slice};
+use biogeom_examples::steps::density;
 use biogeom_examples::{Failure, Session};
 use clap::Parser;
 use gauss_density::{Model, Options, sample, sample_band};
-use geom_core::{LatticeValues, ScalarGrid, io};
+use geom_core::{LatticeValues, ScalarGrid};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -53,10 +53,10 @@ impl HasCommon for Args {
 }
 
 fn main() -> ExitCode {
-    biogeom_examples::run("01_density", density)
+    biogeom_examples::run("01_density", program)
 }
 
-fn density(args: &Args, session: &Session) -> Result<(), Failure> {
+fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let structure = args.reader.read(session, &args.input)?.structure;
     let model = Model::uniform(&structure, &args.density.model.levels())?;
     let options = args.density.options(&structure, session);
@@ -78,22 +78,7 @@ fn density(args: &Args, session: &Session) -> Result<(), Failure> {
     }
 
     session.files(2 + u64::from(args.dx), || {
-        io::grid::save(session.output("density.mrc")?, grid)?;
-        if args.dx {
-            io::grid::save(session.output("density.dx")?, grid)?;
-        }
-        session.picture("slices", || {
-            let scale = Scale::new(ColorMap::Viridis, [0.0, 2.0], "density G");
-            let pictures: Vec<_> = [("along x", 0), ("along y", 1), ("along z", 2)]
-                .map(|(title, axis)| {
-                    (
-                        title.to_owned(),
-                        slice(grid, grid.lattice(), axis, 0.5, 1.0, &scale, 620),
-                    )
-                })
-                .into();
-            Ok(sheet(&pictures, 3))
-        })
+        density::save(session, grid, args.dx)
     })
 }
 

@@ -4,15 +4,16 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon, MeshArgs};
+use biogeom_examples::batch::{Batch, BatchArgs};
+use biogeom_examples::input::labels::LabelArgs;
 use biogeom_examples::input::source::SourceArgs;
-use biogeom_examples::labels::LabelArgs;
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use dual_contour::surface;
 use serde::Serialize;
 
 /// From atoms or a grid to a closed triangle surface
-#[derive(Parser, Serialize)]
+#[derive(Clone, Parser, Serialize)]
 #[command(version, allow_negative_numbers = true, after_help = EXAMPLES)]
 struct Args {
     #[command(flatten)]
@@ -21,6 +22,9 @@ struct Args {
     mesh: MeshArgs,
     #[command(flatten)]
     labels: LabelArgs,
+    #[command(flatten)]
+    #[serde(skip)]
+    batch: BatchArgs,
     #[command(flatten)]
     common: Common,
 }
@@ -44,8 +48,17 @@ impl HasCommon for Args {
     }
 }
 
+impl Batch for Args {
+    fn batch(&self) -> &BatchArgs {
+        &self.batch
+    }
+    fn parts_mut(&mut self) -> (&mut PathBuf, &mut Common) {
+        (&mut self.source.input, &mut self.common)
+    }
+}
+
 fn main() -> ExitCode {
-    biogeom_examples::run("02_surface", contour)
+    biogeom_examples::run_each("02_surface", contour)
 }
 
 fn contour(args: &Args, session: &Session) -> Result<(), Failure> {

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon, MeshArgs, VolumeArgs};
+use biogeom_examples::input::labels::LabelArgs;
 use biogeom_examples::input::source::SourceArgs;
-use biogeom_examples::labels::LabelArgs;
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use dual_contour::volume;

@@ -68,6 +68,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         session.note("truth", truth.judge(a, b, &found.forward)?)?;
         let places = truth.judge_places(a, b, &found.places(b))?;
         session.note("truth_of_places", places)?;
+        session.note("residue_accuracy", pair.residue_accuracy(&found)?)?;
     }
     session.files(5, || {
         write_matches(args, session, &pair, &found)?;

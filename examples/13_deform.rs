@@ -9,9 +9,9 @@ use biogeom_examples::picture::{Layer, Paint, Scene, View, sheet};
 use biogeom_examples::products::Coloring;
 use biogeom_examples::{Failure, Session, products};
 use clap::{Parser, ValueEnum};
-use geom_core::io::structure::pqr;
+use geom_core::io::structure::{self, pqr};
 use geom_core::io::{self, view::View as Fields};
-use geom_core::{LatticeValues, Point3, Structure, TriMesh, Vector3};
+use geom_core::{Point3, Structure, TriMesh, Vector3};
 use serde::Serialize;
 use serde_json::Value;
 use spectral_corresp::morph::Overlap;
@@ -57,7 +57,8 @@ Examples:
   13_deform open.pdb closed.pdb --out morph
   13_deform open.pdb closed.pdb --times=-0.33,0,0.5,1,1.33 --paths linear --out morph
 
-Outputs: frame_00.glb … (surfaces), frame_00.pqr … (the first structure's atoms, taken along), frames.png (all of them),
+Outputs: frame_00.glb … (surfaces), frame_00.pqr … and morph.cif
+(the first structure's atoms, taken along; viewers play the latter's models), frames.png (all of them),
 frames.vtu (the first surface with its displacements), report.json with volume, stretch and self-overlap of each frame,
 and its difference from the real one.";
 
@@ -142,10 +143,17 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     for (i, &t) in args.times.iter().enumerate() {
         let frame = session.stage("frame", || morph.frame(t, on))?;
         let mut noted = serde_json::to_value(frame.report)?;
+        // How far nodes go from frame to frame: even steps look even.
+        if let (Some((before, _)), Value::Object(noted)) = (frames.last(), &mut noted) {
+            let step = root_mean_square(&before.positions, &frame.positions);
+            noted.insert("step".to_owned(), step.into());
+        }
         if let (Some(path), Value::Object(noted)) = (args.truth_frames.get(i), &mut noted) {
             let field = args.shapes.field(session, path)?;
-            noted.insert("truth".to_owned(), difference(&field, &frame)?);
-            if let Some(rmsd) = rmsd(&pair, &field, &frame)? {
+            let truth = difference(&field, &frame)?;
+            noted.insert("volume_error".to_owned(), truth["epsilon"].clone());
+            noted.insert("truth".to_owned(), truth);
+            if let Some(rmsd) = rmsd(args, &pair, &field, &frame)? {
                 noted.insert("atoms_rmsd".to_owned(), rmsd.into());
             }
             let unchanged = morph.frame(0.0, on)?;
@@ -161,32 +169,17 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     })
 }
 
+/// Of the distances of points from others, one by one.
+fn root_mean_square(a: &[Point3], b: &[Point3]) -> f64 {
+    let squares: f64 = a.iter().zip(b).map(|(p, q)| (p - q).norm_squared()).sum();
+    (squares / a.len().max(1) as f64).sqrt()
+}
+
 /// How far the points of a frame are from those of the real shape. What of it lies beyond the frame's lattice is counted
 /// on that continued.
 fn difference(field: &Field, frame: &Frame) -> Result<Value, Failure> {
-    let lattice = frame.grid.lattice();
-    let bounds = field.bounds();
-    let low = lattice
-        .local(&bounds.min)
-        .map(|c| (c.floor() as i64).min(0));
-    let high = lattice.local(&bounds.max).map(|c| c.ceil() as i64);
-    let high = [0, 1, 2].map(|k| high[k].max(lattice.counts[k] as i64 - 1));
-    let (mut points, mut ours) = (Vec::new(), Vec::new());
-    for k in low[2]..=high[2] {
-        for j in low[1]..=high[1] {
-            for i in low[0]..=high[0] {
-                let p = [i, j, k];
-                let at = [0, 1, 2].map(|a| lattice.origin[a] + lattice.spacing * p[a] as f64);
-                points.push(Point3::from(at));
-                let within = (0..3).all(|a| p[a] >= 0 && p[a] < lattice.counts[a] as i64);
-                ours.push(within && frame.flags[lattice.index(p.map(|c| c as usize))]);
-            }
-        }
-    }
-    Ok(serde_json::to_value(Overlap::of(
-        &field.inside(&points)?,
-        &ours,
-    )?)?)
+    let overlap: Overlap = frame.overlap(&field.bounds(), |points| field.inside(points))?;
+    Ok(serde_json::to_value(overlap)?)
 }
 
 /// The atoms of the first structure, taken along.
@@ -204,14 +197,14 @@ fn carried(pair: &Pair, frame: &Frame) -> Result<Option<Structure>, Failure> {
 }
 
 /// How far they are from the real ones, root mean square, Å; if there are as many.
-fn rmsd(pair: &Pair, real: &Field, frame: &Frame) -> Result<Option<f64>, Failure> {
+fn rmsd(args: &Args, pair: &Pair, real: &Field, frame: &Frame) -> Result<Option<f64>, Failure> {
     let (Some(atoms), Field::Structure(model)) = (carried(pair, frame)?, real) else {
         return Ok(None);
     };
-    let pairs = atoms.atoms().iter().zip(model.centers());
-    let squares: f64 = pairs.map(|(a, c)| (a.position - c).norm_squared()).sum();
-    let count = model.centers().len();
-    Ok((atoms.atoms().len() == count).then(|| (squares / count as f64).sqrt()))
+    let atoms = args.shapes.seen(&atoms);
+    let places: Vec<Point3> = atoms.atoms().iter().map(|a| a.position).collect();
+    let real = model.centers();
+    Ok((places.len() == real.len()).then(|| root_mean_square(&places, real)))
 }
 
 /// Shapes need not be molecules.
@@ -223,7 +216,7 @@ fn measured(volume: f64) -> String {
 }
 
 fn write(session: &Session, pair: &Pair, frames: &[(Frame, TriMesh)]) -> Result<(), Failure> {
-    for (i, (frame, surface)) in frames.iter().enumerate() {
+    for (i, (_, surface)) in frames.iter().enumerate() {
         let name = format!("frame_{i:02}");
         io::mesh::save(
             session.output(format!("{name}.glb"))?,
@@ -231,8 +224,16 @@ fn write(session: &Session, pair: &Pair, frames: &[(Frame, TriMesh)]) -> Result<
         )?;
         let plain = ("plain".to_owned(), Coloring::plain(surface));
         session.show(&name, surface, vec![plain]);
-        if let Some(atoms) = carried(pair, frame)? {
-            pqr::save(session.output(format!("{name}.pqr"))?, &atoms)?;
+    }
+    // The atoms as the models of one file, which viewers play.
+    let atoms = frames.iter().map(|(frame, _)| carried(pair, frame));
+    let atoms: Vec<Structure> = atoms
+        .filter_map(Result::transpose)
+        .collect::<Result<_, Failure>>()?;
+    if !atoms.is_empty() {
+        structure::save_models(session.output("morph.cif")?, &atoms)?;
+        for (i, atoms) in atoms.iter().enumerate() {
+            pqr::save(session.output(format!("frame_{i:02}.pqr"))?, atoms)?;
         }
     }
     let rest = &pair.first.surface;

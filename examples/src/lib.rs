@@ -6,16 +6,18 @@
 //! `report.json`), and pictures, so that each program shows only its crate's own calls.
 
 pub mod args;
+pub mod batch;
 pub mod crosses;
 pub mod input;
-pub mod labels;
 mod page;
 pub mod picture;
 pub mod products;
 pub mod scripts;
 pub mod session;
+pub mod steps;
 mod words;
 
+pub use batch::run_each;
 pub use session::{Failure, Session, run};
 
 #[doc = include_str!("../../README.md")]

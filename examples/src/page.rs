@@ -160,14 +160,15 @@ impl Page {
     }
 
     /// Writes the page of a run with this report, which ended with these words. Surfaces stand in the order of their
-    /// names, whichever was made first.
+    /// names, whichever was made first, those of parts of the run (`part: surface`) behind the others.
     pub(crate) fn save(
         mut self,
         path: &Path,
         report: &Value,
         words: &[String],
     ) -> Result<(), io::Error> {
-        self.surfaces.sort_by(|a, b| a.name.cmp(&b.name));
+        let place = |s: &Surface| (s.name.contains(": "), s.name.clone());
+        self.surfaces.sort_by_key(place);
         let data = serde_json::json!({
             "report": report,
             "words": words,

@@ -13,7 +13,7 @@ use geom_core::{Point3, Structure, TetMesh, TriMesh, mesh};
 use serde_json::json;
 use tet_quality::{Measures, Summary};
 
-use crate::labels::{Around, ColorBy, Labels};
+use crate::input::labels::{Around, ColorBy, Labels};
 use crate::picture::{
     Bars, ColorMap, Image, Layer, Paint, Rgb, Scale, Scene, View, cut_tets, histogram, mix,
     region_color,

@@ -47,22 +47,67 @@ pub fn run<A>(
 where
     A: Parser + HasCommon + Serialize + Sync,
 {
+    start::<A>(|call| {
+        let summary = call.run(program, &call.args, work)?;
+        Ok((summary, ExitCode::SUCCESS))
+    })
+}
+
+/// What a program was called with.
+pub(crate) struct Invocation<A> {
+    pub(crate) args: A,
+    /// The options that the command line names.
+    pub(crate) given: Vec<String>,
+    stop: Arc<AtomicBool>,
+}
+
+impl<A: HasCommon + Serialize + Sync> Invocation<A> {
+    /// Has the work been asked to stop?
+    pub(crate) fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// A run with these arguments. Gives what to say of it.
+    pub(crate) fn run(
+        &self,
+        program: &'static str,
+        args: &A,
+        work: impl FnOnce(&A, &Session) -> Result<(), Failure> + Send,
+    ) -> Result<String, Failure> {
+        run_with(program, args, self.given.clone(), self.stop.clone(), work)
+    }
+}
+
+/// Parses the arguments, heeds signals, and says what the work says, or why it failed.
+pub(crate) fn start<A: Parser + HasCommon>(
+    work: impl FnOnce(Invocation<A>) -> Result<(String, ExitCode), Failure>,
+) -> ExitCode {
     let matches = A::command().get_matches();
     let args = A::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
+    let quiet = args.common().quiet;
     let stop = Arc::<AtomicBool>::default();
     let signal = Arc::<AtomicUsize>::default();
-    let done = heed_signals(&stop, &signal)
-        .and_then(|()| run_with(program, &args, given(&matches), stop, work));
+    let done = heed_signals(&stop, &signal).and_then(|()| {
+        work(Invocation {
+            args,
+            given: given(&matches),
+            stop,
+        })
+    });
     match done {
-        Ok(summary) => {
-            if !args.common().quiet {
+        Ok((summary, code)) => {
+            if !quiet {
                 // A reader that has gone misses the words, not the files.
                 let _ = writeln!(std::io::stdout(), "{summary}");
             }
-            ExitCode::SUCCESS
+            code
         }
         Err(failure) => {
-            complain(&failure.to_string());
+            let _ = writeln!(
+                std::io::stderr(),
+                "error: {}",
+                one_line(&failure.to_string())
+            );
             match signal.load(Ordering::Relaxed) {
                 0 => ExitCode::FAILURE,
                 number => ExitCode::from(128 + number as u8),
@@ -89,13 +134,10 @@ fn heed_signals(stop: &Arc<AtomicBool>, number: &Arc<AtomicUsize>) -> Result<(),
     Ok(())
 }
 
-fn complain(text: &str) {
-    let lines: Vec<&str> = text
-        .lines()
-        .map(str::trim)
-        .filter(|l| !l.is_empty())
-        .collect();
-    let _ = writeln!(std::io::stderr(), "error: {}", lines.join("; "));
+/// A message without line breaks.
+pub(crate) fn one_line(text: &str) -> String {
+    let lines = text.lines().map(str::trim).filter(|l| !l.is_empty());
+    lines.collect::<Vec<&str>>().join("; ")
 }
 
 /// The options that the command line names, by the names of their fields.
@@ -259,6 +301,8 @@ pub struct Session {
     rasterizer: OnceLock<Rasterizer>,
     page: Mutex<Page>,
     report: Mutex<Report>,
+    /// Which part of the work is being done: see [`Session::part`].
+    part: Mutex<Option<&'static str>>,
 }
 
 #[derive(Serialize)]
@@ -277,6 +321,8 @@ struct Report {
 
 #[derive(Serialize)]
 struct Stage {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    part: Option<&'static str>,
     name: &'static str,
     seconds: f64,
 }
@@ -311,6 +357,7 @@ impl Session {
             rasterizer: OnceLock::new(),
             page: Mutex::default(),
             report: Mutex::new(report),
+            part: Mutex::default(),
         })
     }
 
@@ -351,18 +398,63 @@ impl Session {
         let result = work();
         let seconds = start.elapsed().as_secs_f64();
         self.bars.end(name, seconds);
-        self.report().stages.push(Stage { name, seconds });
+        let part = self.current();
+        self.report().stages.push(Stage {
+            part,
+            name,
+            seconds,
+        });
         result.map_err(Into::into)
+    }
+
+    /// Does a part of the work that could be a run of its own: its outputs go to a folder of this name, its notes to an
+    /// object of this name in `report.json`.
+    pub fn part<T>(
+        &self,
+        name: &'static str,
+        work: impl FnOnce() -> Result<T, Failure>,
+    ) -> Result<T, Failure> {
+        let before = self.enter(Some(name));
+        let result = work();
+        self.enter(before);
+        result
+    }
+
+    fn enter(&self, part: Option<&'static str>) -> Option<&'static str> {
+        std::mem::replace(
+            &mut *self.part.lock().unwrap_or_else(|e| e.into_inner()),
+            part,
+        )
+    }
+
+    fn current(&self) -> Option<&'static str> {
+        *self.part.lock().unwrap_or_else(|e| e.into_inner())
+    }
+
+    /// What the page calls what this part of the work shows.
+    fn shown_as(&self, name: &str) -> String {
+        match self.current() {
+            Some(part) if part != name => format!("{part}: {name}"),
+            _ => name.to_owned(),
+        }
     }
 
     /// Puts a value into `report.json`. Objects of the same name are joined.
     pub fn note(&self, key: &str, value: impl Serialize) -> Result<(), Failure> {
         let value = serde_json::to_value(value)?;
+        let part = self.current();
         let mut report = self.report();
-        match (report.notes.get_mut(key), value) {
+        let notes = match part {
+            None => &mut report.notes,
+            Some(part) => {
+                let of_part = report.notes.entry(part).or_insert_with(|| json!({}));
+                of_part.as_object_mut().expect("parts are objects")
+            }
+        };
+        match (notes.get_mut(key), value) {
             (Some(Value::Object(old)), Value::Object(new)) => old.extend(new),
             (_, value) => {
-                report.notes.insert(key.to_owned(), value);
+                notes.insert(key.to_owned(), value);
             }
         }
         Ok(())
@@ -370,7 +462,10 @@ impl Session {
 
     /// Where to write an output of this name. It appears in the output folder when all are written.
     pub fn output(&self, name: impl Into<String>) -> Result<PathBuf, Failure> {
-        let name = name.into();
+        let name = match self.current() {
+            None => name.into(),
+            Some(part) => format!("{part}/{}", name.into()),
+        };
         self.bars.step();
         let mut report = self.report();
         if self.staging.get().is_none() {
@@ -380,6 +475,9 @@ impl Session {
         }
         let staging = self.staging.get().expect("set above");
         let path = staging.folder.path().join(&name);
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).map_err(|e| io::Error::from(e).in_file(folder))?;
+        }
         if !report.outputs.contains(&name) {
             report.outputs.push(name);
         }
@@ -415,14 +513,16 @@ impl Session {
     pub fn show(&self, name: &str, mesh: &TriMesh, colorings: Vec<(String, Coloring)>) {
         if !self.common.no_pictures {
             let (positions, triangles) = (mesh.positions(), mesh.triangles());
-            self.page().add(name, positions, triangles, colorings);
+            let name = self.shown_as(name);
+            self.page().add(&name, positions, triangles, colorings);
         }
     }
 
     /// Puts on the page what a picture shows, to be turned.
     pub fn show_scene(&self, name: &str, scene: &Scene) {
         if !self.common.no_pictures {
-            self.page().add_scene(name, scene);
+            let name = self.shown_as(name);
+            self.page().add_scene(&name, scene);
         }
     }
 
@@ -552,6 +652,9 @@ impl Staging {
     fn publish(mut self, outputs: &[String]) -> Result<(), Failure> {
         for name in outputs {
             let (from, to) = (self.folder.path().join(name), self.out.join(name));
+            if let Some(folder) = to.parent() {
+                std::fs::create_dir_all(folder).map_err(|e| io::Error::from(e).in_file(folder))?;
+            }
             std::fs::rename(&from, &to).map_err(|e| io::Error::from(e).in_file(&to))?;
         }
         self.made = None;

@@ -8,9 +8,20 @@ use crate::products::{brief, grouped};
 /// Atoms left out, elements and angles, one line each; then the warnings.
 pub(crate) fn lines(notes: &Map<String, Value>) -> Vec<String> {
     let warned = warnings(notes).into_iter().map(|w| format!("warning: {w}"));
+    // What a run of its own would say of a part.
+    let parts = notes.iter().filter_map(|(part, of_part)| {
+        let mut of_part = of_part.as_object()?.clone();
+        // The surface is that of the whole run.
+        of_part
+            .get_mut("counts")?
+            .as_object_mut()?
+            .remove("surface_triangles");
+        Some(format!("{part}: {}", elements(&of_part)?))
+    });
     atoms(notes)
         .into_iter()
         .chain(elements(notes))
+        .chain(parts)
         .chain(warned)
         .collect()
 }
@@ -45,7 +56,11 @@ fn elements(notes: &Map<String, Value>) -> Option<String> {
         ("triangles", "triangles"),
         ("quads", "quads"),
         ("irregular", "irregular vertices"),
-        ("groups", "groups"),
+        ("elements", "elements"),
+        ("t_junctions", "T-junctions"),
+        ("patches", "patches"),
+        ("functions", "functions"),
+        ("segments", "segments"),
         ("pockets", "pockets"),
     ]
     .iter()
@@ -91,7 +106,9 @@ fn warnings(notes: &Map<String, Value>) -> Vec<String> {
     let counts = odd
         .into_iter()
         .filter_map(|(key, what)| Some(format!("{} {what}", counted(&read[key])?)));
-    let said = read["warnings"].as_array().into_iter().flatten();
+    let matched = notes.get("correspondence").unwrap_or(&Value::Null);
+    let said = [read, matched].into_iter();
+    let said = said.flat_map(|of| of["warnings"].as_array().into_iter().flatten());
     let said = said.filter_map(|w| Some(w.as_str()?.to_owned()));
     let surface = notes.get("surface").unwrap_or(&Value::Null);
     let crossings = counted(&surface["crossing_pairs"])
@@ -118,7 +135,8 @@ mod tests {
             "quality": { "after": { "all": {
                 "min_dihedral": { "min": 25.04 }, "max_dihedral": { "max": 141.0 }
             } } },
-            "surface": { "crossing_pairs": 0 }
+            "surface": { "crossing_pairs": 0 },
+            "quads": { "counts": { "quads": 1200, "irregular": 8 } }
         });
         let said = lines(notes.as_object().unwrap());
         assert_eq!(said[0], "1,234 atoms; left out: 56 of waters");
@@ -126,8 +144,9 @@ mod tests {
             said[1],
             "99,999 tetrahedra, 7 triangles of the surface, dihedral angles from 25.0° to 141.0°"
         );
-        assert!(said[2].starts_with("warning: 2 atoms have radius 0"));
-        assert_eq!(said[3..], ["warning: odd"]);
+        assert_eq!(said[2], "quads: 1,200 quads, 8 irregular vertices");
+        assert!(said[3].starts_with("warning: 2 atoms have radius 0"));
+        assert_eq!(said[4..], ["warning: odd"]);
         assert!(lines(&Map::new()).is_empty());
     }
 }

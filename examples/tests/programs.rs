@@ -260,6 +260,69 @@ fn the_pipeline_gives_the_same_valid_mesh_for_any_number_of_threads() {
 }
 
 /// The pipeline takes all that the mesher takes: materials, an outer box, cells of a largest size, grids.
+/// One call through all crates: each stage has its folder and its notes, and the page shows all of them.
+#[test]
+fn the_pipeline_goes_through_all_stages() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("one.pdb");
+    std::fs::write(&input, ATOM).unwrap();
+    let out = folder.path().join("all");
+    let args = [input.to_str().unwrap(), "--no-pictures", "--stages", "all"];
+    let output = run("00_pipeline", &args, &out);
+    let said = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+    assert!(output.status.success(), "{said}");
+    for file in [
+        "volume.vtu",
+        "density/density.mrc",
+        "modes/modes.vtu",
+        "quads/quads.obj",
+        "tmesh/tmesh.json",
+        "spline/surface.step",
+        "segments/segments.seg",
+        "pockets/pockets.csv",
+    ] {
+        assert!(out.join(file).exists(), "{file}: {said}");
+    }
+    let report = std::fs::read(out.join("report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    assert_eq!(report["quads"]["scaled_jacobian"]["below_0_3"], 0);
+    assert!(report["spline"]["error"]["rms"].as_f64().unwrap() < 0.01);
+    assert!(
+        said.contains("quads: ") && said.contains("spline: "),
+        "{said}"
+    );
+
+    // Some of them, without tetrahedra, on one page; what does not fit together is said.
+    let some = folder.path().join("some");
+    let args = [
+        args[0],
+        "--spacing",
+        "0.7",
+        "--renderer",
+        "cpu",
+        "--stages",
+        "surface,quads",
+    ];
+    assert!(run("00_pipeline", &args, &some).status.success());
+    assert!(some.join("surface.ply").exists() && !some.join("volume.vtu").exists());
+    let page = page_of(&some);
+    let surfaces = page["surfaces"].as_array().unwrap();
+    let names: Vec<_> = surfaces.iter().map(|s| &s["name"]).collect();
+    assert_eq!(names, ["quads", "surface"]);
+    assert_png(some.join("quads/quads.png"));
+    let refused = |more: &[&str]| {
+        let output = run(
+            "00_pipeline",
+            &[&args[..1], more].concat(),
+            &folder.path().join("no"),
+        );
+        assert_eq!(output.status.code(), Some(1));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let said = refused(&["--stages", "modes", "--membrane"]);
+    assert!(said.contains("--membrane is for --stages tets"), "{said}");
+}
+
 #[test]
 fn the_pipeline_improves_materials_and_maps() {
     let folder = tempfile::tempdir().unwrap();
@@ -834,7 +897,7 @@ fn a_shape_is_morphed_into_itself_and_does_not_differ_from_it() {
         files.remove("report.json");
         outputs.push(files);
     }
-    assert!(outputs[0].len() == 7 && outputs[0] == outputs[1]);
+    assert!(outputs[0].len() == 8 && outputs[0] == outputs[1]);
     let args = [&*input, &*input, "--truth-frames", &*input];
     let refused = run("13_deform", &args, &folder.path().join("refused"));
     let says = String::from_utf8_lossy(&refused.stderr).into_owned();
@@ -890,6 +953,89 @@ fn what_unpacks_beyond_the_memory_is_refused() {
 }
 
 /// The folder of a run that was killed goes with the next run, that of a living one stays.
+#[test]
+fn many_inputs_each_have_their_folder_and_their_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let (inputs, out) = (folder.path().join("in"), folder.path().join("out"));
+    std::fs::create_dir_all(inputs.join("ab")).unwrap();
+    for file in ["one.pdb", "two.pdb", "ab/three.pdb"] {
+        std::fs::write(inputs.join(file), ATOM).unwrap();
+    }
+    std::fs::write(inputs.join("bad.pdb"), "ATOM nonsense\n").unwrap();
+    std::fs::write(inputs.join("notes.txt"), "no structure").unwrap();
+    let call = |more: &[&str]| {
+        let args = [&[inputs.to_str().unwrap(), "--no-pictures"], more].concat();
+        let output = run("02_surface", &args, &out);
+        let said = [output.stdout, output.stderr].concat();
+        (output.status.code(), String::from_utf8(said).unwrap())
+    };
+    let lines = |file: &str| -> Vec<Value> {
+        let text = std::fs::read_to_string(out.join(file)).unwrap();
+        text.lines()
+            .map(|l| serde_json::from_str(l).unwrap())
+            .collect()
+    };
+
+    // The first of two shards; its names in order: ab/three, bad, one, two.
+    let (code, said) = call(&["--shard", "1/2"]);
+    assert_eq!(code, Some(0), "{said}");
+    let first = lines("results-1-of-2.jsonl");
+    assert_eq!(first[0]["program"], "02_surface");
+    let outcomes: Vec<_> = first[1..]
+        .iter()
+        .map(|l| (&l["name"], &l["outcome"]))
+        .collect();
+    let (begun, done) = (json!("begun"), json!("done"));
+    let [three, one] = ["ab/three", "one"].map(|n| json!(n));
+    assert_eq!(
+        outcomes,
+        [
+            (&three, &begun),
+            (&three, &done),
+            (&one, &begun),
+            (&one, &done)
+        ]
+    );
+    assert!(first[2]["counts"]["surface_triangles"].as_u64().unwrap() > 100);
+    assert!(out.join("ab/three/surface.ply").exists());
+
+    // All: what is done stays, the bad one does not stop the others, and is not tried twice.
+    for tried in [2, 0] {
+        let (code, said) = call(&[]);
+        assert_eq!(code, Some(3), "{said}");
+        assert!(
+            said.contains(&format!("{} done before", 4 - 1 - tried / 2)),
+            "{said}"
+        );
+        assert!(said.contains("bad: ") && said.contains("line 1"), "{said}");
+    }
+    assert_eq!(lines("results.jsonl").len(), 1 + 2 + 2);
+    assert!(out.join("two/surface.ply").exists() && !out.join("bad").exists());
+    // Mended, and tried again; an input within which a run was killed counts as refused until then.
+    std::fs::write(inputs.join("bad.pdb"), ATOM).unwrap();
+    let killed = json!({"name": "one", "input": "one.pdb", "outcome": "begun"});
+    let all = out.join("results.jsonl");
+    let text = std::fs::read_to_string(&all).unwrap();
+    std::fs::write(&all, format!("{text}{killed}\n")).unwrap();
+    let (code, said) = call(&[]);
+    assert!(
+        code == Some(3) && said.contains("one: the run ended within this input"),
+        "{said}"
+    );
+    let (code, said) = call(&["--retry"]);
+    assert_eq!(code, Some(0), "{said}");
+
+    // Other options need another folder.
+    let (code, said) = call(&["--decay", "0.4"]);
+    assert!(code == Some(1) && said.contains("other options"), "{said}");
+    let output = run(
+        "02_surface",
+        &[inputs.join("one.pdb").to_str().unwrap(), "--retry"],
+        &out,
+    );
+    assert_eq!(output.status.code(), Some(1));
+}
+
 #[test]
 fn what_killed_runs_left_is_cleared() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,6 @@
 //! What a program works on: a file's structure or grid, its surface, two shapes, a T-mesh.
 
+pub mod labels;
 pub mod shapes;
 pub mod source;
 pub mod surface;

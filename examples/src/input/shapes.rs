@@ -7,11 +7,12 @@ use gauss_density::{Cutoff, Levels, Model, PointSampler, sample};
 use geom_core::algebra::graph::Neighbours;
 use geom_core::io::{self, structure};
 use geom_core::search::nearest::PointTree;
+use geom_core::structure::Element;
 use geom_core::{Aabb, ImplicitField, Point3, ScalarGrid, Structure, TriMesh};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::json;
-use spectral_corresp::correspond::Embedding;
+use spectral_corresp::correspond::{Embedding, expected_bytes};
 use spectral_corresp::options::Components;
 use spectral_corresp::{
     Correspondence, Directions, MatchOptions, Refine, ShapeOptions, Start, Truth, VoxelShape,
@@ -40,6 +41,9 @@ pub struct ShapeArgs {
     /// Structures: power per residue
     #[arg(long, value_name = "P", default_value_t = Levels::default().residue_power, help_heading = "Shapes")]
     pub residue_power: f64,
+    /// Structures: hydrogens count for the shape, too; without them it follows motions better
+    #[arg(long, conflicts_with = "no_hydrogens", help_heading = "Shapes")]
+    pub hydrogens: bool,
     /// Grids: the value on the surface; inside it is larger
     #[arg(long, value_name = "VALUE", help_heading = "Shapes")]
     pub isovalue: Option<f64>,
@@ -65,6 +69,12 @@ pub struct ShapeArgs {
     pub reader: ReaderArgs,
 }
 
+/// Shapes whose volumes differ by more than this share were not made alike, or are not alike.
+const UNLIKE: f64 = 0.12;
+/// A shape of which more than this share is boundary has little inside.
+const POROUS: f64 = 0.5;
+/// Boundary points farther from their partners than this have none, Å.
+const UNMATCHED: f64 = 4.0;
 /// The smoothness of a structure's shape: side chains, which move, do not count.
 const DECAY: f64 = 0.3;
 /// The spacing of structures, Å, which is also what all lengths of the method are measured by.
@@ -200,7 +210,7 @@ fn kind(path: &Path) -> Kind {
 }
 
 /// The options of structures; the rest of those of the reader stands in [`crate::input::source::OF_STRUCTURES`].
-const OF_STRUCTURES: [&str; 2] = ["decay", "residue_power"];
+const OF_STRUCTURES: [&str; 3] = ["decay", "residue_power", "hydrogens"];
 
 impl ShapeArgs {
     /// The input files.
@@ -317,8 +327,16 @@ impl ShapeArgs {
             residue_power: self.residue_power,
             ..Levels::default()
         };
-        let model = Model::uniform(&read.structure, &levels)?;
+        let model = Model::uniform(&self.seen(&read.structure), &levels)?;
         Ok((read.structure, model))
+    }
+
+    /// The atoms of which shapes are made.
+    pub fn seen(&self, structure: &Structure) -> Structure {
+        match self.hydrogens {
+            true => structure.clone(),
+            false => heavy(structure),
+        }
     }
 
     /// The field of which a shape would be made, to ask which points lie inside.
@@ -515,10 +533,30 @@ impl Pair {
         };
         Ok(truth(a, b)?)
     }
+
+    /// The share of boundary points of the first shape whose partners belong to the same residue, of structures with the same
+    /// atoms.
+    pub fn residue_accuracy(&self, found: &Correspondence) -> Result<f64, Failure> {
+        let truth = self.truth()?;
+        let mut residues = Vec::new();
+        if let Some(atoms) = self.first.structure.as_ref().map(heavy) {
+            let all = (0u32..).zip(0..atoms.residues().len());
+            let each = all.flat_map(|(r, at)| atoms.residue_atoms(at).map(move |_| r));
+            residues.extend(each);
+        }
+        let (a, b) = (&self.first.shape, &self.second.shape);
+        Ok(truth.residue_accuracy(&residues, a, b, &found.forward)?)
+    }
 }
 
-/// Where the atoms of a structure are in another, which must have the same in the same order.
+/// All atoms but hydrogens.
+fn heavy(structure: &Structure) -> Structure {
+    structure.filter(|atom| structure.atoms()[atom].element != Element::HYDROGEN)
+}
+
+/// Where the atoms of a structure, but for hydrogens, are in another, which must have the same in the same order.
 pub fn truth(a: &Structure, b: &Structure) -> Result<Truth, spectral_corresp::Error> {
+    let (a, b) = (&heavy(a), &heavy(b));
     let points = |s: &Structure| -> Vec<Point3> { s.atoms().iter().map(|a| a.position).collect() };
     let radii: Vec<f64> = a.atoms().iter().map(|a| a.radius).collect();
     Truth::new(&points(a), &radii, &points(b))
@@ -625,16 +663,55 @@ impl MatchArgs {
         })
     }
 
+    /// What may spoil a match, or what is odd about it.
+    fn warnings(&self, pair: &Pair, found: &Correspondence) -> Vec<String> {
+        let (a, b) = (&pair.first.shape, &pair.second.shape);
+        let mut warnings = Vec::new();
+        let ratio = a.volume() / b.volume();
+        if !(1.0 - UNLIKE..=1.0 / (1.0 - UNLIKE)).contains(&ratio) {
+            let percent = 100.0 * (1.0 - ratio.min(1.0 / ratio));
+            warnings.push(format!(
+                "the volumes of the shapes differ by {percent:.0} %: shapes made alike (of one decay, one resolution) match \
+                 better, and only for those is the verdict calibrated"
+            ));
+        }
+        for (name, shape) in [("first", a), ("second", b)] {
+            let share = shape.report().boundary_share;
+            if share > POROUS {
+                warnings.push(format!(
+                    "{:.0} % of the points of the {name} shape lie on its boundary: a smaller --spacing or --decay shows \
+                     more of its inside",
+                    100.0 * share
+                ));
+            }
+        }
+        if found.mirrored {
+            let says = "the mirror image of the first shape fits the second one better than the shape itself";
+            warnings.push(says.to_owned());
+        }
+        warnings
+    }
+
     /// Seeks the correspondence, as a stage of the session, and notes it.
     pub fn find(&self, pair: &Pair, session: &Session) -> Result<Correspondence, Failure> {
-        let options = self.options(pair)?;
+        let options = MatchOptions {
+            max_memory: session.memory(),
+            ..self.options(pair)?
+        };
+        let bytes = expected_bytes(&pair.first.shape, &pair.second.shape);
+        session.note("expected_bytes", bytes)?;
         let on = session.on(session.device.corresp());
         let found = session.stage("correspondence", || {
             correspond(&pair.first.shape, &pair.second.shape, &options, on)
         })?;
+        let unmatched = found.unmatched(UNMATCHED * options.unit);
+        let unmatched = unmatched.iter().filter(|u| **u).count() as f64 / unmatched.len() as f64;
         session.note(
             "correspondence",
             json!({
+                "warnings": self.warnings(pair, &found),
+                "mirrored": found.mirrored,
+                "unmatched": unmatched,
                 "verdict": found.verdict,
                 "score": found.score,
                 "coverage": found.coverage,

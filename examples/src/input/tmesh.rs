@@ -18,8 +18,8 @@ use tspline::{CleanOptions, Improved, Method, QualityOptions, TMesh, TMeshOption
 
 use super::surface;
 use crate::crosses::{self, Guide, Mode};
+use crate::input::labels::Labels;
 use crate::input::source::{OF_STRUCTURES, SourceArgs, extension};
-use crate::labels::Labels;
 use crate::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
 use crate::{Failure, Session, products};
 
@@ -28,6 +28,14 @@ use crate::{Failure, Session, products};
 pub struct TMeshArgs {
     #[command(flatten)]
     source: SourceArgs,
+    #[command(flatten)]
+    #[serde(flatten)]
+    elements: ElementArgs,
+}
+
+/// What elements are wanted of a surface.
+#[derive(Clone, Debug, Args, Serialize)]
+pub struct ElementArgs {
     /// How many quads of the finest level the whole surface would have [default: a third of the triangles; a mesh of quads
     /// has its own, cut into four for each level]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
@@ -58,6 +66,23 @@ pub struct TMeshArgs {
     /// Leave the vertices where the quads have them
     #[arg(long)]
     raw: bool,
+}
+
+impl ElementArgs {
+    /// Larger ones where the surface is flat, everything else as the programs do without being told.
+    pub fn by_curvature() -> Self {
+        Self {
+            quads: None,
+            levels: Some(Wanted::Curvature),
+            coarsest: 2,
+            turn: 30.0,
+            crease: None,
+            guide: Guide::default(),
+            mode: Mode::default(),
+            method: MethodName::default(),
+            raw: false,
+        }
+    }
 }
 
 /// Names of [`Method`].
@@ -157,6 +182,17 @@ pub struct Input {
 }
 
 impl Input {
+    /// The surface of a structure, if it is one.
+    pub fn of_surface(surface: TriMesh, structure: Option<Structure>) -> Self {
+        Self {
+            surface,
+            quads: None,
+            fields: Vec::new(),
+            cell_fields: Vec::new(),
+            structure,
+        }
+    }
+
     /// What the input says of the middle of each element: atom, residue and chain of structures, scalars of meshes, those of
     /// points linear between them.
     pub fn carried(&self, mesh: &TMesh) -> Result<Vec<(String, Vec<f64>)>, Failure> {
@@ -213,8 +249,55 @@ impl TMeshArgs {
 
     /// Reads the input and makes a T-mesh of it; notes counts and quality.
     pub fn make(&self, session: &Session) -> Result<Made, Failure> {
-        self.refuse(session)?;
-        let input = self.read(session)?;
+        self.elements.refuse(session)?;
+        self.elements.make(self.read(session)?, session)
+    }
+
+    fn read(&self, session: &Session) -> Result<Input, Failure> {
+        let path = &self.source.input;
+        let kind = extension(path);
+        if !matches!(
+            kind.as_str(),
+            "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb"
+        ) {
+            let (surface, structure) = surface::with_structure(&self.source, session)?;
+            return Ok(Input::of_surface(surface, structure));
+        }
+        session.refuse(&OF_STRUCTURES, "is for structures, and the input is a mesh")?;
+        let of_grids = ["isovalue", "enclosed_volume"];
+        session.refuse(&of_grids, "is for grids, and the input is a mesh")?;
+        let file = session.stage("reading", || io::mesh::read_up_to(path, session.memory()))?;
+        let quads = match &file.mesh {
+            AnyMesh::Quad(quads) => Some(quads.clone()),
+            _ => None,
+        };
+        if quads.is_some() {
+            session.refuse(
+                &["guide"],
+                "is for triangles, and the input has quads already",
+            )?;
+            session.refuse(
+                &["quads"],
+                "is for triangles, and the input has quads already",
+            )?;
+        }
+        let (fields, cell_fields) = match &file.mesh {
+            AnyMesh::Tet(_) => (Vec::new(), Vec::new()),
+            _ => (file.point_fields, file.cell_fields),
+        };
+        Ok(Input {
+            surface: file.mesh.into_triangles(),
+            quads,
+            fields,
+            cell_fields,
+            structure: None,
+        })
+    }
+}
+
+impl ElementArgs {
+    /// Makes a T-mesh of a surface; notes counts and quality.
+    pub fn make(&self, input: Input, session: &Session) -> Result<Made, Failure> {
         products::note_surface(session, &input.surface)?;
         let fine = self.fine_quads(&input, session)?;
         let allowed = session.stage("levels", || self.allowed(&input, &fine))?;
@@ -268,53 +351,6 @@ impl TMeshArgs {
             Some(Wanted::Near(_, pairs)) => pairs.iter().map(|p| p.1).max().unwrap_or(0),
             Some(Wanted::Curvature | Wanted::Field(_)) => self.coarsest,
         }
-    }
-
-    fn read(&self, session: &Session) -> Result<Input, Failure> {
-        let path = &self.source.input;
-        let kind = extension(path);
-        if !matches!(
-            kind.as_str(),
-            "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb"
-        ) {
-            let (surface, structure) = surface::with_structure(&self.source, session)?;
-            return Ok(Input {
-                surface,
-                quads: None,
-                fields: Vec::new(),
-                cell_fields: Vec::new(),
-                structure,
-            });
-        }
-        session.refuse(&OF_STRUCTURES, "is for structures, and the input is a mesh")?;
-        let of_grids = ["isovalue", "enclosed_volume"];
-        session.refuse(&of_grids, "is for grids, and the input is a mesh")?;
-        let file = session.stage("reading", || io::mesh::read_up_to(path, session.memory()))?;
-        let quads = match &file.mesh {
-            AnyMesh::Quad(quads) => Some(quads.clone()),
-            _ => None,
-        };
-        if quads.is_some() {
-            session.refuse(
-                &["guide"],
-                "is for triangles, and the input has quads already",
-            )?;
-            session.refuse(
-                &["quads"],
-                "is for triangles, and the input has quads already",
-            )?;
-        }
-        let (fields, cell_fields) = match &file.mesh {
-            AnyMesh::Tet(_) => (Vec::new(), Vec::new()),
-            _ => (file.point_fields, file.cell_fields),
-        };
-        Ok(Input {
-            surface: file.mesh.into_triangles(),
-            quads,
-            fields,
-            cell_fields,
-            structure: None,
-        })
     }
 
     /// The quads of the finest level, in squares of the coarsest as far as possible.
