@@ -25,7 +25,9 @@ fn matching(c: &mut Criterion) {
     let grid = sample(&model, &options, Run::on(&Cpu))
         .expect("a density")
         .grid;
-    let make = || VoxelShape::of_grid(&grid, 1.0, &ShapeOptions::default()).expect("a shape");
+    let make = || {
+        VoxelShape::of_grid(&grid, 1.0, &ShapeOptions::default(), Run::on(&Cpu)).expect("a shape")
+    };
     group.bench_function("shape, 1hvr at 1.5 Å", |b| b.iter(make));
     let shape = make();
     group.bench_function("8 modes", |b| {

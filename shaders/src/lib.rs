@@ -191,6 +191,20 @@ pub const TSPLINE_BEZIER_SAMPLES: Shader = Shader {
 
 // ── spectral-corresp
 
+/// `spectral-corresp`: a pass of the exact distance transform.
+pub const SPECTRAL_CORRESP_DISTANCES: Shader = Shader {
+    name: "spectral_corresp_distances",
+    source: joined!("spectral_corresp/distances"),
+    workgroup: [64, 1, 1],
+};
+
+/// `spectral-corresp`: histograms of the nodes around each node.
+pub const SPECTRAL_CORRESP_HISTOGRAMS: Shader = Shader {
+    name: "spectral_corresp_histograms",
+    source: joined!("spectral_corresp/histograms"),
+    workgroup: [64, 1, 1],
+};
+
 /// `spectral-corresp`: the nearest row to each of others.
 pub const SPECTRAL_CORRESP_NEAREST: Shader = Shader {
     name: "spectral_corresp_nearest",
@@ -235,6 +249,8 @@ pub const ALL: &[Shader] = &[
     TSPLINE_CORNER_DISTORTION,
     TSPLINE_BEZIER_POINTS,
     TSPLINE_BEZIER_SAMPLES,
+    SPECTRAL_CORRESP_DISTANCES,
+    SPECTRAL_CORRESP_HISTOGRAMS,
     SPECTRAL_CORRESP_NEAREST,
     SPECTRAL_CORRESP_ROTATIONS,
     SPECTRAL_CORRESP_SWEEP,

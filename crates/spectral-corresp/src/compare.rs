@@ -3,7 +3,7 @@
 use geom_core::{Point3, Run};
 
 use crate::Error;
-use crate::backend::{CorrespBackend, On, RotationTask};
+use crate::backend::{CorrespBackend, Kernels, On, RotationTask};
 use crate::fit::{Neighbourhoods, distortions};
 use crate::options::CompareOptions;
 use crate::shape::{Map, VoxelShape};
@@ -70,7 +70,7 @@ impl CompareReport {
 /// use spectral_corresp::geom_core::{Cpu, Lattice, Point3, Run};
 /// use spectral_corresp::{CompareOptions, Map, ShapeOptions, VoxelShape, compare};
 /// let lattice = Lattice { origin: Point3::origin(), spacing: 1.5, counts: [10, 6, 6] };
-/// let body = VoxelShape::of_flags(&lattice, vec![true; 360], &ShapeOptions::default())?;
+/// let body = VoxelShape::of_flags(&lattice, vec![true; 360], &ShapeOptions::default(), Run::on(&Cpu))?;
 /// let itself = Map::new(&body, &body, (0..body.boundary().len() as u32).collect())?;
 /// let found = compare(&body, &body, &itself, &CompareOptions::default(), Run::on(&Cpu))?;
 /// assert_eq!(found.report.coverage, 1.0);
@@ -111,7 +111,7 @@ fn compared(
         near: &near,
     };
     let mut rotations = Vec::new();
-    run.backend.rotations(&task, &mut rotations)?;
+    run.rotations(&task, &mut rotations)?;
     let distortions: Vec<f64> = distortions(&task, &rotations)
         .into_iter()
         .map(f64::sqrt)

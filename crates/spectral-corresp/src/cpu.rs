@@ -6,8 +6,9 @@ use geom_core::{Cpu, Point3};
 use rayon::prelude::*;
 
 use crate::Error;
-use crate::backend::{CorrespBackend, Nearest, RotationTask, Rows, SweepTask};
+use crate::backend::{CorrespBackend, HistogramTask, Nearest, RotationTask, Rows, SweepTask};
 use crate::fit::{Flat, rotation, swept};
+use crate::shape::distance;
 
 /// Rows wider than this gain nothing from a tree.
 const TREE_WIDTH: usize = 12;
@@ -17,6 +18,21 @@ const LOOKED_AT: usize = 16_384;
 const QUERIES: usize = 64;
 
 impl CorrespBackend for Cpu {
+    fn squared_distances(
+        &self,
+        counts: [usize; 3],
+        inside: &[bool],
+        out: &mut Vec<u32>,
+    ) -> Result<(), Error> {
+        distance::squared_distances(counts, inside, out);
+        Ok(())
+    }
+
+    fn histograms(&self, task: &HistogramTask<'_>, out: &mut Vec<u32>) -> Result<(), Error> {
+        task.counted(out);
+        Ok(())
+    }
+
     fn nearest(
         &self,
         queries: Rows<'_>,

@@ -3,38 +3,28 @@
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Point3, Vector3};
 
-use crate::Error;
-use crate::backend::{Nearest, RotationTask, Rows, SweepTask};
-use crate::fit::Side;
-use crate::options::HistogramOptions;
-use crate::shape::distance;
-use crate::start;
+use crate::backend::{HistogramTask, Nearest, RotationTask, Rows, SweepTask};
 
-/// The rows of the thesis's start without the mode, as the search finds them: of each point, the share of the points within
-/// the radius whose diameter falls into each bar of `range`. Here so that laws can be tested.
-pub fn found_histograms(
-    points: &[Point3],
-    diameters: &[f64],
-    range: [f64; 2],
-    options: &HistogramOptions,
-) -> Result<Vec<f64>, Error> {
-    let side = Side {
-        points: points.to_vec(),
-        normals: vec![Vector3::zeros(); points.len()],
-    };
-    start::histograms(&side, diameters, range, options)
+/// [`CorrespBackend::histograms`](crate::CorrespBackend::histograms) of one node: every node is looked at.
+pub fn histogram(task: &HistogramTask<'_>, node: usize) -> Vec<u32> {
+    let mut row = vec![0; task.bars];
+    for (q, &place) in task.points.iter().zip(task.places) {
+        let steps = task.points[node]
+            .iter()
+            .zip(q)
+            .map(|(a, b)| i64::from(a - b));
+        if steps.map(|d| d * d).sum::<i64>() <= i64::from(task.reach) {
+            // Not above the last bar's middle, where all counts for it.
+            let low = (place / task.one).min(task.bars as u32 - 2);
+            let high = place - low * task.one;
+            row[low as usize] += task.one - high;
+            row[low as usize + 1] += high;
+        }
+    }
+    row
 }
 
-/// The squared distance of each lattice point to the nearest one outside, in spacings, as a
-/// [`VoxelShape`](crate::VoxelShape) finds them: here to be compared with [`squared_distances`].
-pub fn found_squared_distances(counts: [usize; 3], inside: &[bool]) -> Vec<u32> {
-    let found = distance::squared_distances(counts, inside);
-    let [nx, ny, _] = counts;
-    let points = (0..inside.len()).map(|i| [i % nx, i / nx % ny, i / (nx * ny)]);
-    points.map(|p| found[distance::place(counts, p)]).collect()
-}
-
-/// The same by looking at every point outside, and at the first ring of points beyond the lattice.
+/// [`CorrespBackend::squared_distances`](crate::CorrespBackend::squared_distances) by looking at every point outside, and at the first ring of points beyond the lattice.
 pub fn squared_distances(counts: [usize; 3], inside: &[bool]) -> Vec<u32> {
     let [nx, ny, nz] = counts.map(|n| n as i64);
     let is_outside = |[i, j, k]: [i64; 3]| {

@@ -5,16 +5,44 @@ use geom_core::compute::gpu::GpuBuffer;
 use geom_core::compute::parallel;
 use geom_core::nalgebra::{Matrix3, Quaternion, UnitQuaternion};
 use geom_core::shaders::{
-    SPECTRAL_CORRESP_NEAREST, SPECTRAL_CORRESP_ROTATIONS, SPECTRAL_CORRESP_SWEEP,
+    SPECTRAL_CORRESP_DISTANCES, SPECTRAL_CORRESP_HISTOGRAMS, SPECTRAL_CORRESP_NEAREST,
+    SPECTRAL_CORRESP_ROTATIONS, SPECTRAL_CORRESP_SWEEP,
 };
 use geom_core::{GpuContext, GpuError, Point3, Vector3, Wgpu};
+use rayon::prelude::*;
 
 use crate::Error;
-use crate::backend::{CorrespBackend, Nearest, RotationTask, Rows, SweepTask};
+use crate::backend::{CorrespBackend, HistogramTask, Nearest, RotationTask, Rows, SweepTask};
 use crate::fit::Neighbourhoods;
+use crate::start::Cells;
 
 /// Differences of numbers per dispatch: what a driver lets run without a word.
 const DIFFERENCES: usize = 1 << 31;
+
+/// More than any square of a distance on a lattice that fits a buffer, and its sum with one of them has 32 bits.
+const FAR: u32 = 1 << 30;
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct DistancesHead {
+    points: u32,
+    count: u32,
+    stride: u32,
+    unused: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct HistogramsHead {
+    nodes: u32,
+    bars: u32,
+    reach: u32,
+    one: u32,
+    low: [i32; 3],
+    side: i32,
+    cubes: [i32; 3],
+    unused: u32,
+}
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -77,6 +105,85 @@ fn uploaded(gpu: &GpuContext, task: &RotationTask<'_>) -> Result<[GpuBuffer; 5],
 }
 
 impl CorrespBackend for Wgpu {
+    fn squared_distances(
+        &self,
+        counts: [usize; 3],
+        inside: &[bool],
+        out: &mut Vec<u32>,
+    ) -> Result<(), Error> {
+        out.clear();
+        if inside.is_empty() {
+            return Ok(());
+        }
+        let gpu = self.gpu();
+        let far = |&inside: &bool| if inside { FAR } else { 0 };
+        let first: Vec<u32> = inside.par_iter().map(far).collect();
+        let mut buffers = [
+            gpu.upload("squares", &first)?,
+            gpu.output::<u32>("squares", inside.len())?,
+        ];
+        // Nothing goes to and fro between the passes.
+        for (count, stride) in [
+            (counts[0], 1),
+            (counts[1], counts[0]),
+            (counts[2], counts[0] * counts[1]),
+        ] {
+            let head = DistancesHead {
+                points: inside.len() as u32,
+                count: count as u32,
+                stride: stride as u32,
+                unused: 0,
+            };
+            let head = gpu.uniform("task", &head)?;
+            let [before, after] = &buffers;
+            gpu.dispatch(
+                &SPECTRAL_CORRESP_DISTANCES,
+                &[&head, before, after],
+                groups(inside.len()),
+            )?;
+            buffers.swap(0, 1);
+        }
+        *out = gpu.download(&buffers[0])?;
+        Ok(())
+    }
+
+    fn histograms(&self, task: &HistogramTask<'_>, out: &mut Vec<u32>) -> Result<(), Error> {
+        let (gpu, nodes, bars) = (self.gpu(), task.points.len(), task.bars);
+        out.clear();
+        if nodes == 0 {
+            return Ok(());
+        }
+        let cells = Cells::of(task.points, task.reach);
+        let head = HistogramsHead {
+            nodes: nodes as u32,
+            bars: bars as u32,
+            reach: task.reach,
+            one: task.one,
+            low: cells.low,
+            side: cells.side,
+            cubes: cells.counts.map(|n| n as i32),
+            unused: 0,
+        };
+        let row = |&n: &u32| {
+            let [x, y, z] = task.points[n as usize];
+            [x, y, z, task.places[n as usize] as i32]
+        };
+        let points: Vec<[i32; 4]> = cells.order.iter().map(row).collect();
+        let head = gpu.uniform("task", &head)?;
+        let points = gpu.upload("points", &points)?;
+        let starts = gpu.upload("starts", &cells.starts)?;
+        let rows = gpu.output::<u32>("rows", nodes * bars)?;
+        let buffers = [&head, &points, &starts, &rows];
+        // A group per node.
+        gpu.dispatch(&SPECTRAL_CORRESP_HISTOGRAMS, &buffers, groups(64 * nodes))?;
+        out.resize(nodes * bars, 0);
+        let rows = gpu.download::<u32>(&rows)?;
+        for (row, &node) in rows.chunks(bars).zip(&cells.order) {
+            out[node as usize * bars..][..bars].copy_from_slice(row);
+        }
+        Ok(())
+    }
+
     fn nearest(
         &self,
         queries: Rows<'_>,

@@ -1,17 +1,22 @@
 //! Every backend follows the specification; the comparisons can fail; threads do not matter.
 
+use geom_core::algebra::eigen::{
+    self,
+    backend::{Cycle, Multigrid, SpectralBackend},
+};
 use geom_core::compute::random::SplitMix64;
 use geom_core::nalgebra::{Matrix3, Rotation3};
 use geom_core::testing::same_on_any_threads;
-use geom_core::{Cpu, Lattice, Point3, Run, Vector3};
+use geom_core::{Backend, Cpu, Lattice, Point3, Run, Vector3};
 use proptest::prelude::*;
 use spectral_corresp::backend::{
-    CorrespBackend, NEAREST, ROTATIONS, RotationTask, Rows, SWEEP, SweepTask,
+    CorrespBackend, HistogramTask, NEAREST, Nearest, ROTATIONS, RotationTask, Rows, SWEEP,
+    SweepTask,
 };
 use spectral_corresp::fit::Neighbourhoods;
 use spectral_corresp::{
-    CompareOptions, Directions, MatchOptions, Morph, MorphOptions, ShapeOptions, Start, VoxelShape,
-    compare, correspond, specification,
+    CompareOptions, Directions, Error, MatchOptions, Morph, MorphOptions, ShapeOptions, Start,
+    VoxelShape, compare, correspond, specification,
 };
 
 /// Points on the shell of a bent rod, so thick (Å), and where they went: each end turned, and noise.
@@ -140,8 +145,7 @@ fn nearest_agree(backend: &dyn CorrespBackend, seed: u64, counts: [usize; 2], wi
     let reference =
         (0..counts[0]).map(|q| specification::nearest(queries.row(q), targets).unwrap());
     let reference: Vec<_> = reference.collect();
-    let distances =
-        |n: &[spectral_corresp::backend::Nearest]| n.iter().map(|n| n.distance).collect::<Vec<_>>();
+    let distances = |n: &[Nearest]| n.iter().map(|n| n.distance).collect::<Vec<_>>();
     assert_eq!(
         NEAREST.first_break(&distances(&reference), &distances(&found)),
         None
@@ -177,8 +181,80 @@ fn ties(backend: &dyn CorrespBackend) {
     assert!(found.is_empty());
 }
 
+/// Distances and histograms are whole numbers: every backend finds the same.
+fn distances_agree(backend: &dyn CorrespBackend, seed: u64, counts: [usize; 3], share: f64) {
+    let mut random = SplitMix64::new(seed);
+    let points: usize = counts.iter().product();
+    let inside: Vec<bool> = (0..points).map(|_| random.unit() < share).collect();
+    let reference = specification::squared_distances(counts, &inside);
+    let mut found = vec![7; 3];
+    backend
+        .squared_distances(counts, &inside, &mut found)
+        .unwrap();
+    assert_eq!(found, reference, "{counts:?}");
+}
+
+/// Nodes of a lattice in a box of this size, which begins below 0.
+struct Marked {
+    points: Vec<[i32; 3]>,
+    places: Vec<u32>,
+    bars: usize,
+    reach: u32,
+}
+
+fn marked(seed: u64, size: i32, bars: usize, reach: u32) -> Marked {
+    let mut random = SplitMix64::new(seed);
+    let mut axis = |size: i32| (random.unit() * f64::from(size)) as i32 - 5;
+    let mut points: Vec<[i32; 3]> = (0..150)
+        .map(|_| [axis(size), axis(size + 9), axis(7)])
+        .collect();
+    // One that nobody is near to.
+    points.push([4 * size + 200, 0, 0]);
+    let last = (bars as u32 - 1) * ONE;
+    // The ends of the bars, too.
+    let mut places: Vec<u32> = (0..149)
+        .map(|_| (random.unit() * f64::from(last)) as u32)
+        .collect();
+    places.extend([0, last]);
+    Marked {
+        points,
+        places,
+        bars,
+        reach,
+    }
+}
+
+/// What a node counts.
+const ONE: u32 = 1 << 16;
+
+fn histograms_agree(backend: &dyn CorrespBackend, marked: &Marked) {
+    let task = HistogramTask {
+        points: &marked.points,
+        reach: marked.reach,
+        one: ONE,
+        places: &marked.places,
+        bars: marked.bars,
+    };
+    let reference = (0..marked.points.len()).flat_map(|i| specification::histogram(&task, i));
+    let reference: Vec<u32> = reference.collect();
+    let mut found = vec![7; 3];
+    backend.histograms(&task, &mut found).unwrap();
+    assert_eq!(found, reference);
+    let alone = &found[150 * marked.bars..];
+    assert_eq!(alone.iter().sum::<u32>(), ONE);
+}
+
 proptest! {
     #![proptest_config(geom_core::testing::cases(16))]
+
+    #[test]
+    fn distances_and_histograms_of_the_cpu_follow_the_specification(
+        seed: u64, counts in [1usize..15, 1usize..15, 1usize..12], share in 0.7..1.01,
+        size in 1i32..40, bars in 2usize..25, reach in 0u32..900,
+    ) {
+        distances_agree(&Cpu, seed, counts, share);
+        histograms_agree(&Cpu, &marked(seed, size, bars, reach));
+    }
 
     #[test]
     fn the_cpu_follows_the_specification(seed: u64, thick in 0.5..6.0) {
@@ -230,6 +306,159 @@ fn no_row_is_passed_by() {
     }
 }
 
+/// What is wrong with the answers of a backend that else asks the processor.
+#[derive(Clone, Copy)]
+struct Odd {
+    distances: fn(&mut Vec<u32>),
+    bars: fn(&mut Vec<u32>),
+    nearest: fn(&mut Vec<Nearest>),
+    rotations: fn(&mut Vec<Matrix3<f64>>),
+    places: fn(&mut Vec<Point3>),
+}
+
+/// Nothing.
+const PLAIN: Odd = Odd {
+    distances: |_| (),
+    bars: |_| (),
+    nearest: |_| (),
+    rotations: |_| (),
+    places: |_| (),
+};
+
+impl Backend for Odd {
+    fn name(&self) -> String {
+        "odd".to_owned()
+    }
+}
+
+impl SpectralBackend for Odd {
+    fn prepare<'a>(
+        &'a self,
+        hierarchy: &'a Multigrid<'a>,
+    ) -> Result<Box<dyn Cycle + 'a>, eigen::Error> {
+        Cpu.prepare(hierarchy)
+    }
+}
+
+impl CorrespBackend for Odd {
+    fn squared_distances(
+        &self,
+        counts: [usize; 3],
+        inside: &[bool],
+        out: &mut Vec<u32>,
+    ) -> Result<(), Error> {
+        Cpu.squared_distances(counts, inside, out)?;
+        (self.distances)(out);
+        Ok(())
+    }
+    fn histograms(&self, task: &HistogramTask<'_>, out: &mut Vec<u32>) -> Result<(), Error> {
+        Cpu.histograms(task, out)?;
+        (self.bars)(out);
+        Ok(())
+    }
+    fn nearest(
+        &self,
+        queries: Rows<'_>,
+        targets: Rows<'_>,
+        out: &mut Vec<Nearest>,
+    ) -> Result<(), Error> {
+        Cpu.nearest(queries, targets, out)?;
+        (self.nearest)(out);
+        Ok(())
+    }
+    fn rotations(&self, task: &RotationTask<'_>, out: &mut Vec<Matrix3<f64>>) -> Result<(), Error> {
+        Cpu.rotations(task, out)?;
+        (self.rotations)(out);
+        Ok(())
+    }
+    fn sweep(&self, task: &SweepTask<'_>, out: &mut Vec<Point3>) -> Result<(), Error> {
+        Cpu.sweep(task, out)?;
+        (self.places)(out);
+        Ok(())
+    }
+}
+
+/// Answers that do not fit are an error that names the backend.
+#[test]
+fn odd_answers_are_an_error() {
+    let (a, b) = (shape(0), shape(2));
+    let cases: [(Odd, &str); 8] = [
+        (
+            Odd {
+                distances: |d| d.truncate(9),
+                ..PLAIN
+            },
+            "squared distances",
+        ),
+        (
+            Odd {
+                bars: |d| d.push(0),
+                ..PLAIN
+            },
+            "bars",
+        ),
+        (
+            Odd {
+                nearest: Vec::clear,
+                ..PLAIN
+            },
+            "nearest rows",
+        ),
+        (
+            Odd {
+                nearest: |n| n[0].index = u32::MAX,
+                ..PLAIN
+            },
+            "4294967295",
+        ),
+        (
+            Odd {
+                rotations: |r| r.truncate(1),
+                ..PLAIN
+            },
+            "1 rotations",
+        ),
+        (
+            Odd {
+                rotations: |r| r[0][0] = f64::NAN,
+                ..PLAIN
+            },
+            "not finite",
+        ),
+        (
+            Odd {
+                places: Vec::clear,
+                ..PLAIN
+            },
+            "0 places",
+        ),
+        (
+            Odd {
+                places: |p| p[0].x = f64::INFINITY,
+                ..PLAIN
+            },
+            "not finite",
+        ),
+    ];
+    for (odd, what) in cases {
+        let flags = vec![true; 480];
+        let lattice = Lattice {
+            counts: [12, 8, 5],
+            ..*a.lattice()
+        };
+        let made = VoxelShape::of_flags(&lattice, flags, &ShapeOptions::default(), Run::on(&odd));
+        let error = match made {
+            Err(error) => error,
+            Ok(_) => correspond(&a, &b, &options(), Run::on(&odd)).unwrap_err(),
+        };
+        let text = error.to_string();
+        assert!(
+            text.starts_with("odd gave") && text.contains(what),
+            "{text}"
+        );
+    }
+}
+
 /// A T of lattice points, its arm bent by a slant.
 fn shape(slant: usize) -> VoxelShape {
     let lattice = Lattice {
@@ -243,7 +472,13 @@ fn shape(slant: usize) -> VoxelShape {
         let middle = 4 + slant * j / 9;
         bar || (i >= middle && i < middle + 4 && k < 4)
     });
-    VoxelShape::of_flags(&lattice, inside.collect(), &ShapeOptions::default()).unwrap()
+    VoxelShape::of_flags(
+        &lattice,
+        inside.collect(),
+        &ShapeOptions::default(),
+        Run::on(&Cpu),
+    )
+    .unwrap()
 }
 
 /// One start and one way: the others are of the same kernels.
@@ -283,6 +518,13 @@ mod gpu {
             rotations_agree(&gpu, &body);
             sweeps_agree(&gpu, &body);
             nearest_agree(&gpu, seed, [n, m], width);
+        });
+        proptest!(geom_core::testing::cases(8), |(
+            seed: u64, counts in [1usize..15, 1usize..15, 1usize..12], share in 0.7..1.01,
+            size in 1i32..40, bars in 2usize..25, reach in 0u32..900,
+        )| {
+            distances_agree(&gpu, seed, counts, share);
+            histograms_agree(&gpu, &marked(seed, size, bars, reach));
         });
         ties(&gpu);
     }

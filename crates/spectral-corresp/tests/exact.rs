@@ -8,10 +8,8 @@ use geom_core::algebra::{Mass, SparseMatrix};
 use geom_core::compute::random::SplitMix64;
 use geom_core::nalgebra::{Matrix3, Rotation3};
 use geom_core::{Cpu, Point3, Run, Vector3};
-use spectral_corresp::backend::{CorrespBackend, RotationTask, SweepTask};
+use spectral_corresp::backend::{CorrespBackend, HistogramTask, RotationTask, SweepTask};
 use spectral_corresp::fit::Neighbourhoods;
-use spectral_corresp::options::HistogramOptions;
-use spectral_corresp::specification::found_histograms;
 
 fn block(counts: [usize; 3], neighbours: Neighbours) -> VoxelGraph {
     let weights = [1.0, 2.0, 3.0].map(|d: f64| (-d).exp());
@@ -122,38 +120,32 @@ fn linked_graphs_move_in_phase_and_against_each_other() {
 }
 
 #[test]
-fn histograms_are_shares_that_move_with_the_diameters() {
-    let mut random = SplitMix64::new(3);
-    let mut points: Vec<Point3> = (0..90)
-        .map(|_| Point3::new(random.unit(), random.unit(), random.unit()) * 40.0)
-        .collect();
-    let mut diameters: Vec<f64> = (0..90).map(|_| 2.0 + 9.0 * random.unit()).collect();
-    let options = HistogramOptions {
-        bars: 10,
-        radius: 15.0,
-        mode: 3.0,
+fn bars_share_a_node_between_their_middles() {
+    let one = 1000;
+    let of = |points: &[[i32; 3]], places: &[u32]| {
+        let task = HistogramTask {
+            points,
+            reach: 4,
+            one,
+            places,
+            bars: 5,
+        };
+        let mut found = Vec::new();
+        Cpu.histograms(&task, &mut found).unwrap();
+        found
     };
-    let of = |points: &[Point3], diameters: &[f64]| {
-        found_histograms(points, diameters, [2.0, 11.0], &options).unwrap()
-    };
-    let rows = of(&points, &diameters);
-    for row in rows.chunks(10) {
-        assert!((row.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    // Alone, a node goes from one bar to the next as its place grows by one.
+    for step in (0..=1000).step_by(100) {
+        let row = of(&[[3, 4, 5]], &[2 * one + step]);
+        assert_eq!(row, [0, 0, one - step, step, 0]);
     }
-    // Renumbered nodes: the same rows in their order.
-    points.reverse();
-    diameters.reverse();
-    let turned = of(&points, &diameters);
-    for (a, b) in rows.chunks(10).zip(turned.chunks(10).rev()) {
-        assert_near(a, b, 1e-12);
-    }
-    // Alone, a node is between two bars: its share goes from one to the next as its diameter grows by a bar, 1 Å.
-    let alone = |d: f64| of(&points[..1], &[d]);
-    for step in 0..=10 {
-        let share = f64::from(step) / 10.0;
-        let row = alone(5.0 + share);
-        assert!((row[3] - (1.0 - share)).abs() < 1e-12 && (row[4] - share).abs() < 1e-12);
-    }
+    // Two steps away is near, two and a diagonal is not; the last bar's middle is the end.
+    let points = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [-1, -1, -1]];
+    let found = of(&points, &[0, one, 4 * one, 4 * one]);
+    assert_eq!(found[..5], [one, one, 0, 0, one]);
+    assert_eq!(found[5..10], [one, one, 0, 0, one]);
+    assert_eq!(found[10..15], [0, one, 0, 0, one]);
+    assert_eq!(found[15..], [one, 0, 0, 0, one]);
 }
 
 /// `Σ_i Σ_j |(X_i − X_j) − R_i (P_i − P_j)|²`, and the same of the edges alone.

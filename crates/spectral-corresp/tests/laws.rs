@@ -10,7 +10,6 @@ use geom_core::testing::same_on_any_threads;
 use geom_core::{Cpu, GridError, Lattice, Point3, Run, ScalarGrid, Vector3};
 use spectral_corresp::correspond::joint_modes;
 use spectral_corresp::options::{Components, HistogramOptions};
-use spectral_corresp::specification;
 use spectral_corresp::{
     Correspondence, Directions, Error, Map, MatchOptions, Refine, ShapeOptions, Start, Verdict,
     VoxelShape, correspond,
@@ -95,7 +94,7 @@ fn of_balls(balls: &[(Point3, f64)]) -> VoxelShape {
     };
     let values = (0..grid.len()).map(value).collect();
     let grid: Result<ScalarGrid, GridError> = ScalarGrid::new(grid, values);
-    VoxelShape::of_grid(&grid.unwrap(), 0.0, &ShapeOptions::default()).unwrap()
+    VoxelShape::of_grid(&grid.unwrap(), 0.0, &ShapeOptions::default(), Run::on(&Cpu)).unwrap()
 }
 
 fn some_rotation(seed: u64) -> UnitQuaternion<f64> {
@@ -114,7 +113,7 @@ fn modes_of_a_bar_are_cosines() {
         neighbours: Neighbours::Six,
         ..ShapeOptions::default()
     };
-    let bar = VoxelShape::of_flags(&lattice([n, 2, 2]), flags, &options).unwrap();
+    let bar = VoxelShape::of_flags(&lattice([n, 2, 2]), flags, &options, Run::on(&Cpu)).unwrap();
     let modes = bar.modes(3, Run::on(&Cpu)).unwrap();
     // Each node has two neighbours across the bar and two along it (one at the ends): half of the weight of the ends'
     // mass is missing, so values lie near those of the free path with mass 4.
@@ -128,31 +127,11 @@ fn modes_of_a_bar_are_cosines() {
     }
     assert!(modes.clusters.is_empty());
     // A cube does not know its axes.
-    let cube = VoxelShape::of_flags(&lattice([9; 3]), vec![true; 729], &options).unwrap();
+    let cube =
+        VoxelShape::of_flags(&lattice([9; 3]), vec![true; 729], &options, Run::on(&Cpu)).unwrap();
     let modes = cube.modes(3, Run::on(&Cpu)).unwrap();
     assert_eq!(modes.clusters.len(), 1);
     assert_eq!((modes.clusters[0].clone(), modes.report.parts), (0..3, 1));
-}
-
-#[test]
-fn distances_equal_brute_force() {
-    let mut random = SplitMix64::new(7);
-    let cases = [
-        ([13, 11, 9], 0.7),
-        ([6, 14, 10], 0.97),
-        ([5, 5, 5], 1.0),
-        ([1, 9, 4], 0.9),
-    ];
-    for (counts, share) in cases {
-        let points: usize = counts.iter().product();
-        let inside: Vec<bool> = (0..points).map(|_| random.unit() < share).collect();
-        let found = specification::found_squared_distances(counts, &inside);
-        assert_eq!(
-            found,
-            specification::squared_distances(counts, &inside),
-            "{counts:?}"
-        );
-    }
 }
 
 #[test]
@@ -173,7 +152,8 @@ fn a_ball_has_its_radius_as_diameters() {
         at.iter().sum::<i64>() <= 100
     });
     let options = ShapeOptions::default();
-    let central = VoxelShape::of_flags(&lattice([23; 3]), inside.collect(), &options).unwrap();
+    let central =
+        VoxelShape::of_flags(&lattice([23; 3]), inside.collect(), &options, Run::on(&Cpu)).unwrap();
     assert_eq!(central.skeleton().len(), 1);
     let near = |d: &f64| (d / H - 10.0).abs() <= 1.0;
     assert!(central.diameters().iter().all(near));
@@ -205,7 +185,7 @@ fn parts_and_cavities_are_as_asked() {
             fill_cavities,
             ..ShapeOptions::default()
         };
-        VoxelShape::of_flags(&lattice(counts), flags.clone(), &options).unwrap()
+        VoxelShape::of_flags(&lattice(counts), flags.clone(), &options, Run::on(&Cpu)).unwrap()
     };
     let largest = of(Components::Largest, false);
     assert_eq!(
@@ -218,7 +198,13 @@ fn parts_and_cavities_are_as_asked() {
     let equal: Vec<bool> = (0..30 * 144)
         .map(|i| flag(i + 20 - i % 30) && [3, 4, 5, 12, 13, 14].contains(&(i % 30)))
         .collect();
-    let first = VoxelShape::of_flags(&lattice(counts), equal, &ShapeOptions::default()).unwrap();
+    let first = VoxelShape::of_flags(
+        &lattice(counts),
+        equal,
+        &ShapeOptions::default(),
+        Run::on(&Cpu),
+    )
+    .unwrap();
     assert_eq!(first.report().left_out, vec![first.nodes()]);
     assert!(first.boundary_points().iter().all(|p| p.x < 6.0 * H));
     assert_eq!(of(Components::All, false).nodes(), 2400 - 18);
@@ -229,7 +215,7 @@ fn parts_and_cavities_are_as_asked() {
 #[test]
 fn a_mesh_has_the_lattice_points_within() {
     let sphere = shapes::icosphere(12.0, 4);
-    let body = VoxelShape::of_mesh(&sphere, H, &ShapeOptions::default()).unwrap();
+    let body = VoxelShape::of_mesh(&sphere, H, &ShapeOptions::default(), Run::on(&Cpu)).unwrap();
     for k in 0..body.lattice().len() {
         let at = body.lattice().coordinates(k);
         let r = body.lattice().point(at).coords.norm();
@@ -243,12 +229,13 @@ fn a_mesh_has_the_lattice_points_within() {
         max_memory: 400_000,
         ..ShapeOptions::default()
     };
-    assert!(VoxelShape::of_mesh(&sphere, H, &tight).is_ok());
-    let error = VoxelShape::of_mesh(&fine, H, &tight).unwrap_err();
+    assert!(VoxelShape::of_mesh(&sphere, H, &tight, Run::on(&Cpu)).is_ok());
+    let error = VoxelShape::of_mesh(&fine, H, &tight, Run::on(&Cpu)).unwrap_err();
     assert!(matches!(error, Error::TooLarge { .. }), "{error}");
     let open: Vec<_> = sphere.triangles()[10..].to_vec();
     let open = geom_core::TriMesh::new(sphere.positions().to_vec(), open).unwrap();
-    let error = VoxelShape::of_mesh(&open, 0.5, &ShapeOptions::default()).unwrap_err();
+    let error =
+        VoxelShape::of_mesh(&open, 0.5, &ShapeOptions::default(), Run::on(&Cpu)).unwrap_err();
     assert!(matches!(error, Error::Open { .. }), "{error}");
 }
 
@@ -514,7 +501,7 @@ fn bad_input_is_refused_by_name() {
     let fine = ShapeOptions::default();
     let of = |counts: [usize; 3], inside: bool| {
         let lattice = lattice(counts);
-        VoxelShape::of_flags(&lattice, vec![inside; lattice.len()], &fine)
+        VoxelShape::of_flags(&lattice, vec![inside; lattice.len()], &fine, Run::on(&Cpu))
     };
     assert!(matches!(
         of([8, 8, 8], false).unwrap_err(),
@@ -525,14 +512,15 @@ fn bad_input_is_refused_by_name() {
         Error::TooSmall { boundary: 26, .. }
     ));
     let grid = |value: f32| ScalarGrid::new(lattice([8, 8, 8]), vec![value; 512]).unwrap();
-    let at = |value, level| VoxelShape::of_grid(&grid(value), level, &fine).unwrap_err();
+    let at =
+        |value, level| VoxelShape::of_grid(&grid(value), level, &fine, Run::on(&Cpu)).unwrap_err();
     assert!(matches!(at(2.0, 1.0), Error::Full { .. }));
     assert!(matches!(at(0.5, 1.0), Error::Empty { .. }));
     let huge = Lattice {
         counts: [100_000; 3],
         ..lattice([1; 3])
     };
-    let error = VoxelShape::of_flags(&huge, Vec::new(), &fine).unwrap_err();
+    let error = VoxelShape::of_flags(&huge, Vec::new(), &fine, Run::on(&Cpu)).unwrap_err();
     assert!(matches!(error, Error::TooLarge { .. }), "{error}");
 
     let nan = ScalarGrid::new(lattice([8; 3]), vec![f32::NAN; 512]);
@@ -545,7 +533,7 @@ fn bad_input_is_refused_by_name() {
         spacing: 1.6,
         ..lattice([10, 8, 6])
     };
-    let coarse = VoxelShape::of_flags(&coarse, vec![true; 480], &fine).unwrap();
+    let coarse = VoxelShape::of_flags(&coarse, vec![true; 480], &fine, Run::on(&Cpu)).unwrap();
     let error = |b: &VoxelShape, options: MatchOptions| {
         correspond(&a, b, &options, Run::on(&Cpu)).unwrap_err()
     };

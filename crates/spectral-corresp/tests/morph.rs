@@ -22,7 +22,7 @@ fn shape_of(counts: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> VoxelSha
         components: Components::All,
         ..ShapeOptions::default()
     };
-    VoxelShape::of_flags(&lattice, flags.collect(), &options).unwrap()
+    VoxelShape::of_flags(&lattice, flags.collect(), &options, Run::on(&Cpu)).unwrap()
 }
 
 /// An L with a tail as thin as a lattice point, and a crumb that nothing joins to it.

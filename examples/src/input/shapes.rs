@@ -451,7 +451,8 @@ fn of_grid(
     field: &dyn ImplicitField,
     options: &ShapeOptions,
 ) -> Result<Body, Failure> {
-    let shape = session.stage("shape", || VoxelShape::of_grid(grid, level, options))?;
+    let on = session.on(session.device.corresp());
+    let shape = session.stage("shape", || VoxelShape::of_grid(grid, level, options, on))?;
     Ok(Body {
         surface: contour(session, grid, level, Some(field))?,
         shape,
@@ -469,7 +470,8 @@ fn of_mesh(
     let surface = read.mesh.into_triangles();
     let extent = Aabb::of_points(surface.positions()).extent().amax();
     let h = *spacing.get_or_insert(extent / ALONG);
-    let shape = session.stage("shape", || VoxelShape::of_mesh(&surface, h, options))?;
+    let on = session.on(session.device.corresp());
+    let shape = session.stage("shape", || VoxelShape::of_mesh(&surface, h, options, on))?;
     Ok(Body {
         shape,
         surface,

@@ -304,7 +304,8 @@ pub(crate) fn growth() -> Outcome {
                 .elapsed()
                 .as_secs_f64()
         };
-        let shape = VoxelShape::of_grid(&grid, 1.0, &ShapeOptions::default()).map_err(text)?;
+        let shape = VoxelShape::of_grid(&grid, 1.0, &ShapeOptions::default(), Run::on(&Cpu))
+            .map_err(text)?;
         let made = lap();
         shape.modes(10, Run::on(&Cpu)).map_err(text)?;
         let modes = lap();
@@ -333,7 +334,7 @@ pub(crate) fn growth() -> Outcome {
     // About 50,000 nodes each.
     let [first, second] = [&body, &turned(other)].map(|s| {
         let grid = density(s, 1.2)?;
-        VoxelShape::of_grid(&grid, 1.0, &ShapeOptions::default()).map_err(text)
+        VoxelShape::of_grid(&grid, 1.0, &ShapeOptions::default(), Run::on(&Cpu)).map_err(text)
     });
     let (first, second) = (first?, second?);
     let clock = Instant::now();
@@ -405,5 +406,5 @@ fn density(structure: &Structure, spacing: f64) -> Result<ScalarGrid, String> {
 
 fn shape(structure: &Structure) -> Result<VoxelShape, String> {
     let grid = density(structure, SPACING)?;
-    VoxelShape::of_grid(&grid, 1.0, &ShapeOptions::default()).map_err(text)
+    VoxelShape::of_grid(&grid, 1.0, &ShapeOptions::default(), Run::on(&Cpu)).map_err(text)
 }

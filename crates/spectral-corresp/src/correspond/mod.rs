@@ -10,7 +10,7 @@ use geom_core::options::require;
 use geom_core::{Point3, Run, Vector3};
 
 use crate::Error;
-use crate::backend::{CorrespBackend, Nearest, On, Rows};
+use crate::backend::{CorrespBackend, Kernels, Nearest, On, Rows};
 use crate::fit::{self, Fit, LONG, SHORT, Schedule, Side, anneal, descend};
 use crate::options::{Directions, MatchOptions, Refine, Start};
 use crate::shape::{Map, VoxelShape};
@@ -121,8 +121,8 @@ pub struct Correspondence {
 /// };
 /// let lattice = Lattice { origin: Point3::origin(), spacing: 1.5, counts: [20, 20, 5] };
 /// let options = ShapeOptions::default();
-/// let a = VoxelShape::of_flags(&lattice, flags(false), &options)?;
-/// let b = VoxelShape::of_flags(&lattice, flags(true), &options)?;
+/// let a = VoxelShape::of_flags(&lattice, flags(false), &options, Run::on(&Cpu))?;
+/// let b = VoxelShape::of_flags(&lattice, flags(true), &options, Run::on(&Cpu))?;
 /// let asked = MatchOptions { start: Start::Rigid, ..MatchOptions::default() };
 /// let found = correspond(&a, &b, &asked, Run::on(&Cpu))?;
 /// // The far end of the long arm is found again.
@@ -426,7 +426,14 @@ fn boundaries<'a>(
             Start::Rigid | Start::Anchors(_) | Start::Given(_) => (false, false),
         };
         let histograms = if histogram {
-            start::histograms(&side, diameters, range, &options.histograms)?
+            start::histograms(
+                shape,
+                diameters,
+                range,
+                options.unit,
+                &options.histograms,
+                run,
+            )?
         } else {
             Vec::new()
         };
@@ -736,8 +743,7 @@ fn thesis_links(
     let width = modes.values.len();
     let rows = |values| Rows { values, width };
     let mut found = Vec::new();
-    run.backend
-        .nearest(rows(&queries), rows(&targets), &mut found)?;
+    run.nearest(rows(&queries), rows(&targets), &mut found)?;
     Ok(found
         .iter()
         .map(|n| b.side.points[n.index as usize])

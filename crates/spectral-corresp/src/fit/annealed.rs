@@ -8,7 +8,7 @@ use geom_core::{Point3, Vector3};
 
 use super::{FITTED, Neighbourhoods, PARTNERS, SCORED, distortions, lifted, six};
 use crate::Error;
-use crate::backend::{Nearest, On, RotationTask, SweepTask};
+use crate::backend::{Kernels, Nearest, On, RotationTask, SweepTask};
 use crate::near;
 
 /// A stage: pairs within `radius` (Å), so many rounds.
@@ -125,7 +125,7 @@ pub(crate) fn anneal(
         now: &fit.images,
         near: last,
     };
-    run.backend.rotations(&task, &mut fit.rotations)?;
+    run.rotations(&task, &mut fit.rotations)?;
     let squares = distortions(&task, &fit.rotations);
     let distortion = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
     meet(a, &targets(SCORED), SCORED, &mut fit, run)?;
@@ -141,8 +141,8 @@ fn meet(a: &Side, targets: &[f64], length: f64, fit: &mut Fit, run: On<'_>) -> R
     let turned = fit.rotations.iter().zip(&a.normals).map(|(r, n)| r * n);
     let images = lifted(&fit.images, turned, length);
     let (images, targets) = (six(&images), six(targets));
-    run.backend.nearest(images, targets, &mut fit.forward)?;
-    run.backend.nearest(targets, images, &mut fit.backward)
+    run.nearest(images, targets, &mut fit.forward)?;
+    run.nearest(targets, images, &mut fit.backward)
 }
 
 fn round(
@@ -161,7 +161,7 @@ fn round(
             now: &fit.images,
             near,
         };
-        run.backend.rotations(&task, &mut rotations)?;
+        run.rotations(&task, &mut rotations)?;
         fit.rotations = rotations;
         Ok::<(), Error>(())
     };
@@ -199,7 +199,7 @@ fn round(
             targets: &places,
             pull: &pull,
         };
-        run.backend.sweep(&task, &mut next)?;
+        run.sweep(&task, &mut next)?;
         std::mem::swap(&mut fit.images, &mut next);
     }
     Ok(())

@@ -15,7 +15,7 @@ use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::Error;
-use crate::backend::{On, RotationTask, Rows, SweepTask};
+use crate::backend::{Kernels, On, RotationTask, Rows, SweepTask};
 
 pub use crate::near::Neighbourhoods;
 pub(crate) use annealed::{Fit, JUDGE, LAST, LONG, SHORT, Schedule, Side, anneal};
@@ -220,7 +220,7 @@ pub(crate) fn distortions(task: &RotationTask<'_>, rotations: &[Matrix3<f64>]) -
 /// The root of the mean over the nodes of their mean square distortions, Å: the score of a map.
 pub(crate) fn score(task: &RotationTask<'_>, run: On<'_>) -> Result<f64, Error> {
     let mut rotations = Vec::new();
-    run.backend.rotations(task, &mut rotations)?;
+    run.rotations(task, &mut rotations)?;
     let squares = distortions(task, &rotations);
     let sum = parallel::sum(squares.len(), |i| squares[i]);
     Ok((sum / squares.len().max(1) as f64).sqrt())

@@ -5,7 +5,7 @@ use geom_core::Point3;
 
 use super::{Neighbourhoods, Side, distortions};
 use crate::Error;
-use crate::backend::{On, RotationTask, Rows, SweepTask};
+use crate::backend::{Kernels, On, RotationTask, Rows, SweepTask};
 
 /// Pairs per node: more change the result by less than 2 %.
 const PAIRS: usize = 60;
@@ -43,7 +43,7 @@ pub(crate) fn descend(
             now: &images,
             near: &near,
         };
-        run.backend.rotations(&shape, &mut rotations)?;
+        run.rotations(&shape, &mut rotations)?;
         let now: f64 = distortions(&shape, &rotations).iter().sum();
         if now > energy {
             return Ok(before);
@@ -59,11 +59,10 @@ pub(crate) fn descend(
             targets: &images,
             pull: &free,
         };
-        run.backend.sweep(&task, &mut next)?;
+        run.sweep(&task, &mut next)?;
         let moved = flat(&next);
         let rows = |values| Rows { values, width: 3 };
-        run.backend
-            .nearest(rows(&moved), rows(&targets), &mut found)?;
+        run.nearest(rows(&moved), rows(&targets), &mut found)?;
         images = found.iter().map(|n| b.points[n.index as usize]).collect();
     }
     Ok(images)

@@ -35,7 +35,7 @@ const LEAN: f64 = 1e-2;
 /// use spectral_corresp::geom_core::{Cpu, Lattice, Point3, Run};
 /// use spectral_corresp::{MatchOptions, Morph, MorphOptions, ShapeOptions, Start, VoxelShape, correspond};
 /// let lattice = Lattice { origin: Point3::origin(), spacing: 1.5, counts: [10, 6, 6] };
-/// let body = VoxelShape::of_flags(&lattice, vec![true; 360], &ShapeOptions::default())?;
+/// let body = VoxelShape::of_flags(&lattice, vec![true; 360], &ShapeOptions::default(), Run::on(&Cpu))?;
 /// let itself = (0..body.boundary().len() as u32).collect();
 /// let options = MatchOptions { start: Start::Given(itself), ..MatchOptions::default() };
 /// let run = Run::on(&Cpu);

@@ -4,12 +4,12 @@
 use rayon::prelude::*;
 
 /// The square of the distance of each lattice point to the nearest one that is not `inside`, in spacings; what lies
-/// beyond the lattice is outside. `counts` are points per axis, the first fastest. In the order *second axis fastest,
-/// then first, then third* of [`place`], as the last pass leaves them.
-pub(crate) fn squared_distances(counts: [usize; 3], inside: &[bool]) -> Vec<u32> {
+/// beyond the lattice is outside. `counts` are points per axis, the first fastest.
+pub(crate) fn squared_distances(counts: [usize; 3], inside: &[bool], rows: &mut Vec<u32>) {
     let [nx, ny, nz] = counts;
     // Along the first axis: how far to the nearest end of a run.
-    let mut rows = vec![0u32; inside.len()];
+    rows.clear();
+    rows.resize(inside.len(), 0);
     rows.par_chunks_mut(nx.max(1))
         .zip(inside.par_chunks(nx.max(1)))
         .with_min_len(64)
@@ -25,7 +25,7 @@ pub(crate) fn squared_distances(counts: [usize; 3], inside: &[bool]) -> Vec<u32>
                 *d = run.min(*d);
             }
         });
-    for d in &mut rows {
+    for d in rows.iter_mut() {
         *d = d.saturating_mul(*d);
     }
     // Along the third axis, into columns of it: [y][x][z].
@@ -38,22 +38,20 @@ pub(crate) fn squared_distances(counts: [usize; 3], inside: &[bool]) -> Vec<u32>
             let line = |z: usize| rows[xy + nx * ny * z];
             envelope.lower(nz, line, out);
         });
-    // Along the second axis, into columns of that: [z][x][y].
-    let mut out = rows;
-    out.par_chunks_mut(ny.max(1))
+    // Along the second axis, slab by slab, and back into the order of the lattice.
+    rows.par_chunks_mut((nx * ny).max(1))
         .enumerate()
-        .with_min_len(64)
-        .for_each_init(Envelope::default, |envelope, (xz, out)| {
-            let (x, z) = (xz % nx, xz / nx);
-            let line = |y: usize| columns[(x + nx * y) * nz + z];
-            envelope.lower(ny, line, out);
-        });
-    out
-}
-
-/// Where the distance of lattice point `[i, j, k]` stands.
-pub(crate) fn place([nx, ny, _]: [usize; 3], [i, j, k]: [usize; 3]) -> usize {
-    j + ny * (i + nx * k)
+        .for_each_init(
+            || (Envelope::default(), vec![0; ny]),
+            |(envelope, lowest), (z, slab)| {
+                for x in 0..nx {
+                    envelope.lower(ny, |y| columns[(x + nx * y) * nz + z], lowest);
+                    for (y, &d) in lowest.iter().enumerate() {
+                        slab[x + nx * y] = d;
+                    }
+                }
+            },
+        );
 }
 
 /// The lower envelope of parabolas over a line.

@@ -16,7 +16,7 @@ use crate::Error;
 /// use spectral_corresp::{CompareOptions, Error, Map, ShapeOptions, VoxelShape, compare};
 /// let bar = |counts: [usize; 3]| {
 ///     let lattice = Lattice { origin: Point3::origin(), spacing: 1.5, counts };
-///     VoxelShape::of_flags(&lattice, vec![true; lattice.len()], &ShapeOptions::default())
+///     VoxelShape::of_flags(&lattice, vec![true; lattice.len()], &ShapeOptions::default(), Run::on(&Cpu))
 /// };
 /// let (a, b) = (bar([12, 6, 6])?, bar([14, 6, 6])?);
 /// let there = Map::new(&a, &b, (0..a.boundary().len() as u32).collect())?;

@@ -15,9 +15,9 @@ use geom_core::search::nearest::PointTree;
 use geom_core::{Lattice, LatticeValues, Point3, Run, ScalarGrid, TriMesh, Vector3};
 use rayon::prelude::*;
 
-use crate::backend::CorrespBackend;
+use crate::Error;
+use crate::backend::{CorrespBackend, Kernels, On};
 use crate::options::{Components, ShapeOptions};
-use crate::{Error, backend::On};
 
 pub use map::Map;
 pub(crate) use parts::{Parts, ROOT};
@@ -42,10 +42,10 @@ const CLUSTER_GAP: f64 = 1e-2;
 /// [`boundary`](Self::boundary).
 ///
 /// ```
-/// use spectral_corresp::geom_core::{Lattice, Point3};
+/// use spectral_corresp::geom_core::{Cpu, Lattice, Point3, Run};
 /// use spectral_corresp::{ShapeOptions, VoxelShape};
 /// let lattice = Lattice { origin: Point3::origin(), spacing: 1.5, counts: [12, 10, 9] };
-/// let box_ = VoxelShape::of_flags(&lattice, vec![true; lattice.len()], &ShapeOptions::default())?;
+/// let box_ = VoxelShape::of_flags(&lattice, vec![true; lattice.len()], &ShapeOptions::default(), Run::on(&Cpu))?;
 /// assert_eq!(box_.nodes(), 1080);
 /// assert_eq!(box_.boundary().len(), 1080 - 10 * 8 * 7);
 /// # Ok::<(), spectral_corresp::Error>(())
@@ -98,7 +98,12 @@ fn refuse_above(limit: u64, points: u128, bytes: u128) -> Result<(), Error> {
 
 impl VoxelShape {
     /// The points of a grid at which the value is at least `level`.
-    pub fn of_grid(grid: &ScalarGrid, level: f64, options: &ShapeOptions) -> Result<Self, Error> {
+    pub fn of_grid<B: CorrespBackend + ?Sized>(
+        grid: &ScalarGrid,
+        level: f64,
+        options: &ShapeOptions,
+        run: Run<'_, B>,
+    ) -> Result<Self, Error> {
         options.check()?;
         check_memory(grid.lattice(), BYTES_PER_POINT, options.max_memory)?;
         let values = grid.values();
@@ -119,7 +124,7 @@ impl VoxelShape {
                 smallest: extremes.0,
             });
         }
-        let mut shape = Self::of_flags(grid.lattice(), inside, options)?;
+        let mut shape = Self::of_flags(grid.lattice(), inside, options, run)?;
         shape.take_normals(grid);
         Ok(shape)
     }
@@ -145,17 +150,23 @@ impl VoxelShape {
     }
 
     /// The lattice points inside a closed mesh.
-    pub fn of_mesh(mesh: &TriMesh, spacing: f64, options: &ShapeOptions) -> Result<Self, Error> {
+    pub fn of_mesh<B: CorrespBackend + ?Sized>(
+        mesh: &TriMesh,
+        spacing: f64,
+        options: &ShapeOptions,
+        run: Run<'_, B>,
+    ) -> Result<Self, Error> {
         options.check()?;
         let (lattice, inside) = mesh::inside(mesh, spacing, options.max_memory)?;
-        Self::of_flags(&lattice, inside, options)
+        Self::of_flags(&lattice, inside, options, run)
     }
 
     /// The points of a lattice whose flag is set; what lies beyond the lattice is outside.
-    pub fn of_flags(
+    pub fn of_flags<B: CorrespBackend + ?Sized>(
         lattice: &Lattice,
         mut inside: Vec<bool>,
         options: &ShapeOptions,
+        run: Run<'_, B>,
     ) -> Result<Self, Error> {
         options.check()?;
         let spacing = lattice.spacing;
@@ -207,7 +218,8 @@ impl VoxelShape {
             report.left_out = sizes.map(|(&size, _)| size).collect();
             report.left_out.sort_unstable_by(|a, b| b.cmp(a));
         }
-        Self::of_graph(*lattice, &inside, graph, report)
+        let run = run.with(run.backend.as_corresp());
+        Self::of_graph(*lattice, &inside, graph, report, run)
     }
 
     /// Boundary, depths, skeleton and diameters of a graph.
@@ -216,6 +228,7 @@ impl VoxelShape {
         inside: &[bool],
         graph: VoxelGraph,
         mut report: ShapeReport,
+        run: On<'_>,
     ) -> Result<Self, Error> {
         let counts = lattice.counts;
         let is_inside = |[i, j, k]: [i64; 3]| {
@@ -245,8 +258,8 @@ impl VoxelShape {
             .map(|&node| normal(graph.point(node as usize).map(|c| c as i64), &is_inside))
             .collect();
         // How far the outside is; where that is most around lies the skeleton, and from there to the boundary go diameters.
-        let squares = distance::squared_distances(counts, inside);
-        let depth = |point: [usize; 3]| squares[distance::place(counts, point)];
+        let squares = run.squared_distances(counts, inside)?;
+        let depth = |point: [usize; 3]| squares[lattice.index(point)];
         let skeleton = skeleton(&graph, &depth, &is_inside);
         let position = |node: &u32| lattice.point(graph.point(*node as usize));
         let points: Vec<Point3> = boundary.iter().map(position).collect();

@@ -1,13 +1,10 @@
 //! Maps from features: each node goes to the node of the other shape with the nearest row.
 
 use geom_core::Point3;
-use geom_core::search::nearest::PointTree;
-use rayon::prelude::*;
 
 use super::{Boundary, Candidate, Judge};
 use crate::Error;
-use crate::backend::{On, Rows};
-use crate::fit::Side;
+use crate::backend::{Kernels, On, Rows};
 use crate::options::HistogramOptions;
 
 /// How many modes the spectral starts take.
@@ -16,38 +13,6 @@ const COUNTS: [usize; 6] = [1, 2, 3, 4, 5, 8];
 const ALL_SIGNS: usize = 4;
 /// Neighbours in order are swapped if their eigenvalues differ by less than this share.
 const SWAP: f64 = 0.1;
-
-/// Of each node, the share of the nodes within the radius whose diameter falls into each bar; a diameter between the
-/// middles of two bars counts for both. `range` is that of the diameters of both shapes.
-pub(crate) fn histograms(
-    side: &Side,
-    diameters: &[f64],
-    range: [f64; 2],
-    options: &HistogramOptions,
-) -> Result<Vec<f64>, Error> {
-    let tree = PointTree::of_positions(&side.points)?;
-    let bars = options.bars;
-    let width = (range[1] - range[0]).max(f64::MIN_POSITIVE);
-    let place = |d: f64| ((d - range[0]) / width).clamp(0.0, 1.0) * (bars - 1) as f64;
-    let rows: Vec<Vec<f64>> = side
-        .points
-        .par_iter()
-        .with_min_len(32)
-        .map(|p| {
-            let mut row = vec![0.0; bars];
-            let near = tree.within(&[p.x, p.y, p.z], options.radius);
-            let share = 1.0 / near.len().max(1) as f64;
-            for n in &near {
-                let at = place(diameters[n.index as usize]);
-                let low = (at as usize).min(bars - 2);
-                row[low] += (1.0 - (at - low as f64)) * share;
-                row[low + 1] += (at - low as f64) * share;
-            }
-            row
-        })
-        .collect();
-    Ok(rows.concat())
-}
 
 /// The thesis's start (Eq. 6.7) with both signs of the first mode.
 pub(crate) fn of_histograms(
@@ -105,8 +70,7 @@ fn nearest_points(
 ) -> Result<Vec<Point3>, Error> {
     let rows = |values| Rows { values, width };
     let mut found = Vec::new();
-    run.backend
-        .nearest(rows(queries), rows(targets), &mut found)?;
+    run.nearest(rows(queries), rows(targets), &mut found)?;
     Ok(found
         .iter()
         .map(|n| b.side.points[n.index as usize])

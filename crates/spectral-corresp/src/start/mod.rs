@@ -1,6 +1,7 @@
 //! Where the search may start: maps from features of nodes, and rigid motions.
 
 mod features;
+mod histograms;
 mod motions;
 
 use geom_core::nalgebra::Matrix3;
@@ -14,7 +15,10 @@ use crate::near;
 use crate::options::MatchOptions;
 use crate::shape::VoxelShape;
 
-pub(crate) use features::{histograms, of_histograms, of_modes};
+pub(crate) use features::{of_histograms, of_modes};
+#[cfg(feature = "wgpu")]
+pub(crate) use histograms::Cells;
+pub(crate) use histograms::histograms;
 pub(crate) use motions::of_motions;
 
 /// Nodes on which candidates are told apart.
