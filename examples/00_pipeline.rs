@@ -32,8 +32,8 @@ struct Args {
     /// all of them. Each of the last seven has a folder of its own and is done as its program does it by default
     #[arg(long, value_name = "STAGES", value_enum, value_delimiter = ',', hide_possible_values = true, default_values_t = [Stage::Tets])]
     stages: Vec<Stage>,
-    /// Let no walls of gaps that are not meshed cross, for programs that take the surface further; takes
-    /// up to three times as long
+    /// Watch every step that it lets no walls of gaps that are not meshed cross, instead of parting them at the end; takes
+    /// up to three times as long, and is for surfaces of which the report still counts crossing pairs
     #[arg(long)]
     keep_apart: bool,
     #[command(flatten)]

@@ -51,8 +51,8 @@ struct Tets {
     /// most; edges and corners where it turns by 40° or more stay [default: what is not plane stays]
     #[arg(long, value_name = "SHARE")]
     deviation: Option<f64>,
-    /// Let no walls of gaps that are not meshed cross, for programs that take the surface further; takes
-    /// up to three times as long
+    /// Watch every step that it lets no walls of gaps that are not meshed cross, instead of parting them at the end; takes
+    /// up to three times as long, and is for surfaces of which the report still counts crossing pairs
     #[arg(long)]
     keep_apart: bool,
     /// Most passes

@@ -112,7 +112,8 @@ impl Default for Operations {
 pub struct Options {
     /// What every tetrahedron should reach.
     pub goals: Goals,
-    /// The budget: most passes of smoothing and operations. 0 changes nothing.
+    /// The budget: most passes of smoothing and operations. 0 changes nothing. Walls that have to be parted take up to three
+    /// more at a time.
     pub passes: u32,
     /// Value of the implicit field on the surface.
     pub level: f64,
@@ -126,10 +127,9 @@ pub struct Options {
     pub surface: SurfaceMotion,
     /// Which topological operations may be used.
     pub operations: Operations,
-    /// Keep parts of the boundary from passing through each other where the gap between them is not
-    /// meshed, for programs that take the surface further. Without this, the walls of gaps narrower than
-    /// a spacing may cross, though every tetrahedron is positive. Takes up to three times as long where there
-    /// are many such gaps; sharp folds around a single vertex may still cross now and then.
+    /// Watch every step that it lets no more parts of the boundary pass through each other where the gap between them is
+    /// not meshed. Without this, walls of gaps narrower than a spacing may do so, and are parted after the passes, which
+    /// takes far less time. For meshes in which [`Crossings::after`](crate::Crossings::after) is not 0.
     pub keep_apart: bool,
     /// Try to turn inverted tetrahedra first.
     pub untangle: bool,

@@ -54,7 +54,7 @@ pub struct Report {
     pub after: QualityReport,
     /// Does every tetrahedron meet the goals?
     pub converged: bool,
-    /// What each pass did.
+    /// What each pass did; those that mend what parting of walls has cost come last.
     pub passes: Vec<Pass>,
     /// Tetrahedra of the input whose corners were reordered, because their neighbours said so.
     pub reoriented: usize,
@@ -73,13 +73,16 @@ pub struct Report {
 }
 
 /// Pairs of boundary triangles that go through each other. Where the other side of a boundary is meshed,
-/// there are none; where it is not, walls of narrow gaps may cross though every tetrahedron is positive.
+/// there are none; where it is not, walls of narrow gaps may cross though every tetrahedron is positive. They are parted after
+/// the passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Crossings {
     /// In the input.
     pub before: usize,
-    /// In the result: see [`Options::keep_apart`](crate::Options::keep_apart).
+    /// After the passes.
+    pub after_passes: usize,
+    /// In the result: what could not be parted without falling below the goals.
     pub after: usize,
 }
 

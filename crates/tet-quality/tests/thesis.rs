@@ -5,8 +5,9 @@ use dual_contour::Method;
 use gauss_density::{Cutoff, Model, PointSampler};
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::mesh::{SurfaceAudit, VolumeAudit, six_volume};
-use geom_core::{Cpu, Run, TetMesh};
-use tet_quality::{Improved, Options, improve};
+use geom_core::{Cpu, Point3, Run, TetMesh};
+
+use tet_quality::{Crossings, Improved, Options, SurfaceMotion, improve};
 
 /// Meshes the bundled protein and improves the mesh at the default options.
 fn protein(method: Method, region: dual_contour::Extent, spacing: f64) -> Improved {
@@ -176,12 +177,65 @@ fn walls_of_gaps_that_are_not_meshed_do_not_cross() {
         (Method::DualContour, Exterior, 1.3),
         (Method::DualContour, Interior, 1.0),
     ] {
-        // Many do where nothing sees to it.
-        assert!(crossings(&protein(method, region, spacing).mesh) > 5);
-        let improved = protein_with(method, region, spacing, kept_apart);
-        assert_eq!(crossings(&improved.mesh), 0);
-        assert_goals(&improved, 20.0);
+        // Many do during the passes, and are parted.
+        let parted = protein(method, region, spacing);
+        let watched = protein_with(method, region, spacing, kept_apart);
+        let after_passes = |improved: &Improved| improved.report.crossings.after_passes;
+        assert!(after_passes(&parted) > 5 && after_passes(&watched) == 0);
+        for improved in [parted, watched] {
+            assert_eq!(crossings(&improved.mesh), 0);
+            assert_eq!(improved.report.crossings.after, 0);
+            assert_goals(&improved, 20.0);
+        }
     }
+}
+
+/// Crossings of a mesh that may not change are counted and left.
+#[test]
+fn what_may_not_move_is_not_parted() {
+    use dual_contour::Extent::Interior;
+    let fixed = Options {
+        surface: SurfaceMotion::Fixed,
+        ..Options::default()
+    };
+    let improved = protein_with(Method::DualContour, Interior, 1.6, fixed);
+    let Crossings { before, after, .. } = improved.report.crossings;
+    assert_eq!((before, after), (0, 0));
+    // What crosses and may not move stays.
+    let crossed = Options {
+        passes: 0,
+        ..Options::default()
+    };
+    let bent = crossing_walls();
+    let improved = improve(bent.clone(), None, &crossed, Run::on(&Cpu)).unwrap();
+    let found = improved.report.crossings;
+    assert!(found.before > 0 && found.after == found.before);
+    assert_eq!(improved.mesh, bent);
+}
+
+/// Two tetrahedra that have nothing in common but some space.
+fn crossing_walls() -> TetMesh {
+    let tet = |x: f64| {
+        [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+        ]
+        .map(|[a, b, c]| Point3::new(a + x, b + 0.1 * x, c + 0.2 * x))
+    };
+    let x = [tet(0.0), tet(0.3)].concat();
+    TetMesh::new(x, vec![[0, 1, 2, 3], [4, 5, 6, 7]]).unwrap()
+}
+
+#[test]
+fn parting_does_not_depend_on_threads() {
+    geom_core::testing::same_on_any_threads(|| {
+        let region = dual_contour::Extent::Interior;
+        let options = Options::default();
+        let improved = protein_with(Method::DualContour, region, 1.6, options);
+        (improved.report.crossings, improved.mesh)
+    });
 }
 
 #[test]

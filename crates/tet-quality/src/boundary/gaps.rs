@@ -19,7 +19,7 @@ const REACH: f64 = 1.25;
 const FACING: f64 = 0.6;
 
 /// Which vertices face each other across a gap.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct SelfIntersectionGuard {
     /// Vertex `v` faces the triangles around `facing[starts[v]..starts[v + 1]]`; later vertices are
     /// missing.
@@ -31,6 +31,7 @@ pub(crate) struct SelfIntersectionGuard {
     stars: Vec<(u32, [u32; 3])>,
 }
 
+#[derive(Clone)]
 struct Clearance {
     at: Point3,
     /// Least distance of the triangles around the vertex from those that they face, or less.
@@ -63,13 +64,30 @@ struct Side {
     normal: Vector3,
 }
 
+/// The cell of a point; cells are as wide as the reach.
+fn cell_of(x: &Point3, reach: f64) -> [i32; 3] {
+    [2, 1, 0].map(|k| (x[k] / reach).floor() as i32)
+}
+
+/// The cells of some points and all that are at most two away, in order: triangles around the points have their middles
+/// there, and so has what they face.
+fn cells_around(points: &[Point3], reach: f64) -> Vec<[i32; 3]> {
+    let own = distinct(points.iter().map(|x| cell_of(x, reach)));
+    let steps = || -2..=2;
+    let around = own.iter().flat_map(|c| {
+        let shift = move |d: [i32; 3]| [0, 1, 2].map(|k| c[k].saturating_add(d[k]));
+        let row = move |a| steps().flat_map(move |b| steps().map(move |d| shift([a, b, d])));
+        steps().flat_map(row)
+    });
+    distinct(around)
+}
+
 impl Side {
     fn new(corners: [u32; 3], x: &[Point3], reach: f64) -> Self {
         let [a, b, c] = corners.map(|v| x[v as usize]);
         let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
-        let cell = |k: usize| (middle[k] / reach).floor() as i32;
         Self {
-            cell: [cell(2), cell(1), cell(0)],
+            cell: cell_of(&middle, reach),
             corners,
             middle,
             normal: (b - a)
@@ -233,10 +251,14 @@ fn boundary_around(mesh: &EditableMesh, v: u32) -> Vec<[u32; 3]> {
 }
 
 impl SelfIntersectionGuard {
-    /// Looks for the parts of the boundary that face each other.
-    pub(crate) fn of(mesh: &EditableMesh, spacing: f64) -> Self {
+    /// Looks for the parts of the boundary that face each other; only around the points of `near`, if there are such.
+    pub(crate) fn of(mesh: &EditableMesh, spacing: f64, near: Option<&[Point3]>) -> Self {
         let reach = REACH * spacing;
-        let sides = sides_of(mesh, reach);
+        let mut sides = sides_of(mesh, reach);
+        if let Some(points) = near {
+            let cells = cells_around(points, reach);
+            sides.retain(|s| cells.binary_search(&s.cell).is_ok());
+        }
         let facing = all_facing(&sides, &mesh.x, reach);
         if facing.is_empty() {
             return Self::default();

@@ -12,7 +12,7 @@ use crate::mesh::editable::EditableMesh;
 use crate::mesh::proposal::Proposal;
 
 /// What keeps boundaries from going through themselves.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Guard {
     pub(crate) walls: CavityGuard,
     pub(crate) gaps: SelfIntersectionGuard,
@@ -56,6 +56,7 @@ impl Guard {
 }
 
 /// A mesh behind its guard.
+#[derive(Clone)]
 pub(crate) struct GuardedMesh {
     pub(crate) mesh: EditableMesh,
     pub(crate) guard: Guard,
@@ -71,9 +72,9 @@ impl GuardedMesh {
         Self { mesh, guard }
     }
 
-    /// Looks for the parts of the boundary that face each other across narrow gaps.
-    pub(crate) fn find_gaps(&mut self, spacing: f64) {
-        self.guard.gaps = SelfIntersectionGuard::of(&self.mesh, spacing);
+    /// Looks for the parts of the boundary that face each other across narrow gaps, near some points or everywhere.
+    pub(crate) fn find_gaps(&mut self, spacing: f64, near: Option<&[Point3]>) {
+        self.guard.gaps = SelfIntersectionGuard::of(&self.mesh, spacing, near);
     }
 
     /// May the change be made?

@@ -19,13 +19,14 @@ const SEVERAL: u32 = NONE - 1;
 
 /// The walls of cavities: the closed parts of the boundary that enclose a negative volume, since what
 /// they enclose is not meshed.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct CavityGuard {
     /// Per vertex: the number of its wall, [`NONE`] or [`SEVERAL`]. Later vertices may be missing.
     labels: Vec<u32>,
     all: Vec<Wall>,
 }
 
+#[derive(Clone)]
 struct Wall {
     /// Six times the signed volume that it encloses.
     volume: f64,

@@ -13,6 +13,7 @@ use crate::measure::unmet::{surface_fit, unmet};
 use crate::options::{Options, SurfaceMotion};
 use crate::outcome::{Crossings, Improved, Report};
 
+mod part;
 mod passes;
 mod settings;
 
@@ -21,7 +22,7 @@ mod settings;
 /// a tetrahedron or makes the worst of those it touches worse; regions and their interfaces keep
 /// their topology; box faces stay plane and box edges straight; a cavity that is not meshed keeps at
 /// least a quarter of its volume, so that its wall does not turn inside out. Walls of gaps that are
-/// not meshed may cross unless [`Options::keep_apart`] is set.
+/// not meshed and have come through each other are parted at the end; [`Report::crossings`] says what remains.
 ///
 /// `field` is the density whose level [`Options::level`] the surface vertices lie on. A mesh of which
 /// nothing else is known can move along its own surfaces: [`SurfaceMotion::AlongInput`].
@@ -80,10 +81,15 @@ pub fn improve<B: QualityBackend + ?Sized>(
     // The work.
     let mut work = Passes::new(input.mesh, surface, options);
     let before = work.quality(run)?;
-    let crossed = work.crossings();
+    let crossed = work.crossing().len();
     let untangled = work.untangle(run)?;
     let flowed = work.flow(&input.junctions)?;
-    let passes = work.run(run)?;
+    let mut passes = work.run(run)?;
+    let after_passes = work.crossing().len();
+    let left = match options.passes {
+        0 => after_passes,
+        _ => work.part(&mut passes, run)?,
+    };
     // The account.
     let after = work.quality(run)?;
     let mesh = &work.guarded.mesh;
@@ -102,7 +108,8 @@ pub fn improve<B: QualityBackend + ?Sized>(
         surface: surface_fit(mesh, work.surface.as_ref(), work.deviation()),
         crossings: Crossings {
             before: crossed,
-            after: work.crossings(),
+            after_passes,
+            after: left,
         },
         junctions: input.junctions,
     };

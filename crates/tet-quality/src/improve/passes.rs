@@ -1,12 +1,11 @@
 //! The schedule: smoothing and operations in passes, worst elements first.
 
+use geom_core::TetMesh;
 use geom_core::compute::BackendError;
 use geom_core::mesh::{EDGES, VertexKind};
-use geom_core::search::crossing::crossing_pairs;
-use geom_core::{TetMesh, TriMesh};
 use rayon::prelude::*;
 
-use super::settings::{LAST, PassSettings, bolder_than};
+use super::settings::{LAST, PassSettings, RESCUE, bolder_than};
 use crate::backend::On;
 use crate::boundary::field::Isosurface;
 use crate::boundary::guard::GuardedMesh;
@@ -57,10 +56,10 @@ enum Keep {
 pub(super) struct Passes<'a> {
     pub(super) guarded: GuardedMesh,
     pub(super) surface: Option<Isosurface<'a>>,
-    options: &'a Options,
-    spacing: f64,
+    pub(super) options: &'a Options,
+    pub(super) spacing: f64,
     /// The objective at which all goals are met.
-    target: f64,
+    pub(super) target: f64,
     plain: Memory,
     with_smoothing: Memory,
     /// Has the memory of vain tries with smoothing been cleared for the last, longer searches?
@@ -69,6 +68,8 @@ pub(super) struct Passes<'a> {
     smoothed: Vec<u32>,
     /// When vertices were last brought back to the isosurface.
     projected: u32,
+    /// Are the walls of gaps looked for, so that no step lets more of them cross?
+    pub(super) watched: bool,
 }
 
 impl<'a> Passes<'a> {
@@ -92,6 +93,7 @@ impl<'a> Passes<'a> {
             cleared: false,
             smoothed: Vec::new(),
             projected: 0,
+            watched: options.keep_apart,
         }
     }
 
@@ -121,13 +123,6 @@ impl<'a> Passes<'a> {
             format!("{found} measures for {of} tetrahedra")
         })?;
         Ok(report_of(&mesh, &measures))
-    }
-
-    /// How many pairs of boundary triangles cross.
-    pub(super) fn crossings(&self) -> usize {
-        let mesh = &self.guarded.mesh;
-        let boundary = TriMesh::new(mesh.x.clone(), mesh.boundary_faces());
-        crossing_pairs(&boundary.expect("the operations keep the mesh valid")).len()
     }
 
     /// Untangles inverted tetrahedra if that is asked for. Gives how many there were.
@@ -193,13 +188,13 @@ impl<'a> Passes<'a> {
         Ok(passes)
     }
 
-    fn find_gaps(&mut self) {
-        if self.options.keep_apart {
-            self.guarded.find_gaps(self.spacing);
+    pub(super) fn find_gaps(&mut self) {
+        if self.watched {
+            self.guarded.find_gaps(self.spacing, None);
         }
     }
 
-    fn met(&self) -> bool {
+    pub(super) fn met(&self) -> bool {
         self.guarded.mesh.worst() >= self.target
     }
 
@@ -211,6 +206,39 @@ impl<'a> Passes<'a> {
                 .goals
                 .met_by(&measures(mesh.corners(mesh.tets[t as usize])))
         })
+    }
+
+    /// One of the later passes again, for what has become worse since.
+    pub(super) fn rescue(&mut self, number: u32, run: On<'_>) -> Result<Pass, Error> {
+        let mut done = self.pass(RESCUE + number, run)?;
+        done.worst = self.guarded.mesh.worst();
+        Ok(done)
+    }
+
+    /// Brings surface vertices that lie too far from the isosurface back as far as the goals allow, with up to so many passes
+    /// in between.
+    pub(super) fn settle_again(
+        &mut self,
+        most: u32,
+        passes: &mut Vec<Pass>,
+        run: On<'_>,
+    ) -> Result<(), Error> {
+        let allowed = (ENOUGH * self.on_field() as f64) as usize;
+        for number in 0.. {
+            if self.far() <= allowed {
+                break;
+            }
+            let mut done = Pass::default();
+            self.find_gaps();
+            let left = self.settle(Keep::Goals, &mut done);
+            done.worst = self.guarded.mesh.worst();
+            passes.push(done);
+            if number == most || left <= allowed {
+                break;
+            }
+            passes.push(self.rescue(number, run)?);
+        }
+        Ok(())
     }
 
     fn pass(&mut self, number: u32, run: On<'_>) -> Result<Pass, Error> {
@@ -389,6 +417,19 @@ impl<'a> Passes<'a> {
                 return off.len();
             }
         }
+        far_vertices(&self.guarded.mesh, &rules).len()
+    }
+
+    /// How many surface vertices are farther from the isosurface than allowed.
+    fn far(&mut self) -> usize {
+        let Some(field) = &self.surface else { return 0 };
+        let all: Vec<u32> = (0..self.guarded.mesh.x.len() as u32).collect();
+        self.guarded.mesh.know_tangents(&all, field);
+        let rules = SurfaceRules {
+            field,
+            tolerance: self.options.deviation * self.spacing,
+            rescue: true,
+        };
         far_vertices(&self.guarded.mesh, &rules).len()
     }
 

@@ -3,7 +3,7 @@
 /// The first passes work on all tetrahedra below [`WANTED`], the later ones on those below the goals.
 const BROAD: u32 = 3;
 /// From this pass on, directions are random and surface vertices may use the allowed deviation.
-const RESCUE: u32 = 6;
+pub(super) const RESCUE: u32 = 6;
 /// From this pass on, nothing is spared for the last ones.
 pub(super) const LAST: u32 = 8;
 /// Angle that the first passes aim at, degrees: they raise the many, not only the worst.

@@ -29,6 +29,7 @@ pub(crate) enum Freedom {
 }
 
 /// A tetrahedral mesh that operations change in place.
+#[derive(Clone)]
 pub(crate) struct EditableMesh {
     pub(crate) x: Vec<Point3>,
     pub(crate) kinds: Vec<VertexKind>,

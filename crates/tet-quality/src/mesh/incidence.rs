@@ -4,6 +4,7 @@
 pub(crate) const NONE: u32 = u32::MAX;
 
 /// The tetrahedra around each vertex, in one pool with room to grow.
+#[derive(Clone)]
 pub(crate) struct Incidence {
     spans: Vec<Span>,
     pool: Vec<u32>,

@@ -1,0 +1,240 @@
+//! Parting walls that have come through each other. Where the other side of the boundary is not meshed, the walls of narrow
+//! gaps may cross in valid steps. They are few: to part them afterwards costs less than to watch every step.
+
+use geom_core::search::crossing::{BoxedTriangle, crossing_pairs};
+use geom_core::{Point3, TriMesh, Vector3};
+
+use super::passes::Passes;
+use crate::backend::On;
+use crate::boundary::guard::GuardedMesh;
+use crate::error::Error;
+use crate::measure::block::measures;
+use crate::measure::metrics::quality;
+use crate::mesh::editable::{EditableMesh, Freedom};
+use crate::outcome::Pass;
+use crate::smoothing::smooth::{load, sweep};
+use crate::smoothing::star::Star;
+
+/// Most rounds of parting.
+const ROUNDS: u32 = 10;
+/// The first ones keep the goals; the later ones give up what passes mend afterwards.
+const GENTLE: u32 = 2;
+/// Pulls in a row.
+const PULLS: usize = 10;
+/// Shares of a pull that are tried: short ones, so that nothing goes farther than it has to, and long ones.
+const SHORT: [f64; 2] = [0.3, 0.1];
+const LONG: [f64; 4] = [1.0, 0.6, 0.3, 0.1];
+/// Passes after them.
+const MENDING: u32 = 3;
+/// Objective down to which elements may fall until they are mended.
+const LEAST: f64 = 0.05;
+/// Room between walls that have been parted, in spacings.
+const ROOM: f64 = 1e-3;
+
+/// Two triangles of the boundary that cross.
+type Pair = [[u32; 3]; 2];
+
+/// Where a vertex would have to go, from where it is.
+type Wish = (u32, Vector3);
+
+/// Where the corners of crossing triangles are pulled to.
+#[derive(Clone, Copy)]
+enum Pull {
+    /// Each to its own side of the middle between the triangles: walls part.
+    Apart,
+    /// To the middle of its neighbours on the boundary: folds around a vertex open.
+    Fair,
+}
+
+impl Passes<'_> {
+    /// The pairs of boundary triangles that cross.
+    pub(super) fn crossing(&self) -> Vec<Pair> {
+        let mesh = &self.guarded.mesh;
+        let faces = mesh.boundary_faces();
+        let boundary = TriMesh::new(mesh.x.clone(), faces.clone());
+        let pairs = crossing_pairs(&boundary.expect("the operations keep the mesh valid"));
+        let corners = |pair: &[u32; 2]| pair.map(|t| faces[t as usize]);
+        pairs.iter().map(corners).collect()
+    }
+
+    /// Pulls triangles that cross apart, while no step lets more of them cross, and mends what that costs: no element ends
+    /// below the goals, nor below the worst one before. Gives how many pairs still cross.
+    pub(super) fn part(&mut self, passes: &mut Vec<Pass>, run: On<'_>) -> Result<usize, Error> {
+        let mut pairs = self.crossing();
+        for round in 0..ROUNDS {
+            if pairs.is_empty() {
+                break;
+            }
+            run.progress("part", round.into(), ROUNDS.into())?;
+            self.watched = true;
+            if round < GENTLE {
+                self.find_gaps_near(&pairs);
+                let (goals, target) = (self.options.goals, self.target);
+                let good = |corners| quality(corners) >= target || goals.met_by(&measures(corners));
+                self.pull_on(&mut pairs, &[Pull::Apart], &SHORT, good);
+            } else if !self.pull_and_mend(&mut pairs, passes, run)? {
+                break;
+            }
+            pairs = self.crossing();
+            if pairs.is_empty() {
+                // The isosurface does not cross itself: back to it as far as that goes.
+                self.settle_again(MENDING, passes, run)?;
+                pairs = self.crossing();
+            }
+        }
+        Ok(pairs.len())
+    }
+
+    /// Looks for gaps where these triangles are, which is all that is about to change.
+    fn find_gaps_near(&mut self, pairs: &[Pair]) {
+        let corners = pairs.as_flattened().as_flattened();
+        let corners: Vec<Point3> = corners
+            .iter()
+            .map(|&v| self.guarded.mesh.x[v as usize])
+            .collect();
+        self.guarded.find_gaps(self.spacing, Some(&corners));
+    }
+
+    /// Pulls down to [`LEAST`], then passes. Gives whether the elements are as good again; else all is as it was.
+    fn pull_and_mend(
+        &mut self,
+        pairs: &mut Vec<Pair>,
+        passes: &mut Vec<Pass>,
+        run: On<'_>,
+    ) -> Result<bool, Error> {
+        self.find_gaps_near(pairs);
+        let (kept, worst) = (self.guarded.clone(), self.guarded.mesh.worst());
+        // One kind brings about what stops the other.
+        let valid = |corners| quality(corners) >= LEAST;
+        self.pull_on(pairs, &[Pull::Apart, Pull::Fair], &LONG, valid);
+        let mended = |work: &Self| work.met() || work.guarded.mesh.worst() >= worst;
+        for number in 0..MENDING {
+            if mended(self) {
+                break;
+            }
+            let done = self.rescue(number, run)?;
+            passes.push(done);
+        }
+        let mended = mended(self);
+        if !mended {
+            self.guarded = kept;
+        }
+        Ok(mended)
+    }
+
+    /// Steps of these kinds in turn, while any of the pairs crosses.
+    fn pull_on(
+        &mut self,
+        pairs: &mut Vec<Pair>,
+        kinds: &[Pull],
+        shares: &[f64],
+        good: impl Fn([Point3; 4]) -> bool + Sync,
+    ) {
+        for kind in kinds.iter().cycle().take(PULLS) {
+            self.pull(pairs, *kind, shares, &good);
+            let mesh = &self.guarded.mesh;
+            let boxed = |t| BoxedTriangle::new(t, &|v: u32| mesh.x[v as usize]);
+            pairs.retain(|&[s, t]| boxed(s).crosses(&boxed(t)));
+            if pairs.is_empty() {
+                break;
+            }
+        }
+    }
+
+    /// One step of each corner of these triangles, as far as its tetrahedra stay `good` or the worst of them does not get
+    /// worse.
+    fn pull(
+        &mut self,
+        pairs: &[Pair],
+        kind: Pull,
+        shares: &[f64],
+        good: impl Fn([Point3; 4]) -> bool + Sync,
+    ) {
+        let wishes = match kind {
+            Pull::Apart => wishes_apart(&self.guarded.mesh, pairs, ROOM * self.spacing),
+            Pull::Fair => wishes_for_fairness(&self.guarded.mesh, pairs),
+        };
+        let step = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
+            let mesh = &guarded.mesh;
+            let (_, wish) = wishes[wishes.binary_search_by_key(&v, |w| w.0).ok()?];
+            load(mesh, v, star);
+            let x = mesh.x[v as usize];
+            let floor = star.value(&x.coords);
+            shares.iter().find_map(|share| {
+                let candidate = x + wish * *share;
+                let may = star.all_good(&candidate.coords, floor, &good)
+                    && guarded.guard.allows_move(mesh, v, candidate);
+                may.then_some(candidate)
+            })
+        };
+        self.guarded.mesh.tick();
+        let vertices: Vec<u32> = wishes.iter().map(|w| w.0).collect();
+        let fit = |freedom| freedom == Freedom::Field;
+        sweep(
+            &mut self.guarded,
+            &vertices,
+            fit,
+            step,
+            GuardedMesh::move_vertex,
+        );
+    }
+}
+
+/// Half of the way each along the direction in which two triangles face each other; of each vertex the longest, by vertex.
+fn wishes_apart(mesh: &EditableMesh, pairs: &[Pair], room: f64) -> Vec<Wish> {
+    let mut wishes: Vec<Wish> = Vec::new();
+    for pair in pairs {
+        let [s, t] = pair.map(|t| t.map(|v| mesh.x[v as usize]));
+        let Some(axis) = (normal(s) - normal(t)).try_normalize(1e-12) else {
+            continue;
+        };
+        let along = |p: [Point3; 3]| p.map(|p| axis.dot(&p.coords));
+        let (low, high) = (along(s), along(t));
+        let top = low.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let bottom = high.into_iter().fold(f64::INFINITY, f64::min);
+        let middle = 0.5 * (top + bottom);
+        let down = low.map(|at| (middle - room - at).min(0.0));
+        let up = high.map(|at| (middle + room - at).max(0.0));
+        for (corners, ways) in pair.iter().zip([down, up]) {
+            let of = corners.iter().zip(ways);
+            wishes.extend(of.map(|(&v, way)| (v, axis * way)));
+        }
+    }
+    wishes.sort_by(|a, b| {
+        let longer = b.1.norm_squared().total_cmp(&a.1.norm_squared());
+        a.0.cmp(&b.0).then(longer)
+    });
+    wishes.dedup_by_key(|w| w.0);
+    wishes.retain(|w| w.1 != Vector3::zeros());
+    wishes
+}
+
+/// To the mean of the neighbours on the boundary, by vertex.
+fn wishes_for_fairness(mesh: &EditableMesh, pairs: &[Pair]) -> Vec<Wish> {
+    let mut corners: Vec<u32> = pairs.as_flattened().as_flattened().to_vec();
+    corners.sort_unstable();
+    corners.dedup();
+    let mut sums = vec![(Vector3::zeros(), 0.0); corners.len()];
+    for face in mesh.boundary_faces() {
+        for (i, v) in face.into_iter().enumerate() {
+            let Ok(at) = corners.binary_search(&v) else {
+                continue;
+            };
+            for u in [face[(i + 1) % 3], face[(i + 2) % 3]] {
+                sums[at].0 += mesh.x[u as usize] - mesh.x[v as usize];
+                sums[at].1 += 1.0;
+            }
+        }
+    }
+    let mean = |(sum, count): (Vector3, f64)| sum / f64::max(count, 1.0);
+    corners
+        .into_iter()
+        .zip(sums.into_iter().map(mean))
+        .collect()
+}
+
+/// Outwards: boundary faces are oriented so.
+fn normal([a, b, c]: [Point3; 3]) -> Vector3 {
+    let normal = (b - a).cross(&(c - a));
+    normal.try_normalize(0.0).unwrap_or_default()
+}
