@@ -11,6 +11,7 @@ use crossfield::{
     Error, FieldOptions, Guidance, Ladder, Options, Quadrangulation, Size, cross_field,
     quadrangulate,
 };
+use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::{Halfedges, SurfaceAudit, shapes};
 use geom_core::surface::laplace::EdgeWeights;
 use geom_core::{Cpu, Point3, Run, TriMesh, Vector3, io};
@@ -94,6 +95,33 @@ fn indices_add_up_to_the_euler_characteristic() {
     }
 }
 
+/// Whatever the angles: what a field turns by along a rim is what it does not turn by inside.
+#[test]
+fn indices_of_any_field_on_a_plate_add_up_to_four() {
+    let mesh = plate(6, 0.2, |_, _| false);
+    let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+    let mut random = SplitMix64::new(4);
+    let quarter = std::f64::consts::FRAC_PI_2;
+    for _ in 0..20 {
+        let theta: Vec<f64> = (0..frames.faces())
+            .map(|_| 3.0 * random.symmetric())
+            .collect();
+        let edges = frames.edges();
+        // Any jumps, opposite on both sides of an edge.
+        let mut jump = vec![0; edges.len()];
+        for h in edges.edges() {
+            if let Some(twin) = edges.twin(h) {
+                let (i, j) = (h.0 as usize / 3, twin.0 as usize / 3);
+                let turn = theta[j] - theta[i] - frames.transport(h.0 as usize);
+                jump[h.0 as usize] = (turn / quarter).round() as i32;
+                jump[twin.0 as usize] = -jump[h.0 as usize];
+            }
+        }
+        let index = singularity::indices(&frames, &theta, &jump);
+        assert_eq!(index.iter().sum::<i32>(), 4);
+    }
+}
+
 #[test]
 fn a_changed_jump_moves_a_quarter_between_two_vertices() {
     let mesh = fixture("bob_small.ply");
@@ -158,8 +186,9 @@ fn hard_guides_are_followed_exactly_and_soft_ones_the_more_the_heavier() {
         angles.sum::<f64>() / guides.len() as f64
     };
     assert!(off(f64::INFINITY) < 1e-12);
-    let [light, middle, heavy] = [0.05, 0.5, 5.0].map(off);
+    let [light, middle, heavy, rigid] = [0.05, 0.5, 5.0, 1e5].map(off);
     assert!(light > middle && middle > heavy, "{light} {middle} {heavy}");
+    assert!(rigid < 1e-3, "{rigid}");
 }
 
 #[test]
