@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use crossfield::field::{Frames, Guide, Toward, singularity};
 use crossfield::guidance::Modes;
 use crossfield::map::{MapOptions, Spacing, parameterize};
+use crossfield::quads::quality::{Valences, distances};
 use crossfield::quads::{Rung, extract};
 use crossfield::testing::{cuboid, decimated, plate, tube};
 use crossfield::{
@@ -14,7 +15,7 @@ use crossfield::{
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::{Halfedges, SurfaceAudit, shapes};
 use geom_core::surface::laplace::EdgeWeights;
-use geom_core::{Cpu, Point3, Run, TriMesh, Vector3, io};
+use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3, io};
 use proptest::prelude::*;
 
 fn fixture(name: &str) -> TriMesh {
@@ -210,6 +211,46 @@ fn closed_surfaces_become_good_quads() {
         );
         let jacobian = made.report.scaled_jacobian;
         assert!(jacobian.min >= 0.3 && jacobian.mean >= 0.9, "{jacobian:?}");
+    }
+}
+
+#[test]
+fn sizes_are_as_many_quads_as_they_say() {
+    let mesh = shapes::icosphere(1.0, 4);
+    let wanted = [
+        (Size::Triangles, mesh.triangles().len() as f64 / 3.0),
+        (Size::Quads(900), 900.0),
+        (Size::Spacing(0.1), mesh.area() / 0.01),
+    ];
+    for (size, wanted) in wanted {
+        let side = size.spacing(mesh.area(), mesh.triangles().len());
+        assert!((mesh.area() / (side * side) / wanted - 1.0).abs() < 1e-12);
+        let found = quads(&mesh, size).mesh.quads().len() as f64;
+        assert!((found / wanted - 1.0).abs() < 0.15, "{size:?}: {found}");
+    }
+}
+
+#[test]
+fn distances_are_those_of_either_side() {
+    let square = |extent: f64| [[0.0, 0.0], [extent, 0.0], [extent, 1.0], [0.0, 1.0]];
+    let points = |extent| square(extent).map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
+    let small = QuadMesh::new(points(1.0), vec![[0, 1, 2, 3]]).unwrap();
+    let large = TriMesh::new(points(3.0), vec![[0, 1, 2], [0, 2, 3]]).unwrap();
+    let [there, back] = distances(&small, &large).unwrap();
+    assert!(
+        there < 1e-12 && (back - 2.0).abs() < 1e-12,
+        "{there} {back}"
+    );
+}
+
+#[test]
+fn vertices_of_no_quad_are_not_irregular() {
+    let cube = shapes::quad_sphere(1.0, 2);
+    let mut positions = cube.positions().to_vec();
+    positions.push(Point3::new(9.0, 0.0, 0.0));
+    let more = QuadMesh::new(positions, cube.quads().to_vec()).unwrap();
+    for mesh in [&cube, &more] {
+        assert_eq!(Valences::of(mesh).unwrap().irregular(), 8);
     }
 }
 
