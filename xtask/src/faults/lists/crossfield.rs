@@ -10,10 +10,10 @@ pub(super) const FAULTS: &[Fault] = &[
         "std::f64::consts::TAU).round() as i32 + jumps",
     ),
     Fault::wrong(
-        "the index at a boundary counts only one of its ends",
+        "the index at a boundary counts its ends with one sign",
         "crates/crossfield/src/field/singularity.rs",
         "total -= off_side(frames, theta, incoming);",
-        "total -= 0.0 * off_side(frames, theta, incoming);",
+        "total += off_side(frames, theta, incoming);",
     ),
     Fault::wrong(
         "angles follow a connection of one sign on both sides of an edge",
