@@ -15,6 +15,7 @@ use crossfield::CrossfieldBackend;
 use dual_contour::ContourBackend;
 use gauss_density::DensityBackend;
 use geom_core::algebra::eigen::SpectralBackend;
+use geom_core::compute::usage::Usage;
 use geom_core::{Backend, Cancelled, Cpu, Monitor, Run, TriMesh, Wgpu, io};
 use indicatif::{ProgressBar, ProgressStyle};
 use secondfund_ops::OperatorBackend;
@@ -278,6 +279,11 @@ impl Device {
         }
     }
 
+    /// The kernels that ran on it so far; none on the CPU, which counts nothing.
+    fn usage(&self) -> Usage {
+        self.gpu().map(|gpu| gpu.gpu().usage()).unwrap_or_default()
+    }
+
     /// The GPU, if it is one.
     pub fn gpu(&self) -> Option<&Wgpu> {
         match self {
@@ -325,6 +331,10 @@ struct Stage {
     part: Option<&'static str>,
     name: &'static str,
     seconds: f64,
+    /// Where its kernels ran: `cpu` too where another was asked for, and none of its kernels had anything to do.
+    backend: String,
+    #[serde(skip_serializing_if = "Usage::is_empty")]
+    kernels: Usage,
 }
 
 impl Session {
@@ -384,7 +394,7 @@ impl Session {
         Run::on(backend).watched_by(&self.bars)
     }
 
-    /// Does a part of the work and notes how long it took.
+    /// Does a part of the work and notes how long it took, and which kernels ran where.
     pub fn stage<T, E: Into<Failure>>(
         &self,
         name: &'static str,
@@ -395,14 +405,22 @@ impl Session {
         }
         self.bars.begin(name);
         let start = Instant::now();
+        let before = self.device.usage();
         let result = work();
         let seconds = start.elapsed().as_secs_f64();
         self.bars.end(name, seconds);
+        let kernels = self.device.usage().since(&before);
+        let backend = match kernels.is_empty() {
+            true => Cpu.name(),
+            false => self.device.name(),
+        };
         let part = self.current();
         self.report().stages.push(Stage {
             part,
             name,
             seconds,
+            backend,
+            kernels,
         });
         result.map_err(Into::into)
     }

@@ -7,6 +7,7 @@ use std::process::{Command, Output};
 
 use geom_core::io::{self, mesh::AnyMesh};
 use geom_core::mesh::{SurfaceAudit, VolumeAudit, shapes};
+use geom_core::testing::gpu_or_skip;
 use geom_core::{TriMesh, Vector3};
 use serde_json::{Value, json};
 
@@ -68,6 +69,12 @@ fn report_of(name: &str, args: &[&str], out: &Path) -> Value {
     assert_eq!(report["program"], name);
     for stage in report["stages"].as_array().unwrap() {
         assert!(stage["name"].is_string() && stage["seconds"].as_f64().unwrap() >= 0.0);
+        // Only where kernels ran is a stage credited to the device.
+        let device = match stage["kernels"].is_object() {
+            true => report["backend"].clone(),
+            false => "cpu".into(),
+        };
+        assert_eq!(stage["backend"], device, "{name}: {stage}");
     }
     // Exactly the files it names, none empty, no staging folder.
     let mut named: Vec<String> = serde_json::from_value(report["outputs"].clone()).unwrap();
@@ -417,6 +424,47 @@ fn density_maps_come_back_as_surfaces() {
         // The same lattice, trilinear instead of analytic between its points.
         assert!((a / b - 1.0).abs() < 0.05, "{map}: {a} Å³ against {b} Å³");
         assert_eq!(again["surface"]["closed"], true);
+    }
+}
+
+#[test]
+fn stages_say_which_kernels_ran_where() {
+    if gpu_or_skip().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("density");
+    let input = fixture("1AJJ.pdb");
+    let arguments = [&input, "--spacing", "1", "--backend", "wgpu"];
+    let report = report_of("01_density", &arguments, &out);
+    let stage = |report: &Value, name: &str| {
+        let stages = report["stages"].as_array().unwrap().iter();
+        let found = stages.clone().find(|s| s["name"] == name);
+        found.unwrap_or_else(|| panic!("no {name}")).clone()
+    };
+    let density = stage(&report, "density");
+    assert!(density["backend"].as_str().unwrap().starts_with("wgpu ("));
+    let kernels = density["kernels"].as_object().unwrap();
+    let names: Vec<&String> = kernels.keys().collect();
+    let [compact, cull, sums] =
+        ["compact", "cull", "density"].map(|k| format!("gauss_density_{k}"));
+    assert_eq!(names, [&compact, &cull, &sums]);
+    let of = |kernel: &str, what: &str| kernels[kernel][what].as_u64().unwrap();
+    for name in names {
+        assert!(of(name, "calls") > 0 && of(name, "workgroups") >= of(name, "calls"));
+    }
+    // Atoms go up for the first kernel; bricks of 512 values come down from the last.
+    assert!(of(&cull, "bytes_up") > 32 * report["counts"]["kept"].as_u64().unwrap_or(1));
+    assert!(of(&compact, "bytes_down") > 0 && of(&compact, "bytes_down") % 2048 == 0);
+    // Reading is no kernel's work, nor are eigenfunctions of a surface, whatever was asked for.
+    assert_eq!(stage(&report, "reading")["backend"], "cpu");
+    assert_eq!(page_of(&out)["report"]["stages"], report["stages"]);
+    let out = folder.path().join("modes");
+    let arguments = [&fixture("spot.ply"), "--count", "3", "--backend", "wgpu"];
+    let report = report_of("06_modes", &arguments, &out);
+    assert!(report["backend"].as_str().unwrap().starts_with("wgpu ("));
+    for stage in report["stages"].as_array().unwrap() {
+        assert_eq!(stage["backend"], "cpu", "{stage}");
     }
 }
 

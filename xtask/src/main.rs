@@ -8,6 +8,7 @@
 
 mod arrows;
 mod ci;
+mod faults;
 mod fixtures;
 mod lab;
 
@@ -35,6 +36,9 @@ enum Chore {
     Arrows,
     #[command(flatten)]
     Lab(lab::Chore),
+    /// Plants faults in a copy of the workspace, one at a time, and says which of them the tests see. Fails where
+    /// they see less than 95 % of those that change results.
+    Faults(faults::Arguments),
     /// The bundled files are those that fixtures/README.md lists.
     Fixtures,
 }
@@ -44,6 +48,7 @@ fn main() -> ExitCode {
         Chore::Ci => ci::run(),
         Chore::Arrows => arrows::run(),
         Chore::Lab(chore) => lab::run(&chore),
+        Chore::Faults(arguments) => faults::run(&arguments),
         Chore::Fixtures => fixtures::run(),
     };
     match outcome {

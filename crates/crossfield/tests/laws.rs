@@ -5,15 +5,17 @@ use std::ops::ControlFlow;
 use crossfield::field::{Frames, Guide, Toward, singularity};
 use crossfield::guidance::Modes;
 use crossfield::map::{MapOptions, Spacing, parameterize};
+use crossfield::quads::quality::{Valences, distances};
 use crossfield::quads::{Rung, extract};
 use crossfield::testing::{cuboid, decimated, plate, tube};
 use crossfield::{
     Error, FieldOptions, Guidance, Ladder, Options, Quadrangulation, Size, cross_field,
     quadrangulate,
 };
+use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::{Halfedges, SurfaceAudit, shapes};
 use geom_core::surface::laplace::EdgeWeights;
-use geom_core::{Cpu, Point3, Run, TriMesh, Vector3, io};
+use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3, io};
 use proptest::prelude::*;
 
 fn fixture(name: &str) -> TriMesh {
@@ -94,6 +96,33 @@ fn indices_add_up_to_the_euler_characteristic() {
     }
 }
 
+/// Whatever the angles: what a field turns by along a rim is what it does not turn by inside.
+#[test]
+fn indices_of_any_field_on_a_plate_add_up_to_four() {
+    let mesh = plate(6, 0.2, |_, _| false);
+    let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+    let mut random = SplitMix64::new(4);
+    let quarter = std::f64::consts::FRAC_PI_2;
+    for _ in 0..20 {
+        let theta: Vec<f64> = (0..frames.faces())
+            .map(|_| 3.0 * random.symmetric())
+            .collect();
+        let edges = frames.edges();
+        // Any jumps, opposite on both sides of an edge.
+        let mut jump = vec![0; edges.len()];
+        for h in edges.edges() {
+            if let Some(twin) = edges.twin(h) {
+                let (i, j) = (h.0 as usize / 3, twin.0 as usize / 3);
+                let turn = theta[j] - theta[i] - frames.transport(h.0 as usize);
+                jump[h.0 as usize] = (turn / quarter).round() as i32;
+                jump[twin.0 as usize] = -jump[h.0 as usize];
+            }
+        }
+        let index = singularity::indices(&frames, &theta, &jump);
+        assert_eq!(index.iter().sum::<i32>(), 4);
+    }
+}
+
 #[test]
 fn a_changed_jump_moves_a_quarter_between_two_vertices() {
     let mesh = fixture("bob_small.ply");
@@ -158,8 +187,9 @@ fn hard_guides_are_followed_exactly_and_soft_ones_the_more_the_heavier() {
         angles.sum::<f64>() / guides.len() as f64
     };
     assert!(off(f64::INFINITY) < 1e-12);
-    let [light, middle, heavy] = [0.05, 0.5, 5.0].map(off);
+    let [light, middle, heavy, rigid] = [0.05, 0.5, 5.0, 1e5].map(off);
     assert!(light > middle && middle > heavy, "{light} {middle} {heavy}");
+    assert!(rigid < 1e-3, "{rigid}");
 }
 
 #[test]
@@ -181,6 +211,46 @@ fn closed_surfaces_become_good_quads() {
         );
         let jacobian = made.report.scaled_jacobian;
         assert!(jacobian.min >= 0.3 && jacobian.mean >= 0.9, "{jacobian:?}");
+    }
+}
+
+#[test]
+fn sizes_are_as_many_quads_as_they_say() {
+    let mesh = shapes::icosphere(1.0, 4);
+    let wanted = [
+        (Size::Triangles, mesh.triangles().len() as f64 / 3.0),
+        (Size::Quads(900), 900.0),
+        (Size::Spacing(0.1), mesh.area() / 0.01),
+    ];
+    for (size, wanted) in wanted {
+        let side = size.spacing(mesh.area(), mesh.triangles().len());
+        assert!((mesh.area() / (side * side) / wanted - 1.0).abs() < 1e-12);
+        let found = quads(&mesh, size).mesh.quads().len() as f64;
+        assert!((found / wanted - 1.0).abs() < 0.15, "{size:?}: {found}");
+    }
+}
+
+#[test]
+fn distances_are_those_of_either_side() {
+    let square = |extent: f64| [[0.0, 0.0], [extent, 0.0], [extent, 1.0], [0.0, 1.0]];
+    let points = |extent| square(extent).map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
+    let small = QuadMesh::new(points(1.0), vec![[0, 1, 2, 3]]).unwrap();
+    let large = TriMesh::new(points(3.0), vec![[0, 1, 2], [0, 2, 3]]).unwrap();
+    let [there, back] = distances(&small, &large).unwrap();
+    assert!(
+        there < 1e-12 && (back - 2.0).abs() < 1e-12,
+        "{there} {back}"
+    );
+}
+
+#[test]
+fn vertices_of_no_quad_are_not_irregular() {
+    let cube = shapes::quad_sphere(1.0, 2);
+    let mut positions = cube.positions().to_vec();
+    positions.push(Point3::new(9.0, 0.0, 0.0));
+    let more = QuadMesh::new(positions, cube.quads().to_vec()).unwrap();
+    for mesh in [&cube, &more] {
+        assert_eq!(Valences::of(mesh).unwrap().irregular(), 8);
     }
 }
 

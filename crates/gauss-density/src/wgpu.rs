@@ -188,38 +188,7 @@ impl DensityBackend for Wgpu {
     ) -> Result<(), Error> {
         results.clear();
         check_depth(&self.name(), model.levels.len())?;
-        let trees: Vec<ActiveSet> = blocks
-            .par_iter()
-            .map(|b| ActiveSet::gather(model, &b.atoms))
-            .collect();
-        let mut first = 0;
-        while first < blocks.len() {
-            // As many blocks as fit; 16 bytes of state per item and brick.
-            let (mut end, mut bytes, mut bricks) = (first, 0, 0);
-            while end < blocks.len() {
-                let nodes: usize = trees[end].levels.iter().map(Level::len).sum();
-                let own = (trees[end].len() + nodes) * blocks[end].len() * 16;
-                let own_bricks = blocks[end].len();
-                let full = bytes + own > BATCH_BYTES
-                    || (bricks + own_bricks) * BRICK_POINTS * 4 > BATCH_BYTES
-                    || bricks + own_bricks > MAX_GROUPS;
-                if end > first && full {
-                    break;
-                }
-                bytes += own;
-                bricks += own_bricks;
-                end += 1;
-            }
-            results.extend(sample_batch(
-                self,
-                model,
-                job,
-                &blocks[first..end],
-                &trees[first..end],
-            )?);
-            first = end;
-        }
-        Ok(())
+        sample_within(BATCH_BYTES, self, model, job, blocks, results)
     }
 
     fn atom_errors(
@@ -290,6 +259,86 @@ impl DensityBackend for Wgpu {
         sums.curvature = scatter(cells, &parts, atoms, |part, i| five(part, i, 5));
         Ok(())
     }
+}
+
+/// Samples blocks in batches none of whose arrays takes more than so many bytes.
+fn sample_within(
+    bytes: usize,
+    backend: &Wgpu,
+    model: &Prepared<'_>,
+    job: &Job,
+    blocks: &[Block],
+    results: &mut Vec<BlockValues>,
+) -> Result<(), Error> {
+    let trees: Vec<ActiveSet> = blocks
+        .par_iter()
+        .map(|b| ActiveSet::gather(model, &b.atoms))
+        .collect();
+    // 16 bytes of state per item and brick, and the values.
+    let of_brick = |tree: &ActiveSet| {
+        let nodes: usize = tree.levels.iter().map(Level::len).sum();
+        (tree.len() + nodes) * 16
+    };
+    let mut first = 0;
+    while first < blocks.len() {
+        let (mut end, mut states, mut bricks) = (first, 0, 0);
+        while end < blocks.len() {
+            let own = blocks[end].len();
+            let states_then = states + of_brick(&trees[end]) * own;
+            let full = states_then > bytes
+                || (bricks + own) * BRICK_POINTS * 4 > bytes
+                || bricks + own > MAX_GROUPS;
+            if full {
+                break;
+            }
+            (states, bricks, end) = (states_then, bricks + own, end + 1);
+        }
+        if end == first {
+            // Too large as a whole: some of its bricks at a time.
+            let most = bytes / of_brick(&trees[first]).max(BRICK_POINTS * 4);
+            let (block, tree) = (&blocks[first], &trees[first]);
+            results.push(sample_parts(backend, model, job, block, tree, most.max(1))?);
+            first += 1;
+        } else {
+            let range = first..end;
+            let (blocks, trees) = (&blocks[range.clone()], &trees[range]);
+            results.extend(sample_batch(backend, model, job, blocks, trees)?);
+            first = end;
+        }
+    }
+    Ok(())
+}
+
+/// Samples a block, at most so many of its bricks at a time.
+fn sample_parts(
+    backend: &Wgpu,
+    model: &Prepared<'_>,
+    job: &Job,
+    block: &Block,
+    tree: &ActiveSet,
+    most: usize,
+) -> Result<BlockValues, Error> {
+    let mut all = BlockValues::default();
+    all.clear(block);
+    let wanted: Vec<usize> = (0..block.len()).filter(|&i| block.wants(i)).collect();
+    for bricks in wanted.chunks(most) {
+        let part = Block {
+            mask: bricks.iter().fold(0, |mask, i| mask | 1 << i),
+            ..block.clone()
+        };
+        let before = (all.values.len() / BRICK_POINTS) as u32;
+        for found in sample_batch(backend, model, job, &[part], std::slice::from_ref(tree))? {
+            for &i in bricks {
+                all.kinds[i] = match found.kinds[i] {
+                    Brick::Stored(s) => Brick::Stored(before + s),
+                    other => other,
+                };
+            }
+            all.values.extend_from_slice(&found.values);
+            all.pairs += found.pairs;
+        }
+    }
+    Ok(all)
 }
 
 /// Culls, densities and classification of the bricks of some blocks.
@@ -593,4 +642,61 @@ fn site_batch<'a>(
         [sites.len().div_ceil(64) as u32, 1, 1],
     )?;
     Ok(batch)
+}
+
+#[cfg(all(test, feature = "testing"))]
+mod tests {
+    use super::*;
+    use crate::model::Levels;
+    use crate::options::Cutoff;
+    use crate::testing::globule;
+    use geom_core::testing::gpu_or_skip;
+    use geom_core::{Aabb, Lattice};
+
+    /// As many calls as the bytes ask for, and the same values.
+    #[test]
+    fn a_block_that_is_too_large_is_sampled_in_parts() {
+        let Some(gpu) = gpu_or_skip() else { return };
+        let levels = Levels {
+            residue_power: 0.5,
+            ..Levels::default()
+        };
+        let model = Model::uniform(&globule(1, 40, 5), &levels).unwrap();
+        let prepared = Prepared::new(&model);
+        let all = model.center_bounds();
+        let bounds = Aabb::new(all.center(), all.max);
+        let job = Job {
+            lattice: Lattice::covering(&bounds, bounds.extent().max() / 28.0),
+            cutoff: Cutoff::default(),
+            floor: 0.5,
+            ceiling: 2.0,
+        };
+        let block = Block {
+            brick: [0; 3],
+            bricks: job.lattice.counts.map(|n| n.div_ceil(BRICK).min(4)),
+            mask: u64::MAX - 6,
+            atoms: (0..model.atoms() as u32).collect(),
+        };
+        let sampled = |bytes: usize| {
+            let before = gpu.gpu().usage();
+            let mut results = Vec::new();
+            let blocks = [block.clone(), block.clone()];
+            sample_within(bytes, &gpu, &prepared, &job, &blocks, &mut results).unwrap();
+            let used = gpu.gpu().usage().since(&before);
+            let culls = used.kernels().find(|k| k.0 == GAUSS_DENSITY_CULL.name);
+            (results, culls.unwrap().1.calls)
+        };
+        let (whole, calls) = sampled(BATCH_BYTES);
+        assert_eq!(calls, 1);
+        assert!(whole[0].values.len() > 2 * BRICK_POINTS);
+        let wanted = (0..block.len()).filter(|&i| block.wants(i)).count() as u64;
+        for (bytes, expected) in [(BATCH_BYTES / 1024, None), (1, Some(2 * wanted))] {
+            let (parts, calls) = sampled(bytes);
+            assert_eq!(parts, whole);
+            assert!(
+                calls > 2 && expected.is_none_or(|n| calls == n),
+                "{calls} calls"
+            );
+        }
+    }
 }

@@ -140,6 +140,29 @@ fn solvers_find_regions_and_boundaries_by_name() {
     let mut all = sides.to_vec();
     all.extend(["exterior", "molecule", "molecule|exterior"]);
     assert_eq!(named(&mesh), all);
+    // Sides lie where their names say.
+    let (view, bounds) = (View::from(&mesh), mesh.bounds());
+    let faces = view.blocks[1]
+        .iter()
+        .zip(&view.group_of[view.blocks[0].len()..]);
+    for (corners, &group) in faces {
+        let name = &view.groups[group as usize].name;
+        let Some(side) = name.strip_prefix("box_") else {
+            continue;
+        };
+        let axis = ["x", "y", "z"]
+            .iter()
+            .position(|a| side.starts_with(a))
+            .unwrap();
+        let place = if side.ends_with("min") {
+            bounds.min
+        } else {
+            bounds.max
+        };
+        for &corner in corners {
+            assert_eq!(view.points[corner as usize][axis], place[axis], "{name}");
+        }
+    }
 
     // The exterior alone keeps the name of the molecule's surface.
     let (positions, tets, regions, kinds) = mesh.into_parts();

@@ -630,3 +630,49 @@ fn bad_input_names_file_and_line() {
     let missing = read(folder.path().join("none.pdb"), &plain).unwrap_err();
     assert!(missing.to_string().contains("none.pdb: "), "{missing}");
 }
+
+/// An atom and the operators of an assembly, row by row.
+fn assembly(rows: &[&str]) -> String {
+    let mut file =
+        "REMARK 350 BIOMOLECULE: 1\nREMARK 350 APPLY THE FOLLOWING TO CHAINS: A\n".to_owned();
+    for row in rows {
+        file += &format!("REMARK 350   {row}\n");
+    }
+    file + "ATOM      1  CA  ALA A   1       1.000   0.000   2.000  1.00 10.00           C  \nEND\n"
+}
+
+/// About a three-fold axis a rotation and its inverse differ.
+#[test]
+fn a_three_fold_axis_turns_counter_clockwise() {
+    let identity = [
+        "BIOMT1   1  1.000000  0.000000  0.000000        0.00000",
+        "BIOMT2   1  0.000000  1.000000  0.000000        0.00000",
+        "BIOMT3   1  0.000000  0.000000  1.000000        0.00000",
+    ];
+    let third = [
+        "BIOMT1   2 -0.500000 -0.866025  0.000000        0.00000",
+        "BIOMT2   2  0.866025 -0.500000  0.000000        0.00000",
+        "BIOMT3   2  0.000000  0.000000  1.000000        5.00000",
+    ];
+    let asked = options(|o| o.assembly = Some("1".to_owned()));
+    let file = assembly(&[identity, third].concat());
+    let read = parse(file.as_bytes(), Format::Pdb, &asked).unwrap();
+    let places: Vec<Point3> = read.structure.atoms().iter().map(|a| a.position).collect();
+    let wanted = [Point3::new(1.0, 0.0, 2.0), Point3::new(-0.5, 0.866025, 7.0)];
+    assert_eq!(places.len(), 2);
+    for (place, wanted) in places.iter().zip(wanted) {
+        assert!((place - wanted).norm() < 1e-12, "{place} for {wanted}");
+    }
+    // An operator has three rows of one name.
+    let other = third[2].replace("BIOMT3   2", "BIOMT3   3");
+    for rows in [
+        &third[..1],
+        &third[..2],
+        &[third[0], third[2]],
+        &[third[0], third[1], &other],
+    ] {
+        let file = assembly(&[&identity, rows].concat());
+        let read = parse(file.as_bytes(), Format::Pdb, &asked);
+        assert!(read.is_err(), "{rows:?}");
+    }
+}

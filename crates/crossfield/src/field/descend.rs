@@ -490,3 +490,22 @@ impl<'a> Descent<'a> {
             .collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn near_pairs_cost_more() {
+        let price = Price {
+            far: 0.25,
+            near: 2.0,
+        };
+        assert_eq!(
+            [100.0, NEAR * 2.0, NEAR, 0.5 * NEAR].map(|d| price.at(d)),
+            [0.25, 0.25, 1.0, 4.0]
+        );
+        // Where the side of a quad does not matter.
+        assert_eq!(Price { near: 0.0, ..price }.at(1e-3), 0.25);
+    }
+}

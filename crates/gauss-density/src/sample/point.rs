@@ -16,8 +16,8 @@ use crate::options::Cutoff;
 /// The density as a continuous field: 1 on the surface, larger inside.
 ///
 /// Space around the atoms is cut into cells, each with the atoms that matter there (a share `ε` of the
-/// density at most is lost, wherever it is above 1e-9), so that a point costs some tens of kernels. Away from the
-/// atoms all of them are summed. Runs on the CPU, whatever the backend of the sampling was.
+/// density at most is lost, wherever it is above 1e-9), so that a point costs some tens of kernels. Where no surface can
+/// be, far from the atoms, all of them are summed. Runs on the CPU, whatever the backend of the sampling was.
 ///
 /// ```
 /// use gauss_density::{Cutoff, Model, PointSampler};
@@ -57,8 +57,12 @@ pub struct AtomGradient {
 
 /// Where the density is below this, more of it may be lost.
 const FLOOR: f64 = 1e-9;
-/// Space around the atom centres that is cut into cells, Å.
+/// Space around the atom centres that is cut into cells, at least, Å.
 const AROUND: f64 = 4.0;
+/// Cells reach as far as the density may be above this: the surface, and what is looked at near it, lies within.
+const OUTERMOST: f64 = 0.25;
+/// Most cells, per atom and besides.
+const MOST_CELLS: [f64; 2] = [16.0, 4096.0];
 
 impl<'a> PointSampler<'a> {
     /// Prepares the cells.
@@ -71,13 +75,15 @@ impl<'a> PointSampler<'a> {
         cutoff.check()?;
         let eps = cutoff.0;
         let prepared = Prepared::new(model);
-        let bounds = model.center_bounds().inflated(AROUND);
+        let volume = |of: &Aabb| of.extent().product();
+        let around = prepared.reach.beyond(OUTERMOST).max(AROUND);
+        let bounds = model.center_bounds().inflated(around);
         let extent = bounds.extent();
-        // About one atom and a half per cell in a packed structure; coarser for sparse ones.
-        let volume = extent.x * extent.y * extent.z;
-        let edge = (volume / (1.5 * model.atoms() as f64))
-            .cbrt()
-            .clamp(2.5, 1e6);
+        // About one atom and a half per cell in a packed structure; coarser for sparse ones, and where much of the space is
+        // beyond the atoms.
+        let packed = volume(&model.center_bounds().inflated(AROUND)) / (1.5 * model.atoms() as f64);
+        let most = MOST_CELLS[0] * model.atoms() as f64 + MOST_CELLS[1];
+        let edge = packed.max(volume(&bounds) / most).cbrt().clamp(2.5, 1e6);
         let cells = [0, 1, 2].map(|k| ((extent[k] / edge).ceil() as usize).max(1));
         let mut sampler = Self {
             model: prepared,
@@ -314,6 +320,53 @@ mod tests {
             }
             assert!(roots > 1000, "{roots} roots");
         }
+    }
+
+    /// However far the atoms reach: slow decays and small powers push the surface far out.
+    #[test]
+    fn no_point_of_the_surface_sums_all_atoms() {
+        let near = globule(1, 12, 3);
+        let levels = crate::Levels {
+            residue_power: 0.05,
+            decay: 0.3,
+            ..crate::Levels::default()
+        };
+        let one = Model::uniform(&near, &levels).unwrap();
+        // The same twice, so far apart that neither matters on the surface of the other.
+        let shift = Vector3::new(400.0, 0.0, 0.0);
+        let both = |of: &[f64]| [of, of].concat();
+        let moved = one.centers().iter().map(|x| x + shift);
+        let centers = one.centers().iter().copied().chain(moved).collect();
+        let [first, second] = [0, 1].map(|half| {
+            let level = &one.levels()[0];
+            let shift = half * one.atoms() as u32;
+            level.first_child[..level.len()]
+                .iter()
+                .map(move |c| c + shift)
+                .collect::<Vec<u32>>()
+        });
+        let ends = [first, second, vec![2 * one.atoms() as u32]].concat();
+        let tree = vec![(ends, both(one.levels()[0].powers()))];
+        let model = Model::new(centers, both(one.radii()), both(one.decays()), tree).unwrap();
+        let sampler = PointSampler::new(&model, Cutoff(1e-3)).unwrap();
+        let middle = one.center_bounds().center();
+        let mut beyond = 0;
+        for direction in 0..200 {
+            let z = 1.0 - f64::from(direction) / 100.0;
+            let turn = 2.4 * f64::from(direction);
+            let across = (1.0 - z * z).max(0.0).sqrt();
+            let d = Vector3::new(across * turn.cos(), across * turn.sin(), z);
+            // Outwards to the first place where the density is below 1.
+            let steps = (0..4000).map(|step| middle + d * (0.02 * f64::from(step)));
+            let at = steps.into_iter().find(|x| sampler.value(x) < 1.0).unwrap();
+            assert!(
+                sampler.atoms_at(&at) <= one.atoms(),
+                "all are summed at {at}"
+            );
+            let inner = model.center_bounds().inflated(4.0);
+            beyond += usize::from(!inner.contains(&at));
+        }
+        assert!(beyond > 20, "{beyond} of the points lie far out");
     }
 
     /// A sample right on the surface counts as inside, and is the root.

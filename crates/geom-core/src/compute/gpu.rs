@@ -2,7 +2,7 @@
 //! `download`). The only file that knows wgpu.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use bytemuck::{NoUninit, Pod};
@@ -11,6 +11,7 @@ use wgpu::util::DeviceExt;
 
 use crate::Backend;
 use crate::compute::BackendError;
+use crate::compute::usage::Usage;
 
 pub use wgpu;
 
@@ -82,6 +83,7 @@ pub struct GpuContext {
     limits: wgpu::Limits,
     /// By name of the kernel.
     pipelines: Mutex<HashMap<&'static str, Arc<wgpu::ComputePipeline>>>,
+    usage: Mutex<Usage>,
     lost: Arc<Mutex<Option<String>>>,
 }
 
@@ -89,6 +91,25 @@ pub struct GpuContext {
 pub struct GpuBuffer {
     buffer: wgpu::Buffer,
     bytes: u64,
+    way: Mutex<Way>,
+}
+
+/// For whom an array travels.
+#[derive(Clone, Copy)]
+enum Way {
+    /// Copied to the device for a kernel that is yet to come.
+    Up,
+    /// Made on the device, and handed to no kernel yet.
+    Made,
+    /// Handed to this kernel last.
+    With(&'static str),
+}
+
+impl GpuBuffer {
+    fn new(buffer: wgpu::Buffer, bytes: u64, way: Way) -> Self {
+        let way = Mutex::new(way);
+        Self { buffer, bytes, way }
+    }
 }
 
 impl GpuContext {
@@ -154,8 +175,14 @@ impl GpuContext {
             info,
             limits,
             pipelines,
+            usage: Mutex::default(),
             lost,
         })
+    }
+
+    /// The kernels that ran so far, and what travelled for them. What programs draw is not counted.
+    pub fn usage(&self) -> Usage {
+        locked(&self.usage).clone()
     }
 
     /// Name of the adapter.
@@ -193,7 +220,7 @@ impl GpuContext {
     /// Copies an array to the GPU. An empty array becomes one zero element, since bindings may not
     /// be empty.
     pub fn upload<T: NoUninit>(&self, label: &str, data: &[T]) -> Result<GpuBuffer, GpuError> {
-        self.buffer(label, size_of_val(data), size_of::<T>(), |bytes| {
+        self.buffer(label, size_of_val(data), size_of::<T>(), Way::Up, |bytes| {
             let mut contents = bytemuck::cast_slice::<T, u8>(data).to_vec();
             contents.resize(bytes as usize, 0);
             self.device
@@ -216,10 +243,7 @@ impl GpuContext {
                     contents,
                     usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
                 });
-            GpuBuffer {
-                buffer,
-                bytes: contents.len() as u64,
-            }
+            GpuBuffer::new(buffer, contents.len() as u64, Way::Up)
         })
     }
 
@@ -229,6 +253,7 @@ impl GpuContext {
             label,
             len.saturating_mul(size_of::<T>()),
             size_of::<T>(),
+            Way::Made,
             |bytes| {
                 self.device.create_buffer(&wgpu::BufferDescriptor {
                     label: Some(label),
@@ -245,6 +270,7 @@ impl GpuContext {
         label: &str,
         bytes: usize,
         element: usize,
+        way: Way,
         make: impl FnOnce(u64) -> wgpu::Buffer,
     ) -> Result<GpuBuffer, GpuError> {
         let (bytes, limit) = (bytes as u64, self.max_buffer_bytes());
@@ -256,10 +282,7 @@ impl GpuContext {
             });
         }
         let allocated = bytes.max(element as u64).next_multiple_of(4);
-        self.watched(label, || GpuBuffer {
-            buffer: make(allocated),
-            bytes,
-        })
+        self.watched(label, || GpuBuffer::new(make(allocated), bytes, way))
     }
 
     /// Runs a kernel over `groups` workgroups. The buffers stand in binding order of group 0.
@@ -303,7 +326,23 @@ impl GpuContext {
                 pass.dispatch_workgroups(groups[0], groups[1], groups[2]);
             }
             self.queue.submit([encoder.finish()]);
-        })
+        })?;
+        self.note(shader.name, bindings, groups);
+        Ok(())
+    }
+
+    /// Counts a dispatch, and what was copied to the device for it.
+    fn note(&self, kernel: &'static str, bindings: &[&GpuBuffer], groups: [u32; 3]) {
+        let mut usage = locked(&self.usage);
+        let used = usage.of(kernel);
+        used.calls += 1;
+        used.workgroups += groups.iter().map(|&g| u64::from(g)).product::<u64>();
+        for buffer in bindings {
+            let before = std::mem::replace(&mut *locked(&buffer.way), Way::With(kernel));
+            if let Way::Up = before {
+                used.bytes_up += buffer.bytes;
+            }
+        }
     }
 
     /// Copies an array back; waits for all work before it.
@@ -353,11 +392,14 @@ impl GpuContext {
             data
         };
         staging.unmap();
+        if let Way::With(kernel) = *locked(&buffer.way) {
+            locked(&self.usage).of(kernel).bytes_down += buffer.bytes;
+        }
         Ok(data)
     }
 
     fn pipeline(&self, shader: &Shader) -> Arc<wgpu::ComputePipeline> {
-        let mut pipelines = self.pipelines.lock().unwrap_or_else(|e| e.into_inner());
+        let mut pipelines = locked(&self.pipelines);
         let compiled = pipelines.entry(shader.name).or_insert_with(|| {
             let module = self
                 .device
@@ -404,7 +446,7 @@ impl GpuContext {
     }
 
     fn check_lost(&self, during: &str) -> Result<(), GpuError> {
-        match &*self.lost.lock().unwrap_or_else(|e| e.into_inner()) {
+        match &*locked(&self.lost) {
             Some(reason) => Err(GpuError::Failed {
                 during: during.to_owned(),
                 reason: reason.clone(),
@@ -419,9 +461,12 @@ const USAGE: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE
     .union(wgpu::BufferUsages::COPY_DST);
 
 fn set_once(slot: &Mutex<Option<String>>, reason: String) {
-    slot.lock()
-        .unwrap_or_else(|e| e.into_inner())
-        .get_or_insert(reason);
+    locked(slot).get_or_insert(reason);
+}
+
+/// Nothing that is locked here is left half done by a panic.
+fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The GPU as a backend: a cheap handle to a [`GpuContext`].
@@ -459,6 +504,7 @@ impl Backend for Wgpu {
 #[cfg(all(test, feature = "testing"))]
 mod tests {
     use super::*;
+    use crate::compute::usage::KernelUsage;
     use crate::testing::gpu_or_skip;
 
     const DOUBLE: Shader = Shader {
@@ -481,6 +527,40 @@ mod tests {
         gpu.dispatch(&DOUBLE, &[&a, &b], [16, 1, 1]).unwrap();
         let doubled: Vec<u32> = gpu.download(&b).unwrap();
         assert_eq!(doubled, input.iter().map(|x| 2 * x).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_travels_counts_for_the_kernel_that_it_travels_for() {
+        let Some(gpu) = gpu_or_skip() else { return };
+        let gpu = gpu.gpu();
+        let before = gpu.usage();
+        let a = gpu.upload("a", &[1u32; 100]).unwrap();
+        let [b, c] = ["b", "c"].map(|label| gpu.output::<u32>(label, 100).unwrap());
+        // What no kernel was handed travels for none.
+        gpu.upload("idle", &[1u32; 7]).unwrap();
+        gpu.download::<u32>(&c).unwrap();
+        assert!(gpu.usage().since(&before).is_empty());
+        gpu.dispatch(&DOUBLE, &[&a, &b], [2, 1, 1]).unwrap();
+        gpu.dispatch(&DOUBLE, &[&b, &c], [2, 3, 1]).unwrap();
+        gpu.download::<u32>(&c).unwrap();
+        // Nothing to do is no call.
+        gpu.dispatch(&DOUBLE, &[&a, &b], [0, 1, 1]).unwrap();
+        let used = gpu.usage().since(&before);
+        let wanted = KernelUsage {
+            calls: 2,
+            workgroups: 8,
+            bytes_up: 400,
+            bytes_down: 400,
+        };
+        assert_eq!(
+            used.kernels().collect::<Vec<_>>(),
+            [("test_double", &wanted)]
+        );
+        assert_eq!(used.total(), wanted);
+        // One that came up stays: it travels once.
+        let before = gpu.usage();
+        gpu.dispatch(&DOUBLE, &[&a, &c], [2, 1, 1]).unwrap();
+        assert_eq!(gpu.usage().since(&before).total().bytes_up, 0);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! How things are computed: on which backend, watched by whom, with the same bits on any number of threads.
 //!
 //! - [`backend`]: a place where kernels run, what it owes to the specification, and how it fails
-//! - [`gpu`]: device, queue and pipelines of a GPU (feature `wgpu`)
+//! - [`gpu`]: device, queue and pipelines of a GPU (feature `wgpu`); [`usage`]: what it was asked to do
 //! - [`run`]: a computation's backend, its progress, its cancellation
 //! - [`parallel`]: loops and sums over fixed chunks, combined in order
 //! - [`lanes`]: the processor's vector instructions
@@ -18,5 +18,7 @@ pub mod sets;
 
 #[cfg(feature = "wgpu")]
 pub mod gpu;
+#[cfg(feature = "wgpu")]
+pub mod usage;
 
 pub use backend::BackendError;

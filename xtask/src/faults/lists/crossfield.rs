@@ -1,0 +1,102 @@
+//! Faults of `crossfield`.
+
+use super::Fault;
+
+pub(super) const FAULTS: &[Fault] = &[
+    Fault::wrong(
+        "period jumps turn singularities the wrong way",
+        "crates/crossfield/src/field/singularity.rs",
+        "std::f64::consts::TAU).round() as i32 - jumps",
+        "std::f64::consts::TAU).round() as i32 + jumps",
+    ),
+    Fault::wrong(
+        "the index at a boundary counts its ends with one sign",
+        "crates/crossfield/src/field/singularity.rs",
+        "total -= off_side(frames, theta, incoming);",
+        "total += off_side(frames, theta, incoming);",
+    ),
+    Fault::wrong(
+        "angles follow a connection of one sign on both sides of an edge",
+        "crates/crossfield/src/field/parallel.rs",
+        "*b += w * (known(j) - turn);",
+        "*b += w * (known(j) + turn);",
+    ),
+    Fault::wrong(
+        "soft guides pull with a weight of one",
+        "crates/crossfield/src/field/parallel.rs",
+        "*b += weight * nearest_branch(angle, theta[face]);",
+        "*b += nearest_branch(angle, theta[face]).min(weight * f64::INFINITY);",
+    ),
+    Fault::wrong(
+        "near pairs of singularities cost no more than far ones",
+        "crates/crossfield/src/field/descend.rs",
+        "self.far * (NEAR * self.near / distance).max(1.0).powi(2)",
+        "self.far * (0.0 * distance).max(1.0).powi(2)",
+    ),
+    Fault::wrong(
+        "steep modes count more, though they should not",
+        "crates/crossfield/src/guidance/characteristic.rs",
+        "Normalization::Normalized => 1.0 / mode.value.max(f64::MIN_POSITIVE).sqrt(),",
+        "Normalization::Normalized => 1.0_f64.max(mode.value * 0.0),",
+    ),
+    Fault::wrong(
+        "the modes before the smallest gap are chosen, not before the largest",
+        "crates/crossfield/src/guidance/modes.rs",
+        "ratio(a).total_cmp(&ratio(b)).then(b.cmp(&a))",
+        "ratio(b).total_cmp(&ratio(a)).then(b.cmp(&a))",
+    ),
+    Fault::wrong(
+        "coordinates turn by a quarter without the sign",
+        "crates/crossfield/src/map/transition.rs",
+        "(1, 0) => (1, -1),",
+        "(1, 0) => (1, 1),",
+    ),
+    Fault::wrong(
+        "spacings along and across do not turn with the arms",
+        "crates/crossfield/src/map/spacing.rs",
+        "if comb.is_multiple_of(2) {",
+        "if comb.is_multiple_of(1) {",
+    ),
+    Fault::wrong(
+        "angles around singular vertices add up to the other sign's",
+        "crates/crossfield/src/map/cones.rs",
+        "let quarters = if frames.on_boundary(v) { 2 } else { 4 } - field.index[v];",
+        "let quarters = if frames.on_boundary(v) { 2 } else { 4 } + field.index[v];",
+    ),
+    Fault::wrong(
+        "curvature flows three times as long",
+        "crates/crossfield/src/field/smooth.rs",
+        ".map(|(m, t)| m * FLOW_STEPS as f64 / t)",
+        ".map(|(m, t)| m / t)",
+    ),
+    Fault::wrong(
+        "as many quads as triangles where a third was wanted",
+        "crates/crossfield/src/options.rs",
+        "Self::Triangles => (3.0 * area / triangles as f64).sqrt(),",
+        "Self::Triangles => (area / triangles as f64).sqrt(),",
+    ),
+    Fault::wrong(
+        "distances are taken from the quads to the surface twice",
+        "crates/crossfield/src/quads/quality.rs",
+        "Ok([one(&halves, surface)?, one(surface, &halves)?])",
+        "Ok([one(&halves, surface)?, one(&halves, surface)?])",
+    ),
+    Fault::wrong(
+        "vertices of no quad count as irregular",
+        "crates/crossfield/src/quads/quality.rs",
+        "- self.interior.first().copied().unwrap_or(0)",
+        "- 0 * self.interior.first().copied().unwrap_or(0)",
+    ),
+    Fault::wrong(
+        "chart_distortion.wgsl: the derivative without the regularization",
+        "shaders/wgsl/crossfield/chart_distortion.wgsl",
+        "let chi_slope = chi / root;",
+        "let chi_slope = 1.0;",
+    ),
+    Fault::wrong(
+        "corner_distortion.wgsl: the next side's derivative for both",
+        "shaders/wgsl/crossfield/corner_distortion.wgsl",
+        "out[2u * i + 1u] = vec4<f32>(made.first.z, made.second);",
+        "out[2u * i + 1u] = vec4<f32>(made.first.z, made.first);",
+    ),
+];

@@ -1,0 +1,126 @@
+//! Faults of `dual-contour`.
+
+use super::Fault;
+
+pub(super) const FAULTS: &[Fault] = &[
+    Fault::wrong(
+        "a cell with two opposite corners inside counts as simple",
+        "crates/dual-contour/src/complex/frame.rs",
+        "connected(mask) && connected(!mask & 255)",
+        "mask == 129 || connected(mask) && connected(!mask & 255)",
+    ),
+    Fault::wrong(
+        "of three labels only the first is asked whether it is simple",
+        "crates/dual-contour/src/complex/frame.rs",
+        "let labels = if n == 2 { &labels[..1] } else { &labels[..n] };",
+        "let labels = if n == 2 { &labels[..1] } else { &labels[..n.min(1)] };",
+    ),
+    Fault::wrong(
+        "the middle of a cut cell has the value of its first corner",
+        "crates/dual-contour/src/complex/split.rs",
+        "let value = values.iter().sum::<f64>() / 8.0 + level;",
+        "let value = values[0] + level;",
+    ),
+    Fault::wrong(
+        "points of leaves go to their place whatever tetrahedra say",
+        "crates/dual-contour/src/dual/room.rs",
+        "if (0..n).all(|i| margin(i, target) > 0.0) {",
+        "if (0..n).all(|i| margin(i, target) > f64::NEG_INFINITY) {",
+    ),
+    Fault::wrong(
+        "points of cut cells go to their place whatever tetrahedra say",
+        "crates/dual-contour/src/contour/uniform/pattern.rs",
+        "margins.iter().all(|&s| s > 0.0)",
+        "margins.iter().all(|&s| s >= f64::NEG_INFINITY)",
+    ),
+    Fault::wrong(
+        "a vertex may snap though a tetrahedron then lies on the interface",
+        "crates/dual-contour/src/contour/stuffing/snap.rs",
+        "if triangle.iter().all(|&c| out.sign[c as usize] == 0) {",
+        "if out.len == 0 && triangle.iter().all(|&c| out.sign[c as usize] == 0) {",
+    ),
+    Fault::wrong(
+        "a tetrahedron beyond a cut has the label of this side",
+        "crates/dual-contour/src/contour/stuffing/cut.rs",
+        "emit([P(m), C(p, m), P(y), P(z)], !side);",
+        "emit([P(m), C(p, m), P(y), P(z)], side);",
+    ),
+    Fault::wrong(
+        "Newton steps without regularization",
+        "crates/dual-contour/src/kernel/mod.rs",
+        "pub(crate) const REGULAR: f64 = 0.01;",
+        "pub(crate) const REGULAR: f64 = 0.0;",
+    ),
+    Fault::wrong(
+        "min_max.wgsl: the last value of a block is left out",
+        "shaders/wgsl/dual_contour/min_max.wgsl",
+        "for (var i = slot + 64u; i < POINTS; i += 64u) {",
+        "for (var i = slot + 64u; i < POINTS - 1u; i += 64u) {",
+    ),
+    Fault::wrong(
+        "min_max.wgsl: blocks of 728 values",
+        "shaders/wgsl/dual_contour/min_max.wgsl",
+        "const POINTS = 729u;",
+        "const POINTS = 728u;",
+    ),
+    Fault::wrong(
+        "crossings.wgsl: a corner of cells is that beside it",
+        "shaders/wgsl/dual_contour/crossings.wgsl",
+        "(sign(at + 90u) << 6u)",
+        "(sign(at + 91u) << 6u)",
+    ),
+    Fault::wrong(
+        "dual_vertices.wgsl: Newton steps of twice the length",
+        "shaders/wgsl/dual_contour/dual_vertices.wgsl",
+        "x = clamp(x - g * (f / (dot(g, g) + floor)),",
+        "x = clamp(x - 2.0 * g * (f / (dot(g, g) + floor)),",
+    ),
+    Fault::wrong(
+        "no balance towards lower neighbours from 16 cells on",
+        "crates/dual-contour/src/octree/tree.rs",
+        "let low = [0, 1, 2].map(|k| ((at[k] - 1) >> 1).max(0));",
+        "let low = [0, 1, 2].map(|k| (at[k] >> 1).max(0));",
+    ),
+    Fault::wrong(
+        "no balance towards lower neighbours of 8 cells",
+        "crates/dual-contour/src/octree/tree.rs",
+        "let low = [0, 1, 2].map(|k| (corner_of(g)[k] - 1) >> 1);",
+        "let low = [0, 1, 2].map(|k| corner_of(g)[k] >> 1);",
+    ),
+    Fault::wrong(
+        "both halves of an edge of two larger leaves may have one diagonal",
+        "crates/dual-contour/src/complex/rings.rs",
+        "let upper = self.start[self.axis] >> self.log & 1 == 1;",
+        "let upper = self.start[self.axis] >> self.log & 1 > 1;",
+    ),
+    Fault::wrong(
+        "ambiguous faces join the other pair",
+        "crates/dual-contour/src/complex/split.rs",
+        "return (saddle >= 0.0) != (v[0] >= 0.0);",
+        "return (saddle >= 0.0) == (v[0] >= 0.0);",
+    ),
+    Fault::wrong(
+        "points where three labels meet may move",
+        "crates/dual-contour/src/complex/collect.rs",
+        "(VertexKind::Interior, 2) => VertexKind::Surface,",
+        "(VertexKind::Interior, _) => VertexKind::Surface,",
+    ),
+    Fault::wrong(
+        "an interface may pass an edge twice",
+        "crates/dual-contour/src/contour/stuffing/snap.rs",
+        ".all(|(i, sign)| self.arcs(i, sign) <= 1)",
+        ".all(|(i, sign)| self.arcs(i, sign) <= 9)",
+    ),
+    Fault::wrong(
+        "half the error counts where leaves are split",
+        "crates/dual-contour/src/octree/sizing.rs",
+        "return feature_error(&values, edge, self.options.error_norm) > tolerance;",
+        "return 0.5 * feature_error(&values, edge, self.options.error_norm) > tolerance;",
+    ),
+    Fault::poor(
+        "crossings of cut cells may lie in their corners",
+        "crates/dual-contour/src/dual/probe.rs",
+        "let t = probe.crossing(a, b).clamp(0.02, 0.98);",
+        "let t = probe.crossing(a, b);",
+    ),
+];

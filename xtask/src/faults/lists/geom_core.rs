@@ -1,0 +1,96 @@
+//! Faults of `geom-core`.
+
+use super::Fault;
+
+pub(super) const FAULTS: &[Fault] = &[
+    Fault::wrong(
+        "of alternate locations the least occupied is kept",
+        "crates/geom-core/src/io/structure/keep.rs",
+        ".fold(&sums[0], |b, s| if s.2 > b.2 { s } else { b });",
+        ".fold(&sums[0], |b, s| if s.2 < b.2 { s } else { b });",
+    ),
+    Fault::wrong(
+        "coordinates may be no numbers",
+        "crates/geom-core/src/io/structure/record.rs",
+        "value.is_finite().then_some(value)",
+        "Some(value)",
+    ),
+    Fault::wrong(
+        "products of operators are taken from the wrong side",
+        "crates/geom-core/src/io/structure/assembly.rs",
+        "list.iter().map(|t| outer.after(t)).collect()",
+        "list.iter().map(|t| t.after(outer)).collect()",
+    ),
+    Fault::wrong(
+        "an MRC map starts on the other side of the origin",
+        "crates/geom-core/src/io/grid/mrc.rs",
+        "origin += steps[k] * f64::from(starts[k]);",
+        "origin -= steps[k] * f64::from(starts[k]);",
+    ),
+    Fault::wrong(
+        "both planes of a membrane are the upper one",
+        "crates/geom-core/src/io/structure/keep.rs",
+        "lower: mean(&|z| z < middle),",
+        "lower: mean(&|z| z >= middle),",
+    ),
+    Fault::wrong(
+        "BIOMT rotations are transposed",
+        "crates/geom-core/src/io/structure/pdb.rs",
+        "self.operator.rotation[(index, column)] = *value;",
+        "self.operator.rotation[(column, index)] = *value;",
+    ),
+    Fault::wrong(
+        "low and high y of the box change their names",
+        "crates/geom-core/src/io/view.rs",
+        r#"["ymin", "ymax"], ["zmin", "zmax"]];"#,
+        r#"["ymax", "ymin"], ["zmin", "zmax"]];"#,
+    ),
+    Fault::wrong(
+        "a BIOMT operator that ends after its first row is no error",
+        "crates/geom-core/src/io/structure/pdb.rs",
+        "if reader.atoms > 0 && reader.rows != 0 {",
+        "if reader.atoms > 0 && reader.rows == 2 {",
+    ),
+    Fault::wrong(
+        "the rows of a BIOMT operator may bear several names",
+        "crates/geom-core/src/io/structure/pdb.rs",
+        "let follows = index == self.rows && (index == 0 || name == self.operator_name);",
+        "let follows = index == self.rows;",
+    ),
+    Fault::poor(
+        "the fit of curvatures counts all neighbours alike",
+        "crates/geom-core/src/surface/curvature.rs",
+        "let weight = 1.0 / (0.1 + d.norm_squared() / (scale * scale));",
+        "let weight = 1.0;",
+    ),
+    Fault::wrong(
+        "curvatures without the slope of the fitted surface",
+        "crates/geom-core/src/surface/curvature.rs",
+        "let first = Matrix2::new(1.0 + p * p, p * q, p * q, 1.0 + q * q);",
+        "let first = Matrix2::new(1.0, p * q, p * q, 1.0);",
+    ),
+    Fault::wrong(
+        "the Gaussian curvature of a boundary vertex as if it lay inside",
+        "crates/geom-core/src/surface/curvature.rs",
+        "TAU - PI * (edges - f64::from(n)) - angles[v]",
+        "TAU - angles[v]",
+    ),
+    Fault::wrong(
+        "the divergence of a field with the wrong sign",
+        "crates/geom-core/src/surface/laplace/mod.rs",
+        "hat_gradients(mesh, t).map(|g| -area * g.dot(&field[t]))",
+        "hat_gradients(mesh, t).map(|g| area * g.dot(&field[t]))",
+    ),
+    Fault::wrong(
+        "the consistent mass of a pair as of a corner",
+        "crates/geom-core/src/surface/laplace/mod.rs",
+        "let (pair, corner) = (areas[t] / 12.0, areas[t] / 6.0);",
+        "let (pair, corner) = (areas[t] / 6.0, areas[t] / 6.0);",
+    ),
+    Fault::wrong(
+        "distances by heat with an insulated border only",
+        "crates/geom-core/src/surface/distance/heat.rs",
+        "*u = f64::midpoint(*u, c);",
+        "*u += 0.0 * c;",
+    ),
+];
