@@ -10,6 +10,7 @@ mod embed;
 mod faces;
 pub mod metrics;
 mod parts;
+pub mod rivals;
 mod run;
 
 pub use cluster::{Medoids, davies_bouldin, medoids};
