@@ -1,31 +1,33 @@
-//! 15 — Segments of a surface from the eigenfunctions of an operator.
+//! 15 — Segments of a surface from the eigenfunctions of operators.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
-use biogeom_examples::steps::segments;
+use biogeom_examples::steps::segments::{self, Cut};
 use biogeom_examples::{Failure, Session};
 use clap::{Parser, ValueEnum};
 use geom_core::io::{self, mesh::AnyMesh};
-use secondfund_ops::{Groups, Operator, SegmentOptions, SpectrumOptions, Surface, Weight};
+use secondfund_ops::{
+    Groups, Operator, PartOptions, SegmentOptions, SpectrumOptions, Surface, Weight,
+};
 use serde::Serialize;
 use serde_json::json;
 
-/// Segments of a surface: patches on which the modes of an operator change little
+/// Segments of a surface: patches on which the modes of operators change little
 #[derive(Parser, Serialize)]
 #[command(version, after_help = EXAMPLES)]
 struct Args {
     /// Mesh of triangles or quads (PLY, OFF, OBJ, STL, GLB, VTU, MSH)
     #[serde(serialize_with = "biogeom_examples::args::as_text")]
     input: PathBuf,
-    /// How many groups [default: sought]
+    /// How many groups; about how many parts, of which the surface has its say [default: sought]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=200))]
     groups: Option<u16>,
     /// The operator whose modes are used
     #[arg(long, value_enum, default_value_t)]
     operator: OperatorName,
-    /// The weight of the secondary Laplace operator
+    /// The weight of the operator
     #[arg(long, value_enum, default_value_t)]
     weight: WeightName,
     /// Curvatures below this count as flat, in units of the largest extent
@@ -47,11 +49,14 @@ struct Args {
     common: Common,
 }
 
+/// As many as each operator of the parts has.
+const MODES_OF_PARTS: u16 = 15;
+
 const EXAMPLES: &str = "\
 Examples:
   15_segment spot.ply --out parts
   15_segment bust.off --groups 7 --out bust
-  15_segment gear.ply --weight one --out faces
+  15_segment gear.ply --operator slo --weight one --out faces
 
 Quads are taken as the control mesh of a Catmull–Clark limit surface. Outputs: segments.seg (one number per face of
 the input), segments.glb and segments.png (coloured), modes.png, report.json with the eigenvalues and the
@@ -60,8 +65,12 @@ segments' areas.";
 #[derive(Clone, Copy, Default, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 enum OperatorName {
-    /// Secondary Laplace operator: sees curvature
+    /// What the concave operator with weights 1 and e^K and the secondary Laplace operator with e^K agree on
     #[default]
+    Parts,
+    /// Secondary Laplace operator of the concave directions: sees concave creases
+    Concave,
+    /// Secondary Laplace operator: sees curvature
     Slo,
     /// Laplace–Beltrami: sees distances along the surface
     Lbo,
@@ -95,21 +104,39 @@ fn main() -> ExitCode {
 }
 
 impl Args {
-    fn spectrum_options(&self, needed: usize) -> SpectrumOptions {
-        let weight = match self.weight {
+    fn weight(&self) -> Weight {
+        match self.weight {
             WeightName::One => Weight::One,
             WeightName::ExpK => Weight::ExpK,
             WeightName::ExpMinusH => Weight::ExpMinusH,
             WeightName::ExpH => Weight::ExpH,
+        }
+    }
+
+    fn cut(&self) -> Cut {
+        let operator = match self.operator {
+            OperatorName::Parts => return Cut::Parts(self.part_options()),
+            OperatorName::Concave => Operator::Concave(self.weight()),
+            OperatorName::Slo => Operator::Slo(self.weight()),
+            OperatorName::Lbo => Operator::Lbo,
         };
-        SpectrumOptions {
-            operator: match self.operator {
-                OperatorName::Slo => Operator::Slo(weight),
-                OperatorName::Lbo => Operator::Lbo,
-            },
-            modes: needed.max(self.modes.into()),
+        let segments = self.segment_options();
+        let spectrum = SpectrumOptions {
+            operator,
+            modes: segments.modes_needed().max(self.modes.into()),
             regularization: self.regularization,
             ..SpectrumOptions::default()
+        };
+        Cut::Modes(Box::new((spectrum, segments)))
+    }
+
+    fn part_options(&self) -> PartOptions {
+        PartOptions {
+            groups: self.groups.map(usize::from),
+            regularization: self.regularization,
+            smooth: !self.raw_borders,
+            seed: self.seed,
+            ..PartOptions::default()
         }
     }
 
@@ -127,14 +154,21 @@ impl Args {
 }
 
 fn program(args: &Args, session: &Session) -> Result<(), Failure> {
-    if matches!(args.operator, OperatorName::Lbo) {
-        let because = "is of --operator slo";
-        session.refuse(&["weight", "regularization"], because)?;
+    match args.operator {
+        OperatorName::Lbo => {
+            let because = "is of --operator slo and --operator concave";
+            session.refuse(&["weight", "regularization"], because)?;
+        }
+        OperatorName::Parts => {
+            session.refuse(&["weight"], "is of --operator slo and --operator concave")?;
+            if args.modes > MODES_OF_PARTS {
+                session.refuse(&["modes"], "is at most 15 of --operator parts")?;
+            }
+        }
+        OperatorName::Concave | OperatorName::Slo => {}
     }
-    let options = args.segment_options();
     let asked = segments::Settings {
-        spectrum: args.spectrum_options(options.modes_needed()),
-        segments: options,
+        cut: args.cut(),
         normal_rounds: args.normal_rounds,
     };
     let read = session.stage("reading", || {

@@ -18,6 +18,8 @@ mod thesis35;
 mod thesis5;
 #[cfg(feature = "lab")]
 mod thesis6;
+#[cfg(feature = "lab")]
+mod thesis7;
 
 use clap::Subcommand;
 
@@ -45,7 +47,7 @@ pub(crate) enum Chore {
     Sweep(Box<sweep::Arguments>),
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
-        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5, 5.1, 5.2; or a chapter: 5, T-meshes and splines; 6, correspondences.
+        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5, 5.1, 5.2; or a chapter: 5, T-meshes and splines; 6, correspondences; 7, segments.
         table: String,
     },
 }

@@ -36,5 +36,7 @@ pub use error::Error;
 pub use flow::{smooth, smooth_quads};
 pub use forms::{Normals, Operator, Weight};
 pub use operators::{Element, Spectrum, spectrum};
-pub use options::{FlowOptions, Groups, Modes, PocketOptions, SegmentOptions, SpectrumOptions};
+pub use options::{
+    FlowOptions, Groups, Modes, PartOptions, PocketOptions, SegmentOptions, SpectrumOptions,
+};
 pub use segment::{Faces, Segments, segment};

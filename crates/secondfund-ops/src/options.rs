@@ -168,6 +168,75 @@ impl Default for SegmentOptions {
     }
 }
 
+/// Options of [`parts`](crate::segment::parts()).
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PartOptions {
+    /// Whose modes are cut; the first one's give the number of groups.
+    pub operators: Vec<Operator>,
+    /// About how many parts are wanted; sought if none are. How many there are the surface decides.
+    pub groups: Option<usize>,
+    /// Largest number of groups that is tried.
+    pub most: usize,
+    /// ε of the operators.
+    pub regularization: f64,
+    /// Vertices that are grouped, drawn by area; the others follow the nearest medoid. At most 8,000.
+    pub sample: usize,
+    /// Starts of each search for medoids; the best is taken.
+    pub restarts: usize,
+    /// Straighten the borders of the parts where no crease holds them.
+    pub smooth: bool,
+    /// Seed of the sample and the starts.
+    pub seed: u64,
+}
+
+impl Default for PartOptions {
+    fn default() -> Self {
+        Self {
+            operators: vec![
+                Operator::Concave(Weight::One),
+                Operator::Concave(Weight::ExpK),
+                Operator::Slo(Weight::ExpK),
+            ],
+            groups: None,
+            most: 15,
+            regularization: 0.5,
+            sample: 1000,
+            restarts: 2,
+            smooth: true,
+            seed: 1,
+        }
+    }
+}
+
+impl PartOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let count = self.operators.len();
+        require(count > 0, "operators", count, "be at least 1")?;
+        require(self.most >= 2, "most", self.most, "be at least 2")?;
+        for groups in [Some(self.most), self.groups].into_iter().flatten() {
+            let groups = Groups::Count(groups);
+            SegmentOptions {
+                groups,
+                ..self.segments()
+            }
+            .check()?;
+        }
+        Ok(())
+    }
+
+    /// How each operator's modes are cut.
+    pub(crate) fn segments(&self) -> SegmentOptions {
+        SegmentOptions {
+            sample: self.sample,
+            restarts: self.restarts,
+            seed: self.seed,
+            ..SegmentOptions::default()
+        }
+    }
+}
+
 /// Most vertices in the sample: their distances take 4 bytes per pair.
 const MOST_SAMPLE: usize = 8000;
 /// Modes where the number of groups is sought.

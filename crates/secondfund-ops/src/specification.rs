@@ -67,6 +67,10 @@ fn conductivity(
             let inverse = inverse.unwrap_or_else(|| Matrix3::repeat(f64::NAN));
             (inverse - normal) * (psi * psi)
         }
+        Law::Concave => {
+            let part = |x: f64| x.min(0.0).powi(2);
+            of_eigenvalues(&shape, |x| psi * psi / (part(x) + delta), project)
+        }
         Law::Generalized => adjugate * (psi * k / (k * k + delta * delta)),
         Law::Diffusing | Law::Sharpening => {
             let sign = if conductor.law == Law::Diffusing {
@@ -75,14 +79,23 @@ fn conductivity(
                 -1.0
             };
             let q = adjugate * (sign * h * k / k.hypot(delta));
-            let eigen = q.symmetric_eigen();
-            let parts = (0..3).map(|i| {
-                let v = eigen.eigenvectors.column(i);
-                v * v.transpose() * eigen.eigenvalues[i].max(0.0)
-            });
-            parts.sum()
+            of_eigenvalues(&q, |x| x.max(0.0), project)
         }
     }
+}
+
+/// The matrix with the same eigenvectors and this function of the eigenvalues, on the tangent plane.
+fn of_eigenvalues(
+    matrix: &Matrix3<f64>,
+    function: impl Fn(f64) -> f64,
+    project: &Matrix3<f64>,
+) -> Matrix3<f64> {
+    let eigen = matrix.symmetric_eigen();
+    let parts = (0..3).map(|i| {
+        let v = eigen.eigenvectors.column(i);
+        v * v.transpose() * function(eigen.eigenvalues[i])
+    });
+    project * parts.sum::<Matrix3<f64>>() * project
 }
 
 /// The distance between two rows.

@@ -60,6 +60,7 @@ fn number(law: Law) -> u32 {
         Law::Generalized => 3,
         Law::Diffusing => 4,
         Law::Sharpening => 5,
+        Law::Concave => 6,
     }
 }
 

@@ -14,13 +14,14 @@ use secondfund_ops::{
     spectrum,
 };
 
-const LAWS: [Law; 6] = [
+const LAWS: [Law; 7] = [
     Law::Metric,
     Law::Adjugate,
     Law::GaussImage,
     Law::Generalized,
     Law::Diffusing,
     Law::Sharpening,
+    Law::Concave,
 ];
 
 fn conductor(law: Law, gauss: f64, limit: f64) -> Conductor {

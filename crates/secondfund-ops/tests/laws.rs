@@ -12,11 +12,13 @@ use secondfund_ops::catmull::subdivide;
 use secondfund_ops::forms::{Conductor, Forms, Law, Symmetric};
 use secondfund_ops::options::{FlowOperator, Quadrature};
 use secondfund_ops::segment::metrics::{cut_discrepancy, difference};
-use secondfund_ops::segment::{davies_bouldin, medoids};
+use secondfund_ops::segment::rivals::{concavity_aware, shape_diameter, shape_diameter_mode};
+use secondfund_ops::segment::{consensus, davies_bouldin, medoids, parts};
 use secondfund_ops::testing::{dimpled_ball, rounded_box, shaken};
 use secondfund_ops::{
-    Element, Error, Faces, FlowOptions, Groups, Modes, Normals, Operator, SegmentOptions, Spectrum,
-    SpectrumOptions, Surface, Weight, segment, smooth, smooth_quads, spectrum,
+    Element, Error, Faces, FlowOptions, Groups, Modes, Normals, Operator, PartOptions,
+    SegmentOptions, Spectrum, SpectrumOptions, Surface, Weight, segment, smooth, smooth_quads,
+    spectrum,
 };
 
 fn modes_of(
@@ -392,6 +394,184 @@ fn bad_input_is_named() {
 }
 
 // ── segmentation
+
+/// Two balls that overlap, as one surface: the distance from the origin along each direction.
+fn dumbbell() -> TriMesh {
+    let (positions, triangles) = shapes::icosphere(1.0, 4).into_parts();
+    let pinch = |p: &Point3| {
+        let waist = 1.0 - 0.75 * (-(p.x / 0.25).powi(2)).exp();
+        Point3::new(2.0 * p.x, p.y * waist, p.z * waist)
+    };
+    TriMesh::new(positions.iter().map(pinch).collect(), triangles).unwrap()
+}
+
+/// On a convex body nothing is concave: the operator is the Laplace operator over ε². At a waist it conducts less.
+#[test]
+fn the_concave_operator_sees_concave_directions_only() {
+    let sphere = shapes::icosphere(1.0, 4);
+    let normals = Normals::default();
+    let element = Element::Triangles(&sphere, &normals);
+    let lbo = modes_of(element, Operator::Lbo, 8, 0.5).values;
+    let concave = modes_of(element, Operator::Concave(Weight::One), 8, 0.5).values;
+    for (a, b) in lbo.iter().zip(&concave) {
+        assert!((b / a - 4.0).abs() < 1e-6, "{a} {b}");
+    }
+    let dumbbell = dumbbell();
+    let element = Element::Triangles(&dumbbell, &normals);
+    let lbo = modes_of(element, Operator::Lbo, 3, 0.5).values;
+    let concave = modes_of(element, Operator::Concave(Weight::One), 3, 0.5).values;
+    let gap = |values: &[f64]| values[1] / values[0];
+    assert!(gap(&concave) > 1.5 * gap(&lbo), "{lbo:?} {concave:?}");
+}
+
+#[test]
+fn parts_of_a_dumbbell_are_its_two_ends_whatever_the_seed() {
+    let mesh = dumbbell();
+    let normals = Normals::default();
+    let (element, faces) = (Element::Triangles(&mesh, &normals), Faces::from(&mesh));
+    let left: Vec<bool> = (0..mesh.triangles().len())
+        .map(|t| mesh.corners(t).iter().map(|p| p.x).sum::<f64>() < 0.0)
+        .collect();
+    for seed in 1..4 {
+        let options = PartOptions {
+            seed,
+            ..PartOptions::default()
+        };
+        let found = parts(&element, &faces, &options, Run::on(&Cpu)).unwrap();
+        assert_eq!(
+            (found.areas.len(), found.sought),
+            (2, 2),
+            "{:?}",
+            found.choices
+        );
+        let overlap = best_overlap(&found.labels, faces.areas(), &left);
+        assert!(overlap > 0.97, "{overlap}");
+        assert_eq!(found.spectra.len(), options.operators.len());
+    }
+    let none = PartOptions {
+        operators: Vec::new(),
+        ..PartOptions::default()
+    };
+    assert!(none.check().is_err());
+}
+
+/// What most labelings say holds, names do not matter, and a labeling agrees with itself.
+#[test]
+fn a_consensus_differs_least_from_its_labelings() {
+    let mesh = shapes::torus(3.0, 1.0, 24, 12);
+    let faces = Faces::from(&mesh);
+    let n = faces.len();
+    let sector = |f: usize, parts: usize, shift: f64| {
+        let [a, b, c] = mesh.corners(f);
+        let p = (a.coords + b.coords + c.coords) / 3.0;
+        let turn = p.y.atan2(p.x) / std::f64::consts::TAU + 1.0 + shift;
+        (turn.fract() * parts as f64) as u32
+    };
+    let cut = |parts, shift| (0..n).map(|f| sector(f, parts, shift)).collect::<Vec<_>>();
+    let one = cut(5, 0.0);
+    let rand = |a: &[u32], b: &[u32]| difference(a, b, faces.areas()).unwrap().rand;
+    let same = consensus(&faces, std::slice::from_ref(&one)).unwrap();
+    assert_eq!(rand(&same, &one), 0.0);
+    let all = [
+        one.clone(),
+        cut(5, 0.01),
+        cut(5, -0.01),
+        cut(4, 0.3),
+        cut(6, 0.1),
+    ];
+    let common = consensus(&faces, &all).unwrap();
+    let mean = |l: &[u32]| all.iter().map(|other| rand(l, other)).sum::<f64>();
+    for each in &all {
+        assert!(
+            mean(&common) <= mean(each) + 1e-9,
+            "{} {}",
+            mean(&common),
+            mean(each)
+        );
+    }
+    let renamed = all
+        .clone()
+        .map(|l| l.iter().map(|x| 90 - 7 * x).collect::<Vec<_>>());
+    assert_eq!(rand(&consensus(&faces, &renamed).unwrap(), &common), 0.0);
+    assert!(consensus(&faces, &[]).is_err() && consensus(&faces, &[vec![0; 3]]).is_err());
+}
+
+/// Ragged borders become straight, those along creases stay where they are.
+#[test]
+fn borders_are_straight_unless_creases_hold_them() {
+    let mesh = dumbbell();
+    let normals = Normals::default();
+    let modes = modes_of(
+        Element::Triangles(&mesh, &normals),
+        Operator::Concave(Weight::One),
+        3,
+        0.5,
+    );
+    let faces = Faces::from(&mesh);
+    let length = |labels: &[u32]| cut_length(&mesh, labels);
+    let cut = |smooth| {
+        let options = SegmentOptions {
+            groups: Groups::Count(5),
+            smooth,
+            ..SegmentOptions::default()
+        };
+        segment(&modes, &faces, &options, Run::on(&Cpu))
+            .unwrap()
+            .labels
+    };
+    let (raw, smooth) = (length(&cut(false)), length(&cut(true)));
+    assert!(smooth < 0.95 * raw, "{smooth} of {raw}");
+}
+
+/// The length of the edges between different labels.
+fn cut_length(mesh: &TriMesh, labels: &[u32]) -> f64 {
+    let mut sides: Vec<([u32; 2], u32)> = mesh
+        .triangles()
+        .iter()
+        .zip(labels)
+        .flat_map(|(&[a, b, c], &l)| {
+            [[a, b], [b, c], [c, a]].map(|[a, b]| ([a.min(b), a.max(b)], l))
+        })
+        .collect();
+    sides.sort_unstable();
+    let at = |v: u32| mesh.positions()[v as usize];
+    sides
+        .chunk_by(|a, b| a.0 == b.0)
+        .filter(|edge| edge.iter().any(|s| s.1 != edge[0].1))
+        .map(|edge| (at(edge[0].0[0]) - at(edge[0].0[1])).norm())
+        .sum()
+}
+
+/// The diameter of a ball is nearly its diameter; its Laplacian without concave vertices has no small eigenvalue, and
+/// a waist gives it one.
+#[test]
+fn rivals_see_what_they_are_made_for() {
+    let ball = shapes::icosphere(2.0, 3);
+    let diameters = shape_diameter(&ball).unwrap();
+    // Rays up to 60° from the axis: chords of 4 cos.
+    assert!(
+        diameters.iter().all(|d| (2.8..4.01).contains(d)),
+        "{:?}",
+        &diameters[..4]
+    );
+    let gap = |mesh: &TriMesh| {
+        let values = concavity_aware(mesh, 3, Run::on(&Cpu)).unwrap().values;
+        values[1] / values[0]
+    };
+    assert!(
+        gap(&ball) < 1.5 && gap(&dumbbell()) > 8.0,
+        "{} {}",
+        gap(&ball),
+        gap(&dumbbell())
+    );
+    let mode = shape_diameter_mode(&dumbbell(), Run::on(&Cpu)).unwrap();
+    assert_eq!(mode.modes.len(), 1);
+    assert!(
+        mode.modes[0]
+            .iter()
+            .all(|x| (-1e-9..=1.0 + 1e-9).contains(x))
+    );
+}
 
 /// The segment that holds most of a set of faces, and the Jaccard index of both.
 fn best_overlap(labels: &[u32], areas: &[f64], inside: &[bool]) -> f64 {

@@ -2,9 +2,10 @@
 
 use geom_core::io::{self, view::View as Fields};
 use geom_core::{Point3, TriMesh};
+use secondfund_ops::segment::{GroupChoice, parts};
 use secondfund_ops::{
-    Element, Faces, Normals, SegmentOptions, Segments, Spectrum, SpectrumOptions, Surface, segment,
-    spectrum,
+    Element, Faces, Normals, PartOptions, SegmentOptions, Spectrum, SpectrumOptions, Surface,
+    segment, spectrum,
 };
 use serde_json::json;
 
@@ -12,34 +13,44 @@ use crate::picture::{Image, Layer, Paint, Rgb, Scale, Scene, View, segment_color
 use crate::products::{self, Coloring};
 use crate::{Failure, Session};
 
+/// How a surface is cut.
+pub enum Cut {
+    /// Into what several operators agree on.
+    Parts(PartOptions),
+    /// By the modes of one operator, as many as the segments need.
+    Modes(Box<(SpectrumOptions, SegmentOptions)>),
+}
+
 /// What is asked of the segments.
 pub struct Settings {
-    /// The operator, and as many modes as the segments need.
-    pub spectrum: SpectrumOptions,
-    /// The segments.
-    pub segments: SegmentOptions,
+    /// How the surface is cut.
+    pub cut: Cut,
     /// Rounds of smoothing of a triangle mesh's normals.
     pub normal_rounds: u32,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        let segments = SegmentOptions::default();
         Self {
-            spectrum: SpectrumOptions {
-                modes: segments.modes_needed(),
-                ..SpectrumOptions::default()
-            },
-            segments,
+            cut: Cut::Parts(PartOptions::default()),
             normal_rounds: 3,
         }
     }
 }
 
+/// Labels of faces, and what they came from.
+struct Found {
+    spectrum: Spectrum,
+    labels: Vec<u32>,
+    areas: Vec<f64>,
+    groups: usize,
+    modes: usize,
+    choices: Vec<GroupChoice>,
+}
+
 /// A surface with its segments, and the triangles to draw: those of a quad are two in a row.
 pub struct Segmented {
-    spectrum: Spectrum,
-    segments: Segments,
+    found: Found,
     /// Per face of the input.
     labels: Vec<u32>,
     shown: TriMesh,
@@ -55,16 +66,15 @@ pub fn of_triangles(
     let normals = Normals::OfMesh {
         rounds: asked.normal_rounds,
     };
-    let (spectrum, segments) = solve(
+    let found = solve(
         asked,
         session,
         Element::Triangles(&mesh, &normals),
         &Faces::from(&mesh),
     )?;
     Ok(Segmented {
-        labels: segments.labels.clone(),
-        spectrum,
-        segments,
+        labels: found.labels.clone(),
+        found,
         shown: mesh,
         sides: 3,
     })
@@ -77,7 +87,7 @@ pub fn of_quads(
     asked: &Settings,
 ) -> Result<Segmented, Failure> {
     let limit = surface.limit_mesh();
-    let (spectrum, segments) = solve(
+    let found = solve(
         asked,
         session,
         Element::CatmullClark(surface),
@@ -85,10 +95,9 @@ pub fn of_quads(
     )?;
     // Where it was refined, a quad of the input has the label that most of its children have.
     let step = if surface.refined() { 4 } else { 1 };
-    let labels = segments.labels.chunks(step).map(most).collect();
+    let labels = found.labels.chunks(step).map(most).collect();
     Ok(Segmented {
-        spectrum,
-        segments,
+        found,
         labels,
         shown: limit.into_triangles(),
         sides: 4,
@@ -100,15 +109,36 @@ fn solve(
     session: &Session,
     element: Element<'_>,
     faces: &Faces,
-) -> Result<(Spectrum, Segments), Failure> {
-    let backend = session.device.operators();
-    let spectrum = session.stage("modes", || {
-        spectrum(&element, &asked.spectrum, session.on(backend))
-    })?;
-    let segments = session.stage("segments", || {
-        segment(&spectrum, faces, &asked.segments, session.on(backend))
-    })?;
-    Ok((spectrum, segments))
+) -> Result<Found, Failure> {
+    let run = session.on(session.device.operators());
+    match &asked.cut {
+        Cut::Parts(options) => {
+            let found = session.stage("parts", || parts(&element, faces, options, run))?;
+            let mut spectra = found.spectra;
+            let spectrum = spectra.swap_remove(0);
+            Ok(Found {
+                groups: options.groups.unwrap_or(found.sought),
+                modes: spectrum.values.len(),
+                spectrum,
+                labels: found.labels,
+                areas: found.areas,
+                choices: found.choices,
+            })
+        }
+        Cut::Modes(options) => {
+            let (modes, segments) = &**options;
+            let spectrum = session.stage("modes", || spectrum(&element, modes, run))?;
+            let found = session.stage("segments", || segment(&spectrum, faces, segments, run))?;
+            Ok(Found {
+                spectrum,
+                labels: found.labels,
+                areas: found.areas,
+                groups: found.groups,
+                modes: found.modes,
+                choices: found.choices,
+            })
+        }
+    }
 }
 
 /// The label that occurs most; of several the lowest.
@@ -125,13 +155,13 @@ pub fn finish(session: &Session, done: &Segmented, modes: usize) -> Result<(), F
 }
 
 fn note(session: &Session, done: &Segmented) -> Result<(), Failure> {
-    let counts = json!({ "faces": done.labels.len(), "segments": done.segments.areas.len() });
+    let counts = json!({ "faces": done.labels.len(), "segments": done.found.areas.len() });
     session.note("counts", counts)?;
-    session.note("eigenvalues", &done.spectrum.values)?;
-    session.note("spectral", &done.spectrum.report)?;
-    session.note("unit", done.spectrum.scale)?;
-    session.note("skipped", done.spectrum.skipped)?;
-    let segments = &done.segments;
+    session.note("eigenvalues", &done.found.spectrum.values)?;
+    session.note("spectral", &done.found.spectrum.report)?;
+    session.note("unit", done.found.spectrum.scale)?;
+    session.note("skipped", done.found.spectrum.skipped)?;
+    let segments = &done.found;
     session.note(
         "segments",
         json!({
@@ -153,7 +183,7 @@ fn write(session: &Session, done: &Segmented, modes: usize) -> Result<(), Failur
     })?;
     let per_face = if done.sides == 4 { 2 } else { 1 };
     let of_triangles: Vec<Rgb> = done
-        .segments
+        .found
         .labels
         .iter()
         .flat_map(|&l| std::iter::repeat_n(segment_color(l), per_face))
@@ -173,7 +203,7 @@ fn write(session: &Session, done: &Segmented, modes: usize) -> Result<(), Failur
         let mut layer = Layer::surface(&done.shown, Paint::Faces(of_triangles));
         layer.edges = false;
         let mut scene = Scene::new(vec![layer], view);
-        let (count, groups) = (done.segments.areas.len(), done.segments.groups);
+        let (count, groups) = (done.found.areas.len(), done.found.groups);
         scene.caption = Some(format!("{count} segments from {groups} groups"));
         Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
     })?;
@@ -186,7 +216,7 @@ fn colorings(done: &Segmented, of_triangles: &[Rgb], modes: usize) -> Vec<(Strin
     for (corners, &color) in done.shown.triangles().iter().zip(of_triangles) {
         corners.iter().for_each(|&v| colors[v as usize] = color);
     }
-    let labels = 0..done.segments.areas.len() as u32;
+    let labels = 0..done.found.areas.len() as u32;
     let named = |l: u32| (segment_color(l), format!("segment {l}"));
     let segments = Coloring {
         colors,
@@ -198,7 +228,15 @@ fn colorings(done: &Segmented, of_triangles: &[Rgb], modes: usize) -> Vec<(Strin
         (format!("mode {}", i + 1), Coloring::of_values(mode, scale))
     };
     let mut ways = vec![("segments".to_owned(), segments)];
-    ways.extend(done.spectrum.modes.iter().enumerate().map(mode).take(modes));
+    ways.extend(
+        done.found
+            .spectrum
+            .modes
+            .iter()
+            .enumerate()
+            .map(mode)
+            .take(modes),
+    );
     ways
 }
 
@@ -208,15 +246,18 @@ fn picture_of_modes(
     view: View,
     modes: usize,
 ) -> Result<Image, Failure> {
-    let shown = modes.min(done.spectrum.modes.len());
+    let shown = modes.min(done.found.spectrum.modes.len());
     let paint = |mode: &Vec<f64>| Paint::Vertices(Scale::symmetric(mode, "").colors(mode));
-    let paints: Vec<Paint> = done.spectrum.modes[..shown].iter().map(paint).collect();
+    let paints: Vec<Paint> = done.found.spectrum.modes[..shown]
+        .iter()
+        .map(paint)
+        .collect();
     let mut layer = Layer::surface(&done.shown, Paint::Plain(products::GOLD));
     layer.edges = false;
     let scene = Scene::new(vec![layer], view);
     let images = scene.draw_each(session.rasterizer()?, [420, 330], &paints)?;
     let title = |(i, value): (usize, &f64)| format!("{}: λ = {}", i + 1, products::brief(*value));
-    let titles = done.spectrum.values.iter().enumerate().map(title);
+    let titles = done.found.spectrum.values.iter().enumerate().map(title);
     Ok(sheet_of_modes(&titles.zip(images).collect::<Vec<_>>(), 4))
 }
 

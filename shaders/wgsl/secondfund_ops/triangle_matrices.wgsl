@@ -3,7 +3,7 @@
 // is the f64 value, so that differences keep all digits.
 
 struct Task {
-    law: u32,       // 0 metric, 1 adjugate, 2 Gauss image, 3 generalized, 4 diffusing, 5 sharpening
+    law: u32,       // 0 metric, 1 adjugate, 2 Gauss image, 3 generalized, 4 diffusing, 5 sharpening, 6 concave
     count: u32,
     fields: u32,    // 1 where factors hold one value per vertex
     unused: u32,
@@ -59,6 +59,14 @@ fn psi(h: f32, k: f32, factor: f32) -> f32 {
     return clamp(exp(exponent) * factor, task.low, task.high);
 }
 
+// p² (S² + δ)⁻¹ with K = det S.
+fn third_inverse(s: vec3<f32>, k: f32, delta: f32, p: f32) -> vec3<f32> {
+    let third = vec3<f32>(s.x * s.x + s.y * s.y + delta, s.y * (s.x + s.z), s.y * s.y + s.z * s.z + delta);
+    // (K² + ε² (κ₁² + κ₂²) + ε⁴): the determinant without cancellation.
+    let d = k * k + delta * (s.x * s.x + 2.0 * s.y * s.y + s.z * s.z) + delta * delta;
+    return adjugate2(third) * (p * p / d);
+}
+
 // In an orthonormal frame: g = 1.
 fn conductivity(shape: vec3<f32>, factor: f32) -> vec3<f32> {
     var s = shape;
@@ -73,13 +81,9 @@ fn conductivity(shape: vec3<f32>, factor: f32) -> vec3<f32> {
     switch task.law {
         case 0u: { return vec3<f32>(1.0, 0.0, 1.0); }
         case 1u: { return adjugate2(s); }
-        case 2u: {
-            let p = psi(h, k, factor);
-            let third = vec3<f32>(s.x * s.x + s.y * s.y + delta, s.y * (s.x + s.z), s.y * s.y + s.z * s.z + delta);
-            // (K² + ε² (κ₁² + κ₂²) + ε⁴): the determinant without cancellation.
-            let d = k * k + delta * (s.x * s.x + 2.0 * s.y * s.y + s.z * s.z) + delta * delta;
-            return adjugate2(third) * (p * p / d);
-        }
+        case 2u: { return third_inverse(s, k, delta, psi(h, k, factor)); }
+        // The negative part is of rank one unless both curvatures are negative: its determinant is 0 or K.
+        case 6u: { return third_inverse(part(s, -1.0), select(0.0, k, h < 0.0 && k > 0.0), delta, psi(h, k, factor)); }
         case 3u: { return adjugate2(s) * (psi(h, k, factor) * k / (k * k + delta * delta)); }
         default: {
             let q = adjugate2(s) * (h * k / length(vec2<f32>(k, delta)));

@@ -35,8 +35,9 @@ pub(crate) fn run(table: &str) -> Outcome {
         "6.2" => super::thesis6::morph(),
         "6.3" => super::thesis6::retrieval(),
         "6.4" => super::thesis6::growth(),
+        "7" => super::thesis7::run(),
         other => Err(format!(
-            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5, 5, 5.1, 5.2, 6, and 6.1 to 6.4"
+            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5, 5, 5.1, 5.2, 6, 6.1 to 6.4, and 7"
         )),
     }
 }

@@ -11,6 +11,9 @@ pub enum Law {
     Adjugate,
     /// `Ψ² (III + ε² g)⁻¹`: the secondary Laplace operator, regularized.
     GaussImage,
+    /// `Ψ² (III₋ + ε² g)⁻¹` with the third form `III₋ = b₋ g⁻¹ b₋` of the negative part of b: the secondary Laplace
+    /// operator of the concave directions.
+    Concave,
     /// `Ψ K / (K² + δ²) adj(b) / det g`, which is `Ψ b⁻¹` regularized: the generalized
     /// Giaquinta–Hildebrandt operator.
     Generalized,
@@ -34,7 +37,7 @@ pub struct Conductor {
     pub mean: f64,
     /// Smallest and largest Ψ.
     pub bounds: [f64; 2],
-    /// ε of [`Law::GaussImage`], √δ of the generalized laws.
+    /// ε of [`Law::GaussImage`] and [`Law::Concave`], √δ of the generalized laws.
     pub regularization: f64,
     /// Curvatures above this are scaled down to it; infinite for no such limit.
     pub limit: f64,
@@ -54,7 +57,8 @@ impl Conductor {
         (bounded.exp() * factor).clamp(self.bounds[0], self.bounds[1])
     }
 
-    /// The conductivity `A^{ab}`, of which the operator's form is `∫ f_a A^{ab} h_b dA`.
+    /// The conductivity `A^{ab}`, of which the operator's form is `∫ f_a A^{ab} h_b dA`. Laws that take parts of a
+    /// form by their sign need the forms in an orthonormal frame: see [`Conductor::in_coordinates`].
     pub fn at(&self, forms: &Forms, factor: f64) -> Symmetric {
         let forms = &forms.capped(self.limit);
         let g = forms.first;
@@ -67,6 +71,12 @@ impl Conductor {
                 let psi = self.psi(forms, factor);
                 (forms.third() + g * delta()).inverse() * (psi * psi)
             }
+            Law::Concave => {
+                let concave = forms.second.split().1;
+                let third = concave.around(Symmetric::scaled_unit(1.0));
+                let psi = self.psi(forms, factor);
+                (third + g * delta()).inverse() * (psi * psi)
+            }
             Law::Generalized => {
                 let k = forms.gaussian();
                 adjugate() * (self.psi(forms, factor) * k / (k * k + delta() * delta()))
@@ -76,10 +86,10 @@ impl Conductor {
         }
     }
 
-    /// Like [`Conductor::at`] for forms in any coordinates: the parts of Q are taken in an orthonormal frame.
+    /// Like [`Conductor::at`] for forms in any coordinates: parts by sign are taken in an orthonormal frame.
     pub fn in_coordinates(&self, forms: &Forms, factor: f64) -> Symmetric {
         match self.law {
-            Law::Diffusing | Law::Sharpening => {
+            Law::Concave | Law::Diffusing | Law::Sharpening => {
                 let (forms, [first, second]) = forms.in_frame();
                 let a = self.at(&forms, factor);
                 a.pulled_back(first, second)

@@ -15,6 +15,9 @@ pub enum Operator {
     Gho,
     /// The secondary Laplace operator: `A = Ψ² III⁻¹`, with the metric III of the Gauss image.
     Slo(Weight),
+    /// The secondary Laplace operator of the concave directions: `A = Ψ² III₋⁻¹` with the third form III₋ of the negative
+    /// part of b. It sees how far the normal turns in concave creases, straight ones too, and nothing else.
+    Concave(Weight),
     /// The generalized Giaquinta–Hildebrandt operator: `A = Ψ b⁻¹`. Indefinite like [`Operator::Gho`].
     Ggho(Weight),
 }
@@ -37,6 +40,7 @@ impl Operator {
             Self::Lbo => (Law::Metric, &Weight::One),
             Self::Gho => (Law::Adjugate, &Weight::One),
             Self::Slo(weight) => (Law::GaussImage, weight),
+            Self::Concave(weight) => (Law::Concave, weight),
             Self::Ggho(weight) => (Law::Generalized, weight),
         };
         let factor = Factor::of(weight, vertices)?;

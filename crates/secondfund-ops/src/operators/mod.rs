@@ -15,4 +15,5 @@ pub use spectrum::{Spectrum, spectrum};
 pub(crate) use element::UnitScale;
 pub(crate) use pattern::Pattern;
 pub(crate) use quads::Quads;
+pub(crate) use spectrum::modes_of;
 pub(crate) use triangles::{triangle_elements, vertex_normals};

@@ -2,7 +2,7 @@
 
 use geom_core::algebra::Error as MatrixError;
 use geom_core::algebra::eigen::{self, Report, eigenpairs};
-use geom_core::{Cpu, Run};
+use geom_core::{Cpu, Monitor, Run};
 
 use super::assemble::assemble;
 use super::element::Element;
@@ -48,6 +48,19 @@ pub fn spectrum<B: OperatorBackend + ?Sized>(
 ) -> Result<Spectrum, Error> {
     let run = run.with(run.backend.as_operators());
     let matrices = assemble(element, options, run)?;
+    let mut found = modes_of(matrices, options, run.monitor)?;
+    if let Element::CatmullClark(surface) = *element {
+        found.modes = surface.limit_values(&found.modes);
+    }
+    Ok(found)
+}
+
+/// The smallest eigenpairs of matrices, the modes at the degrees of freedom.
+pub(crate) fn modes_of(
+    matrices: Matrices,
+    options: &SpectrumOptions,
+    monitor: &dyn Monitor,
+) -> Result<Spectrum, Error> {
     let constants = count_components(&matrices);
     let wanted = options.modes + constants;
     if wanted >= matrices.areas.len() {
@@ -64,16 +77,11 @@ pub fn spectrum<B: OperatorBackend + ?Sized>(
     // A sparse factor: no kernel of a backend takes part.
     let on_cpu = Run {
         backend: &Cpu,
-        monitor: run.monitor,
+        monitor,
     };
-    let mut pairs = eigenpairs(
-        &matrices.stiffness,
-        &matrices.mass,
-        wanted,
-        &spectral,
-        on_cpu,
-    )
-    .map_err(|e| named(e, &options.operator))?;
+    let (stiffness, mass) = (&matrices.stiffness, &matrices.mass);
+    let mut pairs = eigenpairs(stiffness, mass, wanted, &spectral, on_cpu)
+        .map_err(|e| named(e, &options.operator))?;
     if pairs
         .values
         .first()
@@ -84,21 +92,34 @@ pub fn spectrum<B: OperatorBackend + ?Sized>(
     // The zeros of the components come first.
     pairs.values.drain(..constants.min(pairs.values.len()));
     pairs.vectors.drain(..constants.min(pairs.vectors.len()));
-    let modes = match *element {
-        Element::CatmullClark(surface) => surface.limit_values(&pairs.vectors),
-        Element::Triangles(..) => pairs.vectors,
-    };
-    Ok(Spectrum {
-        values: pairs.values,
-        modes,
-        areas: matrices.areas,
-        mean: matrices.mean,
-        gauss: matrices.gauss,
-        components: matrices.components,
-        scale: matrices.scale,
-        skipped: matrices.skipped,
-        report: pairs.report,
-    })
+    Ok(Spectrum::of(
+        matrices,
+        pairs.values,
+        pairs.vectors,
+        pairs.report,
+    ))
+}
+
+impl Spectrum {
+    /// These modes on the surface of these matrices.
+    pub(crate) fn of(
+        matrices: Matrices,
+        values: Vec<f64>,
+        modes: Vec<Vec<f64>>,
+        report: Report,
+    ) -> Self {
+        Self {
+            values,
+            modes,
+            areas: matrices.areas,
+            mean: matrices.mean,
+            gauss: matrices.gauss,
+            components: matrices.components,
+            scale: matrices.scale,
+            skipped: matrices.skipped,
+            report,
+        }
+    }
 }
 
 /// Components with area.

@@ -1,27 +1,35 @@
 //! From groups to patches: connected, not tiny, with smooth borders.
 
+use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::compute::sets::DisjointSets;
 
+use super::consensus::first_largest;
 use super::faces::Faces;
+use crate::Error;
 
 /// Patches smaller than this share of the area join a neighbour.
 const TINY: f64 = 0.005;
 /// Rounds of border smoothing.
 const ROUNDS: usize = 3;
-/// Curvature across an edge, in unit scale, above which a border along it is wanted.
-const CREASE: f64 = 5.0;
+/// How far labels diffuse in a round, in sides of a mean face.
+const REACH: f64 = 4.0;
+/// Curvature across an edge, in unit scale, that halves the diffusion: borders along it are wanted.
+const CREASE: f64 = 4.0;
 
 /// Splits labels into connected patches, joins tiny ones to their neighbours, smooths borders if asked,
 /// and renumbers by decreasing area. `scale` is the length of the unit.
-pub(crate) fn clean(faces: &Faces, labels: &[u32], scale: f64, smooth: bool) -> Vec<u32> {
+pub(crate) fn clean(
+    faces: &Faces,
+    labels: &[u32],
+    scale: f64,
+    smooth: bool,
+) -> Result<Vec<u32>, Error> {
     let mut patches = join_tiny(faces, split(faces, labels));
     if smooth {
-        for _ in 0..ROUNDS {
-            patches = majority(faces, &patches, scale);
-        }
+        patches = straighten(faces, &patches, scale)?;
         patches = join_tiny(faces, split(faces, &patches));
     }
-    by_area(faces, &patches)
+    Ok(by_area(faces, &patches))
 }
 
 /// A label of its own for each connected part of a label: the lowest face of it.
@@ -101,20 +109,55 @@ fn largest(sums: &[(u32, f64)]) -> Option<u32> {
     sums.iter().copied().max_by(better).map(|s| s.0)
 }
 
-/// Each face takes the label of most of its edges' length, edges along creases not counted.
-fn majority(faces: &Faces, patches: &[u32], scale: f64) -> Vec<u32> {
-    (0..faces.len())
-        .map(|f| {
-            let mut sums = vec![(patches[f], 0.0)];
-            for link in faces.links(f).iter().filter(|l| l.turn * scale <= CREASE) {
-                add(&mut sums, patches[link.face as usize], link.length);
-            }
-            let best = largest(&sums).unwrap_or(patches[f]);
-            let own = sums[0].1;
-            let gain = sums.iter().find(|s| s.0 == best).map_or(0.0, |s| s.1);
-            if gain > own { best } else { patches[f] }
-        })
-        .collect()
+/// Threshold dynamics (Merriman, Bence and Osher, 1992): the indicators of the labels diffuse, slowly across
+/// creases, and each face takes the label of the largest. Borders become shorter until creases hold them; nothing
+/// moves in a flat neighbourhood of straight borders.
+fn straighten(faces: &Faces, labels: &[u32], scale: f64) -> Result<Vec<u32>, Error> {
+    let mut names = labels.to_vec();
+    names.sort_unstable();
+    names.dedup();
+    if names.len() < 2 {
+        return Ok(labels.to_vec());
+    }
+    let (factor, masses) = diffusion(faces, scale)?;
+    let mut at: Vec<usize> = labels
+        .iter()
+        .map(|l| names.partition_point(|n| n < l))
+        .collect();
+    let width = names.len();
+    for _ in 0..ROUNDS {
+        let mut block = vec![0.0; at.len() * width];
+        for (f, &l) in at.iter().enumerate() {
+            block[f * width + l] = masses[f];
+        }
+        factor.solve_in_place(&mut block, width)?;
+        at = block.chunks(width).map(first_largest).collect();
+    }
+    Ok(at.into_iter().map(|l| names[l]).collect())
+}
+
+/// The factor of `M + t L` over the faces, and M. The weight of an edge is its length over the distance of the
+/// centroids, less where the faces turn.
+fn diffusion(faces: &Faces, scale: f64) -> Result<(Cholesky<f64>, Vec<f64>), Error> {
+    let mean = faces.areas().iter().sum::<f64>() / faces.len().max(1) as f64;
+    let time = REACH * REACH * mean;
+    // A face without area follows its neighbours.
+    let masses: Vec<f64> = faces.areas().iter().map(|a| a + 1e-9 * mean).collect();
+    let mut entries = Vec::with_capacity(4 * faces.len());
+    for (f, &mass) in masses.iter().enumerate() {
+        let mut diagonal = mass;
+        for link in faces.links(f) {
+            let crease = link.turn * scale / CREASE;
+            let apart = link.apart.max(1e-3 * link.length);
+            let weight =
+                time * link.length / apart.max(f64::MIN_POSITIVE) / (1.0 + crease * crease);
+            diagonal += weight;
+            entries.push((f as u32, link.face, -weight));
+        }
+        entries.push((f as u32, f as u32, diagonal));
+    }
+    let matrix = SparseMatrix::from_triplets(masses.len(), masses.len(), &entries)?;
+    Ok((Cholesky::of(&matrix)?, masses))
 }
 
 /// Labels 0, 1, … by decreasing area.

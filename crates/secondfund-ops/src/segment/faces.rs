@@ -10,6 +10,8 @@ pub(crate) struct Link {
     pub(crate) face: u32,
     /// Length of the common edge.
     pub(crate) length: f64,
+    /// Distance of the centroids.
+    pub(crate) apart: f64,
     /// The angle between the faces over the distance of their centroids: curvature across the edge.
     pub(crate) turn: f64,
 }
@@ -57,22 +59,13 @@ impl Faces {
                     let apart = (centers[f as usize] - centers[g as usize]).norm();
                     let length = (b - a).norm();
                     let turn = if apart > 0.0 { angle / apart } else { 0.0 };
-                    links.push((
-                        f,
-                        Link {
-                            face: g,
-                            length,
-                            turn,
-                        },
-                    ));
-                    links.push((
-                        g,
-                        Link {
-                            face: f,
-                            length,
-                            turn,
-                        },
-                    ));
+                    let link = |face| Link {
+                        face,
+                        length,
+                        apart,
+                        turn,
+                    };
+                    links.extend([(f, link(g)), (g, link(f))]);
                 }
             }
         }

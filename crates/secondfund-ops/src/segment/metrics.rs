@@ -111,7 +111,7 @@ impl Contingency {
 }
 
 /// Labels renumbered from 0 in the order of their values.
-fn dense(labels: &[u32]) -> Vec<u32> {
+pub(super) fn dense(labels: &[u32]) -> Vec<u32> {
     let mut used = labels.to_vec();
     used.sort_unstable();
     used.dedup();

@@ -5,11 +5,16 @@
 
 mod clean;
 mod cluster;
+mod consensus;
 mod embed;
 mod faces;
 pub mod metrics;
+mod parts;
+pub mod rivals;
 mod run;
 
 pub use cluster::{Medoids, davies_bouldin, medoids};
+pub use consensus::consensus;
 pub use faces::Faces;
+pub use parts::{Parts, parts};
 pub use run::{GroupChoice, Segments, segment};

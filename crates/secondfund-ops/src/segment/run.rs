@@ -41,19 +41,16 @@ fn number_of_groups(
         Modes::Auto => SEARCH_MODES.min(spectrum.values.len()),
         _ => modes_of(options, most, spectrum),
     };
-    let search = Search::of(spectrum, count, options, run)?;
+    let search = Search::of(spectrum, count, *options, run)?;
     let choices = search.choices(most, run)?;
-    let silhouette = |c: &GroupChoice| c.silhouette;
     let best = match options.groups {
-        Groups::Silhouette { .. } => {
-            let largest = choices.iter().map(silhouette).fold(0.0, f64::max);
-            choices.iter().find(|c| c.silhouette >= NEARLY * largest)
-        }
+        Groups::Silhouette { .. } => sought(&choices, NEARLY),
         _ => choices
             .iter()
-            .min_by(|a, b| a.davies_bouldin.total_cmp(&b.davies_bouldin)),
+            .min_by(|a, b| a.davies_bouldin.total_cmp(&b.davies_bouldin))
+            .map_or(1, |c| c.groups),
     };
-    Ok((best.map_or(1, |c| c.groups), choices))
+    Ok((best, choices))
 }
 
 /// Of the numbers whose silhouette is at least this share of the largest the smallest is taken.
@@ -116,43 +113,56 @@ pub fn segment<B: OperatorBackend + ?Sized>(
         }
         _ => {}
     }
-    let vertices = spectrum.areas.len();
-    if let Some(&beyond) = faces
-        .all_corners()
-        .iter()
-        .find(|&&v| v as usize >= vertices)
-    {
-        return Err(Error::Length {
-            what: "the modes",
-            found: vertices,
-            expected: beyond as usize + 1,
-        });
-    }
+    check_vertices(spectrum, faces)?;
     let (groups, choices) = number_of_groups(spectrum, options, run)?;
     let count = modes_of(options, groups, spectrum);
-    let search = Search::of(spectrum, count, options, run)?;
-    let found = search.best(groups.min(search.sample.len()));
-    let medoids: Vec<u32> = found
-        .medoids
-        .iter()
-        .map(|&m| search.sample[m as usize])
-        .collect();
+    let search = Search::of(spectrum, count, *options, run)?;
+    let medoids = search.medoids(groups);
     let rows = search.rows;
     let labels = label_faces(faces, &rows, &medoids);
-    let labels = clean(faces, &labels, spectrum.scale, options.smooth);
-    let count = labels.iter().max().map_or(0, |&l| l as usize + 1);
-    let mut areas = vec![0.0; count];
-    for (&label, area) in labels.iter().zip(faces.areas()) {
-        areas[label as usize] += area;
-    }
+    let labels = clean(faces, &labels, spectrum.scale, options.smooth)?;
     Ok(Segments {
+        areas: areas_of(faces, &labels),
         labels,
-        areas,
         groups: medoids.len(),
         modes: rows.width,
         choices,
         medoids,
     })
+}
+
+/// Refuses faces with corners that have no modes.
+pub(super) fn check_vertices(spectrum: &Spectrum, faces: &Faces) -> Result<(), Error> {
+    let vertices = spectrum.areas.len();
+    match faces
+        .all_corners()
+        .iter()
+        .find(|&&v| v as usize >= vertices)
+    {
+        Some(&beyond) => Err(Error::Length {
+            what: "the modes",
+            found: vertices,
+            expected: beyond as usize + 1,
+        }),
+        None => Ok(()),
+    }
+}
+
+/// The area of each label.
+pub(super) fn areas_of(faces: &Faces, labels: &[u32]) -> Vec<f64> {
+    let count = labels.iter().max().map_or(0, |&l| l as usize + 1);
+    let mut areas = vec![0.0; count];
+    for (&label, area) in labels.iter().zip(faces.areas()) {
+        areas[label as usize] += area;
+    }
+    areas
+}
+
+/// The smallest number of groups whose silhouette is at least this share of the largest; 1 if none was tried.
+pub(super) fn sought(choices: &[GroupChoice], nearly: f64) -> usize {
+    let largest = choices.iter().map(|c| c.silhouette).fold(0.0, f64::max);
+    let good = choices.iter().find(|c| c.silhouette >= nearly * largest);
+    good.map_or(1, |c| c.groups)
 }
 
 /// One vertex per stratum of equal area, at a random place of it; vertices of large area may come twice.
@@ -179,7 +189,7 @@ fn draw(areas: &[f64], count: usize, seed: u64) -> Vec<u32> {
 }
 
 /// Nearest medoid of each face's mean row; of equally near ones the first.
-fn label_faces(faces: &Faces, rows: &Rows, medoids: &[u32]) -> Vec<u32> {
+pub(super) fn label_faces(faces: &Faces, rows: &Rows, medoids: &[u32]) -> Vec<u32> {
     (0..faces.len())
         .into_par_iter()
         .with_min_len(1024)
@@ -202,21 +212,21 @@ fn nearest(rows: &Rows, medoids: &[u32], row: &[f32]) -> (u32, f32) {
 }
 
 /// What the search for groups reads.
-struct Search<'a> {
-    rows: Rows,
+pub(super) struct Search<'a> {
+    pub(super) rows: Rows,
     drawn: Rows,
     sample: Vec<u32>,
     areas: &'a [f64],
     distances: Vec<f32>,
-    options: &'a SegmentOptions,
+    options: SegmentOptions,
 }
 
 impl<'a> Search<'a> {
     /// The rows of `modes` modes, a sample of them and its distances.
-    fn of(
+    pub(super) fn of(
         spectrum: &'a Spectrum,
         modes: usize,
-        options: &'a SegmentOptions,
+        options: SegmentOptions,
         run: On<'_>,
     ) -> Result<Self, Error> {
         let rows = Rows::of(spectrum, modes);
@@ -240,7 +250,7 @@ impl<'a> Search<'a> {
     }
 
     /// Every number of groups from 2 to `most` with its indices.
-    fn choices(&self, most: usize, run: On<'_>) -> Result<Vec<GroupChoice>, Error> {
+    pub(super) fn choices(&self, most: usize, run: On<'_>) -> Result<Vec<GroupChoice>, Error> {
         let n = self.sample.len();
         let mut choices = Vec::new();
         for groups in 2..=most.min(n) {
@@ -253,6 +263,13 @@ impl<'a> Search<'a> {
             });
         }
         Ok(choices)
+    }
+
+    /// The vertices in the middle of this many groups, fewer if there are fewer vertices.
+    pub(super) fn medoids(&self, groups: usize) -> Vec<u32> {
+        let found = self.best(groups.min(self.sample.len()));
+        let vertices = found.medoids.iter().map(|&m| self.sample[m as usize]);
+        vertices.collect()
     }
 
     /// The best of the restarts, by the loss over all vertices (CLARA with our sample: Kaufman and
