@@ -101,9 +101,9 @@ pub(super) const FAULTS: &[Fault] = &[
     ),
     Fault::wrong(
         "histograms put a diameter into one bar whole",
-        "crates/spectral-corresp/src/start/features.rs",
-        "row[low + 1] += (at - low as f64) * share;",
-        "row[low] += (at - low as f64) * share;",
+        "crates/spectral-corresp/src/start/histograms.rs",
+        "row[low + 1] += high;",
+        "row[low] += high;",
     ),
     Fault::wrong(
         "nearest.wgsl: the last column does not count",
