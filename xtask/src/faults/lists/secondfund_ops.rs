@@ -72,8 +72,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "borders are wanted at no creases",
         "crates/secondfund-ops/src/segment/clean.rs",
-        "for link in faces.links(f).iter().filter(|l| l.turn * scale <= CREASE) {",
-        "for link in faces.links(f).iter().filter(|l| l.turn * scale <= 1e9 * CREASE) {",
+        "time * link.length / apart.max(f64::MIN_POSITIVE) / (1.0 + crease * crease);",
+        "time * link.length / apart.max(f64::MIN_POSITIVE) / (1.0 + 0.0 * crease);",
     ),
     Fault::wrong(
         "tiny patches stay",
