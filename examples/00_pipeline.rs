@@ -89,7 +89,7 @@ Examples:
   00_pipeline 1ajj.pdb --out out
   00_pipeline 2buk.pdb --assembly 1 --out capsid
   00_pipeline 1ajj.pdb --method dual-contour --out thesis
-  00_pipeline 1ajj.pdb --keep-apart --out for-tetgen
+  00_pipeline 1ajj.pdb --region exterior --outer box:2 --out solvent
   00_pipeline 1su4.pdb --region both --spacing 0.8 --residue-power 0.25 --out both
   00_pipeline 2nwl_opm.pdb --membrane --region both --outer box:1.5 --out membrane
   00_pipeline 1ajj.pdb --region both --spacing 0.5 --max-cell 2 --out study

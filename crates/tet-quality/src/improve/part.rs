@@ -16,7 +16,7 @@ use crate::smoothing::smooth::{load, sweep};
 use crate::smoothing::star::Star;
 
 /// Most rounds of parting.
-const ROUNDS: u32 = 10;
+const ROUNDS: u32 = 12;
 /// The first ones keep the goals; the later ones give up what passes mend afterwards.
 const GENTLE: u32 = 2;
 /// Pulls in a row.
@@ -46,6 +46,9 @@ enum Pull {
     Fair,
 }
 
+/// What is pulled in turn in a round: one kind brings about what stops another.
+const KINDS: [&[Pull]; 3] = [&[Pull::Apart, Pull::Fair], &[Pull::Fair], &[Pull::Apart]];
+
 impl Passes<'_> {
     /// The pairs of boundary triangles that cross.
     pub(super) fn crossing(&self) -> Vec<Pair> {
@@ -72,8 +75,9 @@ impl Passes<'_> {
                 let (goals, target) = (self.options.goals, self.target);
                 let good = |corners| quality(corners) >= target || goals.met_by(&measures(corners));
                 self.pull_on(&mut pairs, &[Pull::Apart], &SHORT, good);
-            } else if !self.pull_and_mend(&mut pairs, passes, run)? {
-                break;
+            } else {
+                let kinds = KINDS[round as usize % KINDS.len()];
+                self.pull_and_mend(&mut pairs, kinds, passes, run)?;
             }
             pairs = self.crossing();
             if pairs.is_empty() {
@@ -95,18 +99,19 @@ impl Passes<'_> {
         self.guarded.find_gaps(self.spacing, Some(&corners));
     }
 
-    /// Pulls down to [`LEAST`], then passes. Gives whether the elements are as good again; else all is as it was.
+    /// Pulls down to [`LEAST`], then passes. Where elements stay below the goals and the worst one before, all is as it was.
     fn pull_and_mend(
         &mut self,
         pairs: &mut Vec<Pair>,
+        kinds: &[Pull],
         passes: &mut Vec<Pass>,
         run: On<'_>,
-    ) -> Result<bool, Error> {
+    ) -> Result<(), Error> {
         self.find_gaps_near(pairs);
         let (kept, worst) = (self.guarded.clone(), self.guarded.mesh.worst());
         // One kind brings about what stops the other.
         let valid = |corners| quality(corners) >= LEAST;
-        self.pull_on(pairs, &[Pull::Apart, Pull::Fair], &LONG, valid);
+        self.pull_on(pairs, kinds, &LONG, valid);
         let mended = |work: &Self| work.met() || work.guarded.mesh.worst() >= worst;
         for number in 0..MENDING {
             if mended(self) {
@@ -115,11 +120,10 @@ impl Passes<'_> {
             let done = self.rescue(number, run)?;
             passes.push(done);
         }
-        let mended = mended(self);
-        if !mended {
+        if !mended(self) && !self.goals_met() {
             self.guarded = kept;
         }
-        Ok(mended)
+        Ok(())
     }
 
     /// Steps of these kinds in turn, while any of the pairs crosses.

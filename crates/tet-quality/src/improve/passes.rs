@@ -199,7 +199,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Are the goals met, be it without the reserve that the passes aim at?
-    fn goals_met(&self) -> bool {
+    pub(super) fn goals_met(&self) -> bool {
         let mesh = &self.guarded.mesh;
         mesh.below(self.target).par_iter().all(|&t| {
             self.options
