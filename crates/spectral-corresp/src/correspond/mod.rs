@@ -397,6 +397,7 @@ fn boundaries<'a>(
     options: &MatchOptions,
     run: On<'_>,
 ) -> Result<(Boundary<'a>, Boundary<'a>), Error> {
+    // In the search's unit, and bars over the range of both: else equal parts would fall into different ones.
     let diameters =
         |s: &VoxelShape| -> Vec<f64> { s.diameters().iter().map(|d| d / options.unit).collect() };
     let both = [diameters(a), diameters(b)];
@@ -405,6 +406,7 @@ fn boundaries<'a>(
         all().fold(f64::INFINITY, f64::min),
         all().fold(0.0, f64::max),
     ];
+    // A neighbourhood of nobody has no histogram.
     let spacing = a.lattice().spacing / options.unit;
     let radius = options.histograms.radius;
     let must = "be larger than the spacing";
@@ -420,8 +422,7 @@ fn boundaries<'a>(
         };
         // Only what the start will ask for.
         let (histogram, modal) = match options.start {
-            Start::Thesis => (true, true),
-            Start::Auto => (true, true),
+            Start::Thesis | Start::Auto => (true, true),
             Start::Spectral => (false, true),
             Start::Rigid | Start::Anchors(_) | Start::Given(_) => (false, false),
         };
@@ -437,6 +438,7 @@ fn boundaries<'a>(
         } else {
             Vec::new()
         };
+        // Maps are of boundary nodes; modes see the whole shape.
         let (mut modes, mut values) = (Vec::new(), Vec::new());
         if modal {
             let found = shape.modes_on(options.modes, run)?;

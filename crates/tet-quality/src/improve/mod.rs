@@ -85,10 +85,11 @@ pub fn improve<B: QualityBackend + ?Sized>(
     let untangled = work.untangle(run)?;
     let flowed = work.flow(&input.junctions)?;
     let mut passes = work.run(run)?;
-    let after_passes = work.crossing().len();
+    let crossing = work.crossing();
+    let after_passes = crossing.len();
     let left = match options.passes {
         0 => after_passes,
-        _ => work.part(&mut passes, run)?,
+        _ => work.part(crossing, &mut passes, run)?,
     };
     // The account.
     let after = work.quality(run)?;

@@ -60,12 +60,16 @@ impl Passes<'_> {
         pairs.iter().map(corners).collect()
     }
 
-    /// Pulls triangles that cross apart, while no step lets more of them cross, and mends what that costs: no element ends
-    /// below the goals, nor below the worst one before. Gives how many pairs still cross.
-    pub(super) fn part(&mut self, passes: &mut Vec<Pass>, run: On<'_>) -> Result<usize, Error> {
-        let mut pairs = self.crossing();
+    /// Pulls triangles that cross apart, while no step lets more of them cross, and mends what that costs: in the end all
+    /// elements meet the goals, or none is worse than the worst one was. Gives how many pairs still cross.
+    pub(super) fn part(
+        &mut self,
+        mut pairs: Vec<Pair>,
+        passes: &mut Vec<Pass>,
+        run: On<'_>,
+    ) -> Result<usize, Error> {
         for round in 0..ROUNDS {
-            if pairs.is_empty() {
+            if !self.can_part(&pairs) {
                 break;
             }
             run.progress("part", round.into(), ROUNDS.into())?;
@@ -80,13 +84,19 @@ impl Passes<'_> {
                 self.pull_and_mend(&mut pairs, kinds, passes, run)?;
             }
             pairs = self.crossing();
-            if pairs.is_empty() {
-                // The isosurface does not cross itself: back to it as far as that goes.
-                self.settle_again(MENDING, passes, run)?;
+            // The isosurface does not cross itself: back to it as far as that goes.
+            if pairs.is_empty() && self.settle_again(MENDING, passes, run)? {
                 pairs = self.crossing();
             }
         }
         Ok(pairs.len())
+    }
+
+    /// Is there a corner of these triangles that may move?
+    fn can_part(&self, pairs: &[Pair]) -> bool {
+        let freedom = &self.guarded.mesh.freedom;
+        let mut corners = pairs.as_flattened().as_flattened().iter();
+        corners.any(|&v| freedom[v as usize] == Freedom::Field)
     }
 
     /// Looks for gaps where these triangles are, which is all that is about to change.
@@ -109,7 +119,7 @@ impl Passes<'_> {
     ) -> Result<(), Error> {
         self.find_gaps_near(pairs);
         let (kept, worst) = (self.guarded.clone(), self.guarded.mesh.worst());
-        // One kind brings about what stops the other.
+        let (made, projected) = (passes.len(), self.projected);
         let valid = |corners| quality(corners) >= LEAST;
         self.pull_on(pairs, kinds, &LONG, valid);
         let mended = |work: &Self| work.met() || work.guarded.mesh.worst() >= worst;
@@ -121,7 +131,8 @@ impl Passes<'_> {
             passes.push(done);
         }
         if !mended(self) && !self.goals_met() {
-            self.guarded = kept;
+            self.go_back(kept, projected);
+            passes.truncate(made);
         }
         Ok(())
     }

@@ -67,7 +67,7 @@ pub(super) struct Passes<'a> {
     /// Per vertex: when it was last smoothed.
     smoothed: Vec<u32>,
     /// When vertices were last brought back to the isosurface.
-    projected: u32,
+    pub(super) projected: u32,
     /// Are the walls of gaps looked for, so that no step lets more of them cross?
     pub(super) watched: bool,
 }
@@ -216,18 +216,18 @@ impl<'a> Passes<'a> {
     }
 
     /// Brings surface vertices that lie too far from the isosurface back as far as the goals allow, with up to so many passes
-    /// in between.
+    /// in between. Gives whether there were too many.
     pub(super) fn settle_again(
         &mut self,
         most: u32,
         passes: &mut Vec<Pass>,
         run: On<'_>,
-    ) -> Result<(), Error> {
+    ) -> Result<bool, Error> {
         let allowed = (ENOUGH * self.on_field() as f64) as usize;
+        if self.far() <= allowed {
+            return Ok(false);
+        }
         for number in 0.. {
-            if self.far() <= allowed {
-                break;
-            }
             let mut done = Pass::default();
             self.find_gaps();
             let left = self.settle(Keep::Goals, &mut done);
@@ -238,7 +238,16 @@ impl<'a> Passes<'a> {
             }
             passes.push(self.rescue(number, run)?);
         }
-        Ok(())
+        Ok(true)
+    }
+
+    /// Takes the mesh as it was, when vertices had last been brought back at `projected`. What was tried since was tried with
+    /// another mesh.
+    pub(super) fn go_back(&mut self, kept: GuardedMesh, projected: u32) {
+        self.guarded = kept;
+        (self.plain, self.with_smoothing) = (Memory::default(), Memory::default());
+        self.smoothed.clear();
+        self.projected = projected;
     }
 
     fn pass(&mut self, number: u32, run: On<'_>) -> Result<Pass, Error> {
@@ -427,7 +436,7 @@ impl<'a> Passes<'a> {
         self.guarded.mesh.know_tangents(&all, field);
         let rules = SurfaceRules {
             field,
-            tolerance: self.options.deviation * self.spacing,
+            tolerance: self.deviation(),
             rescue: true,
         };
         far_vertices(&self.guarded.mesh, &rules).len()
