@@ -3,7 +3,7 @@
 //! Throughput is in lattice points for kernels, in elements for meshes.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use dual_contour::backend::{BLOCK_POINTS, ContourBackend};
+use dual_contour::backend::ContourBackend;
 use dual_contour::{Extent, FieldSamples, Method, Options, Resolution, surface, volume};
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Aabb, BrickGrid, Cpu, ImplicitField, LatticeValues, Point3, Run, Vector3, Wgpu};
@@ -131,12 +131,9 @@ fn meshes(c: &mut Criterion) {
 }
 
 fn kernels(c: &mut Criterion) {
-    let blocks: Vec<f32> = (0..4096 * BLOCK_POINTS)
-        .map(|i| (i as f32 * 0.37).sin())
-        .collect();
-    let cells: Vec<[f32; 8]> = blocks
-        .chunks_exact(8)
-        .map(|c| std::array::from_fn(|i| c[i] - 0.1))
+    let value = |i: usize| (i as f32 * 0.37).sin() - 0.1;
+    let cells: Vec<[f32; 8]> = (0..1 << 18)
+        .map(|cell| std::array::from_fn(|c| value(8 * cell + c)))
         .collect();
     let gpu = Wgpu::new().ok();
     let backends: Vec<(&str, &dyn ContourBackend)> = std::iter::once(("cpu", &Cpu as _))
@@ -145,15 +142,6 @@ fn kernels(c: &mut Criterion) {
     let mut group = c.benchmark_group("dual_contour/kernels");
     group.sample_size(10);
     for (name, backend) in backends {
-        group.throughput(Throughput::Elements(blocks.len() as u64));
-        group.bench_function(format!("min_max/{name}"), |b| {
-            let mut out = Vec::new();
-            b.iter(|| backend.min_max(&blocks, &mut out).expect("ranges"));
-        });
-        group.bench_function(format!("crossings/{name}"), |b| {
-            let mut out = Vec::new();
-            b.iter(|| backend.crossings(&blocks, 0.1, &mut out).expect("signs"));
-        });
         group.throughput(Throughput::Elements(cells.len() as u64));
         group.bench_function(format!("dual_vertices/{name}"), |b| {
             let mut out = Vec::new();

@@ -230,7 +230,7 @@ fn surface(
     source: &Source,
     save: bool,
 ) -> Result<TriMesh, Failure> {
-    let field = source.field()?;
+    let field = source.field(session)?;
     let options = args.mesh.options(source, session)?;
     let on = session.on(session.device.contour());
     let made = session.stage("surface", || {
@@ -249,7 +249,7 @@ fn surface(
 
 /// Tetrahedra and their skin.
 fn tetrahedra(args: &Args, session: &Session, source: &Source) -> Result<TriMesh, Failure> {
-    let field = source.field()?;
+    let field = source.field(session)?;
     let options = args.volume.options(&args.mesh, source, session)?;
     let volume = session.stage("tetrahedra", || {
         dual_contour::volume(

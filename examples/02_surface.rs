@@ -63,7 +63,7 @@ fn main() -> ExitCode {
 
 fn contour(args: &Args, session: &Session) -> Result<(), Failure> {
     let source = args.source.read(session)?;
-    let field = source.field()?;
+    let field = source.field(session)?;
     let options = args.mesh.options(&source, session)?;
     let made = session.stage("surface", || {
         surface(

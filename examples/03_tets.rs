@@ -55,7 +55,7 @@ fn main() -> ExitCode {
 
 fn tets(args: &Args, session: &Session) -> Result<(), Failure> {
     let source = args.source.read(session)?;
-    let field = source.field()?;
+    let field = source.field(session)?;
     let options = args.volume.options(&args.mesh, &source, session)?;
     let made = session.stage("tetrahedra", || {
         volume(

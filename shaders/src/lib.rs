@@ -43,20 +43,6 @@ pub const GEOM_CORE_STENCIL: Shader = Shader {
 
 // ── dual-contour
 
-/// `dual-contour`: lowest and highest value per block.
-pub const DUAL_CONTOUR_MIN_MAX: Shader = Shader {
-    name: "dual_contour_min_max",
-    source: joined!("dual_contour/min_max"),
-    workgroup: [64, 1, 1],
-};
-
-/// `dual-contour`: corner signs of all finest cells of a block.
-pub const DUAL_CONTOUR_CROSSINGS: Shader = Shader {
-    name: "dual_contour_crossings",
-    source: joined!("dual_contour/crossings"),
-    workgroup: [128, 1, 1],
-};
-
 /// `dual-contour`: dual vertices of cells.
 pub const DUAL_CONTOUR_DUAL_VERTICES: Shader = Shader {
     name: "dual_contour_dual_vertices",
@@ -69,14 +55,14 @@ pub const DUAL_CONTOUR_DUAL_VERTICES: Shader = Shader {
 /// `gauss-density`: which atoms matter in a brick.
 pub const GAUSS_DENSITY_CULL: Shader = Shader {
     name: "gauss_density_cull",
-    source: joined!("common/tree", "gauss_density/cull"),
+    source: joined!("common/item", "common/tree", "gauss_density/cull"),
     workgroup: [64, 1, 1],
 };
 
 /// `gauss-density`: the density at the points of bricks.
 pub const GAUSS_DENSITY_DENSITY: Shader = Shader {
     name: "gauss_density_density",
-    source: joined!("common/tree", "gauss_density/density"),
+    source: joined!("common/item", "common/tree", "gauss_density/density"),
     workgroup: [8, 8, 4],
 };
 
@@ -90,7 +76,12 @@ pub const GAUSS_DENSITY_COMPACT: Shader = Shader {
 /// `gauss-density`: the terms of the tree at points.
 pub const GAUSS_DENSITY_TERMS: Shader = Shader {
     name: "gauss_density_terms",
-    source: joined!("common/tree", "common/sites", "gauss_density/terms"),
+    source: joined!(
+        "common/item",
+        "common/tree",
+        "common/sites",
+        "gauss_density/terms"
+    ),
     workgroup: [64, 1, 1],
 };
 
@@ -98,6 +89,7 @@ pub const GAUSS_DENSITY_TERMS: Shader = Shader {
 pub const GAUSS_DENSITY_ATOM_ERRORS: Shader = Shader {
     name: "gauss_density_atom_errors",
     source: joined!(
+        "common/item",
         "common/tree",
         "common/sites",
         "common/slots",
@@ -110,11 +102,33 @@ pub const GAUSS_DENSITY_ATOM_ERRORS: Shader = Shader {
 pub const GAUSS_DENSITY_REFIT_SUMS: Shader = Shader {
     name: "gauss_density_refit_sums",
     source: joined!(
+        "common/item",
         "common/tree",
         "common/sites",
         "common/slots",
         "gauss_density/refit_sums"
     ),
+    workgroup: [64, 1, 1],
+};
+
+/// `gauss-density`: the atoms of a trial in the trees of cells.
+pub const GAUSS_DENSITY_SETTLE: Shader = Shader {
+    name: "gauss_density_settle",
+    source: joined!("common/item", "gauss_density/settle"),
+    workgroup: [64, 1, 1],
+};
+
+/// `gauss-density`: the sums of atoms from those of their places in cells.
+pub const GAUSS_DENSITY_GATHER: Shader = Shader {
+    name: "gauss_density_gather",
+    source: joined!("gauss_density/gather"),
+    workgroup: [64, 1, 1],
+};
+
+/// `gauss-density`: the density and its gradient at any points.
+pub const GAUSS_DENSITY_POINTS: Shader = Shader {
+    name: "gauss_density_points",
+    source: joined!("common/item", "common/tree", "gauss_density/points"),
     workgroup: [64, 1, 1],
 };
 
@@ -231,8 +245,6 @@ pub const ALL: &[Shader] = &[
     GEOM_CORE_PRODUCT,
     GEOM_CORE_SMOOTH,
     GEOM_CORE_STENCIL,
-    DUAL_CONTOUR_MIN_MAX,
-    DUAL_CONTOUR_CROSSINGS,
     DUAL_CONTOUR_DUAL_VERTICES,
     GAUSS_DENSITY_CULL,
     GAUSS_DENSITY_DENSITY,
@@ -240,6 +252,9 @@ pub const ALL: &[Shader] = &[
     GAUSS_DENSITY_TERMS,
     GAUSS_DENSITY_ATOM_ERRORS,
     GAUSS_DENSITY_REFIT_SUMS,
+    GAUSS_DENSITY_SETTLE,
+    GAUSS_DENSITY_GATHER,
+    GAUSS_DENSITY_POINTS,
     TET_QUALITY_MEASURE,
     TET_QUALITY_RELAX,
     CROSSFIELD_CHART_DISTORTION,

@@ -1,35 +1,7 @@
-//! The kernels as the equations read, one cell or block at a time, in f64 where there is rounding: what every
-//! backend must give.
+//! The kernel as its equations read, one cell at a time, in f64: what every backend must give.
 
-use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE};
 use crate::kernel::{INSET, REGULAR};
 use geom_core::Vector3;
-
-/// [`ContourBackend::min_max`](crate::ContourBackend) for one block.
-pub fn min_max(block: &[f32; BLOCK_POINTS]) -> [f32; 2] {
-    let (mut low, mut high) = (block[0], block[0]);
-    for &v in block {
-        if v < low {
-            low = v;
-        }
-        if v > high {
-            high = v;
-        }
-    }
-    [low, high]
-}
-
-/// [`ContourBackend::crossings`](crate::ContourBackend) for one block.
-pub fn crossings(block: &[f32; BLOCK_POINTS], level: f32) -> [u8; BLOCK_CELLS] {
-    std::array::from_fn(|cell| {
-        let [x, y, z] = [cell % 8, cell / 8 % 8, cell / 64];
-        let corners = (0..8usize).filter(|c| {
-            let p = [x + (c & 1), y + (c >> 1 & 1), z + (c >> 2)];
-            block[(p[2] * BLOCK_SIDE + p[1]) * BLOCK_SIDE + p[0]] >= level
-        });
-        corners.map(|c| 1u8 << c).sum()
-    })
-}
 
 /// [`ContourBackend::dual_vertices`](crate::ContourBackend) for one cell: from the mean of the crossings `steps`
 /// Newton steps, each kept off the sides of the cell.

@@ -1,12 +1,12 @@
 //! Every backend follows the specification, and the comparison can fail.
 
 use crate::common::*;
-use dual_contour::backend::{
-    BLOCK_CELLS, BLOCK_POINTS, CROSSINGS, ContourBackend, DUAL_VERTICES, MIN_MAX,
-};
+use dual_contour::backend::{ContourBackend, DUAL_VERTICES};
 use dual_contour::geom_core::compute::BackendError;
-use dual_contour::geom_core::{Agreement, Backend, Cpu, LatticeValues, Point3, Run};
-use dual_contour::{Error, Method, specification, surface};
+use dual_contour::geom_core::{
+    Agreement, Backend, Cpu, FieldAtMany, ImplicitField, LatticeValues, Point3, Run, Vector3,
+};
+use dual_contour::{Error, Method, Options, Placement, specification, surface, volume};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
@@ -18,19 +18,6 @@ fn backends() -> Vec<Box<dyn ContourBackend>> {
         all.push(Box::new(gpu));
     }
     all
-}
-
-fn min_max(backend: &dyn ContourBackend, blocks: &[f32]) -> Vec<[f32; 2]> {
-    // What is in the buffer before does not matter.
-    let mut out = vec![[7.0; 2]; 5];
-    backend.min_max(blocks, &mut out).unwrap();
-    out
-}
-
-fn crossings(backend: &dyn ContourBackend, blocks: &[f32], level: f32) -> Vec<u8> {
-    let mut out = vec![7; 5];
-    backend.crossings(blocks, level, &mut out).unwrap();
-    out
 }
 
 fn dual_vertices(backend: &dyn ContourBackend, cells: &[[f32; 8]]) -> Vec<[f32; 3]> {
@@ -50,16 +37,6 @@ fn check<T: Copy + Into<f64>>(
     }
 }
 
-/// Values of `n` blocks: smooth, noisy, or with many ties with the level.
-fn blocks() -> impl Strategy<Value = Vec<f32>> {
-    let value = prop_oneof![
-        3 => -2.0f32..4.0,
-        1 => Just(1.0f32),
-        1 => prop_oneof![Just(1.0f32.next_up()), Just(1.0f32.next_down()), Just(0.0), Just(-0.0)],
-    ];
-    (1..4usize).prop_flat_map(move |n| prop::collection::vec(value.clone(), n * BLOCK_POINTS))
-}
-
 /// The same cases in every run.
 fn runner() -> TestRunner {
     let config = Config {
@@ -68,83 +45,6 @@ fn runner() -> TestRunner {
         ..Config::default()
     };
     TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha))
-}
-
-fn spec_min_max(values: &[f32]) -> Vec<[f32; 2]> {
-    let (blocks, _) = values.as_chunks::<BLOCK_POINTS>();
-    blocks.iter().map(specification::min_max).collect()
-}
-
-fn spec_crossings(values: &[f32], level: f32) -> Vec<u8> {
-    let (blocks, _) = values.as_chunks::<BLOCK_POINTS>();
-    blocks
-        .iter()
-        .flat_map(|b| specification::crossings(b, level))
-        .collect()
-}
-
-#[test]
-fn min_max_is_exact() {
-    for backend in backends() {
-        runner()
-            .run(&blocks(), |values| {
-                let found = min_max(&*backend, &values);
-                prop_assert_eq!(found.len(), values.len() / BLOCK_POINTS);
-                let spec = spec_min_max(&values);
-                check(MIN_MAX, spec.as_flattened(), found.as_flattened())
-            })
-            .unwrap();
-    }
-}
-
-/// The lowest and the highest value at each of the places of a block, in blocks that follow each other: a kernel that
-/// leaves one out, or steps wrongly from block to block, is seen.
-#[test]
-fn extremes_are_seen_wherever_they_stand() {
-    let mut values = vec![0.5f32; BLOCK_POINTS * BLOCK_POINTS];
-    for (place, block) in values.chunks_exact_mut(BLOCK_POINTS).enumerate() {
-        block[place] = 3.0 + place as f32;
-        block[(place + 400) % BLOCK_POINTS] = -1.0 - place as f32;
-    }
-    for backend in backends() {
-        let found = min_max(&*backend, &values);
-        assert_eq!(found.len(), BLOCK_POINTS);
-        for (place, range) in found.into_iter().enumerate() {
-            let expected = [-1.0 - place as f32, 3.0 + place as f32];
-            assert_eq!(range, expected, "{} at {place}", backend.name());
-        }
-    }
-}
-
-#[test]
-fn crossings_are_exact() {
-    for backend in backends() {
-        runner()
-            .run(&(blocks(), -0.5f32..1.5), |(values, other)| {
-                for level in [1.0, other] {
-                    let found = crossings(&*backend, &values, level);
-                    prop_assert_eq!(found.len(), values.len() / BLOCK_POINTS * BLOCK_CELLS);
-                    check(CROSSINGS, &spec_crossings(&values, level), &found)?;
-                }
-                Ok(())
-            })
-            .unwrap();
-    }
-}
-
-/// The specification itself, by hand.
-#[test]
-fn crossings_are_the_signs_of_the_corners() {
-    let values: Vec<f32> = (0..BLOCK_POINTS).map(|i| (i * 37 % 11) as f32).collect();
-    let masks = spec_crossings(&values, 5.0);
-    for (cell, &mask) in masks.iter().enumerate() {
-        let at = [cell % 8, cell / 8 % 8, cell / 64];
-        for c in 0..8 {
-            let p = [0, 1, 2].map(|k| at[k] + (c >> k & 1));
-            let inside = values[(p[2] * 9 + p[1]) * 9 + p[0]] >= 5.0;
-            assert_eq!(mask >> c & 1 == 1, inside, "corner {c} of cell {at:?}");
-        }
-    }
 }
 
 /// Corner values of a field that is not too far from linear, through the middle of the cell.
@@ -186,16 +86,8 @@ fn dual_vertices_stay_within_their_bound() {
 
 #[test]
 fn the_comparison_can_fail() {
-    let values: Vec<f32> = (0..BLOCK_POINTS).map(|i| (i as f32 * 0.7).sin()).collect();
-    let mut spoiled = values.clone();
-    spoiled[300] = 9.0;
     let cell = [-1.0f32, 1.0, -1.1, 0.9, -0.8, 1.2, -1.0, 1.0];
     for backend in backends() {
-        let found = min_max(&*backend, &spoiled);
-        let spec = spec_min_max(&values);
-        assert!(check(MIN_MAX, spec.as_flattened(), found.as_flattened()).is_err());
-        let found = crossings(&*backend, &values, 0.31);
-        assert!(check(CROSSINGS, &spec_crossings(&values, 0.3), &found).is_err());
         let found = dual_vertices(&*backend, &[cell.map(|v| v + 0.01)])[0].map(f64::from);
         let spec = specification::dual_vertex(&cell.map(f64::from), 4);
         assert!(check(DUAL_VERTICES, &spec, &found).is_err());
@@ -225,17 +117,11 @@ fn meshes_differ_by_the_bound_alone() {
 
 /// What is wrong with the answers of a backend that else asks the processor, or why there are none.
 struct Odd {
-    ranges: fn(&mut Vec<[f32; 2]>) -> Result<(), Error>,
-    masks: fn(&mut Vec<u8>) -> Result<(), Error>,
     points: fn(&mut Vec<[f32; 3]>) -> Result<(), Error>,
 }
 
 /// Nothing.
-const PLAIN: Odd = Odd {
-    ranges: |_| Ok(()),
-    masks: |_| Ok(()),
-    points: |_| Ok(()),
-};
+const PLAIN: Odd = Odd { points: |_| Ok(()) };
 
 impl Backend for Odd {
     fn name(&self) -> String {
@@ -246,14 +132,6 @@ impl Backend for Odd {
 impl ContourBackend for Odd {
     fn blocks_per_call(&self) -> usize {
         0
-    }
-    fn min_max(&self, blocks: &[f32], out: &mut Vec<[f32; 2]>) -> Result<(), Error> {
-        Cpu.min_max(blocks, out)?;
-        (self.ranges)(out)
-    }
-    fn crossings(&self, blocks: &[f32], level: f32, out: &mut Vec<u8>) -> Result<(), Error> {
-        Cpu.crossings(blocks, level, out)?;
-        (self.masks)(out)
     }
     fn dual_vertices(
         &self,
@@ -274,55 +152,33 @@ fn answers_that_make_no_sense_do_no_harm() {
     let ours = surface(&grid, None, &options, Run::on(&Cpu)).unwrap();
     let same = surface(&grid, None, &options, Run::on(&PLAIN)).unwrap();
     assert_eq!(ours.mesh, same.mesh, "a wish for no blocks is one for one");
-    let short = [
-        Odd {
-            ranges: |ranges| {
-                ranges.clear();
-                Ok(())
-            },
-            ..PLAIN
+    let short = Odd {
+        points: |points| {
+            points.truncate(1);
+            Ok(())
         },
-        Odd {
-            masks: |masks| {
-                masks.truncate(1);
-                Ok(())
-            },
-            ..PLAIN
-        },
-        Odd {
-            points: |points| {
-                points.truncate(1);
-                Ok(())
-            },
-            ..PLAIN
-        },
-    ];
-    for odd in short {
-        let error = surface(&grid, None, &options, Run::on(&odd)).unwrap_err();
-        assert!(matches!(error, Error::Backend(_)), "{error}");
-        assert!(error.to_string().starts_with("odd gave"), "{error}");
-    }
+    };
+    let error = surface(&grid, None, &options, Run::on(&short)).unwrap_err();
+    assert!(matches!(error, Error::Backend(_)), "{error}");
+    assert!(error.to_string().starts_with("odd gave"), "{error}");
     let nowhere = [
         Odd {
             points: |points| {
                 points.fill([f32::NAN; 3]);
                 Ok(())
             },
-            ..PLAIN
         },
         Odd {
             points: |points| {
                 points.fill([f32::INFINITY; 3]);
                 Ok(())
             },
-            ..PLAIN
         },
         Odd {
             points: |points| {
                 points.fill([-7.0; 3]);
                 Ok(())
             },
-            ..PLAIN
         },
     ];
     for odd in nowhere {
@@ -336,32 +192,101 @@ fn answers_that_make_no_sense_do_no_harm() {
     }
 }
 
-fn gone() -> Result<(), Error> {
-    Err(BackendError::new("the device is gone").into())
-}
-
-/// What a backend fails of comes back to the caller, whatever it was asked.
+/// What a backend fails of comes back to the caller.
 #[test]
 fn the_error_of_a_backend_is_the_callers() {
     let grid = sample(&ball(Point3::origin(), 3.0), 4.0, 24);
-    let broken = [
-        Odd {
-            ranges: |_| gone(),
-            ..PLAIN
-        },
-        Odd {
-            masks: |_| gone(),
-            ..PLAIN
-        },
-        Odd {
-            points: |_| gone(),
-            ..PLAIN
-        },
-    ];
-    for odd in broken {
-        let options = by(Method::DualContour);
-        let error = surface(&grid, None, &options, Run::on(&odd)).unwrap_err();
-        assert!(matches!(error, Error::Backend(_)));
-        assert_eq!(error.to_string(), "the device is gone");
+    let broken = Odd {
+        points: |_| Err(BackendError::new("the device is gone").into()),
+    };
+    let options = by(Method::DualContour);
+    let error = surface(&grid, None, &options, Run::on(&broken)).unwrap_err();
+    assert!(matches!(error, Error::Backend(_)));
+    assert_eq!(error.to_string(), "the device is gone");
+}
+
+/// A field that takes many points with one call, as on a device; counts the calls, and fails if it has been told to.
+struct AtOnce<F> {
+    field: F,
+    calls: std::sync::atomic::AtomicUsize,
+    gone: bool,
+}
+
+impl<F> AtOnce<F> {
+    fn new(field: F, gone: bool) -> Self {
+        let calls = Default::default();
+        Self { field, calls, gone }
     }
+}
+
+impl<F: ImplicitField> ImplicitField for AtOnce<F> {
+    fn value(&self, x: &Point3) -> f64 {
+        self.field.value(x)
+    }
+    fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        self.field.value_gradient(x)
+    }
+    fn at_many(&self) -> Option<&dyn FieldAtMany> {
+        Some(self)
+    }
+}
+
+impl<F: ImplicitField> FieldAtMany for AtOnce<F> {
+    fn values_gradients(
+        &self,
+        points: &[Point3],
+        out: &mut Vec<(f64, Vector3)>,
+    ) -> Result<(), BackendError> {
+        if self.gone {
+            return Err(BackendError::new("the device is gone"));
+        }
+        self.calls
+            .fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        out.clear();
+        out.extend(points.iter().map(|x| self.field.value_gradient(x)));
+        Ok(())
+    }
+}
+
+/// However many points a field takes at a time, the mesh is the same, bit for bit.
+#[test]
+fn fields_that_take_many_points_give_the_same_mesh() {
+    let field = torus(2.3, 0.9);
+    let grid = sample(&field, 4.0, 28);
+    let mut calls = 0;
+    for method in METHODS {
+        for placement in [Placement::Mass, Placement::Newton, Placement::Qef] {
+            for tolerance in [0.0, 0.05] {
+                if tolerance > 0.0 && method == Method::Stuffing {
+                    continue;
+                }
+                let options = Options {
+                    method,
+                    placement,
+                    tolerance,
+                    ..Options::default()
+                };
+                let many = AtOnce::new(&field, false);
+                let run = Run::on(&Cpu);
+                let one = volume(&grid, Some(&field), &options, run).unwrap();
+                let all = volume(&grid, Some(&many), &options, run).unwrap();
+                assert_eq!(one.mesh, all.mesh, "{options:?}");
+                let one = surface(&grid, Some(&field), &options, run).unwrap();
+                let all = surface(&grid, Some(&many), &options, run).unwrap();
+                assert_eq!(one.mesh, all.mesh, "{options:?}");
+                let asked = many.calls.into_inner();
+                let asks = method == Method::Stuffing || placement == Placement::Newton;
+                assert_eq!(asked > 0, asks, "{options:?}");
+                assert!(asked < 60, "{asked} calls: {options:?}");
+                calls += asked;
+                if asks {
+                    let gone = AtOnce::new(&field, true);
+                    let error = surface(&grid, Some(&gone), &options, run).unwrap_err();
+                    assert!(matches!(error, Error::Backend(_)), "{error}");
+                    assert_eq!(error.to_string(), "the device is gone");
+                }
+            }
+        }
+    }
+    assert!(calls > 0);
 }

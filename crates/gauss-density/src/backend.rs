@@ -7,7 +7,7 @@
 //! ```
 //! use std::sync::atomic::{AtomicU64, Ordering};
 //!
-//! use gauss_density::backend::{Block, BlockValues, Job, Prepared, RefitSums, SampleCell};
+//! use gauss_density::backend::{Block, BlockValues, Job, Prepared, RefitSamples, SampleCell};
 //! use gauss_density::{DensityBackend, Elimination, Error, Model, Options, eliminate, sample_band};
 //! use geom_core::compute::BackendError;
 //! use geom_core::{Backend, Cpu, Point3, Run};
@@ -44,13 +44,12 @@
 //!     ) -> Result<(), Error> {
 //!         Err(BackendError::new("no elimination here").into())
 //!     }
-//!     fn refit_sums(
-//!         &self,
+//!     fn refit_samples<'a>(
+//!         &'a self,
 //!         model: &Prepared<'_>,
-//!         cells: &[SampleCell],
-//!         sums: &mut RefitSums,
-//!     ) -> Result<(), Error> {
-//!         Cpu.refit_sums(model, cells, sums)
+//!         cells: &'a [SampleCell],
+//!     ) -> Result<Box<dyn RefitSamples + 'a>, Error> {
+//!         Cpu.refit_samples(model, cells)
 //!     }
 //! }
 //!
@@ -68,11 +67,11 @@
 
 use geom_core::compute::BackendError;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
-use geom_core::{Agreement, Backend, Lattice, Point3};
+use geom_core::{Agreement, Backend, Lattice, Point3, Vector3};
 
 use crate::error::Error;
 pub use crate::kernel::prepared::Prepared;
-use crate::model::Level;
+use crate::model::{Level, Model};
 use crate::options::Cutoff;
 
 /// Bricks per side of a block.
@@ -341,14 +340,58 @@ pub trait DensityBackend: Backend + DensityObject {
         errors: &mut Vec<f64>,
     ) -> Result<(), Error>;
 
-    /// The objective of the refit (Eq. 3.11) over the points of the cells, and its first derivatives and
-    /// the diagonal of its Gauss–Newton matrix per atom of the model (Eq. 3.13). Whatever `sums` held is lost.
-    fn refit_sums(
-        &self,
+    /// Takes the samples of a refit, in cells of the atoms and the tree of a model, to where they stay from trial to
+    /// trial.
+    fn refit_samples<'a>(
+        &'a self,
         model: &Prepared<'_>,
-        cells: &[SampleCell],
-        sums: &mut RefitSums,
-    ) -> Result<(), Error>;
+        cells: &'a [SampleCell],
+    ) -> Result<Box<dyn RefitSamples + 'a>, Error>;
+
+    /// Takes a model to where it stays, to be asked at many points; `None`, as by default, where a point at a time on
+    /// the CPU is as good.
+    fn point_kernel(&self, _cells: &PointCells<'_>) -> Result<Option<Box<dyn PointKernel>>, Error> {
+        Ok(None)
+    }
+}
+
+/// The samples of a refit, where a backend keeps them.
+pub trait RefitSamples {
+    /// The objective of the refit (Eq. 3.11) over the samples, and its first derivatives and the diagonal of its
+    /// Gauss–Newton matrix per atom (Eq. 3.13), of a model that differs from the one at the start in centres, radii and
+    /// decays alone. Whatever `sums` held is lost. Owes [`REFIT_SUMS`].
+    fn sums(&mut self, model: &Model, sums: &mut RefitSums) -> Result<(), Error>;
+}
+
+/// A model, and the atoms that matter in each cell of space.
+#[derive(Clone, Copy, Debug)]
+pub struct PointCells<'a> {
+    /// The model.
+    pub model: &'a Prepared<'a>,
+    /// Per cell: where its atoms start, and their number at the end.
+    pub starts: &'a [usize],
+    /// Atoms, ascending in each cell.
+    pub atoms: &'a [u32],
+}
+
+/// A point, and the cell that it lies in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellPoint {
+    /// The point, Å.
+    pub at: Point3,
+    /// Number of the cell.
+    pub cell: u32,
+}
+
+/// A model that a backend keeps, to be asked at many points.
+pub trait PointKernel: Send + Sync {
+    /// The density and its gradient (per Å) at each point, of the atoms of its cell, in place of what was in `out`.
+    /// Owes [`AT_POINTS`].
+    fn values_gradients(
+        &self,
+        points: &[CellPoint],
+        out: &mut Vec<(f64, Vector3)>,
+    ) -> Result<(), BackendError>;
 }
 
 geom_core::backend_object!(DensityObject, as_density -> DensityBackend);
@@ -373,4 +416,11 @@ pub const ATOM_ERRORS: Agreement = Agreement::Bounded {
 pub const REFIT_SUMS: Agreement = Agreement::Bounded {
     relative: 2e-3,
     absolute: 2e-4,
+};
+
+/// What a backend owes at points: the value relative to itself, the gradient relative to its own length and the value
+/// per Å, at densities below 10³⁰. Roots on the surface are off by as much of an Å at most where the slope is 1 per Å.
+pub const AT_POINTS: Agreement = Agreement::Bounded {
+    relative: 2e-5,
+    absolute: 1e-30,
 };

@@ -5,7 +5,8 @@ use geom_core::{Cpu, Lattice};
 use rayon::prelude::*;
 
 use crate::backend::{
-    BLOCK, Block, BlockValues, DensityBackend, Job, RefitSums, SampleCell, scatter, scatter_into,
+    BLOCK, Block, BlockValues, DensityBackend, Job, RefitSamples, RefitSums, SampleCell, scatter,
+    scatter_into,
 };
 use crate::error::Error;
 use crate::kernel::boxes::{Cell, bricks_box, lattice_box, middle};
@@ -15,6 +16,7 @@ use crate::kernel::direct;
 use crate::kernel::plain::plain_cube;
 use crate::kernel::prepared::Prepared;
 use crate::kernel::relative::{self, Cube};
+use crate::model::Model;
 
 impl DensityBackend for Cpu {
     fn sample_blocks(
@@ -52,13 +54,21 @@ impl DensityBackend for Cpu {
         Ok(())
     }
 
-    fn refit_sums(
-        &self,
-        model: &Prepared<'_>,
-        cells: &[SampleCell],
-        sums: &mut RefitSums,
-    ) -> Result<(), Error> {
-        let model = model.model();
+    fn refit_samples<'a>(
+        &'a self,
+        _: &Prepared<'_>,
+        cells: &'a [SampleCell],
+    ) -> Result<Box<dyn RefitSamples + 'a>, Error> {
+        Ok(Box::new(AtHand(cells)))
+    }
+}
+
+/// The samples of a refit where they are.
+struct AtHand<'a>(&'a [SampleCell]);
+
+impl RefitSamples for AtHand<'_> {
+    fn sums(&mut self, model: &Model, sums: &mut RefitSums) -> Result<(), Error> {
+        let cells = self.0;
         let parts: Vec<RefitSums> = cells
             .par_iter()
             .map_init(cells::Scratch::default, |scratch, cell| {

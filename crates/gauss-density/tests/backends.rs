@@ -1,21 +1,23 @@
 //! Every backend follows the plain f64 functions.
 
 use gauss_density::backend::{
-    ATOM_ERRORS, BLOCK, Block, BlockValues, Job, Prepared, REFIT_SUMS, RefitSums, SAMPLE_BLOCKS,
-    SampleCell,
+    ATOM_ERRORS, BLOCK, Block, BlockValues, Job, Prepared, REFIT_SUMS, RefitSamples, RefitSums,
+    SAMPLE_BLOCKS, SampleCell,
 };
 use gauss_density::specification::{self, nested_sum};
 use gauss_density::testing::{globule, models, sample_cell};
 use gauss_density::{
-    Cutoff, DensityBackend, Elimination, Error, Levels, Model, Options, Refit, eliminate, refit,
-    sample, sample_band,
+    Cutoff, DensityBackend, Elimination, Error, Levels, Model, Options, PointSampler, Refit,
+    eliminate, refit, sample, sample_band,
 };
 use geom_core::grid::{BRICK, Brick};
-use geom_core::{Aabb, Agreement, Cpu, Lattice, LatticeValues, Point3, Run};
+use geom_core::{Aabb, Agreement, Cpu, ImplicitField, Lattice, LatticeValues, Point3, Run};
 use proptest::prelude::*;
 
 #[cfg(feature = "wgpu")]
-use geom_core::testing::gpu_or_skip;
+use gauss_density::backend::AT_POINTS;
+#[cfg(feature = "wgpu")]
+use geom_core::{Vector3, testing::gpu_or_skip};
 
 /// The same cases every time: a gate must not depend on luck.
 fn config(cases: u32) -> ProptestConfig {
@@ -96,6 +98,11 @@ fn check_block(
 
 /// The same model elsewhere.
 fn moved(model: &Model, by: geom_core::Vector3) -> Model {
+    changed(model, by, 1.0, 1.0)
+}
+
+/// A model with every centre moved, and all radii and decays by factors.
+fn changed(model: &Model, by: geom_core::Vector3, radius: f64, decay: f64) -> Model {
     let level = |l: &gauss_density::Level| {
         let mut starts: Vec<u32> = (0..l.len()).map(|v| l.children(v).start as u32).collect();
         starts.push(l.children(l.len() - 1).end as u32);
@@ -103,8 +110,8 @@ fn moved(model: &Model, by: geom_core::Vector3) -> Model {
     };
     Model::new(
         model.centers().iter().map(|x| x + by).collect(),
-        model.radii().to_vec(),
-        model.decays().to_vec(),
+        model.radii().iter().map(|r| r * radius).collect(),
+        model.decays().iter().map(|d| d * decay).collect(),
         model.levels().iter().map(level).collect(),
     )
     .unwrap()
@@ -214,7 +221,8 @@ fn follows_the_plain_refit(backend: &dyn DensityBackend, cases: u32) {
         let prepared = Prepared::new(&model);
         let plain = specification::refit_sums(&model, &cells);
         let mut got = RefitSums { objective: 3.0, worst: 5.0, gradient: vec![[1.0; 5]; 40], ..RefitSums::default() };
-        backend.refit_sums(&prepared, &cells, &mut got).unwrap();
+        let mut samples = backend.refit_samples(&prepared, &cells).unwrap();
+        samples.sums(&model, &mut got).unwrap();
         let (plain_, got) = (normalized(&plain, &plain), normalized(&got, &plain));
         prop_assert_eq!(REFIT_SUMS.first_break(&plain_, &got), None);
     });
@@ -255,6 +263,88 @@ fn wgpu_follows_the_plain_errors_and_refit() {
     let Some(gpu) = gpu_or_skip() else { return };
     follows_the_plain_errors(&gpu, 64);
     follows_the_plain_refit(&gpu, 64);
+}
+
+/// The samples stay where they are: the sums of a changed model are those of one that has just come, and a trial sends
+/// its atoms and nothing else.
+#[cfg(feature = "wgpu")]
+#[test]
+fn a_trial_of_a_refit_sends_its_atoms_alone() {
+    let Some(gpu) = gpu_or_skip() else { return };
+    proptest!(config(24), |((model, shift) in (models(), -0.2f64..0.2))| {
+        let cells = cells_of(&model, 0.1);
+        let moved = changed(&model, Vector3::repeat(shift), 1.0 + 0.2 * shift, 1.0 - shift);
+        prop_assume!(tame(&moved, &cells));
+        let prepared = Prepared::new(&model);
+        let mut samples = gpu.refit_samples(&prepared, &cells).unwrap();
+        let (mut first, mut got) = (RefitSums::default(), RefitSums::default());
+        samples.sums(&model, &mut first).unwrap();
+        let before = gpu.gpu().usage();
+        samples.sums(&moved, &mut got).unwrap();
+        let used = gpu.gpu().usage().since(&before).total();
+        prop_assert_eq!(used.bytes_up, 32 * model.atoms() as u64);
+        let points: usize = cells.iter().map(|c| c.points.len()).sum();
+        prop_assert_eq!(used.bytes_down, (40 * model.atoms() + 4 * points) as u64);
+        let plain = specification::refit_sums(&moved, &cells);
+        let (plain_, got) = (normalized(&plain, &plain), normalized(&got, &plain));
+        prop_assert_eq!(REFIT_SUMS.first_break(&plain_, &got), None);
+    });
+}
+
+/// Many points with one call, near the atoms and far out, beside each alone; the whole at an offset.
+#[cfg(feature = "wgpu")]
+fn follows_the_plain_points(gpu: &dyn DensityBackend, offset: Vector3, cases: u32) -> f64 {
+    let Agreement::Bounded { relative, absolute } = AT_POINTS else {
+        panic!("a bound");
+    };
+    let worst = std::cell::Cell::new(0.0f64);
+    let places = prop::collection::vec(prop::array::uniform3(-14.0..14.0f64), 1..200);
+    proptest!(config(cases), |((model, places) in (models(), places))| {
+        let model = moved(&model, offset);
+        let sampler = PointSampler::new(&model, Cutoff(1e-6)).unwrap();
+        let at_device = sampler.clone().on(gpu).unwrap();
+        let many = at_device.at_many().expect("a device takes many");
+        let mut points: Vec<Point3> = places.iter().map(|&x| Point3::from(x) + offset).collect();
+        points.push(Point3::new(f64::NAN, 0.0, 0.0));
+        points.push(Point3::new(1e200, 0.0, 0.0));
+        let mut found = vec![(7.0, Vector3::zeros()); 3];
+        many.values_gradients(&points, &mut found).unwrap();
+        prop_assert_eq!(found.len(), points.len());
+        for (x, (value, gradient)) in points.iter().zip(found) {
+            let (plain, slope) = sampler.value_gradient(x);
+            if plain > 1e30 {
+                continue;
+            }
+            if plain.is_nan() {
+                prop_assert!(value.is_nan());
+                continue;
+            }
+            let value_off = (value - plain).abs() / (relative * plain + absolute);
+            let allowed = relative * (slope.norm() + plain) + absolute;
+            let slope_off = (gradient - slope).norm() / allowed;
+            worst.set(worst.get().max(value_off).max(slope_off));
+            prop_assert!(value_off <= 1.0, "{} for {} at {}", value, plain, x);
+            prop_assert!(slope_off <= 1.0, "{} for {} at {}", gradient, slope, x);
+        }
+    });
+    worst.get()
+}
+
+#[cfg(feature = "wgpu")]
+#[test]
+fn wgpu_follows_the_plain_points() {
+    let Some(gpu) = gpu_or_skip() else { return };
+    let near = follows_the_plain_points(&gpu, Vector3::zeros(), 200);
+    let far = follows_the_plain_points(&gpu, FAR.into(), 60);
+    println!("worst share of the bound: {near:.2} near the origin, {far:.2} far from it");
+}
+
+/// A CPU takes a point at a time.
+#[test]
+fn a_model_stays_where_it_is_on_the_cpu() {
+    let model = Model::new(vec![Point3::origin()], vec![2.0], vec![0.5], vec![]).unwrap();
+    let sampler = PointSampler::new(&model, Cutoff::default()).unwrap();
+    assert!(sampler.on(&Cpu).unwrap().at_many().is_none());
 }
 
 /// What is wrong with the answers of a backend that else asks the processor.
@@ -300,14 +390,22 @@ impl DensityBackend for Odd {
         (self.errors)(errors);
         Ok(())
     }
-    fn refit_sums(
-        &self,
+    fn refit_samples<'a>(
+        &'a self,
         model: &Prepared<'_>,
-        cells: &[SampleCell],
-        sums: &mut RefitSums,
-    ) -> Result<(), Error> {
-        Cpu.refit_sums(model, cells, sums)?;
-        (self.sums)(sums);
+        cells: &'a [SampleCell],
+    ) -> Result<Box<dyn RefitSamples + 'a>, Error> {
+        let samples = Cpu.refit_samples(model, cells)?;
+        Ok(Box::new(OddSamples(samples, self.sums)))
+    }
+}
+
+struct OddSamples<'a>(Box<dyn RefitSamples + 'a>, fn(&mut RefitSums));
+
+impl RefitSamples for OddSamples<'_> {
+    fn sums(&mut self, model: &Model, sums: &mut RefitSums) -> Result<(), Error> {
+        self.0.sums(model, sums)?;
+        (self.1)(sums);
         Ok(())
     }
 }

@@ -51,7 +51,7 @@ pub use compute::backend::{Agreement, Backend, Break, Cpu};
 #[cfg(feature = "wgpu")]
 pub use compute::gpu::{GpuContext, GpuError, Wgpu};
 pub use compute::run::{Cancelled, Monitor, Run, Silent};
-pub use field::ImplicitField;
+pub use field::{FieldAtMany, ImplicitField};
 pub use grid::lattice::Lattice;
 pub use grid::{BrickGrid, GridError, LatticeValues, ScalarGrid};
 pub use id::{FaceId, HalfedgeId, VertexId};

@@ -4,10 +4,11 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gauss_density::{Cutoff, Model, PointSampler, sample_band};
+use gauss_density::{Cutoff, DensityBackend, Model, PointSampler, sample_band};
 use geom_core::io::structure::Membrane;
 use geom_core::{
-    BrickGrid, ImplicitField, Lattice, LatticeValues, Point3, ScalarGrid, Structure, Vector3, io,
+    BrickGrid, FieldAtMany, ImplicitField, Lattice, LatticeValues, Point3, ScalarGrid, Structure,
+    Vector3, io,
 };
 use serde::Serialize;
 use serde_json::json;
@@ -191,9 +192,11 @@ impl Source {
     }
 
     /// The field between the lattice points: analytic from atoms, trilinear from a grid.
-    pub fn field(&self) -> Result<Field<'_>, Failure> {
+    pub fn field(&self, session: &Session) -> Result<Field<'_>, Failure> {
         match &self.values {
-            Values::Atoms(atoms) => Field::of_atoms(&atoms.model, atoms.cutoff),
+            Values::Atoms(atoms) => {
+                Field::of_atoms(&atoms.model, atoms.cutoff, session.device.density())
+            }
             Values::Grid(grid) => Ok(Field::Grid(grid)),
         }
     }
@@ -209,8 +212,13 @@ pub enum Field<'a> {
 
 impl<'a> Field<'a> {
     /// The density between the points of its lattice, analytic.
-    pub fn of_atoms(model: &'a Model, cutoff: Cutoff) -> Result<Self, Failure> {
-        Ok(Self::Atoms(Box::new(PointSampler::new(model, cutoff)?)))
+    pub fn of_atoms<B: DensityBackend + ?Sized>(
+        model: &'a Model,
+        cutoff: Cutoff,
+        backend: &B,
+    ) -> Result<Self, Failure> {
+        let sampler = PointSampler::new(model, cutoff)?.on(backend)?;
+        Ok(Self::Atoms(Box::new(sampler)))
     }
 }
 
@@ -225,6 +233,12 @@ impl ImplicitField for Field<'_> {
         match self {
             Self::Atoms(field) => field.value_gradient(x),
             Self::Grid(field) => field.value_gradient(x),
+        }
+    }
+    fn at_many(&self) -> Option<&dyn FieldAtMany> {
+        match self {
+            Self::Atoms(field) => field.at_many(),
+            Self::Grid(_) => None,
         }
     }
 }

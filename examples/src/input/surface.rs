@@ -32,7 +32,7 @@ pub fn with_structure(
         max_memory: session.memory(),
         ..Default::default()
     };
-    let field = source.field()?;
+    let field = source.field(session)?;
     let made = session.stage("surface", || {
         let on = session.on(session.device.contour());
         dual_contour::surface(&source.values, Some(&field), &options, on)

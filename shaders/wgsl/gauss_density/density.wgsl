@@ -1,11 +1,14 @@
 // The density at the points of bricks, half a brick (8 x 8 x 4 points) per workgroup, from the members that
 // `cull.wgsl` kept. Sums are logarithms to base 2, so that nothing underflows before the powers.
 
+// Levels of the tree: given when the kernel is compiled, so that loops over them unroll and open sums stay in registers.
+override DEPTH: u32 = 8u;
+
 struct Params {
-    depth: u32,
     spacing: f32,
     pad0: u32,
     pad1: u32,
+    pad2: u32,
 }
 
 struct Brick {
@@ -20,7 +23,6 @@ struct Brick {
 }
 
 const CHUNK: u32 = 256u;
-const MAX_DEPTH: u32 = 8u;
 const LARGEST: f32 = 127.999;
 
 @group(0) @binding(0) var<uniform> params: Params;
@@ -50,11 +52,10 @@ fn main(
     let n = workgroupUniformLoad(&count);
     let point = vec3<u32>(local.x, local.y, local.z + 4u * group.y);
     let x = brick.corner + vec3<f32>(point) * params.spacing;
-    let depth = params.depth;
 
     var top: array<f32, 9>;
     var sum: array<f32, 9>;
-    for (var l = 0u; l <= depth; l += 1u) {
+    for (var l = 0u; l <= DEPTH; l += 1u) {
         top[l] = NOTHING;
         sum[l] = 0.0;
     }
@@ -65,12 +66,12 @@ fn main(
             staged[me] = item.at;
             staged_lift[me] = item.lift;
             staged_parent[me] = item.parent;
-            var ends = depth;
+            var ends = DEPTH;
             if m + 1u < n {
                 var a = item.parent;
                 var b = items[members[brick.first + m + 1u]].parent;
                 ends = 0u;
-                while ends < depth && a != b {
+                while ends < DEPTH && a != b {
                     a = items[a].parent;
                     b = items[b].parent;
                     ends += 1u;
@@ -83,26 +84,29 @@ fn main(
         for (var i = 0u; i < here; i += 1u) {
             let d = x - staged[i].xyz;
             let term = staged_lift[i] - staged[i].w * dot(d, d);
-            let first = max(top[0], term);
-            sum[0] = sum[0] * exp2(top[0] - first) + exp2(term - first);
-            top[0] = first;
+            // One exponential, of whichever is the smaller.
+            let rise = term - top[0];
+            let share = exp2(-abs(rise));
+            sum[0] = select(sum[0] + share, sum[0] * share + 1.0, rise > 0.0);
+            top[0] = max(top[0], term);
             var node = staged_parent[i];
-            for (var l = 0u; l < staged_ends[i]; l += 1u) {
-                if sum[l] > 0.0 {
-                    let own = items[node].at.x * (top[l] + log2(sum[l]));
-                    let high = max(top[l + 1u], own);
-                    sum[l + 1u] = sum[l + 1u] * exp2(top[l + 1u] - high) + exp2(own - high);
-                    top[l + 1u] = high;
-                    top[l] = NOTHING;
-                    sum[l] = 0.0;
-                }
+            let ends = staged_ends[i];
+            for (var l = 0u; l < DEPTH; l += 1u) {
+                if l >= ends { break; }
+                let own = items[node].at.x * (top[l] + log2(sum[l]));
+                let rise = own - top[l + 1u];
+                let share = exp2(-abs(rise));
+                sum[l + 1u] = select(sum[l + 1u] + share, sum[l + 1u] * share + 1.0, rise > 0.0);
+                top[l + 1u] = max(top[l + 1u], own);
+                top[l] = NOTHING;
+                sum[l] = 0.0;
                 node = items[node].parent;
             }
         }
         workgroupBarrier();
     }
     var value = 0.0;
-    if sum[depth] > 0.0 { value = exp2(min(top[depth] + log2(sum[depth]), LARGEST)); }
+    if sum[DEPTH] > 0.0 { value = exp2(min(top[DEPTH] + log2(sum[DEPTH]), LARGEST)); }
     values[group.x * 512u + group.y * 256u + me] = value;
     part[me] = value;
     for (var width = 128u; width > 0u; width /= 2u) {

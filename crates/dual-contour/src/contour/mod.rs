@@ -172,7 +172,7 @@ impl Mesher<'_> {
         let complex = self.complex(&tree, kinds, report)?;
         run.progress(self.stage(), 0, 1)?;
         let keep = |r| self.keeps(r);
-        let (raw, counts) = stuffing::mesh(&complex, self.probe, self.options.at_box, keep);
+        let (raw, counts) = stuffing::mesh(&complex, self.probe, self.options.at_box, keep)?;
         (report.snapped, report.clamped) = (counts.snapped, counts.clamped);
         Ok(raw)
     }
@@ -265,8 +265,8 @@ mod tests {
             shift: site.shift,
             outside: 0.0,
         };
-        let mut samples = Samples::new(source, site.domain, labels, u64::MAX, &Cpu).unwrap();
-        samples.find_crossings(&Cpu).unwrap();
+        let mut samples = Samples::new(source, site.domain, labels, u64::MAX).unwrap();
+        samples.find_crossings();
         samples
     }
 
@@ -500,8 +500,8 @@ mod tests {
                 shift: site.shift,
                 outside: 0.0,
             };
-            let mut samples = Samples::new(source, site.domain, labels, u64::MAX, &Cpu).unwrap();
-            samples.find_crossings(&Cpu).unwrap();
+            let mut samples = Samples::new(source, site.domain, labels, u64::MAX).unwrap();
+            samples.find_crossings();
             let splits = octree::splits(&samples, &options);
             assert_eq!(splits.eight, [expected], "at {share} of the error");
         }

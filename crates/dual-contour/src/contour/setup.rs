@@ -72,7 +72,7 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized>(
         spacing,
         ..Report::default()
     };
-    let mut samples = Samples::new(source, site.domain, labels, options.max_memory, run.backend)?;
+    let mut samples = Samples::new(source, site.domain, labels, options.max_memory)?;
     if options.prune > 0 {
         let points: u64 = site.domain.cells.iter().map(|&n| n as u64 + 1).product();
         if u64::from(options.prune) > points {
@@ -86,7 +86,7 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized>(
         return Err(no_surface(values, options, samples.range, spacing));
     }
     // Values stay as they are from here on, so signs can be kept.
-    samples.find_crossings(run.backend)?;
+    samples.find_crossings();
     Ok((samples, report))
 }
 

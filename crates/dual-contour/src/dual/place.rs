@@ -2,10 +2,10 @@
 
 use geom_core::compute::BackendError;
 use geom_core::mesh::INTERIOR;
-use geom_core::{Point3, Vector3};
+use geom_core::{FieldAtMany, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::probe::{Probe, Sample, mean_of_crossings, sample_corner};
+use super::probe::{Probe, Room, Sample, Start, mean_of_crossings, sample_corner};
 use crate::backend::ContourBackend;
 use crate::complex::{Cell, Complex, Corner, Frame, frame_of_corners};
 use crate::kernel::INSET;
@@ -42,11 +42,7 @@ pub(super) fn leaf_points(
         .map(|&id| samples.corners_over_level(complex.leaf(id).origin()))
         .collect();
     let fine_points = dual_vertices(backend, &cells)?;
-    let rest_points: Vec<Point3> = rest
-        .par_iter()
-        .with_min_len(256)
-        .map(|&id| leaf_point(complex, probe, id))
-        .collect();
+    let rest_points = rest_points(complex, probe, &rest)?;
     // Both lists are in order: merge them.
     let mut fine = fine.iter().zip(fine_points).peekable();
     let mut rest = rest_points.into_iter();
@@ -55,6 +51,56 @@ pub(super) fn leaf_points(
         None => rest.next().expect("one point per leaf"),
     };
     Ok(leaves.iter().map(next).collect())
+}
+
+/// The dual vertices of leaves that the processor places; those of finest ones on a field that takes many points with
+/// one call together.
+fn rest_points(
+    complex: &Complex<'_>,
+    probe: &Probe<'_>,
+    leaves: &[u32],
+) -> Result<Vec<Point3>, Error> {
+    let all = leaves.par_iter().with_min_len(256);
+    let Some(field) = at_many(probe) else {
+        return Ok(all.map(|&id| leaf_point(complex, probe, id)).collect());
+    };
+    let starts: Vec<(Room, Start)> = all
+        .map(|&id| {
+            let (low, size) = (complex.leaf(id).origin(), complex.leaf(id).size());
+            let (samples, frame) = (complex.samples, complex.frame(id));
+            let cell = Room {
+                low,
+                size: f64::from(size),
+            };
+            let crossings = cell_crossings(samples, probe, low, size, &frame);
+            match probe.start(&cell, &crossings) {
+                Start::From(x) if size > 1 => (cell, Start::There(probe.sink(&cell, x))),
+                start => (cell, start),
+            }
+        })
+        .collect();
+    sunk(probe, field, starts)
+}
+
+/// The dual vertices of finest cells, by Newton steps of all of them at a time.
+fn sunk(
+    probe: &Probe<'_>,
+    field: &dyn FieldAtMany,
+    starts: Vec<(Room, Start)>,
+) -> Result<Vec<Point3>, Error> {
+    let from: Vec<(Room, Point3)> = starts
+        .iter()
+        .filter_map(|(cell, start)| match start {
+            Start::From(x) => Some((*cell, *x)),
+            Start::There(_) => None,
+        })
+        .collect();
+    let mut sunk = probe.sink_at_once(field, &from)?.into_iter();
+    let points = starts.into_iter().map(|(_, start)| match start {
+        Start::There(x) => x,
+        Start::From(_) => sunk.next().expect("one point per start"),
+    });
+    Ok(points.collect())
 }
 
 /// The points of finest cells of plain labels, given with the place of their block among the stored.
@@ -77,6 +123,14 @@ pub(crate) fn finest_points(
         all.zip(points)
             .with_min_len(4096)
             .for_each(|((out, &(_, cell)), x)| *out = within(cell, x));
+    } else if let Some(field) = at_many(probe) {
+        let starts = cells.par_iter().with_min_len(256).map(|&(_, low)| {
+            let frame = frame_of_corners(&samples.corner_labels(low, 1));
+            let cell = Room { low, size: 1.0 };
+            let crossings = cell_crossings(samples, probe, low, 1, &frame);
+            (cell, probe.start(&cell, &crossings))
+        });
+        out.copy_from_slice(&sunk(probe, field, starts.collect())?);
     } else {
         all.with_min_len(256).for_each(|(out, &(_, cell))| {
             let labels = samples.corner_labels(cell, 1);
@@ -84,6 +138,12 @@ pub(crate) fn finest_points(
         });
     }
     Ok(())
+}
+
+/// The field, where Newton steps are taken on it and it takes many points with one call.
+fn at_many<'a>(probe: &Probe<'a>) -> Option<&'a dyn FieldAtMany> {
+    let field = probe.field.filter(|_| probe.placement == Placement::Newton);
+    field.and_then(|field| field.at_many())
 }
 
 fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
@@ -100,6 +160,21 @@ fn cell_point(
     s: i32,
     frame: &Frame,
 ) -> Point3 {
+    let cell = Room {
+        low: o,
+        size: f64::from(s),
+    };
+    probe.place(&cell, &cell_crossings(samples, probe, o, s, frame))
+}
+
+/// Where labels change on the edges of a cell, and whether they do on the level.
+fn cell_crossings(
+    samples: &Samples<'_>,
+    probe: &Probe<'_>,
+    o: [i32; 3],
+    s: i32,
+    frame: &Frame,
+) -> Vec<(Point3, bool)> {
     let sample = |i: usize| {
         let p = [i % 3, i / 3 % 3, i / 9].map(|c| c as i32);
         let p = [0, 1, 2].map(|k| o[k] + p[k] * s / 2);
@@ -113,7 +188,7 @@ fn cell_point(
             crossings.push((x, Probe::on_level(a.label, b.label)));
         }
     });
-    probe.place(o, f64::from(s), &crossings)
+    crossings
 }
 
 /// One point per cell, or an error: a backend from outside may answer anything.

@@ -1,8 +1,12 @@
 //! Where edges cross interfaces, and the surface near a point.
 
-use geom_core::field::{End, Guard, Precision, Tangent, crossing, project};
+use geom_core::compute::BackendError;
+use geom_core::field::{
+    End, Guard, Precision, Projection, Tangent, crossing, crossings, project, projections,
+};
 use geom_core::mesh::{INTERIOR, Region};
-use geom_core::{ImplicitField, Point3, Vector3};
+use geom_core::{FieldAtMany, ImplicitField, Point3, Vector3};
+use rayon::prelude::*;
 
 use crate::complex::cube::{APEX, MIDDLE};
 use crate::complex::{Complex, Corner, Split};
@@ -26,6 +30,47 @@ const NEWTON: Guard = Guard {
     reach: f64::INFINITY,
     near: NEAR,
 };
+
+/// A box-shaped cell: its lowest corner and its edge, in finest cells.
+#[derive(Clone, Copy)]
+pub(super) struct Room {
+    pub(super) low: [i32; 3],
+    pub(super) size: f64,
+}
+
+impl Room {
+    /// The nearest point of the cell that is off its sides.
+    fn clamp(&self, x: Point3) -> Point3 {
+        let centre = local(self.low).map(|c| c + 0.5 * self.size);
+        let reach = (0.5 - INSET) * self.size;
+        let held = |c: f64, v: f64| v.clamp(c - reach, c + reach);
+        Point3::from(centre.coords.zip_map(&x.coords, held))
+    }
+
+    fn guard(&self) -> Guard {
+        Guard {
+            near: NEAR * self.size,
+            ..NEWTON
+        }
+    }
+
+    /// The dual vertex at the end of a way to the surface.
+    fn end_of(&self, found: &Projection) -> Point3 {
+        if found.end == End::Near {
+            self.clamp(found.best.foot())
+        } else {
+            found.best.at
+        }
+    }
+}
+
+/// Where the way to a dual vertex begins.
+pub(super) enum Start {
+    /// At its end.
+    There(Point3),
+    /// At a point from which Newton steps follow.
+    From(Point3),
+}
 
 /// Finds where edges cross interfaces, and the surface near a point.
 pub(crate) struct Probe<'a> {
@@ -108,6 +153,50 @@ impl<'a> Probe<'a> {
         })
     }
 
+    /// Where the label changes on each of some edges, as [`Probe::exact_crossing`] has it.
+    pub(crate) fn exact_crossings(
+        &self,
+        ends: &[(&Sample, &Sample)],
+    ) -> Result<Vec<f64>, BackendError> {
+        match self.field.and_then(|field| field.at_many()) {
+            Some(field) => self.crossings_at_once(field, ends),
+            None => {
+                let edges = ends.par_iter();
+                Ok(edges.map(|(a, b)| self.exact_crossing(a, b)).collect())
+            }
+        }
+    }
+
+    /// The same from a field that is asked for all edges at a time.
+    fn crossings_at_once(
+        &self,
+        field: &dyn FieldAtMany,
+        ends: &[(&Sample, &Sample)],
+    ) -> Result<Vec<f64>, BackendError> {
+        let (domain, level) = (&self.samples.domain, self.samples.labels.level);
+        let mut found: Vec<f64> = ends.iter().map(|(a, b)| self.crossing(a, b)).collect();
+        let on_level: Vec<usize> = (0..ends.len())
+            .filter(|&i| Self::on_level(ends[i].0.label, ends[i].1.label))
+            .collect();
+        let heights = |&i: &usize| [ends[i].0.value - level, ends[i].1.value - level];
+        let heights: Vec<[f64; 2]> = on_level.iter().map(heights).collect();
+        let (mut points, mut answers) = (Vec::new(), Vec::new());
+        let sharpened = crossings(&heights, CROSSING, |asked, values| {
+            points.clear();
+            points.extend(asked.iter().map(|&(i, t)| {
+                let (a, b) = ends[on_level[i]];
+                domain.world(&(a.x + (b.x - a.x) * t))
+            }));
+            field.values_gradients(&points, &mut answers)?;
+            values.extend(answers.iter().map(|(value, _)| value - level));
+            Ok::<(), BackendError>(())
+        })?;
+        for (&i, t) in on_level.iter().zip(sharpened) {
+            found[i] = t;
+        }
+        Ok(found)
+    }
+
     /// The point where an edge is cut, away from its ends.
     pub(crate) fn cut(&self, a: &Sample, b: &Sample) -> Point3 {
         a.x + (b.x - a.x) * self.exact_crossing(a, b).clamp(0.05, 0.95)
@@ -137,45 +226,70 @@ impl<'a> Probe<'a> {
         })
     }
 
-    /// The dual vertex of a box-shaped cell `[low, low + size]` from its crossings.
-    pub(super) fn place(&self, low: [i32; 3], size: f64, crossings: &[(Point3, bool)]) -> Point3 {
+    /// The dual vertex of a box-shaped cell from its crossings.
+    pub(super) fn place(&self, cell: &Room, crossings: &[(Point3, bool)]) -> Point3 {
+        match self.start(cell, crossings) {
+            Start::There(x) => x,
+            Start::From(x) => self.sink(cell, x),
+        }
+    }
+
+    /// Where the way to the dual vertex of a cell begins.
+    pub(super) fn start(&self, cell: &Room, crossings: &[(Point3, bool)]) -> Start {
         let n = crossings.len() as f64;
-        let mass = Point3::from(
-            crossings
-                .iter()
-                .fold(Vector3::zeros(), |s, c| s + c.0.coords)
-                / n,
-        );
-        let centre = local(low).map(|c| c + 0.5 * size);
-        let reach = (0.5 - INSET) * size;
-        let clamp = |x: Point3| {
-            Point3::from(
-                centre
-                    .coords
-                    .zip_map(&x.coords, |c, v| v.clamp(c - reach, c + reach)),
-            )
-        };
-        let start = clamp(mass);
+        let all = crossings.iter().map(|c| c.0.coords);
+        let mass = Point3::from(all.sum::<Vector3>() / n);
         if self.placement == Placement::Mass || crossings.iter().any(|c| !c.1) {
-            return start;
-        }
-        if self.placement == Placement::Qef {
-            return clamp(self.nearest_to_planes(low, &mass, crossings));
-        }
-        let look = |x: Point3| self.tangent(low, clamp(x));
-        let Some(start) = look(start) else {
-            return start;
-        };
-        let guard = Guard {
-            near: NEAR * size,
-            ..NEWTON
-        };
-        let found = project(start, &guard, look);
-        if found.end == End::Near {
-            clamp(found.best.foot())
+            Start::There(cell.clamp(mass))
+        } else if self.placement == Placement::Qef {
+            Start::There(cell.clamp(self.nearest_to_planes(cell.low, &mass, crossings)))
         } else {
-            found.best.at
+            Start::From(cell.clamp(mass))
         }
+    }
+
+    /// From a point of a cell to the surface, within the cell.
+    pub(super) fn sink(&self, cell: &Room, from: Point3) -> Point3 {
+        let look = |x: Point3| self.tangent(cell.low, cell.clamp(x));
+        match look(from) {
+            Some(start) => cell.end_of(&project(start, &cell.guard(), look)),
+            None => from,
+        }
+    }
+
+    /// The same for finest cells, each from a point of it, by a field that is asked for all of them at a time.
+    pub(super) fn sink_at_once(
+        &self,
+        field: &dyn FieldAtMany,
+        from: &[(Room, Point3)],
+    ) -> Result<Vec<Point3>, BackendError> {
+        let (domain, level) = (&self.samples.domain, self.samples.labels.level);
+        let mut answers = Vec::new();
+        let mut look = |points: &[Point3]| {
+            let world: Vec<Point3> = points.iter().map(|x| domain.world(x)).collect();
+            field.values_gradients(&world, &mut answers)?;
+            let tangents = points
+                .iter()
+                .zip(&answers)
+                .map(|(&at, &(value, gradient))| Tangent {
+                    at,
+                    height: value - level,
+                    gradient: gradient * domain.spacing,
+                });
+            Ok::<Vec<Tangent>, BackendError>(tangents.collect())
+        };
+        let starts: Vec<Point3> = from.iter().map(|&(_, x)| x).collect();
+        let starts = look(&starts)?;
+        let Some(guard) = from.first().map(|(cell, _)| cell.guard()) else {
+            return Ok(Vec::new());
+        };
+        let found = projections(&starts, &guard, |asked, out| {
+            let held = asked.iter().map(|&(i, x)| from[i].0.clamp(x));
+            out.extend(look(&held.collect::<Vec<_>>())?.into_iter().map(Some));
+            Ok::<(), BackendError>(())
+        })?;
+        let ends = from.iter().zip(&found);
+        Ok(ends.map(|((cell, _), found)| cell.end_of(found)).collect())
     }
 
     /// Minimizes the squared distances to the tangent planes at the crossings, relative to the mass

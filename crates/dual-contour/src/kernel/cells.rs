@@ -2,8 +2,7 @@
 
 use geom_core::compute::lanes::autovectorized;
 
-use super::{INSET, LANES, REGULAR};
-use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE};
+use super::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, INSET, LANES, REGULAR};
 
 /// [`crate::ContourBackend::dual_vertices`] on this machine.
 pub(crate) fn dual_vertices(cells: &[[f32; 8]], steps: u32, out: &mut [[f32; 3]]) {
@@ -27,11 +26,11 @@ pub(crate) fn dual_vertices(cells: &[[f32; 8]], steps: u32, out: &mut [[f32; 3]]
 }
 
 /// The lowest and the highest of each block's values.
-pub(crate) fn min_max(blocks: &[f32], points: usize, out: &mut [[f32; 2]]) {
+pub(crate) fn min_max(blocks: &[f32], out: &mut [[f32; 2]]) {
     autovectorized(
         #[inline(always)]
         || {
-            for (block, out) in blocks.chunks_exact(points).zip(out.iter_mut()) {
+            for (block, out) in blocks.chunks_exact(BLOCK_POINTS).zip(out.iter_mut()) {
                 let (mut low, mut high) = ([f32::INFINITY; 16], [f32::NEG_INFINITY; 16]);
                 let (chunks, rest) = block.as_chunks::<16>();
                 for chunk in chunks {
@@ -199,7 +198,64 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Values of some blocks: smooth, noisy, or with many ties with the level 1.
+    fn blocks() -> impl Strategy<Value = Vec<f32>> {
+        let near = [1.0f32.next_up(), 1.0f32.next_down(), 0.0, -0.0];
+        let value = prop_oneof![
+            3 => -2.0f32..4.0,
+            1 => Just(1.0f32),
+            1 => prop::sample::select(near.to_vec()),
+        ];
+        (1..4usize).prop_flat_map(move |n| prop::collection::vec(value.clone(), n * BLOCK_POINTS))
+    }
+
+    /// The lowest and the highest value at each of the places of a block, in blocks that follow each other.
+    #[test]
+    fn extremes_are_seen_wherever_they_stand() {
+        let mut values = vec![0.5f32; BLOCK_POINTS * BLOCK_POINTS];
+        for (place, block) in values.chunks_exact_mut(BLOCK_POINTS).enumerate() {
+            block[place] = 3.0 + place as f32;
+            block[(place + 400) % BLOCK_POINTS] = -1.0 - place as f32;
+        }
+        let mut found = vec![[7.0; 2]; BLOCK_POINTS];
+        min_max(&values, &mut found);
+        for (place, range) in found.into_iter().enumerate() {
+            assert_eq!(range, [-1.0 - place as f32, 3.0 + place as f32], "{place}");
+        }
+    }
+
     proptest! {
+        #![proptest_config(ProptestConfig {
+            rng_seed: proptest::test_runner::RngSeed::Fixed(3),
+            failure_persistence: None,
+            ..ProptestConfig::with_cases(48)
+        })]
+
+        #[test]
+        fn ranges_and_signs_are_those_of_each_value(values in blocks(), other in -0.5f32..1.5) {
+            let mut ranges = vec![[7.0; 2]; values.len() / BLOCK_POINTS];
+            min_max(&values, &mut ranges);
+            for (block, range) in values.chunks_exact(BLOCK_POINTS).zip(ranges) {
+                let low = block.iter().copied().fold(f32::INFINITY, f32::min);
+                let high = block.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+                prop_assert_eq!(range, [low, high]);
+            }
+            for level in [1.0, other] {
+                let mut masks = vec![7; values.len() / BLOCK_POINTS * BLOCK_CELLS];
+                crossings(&values, level, &mut masks);
+                for (i, mask) in masks.into_iter().enumerate() {
+                    let (block, cell) = (i / BLOCK_CELLS, i % BLOCK_CELLS);
+                    let at = [cell % 8, cell / 8 % 8, cell / 64];
+                    for c in 0..8 {
+                        let p = [0, 1, 2].map(|k| at[k] + (c >> k & 1));
+                        let point = (p[2] * BLOCK_SIDE + p[1]) * BLOCK_SIDE + p[0];
+                        let inside = values[block * BLOCK_POINTS + point] >= level;
+                        prop_assert_eq!(mask >> c & 1 == 1, inside, "corner {} of cell {:?}", c, at);
+                    }
+                }
+            }
+        }
+
         #[test]
         fn dual_vertices_are_those_of_the_specification(
             cells in prop::collection::vec(prop::array::uniform8(-1.0f32..1.0), 1..20),

@@ -12,6 +12,13 @@ pub(crate) use cells::{all_finite, crossings, dual_vertices, min_max};
 pub(crate) use edge_tets::{EdgeTets, Rows};
 pub(crate) use fan::{MOST, NO_FAN, Quads, best_fan, diagonal, diagonals};
 
+/// Points per side of a block: 8 finest cells, closed.
+pub(crate) const BLOCK_SIDE: usize = 9;
+/// Values per block, x fastest.
+pub(crate) const BLOCK_POINTS: usize = BLOCK_SIDE * BLOCK_SIDE * BLOCK_SIDE;
+/// Finest cells per block, x fastest.
+pub(crate) const BLOCK_CELLS: usize = 512;
+
 /// Cells at a time.
 pub(crate) const LANES: usize = 8;
 

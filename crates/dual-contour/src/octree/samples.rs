@@ -1,6 +1,5 @@
 //! Values and region labels at the points of the mesh lattice, stored in blocks where they matter.
 
-use geom_core::compute::BackendError;
 use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{Aabb, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
@@ -9,7 +8,7 @@ use super::domain::{Domain, Labels};
 use super::source::Source;
 use super::tree::{BLOCK, BLOCK_LOG, block_index, corner_of};
 use crate::Error;
-use crate::backend::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, ContourBackend};
+use crate::kernel::{self, BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE};
 
 mod prune;
 mod read;
@@ -20,6 +19,8 @@ use read::{Found, Known, OpenBlock, Reader, Scratch, known_blocks};
 pub(crate) const SIDE: usize = BLOCK_SIDE;
 /// Points per stored block.
 pub(crate) const POINTS: usize = BLOCK_POINTS;
+/// Blocks that a thread reads at a time: as many as stay in the cache of a core.
+const AT_ONCE: usize = 64;
 /// Marks a block whose points all have one label, which stands in the low byte.
 const UNIFORM: u32 = 0xffff_ff00;
 
@@ -105,7 +106,6 @@ impl<'a> Samples<'a> {
         domain: Domain,
         labels: Labels,
         max_memory: u64,
-        backend: &dyn ContourBackend,
     ) -> Result<Self, Error> {
         let known = known_blocks(&source, &domain, &labels);
         let mut out = Self {
@@ -141,17 +141,15 @@ impl<'a> Samples<'a> {
             source: &source,
             domain: &domain,
             labels: &labels,
-            backend,
         };
         // As many at once as would fit if all were kept: what is kept is known only when they have been read.
-        let per_call = backend.blocks_per_call().max(1);
         let mut rest = open.as_slice();
         while !rest.is_empty() {
             let left = max_memory.saturating_sub(out.stored_bytes()) / out.bytes_per_block();
-            let fits = usize::try_from(left).unwrap_or(usize::MAX).max(per_call);
+            let fits = usize::try_from(left).unwrap_or(usize::MAX).max(AT_ONCE);
             let (now, later) = rest.split_at(fits.min(rest.len()));
             let found: Vec<Result<Found, Error>> = now
-                .par_chunks(per_call)
+                .par_chunks(AT_ONCE)
                 .map_init(Scratch::default, |scratch, open| reader.read(open, scratch))
                 .collect();
             let mut now = now.iter();
@@ -234,22 +232,17 @@ impl<'a> Samples<'a> {
     }
 
     /// Finds the signs of all stored cells; after this values stay as they are.
-    pub(crate) fn find_crossings(&mut self, backend: &dyn ContourBackend) -> Result<(), Error> {
+    pub(crate) fn find_crossings(&mut self) {
         if self.labels.plain() {
             let level = at_least(self.labels.level);
             let lists = self.values.lists.par_iter();
             let masks = lists.map(|values| {
-                let mut masks = Vec::new();
-                backend.crossings(values, level, &mut masks)?;
-                let (found, of) = (masks.len(), values.len() / BLOCK_POINTS * BLOCK_CELLS);
-                BackendError::unless(found == of, &backend.name(), || {
-                    format!("the corners of {found} cells for those of {of}")
-                })?;
-                Ok(masks)
+                let mut masks = vec![0; values.len() / BLOCK_POINTS * BLOCK_CELLS];
+                kernel::crossings(values, level, &mut masks);
+                masks
             });
-            self.masks.lists = masks.collect::<Result<_, Error>>()?;
+            self.masks.lists = masks.collect();
         }
-        Ok(())
     }
 
     /// Does a point lie in the molecule or beyond?

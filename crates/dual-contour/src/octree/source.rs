@@ -4,7 +4,7 @@ use geom_core::{Aabb, ImplicitField, Lattice, LatticeValues, Point3};
 
 use super::domain::Domain;
 use super::tree::BLOCK;
-use crate::backend::{BLOCK_POINTS, BLOCK_SIDE};
+use crate::kernel::{BLOCK_POINTS, BLOCK_SIDE};
 
 /// Where the values of the mesh lattice come from.
 pub(crate) enum Source<'a, V: ?Sized> {

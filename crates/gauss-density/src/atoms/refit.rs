@@ -10,7 +10,7 @@ use geom_core::options::{OutOfRange, require};
 use rayon::prelude::*;
 
 use crate::atoms::samples::{self, Wanted};
-use crate::backend::{DensityBackend, On, RefitSums, SampleCell};
+use crate::backend::{DensityBackend, On, RefitSamples, RefitSums, SampleCell};
 use crate::error::Error;
 use crate::kernel::cull::{ActiveSet, Scratch};
 use crate::kernel::prepared::Prepared;
@@ -203,7 +203,8 @@ fn samples_of(
 /// The way down from the reduced model: where it is, and what it has learnt of the objective.
 struct Descent<'a> {
     start: &'a Model,
-    cells: &'a [SampleCell],
+    /// Where the backend keeps them.
+    samples: Box<dyn RefitSamples + 'a>,
     allowed: Allowed,
     at: Vec<Five>,
     sums: RefitSums,
@@ -219,17 +220,17 @@ impl<'a> Descent<'a> {
         reduced: &'a Model,
         cells: &'a [SampleCell],
         allowed: Allowed,
-        run: On<'_>,
+        run: On<'a>,
     ) -> Result<Self, Error> {
         let mut sums = RefitSums::default();
-        let prepared = Prepared::new(reduced);
-        run.backend.refit_sums(&prepared, cells, &mut sums)?;
+        let mut samples = run.backend.refit_samples(&Prepared::new(reduced), cells)?;
+        samples.sums(reduced, &mut sums)?;
         let name = run.backend.name();
         sums.check_lengths(&name, reduced.atoms())?;
         sums.check_finite(&name)?;
         Ok(Self {
             start: reduced,
-            cells,
+            samples,
             allowed,
             at: parameters(reduced),
             sums,
@@ -263,9 +264,7 @@ impl<'a> Descent<'a> {
     /// Goes to a trial if the objective is lower there.
     fn accepts(&mut self, trial: Vec<Five>, run: On<'_>) -> Result<bool, Error> {
         let model = with_parameters(self.start, &trial);
-        let prepared = Prepared::new(&model);
-        run.backend
-            .refit_sums(&prepared, self.cells, &mut self.next)?;
+        self.samples.sums(&model, &mut self.next)?;
         let name = run.backend.name();
         self.next.check_lengths(&name, model.atoms())?;
         // A trial may go too far for numbers: then it is not lower, and the next step is shorter.

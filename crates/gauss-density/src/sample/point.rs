@@ -1,10 +1,14 @@
 //! The density at any point, with analytic derivatives.
 
+use std::sync::Arc;
+
+use geom_core::compute::BackendError;
 use geom_core::field::{Precision, crossing};
 use geom_core::nalgebra::Matrix3;
-use geom_core::{Aabb, BrickGrid, ImplicitField, LatticeValues, Point3, Vector3};
+use geom_core::{Aabb, BrickGrid, FieldAtMany, ImplicitField, LatticeValues, Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::backend::{CellPoint, DensityBackend, PointCells, PointKernel};
 use crate::error::Error;
 use crate::kernel;
 use crate::kernel::cull::{ActiveSet, Scratch};
@@ -17,7 +21,8 @@ use crate::options::Cutoff;
 ///
 /// Space around the atoms is cut into cells, each with the atoms that matter there (a share `ε` of the
 /// density at most is lost, wherever it is above 1e-9), so that a point costs some tens of kernels. Where no surface can
-/// be, far from the atoms, all of them are summed. Runs on the CPU, whatever the backend of the sampling was.
+/// be, far from the atoms, all of them are summed. A point at a time is summed on the CPU in f64; [`PointSampler::on`]
+/// takes the model to a backend, which then serves whoever asks [many points with one call](ImplicitField::at_many).
 ///
 /// ```
 /// use gauss_density::{Cutoff, Model, PointSampler};
@@ -40,6 +45,17 @@ pub struct PointSampler<'a> {
     /// Per cell: where its active start, and their number at the end.
     starts: Vec<usize>,
     active: Vec<u32>,
+    /// The model where a backend keeps it.
+    kernel: Option<Kernel>,
+}
+
+#[derive(Clone)]
+struct Kernel(Arc<dyn PointKernel>);
+
+impl std::fmt::Debug for Kernel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Kernel")
+    }
 }
 
 /// Derivatives of the density with respect to the parameters of one atom.
@@ -70,6 +86,18 @@ impl<'a> PointSampler<'a> {
         Self::above(FLOOR, model, cutoff)
     }
 
+    /// Takes the model to a backend, for those who ask many points with one call: a device gets the atoms once. A
+    /// backend that is no better than a point at a time, as the CPU, leaves it as it is.
+    pub fn on<B: DensityBackend + ?Sized>(mut self, backend: &B) -> Result<Self, Error> {
+        let cells = PointCells {
+            model: &self.model,
+            starts: &self.starts,
+            atoms: &self.active,
+        };
+        self.kernel = backend.point_kernel(&cells)?.map(|k| Kernel(k.into()));
+        Ok(self)
+    }
+
     /// For points near the surface: the loss is bounded where the density is above `floor`.
     pub(crate) fn above(floor: f64, model: &'a Model, cutoff: Cutoff) -> Result<Self, Error> {
         cutoff.check()?;
@@ -92,6 +120,7 @@ impl<'a> PointSampler<'a> {
             cells,
             starts: Vec::new(),
             active: Vec::new(),
+            kernel: None,
         };
         let lists = sampler.cull_cells(eps, floor);
         sampler.starts = Vec::with_capacity(lists.len() + 1);
@@ -151,6 +180,12 @@ impl<'a> PointSampler<'a> {
 
     /// The atoms that matter at `x`, or `None` outside of the cells.
     fn active_at(&self, x: &Point3) -> Option<&[u32]> {
+        let index = self.cell_of(x)?;
+        Some(&self.active[self.starts[index]..self.starts[index + 1]])
+    }
+
+    /// The cell that `x` lies in, if it lies in one.
+    fn cell_of(&self, x: &Point3) -> Option<usize> {
         let local = (x - self.bounds.min) / self.edge;
         let mut cell = [0; 3];
         for k in 0..3 {
@@ -159,8 +194,7 @@ impl<'a> PointSampler<'a> {
             }
             cell[k] = local[k] as usize;
         }
-        let index = (cell[2] * self.cells[1] + cell[1]) * self.cells[0] + cell[0];
-        Some(&self.active[self.starts[index]..self.starts[index + 1]])
+        Some((cell[2] * self.cells[1] + cell[1]) * self.cells[0] + cell[0])
     }
 
     /// The density, its gradient (per Å) and its Hessian (per Å²).
@@ -250,6 +284,43 @@ impl ImplicitField for PointSampler<'_> {
             Some(active) => kernel::point::value_gradient(&self.model, active, x),
             None => plain::value_gradient(&self.model, self.all(), x),
         }
+    }
+
+    fn at_many(&self) -> Option<&dyn FieldAtMany> {
+        self.kernel.as_ref().map(|_| self as &dyn FieldAtMany)
+    }
+}
+
+impl FieldAtMany for PointSampler<'_> {
+    fn values_gradients(
+        &self,
+        points: &[Point3],
+        out: &mut Vec<(f64, Vector3)>,
+    ) -> Result<(), BackendError> {
+        let cell = |x: &Point3| self.cell_of(x).filter(|_| !is_beyond_numbers(x));
+        let cells: Vec<Option<usize>> = points.par_iter().map(cell).collect();
+        let mut found = Vec::new();
+        if let Some(Kernel(kernel)) = &self.kernel {
+            let inside = points.iter().zip(&cells);
+            let inside: Vec<CellPoint> = inside
+                .filter_map(|(&at, cell)| cell.map(|cell| (at, cell as u32)))
+                .map(|(at, cell)| CellPoint { at, cell })
+                .collect();
+            kernel.values_gradients(&inside, &mut found)?;
+            let (answers, asked) = (found.len(), inside.len());
+            BackendError::unless(answers == asked, "the backend of the density", || {
+                format!("{answers} answers at {asked} points")
+            })?;
+        }
+        // What lies far out, and without a kernel everything, is summed here.
+        let mut found = found.into_iter();
+        let kernel = self.kernel.is_some();
+        out.clear();
+        out.extend(points.iter().zip(cells).map(|(x, cell)| {
+            let answer = cell.filter(|_| kernel).and_then(|_| found.next());
+            answer.unwrap_or_else(|| self.value_gradient(x))
+        }));
+        Ok(())
     }
 }
 

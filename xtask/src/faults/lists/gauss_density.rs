@@ -131,7 +131,7 @@ pub(super) const FAULTS: &[Fault] = &[
     ),
     Fault::wrong(
         "offsets for the device are subtracted in f32",
-        "crates/gauss-density/src/wgpu.rs",
+        "crates/gauss-density/src/wgpu/mod.rs",
         "let offset = model.centers()[a] - center;",
         "let offset = (model.centers()[a].cast::<f32>() - center.cast::<f32>()).cast::<f64>();",
     ),

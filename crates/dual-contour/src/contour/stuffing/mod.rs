@@ -13,6 +13,7 @@ use rayon::prelude::*;
 
 use super::raw::Raw;
 use crate::AtBox;
+use crate::Error;
 use crate::complex::Complex;
 use crate::complex::collect::{distinct, kinds, seen};
 use crate::dual::Probe;
@@ -42,7 +43,7 @@ pub(super) fn mesh(
     probe: &Probe<'_>,
     at_box: AtBox,
     keep: impl Fn(Region) -> bool + Sync,
-) -> (Raw, Counts) {
+) -> Result<(Raw, Counts), Error> {
     let ghosts = complex.ghosts();
     let base = Base::new(complex, probe, &ghosts, at_box);
     // Where the box cuts the molecule, its pieces close the surface.
@@ -56,7 +57,7 @@ pub(super) fn mesh(
         .filter(|t| needed(t.labels[0]) || is_hot(t))
         .partition(|t| is_hot(t));
     let mut positions = base.positions();
-    let mut near = Near::new(&base, &near, &hot);
+    let mut near = Near::new(&base, &near, &hot)?;
     let counts = near.snap();
     for (sample, &id) in near.samples.iter().zip(&near.ids) {
         positions[id as usize] = sample.x;
@@ -82,7 +83,7 @@ pub(super) fn mesh(
     for (corners, region) in cut.tets {
         collector.take_near(corners, region, &keep);
     }
-    (collector.finish(), counts)
+    Ok((collector.finish(), counts))
 }
 
 /// Which vertices are in tetrahedra with more than one label: whatever touches them may change.

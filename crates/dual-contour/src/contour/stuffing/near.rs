@@ -5,6 +5,7 @@ use geom_core::mesh::{EDGES, Region};
 use rayon::prelude::*;
 
 use super::base::{Base, BaseTet, planes_of};
+use crate::Error;
 use crate::complex::Vertex;
 use crate::dual::Sample;
 
@@ -69,7 +70,7 @@ impl Csr {
 
 impl Near {
     /// `hot` are the vertices that may snap.
-    pub(super) fn new(base: &Base<'_>, tets: &[BaseTet], hot: &[bool]) -> Self {
+    pub(super) fn new(base: &Base<'_>, tets: &[BaseTet], hot: &[bool]) -> Result<Self, Error> {
         let vertices: Vec<Vertex> = base.numbering.vertices().collect();
         // Vertices get numbers of their own, in order: arrays are short, and neighbours near each other.
         let mut local = vec![NONE; vertices.len()];
@@ -106,19 +107,18 @@ impl Near {
         // Each edge that will be cut is shared by several tetrahedra and has one cut, kept off its ends so that
         // no tetrahedron degenerates.
         let edges = edges_between_labels(&tets, &samples);
-        let cuts = edges
-            .par_iter()
-            .map(|e| {
-                let [a, b] = e.map(|v| &samples[v as usize]);
-                base.probe.exact_crossing(a, b).clamp(0.02, 0.98)
-            })
+        let ends: Vec<(&Sample, &Sample)> = edges
+            .iter()
+            .map(|e| (&samples[e[0] as usize], &samples[e[1] as usize]))
             .collect();
+        let mut cuts = base.probe.exact_crossings(&ends)?;
+        cuts.iter_mut().for_each(|t| *t = t.clamp(0.02, 0.98));
         let edges_at = Csr::new(ids.len(), |f| {
             for (i, e) in edges.iter().enumerate() {
                 e.iter().for_each(|&v| f(v, i as u32));
             }
         });
-        Self {
+        Ok(Self {
             zero: vec![None; ids.len()],
             anchor: base.complex.samples.domain.anchor,
             ids,
@@ -130,7 +130,7 @@ impl Near {
             edges,
             cuts,
             edges_at,
-        }
+        })
     }
 
     /// The other end of an edge.

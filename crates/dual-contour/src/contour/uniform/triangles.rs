@@ -7,9 +7,9 @@ use super::batch::Batch;
 use super::block::{Block, cell_at};
 use super::cut_cells::CutCells;
 use super::{Report, Sheet};
-use crate::backend::BLOCK_CELLS;
 use crate::complex::collect::{ADDED, joined};
 use crate::dual::{Probe, Sample};
+use crate::kernel::BLOCK_CELLS;
 use crate::kernel::{self, LANES, NO_FAN, Quads};
 use crate::octree::{BLOCK, Samples};
 

@@ -1,12 +1,10 @@
 //! Blocks are read once, and judged: one label, or several.
 
-use geom_core::compute::BackendError;
 use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{LatticeValues, Vector3};
 use rayon::prelude::*;
 
 use super::{POINTS, at_least, point_of};
-use crate::backend::ContourBackend;
 use crate::octree::domain::{Domain, Labels, local};
 use crate::octree::source::Source;
 use crate::octree::tree::BLOCK;
@@ -78,7 +76,6 @@ pub(super) struct Reader<'a, 'b, V: ?Sized> {
     pub(super) source: &'a Source<'b, V>,
     pub(super) domain: &'a Domain,
     pub(super) labels: &'a Labels,
-    pub(super) backend: &'a (dyn ContourBackend + 'a),
 }
 
 impl<V: LatticeValues + ?Sized> Reader<'_, '_, V> {
@@ -86,11 +83,8 @@ impl<V: LatticeValues + ?Sized> Reader<'_, '_, V> {
     pub(super) fn read(&self, open: &[OpenBlock], scratch: &mut Scratch) -> Result<Found, Error> {
         scratch.values.resize(POINTS * open.len(), 0.0);
         self.gather(open, &mut scratch.values)?;
-        self.backend.min_max(&scratch.values, &mut scratch.ranges)?;
-        let (found, of) = (scratch.ranges.len(), open.len());
-        BackendError::unless(found == of, &self.backend.name(), || {
-            format!("{found} ranges for {of} blocks")
-        })?;
+        scratch.ranges.resize(open.len(), [0.0; 2]);
+        kernel::min_max(&scratch.values, &mut scratch.ranges);
         let level = self.labels.level;
         let both = |[low, high]: &&[f32; 2]| f64::from(*low) < level && f64::from(*high) >= level;
         let crossed = scratch.ranges.iter().filter(both).count();

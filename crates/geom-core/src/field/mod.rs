@@ -1,7 +1,15 @@
 //! Scalar fields with values and gradients at any point, and the ways to their level sets: to a root on a
-//! segment ([`crossing`]) and along the gradient ([`project`]).
+//! segment ([`crossing`]) and along the gradient ([`project`]), one at a time or many ([`crossings`],
+//! [`projections`]).
 
+use crate::compute::BackendError;
 use crate::{Point3, Vector3};
+
+mod crossing;
+mod project;
+
+pub use crossing::{Precision, crossing, crossings};
+pub use project::{End, Guard, Projection, project, projections};
 
 /// A scalar field whose level set is a surface; large inside.
 ///
@@ -14,6 +22,22 @@ pub trait ImplicitField: Sync {
 
     /// The value and the gradient (per Å) at `x`.
     fn value_gradient(&self, x: &Point3) -> (f64, Vector3);
+
+    /// The field where it takes many points with one call, as on a device, where one costs as much as thousands;
+    /// `None`, as by default: a point at a time is as good.
+    fn at_many(&self) -> Option<&dyn FieldAtMany> {
+        None
+    }
+}
+
+/// An [`ImplicitField`] that takes many points with one call. Values of a device are off by what its backend owes.
+pub trait FieldAtMany: Sync {
+    /// The value and the gradient (per Å) at each point, in place of what was in `out`.
+    fn values_gradients(
+        &self,
+        points: &[Point3],
+        out: &mut Vec<(f64, Vector3)>,
+    ) -> Result<(), BackendError>;
 }
 
 impl<F: ImplicitField + ?Sized> ImplicitField for &F {
@@ -23,87 +47,9 @@ impl<F: ImplicitField + ?Sized> ImplicitField for &F {
     fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
         (**self).value_gradient(x)
     }
-}
-
-/// How near to the root [`crossing`] goes: until one of the two is met.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Precision {
-    /// Change of the place, in units of the segment, that no longer matters; 0 to go by the value alone.
-    pub place: f64,
-    /// Values below this, in magnitude, are 0; 0 to go by the place alone.
-    pub value: f64,
-}
-
-/// Most values that [`crossing`] asks for.
-const ROUNDS: u32 = 32;
-/// Guesses that a smooth function needs at most; thereafter every second round halves the bracket.
-const SMOOTH: u32 = 5;
-
-/// Where a function of the place on a segment, from 0 to 1, has a root: inverse interpolation through the last
-/// three places, within a bracket that is halved where the interpolation fails (the manner of Brent, *Algorithms
-/// for Minimization without Derivatives*, 1973, ch. 4).
-///
-/// `ends` are the values at 0 and 1; one of them is negative and the other is not. They may be rough (a sample of
-/// the function); only their signs are trusted. The place that is found lies between the ends; a root that is nearer
-/// to one of them than the precision may be placed right there. Values are taken to be expensive: for a precision of 10⁻⁴ of the segment a smooth function is asked three or four times.
-/// Exponentials are better given as their logarithms.
-///
-/// ```
-/// use geom_core::field::{Precision, crossing};
-/// let fine = Precision { place: 1e-6, value: 0.0 };
-/// let t = crossing([-1.0, 7.0], fine, |t| (1.0 + t).powi(3) - 2.0);
-/// assert!((t - (2f64.cbrt() - 1.0)).abs() < 1e-6);
-/// ```
-pub fn crossing(ends: [f64; 2], precision: Precision, mut value: impl FnMut(f64) -> f64) -> f64 {
-    let Precision {
-        place: margin,
-        value: small,
-    } = precision;
-    // Places and the values there; `before` was the last end of the bracket to go.
-    let (mut low, mut high, mut before) = ((0.0, ends[0]), (1.0, ends[1]), None);
-    let mut t = 0.5;
-    for round in 0..ROUNDS {
-        let curved = before.and_then(|before| interpolated(&[low, high, before]));
-        // The guess is better than the place whose value is known, and costs nothing. (One by the two ends would not
-        // do: where one value is huge, it hardly leaves the other end, however far the root.)
-        if let Some(next) = curved.filter(|next| (next - t).abs() < margin) {
-            return next.clamp(low.0, high.0);
-        }
-        let within = |t: &f64| *t > low.0 && *t < high.0;
-        let straight = || {
-            let t = interpolated(&[low, high])?;
-            Some(t.max(low.0 + 0.5 * margin).min(high.0 - 0.5 * margin))
-        };
-        let guess = curved.filter(within).or_else(|| straight().filter(within));
-        t = guess
-            .filter(|_| round < SMOOTH || round % 2 == 0)
-            .unwrap_or(0.5 * (low.0 + high.0));
-        let f = value(t);
-        if f.abs() < small || f == 0.0 {
-            break;
-        }
-        let gone = if (f >= 0.0) == (low.1 >= 0.0) {
-            std::mem::replace(&mut low, (t, f))
-        } else {
-            std::mem::replace(&mut high, (t, f))
-        };
-        before = Some(gone);
-        if high.0 - low.0 < margin {
-            break;
-        }
+    fn at_many(&self) -> Option<&dyn FieldAtMany> {
+        (**self).at_many()
     }
-    t
-}
-
-/// Where a function is 0, given places and its values there, by the polynomial that has the places as its values;
-/// `None` if two values are the same.
-fn interpolated(known: &[(f64, f64)]) -> Option<f64> {
-    let weighted = known.iter().enumerate().map(|(i, (place, own))| {
-        let others = known.iter().enumerate().filter(|(j, _)| *j != i);
-        let weights = others.map(|(_, (_, f))| f / (f - own));
-        place * weights.product::<f64>()
-    });
-    Some(weighted.sum()).filter(|t: &f64| t.is_finite())
 }
 
 /// A field at a point to first order: its height above a level and its gradient.
@@ -163,136 +109,6 @@ impl Tangent {
         let square = self.gradient.norm_squared();
         square > 0.0 && square.is_finite() && self.height.is_finite()
     }
-}
-
-/// How [`project`] goes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Guard {
-    /// Most steps.
-    pub steps: u32,
-    /// How often a step that leads away from the level is halved before the way is lost; 0 to take every step and
-    /// keep the best place.
-    pub halvings: u32,
-    /// Longest step, Å.
-    pub longest: f64,
-    /// Farthest from the start, Å.
-    pub reach: f64,
-    /// First-order distance at which the level set is reached, Å: the error after one more step
-    /// ([`Tangent::foot`]) is about its square times the curvature.
-    pub near: f64,
-}
-
-impl Guard {
-    /// A way of at most `reach`, in steps of at most half of it, to within 10⁻⁴ of it.
-    pub fn within(reach: f64) -> Self {
-        Self {
-            steps: 12,
-            halvings: 9,
-            longest: 0.5 * reach,
-            reach,
-            near: 1e-4 * reach,
-        }
-    }
-}
-
-/// How the way of [`project`] ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
-    /// At the level set, up to one more step.
-    Near,
-    /// After the last step allowed: kinked fields are followed slowly.
-    Tired,
-    /// Where there is no direction, no better place along it, or no place to ask.
-    Lost,
-    /// Out of reach.
-    Away,
-}
-
-/// The place that [`project`] found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Projection {
-    /// The place on the way whose height is least, with the field there.
-    pub best: Tangent,
-    /// How the way ended.
-    pub end: End,
-}
-
-/// Goes to the level set along the gradient by Newton's method, guarded: steps are at most so long, those that lead
-/// away from the level are halved, and the best place is kept.
-///
-/// `look` gives the field at a point, or `None` where there is none; it may move the point, e.g. back into a cell
-/// that must not be left, and says by [`Tangent::at`] where it looked. It is called once per step and halving; the
-/// start has been looked at already.
-///
-/// ```
-/// use geom_core::field::{End, Guard, ImplicitField, Tangent, project};
-/// use geom_core::{Point3, Vector3};
-/// struct Ball;
-/// impl ImplicitField for Ball {
-///     fn value(&self, x: &Point3) -> f64 {
-///         (1.0 - x.coords.norm_squared()).exp()
-///     }
-///     fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
-///         let value = self.value(x);
-///         (value, x.coords * (-2.0 * value))
-///     }
-/// }
-/// let look = |x: Point3| Some(Tangent::new(&Ball, 1.0, x));
-/// let start = Tangent::new(&Ball, 1.0, Point3::new(0.9, 0.9, 0.0));
-/// let found = project(start, &Guard::within(1.0), look);
-/// assert_eq!(found.end, End::Near);
-/// assert!((found.best.foot().coords.norm() - 1.0).abs() < 1e-6);
-/// ```
-pub fn project(
-    start: Tangent,
-    guard: &Guard,
-    mut look: impl FnMut(Point3) -> Option<Tangent>,
-) -> Projection {
-    let (mut here, mut best) = (start, start);
-    let ended = |best: Tangent, end: End| Projection { best, end };
-    for _ in 0..guard.steps {
-        let Some(step) = here.step() else {
-            return ended(best, End::Lost);
-        };
-        let length = step.norm();
-        if length <= guard.near {
-            return ended(best, End::Near);
-        }
-        let mut share = (guard.longest / length).min(1.0);
-        let mut halvings = 0;
-        let next = loop {
-            let Some(next) = look(here.at + step * share) else {
-                return ended(best, End::Lost);
-            };
-            if next.height.abs() < best.height.abs() {
-                best = next;
-                break next;
-            }
-            if guard.halvings == 0 {
-                break next;
-            }
-            if halvings == guard.halvings {
-                return ended(best, End::Lost);
-            }
-            halvings += 1;
-            share *= 0.5;
-        };
-        // It was held where it is: the level set does not come nearer.
-        let moved = (next.at - here.at).norm();
-        if moved <= guard.near && share * length > guard.near {
-            return ended(best, End::Lost);
-        }
-        here = next;
-        if (here.at - start.at).norm() > guard.reach {
-            return ended(best, End::Away);
-        }
-    }
-    let end = if best.step().is_some_and(|s| s.norm() <= guard.near) {
-        End::Near
-    } else {
-        End::Tired
-    };
-    ended(best, end)
 }
 
 #[cfg(test)]
@@ -479,6 +295,57 @@ mod tests {
                 assert!((foot - x).norm() < 0.4, "{x} {foot}");
             }
             assert!(asked <= 3 * starts, "{asked}");
+        }
+    }
+
+    /// Many at a time find what each finds alone, bit for bit, and ask for nothing else.
+    #[test]
+    fn many_at_a_time_are_as_each_alone() {
+        let precision = Precision {
+            place: 1e-4,
+            value: 0.0,
+        };
+        for shape in &Shape::ALL {
+            let segments = segments(shape, 9);
+            let height = |i: usize, t: f64| {
+                let [a, b] = segments[i];
+                shape.value(&(a + (b - a) * t)) - 1.0
+            };
+            let ends: Vec<[f64; 2]> = (0..segments.len())
+                .map(|i| [0.0, 1.0].map(|t| height(i, t)))
+                .collect();
+            let (mut alone_asked, mut most_asked, mut asked, mut calls) = (0, 0, 0, 0);
+            let together = crossings(&ends, precision, |places, out| {
+                (asked, calls) = (asked + places.len(), calls + 1);
+                out.extend(places.iter().map(|&(i, t)| height(i, t)));
+                Ok::<(), ()>(())
+            });
+            for (i, t) in together.unwrap().into_iter().enumerate() {
+                let mut times = 0;
+                let alone = crossing(ends[i], precision, |t| {
+                    times += 1;
+                    height(i, t)
+                });
+                assert_eq!(t.to_bits(), alone.to_bits(), "{i}");
+                (alone_asked, most_asked) = (alone_asked + times, most_asked.max(times));
+            }
+            assert_eq!((asked, calls), (alone_asked, most_asked));
+
+            let starts: Vec<Tangent> = segments
+                .iter()
+                .map(|[a, _]| Tangent::new(shape, 1.0, *a))
+                .collect();
+            let look = |x: Point3| (x.z < 1.4).then(|| Tangent::new(shape, 1.0, x));
+            let guard = Guard::within(0.6);
+            let together = projections(&starts, &guard, |places, out| {
+                out.extend(places.iter().map(|&(_, x)| look(x)));
+                Ok::<(), ()>(())
+            });
+            for (start, found) in starts.iter().zip(together.unwrap()) {
+                assert_eq!(found, project(*start, &guard, look));
+            }
+            assert_eq!(crossings(&ends, precision, |_, _| Err(7)), Err(7));
+            assert_eq!(projections(&starts, &guard, |_, _| Err(7)), Err(7));
         }
     }
 

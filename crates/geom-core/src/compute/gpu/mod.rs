@@ -1,5 +1,7 @@
 //! A GPU: device, queue and compiled pipelines, behind four verbs (`upload`, `output`, `dispatch`,
-//! `download`). The only file that knows wgpu.
+//! `download`), and a fifth, `together`, that hands over many dispatches at once. The only folder that knows wgpu.
+//!
+//! Memory is used again, calls of a batch are watched for errors together, and what goes up is copied once.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -7,11 +9,13 @@ use std::time::Duration;
 
 use bytemuck::{NoUninit, Pod};
 use geom_shaders::Shader;
-use wgpu::util::DeviceExt;
+use memory::{Kind, Memory, Pool};
 
 use crate::Backend;
 use crate::compute::BackendError;
 use crate::compute::usage::Usage;
+
+mod memory;
 
 pub use wgpu;
 
@@ -81,16 +85,22 @@ pub struct GpuContext {
     queue: wgpu::Queue,
     info: wgpu::AdapterInfo,
     limits: wgpu::Limits,
-    /// By name of the kernel.
-    pipelines: Mutex<HashMap<&'static str, Arc<wgpu::ComputePipeline>>>,
+    /// By name of the kernel and its constants.
+    pipelines: Mutex<HashMap<Specialized, Arc<wgpu::ComputePipeline>>>,
+    pool: Arc<Pool>,
     usage: Mutex<Usage>,
     lost: Arc<Mutex<Option<String>>>,
 }
 
+/// A kernel by its name, and the numbers it was compiled for.
+type Specialized = (&'static str, Vec<(&'static str, u32)>);
+
 /// An array on the GPU.
 pub struct GpuBuffer {
-    buffer: wgpu::Buffer,
+    memory: Arc<Memory>,
+    /// What it holds, and what kernels see of it.
     bytes: u64,
+    bound: u64,
     way: Mutex<Way>,
 }
 
@@ -103,13 +113,6 @@ enum Way {
     Made,
     /// Handed to this kernel last.
     With(&'static str),
-}
-
-impl GpuBuffer {
-    fn new(buffer: wgpu::Buffer, bytes: u64, way: Way) -> Self {
-        let way = Mutex::new(way);
-        Self { buffer, bytes, way }
-    }
 }
 
 impl GpuContext {
@@ -175,6 +178,7 @@ impl GpuContext {
             info,
             limits,
             pipelines,
+            pool: Arc::default(),
             usage: Mutex::default(),
             lost,
         })
@@ -220,58 +224,45 @@ impl GpuContext {
     /// Copies an array to the GPU. An empty array becomes one zero element, since bindings may not
     /// be empty.
     pub fn upload<T: NoUninit>(&self, label: &str, data: &[T]) -> Result<GpuBuffer, GpuError> {
-        self.buffer(label, size_of_val(data), size_of::<T>(), Way::Up, |bytes| {
-            let mut contents = bytemuck::cast_slice::<T, u8>(data).to_vec();
-            contents.resize(bytes as usize, 0);
-            self.device
-                .create_buffer_init(&wgpu::util::BufferInitDescriptor {
-                    label: Some(label),
-                    contents: &contents,
-                    usage: USAGE,
-                })
+        let bytes = size_of_val(data);
+        self.array(label, bytes, size_of::<T>(), Way::Up, |array, _| {
+            let bound = std::num::NonZero::new(array.bound).expect("an element at least");
+            let view = self
+                .queue
+                .write_buffer_with(array.memory.buffer(), 0, bound);
+            if let Some(mut view) = view {
+                view.slice(..bytes)
+                    .copy_from_slice(bytemuck::cast_slice::<T, u8>(data));
+                view.slice(bytes..).fill(0);
+            }
         })
     }
 
     /// A small uniform: a struct of 16-byte aligned size.
     pub fn uniform<T: NoUninit>(&self, label: &str, value: &T) -> Result<GpuBuffer, GpuError> {
-        let contents = bytemuck::bytes_of(value);
-        self.watched(label, || {
-            let buffer = self
-                .device
-                .create_buffer_init(&wgpu::util::BufferInitDescriptor {
-                    label: Some(label),
-                    contents,
-                    usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-                });
-            GpuBuffer::new(buffer, contents.len() as u64, Way::Up)
-        })
+        self.upload(label, std::slice::from_ref(value))
     }
 
     /// An array of `len` zeros on the GPU.
     pub fn output<T: Pod>(&self, label: &str, len: usize) -> Result<GpuBuffer, GpuError> {
-        self.buffer(
-            label,
-            len.saturating_mul(size_of::<T>()),
-            size_of::<T>(),
-            Way::Made,
-            |bytes| {
-                self.device.create_buffer(&wgpu::BufferDescriptor {
-                    label: Some(label),
-                    size: bytes,
-                    usage: USAGE,
-                    mapped_at_creation: false,
-                })
-            },
-        )
+        let bytes = len.saturating_mul(size_of::<T>());
+        self.array(label, bytes, size_of::<T>(), Way::Made, |array, again| {
+            if again {
+                let mut encoder = self.device.create_command_encoder(&Default::default());
+                encoder.clear_buffer(array.memory.buffer(), 0, None);
+                self.queue.submit([encoder.finish()]);
+            }
+        })
     }
 
-    fn buffer(
+    /// Memory for an array, filled by `fill`, which is told whether somebody used it before.
+    fn array(
         &self,
         label: &str,
         bytes: usize,
         element: usize,
         way: Way,
-        make: impl FnOnce(u64) -> wgpu::Buffer,
+        fill: impl FnOnce(&GpuBuffer, bool),
     ) -> Result<GpuBuffer, GpuError> {
         let (bytes, limit) = (bytes as u64, self.max_buffer_bytes());
         if bytes > limit {
@@ -281,8 +272,18 @@ impl GpuContext {
                 limit,
             });
         }
-        let allocated = bytes.max(element as u64).next_multiple_of(4);
-        self.watched(label, || GpuBuffer::new(make(allocated), bytes, way))
+        let bound = bytes.max(element as u64).next_multiple_of(4);
+        self.watched(label, || {
+            let (memory, again) = self.pool.take(&self.device, Kind::Storage, bound);
+            let array = GpuBuffer {
+                memory: Arc::new(memory),
+                bytes,
+                bound,
+                way: Mutex::new(way),
+            };
+            fill(&array, again);
+            array
+        })
     }
 
     /// Runs a kernel over `groups` workgroups. The buffers stand in binding order of group 0.
@@ -292,43 +293,25 @@ impl GpuContext {
         bindings: &[&GpuBuffer],
         groups: [u32; 3],
     ) -> Result<(), GpuError> {
-        let limit = self.limits.max_compute_workgroups_per_dimension;
-        if groups.iter().any(|&g| g > limit) {
-            return Err(GpuError::TooManyGroups {
-                kernel: shader.name,
-                groups,
-                limit,
-            });
-        }
-        if groups.contains(&0) {
-            return Ok(());
-        }
-        self.watched(shader.name, || {
-            let pipeline = self.pipeline(shader);
-            let entries: Vec<_> = bindings
-                .iter()
-                .enumerate()
-                .map(|(i, b)| wgpu::BindGroupEntry {
-                    binding: i as u32,
-                    resource: b.buffer.as_entire_binding(),
-                })
-                .collect();
-            let bind_group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some(shader.name),
-                layout: &pipeline.get_bind_group_layout(0),
-                entries: &entries,
-            });
-            let mut encoder = self.device.create_command_encoder(&Default::default());
-            {
-                let mut pass = encoder.begin_compute_pass(&Default::default());
-                pass.set_pipeline(&pipeline);
-                pass.set_bind_group(0, &bind_group, &[]);
-                pass.dispatch_workgroups(groups[0], groups[1], groups[2]);
-            }
-            self.queue.submit([encoder.finish()]);
-        })?;
-        self.note(shader.name, bindings, groups);
-        Ok(())
+        self.together(shader.name, |batch| {
+            batch.dispatch(shader, bindings, groups)
+        })
+    }
+
+    /// Hands several kernels to the device at once: one submission, watched as one. They run one after another; each
+    /// sees what those before it wrote. Nothing runs if `record` fails.
+    pub fn together<T, E: From<GpuError>>(
+        &self,
+        during: &str,
+        record: impl FnOnce(&mut Batch<'_>) -> Result<T, E>,
+    ) -> Result<T, E> {
+        let mut batch = Batch {
+            gpu: self,
+            calls: Vec::new(),
+        };
+        let result = record(&mut batch)?;
+        batch.submit(during)?;
+        Ok(result)
     }
 
     /// Counts a dispatch, and what was copied to the device for it.
@@ -352,14 +335,9 @@ impl GpuContext {
         }
         let bytes = buffer.bytes.next_multiple_of(4);
         let staging = self.watched("download", || {
-            let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("download"),
-                size: bytes,
-                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-                mapped_at_creation: false,
-            });
+            let (staging, _) = self.pool.take(&self.device, Kind::Staging, bytes);
             let mut encoder = self.device.create_command_encoder(&Default::default());
-            encoder.copy_buffer_to_buffer(&buffer.buffer, 0, &staging, 0, bytes);
+            encoder.copy_buffer_to_buffer(buffer.memory.buffer(), 0, staging.buffer(), 0, bytes);
             self.queue.submit([encoder.finish()]);
             staging
         })?;
@@ -368,7 +346,8 @@ impl GpuContext {
             reason,
         };
         let (sender, receiver) = std::sync::mpsc::channel();
-        staging.map_async(wgpu::MapMode::Read, .., move |outcome| {
+        let mapped = staging.buffer().slice(..bytes);
+        mapped.map_async(wgpu::MapMode::Read, move |outcome| {
             let _ = sender.send(outcome);
         });
         self.device
@@ -383,30 +362,37 @@ impl GpuContext {
             .map_err(|e| failed(e.to_string()))?;
         self.check_lost("download")?;
         let data = {
-            let view = staging
-                .get_mapped_range(..)
+            let view = mapped
+                .get_mapped_range()
                 .map_err(|e| failed(e.to_string()))?;
-            let mut data = vec![T::zeroed(); buffer.bytes as usize / size_of::<T>()];
-            bytemuck::cast_slice_mut::<T, u8>(&mut data)
-                .copy_from_slice(&view[..buffer.bytes as usize]);
-            data
+            // One copy, where the driver maps at an address that suits the type.
+            let content = &view[..buffer.bytes as usize];
+            bytemuck::try_cast_slice::<u8, T>(content)
+                .map_or_else(|_| bytemuck::pod_collect_to_vec(content), <[T]>::to_vec)
         };
-        staging.unmap();
+        staging.buffer().unmap();
         if let Way::With(kernel) = *locked(&buffer.way) {
             locked(&self.usage).of(kernel).bytes_down += buffer.bytes;
         }
         Ok(data)
     }
 
-    fn pipeline(&self, shader: &Shader) -> Arc<wgpu::ComputePipeline> {
+    fn pipeline(
+        &self,
+        shader: &Shader,
+        constants: &[(&'static str, u32)],
+    ) -> Arc<wgpu::ComputePipeline> {
         let mut pipelines = locked(&self.pipelines);
-        let compiled = pipelines.entry(shader.name).or_insert_with(|| {
+        let key = (shader.name, constants.to_vec());
+        let compiled = pipelines.entry(key).or_insert_with(|| {
             let module = self
                 .device
                 .create_shader_module(wgpu::ShaderModuleDescriptor {
                     label: Some(shader.name),
                     source: wgpu::ShaderSource::Wgsl(shader.source.into()),
                 });
+            let constants: Vec<(&str, f64)> =
+                constants.iter().map(|&(n, v)| (n, v.into())).collect();
             Arc::new(
                 self.device
                     .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -414,7 +400,10 @@ impl GpuContext {
                         layout: None,
                         module: &module,
                         entry_point: Some("main"),
-                        compilation_options: wgpu::PipelineCompilationOptions::default(),
+                        compilation_options: wgpu::PipelineCompilationOptions {
+                            constants: &constants,
+                            ..Default::default()
+                        },
                         cache: None,
                     }),
             )
@@ -456,9 +445,102 @@ impl GpuContext {
     }
 }
 
-const USAGE: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE
-    .union(wgpu::BufferUsages::COPY_SRC)
-    .union(wgpu::BufferUsages::COPY_DST);
+/// Kernels that are handed over together: see [`GpuContext::together`].
+pub struct Batch<'a> {
+    gpu: &'a GpuContext,
+    calls: Vec<Call>,
+}
+
+/// A kernel with what it is to work on. The memory is held until it has been handed over: else it could be used again,
+/// and written, before.
+struct Call {
+    shader: Shader,
+    constants: Vec<(&'static str, u32)>,
+    /// Arrays, and what the kernel sees of each.
+    bindings: Vec<(Arc<Memory>, u64)>,
+    groups: [u32; 3],
+}
+
+impl Batch<'_> {
+    /// Adds a kernel: see [`GpuContext::dispatch`].
+    pub fn dispatch(
+        &mut self,
+        shader: &Shader,
+        bindings: &[&GpuBuffer],
+        groups: [u32; 3],
+    ) -> Result<(), GpuError> {
+        self.dispatch_for(shader, &[], bindings, groups)
+    }
+
+    /// Adds a kernel that is compiled for given values of its `override` constants.
+    pub fn dispatch_for(
+        &mut self,
+        shader: &Shader,
+        constants: &[(&'static str, u32)],
+        bindings: &[&GpuBuffer],
+        groups: [u32; 3],
+    ) -> Result<(), GpuError> {
+        let gpu = self.gpu;
+        let limit = gpu.limits.max_compute_workgroups_per_dimension;
+        if groups.iter().any(|&g| g > limit) {
+            return Err(GpuError::TooManyGroups {
+                kernel: shader.name,
+                groups,
+                limit,
+            });
+        }
+        if groups.contains(&0) {
+            return Ok(());
+        }
+        self.calls.push(Call {
+            shader: *shader,
+            constants: constants.to_vec(),
+            bindings: bindings
+                .iter()
+                .map(|b| (Arc::clone(&b.memory), b.bound))
+                .collect(),
+            groups,
+        });
+        gpu.note(shader.name, bindings, groups);
+        Ok(())
+    }
+
+    fn submit(self, during: &str) -> Result<(), GpuError> {
+        let gpu = self.gpu;
+        if self.calls.is_empty() {
+            return Ok(());
+        }
+        gpu.watched(during, || {
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            for call in &self.calls {
+                let pipeline = gpu.pipeline(&call.shader, &call.constants);
+                let entries: Vec<_> = (0..)
+                    .zip(&call.bindings)
+                    .map(|(binding, (memory, bound))| wgpu::BindGroupEntry {
+                        binding,
+                        resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                            buffer: memory.buffer(),
+                            offset: 0,
+                            // Kernels may ask for the length, and memory that is used again may be longer.
+                            size: std::num::NonZero::new(*bound),
+                        }),
+                    })
+                    .collect();
+                let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                    label: Some(call.shader.name),
+                    layout: &pipeline.get_bind_group_layout(0),
+                    entries: &entries,
+                });
+                let mut pass = encoder.begin_compute_pass(&Default::default());
+                pass.set_pipeline(&pipeline);
+                pass.set_bind_group(0, &bindings, &[]);
+                let [x, y, z] = call.groups;
+                pass.dispatch_workgroups(x, y, z);
+            }
+            gpu.queue.submit([encoder.finish()]);
+        })
+    }
+}
 
 fn set_once(slot: &Mutex<Option<String>>, reason: String) {
     locked(slot).get_or_insert(reason);
@@ -561,6 +643,34 @@ mod tests {
         let before = gpu.usage();
         gpu.dispatch(&DOUBLE, &[&a, &c], [2, 1, 1]).unwrap();
         assert_eq!(gpu.usage().since(&before).total().bytes_up, 0);
+    }
+
+    /// What was used before starts as zeros; kernels see the length that was asked for, and together they run in order.
+    #[test]
+    fn memory_is_used_again_and_calls_may_go_together() {
+        let Some(gpu) = gpu_or_skip() else { return };
+        let gpu = gpu.gpu();
+        for round in 0..20u32 {
+            let n = 1000 + 37 * round as usize;
+            let input: Vec<u32> = (0..n as u32).map(|i| i + round).collect();
+            let result: Result<GpuBuffer, GpuError> = gpu.together("test", |batch| {
+                let mut from = gpu.upload("a", &input)?;
+                // Arrays that are dropped before the batch is handed over are still its own.
+                for _ in 0..5 {
+                    let to = gpu.output::<u32>("b", n + 8)?;
+                    batch.dispatch(&DOUBLE, &[&from, &to], [n.div_ceil(64) as u32, 1, 1])?;
+                    from = to;
+                }
+                Ok(from)
+            });
+            let mut expected: Vec<u32> = input.iter().map(|x| 32 * x).collect();
+            expected.resize(n + 8, 0);
+            assert_eq!(gpu.download::<u32>(&result.unwrap()).unwrap(), expected);
+            let fresh = gpu.output::<u8>("c", 4 * n + 3).unwrap();
+            assert!(gpu.download::<u8>(&fresh).unwrap().iter().all(|&v| v == 0));
+        }
+        let failed = gpu.together("test", |_| Err::<(), _>(GpuError::NoAdapter { name: None }));
+        assert_eq!(failed, Err(GpuError::NoAdapter { name: None }));
     }
 
     #[test]
