@@ -67,6 +67,13 @@ pub trait QualityBackend: Backend + QualityObject {
     /// tetrahedron around it is best. Gives one displacement (Å) per vertex of the task, in place of what
     /// was in `out`: a *proposal*, which the caller accepts or refuses on the CPU.
     fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error>;
+
+    /// Is [`QualityBackend::relax`] to propose where vertices of the isosurface slide too? By default it is not: then
+    /// each colour is searched and pulled back to the isosurface before the next. A backend with a cost per call gets
+    /// all colours at once, in their tangent planes, and only what it found is pulled back.
+    fn slides(&self) -> bool {
+        false
+    }
 }
 
 geom_core::backend_object!(QualityObject, as_quality -> QualityBackend);
@@ -106,7 +113,19 @@ pub struct Relaxation<'a> {
     /// The faces opposite the vertex in the tetrahedra around it, counter-clockwise seen from
     /// outside.
     pub faces: Vec<[u32; 3]>,
+    /// For vertices that slide along a surface.
+    pub slide: Option<Slide>,
     /// Rounds of the search per vertex: each tries the neighbours' mean or the compass directions,
     /// and shortens the step when none is better.
     pub rounds: u32,
+}
+
+/// How vertices slide.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Slide {
+    /// Per vertex to move: from it to the mean of its neighbours on the surface, Å, which the first round tries in place
+    /// of the mean of all; `None` if there is none.
+    pub means: Vec<Option<Vector3>>,
+    /// No vertex goes farther than this from where it started, in mean lengths of the edges around its faces.
+    pub reach: f64,
 }

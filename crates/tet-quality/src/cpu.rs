@@ -8,7 +8,7 @@ use crate::backend::{QualityBackend, Relaxation};
 use crate::error::Error;
 use crate::measure::block;
 use crate::measure::metrics::Measures;
-use crate::smoothing::search::{Compass, search};
+use crate::smoothing::search::{Compass, Start, search, search_within};
 use crate::smoothing::star::Star;
 
 /// Tetrahedra per task.
@@ -45,7 +45,17 @@ impl QualityBackend for Cpu {
                     star.load(&positions, &task.faces[faces]);
                     let x = positions[task.vertices[i] as usize].coords;
                     let compass = Compass::along(&task.axes[i]);
-                    Point3::from(search(star, x, &compass, task.rounds))
+                    Point3::from(match &task.slide {
+                        None => search(star, x, &compass, task.rounds),
+                        Some(slide) => {
+                            let mean = slide.means[i].map(|d| x + d);
+                            let reach = slide.reach * star.mean_edge(&x);
+                            let value = star.value(&x);
+                            let start = Start { at: x, value };
+                            let within = |y: &Vector3| (y - x).norm_squared() <= reach * reach;
+                            search_within(star, start, mean, &compass, task.rounds, within)
+                        }
+                    })
                 })
                 .collect();
             for (&v, x) in task.vertices[colour.clone()].iter().zip(moved) {

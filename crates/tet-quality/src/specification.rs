@@ -98,7 +98,8 @@ pub fn relax(task: &Relaxation<'_>) -> Vec<Vector3> {
         let faces = &task.faces[task.starts[i] as usize..task.starts[i + 1] as usize];
         let star: Vec<[Point3; 3]> = faces.iter().map(|f| f.map(|v| x[v as usize])).collect();
         let v = task.vertices[i] as usize;
-        x[v] = search(x[v], &star, &task.axes[i], task.rounds);
+        let slide = task.slide.as_ref().map(|s| (s.means[i], s.reach));
+        x[v] = search(x[v], &star, &task.axes[i], slide, task.rounds);
     }
     let displacement = |&v: &u32| x[v as usize] - task.positions[v as usize];
     task.vertices.iter().map(displacement).collect()
@@ -114,24 +115,33 @@ fn value(x: Point3, star: &[[Point3; 3]]) -> f64 {
 
 /// The best position found by a compass search: each round tries the directions, the first one also the
 /// neighbours' mean, and takes the best of what is better; when nothing is, steps become shorter.
-fn search(start: Point3, star: &[[Point3; 3]], axes: &[Vector3; 3], rounds: u32) -> Point3 {
+///
+/// Where vertices slide there may be another mean or none, and no place is farther than a reach.
+fn search(
+    start: Point3,
+    star: &[[Point3; 3]],
+    axes: &[Vector3; 3],
+    slide: Option<(Option<Vector3>, f64)>,
+    rounds: u32,
+) -> Point3 {
     let corners = || star.iter().flatten();
     let count = corners().count() as f64;
-    let mut step = STEP * corners().map(|c| (c - start).norm()).sum::<f64>() / count;
+    let edge = corners().map(|c| (c - start).norm()).sum::<f64>() / count;
+    let mut step = STEP * edge;
     let towards_mean: Vector3 = corners().map(|c| c - start).sum::<Vector3>() / count;
-    let mean = start
-        + axes
-            .iter()
-            .map(|a| a * a.dot(&towards_mean))
-            .sum::<Vector3>();
+    let (towards_mean, reach) = slide.map_or((Some(towards_mean), f64::INFINITY), |(d, reach)| {
+        (d, reach * edge)
+    });
+    let mean = towards_mean.map(|d| start + axes.iter().map(|a| a * a.dot(&d)).sum::<Vector3>());
     let directions = compass(axes);
     let (mut x, mut best) = (start, value(start, star));
     for round in 0..rounds {
         let around = directions.iter().map(|d| x + d * step);
-        let tries: Vec<Point3> = (round == 0)
-            .then_some(mean)
+        let tries: Vec<Point3> = mean
+            .filter(|_| round == 0)
             .into_iter()
             .chain(around)
+            .filter(|place| (place - start).norm() <= reach)
             .collect();
         let mut better = false;
         for candidate in tries {

@@ -1,6 +1,9 @@
 //! The kernels on the GPU. It proposes; [`improve`](crate::improve()) accepts in f64 on the CPU.
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
+use geom_core::compute::gpu::GpuError;
 use geom_core::shaders::{TET_QUALITY_MEASURE, TET_QUALITY_RELAX};
 use geom_core::{Point3, Vector3, Wgpu};
 
@@ -11,7 +14,9 @@ use crate::measure::metrics::Measures;
 /// Tetrahedra per dispatch.
 const TETS: usize = 1 << 20;
 /// Vertices per dispatch: their faces need 64 bytes each of scratch.
-const VERTICES: usize = 1 << 15;
+const VERTICES: usize = 1 << 16;
+/// Vertices per workgroup: sixteen threads each.
+const VERTICES_PER_GROUP: usize = 4;
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -20,6 +25,9 @@ struct Batch {
     count: u32,
     rounds: u32,
     offset: u32,
+    slides: u32,
+    reach: f32,
+    pad: [u32; 2],
 }
 
 /// Each coordinate as a sum of two f32, relative to the first vertex.
@@ -83,11 +91,20 @@ impl QualityBackend for Wgpu {
         Ok(())
     }
 
+    fn slides(&self) -> bool {
+        true
+    }
+
     fn relax(&self, task: &Relaxation<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
         let gpu = self.gpu();
-        let positions = gpu.upload("positions", &split(task.positions))?;
-        let moved = gpu.output::<[f32; 4]>("moved", task.positions.len())?;
-        let vertices = gpu.upload("vertices", &task.vertices)?;
+        out.clear();
+        if task.vertices.is_empty() {
+            return Ok(());
+        }
+        // Vertices that neither move nor stand around one that does stay here.
+        let near = Neighbourhood::of(task);
+        let positions = gpu.upload("positions", &split(&near.positions))?;
+        let moved = gpu.output::<[f32; 4]>("moved", near.positions.len())?;
         let axes: Vec<[f32; 4]> = task
             .axes
             .iter()
@@ -96,34 +113,84 @@ impl QualityBackend for Wgpu {
             .collect();
         let axes = gpu.upload("axes", &axes)?;
         let starts = gpu.upload("starts", &task.starts)?;
-        let faces = gpu.upload("faces", &task.faces)?;
-        for colour in &task.colours {
-            for first in colour.clone().step_by(VERTICES) {
-                let end = (first + VERTICES).min(colour.end);
-                let (from, to) = (task.starts[first], task.starts[end]);
-                let scratch = gpu.output::<[[f32; 4]; 4]>("scratch", (to - from) as usize)?;
-                let batch = Batch {
-                    first: first as u32,
-                    count: (end - first) as u32,
-                    rounds: task.rounds,
-                    offset: from,
-                };
-                let batch = gpu.uniform("batch", &batch)?;
-                gpu.dispatch(
+        let faces = gpu.upload("faces", &near.faces)?;
+        let slide = task.slide.as_ref();
+        let means: Vec<[f32; 4]> = slide.map_or_else(Vec::new, |slide| {
+            let row = |d: &Option<Vector3>| {
+                d.map_or([0.0; 4], |d| [d.x as f32, d.y as f32, d.z as f32, 1.0])
+            };
+            slide.means.iter().map(row).collect()
+        });
+        let means = gpu.upload("means", &means)?;
+        let calls: Vec<Range<usize>> = task
+            .colours
+            .iter()
+            .flat_map(|colour| {
+                let firsts = colour.clone().step_by(VERTICES);
+                firsts.map(|first| first..(first + VERTICES).min(colour.end))
+            })
+            .collect();
+        let faces_of = |call: &Range<usize>| task.starts[call.end] - task.starts[call.start];
+        let most = calls.iter().map(faces_of).max().unwrap_or(0);
+        // Calls run one after another, so that one has room where the last one had.
+        let scratch = gpu.output::<[[f32; 4]; 4]>("scratch", most as usize)?;
+        gpu.together("relax", |all| {
+            for call in calls {
+                let batch = gpu.uniform(
+                    "batch",
+                    &Batch {
+                        first: call.start as u32,
+                        count: call.len() as u32,
+                        rounds: task.rounds,
+                        offset: task.starts[call.start],
+                        slides: u32::from(slide.is_some()),
+                        // Its square is still a number.
+                        reach: slide.map_or(1e18, |slide| slide.reach as f32),
+                        pad: [0; 2],
+                    },
+                )?;
+                all.dispatch(
                     &TET_QUALITY_RELAX,
                     &[
-                        &batch, &positions, &moved, &vertices, &axes, &starts, &faces, &scratch,
+                        &batch, &positions, &moved, &axes, &starts, &faces, &scratch, &means,
                     ],
-                    [((end - first) as u32).div_ceil(64), 1, 1],
+                    [call.len().div_ceil(VERTICES_PER_GROUP) as u32, 1, 1],
                 )?;
             }
-        }
-        let moved = gpu.download::<[f32; 4]>(&moved)?;
-        out.clear();
-        out.extend(task.vertices.iter().map(|&v| {
-            let [x, y, z, _] = moved[v as usize].map(f64::from);
+            Ok::<(), GpuError>(())
+        })?;
+        let moved = gpu.download_first::<[f32; 4]>(&moved, task.vertices.len())?;
+        out.extend(moved.into_iter().map(|moved| {
+            let [x, y, z, _] = moved.map(f64::from);
             Vector3::new(x, y, z)
         }));
         Ok(())
+    }
+}
+
+/// The vertices that a task is about, numbered anew: first those that move, in order.
+struct Neighbourhood {
+    positions: Vec<Point3>,
+    faces: Vec<[u32; 3]>,
+}
+
+impl Neighbourhood {
+    fn of(task: &Relaxation<'_>) -> Self {
+        const NONE: u32 = u32::MAX;
+        let mut number = vec![NONE; task.positions.len()];
+        let mut positions = Vec::with_capacity(2 * task.vertices.len());
+        let mut name = |v: u32| {
+            let own = &mut number[v as usize];
+            if *own == NONE {
+                *own = positions.len() as u32;
+                positions.push(task.positions[v as usize]);
+            }
+            *own
+        };
+        for &v in &task.vertices {
+            name(v);
+        }
+        let faces = task.faces.iter().map(|face| face.map(&mut name)).collect();
+        Self { positions, faces }
     }
 }

@@ -3,7 +3,7 @@
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Backend, Cpu, ImplicitField, Point3, Run, TetMesh, Vector3};
 use proptest::prelude::*;
-use tet_quality::backend::{MEASURE, RELAX, Relaxation};
+use tet_quality::backend::{MEASURE, RELAX, Relaxation, Slide};
 use tet_quality::measure::metrics::quality;
 use tet_quality::testing::{ball_in_box, lattice, relaxation, shaken};
 use tet_quality::{Error, Measures, Options, QualityBackend, improve, specification};
@@ -60,6 +60,24 @@ fn one_colour(mesh: &TetMesh) -> Relaxation<'_> {
     let mut task = relaxation(mesh, 1);
     task.colours.truncate(1);
     task.vertices.truncate(task.colours[0].end);
+    task
+}
+
+/// The same in tangent planes, with means of every other vertex, and a reach that may hold vertices back.
+fn sliding(mesh: &TetMesh, seed: u64, reach: f64) -> Relaxation<'_> {
+    let mut task = one_colour(mesh);
+    let mut random = geom_core::compute::random::SplitMix64::new(seed);
+    for axes in &mut task.axes {
+        let normal = Vector3::from([(); 3].map(|()| random.symmetric())).normalize();
+        let u = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
+        *axes = [u, normal.cross(&u), Vector3::zeros()];
+    }
+    let mut mean = |i: usize| {
+        let d = Vector3::from([(); 3].map(|()| 0.3 * random.symmetric()));
+        i.is_multiple_of(2).then_some(d)
+    };
+    let means = (0..task.vertices.len()).map(&mut mean).collect();
+    task.slide = Some(Slide { means, reach });
     task
 }
 
@@ -190,6 +208,16 @@ proptest! {
         prop_assert_eq!(RELAX.first_break(&reference, &candidate), None);
     }
 
+    /// And where vertices slide.
+    #[test]
+    fn a_slide_reaches_what_the_equations_reach(noise in 0.0..0.3, seed: u64, reach in 0.1..0.6) {
+        let mesh = mesh(noise, seed, 0.0, 1.0);
+        let task = sliding(&mesh, seed, reach);
+        let reference = reached(&mesh, &task.vertices, &specification::relax(&task));
+        let candidate = reached(&mesh, &task.vertices, &relaxed(&Cpu, &task));
+        prop_assert_eq!(RELAX.first_break(&reference, &candidate), None);
+    }
+
     /// The comparisons can fail: one altered value is found, at its place.
     #[test]
     fn a_wrong_value_is_caught(seed: u64, place in any::<prop::sample::Index>()) {
@@ -242,6 +270,39 @@ mod gpu {
             let candidate = reached(&mesh, &task.vertices, &relaxed(&gpu, &task));
             prop_assert_eq!(RELAX.first_break(&reference, &candidate), None);
         });
+    }
+
+    #[test]
+    fn slides_reach_what_the_specification_reaches() {
+        let Some(gpu) = gpu_or_skip() else { return };
+        proptest!(geom_core::testing::cases(48), |(noise in 0.0..0.3, seed: u64, reach in 0.1..0.6)| {
+            let mesh = mesh(noise, seed, 0.0, 1.0);
+            let task = sliding(&mesh, seed, reach);
+            let reference = reached(&mesh, &task.vertices, &specification::relax(&task));
+            let candidate = reached(&mesh, &task.vertices, &relaxed(&gpu, &task));
+            prop_assert_eq!(RELAX.first_break(&reference, &candidate), None);
+        });
+    }
+
+    /// Later colours go by what earlier ones have moved: nearly all vertices, ties apart, end where they do on the CPU.
+    #[test]
+    fn colours_see_what_those_before_them_moved() {
+        let Some(gpu) = gpu_or_skip() else { return };
+        for seed in 0..6 {
+            let mesh = mesh(0.25, seed, 0.0, 1.0);
+            let task = relaxation(&mesh, 1);
+            assert!(task.colours.len() > 2);
+            let (there, here) = (specification::relax(&task), relaxed(&gpu, &task));
+            let same = there
+                .iter()
+                .zip(&here)
+                .filter(|(a, b)| (*a - *b).norm() < 1e-3);
+            let (same, all) = (same.count(), there.len());
+            assert!(
+                20 * same >= 19 * all,
+                "{same} of {all} end at the same place"
+            );
+        }
     }
 
     /// Far from the first vertex, where single f32 coordinates have no digits left for the shapes.

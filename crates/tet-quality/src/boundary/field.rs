@@ -1,7 +1,9 @@
 //! The isosurface that surface vertices lie on.
 
+use geom_core::compute::BackendError;
 use geom_core::field::Tangent;
 use geom_core::{ImplicitField, Point3, Vector3};
+use rayon::prelude::*;
 
 use crate::error::Error;
 
@@ -30,6 +32,29 @@ impl Isosurface<'_> {
     /// The field at `x`, to first order.
     pub(crate) fn tangent(&self, x: &Point3) -> Tangent {
         Tangent::new(self.field, self.level, *x)
+    }
+
+    /// The same at many points; a field that takes them with one call is asked once.
+    pub(crate) fn tangents(&self, at: &[Point3]) -> Result<Vec<Tangent>, Error> {
+        let Some(field) = self.field.at_many() else {
+            let at = at.par_iter().with_min_len(32);
+            return Ok(at.map(|x| self.tangent(x)).collect());
+        };
+        let mut found = Vec::with_capacity(at.len());
+        field.values_gradients(at, &mut found)?;
+        let (answers, asked) = (found.len(), at.len());
+        BackendError::unless(answers == asked, "the field", || {
+            format!("{answers} answers at {asked} points")
+        })?;
+        let tangents = at
+            .iter()
+            .zip(found)
+            .map(|(&at, (value, gradient))| Tangent {
+                at,
+                height: value - self.level,
+                gradient,
+            });
+        Ok(tangents.collect())
     }
 
     /// First-order distance to the isosurface.

@@ -173,7 +173,7 @@ impl<'a> Passes<'a> {
             if last || met || (number >= LAST && self.goals_met()) {
                 let allowed = ENOUGH * self.on_field() as f64;
                 let keep = if met { Keep::Reserve } else { Keep::Goals };
-                let left = self.settle_most(keep, allowed, &mut done);
+                let left = self.settle_most(keep, allowed, &mut done)?;
                 enough |= left as f64 <= allowed || left >= far;
                 far = left;
             }
@@ -224,13 +224,13 @@ impl<'a> Passes<'a> {
         run: On<'_>,
     ) -> Result<bool, Error> {
         let allowed = (ENOUGH * self.on_field() as f64) as usize;
-        if self.far() <= allowed {
+        if self.far()? <= allowed {
             return Ok(false);
         }
         for number in 0.. {
             let mut done = Pass::default();
             self.find_gaps();
-            let left = self.settle(Keep::Goals, &mut done);
+            let left = self.settle(Keep::Goals, &mut done)?;
             done.worst = self.guarded.mesh.worst();
             passes.push(done);
             if number == most || left <= allowed {
@@ -258,7 +258,7 @@ impl<'a> Passes<'a> {
         self.operate(&settings, &mut done);
         self.find_gaps();
         self.smooth(&settings, &mut done, run)?;
-        self.project(&settings, &mut done);
+        self.project(&settings, &mut done)?;
         Ok(done)
     }
 
@@ -301,7 +301,7 @@ impl<'a> Passes<'a> {
                 tolerance: self.tolerance(settings),
                 rescue: settings.rescue,
             };
-            done.slid += relax_surface(&mut self.guarded, &vertices, &rules);
+            done.slid += relax_surface(&mut self.guarded, &vertices, &rules, run)?;
         }
         Ok(())
     }
@@ -356,9 +356,11 @@ impl<'a> Passes<'a> {
     }
 
     /// Brings surface vertices that have moved back to the isosurface, as far as the goals allow.
-    fn project(&mut self, settings: &PassSettings, done: &mut Pass) {
+    fn project(&mut self, settings: &PassSettings, done: &mut Pass) -> Result<(), Error> {
         let near = self.tolerance(settings);
-        let Some(surface) = &self.surface else { return };
+        let Some(surface) = &self.surface else {
+            return Ok(());
+        };
         let mesh = &mut self.guarded.mesh;
         let off: Vec<u32> = (0..mesh.x.len() as u32)
             .filter(|&v| {
@@ -368,26 +370,32 @@ impl<'a> Passes<'a> {
             .collect();
         self.projected = mesh.tick();
         let good = |corners| quality(corners) >= settings.floor;
-        done.projected += project(&mut self.guarded, &off, surface, near, good);
+        done.projected += project(&mut self.guarded, &off, surface, near, good)?;
+        Ok(())
     }
 
     /// Brings surface vertices to the isosurface after a pass until so many are left as are allowed, if
     /// that can be. Gives how many are left.
-    fn settle_most(&mut self, keep: Keep, allowed: f64, done: &mut Pass) -> usize {
-        let left = self.settle(keep, done);
+    fn settle_most(
+        &mut self,
+        keep: Keep,
+        allowed: f64,
+        done: &mut Pass,
+    ) -> Result<usize, Error> {
+        let left = self.settle(keep, done)?;
         // A share of the vertices is not worth the reserve of all tetrahedra.
         if keep == Keep::Reserve && left as f64 > allowed {
             return self.settle(Keep::Goals, done);
         }
-        left
+        Ok(left)
     }
 
     /// Brings the surface vertices that are still farther from the isosurface than allowed to it as
     /// far as all tetrahedra keep what they must. Gives how many are left.
-    fn settle(&mut self, keep: Keep, done: &mut Pass) -> usize {
+    fn settle(&mut self, keep: Keep, done: &mut Pass) -> Result<usize, Error> {
         let tolerance = self.deviation();
         let Some(surface) = &self.surface else {
-            return 0;
+            return Ok(0);
         };
         let (goals, target) = (self.options.goals, self.target);
         let good = |corners| {
@@ -415,31 +423,33 @@ impl<'a> Passes<'a> {
         };
         let all: Vec<u32> = (0..self.guarded.mesh.x.len() as u32).collect();
         for _ in 0..SETTLE {
-            self.guarded.mesh.know_tangents(&all, surface);
+            self.guarded.mesh.know_tangents(&all, surface)?;
             let off = far_vertices(&self.guarded.mesh, &rules);
             // Alone where that does, else with their neighbours.
             let before = done.projected;
-            done.projected += project(&mut self.guarded, &off, surface, tolerance, good);
+            done.projected += project(&mut self.guarded, &off, surface, tolerance, good)?;
             let guarded = &mut self.guarded;
             round_of_projections(guarded, &mut self.plain, &off, project_to_foot, done);
             if done.projected == before {
-                return off.len();
+                return Ok(off.len());
             }
         }
-        far_vertices(&self.guarded.mesh, &rules).len()
+        Ok(far_vertices(&self.guarded.mesh, &rules).len())
     }
 
     /// How many surface vertices are farther from the isosurface than allowed.
-    fn far(&mut self) -> usize {
-        let Some(field) = &self.surface else { return 0 };
+    fn far(&mut self) -> Result<usize, Error> {
+        let Some(field) = &self.surface else {
+            return Ok(0);
+        };
         let all: Vec<u32> = (0..self.guarded.mesh.x.len() as u32).collect();
-        self.guarded.mesh.know_tangents(&all, field);
+        self.guarded.mesh.know_tangents(&all, field)?;
         let rules = SurfaceRules {
             field,
             tolerance: self.deviation(),
             rescue: true,
         };
-        far_vertices(&self.guarded.mesh, &rules).len()
+        Ok(far_vertices(&self.guarded.mesh, &rules).len())
     }
 
     /// Number of vertices on the isosurface.

@@ -7,6 +7,7 @@ use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
 
 use crate::boundary::field::{Isosurface, UNKNOWN};
+use crate::error::Error;
 use crate::measure::metrics::quality;
 use crate::mesh::incidence::{Incidence, NONE};
 
@@ -280,7 +281,11 @@ impl EditableMesh {
     }
 
     /// Asks for the isosurface at those of the vertices that lie on it and have moved since.
-    pub(crate) fn know_tangents(&mut self, vertices: &[u32], field: &Isosurface<'_>) {
+    pub(crate) fn know_tangents(
+        &mut self,
+        vertices: &[u32],
+        field: &Isosurface<'_>,
+    ) -> Result<(), Error> {
         let stale: Vec<u32> = vertices
             .iter()
             .copied()
@@ -289,14 +294,11 @@ impl EditableMesh {
                 self.freedom[v] == Freedom::Field && self.tangents[v].at != self.x[v]
             })
             .collect();
-        let known: Vec<Tangent> = stale
-            .par_iter()
-            .with_min_len(32)
-            .map(|&v| field.tangent(&self.x[v as usize]))
-            .collect();
-        for (v, tangent) in stale.into_iter().zip(known) {
+        let at: Vec<Point3> = stale.iter().map(|&v| self.x[v as usize]).collect();
+        for (v, tangent) in stale.into_iter().zip(field.tangents(&at)?) {
             self.tangents[v as usize] = tangent;
         }
+        Ok(())
     }
 
     /// Keeps what is known of the isosurface where a vertex now lies.

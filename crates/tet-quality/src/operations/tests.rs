@@ -135,25 +135,29 @@ fn face_swap_undoes_the_removal_of_an_edge_of_three() {
     }
 }
 
+/// Where elements overlap, as before they are untangled, the edge that a swap would make may be there already.
 #[test]
 fn swaps_do_not_make_an_edge_twice() {
-    // Two tetrahedra on a face whose far corners are joined on the other side.
-    let mesh = link_of_edge(4, 1.0, 3);
-    let edited = EditableMesh::new(mesh);
-    for t in 0..4 {
-        for k in 0..4 {
-            let Some(o) = edited.beyond(t, k) else {
-                continue;
-            };
-            let far = edited.tets[o as usize]
-                .into_iter()
-                .find(|v| !edited.tets[t as usize].contains(v))
-                .unwrap();
-            let near = edited.tets[t as usize][k];
-            if edited.edge_exists(near, far) {
-                assert!(face_swap(&edited, t, k, ANY).is_none());
-            }
-        }
+    // Two tetrahedra on a face, their far corners 3 and 4; a third one, through both, has these as an edge.
+    let corners = [
+        [1.0, 0.0, 0.0],
+        [-0.5, 0.8, 0.0],
+        [-0.5, -0.8, 0.0],
+        [0.0, 0.0, 1.0],
+        [0.0, 0.0, -1.0],
+        [3.0, 0.5, 0.0],
+        [3.0, -0.5, 0.0],
+    ];
+    let corners = corners.map(Point3::from).to_vec();
+    let on_face = [[0, 1, 2, 3], [0, 2, 1, 4]];
+    let across = [3, 4, 5, 6];
+    for overlaps in [false, true] {
+        let mut tets = on_face.to_vec();
+        tets.extend(overlaps.then_some(across));
+        let mesh = EditableMesh::new(TetMesh::new(corners.clone(), tets).unwrap());
+        assert!(mesh.worst() > 0.0);
+        let swap = (0..4).find_map(|k| face_swap(&mesh, 0, k, ANY));
+        assert_eq!(swap.is_none(), overlaps);
     }
 }
 

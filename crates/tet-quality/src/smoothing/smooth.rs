@@ -7,7 +7,7 @@ use geom_core::mesh::FACES;
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::backend::{On, Relaxation};
+use crate::backend::{On, Relaxation, Slide};
 use crate::boundary::field::{Isosurface, distance_within};
 use crate::boundary::guard::GuardedMesh;
 use crate::error::Error;
@@ -101,7 +101,21 @@ pub(crate) fn task<'a>(
         .iter()
         .copied()
         .filter(|&v| axes_of(mesh.freedom[v as usize], None).is_some());
-    let classes = classes(mesh, movable);
+    let axes = |v: u32| {
+        let turn = turn.map(|seed| seed ^ u64::from(v).wrapping_mul(0xd6e8_feb8_6659_fd93));
+        axes_of(mesh.freedom[v as usize], turn).expect("only movable ones are here")
+    };
+    task_of(mesh, positions, classes(mesh, movable), rounds, axes)
+}
+
+/// The task of one sweep over classes of vertices, along given axes.
+fn task_of<'a>(
+    mesh: &EditableMesh,
+    positions: &'a [Point3],
+    classes: Vec<Vec<u32>>,
+    rounds: u32,
+    axes: impl Fn(u32) -> [Vector3; 3],
+) -> Relaxation<'a> {
     let vertices: Vec<u32> = classes.concat();
     let mut colours = Vec::with_capacity(classes.len());
     let mut start = 0;
@@ -126,17 +140,12 @@ pub(crate) fn task<'a>(
         .collect();
     Relaxation {
         positions,
-        axes: vertices
-            .iter()
-            .map(|&v| {
-                let turn = turn.map(|seed| seed ^ u64::from(v).wrapping_mul(0xd6e8_feb8_6659_fd93));
-                axes_of(mesh.freedom[v as usize], turn).expect("only movable ones are here")
-            })
-            .collect(),
+        axes: vertices.iter().map(|&v| axes(v)).collect(),
         vertices,
         colours,
         starts,
         faces,
+        slide: None,
         rounds,
     }
 }
@@ -152,12 +161,7 @@ pub(crate) fn relax(
     run: On<'_>,
 ) -> Result<usize, Error> {
     let task = task(&guarded.mesh, &guarded.mesh.x, vertices, rounds, turn);
-    let mut moves = Vec::new();
-    run.backend.relax(&task, &mut moves)?;
-    let (found, of) = (moves.len(), task.vertices.len());
-    BackendError::unless(found == of, &run.backend.name(), || {
-        format!("{found} displacements for {of} vertices")
-    })?;
+    let moves = proposals(&task, run)?;
     let Relaxation {
         vertices,
         colours,
@@ -173,11 +177,7 @@ pub(crate) fn relax(
             .into_par_iter()
             .with_min_len(64)
             .map_init(Star::default, |star, i| {
-                // What a backend cannot tell stays where it is.
-                let d = moves[i];
-                if d == Vector3::zeros() || !d.iter().all(|c| c.is_finite()) {
-                    return None;
-                }
+                let d = moves[i]?;
                 star.load(&mesh.x, &faces[starts[i] as usize..starts[i + 1] as usize]);
                 let x = mesh.x[vertices[i] as usize].coords;
                 let best = star.value(&x);
@@ -196,6 +196,18 @@ pub(crate) fn relax(
     }
     guarded.mesh.refresh(&moved);
     Ok(moved.len())
+}
+
+/// The displacements that the backend proposes; `None` for what stays, or what it cannot tell.
+fn proposals(task: &Relaxation<'_>, run: On<'_>) -> Result<Vec<Option<Vector3>>, Error> {
+    let mut moves = Vec::new();
+    run.backend.relax(task, &mut moves)?;
+    let (found, of) = (moves.len(), task.vertices.len());
+    BackendError::unless(found == of, &run.backend.name(), || {
+        format!("{found} displacements for {of} vertices")
+    })?;
+    let told = |d: &Vector3| *d != Vector3::zeros() && d.iter().all(|c| c.is_finite());
+    Ok(moves.into_iter().map(|d| Some(d).filter(told)).collect())
 }
 
 /// The face of `t` opposite its corner `v`, counter-clockwise from outside.
@@ -245,8 +257,12 @@ pub(crate) fn relax_surface(
     guarded: &mut GuardedMesh,
     vertices: &[u32],
     rules: &SurfaceRules<'_>,
-) -> usize {
-    guarded.mesh.know_tangents(vertices, rules.field);
+    run: On<'_>,
+) -> Result<usize, Error> {
+    guarded.mesh.know_tangents(vertices, rules.field)?;
+    if run.backend.slides() && !rules.rescue {
+        return slide_together(guarded, vertices, rules, run);
+    }
     let step = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
         let mesh = &guarded.mesh;
         load(mesh, v, star);
@@ -254,13 +270,55 @@ pub(crate) fn relax_surface(
         let may = |x: Point3| guarded.guard.allows_move(mesh, v, x);
         slide_from(start, surface_mean(mesh, v), star, rules, may)
     };
-    sweep(
-        guarded,
-        vertices,
-        on_field,
-        step,
-        GuardedMesh::move_on_surface,
-    )
+    let put = GuardedMesh::move_on_surface;
+    Ok(sweep(guarded, vertices, on_field, step, put))
+}
+
+/// The same with searches of all colours by the backend, in the tangent planes; then, colour by colour, what it found
+/// is pulled back to the isosurface, and goes if it is better still.
+fn slide_together(
+    guarded: &mut GuardedMesh,
+    vertices: &[u32],
+    rules: &SurfaceRules<'_>,
+    run: On<'_>,
+) -> Result<usize, Error> {
+    let mesh = &guarded.mesh;
+    let movable = vertices.iter().copied();
+    let movable = movable.filter(|&v| on_field(mesh.freedom[v as usize]));
+    let axes = |v: u32| rules.axes(&mesh.tangent(v, rules.field).normal());
+    let classes = classes(mesh, movable);
+    let mut task = task_of(mesh, &mesh.x, classes, SURFACE_ROUNDS, axes);
+    let mean = |&v: &u32| surface_mean(mesh, v).map(|mean| mean - mesh.x[v as usize]);
+    task.slide = Some(Slide {
+        means: task.vertices.par_iter().map(mean).collect(),
+        reach: REACH,
+    });
+    let moves = proposals(&task, run)?;
+    let (vertices, colours) = (task.vertices, task.colours);
+    let mut moved = Vec::new();
+    for colour in colours {
+        let state = &*guarded;
+        let found: Vec<Option<Tangent>> = colour
+            .clone()
+            .into_par_iter()
+            .with_min_len(16)
+            .map_init(Star::default, |star, i| {
+                let (mesh, v, d) = (&state.mesh, vertices[i], moves[i]?);
+                load(mesh, v, star);
+                let start = mesh.tangent(v, rules.field);
+                let slide = Slope::at(start, star, rules);
+                let may = |x: Point3| state.guard.allows_move(mesh, v, x);
+                slide.settle(start.at.coords + d, star, rules, may)
+            })
+            .collect();
+        for (i, tangent) in colour.zip(found) {
+            if tangent.is_some_and(|x| guarded.move_on_surface(vertices[i], x)) {
+                moved.push(vertices[i]);
+            }
+        }
+    }
+    guarded.mesh.refresh(&moved);
+    Ok(moved.len())
 }
 
 /// Moves surface vertices that are farther than `tolerance` toward the isosurface, as far as the
@@ -271,8 +329,8 @@ pub(crate) fn project(
     field: &Isosurface<'_>,
     tolerance: f64,
     good: impl Fn([Point3; 4]) -> bool + Sync,
-) -> usize {
-    guarded.mesh.know_tangents(vertices, field);
+) -> Result<usize, Error> {
+    guarded.mesh.know_tangents(vertices, field)?;
     let step = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
         let mesh = &guarded.mesh;
         let start = mesh.tangent(v, field);
@@ -290,7 +348,8 @@ pub(crate) fn project(
             may.then_some(candidate)
         })
     };
-    sweep(guarded, vertices, on_field, step, GuardedMesh::move_vertex)
+    let put = GuardedMesh::move_vertex;
+    Ok(sweep(guarded, vertices, on_field, step, put))
 }
 
 /// The point of the isosurface next to `start`, by short Newton steps; `None` if `start` is nearer
@@ -362,54 +421,95 @@ pub(crate) fn slide_from(
     rules: &SurfaceRules<'_>,
     may: impl Fn(Point3) -> bool,
 ) -> Option<Tangent> {
-    let (from, normal) = (start.at.coords, start.normal());
-    let edge = star.mean_edge(&from);
-    let distance = distance_within(&start, 0.5 * edge);
-    let limit = rules.tolerance.max(distance.abs());
-    let best = star.value(&from);
-    let reach = REACH * edge;
-    // In the tangent plane the distance stays as it is, to first order.
-    let within = |x: &Vector3| {
-        let d = x - from;
-        d.norm_squared() <= reach * reach
-            && (!rules.rescue || (distance + normal.dot(&d)).abs() <= limit)
-    };
-    let mean = mean.map(|m| m.coords);
-    let compass = Compass::along(&rules.axes(&normal));
-    let start = Start {
-        at: from,
-        value: best,
-    };
-    let found = search_within(star, start, mean, &compass, SURFACE_ROUNDS, within);
-    if found == from {
-        return None;
-    }
-    // At pinches, where the distance means little, a vertex that is far off may move freely.
-    let most = PULL * edge;
-    // Where the vertex must go back to the isosurface it goes all the way.
-    let near = if rules.rescue {
-        limit
-    } else {
-        0.25 * rules.tolerance
-    };
-    [1.0, 0.5, 0.25].into_iter().find_map(|share| {
-        let candidate = from + (found - from) * share;
-        star.value_above(&candidate, best + GAIN)?;
-        let mut tangent = rules.field.tangent(&candidate.into());
-        for _ in 0..2 {
-            if distance_within(&tangent, most).abs() <= near {
-                break;
-            }
-            // What is worse already on the way back is not worth asking the field again.
-            let back = tangent.normal() * distance_within(&tangent, most);
-            star.value_above(&(tangent.at.coords - back), best + GAIN)?;
-            tangent = rules.field.tangent(&(tangent.at - back));
+    let slope = Slope::at(start, star, rules);
+    let found = slope.search(mean, star, rules);
+    (found != start.at.coords)
+        .then(|| slope.settle(found, star, rules, may))
+        .flatten()
+}
+
+/// A surface vertex before it slides.
+struct Slope {
+    from: Vector3,
+    normal: Vector3,
+    /// Mean edge length around it.
+    edge: f64,
+    /// From the isosurface, and how far it may be.
+    distance: f64,
+    limit: f64,
+    /// The value of the worst tetrahedron.
+    value: f64,
+}
+
+impl Slope {
+    fn at(start: Tangent, star: &mut Star, rules: &SurfaceRules<'_>) -> Self {
+        let from = start.at.coords;
+        let edge = star.mean_edge(&from);
+        let distance = distance_within(&start, 0.5 * edge);
+        Self {
+            from,
+            normal: start.normal(),
+            edge,
+            distance,
+            limit: rules.tolerance.max(distance.abs()),
+            value: star.value(&from),
         }
-        let better = distance_within(&tangent, most).abs() <= limit
-            && star.value_above(&tangent.at.coords, best + GAIN).is_some()
-            && may(tangent.at);
-        better.then_some(tangent)
-    })
+    }
+
+    /// The best place in the tangent plane.
+    fn search(&self, mean: Option<Point3>, star: &mut Star, rules: &SurfaceRules<'_>) -> Vector3 {
+        let reach = REACH * self.edge;
+        // In the tangent plane the distance stays as it is, to first order.
+        let within = |x: &Vector3| {
+            let d = x - self.from;
+            let off = (self.distance + self.normal.dot(&d)).abs();
+            d.norm_squared() <= reach * reach && (!rules.rescue || off <= self.limit)
+        };
+        let mean = mean.map(|m| m.coords);
+        let compass = Compass::along(&rules.axes(&self.normal));
+        let start = Start {
+            at: self.from,
+            value: self.value,
+        };
+        search_within(star, start, mean, &compass, SURFACE_ROUNDS, within)
+    }
+
+    /// A place pulled back to the isosurface, if the vertex may go there and it is better still.
+    fn settle(
+        &self,
+        found: Vector3,
+        star: &mut Star,
+        rules: &SurfaceRules<'_>,
+        may: impl Fn(Point3) -> bool,
+    ) -> Option<Tangent> {
+        let better = self.value + GAIN;
+        // At pinches, where the distance means little, a vertex that is far off may move freely.
+        let most = PULL * self.edge;
+        // Where the vertex must go back to the isosurface it goes all the way.
+        let near = if rules.rescue {
+            self.limit
+        } else {
+            0.25 * rules.tolerance
+        };
+        [1.0, 0.5, 0.25].into_iter().find_map(|share| {
+            let candidate = self.from + (found - self.from) * share;
+            star.value_above(&candidate, better)?;
+            let mut tangent = rules.field.tangent(&candidate.into());
+            for _ in 0..2 {
+                if distance_within(&tangent, most).abs() <= near {
+                    break;
+                }
+                // What is worse already on the way back is not worth asking the field again.
+                let back = tangent.normal() * distance_within(&tangent, most);
+                star.value_above(&(tangent.at.coords - back), better)?;
+                tangent = rules.field.tangent(&(tangent.at - back));
+            }
+            let may = distance_within(&tangent, most).abs() <= self.limit
+                && star.value_above(&tangent.at.coords, better).is_some()
+                && may(tangent.at);
+            may.then_some(tangent)
+        })
+    }
 }
 
 /// The mean of the neighbours along the interface.

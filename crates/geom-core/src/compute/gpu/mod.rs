@@ -330,10 +330,20 @@ impl GpuContext {
 
     /// Copies an array back; waits for all work before it.
     pub fn download<T: Pod>(&self, buffer: &GpuBuffer) -> Result<Vec<T>, GpuError> {
-        if buffer.bytes == 0 {
+        self.download_first(buffer, buffer.bytes as usize / size_of::<T>())
+    }
+
+    /// Copies the first elements of an array back, all of them if it has fewer.
+    pub fn download_first<T: Pod>(
+        &self,
+        buffer: &GpuBuffer,
+        len: usize,
+    ) -> Result<Vec<T>, GpuError> {
+        let wanted = buffer.bytes.min((len * size_of::<T>()) as u64);
+        if wanted == 0 {
             return Ok(Vec::new());
         }
-        let bytes = buffer.bytes.next_multiple_of(4);
+        let bytes = wanted.next_multiple_of(4);
         let staging = self.watched("download", || {
             let (staging, _) = self.pool.take(&self.device, Kind::Staging, bytes);
             let mut encoder = self.device.create_command_encoder(&Default::default());
@@ -366,13 +376,13 @@ impl GpuContext {
                 .get_mapped_range()
                 .map_err(|e| failed(e.to_string()))?;
             // One copy, where the driver maps at an address that suits the type.
-            let content = &view[..buffer.bytes as usize];
+            let content = &view[..wanted as usize];
             bytemuck::try_cast_slice::<u8, T>(content)
                 .map_or_else(|_| bytemuck::pod_collect_to_vec(content), <[T]>::to_vec)
         };
         staging.buffer().unmap();
         if let Way::With(kernel) = *locked(&buffer.way) {
-            locked(&self.usage).of(kernel).bytes_down += buffer.bytes;
+            locked(&self.usage).of(kernel).bytes_down += wanted;
         }
         Ok(data)
     }
@@ -693,5 +703,11 @@ mod tests {
         let Some(gpu) = gpu_or_skip() else { return };
         let empty = gpu.gpu().upload::<u32>("empty", &[]).unwrap();
         assert!(gpu.gpu().download::<u32>(&empty).unwrap().is_empty());
+        let few = gpu.gpu().upload("few", &[1u16, 2, 3]).unwrap();
+        let first = |n| gpu.gpu().download_first::<u16>(&few, n).unwrap();
+        assert_eq!(
+            (first(0), first(1), first(9)),
+            (vec![], vec![1], vec![1, 2, 3])
+        );
     }
 }
