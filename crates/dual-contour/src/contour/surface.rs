@@ -28,9 +28,9 @@ pub struct Surface {
 /// set instead of on the trilinear one. A [resolution](crate::Resolution) in tetrahedra gives the
 /// surface of the volume mesh that has about as many.
 ///
-/// The backend finds the range of each block of values and the signs at all corners, and places the dual vertices
-/// of finest cells if no field is given; the rest, all of [`Method::Stuffing`](crate::Method) included, runs on the
-/// processor whatever the backend.
+/// The backend places the dual vertices of finest cells if no field is given. A field that takes many points with one
+/// call ([`ImplicitField::at_many`]) is asked for all cells, or all edges that are cut, at a time; the rest runs on the
+/// processor.
 ///
 /// ```
 /// use dual_contour::geom_core::{Aabb, Cpu, Run};

@@ -166,7 +166,7 @@ impl DensityBackend for Wgpu {
     ) -> Result<(), Error> {
         let depth = check_depth(&self.name(), model.levels.len())?;
         let mut parts = Vec::with_capacity(cells.len());
-        for range in sites::ranges(cells) {
+        for range in sites::ranges(BATCH_BYTES, cells) {
             let cells = &cells[range];
             let errors = sites::atom_errors(self, model, depth, cells)?;
             let mut rest = errors.as_slice();
@@ -187,7 +187,13 @@ impl DensityBackend for Wgpu {
         cells: &'a [SampleCell],
     ) -> Result<Box<dyn RefitSamples + 'a>, Error> {
         let depth = check_depth(&self.name(), model.levels.len())?;
-        Ok(Box::new(refit::Resident::new(self, model, depth, cells)?))
+        Ok(Box::new(refit::Resident::new(
+            BATCH_BYTES,
+            self,
+            model,
+            depth,
+            cells,
+        )?))
     }
 
     fn point_kernel(&self, cells: &PointCells<'_>) -> Result<Option<Box<dyn PointKernel>>, Error> {

@@ -41,7 +41,9 @@ struct Part {
 }
 
 impl<'a> Resident<'a> {
+    /// None of the arrays of a run of cells takes more than so many bytes.
     pub(super) fn new(
+        bytes: usize,
         backend: &'a Wgpu,
         model: &Prepared<'_>,
         depth: u32,
@@ -52,7 +54,7 @@ impl<'a> Resident<'a> {
             model.model().center_bounds().center(),
             model.model().atoms(),
         );
-        let parts = sites::ranges(cells).into_iter();
+        let parts = sites::ranges(bytes, cells).into_iter();
         let parts = parts.map(|range| Part::new(backend, model, depth, &center, &cells[range]));
         let parts: Vec<Part> = parts.collect::<Result<_, Error>>()?;
         let most = |count: fn(&Sites) -> usize| {
@@ -188,5 +190,51 @@ impl RefitSamples for Resident<'_> {
         };
         (sums.gradient, sums.curvature) = (five(0), five(5));
         Ok(())
+    }
+}
+
+#[cfg(all(test, feature = "testing"))]
+mod tests {
+    use super::*;
+    use crate::testing::{globule, sample_cell};
+    use crate::wgpu::BATCH_BYTES;
+    use crate::{Levels, Model};
+    use geom_core::testing::gpu_or_skip;
+
+    /// However many runs there are, an atom has the sums of all of its cells.
+    #[test]
+    fn cells_may_come_in_many_runs() {
+        let Some(gpu) = gpu_or_skip() else { return };
+        let model = Model::uniform(&globule(2, 10, 5), &Levels::default()).unwrap();
+        let prepared = Prepared::new(&model);
+        let depth = prepared.levels.len() as u32;
+        let points = |shift: f64| {
+            let on = model.centers().iter().zip(model.radii());
+            on.map(|(x, r)| x + geom_core::Vector3::new(*r, shift, 0.1))
+                .collect()
+        };
+        // Of something denser, so that there is something to fit.
+        let cells = [0.0, 0.3, -0.4].map(|shift| {
+            let mut cell = sample_cell(&prepared, points(shift));
+            cell.exact.iter_mut().for_each(|g| *g *= 1.2);
+            cell
+        });
+        let sums = |bytes: usize| {
+            let samples = Resident::new(bytes, &gpu, &prepared, depth, &cells);
+            let mut sums = RefitSums::default();
+            samples.unwrap().sums(&model, &mut sums).unwrap();
+            sums
+        };
+        assert_eq!(sites::ranges(1, &cells).len(), 3);
+        assert_eq!(sites::ranges(BATCH_BYTES, &cells).len(), 1);
+        let (one, three) = (sums(BATCH_BYTES), sums(1));
+        assert_eq!(one.objective, three.objective);
+        let largest = one.gradient.as_flattened().iter();
+        let largest = largest.fold(0.0f64, |most, g| most.max(g.abs()));
+        assert!(largest > 0.0);
+        let pairs = one.gradient.iter().zip(&three.gradient);
+        for (a, b) in pairs.flat_map(|(a, b)| a.iter().zip(b)) {
+            assert!((a - b).abs() <= 1e-5 * largest, "{a} {b}");
+        }
     }
 }

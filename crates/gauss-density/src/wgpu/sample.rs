@@ -1,5 +1,7 @@
 //! Densities of blocks of bricks.
 
+use std::borrow::Cow;
+
 use bytemuck::{Pod, Zeroable};
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::shaders::{GAUSS_DENSITY_COMPACT, GAUSS_DENSITY_CULL, GAUSS_DENSITY_DENSITY};
@@ -66,6 +68,49 @@ pub(super) fn sample_within(
         let nodes: usize = tree.levels.iter().map(Level::len).sum();
         (tree.len() + nodes) * 16
     };
+    let lots = lots(bytes, blocks, &trees, of_brick);
+    // The processor gathers the next lot while the device has this one.
+    let mut next = lots.first().map(|lot| lot.gather(model, job));
+    for (i, lot) in lots.iter().enumerate() {
+        let Some(gathered) = next.take() else { break };
+        let (done, gathered) = rayon::join(
+            || sample_lot(backend, model, job, lot, &gathered),
+            || lots.get(i + 1).map(|lot| lot.gather(model, job)),
+        );
+        next = gathered;
+        let done = done?;
+        match lot.part {
+            None => results.extend(done),
+            Some(whole) => {
+                if i == 0 || lots[i - 1].part != lot.part {
+                    let mut all = BlockValues::default();
+                    all.clear(&blocks[whole]);
+                    results.push(all);
+                }
+                let all = results.last_mut().expect("there is one for the first part");
+                merge(&lot.blocks[0], done, all);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Blocks that go to the device together, or some bricks of a block that is too large as a whole.
+struct Lot<'a> {
+    blocks: Cow<'a, [Block]>,
+    trees: &'a [ActiveSet],
+    /// Of which block it has some bricks.
+    part: Option<usize>,
+}
+
+/// Runs of blocks none of whose arrays takes more than so many bytes, given what the states of a brick take.
+fn lots<'a>(
+    bytes: usize,
+    blocks: &'a [Block],
+    trees: &'a [ActiveSet],
+    of_brick: impl Fn(&ActiveSet) -> usize,
+) -> Vec<Lot<'a>> {
+    let mut lots = Vec::new();
     let mut first = 0;
     while first < blocks.len() {
         let (mut end, mut states, mut bricks) = (first, 0, 0);
@@ -82,94 +127,121 @@ pub(super) fn sample_within(
         }
         if end == first {
             // Too large as a whole: some of its bricks at a time.
+            let block = &blocks[first];
             let most = bytes / of_brick(&trees[first]).max(BRICK_POINTS * 4);
-            let (block, tree) = (&blocks[first], &trees[first]);
-            results.push(sample_parts(backend, model, job, block, tree, most.max(1))?);
+            let wanted: Vec<usize> = (0..block.len()).filter(|&i| block.wants(i)).collect();
+            // Even of none there is a result.
+            let none = wanted.is_empty().then_some(&wanted[..]);
+            let parts = wanted.chunks(most.max(1)).chain(none);
+            lots.extend(parts.map(|bricks| Lot {
+                blocks: Cow::Owned(vec![Block {
+                    mask: bricks.iter().fold(0, |mask, i| mask | 1 << i),
+                    ..block.clone()
+                }]),
+                trees: &trees[first..=first],
+                part: Some(first),
+            }));
             first += 1;
         } else {
-            let range = first..end;
-            let (blocks, trees) = (&blocks[range.clone()], &trees[range]);
-            results.extend(sample_batch(backend, model, job, blocks, trees)?);
+            lots.push(Lot {
+                blocks: Cow::Borrowed(&blocks[first..end]),
+                trees: &trees[first..end],
+                part: None,
+            });
             first = end;
         }
     }
-    Ok(())
+    lots
 }
 
-/// Samples a block, at most so many of its bricks at a time.
-fn sample_parts(
-    backend: &Wgpu,
-    model: &Prepared<'_>,
-    job: &Job,
-    block: &Block,
-    tree: &ActiveSet,
-    most: usize,
-) -> Result<BlockValues, Error> {
-    let mut all = BlockValues::default();
-    all.clear(block);
-    let wanted: Vec<usize> = (0..block.len()).filter(|&i| block.wants(i)).collect();
-    for bricks in wanted.chunks(most) {
-        let part = Block {
-            mask: bricks.iter().fold(0, |mask, i| mask | 1 << i),
-            ..block.clone()
-        };
-        let before = (all.values.len() / BRICK_POINTS) as u32;
-        for found in sample_batch(backend, model, job, &[part], std::slice::from_ref(tree))? {
-            for &i in bricks {
-                all.kinds[i] = match found.kinds[i] {
-                    Brick::Stored(s) => Brick::Stored(before + s),
-                    other => other,
-                };
-            }
-            all.values.extend_from_slice(&found.values);
-            all.pairs += found.pairs;
+/// Puts the bricks of a part to those that came before.
+fn merge(part: &Block, found: Vec<BlockValues>, all: &mut BlockValues) {
+    let before = (all.values.len() / BRICK_POINTS) as u32;
+    for found in found {
+        for i in (0..part.len()).filter(|&i| part.wants(i)) {
+            all.kinds[i] = match found.kinds[i] {
+                Brick::Stored(s) => Brick::Stored(before + s),
+                other => other,
+            };
         }
+        all.values.extend_from_slice(&found.values);
+        all.pairs += found.pairs;
     }
-    Ok(all)
 }
 
-/// Culls, densities and classification of the bricks of some blocks.
-fn sample_batch(
+/// What the device gets of a lot.
+struct Gathered {
+    /// Each block's atoms relative to its middle.
+    items: Items,
+    bricks: Vec<CullBrick>,
+    /// Per brick: block, place in it, first point from the block's middle.
+    places: Vec<(usize, usize, [f32; 3])>,
+    /// Numbers of states and of places for members.
+    states: usize,
+    members: usize,
+}
+
+impl Lot<'_> {
+    fn gather(&self, model: &Prepared<'_>, job: &Job) -> Gathered {
+        let depth = model.levels.len();
+        let lattice = &job.lattice;
+        let h = lattice.spacing;
+        let mut out = Gathered {
+            items: Items::default(),
+            bricks: Vec::new(),
+            places: Vec::new(),
+            states: 0,
+            members: 0,
+        };
+        for (b, (block, tree)) in self.blocks.iter().zip(self.trees).enumerate() {
+            let low = lattice.point(block.brick.map(|b| b * BRICK));
+            let half = block.bricks.map(|n| 0.5 * h * (n * BRICK) as f64);
+            let center = Point3::new(low.x + half[0], low.y + half[1], low.z + half[2]);
+            let items = &mut out.items;
+            let row = items.add(model.model(), &tree.atom, &tree.levels, &center);
+            let states = items.len(row, depth);
+            for i in (0..block.len()).filter(|&i| block.wants(i)) {
+                let corner = lattice.point(block.brick_at(i).map(|b| b * BRICK)) - center;
+                // One cell more on the low sides, as on the CPU.
+                let middle = corner.map(|c| c + 0.5 * h * (BRICK as f64 - 1.0));
+                out.bricks.push(CullBrick {
+                    center: [middle.x as f32, middle.y as f32, middle.z as f32],
+                    row,
+                    state: out.states as u32,
+                    members: out.members as u32,
+                    pad: [0; 2],
+                });
+                let corner = [corner.x as f32, corner.y as f32, corner.z as f32];
+                out.places.push((b, i, corner));
+                out.states += states;
+                out.members += tree.len();
+            }
+        }
+        out
+    }
+}
+
+/// Culls, densities and classification of the bricks of a lot.
+fn sample_lot(
     backend: &Wgpu,
     model: &Prepared<'_>,
     job: &Job,
-    blocks: &[Block],
-    trees: &[ActiveSet],
+    lot: &Lot<'_>,
+    gathered: &Gathered,
 ) -> Result<Vec<BlockValues>, Error> {
     let gpu = backend.gpu();
     let depth = model.levels.len();
-    let lattice = &job.lattice;
-    let h = lattice.spacing;
+    let h = job.lattice.spacing;
     // The descent to blocks took a quarter.
     let eps = 0.75 * job.cutoff.0;
-    // Each block's atoms relative to its middle.
-    let mut items = Items::default();
-    // Block, place in it, first point from the block's middle.
-    let mut places: Vec<(usize, usize, [f32; 3])> = Vec::new();
-    let mut bricks: Vec<CullBrick> = Vec::new();
-    let (mut state, mut member_slots) = (0usize, 0usize);
-    for (b, (block, tree)) in blocks.iter().zip(trees).enumerate() {
-        let low = lattice.point(block.brick.map(|b| b * BRICK));
-        let half = block.bricks.map(|n| 0.5 * h * (n * BRICK) as f64);
-        let center = Point3::new(low.x + half[0], low.y + half[1], low.z + half[2]);
-        let row = items.add(model.model(), &tree.atom, &tree.levels, &center);
-        for i in (0..block.len()).filter(|&i| block.wants(i)) {
-            let corner = lattice.point(block.brick_at(i).map(|b| b * BRICK)) - center;
-            // One cell more on the low sides, as on the CPU.
-            let middle = corner.map(|c| c + 0.5 * h * (BRICK as f64 - 1.0));
-            bricks.push(CullBrick {
-                center: [middle.x as f32, middle.y as f32, middle.z as f32],
-                row,
-                state: state as u32,
-                members: member_slots as u32,
-                pad: [0; 2],
-            });
-            places.push((b, i, [corner.x as f32, corner.y as f32, corner.z as f32]));
-            state += items.len(row, depth);
-            member_slots += tree.len();
-        }
-    }
-    let mut results: Vec<BlockValues> = blocks
+    let Gathered {
+        items,
+        bricks,
+        places,
+        ..
+    } = gathered;
+    let mut results: Vec<BlockValues> = lot
+        .blocks
         .iter()
         .map(|block| BlockValues {
             kinds: vec![Brick::Exterior; block.len()],
@@ -191,10 +263,10 @@ fn sample_batch(
     )?;
     let item_buffer = gpu.upload("items", &items.items)?;
     let ranges = gpu.upload("ranges", &items.ranges)?;
-    let brick_buffer = gpu.upload("bricks", &bricks)?;
-    let states = gpu.output::<[f32; 4]>("states", state)?;
-    let bounds = gpu.output::<[f32; 2]>("bounds", state)?;
-    let members = gpu.output::<u32>("members", member_slots)?;
+    let brick_buffer = gpu.upload("bricks", bricks)?;
+    let states = gpu.output::<[f32; 4]>("states", gathered.states)?;
+    let bounds = gpu.output::<[f32; 2]>("bounds", gathered.states)?;
+    let members = gpu.output::<u32>("members", gathered.members)?;
     let found = gpu.output::<[u32; 2]>("found", bricks.len())?;
     gpu.dispatch(
         &GAUSS_DENSITY_CULL,

@@ -7,7 +7,7 @@ use geom_core::compute::gpu::{Batch, GpuBuffer, GpuError};
 use geom_core::shaders::{GAUSS_DENSITY_ATOM_ERRORS, GAUSS_DENSITY_TERMS, Shader};
 use geom_core::{Aabb, Point3, Wgpu};
 
-use super::{BATCH_BYTES, Items, MAX_GROUPS, Params, groups};
+use super::{Items, MAX_GROUPS, Params, groups};
 use crate::backend::SampleCell;
 use crate::error::Error;
 use crate::kernel::prepared::Prepared;
@@ -32,8 +32,8 @@ struct Slot {
     pad: u32,
 }
 
-/// Runs of cells none of whose arrays takes more than a batch may; a cell that is too large alone comes alone.
-pub(super) fn ranges(cells: &[SampleCell]) -> Vec<Range<usize>> {
+/// Runs of cells none of whose arrays takes more than so many bytes; a cell that is too large alone comes alone.
+pub(super) fn ranges(bytes: usize, cells: &[SampleCell]) -> Vec<Range<usize>> {
     let mut ranges = Vec::new();
     let mut first = 0;
     while first < cells.len() {
@@ -41,9 +41,9 @@ pub(super) fn ranges(cells: &[SampleCell]) -> Vec<Range<usize>> {
         while end < cells.len() {
             let cell = &cells[end];
             let own = cell.points.len() * cell.nodes();
-            let full = (numbers + own) * 4 > BATCH_BYTES
+            let full = (numbers + own) * 4 > bytes
                 || (slots + cell.atoms.len()).div_ceil(64) > MAX_GROUPS
-                || (slots + cell.atoms.len()) * 40 > BATCH_BYTES
+                || (slots + cell.atoms.len()) * 40 > bytes
                 || (points + cell.points.len()).div_ceil(64) > MAX_GROUPS;
             if end > first && full {
                 break;

@@ -376,12 +376,7 @@ impl<'a> Passes<'a> {
 
     /// Brings surface vertices to the isosurface after a pass until so many are left as are allowed, if
     /// that can be. Gives how many are left.
-    fn settle_most(
-        &mut self,
-        keep: Keep,
-        allowed: f64,
-        done: &mut Pass,
-    ) -> Result<usize, Error> {
+    fn settle_most(&mut self, keep: Keep, allowed: f64, done: &mut Pass) -> Result<usize, Error> {
         let left = self.settle(keep, done)?;
         // A share of the vertices is not worth the reserve of all tetrahedra.
         if keep == Keep::Reserve && left as f64 > allowed {

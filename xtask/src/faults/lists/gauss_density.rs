@@ -141,6 +141,36 @@ pub(super) const FAULTS: &[Fault] = &[
         "let budget = exp2(params.eps);",
         "let budget = 16.0 * exp2(params.eps);",
     ),
+    Fault::wrong(
+        "density.wgsl: a larger term forgets those before it",
+        "shaders/wgsl/gauss_density/density.wgsl",
+        "sum[0] = select(sum[0] + share, sum[0] * share + 1.0, rise > 0.0);",
+        "sum[0] = select(sum[0] + share, 1.0, rise > 0.0);",
+    ),
+    Fault::wrong(
+        "points.wgsl: low parts of places are dropped",
+        "shaders/wgsl/gauss_density/points.wgsl",
+        "(place.high - item.at.xyz) + (place.low - low[atom].xyz);",
+        "place.high - item.at.xyz;",
+    ),
+    Fault::wrong(
+        "points.wgsl: gradients pass levels without their powers",
+        "shaders/wgsl/gauss_density/points.wgsl",
+        "slope[l] * (power / sum[l]));",
+        "slope[l] / sum[l]);",
+    ),
+    Fault::wrong(
+        "settle.wgsl: atoms keep the decays that they had at the start",
+        "shaders/wgsl/gauss_density/settle.wgsl",
+        "vec4<f32>(at, atom.high.w);",
+        "vec4<f32>(at, items[item].at.w);",
+    ),
+    Fault::wrong(
+        "gather.wgsl: the sums of runs before are lost",
+        "shaders/wgsl/gauss_density/gather.wgsl",
+        "var total = totals[id.x * 10u + p];",
+        "var total = 0.0;",
+    ),
     Fault::poor(
         "the refit starts from the same step for every parameter",
         "crates/gauss-density/src/atoms/refit.rs",

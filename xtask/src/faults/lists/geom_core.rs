@@ -93,4 +93,16 @@ pub(super) const FAULTS: &[Fault] = &[
         "*u = f64::midpoint(*u, c);",
         "*u += 0.0 * c;",
     ),
+    Fault::wrong(
+        "memory of a device that is used again is not cleared",
+        "crates/geom-core/src/compute/gpu/mod.rs",
+        "|array, again| {\n            if again {",
+        "|array, again| {\n            if again && array.bytes == 0 {",
+    ),
+    Fault::wrong(
+        "of many ways to a level set, all start where the last one does",
+        "crates/geom-core/src/field/project.rs",
+        "take(&mut asked, &mut ended, i, walks[i].arrive(answer, guard));",
+        "take(&mut asked, &mut ended, i, walks[i.min(7)].arrive(answer, guard));",
+    ),
 ];

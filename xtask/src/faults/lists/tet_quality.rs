@@ -88,6 +88,18 @@ pub(super) const FAULTS: &[Fault] = &[
         "return high + low;",
     ),
     Fault::wrong(
+        "relax.wgsl: vertices of a surface try the mean of all",
+        "shaders/wgsl/tet_quality/relax.wgsl",
+        "if batch.slides == 1u {",
+        "if batch.slides == 2u {",
+    ),
+    Fault::wrong(
+        "relax.wgsl: the reach is not squared",
+        "shaders/wgsl/tet_quality/relax.wgsl",
+        "<= batch.reach * batch.reach {",
+        "<= batch.reach {",
+    ),
+    Fault::wrong(
         "large angles are counted from 160 and 170 degrees on",
         "crates/tet-quality/src/measure/report.rs",
         "pub const HIGH_ANGLES: [f64; 2] = [155.0, 165.0];",
