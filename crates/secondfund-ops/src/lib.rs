@@ -7,7 +7,7 @@
 //! - [`operators`]: matrices and modes, on limit surfaces and on triangles.
 //! - [`segment`](mod@segment): modes to segments, and how far two segmentations differ.
 //! - [`pockets`]: where a ligand may bind, and which part of the surface that is.
-//! - [`flow`]: smoothing that keeps creases.
+//! - [`flow`]: smoothing that keeps creases, and filters of normals.
 //!
 //! Beside them [`backend`] (the kernels, and what another backend owes), [`options`] and [`Error`].
 
@@ -37,6 +37,7 @@ pub use flow::{smooth, smooth_quads};
 pub use forms::{Normals, Operator, Weight};
 pub use operators::{Element, Spectrum, spectrum};
 pub use options::{
-    FlowOptions, Groups, Modes, PartOptions, PocketOptions, SegmentOptions, SpectrumOptions,
+    FilterOptions, FlowOptions, Groups, Modes, NormalFilter, PartOptions, PocketOptions,
+    SegmentOptions, SpectrumOptions,
 };
 pub use segment::{Faces, Segments, segment};

@@ -356,6 +356,76 @@ impl FlowOptions {
     }
 }
 
+/// How the normals of faces are filtered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum NormalFilter {
+    /// Means over the faces around, those nearby in place and direction most.
+    Bilateral {
+        /// Rounds.
+        rounds: usize,
+        /// Difference of unit normals beyond which a face counts little.
+        range: f64,
+    },
+    /// Least total variation: normals become constant on patches.
+    TotalVariation {
+        /// Most rounds; they end when the normals rest.
+        rounds: usize,
+        /// α: how firmly normals are held to those of the input, in 1 over mean edges. Lower values flatten coarser
+        /// noise, and details with it.
+        fidelity: f64,
+    },
+}
+
+impl NormalFilter {
+    /// The bilateral filter as it is by default.
+    pub const BILATERAL: Self = Self::Bilateral {
+        rounds: 15,
+        range: 0.3,
+    };
+    /// The total-variation filter as it is by default.
+    pub const TOTAL_VARIATION: Self = Self::TotalVariation {
+        rounds: 100,
+        fidelity: 1.0,
+    };
+}
+
+/// Options of [`flow::filter_normals`](crate::flow::filter_normals).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct FilterOptions {
+    /// The filter of the normals.
+    pub filter: NormalFilter,
+    /// Rounds of the vertices that follow them.
+    pub vertex_rounds: usize,
+    /// Keep the vertices of boundaries where they are.
+    pub keep_rims: bool,
+}
+
+impl Default for FilterOptions {
+    fn default() -> Self {
+        Self {
+            filter: NormalFilter::BILATERAL,
+            vertex_rounds: 20,
+            keep_rims: true,
+        }
+    }
+}
+
+impl FilterOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let positive = |option, value: f64| {
+            let within = value > 0.0 && value.is_finite();
+            require(within, option, value, "be above 0 and finite")
+        };
+        match self.filter {
+            NormalFilter::Bilateral { range, .. } => positive("range", range),
+            NormalFilter::TotalVariation { fidelity, .. } => positive("fidelity", fidelity),
+        }
+    }
+}
+
 /// Options of [`pockets::find`](crate::pockets::find).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -5,20 +5,20 @@
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::Rotation3;
-use geom_core::search::bvh::TriangleTree;
 use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 use proptest::prelude::*;
 use secondfund_ops::catmull::subdivide;
+use secondfund_ops::flow::{filter_normals, filter_quad_normals};
 use secondfund_ops::forms::{Conductor, Forms, Law, Symmetric};
 use secondfund_ops::options::{FlowOperator, Quadrature};
 use secondfund_ops::segment::metrics::{cut_discrepancy, difference};
 use secondfund_ops::segment::rivals::{concavity_aware, shape_diameter, shape_diameter_mode};
 use secondfund_ops::segment::{consensus, davies_bouldin, medoids, parts};
-use secondfund_ops::testing::{dimpled_ball, rounded_box, shaken};
+use secondfund_ops::testing::{box_errors, dimpled_ball, rounded_box, shaken, shaken_quads};
 use secondfund_ops::{
-    Element, Error, Faces, FlowOptions, Groups, Modes, Normals, Operator, PartOptions,
-    SegmentOptions, Spectrum, SpectrumOptions, Surface, Weight, segment, smooth, smooth_quads,
-    spectrum,
+    Element, Error, Faces, FilterOptions, FlowOptions, Groups, Modes, NormalFilter, Normals,
+    Operator, PartOptions, SegmentOptions, Spectrum, SpectrumOptions, Surface, Weight, segment,
+    smooth, smooth_quads, spectrum,
 };
 
 fn modes_of(
@@ -852,16 +852,6 @@ fn a_plane_stays() {
 fn creases_outlast_mean_curvature_flow_and_volume_is_kept() {
     let clean = rounded_box([1.0, 0.8, 0.6], 0.08, 20).into_triangles();
     let noisy = shaken(&clean, 0.004, 9);
-    // The distance of the sharp parts from the clean surface, in mean edges, after the same mean displacement.
-    let tree = TriangleTree::new(&clean).unwrap();
-    let edge = (clean.area() / clean.triangles().len() as f64).sqrt() * 1.5;
-    let crease: Vec<usize> = (0..clean.positions().len())
-        .filter(|&v| {
-            let p = clean.positions()[v];
-            let near = [1.0 - p.x.abs(), 0.8 - p.y.abs(), 0.6 - p.z.abs()];
-            near.iter().filter(|d| **d < 0.05).count() >= 2
-        })
-        .collect();
     let lost = |operator, iterations| {
         let options = FlowOptions {
             operator,
@@ -872,9 +862,7 @@ fn creases_outlast_mean_curvature_flow_and_volume_is_kept() {
         let done = smooth(&noisy, 1, &options, Run::on(&Cpu)).unwrap();
         let [before, after] = done.report.volume;
         assert!((after / before - 1.0).abs() < 1e-3, "{:?}", done.report);
-        let away = |&v: &usize| tree.closest(&done.mesh.positions()[v]).distance;
-        let sum: f64 = crease.iter().map(away).sum();
-        let distance = sum / crease.len() as f64 / edge;
+        let distance = box_errors(&clean, &done.mesh, [1.0, 0.8, 0.6], 0.08).crease;
         assert!(distance.is_finite());
         (distance, done.report.rms_displacement)
     };
@@ -911,5 +899,103 @@ fn steps_commute_with_motions() {
     // The unit of length is that of the axis-aligned box, so that δ is not quite the same.
     for (p, q) in there.positions().iter().zip(back.positions()) {
         assert!((p - q).norm() < 2e-4, "{}", (p - q).norm());
+    }
+}
+
+/// What the two filters are made for: flat parts become flat and sharp edges stay where they are.
+#[test]
+fn filtered_normals_flatten_and_keep_sharp_edges() {
+    let half = [1.0, 0.8, 0.6];
+    let quads = rounded_box(half, 1e-3, 20);
+    let (noisy, clean) = (
+        shaken_quads(&quads, 0.012, 9),
+        quads.clone().into_triangles(),
+    );
+    let noisy_triangles = shaken(&clean, 0.012, 9);
+    let before = box_errors(&clean, &noisy_triangles, half, 0.05);
+    for filter in [NormalFilter::BILATERAL, NormalFilter::TOTAL_VARIATION] {
+        let options = FilterOptions {
+            filter,
+            ..FilterOptions::default()
+        };
+        let done = filter_normals(&noisy_triangles, &options, Run::on(&Cpu)).unwrap();
+        let quads = filter_quad_normals(&noisy, &options, Run::on(&Cpu)).unwrap();
+        for after in [done.mesh, quads.mesh.into_triangles()] {
+            let after = box_errors(&clean, &after, half, 0.05);
+            println!("{filter:?}: {before:?} {after:?}");
+            assert!(after.flat < 0.05 * before.flat, "{after:?}");
+            assert!(after.crease < 0.25 * before.crease, "{after:?}");
+        }
+    }
+}
+
+/// Shaken discs keep their rims unless told otherwise, and what cannot be is refused.
+#[test]
+fn filters_keep_rims_and_refuse_what_cannot_be() {
+    let (positions, triangles) = shapes::icosphere(1.0, 3).into_parts();
+    let half = |t: &[u32; 3]| t.iter().all(|&v| positions[v as usize].z > -0.3);
+    let open: Vec<[u32; 3]> = triangles.iter().copied().filter(half).collect();
+    let cap = shaken(&TriMesh::new(positions.clone(), open).unwrap(), 0.02, 3);
+    let edges = geom_core::mesh::Halfedges::<3>::of(&cap).unwrap();
+    let rim = |v: usize| edges.on_boundary(geom_core::VertexId(v as u32));
+    for filter in [NormalFilter::BILATERAL, NormalFilter::TOTAL_VARIATION] {
+        for keep_rims in [true, false] {
+            let options = FilterOptions {
+                filter,
+                keep_rims,
+                ..FilterOptions::default()
+            };
+            let done = filter_normals(&cap, &options, Run::on(&Cpu)).unwrap();
+            let moved = |v: &usize| done.mesh.positions()[*v] != cap.positions()[*v];
+            let rims = (0..positions.len())
+                .filter(|&v| rim(v))
+                .filter(moved)
+                .count();
+            assert_eq!(rims == 0, keep_rims, "{rims}");
+            assert!(done.report.rms_displacement > 1e-3);
+        }
+    }
+    let with = |filter| FilterOptions {
+        filter,
+        ..FilterOptions::default()
+    };
+    let wrong = [
+        NormalFilter::Bilateral {
+            rounds: 1,
+            range: 0.0,
+        },
+        NormalFilter::TotalVariation {
+            rounds: 1,
+            fidelity: f64::NAN,
+        },
+    ];
+    for filter in wrong {
+        let refused = filter_normals(&cap, &with(filter), Run::on(&Cpu));
+        assert!(matches!(refused, Err(Error::Option(_))));
+    }
+    let none = filter_normals(
+        &TriMesh::default(),
+        &FilterOptions::default(),
+        Run::on(&Cpu),
+    );
+    assert_eq!(none.err(), Some(Error::NoExtent));
+    // A face without area, and a stray vertex: neither stops a filter.
+    let points = [
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [2.0, 0.0, 0.0],
+        [5.0; 3],
+    ];
+    let points = points.map(Point3::from).to_vec();
+    let flat = TriMesh::new(points, vec![[0, 1, 2], [1, 0, 3]]).unwrap();
+    for filter in [NormalFilter::BILATERAL, NormalFilter::TOTAL_VARIATION] {
+        let done = filter_normals(&flat, &with(filter), Run::on(&Cpu)).unwrap();
+        assert!(
+            done.mesh
+                .positions()
+                .iter()
+                .all(|p| p.iter().all(|c| c.is_finite()))
+        );
     }
 }

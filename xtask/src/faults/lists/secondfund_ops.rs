@@ -114,8 +114,26 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "the bilateral filter does not look at directions",
         "crates/secondfund-ops/src/flow/bilateral.rs",
-        "normals[f] * (scaled[f].norm() * (-near - alike).exp())",
-        "normals[f] * (scaled[f].norm() * (-near - 0.0 * alike).exp())",
+        "normals[f] * (sheet.areas[f] * (-near - alike).exp())",
+        "normals[f] * (sheet.areas[f] * (-near - 0.0 * alike).exp())",
+    ),
+    Fault::wrong(
+        "total variation: no jump shrinks",
+        "crates/secondfund-ops/src/flow/variation.rs",
+        "shrunk(real + duals[h] / PENALTY, weight / PENALTY)",
+        "shrunk(real + duals[h] / PENALTY, 0.0 * weight)",
+    ),
+    Fault::wrong(
+        "total variation: every jump shrinks to nothing",
+        "crates/secondfund-ops/src/flow/variation.rs",
+        "shrunk(real + duals[h] / PENALTY, weight / PENALTY)",
+        "shrunk(real + duals[h] / PENALTY, 1e9 * weight)",
+    ),
+    Fault::wrong(
+        "filters move rims",
+        "crates/secondfund-ops/src/flow/filter.rs",
+        "if options.keep_rims {",
+        "if options.keep_rims && positions.is_empty() {",
     ),
     Fault::wrong(
         "points nearer than the shell belong to it",

@@ -1,4 +1,4 @@
-//! `cargo xtask thesis 7`: segments of the Princeton benchmark (Chen, Golovinskiy and Funkhouser, 2009) beside those of
+//! Segments of the Princeton benchmark (Chen, Golovinskiy and Funkhouser, 2009) beside those of
 //! its people, by the Rand error averaged over them. Other operators go through the same steps as ours, with the median
 //! number of the people's segments. The thesis gives one bust: 0.116 with its operator.
 
@@ -175,7 +175,7 @@ fn labels(path: &Path) -> Result<Vec<u32>, String> {
 }
 
 /// Prints the table.
-pub(crate) fn run() -> Outcome {
+pub(super) fn run() -> Outcome {
     let Some(folder) = fixtures::shared("psb") else {
         println!("  psb: not at hand");
         return Ok(());
