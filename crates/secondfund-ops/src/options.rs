@@ -386,7 +386,7 @@ impl NormalFilter {
     /// The total-variation filter as it is by default.
     pub const TOTAL_VARIATION: Self = Self::TotalVariation {
         rounds: 100,
-        fidelity: 1.0,
+        fidelity: 10.0,
     };
 }
 
@@ -533,6 +533,8 @@ pub struct OutlineOptions {
     pub radius: f64,
     /// How much those of other chains than the one with most atoms there count: see [`PocketOptions::foreign`].
     pub foreign: f64,
+    /// Points between two probes as a second source of what belongs to a pocket, beside its own points.
+    pub probes: Option<ProbeOptions>,
 }
 
 impl Default for OutlineOptions {
@@ -545,6 +547,7 @@ impl Default for OutlineOptions {
             probe: 1.6,
             radius: 10.0,
             foreign: 0.5,
+            probes: Some(ProbeOptions::default()),
         }
     }
 }
@@ -557,6 +560,7 @@ impl OutlineOptions {
         let probe = self.probe;
         let within = (0.0..=10.0).contains(&probe);
         require(within, "probe", probe, "lie within 0…10 Å")?;
+        self.probes.map_or(Ok(()), |probes| probes.check())?;
         check_burial(self.radius, self.foreign)
     }
 
@@ -576,6 +580,107 @@ impl OutlineOptions {
             modes: Modes::Count(self.modes),
             groups: Groups::Count(self.groups),
             restarts: 1,
+            ..SegmentOptions::default()
+        }
+    }
+}
+
+/// Options of [`pockets::between_probes`](crate::pockets::between_probes).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ProbeOptions {
+    /// Radius of the small probe, which reaches a point, Å.
+    pub inner: f64,
+    /// Radius of the large one, which does not cover it, Å.
+    pub outer: f64,
+    /// Spacing of the points, Å.
+    pub spacing: f64,
+    /// A point belongs to the pocket of the nearest pocket point, if that is within this distance, Å.
+    pub reach: f64,
+}
+
+impl Default for ProbeOptions {
+    fn default() -> Self {
+        Self {
+            inner: 1.4,
+            outer: 4.0,
+            spacing: 1.2,
+            reach: 3.0,
+        }
+    }
+}
+
+impl ProbeOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let within = |option, value: f64, low: f64, high: f64, must| {
+            require((low..=high).contains(&value), option, value, must)
+        };
+        within("inner", self.inner, 0.0, 5.0, "lie within 0…5 Å")?;
+        let must = "be larger than the inner one and at most 20 Å";
+        require(self.outer > self.inner, "outer", self.outer, must)?;
+        within("outer", self.outer, 0.0, 20.0, must)?;
+        within("spacing", self.spacing, 0.3, 3.0, "lie within 0.3…3 Å")?;
+        within("reach", self.reach, 0.0, 20.0, "lie within 0…20 Å")
+    }
+}
+
+/// Options of [`pockets::concave_patches`](crate::pockets::concave_patches).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PatchOptions {
+    /// Modes of the secondary Laplace operator with Ψ = e^{−H} for the first cut; the second takes two more.
+    pub modes: usize,
+    /// Groups of the first cut; the second has one more for each concave patch.
+    pub groups: usize,
+    /// ε of the operator.
+    pub regularization: f64,
+    /// Rounds of smoothing of the surface's normals.
+    pub normal_rounds: u32,
+    /// How far above the surface a pocket's points lie, Å.
+    pub probe: f64,
+    /// Most pockets.
+    pub most: usize,
+}
+
+impl Default for PatchOptions {
+    fn default() -> Self {
+        Self {
+            modes: 2,
+            groups: 4,
+            regularization: 0.5,
+            normal_rounds: 3,
+            probe: 1.6,
+            most: 20,
+        }
+    }
+}
+
+impl PatchOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        self.spectrum().check()?;
+        self.segments(self.modes, self.groups).check()?;
+        let within = (0.0..=10.0).contains(&self.probe);
+        require(within, "probe", self.probe, "lie within 0…10 Å")?;
+        require(self.most > 0, "most", 0, "be at least 1")
+    }
+
+    /// The modes of both cuts.
+    pub(crate) fn spectrum(&self) -> SpectrumOptions {
+        SpectrumOptions {
+            operator: Operator::Slo(Weight::ExpMinusH),
+            modes: self.modes + 2,
+            regularization: self.regularization,
+            ..SpectrumOptions::default()
+        }
+    }
+
+    /// A cut.
+    pub(crate) fn segments(&self, modes: usize, groups: usize) -> SegmentOptions {
+        SegmentOptions {
+            modes: Modes::Count(modes),
+            groups: Groups::Count(groups),
             ..SegmentOptions::default()
         }
     }

@@ -232,6 +232,89 @@ fn limit_positions_survive_a_subdivision() {
     }
 }
 
+/// This many quads around a boundary vertex, which is vertex 0, bent upwards.
+fn fan(quads: u32) -> QuadMesh {
+    let n = f64::from(quads);
+    let at = |turn: f64, radius: f64| {
+        let (sin, cos) = (turn * std::f64::consts::PI / n).sin_cos();
+        let (x, y) = (radius * cos, radius * sin);
+        Point3::new(x, y, 0.3 * x * x + 0.1 * x * y + 0.2 * y)
+    };
+    let spokes = (0..=quads).map(|j| at(f64::from(j), 1.0));
+    let across = (0..quads).map(|j| at(f64::from(j) + 0.5, 1.4));
+    let positions = [Point3::origin()].into_iter().chain(spokes).chain(across);
+    let faces = (0..quads).map(|j| [0, 1 + j, 2 + quads + j, 2 + j]);
+    QuadMesh::new(positions.collect(), faces.collect()).unwrap()
+}
+
+/// Boundaries with any number of quads at a vertex: the patches are the limit of subdivision.
+#[test]
+fn rims_of_many_quads_are_the_limit_of_subdivision() {
+    let fine = Quadrature {
+        points: 8,
+        depth: 12,
+    };
+    for quads in 3..=7 {
+        let surface = Surface::new(fan(quads)).unwrap();
+        assert_eq!(surface.rough_rims().is_empty(), quads == 3);
+        let finer = Surface::new(subdivide(surface.control()).unwrap()).unwrap();
+        for (p, q) in surface
+            .limit_positions()
+            .iter()
+            .zip(finer.limit_positions())
+        {
+            assert!((p - q).norm() < 1e-14);
+        }
+        let [area, mean, _] = totals(&surface, fine);
+        let [other, bent, _] = totals(&finer, fine);
+        assert!((area / other - 1.0).abs() < 1e-5, "{quads}: {area} {other}");
+        // Quads at their limit positions after four steps.
+        let steps = (0..4).fold(surface.control().clone(), |m, _| subdivide(&m).unwrap());
+        let limit = Surface::new(steps).unwrap().limit_mesh().into_triangles();
+        assert!(
+            (limit.area() / area - 1.0).abs() < 2e-3,
+            "{quads}: {} {area}",
+            limit.area()
+        );
+        if quads == 3 {
+            assert!((mean / bent - 1.0).abs() < 1e-4, "{mean} {bent}");
+        }
+        let flat = |p: &Point3| Point3::new(p.x, p.y, 0.0);
+        let (positions, faces) = fan(quads).into_parts();
+        let plane = QuadMesh::new(positions.iter().map(flat).collect(), faces).unwrap();
+        for (jet, _) in Surface::new(plane).unwrap().jets(fine).unwrap() {
+            assert!(
+                jet.position.z == 0.0 && jet.first.iter().chain(&jet.second).all(|d| d.z == 0.0)
+            );
+        }
+    }
+}
+
+/// A ball without one of its quads: four boundary vertices of three quads each. Its spectrum is nearly the ball's.
+#[test]
+fn a_ball_with_a_hole_is_round_up_to_its_rim() {
+    let (positions, quads) = shapes::quad_sphere(1.0, 12).into_parts();
+    let open = QuadMesh::new(positions, quads[1..].to_vec()).unwrap();
+    let surface = Surface::interpolating(&open).unwrap();
+    assert!(surface.refined() && surface.rough_rims().is_empty());
+    let area = totals(&surface, Quadrature::default())[0];
+    let hole = QuadMesh::new(open.positions().to_vec(), vec![quads[0]])
+        .unwrap()
+        .area();
+    let exact = 4.0 * std::f64::consts::PI - hole;
+    assert!((area / exact - 1.0).abs() < 1e-3, "{area} {exact}");
+    let modes = modes_of(
+        Element::CatmullClark(&surface),
+        Operator::Slo(Weight::One),
+        8,
+        0.5,
+    );
+    // λ = l(l+1) / (1 + ε² R²) with R = ½.
+    let errors = sphere_errors(&modes.values, |x| x / (1.0 + 0.25 * 0.25));
+    println!("{errors:?} {:?}", modes.values);
+    assert!(errors[0] < 0.02 && errors[1] < 0.03, "{errors:?}");
+}
+
 proptest! {
     #![proptest_config(geom_core::testing::cases(256))]
 
@@ -355,21 +438,18 @@ fn bad_input_is_named() {
     );
     assert_eq!(nothing.err(), Some(Error::NoExtent));
 
-    // Three quads at a boundary vertex, and two at an inner one.
-    let ring: Vec<Point3> = (0..8)
-        .map(|k| Point3::new((f64::from(k) * 0.7).cos(), (f64::from(k) * 0.7).sin(), 0.0))
-        .collect();
-    let mut fan = ring.clone();
-    fan.push(Point3::origin());
-    let open = QuadMesh::new(fan.clone(), vec![[8, 0, 1, 2], [8, 2, 3, 4], [8, 4, 5, 6]]).unwrap();
+    // More quads than there are tables for at a boundary vertex, and two at an inner one.
     assert!(matches!(
-        Surface::new(open).err(),
+        Surface::new(fan(33)).err(),
         Some(Error::Valence {
-            vertex: 8,
-            quads: 3,
+            vertex: 0,
+            quads: 33,
             ..
         })
     ));
+    let ring: Vec<Point3> = (0..8)
+        .map(|k| Point3::new((f64::from(k) * 0.7).cos(), (f64::from(k) * 0.7).sin(), 0.0))
+        .collect();
     let pillow = QuadMesh::new(ring, vec![[0, 1, 2, 3], [3, 2, 1, 0]]).unwrap();
     assert!(matches!(
         Surface::new(pillow).err(),

@@ -2,7 +2,9 @@
 
 mod ghosts;
 mod limit;
+mod net;
 mod patches;
+mod rim;
 mod subdivide;
 mod surface;
 mod tables;

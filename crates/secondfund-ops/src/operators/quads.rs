@@ -60,7 +60,7 @@ impl<'a> Quads<'a> {
             .surface
             .patches()
             .par_iter()
-            .map(|patch| self.matrix(patch, self.tables.of_valence(patch.valence)))
+            .map(|patch| self.matrix(patch, self.tables.of_corner(patch.corner)))
             .collect();
         self.check(&all)?;
         Ok(all)
@@ -72,7 +72,7 @@ impl<'a> Quads<'a> {
             .surface
             .patches()
             .iter()
-            .map(|p| self.tables.of_valence(p.valence).weights.len())
+            .map(|p| self.tables.of_corner(p.corner).weights.len())
             .sum();
         if 100 * skipped > points {
             let quad = all.iter().position(|m| m.skipped > 0).unwrap_or(0);

@@ -5,6 +5,7 @@ use geom_core::compute::sets::DisjointSets;
 use geom_core::search::nearest::PointTree;
 use geom_core::{Point3, Run, Structure, TriMesh, Vector3};
 
+use super::probes::{between_probes, shared_out};
 use super::shell::burial;
 use super::sites::Pocket;
 use crate::Error;
@@ -43,6 +44,8 @@ pub struct Outline {
     pub depth: f64,
     /// Volume between the patch and its mouths, Å³.
     pub volume: f64,
+    /// The points between two probes that belong to the pocket ([`OutlineOptions::probes`]), Å.
+    pub hollow: Vec<Point3>,
 }
 
 /// The outlines of pockets on the molecule's surface. No triangle is in two of them: a patch that two pockets claim
@@ -62,9 +65,14 @@ pub fn outline<B: OperatorBackend + ?Sized>(
     options.check()?;
     let patches = Patches::of(surface, structure, options, run)?;
     let tree = PointTree::of_positions(surface.positions())?;
+    let hollows = match &options.probes {
+        Some(probes) => shared_out(&between_probes(structure, probes)?, pockets, probes.reach)?,
+        None => vec![Vec::new(); pockets.len()],
+    };
     let claims: Vec<Vec<u32>> = pockets
         .iter()
-        .map(|pocket| patches.of_pocket(pocket, &tree))
+        .zip(&hollows)
+        .map(|(pocket, hollow)| patches.of_pocket(pocket, hollow, &tree))
         .collect();
     let mut triangles: Vec<Vec<u32>> = vec![Vec::new(); pockets.len()];
     for (f, owner) in patches
@@ -79,7 +87,11 @@ pub fn outline<B: OperatorBackend + ?Sized>(
     Ok(pockets
         .iter()
         .zip(triangles)
-        .map(|(pocket, triangles)| patches.measured(pocket.rank, surface, triangles))
+        .zip(hollows)
+        .map(|((pocket, triangles), hollow)| Outline {
+            hollow,
+            ..measured(pocket.rank, surface, &patches.mean, triangles)
+        })
         .collect())
 }
 
@@ -132,11 +144,11 @@ impl Patches {
         })
     }
 
-    /// The patch to which most of the pocket's points are nearest, and those of its neighbours to which some are
-    /// and that are as deep.
-    fn of_pocket(&self, pocket: &Pocket, tree: &PointTree<3>) -> Vec<u32> {
+    /// The patch to which most of the pocket's points are nearest, and those of its neighbours to which some are, its
+    /// hollow's among them, and that are as deep.
+    fn of_pocket(&self, pocket: &Pocket, hollow: &[Point3], tree: &PointTree<3>) -> Vec<u32> {
         let mut votes = vec![0usize; self.density.len()];
-        for p in &pocket.points {
+        for p in pocket.points.iter().chain(hollow) {
             let nearest = tree.nearest(&[p.x, p.y, p.z], 1);
             for near in nearest.into_iter().filter(|n| n.distance <= REACH) {
                 let face = self.face_of[near.index as usize];
@@ -199,32 +211,32 @@ impl Patches {
         };
         Ok((0..self.labels.len()).map(owner).collect())
     }
+}
 
-    fn measured(&self, rank: usize, surface: &TriMesh, triangles: Vec<u32>) -> Outline {
-        let area: f64 = triangles
-            .iter()
-            .map(|&f| self.faces.areas()[f as usize])
-            .sum();
-        let curved = triangles.iter().map(|&f| {
-            let corners = surface.triangles()[f as usize];
-            let mean = corners.map(|v| self.mean[v as usize]).iter().sum::<f64>() / 3.0;
-            mean * self.faces.areas()[f as usize]
-        });
-        let mean_curvature = if area > 0.0 {
-            curved.sum::<f64>() / area
-        } else {
-            0.0
-        };
-        let lids = Lid::all(surface, &triangles);
-        Outline {
-            rank,
-            area,
-            mean_curvature,
-            mouth: lids.iter().map(|lid| lid.normal.norm()).sum(),
-            depth: depth(surface, &triangles, &lids),
-            volume: volume(surface, &triangles, &lids),
-            triangles,
-        }
+/// A part of a surface with its measures, from the mean curvature of the vertices, Å⁻¹.
+pub(super) fn measured(
+    rank: usize,
+    surface: &TriMesh,
+    mean: &[f64],
+    triangles: Vec<u32>,
+) -> Outline {
+    let (mut area, mut curved) = (0.0, 0.0);
+    for &f in &triangles {
+        let part = 0.5 * surface.doubled_area_normal(f as usize).norm();
+        let corners = surface.triangles()[f as usize];
+        area += part;
+        curved += part * corners.map(|v| mean[v as usize]).iter().sum::<f64>() / 3.0;
+    }
+    let lids = Lid::all(surface, &triangles);
+    Outline {
+        rank,
+        area,
+        mean_curvature: if area > 0.0 { curved / area } else { 0.0 },
+        mouth: lids.iter().map(|lid| lid.normal.norm()).sum(),
+        depth: depth(surface, &triangles, &lids),
+        volume: volume(surface, &triangles, &lids),
+        triangles,
+        hollow: Vec::new(),
     }
 }
 

@@ -15,7 +15,7 @@ use secondfund_ops::{
     SpectrumOptions, Weight, segment, spectrum,
 };
 
-use super::text;
+use super::{sorted, text};
 use crate::Outcome;
 
 const COLUMNS: [&str; 8] = [
@@ -150,14 +150,6 @@ impl Model {
 /// Adds a share of a row.
 fn add(sums: &mut [f64], row: &[f64], share: f64) {
     sums.iter_mut().zip(row).for_each(|(s, x)| *s += x * share);
-}
-
-fn sorted(folder: &Path) -> Result<Vec<std::path::PathBuf>, String> {
-    let entries = std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    let paths: Result<Vec<_>, _> = entries.map(|e| e.map(|e| e.path())).collect();
-    let mut paths = paths.map_err(text)?;
-    paths.sort();
-    Ok(paths)
 }
 
 /// One number per line, packed.
