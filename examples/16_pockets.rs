@@ -11,7 +11,7 @@ use biogeom_examples::{Failure, Session};
 use clap::{Parser, ValueEnum};
 use geom_core::structure::Selector;
 use secondfund_ops::PocketOptions;
-use secondfund_ops::options::{PatchOptions, ProbeOptions};
+use secondfund_ops::options::{OutlineSource, PatchOptions};
 use serde::Serialize;
 
 /// Pockets of a molecule, ranked by burial: where ligands may bind
@@ -35,9 +35,9 @@ struct Args {
     #[arg(long, value_name = "FILE")]
     #[serde(serialize_with = "biogeom_examples::args::as_text_if_any")]
     potential: Option<PathBuf>,
-    /// Outline pockets by their own points alone, without those between two probes
-    #[arg(long)]
-    no_probes: bool,
+    /// What tells which part of the surface is a pocket
+    #[arg(long, value_enum, default_value_t)]
+    outline: OutlineName,
     /// Most pockets
     #[arg(long, value_name = "N", default_value_t = PocketOptions::default().most as u16, value_parser = clap::value_parser!(u16).range(1..=1000))]
     most: u16,
@@ -88,6 +88,16 @@ enum MethodName {
     Thesis,
 }
 
+#[derive(Clone, Copy, Default, PartialEq, Serialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+enum OutlineName {
+    /// Points that a probe of 1.4 Å reaches and one of 3 Å does not cover
+    #[default]
+    Probes,
+    /// Patches of the secondary Laplace operator with e^−H
+    Patches,
+}
+
 impl HasCommon for Args {
     fn common(&self) -> &Common {
         &self.common
@@ -122,11 +132,14 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
                     per_chain: !args.pooled,
                     ..PocketOptions::default()
                 },
-                (!args.no_probes).then(ProbeOptions::default),
+                match args.outline {
+                    OutlineName::Probes => OutlineSource::default(),
+                    OutlineName::Patches => OutlineSource::Patches,
+                },
             )
         }
         MethodName::Thesis => {
-            let of_burial = ["burial_radius", "percentile", "pooled", "no_probes"];
+            let of_burial = ["burial_radius", "percentile", "pooled", "outline"];
             session.refuse(&of_burial, "is of --method burial")?;
             Method::Thesis(PatchOptions {
                 most: args.most.into(),

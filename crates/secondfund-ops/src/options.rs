@@ -515,26 +515,43 @@ pub(crate) fn check_burial(radius: f64, foreign: f64) -> Result<(), OutOfRange> 
     require(within, "foreign", foreign, "lie within 0…1")
 }
 
+/// What tells which triangles of a surface belong to a pocket.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum OutlineSource {
+    /// Those in front of which the pocket's points lie, and points near these that a small probe reaches and a large one
+    /// does not cover.
+    Probes(ProbeOptions),
+    /// Patches of the secondary Laplace operator with Ψ = e^{−H}, to which the pocket's points are nearest.
+    Patches,
+}
+
+impl Default for OutlineSource {
+    fn default() -> Self {
+        Self::Probes(ProbeOptions::default())
+    }
+}
+
 /// Options of [`pockets::outline`](crate::pockets::outline()).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OutlineOptions {
-    /// Modes of the secondary Laplace operator with Ψ = e^{−H}.
+    /// Of patches: modes of the secondary Laplace operator with Ψ = e^{−H}.
     pub modes: usize,
-    /// Patches into which the surface is cut.
+    /// Of patches: how many the surface is cut into.
     pub groups: usize,
-    /// ε of the operator.
+    /// Of patches: ε of the operator.
     pub regularization: f64,
-    /// Rounds of smoothing of the surface's normals.
+    /// Rounds of smoothing of the surface's normals, of which its curvature is taken.
     pub normal_rounds: u32,
-    /// How far above the surface its burial is taken, Å.
+    /// Of patches: how far above the surface its burial is taken, Å.
     pub probe: f64,
-    /// Atoms within this distance count as burial, Å.
+    /// Of patches: atoms within this distance count as burial, Å.
     pub radius: f64,
-    /// How much those of other chains than the one with most atoms there count: see [`PocketOptions::foreign`].
+    /// Of patches: how much those of other chains than the one with most atoms there count: see [`PocketOptions::foreign`].
     pub foreign: f64,
-    /// Points between two probes as a second source of what belongs to a pocket, beside its own points.
-    pub probes: Option<ProbeOptions>,
+    /// What tells which triangles belong to a pocket.
+    pub source: OutlineSource,
 }
 
 impl Default for OutlineOptions {
@@ -547,7 +564,7 @@ impl Default for OutlineOptions {
             probe: 1.6,
             radius: 10.0,
             foreign: 0.5,
-            probes: Some(ProbeOptions::default()),
+            source: OutlineSource::default(),
         }
     }
 }
@@ -560,7 +577,9 @@ impl OutlineOptions {
         let probe = self.probe;
         let within = (0.0..=10.0).contains(&probe);
         require(within, "probe", probe, "lie within 0…10 Å")?;
-        self.probes.map_or(Ok(()), |probes| probes.check())?;
+        if let OutlineSource::Probes(probes) = &self.source {
+            probes.check()?;
+        }
         check_burial(self.radius, self.foreign)
     }
 
@@ -603,7 +622,7 @@ impl Default for ProbeOptions {
     fn default() -> Self {
         Self {
             inner: 1.4,
-            outer: 4.0,
+            outer: 3.0,
             spacing: 1.2,
             reach: 3.0,
         }

@@ -11,10 +11,10 @@ use geom_core::io::structure::{ReadOptions, read};
 use geom_core::nalgebra::Rotation3;
 use geom_core::structure::{Atom, Element, Name, ResidueKind, StructureBuilder};
 use geom_core::{Cpu, ImplicitField, Point3, Run, Structure, TriMesh, Vector3};
-use secondfund_ops::options::{OutlineOptions, PatchOptions, ProbeOptions};
+use secondfund_ops::options::{OutlineOptions, OutlineSource, PatchOptions, ProbeOptions};
 use secondfund_ops::pockets::{
-    Outline, SiteScore, between_probes, concave_patches, distance_to_ligand, field_in, find,
-    outline, site_ranks,
+    Outline, Pocket, SiteScore, between_probes, concave_patches, distance_to_ligand, field_in,
+    find, outline, site_ranks,
 };
 use secondfund_ops::segment::metrics::difference;
 use secondfund_ops::segment::{Parts, parts};
@@ -170,10 +170,35 @@ fn outlines_of_a_protease_are_apart_and_hollow() {
     let made = dual_contour::surface(&grid.grid, None, &contour, Run::on(&Cpu)).unwrap();
     let surface = made.mesh.components().swap_remove(0);
     let found = find(&structure, &PocketOptions::default()).unwrap().pockets;
-    let options = OutlineOptions::default();
-    let outlines = outline(&surface, &structure, &found, &options, Run::on(&Cpu)).unwrap();
+    for source in [OutlineSource::default(), OutlineSource::Patches] {
+        let options = OutlineOptions {
+            source,
+            ..OutlineOptions::default()
+        };
+        let outlines = outline(&surface, &structure, &found, &options, Run::on(&Cpu)).unwrap();
+        apart_and_hollow(&surface, &found, &outlines);
+        let hollow = outlines.iter().any(|o| !o.hollow.is_empty());
+        assert_eq!(hollow, source != OutlineSource::Patches);
+    }
+    let options = OutlineOptions {
+        radius: f64::NAN,
+        ..OutlineOptions::default()
+    };
+    assert!(options.check().is_err());
+    let source = OutlineSource::Probes(ProbeOptions {
+        reach: f64::NAN,
+        ..ProbeOptions::default()
+    });
+    let options = OutlineOptions {
+        source,
+        ..OutlineOptions::default()
+    };
+    assert!(options.check().is_err());
+}
+
+fn apart_and_hollow(surface: &TriMesh, found: &[Pocket], outlines: &[Outline]) {
     let mut taken = vec![false; surface.triangles().len()];
-    for o in &outlines {
+    for o in outlines {
         for &f in &o.triangles {
             let twice = std::mem::replace(&mut taken[f as usize], true);
             assert!(!twice, "triangle {f} is in two outlines");
@@ -185,6 +210,7 @@ fn outlines_of_a_protease_are_apart_and_hollow() {
         "{:?}",
         Outline {
             triangles: Vec::new(),
+            hollow: Vec::new(),
             ..first.clone()
         }
     );
@@ -197,29 +223,24 @@ fn outlines_of_a_protease_are_apart_and_hollow() {
     };
     let share = first.triangles.iter().filter(|f| near(f)).count() as f64;
     assert!(share > 0.5 * first.triangles.len() as f64);
-    assert!(
-        OutlineOptions {
-            radius: f64::NAN,
-            ..options
-        }
-        .check()
-        .is_err()
-    );
 }
 
 /// Two slabs of atoms with a slot between them that the small probe enters and the large one does not, and closed
 /// cavities alike; the same points in every orientation.
 #[test]
 fn points_between_probes_fill_slots_and_cavities() {
-    // The ball of 14 Å without a ball of 4 Å inside it, and without a slot of 6 Å from above.
+    // The ball of 14 Å without a ball of 5.5 Å inside it, and without a slot of 8 Å from above.
     let hollow = |p: &Point3| {
-        let cavity = (p - Point3::new(0.0, 0.0, -4.0)).norm() < 4.0;
-        let slot = p.x.abs() < 3.0 && p.z > 5.0;
+        let cavity = (p - Point3::new(0.0, 0.0, -4.0)).norm() < 5.5;
+        let slot = p.x.abs() < 4.0 && p.z > 5.0;
         cavity || slot
     };
     let body = ball_of_atoms(14.0);
     let carved = body.filter(|a| !hollow(&body.atoms()[a].position));
-    let options = ProbeOptions::default();
+    let options = ProbeOptions {
+        outer: 4.0,
+        ..ProbeOptions::default()
+    };
     let points = between_probes(&carved, &options).unwrap();
     let inside = points.iter().filter(|p| hollow(p)).count();
     assert!(
@@ -247,20 +268,27 @@ fn points_between_probes_fill_slots_and_cavities() {
     assert!(matches!(between_probes(&body, &wrong), Err(Error::Option(o)) if o.option == "outer"));
 }
 
-/// The thesis's method on what it is made for: a ball with two dimples, of which a field tells the second.
+/// So many groups that a dimple is one without its rim.
+fn fine_patches() -> PatchOptions {
+    PatchOptions {
+        modes: 6,
+        groups: 24,
+        regularization: 0.1,
+        normal_rounds: 1,
+        ..PatchOptions::default()
+    }
+}
+
+/// The thesis's method on what it is made for: a ball with dimples, of which a field tells one.
 #[test]
 fn concave_patches_are_the_dimples() {
-    let directions = [Vector3::x(), Vector3::new(-1.0, 0.4, 0.2)];
-    let (positions, triangles) = dimpled_ball(4, &directions, 0.3, 0.4).into_parts();
+    let directions = [Vector3::x(), Vector3::y(), Vector3::new(-1.0, -1.0, 0.5)];
+    let (positions, triangles) = dimpled_ball(4, &directions, 0.4, 0.45).into_parts();
     let scaled = positions.iter().map(|p| p * 14.0).collect();
     let ball = TriMesh::new(scaled, triangles).unwrap();
     let body = ball_of_atoms(14.0);
     let away = |p: &Point3, k: usize| directions[k].angle(&p.coords);
-    let options = PatchOptions {
-        modes: 4,
-        groups: 8,
-        ..PatchOptions::default()
-    };
+    let options = fine_patches();
     let found = |field: Option<&[f64]>| {
         concave_patches(&ball, &body, field, &options, Run::on(&Cpu)).unwrap()
     };
@@ -271,7 +299,7 @@ fn concave_patches_are_the_dimples() {
         assert!(outline.area > 0.0 && !pocket.residues.is_empty());
     }
     assert!(blind[0].1.mean_curvature < 0.0 && blind[0].0.score == -blind[0].1.mean_curvature);
-    for k in [0, 1] {
+    for k in 0..3 {
         let field: Vec<f64> = ball
             .positions()
             .iter()
@@ -297,11 +325,11 @@ fn fields_are_averaged_over_points_and_outlines() {
         }
     }
     let body = ball_of_atoms(14.0);
-    let (positions, triangles) = dimpled_ball(4, &[Vector3::x()], 0.3, 0.4).into_parts();
+    let directions = [Vector3::x(), Vector3::y(), Vector3::new(-1.0, -1.0, 0.5)];
+    let (positions, triangles) = dimpled_ball(4, &directions, 0.4, 0.45).into_parts();
     let scaled = positions.iter().map(|p| p * 14.0).collect();
     let ball = TriMesh::new(scaled, triangles).unwrap();
-    let options = PatchOptions::default();
-    let found = concave_patches(&ball, &body, None, &options, Run::on(&Cpu)).unwrap();
+    let found = concave_patches(&ball, &body, None, &fine_patches(), Run::on(&Cpu)).unwrap();
     let (pocket, outline) = &found[0];
     let score = field_in(pocket, outline, &ball, &Along, None);
     let mean =

@@ -4,7 +4,7 @@
 use geom_core::{Point3, Run, Structure, TriMesh, Vector3};
 
 use super::atoms::Atoms;
-use super::outline::{Outline, measured};
+use super::measure::{Outline, measured};
 use super::shell::burial;
 use super::sites::{Lining, Pocket};
 use crate::Error;

@@ -2,14 +2,17 @@
 
 mod atoms;
 mod literal;
+mod measure;
 mod outline;
+mod patches;
 mod probes;
 mod score;
 mod shell;
 mod sites;
 
 pub use literal::concave_patches;
-pub use outline::{Outline, outline};
+pub use measure::Outline;
+pub use outline::outline;
 pub use probes::between_probes;
 pub use score::{FieldScore, SiteScore, distance_to_ligand, field_in, site_ranks};
 pub use shell::burial;

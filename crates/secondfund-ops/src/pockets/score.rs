@@ -3,7 +3,7 @@
 use geom_core::{Aabb, ImplicitField, Point3, TriMesh};
 
 use super::literal::mean_over;
-use super::outline::Outline;
+use super::measure::Outline;
 use super::sites::Pocket;
 
 /// Which ranks find a ligand.

@@ -9,7 +9,7 @@ use gauss_density::{Levels, Model, PointSampler, sample_band};
 use geom_core::structure::{ResidueKind, Selector};
 use geom_core::{Structure, TriMesh};
 use secondfund_ops::PocketOptions;
-use secondfund_ops::options::{OutlineOptions, PatchOptions, ProbeOptions};
+use secondfund_ops::options::{OutlineOptions, OutlineSource, PatchOptions};
 use secondfund_ops::pockets::{Outline, Pocket, concave_patches, find, outline};
 use serde_json::json;
 
@@ -34,7 +34,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            method: Method::Burial(PocketOptions::default(), Some(ProbeOptions::default())),
+            method: Method::Burial(PocketOptions::default(), OutlineSource::default()),
             decay: None,
             spacing: None,
             ligand: None,
@@ -46,8 +46,8 @@ impl Default for Settings {
 /// How pockets are found.
 #[derive(Clone, Copy)]
 pub enum Method {
-    /// Where points of a shell are deepest; outlined by their own points, and by those between two probes.
-    Burial(PocketOptions, Option<ProbeOptions>),
+    /// Where points of a shell are deepest; outlined from this source.
+    Burial(PocketOptions, OutlineSource),
     /// Patches of negative mean curvature, as the thesis has it.
     Thesis(PatchOptions),
 }
@@ -88,8 +88,8 @@ pub fn run(
         .map(|path| Potential::read(session, path))
         .transpose()?;
     let (surface, found) = match &settings.method {
-        Method::Burial(options, probes) => {
-            by_burial(session, &structure, settings, (options, *probes), decay)?
+        Method::Burial(options, source) => {
+            by_burial(session, &structure, settings, (options, *source), decay)?
         }
         Method::Thesis(options) => {
             let surface = surface(session, &structure, settings, decay)?;
@@ -116,14 +116,14 @@ fn by_burial(
     session: &Session,
     structure: &Structure,
     settings: &Settings,
-    (options, probes): (&PocketOptions, Option<ProbeOptions>),
+    (options, source): (&PocketOptions, OutlineSource),
     decay: f64,
 ) -> Result<(TriMesh, Found), Failure> {
     let found = session.stage("pockets", || find(structure, options))?;
     let surface = surface(session, structure, settings, decay)?;
     let outlining = OutlineOptions {
         radius: options.radius,
-        probes,
+        source,
         ..OutlineOptions::default()
     };
     let on = session.on(session.device.operators());
