@@ -4,7 +4,7 @@
 //!
 //! - [`catmull`]: quads to their limit surface: subdivision, limit positions, patches.
 //! - [`forms`]: the fundamental forms at a point, weights, and what an operator makes of them.
-//! - [`operators`]: matrices and modes, on limit surfaces and on triangles.
+//! - [`operators`]: matrices and modes, on limit surfaces, on triangles and on Bézier elements of splines.
 //! - [`segment`](mod@segment): modes to segments, and how far two segmentations differ.
 //! - [`pockets`]: where a ligand may bind, and which part of the surface that is.
 //! - [`flow`]: smoothing that keeps creases, and filters of normals.
@@ -35,7 +35,7 @@ pub use catmull::Surface;
 pub use error::Error;
 pub use flow::{smooth, smooth_quads};
 pub use forms::{Normals, Operator, Weight};
-pub use operators::{Element, Spectrum, spectrum};
+pub use operators::{BezierElement, BezierSurface, Element, Spectrum, spectrum};
 pub use options::{
     FilterOptions, FlowOptions, Groups, Modes, NormalFilter, PartOptions, PocketOptions,
     SegmentOptions, SpectrumOptions,

@@ -14,4 +14,4 @@ pub use surface::{Jet, Surface};
 pub(crate) use surface::{folded_rows, jet, turned};
 
 pub(crate) use patches::Patch;
-pub(crate) use tables::{Table, Tables};
+pub(crate) use tables::{ROWS, Table, Tables};
