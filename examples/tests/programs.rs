@@ -725,8 +725,21 @@ fn spline_surfaces_come_near_and_go_into_files() {
             basis,
             "--files=vtu,step,glb,obj,bext,iga,json",
             "--eigenvalues=4",
+            "--modes=3",
+            "--operator=lbo",
         ];
         let report = report_of("11_tspline", &[&args, drawn].concat(), &out);
+        // The same surface by its Bézier elements; the unit of length is its largest extent.
+        let modes: Vec<f64> = serde_json::from_value(report["modes"]["values"].clone()).unwrap();
+        let scale = report["modes"]["scale"].as_f64().unwrap();
+        for (value, k) in modes.iter().zip(1..) {
+            let other = report["eigenvalues"][k].as_f64().unwrap();
+            assert!(
+                (value / scale.powi(2) / other - 1.0).abs() < 1e-2,
+                "{value} {other}"
+            );
+        }
+        assert_eq!(out.join("modes.png").exists(), drawn.is_empty());
         errors.push(report["error"]["hausdorff"].as_f64().unwrap());
         assert!(report["independence"].as_f64().unwrap() > 1e-4, "{report}");
         assert!(report["eigenvalues"][1].as_f64().unwrap() > 0.1);
