@@ -177,6 +177,27 @@ fn outlines_of_a_protease_are_apart_and_hollow() {
         };
         let outlines = outline(&surface, &structure, &found, &options, Run::on(&Cpu)).unwrap();
         apart_and_hollow(&surface, &found, &outlines);
+        if source != OutlineSource::Patches {
+            // Neither crumbs nor holes: each border is that of a mouth.
+            let first = &outlines[0];
+            let taken = |t: &usize| first.triangles.binary_search(&(*t as u32)).is_ok();
+            for inside in [true, false] {
+                let all = 0..surface.triangles().len();
+                let some = all.filter(|t| taken(t) == inside);
+                let triangles = some.map(|t| surface.triangles()[t]).collect();
+                let part = TriMesh::new(surface.positions().to_vec(), triangles).unwrap();
+                let sizes: Vec<usize> = part
+                    .components()
+                    .iter()
+                    .map(|c| c.triangles().len())
+                    .collect();
+                let least = sizes.iter().min().unwrap();
+                assert!(
+                    10 * least >= first.triangles.len() || sizes.len() == 1,
+                    "{sizes:?}"
+                );
+            }
+        }
         let hollow = outlines.iter().any(|o| !o.hollow.is_empty());
         assert_eq!(hollow, source != OutlineSource::Patches);
     }

@@ -85,11 +85,11 @@ pub(super) fn shared_out(
     Ok(shares)
 }
 
-/// Parts of an outline of less than this share of the largest one's triangles are crumbs.
+/// Parts of an outline, and holes in it, of less than this share of its largest part's triangles are crumbs.
 const CRUMB: f64 = 0.1;
 
-/// The pocket of each triangle: that of the nearest of its points and of those of its hollow, in front of the triangle. Parts that
-/// lie apart and are small belong to none.
+/// The pocket of each triangle: that of the nearest of its points and of those of its hollow, in front of the triangle.
+/// Parts that lie apart and are small belong to none, small holes to what is around them.
 pub(super) fn triangles_at(
     surface: &TriMesh,
     pockets: &[Pocket],
@@ -105,30 +105,51 @@ pub(super) fn triangles_at(
             in_front.then_some(owner)
         })
         .collect();
+    settle(surface, &mut owners, pockets.len());
+    Ok(owners)
+}
+
+/// Gives up crumbs, and fills small holes within one outline.
+fn settle(surface: &TriMesh, owners: &mut [Option<u32>], pockets: usize) {
+    let sides = sorted_sides(surface.triangles());
+    let pairs = || {
+        let meeting = sides.chunk_by(|a, b| a.0 == b.0).flat_map(|e| e.windows(2));
+        meeting.map(|pair| [pair[0].1, pair[1].1])
+    };
     let mut parts = DisjointSets::new(owners.len());
-    for around in sorted_sides(surface.triangles()).chunk_by(|a, b| a.0 == b.0) {
-        for pair in around.windows(2) {
-            let [f, g] = [pair[0].1, pair[1].1];
-            if owners[f as usize] == owners[g as usize] {
-                parts.join(f, g);
-            }
+    for [f, g] in pairs() {
+        if owners[f as usize] == owners[g as usize] {
+            parts.join(f, g);
         }
     }
     let part_of = parts.into_roots();
     let mut sizes = vec![0u32; owners.len()];
     part_of.iter().for_each(|&part| sizes[part as usize] += 1);
-    let mut largest = vec![0u32; pockets.len()];
+    let mut largest = vec![0u32; pockets];
     for (owner, &part) in owners.iter().zip(&part_of) {
         if let Some(owner) = owner {
             let most = &mut largest[*owner as usize];
             *most = (*most).max(sizes[part as usize]);
         }
     }
-    for (owner, &part) in owners.iter_mut().zip(&part_of) {
-        let size = f64::from(sizes[part as usize]);
-        if owner.is_some_and(|o| size < CRUMB * f64::from(largest[o as usize])) {
-            *owner = None;
+    let is_crumb = |part: u32, owner: u32| {
+        f64::from(sizes[part as usize]) < CRUMB * f64::from(largest[owner as usize])
+    };
+    // Which outlines surround each part of no owner: one, or several.
+    let mut around: Vec<Vec<u32>> = vec![Vec::new(); owners.len()];
+    for [f, g] in pairs().flat_map(|[f, g]| [[f, g], [g, f]]) {
+        if let (None, Some(owner)) = (owners[f as usize], owners[g as usize]) {
+            let known = &mut around[part_of[f as usize] as usize];
+            if !known.contains(&owner) {
+                known.push(owner);
+            }
         }
     }
-    Ok(owners)
+    for (owner, &part) in owners.iter_mut().zip(&part_of) {
+        *owner = match (*owner, &around[part as usize][..]) {
+            (Some(own), _) => (!is_crumb(part, own)).then_some(own),
+            (None, &[one]) if is_crumb(part, one) => Some(one),
+            (None, _) => None,
+        };
+    }
 }

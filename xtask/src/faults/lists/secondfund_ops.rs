@@ -160,6 +160,18 @@ pub(super) const FAULTS: &[Fault] = &[
         "if let Some((owner, _)) = own.nearest(p, 0.0 * reach) {",
     ),
     Fault::wrong(
+        "holes in outlines stay",
+        "crates/secondfund-ops/src/pockets/probes.rs",
+        "(None, &[one]) if is_crumb(part, one) => Some(one),",
+        "(None, &[one]) if is_crumb(part, one) => Some(one).filter(|_| false),",
+    ),
+    Fault::wrong(
+        "rational functions without their denominator's second derivative",
+        "crates/secondfund-ops/src/operators/bezier.rs",
+        "(nuu - 2.0 * ru * wu - r * wuu) / w,",
+        "(nuu - 2.0 * ru * wu) / w,",
+    ),
+    Fault::wrong(
         "convex patches are pockets",
         "crates/secondfund-ops/src/pockets/literal.rs",
         ".map(|t| measured(0, surface, &mean, t).mean_curvature < 0.0)",
