@@ -6,8 +6,10 @@ use std::process::ExitCode;
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::input::tmesh::TMeshArgs;
 use biogeom_examples::steps::spline::{self, Product};
+use biogeom_examples::steps::spline_modes;
 use biogeom_examples::{Failure, Session};
 use clap::{Parser, ValueEnum};
+use secondfund_ops::Operator;
 use serde::Serialize;
 use tspline::files::{market, npz};
 use tspline::surface::fit::FitOptions;
@@ -37,6 +39,12 @@ struct Args {
     /// Eigenvalues of the Laplace–Beltrami operator on the surface to compute; writes its matrices
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=200))]
     eigenvalues: Option<u32>,
+    /// Modes of an operator on the surface's own Bézier elements to draw
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=60))]
+    modes: Option<u16>,
+    /// That operator
+    #[arg(long, value_enum, default_value_t)]
+    operator: OperatorName,
     /// What to write
     #[arg(long, value_name = "FILES", value_enum, value_delimiter = ',', default_values_t = [Product::Vtu, Product::Step, Product::Glb])]
     files: Vec<Product>,
@@ -55,6 +63,17 @@ enum BasisName {
     Rational,
 }
 
+/// Whose modes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum OperatorName {
+    /// Secondary Laplace operator with e^K: sees curvature
+    #[default]
+    Slo,
+    /// Laplace–Beltrami: sees distances along the surface
+    Lbo,
+}
+
 const EXAMPLES: &str = "\
 Examples:
   11_tspline spot.ply --quads 4000 --out out
@@ -63,8 +82,8 @@ Examples:
 
 Outputs: surface.vtu, surface.step, surface.glb and others as --files says; surface.png (distance from the input, sides
 of elements, T-junctions, extraordinary vertices),
-stiffness and mass as .mtx (Matrix Market) and .npz (SciPy) with --eigenvalues; report.json with `counts`, `error` (`rms`, `hausdorff`, Å), `rounds`,
-`independence` and `eigenvalues` (Å⁻²).";
+stiffness and mass as .mtx (Matrix Market) and .npz (SciPy) with --eigenvalues; modes.png with --modes; report.json with `counts`, `error` (`rms`, `hausdorff`, Å), `rounds`,
+`independence` and `eigenvalues` (Å⁻²); `modes` (`values` where the largest extent is 1, `scale` in Å).";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {
@@ -89,6 +108,9 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     if args.tolerance.is_some_and(|t| t.is_nan() || t <= 0.0) {
         return Err("--tolerance must be positive, Å".into());
     }
+    if args.modes.is_none() {
+        session.refuse(&["operator"], "is of --modes")?;
+    }
     let made = args.mesh.make(session)?;
     if made.mesh.elements().iter().all(|e| e.level == 0) {
         let because = "cuts elements of higher levels, and there are none; see --levels";
@@ -111,7 +133,17 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         None => None,
         Some(count) => Some(spectrum(session, surface, count as usize)?),
     };
+    let operator = match args.operator {
+        OperatorName::Slo => Operator::default(),
+        OperatorName::Lbo => Operator::Lbo,
+    };
+    let modes = args.modes.map(|count| {
+        let asked = (operator, count.into());
+        spline_modes::find(session, surface, &triangles, asked)
+    });
+    let modes = modes.transpose()?;
     let count = args.files.len() as u64 + 1 + 4 * u64::from(matrices.is_some());
+    let count = count + u64::from(modes.is_some());
     session.files(count, || {
         for &file in &args.files {
             spline::save(session, file, &adapted, &triangles, &input)?;
@@ -125,6 +157,11 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
                     npz::write(out, matrix)
                 })?;
             }
+        }
+        if let Some(modes) = &modes {
+            session.picture("modes", || {
+                spline_modes::picture(session, &triangles.mesh, modes)
+            })?;
         }
         session.picture("surface", || {
             spline::picture(session, &adapted, &triangles, target)

@@ -9,9 +9,9 @@ use biogeom_examples::{Failure, Session, products};
 use clap::{Parser, ValueEnum};
 use geom_core::io::{self, mesh::AnyMesh, view::View as Fields};
 use geom_core::{QuadMesh, TriMesh};
-use secondfund_ops::flow::{BilateralOptions, FlowReport, filter_normals};
+use secondfund_ops::flow::{FlowReport, filter_normals, filter_quad_normals};
 use secondfund_ops::options::FlowOperator;
-use secondfund_ops::{FlowOptions, smooth, smooth_quads};
+use secondfund_ops::{FilterOptions, FlowOptions, NormalFilter, smooth, smooth_quads};
 use serde::Serialize;
 
 /// A smoother surface: by the flow of an operator, or by filtered normals
@@ -42,6 +42,13 @@ struct Args {
     /// Rounds of smoothing of a triangle mesh's normals, of which the flow takes its curvature
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=100))]
     normal_rounds: u32,
+    /// Difference of unit normals beyond which the bilateral filter counts a face little [default: 0.3]
+    #[arg(long, value_name = "RANGE")]
+    range: Option<f64>,
+    /// How firmly the total-variation filter holds normals to those of the input, in 1 over mean edges: lower values
+    /// flatten coarser noise, and details with it [default: 1]
+    #[arg(long, value_name = "ALPHA")]
+    fidelity: Option<f64>,
     #[command(flatten)]
     common: Common,
 }
@@ -50,10 +57,11 @@ const EXAMPLES: &str = "\
 Examples:
   17_smooth scan.ply --out smooth
   17_smooth part.off --steps 50 --keep-volume --out part
-  17_smooth part.off --method bilateral --out filtered
+  17_smooth part.off --method total-variation --out filtered
 
-Outputs: smooth.ply, smooth.glb, smooth.png (before and after), report.json with displacements and volumes. Quads are
-taken as the control mesh of a Catmull–Clark surface and stay quads in smooth.obj.";
+Outputs: smooth.ply, smooth.glb, smooth.png (before and after), report.json with displacements and volumes. Quads stay
+quads in smooth.obj; the flows take them as the control mesh of a Catmull–Clark surface, the filters as they stand.
+Bodies of flat parts with sharp edges: total-variation. Curved bodies, rounded edges: ggho.";
 
 #[derive(Clone, Copy, Default, PartialEq, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
@@ -63,8 +71,10 @@ enum Method {
     Ggho,
     /// Mean curvature flow
     MeanCurvature,
-    /// The bilateral normal filter, for triangles with flat parts
+    /// The bilateral filter of normals, for flat parts
     Bilateral,
+    /// The total-variation filter of normals, for flat parts with sharp edges
+    TotalVariation,
 }
 
 impl HasCommon for Args {
@@ -95,29 +105,53 @@ impl Args {
             ..FlowOptions::default()
         }
     }
+
+    /// The filter of normals, if the method is one.
+    fn filter(&self) -> Option<FilterOptions> {
+        let mut filter = match self.method {
+            Method::Bilateral => NormalFilter::BILATERAL,
+            Method::TotalVariation => NormalFilter::TOTAL_VARIATION,
+            Method::Ggho | Method::MeanCurvature => return None,
+        };
+        match &mut filter {
+            NormalFilter::Bilateral { range, .. } => *range = self.range.unwrap_or(*range),
+            NormalFilter::TotalVariation { fidelity, .. } => {
+                *fidelity = self.fidelity.unwrap_or(*fidelity);
+            }
+        }
+        Some(FilterOptions {
+            filter,
+            keep_rims: !self.free_rims,
+            ..FilterOptions::default()
+        })
+    }
+
+    /// Refuses options of other methods.
+    fn refuse_others(&self, session: &Session) -> Result<(), Failure> {
+        if self.method != Method::Bilateral {
+            session.refuse(&["range"], "is of --method bilateral")?;
+        }
+        if self.method != Method::TotalVariation {
+            session.refuse(&["fidelity"], "is of --method total-variation")?;
+        }
+        if self.filter().is_some() {
+            let of_flows = ["steps", "step", "sharpen", "keep_volume", "normal_rounds"];
+            session.refuse(&of_flows, "is of the flows, not of filters of normals")?;
+        }
+        if self.method == Method::MeanCurvature {
+            session.refuse(&["sharpen"], "is of --method ggho")?;
+        }
+        Ok(())
+    }
 }
 
 fn program(args: &Args, session: &Session) -> Result<(), Failure> {
-    match args.method {
-        Method::Bilateral => {
-            let of_flows = [
-                "steps",
-                "step",
-                "sharpen",
-                "keep_volume",
-                "free_rims",
-                "normal_rounds",
-            ];
-            session.refuse(&of_flows, "is of the flows, not of --method bilateral")?;
-        }
-        Method::MeanCurvature => session.refuse(&["sharpen"], "is of --method ggho")?,
-        Method::Ggho => {}
-    }
+    args.refuse_others(session)?;
     let read = session.stage("reading", || {
         io::mesh::read_up_to(&args.input, session.memory())
     })?;
     match read.mesh {
-        AnyMesh::Quad(mesh) if args.method != Method::Bilateral => {
+        AnyMesh::Quad(mesh) => {
             session.refuse(
                 &["normal_rounds"],
                 "is for triangles, and the input has quads",
@@ -129,19 +163,20 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
 }
 
 fn triangles(args: &Args, session: &Session, mesh: &TriMesh) -> Result<(), Failure> {
-    let done = session.stage("smoothing", || match args.method {
-        Method::Bilateral => filter_normals(mesh, &BilateralOptions::default()),
-        _ => {
-            let on = session.on(session.device.operators());
-            smooth(mesh, args.normal_rounds, &args.options(), on)
-        }
+    let on = session.on(session.device.operators());
+    let done = session.stage("smoothing", || match args.filter() {
+        Some(filter) => filter_normals(mesh, &filter, on),
+        None => smooth(mesh, args.normal_rounds, &args.options(), on),
     })?;
     write(session, mesh, &done.mesh, &done.report)
 }
 
 fn quads(args: &Args, session: &Session, mesh: &QuadMesh) -> Result<(), Failure> {
     let on = session.on(session.device.operators());
-    let done = session.stage("smoothing", || smooth_quads(mesh, &args.options(), on))?;
+    let done = session.stage("smoothing", || match args.filter() {
+        Some(filter) => filter_quad_normals(mesh, &filter, on),
+        None => smooth_quads(mesh, &args.options(), on),
+    })?;
     io::mesh::save(session.output("smooth.obj")?, &Fields::from(&done.mesh))?;
     let [before, after] = [mesh, &done.mesh].map(|m| m.clone().into_triangles());
     write(session, &before, &after, &done.report)

@@ -33,6 +33,14 @@ pub fn as_text<S: Serializer>(path: &Path, to: S) -> Result<S::Ok, S::Error> {
     to.serialize_str(&path.to_string_lossy())
 }
 
+/// The same of one that may be absent.
+pub fn as_text_if_any<S: Serializer>(path: &Option<PathBuf>, to: S) -> Result<S::Ok, S::Error> {
+    match path {
+        Some(path) => as_text(path, to),
+        None => to.serialize_none(),
+    }
+}
+
 /// What every program asks.
 #[derive(Clone, Debug, Args, Serialize)]
 #[command(next_help_heading = "How to run")]

@@ -725,8 +725,21 @@ fn spline_surfaces_come_near_and_go_into_files() {
             basis,
             "--files=vtu,step,glb,obj,bext,iga,json",
             "--eigenvalues=4",
+            "--modes=3",
+            "--operator=lbo",
         ];
         let report = report_of("11_tspline", &[&args, drawn].concat(), &out);
+        // The same surface by its Bézier elements; the unit of length is its largest extent.
+        let modes: Vec<f64> = serde_json::from_value(report["modes"]["values"].clone()).unwrap();
+        let scale = report["modes"]["scale"].as_f64().unwrap();
+        for (value, k) in modes.iter().zip(1..) {
+            let other = report["eigenvalues"][k].as_f64().unwrap();
+            assert!(
+                (value / scale.powi(2) / other - 1.0).abs() < 1e-2,
+                "{value} {other}"
+            );
+        }
+        assert_eq!(out.join("modes.png").exists(), drawn.is_empty());
         errors.push(report["error"]["hausdorff"].as_f64().unwrap());
         assert!(report["independence"].as_f64().unwrap() > 1e-4, "{report}");
         assert!(report["eigenvalues"][1].as_f64().unwrap() > 0.1);
@@ -846,6 +859,69 @@ fn the_pocket_of_a_protease_is_where_its_inhibitor_lies() {
     assert_png(out.join("pockets.png"));
 }
 
+/// A known ligand is found by its distance and density, and a map by its values; the thesis's method goes through the
+/// same files.
+#[test]
+fn pockets_are_scored_by_a_ligand_and_a_map() {
+    let folder = tempfile::tempdir().unwrap();
+    // A potential that is the x coordinate, around a part of the molecule.
+    let lattice = geom_core::Lattice {
+        origin: geom_core::Point3::new(-40.0, -10.0, -10.0),
+        spacing: 2.0,
+        counts: [60, 30, 40],
+    };
+    let values = (0..lattice.len()).map(|i| lattice.point(lattice.coordinates(i)).x as f32);
+    let map = folder.path().join("x.dx");
+    let grid = geom_core::ScalarGrid::new(lattice, values.collect()).unwrap();
+    io::grid::save(&map, &grid).unwrap();
+    let (out, input) = (folder.path().join("scored"), fixture("1hvr.pdb"));
+    let common = [
+        "--spacing",
+        "1.5",
+        "--most",
+        "3",
+        "--no-pictures",
+        "--ligand",
+        "name:XK2",
+    ];
+    let args = [
+        &[&*input, "--potential", map.to_str().unwrap()],
+        &common[..],
+    ]
+    .concat();
+    let report = report_of("16_pockets", &args, &out);
+    assert_eq!(report["ligand"]["rank_within_4_of_an_atom"], 1);
+    assert_eq!(report["ligand"]["rank_of_highest_density"], 1);
+    let table = std::fs::read_to_string(out.join("pockets.csv")).unwrap();
+    let mut lines = table.lines().map(|l| l.split(',').collect::<Vec<_>>());
+    let heads = lines.next().unwrap();
+    let first = lines.next().unwrap();
+    let cell = |name: &str| -> f64 {
+        let column = heads.iter().position(|h| *h == name).unwrap();
+        first[column].parse().unwrap()
+    };
+    assert!(cell("ligand_distance") < 4.0 && cell("ligand_density") > 0.01);
+    // The mean of x is near the centre's.
+    assert!((cell("potential") - cell("center_x")).abs() < 4.0);
+    assert!(
+        cell("potential_low") < cell("potential") && cell("potential") < cell("potential_high")
+    );
+    let points = std::fs::read_to_string(out.join("pockets.pdb")).unwrap();
+    assert!(points.contains("  O   PKT P   1"));
+
+    let out = folder.path().join("thesis");
+    let args = [
+        &[&*input, "--method", "thesis", "--groups", "12"],
+        &common[..],
+    ]
+    .concat();
+    let report = report_of("16_pockets", &args, &out);
+    assert_eq!(report["pockets"]["method"], "thesis");
+    let found = report["pockets"]["found"].as_array().unwrap();
+    let table = std::fs::read_to_string(out.join("pockets.csv")).unwrap();
+    assert_eq!(table.lines().count(), found.len() + 1);
+}
+
 #[test]
 fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
     let folder = tempfile::tempdir().unwrap();
@@ -865,13 +941,17 @@ fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
         assert!(report["flow"]["rms_displacement"].as_f64().unwrap() > 0.0);
         assert_png(out.join("smooth.png"));
     }
-    let out = folder.path().join("bilateral");
-    report_of(
-        "17_smooth",
-        &[&fixture("bob_small.ply"), "--method", "bilateral"],
-        &out,
-    );
-    assert!(out.join("smooth.ply").exists());
+    for (method, option) in [
+        ("bilateral", ["--range", "0.4"]),
+        ("total-variation", ["--fidelity", "5"]),
+    ] {
+        let out = folder.path().join(method);
+        let input = fixture("bob_small.ply");
+        let args = [&[&*input, "--method", method], &option[..]].concat();
+        let report = report_of("17_smooth", &args, &out);
+        assert!(report["flow"]["rms_displacement"].as_f64().unwrap() > 0.0);
+        assert!(out.join("smooth.ply").exists());
+    }
 }
 
 #[test]

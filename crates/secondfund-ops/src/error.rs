@@ -79,6 +79,20 @@ pub enum Error {
         /// Points without area.
         skipped: usize,
     },
+    /// A node of a spline has no place or no weight.
+    #[error("node {node} has no finite place or no positive finite weight")]
+    Node {
+        /// The node.
+        node: usize,
+    },
+    /// An element of a spline cannot be evaluated.
+    #[error("element {element} must {must}")]
+    Element {
+        /// The element.
+        element: usize,
+        /// What it must.
+        must: &'static str,
+    },
     /// The surface has a boundary where it must have none.
     #[error(
         "{what} needs a closed surface; the edge from vertex {from} to vertex {to} has one face"

@@ -4,10 +4,10 @@
 //!
 //! - [`catmull`]: quads to their limit surface: subdivision, limit positions, patches.
 //! - [`forms`]: the fundamental forms at a point, weights, and what an operator makes of them.
-//! - [`operators`]: matrices and modes, on limit surfaces and on triangles.
+//! - [`operators`]: matrices and modes, on limit surfaces, on triangles and on Bézier elements of splines.
 //! - [`segment`](mod@segment): modes to segments, and how far two segmentations differ.
 //! - [`pockets`]: where a ligand may bind, and which part of the surface that is.
-//! - [`flow`]: smoothing that keeps creases.
+//! - [`flow`]: smoothing that keeps creases, and filters of normals.
 //!
 //! Beside them [`backend`] (the kernels, and what another backend owes), [`options`] and [`Error`].
 
@@ -35,8 +35,9 @@ pub use catmull::Surface;
 pub use error::Error;
 pub use flow::{smooth, smooth_quads};
 pub use forms::{Normals, Operator, Weight};
-pub use operators::{Element, Spectrum, spectrum};
+pub use operators::{BezierElement, BezierSurface, Element, Spectrum, spectrum};
 pub use options::{
-    FlowOptions, Groups, Modes, PartOptions, PocketOptions, SegmentOptions, SpectrumOptions,
+    FilterOptions, FlowOptions, Groups, Modes, NormalFilter, PartOptions, PocketOptions,
+    SegmentOptions, SpectrumOptions,
 };
 pub use segment::{Faces, Segments, segment};

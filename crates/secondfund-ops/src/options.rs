@@ -356,6 +356,76 @@ impl FlowOptions {
     }
 }
 
+/// How the normals of faces are filtered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum NormalFilter {
+    /// Means over the faces around, those nearby in place and direction most.
+    Bilateral {
+        /// Rounds.
+        rounds: usize,
+        /// Difference of unit normals beyond which a face counts little.
+        range: f64,
+    },
+    /// Least total variation: normals become constant on patches.
+    TotalVariation {
+        /// Most rounds; they end when the normals rest.
+        rounds: usize,
+        /// α: how firmly normals are held to those of the input, in 1 over mean edges. Lower values flatten coarser
+        /// noise, and details with it.
+        fidelity: f64,
+    },
+}
+
+impl NormalFilter {
+    /// The bilateral filter as it is by default.
+    pub const BILATERAL: Self = Self::Bilateral {
+        rounds: 15,
+        range: 0.3,
+    };
+    /// The total-variation filter as it is by default.
+    pub const TOTAL_VARIATION: Self = Self::TotalVariation {
+        rounds: 100,
+        fidelity: 10.0,
+    };
+}
+
+/// Options of [`flow::filter_normals`](crate::flow::filter_normals).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct FilterOptions {
+    /// The filter of the normals.
+    pub filter: NormalFilter,
+    /// Rounds of the vertices that follow them.
+    pub vertex_rounds: usize,
+    /// Keep the vertices of boundaries where they are.
+    pub keep_rims: bool,
+}
+
+impl Default for FilterOptions {
+    fn default() -> Self {
+        Self {
+            filter: NormalFilter::BILATERAL,
+            vertex_rounds: 20,
+            keep_rims: true,
+        }
+    }
+}
+
+impl FilterOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let positive = |option, value: f64| {
+            let within = value > 0.0 && value.is_finite();
+            require(within, option, value, "be above 0 and finite")
+        };
+        match self.filter {
+            NormalFilter::Bilateral { range, .. } => positive("range", range),
+            NormalFilter::TotalVariation { fidelity, .. } => positive("fidelity", fidelity),
+        }
+    }
+}
+
 /// Options of [`pockets::find`](crate::pockets::find).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -445,24 +515,43 @@ pub(crate) fn check_burial(radius: f64, foreign: f64) -> Result<(), OutOfRange> 
     require(within, "foreign", foreign, "lie within 0…1")
 }
 
+/// What tells which triangles of a surface belong to a pocket.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum OutlineSource {
+    /// Those in front of which the pocket's points lie, and points near these that a small probe reaches and a large one
+    /// does not cover.
+    Probes(ProbeOptions),
+    /// Patches of the secondary Laplace operator with Ψ = e^{−H}, to which the pocket's points are nearest.
+    Patches,
+}
+
+impl Default for OutlineSource {
+    fn default() -> Self {
+        Self::Probes(ProbeOptions::default())
+    }
+}
+
 /// Options of [`pockets::outline`](crate::pockets::outline()).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OutlineOptions {
-    /// Modes of the secondary Laplace operator with Ψ = e^{−H}.
+    /// Of patches: modes of the secondary Laplace operator with Ψ = e^{−H}.
     pub modes: usize,
-    /// Patches into which the surface is cut.
+    /// Of patches: how many the surface is cut into.
     pub groups: usize,
-    /// ε of the operator.
+    /// Of patches: ε of the operator.
     pub regularization: f64,
-    /// Rounds of smoothing of the surface's normals.
+    /// Rounds of smoothing of the surface's normals, of which its curvature is taken.
     pub normal_rounds: u32,
-    /// How far above the surface its burial is taken, Å.
+    /// Of patches: how far above the surface its burial is taken, Å.
     pub probe: f64,
-    /// Atoms within this distance count as burial, Å.
+    /// Of patches: atoms within this distance count as burial, Å.
     pub radius: f64,
-    /// How much those of other chains than the one with most atoms there count: see [`PocketOptions::foreign`].
+    /// Of patches: how much those of other chains than the one with most atoms there count: see [`PocketOptions::foreign`].
     pub foreign: f64,
+    /// What tells which triangles belong to a pocket.
+    pub source: OutlineSource,
 }
 
 impl Default for OutlineOptions {
@@ -475,6 +564,7 @@ impl Default for OutlineOptions {
             probe: 1.6,
             radius: 10.0,
             foreign: 0.5,
+            source: OutlineSource::default(),
         }
     }
 }
@@ -487,6 +577,9 @@ impl OutlineOptions {
         let probe = self.probe;
         let within = (0.0..=10.0).contains(&probe);
         require(within, "probe", probe, "lie within 0…10 Å")?;
+        if let OutlineSource::Probes(probes) = &self.source {
+            probes.check()?;
+        }
         check_burial(self.radius, self.foreign)
     }
 
@@ -506,6 +599,107 @@ impl OutlineOptions {
             modes: Modes::Count(self.modes),
             groups: Groups::Count(self.groups),
             restarts: 1,
+            ..SegmentOptions::default()
+        }
+    }
+}
+
+/// Options of [`pockets::between_probes`](crate::pockets::between_probes).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ProbeOptions {
+    /// Radius of the small probe, which reaches a point, Å.
+    pub inner: f64,
+    /// Radius of the large one, which does not cover it, Å.
+    pub outer: f64,
+    /// Spacing of the points, Å.
+    pub spacing: f64,
+    /// A point belongs to the pocket of the nearest pocket point, if that is within this distance, Å.
+    pub reach: f64,
+}
+
+impl Default for ProbeOptions {
+    fn default() -> Self {
+        Self {
+            inner: 1.4,
+            outer: 3.0,
+            spacing: 1.2,
+            reach: 3.0,
+        }
+    }
+}
+
+impl ProbeOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let within = |option, value: f64, low: f64, high: f64, must| {
+            require((low..=high).contains(&value), option, value, must)
+        };
+        within("inner", self.inner, 0.0, 5.0, "lie within 0…5 Å")?;
+        let must = "be larger than the inner one and at most 20 Å";
+        require(self.outer > self.inner, "outer", self.outer, must)?;
+        within("outer", self.outer, 0.0, 20.0, must)?;
+        within("spacing", self.spacing, 0.3, 3.0, "lie within 0.3…3 Å")?;
+        within("reach", self.reach, 0.0, 20.0, "lie within 0…20 Å")
+    }
+}
+
+/// Options of [`pockets::concave_patches`](crate::pockets::concave_patches).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PatchOptions {
+    /// Modes of the secondary Laplace operator with Ψ = e^{−H} for the first cut; the second takes two more.
+    pub modes: usize,
+    /// Groups of the first cut; the second has one more for each concave patch.
+    pub groups: usize,
+    /// ε of the operator.
+    pub regularization: f64,
+    /// Rounds of smoothing of the surface's normals.
+    pub normal_rounds: u32,
+    /// How far above the surface a pocket's points lie, Å.
+    pub probe: f64,
+    /// Most pockets.
+    pub most: usize,
+}
+
+impl Default for PatchOptions {
+    fn default() -> Self {
+        Self {
+            modes: 2,
+            groups: 4,
+            regularization: 0.5,
+            normal_rounds: 3,
+            probe: 1.6,
+            most: 20,
+        }
+    }
+}
+
+impl PatchOptions {
+    /// Refuses values out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        self.spectrum().check()?;
+        self.segments(self.modes, self.groups).check()?;
+        let within = (0.0..=10.0).contains(&self.probe);
+        require(within, "probe", self.probe, "lie within 0…10 Å")?;
+        require(self.most > 0, "most", 0, "be at least 1")
+    }
+
+    /// The modes of both cuts.
+    pub(crate) fn spectrum(&self) -> SpectrumOptions {
+        SpectrumOptions {
+            operator: Operator::Slo(Weight::ExpMinusH),
+            modes: self.modes + 2,
+            regularization: self.regularization,
+            ..SpectrumOptions::default()
+        }
+    }
+
+    /// A cut.
+    pub(crate) fn segments(&self, modes: usize, groups: usize) -> SegmentOptions {
+        SegmentOptions {
+            modes: Modes::Count(modes),
+            groups: Groups::Count(groups),
             ..SegmentOptions::default()
         }
     }

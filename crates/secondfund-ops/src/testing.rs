@@ -2,6 +2,7 @@
 
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
 
 /// A box of these half extents with its edges and corners rounded by `radius`, as `6 n²` quads.
@@ -44,4 +45,47 @@ pub fn shaken(mesh: &TriMesh, amplitude: f64, seed: u64) -> TriMesh {
         p + Vector3::new(noise(), noise(), noise())
     });
     TriMesh::new(positions.collect(), mesh.triangles().to_vec()).expect("the same triangles")
+}
+
+/// The quads with each vertex moved in the same way.
+pub fn shaken_quads(mesh: &QuadMesh, amplitude: f64, seed: u64) -> QuadMesh {
+    let (positions, quads) = mesh.clone().into_parts();
+    let points = TriMesh::new(positions, Vec::new()).expect("finite positions");
+    let (positions, _) = shaken(&points, amplitude, seed).into_parts();
+    QuadMesh::new(positions, quads).expect("the same quads")
+}
+
+/// How noisy the flat parts of a rounded box are, and how far its creases lie from where they were.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoxErrors {
+    /// Root mean square of the angles between the normals of its flat triangles and those of the clean box, degrees.
+    pub flat: f64,
+    /// Mean distance of the vertices of edges and corners from the clean surface, in mean edges.
+    pub crease: f64,
+}
+
+/// The errors of a [`rounded_box`] as triangles, with the same triangles as the clean one.
+pub fn box_errors(clean: &TriMesh, now: &TriMesh, half: [f64; 3], radius: f64) -> BoxErrors {
+    let (mut squares, mut flat) = (0.0, 0usize);
+    for t in 0..clean.triangles().len() {
+        let n = clean.doubled_area_normal(t).normalize();
+        if n.amax() > 1.0 - 1e-9 {
+            squares += n.angle(&now.doubled_area_normal(t)).powi(2);
+            flat += 1;
+        }
+    }
+    let tree = TriangleTree::new(clean).expect("a valid mesh");
+    let edge = 1.5 * (clean.area() / clean.triangles().len() as f64).sqrt();
+    let distances: Vec<f64> = (0..clean.positions().len())
+        .filter(|&v| {
+            let p = clean.positions()[v];
+            let near = |k: &usize| half[*k] - p[*k].abs() < 0.6 * radius;
+            (0..3).filter(near).count() >= 2
+        })
+        .map(|v| tree.closest(&now.positions()[v]).distance / edge)
+        .collect();
+    BoxErrors {
+        flat: (squares / flat as f64).sqrt().to_degrees(),
+        crease: distances.iter().sum::<f64>() / distances.len() as f64,
+    }
 }

@@ -10,11 +10,15 @@ use gauss_density::Levels;
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::nalgebra::Rotation3;
 use geom_core::structure::{Atom, Element, Name, ResidueKind, StructureBuilder};
-use geom_core::{Cpu, Point3, Run, Structure, TriMesh, Vector3};
-use secondfund_ops::options::OutlineOptions;
-use secondfund_ops::pockets::{Outline, SiteScore, distance_to_ligand, find, outline, site_ranks};
+use geom_core::{Cpu, ImplicitField, Point3, Run, Structure, TriMesh, Vector3};
+use secondfund_ops::options::{OutlineOptions, OutlineSource, PatchOptions, ProbeOptions};
+use secondfund_ops::pockets::{
+    Outline, Pocket, SiteScore, between_probes, concave_patches, distance_to_ligand, field_in,
+    find, outline, site_ranks,
+};
 use secondfund_ops::segment::metrics::difference;
 use secondfund_ops::segment::{Parts, parts};
+use secondfund_ops::testing::dimpled_ball;
 use secondfund_ops::{
     Element as SurfaceElement, Error, Faces, Groups, Normals, Operator, PartOptions, PocketOptions,
     SegmentOptions, Segments, Spectrum, SpectrumOptions, Weight, segment, spectrum,
@@ -166,10 +170,56 @@ fn outlines_of_a_protease_are_apart_and_hollow() {
     let made = dual_contour::surface(&grid.grid, None, &contour, Run::on(&Cpu)).unwrap();
     let surface = made.mesh.components().swap_remove(0);
     let found = find(&structure, &PocketOptions::default()).unwrap().pockets;
-    let options = OutlineOptions::default();
-    let outlines = outline(&surface, &structure, &found, &options, Run::on(&Cpu)).unwrap();
+    for source in [OutlineSource::default(), OutlineSource::Patches] {
+        let options = OutlineOptions {
+            source,
+            ..OutlineOptions::default()
+        };
+        let outlines = outline(&surface, &structure, &found, &options, Run::on(&Cpu)).unwrap();
+        apart_and_hollow(&surface, &found, &outlines);
+        if source != OutlineSource::Patches {
+            // Neither crumbs nor holes: each border is that of a mouth.
+            let first = &outlines[0];
+            let taken = |t: &usize| first.triangles.binary_search(&(*t as u32)).is_ok();
+            for inside in [true, false] {
+                let all = 0..surface.triangles().len();
+                let some = all.filter(|t| taken(t) == inside);
+                let triangles = some.map(|t| surface.triangles()[t]).collect();
+                let part = TriMesh::new(surface.positions().to_vec(), triangles).unwrap();
+                let sizes: Vec<usize> = part
+                    .components()
+                    .iter()
+                    .map(|c| c.triangles().len())
+                    .collect();
+                let least = sizes.iter().min().unwrap();
+                assert!(
+                    10 * least >= first.triangles.len() || sizes.len() == 1,
+                    "{sizes:?}"
+                );
+            }
+        }
+        let hollow = outlines.iter().any(|o| !o.hollow.is_empty());
+        assert_eq!(hollow, source != OutlineSource::Patches);
+    }
+    let options = OutlineOptions {
+        radius: f64::NAN,
+        ..OutlineOptions::default()
+    };
+    assert!(options.check().is_err());
+    let source = OutlineSource::Probes(ProbeOptions {
+        reach: f64::NAN,
+        ..ProbeOptions::default()
+    });
+    let options = OutlineOptions {
+        source,
+        ..OutlineOptions::default()
+    };
+    assert!(options.check().is_err());
+}
+
+fn apart_and_hollow(surface: &TriMesh, found: &[Pocket], outlines: &[Outline]) {
     let mut taken = vec![false; surface.triangles().len()];
-    for o in &outlines {
+    for o in outlines {
         for &f in &o.triangles {
             let twice = std::mem::replace(&mut taken[f as usize], true);
             assert!(!twice, "triangle {f} is in two outlines");
@@ -181,6 +231,7 @@ fn outlines_of_a_protease_are_apart_and_hollow() {
         "{:?}",
         Outline {
             triangles: Vec::new(),
+            hollow: Vec::new(),
             ..first.clone()
         }
     );
@@ -193,13 +244,133 @@ fn outlines_of_a_protease_are_apart_and_hollow() {
     };
     let share = first.triangles.iter().filter(|f| near(f)).count() as f64;
     assert!(share > 0.5 * first.triangles.len() as f64);
+}
+
+/// Two slabs of atoms with a slot between them that the small probe enters and the large one does not, and closed
+/// cavities alike; the same points in every orientation.
+#[test]
+fn points_between_probes_fill_slots_and_cavities() {
+    // The ball of 14 Å without a ball of 5.5 Å inside it, and without a slot of 8 Å from above.
+    let hollow = |p: &Point3| {
+        let cavity = (p - Point3::new(0.0, 0.0, -4.0)).norm() < 5.5;
+        let slot = p.x.abs() < 4.0 && p.z > 5.0;
+        cavity || slot
+    };
+    let body = ball_of_atoms(14.0);
+    let carved = body.filter(|a| !hollow(&body.atoms()[a].position));
+    let options = ProbeOptions {
+        outer: 4.0,
+        ..ProbeOptions::default()
+    };
+    let points = between_probes(&carved, &options).unwrap();
+    let inside = points.iter().filter(|p| hollow(p)).count();
     assert!(
-        OutlineOptions {
-            radius: f64::NAN,
-            ..options
+        inside as f64 > 0.9 * points.len() as f64,
+        "{inside} of {}",
+        points.len()
+    );
+    let cavity = |p: &&Point3| p.z < 1.0;
+    assert!(points.iter().filter(cavity).count() > 10);
+    assert!(
+        points
+            .iter()
+            .filter(|p| p.z > 6.0 && p.x.abs() < 1.0)
+            .count()
+            > 20
+    );
+    assert!(points.iter().all(|p| p.coords.norm() < 14.5));
+    // A convex body has none but what the lattice leaves of its curvature.
+    let none = between_probes(&body, &options).unwrap();
+    assert!(none.len() < points.len() / 20, "{}", none.len());
+    let wrong = ProbeOptions {
+        outer: 1.0,
+        ..options
+    };
+    assert!(matches!(between_probes(&body, &wrong), Err(Error::Option(o)) if o.option == "outer"));
+}
+
+/// So many groups that a dimple is one without its rim.
+fn fine_patches() -> PatchOptions {
+    PatchOptions {
+        modes: 6,
+        groups: 24,
+        regularization: 0.1,
+        normal_rounds: 1,
+        ..PatchOptions::default()
+    }
+}
+
+/// The thesis's method on what it is made for: a ball with dimples, of which a field tells one.
+#[test]
+fn concave_patches_are_the_dimples() {
+    let directions = [Vector3::x(), Vector3::y(), Vector3::new(-1.0, -1.0, 0.5)];
+    let (positions, triangles) = dimpled_ball(4, &directions, 0.4, 0.45).into_parts();
+    let scaled = positions.iter().map(|p| p * 14.0).collect();
+    let ball = TriMesh::new(scaled, triangles).unwrap();
+    let body = ball_of_atoms(14.0);
+    let away = |p: &Point3, k: usize| directions[k].angle(&p.coords);
+    let options = fine_patches();
+    let found = |field: Option<&[f64]>| {
+        concave_patches(&ball, &body, field, &options, Run::on(&Cpu)).unwrap()
+    };
+    let blind = found(None);
+    assert!(blind.len() >= 2);
+    for (pocket, outline) in &blind {
+        assert_eq!(pocket.rank, outline.rank);
+        assert!(outline.area > 0.0 && !pocket.residues.is_empty());
+    }
+    assert!(blind[0].1.mean_curvature < 0.0 && blind[0].0.score == -blind[0].1.mean_curvature);
+    for k in 0..3 {
+        let field: Vec<f64> = ball
+            .positions()
+            .iter()
+            .map(|p| (-away(p, k)).exp())
+            .collect();
+        let first = &found(Some(&field))[0].0;
+        assert!(away(&first.center, k) < 0.35, "{k}: {}", first.center);
+    }
+    let short = concave_patches(&ball, &body, Some(&[1.0]), &options, Run::on(&Cpu));
+    assert!(matches!(short, Err(Error::Length { found: 1, .. })));
+}
+
+/// A linear field has its value at the middle as mean, and is unknown beyond its bounds.
+#[test]
+fn fields_are_averaged_over_points_and_outlines() {
+    struct Along;
+    impl ImplicitField for Along {
+        fn value(&self, p: &Point3) -> f64 {
+            2.0 * p.x
         }
-        .check()
-        .is_err()
+        fn value_gradient(&self, p: &Point3) -> (f64, Vector3) {
+            (self.value(p), Vector3::new(2.0, 0.0, 0.0))
+        }
+    }
+    let body = ball_of_atoms(14.0);
+    let directions = [Vector3::x(), Vector3::y(), Vector3::new(-1.0, -1.0, 0.5)];
+    let (positions, triangles) = dimpled_ball(4, &directions, 0.4, 0.45).into_parts();
+    let scaled = positions.iter().map(|p| p * 14.0).collect();
+    let ball = TriMesh::new(scaled, triangles).unwrap();
+    let found = concave_patches(&ball, &body, None, &fine_patches(), Run::on(&Cpu)).unwrap();
+    let (pocket, outline) = &found[0];
+    let score = field_in(pocket, outline, &ball, &Along, None);
+    let mean =
+        |points: &[Point3]| points.iter().map(|p| 2.0 * p.x).sum::<f64>() / points.len() as f64;
+    assert!((score.points.unwrap() - mean(&pocket.points)).abs() < 1e-9);
+    let [low, high] = score.range.unwrap();
+    assert!(low < score.points.unwrap() && score.points.unwrap() < high);
+    // By area, not by vertex.
+    let (mut sum, mut area) = (0.0, 0.0);
+    for &t in &outline.triangles {
+        let part = ball.doubled_area_normal(t as usize).norm();
+        sum += part * mean(&ball.corners(t as usize));
+        area += part;
+    }
+    assert!((score.surface.unwrap() - sum / area).abs() < 1e-9);
+    let elsewhere = geom_core::Aabb::new(Point3::new(90.0, 0.0, 0.0), Point3::new(91.0, 1.0, 1.0));
+    let unknown = field_in(pocket, outline, &ball, &Along, Some(&elsewhere));
+    assert_eq!(
+        (unknown.points, unknown.range, unknown.surface),
+        (None, None, None)
     );
 }
 

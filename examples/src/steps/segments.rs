@@ -246,18 +246,33 @@ fn picture_of_modes(
     view: View,
     modes: usize,
 ) -> Result<Image, Failure> {
-    let shown = modes.min(done.found.spectrum.modes.len());
+    let spectrum = &done.found.spectrum;
+    let shown = modes.min(spectrum.modes.len());
+    contact_sheet(
+        session,
+        &done.shown,
+        view,
+        &spectrum.values,
+        &spectrum.modes[..shown],
+    )
+}
+
+/// The contact sheet of modes at the vertices of a mesh, with their eigenvalues.
+pub fn contact_sheet(
+    session: &Session,
+    mesh: &TriMesh,
+    view: View,
+    values: &[f64],
+    modes: &[Vec<f64>],
+) -> Result<Image, Failure> {
     let paint = |mode: &Vec<f64>| Paint::Vertices(Scale::symmetric(mode, "").colors(mode));
-    let paints: Vec<Paint> = done.found.spectrum.modes[..shown]
-        .iter()
-        .map(paint)
-        .collect();
-    let mut layer = Layer::surface(&done.shown, Paint::Plain(products::GOLD));
+    let paints: Vec<Paint> = modes.iter().map(paint).collect();
+    let mut layer = Layer::surface(mesh, Paint::Plain(products::GOLD));
     layer.edges = false;
     let scene = Scene::new(vec![layer], view);
     let images = scene.draw_each(session.rasterizer()?, [420, 330], &paints)?;
     let title = |(i, value): (usize, &f64)| format!("{}: λ = {}", i + 1, products::brief(*value));
-    let titles = done.found.spectrum.values.iter().enumerate().map(title);
+    let titles = values.iter().enumerate().map(title);
     Ok(sheet_of_modes(&titles.zip(images).collect::<Vec<_>>(), 4))
 }
 

@@ -2,12 +2,11 @@
 //! extraordinary corner.
 //!
 //! Across a boundary edge the net goes on linearly, `P₋₁ = 2 P₀ − P₁`, and at a corner
-//! `P₋₁₋₁ = 4 P₀₀ − 2 P₁₀ − 2 P₀₁ + P₁₁`: the boundary curve is then the cubic B-spline of its vertices.
+//! `P₋₁₋₁ = 4 P₀₀ − 2 P₁₀ − 2 P₀₁ + P₁₁`: the boundary curve is then the cubic B-spline of its vertices. A boundary vertex
+//! of more than two quads has a ghost beyond each of its boundary edges and stays on the boundary.
 
 use geom_core::mesh::Halfedges;
 use geom_core::{QuadMesh, VertexId, id::Id};
-
-use crate::Error;
 
 /// A linear combination of vertices.
 pub(crate) type Combination = Vec<(u32, f64)>;
@@ -24,9 +23,7 @@ pub(crate) struct Extended {
 }
 
 impl Extended {
-    /// # Errors
-    /// [`Error::Valence`] for a boundary vertex of more than two quads.
-    pub(crate) fn of(mesh: &QuadMesh, edges: &Halfedges<4>) -> Result<Self, Error> {
+    pub(crate) fn of(mesh: &QuadMesh, edges: &Halfedges<4>) -> Self {
         let mut extended = Self {
             real: mesh.positions().len(),
             quads: mesh.quads().to_vec(),
@@ -37,7 +34,7 @@ impl Extended {
         let mut of_vertex = vec![[u32::MAX; 3]; mesh.positions().len()];
         for (v, ghosts) in (0..).zip(&mut of_vertex) {
             if edges.on_boundary(VertexId(v)) {
-                *ghosts = extended.ghosts_of(edges, VertexId(v))?;
+                *ghosts = extended.ghosts_of(edges, VertexId(v));
             }
         }
         for h in edges.iter().filter(|&h| edges.twin(h).is_none()) {
@@ -51,31 +48,32 @@ impl Extended {
                 extended.quads.push([v as u32, arriving, between, leaving]);
             }
         }
-        Ok(extended)
+        extended
     }
 
-    fn ghosts_of(&mut self, edges: &Halfedges<4>, v: VertexId) -> Result<[u32; 3], Error> {
+    fn ghosts_of(&mut self, edges: &Halfedges<4>, v: VertexId) -> [u32; 3] {
         let around: Vec<_> = edges.around(v).collect();
+        let mut mirrored = |other: u32| self.ghost(vec![(v.0, 2.0), (other, -1.0)]);
         match around[..] {
             // A corner: the neighbours along the leaving edge, along the arriving one, and across.
             [h] => {
                 let next = edges.to(h).0;
                 let before = edges.from(edges.previous(h)).0;
                 let across = edges.to(edges.next(h)).0;
-                let leaving = self.ghost(vec![(v.0, 2.0), (before, -1.0)]);
-                let arriving = self.ghost(vec![(v.0, 2.0), (next, -1.0)]);
+                let (leaving, arriving) = (mirrored(before), mirrored(next));
                 let corner = vec![(v.0, 4.0), (next, -2.0), (before, -2.0), (across, 1.0)];
-                Ok([leaving, arriving, self.ghost(corner)])
+                [leaving, arriving, self.ghost(corner)]
             }
             [_, inner] => {
-                let ghost = self.ghost(vec![(v.0, 2.0), (edges.to(inner).0, -1.0)]);
-                Ok([ghost, ghost, u32::MAX])
+                let ghost = mirrored(edges.to(inner).0);
+                [ghost, ghost, u32::MAX]
             }
-            _ => Err(Error::Valence {
-                vertex: v.index(),
-                quads: around.len(),
-                must: "a vertex on the boundary may have one or two",
-            }),
+            // The neighbours inside next to each of the boundary edges.
+            [_, first, .., last] => {
+                let sides = [first, last].map(|h| mirrored(edges.to(h).0));
+                [sides[0], sides[1], u32::MAX]
+            }
+            [] => [u32::MAX; 3],
         }
     }
 

@@ -21,6 +21,12 @@ pub(crate) fn mask(extended: &Extended) -> Result<SparseMatrix, Error> {
         let n = around.len() as f64;
         if around.is_empty() {
             row.push((v as u32, 1.0));
+        } else if edges.on_boundary(VertexId(v as u32)) {
+            // Of more than two quads: the first and the last around it are ghosts.
+            let ends = [around[1], around[around.len() - 1]];
+            extended.add(v as u32, 4.0 / 6.0, &mut row);
+            ends.iter()
+                .for_each(|&h| extended.add(edges.to(h).0, 1.0 / 6.0, &mut row));
         } else {
             let unit = 1.0 / (n * (n + 5.0));
             extended.add(v as u32, n * n * unit, &mut row);

@@ -2,7 +2,9 @@
 
 mod ghosts;
 mod limit;
+mod net;
 mod patches;
+mod rim;
 mod subdivide;
 mod surface;
 mod tables;
@@ -12,4 +14,4 @@ pub use surface::{Jet, Surface};
 pub(crate) use surface::{folded_rows, jet, turned};
 
 pub(crate) use patches::Patch;
-pub(crate) use tables::{Table, Tables};
+pub(crate) use tables::{ROWS, Table, Tables};

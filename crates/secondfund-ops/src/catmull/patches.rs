@@ -4,14 +4,14 @@ use geom_core::mesh::Halfedges;
 use geom_core::{FaceId, HalfedgeId, VertexId, id::Id};
 
 use super::ghosts::{Combination, Extended};
-use super::tables::{MOST_VALENCE, control_points};
+use super::tables::{Corner, MOST_VALENCE};
 use crate::Error;
 
 /// The control points of a quad, in the order of its table.
 #[derive(Clone, Debug)]
 pub(crate) struct Patch {
-    /// The valence of its extraordinary corner, 4 for none.
-    pub(crate) valence: usize,
+    /// Its extraordinary corner.
+    pub(crate) corner: Corner,
     /// Vertices of the mesh, each once.
     pub(crate) ids: Vec<u32>,
     /// At a boundary: the points of the table as rows of combinations of `ids`.
@@ -31,35 +31,61 @@ pub(crate) fn patches(extended: &Extended, count: usize) -> Result<Vec<Patch>, E
     let valences: Vec<u32> = (0..vertices)
         .map(|v| edges.around(VertexId(v as u32)).count() as u32)
         .collect();
-    if let Some(vertex) = (0..extended.real).find(|&v| {
-        let n = valences[v] as usize;
-        n != 0 && !(3..=MOST_VALENCE).contains(&n)
-    }) {
-        return Err(Error::Valence {
-            vertex,
-            quads: valences[vertex] as usize,
-            must: "a vertex inside the surface must have 3…32",
-        });
+    // A vertex on the boundary of more than two quads has ghosts on both sides, but stays on the boundary.
+    let on_rim = |v: usize| edges.on_boundary(VertexId(v as u32));
+    for vertex in 0..extended.real {
+        let rim = on_rim(vertex);
+        let quads = valences[vertex] as usize - if rim && valences[vertex] > 0 { 2 } else { 0 };
+        let must = if rim {
+            "a vertex on the boundary must have 1…32"
+        } else {
+            "a vertex inside the surface must have 3…32"
+        };
+        if quads > MOST_VALENCE || (!rim && quads != 0 && quads < 3) {
+            return Err(Error::Valence {
+                vertex,
+                quads,
+                must,
+            });
+        }
     }
     (0..count)
         .map(|f| {
-            let corner = |k: usize| edges.from(edges.of_face(FaceId(f as u32), k)).index();
-            let odd = (0..4).find(|&k| valences[corner(k)] != 4);
+            let vertex = |k: usize| edges.from(edges.of_face(FaceId(f as u32), k)).index();
+            let odd = (0..4).find(|&k| valences[vertex(k)] != 4);
             let start = edges.of_face(FaceId(f as u32), odd.unwrap_or(0));
-            let points = match odd {
-                None => grid(&edges, start),
-                Some(_) => around_corner(&edges, start),
+            let (corner, points) = match odd.map(vertex) {
+                None => (Corner::Regular, grid(&edges, start)),
+                Some(v) if on_rim(v) => {
+                    let (place, fan) = fan_of_rim(&edges, start);
+                    let quads = valences[v] as usize - 2;
+                    (
+                        Corner::Rim { quads, place },
+                        around_corner(&edges, start, fan),
+                    )
+                }
+                Some(v) => {
+                    let fan = fan_inside(&edges, start);
+                    let points = around_corner(&edges, start, fan);
+                    (Corner::Inside(valences[v] as usize), points)
+                }
             };
-            let valence = valences[edges.from(start).index()] as usize;
-            assert_eq!(points.len(), control_points(valence), "the walk closes");
-            Ok(folded(extended, valence, &points))
+            assert_eq!(points.len(), corner.points(), "the walk closes");
+            Ok(folded(extended, corner, &points))
         })
         .collect()
 }
 
 /// Vertices all of whose corners are extraordinary but one cannot be walked: is a quad of the mesh such?
 pub(crate) fn has_two_odd_corners(edges: &Halfedges<4>, quads: usize) -> bool {
-    let odd = |v: VertexId| !edges.on_boundary(v) && edges.around(v).count() != 4;
+    let odd = |v: VertexId| {
+        let count = edges.around(v).count();
+        if edges.on_boundary(v) {
+            count > 2
+        } else {
+            count != 4
+        }
+    };
     (0..quads).any(|f| {
         let corners = (0..4).map(|k| edges.from(edges.of_face(FaceId(f as u32), k)));
         corners.filter(|&v| odd(v)).count() > 1
@@ -105,16 +131,33 @@ fn grid(edges: &Halfedges<4>, h: HalfedgeId) -> Vec<u32> {
     ]
 }
 
-/// The points of a quad whose first corner, from which `h` starts, is extraordinary.
-fn around_corner(edges: &Halfedges<4>, h: HalfedgeId) -> Vec<u32> {
+/// The neighbours along edges and then across quads of the corner inside the surface from which `h` starts, from it on.
+fn fan_inside(edges: &Halfedges<4>, h: HalfedgeId) -> Vec<u32> {
     let ring: Vec<HalfedgeId> = std::iter::successors(Some(h), |&g| {
         let turned = across(edges, edges.previous(g));
         (turned != h).then_some(turned)
     })
     .collect();
+    let mut fan: Vec<u32> = ring.iter().map(|&g| edges.to(g).0).collect();
+    fan.extend(ring.iter().map(|&g| edges.to(edges.next(g)).0));
+    fan
+}
+
+/// The same of a corner on the boundary, from the boundary edge that leaves it on, and the place of the quad of `h`.
+fn fan_of_rim(edges: &Halfedges<4>, h: HalfedgeId) -> (usize, Vec<u32>) {
+    // The first and the last quad are ghosts.
+    let ring: Vec<HalfedgeId> = edges.around(edges.from(h)).skip(1).collect();
+    let place = ring.iter().position(|&g| g == h);
+    let mut fan: Vec<u32> = ring.iter().map(|&g| edges.to(g).0).collect();
+    let real = &ring[..ring.len() - 1];
+    fan.extend(real.iter().map(|&g| edges.to(edges.next(g)).0));
+    (place.expect("a quad of the mesh is no ghost"), fan)
+}
+
+/// The points of a quad whose first corner, from which `h` starts, is extraordinary and has this fan.
+fn around_corner(edges: &Halfedges<4>, h: HalfedgeId, fan: Vec<u32>) -> Vec<u32> {
     let mut points = vec![edges.from(h).0];
-    points.extend(ring.iter().map(|&g| edges.to(g).0));
-    points.extend(ring.iter().map(|&g| edges.to(edges.next(g)).0));
+    points.extend(fan);
     let (east, north) = (edges.next(h), edges.next(edges.next(h)));
     let [e0, e1] = beyond(edges, east);
     let [n0, n1] = beyond(edges, north);
@@ -131,10 +174,10 @@ fn around_corner(edges: &Halfedges<4>, h: HalfedgeId) -> Vec<u32> {
 }
 
 /// Ghosts replaced by what they are made of.
-fn folded(extended: &Extended, valence: usize, points: &[u32]) -> Patch {
+fn folded(extended: &Extended, corner: Corner, points: &[u32]) -> Patch {
     if points.iter().all(|&p| (p as usize) < extended.real) && all_differ(points) {
         return Patch {
-            valence,
+            corner,
             ids: points.to_vec(),
             fold: None,
         };
@@ -157,7 +200,7 @@ fn folded(extended: &Extended, valence: usize, points: &[u32]) -> Patch {
         }
     }
     Patch {
-        valence,
+        corner,
         ids,
         fold: Some(fold),
     }

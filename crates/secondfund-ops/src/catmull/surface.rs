@@ -2,7 +2,7 @@
 
 use geom_core::algebra::SparseMatrix;
 use geom_core::mesh::Halfedges;
-use geom_core::{Point3, QuadMesh, Vector3};
+use geom_core::{Point3, QuadMesh, Vector3, VertexId};
 use rayon::prelude::*;
 
 use super::ghosts::Extended;
@@ -14,8 +14,14 @@ use crate::Error;
 use crate::forms::{Forms, Symmetric};
 use crate::options::Quadrature;
 
+/// Quads at a boundary vertex up to which the surface has a tangent plane there.
+const SMOOTH_RIM: usize = 3;
+
 /// The limit surface of Catmull–Clark subdivision: bicubic, C² but for its extraordinary vertices, where it
-/// is C¹. Open or closed, of any valence from 3 to 32; vertices of a boundary have one or two quads.
+/// is C¹. Open or closed, of any valence from 3 to 32; on boundaries from 1 to 32 quads meet at a vertex. Where more than
+/// three do, the rules of subdivision give no tangent plane at the vertex itself (Biermann, Levin and Zorin,
+/// *Piecewise smooth subdivision surfaces with normal control*, 2000): areas and integrals are right, curvatures near it
+/// are not ([`Surface::rough_rims`]).
 #[derive(Clone, Debug)]
 pub struct Surface {
     control: QuadMesh,
@@ -69,7 +75,7 @@ impl Surface {
         if refined {
             control = subdivide(&control)?;
         }
-        let extended = Extended::of(&control, &edges_of(&control)?)?;
+        let extended = Extended::of(&control, &edges_of(&control)?);
         Ok(Self {
             patches: patches(&extended, control.quads().len())?,
             mask: mask(&extended)?,
@@ -82,7 +88,7 @@ impl Surface {
     /// The surface whose limit positions are the vertices of `samples`: of fourth order in the size of the
     /// quads away from extraordinary vertices.
     pub fn interpolating(samples: &QuadMesh) -> Result<Self, Error> {
-        let extended = Extended::of(samples, &edges_of(samples)?)?;
+        let extended = Extended::of(samples, &edges_of(samples)?);
         let control = interpolate(&mask(&extended)?, samples.positions());
         Self::new(QuadMesh::new(control, samples.quads().to_vec())?)
     }
@@ -100,6 +106,18 @@ impl Surface {
     /// Was the mesh turned inside out?
     pub fn flipped(&self) -> bool {
         self.flipped
+    }
+
+    /// The boundary vertices where more than three quads meet: there the surface has no tangent plane.
+    pub fn rough_rims(&self) -> Vec<u32> {
+        let edges = edges_of(&self.control).expect("the mesh of the patches");
+        let rough = |v: &u32| {
+            let v = VertexId(*v);
+            edges.on_boundary(v) && edges.around(v).count() > SMOOTH_RIM
+        };
+        (0..self.control.positions().len() as u32)
+            .filter(rough)
+            .collect()
     }
 
     /// The limit positions of the control vertices.
@@ -138,7 +156,7 @@ impl Surface {
     }
 
     pub(crate) fn tables(&self, quadrature: Quadrature) -> Tables {
-        Tables::of(self.patches.iter().map(|p| p.valence), quadrature)
+        Tables::of(self.patches.iter().map(|p| p.corner), quadrature)
     }
 
     /// The points of the quadrature of all quads with their weights, quad after quad: the weight times the
@@ -147,7 +165,7 @@ impl Surface {
         quadrature.check()?;
         let tables = self.tables(quadrature);
         let of_patch = |patch: &Patch| -> Vec<(Jet, f64)> {
-            let table = tables.of_valence(patch.valence);
+            let table = tables.of_corner(patch.corner);
             let points = self.points_of(patch, self.control.positions());
             (0..table.weights.len())
                 .map(|q| (jet(table.point(q), &points), table.weights[q]))

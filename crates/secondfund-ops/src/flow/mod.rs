@@ -1,9 +1,11 @@
-//! Smoothing: geometric flows by an operator, and the bilateral normal filter beside them.
+//! Smoothing: geometric flows by an operator, and the filters of normals beside them.
 
 mod bilateral;
+mod filter;
 mod guard;
 mod steps;
 mod tangential;
+mod variation;
 
-pub use bilateral::{BilateralOptions, filter_normals};
+pub use filter::{filter_normals, filter_quad_normals};
 pub use steps::{FlowReport, Smoothed, smooth, smooth_quads};

@@ -51,6 +51,16 @@ pub struct FlowReport {
     pub held_back: usize,
 }
 
+impl FlowReport {
+    /// Displacements of the vertices.
+    pub(super) fn measure(&mut self, first: &[Point3], last: &[Point3]) {
+        let squares = last.iter().zip(first).map(|(p, q)| (p - q).norm_squared());
+        let (sum, most) = squares.fold((0.0, 0.0), |(s, m): (f64, f64), x| (s + x, m.max(x)));
+        self.rms_displacement = (sum / first.len().max(1) as f64).sqrt();
+        self.max_displacement = most.sqrt();
+    }
+}
+
 /// A mesh that flows: what differs between triangles and quads.
 trait Flowing {
     /// Stiffness of a law and lumped mass in unit scale, for positions in unit scale.
@@ -254,8 +264,7 @@ fn flow<F: Flowing>(
     run: On<'_>,
 ) -> Result<(Vec<Point3>, FlowReport), Error> {
     let scale = UnitScale::of(start)?;
-    let first: Vec<Point3> = start.iter().map(|p| scale.apply(p)).collect();
-    let mut positions = first.clone();
+    let mut positions: Vec<Point3> = start.iter().map(|p| scale.apply(p)).collect();
     let volume = mesh.triangles(&positions)?.volume();
     let mut symbolic = None;
     let mut report = FlowReport::default();
@@ -275,15 +284,10 @@ fn flow<F: Flowing>(
     }
     let cubed = scale.length.powi(3);
     report.volume = [volume * cubed, mesh.triangles(&positions)?.volume() * cubed];
-    let squares = positions
-        .iter()
-        .zip(&first)
-        .map(|(p, q)| (p - q).norm_squared());
-    let (sum, most) = squares.fold((0.0, 0.0), |(s, m): (f64, f64), x| (s + x, m.max(x)));
-    report.rms_displacement = (sum / positions.len() as f64).sqrt() * scale.length;
-    report.max_displacement = most.sqrt() * scale.length;
     let back = positions.iter().map(|p| scale.undo(&p.coords));
-    Ok((back.collect(), report))
+    let last: Vec<Point3> = back.collect();
+    report.measure(start, &last);
+    Ok((last, report))
 }
 
 fn hold(moves: &mut [Vector3], rims: &[bool]) {

@@ -2,6 +2,7 @@
 
 mod conduct;
 mod operator;
+mod polygon;
 mod ring;
 mod symmetric;
 mod triangles;
@@ -13,5 +14,6 @@ pub use symmetric::{Forms, Principal, Symmetric};
 pub use triangles::{Normals, TriangleMatrix};
 pub use weight::Weight;
 
+pub(crate) use polygon::{area_normal, centroid, sorted_sides};
 pub(crate) use ring::Neighbors;
 pub(crate) use triangles::{element, shape_tensor, smoothed_normals};

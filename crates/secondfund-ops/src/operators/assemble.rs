@@ -4,7 +4,7 @@ use geom_core::Run;
 
 use super::element::Element;
 use super::pattern::Matrices;
-use super::{quads, triangles};
+use super::{bezier, quads, triangles};
 use crate::backend::OperatorBackend;
 use crate::{Error, SpectrumOptions};
 
@@ -19,16 +19,21 @@ pub fn assemble<B: OperatorBackend + ?Sized>(
 ) -> Result<Matrices, Error> {
     let run = run.with(run.backend.as_operators());
     options.check()?;
+    let prepared = |dofs: usize| {
+        let operator = &options.operator;
+        operator.prepared(dofs, options.bounds, options.regularization)
+    };
     match *element {
         Element::Triangles(mesh, normals) => {
             triangles::matrices(mesh, normals, &options.operator, options, run)
         }
         Element::CatmullClark(surface) => {
-            let vertices = surface.control().positions().len();
-            let operator = &options.operator;
-            let (conductor, factors) =
-                operator.prepared(vertices, options.bounds, options.regularization)?;
+            let (conductor, factors) = prepared(surface.control().positions().len())?;
             quads::matrices(surface, &conductor, &factors, options)
+        }
+        Element::Bezier(surface) => {
+            let (conductor, factors) = prepared(surface.nodes())?;
+            bezier::matrices(surface, &conductor, &factors, options)
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use geom_core::{Aabb, Point3, TriMesh, Vector3};
 
+use super::bezier::BezierSurface;
 use crate::Error;
 use crate::catmull::Surface;
 use crate::forms::Normals;
@@ -13,6 +14,8 @@ pub enum Element<'a> {
     CatmullClark(&'a Surface),
     /// A triangle mesh with linear functions; curvature from the normals of its vertices.
     Triangles(&'a TriMesh, &'a Normals),
+    /// Bézier elements of a spline: functions by the coefficients of its nodes, curvature of the surface.
+    Bezier(&'a BezierSurface),
 }
 
 /// The map to unit scale: the largest extent becomes 1, the centre of the box the origin. Ψ, ε and δ

@@ -1,6 +1,7 @@
 //! Operators on a surface: their matrices and their smallest eigenpairs.
 
 mod assemble;
+mod bezier;
 mod element;
 mod pattern;
 mod quads;
@@ -8,6 +9,7 @@ mod spectrum;
 mod triangles;
 
 pub use assemble::assemble;
+pub use bezier::{BezierElement, BezierSurface};
 pub use element::Element;
 pub use pattern::Matrices;
 pub use spectrum::{Spectrum, spectrum};

@@ -16,8 +16,8 @@ use crate::{Error, SpectrumOptions};
 pub struct Spectrum {
     /// Eigenvalues, ascending, in unit scale.
     pub values: Vec<f64>,
-    /// Per mode its values at the vertices (of a Catmull–Clark surface: at their limit positions), of
-    /// unit length in the product of the mass.
+    /// Per mode its values at the vertices (of a Catmull–Clark surface: at their limit positions; of Bézier elements: the
+    /// coefficients of the nodes), of unit length in the product of the mass.
     pub modes: Vec<Vec<f64>>,
     /// The area around each vertex, of the surface in unit scale.
     pub areas: Vec<f64>,

@@ -1,56 +1,23 @@
-//! The part of a surface that is a pocket: patches on which the modes of the secondary Laplace operator with
-//! Ψ = e^{−H} change little, those that hold most of the burial.
+//! The part of a surface that is a pocket.
 
-use geom_core::compute::sets::DisjointSets;
-use geom_core::search::nearest::PointTree;
-use geom_core::{Point3, Run, Structure, TriMesh, Vector3};
+use geom_core::{Run, Structure, TriMesh};
 
-use super::shell::burial;
+use super::measure::{Outline, measured};
+use super::patches::Patches;
+use super::probes::{between_probes, shared_out, triangles_at};
 use super::sites::Pocket;
 use crate::Error;
-use crate::backend::{On, OperatorBackend};
+use crate::backend::OperatorBackend;
 use crate::forms::Normals;
-use crate::operators::{Element, spectrum};
-use crate::options::OutlineOptions;
-use crate::segment::{Faces, segment};
+use crate::operators::{Element, assemble};
+use crate::options::{OutlineOptions, OutlineSource};
 
-/// The share of vertices that are not deep enough to count for a patch.
-const SHALLOW: f64 = 0.88;
-/// A neighbouring patch that the pocket's points touch belongs to it if the lower of the two scores per area is
-/// this share of the higher: a shallow pocket does not swallow the deep one beside it.
-const ALIKE: f64 = 0.5;
-/// How far from the surface a pocket's point may lie to speak for a patch, Å: a shell reaches 2.8 Å from the atoms,
-/// and the surface may lie under that. Points deeper in a surface that has closed over them say nothing.
-const REACH: f64 = 4.5;
-/// A border loop is a mouth of its own if its lid is this share of the largest one's.
-const MOUTH: f64 = 0.1;
-
-/// A pocket as a part of the surface.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Outline {
-    /// The pocket's rank.
-    pub rank: usize,
-    /// Triangles of the surface, ascending.
-    pub triangles: Vec<u32>,
-    /// Their area, Å².
-    pub area: f64,
-    /// Area-weighted mean curvature, Å⁻¹: negative where concave.
-    pub mean_curvature: f64,
-    /// Area of the mouths: of the fans over the border's loops, Å². A tunnel has two.
-    pub mouth: f64,
-    /// The largest distance of the patch below the nearest of its mouths, Å.
-    pub depth: f64,
-    /// Volume between the patch and its mouths, Å³.
-    pub volume: f64,
-}
-
-/// The outlines of pockets on the molecule's surface. No triangle is in two of them: a patch that two pockets claim
-/// is shared out by the nearest pocket point. A pocket that no part of the surface is near, because the surface has
+/// The outlines of pockets on the molecule's surface. No triangle is in two of them: what two pockets claim is shared
+/// out by the nearest pocket point. A pocket that no part of the surface is near, because the surface has
 /// closed over it, has no triangles; a surface that follows the atoms more closely has it.
 ///
 /// # Errors
-/// Options out of range, and those of [`spectrum`] and [`segment`].
+/// Options out of range, and those of [`spectrum`](crate::spectrum()) and [`segment`](crate::segment()).
 pub fn outline<B: OperatorBackend + ?Sized>(
     surface: &TriMesh,
     structure: &Structure,
@@ -60,335 +27,40 @@ pub fn outline<B: OperatorBackend + ?Sized>(
 ) -> Result<Vec<Outline>, Error> {
     let run = run.with(run.backend.as_operators());
     options.check()?;
-    let patches = Patches::of(surface, structure, options, run)?;
-    let tree = PointTree::of_positions(surface.positions())?;
-    let claims: Vec<Vec<u32>> = pockets
-        .iter()
-        .map(|pocket| patches.of_pocket(pocket, &tree))
-        .collect();
+    let (owners, hollows, mean) = match &options.source {
+        OutlineSource::Patches => {
+            let patches = Patches::of(surface, structure, options, run)?;
+            (
+                patches.owners(surface, pockets)?,
+                vec![Vec::new(); pockets.len()],
+                patches.mean,
+            )
+        }
+        OutlineSource::Probes(probes) => {
+            let points = between_probes(structure, probes)?;
+            let hollows = shared_out(&points, pockets, probes.reach)?;
+            let normals = Normals::OfMesh {
+                rounds: options.normal_rounds,
+            };
+            let element = Element::Triangles(surface, &normals);
+            let curved = assemble(&element, &options.spectrum(), run)?;
+            let mean = curved.mean.iter().map(|h| h / curved.scale).collect();
+            (triangles_at(surface, pockets, &hollows)?, hollows, mean)
+        }
+    };
     let mut triangles: Vec<Vec<u32>> = vec![Vec::new(); pockets.len()];
-    for (f, owner) in patches
-        .owners(surface, pockets, &claims)?
-        .into_iter()
-        .enumerate()
-    {
+    for (owner, f) in owners.into_iter().zip(0..) {
         if let Some(owner) = owner {
-            triangles[owner as usize].push(f as u32);
+            triangles[owner as usize].push(f);
         }
     }
     Ok(pockets
         .iter()
         .zip(triangles)
-        .map(|(pocket, triangles)| patches.measured(pocket.rank, surface, triangles))
-        .collect())
-}
-
-/// The surface in patches, each with its burial.
-struct Patches {
-    faces: Faces,
-    labels: Vec<u32>,
-    /// `Σ m max(c − q, 0)²` over area, per patch.
-    density: Vec<f64>,
-    /// A face of each vertex.
-    face_of: Vec<u32>,
-    /// Mean curvature per vertex, Å⁻¹.
-    mean: Vec<f64>,
-}
-
-impl Patches {
-    fn of(
-        surface: &TriMesh,
-        structure: &Structure,
-        options: &OutlineOptions,
-        run: On<'_>,
-    ) -> Result<Self, Error> {
-        let normals = Normals::OfMesh {
-            rounds: options.normal_rounds,
-        };
-        let spectrum = spectrum(
-            &Element::Triangles(surface, &normals),
-            &options.spectrum(),
-            run,
-        )?;
-        let faces = Faces::from(surface);
-        let segments = segment(&spectrum, &faces, &options.segments(), run)?;
-        let probes: Vec<Point3> = surface
-            .positions()
-            .iter()
-            .zip(surface.vertex_normals())
-            .map(|(p, n)| p + n * options.probe)
-            .collect();
-        let deep = burial(&probes, structure, options.radius, options.foreign)?;
-        let mut face_of = vec![u32::MAX; surface.positions().len()];
-        for (f, corners) in surface.triangles().iter().enumerate() {
-            corners.iter().for_each(|&v| face_of[v as usize] = f as u32);
-        }
-        Ok(Self {
-            density: densities(&faces, &segments.labels, &deep),
-            labels: segments.labels,
-            faces,
-            face_of,
-            mean: spectrum.mean.iter().map(|h| h / spectrum.scale).collect(),
+        .zip(hollows)
+        .map(|((pocket, triangles), hollow)| Outline {
+            hollow,
+            ..measured(pocket.rank, surface, &mean, triangles)
         })
-    }
-
-    /// The patch to which most of the pocket's points are nearest, and those of its neighbours to which some are
-    /// and that are as deep.
-    fn of_pocket(&self, pocket: &Pocket, tree: &PointTree<3>) -> Vec<u32> {
-        let mut votes = vec![0usize; self.density.len()];
-        for p in &pocket.points {
-            let nearest = tree.nearest(&[p.x, p.y, p.z], 1);
-            for near in nearest.into_iter().filter(|n| n.distance <= REACH) {
-                let face = self.face_of[near.index as usize];
-                if face != u32::MAX {
-                    votes[self.labels[face as usize] as usize] += 1;
-                }
-            }
-        }
-        let Some(first) = (0..votes.len()).max_by_key(|&l| (votes[l], std::cmp::Reverse(l))) else {
-            return Vec::new();
-        };
-        if votes[first] == 0 {
-            return Vec::new();
-        }
-        let mut chosen = vec![first as u32];
-        for f in (0..self.faces.len()).filter(|&f| self.labels[f] as usize == first) {
-            for link in self.faces.links(f) {
-                let other = self.labels[link.face as usize];
-                let (a, b) = (self.density[other as usize], self.density[first]);
-                let alike = a.min(b) > ALIKE * a.max(b);
-                if votes[other as usize] > 0 && alike && !chosen.contains(&other) {
-                    chosen.push(other);
-                }
-            }
-        }
-        chosen
-    }
-
-    /// The pocket of each triangle: the one that claims its patch, or of several the one with the nearest point.
-    fn owners(
-        &self,
-        surface: &TriMesh,
-        pockets: &[Pocket],
-        claims: &[Vec<u32>],
-    ) -> Result<Vec<Option<u32>>, Error> {
-        let mut claimants: Vec<Vec<u32>> = vec![Vec::new(); self.density.len()];
-        for (pocket, claimed) in claims.iter().enumerate() {
-            for &patch in claimed {
-                claimants[patch as usize].push(pocket as u32);
-            }
-        }
-        let trees: Vec<PointTree<3>> = pockets
-            .iter()
-            .map(|pocket| PointTree::of_positions(&pocket.points))
-            .collect::<Result<_, _>>()?;
-        let distance = |pocket: u32, p: &Point3| {
-            let found = trees[pocket as usize].nearest(&[p.x, p.y, p.z], 1);
-            found.first().map_or(f64::INFINITY, |near| near.distance)
-        };
-        let owner = |f: usize| {
-            let all = &claimants[self.labels[f] as usize];
-            if all.len() < 2 {
-                return all.first().copied();
-            }
-            let [a, b, c] = surface.corners(f).map(|p| p.coords);
-            let middle = Point3::from((a + b + c) / 3.0);
-            // Ranks settle what is equally near.
-            let nearer = |a: &u32, b: &u32| distance(*a, &middle).total_cmp(&distance(*b, &middle));
-            all.iter().copied().min_by(nearer)
-        };
-        Ok((0..self.labels.len()).map(owner).collect())
-    }
-
-    fn measured(&self, rank: usize, surface: &TriMesh, triangles: Vec<u32>) -> Outline {
-        let area: f64 = triangles
-            .iter()
-            .map(|&f| self.faces.areas()[f as usize])
-            .sum();
-        let curved = triangles.iter().map(|&f| {
-            let corners = surface.triangles()[f as usize];
-            let mean = corners.map(|v| self.mean[v as usize]).iter().sum::<f64>() / 3.0;
-            mean * self.faces.areas()[f as usize]
-        });
-        let mean_curvature = if area > 0.0 {
-            curved.sum::<f64>() / area
-        } else {
-            0.0
-        };
-        let lids = Lid::all(surface, &triangles);
-        Outline {
-            rank,
-            area,
-            mean_curvature,
-            mouth: lids.iter().map(|lid| lid.normal.norm()).sum(),
-            depth: depth(surface, &triangles, &lids),
-            volume: volume(surface, &triangles, &lids),
-            triangles,
-        }
-    }
-}
-
-fn densities(faces: &Faces, labels: &[u32], deep: &[f64]) -> Vec<f64> {
-    let mut sorted = deep.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let at = (SHALLOW * sorted.len() as f64) as usize;
-    let threshold = sorted.get(at).copied().unwrap_or(f64::INFINITY);
-    let count = labels.iter().max().map_or(0, |&l| l as usize + 1);
-    let (mut scores, mut areas) = (vec![0.0; count], vec![0.0; count]);
-    for (f, &label) in labels.iter().enumerate() {
-        let corners = faces.corners(f);
-        let mean: f64 = corners
-            .iter()
-            .map(|&v| (deep[v as usize] - threshold).max(0.0).powi(2))
-            .sum::<f64>()
-            / corners.len() as f64;
-        scores[label as usize] += mean * faces.areas()[f];
-        areas[label as usize] += faces.areas()[f];
-    }
-    scores
-        .iter()
-        .zip(&areas)
-        .map(|(s, a)| if *a > 0.0 { s / a } else { 0.0 })
-        .collect()
-}
-
-/// The fan of triangles from the middle of a loop of a patch's border over its edges.
-struct Lid {
-    middle: Point3,
-    /// Its area times its mean normal, out of the pocket.
-    normal: Vector3,
-    /// The loop's edges, as the patch's own triangles run along them.
-    edges: Vec<[u32; 2]>,
-}
-
-impl Lid {
-    /// One for each loop of the border: those of a tunnel's two ends face apart, and one over both would cancel.
-    fn all(surface: &TriMesh, triangles: &[u32]) -> Vec<Self> {
-        let mut sides: Vec<([u32; 2], [u32; 2])> = triangles
-            .iter()
-            .flat_map(|&f| {
-                let [a, b, c] = surface.triangles()[f as usize];
-                [[a, b], [b, c], [c, a]]
-            })
-            .map(|[a, b]| ([a.min(b), a.max(b)], [a, b]))
-            .collect();
-        sides.sort_unstable();
-        let edges: Vec<[u32; 2]> = sides
-            .chunk_by(|a, b| a.0 == b.0)
-            .filter(|side| side.len() == 1)
-            .map(|side| side[0].1)
-            .collect();
-        let mut joined = DisjointSets::new(surface.positions().len());
-        for &[a, b] in &edges {
-            joined.join(a, b);
-        }
-        let loop_of = joined.into_roots();
-        let mut loops: Vec<(u32, [u32; 2])> =
-            edges.iter().map(|e| (loop_of[e[0] as usize], *e)).collect();
-        loops.sort_unstable();
-        loops
-            .chunk_by(|a, b| a.0 == b.0)
-            .map(|edges| Self::of(surface, edges.iter().map(|e| e.1).collect()))
-            .collect()
-    }
-
-    fn of(surface: &TriMesh, edges: Vec<[u32; 2]>) -> Self {
-        let at = |v: u32| surface.positions()[v as usize];
-        let (mut sum, mut length) = (Vector3::zeros(), 0.0);
-        for &[a, b] in &edges {
-            let l = (at(b) - at(a)).norm();
-            sum += (at(a).coords + at(b).coords) * (0.5 * l);
-            length += l;
-        }
-        let middle = Point3::from(if length > 0.0 { sum / length } else { sum });
-        // The patch runs along its border with itself on the left; seen from outside so does its lid.
-        let fan = edges
-            .iter()
-            .map(|&[a, b]| (at(a) - middle).cross(&(at(b) - middle)) * 0.5);
-        Self {
-            middle,
-            normal: fan.sum(),
-            edges,
-        }
-    }
-}
-
-/// The largest distance of a corner below the mouth nearest above it.
-fn depth(surface: &TriMesh, triangles: &[u32], lids: &[Lid]) -> f64 {
-    let largest = lids.iter().map(|lid| lid.normal.norm()).fold(0.0, f64::max);
-    let mouths: Vec<(Vector3, Point3)> = lids
-        .iter()
-        .filter(|lid| lid.normal.norm() >= MOUTH * largest)
-        .filter_map(|lid| Some((lid.normal.try_normalize(0.0)?, lid.middle)))
-        .collect();
-    let below = |p: Point3| {
-        let of_mouth = mouths.iter().map(|(up, middle)| up.dot(&(middle - p)));
-        of_mouth.reduce(f64::min).unwrap_or(0.0)
-    };
-    triangles
-        .iter()
-        .flat_map(|&f| surface.corners(f as usize))
-        .map(below)
-        .fold(0.0, f64::max)
-}
-
-/// Enclosed by the lids, turned outwards, and the patch, turned inwards: what lies between them. Negative volumes,
-/// of patches that bulge out, count as none; so does that of a patch without a border.
-fn volume(surface: &TriMesh, triangles: &[u32], lids: &[Lid]) -> f64 {
-    let Some(first) = lids.first() else {
-        return 0.0;
-    };
-    // From a point nearby, where the tetrahedra are small.
-    let o = first.middle;
-    let six = |[a, b, c]: [Point3; 3]| (a - o).cross(&(b - o)).dot(&(c - o));
-    let at = |v: u32| surface.positions()[v as usize];
-    let fans = lids
-        .iter()
-        .flat_map(|lid| lid.edges.iter().map(|&[a, b]| [lid.middle, at(a), at(b)]));
-    let lid: f64 = fans.map(six).sum();
-    let patch: f64 = triangles
-        .iter()
-        .map(|&f| six(surface.corners(f as usize)))
-        .sum();
-    ((lid - patch) / 6.0).max(0.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use std::f64::consts::PI;
-
-    use super::*;
-
-    /// The wall of a straight tunnel of radius 2 Å and length 10 Å, seen from inside.
-    fn tunnel(around: u32, along: u32) -> TriMesh {
-        let positions = (0..=along).flat_map(|j| {
-            (0..around).map(move |i| {
-                let angle = 2.0 * PI * f64::from(i) / f64::from(around);
-                let z = 10.0 * f64::from(j) / f64::from(along);
-                Point3::new(2.0 * angle.cos(), 2.0 * angle.sin(), z)
-            })
-        });
-        let at = |i: u32, j: u32| j * around + i % around;
-        let quads = (0..along).flat_map(|j| (0..around).map(move |i| (i, j)));
-        let triangles = quads.flat_map(|(i, j)| {
-            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            [[a, c, b], [a, d, c]]
-        });
-        TriMesh::new(positions.collect(), triangles.collect()).unwrap()
-    }
-
-    /// Two mouths, the middle farthest from both, and a cylinder's volume.
-    #[test]
-    fn a_tunnel_has_two_mouths() {
-        let wall = tunnel(256, 40);
-        let triangles: Vec<u32> = (0..wall.triangles().len() as u32).collect();
-        let lids = Lid::all(&wall, &triangles);
-        assert_eq!(lids.len(), 2);
-        let disc = 4.0 * PI;
-        let mouths: f64 = lids.iter().map(|lid| lid.normal.norm()).sum();
-        assert!((mouths / (2.0 * disc) - 1.0).abs() < 1e-3, "{mouths}");
-        assert!((depth(&wall, &triangles, &lids) - 5.0).abs() < 1e-9);
-        let enclosed = volume(&wall, &triangles, &lids);
-        assert!((enclosed / (10.0 * disc) - 1.0).abs() < 1e-3, "{enclosed}");
-    }
+        .collect())
 }

@@ -1,7 +1,9 @@
-//! How well pockets are found, where ligands are known.
+//! How well pockets are found, where ligands are known, and what other fields are in them.
 
-use geom_core::Point3;
+use geom_core::{Aabb, ImplicitField, Point3, TriMesh};
 
+use super::literal::mean_over;
+use super::measure::Outline;
 use super::sites::Pocket;
 
 /// Which ranks find a ligand.
@@ -45,4 +47,53 @@ pub fn site_ranks(pockets: &[Pocket], ligands: &[Vec<Point3>]) -> Vec<SiteScore>
             }
         })
         .collect()
+}
+
+/// What a field is in a pocket, in its own unit: a ligand's Gaussian density (Eq. 7.27), a potential.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct FieldScore {
+    /// Its mean over the pocket's points; `None` if none lies within the field's bounds.
+    pub points: Option<f64>,
+    /// The lowest and the highest value there.
+    pub range: Option<[f64; 2]>,
+    /// Its mean over the outline, by area; `None` for an outline without triangles or not within the bounds.
+    pub surface: Option<f64>,
+}
+
+/// The values of a field in a pocket. `bounds`: where the field is known, if not everywhere.
+pub fn field_in<F: ImplicitField + ?Sized>(
+    pocket: &Pocket,
+    outline: &Outline,
+    surface: &TriMesh,
+    field: &F,
+    bounds: Option<&Aabb>,
+) -> FieldScore {
+    let known = |p: &Point3| bounds.is_none_or(|b| b.contains(p));
+    let values: Vec<f64> = pocket
+        .points
+        .iter()
+        .filter(|p| known(p))
+        .map(|p| field.value(p))
+        .collect();
+    let mut of_vertices = vec![0.0; surface.positions().len()];
+    let mut whole = !outline.triangles.is_empty();
+    for &f in &outline.triangles {
+        for v in surface.triangles()[f as usize] {
+            let p = &surface.positions()[v as usize];
+            whole &= known(p);
+            of_vertices[v as usize] = field.value(p);
+        }
+    }
+    let extremes = |ends: [f64; 2], v: &f64| [ends[0].min(*v), ends[1].max(*v)];
+    let some = !values.is_empty();
+    FieldScore {
+        points: some.then(|| values.iter().sum::<f64>() / values.len() as f64),
+        range: some.then(|| {
+            values
+                .iter()
+                .fold([f64::INFINITY, f64::NEG_INFINITY], extremes)
+        }),
+        surface: whole.then(|| mean_over(surface, outline, &of_vertices)),
+    }
 }

@@ -46,33 +46,59 @@ pub(crate) struct ShellPoint {
 
 /// The lattice points whose distance from the nearest atom's surface lies within the shell, by z, then y, then x.
 pub(crate) fn shell(atoms: &Atoms, options: &PocketOptions) -> Vec<ShellPoint> {
-    let [near, far] = options.shell;
-    let h = options.spacing;
+    let burial = |p: &Near, counts: &mut Vec<(u32, u32)>| ShellPoint {
+        place: p.place,
+        position: p.position,
+        chain: atoms.chain[p.atom as usize],
+        burial: atoms.burial(&p.position, options.radius, options.foreign, counts),
+    };
+    lattice(atoms, options.shell, options.spacing, burial)
+}
+
+/// A lattice point near the atoms.
+pub(super) struct Near {
+    place: [i32; 3],
+    /// In the molecule's frame, Å.
+    pub(super) position: Point3,
+    /// From the surface of the nearest atom, Å.
+    pub(super) gap: f64,
+    atom: u32,
+}
+
+/// What `of` makes of the lattice points whose gap lies between `near` and `far`, by z, then y, then x; it is handed
+/// scratch of its thread.
+pub(super) fn lattice<T: Send>(
+    atoms: &Atoms,
+    [near, far]: [f64; 2],
+    spacing: f64,
+    of: impl Fn(&Near, &mut Vec<(u32, u32)>) -> T + Sync,
+) -> Vec<T> {
     // Lattice points from the lower side of a box to its upper one, which is the next box's lower.
-    let first = |x: f64| (x / h).ceil() as i32;
-    let of_box = |counts: &mut Vec<(u32, u32)>, bounds: Aabb| -> Vec<ShellPoint> {
+    let first = |x: f64| (x / spacing).ceil() as i32;
+    let of_box = |scratch: &mut Vec<(u32, u32)>, bounds: Aabb| -> Vec<([i32; 3], T)> {
         let along = |k: usize| first(bounds.min[k])..first(bounds.max[k]);
         let row = |k: i32, j: i32| along(0).map(move |i| [i, j, k]);
         let places = along(2).flat_map(|k| along(1).flat_map(move |j| row(k, j)));
         places
             .filter_map(|place| {
-                let position = Point3::from(place.map(|c| f64::from(c) * h));
+                let position = Point3::from(place.map(|c| f64::from(c) * spacing));
                 let (gap, atom) = atoms.gap(&position, far)?;
-                (gap > near).then(|| ShellPoint {
+                let point = Near {
                     place,
                     position,
-                    chain: atoms.chain[atom as usize],
-                    burial: atoms.burial(&position, options.radius, options.foreign, counts),
-                })
+                    gap,
+                    atom,
+                };
+                (gap > near).then(|| (place, of(&point, scratch)))
             })
             .collect()
     };
-    let mut points: Vec<ShellPoint> = atoms
+    let mut points: Vec<([i32; 3], T)> = atoms
         .boxes_within(far)
         .into_par_iter()
         .map_init(Vec::new, of_box)
         .flatten_iter()
         .collect();
-    points.sort_unstable_by_key(|p| [p.place[2], p.place[1], p.place[0]]);
-    points
+    points.sort_unstable_by_key(|(p, _)| [p[2], p[1], p[0]]);
+    points.into_iter().map(|(_, made)| made).collect()
 }

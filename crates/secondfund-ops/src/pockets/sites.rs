@@ -184,6 +184,45 @@ fn densest(points: &[(Point3, f64)]) -> Point3 {
     at
 }
 
+/// What lies around the points of a pocket.
+pub(super) struct Lining {
+    /// Numbers in the structure, ascending, as those of the residues and chains.
+    pub(super) atoms: Vec<u32>,
+    pub(super) residues: Vec<u32>,
+    pub(super) chains: Vec<u32>,
+}
+
+impl Lining {
+    /// Of points in the molecule's frame.
+    pub(super) fn of(
+        points: impl Iterator<Item = Point3>,
+        atoms: &Atoms,
+        structure: &Structure,
+    ) -> Self {
+        let mut lining: Vec<u32> = Vec::new();
+        for p in points {
+            atoms.within(&p, LINING + atoms.largest, |a, d| {
+                if d.sqrt() - atoms.radii[a as usize] <= LINING {
+                    lining.push(a);
+                }
+            });
+        }
+        let sorted = |mut all: Vec<u32>| {
+            all.sort_unstable();
+            all.dedup();
+            all
+        };
+        let lining = sorted(lining);
+        let residue = |a: &u32| structure.residue_starts().partition_point(|s| s <= a) as u32 - 1;
+        let numbers: Vec<u32> = lining.iter().map(|&a| atoms.index[a as usize]).collect();
+        Self {
+            chains: sorted(lining.iter().map(|&a| atoms.chain[a as usize]).collect()),
+            residues: sorted(numbers.iter().map(residue).collect()),
+            atoms: numbers,
+        }
+    }
+}
+
 /// A set of points with its score.
 struct Candidate {
     members: Vec<u32>,
@@ -214,24 +253,7 @@ impl Candidate {
         options: &PocketOptions,
     ) -> Pocket {
         let points = || self.members.iter().map(|&m| &deep[m as usize].0);
-        let mut lining: Vec<u32> = Vec::new();
-        for p in points() {
-            atoms.within(&p.position, LINING + atoms.largest, |a, d| {
-                if d.sqrt() - atoms.radii[a as usize] <= LINING {
-                    lining.push(a);
-                }
-            });
-        }
-        lining.sort_unstable();
-        lining.dedup();
-        let mut chains: Vec<u32> = lining.iter().map(|&a| atoms.chain[a as usize]).collect();
-        chains.sort_unstable();
-        chains.dedup();
-        let lining: Vec<u32> = lining.iter().map(|&a| atoms.index[a as usize]).collect();
-        let residue = |a: &u32| structure.residue_starts().partition_point(|s| s <= a) as u32 - 1;
-        let mut residues: Vec<u32> = lining.iter().map(residue).collect();
-        residues.sort_unstable();
-        residues.dedup();
+        let lining = Lining::of(points().map(|p| p.position), atoms, structure);
         Pocket {
             rank,
             score: self.score,
@@ -239,9 +261,9 @@ impl Candidate {
             burial: points().map(|p| p.burial).fold(0.0, f64::max),
             volume: self.members.len() as f64 * options.spacing.powi(3),
             points: points().map(|p| atoms.frame.leave(&p.position)).collect(),
-            atoms: lining,
-            residues,
-            chains,
+            atoms: lining.atoms,
+            residues: lining.residues,
+            chains: lining.chains,
         }
     }
 }

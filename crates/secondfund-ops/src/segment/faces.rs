@@ -3,6 +3,8 @@
 use geom_core::compute::parallel;
 use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
 
+use crate::forms::{area_normal, centroid, sorted_sides};
+
 /// Two faces with a common edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Link {
@@ -42,13 +44,7 @@ impl Faces {
     fn of<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> Self {
         let normals: Vec<Vector3> = faces.iter().map(|f| area_normal(positions, f)).collect();
         let centers: Vec<Point3> = faces.iter().map(|f| centroid(positions, f)).collect();
-        let mut sides: Vec<([u32; 2], u32)> = faces
-            .iter()
-            .enumerate()
-            .flat_map(|(f, c)| (0..N).map(move |k| (c[k], c[(k + 1) % N], f as u32)))
-            .map(|(a, b, f)| ([a.min(b), a.max(b)], f))
-            .collect();
-        sides.sort_unstable();
+        let sides = sorted_sides(faces);
         let mut links: Vec<(u32, Link)> = Vec::with_capacity(sides.len());
         for around in sides.chunk_by(|a, b| a.0 == b.0) {
             let [a, b] = around[0].0.map(|v| positions[v as usize]);
@@ -110,16 +106,4 @@ impl Faces {
     pub(crate) fn links(&self, face: usize) -> &[Link] {
         &self.links[self.starts[face]..self.starts[face + 1]]
     }
-}
-
-/// The area of a polygon times its mean normal.
-fn area_normal<const N: usize>(positions: &[Point3], face: &[u32; N]) -> Vector3 {
-    let p = face.map(|v| positions[v as usize]);
-    let fan = (1..N - 1).map(|k| (p[k] - p[0]).cross(&(p[k + 1] - p[0])));
-    fan.sum::<Vector3>() * 0.5
-}
-
-fn centroid<const N: usize>(positions: &[Point3], face: &[u32; N]) -> Point3 {
-    let sum: Vector3 = face.iter().map(|&v| positions[v as usize].coords).sum();
-    Point3::from(sum / N as f64)
 }

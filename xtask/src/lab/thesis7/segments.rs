@@ -1,4 +1,4 @@
-//! `cargo xtask thesis 7`: segments of the Princeton benchmark (Chen, Golovinskiy and Funkhouser, 2009) beside those of
+//! Segments of the Princeton benchmark (Chen, Golovinskiy and Funkhouser, 2009) beside those of
 //! its people, by the Rand error averaged over them. Other operators go through the same steps as ours, with the median
 //! number of the people's segments. The thesis gives one bust: 0.116 with its operator.
 
@@ -15,7 +15,7 @@ use secondfund_ops::{
     SpectrumOptions, Weight, segment, spectrum,
 };
 
-use super::text;
+use super::{sorted, text};
 use crate::Outcome;
 
 const COLUMNS: [&str; 8] = [
@@ -152,14 +152,6 @@ fn add(sums: &mut [f64], row: &[f64], share: f64) {
     sums.iter_mut().zip(row).for_each(|(s, x)| *s += x * share);
 }
 
-fn sorted(folder: &Path) -> Result<Vec<std::path::PathBuf>, String> {
-    let entries = std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    let paths: Result<Vec<_>, _> = entries.map(|e| e.map(|e| e.path())).collect();
-    let mut paths = paths.map_err(text)?;
-    paths.sort();
-    Ok(paths)
-}
-
 /// One number per line, packed.
 fn labels(path: &Path) -> Result<Vec<u32>, String> {
     let name = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
@@ -175,7 +167,7 @@ fn labels(path: &Path) -> Result<Vec<u32>, String> {
 }
 
 /// Prints the table.
-pub(crate) fn run() -> Outcome {
+pub(super) fn run() -> Outcome {
     let Some(folder) = fixtures::shared("psb") else {
         println!("  psb: not at hand");
         return Ok(());
