@@ -1,5 +1,6 @@
 //! All tests of the crate as one program: each program links and compiles what it uses anew.
 
 mod backends;
+mod details;
 mod laws;
 mod thesis;

@@ -284,7 +284,15 @@ fn flow<F: Flowing>(
     }
     let cubed = scale.length.powi(3);
     report.volume = [volume * cubed, mesh.triangles(&positions)?.volume() * cubed];
-    let back = positions.iter().map(|p| scale.undo(&p.coords));
+    // What stayed is where it was to the last bit, so that it still fits what it was cut from.
+    let back = positions.iter().zip(start).map(|(p, start)| {
+        let stayed = *p == scale.apply(start);
+        if stayed {
+            *start
+        } else {
+            scale.undo(&p.coords)
+        }
+    });
     let last: Vec<Point3> = back.collect();
     report.measure(start, &last);
     Ok((last, report))

@@ -180,3 +180,43 @@ fn by_area(faces: &Faces, patches: &[u32]) -> Vec<u32> {
     }
     patches.iter().map(|&p| number[p as usize]).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geom_core::{Point3, TriMesh};
+
+    /// On a folded sheet a border beside the fold goes to it; on a flat one a straight border stays.
+    #[test]
+    fn borders_go_to_creases() {
+        let (long, wide) = (24u32, 16u32);
+        let at = |i: u32, j: u32| j * (long + 1) + i;
+        for folded in [true, false] {
+            let place = |i: u32, j: u32| {
+                let x = f64::from(i) - 11.0;
+                let up = if folded { x.max(0.0) } else { 0.0 };
+                Point3::new(x - up, f64::from(j), up)
+            };
+            let positions = (0..=wide).flat_map(|j| (0..=long).map(move |i| place(i, j)));
+            let quads = (0..long * wide).map(|q| (q % long, q / long));
+            let triangles = quads.flat_map(|(i, j)| {
+                let [a, b] = [at(i, j), at(i + 1, j)];
+                let [c, d] = [at(i + 1, j + 1), at(i, j + 1)];
+                [[a, b, c], [a, c, d]]
+            });
+            let mesh = TriMesh::new(positions.collect(), triangles.collect()).unwrap();
+            let column = |face: usize| face as u32 / 2 % long;
+            let labels: Vec<u32> = (0..mesh.triangles().len())
+                .map(|f| u32::from(column(f) >= 12))
+                .collect();
+            let cleaned = clean(&Faces::from(&mesh), &labels, 24.0, true).unwrap();
+            let before = cleaned.iter().filter(|&&l| l == cleaned[0]).count();
+            let border = before as f64 / f64::from(2 * wide);
+            let expected = if folded { 11.0 } else { 12.0 };
+            assert!(
+                (border - expected).abs() < 0.2,
+                "{border}, folded: {folded}"
+            );
+        }
+    }
+}
