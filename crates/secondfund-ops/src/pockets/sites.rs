@@ -267,3 +267,34 @@ impl Candidate {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn points(chain: u32, depth: f64) -> impl Iterator<Item = ShellPoint> {
+        (0..100).map(move |i| ShellPoint {
+            place: [i, 0, 0],
+            position: Point3::origin(),
+            chain,
+            burial: depth * f64::from(i),
+        })
+    }
+
+    /// A shallow chain has its own depth beside a deep one, unless all are asked for together.
+    #[test]
+    fn what_is_deep_is_asked_of_each_chain() {
+        let options = PocketOptions::default();
+        let alone = |depth| thresholds(&points(0, depth).collect::<Vec<_>>(), 1, &options)[0];
+        let both: Vec<ShellPoint> = points(0, 1.0).chain(points(1, 0.4)).collect();
+        assert_eq!(thresholds(&both, 2, &options), [alone(1.0), alone(0.4)]);
+        let together = PocketOptions {
+            per_chain: false,
+            ..options
+        };
+        let [a, b] = thresholds(&both, 2, &together)[..] else {
+            panic!("two chains")
+        };
+        assert!(a == b && b > alone(0.4));
+    }
+}
