@@ -235,6 +235,24 @@ mod tests {
         assert!(highest > 0.1, "{highest}");
     }
 
+    /// A node with a place of its own goes most of the way there, and takes its neighbours along.
+    #[test]
+    fn anchors_pull() {
+        let plate = plate(0);
+        let schedule = Schedule::of(&plate, &[stage(2.0, 10, 60)], 1).unwrap();
+        let backend: &dyn CorrespBackend = &Cpu;
+        let anchors = [(40, plate.points[40] + Vector3::z())];
+        let (images, run) = (plate.points.clone(), Run::on(backend));
+        let fit = anneal(&plate, &plate, images, &anchors, &schedule, run).unwrap();
+        let rise = |node: usize| fit.images[node].z;
+        assert!(
+            rise(40) > 0.4 && rise(41) > 0.01,
+            "{} {}",
+            rise(40),
+            rise(41)
+        );
+    }
+
     /// A map onto a part of the other shape costs the rest.
     #[test]
     fn what_is_not_met_counts() {
