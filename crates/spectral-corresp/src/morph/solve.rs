@@ -199,7 +199,8 @@ mod tests {
     #[test]
     fn rotations_have_the_least_distortion() {
         let weights = [1.0, 0.3, 0.02];
-        let graph = VoxelGraph::new([4, 4, 4], &[true; 64], Neighbours::TwentySix, weights).unwrap();
+        let graph =
+            VoxelGraph::new([4, 4, 4], &[true; 64], Neighbours::TwentySix, weights).unwrap();
         let mut random = SplitMix64::new(3);
         let mut shaken =
             |x: &Point3, by: f64| x + Vector3::from([(); 3].map(|()| by * random.symmetric()));
