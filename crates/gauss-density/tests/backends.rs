@@ -1,5 +1,7 @@
 //! Every backend follows the plain f64 functions.
 
+#![expect(clippy::print_stdout, reason = "figures for people, with --nocapture")]
+
 use gauss_density::backend::{
     ATOM_ERRORS, BLOCK, Block, BlockValues, Job, Prepared, REFIT_SUMS, RefitSamples, RefitSums,
     SAMPLE_BLOCKS, SampleCell,

@@ -130,7 +130,7 @@ impl Search {
         };
         let guess = curved.filter(within).or_else(|| straight().filter(within));
         self.t = guess
-            .filter(|_| self.round < SMOOTH || self.round % 2 == 0)
+            .filter(|_| self.round < SMOOTH || self.round.is_multiple_of(2))
             .unwrap_or(0.5 * (low.0 + high.0));
         self.round += 1;
         ControlFlow::Continue(self.t)
