@@ -156,8 +156,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "outlines have no points between probes",
         "crates/secondfund-ops/src/pockets/probes.rs",
-        "if let Some((owner, _)) = own.nearest(p, reach) {",
-        "if let Some((owner, _)) = own.nearest(p, 0.0 * reach) {",
+        "match own.nearest(p, reach) {",
+        "match own.nearest(p, 0.0 * reach) {",
     ),
     Fault::wrong(
         "holes in outlines stay",
