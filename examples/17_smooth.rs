@@ -61,7 +61,8 @@ Examples:
 
 Outputs: smooth.ply, smooth.glb, smooth.png (before and after), report.json with displacements and volumes. Quads stay
 quads in smooth.obj; the flows take them as the control mesh of a Catmull–Clark surface, the filters as they stand.
-Bodies of flat parts with sharp edges: total-variation. Curved bodies, rounded edges: ggho.";
+Noise on flat parts: total-variation; on round bodies: mean-curvature. ggho moves the surface and keeps its edges; noise,
+too, but for little of it.";
 
 #[derive(Clone, Copy, Default, PartialEq, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]

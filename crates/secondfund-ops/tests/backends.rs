@@ -1,17 +1,21 @@
 //! Every backend follows the specification; the comparisons can fail; threads do not matter.
 
 use geom_core::compute::random::SplitMix64;
+use geom_core::io::structure::{ReadOptions, read};
 use geom_core::mesh::shapes;
 use geom_core::testing::same_on_any_threads;
-use geom_core::{Cpu, Run, TriMesh, Vector3};
+use geom_core::{Cpu, QuadMesh, Run, TriMesh, Vector3};
 use proptest::prelude::*;
 use secondfund_ops::backend::{DISTANCES, OperatorBackend, TRIANGLE_MATRICES, TriangleTask};
+use secondfund_ops::flow::filter_normals;
 use secondfund_ops::forms::{Conductor, Law, TriangleMatrix};
+use secondfund_ops::options::ProbeOptions;
+use secondfund_ops::pockets::between_probes;
 use secondfund_ops::specification;
 use secondfund_ops::testing::shaken;
 use secondfund_ops::{
-    Element, Faces, FlowOptions, Groups, Normals, SegmentOptions, SpectrumOptions, segment, smooth,
-    spectrum,
+    Element, Faces, FilterOptions, FlowOptions, Groups, NormalFilter, Normals, SegmentOptions,
+    SpectrumOptions, Surface, segment, smooth, spectrum,
 };
 
 const LAWS: [Law; 7] = [
@@ -187,8 +191,27 @@ fn threads_do_not_matter() {
             ..FlowOptions::default()
         };
         let smoothed = smooth(&mesh, 1, &flow, run).unwrap();
-        (modes.values, modes.modes, segments, smoothed.mesh)
+        let filter = FilterOptions {
+            filter: NormalFilter::TOTAL_VARIATION,
+            ..FilterOptions::default()
+        };
+        let filtered = filter_normals(&mesh, &filter, run).unwrap();
+        let quads = shapes::quad_sphere(1.0, 5).into_parts();
+        let open = QuadMesh::new(quads.0, quads.1[1..].to_vec()).unwrap();
+        let rims = Surface::new(open).unwrap();
+        let of_rims = spectrum(
+            &Element::CatmullClark(&rims),
+            &SpectrumOptions::default(),
+            run,
+        );
+        (
+            (modes.values, modes.modes, segments, smoothed.mesh),
+            (filtered.mesh, of_rims.unwrap().modes),
+        )
     });
+    let path = fixtures::path("1AJJ.pdb");
+    let structure = read(&path, &ReadOptions::default()).unwrap().structure;
+    same_on_any_threads(|| between_probes(&structure, &ProbeOptions::default()).unwrap());
 }
 
 #[cfg(feature = "wgpu")]

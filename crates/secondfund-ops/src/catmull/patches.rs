@@ -33,9 +33,10 @@ pub(crate) fn patches(extended: &Extended, count: usize) -> Result<Vec<Patch>, E
         .collect();
     // A vertex on the boundary of more than two quads has ghosts on both sides, but stays on the boundary.
     let on_rim = |v: usize| edges.on_boundary(VertexId(v as u32));
-    for vertex in 0..extended.real {
+    for (vertex, &valence) in valences[..extended.real].iter().enumerate() {
         let rim = on_rim(vertex);
-        let quads = valences[vertex] as usize - if rim && valences[vertex] > 0 { 2 } else { 0 };
+        // Without its two ghosts.
+        let quads = valence as usize - if rim { 2 } else { 0 };
         let must = if rim {
             "a vertex on the boundary must have 1…32"
         } else {

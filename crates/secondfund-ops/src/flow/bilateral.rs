@@ -4,7 +4,7 @@ use geom_core::Vector3;
 use geom_core::compute::parallel;
 use rayon::prelude::*;
 
-use super::filter::Sheet;
+use super::sheet::Sheet;
 use crate::Error;
 use crate::backend::On;
 

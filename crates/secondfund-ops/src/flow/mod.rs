@@ -3,6 +3,7 @@
 mod bilateral;
 mod filter;
 mod guard;
+mod sheet;
 mod steps;
 mod tangential;
 mod variation;

@@ -3,7 +3,7 @@
 use geom_core::Vector3;
 use geom_core::algebra::{Cholesky, SparseMatrix};
 
-use super::filter::Sheet;
+use super::sheet::Sheet;
 use crate::Error;
 use crate::backend::On;
 

@@ -6,9 +6,9 @@ use geom_core::algebra::quadrature::gauss;
 use geom_core::compute::sets::DisjointSets;
 use rayon::prelude::*;
 
-use super::element::UnitScale;
 use super::pattern::Matrices;
 use super::quads::{QuadMatrix, gathered};
+use super::scale::UnitScale;
 use crate::catmull::{Jet, ROWS, jet};
 use crate::forms::Conductor;
 use crate::options::Quadrature;

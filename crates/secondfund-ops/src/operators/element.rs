@@ -1,9 +1,8 @@
-//! What an operator lives on, and in which scale.
+//! What an operator lives on.
 
-use geom_core::{Aabb, Point3, TriMesh, Vector3};
+use geom_core::TriMesh;
 
 use super::bezier::BezierSurface;
-use crate::Error;
 use crate::catmull::Surface;
 use crate::forms::Normals;
 
@@ -16,43 +15,4 @@ pub enum Element<'a> {
     Triangles(&'a TriMesh, &'a Normals),
     /// Bézier elements of a spline: functions by the coefficients of its nodes, curvature of the surface.
     Bezier(&'a BezierSurface),
-}
-
-/// The map to unit scale: the largest extent becomes 1, the centre of the box the origin. Ψ, ε and δ
-/// count in it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct UnitScale {
-    pub(crate) center: Point3,
-    /// Å per unit.
-    pub(crate) length: f64,
-}
-
-impl UnitScale {
-    /// Of points that are in unit scale.
-    pub(crate) const IDENTITY: Self = Self {
-        center: Point3::new(0.0, 0.0, 0.0),
-        length: 1.0,
-    };
-
-    pub(crate) fn of(points: &[Point3]) -> Result<Self, Error> {
-        let bounds = Aabb::of_points(points);
-        let length = if bounds.is_empty() {
-            0.0
-        } else {
-            bounds.extent().max()
-        };
-        if !(length > 0.0 && length.is_finite()) {
-            return Err(Error::NoExtent);
-        }
-        let center = bounds.center();
-        Ok(Self { center, length })
-    }
-
-    pub(crate) fn apply(&self, p: &Point3) -> Point3 {
-        Point3::from((p - self.center) / self.length)
-    }
-
-    pub(crate) fn undo(&self, x: &Vector3) -> Point3 {
-        self.center + x * self.length
-    }
 }

@@ -5,6 +5,7 @@ mod bezier;
 mod element;
 mod pattern;
 mod quads;
+mod scale;
 mod spectrum;
 mod triangles;
 
@@ -14,8 +15,8 @@ pub use element::Element;
 pub use pattern::Matrices;
 pub use spectrum::{Spectrum, spectrum};
 
-pub(crate) use element::UnitScale;
 pub(crate) use pattern::Pattern;
 pub(crate) use quads::Quads;
+pub(crate) use scale::UnitScale;
 pub(crate) use spectrum::modes_of;
 pub(crate) use triangles::{triangle_elements, vertex_normals};

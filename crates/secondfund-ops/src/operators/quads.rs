@@ -4,8 +4,8 @@ use geom_core::Point3;
 use geom_core::surface::laplace::Mass;
 use rayon::prelude::*;
 
-use super::element::UnitScale;
 use super::pattern::{Matrices, Pattern, components, packed};
+use super::scale::UnitScale;
 use crate::catmull::{Jet, Patch, Surface, Table, folded_rows, jet};
 use crate::forms::Conductor;
 use crate::{Error, SpectrumOptions};

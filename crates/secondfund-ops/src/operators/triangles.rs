@@ -4,8 +4,8 @@ use geom_core::compute::BackendError;
 use geom_core::surface::laplace::Mass;
 use geom_core::{TriMesh, Vector3};
 
-use super::element::UnitScale;
 use super::pattern::{Matrices, Pattern, components};
+use super::scale::UnitScale;
 use crate::backend::{On, TriangleTask};
 use crate::forms::{Conductor, Normals, Operator, TriangleMatrix, smoothed_normals};
 use crate::{Error, SpectrumOptions};

@@ -8,9 +8,9 @@ use super::measure::{Outline, measured};
 use super::shell::burial;
 use super::sites::{Lining, Pocket};
 use crate::Error;
-use crate::backend::OperatorBackend;
+use crate::backend::{On, OperatorBackend};
 use crate::forms::Normals;
-use crate::operators::{Element, spectrum};
+use crate::operators::{Element, Spectrum, spectrum};
 use crate::options::{OutlineOptions, PatchOptions};
 use crate::segment::{Faces, segment};
 
@@ -41,69 +41,83 @@ pub fn concave_patches<B: OperatorBackend + ?Sized>(
             });
         }
     }
+    let atoms = Atoms::of(structure)?;
     let normals = Normals::OfMesh {
         rounds: options.normal_rounds,
     };
     let element = Element::Triangles(surface, &normals);
     let modes = spectrum(&element, &options.spectrum(), run)?;
     let mean: Vec<f64> = modes.mean.iter().map(|h| h / modes.scale).collect();
+    let pieces = concave_pieces(surface, &modes, &mean, options, run)?;
+    let score = |outline: &Outline| match field {
+        Some(field) => mean_over(surface, outline, field),
+        None => -outline.mean_curvature,
+    };
+    let mut ranked: Vec<(f64, Outline)> = pieces
+        .into_iter()
+        .map(|triangles| measured(0, surface, &mean, triangles))
+        .map(|outline| (score(&outline), outline))
+        .collect();
+    // Equal ones stay in the order of their faces.
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    ranked.truncate(options.most);
+    let up = surface.vertex_normals();
+    let numbered = ranked.into_iter().zip(1..);
+    numbered
+        .map(|((score, outline), rank)| {
+            let points = above(surface, &outline, &up, options.probe);
+            let found = pocket(rank, score, points, &outline, &atoms, structure)?;
+            Ok((found, Outline { rank, ..outline }))
+        })
+        .collect()
+}
+
+/// Pieces of less than this share of the surface are what two cuts leave between their borders.
+const TINY: f64 = 0.005;
+
+/// The patches of negative mean curvature of the first cut, in the pieces of the second.
+fn concave_pieces(
+    surface: &TriMesh,
+    modes: &Spectrum,
+    mean: &[f64],
+    options: &PatchOptions,
+    run: On<'_>,
+) -> Result<Vec<Vec<u32>>, Error> {
     let faces = Faces::from(surface);
     let cut = |modes_in: usize, groups: usize| {
-        segment(&modes, &faces, &options.segments(modes_in, groups), run).map(|s| s.labels)
+        segment(modes, &faces, &options.segments(modes_in, groups), run).map(|s| s.labels)
     };
     let first = cut(options.modes, options.groups)?;
     let concave: Vec<bool> = parts(&first)
         .into_iter()
-        .map(|t| measured(0, surface, &mean, t).mean_curvature < 0.0)
+        .map(|t| measured(0, surface, mean, t).mean_curvature < 0.0)
         .collect();
     let hollow = concave.iter().filter(|c| **c).count();
     if hollow == 0 {
         return Ok(Vec::new());
     }
     let second = cut(options.modes + 2, options.groups + hollow)?;
-    // Pieces of the concave patches, each named by both cuts.
+    // Named by both cuts.
     let width = second.iter().max().map_or(0, |l| l + 1);
-    let both: Vec<u32> = first
-        .iter()
-        .zip(&second)
-        .map(|(a, b)| a * width + b)
-        .collect();
-    let pieces = parts(&both).into_iter().filter(|triangles| {
+    let named = first.iter().zip(&second).map(|(a, b)| a * width + b);
+    let mut pieces = parts(&named.collect::<Vec<_>>());
+    let least = TINY * faces.areas().iter().sum::<f64>();
+    pieces.retain(|triangles| {
+        let area: f64 = triangles.iter().map(|&f| faces.areas()[f as usize]).sum();
         let patch = triangles.first().map(|&f| first[f as usize] as usize);
-        patch.is_some_and(|patch| concave[patch])
+        area >= least && patch.is_some_and(|patch| concave[patch])
     });
-    let score = |outline: &Outline| match field {
-        Some(field) => mean_over(surface, outline, field),
-        None => -outline.mean_curvature,
-    };
-    let mut ranked: Vec<(f64, Outline)> = pieces
-        .map(|triangles| measured(0, surface, &mean, triangles))
-        .map(|outline| (score(&outline), outline))
-        .collect();
-    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
-    ranked.truncate(options.most);
-    let atoms = Atoms::of(structure)?;
-    let up = surface.vertex_normals();
-    let numbered = ranked.into_iter().enumerate();
-    numbered
-        .map(|(i, (score, mut outline))| {
-            outline.rank = i + 1;
-            let mut vertices: Vec<u32> = outline
-                .triangles
-                .iter()
-                .flat_map(|&f| surface.triangles()[f as usize])
-                .collect();
-            vertices.sort_unstable();
-            vertices.dedup();
-            let raised =
-                |&v: &u32| surface.positions()[v as usize] + up[v as usize] * options.probe;
-            let points: Vec<Point3> = vertices.iter().map(raised).collect();
-            Ok((
-                pocket(i + 1, score, points, &outline, &atoms, structure)?,
-                outline,
-            ))
-        })
-        .collect()
+    Ok(pieces)
+}
+
+/// Points this far above the vertices of an outline, Å.
+fn above(surface: &TriMesh, outline: &Outline, up: &[Vector3], probe: f64) -> Vec<Point3> {
+    let corners = |&f: &u32| surface.triangles()[f as usize];
+    let mut vertices: Vec<u32> = outline.triangles.iter().flat_map(corners).collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let raised = |&v: &u32| surface.positions()[v as usize] + up[v as usize] * probe;
+    vertices.iter().map(raised).collect()
 }
 
 /// A patch as a pocket: its points lie above its vertices, its centre is their mean.

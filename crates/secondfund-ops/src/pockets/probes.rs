@@ -78,8 +78,10 @@ pub(super) fn shared_out(
     let own = Owned::of(pockets, &[])?;
     let mut shares = vec![Vec::new(); pockets.len()];
     for p in points {
-        if let Some((owner, _)) = own.nearest(p, reach) {
-            shares[owner as usize].push(*p);
+        // On the same lattice some are the pocket's own.
+        match own.nearest(p, reach) {
+            Some((owner, point)) if point != *p => shares[owner as usize].push(*p),
+            _ => {}
         }
     }
     Ok(shares)

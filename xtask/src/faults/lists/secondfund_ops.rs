@@ -61,7 +61,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "quads: the consistent mass without the area",
         "crates/secondfund-ops/src/operators/quads.rs",
         "let value = weight * values[i];",
-        "let value = table.weights[q] * values[i];",
+        "let value = weight / area * values[i];",
     ),
     Fault::wrong(
         "modes count alike, whatever their eigenvalues",
@@ -138,8 +138,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "points nearer than the shell belong to it",
         "crates/secondfund-ops/src/pockets/shell.rs",
-        "(gap > near).then(|| ShellPoint {",
-        "(gap > near - 1.0).then(|| ShellPoint {",
+        "(gap > near).then(|| (place, of(&point, scratch)))",
+        "(gap > near - 1.0).then(|| (place, of(&point, scratch)))",
     ),
     Fault::wrong(
         "pockets of all chains have one threshold",
@@ -156,8 +156,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "outlines have no points between probes",
         "crates/secondfund-ops/src/pockets/probes.rs",
-        "if let Some((owner, _)) = own.nearest(p, reach) {",
-        "if let Some((owner, _)) = own.nearest(p, 0.0 * reach) {",
+        "match own.nearest(p, reach) {",
+        "match own.nearest(p, 0.0 * reach) {",
     ),
     Fault::wrong(
         "holes in outlines stay",
@@ -174,8 +174,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "convex patches are pockets",
         "crates/secondfund-ops/src/pockets/literal.rs",
-        ".map(|t| measured(0, surface, &mean, t).mean_curvature < 0.0)",
-        ".map(|t| measured(0, surface, &mean, t).mean_curvature > 0.0)",
+        ".map(|t| measured(0, surface, mean, t).mean_curvature < 0.0)",
+        ".map(|t| measured(0, surface, mean, t).mean_curvature > 0.0)",
     ),
     Fault::wrong(
         "patches are ranked without the field",
