@@ -1,7 +1,7 @@
 //! From values and options to samples: where the mesh lies, what it may cost, and why there is none.
 
 use geom_core::options::OutOfRange;
-use geom_core::{ImplicitField, Lattice, LatticeValues, Vector3};
+use geom_core::{ImplicitField, Lattice, LatticeValues};
 use rayon::prelude::*;
 
 use super::report::Report;
@@ -208,9 +208,8 @@ pub(super) fn site(
             (half / BLOCK * BLOCK).max(pad as i32)
         }),
     };
-    let origin = bounds.min - Vector3::from(shift.map(f64::from)) * spacing;
     Ok(Site {
-        domain: Domain::new(origin, spacing, cells, shift),
+        domain: Domain::new(bounds.min, spacing, cells, shift),
         shift,
         outer: sphere,
     })
