@@ -1,7 +1,7 @@
 //! The tetrahedra near interfaces.
 
-use geom_core::compute::parallel::sorted_by_number;
 use geom_core::Point3;
+use geom_core::compute::parallel::sorted_by_number;
 use geom_core::mesh::{EDGES, Region};
 use rayon::prelude::*;
 

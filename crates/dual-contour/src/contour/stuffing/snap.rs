@@ -89,8 +89,8 @@ impl Near {
         self.samples
             .iter()
             .map(|s| {
-                let place = [0, 1, 2]
-                    .map(|k| (2.0 * s.x[k]) as i64 - 2 * i64::from(self.anchor[k]));
+                let place =
+                    [0, 1, 2].map(|k| (2.0 * s.x[k]) as i64 - 2 * i64::from(self.anchor[k]));
                 let key = (place.iter()).fold(0u64, |key, &p| key << 20 | (p as u64 & 0xf_ffff));
                 let fields = place.iter().map(|p| p >> 1).sum::<i64>() & 1;
                 let colour = (place[0] & 1) << 1 | fields;
