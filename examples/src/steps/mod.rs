@@ -8,3 +8,4 @@ pub mod pockets;
 pub mod quads;
 pub mod segments;
 pub mod spline;
+pub mod tiles;

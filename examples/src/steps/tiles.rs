@@ -1,0 +1,382 @@
+//! A body in tiles: each sampled and meshed alone, one after another, put aside, and numbered together.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use gauss_density::{Copies, sample_window};
+use geom_core::grid::lattice::Window;
+use geom_core::io::{self, mesh::vtu};
+use geom_core::tiles::border::{Border, Ghost, ghosts, number};
+use geom_core::tiles::exchange::{Deal, Exchange, gathered};
+use geom_core::tiles::parts::{Closed, Local, closed, surface};
+use geom_core::tiles::{Piece, Spill, Tiles};
+use geom_core::{Cpu, Lattice, Point3, TetMesh, Vector3};
+use serde::Serialize;
+use tet_quality::quality_report;
+
+use crate::{Failure, Session};
+
+/// Cells per side of a root cell: what tiles are put together of.
+pub const ROOT: usize = 32;
+
+/// What is done in tiles.
+pub struct Plan<'a> {
+    /// The atoms.
+    pub copies: &'a Copies,
+    /// How they are sampled.
+    pub density: gauss_density::Options,
+    /// How the density is meshed.
+    pub contour: dual_contour::Options,
+    /// The lattice of all.
+    pub lattice: Lattice,
+    /// Which cells belong to which tile.
+    pub tiles: Tiles,
+    /// Where pieces wait.
+    pub spill: Spill,
+}
+
+/// What came of it, the same on every rank.
+#[derive(Clone, Debug, Serialize)]
+pub struct Outcome {
+    /// Tiles with elements.
+    pub filled: usize,
+    /// Vertices of all tiles, each counted once.
+    pub vertices: u64,
+    /// Tetrahedra of all tiles.
+    pub tetrahedra: u64,
+    /// Triangles of the surface.
+    pub triangles: u64,
+    /// Volume of the molecule, Å³.
+    pub volume: f64,
+    /// Closed surfaces around bodies.
+    pub bodies: usize,
+    /// Closed surfaces around cavities.
+    pub cavities: usize,
+    /// Number of the mesh as a set of tetrahedra: the same for any number of tiles and ranks.
+    pub digest: String,
+    /// Smallest dihedral angle, degrees.
+    pub min_dihedral: f64,
+    /// Largest dihedral angle, degrees.
+    pub max_dihedral: f64,
+    /// Vertices that more than one tile has, counted per tile.
+    pub shared: u64,
+}
+
+/// What a rank adds up over its tiles.
+#[derive(Clone, Copy, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct Sums {
+    digest: [u64; 2],
+    tetrahedra: u64,
+    filled: u64,
+    shared: u64,
+    min_dihedral: f64,
+    max_dihedral: f64,
+}
+
+impl<'a> Plan<'a> {
+    /// A plan for so many tiles, about equally full of atoms. Refuses what cannot fit into the memory of a tile before
+    /// anything is allocated.
+    pub fn new(
+        copies: &'a Copies,
+        density: gauss_density::Options,
+        contour: dual_contour::Options,
+        count: usize,
+        spill: Spill,
+    ) -> Result<Self, Failure> {
+        let lattice = copies.lattice(&density)?;
+        let cells = lattice.cells();
+        let atoms = Weights::of(copies, &lattice);
+        let tiles = Tiles::new(cells, ROOT, 0, count, |root| atoms.at(root));
+        let plan = Self {
+            copies,
+            density,
+            contour,
+            lattice,
+            tiles,
+            spill,
+        };
+        let needed = plan.estimate(&atoms);
+        let limit = plan.contour.max_memory;
+        if needed > limit {
+            return Err(format!(
+                "the largest of {count} tiles needs about {needed} bytes, and {limit} are allowed for it: take more \
+                 tiles, a larger spacing, or allow more memory"
+            )
+            .into());
+        }
+        Ok(plan)
+    }
+
+    /// About the bytes that the fullest tile needs: it holds the cells near the atoms in its window. Within a factor of
+    /// two, measured.
+    fn estimate(&self, atoms: &Weights) -> u64 {
+        /// Cells near the surface for each atom, of 1 Å³; most atoms of a coarse lattice share theirs.
+        const BYTES_PER_CELL: f64 = 400.0;
+        let h3 = self.lattice.spacing.powi(3);
+        let of_tile = |tile: usize| {
+            let [low, high] = self.tiles.cells_of(tile);
+            if low == high {
+                return 0.0;
+            }
+            let window = Window::around(self.lattice, low, high, dual_contour::HALO);
+            let last = [0, 1, 2].map(|k| (window.low[k] + window.counts[k]).div_ceil(ROOT));
+            let first = window.low.map(|c| c / ROOT);
+            let mut cells = 0.0;
+            for z in first[2]..last[2] {
+                for y in first[1]..last[1] {
+                    for x in first[0]..last[0] {
+                        let n = atoms.at([x, y, z].map(|c| c as u32)) as f64;
+                        // An atom takes 20 Å³ of a protein, and its density as much again around.
+                        cells += (n * 40.0 / h3).min((ROOT * ROOT * ROOT) as f64);
+                    }
+                }
+            }
+            cells * BYTES_PER_CELL
+        };
+        let most = (0..self.tiles.len()).map(of_tile).fold(0.0, f64::max);
+        most as u64
+    }
+
+    /// All tiles, on this rank and the others.
+    pub fn run(
+        &self,
+        exchange: &(impl Exchange + ?Sized),
+        session: &Session,
+        done: &AtomicU64,
+    ) -> Result<Outcome, Failure> {
+        let deal = Deal {
+            tiles: self.tiles.len(),
+            ranks: exchange.ranks(),
+        };
+        let own = deal.of(exchange.rank());
+        let mut sums = Sums {
+            min_dihedral: 180.0,
+            ..Sums::default()
+        };
+        let mut borders = Vec::with_capacity(own.len());
+        for tile in own.clone() {
+            borders.push(self.make(tile, session, &mut sums)?);
+            let made = done.fetch_add(1, Ordering::Relaxed) + 1;
+            session
+                .on(&Cpu)
+                .progress("tiles", made, 2 * self.tiles.len() as u64)?;
+        }
+        let vertices = number(exchange, &deal, &mut borders)?;
+        let beyond = ghosts(exchange, &deal, &borders)?;
+        let mut locals = Vec::with_capacity(own.len());
+        for ((tile, border), ghosts) in own.zip(&borders).zip(&beyond) {
+            locals.push(self.write(tile, border, ghosts, session)?);
+            sums.shared += border.links.chunk_by(|a, b| a.vertex == b.vertex).count() as u64;
+            let made = done.fetch_add(1, Ordering::Relaxed) + 1;
+            session
+                .on(&Cpu)
+                .progress("tiles", made, 2 * self.tiles.len() as u64)?;
+        }
+        let parts = closed(exchange, &deal, &borders, &locals)?;
+        let all = gathered(exchange, &[sums])?;
+        Ok(Outcome::of(vertices, &all.concat(), &parts))
+    }
+
+    /// Samples and meshes a tile, and puts it aside.
+    fn make(&self, tile: usize, session: &Session, sums: &mut Sums) -> Result<Border, Failure> {
+        let own = self.tiles.cells_of(tile);
+        if own[0] == own[1] {
+            return Ok(Border::default());
+        }
+        let run = session.on(&Cpu);
+        let window = Window::around(self.lattice, own[0], own[1], dual_contour::HALO);
+        let grid = sample_window(self.copies, &self.density, &window, run)?;
+        let (piece, _) = dual_contour::tile(&grid, &window, own, &self.contour, run)?;
+        drop(grid);
+        if piece.mesh.tets().is_empty() {
+            return Ok(Border::default());
+        }
+        let digest = piece.digest();
+        let sum =
+            (u128::from(sums.digest[0]) << 64 | u128::from(sums.digest[1])).wrapping_add(digest);
+        sums.digest = [(sum >> 64) as u64, sum as u64];
+        sums.tetrahedra += piece.mesh.tets().len() as u64;
+        sums.filled += 1;
+        let quality = quality_report(&piece.mesh).all;
+        sums.min_dihedral = sums.min_dihedral.min(quality.min_dihedral.min);
+        sums.max_dihedral = sums.max_dihedral.max(quality.max_dihedral.max);
+        self.spill.put(&spilled(tile), &piece.to_bytes())?;
+        Ok(Border::of(&piece))
+    }
+
+    /// Writes the part of a tile, once its vertices have numbers.
+    fn write(
+        &self,
+        tile: usize,
+        border: &Border,
+        ghosts: &[Ghost],
+        session: &Session,
+    ) -> Result<Local, Failure> {
+        let path = session.output(part_name(tile))?;
+        let piece = self.piece(tile)?;
+        let ids = border.ids();
+        let view = part(&piece, &ids, ghosts, border)?;
+        io::mesh::vtu::save(path, &view)?;
+        self.spill.put(&numbers(tile), bytemuck::cast_slice(&ids))?;
+        let surface = surface(&piece, &ids, ghosts);
+        Ok(Local::of(&piece, border, &surface))
+    }
+
+    /// A piece that has been put aside; empty if the tile has none.
+    fn piece(&self, tile: usize) -> Result<Piece, Failure> {
+        let name = spilled(tile);
+        match self.spill.path(&name).exists() {
+            true => Ok(Piece::from_bytes(&self.spill.get(&name)?)?),
+            false => Ok(Piece::default()),
+        }
+    }
+
+    /// Writes the file that joins the parts.
+    pub fn join(&self, session: &Session) -> Result<(), Failure> {
+        let names: Vec<String> = (0..self.tiles.len()).map(part_name).collect();
+        let empty = part(&Piece::default(), &[], &[], &Border::default())?;
+        Ok(vtu::save_parts(
+            session.output("volume.pvtu")?,
+            &empty,
+            &names,
+        )?)
+    }
+
+    /// The whole mesh in one memory, its vertices in the order of their numbers.
+    pub fn merged(&self, outcome: &Outcome) -> Result<TetMesh, Failure> {
+        let n = usize::try_from(outcome.vertices)?;
+        let mut positions = vec![Point3::origin(); n];
+        let mut kinds = vec![geom_core::mesh::VertexKind::Interior; n];
+        let (mut tets, mut regions) = (Vec::new(), Vec::new());
+        for tile in 0..self.tiles.len() {
+            let piece = self.piece(tile)?;
+            let ids: Vec<u64> = bytemuck::pod_collect_to_vec(&self.spill.get(&numbers(tile))?);
+            let (own, corners, own_regions, own_kinds) = piece.mesh.into_parts();
+            for ((x, kind), &id) in own.into_iter().zip(own_kinds).zip(&ids) {
+                positions[id as usize] = x;
+                kinds[id as usize] = kind;
+            }
+            tets.extend(corners.iter().map(|t| t.map(|v| ids[v as usize] as u32)));
+            regions.extend(own_regions);
+        }
+        Ok(TetMesh::with_kinds(positions, tets, regions, kinds)?)
+    }
+}
+
+/// Bytes that the whole mesh takes while it is merged and written.
+pub fn merged_bytes(outcome: &Outcome) -> u64 {
+    200 * (outcome.vertices + outcome.tetrahedra)
+}
+
+fn spilled(tile: usize) -> String {
+    format!("tile_{tile}")
+}
+
+fn numbers(tile: usize) -> String {
+    format!("numbers_{tile}")
+}
+
+fn part_name(tile: usize) -> String {
+    format!("parts/part_{tile}.vtu")
+}
+
+/// A piece with its ghosts, as a part of a mesh.
+fn part(
+    piece: &Piece,
+    ids: &[u64],
+    ghosts: &[Ghost],
+    border: &Border,
+) -> Result<io::View<'static>, Failure> {
+    let mut points = piece.mesh.positions().to_vec();
+    let mut point_ids: Vec<i64> = ids.iter().map(|&id| id as i64).collect();
+    let mut foreign = vec![0u8; points.len()];
+    for links in border.links.chunk_by(|a, b| a.vertex == b.vertex) {
+        foreign[links[0].vertex as usize] = u8::from(links.iter().any(|l| l.other < l.tile));
+    }
+    // Vertices that only ghosts have follow those of the piece.
+    let mut known: Vec<(u64, u32)> = (0..).zip(ids).map(|(v, &id)| (id, v)).collect();
+    known.sort_unstable();
+    let is_known = |id: u64| known.binary_search_by_key(&id, |k| k.0);
+    let mut more: Vec<(u64, [f64; 3])> = ghosts
+        .iter()
+        .flat_map(|g| g.ids.into_iter().zip(g.corners))
+        .filter(|(id, _)| is_known(*id).is_err())
+        .collect();
+    more.sort_unstable_by_key(|m| m.0);
+    more.dedup_by_key(|m| m.0);
+    let first = points.len() as u32;
+    points.extend(more.iter().map(|m| Point3::from(m.1)));
+    point_ids.extend(more.iter().map(|m| m.0 as i64));
+    foreign.resize(points.len(), 1);
+    let place = |id: u64| match is_known(id) {
+        Ok(at) => known[at].1,
+        Err(_) => first + more.partition_point(|m| m.0 < id) as u32,
+    };
+    let mut tets = piece.mesh.tets().to_vec();
+    let mut regions = piece.mesh.regions().to_vec();
+    let mut ghost = vec![0u8; tets.len()];
+    tets.extend(ghosts.iter().map(|g| g.ids.map(place)));
+    regions.extend(ghosts.iter().map(|g| g.region as u8));
+    ghost.resize(tets.len(), 1);
+    let view = io::View {
+        points: points.into(),
+        blocks: vec![io::view::Cells::Tets(tets.into())],
+        ..io::View::default()
+    };
+    Ok(view
+        .point_field(vtu::GLOBAL_IDS, point_ids)?
+        .point_field(vtu::GHOSTS, foreign)?
+        .cell_field(vtu::GHOSTS, ghost)?
+        .cell_field("region", regions)?)
+}
+
+/// Atoms per root cell.
+struct Weights {
+    roots: [usize; 3],
+    atoms: Vec<u32>,
+}
+
+impl Weights {
+    fn of(copies: &Copies, lattice: &Lattice) -> Self {
+        let roots = lattice.cells().map(|n| n.div_ceil(ROOT));
+        let mut atoms = vec![0u32; roots.iter().product()];
+        copies.for_each_center(|x| {
+            let local: Vector3 = lattice.local(x) / ROOT as f64;
+            let at = [0, 1, 2].map(|k| (local[k].max(0.0) as usize).min(roots[k] - 1));
+            atoms[(at[2] * roots[1] + at[1]) * roots[0] + at[0]] += 1;
+        });
+        Self { roots, atoms }
+    }
+
+    fn at(&self, root: [u32; 3]) -> u64 {
+        let at = root.map(|c| c as usize);
+        let within = (0..3).all(|k| at[k] < self.roots[k]);
+        let index = (at[2] * self.roots[1] + at[1]) * self.roots[0] + at[0];
+        if within {
+            u64::from(self.atoms[index])
+        } else {
+            0
+        }
+    }
+}
+
+impl Outcome {
+    fn of(vertices: u64, all: &[Sums], parts: &[Closed]) -> Self {
+        let digest = all.iter().fold(0u128, |sum, s| {
+            sum.wrapping_add(u128::from(s.digest[0]) << 64 | u128::from(s.digest[1]))
+        });
+        Self {
+            filled: all.iter().map(|s| s.filled as usize).sum(),
+            vertices,
+            tetrahedra: all.iter().map(|s| s.tetrahedra).sum(),
+            triangles: parts.iter().map(|p| p.triangles).sum(),
+            volume: parts.iter().map(|p| p.volume).sum(),
+            bodies: parts.iter().filter(|p| p.volume > 0.0).count(),
+            cavities: parts.iter().filter(|p| p.volume <= 0.0).count(),
+            digest: format!("{digest:032x}"),
+            min_dihedral: all.iter().map(|s| s.min_dihedral).fold(180.0, f64::min),
+            max_dihedral: all.iter().map(|s| s.max_dihedral).fold(0.0, f64::max),
+            shared: all.iter().map(|s| s.shared).sum(),
+        }
+    }
+}
