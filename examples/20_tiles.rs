@@ -37,6 +37,9 @@ struct Args {
     /// Ranks side by side, with --exchange threads [default: one per tile, at most one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     ranks: Option<u16>,
+    /// Improve the tetrahedra, in two passes with the borders of tiles held, half a root cell apart
+    #[arg(long)]
+    improve: bool,
     /// Mesh the exterior too, to the end of the lattice
     #[arg(long)]
     both: bool,
@@ -111,12 +114,23 @@ fn tiles(args: &Args, session: &Session) -> Result<(), Failure> {
         max_memory: memory,
         ..Default::default()
     };
+    let improve = args.improve.then(|| tet_quality::Options {
+        spacing: Some(density.spacing),
+        ..Default::default()
+    });
     // Beside the outputs that are not finished, on the same disk, and gone with the run.
     let joined = session.output("volume.pvtu")?;
     let folder = tempfile::tempdir_in(joined.parent().unwrap_or(&args.common.out))?;
     let spill = Spill::into(folder.path());
     let plan = session.stage("plan", || {
-        Plan::new(&copies, density, contour, args.tiles as usize, spill)
+        Plan::new(
+            &copies,
+            density,
+            contour,
+            improve,
+            args.tiles as usize,
+            spill,
+        )
     })?;
     let made = session.stage("tiles", || run(&plan, ranks, session))?;
     if made.tetrahedra == 0 {

@@ -3,8 +3,11 @@
 use std::collections::BTreeMap;
 
 use dual_contour::geom_core::grid::lattice::Window;
+use dual_contour::geom_core::tiles::border::{Border, ghosts, number};
+use dual_contour::geom_core::tiles::exchange::Deal;
+use dual_contour::geom_core::tiles::parts::{Closed, Local, closed, surface};
 use dual_contour::geom_core::tiles::piece::{digest, key};
-use dual_contour::geom_core::tiles::{Piece, Tiles};
+use dual_contour::geom_core::tiles::{Exchange, Lost, Piece, Solo, Threads, Tiles};
 use dual_contour::geom_core::{Cpu, Lattice, LatticeValues, Point3, Run, ScalarGrid};
 use dual_contour::{Extent, HALO, LARGEST, Method, Options, tile, volume};
 
@@ -13,7 +16,7 @@ fn values() -> ScalarGrid {
     let lattice = Lattice {
         origin: Point3::new(-13.7, 4.1, 0.3),
         spacing: 0.37,
-        counts: [97, 62, 71],
+        counts: [97, 46, 43],
     };
     let mut state = 7u64;
     let values = (0..lattice.len()).map(|i| {
@@ -25,7 +28,7 @@ fn values() -> ScalarGrid {
         let on_box = (0..3).any(|k| p[k] == 0 || p[k] + 1 == lattice.counts[k]);
         let [x, y, z] = p.map(|c| c as f32 * 0.13);
         let waves = 1.0 + x.sin() * y.cos() + (0.6 * z).sin();
-        let noise = if p[0] > 60 && p[1] < 30 {
+        let noise = if p[0] > 60 && p[1] < 24 {
             1.2 * random
         } else {
             0.0
@@ -54,14 +57,19 @@ fn part(whole: &ScalarGrid, window: &Window) -> ScalarGrid {
     ScalarGrid::new(lattice, values.collect()).unwrap()
 }
 
+fn meshed_one(values: &ScalarGrid, tiles: &Tiles, t: usize, options: &Options) -> Piece {
+    let own = tiles.cells_of(t);
+    if own[0] == own[1] {
+        return Piece::default();
+    }
+    let window = Window::around(*values.lattice(), own[0], own[1], HALO);
+    let grid = part(values, &window);
+    tile(&grid, &window, own, options, Run::on(&Cpu)).unwrap().0
+}
+
 fn meshed(values: &ScalarGrid, tiles: &Tiles, options: &Options) -> Vec<Piece> {
     (0..tiles.len())
-        .filter_map(|t| {
-            let own = tiles.cells_of(t);
-            let window = Window::around(*values.lattice(), own[0], own[1], HALO);
-            let grid = part(values, &window);
-            (own[0] != own[1]).then(|| tile(&grid, &window, own, options, Run::on(&Cpu)).unwrap().0)
-        })
+        .map(|t| meshed_one(values, tiles, t, options))
         .collect()
 }
 
@@ -114,7 +122,7 @@ fn tiles_make_the_mesh_of_the_whole_bit_for_bit() {
 #[test]
 fn what_reaches_far_is_refused_in_tiles() {
     let values = values();
-    let window = Window::around(*values.lattice(), [0; 3], [96, 64, 72], HALO);
+    let window = Window::around(*values.lattice(), [0; 3], [96, 48, 48], HALO);
     let own = [[0; 3], values.lattice().cells()];
     let run = |options: &Options| tile(&values, &window, own, options, Run::on(&Cpu));
     let fine = options(Extent::Interior);
@@ -153,10 +161,108 @@ fn what_reaches_far_is_refused_in_tiles() {
         assert!(error.contains(name), "{error}");
     }
     // A window without its halo, and a tile beside the blocks.
-    let narrow = Window::around(*values.lattice(), [32, 0, 0], [64, 64, 72], 8);
+    let narrow = Window::around(*values.lattice(), [32, 0, 0], [64, 48, 48], 8);
     let grid = part(&values, &narrow);
-    let own = [[32, 0, 0], [64, 61, 70]];
+    let own = [[32, 0, 0], [64, 45, 42]];
     assert!(tile(&grid, &narrow, own, &fine, Run::on(&Cpu)).is_err());
-    let own = [[33, 0, 0], [64, 61, 70]];
+    let own = [[33, 0, 0], [64, 45, 42]];
     assert!(tile(&values, &window, own, &fine, Run::on(&Cpu)).is_err());
+}
+
+/// A tube with closed ends: a rod through all tiles, and a cavity through all tiles in it.
+fn tube() -> ScalarGrid {
+    let lattice = Lattice {
+        origin: Point3::new(3.0, -2.0, 1.0),
+        spacing: 0.5,
+        counts: [121, 33, 30],
+    };
+    let values = (0..lattice.len()).map(|i| {
+        let [x, y, z] = lattice.coordinates(i).map(|c| c as f32);
+        let r = ((y - 15.3).powi(2) + (z - 14.2).powi(2)).sqrt();
+        let wall = |r0: f32, x0: f32, x1: f32| (r0 - r).min(x - x0).min(x1 - x);
+        1.0 + 0.1 * wall(11.2, 5.3, 115.1).min(-wall(4.7, 12.4, 108.8))
+    });
+    ScalarGrid::new(lattice, values.collect()).unwrap()
+}
+
+/// What a rank knows in the end: its pieces with the numbers of their vertices, all vertices, and the closed surfaces.
+type Ended = (Vec<(Piece, Vec<u64>)>, u64, Vec<Closed>);
+
+fn program(
+    exchange: &impl Exchange,
+    tiles: &Tiles,
+    values: &ScalarGrid,
+    options: &Options,
+) -> Result<Ended, Lost> {
+    let deal = Deal {
+        tiles: tiles.len(),
+        ranks: exchange.ranks(),
+    };
+    let own = deal.of(exchange.rank());
+    let pieces: Vec<Piece> = own.map(|t| meshed_one(values, tiles, t, options)).collect();
+    let mut borders: Vec<Border> = pieces.iter().map(Border::of).collect();
+    let total = number(exchange, &deal, &mut borders)?;
+    let ghosts = ghosts(exchange, &deal, &borders)?;
+    let locals: Vec<Local> = (pieces.iter().zip(&borders).zip(&ghosts))
+        .map(|((piece, border), ghosts)| {
+            let surface = surface(piece, &border.ids(), ghosts);
+            Local::of(piece, border, &surface)
+        })
+        .collect();
+    let parts = closed(exchange, &deal, &borders, &locals)?;
+    let ids = borders.iter().map(Border::ids);
+    Ok((pieces.into_iter().zip(ids).collect(), total, parts))
+}
+
+#[test]
+fn a_rod_and_a_cavity_go_through_all_tiles_on_any_number_of_ranks() {
+    let values = tube();
+    let options = Options {
+        max_cell: LARGEST as f64 * 0.5,
+        ..options(Extent::Interior)
+    };
+    let whole = volume(&values, None, &options, Run::on(&Cpu)).unwrap();
+    // Tiles that hold nothing, and tiles that have no cells, among them.
+    for (root, count, ranks) in [(32, 3, 2), (16, 7, 3), (64, 7, 7)] {
+        let tiles = Tiles::new(values.lattice().cells(), root, 0, count, |_| 1);
+        let ended = Threads::run(ranks, |rank| program(rank, &tiles, &values, &options));
+        let ended: Vec<Ended> = ended.into_iter().map(Result::unwrap).collect();
+        let solo = program(&Solo, &tiles, &values, &options).unwrap();
+        let told = format!("{count} tiles on {ranks} ranks");
+        let pieces: Vec<&(Piece, Vec<u64>)> = ended.iter().flat_map(|e| &e.0).collect();
+        assert!(
+            pieces.iter().copied().eq(&solo.0),
+            "{told}: alone they would be others"
+        );
+        let sum = pieces
+            .iter()
+            .map(|p| p.0.digest())
+            .fold(0, u128::wrapping_add);
+        assert_eq!(sum, digest(&whole.mesh), "{told}");
+        // Every vertex has one number, and every number one vertex.
+        let mut numbers = BTreeMap::new();
+        for (piece, ids) in &pieces {
+            for (x, id) in piece.mesh.positions().iter().zip(ids) {
+                assert_eq!(*numbers.entry(key(x)).or_insert(*id), *id, "{told}");
+            }
+        }
+        let mut found: Vec<u64> = numbers.into_values().collect();
+        found.sort_unstable();
+        assert!(
+            found.into_iter().eq(0..whole.mesh.positions().len() as u64),
+            "{told}"
+        );
+        for (_, total, parts) in &ended {
+            assert_eq!(*total, whole.mesh.positions().len() as u64, "{told}");
+            assert_eq!(parts.len(), 2, "{told}: one body and one cavity, {parts:?}");
+            let triangles: u64 = parts.iter().map(|p| p.triangles).sum();
+            assert_eq!(triangles, whole.surface.triangles().len() as u64, "{told}");
+            let volume: f64 = parts.iter().map(|p| p.volume).sum();
+            assert!(
+                (volume / whole.surface.volume() - 1.0).abs() < 1e-9,
+                "{told}"
+            );
+            assert_eq!(parts.iter().filter(|p| p.volume < 0.0).count(), 1, "{told}");
+        }
+    }
 }

@@ -2,16 +2,17 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use gauss_density::{Copies, sample_window};
+use gauss_density::{Copies, PointSampler, sample_window};
 use geom_core::grid::lattice::Window;
 use geom_core::io::{self, mesh::vtu};
 use geom_core::tiles::border::{Border, Ghost, ghosts, number};
 use geom_core::tiles::exchange::{Deal, Exchange, gathered};
 use geom_core::tiles::parts::{Closed, Local, closed, surface};
+use geom_core::tiles::piece::key;
 use geom_core::tiles::{Piece, Spill, Tiles};
-use geom_core::{Cpu, Lattice, Point3, TetMesh, Vector3};
+use geom_core::{Cpu, ImplicitField, Lattice, Point3, TetMesh, Vector3};
 use serde::Serialize;
-use tet_quality::quality_report;
+use tet_quality::{improve_part, quality_report};
 
 use crate::{Failure, Session};
 
@@ -30,6 +31,10 @@ pub struct Plan<'a> {
     pub lattice: Lattice,
     /// Which cells belong to which tile.
     pub tiles: Tiles,
+    /// The same number of tiles whose borders are half a root cell off: for the second pass of improvement.
+    shifted: Tiles,
+    /// What to improve by, if at all.
+    pub improve: Option<tet_quality::Options>,
     /// Where pieces wait.
     pub spill: Spill,
 }
@@ -38,7 +43,7 @@ pub struct Plan<'a> {
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
     /// Tiles with elements.
-    pub filled: usize,
+    pub filled: u64,
     /// Vertices of all tiles, each counted once.
     pub vertices: u64,
     /// Tetrahedra of all tiles.
@@ -51,7 +56,7 @@ pub struct Outcome {
     pub bodies: usize,
     /// Closed surfaces around cavities.
     pub cavities: usize,
-    /// Number of the mesh as a set of tetrahedra: the same for any number of tiles and ranks.
+    /// Number of the mesh as a set of tetrahedra, before it is improved: the same for any number of tiles and ranks.
     pub digest: String,
     /// Smallest dihedral angle, degrees.
     pub min_dihedral: f64,
@@ -66,11 +71,40 @@ pub struct Outcome {
 #[repr(C)]
 struct Sums {
     digest: [u64; 2],
+    shared: u64,
+}
+
+/// What its tetrahedra are in the end.
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct Quality {
     tetrahedra: u64,
     filled: u64,
-    shared: u64,
     min_dihedral: f64,
     max_dihedral: f64,
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self {
+            tetrahedra: 0,
+            filled: 0,
+            min_dihedral: 180.0,
+            max_dihedral: 0.0,
+        }
+    }
+}
+
+impl Quality {
+    fn add(&mut self, mesh: &TetMesh) {
+        if !mesh.tets().is_empty() {
+            let all = quality_report(mesh).all;
+            self.tetrahedra += mesh.tets().len() as u64;
+            self.filled += 1;
+            self.min_dihedral = self.min_dihedral.min(all.min_dihedral.min);
+            self.max_dihedral = self.max_dihedral.max(all.max_dihedral.max);
+        }
+    }
 }
 
 impl<'a> Plan<'a> {
@@ -80,6 +114,7 @@ impl<'a> Plan<'a> {
         copies: &'a Copies,
         density: gauss_density::Options,
         contour: dual_contour::Options,
+        improve: Option<tet_quality::Options>,
         count: usize,
         spill: Spill,
     ) -> Result<Self, Failure> {
@@ -87,12 +122,15 @@ impl<'a> Plan<'a> {
         let cells = lattice.cells();
         let atoms = Weights::of(copies, &lattice);
         let tiles = Tiles::new(cells, ROOT, 0, count, |root| atoms.at(root));
+        let shifted = Tiles::new(cells, ROOT, ROOT / 2, count, |root| atoms.at(root));
         let plan = Self {
             copies,
             density,
             contour,
             lattice,
             tiles,
+            shifted,
+            improve,
             spill,
         };
         let needed = plan.estimate(&atoms);
@@ -149,32 +187,153 @@ impl<'a> Plan<'a> {
             ranks: exchange.ranks(),
         };
         let own = deal.of(exchange.rank());
-        let mut sums = Sums {
-            min_dihedral: 180.0,
-            ..Sums::default()
+        let step = |session: &Session| {
+            let of = (self.tiles.len() * self.steps()) as u64;
+            let made = done.fetch_add(1, Ordering::Relaxed) + 1;
+            session.on(&Cpu).progress("tiles", made, of)
         };
+        let mut sums = Sums::default();
         let mut borders = Vec::with_capacity(own.len());
         for tile in own.clone() {
             borders.push(self.make(tile, session, &mut sums)?);
-            let made = done.fetch_add(1, Ordering::Relaxed) + 1;
-            session
-                .on(&Cpu)
-                .progress("tiles", made, 2 * self.tiles.len() as u64)?;
+            step(session)?;
+        }
+        if let Some(options) = &self.improve {
+            number(exchange, &deal, &mut borders)?;
+            for (tile, border) in own.clone().zip(&borders) {
+                self.better(tile, border, options, session)?;
+                step(session)?;
+            }
+            borders = self.shift(exchange, &deal)?;
+            number(exchange, &deal, &mut borders)?;
+            for (tile, border) in own.clone().zip(&mut borders) {
+                *border = self.better(tile, border, options, session)?;
+                step(session)?;
+            }
         }
         let vertices = number(exchange, &deal, &mut borders)?;
         let beyond = ghosts(exchange, &deal, &borders)?;
+        let mut quality = Quality::default();
         let mut locals = Vec::with_capacity(own.len());
         for ((tile, border), ghosts) in own.zip(&borders).zip(&beyond) {
-            locals.push(self.write(tile, border, ghosts, session)?);
+            locals.push(self.write(tile, border, ghosts, &mut quality, session)?);
             sums.shared += border.links.chunk_by(|a, b| a.vertex == b.vertex).count() as u64;
-            let made = done.fetch_add(1, Ordering::Relaxed) + 1;
-            session
-                .on(&Cpu)
-                .progress("tiles", made, 2 * self.tiles.len() as u64)?;
+            step(session)?;
         }
         let parts = closed(exchange, &deal, &borders, &locals)?;
         let all = gathered(exchange, &[sums])?;
-        Ok(Outcome::of(vertices, &all.concat(), &parts))
+        let qualities = gathered(exchange, &[quality])?;
+        Ok(Outcome::of(
+            vertices,
+            &all.concat(),
+            &qualities.concat(),
+            &parts,
+        ))
+    }
+
+    /// What is done with each tile: made, improved twice, written.
+    fn steps(&self) -> usize {
+        if self.improve.is_some() { 4 } else { 2 }
+    }
+
+    /// Improves a tile, whose vertices that others have stay where they are.
+    fn better(
+        &self,
+        tile: usize,
+        border: &Border,
+        options: &tet_quality::Options,
+        session: &Session,
+    ) -> Result<Border, Failure> {
+        let piece = self.piece(tile)?;
+        if piece.mesh.tets().is_empty() {
+            return Ok(Border::default());
+        }
+        let mut held = vec![false; piece.mesh.positions().len()];
+        for link in &border.links {
+            held[link.vertex as usize] = true;
+        }
+        let mut keys: Vec<[u64; 3]> = border
+            .links
+            .iter()
+            .map(|l| key(&piece.mesh.positions()[l.vertex as usize]))
+            .collect();
+        keys.sort_unstable();
+        let around = piece.mesh.bounds().inflated(4.0 * self.lattice.spacing);
+        let atoms = self.copies.part(&around, self.density.cutoff)?;
+        let field = atoms
+            .as_ref()
+            .map(|model| PointSampler::new(model, self.density.cutoff))
+            .transpose()?;
+        let field = field.as_ref().map(|f| f as &dyn ImplicitField);
+        let made = improve_part(piece.mesh, &held, field, options, session.on(&Cpu))?;
+        // Vertices that were held have kept their names.
+        let is_held = |x: &Point3| keys.binary_search(&key(x)).is_ok();
+        let shared = made.mesh.positions().iter().map(is_held).collect();
+        let piece = Piece {
+            mesh: made.mesh,
+            shared,
+        };
+        self.spill.put(&spilled(tile), &piece.to_bytes())?;
+        Ok(Border::of(&piece))
+    }
+
+    /// Deals the tetrahedra to the shifted tiles.
+    fn shift(
+        &self,
+        exchange: &(impl Exchange + ?Sized),
+        deal: &Deal,
+    ) -> Result<Vec<Border>, Failure> {
+        let rank = exchange.rank();
+        let (origin, spacing) = (self.lattice.origin, self.lattice.spacing);
+        // To tiles of this rank by disk, to others by messages: tile, length, bytes.
+        let mut to = vec![Vec::new(); deal.ranks];
+        let mut moved = Vec::new();
+        for from in deal.of(rank) {
+            let parts = self
+                .piece(from)?
+                .dealt(|corners| self.shifted.of_tet(corners, &origin, spacing));
+            for (tile, part) in parts {
+                let bytes = part.to_bytes();
+                if deal.rank_of(tile) == rank {
+                    let name = format!("moved_{from}_{tile}");
+                    self.spill.put(&name, &bytes)?;
+                    moved.push((tile, name));
+                } else {
+                    let to = &mut to[deal.rank_of(tile)];
+                    to.extend_from_slice(bytemuck::cast_slice(&[tile as u64, bytes.len() as u64]));
+                    to.extend_from_slice(&bytes);
+                }
+            }
+        }
+        let heard = exchange.all_to_all(to)?;
+        let mut borders = Vec::new();
+        for tile in deal.of(rank) {
+            let mut parts = Vec::new();
+            // In the order of the tiles that they come from: lower ranks, this one, higher ones.
+            for (other, said) in heard.iter().enumerate() {
+                if other == rank {
+                    for (_, name) in moved.iter().filter(|m| m.0 == tile) {
+                        parts.push(Piece::from_bytes(&self.spill.get(name)?)?);
+                        self.spill.forget(name)?;
+                    }
+                }
+                let mut rest = said.as_slice();
+                while let Some((head, more)) = rest.split_first_chunk::<16>() {
+                    let [to, bytes]: [u64; 2] = bytemuck::pod_read_unaligned(head);
+                    let (own, others) = more
+                        .split_at_checked(bytes as usize)
+                        .ok_or("a message of tetrahedra has been cut off")?;
+                    if to == tile as u64 {
+                        parts.push(Piece::from_bytes(own)?);
+                    }
+                    rest = others;
+                }
+            }
+            let piece = Piece::joined(&parts);
+            borders.push(Border::of(&piece));
+            self.spill.put(&spilled(tile), &piece.to_bytes())?;
+        }
+        Ok(borders)
     }
 
     /// Samples and meshes a tile, and puts it aside.
@@ -191,15 +350,9 @@ impl<'a> Plan<'a> {
         if piece.mesh.tets().is_empty() {
             return Ok(Border::default());
         }
-        let digest = piece.digest();
-        let sum =
-            (u128::from(sums.digest[0]) << 64 | u128::from(sums.digest[1])).wrapping_add(digest);
+        let sum = u128::from(sums.digest[0]) << 64 | u128::from(sums.digest[1]);
+        let sum = sum.wrapping_add(piece.digest());
         sums.digest = [(sum >> 64) as u64, sum as u64];
-        sums.tetrahedra += piece.mesh.tets().len() as u64;
-        sums.filled += 1;
-        let quality = quality_report(&piece.mesh).all;
-        sums.min_dihedral = sums.min_dihedral.min(quality.min_dihedral.min);
-        sums.max_dihedral = sums.max_dihedral.max(quality.max_dihedral.max);
         self.spill.put(&spilled(tile), &piece.to_bytes())?;
         Ok(Border::of(&piece))
     }
@@ -210,10 +363,12 @@ impl<'a> Plan<'a> {
         tile: usize,
         border: &Border,
         ghosts: &[Ghost],
+        quality: &mut Quality,
         session: &Session,
     ) -> Result<Local, Failure> {
         let path = session.output(part_name(tile))?;
         let piece = self.piece(tile)?;
+        quality.add(&piece.mesh);
         let ids = border.ids();
         let view = part(&piece, &ids, ghosts, border)?;
         io::mesh::vtu::save(path, &view)?;
@@ -361,21 +516,24 @@ impl Weights {
 }
 
 impl Outcome {
-    fn of(vertices: u64, all: &[Sums], parts: &[Closed]) -> Self {
+    fn of(vertices: u64, all: &[Sums], qualities: &[Quality], parts: &[Closed]) -> Self {
         let digest = all.iter().fold(0u128, |sum, s| {
             sum.wrapping_add(u128::from(s.digest[0]) << 64 | u128::from(s.digest[1]))
         });
         Self {
-            filled: all.iter().map(|s| s.filled as usize).sum(),
+            filled: qualities.iter().map(|q| q.filled).sum(),
             vertices,
-            tetrahedra: all.iter().map(|s| s.tetrahedra).sum(),
+            tetrahedra: qualities.iter().map(|q| q.tetrahedra).sum(),
             triangles: parts.iter().map(|p| p.triangles).sum(),
             volume: parts.iter().map(|p| p.volume).sum(),
             bodies: parts.iter().filter(|p| p.volume > 0.0).count(),
             cavities: parts.iter().filter(|p| p.volume <= 0.0).count(),
             digest: format!("{digest:032x}"),
-            min_dihedral: all.iter().map(|s| s.min_dihedral).fold(180.0, f64::min),
-            max_dihedral: all.iter().map(|s| s.max_dihedral).fold(0.0, f64::max),
+            min_dihedral: qualities
+                .iter()
+                .map(|q| q.min_dihedral)
+                .fold(180.0, f64::min),
+            max_dihedral: qualities.iter().map(|q| q.max_dihedral).fold(0.0, f64::max),
             shared: all.iter().map(|s| s.shared).sum(),
         }
     }

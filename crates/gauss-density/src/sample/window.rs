@@ -3,15 +3,25 @@
 use geom_core::grid::lattice::Window;
 use geom_core::grid::{BRICK, Brick};
 use geom_core::options::require;
-use geom_core::{BrickGrid, Run};
+use geom_core::{Aabb, BrickGrid, Run};
 
 use crate::backend::{BLOCK, DensityBackend};
 use crate::error::Error;
 use crate::kernel::boxes::lattice_box;
+use crate::model::Model;
 use crate::model::copies::Copies;
-use crate::options::Options;
+use crate::options::{Cutoff, Options};
 use crate::sample::band::{Band, interior};
 use crate::sample::blocks::Bricks;
+
+impl Copies {
+    /// The atoms that matter in a box, as a model of their own; `None` if there are none. Its density is that of all within
+    /// the cut-off where it reaches 1/2.
+    pub fn part(&self, region: &Aabb, cutoff: Cutoff) -> Result<Option<Model>, Error> {
+        cutoff.check()?;
+        Ok(self.near(region, self.reach().radius(cutoff.0, 0.5)))
+    }
+}
 
 /// Samples a window of the lattice of [`Copies::lattice`] as [`sample_band`](crate::sample_band) samples the whole: on
 /// the processor with the same bits, kinds of bricks and values, since every sum takes the atoms in the order of all and

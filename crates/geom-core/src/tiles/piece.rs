@@ -1,5 +1,7 @@
 //! The elements of a tile.
 
+use std::collections::{BTreeMap, HashMap};
+
 use crate::mesh::{Region, TetMesh, VertexKind};
 use crate::{MeshError, Point3};
 
@@ -80,6 +82,75 @@ impl Piece {
             mesh,
             shared: shared.iter().map(|&s| s != 0).collect(),
         })
+    }
+
+    /// The tetrahedra by the tile that `tile` gives for their corners, ascending. A vertex that goes to several tiles, or
+    /// may have been shared before, may be shared in each.
+    pub fn dealt(&self, tile: impl Fn([Point3; 4]) -> usize) -> BTreeMap<usize, Self> {
+        let mesh = &self.mesh;
+        let of: Vec<usize> = (0..mesh.tets().len())
+            .map(|t| tile(mesh.corners(t)))
+            .collect();
+        let mut first = vec![usize::MAX; mesh.positions().len()];
+        let mut shared = self.shared.clone();
+        let mut tets: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (t, (tet, &tile)) in mesh.tets().iter().zip(&of).enumerate() {
+            tets.entry(tile).or_default().push(t);
+            for v in tet.map(|v| v as usize) {
+                shared[v] |= first[v] != usize::MAX && first[v] != tile;
+                first[v] = tile;
+            }
+        }
+        let part = |tets: Vec<usize>| {
+            let used = tets.iter().flat_map(|&t| mesh.tets()[t]);
+            let mut order: Vec<u32> = used.collect();
+            order.sort_unstable();
+            order.dedup();
+            let number = |v: u32| order.partition_point(|&u| u < v) as u32;
+            let pick = |v: &u32| *v as usize;
+            let part = TetMesh::with_kinds(
+                order.iter().map(|v| mesh.positions()[pick(v)]).collect(),
+                tets.iter().map(|&t| mesh.tets()[t].map(number)).collect(),
+                tets.iter().map(|&t| mesh.regions()[t]).collect(),
+                order.iter().map(|v| mesh.kinds()[pick(v)]).collect(),
+            );
+            Self {
+                mesh: part.expect("a part of a mesh names its own vertices"),
+                shared: order.iter().map(|v| shared[pick(v)]).collect(),
+            }
+        };
+        tets.into_iter()
+            .map(|(tile, tets)| (tile, part(tets)))
+            .collect()
+    }
+
+    /// Pieces as one: vertices of one place are one, in the order in which they first come.
+    pub fn joined(pieces: &[Self]) -> Self {
+        let mut numbers: HashMap<[u64; 3], u32> = HashMap::new();
+        let (mut positions, mut kinds, mut shared) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut tets, mut regions) = (Vec::new(), Vec::new());
+        for piece in pieces {
+            let (mesh, flags) = (&piece.mesh, &piece.shared);
+            let own: Vec<u32> = (mesh.positions().iter().zip(mesh.kinds()).zip(flags))
+                .map(|((x, kind), flag)| {
+                    let number = *numbers.entry(key(x)).or_insert_with(|| {
+                        positions.push(*x);
+                        kinds.push(*kind);
+                        shared.push(false);
+                        positions.len() as u32 - 1
+                    });
+                    shared[number as usize] |= flag;
+                    number
+                })
+                .collect();
+            tets.extend(mesh.tets().iter().map(|t| t.map(|v| own[v as usize])));
+            regions.extend_from_slice(mesh.regions());
+        }
+        let mesh = TetMesh::with_kinds(positions, tets, regions, kinds);
+        Self {
+            mesh: mesh.expect("joined tetrahedra name joined vertices"),
+            shared,
+        }
     }
 
     /// A number of the mesh as a set of tetrahedra, each with its region and the bits of its corners, in whatever order
