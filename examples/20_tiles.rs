@@ -37,7 +37,7 @@ struct Args {
     /// Ranks side by side, with --exchange threads [default: one per tile, at most one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     ranks: Option<u16>,
-    /// Improve the tetrahedra, in two passes with the borders of tiles held, half a root cell apart
+    /// Improve the tetrahedra, in three passes with the borders of tiles held, each time elsewhere
     #[arg(long)]
     improve: bool,
     /// Mesh the exterior too, to the end of the lattice
@@ -56,6 +56,9 @@ enum Form {
     Solo,
     /// Some side by side, as ranks of one process
     Threads,
+    /// Some side by side, as the processes that mpirun has started; --max-memory is that of each
+    #[cfg(feature = "mpi")]
+    Mpi,
 }
 
 const EXAMPLES: &str = "\
@@ -86,7 +89,7 @@ fn tiles(args: &Args, session: &Session) -> Result<(), Failure> {
     if session.device.gpu().is_some() {
         return Err("tiles need the bits of their neighbours: take --backend cpu".into());
     }
-    if args.exchange == Form::Solo {
+    if args.exchange != Form::Threads {
         session.refuse(&["ranks"], "is for --exchange threads")?;
     }
     let copies = read(args, session)?;
@@ -118,9 +121,7 @@ fn tiles(args: &Args, session: &Session) -> Result<(), Failure> {
         spacing: Some(density.spacing),
         ..Default::default()
     });
-    // Beside the outputs that are not finished, on the same disk, and gone with the run.
-    let joined = session.output("volume.pvtu")?;
-    let folder = tempfile::tempdir_in(joined.parent().unwrap_or(&args.common.out))?;
+    let folder = session.scratch()?;
     let spill = Spill::into(folder.path());
     let plan = session.stage("plan", || {
         Plan::new(
@@ -132,15 +133,52 @@ fn tiles(args: &Args, session: &Session) -> Result<(), Failure> {
             spill,
         )
     })?;
+    #[cfg(feature = "mpi")]
+    if args.exchange == Form::Mpi {
+        return among_processes(&plan, session);
+    }
     let made = session.stage("tiles", || run(&plan, ranks, session))?;
+    note(&plan, &made, ranks, session)?;
+    session.files(8, || save(&plan, &made, session))
+}
+
+/// Puts what was made into the report.
+fn note(plan: &Plan<'_>, made: &Outcome, ranks: usize, session: &Session) -> Result<(), Failure> {
     if made.tetrahedra == 0 {
         return Err("no tile holds a cell inside: take a smaller spacing".into());
     }
-    session.note("tiles", &made)?;
+    session.note("tiles", made)?;
     session.note("lattice", plan.lattice)?;
-    let counts = json!({ "atoms": copies.atoms(), "tetrahedra": made.tetrahedra, "ranks": ranks });
-    session.note("counts", counts)?;
-    session.files(8, || save(&plan, &made, session))
+    let atoms = plan.copies.atoms();
+    let counts = json!({ "atoms": atoms, "tetrahedra": made.tetrahedra, "ranks": ranks });
+    session.note("counts", counts)
+}
+
+/// As one of the ranks of `mpirun`. Rank 0 writes the report and the file that joins the parts; a rank that fails says why
+/// and ends all. No file appears before all have finished.
+#[cfg(feature = "mpi")]
+fn among_processes(plan: &Plan<'_>, session: &Session) -> Result<(), Failure> {
+    use std::io::Write;
+
+    use geom_core::tiles::{Exchange, mpi::Mpi};
+
+    let mpi = Mpi::start().ok_or("MPI has been started before")?;
+    let work = || -> Result<(), Failure> {
+        let done = AtomicU64::new(0);
+        let made = session.stage("tiles", || plan.run(&mpi, session, &done))?;
+        if mpi.rank() == 0 {
+            note(plan, &made, mpi.ranks(), session)?;
+            plan.join(session)?;
+        } else {
+            session.follow();
+        }
+        mpi.scan(0)?;
+        Ok(())
+    };
+    work().inspect_err(|failure| {
+        let _ = writeln!(std::io::stderr(), "error: rank {}: {failure}", mpi.rank());
+        mpi.abort();
+    })
 }
 
 /// The atoms, as one unit and its places.
@@ -159,6 +197,9 @@ fn read(args: &Args, session: &Session) -> Result<Copies, Failure> {
 fn ranks(args: &Args) -> usize {
     match args.exchange {
         Form::Solo => 1,
+        // Each has its own memory.
+        #[cfg(feature = "mpi")]
+        Form::Mpi => 1,
         Form::Threads => args.ranks.map_or_else(
             || rayon::current_num_threads().min(args.tiles as usize),
             usize::from,

@@ -19,6 +19,10 @@ use crate::{Failure, Session};
 /// Cells per side of a root cell: what tiles are put together of.
 pub const ROOT: usize = 32;
 
+/// How far the roots of the tiles of each further pass of improvement begin below the lattice, in cells: no two sets of
+/// borders have a plane in common, and where two of them meet, the third is elsewhere.
+const SHIFTS: [usize; 2] = [ROOT / 2, ROOT / 4];
+
 /// What is done in tiles.
 pub struct Plan<'a> {
     /// The atoms.
@@ -31,8 +35,8 @@ pub struct Plan<'a> {
     pub lattice: Lattice,
     /// Which cells belong to which tile.
     pub tiles: Tiles,
-    /// The same number of tiles whose borders are half a root cell off: for the second pass of improvement.
-    shifted: Tiles,
+    /// As many tiles whose borders lie elsewhere, one set for each further pass of improvement.
+    shifted: Vec<Tiles>,
     /// What to improve by, if at all.
     pub improve: Option<tet_quality::Options>,
     /// Where pieces wait.
@@ -122,7 +126,8 @@ impl<'a> Plan<'a> {
         let cells = lattice.cells();
         let atoms = Weights::of(copies, &lattice);
         let tiles = Tiles::new(cells, ROOT, 0, count, |root| atoms.at(root));
-        let shifted = Tiles::new(cells, ROOT, ROOT / 2, count, |root| atoms.at(root));
+        let elsewhere = |shift: usize| Tiles::new(cells, ROOT, shift, count, |root| atoms.at(root));
+        let shifted = SHIFTS.into_iter().map(elsewhere).collect();
         let plan = Self {
             copies,
             density,
@@ -204,11 +209,13 @@ impl<'a> Plan<'a> {
                 self.better(tile, border, options, session)?;
                 step(session)?;
             }
-            borders = self.shift(exchange, &deal)?;
-            number(exchange, &deal, &mut borders)?;
-            for (tile, border) in own.clone().zip(&mut borders) {
-                *border = self.better(tile, border, options, session)?;
-                step(session)?;
+            for shifted in &self.shifted {
+                borders = self.shift(exchange, &deal, shifted)?;
+                number(exchange, &deal, &mut borders)?;
+                for (tile, border) in own.clone().zip(&mut borders) {
+                    *border = self.better(tile, border, options, session)?;
+                    step(session)?;
+                }
             }
         }
         let vertices = number(exchange, &deal, &mut borders)?;
@@ -231,9 +238,10 @@ impl<'a> Plan<'a> {
         ))
     }
 
-    /// What is done with each tile: made, improved twice, written.
+    /// What is done with each tile: made, improved, written.
     fn steps(&self) -> usize {
-        if self.improve.is_some() { 4 } else { 2 }
+        let passes = self.improve.map_or(0, |_| 1 + self.shifted.len());
+        2 + passes
     }
 
     /// Improves a tile, whose vertices that others have stay where they are.
@@ -277,11 +285,12 @@ impl<'a> Plan<'a> {
         Ok(Border::of(&piece))
     }
 
-    /// Deals the tetrahedra to the shifted tiles.
+    /// Deals the tetrahedra to other tiles.
     fn shift(
         &self,
         exchange: &(impl Exchange + ?Sized),
         deal: &Deal,
+        tiles: &Tiles,
     ) -> Result<Vec<Border>, Failure> {
         let rank = exchange.rank();
         let (origin, spacing) = (self.lattice.origin, self.lattice.spacing);
@@ -291,7 +300,7 @@ impl<'a> Plan<'a> {
         for from in deal.of(rank) {
             let parts = self
                 .piece(from)?
-                .dealt(|corners| self.shifted.of_tet(corners, &origin, spacing));
+                .dealt(|corners| tiles.of_tet(corners, &origin, spacing));
             for (tile, part) in parts {
                 let bytes = part.to_bytes();
                 if deal.rank_of(tile) == rank {

@@ -24,7 +24,7 @@ pub enum Lost {
 
 /// Ranks that run the same program side by side and speak at the same points of it. All that they say goes through
 /// [`all_to_all`](Exchange::all_to_all), so that a form of exchange is one function.
-pub trait Exchange: Sync {
+pub trait Exchange {
     /// How many there are.
     fn ranks(&self) -> usize;
 

@@ -16,9 +16,8 @@ pub struct Mpi {
     _universe: mpi::environment::Universe,
 }
 
-// MPI is asked for calls of one thread at a time; the exchange is called at the same points by every rank.
 impl Mpi {
-    /// Joins the others; `None` if this process has done so before.
+    /// Joins the others; `None` if this process has done so before. All that is asked of MPI is asked by this thread.
     pub fn start() -> Option<Self> {
         let universe = mpi::initialize()?;
         Some(Self {
