@@ -37,7 +37,7 @@ struct Args {
     /// Ranks side by side, with --exchange threads [default: one per tile, at most one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     ranks: Option<u16>,
-    /// Improve the tetrahedra, in three passes with the borders of tiles held, each time elsewhere
+    /// Improve the tetrahedra, in two passes with the borders of tiles held, half a root cell (16 cells) apart
     #[arg(long)]
     improve: bool,
     /// Mesh the exterior too, to the end of the lattice

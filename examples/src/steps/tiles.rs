@@ -19,9 +19,9 @@ use crate::{Failure, Session};
 /// Cells per side of a root cell: what tiles are put together of.
 pub const ROOT: usize = 32;
 
-/// How far the roots of the tiles of each further pass of improvement begin below the lattice, in cells: no two sets of
-/// borders have a plane in common, and where two of them meet, the third is elsewhere.
-const SHIFTS: [usize; 2] = [ROOT / 2, ROOT / 4];
+/// How far the roots of the tiles of each further pass of improvement begin below the lattice, in cells: no border of one
+/// pass is one of another.
+const SHIFTS: [usize; 1] = [ROOT / 2];
 
 /// What is done in tiles.
 pub struct Plan<'a> {
