@@ -60,7 +60,7 @@ pub fn sample_window<B: DensityBackend + ?Sized>(
     options.check()?;
     let lattice = window.whole;
     let last = [0, 1, 2].map(|k| window.low[k] + window.counts[k]);
-    let fits = (0..3).all(|k| window.low[k] % BRICK == 0 && last[k] <= lattice.counts[k]);
+    let fits = (0..3).all(|k| window.low[k].is_multiple_of(BRICK) && last[k] <= lattice.counts[k]);
     let told = format!("{:?} + {:?}", window.low, window.counts);
     require(
         fits,

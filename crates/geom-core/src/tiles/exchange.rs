@@ -72,7 +72,7 @@ fn records<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
 ) -> Result<Vec<Vec<T>>, Lost> {
     let record = size_of::<T>();
     let whole = |(rank, bytes): (usize, Vec<u8>)| {
-        if bytes.len() % record != 0 {
+        if !bytes.len().is_multiple_of(record) {
             let bytes = bytes.len();
             return Err(Lost::Broken {
                 rank,
