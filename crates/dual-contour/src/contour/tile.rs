@@ -46,6 +46,7 @@ pub fn tile<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     let run = run.with(run.backend.as_contour());
     check(options, window)?;
     check_place(values, window, own)?;
+    // Only where the lattice ends must the surface have closed.
     let ends = window.ends();
     if let Some((side, points)) = touching(values, options.level, ends) {
         return Err(Error::SurfaceTouchesBox { side, points });
@@ -54,6 +55,7 @@ pub fn tile<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         spacing: window.whole.spacing,
         ..Report::default()
     };
+    // The values of the window, as those of the whole stand in its cells.
     let domain = domain(window);
     check_size(domain.cells.map(f64::from), options)?;
     let source = Source::Aligned {
@@ -72,6 +74,7 @@ pub fn tile<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         return Ok((Piece::default(), report));
     }
     samples.find_crossings(run.backend)?;
+    // All tetrahedra that decide on those of the tile, or share vertices with them.
     let reach = LARGEST as i32;
     let near = [0, 1].map(|side| {
         [0, 1, 2].map(|k| {
@@ -92,11 +95,10 @@ pub fn tile<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
         places,
         tets: raw.tets,
     };
-    let (piece, kept) = all.own(own, window, &raw.regions);
-    let (mut tets, regions) = piece;
-    let mut shared = kept;
+    let ((mut tets, regions), touched) = all.own(own, window, &raw.regions);
+    // Vertices that only others use go.
     let used = compact(all.places.len(), &mut tets);
-    shared = used.iter().map(|&v| shared[v as usize]).collect();
+    let shared = used.iter().map(|&v| touched[v as usize]).collect();
     let positions = used
         .iter()
         .map(|&v| domain.world(&raw.positions[v as usize]));
