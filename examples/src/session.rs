@@ -309,6 +309,8 @@ pub struct Session {
     report: Mutex<Report>,
     /// Which part of the work is being done: see [`Session::part`].
     part: Mutex<Option<&'static str>>,
+    /// Does another process write the report? See [`Session::follow`].
+    follows: AtomicBool,
 }
 
 #[derive(Serialize)]
@@ -368,6 +370,7 @@ impl Session {
             page: Mutex::default(),
             report: Mutex::new(report),
             part: Mutex::default(),
+            follows: AtomicBool::new(false),
         })
     }
 
@@ -502,6 +505,20 @@ impl Session {
         Ok(path)
     }
 
+    /// A folder for what does not fit into memory, on the disk of the outputs; it goes with the run, however that ends.
+    pub fn scratch(&self) -> Result<tempfile::TempDir, Failure> {
+        let first = self.output("report.json")?;
+        let staging = first.parent().unwrap_or(&self.common.out);
+        let named = |e: std::io::Error| io::Error::from(e).in_file(staging);
+        Ok(tempfile::tempdir_in(staging).map_err(named)?)
+    }
+
+    /// This process is one of several with the same outputs, and not the one that writes report and page.
+    pub fn follow(&self) {
+        self.follows.store(true, Ordering::Relaxed);
+        self.report().outputs.retain(|name| name != "report.json");
+    }
+
     /// Does the last part of the work, which writes this many outputs, with a bar that counts them.
     pub fn files<T>(
         &self,
@@ -569,10 +586,22 @@ impl Session {
         Ok(self.rasterizer.get().expect("set above"))
     }
 
+    /// Moves the outputs to their place, and leaves the rest to another process.
+    fn publish_alone(mut self) -> Result<String, Failure> {
+        let outputs = std::mem::take(&mut self.report().outputs);
+        if let Some(staging) = self.staging.take() {
+            staging.publish(&outputs)?;
+        }
+        Ok(format!("{} files beside those of rank 0", outputs.len()))
+    }
+
     /// Writes `report.json` and `index.html`, and moves every output to its place.
     fn close(self) -> Result<String, Failure> {
         if self.bars.stopped() {
             return Err(Cancelled.into());
+        }
+        if self.follows.load(Ordering::Relaxed) {
+            return self.publish_alone();
         }
         let path = self.output("report.json")?;
         let page = (!self.common.no_pictures)

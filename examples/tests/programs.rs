@@ -955,6 +955,69 @@ fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
 }
 
 #[test]
+fn tiles_are_one_mesh_however_many_there_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = fixture("1AJJ.pdb");
+    let mut found = Vec::new();
+    for (i, ways) in [
+        &["--tiles", "1"][..],
+        &["--tiles", "3", "--exchange", "threads", "--ranks", "2"],
+        &["--tiles", "3", "--improve"],
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let out = folder.path().join(i.to_string());
+        let args = [
+            &[&*input, "--spacing", "1", "--quiet", "--renderer", "cpu"],
+            ways,
+        ]
+        .concat();
+        let output = run("20_tiles", &args, &out);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{ways:?}: {errors}");
+        let report: Value =
+            serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+        assert_eq!(report["volume"]["valid"], true, "{ways:?}");
+        assert_eq!(report["surface"]["closed"], true, "{ways:?}");
+        let [bodies, cavities] =
+            ["bodies", "cavities"].map(|k| report["tiles"][k].as_u64().unwrap());
+        assert_eq!(report["surface"]["parts"], bodies + cavities);
+        if ways.contains(&"--improve") {
+            assert!(
+                report["tiles"]["min_dihedral"].as_f64().unwrap() > 15.0,
+                "{report}"
+            );
+        }
+        let joined = std::fs::read_to_string(out.join("volume.pvtu")).unwrap();
+        for tile in 0..report["options"]["tiles"].as_u64().unwrap() {
+            let part = format!("parts/part_{tile}.vtu");
+            assert!(joined.contains(&part) && out.join(part).exists());
+        }
+        found.push(report["tiles"]["digest"].clone());
+    }
+    assert!(found.iter().all(|digest| *digest == found[0]), "{found:?}");
+    // Too little memory is said before anything is allocated, and leaves nothing.
+    let out = folder.path().join("little");
+    let args = [
+        &*input,
+        "--spacing",
+        "0.3",
+        "--tiles",
+        "1",
+        "--max-memory",
+        "1M",
+    ];
+    let output = run("20_tiles", &args, &out);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        !output.status.success() && errors.contains("take more tiles"),
+        "{errors}"
+    );
+    assert!(!out.exists());
+}
+
+#[test]
 fn a_shape_is_morphed_into_itself_and_does_not_differ_from_it() {
     let folder = tempfile::tempdir().unwrap();
     let input = fixture("1AJJ.pdb");
@@ -1499,6 +1562,7 @@ fn every_program_explains_itself() {
         "15_segment",
         "16_pockets",
         "17_smooth",
+        "20_tiles",
     ] {
         let output = program(name).arg("--help").output().unwrap();
         let text = String::from_utf8(output.stdout).unwrap();

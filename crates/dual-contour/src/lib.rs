@@ -32,7 +32,7 @@ pub mod specification;
 mod wgpu;
 
 pub use backend::ContourBackend;
-pub use contour::{Report, Surface, Volume, surface, volume};
+pub use contour::{HALO, LARGEST, Report, Surface, Volume, surface, tile, volume};
 pub use error::Error;
 pub use octree::FieldSamples;
 pub use options::{

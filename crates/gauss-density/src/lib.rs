@@ -36,6 +36,7 @@ pub use atoms::eliminate::{Eliminated, Elimination, EliminationReport, Interior,
 pub use atoms::refit::{Refit, RefitReport, Refitted, refit};
 pub use backend::DensityBackend;
 pub use error::Error;
+pub use model::copies::Copies;
 pub use model::{Level, Levels, Model};
 pub use options::{Cutoff, Options};
 pub use sample::band::sample_band;
@@ -44,3 +45,4 @@ pub use sample::compare::{Comparison, compare};
 pub use sample::dense::sample;
 pub use sample::low_pass::{LowPass, Shape, low_pass};
 pub use sample::point::{AtomGradient, PointSampler};
+pub use sample::window::sample_window;

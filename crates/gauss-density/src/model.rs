@@ -12,6 +12,7 @@ use geom_core::{Aabb, Point3, Structure};
 
 use crate::error::Error;
 
+pub(crate) mod copies;
 pub(crate) mod reach;
 
 /// Powers and decay for a whole structure, or for the part that [`Model::emphasize`] selects.
@@ -413,6 +414,44 @@ impl Model {
             decays,
             levels: self.levels.clone(),
             protected: self.protected.clone(),
+        }
+    }
+
+    /// The same with only the levels that matter.
+    pub(crate) fn compiled(&self) -> Self {
+        Self {
+            levels: self.compiled_levels(),
+            ..self.clone()
+        }
+    }
+
+    /// Adds the atoms and nodes of another model of as many levels, after its own, moved.
+    pub(crate) fn append(&mut self, other: &Self, place: impl Fn(&Point3) -> Point3) {
+        let mut below = self.atoms() as u32;
+        for (level, more) in self.levels.iter_mut().zip(&other.levels) {
+            let nodes = level.len() as u32;
+            let starts = more.first_child[1..].iter().map(|c| below + c);
+            level.first_child.extend(starts);
+            level.power.extend(&more.power);
+            below = nodes;
+        }
+        self.centers.extend(other.centers.iter().map(place));
+        self.radii.extend(&other.radii);
+        self.decays.extend(&other.decays);
+    }
+
+    /// No atoms, in as many levels as this.
+    pub(crate) fn emptied(&self) -> Self {
+        let none = Level {
+            first_child: vec![0],
+            power: Vec::new(),
+        };
+        Self {
+            centers: Vec::new(),
+            radii: Vec::new(),
+            decays: Vec::new(),
+            levels: vec![none; self.levels.len()],
+            protected: Vec::new(),
         }
     }
 

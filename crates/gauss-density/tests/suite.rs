@@ -5,3 +5,4 @@ mod bounds;
 mod laws;
 mod options;
 mod thesis;
+mod windows;

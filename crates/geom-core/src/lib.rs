@@ -24,6 +24,9 @@ pub mod search;
 #[cfg(feature = "algebra")]
 pub mod algebra;
 
+// Bodies in tiles: what does not fit into one memory.
+pub mod tiles;
+
 // What triangle surfaces say, and how they are made better.
 #[cfg(feature = "surface")]
 pub mod surface;

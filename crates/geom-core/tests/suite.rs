@@ -14,3 +14,4 @@ mod structures_data;
 mod structures_fuzz;
 mod surfaces;
 mod surfaces_shape;
+mod tiles;

@@ -34,7 +34,7 @@ pub mod testing;
 
 pub use backend::QualityBackend;
 pub use error::Error;
-pub use improve::improve;
+pub use improve::{improve, improve_part};
 pub use measure::block::measures;
 pub use measure::metrics::{Measures, aspect_ratio, radius_ratio};
 pub use measure::report::{QualityReport, Summary, quality_report};

@@ -165,7 +165,7 @@ pub fn ball_in_box(n: usize, h: f64, radius: f64) -> (TetMesh, Ball) {
 
 /// The task of one smoothing sweep over all vertices that may move.
 pub fn relaxation(mesh: &TetMesh, rounds: u32) -> crate::backend::Relaxation<'_> {
-    let edited = crate::boundary::input::prepare(mesh.clone(), None)
+    let edited = crate::boundary::input::prepare(mesh.clone(), &[], None)
         .expect("meshes of tests are complexes")
         .mesh;
     let all: Vec<u32> = (0..mesh.positions().len() as u32).collect();

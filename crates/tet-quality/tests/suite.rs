@@ -3,4 +3,5 @@
 mod backends;
 mod groups;
 mod laws;
+mod parts;
 mod thesis;

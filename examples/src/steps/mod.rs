@@ -9,3 +9,4 @@ pub mod quads;
 pub mod segments;
 pub mod spline;
 pub mod spline_modes;
+pub mod tiles;

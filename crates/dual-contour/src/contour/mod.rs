@@ -14,12 +14,14 @@ mod resolution;
 mod setup;
 mod stuffing;
 mod surface;
+mod tile;
 mod trees;
 mod uniform;
 mod volume;
 
 pub use report::Report;
 pub use surface::{Surface, surface};
+pub use tile::{HALO, LARGEST, tile};
 pub use volume::{Volume, volume};
 
 use crate::backend::On;
@@ -72,6 +74,7 @@ fn mesh(
         probe,
         options,
         purpose,
+        near: None,
     };
     let raw = match options.method {
         Method::DualContour => mesher.dual_contour(&mut report, run)?,
@@ -94,6 +97,8 @@ struct Mesher<'a> {
     probe: &'a Probe<'a>,
     options: &'a Options,
     purpose: Purpose,
+    /// The finest cells `low..high` whose tetrahedra are wanted, with what they depend on; `None`: all.
+    near: Option<[[i32; 3]; 2]>,
 }
 
 impl Mesher<'_> {
@@ -172,7 +177,8 @@ impl Mesher<'_> {
         let complex = self.complex(&tree, kinds, report)?;
         run.progress(self.stage(), 0, 1)?;
         let keep = |r| self.keeps(r);
-        let (raw, counts) = stuffing::mesh(&complex, self.probe, self.options.at_box, keep)?;
+        let at_box = self.options.at_box;
+        let (raw, counts) = stuffing::mesh(&complex, self.probe, at_box, self.near, keep)?;
         (report.snapped, report.clamped) = (counts.snapped, counts.clamped);
         Ok(raw)
     }

@@ -1,7 +1,7 @@
 //! From values and options to samples: where the mesh lies, what it may cost, and why there is none.
 
 use geom_core::options::OutOfRange;
-use geom_core::{ImplicitField, Lattice, LatticeValues, Vector3};
+use geom_core::{ImplicitField, Lattice, LatticeValues};
 use rayon::prelude::*;
 
 use super::report::Report;
@@ -43,7 +43,7 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized>(
     check_size(own_cells(lattice, spacing, options.at_box), options)?;
     run.progress("sample", 0, 1)?;
     // A surface that would be cut off is refused before anything is read in full.
-    let touching = touching(values, options.level);
+    let touching = touching(values, options.level, [[true; 2]; 3]);
     if let (AtBox::Refuse, Some((side, points))) = (options.at_box, touching) {
         return Err(Error::SurfaceTouchesBox { side, points });
     }
@@ -53,8 +53,7 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized>(
         materials: options.materials.clone(),
         outer: site.outer,
     };
-    // Below the level by more than rounding can take away.
-    let outside = (options.level - options.level.abs() - 1.0) as f32;
+    let outside = below(options.level);
     let source = if spacing == lattice.spacing {
         Source::Aligned {
             values,
@@ -90,6 +89,11 @@ pub(crate) fn sampled<'a, V: LatticeValues + ?Sized>(
     Ok((samples, report))
 }
 
+/// Below the level by more than rounding can take away: what stands beyond the values.
+pub(super) fn below(level: f64) -> f32 {
+    (level - level.abs() - 1.0) as f32
+}
+
 /// Why all is on one side: the values, the small groups that were given away, or cells that see too little.
 fn no_surface<V: LatticeValues + ?Sized>(
     values: &V,
@@ -119,36 +123,42 @@ fn no_surface<V: LatticeValues + ?Sized>(
     }
 }
 
-/// The first side of the lattice with points inside, and how many.
-fn touching<V: LatticeValues + ?Sized>(values: &V, level: f64) -> Option<(usize, u64)> {
+/// The first of some sides of the lattice with points inside, and how many.
+pub(super) fn touching<V: LatticeValues + ?Sized>(
+    values: &V,
+    level: f64,
+    sides: [[bool; 2]; 3],
+) -> Option<(usize, u64)> {
     let [nx, ny, nz] = values.lattice().counts;
-    (0..6).find_map(|side| {
-        let (axis, high) = (side / 2, side % 2 == 1);
-        // Rows along x in the face; the faces across x have one point of each.
-        let (rows, start, len) = match axis {
-            0 => (ny * nz, if high { nx - 1 } else { 0 }, 1),
-            1 => (nz, 0, nx),
-            _ => (ny, 0, nx),
-        };
-        let points: u64 = (0..rows)
-            .into_par_iter()
-            .with_min_len(64)
-            .map_init(
-                || vec![0.0; len],
-                |values_of_row, row| {
-                    let from = match axis {
-                        0 => [start, row % ny, row / ny],
-                        1 => [start, if high { ny - 1 } else { 0 }, row],
-                        _ => [start, row, if high { nz - 1 } else { 0 }],
-                    };
-                    values.read_row(from, values_of_row);
-                    let inside = |v: &&f32| f64::from(**v) >= level;
-                    values_of_row.iter().filter(inside).count() as u64
-                },
-            )
-            .sum();
-        (points > 0).then_some((side, points))
-    })
+    (0..6)
+        .filter(|side| sides[side / 2][side % 2])
+        .find_map(|side| {
+            let (axis, high) = (side / 2, side % 2 == 1);
+            // Rows along x in the face; the faces across x have one point of each.
+            let (rows, start, len) = match axis {
+                0 => (ny * nz, if high { nx - 1 } else { 0 }, 1),
+                1 => (nz, 0, nx),
+                _ => (ny, 0, nx),
+            };
+            let points: u64 = (0..rows)
+                .into_par_iter()
+                .with_min_len(64)
+                .map_init(
+                    || vec![0.0; len],
+                    |values_of_row, row| {
+                        let from = match axis {
+                            0 => [start, row % ny, row / ny],
+                            1 => [start, if high { ny - 1 } else { 0 }, row],
+                            _ => [start, row, if high { nz - 1 } else { 0 }],
+                        };
+                        values.read_row(from, values_of_row);
+                        let inside = |v: &&f32| f64::from(**v) >= level;
+                        values_of_row.iter().filter(inside).count() as u64
+                    },
+                )
+                .sum();
+            (points > 0).then_some((side, points))
+        })
 }
 
 /// Where a mesh lies.
@@ -208,9 +218,8 @@ pub(super) fn site(
             (half / BLOCK * BLOCK).max(pad as i32)
         }),
     };
-    let origin = bounds.min - Vector3::from(shift.map(f64::from)) * spacing;
     Ok(Site {
-        domain: Domain::new(origin, spacing, cells, shift),
+        domain: Domain::new(bounds.min, spacing, cells, shift),
         shift,
         outer: sphere,
     })
@@ -232,7 +241,7 @@ fn own_cells(lattice: &Lattice, spacing: f64, at_box: AtBox) -> [f64; 3] {
 }
 
 /// Refuses lattices whose cells have no coordinates, or whose blocks alone need too much memory.
-fn check_size(cells: [f64; 3], options: &Options) -> Result<(), Error> {
+pub(super) fn check_size(cells: [f64; 3], options: &Options) -> Result<(), Error> {
     if cells.iter().any(|&n| n > MOST_CELLS) {
         let most = cells.iter().fold(0.0f64, |m, &n| m.max(n));
         let must = format!("give at most {MOST_CELLS}; take a larger spacing");

@@ -6,14 +6,16 @@ use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
 use super::tree::{BLOCK, block_coordinates, block_count};
 use crate::{Material, Shape};
 
-/// The lattice of the finest cells.
+/// The lattice of the finest cells. Places in Å follow from the lattice of the values alone, wherever the domain
+/// begins: sums of whole numbers and of [`exact`] fractions of a cell have no rounding.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Domain {
-    pub(crate) origin: Point3,
+    /// The first point of the lattice of the values, Å.
+    origin: Point3,
     pub(crate) spacing: f64,
     pub(crate) cells: [i32; 3],
     pub(crate) blocks: [i32; 3],
-    /// The point where the lattice of the values begins.
+    /// The same point among those of the finest cells: beyond the domain if that is a part of a larger one.
     pub(crate) anchor: [i32; 3],
 }
 
@@ -30,7 +32,11 @@ impl Domain {
     }
     /// From units of the finest cells to Å.
     pub(crate) fn world(&self, local: &Point3) -> Point3 {
-        self.origin + local.coords * self.spacing
+        self.origin + self.in_values(local).coords * self.spacing
+    }
+    /// From where the domain begins to where the values do, in finest cells.
+    pub(crate) fn in_values(&self, p: &Point3) -> Point3 {
+        Point3::from(p.coords - local(self.anchor).coords)
     }
     pub(crate) fn point(&self, p: [i32; 3]) -> Point3 {
         self.world(&local(p))
@@ -46,6 +52,13 @@ impl Domain {
 /// A lattice point in units of the finest cells.
 pub(crate) fn local(p: [i32; 3]) -> Point3 {
     Point3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2]))
+}
+
+/// The nearest fraction of a cell that no whole number of cells makes inexact: of all 53 bits of a number, 20 are
+/// left for the lattice.
+pub(crate) fn exact(offset: f64) -> f64 {
+    const PARTS: f64 = (1u64 << 32) as f64;
+    (offset * PARTS).round() / PARTS
 }
 
 /// Which material a point belongs to: the molecule, then the listed ones, then the exterior; beyond

@@ -9,7 +9,7 @@ mod sizing;
 mod source;
 mod tree;
 
-pub(crate) use domain::{Domain, Labels, local};
+pub(crate) use domain::{Domain, Labels, exact, local};
 pub use field::FieldSamples;
 pub(crate) use points::{PointMarks, PointSet};
 pub(crate) use samples::Samples;

@@ -256,6 +256,13 @@ impl<'a> Samples<'a> {
         any(true) && any(false)
     }
 
+    /// Does any point have a label?
+    pub(crate) fn holds(&self, label: Region) -> bool {
+        let uniform = |s: &u32| *s >= UNIFORM && *s as u8 == label;
+        let stored = |slot: usize| (0..POINTS).any(|i| self.stored_label(slot, i) == label);
+        self.state.iter().any(uniform) || (0..self.stored.len()).any(stored)
+    }
+
     /// The value at any lattice point, on the side of the level that its label says.
     pub(crate) fn value(&self, p: [i32; 3]) -> f64 {
         let (b, i) = self.place(p);

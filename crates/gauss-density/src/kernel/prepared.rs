@@ -30,8 +30,13 @@ impl<'a> Prepared<'a> {
     /// Prepares a model.
     pub fn new(model: &'a Model) -> Self {
         let levels = model.compiled_levels();
-        let parent = levels.iter().map(Level::parents).collect();
         let reach = Reach::new(model, &levels);
+        Self::of_part(model, levels, reach)
+    }
+
+    /// A part of a model, whose levels and reach are those of the whole.
+    pub(crate) fn of_part(model: &'a Model, levels: Vec<Level>, reach: Reach) -> Self {
+        let parent = levels.iter().map(Level::parents).collect();
         let (mut starts, mut boxes) = (vec![0], Vec::new());
         let mut around = Aabb::EMPTY;
         for (i, center) in model.centers().iter().enumerate() {

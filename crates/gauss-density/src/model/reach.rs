@@ -47,6 +47,15 @@ impl Reach {
         }
     }
 
+    /// The same for so many copies of the model side by side.
+    pub(crate) fn of_copies(mut self, model: &Model, levels: &[Level], copies: usize) -> Self {
+        let top = levels.last().map_or(model.atoms(), Level::len);
+        if let Some(root) = self.children.last_mut() {
+            *root = (top as f64 * copies as f64).ln();
+        }
+        self
+    }
+
     /// The largest decay of an atom, Å⁻².
     pub(crate) fn fastest_decay(&self) -> f64 {
         self.fastest_decay

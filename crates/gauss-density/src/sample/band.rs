@@ -3,16 +3,16 @@
 use std::collections::BTreeMap;
 
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
-use geom_core::{BrickGrid, Run};
+use geom_core::{BrickGrid, Lattice, Run};
 use rayon::prelude::*;
 
-use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job, place_in};
+use crate::backend::{BLOCK, Block, BlockValues, DensityBackend, Job, On, place_in};
 use crate::error::Error;
 use crate::kernel::prepared::Prepared;
 use crate::model::Model;
 use crate::options::Options;
 use crate::sample::blocks::{
-    Sampled, check_memory, for_each_batch, lattice_of, start_report, touched,
+    Bricks, Sampled, check_memory, for_each_batch, lattice_of, start_report, touched,
 };
 
 /// Samples the density in bricks of 8 × 8 × 8 points near the surface; other bricks hold 0 outside and
@@ -43,67 +43,115 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
     options.check()?;
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;
-    let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));
-    let count: u128 = bricks
-        .iter()
-        .fold(1, |all: u128, &n| all.saturating_mul(n as u128));
-    check_memory(&lattice, count.saturating_mul(8), options)?;
-    let job = Job {
-        lattice,
-        cutoff: options.cutoff,
-        floor: options.floor.unwrap_or(options.band[0]),
-        ceiling: options.band[1],
-    };
-    let mut band = Band {
-        bricks,
-        kinds: vec![Brick::Exterior; count as usize],
-        values: Vec::new(),
-    };
     let mut report = start_report(&prepared, &lattice, run.backend.name());
-    let mut collect = |band: &mut Band, blocks: &[Block], results: &[BlockValues]| {
-        report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
-        band.take(blocks, results);
-        let stored = band.values.len() as u128 * BRICK_POINTS as u128;
-        check_memory(&lattice, count * 8 + stored * 4, options)
-    };
-    for_each_batch(&prepared, &job, None, run, |blocks, results| {
-        collect(&mut band, blocks, results)
-    })?;
-    let crossed = band.crossed();
-    if !crossed.is_empty() {
-        let all = Job {
-            ceiling: f64::INFINITY,
-            ..job
-        };
-        for_each_batch(&prepared, &all, Some(&crossed), run, |blocks, results| {
-            collect(&mut band, blocks, results)
-        })?;
-    }
+    let all = Bricks::all(&lattice);
+    let band = Band::sample(&prepared, &lattice, all, options, run)?;
+    report.pairs = band.pairs;
     let values = band.values.into_flattened();
     report.stored_points = values.len() as u64;
-    let interior = 2.0 * options.band[1] as f32;
-    let grid = BrickGrid::new(lattice, &band.kinds, values, 0.0, interior)?;
+    let grid = BrickGrid::new(lattice, &band.kinds, values, 0.0, interior(options))?;
     report.stored_share = report.stored_points as f64 / report.points as f64;
     report.touches_box = touched(&grid);
     Ok(Sampled { grid, report })
 }
 
+/// What stands in interior bricks.
+pub(crate) fn interior(options: &Options) -> f32 {
+    2.0 * options.band[1] as f32
+}
+
 /// Bricks as they come.
-struct Band {
-    bricks: [usize; 3],
-    kinds: Vec<Brick>,
+pub(crate) struct Band {
+    range: Bricks,
+    /// Bricks per axis of the whole lattice.
+    of: [usize; 3],
+    /// Of the range, x fastest.
+    pub(crate) kinds: Vec<Brick>,
     /// Of the stored bricks, as they came.
-    values: Vec<[f32; BRICK_POINTS]>,
+    pub(crate) values: Vec<[f32; BRICK_POINTS]>,
+    /// Pairs of an atom and a point that were evaluated.
+    pub(crate) pairs: u64,
 }
 
 impl Band {
+    /// Samples the bricks of a range. Interior ones get values where a neighbour within the range asks for them.
+    pub(crate) fn sample(
+        model: &Prepared<'_>,
+        lattice: &Lattice,
+        range: Bricks,
+        options: &Options,
+        run: On<'_>,
+    ) -> Result<Self, Error> {
+        let counts = range.counts().into_iter();
+        let count = counts.fold(1, |all: u128, n| all.saturating_mul(n as u128));
+        check_memory(lattice, count.saturating_mul(8), options)?;
+        let job = Job {
+            lattice: *lattice,
+            cutoff: options.cutoff,
+            floor: options.floor.unwrap_or(options.band[0]),
+            ceiling: options.band[1],
+        };
+        let mut band = Self {
+            range,
+            of: Bricks::all(lattice).high,
+            kinds: vec![Brick::Exterior; count as usize],
+            values: Vec::new(),
+            pairs: 0,
+        };
+        let collect = |band: &mut Self, blocks: &[Block], results: &[BlockValues]| {
+            band.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
+            band.take(blocks, results);
+            let stored = band.values.len() as u128 * BRICK_POINTS as u128;
+            check_memory(lattice, count * 8 + stored * 4, options)
+        };
+        for_each_batch(model, &job, &range, None, run, |blocks, results| {
+            collect(&mut band, blocks, results)
+        })?;
+        let crossed = band.crossed();
+        if !crossed.is_empty() {
+            let all = Job {
+                ceiling: f64::INFINITY,
+                ..job
+            };
+            let wanted = Some(&crossed);
+            for_each_batch(model, &all, &range, wanted, run, |blocks, results| {
+                collect(&mut band, blocks, results)
+            })?;
+        }
+        Ok(band)
+    }
+
+    /// What some bricks of the range hold, the stored ones numbered anew.
+    pub(crate) fn only(&self, wanted: &Bricks) -> (Vec<Brick>, Vec<f32>) {
+        let (low, counts) = (self.range.low, self.range.counts());
+        let mut values = Vec::new();
+        let mut kinds = Vec::new();
+        for c in wanted.low[2]..wanted.high[2] {
+            for b in wanted.low[1]..wanted.high[1] {
+                for a in wanted.low[0]..wanted.high[0] {
+                    let at = place_in(counts, [a - low[0], b - low[1], c - low[2]]);
+                    kinds.push(match self.kinds[at] {
+                        Brick::Stored(s) => {
+                            values.extend_from_slice(&self.values[s as usize]);
+                            Brick::Stored((values.len() / BRICK_POINTS - 1) as u32)
+                        }
+                        other => other,
+                    });
+                }
+            }
+        }
+        (kinds, values)
+    }
+
     fn take(&mut self, blocks: &[Block], results: &[BlockValues]) {
-        let [nx, ny, _] = self.bricks;
+        let [nx, ny, _] = self.range.counts();
+        let low = self.range.low;
         let mut found = Vec::new();
         for (block, result) in blocks.iter().zip(results) {
             let (stored, _) = result.values.as_chunks::<BRICK_POINTS>();
             for i in (0..block.len()).filter(|&i| block.wants(i)) {
-                let [a, b, c] = block.brick_at(i);
+                let brick = block.brick_at(i);
+                let [a, b, c] = [0, 1, 2].map(|k| brick[k] - low[k]);
                 self.kinds[(c * ny + b) * nx + a] = match result.kinds[i] {
                     Brick::Stored(s) => {
                         let number = self.values.len() + found.len();
@@ -121,14 +169,15 @@ impl Band {
     /// The interior bricks with a value below 1 beside them, as masks by block: the surface crosses the
     /// lattice edge in between, so both of its ends need their values.
     fn crossed(&self) -> BTreeMap<[usize; 3], u64> {
-        let [nx, ny, _] = self.bricks;
+        let bricks = self.range.counts();
+        let [nx, ny, _] = bricks;
         let strides = [1, nx, nx * ny];
         let coordinates = |at: usize| [at % nx, at / nx % ny, at / (nx * ny)];
         let is_crossed = |at: &usize| {
             let brick = coordinates(*at);
             (0..3).any(|axis| {
                 let below = (brick[axis] > 0).then(|| (at - strides[axis], BRICK - 1));
-                let above = (brick[axis] + 1 < self.bricks[axis]).then(|| (at + strides[axis], 0));
+                let above = (brick[axis] + 1 < bricks[axis]).then(|| (at + strides[axis], 0));
                 [below, above]
                     .into_iter()
                     .flatten()
@@ -150,9 +199,10 @@ impl Band {
         let found: Vec<usize> = interior.map(|(at, _)| at).filter(is_crossed).collect();
         let mut crossed = BTreeMap::new();
         for at in found {
-            let brick = coordinates(at);
+            let inner = coordinates(at);
+            let brick = [0, 1, 2].map(|k| self.range.low[k] + inner[k]);
             let block = brick.map(|b| b / BLOCK * BLOCK);
-            let side = [0, 1, 2].map(|k| BLOCK.min(self.bricks[k] - block[k]));
+            let side = [0, 1, 2].map(|k| BLOCK.min(self.of[k] - block[k]));
             let bit = place_in(side, [0, 1, 2].map(|k| brick[k] - block[k]));
             *crossed.entry(block).or_insert(0) |= 1 << bit;
         }
@@ -177,9 +227,14 @@ mod tests {
         at[axis] = layer;
         values[(at[2] * BRICK + at[1]) * BRICK + at[0]] = 0.9;
         Band {
-            bricks,
+            range: Bricks {
+                low: [0; 3],
+                high: bricks,
+            },
+            of: bricks,
             kinds,
             values: vec![values],
+            pairs: 0,
         }
     }
 

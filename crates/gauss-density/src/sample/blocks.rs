@@ -2,14 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use geom_core::Lattice;
 use geom_core::grid::BRICK;
+use geom_core::{Aabb, Lattice};
 use rayon::prelude::*;
 
 use crate::backend::{BLOCK, Block, BlockValues, Job, On, check_blocks};
 use crate::error::Error;
 use crate::kernel::boxes::lattice_box;
 use crate::kernel::prepared::Prepared;
+use crate::model::reach::Reach;
 use crate::options::Options;
 
 /// A grid and how it came about.
@@ -63,13 +64,22 @@ pub(crate) fn start_report(model: &Prepared<'_>, lattice: &Lattice, backend: Str
 
 /// The lattice that the options ask for.
 pub(crate) fn lattice_of(model: &Prepared<'_>, options: &Options) -> Result<Lattice, Error> {
+    lattice_around(&model.reach, || model.model().center_bounds(), options)
+}
+
+/// The same for atoms of which only their reach and the box around their centres are known.
+pub(crate) fn lattice_around(
+    reach: &Reach,
+    center_bounds: impl FnOnce() -> Aabb,
+    options: &Options,
+) -> Result<Lattice, Error> {
     let bounds = match options.bounds {
         Some(bounds) => bounds,
         None => {
             let margin = options
                 .margin
-                .unwrap_or_else(|| model.reach.beyond(options.band[0]).max(4.0));
-            model.model().center_bounds().inflated(margin)
+                .unwrap_or_else(|| reach.beyond(options.band[0]).max(4.0));
+            center_bounds().inflated(margin)
         }
     };
     let lattice = Lattice::covering(&bounds, options.spacing);
@@ -109,18 +119,56 @@ const REGION: usize = 16;
 /// a thread waits for the last one, and few enough that their values stay in the cache.
 const BATCH: usize = 256;
 
-/// Calls the backend for batch after batch of blocks that some atom can reach, in a fixed order; with `wanted`
-/// (masks by lowest brick) for these only. Between batches the watcher is asked.
+/// A box of bricks of a lattice, `low..high` per axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Bricks {
+    pub(crate) low: [usize; 3],
+    pub(crate) high: [usize; 3],
+}
+
+impl Bricks {
+    /// All bricks of a lattice.
+    pub(crate) fn all(lattice: &Lattice) -> Self {
+        Self {
+            low: [0; 3],
+            high: lattice.counts.map(|n| n.div_ceil(BRICK)),
+        }
+    }
+
+    /// Bricks per axis.
+    pub(crate) fn counts(&self) -> [usize; 3] {
+        [0, 1, 2].map(|k| self.high[k] - self.low[k])
+    }
+
+    /// The blocks that hold them, `low..high` per axis.
+    pub(crate) fn blocks(&self) -> [[usize; 3]; 2] {
+        [
+            self.low.map(|b| b / BLOCK),
+            self.high.map(|b| b.div_ceil(BLOCK)),
+        ]
+    }
+
+    /// Those of a block: bit `i` is its `i`-th brick.
+    fn mask(&self, block: &Block) -> u64 {
+        let holds = |b: [usize; 3]| (0..3).all(|k| (self.low[k]..self.high[k]).contains(&b[k]));
+        let own = (0..block.len()).filter(|&i| holds(block.brick_at(i)));
+        own.fold(0, |mask, i| mask | 1 << i)
+    }
+}
+
+/// Calls the backend for batch after batch of blocks with bricks in `range` that some atom can reach, in a fixed order;
+/// with `wanted` (masks by lowest brick) for these only. Between batches the watcher is asked.
 pub(crate) fn for_each_batch(
     model: &Prepared<'_>,
     job: &Job,
+    range: &Bricks,
     wanted: Option<&BTreeMap<[usize; 3], u64>>,
     run: On<'_>,
     mut take: impl FnMut(&[Block], &[BlockValues]) -> Result<(), Error> + Send,
 ) -> Result<(), Error> {
     let bricks = job.lattice.counts.map(|n| n.div_ceil(BRICK));
-    let blocks = bricks.map(|n| n.div_ceil(BLOCK));
-    let regions = blocks.map(|n| n.div_ceil(REGION));
+    let [first, end] = range.blocks();
+    let regions = [0, 1, 2].map(|k| (end[k] - first[k]).div_ceil(REGION));
     let total = regions.iter().product::<usize>();
     // A quarter of what the cut-off allows; the culls of boxes take the rest.
     let reach = model.reach.radius(job.cutoff.0 / 4.0, job.floor);
@@ -131,8 +179,8 @@ pub(crate) fn for_each_batch(
         run.progress("density", region as u64, total as u64)?;
         let [nx, ny, _] = regions;
         let at = [region % nx, region / nx % ny, region / (nx * ny)];
-        let low = at.map(|b| b * REGION);
-        let high = [0, 1, 2].map(|k| (low[k] + REGION).min(blocks[k]));
+        let low = [0, 1, 2].map(|k| first[k] + at[k] * REGION);
+        let high = [0, 1, 2].map(|k| (low[k] + REGION).min(end[k]));
         let mut found = Vec::new();
         let way = Descent {
             model,
@@ -141,12 +189,13 @@ pub(crate) fn for_each_batch(
             reach,
         };
         way.descend(&all, low, high, &mut found);
-        if let Some(wanted) = wanted {
-            found.retain_mut(|block| {
-                block.mask = wanted.get(&block.brick).copied().unwrap_or(0);
-                block.mask != 0
-            });
-        }
+        found.retain_mut(|block| {
+            block.mask &= range.mask(block);
+            if let Some(wanted) = wanted {
+                block.mask &= wanted.get(&block.brick).copied().unwrap_or(0);
+            }
+            block.mask != 0
+        });
         found.sort_by_key(|b| [b.brick[2], b.brick[1], b.brick[0]]);
         let mut blocks_before: &[Block] = &[];
         for batch in found.chunks(BATCH) {

@@ -10,7 +10,7 @@ use crate::kernel::prepared::Prepared;
 use crate::model::Model;
 use crate::options::Options;
 use crate::sample::blocks::{
-    Report, Sampled, check_memory, for_each_batch, lattice_of, start_report, touched,
+    Bricks, Report, Sampled, check_memory, for_each_batch, lattice_of, start_report, touched,
 };
 
 /// Below this density of a dense grid any value between 0 and the density may stand, unless the options say
@@ -52,7 +52,8 @@ pub fn sample<B: DensityBackend + ?Sized>(
     };
     let mut report = start_report(&prepared, &lattice, run.backend.name());
     let mut values = vec![0.0f32; lattice.len()];
-    for_each_batch(&prepared, &job, None, run, |blocks, results| {
+    let all = Bricks::all(&lattice);
+    for_each_batch(&prepared, &job, &all, None, run, |blocks, results| {
         report.pairs += results.iter().map(|r| r.pairs).sum::<u64>();
         put(&lattice, blocks, results, &mut values);
         Ok(())

@@ -3,6 +3,7 @@
 //! - `blocks`: the way to the blocks of bricks that some atom can reach, batch after batch.
 //! - `dense`: every lattice point.
 //! - `band`: bricks near the surface.
+//! - `window`: bricks near the surface in a part of the lattice.
 //! - `point`: any point, with derivatives.
 //! - `compare`: one surface beside another (Eq. 3.10).
 //! - `low_pass`: the shape without its short waves (§5.2.1).
@@ -13,3 +14,4 @@ pub(crate) mod compare;
 pub(crate) mod dense;
 pub(crate) mod low_pass;
 pub(crate) mod point;
+pub(crate) mod window;

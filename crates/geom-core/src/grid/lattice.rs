@@ -76,6 +76,55 @@ impl Lattice {
     }
 }
 
+/// A box of points of a lattice that is too large to be held as a whole.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Window {
+    /// All of the lattice.
+    pub whole: Lattice,
+    /// The first point.
+    pub low: [usize; 3],
+    /// Points per axis.
+    pub counts: [usize; 3],
+}
+
+impl Window {
+    /// The points of some cells of a lattice (`low..high` per axis) and of `halo` more on every side, as far as there
+    /// are any.
+    ///
+    /// ```
+    /// use geom_core::grid::lattice::Window;
+    /// use geom_core::{Lattice, Point3};
+    /// let whole = Lattice { origin: Point3::origin(), spacing: 1.0, counts: [101; 3] };
+    /// let window = Window::around(whole, [0, 32, 96], [32, 64, 128], 8);
+    /// assert_eq!((window.low, window.counts), ([0, 24, 88], [41, 49, 13]));
+    /// ```
+    pub fn around(whole: Lattice, low: [usize; 3], high: [usize; 3], halo: usize) -> Self {
+        let cells = whole.cells();
+        let low = [0, 1, 2].map(|k| low[k].saturating_sub(halo).min(cells[k]));
+        let counts = [0, 1, 2].map(|k| (high[k] + halo).clamp(low[k], cells[k]) - low[k] + 1);
+        Self { whole, low, counts }
+    }
+
+    /// The points of the window as a lattice of their own. Its points may differ from those of the whole in the last
+    /// bit.
+    pub fn lattice(&self) -> Lattice {
+        Lattice {
+            origin: self.whole.point(self.low),
+            counts: self.counts,
+            ..self.whole
+        }
+    }
+
+    /// Does the window end where the lattice does, on the low and the high side of each axis?
+    pub fn ends(&self) -> [[bool; 2]; 3] {
+        std::array::from_fn(|k| {
+            let high = self.low[k] + self.counts[k] >= self.whole.counts[k];
+            [self.low[k] == 0, high]
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

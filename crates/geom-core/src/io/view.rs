@@ -177,6 +177,7 @@ pub enum Numbers<'a> {
     U8(Cow<'a, [u8]>),
     U32(Cow<'a, [u32]>),
     I32(Cow<'a, [i32]>),
+    I64(Cow<'a, [i64]>),
 }
 
 /// Does the same with the numbers of each type.
@@ -188,6 +189,7 @@ macro_rules! each_type {
             $crate::io::view::Numbers::U8($n) => $body,
             $crate::io::view::Numbers::U32($n) => $body,
             $crate::io::view::Numbers::I32($n) => $body,
+            $crate::io::view::Numbers::I64($n) => $body,
         }
     };
 }
@@ -212,6 +214,7 @@ impl Values<'_> {
             Numbers::U8(n) => n[at].into(),
             Numbers::U32(n) => n[at].into(),
             Numbers::I32(n) => n[at].into(),
+            Numbers::I64(n) => n[at] as f64,
         }
     }
     /// The scalars as f64; the first component of tuples.
@@ -234,6 +237,7 @@ impl Values<'_> {
             Numbers::U8(n) => Numbers::U8(places.map(|i| n[i]).collect()),
             Numbers::U32(n) => Numbers::U32(places.map(|i| n[i]).collect()),
             Numbers::I32(n) => Numbers::I32(places.map(|i| n[i]).collect()),
+            Numbers::I64(n) => Numbers::I64(places.map(|i| n[i]).collect()),
         };
         Values {
             components: k,
@@ -250,6 +254,7 @@ impl Values<'_> {
             Numbers::U8(n) => n.to_mut().resize(len, u8::MAX),
             Numbers::U32(n) => n.to_mut().resize(len, u32::MAX),
             Numbers::I32(n) => n.to_mut().resize(len, i32::MAX),
+            Numbers::I64(n) => n.to_mut().resize(len, i64::MAX),
         }
         self
     }
@@ -284,7 +289,7 @@ macro_rules! values_from {
         }
     )*};
 }
-values_from!(f32: F32, f64: F64, u8: U8, u32: U32, i32: I32);
+values_from!(f32: F32, f64: F64, u8: U8, u32: U32, i32: I32, i64: I64);
 
 impl From<&[Vector3]> for Values<'_> {
     fn from(vectors: &[Vector3]) -> Self {
@@ -628,6 +633,7 @@ impl<'a> View<'a> {
                         Numbers::U8(n) => Numbers::U8(n.as_ref().into()),
                         Numbers::U32(n) => Numbers::U32(n.as_ref().into()),
                         Numbers::I32(n) => Numbers::I32(n.as_ref().into()),
+                        Numbers::I64(n) => Numbers::I64(n.as_ref().into()),
                     },
                 },
             };

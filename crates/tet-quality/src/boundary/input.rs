@@ -25,7 +25,11 @@ pub(crate) struct Input {
 }
 
 /// Checks the mesh, orients its tetrahedra alike, and says how each vertex may move.
-pub(crate) fn prepare(mesh: TetMesh, field: Option<&Isosurface<'_>>) -> Result<Input, Error> {
+pub(crate) fn prepare(
+    mesh: TetMesh,
+    held: &[bool],
+    field: Option<&Isosurface<'_>>,
+) -> Result<Input, Error> {
     let mut mesh = EditableMesh::new(mesh);
     let Adjacency { beyond, flipped } = adjacency(&mesh)?;
     let reoriented = if flipped || mesh.q.iter().any(|&q| q <= 0.0) {
@@ -36,6 +40,9 @@ pub(crate) fn prepare(mesh: TetMesh, field: Option<&Isosurface<'_>>) -> Result<I
         0
     };
     let junctions = set_freedoms(&mut mesh, &beyond, field)?;
+    for (freedom, _) in mesh.freedom.iter_mut().zip(held).filter(|h| *h.1) {
+        *freedom = Freedom::Held;
+    }
     Ok(Input {
         mesh,
         reoriented,
@@ -558,7 +565,7 @@ mod tests {
             level: 1.0,
             own: false,
         };
-        let input = prepare(mesh, Some(&field)).unwrap();
+        let input = prepare(mesh, &[], Some(&field)).unwrap();
         let mesh = &input.mesh;
         let Adjacency { beyond, .. } = adjacency(mesh).unwrap();
         let faces = InterfaceFaces::new(mesh, &beyond);
@@ -617,7 +624,7 @@ mod tests {
         });
         let far = far.count();
         assert!(far > 10 && 4 * far < on_ball.len(), "{far} in the dent");
-        let input = prepare(mesh.clone(), Some(&field)).unwrap();
+        let input = prepare(mesh.clone(), &[], Some(&field)).unwrap();
         let mesh = &input.mesh;
         let Adjacency { beyond, .. } = adjacency(mesh).unwrap();
         let faces = InterfaceFaces::new(mesh, &beyond);

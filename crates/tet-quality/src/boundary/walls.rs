@@ -313,7 +313,7 @@ mod tests {
             level: 1.0,
             own: false,
         };
-        let mut guarded = GuardedMesh::new(prepare(mesh, Some(&surface)).unwrap().mesh);
+        let mut guarded = GuardedMesh::new(prepare(mesh, &[], Some(&surface)).unwrap().mesh);
         assert_eq!(guarded.guard.walls.all.len(), 1);
         let exact = |guarded: &mut GuardedMesh| {
             let kept = guarded.guard.walls.all[0].volume;

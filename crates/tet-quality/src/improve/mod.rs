@@ -1,6 +1,6 @@
 //! The verb: from a mesh and goals to a better mesh and an account.
 
-use geom_core::options::OutOfRange;
+use geom_core::options::{OutOfRange, require};
 use geom_core::{ImplicitField, Run, TetMesh};
 
 use crate::backend::QualityBackend;
@@ -55,8 +55,43 @@ pub fn improve<B: QualityBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Improved, Error> {
+    improve_part(mesh, &[], field, options, run)
+}
+
+/// [`improve`] for a part of a larger mesh: vertices that are `held` (one flag per vertex; none is, of an empty list) stay
+/// where they are and keep the edges and faces between them, so that parts which share them still fit together. Their
+/// kinds come out as they went in. What they forbid counts as the boundary in the account.
+///
+/// # Errors
+///
+/// Those of [`improve`], and motions of the surface that know no held vertices: only [`SurfaceMotion::Tangential`] and
+/// [`SurfaceMotion::Fixed`] do.
+pub fn improve_part<B: QualityBackend + ?Sized>(
+    mesh: TetMesh,
+    held: &[bool],
+    field: Option<&dyn ImplicitField>,
+    options: &Options,
+    run: Run<'_, B>,
+) -> Result<Improved, Error> {
     let run = run.with(run.backend.as_quality());
     options.check()?;
+    if !held.is_empty() {
+        let (flags, of) = (held.len(), mesh.positions().len());
+        let told = format!("{flags} flags for {of} vertices");
+        require(
+            flags == of,
+            "held",
+            told,
+            "have one flag per vertex, or none",
+        )?;
+        let local = matches!(
+            options.surface,
+            SurfaceMotion::Tangential | SurfaceMotion::Fixed
+        );
+        let told = format!("{:?}", options.surface);
+        let must = "be Tangential or Fixed where vertices are held";
+        require(local, "surface", told, must)?;
+    }
     let along_input = options.surface == SurfaceMotion::AlongInput;
     if along_input && field.is_some() {
         let must = "be Tangential where there is a field";
@@ -68,7 +103,7 @@ pub fn improve<B: QualityBackend + ?Sized>(
         level: options.level,
         own: false,
     });
-    let mut input = prepare(mesh, surface.as_ref())?;
+    let mut input = prepare(mesh, held, surface.as_ref())?;
     let own = along_input.then(|| OwnSurface::of(&input.mesh)).flatten();
     if let Some(own) = &own {
         surface = Some(Isosurface {

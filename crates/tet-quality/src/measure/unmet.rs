@@ -159,7 +159,7 @@ fn cause(mesh: &EditableMesh, t: u32, m: &Measures, goals: &Goals, junctions: &[
         Cause::Boundary
     } else if tet.iter().any(|v| junctions.binary_search(v).is_ok()) {
         Cause::Junction
-    } else if tet.iter().all(|&v| freedom(v) == Freedom::Fixed) {
+    } else if tet.iter().all(|&v| freedom(v).is_fixed()) {
         Cause::Fixed
     } else if tet.iter().all(|&v| freedom(v) != Freedom::Free) {
         Cause::Narrow
@@ -177,10 +177,7 @@ fn forbidden(mesh: &EditableMesh, t: u32, m: &Measures, goals: &Goals) -> bool {
     let mut walls = (0..4)
         .filter(|&k| mesh.region_beyond(t, k) != region)
         .map(|k| FACES[k].map(|i| tet[i]))
-        .filter(|f| {
-            f.iter()
-                .all(|&v| mesh.freedom[v as usize] == Freedom::Fixed)
-        });
+        .filter(|f| f.iter().all(|&v| mesh.freedom[v as usize].is_fixed()));
     walls.any(|f| slender(mesh, f, goals))
         || (m.min_dihedral < goals.min_dihedral && in_sharp_wedge(mesh, t, goals))
 }
@@ -216,7 +213,7 @@ fn slender(mesh: &EditableMesh, f: [u32; 3], goals: &Goals) -> bool {
 /// can have more.
 fn in_sharp_wedge(mesh: &EditableMesh, t: u32, goals: &Goals) -> bool {
     let (tet, region) = (mesh.tets[t as usize], mesh.regions[t as usize]);
-    let fixed = |v: u32| mesh.freedom[v as usize] == Freedom::Fixed;
+    let fixed = |v: u32| mesh.freedom[v as usize].is_fixed();
     EDGES.iter().any(|&[i, j]| {
         let (a, b) = (tet[i], tet[j]);
         if !fixed(a) || !fixed(b) {

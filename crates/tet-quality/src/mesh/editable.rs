@@ -27,6 +27,15 @@ pub(crate) enum Freedom {
     Line(Vector3),
     /// Nowhere.
     Fixed,
+    /// Nowhere, nor may an edge between two such vertices go: it belongs to another mesh as well.
+    Held,
+}
+
+impl Freedom {
+    /// May it move nowhere?
+    pub(crate) fn is_fixed(self) -> bool {
+        matches!(self, Self::Fixed | Self::Held)
+    }
 }
 
 /// A tetrahedral mesh that operations change in place.

@@ -24,7 +24,7 @@ fn allowed(mesh: &EditableMesh, a: u32, b: u32, link: &EdgeLink) -> Option<Contr
         return Some(edge(false));
     }
     // The edge must lie on an interface; `a` lies on only one.
-    if link.interior() || freedom == Freedom::Fixed {
+    if link.interior() || freedom.is_fixed() {
         return None;
     }
     let along = mesh.x[b as usize] - mesh.x[a as usize];
@@ -54,7 +54,7 @@ pub(crate) fn contraction(
     tolerance: f64,
     floor: Floor,
 ) -> Option<Proposal> {
-    if mesh.freedom[a as usize] == Freedom::Fixed {
+    if mesh.freedom[a as usize].is_fixed() {
         return None;
     }
     let star = mesh.incidence.of(a);

@@ -190,6 +190,9 @@ pub(crate) fn surface_flip(
     allowed: f64,
     floor: Floor,
 ) -> Option<Proposal> {
+    if [a, b].map(|v| mesh.freedom[v as usize]) == [Freedom::Held; 2] {
+        return None;
+    }
     let at_interface = EdgeLink::new(mesh, a, b)?.at_interface()?;
     let (link, first) = (at_interface.link, at_interface.first);
     let n = link.tets.len();

@@ -337,7 +337,7 @@ proptest! {
     #[test]
     fn operations_keep_what_they_must(seed: u64, pick in any::<prop::sample::Index>(), which in 0..4) {
         let mesh = shaken(lattice([3; 3], 1.0, |p| Region::from(p.x > 1.0)), 0.2, seed);
-        let input = crate::boundary::input::prepare(mesh.clone(), None).unwrap();
+        let input = crate::boundary::input::prepare(mesh.clone(), &[], None).unwrap();
         let mut edited = input.mesh;
         let before = volume(&edited);
         let area = |mesh: &TetMesh| SurfaceAudit::of(&mesh.region_surface(1)).area();

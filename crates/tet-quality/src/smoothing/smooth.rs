@@ -72,7 +72,7 @@ pub(crate) fn axes_of(freedom: Freedom, turn: Option<u64>) -> Option<[Vector3; 3
             Some([u, v, zero])
         }
         Freedom::Line(d) => Some([d, zero, zero]),
-        Freedom::Field | Freedom::Fixed => None,
+        Freedom::Field | Freedom::Fixed | Freedom::Held => None,
     }
 }
 

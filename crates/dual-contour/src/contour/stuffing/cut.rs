@@ -4,7 +4,7 @@ use geom_core::mesh::{EDGES, FACES, Region};
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::near::{NONE, Near};
+use super::near::{NONE, Near, along};
 
 /// Tetrahedra of one label each, and what stands at the vertices that were added.
 pub(super) struct Cut {
@@ -53,7 +53,7 @@ impl Near {
             if self.zero[a as usize].is_none() && self.zero[b as usize].is_none() {
                 let [p, q] = [a, b].map(|v| self.samples[v as usize].x);
                 *at = positions.len() as u32;
-                positions.push(p + (q - p) * self.cuts[e]);
+                positions.push(along(p, q, self.cuts[e]));
                 let [p, q] = [a, b].map(|v| self.label(v));
                 added.push([p, p, q, q]);
             }

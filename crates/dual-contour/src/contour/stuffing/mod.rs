@@ -37,18 +37,20 @@ pub(super) struct Counts {
 }
 
 /// Meshes by stuffing, always up to the box: what is snapped shall not depend on what is wanted. `keep` says
-/// which regions are wanted; the molecule's surface comes in any case.
+/// which regions are wanted; the molecule's surface comes in any case. Of leaves that do not touch the box of cells `within`, only
+/// what others share comes.
 pub(super) fn mesh(
     complex: &Complex<'_>,
     probe: &Probe<'_>,
     at_box: AtBox,
+    within: Option<[[i32; 3]; 2]>,
     keep: impl Fn(Region) -> bool + Sync,
 ) -> Result<(Raw, Counts), Error> {
     let ghosts = complex.ghosts();
     let base = Base::new(complex, probe, &ghosts, at_box);
     // Where the box cuts the molecule, its pieces close the surface.
     let needed = |r: Region| keep(r) || base.is_clipped() && r == INTERIOR;
-    let all = base.tets();
+    let all = base.tets(within);
     let hot = may_change(&base, &all);
     let is_hot = |t: &BaseTet| t.corners.iter().any(|&v| hot[v as usize]);
     let (near, far): (Vec<BaseTet>, Vec<BaseTet>) = all

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::Counts;
-use super::near::{NONE, Near, Pair, pair};
+use super::near::{NONE, Near, Pair, along, pair};
 
 /// Share of an edge within which a cut is too close: between points of one kind, and between a corner
 /// and a cell (Labelle & Shewchuk, uniform and one-sided).
@@ -81,17 +81,20 @@ impl Near {
         counts
     }
 
-    /// Scattered priorities make few rounds. They follow from the place among the values (twice the
-    /// coordinates are whole numbers), so that what else is meshed does not matter.
+    /// They follow from the place among the values (twice the coordinates are whole numbers), so that what else is
+    /// meshed does not matter: first by four colours that no two neighbours among finest cells share (corners and
+    /// middles, each like the fields of a chessboard), so that a vertex depends on what is four steps away at most;
+    /// between larger cells scattered, which makes few rounds.
     fn priorities(&self) -> Vec<u64> {
         self.samples
             .iter()
             .map(|s| {
-                let key = (0..3).fold(0u64, |key, k| {
-                    let place = (2.0 * s.x[k]) as i64 - 2 * i64::from(self.anchor[k]);
-                    key << 20 | (place as u64 & 0xf_ffff)
-                });
-                key.wrapping_mul(0x9e37_79b9_7f4a_7c15)
+                let place =
+                    [0, 1, 2].map(|k| (2.0 * s.x[k]) as i64 - 2 * i64::from(self.anchor[k]));
+                let key = (place.iter()).fold(0u64, |key, &p| key << 20 | (p as u64 & 0xf_ffff));
+                let fields = place.iter().map(|p| p >> 1).sum::<i64>() & 1;
+                let colour = (place[0] & 1) << 1 | fields;
+                (colour as u64) << 62 | key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 2
             })
             .collect()
     }
@@ -107,7 +110,7 @@ impl Near {
     fn snap_to(&mut self, v: u32, edge: u32) {
         let w = self.other(edge, v);
         let (from, to) = (self.samples[v as usize].x, self.samples[w as usize].x);
-        self.samples[v as usize].x = from + (to - from) * self.from(edge, v);
+        self.samples[v as usize].x = along(from, to, self.from(edge, v));
         self.zero[v as usize] = Some(pair(self.label(v), self.label(w)));
     }
 

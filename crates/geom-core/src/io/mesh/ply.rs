@@ -103,6 +103,13 @@ fn properties(w: &mut dyn Write, fields: &[Field<'_>], taken: &[&str]) -> Result
             Numbers::U8(_) => "uchar",
             Numbers::U32(_) => "uint",
             Numbers::I32(_) => "int",
+            Numbers::I64(_) => {
+                let reason = format!(
+                    "PLY has no 64-bit integers, as {} has: take VTU",
+                    field.name
+                );
+                return Err(ErrorKind::Unsupported(reason).into());
+            }
         };
         let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
         let mut name = field.name.replace(|c| !allowed(c), "_");

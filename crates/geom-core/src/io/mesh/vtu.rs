@@ -27,6 +27,49 @@ const QUAD: u8 = 9;
 const TETRA: u8 = 10;
 const GROUP: &str = "group";
 const COLOR: &str = "color";
+/// The point field with the number that each vertex has among those of all parts of a mesh; VTK takes it as that.
+pub const GLOBAL_IDS: &str = "GlobalNodeIds";
+/// The point and cell field (u8) that marks copies of what another part owns: 1.
+pub const GHOSTS: &str = "vtkGhostType";
+
+fn global_ids() -> String {
+    format!(" GlobalIds=\"{GLOBAL_IDS}\"")
+}
+
+/// Writes the file that joins some parts, `PVTU`: their names as seen from its folder, with the fields of `part`, which
+/// all of them have. Copies of what another part owns are marked in a field [`GHOSTS`].
+pub fn save_parts(path: impl AsRef<Path>, part: &View<'_>, names: &[String]) -> Result<(), Error> {
+    crate::io::save(path, |w| {
+        let mut text = String::from(
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"PUnstructuredGrid\" version=\"1.0\" \
+             byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<PUnstructuredGrid GhostLevel=\"1\">\n\
+             <PPoints>\n<PDataArray type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"/>\n</PPoints>\n",
+        );
+        let mut fields = |kind: &str, attributes: &str, fields: &[Field<'_>]| {
+            let _ = writeln!(text, "<{kind}{attributes}>");
+            for field in fields {
+                let (of, name) = (
+                    kind_and_bytes(&field.values.numbers).0,
+                    escaped(&field.name),
+                );
+                let k = field.values.components;
+                let _ = writeln!(
+                    text,
+                    "<PDataArray type=\"{of}\" Name=\"{name}\" NumberOfComponents=\"{k}\"/>"
+                );
+            }
+            let _ = writeln!(text, "</{kind}>");
+        };
+        let ids = part.find_point_field(GLOBAL_IDS).map(|_| global_ids());
+        fields("PPointData", &ids.unwrap_or_default(), &part.point_fields);
+        fields("PCellData", "", &part.cell_fields);
+        for name in names {
+            let _ = writeln!(text, "<Piece Source=\"{}\"/>", escaped(name));
+        }
+        text.push_str("</PUnstructuredGrid>\n</VTKFile>\n");
+        Ok(w.write_all(text.as_bytes())?)
+    })
+}
 
 /// Writes a view to a file, whole or not at all.
 pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
@@ -104,7 +147,8 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     array(&mut header, index, "connectivity", 1, index_width * corners);
     array(&mut header, index, "offsets", 1, index_width * cells);
     array(&mut header, "UInt8", "types", 1, cells);
-    header.push_str("</Cells>\n<PointData>\n");
+    let ids = view.find_point_field(GLOBAL_IDS).map(|_| global_ids());
+    let _ = writeln!(header, "</Cells>\n<PointData{}>", ids.unwrap_or_default());
     fields(&mut header, &mut array, &view.point_fields);
     if colors.is_some() {
         array(&mut header, "UInt8", COLOR, 4, 4 * view.points.len());
@@ -187,6 +231,7 @@ fn kind_and_bytes(numbers: &Numbers<'_>) -> (&'static str, usize) {
         Numbers::U8(n) => ("UInt8", n.len()),
         Numbers::U32(n) => ("UInt32", 4 * n.len()),
         Numbers::I32(n) => ("Int32", 4 * n.len()),
+        Numbers::I64(n) => ("Int64", 8 * n.len()),
     }
 }
 
@@ -533,6 +578,7 @@ impl Arrays<'_, '_> {
                 .iter()
                 .map(|&i| u32::try_from(i).map_err(|_| wrong(i.to_string())))
                 .collect(),
+            Numbers::I64(n) => Err(wrong(n.first().map_or(String::new(), i64::to_string))),
             Numbers::F64(n) => Err(wrong(n.first().map_or(String::new(), f64::to_string))),
             Numbers::F32(n) => Err(wrong(n.first().map_or(String::new(), f32::to_string))),
         }
@@ -694,7 +740,7 @@ impl Arrays<'_, '_> {
     }
 }
 
-/// Integers as i32 if they fit, then as u32, else as f64.
+/// Integers as i32 if they fit, then as u32, then as i64, else as f64.
 fn narrowed<T: Copy>(numbers: Vec<T>) -> Numbers<'static>
 where
     i128: From<T>,
@@ -704,6 +750,8 @@ where
         Numbers::I32(all().map(|n| n as i32).collect())
     } else if all().all(|n| u32::try_from(n).is_ok()) {
         Numbers::U32(all().map(|n| n as u32).collect())
+    } else if all().all(|n| i64::try_from(n).is_ok()) {
+        Numbers::I64(all().map(|n| n as i64).collect())
     } else {
         Numbers::F64(all().map(|n| n as f64).collect())
     }

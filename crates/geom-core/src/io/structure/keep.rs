@@ -8,7 +8,7 @@ use crate::Structure;
 use crate::id::MAX_ELEMENTS;
 use crate::io::{Error, ErrorKind};
 use crate::structure::{
-    Atom, Element, Name, ResidueKind, StructureBuilder, residue_radius, united_radius,
+    Atom, Element, Name, ResidueKind, StructureBuilder, Transform, residue_radius, united_radius,
 };
 
 impl Records {
@@ -76,6 +76,7 @@ impl Records {
             structure = structure.filter(|a| kept[a]);
             report.unselected = before - structure.atoms().len();
         }
+        let mut places = vec![Transform::identity()];
         if let Some(name) = &options.assembly {
             let Some(assembly) = self.assemblies.iter().find(|a| a.name == *name) else {
                 let known = match report.assemblies.len() {
@@ -92,6 +93,14 @@ impl Records {
                 parts.iter().map(has).collect()
             };
             let sets: Vec<Vec<bool>> = sets.iter().map(flags).collect();
+            let copies = match options.instances {
+                false => copies,
+                true if sets.len() > 1 => return Err(uneven(name)),
+                true => {
+                    places = copies.into_iter().map(|copy| copy.1).collect();
+                    vec![(0, Transform::identity())]
+                }
+            };
             structure = structure
                 .copies(&sets, &copies, options.max_atoms)
                 .map_err(|e| too_large(e.atoms, options.max_atoms))?;
@@ -105,7 +114,11 @@ impl Records {
         report.zero_radii = structure.atoms().iter().filter(|a| a.radius == 0.0).count();
         let unknown = |a: &&Atom| a.element == Element::UNKNOWN;
         report.unknown_elements = structure.atoms().iter().filter(unknown).count();
-        Ok(ReadStructure { structure, report })
+        Ok(ReadStructure {
+            structure,
+            places,
+            report,
+        })
     }
 
     /// Membrane dummies are no atoms: the planes they mark.
@@ -364,6 +377,15 @@ fn left_over(report: &ReadReport) -> String {
         report.atoms_read,
         dropped.join(", ")
     )
+}
+
+/// Instances are of one unit.
+fn uneven(assembly: &str) -> Error {
+    ErrorKind::Unsupported(format!(
+        "the copies of assembly {assembly} have different chains, so they are no instances of one unit; read it without \
+         instances"
+    ))
+    .into()
 }
 
 fn too_large(atoms: u128, limit: usize) -> Error {

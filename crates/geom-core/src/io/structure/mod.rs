@@ -44,7 +44,7 @@ pub use models::{save_models, write_models};
 use crate::Structure;
 use crate::id::MAX_ELEMENTS;
 use crate::io::{Error, ErrorKind, MAX_BYTES, read_bytes_up_to};
-use crate::structure::Selector;
+use crate::structure::{Selector, Transform};
 
 /// What to keep of a file. The default: the first model, one location of each atom, everything but
 /// water, as deposited (no assembly), with the file's own radii or those of the elements.
@@ -68,6 +68,8 @@ pub struct ReadOptions {
     pub select: Option<Selector>,
     /// Build this assembly, by its name in the file (PDB: number of the biomolecule).
     pub assembly: Option<String>,
+    /// Keep the assembly as one copy and the places of all ([`ReadStructure::places`]), for what is too large to be copied.
+    pub instances: bool,
     /// Where radii come from.
     pub radii: Radii,
     /// Smaller radii are raised to this, Å. Some PQR files give 0 to some hydrogens.
@@ -90,6 +92,7 @@ impl Default for ReadOptions {
             ligands: true,
             select: None,
             assembly: None,
+            instances: false,
             radii: Radii::File,
             min_radius: 0.0,
             max_atoms: MAX_ELEMENTS,
@@ -223,8 +226,11 @@ impl fmt::Display for Format {
 /// A structure and what was done to get it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadStructure {
-    /// The atoms.
+    /// The atoms; with [`ReadOptions::instances`], those of one copy as it stands in the file.
     pub structure: Structure,
+    /// Where the copies stand, in the order of the file; one alone that stays where it is, unless instances were asked
+    /// for.
+    pub places: Vec<Transform>,
     /// What stood in the file and what was left out.
     pub report: ReadReport,
 }

@@ -1,0 +1,268 @@
+//! Tiles make the mesh of the whole.
+
+use std::collections::BTreeMap;
+
+use dual_contour::geom_core::grid::lattice::Window;
+use dual_contour::geom_core::tiles::border::{Border, ghosts, number};
+use dual_contour::geom_core::tiles::exchange::Deal;
+use dual_contour::geom_core::tiles::parts::{Closed, Local, closed, surface};
+use dual_contour::geom_core::tiles::piece::{digest, key};
+use dual_contour::geom_core::tiles::{Exchange, Lost, Piece, Solo, Threads, Tiles};
+use dual_contour::geom_core::{Cpu, Lattice, LatticeValues, Point3, Run, ScalarGrid};
+use dual_contour::{Extent, HALO, LARGEST, Method, Options, tile, volume};
+
+/// Waves, and noise on one side, so that snapping has much to decide.
+fn values() -> ScalarGrid {
+    let lattice = Lattice {
+        origin: Point3::new(-13.7, 4.1, 0.3),
+        spacing: 0.37,
+        counts: [97, 46, 43],
+    };
+    let mut state = 7u64;
+    let values = (0..lattice.len()).map(|i| {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        let random = (state >> 40) as f32 / (1u64 << 24) as f32 - 0.5;
+        let p = lattice.coordinates(i);
+        let on_box = (0..3).any(|k| p[k] == 0 || p[k] + 1 == lattice.counts[k]);
+        let [x, y, z] = p.map(|c| c as f32 * 0.13);
+        let waves = 1.0 + x.sin() * y.cos() + (0.6 * z).sin();
+        let noise = if p[0] > 60 && p[1] < 24 {
+            1.2 * random
+        } else {
+            0.0
+        };
+        if on_box { 0.0 } else { waves + noise }
+    });
+    ScalarGrid::new(lattice, values.collect()).unwrap()
+}
+
+fn options(region: Extent) -> Options {
+    Options {
+        method: Method::Stuffing,
+        max_cell: LARGEST as f64 * 0.37,
+        region,
+        ..Options::default()
+    }
+}
+
+/// The part of a grid in a window.
+fn part(whole: &ScalarGrid, window: &Window) -> ScalarGrid {
+    let lattice = window.lattice();
+    let values = (0..lattice.len()).map(|i| {
+        let p = lattice.coordinates(i);
+        whole.at([0, 1, 2].map(|k| p[k] + window.low[k]))
+    });
+    ScalarGrid::new(lattice, values.collect()).unwrap()
+}
+
+fn meshed_one(values: &ScalarGrid, tiles: &Tiles, t: usize, options: &Options) -> Piece {
+    let own = tiles.cells_of(t);
+    if own[0] == own[1] {
+        return Piece::default();
+    }
+    let window = Window::around(*values.lattice(), own[0], own[1], HALO);
+    let grid = part(values, &window);
+    tile(&grid, &window, own, options, Run::on(&Cpu)).unwrap().0
+}
+
+fn meshed(values: &ScalarGrid, tiles: &Tiles, options: &Options) -> Vec<Piece> {
+    (0..tiles.len())
+        .map(|t| meshed_one(values, tiles, t, options))
+        .collect()
+}
+
+#[test]
+fn tiles_make_the_mesh_of_the_whole_bit_for_bit() {
+    let values = values();
+    for region in [Extent::Interior, Extent::Both] {
+        let options = options(region);
+        let whole = volume(&values, None, &options, Run::on(&Cpu)).unwrap().mesh;
+        let cuts: &[(usize, usize)] = match region {
+            Extent::Both => &[(16, 3)],
+            _ => &[(16, 1), (32, 2), (16, 7)],
+        };
+        for &(root, count) in cuts {
+            let tiles = Tiles::new(values.lattice().cells(), root, 0, count, |_| 1);
+            let pieces = meshed(&values, &tiles, &options);
+            let tets: usize = pieces.iter().map(|p| p.mesh.tets().len()).sum();
+            assert_eq!(tets, whole.tets().len(), "{region:?}, {count} tiles");
+            let sum = pieces.iter().map(Piece::digest).fold(0, u128::wrapping_add);
+            assert_eq!(sum, digest(&whole), "{region:?}, {count} tiles");
+            // Who has a vertex beside others knows that it may be shared.
+            let mut pieces_with = BTreeMap::new();
+            for (p, piece) in pieces.iter().enumerate() {
+                for (v, x) in piece.mesh.positions().iter().enumerate() {
+                    pieces_with
+                        .entry(key(x))
+                        .or_insert_with(Vec::new)
+                        .push((p, v));
+                }
+            }
+            for sharers in pieces_with.values().filter(|s| s.len() > 1) {
+                assert!(sharers.iter().all(|&(p, v)| pieces[p].shared[v]));
+            }
+            // Kinds are those of the whole.
+            let kinds: BTreeMap<_, _> = whole
+                .positions()
+                .iter()
+                .zip(whole.kinds())
+                .map(|(x, kind)| (key(x), *kind))
+                .collect();
+            for piece in &pieces {
+                for (x, kind) in piece.mesh.positions().iter().zip(piece.mesh.kinds()) {
+                    assert_eq!(kinds[&key(x)], *kind);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn what_reaches_far_is_refused_in_tiles() {
+    let values = values();
+    let window = Window::around(*values.lattice(), [0; 3], [96, 48, 48], HALO);
+    let own = [[0; 3], values.lattice().cells()];
+    let run = |options: &Options| tile(&values, &window, own, options, Run::on(&Cpu));
+    let fine = options(Extent::Interior);
+    assert!(run(&fine).is_ok());
+    for (name, options) in [
+        (
+            "method",
+            Options {
+                method: Method::DualContour,
+                ..fine.clone()
+            },
+        ),
+        (
+            "prune",
+            Options {
+                prune: 10,
+                ..fine.clone()
+            },
+        ),
+        (
+            "max_cell",
+            Options {
+                max_cell: f64::INFINITY,
+                ..fine.clone()
+            },
+        ),
+        (
+            "region",
+            Options {
+                region: Extent::Exterior,
+                ..fine.clone()
+            },
+        ),
+    ] {
+        let error = run(&options).unwrap_err().to_string();
+        assert!(error.contains(name), "{error}");
+    }
+    // A window without its halo, and a tile beside the blocks.
+    let narrow = Window::around(*values.lattice(), [32, 0, 0], [64, 48, 48], 8);
+    let grid = part(&values, &narrow);
+    let own = [[32, 0, 0], [64, 45, 42]];
+    assert!(tile(&grid, &narrow, own, &fine, Run::on(&Cpu)).is_err());
+    let own = [[33, 0, 0], [64, 45, 42]];
+    assert!(tile(&values, &window, own, &fine, Run::on(&Cpu)).is_err());
+}
+
+/// A tube with closed ends: a rod through all tiles, and a cavity through all tiles in it.
+fn tube() -> ScalarGrid {
+    let lattice = Lattice {
+        origin: Point3::new(3.0, -2.0, 1.0),
+        spacing: 0.5,
+        counts: [121, 33, 30],
+    };
+    let values = (0..lattice.len()).map(|i| {
+        let [x, y, z] = lattice.coordinates(i).map(|c| c as f32);
+        let r = ((y - 15.3).powi(2) + (z - 14.2).powi(2)).sqrt();
+        let wall = |r0: f32, x0: f32, x1: f32| (r0 - r).min(x - x0).min(x1 - x);
+        1.0 + 0.1 * wall(11.2, 5.3, 115.1).min(-wall(4.7, 12.4, 108.8))
+    });
+    ScalarGrid::new(lattice, values.collect()).unwrap()
+}
+
+/// What a rank knows in the end: its pieces with the numbers of their vertices, all vertices, and the closed surfaces.
+type Ended = (Vec<(Piece, Vec<u64>)>, u64, Vec<Closed>);
+
+fn program(
+    exchange: &impl Exchange,
+    tiles: &Tiles,
+    values: &ScalarGrid,
+    options: &Options,
+) -> Result<Ended, Lost> {
+    let deal = Deal {
+        tiles: tiles.len(),
+        ranks: exchange.ranks(),
+    };
+    let own = deal.of(exchange.rank());
+    let pieces: Vec<Piece> = own.map(|t| meshed_one(values, tiles, t, options)).collect();
+    let mut borders: Vec<Border> = pieces.iter().map(Border::of).collect();
+    let total = number(exchange, &deal, &mut borders)?;
+    let ghosts = ghosts(exchange, &deal, &borders)?;
+    let locals: Vec<Local> = (pieces.iter().zip(&borders).zip(&ghosts))
+        .map(|((piece, border), ghosts)| {
+            let surface = surface(piece, &border.ids(), ghosts);
+            Local::of(piece, border, &surface)
+        })
+        .collect();
+    let parts = closed(exchange, &deal, &borders, &locals)?;
+    let ids = borders.iter().map(Border::ids);
+    Ok((pieces.into_iter().zip(ids).collect(), total, parts))
+}
+
+#[test]
+fn a_rod_and_a_cavity_go_through_all_tiles_on_any_number_of_ranks() {
+    let values = tube();
+    let options = Options {
+        max_cell: LARGEST as f64 * 0.5,
+        ..options(Extent::Interior)
+    };
+    let whole = volume(&values, None, &options, Run::on(&Cpu)).unwrap();
+    // Tiles that hold nothing, and tiles that have no cells, among them.
+    for (root, count, ranks) in [(32, 3, 2), (16, 7, 3), (64, 7, 7)] {
+        let tiles = Tiles::new(values.lattice().cells(), root, 0, count, |_| 1);
+        let ended = Threads::run(ranks, |rank| program(rank, &tiles, &values, &options));
+        let ended: Vec<Ended> = ended.into_iter().map(Result::unwrap).collect();
+        let solo = program(&Solo, &tiles, &values, &options).unwrap();
+        let told = format!("{count} tiles on {ranks} ranks");
+        let pieces: Vec<&(Piece, Vec<u64>)> = ended.iter().flat_map(|e| &e.0).collect();
+        assert!(
+            pieces.iter().copied().eq(&solo.0),
+            "{told}: alone they would be others"
+        );
+        let sum = pieces
+            .iter()
+            .map(|p| p.0.digest())
+            .fold(0, u128::wrapping_add);
+        assert_eq!(sum, digest(&whole.mesh), "{told}");
+        // Every vertex has one number, and every number one vertex.
+        let mut numbers = BTreeMap::new();
+        for (piece, ids) in &pieces {
+            for (x, id) in piece.mesh.positions().iter().zip(ids) {
+                assert_eq!(*numbers.entry(key(x)).or_insert(*id), *id, "{told}");
+            }
+        }
+        let mut found: Vec<u64> = numbers.into_values().collect();
+        found.sort_unstable();
+        assert!(
+            found.into_iter().eq(0..whole.mesh.positions().len() as u64),
+            "{told}"
+        );
+        for (_, total, parts) in &ended {
+            assert_eq!(*total, whole.mesh.positions().len() as u64, "{told}");
+            assert_eq!(parts.len(), 2, "{told}: one body and one cavity, {parts:?}");
+            let triangles: u64 = parts.iter().map(|p| p.triangles).sum();
+            assert_eq!(triangles, whole.surface.triangles().len() as u64, "{told}");
+            let volume: f64 = parts.iter().map(|p| p.volume).sum();
+            assert!(
+                (volume / whole.surface.volume() - 1.0).abs() < 1e-9,
+                "{told}"
+            );
+            assert_eq!(parts.iter().filter(|p| p.volume < 0.0).count(), 1, "{told}");
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! Many copies of one model, held as one: capsids.
+
+use geom_core::structure::Transform;
+use geom_core::{Aabb, Lattice, Point3};
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::kernel::prepared::Prepared;
+use crate::model::reach::Reach;
+use crate::model::{Level, Model};
+use crate::options::Options;
+
+/// A model and where its copies stand. Nothing is copied until a part is asked for, so that an assembly of 10⁸ atoms
+/// takes no more memory than one of its units.
+#[derive(Clone, Debug)]
+pub struct Copies {
+    /// Its levels are only those that matter.
+    unit: Model,
+    places: Vec<Transform>,
+    reach: Reach,
+    /// Around the centres of the unit.
+    bounds: Aabb,
+}
+
+impl Copies {
+    /// Copies of a model at some places, at least one; each copy has nodes of its own.
+    pub fn new(unit: &Model, places: Vec<Transform>) -> Result<Self, Error> {
+        if places.is_empty() {
+            return Err(Error::NoAtoms);
+        }
+        let unit = unit.compiled();
+        let levels = unit.levels();
+        let reach = Reach::new(&unit, levels).of_copies(&unit, levels, places.len());
+        let bounds = unit.center_bounds();
+        Ok(Self {
+            unit,
+            places,
+            reach,
+            bounds,
+        })
+    }
+
+    /// Number of atoms of all copies.
+    pub fn atoms(&self) -> u64 {
+        self.unit.atoms() as u64 * self.places.len() as u64
+    }
+
+    /// Calls `f` with the centre of every atom, copy after copy.
+    pub fn for_each_center(&self, mut f: impl FnMut(&Point3)) {
+        for place in &self.places {
+            self.unit
+                .centers()
+                .iter()
+                .for_each(|center| f(&place.apply(center)));
+        }
+    }
+
+    /// The smallest box that holds the centres of all atoms.
+    pub fn center_bounds(&self) -> Aabb {
+        let boxes: Vec<Aabb> = self
+            .places
+            .par_iter()
+            .map(|place| {
+                let moved = self.unit.centers().iter().map(|c| place.apply(c));
+                moved.fold(Aabb::EMPTY, |mut all, x| {
+                    all.include(x);
+                    all
+                })
+            })
+            .collect();
+        boxes.iter().fold(Aabb::EMPTY, |mut all, own| {
+            all.include(own.min);
+            all.include(own.max);
+            all
+        })
+    }
+
+    /// The lattice that the options ask for: that on which [`sample_band`](crate::sample_band) samples all copies.
+    pub fn lattice(&self, options: &Options) -> Result<Lattice, Error> {
+        options.check()?;
+        crate::sample::blocks::lattice_around(&self.reach, || self.center_bounds(), options)
+    }
+
+    /// The atoms within `reach` of a box, with the nodes above them, in the order of the whole; `None` if there are
+    /// none.
+    pub(crate) fn near(&self, region: &Aabb, reach: f64) -> Option<Model> {
+        // A hair more, so that rounding leaves none out; those that do not matter are sorted out later.
+        let squared = reach * reach * (1.0 + 1e-9) + 1e-9;
+        let parts: Vec<Option<(usize, Model)>> = self
+            .places
+            .par_iter()
+            .enumerate()
+            .map(|(i, place)| {
+                let middle = place.apply(&self.bounds.center());
+                // Of any affine map: how far the corners of the box go.
+                let half = place.rotation.abs() * self.bounds.extent() * 0.5;
+                let around = Aabb::new(middle - half, middle + half);
+                if crate::kernel::boxes::gap_squared(&around, region) > squared * (1.0 + 1e-6) {
+                    return None;
+                }
+                let is_near = |a: &u32| {
+                    let center = place.apply(&self.unit.centers()[*a as usize]);
+                    region.distance_squared(&center) <= squared
+                };
+                let atoms: Vec<u32> = (0..self.unit.atoms() as u32).filter(is_near).collect();
+                (!atoms.is_empty()).then(|| (i, self.unit.subset(&atoms)))
+            })
+            .collect();
+        let mut all = self.unit.emptied();
+        for (place, part) in parts.into_iter().flatten() {
+            all.append(&part, |center| self.places[place].apply(center));
+        }
+        (all.atoms() > 0).then_some(all)
+    }
+
+    pub(crate) fn reach(&self) -> &Reach {
+        &self.reach
+    }
+
+    /// A part made ready, as the whole would be.
+    pub(crate) fn prepared<'a>(&self, part: &'a Model) -> Prepared<'a> {
+        let levels: Vec<Level> = part.levels().to_vec();
+        Prepared::of_part(part, levels, self.reach.clone())
+    }
+}

@@ -1,0 +1,28 @@
+//! Bodies that do not fit into one piece of memory: in tiles, one after another or side by side.
+//!
+//! A tile is a box of cells of a lattice that all tiles share ([`partition`]). What a tile computes depends on that
+//! lattice and on samples within a stated distance alone, so each computes what it needs beyond its border itself, bit
+//! for bit as its neighbours do; what travels are the names of border vertices, not values.
+//!
+//! - [`partition`]: Morton ranges of root cells, one per tile, about equally heavy
+//! - [`exchange`]: ranks and what they send each other: alone, in threads ([`threads`]), by MPI (feature `mpi`)
+//! - [`piece`]: the elements of a tile and the vertices that others may share; a digest of a mesh in pieces
+//! - [`spill`]: pieces on disk while others are worked on
+//! - [`border`]: who shares which vertex, global numbers by an exclusive scan, ghost elements
+//! - [`parts`]: connected surfaces across all tiles, by union–find on border pairs
+
+pub mod border;
+pub mod exchange;
+#[cfg(feature = "mpi")]
+pub mod mpi;
+pub mod partition;
+pub mod parts;
+pub mod piece;
+pub mod spill;
+pub mod threads;
+
+pub use exchange::{Exchange, Lost, Solo};
+pub use partition::Tiles;
+pub use piece::Piece;
+pub use spill::{Spill, SpillError};
+pub use threads::Threads;

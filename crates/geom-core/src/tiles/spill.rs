@@ -1,0 +1,90 @@
+//! Pieces on disk while others are worked on.
+
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+
+/// Why something could not be put aside or taken up again.
+#[derive(Debug, thiserror::Error)]
+#[error("{what} ({bytes} bytes) {way} {}: {source}", path.display())]
+pub struct SpillError {
+    what: String,
+    bytes: usize,
+    way: &'static str,
+    path: PathBuf,
+    source: std::io::Error,
+}
+
+/// A folder for what does not fit into memory. What lies in it is the caller's to remove.
+#[derive(Clone, Debug)]
+pub struct Spill {
+    folder: PathBuf,
+}
+
+impl Spill {
+    /// Puts things into a folder that exists.
+    pub fn into(folder: impl Into<PathBuf>) -> Self {
+        Self {
+            folder: folder.into(),
+        }
+    }
+
+    /// Where something of this name is.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// Puts something aside, in place of what had its name. Where the disk is full, nothing of it remains.
+    pub fn put(&self, name: &str, bytes: &[u8]) -> Result<(), SpillError> {
+        let path = self.path(name);
+        let written = File::create(&path).and_then(|mut file| {
+            file.write_all(bytes)?;
+            file.flush()
+        });
+        written.map_err(|source| {
+            // Room for what may still be said; that it fails changes nothing.
+            let _ = std::fs::remove_file(&path);
+            error(name, bytes.len(), "cannot be put aside in", &path, source)
+        })
+    }
+
+    /// Takes something up again.
+    pub fn get(&self, name: &str) -> Result<Vec<u8>, SpillError> {
+        let path = self.path(name);
+        let mut bytes = Vec::new();
+        let read = File::open(&path).and_then(|mut file| file.read_to_end(&mut bytes));
+        match read {
+            Ok(_) => Ok(bytes),
+            Err(source) => Err(error(
+                name,
+                bytes.len(),
+                "cannot be read from",
+                &path,
+                source,
+            )),
+        }
+    }
+
+    /// Forgets something.
+    pub fn forget(&self, name: &str) -> Result<(), SpillError> {
+        let path = self.path(name);
+        std::fs::remove_file(&path)
+            .map_err(|source| error(name, 0, "cannot be removed from", &path, source))
+    }
+}
+
+fn error(
+    what: &str,
+    bytes: usize,
+    way: &'static str,
+    path: &Path,
+    source: std::io::Error,
+) -> SpillError {
+    SpillError {
+        what: what.to_owned(),
+        bytes,
+        way,
+        path: path.to_owned(),
+        source,
+    }
+}
