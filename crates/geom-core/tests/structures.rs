@@ -676,3 +676,24 @@ fn a_three_fold_axis_turns_counter_clockwise() {
         assert!(read.is_err(), "{rows:?}");
     }
 }
+
+/// Of alternate locations the most occupied stays, whichever label it bears and wherever it stands in the file.
+#[test]
+fn the_most_occupied_of_alternate_locations_is_kept() {
+    for (occupancies, kept) in [([0.3, 0.7], 2.0), ([0.7, 0.3], 1.0), ([0.5, 0.5], 1.0)] {
+        let row = |altloc: char, x: f64, occupancy: f64| {
+            format!(
+                "ATOM      1  CA {altloc}SER A   7    {x:8.3}   0.000   0.000  {occupancy:.2}  0.00\n"
+            )
+        };
+        let text = row('A', 1.0, occupancies[0]) + &row('B', 2.0, occupancies[1]);
+        let read = parse(text.as_bytes(), Format::Pdb, &ReadOptions::default()).unwrap();
+        let xs: Vec<f64> = read
+            .structure
+            .atoms()
+            .iter()
+            .map(|a| a.position.x)
+            .collect();
+        assert_eq!(xs, [kept], "{occupancies:?}");
+    }
+}
