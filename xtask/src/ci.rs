@@ -1,11 +1,13 @@
 //! `cargo xtask ci`: what must hold before a change lands, cheapest first.
 
+use std::fs;
+use std::path::PathBuf;
 use std::process::Command;
 use std::time::Instant;
 
 use serde_json::Value;
 
-use crate::{Outcome, arrows, call, fixtures};
+use crate::{Outcome, arrows, call, fixtures, root};
 
 /// Runs every step, prints how long each took, and stops at the first that fails.
 pub(crate) fn run() -> Outcome {
@@ -37,6 +39,7 @@ pub(crate) fn run() -> Outcome {
             let all = ["doc", "--workspace", "--no-deps", "--features", &features];
             call("cargo", &all, deny)
         }),
+        ("ranks of MPI", &ranks),
     ];
     for (name, step) in steps {
         println!("── {name}");
@@ -55,6 +58,59 @@ fn has_mpi() -> bool {
         asked.is_ok_and(|answer| answer.status.success())
     };
     ["mpicc", "mpirun"].into_iter().all(answers)
+}
+
+/// The mesh of a body in tiles is the same whether one process makes it or `mpirun` starts several.
+fn ranks() -> Outcome {
+    if !has_mpi() {
+        println!("SKIPPED: no mpicc and mpirun here, so nothing was run by MPI");
+        return Ok(());
+    }
+    let build = ["build", "--workspace", "--example", "20_tiles"];
+    let features = ["--features", "biogeom-examples/mpi"];
+    call("cargo", &[&build[..], &features].concat(), &[])?;
+    let target = std::env::var_os("CARGO_TARGET_DIR");
+    let target = target.map_or_else(|| root().join("target"), PathBuf::from);
+    let program = target.join("debug/examples/20_tiles");
+    let input = root().join("fixtures/files/1AJJ.pdb");
+    let digest = |ranks: Option<u32>| -> Result<String, String> {
+        let out = target.join("ranks");
+        let mut command = match ranks {
+            None => Command::new(&program),
+            Some(ranks) => {
+                let mut command = Command::new("mpirun");
+                let ranks = ranks.to_string();
+                command
+                    .args(["--oversubscribe", "-n", &ranks])
+                    .arg(&program);
+                command
+            }
+        };
+        let exchange = if ranks.is_some() { "mpi" } else { "solo" };
+        command.arg(&input).arg("--out").arg(&out);
+        command.args(["--spacing", "1", "--tiles", "5", "--no-pictures"]);
+        command.args(["--exchange", exchange]);
+        // Containers run as root, which Open MPI refuses unless told.
+        for name in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] {
+            command.env(name, "1");
+        }
+        let done = command.output().map_err(|e| e.to_string())?;
+        if !done.status.success() {
+            return Err(String::from_utf8_lossy(&done.stderr).into_owned());
+        }
+        let report = fs::read(out.join("report.json")).map_err(|e| e.to_string())?;
+        let report: Value = serde_json::from_slice(&report).map_err(|e| e.to_string())?;
+        Ok(report["tiles"]["digest"].to_string())
+    };
+    let alone = digest(None)?;
+    for ranks in [1, 2, 3, 7] {
+        let found = digest(Some(ranks))?;
+        println!("{ranks} ranks: {found}");
+        if found != alone {
+            return Err(format!("{ranks} ranks make {found}, one process {alone}"));
+        }
+    }
+    Ok(())
 }
 
 /// All features of all packages, for `--features`; those that need a system MPI only where there is one.
