@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use serde_json::Value;
@@ -51,19 +52,38 @@ pub(crate) fn run() -> Outcome {
     Ok(())
 }
 
-/// A system MPI is at hand, with what building against it takes.
+/// Is a system MPI at hand, with all that building against it takes? Asked once.
 fn has_mpi() -> bool {
-    let answers = |program: &str| {
-        let asked = Command::new(program).arg("--version").output();
-        asked.is_ok_and(|answer| answer.status.success())
-    };
-    ["mpicc", "mpirun"].into_iter().all(answers)
+    static FOUND: OnceLock<bool> = OnceLock::new();
+    *FOUND.get_or_init(|| {
+        let probes: [(&str, &[&str]); 3] = [
+            ("mpicc", &["--version"]),
+            ("mpirun", &["--oversubscribe", "-n", "2", "true"]),
+            ("cargo", &["check", "--quiet", "--package", "mpi"]),
+        ];
+        let failed = probes.into_iter().find(|(program, arguments)| {
+            let asked = as_root(Command::new(program).args(*arguments)).output();
+            !asked.is_ok_and(|answer| answer.status.success())
+        });
+        if let Some((program, arguments)) = failed {
+            let arguments = arguments.join(" ");
+            println!("SKIPPED: `{program} {arguments}` fails here, so nothing is built for MPI");
+        }
+        failed.is_none()
+    })
+}
+
+/// Containers run as root, which Open MPI refuses unless told.
+fn as_root(command: &mut Command) -> &mut Command {
+    command
+        .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
+        .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
 }
 
 /// The mesh of a body in tiles is the same whether one process makes it or `mpirun` starts several.
 fn ranks() -> Outcome {
     if !has_mpi() {
-        println!("SKIPPED: no mpicc and mpirun here, so nothing was run by MPI");
+        println!("SKIPPED: there is no MPI to run anything by");
         return Ok(());
     }
     let build = ["build", "--workspace", "--example", "20_tiles"];
@@ -90,11 +110,8 @@ fn ranks() -> Outcome {
         command.arg(&input).arg("--out").arg(&out);
         command.args(["--spacing", "1", "--tiles", "5", "--no-pictures"]);
         command.args(["--exchange", exchange]);
-        // Containers run as root, which Open MPI refuses unless told.
-        for name in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] {
-            command.env(name, "1");
-        }
-        let done = command.output().map_err(|e| e.to_string())?;
+        let done = as_root(&mut command).output();
+        let done = done.map_err(|e| e.to_string())?;
         if !done.status.success() {
             return Err(String::from_utf8_lossy(&done.stderr).into_owned());
         }
@@ -120,9 +137,6 @@ fn features() -> Result<String, String> {
     let told = told.map_err(|e| format!("cargo metadata: {e}"))?;
     let told: Value = serde_json::from_slice(&told.stdout).map_err(|e| e.to_string())?;
     let mpi = has_mpi();
-    if !mpi {
-        println!("no mpicc and mpirun here: the feature `mpi` is left out");
-    }
     let packages = told["packages"].as_array().into_iter().flatten();
     let features = packages.flat_map(|package| {
         let name = package["name"].as_str().unwrap_or_default();
@@ -131,4 +145,18 @@ fn features() -> Result<String, String> {
             .map(move |(feature, _)| format!("{name}/{feature}"))
     });
     Ok(features.collect::<Vec<_>>().join(","))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn features_are_all_that_this_machine_can_build() {
+        let features = features().expect("cargo tells");
+        let has = |name: &str| features.split(',').any(|feature| feature == name);
+        assert!(has("geom-core/wgpu") && has("gauss-density/thesis") && has("xtask/lab"));
+        assert_eq!(has("geom-core/mpi"), has_mpi());
+        assert_eq!(has("biogeom-examples/mpi"), has_mpi());
+    }
 }
