@@ -79,6 +79,7 @@ pub const GAUSS_DENSITY_TERMS: Shader = Shader {
     source: joined!(
         "common/item",
         "common/tree",
+        "common/params",
         "common/sites",
         "gauss_density/terms"
     ),
@@ -91,6 +92,7 @@ pub const GAUSS_DENSITY_ATOM_ERRORS: Shader = Shader {
     source: joined!(
         "common/item",
         "common/tree",
+        "common/params",
         "common/sites",
         "common/slots",
         "gauss_density/atom_errors"
@@ -104,6 +106,7 @@ pub const GAUSS_DENSITY_REFIT_SUMS: Shader = Shader {
     source: joined!(
         "common/item",
         "common/tree",
+        "common/params",
         "common/sites",
         "common/slots",
         "gauss_density/refit_sums"
@@ -114,21 +117,26 @@ pub const GAUSS_DENSITY_REFIT_SUMS: Shader = Shader {
 /// `gauss-density`: the atoms of a trial in the trees of cells.
 pub const GAUSS_DENSITY_SETTLE: Shader = Shader {
     name: "gauss_density_settle",
-    source: joined!("common/item", "gauss_density/settle"),
+    source: joined!("common/item", "common/params", "gauss_density/settle"),
     workgroup: [64, 1, 1],
 };
 
 /// `gauss-density`: the sums of atoms from those of their places in cells.
 pub const GAUSS_DENSITY_GATHER: Shader = Shader {
     name: "gauss_density_gather",
-    source: joined!("gauss_density/gather"),
+    source: joined!("common/params", "gauss_density/gather"),
     workgroup: [64, 1, 1],
 };
 
 /// `gauss-density`: the density and its gradient at any points.
 pub const GAUSS_DENSITY_POINTS: Shader = Shader {
     name: "gauss_density_points",
-    source: joined!("common/item", "common/tree", "gauss_density/points"),
+    source: joined!(
+        "common/item",
+        "common/tree",
+        "common/params",
+        "gauss_density/points"
+    ),
     workgroup: [64, 1, 1],
 };
 

@@ -7,7 +7,7 @@
 //! | | |
 //! |---|---|
 //! | [`Options`], [`Error`] | what to compute, and why not |
-//! | [`backend`], `cpu`, `wgpu` | the hot kernels: what a backend is handed and owes, and the two that are here |
+//! | [`backend`], `cpu`, `wgpu` | the hot kernel: what a backend is handed and owes, and the two that are here |
 //! | `kernel/` | the loops of the CPU over many cells at a time: ranges, signs, dual vertices, fans, volumes |
 //! | `octree/` | the lattice of the finest cells, values and labels at its points, the octree and its sizes |
 //! | `complex/` | the base complex over the leaves: cells, corners, rings of cells around edges; vertex numbers |

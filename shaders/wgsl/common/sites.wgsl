@@ -1,13 +1,5 @@
 // Points in cells that share a tree, and the terms of its items at them, in `terms`.
 
-struct Params {
-    depth: u32,
-    // Threads that have something to do.
-    count: u32,
-    pad0: u32,
-    pad1: u32,
-}
-
 struct Site {
     // From the cell's centre, Å.
     at: vec3<f32>,
@@ -20,7 +12,6 @@ struct Site {
     pad0: u32,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
 // Per cell: where atoms and the nodes of each level start, and the end.
 @group(0) @binding(2) var<storage, read> ranges: array<u32>;
 @group(0) @binding(3) var<storage, read> sites: array<Site>;

@@ -1,13 +1,5 @@
 // The sums of each atom from those of its slots, in their order, added to what other parts gave; a thread per atom.
 
-struct Params {
-    depth: u32,
-    count: u32,
-    pad0: u32,
-    pad1: u32,
-}
-
-@group(0) @binding(0) var<uniform> params: Params;
 @group(0) @binding(1) var<storage, read> starts: array<u32>;
 @group(0) @binding(2) var<storage, read> slots: array<u32>;
 // Ten per slot, and per atom.

@@ -1,13 +1,6 @@
 // The density and its gradient at any points, a thread per point, from the atoms that matter in the cell of space that
 // each lies in. Sums are logarithms to base 2, so that nothing underflows before the powers.
 
-struct Params {
-    depth: u32,
-    count: u32,
-    pad0: u32,
-    pad1: u32,
-}
-
 // High and low parts of a coordinate from the middle of the model: differences stay sharp however large the model is.
 struct Place {
     high: vec3<f32>,
@@ -19,7 +12,6 @@ struct Place {
 const LN2: f32 = 0.6931471805599453;
 const LARGEST: f32 = 127.999;
 
-@group(0) @binding(0) var<uniform> params: Params;
 // Low parts of the atoms' centres.
 @group(0) @binding(2) var<storage, read> low: array<vec4<f32>>;
 // Per cell: where its atoms start, and the end.

@@ -1,12 +1,5 @@
 // The atoms of a trial take their places in the trees of the cells, a thread per atom of a cell.
 
-struct Params {
-    depth: u32,
-    count: u32,
-    pad0: u32,
-    pad1: u32,
-}
-
 struct Slot {
     item: u32,
     first: u32,
@@ -25,7 +18,6 @@ struct Centre {
     low: vec4<f32>,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
 @group(0) @binding(1) var<storage, read_write> items: array<Item>;
 @group(0) @binding(2) var<storage, read> slots: array<Slot>;
 // Atom and cell of each slot.
