@@ -398,6 +398,12 @@ pub struct FilterOptions {
     pub filter: NormalFilter,
     /// Rounds of the vertices that follow them.
     pub vertex_rounds: usize,
+    /// The share of the way to the middle of its faces that a vertex goes per round where no normal pulls: in flat places
+    /// and along edges.
+    pub tangential: f64,
+    /// No corner of a face becomes narrower than this, or flatter than 180° less it, if it is not so from the start, in
+    /// degrees below 60.
+    pub least_angle: f64,
     /// Keep the vertices of boundaries where they are.
     pub keep_rims: bool,
 }
@@ -407,6 +413,8 @@ impl Default for FilterOptions {
         Self {
             filter: NormalFilter::BILATERAL,
             vertex_rounds: 20,
+            tangential: 0.1,
+            least_angle: 10.0,
             keep_rims: true,
         }
     }
@@ -419,6 +427,11 @@ impl FilterOptions {
             let within = value > 0.0 && value.is_finite();
             require(within, option, value, "be above 0 and finite")
         };
+        let (along, angle) = (self.tangential, self.least_angle);
+        let within = (0.0..=1.0).contains(&along);
+        require(within, "tangential", along, "lie within 0…1")?;
+        let below = (0.0..60.0).contains(&angle);
+        require(below, "least_angle", angle, "be at least 0 and below 60")?;
         match self.filter {
             NormalFilter::Bilateral { range, .. } => positive("range", range),
             NormalFilter::TotalVariation { fidelity, .. } => positive("fidelity", fidelity),

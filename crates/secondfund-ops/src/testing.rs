@@ -37,6 +37,34 @@ pub fn dimpled_ball(levels: u32, directions: &[Vector3], depth: f64, width: f64)
     TriMesh::new(positions.iter().map(dent).collect(), triangles).expect("a dented sphere is valid")
 }
 
+/// Each triangle of a surface as three quads: inner vertices of valence 3, 4 and 5.
+pub fn halved(mesh: &TriMesh) -> QuadMesh {
+    let mut positions = mesh.positions().to_vec();
+    let mut middles = std::collections::BTreeMap::new();
+    let mut quads = Vec::new();
+    for (t, &corners) in mesh.triangles().iter().enumerate() {
+        let [a, b, c] = corners;
+        let mut sides = [[a, b], [b, c], [c, a]].map(|[p, q]| {
+            let middle = *middles
+                .entry([p.min(q), p.max(q)])
+                .or_insert(positions.len() as u32);
+            if middle as usize == positions.len() {
+                let ends = [p, q].map(|v| mesh.positions()[v as usize].coords);
+                positions.push(Point3::from((ends[0] + ends[1]) / 2.0));
+            }
+            middle
+        });
+        let center = positions.len() as u32;
+        let sum: Vector3 = mesh.corners(t).iter().map(|p| p.coords).sum();
+        positions.push(Point3::from(sum / 3.0));
+        for corner in corners {
+            quads.push([corner, sides[0], center, sides[2]]);
+            sides.rotate_left(1);
+        }
+    }
+    QuadMesh::new(positions, quads).expect("the corners of the triangles")
+}
+
 /// The mesh with each vertex moved by up to `amplitude` along each axis.
 pub fn shaken(mesh: &TriMesh, amplitude: f64, seed: u64) -> TriMesh {
     let mut random = SplitMix64::new(seed);

@@ -2,9 +2,12 @@
 
 #![expect(clippy::print_stdout, reason = "figures for people, with --nocapture")]
 
+use crate::thesis::molecular_surface;
 use geom_core::compute::random::SplitMix64;
+use geom_core::io::structure::{ReadOptions, read};
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::Rotation3;
+use geom_core::surface::remesh;
 use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 use proptest::prelude::*;
 use secondfund_ops::catmull::{Jet, subdivide};
@@ -14,7 +17,9 @@ use secondfund_ops::options::{FlowOperator, Quadrature};
 use secondfund_ops::segment::metrics::{cut_discrepancy, difference};
 use secondfund_ops::segment::rivals::{concavity_aware, shape_diameter, shape_diameter_mode};
 use secondfund_ops::segment::{consensus, davies_bouldin, medoids, parts};
-use secondfund_ops::testing::{box_errors, dimpled_ball, rounded_box, shaken, shaken_quads};
+use secondfund_ops::testing::{
+    box_errors, dimpled_ball, halved, rounded_box, shaken, shaken_quads,
+};
 use secondfund_ops::{
     BezierElement, BezierSurface, Element, Error, Faces, FilterOptions, FlowOptions, Groups, Modes,
     NormalFilter, Normals, Operator, PartOptions, SegmentOptions, Spectrum, SpectrumOptions,
@@ -74,19 +79,19 @@ fn a_sphere_of_triangles_has_its_spectrum() {
 
 #[test]
 fn spheres_of_quads_converge() {
-    for (n, known) in [
-        (4, [1.3e-4, 1.9e-3]),
-        (8, [2.2e-5, 2.4e-4]),
-        (16, [3.4e-6, 3.2e-5]),
+    for (n, known, area) in [
+        (4, [1.3e-4, 1.9e-3], 1.1e-4),
+        (8, [2.2e-5, 2.4e-4], 1.7e-5),
+        (16, [3.4e-6, 3.2e-5], 3.1e-6),
+        (32, [4.8e-7, 4.2e-6], 5.1e-7),
     ] {
         let surface = Surface::interpolating(&shapes::quad_sphere(1.0, n)).unwrap();
         let lbo = modes_of(Element::CatmullClark(&surface), Operator::Lbo, 15, 0.5);
         let scale = lbo.scale * lbo.scale;
         let errors = sphere_errors(&lbo.values, |x| x * scale);
-        println!(
-            "{n} {errors:?} area {}",
-            lbo.areas.iter().sum::<f64>() * scale / 4.0 / std::f64::consts::PI - 1.0
-        );
+        let of_ball = lbo.areas.iter().sum::<f64>() * scale / 4.0 / std::f64::consts::PI;
+        println!("{n} {errors:?} area {}", of_ball - 1.0);
+        assert!((of_ball - 1.0).abs() < 1.3 * area, "{n}: {of_ball}");
         for k in 0..2 {
             assert!(errors[k] < 1.3 * known[k], "{n}: {errors:?}");
         }
@@ -230,34 +235,6 @@ fn limit_positions_survive_a_subdivision() {
     for (a, b) in totals(&surface, fine).iter().zip(totals(&finer, fine)) {
         assert!((a / b - 1.0).abs() < 1e-6, "{a} {b}");
     }
-}
-
-/// Each triangle of a surface as three quads: inner vertices of valence 3, 4 and 5.
-fn halved(mesh: &TriMesh) -> QuadMesh {
-    let mut positions = mesh.positions().to_vec();
-    let mut middles = std::collections::BTreeMap::new();
-    let mut quads = Vec::new();
-    for (t, &corners) in mesh.triangles().iter().enumerate() {
-        let [a, b, c] = corners;
-        let mut sides = [[a, b], [b, c], [c, a]].map(|[p, q]| {
-            let middle = *middles
-                .entry([p.min(q), p.max(q)])
-                .or_insert(positions.len() as u32);
-            if middle as usize == positions.len() {
-                let ends = [p, q].map(|v| mesh.positions()[v as usize].coords);
-                positions.push(Point3::from((ends[0] + ends[1]) / 2.0));
-            }
-            middle
-        });
-        let center = positions.len() as u32;
-        let sum: Vector3 = mesh.corners(t).iter().map(|p| p.coords).sum();
-        positions.push(Point3::from(sum / 3.0));
-        for corner in corners {
-            quads.push([corner, sides[0], center, sides[2]]);
-            sides.rotate_left(1);
-        }
-    }
-    QuadMesh::new(positions, quads).unwrap()
 }
 
 /// Valences 3, 4 and 5 in one closed net; an affine map of the net is that of its surface.
@@ -1271,6 +1248,56 @@ fn filtered_normals_flatten_and_keep_sharp_edges() {
             println!("{filter:?}: {before:?} {after:?}");
             assert!(after.flat < 0.05 * before.flat, "{after:?}");
             assert!(after.crease < 0.25 * before.crease, "{after:?}");
+        }
+    }
+}
+
+/// The smallest angle of a mesh, and the share of its angles below 20 degrees.
+fn narrow(mesh: &TriMesh) -> (f64, f64) {
+    let angles: Vec<f64> = (0..mesh.triangles().len())
+        .flat_map(|t| {
+            let p = mesh.corners(t);
+            let angle = |k: usize| (p[(k + 1) % 3] - p[k]).angle(&(p[(k + 2) % 3] - p[k]));
+            [0, 1, 2].map(|k| angle(k).to_degrees())
+        })
+        .collect();
+    let below = angles.iter().filter(|a| **a < 20.0).count();
+    let least = angles.iter().copied().fold(f64::INFINITY, f64::min);
+    (least, below as f64 / angles.len() as f64)
+}
+
+/// Through both filters goes a molecular surface, as it is and with noise: no triangle is squeezed.
+#[test]
+fn filters_squeeze_no_triangles() {
+    let path = fixtures::path("1orc.pdb");
+    let structure = read(&path, &ReadOptions::default()).unwrap().structure;
+    let options = remesh::Options::default();
+    let clean = remesh::remesh(molecular_surface(&structure), None, &options, Run::on(&Cpu));
+    let clean = clean.unwrap().mesh;
+    let side = (clean.area() / clean.triangles().len() as f64).sqrt();
+    let noisy = shaken(&clean, 0.1 * side, 5);
+    for filter in [NormalFilter::BILATERAL, NormalFilter::TOTAL_VARIATION] {
+        for mesh in [&clean, &noisy] {
+            let filtered = |tangential, least_angle| {
+                let options = FilterOptions {
+                    filter,
+                    tangential,
+                    least_angle,
+                    ..FilterOptions::default()
+                };
+                filter_normals(mesh, &options, Run::on(&Cpu)).unwrap()
+            };
+            let options = FilterOptions::default();
+            let now = filtered(options.tangential, options.least_angle);
+            let (before, plain) = (narrow(mesh), narrow(&filtered(0.0, 0.0).mesh));
+            let (held, spread) = (narrow(&filtered(0.0, 10.0).mesh), narrow(&now.mesh));
+            let [volume, kept] = now.report.volume;
+            println!("{before:?}: {plain:?}, held {held:?}, spread {spread:?}");
+            for after in [held, spread] {
+                assert!(after.0 >= before.0.min(10.0) - 1e-9, "{after:?}");
+            }
+            assert!(spread.1 < 0.5 * plain.1, "{plain:?} {spread:?}");
+            assert!((kept / volume - 1.0).abs() < 0.01, "{kept} {volume}");
         }
     }
 }

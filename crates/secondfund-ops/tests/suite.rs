@@ -2,5 +2,6 @@
 
 mod backends;
 mod details;
+mod disk;
 mod laws;
 mod thesis;

@@ -150,11 +150,8 @@ fn a_turned_molecule_has_the_same_pockets() {
     }
 }
 
-/// The outlines of the best pockets: apart from each other, hollow, and where their points are.
-#[test]
-fn outlines_of_a_protease_are_apart_and_hollow() {
-    let path = fixtures::path("1hvr.pdb");
-    let structure = read(&path, &ReadOptions::default()).unwrap().structure;
+/// The largest surface around the polymers, sampled at 1 Å.
+pub(crate) fn molecular_surface(structure: &Structure) -> TriMesh {
     let polymer = structure.of_kind(ResidueKind::Polymer);
     let levels = Levels {
         decay: 0.5,
@@ -168,7 +165,15 @@ fn outlines_of_a_protease_are_apart_and_hollow() {
     let grid = gauss_density::sample(&model, &sampling, Run::on(&Cpu)).unwrap();
     let contour = dual_contour::Options::default();
     let made = dual_contour::surface(&grid.grid, None, &contour, Run::on(&Cpu)).unwrap();
-    let surface = made.mesh.components().swap_remove(0);
+    made.mesh.components().swap_remove(0)
+}
+
+/// The outlines of the best pockets: apart from each other, hollow, and where their points are.
+#[test]
+fn outlines_of_a_protease_are_apart_and_hollow() {
+    let path = fixtures::path("1hvr.pdb");
+    let structure = read(&path, &ReadOptions::default()).unwrap().structure;
+    let surface = molecular_surface(&structure);
     let found = find(&structure, &PocketOptions::default()).unwrap().pockets;
     for source in [OutlineSource::default(), OutlineSource::Patches] {
         let options = OutlineOptions {

@@ -231,3 +231,66 @@ pub(crate) fn turned(mesh: QuadMesh) -> Result<QuadMesh, Error> {
     let back = quads.iter().map(|&[a, b, c, d]| [a, d, c, b]);
     Ok(QuadMesh::new(positions, back.collect())?)
 }
+
+#[cfg(all(test, feature = "testing"))]
+mod tests {
+    use super::super::tables::Corner;
+    use super::*;
+    use crate::testing::{halved, shaken_quads};
+    use geom_core::mesh::shapes;
+
+    /// Points along the borders of a patch at multiples of an eighth, an extraordinary corner and what is next to it left
+    /// out, with their normals.
+    fn borders(surface: &Surface) -> Vec<Vec<(Point3, Vector3)>> {
+        let rule: Vec<(f64, f64)> = (0..=8).map(|k| (f64::from(k) / 8.0, 1.0)).collect();
+        let corners = surface.patches.iter().map(|p| p.corner);
+        let tables = Tables::with_rule(corners, &rule, 2);
+        let across = (0..9).flat_map(|j| (0..9).map(move |i| [i, j]));
+        let square: Vec<[u32; 2]> = across.collect();
+        // In sixteenths: the children of the first level, in steps of one, and those of the second.
+        let place = |corner: Corner, q: usize| {
+            let [i, j] = square[q % 81];
+            let Corner::Inside(_) = corner else {
+                return [4 * i, 4 * j];
+            };
+            let [right, up] = [[1, 0], [1, 1], [0, 1]][q / 81 % 3];
+            let step = if q < 3 * 81 { 2 } else { 1 };
+            [step * (i + 8 * right), step * (j + 8 * up)]
+        };
+        let of_patch = |patch: &Patch| {
+            let (table, corner) = (tables.of_corner(patch.corner), patch.corner);
+            let points = surface.points_of(patch, surface.control.positions());
+            let wanted = |q: &usize| {
+                let [u, v] = place(corner, *q);
+                let on_border = [u, v].iter().any(|&x| x == 0 || x == 32);
+                on_border && u % 4 == 0 && v % 4 == 0 && u.max(v) >= 8
+            };
+            let at = |q| {
+                let jet = jet(table.point(q), &points);
+                (jet.position, jet.area_normal().normalize())
+            };
+            (0..table.weights.len()).filter(wanted).map(at).collect()
+        };
+        surface.patches.iter().map(of_patch).collect()
+    }
+
+    /// Position and normal are those of the neighbour, across regular borders and those to extraordinary vertices.
+    #[test]
+    fn patches_meet_without_a_gap_or_a_crease() {
+        let net = shaken_quads(&halved(&shapes::icosphere(1.0, 0)), 0.05, 7);
+        let surface = Surface::new(net).unwrap();
+        assert!(surface.refined());
+        let all = borders(&surface);
+        for (f, own) in all.iter().enumerate() {
+            let others = all.iter().enumerate().filter(|&(g, _)| g != f);
+            let others: Vec<&(Point3, Vector3)> = others.flat_map(|(_, o)| o).collect();
+            assert!(own.len() >= 28, "patch {f}: {}", own.len());
+            for (p, n) in own {
+                let same = others.iter().filter(|(q, _)| (p - q).norm() < 1e-13);
+                let turned: Vec<f64> = same.map(|(_, m)| (n - m).norm()).collect();
+                assert!(!turned.is_empty(), "patch {f}: nothing meets {p}");
+                assert!(turned.iter().all(|&t| t < 1e-11), "patch {f}: {turned:?}");
+            }
+        }
+    }
+}

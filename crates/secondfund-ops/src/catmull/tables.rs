@@ -71,13 +71,22 @@ pub(crate) struct Tables(BTreeMap<Corner, Table>);
 
 impl Tables {
     pub(crate) fn of(corners: impl IntoIterator<Item = Corner>, quadrature: Quadrature) -> Self {
+        Self::with_rule(corners, &gauss(quadrature.points), quadrature.depth)
+    }
+
+    /// The same for any points and weights on 0…1.
+    pub(super) fn with_rule(
+        corners: impl IntoIterator<Item = Corner>,
+        rule: &[(f64, f64)],
+        depth: usize,
+    ) -> Self {
         let mut tables = BTreeMap::new();
         for corner in corners {
             tables.entry(corner).or_insert_with(|| match corner {
-                Corner::Regular => regular(quadrature),
-                Corner::Inside(valence) => extraordinary(&Level::inside(valence), quadrature),
+                Corner::Regular => regular(rule),
+                Corner::Inside(valence) => extraordinary(&Level::inside(valence), rule, depth),
                 Corner::Rim { quads, place } => {
-                    extraordinary(&rim::level(quads, place), quadrature)
+                    extraordinary(&rim::level(quads, place), rule, depth)
                 }
             });
         }
@@ -117,15 +126,14 @@ pub(crate) fn bicubic(u: f64, v: f64) -> [[f64; 16]; ROWS] {
     orders.map(|(i, j)| std::array::from_fn(|k| a[i][k % 4] * b[j][k / 4]))
 }
 
-fn regular(quadrature: Quadrature) -> Table {
+fn regular(rule: &[(f64, f64)]) -> Table {
     let mut table = Table {
         ids: 16,
         weights: Vec::new(),
         basis: Vec::new(),
     };
-    let rule = gauss(quadrature.points);
-    for &(v, wv) in &rule {
-        for &(u, wu) in &rule {
+    for &(v, wv) in rule {
+        for &(u, wu) in rule {
             table.push(wu * wv, bicubic(u, v).into_iter().flatten());
         }
     }
@@ -133,22 +141,21 @@ fn regular(quadrature: Quadrature) -> Table {
 }
 
 /// Levels 1…depth; what is left of the corner is left out (its area falls like λ^{2 depth}).
-fn extraordinary(level: &Level, quadrature: Quadrature) -> Table {
+fn extraordinary(level: &Level, rule: &[(f64, f64)], depth: usize) -> Table {
     let ids = level.ids;
     let mut table = Table {
         ids,
         weights: Vec::new(),
         basis: Vec::new(),
     };
-    let rule = gauss(quadrature.points);
     let mut power = identity(ids);
-    for n in 1..=quadrature.depth {
+    for n in 1..=depth {
         // A child of level n spans 2⁻ⁿ of the parameters.
         let stretch = 2f64.powi(n as i32);
         for child in &level.children {
             let grid = product(child, &power, ids);
-            for &(v, wv) in &rule {
-                for &(u, wu) in &rule {
+            for &(v, wv) in rule {
+                for &(u, wu) in rule {
                     let rows = bicubic(u, v);
                     let scales = [
                         1.0,

@@ -12,7 +12,8 @@ use crate::backend::{On, OperatorBackend};
 use crate::options::{FilterOptions, NormalFilter};
 
 /// Filters the normals of a triangle mesh; the vertices then follow them (Sun, Rosin, Martin and Langbein, *Fast and
-/// effective feature-preserving mesh denoising*, 2007). On the CPU with any backend.
+/// effective feature-preserving mesh denoising*, 2007) and spread along what they leave free, so that triangles keep
+/// their shapes. On the CPU with any backend.
 ///
 /// # Errors
 /// Options out of range, [`Error::NoExtent`] of a mesh without faces or of one place.
@@ -66,15 +67,16 @@ fn filter<const N: usize>(
             variation::filtered(&sheet, rounds, fidelity, run)?
         }
     };
+    let least_sine = options.least_angle.to_radians().sin();
     let mut positions = start.to_vec();
     let mut report = FlowReport::default();
     for round in 0..options.vertex_rounds {
         run.progress("vertices", round as u64, options.vertex_rounds as u64)?;
-        let mut moves = sheet.steps(&positions, faces, &normals);
+        let mut moves = sheet.steps(&positions, faces, &normals, options.tangential);
         if options.keep_rims {
             sheet.hold_rims(&mut moves);
         }
-        report.held_back += hold_back(&positions, faces, &mut moves);
+        report.held_back += hold_back(&positions, faces, &mut moves, least_sine);
         positions.iter_mut().zip(&moves).for_each(|(p, m)| *p += m);
         report.steps += 1;
     }

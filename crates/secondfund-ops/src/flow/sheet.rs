@@ -1,11 +1,31 @@
 //! Faces as filters of their normals see them.
 
 use geom_core::compute::parallel;
+use geom_core::nalgebra::Matrix3;
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::Error;
 use crate::forms::{area_normal, centroid, sorted_sides};
+
+/// Directions count as free up to this share of the largest eigenvalue: faces that meet at up to 25 degrees are one.
+const FREE: f64 = 0.05;
+
+/// The part of a vector along the eigenvectors of small eigenvalues, less the larger they are.
+fn free_part(tensor: &Matrix3<f64>, way: &Vector3) -> Vector3 {
+    let eigen = tensor.symmetric_eigen();
+    let bound = FREE * eigen.eigenvalues.max();
+    let along = |k: usize| {
+        let axis = eigen.eigenvectors.column(k).into_owned();
+        let share = (1.0 - eigen.eigenvalues[k] / bound).clamp(0.0, 1.0);
+        axis * (axis.dot(way) * share)
+    };
+    if bound > 0.0 {
+        along(0) + along(1) + along(2)
+    } else {
+        Vector3::zeros()
+    }
+}
 
 /// An edge of two faces.
 pub(super) struct Hinge {
@@ -83,30 +103,61 @@ impl Sheet {
         &self.faces[self.starts[v]..self.starts[v + 1]]
     }
 
-    /// Each vertex goes the mean of its ways to the planes through the middles of its faces.
+    /// Each vertex goes the mean of its ways to the planes through the middles of its faces; and this share of the way to
+    /// the mean of the middles, by area, in the directions in which none of the normals around it pulls: in the plane of a
+    /// flat place, along an edge, nowhere at a corner (null-space smoothing: Jiao, *Face offsetting: a unified approach for
+    /// explicit moving interfaces*, 2007).
     pub(super) fn steps<const N: usize>(
         &self,
         positions: &[Point3],
         corners: &[[u32; N]],
         normals: &[Vector3],
+        tangential: f64,
     ) -> Vec<Vector3> {
-        (0..positions.len())
-            .into_par_iter()
-            .map(|v| {
-                let faces = self.around(v);
-                let to_planes = faces.iter().map(|&f| {
-                    let center = centroid(positions, &corners[f as usize]);
-                    let n = normals[f as usize];
-                    n * n.dot(&(center - positions[v]))
-                });
-                to_planes.sum::<Vector3>() / faces.len().max(1) as f64
-            })
-            .collect()
+        let step = |v: usize| {
+            let faces = self.around(v);
+            let (mut to_planes, mut to_middles) = (Vector3::zeros(), Vector3::zeros());
+            let (mut tensor, mut total) = (Matrix3::zeros(), 0.0);
+            for &f in faces {
+                let (n, face) = (normals[f as usize], &corners[f as usize]);
+                let way = centroid(positions, face) - positions[v];
+                let area = area_normal(positions, face).norm();
+                to_planes += n * n.dot(&way);
+                to_middles += way * area;
+                tensor += n * n.transpose() * area;
+                total += area;
+            }
+            let along = match tangential > 0.0 && total > 0.0 {
+                true => free_part(&tensor, &(to_middles / total)) * tangential,
+                false => Vector3::zeros(),
+            };
+            to_planes / faces.len().max(1) as f64 + along
+        };
+        (0..positions.len()).into_par_iter().map(step).collect()
     }
 
     pub(super) fn hold_rims(&self, moves: &mut [Vector3]) {
         for (m, _) in moves.iter_mut().zip(&self.rims).filter(|(_, rim)| **rim) {
             *m = Vector3::zeros();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_free_lies_in_a_plane_along_an_edge_and_nowhere_at_a_corner() {
+        let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let way = Vector3::new(0.3, 0.5, 0.7);
+        let free = |normals: &[Vector3]| {
+            let tensor = normals.iter().map(|n| n * n.transpose()).sum();
+            free_part(&tensor, &way)
+        };
+        assert!((free(&[z, z]) - Vector3::new(0.3, 0.5, 0.0)).norm() < 1e-12);
+        assert!((free(&[y, z]) - Vector3::new(0.3, 0.0, 0.0)).norm() < 1e-12);
+        assert!(free(&[x, y, z]).norm() < 1e-12);
+        assert_eq!(free(&[]), Vector3::zeros());
     }
 }

@@ -122,7 +122,7 @@ impl Flowing for Triangles<'_> {
     }
 
     fn hold_back(&self, positions: &[Point3], moves: &mut [Vector3]) -> usize {
-        hold_back(positions, self.triangles, moves)
+        hold_back(positions, self.triangles, moves, 0.0)
     }
 
     fn ring(&self) -> &Neighbors {
@@ -168,7 +168,7 @@ impl Flowing for Patches {
     }
 
     fn hold_back(&self, positions: &[Point3], moves: &mut [Vector3]) -> usize {
-        hold_back(positions, self.surface.control().quads(), moves)
+        hold_back(positions, self.surface.control().quads(), moves, 0.0)
     }
 
     fn ring(&self) -> &Neighbors {
@@ -428,4 +428,61 @@ fn restore_volume<F: Flowing>(
         shift(positions, &moves);
     }
     Ok(held)
+}
+
+#[cfg(all(test, feature = "testing"))]
+mod tests {
+    use super::*;
+    use crate::testing::shaken;
+    use geom_core::mesh::shapes;
+
+    /// Without its sharpening part a step is implicit Euler for Dirichlet's energy of the coordinates, at any length: the
+    /// energy falls, by as much as the motion takes at least.
+    #[test]
+    fn the_energy_of_a_step_that_does_not_sharpen_falls() {
+        let mesh = shaken(&shapes::torus(0.4, 0.1, 36, 18), 0.004, 3);
+        let flowing = Triangles {
+            triangles: mesh.triangles(),
+            rounds: 1,
+            pattern: Pattern::of(mesh.positions().len(), mesh.triangles()).unwrap(),
+            ring: Neighbors::of_triangles(&mesh),
+            run: Run::on(&geom_core::Cpu as &dyn OperatorBackend),
+        };
+        let positions = mesh.positions();
+        let edge = mean_edge(&flowing.ring, positions);
+        for step in [0.001, 0.02] {
+            let options = FlowOptions {
+                sharpen: 0.0,
+                tangential: 0.0,
+                step,
+                ..FlowOptions::default()
+            };
+            let moves = displacements(&flowing, positions, &options, &mut None).unwrap();
+            let moves = moves.unwrap();
+            let farthest = moves.iter().map(|m| m.norm()).fold(0.0, f64::max);
+            assert!(farthest > 0.0 && farthest < FARTHEST * edge, "none is cut");
+            let conductor = Conductor {
+                law: Law::Diffusing,
+                gauss: 0.0,
+                mean: 0.0,
+                bounds: [1.0, 1.0],
+                regularization: options.delta.sqrt(),
+                limit: SHARPEST / edge,
+            };
+            let (stiffness, _) = flowing.matrices(positions, &conductor).unwrap();
+            let energy = |share: f64| {
+                let x = positions.iter().zip(&moves).flat_map(|(p, m)| {
+                    let x = p + m * share;
+                    [x.x, x.y, x.z]
+                });
+                let x: Vec<f64> = x.collect();
+                let k = stiffness.multiply(&x, 3);
+                x.iter().zip(&k).map(|(x, k)| x * k).sum::<f64>()
+            };
+            let [before, half, after] = [0.0, 0.5, 1.0].map(energy);
+            assert!(after < half && half < before, "{before} {half} {after}");
+            // ½ x'Kx' + |x' − x|²/2τ is least at x', so that the slope there is still downwards.
+            assert!(energy(1.05) < after, "{after}");
+        }
+    }
 }
