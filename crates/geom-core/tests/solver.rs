@@ -257,3 +257,21 @@ fn bits_do_not_depend_on_threads() {
         )
     });
 }
+
+/// Found by `cargo xtask fuzz` (smooth, case 20; distances, case 796): faer counts pivots from 1 where a factor has no
+/// supernodes, and the last of them was beyond the rows.
+#[test]
+fn the_row_whose_pivot_is_not_positive_is_named() {
+    for row in 0..3 {
+        let mut diagonal = [1.0; 3];
+        diagonal[row] = -1.0;
+        let found = Cholesky::of(&SparseMatrix::diagonal_of(&diagonal)).unwrap_err();
+        assert_eq!(found, Error::NotPositiveDefinite { row });
+    }
+    // A factor with supernodes: all minors without the row are positive.
+    let matrix = screened(1.0);
+    let row = matrix.rows() / 2;
+    let spoilt = matrix.map(|i, j, a| if (i, j) == (row, row) { -1e6 } else { a });
+    let found = Cholesky::of(&spoilt).unwrap_err();
+    assert_eq!(found, Error::NotPositiveDefinite { row });
+}

@@ -224,6 +224,12 @@ fn parts_by_name() {
         error.to_string(),
         "\"Z\" matches no atom; chains: A; domains: 2"
     );
+    // A residue's name where a chain's would stand.
+    let error = s.select(&Selector::parse("MSE").unwrap()).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "\"MSE\" matches no atom; name:MSE are 8 residues of that name"
+    );
 }
 
 #[test]

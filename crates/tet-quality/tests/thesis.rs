@@ -252,3 +252,17 @@ fn what_is_kept_apart_does_not_depend_on_threads() {
         protein_with(Method::DualContour, region, 1.6, options).mesh
     });
 }
+
+/// Goals that leave little room: some walls part only when their neighbours make way.
+#[test]
+fn neighbours_make_way_for_walls_that_part() {
+    let mut options = Options::default();
+    options.goals.min_dihedral = 30.0;
+    let exterior = dual_contour::Extent::Exterior;
+    let improved = protein_with(Method::DualContour, exterior, 1.3, options);
+    let found = improved.report.crossings;
+    assert!(found.after_passes > 10, "{found:?}");
+    assert_eq!(found.after, 0);
+    assert_eq!(crossings(&improved.mesh), 0);
+    assert!(improved.report.converged);
+}

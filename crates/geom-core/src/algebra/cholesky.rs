@@ -188,8 +188,13 @@ impl Symbolic {
         )
     }
 
-    /// The row of the matrix that the ordering puts at `index`.
-    fn original(&self, index: usize) -> usize {
+    /// The row of the matrix whose pivot faer says is not positive: it counts pivots from 1 in factors without
+    /// supernodes, from 0 in others.
+    fn row_of_pivot(&self, index: usize) -> usize {
+        let index = match self.inner.symbolic.raw() {
+            SymbolicCholeskyRaw::Simplicial(_) => index.saturating_sub(1),
+            SymbolicCholeskyRaw::Supernodal(_) => index,
+        };
         match self.inner.symbolic.perm() {
             Some(order) => order.arrays().0[index] as usize,
             None => index,
@@ -266,7 +271,7 @@ pub(super) fn factor<T: Scalar>(
         )
         .map_err(
             |LltError::NonPositivePivot { index }| Error::NotPositiveDefinite {
-                row: symbolic.original(index),
+                row: symbolic.row_of_pivot(index),
             },
         )?;
     Ok(values)

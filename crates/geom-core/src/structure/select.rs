@@ -150,6 +150,12 @@ fn factor(text: &str) -> Result<Factor, SelectError> {
         Some((Ok(a), Ok(b))) => Ok((a, b)),
         _ => Err(wrong("expected a number or a range as 1-4")),
     };
+    if text.contains(char::is_whitespace) && !text.contains(':') {
+        // As in other programs' words: `resname HEM`, `chain A`.
+        let ours = "write A for a chain, residue:10-25 or B:10-25 for residues, name:HEM for those of a name; \
+            commas unite, slashes intersect";
+        return Err(wrong(ours));
+    }
     Ok(
         match text.split_once(':').map(|(k, v)| (k.trim(), v.trim())) {
             Some(("chain", n)) => Factor::Chain(name(n)?),
@@ -248,11 +254,24 @@ impl Structure {
                 let _ = write_term(term, &mut text);
                 return Err(SelectError::NoMatch {
                     term: text,
-                    present: self.inventory(),
+                    present: self.meant(term).unwrap_or_else(|| self.inventory()),
                 });
             }
         }
         Ok(Selection { residues })
+    }
+
+    /// A chain that does not exist, but has the name of a residue that does.
+    fn meant(&self, term: &[Factor]) -> Option<String> {
+        term.iter().find_map(|factor| {
+            let Factor::Chain(name) = *factor else {
+                return None;
+            };
+            let no_chain = self.chains().iter().all(|chain| chain.name != name);
+            let residues = self.residues().iter().filter(|r| r.name == name).count();
+            (no_chain && residues > 0)
+                .then(|| format!("name:{name} are {residues} residues of that name"))
+        })
     }
 
     /// What a selector can choose from, in one line.
@@ -304,6 +323,11 @@ mod tests {
             let selector = Selector::parse(text).unwrap();
             assert_eq!(selector.to_string(), text);
         }
+        let words = Selector::parse("A,resname HEM").unwrap_err().to_string();
+        assert!(
+            words.contains("\"resname HEM\"") && words.contains("name:HEM"),
+            "{words}"
+        );
         for wrong in ["", "A,", "copy:-1", "B:x", "A-name-that-is-too-long"] {
             assert!(Selector::parse(wrong).is_err(), "{wrong}");
         }

@@ -77,6 +77,11 @@ impl GuardedMesh {
         self.guard.gaps = SelfIntersectionGuard::of(&self.mesh, spacing, near);
     }
 
+    /// From now on no gap is known, until they are looked for again.
+    pub(crate) fn forget_gaps(&mut self) {
+        self.guard.gaps = SelfIntersectionGuard::default();
+    }
+
     /// May the change be made?
     pub(crate) fn allows(&self, proposal: &Proposal) -> bool {
         self.guard.allows(&self.mesh, proposal)

@@ -11,8 +11,10 @@ use crate::error::Error;
 use crate::measure::block::measures;
 use crate::measure::metrics::quality;
 use crate::mesh::editable::{EditableMesh, Freedom};
+use crate::operations::operate::round_of_projections;
+use crate::operations::patch::project_with_neighbours;
 use crate::outcome::Pass;
-use crate::smoothing::smooth::{load, sweep};
+use crate::smoothing::smooth::{SurfaceRules, load, sweep};
 use crate::smoothing::star::Star;
 
 /// Most rounds of parting.
@@ -46,6 +48,21 @@ enum Pull {
     Fair,
 }
 
+/// How corners are pulled.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum How {
+    /// While no step lets more triangles cross.
+    Alone,
+    /// The same, and neighbours make way.
+    WithNeighbours,
+    /// The same without looking at what else crosses on the way: knots only open so. Where no fewer cross in the end, all is
+    /// as it was.
+    ThroughOthers,
+}
+
+/// Each for as many rounds as there are kinds, the last one to the end.
+const HOW: [How; 3] = [How::Alone, How::WithNeighbours, How::ThroughOthers];
+
 /// What is pulled in turn in a round: one kind brings about what stops another.
 const KINDS: [&[Pull]; 3] = [&[Pull::Apart, Pull::Fair], &[Pull::Fair], &[Pull::Apart]];
 
@@ -60,7 +77,7 @@ impl Passes<'_> {
         pairs.iter().map(corners).collect()
     }
 
-    /// Pulls triangles that cross apart, while no step lets more of them cross, and mends what that costs: in the end all
+    /// Pulls triangles that cross apart, so that no more of them cross, and mends what that costs: in the end all
     /// elements meet the goals, or none is worse than the worst one was. Gives how many pairs still cross.
     pub(super) fn part(
         &mut self,
@@ -81,9 +98,9 @@ impl Passes<'_> {
                 self.pull_on(&mut pairs, &[Pull::Apart], &SHORT, good);
             } else {
                 let kinds = KINDS[round as usize % KINDS.len()];
-                self.pull_and_mend(&mut pairs, kinds, passes, run)?;
+                let how = HOW[((round - GENTLE) as usize / KINDS.len()).min(HOW.len() - 1)];
+                self.pull_and_mend(&mut pairs, kinds, how, passes, run)?;
             }
-            pairs = self.crossing();
             // The isosurface does not cross itself: back to it as far as that goes.
             if pairs.is_empty() && self.settle_again(MENDING, passes, run)? {
                 pairs = self.crossing();
@@ -110,17 +127,29 @@ impl Passes<'_> {
     }
 
     /// Pulls down to [`LEAST`], then passes. Where elements stay below the goals and the worst one before, all is as it was.
+    /// Leaves the pairs that cross then.
     fn pull_and_mend(
         &mut self,
         pairs: &mut Vec<Pair>,
         kinds: &[Pull],
+        how: How,
         passes: &mut Vec<Pass>,
         run: On<'_>,
     ) -> Result<(), Error> {
         self.find_gaps_near(pairs);
         let (kept, worst) = (self.guarded.clone(), self.guarded.mesh.worst());
         let (made, projected) = (passes.len(), self.projected);
+        let before = pairs.clone();
         let valid = |corners| quality(corners) >= LEAST;
+        if how == How::ThroughOthers {
+            self.guarded.forget_gaps();
+        }
+        if how != How::Alone {
+            for kind in kinds {
+                self.drag(pairs, *kind, valid);
+                self.keep_crossing(pairs);
+            }
+        }
         self.pull_on(pairs, kinds, &LONG, valid);
         let mended = |work: &Self| work.met() || work.guarded.mesh.worst() >= worst;
         for number in 0..MENDING {
@@ -130,14 +159,19 @@ impl Passes<'_> {
             let done = self.rescue(number, run)?;
             passes.push(done);
         }
-        if !mended(self) && !self.goals_met() {
+        if passes.len() > made {
+            *pairs = self.crossing();
+        }
+        let in_vain = how == How::ThroughOthers && pairs.len() >= before.len();
+        if in_vain || (!mended(self) && !self.goals_met()) {
             self.go_back(kept, projected);
             passes.truncate(made);
+            *pairs = before;
         }
         Ok(())
     }
 
-    /// Steps of these kinds in turn, while any of the pairs crosses.
+    /// Steps of these kinds in turn, while any pair crosses. Leaves the pairs that cross then.
     fn pull_on(
         &mut self,
         pairs: &mut Vec<Pair>,
@@ -146,14 +180,66 @@ impl Passes<'_> {
         good: impl Fn([Point3; 4]) -> bool + Sync,
     ) {
         for kind in kinds.iter().cycle().take(PULLS) {
-            self.pull(pairs, *kind, shares, &good);
-            let mesh = &self.guarded.mesh;
-            let boxed = |t| BoxedTriangle::new(t, &|v: u32| mesh.x[v as usize]);
-            pairs.retain(|&[s, t]| boxed(s).crosses(&boxed(t)));
             if pairs.is_empty() {
-                break;
+                return;
             }
+            self.pull(pairs, *kind, shares, &good);
+            self.keep_crossing(pairs);
         }
+        if !pairs.is_empty() {
+            *pairs = self.crossing();
+        }
+    }
+
+    /// Drops the pairs that no longer cross. Where none is left, others may have come in their place.
+    fn keep_crossing(&self, pairs: &mut Vec<Pair>) {
+        let mesh = &self.guarded.mesh;
+        let boxed = |t| BoxedTriangle::new(t, &|v: u32| mesh.x[v as usize]);
+        pairs.retain(|&[s, t]| boxed(s).crosses(&boxed(t)));
+        if pairs.is_empty() {
+            *pairs = self.crossing();
+        }
+    }
+
+    /// Where each corner of these triangles would go.
+    fn wishes(&self, pairs: &[Pair], kind: Pull) -> Vec<Wish> {
+        match kind {
+            Pull::Apart => wishes_apart(&self.guarded.mesh, pairs, ROOM * self.spacing),
+            Pull::Fair => wishes_for_fairness(&self.guarded.mesh, pairs),
+        }
+    }
+
+    /// One step of each corner of these triangles together with its neighbours, which make room for it.
+    fn drag(&mut self, pairs: &[Pair], kind: Pull, good: impl Fn([Point3; 4]) -> bool + Sync) {
+        let wishes = self.wishes(pairs, kind);
+        let Some(field) = &self.surface else {
+            return;
+        };
+        let rules = SurfaceRules {
+            field,
+            tolerance: self.deviation(),
+            rescue: true,
+        };
+        let step = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
+            let wish = wish_of(&wishes, v)?;
+            let x = guarded.mesh.x[v as usize];
+            load(&guarded.mesh, v, star);
+            LONG.iter().find_map(|share| {
+                let to = x + wish * *share;
+                let found = project_with_neighbours(guarded, v, to, &rules, &good, star);
+                found.filter(|p| guarded.allows(p))
+            })
+        };
+        let free = |v: &u32| self.guarded.mesh.freedom[*v as usize] == Freedom::Field;
+        let vertices: Vec<u32> = wishes.iter().map(|w| w.0).filter(free).collect();
+        let mut done = Pass::default();
+        round_of_projections(
+            &mut self.guarded,
+            &mut self.plain,
+            &vertices,
+            step,
+            &mut done,
+        );
     }
 
     /// One step of each corner of these triangles, as far as its tetrahedra stay `good` or the worst of them does not get
@@ -165,13 +251,10 @@ impl Passes<'_> {
         shares: &[f64],
         good: impl Fn([Point3; 4]) -> bool + Sync,
     ) {
-        let wishes = match kind {
-            Pull::Apart => wishes_apart(&self.guarded.mesh, pairs, ROOM * self.spacing),
-            Pull::Fair => wishes_for_fairness(&self.guarded.mesh, pairs),
-        };
+        let wishes = self.wishes(pairs, kind);
         let step = |guarded: &GuardedMesh, v: u32, star: &mut Star| {
             let mesh = &guarded.mesh;
-            let (_, wish) = wishes[wishes.binary_search_by_key(&v, |w| w.0).ok()?];
+            let wish = wish_of(&wishes, v)?;
             load(mesh, v, star);
             let x = mesh.x[v as usize];
             let floor = star.value(&x.coords);
@@ -193,6 +276,12 @@ impl Passes<'_> {
             GuardedMesh::move_vertex,
         );
     }
+}
+
+/// The wish of a vertex among wishes by vertex.
+fn wish_of(wishes: &[Wish], v: u32) -> Option<Vector3> {
+    let at = wishes.binary_search_by_key(&v, |w| w.0).ok()?;
+    Some(wishes[at].1)
 }
 
 /// Half of the way each along the direction in which two triangles face each other; of each vertex the longest, by vertex.

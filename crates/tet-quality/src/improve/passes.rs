@@ -60,7 +60,7 @@ pub(super) struct Passes<'a> {
     pub(super) spacing: f64,
     /// The objective at which all goals are met.
     pub(super) target: f64,
-    plain: Memory,
+    pub(super) plain: Memory,
     with_smoothing: Memory,
     /// Has the memory of vain tries with smoothing been cleared for the last, longer searches?
     cleared: bool,
