@@ -10,11 +10,11 @@ use biogeom_examples::products::{self, grouped};
 use biogeom_examples::{Failure, Session};
 use clap::Parser;
 use gauss_density::{
-    Cutoff, Elimination, Interior, Model, PointSampler, Refit, Sampled, Stop, eliminate, refit,
-    sample_band,
+    Cutoff, DensityBackend, Elimination, Interior, Model, PointSampler, Refit, Sampled, Stop,
+    eliminate, refit, sample_band,
 };
 use geom_core::structure::Selector;
-use geom_core::{BrickGrid, ImplicitField, Structure, TriMesh, io};
+use geom_core::{BrickGrid, ImplicitField, Run, Structure, TriMesh, io};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::json;
@@ -61,7 +61,7 @@ Examples:
 
 Outputs: reduced.pqr (the remaining atoms, for any of these programs), after --refit also reduced.csv
 (each atom with its decay, which PQR has no column for); original.ply/.glb and reduced.ply/.glb (the two
-surfaces, coloured by the error of the density) and error.png; report.json, where `table` is the row of
+surfaces, coloured by what has changed of the density there) and error.png; report.json, where `table` is the row of
 this input in Tables 3.1 and 3.4 of the thesis.";
 
 impl HasCommon for Args {
@@ -72,6 +72,11 @@ impl HasCommon for Args {
         vec![self.input.clone()]
     }
 }
+
+/// Where less than this share of the atoms goes, the program says what wider bounds would do.
+const FEW_GO: f64 = 0.05;
+/// Wider bounds.
+const WIDER: [f64; 3] = [0.05, 0.1, 0.2];
 
 fn main() -> ExitCode {
     biogeom_examples::run("05_eliminate", fewer)
@@ -108,6 +113,13 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
     };
     let eliminated = session.stage("elimination", || eliminate(&original, &options, on))?;
     session.note("elimination", &eliminated.report)?;
+    let (all, left) = (original.atoms(), eliminated.model.atoms());
+    let free = (all - eliminated.report.protected) as f64;
+    if options.epsilon > 0.0 && ((all - left) as f64) < FEW_GO * free {
+        let advice = || wider_bounds(&original, all - left, &options, on);
+        let advice = session.stage("wider bounds", advice)?;
+        session.note("advice", json!({ "warnings": [advice] }))?;
+    }
     let mut error = eliminated.report.comparison.surface_max;
     let mut reduced = eliminated.model;
     if args.refit {
@@ -126,7 +138,6 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
         density(&original, spacing, session)?,
         density(&reduced, spacing, session)?,
     ];
-    let (all, left) = (original.atoms(), reduced.atoms());
     session.note("counts", json!({ "remaining_atoms": left }))?;
     let share = left as f64 / all as f64;
     let table = json!({
@@ -150,10 +161,9 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
         surface(&original, &before.grid, session)?,
         surface(&reduced, &after.grid, session)?,
     ];
-    // Each surface against the density of the other model, whose value there should be 1.
     let errors = session.stage("errors", || {
-        let first = errors(&surfaces[0], &reduced)?;
-        Ok::<_, Failure>([first, errors(&surfaces[1], &original)?])
+        let first = changes(&surfaces[0], [&original, &reduced])?;
+        Ok::<_, Failure>([first, changes(&surfaces[1], [&original, &reduced])?])
     })?;
     for (name, errors) in ["original", "reduced"].into_iter().zip(&errors) {
         let most = errors.iter().copied().fold(0.0, f64::max);
@@ -168,8 +178,11 @@ fn fewer(args: &Args, session: &Session) -> Result<(), Failure> {
         if args.refit {
             save_parameters(session, &reduced)?;
         }
-        let top = 1.5 * args.epsilon.max(1e-3);
-        let scale = Scale::new(ColorMap::Heat, [0.0, top], "|1 − G| / G");
+        // Few changes come near the bound, and what there is should be seen; around a bubble inside they are far above.
+        let most = errors.iter().flatten().copied().fold(0.0, f64::max);
+        let bound = args.epsilon.max(1e-3);
+        let top = most.clamp(0.01 * bound, 1.5 * bound);
+        let scale = Scale::new(ColorMap::Heat, [0.0, top], "|G − G original| / G");
         let view = View::principal(surfaces[0].positions()).turned(0.25, 0.2);
         let mut scenes = Vec::new();
         for ((name, atoms), (mesh, errors)) in [("original", all), ("reduced", left)]
@@ -226,14 +239,45 @@ fn surface(model: &Model, grid: &BrickGrid, session: &Session) -> Result<TriMesh
     Ok(made.mesh)
 }
 
-/// `|1 − G| / G` at each vertex, as in Eq. 3.10.
-fn errors(mesh: &TriMesh, model: &Model) -> Result<Vec<f64>, Failure> {
-    let field = PointSampler::new(model, Cutoff(1e-6))?;
-    let error = |x| {
-        let g = field.value(x);
-        (1.0 - g).abs() / g.max(f64::MIN_POSITIVE)
+/// What elimination has changed of the density `G` at each vertex, as a share: Eq. 3.10 with the original density there in
+/// place of 1, which it is at points of the isosurface but not all over the triangles between.
+fn changes(mesh: &TriMesh, [original, reduced]: [&Model; 2]) -> Result<Vec<f64>, Failure> {
+    let cutoff = Cutoff(1e-6);
+    let original = PointSampler::new(original, cutoff)?;
+    let reduced = PointSampler::new(reduced, cutoff)?;
+    let change = |x| {
+        let g = reduced.value(x);
+        (g - original.value(x)).abs() / g.max(f64::MIN_POSITIVE)
     };
-    Ok(mesh.positions().par_iter().map(error).collect())
+    Ok(mesh.positions().par_iter().map(change).collect())
+}
+
+/// Where hardly an atom can go: what wider bounds would let go.
+fn wider_bounds(
+    model: &Model,
+    gone: usize,
+    options: &Elimination,
+    on: Run<'_, dyn DensityBackend>,
+) -> Result<String, Failure> {
+    let all = model.atoms();
+    let mut lets = Vec::new();
+    for epsilon in WIDER.into_iter().filter(|e| *e > options.epsilon) {
+        let options = Elimination {
+            epsilon,
+            ..*options
+        };
+        let left = eliminate(model, &options, on)?.model.atoms();
+        lets.push(format!("{epsilon} lets {} go", grouped(all - left)));
+    }
+    let more = match lets.is_empty() {
+        true => String::new(),
+        false => format!("; {}", lets.join(", ")),
+    };
+    let (gone, all) = (grouped(gone), grouped(all));
+    let epsilon = options.epsilon;
+    Ok(format!(
+        "{gone} of {all} atoms go at --epsilon {epsilon}, since nearly all shape the surface{more}"
+    ))
 }
 
 /// The remaining atoms with the centres and radii of the model.

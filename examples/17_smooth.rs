@@ -46,7 +46,7 @@ struct Args {
     #[arg(long, value_name = "RANGE")]
     range: Option<f64>,
     /// How firmly the total-variation filter holds normals to those of the input, in 1 over mean edges: lower values
-    /// flatten coarser noise, and details with it [default: 1]
+    /// flatten coarser noise, and details with it [default: 10]
     #[arg(long, value_name = "ALPHA")]
     fidelity: Option<f64>,
     #[command(flatten)]

@@ -62,6 +62,7 @@ fn elements(notes: &Map<String, Value>) -> Option<String> {
         ("functions", "functions"),
         ("segments", "segments"),
         ("pockets", "pockets"),
+        ("remaining_atoms", "atoms remain"),
     ]
     .iter()
     .filter_map(|(key, what)| Some(format!("{} {what}", counted(&counts[*key])?)))
@@ -107,7 +108,8 @@ fn warnings(notes: &Map<String, Value>) -> Vec<String> {
         .into_iter()
         .filter_map(|(key, what)| Some(format!("{} {what}", counted(&read[key])?)));
     let matched = notes.get("correspondence").unwrap_or(&Value::Null);
-    let said = [read, matched].into_iter();
+    let advice = notes.get("advice").unwrap_or(&Value::Null);
+    let said = [read, matched, advice].into_iter();
     let said = said.flat_map(|of| of["warnings"].as_array().into_iter().flatten());
     let said = said.filter_map(|w| Some(w.as_str()?.to_owned()));
     let surface = notes.get("surface").unwrap_or(&Value::Null);
@@ -136,6 +138,7 @@ mod tests {
                 "min_dihedral": { "min": 25.04 }, "max_dihedral": { "max": 141.0 }
             } } },
             "surface": { "crossing_pairs": 0 },
+            "advice": { "warnings": ["wider bounds"] },
             "quads": { "counts": { "quads": 1200, "irregular": 8 } }
         });
         let said = lines(notes.as_object().unwrap());
@@ -146,7 +149,7 @@ mod tests {
         );
         assert_eq!(said[2], "quads: 1,200 quads, 8 irregular vertices");
         assert!(said[3].starts_with("warning: 2 atoms have radius 0"));
-        assert_eq!(said[4..], ["warning: odd"]);
+        assert_eq!(said[4..], ["warning: odd", "warning: wider bounds"]);
         assert!(lines(&Map::new()).is_empty());
     }
 }

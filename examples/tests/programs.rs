@@ -518,6 +518,16 @@ fn fewer_atoms_keep_the_surface() {
         &folder.path().join("kept"),
     );
     assert_eq!(kept["table"]["N_R"], kept["table"]["protected"]);
+    for calm in [none, kept] {
+        assert!(calm["advice"].is_null(), "{}", calm["advice"]);
+    }
+    // Where hardly an atom goes, what wider bounds would do is said; what is shown is what elimination has changed.
+    let args = [&input, "--spacing", "1"];
+    let usual = report_of("05_eliminate", &args, &folder.path().join("usual"));
+    let advice = usual["advice"]["warnings"][0].as_str().unwrap();
+    assert!(advice.contains("0.2 lets "), "{advice}");
+    let change = usual["errors"]["original"]["max"].as_f64().unwrap();
+    assert!(0.0 < change && change < 0.02, "{change}");
 }
 
 #[test]
