@@ -1,14 +1,13 @@
 //! `cargo xtask ci`: what must hold before a change lands, cheapest first.
 
 use std::fs;
-use std::path::PathBuf;
 use std::process::Command;
 use std::sync::OnceLock;
 use std::time::Instant;
 
 use serde_json::Value;
 
-use crate::{Outcome, arrows, call, fixtures, root};
+use crate::{Outcome, arrows, call, docs, fixtures, package, root, target};
 
 /// Runs every step, prints how long each took, and stops at the first that fails.
 pub(crate) fn run() -> Outcome {
@@ -40,6 +39,11 @@ pub(crate) fn run() -> Outcome {
             let all = ["doc", "--workspace", "--no-deps", "--features", &features];
             call("cargo", &all, deny)
         }),
+        // After the tests, which have built the programs.
+        ("pages", &|| docs::run(&docs::Arguments { quick: true })),
+        ("packages", &|| {
+            package::run(&package::Arguments { quick: true })
+        }),
         ("ranks of MPI", &ranks),
     ];
     for (name, step) in steps {
@@ -56,18 +60,28 @@ pub(crate) fn run() -> Outcome {
 fn has_mpi() -> bool {
     static FOUND: OnceLock<bool> = OnceLock::new();
     *FOUND.get_or_init(|| {
+        // The binding is a package that only this feature brings in: cargo does not know it by name without.
+        let binding = "check --quiet --package geom-core --features mpi";
+        let binding: Vec<&str> = binding.split(' ').collect();
         let probes: [(&str, &[&str]); 3] = [
             ("mpicc", &["--version"]),
             ("mpirun", &["--oversubscribe", "-n", "2", "true"]),
-            ("cargo", &["check", "--quiet", "--package", "mpi"]),
+            ("cargo", &binding),
         ];
-        let failed = probes.into_iter().find(|(program, arguments)| {
-            let asked = as_root(Command::new(program).args(*arguments)).output();
-            !asked.is_ok_and(|answer| answer.status.success())
+        let failed = probes.into_iter().find_map(|(program, arguments)| {
+            let asked = as_root(Command::new(program).args(arguments)).output();
+            let why = match asked {
+                Ok(answer) if answer.status.success() => return None,
+                Ok(answer) => String::from_utf8_lossy(&answer.stderr).into_owned(),
+                Err(e) => e.to_string(),
+            };
+            Some((program, arguments, why))
         });
-        if let Some((program, arguments)) = failed {
-            let arguments = arguments.join(" ");
-            println!("SKIPPED: `{program} {arguments}` fails here, so nothing is built for MPI");
+        if let Some((program, arguments, why)) = &failed {
+            let (arguments, why) = (arguments.join(" "), why.lines().next().unwrap_or_default());
+            println!(
+                "SKIPPED: `{program} {arguments}` fails here ({why}), so nothing is built for MPI"
+            );
         }
         failed.is_none()
     })
@@ -89,8 +103,7 @@ fn ranks() -> Outcome {
     let build = ["build", "--workspace", "--example", "20_tiles"];
     let features = ["--features", "biogeom-examples/mpi"];
     call("cargo", &[&build[..], &features].concat(), &[])?;
-    let target = std::env::var_os("CARGO_TARGET_DIR");
-    let target = target.map_or_else(|| root().join("target"), PathBuf::from);
+    let target = target();
     let program = target.join("debug/examples/20_tiles");
     let input = root().join("fixtures/files/1AJJ.pdb");
     let digest = |ranks: Option<u32>| -> Result<String, String> {

@@ -1,7 +1,9 @@
-//! `cargo xtask fixtures`: the files of the fixtures package are those that its README lists.
+//! `cargo xtask fixtures`: the files of the fixtures package are those that its README lists. And where the chores find
+//! files: the package itself is for tests, so that what is published does not hang on it.
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::path::PathBuf;
 
 use sha2::{Digest, Sha256};
 
@@ -44,4 +46,22 @@ pub(crate) fn run() -> Outcome {
     }
     println!("{} fixtures as listed", listed.len());
     Ok(())
+}
+
+/// The folder of the fixtures.
+pub(crate) fn folder() -> PathBuf {
+    root().join("fixtures/files")
+}
+
+/// A fixture.
+pub(crate) fn path(name: &str) -> PathBuf {
+    folder().join(name)
+}
+
+/// A file or folder of the larger data that developers keep beside the workspace; a linked working tree lies a level
+/// deeper.
+pub(crate) fn shared(relative: &str) -> Option<PathBuf> {
+    let beside = ["../shared/data", "../../shared/data"].map(|data| root().join(data));
+    let mut found = beside.map(|data| data.join(relative)).into_iter();
+    found.find(|path| path.exists())
 }

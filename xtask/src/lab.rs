@@ -6,6 +6,8 @@ mod bench;
 #[cfg(feature = "lab")]
 mod crosscheck;
 #[cfg(feature = "lab")]
+mod fuzz;
+#[cfg(feature = "lab")]
 mod python;
 #[cfg(feature = "lab")]
 mod spectra;
@@ -42,6 +44,22 @@ pub(crate) enum Chore {
         /// Only one of surfaces, volumes, grids, solver, foreign, tetgen, splines.
         part: Option<String>,
     },
+    /// Faulty files and meshes for every reader and every verb that takes those of others: panics, endless work and
+    /// memory are finds.
+    Fuzz {
+        /// For all targets together.
+        #[arg(long, default_value_t = 10.0)]
+        minutes: f64,
+        /// Only this one.
+        #[arg(long)]
+        target: Option<String>,
+        /// Only the input of this number, in this process.
+        #[arg(long)]
+        case: Option<u64>,
+        /// Inputs from this number on, told to the calling process.
+        #[arg(long, hide = true, requires = "target")]
+        child: Option<u64>,
+    },
     /// Every structure of a folder at two spacings, with both meshers, inside, outside and both: meshed,
     /// improved and audited. Fails if a mesh is broken; lists what is below the targets.
     Sweep(Box<sweep::Arguments>),
@@ -58,6 +76,12 @@ pub(crate) fn run(chore: &Chore) -> Outcome {
         Chore::Bench => bench::run(),
         Chore::Spectra { large } => spectra::run(*large),
         Chore::Crosscheck { part } => crosscheck::run(part.as_deref()),
+        Chore::Fuzz {
+            minutes,
+            target,
+            case,
+            child,
+        } => fuzz::run(*minutes, target.as_deref(), *case, *child),
         Chore::Sweep(arguments) => sweep::run(arguments),
         Chore::Thesis { table } => thesis::run(table),
     }

@@ -8,9 +8,12 @@
 
 mod arrows;
 mod ci;
+mod docs;
 mod faults;
 mod fixtures;
+mod gallery;
 mod lab;
+mod package;
 
 use std::process::{Command, ExitCode};
 
@@ -41,6 +44,13 @@ enum Chore {
     Faults(faults::Arguments),
     /// The bundled files are those that fixtures/README.md lists.
     Fixtures,
+    /// Counterparts of the thesis's figures, drawn by our programs, on one page.
+    Gallery(gallery::Arguments),
+    /// What the pages name is there, and what they tell people to type works.
+    Docs(docs::Arguments),
+    /// The crates as others get them: packed, their licences checked, unpacked, each built from there with and without
+    /// default features, and two programs of somebody else's built on them and run.
+    Package(package::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -50,6 +60,9 @@ fn main() -> ExitCode {
         Chore::Lab(chore) => lab::run(&chore),
         Chore::Faults(arguments) => faults::run(&arguments),
         Chore::Fixtures => fixtures::run(),
+        Chore::Gallery(arguments) => gallery::run(&arguments),
+        Chore::Docs(arguments) => docs::run(&arguments),
+        Chore::Package(arguments) => package::run(&arguments),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -96,4 +109,10 @@ fn root() -> &'static std::path::Path {
     std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
         .parent()
         .expect("xtask lies in the workspace")
+}
+
+/// Where cargo builds.
+fn target() -> std::path::PathBuf {
+    let asked = std::env::var_os("CARGO_TARGET_DIR");
+    root().join(asked.unwrap_or_else(|| "target".into()))
 }

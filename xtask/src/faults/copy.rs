@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::lists::Fault;
-use crate::{Outcome, root};
+use crate::{Outcome, root, target};
 
 /// The files that git knows or would take, in a folder of their own.
 pub(super) struct Copy {
@@ -18,9 +18,7 @@ impl Copy {
     /// The copy as the workspace is now. Files that are the same stay as they are, so that only what has changed is
     /// compiled again.
     pub(super) fn refreshed() -> Result<Self, String> {
-        let target = std::env::var_os("CARGO_TARGET_DIR");
-        let target = target.map_or_else(|| root().join("target"), PathBuf::from);
-        let own = target.join("faults");
+        let own = target().join("faults");
         let copy = Self {
             folder: own.join("workspace"),
             target: own.join("target"),

@@ -1,5 +1,6 @@
 //! The tests of a crate, run until the first of them fails.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
@@ -10,6 +11,8 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 use super::copy::Copy;
+use super::lists::Fault;
+use crate::Outcome;
 
 /// What became of a fault.
 pub(super) enum Verdict {
@@ -38,12 +41,17 @@ impl fmt::Display for Verdict {
 pub(super) struct Trial<'a> {
     copy: &'a Copy,
     name: &'static str,
-    /// What they took without a fault.
-    took: Duration,
+    /// Most time for all of them.
+    limit: Duration,
 }
 
+/// Most time for one test that has seen a fault before.
+const WITNESS: Duration = Duration::from_secs(300);
+/// Most time for all tests of a crate while nobody has timed them.
+const ALL: Duration = Duration::from_secs(3600);
+
 /// Which tests of a crate.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Tests {
     /// Its folder `tests`. The whole workspace is named, so that other crates are built with the features that they
     /// have everywhere.
@@ -53,44 +61,72 @@ enum Tests {
 }
 
 impl<'a> Trial<'a> {
-    /// Runs the tests without a fault, which they must pass.
-    pub(super) fn start(copy: &'a Copy, name: &'static str) -> Result<Self, String> {
+    /// Runs what will be asked without a fault, which must pass: the witnesses, and all tests only if a fault has none.
+    pub(super) fn start(
+        copy: &'a Copy,
+        name: &'static str,
+        faults: &[&Fault],
+    ) -> Result<Self, String> {
         let mut trial = Self {
             copy,
             name,
-            took: Duration::from_secs(3600),
+            limit: ALL,
         };
-        let start = Instant::now();
-        match trial.run(Tests::Folder)? {
-            Verdict::Survived => {}
-            verdict => return Err(format!("{name} without a fault: {verdict}")),
+        for tests in [Tests::Folder, Tests::Inside] {
+            let witnesses = faults
+                .iter()
+                .filter_map(|fault| fault.witness.map(Tests::of));
+            let of_these = witnesses.filter(|(of, _)| *of == tests);
+            let asked: BTreeSet<&str> = of_these.map(|(_, test)| test).collect();
+            let asked = Vec::from_iter(asked);
+            if !asked.is_empty() {
+                trial.must_pass(tests, &asked)?;
+            }
         }
-        trial.took = start.elapsed();
+        if faults.iter().any(|fault| fault.witness.is_none()) {
+            let start = Instant::now();
+            trial.must_pass(Tests::Folder, &[])?;
+            trial.limit = 5 * start.elapsed() + Duration::from_secs(60);
+        }
         Ok(trial)
     }
 
-    pub(super) fn seconds(&self) -> f64 {
-        self.took.as_secs_f64()
-    }
-
-    /// What the tests say now: those beside the code are asked only where the others see nothing.
-    pub(super) fn verdict(&self) -> Result<Verdict, String> {
-        match self.run(Tests::Folder)? {
-            Verdict::Survived => self.run(Tests::Inside),
-            verdict => Ok(verdict),
+    fn must_pass(&self, tests: Tests, only: &[&str]) -> Outcome {
+        match self.run(tests, only, self.limit)? {
+            Verdict::Survived => Ok(()),
+            verdict => Err(format!("{} without a fault: {verdict}", self.name)),
         }
     }
 
-    fn run(&self, tests: Tests) -> Result<Verdict, String> {
+    /// What the tests say of a fault that is in place: its witness first, then all; those beside the code are asked only
+    /// where the others see nothing.
+    pub(super) fn verdict(&self, fault: &Fault) -> Result<Verdict, String> {
+        let mut verdict = match fault.witness.map(Tests::of) {
+            Some((tests, witness)) => self.run(tests, &[witness], WITNESS)?,
+            None => Verdict::Survived,
+        };
+        for tests in [Tests::Folder, Tests::Inside] {
+            if matches!(verdict, Verdict::Survived) {
+                verdict = self.run(tests, &[], self.limit)?;
+            }
+        }
+        Ok(verdict)
+    }
+
+    /// Runs these tests, or only those of these names, until the first failure.
+    fn run(&self, tests: Tests, only: &[&str], limit: Duration) -> Result<Verdict, String> {
         let program = self.build(tests)?;
         let folder = self.copy.folder().join("crates").join(self.name);
         let mut tests = Command::new(program);
+        if !only.is_empty() {
+            tests.arg("--exact").args(only);
+        }
         tests
             .current_dir(folder)
             .env("GEOM_REQUIRE_GPU", "1")
             // A failure that a property finds is not to be written down in the copy.
             .env("PROPTEST_FAILURE_PERSISTENCE", "off");
-        first_failure(tests, 5 * self.took + Duration::from_secs(60))
+        first_failure(tests, limit, only.len())
     }
 
     /// Builds the tests; gives the program.
@@ -128,8 +164,18 @@ impl<'a> Trial<'a> {
     }
 }
 
-/// Runs a test program until its first failure, or so long.
-fn first_failure(mut program: Command, limit: Duration) -> Result<Verdict, String> {
+impl Tests {
+    /// Where a witness stands, and its name there.
+    fn of(witness: &'static str) -> (Self, &'static str) {
+        match witness.strip_prefix("lib ") {
+            Some(test) => (Self::Inside, test),
+            None => (Self::Folder, witness),
+        }
+    }
+}
+
+/// Runs a test program until its first failure, or so long. Fewer tests than `least` are a mistake in their names.
+fn first_failure(mut program: Command, limit: Duration, least: usize) -> Result<Verdict, String> {
     let failed = |e: std::io::Error| format!("cannot run the tests: {e}");
     let mut child = program
         .stdout(Stdio::piped())
@@ -147,9 +193,11 @@ fn first_failure(mut program: Command, limit: Duration) -> Result<Verdict, Strin
         }
     });
     let end = Instant::now() + limit;
+    let mut passed = 0;
     let verdict = loop {
         match receiver.recv_timeout(end.saturating_duration_since(Instant::now())) {
             Ok(line) => {
+                passed += usize::from(line.starts_with("test ") && line.ends_with(" ... ok"));
                 if let Some(test) = failure(&line) {
                     break Some(Verdict::Caught(test.to_owned()));
                 }
@@ -167,6 +215,9 @@ fn first_failure(mut program: Command, limit: Duration) -> Result<Verdict, Strin
     let _ = reader.join();
     Ok(match verdict {
         Some(verdict) => verdict,
+        None if status.success() && passed < least => {
+            return Err(format!("{least} tests are named, {passed} are found"));
+        }
         None if status.success() => Verdict::Survived,
         None => Verdict::Died,
     })
@@ -205,7 +256,7 @@ mod tests {
         let verdict = |script: &str| {
             let mut shell = Command::new("sh");
             shell.args(["-c", script]);
-            first_failure(shell, Duration::from_millis(1500))
+            first_failure(shell, Duration::from_millis(1500), 0)
                 .unwrap()
                 .to_string()
         };
@@ -213,5 +264,9 @@ mod tests {
         assert_eq!(verdict("echo 'test a ... FAILED'; exit 1"), "seen by a");
         assert_eq!(verdict("exec sleep 30"), "seen: the tests come to no end");
         assert_eq!(verdict("kill -6 $$"), "seen: the tests die");
+        let mut shell = Command::new("sh");
+        shell.args(["-c", "echo 'test a ... ok'"]);
+        let misspelt = first_failure(shell, Duration::from_secs(9), 2).err();
+        assert_eq!(misspelt.unwrap(), "2 tests are named, 1 are found");
     }
 }

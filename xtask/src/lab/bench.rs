@@ -10,7 +10,7 @@ use geom_core::structure::Transform;
 use geom_core::{Aabb, Cpu, LatticeValues, Run, ScalarGrid, Structure, Vector3};
 
 use super::{answer, number, python};
-use crate::{Outcome, root};
+use crate::{Outcome, fixtures, root};
 
 const CUT: f64 = 1e-4;
 

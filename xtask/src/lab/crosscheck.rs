@@ -17,7 +17,7 @@ use geom_core::{
 use serde_json::Value;
 
 use super::{number, python, text};
-use crate::{Outcome, root};
+use crate::{Outcome, fixtures, root};
 
 /// The parts, in the order in which they run.
 const PARTS: [&str; 8] = [

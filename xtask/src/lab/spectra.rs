@@ -13,7 +13,7 @@ use geom_core::surface::laplace::{self, Mass};
 use geom_core::{Cpu, LatticeValues, Run, ScalarGrid, TriMesh};
 
 use super::{number, python, text};
-use crate::{Outcome, root};
+use crate::{Outcome, fixtures, root};
 
 /// Relative difference of eigenvalues that is still agreement; the first value that is not zero lends
 /// its size to the zeros.

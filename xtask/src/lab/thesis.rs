@@ -13,7 +13,7 @@ use geom_core::structure::Selector;
 use geom_core::{Aabb, Cpu, Run, ScalarGrid, Structure};
 
 use super::text;
-use crate::Outcome;
+use crate::{Outcome, fixtures};
 
 /// Prints a table of the thesis.
 pub(crate) fn run(table: &str) -> Outcome {

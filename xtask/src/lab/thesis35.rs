@@ -10,7 +10,7 @@ use geom_core::{Cpu, Run, Structure, Wgpu};
 use tet_quality::{Improved, QualityBackend};
 
 use super::text;
-use crate::Outcome;
+use crate::{Outcome, fixtures};
 
 /// Ours: a file of the larger data set, how it is read and meshed.
 struct Case {

@@ -15,7 +15,7 @@ use tspline::{
 };
 
 use super::text;
-use crate::Outcome;
+use crate::{Outcome, fixtures};
 
 fn cpu() -> Run<'static, Cpu> {
     Run::on(&Cpu)

@@ -22,7 +22,7 @@ use spectral_corresp::{
 };
 
 use super::text;
-use crate::Outcome;
+use crate::{Outcome, fixtures};
 
 /// Distance of lattice points, Å, and decay of the atoms' kernel, 1/Å².
 const SPACING: f64 = 1.5;

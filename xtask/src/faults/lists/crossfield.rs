@@ -8,95 +8,111 @@ pub(super) const FAULTS: &[Fault] = &[
         "crates/crossfield/src/field/singularity.rs",
         "std::f64::consts::TAU).round() as i32 - jumps",
         "std::f64::consts::TAU).round() as i32 + jumps",
-    ),
+    )
+    .seen_by("laws::indices_add_up_to_the_euler_characteristic"),
     Fault::wrong(
         "the index at a boundary counts its ends with one sign",
         "crates/crossfield/src/field/singularity.rs",
         "total -= off_side(frames, theta, incoming);",
         "total += off_side(frames, theta, incoming);",
-    ),
+    )
+    .seen_by("laws::indices_of_any_field_on_a_plate_add_up_to_four"),
     Fault::wrong(
         "angles follow a connection of one sign on both sides of an edge",
         "crates/crossfield/src/field/parallel.rs",
         "*b += w * (known(j) - turn);",
         "*b += w * (known(j) + turn);",
-    ),
+    )
+    .seen_by("laws::a_sphere_has_eight_corners"),
     Fault::wrong(
         "soft guides pull with a weight of one",
         "crates/crossfield/src/field/parallel.rs",
         "*b += weight * nearest_branch(angle, theta[face]);",
         "*b += nearest_branch(angle, theta[face]).min(weight * f64::INFINITY);",
-    ),
+    )
+    .seen_by("laws::hard_guides_are_followed_exactly_and_soft_ones_the_more_the_heavier"),
     Fault::wrong(
         "near pairs of singularities cost no more than far ones",
         "crates/crossfield/src/field/descend.rs",
         "self.far * (NEAR * self.near / distance).max(1.0).powi(2)",
         "self.far * (0.0 * distance).max(1.0).powi(2)",
-    ),
+    )
+    .seen_by("lib field::descend::tests::near_pairs_cost_more"),
     Fault::wrong(
         "steep modes count more, though they should not",
         "crates/crossfield/src/guidance/characteristic.rs",
         "Normalization::Normalized => 1.0 / mode.value.max(f64::MIN_POSITIVE).sqrt(),",
         "Normalization::Normalized => 1.0_f64.max(mode.value * 0.0),",
-    ),
+    )
+    .seen_by("thesis::characteristic_values_are_fair_when_normalized"),
     Fault::wrong(
         "the modes before the smallest gap are chosen, not before the largest",
         "crates/crossfield/src/guidance/modes.rs",
         "ratio(a).total_cmp(&ratio(b)).then(b.cmp(&a))",
         "ratio(b).total_cmp(&ratio(a)).then(b.cmp(&a))",
-    ),
+    )
+    .seen_by("lib guidance::modes::tests::modes_are_taken_up_to_the_widest_gap"),
     Fault::wrong(
         "coordinates turn by a quarter without the sign",
         "crates/crossfield/src/map/transition.rs",
         "(1, 0) => (1, -1),",
         "(1, 0) => (1, 1),",
-    ),
+    )
+    .seen_by("laws::a_bumpy_surface_becomes_seamless_quads"),
     Fault::wrong(
         "spacings along and across do not turn with the arms",
         "crates/crossfield/src/map/spacing.rs",
         "if comb.is_multiple_of(2) {",
         "if comb.is_multiple_of(1) {",
-    ),
+    )
+    .seen_by("lib map::spacing::tests::spacings_turn_with_the_arms"),
     Fault::wrong(
         "angles around singular vertices add up to the other sign's",
         "crates/crossfield/src/map/cones.rs",
         "let quarters = if frames.on_boundary(v) { 2 } else { 4 } - field.index[v];",
         "let quarters = if frames.on_boundary(v) { 2 } else { 4 } + field.index[v];",
-    ),
+    )
+    .seen_by("backends::gpu::whole_quadrangulations_obey_the_same_laws"),
     Fault::wrong(
         "curvature flows three times as long",
         "crates/crossfield/src/field/smooth.rs",
         ".map(|(m, t)| m * FLOW_STEPS as f64 / t)",
         ".map(|(m, t)| m / t)",
-    ),
+    )
+    .seen_by("laws::a_cube_becomes_the_cube_of_quads"),
     Fault::wrong(
         "as many quads as triangles where a third was wanted",
         "crates/crossfield/src/options.rs",
         "Self::Triangles => (3.0 * area / triangles as f64).sqrt(),",
         "Self::Triangles => (area / triangles as f64).sqrt(),",
-    ),
+    )
+    .seen_by("laws::sizes_are_as_many_quads_as_they_say"),
     Fault::wrong(
         "distances are taken from the quads to the surface twice",
         "crates/crossfield/src/quads/quality.rs",
         "Ok([one(&halves, surface)?, one(surface, &halves)?])",
         "Ok([one(&halves, surface)?, one(&halves, surface)?])",
-    ),
+    )
+    .seen_by("laws::distances_are_those_of_either_side"),
     Fault::wrong(
         "vertices of no quad count as irregular",
         "crates/crossfield/src/quads/quality.rs",
         "- self.interior.first().copied().unwrap_or(0)",
         "- 0 * self.interior.first().copied().unwrap_or(0)",
-    ),
+    )
+    .seen_by("laws::vertices_of_no_quad_are_not_irregular"),
     Fault::wrong(
         "chart_distortion.wgsl: the derivative without the regularization",
         "shaders/wgsl/crossfield/chart_distortion.wgsl",
         "let chi_slope = chi / root;",
         "let chi_slope = 1.0;",
-    ),
+    )
+    .seen_by("backends::gpu::distortions_follow_cpu"),
     Fault::wrong(
         "corner_distortion.wgsl: the next side's derivative for both",
         "shaders/wgsl/crossfield/corner_distortion.wgsl",
         "out[2u * i + 1u] = vec4<f32>(made.first.z, made.second);",
         "out[2u * i + 1u] = vec4<f32>(made.first.z, made.first);",
-    ),
+    )
+    .seen_by("backends::gpu::distortions_follow_cpu"),
 ];

@@ -19,6 +19,8 @@ pub(super) struct Fault {
     pub(super) breaks: &'static str,
     /// Does it change what is computed? Others make it slower or a little worse, which no test has to see.
     pub(super) results: bool,
+    /// A test that saw it, which is asked first: `laws::a_law`, or `lib name::of::a_test` of those beside the code.
+    pub(super) witness: Option<&'static str>,
 }
 
 impl Fault {
@@ -35,6 +37,7 @@ impl Fault {
             new,
             breaks,
             results: true,
+            witness: None,
         }
     }
 
@@ -48,6 +51,14 @@ impl Fault {
         Self {
             results: false,
             ..Self::wrong(breaks, file, old, new)
+        }
+    }
+
+    /// The same with a test that saw it.
+    pub(super) const fn seen_by(self, witness: &'static str) -> Self {
+        Self {
+            witness: Some(witness),
+            ..self
         }
     }
 

@@ -231,4 +231,22 @@ pub(super) const FAULTS: &[Fault] = &[
         "for (var start = 0u; start < task.width; start += 16u) {",
         "for (var start = 0u; start + 15u < task.width; start += 16u) {",
     ),
+    Fault::wrong(
+        "filters squeeze triangles",
+        "crates/secondfund-ops/src/flow/guard.rs",
+        "sine < least_sine && sine <",
+        "sine < 0.0 && sine <",
+    ),
+    Fault::wrong(
+        "vertices spread across edges",
+        "crates/secondfund-ops/src/flow/sheet.rs",
+        "const FREE: f64 = 0.05;",
+        "const FREE: f64 = 5.0;",
+    ),
+    Fault::wrong(
+        "filters let vertices spread nowhere",
+        "crates/secondfund-ops/src/flow/filter.rs",
+        "sheet.steps(&positions, faces, &normals, options.tangential);",
+        "sheet.steps(&positions, faces, &normals, 0.0 * options.tangential);",
+    ),
 ];

@@ -123,4 +123,11 @@ pub(super) const FAULTS: &[Fault] = &[
         "const SHRINK = 0.4;",
         "const SHRINK = 0.8;",
     ),
+    Fault::wrong(
+        "walls part alone or not at all",
+        "crates/tet-quality/src/improve/part.rs",
+        "[How::Alone, How::WithNeighbours, How::ThroughOthers]",
+        "[How::Alone; 3]",
+    )
+    .seen_by("thesis::neighbours_make_way_for_walls_that_part"),
 ];

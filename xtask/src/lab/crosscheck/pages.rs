@@ -7,7 +7,7 @@ use std::process::Command;
 use serde_json::Value;
 
 use super::{Lab, text};
-use crate::{Outcome, call};
+use crate::{Outcome, call, fixtures};
 
 /// Names under which systems install it.
 const BROWSERS: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];

@@ -21,7 +21,7 @@ use tspline::{
 };
 
 use super::{Lab, integer, number, text};
-use crate::Outcome;
+use crate::{Outcome, fixtures};
 
 /// How many eigenvalues are compared, the zero included.
 const EIGENVALUES: usize = 12;

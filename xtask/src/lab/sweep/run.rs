@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 use super::{Arguments, Rows, case, check, table};
 use crate::lab::text;
-use crate::{Outcome, root};
+use crate::{Outcome, fixtures, root};
 
 fn method(name: &str) -> Method {
     match name {
@@ -142,7 +142,7 @@ fn structures(arguments: &Arguments) -> Result<Vec<PathBuf>, String> {
     if places.is_empty() {
         places = ["pdb", "pockets"]
             .iter()
-            .filter_map(|d| fixtures::shared_or_skip(d))
+            .filter_map(|d| fixtures::shared(d))
             .collect();
     }
     let mut files = Vec::new();

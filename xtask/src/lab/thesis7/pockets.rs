@@ -16,7 +16,7 @@ use secondfund_ops::pockets::{
 };
 
 use super::text;
-use crate::Outcome;
+use crate::{Outcome, fixtures};
 
 /// What is put into crystals to make them grow, and sugars bound to the surface: no ligands.
 const ADDITIVES: [&str; 20] = [

@@ -16,7 +16,7 @@ use secondfund_ops::{
 };
 
 use super::{sorted, text};
-use crate::Outcome;
+use crate::{Outcome, fixtures};
 
 const COLUMNS: [&str; 8] = [
     "people",

@@ -1,0 +1,229 @@
+//! `cargo xtask package`: the crates as others get them. They are packed, unpacked beside two programs of somebody
+//! else's that ask for them by name and version, and built from there.
+
+mod licences;
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::{Outcome, root, target};
+
+/// How much is built.
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Only what the gate has time for: the licences, the packing, and whether the two programs compile without a GPU
+    #[arg(long)]
+    pub(crate) quick: bool,
+}
+
+/// Programs of somebody else's: their names and texts.
+const PROGRAMS: [(&str, &str); 2] = [
+    (
+        "screened_poisson",
+        include_str!("../../downstream/screened_poisson.rs"),
+    ),
+    (
+        "structure_by_modes",
+        include_str!("../../downstream/structure_by_modes.rs"),
+    ),
+];
+
+/// What they would `cargo add`, with the features that they need.
+const NEEDS: [(&str, &[&str]); 7] = [
+    ("gauss-density", &[]),
+    ("dual-contour", &[]),
+    ("tet-quality", &[]),
+    ("spectral-corresp", &[]),
+    ("secondfund-ops", &[]),
+    ("geom-core", &["io"]),
+    ("faer", &["std", "rayon", "sparse-linalg"]),
+];
+
+/// A published crate: its name and version.
+type Published = (String, String);
+
+pub(crate) fn run(arguments: &Arguments) -> Outcome {
+    let metadata = metadata()?;
+    licences::check(&metadata)?;
+    let crates = published(&metadata);
+    let folder = target().join("packaged");
+    pack()?;
+    unpack(&crates, &folder)?;
+    write_workspace(&crates, &folder)?;
+    write_programs(&crates, &metadata, &folder)?;
+
+    if !arguments.quick {
+        for (name, _) in &crates {
+            for features in [&[][..], &["--no-default-features"], &["--all-features"]] {
+                if name == "geom-core" && features.contains(&"--all-features") {
+                    // One of its features needs a system MPI.
+                    continue;
+                }
+                let all = [&["check", "--quiet", "--package", name.as_str()], features].concat();
+                println!("{name} {}", features.join(" "));
+                cargo(&folder, &all)?;
+            }
+        }
+    }
+    if arguments.quick {
+        let check = [
+            "check",
+            "--quiet",
+            "--package",
+            "downstream",
+            "--no-default-features",
+        ];
+        cargo(&folder, &check)?;
+    } else {
+        let input = root().join("fixtures/files/1AJJ.pdb").display().to_string();
+        for (name, _) in PROGRAMS {
+            println!("{name}:");
+            let run = ["run", "--quiet", "--package", "downstream", "--bin", name];
+            for features in [&[][..], &["--no-default-features"]] {
+                cargo(&folder, &[&run[..], features, &["--", &input]].concat())?;
+            }
+        }
+    }
+    println!(
+        "{} crates and {} programs on them",
+        crates.len(),
+        PROGRAMS.len()
+    );
+    Ok(())
+}
+
+/// What cargo knows about the workspace and all that it builds on.
+fn metadata() -> Result<Value, String> {
+    let told = Command::new("cargo")
+        .args(["metadata", "--all-features", "--format-version", "1"])
+        .current_dir(root())
+        .output()
+        .map_err(|e| format!("cargo metadata: {e}"))?;
+    serde_json::from_slice(&told.stdout).map_err(|e| format!("cargo metadata: {e}"))
+}
+
+/// The packages of `cargo metadata`.
+fn packages(metadata: &Value) -> impl Iterator<Item = &Value> {
+    metadata["packages"].as_array().into_iter().flatten()
+}
+
+/// The crates of the workspace that are for others.
+fn published(metadata: &Value) -> Vec<Published> {
+    let text = |package: &Value, key: &str| package[key].as_str().unwrap_or_default().to_owned();
+    packages(metadata)
+        // Those of the workspace have no source; `publish = false` is an empty list of registries.
+        .filter(|package| package["source"].is_null() && package["publish"].is_null())
+        .map(|package| (text(package, "name"), text(package, "version")))
+        .collect()
+}
+
+/// Packs the whole workspace, programs included: each manifest must be one that a registry takes.
+fn pack() -> Outcome {
+    // What is packed is the working tree, committed or not.
+    let pack = [
+        "package",
+        "--workspace",
+        "--no-verify",
+        "--allow-dirty",
+        "--quiet",
+    ];
+    crate::call("cargo", &pack, &[])
+}
+
+/// The packed crates, in folders of their own.
+fn unpack(crates: &[Published], folder: &Path) -> Outcome {
+    let place = folder.join("crates");
+    if place.exists() {
+        fs::remove_dir_all(&place).map_err(|e| failed(&place, &e))?;
+    }
+    fs::create_dir_all(&place).map_err(|e| failed(&place, &e))?;
+    for (name, version) in crates {
+        let file = target().join(format!("package/{name}-{version}.crate"));
+        let [file, place] = [&file, &place].map(|path| path.display().to_string());
+        crate::call("tar", &["-xzf", &file, "-C", &place], &[])?;
+    }
+    Ok(())
+}
+
+/// A workspace in which the names of our crates mean the unpacked ones, with the versions of everything else that the
+/// tests are run with.
+fn write_workspace(crates: &[Published], folder: &Path) -> Outcome {
+    let mut manifest = String::from(
+        "[workspace]\nresolver = \"3\"\nmembers = [\"crates/*\", \"downstream\"]\n\n[patch.crates-io]\n",
+    );
+    for (name, version) in crates {
+        manifest += &format!("{name} = {{ path = \"crates/{name}-{version}\" }}\n");
+    }
+    // As in the workspace itself, but for what costs most to compile.
+    manifest += "\n[profile.dev]\nopt-level = 1\nlto = \"off\"\ndebug = false\n";
+    write(&folder.join("Cargo.toml"), &manifest)?;
+    let lock = folder.join("Cargo.lock");
+    fs::copy(root().join("Cargo.lock"), &lock).map_err(|e| failed(&lock, &e))?;
+    Ok(())
+}
+
+/// The programs, in a package that asks for what `cargo add` would write. The crates' default features are those of a
+/// feature of its own, so that one manifest serves with and without.
+fn write_programs(crates: &[Published], metadata: &Value, folder: &Path) -> Outcome {
+    let folder = folder.join("downstream");
+    let ours = NEEDS
+        .iter()
+        .filter(|(need, _)| crates.iter().any(|(name, _)| name == need));
+    let defaults: Vec<_> = ours.map(|(need, _)| format!("{need}/default")).collect();
+    let mut manifest = format!(
+        "[package]\nname = \"downstream\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n[features]\ndefault = {defaults:?}\n\n[dependencies]\n"
+    );
+    for (need, features) in NEEDS {
+        let version = version_of(metadata, need)?;
+        manifest += &format!(
+            "{need} = {{ version = \"{version}\", default-features = false, features = {features:?} }}\n"
+        );
+    }
+    write(&folder.join("Cargo.toml"), &manifest)?;
+    for (name, text) in PROGRAMS {
+        write(&folder.join(format!("src/bin/{name}.rs")), text)?;
+    }
+    Ok(())
+}
+
+/// The version of a package that the workspace is built with.
+fn version_of<'a>(metadata: &'a Value, name: &str) -> Result<&'a str, String> {
+    packages(metadata)
+        .find(|package| package["name"] == name)
+        .and_then(|package| package["version"].as_str())
+        .ok_or_else(|| format!("the workspace is built without {name}"))
+}
+
+/// Writes a file unless it holds that already, so that nothing is built again for nothing.
+fn write(path: &Path, text: &str) -> Outcome {
+    if fs::read_to_string(path).is_ok_and(|old| old == text) {
+        return Ok(());
+    }
+    let folder = path.parent().unwrap_or(path);
+    fs::create_dir_all(folder)
+        .and_then(|()| fs::write(path, text))
+        .map_err(|e| failed(path, &e))
+}
+
+/// Cargo in the other workspace; what others build has no warnings of ours.
+fn cargo(folder: &Path, arguments: &[&str]) -> Outcome {
+    let line = arguments.join(" ");
+    let status = Command::new("cargo")
+        .args(arguments)
+        .current_dir(folder)
+        .env("CARGO_TARGET_DIR", target())
+        .status()
+        .map_err(|e| format!("cargo {line}: {e}"))?;
+    if status.success() {
+        Ok(())
+    } else {
+        Err(format!("`cargo {line}` failed: {status}"))
+    }
+}
+
+fn failed(path: &Path, error: &std::io::Error) -> String {
+    format!("{}: {error}", path.display())
+}
