@@ -204,7 +204,7 @@ fn elimination_keeps_its_bound_at_every_sample_recomputed_by_brute_force() {
             for i in 0..lattice.len() {
                 let p = lattice.coordinates(i);
                 let g = f64::from(grid.values()[i]);
-                let inner = g >= high && p.iter().all(|c| c % 2 == 0);
+                let inner = g >= high;
                 let solid = interior == Interior::KeepSolid;
                 if (g > low && g < high) || (inner && solid) {
                     let x = lattice.point(p);
@@ -225,6 +225,47 @@ fn elimination_keeps_its_bound_at_every_sample_recomputed_by_brute_force() {
                 assert_eq!(done.report.comparison.lost_interior, 0.0);
             }
         }
+    }
+}
+
+/// Samples of the interior lie two lattice steps apart, and a body of many small atoms could open between them: what
+/// would, comes back.
+#[test]
+fn a_solid_body_opens_nowhere_between_its_samples() {
+    let steps = -5..=5;
+    let places: Vec<Point3> = steps
+        .clone()
+        .flat_map(|i| steps.clone().map(move |j| (i, j)))
+        .flat_map(|(i, j)| steps.clone().map(move |k| [i, j, k]))
+        .map(|p| Point3::from(p.map(|c| 1.1 * f64::from(c))))
+        .filter(|p| p.coords.norm() < 5.6)
+        .collect();
+    let count = places.len();
+    let model = Model::new(places, vec![0.8; count], vec![2.0; count], vec![]).unwrap();
+    let options = Elimination {
+        epsilon: 0.2,
+        spacing: 0.5,
+        ..Elimination::default()
+    };
+    let done = eliminate(&model, &options, Run::on(&Cpu)).unwrap();
+    let report = done.report;
+    assert!(
+        report.put_back > 0 && report.remaining < count,
+        "{report:?}"
+    );
+    assert_eq!(report.comparison.lost_interior, 0.0);
+    assert!(report.worst_loss <= 0.2);
+    let dense = Options {
+        spacing: 0.5,
+        ..Options::default()
+    };
+    let grid = sample(&model, &dense, Run::on(&Cpu)).unwrap().grid;
+    let lattice = *grid.lattice();
+    let cap = report.band[1];
+    let inside = (0..lattice.len()).filter(|&i| f64::from(grid.values()[i]) >= cap);
+    for x in inside.map(|i| lattice.point(lattice.coordinates(i))) {
+        let left = nested_sum(&done.model, &x);
+        assert!(left >= 0.8 * cap * (1.0 - 1e-4), "{left} at {x}");
     }
 }
 

@@ -4,8 +4,8 @@
 //! with it and all atoms removed before gone, the density at every sample still keeps `1 − ε_G` of the
 //! *original* density. So the bound holds for the result, not only for each step.
 
-use geom_core::Run;
 use geom_core::options::{OutOfRange, require};
+use geom_core::{BrickGrid, LatticeValues, Point3, Run};
 use rayon::prelude::*;
 
 use crate::atoms::samples::{self, Wanted};
@@ -37,7 +37,7 @@ pub enum Stop {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Interior {
-    /// The body stays solid: interior samples must keep the density at the upper end of the band.
+    /// The body stays solid: lattice points of the interior must keep the density at the upper end of the band.
     #[default]
     KeepSolid,
     /// Only the surface counts, as in the thesis: buried atoms go first, and the body becomes hollow.
@@ -137,6 +137,8 @@ pub struct EliminationReport {
     pub protected: usize,
     /// The first atom, in the order of trial, that would have broken the bound.
     pub first_failure: Option<u32>,
+    /// Atoms that went and came back, since the interior had holes between its samples without them.
+    pub put_back: usize,
     /// Samples, interior ones included.
     pub samples: usize,
     /// The band that was sampled.
@@ -191,6 +193,7 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
         remaining: atoms,
         protected,
         first_failure: None,
+        put_back: 0,
         samples: 0,
         band: sampling.band,
         worst_loss: 0.0,
@@ -198,7 +201,8 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
     };
     let mut kept = vec![true; atoms];
     if options.epsilon > 0.0 {
-        let cells = samples_of(model, &sampler, &sampling, options, sample_eps, run)?;
+        let old = sample_band(model, &sampling, run)?.grid;
+        let cells = samples_of(&sampler, &old, &sampling, options, sample_eps)?;
         report.samples = cells.iter().map(|c| c.points.len()).sum();
         let order = order_of_trial(&sampler, &cells, run)?;
         let state = State::new(sampler.prepared(), &cells, options.max_memory)?;
@@ -209,33 +213,92 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
             stop: options.stop,
         };
         trial.run(state, &mut kept, &mut report, run)?;
+        if options.interior == Interior::KeepSolid {
+            report.put_back = fill_holes(&sampler, &old, &sampling, options, &mut kept, run)?;
+        }
+        let kept = indices(&kept);
+        if kept.is_empty() {
+            return Err(Error::NothingLeft);
+        }
+        if kept.len() < atoms {
+            let reduced = model.subset(&kept);
+            report.comparison = compare_on(&reduced, &sampler, &old, &sampling, run)?;
+        }
     }
-    let kept: Vec<u32> = (0..atoms as u32).filter(|&a| kept[a as usize]).collect();
-    if kept.is_empty() {
-        return Err(Error::NothingLeft);
-    }
-    let reduced = model.subset(&kept);
+    let kept = indices(&kept);
     report.remaining = kept.len();
-    if kept.len() < atoms {
-        report.comparison = compare_on(&reduced, &sampler, &sampling, run)?;
-    }
     Ok(Eliminated {
-        model: reduced,
+        model: model.subset(&kept),
         kept,
         report,
     })
 }
 
+fn indices(kept: &[bool]) -> Vec<u32> {
+    (0..kept.len() as u32)
+        .filter(|&a| kept[a as usize])
+        .collect()
+}
+
+/// Puts atoms back where the interior has holes between its samples, which lie two lattice steps apart: until all its
+/// lattice points keep what the samples keep. An atom that returns only raises the density, so the bound still holds.
+/// How many came back.
+fn fill_holes(
+    sampler: &PointSampler<'_>,
+    old: &BrickGrid,
+    sampling: &Options,
+    options: &Elimination,
+    kept: &mut [bool],
+    run: On<'_>,
+) -> Result<usize, Error> {
+    let prepared = sampler.prepared();
+    let cap = sampling.band[1];
+    // What lattice values may be off by, see `Elimination::sampling`.
+    let least = ((1.0 - options.epsilon) * cap * (1.0 - 2e-5)) as f32;
+    let mut put_back = 0;
+    loop {
+        let left = indices(kept);
+        if left.is_empty() || left.len() == kept.len() {
+            return Ok(put_back);
+        }
+        let new = sample_band(&prepared.model().subset(&left), sampling, run)?.grid;
+        let gone: Vec<usize> = (0..kept.len()).filter(|&a| !kept[a]).collect();
+        // The atom that gave a hole the most.
+        let filling = |x: &Point3| {
+            let given = |a: &usize| prepared.ln_kernel(*a, x);
+            gone.iter()
+                .copied()
+                .max_by(|a, b| given(a).total_cmp(&given(b)))
+        };
+        let holes = holes(old, &new, cap as f32, least);
+        let filling: Vec<usize> = holes.par_iter().filter_map(filling).collect();
+        if filling.is_empty() {
+            return Ok(put_back);
+        }
+        for atom in filling {
+            put_back += usize::from(!std::mem::replace(&mut kept[atom], true));
+        }
+    }
+}
+
+/// Lattice points whose density was at `cap` or above, and is below `least` now.
+fn holes(old: &BrickGrid, new: &BrickGrid, cap: f32, least: f32) -> Vec<Point3> {
+    let lattice = *old.lattice();
+    let holes = (0..lattice.len()).into_par_iter().filter_map(|i| {
+        let p = lattice.coordinates(i);
+        (old.at(p) >= cap && new.at(p) < least).then(|| lattice.point(p))
+    });
+    holes.collect()
+}
+
 /// The samples that an elimination watches, in cells.
 fn samples_of(
-    model: &Model,
     sampler: &PointSampler<'_>,
+    grid: &BrickGrid,
     sampling: &Options,
     options: &Elimination,
     eps: f64,
-    run: On<'_>,
 ) -> Result<Vec<SampleCell>, Error> {
-    let sampled = sample_band(model, sampling, run)?;
     let wanted = Wanted {
         band: sampling.band,
         ends: false,
@@ -243,7 +306,7 @@ fn samples_of(
         eps,
         max_memory: options.max_memory,
     };
-    samples::collect(sampler, &sampled.grid, &wanted)
+    samples::collect(sampler, grid, &wanted)
 }
 
 /// The atoms that may go, those first that change the density least (Eq. 3.9); equal ones by index.

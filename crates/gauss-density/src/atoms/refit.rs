@@ -4,9 +4,8 @@
 
 use std::collections::VecDeque;
 
-use geom_core::Aabb;
-use geom_core::Run;
 use geom_core::options::{OutOfRange, require};
+use geom_core::{Aabb, BrickGrid, Run};
 use rayon::prelude::*;
 
 use crate::atoms::samples::{self, Wanted};
@@ -155,8 +154,9 @@ pub fn refit<B: DensityBackend + ?Sized>(
         ..options.sampling()
     };
     let allowed = Allowed::around(reduced, options);
-    let cells = samples_of(&allowed.widest(reduced), &sampler, &sampling, options, run)?;
-    let before = compare_on(reduced, &sampler, &sampling, run)?;
+    let old = sample_band(original, &sampling, run)?.grid;
+    let cells = samples_of(&allowed.widest(reduced), &sampler, &old, options)?;
+    let before = compare_on(reduced, &sampler, &old, &sampling, run)?;
     let mut descent = Descent::start(reduced, &cells, allowed, run)?;
     let mut report = RefitReport {
         backend: run.backend.name(),
@@ -174,7 +174,7 @@ pub fn refit<B: DensityBackend + ?Sized>(
     report.objective[1] = descent.sums.objective;
     report.worst[1] = descent.sums.worst;
     if report.accepted > 0 {
-        report.comparison[1] = compare_on(&model, &sampler, &sampling, run)?;
+        report.comparison[1] = compare_on(&model, &sampler, &old, &sampling, run)?;
     }
     Ok(Refitted { model, report })
 }
@@ -183,11 +183,9 @@ pub fn refit<B: DensityBackend + ?Sized>(
 fn samples_of(
     widest: &Model,
     sampler: &PointSampler<'_>,
-    sampling: &Options,
+    grid: &BrickGrid,
     options: &Refit,
-    run: On<'_>,
 ) -> Result<Vec<SampleCell>, Error> {
-    let grid = sample_band(sampler.prepared().model(), sampling, run)?.grid;
     let wanted = Wanted {
         band: options.band,
         ends: true,
@@ -195,8 +193,7 @@ fn samples_of(
         eps: SAMPLE_EPS,
         max_memory: options.max_memory,
     };
-    let of_original = samples::collect(sampler, &grid, &wanted)?;
-    drop(grid);
+    let of_original = samples::collect(sampler, grid, &wanted)?;
     Ok(with_atoms_of(&Prepared::new(widest), of_original, options))
 }
 

@@ -1,6 +1,6 @@
 //! How far the surface of one model lies from that of another, as a share of the density.
 
-use geom_core::{ImplicitField, LatticeValues, Run};
+use geom_core::{BrickGrid, ImplicitField, LatticeValues, Run};
 use rayon::prelude::*;
 
 use crate::backend::{DensityBackend, On};
@@ -56,18 +56,19 @@ pub fn compare<B: DensityBackend + ?Sized>(
         bounds: Some(lattice_of(sampler.prepared(), options)?.bounds()),
         ..options.clone()
     };
-    compare_on(model, &sampler, &options, run)
+    let old = sample_band(original, &options, run)?.grid;
+    compare_on(model, &sampler, &old, &options, run)
 }
 
-/// Both on the lattice of the given bounds.
+/// Both on the lattice of the given bounds, where `old` is the band of the original.
 pub(crate) fn compare_on(
     model: &Model,
     original: &PointSampler<'_>,
+    old: &BrickGrid,
     options: &Options,
     run: On<'_>,
 ) -> Result<Comparison, Error> {
     let new = sample_band(model, options, run)?.grid;
-    let old = sample_band(original.prepared().model(), options, run)?.grid;
     let sampler = PointSampler::above(NEAR, model, Cutoff(1e-5))?;
     let lattice = *new.lattice();
     let [nx, ny, nz] = lattice.counts;

@@ -199,6 +199,13 @@ pub(super) const FAULTS: &[Fault] = &[
         "var total = 0.0;",
     )
     .seen_by("lib wgpu::refit::tests::cells_may_come_in_many_runs"),
+    Fault::wrong(
+        "elimination leaves holes between its samples",
+        "crates/gauss-density/src/atoms/eliminate.rs",
+        "(old.at(p) >= cap && new.at(p) < least)",
+        "(old.at(p) >= cap && new.at(p) < 0.0 * least)",
+    )
+    .seen_by("laws::a_solid_body_opens_nowhere_between_its_samples"),
     Fault::poor(
         "the refit starts from the same step for every parameter",
         "crates/gauss-density/src/atoms/refit.rs",
