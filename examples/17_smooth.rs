@@ -39,6 +39,9 @@ struct Args {
     /// Let the rims of holes move
     #[arg(long)]
     free_rims: bool,
+    /// Let faces come through others: faster, and for surfaces that do so anyway
+    #[arg(long)]
+    let_cross: bool,
     /// Rounds of smoothing of a triangle mesh's normals, of which the flow takes its curvature
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=100))]
     normal_rounds: u32,
@@ -49,6 +52,13 @@ struct Args {
     /// flatten coarser noise, and details with it [default: 10]
     #[arg(long, value_name = "ALPHA")]
     fidelity: Option<f64>,
+    /// How far a filter moves vertices along flat parts and edges, towards the middle of their faces, per round: the share
+    /// of the way, 0 to 1 [default: 0.1]
+    #[arg(long, value_name = "SHARE")]
+    tangential: Option<f64>,
+    /// A filter makes no corner of a face narrower than this, degrees below 60 [default: 10]
+    #[arg(long, value_name = "DEGREES")]
+    least_angle: Option<f64>,
     #[command(flatten)]
     common: Common,
 }
@@ -103,6 +113,7 @@ impl Args {
             sharpen: self.sharpen,
             keep_volume: self.keep_volume,
             keep_rims: !self.free_rims,
+            keep_apart: !self.let_cross,
             ..FlowOptions::default()
         }
     }
@@ -120,10 +131,15 @@ impl Args {
                 *fidelity = self.fidelity.unwrap_or(*fidelity);
             }
         }
+        let defaults = FilterOptions::default();
         Some(FilterOptions {
             filter,
+            tangential: self.tangential.unwrap_or(defaults.tangential),
+            least_angle: self.least_angle.unwrap_or(defaults.least_angle),
+            keep_volume: self.keep_volume,
             keep_rims: !self.free_rims,
-            ..FilterOptions::default()
+            keep_apart: !self.let_cross,
+            ..defaults
         })
     }
 
@@ -136,8 +152,11 @@ impl Args {
             session.refuse(&["fidelity"], "is of --method total-variation")?;
         }
         if self.filter().is_some() {
-            let of_flows = ["steps", "step", "sharpen", "keep_volume", "normal_rounds"];
+            let of_flows = ["steps", "step", "sharpen", "normal_rounds"];
             session.refuse(&of_flows, "is of the flows, not of filters of normals")?;
+        } else {
+            let of_filters = ["tangential", "least_angle"];
+            session.refuse(&of_filters, "is of filters of normals, not of the flows")?;
         }
         if self.method == Method::MeanCurvature {
             session.refuse(&["sharpen"], "is of --method ggho")?;

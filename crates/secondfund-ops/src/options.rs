@@ -313,6 +313,8 @@ pub struct FlowOptions {
     pub keep_volume: bool,
     /// Keep the vertices of boundaries where they are.
     pub keep_rims: bool,
+    /// Let no faces come through others, those of the control mesh where it has quads.
+    pub keep_apart: bool,
     /// How quads are integrated.
     pub quadrature: Quadrature,
 }
@@ -328,6 +330,7 @@ impl Default for FlowOptions {
             tangential: 0.05,
             keep_volume: false,
             keep_rims: true,
+            keep_apart: true,
             quadrature: Quadrature {
                 points: 3,
                 depth: 4,
@@ -404,8 +407,12 @@ pub struct FilterOptions {
     /// No corner of a face becomes narrower than this, or flatter than 180° less it, if it is not so from the start, in
     /// degrees below 60.
     pub least_angle: f64,
+    /// Keep the enclosed volume, of a closed surface.
+    pub keep_volume: bool,
     /// Keep the vertices of boundaries where they are.
     pub keep_rims: bool,
+    /// Let no faces come through others.
+    pub keep_apart: bool,
 }
 
 impl Default for FilterOptions {
@@ -415,7 +422,9 @@ impl Default for FilterOptions {
             vertex_rounds: 20,
             tangential: 0.1,
             least_angle: 10.0,
+            keep_volume: false,
             keep_rims: true,
+            keep_apart: true,
         }
     }
 }

@@ -7,6 +7,7 @@ use geom_core::compute::random::SplitMix64;
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::Rotation3;
+use geom_core::search::crossing::crossing_pairs;
 use geom_core::surface::remesh;
 use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 use proptest::prelude::*;
@@ -1283,6 +1284,8 @@ fn filters_squeeze_no_triangles() {
                     filter,
                     tangential,
                     least_angle,
+                    // What would squeeze triangles often drives them through others, too.
+                    keep_apart: false,
                     ..FilterOptions::default()
                 };
                 filter_normals(mesh, &options, Run::on(&Cpu)).unwrap()
@@ -1299,6 +1302,43 @@ fn filters_squeeze_no_triangles() {
             assert!(spread.1 < 0.5 * plain.1, "{plain:?} {spread:?}");
             assert!((kept / volume - 1.0).abs() < 0.01, "{kept} {volume}");
         }
+    }
+}
+
+/// A molecular surface, whose thin walls a sharpening flow drives through each other; and a filter that keeps volume.
+#[test]
+fn smoothing_lets_nothing_come_through_and_keeps_volumes() {
+    let path = fixtures::path("1orc.pdb");
+    let structure = read(&path, &ReadOptions::default()).unwrap().structure;
+    let surface = molecular_surface(&structure);
+    assert_eq!(crossing_pairs(&surface), [[0; 2]; 0]);
+    let flown = |keep_apart| {
+        let options = FlowOptions {
+            iterations: 20,
+            step: 0.05,
+            sharpen: 1.0,
+            keep_apart,
+            ..FlowOptions::default()
+        };
+        smooth(&surface, 1, &options, Run::on(&Cpu)).unwrap()
+    };
+    let (free, kept) = (flown(false), flown(true));
+    assert!(!crossing_pairs(&free.mesh).is_empty());
+    assert_eq!(crossing_pairs(&kept.mesh), [[0; 2]; 0]);
+    assert!(kept.report.held_back > free.report.held_back);
+    let noisy = shaken(&shapes::icosphere(1.0, 4), 0.02, 5);
+    for filter in [NormalFilter::BILATERAL, NormalFilter::TOTAL_VARIATION] {
+        let filtered = |keep_volume| {
+            let options = FilterOptions {
+                filter,
+                keep_volume,
+                ..FilterOptions::default()
+            };
+            let done = filter_normals(&noisy, &options, Run::on(&Cpu)).unwrap();
+            (done.mesh.volume() / noisy.volume() - 1.0).abs()
+        };
+        let (free, kept) = (filtered(false), filtered(true));
+        assert!(free > 1e-5 && kept < 1e-6, "{filter:?}: {free} {kept}");
     }
 }
 
@@ -1346,6 +1386,12 @@ fn filters_keep_rims_and_refuse_what_cannot_be() {
         let refused = filter_normals(&cap, &with(filter), Run::on(&Cpu));
         assert!(matches!(refused, Err(Error::Option(_))));
     }
+    let closed = FilterOptions {
+        keep_volume: true,
+        ..FilterOptions::default()
+    };
+    let refused = filter_normals(&cap, &closed, Run::on(&Cpu)).err();
+    assert!(matches!(refused, Some(Error::Open { .. })), "{refused:?}");
     let none = filter_normals(
         &TriMesh::default(),
         &FilterOptions::default(),

@@ -202,12 +202,21 @@ impl TriangleTree {
     /// The pairs of triangles whose leaves' boxes meet and of which `holds` is true, the lower one first, in
     /// order. Parallel.
     pub fn overlapping_pairs(&self, holds: impl Fn(u32, u32) -> bool + Sync) -> Vec<[u32; 2]> {
+        self.pairs_within(0.0, holds)
+    }
+
+    /// The same of boxes that lie at most `margin` apart on each axis.
+    pub fn pairs_within(
+        &self,
+        margin: f64,
+        holds: impl Fn(u32, u32) -> bool + Sync,
+    ) -> Vec<[u32; 2]> {
         let inner = self.leaves - 1;
         let mut pairs: Vec<[u32; 2]> = (0..self.leaves)
             .into_par_iter()
             .flat_map_iter(|leaf| {
                 let mut found = Vec::new();
-                let bounds = &self.boxes[inner + leaf];
+                let bounds = &self.boxes[inner + leaf].inflated(margin);
                 let mut waiting = vec![0];
                 while let Some(node) = waiting.pop() {
                     if !self.boxes[node].intersects(bounds) {

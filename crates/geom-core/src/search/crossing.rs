@@ -1,5 +1,7 @@
 //! Triangles that go through each other, in f64: those that merely touch do not count.
 
+use rayon::prelude::*;
+
 use super::bvh::TriangleTree;
 use crate::mesh::six_volume;
 use crate::{Aabb, Point3, TriMesh};
@@ -31,8 +33,12 @@ impl BoxedTriangle {
         if !self.bounds.intersects(&other.bounds) {
             return false;
         }
-        let common = self.ids.iter().filter(|v| other.ids.contains(v)).count();
-        common < 2 && (self.goes_through(other) || other.goes_through(self))
+        self.common(other) < 2 && (self.goes_through(other) || other.goes_through(self))
+    }
+
+    /// How many corners two triangles share.
+    fn common(&self, other: &Self) -> usize {
+        self.ids.iter().filter(|v| other.ids.contains(v)).count()
     }
 
     /// Does an edge go through the other triangle? Edges at a common corner lie beside it.
@@ -75,6 +81,82 @@ pub fn crossing_pairs(mesh: &TriMesh) -> Vec<[u32; 2]> {
     tree.overlapping_pairs(|s, t| boxed[s as usize].crosses(&boxed[t as usize]))
 }
 
+/// Triangles that move, watched for those that come to cross. Pairs that are near are gathered once, and looked at until
+/// some vertex has moved so far that others could meet (the neighbour lists of Verlet, *Computer experiments on classical
+/// fluids*, 1967).
+///
+/// ```
+/// use geom_core::mesh::shapes;
+/// use geom_core::search::crossing::{CrossingWatch, crossing_pairs};
+/// let torus = shapes::torus(2.0, 0.5, 40, 20);
+/// let mut watch = CrossingWatch::new(torus.triangles().to_vec(), 0.1);
+/// assert!(watch.crossing_pairs(torus.positions()).is_empty());
+/// let through = shapes::torus(1.0, 1.5, 40, 20);
+/// assert_eq!(watch.crossing_pairs(through.positions()), crossing_pairs(&through));
+/// ```
+#[derive(Clone, Debug)]
+pub struct CrossingWatch {
+    triangles: Vec<[u32; 3]>,
+    margin: f64,
+    /// Where the vertices were when the pairs were gathered.
+    at: Vec<Point3>,
+    near: Vec<[u32; 2]>,
+}
+
+impl CrossingWatch {
+    /// Pairs count as near whose boxes lie up to `margin` apart: a large one makes lists long, a small one makes them anew
+    /// often.
+    pub fn new(triangles: Vec<[u32; 3]>, margin: f64) -> Self {
+        Self {
+            triangles,
+            margin,
+            at: Vec::new(),
+            near: Vec::new(),
+        }
+    }
+
+    /// What [`crossing_pairs`] gives for these positions. Parallel.
+    ///
+    /// # Panics
+    /// Without a position for every corner.
+    pub fn crossing_pairs(&mut self, positions: &[Point3]) -> Vec<[u32; 2]> {
+        // Two boxes come nearer by what both have moved.
+        let most = 0.5 * self.margin;
+        let stayed = |(p, q): (&Point3, &Point3)| (p - q).norm() <= most;
+        if self.at.len() != positions.len() || !self.at.iter().zip(positions).all(stayed) {
+            self.gather(positions);
+        }
+        let boxed = self.boxed(positions);
+        let crosses = |[s, t]: &&[u32; 2]| boxed[*s as usize].crosses(&boxed[*t as usize]);
+        self.near.par_iter().filter(crosses).copied().collect()
+    }
+
+    fn gather(&mut self, positions: &[Point3]) {
+        self.at = positions.to_vec();
+        self.near = Vec::new();
+        if self.triangles.is_empty() {
+            return;
+        }
+        let mesh = TriMesh::new(self.at.clone(), self.triangles.clone()).expect("as it was given");
+        let tree = TriangleTree::new(&mesh).expect("there is a triangle");
+        let mut wide = self.boxed(positions);
+        wide.iter_mut()
+            .for_each(|t| t.bounds = t.bounds.inflated(0.5 * self.margin));
+        self.near = tree.pairs_within(self.margin, |s, t| {
+            let (s, t) = (&wide[s as usize], &wide[t as usize]);
+            s.bounds.intersects(&t.bounds) && s.common(t) < 2
+        });
+    }
+
+    fn boxed(&self, positions: &[Point3]) -> Vec<BoxedTriangle> {
+        let at = |v: u32| positions[v as usize];
+        self.triangles
+            .par_iter()
+            .map(|&t| BoxedTriangle::new(t, &at))
+            .collect()
+    }
+}
+
 fn boxed(mesh: &TriMesh) -> Vec<BoxedTriangle> {
     let at = |v: u32| mesh.positions()[v as usize];
     let triangles = mesh.triangles().iter();
@@ -109,6 +191,33 @@ mod tests {
             let mesh = TriMesh::new(x.into_iter().map(Point3::from).collect(), triangles).unwrap();
             prop_assert_eq!(crossing_pairs(&mesh), by_hand(&mesh));
         }
+    }
+
+    /// Steps shorter and longer than the margin: a plate whose lower side is shaken ever more.
+    #[test]
+    fn a_watched_surface_crosses_where_it_does() {
+        let ball = crate::mesh::shapes::icosphere(1.0, 3);
+        for step in [0.002, 0.06] {
+            let mut watch = CrossingWatch::new(ball.triangles().to_vec(), 0.02);
+            let mut found = 0;
+            for round in 0..12 {
+                let shaken = ball.positions().iter().enumerate().map(|(v, p)| {
+                    let up = 0.05 * p.z + step * f64::from(round) * f64::from(v % 5 == 0);
+                    Point3::new(p.x, p.y, up)
+                });
+                let shaken: Vec<Point3> = shaken.collect();
+                let mesh = TriMesh::new(shaken.clone(), ball.triangles().to_vec()).unwrap();
+                let pairs = watch.crossing_pairs(&shaken);
+                assert_eq!(pairs, crossing_pairs(&mesh), "round {round} of {step}");
+                found += pairs.len();
+            }
+            assert!(found > 10, "{found}");
+        }
+        assert!(
+            CrossingWatch::new(Vec::new(), 0.1)
+                .crossing_pairs(&[])
+                .is_empty()
+        );
     }
 
     #[test]

@@ -3,10 +3,10 @@
 
 use geom_core::{Point3, QuadMesh, Run, TriMesh};
 
-use super::guard::hold_back;
+use super::guard::Guard;
 use super::sheet::Sheet;
 use super::steps::{FlowReport, Smoothed};
-use super::{bilateral, variation};
+use super::{bilateral, variation, volume};
 use crate::Error;
 use crate::backend::{On, OperatorBackend};
 use crate::options::{FilterOptions, NormalFilter};
@@ -16,14 +16,17 @@ use crate::options::{FilterOptions, NormalFilter};
 /// their shapes. On the CPU with any backend.
 ///
 /// # Errors
-/// Options out of range, [`Error::NoExtent`] of a mesh without faces or of one place.
+/// Options out of range, [`Error::NoExtent`] of a mesh without faces or of one place, [`Error::Open`] with
+/// [`FilterOptions::keep_volume`].
 pub fn filter_normals<B: OperatorBackend + ?Sized>(
     mesh: &TriMesh,
     options: &FilterOptions,
     run: Run<'_, B>,
 ) -> Result<Smoothed<TriMesh>, Error> {
     let run = run.with(run.backend.as_operators());
-    let (positions, mut report) = filter(mesh.positions(), mesh.triangles(), options, run)?;
+    let surface = |x: &[Point3]| Ok(TriMesh::new(x.to_vec(), mesh.triangles().to_vec())?);
+    let (positions, mut report) =
+        filter(mesh.positions(), mesh.triangles(), surface, options, run)?;
     let smoothed = TriMesh::new(positions, mesh.triangles().to_vec())?;
     report.volume = [mesh.volume(), smoothed.volume()];
     Ok(Smoothed {
@@ -42,7 +45,11 @@ pub fn filter_quad_normals<B: OperatorBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Smoothed<QuadMesh>, Error> {
     let run = run.with(run.backend.as_operators());
-    let (positions, mut report) = filter(mesh.positions(), mesh.quads(), options, run)?;
+    let surface = |x: &[Point3]| {
+        let quads = QuadMesh::new(x.to_vec(), mesh.quads().to_vec())?;
+        Ok(quads.into_triangles())
+    };
+    let (positions, mut report) = filter(mesh.positions(), mesh.quads(), surface, options, run)?;
     let smoothed = QuadMesh::new(positions, mesh.quads().to_vec())?;
     report.volume = [mesh.volume(), smoothed.volume()];
     Ok(Smoothed {
@@ -54,11 +61,15 @@ pub fn filter_quad_normals<B: OperatorBackend + ?Sized>(
 fn filter<const N: usize>(
     start: &[Point3],
     faces: &[[u32; N]],
+    surface: impl Fn(&[Point3]) -> Result<TriMesh, Error>,
     options: &FilterOptions,
     run: On<'_>,
 ) -> Result<(Vec<Point3>, FlowReport), Error> {
     options.check()?;
     let sheet = Sheet::of(start, faces)?;
+    if options.keep_volume {
+        volume::refuse_open(faces)?;
+    }
     let normals = match options.filter {
         NormalFilter::Bilateral { rounds, range } => {
             bilateral::filtered(&sheet, faces, rounds, range, run)?
@@ -68,6 +79,8 @@ fn filter<const N: usize>(
         }
     };
     let least_sine = options.least_angle.to_radians().sin();
+    let mut guard = Guard::of(start, faces, least_sine, options.keep_apart);
+    let enclosed = surface(start)?.volume();
     let mut positions = start.to_vec();
     let mut report = FlowReport::default();
     for round in 0..options.vertex_rounds {
@@ -76,8 +89,11 @@ fn filter<const N: usize>(
         if options.keep_rims {
             sheet.hold_rims(&mut moves);
         }
-        report.held_back += hold_back(&positions, faces, &mut moves, least_sine);
+        report.held_back += guard.hold_back(&positions, &mut moves);
         positions.iter_mut().zip(&moves).for_each(|(p, m)| *p += m);
+        if options.keep_volume {
+            report.held_back += volume::restore(&mut positions, enclosed, &surface, &mut guard)?;
+        }
         report.steps += 1;
     }
     report.measure(start, &positions);

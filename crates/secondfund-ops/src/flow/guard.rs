@@ -1,14 +1,101 @@
-//! No face turns over, and none is squeezed flat: displacements are shortened until none is.
+//! No face turns over, none is squeezed flat, and none comes through another: displacements are shortened until none is.
 
+use geom_core::search::crossing::CrossingWatch;
 use geom_core::{Point3, Vector3};
 
 /// Most times that a displacement is halved; then its vertex stays.
 const HALVINGS: u32 = 8;
 
+/// What displacements may not do to a surface.
+pub(crate) struct Guard<'a, const N: usize> {
+    faces: &'a [[u32; N]],
+    least_sine: f64,
+    apart: Option<Apart>,
+}
+
+/// Triangles that must not come through others.
+struct Apart {
+    triangles: Vec<[u32; 3]>,
+    watch: CrossingWatch,
+    /// The pairs that crossed from the start.
+    crossing: Vec<[u32; 2]>,
+}
+
+impl<'a, const N: usize> Guard<'a, N> {
+    /// No corner narrower or flatter than an angle of `least_sine`; with `keep_apart`, no faces that come through others.
+    pub(crate) fn of(
+        positions: &[Point3],
+        faces: &'a [[u32; N]],
+        least_sine: f64,
+        keep_apart: bool,
+    ) -> Self {
+        Self {
+            faces,
+            least_sine,
+            apart: keep_apart.then(|| Apart::of(positions, faces)),
+        }
+    }
+
+    /// Shortens displacements until they are allowed, and says how often one was.
+    pub(crate) fn hold_back(&mut self, positions: &[Point3], moves: &mut [Vector3]) -> usize {
+        let mut held = 0;
+        loop {
+            held += hold_back(positions, self.faces, moves, self.least_sine);
+            // What stops one pair may fold a face beside it, and so on: both until neither finds anything.
+            let stopped = self
+                .apart
+                .as_mut()
+                .map(|apart| apart.stop(positions, moves));
+            match stopped {
+                None | Some(0) => return held,
+                Some(stopped) => held += stopped,
+            }
+        }
+    }
+}
+
+impl Apart {
+    fn of<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> Self {
+        let fan = |f: &[u32; N]| {
+            let f = *f;
+            (2..N).map(move |k| [f[0], f[k - 1], f[k]])
+        };
+        let triangles: Vec<[u32; 3]> = faces.iter().flat_map(fan).collect();
+        let sides = faces
+            .iter()
+            .map(|f| positions[f[1] as usize] - positions[f[0] as usize]);
+        let edge = sides.map(|d| d.norm()).sum::<f64>() / faces.len().max(1) as f64;
+        // Steps are much shorter than an edge.
+        let mut watch = CrossingWatch::new(triangles.clone(), 0.5 * edge);
+        Self {
+            crossing: watch.crossing_pairs(positions),
+            watch,
+            triangles,
+        }
+    }
+
+    /// Stops the corners of triangles that would cross and did not from the start; how many moved. Where none moves,
+    /// nothing new crosses: so this comes to an end.
+    fn stop(&mut self, positions: &[Point3], moves: &mut [Vector3]) -> usize {
+        let moved: Vec<Point3> = positions.iter().zip(&*moves).map(|(p, m)| p + m).collect();
+        let mut stopped = 0;
+        for pair in self.watch.crossing_pairs(&moved) {
+            if self.crossing.binary_search(&pair).is_ok() {
+                continue;
+            }
+            for v in pair.iter().flat_map(|&t| self.triangles[t as usize]) {
+                let step = std::mem::take(&mut moves[v as usize]);
+                stopped += usize::from(step != Vector3::zeros());
+            }
+        }
+        stopped
+    }
+}
+
 /// Shortens displacements around faces whose corners would turn over (their normals turn by more than a
 /// right angle), or would be worse than they are and narrower or flatter than an angle of this sine. Gives how many
 /// vertices it held back.
-pub(crate) fn hold_back<const N: usize>(
+fn hold_back<const N: usize>(
     positions: &[Point3],
     faces: &[[u32; N]],
     moves: &mut [Vector3],
@@ -95,5 +182,26 @@ mod tests {
         let mut moves = [Vector3::zeros(); 3];
         moves[2].y = 0.05;
         assert_eq!(hold_back(&flat, &[[0, 1, 2]], &mut moves, 0.5), 0);
+    }
+
+    /// Two sheets that pass through each other stop where they would meet; what crossed from the start may go on.
+    #[test]
+    fn faces_that_would_come_through_others_are_held_back() {
+        let sheet = |z: f64| [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]].map(Point3::from);
+        let tip = [[0.2, 0.2, 0.1], [0.3, 0.2, 1.0], [0.2, 0.3, 1.0]].map(Point3::from);
+        let faces = [[0, 1, 2], [3, 4, 5]];
+        let mut moves = [Vector3::zeros(); 6];
+        moves[3..].fill(Vector3::new(0.0, 0.0, -0.15));
+        let positions = [sheet(0.0), tip].concat();
+        let held = |positions: &[Point3], keep_apart: bool| {
+            let (mut guard, mut moves) = (Guard::of(positions, &faces, 0.0, keep_apart), moves);
+            let held = guard.hold_back(positions, &mut moves);
+            (held, moves[3].z)
+        };
+        assert_eq!(held(&positions, true), (3, 0.0));
+        assert_eq!(held(&positions, false), (0, -0.15));
+        let crossing = [sheet(0.15), tip].concat();
+        assert_eq!(held(&crossing, true), (0, -0.15));
+        assert_eq!(held(&[sheet(-0.1), tip].concat(), true), (0, -0.15));
     }
 }

@@ -7,6 +7,7 @@ mod sheet;
 mod steps;
 mod tangential;
 mod variation;
+mod volume;
 
 pub use filter::{filter_normals, filter_quad_normals};
 pub use steps::{FlowReport, Smoothed, smooth, smooth_quads};

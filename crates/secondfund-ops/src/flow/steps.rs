@@ -9,8 +9,9 @@ use geom_core::algebra::{SparseMatrix, Symbolic};
 use geom_core::mesh::Halfedges;
 use geom_core::{Point3, QuadMesh, Run, TriMesh, Vector3};
 
-use super::guard::hold_back;
+use super::guard::Guard;
 use super::tangential::relaxation;
+use super::volume;
 use crate::Error;
 use crate::backend::{On, OperatorBackend};
 use crate::catmull::{Surface, turned};
@@ -22,9 +23,6 @@ use crate::options::{FlowOperator, FlowOptions};
 const FARTHEST: f64 = 0.25;
 /// Curvature times the mean edge above which a surface is not resolved.
 const SHARPEST: f64 = 2.0;
-/// Most corrections of the volume per step, and the relative error at which they stop.
-const VOLUME_STEPS: usize = 5;
-const VOLUME_ERROR: f64 = 1e-6;
 
 /// A smoothed mesh.
 #[derive(Clone, Debug)]
@@ -47,7 +45,7 @@ pub struct FlowReport {
     pub max_displacement: f64,
     /// Volume enclosed before and after, Å³; of an open surface it means nothing.
     pub volume: [f64; 2],
-    /// How often a vertex was held back because a face would have turned over.
+    /// How often a vertex was held back because a face would have turned over, or come through another.
     pub held_back: usize,
 }
 
@@ -71,8 +69,6 @@ trait Flowing {
     ) -> Result<(SparseMatrix, Vec<f64>), Error>;
     /// The surface as triangles.
     fn triangles(&self, positions: &[Point3]) -> Result<TriMesh, Error>;
-    /// Shortens displacements that would turn a face over.
-    fn hold_back(&self, positions: &[Point3], moves: &mut [Vector3]) -> usize;
     /// Neighbours along edges.
     fn ring(&self) -> &Neighbors;
 }
@@ -121,10 +117,6 @@ impl Flowing for Triangles<'_> {
         Ok(TriMesh::new(positions.to_vec(), self.triangles.to_vec())?)
     }
 
-    fn hold_back(&self, positions: &[Point3], moves: &mut [Vector3]) -> usize {
-        hold_back(positions, self.triangles, moves, 0.0)
-    }
-
     fn ring(&self) -> &Neighbors {
         &self.ring
     }
@@ -167,10 +159,6 @@ impl Flowing for Patches {
         Ok(surface.limit_mesh().into_triangles())
     }
 
-    fn hold_back(&self, positions: &[Point3], moves: &mut [Vector3]) -> usize {
-        hold_back(positions, self.surface.control().quads(), moves, 0.0)
-    }
-
     fn ring(&self) -> &Neighbors {
         &self.ring
     }
@@ -197,9 +185,11 @@ pub fn smooth<B: OperatorBackend + ?Sized>(
         ring: Neighbors::of_triangles(mesh),
         run,
     };
-    let rims = rims(&edges);
-    refuse_open(&edges, options)?;
-    let (positions, report) = flow(&flowing, mesh.positions(), &rims, options, run)?;
+    if options.keep_volume {
+        volume::refuse_open(mesh.triangles())?;
+    }
+    let given = (mesh.positions(), mesh.triangles());
+    let (positions, report) = flow(&flowing, given, &rims(&edges), options, run)?;
     let mesh = flowing.triangles(&positions)?;
     Ok(Smoothed { mesh, report })
 }
@@ -226,8 +216,11 @@ pub fn smooth_quads<B: OperatorBackend + ?Sized>(
         quadrature: options.quadrature,
         surface,
     };
-    refuse_open(&edges, options)?;
-    let (positions, mut report) = flow(&flowing, control.positions(), &rims(&edges), options, run)?;
+    if options.keep_volume {
+        volume::refuse_open(control.quads())?;
+    }
+    let given = (control.positions(), control.quads());
+    let (positions, mut report) = flow(&flowing, given, &rims(&edges), options, run)?;
     let mut mesh = QuadMesh::new(positions, control.quads().to_vec())?;
     // One that came inside out goes so.
     if flowing.surface.flipped() {
@@ -244,21 +237,10 @@ fn rims<const N: usize>(edges: &Halfedges<N>) -> Vec<bool> {
         .collect()
 }
 
-fn refuse_open<const N: usize>(edges: &Halfedges<N>, options: &FlowOptions) -> Result<(), Error> {
-    match edges.iter().find(|&h| edges.twin(h).is_none()) {
-        Some(h) if options.keep_volume => Err(Error::Open {
-            what: "keeping the volume",
-            from: edges.from(h).0,
-            to: edges.to(h).0,
-        }),
-        _ => Ok(()),
-    }
-}
-
 /// All steps; positions come and go in Å.
-fn flow<F: Flowing>(
+fn flow<F: Flowing, const N: usize>(
     mesh: &F,
-    start: &[Point3],
+    (start, faces): (&[Point3], &[[u32; N]]),
     rims: &[bool],
     options: &FlowOptions,
     run: On<'_>,
@@ -266,6 +248,7 @@ fn flow<F: Flowing>(
     let scale = UnitScale::of(start)?;
     let mut positions: Vec<Point3> = start.iter().map(|p| scale.apply(p)).collect();
     let volume = mesh.triangles(&positions)?.volume();
+    let mut guard = Guard::of(&positions, faces, 0.0, options.keep_apart);
     let mut symbolic = None;
     let mut report = FlowReport::default();
     for step in 0..options.iterations {
@@ -275,10 +258,11 @@ fn flow<F: Flowing>(
         if options.keep_rims {
             hold(&mut moves, rims);
         }
-        report.held_back += mesh.hold_back(&positions, &mut moves);
+        report.held_back += guard.hold_back(&positions, &mut moves);
         shift(&mut positions, &moves);
         if options.keep_volume {
-            report.held_back += restore_volume(mesh, &mut positions, volume)?;
+            let surface = |x: &[Point3]| mesh.triangles(x);
+            report.held_back += volume::restore(&mut positions, volume, surface, &mut guard)?;
         }
         report.steps += 1;
     }
@@ -407,27 +391,6 @@ fn mean_edge(ring: &Neighbors, positions: &[Point3]) -> f64 {
         }
     }
     sum / count.max(1) as f64
-}
-
-/// Moves the surface along its normals until it encloses `volume` again.
-fn restore_volume<F: Flowing>(
-    mesh: &F,
-    positions: &mut [Point3],
-    volume: f64,
-) -> Result<usize, Error> {
-    let mut held = 0;
-    for _ in 0..VOLUME_STEPS {
-        let surface = mesh.triangles(positions)?;
-        let missing = volume - surface.volume();
-        if missing.abs() <= VOLUME_ERROR * volume.abs() {
-            break;
-        }
-        let along = missing / surface.area();
-        let mut moves: Vec<Vector3> = surface.vertex_normals().iter().map(|n| n * along).collect();
-        held += mesh.hold_back(positions, &mut moves);
-        shift(positions, &moves);
-    }
-    Ok(held)
 }
 
 #[cfg(all(test, feature = "testing"))]

@@ -249,4 +249,11 @@ pub(super) const FAULTS: &[Fault] = &[
         "sheet.steps(&positions, faces, &normals, options.tangential);",
         "sheet.steps(&positions, faces, &normals, 0.0 * options.tangential);",
     ),
+    Fault::wrong(
+        "smoothing lets faces through",
+        "crates/secondfund-ops/src/flow/guard.rs",
+        "let step = std::mem::take(&mut moves[v as usize]);",
+        "let step = moves[v as usize] * 0.0;",
+    )
+    .seen_by("laws::smoothing_lets_nothing_come_through_and_keeps_volumes"),
 ];

@@ -1,0 +1,49 @@
+//! Keeping the enclosed volume.
+
+use geom_core::{Point3, TriMesh, Vector3};
+
+use super::guard::Guard;
+use crate::Error;
+use crate::forms::sorted_sides;
+
+/// Most corrections per step, and the relative error at which they stop.
+const STEPS: usize = 5;
+const ERROR: f64 = 1e-6;
+
+/// Moves a surface along its normals until it encloses `volume` again; how often a vertex was held back.
+pub(super) fn restore<const N: usize>(
+    positions: &mut [Point3],
+    volume: f64,
+    surface: impl Fn(&[Point3]) -> Result<TriMesh, Error>,
+    guard: &mut Guard<'_, N>,
+) -> Result<usize, Error> {
+    let mut held = 0;
+    for _ in 0..STEPS {
+        let mesh = surface(positions)?;
+        let missing = volume - mesh.volume();
+        if missing.abs() <= ERROR * volume.abs() {
+            break;
+        }
+        let along = missing / mesh.area();
+        let mut moves: Vec<Vector3> = mesh.vertex_normals().iter().map(|n| n * along).collect();
+        held += guard.hold_back(positions, &mut moves);
+        positions.iter_mut().zip(&moves).for_each(|(p, m)| *p += m);
+    }
+    Ok(held)
+}
+
+/// Only a closed surface encloses anything.
+pub(super) fn refuse_open<const N: usize>(faces: &[[u32; N]]) -> Result<(), Error> {
+    let sides = sorted_sides(faces);
+    match sides
+        .chunk_by(|a, b| a.0 == b.0)
+        .find(|side| side.len() == 1)
+    {
+        Some(side) => Err(Error::Open {
+            what: "keeping the volume",
+            from: side[0].0[0],
+            to: side[0].0[1],
+        }),
+        None => Ok(()),
+    }
+}
