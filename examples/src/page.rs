@@ -1,12 +1,15 @@
 //! `index.html` of a run: its pictures, its numbers and its surfaces to turn with the mouse, in one file that needs
 //! no network. The viewer is 3Dmol.js (Rego & Koes 2015, Bioinformatics 31, 1322).
 
+use std::io::Write as _;
 use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use geom_core::Point3;
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
 use geom_core::io::{self, structure::Format};
+use geom_core::{Aabb, Point3};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -21,6 +24,13 @@ const MOST_TRIANGLES: usize = 400_000;
 /// Longest text of a structure on the page, in bytes.
 const LONGEST_TEXT: u64 = 6 << 20;
 
+/// The viewer unpacks it.
+fn pack(bytes: &[u8]) -> String {
+    let mut packed = ZlibEncoder::new(Vec::new(), Compression::default());
+    let written = packed.write_all(bytes).and_then(|()| packed.finish());
+    STANDARD.encode(written.expect("memory takes what is written"))
+}
+
 /// What a page shows in space.
 #[derive(Default, Serialize)]
 pub(crate) struct Page {
@@ -28,13 +38,15 @@ pub(crate) struct Page {
     structure: Option<Structure>,
 }
 
-/// Arrays are in base64, little-endian.
+/// Arrays are packed: little-endian, zlib, base64.
 #[derive(Serialize)]
 struct Surface {
     name: String,
-    /// Three f32 per vertex.
+    /// Opposite corners of the box around the vertices.
+    bounds: [[f64; 3]; 2],
+    /// Three u16 per vertex: how far it lies in the box, less what the vertex before has.
     positions: String,
-    /// Three u32 per triangle.
+    /// Three u32 per triangle: vertices, less the one before.
     triangles: String,
     colorings: Vec<NamedColoring>,
 }
@@ -88,21 +100,37 @@ impl Page {
         if triangles.len() > MOST_TRIANGLES || colorings.is_empty() {
             return;
         }
-        let narrow = |p: &Point3| [p.x as f32, p.y as f32, p.z as f32].map(f32::to_le_bytes);
-        let positions: Vec<_> = positions.iter().map(narrow).collect();
-        let corners = |t: &[u32; 3]| t.map(u32::to_le_bytes);
-        let triangles: Vec<_> = triangles.iter().map(corners).collect();
-        let encode = |bytes: &[[[u8; 4]; 3]]| STANDARD.encode(bytes.as_flattened().as_flattened());
+        let bounds = Aabb::of_points(positions);
+        let bounds = [bounds.min, bounds.max].map(<[f64; 3]>::from);
+        let within = |p: &Point3, k: usize| {
+            let [low, high] = bounds.map(|corner| corner[k]);
+            let share = (p[k] - low) / (high - low).max(f64::MIN_POSITIVE);
+            (share * f64::from(u16::MAX)).round() as u16
+        };
+        let mut before = [0u16; 3];
+        let places = positions.iter().flat_map(|p| {
+            let place = [0, 1, 2].map(|k| within(p, k));
+            let step = [0, 1, 2].map(|k| place[k].wrapping_sub(before[k]));
+            before = place;
+            step.map(u16::to_le_bytes).concat()
+        });
+        let mut before = 0u32;
+        let corners = triangles.as_flattened().iter().flat_map(|&v| {
+            let step = v.wrapping_sub(before);
+            before = v;
+            step.to_le_bytes()
+        });
         let named = |(name, coloring): (String, Coloring)| NamedColoring {
             name,
-            colors: STANDARD.encode(coloring.colors.as_flattened()),
+            colors: pack(coloring.colors.as_flattened()),
             scale: coloring.scale.as_ref().map(ScaleBar::from),
             legend: coloring.legend,
         };
         self.surfaces.push(Surface {
             name: name.to_owned(),
-            positions: encode(&positions),
-            triangles: encode(&triangles),
+            bounds,
+            positions: pack(&Vec::from_iter(places)),
+            triangles: pack(&Vec::from_iter(corners)),
             colorings: colorings.into_iter().map(named).collect(),
         });
     }

@@ -2,13 +2,17 @@
 //! number of threads.
 
 use std::collections::BTreeMap;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use flate2::read::ZlibDecoder;
 use geom_core::io::{self, mesh::AnyMesh};
 use geom_core::mesh::{SurfaceAudit, VolumeAudit, shapes};
 use geom_core::testing::gpu_or_skip;
-use geom_core::{TriMesh, Vector3};
+use geom_core::{Point3, TriMesh, Vector3};
 use serde_json::{Value, json};
 
 /// A program of this package; `cargo test` builds them beside the tests.
@@ -109,6 +113,40 @@ fn lasting(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     files
 }
 
+/// An array of a page.
+fn unpacked(value: &Value) -> Vec<u8> {
+    let packed = STANDARD.decode(value.as_str().unwrap()).unwrap();
+    let mut bytes = Vec::new();
+    ZlibDecoder::new(&packed[..])
+        .read_to_end(&mut bytes)
+        .unwrap();
+    bytes
+}
+
+/// Vertices and corners of a surface on a page.
+fn shape_of(surface: &Value) -> (Vec<Point3>, Vec<u32>) {
+    let mut place = [0u16; 3];
+    let bound = |side: usize, k: usize| surface["bounds"][side][k].as_f64().unwrap();
+    let positions = unpacked(&surface["positions"]);
+    let positions = positions.chunks_exact(6).map(|step| {
+        let mut x = Point3::origin();
+        for k in 0..3 {
+            place[k] = place[k].wrapping_add(u16::from_le_bytes([step[2 * k], step[2 * k + 1]]));
+            let [low, high] = [bound(0, k), bound(1, k)];
+            x[k] = low + f64::from(place[k]) / 65535.0 * (high - low);
+        }
+        x
+    });
+    let positions = positions.collect();
+    let mut vertex = 0u32;
+    let corners = unpacked(&surface["triangles"]);
+    let corners = corners.chunks_exact(4).map(|step| {
+        vertex = vertex.wrapping_add(u32::from_le_bytes(step.try_into().unwrap()));
+        vertex
+    });
+    (positions, corners.collect())
+}
+
 /// What the page of a run shows.
 fn page_of(folder: &Path) -> Value {
     let page = std::fs::read_to_string(folder.join("index.html")).unwrap();
@@ -177,12 +215,16 @@ fn the_pipeline_gives_the_same_valid_mesh_for_any_number_of_threads() {
         let named: Vec<_> = ways.iter().map(|w| w["name"].as_str().unwrap()).collect();
         assert_eq!(named, ["chain", "residue", "element", "mean curvature"]);
         let vertices = report["counts"]["surface_vertices"].as_u64().unwrap() as usize;
-        let encoded = |value: &Value| value.as_str().unwrap().len();
-        assert_eq!(
-            encoded(&surface["positions"]),
-            (12 * vertices).div_ceil(3) * 4
-        );
-        assert!(ways.iter().all(|w| encoded(&w["colors"]) == 4 * vertices));
+        let colored = |way: &Value| unpacked(&way["colors"]).len() == 3 * vertices;
+        assert!(ways.iter().all(|way| colored(way)));
+        let file = io::mesh::read(out.join("surface.ply"))
+            .unwrap()
+            .mesh
+            .into_triangles();
+        assert_eq!(shape_of(surface).1, file.triangles().as_flattened());
+        for (shown, p) in shape_of(surface).0.iter().zip(file.positions()) {
+            assert!((shown - p).norm() < 1e-3, "{shown} for {p}");
+        }
         outputs.push(lasting(&out));
     }
     let names: Vec<_> = outputs[0].keys().map(String::as_str).collect();
