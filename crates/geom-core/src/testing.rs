@@ -1,5 +1,7 @@
 //! Helpers for the tests of the whole house.
 
+pub mod faults;
+
 /// The GPU, or `None` with a loud line when there is none. With the environment variable
 /// `GEOM_REQUIRE_GPU` set, its absence is a failure: CI sets it.
 #[cfg(feature = "wgpu")]

@@ -3,135 +3,16 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use geom_core::compute::random::SplitMix64;
 use geom_core::io::{
     Encoding, Error, GridFile, MeshFile, View, dx, glb, mrc, msh, obj, off, ply, stl, vtu,
 };
 use geom_core::mesh::shapes;
 use geom_core::nalgebra::Point3;
+use geom_core::testing::faults::{Random, spoilt};
 use geom_core::{Lattice, QuadMesh, ScalarGrid};
 
 /// Mutated inputs per reader.
 const INPUTS: u64 = 20_000;
-
-/// One stream of numbers per input, so that a failure names the input that caused it.
-struct Random(SplitMix64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0.next_u64()
-    }
-    fn below(&mut self, n: usize) -> usize {
-        self.0.below(n.max(1))
-    }
-    /// A short range of `0..n`.
-    fn range(&mut self, n: usize) -> std::ops::Range<usize> {
-        let start = self.below(n);
-        let longest = [4, 16, 64, n][self.below(4)];
-        start..(start + 1 + self.below(longest)).min(n)
-    }
-}
-
-/// What counts and coordinates should never be.
-const NUMBERS: &[&str] = &[
-    "-1",
-    "0",
-    "1",
-    "2",
-    "3",
-    "7",
-    "65536",
-    "2147483647",
-    "4294967295",
-    "4294967296",
-    "-2147483648",
-    "18446744073709551615",
-    "99999999999999999999",
-    "nan",
-    "inf",
-    "-inf",
-    "1e400",
-    "1e-400",
-    "0x10",
-    "",
-    "1.5",
-    "\"",
-    "<",
-    "é",
-];
-const WORDS: &[u64] = &[
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    255,
-    256,
-    65_535,
-    0x7fff_ffff,
-    0x8000_0000,
-    0xffff_ffff,
-    0x1_0000_0000,
-    0x7fff_ffff_ffff_ffff,
-    u64::MAX,
-    0x7f80_0000,
-    0x7fc0_0000,
-    0x7ff0_0000_0000_0000,
-];
-
-fn mutated(seeds: &[Vec<u8>], number: u64) -> Vec<u8> {
-    let mut random = Random(SplitMix64::new(number));
-    let mut bytes = seeds[random.below(seeds.len())].clone();
-    for _ in 0..1 + random.below(4) {
-        let n = bytes.len();
-        if n == 0 {
-            break;
-        }
-        // Half of the faults strike the beginning, where counts and keywords are.
-        let place = match random.below(2) {
-            0 => random.below(n.min(200)),
-            _ => random.below(n),
-        };
-        match random.below(9) {
-            0 => bytes[place] ^= 1 << random.below(8),
-            1 => bytes[place] = random.next() as u8,
-            2 if random.below(4) == 0 => bytes.truncate(place),
-            2 | 3 => drop(bytes.drain(random.range(n))),
-            4 => {
-                let copy = bytes[random.range(n)].to_vec();
-                bytes.splice(place..place, copy);
-            }
-            5 => {
-                let other = &seeds[random.below(seeds.len())];
-                let piece = other[random.range(other.len())].to_vec();
-                bytes.splice(place..(place + piece.len()).min(n), piece);
-            }
-            6 | 7 => {
-                // A word of text from here on.
-                let word = |b: &u8| !b.is_ascii_whitespace() && *b != b'"';
-                let start = place + bytes[place..].iter().position(word).unwrap_or(0);
-                let length = bytes[start..].iter().position(|b| !word(b));
-                let end = length.map_or(n, |l| start + l);
-                let number = NUMBERS[random.below(NUMBERS.len())];
-                bytes.splice(start..end, number.bytes());
-            }
-            _ => {
-                let word = WORDS[random.below(WORDS.len())];
-                let width = [1, 2, 4, 8][random.below(4)];
-                let place = place / width * width;
-                let word = match random.below(4) {
-                    0 => word.to_be_bytes()[8 - width..].to_vec(),
-                    _ => word.to_le_bytes()[..width].to_vec(),
-                };
-                for (to, from) in bytes[place..].iter_mut().zip(word) {
-                    *to = from;
-                }
-            }
-        }
-    }
-    bytes
-}
 
 /// Runs a reader, and what users do next, on mutations of files that it reads.
 fn survives(seeds: &[Vec<u8>], read: impl Fn(&[u8]) -> Result<(), Error>) {
@@ -140,7 +21,7 @@ fn survives(seeds: &[Vec<u8>], read: impl Fn(&[u8]) -> Result<(), Error>) {
     }
     let (mut sound, mut faulty) = (0, 0);
     for number in 0..INPUTS {
-        let bytes = mutated(seeds, number);
+        let bytes = spoilt(&mut Random::new(number), seeds);
         match catch_unwind(AssertUnwindSafe(|| read(&bytes))) {
             Ok(Ok(())) => sound += 1,
             Ok(Err(error)) => {

@@ -15,7 +15,7 @@ use std::process::{Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use mutate::Random;
+use geom_core::testing::faults::Random;
 use targets::TARGETS;
 
 use crate::Outcome;

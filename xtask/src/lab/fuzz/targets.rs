@@ -21,7 +21,9 @@ use tspline::mesh::Record;
 use tspline::surface::fit::{FitOptions, MeshTarget, fit};
 use tspline::{Basis, QualityOptions, TMesh, TMeshOptions};
 
-use super::mutate::{self, Mesh, Random};
+use geom_core::testing::faults::{Random, spoilt};
+
+use super::mutate::{self, Mesh};
 use crate::fixtures;
 
 /// What becomes of one input: it is taken, or refused for a reason in one line. Panics are finds.
@@ -128,7 +130,7 @@ fn structures(random: &mut Random, files: &[&str], format: Format) -> Fate {
         .chain(seeds.clone())
         .collect();
     told(structure::parse(
-        &mutate::bytes(random, &pieces),
+        &spoilt(random, &pieces),
         format,
         &ReadOptions::default(),
     ))
@@ -138,7 +140,7 @@ fn read_pqr(random: &mut Random) -> Fate {
     let seed = "REMARK 1 charges\nATOM 1 N ALA A 1 -0.677 -1.230 -0.491 -0.57 1.82\nATOM 2 CA ALA 2 -0.001 0.064 -0.491 0.03 \
                 1.9\nHETATM 3 ZN ZN A 3 1.499 -0.110 -0.491 2.0 1.1\nTER\nEND\n";
     told(structure::parse(
-        &mutate::bytes(random, &[seed.into()]),
+        &spoilt(random, &[seed.into()]),
         Format::Pqr,
         &ReadOptions::default(),
     ))
@@ -209,7 +211,7 @@ fn read_mesh(random: &mut Random, extension: &str, write: Writer<'_>) -> Fate {
         write(&mut bytes, &view).map_err(|e| e.to_string())?;
         seeds.push(bytes);
     }
-    let view = mesh::parse(&mutate::bytes(random, &seeds), extension);
+    let view = mesh::parse(&spoilt(random, &seeds), extension);
     told(view.and_then(MeshFile::try_from))
 }
 
@@ -234,7 +236,7 @@ fn read_grid(random: &mut Random, extension: &str) -> Fate {
         _ => mrc::write(&mut seed, &grid, mrc::Mode::Float32),
     };
     written.map_err(|e| e.to_string())?;
-    told(grid::parse(&mutate::bytes(random, &[seed]), extension))
+    told(grid::parse(&spoilt(random, &[seed]), extension))
 }
 
 fn read_tmesh(random: &mut Random) -> Fate {
@@ -243,7 +245,7 @@ fn read_tmesh(random: &mut Random) -> Fate {
     let mesh =
         TMesh::build(&fine, &allowed, &TMeshOptions::default()).map_err(|e| e.to_string())?;
     let seed = serde_json::to_vec(&Record::from(&mesh)).map_err(|e| e.to_string())?;
-    let record = serde_json::from_slice::<Record>(&mutate::bytes(random, &[seed]));
+    let record = serde_json::from_slice::<Record>(&spoilt(random, &[seed]));
     told(TMesh::try_from(record.map_err(|e| e.to_string())?))
 }
 
