@@ -1,6 +1,6 @@
 //! Quads that are narrower along a gradient (Eqs. 4.11–4.13).
 
-use crossfield::anisotropy::{Adaptation, Anisotropy, Function, Metric};
+use crossfield::anisotropy::{Adaptation, Anisotropy, Function, Metric, steepest};
 use crossfield::field::Frames;
 use crossfield::map::{MapOptions, Spacing, parameterize};
 use crossfield::quads::Rung;
@@ -42,7 +42,7 @@ fn median(mut all: Vec<f64>) -> f64 {
 /// Of the quads where a function is at least so steep, the length along its gradient over that across.
 fn ratios(made: &Quadrangulation, mesh: &TriMesh, values: &[f64], from: f64) -> Vec<f64> {
     let gradient = laplace::gradient(mesh, values).unwrap();
-    let most = gradient.iter().map(|g| g.norm()).fold(0.0, f64::max);
+    let most = steepest(mesh, &gradient);
     let steep = |q: &usize| gradient[made.origins[*q] as usize].norm() >= from * most;
     (0..made.mesh.quads().len())
         .filter(steep)
@@ -64,7 +64,7 @@ fn mapped(ramp: [f64; 2]) -> (Vec<f64>, Vec<f64>) {
     let mut pairs = eigen::eigenpairs(&stiffness, &mass, 2, &options, Run::on(&Cpu)).unwrap();
     let mode = pairs.vectors.swap_remove(1);
     let gradient = laplace::gradient(&mesh, &mode).unwrap();
-    let most = gradient.iter().map(|g| g.norm()).fold(0.0, f64::max);
+    let most = steepest(&mesh, &gradient);
     let options = Anisotropy {
         ramp,
         ..Anisotropy::of(Function::Mode(1))
@@ -252,6 +252,18 @@ fn spacings_of_crosses_are_those_of_the_metric() {
             assert!((made - wanted).abs() < 1e-9, "{made} {wanted}");
         }
     }
+}
+
+/// A spike that is one sliver's does not make everything else flat.
+#[test]
+fn slivers_do_not_decide_what_is_steep() {
+    let mesh = plate(10, 0.0, |_, _| false);
+    let x: Vec<f64> = mesh.positions().iter().map(|p| 3.0 * p.x).collect();
+    let mut gradient = laplace::gradient(&mesh, &x).unwrap();
+    assert!((steepest(&mesh, &gradient) - 3.0).abs() < 1e-12);
+    gradient[77] = Vector3::new(12.0, 0.0, 0.0);
+    let with = steepest(&mesh, &gradient);
+    assert!(with > 3.5 && with < 6.0, "{with}");
 }
 
 #[test]

@@ -1,13 +1,28 @@
 //! The spacing of lines per triangle and direction (Eq. 4.13).
 
-use geom_core::TriMesh;
 use geom_core::surface::laplace;
+use geom_core::{TriMesh, Vector3};
 
 use super::Anisotropy;
 use crate::Error;
 use crate::field::frames::{Frames, modulo_quarter};
 use crate::field::{CrossField, Guide, Toward};
 use crate::map::Spacing;
+
+/// The largest |∇F| of a function, as a mean over the triangles of a vertex: one sliver does not decide what is steep.
+pub fn steepest(mesh: &TriMesh, gradient: &[Vector3]) -> f64 {
+    let mut around = vec![[0.0; 2]; mesh.positions().len()];
+    for (face, corners) in mesh.triangles().iter().enumerate() {
+        let area = mesh.doubled_area_normal(face).norm();
+        for &v in corners {
+            let [sum, whole] = &mut around[v as usize];
+            *sum += area * gradient[face].norm();
+            *whole += area;
+        }
+    }
+    let means = around.iter().filter(|a| a[1] > 0.0).map(|a| a[0] / a[1]);
+    means.fold(0.0, f64::max)
+}
 
 /// The field follows ∇F where |∇F| is above this share of its largest.
 const GUIDED: f64 = 0.5;
@@ -45,7 +60,7 @@ pub struct Misalignment {
 }
 
 impl Metric {
-    /// Of a function with one value per vertex; `steepest` is the largest |∇F| of the whole surface.
+    /// Of a function with one value per vertex; `steepest` is the largest |∇F| of the whole surface: see [`steepest`].
     pub fn of(
         mesh: &TriMesh,
         frames: &Frames,

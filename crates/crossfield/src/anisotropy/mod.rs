@@ -4,7 +4,7 @@ mod adapt;
 mod metric;
 mod slope;
 
-pub use metric::{Metric, Misalignment};
+pub use metric::{Metric, Misalignment, steepest};
 
 pub(crate) use adapt::adapted;
 pub(crate) use slope::{Slope, slopes};

@@ -50,7 +50,7 @@ pub(crate) fn slopes<'a>(
     let mut steepest = Vec::with_capacity(parts.len());
     for ((mesh, _), values) in split.iter().zip(&parts) {
         let gradient = laplace::gradient(mesh, values)?;
-        steepest.push(gradient.iter().map(|g| g.norm()).fold(0.0, f64::max));
+        steepest.push(super::steepest(mesh, &gradient));
     }
     let varies = parts.iter().any(|f| f.iter().any(|&x| x != f[0]));
     require(varies, "anisotropy.function", "constant", "vary")?;
