@@ -9,19 +9,23 @@ use crate::field::frames::{Frames, modulo_quarter};
 use crate::field::{CrossField, Guide, Toward};
 use crate::map::Spacing;
 
-/// The largest |∇F| of a function, as a mean over the triangles of a vertex: one sliver does not decide what is steep.
+/// The largest |∇F| of a function, but for a hundredth of the area: slivers and kinks do not decide what is steep.
 pub fn steepest(mesh: &TriMesh, gradient: &[Vector3]) -> f64 {
-    let mut around = vec![[0.0; 2]; mesh.positions().len()];
-    for (face, corners) in mesh.triangles().iter().enumerate() {
-        let area = mesh.doubled_area_normal(face).norm();
-        for &v in corners {
-            let [sum, whole] = &mut around[v as usize];
-            *sum += area * gradient[face].norm();
-            *whole += area;
-        }
-    }
-    let means = around.iter().filter(|a| a[1] > 0.0).map(|a| a[0] / a[1]);
-    means.fold(0.0, f64::max)
+    let area = |face: usize| mesh.doubled_area_normal(face).norm();
+    let steep = gradient.iter().enumerate();
+    within(steep.map(|(f, g)| (g.norm(), area(f))).collect(), 0.99)
+}
+
+/// What values, each with an area, do not exceed on this share of it.
+fn within(mut values: Vec<(f64, f64)>, share: f64) -> f64 {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let whole: f64 = values.iter().map(|v| v.1).sum();
+    let mut area = 0.0;
+    let reached = values.iter().find(|v| {
+        area += v.1;
+        area >= share * whole
+    });
+    reached.map_or(0.0, |v| v.0)
 }
 
 /// The field follows ∇F where |∇F| is above this share of its largest.
@@ -87,6 +91,18 @@ impl Metric {
         })
     }
 
+    /// The metric with the square roots of its ratios.
+    pub(crate) fn milder(&self) -> Self {
+        let mut grains = self.grains.clone();
+        for grain in &mut grains {
+            grain.ratio = grain.ratio.sqrt();
+        }
+        Self {
+            grains,
+            weight: self.weight,
+        }
+    }
+
     /// Distances of neighbouring lines along the arm θ and across it, where they are 1 without a gradient.
     pub fn spacing(&self, face: usize, theta: f64) -> [f64; 2] {
         let Grain { angle, ratio, .. } = self.grains[face];
@@ -139,27 +155,17 @@ impl Metric {
 
     /// How far a field is from ∇F where that is steep.
     pub fn misalignment(&self, frames: &Frames, field: &CrossField) -> Misalignment {
-        let mut off: Vec<(f64, f64)> = self
+        let off: Vec<(f64, f64)> = self
             .steep()
             .map(|f| {
                 let angle = modulo_quarter(field.theta[f] - self.grains[f].angle).abs();
                 (angle.to_degrees(), frames.areas()[f])
             })
             .collect();
-        off.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let whole: f64 = off.iter().map(|o| o.1).sum();
-        let within = |share: f64| {
-            let mut area = 0.0;
-            let reached = off.iter().find(|o| {
-                area += o.1;
-                area >= share * whole
-            });
-            reached.map_or(0.0, |o| o.0)
-        };
         Misalignment {
             triangles: off.len(),
-            median: within(0.5),
-            percentile_95: within(0.95),
+            median: within(off.clone(), 0.5),
+            percentile_95: within(off, 0.95),
         }
     }
 }

@@ -56,6 +56,10 @@ pub struct PartReport {
     pub map: Option<MapReport>,
     /// How often the lines were laid closer to each other where a handle or neck was too narrow for them.
     pub closer: usize,
+    /// How often all ratios of the anisotropy were made their square roots because the map folded.
+    pub milder: u32,
+    /// Whether the anisotropy was given up because all rungs failed with it, and the quads are as if none had been asked for.
+    pub squares: bool,
     /// How far the field is from the gradient of the anisotropy's function where that is steep; `None` without one, and on the
     /// last rung.
     pub misalignment: Option<Misalignment>,
@@ -76,6 +80,8 @@ const LAST: f64 = 1.8;
 /// How far the number of quads may be from the one asked for before the spacing is corrected.
 const OFF_TARGET: f64 = 0.1;
 
+/// How often an anisotropy that folds the map is made milder.
+const MILDER: u32 = 2;
 /// How many times more quads than wanted are refused, unless they are few.
 const MOST: f64 = 4.0;
 const FEW: usize = 400;
@@ -101,21 +107,28 @@ pub(super) fn part_quads(
         triangles: mesh.triangles().len(),
         ..PartReport::default()
     };
-    let asked = Asked {
+    let mut asked = Asked {
         options,
         spacing,
         slope,
         run,
     };
-    let (raw, narrowest) = match climb(&part, &asked, &mut report)? {
-        Some(raw) => (raw, asked.narrowest()),
+    let mut raw = climb(&part, &asked, &mut report)?;
+    if raw.is_none() && slope.is_some() {
+        report.squares = true;
+        let quads = asked.stretched(&part)? / (spacing * spacing);
+        asked.spacing = (part.mesh.area() / quads).sqrt();
+        asked.slope = None;
+        raw = climb(&part, &asked, &mut report)?;
+    }
+    let raw = match raw {
+        Some(raw) => raw,
         None => {
             report.rung = Rung::Split;
-            let size = asked.stretched(&part)? / (spacing * spacing);
-            let square = (part.mesh.area() / size).sqrt();
-            (last_resort(&part, square, options, run)?, 1.0)
+            last_resort(&part, asked.spacing, options, run)?
         }
     };
+    let narrowest = asked.narrowest();
     let made = finished(&part, raw, narrowest, options, run)?;
     report.quads = made.quads().len();
     Ok((made, report))
@@ -212,7 +225,8 @@ fn climb(part: &Part, asked: &Asked<'_>, report: &mut PartReport) -> Result<Opti
                 break;
             }
             let factor = 0.5f64.powf(0.5 * f64::from(step));
-            let made = rungs.with_map(&fine, &wishes, &smooth, &field, factor, Rung::Denser(step));
+            let metric = wishes.metric.as_ref();
+            let made = rungs.with_map(&fine, metric, &smooth, &field, factor, Rung::Denser(step));
             if let Some(quads) = rungs.reported(made)? {
                 return Ok(Some(Raw { quads, part: fine }));
             }
@@ -255,11 +269,24 @@ impl Rungs<'_> {
         factor: f64,
         rung: Rung,
     ) -> Result<Option<QuadMesh>, Error> {
+        (self.report.milder, self.report.adapted) = (0, 0);
         let field = self.field(part, wishes, factor);
         let Some((smooth, field)) = self.reported(field)? else {
             return Ok(None);
         };
-        let made = self.with_map(part, wishes, &smooth, &field, 1.0, rung);
+        let mut metric = wishes.metric.clone();
+        let mut made = self.with_map(part, metric.as_ref(), &smooth, &field, 1.0, rung);
+        if self.options.ladder == Ladder::Full {
+            for milder in 1..=MILDER {
+                let (Err(Error::Folded { .. }), Some(steep)) = (&made, &metric) else {
+                    break;
+                };
+                self.reported(made)?;
+                metric = Some(steep.milder());
+                made = self.with_map(part, metric.as_ref(), &smooth, &field, 1.0, rung);
+                self.report.milder = milder;
+            }
+        }
         let relaxed = matches!(made, Err(Error::Folded { relaxed: true, .. }));
         if made.is_err() && !relaxed && self.denser.is_none() {
             self.denser = Some((smooth, field));
@@ -320,13 +347,12 @@ impl Rungs<'_> {
     fn with_map(
         &mut self,
         part: &Part,
-        wishes: &Wishes,
+        metric: Option<&Metric>,
         smooth: &Smooth,
         field: &CrossField,
         factor: f64,
         rung: Rung,
     ) -> Result<QuadMesh, Error> {
-        let metric = wishes.metric.as_ref();
         let ground = Mapping {
             part,
             smooth,
