@@ -22,10 +22,10 @@ with open(sys.argv[1]) as file:
         elif words and words[0] == "f":
             faces.append([int(w.split("/")[0]) - 1 for w in words[1:4]])
 
-# It tells what it does on the standard output, where the answer goes.
+# It tells what it does on the standard output, where only the answer shall go.
 sys.stdout.flush()
 answer = os.dup(1)
-os.dup2(2, 1)
+os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 start = time.perf_counter()
 # At last it cuts each face into quads at its middle: four of each quad.
 made, polygons = pynanoinstantmeshes.remesh(
