@@ -34,8 +34,8 @@ pub struct Anisotropy {
     pub function: Function,
     /// The side of a quad along ∇F over that across, where F is steepest: 0.2 in the thesis.
     pub ratio: f64,
-    /// Shares of the largest |∇F| (see [`steepest`]) at which quads begin to be narrower, and from which on they have the ratio. The thesis's
-    /// step is 0.5 twice.
+    /// Shares of the largest |∇F| (see [`steepest`]) at which quads begin to be narrower, and from which on they have the
+    /// ratio. The thesis's step is 0.5 twice.
     pub ramp: [f64; 2],
     /// λ̄ of Eq. 4.9 for the direction of ∇F where |∇F| is above half its largest; infinite: hard. [`Options::guidance`] comes
     /// before it.

@@ -128,7 +128,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "let ratio = ratio.clamp(narrowest, narrowest.recip());",
         "let ratio = ratio.clamp(1.0, narrowest.recip().min(1.0));",
     )
-    .seen_by("anisotropy::quads_of_an_ellipsoid_are_narrow_where_it_is_steep"),
+    .seen_by("lib quads::improve::tests::narrow_quads_keep_their_proportions"),
     Fault::wrong(
         "chart_distortion.wgsl: the derivative without the regularization",
         "shaders/wgsl/crossfield/chart_distortion.wgsl",

@@ -2,8 +2,8 @@
 
     quads.py MESH.obj QUADS OUT.obj
 
-Asks for so many quads, in its deterministic mode, and writes what comes. Prints seconds, and how many faces have four corners and other
-numbers of them."""
+Asks for so many quads, in its deterministic mode, and writes what comes. Prints seconds, and how many faces have
+four corners and other numbers of them."""
 
 import json
 import os

@@ -250,8 +250,8 @@ fn page(names: &[String], rows: &Rows) -> String {
     let sum = |key: &str| rows.iter().filter_map(|r| r[key].as_u64()).sum::<u64>();
     let (split, parts) = (sum("split"), sum("parts"));
     let mut page = format!(
-        "# Quads of meshes\n\n`cargo xtask sweep --quads`: a third as many quads as triangles, at most {MOST}. {} meshes, {broken} broken; \
-         {missed} with a scaled Jacobian below 0.3 or a mean below 0.9; {split} of {parts} parts on the last rung.\n\n\
+        "# Quads of meshes\n\n`cargo xtask sweep --quads`: a third as many quads as triangles, at most {MOST}. \
+         {} meshes, {broken} broken; {missed} with a scaled Jacobian below 0.3 or a mean below 0.9; {split} of {parts} parts on the last rung.\n\n\
          | mesh | triangles | χ | parts split | quads / wanted | irregular | scaled Jacobian min / mean, below 0.3 | distance / \
          diagonal | s | broken |\n|---|---|---|---|---|---|---|---|---|---|\n",
         names.len(),
