@@ -728,6 +728,65 @@ fn fields_and_quads_of_a_mesh_and_of_a_structure() {
 }
 
 #[test]
+fn quads_are_narrow_where_a_field_is_steep() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("mode");
+    let args = [&fixture("spot.ply"), "--quads", "1500"];
+    let report = report_of("09_anisotropy", &args, &out);
+    let made = &report["anisotropy"];
+    let median = |k: usize| made["along_over_across"][k]["median"].as_f64().unwrap();
+    // Nearly squares where it is flat, and the narrower the steeper it is.
+    assert!(median(0) > 0.75 && median(1) < median(0), "{made}");
+    assert!(median(2) < median(1) && median(3) < 0.5, "{made}");
+    assert!(made["misalignment"]["percentile_95"].as_f64().unwrap() < 10.0);
+    assert!(report["scaled_jacobian"]["min"].as_f64().unwrap() > 0.3);
+    let quads = io::mesh::read(out.join("quads.vtu")).unwrap();
+    let names: Vec<&str> = quads.cell_fields.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(
+        names,
+        ["scaled_jacobian", "aspect_ratio", "along_over_across"]
+    );
+    assert_png(out.join("field.png"));
+    assert_png(out.join("quads.png"));
+    assert!(out.join("field.glb").exists() && out.join("quads.glb").exists());
+
+    // A field of the mesh by its name, followed exactly, and the distance from a point on it.
+    let named = folder.path().join("named");
+    let field = out.join("field.vtu");
+    let mesh = io::mesh::read(fixture("bob_small.ply"))
+        .unwrap()
+        .mesh
+        .into_triangles();
+    let height: Vec<f64> = mesh.positions().iter().map(|p| p.y).collect();
+    let view = io::View::from(&mesh)
+        .point_field("height", &height)
+        .unwrap();
+    io::mesh::save(&field, &view).unwrap();
+    let field = field.to_string_lossy().into_owned();
+    let args = [
+        &field, "--field", "height", "--mode", "hard", "--adapt", "--quads", "600", "--ramp",
+        "0.1,0.2",
+    ];
+    let report = report_of("09_anisotropy", &args, &named);
+    let misalignment = &report["anisotropy"]["misalignment"];
+    assert!(
+        misalignment["percentile_95"].as_f64().unwrap() < 1e-6,
+        "{misalignment}"
+    );
+    let near = folder.path().join("near");
+    let args = [
+        &field,
+        "--field",
+        "distance:0,0,1",
+        "--reach",
+        "0.3",
+        "--no-pictures",
+    ];
+    let report = report_of("09_anisotropy", &args, &near);
+    assert!(report["counts"]["quads"].as_u64().unwrap() > 50);
+}
+
+#[test]
 fn t_meshes_are_coarse_where_they_may_be() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("curved");
@@ -1548,6 +1607,26 @@ fn options_without_effect_are_refused() {
             "--keep-apart is for",
         ),
         ("07_field", &[&mesh, "--mode", "hard"], "--mode says how"),
+        (
+            "09_anisotropy",
+            &[&mesh, "--reach", "2"],
+            "--reach is for --field distance",
+        ),
+        (
+            "09_anisotropy",
+            &[&mesh, "--field", "charge"],
+            "no scalar point field `charge`",
+        ),
+        (
+            "09_anisotropy",
+            &[&mesh, "--field", "distance:A"],
+            "is for structures",
+        ),
+        (
+            "09_anisotropy",
+            &[&mesh, "--ratio", "0"],
+            "option anisotropy.ratio is 0",
+        ),
         ("08_quads", &[&mesh, "--mode", "hard"], "--mode says how"),
         (
             "10_tmesh",
@@ -1608,6 +1687,7 @@ fn every_program_explains_itself() {
         "06_modes",
         "07_field",
         "08_quads",
+        "09_anisotropy",
         "12_correspond",
         "13_deform",
         "14_compare",

@@ -136,10 +136,17 @@ const FIGURES: &[Figure] = &[
         "quads.png",
     ),
     figure(
-        "4.10",
-        "the Bunny along its first mode",
-        "08_quads",
-        "@meshes/dir_bunny.off|spot.ply --quads 1500 --guide modes:1",
+        "4.10 a",
+        "the gradient of the Bunny's first mode",
+        "09_anisotropy",
+        "@meshes/dir_bunny.off|spot.ply --quads 3000 --adapt",
+        "field.png",
+    ),
+    figure(
+        "4.10 f",
+        "quads of the Bunny that are narrow along it",
+        "09_anisotropy",
+        "@meshes/dir_bunny.off|spot.ply --quads 3000 --adapt",
         "quads.png",
     ),
     figure(

@@ -3,7 +3,8 @@
 pub use geom_core;
 
 // In the order in which data flow: directions for some triangles; a cross in every triangle; the map whose lines follow
-// the crosses; quads between the lines.
+// the crosses, closer to each other along a function's gradient; quads between the lines.
+pub mod anisotropy;
 pub mod field;
 pub mod guidance;
 pub mod map;
@@ -23,6 +24,7 @@ pub mod testing;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 
+pub use anisotropy::Anisotropy;
 pub use backend::CrossfieldBackend;
 pub use error::Error;
 pub use field::{CrossField, cross_field};

@@ -4,6 +4,7 @@ use geom_core::options::require;
 use geom_core::surface::laplace::EdgeWeights;
 
 use crate::Error;
+use crate::anisotropy::Anisotropy;
 use crate::guidance::Guidance;
 
 /// Options of [`cross_field`](crate::cross_field).
@@ -46,7 +47,7 @@ impl FieldOptions {
 pub enum Size {
     /// So many quads, within about a tenth.
     Quads(usize),
-    /// Sides of this length, Å.
+    /// Sides of this length, Å; where quads are narrower along a gradient, the longer ones.
     Spacing(f64),
     /// A third as many quads as triangles.
     Triangles,
@@ -88,6 +89,9 @@ pub struct Options {
     pub nested: u8,
     /// What the field follows, together: of a triangle that several name, the first has it.
     pub guidance: Vec<Guidance>,
+    /// Where quads are narrower in one direction than in the other; `None`: nowhere. Those of the last rung of the ladder are
+    /// not.
+    pub anisotropy: Option<Anisotropy>,
     /// Edges whose triangles' normals differ by more than this many degrees are kept as sides of quads; `None`: only
     /// boundaries are.
     pub crease: Option<f64>,
@@ -110,6 +114,7 @@ impl Default for Options {
             size: Size::Triangles,
             nested: 0,
             guidance: Vec::new(),
+            anisotropy: None,
             crease: None,
             smoothing: 1.0,
             singularity_penalty: field.singularity_penalty,
@@ -125,7 +130,11 @@ impl Options {
     /// on the way to each quad, and their matrices factored.
     pub fn bytes(&self, area: f64, triangles: usize) -> f64 {
         const PER_QUAD: f64 = 16384.0;
-        PER_QUAD * area / self.size.spacing(area, triangles).powi(2)
+        let narrow = match (self.size, &self.anisotropy) {
+            (Size::Spacing(_), Some(anisotropy)) => anisotropy.ratio,
+            _ => 1.0,
+        };
+        PER_QUAD * area / self.size.spacing(area, triangles).powi(2) / narrow
     }
 
     /// Refuses values out of range.
@@ -143,6 +152,9 @@ impl Options {
         if let Some(degrees) = self.crease {
             let fine = degrees > 0.0 && degrees < 180.0;
             require(fine, "crease", degrees, "lie between 0 and 180 degrees")?;
+        }
+        if let Some(anisotropy) = &self.anisotropy {
+            anisotropy.check()?;
         }
         self.guidance.iter().try_for_each(Guidance::check)
     }

@@ -36,7 +36,7 @@ fn quads(mesh: &TriMesh, size: Size) -> Quadrangulation {
 }
 
 /// A manifold of the surface's topology whose vertices lie on it.
-fn obeys(made: &Quadrangulation, mesh: &TriMesh) {
+pub(crate) fn obeys(made: &Quadrangulation, mesh: &TriMesh) {
     let audit = SurfaceAudit::of_quads(&made.mesh);
     assert!(audit.is_manifold(), "{audit:?}");
     assert_eq!(

@@ -1,5 +1,6 @@
 //! All tests of the crate as one program: each program links and compiles what it uses anew.
 
+mod anisotropy;
 mod backends;
 mod laws;
 mod thesis;

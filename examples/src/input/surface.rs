@@ -1,24 +1,54 @@
 //! The triangle surface that a program works on: of a mesh, a structure or a grid.
 
-use geom_core::{Structure, TriMesh, io};
+use geom_core::io::{self, AnyMesh, view::Field};
+use geom_core::{Structure, TriMesh};
 
 use crate::input::source::{OF_STRUCTURES, SourceArgs, extension};
 use crate::{Failure, Session};
 
+/// A surface and what its input says of it.
+pub struct Known {
+    /// The surface.
+    pub mesh: TriMesh,
+    /// The fields of a mesh's points, if these are those of the surface.
+    pub fields: Vec<Field<'static>>,
+    /// If the input is a structure.
+    pub structure: Option<Structure>,
+}
+
 /// Reads a mesh, or makes the surface of a structure or grid.
 pub fn read(source: &SourceArgs, session: &Session) -> Result<TriMesh, Failure> {
+    Ok(read_all(source, session)?.mesh)
+}
+
+/// The same, and what else is there.
+pub fn read_all(source: &SourceArgs, session: &Session) -> Result<Known, Failure> {
     let path = &source.input;
-    let mesh = match extension(path).as_str() {
+    match extension(path).as_str() {
         "ply" | "off" | "obj" | "stl" | "vtu" | "msh" | "glb" => {
             session.refuse(&OF_STRUCTURES, "is for structures, and the input is a mesh")?;
             let of_grids = ["isovalue", "enclosed_volume"];
             session.refuse(&of_grids, "is for grids, and the input is a mesh")?;
             let read = session.stage("reading", || io::mesh::read_up_to(path, session.memory()))?;
-            read.mesh.into_triangles()
+            let fields = match &read.mesh {
+                AnyMesh::Tet(_) => Vec::new(),
+                _ => read.point_fields,
+            };
+            Ok(Known {
+                mesh: read.mesh.into_triangles(),
+                fields,
+                structure: None,
+            })
         }
-        _ => with_structure(source, session)?.0,
-    };
-    Ok(mesh)
+        _ => {
+            let (mesh, structure) = with_structure(source, session)?;
+            Ok(Known {
+                mesh,
+                fields: Vec::new(),
+                structure,
+            })
+        }
+    }
 }
 
 /// Makes the surface of a structure or grid; the structure, too.

@@ -1,6 +1,6 @@
 //! Quads of a surface.
 
-use crossfield::quads::quality::distances;
+use crossfield::quads::quality::{aspect_ratio, distances};
 use crossfield::{Options, Quadrangulation, quadrangulate};
 use geom_core::io::{self, view::View as Fields};
 use geom_core::mesh::Halfedges;
@@ -12,11 +12,21 @@ use crate::{Failure, Session, crosses, products};
 
 /// Makes the quads, notes what they are, and writes them.
 pub fn run(session: &Session, mesh: &TriMesh, options: &Options) -> Result<(), Failure> {
+    let made = make(session, mesh, options)?;
+    session.files(4, || save(session, &made, &[]))
+}
+
+/// Makes the quads and notes what they are.
+pub fn make(
+    session: &Session,
+    mesh: &TriMesh,
+    options: &Options,
+) -> Result<Quadrangulation, Failure> {
     affordable(options, mesh, session)?;
     let on = session.on(session.device.crossfield());
     let made = session.stage("quads", || quadrangulate(mesh, options, on))?;
     note(session, mesh, &made)?;
-    session.files(4, || save(session, &made))
+    Ok(made)
 }
 
 /// Refuses more quads than there is memory for, before anything is made of them.
@@ -50,6 +60,7 @@ fn note(session: &Session, mesh: &TriMesh, made: &Quadrangulation) -> Result<(),
     )?;
     session.note("energy", fields.map(|f| f.energy).sum::<f64>())?;
     session.note("scaled_jacobian", report.scaled_jacobian)?;
+    session.note("aspect_ratio", report.aspect_ratio)?;
     session.note("hausdorff", distances(&made.mesh, mesh)?)?;
     session.note("rung", report.rung())?;
     session.note("valences", &report.valences)?;
@@ -57,9 +68,24 @@ fn note(session: &Session, mesh: &TriMesh, made: &Quadrangulation) -> Result<(),
     session.note("parts", &report.parts)
 }
 
-fn save(session: &Session, made: &Quadrangulation) -> Result<(), Failure> {
-    let jacobian: Vec<f32> = made.jacobians.iter().map(|&j| j as f32).collect();
-    let fields = Fields::from(&made.mesh).cell_field("scaled_jacobian", &jacobian)?;
+/// Writes the quads and their picture; into `quads.vtu` also more values per quad.
+pub fn save(
+    session: &Session,
+    made: &Quadrangulation,
+    more: &[(&str, &[f64])],
+) -> Result<(), Failure> {
+    let single = |values: &[f64]| values.iter().map(|&x| x as f32).collect::<Vec<_>>();
+    let jacobian = single(&made.jacobians);
+    let quads = 0..made.mesh.quads().len();
+    let aspect: Vec<f64> = quads.map(|q| aspect_ratio(&made.mesh.corners(q))).collect();
+    let aspect = single(&aspect);
+    let more: Vec<_> = more.iter().map(|(name, v)| (name, single(v))).collect();
+    let mut fields = Fields::from(&made.mesh)
+        .cell_field("scaled_jacobian", &jacobian)?
+        .cell_field("aspect_ratio", &aspect)?;
+    for (name, values) in &more {
+        fields = fields.cell_field(name, values)?;
+    }
     io::mesh::save(session.output("quads.vtu")?, &fields)?;
     io::mesh::save(session.output("quads.obj")?, &Fields::from(&made.mesh))?;
     io::mesh::save(session.output("quads.glb")?, &Fields::from(&made.mesh))?;

@@ -1,9 +1,10 @@
 //! `cargo xtask crosscheck`: our files in other people's programs. trimesh and meshio measure our
 //! surfaces and tetrahedra, mrcfile and GridDataFormats read and write our grids, and scikit-fem solves
-//! equations with known answers on our meshes. Meshes of SciPy and, where it is at hand, TetGen are improved. Gmsh and
-//! VTK read our spline surfaces. Chromium opens the pages of runs.
+//! equations with known answers on our meshes. Meshes of SciPy and, where it is at hand, TetGen are improved. Instant Meshes
+//! makes quads beside ours. Gmsh and VTK read our spline surfaces. Chromium opens the pages of runs.
 
 mod pages;
+mod quads;
 mod splines;
 
 use std::path::PathBuf;
@@ -20,8 +21,8 @@ use super::{number, python, text};
 use crate::{Outcome, fixtures, root};
 
 /// The parts, in the order in which they run.
-const PARTS: [&str; 8] = [
-    "surfaces", "volumes", "grids", "solver", "foreign", "tetgen", "splines", "pages",
+const PARTS: [&str; 9] = [
+    "surfaces", "volumes", "grids", "solver", "foreign", "tetgen", "quads", "splines", "pages",
 ];
 
 /// Prints a row per comparison, of one part or of all; an error if one is out of its tolerance.
@@ -39,6 +40,7 @@ pub(crate) fn run(part: Option<&str>) -> Outcome {
         "GridDataFormats",
         "gmsh",
         "vtk",
+        "pynanoinstantmeshes",
     ])?;
     let folder = root().join("target/crosscheck");
     std::fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
@@ -61,6 +63,7 @@ pub(crate) fn run(part: Option<&str>) -> Outcome {
             "solver" => solver(&mut lab)?,
             "foreign" => foreign(&mut lab)?,
             "tetgen" => tetgen(&mut lab, &molecule)?,
+            "quads" => quads::quads(&mut lab)?,
             "splines" => splines::splines(&mut lab)?,
             _ => pages::pages(&mut lab)?,
         }

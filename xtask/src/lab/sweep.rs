@@ -1,5 +1,5 @@
 //! `cargo xtask sweep`: every structure of the data folders through the whole chain, with both meshers
-//! and all regions, and every mesh audited.
+//! and all regions, and every mesh audited; with `--quads`, quads of every mesh.
 
 #[cfg(feature = "lab")]
 mod case;
@@ -8,14 +8,23 @@ mod check;
 #[cfg(any(test, feature = "lab"))]
 mod labels;
 #[cfg(feature = "lab")]
+mod quads;
+#[cfg(feature = "lab")]
 mod run;
 #[cfg(feature = "lab")]
 mod table;
 
 use std::path::PathBuf;
 
+/// Tetrahedra of structures, or quads of meshes.
 #[cfg(feature = "lab")]
-pub(crate) use run::run;
+pub(crate) fn run(arguments: &Arguments) -> crate::Outcome {
+    if arguments.quads {
+        quads::run(arguments)
+    } else {
+        run::run(arguments)
+    }
+}
 
 /// The meshers and regions that a case may have.
 const METHODS: [&str; 2] = ["stuffing", "dual-contour"];
@@ -28,7 +37,11 @@ type Rows = std::collections::BTreeMap<String, serde_json::Value>;
 /// What is swept, and where the results go.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Structure files, or folders of them [default: pdb and pockets of ../shared/data]
+    /// Quads of meshes in place of tetrahedra of structures
+    #[arg(long, conflicts_with_all = ["spacing", "tets", "method", "region", "meshcheck", "python"])]
+    quads: bool,
+    /// Structure files, or folders of them [default: pdb and pockets of ../shared/data; with --quads meshes, psb/off and
+    /// meshes]
     #[arg(long, value_name = "PATH")]
     data: Vec<PathBuf>,
     /// Lattice spacings, Å [default: for about --tets tetrahedra inside, and for 2.5 times as many]

@@ -133,6 +133,13 @@ impl Guidance {
     }
 }
 
+/// One eigenfunction of a connected surface, by its number; all zeros for one that it does not have.
+pub(crate) fn eigenfunction(mesh: &TriMesh, number: usize) -> Result<Vec<f64>, Error> {
+    let found = modes::eigenfunctions(mesh, &Modes::Numbers(vec![number]))?;
+    let first = found.into_iter().next().map(|mode| mode.function);
+    Ok(first.unwrap_or_else(|| vec![0.0; mesh.positions().len()]))
+}
+
 /// The guides of a connected surface; of a triangle that several name, the first has it.
 pub fn guides(mesh: &TriMesh, frames: &Frames, guidance: &[Guidance]) -> Result<Vec<Guide>, Error> {
     let mut named = vec![false; frames.faces()];

@@ -16,7 +16,7 @@ pub(crate) use integers::Spread;
 pub(crate) use net::Net;
 #[cfg(feature = "testing")]
 pub(crate) use parameterize::decimated;
-pub(crate) use parameterize::{Laid, parameterized};
+pub(crate) use parameterize::{Laid, Relaxation, parameterized, relaxation};
 pub(crate) use untangle::Effort;
 
 pub use exact::{GridMap, MapReport};

@@ -1,6 +1,6 @@
 //! From a cross field to an integer-grid map.
 
-use geom_core::nalgebra::DVector;
+use geom_core::nalgebra::{Cholesky, DVector, Dyn};
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
@@ -160,6 +160,37 @@ pub(crate) fn decimated(
     Ok(coarse.map(|coarse| coarse.triangles()))
 }
 
+/// What the best map without integers is like, folded or not.
+pub(crate) struct Relaxation {
+    /// `[h_u ∇u; h_v ∇v]` of each triangle in the basis of the field's arms, up to quarter turns of both.
+    pub(crate) jacobians: Vec<[[f64; 2]; 2]>,
+    /// Triangles inverted, turned away from the field or at a wrong angle.
+    pub(crate) faults: usize,
+    /// Mean of `|J − 1|²` over the area.
+    pub(crate) energy: f64,
+}
+
+/// The optimum of Eq. 4.10 with real numbers in place of integers.
+pub(crate) fn relaxation(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<Relaxation, Error> {
+    let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
+    let effort = Effort::of(charts.len());
+    let system = System::new(&cut, &seams, &charts);
+    let mut making = Making::new(frames, field, system, &effort, run);
+    let Optimum { corners, .. } = making.optimum()?;
+    let of = |(chart, uv): (&Chart, &[[f64; 2]; 3])| chart.jacobian(uv);
+    Ok(Relaxation {
+        jacobians: charts.iter().zip(&corners).map(of).collect(),
+        faults: making.report.relaxed_folded,
+        energy: making.report.relaxed_energy,
+    })
+}
+
 /// Integers, and the real numbers that follow them.
 struct Rounded {
     y: Vec<f64>,
@@ -179,6 +210,15 @@ struct Making<'a> {
     report: MapReport,
     effort: &'a Effort,
     run: On<'a>,
+}
+
+/// The best map with real numbers in place of integers, folded or not.
+struct Optimum {
+    weighted: Weighted,
+    quadratic: Quadratic,
+    factor: Cholesky<f64, Dyn>,
+    y: Vec<f64>,
+    corners: Vec<[[f64; 2]; 3]>,
 }
 
 /// The best map without integers.
@@ -220,18 +260,35 @@ impl<'a> Making<'a> {
         Ok(y)
     }
 
-    /// The optimum of Eq. 4.10 with real numbers in place of integers, unfolded where it folds: no rounding could mend that,
-    /// and the integers of a folded map are wrong ones.
-    fn relaxed(&mut self) -> Result<Relaxed, Error> {
+    /// The optimum of Eq. 4.10 with real numbers in place of integers.
+    fn optimum(&mut self) -> Result<Optimum, Error> {
         let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
         let weighted = self.system.weighted(&self.weights)?;
         let (s, right) = weighted.schur()?;
         let quadratic = Quadratic::new(&s, &right);
         let factor = quadratic.factor().ok_or(indefinite)?;
-        let mut y = Self::with_reals(&weighted, &quadratic.relaxed(&factor))?;
-        let mut corners = self.system.corners(&y);
+        let y = Self::with_reals(&weighted, &quadratic.relaxed(&factor))?;
+        let corners = self.system.corners(&y);
         self.report.relaxed_energy = self.system.energy(&corners);
         self.report.relaxed_folded = self.faults(&corners).len();
+        Ok(Optimum {
+            weighted,
+            quadratic,
+            factor,
+            y,
+            corners,
+        })
+    }
+
+    /// The optimum, unfolded where it folds: no rounding could mend that, and the integers of a folded map are wrong ones.
+    fn relaxed(&mut self) -> Result<Relaxed, Error> {
+        let Optimum {
+            weighted,
+            quadratic,
+            factor,
+            mut y,
+            mut corners,
+        } = self.optimum()?;
         if self.report.relaxed_folded == 0 {
             return Ok(Relaxed {
                 weighted,

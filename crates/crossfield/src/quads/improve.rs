@@ -4,7 +4,7 @@ use geom_core::compute::BackendError;
 use geom_core::surface::ground::{Freedom, Ground};
 use geom_core::{Point3, QuadMesh, Vector3};
 
-use super::quality::scaled_jacobian;
+use super::quality::{mean_sides, scaled_jacobian};
 use crate::Error;
 use crate::backend::{Corner, CornerDistortion, On};
 
@@ -18,15 +18,16 @@ const GOAL: f64 = 0.6;
 const ROUNDS: usize = 24;
 
 /// Moves vertices down the gradient of the corners' distortion (Eqs. 5.5–5.7, signed), back onto the surface after each
-/// step, and then those of the worst quads to where these are best. Returns the mesh with the largest smallest scaled
-/// Jacobian that was met.
+/// step, and then those of the worst quads to where these are best. Quads keep the proportions of their sides where these are
+/// above `narrowest`, which is 1 for squares. Returns the mesh with the largest smallest scaled Jacobian that was met.
 pub(crate) fn improve(
     mesh: QuadMesh,
+    narrowest: f64,
     ground: &Ground<'_>,
     freedom: &[Freedom],
     run: On<'_>,
 ) -> Result<QuadMesh, Error> {
-    let mut flow = Flow::new(mesh, ground, freedom, run);
+    let mut flow = Flow::new(mesh, narrowest, ground, freedom, run);
     flow.run()?;
     flow.lift_the_worst();
     Ok(QuadMesh::new(flow.positions, flow.quads)?)
@@ -39,7 +40,7 @@ pub(crate) fn settled(
     freedom: &[Freedom],
     run: On<'_>,
 ) -> Result<QuadMesh, Error> {
-    let flow = Flow::new(mesh, ground, freedom, run);
+    let flow = Flow::new(mesh, 1.0, ground, freedom, run);
     Ok(QuadMesh::new(flow.positions, flow.quads)?)
 }
 
@@ -47,7 +48,8 @@ struct Flow<'a> {
     quads: Vec<[u32; 4]>,
     positions: Vec<Point3>,
     normals: Vec<Vector3>,
-    lengths: Vec<f64>,
+    /// What the first and third side of each quad shall be long, and the others.
+    lengths: Vec<[f64; 2]>,
     ground: &'a Ground<'a>,
     freedom: &'a [Freedom],
     run: On<'a>,
@@ -56,7 +58,13 @@ struct Flow<'a> {
 }
 
 impl<'a> Flow<'a> {
-    fn new(mesh: QuadMesh, ground: &'a Ground<'a>, freedom: &'a [Freedom], run: On<'a>) -> Self {
+    fn new(
+        mesh: QuadMesh,
+        narrowest: f64,
+        ground: &'a Ground<'a>,
+        freedom: &'a [Freedom],
+        run: On<'a>,
+    ) -> Self {
         let (positions, quads) = mesh.into_parts();
         let mut around = vec![Vec::new(); positions.len()];
         for (q, quad) in (0u32..).zip(&quads) {
@@ -64,7 +72,8 @@ impl<'a> Flow<'a> {
                 around[v as usize].push(q);
             }
         }
-        let lengths = quads.iter().map(|q| mean_side(&positions, q)).collect();
+        let of = |q: &[u32; 4]| lengths(&q.map(|v| positions[v as usize]), narrowest);
+        let lengths = quads.iter().map(of).collect();
         let mut flow = Self {
             quads,
             normals: vec![Vector3::zeros(); positions.len()],
@@ -98,11 +107,11 @@ impl<'a> Flow<'a> {
             .quads
             .iter()
             .zip(&self.lengths)
-            .flat_map(|(quad, &side)| {
+            .flat_map(|(quad, &lengths)| {
                 let p = quad.map(|v| self.positions[v as usize]);
                 let normals = &self.normals;
                 (0..4).map(move |k| Corner {
-                    sides: [1, 3].map(|to| (p[(k + to) % 4] - p[k]) / side),
+                    sides: [0, 1].map(|s| (p[(k + 1 + 2 * s) % 4] - p[k]) / lengths[(k + s) % 2]),
                     normal: normals[quad[k] as usize],
                 })
             })
@@ -134,10 +143,11 @@ impl<'a> Flow<'a> {
         let mut gradient = vec![Vector3::zeros(); self.positions.len()];
         let mut scale = vec![0.0; self.positions.len()];
         for (q, quad) in self.quads.iter().enumerate() {
-            let side = self.lengths[q];
+            let lengths = self.lengths[q];
+            let side = lengths[0].min(lengths[1]);
             for k in 0..4 {
                 let of = &self.out[4 * q + k];
-                let [to_next, to_previous] = of.gradient.map(|g| g / side);
+                let [to_next, to_previous] = [0, 1].map(|s| of.gradient[s] / lengths[(k + s) % 2]);
                 gradient[quad[(k + 1) % 4] as usize] += to_next;
                 gradient[quad[(k + 3) % 4] as usize] += to_previous;
                 gradient[quad[k] as usize] -= to_next + to_previous;
@@ -265,7 +275,7 @@ impl<'a> Flow<'a> {
         let (start, normal) = (self.positions[v], self.normals[v]);
         let before = self.worst_around(v);
         let length = self.around[v].iter().map(|&q| self.lengths[q as usize]);
-        let length = step * length.fold(f64::INFINITY, f64::min);
+        let length = step * length.flatten().fold(f64::INFINITY, f64::min);
         let mut best = (before + 1e-6, start, normal);
         for (to, normal) in self.ground.around((start, normal), length, self.freedom[v]) {
             (self.positions[v], self.normals[v]) = (to, normal);
@@ -279,9 +289,33 @@ impl<'a> Flow<'a> {
     }
 }
 
-/// The mean length of a quad's sides: all four shall be equal.
-fn mean_side(positions: &[Point3], quad: &[u32; 4]) -> f64 {
-    let p = quad.map(|v| positions[v as usize]);
+/// What the first and third side of a quad shall be long, and the others: the mean of all four, in the proportion that they have,
+/// but not farther apart than `narrowest`.
+fn lengths(p: &[Point3; 4], narrowest: f64) -> [f64; 2] {
     let sides = (0..4).map(|k| (p[(k + 1) % 4] - p[k]).norm());
-    sides.sum::<f64>() / 4.0
+    let mean = sides.sum::<f64>() / 4.0;
+    let [first, second] = mean_sides(p).map(|s| s.norm());
+    let ratio = if first > 0.0 { first / second } else { 1.0 };
+    let ratio = ratio.clamp(narrowest, narrowest.recip());
+    [2.0 * ratio, 2.0].map(|part| mean * (part / (1.0 + ratio)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A quad of 4 by 1 wants to stay one, as far as it may be narrow.
+    #[test]
+    fn narrow_quads_keep_their_proportions() {
+        let quad = [[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [0.0, 1.0]];
+        let quad = quad.map(|[x, y]| Point3::new(x, y, 0.0));
+        let near = |a: [f64; 2], b: [f64; 2]| (0..2).all(|k| (a[k] - b[k]).abs() < 1e-12);
+        assert!(near(lengths(&quad, 0.2), [4.0, 1.0]));
+        assert!(near(lengths(&quad, 0.5), [10.0 / 3.0, 5.0 / 3.0]));
+        assert_eq!(lengths(&quad, 1.0), [2.5; 2]);
+        let turned = [quad[1], quad[2], quad[3], quad[0]];
+        assert!(near(lengths(&turned, 0.2), [1.0, 4.0]));
+        // One without any side is no reason for NaN.
+        assert_eq!(lengths(&[Point3::origin(); 4], 0.2), [0.0; 2]);
+    }
 }

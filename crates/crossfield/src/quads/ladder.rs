@@ -6,8 +6,9 @@ use geom_core::{Point3, QuadMesh, Run, TriMesh};
 
 use super::extract::SurfacePoint;
 use super::parts;
-use super::quality::{JacobianSummary, Valences, scaled_jacobian};
+use super::quality::{AspectSummary, JacobianSummary, Valences, aspect_ratio, scaled_jacobian};
 use super::rungs::{PartReport, Rung, part_quads};
+use crate::anisotropy::slopes;
 use crate::backend::CrossfieldBackend;
 use crate::error::Error;
 use crate::guidance::Guidance;
@@ -25,6 +26,8 @@ pub struct Report {
     pub repaired: Option<repair::Report>,
     /// Scaled Jacobians of the quads.
     pub scaled_jacobian: JacobianSummary,
+    /// How much longer than wide the quads are.
+    pub aspect_ratio: AspectSummary,
     /// Vertices by their quads.
     pub valences: Valences,
 }
@@ -92,8 +95,20 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
         return Err(Error::Empty);
     }
     let (whole, repaired) = parts::manifold(surface)?;
-    let spacing = options.size.spacing(whole.area(), whole.triangles().len());
     let split = parts::split(&whole);
+    let slopes = match &options.anisotropy {
+        Some(anisotropy) => slopes(anisotropy, surface, &whole, &split)?,
+        None => Vec::new(),
+    };
+    let area = if slopes.is_empty() {
+        whole.area()
+    } else {
+        slopes
+            .iter()
+            .map(|s| s.stretched_area())
+            .sum::<Result<_, _>>()?
+    };
+    let spacing = options.size.spacing(area, whole.triangles().len());
     let guidance = guidance_of_parts(&whole, &split, &options.guidance)?;
     let (mut positions, mut quads) = (Vec::new(), Vec::new());
     let mut report = Report {
@@ -105,9 +120,10 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
         run.progress("quads", number as u64, split.len() as u64)?;
         let options = Options {
             guidance: guidance[number].clone(),
-            ..options.clone()
+            anisotropy: None,
+            ..*options
         };
-        let (made, part) = part_quads(&mesh.0, spacing, &options, run)?;
+        let (made, part) = part_quads(&mesh.0, spacing, &options, slopes.get(number), run)?;
         let first = positions.len() as u32;
         let (more, faces) = made.into_parts();
         positions.extend(more);
@@ -119,6 +135,8 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
     let (sources, origins) = origins(&mesh, surface)?;
     let jacobians = jacobians(&mesh, surface, &sources);
     report.scaled_jacobian = JacobianSummary::of(&jacobians);
+    let aspects = (0..mesh.quads().len()).map(|q| aspect_ratio(&mesh.corners(q)));
+    report.aspect_ratio = AspectSummary::of(aspects.collect());
     Ok(Quadrangulation {
         mesh,
         sources,

@@ -3,7 +3,7 @@
 use geom_core::mesh::Halfedges;
 pub use geom_core::mesh::quality::{JacobianSummary, scaled_jacobian};
 use geom_core::search::bvh::TriangleTree;
-use geom_core::{Point3, QuadMesh, TriMesh, VertexId};
+use geom_core::{Point3, QuadMesh, TriMesh, Vector3, VertexId};
 
 use crate::Error;
 
@@ -42,6 +42,59 @@ impl Valences {
         let all: usize = self.interior.iter().sum();
         all - self.interior.get(4).copied().unwrap_or(0)
             - self.interior.first().copied().unwrap_or(0)
+    }
+}
+
+/// The mean sides of a quad: of the first and third together, and of the others.
+pub(super) fn mean_sides([a, b, c, d]: &[Point3; 4]) -> [Vector3; 2] {
+    [((b - a) + (c - d)) / 2.0, ((d - a) + (c - b)) / 2.0]
+}
+
+/// How much longer than wide a quad is, at least 1; infinite for one without a width.
+pub fn aspect_ratio(corners: &[Point3; 4]) -> f64 {
+    let [first, second] = mean_sides(corners).map(|s| s.norm());
+    first.max(second) / first.min(second)
+}
+
+/// The length of a quad along a direction over that across; `None` without a direction or length.
+pub fn ratio_along(corners: &[Point3; 4], direction: &Vector3) -> Option<f64> {
+    let sides = mean_sides(corners);
+    let [first, second] = sides.map(|s| s.norm());
+    let [along_first, along_second] = [0, 1].map(|k| sides[k].normalize().dot(direction).abs());
+    let ratio = if along_first >= along_second {
+        first / second
+    } else {
+        second / first
+    };
+    let fine = ratio.is_finite() && along_first.max(along_second) > 0.0;
+    fine.then_some(ratio)
+}
+
+/// How much longer than wide the quads of a mesh are.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct AspectSummary {
+    /// Half of them at most.
+    pub median: f64,
+    /// All but one in twenty at most.
+    pub percentile_95: f64,
+    /// The longest.
+    pub max: f64,
+}
+
+impl AspectSummary {
+    /// Of these [`aspect_ratio`]s.
+    pub fn of(mut ratios: Vec<f64>) -> Self {
+        if ratios.is_empty() {
+            return Self::default();
+        }
+        ratios.sort_by(f64::total_cmp);
+        let at = |share: f64| ratios[((ratios.len() - 1) as f64 * share) as usize];
+        Self {
+            median: at(0.5),
+            percentile_95: at(0.95),
+            max: at(1.0),
+        }
     }
 }
 

@@ -11,6 +11,7 @@ use super::improve::{improve, settled};
 use super::parts::Part;
 use super::smooth::Smooth;
 use super::split::split_quads;
+use crate::anisotropy::{Metric, Misalignment, Slope, adapted};
 use crate::backend::On;
 use crate::error::Error;
 use crate::field::solve::field_of;
@@ -55,6 +56,15 @@ pub struct PartReport {
     pub map: Option<MapReport>,
     /// How often the lines were laid closer to each other where a handle or neck was too narrow for them.
     pub closer: usize,
+    /// How often all ratios of the anisotropy were made their square roots because the map folded.
+    pub milder: u32,
+    /// Whether the anisotropy was given up because all rungs failed with it, and the quads are as if none had been asked for.
+    pub squares: bool,
+    /// How far the field is from the gradient of the anisotropy's function where that is steep; `None` without one, and on the
+    /// last rung.
+    pub misalignment: Option<Misalignment>,
+    /// The round of the anisotropy's adaptation that the field is from: 0 if none was better than the field before.
+    pub adapted: u32,
 }
 
 /// How often the spacing may be made smaller by √2.
@@ -70,6 +80,8 @@ const LAST: f64 = 1.8;
 /// How far the number of quads may be from the one asked for before the spacing is corrected.
 const OFF_TARGET: f64 = 0.1;
 
+/// How often an anisotropy that folds the map is made milder.
+const MILDER: u32 = 2;
 /// How many times more quads than wanted are refused, unless they are few.
 const MOST: f64 = 4.0;
 const FEW: usize = 400;
@@ -82,11 +94,12 @@ const RATIO: [f64; 2] = [0.4, 0.55];
 /// Smoothing of the rungs, in that asked for.
 const SMOOTHER: [f64; 5] = [1.5, 2.0, 3.0, 4.0, 6.0];
 
-/// The quads of one connected part.
+/// The quads of one connected part, narrower along the gradient of a slope.
 pub(super) fn part_quads(
     mesh: &TriMesh,
     spacing: f64,
     options: &Options,
+    slope: Option<&Slope<'_>>,
     run: On<'_>,
 ) -> Result<(QuadMesh, PartReport), Error> {
     let part = Part::of(mesh.clone(), options.crease)?;
@@ -94,16 +107,67 @@ pub(super) fn part_quads(
         triangles: mesh.triangles().len(),
         ..PartReport::default()
     };
-    let raw = match climb(&part, spacing, options, run, &mut report)? {
+    let mut asked = Asked {
+        options,
+        spacing,
+        slope,
+        run,
+    };
+    let mut raw = climb(&part, &asked, &mut report)?;
+    if raw.is_none() && slope.is_some() {
+        report.squares = true;
+        let quads = asked.stretched(&part)? / (spacing * spacing);
+        asked.spacing = (part.mesh.area() / quads).sqrt();
+        asked.slope = None;
+        raw = climb(&part, &asked, &mut report)?;
+    }
+    let raw = match raw {
         Some(raw) => raw,
         None => {
             report.rung = Rung::Split;
-            last_resort(&part, spacing, options, run)?
+            last_resort(&part, asked.spacing, options, run)?
         }
     };
-    let made = finished(&part, raw, options, run)?;
+    let narrowest = asked.narrowest();
+    let made = finished(&part, raw, narrowest, options, run)?;
     report.quads = made.quads().len();
     Ok((made, report))
+}
+
+/// What is asked of a part.
+#[derive(Clone, Copy)]
+struct Asked<'a> {
+    options: &'a Options,
+    /// The side of a quad, the longer one, Å.
+    spacing: f64,
+    slope: Option<&'a Slope<'a>>,
+    run: On<'a>,
+}
+
+impl Asked<'_> {
+    /// The least proportion of a quad's sides.
+    fn narrowest(&self) -> f64 {
+        self.slope.map_or(1.0, |s| s.options().ratio)
+    }
+
+    /// The sides of squares as large as the smallest quads: what triangles are compared with.
+    fn square(&self) -> f64 {
+        self.spacing * self.narrowest().sqrt()
+    }
+
+    /// The area of a part, if its quads had two long sides.
+    fn stretched(&self, part: &Part) -> Result<f64, Error> {
+        match self.slope {
+            Some(slope) => slope.stretched_area(),
+            None => Ok(part.mesh.area()),
+        }
+    }
+}
+
+/// What the field and the lines of a surface follow.
+struct Wishes {
+    guides: Vec<Guide>,
+    metric: Option<Metric>,
 }
 
 /// Quads, and the triangles they were made of.
@@ -113,48 +177,45 @@ struct Raw {
 }
 
 /// The rungs that have a map; `None` where all of them failed, and the report says why. An error where no rung follows.
-fn climb(
-    part: &Part,
-    spacing: f64,
-    options: &Options,
-    run: On<'_>,
-    report: &mut PartReport,
-) -> Result<Option<Raw>, Error> {
+fn climb(part: &Part, asked: &Asked<'_>, report: &mut PartReport) -> Result<Option<Raw>, Error> {
+    let Asked { options, run, .. } = *asked;
+    let lines = f64::from(1u16 << options.nested);
     let mut rungs = Rungs {
         options,
-        spacing: spacing * f64::from(1u16 << options.nested),
+        spacing: asked.spacing * lines,
+        slope: asked.slope,
         run,
         report,
         denser: None,
         smoothing: 0.0,
         effort: Effort::of(part.mesh.triangles().len()),
     };
-    let start = proxy(part, spacing, options, run)?.unwrap_or_else(|| part.clone());
-    if let Some(guides) = rungs.reported(guides(&start, options))?
-        && let Some(quads) = rungs.with_field(&start, &guides, 1.0, Rung::Direct)?
+    let start = proxy(part, asked)?.unwrap_or_else(|| part.clone());
+    if let Some(wishes) = rungs.reported(wishes(&start, asked))?
+        && let Some(quads) = rungs.with_field(&start, &wishes, 1.0, Rung::Direct)?
     {
         return Ok(Some(Raw { quads, part: start }));
     }
     // Where the triangles are as large as the quads, a map has too little freedom.
-    let fine = match part.remeshed(FINE * rungs.spacing, options.crease, run)? {
+    let fine = match part.remeshed(FINE * asked.square() * lines, options.crease, run)? {
         Some(fine) => Ok(fine),
         None => part.refined(),
     };
     let Some(fine) = rungs.reported(fine)? else {
         return Ok(None);
     };
-    let Some(guides) = rungs.reported(guides(&fine, options))? else {
+    let Some(wishes) = rungs.reported(wishes(&fine, asked))? else {
         return Ok(None);
     };
     rungs.denser = None;
-    if let Some(quads) = rungs.with_field(&fine, &guides, 1.0, Rung::Refined)? {
+    if let Some(quads) = rungs.with_field(&fine, &wishes, 1.0, Rung::Refined)? {
         return Ok(Some(Raw { quads, part: fine }));
     }
     for factor in SMOOTHER {
         if rungs.effort.is_spent() {
             break;
         }
-        if let Some(quads) = rungs.with_field(&fine, &guides, factor, Rung::Smoother)? {
+        if let Some(quads) = rungs.with_field(&fine, &wishes, factor, Rung::Smoother)? {
             return Ok(Some(Raw { quads, part: fine }));
         }
     }
@@ -164,7 +225,8 @@ fn climb(
                 break;
             }
             let factor = 0.5f64.powf(0.5 * f64::from(step));
-            let made = rungs.with_map(&fine, &smooth, &field, factor, Rung::Denser(step));
+            let metric = wishes.metric.as_ref();
+            let made = rungs.with_map(&fine, metric, &smooth, &field, factor, Rung::Denser(step));
             if let Some(quads) = rungs.reported(made)? {
                 return Ok(Some(Raw { quads, part: fine }));
             }
@@ -174,17 +236,13 @@ fn climb(
 }
 
 /// Fewer triangles in place of far too many: the field needs no more than about fourteen per quad.
-fn proxy(
-    part: &Part,
-    spacing: f64,
-    options: &Options,
-    run: On<'_>,
-) -> Result<Option<Part>, Cancelled> {
-    let quads = part.mesh.area() / (spacing * spacing);
+fn proxy(part: &Part, asked: &Asked<'_>) -> Result<Option<Part>, Cancelled> {
+    let square = asked.square();
+    let quads = part.mesh.area() / (square * square);
     if (part.mesh.triangles().len() as f64) < MANY * quads {
         return Ok(None);
     }
-    part.remeshed(PROXY * spacing, options.crease, run)
+    part.remeshed(PROXY * square, asked.options.crease, asked.run)
 }
 
 /// What the rungs share.
@@ -192,6 +250,7 @@ struct Rungs<'a> {
     options: &'a Options,
     /// Of the lines that nested quads lie between, Å.
     spacing: f64,
+    slope: Option<&'a Slope<'a>>,
     run: On<'a>,
     report: &'a mut PartReport,
     /// The first field whose map folds only on integers, and what it is a field of.
@@ -206,15 +265,28 @@ impl Rungs<'_> {
     fn with_field(
         &mut self,
         part: &Part,
-        guides: &[Guide],
+        wishes: &Wishes,
         factor: f64,
         rung: Rung,
     ) -> Result<Option<QuadMesh>, Error> {
-        let field = self.field(part, guides, factor);
+        (self.report.milder, self.report.adapted) = (0, 0);
+        let field = self.field(part, wishes, factor);
         let Some((smooth, field)) = self.reported(field)? else {
             return Ok(None);
         };
-        let made = self.with_map(part, &smooth, &field, 1.0, rung);
+        let mut metric = wishes.metric.clone();
+        let mut made = self.with_map(part, metric.as_ref(), &smooth, &field, 1.0, rung);
+        if self.options.ladder == Ladder::Full {
+            for milder in 1..=MILDER {
+                let (Err(Error::Folded { .. }), Some(steep)) = (&made, &metric) else {
+                    break;
+                };
+                self.reported(made)?;
+                metric = Some(steep.milder());
+                made = self.with_map(part, metric.as_ref(), &smooth, &field, 1.0, rung);
+                self.report.milder = milder;
+            }
+        }
         let relaxed = matches!(made, Err(Error::Folded { relaxed: true, .. }));
         if made.is_err() && !relaxed && self.denser.is_none() {
             self.denser = Some((smooth, field));
@@ -225,7 +297,7 @@ impl Rungs<'_> {
     fn field(
         &mut self,
         part: &Part,
-        guides: &[Guide],
+        wishes: &Wishes,
         factor: f64,
     ) -> Result<(Smooth, CrossField), Error> {
         const EVALUATIONS: usize = 50;
@@ -241,21 +313,54 @@ impl Rungs<'_> {
             singularity_penalty: factor * options.singularity_penalty,
             weights: options.weights,
         };
+        let guides = &wishes.guides;
         let field = field_of(&part.mesh, &smooth.frames, guides, &field_options, self.run)?;
+        let field = self.adapted(part, wishes, &smooth, field)?;
         Ok((smooth, field))
+    }
+
+    /// The field as the anisotropy's map would rather have it, if it is to be adapted.
+    fn adapted(
+        &mut self,
+        part: &Part,
+        wishes: &Wishes,
+        smooth: &Smooth,
+        field: CrossField,
+    ) -> Result<CrossField, Error> {
+        let wanted = self.slope.and_then(|s| s.options().adaptation);
+        let (Some(wanted), Some(metric)) = (wanted, &wishes.metric) else {
+            return Ok(field);
+        };
+        let Smooth { mesh, frames, .. } = smooth;
+        let (spacing, same) = (self.spacing, vec![1.0; part.mesh.triangles().len()]);
+        let map = |field: &CrossField| MapOptions {
+            spacing: smooth.spacing(spacing, &same, Some(metric), field),
+            lines: part.lines.iter().map(|&h| h as u32).collect(),
+        };
+        let free = metric.transition(&wishes.guides);
+        let (field, round) = adapted(mesh, frames, field, &free, map, &wanted, self.run)?;
+        self.report.adapted = round;
+        Ok(field)
     }
 
     /// The quads of a field's map.
     fn with_map(
         &mut self,
         part: &Part,
+        metric: Option<&Metric>,
         smooth: &Smooth,
         field: &CrossField,
         factor: f64,
         rung: Rung,
     ) -> Result<QuadMesh, Error> {
-        let spacing = factor * self.spacing;
-        let (quads, closer, map) = as_many(part, smooth, field, spacing, self)?;
+        let ground = Mapping {
+            part,
+            smooth,
+            field,
+            metric,
+        };
+        let (quads, closer, map) = as_many(&ground, factor * self.spacing, self)?;
+        self.report.misalignment = metric.map(|m| m.misalignment(&smooth.frames, field));
         self.report.rung = rung;
         self.report.field = Some(field.report.clone());
         self.report.map = Some(map);
@@ -277,36 +382,73 @@ impl Rungs<'_> {
     }
 }
 
-/// The guidance asked for, and the lines that must be kept.
-fn guides(part: &Part, options: &Options) -> Result<Vec<Guide>, Error> {
-    let frames = Frames::of(&part.mesh, options.weights)?;
-    let mut guides = guidance::guides(&part.mesh, &frames, &options.guidance)?;
+/// The guidance asked for, the gradient, and the lines that must be kept.
+fn wishes(part: &Part, asked: &Asked<'_>) -> Result<Wishes, Error> {
+    let frames = Frames::of(&part.mesh, asked.options.weights)?;
+    let mut guides = guidance::guides(&part.mesh, &frames, &asked.options.guidance)?;
+    let metric = match asked.slope {
+        Some(slope) => Some(slope.metric(&part.mesh, &frames)?),
+        None => None,
+    };
+    if let Some(metric) = &metric {
+        let named: std::collections::BTreeSet<u32> = guides.iter().map(|g| g.face).collect();
+        guides.extend(metric.guides().filter(|g| !named.contains(&g.face)));
+    }
     guides.extend(part.lines.iter().map(|&h| Guide {
         face: (h / 3) as u32,
         toward: Toward::Side((h % 3) as u8),
         weight: f64::INFINITY,
     }));
-    Ok(guides)
+    Ok(Wishes { guides, metric })
 }
 
 /// Map and quads of a field, checked against the surface, and how often lines were laid closer to each other.
 type Mapped = (QuadMesh, usize, MapReport);
 
+/// What a map is made of.
+struct Mapping<'a> {
+    part: &'a Part,
+    smooth: &'a Smooth,
+    field: &'a CrossField,
+    metric: Option<&'a Metric>,
+}
+
+impl Mapping<'_> {
+    /// Area over that of a quad with two long sides of 1: as the field has them, and if it followed the gradient everywhere.
+    fn stretched(&self) -> [f64; 2] {
+        let mesh = &self.part.mesh;
+        let Some(metric) = self.metric else {
+            return [mesh.area(); 2];
+        };
+        let area = |f: usize| mesh.doubled_area_normal(f).norm() / 2.0;
+        let sum = |density: &dyn Fn(usize) -> f64| {
+            let faces = 0..mesh.triangles().len();
+            faces.map(|f| area(f) * density(f)).sum()
+        };
+        let theta = &self.field.theta;
+        [
+            sum(&|f| metric.density(f, theta[f])),
+            sum(&|f| metric.aligned_density(f)),
+        ]
+    }
+}
+
 /// Once more where rounding made the quads larger or smaller than wanted, with that allowed for.
-fn as_many(
-    part: &Part,
-    smooth: &Smooth,
-    field: &CrossField,
-    spacing: f64,
-    rungs: &Rungs<'_>,
-) -> Result<Mapped, Error> {
-    let first = mapped(part, smooth, field, spacing, rungs)?;
+fn as_many(ground: &Mapping<'_>, spacing: f64, rungs: &Rungs<'_>) -> Result<Mapped, Error> {
+    let [made, asked] = ground.stretched();
+    let counted = !matches!(rungs.options.size, Size::Spacing(_));
+    // A field that does not follow the gradient asks for more quads than were counted on.
+    let stretch = if counted { made / asked } else { 1.0 };
     let nested = f64::from(1u32 << (2 * rungs.options.nested));
-    let wanted = part.mesh.area() / (spacing * spacing) * nested;
+    let area = if counted { asked } else { made };
+    let wanted = area / (spacing * spacing) * nested;
+    let spacing = spacing * stretch.sqrt();
+    let most = area / rungs.spacing.powi(2) * nested;
+    let first = mapped(ground, spacing, most, rungs)?;
     let share = |made: &Mapped| made.0.quads().len() as f64 / wanted;
     let off = |made: &Mapped| (share(made) - 1.0).abs();
     if matches!(rungs.options.size, Size::Quads(_)) && off(&first) > OFF_TARGET {
-        match mapped(part, smooth, field, spacing * share(&first).sqrt(), rungs) {
+        match mapped(ground, spacing * share(&first).sqrt(), most, rungs) {
             Ok(second) if off(&second) < off(&first) => return Ok(second),
             Err(error @ Error::Cancelled(_)) => return Err(error),
             _ => {}
@@ -316,19 +458,24 @@ fn as_many(
 }
 
 /// Map and quads of a field. Where the quads are no mesh because a handle or neck is too narrow for them, the lines are laid
-/// closer to each other.
+/// closer to each other. `wanted` quads are asked for; far more are refused.
 fn mapped(
-    part: &Part,
-    smooth: &Smooth,
-    field: &CrossField,
+    ground: &Mapping<'_>,
     spacing: f64,
+    wanted: f64,
     rungs: &Rungs<'_>,
 ) -> Result<Mapped, Error> {
+    let Mapping {
+        part,
+        smooth,
+        field,
+        metric,
+    } = *ground;
     let mut closer = vec![1.0; part.mesh.triangles().len()];
     let mut tried = 0;
     loop {
         let map_options = MapOptions {
-            spacing: smooth.spacing(spacing, &closer),
+            spacing: smooth.spacing(spacing, &closer, metric, field),
             lines: part.lines.iter().map(|&h| h as u32).collect(),
         };
         let effort = rungs.effort.share(2);
@@ -339,8 +486,6 @@ fn mapped(
         rungs.effort.give_back(&effort);
         // The map of the smoothed triangles is one of those that they were, too.
         let (sources, quads, report) = lines(map?, frames, nested)?;
-        let area = part.mesh.area() / rungs.spacing.powi(2);
-        let wanted = area * f64::from(1u32 << (2 * nested));
         if quads.len() > FEW.max((MOST * wanted) as usize) {
             return Err(Error::TooMany {
                 quads: quads.len(),
@@ -445,11 +590,17 @@ fn last_resort(part: &Part, spacing: f64, options: &Options, run: On<'_>) -> Res
 }
 
 /// Vertices on the surface, better quads.
-fn finished(part: &Part, raw: Raw, options: &Options, run: On<'_>) -> Result<QuadMesh, Error> {
+fn finished(
+    part: &Part,
+    raw: Raw,
+    narrowest: f64,
+    options: &Options,
+    run: On<'_>,
+) -> Result<QuadMesh, Error> {
     let freedom = freedoms(&raw.part, raw.quads.positions())?;
     let ground = Ground::new(&part.mesh, part.segments()?)?;
     if options.improve {
-        improve(raw.quads, &ground, &freedom, run)
+        improve(raw.quads, narrowest, &ground, &freedom, run)
     } else {
         settled(raw.quads, &ground, &freedom, run)
     }

@@ -6,8 +6,9 @@ use geom_core::surface::laplace::EdgeWeights;
 
 use super::parts::Part;
 use crate::Error;
-use crate::field::Frames;
+use crate::anisotropy::Metric;
 use crate::field::smooth::{Operators, flowed};
+use crate::field::{CrossField, Frames};
 use crate::map::Spacing;
 
 /// Where sides become shorter than this part of what they were, the flow is slowed down.
@@ -69,10 +70,20 @@ impl Smooth {
     }
 
     /// The spacing that makes quads of this side on the surface before: the flow draws tips together, and singular vertices
-    /// there with them. `closer` times as large in each triangle.
-    pub(super) fn spacing(&self, side: f64, closer: &[f64]) -> Spacing {
-        let all = self.shrunk.iter().zip(closer);
-        Spacing::PerFace(all.map(|(s, c)| [side * s * c; 2]).collect())
+    /// there with them. `closer` times as large in each triangle, and as the metric wants it along the arms of the field.
+    pub(super) fn spacing(
+        &self,
+        side: f64,
+        closer: &[f64],
+        metric: Option<&Metric>,
+        field: &CrossField,
+    ) -> Spacing {
+        let of = |(face, (s, c)): (usize, (&f64, &f64))| {
+            let narrowed = metric.map_or([1.0; 2], |m| m.spacing(face, field.theta[face]));
+            narrowed.map(|h| side * s * c * h)
+        };
+        let all = self.shrunk.iter().zip(closer).enumerate();
+        Spacing::PerFace(all.map(of).collect())
     }
 }
 

@@ -102,6 +102,34 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::vertices_of_no_quad_are_not_irregular"),
     Fault::wrong(
+        "spacings along a gradient and across it are exchanged",
+        "crates/crossfield/src/anisotropy/metric.rs",
+        "[narrowed(ratio, cosine), narrowed(ratio, sine)]",
+        "[narrowed(ratio, sine), narrowed(ratio, cosine)]",
+    )
+    .seen_by("anisotropy::spacings_of_crosses_are_those_of_the_metric"),
+    Fault::wrong(
+        "the spacing is Eq. 4.13 as printed",
+        "crates/crossfield/src/anisotropy/metric.rs",
+        "1.0 / (1.0 + (1.0 / (ratio * ratio) - 1.0) * cosine * cosine).sqrt()",
+        "cosine.abs() * ratio + (1.0 - cosine.abs())",
+    )
+    .seen_by("lib anisotropy::metric::tests::spacings_have_their_closed_forms"),
+    Fault::wrong(
+        "crosses turn towards the gradient that is nearer",
+        "crates/crossfield/src/anisotropy/adapt.rs",
+        "if u[0].abs() < v[0].abs() { u } else { v };",
+        "if u[0].abs() > v[0].abs() { u } else { v };",
+    )
+    .seen_by("lib anisotropy::adapt::tests::crosses_turn_towards_the_worse_gradient"),
+    Fault::wrong(
+        "improvement makes squares of narrow quads",
+        "crates/crossfield/src/quads/improve.rs",
+        "let ratio = ratio.clamp(narrowest, narrowest.recip());",
+        "let ratio = ratio.clamp(1.0, narrowest.recip().min(1.0));",
+    )
+    .seen_by("lib quads::improve::tests::narrow_quads_keep_their_proportions"),
+    Fault::wrong(
         "chart_distortion.wgsl: the derivative without the regularization",
         "shaders/wgsl/crossfield/chart_distortion.wgsl",
         "let chi_slope = chi / root;",

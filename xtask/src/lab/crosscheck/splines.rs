@@ -44,7 +44,7 @@ pub(super) fn splines(lab: &mut Lab) -> Outcome {
 }
 
 /// A bundled protein, smooth as the thesis's.
-fn protein() -> Result<TriMesh, String> {
+pub(super) fn protein() -> Result<TriMesh, String> {
     let path = fixtures::path("1AJJ.pdb");
     let structure = read(path, &ReadOptions::default()).map_err(text)?.structure;
     let levels = Levels {

@@ -62,7 +62,7 @@ impl Batch {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Outcome {
+pub(super) fn run(arguments: &Arguments) -> Outcome {
     let batches = batches(arguments)?;
     let keys: Vec<String> = batches
         .iter()
@@ -94,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> Outcome {
             if let Some(case) = dead {
                 let end = end.err().unwrap_or_else(|| "ended early".to_owned());
                 let row = batch.row(json!({ "faults": [end], "misses": [] }), case);
-                append(&out, &row)?;
+                append(&out, &row, &table::line(&row))?;
                 rows.insert(case.2.clone(), row);
             }
         }
@@ -183,7 +183,7 @@ fn spacings_for(atoms: usize, tets: f64) -> [f64; 2] {
 }
 
 /// The results so far.
-fn earlier(path: &Path) -> Result<Rows, String> {
+pub(super) fn earlier(path: &Path) -> Result<Rows, String> {
     let lines = match fs::read_to_string(path) {
         Ok(lines) => lines,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Rows::new()),
@@ -199,8 +199,9 @@ fn earlier(path: &Path) -> Result<Rows, String> {
     Ok(rows)
 }
 
-fn append(path: &Path, row: &Value) -> Outcome {
-    println!("{}", table::line(row));
+/// Adds a result and tells it in a line.
+pub(super) fn append(path: &Path, row: &Value, told: &str) -> Outcome {
+    println!("{told}");
     // In one piece, so that a kill leaves no half of a line.
     let line = format!("{row}\n");
     let file = OpenOptions::new().create(true).append(true).open(path);
@@ -279,7 +280,7 @@ fn sweep(batch: &Batch, arguments: &Arguments, out: &Path, rows: &Rows) -> Outco
                     all.extend(faults.into_iter().map(Value::from));
                 }
             }
-            append(out, &row)?;
+            append(out, &row, &table::line(&row))?;
         }
     }
     Ok(())

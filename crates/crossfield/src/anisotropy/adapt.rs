@@ -1,0 +1,152 @@
+//! The field gives way to the map between steep and flat (Eqs. 4.11–4.12).
+
+use geom_core::TriMesh;
+
+use super::Adaptation;
+use crate::Error;
+use crate::backend::On;
+use crate::field::CrossField;
+use crate::field::frames::{Frames, QUARTER};
+use crate::map::{MapOptions, Relaxation, relaxation};
+
+/// Crosses that turn by less, radians, stand still.
+const STILL: f64 = 1e-4;
+/// Indices, in quarters, of vertices where three, five or six quads meet: others fold quads.
+const INDICES: std::ops::RangeInclusive<i32> = -2..=1;
+
+/// The field of the fewest folded triangles, then of the best map, among those that come about as the crosses of `free`
+/// triangles turn towards the gradients of their map; and after how many rounds.
+///
+/// Of the two arms the one that is farther from its gradient turns by a part of the way, and takes the other along. Period jumps
+/// follow the angles, so that singularities may come and go in pairs; their sum stays.
+pub(crate) fn adapted(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: CrossField,
+    free: &[usize],
+    map: impl Fn(&CrossField) -> MapOptions,
+    options: &Adaptation,
+    run: On<'_>,
+) -> Result<(CrossField, u32), Error> {
+    let rounds = u64::from(options.rounds);
+    let mut now = field.clone();
+    let mut best = (None, field, 0);
+    for round in 0..=options.rounds {
+        run.progress("adaptation", u64::from(round), rounds + 1)?;
+        let relaxed = relaxation(mesh, frames, &now, &map(&now), run)?;
+        let rank = (relaxed.faults, relaxed.energy);
+        let sound = now.index.iter().all(|i| INDICES.contains(i));
+        let better = best.0.is_none_or(|b| sound && rank < b);
+        if better {
+            best = (Some(rank), now.clone(), round);
+        }
+        if round == options.rounds || !turn(frames, &mut now, free, &relaxed, options.rate) {
+            break;
+        }
+    }
+    Ok((best.1, best.2))
+}
+
+/// Turns the crosses of these triangles towards the gradients of a map; whether any moved.
+fn turn(
+    frames: &Frames,
+    field: &mut CrossField,
+    free: &[usize],
+    relaxed: &Relaxation,
+    rate: f64,
+) -> bool {
+    let before = field.theta.clone();
+    let mut moved = false;
+    for &f in free {
+        let by = turned_by(&relaxed.jacobians[f], rate);
+        field.theta[f] += by;
+        moved |= by.abs() > STILL;
+    }
+    // A jump changes where the nearest arm of the neighbour is another one now, and only there.
+    let nearest = |theta: &[f64], h: usize, t: usize| {
+        ((theta[t / 3] - theta[h / 3] - frames.transport(h)) / QUARTER).round() as i32
+    };
+    for (h, t) in frames.interior() {
+        let change = nearest(&field.theta, h, t) - nearest(&before, h, t);
+        field.jump[h] += change;
+        field.jump[t] -= change;
+    }
+    let (theta, jump) = (
+        std::mem::take(&mut field.theta),
+        std::mem::take(&mut field.jump),
+    );
+    *field = CrossField::measured(frames, theta, jump, field.report.clone());
+    moved
+}
+
+/// The angle by which a cross turns, from the gradients of u and v in the basis of its arms (Eqs. 4.11–4.12, the result made a
+/// unit vector again).
+fn turned_by([of_u, of_v]: &[[f64; 2]; 2], rate: f64) -> f64 {
+    let towards = |along: f64, aside: f64| {
+        let length = along.hypot(aside);
+        if length > 0.0 {
+            [along / length, aside / length]
+        } else {
+            [1.0, 0.0]
+        }
+    };
+    let u = towards(of_u[0], of_u[1]);
+    let v = towards(of_v[1], -of_v[0]);
+    let worse = if u[0].abs() < v[0].abs() { u } else { v };
+    (rate * worse[1]).atan2(1.0 + rate * (worse[0] - 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geom_core::mesh::shapes;
+    use geom_core::surface::laplace::EdgeWeights;
+    use geom_core::{Cpu, Run};
+
+    /// However far crosses turn, what they turn by around vertices adds up to the Euler characteristic.
+    #[test]
+    fn indices_of_turned_crosses_add_up() {
+        for (mesh, total) in [
+            (shapes::icosphere(1.0, 2), 8),
+            (shapes::torus(2.0, 0.7, 16, 8), 0),
+        ] {
+            let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+            let options = crate::FieldOptions::default();
+            let mut field = crate::cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
+            let before = field.index.clone();
+            let jacobian = |f: usize| {
+                let (sine, cosine) = (0.7 * f as f64).sin_cos();
+                [[cosine, sine], [-sine, cosine]]
+            };
+            let relaxed = Relaxation {
+                jacobians: (0..frames.faces()).map(jacobian).collect(),
+                faults: 0,
+                energy: 0.0,
+            };
+            let free: Vec<usize> = (0..frames.faces()).step_by(3).collect();
+            assert!(turn(&frames, &mut field, &free, &relaxed, 0.9));
+            assert_eq!(field.index.iter().sum::<i32>(), total);
+            assert_ne!(field.index, before);
+            for (h, t) in frames.interior() {
+                assert_eq!(field.jump[h], -field.jump[t]);
+            }
+        }
+    }
+
+    /// A tenth of the way towards the gradient that is farther off.
+    #[test]
+    fn crosses_turn_towards_the_worse_gradient() {
+        let (sine, cosine) = 0.3f64.sin_cos();
+        let small = 0.1f64;
+        let expected = (0.1 * sine).atan2(1.0 + 0.1 * (cosine - 1.0));
+        // u is off by 0.3 to the left, v is right; then v is off by as much.
+        let u_off = [[cosine, sine], [0.0, 2.0]];
+        assert!((turned_by(&u_off, small) - expected).abs() < 1e-15);
+        let v_off = [[3.0, 0.0], [-sine, cosine]];
+        assert!((turned_by(&v_off, small) - expected).abs() < 1e-15);
+        assert_eq!(turned_by(&[[1.0, 0.0], [0.0, 1.0]], small), 0.0);
+        assert_eq!(turned_by(&[[0.0; 2], [0.0, 1.0]], small), 0.0);
+        // With a rate of one it is there at once.
+        assert!((turned_by(&u_off, 1.0) - 0.3).abs() < 1e-15);
+    }
+}
