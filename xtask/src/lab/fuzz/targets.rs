@@ -1,6 +1,7 @@
 //! What is fuzzed: every reader, and every verb that takes a mesh or a grid of somebody else's.
 
 use std::fs;
+use std::io::Write;
 use std::sync::LazyLock;
 
 use geom_core::io::structure::{self, Format, ReadOptions};
@@ -11,17 +12,17 @@ use geom_core::mesh::shapes;
 use geom_core::surface::distance::{Graph, Heat, HeatOptions};
 use geom_core::surface::remesh::{self, remesh};
 use geom_core::surface::repair::{self, repair};
+use geom_core::testing::faults::{Random, spoilt};
 use geom_core::{Cpu, Lattice, Point3, QuadMesh, Run, ScalarGrid, TetMesh, TriMesh, Vector3};
 use secondfund_ops::{
     Element, Faces, FilterOptions, FlowOptions, Groups, Normals, SegmentOptions, SpectrumOptions,
     flow, segment, smooth, smooth_quads, spectrum,
 };
 use spectral_corresp::{ShapeOptions, VoxelShape};
+use tspline::files::{Exchange, bext, iga};
 use tspline::mesh::Record;
 use tspline::surface::fit::{FitOptions, MeshTarget, fit};
 use tspline::{Basis, QualityOptions, TMesh, TMeshOptions};
-
-use geom_core::testing::faults::{Random, spoilt};
 
 use super::mutate::{self, Mesh};
 use crate::fixtures;
@@ -65,6 +66,12 @@ pub(super) const TARGETS: &[Target] = &[
     ("read_mrc", |r| read_grid(r, "mrc")),
     ("read_dx", |r| read_grid(r, "dx")),
     ("read_tmesh", read_tmesh),
+    ("read_iga", |r| {
+        read_spline(r, &|w, s| iga::write(w, s), &iga::read)
+    }),
+    ("read_bext", |r| {
+        read_spline(r, &|w, s| bext::write(w, s), &bext::read)
+    }),
     ("repair", |r| {
         told(repair(
             triangles(r)?,
@@ -247,6 +254,26 @@ fn read_tmesh(random: &mut Random) -> Fate {
     let seed = serde_json::to_vec(&Record::from(&mesh)).map_err(|e| e.to_string())?;
     let record = serde_json::from_slice::<Record>(&spoilt(random, &[seed]));
     told(TMesh::try_from(record.map_err(|e| e.to_string())?))
+}
+
+/// Spline surfaces of a sphere, whose text is as long as anybody's.
+static SPLINE: LazyLock<Exchange> = LazyLock::new(|| {
+    let fine = shapes::quad_sphere(1.0, 4);
+    let allowed = vec![1; fine.quads().len()];
+    let mesh = TMesh::build(&fine, &allowed, &TMeshOptions::default()).expect("a sphere");
+    let surface = tspline::Surface::new(mesh, Basis::Rational, Run::on(&Cpu));
+    Exchange::from(&surface.expect("a sphere"))
+});
+
+fn read_spline(
+    random: &mut Random,
+    write: &dyn Fn(&mut dyn Write, &Exchange) -> std::io::Result<()>,
+    read: &dyn Fn(&str) -> Result<Exchange, tspline::Error>,
+) -> Fate {
+    let mut seed = Vec::new();
+    write(&mut seed, &SPLINE).map_err(|e| e.to_string())?;
+    let text = spoilt(random, &[seed]);
+    told(read(&String::from_utf8_lossy(&text)).and_then(|s| s.patches()))
 }
 
 fn remeshed(random: &mut Random) -> Fate {
