@@ -1,10 +1,11 @@
 //! `cargo xtask crosscheck`: our files in other people's programs. trimesh and meshio measure our
 //! surfaces and tetrahedra, mrcfile and GridDataFormats read and write our grids, and scikit-fem solves
 //! equations with known answers on our meshes. Meshes of SciPy and, where it is at hand, TetGen are improved. Gmsh and
-//! VTK read our spline surfaces. Chromium opens the pages of runs.
+//! VTK read our spline surfaces, and the parts of a mesh in tiles. Chromium opens the pages of runs.
 
 mod pages;
 mod splines;
+mod tiles;
 
 use std::path::PathBuf;
 
@@ -20,8 +21,8 @@ use super::{number, python, text};
 use crate::{Outcome, fixtures, root};
 
 /// The parts, in the order in which they run.
-const PARTS: [&str; 8] = [
-    "surfaces", "volumes", "grids", "solver", "foreign", "tetgen", "splines", "pages",
+const PARTS: [&str; 9] = [
+    "surfaces", "volumes", "grids", "solver", "foreign", "tetgen", "splines", "tiles", "pages",
 ];
 
 /// Prints a row per comparison, of one part or of all; an error if one is out of its tolerance.
@@ -62,6 +63,7 @@ pub(crate) fn run(part: Option<&str>) -> Outcome {
             "foreign" => foreign(&mut lab)?,
             "tetgen" => tetgen(&mut lab, &molecule)?,
             "splines" => splines::splines(&mut lab)?,
+            "tiles" => tiles::tiles(&mut lab)?,
             _ => pages::pages(&mut lab)?,
         }
     }
