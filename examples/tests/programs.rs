@@ -1005,6 +1005,13 @@ fn tiles_are_one_mesh_however_many_there_are() {
         assert_eq!(report["surface"]["parts"], bodies + cavities);
         if ways.contains(&"--improve") {
             least.push(report["tiles"]["min_dihedral"].as_f64().unwrap());
+            // No walls of different tiles have come through each other.
+            let surface = geom_core::io::mesh::read(out.join("surface.ply")).unwrap();
+            let surface = surface.mesh.into_triangles();
+            assert_eq!(
+                geom_core::search::crossing::crossing_pairs(&surface),
+                [[0; 2]; 0]
+            );
         }
         let joined = std::fs::read_to_string(out.join("volume.pvtu")).unwrap();
         for name in ["molecule|exterior", "atom", "residue", "chain", "group"] {

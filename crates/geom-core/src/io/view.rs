@@ -663,59 +663,45 @@ impl<'a> View<'a> {
 
     /// Only some of the triangles: those for which `keep` says so, asked with the cells behind and before each, as
     /// [`View::sides`] tells them. Groups without a cell go.
-    pub fn with_triangles(self, mut keep: impl FnMut([u32; 2]) -> bool) -> View<'static> {
-        let mut kept = vec![true; self.cells()];
+    pub fn with_triangles(mut self, mut keep: impl FnMut([u32; 2]) -> bool) -> Self {
+        let mut is_kept = vec![true; self.cells()];
         for (cell, sides) in self.sides() {
-            kept[cell as usize] = keep(sides);
+            is_kept[cell as usize] = keep(sides);
         }
-        let cells: Vec<usize> = (0..kept.len()).filter(|&c| kept[c]).collect();
+        let cells: Vec<usize> = (0..is_kept.len()).filter(|&c| is_kept[c]).collect();
+        self.cell_fields = self.fields_of(&cells);
         let mut first = 0;
-        let blocks = self.blocks.iter().map(|block| {
-            let is_kept = &kept[first..first + block.len()];
-            first += block.len();
-            match block {
-                Cells::Triangles(c) => {
-                    let kept = c.iter().zip(is_kept).filter(|t| *t.1);
-                    Cells::Triangles(kept.map(|t| *t.0).collect())
-                }
-                Cells::Quads(c) => Cells::Quads(c.to_vec().into()),
-                Cells::Tets(c) => Cells::Tets(c.to_vec().into()),
-                Cells::Polygons { ends, corners } => Cells::Polygons {
-                    ends: ends.to_vec().into(),
-                    corners: corners.to_vec().into(),
-                },
+        for block in &mut self.blocks {
+            let end = first + block.len();
+            if let Cells::Triangles(all) = block {
+                let kept = all.iter().zip(&is_kept[first..end]).filter(|t| *t.1);
+                *all = kept.map(|t| *t.0).collect();
             }
-        });
+            first = end;
+        }
+        if self.group_of.is_empty() {
+            return self;
+        }
+        let mut group_of: Vec<u32> = cells.iter().map(|&c| self.group_of[c]).collect();
         let mut number = vec![NO_GROUP; self.groups.len()];
-        let of = |&c: &usize| self.group_of.get(c).copied().unwrap_or(NO_GROUP);
-        for group in cells.iter().map(of) {
+        for &group in &group_of {
             if let Some(number) = number.get_mut(group as usize) {
                 *number = 0;
             }
         }
         let mut groups = Vec::new();
-        for (number, group) in number.iter_mut().zip(&self.groups).filter(|g| *g.0 == 0) {
-            *number = groups.len() as u32;
-            groups.push(group.clone());
+        for (number, group) in number.iter_mut().zip(self.groups) {
+            if *number == 0 {
+                *number = groups.len() as u32;
+                groups.push(group);
+            }
         }
-        let all: Vec<usize> = (0..self.points.len()).collect();
-        let owned = |field: &Field<'_>| Field {
-            name: field.name.clone(),
-            values: field.values.select(all.iter().copied()),
-        };
-        let group = |c: &usize| number.get(of(c) as usize).copied().unwrap_or(NO_GROUP);
-        View {
-            blocks: blocks.collect(),
-            point_fields: self.point_fields.iter().map(owned).collect(),
-            cell_fields: self.fields_of(&cells),
-            colors: self.colors.as_ref().map(|c| c.to_vec().into()),
-            group_of: match self.group_of.is_empty() {
-                true => Cow::default(),
-                false => cells.iter().map(group).collect(),
-            },
-            groups,
-            points: self.points.into_owned().into(),
+        for group in &mut group_of {
+            *group = number.get(*group as usize).copied().unwrap_or(NO_GROUP);
         }
+        self.groups = groups;
+        self.group_of = group_of.into();
+        self
     }
 
     /// The field with this name among those of the points.

@@ -4,8 +4,8 @@ use bytemuck::{Pod, Zeroable};
 
 use super::exchange::{Deal, Exchange, Lost, exchanged};
 use super::piece::{Piece, key};
-use crate::Point3;
 use crate::mesh::Region;
+use crate::{Aabb, Point3};
 
 /// A vertex of a tile that another tile has too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
@@ -43,9 +43,11 @@ pub struct Ghost {
 #[derive(Clone, Debug, Default)]
 pub struct Border {
     /// Vertices of the piece.
-    vertices: usize,
+    pub vertices: usize,
     /// Tetrahedra of the piece.
     pub elements: usize,
+    /// Around the piece, if it has vertices.
+    pub bounds: Option<Aabb>,
     /// Those that others may share, ascending.
     shared: Vec<(u32, [u64; 3])>,
     /// The tetrahedra that touch them.
@@ -79,6 +81,7 @@ impl Border {
         Self {
             vertices: mesh.positions().len(),
             elements: mesh.tets().len(),
+            bounds: (!mesh.positions().is_empty()).then(|| mesh.bounds()),
             shared: shared.map(|v| (v, key(&at(v)))).collect(),
             tets,
             positions: used.into_iter().map(|v| (v, at(v))).collect(),

@@ -10,7 +10,7 @@ use geom_core::{Cpu, ImplicitField, Point3};
 use tet_quality::improve_part;
 use tet_quality::measure::metrics::quality;
 
-use super::{Plan, spilled};
+use super::{Plan, spilled, walls::crossing};
 use crate::{Failure, Session};
 
 /// Radii of the patches in the rounds at the end, in spacings: what could not be mended in one gets more room.
@@ -19,12 +19,12 @@ const RADII: [f64; 3] = [6.0, 8.0, 12.0];
 /// Most passes of improvement while there are others to come: what is left after them mostly lies at a border.
 const FIRST_PASSES: u32 = 8;
 
-/// A tetrahedron that is worse than the passes aim at.
+/// A place that needs another look: a tetrahedron that is worse than the passes aim at, or walls that cross.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-struct Bad {
-    barycentre: [f64; 3],
-    tile: u64,
+pub(super) struct Bad {
+    pub(super) place: [f64; 3],
+    pub(super) tile: u64,
 }
 
 impl Plan<'_> {
@@ -59,10 +59,11 @@ impl Plan<'_> {
             }
         }
         for radius in RADII {
+            bad.extend(crossing(self, exchange, deal, &mut borders)?);
             let places: Vec<(Point3, u32)> = gathered(exchange, &bad)?
                 .into_iter()
                 .flatten()
-                .map(|bad| (bad.barycentre.into(), bad.tile as u32))
+                .map(|bad| (bad.place.into(), bad.tile as u32))
                 .collect();
             if places.is_empty() {
                 break;
@@ -118,7 +119,7 @@ impl Plan<'_> {
         let target = options.goals.objective();
         let corners = (0..mesh.tets().len()).map(|t| mesh.corners(t));
         bad.extend(corners.filter(|c| quality(*c) < target).map(|c| Bad {
-            barycentre: barycentre(c).into(),
+            place: barycentre(c).into(),
             tile: tile as u64,
         }));
         // Vertices that were held have kept their names.

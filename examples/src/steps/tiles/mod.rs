@@ -20,6 +20,7 @@ use crate::{Failure, Session};
 
 mod better;
 mod output;
+mod walls;
 
 /// Cells per side of a root cell: what tiles are put together of.
 pub const ROOT: usize = 32;

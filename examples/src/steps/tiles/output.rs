@@ -40,9 +40,8 @@ impl Whole {
 }
 
 /// A piece with its ghosts and what bounds it, and the numbers of its cells in the whole.
-struct Part {
-    view: View<'static>,
-    points: Vec<u64>,
+struct Part<'m> {
+    view: View<'m>,
     cells: Vec<u64>,
     owners: Vec<u32>,
 }
@@ -61,7 +60,8 @@ impl Plan<'_> {
         session: &Session,
     ) -> Result<Local, Failure> {
         let ids = border.ids();
-        let mut part = self.part(tile, piece, &ids, ghosts, border, whole)?;
+        let (mesh, points) = with_ghosts(piece, &ids, ghosts)?;
+        let mut part = self.part(tile, &mesh, &points, ghosts, border, whole)?;
         groups.extend(part.view.groups.iter().cloned());
         groups.sort_by(|a, b| (a.dimension, a.tag).cmp(&(b.dimension, b.tag)));
         groups.dedup();
@@ -76,7 +76,7 @@ impl Plan<'_> {
                 view: &part.view,
                 number: number(tile),
                 parts: number(self.tiles.len()),
-                points: &part.points,
+                points: &points,
                 cells: &part.cells,
                 owners: &part.owners,
             };
@@ -101,7 +101,8 @@ impl Plan<'_> {
             vertices: 0,
             first: vec![0; self.tiles.len() + 1],
         };
-        let mut empty = self.part(0, &Piece::default(), &[], &[], &Border::default(), &whole)?;
+        let none = TetMesh::default();
+        let mut empty = self.part(0, &none, &[], &[], &Border::default(), &whole)?;
         empty.view.groups.clone_from(&outcome.groups);
         let path = session.output("volume.pvtu")?;
         Ok(vtu::save_parts(path, &empty.view, &names)?)
@@ -143,18 +144,17 @@ impl Plan<'_> {
         Aabb::new(first, first + Vector3::from(cells) * self.lattice.spacing)
     }
 
-    /// A piece with its ghosts, as a part of a mesh.
-    fn part(
+    /// A piece with its ghosts and the numbers of its vertices, as a part of a mesh.
+    fn part<'m>(
         &self,
         tile: usize,
-        piece: &Piece,
-        ids: &[u64],
+        mesh: &'m TetMesh,
+        points: &[u64],
         ghosts: &[Ghost],
         border: &Border,
         whole: &Whole,
-    ) -> Result<Part, Failure> {
-        let own = piece.mesh.tets().len();
-        let (mesh, points) = with_ghosts(piece, ids, ghosts)?;
+    ) -> Result<Part<'m>, Failure> {
+        let own = mesh.tets().len() - ghosts.len();
         // Of the faces that part regions, those behind which a tetrahedron of its own lies: each is in one part.
         let mut behind = Vec::new();
         let is_own = |[inner, _]: [u32; 2]| {
@@ -162,7 +162,7 @@ impl Plan<'_> {
             behind.extend(own.then_some(inner as usize));
             own
         };
-        let mut view = View::of_tets_in(&mesh, &[], &self.sides()).with_triangles(is_own);
+        let mut view = View::of_tets_in(mesh, &[], &self.sides()).with_triangles(is_own);
         if view.groups.is_empty() {
             // Those who join parts want all to have the same fields: every mesh has a molecule.
             view.groups.push(Group {
@@ -176,7 +176,7 @@ impl Plan<'_> {
         for links in border.links.chunk_by(|a, b| a.vertex == b.vertex) {
             foreign[links[0].vertex as usize] = u8::from(links.iter().any(|l| l.other < l.tile));
         }
-        foreign[ids.len()..].fill(1);
+        foreign[border.vertices..].fill(1);
         let is_ghost = (0..view.cells()).map(|c| (own..mesh.tets().len()).contains(&c));
         let is_ghost: Vec<u8> = is_ghost.map(u8::from).collect();
         let point_ids: Vec<i64> = points.iter().map(|&id| id as i64).collect();
@@ -202,7 +202,6 @@ impl Plan<'_> {
             .cell_field(vtu::GHOSTS, is_ghost)?;
         Ok(Part {
             view,
-            points,
             cells,
             owners,
         })
