@@ -245,15 +245,20 @@ fn nearest_copies(
             // What is farther than the box reaches beyond the points may have a nearer one outside.
             let is_sure = |distance: f64| distance <= reach || centers.len() == all;
             let mut left = Vec::new();
+            let mut farthest = 0.0f64;
             for (near, i) in near.iter().zip(open) {
                 found[i] = names[near[0].index as usize];
                 if !is_sure(near[0].distance) {
                     left.push(i);
+                    farthest = farthest.max(near[0].distance);
                 }
             }
             open = left;
+            // No nearer one lies beyond what has been found.
+            reach = farthest;
+        } else {
+            reach *= 2.0;
         }
-        reach *= 2.0;
     }
     Ok(found)
 }

@@ -10,7 +10,8 @@ use geom_core::{Cpu, ImplicitField, Point3};
 use tet_quality::improve_part;
 use tet_quality::measure::metrics::quality;
 
-use super::{Plan, spilled, walls::crossing};
+use super::walls::crossing;
+use super::{Bad, Plan, spilled};
 use crate::{Failure, Session};
 
 /// Radii of the patches in the rounds at the end, in spacings: what could not be mended in one gets more room.
@@ -18,14 +19,6 @@ const RADII: [f64; 3] = [6.0, 8.0, 12.0];
 
 /// Most passes of improvement while there are others to come: what is left after them mostly lies at a border.
 const FIRST_PASSES: u32 = 8;
-
-/// A place that needs another look: a tetrahedron that is worse than the passes aim at, or walls that cross.
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub(super) struct Bad {
-    pub(super) place: [f64; 3],
-    pub(super) tile: u64,
-}
 
 impl Plan<'_> {
     /// Improves the tiles of this rank in all passes. Gives their borders in the end.

@@ -140,6 +140,14 @@ impl Quality {
     }
 }
 
+/// A place that needs another look: a tetrahedron that is worse than the passes aim at, or walls that cross.
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct Bad {
+    place: [f64; 3],
+    tile: u64,
+}
+
 impl<'a> Plan<'a> {
     /// A plan for so many tiles, about equally full of atoms. Refuses what cannot fit into the memory of a tile before
     /// anything is allocated.

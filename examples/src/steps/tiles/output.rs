@@ -63,7 +63,7 @@ impl Plan<'_> {
         let (mesh, points) = with_ghosts(piece, &ids, ghosts)?;
         let mut part = self.part(tile, &mesh, &points, ghosts, border, whole)?;
         groups.extend(part.view.groups.iter().cloned());
-        groups.sort_by(|a, b| (a.dimension, a.tag).cmp(&(b.dimension, b.tag)));
+        groups.sort_by_key(|g| (g.dimension, g.tag));
         groups.dedup();
         vtu::save(session.output(part_name(tile))?, &part.view)?;
         if self.writes_msh() {
@@ -265,7 +265,7 @@ pub(super) fn all_groups(
             });
         }
     }
-    groups.sort_by(|a, b| (a.dimension, a.tag).cmp(&(b.dimension, b.tag)));
+    groups.sort_by_key(|g| (g.dimension, g.tag));
     groups.dedup();
     Ok(groups)
 }

@@ -8,8 +8,7 @@ use geom_core::tiles::exchange::{Deal, Exchange, exchanged, gathered};
 use geom_core::tiles::parts::surface;
 use geom_core::{Aabb, Point3, TriMesh};
 
-use super::Plan;
-use super::better::Bad;
+use super::{Bad, Plan};
 use crate::Failure;
 
 /// A triangle of the surface that another tile may cross.
