@@ -189,6 +189,17 @@ fn borders_can_be_numbered_again() {
         assert_eq!(own, ghost.ids);
     }
     assert!(beyond.iter().all(|ghosts| !ghosts.is_empty()));
+    // When a tile has lost its elements, the others know no more of it than if it had never had any.
+    borders[0] = Border::default();
+    let mut fresh: Vec<Border> = pieces.iter().map(Border::of).collect();
+    fresh[0] = Border::default();
+    for borders in [&mut borders, &mut fresh] {
+        number(&Solo, &deal, borders).unwrap();
+    }
+    for (again, fresh) in borders.iter().zip(&fresh) {
+        assert_eq!(again.links, fresh.links);
+        assert_eq!(again.ids(), fresh.ids());
+    }
 }
 
 #[test]

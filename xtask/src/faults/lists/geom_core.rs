@@ -155,13 +155,6 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("tiles::parts_of_msh_are_what_they_were"),
     Fault::wrong(
-        "a part has sides of the box where it ends itself",
-        "crates/geom-core/src/io/view.rs",
-        "let side = box_side(mesh, face, bounds);",
-        "let side = box_side(mesh, face, &mesh.bounds());",
-    )
-    .seen_by("tiles::a_part_keeps_the_faces_that_are_its_own_and_the_sides_of_the_whole"),
-    Fault::wrong(
         "a part without cells lacks the groups of the others",
         "crates/geom-core/src/io/mesh/vtu.rs",
         "(!view.group_of.is_empty() || empty)",
