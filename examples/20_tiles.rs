@@ -10,8 +10,10 @@ use biogeom_examples::{Failure, Session, products};
 use clap::{Parser, ValueEnum};
 use dual_contour::{Extent, LARGEST, Method};
 use gauss_density::{Copies, Cutoff, Model};
+use geom_core::Structure;
 use geom_core::io::structure::{self, ReadOptions};
 use geom_core::mesh::INTERIOR;
+use geom_core::structure::Transform;
 use geom_core::tiles::{Solo, Spill, Threads};
 use serde::Serialize;
 use serde_json::json;
@@ -37,7 +39,8 @@ struct Args {
     /// Ranks side by side, with --exchange threads [default: one per tile, at most one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     ranks: Option<u16>,
-    /// Improve the tetrahedra, in two passes with the borders of tiles held, half a root cell (16 cells) apart
+    /// Improve the tetrahedra, in two passes with the borders of tiles held, half a root cell (16 cells) apart, and then
+    /// around what is still bad
     #[arg(long)]
     improve: bool,
     /// Mesh the exterior too, to the end of the lattice
@@ -68,9 +71,10 @@ Examples:
   20_tiles 3enl.pdb --tiles 7 --exchange threads --ranks 3 --both --out both
 
 Assemblies are not copied: the atoms of a tile are made when it asks for them. Vertices lie where the values of the
-lattice cross the surface. Outputs: volume.pvtu and parts/part_N.vtu (region per tetrahedron, global numbers of vertices,
-a layer of ghosts); volume.vtu, volume.png and surface.ply/.glb/.png where the whole fits into --max-memory; report.json
-with the digest of the mesh.";
+lattice cross the surface. Outputs: volume.pvtu and parts/part_N.vtu (regions and boundaries by name, the nearest atom of
+each vertex, global numbers, a layer of ghosts), the same as parts/volume_N.msh for Gmsh, from 1 on, of up to 32,767 tiles;
+volume.vtu, volume.msh, volume.png and surface.ply/.glb/.png where the whole fits into --max-memory; report.json with the
+digest of the mesh and what each rank has held, sent and put aside.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {
@@ -92,7 +96,9 @@ fn tiles(args: &Args, session: &Session) -> Result<(), Failure> {
     if args.exchange != Form::Threads {
         session.refuse(&["ranks"], "is for --exchange threads")?;
     }
-    let copies = read(args, session)?;
+    let (structure, places) = read(args, session)?;
+    let unit = Model::uniform(&structure, &args.density.model.levels())?;
+    let copies = Copies::new(&unit, places.clone())?;
     let ranks = ranks(args);
     // What a rank may use at once.
     let memory = session.memory() / ranks as u64;
@@ -126,6 +132,7 @@ fn tiles(args: &Args, session: &Session) -> Result<(), Failure> {
     let plan = session.stage("plan", || {
         Plan::new(
             &copies,
+            (&structure, &places),
             density,
             contour,
             improve,
@@ -149,6 +156,7 @@ fn note(plan: &Plan<'_>, made: &Outcome, ranks: usize, session: &Session) -> Res
     }
     session.note("tiles", made)?;
     session.note("lattice", plan.lattice)?;
+    session.note("msh_parts", plan.writes_msh())?;
     let atoms = plan.copies.atoms();
     let counts = json!({ "atoms": atoms, "tetrahedra": made.tetrahedra, "ranks": ranks });
     session.note("counts", counts)
@@ -168,7 +176,7 @@ fn among_processes(plan: &Plan<'_>, session: &Session) -> Result<(), Failure> {
         let made = session.stage("tiles", || plan.run(&mpi, session, &done))?;
         if mpi.rank() == 0 {
             note(plan, &made, mpi.ranks(), session)?;
-            plan.join(session)?;
+            plan.join(&made, session)?;
         } else {
             session.follow();
         }
@@ -182,7 +190,7 @@ fn among_processes(plan: &Plan<'_>, session: &Session) -> Result<(), Failure> {
 }
 
 /// The atoms, as one unit and its places.
-fn read(args: &Args, session: &Session) -> Result<Copies, Failure> {
+fn read(args: &Args, session: &Session) -> Result<(Structure, Vec<Transform>), Failure> {
     let options = ReadOptions {
         max_bytes: session.memory(),
         instances: true,
@@ -190,8 +198,7 @@ fn read(args: &Args, session: &Session) -> Result<Copies, Failure> {
     };
     let read = session.stage("reading", || structure::read(&args.input, &options))?;
     session.note("structure", &read.report)?;
-    let unit = Model::uniform(&read.structure, &args.density.model.levels())?;
-    Ok(Copies::new(&unit, read.places)?)
+    Ok((read.structure, read.places))
 }
 
 fn ranks(args: &Args) -> usize {
@@ -237,7 +244,7 @@ fn run(plan: &Plan<'_>, ranks: usize, session: &Session) -> Result<Outcome, Fail
 }
 
 fn save(plan: &Plan<'_>, made: &Outcome, session: &Session) -> Result<(), Failure> {
-    plan.join(session)?;
+    plan.join(made, session)?;
     let fits = merged_bytes(made) <= session.memory() && made.vertices < u64::from(u32::MAX) - 1;
     session.note("merged", fits)?;
     if !fits {
@@ -248,5 +255,5 @@ fn save(plan: &Plan<'_>, made: &Outcome, session: &Session) -> Result<(), Failur
     let surface = mesh.region_surface(INTERIOR);
     products::note_surface(session, &surface)?;
     products::save_surface(session, "surface", &surface, None)?;
-    products::save_volume(session, "volume", &mesh, (&mesh).into(), None)
+    products::save_volume(session, "volume", &mesh, plan.view(&mesh)?, None)
 }

@@ -1069,11 +1069,21 @@ fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
 fn tiles_are_one_mesh_however_many_there_are() {
     let folder = tempfile::tempdir().unwrap();
     let input = fixture("1AJJ.pdb");
-    let mut found = Vec::new();
+    let (mut found, mut least) = (Vec::new(), Vec::new());
     for (i, ways) in [
         &["--tiles", "1"][..],
         &["--tiles", "3", "--exchange", "threads", "--ranks", "2"],
+        &["--tiles", "1", "--improve"],
         &["--tiles", "3", "--improve"],
+        &[
+            "--tiles",
+            "3",
+            "--improve",
+            "--exchange",
+            "threads",
+            "--ranks",
+            "2",
+        ],
     ]
     .into_iter()
     .enumerate()
@@ -1095,19 +1105,87 @@ fn tiles_are_one_mesh_however_many_there_are() {
             ["bodies", "cavities"].map(|k| report["tiles"][k].as_u64().unwrap());
         assert_eq!(report["surface"]["parts"], bodies + cavities);
         if ways.contains(&"--improve") {
-            assert!(
-                report["tiles"]["min_dihedral"].as_f64().unwrap() > 15.0,
-                "{report}"
+            least.push(report["tiles"]["min_dihedral"].as_f64().unwrap());
+            // No walls of different tiles have come through each other.
+            let surface = geom_core::io::mesh::read(out.join("surface.ply")).unwrap();
+            let surface = surface.mesh.into_triangles();
+            assert_eq!(
+                geom_core::search::crossing::crossing_pairs(&surface),
+                [[0; 2]; 0]
             );
         }
         let joined = std::fs::read_to_string(out.join("volume.pvtu")).unwrap();
-        for tile in 0..report["options"]["tiles"].as_u64().unwrap() {
+        for name in ["molecule|exterior", "atom", "residue", "chain", "group"] {
+            assert!(joined.contains(&format!("Name=\"{name}\"")), "{name}");
+        }
+        let tiles = report["options"]["tiles"].as_u64().unwrap();
+        for tile in 0..tiles {
             let part = format!("parts/part_{tile}.vtu");
             assert!(joined.contains(&part) && out.join(part).exists());
         }
+        // Labels and names are those of the whole, in both kinds of parts.
+        let whole = geom_core::io::vtu::read(out.join("volume.vtu")).unwrap();
+        let atoms = whole.find_point_field("atom").unwrap().values.to_f64();
+        let mut faces = 0;
+        for tile in 0..tiles {
+            let part = geom_core::io::vtu::read(out.join(format!("parts/part_{tile}.vtu")));
+            let msh = geom_core::io::msh::read(out.join(format!("parts/volume_{}.msh", tile + 1)));
+            let (part, msh) = (part.unwrap(), msh.unwrap());
+            let ids = part
+                .find_point_field("GlobalNodeIds")
+                .unwrap()
+                .values
+                .to_f64();
+            let labels = part.find_point_field("atom").unwrap().values.to_f64();
+            for (id, label) in ids.iter().zip(&labels) {
+                assert_eq!(*label, atoms[*id as usize], "{ways:?}, {tile}, {id}");
+            }
+            assert_eq!(
+                (msh.points.len(), msh.cells()),
+                (part.points.len(), part.cells())
+            );
+            let named = |view: &geom_core::io::View<'_>| {
+                let at = view
+                    .groups
+                    .iter()
+                    .position(|g| g.name == "molecule|exterior");
+                let of = view.group_of.iter();
+                at.map_or(0, |at| of.filter(|&&g| g as usize == at).count())
+            };
+            assert_eq!(named(&part), named(&msh), "{ways:?}, {tile}");
+            faces += named(&part) as u64;
+        }
+        assert_eq!(report["tiles"]["triangles"], faces);
+        let used = report["tiles"]["ranks"].as_array().unwrap();
+        let of = |rank: &Value, key: &str| rank[key].as_u64().unwrap();
+        assert_eq!(used.iter().map(|r| of(r, "tiles")).sum::<u64>(), tiles);
+        assert!(used.iter().all(|r| of(r, "spilled_bytes") > 0));
+        // Alone, nobody hears anything.
+        assert!(
+            used.iter()
+                .all(|r| (of(r, "sent_bytes") > 0) == (used.len() > 1))
+        );
         found.push(report["tiles"]["digest"].clone());
     }
     assert!(found.iter().all(|digest| *digest == found[0]), "{found:?}");
+    // Improved, no worse than in one piece by more than 1°, and the same by any ranks.
+    assert!(
+        least
+            .iter()
+            .all(|angle| *angle > least[0] - 1.0 && *angle > 24.0),
+        "{least:?}"
+    );
+    for tile in 0..3 {
+        for part in [
+            format!("part_{tile}.vtu"),
+            format!("volume_{}.msh", tile + 1),
+        ] {
+            let [alone, ranks] = ["3", "4"].map(|run| {
+                std::fs::read(folder.path().join(run).join("parts").join(&part)).unwrap()
+            });
+            assert!(alone == ranks, "{part}");
+        }
+    }
     // Too little memory is said before anything is allocated, and leaves nothing.
     let out = folder.path().join("little");
     let args = [

@@ -46,6 +46,21 @@ impl Goals {
     }
 }
 
+impl Goals {
+    /// Goals that are met where [`objective`](Goals::objective) is reached, which is somewhat more than these goals: what
+    /// the passes aim at, as a demand.
+    pub fn reserve(&self) -> Self {
+        let objective = self.objective();
+        let angle = objective.asin().to_degrees();
+        Self {
+            min_dihedral: angle,
+            max_dihedral: 180.0 - angle,
+            joe_liu: (objective / SHAPE_WEIGHT).min(1.0),
+            ..*self
+        }
+    }
+}
+
 impl Default for Goals {
     fn default() -> Self {
         Self {

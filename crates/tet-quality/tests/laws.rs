@@ -7,7 +7,7 @@ use tet_quality::measure::metrics::quality;
 use tet_quality::testing::{Ball, ball_in_box, lattice, noise, shaken};
 use tet_quality::{
     Cause, Error, Goals, Improved, Operations, Options, QualityBackend, SurfaceMotion,
-    aspect_ratio, improve, quality_report, radius_ratio,
+    aspect_ratio, improve, measures, quality_report, radius_ratio,
 };
 
 fn improved(mesh: TetMesh, field: Option<&dyn ImplicitField>, options: &Options) -> Improved {
@@ -107,6 +107,39 @@ fn bad_angles_are_counted_below_and_above_their_bounds() {
         (all.min_dihedral_below, all.max_dihedral_above),
         (low, high)
     );
+}
+
+#[test]
+fn the_reserve_is_what_the_passes_aim_at() {
+    let mesh = shaken(lattice([6; 3], 1.0, |_| 1), 0.25, 3);
+    for goals in [
+        Goals::default(),
+        Goals {
+            min_dihedral: 12.0,
+            joe_liu: 0.4,
+            ..Goals::default()
+        },
+    ] {
+        let (reserve, target) = (goals.reserve(), goals.objective());
+        assert!((reserve.objective() - target).abs() < 1e-12);
+        assert!(reserve.min_dihedral >= goals.min_dihedral && reserve.joe_liu >= goals.joe_liu);
+        assert!(reserve.max_dihedral <= goals.max_dihedral);
+        let (mut met, mut missed) = (0, 0);
+        for t in 0..mesh.tets().len() {
+            let corners = mesh.corners(t);
+            let measures = measures(corners);
+            if measures.edge_ratio > goals.edge_ratio || (quality(corners) - target).abs() < 1e-9 {
+                continue;
+            }
+            assert_eq!(reserve.met_by(&measures), quality(corners) > target, "{t}");
+            *if quality(corners) > target {
+                &mut met
+            } else {
+                &mut missed
+            } += 1;
+        }
+        assert!(met > 100 && missed > 10, "{met} {missed}");
+    }
 }
 
 #[test]

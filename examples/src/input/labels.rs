@@ -6,7 +6,8 @@ use std::path::Path;
 use clap::{Args, ValueEnum};
 use geom_core::io::{self, view::View as Fields};
 use geom_core::search::nearest::{NearestError, PointTree};
-use geom_core::{Point3, Structure};
+use geom_core::structure::Transform;
+use geom_core::{Aabb, Point3, Structure};
 use serde::Serialize;
 
 use crate::input::source::Source;
@@ -66,6 +67,8 @@ pub struct Labels<'a> {
     chain: Vec<u32>,
     /// The place of its residue in the chain, 0 … 1.
     along: Vec<f64>,
+    /// The place of its copy among those of an assembly, from 0; empty where there is one.
+    copy: Vec<u32>,
 }
 
 impl<'a> Labels<'a> {
@@ -75,7 +78,26 @@ impl<'a> Labels<'a> {
         let queries: Vec<[f64; 3]> = points.iter().map(|p| [p.x, p.y, p.z]).collect();
         let near = PointTree::of_positions(&centers)?.nearest_to_all(&queries, 1)?;
         let atom: Vec<u32> = near.iter().map(|n| n[0].index).collect();
+        Ok(Self::named(structure, atom, Vec::new()))
+    }
 
+    /// The same around copies of a structure at some places: the atom of the copy that lies nearest.
+    pub fn of_copies(
+        structure: &'a Structure,
+        places: &[Transform],
+        points: &[Point3],
+    ) -> Result<Self, NearestError> {
+        let near = nearest_copies(structure, places, points)?;
+        let copy = match places {
+            [_] => Vec::new(),
+            _ => near.iter().map(|n| n[0]).collect(),
+        };
+        let atom = near.iter().map(|n| n[1]).collect();
+        Ok(Self::named(structure, atom, copy))
+    }
+
+    /// What some atoms belong to.
+    fn named(structure: &'a Structure, atom: Vec<u32>, copy: Vec<u32>) -> Self {
         // Of each atom: the number of its residue, its chain, and how far along it lies.
         let mut owner = vec![(0, 0, 0.0); structure.atoms().len()];
         for chain in 0..structure.chains().len() {
@@ -88,13 +110,14 @@ impl<'a> Labels<'a> {
             }
         }
         let owners = || atom.iter().map(|&a| owner[a as usize]);
-        Ok(Self {
+        Self {
             structure,
             residue: owners().map(|o| o.0).collect(),
             chain: owners().map(|o| o.1).collect(),
             along: owners().map(|o| o.2).collect(),
             atom,
-        })
+            copy,
+        }
     }
 
     /// Per point the place of the nearest chain in the structure.
@@ -107,6 +130,18 @@ impl<'a> Labels<'a> {
         view.point_field("atom", &self.atom)?
             .point_field("residue", &self.residue)?
             .point_field("chain", &self.chain)
+    }
+
+    /// The same for good, with the field `copy` around an assembly.
+    pub fn into_fields<'b>(self, view: Fields<'b>) -> Result<Fields<'b>, io::Error> {
+        let mut view = view
+            .point_field("atom", self.atom)?
+            .point_field("residue", self.residue)?
+            .point_field("chain", self.chain)?;
+        if !self.copy.is_empty() {
+            view = view.point_field("copy", self.copy)?;
+        }
+        Ok(view)
     }
 
     /// One colour per point.
@@ -170,6 +205,67 @@ impl<'a> Labels<'a> {
     }
 }
 
+/// Per point the copy and the atom nearest to it. Only atoms around the points are made, in as wide a box as it takes.
+fn nearest_copies(
+    structure: &Structure,
+    places: &[Transform],
+    points: &[Point3],
+) -> Result<Vec<[u32; 2]>, NearestError> {
+    let mut found = vec![[0, 0]; points.len()];
+    let mut open: Vec<usize> = (0..points.len()).collect();
+    let unit = Aabb::of_points(structure.atoms().iter().map(|a| &a.position));
+    let all = structure.atoms().len() * places.len();
+    let mut reach = FIRST_REACH;
+    while !open.is_empty() && all > 0 {
+        let region = Aabb::of_points(open.iter().map(|&i| &points[i])).inflated(reach);
+        let (mut names, mut centers) = (Vec::new(), Vec::new());
+        for (copy, place) in (0..).zip(places) {
+            let middle = place.apply(&unit.center());
+            // Of any affine map: how far the corners of the box go.
+            let half = place.rotation.abs() * unit.extent() * 0.5;
+            let apart = |k: usize| {
+                middle[k] - half[k] > region.max[k] || middle[k] + half[k] < region.min[k]
+            };
+            if (0..3).any(apart) {
+                continue;
+            }
+            for (atom, center) in
+                (0..).zip(structure.atoms().iter().map(|a| place.apply(&a.position)))
+            {
+                if region.contains(&center) {
+                    names.push([copy, atom]);
+                    centers.push(center);
+                }
+            }
+        }
+        if !centers.is_empty() {
+            let tree = PointTree::of_positions(&centers)?;
+            let queries: Vec<[f64; 3]> = open.iter().map(|&i| points[i].into()).collect();
+            let near = tree.nearest_to_all(&queries, 1)?;
+            // What is farther than the box reaches beyond the points may have a nearer one outside.
+            let is_sure = |distance: f64| distance <= reach || centers.len() == all;
+            let mut left = Vec::new();
+            let mut farthest = 0.0f64;
+            for (near, i) in near.iter().zip(open) {
+                found[i] = names[near[0].index as usize];
+                if !is_sure(near[0].distance) {
+                    left.push(i);
+                    farthest = farthest.max(near[0].distance);
+                }
+            }
+            open = left;
+            // No nearer one lies beyond what has been found.
+            reach = farthest;
+        } else {
+            reach *= 2.0;
+        }
+    }
+    Ok(found)
+}
+
+/// How far around points atoms are looked for at first, Å.
+const FIRST_REACH: f64 = 6.0;
+
 fn chain_color(chain: u32) -> Rgb {
     CHAINS[chain as usize % CHAINS.len()]
 }
@@ -218,5 +314,22 @@ mod tests {
             [element_color(Element::UNKNOWN.symbol()); 3]
         );
         assert_eq!(labels.along, [0.0; 3]);
+    }
+
+    #[test]
+    fn of_copies_the_nearest_is_found_however_far_it_is() {
+        let centers = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]].map(|p| (Point3::from(p), 1.5));
+        let structure = Structure::of_spheres(centers);
+        let places = [0.0, 100.0, 200.0].map(|x| Transform {
+            translation: geom_core::Vector3::new(x, 0.0, 0.0),
+            ..Transform::identity()
+        });
+        // One beside an atom, one farther from all than is looked at first, one between copies.
+        let points = [[103.0, 1.0, 0.0], [201.0, 90.0, 30.0], [53.0, 0.0, 0.0]].map(Point3::from);
+        let labels = Labels::of_copies(&structure, &places, &points).unwrap();
+        assert_eq!((labels.copy, labels.atom), (vec![1, 2, 1], vec![1, 0, 0]));
+        // One alone needs no number.
+        let labels = Labels::of_copies(&structure, &places[..1], &points).unwrap();
+        assert_eq!((labels.copy, labels.atom), (vec![], vec![1, 1, 1]));
     }
 }

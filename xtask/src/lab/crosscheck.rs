@@ -1,11 +1,13 @@
 //! `cargo xtask crosscheck`: our files in other people's programs. trimesh and meshio measure our
 //! surfaces and tetrahedra, mrcfile and GridDataFormats read and write our grids, and scikit-fem solves
 //! equations with known answers on our meshes. Meshes of SciPy and, where it is at hand, TetGen are improved. Instant Meshes
-//! makes quads beside ours. Gmsh and VTK read our spline surfaces. Chromium opens the pages of runs.
+//! makes quads beside ours. Gmsh and VTK read our spline surfaces, and the parts of a mesh in tiles. Chromium opens the
+//! pages of runs.
 
 mod pages;
 mod quads;
 mod splines;
+mod tiles;
 
 use std::path::PathBuf;
 
@@ -21,8 +23,9 @@ use super::{number, python, text};
 use crate::{Outcome, fixtures, root};
 
 /// The parts, in the order in which they run.
-const PARTS: [&str; 9] = [
-    "surfaces", "volumes", "grids", "solver", "foreign", "tetgen", "quads", "splines", "pages",
+const PARTS: [&str; 10] = [
+    "surfaces", "volumes", "grids", "solver", "foreign", "tetgen", "quads", "splines", "tiles",
+    "pages",
 ];
 
 /// Prints a row per comparison, of one part or of all; an error if one is out of its tolerance.
@@ -65,6 +68,7 @@ pub(crate) fn run(part: Option<&str>) -> Outcome {
             "tetgen" => tetgen(&mut lab, &molecule)?,
             "quads" => quads::quads(&mut lab)?,
             "splines" => splines::splines(&mut lab)?,
+            "tiles" => tiles::tiles(&mut lab)?,
             _ => pages::pages(&mut lab)?,
         }
     }

@@ -16,7 +16,7 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 pub use grid::{GridFile, dx, mrc};
-pub use mesh::{AnyMesh, MeshFile, glb, msh, obj, off, ply, stl, vtu};
+pub use mesh::{AnyMesh, MeshFile, glb, msh, msh_parts, obj, off, ply, stl, vtu};
 pub use structure::pqr;
 pub use view::{Group, View};
 

@@ -366,6 +366,11 @@ impl<'a> View<'a> {
     ///
     /// The cell field `region` has the region of each tetrahedron; for a face that of its inner side.
     pub fn of_tets(mesh: &'a TetMesh, names: &[(Region, &str)]) -> Self {
+        Self::of_tets_in(mesh, names, &mesh.bounds())
+    }
+
+    /// [`View::of_tets`] of a part of a mesh whose box is given: its sides are those of the whole.
+    pub fn of_tets_in(mesh: &'a TetMesh, names: &[(Region, &str)], bounds: &Aabb) -> Self {
         let interfaces = mesh.interfaces();
         let name = |region: Region| match names.iter().find(|(r, _)| *r == region) {
             Some((_, name)) => (*name).to_owned(),
@@ -401,11 +406,10 @@ impl<'a> View<'a> {
         // A group per kind of interface: side of the box, or the two regions that meet there.
         let [molecule, exterior] = [INTERIOR, EXTERIOR].map(|r| present[usize::from(r)]);
         let outer = outer_faces(mesh, &interfaces, molecule);
-        let bounds = mesh.bounds();
         // The few kinds of faces, in the order in which they appear.
         let mut kinds = Vec::new();
         for (face, &outer) in interfaces.iter().zip(&outer) {
-            let side = box_side(mesh, face, &bounds);
+            let side = box_side(mesh, face, bounds);
             let kind = (face.inside, face.outside, side, outer);
             let known = kinds.iter().find(|(k, _)| *k == kind);
             let group = known.map(|&(_, group)| group).unwrap_or_else(|| {
@@ -657,6 +661,49 @@ impl<'a> View<'a> {
             .collect()
     }
 
+    /// Only some of the triangles: those for which `keep` says so, asked with the cells behind and before each, as
+    /// [`View::sides`] tells them. Groups without a cell go.
+    pub fn with_triangles(mut self, mut keep: impl FnMut([u32; 2]) -> bool) -> Self {
+        let mut is_kept = vec![true; self.cells()];
+        for (cell, sides) in self.sides() {
+            is_kept[cell as usize] = keep(sides);
+        }
+        let cells: Vec<usize> = (0..is_kept.len()).filter(|&c| is_kept[c]).collect();
+        self.cell_fields = self.fields_of(&cells);
+        let mut first = 0;
+        for block in &mut self.blocks {
+            let end = first + block.len();
+            if let Cells::Triangles(all) = block {
+                let kept = all.iter().zip(&is_kept[first..end]).filter(|t| *t.1);
+                *all = kept.map(|t| *t.0).collect();
+            }
+            first = end;
+        }
+        if self.group_of.is_empty() {
+            return self;
+        }
+        let mut group_of: Vec<u32> = cells.iter().map(|&c| self.group_of[c]).collect();
+        let mut number = vec![NO_GROUP; self.groups.len()];
+        for &group in &group_of {
+            if let Some(number) = number.get_mut(group as usize) {
+                *number = 0;
+            }
+        }
+        let mut groups = Vec::new();
+        for (number, group) in number.iter_mut().zip(self.groups) {
+            if *number == 0 {
+                *number = groups.len() as u32;
+                groups.push(group);
+            }
+        }
+        for group in &mut group_of {
+            *group = number.get(*group as usize).copied().unwrap_or(NO_GROUP);
+        }
+        self.groups = groups;
+        self.group_of = group_of.into();
+        self
+    }
+
     /// The field with this name among those of the points.
     pub fn find_point_field(&self, name: &str) -> Option<&Field<'a>> {
         self.point_fields.iter().find(|f| f.name == name)
@@ -667,7 +714,7 @@ impl<'a> View<'a> {
         self.cell_fields.iter().find(|f| f.name == name)
     }
 
-    /// The same view with only some of the cells, given by their numbers through all blocks.
+    /// The fields of some of the cells, given by their numbers through all blocks.
     pub(super) fn fields_of(&self, cells: &[usize]) -> Vec<Field<'static>> {
         let select = |field: &Field| Field {
             name: field.name.clone(),

@@ -4,8 +4,8 @@ use bytemuck::{Pod, Zeroable};
 
 use super::exchange::{Deal, Exchange, Lost, exchanged};
 use super::piece::{Piece, key};
-use crate::Point3;
 use crate::mesh::Region;
+use crate::{Aabb, Point3};
 
 /// A vertex of a tile that another tile has too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
@@ -29,8 +29,10 @@ pub struct Ghost {
     pub tile: u32,
     /// Its owner.
     pub owner: u32,
+    /// Its number there.
+    pub element: u32,
     /// Its region.
-    pub region: u64,
+    pub region: u32,
     /// Global numbers of its corners.
     pub ids: [u64; 4],
     /// Where they are, Å.
@@ -41,11 +43,15 @@ pub struct Ghost {
 #[derive(Clone, Debug, Default)]
 pub struct Border {
     /// Vertices of the piece.
-    vertices: usize,
+    pub vertices: usize,
+    /// Tetrahedra of the piece.
+    pub elements: usize,
+    /// Around the piece, if it has vertices.
+    pub bounds: Option<Aabb>,
     /// Those that others may share, ascending.
     shared: Vec<(u32, [u64; 3])>,
     /// The tetrahedra that touch them.
-    tets: Vec<([u32; 4], Region)>,
+    tets: Vec<(u32, [u32; 4], Region)>,
     /// Where the corners of these are, ascending by number.
     positions: Vec<(u32, Point3)>,
     /// The vertices that others share, sorted.
@@ -61,12 +67,12 @@ impl Border {
     pub fn of(piece: &Piece) -> Self {
         let mesh = &piece.mesh;
         let is_shared = |v: u32| piece.shared[v as usize];
-        let each = mesh.tets().iter().zip(mesh.regions());
+        let each = (0..).zip(mesh.tets()).zip(mesh.regions());
         let tets: Vec<_> = each
-            .filter(|(tet, _)| tet.iter().any(|&v| is_shared(v)))
-            .map(|(tet, region)| (*tet, *region))
+            .map(|((t, tet), region)| (t, *tet, *region))
+            .filter(|(_, tet, _)| tet.iter().any(|&v| is_shared(v)))
             .collect();
-        let mut used: Vec<u32> = tets.iter().flat_map(|t| t.0).collect();
+        let mut used: Vec<u32> = tets.iter().flat_map(|t| t.1).collect();
         used.sort_unstable();
         used.dedup();
         let at = |v: u32| mesh.positions()[v as usize];
@@ -74,6 +80,8 @@ impl Border {
         let shared = (0..vertices).filter(|&v| is_shared(v));
         Self {
             vertices: mesh.positions().len(),
+            elements: mesh.tets().len(),
+            bounds: (!mesh.positions().is_empty()).then(|| mesh.bounds()),
             shared: shared.map(|v| (v, key(&at(v)))).collect(),
             tets,
             positions: used.into_iter().map(|v| (v, at(v))).collect(),
@@ -137,6 +145,11 @@ pub fn number(
     deal: &Deal,
     borders: &mut [Border],
 ) -> Result<u64, Lost> {
+    for border in &mut *borders {
+        // What an earlier round has found, when the others had other vertices.
+        border.links.clear();
+        border.foreign.clear();
+    }
     link(exchange, deal, borders)?;
     let own = borders.iter().map(Border::owned).sum();
     let (mut first, total) = exchange.scan(own)?;
@@ -225,7 +238,7 @@ pub fn ghosts(
             continue;
         }
         let ids = border.ids();
-        for (tet, region) in &border.tets {
+        for (element, tet, region) in &border.tets {
             let place = |v: u32| {
                 let at = border.positions.binary_search_by_key(&v, |p| p.0);
                 at.map_or([f64::NAN; 3], |i| border.positions[i].1.into())
@@ -244,7 +257,8 @@ pub fn ghosts(
                 to[deal.rank_of(tile as usize)].push(Ghost {
                     tile,
                     owner: owner as u32,
-                    region: u64::from(*region),
+                    element: *element,
+                    region: u32::from(*region),
                     ids: tet.map(|v| ids[v as usize]),
                     corners: tet.map(place),
                 });

@@ -1,5 +1,7 @@
 //! Ranks, and what they send each other.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 /// Why an exchange ended.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -98,6 +100,40 @@ impl Exchange for Solo {
     }
     fn all_to_all(&self, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>, Lost> {
         Ok(to)
+    }
+}
+
+/// An exchange that counts the bytes that this rank sends to others.
+pub struct Counted<'a, E: ?Sized> {
+    inner: &'a E,
+    sent: AtomicU64,
+}
+
+impl<'a, E: Exchange + ?Sized> Counted<'a, E> {
+    /// Counts from now on.
+    pub fn new(inner: &'a E) -> Self {
+        let sent = AtomicU64::new(0);
+        Self { inner, sent }
+    }
+
+    /// Bytes sent so far.
+    pub fn sent(&self) -> u64 {
+        self.sent.load(Ordering::Relaxed)
+    }
+}
+
+impl<E: Exchange + ?Sized> Exchange for Counted<'_, E> {
+    fn ranks(&self) -> usize {
+        self.inner.ranks()
+    }
+    fn rank(&self) -> usize {
+        self.inner.rank()
+    }
+    fn all_to_all(&self, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>, Lost> {
+        let others = to.iter().enumerate().filter(|(r, _)| *r != self.rank());
+        let bytes = others.map(|(_, bytes)| bytes.len() as u64).sum();
+        self.sent.fetch_add(bytes, Ordering::Relaxed);
+        self.inner.all_to_all(to)
     }
 }
 

@@ -9,6 +9,7 @@
 //! - [`piece`]: the elements of a tile and the vertices that others may share; a digest of a mesh in pieces
 //! - [`spill`]: pieces on disk while others are worked on
 //! - [`border`]: who shares which vertex, global numbers by an exclusive scan, ghost elements
+//! - [`patches`]: balls around what needs another look, each whole in one tile
 //! - [`parts`]: connected surfaces across all tiles, by union–find on border pairs
 
 pub mod border;
@@ -17,12 +18,14 @@ pub mod exchange;
 pub mod mpi;
 pub mod partition;
 pub mod parts;
+pub mod patches;
 pub mod piece;
 pub mod spill;
 pub mod threads;
 
-pub use exchange::{Exchange, Lost, Solo};
+pub use exchange::{Counted, Exchange, Lost, Solo};
 pub use partition::Tiles;
+pub use patches::Patches;
 pub use piece::Piece;
 pub use spill::{Spill, SpillError};
 pub use threads::Threads;

@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Why something could not be put aside or taken up again.
 #[derive(Debug, thiserror::Error)]
@@ -16,9 +17,10 @@ pub struct SpillError {
 }
 
 /// A folder for what does not fit into memory. What lies in it is the caller's to remove.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Spill {
     folder: PathBuf,
+    written: AtomicU64,
 }
 
 impl Spill {
@@ -26,7 +28,13 @@ impl Spill {
     pub fn into(folder: impl Into<PathBuf>) -> Self {
         Self {
             folder: folder.into(),
+            written: AtomicU64::new(0),
         }
+    }
+
+    /// Bytes that have been put aside so far.
+    pub fn written(&self) -> u64 {
+        self.written.load(Ordering::Relaxed)
     }
 
     /// Where something of this name is.
@@ -41,6 +49,8 @@ impl Spill {
             file.write_all(bytes)?;
             file.flush()
         });
+        self.written
+            .fetch_add(bytes.len() as u64, Ordering::Relaxed);
         written.map_err(|source| {
             // Room for what may still be said; that it fails changes nothing.
             let _ = std::fs::remove_file(&path);

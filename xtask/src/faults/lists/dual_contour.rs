@@ -154,4 +154,18 @@ pub(super) const FAULTS: &[Fault] = &[
         "let t = probe.crossing(a, b).clamp(0.02, 0.98);",
         "let t = probe.crossing(a, b);",
     ),
+    Fault::wrong(
+        "a tile shares no vertex with others",
+        "crates/dual-contour/src/contour/tile.rs",
+        "tet.iter().for_each(|&v| shared[v as usize] = true);",
+        "tet.iter().for_each(|&v| shared[v as usize] = false);",
+    )
+    .seen_by("tiles::a_rod_and_a_cavity_go_through_all_tiles_on_any_number_of_ranks"),
+    Fault::wrong(
+        "of a cavity in tiles the volume counts as a body's",
+        "crates/geom-core/src/tiles/parts.rs",
+        "part.volume += a.dot(&b.cross(&c)) / 6.0;",
+        "part.volume += (a.dot(&b.cross(&c)) / 6.0).abs();",
+    )
+    .seen_by("tiles::a_rod_and_a_cavity_go_through_all_tiles_on_any_number_of_ranks"),
 ];

@@ -105,4 +105,60 @@ pub(super) const FAULTS: &[Fault] = &[
         "take(&mut asked, &mut ended, i, walks[i].arrive(answer, guard));",
         "take(&mut asked, &mut ended, i, walks[i.min(7)].arrive(answer, guard));",
     ),
+    Fault::wrong(
+        "what a border knew before it is numbered again stays",
+        "crates/geom-core/src/tiles/border.rs",
+        "        border.links.clear();\n",
+        "",
+    )
+    .seen_by("tiles::borders_can_be_numbered_again"),
+    Fault::wrong(
+        "vertices that go to two tiles are shared by none",
+        "crates/geom-core/src/tiles/piece.rs",
+        "shared[v] |= first[v] != usize::MAX && first[v] != tile;",
+        "shared[v] |= first[v] != usize::MAX && first[v] == usize::MAX;",
+    )
+    .seen_by("tiles::borders_can_be_numbered_again"),
+    Fault::wrong(
+        "balls that overlap are patches of their own",
+        "crates/geom-core/src/tiles/patches.rs",
+        "patches.near(x, 2.0 * radius)",
+        "patches.near(x, 0.5 * radius)",
+    )
+    .seen_by("tiles::patches_that_overlap_have_one_tile"),
+    Fault::wrong(
+        "what a rank sends to itself counts as sent",
+        "crates/geom-core/src/tiles/exchange.rs",
+        "to.iter().enumerate().filter(|(r, _)| *r != self.rank())",
+        "to.iter().enumerate().filter(|(r, _)| *r < self.ranks())",
+    )
+    .seen_by("tiles::what_is_sent_to_others_is_counted"),
+    Fault::wrong(
+        "cells of shifted tiles are looked for where they would be without the shift",
+        "crates/geom-core/src/tiles/partition.rs",
+        "((c + self.shift) / self.root) as u32",
+        "(c / self.root) as u32",
+    )
+    .seen_by("lib tiles::partition::tests::every_cell_has_one_tile_and_tiles_are_boxes"),
+    Fault::wrong(
+        "nodes of a part of MSH bear their numbers in the part",
+        "crates/geom-core/src/io/mesh/msh_parts.rs",
+        "map(|&v| tag(&part.points[v as usize]))",
+        "map(|&v| u64::from(v) + 1)",
+    )
+    .seen_by("tiles::parts_of_msh_are_what_they_were"),
+    Fault::wrong(
+        "ghosts in a part of MSH belong to it",
+        "crates/geom-core/src/io/mesh/msh_parts.rs",
+        "if part.owners[c] != part.number {",
+        "if part.owners[c] == u32::MAX {",
+    )
+    .seen_by("tiles::parts_of_msh_are_what_they_were"),
+    Fault::wrong(
+        "a part without cells lacks the groups of the others",
+        "crates/geom-core/src/io/mesh/vtu.rs",
+        "(!view.group_of.is_empty() || empty)",
+        "(!view.group_of.is_empty() || (empty && tags.is_empty()))",
+    )
+    .seen_by("tiles::the_file_that_joins_parts_has_their_fields_and_names"),
 ];

@@ -130,4 +130,18 @@ pub(super) const FAULTS: &[Fault] = &[
         "[How::Alone; 3]",
     )
     .seen_by("thesis::neighbours_make_way_for_walls_that_part"),
+    Fault::wrong(
+        "vertices that other parts share may be moved",
+        "crates/tet-quality/src/boundary/input.rs",
+        "        *freedom = Freedom::Held;\n",
+        "        let _ = freedom;\n",
+    )
+    .seen_by("parts::parts_improved_alone_fit_together"),
+    Fault::wrong(
+        "the reserve of goals forgets their shape",
+        "crates/tet-quality/src/options.rs",
+        "joe_liu: (objective / SHAPE_WEIGHT).min(1.0),",
+        "joe_liu: self.joe_liu,",
+    )
+    .seen_by("laws::the_reserve_is_what_the_passes_aim_at"),
 ];

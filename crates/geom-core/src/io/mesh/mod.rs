@@ -4,6 +4,7 @@ pub mod glb;
 #[cfg(feature = "search")]
 mod groups;
 pub mod msh;
+pub mod msh_parts;
 pub mod obj;
 pub mod off;
 pub mod ply;

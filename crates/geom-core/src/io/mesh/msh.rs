@@ -38,9 +38,9 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>, options: Options) -> Result
     crate::io::save(path, |w| write(w, view, options))
 }
 
-const TRIANGLE: i32 = 2;
+pub(super) const TRIANGLE: i32 = 2;
 const QUAD: i32 = 3;
-const TETRA: i32 = 4;
+pub(super) const TETRA: i32 = 4;
 
 /// A run of cells of one kind and one group, by their numbers.
 struct Run {
@@ -85,37 +85,43 @@ pub fn write(w: &mut dyn Write, view: &View<'_>, options: Options) -> Result<(),
         writeln!(w)?;
     }
     writeln!(w, "$EndMeshFormat")?;
-    if !view.groups.is_empty() {
-        writeln!(w, "$PhysicalNames\n{}", view.groups.len())?;
-        for (tag, group) in tags.iter().zip(&view.groups) {
-            let name = group.name.replace(['"', '\n', '\r'], "'");
-            writeln!(w, "{} {tag} \"{name}\"", group.dimension)?;
-        }
-        writeln!(w, "$EndPhysicalNames")?;
-    }
+    put_names(w, view, &tags)?;
     let mut out = Out { w, binary };
     match options.version {
         Version::V41 => write_41(&mut out, view, &runs)?,
         Version::V22 => write_22(&mut out, view, &runs)?,
     }
     for field in &view.point_fields {
-        write_field(&mut out, "NodeData", field, 0..nodes)?;
+        write_field(&mut out, "NodeData", field, (1..).zip(0..nodes))?;
     }
     for field in &view.cell_fields {
         let cells = runs.iter().flat_map(Run::numbers);
-        write_field(&mut out, "ElementData", field, cells)?;
+        write_field(&mut out, "ElementData", field, (1..).zip(cells))?;
     }
     Ok(())
 }
 
+/// The names of groups.
+pub(super) fn put_names(w: &mut dyn Write, view: &View<'_>, tags: &[i32]) -> Result<(), Error> {
+    if view.groups.is_empty() {
+        return Ok(());
+    }
+    writeln!(w, "$PhysicalNames\n{}", view.groups.len())?;
+    for (tag, group) in tags.iter().zip(&view.groups) {
+        let name = group.name.replace(['"', '\n', '\r'], "'");
+        writeln!(w, "{} {tag} \"{name}\"", group.dimension)?;
+    }
+    Ok(writeln!(w, "$EndPhysicalNames")?)
+}
+
 /// Numbers as bytes, or as words of a line.
-struct Out<'w> {
-    w: &'w mut dyn Write,
-    binary: bool,
+pub(super) struct Out<'w> {
+    pub(super) w: &'w mut dyn Write,
+    pub(super) binary: bool,
 }
 
 impl Out<'_> {
-    fn line<T: Scalar + std::fmt::Display>(
+    pub(super) fn line<T: Scalar + std::fmt::Display>(
         &mut self,
         numbers: impl IntoIterator<Item = T>,
     ) -> Result<(), Error> {
@@ -129,7 +135,7 @@ impl Out<'_> {
         Ok(writeln!(self.w)?)
     }
     /// Integers of different widths, which only bytes tell apart.
-    fn mixed(&mut self, ints: &[i32], sizes: &[u64]) -> Result<(), Error> {
+    pub(super) fn mixed(&mut self, ints: &[i32], sizes: &[u64]) -> Result<(), Error> {
         if self.binary {
             put_all(self.w, ints.iter().copied())?;
             return put_all(self.w, sizes.iter().copied());
@@ -138,7 +144,7 @@ impl Out<'_> {
         let words: Vec<_> = words.chain(sizes.iter().map(u64::to_string)).collect();
         Ok(writeln!(self.w, "{}", words.join(" "))?)
     }
-    fn end(&mut self, section: &str) -> Result<(), Error> {
+    pub(super) fn end(&mut self, section: &str) -> Result<(), Error> {
         let blank = if self.binary { "\n" } else { "" };
         Ok(writeln!(self.w, "{blank}$End{section}")?)
     }
@@ -353,11 +359,12 @@ fn write_22(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Erro
     out.end("Elements")
 }
 
-fn write_field(
+/// The values of elements, each told by its tag and its place in the field.
+pub(super) fn write_field(
     out: &mut Out<'_>,
     section: &str,
     field: &Field<'_>,
-    elements: impl Iterator<Item = usize>,
+    elements: impl Iterator<Item = (i32, usize)>,
 ) -> Result<(), Error> {
     let values = &field.values;
     let Some(components) = [1, 3, 9].into_iter().find(|&n| n >= values.components) else {
@@ -371,7 +378,7 @@ fn write_field(
     writeln!(out.w, "${section}\n1\n\"{name}\"\n1\n0\n3\n0")?;
     writeln!(out.w, "{components}\n{}", values.len())?;
     let mut row = Vec::with_capacity(80);
-    for (tag, i) in (1i32..).zip(elements) {
+    for (tag, i) in elements {
         let tuple = (0..components).map(|k| match k < values.components {
             true => values.get(i, k),
             false => 0.0,
@@ -399,7 +406,8 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 }
 
 /// Reads a view from the bytes of a file of version 4.1 or 2.2, text or binary. Elements are points and
-/// lines, which are skipped, triangles, quads and tetrahedra of first order.
+/// lines, which are skipped, triangles, quads and tetrahedra of first order. Of a part of a mesh, ghosts are elements
+/// without a group.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     let mut words = Words::new(bytes);
     let start = words.word("$MeshFormat")?;
@@ -451,7 +459,10 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
         input.words.rest_of_line();
         match section {
             b"$PhysicalNames" => file.physical_names(&mut input)?,
-            b"$Entities" if version == Version::V41 => file.entities(&mut input)?,
+            b"$Entities" if version == Version::V41 => file.entities(&mut input, false)?,
+            b"$PartitionedEntities" if version == Version::V41 => {
+                file.entities(&mut input, true)?
+            }
             b"$Nodes" if version == Version::V41 => file.nodes_41(&mut input)?,
             b"$Nodes" => file.nodes_22(&mut input)?,
             b"$Elements" if version == Version::V41 => file.elements_41(&mut input)?,
@@ -725,11 +736,24 @@ impl File {
         input.end("PhysicalNames")
     }
 
-    fn entities(&mut self, input: &mut In<'_>) -> Result<(), Error> {
+    /// Entities, or those of a part, which tell their parents and parts too.
+    fn entities(&mut self, input: &mut In<'_>, partitioned: bool) -> Result<(), Error> {
+        if partitioned {
+            input.number::<u64>("a number of parts")?;
+            let ghosts = input.count("a number of ghost entities")?;
+            for _ in 0..ghosts {
+                input.numbers::<i32>(2, "a ghost entity")?;
+            }
+        }
         let counts = [0u8, 1, 2, 3].map(|d| (d, input.count("a number of entities")));
         for (dimension, count) in counts {
             for _ in 0..count? {
                 let tag: i32 = input.number("the tag of an entity")?;
+                if partitioned {
+                    input.numbers::<i32>(2, "the parent of an entity")?;
+                    let parts = input.count("a number of parts")?;
+                    input.numbers::<i32>(parts, "parts")?;
+                }
                 let bounds = if dimension == 0 { 3 } else { 6 };
                 input.numbers::<f64>(bounds, "the bounds of an entity")?;
                 let groups = input.count("a number of physical groups")?;
@@ -744,7 +768,10 @@ impl File {
             }
         }
         self.physical_of.sort_unstable();
-        input.end("Entities")
+        input.end(match partitioned {
+            true => "PartitionedEntities",
+            false => "Entities",
+        })
     }
 
     fn nodes_41(&mut self, input: &mut In<'_>) -> Result<(), Error> {

@@ -5,6 +5,7 @@
 //! `(tag, dimension)` of that name in the field data. Colours become the point field `color`.
 //! Read with ASCII, base64 or appended data, with or without zlib compression, in both byte orders.
 
+use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -37,7 +38,7 @@ fn global_ids() -> String {
 }
 
 /// Writes the file that joins some parts, `PVTU`: their names as seen from its folder, with the fields of `part`, which
-/// all of them have. Copies of what another part owns are marked in a field [`GHOSTS`].
+/// all of them have, and with its groups. Copies of what another part owns are marked in a field [`GHOSTS`].
 pub fn save_parts(path: impl AsRef<Path>, part: &View<'_>, names: &[String]) -> Result<(), Error> {
     crate::io::save(path, |w| {
         let mut text = String::from(
@@ -45,6 +46,7 @@ pub fn save_parts(path: impl AsRef<Path>, part: &View<'_>, names: &[String]) -> 
              byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<PUnstructuredGrid GhostLevel=\"1\">\n\
              <PPoints>\n<PDataArray type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"/>\n</PPoints>\n",
         );
+        put_names(&mut text, part, &part.tags());
         let mut fields = |kind: &str, attributes: &str, fields: &[Field<'_>]| {
             let _ = writeln!(text, "<{kind}{attributes}>");
             for field in fields {
@@ -62,7 +64,18 @@ pub fn save_parts(path: impl AsRef<Path>, part: &View<'_>, names: &[String]) -> 
         };
         let ids = part.find_point_field(GLOBAL_IDS).map(|_| global_ids());
         fields("PPointData", &ids.unwrap_or_default(), &part.point_fields);
-        fields("PCellData", "", &part.cell_fields);
+        let grouped = (!part.groups.is_empty()).then(|| Field {
+            name: GROUP.to_owned(),
+            values: Values {
+                components: 1,
+                numbers: Numbers::I32(Cow::default()),
+            },
+        });
+        fields(
+            "PCellData",
+            "",
+            &[&part.cell_fields[..], grouped.as_slice()].concat(),
+        );
         for name in names {
             let _ = writeln!(text, "<Piece Source=\"{}\"/>", escaped(name));
         }
@@ -123,18 +136,8 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" \
          byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<UnstructuredGrid>\n",
     );
-    if group_numbers.is_some() && !view.groups.is_empty() {
-        header.push_str("<FieldData>\n");
-        for (tag, group) in tags.iter().zip(&view.groups) {
-            // As text, because meshio does not look for field data in the appended part.
-            let (name, dimension) = (escaped(&group.name), group.dimension);
-            let _ = writeln!(
-                header,
-                "<DataArray type=\"Int32\" Name=\"{name}\" NumberOfComponents=\"1\" \
-                 NumberOfTuples=\"2\" format=\"ascii\">\n{tag} {dimension}\n</DataArray>"
-            );
-        }
-        header.push_str("</FieldData>\n");
+    if group_numbers.is_some() {
+        put_names(&mut header, view, &tags);
     }
     let _ = writeln!(
         header,
@@ -209,10 +212,30 @@ pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     Ok(())
 }
 
-/// The tag of each cell's group, 0 for none; `None` if the view has no groups.
+/// The tag of each cell's group, 0 for none; `None` if the view has no groups. One without cells may have some: a part
+/// of a mesh, whose other parts have cells of them.
 fn grouped<'v>(view: &'v View<'_>, tags: &'v [i32]) -> Option<impl Iterator<Item = u32> + 'v> {
     let tag = move |&g: &u32| tags.get(g as usize).map_or(0, |&tag| tag as u32);
-    (!view.group_of.is_empty()).then(|| view.group_of.iter().map(tag))
+    let empty = view.cells() == 0 && !view.groups.is_empty();
+    (!view.group_of.is_empty() || empty).then(|| view.group_of.iter().map(tag))
+}
+
+/// The names of groups as field data.
+fn put_names(header: &mut String, view: &View<'_>, tags: &[i32]) {
+    if view.groups.is_empty() {
+        return;
+    }
+    header.push_str("<FieldData>\n");
+    for (tag, group) in tags.iter().zip(&view.groups) {
+        // As text, because meshio does not look for field data in the appended part.
+        let (name, dimension) = (escaped(&group.name), group.dimension);
+        let _ = writeln!(
+            header,
+            "<DataArray type=\"Int32\" Name=\"{name}\" NumberOfComponents=\"1\" \
+             NumberOfTuples=\"2\" format=\"ascii\">\n{tag} {dimension}\n</DataArray>"
+        );
+    }
+    header.push_str("</FieldData>\n");
 }
 
 fn sized<T: Scalar>(

@@ -2,19 +2,25 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use gauss_density::{Copies, PointSampler, sample_window};
+use gauss_density::{Copies, sample_window};
 use geom_core::grid::lattice::Window;
-use geom_core::io::{self, mesh::vtu};
-use geom_core::tiles::border::{Border, Ghost, ghosts, number};
-use geom_core::tiles::exchange::{Deal, Exchange, gathered};
-use geom_core::tiles::parts::{Closed, Local, closed, surface};
-use geom_core::tiles::piece::key;
+use geom_core::io::view::Group;
+use geom_core::structure::Transform;
+use geom_core::tiles::border::{Border, ghosts, number};
+use geom_core::tiles::exchange::{Counted, Deal, Exchange, gathered};
+use geom_core::tiles::parts::{Closed, closed};
 use geom_core::tiles::{Piece, Spill, Tiles};
-use geom_core::{Cpu, ImplicitField, Lattice, Point3, TetMesh, Vector3};
+use geom_core::{Cpu, Lattice, Structure, TetMesh, Vector3};
 use serde::Serialize;
-use tet_quality::{improve_part, quality_report};
+use tet_quality::quality_report;
 
+use self::output::Whole;
+use crate::session::peak_bytes;
 use crate::{Failure, Session};
+
+mod better;
+mod output;
+mod walls;
 
 /// Cells per side of a root cell: what tiles are put together of.
 pub const ROOT: usize = 32;
@@ -27,6 +33,10 @@ const SHIFTS: [usize; 1] = [ROOT / 2];
 pub struct Plan<'a> {
     /// The atoms.
     pub copies: &'a Copies,
+    /// What their unit is called, for labels.
+    pub structure: &'a Structure,
+    /// Where the copies of the unit stand.
+    pub places: &'a [Transform],
     /// How they are sampled.
     pub density: gauss_density::Options,
     /// How the density is meshed.
@@ -68,6 +78,25 @@ pub struct Outcome {
     pub max_dihedral: f64,
     /// Vertices that more than one tile has, counted per tile.
     pub shared: u64,
+    /// What it took, by rank.
+    pub ranks: Vec<Used>,
+    /// The names of regions and boundaries.
+    #[serde(skip)]
+    pub groups: Vec<Group>,
+}
+
+/// What a rank has used.
+#[derive(Clone, Copy, Debug, Default, Serialize, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Used {
+    /// Its tiles.
+    pub tiles: u64,
+    /// Bytes that it has sent to other ranks.
+    pub sent_bytes: u64,
+    /// Bytes that its process has put aside on disk.
+    pub spilled_bytes: u64,
+    /// The most memory that its process has held, bytes; 0 where the system does not tell.
+    pub peak_bytes: u64,
 }
 
 /// What a rank adds up over its tiles.
@@ -111,11 +140,20 @@ impl Quality {
     }
 }
 
+/// A place that needs another look: a tetrahedron that is worse than the passes aim at, or walls that cross.
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct Bad {
+    place: [f64; 3],
+    tile: u64,
+}
+
 impl<'a> Plan<'a> {
     /// A plan for so many tiles, about equally full of atoms. Refuses what cannot fit into the memory of a tile before
     /// anything is allocated.
     pub fn new(
         copies: &'a Copies,
+        (structure, places): (&'a Structure, &'a [Transform]),
         density: gauss_density::Options,
         contour: dual_contour::Options,
         improve: Option<tet_quality::Options>,
@@ -130,6 +168,8 @@ impl<'a> Plan<'a> {
         let shifted = SHIFTS.into_iter().map(elsewhere).collect();
         let plan = Self {
             copies,
+            structure,
+            places,
             density,
             contour,
             lattice,
@@ -187,6 +227,7 @@ impl<'a> Plan<'a> {
         session: &Session,
         done: &AtomicU64,
     ) -> Result<Outcome, Failure> {
+        let exchange = &Counted::new(exchange);
         let deal = Deal {
             tiles: self.tiles.len(),
             ranks: exchange.ranks(),
@@ -204,145 +245,42 @@ impl<'a> Plan<'a> {
             step(session)?;
         }
         if let Some(options) = &self.improve {
-            number(exchange, &deal, &mut borders)?;
-            for (tile, border) in own.clone().zip(&borders) {
-                self.better(tile, border, options, session)?;
-                step(session)?;
-            }
-            for shifted in &self.shifted {
-                borders = self.shift(exchange, &deal, shifted)?;
-                number(exchange, &deal, &mut borders)?;
-                for (tile, border) in own.clone().zip(&mut borders) {
-                    *border = self.better(tile, border, options, session)?;
-                    step(session)?;
-                }
-            }
+            let step = || Ok(step(session)?);
+            borders = self.improve(options, borders, exchange, &deal, session, &step)?;
         }
         let vertices = number(exchange, &deal, &mut borders)?;
         let beyond = ghosts(exchange, &deal, &borders)?;
+        let whole = Whole::of(exchange, vertices, &borders)?;
         let mut quality = Quality::default();
+        let mut groups = Vec::new();
         let mut locals = Vec::with_capacity(own.len());
-        for ((tile, border), ghosts) in own.zip(&borders).zip(&beyond) {
-            locals.push(self.write(tile, border, ghosts, &mut quality, session)?);
+        for ((tile, border), ghosts) in own.clone().zip(&borders).zip(&beyond) {
+            let piece = self.piece(tile)?;
+            quality.add(&piece.mesh);
+            locals.push(self.write(tile, &piece, border, ghosts, &whole, &mut groups, session)?);
             sums.shared += border.links.chunk_by(|a, b| a.vertex == b.vertex).count() as u64;
             step(session)?;
         }
         let parts = closed(exchange, &deal, &borders, &locals)?;
         let all = gathered(exchange, &[sums])?;
         let qualities = gathered(exchange, &[quality])?;
-        Ok(Outcome::of(
-            vertices,
-            &all.concat(),
-            &qualities.concat(),
-            &parts,
-        ))
+        let used = Used {
+            tiles: own.len() as u64,
+            sent_bytes: exchange.sent(),
+            spilled_bytes: self.spill.written(),
+            peak_bytes: peak_bytes().unwrap_or(0),
+        };
+        let used = gathered(exchange, &[used])?;
+        let mut outcome = Outcome::of(vertices, &all.concat(), &qualities.concat(), &parts);
+        outcome.ranks = used.concat();
+        outcome.groups = output::all_groups(exchange, &groups)?;
+        Ok(outcome)
     }
 
     /// What is done with each tile: made, improved, written.
     fn steps(&self) -> usize {
         let passes = self.improve.map_or(0, |_| 1 + self.shifted.len());
         2 + passes
-    }
-
-    /// Improves a tile, whose vertices that others have stay where they are.
-    fn better(
-        &self,
-        tile: usize,
-        border: &Border,
-        options: &tet_quality::Options,
-        session: &Session,
-    ) -> Result<Border, Failure> {
-        let piece = self.piece(tile)?;
-        if piece.mesh.tets().is_empty() {
-            return Ok(Border::default());
-        }
-        let mut held = vec![false; piece.mesh.positions().len()];
-        for link in &border.links {
-            held[link.vertex as usize] = true;
-        }
-        let mut keys: Vec<[u64; 3]> = border
-            .links
-            .iter()
-            .map(|l| key(&piece.mesh.positions()[l.vertex as usize]))
-            .collect();
-        keys.sort_unstable();
-        let around = piece.mesh.bounds().inflated(4.0 * self.lattice.spacing);
-        let atoms = self.copies.part(&around, self.density.cutoff)?;
-        let field = atoms
-            .as_ref()
-            .map(|model| PointSampler::new(model, self.density.cutoff))
-            .transpose()?;
-        let field = field.as_ref().map(|f| f as &dyn ImplicitField);
-        let made = improve_part(piece.mesh, &held, field, options, session.on(&Cpu))?;
-        // Vertices that were held have kept their names.
-        let is_held = |x: &Point3| keys.binary_search(&key(x)).is_ok();
-        let shared = made.mesh.positions().iter().map(is_held).collect();
-        let piece = Piece {
-            mesh: made.mesh,
-            shared,
-        };
-        self.spill.put(&spilled(tile), &piece.to_bytes())?;
-        Ok(Border::of(&piece))
-    }
-
-    /// Deals the tetrahedra to other tiles.
-    fn shift(
-        &self,
-        exchange: &(impl Exchange + ?Sized),
-        deal: &Deal,
-        tiles: &Tiles,
-    ) -> Result<Vec<Border>, Failure> {
-        let rank = exchange.rank();
-        let (origin, spacing) = (self.lattice.origin, self.lattice.spacing);
-        // To tiles of this rank by disk, to others by messages: tile, length, bytes.
-        let mut to = vec![Vec::new(); deal.ranks];
-        let mut moved = Vec::new();
-        for from in deal.of(rank) {
-            let parts = self
-                .piece(from)?
-                .dealt(|corners| tiles.of_tet(corners, &origin, spacing));
-            for (tile, part) in parts {
-                let bytes = part.to_bytes();
-                if deal.rank_of(tile) == rank {
-                    let name = format!("moved_{from}_{tile}");
-                    self.spill.put(&name, &bytes)?;
-                    moved.push((tile, name));
-                } else {
-                    let to = &mut to[deal.rank_of(tile)];
-                    to.extend_from_slice(bytemuck::cast_slice(&[tile as u64, bytes.len() as u64]));
-                    to.extend_from_slice(&bytes);
-                }
-            }
-        }
-        let heard = exchange.all_to_all(to)?;
-        let mut borders = Vec::new();
-        for tile in deal.of(rank) {
-            let mut parts = Vec::new();
-            // In the order of the tiles that they come from: lower ranks, this one, higher ones.
-            for (other, said) in heard.iter().enumerate() {
-                if other == rank {
-                    for (_, name) in moved.iter().filter(|m| m.0 == tile) {
-                        parts.push(Piece::from_bytes(&self.spill.get(name)?)?);
-                        self.spill.forget(name)?;
-                    }
-                }
-                let mut rest = said.as_slice();
-                while let Some((head, more)) = rest.split_first_chunk::<16>() {
-                    let [to, bytes]: [u64; 2] = bytemuck::pod_read_unaligned(head);
-                    let (own, others) = more
-                        .split_at_checked(bytes as usize)
-                        .ok_or("a message of tetrahedra has been cut off")?;
-                    if to == tile as u64 {
-                        parts.push(Piece::from_bytes(own)?);
-                    }
-                    rest = others;
-                }
-            }
-            let piece = Piece::joined(&parts);
-            borders.push(Border::of(&piece));
-            self.spill.put(&spilled(tile), &piece.to_bytes())?;
-        }
-        Ok(borders)
     }
 
     /// Samples and meshes a tile, and puts it aside.
@@ -366,26 +304,6 @@ impl<'a> Plan<'a> {
         Ok(Border::of(&piece))
     }
 
-    /// Writes the part of a tile, once its vertices have numbers.
-    fn write(
-        &self,
-        tile: usize,
-        border: &Border,
-        ghosts: &[Ghost],
-        quality: &mut Quality,
-        session: &Session,
-    ) -> Result<Local, Failure> {
-        let path = session.output(part_name(tile))?;
-        let piece = self.piece(tile)?;
-        quality.add(&piece.mesh);
-        let ids = border.ids();
-        let view = part(&piece, &ids, ghosts, border)?;
-        io::mesh::vtu::save(path, &view)?;
-        self.spill.put(&numbers(tile), bytemuck::cast_slice(&ids))?;
-        let surface = surface(&piece, &ids, ghosts);
-        Ok(Local::of(&piece, border, &surface))
-    }
-
     /// A piece that has been put aside; empty if the tile has none.
     fn piece(&self, tile: usize) -> Result<Piece, Failure> {
         let name = spilled(tile);
@@ -393,37 +311,6 @@ impl<'a> Plan<'a> {
             true => Ok(Piece::from_bytes(&self.spill.get(&name)?)?),
             false => Ok(Piece::default()),
         }
-    }
-
-    /// Writes the file that joins the parts.
-    pub fn join(&self, session: &Session) -> Result<(), Failure> {
-        let names: Vec<String> = (0..self.tiles.len()).map(part_name).collect();
-        let empty = part(&Piece::default(), &[], &[], &Border::default())?;
-        Ok(vtu::save_parts(
-            session.output("volume.pvtu")?,
-            &empty,
-            &names,
-        )?)
-    }
-
-    /// The whole mesh in one memory, its vertices in the order of their numbers.
-    pub fn merged(&self, outcome: &Outcome) -> Result<TetMesh, Failure> {
-        let n = usize::try_from(outcome.vertices)?;
-        let mut positions = vec![Point3::origin(); n];
-        let mut kinds = vec![geom_core::mesh::VertexKind::Interior; n];
-        let (mut tets, mut regions) = (Vec::new(), Vec::new());
-        for tile in 0..self.tiles.len() {
-            let piece = self.piece(tile)?;
-            let ids: Vec<u64> = bytemuck::pod_collect_to_vec(&self.spill.get(&numbers(tile))?);
-            let (own, corners, own_regions, own_kinds) = piece.mesh.into_parts();
-            for ((x, kind), &id) in own.into_iter().zip(own_kinds).zip(&ids) {
-                positions[id as usize] = x;
-                kinds[id as usize] = kind;
-            }
-            tets.extend(corners.iter().map(|t| t.map(|v| ids[v as usize] as u32)));
-            regions.extend(own_regions);
-        }
-        Ok(TetMesh::with_kinds(positions, tets, regions, kinds)?)
     }
 }
 
@@ -438,60 +325,6 @@ fn spilled(tile: usize) -> String {
 
 fn numbers(tile: usize) -> String {
     format!("numbers_{tile}")
-}
-
-fn part_name(tile: usize) -> String {
-    format!("parts/part_{tile}.vtu")
-}
-
-/// A piece with its ghosts, as a part of a mesh.
-fn part(
-    piece: &Piece,
-    ids: &[u64],
-    ghosts: &[Ghost],
-    border: &Border,
-) -> Result<io::View<'static>, Failure> {
-    let mut points = piece.mesh.positions().to_vec();
-    let mut point_ids: Vec<i64> = ids.iter().map(|&id| id as i64).collect();
-    let mut foreign = vec![0u8; points.len()];
-    for links in border.links.chunk_by(|a, b| a.vertex == b.vertex) {
-        foreign[links[0].vertex as usize] = u8::from(links.iter().any(|l| l.other < l.tile));
-    }
-    // Vertices that only ghosts have follow those of the piece.
-    let mut known: Vec<(u64, u32)> = (0..).zip(ids).map(|(v, &id)| (id, v)).collect();
-    known.sort_unstable();
-    let is_known = |id: u64| known.binary_search_by_key(&id, |k| k.0);
-    let mut more: Vec<(u64, [f64; 3])> = ghosts
-        .iter()
-        .flat_map(|g| g.ids.into_iter().zip(g.corners))
-        .filter(|(id, _)| is_known(*id).is_err())
-        .collect();
-    more.sort_unstable_by_key(|m| m.0);
-    more.dedup_by_key(|m| m.0);
-    let first = points.len() as u32;
-    points.extend(more.iter().map(|m| Point3::from(m.1)));
-    point_ids.extend(more.iter().map(|m| m.0 as i64));
-    foreign.resize(points.len(), 1);
-    let place = |id: u64| match is_known(id) {
-        Ok(at) => known[at].1,
-        Err(_) => first + more.partition_point(|m| m.0 < id) as u32,
-    };
-    let mut tets = piece.mesh.tets().to_vec();
-    let mut regions = piece.mesh.regions().to_vec();
-    let mut ghost = vec![0u8; tets.len()];
-    tets.extend(ghosts.iter().map(|g| g.ids.map(place)));
-    regions.extend(ghosts.iter().map(|g| g.region as u8));
-    ghost.resize(tets.len(), 1);
-    let view = io::View {
-        points: points.into(),
-        blocks: vec![io::view::Cells::Tets(tets.into())],
-        ..io::View::default()
-    };
-    Ok(view
-        .point_field(vtu::GLOBAL_IDS, point_ids)?
-        .point_field(vtu::GHOSTS, foreign)?
-        .cell_field(vtu::GHOSTS, ghost)?
-        .cell_field("region", regions)?)
 }
 
 /// A sum over the roots that hold some cells.
@@ -552,6 +385,8 @@ impl Outcome {
                 .fold(180.0, f64::min),
             max_dihedral: qualities.iter().map(|q| q.max_dihedral).fold(0.0, f64::max),
             shared: all.iter().map(|s| s.shared).sum(),
+            ranks: Vec::new(),
+            groups: Vec::new(),
         }
     }
 }
