@@ -77,3 +77,46 @@ pub(crate) struct Arguments {
     #[arg(long)]
     in_process: bool,
 }
+
+/// The files asked for, by name: those of these kinds in the folders given, or in these of the larger data.
+#[cfg(feature = "lab")]
+fn files(
+    arguments: &Arguments,
+    folders: &[&str],
+    extensions: &[&str],
+) -> Result<Vec<PathBuf>, String> {
+    let mut places = arguments.data.clone();
+    if places.is_empty() {
+        let shared = folders.iter().filter_map(|d| crate::fixtures::shared(d));
+        places = shared.collect();
+    }
+    let mut files = Vec::new();
+    for place in places {
+        if place.is_file() {
+            files.push(place);
+            continue;
+        }
+        let failed = |e: std::io::Error| format!("{}: {e}", place.display());
+        for entry in std::fs::read_dir(&place).map_err(failed)? {
+            let path = entry.map_err(failed)?.path();
+            let name = name(&path);
+            let bare = name.strip_suffix(".gz").unwrap_or(&name);
+            if extensions.contains(&bare.rsplit('.').next().unwrap_or("")) {
+                files.push(path);
+            }
+        }
+    }
+    let only = &arguments.only;
+    files.retain(|p| only.is_empty() || only.iter().any(|o| name(p).contains(o.as_str())));
+    files.sort_by_key(|p| name(p));
+    if files.is_empty() {
+        return Err("NOTHING SWEPT: no such file; give files or folders with --data".into());
+    }
+    Ok(files)
+}
+
+#[cfg(feature = "lab")]
+fn name(path: &std::path::Path) -> String {
+    let file = path.file_name().unwrap_or_default();
+    file.to_string_lossy().into_owned()
+}

@@ -2,7 +2,7 @@
 
 use std::collections::btree_map::Entry;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
@@ -15,9 +15,9 @@ use geom_core::{Cpu, Point3, Run, TriMesh};
 use serde_json::{Value, json};
 
 use super::run::{append, earlier};
-use super::{Arguments, Rows};
+use super::{Arguments, Rows, files, name};
 use crate::lab::text;
-use crate::{Outcome, fixtures, root};
+use crate::{Outcome, root};
 
 /// Most quads that a mesh gets, unless it has fewer triangles than three times as many.
 const MOST: usize = 3000;
@@ -25,7 +25,11 @@ const MOST: usize = 3000;
 const NEAR: f64 = 1e-9;
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
-    let files = meshes(arguments)?;
+    let files = files(
+        arguments,
+        &["psb/off", "meshes"],
+        &["off", "obj", "ply", "stl"],
+    )?;
     let out = root().join(&arguments.out);
     if arguments.in_process {
         return files.iter().try_for_each(|path| {
@@ -63,43 +67,6 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     } else {
         Err(format!("broken: {broken:?}"))
     }
-}
-
-fn name(path: &Path) -> String {
-    let file = path.file_name().unwrap_or_default();
-    file.to_string_lossy().into_owned()
-}
-
-/// The meshes asked for, by name.
-fn meshes(arguments: &Arguments) -> Result<Vec<PathBuf>, String> {
-    let mut places = arguments.data.clone();
-    if places.is_empty() {
-        let folders = ["psb/off", "meshes"];
-        places = folders.iter().filter_map(|d| fixtures::shared(d)).collect();
-    }
-    let mut files = Vec::new();
-    for place in places {
-        if place.is_file() {
-            files.push(place);
-            continue;
-        }
-        let entries = fs::read_dir(&place).map_err(|e| format!("{}: {e}", place.display()))?;
-        for entry in entries {
-            let path = entry.map_err(text)?.path();
-            let name = name(&path);
-            let bare = name.strip_suffix(".gz").unwrap_or(&name);
-            if ["off", "obj", "ply", "stl"].contains(&bare.rsplit('.').next().unwrap_or("")) {
-                files.push(path);
-            }
-        }
-    }
-    let only = &arguments.only;
-    files.retain(|p| only.is_empty() || only.iter().any(|o| name(p).contains(o.as_str())));
-    files.sort_by_key(|p| name(p));
-    if files.is_empty() {
-        return Err("NOTHING SWEPT: no such mesh; give files or folders with --data".into());
-    }
-    Ok(files)
 }
 
 /// Runs a mesh in a process of its own; how that died, should no row come of it.

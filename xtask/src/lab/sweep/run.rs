@@ -12,9 +12,9 @@ use geom_core::io::structure::{ReadOptions, read};
 use geom_core::{Cpu, Run, Structure};
 use serde_json::{Value, json};
 
-use super::{Arguments, Rows, case, check, table};
+use super::{Arguments, Rows, case, check, files, name, table};
 use crate::lab::text;
-use crate::{Outcome, fixtures, root};
+use crate::{Outcome, root};
 
 fn method(name: &str) -> Method {
     match name {
@@ -109,18 +109,22 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 /// All structures at the coarser spacing first: what stops early has seen each of them.
 fn batches(arguments: &Arguments) -> Result<Vec<Batch>, String> {
     let mut all = Vec::new();
-    for path in structures(arguments)? {
+    for path in files(
+        arguments,
+        &["pdb", "pockets"],
+        &["pdb", "ent", "cif", "pqr"],
+    )? {
         let structure = structure(&path)?;
         let atoms = structure.atoms().len();
         let spacings = match arguments.spacing[..] {
             [] => spacings_for(atoms, arguments.tets as f64).to_vec(),
             ref given => given.to_vec(),
         };
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let name = name(&path);
         for (turn, spacing) in spacings.into_iter().enumerate() {
             let batch = Batch {
                 path: path.clone(),
-                name: name.clone().into_owned(),
+                name: name.clone(),
                 atoms,
                 spacing,
             };
@@ -134,45 +138,6 @@ fn batches(arguments: &Arguments) -> Result<Vec<Batch>, String> {
 fn structure(path: &Path) -> Result<Structure, String> {
     let read = read(path, &ReadOptions::default()).map_err(text)?;
     Ok(read.structure)
-}
-
-/// The structure files asked for, by name.
-fn structures(arguments: &Arguments) -> Result<Vec<PathBuf>, String> {
-    let mut places = arguments.data.clone();
-    if places.is_empty() {
-        places = ["pdb", "pockets"]
-            .iter()
-            .filter_map(|d| fixtures::shared(d))
-            .collect();
-    }
-    let mut files = Vec::new();
-    for place in places {
-        if place.is_file() {
-            files.push(place);
-            continue;
-        }
-        let entries = fs::read_dir(&place).map_err(|e| format!("{}: {e}", place.display()))?;
-        for entry in entries {
-            let path = entry
-                .map_err(|e| format!("{}: {e}", place.display()))?
-                .path();
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let bare = name.strip_suffix(".gz").unwrap_or(&name);
-            if ["pdb", "ent", "cif", "pqr"].contains(&bare.rsplit('.').next().unwrap_or("")) {
-                files.push(path);
-            }
-        }
-    }
-    let only = &arguments.only;
-    files.retain(|path| {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        only.is_empty() || only.iter().any(|o| name.contains(o.as_str()))
-    });
-    files.sort();
-    if files.is_empty() {
-        return Err("NOTHING SWEPT: no such structure; give files or folders with --data".into());
-    }
-    Ok(files)
 }
 
 /// Spacings, Å, that give a molecule about as many tetrahedra inside, and 2.5 times as many. The coarser
