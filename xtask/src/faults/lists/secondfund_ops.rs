@@ -107,9 +107,9 @@ pub(super) const FAULTS: &[Fault] = &[
     ),
     Fault::wrong(
         "volumes are restored the wrong way",
-        "crates/secondfund-ops/src/flow/steps.rs",
-        "let along = missing / surface.area();",
-        "let along = -missing / surface.area();",
+        "crates/secondfund-ops/src/flow/volume.rs",
+        "let along = missing / mesh.area();",
+        "let along = -missing / mesh.area();",
     ),
     Fault::wrong(
         "the bilateral filter does not look at directions",
