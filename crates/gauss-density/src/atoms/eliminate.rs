@@ -17,7 +17,7 @@ use crate::model::Model;
 use crate::options::{Cutoff, Options};
 use crate::sample::band::sample_band;
 use crate::sample::blocks::lattice_of;
-use crate::sample::compare::{Comparison, NEAR, compare_on};
+use crate::sample::compare::{Comparison, NEAR, compare_bands};
 use crate::sample::point::PointSampler;
 
 /// When to stop.
@@ -213,17 +213,16 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
             stop: options.stop,
         };
         trial.run(state, &mut kept, &mut report, run)?;
-        if options.interior == Interior::KeepSolid {
-            report.put_back = fill_holes(&sampler, &old, &sampling, options, &mut kept, run)?;
-        }
-        let kept = indices(&kept);
-        if kept.is_empty() {
-            return Err(Error::NothingLeft);
-        }
-        if kept.len() < atoms {
-            let reduced = model.subset(&kept);
-            report.comparison = compare_on(&reduced, &sampler, &old, &sampling, run)?;
-        }
+        // The samples are the largest of what is held, and have done their work.
+        drop(cells);
+        let body = Body {
+            sampler: &sampler,
+            band: &old,
+            sampling: &sampling,
+        };
+        let gone = kept.iter().filter(|&&k| !k).count();
+        report.comparison = body.settle(options, &mut kept, run)?;
+        report.put_back = gone - kept.iter().filter(|&&k| !k).count();
     }
     let kept = indices(&kept);
     report.remaining = kept.len();
@@ -240,44 +239,60 @@ fn indices(kept: &[bool]) -> Vec<u32> {
         .collect()
 }
 
-/// Puts atoms back where the interior has holes between its samples, which lie two lattice steps apart: until all its
-/// lattice points keep what the samples keep. An atom that returns only raises the density, so the bound still holds.
-/// How many came back.
-fn fill_holes(
-    sampler: &PointSampler<'_>,
-    old: &BrickGrid,
-    sampling: &Options,
-    options: &Elimination,
-    kept: &mut [bool],
-    run: On<'_>,
-) -> Result<usize, Error> {
-    let prepared = sampler.prepared();
-    let cap = sampling.band[1];
-    // What lattice values may be off by, see `Elimination::sampling`.
-    let least = ((1.0 - options.epsilon) * cap * (1.0 - 2e-5)) as f32;
-    let mut put_back = 0;
-    loop {
-        let left = indices(kept);
-        if left.is_empty() || left.len() == kept.len() {
-            return Ok(put_back);
+/// The model before, and its density around the surface.
+struct Body<'a> {
+    sampler: &'a PointSampler<'a>,
+    band: &'a BrickGrid,
+    sampling: &'a Options,
+}
+
+impl Body<'_> {
+    /// What is left beside this one. A solid body gets atoms back before, where its interior has holes between the samples,
+    /// which lie two lattice steps apart: until all its lattice points keep what the samples keep. An atom that returns
+    /// only raises the density, so the bound still holds.
+    fn settle(
+        &self,
+        options: &Elimination,
+        kept: &mut [bool],
+        run: On<'_>,
+    ) -> Result<Comparison, Error> {
+        let model = self.sampler.prepared().model();
+        let cap = self.sampling.band[1];
+        // What lattice values may be off by, see `Elimination::sampling`.
+        let least = ((1.0 - options.epsilon) * cap * (1.0 - 2e-5)) as f32;
+        loop {
+            let left = indices(kept);
+            if left.is_empty() {
+                return Err(Error::NothingLeft);
+            }
+            if left.len() == kept.len() {
+                return Ok(Comparison::default());
+            }
+            let reduced = model.subset(&left);
+            let new = sample_band(&reduced, self.sampling, run)?.grid;
+            let holes = match options.interior {
+                Interior::KeepSolid => holes(self.band, &new, cap as f32, least),
+                Interior::Hollow => Vec::new(),
+            };
+            if holes.is_empty() {
+                return compare_bands((&reduced, &new), (self.sampler, self.band), cap);
+            }
+            for atom in self.filling(&holes, kept) {
+                kept[atom] = true;
+            }
         }
-        let new = sample_band(&prepared.model().subset(&left), sampling, run)?.grid;
+    }
+
+    /// For each hole the atom, of those that are gone, that gave it the most.
+    fn filling(&self, holes: &[Point3], kept: &[bool]) -> Vec<usize> {
         let gone: Vec<usize> = (0..kept.len()).filter(|&a| !kept[a]).collect();
-        // The atom that gave a hole the most.
-        let filling = |x: &Point3| {
-            let given = |a: &usize| prepared.ln_kernel(*a, x);
+        let most = |x: &Point3| {
+            let given = |a: &usize| self.sampler.prepared().ln_kernel(*a, x);
             gone.iter()
                 .copied()
                 .max_by(|a, b| given(a).total_cmp(&given(b)))
         };
-        let holes = holes(old, &new, cap as f32, least);
-        let filling: Vec<usize> = holes.par_iter().filter_map(filling).collect();
-        if filling.is_empty() {
-            return Ok(put_back);
-        }
-        for atom in filling {
-            put_back += usize::from(!std::mem::replace(&mut kept[atom], true));
-        }
+        holes.par_iter().filter_map(most).collect()
     }
 }
 

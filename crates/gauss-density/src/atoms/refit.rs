@@ -17,7 +17,7 @@ use crate::model::Model;
 use crate::options::{Cutoff, Options};
 use crate::sample::band::sample_band;
 use crate::sample::blocks::lattice_of;
-use crate::sample::compare::{Comparison, NEAR, compare_on};
+use crate::sample::compare::{Comparison, NEAR, compare_bands};
 use crate::sample::point::PointSampler;
 
 /// The share of the density that may be lost by leaving out far atoms in the sums of samples.
@@ -156,7 +156,11 @@ pub fn refit<B: DensityBackend + ?Sized>(
     let allowed = Allowed::around(reduced, options);
     let old = sample_band(original, &sampling, run)?.grid;
     let cells = samples_of(&allowed.widest(reduced), &sampler, &old, options)?;
-    let before = compare_on(reduced, &sampler, &old, &sampling, run)?;
+    let beside = |model: &Model| {
+        let new = sample_band(model, &sampling, run)?.grid;
+        compare_bands((model, &new), (&sampler, &old), sampling.band[1])
+    };
+    let before = beside(reduced)?;
     let mut descent = Descent::start(reduced, &cells, allowed, run)?;
     let mut report = RefitReport {
         backend: run.backend.name(),
@@ -174,7 +178,7 @@ pub fn refit<B: DensityBackend + ?Sized>(
     report.objective[1] = descent.sums.objective;
     report.worst[1] = descent.sums.worst;
     if report.accepted > 0 {
-        report.comparison[1] = compare_on(&model, &sampler, &old, &sampling, run)?;
+        report.comparison[1] = beside(&model)?;
     }
     Ok(Refitted { model, report })
 }

@@ -3,7 +3,7 @@
 use geom_core::{BrickGrid, ImplicitField, LatticeValues, Run};
 use rayon::prelude::*;
 
-use crate::backend::{DensityBackend, On};
+use crate::backend::DensityBackend;
 use crate::error::Error;
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
@@ -57,22 +57,19 @@ pub fn compare<B: DensityBackend + ?Sized>(
         ..options.clone()
     };
     let old = sample_band(original, &options, run)?.grid;
-    compare_on(model, &sampler, &old, &options, run)
+    let new = sample_band(model, &options, run)?.grid;
+    compare_bands((model, &new), (&sampler, &old), options.band[1])
 }
 
-/// Both on the lattice of the given bounds, where `old` is the band of the original.
-pub(crate) fn compare_on(
-    model: &Model,
-    original: &PointSampler<'_>,
-    old: &BrickGrid,
-    options: &Options,
-    run: On<'_>,
+/// The bands of both on the same lattice; at `high` and above the original is interior.
+pub(crate) fn compare_bands(
+    (model, new): (&Model, &BrickGrid),
+    (original, old): (&PointSampler<'_>, &BrickGrid),
+    high: f64,
 ) -> Result<Comparison, Error> {
-    let new = sample_band(model, options, run)?.grid;
     let sampler = PointSampler::above(NEAR, model, Cutoff(1e-5))?;
     let lattice = *new.lattice();
     let [nx, ny, nz] = lattice.counts;
-    let high = options.band[1];
     let planes: Vec<(f64, f64, u64, [u64; 2])> = (0..nz)
         .into_par_iter()
         .map(|z| {
@@ -89,7 +86,7 @@ pub(crate) fn compare_on(
                         let mut q = p;
                         q[axis] += 1;
                         if q[axis] < lattice.counts[axis] && (new.at(q) >= 1.0) != inside {
-                            let at = root_on_edge(&sampler, &new, p, q);
+                            let at = root_on_edge(&sampler, new, p, q);
                             let exact = original.value(&at);
                             // Inner surfaces of a hollow body have no counterpart.
                             if exact < high {
