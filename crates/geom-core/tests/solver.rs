@@ -2,7 +2,7 @@
 
 use geom_core::algebra::iterate::Options;
 use geom_core::algebra::{
-    Cholesky, Error, Scalar, SparseMatrix, Symbolic, conjugate_gradients, refine,
+    Cholesky, Error, Jacobi, Scalar, SparseMatrix, Symbolic, conjugate_gradients, refine,
 };
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
@@ -162,6 +162,27 @@ fn conjugate_gradients_with_the_factor_of_a_similar_matrix() {
     };
     let short = conjugate_gradients(&matrix, &factor, &b, 3, &few).unwrap();
     assert!(!short.converged && short.residuals.iter().all(|&r| r > 1e-12));
+}
+
+/// The diagonal does where it weighs much; one that is not positive is named.
+#[test]
+fn conjugate_gradients_with_the_diagonal() {
+    let matrix = screened(0.5);
+    let exact = values(matrix.rows() * 3, 4);
+    let b = matrix.multiply(&exact, 3);
+    let diagonal = Jacobi::of(&matrix).unwrap();
+    let cg = conjugate_gradients(&matrix, &diagonal, &b, 3, &Options::default()).unwrap();
+    assert!(cg.converged && largest(&cg.values, &exact) < 1e-8);
+    // Of a diagonal matrix it is the inverse.
+    let scales = SparseMatrix::diagonal_of(&[4.0, 3.0]);
+    let diagonal = Jacobi::of(&scales).unwrap();
+    let usual = Options::default();
+    let one = conjugate_gradients(&scales, &diagonal, &[2.0, 6.0], 1, &usual).unwrap();
+    assert!(one.iterations == 1 && largest(&one.values, &[0.5, 2.0]) < 1e-15);
+    for entry in [0.0, -1.0] {
+        let refused = Jacobi::of(&SparseMatrix::diagonal_of(&[1.0, entry]));
+        assert_eq!(refused, Err(Error::NotPositiveDefinite { row: 1 }));
+    }
 }
 
 /// A residual that is no number closes no column.

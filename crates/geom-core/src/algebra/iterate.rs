@@ -1,10 +1,13 @@
-//! Solutions better than a factor alone gives them: iterative refinement, and conjugate gradients
-//! with the factor of another, similar matrix.
+//! Solutions better than a factor alone gives them, or without one: iterative refinement, and conjugate gradients
+//! with the factor of another, similar matrix or with the diagonal.
 
 use rayon::prelude::*;
 
 use super::{Cholesky, Error, Scalar, SparseMatrix};
 use crate::options::require;
+
+/// Rows per task.
+const ROWS: usize = 4096;
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +39,62 @@ impl Options {
             self.tolerance,
             "be at least 0 and below 1",
         )?;
+        Ok(())
+    }
+}
+
+/// What [`conjugate_gradients`] applies to a residual in place of the inverse of the matrix: positive definite, and easy to
+/// apply.
+pub trait Preconditioner<T: Scalar> {
+    /// The rows of its matrix.
+    fn rows(&self) -> usize;
+
+    /// Applies it to a block of `columns` vectors in place.
+    ///
+    /// # Errors
+    /// What cannot be solved with.
+    fn apply(&self, block: &mut [T], columns: usize) -> Result<(), Error>;
+}
+
+impl<T: Scalar> Preconditioner<T> for Cholesky<T> {
+    fn rows(&self) -> usize {
+        Cholesky::rows(self)
+    }
+
+    fn apply(&self, block: &mut [T], columns: usize) -> Result<(), Error> {
+        self.solve_in_place(block, columns)
+    }
+}
+
+/// The inverse of the diagonal of a matrix (Jacobi): a preconditioner that costs nothing, for matrices whose diagonal
+/// weighs much, as the mass does in a short step of a diffusion.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Jacobi(Vec<f64>);
+
+impl Jacobi {
+    /// That of a matrix.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] names the first entry that is not above zero.
+    pub fn of<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Self, Error> {
+        let diagonal: Vec<f64> = matrix.diagonal().iter().map(|d| d.real_part()).collect();
+        // NaN, too.
+        match diagonal.iter().position(|d| d.is_nan() || *d <= 0.0) {
+            Some(row) => Err(Error::NotPositiveDefinite { row }),
+            None => Ok(Self(diagonal.iter().map(|d| 1.0 / d).collect())),
+        }
+    }
+}
+
+impl<T: Scalar> Preconditioner<T> for Jacobi {
+    fn rows(&self) -> usize {
+        self.0.len()
+    }
+
+    fn apply(&self, block: &mut [T], columns: usize) -> Result<(), Error> {
+        for (row, &scale) in block.chunks_mut(columns.max(1)).zip(&self.0) {
+            row.iter_mut().for_each(|x| *x = *x * scale);
+        }
         Ok(())
     }
 }
@@ -107,37 +166,36 @@ pub fn refine<T: Scalar>(
     Ok(solution)
 }
 
-/// Solves `A X = B` by conjugate gradients, with the factor of a similar matrix as preconditioner;
-/// every column by itself.
+/// Solves `A X = B` by conjugate gradients, with the factor of a similar matrix or [`Jacobi`] as preconditioner; every
+/// column by itself.
 ///
 /// # Errors
 /// [`Error::NotPositiveDefinite`] if A turns out not to be: `row` is then the row of the largest entry
 /// of the direction that shows it.
 ///
 /// ```
-/// use geom_core::algebra::iterate::{Options, conjugate_gradients};
-/// use geom_core::algebra::{Cholesky, SparseMatrix};
+/// use geom_core::algebra::iterate::{Jacobi, Options, conjugate_gradients};
+/// use geom_core::algebra::SparseMatrix;
 /// let entries = [(0, 0, 4.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 3.0)];
 /// let matrix = SparseMatrix::from_triplets(2, 2, &entries)?;
-/// // The factor of its diagonal will do.
-/// let factor = Cholesky::of(&SparseMatrix::diagonal_of(&[4.0, 3.0]))?;
-/// let found = conjugate_gradients(&matrix, &factor, &[2.0, 5.0], 1, &Options::default())?;
+/// let diagonal = Jacobi::of(&matrix)?;
+/// let found = conjugate_gradients(&matrix, &diagonal, &[2.0, 5.0], 1, &Options::default())?;
 /// assert!(found.converged && (found.values[1] - 2.0).abs() < 1e-10);
 /// # Ok::<(), geom_core::algebra::Error>(())
 /// ```
 pub fn conjugate_gradients<T: Scalar>(
     matrix: &SparseMatrix<T>,
-    factor: &Cholesky<T>,
+    preconditioner: &(impl Preconditioner<T> + ?Sized),
     block: &[T],
     columns: usize,
     options: &Options,
 ) -> Result<Solution<T>, Error> {
-    let sizes = start(matrix, factor, block, columns, options)?;
-    // From zero, so that the residual is the right-hand side; the factor is the preconditioner.
+    let sizes = start(matrix, preconditioner, block, columns, options)?;
+    // From zero, so that the residual is the right-hand side.
     let mut x = vec![T::default(); block.len()];
     let mut r = block.to_vec();
     let mut z = r.clone();
-    factor.solve_in_place(&mut z, columns)?;
+    preconditioner.apply(&mut z, columns)?;
     let mut p = z.clone();
     let mut rz = dots(&r, &z, columns);
     let mut open: Vec<bool> = sizes.iter().map(|&s| s > 0.0).collect();
@@ -158,26 +216,19 @@ pub fn conjugate_gradients<T: Scalar>(
         let step: Vec<f64> = (0..columns)
             .map(|j| if open[j] { rz[j] / curvature[j] } else { 0.0 })
             .collect();
-        add_scaled(&mut x, &step, &p, columns);
-        let back: Vec<f64> = step.iter().map(|s| -s).collect();
-        add_scaled(&mut r, &back, &image, columns);
+        change(&mut x, &p, &step, |x, p, s| x + p * s);
+        change(&mut r, &image, &step, |r, image, s| r - image * s);
         for (open, residual) in open.iter_mut().zip(relative(&norms(&r, columns), &sizes)) {
             // One that is no number is not done.
             *open &= residual > options.tolerance || residual.is_nan();
         }
         z.copy_from_slice(&r);
-        factor.solve_in_place(&mut z, columns)?;
+        preconditioner.apply(&mut z, columns)?;
         let next = dots(&r, &z, columns);
         let turn: Vec<f64> = (0..columns)
             .map(|j| if open[j] { next[j] / rz[j] } else { 0.0 })
             .collect();
-        p.chunks_mut(columns)
-            .zip(z.chunks(columns))
-            .for_each(|(p, z)| {
-                for ((p, &z), &t) in p.iter_mut().zip(z).zip(&turn) {
-                    *p = z + *p * t;
-                }
-            });
+        change(&mut p, &z, &turn, |p, z, t| z + p * t);
         rz = next;
     }
     // The true residual, not the one that was carried along.
@@ -193,13 +244,13 @@ pub fn conjugate_gradients<T: Scalar>(
 /// Refuses what does not fit together; the norms of the right-hand sides.
 fn start<T: Scalar>(
     matrix: &SparseMatrix<T>,
-    factor: &Cholesky<T>,
+    preconditioner: &(impl Preconditioner<T> + ?Sized),
     block: &[T],
     columns: usize,
     options: &Options,
 ) -> Result<Vec<f64>, Error> {
     options.check()?;
-    check_sizes(matrix, factor, block, columns)?;
+    check_sizes(matrix, preconditioner.rows(), block, columns)?;
     let sizes = norms(block, columns);
     // Relative to an infinite norm nothing would be missing.
     match sizes.iter().position(|s| !s.is_finite()) {
@@ -223,16 +274,16 @@ fn missing<T: Scalar>(
 
 fn check_sizes<T: Scalar>(
     matrix: &SparseMatrix<T>,
-    factor: &Cholesky<T>,
+    rows: usize,
     block: &[T],
     columns: usize,
 ) -> Result<(), Error> {
     for found in [matrix.rows(), matrix.columns()] {
-        if found != factor.rows() {
+        if found != rows {
             return Err(Error::Shape {
                 what: "the matrix that goes with a factor",
                 found,
-                expected: factor.rows(),
+                expected: rows,
             });
         }
     }
@@ -263,12 +314,12 @@ fn dots<T: Scalar>(x: &[T], y: &[T], columns: usize) -> Vec<f64> {
     let parts = crate::compute::parallel::fold_chunks(x.len() / columns.max(1), |rows| {
         let range = rows.start * columns..rows.end * columns;
         let mut sums = vec![0.0; columns];
-        for (x, y) in x[range.clone()]
-            .chunks(columns)
-            .zip(y[range].chunks(columns))
-        {
-            for ((s, &x), &y) in sums.iter_mut().zip(x).zip(y) {
-                *s += (x.conjugate() * y).real_part();
+        let mut column = 0;
+        for (&x, &y) in x[range.clone()].iter().zip(&y[range]) {
+            sums[column] += (x.conjugate() * y).real_part();
+            column += 1;
+            if column == columns {
+                column = 0;
             }
         }
         sums
@@ -279,14 +330,24 @@ fn dots<T: Scalar>(x: &[T], y: &[T], columns: usize) -> Vec<f64> {
     total
 }
 
-/// `x ← x + y · scale`, a factor per column.
-fn add_scaled<T: Scalar>(x: &mut [T], scale: &[f64], y: &[T], columns: usize) {
-    x.par_chunks_mut(columns)
-        .zip(y.par_chunks(columns))
-        .with_min_len(4096)
+/// `x ← change(x, y, factor)` with a factor per column.
+fn change<T: Scalar>(
+    x: &mut [T],
+    y: &[T],
+    factors: &[f64],
+    change: impl Fn(T, T, f64) -> T + Sync,
+) {
+    let rows = ROWS * factors.len().max(1);
+    x.par_chunks_mut(rows)
+        .zip(y.par_chunks(rows))
         .for_each(|(x, y)| {
-            for ((x, &y), &s) in x.iter_mut().zip(y).zip(scale) {
-                *x += y * s;
+            let mut column = 0;
+            for (x, &y) in x.iter_mut().zip(y) {
+                *x = change(*x, y, factors[column]);
+                column += 1;
+                if column == factors.len() {
+                    column = 0;
+                }
             }
         });
 }

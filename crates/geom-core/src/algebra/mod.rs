@@ -25,7 +25,7 @@ pub mod sparse;
 mod substitution;
 
 pub use cholesky::{Cholesky, Symbolic};
-pub use iterate::{Solution, conjugate_gradients, refine};
+pub use iterate::{Jacobi, Preconditioner, Solution, conjugate_gradients, refine};
 pub use mass::Mass;
 pub use operator::Operator;
 pub use sparse::{Scalar, SparseMatrix};

@@ -343,10 +343,12 @@ impl<T: Scalar> SparseMatrix<T> {
     ) -> usize {
         for (i, y) in out.chunks_exact_mut(columns).enumerate() {
             let mut sum = [T::default(); C];
-            for (j, a) in self.row(first + i) {
-                let x = &block[j * columns + at..][..C];
-                for (s, &x) in sum.iter_mut().zip(x) {
-                    *s += a * x;
+            let range = self.starts[first + i]..self.starts[first + i + 1];
+            for (&j, &a) in self.indices[range.clone()].iter().zip(&self.values[range]) {
+                let start = j as usize * columns + at;
+                let x = &block[start..start + C];
+                for c in 0..C {
+                    sum[c] += a * x[c];
                 }
             }
             y[at..at + C].copy_from_slice(&sum);

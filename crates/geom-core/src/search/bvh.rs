@@ -211,8 +211,19 @@ impl TriangleTree {
         margin: f64,
         holds: impl Fn(u32, u32) -> bool + Sync,
     ) -> Vec<[u32; 2]> {
+        let mut pairs = self.pairs_by_leaf(margin, holds);
+        pairs.par_sort_unstable();
+        pairs
+    }
+
+    /// [`pairs_within`](Self::pairs_within), leaf after leaf: as many lists are long, and few are wanted in order.
+    pub(super) fn pairs_by_leaf(
+        &self,
+        margin: f64,
+        holds: impl Fn(u32, u32) -> bool + Sync,
+    ) -> Vec<[u32; 2]> {
         let inner = self.leaves - 1;
-        let mut pairs: Vec<[u32; 2]> = (0..self.leaves)
+        (0..self.leaves)
             .into_par_iter()
             .flat_map_iter(|leaf| {
                 let mut found = Vec::new();
@@ -240,9 +251,7 @@ impl TriangleTree {
                 }
                 found
             })
-            .collect();
-        pairs.par_sort_unstable();
-        pairs
+            .collect()
     }
 
     /// The first point where the ray `origin + time · direction`, `time ≥ 0`, meets the mesh.

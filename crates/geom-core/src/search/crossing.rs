@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::bvh::TriangleTree;
-use crate::mesh::six_volume;
+use crate::mesh::{MeshError, six_volume};
 use crate::{Aabb, Point3, TriMesh};
 
 /// A triangle of a mesh with the box around it.
@@ -77,7 +77,7 @@ pub fn crossing_pairs(mesh: &TriMesh) -> Vec<[u32; 2]> {
         return Vec::new();
     }
     let tree = TriangleTree::new(mesh).expect("there is a triangle");
-    let boxed = boxed(mesh);
+    let boxed = boxed(mesh.positions(), mesh.triangles());
     tree.overlapping_pairs(|s, t| boxed[s as usize].crosses(&boxed[t as usize]))
 }
 
@@ -90,9 +90,10 @@ pub fn crossing_pairs(mesh: &TriMesh) -> Vec<[u32; 2]> {
 /// use geom_core::search::crossing::{CrossingWatch, crossing_pairs};
 /// let torus = shapes::torus(2.0, 0.5, 40, 20);
 /// let mut watch = CrossingWatch::new(torus.triangles().to_vec(), 0.1);
-/// assert!(watch.crossing_pairs(torus.positions()).is_empty());
+/// assert!(watch.crossing_pairs(torus.positions())?.is_empty());
 /// let through = shapes::torus(1.0, 1.5, 40, 20);
-/// assert_eq!(watch.crossing_pairs(through.positions()), crossing_pairs(&through));
+/// assert_eq!(watch.crossing_pairs(through.positions())?, crossing_pairs(&through));
+/// # Ok::<(), geom_core::mesh::MeshError>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct CrossingWatch {
@@ -115,52 +116,52 @@ impl CrossingWatch {
         }
     }
 
+    /// The triangles.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
     /// What [`crossing_pairs`] gives for these positions. Parallel.
     ///
-    /// # Panics
-    /// Without a position for every corner.
-    pub fn crossing_pairs(&mut self, positions: &[Point3]) -> Vec<[u32; 2]> {
+    /// # Errors
+    /// Those of [`TriMesh::new`]: positions that are not finite, corners without one.
+    pub fn crossing_pairs(&mut self, positions: &[Point3]) -> Result<Vec<[u32; 2]>, MeshError> {
         // Two boxes come nearer by what both have moved.
         let most = 0.5 * self.margin;
         let stayed = |(p, q): (&Point3, &Point3)| (p - q).norm() <= most;
         if self.at.len() != positions.len() || !self.at.iter().zip(positions).all(stayed) {
-            self.gather(positions);
+            self.gather(positions)?;
         }
-        let boxed = self.boxed(positions);
+        let boxed = boxed(positions, &self.triangles);
         let crosses = |[s, t]: &&[u32; 2]| boxed[*s as usize].crosses(&boxed[*t as usize]);
-        self.near.par_iter().filter(crosses).copied().collect()
+        let mut pairs: Vec<[u32; 2]> = self.near.par_iter().filter(crosses).copied().collect();
+        pairs.sort_unstable();
+        Ok(pairs)
     }
 
-    fn gather(&mut self, positions: &[Point3]) {
+    fn gather(&mut self, positions: &[Point3]) -> Result<(), MeshError> {
+        let mesh = TriMesh::new(positions.to_vec(), self.triangles.clone())?;
         self.at = positions.to_vec();
         self.near = Vec::new();
         if self.triangles.is_empty() {
-            return;
+            return Ok(());
         }
-        let mesh = TriMesh::new(self.at.clone(), self.triangles.clone()).expect("as it was given");
         let tree = TriangleTree::new(&mesh).expect("there is a triangle");
-        let mut wide = self.boxed(positions);
+        let mut wide = boxed(positions, &self.triangles);
         wide.iter_mut()
             .for_each(|t| t.bounds = t.bounds.inflated(0.5 * self.margin));
-        self.near = tree.pairs_within(self.margin, |s, t| {
+        self.near = tree.pairs_by_leaf(self.margin, |s, t| {
             let (s, t) = (&wide[s as usize], &wide[t as usize]);
             s.bounds.intersects(&t.bounds) && s.common(t) < 2
         });
-    }
-
-    fn boxed(&self, positions: &[Point3]) -> Vec<BoxedTriangle> {
-        let at = |v: u32| positions[v as usize];
-        self.triangles
-            .par_iter()
-            .map(|&t| BoxedTriangle::new(t, &at))
-            .collect()
+        Ok(())
     }
 }
 
-fn boxed(mesh: &TriMesh) -> Vec<BoxedTriangle> {
-    let at = |v: u32| mesh.positions()[v as usize];
-    let triangles = mesh.triangles().iter();
-    triangles.map(|&t| BoxedTriangle::new(t, &at)).collect()
+fn boxed(positions: &[Point3], triangles: &[[u32; 3]]) -> Vec<BoxedTriangle> {
+    let at = |v: u32| positions[v as usize];
+    let boxed = |&t: &[u32; 3]| BoxedTriangle::new(t, &at);
+    triangles.par_iter().map(boxed).collect()
 }
 
 #[cfg(test)]
@@ -170,7 +171,7 @@ mod tests {
     use super::*;
 
     fn by_hand(mesh: &TriMesh) -> Vec<[u32; 2]> {
-        let boxed = boxed(mesh);
+        let boxed = boxed(mesh.positions(), mesh.triangles());
         let all = (0..boxed.len()).flat_map(|i| (i + 1..boxed.len()).map(move |j| [i, j]));
         all.filter(|&[i, j]| boxed[i].crosses(&boxed[j]))
             .map(|pair| pair.map(|i| i as u32))
@@ -207,17 +208,19 @@ mod tests {
                 });
                 let shaken: Vec<Point3> = shaken.collect();
                 let mesh = TriMesh::new(shaken.clone(), ball.triangles().to_vec()).unwrap();
-                let pairs = watch.crossing_pairs(&shaken);
+                let pairs = watch.crossing_pairs(&shaken).unwrap();
                 assert_eq!(pairs, crossing_pairs(&mesh), "round {round} of {step}");
                 found += pairs.len();
             }
             assert!(found > 10, "{found}");
         }
-        assert!(
-            CrossingWatch::new(Vec::new(), 0.1)
-                .crossing_pairs(&[])
-                .is_empty()
-        );
+        let mut nothing = CrossingWatch::new(Vec::new(), 0.1);
+        assert_eq!(nothing.crossing_pairs(&[]), Ok(Vec::new()));
+        let mut watch = CrossingWatch::new(ball.triangles().to_vec(), 0.02);
+        let mut lost = ball.positions().to_vec();
+        assert_eq!(watch.crossing_pairs(&lost), Ok(Vec::new()));
+        lost[7].x = f64::NAN;
+        assert!(watch.crossing_pairs(&lost).is_err() && watch.crossing_pairs(&[]).is_err());
     }
 
     #[test]
