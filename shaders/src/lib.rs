@@ -177,7 +177,29 @@ pub const CROSSFIELD_CORNER_DISTORTION: Shader = Shader {
 /// `secondfund-ops`: the matrices of triangles.
 pub const SECONDFUND_OPS_TRIANGLE_MATRICES: Shader = Shader {
     name: "secondfund_ops_triangle_matrices",
-    source: joined!("secondfund_ops/triangle_matrices"),
+    source: joined!("common/conductivity", "secondfund_ops/triangle_matrices"),
+    workgroup: [64, 1, 1],
+};
+
+/// `secondfund-ops`: the stiffness of patches applied to the surface itself.
+pub const SECONDFUND_OPS_PATCH_FORCES: Shader = Shader {
+    name: "secondfund_ops_patch_forces",
+    source: joined!(
+        "common/conductivity",
+        "common/patch",
+        "secondfund_ops/patch_forces"
+    ),
+    workgroup: [64, 1, 1],
+};
+
+/// `secondfund-ops`: the matrices of patches that share a basis.
+pub const SECONDFUND_OPS_PATCH_MATRICES: Shader = Shader {
+    name: "secondfund_ops_patch_matrices",
+    source: joined!(
+        "common/conductivity",
+        "common/patch",
+        "secondfund_ops/patch_matrices"
+    ),
     workgroup: [64, 1, 1],
 };
 
@@ -268,6 +290,8 @@ pub const ALL: &[Shader] = &[
     CROSSFIELD_CHART_DISTORTION,
     CROSSFIELD_CORNER_DISTORTION,
     SECONDFUND_OPS_TRIANGLE_MATRICES,
+    SECONDFUND_OPS_PATCH_MATRICES,
+    SECONDFUND_OPS_PATCH_FORCES,
     SECONDFUND_OPS_DISTANCES,
     TSPLINE_CORNER_DISTORTION,
     TSPLINE_BEZIER_POINTS,

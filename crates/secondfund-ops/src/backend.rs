@@ -4,9 +4,9 @@
 //!
 //! ```
 //! use std::sync::atomic::{AtomicUsize, Ordering};
-//! use secondfund_ops::backend::{OperatorBackend, TriangleTask};
+//! use secondfund_ops::backend::{OperatorBackend, PatchMatrices, PatchTask, TriangleTask};
 //! use secondfund_ops::forms::TriangleMatrix;
-//! use secondfund_ops::geom_core::{Backend, Cpu, Run, mesh::shapes};
+//! use secondfund_ops::geom_core::{Backend, Cpu, Run, Vector3, mesh::shapes};
 //! use secondfund_ops::{Element, Error, Normals, SpectrumOptions, spectrum};
 //!
 //! #[derive(Default)]
@@ -22,6 +22,14 @@
 //!     fn triangle_matrices(&self, task: &TriangleTask<'_>, out: &mut Vec<TriangleMatrix>) -> Result<(), Error> {
 //!         self.0.fetch_add(1, Ordering::Relaxed);
 //!         Cpu.triangle_matrices(task, out)
+//!     }
+//!     fn patch_matrices(&self, task: &PatchTask<'_>, out: &mut PatchMatrices) -> Result<(), Error> {
+//!         self.0.fetch_add(1, Ordering::Relaxed);
+//!         Cpu.patch_matrices(task, out)
+//!     }
+//!     fn patch_forces(&self, task: &PatchTask<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
+//!         self.0.fetch_add(1, Ordering::Relaxed);
+//!         Cpu.patch_forces(task, out)
 //!     }
 //!     fn distances(&self, rows: &[f32], width: usize, out: &mut Vec<f32>) -> Result<(), Error> {
 //!         self.0.fetch_add(1, Ordering::Relaxed);
@@ -50,6 +58,13 @@ pub trait OperatorBackend: Backend + OperatorObject {
         out: &mut Vec<TriangleMatrix>,
     ) -> Result<(), Error>;
 
+    /// The matrices of every patch of a task, in place of what was in `out`.
+    fn patch_matrices(&self, task: &PatchTask<'_>, out: &mut PatchMatrices) -> Result<(), Error>;
+
+    /// `∫ Nᵢ_a A^{ab} x_b dA` for every function of every patch of a task, patch after patch: the stiffness applied to the
+    /// surface itself, in place of what was in `out`.
+    fn patch_forces(&self, task: &PatchTask<'_>, out: &mut Vec<Vector3>) -> Result<(), Error>;
+
     /// The distances between all pairs of `rows` (of `width` numbers each), row after row: the
     /// dissimilarities of the medoids, in place of what was in `out`.
     fn distances(&self, rows: &[f32], width: usize, out: &mut Vec<f32>) -> Result<(), Error>;
@@ -75,9 +90,86 @@ pub struct TriangleTask<'a> {
     pub conductor: Conductor,
 }
 
+/// Patches of a surface that share a basis, in unit scale. A patch is a sum of `functions` functions over a piece of the
+/// parameters, integrated at `weights.len()` points.
+#[derive(Clone, Copy, Debug)]
+pub struct PatchTask<'a> {
+    /// The functions of a patch.
+    pub functions: usize,
+    /// The weight of each point of the quadrature.
+    pub weights: &'a [f64],
+    /// Per point six rows of a number per function: value, derivatives u, v, uu, uv, vv.
+    pub basis: &'a [f64],
+    /// The coefficients of the functions, patch after patch.
+    pub points: &'a [Point3],
+    /// The value of the weight's fields for each of `points`; empty for 1 everywhere.
+    pub factors: &'a [f64],
+    /// The operator.
+    pub conductor: Conductor,
+    /// Area elements of this and below count as none, and their points as left out.
+    pub least: f64,
+    /// Are the mass matrices wanted?
+    pub mass: bool,
+}
+
+impl PatchTask<'_> {
+    /// The number of patches.
+    pub fn patches(&self) -> usize {
+        self.points.len().checked_div(self.functions).unwrap_or(0)
+    }
+}
+
+/// What patches add to the matrices of a surface, patch after patch.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PatchMatrices {
+    /// Packed upper halves of `∫ Nᵢ_a A^{ab} Nⱼ_b dA`, row after row.
+    pub stiffness: Vec<f64>,
+    /// Packed upper halves of `∫ Nᵢ Nⱼ dA`; empty where a task does not want them.
+    pub mass: Vec<f64>,
+    /// Per function `∫ Nᵢ dA`, `∫ Nᵢ H dA`, `∫ Nᵢ K dA`.
+    pub sums: Vec<[f64; 3]>,
+    /// Per patch the points without an area.
+    pub skipped: Vec<u32>,
+}
+
+impl PatchMatrices {
+    /// Zeros for the patches of a task.
+    pub fn reset(&mut self, task: &PatchTask<'_>) {
+        let (n, patches) = (task.functions, task.patches());
+        let entries = patches * n * (n + 1) / 2;
+        fn refill<T: Clone>(values: &mut Vec<T>, count: usize, zero: T) {
+            values.clear();
+            values.resize(count, zero);
+        }
+        refill(&mut self.stiffness, entries, 0.0);
+        refill(&mut self.mass, if task.mass { entries } else { 0 }, 0.0);
+        refill(&mut self.sums, patches * n, [0.0; 3]);
+        refill(&mut self.skipped, patches, 0);
+    }
+
+    /// Appends the patches of another.
+    pub(crate) fn append(&mut self, mut other: Self) {
+        if self.skipped.is_empty() {
+            *self = other;
+            return;
+        }
+        self.stiffness.append(&mut other.stiffness);
+        self.mass.append(&mut other.mass);
+        self.sums.append(&mut other.sums);
+        self.skipped.append(&mut other.skipped);
+    }
+}
+
 /// What a backend owes to [`OperatorBackend::triangle_matrices`], for the values of a triangle over its
 /// own largest one: f32 from the differences of positions and normals on.
 pub const TRIANGLE_MATRICES: Agreement = Agreement::Bounded {
+    relative: 0.0,
+    absolute: 2e-4,
+};
+
+/// What a backend owes to [`OperatorBackend::patch_matrices`] and [`OperatorBackend::patch_forces`], for the values of a
+/// patch over its own largest one of their kind: f32 from the differences to the middle of a patch's points on.
+pub const PATCH_MATRICES: Agreement = Agreement::Bounded {
     relative: 0.0,
     absolute: 2e-4,
 };

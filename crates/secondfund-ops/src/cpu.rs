@@ -1,11 +1,12 @@
 //! The kernels on the CPU: f64, the caller's rayon pool.
 
-use geom_core::Cpu;
+use geom_core::{Cpu, Vector3};
 use rayon::prelude::*;
 
 use crate::Error;
-use crate::backend::{OperatorBackend, TriangleTask};
+use crate::backend::{OperatorBackend, PatchMatrices, PatchTask, TriangleTask};
 use crate::forms::{TriangleMatrix, element};
+use crate::operators::patch;
 
 impl OperatorBackend for Cpu {
     fn triangle_matrices(
@@ -29,6 +30,16 @@ impl OperatorBackend for Cpu {
                 )
             })
             .collect_into_vec(out);
+        Ok(())
+    }
+
+    fn patch_matrices(&self, task: &PatchTask<'_>, out: &mut PatchMatrices) -> Result<(), Error> {
+        patch::matrices(task, out);
+        Ok(())
+    }
+
+    fn patch_forces(&self, task: &PatchTask<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
+        patch::forces(task, out);
         Ok(())
     }
 

@@ -1,9 +1,10 @@
 //! What each kernel computes, as the equations read: f64, one element at a time, sharing no code with the
 //! kernels.
 
-use geom_core::nalgebra::Matrix3;
+use geom_core::nalgebra::{Matrix2, Matrix3};
 use geom_core::{Point3, Vector3};
 
+use crate::backend::PatchTask;
 use crate::forms::{Conductor, Law, TriangleMatrix};
 
 /// The matrices of a triangle in space coordinates: with the gradients `∇φ = n × e / 2A` of the hat functions,
@@ -32,6 +33,74 @@ pub fn triangle_matrix(
         mean: 0.5 * shape.trace(),
         gauss: gaussian(&shape),
     }
+}
+
+/// What a patch adds: per pair of functions `∫ ∇Nᵢ · A ∇Nⱼ dA` and `∫ Nᵢ Nⱼ dA`, row after row; per function
+/// `∫ Nᵢ dA`, `∫ Nᵢ H dA` and `∫ Nᵢ K dA`, and `∫ A ∇Nᵢ · ∇x dA`. All in space coordinates: with the dual vectors
+/// `xᵃ = g^{ab} x_b`, gradients are `∇f = f_a xᵃ` and the shape operator is `−(n · x_ab) xᵃ xᵇ`.
+#[derive(Clone, Debug, Default)]
+pub struct PatchValues {
+    /// Stiffness, all pairs.
+    pub stiffness: Vec<f64>,
+    /// Mass, all pairs.
+    pub mass: Vec<f64>,
+    /// Integrals of each function alone, with H and with K.
+    pub sums: Vec<[f64; 3]>,
+    /// The stiffness applied to the surface.
+    pub forces: Vec<Vector3>,
+}
+
+/// The values of patch number `patch` of a task.
+pub fn patch_values(task: &PatchTask<'_>, patch: usize) -> PatchValues {
+    let n = task.functions;
+    let own = patch * n..(patch + 1) * n;
+    let points = &task.points[own.clone()];
+    let mut out = PatchValues {
+        stiffness: vec![0.0; n * n],
+        mass: vec![0.0; n * n],
+        sums: vec![[0.0; 3]; n],
+        forces: vec![Vector3::zeros(); n],
+    };
+    for (q, &weight) in task.weights.iter().enumerate() {
+        let row = |k: usize| &task.basis[(6 * q + k) * n..(6 * q + k + 1) * n];
+        let derivative = |k: usize| -> Vector3 {
+            let pairs = row(k).iter().zip(points);
+            pairs.map(|(w, p)| p.coords * *w).sum()
+        };
+        let along = [derivative(1), derivative(2)];
+        let normal = along[0].cross(&along[1]);
+        let area = normal.norm();
+        let normal = normal / area;
+        let metric = Matrix2::from_fn(|a, b| along[a].dot(&along[b]));
+        let Some(inverse) = metric.try_inverse() else {
+            continue;
+        };
+        let dual = [0, 1].map(|a| along[0] * inverse[(a, 0)] + along[1] * inverse[(a, 1)]);
+        let mut shape = Matrix3::zeros();
+        for (a, b, k) in [(0, 0, 3), (0, 1, 4), (1, 0, 4), (1, 1, 5)] {
+            shape -= dual[a] * dual[b].transpose() * normal.dot(&derivative(k));
+        }
+        let factor = match task.factors {
+            [] => 1.0,
+            f => row(0).iter().zip(&f[own.clone()]).map(|(n, f)| n * f).sum(),
+        };
+        let project = Matrix3::identity() - normal * normal.transpose();
+        let conductivity = conductivity(&shape, &project, factor, &task.conductor);
+        let weight = weight * area;
+        let gradient = |i: usize| dual[0] * row(1)[i] + dual[1] * row(2)[i];
+        for i in 0..n {
+            let flux = conductivity * gradient(i) * weight;
+            for j in 0..n {
+                out.stiffness[i * n + j] += flux.dot(&gradient(j));
+                out.mass[i * n + j] += weight * row(0)[i] * row(0)[j];
+            }
+            let curvatures = [1.0, 0.5 * shape.trace(), gaussian(&shape)];
+            (0..3).for_each(|c| out.sums[i][c] += weight * row(0)[i] * curvatures[c]);
+            // The gradient of the place is the projector.
+            out.forces[i] += project * flux;
+        }
+    }
+    out
 }
 
 /// The product of the two eigenvalues of a shape operator that are not that of the normal.

@@ -1,15 +1,23 @@
 //! The kernels on the GPU.
 
 use bytemuck::{Pod, Zeroable};
-use geom_core::shaders::{SECONDFUND_OPS_DISTANCES, SECONDFUND_OPS_TRIANGLE_MATRICES};
-use geom_core::{Vector3, Wgpu};
+use geom_core::shaders::{
+    SECONDFUND_OPS_DISTANCES, SECONDFUND_OPS_PATCH_FORCES, SECONDFUND_OPS_PATCH_MATRICES,
+    SECONDFUND_OPS_TRIANGLE_MATRICES, Shader,
+};
+
+use geom_core::{GpuContext, Point3, Vector3, Wgpu};
 
 use crate::Error;
-use crate::backend::{OperatorBackend, TriangleTask};
-use crate::forms::{Law, TriangleMatrix};
+use crate::backend::{OperatorBackend, PatchMatrices, PatchTask, TriangleTask};
+use crate::forms::{Conductor, Law, TriangleMatrix};
 
 /// Triangles per dispatch.
 const TRIANGLES: usize = 1 << 20;
+/// Numbers that a dispatch of patches gives.
+const NUMBERS: usize = 1 << 23;
+/// Most groups of a dispatch in a row.
+const GROUPS: usize = 65_535;
 /// Distances per dispatch.
 const DISTANCES: usize = 1 << 24;
 /// Rows of threads in a group of the kernel of distances.
@@ -33,6 +41,25 @@ struct TriangleHead {
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
+struct PatchHead {
+    law: u32,
+    functions: u32,
+    points: u32,
+    patches: u32,
+    fields: u32,
+    mass: u32,
+    gauss: f32,
+    mean: f32,
+    low: f32,
+    high: f32,
+    regularization: f32,
+    limit: f32,
+    least: f32,
+    pad: [f32; 3],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
 struct DistanceHead {
     rows: u32,
     width: u32,
@@ -52,6 +79,11 @@ fn split<'a>(vectors: impl Iterator<Item = &'a Vector3>) -> Vec<[f32; 4]> {
         .collect()
 }
 
+/// The first numbers of `out`.
+fn fill(out: &mut [f64], values: &[f32]) {
+    out.iter_mut().zip(values).for_each(|(o, &x)| *o = x.into());
+}
+
 fn number(law: Law) -> u32 {
     match law {
         Law::Metric => 0,
@@ -62,6 +94,76 @@ fn number(law: Law) -> u32 {
         Law::Sharpening => 5,
         Law::Concave => 6,
     }
+}
+
+/// The largest curvature; 0 for no such limit, since WGSL knows no infinity.
+fn limit(conductor: &Conductor) -> f32 {
+    if conductor.limit.is_finite() {
+        conductor.limit as f32
+    } else {
+        0.0
+    }
+}
+
+/// The coefficients of a patch's functions from their middle, each with the value of the weight's fields.
+fn from_their_middle(task: &PatchTask<'_>) -> Vec<[f32; 4]> {
+    let n = task.functions;
+    let of_patch = |(k, points): (usize, &[Point3])| -> Vec<[f32; 4]> {
+        let middle = points.iter().map(|p| p.coords).sum::<Vector3>() / n as f64;
+        let factors = task.factors.get(k * n..(k + 1) * n);
+        let place = |(i, p): (usize, &Point3)| {
+            let [x, y, z]: [f64; 3] = (p.coords - middle).into();
+            let factor = factors.map_or(1.0, |f| f[i]);
+            [x, y, z, factor].map(|c| c as f32)
+        };
+        points.iter().enumerate().map(place).collect()
+    };
+    let patches = task.points.chunks_exact(n).enumerate();
+    patches.flat_map(of_patch).collect()
+}
+
+/// Runs a kernel on patches: `size` values each.
+fn on_patches<T: Pod>(
+    gpu: &GpuContext,
+    kernel: &Shader,
+    task: &PatchTask<'_>,
+    size: usize,
+    mut take: impl FnMut(&[T]),
+) -> Result<(), Error> {
+    if task.patches() == 0 {
+        return Ok(());
+    }
+    let in_f32 = |values: &[f64]| values.iter().map(|&x| x as f32).collect::<Vec<f32>>();
+    let basis = gpu.upload("basis", &in_f32(task.basis))?;
+    let weights = gpu.upload("weights", &in_f32(task.weights))?;
+    let conductor = &task.conductor;
+    let most = (NUMBERS / size).clamp(1, GROUPS);
+    for places in from_their_middle(task).chunks(most * task.functions) {
+        let patches = places.len() / task.functions;
+        let head = PatchHead {
+            law: number(conductor.law),
+            functions: task.functions as u32,
+            points: task.weights.len() as u32,
+            patches: patches as u32,
+            fields: u32::from(!task.factors.is_empty()),
+            mass: u32::from(task.mass),
+            gauss: conductor.gauss as f32,
+            mean: conductor.mean as f32,
+            low: conductor.bounds[0] as f32,
+            high: conductor.bounds[1] as f32,
+            regularization: conductor.regularization as f32,
+            limit: limit(conductor),
+            least: task.least as f32,
+            pad: [0.0; 3],
+        };
+        let head = gpu.uniform("task", &head)?;
+        let places = gpu.upload("places", places)?;
+        let values = gpu.output::<T>("values", patches * size)?;
+        let buffers = [&head, &basis, &weights, &places, &values];
+        gpu.dispatch(kernel, &buffers, [patches as u32, 1, 1])?;
+        take(&gpu.download::<T>(&values)?);
+    }
+    Ok(())
 }
 
 impl OperatorBackend for Wgpu {
@@ -90,12 +192,7 @@ impl OperatorBackend for Wgpu {
                 low: conductor.bounds[0] as f32,
                 high: conductor.bounds[1] as f32,
                 regularization: conductor.regularization as f32,
-                // WGSL knows no infinity.
-                limit: if conductor.limit.is_finite() {
-                    conductor.limit as f32
-                } else {
-                    0.0
-                },
+                limit: limit(conductor),
                 pad: [0.0; 2],
             };
             let head = gpu.uniform("task", &head)?;
@@ -115,6 +212,43 @@ impl OperatorBackend for Wgpu {
             }));
         }
         Ok(())
+    }
+
+    fn patch_matrices(&self, task: &PatchTask<'_>, out: &mut PatchMatrices) -> Result<(), Error> {
+        let n = task.functions;
+        let entries = n * (n + 1) / 2;
+        let of_mass = if task.mass { entries } else { 0 };
+        let size = entries + of_mass + 3 * n + 1;
+        out.reset(task);
+        let mut patch = 0;
+        on_patches(
+            self.gpu(),
+            &SECONDFUND_OPS_PATCH_MATRICES,
+            task,
+            size,
+            |values: &[f32]| {
+                for values in values.chunks_exact(size) {
+                    let (stiffness, values) = values.split_at(entries);
+                    let (mass, values) = values.split_at(of_mass);
+                    let (sums, skipped) = values.split_at(3 * n);
+                    fill(&mut out.stiffness[patch * entries..], stiffness);
+                    fill(&mut out.mass[patch * of_mass..], mass);
+                    fill(out.sums[patch * n..].as_flattened_mut(), sums);
+                    out.skipped[patch] = skipped[0] as u32;
+                    patch += 1;
+                }
+            },
+        )
+    }
+
+    fn patch_forces(&self, task: &PatchTask<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
+        out.clear();
+        out.reserve(task.points.len());
+        let (kernel, n) = (&SECONDFUND_OPS_PATCH_FORCES, task.functions);
+        on_patches(self.gpu(), kernel, task, n, |forces: &[[f32; 4]]| {
+            let wide = |f: &[f32; 4]| Vector3::new(f[0].into(), f[1].into(), f[2].into());
+            out.extend(forces.iter().map(wide));
+        })
     }
 
     fn distances(&self, rows: &[f32], width: usize, out: &mut Vec<f32>) -> Result<(), Error> {

@@ -18,7 +18,7 @@ use secondfund_ops::{
     SpectrumOptions, Surface, segment, smooth, spectrum,
 };
 
-const LAWS: [Law; 7] = [
+pub(crate) const LAWS: [Law; 7] = [
     Law::Metric,
     Law::Adjugate,
     Law::GaussImage,
@@ -28,7 +28,7 @@ const LAWS: [Law; 7] = [
     Law::Concave,
 ];
 
-fn conductor(law: Law, gauss: f64, limit: f64) -> Conductor {
+pub(crate) fn conductor(law: Law, gauss: f64, limit: f64) -> Conductor {
     Conductor {
         law,
         gauss,

@@ -4,4 +4,5 @@ mod backends;
 mod details;
 mod disk;
 mod laws;
+mod patches;
 mod thesis;

@@ -11,7 +11,7 @@ mod tables;
 
 pub use subdivide::subdivide;
 pub use surface::{Jet, Surface};
-pub(crate) use surface::{folded_rows, jet, turned};
+pub(crate) use surface::{jet, turned};
 
 pub(crate) use patches::Patch;
-pub(crate) use tables::{ROWS, Table, Tables};
+pub(crate) use tables::{Corner, ROWS, Tables};

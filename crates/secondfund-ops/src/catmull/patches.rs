@@ -1,7 +1,7 @@
 //! Patches: which control points shape a quad's part of the limit surface.
 
 use geom_core::mesh::Halfedges;
-use geom_core::{FaceId, HalfedgeId, VertexId, id::Id};
+use geom_core::{FaceId, HalfedgeId, Vector3, VertexId, id::Id};
 
 use super::ghosts::{Combination, Extended};
 use super::tables::{Corner, MOST_VALENCE};
@@ -21,6 +21,35 @@ pub(crate) struct Patch {
 impl AsRef<[u32]> for Patch {
     fn as_ref(&self) -> &[u32] {
         &self.ids
+    }
+}
+
+impl Patch {
+    /// What vertices have, at the control points of the table.
+    pub(crate) fn values_of(&self, values: &[f64]) -> Vec<f64> {
+        let own = self.ids.iter().map(|&v| values[v as usize]);
+        let Some(fold) = &self.fold else {
+            return own.collect();
+        };
+        let own: Vec<f64> = own.collect();
+        let rows = fold.chunks(own.len());
+        rows.map(|row| row.iter().zip(&own).map(|(w, x)| w * x).sum())
+            .collect()
+    }
+
+    /// Adds what the control points of the table have to the vertices.
+    pub(crate) fn give(&self, of_points: &[Vector3], vertices: &mut [Vector3]) {
+        let Some(fold) = &self.fold else {
+            for (&v, x) in self.ids.iter().zip(of_points) {
+                vertices[v as usize] += x;
+            }
+            return;
+        };
+        for (row, x) in fold.chunks(self.ids.len()).zip(of_points) {
+            for (&v, w) in self.ids.iter().zip(row) {
+                vertices[v as usize] += x * *w;
+            }
+        }
     }
 }
 

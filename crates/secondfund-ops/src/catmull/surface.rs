@@ -9,7 +9,7 @@ use super::ghosts::Extended;
 use super::limit::{interpolate, mask};
 use super::patches::{Patch, has_two_odd_corners, patches};
 use super::subdivide::subdivide;
-use super::tables::{ROWS, Table, Tables};
+use super::tables::{ROWS, Tables};
 use crate::Error;
 use crate::forms::{Forms, Symmetric};
 use crate::options::Quadrature;
@@ -44,11 +44,13 @@ pub struct Jet {
 
 impl Jet {
     /// `x_u × x_v`: the outward normal times the area element.
+    #[inline]
     pub fn area_normal(&self) -> Vector3 {
         self.first[0].cross(&self.first[1])
     }
 
     /// The fundamental forms; entries are not finite where the surface has no tangent plane.
+    #[inline]
     pub fn forms(&self) -> Forms {
         let [u, v] = self.first;
         let [uu, uv, vv] = self.second;
@@ -122,7 +124,11 @@ impl Surface {
 
     /// The limit positions of the control vertices.
     pub fn limit_positions(&self) -> Vec<Point3> {
-        let points = self.control.positions();
+        self.limit_of(self.control.positions())
+    }
+
+    /// The same for other control points.
+    pub(crate) fn limit_of(&self, points: &[Point3]) -> Vec<Point3> {
         let block: Vec<f64> = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
         let limit = self.mask.multiply(&block, 3);
         limit
@@ -141,14 +147,6 @@ impl Surface {
     pub(crate) fn limit_values(&self, coefficients: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let limit = |c: &Vec<f64>| self.mask.multiply(c, 1);
         coefficients.iter().map(limit).collect()
-    }
-
-    /// The same quads with other control points, one per vertex.
-    pub(crate) fn with_control(&self, positions: Vec<Point3>) -> Result<Self, Error> {
-        Ok(Self {
-            control: QuadMesh::new(positions, self.control.quads().to_vec())?,
-            ..self.clone()
-        })
     }
 
     pub(crate) fn patches(&self) -> &[Patch] {
@@ -204,22 +202,6 @@ pub(crate) fn jet(rows: &[f64], points: &[Point3]) -> Jet {
         first: [u, v],
         second: [uu, uv, vv],
     }
-}
-
-/// A row of the basis by the vertices of a patch instead of the points of its table.
-pub(crate) fn folded_rows(patch: &Patch, table: &Table, q: usize) -> Vec<f64> {
-    let rows = table.point(q);
-    let Some(fold) = &patch.fold else {
-        return rows.to_vec();
-    };
-    let m = patch.ids.len();
-    let mut out = vec![0.0; ROWS * m];
-    for (row, out) in rows.chunks(table.ids).zip(out.chunks_mut(m)) {
-        for (w, fold) in row.iter().zip(fold.chunks(m)) {
-            out.iter_mut().zip(fold).for_each(|(o, f)| *o += w * f);
-        }
-    }
-    out
 }
 
 fn edges_of(mesh: &QuadMesh) -> Result<Halfedges<4>, Error> {

@@ -79,7 +79,7 @@ fn filter<const N: usize>(
         }
     };
     let least_sine = options.least_angle.to_radians().sin();
-    let mut guard = Guard::of(start, faces, least_sine, options.keep_apart);
+    let mut guard = Guard::of(start, faces, least_sine, options.keep_apart)?;
     let enclosed = surface(start)?.volume();
     let mut positions = start.to_vec();
     let mut report = FlowReport::default();
@@ -89,7 +89,7 @@ fn filter<const N: usize>(
         if options.keep_rims {
             sheet.hold_rims(&mut moves);
         }
-        report.held_back += guard.hold_back(&positions, &mut moves);
+        report.held_back += guard.hold_back(&positions, &mut moves)?;
         positions.iter_mut().zip(&moves).for_each(|(p, m)| *p += m);
         if options.keep_volume {
             report.held_back += volume::restore(&mut positions, enclosed, &surface, &mut guard)?;

@@ -3,6 +3,8 @@
 use geom_core::search::crossing::CrossingWatch;
 use geom_core::{Point3, Vector3};
 
+use crate::Error;
+
 /// Most times that a displacement is halved; then its vertex stays.
 const HALVINGS: u32 = 8;
 
@@ -15,7 +17,6 @@ pub(crate) struct Guard<'a, const N: usize> {
 
 /// Triangles that must not come through others.
 struct Apart {
-    triangles: Vec<[u32; 3]>,
     watch: CrossingWatch,
     /// The pairs that crossed from the start.
     crossing: Vec<[u32; 2]>,
@@ -28,34 +29,38 @@ impl<'a, const N: usize> Guard<'a, N> {
         faces: &'a [[u32; N]],
         least_sine: f64,
         keep_apart: bool,
-    ) -> Self {
-        Self {
+    ) -> Result<Self, Error> {
+        let apart = keep_apart.then(|| Apart::of(positions, faces));
+        Ok(Self {
             faces,
             least_sine,
-            apart: keep_apart.then(|| Apart::of(positions, faces)),
-        }
+            apart: apart.transpose()?,
+        })
     }
 
     /// Shortens displacements until they are allowed, and says how often one was.
-    pub(crate) fn hold_back(&mut self, positions: &[Point3], moves: &mut [Vector3]) -> usize {
+    pub(crate) fn hold_back(
+        &mut self,
+        positions: &[Point3],
+        moves: &mut [Vector3],
+    ) -> Result<usize, Error> {
         let mut held = 0;
         loop {
             held += hold_back(positions, self.faces, moves, self.least_sine);
+            let Some(apart) = &mut self.apart else {
+                return Ok(held);
+            };
             // What stops one pair may fold a face beside it, and so on: both until neither finds anything.
-            let stopped = self
-                .apart
-                .as_mut()
-                .map(|apart| apart.stop(positions, moves));
-            match stopped {
-                None | Some(0) => return held,
-                Some(stopped) => held += stopped,
+            match apart.stop(positions, moves)? {
+                0 => return Ok(held),
+                stopped => held += stopped,
             }
         }
     }
 }
 
 impl Apart {
-    fn of<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> Self {
+    fn of<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> Result<Self, Error> {
         let fan = |f: &[u32; N]| {
             let f = *f;
             (2..N).map(move |k| [f[0], f[k - 1], f[k]])
@@ -66,29 +71,31 @@ impl Apart {
             .map(|f| positions[f[1] as usize] - positions[f[0] as usize]);
         let edge = sides.map(|d| d.norm()).sum::<f64>() / faces.len().max(1) as f64;
         // Steps are much shorter than an edge.
-        let mut watch = CrossingWatch::new(triangles.clone(), 0.5 * edge);
-        Self {
-            crossing: watch.crossing_pairs(positions),
+        let mut watch = CrossingWatch::new(triangles, 0.5 * edge);
+        Ok(Self {
+            crossing: watch.crossing_pairs(positions)?,
             watch,
-            triangles,
-        }
+        })
     }
 
     /// Stops the corners of triangles that would cross and did not from the start; how many moved. Where none moves,
     /// nothing new crosses: so this comes to an end.
-    fn stop(&mut self, positions: &[Point3], moves: &mut [Vector3]) -> usize {
+    fn stop(&mut self, positions: &[Point3], moves: &mut [Vector3]) -> Result<usize, Error> {
         let moved: Vec<Point3> = positions.iter().zip(&*moves).map(|(p, m)| p + m).collect();
         let mut stopped = 0;
-        for pair in self.watch.crossing_pairs(&moved) {
+        for pair in self.watch.crossing_pairs(&moved)? {
             if self.crossing.binary_search(&pair).is_ok() {
                 continue;
             }
-            for v in pair.iter().flat_map(|&t| self.triangles[t as usize]) {
+            for v in pair
+                .iter()
+                .flat_map(|&t| self.watch.triangles()[t as usize])
+            {
                 let step = std::mem::take(&mut moves[v as usize]);
                 stopped += usize::from(step != Vector3::zeros());
             }
         }
-        stopped
+        Ok(stopped)
     }
 }
 
@@ -194,8 +201,9 @@ mod tests {
         moves[3..].fill(Vector3::new(0.0, 0.0, -0.15));
         let positions = [sheet(0.0), tip].concat();
         let held = |positions: &[Point3], keep_apart: bool| {
-            let (mut guard, mut moves) = (Guard::of(positions, &faces, 0.0, keep_apart), moves);
-            let held = guard.hold_back(positions, &mut moves);
+            let mut guard = Guard::of(positions, &faces, 0.0, keep_apart).unwrap();
+            let mut moves = moves;
+            let held = guard.hold_back(positions, &mut moves).unwrap();
             (held, moves[3].z)
         };
         assert_eq!(held(&positions, true), (3, 0.0));

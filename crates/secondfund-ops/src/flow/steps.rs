@@ -5,7 +5,7 @@
 //! third derivatives. It is backward-parabolic where one curvature of a saddle exceeds twice the other, so Q is
 //! split by the signs of its eigenvalues; the positive part is taken implicitly.
 
-use geom_core::algebra::{SparseMatrix, Symbolic};
+use geom_core::algebra::{Jacobi, SparseMatrix, Symbolic, conjugate_gradients, iterate};
 use geom_core::mesh::Halfedges;
 use geom_core::{Point3, QuadMesh, Run, TriMesh, Vector3};
 
@@ -16,11 +16,16 @@ use crate::Error;
 use crate::backend::{On, OperatorBackend};
 use crate::catmull::{Surface, turned};
 use crate::forms::{Conductor, Law, Neighbors, Normals, TriangleMatrix};
-use crate::operators::{Pattern, Quads, UnitScale, triangle_elements, vertex_normals};
-use crate::options::{FlowOperator, FlowOptions};
+use crate::operators::{Integrand, Pattern, Quads, UnitScale, triangle_elements, vertex_normals};
+use crate::options::{FlowOperator, FlowOptions, Quadrature};
 
 /// No vertex moves farther in a step, in mean edges.
 const FARTHEST: f64 = 0.25;
+/// What conjugate gradients owe, relative to the right-hand side, and when the factor is cheaper.
+const OWED: iterate::Options = iterate::Options {
+    tolerance: 1e-9,
+    max_iterations: 150,
+};
 /// Curvature times the mean edge above which a surface is not resolved.
 const SHARPEST: f64 = 2.0;
 
@@ -67,6 +72,8 @@ trait Flowing {
         positions: &[Point3],
         conductor: &Conductor,
     ) -> Result<(SparseMatrix, Vec<f64>), Error>;
+    /// The stiffness of a law applied to the positions themselves.
+    fn forces(&self, positions: &[Point3], conductor: &Conductor) -> Result<Vec<Vector3>, Error>;
     /// The surface as triangles.
     fn triangles(&self, positions: &[Point3]) -> Result<TriMesh, Error>;
     /// Neighbours along edges.
@@ -113,6 +120,11 @@ impl Flowing for Triangles<'_> {
         Ok((self.pattern.sum(&values), mass))
     }
 
+    fn forces(&self, positions: &[Point3], conductor: &Conductor) -> Result<Vec<Vector3>, Error> {
+        let (matrix, _) = self.matrices(positions, conductor)?;
+        Ok(vectors(&matrix.multiply(&flattened(positions), 3)))
+    }
+
     fn triangles(&self, positions: &[Point3]) -> Result<TriMesh, Error> {
         Ok(TriMesh::new(positions.to_vec(), self.triangles.to_vec())?)
     }
@@ -122,45 +134,66 @@ impl Flowing for Triangles<'_> {
     }
 }
 
-struct Patches {
+struct Patches<'a> {
     surface: Surface,
+    quads: Quads,
     pattern: Pattern,
     ring: Neighbors,
-    quadrature: crate::options::Quadrature,
+    run: On<'a>,
 }
 
-impl Flowing for Patches {
+impl<'a> Patches<'a> {
+    fn of(surface: Surface, quadrature: Quadrature, run: On<'a>) -> Result<Self, Error> {
+        let control = surface.control();
+        let quads = Quads::of(&surface, quadrature);
+        Ok(Self {
+            pattern: Pattern::of(control.positions().len(), &quads.elements(&surface))?,
+            ring: Neighbors::of_quads(control),
+            quads,
+            surface,
+            run,
+        })
+    }
+}
+
+impl Flowing for Patches<'_> {
     fn matrices(
         &self,
         positions: &[Point3],
         conductor: &Conductor,
     ) -> Result<(SparseMatrix, Vec<f64>), Error> {
-        let surface = self.surface.with_control(positions.to_vec())?;
-        let quads = Quads::of(
-            &surface,
-            &UnitScale::IDENTITY,
-            *conductor,
-            &[],
-            self.quadrature,
-        );
-        let all = quads.matrices()?;
+        let integrand = integrand(positions, conductor);
+        let all = self.quads.matrices(&self.surface, &integrand, self.run)?;
         let mut mass = vec![0.0; positions.len()];
-        for (patch, matrix) in surface.patches().iter().zip(&all) {
-            for (&v, m) in patch.ids.iter().zip(&matrix.sums[0]) {
-                mass[v as usize] += m;
-            }
+        let elements = self.quads.elements(&self.surface);
+        for (&v, sums) in elements.into_iter().flatten().zip(&all.sums) {
+            mass[v as usize] += sums[0];
         }
-        let values: Vec<f64> = all.iter().flat_map(|m| &m.stiffness).copied().collect();
-        Ok((self.pattern.sum(&values), mass))
+        Ok((self.pattern.sum(&all.stiffness), mass))
+    }
+
+    fn forces(&self, positions: &[Point3], conductor: &Conductor) -> Result<Vec<Vector3>, Error> {
+        let integrand = integrand(positions, conductor);
+        self.quads.forces(&self.surface, &integrand, self.run)
     }
 
     fn triangles(&self, positions: &[Point3]) -> Result<TriMesh, Error> {
-        let surface = self.surface.with_control(positions.to_vec())?;
-        Ok(surface.limit_mesh().into_triangles())
+        let quads = self.surface.control().quads().to_vec();
+        Ok(QuadMesh::new(self.surface.limit_of(positions), quads)?.into_triangles())
     }
 
     fn ring(&self) -> &Neighbors {
         &self.ring
+    }
+}
+
+/// The stiffness of a law alone.
+fn integrand<'a>(positions: &'a [Point3], conductor: &Conductor) -> Integrand<'a> {
+    Integrand {
+        positions,
+        factors: &[],
+        conductor: *conductor,
+        mass: false,
     }
 }
 
@@ -195,8 +228,7 @@ pub fn smooth<B: OperatorBackend + ?Sized>(
 }
 
 /// Moves the control points of a quad mesh by the flow of an operator on its Catmull–Clark limit surface. Where
-/// the mesh has to be refined once ([`Surface::refined`]), the refined one comes back. On the CPU with any
-/// backend.
+/// the mesh has to be refined once ([`Surface::refined`]), the refined one comes back.
 ///
 /// # Errors
 /// As [`smooth`] and [`Surface::new`].
@@ -210,12 +242,7 @@ pub fn smooth_quads<B: OperatorBackend + ?Sized>(
     let surface = Surface::new(mesh.clone())?;
     let control = surface.control().clone();
     let edges = Halfedges::<4>::of_quads(&control)?;
-    let flowing = Patches {
-        pattern: Pattern::of(control.positions().len(), surface.patches())?,
-        ring: Neighbors::of_quads(&control),
-        quadrature: options.quadrature,
-        surface,
-    };
+    let flowing = Patches::of(surface, options.quadrature, run)?;
     if options.keep_volume {
         volume::refuse_open(control.quads())?;
     }
@@ -248,7 +275,7 @@ fn flow<F: Flowing, const N: usize>(
     let scale = UnitScale::of(start)?;
     let mut positions: Vec<Point3> = start.iter().map(|p| scale.apply(p)).collect();
     let volume = mesh.triangles(&positions)?.volume();
-    let mut guard = Guard::of(&positions, faces, 0.0, options.keep_apart);
+    let mut guard = Guard::of(&positions, faces, 0.0, options.keep_apart)?;
     let mut symbolic = None;
     let mut report = FlowReport::default();
     for step in 0..options.iterations {
@@ -258,7 +285,7 @@ fn flow<F: Flowing, const N: usize>(
         if options.keep_rims {
             hold(&mut moves, rims);
         }
-        report.held_back += guard.hold_back(&positions, &mut moves);
+        report.held_back += guard.hold_back(&positions, &mut moves)?;
         shift(&mut positions, &moves);
         if options.keep_volume {
             let surface = |x: &[Point3]| mesh.triangles(x);
@@ -310,37 +337,63 @@ fn displacements<F: Flowing>(
         regularization: options.delta.sqrt(),
         limit: SHARPEST / edge,
     };
-    let (forward, mass) = match options.operator {
-        FlowOperator::Lbo => mesh.matrices(positions, &conductor(Law::Metric))?,
-        FlowOperator::Ggho => mesh.matrices(positions, &conductor(Law::Diffusing))?,
+    let law = match options.operator {
+        FlowOperator::Lbo => Law::Metric,
+        FlowOperator::Ggho => Law::Diffusing,
     };
-    let block: Vec<f64> = positions.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
-    let mut sharpening = vec![0.0; block.len()];
+    let (forward, mass) = mesh.matrices(positions, &conductor(law))?;
+    // β K₋ x − K₊ x.
+    let mut force = vectors(&forward.multiply(&flattened(positions), 3));
+    force.iter_mut().for_each(|f| *f = -*f);
     if options.operator == FlowOperator::Ggho && options.sharpen > 0.0 {
-        let (backward, _) = mesh.matrices(positions, &conductor(Law::Sharpening))?;
-        sharpening = backward.multiply(&block, 3);
-        sharpening.iter_mut().for_each(|x| *x *= options.sharpen);
+        let sharpening = mesh.forces(positions, &conductor(Law::Sharpening))?;
+        let both = force.iter_mut().zip(&sharpening);
+        both.for_each(|(f, s)| *f += s * options.sharpen);
     }
-    let diffusing = forward.multiply(&block, 3);
-    let force = Vectors(
-        diffusing
-            .iter()
-            .zip(&sharpening)
-            .map(|(d, s)| s - d)
-            .collect(),
-    );
-    let mut speeds: Vec<f64> = (0..mass.len())
-        .filter(|&v| mass[v] > 0.0)
-        .map(|v| force.at(v).norm() / mass[v])
-        .collect();
-    speeds.sort_by(f64::total_cmp);
-    let fast = speeds.get(speeds.len() * 95 / 100).copied().unwrap_or(0.0);
+    let fast = fast_speed(&force, &mass);
     // Below this all motion is rounding.
     if fast * edge <= 1e-12 {
         return Ok(None);
     }
     let time = options.step * edge / fast;
-    // (m + τ K₊) d = τ (β K₋ − K₊) x for the displacement d.
+    let moves = implicit_step(&forward, &mass, force, time, symbolic)?;
+    let relaxed = if options.tangential > 0.0 {
+        relaxation(&mesh.triangles(positions)?, mesh.ring(), positions)
+    } else {
+        vec![Vector3::zeros(); positions.len()]
+    };
+    let most = FARTHEST * edge;
+    let limited = |(d, along): (&Vector3, &Vector3)| {
+        let d = d + along * options.tangential;
+        let length = d.norm();
+        if length > most {
+            d * (most / length)
+        } else {
+            d
+        }
+    };
+    Ok(Some(moves.iter().zip(&relaxed).map(limited).collect()))
+}
+
+/// The speed that one vertex of twenty exceeds.
+fn fast_speed(force: &[Vector3], mass: &[f64]) -> f64 {
+    let with_mass = force.iter().zip(mass).filter(|(_, m)| **m > 0.0);
+    let mut speeds: Vec<f64> = with_mass.map(|(f, m)| f.norm() / m).collect();
+    if speeds.is_empty() {
+        return 0.0;
+    }
+    let at = speeds.len() * 95 / 100;
+    *speeds.select_nth_unstable_by(at, f64::total_cmp).1
+}
+
+/// Implicit Euler: `(m + τ K₊) d = τ (β K₋ − K₊) x` for the displacement d.
+fn implicit_step(
+    forward: &SparseMatrix,
+    mass: &[f64],
+    force: Vec<Vector3>,
+    time: f64,
+    symbolic: &mut Option<Symbolic>,
+) -> Result<Vec<Vector3>, Error> {
     let matrix = forward.map(|i, j, k| {
         time * k
             + if i == j {
@@ -349,37 +402,29 @@ fn displacements<F: Flowing>(
                 0.0
             }
     });
+    let mut wanted: Vec<f64> = force.iter().flat_map(|f| [f.x, f.y, f.z]).collect();
+    wanted.iter_mut().for_each(|f| *f *= time);
+    let found = conjugate_gradients(&matrix, &Jacobi::of(&matrix)?, &wanted, 3, &OWED)?;
+    if found.converged {
+        return Ok(vectors(&found.values));
+    }
+    // A long step is far from the mass.
     let symbolic = match symbolic {
         Some(known) => known,
         None => symbolic.insert(Symbolic::of(&matrix)?),
     };
-    let mut solution: Vec<f64> = force.0.iter().map(|f| f * time).collect();
-    symbolic.factor(&matrix)?.solve_in_place(&mut solution, 3)?;
-    let solution = Vectors(solution);
-    let relaxed = if options.tangential > 0.0 {
-        relaxation(&mesh.triangles(positions)?, mesh.ring(), positions)
-    } else {
-        vec![Vector3::zeros(); positions.len()]
-    };
-    let limited = |v: usize| {
-        let d = solution.at(v) + relaxed[v] * options.tangential;
-        let (length, most) = (d.norm(), FARTHEST * edge);
-        if length > most {
-            d * (most / length)
-        } else {
-            d
-        }
-    };
-    Ok(Some((0..positions.len()).map(limited).collect()))
+    symbolic.factor(&matrix)?.solve_in_place(&mut wanted, 3)?;
+    Ok(vectors(&wanted))
 }
 
-/// Three numbers per vertex.
-struct Vectors(Vec<f64>);
+fn flattened(positions: &[Point3]) -> Vec<f64> {
+    positions.iter().flat_map(|p| [p.x, p.y, p.z]).collect()
+}
 
-impl Vectors {
-    fn at(&self, v: usize) -> Vector3 {
-        Vector3::new(self.0[3 * v], self.0[3 * v + 1], self.0[3 * v + 2])
-    }
+fn vectors(flat: &[f64]) -> Vec<Vector3> {
+    flat.chunks_exact(3)
+        .map(|x| Vector3::new(x[0], x[1], x[2]))
+        .collect()
 }
 
 fn mean_edge(ring: &Neighbors, positions: &[Point3]) -> f64 {

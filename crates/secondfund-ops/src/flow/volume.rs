@@ -26,7 +26,7 @@ pub(super) fn restore<const N: usize>(
         }
         let along = missing / mesh.area();
         let mut moves: Vec<Vector3> = mesh.vertex_normals().iter().map(|n| n * along).collect();
-        held += guard.hold_back(positions, &mut moves);
+        held += guard.hold_back(positions, &mut moves)?;
         positions.iter_mut().zip(&moves).for_each(|(p, m)| *p += m);
     }
     Ok(held)

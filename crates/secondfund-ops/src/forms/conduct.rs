@@ -48,6 +48,7 @@ const MOST_EXPONENT: f64 = 50.0;
 
 impl Conductor {
     /// Ψ at a point, where `factor` is the value of the weight's fields.
+    #[inline]
     pub fn psi(&self, forms: &Forms, factor: f64) -> f64 {
         if self.gauss == 0.0 && self.mean == 0.0 && factor == 1.0 {
             return 1.0;
@@ -59,6 +60,7 @@ impl Conductor {
 
     /// The conductivity `A^{ab}`, of which the operator's form is `∫ f_a A^{ab} h_b dA`. Laws that take parts of a
     /// form by their sign need the forms in an orthonormal frame: see [`Conductor::in_coordinates`].
+    #[inline]
     pub fn at(&self, forms: &Forms, factor: f64) -> Symmetric {
         let forms = &forms.capped(self.limit);
         let g = forms.first;
@@ -87,6 +89,7 @@ impl Conductor {
     }
 
     /// Like [`Conductor::at`] for forms in any coordinates: parts by sign are taken in an orthonormal frame.
+    #[inline]
     pub fn in_coordinates(&self, forms: &Forms, factor: f64) -> Symmetric {
         match self.law {
             Law::Concave | Law::Diffusing | Law::Sharpening => {
@@ -100,10 +103,11 @@ impl Conductor {
 
     /// `H K / √(K² + δ²) adj(b) / det g`. Its parts are those of a symmetric matrix, so the forms must be in
     /// an orthonormal frame: [`Forms::in_frame`].
+    #[inline]
     fn flow(&self, forms: &Forms) -> Symmetric {
         let k = forms.gaussian();
         let delta = self.regularization * self.regularization;
         let scale = 1.0 / forms.first.determinant();
-        forms.second.adjugate() * (scale * forms.mean() * k / k.hypot(delta))
+        forms.second.adjugate() * (scale * forms.mean() * k / (k * k + delta * delta).sqrt())
     }
 }

@@ -29,7 +29,7 @@ pub fn assemble<B: OperatorBackend + ?Sized>(
         }
         Element::CatmullClark(surface) => {
             let (conductor, factors) = prepared(surface.control().positions().len())?;
-            quads::matrices(surface, &conductor, &factors, options)
+            quads::matrices(surface, &conductor, &factors, options, run)
         }
         Element::Bezier(surface) => {
             let (conductor, factors) = prepared(surface.nodes())?;

@@ -6,9 +6,11 @@ use geom_core::algebra::quadrature::gauss;
 use geom_core::compute::sets::DisjointSets;
 use rayon::prelude::*;
 
+use super::patch;
 use super::pattern::Matrices;
-use super::quads::{QuadMatrix, gathered};
+use super::quads::{gathered, joined};
 use super::scale::UnitScale;
+use crate::backend::{PatchMatrices, PatchTask};
 use crate::catmull::{Jet, ROWS, jet};
 use crate::forms::Conductor;
 use crate::options::Quadrature;
@@ -191,19 +193,30 @@ pub(crate) fn matrices(
     let elements = &surface.elements;
     // A billionth of the area that an element would have if all were alike on the unit cube.
     let least = 1e-9 / elements.len().max(1) as f64;
-    let all: Vec<QuadMatrix> = elements
-        .par_iter()
-        .map(|e| {
-            let corners = surface.points_of(e, &positions);
-            let mut out = QuadMatrix::empty(e.nodes.len());
-            for &([u, v], weight) in &points {
-                let rows = surface.rows(e, u, v);
-                let jet = jet(&rows, &corners);
-                out.add(&rows, &e.nodes, (&jet, weight), (conductor, factors), least);
-            }
-            out
-        })
-        .collect();
+    let weights: Vec<f64> = points.iter().map(|p| p.1).collect();
+    let of_element = |e: &BezierElement| {
+        let rows = points.iter().map(|&([u, v], _)| surface.rows(e, u, v));
+        let basis: Vec<f64> = rows.flatten().collect();
+        let factors: Vec<f64> = match factors {
+            [] => Vec::new(),
+            f => e.nodes.iter().map(|&n| f[n as usize]).collect(),
+        };
+        let task = PatchTask {
+            functions: e.nodes.len(),
+            weights: &weights,
+            basis: &basis,
+            points: &surface.points_of(e, &positions),
+            factors: &factors,
+            conductor: *conductor,
+            least,
+            mass: true,
+        };
+        let mut out = PatchMatrices::default();
+        patch::matrices(&task, &mut out);
+        out
+    };
+    let parts: Vec<PatchMatrices> = elements.par_iter().map(of_element).collect();
+    let all = joined(parts, points.len() * elements.len(), elements)?;
     let mut sets = DisjointSets::new(surface.nodes());
     for e in elements {
         e.nodes.windows(2).for_each(|w| {
@@ -211,11 +224,6 @@ pub(crate) fn matrices(
         });
     }
     let components = sets.into_roots();
-    let points = points.len() * elements.len();
-    gathered(
-        surface.nodes(),
-        elements,
-        &all,
-        (points, scale.length, components),
-    )
+    let known = (scale.length, components);
+    gathered(surface.nodes(), elements, &all, known)
 }

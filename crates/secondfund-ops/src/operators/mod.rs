@@ -3,6 +3,7 @@
 mod assemble;
 mod bezier;
 mod element;
+pub(crate) mod patch;
 mod pattern;
 mod quads;
 mod scale;
@@ -16,7 +17,7 @@ pub use pattern::Matrices;
 pub use spectrum::{Spectrum, spectrum};
 
 pub(crate) use pattern::Pattern;
-pub(crate) use quads::Quads;
+pub(crate) use quads::{Integrand, Quads};
 pub(crate) use scale::UnitScale;
 pub(crate) use spectrum::modes_of;
 pub(crate) use triangles::{triangle_elements, vertex_normals};

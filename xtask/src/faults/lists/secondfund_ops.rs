@@ -59,9 +59,33 @@ pub(super) const FAULTS: &[Fault] = &[
     ),
     Fault::wrong(
         "quads: the consistent mass without the area",
+        "crates/secondfund-ops/src/operators/patch.rs",
+        "batch.points.push((q, weight));",
+        "batch.points.push((q, self.task.weights[q]));",
+    ),
+    Fault::wrong(
+        "quads at rims: the rows of the matrix are not folded",
         "crates/secondfund-ops/src/operators/quads.rs",
-        "let value = weight * values[i];",
-        "let value = weight / area * values[i];",
+        "let value = values[packed(n, i, j)];",
+        "let value = values[packed(n, i, i)] * f64::from(i == j);",
+    ),
+    Fault::wrong(
+        "quads at rims: the force on ghosts is lost",
+        "crates/secondfund-ops/src/catmull/patches.rs",
+        "vertices[v as usize] += x * *w;",
+        "vertices[v as usize] += x * w.floor();",
+    ),
+    Fault::wrong(
+        "patch_matrices.wgsl: only the last points count",
+        "shaders/wgsl/secondfund_ops/patch_matrices.wgsl",
+        "if first > 0u { stiffness += matrices[start + entry]; }",
+        "",
+    ),
+    Fault::wrong(
+        "patch_forces.wgsl: only the last points count",
+        "shaders/wgsl/secondfund_ops/patch_forces.wgsl",
+        "if first > 0u { sum += forces[own * n + k].xyz; }",
+        "",
     ),
     Fault::wrong(
         "modes count alike, whatever their eigenvalues",
@@ -96,8 +120,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "flows do not sharpen",
         "crates/secondfund-ops/src/flow/steps.rs",
-        "sharpening.iter_mut().for_each(|x| *x *= options.sharpen);",
-        "sharpening.iter_mut().for_each(|x| *x *= 0.0 * options.sharpen);",
+        "both.for_each(|(f, s)| *f += s * options.sharpen);",
+        "both.for_each(|(f, s)| *f += s * (0.0 * options.sharpen));",
     ),
     Fault::wrong(
         "rims move",
@@ -214,8 +238,8 @@ pub(super) const FAULTS: &[Fault] = &[
         "let sides = [last, first].map(|h| mirrored(edges.to(h).0));",
     ),
     Fault::wrong(
-        "triangle_matrices.wgsl: sharpening is diffusing",
-        "shaders/wgsl/secondfund_ops/triangle_matrices.wgsl",
+        "conductivity.wgsl: sharpening is diffusing",
+        "shaders/wgsl/common/conductivity.wgsl",
         "return part(q, select(1.0, -1.0, task.law == 5u));",
         "return part(q, 1.0);",
     ),
