@@ -6,11 +6,12 @@ use std::process::ExitCode;
 use biogeom_examples::args::{Common, HasCommon};
 use biogeom_examples::crosses::Mode;
 use biogeom_examples::input::source::SourceArgs;
-use biogeom_examples::steps::{anisotropy, quads};
+use biogeom_examples::steps::anisotropy;
+use biogeom_examples::steps::quads::{self, QuadArgs};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
 use crossfield::anisotropy::{Adaptation, Function};
-use crossfield::{Anisotropy, Ladder, Options, Size};
+use crossfield::{Anisotropy, Options};
 use serde::Serialize;
 
 /// Quads of a surface (its largest part) that are narrow where a field on it is steep: of a mesh, or of a structure's or grid's
@@ -39,24 +40,9 @@ struct Args {
     /// Let directions between steep and flat give way to the map (Eqs. 4.11–4.12)
     #[arg(long)]
     adapt: bool,
-    /// How many quads [default: a third of the triangles]
-    #[arg(long, value_name = "N", conflicts_with = "side", value_parser = clap::value_parser!(u32).range(1..))]
-    quads: Option<u32>,
-    /// The longer side of a quad, Å, instead
-    #[arg(long, value_name = "H")]
-    side: Option<f64>,
-    /// Keep edges whose triangles' normals differ by more than this, degrees
-    #[arg(long, value_name = "DEGREES")]
-    crease: Option<f64>,
-    /// Bumps smaller than this many sides of a quad get no irregular vertices of their own
-    #[arg(long, value_name = "SIDES", default_value_t = Options::default().smoothing)]
-    smoothing: f64,
-    /// Stop at the first failure instead of trying other fields and sizes
-    #[arg(long)]
-    no_fallback: bool,
-    /// Leave the vertices where the map puts them
-    #[arg(long)]
-    raw: bool,
+    #[command(flatten)]
+    #[serde(flatten)]
+    size: QuadArgs,
     #[command(flatten)]
     common: Common,
 }
@@ -100,21 +86,8 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
         ..Anisotropy::of(Function::Values(field.clone()))
     };
     let options = Options {
-        size: match (args.quads, args.side) {
-            (Some(n), _) => Size::Quads(n as usize),
-            (None, Some(h)) => Size::Spacing(h),
-            (None, None) => Size::Triangles,
-        },
         anisotropy: Some(anisotropy),
-        crease: args.crease,
-        smoothing: args.smoothing,
-        ladder: if args.no_fallback {
-            Ladder::Off
-        } else {
-            Ladder::Full
-        },
-        improve: !args.raw,
-        ..Options::default()
+        ..args.size.options()
     };
     options.check()?;
     let made = quads::make(session, &input.mesh, &options)?;

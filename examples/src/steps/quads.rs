@@ -1,14 +1,60 @@
 //! Quads of a surface.
 
 use crossfield::quads::quality::{aspect_ratio, distances};
-use crossfield::{Options, Quadrangulation, quadrangulate};
+use crossfield::{Ladder, Options, Quadrangulation, Size, quadrangulate};
 use geom_core::io::{self, view::View as Fields};
 use geom_core::mesh::Halfedges;
 use geom_core::{TriMesh, VertexId};
+use serde::Serialize;
 use serde_json::json;
 
 use crate::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
 use crate::{Failure, Session, crosses, products};
+
+/// How many quads, and how they are made.
+#[derive(clap::Args, Serialize)]
+pub struct QuadArgs {
+    /// How many quads [default: a third of the triangles]
+    #[arg(long, value_name = "N", conflicts_with = "side", value_parser = clap::value_parser!(u32).range(1..))]
+    quads: Option<u32>,
+    /// Side of a quad, the longer one, Å, instead
+    #[arg(long, value_name = "H")]
+    side: Option<f64>,
+    /// Keep edges whose triangles' normals differ by more than this, degrees
+    #[arg(long, value_name = "DEGREES")]
+    crease: Option<f64>,
+    /// Bumps smaller than this many sides of a quad get no irregular vertices of their own
+    #[arg(long, value_name = "SIDES", default_value_t = Options::default().smoothing)]
+    smoothing: f64,
+    /// Stop at the first failure instead of trying other fields and sizes
+    #[arg(long)]
+    no_fallback: bool,
+    /// Leave the vertices where the map puts them
+    #[arg(long)]
+    raw: bool,
+}
+
+impl QuadArgs {
+    /// These options, the others as they are by default.
+    pub fn options(&self) -> Options {
+        Options {
+            size: match (self.quads, self.side) {
+                (Some(n), _) => Size::Quads(n as usize),
+                (None, Some(h)) => Size::Spacing(h),
+                (None, None) => Size::Triangles,
+            },
+            crease: self.crease,
+            smoothing: self.smoothing,
+            ladder: if self.no_fallback {
+                Ladder::Off
+            } else {
+                Ladder::Full
+            },
+            improve: !self.raw,
+            ..Options::default()
+        }
+    }
+}
 
 /// Makes the quads, notes what they are, and writes them.
 pub fn run(session: &Session, mesh: &TriMesh, options: &Options) -> Result<(), Failure> {

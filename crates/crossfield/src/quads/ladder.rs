@@ -8,7 +8,7 @@ use super::extract::SurfacePoint;
 use super::parts;
 use super::quality::{AspectSummary, JacobianSummary, Valences, aspect_ratio, scaled_jacobian};
 use super::rungs::{PartReport, Rung, part_quads};
-use crate::anisotropy::slopes;
+use crate::anisotropy::{Slope, slopes};
 use crate::backend::CrossfieldBackend;
 use crate::error::Error;
 use crate::guidance::Guidance;
@@ -100,14 +100,7 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
         Some(anisotropy) => slopes(anisotropy, surface, &whole, &split)?,
         None => Vec::new(),
     };
-    let area = if slopes.is_empty() {
-        whole.area()
-    } else {
-        slopes
-            .iter()
-            .map(|s| s.stretched_area())
-            .sum::<Result<_, _>>()?
-    };
+    let area = filled_area(&whole, &slopes)?;
     let spacing = options.size.spacing(area, whole.triangles().len());
     let guidance = guidance_of_parts(&whole, &split, &options.guidance)?;
     let (mut positions, mut quads) = (Vec::new(), Vec::new());
@@ -144,6 +137,15 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
         jacobians,
         report,
     })
+}
+
+/// The area that squares of one size fill: that of the surface, or with anisotropy what its narrow quads become when they
+/// are stretched to squares.
+fn filled_area(whole: &TriMesh, slopes: &[Slope]) -> Result<f64, Error> {
+    if slopes.is_empty() {
+        return Ok(whole.area());
+    }
+    slopes.iter().map(|slope| slope.stretched_area()).sum()
 }
 
 /// The scaled Jacobian of each quad, signed by the surface's normals where its corners lie.

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use dual_contour::Extent;
 use geom_core::search::crossing::crossing_pairs;
-use geom_core::tiles::border::{Border, ghosts, number};
+use geom_core::tiles::border::{Border, Ghost, ghosts, number};
 use geom_core::tiles::exchange::{Deal, Exchange, exchanged, gathered};
 use geom_core::tiles::parts::surface;
 use geom_core::{Aabb, Point3, TriMesh};
@@ -43,51 +43,12 @@ pub(super) fn crossing(
     }
     number(exchange, deal, borders)?;
     let beyond = ghosts(exchange, deal, borders)?;
-    let own = deal.of(exchange.rank());
-    let around = (own.clone()).zip(&*borders).filter_map(|(tile, border)| {
-        let bounds = border.bounds?;
-        Some(Around {
-            tile: tile as u64,
-            low: bounds.min.into(),
-            high: bounds.max.into(),
-        })
-    });
-    let around: Vec<Around> = gathered(exchange, &around.collect::<Vec<_>>())?.concat();
-    let around: Vec<(u64, Aabb)> = around
-        .iter()
-        .map(|a| (a.tile, Aabb::new(a.low.into(), a.high.into())))
-        .collect();
-
-    // Each triangle to all tiles that may have one there, and to its own.
+    let around = places(exchange, deal, borders)?;
     let mut to = vec![Vec::new(); deal.ranks];
-    for ((tile, border), ghosts) in own.clone().zip(&*borders).zip(&beyond) {
-        let Some(bounds) = border.bounds else {
-            continue;
-        };
-        let met = |other: &&(u64, Aabb)| other.0 != tile as u64 && other.1.intersects(&bounds);
-        let others: Vec<&(u64, Aabb)> = around.iter().filter(met).collect();
-        if others.is_empty() {
-            continue;
-        }
-        let (piece, ids) = (plan.piece(tile)?, border.ids());
-        for triangle in surface(&piece, &ids, ghosts) {
-            let corners = triangle.map(|v| piece.mesh.positions()[v as usize]);
-            let boxed = Aabb::of_points(&corners);
-            let mut wall = Wall {
-                tile: tile as u64,
-                ids: triangle.map(|v| ids[v as usize]),
-                corners: corners.map(Into::into),
-            };
-            let mut alone = true;
-            for (other, _) in others.iter().filter(|other| other.1.intersects(&boxed)) {
-                alone = false;
-                wall.tile = *other;
-                to[deal.rank_of(*other as usize)].push(wall);
-            }
-            if !alone {
-                wall.tile = tile as u64;
-                to[exchange.rank()].push(wall);
-            }
+    let own = deal.of(exchange.rank());
+    for ((tile, border), ghosts) in own.zip(&*borders).zip(&beyond) {
+        for wall in walls_near_others(plan, (tile, border), ghosts, &around)? {
+            to[deal.rank_of(wall.tile as usize)].push(wall);
         }
     }
     let mut walls: Vec<Wall> = exchanged(exchange, &to)?.concat();
@@ -108,6 +69,62 @@ pub(super) fn crossing(
         }));
     }
     Ok(bad)
+}
+
+/// The boxes around the surfaces of all tiles that have one.
+fn places(
+    exchange: &(impl Exchange + ?Sized),
+    deal: &Deal,
+    borders: &[Border],
+) -> Result<Vec<(u64, Aabb)>, Failure> {
+    let own = deal.of(exchange.rank()).zip(borders);
+    let around = own.filter_map(|(tile, border)| {
+        let bounds = border.bounds?;
+        Some(Around {
+            tile: tile as u64,
+            low: bounds.min.into(),
+            high: bounds.max.into(),
+        })
+    });
+    let all: Vec<Around> = gathered(exchange, &around.collect::<Vec<_>>())?.concat();
+    let boxed = |a: &Around| (a.tile, Aabb::new(a.low.into(), a.high.into()));
+    Ok(all.iter().map(boxed).collect())
+}
+
+/// The triangles of a tile's surface that others may cross: each for all tiles whose box it meets, and for its own, which
+/// has to know it beside what comes from there.
+fn walls_near_others(
+    plan: &Plan<'_>,
+    (tile, border): (usize, &Border),
+    ghosts: &[Ghost],
+    around: &[(u64, Aabb)],
+) -> Result<Vec<Wall>, Failure> {
+    let Some(bounds) = border.bounds else {
+        return Ok(Vec::new());
+    };
+    let met = |other: &&(u64, Aabb)| other.0 != tile as u64 && other.1.intersects(&bounds);
+    let others: Vec<&(u64, Aabb)> = around.iter().filter(met).collect();
+    if others.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut walls = Vec::new();
+    let (piece, ids) = (plan.piece(tile)?, border.ids());
+    for triangle in surface(&piece, &ids, ghosts) {
+        let corners = triangle.map(|v| piece.mesh.positions()[v as usize]);
+        let boxed = Aabb::of_points(&corners);
+        let near = others.iter().filter(|other| other.1.intersects(&boxed));
+        let mut told: Vec<u64> = near.map(|other| other.0).collect();
+        if told.is_empty() {
+            continue;
+        }
+        told.push(tile as u64);
+        walls.extend(told.into_iter().map(|tile| Wall {
+            tile,
+            ids: triangle.map(|v| ids[v as usize]),
+            corners: corners.map(Into::into),
+        }));
+    }
+    Ok(walls)
 }
 
 /// Triangles that share the vertices of one number.

@@ -52,6 +52,24 @@ struct Entity {
 pub fn write(w: &mut dyn Write, part: &Part<'_>) -> Result<(), Error> {
     let view = part.view;
     view.check()?;
+    let tags = view.tags();
+    check(part, &tags)?;
+    let entities = entities(part, &tags)?;
+    writeln!(w, "$MeshFormat\n4.1 1 8")?;
+    w.write_all(&1i32.to_le_bytes())?;
+    writeln!(w, "\n$EndMeshFormat")?;
+    put_names(w, view, &tags)?;
+    let mut out = Out { w, binary: true };
+    put_entities(&mut out, part, &entities)?;
+    put_nodes(&mut out, part, &entities)?;
+    put_elements(&mut out, part, &entities)?;
+    put_ghosts(&mut out, part, &entities)?;
+    put_fields(&mut out, part)
+}
+
+/// Refuses numbers and owners that do not fit the mesh, and more parts or groups than tags tell apart.
+fn check(part: &Part<'_>, tags: &[i32]) -> Result<(), Error> {
+    let view = part.view;
     let told = [part.points.len(), part.cells.len(), part.owners.len()];
     if told != [view.points.len(), view.cells(), view.cells()] {
         let of = (view.points.len(), view.cells());
@@ -61,24 +79,31 @@ pub fn write(w: &mut dyn Write, part: &Part<'_>) -> Result<(), Error> {
         );
         return Err(ErrorKind::expected(expected, format!("{told:?}")).into());
     }
-    let tags = view.tags();
     let most = tags.iter().copied().max().unwrap_or(0);
     if part.parts as usize > MOST || most >= 1 << 16 {
         let what = format!("{} parts, groups up to {most}", part.parts);
         return Err(ErrorKind::TooLarge(what).into());
     }
-    let entities = entities(part, &tags)?;
-    writeln!(w, "$MeshFormat\n4.1 1 8")?;
-    w.write_all(&1i32.to_le_bytes())?;
-    writeln!(w, "\n$EndMeshFormat")?;
-    put_names(w, view, &tags)?;
-    let mut out = Out { w, binary: true };
+    Ok(())
+}
+
+/// Numbers of nodes, elements and partitions begin at 1.
+fn tag(number: &u64) -> u64 {
+    number + 1
+}
+
+fn range(numbers: &[u64]) -> [u64; 2] {
+    let (low, high) = (numbers.iter().min(), numbers.iter().max());
+    [low, high].map(|n| n.map_or(0, tag))
+}
+
+/// The groups of the whole mesh, and this part's share of each; the ghosts come last.
+fn put_entities(out: &mut Out<'_>, part: &Part<'_>, entities: &[Entity]) -> Result<(), Error> {
     let (own, ghosts) = entities.split_at(entities.len() - 1);
-    let ghosts = &ghosts[0];
-    let bounds = match view.points.is_empty() {
+    let bounds = match part.view.points.is_empty() {
         true => [0.0; 6],
         false => {
-            let Aabb { min, max } = Aabb::of_points(view.points.iter());
+            let Aabb { min, max } = Aabb::of_points(part.view.points.iter());
             [min.x, min.y, min.z, max.x, max.y, max.z]
         }
     };
@@ -88,43 +113,45 @@ pub fn write(w: &mut dyn Write, part: &Part<'_>) -> Result<(), Error> {
     out.line([0, 0, of(2), of(3)])?;
     for entity in own {
         out.line([entity.physical.max(1)])?;
-        put_bounds_and_group(&mut out, bounds, entity.physical)?;
+        put_bounds_and_group(out, bounds, entity.physical)?;
     }
     out.end("Entities")?;
     let number = part.number as i32 + 1;
     writeln!(out.w, "$PartitionedEntities")?;
     out.line([u64::from(part.parts), 1])?;
-    out.line([ghosts.tag, number])?;
+    out.line([ghosts[0].tag, number])?;
     out.line([0, 0, of(2), of(3)])?;
     for entity in own {
         out.line([entity.tag, entity.dimension.into(), entity.physical.max(1)])?;
         out.line([1u64])?;
         out.line([number])?;
-        put_bounds_and_group(&mut out, bounds, entity.physical)?;
+        put_bounds_and_group(out, bounds, entity.physical)?;
     }
-    out.end("PartitionedEntities")?;
+    out.end("PartitionedEntities")
+}
 
-    let tag = |number: &u64| number + 1;
-    let range = |numbers: &[u64]| {
-        let (low, high) = (numbers.iter().min(), numbers.iter().max());
-        [low, high].map(|n| n.map_or(0, tag))
-    };
-    // All nodes in one block, as those of the first volume.
-    let nodes = view.points.len() as u64;
-    let home = own.iter().find(|e| e.dimension == 3).unwrap_or(ghosts);
+/// All nodes in one block, as those of the first volume.
+fn put_nodes(out: &mut Out<'_>, part: &Part<'_>, entities: &[Entity]) -> Result<(), Error> {
+    let (own, ghosts) = entities.split_at(entities.len() - 1);
+    let home = own.iter().find(|e| e.dimension == 3).unwrap_or(&ghosts[0]);
+    let nodes = part.view.points.len() as u64;
     writeln!(out.w, "$Nodes")?;
     let [low, high] = range(part.points);
     out.line([1, nodes, low, high])?;
     out.mixed(&[3, home.tag, 0], &[nodes])?;
     out.line(part.points.iter().map(tag))?;
-    out.line(view.points.iter().flat_map(|p| [p.x, p.y, p.z]))?;
-    out.end("Nodes")?;
+    let coordinates = part.view.points.iter().flat_map(|p| [p.x, p.y, p.z]);
+    out.line(coordinates)?;
+    out.end("Nodes")
+}
 
-    let corners: Vec<&[u32]> = view.blocks.iter().flat_map(Cells::iter).collect();
+/// The triangles and tetrahedra of each entity, ghosts included.
+fn put_elements(out: &mut Out<'_>, part: &Part<'_>, entities: &[Entity]) -> Result<(), Error> {
+    let corners: Vec<&[u32]> = part.view.blocks.iter().flat_map(Cells::iter).collect();
     writeln!(out.w, "$Elements")?;
     let [low, high] = range(part.cells);
     out.line([entities.len() as u64, corners.len() as u64, low, high])?;
-    for entity in &entities {
+    for entity in entities {
         let kind = if entity.dimension == 2 {
             TRIANGLE
         } else {
@@ -137,18 +164,21 @@ pub fn write(w: &mut dyn Write, part: &Part<'_>) -> Result<(), Error> {
             std::iter::once(tag(&part.cells[c])).chain(nodes)
         }))?;
     }
-    out.end("Elements")?;
+    out.end("Elements")
+}
 
+/// Of each ghost the part that owns it, and that it is a ghost here.
+fn put_ghosts(out: &mut Out<'_>, part: &Part<'_>, entities: &[Entity]) -> Result<(), Error> {
+    let cells = entities.last().map_or(&[][..], |ghosts| &ghosts.cells);
     writeln!(out.w, "$GhostElements")?;
-    out.line([ghosts.cells.len() as u64])?;
-    for &c in &ghosts.cells {
+    out.line([cells.len() as u64])?;
+    for &c in cells {
         out.line([tag(&part.cells[c])])?;
         out.line([part.owners[c] as i32 + 1])?;
         out.line([1u64])?;
-        out.line([number])?;
+        out.line([part.number as i32 + 1])?;
     }
-    out.end("GhostElements")?;
-    put_fields(&mut out, part)
+    out.end("GhostElements")
 }
 
 /// The values of the points, but for those that tell their numbers.
