@@ -3,5 +3,6 @@
 mod backends;
 mod details;
 mod disk;
+mod inside;
 mod laws;
 mod thesis;
