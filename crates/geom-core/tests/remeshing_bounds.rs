@@ -168,7 +168,7 @@ fn edges_become_shorter_where_the_surface_is_narrow() {
 
 #[test]
 fn a_tighter_bound_is_kept_too() {
-    let mesh = shapes::icosphere(1.0, 5);
+    let mesh = shapes::icosphere(1.0, 4);
     let bound = 0.004;
     let options = Options {
         max_deviation: Some(bound),
