@@ -54,8 +54,10 @@ pub struct BatchArgs {
 /// One of so many parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    number: usize,
-    of: usize,
+    /// Which, from 1.
+    pub number: usize,
+    /// Of how many.
+    pub of: usize,
 }
 
 impl FromStr for Shard {
@@ -281,7 +283,7 @@ impl Tally {
 
 /// The inputs by the names of their folders, in the order of the names; a folder's inputs keep their place in it. What lies in
 /// `out` are results, not inputs.
-fn entries_of(inputs: &[PathBuf], out: &Path) -> Result<Vec<(String, PathBuf)>, Failure> {
+pub fn entries_of(inputs: &[PathBuf], out: &Path) -> Result<Vec<(String, PathBuf)>, Failure> {
     let mut found: Vec<(PathBuf, PathBuf)> = Vec::new();
     for input in inputs {
         if input.is_dir() {
@@ -479,54 +481,5 @@ impl Results {
         let line = format!("{}\n", serde_json::to_string(&line)?);
         let written = self.file.write_all(line.as_bytes());
         Ok(written.map_err(|e| io::Error::from(e).in_file(&self.path))?)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn shards_are_read() {
-        assert_eq!("2/8".parse(), Ok(Shard { number: 2, of: 8 }));
-        for bad in ["0/8", "9/8", "1", "1/0", "a/b", "-1/3"] {
-            assert!(bad.parse::<Shard>().is_err(), "{bad}");
-        }
-    }
-
-    #[test]
-    fn inputs_keep_their_place_and_their_ending_only_where_they_must() {
-        let folder = tempfile::tempdir().unwrap();
-        let top = folder.path();
-        std::fs::create_dir(top.join("ab")).unwrap();
-        // Results of a run before are no inputs.
-        std::fs::create_dir_all(top.join("out/2xyz")).unwrap();
-        std::fs::write(top.join("out/2xyz/density.mrc"), "x").unwrap();
-        for file in ["ab/1abc.cif.gz", "2xyz.pdb", "2xyz.cif", "notes.txt"] {
-            std::fs::write(top.join(file), "x").unwrap();
-        }
-        std::fs::write(
-            top.join("some.list"),
-            "# two\nab/1abc.cif.gz\n\n2xyz.pdb # the second\n",
-        )
-        .unwrap();
-        let names = |inputs: &[&str]| -> Vec<String> {
-            let inputs: Vec<PathBuf> = inputs.iter().map(|i| top.join(i)).collect();
-            let entries = entries_of(&inputs, &top.join("out")).unwrap();
-            assert!(entries.iter().all(|e| e.1.is_file()));
-            entries.into_iter().map(|e| e.0).collect()
-        };
-        assert_eq!(names(&[""]), ["2xyz.cif", "2xyz.pdb", "ab/1abc"]);
-        assert_eq!(names(&["some.list"]), ["1abc", "2xyz"]);
-        assert_eq!(names(&["2xyz.pdb", "ab"]), ["1abc", "2xyz"]);
-        let twice = [top.join("2xyz.pdb"), top.join("some.list")];
-        assert!(
-            entries_of(&twice, top)
-                .unwrap_err()
-                .to_string()
-                .contains("2xyz.pdb")
-        );
-        std::fs::create_dir(top.join("empty")).unwrap();
-        assert!(entries_of(&[top.join("empty")], top).is_err());
     }
 }

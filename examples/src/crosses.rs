@@ -221,24 +221,3 @@ pub fn sides(mesh: &geom_core::QuadMesh) -> Layer {
     });
     strips(sides, width)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn guides_are_read_as_they_are_written() {
-        for text in [
-            "none",
-            "curvature",
-            "modes:auto",
-            "modes:1,2",
-            "characteristic:3",
-        ] {
-            assert_eq!(guide(text).unwrap().to_string(), text);
-        }
-        for text in ["modes:0", "modes:", "modes:a", "contours", "curvature:1"] {
-            assert!(guide(text).is_err(), "{text}");
-        }
-    }
-}

@@ -15,7 +15,7 @@ pub mod products;
 pub mod scripts;
 pub mod session;
 pub mod steps;
-mod words;
+pub mod words;
 
 pub use batch::run_each;
 pub use session::{Failure, Session, run};

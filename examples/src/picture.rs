@@ -14,7 +14,7 @@ mod scene;
 mod shade;
 mod slice;
 
-pub use canvas::{Image, sheet, sheet_of_modes};
+pub use canvas::{Align, Image, sheet, sheet_of_modes, ticks};
 pub use color::{ColorMap, Rgb, Scale, mix, region_color, segment_color};
 pub use cut::cut_tets;
 pub use plot::{Bars, Curve, histogram, lines};
@@ -24,12 +24,13 @@ pub use slice::slice;
 use geom_core::Wgpu;
 
 /// Triangle number per pixel, row by row from the top; `u32::MAX` where there is none.
-pub(crate) struct Visible {
-    pub(crate) triangle: Vec<u32>,
+pub struct Visible {
+    /// One per pixel.
+    pub triangle: Vec<u32>,
 }
 
 /// A corner of a triangle in clip space: x right, y up, both in −1…1; z in 0…1, 0 nearest.
-pub(crate) type Corner = [f32; 3];
+pub type Corner = [f32; 3];
 
 /// Finds the triangle that is seen at each pixel.
 pub enum Rasterizer {
@@ -72,7 +73,8 @@ impl Rasterizer {
         }
     }
 
-    pub(crate) fn visible(
+    /// The triangle at each pixel of a picture of this size.
+    pub fn visible(
         &self,
         triangles: &[[Corner; 3]],
         [width, height]: [usize; 2],
@@ -81,43 +83,5 @@ impl Rasterizer {
             Self::Gpu(gpu) => raster_gpu::visible(gpu.gpu(), triangles, [width, height]),
             Self::Cpu => Ok(raster_cpu::visible(triangles, [width, height])),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use geom_core::mesh::shapes;
-
-    #[test]
-    fn both_rasterizers_see_the_same_triangles() {
-        let Some(gpu) = gpu() else { return };
-        let torus = shapes::torus(2.0, 0.7, 60, 30);
-        let triangles: Vec<[Corner; 3]> = (0..torus.triangles().len())
-            .map(|t| {
-                torus.corners(t).map(|p| {
-                    let clip = [p.x, p.y * 0.8 + p.z * 0.6, 1.5 - p.z * 0.4 + p.y * 0.3];
-                    [clip[0] / 3.0, clip[1] / 3.0, clip[2] / 3.0].map(|c| c as f32)
-                })
-            })
-            .collect();
-        let size = [320, 240];
-        let cpu = Rasterizer::Cpu.visible(&triangles, size).unwrap().triangle;
-        let gpu = Rasterizer::Gpu(gpu)
-            .visible(&triangles, size)
-            .unwrap()
-            .triangle;
-        let covered = cpu.iter().filter(|&&t| t != u32::MAX).count();
-        assert!(covered > 15_000, "the torus covers {covered} pixels");
-        let differ = cpu.iter().zip(&gpu).filter(|(a, b)| a != b).count();
-        // Pixels whose centre lies on an edge may fall to either side.
-        assert!(
-            differ * 200 < covered,
-            "{differ} of {covered} pixels differ"
-        );
-    }
-
-    fn gpu() -> Option<Wgpu> {
-        geom_core::testing::gpu_or_skip()
     }
 }

@@ -462,16 +462,3 @@ pub fn molecule_surface(mesh: &TetMesh) -> TriMesh {
     }
     TriMesh::new(positions, triangles).expect("faces of a valid mesh")
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn digits_stand_in_threes() {
-        assert_eq!(grouped(7), "7");
-        assert_eq!(grouped(270), "270");
-        assert_eq!(grouped(1000), "1,000");
-        assert_eq!(grouped(27_870_123), "27,870,123");
-    }
-}

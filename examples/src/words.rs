@@ -6,7 +6,7 @@ use serde_json::{Map, Value};
 use crate::products::{brief, grouped};
 
 /// Atoms left out, elements and angles, one line each; then the warnings.
-pub(crate) fn lines(notes: &Map<String, Value>) -> Vec<String> {
+pub fn lines(notes: &Map<String, Value>) -> Vec<String> {
     let warned = warnings(notes).into_iter().map(|w| format!("warning: {w}"));
     // What a run of its own would say of a part.
     let parts = notes.iter().filter_map(|(part, of_part)| {
@@ -122,34 +122,4 @@ fn warnings(notes: &Map<String, Value>) -> Vec<String> {
 fn counted(value: &Value) -> Option<String> {
     let number = value.as_u64().filter(|&n| n > 0)?;
     Some(grouped(number as usize))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use serde_json::json;
-
-    #[test]
-    fn what_matters_is_said() {
-        let notes = json!({
-            "structure": { "atoms": 1234, "waters": 56, "ions": 0, "zero_radii": 2, "warnings": ["odd"] },
-            "counts": { "tetrahedra": 99_999, "surface_triangles": 7 },
-            "quality": { "after": { "all": {
-                "min_dihedral": { "min": 25.04 }, "max_dihedral": { "max": 141.0 }
-            } } },
-            "surface": { "crossing_pairs": 0 },
-            "advice": { "warnings": ["wider bounds"] },
-            "quads": { "counts": { "quads": 1200, "irregular": 8 } }
-        });
-        let said = lines(notes.as_object().unwrap());
-        assert_eq!(said[0], "1,234 atoms; left out: 56 of waters");
-        assert_eq!(
-            said[1],
-            "99,999 tetrahedra, 7 triangles of the surface, dihedral angles from 25.0° to 141.0°"
-        );
-        assert_eq!(said[2], "quads: 1,200 quads, 8 irregular vertices");
-        assert!(said[3].starts_with("warning: 2 atoms have radius 0"));
-        assert_eq!(said[4..], ["warning: odd", "warning: wider bounds"]);
-        assert!(lines(&Map::new()).is_empty());
-    }
 }

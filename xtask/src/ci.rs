@@ -22,7 +22,7 @@ pub(crate) fn run() -> Outcome {
         ("tests", &|| call("cargo", &["test", "--workspace"], &[])),
         ("lints", &|| {
             let all = ["clippy", "--workspace", "--all-targets", "--features"];
-            let features = features()?;
+            let features = features(has_mpi())?;
             let rest = [features.as_str(), "--", "-D", "warnings"];
             call("cargo", &[&all[..], &rest].concat(), &[])
         }),
@@ -35,7 +35,7 @@ pub(crate) fn run() -> Outcome {
             call("cargo", &arguments, &[])
         }),
         ("documentation", &|| {
-            let features = features()?;
+            let features = features(has_mpi())?;
             let all = ["doc", "--workspace", "--no-deps", "--features", &features];
             call("cargo", &all, deny)
         }),
@@ -143,13 +143,12 @@ fn ranks() -> Outcome {
     Ok(())
 }
 
-/// All features of all packages, for `--features`; those that need a system MPI only where there is one.
-fn features() -> Result<String, String> {
+/// All features of all packages, for `--features`; those that need a system MPI only with `mpi`.
+fn features(mpi: bool) -> Result<String, String> {
     let arguments = ["metadata", "--no-deps", "--format-version", "1"];
     let told = Command::new("cargo").args(arguments).output();
     let told = told.map_err(|e| format!("cargo metadata: {e}"))?;
     let told: Value = serde_json::from_slice(&told.stdout).map_err(|e| e.to_string())?;
-    let mpi = has_mpi();
     let packages = told["packages"].as_array().into_iter().flatten();
     let features = packages.flat_map(|package| {
         let name = package["name"].as_str().unwrap_or_default();
@@ -166,10 +165,12 @@ mod tests {
 
     #[test]
     fn features_are_all_that_this_machine_can_build() {
-        let features = features().expect("cargo tells");
-        let has = |name: &str| features.split(',').any(|feature| feature == name);
-        assert!(has("geom-core/wgpu") && has("gauss-density/thesis") && has("xtask/lab"));
-        assert_eq!(has("geom-core/mpi"), has_mpi());
-        assert_eq!(has("biogeom-examples/mpi"), has_mpi());
+        for mpi in [true, false] {
+            let features = features(mpi).expect("cargo tells");
+            let has = |name: &str| features.split(',').any(|feature| feature == name);
+            assert!(has("geom-core/wgpu") && has("gauss-density/thesis") && has("xtask/lab"));
+            assert_eq!(has("geom-core/mpi"), mpi);
+            assert_eq!(has("biogeom-examples/mpi"), mpi);
+        }
     }
 }

@@ -1,12 +1,13 @@
 //! Surfaces for tests, and a look inside.
 
 use geom_core::compute::random::SplitMix64;
+use geom_core::search::bvh::TriangleTree;
 use geom_core::{Cpu, Point3, Run, TriMesh, Vector3};
 
-use crate::Error;
 use crate::backend::CrossfieldObject;
-use crate::field::{CrossField, Frames};
-use crate::map::MapOptions;
+use crate::field::{self, CrossField, Frames};
+use crate::map::{MapOptions, Relaxation, Spacing};
+use crate::{Anisotropy, Error, anisotropy, guidance, quads};
 
 /// A plate of `n × n` cells in the plane z = 0, a unit to a side, its inner vertices shaken by `noise` cells; cells for
 /// which `hole` holds are missing.
@@ -108,4 +109,68 @@ pub fn decimated(
 ) -> Result<Option<usize>, Error> {
     let run = Run::on(&Cpu).with(Cpu.as_crossfield());
     crate::map::decimated(mesh, frames, field, options, run)
+}
+
+/// Turns the crosses of these triangles towards the gradients of a map, given as Jacobians; whether any moved.
+pub fn turn(
+    frames: &Frames,
+    field: &mut CrossField,
+    free: &[usize],
+    jacobians: Vec<[[f64; 2]; 2]>,
+    rate: f64,
+) -> bool {
+    let relaxed = Relaxation {
+        jacobians,
+        faults: 0,
+        energy: 0.0,
+    };
+    anisotropy::turn(frames, field, free, &relaxed, rate)
+}
+
+/// The angle by which a cross turns, radians.
+pub fn turned_by(jacobian: &[[f64; 2]; 2], rate: f64) -> f64 {
+    anisotropy::turned_by(jacobian, rate)
+}
+
+/// The spacing, in units of that without a ratio, of lines whose normal has this cosine with the gradient.
+pub fn narrowed(ratio: f64, cosine: f64) -> f64 {
+    anisotropy::narrowed(ratio, cosine)
+}
+
+/// The ratio of sides where a function is so steep.
+pub fn ratio_at(steepness: f64, options: &Anisotropy) -> f64 {
+    anisotropy::ratio_at(steepness, options)
+}
+
+/// Values at the vertices of another mesh: those of the nearest points.
+pub fn carried(
+    tree: &TriangleTree,
+    from: &TriMesh,
+    values: &[f64],
+    to: &TriMesh,
+) -> Result<Vec<f64>, Error> {
+    anisotropy::carried(tree, from, values, to)
+}
+
+/// Pairs of singularities nearer to each other than so many sides of a quad cost more.
+pub const NEAR: f64 = field::NEAR;
+
+/// What removing a pair of singularities so far apart may cost, where those far apart cost `far` and quads have a side `near`.
+pub fn price(far: f64, near: f64, distance: f64) -> f64 {
+    field::price(far, near, distance)
+}
+
+/// How many modes stand apart from those above.
+pub fn standing_apart(values: &[f64]) -> usize {
+    guidance::standing_apart(values)
+}
+
+/// Along the first arm after `comb` quarter turns, and along the second.
+pub fn spacing_of_face(spacing: &Spacing, face: usize, comb: u8) -> [f64; 2] {
+    spacing.of_face(face, comb)
+}
+
+/// What the sides of a quad shall be long.
+pub fn lengths(quad: &[Point3; 4], narrowest: f64) -> [f64; 2] {
+    quads::lengths(quad, narrowest)
 }

@@ -2,5 +2,6 @@
 
 mod anisotropy;
 mod backends;
+mod details;
 mod laws;
 mod thesis;

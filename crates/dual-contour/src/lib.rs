@@ -23,6 +23,9 @@ mod contour;
 mod cpu;
 mod dual;
 mod error;
+#[cfg(feature = "testing")]
+#[doc(hidden)]
+pub mod inside;
 mod kernel;
 mod octree;
 mod options;

@@ -2,6 +2,7 @@
 
 mod backends;
 mod common;
+mod inside;
 mod laws;
 mod options;
 mod thesis;

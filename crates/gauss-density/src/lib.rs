@@ -26,6 +26,9 @@ mod kernel;
 
 // What must hold, and what the thesis did otherwise.
 #[cfg(feature = "testing")]
+#[doc(hidden)]
+pub mod inside;
+#[cfg(feature = "testing")]
 pub mod specification;
 #[cfg(feature = "testing")]
 pub mod testing;

@@ -2,7 +2,11 @@
 
 mod backends;
 mod bounds;
+mod gpu;
+mod kernels;
 mod laws;
+mod models;
 mod options;
+mod samples;
 mod thesis;
 mod windows;

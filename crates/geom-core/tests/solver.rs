@@ -3,6 +3,7 @@
 use geom_core::algebra::iterate::Options;
 use geom_core::algebra::{
     Cholesky, Error, Jacobi, Scalar, SparseMatrix, Symbolic, conjugate_gradients, refine,
+    substitution,
 };
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
@@ -295,4 +296,76 @@ fn the_row_whose_pivot_is_not_positive_is_named() {
     let spoilt = matrix.map(|i, j, a| if (i, j) == (row, row) { -1e6 } else { a });
     let found = Cholesky::of(&spoilt).unwrap_err();
     assert_eq!(found, Error::NotPositiveDefinite { row });
+}
+
+/// A factor whose tree has two long branches and many short ones: solved in one task and in many.
+#[test]
+fn tasks_solve_what_one_sweep_solves() {
+    // Column j of a binary tree in postorder has the rows of all its ancestors.
+    let depth = 9;
+    let mut parents = Vec::new();
+    fn build(depth: usize, parents: &mut Vec<Option<usize>>) -> usize {
+        let children: Vec<usize> = if depth == 0 {
+            Vec::new()
+        } else {
+            (0..2).map(|_| build(depth - 1, parents)).collect()
+        };
+        parents.push(None);
+        let own = parents.len() - 1;
+        children.into_iter().for_each(|c| parents[c] = Some(own));
+        own
+    }
+    build(depth, &mut parents);
+    let n = parents.len();
+    let rows: Vec<Vec<u32>> = (0..n)
+        .map(|j| {
+            std::iter::successors(parents[j], |&p| parents[p])
+                .map(|p| p as u32)
+                .collect()
+        })
+        .collect();
+    let mut values = Vec::new();
+    let mut columns = Vec::new();
+    for (j, rows) in rows.iter().enumerate() {
+        let first = values.len();
+        values.push(2.0 + (j % 7) as f64);
+        values.extend((0..rows.len()).map(|i| ((3 * i + j) % 5) as f64 / 10.0 - 0.2));
+        columns.push((rows.as_slice(), first..values.len()));
+    }
+    let original = |i: usize| (i * 5 + 3) % n;
+    let b: Vec<f64> = (0..2 * n).map(|i| ((i * 37) % 101) as f64 - 50.0).collect();
+    // By the definition, column after column.
+    let mut x: Vec<[f64; 2]> = (0..n)
+        .map(|i| [b[2 * original(i)], b[2 * original(i) + 1]])
+        .collect();
+    let axpy = |x: &mut [f64; 2], l: f64, y: [f64; 2]| {
+        x.iter_mut().zip(y).for_each(|(x, y)| *x -= l * y);
+    };
+    for j in 0..n {
+        let column = &values[columns[j].1.clone()];
+        x[j] = x[j].map(|x| x / column[0]);
+        let own = x[j];
+        for (&row, &l) in rows[j].iter().zip(&column[1..]) {
+            axpy(&mut x[row as usize], l, own);
+        }
+    }
+    for j in (0..n).rev() {
+        let column = &values[columns[j].1.clone()];
+        for (&row, &l) in rows[j].iter().zip(&column[1..]) {
+            let other = x[row as usize];
+            axpy(&mut x[j], l, other);
+        }
+        x[j] = x[j].map(|x| x / column[0]);
+    }
+    for (large, small) in [(usize::MAX, usize::MAX), (2000, 100), (60, 1), (1, 0)] {
+        let sizes = [large, small];
+        let (tasks, solved) = substitution::solved(&columns, original, sizes, &values, &b);
+        let alone = large == usize::MAX;
+        assert_eq!(tasks == 1, alone);
+        for (i, x) in x.iter().enumerate() {
+            for (found, x) in solved[original(i)].iter().zip(x) {
+                assert!((found - x).abs() < 1e-9 * (1.0 + x.abs()), "{i} {large}");
+            }
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use geom_core::mesh::{Halfedges, SurfaceAudit, shapes};
-use geom_core::surface::curvature::{Principal, angle_defects, principal};
+use geom_core::surface::curvature::{self, Principal, angle_defects, principal};
 use geom_core::surface::isoline::{IsolineError, isolines};
 use geom_core::surface::repair::{self, RepairError, repair};
 use geom_core::testing::same_on_any_threads;
@@ -469,4 +469,29 @@ fn one_sided_surfaces_are_refused() {
     };
     let error = repair(unit_cube(), &options).unwrap_err();
     assert!(matches!(error, RepairError::Option(out) if out.option == "merge"));
+}
+
+/// A vertex's normal may be off, where its triangles lie on one side of it: the fit finds the slope, and with it the
+/// curvatures. Here a saddle with curvatures 1 and −1/2, seen from a normal 40° off.
+#[test]
+fn curvatures_do_not_hang_on_the_normal_that_the_fit_is_made_over() {
+    let places: Vec<Vector3> = (0..49)
+        .map(|i| [i % 7, i / 7].map(|c| 0.002 * f64::from(c - 3)))
+        .map(|[x, y]| Vector3::new(x, y, -0.5 * x * x + 0.25 * y * y))
+        .filter(|d| d.norm() > 0.0)
+        .collect();
+    for turn in 0..8 {
+        let angle = std::f64::consts::FRAC_PI_4 * f64::from(turn);
+        let tilt = 40f64.to_radians();
+        let normal = Vector3::new(
+            tilt.sin() * angle.cos(),
+            tilt.sin() * angle.sin(),
+            tilt.cos(),
+        );
+        let found = curvature::fit_cubic(normal, &places).unwrap();
+        assert!((found.max - 1.0).abs() < 0.01, "{}", found.max);
+        assert!((found.min + 0.5).abs() < 0.01, "{}", found.min);
+        assert!(found.max_direction.x.abs() > 0.999);
+        assert!(found.normal.z > 0.999);
+    }
 }

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::io::view::{Cells, NO_GROUP};
 use geom_core::io::{View, msh, msh_parts, vtu};
-use geom_core::mesh::{INTERIOR, shapes};
+use geom_core::mesh::{INTERIOR, VertexKind, shapes};
 use geom_core::tiles::border::{Border, ghosts, number};
 use geom_core::tiles::exchange::{Deal, exchanged, gathered};
-use geom_core::tiles::piece::key;
-use geom_core::tiles::{Counted, Exchange, Lost, Patches, Piece, Solo, Spill, Threads};
+use geom_core::tiles::piece::{NoPiece, key};
+use geom_core::tiles::{Counted, Exchange, Lost, Patches, Piece, Solo, Spill, Threads, Tiles};
 use geom_core::{Point3, TetMesh};
 
 #[test]
@@ -384,4 +384,89 @@ fn the_file_that_joins_parts_has_their_fields_and_names() {
     assert!(String::from_utf8_lossy(&file).contains("Name=\"group\""));
     let read = vtu::parse(&file).unwrap();
     assert_eq!(read.cells(), 0);
+}
+
+#[test]
+fn every_tile_has_one_rank() {
+    for (tiles, ranks) in [(1, 1), (7, 3), (3, 7), (64, 5), (12, 12)] {
+        let deal = Deal { tiles, ranks };
+        let mut seen = 0;
+        for rank in 0..ranks {
+            for tile in deal.of(rank) {
+                assert_eq!(deal.rank_of(tile), rank, "{tile} of {tiles} on {ranks}");
+                seen += 1;
+            }
+        }
+        assert_eq!(seen, tiles);
+    }
+}
+
+#[test]
+fn every_cell_has_one_tile_and_tiles_are_boxes() {
+    for (cells, root, shift, count) in [
+        ([9, 5, 3], 2, 0, 7),
+        ([9, 5, 3], 2, 1, 7),
+        ([16, 16, 16], 4, 2, 64),
+        ([3, 3, 3], 8, 0, 5),
+        ([1, 40, 1], 4, 3, 4),
+    ] {
+        let tiles = Tiles::new(cells, root, shift, count, |[x, y, z]| u64::from(x + y + z));
+        assert_eq!(tiles.len(), count);
+        let mut seen = 0;
+        for tile in 0..count {
+            let [low, high] = tiles.cells_of(tile);
+            for z in low[2]..high[2] {
+                for y in low[1]..high[1] {
+                    for x in low[0]..high[0] {
+                        assert_eq!(tiles.of_cell([x, y, z]), tile, "{cells:?}, {x} {y} {z}");
+                        seen += 1;
+                    }
+                }
+            }
+        }
+        assert_eq!(seen, cells.iter().product::<usize>());
+    }
+}
+
+#[test]
+fn the_heaviest_are_halved() {
+    // All weight in one corner of 4 × 4 × 4 roots.
+    let tiles = Tiles::new([32; 3], 8, 0, 7, |root| u64::from(root == [0; 3]));
+    let [low, high] = tiles.cells_of(tiles.of_cell([0; 3]));
+    assert_eq!((low, high), ([0; 3], [8; 3]));
+}
+
+#[test]
+fn pieces_survive_their_bytes_and_nothing_else_does() {
+    let positions = [
+        [0.0; 3],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [1.0; 3],
+    ];
+    let kinds = vec![
+        VertexKind::Interior,
+        VertexKind::Surface,
+        VertexKind::BoxFace { axis: 2 },
+        VertexKind::BoxEdge { axis: 1 },
+        VertexKind::Fixed,
+    ];
+    let mesh = TetMesh::with_kinds(
+        positions.map(Point3::from).to_vec(),
+        vec![[0, 1, 2, 3], [4, 3, 2, 1]],
+        vec![INTERIOR, 7],
+        kinds,
+    )
+    .unwrap();
+    let shared = vec![true, false, false, true, true];
+    let piece = Piece { mesh, shared };
+    let bytes = piece.to_bytes();
+    assert_eq!(Piece::from_bytes(&bytes).unwrap(), piece);
+    for cut in [0, 15, 16, bytes.len() - 1] {
+        assert!(matches!(
+            Piece::from_bytes(&bytes[..cut]),
+            Err(NoPiece::Length { .. })
+        ));
+    }
 }

@@ -19,6 +19,9 @@ mod cpu;
 mod error;
 pub mod flow;
 pub mod forms;
+#[cfg(feature = "testing")]
+#[doc(hidden)]
+pub mod inside;
 pub mod operators;
 pub mod options;
 pub mod pockets;

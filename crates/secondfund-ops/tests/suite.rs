@@ -3,6 +3,7 @@
 mod backends;
 mod details;
 mod disk;
+mod inside;
 mod laws;
 mod patches;
 mod thesis;

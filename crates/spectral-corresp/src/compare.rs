@@ -177,25 +177,3 @@ pub fn distances<B: CorrespBackend + ?Sized>(
     }
     Ok(out)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A shape that is a part of another is not it: what is not met makes the distance larger, in proportion.
-    #[test]
-    fn what_is_not_met_makes_a_distance() {
-        let of = |mean| Spread {
-            mean,
-            ..Spread::default()
-        };
-        let report = |coverage| CompareReport {
-            diameters: of(0.75),
-            distortions: of(0.25),
-            coverage,
-        };
-        let distances = [1.0, 0.5, 0.25].map(|coverage| report(coverage).distance());
-        assert_eq!(distances, [1.0, 2.0, 4.0]);
-        assert!(report(0.0).distance().is_finite());
-    }
-}

@@ -99,24 +99,3 @@ pub(crate) fn distance(points: &[Point3]) -> Result<f64, Error> {
     };
     Ok(parallel::sum(points.len(), nearest) / points.len().max(1) as f64)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Of many pairs some are drawn, for both of their points: near as many as asked per node.
-    #[test]
-    fn pairs_belong_to_both_of_their_points() {
-        let points: Vec<Point3> = (0..512)
-            .map(|i| Point3::from([i % 8, i / 8 % 8, i / 64].map(f64::from)))
-            .collect();
-        let near = Neighbourhoods::within(&points, 4.0, 12, 5).unwrap();
-        for i in 0..points.len() {
-            for &j in near.of(i) {
-                assert!(near.of(j as usize).contains(&(i as u32)), "{i} and {j}");
-            }
-        }
-        let mean = near.others().len() as f64 / points.len() as f64;
-        assert!((mean - 12.0).abs() < 4.0, "{mean}");
-    }
-}

@@ -30,6 +30,9 @@ pub mod specification;
 mod wgpu;
 
 #[cfg(feature = "testing")]
+#[doc(hidden)]
+pub mod inside;
+#[cfg(feature = "testing")]
 pub mod testing;
 
 pub use backend::QualityBackend;

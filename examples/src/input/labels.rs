@@ -72,6 +72,21 @@ pub struct Labels<'a> {
 }
 
 impl<'a> Labels<'a> {
+    /// Per point the place of the nearest atom in the structure, from 0.
+    pub fn atoms(&self) -> &[u32] {
+        &self.atom
+    }
+
+    /// Per point the place of its residue in the chain, 0 … 1.
+    pub fn along(&self) -> &[f64] {
+        &self.along
+    }
+
+    /// Per point the place of its copy among those of an assembly, from 0; empty where there is one.
+    pub fn copies(&self) -> &[u32] {
+        &self.copy
+    }
+
     /// The atoms nearest to some points, and what they belong to.
     pub fn of(structure: &'a Structure, points: &[Point3]) -> Result<Self, NearestError> {
         let centers: Vec<_> = structure.atoms().iter().map(|a| a.position).collect();
@@ -145,7 +160,7 @@ impl<'a> Labels<'a> {
     }
 
     /// One colour per point.
-    fn colors(&self, by: ColorBy) -> Vec<Rgb> {
+    pub fn colors(&self, by: ColorBy) -> Vec<Rgb> {
         match by {
             ColorBy::Chain if self.structure.chains().len() < 2 => vec![GOLD; self.chain.len()],
             ColorBy::Chain => self.chain.iter().map(|&c| chain_color(c)).collect(),
@@ -284,7 +299,7 @@ const CHAINS: [Rgb; 10] = [
 ];
 
 /// Softened versions of the usual colours.
-fn element_color(symbol: &str) -> Rgb {
+pub fn element_color(symbol: &str) -> Rgb {
     match symbol {
         "H" => [240, 240, 240],
         "C" => [176, 176, 176],
@@ -293,43 +308,5 @@ fn element_color(symbol: &str) -> Rgb {
         "S" => [232, 208, 84],
         "P" => [240, 156, 70],
         _ => [110, 200, 120],
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use geom_core::structure::Element;
-
-    #[test]
-    fn the_nearest_atom_gives_the_labels() {
-        let centers = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]].map(|p| (Point3::from(p), 1.5));
-        let structure = Structure::of_spheres(centers);
-        let points = [[1.0, 1.0, 0.0], [3.0, 0.0, 1.0], [9.0, 0.0, 0.0]].map(Point3::from);
-        let labels = Labels::of(&structure, &points).unwrap();
-        assert_eq!(labels.atom, [0, 1, 1]);
-        assert_eq!(labels.colors(ColorBy::Chain), [GOLD; 3]);
-        assert_eq!(
-            labels.colors(ColorBy::Element),
-            [element_color(Element::UNKNOWN.symbol()); 3]
-        );
-        assert_eq!(labels.along, [0.0; 3]);
-    }
-
-    #[test]
-    fn of_copies_the_nearest_is_found_however_far_it_is() {
-        let centers = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]].map(|p| (Point3::from(p), 1.5));
-        let structure = Structure::of_spheres(centers);
-        let places = [0.0, 100.0, 200.0].map(|x| Transform {
-            translation: geom_core::Vector3::new(x, 0.0, 0.0),
-            ..Transform::identity()
-        });
-        // One beside an atom, one farther from all than is looked at first, one between copies.
-        let points = [[103.0, 1.0, 0.0], [201.0, 90.0, 30.0], [53.0, 0.0, 0.0]].map(Point3::from);
-        let labels = Labels::of_copies(&structure, &places, &points).unwrap();
-        assert_eq!((labels.copy, labels.atom), (vec![1, 2, 1], vec![1, 0, 0]));
-        // One alone needs no number.
-        let labels = Labels::of_copies(&structure, &places[..1], &points).unwrap();
-        assert_eq!((labels.copy, labels.atom), (vec![], vec![1, 1, 1]));
     }
 }

@@ -161,7 +161,8 @@ pub enum RefineName {
     None,
 }
 
-fn anchor(text: &str) -> Result<(Point3, Point3), String> {
+/// `X,Y,Z=X,Y,Z`: a point of the one and where it lies on the other.
+pub fn anchor(text: &str) -> Result<(Point3, Point3), String> {
     let point = |text: &str| -> Option<Point3> {
         let numbers = text.split(',').map(|n| n.trim().parse().ok());
         let [x, y, z] = numbers.collect::<Option<Vec<f64>>>()?[..] else {
@@ -725,17 +726,5 @@ impl MatchArgs {
             }),
         )?;
         Ok(found)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn anchors_are_read() {
-        let (a, b) = anchor("1,2,3= 4,-5,6.5").unwrap();
-        assert_eq!((a.z, b.y, b.z), (3.0, -5.0, 6.5));
-        assert!(anchor("1,2,3").is_err() && anchor("1,2=3,4,5").is_err());
     }
 }

@@ -242,15 +242,3 @@ impl ImplicitField for Field<'_> {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_extension_is_that_before_gz() {
-        assert_eq!(extension(Path::new("a/B.PDB.gz")), "pdb");
-        assert_eq!(extension(Path::new("emd_1234.map")), "map");
-        assert_eq!(extension(Path::new("none")), "");
-    }
-}

@@ -39,8 +39,10 @@ const TEXT_FINE: usize = 4;
 
 /// Where text stands relative to its place.
 #[derive(Clone, Copy)]
-pub(crate) enum Align {
+pub enum Align {
+    /// It begins there.
     Left,
+    /// Its middle is there.
     Center,
 }
 
@@ -66,6 +68,11 @@ impl Image {
     /// Rows.
     pub fn height(&self) -> usize {
         self.height
+    }
+
+    /// Red, green and blue of each pixel, row by row from the top.
+    pub fn rgb(&self) -> &[u8] {
+        &self.rgb
     }
 
     /// The colour of a pixel, from the top left.
@@ -101,7 +108,7 @@ impl Image {
     }
 
     /// Writes one line, vertically centred at `y`.
-    pub(crate) fn text(&mut self, text: &str, (x, y): (usize, usize), size: f64, align: Align) {
+    pub fn text(&mut self, text: &str, (x, y): (usize, usize), size: f64, align: Align) {
         // Drawn larger and averaged: letters then stand between pixels, not on them.
         let (wide, high) = (text.chars().count() * size as usize, 2 * size as usize);
         let mut mask = Self::filled(wide * TEXT_FINE, high * TEXT_FINE, [255; 3]);
@@ -185,12 +192,7 @@ impl Image {
 
     /// Draws colours with their names, one below the other, down to row `bottom`; gives the row that they begin at.
     /// What would not fit in half of the picture is counted.
-    pub(crate) fn legend(
-        &mut self,
-        entries: &[(Rgb, String)],
-        left: usize,
-        bottom: usize,
-    ) -> usize {
+    pub fn legend(&mut self, entries: &[(Rgb, String)], left: usize, bottom: usize) -> usize {
         const ROW: usize = 26;
         let most = (bottom / (2 * ROW)).max(2);
         let shown = if entries.len() > most {
@@ -236,7 +238,7 @@ impl Image {
 pub(crate) const BAR_WIDTH: usize = 132;
 
 /// Round values between two, and how to write them.
-pub(crate) fn ticks(low: f64, high: f64) -> Vec<(f64, String)> {
+pub fn ticks(low: f64, high: f64) -> Vec<(f64, String)> {
     let range = high - low;
     if !(range > 0.0 && range.is_finite()) {
         return Vec::new();
@@ -292,63 +294,4 @@ pub fn sheet_of_modes(images: &[(String, Image)], columns: usize) -> Image {
     let (top, bottom) = (cells.height / 7 + 20, cells.height - cells.height / 7);
     out.color_bar(&scale, cells.width, [top, bottom.max(top + 1)]);
     out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ticks_are_round_and_inside() {
-        let texts = |low, high| {
-            ticks(low, high)
-                .into_iter()
-                .map(|t| t.1)
-                .collect::<Vec<_>>()
-        };
-        assert_eq!(texts(0.0, 1.0), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
-        assert_eq!(
-            texts(-1.0, 1.0),
-            ["\u{2212}1.0", "\u{2212}0.5", "0.0", "0.5", "1.0"]
-        );
-        assert_eq!(texts(3.0, 172.0), ["50", "100", "150"]);
-        assert!(texts(1.0, 1.0).is_empty());
-    }
-
-    #[test]
-    fn a_saved_image_reads_back_with_the_same_pixels() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut image = Image::filled(40, 30, [255; 3]);
-        image.text("Å", (20, 15), 24.0, Align::Center);
-        assert!(image.rgb.iter().any(|&c| c < 100), "the text is there");
-        let path = folder.path().join("a.png");
-        image.save(&path).unwrap();
-        let decoder =
-            png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path).unwrap()));
-        let mut reader = decoder.read_info().unwrap();
-        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
-        reader.next_frame(&mut pixels).unwrap();
-        assert_eq!(pixels, image.rgb);
-    }
-
-    #[test]
-    fn a_legend_shows_what_fits_and_counts_the_rest() {
-        let entries =
-            |n: u8| -> Vec<(Rgb, String)> { (1..=n).map(|i| ([i; 3], i.to_string())).collect() };
-        let mut image = Image::filled(200, 210, [255; 3]);
-        let has = |image: &Image, c| image.rgb.chunks(3).filter(|p| **p == [c; 3]).count();
-        assert_eq!(image.legend(&entries(3), 20, 200), 200 - 3 * 26);
-        assert!([1, 2, 3].iter().all(|&c| has(&image, c) == 18 * 18));
-        let mut image = Image::filled(200, 210, [255; 3]);
-        assert_eq!(image.legend(&entries(9), 20, 200), 200 - 3 * 26);
-        assert_eq!((has(&image, 2), has(&image, 3)), (18 * 18, 0));
-    }
-
-    #[test]
-    fn a_sheet_holds_all_images() {
-        let cell = |c, width| (String::from("x"), Image::filled(width, 40, [c; 3]));
-        let sheet = sheet(&[cell(10, 50), cell(20, 60), cell(30, 40)], 2);
-        let has = |c| sheet.rgb.chunks(3).filter(|p| **p == [c; 3]).count();
-        assert_eq!((has(10), has(20), has(30)), (2000, 2400, 1600));
-    }
 }

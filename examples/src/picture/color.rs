@@ -145,24 +145,3 @@ pub fn segment_color(segment: u32) -> Rgb {
     );
     mix(COLORS[place], [30, 30, 40], (0.22 * round as f64).min(0.66))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn maps_start_and_end_with_their_published_colours() {
-        assert_eq!(ColorMap::CoolWarm.at(0.0), [59, 76, 192]);
-        assert_eq!(ColorMap::CoolWarm.at(0.5), [221, 221, 221]);
-        assert_eq!(ColorMap::CoolWarm.at(9.0), [180, 4, 38]);
-        assert_eq!(ColorMap::Viridis.at(0.0), [68, 1, 84]);
-        assert_eq!(ColorMap::Viridis.at(f64::NAN), [128; 3]);
-    }
-
-    #[test]
-    fn a_symmetric_scale_has_grey_at_zero() {
-        let scale = Scale::symmetric(&[-3.0, 1.0], "u");
-        assert_eq!((scale.low, scale.high), (-3.0, 3.0));
-        assert_eq!(scale.color(0.0), [221, 221, 221]);
-    }
-}

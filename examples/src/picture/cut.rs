@@ -77,29 +77,3 @@ pub fn cut_tets(mesh: &TetMesh, view: &View, depth: f64, colors: &[Rgb], skin: R
         layer(hull, Paint::Plain(skin)),
     ]
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use geom_core::Vector3;
-
-    #[test]
-    fn a_cut_shows_the_tetrahedra_behind_the_plane() {
-        // Two tetrahedra that share the face x = 0.
-        let p = |x: f64, y: f64, z: f64| Point3::new(x, y, z);
-        let positions = vec![
-            p(0., 0., 0.),
-            p(0., 1., 0.),
-            p(0., 0., 1.),
-            p(1., 0., 0.),
-            p(-1., 0., 0.),
-        ];
-        let mesh = TetMesh::new(positions, vec![[0, 1, 2, 3], [0, 2, 1, 4]]).unwrap();
-        let view = View::of(Vector3::y(), Vector3::z());
-        assert!((view.toward - Vector3::x()).norm() < 1e-12);
-        let layers = cut_tets(&mesh, &view, 0.5, &[[1; 3], [2; 3]], [9; 3]);
-        assert_eq!(layers[0].faces.len(), 1, "the shared face is the cut");
-        assert!(matches!(&layers[0].paint, Paint::Faces(c) if c[..] == [[2; 3]]));
-        assert_eq!(layers[1].faces.len(), 3);
-    }
-}

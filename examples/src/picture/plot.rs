@@ -217,37 +217,3 @@ fn chart(
     });
     image.reduced(FINE)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_histogram_shows_both_sets() {
-        let a = Bars {
-            name: "before",
-            color: [200, 60, 40],
-            counts: &[1, 5, 2, 0],
-        };
-        let b = Bars {
-            name: "after",
-            color: [40, 90, 200],
-            counts: &[0, 0, 3, 9],
-        };
-        let image = histogram(&[a, b], [0.0, 80.0], "t", "angle / °", [600, 400]);
-        let has = |test: fn(&[u8]) -> bool| image.rgb.chunks(3).filter(|p| test(p)).count();
-        assert!(has(|p| p[0] > p[2].saturating_add(60)) > 1000, "red bars");
-        assert!(has(|p| p[2] > p[0].saturating_add(60)) > 1000, "blue bars");
-    }
-
-    #[test]
-    fn curves_of_one_point_are_drawn() {
-        let curve = Curve {
-            name: "",
-            color: [200, 0, 0],
-            points: vec![(1.0, 3.0)],
-        };
-        let image = lines(&[curve], "t", ["k", "value"], [400, 300]);
-        assert!(image.rgb.chunks(3).any(|p| p[0] > 150 && p[1] < 60));
-    }
-}

@@ -90,7 +90,8 @@ impl View {
         Self::of(Vector3::y(), Vector3::z())
     }
 
-    pub(super) fn of(right: Vector3, up: Vector3) -> Self {
+    /// The eye where both show as they are said.
+    pub fn of(right: Vector3, up: Vector3) -> Self {
         let right = right.try_normalize(0.0).unwrap_or_else(Vector3::x);
         let up = (up - right * up.dot(&right))
             .try_normalize(0.0)
@@ -192,77 +193,5 @@ impl Scene {
             }
         }
         Ok(images)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use geom_core::mesh::shapes;
-
-    fn sphere(paint: Paint) -> Scene {
-        let mesh = shapes::icosphere(3.0, 3);
-        let view = View::along_axes(mesh.positions());
-        Scene::new(vec![Layer::surface(&mesh, paint)], view)
-    }
-
-    #[test]
-    fn a_sphere_fills_the_picture_and_is_lit_from_above_left() {
-        let image = sphere(Paint::Plain([200, 200, 200]))
-            .draw(&Rasterizer::Cpu, [200, 200])
-            .unwrap();
-        let sum = |x: usize, y: usize| image.pixel(x, y).iter().map(|&c| u32::from(c)).sum::<u32>();
-        assert!(
-            sum(60, 60) > sum(140, 150) + 60,
-            "the light comes from above left"
-        );
-        assert!(sum(2, 2) > 740, "the background is nearly white");
-        // 92 % of 200 pixels across.
-        assert!(sum(100, 5) > 740 && sum(100, 12) < 740);
-    }
-
-    #[test]
-    fn painted_again_it_is_the_same_picture_in_another_colour() {
-        let paints = [[200; 3], [90, 150, 200]].map(Paint::Plain);
-        let drawn = sphere(Paint::Plain([1; 3]))
-            .draw_each(&Rasterizer::Cpu, [120, 90], &paints)
-            .unwrap();
-        for (paint, image) in paints.into_iter().zip(drawn) {
-            let alone = sphere(paint).draw(&Rasterizer::Cpu, [120, 90]).unwrap();
-            assert!(image == alone);
-        }
-    }
-
-    #[test]
-    fn pictures_do_not_depend_on_threads() {
-        geom_core::testing::same_on_any_threads(|| {
-            sphere(Paint::Plain([90, 150, 200]))
-                .draw(&Rasterizer::Cpu, [120, 90])
-                .unwrap()
-        });
-    }
-
-    #[test]
-    fn views_are_right_handed() {
-        let points = [
-            Point3::origin(),
-            Point3::new(1.0, 5.0, 2.0),
-            Point3::new(0.0, 4.0, -3.0),
-            Point3::new(9.0, 1.0, 0.5),
-        ];
-        for view in [
-            View::principal(&points),
-            View::along_axes(&points),
-            View::principal(&points).turned(0.4, 0.3),
-            View::principal(&[]),
-        ] {
-            assert!((view.right.cross(&view.up) - view.toward).norm() < 1e-12);
-            assert!((view.toward.norm() - 1.0).abs() < 1e-12);
-        }
-        let turned = View::along_axes(&points).turned(0.0, 0.3);
-        assert!(
-            turned.toward.dot(&View::along_axes(&points).up) > 0.0,
-            "the eye moved up"
-        );
     }
 }

@@ -73,8 +73,13 @@ impl<'a> Frame<'a> {
     }
 
     fn corners(&self, triangle: u32) -> [[f32; 3]; 3] {
-        let (layer, _, face) = self.faces[triangle as usize];
-        face.map(|v| self.places[layer as usize][v as usize])
+        let (layer, _, [a, b, c]) = &self.faces[triangle as usize];
+        let places = &self.places[*layer as usize];
+        [
+            places[*a as usize],
+            places[*b as usize],
+            places[*c as usize],
+        ]
     }
 
     /// In clip space.
@@ -161,7 +166,16 @@ impl Light<'_> {
         // What this pixel's triangles send, and their colour in each painting.
         let (mut lit, mut colors): (Vec<Lit>, Vec<[f32; 3]>) = (Vec::new(), Vec::new());
         let mut sums = vec![[0.0f32; 3]; paintings.len()];
+        let air = |fy: usize| background(fy as f32 / self.frame.size[1] as f32);
+        let of_air = (0..FINE * FINE).map(|sub| air(y * FINE + sub / FINE));
+        let nothing = pixel(of_air.fold([0.0; 3], plus));
         for x in 0..width {
+            if self.is_empty(x, y) {
+                for p in 0..paintings.len() {
+                    bytes[3 * (p * width + x)..][..3].copy_from_slice(&nothing);
+                }
+                continue;
+            }
             lit.clear();
             colors.clear();
             sums.fill([0.0; 3]);
@@ -175,7 +189,7 @@ impl Light<'_> {
             for sub in 0..FINE * FINE {
                 let (fx, fy) = (x * FINE + sub % FINE, y * FINE + sub / FINE);
                 let here = fy * self.frame.size[0] + fx;
-                let air = background(fy as f32 / self.frame.size[1] as f32);
+                let air = air(fy);
                 let triangle = self.seen[here];
                 if triangle == u32::MAX {
                     sums.iter_mut().for_each(|sum| *sum = plus(*sum, air));
@@ -201,11 +215,16 @@ impl Light<'_> {
                 }
             }
             for (p, sum) in sums.iter().enumerate() {
-                let pixel = sum.map(|s| to_srgb(s / (FINE * FINE) as f32));
-                bytes[3 * (p * width + x)..][..3].copy_from_slice(&pixel);
+                bytes[3 * (p * width + x)..][..3].copy_from_slice(&pixel(*sum));
             }
         }
         bytes
+    }
+
+    /// Is there nothing in a pixel but air?
+    fn is_empty(&self, x: usize, y: usize) -> bool {
+        let start = |row: usize| (y * FINE + row) * self.frame.size[0] + x * FINE;
+        (0..FINE).all(|row| self.seen[start(row)..][..FINE] == [u32::MAX; FINE])
     }
 
     /// The light that a triangle sends from a sub-pixel; `open` is its openness, if known.
@@ -255,9 +274,10 @@ impl Light<'_> {
             Paint::Plain(color) => linear(*color),
             Paint::Faces(colors) => linear(colors[number as usize]),
             Paint::Vertices(colors) => {
-                let c = face.map(|v| linear(colors[v as usize]));
-                let b = lit.weights;
-                from_fn(|k| b[0] * c[0][k] + b[1] * c[1][k] + b[2] * c[2][k])
+                let [c, d, e] = face.map(|v| linear(colors[v as usize]));
+                let [u, v, w] = lit.weights;
+                let channel = |k: usize| u * c[k] + v * d[k] + w * e[k];
+                [channel(0), channel(1), channel(2)]
             }
         }
     }
@@ -284,8 +304,12 @@ impl Light<'_> {
                 continue;
             }
             let v = [dx, dy, z - here];
+            let above = v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2];
+            if above <= 0.0 {
+                continue;
+            }
             let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-            let above = (v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2]) / length;
+            let above = above / length;
             let near = 1.0 - (length / (1.6 * reach)).min(1.0);
             hidden += (above - 0.06).max(0.0) * near;
         }
@@ -308,18 +332,22 @@ impl Frame<'_> {
             s + normals[v as usize] * f64::from(w)
         });
         let axes = [self.view.right, -self.view.up, self.view.toward];
-        let n = unit(axes.map(|a| n.dot(&a) as f32));
-        if n[2] < 0.0 { n.map(|c| -c) } else { n }
+        toward_eye(unit(axes.map(|a| n.dot(&a) as f32)))
     }
 }
 
 impl Lit {
     /// Linear light that reaches the eye; `line` is how dark an edge is here.
     fn to_eye(&self, color: [f32; 3], line: f32, air: [f32; 3]) -> [f32; 3] {
-        from_fn(|k| {
-            let lit = (color[k] * self.light * (1.0 - line) + self.gleam).min(1.0);
-            lit + (air[k] - lit) * self.haze
-        })
+        let channel = |color: f32, air: f32| {
+            let lit = (color * self.light * (1.0 - line) + self.gleam).min(1.0);
+            lit + (air - lit) * self.haze
+        };
+        [
+            channel(color[0], air[0]),
+            channel(color[1], air[1]),
+            channel(color[2], air[2]),
+        ]
     }
 }
 
@@ -358,43 +386,57 @@ impl Edges {
 fn weights(c: &[[f32; 3]; 3], x: usize, y: usize) -> [f32; 3] {
     let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
     let cross = |a: &[f32; 3], b: &[f32; 3]| (a[0] - x) * (b[1] - y) - (a[1] - y) * (b[0] - x);
-    let w = [
+    let [u, v, w] = [
         cross(&c[1], &c[2]),
         cross(&c[2], &c[0]),
         cross(&c[0], &c[1]),
     ];
-    let area = w[0] + w[1] + w[2];
+    let area = u + v + w;
     if area.abs() < 1e-6 {
         return [1.0 / 3.0; 3];
     }
-    let w = w.map(|v| (v / area).max(0.0));
-    let sum = w[0] + w[1] + w[2];
-    w.map(|v| v / sum)
+    let [u, v, w] = [
+        (u / area).max(0.0),
+        (v / area).max(0.0),
+        (w / area).max(0.0),
+    ];
+    let sum = u + v + w;
+    [u / sum, v / sum, w / sum]
 }
 
 /// Unit normal of a triangle on the side of the eye.
 fn eye_normal([a, b, c]: &[[f32; 3]; 3]) -> [f32; 3] {
-    let (u, v): ([f32; 3], [f32; 3]) = (from_fn(|k| b[k] - a[k]), from_fn(|k| c[k] - a[k]));
+    let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+    let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
     let n = [
         u[1] * v[2] - u[2] * v[1],
         u[2] * v[0] - u[0] * v[2],
         u[0] * v[1] - u[1] * v[0],
     ];
-    let n = unit(n);
-    if n[2] < 0.0 { n.map(|c| -c) } else { n }
+    toward_eye(unit(n))
 }
 
-fn unit(v: [f32; 3]) -> [f32; 3] {
-    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+fn toward_eye([x, y, z]: [f32; 3]) -> [f32; 3] {
+    if z < 0.0 { [-x, -y, -z] } else { [x, y, z] }
+}
+
+fn unit([x, y, z]: [f32; 3]) -> [f32; 3] {
+    let length = (x * x + y * y + z * z).sqrt();
     if length > 0.0 {
-        v.map(|c| c / length)
+        [x / length, y / length, z / length]
     } else {
         [0.0, 0.0, 1.0]
     }
 }
 
 fn plus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    from_fn(|k| a[k] + b[k])
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// The colour of a pixel from the light of all its sub-pixels.
+fn pixel([r, g, b]: [f32; 3]) -> [u8; 3] {
+    let channel = |sum: f32| to_srgb(sum / (FINE * FINE) as f32);
+    [channel(r), channel(g), channel(b)]
 }
 
 /// White, a little darker towards the bottom.
@@ -422,7 +464,9 @@ fn linear(color: Rgb) -> [f32; 3] {
             }
         })
     });
-    color.map(|c| LIGHT[usize::from(c)])
+    let light: &[f32; 256] = &LIGHT;
+    let [r, g, b] = color.map(usize::from);
+    [light[r], light[g], light[b]]
 }
 
 fn to_srgb(c: f32) -> u8 {

@@ -79,35 +79,3 @@ pub fn slice(
     }
     image
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::picture::ColorMap;
-
-    struct Ball;
-    impl ImplicitField for Ball {
-        fn value(&self, x: &Point3) -> f64 {
-            2.0 - x.coords.norm()
-        }
-        fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
-            (self.value(x), -x.coords.normalize())
-        }
-    }
-
-    #[test]
-    fn the_isoline_is_a_circle_of_the_right_radius() {
-        let lattice = Lattice {
-            origin: Point3::new(-2.0, -2.0, -2.0),
-            spacing: 0.5,
-            counts: [9, 9, 9],
-        };
-        let scale = Scale::new(ColorMap::Viridis, [0.0, 2.0], "value");
-        let image = slice(&Ball, &lattice, 2, 0.5, 1.0, &scale, 400);
-        // Level 1 lies at radius 1: a quarter of the width from the middle.
-        let (cx, cy) = (16 + 200, 64 + 200);
-        assert_eq!(image.pixel(cx + 99, cy), [255; 3]);
-        assert_eq!(image.pixel(cx, cy - 100), [255; 3]);
-        assert_ne!(image.pixel(cx + 90, cy), [255; 3]);
-    }
-}

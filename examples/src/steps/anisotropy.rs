@@ -318,28 +318,3 @@ fn strokes(mesh: &TriMesh, gradient: &[Vector3]) -> crate::picture::Layer {
     });
     crosses::strips(segments, 0.1 * spacing)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn fields_are_read_as_they_are_written() {
-        for text in [
-            "mode:3",
-            "curvature",
-            "distance:1,-2.5,3",
-            "distance:name:XK2",
-            "distance:A,B:10-25",
-            "charge",
-        ] {
-            assert_eq!(source(text).unwrap().to_string(), text);
-        }
-        assert_eq!(source("distance:1,2,3"), Ok(Source::Point([1.0, 2.0, 3.0])));
-        for text in ["mode:0", "mode:x", "distance:", "distance:B:ten", ""] {
-            assert!(source(text).is_err(), "{text}");
-        }
-        assert_eq!(ramp("0.3,0.9"), Ok([0.3, 0.9]));
-        assert!(ramp("0.3").is_err() && ramp("a,b").is_err());
-    }
-}

@@ -37,7 +37,7 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// The tests of a crate: the program of its folder `tests`, and those beside its code.
+/// The tests of a crate: the program of its folder `tests`.
 pub(super) struct Trial<'a> {
     copy: &'a Copy,
     name: &'static str,
@@ -49,16 +49,6 @@ pub(super) struct Trial<'a> {
 const WITNESS: Duration = Duration::from_secs(300);
 /// Most time for all tests of a crate while nobody has timed them.
 const ALL: Duration = Duration::from_secs(3600);
-
-/// Which tests of a crate.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Tests {
-    /// Its folder `tests`. The whole workspace is named, so that other crates are built with the features that they
-    /// have everywhere.
-    Folder,
-    /// Those beside the code.
-    Inside,
-}
 
 impl<'a> Trial<'a> {
     /// Runs what will be asked without a fault, which must pass: the witnesses, and all tests only if a fault has none.
@@ -72,50 +62,41 @@ impl<'a> Trial<'a> {
             name,
             limit: ALL,
         };
-        for tests in [Tests::Folder, Tests::Inside] {
-            let witnesses = faults
-                .iter()
-                .filter_map(|fault| fault.witness.map(Tests::of));
-            let of_these = witnesses.filter(|(of, _)| *of == tests);
-            let asked: BTreeSet<&str> = of_these.map(|(_, test)| test).collect();
-            let asked = Vec::from_iter(asked);
-            if !asked.is_empty() {
-                trial.must_pass(tests, &asked)?;
-            }
+        let witnesses = faults.iter().filter_map(|fault| fault.witness);
+        let asked = Vec::from_iter(witnesses.collect::<BTreeSet<&str>>());
+        if !asked.is_empty() {
+            trial.must_pass(&asked)?;
         }
         if faults.iter().any(|fault| fault.witness.is_none()) {
             let start = Instant::now();
-            trial.must_pass(Tests::Folder, &[])?;
+            trial.must_pass(&[])?;
             trial.limit = 5 * start.elapsed() + Duration::from_secs(60);
         }
         Ok(trial)
     }
 
-    fn must_pass(&self, tests: Tests, only: &[&str]) -> Outcome {
-        match self.run(tests, only, self.limit)? {
+    fn must_pass(&self, only: &[&str]) -> Outcome {
+        match self.run(only, self.limit)? {
             Verdict::Survived => Ok(()),
             verdict => Err(format!("{} without a fault: {verdict}", self.name)),
         }
     }
 
-    /// What the tests say of a fault that is in place: its witness first, then all; those beside the code are asked only
-    /// where the others see nothing.
+    /// What the tests say of a fault that is in place: its witness first, then all.
     pub(super) fn verdict(&self, fault: &Fault) -> Result<Verdict, String> {
-        let mut verdict = match fault.witness.map(Tests::of) {
-            Some((tests, witness)) => self.run(tests, &[witness], WITNESS)?,
+        let seen = match fault.witness {
+            Some(witness) => self.run(&[witness], WITNESS)?,
             None => Verdict::Survived,
         };
-        for tests in [Tests::Folder, Tests::Inside] {
-            if matches!(verdict, Verdict::Survived) {
-                verdict = self.run(tests, &[], self.limit)?;
-            }
+        match seen {
+            Verdict::Survived => self.run(&[], self.limit),
+            seen => Ok(seen),
         }
-        Ok(verdict)
     }
 
-    /// Runs these tests, or only those of these names, until the first failure.
-    fn run(&self, tests: Tests, only: &[&str], limit: Duration) -> Result<Verdict, String> {
-        let program = self.build(tests)?;
+    /// Runs the tests, or only those of these names, until the first failure.
+    fn run(&self, only: &[&str], limit: Duration) -> Result<Verdict, String> {
+        let program = self.build()?;
         let folder = self.copy.folder().join("crates").join(self.name);
         let mut tests = Command::new(program);
         if !only.is_empty() {
@@ -129,18 +110,15 @@ impl<'a> Trial<'a> {
         first_failure(tests, limit, only.len())
     }
 
-    /// Builds the tests; gives the program.
-    fn build(&self, tests: Tests) -> Result<PathBuf, String> {
+    /// Builds the tests; gives the program. The whole workspace is named, so that other crates are built with the features
+    /// that they have everywhere.
+    fn build(&self) -> Result<PathBuf, String> {
         let program = format!("{}-tests", self.name);
-        let which = match tests {
-            Tests::Folder => vec!["--workspace", "--test", &program],
-            Tests::Inside => vec!["--package", self.name, "--all-features", "--lib"],
-        };
         let output = self
             .copy
             .cargo()
             .args(["test", "--no-run", "--quiet", "--message-format=json"])
-            .args(which)
+            .args(["--workspace", "--test", &program])
             .stderr(Stdio::inherit())
             .output()
             .map_err(|e| format!("cannot run cargo: {e}"))?;
@@ -161,16 +139,6 @@ impl<'a> Trial<'a> {
         built
             .map(PathBuf::from)
             .ok_or_else(|| format!("cargo built no tests of {}", self.name))
-    }
-}
-
-impl Tests {
-    /// Where a witness stands, and its name there.
-    fn of(witness: &'static str) -> (Self, &'static str) {
-        match witness.strip_prefix("lib ") {
-            Some(test) => (Self::Inside, test),
-            None => (Self::Folder, witness),
-        }
     }
 }
 

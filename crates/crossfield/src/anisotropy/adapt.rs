@@ -48,7 +48,7 @@ pub(crate) fn adapted(
 }
 
 /// Turns the crosses of these triangles towards the gradients of a map; whether any moved.
-fn turn(
+pub(crate) fn turn(
     frames: &Frames,
     field: &mut CrossField,
     free: &[usize],
@@ -81,7 +81,7 @@ fn turn(
 
 /// The angle by which a cross turns, from the gradients of u and v in the basis of its arms (Eqs. 4.11–4.12, the result made a
 /// unit vector again).
-fn turned_by([of_u, of_v]: &[[f64; 2]; 2], rate: f64) -> f64 {
+pub(crate) fn turned_by([of_u, of_v]: &[[f64; 2]; 2], rate: f64) -> f64 {
     let towards = |along: f64, aside: f64| {
         let length = along.hypot(aside);
         if length > 0.0 {
@@ -94,59 +94,4 @@ fn turned_by([of_u, of_v]: &[[f64; 2]; 2], rate: f64) -> f64 {
     let v = towards(of_v[1], -of_v[0]);
     let worse = if u[0].abs() < v[0].abs() { u } else { v };
     (rate * worse[1]).atan2(1.0 + rate * (worse[0] - 1.0))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use geom_core::mesh::shapes;
-    use geom_core::surface::laplace::EdgeWeights;
-    use geom_core::{Cpu, Run};
-
-    /// However far crosses turn, what they turn by around vertices adds up to the Euler characteristic.
-    #[test]
-    fn indices_of_turned_crosses_add_up() {
-        for (mesh, total) in [
-            (shapes::icosphere(1.0, 2), 8),
-            (shapes::torus(2.0, 0.7, 16, 8), 0),
-        ] {
-            let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
-            let options = crate::FieldOptions::default();
-            let mut field = crate::cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
-            let before = field.index.clone();
-            let jacobian = |f: usize| {
-                let (sine, cosine) = (0.7 * f as f64).sin_cos();
-                [[cosine, sine], [-sine, cosine]]
-            };
-            let relaxed = Relaxation {
-                jacobians: (0..frames.faces()).map(jacobian).collect(),
-                faults: 0,
-                energy: 0.0,
-            };
-            let free: Vec<usize> = (0..frames.faces()).step_by(3).collect();
-            assert!(turn(&frames, &mut field, &free, &relaxed, 0.9));
-            assert_eq!(field.index.iter().sum::<i32>(), total);
-            assert_ne!(field.index, before);
-            for (h, t) in frames.interior() {
-                assert_eq!(field.jump[h], -field.jump[t]);
-            }
-        }
-    }
-
-    /// A tenth of the way towards the gradient that is farther off.
-    #[test]
-    fn crosses_turn_towards_the_worse_gradient() {
-        let (sine, cosine) = 0.3f64.sin_cos();
-        let small = 0.1f64;
-        let expected = (0.1 * sine).atan2(1.0 + 0.1 * (cosine - 1.0));
-        // u is off by 0.3 to the left, v is right; then v is off by as much.
-        let u_off = [[cosine, sine], [0.0, 2.0]];
-        assert!((turned_by(&u_off, small) - expected).abs() < 1e-15);
-        let v_off = [[3.0, 0.0], [-sine, cosine]];
-        assert!((turned_by(&v_off, small) - expected).abs() < 1e-15);
-        assert_eq!(turned_by(&[[1.0, 0.0], [0.0, 1.0]], small), 0.0);
-        assert_eq!(turned_by(&[[0.0; 2], [0.0, 1.0]], small), 0.0);
-        // With a rate of one it is there at once.
-        assert!((turned_by(&u_off, 1.0) - 0.3).abs() < 1e-15);
-    }
 }

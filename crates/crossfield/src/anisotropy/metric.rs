@@ -171,7 +171,7 @@ impl Metric {
 }
 
 /// r where |∇F| is this share of its largest.
-fn ratio_at(steepness: f64, options: &Anisotropy) -> f64 {
+pub(crate) fn ratio_at(steepness: f64, options: &Anisotropy) -> f64 {
     let [low, high] = options.ramp;
     let part = if steepness <= low {
         0.0
@@ -184,46 +184,6 @@ fn ratio_at(steepness: f64, options: &Anisotropy) -> f64 {
 }
 
 /// The spacing along a direction with this cosine to ∇F.
-fn narrowed(ratio: f64, cosine: f64) -> f64 {
+pub(crate) fn narrowed(ratio: f64, cosine: f64) -> f64 {
     1.0 / (1.0 + (1.0 / (ratio * ratio) - 1.0) * cosine * cosine).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::Function;
-    use super::*;
-
-    #[test]
-    fn spacings_have_their_closed_forms() {
-        for ratio in [0.2, 0.5, 1.0] {
-            assert!((narrowed(ratio, 1.0) - ratio).abs() < 1e-15);
-            assert!((narrowed(ratio, -1.0) - ratio).abs() < 1e-15);
-            assert_eq!(narrowed(ratio, 0.0), 1.0);
-            let diagonal = (2.0 / (1.0 + 1.0 / (ratio * ratio))).sqrt();
-            assert!((narrowed(ratio, 0.5f64.sqrt()) - diagonal).abs() < 1e-15);
-            // The trace of the metric is the same in every frame.
-            for degrees in [0.0f64, 10.0, 33.0, 45.0, 80.0] {
-                let (sine, cosine) = degrees.to_radians().sin_cos();
-                let trace: f64 = [sine, cosine]
-                    .map(|c| narrowed(ratio, c).powi(-2))
-                    .iter()
-                    .sum();
-                assert!((trace - 1.0 - 1.0 / (ratio * ratio)).abs() < 1e-12);
-            }
-        }
-    }
-
-    #[test]
-    fn ratios_fall_along_the_ramp_and_jump_at_a_step() {
-        let mut options = Anisotropy::of(Function::Mode(1));
-        let at = |steepness, options: &Anisotropy| ratio_at(steepness, options);
-        assert_eq!(at(0.3, &options), 1.0);
-        assert_eq!(at(0.9, &options), 0.2);
-        assert!((at(0.6, &options) - 0.2f64.sqrt()).abs() < 1e-15);
-        options.ramp = [0.5, 0.5];
-        assert_eq!([at(0.5, &options), at(0.501, &options)], [1.0, 0.2]);
-        // Everywhere, but not where there is no gradient.
-        options.ramp = [0.0, 0.0];
-        assert_eq!([at(0.0, &options), at(1e-3, &options)], [1.0, 0.2]);
-    }
 }

@@ -8,6 +8,12 @@ pub use metric::{Metric, Misalignment, steepest};
 
 pub(crate) use adapt::adapted;
 pub(crate) use slope::{Slope, slopes};
+#[cfg(feature = "testing")]
+pub(crate) use {
+    adapt::{turn, turned_by},
+    metric::{narrowed, ratio_at},
+    slope::carried,
+};
 
 use geom_core::options::require;
 

@@ -101,7 +101,7 @@ impl Slope<'_> {
 }
 
 /// Values at the vertices of a mesh: those of the nearest points of the surface that has them.
-fn carried(
+pub(crate) fn carried(
     tree: &TriangleTree,
     from: &TriMesh,
     values: &[f64],
@@ -132,22 +132,4 @@ fn restricted(whole: &TriMesh, values: &[f64], part: &TriMesh, faces: &[u32]) ->
         }
     }
     own
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use geom_core::mesh::shapes;
-
-    #[test]
-    fn values_on_other_triangles_are_those_of_the_same_places() {
-        let mesh = shapes::icosphere(1.0, 3);
-        let height: Vec<f64> = mesh.positions().iter().map(|p| p.z).collect();
-        let tree = TriangleTree::new(&mesh).unwrap();
-        let other = shapes::icosphere(1.0, 2);
-        let there = carried(&tree, &mesh, &height, &other).unwrap();
-        for (p, z) in other.positions().iter().zip(there) {
-            assert!((p.z - z).abs() < 1e-12);
-        }
-    }
 }

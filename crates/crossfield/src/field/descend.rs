@@ -50,7 +50,7 @@ const MANY: usize = 128;
 const SELF: f64 = 0.453;
 
 /// Pairs nearer to each other than so many sides of a quad cost more.
-const NEAR: f64 = 2.0;
+pub(crate) const NEAR: f64 = 2.0;
 
 /// Angles and period jumps on their way down.
 pub(super) struct Descent<'a> {
@@ -491,21 +491,8 @@ impl<'a> Descent<'a> {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn near_pairs_cost_more() {
-        let price = Price {
-            far: 0.25,
-            near: 2.0,
-        };
-        assert_eq!(
-            [100.0, NEAR * 2.0, NEAR, 0.5 * NEAR].map(|d| price.at(d)),
-            [0.25, 0.25, 1.0, 4.0]
-        );
-        // Where the side of a quad does not matter.
-        assert_eq!(Price { near: 0.0, ..price }.at(1e-3), 0.25);
-    }
+/// [`Price::at`], for tests.
+#[cfg(feature = "testing")]
+pub(crate) fn price(far: f64, near: f64, distance: f64) -> f64 {
+    Price { far, near }.at(distance)
 }

@@ -11,6 +11,8 @@ pub mod singularity;
 pub(crate) mod smooth;
 pub(crate) mod solve;
 
+#[cfg(feature = "testing")]
+pub(crate) use descend::{NEAR, price};
 pub use field::{CrossField, FieldReport, Guide, Toward};
 pub use frames::Frames;
 pub use solve::cross_field;

@@ -7,6 +7,8 @@ mod isocontour;
 mod modes;
 
 pub use characteristic::Normalization;
+#[cfg(feature = "testing")]
+pub(crate) use modes::standing_apart;
 
 use geom_core::options::require;
 use geom_core::{TriMesh, Vector3};

@@ -50,7 +50,7 @@ pub(super) fn eigenfunctions(mesh: &TriMesh, modes: &Modes) -> Result<Vec<Mode>,
 /// How many of the lowest modes to take: the number before the largest ratio of neighbouring eigenvalues, at most
 /// [`MOST`]. A cluster of nearly equal ones, of which only the space is defined, is taken whole or not at all; the first
 /// mode of an elongated body stands alone.
-fn standing_apart(values: &[f64]) -> usize {
+pub(crate) fn standing_apart(values: &[f64]) -> usize {
     let most = MOST.min(values.len().saturating_sub(2));
     (1..=most)
         .max_by(|&a, &b| {
@@ -59,30 +59,4 @@ fn standing_apart(values: &[f64]) -> usize {
             ratio(a).total_cmp(&ratio(b)).then(b.cmp(&a))
         })
         .unwrap_or(values.len().saturating_sub(1))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn modes_are_taken_up_to_the_widest_gap() {
-        // An elongated body: its first mode stands alone.
-        assert_eq!(standing_apart(&[0.0, 1.0, 4.0, 4.4, 5.0, 5.5, 6.0, 6.5]), 1);
-        // A ball: three of one kind, then five of the next.
-        assert_eq!(
-            standing_apart(&[0.0, 2.0, 2.0, 2.0, 6.0, 6.0, 6.0, 6.0, 6.0]),
-            3
-        );
-        // Of equal gaps the first, and never more than six.
-        assert_eq!(
-            standing_apart(&[0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0]),
-            1
-        );
-        assert_eq!(
-            standing_apart(&[0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.1, 99.0]),
-            6
-        );
-        assert_eq!(standing_apart(&[0.0, 1.0]), 1);
-    }
 }

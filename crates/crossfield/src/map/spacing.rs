@@ -136,16 +136,3 @@ pub(crate) fn charts(
         })
         .collect()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn spacings_turn_with_the_arms() {
-        let of_faces = Spacing::PerFace(vec![[9.0; 2], [1.0, 2.0]]);
-        let turned = [0, 1, 2, 3].map(|comb| of_faces.of_face(1, comb));
-        assert_eq!(turned, [[1.0, 2.0], [2.0, 1.0], [1.0, 2.0], [2.0, 1.0]]);
-        assert_eq!(Spacing::Uniform(3.0).of_face(7, 1), [3.0; 2]);
-    }
-}

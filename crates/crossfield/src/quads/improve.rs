@@ -291,31 +291,11 @@ impl<'a> Flow<'a> {
 
 /// What the first and third side of a quad shall be long, and the others: the mean of all four, in the proportion that they have,
 /// but not farther apart than `narrowest`.
-fn lengths(p: &[Point3; 4], narrowest: f64) -> [f64; 2] {
+pub(crate) fn lengths(p: &[Point3; 4], narrowest: f64) -> [f64; 2] {
     let sides = (0..4).map(|k| (p[(k + 1) % 4] - p[k]).norm());
     let mean = sides.sum::<f64>() / 4.0;
     let [first, second] = mean_sides(p).map(|s| s.norm());
     let ratio = if first > 0.0 { first / second } else { 1.0 };
     let ratio = ratio.clamp(narrowest, narrowest.recip());
     [2.0 * ratio, 2.0].map(|part| mean * (part / (1.0 + ratio)))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A quad of 4 by 1 wants to stay one, as far as it may be narrow.
-    #[test]
-    fn narrow_quads_keep_their_proportions() {
-        let quad = [[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [0.0, 1.0]];
-        let quad = quad.map(|[x, y]| Point3::new(x, y, 0.0));
-        let near = |a: [f64; 2], b: [f64; 2]| (0..2).all(|k| (a[k] - b[k]).abs() < 1e-12);
-        assert!(near(lengths(&quad, 0.2), [4.0, 1.0]));
-        assert!(near(lengths(&quad, 0.5), [10.0 / 3.0, 5.0 / 3.0]));
-        assert_eq!(lengths(&quad, 1.0), [2.5; 2]);
-        let turned = [quad[1], quad[2], quad[3], quad[0]];
-        assert!(near(lengths(&turned, 0.2), [1.0, 4.0]));
-        // One without any side is no reason for NaN.
-        assert_eq!(lengths(&[Point3::origin(); 4], 0.2), [0.0; 2]);
-    }
 }

@@ -11,5 +11,7 @@ mod split;
 mod trace;
 
 pub use extract::{Extracted, SurfacePoint, extract};
+#[cfg(feature = "testing")]
+pub(crate) use improve::lengths;
 pub use ladder::{Quadrangulation, Report, quadrangulate};
 pub use rungs::{PartReport, Rung};

@@ -91,12 +91,13 @@ pub(super) fn check_surface(
     Ok(())
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::*;
 
-    #[test]
-    fn leaves_without_numbers_are_refused_whatever_the_memory() {
+    pub fn leaves_without_numbers_are_refused_whatever_the_memory() {
         assert_eq!(most_leaves(u64::MAX), NAMED_LEAVES);
         assert_eq!(most_leaves(4000), 100);
         let error = check_surface(1, 60_000_000, 0, u64::MAX).unwrap_err();

@@ -7,12 +7,12 @@ use crate::{AtBox, Error, Extent, Method, Options};
 use geom_core::mesh::{INTERIOR, Region};
 use geom_core::{ImplicitField, LatticeValues};
 
-mod memory;
+pub(crate) mod memory;
 mod raw;
 mod report;
 mod resolution;
 mod setup;
-mod stuffing;
+pub(crate) mod stuffing;
 mod surface;
 mod tile;
 mod trees;
@@ -207,8 +207,9 @@ impl Mesher<'_> {
     }
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+pub(crate) mod laws {
     use super::setup::site;
     use super::*;
     use crate::complex::{Cell, Corner, Interfaces};
@@ -278,8 +279,7 @@ mod tests {
 
     /// Leaves are simple if a flood along the edges of the complex reaches all of their corners of each
     /// label. Here the edges are found from all leaves, not from tables or neighbours.
-    #[test]
-    fn leaves_are_simple_as_a_flood_says() {
+    pub fn leaves_are_simple_as_a_flood_says() {
         let corner = |o: [i32; 3], s: i32, i: i32| [0, 1, 2].map(|k| o[k] + s * (i >> k & 1));
         // Simple and not, per size of the leaf.
         let mut seen = [[0; 2]; 4];
@@ -350,8 +350,7 @@ mod tests {
 
     /// On random labels, ambiguous everywhere: the parts of each region are those of the corners with
     /// its label in the graph of the complex's edges.
-    #[test]
-    fn parts_are_those_of_the_graph_of_the_complex() {
+    pub fn parts_are_those_of_the_graph_of_the_complex() {
         for (seed, density) in [(1u64, 0.2), (2, 0.35), (3, 0.6)] {
             let grid = noise(32, seed, density);
             let samples = plain(&grid);
@@ -408,8 +407,7 @@ mod tests {
 
     /// Two leaves that face each other across both halves of an edge are joined by a diagonal from one half alone:
     /// else four triangles would meet in it.
-    #[test]
-    fn a_diagonal_that_two_edges_want_is_given_to_one() {
+    pub fn a_diagonal_that_two_edges_want_is_given_to_one() {
         let (mut wanted, mut free) = (0, 0);
         for seed in 1..6 {
             let grid = noise(32, seed, 0.3);
@@ -470,8 +468,7 @@ mod tests {
     }
 
     /// A leaf is split where its error is above the tolerance, and not below it.
-    #[test]
-    fn leaves_are_split_at_the_tolerance() {
+    pub fn leaves_are_split_at_the_tolerance() {
         // A paraboloid whose level set passes the middle of the one block that there is.
         let lattice = Lattice {
             origin: Point3::origin(),

@@ -193,8 +193,10 @@ fn dual_vertex<const L: usize>(v: &[[f64; L]; 8], steps: u32) -> [[f64; L]; 3] {
     x
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::*;
     use proptest::prelude::*;
 
@@ -210,8 +212,7 @@ mod tests {
     }
 
     /// The lowest and the highest value at each of the places of a block, in blocks that follow each other.
-    #[test]
-    fn extremes_are_seen_wherever_they_stand() {
+    pub fn extremes_are_seen_wherever_they_stand() {
         let mut values = vec![0.5f32; BLOCK_POINTS * BLOCK_POINTS];
         for (place, block) in values.chunks_exact_mut(BLOCK_POINTS).enumerate() {
             block[place] = 3.0 + place as f32;
@@ -224,15 +225,12 @@ mod tests {
         }
     }
 
-    proptest! {
-        #![proptest_config(ProptestConfig {
-            rng_seed: proptest::test_runner::RngSeed::Fixed(3),
-            failure_persistence: None,
-            ..ProptestConfig::with_cases(48)
-        })]
-
-        #[test]
-        fn ranges_and_signs_are_those_of_each_value(values in blocks(), other in -0.5f32..1.5) {
+    pub fn ranges_and_signs_are_those_of_each_value() {
+        proptest!(ProptestConfig {
+                rng_seed: proptest::test_runner::RngSeed::Fixed(3),
+                failure_persistence: None,
+                ..ProptestConfig::with_cases(48)
+            }, |(values in blocks(), other in -0.5f32..1.5)| {
             let mut ranges = vec![[7.0; 2]; values.len() / BLOCK_POINTS];
             min_max(&values, &mut ranges);
             for (block, range) in values.chunks_exact(BLOCK_POINTS).zip(ranges) {
@@ -254,12 +252,17 @@ mod tests {
                     }
                 }
             }
-        }
+        });
+    }
 
-        #[test]
-        fn dual_vertices_are_those_of_the_specification(
+    pub fn dual_vertices_are_those_of_the_specification() {
+        proptest!(ProptestConfig {
+                rng_seed: proptest::test_runner::RngSeed::Fixed(3),
+                failure_persistence: None,
+                ..ProptestConfig::with_cases(48)
+            }, |(
             cells in prop::collection::vec(prop::array::uniform8(-1.0f32..1.0), 1..20),
-        ) {
+        )| {
             let mut out = vec![[0.0; 3]; cells.len()];
             dual_vertices(&cells, 4, &mut out);
             for (v, x) in cells.iter().zip(&out) {
@@ -268,6 +271,6 @@ mod tests {
                     prop_assert!((f64::from(x[k]) - exact[k]).abs() < 1e-6, "{x:?} {exact:?}");
                 }
             }
-        }
+        });
     }
 }

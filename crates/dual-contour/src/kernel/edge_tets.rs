@@ -72,19 +72,19 @@ impl<const N: usize> WithSimd for Margins<'_, N> {
     }
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+pub(crate) mod laws {
     use super::*;
     use geom_core::compute::lanes::Scalar;
     use proptest::prelude::*;
 
-    proptest! {
-        /// What lanes give is what machines without lanes give.
-        #[test]
-        fn volumes_are_the_same_in_any_lane(
+    /// What lanes give is what machines without lanes give.
+    pub fn volumes_are_the_same_in_any_lane() {
+        proptest!(|(
             corners in prop::array::uniform8(prop::array::uniform3(-1.0f64..1.0)),
             others in prop::array::uniform8(prop::array::uniform3(-1.0f64..1.0)),
-        ) {
+        )| {
             let rows = |x: &[[f64; 3]; 8]| [0, 1, 2].map(|k| x.map(|x| x[k]));
             let tets = EdgeTets {
                 a: rows(&corners),
@@ -96,6 +96,6 @@ mod tests {
             let narrow = Margins { tets: &tets, origin, x: &x, y: &y, least: &least };
             let narrow = narrow.with_simd(Scalar::new());
             prop_assert_eq!(tets.margins(origin, &x, &y, &least), narrow);
-        }
+        });
     }
 }

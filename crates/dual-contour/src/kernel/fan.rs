@@ -10,7 +10,7 @@ pub(crate) const NO_FAN: u8 = 2;
 
 /// The smallest squared sine of a dihedral angle, with the sign of the volume: larger is better, and
 /// positive means not inverted. As the equation reads; where corners are shared, so is the work.
-#[cfg(test)]
+#[cfg(feature = "testing")]
 pub(crate) fn sine(x: &[Point3; 4]) -> f64 {
     let [a, b, c, d] = x;
     let (u, v, w) = (b - a, c - a, d - a);
@@ -246,14 +246,15 @@ impl WithSimd for Fans<'_> {
     }
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::*;
     use geom_core::compute::lanes::Scalar;
     use proptest::prelude::*;
 
-    #[test]
-    fn the_regular_tetrahedron_has_seventy_degrees() {
+    pub fn the_regular_tetrahedron_has_seventy_degrees() {
         let p = [[1., 1., 1.], [-1., 1., -1.], [1., -1., -1.], [-1., -1., 1.]].map(Point3::from);
         let s = sine(&p);
         assert!(
@@ -264,9 +265,8 @@ mod tests {
         assert_eq!(sine(&[p[0], p[1], p[2], p[2]]), -1.0);
     }
 
-    proptest! {
-        #[test]
-        fn diagonals_are_best(points in prop::array::uniform4(prop::array::uniform3(0.01f64..0.99))) {
+    pub fn diagonals_are_best() {
+        proptest!(|(points in prop::array::uniform4(prop::array::uniform3(0.01f64..0.99)))| {
             let corner = [[-1.0, -1.0], [0.0, -1.0], [0.0, 0.0], [-1.0, 0.0]];
             let x: [Point3; 4] = std::array::from_fn(|q| {
                 Point3::new(points[q][0] + corner[q][0], points[q][1] + corner[q][1], points[q][2])
@@ -293,28 +293,30 @@ mod tests {
             prop_assert_eq!(diagonals(&wide), [start; LANES]);
             let narrow = Diagonals(&wide).with_simd(Scalar::new());
             prop_assert_eq!(narrow, vectorized(Diagonals(&wide)));
-        }
+        });
+    }
 
-        /// What lanes give is what machines without lanes give.
-        #[test]
-        fn fans_are_the_same_in_any_lane(
+    /// What lanes give is what machines without lanes give.
+    pub fn fans_are_the_same_in_any_lane() {
+        proptest!(|(
             n in 3..=MOST,
             corners in prop::array::uniform8(prop::array::uniform3(-1.0f64..1.0)),
             others in prop::array::uniform8(prop::array::uniform3(-1.0f64..1.0)),
-        ) {
+        )| {
             let seen = [corners, others].map(|x| {
                 [0, 1, 2].map(|k| std::array::from_fn(|i| x[i % n][k]))
             });
             let narrow = Fans(&seen, n).with_simd(Scalar::new());
             prop_assert_eq!(&fans(&seen, n)[..n], &narrow[..n]);
-        }
+        });
+    }
 
-        #[test]
-        fn fans_are_best(
+    pub fn fans_are_best() {
+        proptest!(|(
             n in 3usize..=MOST,
             steps in prop::array::uniform8(prop::array::uniform3(0.1f64..0.9)),
             reserved in prop::option::of(0u8..2),
-        ) {
+        )| {
             let (a, b) = (Point3::origin(), Point3::new(0.0, 0.0, 1.0));
             let reserved = reserved.filter(|_| n == 4);
             let x: Vec<Point3> = (0..n)
@@ -339,6 +341,6 @@ mod tests {
                 None => prop_assert!(most < 1e-12, "{all:?}"),
                 Some(s) => prop_assert!(all[s] > 0.0 && all[s] >= most * (1.0 - 1e-8), "{all:?}, not {s}"),
             }
-        }
+        });
     }
 }

@@ -4,9 +4,9 @@
 
 use geom_core::compute::lanes::{Lanes, Simd, Vectors, dot};
 
-mod cells;
-mod edge_tets;
-mod fan;
+pub(crate) mod cells;
+pub(crate) mod edge_tets;
+pub(crate) mod fan;
 
 pub(crate) use cells::{all_finite, crossings, dual_vertices, min_max};
 pub(crate) use edge_tets::{EdgeTets, Rows};

@@ -3,11 +3,11 @@
 
 mod domain;
 mod field;
-mod points;
-mod samples;
-mod sizing;
+pub(crate) mod points;
+pub(crate) mod samples;
+pub(crate) mod sizing;
 mod source;
-mod tree;
+pub(crate) mod tree;
 
 pub(crate) use domain::{Domain, Labels, exact, local};
 pub use field::FieldSamples;
@@ -15,6 +15,6 @@ pub(crate) use points::{PointMarks, PointSet};
 pub(crate) use samples::Samples;
 pub(crate) use sizing::splits;
 pub(crate) use source::Source;
-#[cfg(test)]
+#[cfg(feature = "testing")]
 pub(crate) use tree::BLOCK_LOG;
 pub(crate) use tree::{BLOCK, Leaf, NONE, Octree, Splits, TooManyLeaves, block_index, corner_of};

@@ -94,15 +94,15 @@ impl PointSet {
     }
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::*;
     use proptest::prelude::*;
 
-    proptest! {
-        #![proptest_config(geom_core::testing::cases(24))]
-        #[test]
-        fn points_are_numbered_in_order(points in prop::collection::btree_set(prop::array::uniform3(0..20i32), 0..60)) {
+    pub fn points_are_numbered_in_order() {
+        proptest!(geom_core::testing::cases(24), |(points in prop::collection::btree_set(prop::array::uniform3(0..20i32), 0..60))| {
             let marks = PointMarks::new([19, 19, 19]);
             for p in &points { marks.mark(*p); }
             let set = marks.finish();
@@ -113,6 +113,6 @@ mod tests {
                 prop_assert!(points.contains(p));
                 prop_assert_eq!(set.rank(*p) as usize, i);
             }
-        }
+        });
     }
 }

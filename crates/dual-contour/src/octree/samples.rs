@@ -10,7 +10,7 @@ use super::tree::{BLOCK, BLOCK_LOG, block_index, corner_of};
 use crate::Error;
 use crate::kernel::{self, BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE};
 
-mod prune;
+pub(crate) mod prune;
 mod read;
 
 use read::{Found, Known, OpenBlock, Reader, Scratch, known_blocks};

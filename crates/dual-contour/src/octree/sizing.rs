@@ -222,8 +222,10 @@ pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
     out
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::*;
 
     /// On the half lattice of the unit cube.
@@ -234,14 +236,12 @@ mod tests {
         })
     }
 
-    #[test]
-    fn trilinear_fields_have_no_error() {
+    pub fn trilinear_fields_have_no_error() {
         let f = on_half_lattice(|x, y, z| 1.0 + 2.0 * x - y + 3.0 * x * y * z - y * z);
         assert!(feature_error(&f, 0.5, ErrorNorm::Sum) < 1e-14);
     }
 
-    #[test]
-    fn a_parabola_has_the_error_worked_out_by_hand() {
+    pub fn a_parabola_has_the_error_worked_out_by_hand() {
         // f = x²: the interpolant is x with gradient 1; 9 of the 19 points have x = 1/2, where the
         // difference is 1/4.
         let f = on_half_lattice(|x, _, _| x * x);

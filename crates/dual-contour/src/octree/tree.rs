@@ -446,8 +446,10 @@ fn two_to_four() -> [u64; 64] {
     })
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::*;
     use proptest::prelude::*;
 
@@ -520,26 +522,22 @@ mod tests {
         });
     }
 
-    proptest! {
-        #![proptest_config(geom_core::testing::cases(24))]
-        #[test]
-        fn the_tree_is_the_coarsest_balanced_one(
+    pub fn the_tree_is_the_coarsest_balanced_one() {
+        proptest!(geom_core::testing::cases(24), |(
             cells in prop::array::uniform3(3..40i32),
             asked in prop::collection::vec(prop::array::uniform3(0.0..1.0f64), 1..4),
-        ) {
+        )| {
             check_tree(cells, &asked);
-        }
+        });
     }
 
-    proptest! {
-        #![proptest_config(geom_core::testing::cases(6))]
-        /// Large enough for leaves of 16 cells and more, which are balanced level by level.
-        #[test]
-        fn large_leaves_are_balanced_too(
+    /// Large enough for leaves of 16 cells and more, which are balanced level by level.
+    pub fn large_leaves_are_balanced_too() {
+        proptest!(geom_core::testing::cases(6), |(
             sizes in prop::array::uniform3(2..5i32),
             asked in prop::collection::vec(prop::array::uniform3(0.0..1.0f64), 1..3),
-        ) {
+        )| {
             check_tree(sizes.map(|n| 32 * n), &asked);
-        }
+        });
     }
 }

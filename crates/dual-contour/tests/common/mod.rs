@@ -1,8 +1,6 @@
 //! Inputs, and an independent judge of meshes, for the tests of this crate.
 #![allow(dead_code, reason = "each test file uses its part")]
 
-use std::collections::{BTreeMap, BTreeSet};
-
 use dual_contour::geom_core::mesh::{INTERIOR, Region, six_volume};
 use dual_contour::geom_core::{
     Cpu, ImplicitField, Lattice, Point3, Run, ScalarGrid, TetMesh, TriMesh, Vector3,
@@ -87,32 +85,32 @@ pub(crate) struct Faults {
 }
 
 pub(crate) fn faults(triangles: &[[u32; 3]]) -> Faults {
-    let mut directed: BTreeMap<(u32, u32), u32> = BTreeMap::new();
-    for t in triangles {
-        for k in 0..3 {
-            *directed.entry((t[k], t[(k + 1) % 3])).or_default() += 1;
-        }
-    }
+    let corners = || triangles.iter().flat_map(|t| (0..3).map(move |k| (t, k)));
+    let directed = corners().map(|(t, k)| (t[k], t[(k + 1) % 3]));
+    let mut directed: Vec<(u32, u32)> = directed.collect();
+    directed.sort_unstable();
+    let times = |edge: (u32, u32)| {
+        let first = directed.partition_point(|e| *e < edge);
+        directed[first..].iter().take_while(|e| **e == edge).count()
+    };
     let edges = directed
-        .iter()
-        .filter(|&(&(a, b), &n)| n != 1 || directed.get(&(b, a)) != Some(&1))
+        .chunk_by(|a, b| a == b)
+        .filter(|same| same.len() != 1 || times((same[0].1, same[0].0)) != 1)
         .count();
-    let mut around: BTreeMap<u32, Vec<(u32, u32)>> = BTreeMap::new();
-    for t in triangles {
-        for k in 0..3 {
-            around
-                .entry(t[k])
-                .or_default()
-                .push((t[(k + 1) % 3], t[(k + 2) % 3]));
-        }
-    }
+    // Corners by their vertex, each with the side across.
+    let around = corners().map(|(t, k)| (t[k], t[(k + 1) % 3], t[(k + 2) % 3]));
+    let mut around: Vec<(u32, u32, u32)> = around.collect();
+    around.sort_unstable();
     let vertices = around
-        .values()
+        .chunk_by(|a, b| a.0 == b.0)
         .filter(|links| {
-            let next: BTreeMap<u32, u32> = links.iter().copied().collect();
-            let first = links[0].0;
+            let next = |from: u32| {
+                let found = links.binary_search_by_key(&from, |link| link.1);
+                found.ok().map(|i| links[i].2)
+            };
+            let first = links[0].1;
             let (mut at, mut steps) = (first, 0);
-            while let Some(&to) = next.get(&at) {
+            while let Some(to) = next(at) {
                 at = to;
                 steps += 1;
                 if at == first || steps > links.len() {
@@ -158,38 +156,53 @@ pub(crate) fn components<const N: usize>(elements: &[[u32; N]]) -> usize {
             group[a] = b;
         }
     }
-    let used: BTreeSet<usize> = elements
-        .iter()
-        .flatten()
-        .map(|&v| root(&mut group, v as usize))
-        .collect();
-    used.len()
+    let used = elements.iter().flatten();
+    distinct(used.map(|&v| root(&mut group, v as usize)))
+}
+
+/// How many there are when each is counted once.
+fn distinct<T: Ord>(of: impl Iterator<Item = T>) -> usize {
+    let mut of: Vec<T> = of.collect();
+    of.sort_unstable();
+    of.dedup();
+    of.len()
 }
 
 /// Vertices − edges + faces − cells.
 pub(crate) fn euler_of_tets(tets: &[[u32; 4]]) -> i64 {
-    let mut vertices = BTreeSet::new();
-    let mut edges = BTreeSet::new();
-    let mut faces = BTreeSet::new();
-    for t in tets {
-        let mut t = *t;
-        t.sort_unstable();
-        for i in 0..4 {
-            vertices.insert(t[i]);
-            for j in i + 1..4 {
-                edges.insert((t[i], t[j]));
-                for k in j + 1..4 {
-                    faces.insert((t[i], t[j], t[k]));
-                }
-            }
-        }
-    }
-    vertices.len() as i64 - edges.len() as i64 + faces.len() as i64 - tets.len() as i64
+    let sorted = || {
+        tets.iter().map(|t| {
+            let mut t = *t;
+            t.sort_unstable();
+            t
+        })
+    };
+    let vertices = distinct(tets.iter().flatten());
+    let edges = distinct(
+        sorted().flat_map(|[a, b, c, d]| [(a, b), (a, c), (a, d), (b, c), (b, d), (c, d)]),
+    );
+    let faces =
+        distinct(sorted().flat_map(|[a, b, c, d]| [(a, b, c), (a, b, d), (a, c, d), (b, c, d)]));
+    vertices as i64 - edges as i64 + faces as i64 - tets.len() as i64
+}
+
+/// The faces of tetrahedra, seen from outside, in the order of their sorted corners, which come first.
+fn faces_of<'a>(tets: impl Iterator<Item = &'a [u32; 4]>) -> Vec<((u32, u32, u32), [u32; 3])> {
+    let faces = tets.flat_map(|t| {
+        [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]].map(|[i, j, k]| {
+            let face = [t[i], t[j], t[k]];
+            let mut key = face;
+            key.sort_unstable();
+            ((key[0], key[1], key[2]), face)
+        })
+    });
+    let mut faces: Vec<_> = faces.collect();
+    faces.sort_unstable();
+    faces
 }
 
 /// Positive volumes; every face on at most two tetrahedra, from opposite sides.
 pub(crate) fn assert_conforming(mesh: &TetMesh) {
-    let mut faces: BTreeMap<[u32; 3], Vec<bool>> = BTreeMap::new();
     for (i, t) in mesh.tets().iter().enumerate() {
         let v = six_volume(mesh.corners(i));
         assert!(
@@ -198,20 +211,15 @@ pub(crate) fn assert_conforming(mesh: &TetMesh) {
             mesh.regions()[i],
             v / 6.0
         );
-        for f in [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]] {
-            let face = f.map(|k| t[k]);
-            let mut key = face;
-            key.sort_unstable();
-            let even = face == key
-                || [face[1], face[2], face[0]] == key
-                || [face[2], face[0], face[1]] == key;
-            faces.entry(key).or_default().push(even);
-        }
     }
-    for (face, sides) in faces {
+    let is_even = |((a, b, c), face): &((u32, u32, u32), [u32; 3])| {
+        [[*a, *b, *c], [*b, *c, *a], [*c, *a, *b]].contains(face)
+    };
+    for sides in faces_of(mesh.tets().iter()).chunk_by(|a, b| a.0 == b.0) {
         assert!(
-            sides.len() == 1 || sides.len() == 2 && sides[0] != sides[1],
-            "face {face:?} is on {} tetrahedra",
+            sides.len() == 1 || sides.len() == 2 && is_even(&sides[0]) != is_even(&sides[1]),
+            "face {:?} is on {} tetrahedra",
+            sides[0].0,
             sides.len()
         );
     }
@@ -219,37 +227,26 @@ pub(crate) fn assert_conforming(mesh: &TetMesh) {
 
 /// The boundary of the tetrahedra of a region, seen from outside of it.
 pub(crate) fn boundary_of(mesh: &TetMesh, region: Region) -> Vec<[u32; 3]> {
-    let mut faces: BTreeMap<[u32; 3], Vec<[u32; 3]>> = BTreeMap::new();
-    for (t, _) in mesh
-        .tets()
-        .iter()
-        .zip(mesh.regions())
-        .filter(|(_, r)| **r == region)
-    {
-        for f in [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]] {
-            let face = f.map(|k| t[k]);
-            let mut key = face;
-            key.sort_unstable();
-            faces.entry(key).or_default().push(face);
-        }
-    }
+    let tets = mesh.tets().iter().zip(mesh.regions());
+    let faces = faces_of(tets.filter(|(_, r)| **r == region).map(|(t, _)| t));
     faces
-        .into_values()
-        .filter(|v| v.len() == 1)
-        .map(|v| v[0])
+        .chunk_by(|a, b| a.0 == b.0)
+        .filter(|sides| sides.len() == 1)
+        .map(|sides| sides[0].1)
         .collect()
 }
 
 /// Triangles as positions, in an order that does not depend on numbering.
-pub(crate) fn geometry(positions: &[Point3], triangles: &[[u32; 3]]) -> BTreeSet<[[u64; 3]; 3]> {
-    triangles
-        .iter()
-        .map(|t| {
-            let p = t.map(|v| [0, 1, 2].map(|k| positions[v as usize][k].to_bits()));
-            let first = (0..3).min_by_key(|&i| p[i]).unwrap();
-            [0, 1, 2].map(|i| p[(first + i) % 3])
-        })
-        .collect()
+pub(crate) fn geometry(positions: &[Point3], triangles: &[[u32; 3]]) -> Vec<[[u64; 3]; 3]> {
+    let turned = triangles.iter().map(|t| {
+        let p = t.map(|v| [0, 1, 2].map(|k| positions[v as usize][k].to_bits()));
+        let first = (0..3).min_by_key(|&i| p[i]).unwrap();
+        [0, 1, 2].map(|i| p[(first + i) % 3])
+    });
+    let mut turned: Vec<_> = turned.collect();
+    turned.sort_unstable();
+    turned.dedup();
+    turned
 }
 
 pub(crate) fn volume_of(mesh: &TetMesh, region: Region) -> f64 {

@@ -507,147 +507,17 @@ impl Greedy {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::kernel::plain::value;
-    use crate::model::reach::Reach;
-    use crate::testing::models;
-    use geom_core::Aabb;
-    use proptest::prelude::*;
-    use proptest::test_runner::{Config, RngSeed, TestRunner};
-
-    /// Points of a box: its corners, its centre, and some in between.
-    fn points_in(cell: &Aabb) -> Vec<Point3> {
-        let shares = [
-            [0.5, 0.5, 0.5],
-            [0.31, 0.77, 0.12],
-            [0.83, 0.24, 0.61],
-            [0.05, 0.48, 0.93],
-        ];
-        let corners = (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(f64::from));
-        corners
-            .chain(shares)
-            .map(|s| {
-                let e = cell.extent();
-                cell.min + Vector3::new(s[0] * e.x, s[1] * e.y, s[2] * e.z)
-            })
-            .collect()
-    }
-
-    /// The bound that everything rests on: `(1 − ε) G ≤ G̃ ≤ G` wherever `G` reaches the floor, for 10,000
-    /// random trees, boxes and budgets; and bounds of a box are above what is in it.
-    #[test]
-    fn culls_never_break_their_bound() {
-        let cases = (
-            models(),
-            prop::array::uniform3(-9.0..9.0f64),
-            prop::array::uniform3(0.3..5.0f64),
-            -4.0..-1.0f64,
-            -3.0..0.0f64,
-        );
-        let worst = std::cell::Cell::new((0.0f64, 0u64, 0u64));
-        let config = Config {
-            cases: 10_000,
-            failure_persistence: None,
-            // The same trees every time: this test is a measurement too.
-            rng_seed: RngSeed::Fixed(3),
-            ..Config::default()
-        };
-        TestRunner::new(config)
-            .run(&cases, |(model, corner, extent, ln_eps, ln_floor)| {
-                let (eps, floor) = (10f64.powf(ln_eps), 10f64.powf(ln_floor));
-                let tree = Prepared::new(&model);
-                let all: Vec<u32> = (0..model.atoms() as u32).collect();
-                let low = Point3::from(corner);
-                let cell = Aabb::new(low, low + Vector3::from(extent));
-                let (mut kept, mut scratch) = (ActiveSet::default(), Scratch::default());
-                let up = ActiveSet::gather(&tree, &all).cull_into(
-                    &(&cell).into(),
-                    eps,
-                    floor,
-                    &mut scratch,
-                    &mut kept,
-                );
-                // The single radius, on the same footing.
-                let radius = Reach::new(&model, &tree.levels).radius(eps, floor);
-                let near: Vec<u32> = all
-                    .iter()
-                    .copied()
-                    .filter(|&a| {
-                        cell.distance_squared(&model.centers()[a as usize]) <= radius * radius
-                    })
-                    .collect();
-                for x in points_in(&cell) {
-                    let exact = value(&tree, all.iter().copied(), &x);
-                    // Denormal numbers have no logarithm to speak of.
-                    let normal = exact > 1e-300;
-                    prop_assert!(!normal || exact.ln() <= up + 1e-9, "up {up}, {exact:e}");
-                    for atoms in [&kept.atom, &near] {
-                        let got = value(&tree, atoms.iter().copied(), &x);
-                        prop_assert!(got <= exact * (1.0 + 1e-12));
-                        if exact >= floor {
-                            let share = (1.0 - got / exact) / eps;
-                            prop_assert!(share <= 1.0 + 1e-9, "lost {share} of what is allowed");
-                            let (most, checks, dropped) = worst.get();
-                            let fewer = u64::from(atoms.len() < all.len());
-                            worst.set((most.max(share), checks + 1, dropped + fewer));
-                        }
-                    }
-                }
-                Ok(())
-            })
-            .unwrap();
-        let (most, checks, dropped) = worst.get();
-        #[expect(
-            clippy::print_stdout,
-            reason = "the margin of the bound is worth seeing"
-        )]
-        {
-            println!(
-                "cull: worst observed/allowed {most:.3} over {checks} points, {dropped} with atoms dropped"
-            );
-        }
-        assert!(checks > 50_000 && dropped > 20_000 && most > 0.01);
-    }
-
-    /// The maximum of a difference of power distances over a box is above samples of it, and is reached.
-    #[test]
-    fn brackets_are_exact() {
-        let case = (
-            prop::array::uniform2((
-                prop::array::uniform3(-4.0..4.0f64),
-                0.0..2.0f64,
-                0.1..2.0f64,
-            )),
-            0.05..3.0f64,
-            prop::array::uniform3(0.2..3.0f64),
-        );
-        proptest!(ProptestConfig { failure_persistence: None, rng_seed: RngSeed::Fixed(7), ..ProptestConfig::with_cases(2000) },
-            |((atoms, w, extent) in case)| {
-            let centers = atoms.iter().map(|a| Point3::from(a.0)).collect();
-            let radii = atoms.iter().map(|a| a.1).collect();
-            let decays = atoms.iter().map(|a| a.2).collect();
-            let model = crate::Model::new(centers, radii, decays, vec![]).unwrap();
-            let tree = Prepared::new(&model);
-            let members = ActiveSet::gather(&tree, &[0, 1]);
-            let cell = Aabb::new(Point3::origin(), Point3::from(extent));
-            let mut scratch = Scratch::default();
-            let own = (&cell).into();
-            scratch.prepare(&members, &own);
-            let cull = Cull { members: &members, cell: &own, scratch: &mut scratch };
-            let bound = cull.bracket(0, w, 1);
-            let mut most = f64::NEG_INFINITY;
-            for i in 0..17usize.pow(3) {
-                let s = [i % 17, i / 17 % 17, i / 289].map(|k| k as f64 / 16.0);
-                let x = Point3::new(s[0] * extent[0], s[1] * extent[1], s[2] * extent[2]);
-                let difference = -w * tree.ln_kernel(1, &x) + tree.ln_kernel(0, &x);
-                prop_assert!(difference <= bound + 1e-6);
-                most = most.max(difference);
-            }
-            // Curvature times the square of half a step of the samples.
-            let step = extent.iter().copied().fold(0.0, f64::max) / 32.0;
-            prop_assert!(bound - most <= 3.0 * 8.0 * step * step + 1e-6);
-        });
-    }
+/// [`Cull::bracket`] of two atoms in a box, for tests.
+#[cfg(feature = "testing")]
+pub(crate) fn bracket(tree: &Prepared<'_>, cell: &geom_core::Aabb, atoms: [u32; 2], w: f64) -> f64 {
+    let members = ActiveSet::gather(tree, &atoms);
+    let mut scratch = Scratch::default();
+    let cell = cell.into();
+    scratch.prepare(&members, &cell);
+    let cull = Cull {
+        members: &members,
+        cell: &cell,
+        scratch: &mut scratch,
+    };
+    cull.bracket(0, w, 1)
 }

@@ -387,7 +387,7 @@ fn sample(
 
 /// `x`, `y` and `z` of the middles of the bricks of an eighth, from its own middle.
 #[inline(always)]
-fn middles(spacing: f32) -> [Lanes; 3] {
+pub(crate) fn middles(spacing: f32) -> [Lanes; 3] {
     const APART: f32 = BRICK as f32 / 2.0;
     let mut middles = [[-APART * spacing; LANES]; 3];
     for (k, of_axis) in middles.iter_mut().enumerate() {
@@ -827,56 +827,17 @@ fn move_raised(from: &mut [f32], to: &mut [f32], power: f32, lift: f32) {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use geom_core::compute::random::SplitMix64;
-
-    /// The bound by which one atom outweighs another all over a brick is above their difference at every point of
-    /// it, for decays that differ by a factor of up to 20.
-    #[test]
-    fn no_difference_of_two_atoms_in_a_brick_is_above_its_bound() {
-        let mut random = SplitMix64::new(11);
-        let mut bent = 0;
-        for _ in 0..2000 {
-            let spacing = (0.2 + random.unit()) as f32;
-            let mut atom = || {
-                let offset = [(); 3].map(|()| 8.0 * random.symmetric() as f32);
-                let decay = (0.1 + 1.9 * random.unit()) as f32;
-                let top = 3.0 * random.unit() as f32;
-                (offset, decay, top)
-            };
-            let both = [atom(), atom()];
-            let middles = middles(spacing);
-            let exponent = |(offset, decay, top): ([f32; 3], f32, f32), x: [f32; 3]| {
-                let squares = [0, 1, 2].map(|k| (x[k] - offset[k]) * (x[k] - offset[k]));
-                top - decay * (squares[0] + squares[1] + squares[2])
-            };
-            let atoms = Atoms {
-                decay: both.iter().map(|a| a.1).collect(),
-                ..Atoms::default()
-            };
-            let [own, other] = [0, 1].map(|i| {
-                let at_middle =
-                    std::array::from_fn(|l| exponent(both[i], [0, 1, 2].map(|k| middles[k][l])));
-                atoms.about(i, 1.0, &both[i].0, &at_middle, &middles)
-            });
-            let bound = own.most_beside(&other, 3.5 * spacing);
-            for lane in 0..LANES {
-                let mut most = f32::NEG_INFINITY;
-                for p in 0..BRICK_POINTS {
-                    let at = [p % BRICK, p / BRICK % BRICK, p / (BRICK * BRICK)];
-                    let x = [0, 1, 2].map(|k| middles[k][lane] + (at[k] as f32 - 3.5) * spacing);
-                    most = most.max(exponent(both[0], x) - exponent(both[1], x));
-                }
-                let slack = 1e-3 + 1e-5 * most.abs();
-                assert!(bound[lane] >= most - slack, "{} below {most}", bound[lane]);
-                // Without the bend of unequal decays the bound would fail here.
-                let straight =
-                    bound[lane] - 3.0 * (3.5 * spacing).powi(2) * (both[1].1 - both[0].1).max(0.0);
-                bent += u32::from(straight < most - slack);
-            }
-        }
-        assert!(bent > 1000, "{bent} bricks in which the bend decides");
-    }
+/// [`About::most_beside`] of two atoms, for tests.
+#[cfg(feature = "testing")]
+pub(crate) fn most_beside(atoms: [([f32; 3], f32, Lanes); 2], spacing: f32) -> Lanes {
+    let middles = middles(spacing);
+    let both = Atoms {
+        decay: atoms.iter().map(|atom| atom.1).collect(),
+        ..Atoms::default()
+    };
+    let [own, other] = [0, 1].map(|i| {
+        let (offset, _, at_middle) = &atoms[i];
+        both.about(i, 1.0, offset, at_middle, &middles)
+    });
+    own.most_beside(&other, 3.5 * spacing)
 }

@@ -150,31 +150,3 @@ fn sum_of<const SLOPES: bool>(
     }
     (sum, gradient)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::kernel::plain;
-    use crate::testing::models;
-    use proptest::prelude::*;
-
-    /// The same as the specification, for random trees.
-    #[test]
-    fn follows_the_plain_density() {
-        let config = ProptestConfig {
-            failure_persistence: None,
-            rng_seed: proptest::test_runner::RngSeed::Fixed(11),
-            ..ProptestConfig::with_cases(2000)
-        };
-        proptest!(config, |((model, x) in (models(), prop::array::uniform3(-9.0..9.0f64)))| {
-            let tree = Prepared::new(&model);
-            let all: Vec<u32> = (0..model.atoms() as u32).collect();
-            let x = Point3::from(x);
-            let (g, slope) = plain::value_gradient(&tree, all.iter().copied(), &x);
-            let (got, got_slope) = value_gradient(&tree, &all, &x);
-            prop_assert!((got - g).abs() <= 1e-12 * g + 1e-290, "{got:e} for {g:e}");
-            prop_assert!((got_slope - slope).norm() <= 1e-11 * (slope.norm() + g) + 1e-290);
-            prop_assert_eq!(value(&tree, &all, &x).to_bits(), got.to_bits());
-        });
-    }
-}

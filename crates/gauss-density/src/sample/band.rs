@@ -210,46 +210,22 @@ impl Band {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Two bricks along an axis, a stored one and an interior one, with one value below 1 in a layer of the stored one.
-    fn pair(axis: usize, interior_is_upper: bool, layer: usize) -> Band {
-        let mut bricks = [1; 3];
-        bricks[axis] = 2;
-        let mut kinds = vec![Brick::Stored(0), Brick::Interior];
-        if !interior_is_upper {
-            kinds.reverse();
-        }
-        let mut values = [1.5; BRICK_POINTS];
-        let mut at = [3, 4, 5];
-        at[axis] = layer;
-        values[(at[2] * BRICK + at[1]) * BRICK + at[0]] = 0.9;
-        Band {
-            range: Bricks {
-                low: [0; 3],
-                high: bricks,
-            },
-            of: bricks,
-            kinds,
-            values: vec![values],
-            pairs: 0,
-        }
-    }
-
-    #[test]
-    fn an_interior_brick_is_crossed_from_either_side_on_every_axis() {
-        for axis in 0..3 {
-            for (interior_is_upper, facing, bit) in [(true, BRICK - 1, 2), (false, 0, 1)] {
-                let crossed = pair(axis, interior_is_upper, facing).crossed();
-                assert_eq!(crossed, BTreeMap::from([([0; 3], bit)]), "axis {axis}");
-                // A value below 1 that does not face it is no crossing of an edge between them.
-                for layer in (0..BRICK).filter(|&l| l != facing) {
-                    let beside = pair(axis, interior_is_upper, layer).crossed();
-                    assert!(beside.is_empty(), "axis {axis}, layer {layer}");
-                }
-            }
-        }
-    }
+/// [`Band::crossed`] of a band with one stored brick, for tests.
+#[cfg(feature = "testing")]
+pub(crate) fn crossed(
+    bricks: [usize; 3],
+    kinds: Vec<Brick>,
+    values: [f32; BRICK_POINTS],
+) -> BTreeMap<[usize; 3], u64> {
+    let band = Band {
+        range: Bricks {
+            low: [0; 3],
+            high: bricks,
+        },
+        of: bricks,
+        kinds,
+        values: vec![values],
+        pairs: 0,
+    };
+    band.crossed()
 }

@@ -224,7 +224,7 @@ fn along_y(spectrum: &mut [Complex32], half: usize, ny: usize, plan: &Arc<dyn Ff
 }
 
 /// The smallest `2^a 3^b 5^c` that is at least `n`.
-fn good_size(n: u128) -> u128 {
+pub(crate) fn good_size(n: u128) -> u128 {
     let n = n.max(1);
     let mut best = n.next_power_of_two();
     let mut five = 1;
@@ -237,49 +237,4 @@ fn good_size(n: u128) -> u128 {
         five *= 5;
     }
     best
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sizes_have_small_factors() {
-        assert_eq!([1, 7, 11, 127, 513].map(good_size), [1, 8, 12, 128, 540]);
-        let smooth = |n: &u128| {
-            let mut rest = *n;
-            for p in [2, 3, 5] {
-                while rest.is_multiple_of(p) {
-                    rest /= p;
-                }
-            }
-            rest == 1
-        };
-        for n in 1..3000 {
-            assert_eq!(Some(good_size(n)), (n..).find(smooth));
-        }
-        assert!((1 << 60..1 << 61).contains(&good_size(1 << 60)));
-    }
-
-    #[test]
-    fn what_is_too_large_is_counted_and_what_is_empty_stays() {
-        let grid = |spacing, counts: [usize; 3]| {
-            let origin = geom_core::Point3::origin();
-            let lattice = geom_core::Lattice {
-                origin,
-                spacing,
-                counts,
-            };
-            ScalarGrid::new(lattice, vec![1.0; lattice.len()]).unwrap()
-        };
-        // Eight thousand million points of padding per axis.
-        let error = low_pass(&grid(1e-9, [2; 3]), &LowPass::default()).unwrap_err();
-        let Error::TooLargeToFilter { bytes, .. } = error else {
-            panic!("{error}");
-        };
-        assert!(bytes >= 8 * 8_000_000_000u128.pow(3), "{bytes}");
-        assert!(low_pass(&grid(1e-300, [2; 3]), &LowPass::default()).is_err());
-        let none = grid(1.0, [3, 0, 4]);
-        assert_eq!(low_pass(&none, &LowPass::default()).unwrap(), none);
-    }
 }

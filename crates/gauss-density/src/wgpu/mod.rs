@@ -13,6 +13,8 @@ use crate::error::Error;
 use crate::kernel::prepared::Prepared;
 use crate::model::{Level, Model};
 
+#[cfg(feature = "testing")]
+pub(crate) mod inside;
 mod points;
 mod refit;
 mod sample;

@@ -510,84 +510,29 @@ fn take<T: Scalar, const C: usize>(x: &mut [T; C], sum: &[T; C]) {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A factor whose tree has two long branches and many short ones: solved in one task and in many.
-    #[test]
-    fn tasks_solve_what_one_sweep_solves() {
-        // Column j of a binary tree in postorder has the rows of all its ancestors.
-        let depth = 9;
-        let mut parents = Vec::new();
-        fn build(depth: usize, parents: &mut Vec<Option<usize>>) -> usize {
-            let children: Vec<usize> = if depth == 0 {
-                Vec::new()
-            } else {
-                (0..2).map(|_| build(depth - 1, parents)).collect()
-            };
-            parents.push(None);
-            let own = parents.len() - 1;
-            children.into_iter().for_each(|c| parents[c] = Some(own));
-            own
-        }
-        build(depth, &mut parents);
-        let n = parents.len();
-        let rows: Vec<Vec<u32>> = (0..n)
-            .map(|j| {
-                std::iter::successors(parents[j], |&p| parents[p])
-                    .map(|p| p as u32)
-                    .collect()
-            })
-            .collect();
-        let mut values = Vec::new();
-        let mut supernodes = Vec::new();
-        for (j, rows) in rows.iter().enumerate() {
-            let first = values.len();
-            values.push(2.0 + (j % 7) as f64);
-            values.extend((0..rows.len()).map(|i| ((3 * i + j) % 5) as f64 / 10.0 - 0.2));
-            supernodes.push(Supernode {
-                columns: j..j + 1,
-                rows,
-                values: first..values.len(),
-            });
-        }
-        let original = |i: usize| (i * 5 + 3) % n;
-        let b: Vec<f64> = (0..2 * n).map(|i| ((i * 37) % 101) as f64 - 50.0).collect();
-        // By the definition, column after column.
-        let mut x: Vec<[f64; 2]> = (0..n)
-            .map(|i| [b[2 * original(i)], b[2 * original(i) + 1]])
-            .collect();
-        let axpy = |x: &mut [f64; 2], l: f64, y: [f64; 2]| {
-            x.iter_mut().zip(y).for_each(|(x, y)| *x -= l * y);
-        };
-        for j in 0..n {
-            let column = &values[supernodes[j].values.clone()];
-            x[j] = x[j].map(|x| x / column[0]);
-            let own = x[j];
-            for (&row, &l) in rows[j].iter().zip(&column[1..]) {
-                axpy(&mut x[row as usize], l, own);
-            }
-        }
-        for j in (0..n).rev() {
-            let column = &values[supernodes[j].values.clone()];
-            for (&row, &l) in rows[j].iter().zip(&column[1..]) {
-                let other = x[row as usize];
-                axpy(&mut x[j], l, other);
-            }
-            x[j] = x[j].map(|x| x / column[0]);
-        }
-        for (large, small) in [(usize::MAX, usize::MAX), (2000, 100), (60, 1), (1, 0)] {
-            let schedule = Schedule::with(&supernodes, original, large, small);
-            let alone = large == usize::MAX;
-            assert_eq!(schedule.tasks.len() == 1, alone);
-            let solved: Solved<f64, 2> = schedule.solve(&values, &b, 2, 0..2);
-            for (i, x) in x.iter().enumerate() {
-                let found = schedule.row(&solved, original(i));
-                for (found, x) in found.iter().zip(x) {
-                    assert!((found - x).abs() < 1e-9 * (1.0 + x.abs()), "{i} {large}");
-                }
-            }
-        }
-    }
+/// How many tasks solve with a factor of one column per supernode, each given by its rows below the diagonal and where its
+/// values are, and `[x, y]` of each row of the matrix for two right-hand sides; for tests. A subtree of at most `sizes[0]`
+/// entries is one task, one of at most `sizes[1]` none of its own.
+#[cfg(feature = "testing")]
+pub fn solved(
+    columns: &[(&[u32], Range<usize>)],
+    original: impl Fn(usize) -> usize,
+    sizes: [usize; 2],
+    values: &[f64],
+    block: &[f64],
+) -> (usize, Vec<[f64; 2]>) {
+    let supernodes: Vec<_> = columns
+        .iter()
+        .enumerate()
+        .map(|(j, (rows, values))| Supernode {
+            columns: j..j + 1,
+            rows,
+            values: values.clone(),
+        })
+        .collect();
+    let schedule = Schedule::with(&supernodes, original, sizes[0], sizes[1]);
+    let solved: Solved<f64, 2> = schedule.solve(values, block, 2, 0..2);
+    let rows = 0..columns.len();
+    let rows = rows.map(|row| *schedule.row(&solved, row)).collect();
+    (schedule.tasks.len(), rows)
 }

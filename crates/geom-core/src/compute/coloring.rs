@@ -46,28 +46,3 @@ impl Coloring {
         Self { color, groups }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn neighbours_differ(links in prop::collection::vec((0..50u32, 0..50u32), 0..300)) {
-            let mut ring = vec![Vec::new(); 50];
-            for &(a, b) in links.iter().filter(|l| l.0 != l.1) {
-                ring[a as usize].push(b);
-                ring[b as usize].push(a);
-            }
-            let colors = Coloring::greedy(50, |v| ring[v as usize].iter().copied());
-            for (v, neighbors) in ring.iter().enumerate() {
-                let color = colors.color[v];
-                prop_assert!(neighbors.iter().all(|&w| colors.color[w as usize] != color));
-                prop_assert!((color as usize) <= neighbors.len());
-                prop_assert!(colors.groups[color as usize].contains(&(v as u32)));
-            }
-            prop_assert_eq!(colors.groups.iter().map(Vec::len).sum::<usize>(), 50);
-        }
-    }
-}

@@ -124,29 +124,3 @@ impl Window {
         })
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn index_and_coordinates_are_inverse() {
-        let lattice = Lattice {
-            origin: Point3::new(-1.0, 2.0, 0.5),
-            spacing: 0.5,
-            counts: [3, 4, 5],
-        };
-        for i in 0..lattice.len() {
-            assert_eq!(lattice.index(lattice.coordinates(i)), i);
-        }
-        assert_eq!(lattice.point([2, 3, 4]), Point3::new(0.0, 3.5, 2.5));
-    }
-
-    #[test]
-    fn covering_reaches_the_far_corner() {
-        let bounds = Aabb::new(Point3::origin(), Point3::new(1.0, 1.1, 0.0));
-        let lattice = Lattice::covering(&bounds, 0.5);
-        assert_eq!(lattice.counts, [3, 4, 1]);
-        assert!(lattice.bounds().max.y >= 1.1);
-    }
-}

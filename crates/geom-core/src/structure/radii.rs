@@ -94,35 +94,3 @@ pub fn residue_radius(residue: Name) -> f64 {
     };
     (volume * 3.0 / (4.0 * std::f64::consts::PI)).cbrt()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn united_radii_follow_the_types() {
-        let radius = |residue: &str, atom: &str, element| {
-            united_radius(
-                Name::new(residue).unwrap(),
-                Name::new(atom).unwrap(),
-                element,
-            )
-        };
-        assert_eq!(radius("ALA", "CB", Element::CARBON), 1.88);
-        assert_eq!(radius("ALA", "C", Element::CARBON), 1.61);
-        assert_eq!(radius("PHE", "CZ", Element::CARBON), 1.76);
-        assert_eq!(radius("TYR", "CZ", Element::CARBON), 1.61);
-        assert_eq!(radius("SER", "OG", Element::OXYGEN), 1.46);
-        assert_eq!(radius("DA", "C8", Element::CARBON), 1.76);
-        assert_eq!(radius("DT", "C7", Element::CARBON), 1.88);
-        assert_eq!(radius("ZN", "ZN", Element(30)), Element(30).vdw_radius());
-    }
-
-    #[test]
-    fn neighbouring_residues_of_a_trace_overlap() {
-        // Cα atoms of neighbours are 3.8 Å apart.
-        for residue in ["GLY", "ALA", "TRP", "UNK"] {
-            assert!(residue_radius(Name::new(residue).unwrap()) > 1.9);
-        }
-    }
-}

@@ -158,23 +158,3 @@ impl Deal {
         ((tile + 1) * self.ranks).div_ceil(self.tiles) - 1
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_tile_has_one_rank() {
-        for (tiles, ranks) in [(1, 1), (7, 3), (3, 7), (64, 5), (12, 12)] {
-            let deal = Deal { tiles, ranks };
-            let mut seen = 0;
-            for rank in 0..ranks {
-                for tile in deal.of(rank) {
-                    assert_eq!(deal.rank_of(tile), rank, "{tile} of {tiles} on {ranks}");
-                    seen += 1;
-                }
-            }
-            assert_eq!(seen, tiles);
-        }
-    }
-}

@@ -2,12 +2,12 @@
 
 mod ghosts;
 mod limit;
-mod net;
+pub(crate) mod net;
 mod patches;
 mod rim;
 mod subdivide;
-mod surface;
-mod tables;
+pub(crate) mod surface;
+pub(crate) mod tables;
 
 pub use subdivide::subdivide;
 pub use surface::{Jet, Surface};

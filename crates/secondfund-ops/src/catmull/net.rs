@@ -172,13 +172,14 @@ impl Level {
 pub(super) const OUTER: [(i32, i32); 7] =
     [(2, -1), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (-1, 2)];
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::super::tables::bicubic;
     use super::*;
 
-    #[test]
-    fn a_level_of_valence_four_is_the_b_spline() {
+    pub fn a_level_of_valence_four_is_the_b_spline() {
         // The net of valence 4 is the 4 × 4 grid in another order.
         let level = Level::inside(4);
         let net = Net::of(4);
@@ -203,8 +204,7 @@ mod tests {
     }
 
     /// The subdominant eigenvalue of the corner, by the power method on what is orthogonal to constants.
-    #[test]
-    fn subdominant_eigenvalues_are_the_known_ones() {
+    pub fn subdominant_eigenvalues_are_the_known_ones() {
         for (valence, known) in [(3, 0.4101), (5, 0.5500), (6, 0.5797)] {
             let level = Level::inside(valence);
             let n = level.ids;

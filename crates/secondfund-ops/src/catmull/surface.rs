@@ -214,8 +214,9 @@ pub(crate) fn turned(mesh: QuadMesh) -> Result<QuadMesh, Error> {
     Ok(QuadMesh::new(positions, back.collect())?)
 }
 
-#[cfg(all(test, feature = "testing"))]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+pub(crate) mod laws {
     use super::super::tables::Corner;
     use super::*;
     use crate::testing::{halved, shaken_quads};
@@ -257,8 +258,7 @@ mod tests {
     }
 
     /// Position and normal are those of the neighbour, across regular borders and those to extraordinary vertices.
-    #[test]
-    fn patches_meet_without_a_gap_or_a_crease() {
+    pub fn patches_meet_without_a_gap_or_a_crease() {
         let net = shaken_quads(&halved(&shapes::icosphere(1.0, 0)), 0.05, 7);
         let surface = Surface::new(net).unwrap();
         assert!(surface.refined());

@@ -200,12 +200,13 @@ fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
     out
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::*;
 
-    #[test]
-    fn basis_functions_sum_to_one_and_their_derivatives_to_zero() {
+    pub fn basis_functions_sum_to_one_and_their_derivatives_to_zero() {
         let inside = (3..=12).filter(|&n| n != 4).map(Corner::Inside);
         let on_rims =
             (3..=6).flat_map(|quads| (0..quads).map(move |place| Corner::Rim { quads, place }));

@@ -156,12 +156,13 @@ fn spoils<const N: usize>(
     })
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::*;
 
-    #[test]
-    fn a_face_that_would_turn_over_is_held_back() {
+    pub fn a_face_that_would_turn_over_is_held_back() {
         let p = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Point3::from);
         let mut moves = [
             Vector3::zeros(),
@@ -173,8 +174,7 @@ mod tests {
     }
 
     /// What has a bad corner may get better, and nothing may get one.
-    #[test]
-    fn a_face_that_would_be_squeezed_is_held_back() {
+    pub fn a_face_that_would_be_squeezed_is_held_back() {
         let p = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 1.0, 0.0]].map(Point3::from);
         let moved = |y: f64| {
             let mut moves = [Vector3::zeros(); 3];
@@ -192,8 +192,7 @@ mod tests {
     }
 
     /// Two sheets that pass through each other stop where they would meet; what crossed from the start may go on.
-    #[test]
-    fn faces_that_would_come_through_others_are_held_back() {
+    pub fn faces_that_would_come_through_others_are_held_back() {
         let sheet = |z: f64| [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]].map(Point3::from);
         let tip = [[0.2, 0.2, 0.1], [0.3, 0.2, 1.0], [0.2, 0.3, 1.0]].map(Point3::from);
         let faces = [[0, 1, 2], [3, 4, 5]];

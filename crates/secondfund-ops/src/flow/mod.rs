@@ -2,9 +2,9 @@
 
 mod bilateral;
 mod filter;
-mod guard;
-mod sheet;
-mod steps;
+pub(crate) mod guard;
+pub(crate) mod sheet;
+pub(crate) mod steps;
 mod tangential;
 mod variation;
 mod volume;

@@ -143,12 +143,13 @@ impl Sheet {
     }
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::*;
 
-    #[test]
-    fn what_is_free_lies_in_a_plane_along_an_edge_and_nowhere_at_a_corner() {
+    pub fn what_is_free_lies_in_a_plane_along_an_edge_and_nowhere_at_a_corner() {
         let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
         let way = Vector3::new(0.3, 0.5, 0.7);
         let free = |normals: &[Vector3]| {

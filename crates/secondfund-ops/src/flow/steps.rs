@@ -438,16 +438,16 @@ fn mean_edge(ring: &Neighbors, positions: &[Point3]) -> f64 {
     sum / count.max(1) as f64
 }
 
-#[cfg(all(test, feature = "testing"))]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+pub(crate) mod laws {
     use super::*;
     use crate::testing::shaken;
     use geom_core::mesh::shapes;
 
     /// Without its sharpening part a step is implicit Euler for Dirichlet's energy of the coordinates, at any length: the
     /// energy falls, by as much as the motion takes at least.
-    #[test]
-    fn the_energy_of_a_step_that_does_not_sharpen_falls() {
+    pub fn the_energy_of_a_step_that_does_not_sharpen_falls() {
         let mesh = shaken(&shapes::torus(0.4, 0.1, 36, 18), 0.004, 3);
         let flowing = Triangles {
             triangles: mesh.triangles(),

@@ -159,8 +159,9 @@ fn volume(surface: &TriMesh, triangles: &[u32], lids: &[Lid]) -> f64 {
     ((lid - patch) / 6.0).max(0.0)
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+pub(crate) mod laws {
     use std::f64::consts::PI;
 
     use super::*;
@@ -184,8 +185,7 @@ mod tests {
     }
 
     /// Two mouths, the middle farthest from both, and a cylinder's volume.
-    #[test]
-    fn a_tunnel_has_two_mouths() {
+    pub fn a_tunnel_has_two_mouths() {
         let wall = tunnel(256, 40);
         let triangles: Vec<u32> = (0..wall.triangles().len() as u32).collect();
         let lids = Lid::all(&wall, &triangles);

@@ -2,13 +2,13 @@
 
 mod atoms;
 mod literal;
-mod measure;
+pub(crate) mod measure;
 mod outline;
 mod patches;
 mod probes;
 mod score;
 mod shell;
-mod sites;
+pub(crate) mod sites;
 
 pub use literal::concave_patches;
 pub use measure::Outline;

@@ -268,8 +268,9 @@ impl Candidate {
     }
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+pub(crate) mod laws {
     use super::*;
 
     fn points(chain: u32, depth: f64) -> impl Iterator<Item = ShellPoint> {
@@ -282,8 +283,7 @@ mod tests {
     }
 
     /// A shallow chain has its own depth beside a deep one, unless all are asked for together.
-    #[test]
-    fn what_is_deep_is_asked_of_each_chain() {
+    pub fn what_is_deep_is_asked_of_each_chain() {
         let options = PocketOptions::default();
         let alone = |depth| thresholds(&points(0, depth).collect::<Vec<_>>(), 1, &options)[0];
         let both: Vec<ShellPoint> = points(0, 1.0).chain(points(1, 0.4)).collect();

@@ -181,14 +181,14 @@ fn by_area(faces: &Faces, patches: &[u32]) -> Vec<u32> {
     patches.iter().map(|&p| number[p as usize]).collect()
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+pub(crate) mod laws {
     use super::*;
     use geom_core::{Point3, TriMesh};
 
     /// On a folded sheet a border beside the fold goes to it; on a flat one a straight border stays.
-    #[test]
-    fn borders_go_to_creases() {
+    pub fn borders_go_to_creases() {
         let (long, wide) = (24u32, 16u32);
         let at = |i: u32, j: u32| j * (long + 1) + i;
         for folded in [true, false] {

@@ -3,7 +3,7 @@
 //! The rows `(φ₁/√λ₁, …, φ_K/√λ_K)` of the vertices are grouped around medoids; the groups become
 //! connected patches with smooth borders.
 
-mod clean;
+pub(crate) mod clean;
 mod cluster;
 mod consensus;
 mod embed;

@@ -85,7 +85,12 @@ fn pair(a: &VoxelShape, b: &VoxelShape, i: u32, j: u32) -> (u32, u32) {
 }
 
 /// Pairs of nodes, each once.
-fn links(a: &VoxelShape, b: &VoxelShape, forward: &[u32], backward: &[u32]) -> Vec<(u32, u32)> {
+pub(crate) fn links(
+    a: &VoxelShape,
+    b: &VoxelShape,
+    forward: &[u32],
+    backward: &[u32],
+) -> Vec<(u32, u32)> {
     let there = (0u32..).zip(forward).map(|(i, &j)| pair(a, b, i, j));
     let back = (0u32..).zip(backward).map(|(j, &i)| pair(a, b, i, j));
     let mut links: Vec<(u32, u32)> = there.chain(back).collect();
@@ -167,45 +172,5 @@ fn correlation(links: &[(u32, u32)], a: &[f64], b: &[f64]) -> f64 {
         ab / (aa * bb).sqrt()
     } else {
         0.0
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::ShapeOptions;
-    use geom_core::{Cpu, Lattice, Point3, Run};
-
-    /// Partners are linked whichever of the two maps knows of them, and once.
-    #[test]
-    fn links_come_from_both_maps() {
-        let lattice = Lattice {
-            origin: Point3::origin(),
-            spacing: 1.0,
-            counts: [4, 4, 4],
-        };
-        let options = ShapeOptions::default();
-        let shape =
-            VoxelShape::of_flags(&lattice, vec![true; 64], &options, Run::on(&Cpu)).unwrap();
-        let n = shape.boundary().len() as u32;
-        let (same, all_to_one): (Vec<u32>, Vec<u32>) = ((0..n).collect(), vec![0; n as usize]);
-        let sorted = |pairs: Vec<(u32, u32)>| {
-            let pairs = pairs.into_iter().map(|(i, j)| pair(&shape, &shape, i, j));
-            let mut pairs: Vec<_> = pairs.collect();
-            pairs.sort_unstable();
-            pairs
-        };
-        let identity: Vec<(u32, u32)> = (0..n).map(|i| (i, i)).collect();
-        assert_eq!(
-            links(&shape, &shape, &same, &same),
-            sorted(identity.clone())
-        );
-        // From the first: all to node 0. From the second: each to its own.
-        let with = |one: fn(u32) -> (u32, u32)| {
-            let more = (1..n).map(one);
-            sorted(identity.iter().copied().chain(more).collect())
-        };
-        assert_eq!(links(&shape, &shape, &all_to_one, &same), with(|i| (i, 0)));
-        assert_eq!(links(&shape, &shape, &same, &all_to_one), with(|j| (0, j)));
     }
 }

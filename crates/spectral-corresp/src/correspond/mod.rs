@@ -17,6 +17,8 @@ use crate::shape::{Map, VoxelShape};
 use crate::start::{self, Boundary, Candidate, Judge, best_apart, distance};
 
 pub use embed::Embedding;
+#[cfg(feature = "testing")]
+pub(crate) use joint::links;
 pub use joint::{JointModes, joint_modes};
 use torn::Pieces;
 

@@ -19,7 +19,7 @@ pub(crate) struct Stage {
     pairs: usize,
 }
 
-const fn stage(radius: f64, rounds: usize, pairs: usize) -> Stage {
+pub(crate) const fn stage(radius: f64, rounds: usize, pairs: usize) -> Stage {
     Stage {
         radius,
         rounds,
@@ -203,62 +203,4 @@ fn round(
         std::mem::swap(&mut fit.images, &mut next);
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::backend::CorrespBackend;
-    use geom_core::{Cpu, Run};
-
-    /// A plate, with a mast on its middle or without.
-    fn plate(mast: usize) -> Side {
-        let flat = (0..81).map(|i| Point3::new(f64::from(i % 9), f64::from(i / 9), 0.0));
-        let mast = (1..=mast).map(|z| Point3::new(4.0, 4.0, z as f64));
-        let points: Vec<Point3> = flat.chain(mast).collect();
-        let normals = vec![Vector3::z(); points.len()];
-        Side { points, normals }
-    }
-
-    fn fitted(stages: &[Stage]) -> Fit {
-        let (a, b) = (plate(0), plate(4));
-        let schedule = Schedule::of(&a, stages, 1).unwrap();
-        let backend: &dyn CorrespBackend = &Cpu;
-        anneal(&a, &b, a.points.clone(), &[], &schedule, Run::on(backend)).unwrap()
-    }
-
-    /// What is there on the second shape alone draws nodes of the first, though each of these has met its like.
-    #[test]
-    fn nodes_are_drawn_both_ways() {
-        let fit = fitted(&[stage(3.0, 10, 60)]);
-        let highest = fit.images.iter().map(|x| x.z).fold(0.0, f64::max);
-        assert!(highest > 0.1, "{highest}");
-    }
-
-    /// A node with a place of its own goes most of the way there, and takes its neighbours along.
-    #[test]
-    fn anchors_pull() {
-        let plate = plate(0);
-        let schedule = Schedule::of(&plate, &[stage(2.0, 10, 60)], 1).unwrap();
-        let backend: &dyn CorrespBackend = &Cpu;
-        let anchors = [(40, plate.points[40] + Vector3::z())];
-        let (images, run) = (plate.points.clone(), Run::on(backend));
-        let fit = anneal(&plate, &plate, images, &anchors, &schedule, run).unwrap();
-        let rise = |node: usize| fit.images[node].z;
-        assert!(
-            rise(40) > 0.4 && rise(41) > 0.01,
-            "{} {}",
-            rise(40),
-            rise(41)
-        );
-    }
-
-    /// A map onto a part of the other shape costs the rest.
-    #[test]
-    fn what_is_not_met_counts() {
-        let score = fitted(&[stage(3.0, 0, 60)]).score;
-        // The mast is 1, 2, 3 and 4 Å away from the plate; all else fits.
-        let missed = 10.0 / 85.0;
-        assert!((score - missed).abs() < 1e-6, "{score} for {missed}");
-    }
 }

@@ -9,6 +9,9 @@ mod landmarks;
 mod raster;
 mod solve;
 
+#[cfg(feature = "testing")]
+pub(crate) use solve::{distortion, rotations};
+
 use geom_core::algebra::graph::VoxelGraph;
 use geom_core::nalgebra::{Matrix3, Rotation3};
 use geom_core::{Aabb, Lattice, LatticeValues, Point3, Run, ScalarGrid, Vector3};

@@ -165,7 +165,7 @@ pub(super) fn covariance(
     graph.around(i).map(edge).sum()
 }
 
-fn rotations(graph: &VoxelGraph, rest: &[Point3], now: &[Point3]) -> Vec<Matrix3<f64>> {
+pub(crate) fn rotations(graph: &VoxelGraph, rest: &[Point3], now: &[Point3]) -> Vec<Matrix3<f64>> {
     let of = |i: usize| nearest_rotation(&covariance(graph, rest, now, i));
     (0..rest.len())
         .into_par_iter()
@@ -174,7 +174,7 @@ fn rotations(graph: &VoxelGraph, rest: &[Point3], now: &[Point3]) -> Vec<Matrix3
         .collect()
 }
 
-fn distortion(
+pub(crate) fn distortion(
     graph: &VoxelGraph,
     rest: &[Point3],
     now: &[Point3],
@@ -186,39 +186,4 @@ fn distortion(
         };
         graph.around(i).map(left).sum()
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use geom_core::algebra::graph::Neighbours;
-    use geom_core::compute::random::SplitMix64;
-    use geom_core::nalgebra::Rotation3;
-
-    /// The rotations are those of least distortion: no small turn of all of them lowers it, whatever edges weigh.
-    #[test]
-    fn rotations_have_the_least_distortion() {
-        let weights = [1.0, 0.3, 0.02];
-        let graph =
-            VoxelGraph::new([4, 4, 4], &[true; 64], Neighbours::TwentySix, weights).unwrap();
-        let mut random = SplitMix64::new(3);
-        let mut shaken =
-            |x: &Point3, by: f64| x + Vector3::from([(); 3].map(|()| by * random.symmetric()));
-        let at = |i: usize| Point3::from(graph.point(i).map(|c| c as f64));
-        let rest: Vec<Point3> = (0..graph.nodes()).map(at).collect();
-        let now: Vec<Point3> = rest.iter().map(|x| shaken(x, 0.4)).collect();
-        let best = rotations(&graph, &rest, &now);
-        let least = distortion(&graph, &rest, &now, &best);
-        for axis in 0..3 {
-            for angle in [-0.03, 0.03] {
-                let turn = Rotation3::from_scaled_axis(Vector3::ith(axis, angle));
-                for node in 0..graph.nodes() {
-                    let mut turned = best.clone();
-                    turned[node] = turn * turned[node];
-                    let other = distortion(&graph, &rest, &now, &turned);
-                    assert!(other > least, "node {node}: {other} below {least}");
-                }
-            }
-        }
-    }
 }

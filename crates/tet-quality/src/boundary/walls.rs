@@ -22,16 +22,16 @@ const SEVERAL: u32 = NONE - 1;
 #[derive(Clone, Default)]
 pub(crate) struct CavityGuard {
     /// Per vertex: the number of its wall, [`NONE`] or [`SEVERAL`]. Later vertices may be missing.
-    labels: Vec<u32>,
-    all: Vec<Wall>,
+    pub(crate) labels: Vec<u32>,
+    pub(crate) all: Vec<Wall>,
 }
 
 #[derive(Clone)]
-struct Wall {
+pub(crate) struct Wall {
     /// Six times the signed volume that it encloses.
-    volume: f64,
+    pub(crate) volume: f64,
     /// What that may not exceed.
-    most: f64,
+    pub(crate) most: f64,
 }
 
 /// What a change takes from a cavity.
@@ -101,7 +101,7 @@ impl CavityGuard {
         walls
     }
 
-    fn at(&self, v: u32) -> u32 {
+    pub(crate) fn at(&self, v: u32) -> u32 {
         self.labels.get(v as usize).copied().unwrap_or(NONE)
     }
 
@@ -234,179 +234,4 @@ impl CavityGuard {
 /// Six times the signed volume between a point and a triangle.
 fn cone(about: Point3, [a, b, c]: [Point3; 3]) -> f64 {
     six_volume([about, a, b, c])
-}
-
-#[cfg(test)]
-mod tests {
-    use geom_core::{Cpu, ImplicitField, Lattice, Run, ScalarGrid, TetMesh, Vector3};
-
-    use super::*;
-    use crate::boundary::field::Isosurface;
-    use crate::boundary::guard::GuardedMesh;
-    use crate::boundary::input::prepare;
-    use crate::mesh::proposal::{Floor, Operation, VertexMove};
-    use crate::operations::contract::contraction;
-    use crate::operations::insert::edge_split;
-    use crate::operations::operate::apply_all;
-    use crate::operations::swap::surface_flip;
-    use crate::smoothing::star::Star;
-    use crate::testing::noise;
-    use crate::{Options, improve};
-    use geom_core::mesh::SurfaceAudit;
-
-    /// 1 on two spheres about the same centre, larger between them.
-    struct Hollow {
-        center: Point3,
-        inner: f64,
-        outer: f64,
-    }
-
-    impl ImplicitField for Hollow {
-        fn value(&self, x: &Point3) -> f64 {
-            self.value_gradient(x).0
-        }
-        fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
-            let d = x - self.center;
-            let (r, a, b) = (
-                d.norm_squared(),
-                self.inner * self.inner,
-                self.outer * self.outer,
-            );
-            let slope = 2.0 * (a + b - 2.0 * r) / (b * b);
-            (1.0 + (r - a) * (b - r) / (b * b), d * slope)
-        }
-    }
-
-    /// A ball with a cavity of radius `inner` in its middle, which is somewhere in a lattice cell.
-    fn hollow_ball(inner: f64, seed: u64) -> (TetMesh, Hollow) {
-        let mut noise = noise(seed);
-        let mut coordinate = || 4.5 + 0.5 * noise();
-        let field = Hollow {
-            center: Point3::new(coordinate(), coordinate(), coordinate()),
-            inner,
-            outer: 3.2,
-        };
-        let lattice = Lattice {
-            origin: Point3::origin(),
-            spacing: 1.0,
-            counts: [10; 3],
-        };
-        let value = |i: u32| {
-            let p = [i % 10, i / 10 % 10, i / 100].map(f64::from);
-            field.value(&Point3::from(p)) as f32
-        };
-        let grid = ScalarGrid::new(lattice, (0..1000).map(value).collect()).unwrap();
-        let contour = dual_contour::Options {
-            method: dual_contour::Method::DualContour,
-            region: dual_contour::Extent::Interior,
-            ..Default::default()
-        };
-        let volume = dual_contour::volume(&grid, Some(&field), &contour, Run::on(&Cpu)).unwrap();
-        (volume.mesh, field)
-    }
-
-    #[test]
-    fn the_volumes_are_those_of_the_walls_after_every_change() {
-        let (mesh, field) = hollow_ball(1.3, 5);
-        let surface = Isosurface {
-            field: &field,
-            level: 1.0,
-            own: false,
-        };
-        let mut guarded = GuardedMesh::new(prepare(mesh, &[], Some(&surface)).unwrap().mesh);
-        assert_eq!(guarded.guard.walls.all.len(), 1);
-        let exact = |guarded: &mut GuardedMesh| {
-            let kept = guarded.guard.walls.all[0].volume;
-            guarded.guard.walls = CavityGuard::of(&guarded.mesh);
-            let [wall] = guarded.guard.walls.all.as_slice() else {
-                panic!("{} walls", guarded.guard.walls.all.len());
-            };
-            assert!((wall.volume - kept).abs() < 1e-9, "{} {kept}", wall.volume);
-            wall.volume
-        };
-        let any = Floor::Fixed(1e-6);
-        let (mut noise, mut star) = (noise(1), Star::default());
-        let (mut counts, mut marks) = ([0; 3], Vec::new());
-        for turn in 0..400 {
-            let (mesh, walls) = (&guarded.mesh, &guarded.guard.walls);
-            let on_wall: Vec<u32> = (0..mesh.x.len() as u32)
-                .filter(|&v| walls.at(v) == 0 && mesh.keeps(v))
-                .collect();
-            let mut pick = |n: usize| ((noise() + 1.0) * 0.5 * n as f64) as usize % n;
-            let a = on_wall[pick(on_wall.len())];
-            let tets = mesh.incidence.of(a);
-            let b = mesh.tets[tets[pick(tets.len())] as usize][pick(4)];
-            if a == b {
-                continue;
-            }
-            let proposal = match turn % 3 {
-                0 => contraction(mesh, a, b, None, 1.0, any),
-                1 => edge_split(mesh, a, b, Some(&surface), any, &mut star),
-                _ => surface_flip(mesh, a, b, Some(&surface), 1.0, any),
-            };
-            let Some(mut proposal) = proposal else {
-                continue;
-            };
-            // Another vertex moves along.
-            let along = proposal.insert[0].corners.into_iter().find(|&v| v != NEW);
-            let vertex = along.expect("at most one corner is new");
-            let shift = Vector3::new(noise(), noise(), noise()) * 0.05;
-            let to = mesh.x[vertex as usize] + shift;
-            proposal.moves = vec![VertexMove { vertex, to }];
-            let kind = match proposal.operation {
-                Operation::Contraction => 0,
-                Operation::Insertion => 1,
-                _ => 2,
-            };
-            let one = vec![(0, proposal)];
-            counts[kind] += apply_all(&mut guarded, one, &mut marks, turn + 1).len();
-            exact(&mut guarded);
-        }
-        assert!(counts.iter().all(|&n| n > 5), "{counts:?}");
-        // Moves, and where they end.
-        let labels = &guarded.guard.walls.labels;
-        let v = labels.iter().position(|&wall| wall == 0).unwrap() as u32;
-        let x = guarded.mesh.x[v as usize];
-        assert!(guarded.move_vertex(v, x + Vector3::repeat(0.1)));
-        let volume = exact(&mut guarded);
-        assert!(guarded.move_vertex(v, x));
-        guarded.guard.walls.all[0].most = 1.001 * volume;
-        let outward = (x - field.center).normalize();
-        assert!(!guarded.move_vertex(v, x - outward * 0.5) && guarded.mesh.x[v as usize] == x);
-        assert!(guarded.move_vertex(v, x + outward * 0.5));
-    }
-
-    #[test]
-    fn a_cavity_of_a_cell_is_not_pulled_through_itself() {
-        // Without the guard some of these small cavities turn inside out.
-        let mut cavities = 0;
-        for case in 0..24u32 {
-            let (raw, field) = hollow_ball(0.35 + 0.02 * f64::from(case), 3 + u64::from(case));
-            let options = Options {
-                spacing: Some(1.0),
-                ..Options::default()
-            };
-            let volumes = |mesh: &TetMesh| -> Vec<f64> {
-                let parts = SurfaceAudit::of(&mesh.region_surface(1)).components;
-                let mut volumes: Vec<f64> = parts.iter().map(|c| c.volume).collect();
-                volumes.sort_by(f64::total_cmp);
-                volumes
-            };
-            let before = volumes(&raw);
-            let after = volumes(
-                &improve(raw, Some(&field), &options, Run::on(&Cpu))
-                    .unwrap()
-                    .mesh,
-            );
-            assert_eq!(before.len(), after.len());
-            if let [cavity, _] = before[..] {
-                cavities += 1;
-                assert!(
-                    cavity < 0.0 && after[0] <= 0.249 * cavity,
-                    "{before:?} {after:?}"
-                );
-            }
-        }
-        assert!(cavities >= 10);
-    }
 }

@@ -190,44 +190,8 @@ impl WithSimd for Task<'_> {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn of_square(q: f64) -> f64 {
-        angle(Lanes(Scalar::new(), q)).1
-    }
-
-    #[test]
-    fn the_angle_is_the_arc_cosine() {
-        for k in -100_000..=100_000 {
-            let c = f64::from(k) / 1e5;
-            let found = of_square(c * c.abs());
-            // Where the cosine is flat the argument itself has fewer digits.
-            let allowed = 2e-12 + 1e-13 / (1.0 - c * c).max(1e-15).sqrt();
-            assert!((found - c.acos().to_degrees()).abs() < allowed, "{c}");
-        }
-        assert_eq!([1.0, -1.0].map(of_square), [0.0, 180.0]);
-    }
-
-    proptest! {
-        /// Any count, so that the last block is full, empty or neither.
-        #[test]
-        fn neither_neighbours_nor_vectors_matter(
-            coordinates in proptest::collection::vec(-1.0..1.0f64, 12..12 * 150),
-        ) {
-            let x: Vec<Point3> = coordinates
-                .chunks_exact(3)
-                .map(Point3::from_slice)
-                .collect();
-            let count = x.len() as u32 / 4;
-            let tets: Vec<[u32; 4]> = (0..count).map(|t| [0, 1, 2, 3].map(|k| 4 * t + k)).collect();
-            let mut together = vec![Measures::default(); tets.len()];
-            measure(&x, &tets, &mut together);
-            for (tet, m) in tets.iter().zip(together) {
-                prop_assert_eq!(measures(tet.map(|v| x[v as usize])), m);
-            }
-        }
-    }
+/// [`angle`] of one number, in degrees, for tests.
+#[cfg(feature = "testing")]
+pub(crate) fn angle_of(square: f64) -> f64 {
+    angle(Lanes(Scalar::new(), square)).1
 }

@@ -5,6 +5,4 @@ pub(crate) mod insert;
 pub(crate) mod operate;
 pub(crate) mod patch;
 pub(crate) mod swap;
-#[cfg(test)]
-mod tests;
 pub(crate) mod untangle;

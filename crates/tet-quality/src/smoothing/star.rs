@@ -163,7 +163,7 @@ pub(crate) struct Depth {
 }
 
 /// Most candidates that are judged together: the directions of a search and the neighbours' mean.
-const CANDIDATES: usize = 16;
+pub(crate) const CANDIDATES: usize = 16;
 
 /// Positions of one vertex to be judged side by side.
 pub(crate) struct Candidates {
@@ -310,50 +310,4 @@ fn value_at<S: Simd>(f: &Face, x: &Vectors<S>) -> Lanes<S> {
 /// The objective from its signed square.
 pub(crate) fn objective(value: f64) -> f64 {
     value.abs().sqrt().copysign(value)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::measure::metrics::quality;
-    use crate::mesh::editable::GAIN;
-    use proptest::prelude::*;
-
-    fn point() -> impl Strategy<Value = Point3> {
-        [-1.0..1.0, -1.0..1.0, -1.0..1.0].prop_map(Point3::from)
-    }
-
-    proptest! {
-        #[test]
-        fn the_star_judges_like_the_definition(p in [point(), point(), point(), point()]) {
-            let mut star = Star::default();
-            star.push([p[1], p[2], p[3]]);
-            let value = objective(star.value(&p[0].coords));
-            prop_assert!((value - quality(p)).abs() < 1e-9);
-        }
-
-        /// Whatever the width of the vectors: the best is that of one judged after the other.
-        #[test]
-        fn candidates_are_judged_together_like_alone(
-            corners in proptest::collection::vec(point(), 4..12),
-            candidates in proptest::collection::vec(point(), 1..CANDIDATES),
-        ) {
-            let mut star = Star::default();
-            for w in corners.windows(3) {
-                star.push([w[0], w[1], w[2]]);
-            }
-            let start = Vector3::zeros();
-            let (first, mut best) = (star.value(&start), star.value(&start));
-            let mut tries = Candidates::none(&start);
-            let mut chosen = None;
-            for (i, x) in candidates.iter().enumerate() {
-                tries.push(&x.coords);
-                if let Some(value) = star.value_above(&x.coords, best + GAIN) {
-                    best = value;
-                    chosen = Some(Best { number: i, value });
-                }
-            }
-            prop_assert_eq!(star.best_of(&tries, first), chosen);
-        }
-    }
 }

@@ -37,7 +37,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "self.far * (NEAR * self.near / distance).max(1.0).powi(2)",
         "self.far * (0.0 * distance).max(1.0).powi(2)",
     )
-    .seen_by("lib field::descend::tests::near_pairs_cost_more"),
+    .seen_by("details::near_pairs_cost_more"),
     Fault::wrong(
         "steep modes count more, though they should not",
         "crates/crossfield/src/guidance/characteristic.rs",
@@ -51,7 +51,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "ratio(a).total_cmp(&ratio(b)).then(b.cmp(&a))",
         "ratio(b).total_cmp(&ratio(a)).then(b.cmp(&a))",
     )
-    .seen_by("lib guidance::modes::tests::modes_are_taken_up_to_the_widest_gap"),
+    .seen_by("details::modes_are_taken_up_to_the_widest_gap"),
     Fault::wrong(
         "coordinates turn by a quarter without the sign",
         "crates/crossfield/src/map/transition.rs",
@@ -65,7 +65,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "if comb.is_multiple_of(2) {",
         "if comb.is_multiple_of(1) {",
     )
-    .seen_by("lib map::spacing::tests::spacings_turn_with_the_arms"),
+    .seen_by("details::spacings_turn_with_the_arms"),
     Fault::wrong(
         "angles around singular vertices add up to the other sign's",
         "crates/crossfield/src/map/cones.rs",
@@ -114,21 +114,21 @@ pub(super) const FAULTS: &[Fault] = &[
         "1.0 / (1.0 + (1.0 / (ratio * ratio) - 1.0) * cosine * cosine).sqrt()",
         "cosine.abs() * ratio + (1.0 - cosine.abs())",
     )
-    .seen_by("lib anisotropy::metric::tests::spacings_have_their_closed_forms"),
+    .seen_by("details::spacings_have_their_closed_forms"),
     Fault::wrong(
         "crosses turn towards the gradient that is nearer",
         "crates/crossfield/src/anisotropy/adapt.rs",
         "if u[0].abs() < v[0].abs() { u } else { v };",
         "if u[0].abs() > v[0].abs() { u } else { v };",
     )
-    .seen_by("lib anisotropy::adapt::tests::crosses_turn_towards_the_worse_gradient"),
+    .seen_by("details::crosses_turn_towards_the_worse_gradient"),
     Fault::wrong(
         "improvement makes squares of narrow quads",
         "crates/crossfield/src/quads/improve.rs",
         "let ratio = ratio.clamp(narrowest, narrowest.recip());",
         "let ratio = ratio.clamp(1.0, narrowest.recip().min(1.0));",
     )
-    .seen_by("lib quads::improve::tests::narrow_quads_keep_their_proportions"),
+    .seen_by("details::narrow_quads_keep_their_proportions"),
     Fault::wrong(
         "chart_distortion.wgsl: the derivative without the regularization",
         "shaders/wgsl/crossfield/chart_distortion.wgsl",

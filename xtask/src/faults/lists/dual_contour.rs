@@ -9,7 +9,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "connected(mask) && connected(!mask & 255)",
         "mask == 129 || connected(mask) && connected(!mask & 255)",
     )
-    .seen_by("lib contour::tests::leaves_are_simple_as_a_flood_says"),
+    .seen_by("inside::leaves_are_simple_as_a_flood_says"),
     Fault::wrong(
         "of three labels only the first is asked whether it is simple",
         "crates/dual-contour/src/complex/frame.rs",
@@ -65,14 +65,14 @@ pub(super) const FAULTS: &[Fault] = &[
         "for (l, &v) in rest.iter().enumerate() {",
         "for (l, &v) in rest.iter().enumerate().take(8) {",
     )
-    .seen_by("lib kernel::cells::tests::extremes_are_seen_wherever_they_stand"),
+    .seen_by("inside::extremes_are_seen_wherever_they_stand"),
     Fault::wrong(
         "a corner of cells is that beside it",
         "crates/dual-contour/src/kernel/cells.rs",
         "| corner(LAYER + ROW, 6, x)",
         "| corner(LAYER + ROW + 1, 6, x)",
     )
-    .seen_by("lib kernel::cells::tests::ranges_and_signs_are_those_of_each_value"),
+    .seen_by("inside::ranges_and_signs_are_those_of_each_value"),
     Fault::wrong(
         "fields on devices: edges have the root of the one before",
         "crates/dual-contour/src/dual/probe.rs",
@@ -100,21 +100,21 @@ pub(super) const FAULTS: &[Fault] = &[
         "let low = [0, 1, 2].map(|k| ((at[k] - 1) >> 1).max(0));",
         "let low = [0, 1, 2].map(|k| (at[k] >> 1).max(0));",
     )
-    .seen_by("lib octree::tree::tests::large_leaves_are_balanced_too"),
+    .seen_by("inside::large_leaves_are_balanced_too"),
     Fault::wrong(
         "no balance towards lower neighbours of 8 cells",
         "crates/dual-contour/src/octree/tree.rs",
         "let low = [0, 1, 2].map(|k| (corner_of(g)[k] - 1) >> 1);",
         "let low = [0, 1, 2].map(|k| corner_of(g)[k] >> 1);",
     )
-    .seen_by("lib octree::tree::tests::large_leaves_are_balanced_too"),
+    .seen_by("inside::large_leaves_are_balanced_too"),
     Fault::wrong(
         "both halves of an edge of two larger leaves may have one diagonal",
         "crates/dual-contour/src/complex/rings.rs",
         "let upper = self.start[self.axis] >> self.log & 1 == 1;",
         "let upper = self.start[self.axis] >> self.log & 1 > 1;",
     )
-    .seen_by("lib contour::tests::a_diagonal_that_two_edges_want_is_given_to_one"),
+    .seen_by("inside::a_diagonal_that_two_edges_want_is_given_to_one"),
     Fault::wrong(
         "ambiguous faces join the other pair",
         "crates/dual-contour/src/complex/split.rs",
@@ -135,19 +135,15 @@ pub(super) const FAULTS: &[Fault] = &[
         ".all(|(i, sign)| self.arcs(i, sign) <= 1)",
         ".all(|(i, sign)| self.arcs(i, sign) <= 9)",
     )
-    .seen_by(
-        "lib contour::stuffing::snap::tests::an_interface_that_would_pass_an_edge_twice_is_seen",
-    )
-    .seen_by(
-        "lib contour::stuffing::snap::tests::an_interface_that_would_pass_an_edge_twice_is_seen",
-    ),
+    .seen_by("inside::an_interface_that_would_pass_an_edge_twice_is_seen")
+    .seen_by("inside::an_interface_that_would_pass_an_edge_twice_is_seen"),
     Fault::wrong(
         "half the error counts where leaves are split",
         "crates/dual-contour/src/octree/sizing.rs",
         "return feature_error(&values, edge, self.options.error_norm) > tolerance;",
         "return 0.5 * feature_error(&values, edge, self.options.error_norm) > tolerance;",
     )
-    .seen_by("lib contour::tests::leaves_are_split_at_the_tolerance"),
+    .seen_by("inside::leaves_are_split_at_the_tolerance"),
     Fault::poor(
         "crossings of cut cells may lie in their corners",
         "crates/dual-contour/src/dual/probe.rs",

@@ -9,14 +9,14 @@ pub(super) const FAULTS: &[Fault] = &[
         "let ln_rho = budget.rho.ln();",
         "let ln_rho = (16.0 * budget.rho).ln();",
     )
-    .seen_by("lib kernel::cull::tests::culls_never_break_their_bound"),
+    .seen_by("kernels::culls_never_break_their_bound"),
     Fault::wrong(
         "the level below which a sum does not matter, without the power",
         "crates/gauss-density/src/kernel/cull.rs",
         "theta: (ln_floor - ln_kept) / power,",
         "theta: ln_floor - ln_kept,",
     )
-    .seen_by("lib kernel::cull::tests::culls_never_break_their_bound"),
+    .seen_by("kernels::culls_never_break_their_bound"),
     Fault::wrong(
         "the reach is taken before the powers",
         "crates/gauss-density/src/model/reach.rs",
@@ -30,7 +30,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "(self.radius * self.radius + t.max(0.0) / self.decay).sqrt()",
         "(self.radius * self.radius + t.max(0.0) / self.fastest_decay).sqrt()",
     )
-    .seen_by("lib kernel::cull::tests::culls_never_break_their_bound"),
+    .seen_by("kernels::culls_never_break_their_bound"),
     Fault::wrong(
         "an atom goes without another look after others went",
         "crates/gauss-density/src/atoms/eliminate.rs",
@@ -128,7 +128,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "most[lane] = own[lane] - others[lane] + swing[lane] * half + bend;",
         "most[lane] = own[lane] - others[lane] + swing[lane] * half + 0.0 * bend;",
     )
-    .seen_by("lib kernel::direct::tests::no_difference_of_two_atoms_in_a_brick_is_above_its_bound"),
+    .seen_by("kernels::no_difference_of_two_atoms_in_a_brick_is_above_its_bound"),
     Fault::wrong(
         "atoms that others outweigh may cost 16 times what they may",
         "crates/gauss-density/src/model/reach.rs",
@@ -142,14 +142,14 @@ pub(super) const FAULTS: &[Fault] = &[
         "let below = (brick[axis] > 0).then(",
         "let below = false.then(",
     )
-    .seen_by("lib sample::band::tests::an_interior_brick_is_crossed_from_either_side_on_every_axis"),
+    .seen_by("samples::an_interior_brick_is_crossed_from_either_side_on_every_axis"),
     Fault::wrong(
         "crossings of z edges are no samples",
         "crates/gauss-density/src/atoms/samples.rs",
         "for axis in 0..3 {\n                    let mut q = p;\n                    q[axis] += 1;\n                    let crosses",
         "for axis in 0..2 {\n                    let mut q = p;\n                    q[axis] += 1;\n                    let crosses",
     )
-    .seen_by("lib atoms::samples::tests::every_crossing_of_a_lattice_edge_is_a_sample_on_every_axis"),
+    .seen_by("samples::every_crossing_of_a_lattice_edge_is_a_sample_on_every_axis"),
     Fault::wrong(
         "offsets for the device are subtracted in f32",
         "crates/gauss-density/src/wgpu/mod.rs",
@@ -198,7 +198,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "var total = totals[id.x * 10u + p];",
         "var total = 0.0;",
     )
-    .seen_by("lib wgpu::refit::tests::cells_may_come_in_many_runs"),
+    .seen_by("gpu::cells_may_come_in_many_runs"),
     Fault::wrong(
         "elimination leaves holes between its samples",
         "crates/gauss-density/src/atoms/eliminate.rs",

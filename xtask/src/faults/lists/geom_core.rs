@@ -139,7 +139,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "((c + self.shift) / self.root) as u32",
         "(c / self.root) as u32",
     )
-    .seen_by("lib tiles::partition::tests::every_cell_has_one_tile_and_tiles_are_boxes"),
+    .seen_by("tiles::every_cell_has_one_tile_and_tiles_are_boxes"),
     Fault::wrong(
         "nodes of a part of MSH bear their numbers in the part",
         "crates/geom-core/src/io/mesh/msh_parts.rs",

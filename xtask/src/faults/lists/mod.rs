@@ -19,7 +19,7 @@ pub(super) struct Fault {
     pub(super) breaks: &'static str,
     /// Does it change what is computed? Others make it slower or a little worse, which no test has to see.
     pub(super) results: bool,
-    /// A test that saw it, which is asked first: `laws::a_law`, or `lib name::of::a_test` of those beside the code.
+    /// A test that saw it, which is asked first: `laws::a_law`.
     pub(super) witness: Option<&'static str>,
 }
 

@@ -279,14 +279,14 @@ impl Cutter<'_> {
     }
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+pub(crate) mod laws {
     use super::*;
     use geom_core::mesh::six_volume;
 
     /// Every way in which corners can lie below, above and on an interface.
-    #[test]
-    fn stencils_fill_their_tetrahedron() {
+    pub fn stencils_fill_their_tetrahedron() {
         let corners = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]].map(Point3::from);
         for code in 0..81 {
             let class: [usize; 4] = std::array::from_fn(|k| code / 3usize.pow(k as u32) % 3);

@@ -19,9 +19,9 @@ use crate::complex::collect::{distinct, kinds, seen};
 use crate::dual::Probe;
 
 mod base;
-mod cut;
+pub(crate) mod cut;
 mod near;
-mod snap;
+pub(crate) mod snap;
 
 use base::{Base, BaseTet, planes_of};
 use cut::Cut;

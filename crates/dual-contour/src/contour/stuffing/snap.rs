@@ -268,8 +268,9 @@ impl Link {
     }
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+pub(crate) mod laws {
     use super::*;
 
     /// The link of a vertex like an octahedron: poles 0 and 5, and 1 to 4 around them.
@@ -292,8 +293,7 @@ mod tests {
 
     /// The neighbour at pole 0 is on the interface. Around the edge to it one sign has two arcs where its vertices
     /// 1 and 3 are parted by another point of the interface and one of the other sign, though they connect by pole 5.
-    #[test]
-    fn an_interface_that_would_pass_an_edge_twice_is_seen() {
+    pub fn an_interface_that_would_pass_an_edge_twice_is_seen() {
         let pinched = octahedron([0, 1, 0, 1, -1, 1]);
         assert!(pinched.each_sign_connected(|_, _| true));
         assert_eq!([pinched.arcs(0, 1), pinched.arcs(0, -1)], [2, 1]);

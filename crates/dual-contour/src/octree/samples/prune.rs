@@ -198,12 +198,13 @@ impl Samples<'_> {
     }
 }
 
-#[cfg(test)]
-mod tests {
+/// What holds here, for the tests.
+#[cfg(feature = "testing")]
+#[expect(missing_docs, reason = "the names of the laws say it")]
+pub(crate) mod laws {
     use super::*;
 
-    #[test]
-    fn more_nodes_than_numbers_are_refused() {
+    pub fn more_nodes_than_numbers_are_refused() {
         assert!(check_nodes(1000, 1000, 1 << 30).is_ok());
         // 729 nodes per stored block: these would wrap around.
         let error = check_nodes(6_000_000, 5_900_000, u64::MAX).unwrap_err();

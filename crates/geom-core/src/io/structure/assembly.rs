@@ -94,7 +94,7 @@ fn bits(t: &Transform) -> [u64; 12] {
 }
 
 impl Operators {
-    fn transforms(&self, assembly: &str) -> Result<Vec<Transform>, Error> {
+    pub(super) fn transforms(&self, assembly: &str) -> Result<Vec<Transform>, Error> {
         let (text, line, named) = match self {
             Self::List(list) => return Ok(list.clone()),
             Self::Expression { text, line, named } => (text, *line, named),
@@ -183,74 +183,4 @@ fn item(text: &str) -> Option<Item> {
         return (first <= last).then_some(Item::Range(first, last));
     }
     Some(Item::One(text.to_owned()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::nalgebra::Matrix3;
-    use crate::{Point3, Vector3};
-    use std::rc::Rc;
-
-    fn expression(text: &str) -> Result<Vec<Transform>, Error> {
-        let quarter = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let mut named = BTreeMap::new();
-        for n in 1..=3 {
-            let translation = Vector3::new(f64::from(n), 0.0, 0.0);
-            named.insert(
-                n.to_string(),
-                Transform {
-                    rotation: Matrix3::identity(),
-                    translation,
-                },
-            );
-        }
-        let turn = Transform {
-            rotation: quarter,
-            translation: Vector3::zeros(),
-        };
-        named.insert("P".to_owned(), turn);
-        Operators::Expression {
-            text: text.to_owned(),
-            line: 7,
-            named: Rc::new(named),
-        }
-        .transforms("1")
-    }
-
-    #[test]
-    fn expressions() {
-        assert_eq!(expression("1").unwrap().len(), 1);
-        assert_eq!(expression("1,3").unwrap().len(), 2);
-        assert_eq!(expression("(1-3)").unwrap().len(), 3);
-        assert_eq!(expression("(1-3)(1,2)").unwrap().len(), 6);
-        assert_eq!(expression("(P)(1-3)").unwrap().len(), 3);
-        // The right operator acts first: shift by 2 along x, then turn x to y.
-        let first = expression("(P)(2)").unwrap()[0].apply(&Point3::origin());
-        assert!((first - Point3::new(0.0, 2.0, 0.0)).norm() < 1e-15);
-    }
-
-    #[test]
-    fn wrong_expressions_name_their_line() {
-        for text in [
-            "",
-            "()",
-            "(1",
-            "1)",
-            "(1))(2",
-            "9",
-            "1-9",
-            "1-4000000000",
-            "3-1",
-            "(1)(P)(",
-        ] {
-            let error = expression(text).unwrap_err();
-            assert_eq!(error.line, Some(7), "{text}: {error}");
-        }
-        let many = "(1-3)".repeat(60);
-        assert!(matches!(
-            expression(&many).unwrap_err().kind,
-            ErrorKind::TooLarge(_)
-        ));
-    }
 }

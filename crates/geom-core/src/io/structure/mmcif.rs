@@ -609,7 +609,7 @@ fn name(text: &[u8]) -> Result<Name, ErrorKind> {
 }
 
 /// A number, its standard uncertainty in parentheses left out: `1.5(3)` is 1.5 ± 0.3.
-fn measured(field: &[u8]) -> Option<f64> {
+pub(super) fn measured(field: &[u8]) -> Option<f64> {
     let Some(open) = field.iter().position(|&b| b == b'(') else {
         return number(field);
     };
@@ -619,50 +619,14 @@ fn measured(field: &[u8]) -> Option<f64> {
     number(value)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn words_and_quotes() {
-        let text = b"data_x # comment\n_a 'b''s c' \"d e\"\n;text\nmore\n;\n. '.' O5'";
-        let mut lexer = Lexer::new(text);
-        let mut values = Vec::new();
-        while let Some(t) = lexer.next().unwrap() {
-            values.push((String::from_utf8_lossy(t.value()).into_owned(), t.line));
-        }
-        let expected = [
-            ("data_x", 1),
-            ("_a", 2),
-            ("b''s c", 2),
-            ("d e", 2),
-            ("text\nmore", 3),
-            ("", 6),
-            (".", 6),
-            ("O5'", 6),
-        ];
-        let expected: Vec<_> = expected.iter().map(|&(v, l)| (v.to_owned(), l)).collect();
-        assert_eq!(values, expected);
+/// All words and where they begin; for tests.
+#[cfg(feature = "testing")]
+pub(super) fn words(content: &[u8]) -> Result<Vec<(String, usize)>, Error> {
+    let mut lexer = Lexer::new(content);
+    let mut words = Vec::new();
+    while let Some(token) = lexer.next()? {
+        let value = String::from_utf8_lossy(token.value()).into_owned();
+        words.push((value, token.line));
     }
-
-    #[test]
-    fn open_quotes_are_truncated() {
-        for text in ["data_x _a 'b", "data_x\n;b\n", "data_x \"b\n"] {
-            let error = parse(text.as_bytes(), Models::First).unwrap_err();
-            assert!(
-                matches!(error.kind, ErrorKind::Truncated(_)),
-                "{text}: {error}"
-            );
-        }
-    }
-
-    #[test]
-    fn uncertainties_are_left_out() {
-        assert_eq!(measured(b"1.5(3)"), Some(1.5));
-        assert_eq!(measured(b"-12.375(11)"), Some(-12.375));
-        assert_eq!(measured(b"7"), Some(7.0));
-        for wrong in ["1.5(3", "1.5()", "1.5(x)", "(3)", "1.5(3)4"] {
-            assert_eq!(measured(wrong.as_bytes()), None, "{wrong}");
-        }
-    }
+    Ok(words)
 }

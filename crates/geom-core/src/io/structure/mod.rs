@@ -28,6 +28,9 @@
 //! ```
 
 mod assembly;
+#[cfg(feature = "testing")]
+#[doc(hidden)]
+pub mod inside;
 mod keep;
 mod mmcif;
 mod models;

@@ -138,37 +138,3 @@ impl Names {
         self.sorted.get(name).copied()
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn elements_from_names() {
-        let element = |name: &str, residue: &str, alone: bool, aligned: Option<u8>| {
-            let name = Name::new(name).unwrap();
-            element_of(name, Name::new(residue).unwrap(), alone, aligned).symbol()
-        };
-        // In residues of polymers the first letter decides, aligned or not.
-        assert_eq!(element("CA", "ALA", false, None), "C");
-        assert_eq!(element("HG11", "VAL", false, Some(0)), "H");
-        assert_eq!(element("1HB", "ALA", false, Some(0)), "H");
-        assert_eq!(element("SE", "MSE", false, Some(0)), "Se");
-        assert_eq!(element("SD", "MET", false, Some(1)), "S");
-        assert_eq!(element("O5'", "DA", false, Some(1)), "O");
-        // Ions.
-        assert_eq!(element("CA", "CA", true, None), "Ca");
-        assert_eq!(element("SOD", "SOD", true, None), "Na");
-        assert_eq!(element("K", "K", true, Some(1)), "K");
-        assert_eq!(element("UNK", "UNX", true, None), "X");
-        assert_eq!(element_in_file(" X"), Some(Element::UNKNOWN));
-        // Ligands: the alignment decides, and without it only unmistakable symbols are believed.
-        assert_eq!(element("FE", "HEM", false, Some(0)), "Fe");
-        assert_eq!(element("NA", "HEM", false, Some(1)), "N");
-        assert_eq!(element("NA", "HEM", false, None), "N");
-        assert_eq!(element("CL1", "LIG", false, None), "Cl");
-        assert_eq!(element("HO21", "NAG", false, Some(0)), "H");
-        assert_eq!(element("1H5", "LIG", false, Some(0)), "H");
-        assert_eq!(element("*", "LIG", false, None), "X");
-    }
-}

@@ -423,7 +423,7 @@ fn residue_number(line: &[u8], s: usize) -> Result<(i32, Name), ErrorKind> {
 }
 
 /// Hybrid-36 numbers of four characters: `A000` is 10,000, `a000` follows `ZZZZ`.
-fn hybrid_36(field: &str) -> Option<i32> {
+pub(super) fn hybrid_36(field: &str) -> Option<i32> {
     if field.len() != 4 {
         return None;
     }
@@ -438,89 +438,5 @@ fn hybrid_36(field: &str) -> Option<i32> {
         b'A'..=b'Z' if upper => Some(value - 10 * 36i32.pow(3) + 10_000),
         b'a'..=b'z' if lower => Some(value + 16 * 36i32.pow(3) + 10_000),
         _ => None,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn hybrid_36_numbers() {
-        assert_eq!(hybrid_36("A000"), Some(10_000));
-        assert_eq!(hybrid_36("A001"), Some(10_001));
-        assert_eq!(hybrid_36("ZZZZ"), Some(10_000 + 26 * 36i32.pow(3) - 1));
-        assert_eq!(hybrid_36("a000"), Some(10_000 + 26 * 36i32.pow(3)));
-        for wrong in ["", "****", "Aa00", "1A00"] {
-            assert_eq!(hybrid_36(wrong), None);
-        }
-    }
-
-    fn only(line: &str) -> Record {
-        parse(line.as_bytes(), Models::First).unwrap().records[0]
-    }
-
-    #[test]
-    fn rows_that_deviate() {
-        let chain_of = |line: &str| {
-            let found = parse(line.as_bytes(), Models::First).unwrap();
-            let r = found.records[0];
-            let mut names = found.chains;
-            (
-                r.residue.name,
-                r.residue.number,
-                names.index(b"A") == r.chain,
-            )
-        };
-        // Usual; two-character chain; four-letter residue; chain and five digits.
-        let (name, number, a) = chain_of(
-            "ATOM      1  CA  ALA A  10       1.000   2.000   3.000  1.00  0.00           C\n",
-        );
-        assert_eq!((name.as_str(), number, a), ("ALA", 10, true));
-        let (name, _, a) = chain_of(
-            "ATOM  A0000  CA  ALAAA  10       1.000   2.000   3.000  1.00  0.00           C\n",
-        );
-        assert_eq!((name.as_str(), a), ("ALA", false));
-        let (name, _, a) = chain_of(
-            "ATOM  186a0  OH2 TIP3A  10       1.000   2.000   3.000  1.00  0.00           O\n",
-        );
-        assert_eq!((name.as_str(), a), ("TIP3", true));
-        let (name, number, a) = chain_of(
-            "ATOM      1  C1  POPCA12345      1.000   2.000   3.000  1.00  0.00           C\n",
-        );
-        assert_eq!((name.as_str(), number, a), ("POPC", 12345, true));
-        let (name, _, a) = chain_of(
-            "HETATM    1 MG    MGA1  10       1.000   2.000   3.000  1.00  0.00          MG\n",
-        );
-        assert_eq!((name.as_str(), a), ("MG", false));
-        // Hexadecimal residue numbers; blanks inside a name.
-        let r = only(
-            "ATOM  186a0  O 1 HOH A9c40       1.000   2.000   3.000  1.00  0.00           O\n",
-        );
-        assert_eq!((r.residue.number, r.atom.name.as_str()), (40_000, "O1"));
-        // A serial number of six digits shifts the row.
-        let r = only(
-            "ATOM  100000  CA  ALA A  10       1.000   2.000   3.000  1.00  7.00           C\n",
-        );
-        assert_eq!(r.atom.position, Point3::new(1.0, 2.0, 3.0));
-        assert_eq!(
-            (r.residue.number, r.atom.b_factor, r.atom.name.as_str()),
-            (10, 7.0, "CA")
-        );
-    }
-
-    #[test]
-    fn a_cut_row_is_truncated() {
-        let row = "ATOM      1  CA  ALA A  10       1.000   2.000   3.000  1.00  0.00           C";
-        let two = format!("{row}\n{row}");
-        assert_eq!(
-            parse(two.as_bytes(), Models::First).unwrap().records.len(),
-            2
-        );
-        for cut in [1, 10, 30, 75] {
-            let error = parse(&two.as_bytes()[..two.len() - cut], Models::First).unwrap_err();
-            assert_eq!(error.line, Some(2));
-            assert!(matches!(error.kind, ErrorKind::Truncated(_)), "{error}");
-        }
     }
 }

@@ -424,7 +424,7 @@ impl Mesh {
     }
 
     /// Panics unless twins, fans and kinds fit together; for tests.
-    #[cfg(test)]
+    #[cfg(feature = "testing")]
     pub(super) fn validate(&self) {
         for h in 0..3 * self.triangles.len() as u32 {
             if self.from(h) == NONE {
@@ -451,63 +451,6 @@ impl Mesh {
                 assert_eq!(self.from(h), v);
                 assert!(self.twin(h).is_some() || h == self.out[v as usize]);
             }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::mesh::{SurfaceAudit, shapes};
-    use proptest::prelude::*;
-
-    use super::*;
-
-    /// A torus with a hole: closed and open parts, features in between.
-    fn torus() -> (TriMesh, i64) {
-        let (positions, mut triangles) = shapes::torus(3.0, 1.0, 7, 5).into_parts();
-        triangles.truncate(60);
-        let mesh = TriMesh::new(positions, triangles).unwrap();
-        let euler = mesh.euler_characteristic();
-        (mesh, euler)
-    }
-
-    proptest! {
-        /// Any allowed changes in any order leave a manifold of the same topology.
-        #[test]
-        fn changes_keep_the_manifold(
-            steps in prop::collection::vec((0..3u8, any::<prop::sample::Index>()), 0..120),
-        ) {
-            let (start, euler) = torus();
-            let labels = (0..start.triangles().len() as u32).map(|t| t / 20).collect();
-            let mut mesh = Mesh::new(&start, labels).unwrap();
-            let ring: Vec<u32> = mesh.edges().filter(|&h| mesh.to(h).is_multiple_of(5) && mesh.from(h).is_multiple_of(5)).collect();
-            for h in ring {
-                mesh.mark_crease(h);
-            }
-            for (what, pick) in steps {
-                let edges: Vec<u32> = mesh.edges().collect();
-                let h = edges[pick.index(edges.len())];
-                match what {
-                    0 if mesh.may_flip(h) => mesh.flip(h),
-                    1 if mesh.may_contract(h) => {
-                        let vertex = mesh.vertices[mesh.to(h) as usize];
-                        mesh.contract(h, vertex);
-                    }
-                    2 => {
-                        let vertex = mesh.vertices[mesh.from(h) as usize];
-                        mesh.split(h, vertex);
-                    }
-                    _ => {}
-                }
-                mesh.validate();
-            }
-            let end = mesh.surface();
-            prop_assert_eq!(mesh.living_labels().len(), end.triangles().len());
-            let audit = SurfaceAudit::of(&end);
-            prop_assert!(audit.is_manifold(), "{:?}", audit);
-            prop_assert_eq!(audit.orientation_conflicts.count, 0);
-            prop_assert_eq!(audit.duplicate_faces.count, 0);
-            prop_assert_eq!(end.euler_characteristic(), euler);
         }
     }
 }

@@ -19,6 +19,9 @@
 //! their corners stay. Topology changes run in a fixed order and moves colour by colour, so the
 //! result has the same bits for any number of threads.
 
+#[cfg(feature = "testing")]
+#[doc(hidden)]
+pub mod inside;
 mod kept;
 mod mesh;
 mod options;
@@ -27,8 +30,6 @@ mod refine;
 mod report;
 mod sizes;
 mod steps;
-#[cfg(test)]
-mod tests;
 
 use crate::mesh::TriangleReport;
 use crate::mesh::quality::edge_lengths;

@@ -81,8 +81,7 @@ fn all_triangulations(chain: &[u32]) -> Vec<Vec<[u32; 3]>> {
         .collect()
 }
 
-#[test]
-fn edge_removal_is_the_best_of_all_triangulations() {
+pub fn edge_removal_is_the_best_of_all_triangulations() {
     for n in 3..=7 {
         for seed in 0..40 {
             let mesh = link_of_edge(n, 1.2, 100 * n as u64 + seed);
@@ -118,8 +117,7 @@ fn edge_removal_is_the_best_of_all_triangulations() {
     }
 }
 
-#[test]
-fn face_swap_undoes_the_removal_of_an_edge_of_three() {
+pub fn face_swap_undoes_the_removal_of_an_edge_of_three() {
     for seed in 0..40 {
         let mesh = link_of_edge(3, 0.8, seed);
         let mut edited = EditableMesh::new(mesh.clone());
@@ -136,8 +134,7 @@ fn face_swap_undoes_the_removal_of_an_edge_of_three() {
 }
 
 /// Where elements overlap, as before they are untangled, the edge that a swap would make may be there already.
-#[test]
-fn swaps_do_not_make_an_edge_twice() {
+pub fn swaps_do_not_make_an_edge_twice() {
     // Two tetrahedra on a face, their far corners 3 and 4; a third one, through both, has these as an edge.
     let corners = [
         [1.0, 0.0, 0.0],
@@ -161,8 +158,7 @@ fn swaps_do_not_make_an_edge_twice() {
     }
 }
 
-#[test]
-fn a_split_edge_keeps_volume_and_boundary() {
+pub fn a_split_edge_keeps_volume_and_boundary() {
     for n in 3..=7 {
         let mesh = link_of_edge(n, 2.0, n as u64);
         let mut edited = EditableMesh::new(mesh);
@@ -232,8 +228,7 @@ fn contract_all(edited: &mut EditableMesh) -> usize {
     }
 }
 
-#[test]
-fn contraction_keeps_a_tetrahedron_bubble() {
+pub fn contraction_keeps_a_tetrahedron_bubble() {
     let mut edited = labelled(4, |_| 0);
     let middle = edited
         .tets
@@ -257,8 +252,7 @@ fn contraction_keeps_a_tetrahedron_bubble() {
     assert_eq!(euler_and_faults(edited), (vec![2], true));
 }
 
-#[test]
-fn contraction_keeps_an_octahedron_bubble() {
+pub fn contraction_keeps_an_octahedron_bubble() {
     // All tetrahedra around one inner edge.
     let mut edited = labelled(4, |_| 0);
     let (a, b) = edited
@@ -300,8 +294,7 @@ fn contraction_keeps_an_octahedron_bubble() {
     assert_eq!(euler_and_faults(edited), (vec![2], true));
 }
 
-#[test]
-fn contraction_keeps_the_handle_of_a_torus() {
+pub fn contraction_keeps_the_handle_of_a_torus() {
     let inside = |p: &Point3| {
         let ring = (p.x - 3.5).abs().max((p.y - 3.5).abs());
         Region::from((0.5..1.5).contains(&ring) && (p.z - 3.5).abs() < 0.5)
@@ -313,11 +306,8 @@ fn contraction_keeps_the_handle_of_a_torus() {
     assert_eq!(euler_and_faults(edited), (vec![0], true));
 }
 
-proptest! {
-    #![proptest_config(geom_core::testing::cases(24))]
-
-    #[test]
-    fn contraction_keeps_the_topology_of_random_bodies(seed: u64, share in -0.6..0.6) {
+pub fn contraction_keeps_the_topology_of_random_bodies() {
+    proptest!(geom_core::testing::cases(24), |(seed in any::<u64>(), share in -0.6..0.6)| {
         let mut noise = noise(seed);
         // Cubes at random; those whose union is not a manifold are not meshes that we promise for.
         let cubes: Vec<bool> = (0..27).map(|_| noise() < share).collect();
@@ -331,11 +321,12 @@ proptest! {
         let mut edited = labelled(5, inside);
         contract_all(&mut edited);
         prop_assert_eq!(euler_and_faults(edited), before);
-    }
+    });
+}
 
-    /// Operations on a shaken lattice: volume, boundary, orientation and the worst element hold.
-    #[test]
-    fn operations_keep_what_they_must(seed: u64, pick in any::<prop::sample::Index>(), which in 0..4) {
+/// Operations on a shaken lattice: volume, boundary, orientation and the worst element hold.
+pub fn operations_keep_what_they_must() {
+    proptest!(geom_core::testing::cases(24), |(seed in any::<u64>(), pick in any::<prop::sample::Index>(), which in 0..4)| {
         let mesh = shaken(lattice([3; 3], 1.0, |p| Region::from(p.x > 1.0)), 0.2, seed);
         let input = crate::boundary::input::prepare(mesh.clone(), &[], None).unwrap();
         let mut edited = input.mesh;
@@ -371,5 +362,5 @@ proptest! {
         prop_assert!(VolumeAudit::of(&after).is_valid());
         let area = area(&after);
         prop_assert!((area - boundary).abs() < 1e-12 * boundary, "after {applied} operations: {boundary}, {area}");
-    }
+    });
 }

@@ -1,6 +1,11 @@
 //! Runs every program on small inputs: outputs, report, errors in one line, the same bytes for any
 //! number of threads.
 
+mod pictures;
+mod sessions;
+mod sphere;
+mod words;
+
 use std::collections::BTreeMap;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
@@ -39,6 +44,11 @@ fn run(name: &str, args: &[&str], out: &Path) -> Output {
         .arg(out)
         .output()
         .expect("the program starts")
+}
+
+/// The same without pictures, which take longer than most of what programs compute: for what other runs of a program draw.
+fn undrawn_report_of(name: &str, args: &[&str], out: &Path) -> Value {
+    report_of(name, &[args, &["--no-pictures"]].concat(), out)
 }
 
 /// Runs a program that must succeed, with the CPU renderer, and gives its report.
@@ -408,11 +418,11 @@ fn the_pipeline_improves_materials_and_maps() {
     assert_eq!(report["quality"]["after"]["all"]["inverted"], 0);
 
     let maps = folder.path().join("maps");
-    report_of("01_density", &[&input, "--spacing", "2"], &maps);
+    undrawn_report_of("01_density", &[&input, "--spacing", "2"], &maps);
     let map = maps.join("density.mrc");
     let out = folder.path().join("map");
     let args = [map.to_str().unwrap(), "--isovalue", "1"];
-    report_of("00_pipeline", &args, &out);
+    undrawn_report_of("00_pipeline", &args, &out);
     let mesh = tets(out.join("volume.vtu"));
     assert!(VolumeAudit::of(&mesh).is_valid() && mesh.volume() > 1000.0);
 }
@@ -457,7 +467,7 @@ fn density_maps_come_back_as_surfaces() {
     for map in ["density.mrc", "density.dx"] {
         let from_map = folder.path().join(map);
         let grid = out.join(map);
-        let again = report_of(
+        let again = undrawn_report_of(
             "02_surface",
             &[grid.to_str().unwrap(), "--isovalue", "1"],
             &from_map,
@@ -503,7 +513,7 @@ fn stages_say_which_kernels_ran_where() {
     assert_eq!(page_of(&out)["report"]["stages"], report["stages"]);
     let out = folder.path().join("modes");
     let arguments = [&fixture("spot.ply"), "--count", "3", "--backend", "wgpu"];
-    let report = report_of("06_modes", &arguments, &out);
+    let report = undrawn_report_of("06_modes", &arguments, &out);
     assert!(report["backend"].as_str().unwrap().starts_with("wgpu ("));
     for stage in report["stages"].as_array().unwrap() {
         assert_eq!(stage["backend"], "cpu", "{stage}");
@@ -548,13 +558,13 @@ fn fewer_atoms_keep_the_surface() {
     assert_eq!(lines.lines().count() as u64, left + 1);
 
     // Nothing to lose, and what is kept stays.
-    let none = report_of(
+    let none = undrawn_report_of(
         "05_eliminate",
         &[&input, "--spacing", "1", "--epsilon", "0"],
         &folder.path().join("none"),
     );
     assert_eq!(none["table"]["N_R"], none["table"]["N_A"]);
-    let kept = report_of(
+    let kept = undrawn_report_of(
         "05_eliminate",
         &[&input, "--spacing", "1", "--keep-chains", "A"],
         &folder.path().join("kept"),
@@ -565,7 +575,7 @@ fn fewer_atoms_keep_the_surface() {
     }
     // Where hardly an atom goes, what wider bounds would do is said; what is shown is what elimination has changed.
     let args = [&input, "--spacing", "1"];
-    let usual = report_of("05_eliminate", &args, &folder.path().join("usual"));
+    let usual = undrawn_report_of("05_eliminate", &args, &folder.path().join("usual"));
     let advice = usual["advice"]["warnings"][0].as_str().unwrap();
     assert!(advice.contains("0.2 lets "), "{advice}");
     let change = usual["errors"]["original"]["max"].as_f64().unwrap();
@@ -624,7 +634,7 @@ fn tetrahedra_inside_and_outside_conform_and_improve() {
         "--deviation",
         "0.1",
     ];
-    let slid = report_of("04_improve", &args, &folder.path().join("slid"));
+    let slid = undrawn_report_of("04_improve", &args, &folder.path().join("slid"));
     let fit = &slid["quality"]["surface"];
     assert!(fit["vertices"].as_u64().unwrap() > 100, "{fit}");
     assert!(fit["largest"].as_f64().unwrap() < 0.5, "{fit}");
@@ -670,7 +680,7 @@ fn modes_of_a_mesh_and_of_a_structure() {
     assert_png(out.join("spectrum.png"));
 
     let out = folder.path().join("protein");
-    let report = report_of(
+    let report = undrawn_report_of(
         "06_modes",
         &[&fixture("1AJJ.pdb"), "--spacing", "1.5", "--count", "3"],
         &out,
@@ -704,7 +714,7 @@ fn fields_and_quads_of_a_mesh_and_of_a_structure() {
         "--guide",
         "modes:1,2",
     ];
-    let report = report_of("07_field", &args, &guided);
+    let report = undrawn_report_of("07_field", &args, &guided);
     assert!(report["counts"]["singularities"].as_u64().unwrap() > 0);
 
     let out = folder.path().join("quads");
@@ -767,7 +777,7 @@ fn quads_are_narrow_where_a_field_is_steep() {
         &field, "--field", "height", "--mode", "hard", "--adapt", "--quads", "600", "--ramp",
         "0.1,0.2",
     ];
-    let report = report_of("09_anisotropy", &args, &named);
+    let report = undrawn_report_of("09_anisotropy", &args, &named);
     let misalignment = &report["anisotropy"]["misalignment"];
     assert!(
         misalignment["percentile_95"].as_f64().unwrap() < 1e-6,
@@ -898,7 +908,7 @@ fn modes_are_those_of_the_largest_component() {
     let path = path.to_str().unwrap();
     let args = [path, "--count", "4", "--all-components"];
     let one = report_of("06_modes", &args[..3], &folder.path().join("one"));
-    let all = report_of("06_modes", &args, &folder.path().join("all"));
+    let all = undrawn_report_of("06_modes", &args, &folder.path().join("all"));
     assert_eq!(
         (&one["components"], &all["components"]),
         (&json!(2), &json!(2))
@@ -1059,7 +1069,7 @@ fn smoothing_keeps_the_volume_that_it_is_told_to_keep() {
         let out = folder.path().join(method);
         let input = fixture("bob_small.ply");
         let args = [&[&*input, "--method", method], &option[..]].concat();
-        let report = report_of("17_smooth", &args, &out);
+        let report = undrawn_report_of("17_smooth", &args, &out);
         assert!(report["flow"]["rms_displacement"].as_f64().unwrap() > 0.0);
         assert!(out.join("smooth.ply").exists());
     }
@@ -1089,11 +1099,14 @@ fn tiles_are_one_mesh_however_many_there_are() {
     .enumerate()
     {
         let out = folder.path().join(i.to_string());
-        let args = [
-            &[&*input, "--spacing", "1", "--quiet", "--renderer", "cpu"],
-            ways,
-        ]
-        .concat();
+        // One tile is drawn, as it is and improved.
+        let drawn = ["--renderer", "cpu"];
+        let drawn = if i % 2 == 0 && i < 3 {
+            &drawn[..]
+        } else {
+            &["--no-pictures"]
+        };
+        let args = [&[&*input, "--spacing", "1", "--quiet"], drawn, ways].concat();
         let output = run("20_tiles", &args, &out);
         let errors = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{ways:?}: {errors}");

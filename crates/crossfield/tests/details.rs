@@ -1,0 +1,161 @@
+//! Single steps: what turns a cross, what a pair costs, how narrow a quad may be.
+
+use crossfield::anisotropy::{Anisotropy, Function};
+use crossfield::field::Frames;
+use crossfield::map::Spacing;
+use crossfield::{FieldOptions, cross_field, testing};
+use geom_core::mesh::shapes;
+use geom_core::search::bvh::TriangleTree;
+use geom_core::surface::laplace::EdgeWeights;
+use geom_core::{Cpu, Point3, Run};
+
+/// However far crosses turn, what they turn by around vertices adds up to the Euler characteristic.
+#[test]
+fn indices_of_turned_crosses_add_up() {
+    for (mesh, total) in [
+        (shapes::icosphere(1.0, 2), 8),
+        (shapes::torus(2.0, 0.7, 16, 8), 0),
+    ] {
+        let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+        let options = FieldOptions::default();
+        let mut field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
+        let before = field.index.clone();
+        let jacobian = |f: usize| {
+            let (sine, cosine) = (0.7 * f as f64).sin_cos();
+            [[cosine, sine], [-sine, cosine]]
+        };
+        let jacobians = (0..frames.faces()).map(jacobian).collect();
+        let free: Vec<usize> = (0..frames.faces()).step_by(3).collect();
+        assert!(testing::turn(&frames, &mut field, &free, jacobians, 0.9));
+        assert_eq!(field.index.iter().sum::<i32>(), total);
+        assert_ne!(field.index, before);
+        let twins = frames.edges().twins().iter().enumerate();
+        for (h, &t) in twins.filter(|&(h, &t)| t != u32::MAX && t as usize > h) {
+            assert_eq!(field.jump[h], -field.jump[t as usize]);
+        }
+    }
+}
+
+/// A tenth of the way towards the gradient that is farther off.
+#[test]
+fn crosses_turn_towards_the_worse_gradient() {
+    let (sine, cosine) = 0.3f64.sin_cos();
+    let small = 0.1f64;
+    let expected = (0.1 * sine).atan2(1.0 + 0.1 * (cosine - 1.0));
+    // u is off by 0.3 to the left, v is right; then v is off by as much.
+    let u_off = [[cosine, sine], [0.0, 2.0]];
+    assert!((testing::turned_by(&u_off, small) - expected).abs() < 1e-15);
+    let v_off = [[3.0, 0.0], [-sine, cosine]];
+    assert!((testing::turned_by(&v_off, small) - expected).abs() < 1e-15);
+    assert_eq!(testing::turned_by(&[[1.0, 0.0], [0.0, 1.0]], small), 0.0);
+    assert_eq!(testing::turned_by(&[[0.0; 2], [0.0, 1.0]], small), 0.0);
+    // With a rate of one it is there at once.
+    assert!((testing::turned_by(&u_off, 1.0) - 0.3).abs() < 1e-15);
+}
+
+#[test]
+fn spacings_have_their_closed_forms() {
+    for ratio in [0.2, 0.5, 1.0] {
+        assert!((testing::narrowed(ratio, 1.0) - ratio).abs() < 1e-15);
+        assert!((testing::narrowed(ratio, -1.0) - ratio).abs() < 1e-15);
+        assert_eq!(testing::narrowed(ratio, 0.0), 1.0);
+        let diagonal = (2.0 / (1.0 + 1.0 / (ratio * ratio))).sqrt();
+        assert!((testing::narrowed(ratio, 0.5f64.sqrt()) - diagonal).abs() < 1e-15);
+        // The trace of the metric is the same in every frame.
+        for degrees in [0.0f64, 10.0, 33.0, 45.0, 80.0] {
+            let (sine, cosine) = degrees.to_radians().sin_cos();
+            let trace: f64 = [sine, cosine]
+                .map(|c| testing::narrowed(ratio, c).powi(-2))
+                .iter()
+                .sum();
+            assert!((trace - 1.0 - 1.0 / (ratio * ratio)).abs() < 1e-12);
+        }
+    }
+}
+
+#[test]
+fn ratios_fall_along_the_ramp_and_jump_at_a_step() {
+    let mut options = Anisotropy::of(Function::Mode(1));
+    let at = |steepness, options: &Anisotropy| testing::ratio_at(steepness, options);
+    assert_eq!(at(0.3, &options), 1.0);
+    assert_eq!(at(0.9, &options), 0.2);
+    assert!((at(0.6, &options) - 0.2f64.sqrt()).abs() < 1e-15);
+    options.ramp = [0.5, 0.5];
+    assert_eq!([at(0.5, &options), at(0.501, &options)], [1.0, 0.2]);
+    // Everywhere, but not where there is no gradient.
+    options.ramp = [0.0, 0.0];
+    assert_eq!([at(0.0, &options), at(1e-3, &options)], [1.0, 0.2]);
+}
+
+#[test]
+fn values_on_other_triangles_are_those_of_the_same_places() {
+    let mesh = shapes::icosphere(1.0, 3);
+    let height: Vec<f64> = mesh.positions().iter().map(|p| p.z).collect();
+    let tree = TriangleTree::new(&mesh).unwrap();
+    let other = shapes::icosphere(1.0, 2);
+    let there = testing::carried(&tree, &mesh, &height, &other).unwrap();
+    for (p, z) in other.positions().iter().zip(there) {
+        assert!((p.z - z).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn near_pairs_cost_more() {
+    let (far, near) = (0.25, testing::NEAR);
+    assert_eq!(
+        [100.0, near * 2.0, near, 0.5 * near].map(|d| testing::price(far, 2.0, d)),
+        [0.25, 0.25, 1.0, 4.0]
+    );
+    // Where the side of a quad does not matter.
+    assert_eq!(testing::price(far, 0.0, 1e-3), 0.25);
+}
+
+#[test]
+fn modes_are_taken_up_to_the_widest_gap() {
+    // An elongated body: its first mode stands alone.
+    assert_eq!(
+        testing::standing_apart(&[0.0, 1.0, 4.0, 4.4, 5.0, 5.5, 6.0, 6.5]),
+        1
+    );
+    // A ball: three of one kind, then five of the next.
+    assert_eq!(
+        testing::standing_apart(&[0.0, 2.0, 2.0, 2.0, 6.0, 6.0, 6.0, 6.0, 6.0]),
+        3
+    );
+    // Of equal gaps the first, and never more than six.
+    assert_eq!(
+        testing::standing_apart(&[0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0]),
+        1
+    );
+    assert_eq!(
+        testing::standing_apart(&[0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.1, 99.0]),
+        6
+    );
+    assert_eq!(testing::standing_apart(&[0.0, 1.0]), 1);
+}
+
+#[test]
+fn spacings_turn_with_the_arms() {
+    let of_faces = Spacing::PerFace(vec![[9.0; 2], [1.0, 2.0]]);
+    let turned = [0, 1, 2, 3].map(|comb| testing::spacing_of_face(&of_faces, 1, comb));
+    assert_eq!(turned, [[1.0, 2.0], [2.0, 1.0], [1.0, 2.0], [2.0, 1.0]]);
+    assert_eq!(
+        testing::spacing_of_face(&Spacing::Uniform(3.0), 7, 1),
+        [3.0; 2]
+    );
+}
+
+/// A quad of 4 by 1 wants to stay one, as far as it may be narrow.
+#[test]
+fn narrow_quads_keep_their_proportions() {
+    let quad = [[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [0.0, 1.0]];
+    let quad = quad.map(|[x, y]| Point3::new(x, y, 0.0));
+    let near = |a: [f64; 2], b: [f64; 2]| (0..2).all(|k| (a[k] - b[k]).abs() < 1e-12);
+    assert!(near(testing::lengths(&quad, 0.2), [4.0, 1.0]));
+    assert!(near(testing::lengths(&quad, 0.5), [10.0 / 3.0, 5.0 / 3.0]));
+    assert_eq!(testing::lengths(&quad, 1.0), [2.5; 2]);
+    let turned = [quad[1], quad[2], quad[3], quad[0]];
+    assert!(near(testing::lengths(&turned, 0.2), [1.0, 4.0]));
+    // One without any side is no reason for NaN.
+    assert_eq!(testing::lengths(&[Point3::origin(); 4], 0.2), [0.0; 2]);
+}

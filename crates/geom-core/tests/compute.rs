@@ -1,0 +1,158 @@
+//! What everything is computed with: numbers, sums, colours, comparisons, errors.
+
+use std::error::Error as _;
+
+use geom_core::compute::BackendError;
+use geom_core::compute::coloring::Coloring;
+use geom_core::compute::parallel::{argmax, sorted_by_number, sum};
+use geom_core::compute::random::SplitMix64;
+use geom_core::options::OutOfRange;
+use geom_core::{Agreement, Cancelled};
+use proptest::prelude::*;
+
+#[test]
+fn errors_of_backends_keep_what_they_were() {
+    let error = BackendError::new(Cancelled);
+    assert_eq!(error, BackendError::new("cancelled by the caller"));
+    assert_eq!(error.downcast_ref(), Some(&Cancelled));
+    assert!(error != BackendError::new("something else"));
+    let outer = BackendError::new(Outer { source: error });
+    assert_eq!(outer.to_string(), "outer");
+    let source = outer.source().expect("its cause");
+    assert_eq!(source.to_string(), "cancelled by the caller");
+}
+
+#[derive(Debug, thiserror::Error)]
+#[error("outer")]
+struct Outer {
+    source: BackendError,
+}
+
+#[test]
+fn a_comparison_can_fail() {
+    let bound = Agreement::Bounded {
+        relative: 1e-3,
+        absolute: 1e-6,
+    };
+    assert_eq!(bound.first_break(&[1.0, 2.0], &[1.0005, 2.0]), None);
+    assert_eq!(
+        bound.first_break(&[1.0, 2.0], &[1.0, 2.1]).map(|b| b.index),
+        Some(1)
+    );
+    assert_eq!(
+        bound.first_break(&[1.0], &[1.0, 2.0]).map(|b| b.index),
+        Some(1)
+    );
+    assert!(bound.first_break(&[1.0], &[f64::NAN]).is_some());
+    assert_eq!(
+        Agreement::Exact
+            .first_break(&[1u32, 2], &[1, 3])
+            .map(|b| b.index),
+        Some(1)
+    );
+    assert_eq!(Agreement::Exact.first_break(&[0.0f32], &[-0.0f32]), None);
+}
+
+proptest! {
+    #[test]
+    fn neighbours_differ(links in prop::collection::vec((0..50u32, 0..50u32), 0..300)) {
+        let mut ring = vec![Vec::new(); 50];
+        for &(a, b) in links.iter().filter(|l| l.0 != l.1) {
+            ring[a as usize].push(b);
+            ring[b as usize].push(a);
+        }
+        let colors = Coloring::greedy(50, |v| ring[v as usize].iter().copied());
+        for (v, neighbors) in ring.iter().enumerate() {
+            let color = colors.color[v];
+            prop_assert!(neighbors.iter().all(|&w| colors.color[w as usize] != color));
+            prop_assert!((color as usize) <= neighbors.len());
+            prop_assert!(colors.groups[color as usize].contains(&(v as u32)));
+        }
+        prop_assert_eq!(colors.groups.iter().map(Vec::len).sum::<usize>(), 50);
+    }
+}
+
+#[test]
+fn sums_do_not_depend_on_threads() {
+    let f = |i: usize| ((i as f64) * 0.7).sin() / (1.0 + i as f64);
+    let on = |threads| {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap()
+            .install(|| (sum(100_000, f).to_bits(), argmax(100_000, f)))
+    };
+    assert_eq!(on(1), on(2));
+    assert_eq!(on(1), on(5));
+}
+
+#[test]
+fn ties_go_to_the_lowest_index_and_nan_never_wins() {
+    let v = [f64::NAN, 1.0, 3.0, 3.0, f64::NAN];
+    assert_eq!(argmax(v.len(), |i| v[i]), Some((2, 3.0)));
+    assert_eq!(argmax(0, |_| 0.0), None);
+}
+
+#[test]
+fn groups_first_gives_the_same_order() {
+    let mut random = SplitMix64::new(3);
+    for (len, most) in [
+        (0, 1),
+        (1, 1),
+        (1000, 1),
+        (1000, 37),
+        (1000, 3000),
+        (50, 1 << 31),
+    ] {
+        let items: Vec<(u32, u32)> = (0..len)
+            .map(|_| (random.below(most) as u32, random.below(5) as u32))
+            .collect();
+        let mut expected = items.clone();
+        expected.sort_unstable();
+        let sorted = sorted_by_number(len, |i| items[i], |item| item.0);
+        assert_eq!(sorted, expected, "{len} below {most}");
+    }
+}
+
+#[test]
+fn the_numbers_are_those_of_the_paper() {
+    // The reference implementation (Vigna, splitmix64.c) from the seed 1234567.
+    let mut random = SplitMix64::new(1_234_567);
+    let expected: [u64; 3] = [
+        6_457_827_717_110_365_317,
+        3_203_168_211_198_807_973,
+        9_817_491_932_198_370_423,
+    ];
+    for (n, expected) in expected.into_iter().enumerate() {
+        assert_eq!(SplitMix64::new(1_234_567).nth(n as u64), expected);
+        assert_eq!(random.next_u64(), expected);
+    }
+    assert_eq!(SplitMix64::new(1_234_567).skip(3), random);
+}
+
+#[test]
+fn numbers_fill_their_intervals_evenly() {
+    let mut random = SplitMix64::new(3);
+    let n = 20_000;
+    let (mut unit, mut symmetric, mut tenths) = (0.0, 0.0, [0; 10]);
+    for _ in 0..n {
+        let (u, s) = (random.unit(), random.symmetric());
+        assert!((0.0..1.0).contains(&u) && (-1.0..1.0).contains(&s));
+        unit += u;
+        symmetric += s;
+        tenths[random.below(10)] += 1;
+    }
+    // Standard deviations of the means are 0.002 and 0.004; of the counts, 42.
+    assert!((unit / f64::from(n) - 0.5).abs() < 0.01);
+    assert!((symmetric / f64::from(n)).abs() < 0.02);
+    assert!(tenths.iter().all(|&t: &i32| (t - 2000).abs() < 200));
+}
+
+#[test]
+fn values_are_short() {
+    let of = |value: f64| OutOfRange::new("option", value, "be otherwise").value;
+    assert_eq!([of(0.25), of(f64::NAN)], ["0.25", "NaN"]);
+    assert_eq!([of(1e-310), of(-1e200)], ["1e-310", "-1e200"]);
+    let text = OutOfRange::new("option", "a path that is rather long", "be shorter");
+    assert_eq!(text.value, "a path that is rather long");
+}
