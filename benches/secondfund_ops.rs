@@ -3,12 +3,18 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use geom_core::io::structure;
 use geom_core::mesh::shapes;
-use geom_core::{Cpu, Run};
+use geom_core::{Cpu, Run, Wgpu};
 use secondfund_ops::operators::assemble;
 use secondfund_ops::{
-    Element, Faces, FlowOptions, Groups, Normals, PocketOptions, SegmentOptions, SpectrumOptions,
-    Surface, pockets, segment, smooth_quads, spectrum,
+    Element, Faces, FlowOptions, Groups, Normals, OperatorBackend, PocketOptions, SegmentOptions,
+    SpectrumOptions, Surface, pockets, segment, smooth_quads, spectrum,
 };
+
+fn backends() -> Vec<Box<dyn OperatorBackend>> {
+    let mut all: Vec<Box<dyn OperatorBackend>> = vec![Box::new(Cpu)];
+    all.extend(Wgpu::new().ok().map(|gpu| Box::new(gpu) as _));
+    all
+}
 
 fn operators(c: &mut Criterion) {
     let mut group = c.benchmark_group("secondfund-ops");
@@ -22,9 +28,12 @@ fn operators(c: &mut Criterion) {
     });
     let surface = Surface::new(shapes::quad_torus(1.0, 0.4, 160, 64)).expect("a surface");
     let quads = Element::CatmullClark(&surface);
-    group.bench_function("assembly, 10k quads", |b| {
-        b.iter(|| assemble(&quads, &options, Run::on(&Cpu)).expect("matrices"));
-    });
+    for backend in backends() {
+        let name = format!("assembly, 10k quads, {}", backend.name());
+        group.bench_function(name, |b| {
+            b.iter(|| assemble(&quads, &options, Run::on(&*backend)).expect("matrices"));
+        });
+    }
     group.bench_function("10 modes, 10k quads", |b| {
         b.iter(|| spectrum(&quads, &options, Run::on(&Cpu)).expect("modes"));
     });

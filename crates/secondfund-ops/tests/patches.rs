@@ -2,11 +2,16 @@
 
 use geom_core::algebra::quadrature::gauss;
 use geom_core::compute::random::SplitMix64;
-use geom_core::{Cpu, Point3};
+use geom_core::mesh::shapes;
+use geom_core::{Backend, Cpu, Point3, Run, Vector3};
 use proptest::prelude::*;
-use secondfund_ops::backend::{OperatorBackend, PATCH_MATRICES, PatchMatrices, PatchTask};
-use secondfund_ops::forms::Conductor;
+use secondfund_ops::backend::{
+    OperatorBackend, PATCH_MATRICES, PatchMatrices, PatchTask, TriangleTask,
+};
+use secondfund_ops::forms::{Conductor, TriangleMatrix};
+use secondfund_ops::operators::assemble;
 use secondfund_ops::specification::{PatchValues, patch_values};
+use secondfund_ops::{Element, Error, FlowOptions, SpectrumOptions, Surface, smooth_quads};
 
 use crate::backends::{LAWS, conductor};
 
@@ -193,6 +198,65 @@ proptest! {
             wrong[i] += 1e-3;
             assert_eq!(PATCH_MATRICES.first_break(&wanted, &wrong).map(|b| b.index), Some(i));
         });
+    }
+}
+
+/// A backend that answers what makes no sense: values that are no numbers, or too few of them.
+struct Wrong {
+    nan: bool,
+    /// Matrices make sense.
+    forces_alone: bool,
+}
+
+impl Backend for Wrong {
+    fn name(&self) -> String {
+        "wrong".to_owned()
+    }
+}
+
+impl OperatorBackend for Wrong {
+    fn triangle_matrices(
+        &self,
+        task: &TriangleTask<'_>,
+        out: &mut Vec<TriangleMatrix>,
+    ) -> Result<(), Error> {
+        Cpu.triangle_matrices(task, out)
+    }
+    fn patch_matrices(&self, task: &PatchTask<'_>, out: &mut PatchMatrices) -> Result<(), Error> {
+        Cpu.patch_matrices(task, out)?;
+        if self.forces_alone {
+            return Ok(());
+        }
+        if self.nan {
+            out.stiffness.iter_mut().for_each(|k| *k = f64::NAN);
+        } else {
+            out.skipped.pop();
+        }
+        Ok(())
+    }
+    fn patch_forces(&self, task: &PatchTask<'_>, out: &mut Vec<Vector3>) -> Result<(), Error> {
+        out.clear();
+        if self.nan {
+            out.resize(task.points.len(), Vector3::repeat(f64::NAN));
+        }
+        Ok(())
+    }
+    fn distances(&self, rows: &[f32], width: usize, out: &mut Vec<f32>) -> Result<(), Error> {
+        Cpu.distances(rows, width, out)
+    }
+}
+
+#[test]
+fn answers_that_make_no_sense_are_errors() {
+    let quads = shapes::quad_torus(1.0, 0.4, 16, 8);
+    let surface = Surface::new(quads.clone()).unwrap();
+    let element = Element::CatmullClark(&surface);
+    for [nan, forces_alone] in [[true, false], [false, false], [true, true], [false, true]] {
+        let wrong = Wrong { nan, forces_alone };
+        let matrices = assemble(&element, &SpectrumOptions::default(), Run::on(&wrong));
+        assert_eq!(matrices.is_ok(), forces_alone);
+        let smoothed = smooth_quads(&quads, &FlowOptions::default(), Run::on(&wrong));
+        assert!(smoothed.is_err());
     }
 }
 
