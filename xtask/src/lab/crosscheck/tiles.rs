@@ -5,7 +5,7 @@ use geom_core::mesh::OUTSIDE;
 use serde_json::Value;
 
 use super::{Lab, integer, number, text};
-use crate::{Outcome, call, fixtures};
+use crate::{Outcome, fixtures};
 
 /// How many tiles: some of them empty.
 const TILES: &str = "11";
@@ -14,13 +14,7 @@ const TILES: &str = "11";
 pub(super) fn tiles(lab: &mut Lab) -> Outcome {
     let out = lab.file("tiles");
     let input = fixtures::path("1AJJ.pdb").display().to_string();
-    let out_text = out.display().to_string();
-    let run = [
-        "run",
-        "--quiet",
-        "--example",
-        "20_tiles",
-        "--",
+    let told = [
         &input,
         "--spacing",
         "0.8",
@@ -29,11 +23,8 @@ pub(super) fn tiles(lab: &mut Lab) -> Outcome {
         "--tiles",
         TILES,
         "--no-pictures",
-        "--quiet",
-        "--out",
-        &out_text,
     ];
-    call("cargo", &run, &[])?;
+    super::program("20_tiles", &told, &out)?;
     let report = std::fs::read(out.join("report.json")).map_err(text)?;
     let report: Value = serde_json::from_slice(&report).map_err(text)?;
     let merged = mesh::read(out.join("volume.vtu")).map_err(text)?;
@@ -53,7 +44,7 @@ pub(super) fn tiles(lab: &mut Lab) -> Outcome {
     let outside = outside.iter().filter(|f| f.outside == OUTSIDE).count() as i64;
     let of_faces = faces.iter().map(|f| f.1);
     let group_of: Vec<u32> = group_of.into_iter().chain(of_faces).collect();
-    let theirs = lab.ask("tiles.py", &[out_text])?;
+    let theirs = lab.ask("tiles.py", &[out.display().to_string()])?;
     for file in ["pvtu", "msh"] {
         let theirs = &theirs[file];
         let what = |measure: &str| format!("tiles, {file}: {measure}");
