@@ -77,7 +77,7 @@ const FIGURES: &[Figure] = &[
         "3.5",
         "surfaces of a protein of fewer atoms, 2O53",
         "05_eliminate",
-        "@1A8O.pdb --epsilon 0.01",
+        "@1A8O.pdb --epsilon 0.05",
         "error.png",
     ),
     figure(
@@ -161,7 +161,7 @@ const FIGURES: &[Figure] = &[
         "5.1",
         "adaptive parameterization of 2W4U",
         "10_tmesh",
-        "@1hvr.pdb --spacing 1.5 --levels chain:A=2,B=0",
+        "@1hvr.pdb --spacing 1.5 --residue-power 0.2 --levels chain:A=2,B=0",
         "tmesh.png",
     ),
     figure(

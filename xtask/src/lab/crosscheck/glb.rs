@@ -9,14 +9,13 @@ use super::{Lab, integer, text};
 use crate::{Outcome, fixtures, root};
 
 /// Programs that write GLB, and what they are told: fixtures by their names, and `<` before a file of an earlier program.
-const PROGRAMS: [(&str, &str); 18] = [
+const PROGRAMS: [(&str, &str); 17] = [
     ("00_pipeline", "5e5z.pdb --spacing 1 --stages all"),
     ("02_surface", "1AJJ.pdb --color residue"),
     ("03_tets", "5e5z.pdb --spacing 1 --region both"),
     ("04_improve", "<02_surface/surface.ply"),
     ("05_eliminate", "5e5z.pdb --epsilon 0.05"),
     ("06_modes", "bob_small.ply --count 4"),
-    ("07_field", "bob_small.ply --guide modes:2"),
     ("08_quads", "bob_small.ply --quads 400"),
     ("09_anisotropy", "spot.ply --quads 1500"),
     ("10_tmesh", "<08_quads/quads.obj --levels curvature"),

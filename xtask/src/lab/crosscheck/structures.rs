@@ -144,6 +144,7 @@ fn compare(lab: &mut Lab, ours: &Reading, answer: &Value) -> Outcome {
             ("models", ours.report.models),
             ("assemblies", ours.report.assemblies.len()),
             ("copies", ours.report.copies),
+            ("dummies", ours.report.membrane.map_or(0, |m| m.dummies)),
         ];
         for (measure, count) in counts {
             // A reader that does not know a measure prints none.

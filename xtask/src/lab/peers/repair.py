@@ -18,7 +18,7 @@ def repaired(part):
     fix.set_quiet(True)
     fix.load_array(points, triangles)
     cut = len(fix.select_intersecting_triangles())
-    borders = fix.boundaries()
+    borders = fix.n_boundaries
     fix.fill_small_boundaries(0, True)
     clean = fix.clean(10, 3)
     made = trimesh.Trimesh(*fix.return_arrays(), process=False)

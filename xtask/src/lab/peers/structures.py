@@ -26,6 +26,10 @@ warnings.simplefilter("ignore")
 ANY = "*"
 
 
+# Dummy atoms mark the planes of a membrane; ours keeps their number.
+DUMMY = "DUM"
+
+
 class Refused(Exception):
     """A reader does not find what the file has."""
 
@@ -79,18 +83,19 @@ def by_gemmi(path, kind, asked):
     if asked == "one" and kind == "locations":
         # It keeps the first of the locations, so only their number is compared.
         entry.remove_alternative_conformations()
-        return {"atoms": sum(len(r) for c in entry[0] for r in c)}, None
+        return {"atoms": sum(len(r) for c in entry[0] for r in c if r.name != DUMMY)}, None
     names, places = [], []
+    answer["dummies"] = sum(len(r) for c in model for r in c if r.name == DUMMY)
     for chain in model:
         for residue in chain:
-            for atom in residue:
+            for atom in residue if residue.name != DUMMY else ():
                 code = residue.seqid.icode.strip()
                 words = (chain.name, residue.seqid.num, code, residue.name, atom.name)
                 element = "H" if atom.element.name == "D" else atom.element.name.upper()
                 names.append("|".join([*map(str, words), element]))
                 places.append(atom.pos.tolist())
     answer["atoms"] = len(names)
-    answer["chains"] = len({c.name for c in model})
+    answer["chains"] = len({c.name for c in model if any(r.name != DUMMY for r in c)})
     if kind == "locations":
         answer["models"] = len(entry)
         # It passes over tables of assemblies without the column of methods.
@@ -117,6 +122,8 @@ def by_biotite(path, kind, asked):
             answer["assemblies"] = len(from_file.list_assemblies(file))
         except biotite.InvalidFileError:
             answer["assemblies"] = 0
+    answer["dummies"] = int((atoms.res_name == DUMMY).sum())
+    atoms = atoms[atoms.res_name != DUMMY]
     # Where old files have the entry's name instead of elements, it takes that.
     elements = atoms.element if all(map(str.isalpha, atoms.element)) else [ANY] * len(atoms)
     names = [
