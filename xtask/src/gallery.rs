@@ -98,7 +98,7 @@ const FIGURES: &[Figure] = &[
         "3.12",
         "three large proteins",
         "02_surface",
-        "@large/2tmv.pdb|1hvr.pdb --spacing 2.4 --color residue",
+        "@large/2buk.pdb|5e5z.pdb --assembly 1 --spacing 2.4 --color residue",
         "surface.png",
     ),
     figure(
@@ -175,7 +175,7 @@ const FIGURES: &[Figure] = &[
         "5.8",
         "multi-resolution spline surfaces",
         "11_tspline",
-        "@spot.ply --quads 3000",
+        "@spot.ply --quads 3000 --levels curvature",
         "surface.png",
     ),
     figure(

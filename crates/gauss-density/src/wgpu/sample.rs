@@ -2,8 +2,8 @@
 //!
 //! Three passes per lot of blocks, each of which reads what the one before has left on the device:
 //!
-//! 1. **cull** goes up the tree of a block and decides for every atom and node whether it matters anywhere in a brick, by the
-//!    same kind of bounds as the processor's culls;
+//! 1. **cull** bounds for every atom the share of the density that a brick loses without it, and drops as many, from the
+//!    smallest bound on, as together stay below ε;
 //! 2. **density** sums at each point what is left, as logarithms relative to the largest term, and finds the range of the brick;
 //! 3. **compact** copies the values of the bricks that meet the band to the front, so that the others are not downloaded.
 //!
