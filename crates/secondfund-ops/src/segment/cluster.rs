@@ -1,4 +1,9 @@
 //! Grouping around medoids: FasterPAM, and the Davies–Bouldin index.
+//!
+//! Means of points of the space of modes are points of no surface; a medoid is a vertex, the one with the least sum of distances
+//! to its group. The loss is the sum of the distances of all points to their medoids. A swap of a medoid with another point
+//! changes it by terms that are known from the two nearest medoids of each point, so that all swaps of one candidate are judged in
+//! one pass over the points. Every improving swap is done at once (that is what *eager* means), until none is left.
 
 use geom_core::compute::random::SplitMix64;
 

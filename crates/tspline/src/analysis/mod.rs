@@ -1,5 +1,9 @@
 //! Isogeometric analysis on a spline surface: the functions that shape it carry the solution (Hughes, Cottrell and
 //! Bazilevs 2005).
+//!
+//! Finite elements approximate the shape by triangles and the solution by other functions. Here both are of one basis, so that
+//! the shape is exact and the solution smooth: with the functions N_i of the surface, stiffness and mass are
+//! `K_ij = ∫ ∇N_i · ∇N_j dA` and `M_ij = ∫ N_i N_j dA`, integrated patch by patch with Gauss's rule.
 
 use geom_core::algebra::eigen::{self, EigenPairs, SpectralBackend};
 use geom_core::algebra::quadrature::gauss;
