@@ -37,6 +37,17 @@ struct Near {
 ///
 /// # Panics
 /// If there are not `n²` distances, or groups not between 1 and n.
+///
+/// ```
+/// use secondfund_ops::segment::medoids;
+/// // Five points on a line, in two groups.
+/// let at = [0.0f32, 1.0, 2.0, 10.0, 11.0];
+/// let distances: Vec<f32> = at.iter().flat_map(|a| at.map(|b| (a - b).abs())).collect();
+/// let found = medoids(&distances, 5, 2, 0);
+/// assert_eq!(found.group[0], found.group[2]);
+/// assert_ne!(found.group[0], found.group[3]);
+/// assert!((found.loss - 3.0).abs() < 1e-6);
+/// ```
 pub fn medoids(distances: &[f32], n: usize, groups: usize, seed: u64) -> Medoids {
     assert_eq!(distances.len(), n * n, "all distances");
     assert!((1..=n).contains(&groups), "groups between 1 and n");

@@ -21,6 +21,22 @@
 //! The first point lies at ORIGIN if that is set, else at NSTART steps, as viewers of maps read it.
 //! Lengths of the header are f32 and read as the shortest decimals that stand for them, so that
 //! lattices with up to seven digits come back unchanged.
+//!
+//! ```
+//! use geom_core::io::mrc;
+//! use geom_core::{Lattice, LatticeValues, Point3, ScalarGrid};
+//!
+//! let lattice = Lattice { origin: Point3::new(-1.5, 0.0, 2.25), spacing: 0.75, counts: [3, 4, 5] };
+//! let values = (0..60).map(|i| i as f32 / 7.0).collect();
+//! let grid = ScalarGrid::new(lattice, values)?;
+//! let mut bytes = Vec::new();
+//! mrc::write(&mut bytes, &grid, mrc::Mode::Float32)?;
+//! assert_eq!(bytes.len(), 1024 + 4 * 60);
+//! assert_eq!(mrc::parse(&bytes)?.into_grid()?, grid);
+//! // Whole numbers cannot hold sevenths.
+//! assert!(mrc::write(&mut Vec::new(), &grid, mrc::Mode::Int16).is_err());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use std::io::Write;
 use std::path::Path;
