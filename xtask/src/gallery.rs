@@ -77,7 +77,7 @@ const FIGURES: &[Figure] = &[
         "3.5",
         "surfaces of a protein of fewer atoms, 2O53",
         "05_eliminate",
-        "@1A8O.pdb --epsilon 0.05",
+        "@1A8O.pdb --spacing 0.8 --residue-power 0.25 --epsilon 0.1",
         "error.png",
     ),
     figure(

@@ -1,8 +1,9 @@
 //! `cargo xtask crosscheck`: our files in other people's programs. trimesh and meshio measure our
 //! surfaces and tetrahedra, mrcfile and GridDataFormats read and write our grids, and scikit-fem solves
 //! equations with known answers on our meshes. Meshes of SciPy and, where it is at hand, TetGen are improved. Instant Meshes
-//! makes quads beside ours. Gmsh and VTK read our spline surfaces, and the parts of a mesh in tiles. Chromium opens the
-//! pages of runs.
+//! makes quads beside ours. Gmsh and VTK read our spline surfaces, and the parts of a mesh in tiles. gemmi and biotite read
+//! the structures that we read, potpourri3d finds distances, MeshFix looks for something to repair, and the validator of Khronos
+//! goes over every GLB. Chromium opens the pages of runs.
 
 mod distances;
 mod glb;
