@@ -1,6 +1,6 @@
 //! What the field follows: eigenfunctions, curvature, directions given by the caller.
 //!
-//! A [`Guidance`] is a wish in words of the surface; [`guides`] makes of it a list of [`Guide`](crate::field::Guide)s, an
+//! A [`Guidance`] is a wish in words of the surface; [`guides`] makes of it a list of [`Guide`]s, an
 //! angle and a weight for some of the triangles, which is all that the field knows. The others follow by smoothness.
 //!
 //! The low eigenfunctions of the Laplace operator are functions that vary as slowly over the surface as functions can: the
