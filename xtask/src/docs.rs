@@ -89,6 +89,11 @@ fn named(text: &str) -> impl Iterator<Item = String> {
     let links = links
         .filter(|link| !link.contains("://") && link.contains(['/', '.']) && !link.contains("::"));
     let links = links.map(|link| link.split('#').next().unwrap_or_default().to_owned());
+    // `[name]: target`, to which links elsewhere on the page refer.
+    let definitions = text.lines().filter_map(|line| {
+        let (_, target) = line.strip_prefix('[')?.split_once("]: ")?;
+        (!target.contains("://")).then(|| target.trim().to_owned())
+    });
     let prose = text.split("```").step_by(2);
     let spans = prose.flat_map(|part| part.split('`').skip(1).step_by(2));
     let tops = [
@@ -116,6 +121,7 @@ fn named(text: &str) -> impl Iterator<Item = String> {
     let spans = spans.map(|span| format!("/{span}"));
     links
         .filter(|link| !link.is_empty())
+        .chain(definitions)
         .chain(spans)
         .collect::<Vec<_>>()
         .into_iter()
@@ -246,11 +252,55 @@ mod tests {
         }
     }
 
+    /// A page shows its picture as a file beside it; the documentation of the crate, which has no files, as text. Both must be
+    /// the same, and all pictures together no more than 3 MB.
+    #[test]
+    fn pictures_of_crates_are_in_their_documentation_too() {
+        use base64::Engine as _;
+        let folders = fs::read_dir(root().join("crates")).expect("the crates");
+        let mut count = 0;
+        for folder in folders.map(|f| f.expect("a crate").path()) {
+            let at = folder.display();
+            let page = fs::read_to_string(folder.join("README.md")).expect("a page");
+            assert!(
+                page.contains("][picture]\n"),
+                "{at}: the page has no picture"
+            );
+            assert!(page.contains("\n[picture]: picture.png\n"), "{at}");
+            let picture = fs::read(folder.join("picture.png")).expect("a picture");
+            let text = fs::read_to_string(folder.join("picture.b64")).expect("the same as text");
+            let encoded = base64::engine::general_purpose::STANDARD.encode(picture);
+            assert_eq!(text.trim_end(), encoded, "{at}: another picture");
+            let library = fs::read_to_string(folder.join("src/lib.rs")).expect("a library");
+            assert!(library.contains("include_str!(\"../picture.b64\")"), "{at}");
+            count += 1;
+        }
+        assert_eq!(count, 8);
+        let listed = Command::new("git")
+            .args([
+                "ls-files",
+                "--cached",
+                "--others",
+                "--exclude-standard",
+                "*.png",
+                "*.b64",
+            ])
+            .current_dir(root())
+            .output()
+            .expect("git lists them");
+        let names = String::from_utf8_lossy(&listed.stdout).into_owned();
+        let sizes = names
+            .lines()
+            .filter_map(|name| fs::metadata(root().join(name)).ok());
+        let bytes: u64 = sizes.map(|file| file.len()).sum();
+        assert!((1..=3 << 20).contains(&bytes), "{bytes} bytes of pictures");
+    }
+
     #[test]
     fn names_and_commands_are_found() {
-        let text = "See [a](b/c.md#d) and `crates/x/y.rs`, not `io/NAME.rs`, [`x`](crate::y) or `crates/NAME/z`.\n```sh\ncargo a # why\n\nls\n```\n`xtask/src`";
+        let text = "[e]: f.png\nSee [a](b/c.md#d) and `crates/x/y.rs`, not `io/NAME.rs`, [`x`](crate::y) or `crates/NAME/z`.\n```sh\ncargo a # why\n\nls\n```\n`xtask/src`";
         let names: Vec<_> = named(text).collect();
-        assert_eq!(names, ["b/c.md", "/crates/x/y.rs", "/xtask/src"]);
+        assert_eq!(names, ["b/c.md", "f.png", "/crates/x/y.rs", "/xtask/src"]);
         assert_eq!(commands(text).collect::<Vec<_>>(), ["cargo a", "ls"]);
     }
 }

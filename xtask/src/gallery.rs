@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Instant;
 
 use crate::{Outcome, fixtures, root, target};
 
@@ -76,7 +77,7 @@ const FIGURES: &[Figure] = &[
         "3.5",
         "surfaces of a protein of fewer atoms, 2O53",
         "05_eliminate",
-        "@1A8O.pdb --epsilon 0.01",
+        "@1A8O.pdb --spacing 0.8 --residue-power 0.25 --epsilon 0.1",
         "error.png",
     ),
     figure(
@@ -97,7 +98,7 @@ const FIGURES: &[Figure] = &[
         "3.12",
         "three large proteins",
         "02_surface",
-        "@large/2tmv.pdb|1hvr.pdb --spacing 2.4 --color residue",
+        "@large/2buk.pdb|5e5z.pdb --assembly 1 --spacing 2.4 --color residue",
         "surface.png",
     ),
     figure(
@@ -160,7 +161,7 @@ const FIGURES: &[Figure] = &[
         "5.1",
         "adaptive parameterization of 2W4U",
         "10_tmesh",
-        "@1hvr.pdb --spacing 1.5 --levels chain:A=2,B=0",
+        "@1hvr.pdb --spacing 1.5 --residue-power 0.2 --levels chain:A=2,B=0",
         "tmesh.png",
     ),
     figure(
@@ -174,7 +175,7 @@ const FIGURES: &[Figure] = &[
         "5.8",
         "multi-resolution spline surfaces",
         "11_tspline",
-        "@spot.ply --quads 3000",
+        "@spot.ply --quads 3000 --levels curvature",
         "surface.png",
     ),
     figure(
@@ -242,33 +243,32 @@ const FIGURES: &[Figure] = &[
     ),
 ];
 
+/// Draws what is asked for. Runs that an earlier call has finished by the programs of today are not made again, so that
+/// a gallery which was broken off goes on where it was.
 pub(crate) fn run(arguments: &Arguments) -> Outcome {
     let build = ["build", "--quiet", "--workspace", "--examples"];
     crate::call("cargo", &build, &[])?;
     let out = root().join(&arguments.out);
     let work = out.join("work");
     fs::create_dir_all(&work).map_err(|e| format!("{}: {e}", work.display()))?;
-    let mut rows = String::new();
     let mut failures = Vec::new();
     let chosen = FIGURES
         .iter()
         .filter(|f| f.number.starts_with(&arguments.only));
     for figure in chosen {
+        let start = Instant::now();
         match draw(figure, &out, &work) {
-            Ok((picture, command)) => {
-                println!("{}: {picture}", figure.number);
-                let Figure { number, theirs, .. } = figure;
-                rows += &format!(
-                    "<figure><img src=\"{picture}\" alt=\"\"><figcaption><b>{number}</b> There: {theirs}. \
-                     Here:<br><code>{command}</code></figcaption></figure>\n"
-                );
+            Ok(picture) => {
+                let seconds = start.elapsed().as_secs_f64();
+                println!("{}: {picture}, {seconds:.0} s", figure.number);
             }
-            Err(why) => failures.push(format!("{}: {why}", figure.number)),
+            Err(why) => {
+                println!("{}: FAILED", figure.number);
+                failures.push(format!("{}: {why}", figure.number));
+            }
         }
+        write_page(&out)?;
     }
-    fs::remove_dir_all(&work).map_err(|e| format!("{}: {e}", work.display()))?;
-    let page = format!("{HEAD}{rows}</main>\n");
-    fs::write(out.join("index.html"), page).map_err(|e| e.to_string())?;
     if failures.is_empty() {
         Ok(())
     } else {
@@ -276,62 +276,94 @@ pub(crate) fn run(arguments: &Arguments) -> Outcome {
     }
 }
 
+/// The page of all figures that are drawn by now.
+fn write_page(out: &Path) -> Outcome {
+    let mut rows = String::new();
+    for figure in FIGURES {
+        let picture = picture(figure);
+        if out.join(&picture).is_file() {
+            let Figure { number, theirs, .. } = figure;
+            let command = command(figure)?.1;
+            rows += &format!(
+                "<figure><img src=\"{picture}\" alt=\"\"><figcaption><b>{number}</b> There: {theirs}. \
+                 Here:<br><code>{command}</code></figcaption></figure>\n"
+            );
+        }
+    }
+    fs::write(out.join("index.html"), format!("{HEAD}{rows}</main>\n")).map_err(|e| e.to_string())
+}
+
 const HEAD: &str = "<!doctype html><meta charset=\"utf-8\"><title>Figures</title>\n<style>body{font:16px sans-serif;margin:2em}\
 main{display:grid;grid-template-columns:repeat(auto-fill,minmax(28em,1fr));gap:2em}figure{margin:0}img{width:100%}\
 </style>\n<h1>Figures of the thesis, and ours</h1>\n<p>Atoms and models differ where theirs are not at hand: \
 the command names ours.</p>\n<main>\n";
 
-/// The picture of a figure, by its name in `out`, and the command that makes it.
-fn draw(figure: &Figure, out: &Path, work: &Path) -> Result<(String, String), String> {
-    let mut arguments = Vec::new();
-    for word in figure.arguments.split(' ') {
-        arguments.push(match word.strip_prefix('@') {
-            Some(files) => input(files)?.display().to_string(),
-            None => word.to_owned(),
-        });
-    }
-    let told = figure
-        .arguments
-        .split(' ')
-        .zip(&arguments)
-        .map(|(word, found)| {
-            let name = Path::new(found)
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned();
-            if word.starts_with('@') {
-                name
-            } else {
-                word.to_owned()
-            }
-        });
-    let command = format!("{} {}", figure.program, told.collect::<Vec<_>>().join(" "));
+/// The name of a figure's picture.
+fn picture(figure: &Figure) -> String {
+    format!("{}.png", figure.number.replace(' ', ""))
+}
+
+/// Makes the picture of a figure, or takes that of an earlier run; its name.
+fn draw(figure: &Figure, out: &Path, work: &Path) -> Result<String, String> {
+    let (arguments, command) = command(figure)?;
+    let program = target().join("debug/examples").join(figure.program);
     // Two figures of one run are made by one.
     let slug: String = command
         .chars()
         .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
         .collect();
-    let folder = work.join(slug);
-    if !folder.exists() {
-        let output = Command::new(target().join("debug/examples").join(figure.program))
-            .args(&arguments)
-            .args(["--quiet", "--out"])
-            .arg(&folder)
-            .output()
-            .map_err(|e| format!("{}: {e}", figure.program))?;
-        if !output.status.success() {
-            let told = String::from_utf8_lossy(&output.stderr);
-            return Err(format!(
-                "`{command}`: {}",
-                told.lines().last().unwrap_or_default()
-            ));
-        }
+    let folder = work.join(&slug);
+    if !is_newer(&folder, &program) {
+        make(&program, &arguments, &folder).map_err(|why| format!("`{command}`: {why}"))?;
     }
-    let picture = format!("{}.png", figure.number.replace(' ', ""));
+    let picture = picture(figure);
     let from = folder.join(figure.picture);
     fs::copy(&from, out.join(&picture)).map_err(|e| format!("{}: {e}", from.display()))?;
-    Ok((picture, command))
+    Ok(picture)
+}
+
+/// Runs a program. Its folder has this name only once it is whole.
+fn make(program: &Path, arguments: &[String], folder: &Path) -> Outcome {
+    let part = folder.with_extension("part");
+    for old in [&part, folder] {
+        if old.exists() {
+            fs::remove_dir_all(old).map_err(|e| format!("{}: {e}", old.display()))?;
+        }
+    }
+    let output = Command::new(program)
+        .args(arguments)
+        .args(["--quiet", "--out"])
+        .arg(&part)
+        .output()
+        .map_err(|e| format!("{}: {e}", program.display()))?;
+    if !output.status.success() {
+        let told = String::from_utf8_lossy(&output.stderr);
+        return Err(told.lines().last().unwrap_or_default().to_owned());
+    }
+    fs::rename(&part, folder).map_err(|e| format!("{}: {e}", folder.display()))
+}
+
+/// Was the one made after the other?
+fn is_newer(made: &Path, than: &Path) -> bool {
+    let time = |path: &Path| fs::metadata(path).and_then(|m| m.modified()).ok();
+    matches!((time(made), time(than)), (Some(a), Some(b)) if a > b)
+}
+
+/// A figure's arguments with the files found, and its command as people would type it.
+fn command(figure: &Figure) -> Result<(Vec<String>, String), String> {
+    let (mut arguments, mut told) = (Vec::new(), vec![figure.program.to_owned()]);
+    for word in figure.arguments.split(' ') {
+        if let Some(files) = word.strip_prefix('@') {
+            let found = input(files)?;
+            let name = found.file_name().unwrap_or_default();
+            told.push(name.to_string_lossy().into_owned());
+            arguments.push(found.display().to_string());
+        } else {
+            told.push(word.to_owned());
+            arguments.push(word.to_owned());
+        }
+    }
+    Ok((arguments, told.join(" ")))
 }
 
 /// The first file of `a|b` that is there.

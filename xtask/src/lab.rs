@@ -38,10 +38,11 @@ pub(crate) enum Chore {
         #[arg(long)]
         large: bool,
     },
-    /// Our files in other people's programs: surfaces, tetrahedra, grids and splines are measured there, and
-    /// equations with known answers solved.
+    /// Our files in other people's programs: surfaces, tetrahedra, grids, splines and pictures are measured and checked there,
+    /// equations with known answers solved, structures read by others and distances found.
     Crosscheck {
-        /// Only one of surfaces, volumes, grids, solver, foreign, tetgen, splines.
+        /// Only one of surfaces, volumes, grids, solver, foreign, tetgen, quads, splines, tiles, structures, distances, repair,
+        /// glb, pages.
         part: Option<String>,
     },
     /// Faulty files and meshes for every reader and every verb that takes those of others: panics, endless work and

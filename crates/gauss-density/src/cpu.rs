@@ -1,4 +1,8 @@
 //! The kernels on the CPU: culls in f64, sums in f32 with as many lanes as the processor has.
+//!
+//! A block goes down in halves: what matters in the block, in each eighth of it, in each brick, and for wide spacings in each eighth
+//! of a brick. Each step culls what the one before has left, with a share of the ε that may be lost, and a box that cannot reach
+//! the floor ends the way there. Memory is that of the thread and used again.
 
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Cpu, Lattice};

@@ -18,6 +18,33 @@ pub(crate) mod reach;
 /// Powers and decay for a whole structure, or for the part that [`Model::emphasize`] selects.
 ///
 /// A power below 1 blurs what lies below it, a power above 1 sharpens it; 1 leaves a plain sum.
+///
+/// What a power P does to a residue is seen at one atom alone: `g^P = exp(−P κ (d² − r²))` is still 1 on the sphere of its
+/// radius, but falls P times as fast. Two atoms of that residue side by side have `(g₁ + g₂)^P`, which with a small P is
+/// hardly more than one of them: their bumps merge, and the surface follows the residue instead of its atoms. Powers of
+/// chains and domains do the same to residues and chains, so that a resolution can be given to each level and to each part
+/// ([`Model::emphasize`]).
+///
+/// `decay` is the other knob: with κ = 1 Å⁻² the density of an atom falls to 1/e where `d² = r² + 1 Å²`, for a carbon at 1.97 Å
+/// instead of 1.7 Å. Smaller values blur everything alike.
+///
+/// ```
+/// use gauss_density::geom_core::{ImplicitField, Point3};
+/// use gauss_density::{Cutoff, Model, PointSampler};
+///
+/// // One residue of two carbons, and a point in the dent between them.
+/// let places = vec![Point3::new(-1.2, 0.0, 0.0), Point3::new(1.2, 0.0, 0.0)];
+/// let dent = Point3::new(0.0, 1.6, 0.0);
+/// let density = |power| -> Result<f64, gauss_density::Error> {
+///     let residue = vec![(vec![0, 2], vec![power])];
+///     let model = Model::new(places.clone(), vec![1.7; 2], vec![1.0; 2], residue)?;
+///     Ok(PointSampler::new(&model, Cutoff::default())?.value(&dent))
+/// };
+/// // Two kernels of 0.33 each: outside by themselves, and still so, but nearer to 1, the smaller the power.
+/// assert!((density(1.0)? - 2.0 * f64::exp(-(1.44 + 2.56 - 2.89))).abs() < 1e-6);
+/// assert!(density(0.5)? > density(1.0)? && density(0.1)? > density(0.5)?);
+/// # Ok::<(), gauss_density::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Levels {
@@ -138,7 +165,22 @@ impl Model {
 
     /// A tree of any depth. `tree` goes from the lowest level to the topmost; each level has the first
     /// child per node (and the number of children at the end), and a power per node. With no level the
-    /// density is the plain sum over the atoms.
+    /// density is the plain sum over the atoms. Radii are Å, decays Å⁻², one each per centre.
+    ///
+    /// ```
+    /// use gauss_density::{Model, geom_core::Point3};
+    /// // Five atoms in residues of two and three, both in one chain.
+    /// let centers = (0..5).map(|i| Point3::new(1.5 * f64::from(i), 0.0, 0.0)).collect();
+    /// let residues = (vec![0, 2, 5], vec![0.5, 0.5]);
+    /// let chain = (vec![0, 2], vec![1.0]);
+    /// let model = Model::new(centers, vec![1.7; 5], vec![1.0; 5], vec![residues, chain])?;
+    /// assert_eq!(model.levels()[0].children(1), 2..5);
+    /// # Ok::<(), gauss_density::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// Names the first atom or level that makes no sense: arrays of different lengths, no atoms, a centre beyond ±10⁷ Å, a radius
+    /// that is negative or above 10⁴ Å, a decay or power out of its range, a node without children or a child without a node.
     pub fn new(
         centers: Vec<Point3>,
         radii: Vec<f64>,
@@ -310,6 +352,22 @@ impl Model {
 
     /// Emphasizes what a selector means in the structure that the model was made of: chains, residues,
     /// domains, copies of an assembly.
+    ///
+    /// ```
+    /// use gauss_density::geom_core::io::structure::{ReadOptions, read};
+    /// use gauss_density::geom_core::structure::Selector;
+    /// use gauss_density::{Levels, Model};
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let structure = read(fixtures::path("1hvr.pdb"), &ReadOptions::default())?.structure;
+    /// // Everything in outline, chain B with every atom.
+    /// let mut model = Model::uniform(&structure, &Levels { residue_power: 0.1, ..Levels::default() })?;
+    /// let sharp = Levels { residue_power: 1.0, ..Levels::default() };
+    /// model.emphasize_selected(&structure, &Selector::parse("chain:B")?, &sharp)?;
+    /// let powers = model.levels()[0].powers();
+    /// assert!(powers.contains(&0.1) && powers.contains(&1.0));
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn emphasize_selected(
         &mut self,
         structure: &Structure,

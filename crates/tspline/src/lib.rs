@@ -1,3 +1,5 @@
+// The page shows its picture as a file; here, where there are no files, the same as text. Of two meanings the first counts.
+#![doc = concat!("[picture]: data:image/png;base64,", include_str!("../picture.b64"), "\n")]
 #![doc = include_str!("../README.md")]
 
 pub use geom_core;

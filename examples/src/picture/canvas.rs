@@ -288,10 +288,12 @@ pub fn sheet(images: &[(String, Image)], columns: usize) -> Image {
 /// A sheet of functions that are each coloured by [`Scale::symmetric`], with the colour bar that all share.
 pub fn sheet_of_modes(images: &[(String, Image)], columns: usize) -> Image {
     let cells = sheet(images, columns);
-    let mut out = Image::filled(cells.width + BAR_WIDTH, cells.height, [255; 3]);
+    // The label is wider than the bar, and must not reach into the pictures.
+    let left = cells.width + BAR_WIDTH / 2;
+    let mut out = Image::filled(left + BAR_WIDTH, cells.height, [255; 3]);
     out.paste(&cells, 0, 0);
     let scale = Scale::new(ColorMap::CoolWarm, [-1.0, 1.0], "of the largest");
     let (top, bottom) = (cells.height / 7 + 20, cells.height - cells.height / 7);
-    out.color_bar(&scale, cells.width, [top, bottom.max(top + 1)]);
+    out.color_bar(&scale, left, [top, bottom.max(top + 1)]);
     out
 }

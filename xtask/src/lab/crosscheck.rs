@@ -1,30 +1,46 @@
 //! `cargo xtask crosscheck`: our files in other people's programs. trimesh and meshio measure our
 //! surfaces and tetrahedra, mrcfile and GridDataFormats read and write our grids, and scikit-fem solves
 //! equations with known answers on our meshes. Meshes of SciPy and, where it is at hand, TetGen are improved. Instant Meshes
-//! makes quads beside ours. Gmsh and VTK read our spline surfaces, and the parts of a mesh in tiles. Chromium opens the
-//! pages of runs.
+//! makes quads beside ours. Gmsh and VTK read our spline surfaces, and the parts of a mesh in tiles. gemmi and biotite read
+//! the structures that we read, potpourri3d finds distances, MeshFix looks for something to repair, and the validator of Khronos
+//! goes over every GLB. Chromium opens the pages of runs.
 
+mod distances;
+mod glb;
+mod grids;
 mod pages;
 mod quads;
+mod repair;
 mod splines;
+mod structures;
 mod tiles;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use gauss_density::{Cutoff, Model, PointSampler, sample};
-use geom_core::io::{Encoding, View, grid, mesh, mrc, msh, ply};
+use geom_core::io::{Encoding, View, mesh, msh, ply};
 use geom_core::mesh::{INTERIOR, SurfaceAudit, shapes};
-use geom_core::{
-    Aabb, Cpu, Lattice, LatticeValues, Point3, Run, ScalarGrid, TetMesh, TriMesh, Vector3,
-};
+use geom_core::{Aabb, Cpu, Point3, Run, ScalarGrid, TetMesh, TriMesh, Vector3};
 use serde_json::Value;
 
 use super::{number, python, text};
 use crate::{Outcome, fixtures, root};
 
 /// The parts, in the order in which they run.
-const PARTS: [&str; 10] = [
-    "surfaces", "volumes", "grids", "solver", "foreign", "tetgen", "quads", "splines", "tiles",
+const PARTS: [&str; 14] = [
+    "surfaces",
+    "volumes",
+    "grids",
+    "solver",
+    "foreign",
+    "tetgen",
+    "quads",
+    "splines",
+    "tiles",
+    "structures",
+    "distances",
+    "repair",
+    "glb",
     "pages",
 ];
 
@@ -44,6 +60,10 @@ pub(crate) fn run(part: Option<&str>) -> Outcome {
         "gmsh",
         "vtk",
         "pynanoinstantmeshes",
+        "gemmi",
+        "biotite",
+        "potpourri3d",
+        "pymeshfix",
     ])?;
     let folder = root().join("target/crosscheck");
     std::fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
@@ -62,13 +82,17 @@ pub(crate) fn run(part: Option<&str>) -> Outcome {
         match name {
             "surfaces" => surfaces(&mut lab, &molecule)?,
             "volumes" => volumes(&mut lab, &molecule)?,
-            "grids" => grids(&mut lab, &molecule.grid)?,
+            "grids" => grids::grids(&mut lab, &molecule.grid)?,
             "solver" => solver(&mut lab)?,
             "foreign" => foreign(&mut lab)?,
             "tetgen" => tetgen(&mut lab, &molecule)?,
             "quads" => quads::quads(&mut lab)?,
             "splines" => splines::splines(&mut lab)?,
             "tiles" => tiles::tiles(&mut lab)?,
+            "structures" => structures::structures(&mut lab)?,
+            "distances" => distances::distances(&mut lab, &molecule.surface)?,
+            "repair" => repair::repair(&mut lab)?,
+            "glb" => glb::glb(&mut lab)?,
             _ => pages::pages(&mut lab)?,
         }
     }
@@ -77,6 +101,14 @@ pub(crate) fn run(part: Option<&str>) -> Outcome {
         0 => Ok(()),
         n => Err(format!("{n} comparisons are out of tolerance")),
     }
+}
+
+/// Runs one of our programs as a user would.
+fn program(name: &str, arguments: &[&str], out: &Path) -> Outcome {
+    let out = out.display().to_string();
+    let cargo = ["run", "--quiet", "--example", name, "--"];
+    let run = [&cargo[..], arguments, &["--quiet", "--out", &out]].concat();
+    crate::call("cargo", &run, &[])
 }
 
 struct Lab {
@@ -414,87 +446,6 @@ fn export(lab: &Lab, name: &str, tets: &TetMesh) -> Result<Vec<String>, String> 
         files.push(path.display().to_string());
     }
     Ok(files)
-}
-
-/// MRC and OpenDX: what others read in ours, and what we read in theirs.
-fn grids(lab: &mut Lab, density: &ScalarGrid) -> Outcome {
-    // A plain lattice that f32 and a few digits can hold, and values of a molecule.
-    let counts = density.lattice().counts;
-    let lattice = Lattice {
-        origin: Point3::new(-12.5, 7.25, 0.5),
-        spacing: 0.75,
-        counts,
-    };
-    let values = density.values().iter().map(|v| v.min(2.0)).collect();
-    let ours = ScalarGrid::new(lattice, values).map_err(text)?;
-    let (map, dx) = (lab.file("molecule.mrc"), lab.file("molecule.dx"));
-    mrc::save(&map, &ours, mrc::Mode::Float32).map_err(text)?;
-    grid::save(&dx, &ours).map_err(text)?;
-    let paths = [&map, &dx, &lab.folder].map(|p| p.display().to_string());
-    let theirs = lab.ask("grids.py", &paths)?;
-
-    lab.same("molecule.mrc: valid", true, theirs["valid"] == true);
-    // Weighted by place: exchanged axes leave a plain sum as it is.
-    let weighted: f64 = (0..lattice.len())
-        .map(|i| {
-            let [x, y, z] = lattice.coordinates(i);
-            f64::from(ours.at([x, y, z])) * (1 + x + 2 * y + 3 * z) as f64
-        })
-        .sum();
-    // Frames pass through f32 (MRC) and printed digits (DX).
-    for (file, prefix) in [("molecule.mrc", ""), ("molecule.dx", "dx ")] {
-        for k in 0..3 {
-            let axis = ["x", "y", "z"][k];
-            let origin = theirs[format!("{prefix}origin")][k].as_f64();
-            let spacing = theirs[format!("{prefix}spacing")][k].as_f64();
-            let (Some(origin), Some(spacing)) = (origin, spacing) else {
-                return Err(format!("a peer found no frame of {file}"));
-            };
-            lab.near(
-                &format!("{file}: origin {axis}"),
-                lattice.origin[k],
-                origin,
-                1e-6,
-            );
-            lab.near(
-                &format!("{file}: spacing {axis}"),
-                lattice.spacing,
-                spacing,
-                1e-6,
-            );
-        }
-        let key = format!("{prefix}weighted");
-        lab.near(
-            &format!("{file}: Σ weighted values"),
-            weighted,
-            number(&theirs, &key)?,
-            1e-12,
-        );
-    }
-    // The mean stands in MRC's header, which others trust unread.
-    let n = lattice.len() as f64;
-    let mean = ours.values().iter().map(|&v| f64::from(v)).sum::<f64>() / n;
-    lab.near("molecule.mrc: mean", mean, number(&theirs, "mean")?, 1e-6);
-
-    // Their number types, packed and not: each must give the sum that they wrote.
-    for file in theirs["written"].as_array().into_iter().flatten() {
-        let name = file["name"].as_str().unwrap_or_default();
-        let read = grid::read(lab.file(name)).map_err(text)?;
-        let read = read.into_grid().map_err(text)?;
-        let sum: f64 = read.values().iter().map(|&v| f64::from(v)).sum();
-        lab.near(
-            &format!("{name} of theirs: Σ values"),
-            sum,
-            number(file, "sum")?,
-            1e-6,
-        );
-        // Headers hold f32.
-        let placed = read.lattice().counts == counts
-            && (read.lattice().origin - lattice.origin).norm() < 1e-4
-            && (read.lattice().spacing - lattice.spacing).abs() < 1e-6;
-        lab.same(&format!("{name} of theirs: the same lattice"), placed, true);
-    }
-    Ok(())
 }
 
 /// Half the edge of the box around the ball, Å, and the ball's radius.

@@ -57,15 +57,7 @@ pub(crate) fn run(arguments: &Arguments) -> Outcome {
 
     if !arguments.quick {
         for (name, _) in &crates {
-            for features in [&[][..], &["--no-default-features"], &["--all-features"]] {
-                if name == "geom-core" && features.contains(&"--all-features") {
-                    // One of its features needs a system MPI.
-                    continue;
-                }
-                let all = [&["check", "--quiet", "--package", name.as_str()], features].concat();
-                println!("{name} {}", features.join(" "));
-                cargo(&folder, &all)?;
-            }
+            check_alone(name, &all_features(&metadata, name), &folder)?;
         }
     }
     if arguments.quick {
@@ -93,6 +85,41 @@ pub(crate) fn run(arguments: &Arguments) -> Outcome {
         PROGRAMS.len()
     );
     Ok(())
+}
+
+/// Checks one packed crate with its default features, without them, and with all. A warning is an error: those of what it
+/// builds on are not shown, so it is ours.
+fn check_alone(name: &str, all: &str, folder: &Path) -> Outcome {
+    for features in [&[][..], &["--no-default-features"], &["--features", all]] {
+        let check = ["check", "--quiet", "--package", name];
+        let line = [&check[..], features].concat();
+        println!("{name} {}", features.join(" "));
+        let output = Command::new("cargo")
+            .args(&line)
+            .current_dir(folder)
+            .env("CARGO_TARGET_DIR", target())
+            .output()
+            .map_err(|e| format!("cargo: {e}"))?;
+        let told = String::from_utf8_lossy(&output.stderr);
+        if !output.status.success() || told.lines().any(is_warning) {
+            return Err(format!("`cargo {}`:\n{told}", line.join(" ")));
+        }
+    }
+    Ok(())
+}
+
+/// Does a line of cargo's begin a warning of the compiler?
+fn is_warning(line: &str) -> bool {
+    line.starts_with("warning")
+}
+
+/// All features of a crate but `mpi`, which needs a library of the system, and `default`.
+fn all_features(metadata: &Value, name: &str) -> String {
+    let package = packages(metadata).find(|p| p["name"] == name && p["source"].is_null());
+    let features = package.and_then(|p| p["features"].as_object());
+    let names = features.into_iter().flatten().map(|(feature, _)| feature);
+    let wanted = names.filter(|f| *f != "mpi" && *f != "default");
+    wanted.map(String::as_str).collect::<Vec<_>>().join(",")
 }
 
 /// What cargo knows about the workspace and all that it builds on.
@@ -226,4 +253,21 @@ fn cargo(folder: &Path, arguments: &[&str]) -> Outcome {
 
 fn failed(path: &Path, error: &std::io::Error) -> String {
     format!("{}: {error}", path.display())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_features_are_all_but_those_that_need_a_system() {
+        let metadata = serde_json::json!({"packages": [
+            {"name": "a", "source": "registry", "features": {"x": []}},
+            {"name": "a", "source": null, "features": {"default": ["io"], "io": [], "mpi": [], "wgpu": []}},
+        ]});
+        assert_eq!(all_features(&metadata, "a"), "io,wgpu");
+        assert_eq!(all_features(&metadata, "b"), "");
+        assert!(is_warning("warning: unused import"));
+        assert!(!is_warning("   |  a warning"));
+    }
 }

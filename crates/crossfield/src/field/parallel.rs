@@ -1,4 +1,8 @@
 //! The smoothest angles for given period jumps: a graph Laplacian over the triangles.
+//!
+//! One factorization serves all choices of the period jumps, since they stand on the right-hand side only. What a change of
+//! the jumps on some edges is worth comes in two parts: with the angles held, which is a sum over these edges, and what the angles
+//! win back by following, which is a solve. The second is estimated from the triangles nearby.
 
 use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::compute::sets::DisjointSets;

@@ -28,6 +28,13 @@ const POLISH: usize = 20;
 /// indices stay.
 ///
 /// Runs on the CPU, whatever the backend: its factors are sparse and irregular.
+///
+/// `mesh` is an oriented manifold, perhaps with boundary and of several parts; to its boundary the field is parallel only where
+/// guides say so ([`Toward::Side`](super::Toward::Side)).
+///
+/// # Errors
+/// [`Error::Option`] names a guide of a triangle or side that is not there, or a value out of range; others say why the mesh
+/// has no frames (three triangles at an edge, flat triangles) or that a factorization has failed for lack of memory.
 pub fn cross_field<B: CrossfieldBackend + ?Sized>(
     mesh: &TriMesh,
     guides: &[Guide],

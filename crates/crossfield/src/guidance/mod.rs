@@ -1,4 +1,35 @@
 //! What the field follows: eigenfunctions, curvature, directions given by the caller.
+//!
+//! A [`Guidance`] is a wish in words of the surface; [`guides`] makes of it a list of [`Guide`]s, an
+//! angle and a weight for some of the triangles, which is all that the field knows. The others follow by smoothness.
+//!
+//! The low eigenfunctions of the Laplace operator are functions that vary as slowly over the surface as functions can: the
+//! first has its extremes at the two ends of the body, the next ones halve it across. Their isocontours go around arms and
+//! tunnels, their gradients along them, and that is how people would lay quads (chapter 4 of the thesis). Where an
+//! eigenfunction passes through its extremes the gradient vanishes and its direction is noise. Hence only the triangles of two
+//! isocontours guide, at a share r of the range from either end ([`Guidance::Isocontours`], Eqs. 4.6–4.7), or those of bands
+//! in patches where one function is steeper than all others ([`Guidance::Characteristic`], Eq. 4.8).
+//!
+//! **Weights** are λ̄ of Eq. 4.9 in units of the smoothness of one edge. With 1, a guide counts as much as a neighbour; with
+//! `f64::INFINITY` the cross has that direction whatever its neighbours say. Of guides that name the same triangle, the
+//! first in the list holds it, and [`FieldReport::conflicts`](crate::field::FieldReport::conflicts) counts the others.
+//!
+//! Eigenvalues that are nearly equal belong to functions that may be mixed at will, so that their gradients say nothing about
+//! the surface: [`Modes::Auto`] takes whole clusters only.
+//!
+//! ```
+//! use crossfield::geom_core::{Cpu, Run, Vector3, mesh::shapes};
+//! use crossfield::{Guidance, Options, Size, guidance::Modes, quadrangulate};
+//!
+//! // Along the long axis of an egg, and one stroke across its tip.
+//! let egg = shapes::ellipsoid(Vector3::new(3.0, 1.0, 1.0), 4);
+//! let along = Guidance::Isocontours { modes: Modes::Numbers(vec![1]), inset: 0.125, weight: 1.0 };
+//! let stroke = Guidance::Strokes { strokes: vec![(egg.positions()[0], Vector3::y())], weight: 0.1 };
+//! let options = Options { guidance: vec![along, stroke], size: Size::Quads(300), ..Options::default() };
+//! let made = quadrangulate(&egg, &options, Run::on(&Cpu))?;
+//! assert!(made.report.parts[0].field.as_ref().is_some_and(|field| field.guided > 0));
+//! # Ok::<(), crossfield::Error>(())
+//! ```
 
 mod characteristic;
 mod curvature;

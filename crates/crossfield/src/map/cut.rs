@@ -1,4 +1,9 @@
 //! The cut that opens a surface to a disk with all singular vertices on its rim.
+//!
+//! A short cut has few integers on it, and integers are what is hard. A tree of shortest paths reaches every vertex from the
+//! boundary or from a singular vertex; the triangles are joined by a second tree over edges that the first does not use. The
+//! edges of neither are 2 g for a closed surface of genus g: with the paths from their ends to the root, they are the loops
+//! that open its handles. Ends that are neither singular nor on the boundary are then taken off.
 
 use std::collections::VecDeque;
 

@@ -12,6 +12,9 @@ pub(super) const BITS: u32 = 24;
 
 /// A map of the surface into the plane, triangle by triangle, in fixed point. Over an edge coordinates turn by quarter
 /// turns and shift by whole numbers, exactly; every triangle has a positive area.
+///
+/// Coordinates count lines, without a unit: a triangle with corners at (0, 0), (2, 0), (0, 1) holds one quad's worth of area,
+/// and [`GridMap::coordinates`] gives them as floating-point numbers, exactly (fewer than 2⁵³ parts).
 #[derive(Clone, Debug, PartialEq)]
 pub struct GridMap {
     /// Coordinates of the three corners of each triangle, in units of 2^−bits.

@@ -36,8 +36,14 @@ pub struct MapOptions {
 /// The surface is cut open, all conditions of seams, singular vertices and lines are eliminated exactly. A map that folds
 /// before anything is an integer is unfolded with all unknowns free (Garanzha et al. 2021), and what comes out is what is
 /// wanted from then on. The integers are rounded one by one with the rest following to its optimum. Triangles that fold get
-/// stiffer (Bommes et al. 2009); what is folded then is untangled. The result is checked in integers: [`Error::Folded`] says
-/// where it is no integer-grid map.
+/// stiffer (Bommes et al. 2009); what is folded then is untangled. The result is checked in integers.
+///
+/// `frames` and `field` are those of `mesh`, and hold one entry per triangle. The module's page has an example.
+///
+/// # Errors
+/// [`Error::Folded`] says where what came out is no integer-grid map: a triangle is inverted, or lines turn too far around a
+/// vertex. A smaller spacing, finer triangles or another field may help, which is what [`quadrangulate`](crate::quadrangulate)
+/// tries by itself. [`Error::Option`] names a spacing or a half-edge that makes no sense.
 pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     mesh: &TriMesh,
     frames: &Frames,

@@ -10,7 +10,11 @@ use crate::Error;
 use crate::field::CrossField;
 use crate::field::frames::{Frames, QUARTER};
 
-/// Distances of neighbouring lines, Å.
+/// Distances of neighbouring lines, Å: h of Eq. 4.10, the sides of the quads.
+///
+/// A surface of area A gets about A / h² quads. Lines cannot be closer in one place and wider in another without singular
+/// vertices between, so that values per triangle are a wish that the map meets in the mean; [`Anisotropy`](crate::Anisotropy)
+/// computes such values from a function.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Spacing {

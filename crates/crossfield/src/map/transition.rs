@@ -1,4 +1,12 @@
 //! The integer conditions of seams, boundaries and sharp edges, solved exactly.
+//!
+//! Each vertex has two real coordinates in one chart, and each chain of the cut a translation of two integers; all copies of
+//! the vertex along the cut are sums of these with coefficients 0, ±1. Going once around a node of the cut must lead back to
+//! where one began, which is one linear equation with integer coefficients per node and coordinate; a kept line is one per
+//! half-edge. Elimination in floating point would leave errors of 10⁻¹⁶ in the seams, and a line that passes at that distance
+//! from a vertex ends nowhere. So every equation is solved for a variable whose coefficient is ±1; where there is none,
+//! Euclid's algorithm on the coefficients, a change of variables of determinant 1, makes one. What is left is independent:
+//! any reals and any integers give a map without gaps.
 
 use std::collections::BTreeMap;
 

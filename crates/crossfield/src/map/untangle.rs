@@ -1,4 +1,10 @@
 //! Unfolding of a map.
+//!
+//! The energy of Eq. 4.10 does not know that a triangle is upside down: its determinant may change sign at a finite cost.
+//! Here the distortion of a triangle with Jacobian J is `(|J|² + λ (det² + 1)) / 2 det`, which is infinite where det J = 0, so that
+//! no step leads from upright to folded. To get *into* the upright region from outside, det is replaced by
+//! `χ = (det + √(ε² + det²)) / 2`, which is positive everywhere, close to det above ε and close to 0 below −ε. With ε large a
+//! folded triangle costs little; as ε falls, unfolding it is what pays (Garanzha et al., 2021).
 
 use std::cell::Cell;
 

@@ -43,7 +43,12 @@ pub struct Extracted {
 }
 
 /// The quad mesh of an integer-grid map (Ebke et al., *QEx: robust quad mesh extraction*, 2013, without their repairs: the map is
-/// exact): every orbit of lines must be a quad.
+/// exact): every orbit of lines must be a quad. Vertices lie on the triangles of
+/// `mesh`; [`Extracted::sources`] says where, so that values at its corners can be carried over.
+///
+/// # Errors
+/// [`Error::Torn`] where lines do not close to quads, which a map of [`parameterize`](crate::map::parameterize) does not do;
+/// that of the mesh where a handle is so narrow that a quad would meet itself: take a smaller spacing there.
 pub fn extract(mesh: &TriMesh, frames: &Frames, map: &GridMap) -> Result<Extracted, Error> {
     let (sources, quads) = cells(&Net::of(frames), map)?;
     let positions = sources.iter().map(|p| p.position(mesh)).collect();

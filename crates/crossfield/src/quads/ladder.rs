@@ -84,6 +84,22 @@ impl Quadrangulation {
 /// Quads of any surface: its field, the map that follows it, the quads of the map; see [`Rung`] for what happens where that
 /// is not possible. The field, its eigenfunctions and the integers of the map are computed on the CPU, whatever the
 /// backend; the kernels of untangling and improvement run on it.
+///
+/// ```
+/// use crossfield::geom_core::{Cpu, Run, mesh::shapes};
+/// use crossfield::{Options, Size, quadrangulate, quads::Rung};
+///
+/// // A prism with sharp rims, which stay sides of quads.
+/// let prism = shapes::cylinder(2.0, 6.0, 48, 12);
+/// let options = Options { size: Size::Spacing(0.5), crease: Some(60.0), ..Options::default() };
+/// let made = quadrangulate(&prism, &options, Run::on(&Cpu))?;
+/// assert_eq!(made.mesh.euler_characteristic(), 2);
+/// // Which rung of the ladder gave the quads, and how far from the wanted corners they are.
+/// let part = &made.report.parts[0];
+/// assert!(part.rung != Rung::Split && part.quads == made.mesh.quads().len());
+/// assert!(made.report.scaled_jacobian.min > 0.0);
+/// # Ok::<(), crossfield::Error>(())
+/// ```
 pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
     surface: &TriMesh,
     options: &Options,

@@ -8,6 +8,17 @@ use geom_core::{Point3, QuadMesh, TriMesh, Vector3, VertexId};
 use crate::Error;
 
 /// Vertices by the number of quads around them.
+///
+/// The irregular ones inside satisfy Euler's equation: `Σ (4 − n) = 4 χ` over the vertices of a closed mesh, so that a sphere has
+/// eight vertices of three quads at least, and on a torus those of three and of five balance.
+///
+/// ```
+/// use crossfield::{geom_core::mesh::shapes, quads::quality::Valences};
+/// let sphere = Valences::of(&shapes::quad_sphere(1.0, 4))?;
+/// assert_eq!((sphere.interior[3], sphere.irregular()), (8, 8));
+/// assert_eq!(Valences::of(&shapes::quad_torus(3.0, 1.0, 12, 6))?.irregular(), 0);
+/// # Ok::<(), crossfield::Error>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Valences {
@@ -51,6 +62,15 @@ pub(super) fn mean_sides([a, b, c, d]: &[Point3; 4]) -> [Vector3; 2] {
 }
 
 /// How much longer than wide a quad is, at least 1; infinite for one without a width.
+///
+/// ```
+/// use crossfield::geom_core::{Point3, Vector3};
+/// use crossfield::quads::quality::{aspect_ratio, ratio_along};
+/// let quad = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [0.0, 1.0]].map(|[x, y]| Point3::new(x, y, 0.0));
+/// assert!((aspect_ratio(&quad) - 3.0).abs() < 1e-12);
+/// // Long along x is short along y.
+/// assert!((ratio_along(&quad, &Vector3::y()).expect("a length") - 1.0 / 3.0).abs() < 1e-12);
+/// ```
 pub fn aspect_ratio(corners: &[Point3; 4]) -> f64 {
     let [first, second] = mean_sides(corners).map(|s| s.norm());
     first.max(second) / first.min(second)

@@ -1,4 +1,8 @@
 //! Lines of integer coordinate through the triangles, in exact arithmetic.
+//!
+//! A line leaves a triangle through the side whose ends lie to its left and to its right. Both are signs of products of
+//! integers of 64 bits, taken in 128, and a line through a vertex is told from one beside it: there it goes on in the sector
+//! of the vertex that holds its direction.
 
 use crate::Error;
 use crate::field::frames::{next, previous};

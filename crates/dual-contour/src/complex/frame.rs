@@ -1,4 +1,10 @@
 //! The labels on the half lattice of a leaf, and whether they are simple.
+//!
+//! Dual contouring puts one point into a cell. That is right if the surface passes once: the corners of each label hang
+//! together along the edges of the cell, and so do all others. Two corners inside that share no edge, the rest outside,
+//! are the smallest case where it does not hold. One point for two sheets would join them, and the vertex would be no manifold's; such a
+//! leaf is *not simple*, is split, and at the finest size is cut into twelve tetrahedra, each of which is simple for every
+//! pattern of labels at its four corners.
 
 use geom_core::mesh::Region;
 

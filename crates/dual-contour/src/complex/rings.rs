@@ -1,4 +1,10 @@
 //! The rings of cells around the edges of the complex.
+//!
+//! On a lattice of one size, four cells stand around each edge. In a balanced octree it may be three, where one of them is
+//! larger and holds the edge in its face, and around a diagonal of a cut cell any number from three on. The polygon of their
+//! points is what an edge contributes to the surface if its ends differ; the tetrahedra of the edge and each two
+//! consecutive cells are what it contributes to the volume. Each edge is visited once, by the leaf that owns it: the
+//! smallest around it, and of several the first in a fixed order of quadrants.
 
 use geom_core::mesh::Region;
 

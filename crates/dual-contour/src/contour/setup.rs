@@ -1,4 +1,8 @@
 //! From values and options to samples: where the mesh lies, what it may cost, and why there is none.
+//!
+//! What can go wrong is found here, before anything large is allocated: values on one side only (and why: the level, the groups that
+//! were given away, or cells too coarse to see the body), a surface that meets the box, more cells than coordinates can name, more
+//! memory than is granted. Each is an error that says what would help.
 
 use geom_core::options::OutOfRange;
 use geom_core::{ImplicitField, Lattice, LatticeValues};

@@ -36,6 +36,33 @@ pub const HALO: usize = 3 * LARGEST;
 /// Options by which elements depend on more than that: only [`Method::Stuffing`] on the lattice of the values, without
 /// materials, pruning, cells of more than [`LARGEST`] spacings or an outer box; the interior or both sides. A tile or window
 /// that does not begin and end with whole blocks of 8 cells. A surface that meets the end of the lattice; too much memory.
+///
+/// # Examples
+///
+/// A ball in two halves, each of which sees the values of its own half and of [`HALO`] cells around it:
+///
+/// ```
+/// use dual_contour::geom_core::grid::lattice::Window;
+/// use dual_contour::geom_core::{Cpu, Lattice, LatticeValues, Point3, Run, ScalarGrid};
+/// use dual_contour::{HALO, LARGEST, Method, Options, tile, volume};
+///
+/// let lattice = Lattice { origin: Point3::new(-8.0, -8.0, -8.0), spacing: 0.5, counts: [33; 3] };
+/// let density = |p: Point3| 7.0 - p.coords.norm() as f32;
+/// let whole = ScalarGrid::new(lattice, (0..lattice.len()).map(|i| density(lattice.point(lattice.coordinates(i)))).collect())?;
+/// let options = Options { method: Method::Stuffing, max_cell: 0.5 * LARGEST as f64, ..Options::default() };
+///
+/// let mut tets = 0;
+/// for own in [[[0, 0, 0], [16, 32, 32]], [[16, 0, 0], [32, 32, 32]]] {
+///     let window = Window::around(lattice, own[0], own[1], HALO);
+///     let part = window.lattice();
+///     let at = |i| whole.at([0, 1, 2].map(|k| part.coordinates(i)[k] + window.low[k]));
+///     let values = ScalarGrid::new(part, (0..part.len()).map(at).collect())?;
+///     let (piece, _) = tile(&values, &window, own, &options, Run::on(&Cpu))?;
+///     tets += piece.mesh.tets().len();
+/// }
+/// assert_eq!(tets, volume(&whole, None, &options, Run::on(&Cpu))?.mesh.tets().len());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn tile<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     values: &V,
     window: &Window,

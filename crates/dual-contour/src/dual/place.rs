@@ -1,4 +1,9 @@
 //! Where the point of a cell belongs.
+//!
+//! The mean of the points where edges of the cell cross the surface is always inside the cell and near the surface, but not
+//! on it: on a sphere of radius r it lies about h²/8r too far inside. Newton steps `x ← x − (G(x) − c) ∇G / |∇G|²` bring it onto the
+//! level set, of the field if one is given and of the trilinear interpolant of the cell's corners otherwise. A step that
+//! leaves the cell is cut off at its walls, so that neighbours keep their order.
 
 use geom_core::compute::BackendError;
 use geom_core::mesh::INTERIOR;

@@ -1,4 +1,10 @@
 //! Points go to their place only as far as all edge tetrahedra stay positive.
+//!
+//! At their *base*, the middle of the cell, all points give tetrahedra of positive volume; at their *place* on the surface
+//! some may be inverted, where large cells meet small ones. The volume of a tetrahedron is linear in each of its corners. So
+//! along the straight way of one point from base to place, the others held, each volume changes sign once at most, and how far
+//! the point may go is the least of such shares. Points are taken in colours in which no two share a tetrahedron, so that
+//! those of one colour move at the same time and the result is the same for any number of threads.
 
 use geom_core::Point3;
 use geom_core::mesh::six_volume;

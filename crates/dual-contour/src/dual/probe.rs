@@ -1,4 +1,8 @@
 //! Where edges cross interfaces, and the surface near a point.
+//!
+//! On an edge of the lattice the values change sign between the ends; where, is known to first order from the two values. With a
+//! field at hand the crossing is sharpened on it, by a root search that never leaves the edge. Between materials there is no
+//! level: their boundary is a shape, and the crossing is found by bisection of its depth.
 
 use geom_core::compute::BackendError;
 use geom_core::field::{

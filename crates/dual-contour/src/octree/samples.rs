@@ -1,4 +1,9 @@
 //! Values and region labels at the points of the mesh lattice, stored in blocks where they matter.
+//!
+//! A surface of area A in a lattice of spacing h crosses about A / h² cells, of which there are V / h³ in all:
+//! the finer the lattice, the smaller their share. A block of 8 × 8 × 8 cells that has one label throughout is therefore one byte, and only
+//! blocks where labels change keep their 9³ values. Which those are is found by reading each block once and comparing with
+//! the level; a sparse grid says so of its empty bricks without being read.
 
 use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{Aabb, LatticeValues, Point3, Vector3};

@@ -1,5 +1,17 @@
 //! Where the octree is split: cells that carry a surface, by the feature-sensitive error (Zhang &
 //! Bajaj 2005).
+//!
+//! How far is a level set from the one that a coarse cell would draw? The coarse cell knows its eight corners, and between
+//! them the trilinear interpolant f. At the 19 other points of the half lattice (edges, faces, middle) the finer values F
+//! are known as well. A difference in *value* means little where the function is steep and much where it is flat, so that it
+//! is divided by the gradient, which makes it a length in Å:
+//!
+//! ```text
+//! E = Σ |F − f| / |∇f|        over the 19 points
+//! ```
+//!
+//! The cell is split while E is above the tolerance and it is larger than the finest. Where two sheets of the surface pass
+//! through one cell the corners cannot tell them apart, whatever E says; such cells are found by their labels.
 
 use geom_core::mesh::{INTERIOR, Region};
 use geom_core::{Point3, Vector3};

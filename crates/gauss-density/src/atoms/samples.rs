@@ -1,5 +1,10 @@
 //! Points near the surface where a change of the atoms is measured, in cells that share the atoms that
 //! matter there.
+//!
+//! The surface is where the density is 1, and what moves it by less than asked is allowed. So the change is watched at points
+//! near it: lattice points whose density lies in a band around 1, and the crossings of lattice edges with the surface itself, which
+//! catch what passes between points. Points of a cell of a few Å share their atoms, so that the tree of these is gathered once per
+//! cell and evaluated at all its points side by side.
 
 use geom_core::grid::Brick;
 use geom_core::{Aabb, BrickGrid, LatticeValues, Point3};

@@ -1,5 +1,10 @@
 //! The sums of the tree of a cell at all of its points side by side: ready for "without this atom", and for
 //! derivatives.
+//!
+//! Elimination asks, for every atom and point, what the density would be without that atom. Recomputing the tree costs as much
+//! as all atoms; but only the nodes above the atom change. With the sums of all nodes at hand, each of these is its sum less
+//! the old term plus the new one. The subtraction cancels where the atom is all there is, unless terms are kept relative to
+//! their largest sibling, which is what [`Terms`] does.
 
 use geom_core::Point3;
 use geom_core::compute::lanes::autovectorized;

@@ -1,4 +1,8 @@
 //! How far an atom can matter: one radius for the whole model, after the powers.
+//!
+//! A kernel falls like a Gaussian, so that far atoms matter nowhere; but a power below 1 lifts small values, `(10⁻⁸)^0.1 = 0.16`, and
+//! how far is far depends on the powers, on how many terms a sum has and on how small a density still counts. Going down the tree,
+//! a bound on what a node may lose becomes one on what each of its children may.
 
 use crate::model::{Level, Model};
 

@@ -13,6 +13,7 @@ use crate::error::Error;
 /// Points per dispatch: 32 MB of places.
 const POINTS: usize = 1 << 20;
 
+/// A point as the sum of two f32 per coordinate, so that the difference to an atom keeps 48 bits, and the cell it lies in.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Place {

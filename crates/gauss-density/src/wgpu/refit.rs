@@ -1,4 +1,9 @@
 //! The sums of a refit: points, cells and trees go up once; then every trial sends its atoms and gets their sums.
+//!
+//! A trial is four passes: **settle** puts the atoms of the trial into the trees of the cells, **terms** evaluates the trees at
+//! their points, **refit_sums** adds up per atom and cell what the objective of Eq. 3.11 changes by (five derivatives, for centre,
+//! radius and decay, and the diagonal of its Gauss–Newton matrix), and **gather** adds these up per atom over all cells, in
+//! their order, so that a sum has the same bits every time.
 
 use geom_core::compute::gpu::{GpuBuffer, GpuError};
 use geom_core::shaders::{GAUSS_DENSITY_GATHER, GAUSS_DENSITY_REFIT_SUMS, GAUSS_DENSITY_SETTLE};

@@ -1,4 +1,14 @@
 //! Densities of blocks of bricks.
+//!
+//! Three passes per lot of blocks, each of which reads what the one before has left on the device:
+//!
+//! 1. **cull** bounds for every atom the share of the density that a brick loses without it, and drops as many, from the
+//!    smallest bound on, as together stay below ε;
+//! 2. **density** sums at each point what is left, as logarithms relative to the largest term, and finds the range of the brick;
+//! 3. **compact** copies the values of the bricks that meet the band to the front, so that the others are not downloaded.
+//!
+//! A lot is as many blocks as fit into the device's buffers; the processor
+//! gathers the trees of the next one meanwhile.
 
 use std::borrow::Cow;
 
@@ -15,6 +25,7 @@ use crate::kernel::cull::ActiveSet;
 use crate::kernel::prepared::Prepared;
 use crate::model::Level;
 
+/// What all bricks of a lot share: levels of the tree, half the edge of a brick in Å, the floor and ε of the cut-off.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct CullParams {
@@ -24,6 +35,7 @@ struct CullParams {
     eps: f32,
 }
 
+/// A brick to cull for: its middle relative to its block, and where its tree, its state and its members stand.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct CullBrick {
@@ -41,6 +53,7 @@ struct DensityParams {
     pad: [u32; 3],
 }
 
+/// A brick to sum: its first point, and its run of members.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct DensityBrick {

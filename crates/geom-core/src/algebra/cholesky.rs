@@ -1,5 +1,10 @@
 //! Sparse Cholesky factors: analyse once, factor often, solve for many right-hand sides. The only
 //! file that knows faer's sparse interface.
+//!
+//! A symmetric positive definite A is `L Lᴴ` with a lower triangle L, and `A x = b` two substitutions. Where entries of L become
+//! different from zero follows from the pattern of A alone: an order of the unknowns that keeps them few, and the columns of L that
+//! share a pattern (supernodes, which are dense blocks), are the *symbolic* part, which serves every matrix of that pattern. A mesh
+//! of n vertices on a surface needs about n log n entries and n^1.5 operations.
 
 use std::sync::Arc;
 

@@ -1,5 +1,9 @@
 //! Dense products of tall blocks and eigenvalues of small matrices, with the same bits for any
 //! number of threads. The only file that knows faer's dense interface.
+//!
+//! The blocks of the eigensolvers have as many rows as the mesh has vertices and some dozens of columns. `Vᵀ W` of two of them is a sum
+//! over all rows, which threads would add up in whatever order they finish. Here rows are cut into pieces of a fixed length whose
+//! sums are added in their order.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};

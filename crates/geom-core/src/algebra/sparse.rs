@@ -1,4 +1,21 @@
 //! Sparse matrices in compressed rows.
+//!
+//! Row i has the columns and values at `starts[i] .. starts[i + 1]`, columns ascending, no entry twice. A product with a vector reads
+//! every entry once, so that its time is that of reading the matrix from memory; with a block of several vectors the matrix is read
+//! once for all of them.
+//!
+//! ```
+//! use geom_core::algebra::SparseMatrix;
+//! // −u″ on four points: 2 on the diagonal, −1 beside it.
+//! let entries: Vec<(u32, u32, f64)> = (0..4)
+//!     .flat_map(|i| [(i, i, 2.0), (i, i + 1, -1.0), (i + 1, i, -1.0)])
+//!     .filter(|&(i, j, _)| i < 4 && j < 4)
+//!     .collect();
+//! let matrix = SparseMatrix::from_triplets(4, 4, &entries)?;
+//! let second = matrix.multiply(&[0.0, 1.0, 4.0, 9.0], 1);
+//! assert_eq!(second[1..3], [-2.0, -2.0]);
+//! # Ok::<(), geom_core::algebra::Error>(())
+//! ```
 
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};

@@ -1,5 +1,10 @@
 //! `X ← L⁻ᴴ L⁻¹ X` with a supernodal factor: dense trapezoids, several right-hand sides at once, and
 //! independent subtrees of the elimination tree side by side.
+//!
+//! Forward substitution goes from the leaves of the elimination tree to its root, backward the other way. A node needs what its
+//! children left, so that subtrees that do not contain each other are independent; there are many near the leaves and one at the
+//! root, where the dense trapezoid itself is what is worked on in parallel. Sums are taken in a fixed order, so that the bits do not
+//! depend on the number of threads.
 
 use std::any::TypeId;
 use std::ops::Range;

@@ -1,4 +1,7 @@
 //! Values on a lattice that are stored only near the surface.
+//!
+//! A brick holds 8 × 8 × 8 points, 2 KB. A lattice of n³ points with a surface through it has about n² points near that surface, and
+//! only the bricks there are stored; all others have one of two values, that of the outside or that of the inside.
 
 use rayon::prelude::*;
 

@@ -1,4 +1,8 @@
 //! Closed, manifold, oriented, conforming? Reports that count faults and name the first element.
+//!
+//! Where a mesh is refused somewhere, the audit says why: each kind of fault is counted, and the first element that has it is named,
+//! so that it can be looked at. Nothing is repaired here ([`surface::repair`](crate::surface) does that), and nothing is assumed:
+//! the audits sort edges and faces, and need no connectivity that faults would have broken.
 
 use std::fmt;
 

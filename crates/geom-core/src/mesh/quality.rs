@@ -5,6 +5,13 @@ use crate::{Point3, TriMesh, Vector3};
 
 /// Quality of a triangle: twice the radius of the inscribed over that of the circumscribed circle,
 /// 1 for an equilateral one, 0 for a degenerate one.
+///
+/// ```
+/// use geom_core::{Point3, mesh::quality::radius_ratio};
+/// let triangle = |height: f64| [[0.0, 0.0], [2.0, 0.0], [1.0, height]].map(|[x, y]| Point3::new(x, y, 0.0));
+/// assert!((radius_ratio(triangle(3f64.sqrt())) - 1.0).abs() < 1e-12);
+/// assert!(radius_ratio(triangle(0.01)) < 1e-3);
+/// ```
 pub fn radius_ratio(corners: [Point3; 3]) -> f64 {
     let [a, b, c] = edge_lengths(corners);
     let product = a * b * c;
@@ -184,6 +191,16 @@ fn keep_worst(worst: &mut Vec<(u32, f64)>) {
 /// The smallest signed sine between two sides that meet in a corner of a quad (the scaled Jacobian): 1 for a
 /// rectangle, negative where a corner is turned inside out. Corners are seen along the quad's vector area, whose sign
 /// is that of the surface's normal.
+///
+/// ```
+/// use geom_core::{Point3, Vector3, mesh::quality::scaled_jacobian};
+/// let quad = |x: f64| [[0.0, 0.0], [1.0, 0.0], [1.0 + x, 1.0], [x, 1.0]].map(|[x, y]| Point3::new(x, y, 0.0));
+/// let up = Vector3::z();
+/// assert!((scaled_jacobian(&quad(0.0), &up) - 1.0).abs() < 1e-12);
+/// // Sheared to 45°: the sine of its sharpest corner. Seen from below it is turned over.
+/// assert!((scaled_jacobian(&quad(1.0), &up) - 0.5f64.sqrt()).abs() < 1e-12);
+/// assert!(scaled_jacobian(&quad(1.0), &-up) < 0.0);
+/// ```
 pub fn scaled_jacobian(corners: &[Point3; 4], surface_normal: &Vector3) -> f64 {
     let area = (corners[2] - corners[0]).cross(&(corners[3] - corners[1]));
     let Some(normal) = area.try_normalize(0.0) else {

@@ -1,4 +1,15 @@
 //! Analytic surfaces for tests and examples.
+//!
+//! Their vertices lie on the shape itself, so that areas and volumes approach the exact ones from inside, with the square of the
+//! edges:
+//!
+//! ```
+//! use std::f64::consts::PI;
+//! use geom_core::mesh::shapes;
+//! let missing = |levels| 4.0 / 3.0 * PI - shapes::icosphere(1.0, levels).volume();
+//! let ratio = missing(3) / missing(4);
+//! assert!((ratio - 4.0).abs() < 0.1);
+//! ```
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;

@@ -1,5 +1,9 @@
 //! Closest points and ray hits on a triangle mesh, by a tree of boxes.
 //!
+//! Every node of the tree has the box around its triangles. A box farther away than the nearest point so far cannot hold a nearer
+//! one, so that a question looks at a few of the leaves only: the nearer child first, the other if it still may matter. Boxes are
+//! compared by lower bounds that rounding cannot make too large.
+//!
 //! [`TriangleTree`] is built once and asked often; single questions run on the calling thread,
 //! batches on the caller's rayon pool. Equal distances go to the lowest triangle.
 

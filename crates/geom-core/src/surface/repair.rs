@@ -1,4 +1,10 @@
 //! Making any triangle mesh an oriented manifold, with a report of what that took.
+//!
+//! Files from elsewhere hold soups: corners that are equal but not the same, triangles without area, neighbours that run in
+//! opposite directions, sheets that touch along an edge. Operators, half-edges and meshers want every edge to have one or two
+//! triangles that agree on which side is out. What can be had by renumbering is done so, without moving anything; vertices
+//! move only where they are merged. Things are done in the order of [`Report`]'s fields, since each needs those before:
+//! neighbours are known only after merging, orientation only where edges have two triangles, holes only after orientation.
 
 use std::collections::VecDeque;
 

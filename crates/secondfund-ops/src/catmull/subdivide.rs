@@ -9,6 +9,16 @@ use geom_core::{FaceId, MeshError, Point3, QuadMesh, Vector3, VertexId, id::Id};
 ///
 /// # Errors
 /// A mesh that is not manifold or not oriented.
+///
+/// ```
+/// use secondfund_ops::{catmull::subdivide, geom_core::mesh::shapes};
+/// let coarse = shapes::quad_sphere(1.0, 2);
+/// let fine = subdivide(&coarse)?;
+/// assert_eq!(fine.quads().len(), 4 * coarse.quads().len());
+/// // Each step takes means, so that the limit lies inside of the net.
+/// assert!(fine.into_triangles().volume() < coarse.into_triangles().volume());
+/// # Ok::<(), secondfund_ops::geom_core::MeshError>(())
+/// ```
 pub fn subdivide(mesh: &QuadMesh) -> Result<QuadMesh, MeshError> {
     let edges = Halfedges::<4>::of_quads(mesh)?;
     let old = mesh.positions();

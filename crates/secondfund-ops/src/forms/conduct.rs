@@ -1,4 +1,9 @@
 //! The conductivity of each operator: the one place where an operator is a formula.
+//!
+//! Read a conductivity like that of a metal plate: where it is large f is kept from changing, since that would cost energy, and where
+//! it is small f may jump. The secondary operator conducts with `Ψ² / κ²` in a principal direction. Flat faces are perfect
+//! conductors (ε keeps that finite), creases are insulators across, and the eigenfunctions are nearly constant on what people see
+//! as a part.
 
 use super::symmetric::{Forms, Symmetric};
 

@@ -1,4 +1,7 @@
 //! Weights Ψ: which features an operator sees.
+//!
+//! Curvatures have a unit, so that exponents of them mean something in one scale only: here the largest extent of the body is 1. A
+//! ball then has radius ½, `H = 2` and `K = 4`. Ψ is kept within bounds, because `e^K` of a sharp corner has no bound.
 
 use crate::Error;
 

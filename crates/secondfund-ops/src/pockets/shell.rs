@@ -1,4 +1,7 @@
 //! Points in the shell around a molecule where a ligand's atoms can lie, and how deep in it they are.
+//!
+//! Depth is counted, not measured: a point on a plane has half a ball of atoms around it, one in a hollow more, one on a knob
+//! less. Counting needs no surface, no normals and no probe, and changes little when atoms move a little.
 
 use geom_core::{Aabb, Point3, Structure};
 use rayon::prelude::*;

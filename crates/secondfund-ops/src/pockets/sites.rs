@@ -1,4 +1,7 @@
 //! Candidates: connected sets of deep shell points, ranked by how deep and how many they are.
+//!
+//! A point counts with the square of its burial above a threshold, `(c − τ)²`: a few points very deep are worth as much as many that are
+//! hardly so. τ is a percentile of each chain's own points, since a large protein is deeper everywhere than a small one.
 
 use geom_core::compute::sets::DisjointSets;
 use geom_core::{Point3, Structure, Vector3};

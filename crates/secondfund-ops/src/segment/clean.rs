@@ -1,4 +1,8 @@
 //! From groups to patches: connected, not tiny, with smooth borders.
+//!
+//! Groups of points in the space of the modes know nothing of the surface: a group may have two patches on both sides of the body,
+//! and islands of a few faces where two groups are equally near. What people call a segment is connected, not tiny, and has a short
+//! border where no crease gives it another.
 
 use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::compute::sets::DisjointSets;

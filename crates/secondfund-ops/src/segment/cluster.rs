@@ -1,4 +1,9 @@
 //! Grouping around medoids: FasterPAM, and the Davies–Bouldin index.
+//!
+//! Means of points of the space of modes are points of no surface; a medoid is a vertex, the one with the least sum of distances
+//! to its group. The loss is the sum of the distances of all points to their medoids. A swap of a medoid with another point
+//! changes it by terms that are known from the two nearest medoids of each point, so that all swaps of one candidate are judged in
+//! one pass over the points. Every improving swap is done at once (that is what *eager* means), until none is left.
 
 use geom_core::compute::random::SplitMix64;
 
@@ -32,6 +37,17 @@ struct Near {
 ///
 /// # Panics
 /// If there are not `n²` distances, or groups not between 1 and n.
+///
+/// ```
+/// use secondfund_ops::segment::medoids;
+/// // Five points on a line, in two groups.
+/// let at = [0.0f32, 1.0, 2.0, 10.0, 11.0];
+/// let distances: Vec<f32> = at.iter().flat_map(|a| at.map(|b| (a - b).abs())).collect();
+/// let found = medoids(&distances, 5, 2, 0);
+/// assert_eq!(found.group[0], found.group[2]);
+/// assert_ne!(found.group[0], found.group[3]);
+/// assert!((found.loss - 3.0).abs() < 1e-6);
+/// ```
 pub fn medoids(distances: &[f32], n: usize, groups: usize, seed: u64) -> Medoids {
     assert_eq!(distances.len(), n * n, "all distances");
     assert!((1..=n).contains(&groups), "groups between 1 and n");

@@ -1,4 +1,7 @@
 //! Vertices as points in the space of the modes.
+//!
+//! Divided by √λ, low modes count more than high ones. The squared distance of two such rows, over all modes, is the commute time
+//! of a random walk between the two vertices, up to a factor: large across a bottleneck, small within a part.
 
 use crate::operators::Spectrum;
 

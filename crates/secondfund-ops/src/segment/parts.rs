@@ -36,6 +36,24 @@ const NEARLY: f64 = 0.98;
 ///
 /// # Errors
 /// Those of [`spectrum`](crate::spectrum()) and [`segment`](crate::segment()).
+///
+/// ```
+/// use secondfund_ops::geom_core::{Cpu, Run, io::mesh};
+/// use secondfund_ops::{Element, Faces, Normals, PartOptions, segment};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let mesh::AnyMesh::Tri(surface) = mesh::read(fixtures::path("spot.ply"))?.mesh else {
+///     unreachable!("spot is made of triangles");
+/// };
+/// let normals = Normals::default();
+/// let element = Element::Triangles(&surface, &normals);
+/// let asked = PartOptions::default();
+/// let found = segment::parts(&element, &Faces::from(&surface), &asked, Run::on(&Cpu))?;
+/// assert_eq!(found.labels.len(), surface.triangles().len());
+/// assert!(found.areas.len() >= 2);
+/// # Ok(())
+/// # }
+/// ```
 pub fn parts<B: OperatorBackend + ?Sized>(
     element: &Element<'_>,
     faces: &Faces,

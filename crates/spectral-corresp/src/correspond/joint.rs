@@ -1,4 +1,8 @@
 //! Modes of two shapes as one graph (Eqs. 6.5–6.6).
+//!
+//! With matched nodes of both shapes joined by springs, two graphs become one, and its modes are functions on both at once: what the first
+//! mode is on the one it is on the other, without signs to guess. Where the springs are too weak
+//! the shapes move against each other in some modes; these are left out, and the springs made stronger if too few remain.
 
 use std::collections::BTreeSet;
 

@@ -1,5 +1,8 @@
 //! Maps that the found one could be mistaken for: those of a mirror image, and the found one followed by a map of the other
 //! shape onto itself.
+//!
+//! A symmetric body matches itself in several ways, and a search finds one of them. If the found map is hardly better than a map that
+//! is known to be another, nobody can say which is meant: the verdict is then doubtful, whatever the distance.
 
 use geom_core::{Point3, Vector3};
 

@@ -23,6 +23,17 @@ impl Motion {
 
 /// The rigid motion with the smallest sum of squares between the images of the first points and the second ones (Kabsch,
 /// *A solution for the best rotation to relate two sets of vectors*, 1976). The identity without points.
+///
+/// ```
+/// use spectral_corresp::fit::superpose;
+/// use spectral_corresp::geom_core::Point3;
+/// // A quarter turn about z and a shift, found again from three points.
+/// let turned = |p: Point3| Point3::new(5.0 - p.y, p.x, p.z + 1.0);
+/// let points = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 3.0, 1.0]].map(Point3::from);
+/// let motion = superpose(&points.map(|p| (p, turned(p))));
+/// let other = Point3::new(-4.0, 1.0, 7.0);
+/// assert!((motion.of(&other) - turned(other)).norm() < 1e-12);
+/// ```
 pub fn superpose(pairs: &[(Point3, Point3)]) -> Motion {
     let count = pairs.len().max(1) as f64;
     let from = pairs.iter().map(|(a, _)| a.coords).sum::<Vector3>() / count;

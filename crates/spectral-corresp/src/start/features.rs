@@ -1,4 +1,9 @@
 //! Maps from features: each node goes to the node of the other shape with the nearest row.
+//!
+//! A feature is a row of numbers per node that does not care where the body stands. Modes are such rows, but each is known only up
+//! to its sign, and the order of two only where their eigenvalues are apart. So signs and swaps are tried: all signs of the first
+//! few modes, then one mode more at a time, and the combination whose map distorts least goes on. A node of the one shape
+//! goes to that of the other whose row is nearest, which is right in general and wrong in places; what follows has to clean it.
 
 use geom_core::Point3;
 

@@ -1,5 +1,8 @@
 //! Histograms of the diameters around each node. Nodes are lattice points and shares are counted in whole numbers, so that
 //! every backend finds the same.
+//!
+//! A diameter belongs to a node and knows nothing of directions. How the diameters of the nodes within some distances of a node are
+//! distributed tells a fingertip from a palm, whatever the pose.
 
 use geom_core::compute::parallel::sorted_by_number;
 use geom_core::options::require;

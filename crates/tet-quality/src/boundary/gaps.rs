@@ -2,6 +2,11 @@
 //! meshed, no tetrahedron there keeps them apart: each may go its way in valid steps and come through
 //! the other. So the parts that face each other across a gap are looked for now and then, and no change
 //! there may let more triangles cross.
+//!
+//! Testing all pairs of boundary triangles at each step would cost more than the improvement. Two facts make it cheap: only
+//! triangles that face each other, their normals opposite, and lie within a reach can cross soon; and vertices that have moved less than
+//! half the room between them cannot have met. So cells as wide as the reach find who faces whom, and each vertex remembers
+//! where it was and how much room it had there.
 
 use geom_core::mesh::{FACES, sorted};
 use geom_core::search::crossing::BoxedTriangle;

@@ -1,5 +1,11 @@
 //! Before the work: is the mesh a complex, which way round are its tetrahedra, and how may each
 //! vertex move?
+//!
+//! Meshes come from anywhere. A *complex* has at most two tetrahedra on a face; where there are three, nothing can say which of
+//! them overlap, and the mesh is refused with the face. Files of other programs order corners
+//! as they like: all tetrahedra of a connected part get one orientation, that in which its volume is positive, and what is negative
+//! afterwards is truly inverted, work for [`untangle`](crate::operations::untangle). Kinds of vertices that the caller does not know
+//! follow from regions: inner ones are free, those on an interface slide along it, and those where interfaces meet stay.
 
 use geom_core::compute::parallel::fold_chunks;
 use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};

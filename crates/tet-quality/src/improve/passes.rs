@@ -1,4 +1,10 @@
 //! The schedule: smoothing and operations in passes, worst elements first.
+//!
+//! A pass smooths what is below its bound and then replaces, by operations, what smoothing alone does not lift; both keep to the
+//! worst first, since the solver feels the worst element and not the mean. Early passes aim at many tetrahedra with short
+//! searches, later ones at the few that miss the goals with longer ones, at the end whatever it takes. What was tried in vain is
+//! not tried again until something around it has changed, which a clock per vertex tells. After the passes, surface vertices that
+//! are still off the isosurface go there as far as the goals allow.
 
 use geom_core::TetMesh;
 use geom_core::compute::BackendError;

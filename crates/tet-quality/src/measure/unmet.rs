@@ -1,4 +1,8 @@
 //! What a mesh falls short in after the improvement, and why.
+//!
+//! A mesh that misses its goals raises a question: is the improvement weak, or is it impossible? On a boundary
+//! triangle that is a needle and may not move stands a tetrahedron that is no better, whatever lies inside. So the causes are looked for in an
+//! order, from what surely forbids the goals to "nothing helped", and an element has the first that holds.
 
 use geom_core::mesh::{EDGES, FACES};
 use geom_core::{Point3, Vector3};

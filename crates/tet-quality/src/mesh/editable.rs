@@ -1,5 +1,10 @@
 //! The mesh while it is being changed: tetrahedra with slots that may be empty, and for each vertex
 //! the tetrahedra around it.
+//!
+//! Operations take tetrahedra out and put others in, thousands of times, so nothing is renumbered meanwhile: a slot that has
+//! become empty is marked (its objective is infinite) and used again. Beside the mesh stands what would cost too much to find anew
+//! each time: the objective of every tetrahedron, the star of every vertex, colours of which no two neighbours have the same, and
+//! when something around a vertex last changed. They are kept up by every change, all of which go through one gate.
 
 use geom_core::field::Tangent;
 use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};

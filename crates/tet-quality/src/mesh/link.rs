@@ -1,5 +1,10 @@
 //! Links: what lies opposite an edge or a vertex in the tetrahedra around it, and whether the contraction
 //! of an edge keeps the topology.
+//!
+//! The link of an inner vertex is a sphere of triangles, that of an inner edge a ring of edges. Contraction of ab glues the
+//! links of a and b together. The result is a manifold again if they have nothing in common but the link of ab: `Lk a ∩ Lk b =
+//! Lk ab`. On a boundary the links are disks and paths; a vertex at infinity, joined to all boundary faces, closes them, so that
+//! one condition serves both.
 
 use geom_core::mesh::{FACES, Region};
 

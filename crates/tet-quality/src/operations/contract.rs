@@ -1,4 +1,11 @@
 //! Contraction of an edge: one end moves onto the other, and the tetrahedra between them vanish.
+//!
+//! It is the operation that takes a vertex away, for slivers between vertices that are too near to each other. What lies around the
+//! vanishing vertex is joined to the other one. Two things can go wrong. The body may change its topology, as a handle does
+//! whose loop of three edges loses one: the *link condition* forbids it, by which what lies around both ends is exactly what lies
+//! around the edge, in the volume, on every interface and on junctions (Dey et al. 1999). And the shape may change: a vertex of
+//! an interface vanishes into one of the same interface only, if the triangles there keep their direction and stay near
+//! the isosurface.
 
 use geom_core::mesh::VertexKind;
 use geom_core::{Point3, Vector3};

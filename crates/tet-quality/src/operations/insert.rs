@@ -1,4 +1,7 @@
 //! Insertion of a vertex: an edge is split, and the new vertex goes to where it is best.
+//!
+//! All tetrahedra around the edge are cut in two. In the middle of the edge the new vertex makes nothing better: each half has
+//! an angle of the whole. What helps is the freedom that it brings, so it is judged at the place that a search finds for it.
 
 use geom_core::field;
 use geom_core::mesh::VertexKind;

@@ -1,4 +1,9 @@
 //! An operation together with the smoothing that it needs: judged on a copy of the neighbourhood.
+//!
+//! Smoothing gets stuck where the connections are wrong, operations where the vertices stand wrong for the new connections. So
+//! an operation that makes the worst tetrahedron worse may still be the right one, once its vertices have moved. It is tried on a
+//! small copy: the cavity with what it is replaced by, and the tetrahedra around its corners. The corners move there, worst
+//! first, and only if the worst tetrahedron of all is better than before is any of it done in the mesh.
 
 use geom_core::field::Tangent;
 use geom_core::mesh::FACES;

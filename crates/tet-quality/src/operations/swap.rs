@@ -1,4 +1,13 @@
 //! Operations that keep the vertices: removal of an edge, swap of a face, flip of a surface edge.
+//!
+//! The tetrahedra around an inner edge ab fill a double cone over the ring of their other vertices. Without ab, each
+//! triangulation of the ring fills it too, every triangle joined to a and to b: n tetrahedra become 2 (n − 2). There are
+//! Catalan numbers of triangulations, but the worst tetrahedron of the best one is found without trying them all: the best
+//! triangulation of a part of the ring from vertex i to j is a triangle (i, k, j) with the best ones of i to k and of k to j,
+//! O(n³) in all (Klincsek 1980; Shewchuk 2002). The swap of a face is the reverse of the case n = 3.
+//!
+//! An edge on a surface has no full ring. It flips within its two surface triangles, if these are plane or the field says that
+//! the other diagonal is as near, and the tetrahedra of either side are rebuilt around it.
 
 use geom_core::mesh::{FACES, Region};
 use geom_core::{Point3, Vector3};

@@ -1,5 +1,9 @@
 //! The averaged mean curvature flow of the thesis (section 3.4): it takes noise from a surface and
 //! nearly keeps the volume that it encloses.
+//!
+//! Mean curvature flow alone, `dx/dt = −H n`, shrinks a sphere to a point. The volume changes by `−∫ H` per time; taken less
+//! its mean over the surface, `dx/dt = (H̄ − H) n`, that is nothing: bumps go, the body stays. In steps of finite length it
+//! drifts a little, which is why "nearly".
 
 use geom_core::mesh::{FACES, Region, VertexKind};
 use geom_core::{Point3, Vector3};

@@ -1,4 +1,13 @@
 //! Smoothing: every vertex moves to where the worst tetrahedron around it is best.
+//!
+//! The mean of the neighbours (Laplace) is cheap and inverts tetrahedra where a neighbourhood is not convex. Here a place is
+//! judged by the worst tetrahedron that it makes, `max_x min_t q_t(x)`. Each q is smooth in x but the minimum has creases, along which
+//! gradients of single tetrahedra zigzag; a compass needs none. It looks in some directions at a step's length, goes where it is
+//! best, and shortens its step where nothing is better. Vertices of one colour share no tetrahedron, so that all of them search
+//! at the same time on the same mesh, and the result does not depend on who is first.
+//!
+//! Where a vertex may go is its kind: an inner one anywhere, one of a surface with a field in the tangent plane and back onto
+//! the level set by Newton steps, one of a box in its face or along its edge, others not at all.
 
 use geom_core::compute::BackendError;
 use geom_core::compute::random::SplitMix64;

@@ -1,4 +1,9 @@
 //! Which blocks become elements.
+//!
+//! Every fine quad says how large the element that holds it may be, and belongs to one block of each size. The search begins with the
+//! largest blocks that all their quads allow. A side between elements two levels apart would have three T-junctions, more than
+//! functions can see past; so the larger one is split into its four children, which may break the rule for its own neighbours, and so
+//! on. Splitting only ever makes elements smaller, so that it ends.
 
 use geom_core::mesh::Halfedges;
 use geom_core::{HalfedgeId, VertexId};

@@ -1,4 +1,9 @@
 //! Down the gradient of the distortion, and then the worst one by one.
+//!
+//! The distortion of a corner with the sides P and S and the normal n is `(|P|² + |S|²) / 2 n·(P × S)`: 1 for equal sides at a right
+//! angle, and infinite where the corner is flat (Eqs. 5.5–5.7). Summed over all corners it is a function of the vertices, which
+//! move down its gradient within the tangent planes and are put back onto the surface. Where the mean is good and single corners
+//! are not, vertices of the worst elements then search for better places one by one.
 
 use geom_core::compute::BackendError;
 use geom_core::surface::ground::{Freedom, Ground};

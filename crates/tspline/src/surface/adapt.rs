@@ -58,6 +58,20 @@ const TRIES: usize = 8;
 ///
 /// # Errors
 /// [`Error::Option`] for a tolerance that is not positive; those of [`fit`], [`errors`] and [`Surface::new`].
+///
+/// ```
+/// use tspline::geom_core::{Cpu, Run, mesh::shapes};
+/// use tspline::{Basis, TMesh, TMeshOptions, surface::adapt::adapt, surface::fit::FitOptions};
+///
+/// // A sphere in elements of 2 × 2 fine quads, which may become smaller where they are farther away than 0.01 Å.
+/// let target = shapes::icosphere(1.0, 4);
+/// let quads = shapes::quad_sphere(1.0, 16);
+/// let coarse = vec![1; quads.quads().len()];
+/// let mesh = TMesh::build(&quads, &coarse, &TMeshOptions::default())?;
+/// let made = adapt(mesh, Basis::default(), &target, 0.01, &FitOptions::default(), Run::on(&Cpu))?;
+/// assert!(made.reached && made.errors.hausdorff < 0.01);
+/// # Ok::<(), tspline::Error>(())
+/// ```
 pub fn adapt<B: SplineBackend + ?Sized>(
     mesh: TMesh,
     basis: Basis,

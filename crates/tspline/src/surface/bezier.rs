@@ -1,4 +1,8 @@
 //! Bicubic Bézier patches: values, derivatives, curvatures.
+//!
+//! The point at (s, t) of the unit square is `Σ B_i(s) B_j(t) w_ij P_ij / Σ B_i(s) B_j(t) w_ij`, with Bernstein's polynomials of
+//! degree 3, `B_i(s) = (3 choose i) sⁱ (1 − s)³⁻ⁱ`. Weights are 1 unless the basis is rational. Derivatives are with respect to s and t;
+//! curvatures follow from the two fundamental forms that these make.
 
 use geom_core::{Point3, Vector3};
 

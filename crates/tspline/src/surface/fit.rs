@@ -1,4 +1,9 @@
 //! Control points by which a surface lies on another: least squares over the nearest points, again and again.
+//!
+//! Which point of a surface a control point should come near to depends on where the surface is. So two steps take turns: with the
+//! surface held, each sample's parameters are those of its nearest point; with the parameters held, control points are the least
+//! squares solution of a sparse system. A little bending energy keeps the system regular where
+//! samples leave control points undetermined.
 
 use geom_core::algebra::quadrature::gauss;
 use geom_core::algebra::{Cholesky, SparseMatrix, iterate};

@@ -1,5 +1,9 @@
 //! The nearest point of a surface: a tree of triangles says where to start, Newton's method goes on, across seams where
 //! it must.
+//!
+//! The nearest point x(s, t) to a point p satisfies `(x − p) · x_s = (x − p) · x_t = 0`, two equations that Newton's method solves in
+//! a few steps from a place nearby, and that have many other solutions far away. So the start decides: it is the nearest point of
+//! a triangulation. Where a step leaves the unit square of its patch it goes on in the neighbour's, whose parameters are turned.
 
 use geom_core::search::bvh::TriangleTree;
 use geom_core::{Cpu, Point3, Run};

@@ -29,6 +29,19 @@ const MOST_STEPS: u32 = 64;
 ///
 /// # Errors
 /// [`Error::Option`] for steps outside of 2…64; those of the backend.
+///
+/// ```
+/// use tspline::geom_core::{Cpu, Run, mesh::{SurfaceAudit, shapes}};
+/// use tspline::{Basis, Surface, TMesh, TMeshOptions, surface::tessellate::tessellate};
+///
+/// let quads = shapes::quad_torus(3.0, 1.0, 16, 8);
+/// let mesh = TMesh::build(&quads, &vec![0; quads.quads().len()], &TMeshOptions::default())?;
+/// let surface = Surface::new(mesh, Basis::default(), Run::on(&Cpu))?;
+/// let made = tessellate(&surface, 4, Run::on(&Cpu))?;
+/// assert!(SurfaceAudit::of(&made.mesh).is_closed_manifold());
+/// assert_eq!(made.normals.len(), made.mesh.positions().len());
+/// # Ok::<(), tspline::Error>(())
+/// ```
 pub fn tessellate<B: SplineBackend + ?Sized>(
     surface: &Surface,
     steps: u32,

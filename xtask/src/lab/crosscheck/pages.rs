@@ -7,7 +7,7 @@ use std::process::Command;
 use serde_json::Value;
 
 use super::{Lab, text};
-use crate::{Outcome, call, fixtures};
+use crate::{Outcome, fixtures};
 
 /// Names under which systems install it.
 const BROWSERS: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
@@ -22,19 +22,7 @@ pub(super) fn pages(lab: &mut Lab) -> Outcome {
     for (program, input) in [("02_surface", "1AJJ.pdb"), ("06_modes", "spot.ply")] {
         let out = lab.file(&format!("page_{program}"));
         let input = fixtures::path(input);
-        let [input, out_text] = [input.as_path(), out.as_path()].map(|p| p.display().to_string());
-        let run = [
-            "run",
-            "--quiet",
-            "--example",
-            program,
-            "--",
-            &input,
-            "--out",
-            &out_text,
-            "--quiet",
-        ];
-        call("cargo", &run, &[])?;
+        super::program(program, &[&input.display().to_string()], &out)?;
         let report = std::fs::read(out.join("report.json")).map_err(text)?;
         let report: Value = serde_json::from_slice(&report).map_err(text)?;
         let page = shown(browser, &out.join("index.html"))?;

@@ -8,7 +8,7 @@ use geom_core::mesh::OUTSIDE;
 use serde_json::Value;
 
 use super::{Lab, integer, number, text};
-use crate::{Outcome, call, fixtures};
+use crate::{Outcome, fixtures};
 
 /// How many tiles: some of them empty.
 const TILES: &str = "11";
@@ -16,12 +16,11 @@ const TILES: &str = "11";
 /// A mesh in tiles beside the merged one.
 pub(super) fn tiles(lab: &mut Lab) -> Outcome {
     let out = lab.file("tiles");
-    let out_text = out.display().to_string();
-    made(&out_text)?;
+    made(&out)?;
     let report = std::fs::read(out.join("report.json")).map_err(text)?;
     let report: Value = serde_json::from_slice(&report).map_err(text)?;
     let ours = Merged::read(&out.join("volume.vtu"))?;
-    let theirs = lab.ask("tiles.py", &[out_text])?;
+    let theirs = lab.ask("tiles.py", &[out.display().to_string()])?;
     for file in ["pvtu", "msh"] {
         ours.compare(lab, file, &theirs[file])?;
     }
@@ -41,14 +40,9 @@ pub(super) fn tiles(lab: &mut Lab) -> Outcome {
 }
 
 /// Both sides of a protein's surface in tiles, in parts and merged, by our own program.
-fn made(out: &str) -> Outcome {
+fn made(out: &Path) -> Outcome {
     let input = fixtures::path("1AJJ.pdb").display().to_string();
-    let run = [
-        "run",
-        "--quiet",
-        "--example",
-        "20_tiles",
-        "--",
+    let told = [
         &input,
         "--spacing",
         "0.8",
@@ -57,11 +51,8 @@ fn made(out: &str) -> Outcome {
         "--tiles",
         TILES,
         "--no-pictures",
-        "--quiet",
-        "--out",
-        out,
     ];
-    call("cargo", &run, &[])
+    super::program("20_tiles", &told, out)
 }
 
 /// The merged mesh as our own reader has it, which the parts must add up to.

@@ -1,5 +1,10 @@
 //! A map with all regular vertices taken out: triangles between singular vertices and corners, whose sides are integer
 //! sums of the integers of the map alone.
+//!
+//! Whether integers are any good cannot be seen from them: two singular vertices that end on one point, or that change sides,
+//! may be joined by a long chain of transitions. In the decimated map it can: each of its few triangles has three corners with
+//! integer coordinates in one chart, and is upright or not. If all are, an upright map of all triangles exists, because the
+//! decimated triangles are a map themselves. So these are the conditions under which integers are sought.
 
 use std::collections::BTreeMap;
 

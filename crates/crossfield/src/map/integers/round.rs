@@ -1,4 +1,9 @@
 //! Integers for the seams: greedy rounding with exact re-optimization, then descent.
+//!
+//! With the reals eliminated, the energy is a quadratic function `½ zᵀ S z − sᵀ z` of the integers z alone, S the Schur complement.
+//! Its least value over ℤⁿ is the closest vector of a lattice, which nobody computes for hundreds of unknowns. Greedy rounding
+//! takes the variable that is nearest to an integer anyway, fixes it, and moves the rest to its new optimum by one rank-one
+//! update; that costs O(n²) per variable. Moves by ±1 of single variables and of coupled pairs then lower what is left.
 
 use std::cell::OnceCell;
 

@@ -1,4 +1,9 @@
 //! Tetrahedra are cut where labels change.
+//!
+//! With two labels there are few cases: one corner against three (a tetrahedron and a prism), two against two (two prisms),
+//! and less where corners lie on the interface. Prisms are cut into three tetrahedra, their quads along the diagonal at the
+//! vertex of the lowest number; the neighbour sees the same numbers and cuts the same way, without being asked. Three or four labels
+//! meet in a point inside of the tetrahedron, and on each face with three labels in one of that face.
 
 use geom_core::mesh::{EDGES, FACES, Region};
 use geom_core::{Point3, Vector3};

@@ -1,4 +1,10 @@
 //! Vertices snap onto close cuts.
+//!
+//! A cut very near to the end of its edge would make a tetrahedron that is nearly flat. Labelle and Shewchuk move the vertex
+//! onto the cut instead: it then lies on the surface, and no edge of it is cut any more. With cuts closer than a fixed
+//! share of the edge snapped, a finite number of shapes remains, and the angles of all of them are known before anything is
+//! meshed. But a vertex that becomes part of the surface may touch another part of it. So it may snap only if the surface
+//! around it is then one disk, which its link tells; otherwise it stays, and its cuts move away from it.
 
 use rayon::prelude::*;
 

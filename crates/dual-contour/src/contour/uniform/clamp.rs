@@ -1,4 +1,7 @@
 //! Points go to their place only as far as all edge tetrahedra around cut cells stay positive.
+//!
+//! What the octree's mesher does for every leaf is needed here near cut cells only: points of cells of one size stay within their
+//! convex cells, and an edge with two of these that share a face spans a positive tetrahedron wherever they are.
 
 use std::ops::Range;
 

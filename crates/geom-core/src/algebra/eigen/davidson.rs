@@ -2,6 +2,10 @@
 //! through one V-cycle, join the basis; then Rayleigh–Ritz in f64. Restarts keep the best Ritz vectors
 //! and those of the step before (GD+k: Stathopoulos and Saad, 1998), which makes up for the
 //! directions that are dropped.
+//!
+//! Graphs of voxels are three-dimensional, and a factor of their matrix has O(n^4/3) entries, too many for millions of nodes. Nothing
+//! is factored here. If x is an approximate eigenvector with residual `r = K x − θ M x`, then `x − K⁻¹ r` is a better one, and an
+//! approximate inverse will do for that direction, since the Rayleigh–Ritz step finds out how far to go along it.
 
 use super::backend::On;
 use super::basis::{Basis, Columns, Taken, random_block};

@@ -1,5 +1,11 @@
 //! Block Lanczos with thick restarts on `(K − σM)⁻¹ M`.
 //!
+//! The smallest eigenvalues λ of the pencil are wanted, but powers of a matrix bring out the largest. `θ = 1 / (λ − σ)` is an
+//! eigenvalue of `(K − σM)⁻¹ M` with the same vector, and the smallest λ have the largest θ, far apart from the rest. One
+//! application is one product with M and one solve with the factor of `K − σM`, which σ < 0 makes positive definite though K is
+//! singular. After m blocks the operator seen by the basis is a band matrix, whose eigenvalues (Ritz values) converge from the
+//! largest on. When the basis is full, the best vectors are kept and the rest given up: a restart.
+//!
 //! A new block is orthogonalized against the two before it, and against all others only when rounding
 //! may have brought more than [`DRIFT`] of them back, which the recurrence of the overlaps tells
 //! (partial reorthogonalization: Simon, 1984; in blocks: Grimes, Lewis and Simon, 1994).

@@ -1,5 +1,19 @@
 //! OpenDX grids as text, as programs for electrostatic potentials write and read them: a regular
 //! lattice, the last axis fastest, one number per point.
+//!
+//! ```text
+//! object 1 class gridpositions counts 3 4 5
+//! origin -1.5 -2 -2.5
+//! delta 1 0 0
+//! delta 0 1 0
+//! delta 0 0 1
+//! object 2 class gridconnections counts 3 4 5
+//! object 3 class array type double rank 0 items 60 data follows
+//! 0.25 0.5 0.125
+//! …
+//! ```
+//!
+//! Lengths are Å; the unit of the values is that of whoever wrote them, kT/e for potentials of APBS.
 
 use std::fmt::Write as _;
 use std::io::Write;

@@ -1,9 +1,42 @@
 //! MRC/CCP4 maps (MRC2014, <https://doi.org/10.1016/j.jsb.2015.04.002>), as cryo-electron microscopy
 //! and crystallography exchange them.
 //!
+//! A header of 1024 bytes, 256 words of four, then the values, columns fastest. The words that say where values lie:
+//!
+//! | words | name | meaning |
+//! |---|---|---|
+//! | 1–3 | NC, NR, NS | columns, rows, sections in the file |
+//! | 4 | MODE | how a value is stored: [`Mode`] |
+//! | 5–7 | NCSTART … | the first of each, in steps from the corner of the cell |
+//! | 8–10 | MX, MY, MZ | steps along the edges of the cell |
+//! | 11–16 | CELLA, CELLB | edges, Å, and angles, degrees, of the cell |
+//! | 17–19 | MAPC, MAPR, MAPS | which axis of space columns, rows and sections follow |
+//! | 20–22 | DMIN, DMAX, DMEAN | of the values |
+//! | 24 | NSYMBT | bytes of an extended header between this one and the values |
+//! | 50–52 | ORIGIN | the first point, Å |
+//! | 53–54 | MAP, MACHST | `MAP `, and the byte order |
+//!
+//! Programs disagree about NSTART and ORIGIN, and about whether bytes have signs; what is done here is what most viewers do.
+//!
 //! The first point lies at ORIGIN if that is set, else at NSTART steps, as viewers of maps read it.
 //! Lengths of the header are f32 and read as the shortest decimals that stand for them, so that
 //! lattices with up to seven digits come back unchanged.
+//!
+//! ```
+//! use geom_core::io::mrc;
+//! use geom_core::{Lattice, LatticeValues, Point3, ScalarGrid};
+//!
+//! let lattice = Lattice { origin: Point3::new(-1.5, 0.0, 2.25), spacing: 0.75, counts: [3, 4, 5] };
+//! let values = (0..60).map(|i| i as f32 / 7.0).collect();
+//! let grid = ScalarGrid::new(lattice, values)?;
+//! let mut bytes = Vec::new();
+//! mrc::write(&mut bytes, &grid, mrc::Mode::Float32)?;
+//! assert_eq!(bytes.len(), 1024 + 4 * 60);
+//! assert_eq!(mrc::parse(&bytes)?.into_grid()?, grid);
+//! // Whole numbers cannot hold sevenths.
+//! assert!(mrc::write(&mut Vec::new(), &grid, mrc::Mode::Int16).is_err());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use std::io::Write;
 use std::path::Path;

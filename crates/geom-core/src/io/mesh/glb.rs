@@ -1,5 +1,9 @@
 //! GLB, binary glTF 2.0: surfaces with vertex colours, to look at in any viewer.
 //!
+//! One scene with one node with one mesh with one primitive of triangles, which is what every program shows; the material has two
+//! sides, since surfaces may be open, and is not metallic, since colours would turn dark. glTF counts in metres, and most
+//! viewers fit what they show into the window, so that lengths are left as they are: 1 Å is 1.
+//!
 //! Positions are in Å as f32, with normals; quads and polygons are cut into fans. Scalars and tuples of
 //! up to four components per point become attributes `_NAME`; cell fields and groups are left out. Of a
 //! tetrahedral mesh the surface is written.

@@ -1,4 +1,41 @@
 //! Meshes from files of any format.
+//!
+//! [`read`] tells the format by the content and gives a mesh of one of our kinds with everything else that the file says;
+//! [`save`] writes what a [`View`] shows, in the format of the name's ending. What a format cannot hold is left out, and
+//! nothing else:
+//!
+//! | ending | cells | numbers | values per point | per cell | colours | groups |
+//! |---|---|---|---|---|---|---|
+//! | [`ply`] | triangles, quads, polygons | f64, bytes | yes | yes | yes | |
+//! | [`off`] | triangles, quads, polygons | text, all digits | | | yes | |
+//! | [`obj`] | triangles, quads, polygons | text, all digits | | | yes | by name |
+//! | [`stl`] | triangles | f32 | | | | |
+//! | [`glb`] | triangles | f32 | as f32 | | yes | |
+//! | [`vtu`] | all, tetrahedra too | f64, bytes | yes | yes | yes | by name |
+//! | [`msh`] | triangles, quads, tetrahedra | f64, bytes | yes | yes | | by name |
+//!
+//! For a solver take MSH or VTU, which keep regions and boundaries by name; for pictures GLB; for further work PLY or VTU,
+//! which keep every bit. Lengths are Å in all of them, since none has a word for the unit.
+//!
+//! A tetrahedral mesh in a format for surfaces becomes its surface. A mesh with values and a colour per vertex, there and back:
+//!
+//! ```
+//! use geom_core::io::{View, mesh};
+//! use geom_core::mesh::shapes;
+//!
+//! let sphere = shapes::icosphere(2.0, 2);
+//! let heights: Vec<f64> = sphere.positions().iter().map(|p| p.z).collect();
+//! let mut view = View::from(&sphere).point_field("height", &heights)?;
+//! view.colors = Some(vec![[200, 60, 40, 255]; heights.len()].into());
+//!
+//! let file = std::env::temp_dir().join(format!("sphere-{}.ply", std::process::id()));
+//! mesh::save(&file, &view)?;
+//! let back = mesh::read(&file)?;
+//! assert_eq!(back.mesh, mesh::AnyMesh::Tri(sphere.clone()));
+//! assert_eq!(back.point_fields[0].values.to_f64(), heights);
+//! # std::fs::remove_file(file)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod glb;
 #[cfg(feature = "search")]

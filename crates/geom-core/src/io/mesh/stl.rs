@@ -1,5 +1,9 @@
 //! STL, the stereolithography file: bare triangles in f32.
 //!
+//! 80 bytes of no meaning, the number of triangles, then 50 bytes for each: its normal, three corners and two bytes of no
+//! meaning. Nothing says which triangles are neighbours; it is found again by joining equal corners, which fails where two
+//! vertices were different in f64 and are not in f32.
+//!
 //! Written as bytes, quads and polygons as fans; read as bytes or text, with vertices of the same
 //! coordinates joined. Everything else is left out. Of a tetrahedral mesh the surface is written.
 

@@ -1,5 +1,10 @@
 //! VTU: VTK's XML file for unstructured grids, read by ParaView, VTK and meshio.
 //!
+//! The file is a short text that says which arrays there are, followed by their bytes. `Points` has three numbers per point.
+//! Cells are three arrays, as VTK keeps them: `connectivity`, the corners of all cells one after the other, `offsets`, where each
+//! cell's corners end, and `types`, VTK's numbers of kinds (5 triangle, 7 polygon, 9 quad, 10 tetrahedron). Below `PointData`
+//! and `CellData` stands an array per field.
+//!
 //! Written with appended raw data (little-endian, 64-bit sizes): points, cells, point and cell
 //! fields by name; groups as the cell field `group` (the group's tag, 0 for none) and, per group, a pair
 //! `(tag, dimension)` of that name in the field data. Colours become the point field `color`.

@@ -1,4 +1,10 @@
 //! What is kept of the rows of a file, once for all formats.
+//!
+//! The order matters, and is this: dummies of membranes go; rows of a chain come together, those of residues that exclude each
+//! other apart; residues get their kind; one location of each atom is chosen, by residue and not by atom, since half of one
+//! side chain and half of another are no molecule; radii are assigned, those of residues to chains of which one atom per residue
+//! is known; what the options do not want is dropped; the selection is made of what is left; and at last the assembly
+//! is built of copies of it. Each step counts what it takes away in the report.
 
 use super::assembly::Copies;
 use super::names;

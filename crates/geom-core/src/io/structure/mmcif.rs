@@ -1,5 +1,16 @@
 //! mmCIF: the categories `_atom_site`, `_entity` and those of assemblies, out of a STAR file.
 //!
+//! STAR is a language of its own: values are words, quoted words or blocks of lines between semicolons, and a category is either
+//! a list of single items or a `loop_` with a row of names and rows of values. `.` and `?` stand for nothing and for
+//! unknown. What is read:
+//!
+//! | category | gives |
+//! |---|---|
+//! | `_atom_site` | the atoms; it must have `Cartn_x`, `_y`, `_z` (Å), an atom's and a residue's name |
+//! | `_entity` | which atoms are polymer, ligand or water |
+//! | `_pdbx_struct_oper_list` | rotations and translations (Å) by name |
+//! | `_pdbx_struct_assembly_gen` | which chains are copied by which of them: `1,2`, `1-60`, `(1-60)(61-88)` for products |
+//!
 //! Chains, residue names and numbers are the author's (`auth_…`), as in PDB files; assemblies name
 //! chains by `label_asym_id`.
 

@@ -1,5 +1,22 @@
 //! The PDB format, read by columns, with the deviations that files in use have.
 //!
+//! | columns of `ATOM`, `HETATM` | hold |
+//! |---|---|
+//! | 7–11 | serial number: not read |
+//! | 13–16 | atom name; an element of one letter stands in column 14 |
+//! | 17 | alternate location |
+//! | 18–20 | residue name |
+//! | 22, or 21–22 | chain |
+//! | 23–26, 27 | residue number and insertion code |
+//! | 31–38, 39–46, 47–54 | x, y, z, Å |
+//! | 55–60, 61–66 | occupancy and B factor, Å² |
+//! | 73–76 | segment, or what old files have there |
+//! | 77–78 | element |
+//!
+//! Beside atoms these records count: `MODEL` and `ENDMDL`; `TER`, `SEQRES` and `MODRES`, by which residues of the polymer are told
+//! from ligands; `REMARK 350` with its `BIOMT` rows, the assemblies; `MASTER`, which promises a number of atoms; and
+//! `END`, without which an entry may have been cut off.
+//!
 //! * Serial numbers are not read: beyond 99,999 they are hybrid-36, hexadecimal or shift the row.
 //! * Residue numbers may be decimal with five digits, hybrid-36 or hexadecimal.
 //! * Chains may have two characters (columns 21–22); without any, the segment (columns 73–76) or

@@ -1,5 +1,9 @@
 //! PQR: rows like those of the PDB format but separated by blanks, with charge and radius at the end.
 //!
+//! Programs for electrostatics in solution (PDB2PQR, APBS) exchange prepared molecules this way: hydrogens added, a charge in
+//! units of e and a radius in Å for every atom from a force field. What a surface is made of is thus said by the file, and
+//! [`Radii::File`](super::Radii::File) takes it.
+//!
 //! `ATOM serial name residue [chain] number x y z charge radius`
 //!
 //! Written files say where a domain (a model, or a copy of an assembly) begins in a remark that

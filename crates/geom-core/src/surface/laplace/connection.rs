@@ -1,5 +1,11 @@
 //! The connection between the frames of neighbouring triangles, and the Hermitian form that says how
 //! far a field of n-fold directions is from parallel.
+//!
+//! A direction in a triangle is an angle in a frame of that triangle, and frames of neighbours have nothing to do with each other.
+//! Laid flat at their common edge, two triangles have one angle κ between their frames; a direction of angle θ here is *parallel* to one of
+//! θ + κ there. For n-fold directions (n = 4: crosses) angles count up to 2π/n, which `z = e^{inθ}` forgets: parallel is
+//! `z_j = e^{inκ} z_i`. The sum of `w |z_j − e^{inκ} z_i|²` over the edges is the form, Hermitian and positive semi-definite; its
+//! smallest eigenvector is the smoothest field of all.
 
 use nalgebra::Complex;
 

@@ -112,6 +112,13 @@ pub fn stiffness(mesh: &TriMesh) -> Result<SparseMatrix, Error> {
 }
 
 /// The lumped mass: a third of the area of the triangles around each vertex, Å². Sums to the area.
+///
+/// ```
+/// use geom_core::{algebra::Mass, mesh::shapes, surface::laplace};
+/// let torus = shapes::torus(3.0, 1.0, 40, 16);
+/// let Mass::Lumped(masses) = laplace::lumped_mass(&torus) else { unreachable!() };
+/// assert!((masses.iter().sum::<f64>() - torus.area()).abs() < 1e-10);
+/// ```
 pub fn lumped_mass(mesh: &TriMesh) -> Mass {
     let areas = areas(mesh);
     Mass::Lumped(spread_areas(
@@ -226,6 +233,16 @@ pub fn connection(mesh: &TriMesh, order: u32, weights: EdgeWeights) -> Result<Co
 
 /// The gradient of a function with one value per vertex: one vector per triangle, in its plane. Zero
 /// in triangles without area.
+///
+/// ```
+/// use geom_core::{mesh::shapes, surface::laplace};
+/// // Of the height, on the walls of a cylinder, the gradient is one up; on its ends it is zero.
+/// let cylinder = shapes::cylinder(1.5, 4.0, 24, 6);
+/// let height: Vec<f64> = cylinder.positions().iter().map(|p| p.z).collect();
+/// let slopes = laplace::gradient(&cylinder, &height)?;
+/// assert!(slopes.iter().all(|s| s.z.abs() < 1e-12 || (s.z - 1.0).abs() < 1e-12));
+/// # Ok::<(), laplace::Error>(())
+/// ```
 pub fn gradient(mesh: &TriMesh, function: &[f64]) -> Result<Vec<Vector3>, Error> {
     check_length("vertex", function.len(), mesh.positions().len())?;
     Ok((0..mesh.triangles().len())

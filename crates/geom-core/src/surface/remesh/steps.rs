@@ -1,4 +1,11 @@
 //! The steps of a round. Each change is tested first and undone by not being done.
+//!
+//! | step | is done to an edge that | and refused where |
+//! |---|---|---|
+//! | split | is longer than 4/3 of the wanted length, the longest first | never; where the new vertex would fold the surface it stays on the edge |
+//! | contract | is shorter than 4/5 of it, the shortest first | the link condition fails, a triangle turns over, or an edge becomes too long |
+//! | flip | brings valences nearer to six, or angles up | the new edge is there already, or triangles turn over |
+//! | move | (vertices) within the tangent plane to the mean of the neighbours, back to the surface | a triangle turns over |
 
 use std::ops::AddAssign;
 

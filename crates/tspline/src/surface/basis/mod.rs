@@ -1,4 +1,9 @@
 //! Bases on a T-mesh, each as its Bézier extraction.
+//!
+//! A basis gives a function to some vertices of the T-mesh. What every other file needs of it is the same: per element, which
+//! functions are not zero there, and each of them as a bicubic polynomial with 16 Bernstein coefficients. That is its Bézier
+//! extraction, a matrix of 16 columns per element; evaluation, fitting, analysis, files and the GPU see nothing else, so that
+//! a basis can be exchanged for another without any of them.
 
 mod extraction;
 mod gram;
