@@ -41,7 +41,15 @@ pub fn cross_field<B: CrossfieldBackend + ?Sized>(
     options: &FieldOptions,
     run: Run<'_, B>,
 ) -> Result<CrossField, Error> {
-    let run = run.with(run.backend.as_crossfield());
+    cross_field_on(mesh, guides, options, run.with(run.backend.as_crossfield()))
+}
+
+fn cross_field_on(
+    mesh: &TriMesh,
+    guides: &[Guide],
+    options: &FieldOptions,
+    run: On<'_>,
+) -> Result<CrossField, Error> {
     options.check()?;
     guides
         .iter()

@@ -9,7 +9,7 @@ use super::parts;
 use super::quality::{AspectSummary, JacobianSummary, Valences, aspect_ratio, scaled_jacobian};
 use super::rungs::{PartReport, Rung, part_quads};
 use crate::anisotropy::{Slope, slopes};
-use crate::backend::CrossfieldBackend;
+use crate::backend::{CrossfieldBackend, On};
 use crate::error::Error;
 use crate::guidance::Guidance;
 use crate::options::Options;
@@ -105,7 +105,14 @@ pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Quadrangulation, Error> {
-    let run = run.with(run.backend.as_crossfield());
+    quadrangulate_on(surface, options, run.with(run.backend.as_crossfield()))
+}
+
+fn quadrangulate_on(
+    surface: &TriMesh,
+    options: &Options,
+    run: On<'_>,
+) -> Result<Quadrangulation, Error> {
     options.check()?;
     if surface.triangles().is_empty() {
         return Err(Error::Empty);

@@ -177,7 +177,10 @@ pub fn eliminate<B: DensityBackend + ?Sized>(
     options: &Elimination,
     run: Run<'_, B>,
 ) -> Result<Eliminated, Error> {
-    let run = run.with(run.backend.as_density());
+    eliminate_on(model, options, run.with(run.backend.as_density()))
+}
+
+fn eliminate_on(model: &Model, options: &Elimination, run: On<'_>) -> Result<Eliminated, Error> {
     options.check()?;
     let sample_eps = (SAMPLE_EPS * options.epsilon).clamp(1e-7, 1e-4);
     let sampler = PointSampler::above(NEAR, model, Cutoff(sample_eps))?;

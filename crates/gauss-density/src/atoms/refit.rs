@@ -146,7 +146,20 @@ pub fn refit<B: DensityBackend + ?Sized>(
     options: &Refit,
     run: Run<'_, B>,
 ) -> Result<Refitted, Error> {
-    let run = run.with(run.backend.as_density());
+    refit_on(
+        reduced,
+        original,
+        options,
+        run.with(run.backend.as_density()),
+    )
+}
+
+fn refit_on(
+    reduced: &Model,
+    original: &Model,
+    options: &Refit,
+    run: On<'_>,
+) -> Result<Refitted, Error> {
     options.check()?;
     let sampler = PointSampler::above(NEAR, original, Cutoff(SAMPLE_EPS))?;
     let sampling = Options {

@@ -39,7 +39,14 @@ pub fn sample_band<B: DensityBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Sampled<BrickGrid>, Error> {
-    let run = run.with(run.backend.as_density());
+    sample_band_on(model, options, run.with(run.backend.as_density()))
+}
+
+fn sample_band_on(
+    model: &Model,
+    options: &Options,
+    run: On<'_>,
+) -> Result<Sampled<BrickGrid>, Error> {
     options.check()?;
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;

@@ -3,7 +3,7 @@
 use geom_core::{BrickGrid, ImplicitField, LatticeValues, Run};
 use rayon::prelude::*;
 
-use crate::backend::DensityBackend;
+use crate::backend::{DensityBackend, On};
 use crate::error::Error;
 use crate::model::Model;
 use crate::options::{Cutoff, Options};
@@ -49,7 +49,15 @@ pub fn compare<B: DensityBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Comparison, Error> {
-    let run = run.with(run.backend.as_density());
+    compare_on(model, original, options, run.with(run.backend.as_density()))
+}
+
+fn compare_on(
+    model: &Model,
+    original: &Model,
+    options: &Options,
+    run: On<'_>,
+) -> Result<Comparison, Error> {
     options.check()?;
     let sampler = PointSampler::above(NEAR, original, Cutoff(1e-5))?;
     let options = Options {

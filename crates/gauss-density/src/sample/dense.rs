@@ -4,7 +4,7 @@ use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Lattice, Run, ScalarGrid};
 use rayon::prelude::*;
 
-use crate::backend::{Block, BlockValues, DensityBackend, Job};
+use crate::backend::{Block, BlockValues, DensityBackend, Job, On};
 use crate::error::Error;
 use crate::kernel::prepared::Prepared;
 use crate::model::Model;
@@ -38,7 +38,10 @@ pub fn sample<B: DensityBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Sampled<ScalarGrid>, Error> {
-    let run = run.with(run.backend.as_density());
+    sample_on(model, options, run.with(run.backend.as_density()))
+}
+
+fn sample_on(model: &Model, options: &Options, run: On<'_>) -> Result<Sampled<ScalarGrid>, Error> {
     options.check()?;
     let prepared = Prepared::new(model);
     let lattice = lattice_of(&prepared, options)?;

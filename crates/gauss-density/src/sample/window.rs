@@ -5,7 +5,7 @@ use geom_core::grid::{BRICK, Brick};
 use geom_core::options::require;
 use geom_core::{Aabb, BrickGrid, Run};
 
-use crate::backend::{BLOCK, DensityBackend};
+use crate::backend::{BLOCK, DensityBackend, On};
 use crate::error::Error;
 use crate::kernel::boxes::lattice_box;
 use crate::model::Model;
@@ -56,7 +56,15 @@ pub fn sample_window<B: DensityBackend + ?Sized>(
     window: &Window,
     run: Run<'_, B>,
 ) -> Result<BrickGrid, Error> {
-    let run = run.with(run.backend.as_density());
+    sample_window_on(copies, options, window, run.with(run.backend.as_density()))
+}
+
+fn sample_window_on(
+    copies: &Copies,
+    options: &Options,
+    window: &Window,
+    run: On<'_>,
+) -> Result<BrickGrid, Error> {
     options.check()?;
     let lattice = window.whole;
     let last = [0, 1, 2].map(|k| window.low[k] + window.counts[k]);

@@ -23,7 +23,14 @@ pub fn filter_normals<B: OperatorBackend + ?Sized>(
     options: &FilterOptions,
     run: Run<'_, B>,
 ) -> Result<Smoothed<TriMesh>, Error> {
-    let run = run.with(run.backend.as_operators());
+    filter_normals_on(mesh, options, run.with(run.backend.as_operators()))
+}
+
+fn filter_normals_on(
+    mesh: &TriMesh,
+    options: &FilterOptions,
+    run: On<'_>,
+) -> Result<Smoothed<TriMesh>, Error> {
     let surface = |x: &[Point3]| Ok(TriMesh::new(x.to_vec(), mesh.triangles().to_vec())?);
     let (positions, mut report) =
         filter(mesh.positions(), mesh.triangles(), surface, options, run)?;
@@ -44,7 +51,14 @@ pub fn filter_quad_normals<B: OperatorBackend + ?Sized>(
     options: &FilterOptions,
     run: Run<'_, B>,
 ) -> Result<Smoothed<QuadMesh>, Error> {
-    let run = run.with(run.backend.as_operators());
+    filter_quad_normals_on(mesh, options, run.with(run.backend.as_operators()))
+}
+
+fn filter_quad_normals_on(
+    mesh: &QuadMesh,
+    options: &FilterOptions,
+    run: On<'_>,
+) -> Result<Smoothed<QuadMesh>, Error> {
     let surface = |x: &[Point3]| {
         let quads = QuadMesh::new(x.to_vec(), mesh.quads().to_vec())?;
         Ok(quads.into_triangles())

@@ -208,7 +208,15 @@ pub fn smooth<B: OperatorBackend + ?Sized>(
     options: &FlowOptions,
     run: Run<'_, B>,
 ) -> Result<Smoothed<TriMesh>, Error> {
-    let run = run.with(run.backend.as_operators());
+    smooth_on(mesh, rounds, options, run.with(run.backend.as_operators()))
+}
+
+fn smooth_on(
+    mesh: &TriMesh,
+    rounds: u32,
+    options: &FlowOptions,
+    run: On<'_>,
+) -> Result<Smoothed<TriMesh>, Error> {
     options.check()?;
     let edges = Halfedges::<3>::of(mesh)?;
     let flowing = Triangles {
@@ -237,7 +245,14 @@ pub fn smooth_quads<B: OperatorBackend + ?Sized>(
     options: &FlowOptions,
     run: Run<'_, B>,
 ) -> Result<Smoothed<QuadMesh>, Error> {
-    let run = run.with(run.backend.as_operators());
+    smooth_quads_on(mesh, options, run.with(run.backend.as_operators()))
+}
+
+fn smooth_quads_on(
+    mesh: &QuadMesh,
+    options: &FlowOptions,
+    run: On<'_>,
+) -> Result<Smoothed<QuadMesh>, Error> {
     options.check()?;
     let surface = Surface::new(mesh.clone())?;
     let control = surface.control().clone();

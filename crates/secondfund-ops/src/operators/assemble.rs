@@ -5,7 +5,7 @@ use geom_core::Run;
 use super::element::Element;
 use super::pattern::Matrices;
 use super::{bezier, quads, triangles};
-use crate::backend::OperatorBackend;
+use crate::backend::{On, OperatorBackend};
 use crate::{Error, SpectrumOptions};
 
 /// The matrices of [`SpectrumOptions::operator`] on a surface, in unit scale (the largest extent is 1).
@@ -17,7 +17,14 @@ pub fn assemble<B: OperatorBackend + ?Sized>(
     options: &SpectrumOptions,
     run: Run<'_, B>,
 ) -> Result<Matrices, Error> {
-    let run = run.with(run.backend.as_operators());
+    assemble_on(element, options, run.with(run.backend.as_operators()))
+}
+
+fn assemble_on(
+    element: &Element<'_>,
+    options: &SpectrumOptions,
+    run: On<'_>,
+) -> Result<Matrices, Error> {
     options.check()?;
     let prepared = |dofs: usize| {
         let operator = &options.operator;

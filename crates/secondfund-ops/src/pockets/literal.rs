@@ -29,7 +29,22 @@ pub fn concave_patches<B: OperatorBackend + ?Sized>(
     options: &PatchOptions,
     run: Run<'_, B>,
 ) -> Result<Vec<(Pocket, Outline)>, Error> {
-    let run = run.with(run.backend.as_operators());
+    concave_patches_on(
+        surface,
+        structure,
+        field,
+        options,
+        run.with(run.backend.as_operators()),
+    )
+}
+
+fn concave_patches_on(
+    surface: &TriMesh,
+    structure: &Structure,
+    field: Option<&[f64]>,
+    options: &PatchOptions,
+    run: On<'_>,
+) -> Result<Vec<(Pocket, Outline)>, Error> {
     options.check()?;
     if let Some(field) = field {
         let (found, expected) = (field.len(), surface.positions().len());

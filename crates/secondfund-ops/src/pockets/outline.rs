@@ -7,7 +7,7 @@ use super::patches::Patches;
 use super::probes::{between_probes, shared_out, triangles_at};
 use super::sites::Pocket;
 use crate::Error;
-use crate::backend::OperatorBackend;
+use crate::backend::{On, OperatorBackend};
 use crate::forms::Normals;
 use crate::operators::{Element, assemble};
 use crate::options::{OutlineOptions, OutlineSource};
@@ -25,7 +25,22 @@ pub fn outline<B: OperatorBackend + ?Sized>(
     options: &OutlineOptions,
     run: Run<'_, B>,
 ) -> Result<Vec<Outline>, Error> {
-    let run = run.with(run.backend.as_operators());
+    outline_on(
+        surface,
+        structure,
+        pockets,
+        options,
+        run.with(run.backend.as_operators()),
+    )
+}
+
+fn outline_on(
+    surface: &TriMesh,
+    structure: &Structure,
+    pockets: &[Pocket],
+    options: &OutlineOptions,
+    run: On<'_>,
+) -> Result<Vec<Outline>, Error> {
     options.check()?;
     let (owners, hollows, mean) = match &options.source {
         OutlineSource::Patches => {

@@ -60,7 +60,20 @@ pub fn parts<B: OperatorBackend + ?Sized>(
     options: &PartOptions,
     run: Run<'_, B>,
 ) -> Result<Parts, Error> {
-    let run = run.with(run.backend.as_operators());
+    parts_on(
+        element,
+        faces,
+        options,
+        run.with(run.backend.as_operators()),
+    )
+}
+
+fn parts_on(
+    element: &Element<'_>,
+    faces: &Faces,
+    options: &PartOptions,
+    run: On<'_>,
+) -> Result<Parts, Error> {
     options.check()?;
     let spectra = options
         .operators

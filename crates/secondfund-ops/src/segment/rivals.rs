@@ -9,7 +9,7 @@ use geom_core::surface::curvature::angle_defects;
 use geom_core::{Point3, Run, TriMesh, Vector3};
 use rayon::prelude::*;
 
-use crate::backend::OperatorBackend;
+use crate::backend::{On, OperatorBackend};
 use crate::forms::{Neighbors, Normals, Operator};
 use crate::operators::{Element, Matrices, Spectrum, assemble, modes_of};
 use crate::{Error, SpectrumOptions};
@@ -30,7 +30,10 @@ pub fn concavity_aware<B: OperatorBackend + ?Sized>(
     modes: usize,
     run: Run<'_, B>,
 ) -> Result<Spectrum, Error> {
-    let run = run.with(run.backend.as_operators());
+    concavity_aware_on(mesh, modes, run.with(run.backend.as_operators()))
+}
+
+fn concavity_aware_on(mesh: &TriMesh, modes: usize, run: On<'_>) -> Result<Spectrum, Error> {
     let options = SpectrumOptions {
         operator: Operator::Lbo,
         modes,
@@ -148,7 +151,10 @@ pub fn shape_diameter_mode<B: OperatorBackend + ?Sized>(
     mesh: &TriMesh,
     run: Run<'_, B>,
 ) -> Result<Spectrum, Error> {
-    let run = run.with(run.backend.as_operators());
+    shape_diameter_mode_on(mesh, run.with(run.backend.as_operators()))
+}
+
+fn shape_diameter_mode_on(mesh: &TriMesh, run: On<'_>) -> Result<Spectrum, Error> {
     let options = SpectrumOptions {
         operator: Operator::Lbo,
         ..SpectrumOptions::default()

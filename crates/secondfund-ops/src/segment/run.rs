@@ -102,7 +102,20 @@ pub fn segment<B: OperatorBackend + ?Sized>(
     options: &SegmentOptions,
     run: Run<'_, B>,
 ) -> Result<Segments, Error> {
-    let run = run.with(run.backend.as_operators());
+    segment_on(
+        spectrum,
+        faces,
+        options,
+        run.with(run.backend.as_operators()),
+    )
+}
+
+fn segment_on(
+    spectrum: &Spectrum,
+    faces: &Faces,
+    options: &SegmentOptions,
+    run: On<'_>,
+) -> Result<Segments, Error> {
     options.check()?;
     let has = spectrum.values.len();
     require(has > 0, "modes", has, "be at least 1 in the spectrum")?;

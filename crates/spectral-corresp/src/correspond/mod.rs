@@ -139,7 +139,15 @@ pub fn correspond<B: CorrespBackend + ?Sized>(
     options: &MatchOptions,
     run: Run<'_, B>,
 ) -> Result<Correspondence, Error> {
-    let run: On<'_> = run.with(run.backend.as_corresp());
+    correspond_on(a, b, options, run.with(run.backend.as_corresp()))
+}
+
+fn correspond_on(
+    a: &VoxelShape,
+    b: &VoxelShape,
+    options: &MatchOptions,
+    run: On<'_>,
+) -> Result<Correspondence, Error> {
     options.check()?;
     check_spacings(a, b)?;
     check_memory(a, b, options)?;

@@ -164,9 +164,18 @@ impl VoxelShape {
     /// The points of a lattice whose flag is set; what lies beyond the lattice is outside.
     pub fn of_flags<B: CorrespBackend + ?Sized>(
         lattice: &Lattice,
-        mut inside: Vec<bool>,
+        inside: Vec<bool>,
         options: &ShapeOptions,
         run: Run<'_, B>,
+    ) -> Result<Self, Error> {
+        Self::of_flags_on(lattice, inside, options, run.with(run.backend.as_corresp()))
+    }
+
+    fn of_flags_on(
+        lattice: &Lattice,
+        mut inside: Vec<bool>,
+        options: &ShapeOptions,
+        run: On<'_>,
     ) -> Result<Self, Error> {
         options.check()?;
         let spacing = lattice.spacing;
@@ -218,7 +227,6 @@ impl VoxelShape {
             report.left_out = sizes.map(|(&size, _)| size).collect();
             report.left_out.sort_unstable_by(|a, b| b.cmp(a));
         }
-        let run = run.with(run.backend.as_corresp());
         Self::of_graph(*lattice, &inside, graph, report, run)
     }
 

@@ -3,7 +3,7 @@
 use geom_core::options::{OutOfRange, require};
 use geom_core::{ImplicitField, Run, TetMesh};
 
-use crate::backend::QualityBackend;
+use crate::backend::{On, QualityBackend};
 use crate::boundary::field::Isosurface;
 use crate::boundary::input::{free_again, prepare};
 use crate::boundary::own::OwnSurface;
@@ -73,7 +73,22 @@ pub fn improve_part<B: QualityBackend + ?Sized>(
     options: &Options,
     run: Run<'_, B>,
 ) -> Result<Improved, Error> {
-    let run = run.with(run.backend.as_quality());
+    improve_part_on(
+        mesh,
+        held,
+        field,
+        options,
+        run.with(run.backend.as_quality()),
+    )
+}
+
+fn improve_part_on(
+    mesh: TetMesh,
+    held: &[bool],
+    field: Option<&dyn ImplicitField>,
+    options: &Options,
+    run: On<'_>,
+) -> Result<Improved, Error> {
     options.check()?;
     if !held.is_empty() {
         let (flags, of) = (held.len(), mesh.positions().len());

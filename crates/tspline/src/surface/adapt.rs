@@ -80,7 +80,24 @@ pub fn adapt<B: SplineBackend + ?Sized>(
     options: &FitOptions,
     run: Run<'_, B>,
 ) -> Result<Adapted, Error> {
-    let run = run.with(run.backend.as_spline());
+    adapt_on(
+        mesh,
+        basis,
+        target,
+        tolerance,
+        options,
+        run.with(run.backend.as_spline()),
+    )
+}
+
+fn adapt_on(
+    mesh: TMesh,
+    basis: Basis,
+    target: &TriMesh,
+    tolerance: f64,
+    options: &FitOptions,
+    run: On<'_>,
+) -> Result<Adapted, Error> {
     require(tolerance > 0.0, "tolerance", tolerance, "be positive, Å")?;
     let near = MeshTarget::new(target)?;
     let mut surface = Surface::new(mesh, basis, run)?;

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::Surface;
 use super::inverse::Search;
 use crate::Error;
-use crate::backend::SplineBackend;
+use crate::backend::{On, SplineBackend};
 
 /// How far a surface and a mesh are apart, Å, and what they measure.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -44,8 +44,11 @@ pub fn errors<B: SplineBackend + ?Sized>(
     mesh: &TriMesh,
     run: Run<'_, B>,
 ) -> Result<(Errors, Vec<f64>), Error> {
+    errors_on(surface, mesh, run.with(run.backend.as_spline()))
+}
+
+fn errors_on(surface: &Surface, mesh: &TriMesh, run: On<'_>) -> Result<(Errors, Vec<f64>), Error> {
     const POINTS: usize = 8;
-    let run = run.with(run.backend.as_spline());
     let tree = TriangleTree::new(mesh)?;
     // Ends and middles between, so that corners and seams are seen.
     let parameters: Vec<f64> = (0..POINTS)
@@ -131,8 +134,11 @@ pub fn measures<B: SplineBackend + ?Sized>(
     surface: &Surface,
     run: Run<'_, B>,
 ) -> Result<[f64; 2], Error> {
+    measures_on(surface, run.with(run.backend.as_spline()))
+}
+
+fn measures_on(surface: &Surface, run: On<'_>) -> Result<[f64; 2], Error> {
     const RULE: usize = 10;
-    let run = run.with(run.backend.as_spline());
     let rule = gauss(RULE);
     let parameters: Vec<f64> = rule.iter().map(|r| r.0).collect();
     let samples = surface.sample_on(&parameters, run)?;

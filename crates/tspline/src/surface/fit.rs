@@ -151,7 +151,15 @@ pub fn fit<B: SplineBackend + ?Sized>(
     options: &FitOptions,
     run: Run<'_, B>,
 ) -> Result<FitReport, Error> {
-    let run = run.with(run.backend.as_spline());
+    fit_on(surface, target, options, run.with(run.backend.as_spline()))
+}
+
+fn fit_on(
+    surface: &mut Surface,
+    target: &dyn Target,
+    options: &FitOptions,
+    run: On<'_>,
+) -> Result<FitReport, Error> {
     options.check()?;
     let plan = Plan::new(surface, target, options, run)?;
     let alone = plan.matrix(surface, &[])?;

@@ -26,7 +26,7 @@ impl Plan<'_> {
         &self,
         options: &tet_quality::Options,
         mut borders: Vec<Border>,
-        exchange: &(impl Exchange + ?Sized),
+        exchange: &dyn Exchange,
         deal: &Deal,
         session: &Session,
         step: &dyn Fn() -> Result<(), Failure>,
@@ -126,7 +126,7 @@ impl Plan<'_> {
     /// Deals the tetrahedra to other tiles.
     fn shift(
         &self,
-        exchange: &(impl Exchange + ?Sized),
+        exchange: &dyn Exchange,
         deal: &Deal,
         tiles: &Tiles,
     ) -> Result<Vec<Border>, Failure> {
@@ -138,7 +138,7 @@ impl Plan<'_> {
     /// Deals the tetrahedra to the tiles that `tile` gives for the tile that each is in and its corners.
     fn deal(
         &self,
-        exchange: &(impl Exchange + ?Sized),
+        exchange: &dyn Exchange,
         deal: &Deal,
         tile: impl Fn(usize, [Point3; 4]) -> usize,
     ) -> Result<Vec<Border>, Failure> {

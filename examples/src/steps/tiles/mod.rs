@@ -223,7 +223,7 @@ impl<'a> Plan<'a> {
     /// All tiles, on this rank and the others.
     pub fn run(
         &self,
-        exchange: &(impl Exchange + ?Sized),
+        exchange: &dyn Exchange,
         session: &Session,
         done: &AtomicU64,
     ) -> Result<Outcome, Failure> {

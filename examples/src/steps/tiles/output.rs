@@ -22,7 +22,7 @@ pub(super) struct Whole {
 
 impl Whole {
     pub(super) fn of(
-        exchange: &(impl Exchange + ?Sized),
+        exchange: &dyn Exchange,
         vertices: u64,
         borders: &[Border],
     ) -> Result<Self, Lost> {
@@ -247,10 +247,7 @@ fn with_ghosts(
 }
 
 /// The groups of all ranks, by dimension and tag.
-pub(super) fn all_groups(
-    exchange: &(impl Exchange + ?Sized),
-    own: &[Group],
-) -> Result<Vec<Group>, Failure> {
+pub(super) fn all_groups(exchange: &dyn Exchange, own: &[Group]) -> Result<Vec<Group>, Failure> {
     let line = |g: &Group| format!("{} {} {}", g.dimension, g.tag.unwrap_or(0), g.name);
     let own: Vec<String> = own.iter().map(line).collect();
     let mut groups = Vec::new();

@@ -34,7 +34,7 @@ struct Around {
 /// Where both sides of the surface are meshed, they cannot.
 pub(super) fn crossing(
     plan: &Plan<'_>,
-    exchange: &(impl Exchange + ?Sized),
+    exchange: &dyn Exchange,
     deal: &Deal,
     borders: &mut [Border],
 ) -> Result<Vec<Bad>, Failure> {
@@ -73,7 +73,7 @@ pub(super) fn crossing(
 
 /// The boxes around the surfaces of all tiles that have one.
 fn places(
-    exchange: &(impl Exchange + ?Sized),
+    exchange: &dyn Exchange,
     deal: &Deal,
     borders: &[Border],
 ) -> Result<Vec<(u64, Aabb)>, Failure> {

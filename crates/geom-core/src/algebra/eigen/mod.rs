@@ -249,8 +249,17 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<EigenPairs, Error> {
     let run = run.with(run.backend.as_spectral());
+    eigenpairs_on(stiffness.into(), mass, k, options, run)
+}
+
+fn eigenpairs_on(
+    stiffness: Operator<'_>,
+    mass: &Mass,
+    k: usize,
+    options: &Options,
+    run: On<'_>,
+) -> Result<EigenPairs, Error> {
     options.check()?;
-    let stiffness = stiffness.into();
     let options = &Options {
         method: options.method.of(stiffness),
         ..options.clone()
