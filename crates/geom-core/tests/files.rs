@@ -1,7 +1,11 @@
 //! Mesh files: what is written is read back.
 
+use std::collections::BTreeSet;
+
 use geom_core::io::view::{Cells, NO_GROUP};
-use geom_core::io::{AnyMesh, Encoding, MeshFile, View, glb, mesh, msh, obj, off, ply, stl, vtu};
+use geom_core::io::{
+    AnyMesh, Encoding, Group, MeshFile, View, glb, mesh, msh, obj, off, ply, stl, vtu,
+};
 use geom_core::mesh::{BoundaryComparison, EXTERIOR, INTERIOR, SurfaceAudit, VolumeAudit, shapes};
 use geom_core::{QuadMesh, TetMesh, TriMesh};
 
@@ -258,6 +262,48 @@ fn a_tetrahedral_mesh_gives_its_surface_to_surface_formats() {
         panic!("a surface");
     };
     assert!(BoundaryComparison::of(&ball, INTERIOR, &surface).is_equal());
+}
+
+/// Readers that look at a tag without its dimension, as meshio does in MSH 2.2, would take the surface of the molecule for the
+/// exterior around it, and a side of the box for the molecule.
+#[test]
+fn no_face_has_the_tag_of_a_region() {
+    let body = shapes::ball_in_box(2.0, 4.0, 2);
+    let outside = shapes::shell(2.0, 4.0, 2);
+    let bare = View {
+        groups: View::of_tets(&body, &[])
+            .groups
+            .into_iter()
+            .map(|group| Group { tag: None, ..group })
+            .collect(),
+        ..View::of_tets(&body, &[])
+    };
+    for view in [
+        View::of_tets(&body, &[]),
+        View::of_tets(&outside, &[]),
+        bare,
+    ] {
+        let mut file = Vec::new();
+        let options = msh::Options {
+            version: msh::Version::V22,
+            encoding: Encoding::Ascii,
+        };
+        msh::write(&mut file, &view, options).unwrap();
+        let text = String::from_utf8(file).unwrap();
+        let names = text
+            .split("$PhysicalNames\n")
+            .nth(1)
+            .and_then(|rest| rest.split("$EndPhysicalNames").next())
+            .unwrap();
+        let tags: Vec<&str> = names
+            .lines()
+            .skip(1)
+            .map(|line| line.split(' ').nth(1).unwrap())
+            .collect();
+        let different: BTreeSet<&str> = tags.iter().copied().collect();
+        assert_eq!(tags.len(), view.groups.len());
+        assert_eq!(different.len(), tags.len(), "{names}");
+    }
 }
 
 #[test]

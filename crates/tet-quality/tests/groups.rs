@@ -113,7 +113,7 @@ fn tags_do_not_depend_on_what_is_meshed() {
     let (both, inside) = (tags(&View::from(&both)), tags(&View::from(&inside)));
     assert_eq!(both["molecule"], Some(1));
     assert_eq!(both["exterior"], Some(256));
-    assert_eq!(both["molecule|exterior"], Some(256));
+    assert_eq!(both["molecule|exterior"], Some(512));
     for (name, tag) in &inside {
         assert!(both.get(name).is_none_or(|t| t == tag), "{name}");
     }

@@ -361,8 +361,9 @@ impl<'a> View<'a> {
     /// * `region_2|outside`: any other boundary.
     ///
     /// Their tags do not depend on which of them there are: a region's is its number, 256 for the exterior, whose
-    /// number 0 stands for "none" in MSH; the sides of the box have 1 … 6 in the order above, `outer` has 7, and
-    /// what parts region *a* from *b* has 256 *a* + *b* (so `molecule|exterior` 256), where the outside counts as 255.
+    /// number 0 stands for "none" in MSH; the sides of the box have 257 … 262 in the order above, `outer` has 263, and
+    /// what parts region *a* from *b* has 256 (*a* + 1) + *b* (so `molecule|exterior` 512), where the outside counts as 255.
+    /// No face has the tag of a region: some readers look at tags without their dimension.
     ///
     /// The cell field `region` has the region of each tetrahedron; for a face that of its inner side.
     pub fn of_tets(mesh: &'a TetMesh, names: &[(Region, &str)]) -> Self {
@@ -414,12 +415,12 @@ impl<'a> View<'a> {
             let known = kinds.iter().find(|(k, _)| *k == kind);
             let group = known.map(|&(_, group)| group).unwrap_or_else(|| {
                 let parted = |a: Region, b: Region| {
-                    let tag = 256 * i32::from(a) + i32::from(b);
+                    let tag = 256 * (i32::from(a) + 1) + i32::from(b);
                     (format!("{}|{}", name(a), name(b)), tag)
                 };
                 let (name, tag) = match (side, face.inside, face.outside) {
-                    (Some((side, tag)), ..) => (format!("box_{side}"), tag),
-                    (None, EXTERIOR, OUTSIDE) if outer => ("outer".to_owned(), 7),
+                    (Some((side, number)), ..) => (format!("box_{side}"), 256 + number),
+                    (None, EXTERIOR, OUTSIDE) if outer => ("outer".to_owned(), 263),
                     (None, EXTERIOR, OUTSIDE) => parted(INTERIOR, EXTERIOR),
                     (None, INTERIOR, OUTSIDE) if !exterior => parted(INTERIOR, EXTERIOR),
                     (None, inside, outside) => parted(inside, outside),
@@ -494,10 +495,10 @@ impl<'a> View<'a> {
         Ok(self)
     }
 
-    /// The tag of each group: its own, or one that no group of its dimension has.
+    /// The tag of each group: its own, or one that no other group has, whatever its dimension.
     pub(super) fn tags(&self) -> Vec<i32> {
         let mut taken: HashSet<(u8, i32)> = HashSet::new();
-        // Those that ask for a number get it, the first of several that ask for one.
+        // Those that ask for a number get it, the first of several of a dimension that ask for one.
         let own: Vec<Option<i32>> = self
             .groups
             .iter()
@@ -506,17 +507,16 @@ impl<'a> View<'a> {
                     .filter(|&tag| tag > 0 && taken.insert((g.dimension, tag)))
             })
             .collect();
-        let mut next = [1; 256];
-        let mut free = |dimension: u8| {
-            let next = &mut next[usize::from(dimension)];
-            while !taken.insert((dimension, *next)) {
-                *next += 1;
+        let mut all: HashSet<i32> = taken.into_iter().map(|(_, tag)| tag).collect();
+        let mut next = 1;
+        let mut free = || {
+            while !all.insert(next) {
+                next += 1;
             }
-            *next
+            next
         };
-        let groups = self.groups.iter().zip(own);
-        groups
-            .map(|(g, own)| own.unwrap_or_else(|| free(g.dimension)))
+        own.into_iter()
+            .map(|own| own.unwrap_or_else(&mut free))
             .collect()
     }
 

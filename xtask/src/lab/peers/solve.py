@@ -23,6 +23,8 @@ if not raw.cell_sets and "group" in raw.cell_data:
         name: [np.flatnonzero(g == int(np.ravel(number)[0])) for g in groups]
         for name, number in raw.field_data.items()
     }
+# meshio's own notes are no names of parts.
+raw.cell_sets = {name: cells for name, cells in raw.cell_sets.items() if not name.startswith("gmsh:")}
 mesh = from_meshio(raw)
 regions = sorted(mesh.subdomains or {})
 boundaries = sorted(mesh.boundaries or {})
