@@ -22,9 +22,6 @@ pub mod correspond;
 mod cpu;
 mod error;
 pub mod fit;
-#[cfg(feature = "testing")]
-#[doc(hidden)]
-pub mod inside;
 pub mod morph;
 mod near;
 pub mod options;

@@ -5,8 +5,10 @@ use geom_core::compute::random::SplitMix64;
 use geom_core::nalgebra::Rotation3;
 use geom_core::{Cpu, Lattice, Point3, Run, Vector3};
 use spectral_corresp::compare::{CompareReport, Spread};
-use spectral_corresp::fit::Neighbourhoods;
-use spectral_corresp::{ShapeOptions, VoxelShape, inside};
+use spectral_corresp::correspond::links;
+use spectral_corresp::fit::{Neighbourhoods, annealed_in_one_stage};
+use spectral_corresp::morph::{distortion, rotations};
+use spectral_corresp::{ShapeOptions, VoxelShape};
 
 /// A shape that is a part of another is not it: what is not met makes the distance larger, in proportion.
 #[test]
@@ -47,7 +49,7 @@ fn links_come_from_both_maps() {
     };
     let identity: Vec<(u32, u32)> = (0..n).map(|i| (i, i)).collect();
     assert_eq!(
-        inside::links(&shape, &shape, &same, &same),
+        links(&shape, &shape, &same, &same),
         sorted(identity.clone())
     );
     // From the first: all to node 0. From the second: each to its own.
@@ -55,14 +57,8 @@ fn links_come_from_both_maps() {
         let more = (1..n).map(one);
         sorted(identity.iter().copied().chain(more).collect())
     };
-    assert_eq!(
-        inside::links(&shape, &shape, &all_to_one, &same),
-        with(|i| (i, 0))
-    );
-    assert_eq!(
-        inside::links(&shape, &shape, &same, &all_to_one),
-        with(|j| (0, j))
-    );
+    assert_eq!(links(&shape, &shape, &all_to_one, &same), with(|i| (i, 0)));
+    assert_eq!(links(&shape, &shape, &same, &all_to_one), with(|j| (0, j)));
 }
 
 /// Of many pairs some are drawn, for both of their points: near as many as asked per node.
@@ -90,7 +86,7 @@ fn plate(mast: usize) -> Vec<Point3> {
 
 /// Where the nodes of a plate go on one with a mast, and the score.
 fn fitted(radius: f64, rounds: usize) -> (Vec<Point3>, f64) {
-    inside::anneal([&plate(0), &plate(4)], &[], (radius, rounds, 60)).unwrap()
+    annealed_in_one_stage([&plate(0), &plate(4)], &[], (radius, rounds, 60)).unwrap()
 }
 
 /// What is there on the second shape alone draws nodes of the first, though each of these has met its like.
@@ -106,7 +102,7 @@ fn nodes_are_drawn_both_ways() {
 fn anchors_pull() {
     let plate = plate(0);
     let anchors = [(40, plate[40] + Vector3::z())];
-    let (images, _) = inside::anneal([&plate; 2], &anchors, (2.0, 10, 60)).unwrap();
+    let (images, _) = annealed_in_one_stage([&plate; 2], &anchors, (2.0, 10, 60)).unwrap();
     let rise = |node: usize| images[node].z;
     assert!(
         rise(40) > 0.4 && rise(41) > 0.01,
@@ -136,15 +132,15 @@ fn rotations_have_the_least_distortion() {
     let at = |i: usize| Point3::from(graph.point(i).map(|c| c as f64));
     let rest: Vec<Point3> = (0..graph.nodes()).map(at).collect();
     let now: Vec<Point3> = rest.iter().map(|x| shaken(x, 0.4)).collect();
-    let best = inside::rotations(&graph, &rest, &now);
-    let least = inside::distortion(&graph, &rest, &now, &best);
+    let best = rotations(&graph, &rest, &now);
+    let least = distortion(&graph, &rest, &now, &best);
     for axis in 0..3 {
         for angle in [-0.03, 0.03] {
             let turn = Rotation3::from_scaled_axis(Vector3::ith(axis, angle));
             for node in 0..graph.nodes() {
                 let mut turned = best.clone();
                 turned[node] = turn * turned[node];
-                let other = inside::distortion(&graph, &rest, &now, &turned);
+                let other = distortion(&graph, &rest, &now, &turned);
                 assert!(other > least, "node {node}: {other} below {least}");
             }
         }

@@ -89,12 +89,11 @@ fn pair(a: &VoxelShape, b: &VoxelShape, i: u32, j: u32) -> (u32, u32) {
 }
 
 /// Pairs of nodes, each once.
-pub(crate) fn links(
-    a: &VoxelShape,
-    b: &VoxelShape,
-    forward: &[u32],
-    backward: &[u32],
-) -> Vec<(u32, u32)> {
+#[cfg_attr(
+    not(feature = "testing"),
+    expect(unreachable_pub, reason = "tests ask for it")
+)]
+pub fn links(a: &VoxelShape, b: &VoxelShape, forward: &[u32], backward: &[u32]) -> Vec<(u32, u32)> {
     let there = (0u32..).zip(forward).map(|(i, &j)| pair(a, b, i, j));
     let back = (0u32..).zip(backward).map(|(j, &i)| pair(a, b, i, j));
     let mut links: Vec<(u32, u32)> = there.chain(back).collect();

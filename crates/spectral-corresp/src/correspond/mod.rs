@@ -18,7 +18,8 @@ use crate::start::{self, Boundary, Candidate, Judge, best_apart, distance};
 
 pub use embed::Embedding;
 #[cfg(feature = "testing")]
-pub(crate) use joint::links;
+#[doc(hidden)]
+pub use joint::links;
 pub use joint::{JointModes, joint_modes};
 use torn::Pieces;
 

@@ -19,7 +19,7 @@ pub(crate) struct Stage {
     pairs: usize,
 }
 
-pub(crate) const fn stage(radius: f64, rounds: usize, pairs: usize) -> Stage {
+const fn stage(radius: f64, rounds: usize, pairs: usize) -> Stage {
     Stage {
         radius,
         rounds,
@@ -203,4 +203,23 @@ fn round(
         std::mem::swap(&mut fit.images, &mut next);
     }
     Ok(())
+}
+
+/// Where the nodes of a side go on another, all normals along z, from where they are, and the score: in one stage of a
+/// radius (Å), so many rounds and so many pairs per node. Nodes with an anchor have a place of their own. For tests.
+#[cfg(feature = "testing")]
+pub fn annealed_in_one_stage(
+    sides: [&[Point3]; 2],
+    anchors: &[(u32, Point3)],
+    (radius, rounds, pairs): (f64, usize, usize),
+) -> Result<(Vec<Point3>, f64), Error> {
+    let [a, b] = sides.map(|points| Side {
+        points: points.to_vec(),
+        normals: vec![Vector3::z(); points.len()],
+    });
+    let schedule = Schedule::of(&a, &[stage(radius, rounds, pairs)], 1)?;
+    let backend: &dyn crate::CorrespBackend = &geom_core::Cpu;
+    let images = a.points.clone();
+    let fit = anneal(&a, &b, images, anchors, &schedule, On::on(backend))?;
+    Ok((fit.images, fit.score))
 }

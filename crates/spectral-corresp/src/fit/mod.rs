@@ -19,7 +19,8 @@ use crate::backend::{Kernels, On, RotationTask, Rows, SweepTask};
 
 pub use crate::near::Neighbourhoods;
 #[cfg(feature = "testing")]
-pub(crate) use annealed::stage;
+#[doc(hidden)]
+pub use annealed::annealed_in_one_stage;
 pub(crate) use annealed::{Fit, JUDGE, LAST, LONG, SHORT, Schedule, Side, anneal};
 pub use rigid::{Motion, superpose};
 pub(crate) use rows::Flat;

@@ -10,7 +10,8 @@ mod raster;
 mod solve;
 
 #[cfg(feature = "testing")]
-pub(crate) use solve::{distortion, rotations};
+#[doc(hidden)]
+pub use solve::{distortion, rotations};
 
 use geom_core::algebra::graph::VoxelGraph;
 use geom_core::nalgebra::{Matrix3, Rotation3};

@@ -165,7 +165,12 @@ pub(super) fn covariance(
     graph.around(i).map(edge).sum()
 }
 
-pub(crate) fn rotations(graph: &VoxelGraph, rest: &[Point3], now: &[Point3]) -> Vec<Matrix3<f64>> {
+/// The rotations of all neighbourhoods from `rest` to `now`.
+#[cfg_attr(
+    not(feature = "testing"),
+    expect(unreachable_pub, reason = "tests ask for it")
+)]
+pub fn rotations(graph: &VoxelGraph, rest: &[Point3], now: &[Point3]) -> Vec<Matrix3<f64>> {
     let of = |i: usize| nearest_rotation(&covariance(graph, rest, now, i));
     (0..rest.len())
         .into_par_iter()
@@ -174,7 +179,12 @@ pub(crate) fn rotations(graph: &VoxelGraph, rest: &[Point3], now: &[Point3]) -> 
         .collect()
 }
 
-pub(crate) fn distortion(
+/// How far from rigid neighbourhoods are with these rotations.
+#[cfg_attr(
+    not(feature = "testing"),
+    expect(unreachable_pub, reason = "tests ask for it")
+)]
+pub fn distortion(
     graph: &VoxelGraph,
     rest: &[Point3],
     now: &[Point3],
