@@ -59,3 +59,43 @@ pub fn same_on_any_threads<T: PartialEq + std::fmt::Debug + Send>(f: impl Fn() -
     }
     reference
 }
+
+/// Tests that run the laws of a crate that stand in its sources, by their names in `inside`, and `RUN`, these names.
+///
+/// ```ignore
+/// geom_core::laws! { dual_contour::inside; diagonals_are_best fans_are_best }
+/// ```
+#[macro_export]
+macro_rules! laws {
+    ($crate_name:ident::inside; $($name:ident)*) => {
+        $(
+            #[test]
+            fn $name() {
+                $crate_name::inside::$name();
+            }
+        )*
+        const RUN: &[&str] = &[$(stringify!($name)),*];
+    };
+}
+
+/// Asserts that the laws of `laws!` are those that there are, so that none is forgotten.
+pub fn every_law_is_run<'a>(there: impl Iterator<Item = &'a str>, run: &[&'a str]) {
+    let mut there = Vec::from_iter(there);
+    let mut run = run.to_vec();
+    there.sort_unstable();
+    run.sort_unstable();
+    assert_eq!(there, run);
+}
+
+/// The names that a source hands on with `pub use`: the last parts of paths, and single names with an underscore.
+pub fn handed_on(source: &str) -> impl Iterator<Item = &str> {
+    let lines = source.lines().filter(|line| !line.starts_with("//!"));
+    let words =
+        lines.flat_map(|line| line.split(|c: char| !(c.is_alphanumeric() || c == '_' || c == ':')));
+    let names = words.filter_map(|word| match word.rsplit_once("::") {
+        Some((_, name)) => Some(name),
+        None if word.contains('_') => Some(word),
+        None => None,
+    });
+    names.filter(|name| !name.is_empty())
+}

@@ -1,10 +1,11 @@
 //! Laws of what is not public; each stands beside what it is about. `tests/inside.rs` runs them.
 
-pub use crate::catmull::net::laws::{
-    a_level_of_valence_four_is_the_b_spline, subdominant_eigenvalues_are_the_known_ones,
-};
+pub use crate::catmull::net::laws::subdominant_eigenvalues_are_the_known_ones;
 pub use crate::catmull::surface::laws::patches_meet_without_a_gap_or_a_crease;
-pub use crate::catmull::tables::laws::basis_functions_sum_to_one_and_their_derivatives_to_zero;
+pub use crate::catmull::tables::laws::{
+    a_level_of_valence_four_is_the_b_spline,
+    basis_functions_sum_to_one_and_their_derivatives_to_zero,
+};
 pub use crate::flow::guard::laws::{
     a_face_that_would_be_squeezed_is_held_back, a_face_that_would_turn_over_is_held_back,
     faces_that_would_come_through_others_are_held_back,

@@ -23,37 +23,56 @@ const DISTANCES: usize = 1 << 24;
 /// Rows of threads in a group of the kernel of distances.
 const TILE: usize = 16;
 
+/// What `common/conductivity.wgsl` reads of every task.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
-struct TriangleHead {
+struct ConductorHead {
     law: u32,
-    count: u32,
     fields: u32,
-    unused: u32,
     gauss: f32,
     mean: f32,
     low: f32,
     high: f32,
     regularization: f32,
     limit: f32,
-    pad: [f32; 2],
+}
+
+impl ConductorHead {
+    fn of(conductor: &Conductor, factors: &[f64]) -> Self {
+        Self {
+            law: number(conductor.law),
+            fields: u32::from(!factors.is_empty()),
+            gauss: conductor.gauss as f32,
+            mean: conductor.mean as f32,
+            low: conductor.bounds[0] as f32,
+            high: conductor.bounds[1] as f32,
+            regularization: conductor.regularization as f32,
+            // WGSL knows no infinity; 0 is no limit.
+            limit: if conductor.limit.is_finite() {
+                conductor.limit as f32
+            } else {
+                0.0
+            },
+        }
+    }
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct TriangleHead {
+    conductor: ConductorHead,
+    count: u32,
+    pad: [u32; 3],
 }
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct PatchHead {
-    law: u32,
+    conductor: ConductorHead,
     functions: u32,
     points: u32,
     patches: u32,
-    fields: u32,
     mass: u32,
-    gauss: f32,
-    mean: f32,
-    low: f32,
-    high: f32,
-    regularization: f32,
-    limit: f32,
     least: f32,
     pad: [f32; 3],
 }
@@ -96,15 +115,6 @@ fn number(law: Law) -> u32 {
     }
 }
 
-/// The largest curvature; 0 for no such limit, since WGSL knows no infinity.
-fn limit(conductor: &Conductor) -> f32 {
-    if conductor.limit.is_finite() {
-        conductor.limit as f32
-    } else {
-        0.0
-    }
-}
-
 /// The coefficients of a patch's functions from their middle, each with the value of the weight's fields.
 fn from_their_middle(task: &PatchTask<'_>) -> Vec<[f32; 4]> {
     let n = task.functions;
@@ -136,23 +146,15 @@ fn on_patches<T: Pod>(
     let in_f32 = |values: &[f64]| values.iter().map(|&x| x as f32).collect::<Vec<f32>>();
     let basis = gpu.upload("basis", &in_f32(task.basis))?;
     let weights = gpu.upload("weights", &in_f32(task.weights))?;
-    let conductor = &task.conductor;
     let most = (NUMBERS / size).clamp(1, GROUPS);
     for places in from_their_middle(task).chunks(most * task.functions) {
         let patches = places.len() / task.functions;
         let head = PatchHead {
-            law: number(conductor.law),
+            conductor: ConductorHead::of(&task.conductor, task.factors),
             functions: task.functions as u32,
             points: task.weights.len() as u32,
             patches: patches as u32,
-            fields: u32::from(!task.factors.is_empty()),
             mass: u32::from(task.mass),
-            gauss: conductor.gauss as f32,
-            mean: conductor.mean as f32,
-            low: conductor.bounds[0] as f32,
-            high: conductor.bounds[1] as f32,
-            regularization: conductor.regularization as f32,
-            limit: limit(conductor),
             least: task.least as f32,
             pad: [0.0; 3],
         };
@@ -178,22 +180,13 @@ impl OperatorBackend for Wgpu {
         let normals = gpu.upload("normals", &split(task.normals.iter()))?;
         let factors: Vec<f32> = task.factors.iter().map(|&f| f as f32).collect();
         let factors = gpu.upload("factors", &factors)?;
-        let conductor = &task.conductor;
         out.clear();
         out.reserve(task.triangles.len());
         for part in task.triangles.chunks(TRIANGLES) {
             let head = TriangleHead {
-                law: number(conductor.law),
+                conductor: ConductorHead::of(&task.conductor, task.factors),
                 count: part.len() as u32,
-                fields: u32::from(!task.factors.is_empty()),
-                unused: 0,
-                gauss: conductor.gauss as f32,
-                mean: conductor.mean as f32,
-                low: conductor.bounds[0] as f32,
-                high: conductor.bounds[1] as f32,
-                regularization: conductor.regularization as f32,
-                limit: limit(conductor),
-                pad: [0.0; 2],
+                pad: [0; 3],
             };
             let head = gpu.uniform("task", &head)?;
             let triangles = gpu.upload("triangles", part.as_flattened())?;

@@ -1,20 +1,9 @@
 //! Laws of what is not public; each stands beside what it is about.
 
-use secondfund_ops::inside;
+use geom_core::testing;
 
-macro_rules! laws {
-    ($($name:ident)*) => {
-        $(
-            #[test]
-            fn $name() {
-                inside::$name();
-            }
-        )*
-        const RUN: &[&str] = &[$(stringify!($name)),*];
-    };
-}
-
-laws! {
+geom_core::laws! {
+    secondfund_ops::inside;
     a_level_of_valence_four_is_the_b_spline
     subdominant_eigenvalues_are_the_known_ones
     patches_meet_without_a_gap_or_a_crease
@@ -32,20 +21,5 @@ laws! {
 /// None is handed out and forgotten here.
 #[test]
 fn every_law_is_run() {
-    let source = include_str!("../src/inside.rs");
-    let words = source
-        .lines()
-        .filter(|line| !line.starts_with("//!"))
-        .flat_map(|line| line.split(|c: char| !(c.is_alphanumeric() || c == '_' || c == ':')));
-    // Paths lead to the laws; of a law alone its name is the last part.
-    let names = words.filter_map(|word| match word.rsplit_once("::") {
-        Some((_, name)) => Some(name),
-        None if word.contains('_') => Some(word),
-        None => None,
-    });
-    let mut names = Vec::from_iter(names.filter(|name| !name.is_empty()));
-    let mut run = RUN.to_vec();
-    names.sort_unstable();
-    run.sort_unstable();
-    assert_eq!(names, run);
+    testing::every_law_is_run(testing::handed_on(include_str!("../src/inside.rs")), RUN);
 }

@@ -1,20 +1,9 @@
 //! Laws of what is not public; they stand in `src/inside`.
 
-use tet_quality::inside;
+use geom_core::testing;
 
-macro_rules! laws {
-    ($($name:ident)*) => {
-        $(
-            #[test]
-            fn $name() {
-                inside::$name();
-            }
-        )*
-        const RUN: &[&str] = &[$(stringify!($name)),*];
-    };
-}
-
-laws! {
+geom_core::laws! {
+    tet_quality::inside;
     edge_removal_is_the_best_of_all_triangulations
     face_swap_undoes_the_removal_of_an_edge_of_three
     swaps_do_not_make_an_edge_twice
@@ -44,9 +33,5 @@ fn every_law_is_run() {
     ];
     let lines = sources.into_iter().flat_map(str::lines);
     let names = lines.filter_map(|line| line.strip_prefix("pub fn ")?.strip_suffix("() {"));
-    let mut names = Vec::from_iter(names);
-    let mut run = RUN.to_vec();
-    names.sort_unstable();
-    run.sort_unstable();
-    assert_eq!(names, run);
+    testing::every_law_is_run(names, RUN);
 }

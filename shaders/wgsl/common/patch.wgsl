@@ -1,18 +1,18 @@
 // Patches of a surface that share a basis: the surface at a point of the quadrature.
 
 struct Task {
-    law: u32,
+    law: u32,       // 0 metric, 1 adjugate, 2 Gauss image, 3 generalized, 4 diffusing, 5 sharpening, 6 concave
+    fields: u32,    // 1 where there are values of the weight's fields
+    gauss: f32,     // coefficients of the exponent
+    mean: f32,
+    low: f32,       // bounds of the weight
+    high: f32,
+    regularization: f32,
+    limit: f32,     // largest curvature; 0 for none
     functions: u32, // of a patch
     points: u32,    // of the quadrature
     patches: u32,
-    fields: u32,    // 1 where places carry the value of the weight's fields
     mass: u32,      // 1 where the mass is wanted
-    gauss: f32,
-    mean: f32,
-    low: f32,
-    high: f32,
-    regularization: f32,
-    limit: f32,
     least: f32,     // area elements of this and below count as none
     pad0: f32,
     pad1: f32,

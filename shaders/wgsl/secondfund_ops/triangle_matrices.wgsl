@@ -4,17 +4,17 @@
 
 struct Task {
     law: u32,       // 0 metric, 1 adjugate, 2 Gauss image, 3 generalized, 4 diffusing, 5 sharpening, 6 concave
-    count: u32,
-    fields: u32,    // 1 where factors hold one value per vertex
-    unused: u32,
+    fields: u32,    // 1 where there are values of the weight's fields
     gauss: f32,     // coefficients of the exponent
     mean: f32,
     low: f32,       // bounds of the weight
     high: f32,
     regularization: f32,
     limit: f32,     // largest curvature; 0 for none
-    pad0: f32,
-    pad1: f32,
+    count: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
 }
 
 @group(0) @binding(0) var<uniform> task: Task;

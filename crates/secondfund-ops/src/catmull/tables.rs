@@ -204,7 +204,25 @@ fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
 #[cfg(feature = "testing")]
 #[expect(missing_docs, reason = "the names of the laws say it")]
 pub(crate) mod laws {
+    use super::super::net::grid_of_valence_four;
     use super::*;
+
+    pub fn a_level_of_valence_four_is_the_b_spline() {
+        // The net of valence 4 is the 4 × 4 grid in another order.
+        let (level, order) = (Level::inside(4), grid_of_valence_four());
+        let child = &level.children[1];
+        let (u, v) = (0.3, 0.8);
+        let fine = bicubic(u, v);
+        let coarse = bicubic((1.0 + u) / 2.0, (1.0 + v) / 2.0);
+        for k in 0..16 {
+            let value: f64 = (0..16).map(|i| fine[0][i] * child[i * 16 + order[k]]).sum();
+            assert!((value - coarse[0][k]).abs() < 1e-15);
+            let second: f64 = (0..16)
+                .map(|i| 4.0 * fine[4][i] * child[i * 16 + order[k]])
+                .sum();
+            assert!((second - coarse[4][k]).abs() < 1e-14);
+        }
+    }
 
     pub fn basis_functions_sum_to_one_and_their_derivatives_to_zero() {
         let inside = (3..=12).filter(|&n| n != 4).map(Corner::Inside);
