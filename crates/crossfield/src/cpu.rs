@@ -9,9 +9,11 @@ use crate::map::Chart;
 use crate::specification;
 
 /// Elements per task.
+/// An element is a few hundred operations at most: fewer of them are not worth a task.
 const GRAIN: usize = 1024;
 
 impl CrossfieldBackend for Cpu {
+    /// In order, element by element: the same digits for any number of threads.
     fn chart_distortion(
         &self,
         charts: &[Chart],

@@ -35,6 +35,9 @@ impl Default for FieldOptions {
 
 impl FieldOptions {
     /// Refuses values out of range.
+    ///
+    /// # Errors
+    /// [`Error::Option`] for a number that is negative, infinite or none.
     pub fn check(&self) -> Result<(), Error> {
         not_negative("field.smoothing", self.smoothing)?;
         not_negative("field.singularity_penalty", self.singularity_penalty)
@@ -55,6 +58,8 @@ pub enum Size {
 
 impl Size {
     /// The wanted side of a quad, Å, on a surface of this area, Å², and so many triangles.
+    ///
+    /// Infinite for no quads or no triangles.
     pub fn spacing(self, area: f64, triangles: usize) -> f64 {
         match self {
             Self::Spacing(h) => h,
@@ -69,8 +74,10 @@ impl Size {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Ladder {
     /// The first failure is an error.
+    /// For comparisons, where another field in place of the wanted one would spoil the result.
     Off,
     /// Other fields, smaller quads, and at last quads without a field, as the report says.
+    /// Its end needs no field and no map, so that every manifold surface gets quads.
     #[default]
     Full,
 }
@@ -94,8 +101,12 @@ pub struct Options {
     pub anisotropy: Option<Anisotropy>,
     /// Edges whose triangles' normals differ by more than this many degrees are kept as sides of quads; `None`: only
     /// boundaries are.
+    /// The smaller, the more edges are kept, and each of them binds the map; a smooth surface of coarse triangles needs
+    /// more than the angles between its triangles.
     pub crease: Option<f64>,
     /// [`FieldOptions::smoothing`] in sides of quads, of 2^nested of them if they are nested.
+    /// With 0 every bump has a say in where the field turns, and more maps fold; above 1 large features are overlooked
+    /// as well.
     pub smoothing: f64,
     /// [`FieldOptions::singularity_penalty`], rad².
     pub singularity_penalty: f64,
@@ -104,6 +115,7 @@ pub struct Options {
     /// What happens where the map of the field folds.
     pub ladder: Ladder,
     /// Move the vertices on the surface until the quads' corners are right angles.
+    /// Without it they are only put onto the surface.
     pub improve: bool,
 }
 
@@ -138,6 +150,10 @@ impl Options {
     }
 
     /// Refuses values out of range.
+    ///
+    /// # Errors
+    /// [`Error::Option`] names the first option that is wrong. What can only be checked with a surface, such as the
+    /// number of values of a function, is checked by [`quadrangulate`](crate::quadrangulate).
     pub fn check(&self) -> Result<(), Error> {
         not_negative("smoothing", self.smoothing)?;
         not_negative("singularity_penalty", self.singularity_penalty)?;

@@ -1,4 +1,7 @@
 //! Surfaces for tests, and a look inside.
+//!
+//! With the feature `testing` only. The surfaces have known topology and directions, so that tests can tell what a
+//! field on them must be; the functions below them open what the crate keeps to itself, for tests by closed forms.
 
 use geom_core::compute::random::SplitMix64;
 use geom_core::search::bvh::TriangleTree;
@@ -11,6 +14,9 @@ use crate::{Anisotropy, Error, anisotropy, guidance, quads};
 
 /// A plate of `n × n` cells in the plane z = 0, a unit to a side, its inner vertices shaken by `noise` cells; cells for
 /// which `hole` holds are missing.
+///
+/// The noise is the same in every run, and below 0.25 leaves all triangles upright. A disk; each hole inside of it adds a
+/// boundary loop.
 pub fn plate(n: u32, noise: f64, hole: impl Fn(u32, u32) -> bool) -> TriMesh {
     let mut random = SplitMix64::new(7);
     let cell = 1.0 / f64::from(n);
@@ -38,6 +44,8 @@ pub fn plate(n: u32, noise: f64, hole: impl Fn(u32, u32) -> bool) -> TriMesh {
 }
 
 /// A tube about the z axis without ends: `around × along` cells.
+///
+/// Two boundary loops, flat quads halved; `around` is 3 or more.
 pub fn tube(radius: f64, height: f64, around: u32, along: u32) -> TriMesh {
     let at = |i: u32, j: u32| j * around + i % around;
     let positions = (0..=along)
@@ -59,6 +67,8 @@ pub fn tube(radius: f64, height: f64, around: u32, along: u32) -> TriMesh {
 }
 
 /// The surface of a box from the origin, each side of `n × n` cells.
+///
+/// Closed and outward, with `12 n²` triangles and `6 n² + 2` vertices.
 pub fn cuboid(extent: Vector3, n: u32) -> TriMesh {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     let mut number = std::collections::BTreeMap::new();
@@ -89,6 +99,7 @@ pub fn cuboid(extent: Vector3, n: u32) -> TriMesh {
     TriMesh::new(positions, triangles).expect("a valid box")
 }
 
+/// Renumbers, so that no vertex is left that cells with holes have lost.
 fn without_unused(positions: Vec<Point3>, triangles: Vec<[u32; 3]>) -> TriMesh {
     let mut used: Vec<u32> = triangles.iter().flatten().copied().collect();
     used.sort_unstable();

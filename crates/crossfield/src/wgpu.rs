@@ -1,4 +1,8 @@
 //! The kernels on the GPU. It proposes; what is accepted is decided in f64 on the CPU.
+//!
+//! Both kernels are one shader each, an element per invocation, in f32. What cancels is subtracted before narrowing:
+//! sides in place of corners, so that digits are those of the triangle and not of where it lies. Untangling takes
+//! energies and gradients from here, but whether a triangle is upright it asks in f64.
 
 use bytemuck::{Pod, Zeroable};
 use geom_core::shaders::{CROSSFIELD_CHART_DISTORTION, CROSSFIELD_CORNER_DISTORTION, Shader};
@@ -9,8 +13,10 @@ use crate::backend::{ChartDistortion, Corner, CornerDistortion, CrossfieldBacken
 use crate::map::Chart;
 
 /// Elements per dispatch.
+/// Buffers of 17 numbers for each stay below the 128 MiB that an adapter has to offer by WebGPU's defaults.
 const ELEMENTS: usize = 1 << 20;
 
+/// As the shaders declare it: 16 bytes, as uniforms have to be.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Parameters {
@@ -20,6 +26,11 @@ struct Parameters {
 }
 
 /// Two `vec4` per element, from a buffer of inputs.
+///
+/// `count` is the number of elements, of which a group has 64. Each call waits for its result.
+///
+/// # Errors
+/// [`Error::Backend`] if a buffer is too large for the adapter, or it has been lost.
 fn dispatched<T: bytemuck::NoUninit>(
     gpu: &Wgpu,
     shader: &Shader,

@@ -393,11 +393,18 @@ fn lines_between_irregular_vertices_of_nested_quads_have_multiples_of_sides() {
 
 #[test]
 fn a_cube_becomes_the_cube_of_quads() {
-    let mesh = cuboid(Vector3::new(1.0, 1.0, 1.0), 10);
-    for (h, count) in [(0.1, 600), (0.2, 150)] {
+    // Sums of what falls on an integer cancel exactly on the way.
+    for (cells, h, count) in [
+        (10, 0.1, 600),
+        (10, 0.2, 150),
+        (9, 0.2, 150),
+        (20, 0.2, 150),
+    ] {
+        let mesh = cuboid(Vector3::new(1.0, 1.0, 1.0), cells);
         let options = Options {
             size: Size::Spacing(h),
             crease: Some(40.0),
+            ladder: Ladder::Off,
             ..Options::default()
         };
         let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
@@ -436,6 +443,26 @@ fn sharp_edges_are_chains_of_sides() {
         .map(|[a, b]| (b - a).norm())
         .sum();
     assert!((along - 4.0 * extent.sum()).abs() < 1e-6, "{along}");
+}
+
+/// Where sharp edges meet at less than 45°, the nearest arms of the field are those of one line: an angle of no quads, which no
+/// map has.
+#[test]
+fn sharp_edges_that_meet_at_small_angles_have_a_quad_between() {
+    let (mut positions, triangles) = cuboid(Vector3::new(2.0, 1.0, 1.0), 12).into_parts();
+    for p in &mut positions {
+        p.x += 1.7 * p.y;
+    }
+    let mesh = TriMesh::new(positions, triangles).unwrap();
+    let options = Options {
+        size: Size::Spacing(0.15),
+        crease: Some(25.0),
+        ladder: Ladder::Off,
+        ..Options::default()
+    };
+    let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
+    obeys(&made, &mesh);
+    assert!(made.report.scaled_jacobian.min >= 0.3, "{:?}", made.report);
 }
 
 #[test]
@@ -533,6 +560,38 @@ fn a_tube_narrower_than_quads_gets_smaller_ones() {
     let made = quads(&mesh, Size::Spacing(1.2));
     assert!(made.report.rung() < Rung::Split, "{:?}", made.report.parts);
     assert!(made.mesh.quads().len() < 320, "{}", made.mesh.quads().len());
+}
+
+/// Dents as deep as half a tube make places where quads as large as asked for face the wrong way.
+#[test]
+fn folded_quads_are_made_smaller() {
+    let folded = |seed: u64| {
+        let made = quads(&dented_torus(seed), Size::Quads(150));
+        assert!(made.mesh.quads().len() < 600);
+        made.report.scaled_jacobian.below_0_3
+    };
+    let all: Vec<usize> = (0..8).map(folded).collect();
+    // Twelve as they come.
+    assert!(all.iter().sum::<usize>() <= 6, "{all:?}");
+}
+
+fn dented_torus(seed: u64) -> TriMesh {
+    let (mut positions, triangles) = shapes::torus(1.0, 0.25, 24, 10).into_parts();
+    let mut random = SplitMix64::new(seed);
+    for p in &mut positions {
+        *p += Vector3::from_fn(|_, _| 0.12 * random.symmetric());
+    }
+    TriMesh::new(positions, triangles).unwrap()
+}
+
+/// Smoothing over a quad's side makes threads of the tube's narrow places, whose field has no map even without integers.
+#[test]
+fn fields_without_a_map_give_way_to_those_of_less_smooth_copies() {
+    for seed in [51, 59] {
+        let made = quads(&dented_torus(seed), Size::Quads(60));
+        assert_eq!(made.report.rung(), Rung::Rougher, "{:?}", made.report.parts);
+        assert_eq!(made.report.parts[0].failures.len(), 1);
+    }
 }
 
 #[test]

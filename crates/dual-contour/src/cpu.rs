@@ -1,4 +1,6 @@
 //! The kernel on the CPU.
+//!
+//! In f64 inside, rounded to f32 at the end; each cell is computed by itself, so that neither chunks nor threads show.
 
 use geom_core::Cpu;
 use rayon::prelude::*;

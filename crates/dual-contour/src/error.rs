@@ -1,4 +1,6 @@
 //! Why no mesh can be made.
+//!
+//! Nothing is half made: a verb gives a closed, positive mesh or one of these.
 
 use geom_core::compute::BackendError;
 use geom_core::options::OutOfRange;
@@ -8,6 +10,8 @@ use geom_core::options::OutOfRange;
 #[non_exhaustive]
 pub enum Error {
     /// Every value lies on one side of the level.
+    /// For a density of another isovalue, set [`Options::level`](crate::Options::level); one that is inside throughout
+    /// was sampled in too small a box.
     #[error(
         "no surface at level {level}: the values lie between {min} and {max}; choose a level between them"
     )]
@@ -48,6 +52,7 @@ pub enum Error {
         points: u64,
     },
     /// More memory or elements than allowed.
+    /// By [`Options::max_memory`](crate::Options::max_memory), or since vertices have 32-bit numbers.
     #[error("{what} would need {bytes} bytes, more than the {limit} allowed; {cure}")]
     TooLarge {
         /// What is too large.
@@ -70,6 +75,7 @@ pub enum Error {
         regions: usize,
     },
     /// The watcher asked to stop.
+    /// It is asked between the steps of a mesh.
     #[error(transparent)]
     Cancelled(#[from] geom_core::Cancelled),
     /// The backend cannot serve: a [`GpuError`](geom_core::GpuError), or what a backend of the caller's own says.

@@ -1,4 +1,7 @@
 //! What to compute.
+//!
+//! The fields of [`Options`] are independent of each other but for those that [`Options::check`] and the verbs refuse
+//! together: each such error names the field to change.
 
 use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
 use geom_core::options::{OutOfRange, require};
@@ -49,6 +52,7 @@ use geom_core::{Aabb, Point3, Vector3};
 pub struct Options {
     /// Isovalue c of `G(x) = c`; a point is inside if its value is at least this. Densities of this workspace have their surface
     /// at 1.
+    /// Values below it in the box and everything beyond the box are outside.
     pub level: f64,
     /// Which mesher.
     pub method: Method,
@@ -56,13 +60,19 @@ pub struct Options {
     pub resolution: Resolution,
     /// Cells at the surface are split while their feature-sensitive error (Å, Zhang & Bajaj 2005) is
     /// larger than this; 0 splits all of them down to the finest size.
+    /// The error is a sum over 19 points of a cell, so it is several times the distance by which the surface is off. In
+    /// a trial with a protein half a spacing left nearly the uniform mesh, 1.5 spacings some 70 % of its tetrahedra and
+    /// 4 spacings a quarter, then with 99 % of the triangles within 0.4 spacings of the surface.
     pub tolerance: f64,
     /// How the 19 terms of the feature-sensitive error are put together.
     pub error_norm: ErrorNorm,
     /// Balls in which another tolerance holds, e.g. around the atoms of an emphasized chain. The
     /// smallest tolerance of all balls that a cell meets is taken.
+    /// A ball can only refine: where its tolerance is larger than that of the whole, it does nothing.
     pub zones: Vec<Zone>,
     /// Largest cell, Å; infinite leaves the size away from the surface to the balance alone.
+    /// Sizes are the finest cell times a power of two, so it is rounded down to one of these; below two finest cells
+    /// all cells are finest, and what is meshed takes twelve tetrahedra for each of them.
     pub max_cell: f64,
     /// Where a dual vertex goes within its cell.
     pub placement: Placement,
@@ -73,16 +83,23 @@ pub struct Options {
     pub materials: Vec<Material>,
     /// Connected groups of fewer lattice points than this on one side of the level are given to the
     /// other side before meshing; 0 keeps all, and more than all points there are is an error.
+    /// Densities whose atoms the lattice hardly resolves have specks and bubbles of a few points: 8 takes most of these
+    /// away. What is given away is counted in the [`Report`](crate::Report).
     pub prune: u32,
     /// Volumes: which regions are meshed.
+    /// The surface of the molecule is the same in any case.
     pub region: Extent,
     /// Volumes: where an exterior mesh ends.
     pub outer: Outer,
     /// Volumes: gives each connected part of the exterior but the largest a region number of its own
     /// (the lowest unused ones).
+    /// A membrane parts the exterior into two, of which the smaller gets a number; a closed cavity is a part too.
+    /// [`Volume::names`](crate::Volume::names) has their names.
     pub separate_exterior: bool,
     /// Largest estimated working memory, bytes. What would need more is [`Error::TooLarge`](crate::Error::TooLarge), with the
     /// estimate and what would help, before anything is allocated.
+    /// The estimates are right within a factor of about two, and know nothing of the values that are given. 16 GiB by
+    /// default.
     pub max_memory: u64,
 }
 
@@ -131,8 +148,12 @@ pub enum Resolution {
     Lattice,
     /// This length, Å. Values come from the field if one is given, else from the lattice
     /// (trilinear).
+    /// At most 1e100: finer than the lattice it shows what the field has between its points, coarser it saves elements,
+    /// and may lose what is smaller than a cell, which is an error only if nothing is left.
     Spacing(f64),
     /// The length that gives about this many tetrahedra (within a fifth).
+    /// At least 1000. It is found by meshing, up to twelve times, from coarse to fine: where a spacing is known it is
+    /// better given. A number that no spacing gives is an error that names the nearest one found.
     Tets(u64),
 }
 
@@ -144,10 +165,39 @@ pub enum ErrorNorm {
     #[default]
     Sum,
     /// The largest.
+    /// At most the sum and at least a nineteenth of it, so that the same tolerance leaves larger cells; nearer to a
+    /// distance between surfaces.
     Max,
 }
 
 /// A ball with a tolerance of its own.
+///
+/// ```
+/// use dual_contour::geom_core::{Aabb, Cpu, Point3, Run};
+/// use dual_contour::{FieldSamples, Options, Zone, surface};
+/// # use dual_contour::geom_core::{ImplicitField, Vector3};
+/// # struct Ball;
+/// # impl ImplicitField for Ball {
+/// #     fn value(&self, x: &Point3) -> f64 {
+/// #         4.0 - x.coords.norm()
+/// #     }
+/// #     fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+/// #         (self.value(x), -x.coords.normalize())
+/// #     }
+/// # }
+/// // The field `Ball` has the value 1 on a sphere of radius 3 Å.
+/// let bounds = Aabb::new(Point3::new(-4.0, -4.0, -4.0), Point3::new(4.0, 4.0, 4.0));
+/// let values = FieldSamples::new(&Ball, &bounds, 0.25);
+/// let triangles = |zones: Vec<Zone>| -> Result<usize, dual_contour::Error> {
+///     let options = Options { tolerance: 0.5, zones, ..Options::default() };
+///     let made = surface(&values, Some(&Ball), &options, Run::on(&Cpu))?;
+///     Ok(made.mesh.triangles().len())
+/// };
+/// // Cells at the pole keep the size of the lattice's.
+/// let pole = Zone { center: Point3::new(0.0, 0.0, 3.0), radius: 1.0, tolerance: 0.0 };
+/// assert!(triangles(vec![pole])? > triangles(Vec::new())?);
+/// # Ok::<(), dual_contour::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Zone {
@@ -156,6 +206,7 @@ pub struct Zone {
     /// Radius, Å.
     pub radius: f64,
     /// Tolerance inside, Å.
+    /// 0 makes cells there finest.
     pub tolerance: f64,
 }
 
@@ -167,11 +218,17 @@ pub struct Zone {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Placement {
     /// The mean of the points where edges cross the surface (thesis).
+    /// Cheapest, always inside of the cell, and smooth: noise of the values hardly shows. Balls come out smaller than
+    /// they are.
     Mass,
     /// From there onto the surface, by Newton steps along the gradient.
+    /// On a field to a thousandth of a cell; on values alone finest cells take four steps. Where two materials other
+    /// than the molecule meet, and in cut cells, the mean stays.
     #[default]
     Newton,
     /// The point nearest to all tangent planes at the crossings: for surfaces with creases.
+    /// (The quadratic error function of Ju, Losasso, Schaefer and Warren 2002.) Directions in which the planes hardly
+    /// say anything keep the mean. For boxes and the like; on smooth surfaces it gives no more than Newton steps do.
     Qef,
 }
 
@@ -183,11 +240,15 @@ pub enum Placement {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum AtBox {
     /// An error: the density was sampled in too small a box.
+    /// [`Error::SurfaceTouchesBox`](crate::Error::SurfaceTouchesBox) has the side and the number of points.
     #[default]
     Refuse,
     /// All beyond the box is exterior: the surface closes within one cell of it.
+    /// It may thus lie up to a cell outside of the box, and the mesh of an exterior reaches to whole blocks around it.
     Cap,
     /// The mesh ends at the planes of the box; the surface is closed by pieces of them.
+    /// Vertices there are kept on the box ([`VertexKind`](geom_core::mesh::VertexKind)), so that parts meshed side by
+    /// side still fit after an improvement that respects them. Not with an outer box or sphere.
     Clip,
 }
 
@@ -199,12 +260,14 @@ pub enum Extent {
     #[default]
     Interior,
     /// All but the molecule.
+    /// The exterior with its parts, and the materials.
     Exterior,
     /// Everything, conforming across the interfaces.
     Both,
 }
 
 impl Extent {
+    /// Is a region meshed? Nothing, beyond the outer sphere, never is.
     pub(crate) fn holds(self, region: Region) -> bool {
         match self {
             Self::Interior => region == INTERIOR,
@@ -219,6 +282,7 @@ impl Extent {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Outer {
     /// At the box of the lattice, enlarged to whole octree blocks.
+    /// Of 8 finest cells each; with [`AtBox::Clip`] at the box itself.
     #[default]
     Grid,
     /// At a cuboid: the lattice's box, scaled about its middle by at least this factor (≥ 1).
@@ -239,6 +303,7 @@ pub enum Outer {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Material {
     /// Its region number: not 0, 1 or 255.
+    /// Two materials may have the same.
     pub region: Region,
     /// The space it fills.
     pub shape: Shape,
@@ -280,6 +345,10 @@ pub enum Shape {
 impl Shape {
     /// Depth of a point below the boundary, Å; negative outside. Changes by at most the distance
     /// between two points (1-Lipschitz), and is exact near the faces.
+    ///
+    /// A point belongs to the shape where this is not negative. Beyond edges and corners of a box or cylinder it is
+    /// less than the distance in magnitude. Not a number for shapes that [`Options::check`] refuses: a slab without a
+    /// direction, a cylinder without a length.
     pub fn depth(&self, x: &Point3) -> f64 {
         match *self {
             Self::Slab { normal, low, high } => {
@@ -392,6 +461,15 @@ impl Outer {
 
 impl Options {
     /// Refuses options that make no sense, and names the field. The verbs do so first of all.
+    ///
+    /// What depends on the values too, a level that they do not reach or cells that are too many, is found by the
+    /// verbs.
+    ///
+    /// # Errors
+    /// The first field out of range: a level that is not finite; a negative or infinite tolerance, also of a zone; a
+    /// `max_cell` or spacing that is not positive; less than 1000 tetrahedra; a material of region 0, 1 or 255, or
+    /// whose shape is empty or infinite; an outer scale that is not between 1 and 100; a tolerance or zones with
+    /// [`Method::Stuffing`].
     ///
     /// ```
     /// use dual_contour::{Options, Resolution};

@@ -1,10 +1,14 @@
 //! The kernel as its equations read, one cell at a time, in f64: what every backend must give.
+//!
+//! It shares two constants with the kernel of the CPU and no code. Coordinates are those of the unit cube, values are
+//! minus the level, corner `x + 2y + 4z` is the one with these bits.
 
 use crate::kernel::{INSET, REGULAR};
 use geom_core::Vector3;
 
 /// [`ContourBackend::dual_vertices`](crate::ContourBackend) for one cell: from the mean of the crossings `steps`
 /// Newton steps, each kept off the sides of the cell.
+/// A cell without a change of sign begins in its middle.
 pub fn dual_vertex(v: &[f64; 8], steps: u32) -> [f64; 3] {
     let spread = v.iter().fold(f64::NEG_INFINITY, |m, &c| m.max(c))
         - v.iter().fold(f64::INFINITY, |m, &c| m.min(c));
@@ -20,6 +24,7 @@ pub fn dual_vertex(v: &[f64; 8], steps: u32) -> [f64; 3] {
 }
 
 /// Value and gradient of the trilinear interpolant of the corners of the unit cube.
+/// The gradient is per edge of the cell.
 fn trilinear(v: &[f64; 8], x: &[f64; 3]) -> (f64, [f64; 3]) {
     let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
     let x00 = mix(v[0], v[1], x[0]);
@@ -67,6 +72,8 @@ fn mass_point(v: &[f64; 8]) -> [f64; 3] {
 
 /// A regularized Newton step towards the level set, in cells: `f` is value minus level, `g` its
 /// gradient per cell, `spread` the range of the values in the cell.
+/// `−f g / (|g|² + R spread²)`: with `R = 0` Newton's step along the gradient, with a small `R` (a Levenberg–Marquardt
+/// term) one that stays short where the interpolant is flat. 0 in a cell of one value.
 fn newton_step(f: f64, g: &Vector3, spread: f64) -> Vector3 {
     let square = g.norm_squared() + REGULAR * spread * spread;
     if square > 0.0 {

@@ -1,4 +1,7 @@
 //! The kernels on the GPU.
+//!
+//! A lot of cells goes up, eight values each, and their points come back: 32 bytes and 12. Values come minus the level,
+//! taken in f64, so that f32 has all its digits for the difference.
 
 use geom_core::Wgpu;
 use geom_core::shaders::DUAL_CONTOUR_DUAL_VERTICES;
@@ -7,10 +10,12 @@ use crate::Error;
 use crate::backend::ContourBackend;
 
 /// The cells with a surface of so many blocks at once: some hundred thousand.
+/// A dispatch then takes longer than the call.
 const BLOCKS: usize = 4096;
 /// Cells per dispatch: 128 MB of values.
 const CELLS: usize = 1 << 22;
 /// Cells per row of workgroups.
+/// Of 64 cells each: a device has at most 65,535 of them along an axis.
 const ROW: usize = 1 << 20;
 
 impl ContourBackend for Wgpu {

@@ -3,6 +3,10 @@
 //! A block goes down in halves: what matters in the block, in each eighth of it, in each brick, and for wide spacings in each eighth
 //! of a brick. Each step culls what the one before has left, with a share of the ε that may be lost, and a box that cannot reach
 //! the floor ends the way there. Memory is that of the thread and used again.
+//!
+//! Blocks, and the cells of elimination and refit, are the pieces of work: each is one thread's, none looks at
+//! another's, and what is added up over them is added in their order afterwards. So the bits are the same for any
+//! number of threads.
 
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Cpu, Lattice};
@@ -68,6 +72,8 @@ impl DensityBackend for Cpu {
 }
 
 /// The samples of a refit where they are.
+/// Nothing is kept from trial to trial but the points: the trees of the cells are evaluated anew with the atoms of
+/// each.
 struct AtHand<'a>(&'a [SampleCell]);
 
 impl RefitSamples for AtHand<'_> {
@@ -91,6 +97,7 @@ impl RefitSamples for AtHand<'_> {
 }
 
 /// Reusable arrays of one thread.
+/// The set of one step is culled into that of the next, which is smaller, so four of them are all that a descent needs.
 #[derive(Default)]
 struct Workspace {
     cull: cull::Scratch,
@@ -109,7 +116,11 @@ struct Workspace {
 const COARSE: f64 = 0.7;
 
 /// The shares of ε that the culls of a block take, one after the other; the descent to blocks took a quarter.
+/// Each cull keeps `(1 − its share · ε)` of what it was given, so with that quarter the shares of a way down must sum
+/// to 1 at most: `1/4 + 1/8 + 1/8 + 1/2`, and for coarse lattices `1/4 + 1/8 + 1/8 + 1/8 + 3/8`. The last cull gets the
+/// most, since its atoms are the ones that are summed.
 struct Shares {
+    /// For the culls of whole blocks, as of the other fields for the boxes they are named after.
     block: f64,
     eighth: f64,
     /// What is left, unless the brick is culled by eighths too.
@@ -179,6 +190,8 @@ impl Bricks {
 impl Workspace {
     /// Culls a block, each eighth of it and each brick of that in turn, and samples the bricks that may reach
     /// the floor.
+    /// Three nested loops, each over what the cull before has left: many bricks share the work on the same far atoms,
+    /// and a brick that no atom can lift to the floor is never summed.
     fn sample_block(
         &mut self,
         model: &Prepared<'_>,
@@ -221,6 +234,8 @@ impl Workspace {
     }
 
     /// Keeps in `to` what matters in some bricks; may the density reach the floor there?
+    /// The box has one lattice cell more on the low sides (`bricks_box`), so that both ends of an edge that crosses the
+    /// surface are kept.
     fn keeps(
         &mut self,
         job: &Job,
@@ -260,6 +275,7 @@ impl Workspace {
     }
 
     /// The same, culled and summed by eighths.
+    /// With points far apart, an atom that matters in a corner of the brick would otherwise be summed at all 512.
     fn sample_parts(
         &mut self,
         model: &Prepared<'_>,
@@ -300,6 +316,7 @@ impl Workspace {
 }
 
 /// The densities of a cube of points: in f32, or by the plain function where f32 would leave its range.
+/// `SIDE` points per axis, `PLANE` is its square; both are constants so that loops over them have a known length.
 fn fill_cube<const SIDE: usize, const PLANE: usize>(
     model: &Prepared<'_>,
     lattice: &Lattice,
@@ -319,6 +336,8 @@ fn fill_cube<const SIDE: usize, const PLANE: usize>(
 }
 
 /// Bricks of which every value reaches the ceiling are interior, the others are stored, x fastest.
+/// `None` stands for a brick that was not wanted or not reached, which stays exterior. Stored ones are numbered in the
+/// order of the block.
 fn store(values: Vec<Option<Vec<f32>>>, ceiling: f64, out: &mut BlockValues) {
     for (kind, found) in out.kinds.iter_mut().zip(values) {
         let Some(found) = found else { continue };

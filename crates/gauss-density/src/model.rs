@@ -3,6 +3,9 @@
 //! An atom `a` has the kernel `g_a(x) = exp(−κ_a (|x − x_a|² − r_a²))`, which is 1 on the sphere of its
 //! radius. A node `v` (residue, chain, domain, …) sums its children and raises the sum to its power:
 //! `D_v = (Σ_c D_c)^P_v`. The density `G` is the sum over the topmost nodes, without a power.
+//!
+//! Everything here is plain data in f64. What sampling needs besides (parents, boxes of atoms, how far an atom matters)
+//! is derived from it once per call and not kept, so a model may be changed freely between calls.
 
 use std::ops::Range;
 
@@ -49,12 +52,17 @@ pub(crate) mod reach;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Levels {
     /// `P_R` (Eq. 3.4).
+    /// In `[0.001, 64]`, as all powers.
     pub residue_power: f64,
     /// `P_C` (Eq. 3.5).
+    /// Below 1, residues of a chain merge as atoms of a residue do.
     pub chain_power: f64,
-    /// `P_D` (Eq. 3.6).
+    /// `P_D` (Eq. 3.6). Of no effect on a structure of one domain but on the sharpness of its surface: that does not
+    /// move, since `1^P = 1`.
     pub domain_power: f64,
     /// `κ`, Å⁻²: how fast an atom's kernel decays (Eq. 3.1).
+    /// In `[1e-6, 1e6]`; 0.3 to 1 are usual. The surface of a single atom lies at its radius whatever `κ` is; between
+    /// atoms a smaller one fills more.
     pub decay: f64,
 }
 
@@ -72,6 +80,10 @@ impl Default for Levels {
 
 impl Levels {
     /// Is every field in its range?
+    ///
+    /// # Errors
+    /// The first field that is not, with the range: powers in `[0.001, 64]`, the decay in `[1e-6, 1e6]` Å⁻². NaN is in
+    /// no range.
     pub fn check(&self) -> Result<(), OutOfRange> {
         check_power("residue_power", self.residue_power)?;
         check_power("chain_power", self.chain_power)?;
@@ -95,6 +107,9 @@ fn check_decay(value: f64) -> Result<(), OutOfRange> {
 }
 
 /// One level of the tree: nodes with contiguous children on the level below.
+///
+/// Level 0 of a [`Model`] are its residues if it was made of a structure, and their children are atoms; each node has
+/// at least one child, and each child exactly one node. (Eqs. 3.2 and 3.3 of the thesis as a partition.)
 #[derive(Clone, Debug, PartialEq)]
 pub struct Level {
     /// First child per node, and the number of children at the end.
@@ -113,6 +128,9 @@ impl Level {
         self.power.is_empty()
     }
     /// The children of a node, on the level below (atoms for the lowest level).
+    ///
+    /// # Panics
+    /// If the level has no such node.
     pub fn children(&self, node: usize) -> Range<usize> {
         self.first_child[node] as usize..self.first_child[node + 1] as usize
     }
@@ -131,6 +149,12 @@ impl Level {
 }
 
 /// Atoms and the tree above them.
+///
+/// Atoms have the order of the structure, or of the lists that the model was made of, so that an index means the same
+/// atom in both; nodes have the order of their atoms. With that order every sum is taken, which makes results
+/// independent of threads. An atom takes 40 bytes, a node 12. Radii may be 0: such an atom has the kernel's height 1 at
+/// its centre alone, and hardly a surface of its own ([`Model::raise_radii`] helps where a file has no radii of
+/// hydrogens).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
     centers: Vec<Point3>,
@@ -143,6 +167,14 @@ pub struct Model {
 
 impl Model {
     /// The tree of a structure (residues, chains, domains) with the same powers and decay everywhere.
+    ///
+    /// Three levels, even if there is one chain or one domain. Radii are those of the structure; waters and other small
+    /// molecules are residues of their own, as far as the reader has left them in. Parts of their own are set
+    /// afterwards, by [`Model::emphasize_selected`].
+    ///
+    /// # Errors
+    /// A field of `levels` out of range; [`Error::NoAtoms`]; [`Error::BadAtom`] for the first coordinate or radius that
+    /// is not a number in its range.
     pub fn uniform(structure: &Structure, levels: &Levels) -> Result<Self, Error> {
         levels.check()?;
         let level = |starts: &[u32], power: f64| Level {
@@ -268,6 +300,8 @@ impl Model {
     }
 
     /// Number of atoms.
+    ///
+    /// At least one.
     pub fn atoms(&self) -> usize {
         self.centers.len()
     }
@@ -284,16 +318,22 @@ impl Model {
         &self.decays
     }
     /// The levels of the tree, lowest first.
+    /// All that were given are here, those of which every power is 1 included; sampling merges these with the level
+    /// above.
     pub fn levels(&self) -> &[Level] {
         &self.levels
     }
 
     /// The smallest box that holds all atom centres.
+    /// Radii are not in it, so the surface lies outside of it in general.
     pub fn center_bounds(&self) -> Aabb {
         Aabb::of_points(&self.centers)
     }
 
     /// Gives one node its own power. Level 0 is the lowest (residues).
+    ///
+    /// # Errors
+    /// A power outside of `[0.001, 64]`, or [`Error::NoSuchNode`]; the model is then as it was.
     pub fn set_power(&mut self, level: usize, node: usize, power: f64) -> Result<(), Error> {
         check_power("power", power)?;
         let count = self.levels.len();
@@ -314,6 +354,14 @@ impl Model {
     /// Emphasizes a part of the structure (§5.2.1): its atoms get the decay, every node all of whose atoms
     /// are selected gets the power of its level in `levels`, and the atoms are protected from elimination
     /// and refit. Atoms may come in any order.
+    ///
+    /// The three powers go to the three lowest levels, whatever these stand for; higher levels keep theirs. A residue
+    /// of which only some atoms are selected keeps its power, though its selected atoms get the decay. Nothing selected
+    /// has no effect.
+    ///
+    /// # Errors
+    /// A field of `levels` out of range, or [`Error::NoSuchNode`] for an atom that the model does not have; the model
+    /// is then as it was.
     pub fn emphasize(
         &mut self,
         atoms: impl IntoIterator<Item = usize>,
@@ -368,6 +416,10 @@ impl Model {
     /// # Ok(())
     /// # }
     /// ```
+    ///
+    /// # Errors
+    /// [`Error::OtherStructure`] if the numbers of atoms differ, [`Error::Select`] for a selector that names what the
+    /// structure does not have, and what [`Model::emphasize`] refuses.
     pub fn emphasize_selected(
         &mut self,
         structure: &Structure,
@@ -379,6 +431,10 @@ impl Model {
     }
 
     /// The atoms that a selector means in the structure that the model was made of, ascending.
+    ///
+    /// # Errors
+    /// [`Error::OtherStructure`] if the structure has another number of atoms than the model: more is not compared.
+    /// [`Error::Select`] for a selector that names what it does not have.
     pub fn selected(
         &self,
         structure: &Structure,
@@ -396,6 +452,11 @@ impl Model {
 
     /// Protects atoms: [`eliminate`](crate::eliminate) keeps them and [`refit`](crate::refit) does not move
     /// them.
+    /// Protection only adds up: nothing takes it back. Its use is a part that must keep its atoms while the rest is
+    /// thinned out.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchNode`] for an atom that the model does not have; the others are then not protected either.
     pub fn protect(&mut self, atoms: impl IntoIterator<Item = usize>) -> Result<(), Error> {
         let mut selected = vec![false; self.atoms()];
         for atom in atoms {
@@ -423,6 +484,8 @@ impl Model {
     }
 
     /// The model of some of the atoms (ascending, at least one), without the nodes that have none of them.
+    /// Of as many levels as before, with the same powers and decays. One pass over the atoms and, in step with them,
+    /// the nodes of each level.
     pub(crate) fn subset(&self, atoms: &[u32]) -> Self {
         let pick = |from: &[f64]| atoms.iter().map(|&a| from[a as usize]).collect();
         let mut below = atoms.to_vec();
@@ -514,6 +577,9 @@ impl Model {
     }
 
     /// Raises every radius below `min_radius` to it (some PQR files give hydrogens a radius of 0).
+    ///
+    /// # Errors
+    /// A radius, Å, that is negative, above 10⁴ or not a number.
     pub fn raise_radii(&mut self, min_radius: f64) -> Result<(), Error> {
         let fine = (0.0..=1e4).contains(&min_radius);
         require(fine, "min_radius", min_radius, "be in [0, 10000] Å")?;
@@ -524,6 +590,9 @@ impl Model {
     }
 
     /// The levels that matter: a level whose powers are all 1 is a plain sum and merges with its parent.
+    /// A power of 1 passes a sum on as it is, and sums of sums are sums, so the density is the same function; but its
+    /// terms are then added in another order, which is why backends and specification are compared within a bound. Also
+    /// at the top: a topmost level of ones leaves its children to the root.
     pub(crate) fn compiled_levels(&self) -> Vec<Level> {
         let mut kept: Vec<Level> = Vec::new();
         // Starts of the nodes of the level below, in units of the level kept last; `None`: the same.
@@ -551,7 +620,8 @@ impl Model {
     }
 }
 
-/// `∂G/∂(x, y, z, r, κ)` of an atom at a point, from its share `∂G/∂ ln g`.
+/// `∂G/∂(x, y, z, r, κ)` of an atom at a point, from its share `∂G/∂ ln g`. By `ln g = −κ (|x − x_a|² − r²)`: that of
+/// the centre is `2 κ (x − x_a)`, of the radius `2 κ r`, of the decay `r² − |x − x_a|²`.
 pub(crate) fn slopes(model: &Model, a: usize, x: &Point3, share: f64) -> [f64; 5] {
     let (decay, radius) = (model.decays()[a], model.radii()[a]);
     let d = x - model.centers()[a];

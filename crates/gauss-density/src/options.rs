@@ -1,4 +1,7 @@
 //! What to compute: spacing, box, cut-off.
+//!
+//! How it is computed (backend, threads, watcher) is for the `Run` of each verb to say. Elimination, refit and filter
+//! have options of their own, beside their verbs.
 
 use geom_core::Aabb;
 use geom_core::options::{OutOfRange, require};
@@ -8,6 +11,11 @@ use geom_core::options::{OutOfRange, require};
 ///
 /// (The thesis leaves out atom kernels below a threshold *before* the powers, Eq. 3.15; that other model is
 /// `thesis::Cut::Bare`, under the feature `thesis`.)
+///
+/// A smaller `ε` takes more atoms into each sum, since an atom's reach grows as `√ln(1/ε)`, and stretches where powers
+/// below 1 lift small terms. The default moves the surface by at most 0.001 Å where the density falls by a tenth per
+/// ångström or faster, as it does on nearly all of a surface; on a grid, whose sums are f32, little is gained below
+/// about 10⁻⁵.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Cutoff(
@@ -23,6 +31,9 @@ impl Default for Cutoff {
 
 impl Cutoff {
     /// Is ε in its range?
+    ///
+    /// # Errors
+    /// `cutoff`, if it is not above 0 and below 0.25, or not a number.
     pub fn check(&self) -> Result<(), OutOfRange> {
         let eps = self.0;
         let fine = eps > 0.0 && eps < 0.25;
@@ -35,21 +46,34 @@ impl Cutoff {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
     /// Distance between lattice points, Å.
+    /// Halved, a dense grid takes 8 times and a band about 4 times the memory. For a mesher that shall follow the atoms
+    /// take at most about `0.6 / √κ`; necks and holes narrower than the spacing may be missed. In `[1e-6, 1e6]`.
     pub spacing: f64,
     /// What is left out.
     pub cutoff: Cutoff,
     /// Space between the outermost atom centres and the box, Å. `None`: far enough that the density on
     /// the box is below the band, at least 4 Å.
+    /// In `[0, 10000]`. Small powers reach far, so that the box grows with them; a margin that is too small cuts the
+    /// surface open, which the report says (`touches_box`).
     pub margin: Option<f64>,
     /// The box, instead of atoms and margin; within ±1e8 Å.
+    /// Its lowest corner is the lattice's first point; the last one lies at its highest corner or less than a spacing
+    /// beyond. Two models that are to be compared point by point need the same one. May be flat.
     pub bounds: Option<Aabb>,
-    /// `g_l < 1 < g_u`: bricks whose density stays below or above need no values. The values are exact
-    /// (within the cut-off) wherever they lie in the band.
+    /// `g_l < 1 < g_u`: bricks whose density stays below or above need no values. The values are exact (within the
+    /// cut-off) wherever they lie in the band. A wider band stores more bricks, for those who look farther from the
+    /// surface than one lattice cell; a lower `g_l` also makes the atoms' reach longer, since the promise of the
+    /// cut-off then holds from there on. `0 < g_l < 1 < g_u < 1e6`. Only the lower end matters to
+    /// [`sample`](crate::sample()), and only to its default margin.
     pub band: [f64; 2],
-    /// Below this the density may be returned as anything between 0 and itself. `None`: the lower end of the
-    /// band for [`sample_band`](crate::sample_band), 0.001 for [`sample`](crate::sample()).
+    /// Below this the density may be returned as anything between 0 and itself. `None`: the lower end of the band for
+    /// [`sample_band`](crate::sample_band), 0.001 for [`sample`](crate::sample()). Above 0 and at most `g_l`. Lower it
+    /// where far densities count, as for a filter or a logarithm of them; it lengthens the atoms' reach as an `ε` that
+    /// is smaller by the same factor does.
     pub floor: Option<f64>,
     /// Most bytes that the grid may take.
+    /// Known before a dense grid is allocated; a band is refused as soon as the bricks found so far are too many. The
+    /// working memory of the threads comes on top. 4 GiB by default.
     pub max_memory: u64,
 }
 
@@ -69,6 +93,9 @@ impl Default for Options {
 
 impl Options {
     /// Is every field in its range?
+    ///
+    /// # Errors
+    /// The first field that is not, with what it must be; the band comes before the floor, which is measured by it.
     pub fn check(&self) -> Result<(), OutOfRange> {
         let h = self.spacing;
         require(

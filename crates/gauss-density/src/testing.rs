@@ -1,4 +1,7 @@
 //! Generated structures and proptest strategies for models.
+//!
+//! For the tests of this crate and of those that build on it; under the feature `testing`, since it brings proptest
+//! along.
 
 use geom_core::Point3;
 use geom_core::compute::random::SplitMix64;
@@ -11,6 +14,8 @@ use crate::specification;
 
 /// A compact, protein-like structure: `chains` random walks of residues with seven atoms each, folded into a
 /// ball. The same numbers give the same structure.
+/// Atoms have elements and their van der Waals radii; steps are at most 1.5 Å along each axis, and nothing keeps atoms
+/// apart, so it is about as dense as a protein but has no bonds.
 pub fn globule(chains: usize, residues: usize, seed: u64) -> Structure {
     let mut random = SplitMix64::new(seed);
     let mut uniform = move || random.unit();
@@ -71,6 +76,8 @@ pub fn sample_cell(model: &Prepared<'_>, points: Vec<Point3>) -> SampleCell {
 
 /// Models of random trees: depth 0 to 5, 1 to 24 atoms, per-node powers in [0.05, 3], decays in [0.1, 2],
 /// radii from 0.
+/// Within 6 Å of the origin along each axis, so that all of them matter to each other, which is the hard case for every
+/// bound.
 pub fn models() -> impl Strategy<Value = Model> {
     (1usize..25, 0usize..6).prop_flat_map(|(atoms, depth)| {
         let atom = (

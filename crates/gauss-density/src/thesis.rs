@@ -58,12 +58,19 @@ impl Cut {
 
 /// Every atom at every point, without a cut: brute force in f32 with as many lanes as the processor has and one
 /// exponential per pair. Slow, and the yardstick of speed. [`Options::cutoff`] and the floor have no meaning here.
+///
+/// It takes time in proportion to atoms times points.
+///
+/// # Errors
+/// As of [`sample`](crate::sample()), here and for the searches below; a cut that is out of its range for these.
 pub fn all_atoms(model: &Model, options: &Options) -> Result<Sampled<ScalarGrid>, Error> {
     Task::new(model, options, Cut::AfterPowers)?
         .finish(|task| Ok(brute_force(&task.model, &task.lattice)))
 }
 
 /// A k-d tree over the atom centres, asked at every point.
+/// All atoms within one radius are summed, in f64 and in the order of the model; so what it costs is the number of
+/// atoms in a ball, times the points.
 pub fn kd_tree(model: &Model, options: &Options, cut: Cut) -> Result<Sampled<ScalarGrid>, Error> {
     Task::new(model, options, cut)?.finish(|task| {
         // The model has checked all that the tree asks of its points: finite, and no more than an index can name.
@@ -78,6 +85,8 @@ pub fn kd_tree(model: &Model, options: &Options, cut: Cut) -> Result<Sampled<Sca
 }
 
 /// A hierarchy of boxes over the nodes of the model, asked at every point.
+/// (The thesis's bounding volume hierarchy; the boxes are those of residues, chains and domains, not of a tree made for
+/// the search.) It finds what [`kd_tree`] finds.
 pub fn hierarchy(model: &Model, options: &Options, cut: Cut) -> Result<Sampled<ScalarGrid>, Error> {
     Task::new(model, options, cut)?.finish(|task| {
         let boxes = Boxes::new(model);
@@ -89,6 +98,7 @@ pub fn hierarchy(model: &Model, options: &Options, cut: Cut) -> Result<Sampled<S
 /// The thesis's neighbouring search: the band point nearest to the box's low x side on its centre line, then
 /// neighbours of band points while they lie in the band. What the band does not shut off from the box is
 /// outside (0), the rest inside (`2 g_u`). Misses every other component and every cavity.
+/// Where the line meets no point of the band, nothing is found and all is outside.
 pub fn single_seed(
     model: &Model,
     options: &Options,
@@ -185,6 +195,7 @@ impl<'a> Task<'a> {
 }
 
 /// Every atom at every point, brick by brick.
+/// In layers of bricks, a thread each; where f32 does not hold the numbers, point by point in f64.
 fn brute_force(model: &Prepared<'_>, lattice: &Lattice) -> Filled {
     let atoms: Vec<u32> = (0..model.model().atoms() as u32).collect();
     let all = ActiveSet::gather(model, &atoms);
@@ -221,6 +232,7 @@ fn brute_force(model: &Prepared<'_>, lattice: &Lattice) -> Filled {
 }
 
 /// A box around the centres below each node of each level.
+/// It is the model's own tree, so that no other one is built.
 struct Boxes {
     /// Lowest level first.
     levels: Vec<Vec<Aabb>>,

@@ -1,11 +1,15 @@
 //! Typed indices of the elements of a surface.
+//!
+//! A half-edge is not taken for a vertex where each has a type. The numbers are 32 bits wide, which halves the memory
+//! of connectivity; arrays that go to kernels or come from files hold the bare `u32` and say in words what they count.
 
 use std::fmt;
 
 /// Most elements an index type can name: 2³² − 2, so that `u32::MAX` may mean "none".
 pub const MAX_ELEMENTS: usize = u32::MAX as usize - 1;
 
-/// An index of one kind of element.
+/// An index of one kind of element. An id belongs to one mesh and says nothing of which: after elements were dropped or
+/// renumbered, old ids mean others.
 pub trait Id: Copy + Eq + Ord {
     /// The number of this id.
     fn index(self) -> usize;

@@ -1,17 +1,22 @@
 //! Options of algorithms: one error for all that are out of their range.
+//!
+//! A verb checks its `Options` before it does anything else. The first field that is out of its range ends the work;
+//! what is wrong in the input data is an error of the algorithm, not this one.
 
 use std::borrow::Cow;
 use std::fmt::Display;
 
-/// An option has a value that makes no sense.
+/// An option has a value that makes no sense. Two of these are equal if they would print the same.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("option {option} is {value}; it must {must}")]
 pub struct OutOfRange {
     /// Name of the field of the options.
     pub option: &'static str,
-    /// Its value.
+    /// Its value. More than 24 characters of a number become one with an exponent, as `1e-300`.
     pub value: String,
     /// What it must do, e.g. "be positive".
+    ///
+    /// It completes the sentence of the message, so that it begins with a verb and has no full stop.
     pub must: Cow<'static, str>,
 }
 
@@ -44,6 +49,10 @@ impl OutOfRange {
 /// let error = require(spacing > 0.0, "spacing", spacing, "be positive").unwrap_err();
 /// assert_eq!(error.to_string(), "option spacing is -0.5; it must be positive");
 /// ```
+///
+/// # Errors
+/// [`OutOfRange`] where `holds` is false. NaN fails every comparison, so that a condition written as what must be
+/// (`x > 0.0`, not `!(x <= 0.0)`) refuses it.
 pub fn require(
     holds: bool,
     option: &'static str,

@@ -1,8 +1,13 @@
 //! The kernels as their equations read, in f64 and one value at a time: what every backend is compared with.
+//!
+//! Nothing here is fast, and nothing is shared with the code that is: sums run in the order of the equation, on one
+//! thread, and every intermediate is f64, also where the kernels and their inputs are f32. Under the features `testing`
+//! and `algebra`.
 
 use crate::algebra::eigen::backend::{CompressedRows, Level, Multigrid, RoundedOperator};
 
-/// Kernel `product`: `A X` for a sparse matrix and a block of `columns` vectors, row after row.
+/// Kernel `product`: `A X` for a sparse matrix and a block of `columns` vectors, row after row. Row `i` of a block
+/// starts at `i · columns`.
 pub fn product(matrix: &CompressedRows, block: &[f64], columns: usize) -> Vec<f64> {
     let mut out = vec![0.0; matrix.rows() * columns];
     for i in 0..matrix.rows() {
@@ -15,7 +20,8 @@ pub fn product(matrix: &CompressedRows, block: &[f64], columns: usize) -> Vec<f6
     out
 }
 
-/// Kernels `product` and `stencil`: `A X` for a matrix from which the weights of graphs are subtracted.
+/// Kernels `product` and `stencil`: `A X` for a matrix from which the weights of graphs are subtracted. The graphs lie
+/// one after the other along the diagonal, so that the rows of a graph begin where those before it end.
 pub fn operator_product(operator: &RoundedOperator<'_>, block: &[f64], columns: usize) -> Vec<f64> {
     let mut out = product(&operator.matrix, block, columns);
     let mut first = 0;
@@ -32,7 +38,8 @@ pub fn operator_product(operator: &RoundedOperator<'_>, block: &[f64], columns: 
     out
 }
 
-/// Kernel `smooth`: the steps of the Chebyshev smoother on `x`, from `d = 0`.
+/// Kernel `smooth`: the steps of the Chebyshev smoother on `x`, from `d = 0`. `x` may start anywhere; `b` is the
+/// right-hand side, of the same size.
 pub fn smooth(level: &Level<'_>, x: &mut [f64], b: &[f64], columns: usize) {
     let mut d = vec![0.0; x.len()];
     for [first, second] in level.steps {
@@ -45,7 +52,9 @@ pub fn smooth(level: &Level<'_>, x: &mut [f64], b: &[f64], columns: usize) {
     }
 }
 
-/// One V-cycle from zero: what a [`Cycle`](crate::algebra::eigen::backend::Cycle) gives.
+/// One V-cycle from zero: what a [`Cycle`](crate::algebra::eigen::backend::Cycle) gives. Restriction is the transpose
+/// of prolongation and smoothing is the same before and after, so that the cycle is a symmetric operator on `block`,
+/// but for rounding: what the solver relies on.
 pub fn cycle(hierarchy: &Multigrid<'_>, block: &[f64], columns: usize) -> Vec<f64> {
     descend(hierarchy.levels(), hierarchy.coarsest(), block, columns)
 }

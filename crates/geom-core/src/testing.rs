@@ -1,4 +1,7 @@
 //! Helpers for the tests of the whole house.
+//!
+//! [`cases`] makes generated tests repeatable, [`same_on_any_threads`] holds a verb to its promise about bits, and
+//! `gpu_or_skip` lets a machine without an adapter pass the rest. [`faults`] spoils files. Under the feature `testing`.
 
 pub mod faults;
 
@@ -41,7 +44,11 @@ pub fn cases(number: u32) -> proptest::test_runner::Config {
     }
 }
 
-/// Runs `f` on 1, 2 and 5 threads and asserts that the results are equal.
+/// Runs `f` on 1, 2 and 5 threads and asserts that the results are equal. The function runs once per pool, so that what
+/// it computes from must not change in between.
+///
+/// # Panics
+/// If a result differs from that of one thread. The values are not printed: they may be whole meshes.
 pub fn same_on_any_threads<T: PartialEq + std::fmt::Debug + Send>(f: impl Fn() -> T + Sync) -> T {
     let on = |threads| {
         rayon::ThreadPoolBuilder::new()
@@ -79,6 +86,9 @@ macro_rules! laws {
 }
 
 /// Asserts that the laws of `laws!` are those that there are, so that none is forgotten.
+///
+/// # Panics
+/// If a name is in one of the lists only, or oftener in one than in the other.
 pub fn every_law_is_run<'a>(there: impl Iterator<Item = &'a str>, run: &[&'a str]) {
     let mut there = Vec::from_iter(there);
     let mut run = run.to_vec();
@@ -87,7 +97,9 @@ pub fn every_law_is_run<'a>(there: impl Iterator<Item = &'a str>, run: &[&'a str
     assert_eq!(there, run);
 }
 
-/// The names that a source hands on with `pub use`: the last parts of paths, and single names with an underscore.
+/// The names that a source hands on with `pub use`: the last parts of paths, and single names with an underscore. Lines
+/// of the head (`//!`) do not count. It is a reading by words, not by grammar: good for files that are lists of
+/// `pub use`.
 pub fn handed_on(source: &str) -> impl Iterator<Item = &str> {
     let lines = source.lines().filter(|line| !line.starts_with("//!"));
     let words =

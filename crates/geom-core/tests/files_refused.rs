@@ -2,12 +2,16 @@
 
 use std::io::Write as _;
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
 use geom_core::Point3;
+use geom_core::io::mesh::{AnyMesh, MeshFile};
 use geom_core::io::view::{Cells, Field, Group, Numbers, Values};
 use geom_core::io::{
     Encoding, Error, ErrorKind, View, decompress, glb, msh, obj, off, ply, read_bytes,
     read_bytes_up_to, save, stl, vtu,
 };
+use geom_core::mesh::OUTSIDE;
 
 #[test]
 fn nothing_half_written_is_left() {
@@ -136,4 +140,108 @@ fn a_field_named_group_is_no_group() {
     );
     let values = &back.find_cell_field("group").unwrap().values;
     assert_eq!(values.to_f64(), [7.0]);
+}
+
+/// Sixty thousand zeros in a few bytes, which the header says to be four.
+#[test]
+fn vtu_blocks_that_unpack_to_too_much_are_refused() {
+    let mut zlib = flate2::write::ZlibEncoder::new(Vec::new(), Default::default());
+    zlib.write_all(&[0; 60_000]).unwrap();
+    let block = zlib.finish().unwrap();
+    let text = |size: u32| {
+        let head: Vec<u8> = [1, size, 0, block.len() as u32]
+            .iter()
+            .flat_map(|n: &u32| n.to_le_bytes())
+            .collect();
+        let data = [BASE64.encode(head), BASE64.encode(&block)].concat();
+        format!(
+            "<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\" \
+             compressor=\"vtkZLibDataCompressor\"><UnstructuredGrid>\
+             <Piece NumberOfPoints=\"5000\" NumberOfCells=\"0\"><Points>\
+             <DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"binary\">{data}</DataArray>\
+             </Points><Cells>\
+             <DataArray type=\"Int32\" Name=\"connectivity\" format=\"ascii\"></DataArray>\
+             <DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\"></DataArray>\
+             <DataArray type=\"UInt8\" Name=\"types\" format=\"ascii\"></DataArray>\
+             </Cells></Piece></UnstructuredGrid></VTKFile>"
+        )
+    };
+    let read = |size| vtu::parse(text(size).as_bytes());
+    assert_eq!(read(60_000).unwrap().points.len(), 5000);
+    let error = read(4).unwrap_err();
+    assert!(matches!(error.kind, ErrorKind::TooLarge(_)), "{error}");
+}
+
+/// 255 is outside: no tetrahedron has it, whatever type its number has and whatever its group is called.
+#[test]
+fn outside_is_no_region() {
+    let tet = || View {
+        points: [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+            .map(Point3::from)
+            .to_vec()
+            .into(),
+        blocks: vec![Cells::Tets(vec![[0, 1, 2, 3]].into())],
+        ..View::default()
+    };
+    for numbers in [
+        Numbers::U8(vec![255].into()),
+        Numbers::F64(vec![255.0].into()),
+    ] {
+        let mut view = tet();
+        view.cell_fields.push(Field {
+            name: "region".to_owned(),
+            values: Values {
+                components: 1,
+                numbers,
+            },
+        });
+        assert!(MeshFile::try_from(view).is_err());
+    }
+    let mut view = tet();
+    view.groups = vec![Group {
+        name: "region_255".to_owned(),
+        dimension: 3,
+        tag: None,
+    }];
+    view.group_of = vec![0].into();
+    let AnyMesh::Tet(mesh) = MeshFile::try_from(view).unwrap().mesh else {
+        panic!("a tetrahedron");
+    };
+    assert_ne!(mesh.regions()[0], OUTSIDE);
+}
+
+/// Polygons of three corners are faces, and not among the triangles that are asked for.
+#[test]
+fn only_triangles_are_taken_away() {
+    let mut view = triangle();
+    view.blocks.push(Cells::Polygons {
+        ends: vec![3].into(),
+        corners: vec![0, 1, 2].into(),
+    });
+    view.cell_fields.push(Field {
+        name: "number".to_owned(),
+        values: Values {
+            components: 1,
+            numbers: Numbers::F64(vec![1.0, 2.0].into()),
+        },
+    });
+    let left = view.with_triangles(|_| false);
+    assert_eq!(left.cells(), 1);
+    assert_eq!(left.cell_fields[0].values.get(0, 0), 2.0);
+}
+
+#[cfg(unix)]
+#[test]
+fn files_keep_their_rights() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let (new, usual) = (folder.path().join("new"), folder.path().join("usual"));
+    let mode = |path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    let write = |path| save(path, |w| Ok(w.write_all(b"x")?)).unwrap();
+    write(&new);
+    std::fs::write(&usual, b"x").unwrap();
+    assert_eq!(mode(&new), mode(&usual), "those of any new file");
+    std::fs::set_permissions(&new, std::fs::Permissions::from_mode(0o600)).unwrap();
+    write(&new);
+    assert_eq!(mode(&new), 0o600, "a private file stays so");
 }

@@ -296,6 +296,18 @@ fn models_are_read_as_they_are_written() {
     assert_eq!(again.residues()[0], odd.residues()[0]);
 }
 
+/// The columns of PDB for all but charge and radius, and a charge whose dot stands where an occupancy has its own.
+#[test]
+fn pqr_in_columns_is_not_taken_for_pdb() {
+    let pqr = b"ATOM      1  N   MET A   1      27.340  24.430   2.614  0.1592 1.8240\n";
+    let pdb = b"ATOM      1  N   MET A   1      27.340  24.430   2.614  1.00  9.67\n";
+    let bare = b"ATOM      1  N   MET A   1      27.340  24.430   2.614  1.00            N\n";
+    let found = |text: &[u8]| Format::detect(text, None).unwrap();
+    assert_eq!(found(pqr), Format::Pqr);
+    assert_eq!(found(pdb), Format::Pdb);
+    assert_eq!(found(bare), Format::Pdb);
+}
+
 #[test]
 fn pqr_is_free_format() {
     let text = b"REMARK x\n\

@@ -49,9 +49,12 @@ use geom_core::{Agreement, Backend, Point3, Vector3};
 use crate::Error;
 use crate::forms::{Conductor, TriangleMatrix};
 
-/// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) is the specification.
+/// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) and [`Wgpu`](geom_core::Wgpu) have them; what they compute
+/// stands in `specification` (feature `testing`) as the equations read.
 pub trait OperatorBackend: Backend + OperatorObject {
     /// The matrices of every triangle of a task, in place of what was in `out`.
+    /// One entry per triangle, in order. A triangle without area has zeros; one on which the operator is infinite has
+    /// values that are not finite, and the caller names it in its error.
     fn triangle_matrices(
         &self,
         task: &TriangleTask<'_>,
@@ -59,14 +62,17 @@ pub trait OperatorBackend: Backend + OperatorObject {
     ) -> Result<(), Error>;
 
     /// The matrices of every patch of a task, in place of what was in `out`.
+    /// Points whose area element is not above [`PatchTask::least`] are left out and counted.
     fn patch_matrices(&self, task: &PatchTask<'_>, out: &mut PatchMatrices) -> Result<(), Error>;
 
     /// `∫ Nᵢ_a A^{ab} x_b dA` for every function of every patch of a task, patch after patch: the stiffness applied to the
     /// surface itself, in place of what was in `out`.
+    /// In unit scale, one vector per entry of [`PatchTask::points`].
     fn patch_forces(&self, task: &PatchTask<'_>, out: &mut Vec<Vector3>) -> Result<(), Error>;
 
     /// The distances between all pairs of `rows` (of `width` numbers each), row after row: the
     /// dissimilarities of the medoids, in place of what was in `out`.
+    /// `n²` of them for n rows: row i holds the distances from row i, its own zero included.
     fn distances(&self, rows: &[f32], width: usize, out: &mut Vec<f32>) -> Result<(), Error>;
 }
 
@@ -85,6 +91,7 @@ pub struct TriangleTask<'a> {
     /// Corners per triangle, in range.
     pub triangles: &'a [[u32; 3]],
     /// The value of the weight's fields per vertex; empty for 1 everywhere.
+    /// A triangle takes the mean of its corners.
     pub factors: &'a [f64],
     /// The operator.
     pub conductor: Conductor,
@@ -101,6 +108,7 @@ pub struct PatchTask<'a> {
     /// Per point six rows of a number per function: value, derivatives u, v, uu, uv, vv.
     pub basis: &'a [f64],
     /// The coefficients of the functions, patch after patch.
+    /// A multiple of `functions`; a vertex in several patches stands here once for each.
     pub points: &'a [Point3],
     /// The value of the weight's fields for each of `points`; empty for 1 everywhere.
     pub factors: &'a [f64],
@@ -134,6 +142,7 @@ pub struct PatchMatrices {
 
 impl PatchMatrices {
     /// Zeros for the patches of a task.
+    /// Memory is used again, so that a caller may keep one for many tasks.
     pub fn reset(&mut self, task: &PatchTask<'_>) {
         let (n, patches) = (task.functions, task.patches());
         let entries = patches * n * (n + 1) / 2;
@@ -148,6 +157,7 @@ impl PatchMatrices {
     }
 
     /// Appends the patches of another.
+    /// Patches keep their order: those of `other` come last.
     pub(crate) fn append(&mut self, mut other: Self) {
         if self.skipped.is_empty() {
             *self = other;

@@ -1,4 +1,7 @@
 //! The kernels on the CPU: f64, the caller's rayon pool.
+//!
+//! Every result is written by one thread from what it alone reads, so that none depends on how many there are. The
+//! loops over patches stand in `operators/patch.rs`; that of one triangle in `forms/triangles.rs`.
 
 use geom_core::{Cpu, Vector3};
 use rayon::prelude::*;
@@ -8,6 +11,7 @@ use crate::backend::{OperatorBackend, PatchMatrices, PatchTask, TriangleTask};
 use crate::forms::{TriangleMatrix, element};
 use crate::operators::patch;
 
+/// None of the kernels has a way to fail.
 impl OperatorBackend for Cpu {
     fn triangle_matrices(
         &self,

@@ -1,4 +1,8 @@
 //! What is asked for.
+//!
+//! Each struct has a `check`, which its verb calls before any work. `..Default::default()` fills in what a caller has
+//! no opinion on. What is "in unit scale" counts in a scale in which the largest extent of the surface is 1, so that it
+//! need not be changed from a ligand to a virus.
 
 use geom_core::options::{OutOfRange, require};
 
@@ -11,17 +15,26 @@ pub struct SpectrumOptions {
     /// The operator.
     pub operator: Operator,
     /// Modes, the constants not counted.
+    /// 10 by default. The surface must have more vertices than modes and connected components together
+    /// ([`Error::TooManyModes`](crate::Error::TooManyModes)).
     pub modes: usize,
     /// ε: curvatures below it count as flat, in unit scale. Results depend little on it from 0.1 to 2.
     /// 0 is allowed where no principal curvature vanishes.
+    ///
+    /// 0.5 by default. The larger it is, the more the operator becomes the Laplace operator over ε², which sees
+    /// distances and no curvature; the smaller, the fainter the bends that it tells from flat.
     pub regularization: f64,
     /// Smallest and largest Ψ.
+    /// 0.5 and 10 by default. Equal ones make the weight constant.
     pub bounds: [f64; 2],
     /// How a quad of a Catmull–Clark surface is integrated.
+    /// Triangles need none; Bézier elements take its `points` only.
     pub quadrature: Quadrature,
     /// Largest relative residual of an eigenpair.
+    /// 1e-8 by default, between 0 and 1.
     pub tolerance: f64,
     /// Count the eigenvalues by the inertia of a factor, so that no copy of a multiple one is lost.
+    /// Off by default: it costs another factor of a sparse matrix.
     pub verify: bool,
 }
 
@@ -40,12 +53,18 @@ impl Default for SpectrumOptions {
 }
 
 /// Quadrature over a quad of a Catmull–Clark surface.
+///
+/// A regular quad has `points²` of them, one with an extraordinary corner `3 · depth · points²`. What is left out at
+/// the corner is `4^−depth` of the parameters of the quad: 0.02 % by default.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Quadrature {
     /// Gauss points per direction, 2…8.
+    /// 4 by default: products of two bicubics are then exact in the parameters; forms are not polynomials, so that more
+    /// may pay where curvature varies much within a quad.
     pub points: usize,
     /// Levels towards an extraordinary vertex, 1…12; the last corner of side 2^−depth is left out.
+    /// 6 by default.
     pub depth: usize,
 }
 
@@ -101,6 +120,8 @@ impl Quadrature {
 }
 
 /// How many modes the rows take.
+///
+/// Low modes tell large parts apart, higher ones smaller parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Modes {
@@ -120,11 +141,13 @@ pub enum Groups {
     /// This many. Segments may be more: groups fall into connected patches.
     Count(usize),
     /// The number from 2 to `most` with the smallest index of Davies and Bouldin.
+    /// Of centroids in the space of the modes, where they need not lie on the surface.
     DaviesBouldin {
         /// Largest number.
         most: usize,
     },
     /// The smallest number from 2 to `most` whose medoid silhouette is nearly (99 %) the largest.
+    /// A silhouette that hardly rises any more is not worth another part.
     Silhouette {
         /// Largest number.
         most: usize,
@@ -142,16 +165,22 @@ impl Default for Groups {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SegmentOptions {
     /// Modes in the rows.
+    /// What it takes at most says [`SegmentOptions::modes_needed`]; where a spectrum has fewer, all of them are taken,
+    /// but for [`Modes::Count`], which is then refused.
     pub modes: Modes,
     /// Groups of rows.
     pub groups: Groups,
     /// Vertices that are grouped, drawn by area; the others follow the nearest medoid. At most 8,000.
+    /// 2,000 by default. Time and memory grow with its square: 4 bytes per pair.
     pub sample: usize,
     /// Starts of the search; the best is taken.
+    /// 3 by default: each is a local search from random vertices.
     pub restarts: usize,
     /// Smooth the borders of the segments where no crease holds them.
+    /// On by default. Off, borders run along the zigzag of the faces.
     pub smooth: bool,
     /// Seed of the sample and the starts.
+    /// The same seed gives the same segments, for any number of threads.
     pub seed: u64,
 }
 
@@ -173,14 +202,18 @@ impl Default for SegmentOptions {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PartOptions {
     /// Whose modes are cut; the first one's give the number of groups.
+    /// Three by default: see the page of the crate. Each is as many votes as there are numbers of groups.
     pub operators: Vec<Operator>,
     /// About how many parts are wanted; sought if none are. How many there are the surface decides.
     pub groups: Option<usize>,
     /// Largest number of groups that is tried.
+    /// 15 by default.
     pub most: usize,
     /// ε of the operators.
+    /// 0.5 by default, in unit scale.
     pub regularization: f64,
     /// Vertices that are grouped, drawn by area; the others follow the nearest medoid. At most 8,000.
+    /// 1,000 by default, half of what one segmentation takes, because there are about nine of them.
     pub sample: usize,
     /// Starts of each search for medoids; the best is taken.
     pub restarts: usize,
@@ -263,6 +296,12 @@ impl SegmentOptions {
     }
 
     /// The modes that [`segment`](crate::segment()) takes at most, so that the spectrum has enough.
+    ///
+    /// ```
+    /// use secondfund_ops::{Groups, SegmentOptions};
+    /// let asked = SegmentOptions { groups: Groups::Count(6), ..SegmentOptions::default() };
+    /// assert_eq!(asked.modes_needed(), 6);
+    /// ```
     pub fn modes_needed(&self) -> usize {
         match (self.modes, self.groups) {
             (Modes::Count(count), _) => count,
@@ -281,6 +320,8 @@ pub(crate) const LEAST_MODES: usize = 3;
 pub(crate) const MOST_MODES: usize = 15;
 
 /// Which operator moves the surface.
+///
+/// Mean curvature flow takes away noise and rounds every edge; the other shapes creases and takes away little noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum FlowOperator {
@@ -298,25 +339,37 @@ pub struct FlowOptions {
     /// The operator.
     pub operator: FlowOperator,
     /// Steps.
+    /// 10 by default. Fewer are made where nothing moves any more.
     pub iterations: usize,
     /// In a step 95 % of the vertices move less than this share of a mean edge.
+    /// 0.02 by default, within 1e-6…0.25. A step is implicit in its forward part, so that its size is a matter of
+    /// accuracy.
     pub step: f64,
     /// δ of `H K / √(K² + δ²)`, in unit scale.
+    /// 0.1 by default. Where the Gaussian curvature is far below it the flow hardly moves anything: flat and
+    /// cylindrical parts stay.
     pub delta: f64,
     /// The share β of the backward part, which sharpens and amplifies noise: 0 for a well-posed flow, 1 for
     /// Eq. 7.26 as it stands.
+    /// ½ by default.
     pub sharpen: f64,
     /// λ: the share of the way to the mean of its neighbours, weighted along the curvature lines (Eqs.
     /// 7.24–7.25), that a vertex goes in its tangent plane per step.
+    /// 0.05 by default; 0 leaves vertices where the flow carries them.
     pub tangential: f64,
     /// Keep the enclosed volume, of a closed surface.
+    /// Off by default; an open surface is refused with [`Error::Open`](crate::Error::Open).
     pub keep_volume: bool,
     /// Keep the vertices of boundaries where they are.
     pub keep_rims: bool,
     /// Let no faces come through others, those of the control mesh where it has quads.
+    /// Faces that cross in the input may go on crossing. It costs a look at the faces near by in each step.
     pub keep_apart: bool,
     /// How quads are integrated.
     pub quadrature: Quadrature,
+    /// Steps for which one matrix of the implicit part serves, the forces being new in each: 1 for a new matrix in every
+    /// step, which costs about twice as much and moves the surface in the same way.
+    pub refresh: usize,
 }
 
 impl Default for FlowOptions {
@@ -335,6 +388,7 @@ impl Default for FlowOptions {
                 points: 3,
                 depth: 4,
             },
+            refresh: 5,
         }
     }
 }
@@ -355,6 +409,7 @@ impl FlowOptions {
         within("delta", self.delta, 1e-9, 1e9, "lie within 1e-9…1e9")?;
         within("sharpen", self.sharpen, 0.0, 1.0, "lie within 0…1")?;
         within("tangential", self.tangential, 0.0, 1.0, "lie within 0…1")?;
+        require(self.refresh > 0, "refresh", 0, "be at least 1")?;
         self.quadrature.check()
     }
 }
@@ -368,6 +423,8 @@ pub enum NormalFilter {
         /// Rounds.
         rounds: usize,
         /// Difference of unit normals beyond which a face counts little.
+        /// 0.3 is the difference of normals that are 17° apart. Larger ones round edges of that angle off; smaller ones
+        /// take noise for edges.
         range: f64,
     },
     /// Least total variation: normals become constant on patches.
@@ -400,14 +457,18 @@ pub struct FilterOptions {
     /// The filter of the normals.
     pub filter: NormalFilter,
     /// Rounds of the vertices that follow them.
+    /// 20 by default. With 0 nothing moves: the normals are filtered for nothing.
     pub vertex_rounds: usize,
     /// The share of the way to the middle of its faces that a vertex goes per round where no normal pulls: in flat places
     /// and along edges.
+    /// 0.1 by default. So faces keep their shapes.
     pub tangential: f64,
     /// No corner of a face becomes narrower than this, or flatter than 180° less it, if it is not so from the start, in
     /// degrees below 60.
+    /// 10 by default.
     pub least_angle: f64,
     /// Keep the enclosed volume, of a closed surface.
+    /// Off by default.
     pub keep_volume: bool,
     /// Keep the vertices of boundaries where they are.
     pub keep_rims: bool,
@@ -453,25 +514,35 @@ impl FilterOptions {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PocketOptions {
     /// Atoms within this distance of a point count as its burial, Å.
+    /// 10 by default, within 4…30. A larger one sees larger valleys only.
     pub radius: f64,
     /// How much the atoms of other chains count than of the one that has most atoms around a point: below 1 the
     /// clefts between chains do not hide the pockets within them.
+    /// ½ by default; 1 makes no difference between chains, 0 looks at one chain at a time.
     pub foreign: f64,
     /// Spacing of the points, Å.
+    /// 1.2 by default, within 0.3…3. Time grows with its inverse cube.
     pub spacing: f64,
     /// Smallest and largest distance of a point from the nearest atom's surface, Å.
+    /// 1.6 and 2.8 by default: where the centre of an atom in contact with the polymer may lie.
     pub shell: [f64; 2],
     /// The share of the points that are not deep enough.
+    /// 0.95 by default. Less makes pockets larger and lets neighbours grow together.
     pub percentile: f64,
     /// Nor are points whose burial is less than this times the median: a convex body has no pockets.
+    /// 1.3 by default; 0 lets the percentile alone decide, which finds pockets on a ball.
     pub prominence: f64,
     /// Take percentile and median of each chain's own points.
+    /// On by default: a small chain beside a large one keeps its own pockets.
     pub per_chain: bool,
     /// Points at most this far apart belong together, Å.
+    /// 1.8 by default: on a lattice of 1.2 Å the neighbours along the sides and the diagonals of its squares.
     pub link: f64,
     /// Fewer points are no pocket.
+    /// 4 by default.
     pub least_points: usize,
     /// Most pockets.
+    /// 20 by default. [`Pockets::candidates`](crate::pockets::Pockets::candidates) tells how many there were.
     pub most: usize,
 }
 
@@ -530,6 +601,7 @@ impl PocketOptions {
 }
 
 /// Refuses a burial out of range.
+/// Both what finds pockets and what outlines them count burial.
 pub(crate) fn check_burial(radius: f64, foreign: f64) -> Result<(), OutOfRange> {
     let within = (4.0..=30.0).contains(&radius);
     require(within, "radius", radius, "lie within 4…30 Å")?;
@@ -543,8 +615,10 @@ pub(crate) fn check_burial(radius: f64, foreign: f64) -> Result<(), OutOfRange> 
 pub enum OutlineSource {
     /// Those in front of which the pocket's points lie, and points near these that a small probe reaches and a large one
     /// does not cover.
+    /// The default. Small holes in an outline are filled, crumbs beside it given up.
     Probes(ProbeOptions),
     /// Patches of the secondary Laplace operator with Ψ = e^{−H}, to which the pocket's points are nearest.
+    /// Outlines are then as coarse as the patches.
     Patches,
 }
 
@@ -563,10 +637,13 @@ pub struct OutlineOptions {
     /// Of patches: how many the surface is cut into.
     pub groups: usize,
     /// Of patches: ε of the operator.
+    /// 2 by default, in unit scale.
     pub regularization: f64,
     /// Rounds of smoothing of the surface's normals, of which its curvature is taken.
+    /// 20 by default. The surface itself is not moved.
     pub normal_rounds: u32,
     /// Of patches: how far above the surface its burial is taken, Å.
+    /// 1.6 by default, within 0…10.
     pub probe: f64,
     /// Of patches: atoms within this distance count as burial, Å.
     pub radius: f64,
@@ -631,12 +708,16 @@ impl OutlineOptions {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ProbeOptions {
     /// Radius of the small probe, which reaches a point, Å.
+    /// 1.4 by default, a water molecule; within 0…5.
     pub inner: f64,
     /// Radius of the large one, which does not cover it, Å.
+    /// 3 by default, at most 20. The larger it is, the shallower the hollows that count.
     pub outer: f64,
     /// Spacing of the points, Å.
+    /// 1.2 by default, within 0.3…3.
     pub spacing: f64,
     /// A point belongs to the pocket of the nearest pocket point, if that is within this distance, Å.
+    /// 3 by default, within 0…20. Points farther from any pocket belong to none.
     pub reach: f64,
 }
 
@@ -667,6 +748,8 @@ impl ProbeOptions {
 }
 
 /// Options of [`pockets::concave_patches`](crate::pockets::concave_patches).
+///
+/// By default it cuts along two modes, then along four.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PatchOptions {

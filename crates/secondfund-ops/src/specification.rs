@@ -1,5 +1,9 @@
 //! What each kernel computes, as the equations read: f64, one element at a time, sharing no code with the
 //! kernels.
+//!
+//! In space coordinates a conductivity is a symmetric 3 × 3 matrix that is zero along the normal. So nothing here needs
+//! frames or metrics of parameters, in which the kernels work, and a sign or a transposition that is wrong there shows
+//! here.
 
 use geom_core::nalgebra::{Matrix2, Matrix3};
 use geom_core::{Point3, Vector3};
@@ -10,6 +14,7 @@ use crate::forms::{Conductor, Law, TriangleMatrix};
 /// The matrices of a triangle in space coordinates: with the gradients `∇φ = n × e / 2A` of the hat functions,
 /// `dn = Σ nᵢ ∇φᵢᵀ`, the shape operator `S = sym(P dn P)` with the projector P, and the conductivity as a
 /// matrix on the tangent plane.
+/// Not finite for a triangle without area, of which the kernels make zeros.
 pub fn triangle_matrix(
     corners: [Point3; 3],
     normals: [Vector3; 3],
@@ -38,6 +43,7 @@ pub fn triangle_matrix(
 /// What a patch adds: per pair of functions `∫ ∇Nᵢ · A ∇Nⱼ dA` and `∫ Nᵢ Nⱼ dA`, row after row; per function
 /// `∫ Nᵢ dA`, `∫ Nᵢ H dA` and `∫ Nᵢ K dA`, and `∫ A ∇Nᵢ · ∇x dA`. All in space coordinates: with the dual vectors
 /// `xᵃ = g^{ab} x_b`, gradients are `∇f = f_a xᵃ` and the shape operator is `−(n · x_ab) xᵃ xᵇ`.
+/// With n functions, `stiffness` and `mass` have n² entries each, the others n.
 #[derive(Clone, Debug, Default)]
 pub struct PatchValues {
     /// Stiffness, all pairs.
@@ -51,6 +57,7 @@ pub struct PatchValues {
 }
 
 /// The values of patch number `patch` of a task.
+/// Points at which the tangents are parallel are left out; it has no bound for small areas as the kernels have.
 pub fn patch_values(task: &PatchTask<'_>, patch: usize) -> PatchValues {
     let n = task.functions;
     let own = patch * n..(patch + 1) * n;
@@ -108,6 +115,7 @@ fn gaussian(shape: &Matrix3<f64>) -> f64 {
     0.5 * (shape.trace().powi(2) - (shape * shape).trace())
 }
 
+/// The law at a point: curvatures are capped first, then the weight is taken, then the law.
 fn conductivity(
     shape: &Matrix3<f64>,
     project: &Matrix3<f64>,
@@ -141,14 +149,13 @@ fn conductivity(
             of_eigenvalues(&shape, |x| psi * psi / (part(x) + delta), project)
         }
         Law::Generalized => adjugate * (psi * k / (k * k + delta * delta)),
-        Law::Diffusing | Law::Sharpening => {
-            let sign = if conductor.law == Law::Diffusing {
-                1.0
-            } else {
-                -1.0
-            };
-            let q = adjugate * (sign * h * k / k.hypot(delta));
-            of_eigenvalues(&q, |x| x.max(0.0), project)
+        Law::Flow => {
+            let q = adjugate * (h * k / k.hypot(delta));
+            of_eigenvalues(
+                &q,
+                |x| if x > 0.0 { x } else { x * conductor.sharpen },
+                project,
+            )
         }
     }
 }
@@ -168,6 +175,7 @@ fn of_eigenvalues(
 }
 
 /// The distance between two rows.
+/// In f64 from numbers in f32.
 pub fn distance(a: &[f32], b: &[f32]) -> f64 {
     let squares = a
         .iter()

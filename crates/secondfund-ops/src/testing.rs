@@ -1,4 +1,6 @@
 //! Shapes and tasks for tests and benches.
+//!
+//! Shapes whose parts, creases or hollows are known by their making, so that a test can ask for them.
 
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
@@ -6,6 +8,7 @@ use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
 
 /// A box of these half extents with its edges and corners rounded by `radius`, as `6 n²` quads.
+/// Quads spread evenly over each side; their normals point outwards. Panics if `radius` is larger than a half extent.
 pub fn rounded_box(half: [f64; 3], radius: f64, n: u32) -> QuadMesh {
     let (positions, quads) = shapes::quad_sphere(1.0, n).into_parts();
     let half = Vector3::from(half);
@@ -25,6 +28,8 @@ pub fn rounded_box(half: [f64; 3], radius: f64, n: u32) -> QuadMesh {
 }
 
 /// The unit ball with a dimple of this depth and angular width (radians) in each of these directions.
+/// Directions need not be unit vectors. A dimple is a Gaussian of the angle from its direction, in shares of the
+/// radius.
 pub fn dimpled_ball(levels: u32, directions: &[Vector3], depth: f64, width: f64) -> TriMesh {
     let (positions, triangles) = shapes::icosphere(1.0, levels).into_parts();
     let dent = |p: &Point3| {
@@ -38,6 +43,7 @@ pub fn dimpled_ball(levels: u32, directions: &[Vector3], depth: f64, width: f64)
 }
 
 /// Each triangle of a surface as three quads: inner vertices of valence 3, 4 and 5.
+/// The vertices of the triangles come first, then the middles of their sides and of the triangles, as they are met.
 pub fn halved(mesh: &TriMesh) -> QuadMesh {
     let mut positions = mesh.positions().to_vec();
     let mut middles = std::collections::BTreeMap::new();
@@ -66,6 +72,7 @@ pub fn halved(mesh: &TriMesh) -> QuadMesh {
 }
 
 /// The mesh with each vertex moved by up to `amplitude` along each axis.
+/// Each coordinate by a number within ±`amplitude` that depends on the seed only.
 pub fn shaken(mesh: &TriMesh, amplitude: f64, seed: u64) -> TriMesh {
     let mut random = SplitMix64::new(seed);
     let positions = mesh.positions().iter().map(|p| {
@@ -93,6 +100,8 @@ pub struct BoxErrors {
 }
 
 /// The errors of a [`rounded_box`] as triangles, with the same triangles as the clean one.
+/// Triangles count as flat where the clean normal is an axis; vertices belong to creases where they lie near two sides
+/// at least.
 pub fn box_errors(clean: &TriMesh, now: &TriMesh, half: [f64; 3], radius: f64) -> BoxErrors {
     let (mut squares, mut flat) = (0.0, 0usize);
     for t in 0..clean.triangles().len() {

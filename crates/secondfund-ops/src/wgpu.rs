@@ -1,4 +1,9 @@
 //! The kernels on the GPU.
+//!
+//! All is computed in f32, from differences that are taken before anything becomes f32: a position of a triangle mesh
+//! is a sum of two f32, a point of a patch is taken from the middle of its patch. Work goes in calls of bounded size,
+//! one after the other, each with its own small uniform; what is not finite comes back as it is, for the caller to
+//! name.
 
 use bytemuck::{Pod, Zeroable};
 use geom_core::shaders::{
@@ -15,15 +20,19 @@ use crate::forms::{Conductor, Law, TriangleMatrix};
 /// Triangles per dispatch.
 const TRIANGLES: usize = 1 << 20;
 /// Numbers that a dispatch of patches gives.
+/// 32 MiB of matrices.
 const NUMBERS: usize = 1 << 23;
 /// Most groups of a dispatch in a row.
+/// What every device allows along one axis; a patch is a group.
 const GROUPS: usize = 65_535;
 /// Distances per dispatch.
+/// 64 MiB; whole tiles of rows, so that the last one may run over the end.
 const DISTANCES: usize = 1 << 24;
 /// Rows of threads in a group of the kernel of distances.
 const TILE: usize = 16;
 
 /// What `common/conductivity.wgsl` reads of every task.
+/// The first eight words of each task, as the shader declares them.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct ConductorHead {
@@ -35,9 +44,11 @@ struct ConductorHead {
     high: f32,
     regularization: f32,
     limit: f32,
+    sharpen: f32,
 }
 
 impl ConductorHead {
+    /// `fields` says whether factors are given: their buffer is bound in any case.
     fn of(conductor: &Conductor, factors: &[f64]) -> Self {
         Self {
             law: number(conductor.law),
@@ -53,18 +64,21 @@ impl ConductorHead {
             } else {
                 0.0
             },
+            sharpen: conductor.sharpen as f32,
         }
     }
 }
 
+/// The task of a call on triangles.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct TriangleHead {
     conductor: ConductorHead,
     count: u32,
-    pad: [u32; 3],
+    pad: [u32; 2],
 }
 
+/// The task of a call on patches, all of which share `functions`, `points` and the basis.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct PatchHead {
@@ -74,9 +88,10 @@ struct PatchHead {
     patches: u32,
     mass: u32,
     least: f32,
-    pad: [f32; 3],
+    pad: [f32; 2],
 }
 
+/// The task of a call on distances: `rows` in all, of `width` numbers, from row `first` on.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct DistanceHead {
@@ -87,6 +102,7 @@ struct DistanceHead {
 }
 
 /// Each coordinate as a sum of two f32.
+/// Differences of such sums keep about twice the digits of f32.
 fn split<'a>(vectors: impl Iterator<Item = &'a Vector3>) -> Vec<[f32; 4]> {
     vectors
         .flat_map(|v| {
@@ -103,19 +119,20 @@ fn fill(out: &mut [f64], values: &[f32]) {
     out.iter_mut().zip(values).for_each(|(o, &x)| *o = x.into());
 }
 
+/// The numbers of the laws in `common/conductivity.wgsl`.
 fn number(law: Law) -> u32 {
     match law {
         Law::Metric => 0,
         Law::Adjugate => 1,
         Law::GaussImage => 2,
         Law::Generalized => 3,
-        Law::Diffusing => 4,
-        Law::Sharpening => 5,
-        Law::Concave => 6,
+        Law::Flow => 4,
+        Law::Concave => 5,
     }
 }
 
 /// The coefficients of a patch's functions from their middle, each with the value of the weight's fields.
+/// The middle is that of the control points, in f64; derivatives do not see it, and no kernel gives a position back.
 fn from_their_middle(task: &PatchTask<'_>) -> Vec<[f32; 4]> {
     let n = task.functions;
     let of_patch = |(k, points): (usize, &[Point3])| -> Vec<[f32; 4]> {
@@ -133,6 +150,7 @@ fn from_their_middle(task: &PatchTask<'_>) -> Vec<[f32; 4]> {
 }
 
 /// Runs a kernel on patches: `size` values each.
+/// `take` is called with the values of consecutive patches, in order; basis and weights go to the device once.
 fn on_patches<T: Pod>(
     gpu: &GpuContext,
     kernel: &Shader,
@@ -156,7 +174,7 @@ fn on_patches<T: Pod>(
             patches: patches as u32,
             mass: u32::from(task.mass),
             least: task.least as f32,
-            pad: [0.0; 3],
+            pad: [0.0; 2],
         };
         let head = gpu.uniform("task", &head)?;
         let places = gpu.upload("places", places)?;
@@ -186,7 +204,7 @@ impl OperatorBackend for Wgpu {
             let head = TriangleHead {
                 conductor: ConductorHead::of(&task.conductor, task.factors),
                 count: part.len() as u32,
-                pad: [0; 3],
+                pad: [0; 2],
             };
             let head = gpu.uniform("task", &head)?;
             let triangles = gpu.upload("triangles", part.as_flattened())?;

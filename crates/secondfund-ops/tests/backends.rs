@@ -18,13 +18,12 @@ use secondfund_ops::{
     SpectrumOptions, Surface, segment, smooth, spectrum,
 };
 
-pub(crate) const LAWS: [Law; 7] = [
+pub(crate) const LAWS: [Law; 6] = [
     Law::Metric,
     Law::Adjugate,
     Law::GaussImage,
     Law::Generalized,
-    Law::Diffusing,
-    Law::Sharpening,
+    Law::Flow,
     Law::Concave,
 ];
 
@@ -36,6 +35,7 @@ pub(crate) fn conductor(law: Law, gauss: f64, limit: f64) -> Conductor {
         bounds: [0.5, 10.0],
         regularization: 0.7,
         limit,
+        sharpen: 0.5 * gauss.abs(),
     }
 }
 

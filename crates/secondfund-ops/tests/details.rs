@@ -244,10 +244,16 @@ fn fifty_steps_fold_no_face() {
     for name in ["bob_small.ply", "spot.ply"] {
         let mesh = geom_core::io::mesh::read(fixtures::path(name)).unwrap();
         let mesh = mesh.mesh.into_triangles();
-        for operator in [FlowOperator::Ggho, FlowOperator::Lbo] {
+        let flows = [
+            (FlowOperator::Ggho, 0.5),
+            (FlowOperator::Ggho, 0.0),
+            (FlowOperator::Lbo, 0.0),
+        ];
+        for (operator, sharpen) in flows {
             let options = FlowOptions {
                 operator,
                 iterations: 50,
+                sharpen,
                 ..FlowOptions::default()
             };
             let done = smooth(&mesh, 1, &options, Run::on(&Cpu)).unwrap();
@@ -255,7 +261,7 @@ fn fifty_steps_fold_no_face() {
             assert!(done.report.rms_displacement > 0.01, "{:?}", done.report);
             let finite = |p: &Point3| p.iter().all(|c| c.is_finite());
             assert!(done.mesh.positions().iter().all(finite));
-            assert_eq!(folded(&done.mesh), 0, "{name}, {operator:?}");
+            assert_eq!(folded(&done.mesh), 0, "{name}, {operator:?} {sharpen}");
         }
     }
 }

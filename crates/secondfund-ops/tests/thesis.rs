@@ -135,6 +135,11 @@ fn a_turned_molecule_has_the_same_pockets() {
     // The inhibitor XK2 lies in the first one.
     let ranks = site_ranks(&first.pockets, &ligands(&structure));
     assert_eq!(ranks[0].rank_by_atom, Some(1), "{ranks:?}");
+    // A ligand without atoms is nowhere, not at the origin.
+    let mut at_origin = first.pockets.clone();
+    at_origin[0].center = Point3::origin();
+    let nobody = &site_ranks(&at_origin, &[Vec::new()])[0];
+    assert_eq!((nobody.rank_by_atom, nobody.rank_by_centroid), (None, None));
     for k in 0..10 {
         let turn = Rotation3::from_euler_angles(
             0.61 * f64::from(k),

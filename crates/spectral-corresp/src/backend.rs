@@ -60,11 +60,13 @@ use geom_core::{Agreement, Point3};
 use crate::Error;
 use crate::near::Neighbourhoods;
 
-/// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) is the specification.
+/// The hot kernels of this crate. [`Cpu`](geom_core::Cpu) and [`Wgpu`](geom_core::Wgpu) have them; what they compute
+/// stands in `specification` (feature `testing`) as the equations read.
 pub trait CorrespBackend: SpectralBackend + CorrespObject {
     /// The square of the distance of each point of a lattice of `counts` points per axis to the nearest that is not
     /// `inside`, in spacings, in place of what was in `out`; what lies beyond the lattice is outside. Every backend owes
     /// the same ([`Agreement::Exact`]).
+    /// One entry per lattice point, the first axis fastest; 0 outside, at least 1 inside.
     fn squared_distances(
         &self,
         counts: [usize; 3],
@@ -72,8 +74,9 @@ pub trait CorrespBackend: SpectralBackend + CorrespObject {
         out: &mut Vec<u32>,
     ) -> Result<(), Error>;
 
-    /// Of each node, how much of the nodes near it falls into each bar (Eq. 6.5), node after node, in place of what was in
-    /// `out`. Every backend owes the same ([`Agreement::Exact`]).
+    /// Of each node, how much of the nodes near it falls into each bar (Section 6.3.2), node after node, in place of
+    /// what was in `out`. Every backend owes the same ([`Agreement::Exact`]).
+    /// `bars` numbers per node. A node is near itself.
     fn histograms(&self, task: &HistogramTask<'_>, out: &mut Vec<u32>) -> Result<(), Error>;
 
     /// The nearest of `targets` to each of `queries`, in place of what was in `out`; of several the first.
@@ -86,9 +89,11 @@ pub trait CorrespBackend: SpectralBackend + CorrespObject {
 
     /// The rotation of each node's neighbourhood that leaves least between its place now and its place at rest
     /// (Eqs. 6.9–6.11), in place of what was in `out`.
+    /// Proper ones; the identity for a node without neighbours, any of the best where several are as good.
     fn rotations(&self, task: &RotationTask<'_>, out: &mut Vec<Matrix3<f64>>) -> Result<(), Error>;
 
     /// A step of Jacobi's method for the distortion with a pull towards targets, in place of what was in `out`.
+    /// All nodes move at once, from the places of the task.
     fn sweep(&self, task: &SweepTask<'_>, out: &mut Vec<Point3>) -> Result<(), Error>;
 }
 
@@ -162,6 +167,7 @@ impl Kernels for On<'_> {
     }
 }
 
+/// Refuses an answer of the wrong length.
 fn counted(run: &On<'_>, what: &str, found: usize, asked: usize) -> Result<(), Error> {
     let gave = || format!("{found} {what} for {asked}");
     Ok(BackendError::unless(

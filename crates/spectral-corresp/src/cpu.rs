@@ -1,4 +1,7 @@
 //! The kernels on the CPU: f64, the caller's rayon pool.
+//!
+//! The nearest of rows is found in one of two ways: by a tree where rows are narrow or very many, else in blocks that
+//! are looked through in the lanes of vectors.
 
 use geom_core::nalgebra::Matrix3;
 use geom_core::search::nearest::PointTree;
@@ -17,6 +20,7 @@ const LOOKED_AT: usize = 16_384;
 /// Queries per task.
 const QUERIES: usize = 64;
 
+/// Nodes, rows and queries are each by themselves: results have the same bits for any number of threads.
 impl CorrespBackend for Cpu {
     fn squared_distances(
         &self,

@@ -18,6 +18,12 @@ pub struct Neighbourhoods {
 impl Neighbourhoods {
     /// About `per_node` of the pairs within `radius` of each point, the same for the same `seed`; all where there are
     /// fewer. A pair belongs to both of its points or to none.
+    /// Whether a pair is in is decided by a hash of its two numbers, the lower one first, so that both of its points
+    /// agree without asking each other. Time grows with the number of pairs within the radius, memory with those that
+    /// are kept.
+    ///
+    /// # Errors
+    /// Points that are not finite.
     pub fn within(
         points: &[Point3],
         radius: f64,
@@ -90,6 +96,7 @@ impl Neighbourhoods {
 }
 
 /// The mean distance of points from the nearest other one.
+/// 0 for fewer than two.
 pub(crate) fn distance(points: &[Point3]) -> Result<f64, Error> {
     let tree = PointTree::of_positions(points)?;
     let nearest = |i: usize| {

@@ -44,15 +44,18 @@ pub enum Components {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ShapeOptions {
     /// Which lattice points are neighbours.
+    /// 26 by default: modes then depend least on the direction of the lattice, and bridges of one point hold.
     pub neighbours: Neighbours,
     /// Weights of the edges.
     pub weights: Weights,
     /// Which parts are kept.
     pub components: Components,
     /// Fill what is outside but cannot be reached from the border of the lattice.
+    /// Off by default: cavities have boundary nodes of their own.
     pub fill_cavities: bool,
     /// Most bytes that a shape may take while it is made: 22 per lattice point; of a mesh also 20 per row of points and 4 per
     /// triangle that a row may cross.
+    /// 8 GiB by default.
     pub max_memory: u64,
 }
 
@@ -124,10 +127,13 @@ pub enum Refine {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct HistogramOptions {
     /// Bars of the histogram of diameters.
+    /// 10 by default, 2…24.
     pub bars: usize,
     /// Nodes at most this far away are counted, Å.
+    /// 18 by default, and larger than the spacing.
     pub radius: f64,
     /// How much the first mode counts, in standard deviations of the histograms.
+    /// 3 by default.
     pub mode: f64,
 }
 
@@ -162,6 +168,7 @@ pub struct MatchOptions {
     /// How starts are made better.
     pub refine: Refine,
     /// Modes of each shape, of which the spectral start tries the first 1 to 5 and 8, and joint modes.
+    /// 8 by default, 1…24.
     pub modes: usize,
     /// Rows of the thesis's start.
     pub histograms: HistogramOptions,
@@ -171,6 +178,8 @@ pub struct MatchOptions {
     pub directions: Directions,
     /// Shapes of more boundary nodes than this are matched by this many of each first, well spread; the others
     /// follow.
+    /// 8,000 by default, at least 200. Fewer are faster and follow the surface less closely before the last rounds, in
+    /// which all nodes take part.
     pub control_nodes: usize,
     /// The length in the shapes' own unit that counts as 1 Å: all lengths of the method are those of proteins, and
     /// shapes of another size are measured by them.
@@ -270,11 +279,14 @@ pub struct MorphOptions {
     /// How they go.
     pub paths: Paths,
     /// Frames are made of the second shape moved backwards, too; the last one is that shape.
+    /// On by default. Off, the last frame is the first shape where it was led to, not the second shape itself.
     pub two_way: bool,
     /// Standard deviation of the low-pass of a frame, in spacings; 0 for none. Above 0.55 parts that are one lattice
     /// point thin vanish.
+    /// 0.7 by default, 0…10.
     pub sigma: f64,
     /// Systems of more nodes than this are solved by conjugate gradients, not by a factor.
+    /// 100,000 by default. A factor serves all frames; without one each frame is solved anew in little memory.
     pub direct_nodes: usize,
     /// Most bytes that a frame's lattice may take: 15 per point.
     pub max_memory: u64,
@@ -316,8 +328,10 @@ impl MorphOptions {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CompareOptions {
     /// Neighbourhoods in which distortion is measured, Å.
+    /// 18 by default.
     pub radius: f64,
     /// Pairs per node of them.
+    /// 60 by default. More lower the noise of the sample.
     pub pairs: usize,
     /// Seed of the sample of pairs.
     pub seed: u64,

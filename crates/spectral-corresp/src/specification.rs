@@ -1,4 +1,7 @@
 //! The kernels as their equations read. Slow; for tests.
+//!
+//! Every pair of nodes and every row is looked at: no cells, no trees, no blocks. What the fast kernels owe to it
+//! stands beside their trait in [`backend`](crate::backend).
 
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Point3, Vector3};
@@ -25,6 +28,7 @@ pub fn histogram(task: &HistogramTask<'_>, node: usize) -> Vec<u32> {
 }
 
 /// [`CorrespBackend::squared_distances`](crate::CorrespBackend::squared_distances) by looking at every point outside, and at the first ring of points beyond the lattice.
+/// One ring beyond is enough: what lies farther out is never nearer.
 pub fn squared_distances(counts: [usize; 3], inside: &[bool]) -> Vec<u32> {
     let [nx, ny, nz] = counts.map(|n| n as i64);
     let is_outside = |[i, j, k]: [i64; 3]| {
@@ -46,6 +50,7 @@ pub fn squared_distances(counts: [usize; 3], inside: &[bool]) -> Vec<u32> {
 }
 
 /// [`CorrespBackend::nearest`](crate::CorrespBackend::nearest): every row is looked at.
+/// `None` without rows.
 pub fn nearest(query: &[f64], targets: Rows<'_>) -> Option<Nearest> {
     let distance = |i: usize| {
         let row = targets.row(i).iter().zip(query);
@@ -78,6 +83,7 @@ pub fn rotation(task: &RotationTask<'_>, i: usize) -> Option<Matrix3<f64>> {
 }
 
 /// [`CorrespBackend::sweep`](crate::CorrespBackend::sweep).
+/// The minimum over the place of one node of the energy with a pull, its neighbours and all rotations as they are.
 pub fn sweep(task: &SweepTask<'_>, i: usize) -> Point3 {
     let shape = &task.shape;
     let near = shape.near.of(i);

@@ -57,6 +57,9 @@ pub struct TruthReport {
 
 impl Truth {
     /// From the same atoms, in the same order, in both poses, and their radii; Å.
+    ///
+    /// # Errors
+    /// [`Error::Length`] without atoms, or where the lists differ in length; places and radii that are not finite.
     pub fn new(atoms_a: &[Point3], radii: &[f64], atoms_b: &[Point3]) -> Result<Self, Error> {
         let expected = atoms_a.len();
         require("atoms of the first pose", expected, expected.max(1))?;
@@ -101,6 +104,7 @@ impl Truth {
     }
 
     /// Where a point of the first pose is in the second.
+    /// Meant for points near the surface; farther out images of neighbouring points may lie apart.
     pub fn image(&self, x: &Point3) -> Point3 {
         let atom = self.atom(0, x);
         let offset: Vector3 = x - self.atoms[0][atom];
@@ -109,6 +113,9 @@ impl Truth {
 
     /// How far a map of boundary nodes is from the true one; `forward` as in
     /// [`Correspondence`](crate::Correspondence).
+    ///
+    /// # Errors
+    /// [`Error::Direction`] for a map between other shapes.
     pub fn judge(
         &self,
         a: &VoxelShape,

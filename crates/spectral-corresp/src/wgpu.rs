@@ -1,4 +1,9 @@
 //! The kernels on the GPU.
+//!
+//! What is counted is counted in whole numbers, as on the CPU: distances on the lattice and histograms are the same to
+//! the last bit. The rest is in f32, relative to a mean that is taken off in f64. A GPU says which row is nearest; how
+//! far it is the CPU finds from the numbers as they were given. Rotations come back as quaternions, which stay
+//! rotations however they are rounded.
 
 use bytemuck::{Pod, Zeroable};
 use geom_core::compute::gpu::GpuBuffer;
@@ -17,11 +22,14 @@ use crate::fit::Neighbourhoods;
 use crate::start::Cells;
 
 /// Differences of numbers per dispatch: what a driver lets run without a word.
+/// A dispatch of queries is as long as the number of targets allows, and never shorter than 64 queries.
 const DIFFERENCES: usize = 1 << 31;
 
 /// More than any square of a distance on a lattice that fits a buffer, and its sum with one of them has 32 bits.
 const FAR: u32 = 1 << 30;
 
+/// A pass of the distances along one axis: points in all, points along the axis, and how far apart two of these are in
+/// memory.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct DistancesHead {
@@ -31,6 +39,7 @@ struct DistancesHead {
     unused: u32,
 }
 
+/// Nodes, bars and radius, and the cubes by which nodes near by are found: see `Cells`.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct HistogramsHead {
@@ -44,6 +53,7 @@ struct HistogramsHead {
     unused: u32,
 }
 
+/// How many rows there are on both sides, of how many numbers.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct NearestHead {
@@ -53,6 +63,7 @@ struct NearestHead {
     unused: u32,
 }
 
+/// The task of rotations and sweeps: how many nodes there are.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Head {
@@ -76,6 +87,7 @@ fn groups(threads: usize) -> [u32; 3] {
     [x as u32, groups.div_ceil(x.max(1)) as u32, 1]
 }
 
+/// A vector and a number beside it, as shaders read them.
 fn narrow(v: Vector3, last: f64) -> [f32; 4] {
     [v.x as f32, v.y as f32, v.z as f32, last as f32]
 }
@@ -92,6 +104,7 @@ fn centered(points: &[Point3]) -> Vec<[f32; 4]> {
 }
 
 /// The buffers that describe a task.
+/// In the order in which both kernels bind them: head, places at rest, places now, starts, neighbours.
 fn uploaded(gpu: &GpuContext, task: &RotationTask<'_>) -> Result<[GpuBuffer; 5], GpuError> {
     let near: &Neighbourhoods = task.near;
     let starts: Vec<u32> = near.starts().iter().map(|&s| s as u32).collect();

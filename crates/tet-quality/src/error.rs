@@ -5,6 +5,9 @@ use geom_core::compute::BackendError;
 use geom_core::options::OutOfRange;
 
 /// Why a mesh cannot be improved.
+///
+/// All but the last two come before the first pass. The mesh has been moved into the verb: who wants to try again with
+/// other options keeps a copy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {

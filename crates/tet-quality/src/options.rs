@@ -10,10 +10,18 @@ use crate::measure::metrics::{Measures, SHAPE_WEIGHT};
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Goals {
     /// Smallest dihedral angle, degrees.
+    ///
+    /// 20 by default, within 0…70: the regular tetrahedron has 70.53° at every edge, so that more cannot be asked of a
+    /// mesh.
     pub min_dihedral: f64,
     /// Largest dihedral angle, degrees.
+    ///
+    /// 155 by default, within 75…180. Angles near 180° spoil the condition of a stiffness matrix even where no angle is
+    /// small.
     pub max_dihedral: f64,
     /// Joe–Liu measure (thesis Eq. 3.16).
+    ///
+    /// 0.3 by default, within 0…1. It also sees needles, whose dihedral angles may all be fair.
     pub joe_liu: f64,
     /// Longest over shortest edge. It is judged, not worked on by itself: the improvement raises angles
     /// and the Joe–Liu measure, and [`joe_liu_for_edge_ratio`](Goals::joe_liu_for_edge_ratio) says which
@@ -23,6 +31,8 @@ pub struct Goals {
 
 impl Goals {
     /// Does a tetrahedron reach them?
+    ///
+    /// A measure that is not a number meets nothing.
     pub fn met_by(&self, m: &Measures) -> bool {
         m.min_dihedral >= self.min_dihedral
             && m.max_dihedral <= self.max_dihedral
@@ -37,6 +47,17 @@ impl Goals {
     }
 
     /// The value of [`quality`](crate::measure::metrics::quality) from which on angles and Joe–Liu are met.
+    ///
+    /// Each goal alone would do with less; the largest of the three decides. With the defaults that is the largest
+    /// angle: sin 25° = 0.423, at which every dihedral angle lies within 25°…155° and Joe–Liu is at least 0.37, so that
+    /// no edge ratio is above 6 either.
+    ///
+    /// ```
+    /// use tet_quality::Goals;
+    /// let goals = Goals::default();
+    /// assert!((goals.objective() - 25f64.to_radians().sin()).abs() < 1e-12);
+    /// assert!(goals.reserve().joe_liu > Goals::joe_liu_for_edge_ratio(goals.edge_ratio));
+    /// ```
     pub fn objective(&self) -> f64 {
         self.min_dihedral
             .to_radians()
@@ -74,6 +95,8 @@ impl Default for Goals {
 
 /// How the vertices of the surface move. Without an implicit field a surface vertex slides only where
 /// the surface around it is plane, or with [`SurfaceMotion::AlongInput`].
+///
+/// With held vertices only the first two are allowed: see [`improve_part`](crate::improve_part).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum SurfaceMotion {
@@ -86,8 +109,10 @@ pub enum SurfaceMotion {
     /// surface and nearly keeps its volume; then as [`SurfaceMotion::Tangential`].
     AveragedMeanCurvature {
         /// Number of steps.
+        /// 5 to 20 are usual, with a `step` of 0.05: many more round off what is no noise.
         steps: u32,
         /// Size of a step, in squares of the spacing.
+        /// Above 0 and at most 0.25: an explicit step, which a larger one makes unstable.
         step: f64,
     },
     /// Without a field: along the boundaries and interfaces of the input, where that improves the
@@ -97,16 +122,25 @@ pub enum SurfaceMotion {
 }
 
 /// Which topological operations may be used.
+///
+/// All are on by default. Without any, smoothing alone is left, which keeps numbers and connections of vertices and
+/// gets stuck where connections are wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Operations {
     /// Removal of interior edges (3-2, 4-4 and longer links) and its inverse for one face (2-3).
+    /// It never changes a surface. Edges with more than 8 tetrahedra around them stay.
     pub swap: bool,
     /// Flips of surface edges: the surface changes within the allowed deviation.
+    /// Without a field or [`SurfaceMotion::AlongInput`] only pairs of triangles in one plane flip, which keeps the
+    /// shape exactly.
     pub flip: bool,
     /// Contraction of edges.
+    /// The only one that takes vertices away: turn it off where each vertex must stay. From the second pass on, it is
+    /// tried where nothing else helps or smoothing follows.
     pub contract: bool,
     /// Insertion of vertices.
+    /// Edges are split, inner ones and those on the isosurface, in the later passes.
     pub insert: bool,
 }
 
@@ -127,16 +161,22 @@ impl Default for Operations {
 pub struct Options {
     /// What every tetrahedron should reach.
     pub goals: Goals,
-    /// The budget: most passes of smoothing and operations. 0 changes nothing. Walls that have to be parted take up to three
-    /// more at a time.
+    /// The budget: most passes of smoothing and operations. With 0 the mesh is only oriented, untangled and flowed, where
+    /// that is due. Walls that have to be parted take up to three more at a time.
+    /// The first three work on all below 30° and bring most of the gain; from the seventh on search directions are
+    /// random and surface vertices may use the whole deviation; from the ninth on the last few get the longest
+    /// searches.
     pub passes: u32,
     /// Value of the implicit field on the surface.
     pub level: f64,
     /// The length against which deviations count, Å: the spacing of the lattice that the mesh came
     /// from. `None`: the median length of the edges at surface vertices.
+    /// Where no vertex is of kind `Surface`, all edges count.
     pub spacing: Option<f64>,
     /// Largest distance of a surface vertex from the isosurface (or the input's), in spacings. Vertices that lie
     /// farther in the input come closer as far as the tetrahedra allow.
+    /// Smaller is truer to the surface and leaves more tetrahedra below the goals where it is rough; 0.1 by default,
+    /// within 0…1. One surface vertex in 2,000 may stay farther before another pass is made for it.
     pub deviation: f64,
     /// How surface vertices move.
     pub surface: SurfaceMotion,
@@ -147,8 +187,10 @@ pub struct Options {
     /// takes far less time. For meshes in which [`Crossings::after`](crate::Crossings::after) is not 0.
     pub keep_apart: bool,
     /// Try to turn inverted tetrahedra first.
+    /// If off, any inverted or flat tetrahedron is [`Error::StillInverted`](crate::Error::StillInverted).
     pub untangle: bool,
     /// Seed of the random search directions of the last passes.
+    /// The same seed, mesh and backend give the same bits; another one is worth a try for a last element that is left.
     pub seed: u64,
 }
 
@@ -171,6 +213,11 @@ impl Default for Options {
 
 impl Options {
     /// Refuses values out of range.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] with the path of the first field that is out of range (`goals.joe_liu`, `surface.step`, …), its
+    /// value and its range. Values that are not numbers are out of every range.
     pub fn check(&self) -> Result<(), OutOfRange> {
         let g = &self.goals;
         require(

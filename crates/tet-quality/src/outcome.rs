@@ -12,6 +12,7 @@ pub struct Pass {
     /// Smallest objective after the pass: see [`quality`](crate::measure::metrics::quality).
     pub worst: f64,
     /// Moves of vertices inside, on box faces and on plane boundaries.
+    /// A vertex that moves in both sweeps of a pass counts twice.
     pub moved: usize,
     /// Moves of vertices on the isosurface.
     pub slid: usize,
@@ -24,12 +25,14 @@ pub struct Pass {
     /// Surface edges flipped.
     pub surface_flips: usize,
     /// Edges contracted.
+    /// Each takes one vertex from the mesh.
     pub contracted: usize,
     /// Vertices inserted.
     pub inserted: usize,
 }
 
 impl Pass {
+    /// All that was done; a pass without any would be repeated in vain.
     pub(crate) fn changes(&self) -> usize {
         self.moved
             + self.slid
@@ -53,6 +56,7 @@ pub struct Report {
     /// Quality of the result.
     pub after: QualityReport,
     /// Does every tetrahedron meet the goals?
+    /// Decided in f64 on the CPU, while [`Report::after`] is as exact as the backend.
     pub converged: bool,
     /// What each pass did; those that mend what parting of walls has cost come last.
     pub passes: Vec<Pass>,
@@ -90,6 +94,8 @@ pub struct Crossings {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Improved {
     /// The mesh. Unchanged vertices keep their order; removed ones leave no gap.
+    /// Tetrahedra keep their regions, vertices their kinds; new tetrahedra stand in the places of those that are gone,
+    /// so that their order tells nothing.
     pub mesh: TetMesh,
     /// What was done.
     pub report: Report,

@@ -1,5 +1,9 @@
 //! The kernels as the equations read: plain f64, one tetrahedron and one vertex after the other. Slow, and
 //! the measure of every backend, [`Cpu`](geom_core::Cpu) included.
+//!
+//! Nothing here is shared with the fast kernels but the six volumes and the constants of the search, so that a mistake
+//! in one is seen by comparison with the other. Read these first: sines come from angles and angles from vectors across
+//! an edge, as a textbook has them.
 
 use geom_core::mesh::six_volume;
 use geom_core::{Point3, Vector3};
@@ -20,6 +24,7 @@ const EDGES: [([usize; 2], [usize; 2]); 6] = [
 ];
 
 /// Joe and Liu's `η = 12 (3 V)^(2/3) / Σ l²` raised to 3/2, with the volume's sign (thesis Eq. 3.16).
+/// 1 for the regular tetrahedron; 0 where all four corners are one.
 pub fn joe_liu(corners: [Point3; 4]) -> f64 {
     let volume = six_volume(corners) / 6.0;
     let squares = lengths(corners).map(|l| l * l);
@@ -32,6 +37,7 @@ pub fn joe_liu(corners: [Point3; 4]) -> f64 {
 }
 
 /// The dihedral angles at the six edges, degrees.
+/// In the order of the edges 01, 02, 03, 12, 13, 23; 0…180 whatever the orientation.
 pub fn dihedral_angles(p: [Point3; 4]) -> [f64; 6] {
     EDGES.map(|([i, j], [k, l])| {
         // The parts of the other two corners across the edge enclose the angle.
@@ -49,6 +55,7 @@ fn lengths(p: [Point3; 4]) -> [f64; 6] {
 }
 
 /// The measures of one tetrahedron.
+/// Of one that is not positive the angles are 0 and 180.
 pub fn measures(corners: [Point3; 4]) -> Measures {
     let lengths = lengths(corners);
     let longest = lengths.into_iter().fold(0.0, f64::max);
@@ -73,6 +80,7 @@ pub fn measures(corners: [Point3; 4]) -> Measures {
 }
 
 /// What [`QualityBackend::measure`](crate::QualityBackend::measure) computes.
+/// In order, one per tetrahedron. Panics if a corner is out of range.
 pub fn measure(positions: &[Point3], tets: &[[u32; 4]]) -> Vec<Measures> {
     let corners = |tet: &[u32; 4]| tet.map(|v| positions[v as usize]);
     tets.iter().map(|tet| measures(corners(tet))).collect()
@@ -80,6 +88,7 @@ pub fn measure(positions: &[Point3], tets: &[[u32; 4]]) -> Vec<Measures> {
 
 /// The objective of a tetrahedron: the smallest sine of a dihedral angle or 1.14 times Joe–Liu, which is
 /// less; of one that is not positive its Joe–Liu measure.
+/// Not smooth: it has creases where another edge becomes the worst.
 pub fn objective(corners: [Point3; 4]) -> f64 {
     let shape = joe_liu(corners);
     if six_volume(corners) <= 0.0 {
@@ -91,6 +100,8 @@ pub fn objective(corners: [Point3; 4]) -> f64 {
 
 /// What [`QualityBackend::relax`](crate::QualityBackend::relax) proposes: colour by colour, each vertex
 /// searches the compass of its axes for the place where the worst tetrahedron around it is best.
+/// One displacement in Å per vertex of the task, in its order. On a tie another implementation may choose another place
+/// that is equally good.
 pub fn relax(task: &Relaxation<'_>) -> Vec<Vector3> {
     let mut x = task.positions.to_vec();
     // A colour reads what the ones before it have moved; its own vertices are no neighbours.

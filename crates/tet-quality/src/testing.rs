@@ -1,10 +1,15 @@
 //! Meshes for tests and benches.
+//!
+//! The meshes are simple enough to count on paper: lattices of Kuhn's six tetrahedra per cube, shaken by noise, with a
+//! ball inside.
 
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::{Region, VertexKind};
 use geom_core::{ImplicitField, Point3, TetMesh, Vector3};
 
 /// A ball as a level set: `2 − |x − c| / r`, which is 1 on the sphere.
+/// Its gradient has the length `1 / r` everywhere, so that first-order distances are exact; at the centre, where there
+/// is no direction, it is zero.
 #[derive(Clone, Copy, Debug)]
 pub struct Ball {
     /// Centre, Å.
@@ -25,6 +30,7 @@ impl ImplicitField for Ball {
 }
 
 /// Numbers in −1…1 that depend on the seed only.
+/// Each call of the result gives the next number of the sequence.
 pub fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut random = SplitMix64::new(seed);
     move || random.symmetric()
@@ -33,6 +39,10 @@ pub fn noise(seed: u64) -> impl FnMut() -> f64 {
 /// The box `[0, n·h]` on each axis in cubes of six tetrahedra each (Kuhn); the region of a
 /// tetrahedron is that of its centroid; vertices on the box have box kinds where one region reaches
 /// it, and are fixed elsewhere.
+///
+/// There are `(n₀ + 1)(n₁ + 1)(n₂ + 1)` vertices, x fastest, then y, then z, and `6 n₀ n₁ n₂` tetrahedra in the same
+/// order of cubes, all positive, of volume `h³ / 6`. They are conforming: all share the same diagonal direction.
+/// Vertices between two regions are of kind `Surface`.
 pub fn lattice(n: [usize; 3], h: f64, region: impl Fn(&Point3) -> Region) -> TetMesh {
     let at = |i: [usize; 3]| ((i[2] * (n[1] + 1) + i[1]) * (n[0] + 1) + i[0]) as u32;
     // The vertices, with kinds as of one region.
@@ -108,6 +118,8 @@ pub fn lattice(n: [usize; 3], h: f64, region: impl Fn(&Point3) -> Region) -> Tet
 
 /// The mesh with its interior vertices moved by up to `amount` on each axis, box vertices within
 /// their face or edge.
+/// Three numbers are drawn per vertex, whether it may move or not. Nothing keeps tetrahedra positive: with amounts that
+/// are not small against the edges some are inverted.
 pub fn shaken(mesh: TetMesh, amount: f64, seed: u64) -> TetMesh {
     let (mut positions, tets, regions, kinds) = mesh.into_parts();
     let mut noise = noise(seed);
@@ -130,6 +142,8 @@ pub fn shaken(mesh: TetMesh, amount: f64, seed: u64) -> TetMesh {
 
 /// A ball in a box of `n³` cubes of edge `h`, its surface vertices pulled to the sphere of radius
 /// `radius` about the middle as far as no tetrahedron inverts.
+/// Region 1 is inside, region 0 outside; tetrahedra go by their centroids. The ball comes along as the field to improve
+/// with.
 pub fn ball_in_box(n: usize, h: f64, radius: f64) -> (TetMesh, Ball) {
     let center = Point3::from(Vector3::repeat(0.5 * n as f64 * h));
     let ball = Ball { center, radius };
@@ -164,6 +178,7 @@ pub fn ball_in_box(n: usize, h: f64, radius: f64) -> (TetMesh, Ball) {
 }
 
 /// The task of one smoothing sweep over all vertices that may move.
+/// As without a field: vertices of curved interfaces are left out. Those of free ones are the axes of the coordinates.
 pub fn relaxation(mesh: &TetMesh, rounds: u32) -> crate::backend::Relaxation<'_> {
     let edited = crate::boundary::input::prepare(mesh.clone(), &[], None)
         .expect("meshes of tests are complexes")

@@ -1,4 +1,8 @@
 //! The kernels on the GPU. It proposes; [`improve`](crate::improve()) accepts in f64 on the CPU.
+//!
+//! A GPU computes in f32. What would lose digits is done before: a position is a sum of two f32, so that the
+//! differences of neighbours keep theirs. Tasks go in calls of bounded size; the calls of a sweep run in the order of
+//! the colours, since each reads what the ones before have moved.
 
 use std::ops::Range;
 
@@ -12,12 +16,17 @@ use crate::error::Error;
 use crate::measure::metrics::Measures;
 
 /// Tetrahedra per dispatch.
+/// 16 MiB of corners and as much of results.
 const TETS: usize = 1 << 20;
 /// Vertices per dispatch: their faces need 64 bytes each of scratch.
 const VERTICES: usize = 1 << 16;
 /// Vertices per workgroup: sixteen threads each.
+/// Each of them has one candidate: the mean or one of the 14 directions.
 const VERTICES_PER_GROUP: usize = 4;
 
+/// What a call of the kernel of relaxation is told, laid out like its uniform `Batch`: the first vertex and how many,
+/// the rounds of the search, the first face in `faces`, whether means are given, and how far a vertex may go, in mean
+/// edges.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Batch {
@@ -31,6 +40,8 @@ struct Batch {
 }
 
 /// Each coordinate as a sum of two f32, relative to the first vertex.
+/// The first f32 holds 24 bits of the difference, the second the next 24: together 48 of the 53 of f64. Nothing for no
+/// positions.
 fn split(positions: &[Point3]) -> Vec<[f32; 4]> {
     let Some(origin) = positions.first() else {
         return Vec::new();
@@ -169,12 +180,14 @@ impl QualityBackend for Wgpu {
 }
 
 /// The vertices that a task is about, numbered anew: first those that move, in order.
+/// A task on a few vertices of a large mesh thus uploads only what it touches.
 struct Neighbourhood {
     positions: Vec<Point3>,
     faces: Vec<[u32; 3]>,
 }
 
 impl Neighbourhood {
+    /// In the order in which they are met, the same for every run.
     fn of(task: &Relaxation<'_>) -> Self {
         const NONE: u32 = u32::MAX;
         let mut number = vec![NONE; task.positions.len()];

@@ -53,6 +53,14 @@ fn the_right_corner_has_its_closed_forms() {
     assert!((radius_ratio(corner()) - ratio).abs() < 1e-14);
 }
 
+/// One point four times has no shape, and its quality is 0, not a value that is no number.
+#[test]
+fn a_point_has_no_quality() {
+    let m = measures([p(1.0, 2.0, 3.0); 4]);
+    assert_eq!((m.joe_liu, m.six_volume), (0.0, 0.0));
+    assert_eq!((m.min_dihedral, m.max_dihedral), (0.0, 180.0));
+}
+
 #[test]
 fn slivers_inverted_and_degenerate_ones_have_their_signs() {
     let sliver = [

@@ -1,4 +1,7 @@
 //! The kernels on the CPU: the specification, in parallel.
+//!
+//! Results are in the order of their elements and do not depend on the number of threads: each is summed by one thread,
+//! in a fixed order.
 
 use geom_core::Cpu;
 use rayon::prelude::*;
@@ -26,6 +29,7 @@ impl SplineBackend for Cpu {
         Ok(())
     }
 
+    /// Weights of polynomial bases are set to 1, from which the sums of coefficients differ by rounding.
     fn bezier_points(
         &self,
         task: &PointsTask<'_>,
@@ -59,6 +63,8 @@ impl SplineBackend for Cpu {
         Ok(())
     }
 
+    /// Of each patch first the curves at each t, then the samples on them, so that of two parameters each costs its own
+    /// sums only.
     fn bezier_samples(&self, task: &SamplesTask<'_>, out: &mut Vec<Sample>) -> Result<(), Error> {
         let tables = task.parameters.iter().map(|&t| {
             let [value, slope, _] = bernstein(t);

@@ -82,6 +82,8 @@ pub fn centres(fine: &QuadMesh) -> Vec<Point3> {
 
 /// The highest level whose elements have sides of at most this length, Å, which may be infinite; at most `most`.
 ///
+/// A side is the mean of the quad's four. NaN and lengths below a side give level 0, an infinite length `most`.
+///
 /// # Errors
 /// [`Error::Count`] unless there is one length per quad.
 pub fn by_side(fine: &QuadMesh, lengths: &[f64], most: u8) -> Result<Vec<u8>, Error> {

@@ -10,10 +10,14 @@ pub const MAX_LEVEL: u8 = 10;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CleanOptions {
     /// Rounds of the majority filter.
+    /// Each takes away strips one quad wide; 0 leaves labels as they are.
     pub rounds: u32,
     /// Islands of fewer elements of their level vanish, at most 1,000.
+    /// Both ways: coarse islands in the fine and fine ones in the coarse. 0 keeps all.
     pub island: u32,
     /// Width of the bands between levels, in elements of the coarser, at most 1,000.
+    /// A band of the level between is what elements need anyway; a wider one spares T-junctions close behind each
+    /// other. 0 leaves that to the T-mesh.
     pub band: u32,
 }
 
@@ -83,12 +87,16 @@ pub struct QualityOptions {
     /// only those on its boundary do.
     pub crease: Option<f64>,
     /// Steps of the flow at most, for the sum of the distortions and then for that of their fourth powers.
+    /// 0 leaves the vertices where they came to lie on the surface, but for the worst elements.
     pub steps: usize,
     /// The flow stands still when the distortion falls by less in a step, relatively.
+    /// 0 goes on until no step lowers it, or there are no more.
     pub tolerance: f64,
-    /// Rounds in which the vertices of elements with a scaled Jacobian below 0.9 are moved one by one after the flow;
-    /// 0 for the flow alone.
+    /// Rounds in which the vertices of elements with a scaled Jacobian below 0.9 are moved one by one after the flow, those
+    /// below 0.6 after a flow for them alone; 0 for the flow alone.
     pub rounds: usize,
+    /// Elements whose scaled Jacobian stays below this are cut into four, with those around them, −1…0.5; −1: none.
+    pub least: f64,
 }
 
 impl Default for QualityOptions {
@@ -98,7 +106,8 @@ impl Default for QualityOptions {
             crease: None,
             steps: 100,
             tolerance: 1e-5,
-            rounds: 24,
+            rounds: 64,
+            least: 0.3,
         }
     }
 }
@@ -112,6 +121,8 @@ impl QualityOptions {
         }
         let within = (0.0..1.0).contains(&self.tolerance);
         let must = "be at least 0 and below 1";
-        require(within, "tolerance", self.tolerance, must)
+        require(within, "tolerance", self.tolerance, must)?;
+        let within = (-1.0..=0.5).contains(&self.least);
+        require(within, "least", self.least, "lie within −1…0.5")
     }
 }

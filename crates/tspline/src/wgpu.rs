@@ -1,4 +1,9 @@
 //! The kernels on the GPU. It proposes; what is accepted is decided in f64 on the CPU.
+//!
+//! One shader per kernel, all in f32, in dispatches of bounded size one after the other. What f32 cannot hold is kept
+//! out of it: differences are taken in f64 before narrowing, of control points from the middle of all, of patches from
+//! their first point, and corners are edges anyway. So errors are those of the extent of what is computed, not of where
+//! in space it lies.
 
 use bytemuck::{Pod, Zeroable};
 use geom_core::shaders::{
@@ -12,8 +17,10 @@ use crate::surface::bezier::bernstein;
 use crate::surface::{PatchPoints, Sample};
 
 /// Elements per dispatch.
+/// Each is 64 bytes on the way in and 32 on the way out.
 const ELEMENTS: usize = 1 << 20;
 
+/// As the shader of corners declares it, 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Parameters {
@@ -36,9 +43,11 @@ fn packed(corner: &Corner) -> [[f32; 4]; 4] {
 }
 
 /// Patches per dispatch of Bézier points, samples per dispatch of them.
+/// What bounds the buffers: some twenty rows of 16 coefficients come with a patch, and a sample is 32 bytes.
 const PATCHES: usize = 1 << 16;
 const SAMPLES: usize = 1 << 21;
 
+/// As both shaders of patches declare it; `items` are Bézier points or samples.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Counts {
@@ -85,6 +94,8 @@ impl SplineBackend for Wgpu {
         Ok(())
     }
 
+    /// The rows of a patch are those of the extraction, in its order; starts are counted from the first patch of the
+    /// dispatch. Sums of `C (P − m)` get the middle m back times the sum of C, which is 1 for polynomial bases.
     fn bezier_points(
         &self,
         task: &PointsTask<'_>,
@@ -138,6 +149,8 @@ impl SplineBackend for Wgpu {
         Ok(())
     }
 
+    /// Bernstein polynomials and their slopes come in a table, in f64 until they are narrowed, so that no shader raises
+    /// powers.
     fn bezier_samples(&self, task: &SamplesTask<'_>, out: &mut Vec<Sample>) -> Result<(), Error> {
         let gpu = self.gpu();
         let single = |x: [f64; 4]| x.map(|c| c as f32);

@@ -398,6 +398,67 @@ fn better_elements_lie_on_the_surface_and_none_is_worse() {
     assert!(closest.iter().all(|c| c.distance < 1e-12));
 }
 
+/// A strip of 4 by 1 around the x-axis that turns by this angle from end to end, in `n × n` quads.
+fn twisted(n: u32, angle: f64) -> QuadMesh {
+    let flat = plate(n, n);
+    let turned = |p: &Point3| {
+        let (x, y) = (p.x / f64::from(n), p.y / f64::from(n) - 0.5);
+        let (sine, cosine) = (angle * x).sin_cos();
+        Point3::new(4.0 * x, y * cosine, y * sine)
+    };
+    let positions = flat.positions().iter().map(turned).collect();
+    QuadMesh::new(positions, flat.quads().to_vec()).unwrap()
+}
+
+#[test]
+fn elements_too_large_for_a_surface_are_cut() {
+    let surface = twisted(64, 2.6).into_triangles();
+    // One element, whose corners cannot move: of eight by eight quads, and of one.
+    for (n, level) in [(8, 3), (1, 0)] {
+        let fine = twisted(n, 2.6);
+        let mesh = build(&fine, &vec![level; (n * n) as usize]);
+        assert_eq!(mesh.elements().len(), 1);
+        let whole = QualityOptions {
+            least: -1.0,
+            ..QualityOptions::default()
+        };
+        let left = improve(mesh.clone(), &surface, &whole, Run::on(&Cpu)).unwrap();
+        assert_eq!((left.report.cut, left.jacobians.len()), (0, 1));
+        assert!(left.report.after.min < 0.3, "{:?}", left.report);
+        let out = improved(mesh, &surface, Method::Corners);
+        assert!(out.report.cut > 0 && out.mesh.audit().is_valid());
+        assert_eq!(out.jacobians.len(), out.mesh.elements().len());
+        assert!(out.report.after.min > 0.3, "{:?}", out.report);
+        // The rim of the finer quads is that of the surface.
+        let area = out.mesh.fine().area() / surface.area();
+        assert!(n == 1 || (area - 1.0).abs() < 0.01, "{area}");
+    }
+    let options = QualityOptions {
+        least: 0.6,
+        ..QualityOptions::default()
+    };
+    assert!(options.check().is_err());
+}
+
+#[test]
+fn a_rim_thinner_than_elements_spoils_none() {
+    // A disk whose two sides meet in an edge: at its vertices the surface's normals are those of either side.
+    let surface = shapes::ellipsoid([1.0, 0.8, 0.02].into(), 5);
+    let round = shapes::quad_sphere(1.0, 8);
+    let turned = |p: &Point3| {
+        // Corners of the cube look nowhere in particular.
+        let p = geom_core::nalgebra::Rotation3::from_euler_angles(0.4, 0.7, 0.2) * p;
+        Point3::new(p.x, 0.8 * p.y, 0.02 * p.z)
+    };
+    let positions = round.positions().iter().map(turned).collect();
+    let fine = QuadMesh::new(positions, round.quads().to_vec()).unwrap();
+    let out = improved(build(&fine, &[0; 384]), &surface, Method::Corners);
+    // Seen along those normals the distortion rises, for corners that only look inverted.
+    let report = &out.report;
+    assert!(report.distortion[1] < 1.5, "{report:?}");
+    assert!(report.after.min > 0.5, "{report:?}");
+}
+
 #[test]
 fn sharp_edges_stay_sharp() {
     // A box of 8 × 8 quads per side; its inner vertices are shaken along the sides.

@@ -134,11 +134,16 @@ fn eigenvalues_of_the_sphere_and_their_order() {
         let order = (found[1][l] / found[2][l]).log2();
         assert!(order > 2.8, "order {order}");
     }
-    // A cap that is finer never makes it worse.
+    // What is finer never makes it worse: a cap, and a belt across the quads that is finer by two levels.
     let cap = sphere(16, Basis::Hierarchical, |p| u8::from(p.z + 0.4 * p.x < 0.6));
-    let of = spectrum(&cap);
-    for (a, b) in of.iter().zip(found[1]) {
-        assert!(*a <= b, "{of:?} against {:?}", found[1]);
+    let belt = sphere(32, Basis::Hierarchical, |p| {
+        let off = ((p.x + p.y + 0.3 * p.z) / 1.446).abs();
+        u8::from(off > 0.25) + u8::from(off > 0.1)
+    });
+    for of in [spectrum(&cap), spectrum(&belt)] {
+        for (a, b) in of.iter().zip(found[1]) {
+            assert!(*a <= b, "{of:?} against {:?}", found[1]);
+        }
     }
     let matrices = analysis::matrices(&cap).expect("matrices");
     assert!(analysis::independence(&matrices, cpu()).expect("a number") > 1e-3);
@@ -466,6 +471,29 @@ fn a_fit_reaches_its_tolerance() {
     assert!(back.surface.mesh().audit().is_valid() && back.errors.to_mesh <= 0.03);
     let [a, b] = [adapted.errors.volume, adapted.errors.mesh_volume].map(Option::unwrap);
     assert!((a / b - 1.0).abs() < 2e-3);
+}
+
+/// Every place is on it.
+struct Everywhere;
+impl Target for Everywhere {
+    fn closest(&self, to: &Point3) -> Point3 {
+        *to
+    }
+}
+
+#[test]
+fn what_is_where_it_should_be_stays() {
+    // Bending of the surface itself would draw it inwards, more so the coarser it is.
+    let before = sphere(8, Basis::Hierarchical, |p| u8::from(p.z > 0.0));
+    let mut after = before.clone();
+    let options = FitOptions {
+        rounds: 1,
+        ..FitOptions::default()
+    };
+    fit(&mut after, &Everywhere, &options, cpu()).expect("a fit");
+    for (a, b) in before.controls().iter().zip(after.controls()) {
+        assert!((a - b).norm() < 1e-9, "{a} {b}");
+    }
 }
 
 #[test]

@@ -1,6 +1,6 @@
 // The conductivity of an operator in an orthonormal frame. `task` of the kernel has the fields law (0 metric, 1 adjugate,
-// 2 Gauss image, 3 generalized, 4 diffusing, 5 sharpening, 6 concave), gauss and mean (coefficients of the exponent), low
-// and high (bounds of the weight), regularization, and limit (the largest curvature; 0 for none).
+// 2 Gauss image, 3 generalized, 4 flow, 5 concave), gauss and mean (coefficients of the exponent), low
+// and high (bounds of the weight), regularization, limit (the largest curvature; 0 for none), and sharpen (β of the flow).
 
 // Symmetric matrices are (xx, xy, yy).
 
@@ -51,11 +51,11 @@ fn conductivity(shape: vec3<f32>, factor: f32) -> vec3<f32> {
         case 1u: { return adjugate2(s); }
         case 2u: { return third_inverse(s, k, delta, psi(h, k, factor)); }
         // The negative part is of rank one unless both curvatures are negative: its determinant is 0 or K.
-        case 6u: { return third_inverse(part(s, -1.0), select(0.0, k, h < 0.0 && k > 0.0), delta, psi(h, k, factor)); }
+        case 5u: { return third_inverse(part(s, -1.0), select(0.0, k, h < 0.0 && k > 0.0), delta, psi(h, k, factor)); }
         case 3u: { return adjugate2(s) * (psi(h, k, factor) * k / (k * k + delta * delta)); }
         default: {
             let q = adjugate2(s) * (h * k / length(vec2<f32>(k, delta)));
-            return part(q, select(1.0, -1.0, task.law == 5u));
+            return part(q, 1.0) - task.sharpen * part(q, -1.0);
         }
     }
 }

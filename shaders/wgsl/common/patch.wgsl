@@ -1,7 +1,7 @@
 // Patches of a surface that share a basis: the surface at a point of the quadrature.
 
 struct Task {
-    law: u32,       // 0 metric, 1 adjugate, 2 Gauss image, 3 generalized, 4 diffusing, 5 sharpening, 6 concave
+    law: u32,       // 0 metric, 1 adjugate, 2 Gauss image, 3 generalized, 4 flow, 5 concave
     fields: u32,    // 1 where there are values of the weight's fields
     gauss: f32,     // coefficients of the exponent
     mean: f32,
@@ -9,6 +9,7 @@ struct Task {
     high: f32,
     regularization: f32,
     limit: f32,     // largest curvature; 0 for none
+    sharpen: f32,   // β of the flow
     functions: u32, // of a patch
     points: u32,    // of the quadrature
     patches: u32,
@@ -16,7 +17,6 @@ struct Task {
     least: f32,     // area elements of this and below count as none
     pad0: f32,
     pad1: f32,
-    pad2: f32,
 }
 
 @group(0) @binding(0) var<uniform> task: Task;

@@ -3,7 +3,7 @@
 // is the f64 value, so that differences keep all digits.
 
 struct Task {
-    law: u32,       // 0 metric, 1 adjugate, 2 Gauss image, 3 generalized, 4 diffusing, 5 sharpening, 6 concave
+    law: u32,       // 0 metric, 1 adjugate, 2 Gauss image, 3 generalized, 4 flow, 5 concave
     fields: u32,    // 1 where there are values of the weight's fields
     gauss: f32,     // coefficients of the exponent
     mean: f32,
@@ -11,10 +11,10 @@ struct Task {
     high: f32,
     regularization: f32,
     limit: f32,     // largest curvature; 0 for none
+    sharpen: f32,   // β of the flow
     count: u32,
     pad0: u32,
     pad1: u32,
-    pad2: u32,
 }
 
 @group(0) @binding(0) var<uniform> task: Task;

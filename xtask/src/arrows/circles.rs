@@ -5,12 +5,13 @@ use std::collections::BTreeSet;
 use super::modules::Module;
 
 /// Every set of files that reach each other, as a line for people. A module and those below it may name
-/// each other: a child uses its parent's types.
+/// each other: a child uses its parent's types. What a parent takes from its child counts, since through the child a circle
+/// may come back from outside.
 pub(super) fn circles(modules: &[Module], arrows: &BTreeSet<(usize, usize)>) -> Vec<String> {
     let mut below = vec![Vec::new(); modules.len()];
     for &(from, to) in arrows {
         let (a, b) = (&modules[from].path, &modules[to].path);
-        if !a.starts_with(b) && !b.starts_with(a) {
+        if !a.starts_with(b) {
             below[from].push(to);
         }
     }
@@ -124,5 +125,16 @@ mod tests {
             ("a/b.rs", "use super::A; pub struct B(A);"),
         ]);
         assert!(found.is_empty(), "{found:?}");
+    }
+
+    #[test]
+    fn a_circle_is_found_that_goes_through_a_child() {
+        let found = circles_of(&[
+            ("lib.rs", "mod a; mod b;"),
+            ("a/mod.rs", "mod c; use c::C; pub struct A(C);"),
+            ("a/c.rs", "use super::super::b::f; pub struct C;"),
+            ("b.rs", "use super::a::A; pub fn f() {}"),
+        ]);
+        assert_eq!(found, ["a ⇄ a::c ⇄ b"]);
     }
 }

@@ -19,6 +19,9 @@ const INDICES: std::ops::RangeInclusive<i32> = -2..=1;
 ///
 /// Of the two arms the one that is farther from its gradient turns by a part of the way, and takes the other along. Period jumps
 /// follow the angles, so that singularities may come and go in pairs; their sum stays.
+///
+/// `map` says what the map of a field should be like, since spacings follow the crosses. Fields with a vertex of two
+/// quads, or of seven and more, are passed over. The field that was given is the first candidate, and round 0.
 pub(crate) fn adapted(
     mesh: &TriMesh,
     frames: &Frames,
@@ -48,6 +51,8 @@ pub(crate) fn adapted(
 }
 
 /// Turns the crosses of these triangles towards the gradients of a map; whether any moved.
+///
+/// All turn at once by the same map; indices, energy and counts of the field are measured anew.
 pub(crate) fn turn(
     frames: &Frames,
     field: &mut CrossField,
@@ -81,6 +86,8 @@ pub(crate) fn turn(
 
 /// The angle by which a cross turns, from the gradients of u and v in the basis of its arms (Eqs. 4.11–4.12, the result made a
 /// unit vector again).
+///
+/// An arm counts as far from its gradient by the size of their cosine; a gradient of length 0 leaves its arm alone.
 pub(crate) fn turned_by([of_u, of_v]: &[[f64; 2]; 2], rate: f64) -> f64 {
     let towards = |along: f64, aside: f64| {
         let length = along.hypot(aside);

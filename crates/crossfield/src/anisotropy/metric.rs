@@ -10,6 +10,8 @@ use crate::field::{CrossField, Guide, Toward};
 use crate::map::Spacing;
 
 /// The largest |∇F| of a function, but for a hundredth of the area: slivers and kinks do not decide what is steep.
+///
+/// 0 for a constant function and for a surface without triangles. Of any unit per Å, with one gradient per triangle.
 pub fn steepest(mesh: &TriMesh, gradient: &[Vector3]) -> f64 {
     let area = |face: usize| mesh.doubled_area_normal(face).norm();
     let steep = gradient.iter().enumerate();
@@ -65,6 +67,11 @@ pub struct Misalignment {
 
 impl Metric {
     /// Of a function with one value per vertex; `steepest` is the largest |∇F| of the whole surface: see [`steepest`].
+    ///
+    /// A function without slope gives ratio 1 everywhere, which is no anisotropy.
+    ///
+    /// # Errors
+    /// [`Error::Operator`] for another number of values than vertices.
     pub fn of(
         mesh: &TriMesh,
         frames: &Frames,
@@ -92,6 +99,7 @@ impl Metric {
     }
 
     /// The metric with the square roots of its ratios.
+    /// What is tried where a map folds: 0.2 becomes 0.45, then 0.67.
     pub(crate) fn milder(&self) -> Self {
         let mut grains = self.grains.clone();
         for grain in &mut grains {
@@ -104,6 +112,9 @@ impl Metric {
     }
 
     /// Distances of neighbouring lines along the arm θ and across it, where they are 1 without a gradient.
+    ///
+    /// Along the gradient it is r, across it 1, between them Eq. 4.13. `theta` is an angle in the frame of the
+    /// triangle.
     pub fn spacing(&self, face: usize, theta: f64) -> [f64; 2] {
         let Grain { angle, ratio, .. } = self.grains[face];
         let (sine, cosine) = (theta - angle).sin_cos();
@@ -128,6 +139,8 @@ impl Metric {
     }
 
     /// The field along ∇F where that is steep.
+    ///
+    /// Steep is above half of the steepest |∇F|. All have the weight of [`Anisotropy::weight`].
     pub fn guides(&self) -> impl Iterator<Item = Guide> + '_ {
         self.steep().map(|face| Guide {
             face: face as u32,
@@ -154,6 +167,8 @@ impl Metric {
     }
 
     /// How far a field is from ∇F where that is steep.
+    ///
+    /// Angles are up to quarter turns, so that none is above 45 degrees. All 0 if no triangle is steep.
     pub fn misalignment(&self, frames: &Frames, field: &CrossField) -> Misalignment {
         let off: Vec<(f64, f64)> = self
             .steep()
@@ -184,6 +199,8 @@ pub(crate) fn ratio_at(steepness: f64, options: &Anisotropy) -> f64 {
 }
 
 /// The spacing along a direction with this cosine to ∇F.
+/// `ratio` for a cosine of ±1 and 1 for a cosine of 0: the length at which a metric with 1/r² along the gradient gives
+/// 1.
 pub(crate) fn narrowed(ratio: f64, cosine: f64) -> f64 {
     1.0 / (1.0 + (1.0 / (ratio * ratio) - 1.0) * cosine * cosine).sqrt()
 }

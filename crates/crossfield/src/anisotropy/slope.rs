@@ -1,4 +1,8 @@
 //! The function on the connected parts of a surface, and on what they are remeshed to.
+//!
+//! Field and map work on triangles that are not those of the caller: repaired, split into parts, remeshed finer or
+//! coarser. The function stays where it was given, on the parts of the repaired surface, and is asked at the nearest
+//! point whenever a mesh needs it; so it is interpolated once from where it is known, however often triangles change.
 
 use geom_core::TriMesh;
 use geom_core::options::require;
@@ -12,14 +16,22 @@ use crate::guidance;
 
 /// The function on one connected part.
 pub(crate) struct Slope<'a> {
+    /// The part, on which the values are known.
     mesh: &'a TriMesh,
+    /// Its triangles.
     tree: TriangleTree,
+    /// One per vertex of it.
     values: Vec<f64>,
+    /// The largest |∇F| that counts here.
     steepest: f64,
     options: &'a Anisotropy,
 }
 
 /// The function on all parts of a surface. `whole` is the surface after repair, `split` its parts with the triangles of each.
+///
+/// # Errors
+/// [`Error::Option`] for another number of values than vertices of `surface`, or a function that is constant on every
+/// part; [`Error::Eigen`] if an eigenfunction cannot be found.
 pub(crate) fn slopes<'a>(
     options: &'a Anisotropy,
     surface: &TriMesh,
@@ -75,12 +87,14 @@ pub(crate) fn slopes<'a>(
 
 impl Slope<'_> {
     /// The metric on the same surface with other triangles.
+    /// `frames` are those of that mesh.
     pub(crate) fn metric(&self, mesh: &TriMesh, frames: &Frames) -> Result<Metric, Error> {
         let values = carried(&self.tree, self.mesh, &self.values, mesh)?;
         Metric::of(mesh, frames, &values, self.steepest, self.options)
     }
 
     /// The area on which so many squares of side 1 would lie as there are quads that are 1 long and follow the gradient, Å².
+    /// The larger, the more quads of one long side: `Σ A / r`.
     pub(crate) fn stretched_area(&self) -> Result<f64, Error> {
         let frames = Frames::of(self.mesh, EdgeWeights::One)?;
         let metric = Metric::of(
@@ -101,6 +115,8 @@ impl Slope<'_> {
 }
 
 /// Values at the vertices of a mesh: those of the nearest points of the surface that has them.
+///
+/// The same mesh keeps its values digit by digit. Between vertices values are linear.
 pub(crate) fn carried(
     tree: &TriangleTree,
     from: &TriMesh,

@@ -1,4 +1,26 @@
 //! Period jumps that lower the energy: single edges, and pairs of singularities that meet.
+//!
+//! With the period jumps p given, the best angles are a linear solve whose matrix W does not depend on p
+//! ([`Parallel`]). So what a change of p costs has a closed form: if p rises by d quarter turns (as an angle, d π/2) on
+//! some edges of weight w and the angles follow, the energy of Eq. 4.9 changes by
+//!
+//! ```text
+//! 2 Σ w d ρ + Σ w d² − bᵀ W⁻¹ b        ρ = −δ before the change,   b = Σ w d (e_j − e_i)
+//! ```
+//!
+//! The first two terms are sums over the edges that change ([`Descent::direct`]); the third, the *compliance*, needs a
+//! solve but depends neither on p nor on the sign of the change, so that it is kept once it is known. The formula holds
+//! only while the angles are the best ones for the present p: hence [`Descent::apply`] lets them follow each change
+//! before the next one is judged.
+//!
+//! Bommes, Zimmer and Kobbelt (*Mixed-integer quadrangulation*, 2009) round one p after the other and never look back.
+//! Here all p start from the nearest arms of a diffused field, and single ones or whole paths of them may change as
+//! long as that pays. Both end in local minima; what leaves most of them is that pairs of singularities may meet over a
+//! distance.
+//!
+//! `p(a→b) + 1` carries a quarter of index from b to a and leaves all other vertices alone. So a change on one edge
+//! moves a singularity by that edge, and one on a path moves a quarter from its end to its start. The sum of the
+//! indices never changes.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +31,7 @@ use super::field::FieldReport;
 use super::frames::{Frames, QUARTER};
 use super::near::Near;
 use super::parallel::{Change, Parallel};
-use super::singularity::{difference, interior_index};
+use super::singularity::{Lines, difference, interior_index};
 use crate::Error;
 use crate::backend::On;
 
@@ -29,6 +51,7 @@ const PARTNERS: usize = 4;
 #[derive(Clone, Copy)]
 pub(super) struct Price {
     /// Of pairs far apart, rad².
+    /// Pairs that cost less than this are removed, so that 0 removes those only whose end lowers the energy.
     pub(super) far: f64,
     /// The side of a quad, Å: pairs nearer than [`NEAR`] of these cost more.
     pub(super) near: f64,
@@ -37,6 +60,8 @@ pub(super) struct Price {
 impl Price {
     /// The energy of a dipole grows with the logarithm of its length, but what it does to a map with the inverse square:
     /// both singularities need integer points of their own.
+    /// At [`NEAR`] sides and farther it is `far`; at a distance of one side four times as much, at half a side sixteen
+    /// times.
     fn at(self, distance: f64) -> f64 {
         self.far * (NEAR * self.near / distance).max(1.0).powi(2)
     }
@@ -44,6 +69,8 @@ impl Price {
 
 /// Of more singularities than these, the costs of moving one are estimated, and of what angles gain only the part nearby
 /// counts.
+/// With the exact compliances the work is about the number of candidates times that of a solve on the whole surface,
+/// which is what makes the difference between few and many.
 const MANY: usize = 128;
 /// The energy of a quarter that has moved by a distance r, apart from what pulls it, is `(π / 4√3) ln r` and a constant, rad²:
 /// that of a dipole on equilateral triangles with unit weights.
@@ -54,11 +81,16 @@ pub(crate) const NEAR: f64 = 2.0;
 
 /// Angles and period jumps on their way down.
 pub(super) struct Descent<'a> {
+    /// Along its edges it is measured how far singularities are from each other.
     mesh: &'a TriMesh,
     frames: &'a Frames,
     parallel: &'a Parallel<'a>,
+    lines: Lines,
+    /// Always the best ones for `jump`, by the solver in `parallel`.
     pub(super) theta: Vec<f64>,
+    /// Per half-edge and odd under exchange with the twin, as in a cross field.
     pub(super) jump: Vec<i32>,
+    /// Four times the index of the vertices inside of the surface, which follows each change of `jump`.
     index: Vec<i32>,
     /// What one quarter turn on an edge gains by letting the angles follow.
     compliance: BTreeMap<usize, f64>,
@@ -71,11 +103,13 @@ pub(super) struct Descent<'a> {
 }
 
 impl<'a> Descent<'a> {
+    /// The start of a descent; `theta` are the best angles for `jump`, and `apart` is how far singularities shall be
+    /// from each other, Å, or 0.
     pub(super) fn new(
         mesh: &'a TriMesh,
         parallel: &'a Parallel<'a>,
-        theta: Vec<f64>,
-        jump: Vec<i32>,
+        lines: Lines,
+        (theta, jump): (Vec<f64>, Vec<i32>),
         apart: f64,
     ) -> Self {
         let frames = parallel.frames;
@@ -83,6 +117,7 @@ impl<'a> Descent<'a> {
             mesh,
             frames,
             parallel,
+            lines,
             theta,
             jump,
             index: Vec::new(),
@@ -96,13 +131,13 @@ impl<'a> Descent<'a> {
         descent
     }
 
-    /// Interior indices; 0 on boundaries, whose corners are not for trade.
+    /// Interior indices; 0 on boundaries and lines, whose corners are not for trade.
     fn count(&mut self) {
         let frames = self.frames;
         self.index = (0..frames.edges().vertices())
             .map(|v| {
                 let used = frames.edges().out(geom_core::VertexId(v as u32)).is_some();
-                if used && !frames.on_boundary(v) {
+                if used && !self.lines.hold(v) {
                     interior_index(frames, &self.jump, v)
                 } else {
                     0
@@ -119,6 +154,7 @@ impl<'a> Descent<'a> {
         report: &mut FieldReport,
         run: On<'_>,
     ) -> Result<(), Error> {
+        self.fit_lines()?;
         for round in 0..ROUNDS {
             run.progress("singularities", round as u64, ROUNDS as u64)?;
             let moved = self.move_edges()?;
@@ -145,6 +181,32 @@ impl<'a> Descent<'a> {
         signs == [-1, 1] && self.frames.interior().count() * 2 == self.frames.edges().len()
     }
 
+    /// As many quads between two lines at a vertex as their angle says, one at least; what that takes goes to a vertex between
+    /// them, from where it may move. No map has an angle without quads.
+    fn fit_lines(&mut self) -> Result<(), Error> {
+        let frames = self.frames;
+        let held: Vec<usize> = (0..self.index.len())
+            .filter(|&v| self.lines.hold(v))
+            .collect();
+        for v in held {
+            for sector in self.lines.sectors(frames, v) {
+                let more = sector.wanted() - sector.quads(frames, &self.theta, &self.jump);
+                let free: Vec<usize> = sector
+                    .inside
+                    .iter()
+                    .copied()
+                    .filter(|&h| !self.lines.hold(frames.from(h)))
+                    .collect();
+                if more != 0
+                    && let Some(&h) = free.get(free.len() / 2)
+                {
+                    self.apply(&[(h, more)])?;
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Single edges at singular vertices, the best first.
     fn move_edges(&mut self) -> Result<usize, Error> {
         let mut moves = 0;
@@ -168,6 +230,7 @@ impl<'a> Descent<'a> {
     }
 
     /// Interior edges with a singular end, by their lower half-edge.
+    /// A change on any other edge inside makes a new pair of singularities.
     fn edges_at_singularities(&self) -> Vec<usize> {
         let mut edges: Vec<usize> = (0..self.index.len())
             .filter(|&v| self.index[v] != 0)
@@ -180,12 +243,14 @@ impl<'a> Descent<'a> {
         edges
     }
 
-    /// Neither end on the boundary.
+    /// Neither end on a boundary or line.
     fn is_inside(&self, h: usize) -> bool {
-        !self.frames.on_boundary(self.frames.from(h)) && !self.frames.on_boundary(self.frames.to(h))
+        !self.lines.hold(self.frames.from(h)) && !self.lines.hold(self.frames.to(h))
     }
 
     /// Does a move leave both ends with three to six quads?
+    /// Index +2 would be a vertex of two quads, each with a corner of about half a turn, −3 one of seven: a map can have
+    /// both, but such corners are too flat or too sharp to be of use.
     fn keeps_valences(&self, h: usize, s: i32) -> bool {
         let allowed = |i: i32| (-2..=1).contains(&i);
         let (a, b) = (self.frames.from(h), self.frames.to(h));
@@ -194,6 +259,7 @@ impl<'a> Descent<'a> {
         fine(self.index[a], self.index[a] + s) && fine(self.index[b], self.index[b] - s)
     }
 
+    /// Solves for the compliances of those edges that have none yet, many right-hand sides at a time.
     fn remember(&mut self, edges: &[usize]) -> Result<(), Error> {
         let new: Vec<usize> = edges
             .iter()
@@ -215,6 +281,7 @@ impl<'a> Descent<'a> {
         }
     }
 
+    /// What one quarter turn on an edge costs, rad², once its compliance is remembered; `s` is ±1.
     fn single(&self, h: usize, s: i32) -> f64 {
         self.direct(&[(h, s)]) - self.compliance[&h]
     }
@@ -241,21 +308,28 @@ impl<'a> Descent<'a> {
             .sum()
     }
 
+    /// Carries out a change and lets the angles follow: one solve. Indices change at the ends of its edges alone, so
+    /// that they are counted along and not anew.
     fn apply(&mut self, change: &[(usize, i32)]) -> Result<(), Error> {
         for &(h, s) in change {
             let twin = self.frames.twin(h).expect("an interior edge");
             self.jump[h] += s;
             self.jump[twin] -= s;
             // p(a→b) + 1 moves a quarter of index from b to a.
-            let (a, b) = (self.frames.from(h), self.frames.to(h));
-            self.index[a] += s;
-            self.index[b] -= s;
+            let ends = [(self.frames.from(h), s), (self.frames.to(h), -s)];
+            for (v, s) in ends.into_iter().filter(|end| !self.lines.hold(end.0)) {
+                self.index[v] += s;
+            }
         }
         self.parallel.follow(change, &mut self.theta)
     }
 
     /// Pairs of opposite singularities that may meet along a shortest path, where that costs less than the price of their
     /// distance, rad².
+    ///
+    /// All candidates are judged at once, then taken from the cheapest on; as each one that is taken changes the
+    /// angles, and maybe the singularities at the ends of the next, these are looked at again. Their compliances hold,
+    /// as they do not depend on the jumps. Answers how many pairs have met.
     fn annihilate(&mut self, price: impl Fn(f64) -> f64) -> Result<usize, Error> {
         let pairs = self.pairs()?;
         let (distances, changes): (Vec<f64>, Vec<Change>) = pairs.into_iter().unzip();
@@ -312,12 +386,17 @@ impl<'a> Descent<'a> {
         Ok(ends.iter().map(|ends| self.of_paths[ends].0).collect())
     }
 
+    /// Where a path starts and where it ends.
     fn ends(&self, change: &[(usize, i32)]) -> (usize, usize) {
         let (first, last) = (change[0].0, change[change.len() - 1].0);
         (self.frames.from(first), self.frames.to(last))
     }
 
     /// Paths from each negative singularity to the nearest positive ones, with their lengths.
+    ///
+    /// By Dijkstra's algorithm along edges: once from all positive ones together, which says how far each negative one
+    /// has to look, then from each negative one as far as [`REACH`] times that, to at most [`PARTNERS`] others. On a
+    /// surface with boundaries, paths that touch one are left out.
     fn pairs(&self) -> Result<Vec<(f64, Change)>, Error> {
         let signed = |sign: i32| {
             (0..self.index.len() as u32).filter(move |&v| self.index[v as usize] * sign > 0)
@@ -352,20 +431,22 @@ impl<'a> Descent<'a> {
         Ok(changes)
     }
 
-    /// One quarter of index from the last vertex of a path to the first; `None` along a boundary.
+    /// One quarter of index from the last vertex of a path to the first; `None` along a boundary or line.
     fn along(&self, path: &[u32]) -> Option<Change> {
         path.windows(2)
             .map(|pair| {
                 let (a, b) = (pair[0] as usize, pair[1] as usize);
                 let h = self.frames.around(a).find(|&h| self.frames.to(h) == b)?;
                 self.frames.twin(h)?;
-                (!self.frames.on_boundary(a) && !self.frames.on_boundary(b)).then_some((h, 1))
+                self.is_inside(h).then_some((h, 1))
             })
             .collect()
     }
 
     /// Vertices of fewer than three or more than six quads give a quarter to a neighbour, where it costs
     /// least.
+    /// It goes on until there is none left, or until no neighbour of one can take a quarter without becoming extreme
+    /// itself.
     fn split_extremes(&mut self) -> Result<(), Error> {
         let most = 8 * self.index.iter().filter(|i| !(-2..=1).contains(*i)).count();
         for _ in 0..most {
@@ -402,6 +483,10 @@ impl<'a> Descent<'a> {
 
     /// Singular vertices nearer to each other than `apart` give a quarter to one that is not near to any, or to each other,
     /// whatever costs least: all get integer points of their own in a map, and a map with room for them does not fold.
+    ///
+    /// One pair at a time, the nearest first, and of all ways out of either vertex the cheapest. Both of a pair that
+    /// finds none are marked as stuck and not asked again together. It ends when no pair is left, or after twice as
+    /// many steps as there were singularities: what is moved away from one may come near to another.
     fn part(&mut self, apart: f64, report: &mut FieldReport, run: On<'_>) -> Result<(), Error> {
         if apart <= 0.0 {
             return Ok(());
@@ -450,12 +535,16 @@ impl<'a> Descent<'a> {
         Ok(())
     }
 
+    /// The singular vertices inside of the surface, ascending.
     fn singular(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.index.len() as u32).filter(|&v| self.index[v as usize] != 0)
     }
 
     /// Paths on which a singular vertex may give a quarter away: to another of opposite sign, or to regular ones a little
     /// farther than `apart` that are as far from all others; each with its length.
+    ///
+    /// Of the ring of vertices between 1.05 and 1.5 times `apart` only every so many are tried, about 24 in all: costs
+    /// vary slowly along the ring, and each way costs a solve.
     fn ways_out(
         &self,
         graph: &Graph,

@@ -17,6 +17,7 @@ pub struct Guide {
     pub toward: Toward,
     /// λ̄ of Eq. 4.9, in units of the smoothness energy of one edge; infinite: the field has exactly this
     /// direction.
+    /// 0 is no guide at all. Of several guides of one triangle the heaviest holds it, of equal ones the first.
     pub weight: f64,
 }
 
@@ -70,10 +71,13 @@ impl Guide {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossField {
     /// The angle θ of one arm in each triangle's frame.
+    /// Radians, and not reduced: quarter turns more or less in one triangle need other jumps around it.
     pub theta: Vec<f64>,
     /// The period jump p of each half-edge, odd under exchange with the twin; 0 on a boundary.
+    /// Half-edge `3 f + k` leads from corner k of triangle f to the next one.
     pub jump: Vec<i32>,
     /// Four times the index of each vertex: see [`singularity::indices`].
+    /// 0 at vertices of no triangle.
     pub index: Vec<i32>,
     /// How it came about.
     pub report: FieldReport,
@@ -92,6 +96,8 @@ pub struct FieldReport {
     /// Triangles with guidance.
     pub guided: usize,
     /// Guides left out because another one held the triangle.
+    /// It counts those of another direction only: what agrees with the guide that holds the triangle contradicts
+    /// nothing.
     pub conflicts: usize,
     /// Edges whose period jump was changed because that lowered the energy.
     pub edge_moves: usize,
@@ -106,6 +112,8 @@ pub struct FieldReport {
 
 impl CrossField {
     /// The four arms of a triangle's cross, counter-clockwise.
+    ///
+    /// Unit vectors in the plane of the triangle; the first is that of the angle θ.
     pub fn arms(&self, frames: &Frames, face: usize) -> [Vector3; 4] {
         let first = frames.direction(face, self.theta[face]);
         let second = frames.direction(face, self.theta[face] + super::frames::QUARTER);

@@ -30,6 +30,10 @@ pub struct Frames {
 
 impl Frames {
     /// The frames of an oriented manifold, perhaps with boundary, without flat triangles.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] if three triangles meet at an edge or two of them disagree about its sense; [`Error::Operator`]
+    /// for a triangle without area, which has no frame.
     pub fn of(mesh: &TriMesh, weights: EdgeWeights) -> Result<Self, Error> {
         let edges = Halfedges::of(mesh)?;
         let connection = laplace::connection(mesh, 4, weights)?;
@@ -69,6 +73,8 @@ impl Frames {
         self.axes[face]
     }
     /// The angle of a half-edge in the frame of its triangle.
+    /// Half-edge `3 f + k` leads from corner k of triangle f to the next one. The angle lies within ±π, and that of
+    /// side 0 is 0.
     pub fn side_angle(&self, halfedge: usize) -> f64 {
         self.side_angle[halfedge]
     }
@@ -95,6 +101,7 @@ impl Frames {
         first * angle.cos() + second * angle.sin()
     }
     /// The angle of a direction, projected to the triangle's plane.
+    /// Within ±π; a direction along the normal has none, and 0 stands for it.
     pub fn angle(&self, face: usize, direction: &Vector3) -> f64 {
         let [first, second] = self.axes[face];
         second.dot(direction).atan2(first.dot(direction))

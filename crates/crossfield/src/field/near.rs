@@ -1,4 +1,8 @@
 //! Singular vertices too near to each other.
+//!
+//! Distances along edges between vertices do not change while singularities move about. So those that are known are
+//! kept from one question to the next, and only from vertices that were not singular before is the graph searched, as
+//! far as `apart`.
 
 use geom_core::surface::distance::{Graph, shortest_paths};
 

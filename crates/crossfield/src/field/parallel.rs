@@ -13,6 +13,8 @@ use super::frames::{Frames, QUARTER, modulo_quarter};
 use crate::Error;
 
 /// No row: the angle of the triangle is given.
+/// The same number stands for *not among the triangles nearby* where a few of them have a numbering of their own. As an
+/// index it is beyond any array, so that `get` leaves these out.
 const FIXED: u32 = u32::MAX;
 
 /// Right-hand sides per pass.
@@ -24,10 +26,14 @@ const RINGS: usize = 10;
 /// not depend on p: it is factored once.
 pub(super) struct Parallel<'a> {
     pub(super) frames: &'a Frames,
+    /// The unknown that each triangle's angle is, or [`FIXED`].
     row: Vec<u32>,
+    /// Number of unknowns.
     rows: usize,
     /// λ̄ of each triangle that a soft guide holds, 0 of others.
     softness: Vec<f64>,
+    /// The factor of W, the Laplacian of the dual graph plus λ̄ on the diagonal, without the rows and columns of given
+    /// angles.
     factor: Cholesky,
     /// γ and λ̄ of the softly guided triangles.
     soft: Vec<(usize, f64, f64)>,
@@ -36,10 +42,14 @@ pub(super) struct Parallel<'a> {
 }
 
 /// A change of period jumps: half-edges and what is added to theirs.
+/// On a path all half-edges run from its start to its end, and each has the same sign.
 pub(super) type Change = Vec<(usize, i32)>;
 
 impl<'a> Parallel<'a> {
     /// Factors the matrix. In a component without any guide, the lowest triangle keeps its angle.
+    ///
+    /// Guides of weight 0 must have been left out: a component that they alone hold would count as held, and its matrix
+    /// would be singular. The factor of a surface of n triangles has about n log n entries.
     pub(super) fn new(frames: &'a Frames, guides: &[Guide]) -> Result<Self, Error> {
         let faces = frames.faces();
         let mut sets = DisjointSets::new(faces);
@@ -115,6 +125,10 @@ impl<'a> Parallel<'a> {
     }
 
     /// The smoothest angles for these period jumps; `theta` says which branch of each guide is meant.
+    ///
+    /// A hard guide fixes θ to γ plus the multiple of a quarter turn that is nearest to the present θ, and a soft one
+    /// pulls towards that branch. Any other branch could be had with other period jumps around the triangle, so that
+    /// nothing is lost by keeping this one, and the jumps keep their meaning.
     pub(super) fn angles(&self, jump: &[i32], theta: &mut [f64]) -> Result<(), Error> {
         for &(face, angle) in &self.fixed {
             theta[face] = nearest_branch(angle, theta[face]);
@@ -167,6 +181,9 @@ impl<'a> Parallel<'a> {
 
     /// By conjugate gradients on the triangles within twice as many steps as the change is long, and [`RINGS`] at least.
     /// `place` holds [`FIXED`] throughout, before and after.
+    ///
+    /// Outside of them the angles are held, as by hard guides: a minimum over fewer unknowns, hence never below the
+    /// true one. The time is that of the triangles nearby and does not depend on the size of the surface.
     fn compliance(&self, change: &[(usize, i32)], place: &mut [u32]) -> f64 {
         let rings = RINGS.max(2 * change.len());
         let mut near: Vec<u32> = Vec::new();
@@ -227,6 +244,9 @@ impl<'a> Parallel<'a> {
     }
 
     /// The same with all angles following.
+    ///
+    /// A forward and a backward substitution on the whole surface for each change, [`COLUMNS`] of them in one pass over
+    /// the factor, which is bound by memory and not by arithmetic.
     pub(super) fn exact_compliances(&self, changes: &[Change]) -> Result<Vec<f64>, Error> {
         let mut out = Vec::with_capacity(changes.len());
         for part in changes.chunks(COLUMNS) {
@@ -247,6 +267,7 @@ impl<'a> Parallel<'a> {
     }
 
     /// Lets the angles follow a change of period jumps.
+    /// By linearity `W⁻¹ b` is added to the best angles before; what hard guides hold stays.
     pub(super) fn follow(&self, change: &[(usize, i32)], theta: &mut [f64]) -> Result<(), Error> {
         let mut b = vec![0.0; self.rows];
         self.load(change, |row, value| b[row] += value);
@@ -259,6 +280,7 @@ impl<'a> Parallel<'a> {
         Ok(())
     }
 
+    /// Hands the entries of `b = Σ w d (e_j − e_i)` to `add`, each with its row; a row may come more than once.
     fn load(&self, change: &[(usize, i32)], mut add: impl FnMut(usize, f64)) {
         for &(h, quarters) in change {
             let twin = self.frames.twin(h).expect("an interior edge");
@@ -275,6 +297,9 @@ impl<'a> Parallel<'a> {
 
 /// `bᵀ A⁻¹ b` by conjugate gradients with the diagonal as preconditioner. Spelled out for rows of three neighbours: those of
 /// the core start from a factor, and here are thousands of systems of some hundred triangles, each solved once.
+///
+/// `rows` are the diagonal and up to three neighbours with the weights of their edges; neighbours numbered [`FIXED`] do
+/// not move. The residual, measured in the preconditioner, falls to 1e-8 of what it was at the start.
 fn gained(rows: &[(f64, [(u32, f64); 3])], right: &[f64]) -> f64 {
     const STEPS: usize = 200;
     const SMALL: f64 = 1e-8;

@@ -1,4 +1,9 @@
 //! A copy of a surface without its bumps.
+//!
+//! A bump of the size of a quad turns the crosses around it by its curvature, and pairs of singularities there would be
+//! closer to each other than integer points can be. After mean curvature flow for a time t, what is shorter than about
+//! √t is gone; vertices and triangles stay the same ones, so that what is found on the smooth copy can be carried back
+//! by number.
 
 use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::surface::laplace::{self, Mass};
@@ -7,16 +12,21 @@ use geom_core::{Point3, TriMesh};
 use crate::Error;
 
 /// Steps of mean curvature flow.
+/// One implicit step of length t damps a wave of eigenvalue λ by 1 / (1 + λ t), three of a third of it by 1 / (1 + λ t
+/// / 3)³, nearer to the flow's own e^{−λ t}.
 const FLOW_STEPS: usize = 3;
 
 /// What a surface's flows need: the same for every length of time.
 pub(crate) struct Operators<'a> {
     pub(crate) mesh: &'a TriMesh,
+    /// The cotangent Laplacian, positive semi-definite, of the surface as given.
     pub(crate) stiffness: SparseMatrix,
+    /// The lumped mass: the area of each vertex, Å².
     pub(crate) mass: Vec<f64>,
 }
 
 impl<'a> Operators<'a> {
+    /// Assembles both.
     pub(crate) fn of(mesh: &'a TriMesh) -> Result<Self, Error> {
         let Mass::Lumped(mass) = laplace::lumped_mass(mesh) else {
             unreachable!("the lumped mass is lumped")
@@ -31,6 +41,10 @@ impl<'a> Operators<'a> {
 
 /// Mean curvature flow in implicit steps with the operator of the start (Desbrun et al., 1999), for a time of its own at each
 /// vertex, above 0. Boundary vertices stay, and those that `held` names.
+///
+/// `times` are in Å². With an operator that does not follow the surface the flow is linear, so that one factorization
+/// serves all steps and no triangle of the start can make it fail later; what shrinks to a thread is therefore not
+/// torn. Triangles may become flat all the same: who wants frames of the result has to be ready for an error.
 pub(crate) fn flowed(
     operators: &Operators<'_>,
     times: &[f64],

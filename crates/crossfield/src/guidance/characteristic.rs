@@ -1,4 +1,9 @@
 //! Guidance by characteristic values: each eigenfunction where it is steepest (Eq. 4.8).
+//!
+//! Every triangle belongs to the function that is steepest there, and neighbours with the same function are a patch. At
+//! the border of patches two functions are equally steep and their directions differ; in the depth of a patch is often
+//! an extreme or a saddle, where the gradient vanishes. Half-way between is a band where one function has a say, and a
+//! clear one.
 
 use geom_core::compute::sets::DisjointSets;
 use geom_core::surface::distance::{Graph, shortest_paths};
@@ -14,6 +19,7 @@ use crate::field::{Guide, Toward};
 const BAND: [f64; 2] = [0.45, 0.55];
 /// The same where a patch would have fewer triangles than [`FEW`].
 const WIDE_BAND: [f64; 2] = [0.35, 0.65];
+/// Fewer triangles than this are no band.
 const FEW: usize = 3;
 /// Below this share of a mode's root mean square, a gradient has no direction.
 const FLAT: f64 = 1e-3;
@@ -33,6 +39,9 @@ pub enum Normalization {
 
 /// Patches of triangles where one mode is steeper than the others; in each the triangles half-way between its border and
 /// its deepest triangle, along the gradient there.
+///
+/// Patches are found over sides of triangles, and depth is a length along the dual graph, from centre to centre of
+/// neighbours, Å. The wide band is for patches that are a few triangles across. No modes, no guides.
 pub(super) fn guides(
     mesh: &TriMesh,
     frames: &Frames,
@@ -81,6 +90,7 @@ pub(super) fn guides(
         .collect())
 }
 
+/// Of the length of a gradient, weighted by area.
 fn root_mean_square(frames: &Frames, gradient: &[Vector3]) -> f64 {
     let areas = frames.areas();
     let sum: f64 = gradient
@@ -91,6 +101,7 @@ fn root_mean_square(frames: &Frames, gradient: &[Vector3]) -> f64 {
     (sum / areas.iter().sum::<f64>()).sqrt()
 }
 
+/// Which of the modes is steepest in each triangle; of equal ones the first.
 fn steepest(
     frames: &Frames,
     modes: &[Mode],
@@ -130,6 +141,7 @@ fn filtered(frames: &Frames, label: &[usize]) -> Vec<usize> {
         .collect()
 }
 
+/// The lowest triangle of the patch of each triangle.
 fn patches(frames: &Frames, label: &[usize]) -> Vec<u32> {
     let mut sets = DisjointSets::new(label.len());
     for (h, t) in frames.interior() {

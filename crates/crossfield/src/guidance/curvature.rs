@@ -1,4 +1,7 @@
 //! Guidance by principal curvature: the thesis's comparison.
+//!
+//! Quads that follow the principal directions are the flattest; but on a molecular surface curvature is that of atoms, and
+//! so a field has a singularity for every few of them. Chapter 4 of the thesis compares with it.
 
 use geom_core::TriMesh;
 use geom_core::nalgebra::Complex;
@@ -13,6 +16,10 @@ const RINGS: usize = 2;
 const FLAT: f64 = 1e-3;
 
 /// Triangles whose corners' principal curvatures differ, along the mean of the directions there, taken as fourth powers.
+///
+/// A direction is a fourth root: as `e^{4iφ}` the two principal directions and their opposites are one number, and
+/// numbers can be added up with their weights. The value that is compared with the threshold is the mean over the
+/// corners, in 0…1: 1 for cylinders, 0 for spheres, planes and minimal surfaces.
 pub(super) fn guides(mesh: &TriMesh, frames: &Frames, threshold: f64, weight: f64) -> Vec<Guide> {
     let principal = curvature::principal(mesh, RINGS);
     let flat = FLAT / mesh.bounds().diagonal();

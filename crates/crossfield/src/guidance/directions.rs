@@ -8,6 +8,9 @@ use crate::field::Frames;
 use crate::field::{Guide, Toward};
 
 /// Each stroke guides the triangle nearest to its point.
+///
+/// However far it is from it. The direction is projected to the plane of the triangle; one along its normal has no
+/// direction there, and what rounding makes of it guides.
 pub(super) fn guides(
     mesh: &TriMesh,
     frames: &Frames,

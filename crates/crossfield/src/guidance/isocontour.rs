@@ -13,6 +13,10 @@ const CONFLICT: f64 = 20.0;
 
 /// The triangles through which the isocontours at `low + r (high − low)` and `high − r (high − low)` run, along the gradient
 /// there. Triangles where modes contradict each other are left out: kept, they earn hundreds of singularities.
+///
+/// The sign of an eigenfunction is arbitrary; that both ends of the range are treated alike makes the guides
+/// independent of it. Of a triangle that several contours cross without contradiction, the first mode has the
+/// direction.
 pub(super) fn guides(
     mesh: &TriMesh,
     frames: &Frames,
@@ -52,6 +56,8 @@ pub(super) fn guides(
         .collect())
 }
 
+/// Per triangle, whether two modes disagree in it, or one in it with another in a neighbour: then both triangles are
+/// dropped. Directions are compared up to quarter turns, as the field can have two modes at right angles.
 fn contradictions(frames: &Frames, claims: &[Vec<(usize, f64)>]) -> Vec<bool> {
     let far = |angle: f64| modulo_quarter(angle).abs().to_degrees() > CONFLICT;
     let mut dropped: Vec<bool> = claims

@@ -12,7 +12,8 @@
 //!
 //! **Weights** are λ̄ of Eq. 4.9 in units of the smoothness of one edge. With 1, a guide counts as much as a neighbour; with
 //! `f64::INFINITY` the cross has that direction whatever its neighbours say. Of guides that name the same triangle, the
-//! first in the list holds it, and [`FieldReport::conflicts`](crate::field::FieldReport::conflicts) counts the others.
+//! first in the list holds it, and the others are not made. Boundaries and sharp edges come before all of them:
+//! [`FieldReport::conflicts`](crate::field::FieldReport::conflicts) counts the triangles where a guide had to give way to one.
 //!
 //! Eigenvalues that are nearly equal belong to functions that may be mixed at will, so that their gradients say nothing about
 //! the surface: [`Modes::Auto`] takes whole clusters only.
@@ -95,6 +96,8 @@ pub enum Guidance {
         /// Which eigenfunctions.
         modes: Modes,
         /// The share of the range that is left off at either end: 0.125 in the thesis.
+        /// Above 0 and below 0.5, where both contours would be one in the middle. Near 0 they shrink to the extremes,
+        /// where directions are noise.
         inset: f64,
         /// λ̄ of Eq. 4.9; infinite: hard.
         weight: f64,
@@ -111,6 +114,7 @@ pub enum Guidance {
     /// Principal directions where the principal curvatures differ: `| |κ₁| − |κ₂| | / (|κ₁| + |κ₂|)` above a threshold.
     Curvature {
         /// The threshold: 0.8 in the thesis.
+        /// From 0 to below 1: the higher, the fewer triangles, and the clearer their directions.
         threshold: f64,
         /// λ̄ of Eq. 4.9; infinite: hard.
         weight: f64,
@@ -126,6 +130,10 @@ pub enum Guidance {
 
 impl Guidance {
     /// Refuses values out of range.
+    ///
+    /// # Errors
+    /// [`Error::Option`] names the option: a weight below 0, an inset or threshold out of its range, strokes without a
+    /// direction, modes that are none.
     pub fn check(&self) -> Result<(), Error> {
         let (Self::Isocontours { weight, .. }
         | Self::Characteristic { weight, .. }
@@ -174,6 +182,13 @@ pub(crate) fn eigenfunction(mesh: &TriMesh, number: usize) -> Result<Vec<f64>, E
 }
 
 /// The guides of a connected surface; of a triangle that several name, the first has it.
+///
+/// `frames` are those of `mesh`, and a surface of several parts has to be split before: the first eigenfunctions of two
+/// parts would be constant on each.
+///
+/// # Errors
+/// [`Error::Option`] for values out of range, [`Error::Eigen`] if the eigenfunctions cannot be found,
+/// [`Error::Operator`] for triangles without area.
 pub fn guides(mesh: &TriMesh, frames: &Frames, guidance: &[Guidance]) -> Result<Vec<Guide>, Error> {
     let mut named = vec![false; frames.faces()];
     let mut all = Vec::new();

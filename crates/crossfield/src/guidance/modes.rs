@@ -20,6 +20,9 @@ pub(super) struct Mode {
 
 /// The wanted eigenfunctions of a connected surface, of modes that are checked; computed on the CPU: the factor of shift and
 /// invert is there.
+///
+/// Numbers that the surface does not have, with as many vertices or fewer, are left out. Shift and invert needs one
+/// factorization of a matrix with a row per vertex, and some solves per function.
 pub(super) fn eigenfunctions(mesh: &TriMesh, modes: &Modes) -> Result<Vec<Mode>, Error> {
     let highest = match modes {
         Modes::Auto => MOST + 1,

@@ -13,6 +13,9 @@ const UPRIGHT: f64 = 1e-3;
 /// upright winds it up again. So its neighbours are laid as they lie on the surface, with angles that add up, before a map is
 /// unfolded, whatever that does to the triangles around. Returns which triangles have to stay upright from then on: those of
 /// all such vertices whose angle is right.
+///
+/// `y` are the unknowns of the system and change for the neighbours of the vertices laid. The vertices are taken one
+/// after the other, so that of two that share a triangle the later one has it; what the first loses is not held.
 pub(super) fn wound(
     system: &System<'_>,
     frames: &Frames,
@@ -44,6 +47,10 @@ pub(super) fn wound(
 }
 
 /// Lays the neighbours of a vertex around it: at their lengths, at angles stretched to add up, turned to fit the field best.
+///
+/// On the surface the angles around the vertex may add up to anything, in the map they must add up to `4 − 4 I`
+/// quarters: all are multiplied by the same number. A neighbour stays where it is in a coordinate that is not free, as
+/// on lines and boundaries.
 fn lay(system: &System<'_>, index: i32, fan: &[usize], corners: &[[[f64; 2]; 3]], y: &mut [f64]) {
     let spokes: Vec<[[f64; 2]; 2]> = fan.iter().map(|&h| spokes(system, h)).collect();
     let angle = |p: [f64; 2]| p[1].atan2(p[0]);
@@ -85,6 +92,8 @@ fn lay(system: &System<'_>, index: i32, fan: &[usize], corners: &[[[f64; 2]; 3]]
 }
 
 /// The two sides from a corner as the field would have them in the map.
+///
+/// They are `[du, dv]` in units of lines, to the next corner and to the previous one.
 fn spokes(system: &System<'_>, h: usize) -> [[f64; 2]; 2] {
     let chart = &system.charts[h / 3];
     let (k, l) = (next(h) % 3, previous(h) % 3);
@@ -99,6 +108,10 @@ fn spokes(system: &System<'_>, h: usize) -> [[f64; 2]; 2] {
 }
 
 /// Do the angles around a vertex add up to something else than what the field says?
+///
+/// Angles of triangles that are turned over count as negative, and the sum is a multiple of a quarter turn where the
+/// map continues over its seams: an eighth of a turn is a safe threshold for rounding errors. Vertices without
+/// triangles have no wrong angle. On a boundary the wanted sum is `2 − 4 I` quarters.
 pub(super) fn has_wrong_angle(
     frames: &Frames,
     field: &CrossField,
@@ -116,6 +129,7 @@ pub(super) fn has_wrong_angle(
     (angles.sum::<f64>() - wanted).abs() > FRAC_PI_4
 }
 
+/// The angle from the side to the next corner to that to the previous one, within ±π.
 fn corner_angle(uv: &[[f64; 2]; 3], k: usize) -> f64 {
     let side = |l: usize| [uv[l][0] - uv[k][0], uv[l][1] - uv[k][1]];
     let (a, b) = (side((k + 1) % 3), side((k + 2) % 3));

@@ -23,16 +23,20 @@ const NONE: u32 = u32::MAX;
 #[derive(Clone, Debug)]
 pub(crate) struct Cut {
     /// Quarter turns from the arm θ to the chosen arm, per triangle.
+    /// 0…3, counter-clockwise.
     pub(crate) comb: Vec<u8>,
     /// Per half-edge: is its edge cut? Boundary edges are not.
+    /// Both half-edges of an edge agree.
     pub(crate) is_cut: Vec<bool>,
     /// Quarter turns k of the chosen arms across each half-edge: coordinates turn by −k.
+    /// `(comb_j − comb_i + p) mod 4` from triangle i to j, 0 on edges that are not cut and on boundaries.
     pub(crate) turn: Vec<u8>,
     /// Per corner (numbered like the half-edge out of it): which copy of its vertex.
     pub(crate) copy: Vec<u32>,
     /// Per copy, its vertex.
     pub(crate) vertex: Vec<u32>,
     /// Per half-edge of the cut: its chain, and whether it runs along it.
+    /// Along a chain the turn is the same throughout, so that one translation of two integers belongs to it.
     pub(crate) chain: Vec<u32>,
     pub(crate) forward: Vec<bool>,
     /// Number of chains: maximal paths of the cut between its nodes.
@@ -40,6 +44,7 @@ pub(crate) struct Cut {
     /// Nodes of the cut: ends, branches, singular and boundary vertices; the farthest from the root first.
     pub(crate) nodes: Vec<u32>,
     /// Distance of each vertex from the root of the cut, Å.
+    /// Along edges; boundary vertices have 0, and on a closed surface the first singular vertex.
     pub(crate) depth: Vec<f64>,
 }
 
@@ -81,6 +86,8 @@ impl Cut {
     }
 
     /// The half-edges out of a vertex, counter-clockwise, the first on the cut or the boundary if any is.
+    /// So transitions met on a walk through it are those of the cut, each once; inside of a fan that is not cut there
+    /// is none.
     pub(crate) fn fan(&self, frames: &Frames, vertex: usize) -> Vec<usize> {
         let mut fan: Vec<usize> = frames.around(vertex).collect();
         if !frames.on_boundary(vertex)
@@ -91,6 +98,8 @@ impl Cut {
         fan
     }
 
+    /// Splits the cut at its nodes, and orders these so that who goes through them has seen all nodes farther out
+    /// before.
     fn find_chains(&mut self, frames: &Frames, singular: &[bool]) {
         let vertices = singular.len();
         let mut degree = vec![0u32; vertices];
@@ -122,6 +131,7 @@ impl Cut {
         });
     }
 
+    /// Walks from a node along the cut until the next node and numbers what lies between.
     fn follow_chain(&mut self, frames: &Frames, start: usize, is_node: &[bool]) {
         let chain = self.chains as u32;
         self.chains += 1;
@@ -151,6 +161,8 @@ fn out_of(frames: &Frames, vertex: usize) -> impl Iterator<Item = usize> + '_ {
 
 /// Which half-edges (both of an edge) lie on shortest paths from the boundary, or from a singular vertex, to
 /// everywhere.
+///
+/// With the distance of each vertex along edges, by Dijkstra's algorithm: n log n for n vertices.
 fn shortest_path_tree(
     mesh: &TriMesh,
     frames: &Frames,
@@ -177,6 +189,9 @@ fn shortest_path_tree(
 
 /// A spanning tree of the dual graph that does not cross the other tree; what it does not cross is cut. Arms are
 /// carried along it.
+///
+/// By breadth first from triangle 0. Over an edge of this tree the combed arms continue each other without a turn. Over
+/// other edges whose turn is 0 as well they do, too: pruning takes off those that only end somewhere.
 fn comb_dual_tree(frames: &Frames, field: &CrossField, on_tree: &[bool]) -> (Vec<bool>, Vec<u8>) {
     let mut is_cut: Vec<bool> = (0..frames.edges().len())
         .map(|h| frames.twin(h).is_some())
@@ -202,6 +217,9 @@ fn comb_dual_tree(frames: &Frames, field: &CrossField, on_tree: &[bool]) -> (Vec
 }
 
 /// Takes loose ends off the cut until they are singular or on the boundary.
+///
+/// Around a regular vertex where one cut ends, all turns but that of this edge are 0, and their sum is minus the index,
+/// 0, up to multiples of four: so the edge has none either, and its triangles may share a chart.
 fn prune(frames: &Frames, singular: &[bool], is_cut: &mut [bool]) {
     let vertices = singular.len();
     let mut degree = vec![0u32; vertices];
@@ -228,6 +246,9 @@ fn prune(frames: &Frames, singular: &[bool], is_cut: &mut [bool]) {
 }
 
 /// Corners joined over edges that are not cut.
+///
+/// Answers the copy of each corner and the vertex of each copy. A vertex where m edges of the cut meet has m copies
+/// (one if m is 0), and on a boundary one more.
 fn copies(frames: &Frames, is_cut: &[bool]) -> (Vec<u32>, Vec<u32>) {
     let corners = frames.edges().len();
     let mut sets = DisjointSets::new(corners);

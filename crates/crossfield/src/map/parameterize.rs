@@ -1,4 +1,8 @@
 //! From a cross field to an integer-grid map.
+//!
+//! [`parameterize`] is for callers who want a map or nothing; the ladder of the whole program calls [`parameterized`],
+//! which may come back with a decimated map instead, and stops early where that is of no use. Both go through
+//! [`Making`]: relaxation, integers, unfolding, and at last the check in [`fixed`].
 
 use geom_core::nalgebra::{Cholesky, DVector, Dyn};
 use geom_core::options::require;
@@ -18,6 +22,8 @@ use crate::field::CrossField;
 use crate::field::frames::Frames;
 
 /// Solves with stiffer triangles before the map is untangled.
+/// Each is a factorization with the same pattern: cheap compared with untangling, and enough for single folded
+/// triangles.
 const STIFFENINGS: usize = 8;
 
 /// What the map should be like.
@@ -256,10 +262,12 @@ impl<'a> Making<'a> {
         }
     }
 
+    /// The same as [`faults`] for the triangles of this map.
     fn faults(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
         faults(self.frames, self.field, self.system.charts, corners)
     }
 
+    /// Integers alone make a map: the real unknowns follow to the minimum for them. Answers both, the reals first.
     fn with_reals(weighted: &Weighted, integers: &[f64]) -> Result<Vec<f64>, Error> {
         let mut y = weighted.reals_for(integers)?;
         y.extend_from_slice(integers);
@@ -267,6 +275,9 @@ impl<'a> Making<'a> {
     }
 
     /// The optimum of Eq. 4.10 with real numbers in place of integers.
+    ///
+    /// One sparse factorization, a solve per integer, and a dense factorization of the Schur complement: n_int³
+    /// operations, where n_int is about twice the number of singular vertices plus four times the genus.
     fn optimum(&mut self) -> Result<Optimum, Error> {
         let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
         let weighted = self.system.weighted(&self.weights)?;
@@ -287,6 +298,10 @@ impl<'a> Making<'a> {
     }
 
     /// The optimum, unfolded where it folds: no rounding could mend that, and the integers of a folded map are wrong ones.
+    ///
+    /// Tried twice: from the optimum itself, for a third of the effort that is left; and from the optimum whose stars
+    /// of many quads were laid out by hand ([`wound`]), since no energy that only turns triangles upright adds a full
+    /// turn around a vertex. What is still folded then is an error that no other spacing would mend.
     fn relaxed(&mut self) -> Result<Relaxed, Error> {
         let Optimum {
             weighted,
@@ -343,6 +358,10 @@ impl<'a> Making<'a> {
     }
 
     /// Makes a map the optimum: its gradients are wanted in place of the field's, the more strictly the narrower it is.
+    ///
+    /// A second optimum with the old wishes would fold again. The weights are those under which the smaller singular
+    /// value counts relative to itself: where lines are close together in the unfolded map, rounding has to leave them
+    /// so.
     fn want(&mut self, corners: &[[[f64; 2]; 3]]) {
         const MOST: f64 = 100.0;
         for (f, uv) in corners.iter().enumerate() {
@@ -366,6 +385,10 @@ impl<'a> Making<'a> {
 
     /// Integers and the reals that follow them. Where rounding lays singular vertices onto each other, other integers are
     /// found, on a denser grid if need be and brought back, that hold the decimated map upright.
+    ///
+    /// Three outcomes: the rounded integers, where nothing folds, or the decimated map is upright with them, or there is no
+    /// decimated map to judge them by; those found under the conditions of the decimated map; and an error, if there are
+    /// none on denser grids either.
     fn quantized(&mut self, relaxed: &Relaxed) -> Result<Rounded, Error> {
         let Relaxed {
             weighted,
@@ -412,6 +435,9 @@ impl<'a> Making<'a> {
     }
 
     /// Stiffer triangles where the map folds, then untangling, the integers held.
+    ///
+    /// Untangling is tried twice as in the relaxed map. What comes out may still be folded: the check afterwards says
+    /// so, and counts.
     fn unfold(&mut self, weighted: &Weighted, y: &mut [f64]) -> Result<(), Error> {
         let reals = self.system.seams.reals;
         let mut corners = self.system.corners(y);
@@ -456,6 +482,9 @@ impl<'a> Making<'a> {
 
 /// Triangles that are inverted or turned away, and triangles around vertices whose angles in the map do not add up to
 /// what the field says.
+///
+/// A triangle counts as turned away if its Jacobian has a trace of at most 0: its lines run backwards though its area
+/// is positive. What is at fault here gets stiffer; whether a map is valid is decided by areas and angles alone.
 fn faults(
     frames: &Frames,
     field: &CrossField,
@@ -476,6 +505,7 @@ fn faults(
 }
 
 /// The larger and the smaller.
+/// Both are 0 or more, their product is |det J|.
 fn singular_values(j: &[[f64; 2]; 2]) -> [f64; 2] {
     let sum = j.iter().flatten().map(|x| x * x).sum::<f64>();
     let determinant = determinant(j);
@@ -489,6 +519,10 @@ fn singular_values(j: &[[f64; 2]; 2]) -> [f64; 2] {
 }
 
 /// Local stiffening (Bommes, Zimmer and Kobbelt, 2009): weights grow where the distortion is uneven, and around faults.
+///
+/// What it adds to a weight is at most 5 for unevenness, the difference between the distortion of a triangle and that
+/// of its neighbours, and 2 next to a fault. The second part is not in the paper: without it a fold in an evenly
+/// distorted place stays, or moves to and fro.
 fn stiffen(
     frames: &Frames,
     charts: &[Chart],

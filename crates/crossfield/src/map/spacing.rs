@@ -96,6 +96,7 @@ impl Chart {
     }
 
     /// Is the triangle inverted, or turned away from the field by more than a quarter?
+    /// A Jacobian with a number that is none is bad as well.
     pub fn is_bad(&self, uv: &[[f64; 2]; 3]) -> bool {
         let j = self.jacobian(uv);
         !(determinant(&j) > 0.0 && j[0][0] + j[1][1] > 0.0)

@@ -1,4 +1,15 @@
 //! The orientation energy (Eq. 4.10) over independent unknowns.
+//!
+//! Let x be the coordinates of all copies, u and v of each. As if no conditions held, Eq. 4.10 is `½ xᵀ K x − kᵀ x`
+//! with K the stiffness matrix of linear elements, anisotropic where the spacing is ([`Chart`]). The conditions are
+//! `x = P y` with the sparse integer matrix P of [`Seams`], so that the energy over the independent unknowns has the
+//! matrix `A = Pᵀ K P` and the right-hand side `b = Pᵀ k`. No multipliers and no penalties: whatever y is, the
+//! conditions hold.
+//!
+//! The few integers are what is chosen, the many reals follow. With `A = [A_RR A_RI; A_IR A_II]` and A_RR factored
+//! once, all that is asked of the energy as the integers change is in the Schur complement
+//! `S = A_II − A_IR A_RR⁻¹ A_RI`, a small dense matrix: each greedy step of rounding is then an exact optimum over
+//! everything that is still free, where solvers of the original method stop early.
 
 use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
 
@@ -8,30 +19,40 @@ use super::transition::Seams;
 use crate::Error;
 
 /// Solves a system in place.
+/// Handed to [`Weighted::inverse`] by those who have a factor of the Schur complement; this file has none.
 pub(crate) type Solver<'a> = &'a dyn Fn(&mut [f64]);
 
 /// `½ yᵀ A y − bᵀ y`, with the real unknowns R apart from the integer ones I.
 pub(crate) struct System<'a> {
+    /// Which copy each corner is.
     pub(crate) cut: &'a Cut,
+    /// The rows of P.
     pub(crate) seams: &'a Seams,
+    /// What each triangle contributes to K.
     pub(crate) charts: &'a [Chart],
     /// The wanted Jacobians: at first the field's, the identity.
     pub(crate) wanted: Vec<[[f64; 2]; 2]>,
+    /// The pattern of A_RR and the order of its elimination, which weights do not change: analysed with the first
+    /// weights, kept for all others.
     symbolic: Option<Symbolic>,
 }
 
 /// The system for one choice of weights, A_RR factored.
 pub(crate) struct Weighted {
+    /// Of A_RR; `None` if there are no reals.
     factor: Option<Cholesky>,
     /// A_RI, column by column.
     mixed: Vec<Vec<(u32, f64)>>,
     /// A_II, row after row.
     pub(crate) integer: Vec<f64>,
+    /// Reals first.
     pub(crate) right: Vec<f64>,
+    /// Number of real unknowns.
     reals: usize,
 }
 
 impl<'a> System<'a> {
+    /// With the identity wanted in every triangle.
     pub(crate) fn new(cut: &'a Cut, seams: &'a Seams, charts: &'a [Chart]) -> Self {
         Self {
             cut,
@@ -43,6 +64,13 @@ impl<'a> System<'a> {
     }
 
     /// Assembles and factors, triangle f counting `weights[f]` times.
+    ///
+    /// `Pᵀ K P` is not formed as a product of matrices: each row of K is expanded over the reals and the integers of its
+    /// coordinates. A coordinate hangs on few reals and often on many integers, so that the sums over integers are
+    /// gathered once per row of K.
+    ///
+    /// # Errors
+    /// [`Error::Matrix`] if A_RR is not positive definite: the map could be shifted or a part of it hangs on nothing.
     pub(crate) fn weighted(&mut self, weights: &[f64]) -> Result<Weighted, Error> {
         let (reals, integers) = (self.seams.reals, self.seams.integers);
         let (stiffness, pulls) = self.of_copies(weights)?;
@@ -59,10 +87,12 @@ impl<'a> System<'a> {
             .collect();
         // What a coordinate's row of the matrix is over the integers.
         let (mut sum, mut touched) = (vec![0.0; integers], Vec::new());
+        // Terms may cancel exactly on the way: a sum of zero does not say that it is new.
+        let mut is_touched = vec![false; integers];
         for (k, &pull) in pulls.iter().enumerate() {
             for (other, value) in stiffness.row(k) {
                 for &(z, q) in &integers_of[other] {
-                    if sum[z] == 0.0 {
+                    if !std::mem::replace(&mut is_touched[z], true) {
                         touched.push(z);
                     }
                     sum[z] += value * q;
@@ -89,7 +119,7 @@ impl<'a> System<'a> {
                 }
             }
             for z in touched.drain(..) {
-                sum[z] = 0.0;
+                (sum[z], is_touched[z]) = (0.0, false);
             }
         }
         // The same place may have been met from several copies.
@@ -109,6 +139,8 @@ impl<'a> System<'a> {
     }
 
     /// The matrix and right-hand side over the coordinates of all copies, as if no conditions held.
+    ///
+    /// In a triangle u and v do not know of each other: 9 entries for each. Seams alone mix them, through P.
     fn of_copies(&self, weights: &[f64]) -> Result<(SparseMatrix, Vec<f64>), Error> {
         let coordinates = 2 * self.seams.copies();
         let mut entries = Vec::with_capacity(18 * self.charts.len());
@@ -132,6 +164,7 @@ impl<'a> System<'a> {
         Ok((matrix, pulls))
     }
 
+    /// With the pattern analysed if this is the first matrix.
     fn factored(&mut self, matrix: &SparseMatrix) -> Result<Option<Cholesky>, Error> {
         if matrix.rows() == 0 {
             return Ok(None);
@@ -144,6 +177,7 @@ impl<'a> System<'a> {
     }
 
     /// The coordinates of the corners of all triangles.
+    /// In units of lines, from the values of the unknowns, reals first.
     pub(crate) fn corners(&self, y: &[f64]) -> Vec<[[f64; 2]; 3]> {
         let at = |copy: u32, component: usize| -> f64 {
             let terms = self.seams.row(copy, component);
@@ -160,6 +194,7 @@ impl<'a> System<'a> {
     }
 
     /// How far the map is from the field: Σ area · |J − 1|², over the number of triangles.
+    /// The mean of the areas is 1, so that this is a mean over the surface; 0 if the map follows the field exactly.
     pub(crate) fn energy(&self, corners: &[[[f64; 2]; 3]]) -> f64 {
         let of = |(chart, uv): (&Chart, &[[f64; 2]; 3])| {
             let j = chart.jacobian(uv);
@@ -181,6 +216,9 @@ impl Weighted {
     }
 
     /// `A⁻¹ (r, i)` by blocks, where `schur` solves with the Schur complement; with the integers held where it is `None`.
+    ///
+    /// Two substitutions with the factor of A_RR, or one where the integers are held; then the answer has the reals
+    /// alone.
     pub(crate) fn inverse(
         &self,
         gradient: &[f64],
@@ -212,6 +250,7 @@ impl Weighted {
     }
 
     /// The real unknowns for given integers.
+    /// `A_RR⁻¹ (b_R − A_RI z)`: the minimum for these integers, which need not be integers.
     pub(crate) fn reals_for(&self, integers: &[f64]) -> Result<Vec<f64>, Error> {
         let mut x = self.right[..self.reals].to_vec();
         for (column, &z) in self.mixed.iter().zip(integers) {
@@ -225,6 +264,8 @@ impl Weighted {
 
     /// The Schur complement `S = A_II − A_IR A_RR⁻¹ A_RI`, row after row, and its right-hand side: what the energy
     /// is as a function of the integers alone, the reals following.
+    ///
+    /// One substitution per integer, 32 of them in each pass over the factor, and `integers²` numbers in memory.
     pub(crate) fn schur(&self) -> Result<(Vec<f64>, Vec<f64>), Error> {
         const COLUMNS: usize = 32;
         let n = self.mixed.len();

@@ -24,8 +24,11 @@ pub(crate) type Form = BTreeMap<u32, i64>;
 #[derive(Clone, Debug)]
 pub(crate) struct Seams {
     /// Row 2 · copy + component.
+    /// Where each row begins in the two arrays below, and one more for the end.
     starts: Vec<usize>,
+    /// The unknown of each entry.
     unknowns: Vec<u32>,
+    /// Never 0 and mostly ±1; elimination adds some of them up.
     coefficients: Vec<i32>,
     /// Number of real unknowns.
     pub(crate) reals: usize,
@@ -36,6 +39,10 @@ pub(crate) struct Seams {
 impl Seams {
     /// Eliminates the conditions at the nodes of the cut, and on the half-edges that must be lines of equal
     /// coordinate.
+    ///
+    /// First the closings of nodes, the outermost before those nearer to the root of the cut, since each chain is to be
+    /// eliminated at its outer end; then all lines, and only then that their coordinates are integers; at last the shift
+    /// of the whole map. Which variables stay depends on this order, the maps that they describe do not.
     pub(crate) fn of(frames: &Frames, field: &CrossField, cut: &Cut, lines: &[usize]) -> Self {
         let places = Places::of(frames, cut);
         let mut unknowns = Unknowns::of(frames, field, cut);
@@ -59,6 +66,7 @@ impl Seams {
     }
 
     /// The terms of a coordinate: unknown and coefficient.
+    /// Unknowns `reals..` are the integers.
     pub(crate) fn row(
         &self,
         copy: u32,
@@ -76,6 +84,9 @@ impl Seams {
 }
 
 /// Half-edges that are lines of equal coordinate, and which: 0 for u, 1 for v.
+///
+/// The arm nearest to the half-edge decides: along the first or the third v is constant, along the others u. If the
+/// field is not parallel to the half-edge, the map is bent until it is.
 fn aligned_coordinates(
     frames: &Frames,
     field: &CrossField,
@@ -94,6 +105,8 @@ fn aligned_coordinates(
 }
 
 /// The map may be shifted: two coordinates are put to zero, where possible such as are integers anyway.
+///
+/// Without them the energy would not change with the shift, and the matrix of the system would be singular.
 fn gauge(
     frames: &Frames,
     field: &CrossField,
@@ -121,13 +134,18 @@ type PlacedCopy = (u32, u8, Vec<(u32, u8)>);
 /// Where the copies of a vertex lie: `R(90° turn) base + Σ R(90° turn_c) t_c`.
 struct Places {
     /// All of them.
+    /// Of each copy of the cut, in its order.
     copies: Vec<PlacedCopy>,
     /// What must vanish so that a walk around a node ends where it began.
+    /// Two per vertex of the cut inside of the surface, unless they hold anyway: where a chain passes through, what one
+    /// side of it adds the other takes away.
     closings: Vec<Form>,
+    /// Variables `2 v` and `2 v + 1` are the base of vertex v; those of chains follow after all vertices.
     vertices: u32,
 }
 
 impl Places {
+    /// Walks around every vertex on the cut; others have one copy, which is their base.
     fn of(frames: &Frames, cut: &Cut) -> Self {
         let vertices = frames.edges().vertices() as u32;
         let mut places = Self {
@@ -152,6 +170,10 @@ impl Places {
     }
 
     /// Goes around a vertex counter-clockwise and composes the transitions.
+    ///
+    /// The first sector of the fan is the base. At each half-edge of the cut that is passed, all terms so far turn with
+    /// the chart, and the translation of its chain is added; it stands before or behind the turn, as the chain runs
+    /// along the half-edge or against it.
     fn walk(&mut self, frames: &Frames, cut: &Cut, vertex: u32) {
         let (mut turn, mut terms): (u8, Vec<(u32, u8)>) = (0, Vec::new());
         let fan = cut.fan(frames, vertex as usize);
@@ -194,6 +216,7 @@ impl Places {
         self.expand((*vertex, *turn, terms), component)
     }
 
+    /// Writes one coordinate of such a place as a sum of variables: a turn exchanges components and changes signs.
     fn expand(&self, (vertex, turn, terms): (u32, u8, &[(u32, u8)]), component: usize) -> Form {
         let mut form = Form::new();
         let mut push = |variable: u32, turn: u8| {
@@ -234,13 +257,18 @@ pub(super) fn add(form: &mut Form, other: &Form, factor: i64) {
 
 /// Variables, some of which are expressed by others.
 struct Unknowns {
+    /// What each variable is expressed by; `None` for those that are free. Expressions may name variables that have
+    /// been expressed since: [`Unknowns::resolved`] follows them.
     expression: Vec<Option<Form>>,
+    /// Whether each must become an integer: those of chains and singular vertices from the start, others when a line
+    /// says so.
     integer: Vec<bool>,
     /// Of variables that could be eliminated, the one of lowest rank is.
     rank: Vec<f64>,
 }
 
 impl Unknowns {
+    /// All variables free: two per vertex, two per chain.
     fn of(frames: &Frames, field: &CrossField, cut: &Cut) -> Self {
         let vertices = frames.edges().vertices();
         let variables = 2 * (vertices + cut.chains);
@@ -267,6 +295,8 @@ impl Unknowns {
     }
 
     /// A form over variables that are not eliminated.
+    /// It ends since no variable is ever expressed by itself: rows are resolved before one of their variables is
+    /// eliminated.
     fn resolved(&self, mut form: Form) -> Form {
         let mut open: Vec<u32> = form.keys().copied().collect();
         while let Some(variable) = open.pop() {
@@ -326,6 +356,7 @@ impl Unknowns {
         }
     }
 
+    /// The coefficient must be ±1, so that the others stay integers after the division.
     fn eliminate(&mut self, variable: u32, mut row: Form) {
         let sign = row.remove(&variable).expect("the pivot is in the row");
         for c in row.values_mut() {
@@ -335,6 +366,8 @@ impl Unknowns {
     }
 
     /// `z_k = z' − Σ q_i z_i` for the smallest coefficient c_k, with q_i the rounded c_i / c_k.
+    /// The rest of the row has coefficients of half the smallest one at most, besides that one: after finitely many
+    /// steps one is ±1, as their greatest common divisor is 1.
     fn euclid(&mut self, row: Form) -> Form {
         let (&k, &least) = row.iter().min_by_key(|(_, c)| c.abs()).expect("not empty");
         let new = self.expression.len() as u32;
@@ -352,6 +385,7 @@ impl Unknowns {
         rest
     }
 
+    /// A coordinate that is a sum of integers already needs nothing; one with a real left makes that one an integer.
     fn make_integer(&mut self, form: &Form) {
         for v in self.resolved(form.clone()).into_keys() {
             self.integer[v as usize] = true;

@@ -85,6 +85,12 @@ pub(crate) struct Moves<'a> {
 /// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`
 /// (Garanzha et al., *Foldover-free maps in 50 lines of code*, 2021), by L-BFGS. ε falls as theirs does, by what a round has
 /// gained and by the worst determinant. A map that cannot be unfolded comes out folded.
+///
+/// `y` are all unknowns, reals first; those that may move are the reals, and the integers as well if `moves` has a solver
+/// for them. With ε above 0 the energy is finite everywhere, so that any map may be the start. A round is a minimization
+/// for one ε, of at most [`STEPS`] steps, and there are at most [`ROUNDS`] of them. A map that is still folded is given up
+/// when the effort is spent, or when its worst determinant has not risen for [`STALLED`] rounds. Of an upright one ε falls
+/// on until a round gains less than [`SETTLED`], so that what comes out is also smooth.
 pub(crate) fn untangle(
     system: &System<'_>,
     y: &mut [f64],
@@ -151,15 +157,22 @@ pub(crate) fn untangle(
 
 struct Energy<'a> {
     system: &'a System<'a>,
+    /// With areas raised to [`LEAST_AREA`], unlike those of the system.
     charts: &'a [Chart],
     backend: &'a (dyn CrossfieldBackend + 'a),
+    /// The unknowns that do not move, from the first of them on.
     fixed: Vec<f64>,
+    /// Their distortion is always taken with the smallest ε, whose barrier is too high for any step to cross, and on the
+    /// CPU, whatever the backend: in f32 the barrier would have holes.
     held: &'a [usize],
+    /// ε of the round.
     epsilon: f64,
+    /// What the last evaluation found, per triangle.
     out: Vec<ChartDistortion>,
 }
 
 impl Energy<'_> {
+    /// Distortions at x, from the backend, which must answer one per triangle.
     fn evaluate(&mut self, x: &[f64]) -> Result<(), Error> {
         let y: Vec<f64> = x.iter().chain(&self.fixed).copied().collect();
         let corners = self.system.corners(&y);
@@ -212,6 +225,7 @@ impl Energy<'_> {
 }
 
 /// A step and what it changed.
+/// L-BFGS keeps the last few of these in place of a matrix of second derivatives.
 struct Step {
     /// Of the unknowns.
     moved: Vec<f64>,
@@ -224,6 +238,10 @@ struct Step {
 }
 
 /// L-BFGS (Nocedal and Wright, *Numerical Optimization*, algorithm 7.5) with backtracking; the energy before and after.
+///
+/// It ends after [`STEPS`], when a step gains less than 1e-8 of the energy, when no step along the direction lowers it,
+/// or when the effort is spent. A pair that shows no curvature is not remembered; a direction that does not descend
+/// makes it forget all others.
 fn minimize(
     energy: &mut Energy<'_>,
     moves: &Moves<'_>,
@@ -282,6 +300,9 @@ struct Found {
 }
 
 /// The first of ever shorter steps that lowers the energy enough, with energy and gradient there.
+///
+/// Enough is 1e-4 of what the slope promises (Armijo's condition). Steps that meet a number that is not finite are too
+/// long. `None` after thirty tries.
 fn searched(
     energy: &mut Energy<'_>,
     x: &[f64],
@@ -307,6 +328,9 @@ fn searched(
 }
 
 /// Minus the gradient, bent by the curvature met so far.
+///
+/// In place of a multiple of the identity, as in the textbook, the inverse of the quadratic energy stands in the
+/// middle, scaled to the curvature of the last step.
 fn two_loops(gradient: &[f64], history: &[Step], moves: &Moves<'_>) -> Result<Vec<f64>, Error> {
     let mut q: Vec<f64> = gradient.iter().map(|g| -g).collect();
     let mut alphas = Vec::new();

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use geom_core::search::bvh::Closest;
 use geom_core::{Point3, QuadMesh, TriMesh};
 
 use super::trace::{Paper, Walker};
@@ -23,6 +24,14 @@ pub struct SurfacePoint {
 }
 
 impl SurfacePoint {
+    /// The nearest one of another.
+    pub(super) fn of(closest: &Closest) -> Self {
+        Self {
+            triangle: closest.triangle,
+            barycentric: closest.barycentric,
+        }
+    }
+
     /// Where it is, Å.
     pub fn position(&self, mesh: &TriMesh) -> Point3 {
         let corners = mesh.corners(self.triangle as usize);
@@ -145,12 +154,16 @@ enum Place {
 struct Sites {
     places: Vec<Place>,
     points: Vec<SurfacePoint>,
+    /// Per vertex of the net its site, or [`NONE`].
     of_vertex: Vec<u32>,
+    /// By the lower half-edge of the edge and the point in its chart.
     on_edge: HashMap<(usize, [i64; 2]), u32>,
     in_face: HashMap<(usize, [i64; 2]), u32>,
 }
 
 impl Sites {
+    /// Three passes, over vertices, edges and triangles, so that each integer point of the surface is found once,
+    /// wherever it lies. The time is that of the triangles and of the integer points in the boxes around them.
     fn of(paper: &Paper<'_>) -> Self {
         let mut sites = Self {
             places: Vec::new(),
@@ -180,6 +193,7 @@ impl Sites {
         sites
     }
 
+    /// Adds a site, with its barycentric coordinates in a triangle, and answers its number.
     fn push(&mut self, place: Place, face: usize, weight: impl Fn(usize) -> f64) -> u32 {
         self.places.push(place);
         self.points.push(SurfacePoint {
@@ -190,6 +204,7 @@ impl Sites {
     }
 
     /// Integer points strictly inside of an edge.
+    /// Walks along the longer of its two coordinates; the other one has to divide exactly.
     fn add_edge_points(&mut self, paper: &Paper<'_>, h: usize) {
         let uv = &paper.map.corners[h / 3];
         let (a, b) = (uv[h % 3], uv[next(h) % 3]);
@@ -277,6 +292,7 @@ impl Sites {
 struct Port {
     site: u32,
     face: usize,
+    /// Quarter turns from +u, in the chart of the triangle.
     heading: u8,
     /// The site in the chart of the triangle.
     at: [i64; 2],
@@ -284,7 +300,9 @@ struct Port {
 
 /// The ports of all sites, counter-clockwise around each.
 struct Ports {
+    /// Where the ports of each site begin.
     starts: Vec<usize>,
+    /// Counter-clockwise around each site, so that the number before is the next one clockwise.
     all: Vec<Port>,
     /// Is the site on the rim, so that its first port has none before it?
     on_rim: Vec<bool>,
@@ -377,6 +395,8 @@ impl Ports {
     }
 
     /// The port of a site through which a line comes back that has ended there.
+    ///
+    /// A line along a side of triangles ends in either of the two: the port is looked for in both.
     fn find(&self, paper: &Paper<'_>, site: u32, end: &Walker) -> Option<usize> {
         let range = self.starts[site as usize]..self.starts[site as usize + 1];
         // A triangle glued to itself may have a site more than once.
@@ -407,6 +427,9 @@ impl Ports {
     }
 
     /// For each port the one at the other end of its line.
+    ///
+    /// Lines are one unit long. Each is walked from one end only; that its other end leads back is checked by the port
+    /// found there.
     fn connected(&self, paper: &Paper<'_>, sites: &Sites) -> Result<Vec<u32>, Error> {
         let unit = paper.unit();
         let mut partner = vec![NONE; self.all.len()];
@@ -444,6 +467,9 @@ impl Ports {
     }
 
     /// The faces that lie to the left of the lines.
+    ///
+    /// From a port along its line, then the line that is next clockwise from where it came, which is a turn to the
+    /// left, and so on: four steps lead round a quad. At a rim the way round breaks off, and what was met lies outside.
     fn orbits(&self, partner: &[u32]) -> Result<Vec<[u32; 4]>, Error> {
         let mut seen = vec![false; self.all.len()];
         let mut quads = Vec::new();

@@ -6,7 +6,7 @@ use geom_core::{Point3, QuadMesh, Run, TriMesh};
 
 use super::extract::SurfacePoint;
 use super::parts;
-use super::quality::{AspectSummary, JacobianSummary, Valences, aspect_ratio, scaled_jacobian};
+use super::quality::{AspectSummary, JacobianSummary, Valences, aspect_ratio, jacobians, sources};
 use super::rungs::{PartReport, Rung, part_quads};
 use crate::anisotropy::{Slope, slopes};
 use crate::backend::{CrossfieldBackend, On};
@@ -48,7 +48,7 @@ pub struct Quadrangulation {
     pub sources: Vec<SurfacePoint>,
     /// The triangle of the input surface nearest to the centre of each quad.
     pub origins: Vec<u32>,
-    /// The scaled Jacobian of each quad, signed by the surface's normals: see [`scaled_jacobian`].
+    /// The scaled Jacobian of each quad, signed by the surface's normals: see [`scaled_jacobian`](geom_core::mesh::quality::scaled_jacobian).
     pub jacobians: Vec<f64>,
     /// What was done.
     pub report: Report,
@@ -100,6 +100,15 @@ impl Quadrangulation {
 /// assert!(made.report.scaled_jacobian.min > 0.0);
 /// # Ok::<(), crossfield::Error>(())
 /// ```
+///
+/// The surface may have boundaries, several connected parts and triangles that have to be repaired: what is no oriented
+/// manifold is made one first ([`Report::repaired`]). What it may need of memory, [`Options::bytes`] estimates.
+///
+/// # Errors
+/// [`Error::Option`] for values out of range, [`Error::Empty`] without triangles, [`Error::Repair`] for input beyond
+/// repair. With [`Ladder::Off`](crate::Ladder::Off) also the first failure of a field or map ([`Error::Folded`],
+/// [`Error::TooMany`], [`Error::Topology`]); with [`Ladder::Full`](crate::Ladder::Full) these are in
+/// [`PartReport::failures`] instead.
 pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
     surface: &TriMesh,
     options: &Options,
@@ -171,42 +180,18 @@ fn filled_area(whole: &TriMesh, slopes: &[Slope]) -> Result<f64, Error> {
     slopes.iter().map(|slope| slope.stretched_area()).sum()
 }
 
-/// The scaled Jacobian of each quad, signed by the surface's normals where its corners lie.
-fn jacobians(mesh: &QuadMesh, surface: &TriMesh, sources: &[SurfacePoint]) -> Vec<f64> {
-    mesh.quads()
-        .iter()
-        .enumerate()
-        .map(|(q, corners)| {
-            let normals = corners.map(|v| {
-                let at = sources[v as usize].triangle as usize;
-                surface
-                    .doubled_area_normal(at)
-                    .try_normalize(0.0)
-                    .unwrap_or_default()
-            });
-            scaled_jacobian(&mesh.corners(q), &normals.iter().sum())
-        })
-        .collect()
-}
-
 /// Where vertices and centres of quads lie on the surface.
 fn origins(mesh: &QuadMesh, surface: &TriMesh) -> Result<(Vec<SurfacePoint>, Vec<u32>), Error> {
     let tree = TriangleTree::new(surface)?;
-    let closest = |points: &[Point3]| tree.closest_to_all(points);
     let centres: Vec<Point3> = (0..mesh.quads().len())
         .map(|q| {
             let corners = mesh.corners(q).map(|p| p.coords);
             Point3::from((corners[0] + corners[1] + corners[2] + corners[3]) / 4.0)
         })
         .collect();
-    let sources = closest(mesh.positions())?
-        .into_iter()
-        .map(|c| SurfacePoint {
-            triangle: c.triangle,
-            barycentric: c.barycentric,
-        });
-    let origins = closest(&centres)?.iter().map(|c| c.triangle).collect();
-    Ok((sources.collect(), origins))
+    let origins = tree.closest_to_all(&centres)?;
+    let origins = origins.iter().map(|c| c.triangle).collect();
+    Ok((sources(mesh, &tree)?, origins))
 }
 
 /// Each stroke guides the part that it lies on, everything else all parts.

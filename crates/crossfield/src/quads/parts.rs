@@ -19,6 +19,9 @@ pub(super) struct Part {
 }
 
 /// An oriented manifold: the input, or what repair makes of it, and whether it was repaired.
+///
+/// What is manifold already is not touched, bit by bit, so that triangles keep their numbers; repair may change them.
+/// Unused vertices are reason enough for it.
 pub(super) fn manifold(mesh: &TriMesh) -> Result<(TriMesh, Option<repair::Report>), Error> {
     let flat = (0..mesh.triangles().len()).any(|t| is_flat(mesh, t));
     let mut used = vec![false; mesh.positions().len()];
@@ -71,6 +74,7 @@ pub(super) fn split(mesh: &TriMesh) -> Vec<(TriMesh, Vec<u32>)> {
         .collect()
 }
 
+/// Some triangles with the vertices that they use, both in their order.
 fn restricted(mesh: &TriMesh, faces: &[u32]) -> TriMesh {
     let corners = faces.iter().map(|&f| mesh.triangles()[f as usize]);
     let mut vertices: Vec<u32> = corners.clone().flatten().collect();
@@ -86,8 +90,8 @@ fn restricted(mesh: &TriMesh, faces: &[u32]) -> TriMesh {
 }
 
 impl Part {
-    /// Finds the sharp edges (normals differing by more than `crease` degrees), and cuts triangles with two lines at their
-    /// centres.
+    /// Finds the sharp edges (normals differing by more than `crease` degrees), cuts edges from line to line in two, and
+    /// triangles with two lines at their centres.
     pub(super) fn of(mesh: TriMesh, crease: Option<f64>) -> Result<Self, Error> {
         let edges = Halfedges::of(&mesh)?;
         let is_line: Vec<bool> = edges
@@ -101,6 +105,7 @@ impl Part {
                 (Some(_), None) => false,
             })
             .collect();
+        let (mesh, is_line) = cut_between(mesh, is_line)?;
         let (mesh, is_line) = cut_corners(mesh, is_line)?;
         let lines = (0..is_line.len()).filter(|&h| is_line[h]).collect();
         Ok(Self { mesh, lines })
@@ -156,6 +161,7 @@ impl Part {
         self.remeshed_with(edge, crease, remesh::Options::default(), run)
     }
 
+    /// The same with other options; `edge` and `crease` replace theirs.
     pub(super) fn remeshed_with(
         &self,
         edge: f64,
@@ -228,6 +234,65 @@ impl Part {
             .map(|h| [at(edges.from(h)), at(edges.to(h))])
             .collect())
     }
+}
+
+/// An edge that is no line, but has both ends on one, would have to be part of it where the map has no corner between them:
+/// such edges get a vertex in their middle.
+fn cut_between(mesh: TriMesh, is_line: Vec<bool>) -> Result<(TriMesh, Vec<bool>), Error> {
+    let edges = Halfedges::of(&mesh)?;
+    let mut on_line = vec![false; mesh.positions().len()];
+    for h in edges.iter().filter(|h| is_line[h.index()]) {
+        (on_line[edges.from(h).index()], on_line[edges.to(h).index()]) = (true, true);
+    }
+    let between = |h: HalfedgeId| {
+        !is_line[h.index()] && on_line[edges.from(h).index()] && on_line[edges.to(h).index()]
+    };
+    let mut middle = vec![None; edges.len()];
+    let mut positions = mesh.positions().to_vec();
+    for h in edges.edges().filter(|&h| between(h)) {
+        let [a, b] = [edges.from(h), edges.to(h)].map(|v| positions[v.index()]);
+        let number = Some(positions.len() as u32);
+        middle[h.index()] = number;
+        if let Some(twin) = edges.twin(h) {
+            middle[twin.index()] = number;
+        }
+        positions.push(geom_core::nalgebra::center(&a, &b));
+    }
+    let (mut triangles, mut lines) = (Vec::new(), Vec::new());
+    let cut = middle.chunks_exact(3).zip(is_line.chunks_exact(3));
+    for (corners, (middle, line)) in mesh.triangles().iter().zip(cut) {
+        // All corners of the triangle's rim, and which of the sides from them are lines.
+        let mut rim: Vec<(u32, bool)> = Vec::with_capacity(6);
+        for k in 0..3 {
+            rim.push((corners[k], line[k]));
+            rim.extend(middle[k].map(|m| (m, false)));
+        }
+        // Ears at old corners between two new ones, then a fan from a new corner, so that no side joins two old ones.
+        let is_new = |v: u32| !corners.contains(&v);
+        while let Some(k) = (0..rim.len()).find(|&k| {
+            let n = rim.len();
+            n > 3
+                && !is_new(rim[k].0)
+                && is_new(rim[(k + n - 1) % n].0)
+                && is_new(rim[(k + 1) % n].0)
+        }) {
+            let n = rim.len();
+            let before = (k + n - 1) % n;
+            triangles.push([rim[before].0, rim[k].0, rim[(k + 1) % n].0]);
+            lines.extend([rim[before].1, rim[k].1, false]);
+            rim[before].1 = false;
+            rim.remove(k);
+        }
+        let first = rim.iter().position(|r| is_new(r.0)).unwrap_or(0);
+        rim.rotate_left(first);
+        let last = rim.len() - 1;
+        for k in 1..last {
+            triangles.push([rim[0].0, rim[k].0, rim[k + 1].0]);
+            let side = |k: usize, there: bool| there && rim[k].1;
+            lines.extend([side(0, k == 1), rim[k].1, side(last, k + 1 == last)]);
+        }
+    }
+    Ok((TriMesh::new(positions, triangles)?, lines))
 }
 
 /// A triangle with two lines would have to be flat in the map if they are one line there.

@@ -5,6 +5,7 @@ pub use geom_core::mesh::quality::{JacobianSummary, scaled_jacobian};
 use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, QuadMesh, TriMesh, Vector3, VertexId};
 
+use super::extract::SurfacePoint;
 use crate::Error;
 
 /// Vertices by the number of quads around them.
@@ -30,6 +31,11 @@ pub struct Valences {
 
 impl Valences {
     /// Of a manifold quad mesh.
+    ///
+    /// Vertices of no quad are in entry 0, and are not irregular.
+    ///
+    /// # Errors
+    /// [`Error::Mesh`] if the quads are no oriented manifold.
     pub fn of(mesh: &QuadMesh) -> Result<Self, Error> {
         let edges = Halfedges::of_quads(mesh)?;
         let mut valences = Self::default();
@@ -120,6 +126,11 @@ impl AspectSummary {
 
 /// The largest distance between a quad mesh, its quads halved, and a surface, measured from vertices, midpoints and
 /// centres of either, Å: from the quads to the surface, and back.
+///
+/// Maxima over these samples, which may miss what lies between them.
+///
+/// # Errors
+/// [`Error::Tree`] if one of the two has no triangle.
 pub fn distances(quads: &QuadMesh, surface: &TriMesh) -> Result<[f64; 2], Error> {
     let halves = quads.clone().into_triangles();
     let one = |from: &TriMesh, to: &TriMesh| -> Result<f64, Error> {
@@ -134,4 +145,34 @@ pub fn distances(quads: &QuadMesh, surface: &TriMesh) -> Result<[f64; 2], Error>
         Ok(closest.iter().map(|c| c.distance).fold(0.0, f64::max))
     };
     Ok([one(&halves, surface)?, one(surface, &halves)?])
+}
+
+/// The scaled Jacobian of each quad, signed by the normals of the surface nearest to its corners.
+pub(super) fn jacobians_on(mesh: &QuadMesh, surface: &TriMesh) -> Result<Vec<f64>, Error> {
+    let sources = sources(mesh, &TriangleTree::new(surface)?)?;
+    Ok(jacobians(mesh, surface, &sources))
+}
+
+/// The scaled Jacobian of each quad, signed by the surface's normals where its corners lie.
+pub(super) fn jacobians(mesh: &QuadMesh, surface: &TriMesh, sources: &[SurfacePoint]) -> Vec<f64> {
+    mesh.quads()
+        .iter()
+        .enumerate()
+        .map(|(q, corners)| {
+            let normals = corners.map(|v| {
+                let at = sources[v as usize].triangle as usize;
+                surface
+                    .doubled_area_normal(at)
+                    .try_normalize(0.0)
+                    .unwrap_or_default()
+            });
+            scaled_jacobian(&mesh.corners(q), &normals.iter().sum())
+        })
+        .collect()
+}
+
+/// Where vertices lie on the surface.
+pub(super) fn sources(mesh: &QuadMesh, tree: &TriangleTree) -> Result<Vec<SurfacePoint>, Error> {
+    let closest = tree.closest_to_all(mesh.positions())?;
+    Ok(closest.iter().map(SurfacePoint::of).collect())
 }

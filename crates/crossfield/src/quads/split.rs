@@ -1,4 +1,8 @@
 //! Quads of any surface: the last resort.
+//!
+//! Needs neither field nor map, only a manifold: a polygon of n sides cut at its centre becomes n quads, whatever its
+//! shape. Pairing triangles first leaves fewer irregular vertices: the centre of a triangle has three quads, that of a
+//! pair four.
 
 use geom_core::id::Id;
 use geom_core::mesh::Halfedges;
@@ -58,6 +62,9 @@ pub(crate) fn split_quads(mesh: &TriMesh, keep: &[bool]) -> Result<QuadMesh, Err
 }
 
 /// Per triangle, the half-edge it shares with its partner.
+///
+/// Greedy, by the scaled Jacobian that a pair would have: not the most pairs, but the best ones first. A vertex inside
+/// keeps three faces at least.
 fn pairs(mesh: &TriMesh, edges: &Halfedges<3>, keep: &[bool]) -> Vec<Option<u32>> {
     let mut candidates: Vec<(f64, u32, u32)> = edges
         .edges()

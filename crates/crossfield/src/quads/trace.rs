@@ -42,6 +42,8 @@ impl Paper<'_> {
     }
 
     /// A point in the chart of the half-edge's triangle, in that of its twin's.
+    ///
+    /// Exactly: a turn by quarters about the shared end, of which both charts know where it lies.
     pub(super) fn across(&self, h: usize, twin: usize, point: [i64; 2]) -> [i64; 2] {
         let turn = (4 - self.map.turn[h]) % 4;
         let here = self.map.corners[h / 3][h % 3];
@@ -56,6 +58,10 @@ impl Paper<'_> {
     }
 
     /// Walks on to the triangle that holds the target; `None` at the rim of the surface.
+    ///
+    /// # Errors
+    /// [`Error::Torn`] if no side lies ahead, or the walk takes more steps than there are triangles: neither happens in
+    /// a map whose triangles are all upright.
     pub(super) fn follow(&self, mut walker: Walker) -> Result<Option<Walker>, Error> {
         let start = walker.face;
         // Every triangle is crossed at most once per unit square of the map, and lines are one unit long.
@@ -83,6 +89,7 @@ impl Paper<'_> {
         Err(Error::Torn { face: start, why })
     }
 
+    /// The same walker in the triangle across a side.
     fn carried(&self, walker: Walker, h: usize, twin: usize) -> Walker {
         Walker {
             face: twin / 3,
@@ -92,6 +99,7 @@ impl Paper<'_> {
         }
     }
 
+    /// What comes next in this triangle; `None` if the line points to no side of it.
     fn step(&self, walker: &Walker) -> Option<Step> {
         let uv = &self.map.corners[walker.face];
         let inside = (0..3).all(|k| {
@@ -147,6 +155,7 @@ impl Paper<'_> {
         None
     }
 
+    /// Does a heading point into the sector of a corner? Its first side is part of it, the second one at a rim only.
     fn leads_into(&self, corner: usize, heading: u8) -> bool {
         let [a, b] = sector(self.map, corner);
         let closed = self.net.twin(previous(corner)).is_none();

@@ -8,6 +8,8 @@ use rayon::prelude::*;
 pub(crate) const ADDED: u32 = 1 << 31;
 
 /// One list of all, in order; `f` sees the number of the list that an item comes from.
+/// The lists are written side by side, each to its place, so that what batches have made in parallel has the order of
+/// the batches.
 pub(crate) fn joined<T: Copy + Default + Send + Sync>(
     lists: Vec<Vec<T>>,
     f: impl Fn(usize, T) -> T + Sync,
@@ -53,6 +55,8 @@ pub(crate) fn distinct(labels: impl IntoIterator<Item = Region>) -> u8 {
 }
 
 /// How vertices may move: where they stand on the box, and how many labels meet there.
+/// One label: as its place on the box says. Two, off the box: on the surface. Two on the box, or three and more: not at
+/// all. Positions of the box are exact, so they are compared without a tolerance.
 pub(crate) fn kinds(positions: &[Point3], meeting: &[u8], cells: [i32; 3]) -> Vec<VertexKind> {
     positions
         .par_iter()
@@ -82,6 +86,7 @@ fn box_kind(p: &Point3, cells: [i32; 3]) -> VertexKind {
 }
 
 /// The vertices that elements use, in order; renumbers the elements in place.
+/// Gives the old number of each vertex that is left.
 pub(crate) fn compact<const N: usize>(vertices: usize, elements: &mut [[u32; N]]) -> Vec<u32> {
     let mut used = vec![false; vertices];
     for &v in elements.iter().flatten() {

@@ -1,5 +1,8 @@
 //! The corners, faces and diagonals of a cube, and the twelve tetrahedra between its middle and the halves of
 //! its faces.
+//!
+//! Corners have the numbers `x + 2y + 4z`, faces `2 · axis + side`, parts `2 · face + half`. Which of its two diagonals
+//! cuts a face is a bit of six, so that all that follows from them can stand in tables of 64.
 
 use std::sync::LazyLock;
 
@@ -11,6 +14,7 @@ use crate::octree::{corner_of, local};
 pub(crate) const QUADRANT: [[i32; 2]; 4] = [[-1, -1], [0, -1], [0, 0], [-1, 0]];
 
 /// The faces of the four cells around an axis towards the quadrants before and after theirs.
+/// By quadrant, in their order counter-clockwise about the axis.
 pub(crate) fn faces_beside(axis: usize) -> [[usize; 4]; 2] {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let before = [2 * v + 1, 2 * u, 2 * v, 2 * u + 1];
@@ -52,6 +56,7 @@ pub(crate) fn corners_of(face: Option<usize>) -> Vec<usize> {
 }
 
 /// The corners of a half of a face, given the diagonals of a cell.
+/// In the order of the face's corners, so counter-clockwise about the axis, not as seen from outside.
 pub(crate) fn triangle_of(diagonals: u8, part: usize) -> [usize; 3] {
     let f = face_corners(part / 2);
     match (diagonals >> (part / 2) & 1, part % 2) {
@@ -73,6 +78,7 @@ pub(crate) fn diagonal_of(diagonals: u8, face: usize) -> [usize; 2] {
 }
 
 /// The half of a face that has both corners.
+/// Of a diagonal, which both halves have, the first.
 pub(crate) fn half_of(diagonals: u8, face: usize, p: usize, q: usize) -> u8 {
     let t = triangle_of(diagonals, 2 * face);
     (2 * face + usize::from(!(t.contains(&p) && t.contains(&q)))) as u8
@@ -95,6 +101,7 @@ fn parts_around(diagonals: u8, corner: usize) -> Vec<u8> {
 }
 
 /// Where a part of the finest cell at `o` stands before it moves to the surface, in finest cells.
+/// The mean of its four corners, the middle of the cell among them.
 pub(crate) fn part_base(diagonals: u8, o: [i32; 3], part: usize) -> Point3 {
     let o = local(o).coords;
     let corners = triangle_of(diagonals, part).map(|i| local(corner_of(i)).coords + o);

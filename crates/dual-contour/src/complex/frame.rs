@@ -5,13 +5,20 @@
 //! are the smallest case where it does not hold. One point for two sheets would join them, and the vertex would be no manifold's; such a
 //! leaf is *not simple*, is split, and at the finest size is cut into twelve tetrahedra, each of which is simple for every
 //! pattern of labels at its four corners.
+//!
+//! Simple cells give a manifold. A face of one has at most two changes of label along its edges, if there are two
+//! labels: with four, its corners of either label would be joined through the rest of the cell on both sides, and on
+//! the surface of the cell two such ways would have to cross (Jordan's curve theorem). So each edge of the surface,
+//! which stands for such a face, has two polygons, and those around the point of a cell close to one ring.
 
 use geom_core::mesh::Region;
 
 /// The labels on the half lattice of a leaf: 27 points, of which the eight corners and the hanging
 /// ones are used. The middle never is.
 pub(crate) struct Frame {
+    /// Bit `i` is set where the point of that index is used.
     pub(crate) used: u32,
+    /// Of points that are not used they mean nothing.
     pub(crate) labels: [Region; 27],
 }
 
@@ -54,6 +61,8 @@ impl Frame {
     }
 
     /// Is the set of points of every label connected, and that of all others?
+    /// Connected along the edges of the leaf. With k labels that is k questions, one for two labels, each answered by
+    /// union and find over at most 26 points.
     pub(super) fn is_simple(&self) -> bool {
         let mut labels = [self.labels[0]; 27];
         let mut n = 1;
@@ -89,6 +98,7 @@ impl Frame {
             .count()
     }
 
+    /// Have all used points one label?
     pub(super) fn is_uniform(&self) -> bool {
         (0..27)
             .filter(|i| self.used >> i & 1 == 1)
@@ -97,6 +107,8 @@ impl Frame {
 }
 
 /// For each pattern of corner signs of a cube: are the corners of each sign connected?
+/// A flood over the bits of a mask: two corners are neighbours where their numbers differ in one bit. No corner at all
+/// counts as connected.
 pub(crate) fn simple_masks() -> [bool; 256] {
     std::array::from_fn(|mask| {
         let connected = |set: usize| {
@@ -116,6 +128,7 @@ pub(crate) fn simple_masks() -> [bool; 256] {
     })
 }
 
+/// The frame of a leaf without hanging corners, as all finest ones are.
 pub(crate) fn frame_of_corners(corners: &[Region; 8]) -> Frame {
     let mut frame = Frame {
         used: 0,

@@ -5,6 +5,22 @@
 //! the complex the cells stand in a ring, counter-clockwise about the edge; edge and consecutive
 //! cells span the base tetrahedra. Where the ring is open, at the box, it begins and ends with a
 //! ghost: a flat cell on the face of the box.
+//!
+//! What stands on it does not ask how the octree came about: a mesh is made by visiting each edge once (`rings`),
+//! numbering what its ring names (`numbering`) and giving each cell a point. `cube` and `split` have the twelve
+//! tetrahedra of a cut leaf, `frame` says which leaves need the cut, `collect` puts the lists of all threads together.
+//! Positions are in finest cells throughout.
+//!
+//! What makes it fit to be meshed:
+//!
+//! - *It conforms.* A triangle of an edge and one cell is shared by the two base tetrahedra beside that cell in the
+//!   ring; a triangle of a corner and two cells by the two edges of the cells' common face that meet in the corner.
+//!   No diagonal has to be chosen anywhere.
+//! - *It is positive.* Two cells of one size that share a face have a convex union, so the segment between their points
+//!   passes that face, wherever they are in their cells. Beside a smaller cell this is sure while the larger one's
+//!   point is in the middle, from where a corner of the smaller face lies straight ahead.
+//! - *It is well shaped.* Among cells of one size it is the body-centred cubic lattice, with dihedral angles of 60° and
+//!   90°; where sizes change they lie between 30° and 135°.
 
 use geom_core::Point3;
 use geom_core::mesh::Region;
@@ -48,7 +64,9 @@ pub(crate) enum Cell {
 
 /// An edge of the complex and the cells around it, counter-clockwise about `a → b`.
 pub(crate) struct Ring<'a> {
+    /// The lower end and its label.
     pub(crate) a: (Corner, Region),
+    /// The upper end and its label: the cells stand counter-clockwise as seen from here.
     pub(crate) b: (Corner, Region),
     pub(crate) cells: &'a [Cell],
     /// Does the ring begin and end with ghosts?
@@ -73,6 +91,7 @@ const SPLIT: u8 = 2;
 pub(crate) struct Complex<'a> {
     pub(crate) samples: &'a Samples<'a>,
     pub(crate) tree: &'a Octree,
+    /// Per leaf: bits of [`INTERFACE`] and [`SPLIT`].
     kind: Vec<u8>,
     /// Split leaves in order, and how they are cut.
     pub(crate) split_leaves: Vec<u32>,
@@ -82,7 +101,9 @@ pub(crate) struct Complex<'a> {
 /// Which leaves can carry an interface.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Interfaces {
+    /// Only finest ones, as where the octree has split all that labels change in.
     OfFinest,
+    /// Any: the labels of each leaf's corners are looked at, the hanging ones included.
     OfAnySize,
 }
 
@@ -91,6 +112,7 @@ pub(crate) struct Kinds(Vec<u8>);
 
 impl Kinds {
     /// Judges all leaves.
+    /// Finest ones by a table of 256 patterns where labels are signs, all others by the labels on their frame.
     pub(crate) fn of(samples: &Samples<'_>, tree: &Octree, interfaces: Interfaces) -> Self {
         let masks = simple_masks();
         let view = Complex {
@@ -141,6 +163,7 @@ impl Kinds {
 }
 
 impl<'a> Complex<'a> {
+    /// A leaf of more than a block is simple: were labels to change in it, it would have been split.
     fn kind_of(&self, id: u32, masks: &[bool; 256]) -> u8 {
         let leaf = &self.tree.leaves[id as usize];
         if leaf.void || leaf.log > 3 {
@@ -194,6 +217,7 @@ impl<'a> Complex<'a> {
         out
     }
 
+    /// Has all of the leaf's block one label, so that nothing need be looked at?
     fn block_is_uniform(&self, leaf: &Leaf) -> bool {
         let b = leaf.origin().map(|c| c >> 3);
         self.samples
@@ -206,6 +230,7 @@ impl<'a> Complex<'a> {
         self.kind[leaf as usize] & INTERFACE != 0
     }
 
+    /// Is the leaf cut into twelve tetrahedra?
     pub(crate) fn is_split(&self, leaf: u32) -> bool {
         self.kind[leaf as usize] & SPLIT != 0
     }
@@ -217,6 +242,7 @@ impl<'a> Complex<'a> {
         (0..3).any(|k| o[k] == 0 || o[k] + s == self.tree.cells[k])
     }
 
+    /// The number of the split of a leaf that is cut.
     pub(crate) fn split_of(&self, leaf: u32) -> u32 {
         self.split_leaves.partition_point(|&l| l < leaf) as u32
     }
@@ -267,6 +293,7 @@ impl<'a> Complex<'a> {
     }
 
     /// The used points of the half lattice of a leaf and their labels.
+    /// A middle of an edge or face is a corner if a leaf beyond has half the size; balance allows no smaller one.
     pub(crate) fn frame(&self, id: u32) -> Frame {
         let leaf = self.leaf(id);
         let (o, s) = (leaf.origin(), leaf.size());
@@ -334,6 +361,8 @@ impl<'a> Complex<'a> {
     }
 
     /// Where the point of a cell stands before it moves to the surface, in finest cells.
+    /// The middle of a leaf or of a face, the mean of a part's corners. With all points here every base tetrahedron is
+    /// positive.
     pub(crate) fn base_position(&self, cell: &Cell) -> Point3 {
         match *cell {
             Cell::Leaf(id) => self.centre_of(self.leaf(id)),
@@ -372,6 +401,7 @@ impl<'a> Complex<'a> {
     }
 
     /// The ghost cells of a box that is part of the mesh, in order.
+    /// By leaf, then by face, then by half: what [`Numbering`] and the dual vertices search in.
     pub(crate) fn ghosts(&self) -> Vec<(u32, u8)> {
         (0..self.tree.leaves.len() as u32)
             .into_par_iter()

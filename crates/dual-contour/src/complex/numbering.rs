@@ -1,4 +1,7 @@
 //! The numbers of the vertices of a mesh on the complex.
+//!
+//! Every cell and corner has one whether the mesh uses it or not, so that numbers are found by counting instead of in a
+//! table of those that are used; what is not used is left out at the end (`compact`).
 
 use geom_core::mesh::Region;
 use rayon::prelude::*;
@@ -21,6 +24,7 @@ pub(crate) struct Numbering<'a> {
 
 impl<'a> Numbering<'a> {
     /// `corners` says by their labels which lattice points become vertices.
+    /// Lattice points that are corners of some leaf: points inside of a large leaf are none.
     pub(crate) fn new(
         complex: &Complex<'_>,
         ghosts: &'a [(u32, u8)],
@@ -68,6 +72,7 @@ impl<'a> Numbering<'a> {
         self.ghosts
     }
 
+    /// The number of the point of a cell.
     pub(crate) fn cell(&self, cell: &Cell) -> u32 {
         match *cell {
             Cell::Leaf(id) => id,
@@ -79,6 +84,7 @@ impl<'a> Numbering<'a> {
         }
     }
 
+    /// The number of a corner whose label was asked for.
     pub(crate) fn corner(&self, corner: Corner) -> u32 {
         match corner {
             Corner::Point(p) => self.first_corner + self.points.rank(p),

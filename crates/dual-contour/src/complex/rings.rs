@@ -23,6 +23,7 @@ struct LatticeEdge {
     /// Logarithm of its length.
     log: u8,
     /// The leaf in each quadrant, and the logarithm of its size.
+    /// [`NONE`] beyond the domain.
     around: [(u32, u8); 4],
     a: (Corner, Region),
     b: (Corner, Region),
@@ -51,6 +52,7 @@ impl LatticeEdge {
 impl Complex<'_> {
     /// The rings of the edges that this leaf owns: lattice edges, and if it is split the diagonals of
     /// its faces and the edges to its middle. `wanted` is asked for the labels of both ends first.
+    /// Over all leaves each edge comes once, which replaces a table of edges that have been seen.
     pub(crate) fn rings_of(
         &self,
         id: u32,
@@ -71,6 +73,7 @@ impl Complex<'_> {
     }
 
     /// The lattice edges of a leaf that it owns.
+    /// Of its twelve edges those that no smaller leaf subdivides and no other of its size comes first at.
     fn lattice_rings(
         &self,
         id: u32,
@@ -140,6 +143,7 @@ impl Complex<'_> {
     }
 
     /// Puts the cells around a lattice edge in order.
+    /// At most ten: four cut leaves have two parts each, and a ring that is open has two ghosts.
     fn lattice_ring(&self, edge: &LatticeEdge, f: &mut impl FnMut(&Ring)) {
         let [before, after] = faces_beside(edge.axis);
         let found = &edge.around;
@@ -200,6 +204,7 @@ impl Complex<'_> {
     }
 
     /// The ghost beyond a face of the leaf in a quadrant.
+    /// Of a cut leaf the ghost of that half of the face which has the edge.
     fn ghost(&self, edge: &LatticeEdge, quadrant: usize, face: usize) -> Cell {
         let id = edge.around[quadrant].0;
         if self.is_split(id) {
@@ -211,6 +216,9 @@ impl Complex<'_> {
     }
 
     /// The diagonals of the faces of a split leaf; one between two split leaves belongs to the lower.
+    /// Beyond such a face stands a part of the neighbour per half, or the neighbour itself, or at the box a ghost per
+    /// half. Whether the list is counter-clockwise is told by a volume with the points at their bases, never where they
+    /// have moved to.
     fn diagonal_rings(
         &self,
         k: u32,
@@ -265,6 +273,7 @@ impl Complex<'_> {
     }
 
     /// The edges from the middle of a split leaf to its corners.
+    /// These rings are closed and have three to six parts.
     fn centre_rings(
         &self,
         k: u32,

@@ -1,4 +1,8 @@
 //! How a finest cell is cut into twelve tetrahedra.
+//!
+//! Each part is a tetrahedron, and a tetrahedron is simple for every pattern of labels. So a cell that one point could
+//! not serve is served by up to twelve, and the complex stays conforming as long as both sides of a face take the same
+//! diagonal.
 
 use geom_core::Point3;
 use geom_core::mesh::{INTERIOR, Region};
@@ -9,6 +13,7 @@ use crate::octree::{Samples, corner_of, local};
 /// A finest cell cut into twelve tetrahedra: its middle and the triangles of its faces.
 #[derive(Clone, Debug)]
 pub(crate) struct Split {
+    /// What the middle of the cell belongs to.
     pub(crate) label: Region,
     /// Value at the middle.
     pub(crate) value: f64,
@@ -51,6 +56,9 @@ impl Split {
 }
 
 /// Which diagonal cuts a face: decided by the face alone, so that both sides agree.
+/// Where the labels of the face alternate, the diagonal joins the pair that its middle belongs to: of the molecule by
+/// the saddle of the bilinear interpolant (the asymptotic decider of Nielson and Hamann 1991), of materials by their
+/// shapes. Else it joins two corners of one label where it can.
 fn joins_one_and_three(
     samples: &Samples<'_>,
     o: [i32; 3],

@@ -2,6 +2,9 @@
 //!
 //! The numbers are bytes at the peak, by the lists that the code holds at one time and confirmed within a factor of
 //! two by `tests/memory.rs`; they do not know what the allocator adds.
+//!
+//! Whoever changes a list of the meshers changes a number here: the constants are sums of sizes of items, per leaf,
+//! cell or tetrahedron.
 
 use super::setup::{Purpose, refused};
 use crate::complex::Kinds;
@@ -36,6 +39,7 @@ pub(super) fn most_leaves(max_memory: u64) -> u64 {
     NAMED_LEAVES.min(max_memory / LEAF)
 }
 
+/// Said in bytes, also where it is numbers that do not suffice.
 pub(super) fn too_many_leaves(leaves: u64, most: u64) -> Error {
     refused("the octree", leaves * LEAF, most * LEAF)
 }

@@ -1,4 +1,10 @@
 //! From values and options to the complex: the steps that surface and volume share.
+//!
+//! The road of both verbs is `setup` (what is sampled, and whether it can be), `trees` (the octree that the method
+//! needs), `memory` (what the mesh will take), then one of three meshers: `dual` over the complex, `stuffing` over the
+//! same complex, or `uniform` for a surface of cells of one size. `resolution` goes down that road several times to
+//! find a spacing; `tile` goes down it for a window. Each step that takes long tells the watcher, who may stop it
+//! there.
 
 use crate::complex::{Complex, Kinds};
 use crate::dual::{Duals, Emitter, Ends, Probe, Want};
@@ -30,12 +36,14 @@ use setup::{Purpose, sampled};
 
 /// A mesh, where it lies, and how it came about.
 pub(crate) struct Contour {
+    /// Positions in finest cells.
     pub(crate) raw: Raw,
     pub(crate) domain: Domain,
     pub(crate) report: Report,
 }
 
 /// Makes the mesh that options and purpose ask for.
+/// With a resolution that is a spacing already.
 pub(crate) fn contour<V: LatticeValues + ?Sized>(
     values: &V,
     field: Option<&dyn ImplicitField>,
@@ -49,6 +57,7 @@ pub(crate) fn contour<V: LatticeValues + ?Sized>(
 }
 
 /// Are all cells with a surface finest, with nothing but molecule and exterior, off the box?
+/// Then the signs of the values say all that an octree could, and the surface is made without one.
 pub(crate) fn is_uniform(options: &Options) -> bool {
     options.has_one_size()
         && options.materials.is_empty()
@@ -58,6 +67,7 @@ pub(crate) fn is_uniform(options: &Options) -> bool {
 
 /// How often leaves whose points would stick out are split: each time leaves about a twentieth of them,
 /// and each time the octree is made again.
+/// Where all cells with an interface are finest there are none.
 const SPIKE_ROUNDS: u32 = 4;
 
 /// Makes the mesh of what has been sampled.
@@ -102,6 +112,7 @@ struct Mesher<'a> {
 }
 
 impl Mesher<'_> {
+    /// What the watcher is told.
     fn stage(&self) -> &'static str {
         match self.purpose {
             Purpose::Surface => "triangles",
@@ -118,6 +129,7 @@ impl Mesher<'_> {
     }
 
     /// A surface or an interior mesh stops short of the box, unless the box cuts it.
+    /// Then no ghosts are made, and rings that are open are left out.
     fn ends(&self) -> Ends {
         match self.purpose {
             Purpose::Surface | Purpose::Volume(Extent::Interior)
@@ -130,6 +142,7 @@ impl Mesher<'_> {
     }
 
     /// Dual contouring. The octree is made again while points of large leaves would stick out of the surface.
+    /// Leaves that a round has not changed keep their points, so a later round costs little but the tree.
     fn dual_contour(&self, report: &mut Report, run: On<'_>) -> Result<Raw, Error> {
         let (samples, ends) = (self.samples, self.ends());
         run.progress("octree", 0, 1)?;
@@ -170,6 +183,7 @@ impl Mesher<'_> {
     }
 
     /// Isosurface stuffing.
+    /// It always reaches up to the box: what snaps shall not depend on what is wanted.
     fn stuff(&self, report: &mut Report, run: On<'_>) -> Result<Raw, Error> {
         run.progress("octree", 0, 1)?;
         let mut splits = octree::splits(self.samples, self.options);
@@ -184,6 +198,9 @@ impl Mesher<'_> {
     }
 
     /// The complex of an octree, its leaves counted.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`], from the counts of leaves alone.
     fn complex<'a>(
         &'a self,
         tree: &'a Octree,

@@ -1,4 +1,7 @@
 //! A mesh as its mesher leaves it.
+//!
+//! Vertices that no element uses are still among its positions; the verbs leave them out (`compact`), for triangles and
+//! tetrahedra each by themselves, and bring the rest to Å.
 
 use geom_core::Point3;
 use geom_core::mesh::{Region, VertexKind};
@@ -20,6 +23,7 @@ pub(crate) struct Raw {
 }
 
 impl Raw {
+    /// Kinds are found only where there are tetrahedra.
     pub(super) fn from_emission(
         emitter: &Emitter<'_>,
         emission: Emission,

@@ -1,4 +1,8 @@
 //! The spacing that gives a number of tetrahedra.
+//!
+//! A secant search on the logarithms: the number goes as a power of 1/spacing, 2 where nearly all elements are at the
+//! surface and 3 where cells have one size, and the power is learnt on the way. The meshes of the search are made for
+//! their number alone.
 
 use geom_core::options::OutOfRange;
 use geom_core::{ImplicitField, LatticeValues};
@@ -76,6 +80,7 @@ pub(crate) fn resolved<V: LatticeValues + ?Sized>(
 }
 
 /// Were the cells too coarse to see a surface?
+/// Then the search goes on with finer ones, unless these are already half of the lattice's own.
 fn sees_nothing(error: &Error) -> bool {
     matches!(
         error,

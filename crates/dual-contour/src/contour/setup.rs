@@ -24,6 +24,11 @@ pub(crate) enum Purpose {
 }
 
 /// Values and labels as options and purpose ask for, and what has been counted.
+///
+/// # Errors
+/// In this order: options out of range; a lattice without cells; too many cells, or too little memory for their blocks;
+/// a surface that meets the box, where that is refused; an outer box or sphere where it is clipped; values that are not
+/// finite; too little memory for what is near the surface; groups to prune that are too large; all on one side.
 pub(crate) fn sampled<'a, V: LatticeValues + ?Sized>(
     values: &'a V,
     field: Option<&'a dyn ImplicitField>,
@@ -99,6 +104,7 @@ pub(super) fn below(level: f64) -> f32 {
 }
 
 /// Why all is on one side: the values, the small groups that were given away, or cells that see too little.
+/// All values are read once more for it: an error may take its time, and names the range of all.
 fn no_surface<V: LatticeValues + ?Sized>(
     values: &V,
     options: &Options,
@@ -128,6 +134,7 @@ fn no_surface<V: LatticeValues + ?Sized>(
 }
 
 /// The first of some sides of the lattice with points inside, and how many.
+/// Sides are counted as in [`Error::SurfaceTouchesBox`]; only the six faces are read, row by row.
 pub(super) fn touching<V: LatticeValues + ?Sized>(
     values: &V,
     level: f64,
@@ -166,6 +173,7 @@ pub(super) fn touching<V: LatticeValues + ?Sized>(
 }
 
 /// Where a mesh lies.
+/// Which finest cells there are, and how they lie to the values.
 pub(super) struct Site {
     pub(super) domain: Domain,
     /// The point of the mesh lattice where that of the values begins, if both have one spacing.
@@ -175,6 +183,10 @@ pub(super) struct Site {
 }
 
 /// The mesh lattice around that of the values; `touches` says whether the surface meets the box of the values.
+///
+/// # Errors
+/// An outer box or sphere where the surface is clipped; more cells than coordinates can name; too little memory for
+/// their blocks.
 pub(super) fn site(
     lattice: &Lattice,
     spacing: f64,
@@ -230,6 +242,7 @@ pub(super) fn site(
 }
 
 /// Cells along the box of the values, rounded so that a clipped mesh stays within it.
+/// As f64, since a small spacing gives more than an integer holds.
 fn own_cells(lattice: &Lattice, spacing: f64, at_box: AtBox) -> [f64; 3] {
     let extent = lattice.bounds().extent();
     [0, 1, 2].map(|k| {

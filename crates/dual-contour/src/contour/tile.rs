@@ -137,6 +137,7 @@ pub fn tile<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
 }
 
 /// Refuses options by which elements would depend on what lies far.
+/// Ranges first, by [`Options::check`]; then one field after the other that must be left alone.
 fn check(options: &Options, window: &Window) -> Result<(), OutOfRange> {
     options.check()?;
     let largest = LARGEST as f64 * window.whole.spacing;
@@ -167,6 +168,7 @@ fn check(options: &Options, window: &Window) -> Result<(), OutOfRange> {
 }
 
 /// Refuses tiles and windows that are not made of blocks, or do not fit together.
+/// Ends may stick out of whole blocks only where the lattice itself ends.
 fn check_place<V: LatticeValues + ?Sized>(
     values: &V,
     window: &Window,

@@ -1,4 +1,7 @@
 //! The octrees that the two methods need.
+//!
+//! Both begin with what values and options ask for and add what the method needs. A tree is made anew from all that has
+//! been asked for: that is one pass, and changing one in place would be slower.
 
 use rayon::prelude::*;
 
@@ -25,6 +28,9 @@ fn octree(cells: [i32; 3], splits: &Splits, options: &Options) -> Result<Octree,
 }
 
 /// The octree with cells of one size around the surface, as snapping needs it.
+/// Finest cells with an interface stand among finest ones, so that near the surface base tetrahedra are those of the
+/// body-centred lattice, for which the limits of snapping are known. Ambiguous cells are not cut: tetrahedra have no
+/// ambiguity.
 pub(super) fn even(
     samples: &Samples<'_>,
     options: &Options,
@@ -45,6 +51,8 @@ pub(super) fn even(
 }
 
 /// The octree in which ambiguous cells are finest, and stand among finest ones.
+/// To the end: a leaf that is split may leave ambiguous ones, and balance may hang corners on others. Every round makes
+/// cells smaller, so it ends.
 pub(super) fn adapted(
     samples: &Samples<'_>,
     options: &Options,

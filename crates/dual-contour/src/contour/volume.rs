@@ -33,6 +33,9 @@ pub struct Volume {
 impl Volume {
     /// Names of the regions for the writers of `geom_core::io`: `exterior`, `molecule`, and
     /// `exterior_2` … for separate parts. Other materials are the caller's to name.
+    ///
+    /// The exterior and the molecule are named whether they are meshed or not; parts count from 2, since the largest is
+    /// the exterior itself.
     pub fn names(&self) -> Vec<(Region, String)> {
         let fixed = [(EXTERIOR, "exterior"), (INTERIOR, "molecule")];
         let parts = self.exterior_parts.iter().enumerate();
@@ -46,6 +49,11 @@ impl Volume {
 
 /// Tetrahedra inside or outside of the molecule, or both, conforming across all interfaces; the surface is that of
 /// [`surface`](crate::surface), and so is what runs on the backend.
+///
+/// The mesh says of each vertex how it may move ([`VertexKind`]): on the surface, in a face or an edge of the box, or
+/// not at all where several interfaces meet, or one meets the box. Whoever improves the mesh goes by that. While it is
+/// made a tetrahedron takes some 60 bytes with [`Method::DualContour`](crate::Method), and several times as much near
+/// the surface with [`Method::Stuffing`](crate::Method).
 ///
 /// ```
 /// use dual_contour::geom_core::{Aabb, Cpu, Run};
@@ -133,6 +141,8 @@ pub fn volume<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
 
 /// Gives each connected part of the exterior but the largest a region of its own, the lowest that are
 /// free. Returns the new regions, by decreasing volume of their parts.
+/// Connected by vertices off all interfaces, not by faces: so two parts that touch in a vertex of an interface alone
+/// stay two.
 fn separate(
     positions: &[Point3],
     tets: &[[u32; 4]],

@@ -1,4 +1,9 @@
 //! From rings to triangles and tetrahedra.
+//!
+//! An edge whose ends have one label gives a tetrahedron with each two neighbouring cells around it. One whose ends
+//! differ gives a polygon of the interface: its triangles are fanned so that the worst tetrahedron is best, or, where
+//! no fan is positive, stand around a point on the edge itself. Edges see only their own ring, so they are emitted in
+//! any order and by any thread, and the mesh conforms.
 
 use geom_core::Point3;
 use geom_core::compute::parallel;
@@ -37,7 +42,9 @@ pub(crate) struct Emission {
 /// What to emit.
 #[derive(Clone, Copy)]
 pub(crate) struct Want<F> {
+    /// Or the surface alone.
     pub(crate) tets: bool,
+    /// Which labels get tetrahedra.
     pub(crate) region: F,
 }
 
@@ -58,6 +65,7 @@ impl<'a> Emitter<'a> {
     }
 
     /// Positions (finest cells) of all vertices, added ones included.
+    /// By vertex number; those that nothing uses are among them.
     pub(crate) fn positions(&self, added: &[Point3]) -> Vec<Point3> {
         let complex = self.complex;
         let vertices: Vec<Vertex> = self.numbering.vertices().collect();
@@ -92,6 +100,8 @@ impl<'a> Emitter<'a> {
     }
 
     /// Walks over all rings with a wanted end and emits.
+    /// Batches of leaves number the points that they add from 0, marked by [`ADDED`]; when they are joined these follow
+    /// all others.
     pub(crate) fn emit<F: Fn(Region) -> bool + Sync>(&self, want: &Want<F>) -> Emission {
         let leaves = self.complex.tree.leaves.len();
         let batches: Vec<Emission> = (0..leaves.div_ceil(BATCH))
@@ -141,6 +151,8 @@ impl<'a> Emitter<'a> {
     }
 
     /// Emits what stands around one edge.
+    /// The triangles of a polygon are those of the surface only where one end is in the molecule; between two materials
+    /// there are only tetrahedra.
     fn ring<F: Fn(Region) -> bool>(&self, ring: &Ring<'_>, want: &Want<F>, out: &mut Emission) {
         if ring.open && self.duals.ghosts().is_empty() {
             // The box is not part of the mesh, so nothing that is wanted reaches it.
@@ -192,6 +204,7 @@ impl<'a> Emitter<'a> {
     }
 
     /// Adds the point where the edge itself is cut: with it all tetrahedra are positive, and both sides agree.
+    /// It cuts the edge tetrahedra, which are positive, in two each.
     fn add_on_edge(&self, ring: &Ring<'_>, out: &mut Emission) -> u32 {
         let [p, q] = [ring.a, ring.b].map(|(c, label)| sample_corner(self.complex, c, label));
         let x = ADDED | out.added.len() as u32;
@@ -220,6 +233,7 @@ impl<'a> Emitter<'a> {
     }
 
     /// The axis of an edge between four finest leaves that are not split.
+    /// Their diagonal is found by the kernel of the mesher without an octree, so that both have the same bits.
     fn uniform(&self, ring: &Ring<'_>) -> Option<usize> {
         let finest = |c: &Cell| matches!(*c, Cell::Leaf(id) if self.complex.leaf(id).log == 0);
         let (Corner::Point(a), Corner::Point(b)) = (ring.a.0, ring.b.0) else {
@@ -261,6 +275,7 @@ struct Sides {
 }
 
 impl Sides {
+    /// An end whose label is not wanted gets no tetrahedra, though the polygon may still be surface.
     fn new<F: Fn(Region) -> bool>(emitter: &Emitter<'_>, ring: &Ring<'_>, want: &Want<F>) -> Self {
         let end = |(corner, label): (Corner, Region)| {
             let keep = want.tets && (want.region)(label);

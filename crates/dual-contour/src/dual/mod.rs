@@ -1,4 +1,8 @@
 //! Dual contouring: where the point of each cell stands, and from rings of cells to triangles and tetrahedra.
+//!
+//! Points first (`place`, with crossings from `probe`), each by itself; then those that would invert a tetrahedron are
+//! stopped on their way (`positive`, by the rule in `room`); then every edge emits what stands around it (`emit`).
+//! Nothing that is emitted moves a point any more.
 
 use geom_core::Point3;
 use rayon::prelude::*;
@@ -30,9 +34,11 @@ const SPIKE: f64 = 0.5;
 pub(crate) struct Duals {
     /// Per leaf: its place among the moved ones, or `u32::MAX`.
     rank: Vec<u32>,
+    /// The points of moved leaves, in order.
     leaves: Vec<Point3>,
     /// The points of the half lattice that the point of each leaf larger than the finest follows from.
     frames: Vec<u32>,
+    /// Twelve per cut leaf.
     parts: Vec<Point3>,
     /// Ghost cells in order, and their points.
     ghosts: Vec<(u32, u8)>,
@@ -99,6 +105,7 @@ impl Duals {
         Ok(out)
     }
 
+    /// The place of a ghost among all.
     pub(crate) fn ghost_index(&self, id: u32, half: u8) -> u32 {
         self.ghosts
             .binary_search(&(id, half))
@@ -115,6 +122,7 @@ impl Duals {
     }
 
     /// The point of a cell, in finest cells.
+    /// A leaf of one label has it in its middle, which is not stored.
     #[inline]
     pub(crate) fn position(&self, complex: &Complex<'_>, cell: &Cell) -> Point3 {
         match *cell {
@@ -133,6 +141,7 @@ impl Duals {
     }
 
     /// How far the point of a moved cell is from where it belongs.
+    /// In finest cells; 0 if it has arrived.
     fn shortfall(&self, moved: usize) -> f64 {
         let found = self.clamped.binary_search_by_key(&moved, |c| c.moved);
         found.map_or(0.0, |i| self.clamped[i].shortfall)
@@ -148,6 +157,8 @@ impl Duals {
     }
 
     /// Where the point of a leaf of an earlier octree has gone, if it arrived, and by the same frame.
+    /// The frame says on which points the place depends: a neighbour that was split hangs new ones on the leaf, and
+    /// then it is found anew.
     fn arrived(&self, tree: &Octree, leaf: &Leaf, frame: u32) -> Option<Point3> {
         let (id, _) = tree.find(leaf.origin());
         let same = tree.leaves.get(id as usize)?.log == leaf.log;
@@ -181,6 +192,7 @@ impl Duals {
 }
 
 /// The points of moved leaves: those that had arrived in the octree `before`, the rest found.
+/// In the order of `moved`. Rounds after the first so place only what has changed.
 fn known_or_found(
     complex: &Complex<'_>,
     probe: &Probe<'_>,

@@ -18,9 +18,15 @@ use crate::octree::{Samples, corner_of};
 use crate::{Error, Placement};
 
 /// Newton steps of the kernel: more change nothing that a picture could show.
+/// On the trilinear interpolant; a field is followed until the point is near enough.
 const STEPS: u32 = 4;
 
 /// The dual vertices of leaves: finest ones in a density grid by the backend's kernel.
+/// One per leaf, in order. The kernel sees signs only, so cells of more than two labels, and those without the
+/// molecule, are placed here, from their labels.
+///
+/// # Errors
+/// What the backend or a field on a device says, and an answer of another length.
 pub(super) fn leaf_points(
     complex: &Complex<'_>,
     probe: &Probe<'_>,
@@ -88,6 +94,7 @@ fn rest_points(
 }
 
 /// The dual vertices of finest cells, by Newton steps of all of them at a time.
+/// Those that are there already keep their place in the order.
 fn sunk(
     probe: &Probe<'_>,
     field: &dyn FieldAtMany,
@@ -151,6 +158,7 @@ fn at_many<'a>(probe: &Probe<'a>) -> Option<&'a dyn FieldAtMany> {
     field.and_then(|field| field.at_many())
 }
 
+/// The dual vertex of one leaf, of any size.
 fn leaf_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32) -> Point3 {
     let leaf = complex.leaf(id);
     let frame = complex.frame(id);
@@ -173,6 +181,8 @@ fn cell_point(
 }
 
 /// Where labels change on the edges of a cell, and whether they do on the level.
+/// All edges of the frame count alike, halves of edges too, so the mean leans towards finer neighbours. Crossings are
+/// linear in the values, not sharpened on a field: Newton steps follow.
 fn cell_crossings(
     samples: &Samples<'_>,
     probe: &Probe<'_>,
@@ -208,6 +218,7 @@ fn dual_vertices(backend: &dyn ContourBackend, cells: &[[f32; 8]]) -> Result<Vec
 }
 
 /// A point of the unit cube as a point of space, in cells; one outside, or none, is brought back.
+/// A backend that answers nonsense so gives a bad mesh, but a valid one.
 fn within(low: [i32; 3], x: [f32; 3]) -> Point3 {
     let (least, most) = (INSET as f32, (1.0 - INSET) as f32);
     Point3::from([0, 1, 2].map(|k| {
@@ -221,6 +232,7 @@ fn within(low: [i32; 3], x: [f32; 3]) -> Point3 {
 }
 
 /// The mean of the crossings of a face on the box.
+/// In the plane of the face, kept off its sides: ghosts of neighbouring faces must not meet.
 pub(super) fn ghost_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32, half: u8) -> Point3 {
     let base = complex.base_position(&Cell::Ghost(id, half));
     if !complex.is_interface(id) {

@@ -5,6 +5,10 @@
 //! along the straight way of one point from base to place, the others held, each volume changes sign once at most, and how far
 //! the point may go is the least of such shares. Points are taken in colours in which no two share a tetrahedron, so that
 //! those of one colour move at the same time and the result is the same for any number of threads.
+//!
+//! (Gauss–Seidel in colours: each group sees where the ones before have gone.) All points first go back to their bases,
+//! where every volume is positive, and no step makes one negative; so the result is valid after any number of rounds,
+//! and rounds only bring points nearer to their places.
 
 use geom_core::Point3;
 use geom_core::mesh::six_volume;
@@ -15,6 +19,7 @@ use super::room::{LEAST_VOLUME, ROUNDS, farthest};
 use crate::complex::{Cell, Complex};
 
 /// An edge and two consecutive cells around it, at least one of which moves.
+/// The least volume is the share [`LEAST_VOLUME`] of that with both points at their bases.
 struct EdgeTet {
     a: Point3,
     b: Point3,
@@ -36,6 +41,7 @@ struct Free<'a> {
     moved: usize,
     base: Point3,
     target: Point3,
+    /// How far it has come: 0 at the base, 1 at the target.
     share: f64,
     tets: &'a [MovedCorner],
 }
@@ -113,6 +119,8 @@ impl Duals {
     }
 
     /// Can the tetrahedron of an edge with two cells fail?
+    /// Between leaves of one size it cannot, nor where the larger one stays in its middle; with a part it may. Ghosts
+    /// stay in their face.
     fn is_risky(&self, complex: &Complex<'_>, c: &Cell, d: &Cell) -> bool {
         match (c, d) {
             (Cell::Leaf(i), Cell::Leaf(j)) => {
@@ -220,6 +228,7 @@ impl Duals {
 
 /// A number that two cells with a common edge share only if they are one: leaves by size and parity,
 /// parts by the parity of their leaf, then their place in it.
+/// Leaves of one size that touch differ in the parity of a coordinate; those of two sizes in the size.
 fn colour(complex: &Complex<'_>, cell: &Cell) -> u16 {
     let of = |id: u32| {
         let leaf = complex.leaf(id);

@@ -51,6 +51,7 @@ impl Room {
         Point3::from(centre.coords.zip_map(&x.coords, held))
     }
 
+    /// How near is near enough is a share of the cell's size.
     fn guard(&self) -> Guard {
         Guard {
             near: NEAR * self.size,
@@ -59,6 +60,7 @@ impl Room {
     }
 
     /// The dual vertex at the end of a way to the surface.
+    /// Near enough, one more step to first order; not near enough within the steps, the best point that was seen.
     fn end_of(&self, found: &Projection) -> Point3 {
         if found.end == End::Near {
             self.clamp(found.best.foot())
@@ -77,6 +79,7 @@ pub(super) enum Start {
 }
 
 /// Finds where edges cross interfaces, and the surface near a point.
+/// Without a field the surface is that of the values: linear on edges, trilinear in cells.
 pub(crate) struct Probe<'a> {
     pub(crate) samples: &'a Samples<'a>,
     pub(crate) field: Option<&'a dyn ImplicitField>,
@@ -122,6 +125,7 @@ impl<'a> Probe<'a> {
 
     /// The parameter in `[0, 1]` where the label changes between two corners: linear on the values,
     /// by bisection on the shapes.
+    /// From `a` to `b`; the middle where the values say nothing. Thirty bisections leave a billionth of the edge.
     pub(crate) fn crossing(&self, a: &Sample, b: &Sample) -> f64 {
         let level = self.samples.labels.level;
         if Self::on_level(a.label, b.label) {
@@ -146,6 +150,7 @@ impl<'a> Probe<'a> {
     }
 
     /// Like [`Probe::crossing`], sharpened on the field if there is one.
+    /// The lattice values say on which side the ends are, whatever the field has there.
     pub(crate) fn exact_crossing(&self, a: &Sample, b: &Sample) -> f64 {
         let Some(field) = self.field.filter(|_| Self::on_level(a.label, b.label)) else {
             return self.crossing(a, b);
@@ -158,6 +163,10 @@ impl<'a> Probe<'a> {
     }
 
     /// Where the label changes on each of some edges, as [`Probe::exact_crossing`] has it.
+    /// One per edge, in order.
+    ///
+    /// # Errors
+    /// What a field on a device says; single points cannot fail.
     pub(crate) fn exact_crossings(
         &self,
         ends: &[(&Sample, &Sample)],
@@ -202,6 +211,7 @@ impl<'a> Probe<'a> {
     }
 
     /// The point where an edge is cut, away from its ends.
+    /// By a twentieth of the edge at least, so that no tetrahedron that it cuts is flat.
     pub(crate) fn cut(&self, a: &Sample, b: &Sample) -> Point3 {
         a.x + (b.x - a.x) * self.exact_crossing(a, b).clamp(0.05, 0.95)
     }
@@ -214,6 +224,7 @@ impl<'a> Probe<'a> {
     }
 
     /// The field against the level, in finest cells; `cell` says where the values are if there is no field.
+    /// `None` without a field where the cell's block has no values.
     fn tangent(&self, cell: [i32; 3], at: Point3) -> Option<Tangent> {
         let level = self.samples.labels.level;
         let (value, gradient) = match self.field {
@@ -298,6 +309,9 @@ impl<'a> Probe<'a> {
 
     /// Minimizes the squared distances to the tangent planes at the crossings, relative to the mass
     /// point; directions in which the planes say less than a tenth of the most are left out.
+    /// Planes are taken at the linear crossings, moved onto the level set to first order. By the eigenvectors of the 3
+    /// × 3 normal matrix, not by a matrix inverse: on a flat piece two of the three directions are undetermined, and
+    /// the mean decides in these.
     fn nearest_to_planes(
         &self,
         cell: [i32; 3],
@@ -378,6 +392,8 @@ pub(crate) fn part_point(
     mean_of_crossings(probe, &[corners[APEX], p, q, r])
 }
 
+/// Over all pairs of corners, which in a tetrahedron are its edges; each crossing a fiftieth of its edge off the ends
+/// at least.
 pub(super) fn mean_of_crossings(probe: &Probe<'_>, corners: &[Sample]) -> Option<Point3> {
     let (mut sum, mut n) = (Vector3::zeros(), 0.0);
     for (i, a) in corners.iter().enumerate() {

@@ -1,4 +1,7 @@
 //! How far a point may go before a tetrahedron lacks volume.
+//!
+//! The same few lines decide for the octree's mesher and for the one without, so that both stop a point at the same
+//! place.
 
 use geom_core::Point3;
 
@@ -25,6 +28,8 @@ pub(crate) fn farthest(
 
 /// The longest of some shares of the way beyond `share`, given the volume margins of tetrahedra at its two ends,
 /// if not all are positive at the far one.
+/// The shares are 0.75, its square, its cube and so on, down to 0.05. A tetrahedron that lacks volume at both ends
+/// lacks it all the way.
 pub(crate) fn longest(share: f64, margins: impl Iterator<Item = [f64; 2]>) -> f64 {
     let (mut low, mut high) = (0.0f64, 1.0f64);
     for [first, last] in margins {

@@ -1,10 +1,14 @@
 //! What is done to every block and every cell: ranges, signs, dual vertices.
+//!
+//! Blocks are closed: 9³ values, x fastest, whose outer layers the neighbours have too. Selections are written as
+//! comparisons, not as `min` and `max`, where that lets them become one instruction; none of the values is NaN by then.
 
 use geom_core::compute::lanes::autovectorized;
 
 use super::{BLOCK_CELLS, BLOCK_POINTS, BLOCK_SIDE, INSET, LANES, REGULAR};
 
 /// [`crate::ContourBackend::dual_vertices`] on this machine.
+/// Eight at a time; lanes that the last cells leave free hold the value 1 throughout, which has no crossing.
 pub(crate) fn dual_vertices(cells: &[[f32; 8]], steps: u32, out: &mut [[f32; 3]]) {
     autovectorized(
         #[inline(always)]
@@ -26,6 +30,7 @@ pub(crate) fn dual_vertices(cells: &[[f32; 8]], steps: u32, out: &mut [[f32; 3]]
 }
 
 /// The lowest and the highest of each block's values.
+/// Blocks follow each other without gaps, one result each.
 pub(crate) fn min_max(blocks: &[f32], out: &mut [[f32; 2]]) {
     autovectorized(
         #[inline(always)]
@@ -58,6 +63,7 @@ pub(crate) fn min_max(blocks: &[f32], out: &mut [[f32; 2]]) {
 }
 
 /// Is none of the values infinite or not a number?
+/// Looks at 64 values before it may stop, so that they are looked at together.
 pub(crate) fn all_finite(values: &[f32]) -> bool {
     autovectorized(
         #[inline(always)]
@@ -71,6 +77,8 @@ pub(crate) fn all_finite(values: &[f32]) -> bool {
 }
 
 /// The signs of the corners of all cells of the blocks.
+/// Bit `x + 2y + 4z` of a mask is set where that corner is at least `level`; 512 masks per block, x fastest. 0 and 255
+/// are cells without a surface.
 pub(crate) fn crossings(blocks: &[f32], level: f32, masks: &mut [u8]) {
     autovectorized(
         #[inline(always)]
@@ -83,6 +91,7 @@ pub(crate) fn crossings(blocks: &[f32], level: f32, masks: &mut [u8]) {
     );
 }
 
+/// Of one block: each value is compared once, not for each of the eight cells that it is a corner of.
 #[inline(always)]
 fn signs(values: &[f32], level: f32, masks: &mut [u8]) {
     const ROW: usize = BLOCK_SIDE;
@@ -109,6 +118,7 @@ fn signs(values: &[f32], level: f32, masks: &mut [u8]) {
     }
 }
 
+/// From `a` at `t = 0` to `b` at 1.
 #[inline(always)]
 fn mix(a: f64, b: f64, t: f64) -> f64 {
     a + (b - a) * t
@@ -124,6 +134,8 @@ fn most(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
+/// The dual vertices of `L` cells, given corner by corner with the lane last. What a branch would skip is computed and
+/// left out, so that all lanes go the same way.
 #[inline(always)]
 fn dual_vertex<const L: usize>(v: &[[f64; L]; 8], steps: u32) -> [[f64; L]; 3] {
     // The mean of the crossings on the twelve edges; lanes whose edge has none add zeros.

@@ -1,4 +1,7 @@
 //! Volumes of the tetrahedra that an edge spans with two points around it, many at a time.
+//!
+//! For the cut cells of a surface without an octree, where the same few shapes come again and again: their edges are
+//! tables, only the points around them change.
 
 use geom_core::compute::lanes::{Lanes, Simd, WithSimd, cross, dot, minus, vectorized};
 
@@ -18,6 +21,8 @@ pub(crate) struct EdgeTets<const N: usize> {
 
 impl<const N: usize> EdgeTets<N> {
     /// Volume margins: six times the volumes with the third corners at `x` and the fourth at `y`, above the least.
+    /// Edges are moved to `origin` before anything is subtracted, so that the numbers are those of the octree's mesher,
+    /// to the last bit.
     pub(crate) fn margins(
         &self,
         origin: [f64; 3],

@@ -1,4 +1,9 @@
 //! Which triangles of a polygon around an edge keep the tetrahedra on both sides best.
+//!
+//! Around an edge `a → b` whose ends lie on different sides, the points of the cells form a polygon that the surface
+//! fills. Cut into a fan from one of its corners, each triangle spans a tetrahedron with `a` and one with `b`. Best is
+//! the fan whose worst dihedral angle is farthest from 0° and 180°; sines are compared by their squares, so that no
+//! root and no arc is taken. What both ends and neighbouring triangles share (areas, edges) is computed once.
 
 use geom_core::Point3;
 use geom_core::compute::lanes::{Lanes, Simd, WithSimd, cross, dot, minus, vectorized};
@@ -46,6 +51,8 @@ pub(crate) fn sine(x: &[Point3; 4]) -> f64 {
 /// Where the fan of triangles over a polygon around the edge from `a` to `b` begins so that the worst
 /// tetrahedron on either side is best; `None` if none keeps all of them positive. In a polygon of four, the
 /// diagonal from `reserved` may be another's.
+/// With three corners there is one fan, with four there are two, from corner 0 or 1; with more only fans are tried, not
+/// all triangulations. All must be positive: a fan that inverts one tetrahedron is none.
 pub(crate) fn best_fan(
     x: &[Point3],
     a: &Point3,
@@ -89,6 +96,8 @@ fn where_positive<S: Simd>(sine: Lanes<S>, volume: Lanes<S>) -> Lanes<S> {
 /// Squares that the dihedral angles at an end of an edge follow from: of the spokes to three corners, of
 /// the doubled areas between them (opposite each), of the triangle's edges (opposite each) and of its doubled
 /// area.
+/// The sine at an edge is `6V |e| / (|n| |m|)` with the doubled area normals of its faces, so all six follow from these
+/// and the volume.
 struct Squares<S: Simd> {
     spokes: [Lanes<S>; 3],
     sides: [Lanes<S>; 3],
@@ -137,6 +146,8 @@ pub(crate) fn diagonal(quad: [[f64; 3]; 4]) -> Option<usize> {
     Some(usize::from(start)).filter(|_| start != NO_FAN)
 }
 
+/// For each of the two diagonals the smallest squared sine over its four tetrahedra. Seen from the second end the
+/// points are shifted by one along the edge, and volumes change sign.
 struct Diagonals<'a>(&'a Quads);
 
 impl WithSimd for Diagonals<'_> {
@@ -199,6 +210,7 @@ impl WithSimd for Diagonals<'_> {
 }
 
 /// Most cells around an edge.
+/// Four cut cells, with two parts each.
 pub(crate) const MOST: usize = 8;
 
 /// For each corner of a polygon of `n`, given as the two ends of its edge see it, twice around: the

@@ -23,6 +23,7 @@ pub(crate) const BLOCK_CELLS: usize = 512;
 pub(crate) const LANES: usize = 8;
 
 /// A dual vertex keeps this distance from the sides of its cell.
+/// In edges of the cell, so that the points of two neighbours are never one.
 pub(crate) const INSET: f64 = 0.01;
 /// Newton steps behave as if the gradient were at least √REGULAR times the spread of the corner values
 /// per cell: flat places move little instead of jumping.

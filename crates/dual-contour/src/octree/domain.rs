@@ -12,14 +12,18 @@ use crate::{Material, Shape};
 pub(crate) struct Domain {
     /// The first point of the lattice of the values, Å.
     origin: Point3,
+    /// Edge of a finest cell, Å.
     pub(crate) spacing: f64,
+    /// Finest cells per axis; what lies in whole blocks beyond is void.
     pub(crate) cells: [i32; 3],
+    /// Blocks per axis, the last of which may stick out.
     pub(crate) blocks: [i32; 3],
     /// The same point among those of the finest cells: beyond the domain if that is a part of a larger one.
     pub(crate) anchor: [i32; 3],
 }
 
 impl Domain {
+    /// The point `anchor` of the finest cells stands at `origin`.
     pub(crate) fn new(origin: Point3, spacing: f64, cells: [i32; 3], anchor: [i32; 3]) -> Self {
         let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
         Self {
@@ -38,6 +42,7 @@ impl Domain {
     pub(crate) fn in_values(&self, p: &Point3) -> Point3 {
         Point3::from(p.coords - local(self.anchor).coords)
     }
+    /// A lattice point in Å.
     pub(crate) fn point(&self, p: [i32; 3]) -> Point3 {
         self.world(&local(p))
     }
@@ -56,6 +61,7 @@ pub(crate) fn local(p: [i32; 3]) -> Point3 {
 
 /// The nearest fraction of a cell that no whole number of cells makes inexact: of all 53 bits of a number, 20 are
 /// left for the lattice.
+/// It moves a point by at most 2⁻³³ of a cell. With it tiles that begin elsewhere have the same vertices.
 pub(crate) fn exact(offset: f64) -> f64 {
     const PARTS: f64 = (1u64 << 32) as f64;
     (offset * PARTS).round() / PARTS
@@ -76,6 +82,8 @@ impl Labels {
         self.materials.is_empty() && self.outer.is_none()
     }
 
+    /// The label of a point (Å) with a value. A value at the level is inside, a point on the boundary of a material in
+    /// it.
     pub(crate) fn at(&self, value: f64, x: &Point3) -> Region {
         if value >= self.level {
             return INTERIOR;
@@ -90,6 +98,8 @@ impl Labels {
     }
 
     /// The label of all points within `reach` of `x` that are not in the molecule, if they have one.
+    /// Since a shape's depth changes by no more than the distance, a boundary deeper or farther than `reach` does not
+    /// come nearer.
     pub(super) fn around(&self, x: &Point3, reach: f64) -> Option<Region> {
         let mut shapes = self
             .outer

@@ -31,6 +31,10 @@ pub struct FieldSamples<'a> {
 
 impl<'a> FieldSamples<'a> {
     /// A lattice with this spacing (Å) that covers the box.
+    ///
+    /// The box counts as the sampled one: what the field does beyond it is not seen, and a surface that crosses it
+    /// meets the box. The mesher asks for some points more than once, so a field that is expensive is better sampled
+    /// first (`gauss_density::sample_band`). A spacing that makes no sense is refused by the verbs.
     pub fn new(field: &'a dyn ImplicitField, bounds: &Aabb, spacing: f64) -> Self {
         Self {
             field,

@@ -1,5 +1,9 @@
 //! Where values, labels and sizes live: the lattice of the finest cells, what stands at its points, and the
 //! octree over it.
+//!
+//! In the order of the work: a [`Source`] says what value stands at a point of the mesh lattice, [`Samples`] keeps the
+//! values where labels change, [`splits`] says from these which cells are too large, and [`Octree`] makes the coarsest
+//! balanced tree in which they are split.
 
 mod domain;
 mod field;

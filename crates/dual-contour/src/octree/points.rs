@@ -1,4 +1,8 @@
 //! Lattice points in use, and their numbers.
+//!
+//! A bit per point and a count per block: the number of a point is the count of those before it, found by counting
+//! bits. (Rank over a bit vector.) It takes 68 bytes per block, and no sorting and no hashing, and numbers follow from
+//! the points alone.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
@@ -9,7 +13,9 @@ use super::tree::{BLOCK, BLOCK_LOG, block_coordinates, block_count, block_index}
 /// Lattice points marked as used, numbered in block order, 8 × 8 × 8 points per block.
 pub(crate) struct PointSet {
     blocks: [i32; 3],
+    /// A word per layer of a block, x fastest.
     bits: Vec<[u64; 8]>,
+    /// How many points are marked in the blocks before.
     base: Vec<u32>,
     len: u32,
 }
@@ -21,6 +27,7 @@ pub(crate) struct PointMarks {
 }
 
 impl PointMarks {
+    /// For the points of so many cells, one more than cells per axis.
     pub(crate) fn new(cells: [i32; 3]) -> Self {
         let blocks = cells.map(|n| n / BLOCK + 1);
         let bits = (0..8 * block_count(blocks))
@@ -29,6 +36,8 @@ impl PointMarks {
         Self { blocks, bits }
     }
 
+    /// Looks first, since most points are marked by eight cells, and a write would take the line from the other
+    /// threads.
     pub(crate) fn mark(&self, p: [i32; 3]) {
         let b = block_index(self.blocks, p.map(|c| c >> BLOCK_LOG));
         let word = &self.bits[8 * b + (p[2] & 7) as usize];
@@ -68,6 +77,7 @@ impl PointSet {
     }
 
     /// The number of a marked point.
+    /// Of one that is not marked it is the number that the next one has.
     pub(crate) fn rank(&self, p: [i32; 3]) -> u32 {
         let b = block_index(self.blocks, p.map(|c| c >> BLOCK_LOG));
         let words = &self.bits[b];

@@ -35,11 +35,13 @@ pub(crate) struct Samples<'a> {
     pub(crate) labels: Labels,
     /// The box of the given values.
     pub(crate) bounds: Aabb,
+    /// Per block: its number among the stored ones, or [`UNIFORM`] and its label.
     state: Vec<u32>,
     /// The stored blocks in order.
     stored: Vec<u32>,
     /// Where each of them is in each of the following.
     places: Vec<Place>,
+    /// Of closed blocks: 9³ values, x fastest; points that blocks share are in each of them.
     values: Pieces<f32>,
     /// Labels of the same points; nothing if labels are plain.
     regions: Pieces<Region>,
@@ -49,6 +51,7 @@ pub(crate) struct Samples<'a> {
     masks: Pieces<u8>,
     /// Lowest and highest value seen.
     pub(crate) range: (f32, f32),
+    /// The value at any lattice point from where values come, for the few that are asked for off the stored blocks.
     read: Box<dyn Fn([i32; 3]) -> f32 + Sync + 'a>,
 }
 
@@ -75,6 +78,7 @@ impl<T> Pieces<T> {
     }
 
     /// The items of a block; `None` if there are none of any.
+    /// For lists that are not always made: signs, and labels.
     #[inline]
     fn get(&self, place: Place) -> Option<&[T]> {
         let list = self.lists.get(place.list as usize)?;
@@ -106,6 +110,10 @@ fn at_least(level: f64) -> f32 {
 impl<'a> Samples<'a> {
     /// Reads all blocks that may hold a surface, and keeps the values of those that do, as long as they take no
     /// more than `max_memory` bytes.
+    ///
+    /// # Errors
+    /// The first value that is not finite, and more blocks near the surface than memory, with an estimate of what all
+    /// would take. Values that need not be read, in bricks of one constant, are not looked at.
     pub(crate) fn new<V: LatticeValues + ?Sized>(
         source: Source<'a, V>,
         domain: Domain,
@@ -195,6 +203,7 @@ impl<'a> Samples<'a> {
         }
     }
 
+    /// Lets the range of what has been seen include another one.
     fn widen(&mut self, range: (f32, f32)) {
         self.range = (self.range.0.min(range.0), self.range.1.max(range.1));
     }
@@ -237,6 +246,7 @@ impl<'a> Samples<'a> {
     }
 
     /// Finds the signs of all stored cells; after this values stay as they are.
+    /// With labels of materials, which are kept themselves, there is nothing to find.
     pub(crate) fn find_crossings(&mut self) {
         if self.labels.plain() {
             let level = at_least(self.labels.level);
@@ -251,6 +261,7 @@ impl<'a> Samples<'a> {
     }
 
     /// Does a point lie in the molecule or beyond?
+    /// If so, there is a surface.
     pub(crate) fn holds_both_sides(&self) -> bool {
         let any = |inside: bool| {
             let is = |r: Region| (r == INTERIOR) == inside;
@@ -284,6 +295,8 @@ impl<'a> Samples<'a> {
     }
 
     /// The value as far on the other side of the level.
+    /// For points that have changed sides: a root on an edge to a neighbour stays where a mirror would have it.
+    /// Rounding never leaves it on the side that it came from.
     fn mirrored(&self, v: f32) -> f32 {
         let level = self.labels.level;
         let other = (2.0 * level - f64::from(v)) as f32;
@@ -318,6 +331,7 @@ impl<'a> Samples<'a> {
     }
 
     /// Labels of the closed block `b`, if stored.
+    /// As a function of the place in it, x fastest.
     pub(crate) fn regions_of(&self, b: usize) -> Option<impl Fn(usize) -> Region + '_> {
         let slot = self.slot(b)?;
         Some(move |i| self.stored_label(slot, i))
@@ -329,6 +343,7 @@ impl<'a> Samples<'a> {
     }
 
     /// The block that holds a lattice point, and the point's place in it.
+    /// A point on a face between two blocks is taken from the one above, at the end of the domain from the last.
     #[inline]
     fn place(&self, p: [i32; 3]) -> (usize, usize) {
         let b = [0, 1, 2].map(|k| (p[k] >> BLOCK_LOG).min(self.domain.blocks[k] - 1));
@@ -400,6 +415,7 @@ impl<'a> Samples<'a> {
     }
 
     /// Trilinear value and gradient (per finest cell) at `x` in the closed block of cell `cell`.
+    /// `None` where the block is not stored. A point beyond the block has the value of the nearest one in it.
     pub(crate) fn trilinear(&self, cell: [i32; 3], x: &Point3) -> Option<(f64, Vector3)> {
         let b = cell.map(|c| c >> BLOCK_LOG);
         let values = self.values_of(block_index(self.domain.blocks, b))?;

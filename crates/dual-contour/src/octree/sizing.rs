@@ -53,6 +53,7 @@ pub(crate) fn feature_error(values: &[f64; 27], edge: f64, norm: ErrorNorm) -> f
     }
 }
 
+/// What decides whether a cell is too large.
 struct Judge<'a> {
     samples: &'a Samples<'a>,
     options: &'a Options,
@@ -75,6 +76,7 @@ impl<'a> Judge<'a> {
     }
 
     /// The smallest tolerance of the whole and of the zones that come within `reach` of a point.
+    /// A search in a sorted list, then a look at those whose x is near: thousands of zones, one per atom, cost little.
     fn tolerance(&self, centre: &Point3, reach: f64) -> f64 {
         let far = self.widest + reach;
         let first = self.zones.partition_point(|z| z.center.x < centre.x - far);
@@ -87,6 +89,8 @@ impl<'a> Judge<'a> {
     }
 
     /// Must the cell of this block be split? `low` is relative to the block.
+    /// Not if all of its lattice points have one label, the inner ones included: what hides between the corners is
+    /// seen.
     fn splits(
         &self,
         block: [i32; 3],
@@ -170,6 +174,7 @@ fn shape_error(shape: &Shape, low: &Point3, edge: f64) -> f64 {
 }
 
 /// Which cells of size 2 and 4 of a block hold finest cells with corners on both sides.
+/// As bits in the order of the tree: 64 cells of size 2, eight of size 4.
 fn mixed(masks: &[u8]) -> (u64, u8) {
     let (mut two, mut four) = (0u64, 0u8);
     for (i, &mask) in masks.iter().enumerate() {
@@ -186,6 +191,8 @@ fn mixed(masks: &[u8]) -> (u64, u8) {
 }
 
 /// The cells that must be split because of what they hold.
+/// Only stored blocks ask for anything, each for its own cells, top-down: a cell that need not be split ends the way
+/// there. Balance is not looked at here.
 pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
     let domain = &samples.domain;
     let ratio = (options.max_cell / domain.spacing).max(1.0).log2();

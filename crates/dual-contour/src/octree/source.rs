@@ -1,4 +1,7 @@
 //! Where the values of the mesh lattice come from: the given lattice, or another one.
+//!
+//! The given lattice is read in rows, which a dense grid has side by side in memory; and it is asked first for what is
+//! constant, so that empty bricks of a sparse one are never read.
 
 use geom_core::{Aabb, ImplicitField, Lattice, LatticeValues, Point3};
 
@@ -31,12 +34,14 @@ impl<V: ?Sized> Clone for Source<'_, V> {
 impl<V: ?Sized> Copy for Source<'_, V> {}
 
 impl<V: LatticeValues + ?Sized> Source<'_, V> {
+    /// The box of the given values, Å.
     pub(super) fn bounds(&self) -> Aabb {
         let (Self::Aligned { values, .. } | Self::Resampled { values, .. }) = self;
         values.lattice().bounds()
     }
 
     /// The point of the given lattice that a point of the mesh lattice stands for.
+    /// For errors: the nearest one, where the lattices differ.
     pub(super) fn index(&self, domain: &Domain, p: [i32; 3]) -> [usize; 3] {
         let (Self::Aligned { values, .. } | Self::Resampled { values, .. }) = self;
         let lattice = values.lattice();
@@ -126,6 +131,9 @@ impl<V: LatticeValues + ?Sized> Source<'_, V> {
 
     /// The value of the closed block at `low`, if all of its points are known to have it, or at least
     /// its side of the level.
+    /// For another lattice: if all given points that the interpolant, or a field that they stand for, could depend on
+    /// there are on one side. A field may have bumps between given points; the mesh has them where blocks are read, and
+    /// not elsewhere.
     pub(super) fn constant(&self, domain: &Domain, low: [i32; 3], level: f64) -> Option<f32> {
         match self {
             Self::Aligned {
@@ -181,6 +189,8 @@ impl<V: LatticeValues + ?Sized> Source<'_, V> {
     }
 }
 
+/// The values interpolated at a point (Å) of their box. Corners without weight are not read, so that a point on a face,
+/// an edge or a lattice point has the value that either side gives.
 fn trilinear<V: LatticeValues + ?Sized>(values: &V, x: &Point3) -> f32 {
     let lattice = values.lattice();
     let l = lattice.local(x);

@@ -7,6 +7,10 @@
 //!
 //! Strong balance (ratio at most 2 across faces, edges and corners) is one pass from fine to coarse:
 //! if a cell is split, the parents of its 26 neighbours must be.
+//!
+//! Bits within a block: `two` has one per cell of size 2, eight for each of the cells of size 4; `four` one per cell of
+//! size 4. Leaves are numbered block by block, x fastest, and within a block in Morton order; a leaf of more than a
+//! block where its first block stands.
 
 use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
@@ -28,6 +32,7 @@ pub(crate) struct Leaf {
 }
 
 impl Leaf {
+    /// Its lowest corner, in finest cells.
     pub(crate) fn origin(&self) -> [i32; 3] {
         self.origin.map(i32::from)
     }
@@ -39,8 +44,11 @@ impl Leaf {
 /// Which cells must be split, before balance.
 #[derive(Clone)]
 pub(crate) struct Splits {
+    /// Per block, a bit for each of its cells of size 2: is it split into finest ones?
     pub(crate) two: Vec<u64>,
+    /// The same for cells of size 4.
     pub(crate) four: Vec<u8>,
+    /// Is the block itself split?
     pub(crate) eight: Vec<bool>,
     /// Blocks that may be leaves, but not parts of larger ones.
     pub(crate) alone: Vec<bool>,
@@ -49,6 +57,7 @@ pub(crate) struct Splits {
 }
 
 impl Splits {
+    /// Nothing but what the largest size asks for.
     pub(crate) fn none(blocks: [i32; 3], largest: u8) -> Self {
         let n = blocks.iter().map(|&b| b as usize).product();
         Self {
@@ -61,6 +70,7 @@ impl Splits {
     }
 
     /// Asks for finest cells all around a finest cell.
+    /// The 26 beside it, as far as there are any, and itself.
     pub(crate) fn surround(&mut self, cells: [i32; 3], cell: [i32; 3]) {
         let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
         let low = cell.map(|c| (c - 1).max(0));
@@ -74,6 +84,7 @@ impl Splits {
     }
 
     /// Asks for the split of a leaf of size 2, 4 or 8.
+    /// Those around need not be asked for: balance does.
     pub(crate) fn split(&mut self, blocks: [i32; 3], leaf: &Leaf) {
         let o = leaf.origin();
         let b = block_index(blocks, o.map(|c| c >> BLOCK_LOG));
@@ -89,6 +100,7 @@ impl Splits {
 #[derive(Clone, Copy)]
 struct Node {
     two: u64,
+    /// The number of the first leaf.
     base: u32,
     four: u8,
     /// 0 when the block is split, else the logarithm of the size of the leaf that holds it.
@@ -130,6 +142,9 @@ pub(super) fn block_coordinates(blocks: [i32; 3], b: usize) -> [i32; 3] {
 impl Octree {
     /// The coarsest balanced tree over `cells` finest cells in which all asked cells are split; `Err` with the
     /// number of its leaves if that is more than `most`, before any is made.
+    /// Bottom-up, a pass per size: cells asked for, cells that cross the end of the domain, and parents of what balance
+    /// wants. What is split in one pass is all that the next one needs to know, so there is no iteration. Time and
+    /// memory go with the number of blocks, then of leaves.
     pub(crate) fn new(cells: [i32; 3], splits: &Splits, most: u64) -> Result<Self, TooManyLeaves> {
         let blocks = cells.map(|n| (n + BLOCK - 1) / BLOCK);
         let two = split_two(cells, blocks, splits);
@@ -170,6 +185,7 @@ impl Octree {
 
     /// The number of the leaf that holds a finest cell, and the logarithm of its size; [`NONE`]
     /// beyond the domain.
+    /// A few counts of bits, whatever the depth of the tree.
     #[inline]
     pub(crate) fn find(&self, cell: [i32; 3]) -> (u32, u8) {
         if (0..3).any(|k| cell[k] < 0 || cell[k] >= self.cells[k]) {
@@ -196,6 +212,7 @@ impl Octree {
 
 impl Octree {
     /// The leaves that touch a leaf, some of them twice, and the leaf itself.
+    /// By faces, edges and corners. Balance bounds their number: a shell of cells half as large has 56.
     pub(crate) fn touching(&self, id: u32) -> impl Iterator<Item = u32> + '_ {
         let leaf = &self.leaves[id as usize];
         let (o, s) = (leaf.origin(), leaf.size());
@@ -317,6 +334,7 @@ impl Coarse {
         out
     }
 
+    /// The coarsest level so far, and its cells per axis.
     fn last(&self) -> (&[bool], [i32; 3]) {
         let last = self.shape.len() - 1;
         (&self.split[last], self.shape[last])
@@ -376,6 +394,7 @@ fn number(blocks: [i32; 3], nodes: &mut [Node]) -> u64 {
     total
 }
 
+/// The leaves that are numbered at a block, in order: none where a larger leaf began at another block.
 fn leaves_of(node: &Node, at: [i32; 3], cells: [i32; 3]) -> Vec<Leaf> {
     let mut out = Vec::new();
     let mut push = |o: [i32; 3], log: u8| {
@@ -422,6 +441,7 @@ pub(super) fn block_count(shape: [i32; 3]) -> usize {
     shape.iter().map(|&s| s as usize).product()
 }
 
+/// All cells from `low` to `high`, both included, x fastest.
 fn for_box(low: [i32; 3], high: [i32; 3], mut f: impl FnMut([i32; 3])) {
     for z in low[2]..=high[2] {
         for y in low[1]..=high[1] {

@@ -49,8 +49,12 @@ pub enum Interior {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Elimination {
     /// `ε_G`: the share of the density that a sample may lose; 0 keeps every atom.
+    /// At most 0.5. A loss of that share moves the surface inwards by about `ε_G` over the slope of `ln G` there: by
+    /// the default about a hundredth of an ångström, with usual decays. The larger it is, the fewer atoms are left.
     pub epsilon: f64,
     /// Distance between samples, Å.
+    /// The bound holds at the samples; between them it may be exceeded a little, less so for finer ones. Time and
+    /// memory grow as its inverse square near the surface, and as its inverse cube with a solid interior.
     pub spacing: f64,
     /// `(g_l, g_u)`: lattice points with a density in between are samples, and so is every crossing of a
     /// lattice edge with the surface. The upper end is raised to what `ε_G` needs: the new surface lies
@@ -61,6 +65,7 @@ pub struct Elimination {
     /// What happens to atoms below the surface.
     pub interior: Interior,
     /// Most bytes for the samples and their sums.
+    /// For the bands too. 4 GiB by default; atoms with small powers, which reach far, need the most.
     pub max_memory: u64,
 }
 
@@ -172,6 +177,13 @@ const SAMPLE_EPS: f64 = 0.005;
 /// # Ok(())
 /// # }
 /// ```
+///
+/// The order is that of the change each atom makes to the original density at the samples, taken once. The choice is
+/// greedy: not the fewest atoms that would do, but the same ones in every run.
+///
+/// # Errors
+/// An option out of range; [`Error::TooManySamples`] or [`Error::GridTooLarge`] where memory does not suffice;
+/// [`Error::NothingLeft`] if no sample sees a surface; [`Error::Cancelled`]; what the backend refuses.
 pub fn eliminate<B: DensityBackend + ?Sized>(
     model: &Model,
     options: &Elimination,
@@ -287,6 +299,8 @@ impl Body<'_> {
     }
 
     /// For each hole the atom, of those that are gone, that gave it the most.
+    /// By the bare kernel. Several holes may name the same atom; each round brings at least one back, so the rounds
+    /// end.
     fn filling(&self, holes: &[Point3], kept: &[bool]) -> Vec<usize> {
         let gone: Vec<usize> = (0..kept.len()).filter(|&a| !kept[a]).collect();
         let most = |x: &Point3| {
@@ -469,6 +483,8 @@ impl<'a> State<'a> {
 
     /// For each atom the largest share of its density that a sample loses without it, if all are within
     /// `epsilon`.
+    /// Side by side, from the sums as they stand at the start of a batch: [`State::loss_now`] mends what the batch
+    /// itself has changed since.
     fn losses_without(&self, atoms: &[u32], epsilon: f64) -> Vec<Option<f64>> {
         atoms
             .par_iter()
@@ -512,6 +528,7 @@ impl<'a> State<'a> {
         (worst <= epsilon).then_some(worst)
     }
 
+    /// Removes an atom from every cell that it matters in, and marks these as changed.
     fn remove(&mut self, atom: u32) {
         for at in self.starts[atom as usize]..self.starts[atom as usize + 1] {
             let Place { cell: c, atom } = self.places[at];

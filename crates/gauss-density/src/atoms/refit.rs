@@ -34,6 +34,8 @@ pub struct Refit {
     /// at least `g_l / 2`: below that a relative error says nothing.
     pub band: [f64; 2],
     /// `ρ_x`: how far a centre may move along each axis, Å.
+    /// As the two bounds below, between 0 and 10, it holds for the whole refit, from where it starts, not per step.
+    /// Larger ones fit better and leave less chemical meaning; 0 fixes the centres.
     pub max_shift: f64,
     /// `ρ_r`: how much a radius may change, Å.
     pub max_radius_change: f64,
@@ -42,8 +44,10 @@ pub struct Refit {
     /// No decay falls below this, Å⁻².
     pub min_decay: f64,
     /// At most this many steps are tried.
+    /// Each costs one sum over all samples, whether it is accepted or not.
     pub iterations: u32,
     /// Stop when no parameter changes by more than this (Å, Å⁻²).
+    /// Not before one step has been accepted. 0 leaves it to `iterations`, and to steps that lead nowhere.
     pub tolerance: f64,
     /// Most bytes for the samples.
     pub max_memory: u64,
@@ -140,6 +144,13 @@ pub struct RefitReport {
 /// # Ok(())
 /// # }
 /// ```
+///
+/// The two may be any two models: neither the number of atoms nor the tree need have to do with the other's. Samples
+/// are taken around the surface of the original, once; a model without one there comes back as it was.
+///
+/// # Errors
+/// An option out of range; [`Error::TooManySamples`] or [`Error::GridTooLarge`] where memory does not suffice;
+/// [`Error::Cancelled`]; what the backend refuses, and sums of it that are not finite.
 pub fn refit<B: DensityBackend + ?Sized>(
     reduced: &Model,
     original: &Model,
@@ -384,6 +395,7 @@ fn largest(of: &[Five]) -> f64 {
 }
 
 /// The bounds of the parameters; a protected atom's are its own.
+/// A box, so that a step is projected onto it by a clamp, component by component.
 struct Allowed {
     low: Vec<Five>,
     high: Vec<Five>,
@@ -449,6 +461,8 @@ impl Allowed {
 }
 
 /// The last steps and the changes of the gradient that came with them.
+/// (`s` and `y` of the literature on BFGS.) What is remembered has `s · y > 0`, so the implied matrix is positive
+/// definite and a step leads downhill but for what the bounds take away.
 #[derive(Default)]
 struct Memory {
     pairs: VecDeque<(Vec<Five>, Vec<Five>)>,
@@ -476,6 +490,8 @@ impl Memory {
     }
 
     /// The next step. Without a memory: the gradient over the diagonal of the Gauss–Newton matrix.
+    /// The two-loop recursion, started from that diagonal, scaled to the last change. If the bounds leave nothing of it
+    /// that leads downhill, the memory is emptied and the plain step taken.
     fn step(&mut self, at: &[Five], sums: &RefitSums, allowed: &Allowed) -> Vec<Five> {
         let mut step = sums.gradient.clone();
         step.as_flattened_mut().iter_mut().for_each(|g| *g = -*g);

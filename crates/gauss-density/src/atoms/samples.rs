@@ -39,6 +39,8 @@ const CELL: f64 = 3.0;
 const GROUP: i64 = 6;
 
 /// The wanted points of a sampled band, crossings of lattice edges included, in cells.
+/// Sorted by group, cell and order of discovery, so that the cells and their points are the same for any number of
+/// threads. The estimate of 600 bytes per point comes before any list of atoms is made.
 pub(crate) fn collect(
     sampler: &PointSampler<'_>,
     grid: &BrickGrid,
@@ -131,6 +133,7 @@ fn cells_of_group(
         .collect()
 }
 
+/// Brick by brick, in their order. A crossed edge is taken at its lower end, so each once.
 fn points_of(sampler: &PointSampler<'_>, grid: &BrickGrid, wanted: &Wanted) -> Vec<Point3> {
     let lattice = *grid.lattice();
     let [nx, ny, nz] = grid.bricks();

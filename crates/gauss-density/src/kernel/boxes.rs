@@ -1,4 +1,7 @@
 //! Boxes of lattice points, bricks and blocks.
+//!
+//! Everything that says "nothing matters here" is said of a closed box. Boxes of bricks and blocks overlap by a lattice
+//! cell, so that no edge of the lattice falls between two of them. All lengths are Å.
 
 use geom_core::grid::BRICK;
 use geom_core::{Aabb, Lattice, Point3, Vector3};
@@ -44,12 +47,14 @@ pub(crate) fn middle(lattice: &Lattice, first: [usize; 3], side: usize) -> Point
     lattice.point(first) + Vector3::repeat(half)
 }
 
+/// The squared distance between two closed boxes, Å²; 0 where they meet.
 pub(crate) fn gap_squared(a: &Aabb, b: &Aabb) -> f64 {
     let gap = |k: usize| (a.min[k] - b.max[k]).max(b.min[k] - a.max[k]).max(0.0);
     (0..3).map(|k| gap(k) * gap(k)).sum()
 }
 
 /// The lattice points of a brick, x fastest.
+/// Those only that the lattice has: a brick at its far end may hold fewer than 512.
 pub(crate) fn for_points(lattice: &Lattice, brick: [usize; 3], mut f: impl FnMut([usize; 3])) {
     let first = brick.map(|b| b * BRICK);
     let last = [0, 1, 2].map(|k| (first[k] + BRICK).min(lattice.counts[k]));

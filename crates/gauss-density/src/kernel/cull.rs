@@ -1,6 +1,6 @@
 //! The atoms that matter in a box, with their tree: gathered from the model, then culled.
 //!
-//! [`ActiveSet::cull`] is the cut-off after the powers. It keeps, for a closed box, a part of the tree such
+//! [`ActiveSet::cull_into`] is the cut-off after the powers. It keeps, for a closed box, a part of the tree such
 //! that `(1 − ε) G ≤ G̃ ≤ G` wherever `G` reaches `floor` in the box. The proof goes down the tree. Let a
 //! node have the sum `S` over its children, the allowed relative error `ρ` of `S`, and a level `θ` below
 //! which `S` does not matter. Where `S ≥ θ`:
@@ -15,6 +15,10 @@
 //!   whichever is larger; a share `δ` of a sum becomes at most `max(1, P) δ` of its power.
 //!
 //! Together `ρ/4 + ρ/8 + ρ/8 + (ρ/4 + ρ/4) = ρ`.
+//!
+//! All bounds are logarithms in f64. The cost is that of a pass over the members, of which most are dropped by a bound
+//! that needs no exponential; the tree is never searched. Children are dropped by size and kept in the order of the
+//! model, so that sums over what is kept do not depend on who culled.
 
 use std::ops::Range;
 
@@ -39,6 +43,7 @@ pub(crate) struct ActiveSet {
 
 impl ActiveSet {
     /// Gathers atoms (ascending) from the model.
+    /// A node appears if one of its atoms does, so the levels are found by one pass over the parents, level by level.
     pub(crate) fn gather(tree: &Prepared<'_>, atoms: &[u32]) -> Self {
         let model = tree.model;
         let mut members = Self {
@@ -85,6 +90,7 @@ impl ActiveSet {
     }
 
     /// The atoms to keep, and the nodes above them.
+    /// Reads `scratch.keep`, one flag per atom; nodes that are left without children go too, up to the top.
     fn select_into(&self, scratch: &mut Scratch, out: &mut Self) {
         let keep = &scratch.keep;
         out.atom.clear();
@@ -134,6 +140,8 @@ impl ActiveSet {
 
     /// Keeps in `out` what matters in the box, see the module's page. Returns `ln` of an upper bound of the
     /// density of the members in the box.
+    /// Where that is below `floor`, nothing is kept. With a floor of 0 nothing is so small that it does not matter, and
+    /// only the relative test drops.
     pub(crate) fn cull_into(
         &self,
         cell: &Cell,
@@ -168,6 +176,7 @@ impl ActiveSet {
 }
 
 /// What a node may lose: a share of its sum, where the logarithm of the sum is at least `theta`.
+/// A logarithm of minus infinity as `theta`: the share must hold however small the sum is.
 #[derive(Clone, Copy)]
 struct Budget {
     rho: f64,
@@ -185,6 +194,7 @@ pub(crate) struct Scratch {
     up: Vec<Vec<f64>>,
     /// Per level above the atoms: the leaf whose contribution at the box centre is largest, per node.
     best: Vec<Vec<Best>>,
+    /// Per atom: is it kept?
     keep: Vec<bool>,
     /// Bounds of the children of the nodes on the way from the root.
     bounds: Vec<f64>,
@@ -203,6 +213,7 @@ pub(crate) struct Best {
 }
 
 /// `ln n` for small `n`.
+/// From a table, since every node of every cull asks; larger ones are computed.
 fn ln_count(n: usize) -> f64 {
     static TABLE: std::sync::LazyLock<[f64; 64]> =
         std::sync::LazyLock::new(|| std::array::from_fn(|n| (n as f64).ln()));
@@ -211,6 +222,9 @@ fn ln_count(n: usize) -> f64 {
 
 impl Scratch {
     /// Fills the arrays for a box; returns `ln` of an upper bound of the root's sum.
+    /// Upper bounds are monotone: each atom is taken at the point of the box that is nearest to it, and what sums and
+    /// powers make of larger terms is larger. The points differ from atom to atom, so no point of the box need have
+    /// that density.
     fn prepare(&mut self, members: &ActiveSet, cell: &Cell) -> f64 {
         let depth = members.levels.len();
         self.up.resize_with(depth + 1, Vec::new);
@@ -285,6 +299,7 @@ fn nearest(q: &[f64], range: Range<usize>) -> Best {
     }
 }
 
+/// The one that contributes most, the first of equal ones.
 pub(crate) fn largest(of: &[Best]) -> Best {
     let mut top = of[0];
     for b in &of[1..] {
@@ -295,6 +310,8 @@ pub(crate) fn largest(of: &[Best]) -> Best {
     top
 }
 
+/// `ln Σ exp`, or slightly more: terms that are 25 or more below the largest are counted as `e⁻²⁵ = 1.39e-11` each,
+/// without an exponential.
 fn ln_sum(terms: &[f64]) -> f64 {
     let top = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if top == f64::NEG_INFINITY || terms.len() == 1 {
@@ -312,6 +329,7 @@ fn ln_sum(terms: &[f64]) -> f64 {
     top + (sum + f64::from(left_out) * 1.4e-11).ln()
 }
 
+/// The way down the tree for one box. A node drops children, then hands the rest what they may lose.
 struct Cull<'a> {
     members: &'a ActiveSet,
     cell: &'a Cell,
@@ -321,6 +339,8 @@ struct Cull<'a> {
 impl Cull<'_> {
     /// Culls below a node whose children are `children` among the nodes of level `level − 1`, or among the
     /// atoms for `level` 0.
+    /// Bounds of the children stay on a stack in the scratch while their own children are culled: a recursion as deep
+    /// as the tree, without an allocation per node.
     fn node(&mut self, level: usize, children: Range<usize>, budget: Budget) {
         let n = children.len();
         if n == 1 {
@@ -412,6 +432,7 @@ impl Cull<'_> {
         self.scratch.bounds.truncate(first);
     }
 
+    /// Drops a child with all atoms below it, which are a run since children are contiguous.
     fn drop(&mut self, level: usize, c: usize) {
         let (mut first, mut end) = (c, c + 1);
         for l in (0..level).rev() {
@@ -422,6 +443,7 @@ impl Cull<'_> {
     }
 
     /// The largest power distance of an atom in the box.
+    /// At the corner that lies farthest from it.
     fn farthest(&self, a: usize) -> f64 {
         let t = self.scratch.offset[a].abs() + self.cell.half;
         let r = self.members.radius[a];
@@ -429,6 +451,8 @@ impl Cull<'_> {
     }
 
     /// `ln` of an upper bound of `D_c exp(w q_b)` in the box, for child `c` of a node on `level`.
+    /// With `D_c = S_c^P` it is the `P`-th power of `S_c exp(w/P q_b)`, which is at most the number of terms times the
+    /// largest: so the bound of a node comes from those of its atoms, with `w` divided by each power on the way down.
     fn relative(&self, level: usize, c: usize, w: f64, b: usize) -> f64 {
         if level == 0 {
             return self.bracket(c, w, b);
@@ -452,6 +476,7 @@ impl Cull<'_> {
     }
 
     /// The maximum of `w q_b − q_a` over the box, exactly.
+    /// Along each axis a quadratic: at an end, or at its vertex where it is concave and the vertex lies inside.
     #[inline]
     fn bracket(&self, a: usize, w: f64, b: usize) -> f64 {
         let (s, m) = (&*self.scratch, self.members);
@@ -472,6 +497,8 @@ impl Cull<'_> {
 }
 
 /// Takes terms, given as logarithms, while their sum stays at or below a budget.
+/// The relative test takes small ones first, those that would fit however many there were, and then, in order, what still
+/// fits: two passes instead of a sort.
 struct Greedy {
     ln_budget: f64,
     /// Terms up to this may all be taken, however many of `n` there are.
@@ -493,6 +520,7 @@ impl Greedy {
         ln <= self.small && self.takes(ln)
     }
 
+    /// Takes the term if it still fits. Tiny ones are counted as slightly more than they are, without an exponential.
     fn takes(&mut self, ln: f64) -> bool {
         let off = ln - self.ln_budget;
         if off > 0.0 {

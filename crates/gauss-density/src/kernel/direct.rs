@@ -8,6 +8,10 @@
 //! and box, three tables of a separable exponential per atom and eighth, and the rows of points of each brick
 //! that lie within its reach. (The culls of [`cull`](crate::kernel::cull) keep fewer atoms still, but cost more than they
 //! save here.)
+//!
+//! The order of work is that of the functions: gather the atoms of a block, keep those of an eighth, look at its eight
+//! bricks at once, leave out who is outweighed, and fill the bricks that may reach the floor. Sums are f32 and products
+//! separable: the kernel of an atom at a point is the product of three numbers from its tables.
 
 use std::ops::Range;
 
@@ -27,6 +31,7 @@ const RANGE: f64 = 120.0;
 const WIDE: f64 = 10.0;
 
 /// Can no sum of the model leave the range of f32 upwards, nor an offset its resolution?
+/// If not, the block is sampled relative to reference atoms instead ([`relative`](crate::kernel::relative)).
 fn fits(model: &Prepared<'_>, job: &Job) -> bool {
     let reach = &model.reach;
     reach.highest_sum() * LOG2_E <= RANGE
@@ -38,6 +43,8 @@ fn fits(model: &Prepared<'_>, job: &Job) -> bool {
 /// leave the range upwards then, or if what the powers make of them would leave it.
 ///
 /// Each of the three factors of a kernel takes a third.
+/// Only a sum with a power above it can be lifted, since that power takes the lift back: a model without levels that
+/// would need one is left to the slower way.
 fn lift(model: &Prepared<'_>, exponent: f64) -> Option<f32> {
     let farthest = exponent + model.reach.highest_kernel() * LOG2_E;
     let lift = 6.0 * ((farthest - RANGE).max(0.0) / 2.0).ceil();
@@ -82,6 +89,7 @@ impl Atoms {
         self.node.clear();
     }
 
+    /// Takes atoms of the model (ascending). Centres stay f64 until an eighth's middle is subtracted.
     fn gather(&mut self, tree: &Prepared<'_>, atoms: &[u32]) {
         self.clear();
         let model = tree.model;
@@ -98,6 +106,7 @@ impl Atoms {
         }
     }
 
+    /// Takes some of another list, by their places in it.
     fn select(&mut self, from: &Self, kept: &[u32]) {
         self.clear();
         for &i in kept {
@@ -132,6 +141,8 @@ impl Atoms {
 
 /// `ln` of the largest number of children among these atoms (ascending) on each level, lowest first, and of
 /// the root's.
+/// One pass: a count per level, closed whenever the next atom lies under another node. At least 1 each, so that the
+/// logarithms are not negative.
 fn most_children(tree: &Prepared<'_>, atoms: &[u32]) -> Vec<f64> {
     let depth = tree.levels.len();
     let (mut run, mut most) = (vec![0u32; depth + 1], vec![1u32; depth + 1]);
@@ -178,6 +189,7 @@ impl Lines {
         }
     }
 
+    /// Points on them in a brick.
     fn points(&self) -> u64 {
         let side = |k: usize| u64::from(self.high[k].saturating_sub(self.low[k]));
         side(0) * side(1) * BRICK as u64
@@ -216,7 +228,8 @@ pub(crate) struct Scratch {
     eighth: Eighth,
 }
 
-/// An atom about the middle of each brick: exponent, decay and slopes.
+/// An atom about the middle of each brick: exponent, decay and slopes. Exponents to base 2, lengths in Å: with an
+/// offset `u` from the middle the exponent is `exponent + slope · u − decay |u|²`.
 #[derive(Clone, Copy, Debug)]
 struct About {
     exponent: Lanes,
@@ -243,6 +256,8 @@ impl About {
     }
 
     /// An upper bound of the difference of two exponents at the points of each brick.
+    /// From the middle: the difference there, what the slopes can add on the way to a corner, and what the curvatures
+    /// can, if the other one decays faster. `half` is half the distance of the outermost points, Å.
     #[inline(always)]
     fn most_beside(&self, other: &Self, half: f32) -> Lanes {
         let mut swing = [0.0; LANES];
@@ -276,11 +291,13 @@ fn larger(a: &Lanes, b: &Lanes, x: &Lanes, y: &Lanes) -> Lanes {
 }
 
 /// What is known of the atoms of an eighth in its bricks.
+/// Arrays over its atoms, in their order, of which those with a lane per brick are filled eight bricks at a time.
 #[derive(Debug, Default)]
 struct Eighth {
     /// Offsets of the atoms from the middle.
     offset: [Vec<f32>; 3],
     /// Not negative in a brick where the atom is to be summed.
+    /// It is the exponent at the point of the brick that is nearest to the atom, less the least that matters.
     margin: Vec<Lanes>,
     /// Exponents in the middle of each brick, and minus infinity where the atom is left out.
     at_middle: Vec<Lanes>,
@@ -313,6 +330,7 @@ pub(crate) fn sample_block(
     )
 }
 
+/// As [`sample_block`]; `None` where the range would not do, and then what is in `out` means nothing.
 #[inline(always)]
 fn sample(
     model: &Prepared<'_>,
@@ -402,6 +420,7 @@ pub(crate) fn middles(spacing: f32) -> [Lanes; 3] {
 
 impl Atoms {
     /// The places of the atoms that matter in a box, into `kept`.
+    /// By the power distance at the point of the box that is nearest to each.
     #[inline(always)]
     fn within(&self, region: &Aabb, exponents: &mut Vec<f32>, kept: &mut Vec<u32>) {
         let n = self.atom.len();
@@ -666,6 +685,8 @@ impl Atoms {
 
     /// The kernel of an atom along the axes of a brick, and the lines that it reaches. The kernel of an
     /// atom that is alone in its node is raised to the node's power, the others' are lifted.
+    /// Made once per atom and eighth, when the first brick asks; the bricks beside it take other parts of the same
+    /// tables.
     #[inline(always)]
     fn tabulated(
         &self,
@@ -721,6 +742,7 @@ fn ceil_to_side(x: f32) -> u32 {
 }
 
 /// The places of the values that are not below `least`.
+/// Written without a branch: each place is put down, and kept by counting on.
 #[inline(always)]
 fn places<'a>(values: impl ExactSizeIterator<Item = &'a f32>, least: f32, out: &mut Vec<u32>) {
     out.clear();
@@ -752,6 +774,7 @@ fn close(sums: &mut [(Vec<f32>, Lines)], level: usize, (power, lift): (f32, f32)
 }
 
 /// Adds a kernel at the points of its lines.
+/// Only of the halves of planes, and the planes, that the atom reaches.
 #[inline(always)]
 fn add_product([x, y, z]: &[[f32; BRICK]; 3], lines: &Lines, out: &mut [f32]) {
     // A copy, so that it may stay in a register.

@@ -4,6 +4,10 @@
 //! All sums are kept as logarithms: with `L = ln D`, an atom has `L = −κ (d² − r²)` and a node
 //! `L_v = P_v ln Σ_c exp L_c`. Small powers magnify terms that a plain `exp` would lose: 1e-45 to the power
 //! of 0.05 is 0.006.
+//!
+//! The atoms come as an ascending list and are folded one by one, with one open sum per level, so that neither an array
+//! per node nor a recursion is needed. With the whole list it is what tests and the single points far from a molecule
+//! go by; with the list of a cell, second derivatives.
 
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Lattice, Point3, Vector3};
@@ -13,14 +17,19 @@ use crate::kernel::prepared::Prepared;
 /// ln Σ eᵃ, one term at a time, and the weighted sums that derivatives need.
 #[derive(Clone, Debug)]
 struct LogSum<W> {
+    /// The largest term so far, as a logarithm.
     top: f64,
+    /// The sum of the terms relative to it, at least 1 once there is one.
     rest: f64,
+    /// The derivatives of the terms, in the same weights.
     weighted: W,
 }
 
 /// What is averaged along with a sum: nothing, gradients, or gradients and Hessians of the terms.
 trait Weighted: Clone {
+    /// Of an empty sum.
     fn zero() -> Self;
+    /// When a larger term becomes the one that others are relative to.
     fn scale(&mut self, factor: f64);
     /// Adds `w` times the derivatives of a term `L`.
     fn add(&mut self, w: f64, term: &Self);
@@ -90,6 +99,7 @@ impl<W: Weighted> LogSum<W> {
         }
     }
 
+    /// Adds a term, given as its logarithm. (Log-sum-exp in one pass: a new largest term rescales what is there.)
     fn add(&mut self, term: f64, derivatives: &W) {
         if term <= self.top {
             let w = (term - self.top).exp();
@@ -113,6 +123,7 @@ impl<W: Weighted> LogSum<W> {
 }
 
 /// `ln G` at `x` and its derivatives, from the atoms in `members` (ascending).
+/// Minus infinity without atoms.
 fn fold<W: Weighted>(
     tree: &Prepared<'_>,
     members: impl Iterator<Item = u32>,
@@ -174,6 +185,7 @@ pub(crate) fn value_gradient_hessian(
 
 /// `G(x)` and, per member, the share `∂G/∂ ln g_a`: the density times, on the way up, each power and each
 /// child's part of its node's sum.
+/// In the order of the members. Their sum over the atoms of a tree without powers is the density itself.
 pub(crate) fn shares(tree: &Prepared<'_>, members: &[u32], x: &Point3) -> (f64, Vec<f64>) {
     // Logarithm of the term of each child that is present, and of the sums of the nodes above.
     let mut children: Vec<(u32, f64)> = members
@@ -230,6 +242,8 @@ pub(crate) fn plain_cube(
 }
 
 /// To f32, finite.
+/// What is larger than f32 holds becomes its largest number: grids refuse infinity, and the middle of many atoms may be
+/// that dense.
 pub(crate) fn narrow(value: f64) -> f32 {
     (value as f32).min(f32::MAX)
 }

@@ -1,5 +1,10 @@
 //! The density and its gradient at one point, many exponentials at a time: what
 //! [`PointSampler`](crate::PointSampler) gives. It follows [`plain`](crate::kernel::plain).
+//!
+//! Level by level instead of depth first: all exponentials of a level are taken in one loop without a branch, which
+//! becomes vector instructions. A term is a factor and an exponent, `m eᵉ`; raising a sum to a power raises the factor
+//! and multiplies the exponent, so the scale of a node never goes through an exponential before it meets those of its
+//! siblings.
 
 use std::cell::RefCell;
 
@@ -12,10 +17,13 @@ use crate::kernel::prepared::Prepared;
 /// Reusable arrays of one thread. A child's term is `m exp(e)`, so that nothing underflows before the powers.
 #[derive(Debug, Default)]
 struct Arrays {
+    /// The factor of each term.
     m: Vec<f64>,
+    /// Its exponent.
     e: Vec<f64>,
     /// Gradient of the logarithm of each term.
     slope: Vec<Vector3>,
+    /// The atom or node that each term is of; written over from the front as a level shrinks to the next.
     node: Vec<u32>,
     /// Where the children of each node end, and the largest exponent among them.
     ends: Vec<(usize, f64)>,
@@ -35,6 +43,7 @@ pub(crate) fn value_gradient(tree: &Prepared<'_>, active: &[u32], x: &Point3) ->
     evaluate::<true>(tree, active, x)
 }
 
+/// With arrays of the thread, so that nothing is allocated once these are as large as the longest list of atoms.
 fn evaluate<const SLOPES: bool>(tree: &Prepared<'_>, active: &[u32], x: &Point3) -> (f64, Vector3) {
     WORK.with_borrow_mut(|work| {
         autovectorized(
@@ -44,6 +53,8 @@ fn evaluate<const SLOPES: bool>(tree: &Prepared<'_>, active: &[u32], x: &Point3)
     })
 }
 
+/// Without `SLOPES` the gradient is 0 and costs nothing. Where the density underflows, far from all atoms, value and
+/// gradient are 0.
 #[inline(always)]
 fn sum_tree<const SLOPES: bool>(
     tree: &Prepared<'_>,

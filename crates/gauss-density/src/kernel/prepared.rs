@@ -1,4 +1,8 @@
 //! A model made ready: the levels that matter, and boxes around runs of atoms.
+//!
+//! The runs are what the search for atoms near a box goes by. Atoms that follow each other in a file mostly lie beside
+//! each other, so runs of the model's own order make tight boxes, and whatever is found keeps that order without a
+//! sort.
 
 use geom_core::{Aabb, Point3};
 use rayon::prelude::*;
@@ -8,6 +12,10 @@ use crate::model::reach::Reach;
 use crate::model::{Level, Model};
 
 /// A model made ready for sampling, shared by the backends.
+///
+/// Made once per call of a verb, in one pass over atoms and nodes. It borrows the model and holds, besides, a copy of
+/// the levels that matter, the node above each atom and node, and boxes around the atoms. Backends are handed it; from
+/// outside it gives access to the model alone.
 #[derive(Clone, Debug)]
 pub struct Prepared<'a> {
     pub(crate) model: &'a Model,
@@ -23,11 +31,13 @@ pub struct Prepared<'a> {
 }
 
 /// Atoms per cluster, at most, and the largest extent, Å.
+/// A run that jumps, from one chain to the next or between scattered waters, ends where the box would become too large.
 const CLUSTER: usize = 24;
 const CLUSTER_EXTENT: f64 = 9.0;
 
 impl<'a> Prepared<'a> {
     /// Prepares a model.
+    /// Nothing is checked: a [`Model`] is in order by construction.
     pub fn new(model: &'a Model) -> Self {
         let levels = model.compiled_levels();
         let reach = Reach::new(model, &levels);
@@ -75,6 +85,8 @@ impl<'a> Prepared<'a> {
     }
 
     /// How many levels end between two atoms: all up to the first that they share.
+    /// Without a next atom all of them. It is what lets a tree be summed in one pass over its atoms, with one open sum
+    /// per level.
     pub(crate) fn levels_that_end(&self, atom: u32, next: Option<u32>) -> usize {
         let Some(next) = next else {
             return self.levels.len();
@@ -95,6 +107,7 @@ impl<'a> Prepared<'a> {
     }
 
     /// The clusters among `of` with an atom that may lie within `reach` of the box.
+    /// Side by side if there are many; the order stays.
     pub(crate) fn near(&self, of: &[u32], region: &Aabb, reach: f64) -> Vec<u32> {
         let squared = reach * reach;
         let is_near = |c: &&u32| gap_squared(&self.boxes[**c as usize], region) <= squared;

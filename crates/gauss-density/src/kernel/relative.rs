@@ -6,6 +6,10 @@
 //! a quadratic without mixed terms, so its exponential is a product of three tables, one per axis.
 //!
 //! Products and sums are not fused, so the values do not depend on the instruction set.
+//!
+//! But for brute force a cull comes before, so that the members are few; what is left is three tables per atom and one
+//! multiplication and addition per atom and point. Where the range of f32 would not do, which is known from bounds
+//! before anything is summed, the caller takes the plain function.
 
 use geom_core::compute::lanes::autovectorized;
 use geom_core::{Point3, Vector3};
@@ -16,7 +20,9 @@ use crate::kernel::math::{exp2, log2};
 /// Points of a cube, `SIDE` per axis, x fastest, then y; `PLANE = SIDE²`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cube {
+    /// The middle of its points, not a point of the lattice if there is an even number of them.
     pub(crate) center: Point3,
+    /// Å.
     pub(crate) spacing: f64,
     /// With tables where they fit, or one exponential per pair everywhere (the yardstick).
     pub(crate) separable: bool,
@@ -87,6 +93,8 @@ fn sum_tree<const SIDE: usize, const PLANE: usize>(
     }
 }
 
+/// Power distances at the centre, and up the tree the leaf that matters most below each node: the reference that its
+/// sum is relative to.
 #[inline(always)]
 fn prepare(active: &ActiveSet, cube: &Cube, scratch: &mut Scratch) {
     let n = active.len();
@@ -121,6 +129,8 @@ fn prepare(active: &ActiveSet, cube: &Cube, scratch: &mut Scratch) {
     }
 }
 
+/// What the summation of one cube reads. `half` is the distance of its outermost points from the centre along an axis,
+/// Å.
 struct Eval<'a, const SIDE: usize, const PLANE: usize> {
     active: &'a ActiveSet,
     cube: &'a Cube,
@@ -133,8 +143,11 @@ struct Eval<'a, const SIDE: usize, const PLANE: usize> {
 /// A quadratic exponent without mixed terms, in powers of 2, about the centre of the cube.
 #[derive(Clone, Copy)]
 struct Exponent {
+    /// At the centre.
     constant: f64,
+    /// Per Å, along each axis.
     slope: Vector3,
+    /// Per Å², the same along each axis, since an atom's kernel is round.
     curvature: f64,
 }
 
@@ -184,6 +197,8 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
         (top, fits && self.cube.separable)
     }
 
+    /// Three runs of `SIDE` exponentials, two of which are multiplied out to a plane, so that a point costs one
+    /// product.
     #[inline(always)]
     fn tables(&self, e: &Exponent) -> Tables<SIDE, PLANE> {
         let h = self.cube.spacing as f32;
@@ -365,6 +380,7 @@ impl<const SIDE: usize, const PLANE: usize> Eval<'_, SIDE, PLANE> {
     }
 }
 
+/// The reference itself: `exp(0)` at every point.
 #[inline(always)]
 fn add_one(out: &mut [f32]) {
     for v in out {

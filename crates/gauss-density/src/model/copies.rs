@@ -12,6 +12,24 @@ use crate::options::Options;
 
 /// A model and where its copies stand. Nothing is copied until a part is asked for, so that an assembly of 10⁸ atoms
 /// takes no more memory than one of its units.
+///
+/// ```
+/// use gauss_density::geom_core::structure::Transform;
+/// use gauss_density::geom_core::{Aabb, Point3, Vector3};
+/// use gauss_density::{Copies, Cutoff, Model};
+/// # fn main() -> Result<(), gauss_density::Error> {
+/// let unit = Model::new(vec![Point3::origin()], vec![1.7], vec![1.0], vec![])?;
+/// let moved = |x| Transform { translation: Vector3::new(x, 0.0, 0.0), ..Transform::identity() };
+/// let copies = Copies::new(&unit, vec![moved(0.0), moved(100.0)])?;
+/// assert_eq!(copies.atoms(), 2);
+/// assert_eq!(copies.center_bounds().extent(), Vector3::new(100.0, 0.0, 0.0));
+/// // The first copy does not matter around the second.
+/// let region = Aabb::new(Point3::new(98.0, -2.0, -2.0), Point3::new(102.0, 2.0, 2.0));
+/// let part = copies.part(&region, Cutoff::default())?.expect("an atom is there");
+/// assert_eq!(part.atoms(), 1);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug)]
 pub struct Copies {
     /// Its levels are only those that matter.
@@ -24,6 +42,12 @@ pub struct Copies {
 
 impl Copies {
     /// Copies of a model at some places, at least one; each copy has nodes of its own.
+    ///
+    /// The order of the copies is that of `places`, and that of the atoms within one is the unit's: sums have the bits
+    /// that one model of all atoms in this order would give. What [`Model::protect`] says is of no meaning here.
+    ///
+    /// # Errors
+    /// [`Error::NoAtoms`] without a place.
     pub fn new(unit: &Model, places: Vec<Transform>) -> Result<Self, Error> {
         if places.is_empty() {
             return Err(Error::NoAtoms);
@@ -46,6 +70,9 @@ impl Copies {
     }
 
     /// Calls `f` with the centre of every atom, copy after copy.
+    ///
+    /// For what needs to see all atoms once and must not hold them: the counts by which tiles are made equally heavy,
+    /// for one.
     pub fn for_each_center(&self, mut f: impl FnMut(&Point3)) {
         for place in &self.places {
             self.unit
@@ -56,6 +83,7 @@ impl Copies {
     }
 
     /// The smallest box that holds the centres of all atoms.
+    /// Goes over all atoms of all copies, side by side; a box that is turned with its copy would be too large.
     pub fn center_bounds(&self) -> Aabb {
         let boxes: Vec<Aabb> = self
             .places
@@ -76,6 +104,10 @@ impl Copies {
     }
 
     /// The lattice that the options ask for: that on which [`sample_band`](crate::sample_band) samples all copies.
+    ///
+    /// # Errors
+    /// An option out of range, and [`Error::GridTooLarge`] if an axis has more than 2³² − 1 points. Memory is not
+    /// looked at: the lattice is only named here.
     pub fn lattice(&self, options: &Options) -> Result<Lattice, Error> {
         options.check()?;
         crate::sample::blocks::lattice_around(&self.reach, || self.center_bounds(), options)

@@ -7,10 +7,16 @@
 use crate::model::{Level, Model};
 
 /// The largest number of children and the extreme powers of each level, and the extreme atoms.
+/// Everything that is asked of it depends on these few numbers alone, so that a part of a model can be sampled with the
+/// bounds of the whole, and then with the same bits. The price is that one strange node, a residue with a tiny power or
+/// an atom with a tiny decay, widens the reach of all.
 #[derive(Clone, Debug)]
 pub(crate) struct Reach {
+    /// The largest radius, Å.
     radius: f64,
+    /// The smallest decay, Å⁻².
     decay: f64,
+    /// The largest decay, Å⁻².
     fastest_decay: f64,
     /// The largest `κ r²`.
     highest_kernel: f64,
@@ -180,6 +186,8 @@ impl Reach {
     }
 
     /// The distance at which the widest kernel falls to `exp(−t)`.
+    /// Largest radius and smallest decay may belong to different atoms: then it is farther than needed, and never
+    /// nearer.
     fn radius_of(&self, t: f64) -> f64 {
         (self.radius * self.radius + t.max(0.0) / self.decay).sqrt()
     }

@@ -1,4 +1,8 @@
 //! The density in bricks near the surface.
+//!
+//! Two rounds: the first classifies every brick that some atom can reach, the second asks again for those interior
+//! bricks that turn out to lie beside a surface, since only then are the values on both sides of every crossed edge
+//! known.
 
 use std::collections::BTreeMap;
 
@@ -34,6 +38,14 @@ use crate::sample::blocks::{
 /// # Ok(())
 /// # }
 /// ```
+///
+/// Time goes with the number of bricks near atoms, memory with those near the surface (2 KiB each, and 8 bytes for
+/// every brick there is), so halving the spacing costs about four times as much in memory. A body so thin that no
+/// lattice point lies in it is in no grid.
+///
+/// # Errors
+/// An option out of range; [`Error::GridTooLarge`], when the bricks stored so far exceed [`Options::max_memory`], with
+/// a spacing that should fit; [`Error::Cancelled`]; what the backend refuses.
 pub fn sample_band<B: DensityBackend + ?Sized>(
     model: &Model,
     options: &Options,
@@ -63,11 +75,14 @@ fn sample_band_on(
 }
 
 /// What stands in interior bricks.
+/// `2 g_u`, far from 1, so that no lattice cell seems to be crossed where none is.
 pub(crate) fn interior(options: &Options) -> f32 {
     2.0 * options.band[1] as f32
 }
 
 /// Bricks as they come.
+/// While blocks are sampled those before are taken over, so values stand in the order of arrival and kinds say which
+/// are whose.
 pub(crate) struct Band {
     range: Bricks,
     /// Bricks per axis of the whole lattice.
@@ -150,6 +165,7 @@ impl Band {
         (kinds, values)
     }
 
+    /// Takes over the bricks that were asked for; what a second round brings replaces what the first said of them.
     fn take(&mut self, blocks: &[Block], results: &[BlockValues]) {
         let [nx, ny, _] = self.range.counts();
         let low = self.range.low;

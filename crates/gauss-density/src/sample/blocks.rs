@@ -33,10 +33,12 @@ pub struct Report {
     /// Lattice points.
     pub points: u64,
     /// Points whose value is stored.
+    /// Of a band those of stored bricks, 512 each, even where these stick out of the lattice.
     pub stored_points: u64,
     /// `k_A`: the share of points that are stored.
     pub stored_share: f64,
     /// Pairs of an atom and a point that were evaluated.
+    /// What sampling takes time for; it depends on the cut-off and on the backend, which culls in its own way.
     pub pairs: u64,
     /// Pairs of brute force: atoms × points.
     pub brute_force_pairs: f64,
@@ -51,6 +53,7 @@ impl Report {
     }
 }
 
+/// With what is known before anything is sampled.
 pub(crate) fn start_report(model: &Prepared<'_>, lattice: &Lattice, backend: String) -> Report {
     let atoms = model.model().atoms();
     Report {
@@ -93,6 +96,7 @@ pub(crate) fn lattice_around(
     Ok(lattice)
 }
 
+/// In u128, since a user's counts may leave u64 before they are refused.
 pub(crate) fn check_memory(lattice: &Lattice, bytes: u128, options: &Options) -> Result<(), Error> {
     if bytes > u128::from(options.max_memory) {
         return Err(too_large(lattice, bytes, options));
@@ -226,6 +230,8 @@ struct Descent<'a> {
 
 impl Descent<'_> {
     /// Halves a range of blocks until one is left, keeping the clusters that can reach it.
+    /// (A k-d tree over space that is walked and never built.) Halves are searched side by side and their finds joined
+    /// in order.
     fn descend(&self, clusters: &[u32], low: [usize; 3], high: [usize; 3], found: &mut Vec<Block>) {
         let first = low.map(|b| (b * BLOCK * BRICK) as i64 - 1);
         let last = [0, 1, 2].map(|k| ((high[k] * BLOCK).min(self.bricks[k]) * BRICK) as i64);
@@ -265,6 +271,7 @@ impl Descent<'_> {
 }
 
 /// Does a value of 1 or more stand on a side of the box?
+/// Per axis, the low side and the high one; the six faces are read, nothing else.
 pub(crate) fn touched(grid: &impl geom_core::LatticeValues) -> [[bool; 2]; 3] {
     let counts = grid.lattice().counts;
     std::array::from_fn(|axis| {

@@ -43,6 +43,12 @@ pub(crate) const NEAR: f64 = 0.25;
 /// # Ok(())
 /// # }
 /// ```
+///
+/// Not symmetric: errors are taken on the first model's surface, in the density of the second. Where the first model
+/// has no surface on the lattice, all but `lost_interior` is 0.
+///
+/// # Errors
+/// As of [`sample_band`](crate::sample_band()).
 pub fn compare<B: DensityBackend + ?Sized>(
     model: &Model,
     original: &Model,
@@ -70,6 +76,7 @@ fn compare_on(
 }
 
 /// The bands of both on the same lattice; at `high` and above the original is interior.
+/// Sums per plane of points and in the order of planes, so that they have the same bits for any number of threads.
 pub(crate) fn compare_bands(
     (model, new): (&Model, &BrickGrid),
     (original, old): (&PointSampler<'_>, &BrickGrid),

@@ -33,6 +33,10 @@ pub(crate) const FLOOR: f64 = 1e-3;
 /// # Ok(())
 /// # }
 /// ```
+///
+/// # Errors
+/// An option out of range; [`Error::GridTooLarge`], before anything is allocated; [`Error::Cancelled`]; what the
+/// backend refuses.
 pub fn sample<B: DensityBackend + ?Sized>(
     model: &Model,
     options: &Options,

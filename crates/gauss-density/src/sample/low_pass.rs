@@ -34,6 +34,8 @@ pub enum Shape {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LowPass {
     /// `1 / f_c`: waves shorter than this are damped, Å.
+    /// Between 0.001 and 10000. The larger, the smoother the shape; details much smaller than it vanish, and thin parts
+    /// with them. Waves shorter than twice the spacing are not on the lattice anyhow.
     pub cutoff_length: f64,
     /// How the response falls.
     pub shape: Shape,
@@ -80,7 +82,15 @@ const FULL: f32 = 0.9999;
 /// everywhere would give the input. The input must hold true values (no constant fill) wherever it is within
 /// two cut-off lengths of the surface, and its box should lie that far out too; beyond it counts as 0.
 ///
+/// Negative values count as 0, infinite ones as very dense, and what would come back above 9999 is cut to that.
+/// [`Shape::Ideal`] and [`Shape::Butterworth`] ring, so that values far outside may be slightly below 0.
+///
 /// Runs on the CPU, whatever the backend of the sampling was.
+/// It takes `O(n log n)` for `n` points of the padded lattice, and 8 bytes for each of them at its peak, besides the
+/// grid that comes out.
+///
+/// # Errors
+/// A cut-off length out of its range, or [`Error::TooLargeToFilter`]. A grid without points comes back as it is.
 ///
 /// ```
 /// use gauss_density::{LowPass, Model, Options, low_pass, sample};

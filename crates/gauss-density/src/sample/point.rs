@@ -1,4 +1,7 @@
 //! The density at any point, with analytic derivatives.
+//!
+//! Meshers ask here for roots and normals, elimination and refit for the places of their samples. The sampler borrows
+//! the model: whoever changes the model makes a new one.
 
 use std::sync::Arc;
 
@@ -23,6 +26,8 @@ use crate::options::Cutoff;
 /// density at most is lost, wherever it is above 1e-9), so that a point costs some tens of kernels. Where no surface can
 /// be, far from the atoms, all of them are summed. A point at a time is summed on the CPU in f64; [`PointSampler::on`]
 /// takes the model to a backend, which then serves whoever asks [many points with one call](ImplicitField::at_many).
+///
+/// A point with a coordinate that is not a number has the value NaN; beyond 10¹⁰⁰ Å the density is 0.
 ///
 /// ```
 /// use gauss_density::{Cutoff, Model, PointSampler};
@@ -82,12 +87,23 @@ const MOST_CELLS: [f64; 2] = [16.0, 4096.0];
 
 impl<'a> PointSampler<'a> {
     /// Prepares the cells.
+    ///
+    /// Time and memory go with the number of cells, about 16 per atom and 4096 besides at most, times the atoms that
+    /// matter in each, some tens for moderate powers and many more for small ones.
+    ///
+    /// # Errors
+    /// A cut-off that is not above 0 and below 0.25.
     pub fn new(model: &'a Model, cutoff: Cutoff) -> Result<Self, Error> {
         Self::above(FLOOR, model, cutoff)
     }
 
     /// Takes the model to a backend, for those who ask many points with one call: a device gets the atoms once. A
     /// backend that is no better than a point at a time, as the CPU, leaves it as it is.
+    ///
+    /// Single points ([`ImplicitField::value`]) stay on the CPU all the same, in f64.
+    ///
+    /// # Errors
+    /// What the backend refuses: too many levels of powers, no memory.
     pub fn on<B: DensityBackend + ?Sized>(mut self, backend: &B) -> Result<Self, Error> {
         let cells = PointCells {
             model: &self.model,
@@ -132,6 +148,8 @@ impl<'a> PointSampler<'a> {
         Ok(sampler)
     }
 
+    /// The atoms that matter in each cell, x fastest. A quarter of `ε` goes with the search for groups of cells, a
+    /// quarter with their cull, half with that of the cell.
     fn cull_cells(&self, eps: f64, floor: f64) -> Vec<Vec<u32>> {
         // Slabs of cells share a first, coarse cull.
         const SIDE: usize = 4;
@@ -198,6 +216,8 @@ impl<'a> PointSampler<'a> {
     }
 
     /// The density, its gradient (per Å) and its Hessian (per Å²).
+    /// All are those of the same sum, so that differences of values converge to them within a cell; from cell to cell
+    /// the sums differ by what `ε` allows. Zeros where the density is too small for f64.
     pub fn value_gradient_hessian(&self, x: &Point3) -> (f64, Vector3, Matrix3<f64>) {
         if is_beyond_numbers(x) {
             return (0.0, Vector3::zeros(), Matrix3::zeros());
@@ -217,6 +237,8 @@ impl<'a> PointSampler<'a> {
     }
 
     /// The derivatives of the density at `x` with respect to the parameters of every atom that matters there.
+    /// By ascending index; atoms that are not listed have next to none. Empty beyond 10¹⁰⁰ Å. Times a change of the
+    /// parameters it is, to first order, the change of `G`.
     pub fn parameter_gradient(&self, x: &Point3) -> Vec<AtomGradient> {
         if is_beyond_numbers(x) {
             return Vec::new();

@@ -17,6 +17,12 @@ use crate::sample::blocks::Bricks;
 impl Copies {
     /// The atoms that matter in a box, as a model of their own; `None` if there are none. Its density is that of all within
     /// the cut-off where it reaches 1/2.
+    ///
+    /// Its nodes are those of the whole that have an atom there, so a residue may come in part. For a sampler of points
+    /// near a tile's surface.
+    ///
+    /// # Errors
+    /// A cut-off out of its range.
     pub fn part(&self, region: &Aabb, cutoff: Cutoff) -> Result<Option<Model>, Error> {
         cutoff.check()?;
         Ok(self.near(region, self.reach().radius(cutoff.0, 0.5)))

@@ -21,11 +21,13 @@ mod sample;
 mod sites;
 
 /// Levels whose powers are not all 1, at most: the kernels keep one open sum per level.
+/// More are refused with [`Error::Unsupported`], not computed elsewhere.
 const MAX_DEPTH: usize = 8;
 /// Most bytes of one array of a batch, below what every device allows for a binding.
 const BATCH_BYTES: usize = 64 << 20;
 /// Most workgroups along an axis.
 const MAX_GROUPS: usize = 65_535;
+/// Parent of what has none.
 const ROOT: u32 = u32::MAX;
 const LOG2E: f64 = std::f64::consts::LOG2_E;
 
@@ -62,6 +64,8 @@ fn split(d: &Vector3) -> [[f32; 3]; 2] {
 }
 
 /// An atom or a node of a tree.
+/// Of an atom: place, decay (of powers of 2) in the fourth number, and as `lift` the logarithm of the kernel at its
+/// centre. Of a node: its power in the first number, and the run of its children.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Item {
@@ -129,6 +133,7 @@ impl Items {
     }
 
     /// Number of items of a row.
+    /// Atoms and nodes of all levels.
     fn len(&self, row: u32, depth: usize) -> usize {
         let row = row as usize;
         (self.ranges[row + depth + 1] - self.ranges[row]) as usize

@@ -1,4 +1,7 @@
 //! A model that stays on the device, and is asked at any points.
+//!
+//! All atoms are sent once, relative to the middle of the model, and lists say which of them matter in which cell; a
+//! call sends points and gets four numbers for each. The kernel sums logarithms, as on the processor, in f32.
 
 use bytemuck::{Pod, Zeroable};
 use geom_core::compute::BackendError;
@@ -31,6 +34,7 @@ pub(super) struct Resident {
     center: Point3,
     items: GpuBuffer,
     low: GpuBuffer,
+    /// Where the atoms of each cell start among the members.
     starts: GpuBuffer,
     members: GpuBuffer,
 }

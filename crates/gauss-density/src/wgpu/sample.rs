@@ -168,6 +168,7 @@ fn lots<'a>(
 }
 
 /// Puts the bricks of a part to those that came before.
+/// Numbers of stored bricks go on where those before ended.
 fn merge(part: &Block, found: Vec<BlockValues>, all: &mut BlockValues) {
     let before = (all.values.len() / BRICK_POINTS) as u32;
     for found in found {
@@ -195,6 +196,7 @@ struct Gathered {
 }
 
 impl Lot<'_> {
+    /// On the processor, in f64 until differences have been taken.
     fn gather(&self, model: &Prepared<'_>, job: &Job) -> Gathered {
         let depth = model.levels.len();
         let lattice = &job.lattice;
@@ -235,6 +237,8 @@ impl Lot<'_> {
 }
 
 /// Culls, densities and classification of the bricks of a lot.
+/// Two numbers per brick come back before the densities are dispatched, and two after, so that only bricks that count
+/// are summed, and only those with a value below the ceiling are downloaded.
 fn sample_lot(
     backend: &Wgpu,
     model: &Prepared<'_>,

@@ -1,4 +1,8 @@
 //! The terms of trees at the points of cells, and what elimination wants of them.
+//!
+//! A *site* is a point of a cell, with room for the terms of the cell's tree; a *slot* is an atom of a cell. First a
+//! thread per site fills the terms, then a thread per slot goes over the sites of its cell. Places are relative to the
+//! middle of the cell, so that f32 resolves them.
 
 use std::ops::Range;
 
@@ -12,6 +16,7 @@ use crate::backend::SampleCell;
 use crate::error::Error;
 use crate::kernel::prepared::Prepared;
 
+/// `inverse` is one over the exact density, `share` the target over it: what makes densities relative.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Site {
@@ -23,6 +28,7 @@ struct Site {
     pad: u32,
 }
 
+/// An atom among the items, and the sites `first..end` of its cell.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Slot {
@@ -167,6 +173,7 @@ impl Sites {
 }
 
 /// The squared error without each atom of each cell.
+/// Slot by slot, so cell by cell and in each by ascending atom.
 pub(super) fn atom_errors(
     backend: &Wgpu,
     model: &Prepared<'_>,

@@ -5,6 +5,10 @@
 //! different from zero follows from the pattern of A alone: an order of the unknowns that keeps them few, and the columns of L that
 //! share a pattern (supernodes, which are dense blocks), are the *symbolic* part, which serves every matrix of that pattern. A mesh
 //! of n vertices on a surface needs about n log n entries and n^1.5 operations.
+//!
+//! Analysis and factorization run on one thread; substitutions run on all (see `substitution.rs`). In a body of n
+//! vertices, with neighbours on all sides, a factor has about n^4/3 entries and takes n² operations: for these
+//! [`eigen`](super::eigen) has a method without one.
 
 use std::sync::Arc;
 
@@ -23,10 +27,12 @@ use rayon::prelude::*;
 use super::substitution::{Schedule, Solved, Supernode};
 use super::{Error, Scalar, SparseMatrix};
 
-/// Right-hand sides per pass over the factor. Part of the result: another number, other last bits.
+/// Right-hand sides per pass over the factor. Part of the result: another number, other last bits. Eight of them fill
+/// vector registers, and the factor, which is larger than the caches, is read once for them.
 const COLUMNS: usize = 8;
 
-/// The analysis of a pattern: ordering and shape of the factor, for every matrix of that pattern.
+/// The analysis of a pattern: ordering and shape of the factor, for every matrix of that pattern. Cloning shares it.
+/// Keep it where matrices of one mesh are factored again and again, as for other times of a diffusion or other shifts.
 #[derive(Clone)]
 pub struct Symbolic {
     inner: Arc<Analysis>,
@@ -52,7 +58,11 @@ impl std::fmt::Debug for Symbolic {
 
 impl Symbolic {
     /// Analyses the pattern of a symmetric matrix: a minimum-degree ordering and the shape of the
-    /// factor.
+    /// factor. Values are read for being finite only.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if it is not square, [`Error::NotFinite`], [`Error::TooLarge`] if it or its factor is beyond
+    /// 32-bit indices, and [`Error::OutOfMemory`].
     pub fn of<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Self, Error> {
         let (starts, indices, _) = upper_half(matrix)?;
         Self::analysed(matrix.rows(), matrix.entries(), starts, indices)
@@ -103,12 +113,16 @@ impl Symbolic {
         self.inner.symbolic.nrows()
     }
 
-    /// Entries of the factor.
+    /// Entries of the factor. Known before anything is factored: eight bytes each, sixteen of complex ones.
     pub fn factor_entries(&self) -> usize {
         self.inner.symbolic.len_val()
     }
 
     /// Factors a positive definite matrix of the analysed pattern as L Lᴴ.
+    ///
+    /// # Errors
+    /// [`Error::OtherPattern`], [`Error::NotFinite`], [`Error::OutOfMemory`]; [`Error::NotPositiveDefinite`] names the
+    /// row of the first pivot that is not positive.
     pub fn factor<T: Scalar>(&self, matrix: &SparseMatrix<T>) -> Result<Cholesky<T>, Error> {
         Ok(Cholesky {
             symbolic: self.clone(),
@@ -118,7 +132,11 @@ impl Symbolic {
 
     /// How many eigenvalues of a matrix of this pattern are negative: the signs of the pivots of
     /// L D Lᵀ (Sylvester's law of inertia). `None` when a pivot vanishes, which says that zero is an
-    /// eigenvalue, or nearly so.
+    /// eigenvalue, or nearly so. Pivots are not exchanged, so that the answer is for shifts that keep clear of
+    /// eigenvalues; it takes as long as a factor.
+    ///
+    /// # Errors
+    /// [`Error::OtherPattern`], [`Error::NotFinite`] and [`Error::OutOfMemory`].
     pub fn negative_eigenvalues(&self, matrix: &SparseMatrix<f64>) -> Result<Option<usize>, Error> {
         let upper = self.values_of(matrix)?;
         let symbolic = &self.inner.symbolic;
@@ -163,6 +181,7 @@ impl Symbolic {
         }
     }
 
+    /// Refused rather than fatal: a factor may be the largest thing in a program.
     fn memory<T: Scalar>(
         &self,
         scratch: faer::dyn_stack::StackReq,
@@ -185,6 +204,7 @@ impl Symbolic {
         Ok(values)
     }
 
+    /// The rows of the upper half are handed to faer as the columns of the lower one: nothing is transposed.
     fn lower<'a, T: Scalar>(&'a self, upper: &'a [T]) -> SparseColMatRef<'a, u32, T> {
         let (a, n) = (&*self.inner, self.rows());
         SparseColMatRef::new(
@@ -207,6 +227,7 @@ impl Symbolic {
     }
 }
 
+/// faer's shape of a factor as the schedule reads it.
 fn supernodes(shape: &SymbolicSupernodalCholesky<u32>) -> Vec<Supernode<'_>> {
     let values = |s: usize| shape.col_ptr_for_val()[s] as usize;
     (0..shape.n_supernodes())
@@ -226,6 +247,8 @@ fn supernodes(shape: &SymbolicSupernodalCholesky<u32>) -> Vec<Supernode<'_>> {
 /// lower half.
 type Half<T> = (Vec<u32>, Vec<u32>, Vec<T>);
 
+/// Reads what lies on the diagonal or right of it, and refuses what is not finite there; the lower half is not looked
+/// at.
 fn upper_half<T: Scalar>(matrix: &SparseMatrix<T>) -> Result<Half<T>, Error> {
     let n = matrix.rows();
     if matrix.columns() != n {
@@ -282,7 +305,7 @@ pub(super) fn factor<T: Scalar>(
     Ok(values)
 }
 
-/// The factor L Lᴴ of a positive definite matrix.
+/// The factor L Lᴴ of a positive definite matrix. It keeps the values of the factor and shares the analysis.
 #[derive(Clone, Debug)]
 pub struct Cholesky<T = f64> {
     symbolic: Symbolic,
@@ -290,7 +313,11 @@ pub struct Cholesky<T = f64> {
 }
 
 impl<T: Scalar> Cholesky<T> {
-    /// Analyses and factors a positive definite matrix. Only the upper half is read.
+    /// Analyses and factors a positive definite matrix. Only the upper half is read. Whether the lower half agrees is
+    /// not asked: [`SparseMatrix::check_hermitian`] does.
+    ///
+    /// # Errors
+    /// Those of [`Symbolic::of`] and [`Symbolic::factor`].
     pub fn of(matrix: &SparseMatrix<T>) -> Result<Self, Error> {
         Symbolic::of(matrix)?.factor(matrix)
     }
@@ -310,7 +337,12 @@ impl<T: Scalar> Cholesky<T> {
         self.values.len()
     }
 
-    /// Replaces a block of `columns` right-hand sides by the solutions.
+    /// Replaces a block of `columns` right-hand sides by the solutions. Up to eight columns share one pass over the
+    /// factor each way; such parts, and independent subtrees, are solved in parallel, with bits that do not depend on
+    /// threads. What is not finite goes through as it is.
+    ///
+    /// # Errors
+    /// [`Error::RightHandSide`] for a block of other size, [`Error::OutOfMemory`].
     pub fn solve_in_place(&self, block: &mut [T], columns: usize) -> Result<(), Error> {
         let n = self.rows();
         let expected = n * columns;
@@ -334,6 +366,9 @@ impl<T: Scalar> Cholesky<T> {
     /// assert!((x[0] + 0.5).abs() < 1e-14 && (x[1] - 2.0).abs() < 1e-14);
     /// # Ok::<(), geom_core::algebra::Error>(())
     /// ```
+    ///
+    /// # Errors
+    /// [`Error::RightHandSide`] for another number of values.
     pub fn solve(&self, b: &[T]) -> Result<Vec<T>, Error> {
         let mut x = b.to_vec();
         self.solve_in_place(&mut x, 1)?;
@@ -379,7 +414,8 @@ pub(super) fn substitute<T: Scalar>(
     Ok(())
 }
 
-/// Replaces `parts` times `C` columns of a block (the last ones may be missing) by the solutions.
+/// Replaces `parts` times `C` columns of a block (the last ones may be missing) by the solutions. Each part has its own
+/// vectors and reads the whole factor; rows are put back into the block at the end.
 fn solve_parts<T: Scalar, const C: usize>(
     schedule: &Schedule,
     factor: &[T],

@@ -16,7 +16,7 @@ const NARROW: usize = 16;
 /// Rows that are gathered at once.
 const GATHERED: usize = 256;
 
-/// A tall block: some columns, row after row.
+/// A tall block: some columns, row after row. As many rows as `values` holds of that width.
 #[derive(Clone, Copy)]
 pub(crate) struct Tall<'a> {
     pub(crate) values: &'a [f64],
@@ -42,7 +42,8 @@ fn width(blocks: &[Tall<'_>]) -> usize {
     blocks.iter().map(|a| a.columns).sum()
 }
 
-/// `Aᵀ B`, row after row, where A stands in blocks side by side.
+/// `Aᵀ B`, row after row, where A stands in blocks side by side. The blocks of A follow each other in the rows of the
+/// result. `O(n · columns of A · columns of B)`, the parts added in order.
 pub(crate) fn gram(a: &[Tall<'_>], b: Tall<'_>) -> Vec<f64> {
     let length = width(a) * b.columns;
     if length == 0 {
@@ -79,7 +80,7 @@ fn gram_part(out: &mut [f64], a: &[Tall<'_>], b: MatRef<'_, f64>, from: usize) {
 }
 
 /// `out ← out + scale · A C`, where `out` has `columns` columns, A stands in blocks side by side, and
-/// C is `width of A × columns`, row after row.
+/// C is `width of A × columns`, row after row. Rows do not depend on each other, so pieces are handed out as they come.
 pub(crate) fn add_product(out: &mut [f64], columns: usize, a: &[Tall<'_>], c: &[f64], scale: f64) {
     if columns == 0 || a.is_empty() {
         return;
@@ -89,7 +90,8 @@ pub(crate) fn add_product(out: &mut [f64], columns: usize, a: &[Tall<'_>], c: &[
         .for_each(|(k, out)| add_product_part(out, columns, a, c, scale, k * ROWS));
 }
 
-/// The same for some rows from `from` on.
+/// The same for some rows from `from` on. Many narrow blocks beside a wide C are copied side by side first, some rows
+/// at a time: one large product is faster than many thin ones.
 fn add_product_part(
     out: &mut [f64],
     columns: usize,
@@ -146,7 +148,7 @@ pub(crate) fn product(a: &[Tall<'_>], c: &[f64], columns: usize) -> Vec<f64> {
     out
 }
 
-/// `W ← W − A C`, and the new `Wᵀ W`.
+/// `W ← W − A C`, and the new `Wᵀ W`. One pass over W in place of two: what orthogonalization does most.
 pub(crate) fn subtract_product(
     w: &mut [f64],
     columns: usize,
@@ -169,7 +171,7 @@ pub(crate) fn subtract_product(
     add_all(parts, columns * columns)
 }
 
-/// `W ← W C` for a square C.
+/// `W ← W C` for a square C. With the inverse of a Cholesky factor it makes columns orthonormal.
 pub(crate) fn turn(w: &mut [f64], columns: usize, c: &[f64]) {
     w.par_chunks_mut(ROWS * columns).for_each(|w| {
         let old = w.to_vec();
@@ -213,6 +215,7 @@ pub(crate) fn squares(
     add_all(parts, columns)
 }
 
+/// In the order of the parts, whichever thread was done first.
 fn add_all(parts: Vec<Vec<f64>>, length: usize) -> Vec<f64> {
     let mut total = vec![0.0; length];
     for part in parts {
@@ -257,7 +260,8 @@ pub(crate) fn symmetric_eigen(matrix: &[f64], n: usize) -> Option<(Vec<f64>, Vec
 
 /// The upper factor R of a small positive semi-definite matrix G = Rᵀ R, row after row, and the
 /// columns whose pivot is below `floor` of their diagonal: they depend on the columns before, and
-/// their row of R is zero.
+/// their row of R is zero. The columns that depend on others are what a rank-deficient block of vectors has too many;
+/// the caller replaces them.
 pub(crate) fn upper_cholesky(gram: &[f64], n: usize, floor: f64) -> (Vec<f64>, Vec<usize>) {
     let mut r = vec![0.0; n * n];
     let mut dead = Vec::new();
@@ -283,7 +287,8 @@ pub(crate) fn upper_cholesky(gram: &[f64], n: usize, floor: f64) -> (Vec<f64>, V
     (r, dead)
 }
 
-/// The inverse of an upper triangular matrix, row after row; a zero on the diagonal counts as one.
+/// The inverse of an upper triangular matrix, row after row; a zero on the diagonal counts as one. `O(n³)`, for factors
+/// of some dozens of rows, or of a part that is solved densely.
 pub(crate) fn upper_inverse(r: &[f64], n: usize) -> Vec<f64> {
     let pivot = |i: usize| {
         if r[i * n + i] == 0.0 {

@@ -4,6 +4,15 @@
 //! normalized one, `1 − D^(−1/2) W D^(−1/2)` (Eq. 6.2, see "Reading the thesis"), has the eigenvalues of
 //! the pencil `K x = λ D x`, and eigenvectors `V = D^(1/2) x`. So one matrix serves both, and only the
 //! mass differs: [`Laplacian::mass`] or [`Laplacian::degree_mass`].
+//!
+//! ```
+//! use geom_core::algebra::graph::{Laplacian, Neighbours, VoxelGraph};
+//! // Three voxels in a row, and a lattice point beside them that belongs to none.
+//! let row = VoxelGraph::new([4, 1, 1], &[true, true, true, false], Neighbours::Six, [1.0; 3])?;
+//! let laplacian = Laplacian::of_voxels(row);
+//! assert_eq!(laplacian.degrees(), [1.0, 2.0, 1.0]);
+//! # Ok::<(), geom_core::algebra::graph::Error>(())
+//! ```
 
 use rayon::prelude::*;
 
@@ -57,6 +66,9 @@ pub enum Error {
 }
 
 /// Which lattice points are neighbours.
+///
+/// More neighbours make distances along the graph, and its modes, depend less on the directions of the axes, and
+/// products slower.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Neighbours {
@@ -83,6 +95,10 @@ impl Neighbours {
 /// A set of voxels as a graph. Nodes are numbered as their points lie in the lattice (first axis
 /// fastest). Neighbours are looked up through the lattice: four bytes per point of the set's bounds
 /// and four per node, no stored weights.
+///
+/// The bounds have a margin of one point on all sides, which belongs to no node: every neighbour of a node is a place
+/// in them, and no look-up has to ask whether it leaves the lattice. A slanted, thin set in a large box pays for the
+/// box.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VoxelGraph {
     /// Place of each node in the padded bounds, ascending.
@@ -116,6 +132,9 @@ impl VoxelGraph {
     /// nz]` points. `weights` are those across a face, an edge and a corner, of which
     /// `neighbours` uses the first one, two or three; `exp(−1), exp(−2), exp(−3)` is the Gaussian of
     /// the distance in units of the spacing (Eq. 6.1).
+    ///
+    /// # Errors
+    /// [`Error::Flags`], [`Error::Weight`] for a weight in use, [`Error::TooLarge`] for the bounds.
     pub fn new(
         counts: [usize; 3],
         inside: &[bool],
@@ -183,6 +202,9 @@ impl VoxelGraph {
     }
 
     /// The lattice point `[i, j, k]` of a node.
+    ///
+    /// # Panics
+    /// If there is no such node.
     pub fn point(&self, node: usize) -> [usize; 3] {
         let place = self.places[node] as usize;
         let [sx, sy, _] = self.size;
@@ -190,7 +212,7 @@ impl VoxelGraph {
         [0, 1, 2].map(|a| (local[a] as i64 + self.corner[a]) as usize)
     }
 
-    /// The node at a lattice point, if the point belongs to the set.
+    /// The node at a lattice point, if the point belongs to the set. `None`, too, for points outside of the lattice.
     pub fn node(&self, point: [usize; 3]) -> Option<usize> {
         let mut place = 0;
         for axis in [2, 1, 0] {
@@ -204,7 +226,11 @@ impl VoxelGraph {
         (node != NONE).then_some(node as usize)
     }
 
-    /// The neighbours of a node and the weights of the edges to them, by class and place.
+    /// The neighbours of a node and the weights of the edges to them, by class and place. Those across faces come
+    /// first.
+    ///
+    /// # Panics
+    /// If there is no such node.
     pub fn around(&self, node: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let place = self.places[node] as isize;
         self.stencil
@@ -221,7 +247,8 @@ impl VoxelGraph {
         degrees
     }
 
-    /// `out ← out − W X`.
+    /// `out ← out − W X`. Widths that the compiler knows are done in one go, others by eights through a copy, whose
+    /// sums are rounded once more: the last bits of a column may depend on how many stand beside it.
     pub(crate) fn subtract_product<T: Real>(&self, block: &[T], columns: usize, out: &mut [T]) {
         match columns {
             0 => {}
@@ -250,6 +277,8 @@ impl VoxelGraph {
         }
     }
 
+    /// Class by class: neighbours of one class are added first and multiplied by their weight once. A neighbour that is
+    /// not there reads a row of zeros, since `NONE` lies beyond all rows: no branch.
     fn subtract<T: Real, const C: usize>(&self, block: &[T], out: &mut [T]) {
         let (rows, _) = block.as_chunks::<C>();
         let (out, _) = out.as_chunks_mut::<C>();
@@ -296,7 +325,7 @@ impl VoxelGraph {
         out
     }
 
-    /// The graph as a stencil on its bounds, for kernels.
+    /// The graph as a stencil on its bounds, for kernels. Weights are rounded to f32; an offset may be negative.
     pub fn tables(&self) -> StencilTables<'_> {
         let stencil = self
             .stencil
@@ -353,6 +382,9 @@ impl Real for f32 {
 }
 
 /// The Laplacian `D − W` of a graph.
+///
+/// Positive semi-definite; its null space has one constant per connected part. The weights of stencils are never
+/// stored: see [`Operator`](crate::algebra::Operator).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Laplacian {
     /// `D` minus the weights that no stencil has.
@@ -374,12 +406,19 @@ impl Laplacian {
     }
 
     /// Of symmetric weights, finite and not negative. The diagonal does not count.
+    ///
+    /// # Errors
+    /// Those of [`Laplacian::joint`].
     pub fn of_weights(weights: &SparseMatrix) -> Result<Self, Error> {
         Self::joint(Vec::new(), weights)
     }
 
     /// Of several voxel sets, one after the other, with weighted links between any two nodes: the
-    /// joint graph of two shapes (Eqs. 6.5–6.6). `links` is symmetric over all nodes.
+    /// joint graph of two shapes (Eqs. 6.5–6.6). `links` is symmetric over all nodes. Links add to what a stencil has
+    /// between the same two nodes. With no graphs the links are all there is.
+    ///
+    /// # Errors
+    /// [`Error::Matrix`] if links are not square, finite and symmetric, [`Error::Links`] and [`Error::Weight`].
     pub fn joint(graphs: Vec<VoxelGraph>, links: &SparseMatrix) -> Result<Self, Error> {
         links.check_hermitian()?;
         let (rows, nodes) = (links.rows(), graphs.iter().map(VoxelGraph::nodes).sum());

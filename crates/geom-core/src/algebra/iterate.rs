@@ -1,5 +1,9 @@
 //! Solutions better than a factor alone gives them, or without one: iterative refinement, and conjugate gradients
 //! with the factor of another, similar matrix or with the diagonal.
+//!
+//! Use [`refine`] with the factor of the very matrix, [`conjugate_gradients`] with anything else that resembles its
+//! inverse. Both take a block of right-hand sides: conjugate gradients look at each column by itself, refinement goes
+//! on until the worst is done.
 
 use rayon::prelude::*;
 
@@ -10,6 +14,9 @@ use crate::options::require;
 const ROWS: usize = 4096;
 
 /// When to stop.
+///
+/// Near 10⁻¹⁶ times the condition number a residual stops falling, whatever is asked: a solution is then returned with
+/// [`Solution::converged`] false.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
@@ -44,7 +51,8 @@ impl Options {
 }
 
 /// What [`conjugate_gradients`] applies to a residual in place of the inverse of the matrix: positive definite, and easy to
-/// apply.
+/// apply. It must be the same linear map each time, and symmetric (Hermitian): a cycle of multigrid is, most sweeps
+/// from first to last row are not.
 pub trait Preconditioner<T: Scalar> {
     /// The rows of its matrix.
     fn rows(&self) -> usize;
@@ -99,12 +107,14 @@ impl<T: Scalar> Preconditioner<T> for Jacobi {
     }
 }
 
-/// Solutions for a block of right-hand sides.
+/// Solutions for a block of right-hand sides. It is returned also where the tolerance was not reached: look at
+/// [`Solution::converged`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution<T = f64> {
     /// The block of solutions.
     pub values: Vec<T>,
-    /// Relative residual of each column; 0 where the right-hand side is zero, or its squares are.
+    /// Relative residual of each column; 0 where the right-hand side is zero, or its squares are. Computed anew from
+    /// `B − A X` at the end, not carried along.
     pub residuals: Vec<f64>,
     /// Iterations of the column that took most.
     pub iterations: usize,
@@ -125,6 +135,10 @@ pub struct Solution<T = f64> {
 /// assert!((found.values[0] - 0.5).abs() < 1e-14 && (found.values[1] - 2.0).abs() < 1e-14);
 /// # Ok::<(), geom_core::algebra::Error>(())
 /// ```
+///
+/// # Errors
+/// [`Error::Option`], [`Error::Shape`], [`Error::RightHandSide`], [`Error::RightHandSideTooLarge`],
+/// [`Error::NotFinite`] for a right-hand side, and what the factor cannot solve. Not to converge is no error.
 pub fn refine<T: Scalar>(
     matrix: &SparseMatrix<T>,
     factor: &Cholesky<T>,
@@ -183,6 +197,10 @@ pub fn refine<T: Scalar>(
 /// assert!(found.converged && (found.values[1] - 2.0).abs() < 1e-10);
 /// # Ok::<(), geom_core::algebra::Error>(())
 /// ```
+///
+/// One iteration is one product, one application of the preconditioner and some passes over the block, for all columns
+/// at once; the number of iterations grows with the root of the condition number of the preconditioned matrix. Other
+/// errors are those of [`refine`].
 pub fn conjugate_gradients<T: Scalar>(
     matrix: &SparseMatrix<T>,
     preconditioner: &(impl Preconditioner<T> + ?Sized),
@@ -272,6 +290,7 @@ fn missing<T: Scalar>(
     (rest, residuals)
 }
 
+/// A square matrix of as many rows as the preconditioner, and a finite block of as many.
 fn check_sizes<T: Scalar>(
     matrix: &SparseMatrix<T>,
     rows: usize,
@@ -308,7 +327,8 @@ fn norms<T: Scalar>(block: &[T], columns: usize) -> Vec<f64> {
     squares.into_iter().map(f64::sqrt).collect()
 }
 
-/// Real parts of the products of columns, `Re xᴴ y`.
+/// Real parts of the products of columns, `Re xᴴ y`. Summed by fixed chunks of rows: the same bits for any number of
+/// threads.
 fn dots<T: Scalar>(x: &[T], y: &[T], columns: usize) -> Vec<f64> {
     let mut total = vec![0.0; columns];
     let parts = crate::compute::parallel::fold_chunks(x.len() / columns.max(1), |rows| {

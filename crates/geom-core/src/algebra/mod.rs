@@ -12,6 +12,9 @@
 //!
 //! A **block** of `c` vectors of length `n` is a slice of `n · c` numbers, row after row: value `i`
 //! of vector `j` is `block[i * c + j]`. Products with a sparse matrix then read whole rows.
+//!
+//! Read [`sparse`] first, then [`cholesky`] for systems that are solved once and for all, or [`eigen`] for modes. What
+//! is symmetric is stored in both halves, since products read rows; a factor reads one half.
 
 pub mod cholesky;
 pub(crate) mod dense;
@@ -37,6 +40,8 @@ pub use sparse::{Scalar, SparseMatrix};
 use crate::options::OutOfRange;
 
 /// Why a matrix cannot be made, factored or solved with.
+///
+/// Rows and columns are in the numbering of the matrix that was given, also where a factor has an order of its own.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {

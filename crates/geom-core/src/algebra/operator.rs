@@ -1,4 +1,8 @@
 //! What the solver multiplies with: a sparse matrix, or a graph Laplacian with the memory of a stencil.
+//!
+//! A graph of millions of voxels has up to 26 entries per row, all of them one of three weights. Stored as a matrix
+//! they would take twelve bytes each; here they are looked up through the lattice, and only what no stencil has (the
+//! diagonal, links between graphs) is a matrix.
 
 use std::borrow::Cow;
 
@@ -6,6 +10,9 @@ use crate::algebra::graph::{Laplacian, VoxelGraph};
 use crate::algebra::{self, SparseMatrix};
 
 /// A symmetric operator on vectors of `rows` numbers: a [`SparseMatrix`] or a [`Laplacian`].
+///
+/// It is small and copied freely, and verbs take `impl Into<Operator>`: hand over `&matrix` or `&laplacian`. Symmetry
+/// is not checked here.
 #[derive(Clone, Copy, Debug)]
 pub struct Operator<'a> {
     matrix: &'a SparseMatrix,
@@ -40,7 +47,7 @@ impl<'a> Operator<'a> {
         self.matrix.rows()
     }
 
-    /// `A X` for a block of `columns` vectors.
+    /// `A X` for a block of `columns` vectors. Parallel by rows: the bits do not depend on the number of threads.
     ///
     /// # Panics
     /// If the block does not have `rows · columns` values.
@@ -60,7 +67,8 @@ impl<'a> Operator<'a> {
         self.matrix.diagonal()
     }
 
-    /// The rows and columns of some nodes, which must ascend and have no neighbours but each other.
+    /// The rows and columns of some nodes, which must ascend and have no neighbours but each other. A connected part
+    /// has no others: nothing is cut.
     pub(super) fn part(self, nodes: &[u32]) -> Laplacian {
         let mut first = 0;
         let mut at = 0;
@@ -91,6 +99,9 @@ impl<'a> Operator<'a> {
     }
 
     /// Columns and values of a row, in no particular order.
+    ///
+    /// # Panics
+    /// If there is no such row.
     pub fn row(self, row: usize) -> impl Iterator<Item = (usize, f64)> + 'a {
         let mut first = 0;
         let mut own = None;
@@ -107,7 +118,8 @@ impl<'a> Operator<'a> {
         self.matrix.row(row).chain(voxels)
     }
 
-    /// The same as one sparse matrix.
+    /// The same as one sparse matrix. For what needs entries at hand: factors and small dense inverses. A graph then
+    /// takes the memory that it was spared.
     pub(crate) fn assembled(self) -> Result<Cow<'a, SparseMatrix>, algebra::Error> {
         if self.graphs.is_empty() {
             return Ok(Cow::Borrowed(self.matrix));

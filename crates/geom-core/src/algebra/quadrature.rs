@@ -10,6 +10,8 @@
 ///     assert!((sum - 1.0 / f64::from(power + 1)).abs() < 1e-14);
 /// }
 /// ```
+///
+/// Points ascend, inside of the interval; weights are positive and sum to 1. None for `n = 0`.
 pub fn gauss(n: usize) -> Vec<(f64, f64)> {
     let legendre = |x: f64| {
         let (mut p, mut before) = (1.0, 0.0);

@@ -75,7 +75,8 @@ mod sealed {
     sealed!(Complex<f64>);
 }
 
-/// What a sparse matrix holds: f64 or complex f64. Sealed.
+/// What a sparse matrix holds: f64 or complex f64. Sealed. Complex matrices are those of fields of directions on
+/// surfaces, [`connection()`](crate::surface::laplace::connection()).
 pub trait Scalar:
     sealed::Sealed
     + Copy
@@ -102,7 +103,7 @@ pub trait Scalar:
     fn real_part(self) -> f64;
     /// Neither NaN nor infinite.
     fn finite(self) -> bool;
-    /// `self · factor + summand`, rounded once where that is real.
+    /// `self · factor + summand`, rounded once where that is real. A product of two complex numbers is four fused ones.
     fn fused(self, factor: Self, summand: Self) -> Self;
 }
 
@@ -156,7 +157,8 @@ impl Scalar for Complex<f64> {
     }
 }
 
-/// [`SparseMatrix::multiply_into`] for a block of the right size that is not empty.
+/// [`SparseMatrix::multiply_into`] for a block of the right size that is not empty. A block is taken 16 columns at a
+/// time, then 8, 4, 2, 1: the sums of a row stay in registers, and the matrix is read once per slice.
 fn multiply<T: Scalar>(matrix: &SparseMatrix<T>, block: &[T], columns: usize, out: &mut [T]) {
     out.par_chunks_mut(ROWS * columns)
         .enumerate()
@@ -165,7 +167,9 @@ fn multiply<T: Scalar>(matrix: &SparseMatrix<T>, block: &[T], columns: usize, ou
             while at < columns {
                 let width = match columns - at {
                     1 => matrix.rows_times::<1>(part * ROWS, block, out, columns, at),
-                    2 | 3 => matrix.rows_times::<2>(part * ROWS, block, out, columns, at),
+                    2 => matrix.rows_times::<2>(part * ROWS, block, out, columns, at),
+                    // Coordinates.
+                    3 => matrix.rows_times::<3>(part * ROWS, block, out, columns, at),
                     4..8 => matrix.rows_times::<4>(part * ROWS, block, out, columns, at),
                     8..16 => matrix.rows_times::<8>(part * ROWS, block, out, columns, at),
                     _ => matrix.rows_times::<16>(part * ROWS, block, out, columns, at),
@@ -177,6 +181,10 @@ fn multiply<T: Scalar>(matrix: &SparseMatrix<T>, block: &[T], columns: usize, ou
 
 /// A sparse matrix in compressed rows; columns ascend within a row, each at most once. A symmetric
 /// matrix holds both halves.
+///
+/// 12 bytes per entry of f64 and 8 per row; at most 2³² − 2 rows, columns and entries. Zeros that are stored count as
+/// entries: they belong to the pattern, which a [`Symbolic`](super::Symbolic) analysis is made of. The pattern does not
+/// change after it is made, [`map`](Self::map) changes values only.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SparseMatrix<T = f64> {
     columns: usize,
@@ -186,7 +194,12 @@ pub struct SparseMatrix<T = f64> {
 }
 
 impl<T: Scalar> SparseMatrix<T> {
-    /// The sum of entries `(row, column, value)`; entries of one place are added in the given order.
+    /// The sum of entries `(row, column, value)`; entries of one place are added in the given order. Sums that vanish
+    /// stay as zeros.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`]; then, of the first entry at fault, [`Error::OutOfRange`] or [`Error::NotFinite`]. A sum
+    /// that overflows is not seen here.
     pub fn from_triplets(
         rows: usize,
         columns: usize,
@@ -225,7 +238,10 @@ impl<T: Scalar> SparseMatrix<T> {
     }
 
     /// A matrix whose rows are written by `row(i, &mut entries)`: pairs of column and value in any
-    /// order; entries of one column are added in the written order.
+    /// order; entries of one column are added in the written order. Rows are written in parallel, piece by piece.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`]. Columns and values are the caller's to check.
     pub(crate) fn from_rows(
         rows: usize,
         columns: usize,
@@ -308,6 +324,9 @@ impl<T: Scalar> SparseMatrix<T> {
         &self.values
     }
     /// Columns and values of a row.
+    ///
+    /// # Panics
+    /// If there is no such row.
     pub fn row(&self, row: usize) -> impl Iterator<Item = (usize, T)> + '_ {
         let range = self.starts[row]..self.starts[row + 1];
         self.indices[range.clone()]
@@ -315,7 +334,10 @@ impl<T: Scalar> SparseMatrix<T> {
             .map(|&j| j as usize)
             .zip(self.values[range].iter().copied())
     }
-    /// One entry; zero where none is stored.
+    /// One entry; zero where none is stored. A binary search in the row.
+    ///
+    /// # Panics
+    /// If there is no such row.
     pub fn get(&self, row: usize, column: usize) -> T {
         let range = self.starts[row]..self.starts[row + 1];
         match self.indices[range.clone()].binary_search(&(column as u32)) {
@@ -323,12 +345,12 @@ impl<T: Scalar> SparseMatrix<T> {
             Err(_) => T::default(),
         }
     }
-    /// The diagonal.
+    /// The diagonal. One value per row, 0 where none is stored; for square matrices.
     pub fn diagonal(&self) -> Vec<T> {
         (0..self.rows()).map(|i| self.get(i, i)).collect()
     }
 
-    /// `A X` for a block of `columns` vectors.
+    /// `A X` for a block of `columns` vectors. Parallel by rows, each summed in the order of its columns.
     ///
     /// # Panics
     /// If the block does not have `self.columns() · columns` values.
@@ -373,7 +395,7 @@ impl<T: Scalar> SparseMatrix<T> {
         C
     }
 
-    /// The same pattern with other values: `value(row, column, old)`.
+    /// The same pattern with other values: `value(row, column, old)`. Zeros among them stay entries. Parallel.
     pub fn map(&self, value: impl Fn(usize, usize, T) -> T + Sync) -> Self {
         let parts: Vec<Vec<T>> = (0..self.rows().div_ceil(ROWS))
             .into_par_iter()
@@ -392,12 +414,23 @@ impl<T: Scalar> SparseMatrix<T> {
     }
 
     /// `A + s B`, with the union of both patterns.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if the sizes differ, [`Error::TooLarge`] if the union has too many entries.
     pub fn plus(&self, s: f64, other: &Self) -> Result<Self, Error> {
-        if other.rows() != self.rows() || other.columns != self.columns {
+        let sizes = [
+            ("the second summand", other.rows(), self.rows()),
+            (
+                "the transpose of the second summand",
+                other.columns,
+                self.columns,
+            ),
+        ];
+        if let Some(&(what, found, expected)) = sizes.iter().find(|s| s.1 != s.2) {
             return Err(Error::Shape {
-                what: "the second summand",
-                found: other.rows(),
-                expected: self.rows(),
+                what,
+                found,
+                expected,
             });
         }
         Self::from_rows(self.rows(), self.columns, |i, out| {
@@ -422,7 +455,7 @@ impl<T: Scalar> SparseMatrix<T> {
         .expect("a part of a matrix is no larger than the matrix")
     }
 
-    /// The transposed matrix.
+    /// The transposed matrix. Complex values are not conjugated. Linear time, on one thread.
     #[must_use]
     pub fn transposed(&self) -> Self {
         let mut counts = vec![0u32; self.columns];
@@ -450,6 +483,9 @@ impl<T: Scalar> SparseMatrix<T> {
 
     /// Square, finite, and equal to its conjugate transpose up to `1e-12` of the larger of the two
     /// entries' rows.
+    ///
+    /// # Errors
+    /// [`Error::Shape`]; then [`Error::NotFinite`] or [`Error::NotSymmetric`], for the first row at fault.
     pub fn check_hermitian(&self) -> Result<(), Error> {
         if self.rows() != self.columns {
             return Err(Error::Shape {

@@ -34,7 +34,8 @@ pub(super) struct Supernode<'a> {
 }
 
 /// Which supernodes are solved in which task, and in which order. It does not depend on the number of
-/// threads.
+/// threads. Two kinds of parallel work meet here: tasks of one level, and parts of a block that are solved at the same
+/// time; neither changes a sum.
 pub(super) struct Schedule {
     tasks: Vec<Task>,
     /// Tasks whose children are all in the levels before.
@@ -44,7 +45,8 @@ pub(super) struct Schedule {
 }
 
 /// Some supernodes. Their rows are numbered from zero in the order of the factor, and then come the
-/// rows of other tasks that they reach.
+/// rows of other tasks that they reach. While it is solved it has a vector of its own for both: what it would subtract
+/// from rows of others waits there until the task above takes it over, so that no two tasks write to one place.
 #[derive(Default)]
 struct Task {
     supernodes: Vec<Local>,
@@ -58,6 +60,8 @@ struct Task {
     children: Vec<u32>,
 }
 
+/// A supernode in the numbers of its task: its columns, where its rows begin and end in [`Task::rows`], and its values
+/// in the factor.
 struct Local {
     columns: Range<usize>,
     rows: Range<usize>,
@@ -202,7 +206,8 @@ impl Schedule {
     }
 
     /// The solutions for some columns of a block, `C` of them row after row (the last ones zero),
-    /// handed to `store` task by task.
+    /// task by task. Twice over the levels: up, each task adds what its children left and eliminates its own rows
+    /// (L⁻¹); down, each first reads the rows that the tasks above have solved, then solves its own (L⁻ᴴ).
     pub(super) fn solve<T: Scalar, const C: usize>(
         &self,
         values: &[T],
@@ -273,7 +278,9 @@ impl Schedule {
 /// The rows of each task, those that it reaches at the end.
 pub(super) type Solved<T, const C: usize> = Vec<Vec<[T; C]>>;
 
-/// A number per supernode; a task above another has the lower number.
+/// A number per supernode; a task above another has the lower number. From the root down. A subtree of up to `large`
+/// entries stays together; above that each branch of more than `small` becomes a task, and a chain without branches is
+/// not cut, since its parts would wait for each other.
 fn assign(
     supernodes: &[Supernode<'_>],
     parents: &[Option<usize>],
@@ -318,7 +325,8 @@ fn assign(
     task_of
 }
 
-/// One sweep over the supernodes of a task, compiled for the vector registers that the machine has.
+/// One sweep over the supernodes of a task, compiled for the vector registers that the machine has. `down` means down
+/// the columns, which is the forward substitution.
 fn run<T: Scalar, const C: usize>(task: &Task, values: &[T], x: &mut [[T; C]], down: bool) {
     lanes::vectorized(Sweep {
         task,
@@ -350,6 +358,8 @@ impl<T: Scalar, const C: usize> lanes::WithSimd for Sweep<'_, T, C> {
 }
 
 impl<T: Scalar, const C: usize> Sweep<'_, T, C> {
+    /// The same loops twice: with fused products, and without for processors that would have to call a function for
+    /// each.
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
         let (task, values) = (self.task, self.values);
@@ -365,7 +375,8 @@ impl<T: Scalar, const C: usize> Sweep<'_, T, C> {
     }
 }
 
-/// A supernode with the unknowns that it solves for and those that follow them.
+/// A supernode with the unknowns that it solves for and those that follow them. Columns of a supernode end in the same
+/// rows: with the sums over its rows tiled, each value of the factor is read once for all right-hand sides.
 struct Block<'a, T, const C: usize> {
     /// Its columns of the factor, each from the diagonal block down.
     columns: &'a [T],
@@ -397,6 +408,8 @@ impl<'a, T, const C: usize> Block<'a, T, C> {
     }
 }
 
+/// Solves with the triangle, column by column, then takes the product of the rectangle off the rows below, tile by
+/// tile. The diagonal is real and positive, so one division serves all right-hand sides.
 #[inline(always)]
 fn forward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>) {
     let (width, height) = block.shape();
@@ -440,6 +453,8 @@ fn forward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>)
     }
 }
 
+/// The mirror image: first the product of the rectangle's conjugate transpose with the rows below, then the triangle
+/// from its last column up.
 #[inline(always)]
 fn backward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>) {
     let (width, height) = block.shape();
@@ -490,6 +505,7 @@ fn backward<T: Scalar, const C: usize, const FUSED: bool>(block: Block<'_, T, C>
     }
 }
 
+/// `sum += l · x` for all right-hand sides; fused where the processor has the instruction.
 #[inline(always)]
 fn add<T: Scalar, const C: usize, const FUSED: bool>(sum: &mut [T; C], l: T, x: &[T; C]) {
     for i in 0..C {
@@ -501,6 +517,7 @@ fn add<T: Scalar, const C: usize, const FUSED: bool>(sum: &mut [T; C], l: T, x: 
     }
 }
 
+/// Takes over what a child has left.
 #[inline(always)]
 fn plus<T: Scalar, const C: usize>(x: &mut [T; C], sum: &[T; C]) {
     for i in 0..C {
@@ -508,6 +525,7 @@ fn plus<T: Scalar, const C: usize>(x: &mut [T; C], sum: &[T; C]) {
     }
 }
 
+/// Subtracts a sum when it is complete.
 #[inline(always)]
 fn take<T: Scalar, const C: usize>(x: &mut [T; C], sum: &[T; C]) {
     for i in 0..C {

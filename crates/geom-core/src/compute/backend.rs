@@ -6,6 +6,9 @@ use std::sync::Arc;
 
 /// A place where kernels run. Each algorithm crate has a trait of its own above this one that names
 /// its hot kernels; [`Cpu`] and `Wgpu` (feature `wgpu`) implement them all, and a caller's own type may.
+///
+/// Verbs take a backend by reference, in a [`Run`](crate::Run). What differs between two is where kernels run and the
+/// last digits of what they give, within their [`Agreement`].
 pub trait Backend: Send + Sync {
     /// A name for reports, e.g. `cpu` or `wgpu (llvmpipe)`.
     fn name(&self) -> String;
@@ -30,7 +33,8 @@ macro_rules! backend_object {
     };
 }
 
-/// The CPU: f64 where it matters, the caller's rayon pool. The specification.
+/// The CPU: f64 where it matters, the caller's rayon pool. The specification. What it gives has the same bits for any
+/// number of threads, which makes it the side that others are compared with.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cpu;
 
@@ -53,7 +57,7 @@ impl Backend for Cpu {
 pub struct BackendError(Arc<dyn Error + Send + Sync>);
 
 impl BackendError {
-    /// Wraps the backend's own error, or a message.
+    /// Wraps the backend's own error, or a message. Cloning shares it.
     pub fn new(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Self(error.into().into())
     }
@@ -67,6 +71,9 @@ impl BackendError {
     /// let error = BackendError::unless(found == of, "mine", || format!("{found} values for {of} rows"));
     /// assert_eq!(error.unwrap_err().to_string(), "mine gave 41 values for 42 rows");
     /// ```
+    ///
+    /// # Errors
+    /// The sentence "*backend* gave …" where `holds` is false; `gave` is only called then.
     pub fn unless(holds: bool, backend: &str, gave: impl FnOnce() -> String) -> Result<(), Self> {
         if holds {
             return Ok(());
@@ -107,9 +114,12 @@ impl PartialEq for BackendError {
 
 /// What a kernel of one backend owes to the specification; declared next to the trait that names
 /// the kernel.
+///
+/// A bound comes with its reason: the format of the numbers, how many operations lie between input and result, what
+/// cancels. Choose [`Agreement::Exact`] where decisions hang on the answer, since a sign that is nearly right is wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Agreement {
-    /// Equal bits: minima, counts, signs, indices.
+    /// Equal bits: minima, counts, signs, indices. 0 and −0 are equal, too.
     Exact,
     /// `|candidate − reference| ≤ absolute + relative · |reference|`.
     Bounded {
@@ -120,7 +130,8 @@ pub enum Agreement {
     },
 }
 
-/// The first place where two arrays break their [`Agreement`].
+/// The first place where two arrays break their [`Agreement`]. Reference and candidate are widened to f64 where the
+/// arrays are f32.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Break {
     /// Index of the value; the shorter length when the lengths differ.

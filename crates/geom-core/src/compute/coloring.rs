@@ -1,7 +1,8 @@
 //! Colours such that neighbours differ: sweeps over one colour at a time read nothing that they
 //! write, so that their result does not depend on threads.
 
-/// A colour per node; no two neighbours have the same.
+/// A colour per node; no two neighbours have the same. Every node has one, also those without neighbours, which are of
+/// colour 0.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Coloring {
     /// Colour per node, from 0.
@@ -22,6 +23,9 @@ impl Coloring {
     /// assert_eq!(ring.color, [0, 1, 0, 1, 2]);
     /// assert_eq!(ring.groups, [vec![0, 2], vec![1, 3], vec![4]]);
     /// ```
+    ///
+    /// Time is that of asking every node once for its neighbours. The order of the nodes decides the number of colours,
+    /// which is not the least there is.
     pub fn greedy<I: IntoIterator<Item = u32>>(nodes: usize, neighbors: impl Fn(u32) -> I) -> Self {
         const NONE: u32 = u32::MAX;
         let mut color = vec![NONE; nodes];

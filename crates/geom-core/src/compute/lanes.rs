@@ -31,6 +31,8 @@ pub use pulp::{Scalar, Simd, WithSimd};
 /// let x = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
 /// assert_eq!(vectorized(Squares(&x)), x.map(|x| x * x));
 /// ```
+///
+/// Which there are is looked up at the first call and remembered.
 #[inline]
 pub fn vectorized<W: WithSimd>(work: W) -> W::Output {
     Arch::new().dispatch(work)
@@ -69,6 +71,9 @@ pub fn autovectorized<R>(work: impl FnMut() -> R) -> R {
 }
 
 /// A number per lane: as many as a vector holds.
+///
+/// One, 2, 4 or 8 numbers, whatever `S` has: loops step by `S::F64_LANES`, and what is left over at the end is the
+/// caller's to pad. The four operators work lane by lane, and round as scalars do.
 #[derive(Clone, Copy)]
 pub struct Lanes<S: Simd>(
     /// The instruction set.
@@ -119,6 +124,9 @@ impl<S: Simd> Lanes<S> {
         Self(simd, simd.splat_f64s(x))
     }
     /// The first numbers of a slice, which must fill the lanes.
+    ///
+    /// # Panics
+    /// If there are fewer.
     #[inline(always)]
     pub fn of(simd: S, from: &[f64]) -> Self {
         Self(simd, S::as_simd_f64s(from).0[0])
@@ -153,13 +161,14 @@ impl<S: Simd> Lanes<S> {
     pub fn min(self, b: Self) -> Self {
         Self(self.0, self.0.min_f64s(self.1, b.1))
     }
-    /// Is any of the numbers above `bound`?
+    /// Is any of the numbers above `bound`? NaN is not.
     #[inline(always)]
     pub fn any_above(self, bound: Self) -> bool {
         let mask = self.0.less_than_f64s(bound.1, self.1);
         self.0.first_true_m64s(mask) < S::F64_LANES
     }
-    /// `yes` where this is below `bound`, `no` elsewhere.
+    /// `yes` where this is below `bound`, `no` elsewhere. Both are computed in every lane, and one is chosen: no
+    /// branch. NaN takes `no`.
     #[inline(always)]
     pub fn below(self, bound: Self, yes: Self, no: Self) -> Self {
         let mask = self.0.less_than_f64s(self.1, bound.1);

@@ -1,9 +1,13 @@
 //! Loops and sums with the same bits for any number of threads: work is cut into fixed chunks, and
 //! the parts are combined in order.
+//!
+//! A sum of floating-point numbers depends on the order in which they are added, and threads finish in any order. Here
+//! the pieces do not depend on the number of threads, and what they give is added in the order of the pieces.
 
 use rayon::prelude::*;
 
-/// Elements per chunk of a parallel sum. Part of the result: another number, other last bits.
+/// Elements per chunk of a parallel sum. Part of the result: another number, other last bits. Large enough that handing
+/// a chunk to a thread costs little beside it.
 pub const CHUNK: usize = 4096;
 
 /// Runs `f` on a thread of the pool, so that the loops in it start without handing work over to
@@ -17,6 +21,8 @@ pub fn inside<T: Send>(f: impl FnOnce() -> T + Send) -> T {
 /// ```
 /// assert_eq!(geom_core::compute::parallel::sum(5, |i| i as f64), 10.0);
 /// ```
+///
+/// 0 for `n = 0`.
 pub fn sum(n: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
     fold_chunks(n, |range| range.map(&f).sum::<f64>())
         .into_iter()
@@ -33,6 +39,8 @@ pub fn argmax(n: usize, f: impl Fn(usize) -> f64 + Sync) -> Option<(usize, f64)>
     .fold(None, later_only_if_larger)
 }
 
+/// Chunks are folded in order by the same rule as the items in them, so that of equal values the lowest index wins in
+/// both.
 fn later_only_if_larger(best: Option<(usize, f64)>, next: (usize, f64)) -> Option<(usize, f64)> {
     match best {
         Some(b) if next.1 > b.1 => Some(next),
@@ -41,7 +49,8 @@ fn later_only_if_larger(best: Option<(usize, f64)>, next: (usize, f64)) -> Optio
     }
 }
 
-/// One value per fixed chunk of `0..n`, in chunk order.
+/// One value per fixed chunk of `0..n`, in chunk order. `f` is called with ranges of [`CHUNK`] indices, the last one
+/// shorter, and may add within a range in the order that it likes.
 pub fn fold_chunks<T: Send>(n: usize, f: impl Fn(std::ops::Range<usize>) -> T + Sync) -> Vec<T> {
     (0..n.div_ceil(CHUNK))
         .into_par_iter()
@@ -73,6 +82,9 @@ pub fn starts_of(counts: &[u32]) -> Vec<usize> {
 /// let sorted = geom_core::compute::parallel::sorted_by_number(4, |i| edges[i], |e| e[0]);
 /// assert_eq!(sorted, [[0, 1], [0, 9], [2, 0], [2, 7]]);
 /// ```
+///
+/// `item` is called up to three times for each `i` and must give the same each time: better an expression than a
+/// search. Where the largest number is more than four times `n`, all items are sorted by comparison instead.
 pub fn sorted_by_number<T: Ord + Copy + Send>(
     n: usize,
     item: impl Fn(usize) -> T,

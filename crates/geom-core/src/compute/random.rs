@@ -1,4 +1,7 @@
 //! A seeded generator: the same numbers on every machine and for any number of threads.
+//!
+//! Start vectors, jittered samples and tests take their numbers here, never from the system: a result that cannot be
+//! had again cannot be checked. Good for sampling, not for secrets.
 
 /// What the state of a [`SplitMix64`] grows by: 2⁶⁴ over the golden ratio, odd.
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
@@ -41,7 +44,7 @@ impl SplitMix64 {
         )
     }
 
-    /// The generator `n` numbers on.
+    /// The generator `n` numbers on. Constant time: a counter is moved.
     #[must_use]
     pub fn skip(&self, n: u64) -> Self {
         Self::new(self.state.wrapping_add(n.wrapping_mul(STEP)))

@@ -1,4 +1,7 @@
 //! Disjoint sets of numbers (union–find).
+//!
+//! Components of meshes, sheets of audits and tasks of solvers are found by it. Sets only ever grow together: what is
+//! to be parted again is begun anew.
 
 /// A number that can name an element of a set.
 pub trait Name: Copy + Ord {
@@ -28,6 +31,9 @@ impl Name for usize {
 
 /// Disjoint sets of `0..n`; the lowest member names a set (union–find with path halving: Tarjan and van Leeuwen,
 /// J. ACM 31, 1984). See [`DisjointSets`] for up to 2³² elements.
+///
+/// One number per element. Roots are chosen by number and not by size, so that names do not depend on the order of the
+/// calls; a question then takes `O(log n)` in the mean over many.
 #[derive(Clone, Debug)]
 pub struct Sets<I>(Vec<I>);
 
@@ -60,18 +66,20 @@ impl<I: Name> Sets<I> {
         x
     }
 
-    /// Makes one set of those of `a` and `b`. Panics unless both are among the numbers.
+    /// Makes one set of those of `a` and `b`. Panics unless both are among the numbers. Joining a set with itself does
+    /// nothing.
     pub fn join(&mut self, a: I, b: I) {
         let (a, b) = (self.find(a), self.find(b));
         self.0[a.max(b).place()] = a.min(b);
     }
 
-    /// Is `x` the lowest member of its set? Panics unless it is one of the numbers.
+    /// Is `x` the lowest member of its set? Panics unless it is one of the numbers. One look, which changes nothing:
+    /// after all joins it counts the sets.
     pub fn is_lowest(&self, x: I) -> bool {
         self.0[x.place()] == x
     }
 
-    /// The lowest member of the set of every number.
+    /// The lowest member of the set of every number. Linear time.
     pub fn into_roots(mut self) -> Vec<I> {
         // What a number points to is lower, so that one pass suffices.
         for i in 0..self.0.len() {

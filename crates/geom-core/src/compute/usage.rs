@@ -1,8 +1,11 @@
 //! What a device was asked to do: which kernels, how often, and what travelled for them.
+//!
+//! An array is charged to the first kernel that is handed it, and its way back to the last one: so the sum over all
+//! kernels is what travelled for them, and none of it counts twice.
 
 use std::collections::BTreeMap;
 
-/// What a kernel was asked to do.
+/// What a kernel was asked to do. Counts only grow; two of them can be subtracted by [`Usage::since`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct KernelUsage {
@@ -55,7 +58,7 @@ impl Usage {
         sum
     }
 
-    /// What came after `earlier`, a count of the same device.
+    /// What came after `earlier`, a count of the same device. Kernels that did nothing in between are left out.
     #[must_use]
     pub fn since(&self, earlier: &Self) -> Self {
         let newer = |(&name, now): (&&'static str, &KernelUsage)| {

@@ -11,7 +11,8 @@ pub struct Precision {
     pub value: f64,
 }
 
-/// Most values that [`crossing`] asks for.
+/// Most values that [`crossing`] asks for. Fourteen of them halve the bracket at least, down to 2⁻¹⁴ of the segment
+/// where every guess was useless; what has not been found by then is given as it stands.
 const ROUNDS: u32 = 32;
 /// Guesses that a smooth function needs at most; thereafter every second round halves the bracket.
 const SMOOTH: u32 = 5;
@@ -48,6 +49,9 @@ pub fn crossing(ends: [f64; 2], precision: Precision, mut value: impl FnMut(f64)
 /// # Panics
 ///
 /// If `values` gives another number of values.
+///
+/// # Errors
+/// That of `values`.
 pub fn crossings<E>(
     ends: &[[f64; 2]],
     precision: Precision,
@@ -83,6 +87,9 @@ pub fn crossings<E>(
 }
 
 /// A search for a root that is told the values it asks for.
+///
+/// Invariant: `low` and `high` have values of different sign, and a new place replaces the one of its own sign. The
+/// place that is replaced is kept as the third for interpolation.
 struct Search {
     precision: Precision,
     /// Places and the values there: the bracket, and its last end to go.
@@ -154,7 +161,8 @@ impl Search {
 }
 
 /// Where a function is 0, given places and its values there, by the polynomial that has the places as its values;
-/// `None` if two values are the same.
+/// `None` if two values are the same. Inverse interpolation (Lagrange), of degree one less than the number of places:
+/// straight by two, a sideways parabola by three.
 fn interpolated(known: &[(f64, f64)]) -> Option<f64> {
     let weighted = known.iter().enumerate().map(|(i, (place, own))| {
         let others = known.iter().enumerate().filter(|(j, _)| *j != i);

@@ -1,6 +1,9 @@
 //! Scalar fields with values and gradients at any point, and the ways to their level sets: to a root on a
 //! segment ([`crossing`]) and along the gradient ([`project`]), one at a time or many ([`crossings`],
 //! [`projections`]).
+//!
+//! Files: `crossing.rs` has the search on a segment, `project.rs` the walk to the level; both are written as machines
+//! that are told values, so that one loop serves single points and batches on a device alike.
 
 use crate::compute::BackendError;
 use crate::{Point3, Vector3};
@@ -16,8 +19,11 @@ pub use project::{End, Guard, Projection, project, projections};
 /// Implemented by [`ScalarGrid`](crate::ScalarGrid) and [`BrickGrid`](crate::BrickGrid) (trilinear)
 /// and by the point sampler of `gauss-density` (analytic). `dual-contour` uses it for roots and
 /// projection, `tet-quality` for the motion of surface vertices.
+///
+/// Values may be kinked, as trilinear ones are between cells, but not jump. The gradient is that of the value where it
+/// has one; its sign convention makes `−gradient` the outward normal of the level set.
 pub trait ImplicitField: Sync {
-    /// The value at `x`.
+    /// The value at `x`. Must be given for every point, also outside of a grid.
     fn value(&self, x: &Point3) -> f64;
 
     /// The value and the gradient (per Å) at `x`.
@@ -33,6 +39,9 @@ pub trait ImplicitField: Sync {
 /// An [`ImplicitField`] that takes many points with one call. Values of a device are off by what its backend owes.
 pub trait FieldAtMany: Sync {
     /// The value and the gradient (per Å) at each point, in place of what was in `out`.
+    ///
+    /// # Errors
+    /// That of the device; whoever walks on the field then stops and hands it on.
     fn values_gradients(
         &self,
         points: &[Point3],
@@ -64,7 +73,7 @@ pub struct Tangent {
 }
 
 impl Tangent {
-    /// The field at `x` against a level.
+    /// The field at `x` against a level. One question of the field.
     pub fn new(field: &(impl ImplicitField + ?Sized), level: f64, x: Point3) -> Self {
         let (value, gradient) = field.value_gradient(&x);
         Self {
@@ -105,6 +114,7 @@ impl Tangent {
         self.step().map_or(self.at, |step| self.at + step)
     }
 
+    /// Not at extrema and saddles, in flat outskirts whose gradient has become zero, nor where something is not finite.
     fn has_direction(&self) -> bool {
         let square = self.gradient.norm_squared();
         square > 0.0 && square.is_finite() && self.height.is_finite()

@@ -1,4 +1,8 @@
 //! The way along the gradient to a level set.
+//!
+//! Newton's method knows how far to go only where the field is nearly linear. Far from the level, or across kinks, its
+//! steps are too long or lead astray: hence the bounds of [`Guard`], and hence the way ends with a reason, which its
+//! caller must look at.
 
 use std::ops::ControlFlow;
 
@@ -6,6 +10,9 @@ use super::Tangent;
 use crate::{Point3, Vector3};
 
 /// How [`project`] goes.
+///
+/// [`Guard::within`] is a good start; change single fields for a place that is known better. Looser bounds find more,
+/// and may find another sheet of the level set than the one that was meant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guard {
     /// Most steps.
@@ -13,9 +20,10 @@ pub struct Guard {
     /// How often a step that leads away from the level is halved before the way is lost; 0 to take every step and
     /// keep the best place.
     pub halvings: u32,
-    /// Longest step, Å.
+    /// Longest step, Å. Short steps keep to the sheet that the start is near; too short ones use up all the steps.
     pub longest: f64,
-    /// Farthest from the start, Å.
+    /// Farthest from the start, Å. Measured straight from the start. A place beyond it may still be
+    /// [`Projection::best`].
     pub reach: f64,
     /// First-order distance at which the level set is reached, Å: the error after one more step
     /// ([`Tangent::foot`]) is about its square times the curvature.
@@ -35,7 +43,7 @@ impl Guard {
     }
 }
 
-/// How the way of [`project`] ended.
+/// How the way of [`project`] ended. Only after [`End::Near`] is the place certain to be near a level set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// At the level set, up to one more step.
@@ -48,7 +56,7 @@ pub enum End {
     Away,
 }
 
-/// The place that [`project`] found.
+/// The place that [`project`] found. It may be the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
     /// The place on the way whose height is least, with the field there.
@@ -104,6 +112,9 @@ pub fn project(
 /// # Panics
 ///
 /// If `look` gives another number of answers.
+///
+/// # Errors
+/// That of `look`.
 pub fn projections<E>(
     starts: &[Tangent],
     guard: &Guard,
@@ -135,6 +146,9 @@ pub fn projections<E>(
 }
 
 /// A way to the level set that is told what is at the points it asks for.
+///
+/// Halving is a line search by `|height|` alone: a step is taken if it lowers the least so far, else its share is
+/// halved, from `here` again. Without halvings every step is taken, and only the best place is remembered.
 struct Walk {
     start: Point3,
     here: Tangent,

@@ -2,6 +2,10 @@
 //!
 //! A brick holds 8 × 8 × 8 points, 2 KB. A lattice of n³ points with a surface through it has about n² points near that surface, and
 //! only the bricks there are stored; all others have one of two values, that of the outside or that of the inside.
+//!
+//! Bricks are numbered by their places, x fastest as points are, and those that are stored by a number of their own, in
+//! any order: samplers may store bricks as they come. There is no tree: the place of its brick, and one lookup, find a
+//! point.
 
 use rayon::prelude::*;
 
@@ -11,6 +15,8 @@ use super::{
 use crate::{ImplicitField, Lattice, Point3, Vector3};
 
 /// Points per side of a brick.
+///
+/// A power of two, so that the division is a shift.
 pub const BRICK: usize = 8;
 /// Points per brick.
 pub const BRICK_POINTS: usize = BRICK * BRICK * BRICK;
@@ -19,6 +25,7 @@ pub const BRICK_POINTS: usize = BRICK * BRICK * BRICK;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Brick {
     /// Not stored: every point has the grid's exterior value.
+    /// A low value, for fields that are large inside.
     Exterior,
     /// Not stored: every point has the grid's interior value.
     Interior,
@@ -29,6 +36,22 @@ pub enum Brick {
 /// Values on a lattice, stored only in bricks of 8 × 8 × 8 points near the surface; all other points
 /// have one of two constants. Brick `(a, b, c)` owns the points `[8a, 8a + 8) × …`; points of a brick
 /// beyond the lattice are stored but never read.
+///
+/// Memory: 2 KiB per stored brick and 4 bytes for every brick. A brick is stored as a whole, so that the two constants
+/// may stand only where no level in question passes; who makes the grid decides that.
+///
+/// ```
+/// use geom_core::grid::{BRICK_POINTS, Brick, BrickGrid};
+/// use geom_core::{Lattice, LatticeValues, Point3};
+/// // Two bricks along x: the first is stored and has the value 1, the second is outside.
+/// let lattice = Lattice { origin: Point3::origin(), spacing: 0.5, counts: [16, 8, 8] };
+/// let kinds = [Brick::Stored(0), Brick::Exterior];
+/// let grid = BrickGrid::new(lattice, &kinds, vec![1.0; BRICK_POINTS], 0.0, 9.0)?;
+/// assert_eq!((grid.at([7, 0, 0]), grid.at([8, 0, 0])), (1.0, 0.0));
+/// assert_eq!(grid.constant([8, 0, 0], [15, 7, 7]), Some(0.0));
+/// assert_eq!(grid.to_dense().range(), Some((0.0, 1.0)));
+/// # Ok::<(), geom_core::GridError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct BrickGrid {
     lattice: Lattice,
@@ -41,6 +64,7 @@ pub struct BrickGrid {
     interior: f32,
 }
 
+/// The two marks are numbers that no stored brick has.
 const EXTERIOR: u32 = u32::MAX;
 const INTERIOR: u32 = u32::MAX - 1;
 
@@ -100,12 +124,16 @@ impl BrickGrid {
     }
 
     /// Brick coordinates of the brick at a place in memory.
+    ///
+    /// The order of `kinds` in [`BrickGrid::new`]. Panics if the lattice has no points.
     pub fn brick_coordinates(&self, index: usize) -> [usize; 3] {
         let [nx, ny, _] = self.bricks;
         [index % nx, index / nx % ny, index / (nx * ny)]
     }
 
     /// What a brick holds.
+    ///
+    /// Panics beyond the last brick in memory; beyond one axis only it is another brick.
     pub fn brick(&self, [a, b, c]: [usize; 3]) -> Brick {
         match self.brick_of[(c * self.bricks[1] + b) * self.bricks[0] + a] {
             EXTERIOR => Brick::Exterior,
@@ -115,11 +143,15 @@ impl BrickGrid {
     }
 
     /// The 512 values of a stored brick, x fastest.
+    ///
+    /// Panics if there is no brick of this number.
     pub fn stored(&self, brick: u32) -> &[f32] {
         &self.values[brick as usize * BRICK_POINTS..][..BRICK_POINTS]
     }
 
     /// The values of all stored bricks.
+    ///
+    /// Brick after brick, by their numbers.
     pub fn values(&self) -> &[f32] {
         &self.values
     }
@@ -140,6 +172,8 @@ impl BrickGrid {
     }
 
     /// All points as a dense grid; needs 4 B per lattice point.
+    ///
+    /// Rows are filled in parallel. Refuses nothing: ask [`Lattice::points`] first for a lattice that is large.
     pub fn to_dense(&self) -> ScalarGrid {
         let [nx, ny, _] = self.lattice.counts;
         let mut values = vec![0.0; self.lattice.len()];

@@ -12,6 +12,9 @@
 //! assert!((value - 0.3).abs() < 1e-7 && (gradient.x - 1.0).abs() < 1e-6);
 //! # Ok::<(), geom_core::GridError>(())
 //! ```
+//!
+//! A dense grid takes 4 bytes per point; a sparse one 2 KiB per brick of 512 points that is stored, and 4 bytes for
+//! every brick. What only reads values takes [`LatticeValues`], and so either.
 
 mod brick;
 pub mod lattice;
@@ -86,10 +89,14 @@ pub enum GridError {
 }
 
 /// Values at lattice points, however they are stored.
+///
+/// [`ScalarGrid`] and [`BrickGrid`] hold finite values only, and readers of values rely on it.
 pub trait LatticeValues: Sync {
     /// The lattice.
     fn lattice(&self) -> &Lattice;
     /// The value at a lattice point. Panics outside of the lattice.
+    ///
+    /// One lookup; who reads many values along x takes [`LatticeValues::read_row`].
     fn at(&self, point: [usize; 3]) -> f32;
     /// The values at `start` and the points that follow it along x. Panics outside of the lattice.
     fn read_row(&self, start: [usize; 3], row: &mut [f32]) {
@@ -99,6 +106,8 @@ pub trait LatticeValues: Sync {
     }
     /// The value of all points of the closed box from `low` to `high`, if it is known to be one
     /// without reading them.
+    ///
+    /// `None` says nothing: values may still be equal. Contouring passes over boxes for which it is known.
     fn constant(&self, low: [usize; 3], high: [usize; 3]) -> Option<f32> {
         let _ = (low, high);
         None
@@ -113,7 +122,12 @@ pub struct ScalarGrid {
 }
 
 impl ScalarGrid {
-    /// A grid of finite values; refuses anything else.
+    /// A grid of finite values, x fastest.
+    ///
+    /// # Errors
+    /// [`GridError::Lattice`] for an origin or a spacing that is not finite, or a spacing not above 0;
+    /// [`GridError::Length`] unless there is one value per point; [`GridError::NotFinite`] for the first value in
+    /// memory that is NaN or infinite.
     pub fn new(lattice: Lattice, values: Vec<f32>) -> Result<Self, GridError> {
         check_lattice(&lattice)?;
         if lattice.points() != values.len() as u128 {
@@ -137,11 +151,15 @@ impl ScalarGrid {
     }
 
     /// Gives lattice and values away.
+    ///
+    /// Without a copy.
     pub fn into_parts(self) -> (Lattice, Vec<f32>) {
         (self.lattice, self.values)
     }
 
     /// Lowest and highest value; `None` for a grid without points.
+    ///
+    /// O(n), on one thread.
     pub fn range(&self) -> Option<(f32, f32)> {
         let first = *self.values.first()?;
         Some(
@@ -154,6 +172,11 @@ impl ScalarGrid {
     /// The level above which the points of the grid hold this volume, Å³, each standing for one cell:
     /// how an isovalue is chosen for a map whose molecule has a known volume. `None` if the grid has
     /// no points or the volume is not between 0 and that of all of them.
+    ///
+    /// The level is half-way between the last value inside and the first one outside; equal values cannot be parted, so
+    /// that a map of few distinct values encloses a volume near the wanted one. For 0 it lies just above the largest
+    /// value, for the whole volume it is the smallest. The number of points is rounded. O(n) in time (a selection, not
+    /// a sort), and a copy of the values in memory.
     pub fn level_enclosing(&self, volume: f64) -> Option<f32> {
         let points = volume / self.lattice.spacing.powi(3);
         if !(0.0..=self.values.len() as f64).contains(&points) || self.values.is_empty() {
@@ -203,6 +226,8 @@ fn copy_row(to: &mut [f32], from: &[f32]) {
 }
 
 /// The place of the first value that is not finite.
+///
+/// In parallel, and still the first: chunks are told apart by their places.
 fn first_not_finite(values: &[f32]) -> Option<usize> {
     const CHUNK: usize = 1 << 14;
     // A count, not a search: it uses the lanes of the processor.
@@ -212,6 +237,7 @@ fn first_not_finite(values: &[f32]) -> Option<usize> {
     place.map(|i| chunk * CHUNK + i)
 }
 
+/// Counts are not looked at: a lattice without points is one.
 fn check_lattice(lattice: &Lattice) -> Result<(), GridError> {
     let fine = lattice.spacing.is_finite()
         && lattice.spacing > 0.0
@@ -227,6 +253,9 @@ fn check_lattice(lattice: &Lattice) -> Result<(), GridError> {
 
 /// Trilinear interpolation; outside of the lattice the value at the nearest point of its box. A lattice without points
 /// has the value 0 everywhere.
+///
+/// Continuous, but its gradient jumps at the faces between cells, where it is that of the cell that begins there; the
+/// last point of an axis belongs to the last cell. Along an axis of one point, or beyond the box, the slope is 0.
 fn trilinear(grid: &impl LatticeValues, x: &Point3) -> (f64, Vector3) {
     let lattice = grid.lattice();
     if lattice.counts.contains(&0) {

@@ -1,4 +1,7 @@
 //! Numbers as bytes: writers of whole arrays, and a reader that names what is cut off.
+//!
+//! The readers of MRC, VTU and binary MSH stand on [`Bytes`], their writers on [`put_all`]; those of GLB and PLY use
+//! [`Scalar`] alone. Written is always the lowest byte first; read is either order, as the file says.
 
 use std::io::Write;
 
@@ -11,6 +14,8 @@ pub(super) trait Scalar: Copy + Default {
     /// Appends the number, lowest byte first.
     fn put(self, to: &mut Vec<u8>);
     /// The number in the first bytes.
+    /// Panics if there are fewer than [`Scalar::WIDTH`] bytes: callers take them first. `little`: the lowest byte comes
+    /// first.
     fn get(from: &[u8], little: bool) -> Self;
 }
 
@@ -32,6 +37,8 @@ macro_rules! scalars {
 scalars!(i8, u8, i16, u16, i32, u32, i64, u64, f32, f64);
 
 /// Writes numbers, lowest byte first.
+///
+/// In pieces of 64 KiB, so that neither the whole array exists twice nor each number costs a call of a `dyn Write`.
 pub(super) fn put_all<T: Scalar>(
     to: &mut dyn Write,
     numbers: impl IntoIterator<Item = T>,
@@ -49,6 +56,8 @@ pub(super) fn put_all<T: Scalar>(
 }
 
 /// Reads a byte after another.
+///
+/// What is taken is borrowed from the file; nothing is copied before it is known to be there.
 pub(super) struct Bytes<'a> {
     rest: &'a [u8],
     /// Lowest byte first?
@@ -56,12 +65,14 @@ pub(super) struct Bytes<'a> {
 }
 
 impl<'a> Bytes<'a> {
+    /// Stands before the first byte.
     pub(super) fn new(bytes: &'a [u8], little: bool) -> Self {
         Self {
             rest: bytes,
             little,
         }
     }
+    /// What has not been taken yet.
     pub(super) fn rest(&self) -> &'a [u8] {
         self.rest
     }
@@ -75,11 +86,15 @@ impl<'a> Bytes<'a> {
             None => Err(ErrorKind::Truncated(what.to_owned()).into()),
         }
     }
+    /// The next number; `what` it is is named if the bytes end in it.
     pub(super) fn one<T: Scalar>(&mut self, what: &str) -> Result<T, Error> {
         let little = self.little;
         Ok(T::get(self.take(T::WIDTH, what)?, little))
     }
     /// `n` numbers. Memory is taken only if the bytes are there.
+    ///
+    /// `n` is what a file says, so it may be anything: a product that overflows is [`ErrorKind::TooLarge`], and more
+    /// numbers than bytes are [`ErrorKind::Truncated`].
     pub(super) fn many<T: Scalar>(&mut self, n: usize, what: &str) -> Result<Vec<T>, Error> {
         let little = self.little;
         let bytes = n

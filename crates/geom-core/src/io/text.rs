@@ -1,4 +1,7 @@
 //! Words of text formats, each with its line.
+//!
+//! Words are what blanks and line ends separate, as bytes of the file: nothing is copied, and text need not be UTF-8.
+//! One pass over the file; the line of an error costs nothing, since it is counted on the way.
 
 use super::{Error, ErrorKind};
 
@@ -10,6 +13,7 @@ pub(super) struct Words<'a> {
 }
 
 impl<'a> Words<'a> {
+    /// Stands before the first byte, in line 1.
     pub(super) fn new(text: &'a [u8]) -> Self {
         Self {
             text,
@@ -39,6 +43,8 @@ impl<'a> Words<'a> {
     }
 
     /// Goes on after `n` bytes that are no text, and have no lines.
+    ///
+    /// For binary parts between lines of text, as MSH has them, which the caller reads on its own. They must be there.
     pub(super) fn advance(&mut self, n: usize) {
         self.at += n;
     }
@@ -62,6 +68,8 @@ impl<'a> Words<'a> {
     }
 
     /// The next word, or `None` at the end.
+    ///
+    /// A word ends before a blank only: with `comments`, a `#` inside of a word belongs to the word.
     pub(super) fn next(&mut self, comments: bool) -> Option<&'a [u8]> {
         self.skip(comments);
         let start = self.at;
@@ -76,6 +84,8 @@ impl<'a> Words<'a> {
     }
 
     /// The rest of this line, without its end.
+    ///
+    /// Also without the carriage return that files from Windows have there. Stands at the start of the next line then.
     pub(super) fn rest_of_line(&mut self) -> &'a [u8] {
         let rest = &self.text[self.at..];
         let end = rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
@@ -84,12 +94,16 @@ impl<'a> Words<'a> {
     }
 
     /// The next word, which must be there.
+    ///
+    /// Comments are not looked for: a `#` there is a word.
     pub(super) fn word(&mut self, what: &str) -> Result<&'a [u8], Error> {
         self.next(false)
             .ok_or_else(|| Error::at_line(ErrorKind::Truncated(what.to_owned()), self.line))
     }
 
     /// The next word as a number.
+    ///
+    /// As Rust parses it: `1e-3`, `nan` and `inf` are numbers of type f64, `1d-3` of Fortran and `1,5` are not.
     pub(super) fn number<T: std::str::FromStr>(&mut self, what: &str) -> Result<T, Error> {
         let word = self.word(what)?;
         self.parsed(word, what)
@@ -105,6 +119,8 @@ impl<'a> Words<'a> {
 }
 
 /// A word as a number.
+///
+/// `None` if it is none, or no UTF-8.
 pub(super) fn parse<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }

@@ -1,4 +1,8 @@
 //! What every mesh format writes and reads: points, blocks of cells, named values and named groups.
+//!
+//! A writer takes a [`View`] of a mesh, which borrows the mesh's arrays; a reader gives one that owns its own, of which
+//! `mesh::MeshFile` makes a mesh. The parts of a view are public, so that one can be put together by hand; writers and
+//! readers check that they fit each other (one value per point, corners in range) before they go on.
 
 use std::borrow::Cow;
 use std::collections::HashSet;
@@ -29,11 +33,16 @@ pub const NO_CELL: u32 = u32::MAX;
 /// vtu::write(&mut file, &view)?;
 /// # Ok::<(), geom_core::io::Error>(())
 /// ```
+///
+/// What is refused, by every writer and after every reader: a point that is not finite, a corner that is no point,
+/// fields, colours or `group_of` that are not as long as what they describe, and tuples that are not whole. Points that
+/// no cell uses are not, and values may be NaN; a group that does not exist counts as [`NO_GROUP`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct View<'a> {
     /// Positions, Å.
     pub points: Cow<'a, [Point3]>,
     /// The cells. Fields and groups count them through all blocks.
+    /// Cell `c` of the view is cell `c − n` of a block that has `n` cells in front of it.
     pub blocks: Vec<Cells<'a>>,
     /// Values per point.
     pub point_fields: Vec<Field<'a>>,
@@ -42,12 +51,16 @@ pub struct View<'a> {
     /// Red, green, blue and opacity per point.
     pub colors: Option<Cow<'a, [[u8; 4]]>>,
     /// Named groups of cells: regions of tetrahedra, parts of the boundary.
+    /// One name may occur once per dimension.
     pub groups: Vec<Group>,
     /// The group of each cell, or [`NO_GROUP`]; empty if no cell has one.
     pub group_of: Cow<'a, [u32]>,
 }
 
 /// Cells of one kind, as corner indices.
+///
+/// Corners are indices into [`View::points`]; faces run counter-clockwise seen from outside, tetrahedra as those of
+/// [`TetMesh`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Cells<'a> {
@@ -58,6 +71,7 @@ pub enum Cells<'a> {
     /// Polygons of any number of corners.
     Polygons {
         /// Where each polygon ends in `corners`.
+        /// As many as polygons, rising; polygon i begins where i − 1 ends, the first one at 0.
         ends: Cow<'a, [u32]>,
         /// The corners of all polygons.
         corners: Cow<'a, [u32]>,
@@ -88,6 +102,8 @@ impl Cells<'_> {
         }
     }
     /// The corners of a cell.
+    ///
+    /// Within this block. Panics if it has no such cell.
     pub fn corners(&self, cell: usize) -> &[u32] {
         match self {
             Self::Triangles(c) => &c[cell],
@@ -102,6 +118,7 @@ impl Cells<'_> {
     pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
         (0..self.len()).map(|c| self.corners(c))
     }
+    /// The same cells, without a copy.
     fn borrowed(&self) -> Cells<'_> {
         match self {
             Self::Triangles(c) => Cells::Triangles(c.as_ref().into()),
@@ -140,6 +157,7 @@ impl Cells<'_> {
         }
         .into())
     }
+    /// Those of all cells, one after another.
     fn all_corners(&self) -> &[u32] {
         match self {
             Self::Triangles(c) => c.as_flattened(),
@@ -150,24 +168,33 @@ impl Cells<'_> {
 }
 
 /// Named values, one tuple per point or per cell.
+///
+/// Values of one name twice are two fields; some formats refuse them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field<'a> {
     /// The name.
+    /// Formats that allow fewer characters replace the others by `_`.
     pub name: String,
     /// The values.
     pub values: Values<'a>,
 }
 
 /// Scalars or tuples of one number type.
+///
+/// Slices and vectors of numbers, of arrays and of [`Vector3`] are turned into one by `into()`; only vectors of the
+/// last are copied.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Values<'a> {
     /// Numbers per tuple: 1 for scalars, 3 for vectors.
+    /// At least 1.
     pub components: usize,
     /// The numbers, tuple after tuple.
     pub numbers: Numbers<'a>,
 }
 
 /// Numbers of one type.
+///
+/// Formats keep the type where they have it. What reads values takes [`Values::get`], whatever it is.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the names of the number types")]
@@ -206,6 +233,8 @@ impl Values<'_> {
         self.len() == 0
     }
     /// A number as f64: tuple `i`, component `k`.
+    ///
+    /// Exact but for i64 beyond 2⁵³. Panics beyond the last number.
     pub fn get(&self, i: usize, k: usize) -> f64 {
         let at = i * self.components + k;
         match &self.numbers {
@@ -228,6 +257,8 @@ impl Values<'_> {
     }
 
     /// The tuples of these numbers.
+    ///
+    /// Copied, in this order; a tuple may be asked for twice.
     fn select(&self, tuples: impl Iterator<Item = usize> + Clone) -> Values<'static> {
         let k = self.components;
         let places = tuples.flat_map(move |i| i * k..(i + 1) * k);
@@ -307,11 +338,14 @@ impl From<&Vec<Vector3>> for Values<'_> {
 }
 
 /// A named group of cells of one dimension.
+///
+/// Cells are told apart by [`View::group_of`]; a group may have none.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
     /// The name.
     pub name: String,
     /// Dimension of its cells: 2 or 3.
+    /// Tags count for each dimension on its own, as in MSH.
     pub dimension: u8,
     /// The number by which solvers know it among those of its dimension, above 0: MSH's physical tag. Without one, a
     /// writer that needs numbers gives it one that is free.
@@ -366,11 +400,17 @@ impl<'a> View<'a> {
     /// No face has the tag of a region: some readers look at tags without their dimension.
     ///
     /// The cell field `region` has the region of each tetrahedron; for a face that of its inner side.
+    ///
+    /// Faces are found by sorting, O(n log n); points and tetrahedra are borrowed. A view of another mesh with the same
+    /// regions has the same tags, so that a solver's settings stay valid.
     pub fn of_tets(mesh: &'a TetMesh, names: &[(Region, &str)]) -> Self {
         Self::of_tets_in(mesh, names, &mesh.bounds())
     }
 
     /// [`View::of_tets`] of a part of a mesh whose box is given: its sides are those of the whole.
+    ///
+    /// A tile that ends within the whole has faces there which are no boundary: [`View::with_triangles`] takes them
+    /// out.
     pub fn of_tets_in(mesh: &'a TetMesh, names: &[(Region, &str)], bounds: &Aabb) -> Self {
         let interfaces = mesh.interfaces();
         let name = |region: Region| match names.iter().find(|(r, _)| *r == region) {
@@ -461,6 +501,9 @@ impl<'a> View<'a> {
     }
 
     /// Adds values per point; refuses another number of them than of points.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Expected`], with the name.
     pub fn point_field(mut self, name: &str, values: impl Into<Values<'a>>) -> Result<Self, Error> {
         let values = values.into();
         fits(name, "point", &values, self.points.len())?;
@@ -473,6 +516,9 @@ impl<'a> View<'a> {
 
     /// Adds values per cell: as many as cells, or as cells of the first block (the tetrahedra of a
     /// [`TetMesh`]); the rest then has NaN, or the largest number of an integer type.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Expected`], with the name.
     pub fn cell_field(mut self, name: &str, values: impl Into<Values<'a>>) -> Result<Self, Error> {
         let mut values = values.into();
         let of_first = |b: &Cells<'_>| fits(name, "cell", &values, b.len()).is_ok();
@@ -488,6 +534,11 @@ impl<'a> View<'a> {
     }
 
     /// Sets red, green, blue and opacity per point; refuses another number of them than of points.
+    ///
+    /// 0 to 255 each; opacity 255 is opaque. Formats without colours leave them out.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Expected`].
     pub fn colored(mut self, colors: impl Into<Cow<'a, [[u8; 4]]>>) -> Result<Self, Error> {
         let colors = colors.into();
         one_each("one colour for each point", colors.len(), self.points.len())?;
@@ -496,6 +547,8 @@ impl<'a> View<'a> {
     }
 
     /// The tag of each group: its own, or one that no other group has, whatever its dimension.
+    ///
+    /// Free ones are counted from 1, past all that are taken in any dimension.
     pub(super) fn tags(&self) -> Vec<i32> {
         let mut taken: HashSet<(u8, i32)> = HashSet::new();
         // Those that ask for a number get it, the first of several of a dimension that ask for one.
@@ -532,6 +585,9 @@ impl<'a> View<'a> {
 
     /// Each triangle of a view with tetrahedra, and the tetrahedra behind and before it, all as numbers of cells;
     /// [`NO_CELL`] where there is none. A triangle points away from the one behind it.
+    ///
+    /// Polygons of more corners are not asked. A triangle with more than two tetrahedra keeps the last one on each
+    /// side. O(n log n) in the triangles, and a look at each tetrahedron.
     pub fn sides(&self) -> Vec<(u32, [u32; 2])> {
         // The faces, and the points of which they are made: few tetrahedra have three of those in a face.
         let mut found = Vec::new();
@@ -571,6 +627,9 @@ impl<'a> View<'a> {
 
     /// The faces alone: for a mesh with tetrahedra, its boundary and interfaces, with their vertices,
     /// fields and groups; any other view as it is.
+    ///
+    /// Faces are those that the view lists: of tetrahedra without faces nothing is left ([`View::of_tets`] lists them).
+    /// Points keep their order, those that no face uses are dropped; groups all stay.
     pub fn surface(&self) -> View<'_> {
         if self.blocks.iter().all(|b| b.dimension() == 2) {
             return self.clone_borrowed();
@@ -655,6 +714,8 @@ impl<'a> View<'a> {
     }
 
     /// All faces as triangles: quads and polygons as fans from their first corner.
+    ///
+    /// A fan covers a polygon that is convex, or at least seen whole from its first corner.
     pub fn triangles(&self) -> Vec<[u32; 3]> {
         self.faces()
             .flat_map(|block| block.iter().flat_map(fan))
@@ -663,10 +724,19 @@ impl<'a> View<'a> {
 
     /// Only some of the triangles: those for which `keep` says so, asked with the cells behind and before each, as
     /// [`View::sides`] tells them. Groups without a cell go.
+    ///
+    /// Other cells stay, and all points do.
     pub fn with_triangles(mut self, mut keep: impl FnMut([u32; 2]) -> bool) -> Self {
         let mut is_kept = vec![true; self.cells()];
+        // Polygons of three corners have sides, too.
+        let is_triangle = self.blocks.iter().flat_map(|block| {
+            let is_triangle = matches!(block, Cells::Triangles(_));
+            std::iter::repeat_n(is_triangle, block.len())
+        });
+        let is_triangle: Vec<bool> = is_triangle.collect();
         for (cell, sides) in self.sides() {
-            is_kept[cell as usize] = keep(sides);
+            let cell = cell as usize;
+            is_kept[cell] = !is_triangle[cell] || keep(sides);
         }
         let cells: Vec<usize> = (0..is_kept.len()).filter(|&c| is_kept[c]).collect();
         self.cell_fields = self.fields_of(&cells);
@@ -757,6 +827,8 @@ impl<'a> View<'a> {
 }
 
 /// Are there whole tuples, one for each element?
+///
+/// An error says how many were wanted and how many there are.
 fn fits(name: &str, of: &str, values: &Values<'_>, elements: usize) -> Result<(), Error> {
     let (numbers, k) = (values.numbers(), values.components);
     let what = format!("one value of \"{name}\" for each {of}");
@@ -767,6 +839,7 @@ fn fits(name: &str, of: &str, values: &Values<'_>, elements: usize) -> Result<()
     one_each(&what, values.len(), elements)
 }
 
+/// The error that all parts of a view have in common: `what` and a number, and the number found.
 pub(super) fn one_each(what: &str, found: usize, elements: usize) -> Result<(), Error> {
     if found == elements {
         return Ok(());
@@ -780,6 +853,8 @@ pub(super) fn fan(ring: &[u32]) -> impl Iterator<Item = [u32; 3]> {
 }
 
 /// Polygons as the simplest block that holds them.
+///
+/// So that a file of polygons that are all triangles gives triangles. No polygons are no triangles.
 pub(super) fn block_of_rings(ends: Vec<u32>, corners: Vec<u32>) -> Cells<'static> {
     let all = |n: u32| (1..).zip(&ends).all(|(i, &end)| end == n * i);
     if all(3) {
@@ -797,6 +872,9 @@ pub(super) fn block_of_rings(ends: Vec<u32>, corners: Vec<u32>) -> Cells<'static
 }
 
 /// The side of the bounding box in which a boundary face lies, and its number, if its vertices belong to the box.
+///
+/// A face belongs to a side if all three vertices lie in it, to within 10⁻⁹ of the box's diagonal, and none of them is
+/// of the surface or the interior.
 fn box_side(mesh: &TetMesh, face: &Interface, bounds: &Aabb) -> Option<(&'static str, i32)> {
     if face.outside != OUTSIDE {
         return None;
@@ -826,6 +904,9 @@ fn box_side(mesh: &TetMesh, face: &Interface, bounds: &Aabb) -> Option<(&'static
 /// Which boundary faces of the exterior belong to its outer boundary rather than to the molecule's
 /// surface. With the molecule meshed, all do; without it, those that connect to the bounding box, or
 /// none if the box itself is the outer boundary.
+///
+/// Of an exterior alone, its boundary has two parts, that around the molecule and the outer one, and what tells them
+/// apart is that the outer one reaches the bounding box.
 fn outer_faces(mesh: &TetMesh, faces: &[Interface], molecule_meshed: bool) -> Vec<bool> {
     if molecule_meshed {
         return vec![true; faces.len()];

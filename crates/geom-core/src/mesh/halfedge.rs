@@ -1,4 +1,7 @@
 //! Connectivity of triangles and quads as half-edges.
+//!
+//! The arrays are `u32` and as a GPU reads them. Nothing here changes a mesh: the remesher has a working mesh of its
+//! own, with the same numbering, in which edges can be flipped, split and contracted.
 
 use super::audit::sorted_edges;
 use super::{MeshError, QuadMesh, TriMesh};
@@ -20,6 +23,10 @@ const NONE: u32 = u32::MAX;
 /// assert_eq!(edges.around(VertexId(0)).count(), 5); // a corner of the icosahedron
 /// # Ok::<(), geom_core::MeshError>(())
 /// ```
+///
+/// A closed mesh of `n` vertices has about `6 n` half-edges as triangles and `4 n` as quads, at 8 bytes each and 4 per
+/// vertex. Queries take constant time, but for those that walk around a vertex. Ids of another mesh, or out of range,
+/// make them panic or give another element's answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Halfedges<const N: usize> {
     twin: Vec<u32>,
@@ -31,6 +38,9 @@ pub struct Halfedges<const N: usize> {
 
 impl Halfedges<3> {
     /// The half-edges of a triangle mesh.
+    ///
+    /// # Errors
+    /// Those of [`Halfedges::new`]; [`surface::repair`](crate::surface) makes any triangles fit.
     pub fn of(mesh: &TriMesh) -> Result<Self, MeshError> {
         Self::new(mesh.positions().len(), mesh.triangles())
     }
@@ -38,6 +48,9 @@ impl Halfedges<3> {
 
 impl Halfedges<4> {
     /// The half-edges of a quad mesh.
+    ///
+    /// # Errors
+    /// Those of [`Halfedges::new`].
     pub fn of_quads(mesh: &QuadMesh) -> Result<Self, MeshError> {
         Self::new(mesh.positions().len(), mesh.quads())
     }
@@ -49,7 +62,8 @@ impl<const N: usize> Halfedges<N> {
     /// # Errors
     /// [`MeshError::NonManifoldEdge`] if an edge has more than two faces or two in the same
     /// direction; [`MeshError::NonManifoldVertex`] if the faces around a vertex form more than one
-    /// fan; [`MeshError::OutOfRange`], [`MeshError::Repeated`] and [`MeshError::TooMany`].
+    /// fan; [`MeshError::OutOfRange`], [`MeshError::Repeated`] and [`MeshError::TooMany`]. Of several faults of one
+    /// kind the one with the lowest face or vertex is named. The edges are sorted; all else is linear.
     pub fn new(vertices: usize, faces: &[[u32; N]]) -> Result<Self, MeshError> {
         let count = N * faces.len();
         if count.max(vertices) > crate::id::MAX_ELEMENTS {
@@ -150,7 +164,7 @@ impl<const N: usize> Halfedges<N> {
     pub fn face(&self, h: HalfedgeId) -> FaceId {
         FaceId(h.0 / N as u32)
     }
-    /// Half-edge `k` of a face.
+    /// Half-edge `k` of a face. `k` counts around and around: `N` is 0 again.
     pub fn of_face(&self, face: FaceId, k: usize) -> HalfedgeId {
         HalfedgeId(face.0 * N as u32 + (k % N) as u32)
     }
@@ -173,15 +187,18 @@ impl<const N: usize> Halfedges<N> {
         })
     }
     /// A half-edge that leaves the vertex, on a boundary the first of its fan; `None` if no face
-    /// uses the vertex.
+    /// uses the vertex. Inside of the surface it may be any of its half-edges, the same for the same mesh.
     pub fn out(&self, v: VertexId) -> Option<HalfedgeId> {
         some(self.out[v.index()])
     }
-    /// Does the vertex lie on a boundary?
+    /// Does the vertex lie on a boundary? A vertex of no face does not.
     pub fn on_boundary(&self, v: VertexId) -> bool {
         self.out(v).is_some_and(|h| self.twin(h).is_none())
     }
     /// The half-edges that leave a vertex, counter-clockwise seen from outside; one per face.
+    ///
+    /// A vertex inside has as many neighbours as half-edges here. One on a boundary has one more,
+    /// `from(previous(last))` of the last of these: no half-edge leads there.
     pub fn around(&self, v: VertexId) -> impl Iterator<Item = HalfedgeId> + '_ {
         let first = self.out(v);
         std::iter::successors(first, move |&h| {
@@ -193,13 +210,13 @@ impl<const N: usize> Halfedges<N> {
     pub fn iter(&self) -> impl Iterator<Item = HalfedgeId> + use<N> {
         (0..self.from.len() as u32).map(HalfedgeId)
     }
-    /// One half-edge per edge: the lower-numbered of the two.
+    /// One half-edge per edge: the lower-numbered of the two. Boundary edges are among them, by their only half-edge.
     pub fn edges(&self) -> impl Iterator<Item = HalfedgeId> + '_ {
         self.iter()
             .filter(|&h| self.twin(h).is_none_or(|twin| h < twin))
     }
     /// The boundary loops: the vertices along each, with the surface on the left, by the
-    /// lowest half-edge.
+    /// lowest half-edge. A vertex is in at most one of them, since its faces form one fan; a closed mesh has none.
     pub fn boundary_loops(&self) -> Vec<Vec<VertexId>> {
         let mut seen = vec![false; self.from.len()];
         let mut loops = Vec::new();

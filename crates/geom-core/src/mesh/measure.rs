@@ -1,4 +1,7 @@
 //! Areas, volumes, normals, Euler characteristic.
+//!
+//! Sums run over fixed chunks in a fixed order, so that the bits do not depend on threads. Nothing here asks whether a
+//! mesh is closed or oriented: numbers that mean something only then say so.
 
 use rayon::prelude::*;
 
@@ -6,14 +9,16 @@ use super::{EDGES, FACES, QuadMesh, Region, TetMesh, TriMesh};
 use crate::compute::parallel;
 use crate::{Aabb, Point3, Vector3};
 
-/// Six times the signed volume of a tetrahedron: positive if `(b − a, c − a, d − a)` is right-handed.
+/// Six times the signed volume of a tetrahedron: positive if `(b − a, c − a, d − a)` is right-handed; Å³. Rounding
+/// decides the sign of what is nearly flat: it is no exact predicate.
 #[inline]
 pub fn six_volume([a, b, c, d]: [Point3; 4]) -> f64 {
     (b - a).cross(&(c - a)).dot(&(d - a))
 }
 
 impl TriMesh {
-    /// Twice the area of a triangle times its unit normal.
+    /// Twice the area of a triangle times its unit normal. Å²: the cross product of two sides, zero for a triangle
+    /// without area.
     pub fn doubled_area_normal(&self, triangle: usize) -> Vector3 {
         doubled_area_normal(self.corners(triangle))
     }
@@ -24,22 +29,29 @@ impl TriMesh {
     }
 
     /// Enclosed volume, Å³; meaningful for closed oriented surfaces only.
+    ///
+    /// Negative if the surface is inside out; walls of cavities take their part away. With a boundary it is the volume
+    /// of the cone over the surface from the middle of [`TriMesh::bounds`].
     pub fn volume(&self) -> f64 {
         enclosed_volume(self.positions(), self.triangles())
     }
 
-    /// Bounding box of all vertices.
+    /// Bounding box of all vertices. Unused ones count; [`Aabb::EMPTY`] for a mesh without any.
     pub fn bounds(&self) -> Aabb {
         Aabb::of_points(self.positions())
     }
 
     /// Unit normal per vertex, weighted by the corner angles; zero at vertices without a proper
     /// triangle.
+    ///
+    /// Angles as weights make the normal a property of the surface and not of how it is cut: halving a triangle changes
+    /// nothing (Thürmer and Wüthrich, *Computing vertex normals from polygonal facets*, J. Graphics Tools 3, 1998).
     pub fn vertex_normals(&self) -> Vec<Vector3> {
         vertex_normals(self.positions(), self.triangles())
     }
 
-    /// Used vertices − edges + triangles.
+    /// Used vertices − edges + triangles. Of a closed oriented manifold it is 2 per component less 2 per handle. Edges
+    /// are sorted for it.
     pub fn euler_characteristic(&self) -> i64 {
         euler(self.triangles())
     }
@@ -61,7 +73,8 @@ impl QuadMesh {
         enclosed_volume(self.positions(), self.quads())
     }
 
-    /// Unit normal per vertex, weighted by the corner angles; zero at vertices without a proper quad.
+    /// Unit normal per vertex, weighted by the corner angles; zero at vertices without a proper quad. The normal of a
+    /// bent quad is that of its vector area, which does not depend on the diagonal.
     pub fn vertex_normals(&self) -> Vec<Vector3> {
         vertex_normals(self.positions(), self.quads())
     }
@@ -77,7 +90,7 @@ impl QuadMesh {
 }
 
 impl TetMesh {
-    /// Six times the signed volume of a tetrahedron, Å³.
+    /// Six times the signed volume of a tetrahedron, Å³. Negative where it is inverted.
     pub fn six_volume(&self, tet: usize) -> f64 {
         six_volume(self.corners(tet))
     }
@@ -95,7 +108,8 @@ impl TetMesh {
             }
         })
     }
-    /// Used vertices − edges + faces − tetrahedra: components − tunnels + cavities.
+    /// Used vertices − edges + faces − tetrahedra: components − tunnels + cavities. 1 for a ball, 2 for a shell around
+    /// a cavity, 0 for a solid torus.
     pub fn euler_characteristic(&self) -> i64 {
         let tets = self.tets();
         let faces = count(tets.iter().flat_map(|t| {
@@ -122,7 +136,8 @@ fn doubled_area_normal([a, b, c]: [Point3; 3]) -> Vector3 {
     (b - a).cross(&(c - a))
 }
 
-/// The triangles of a face, from its first corner.
+/// The triangles of a face, from its first corner. The area and volume of a quad follow from it, so that they are those
+/// of [`QuadMesh::into_triangles`].
 fn fan<const N: usize>(positions: &[Point3], face: [u32; N]) -> impl Iterator<Item = [Point3; 3]> {
     let p = face.map(|v| positions[v as usize]);
     (1..N - 1).map(move |k| [p[0], p[k], p[k + 1]])
@@ -135,6 +150,7 @@ fn area<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> f64 {
     })
 }
 
+/// The sum of the cones of all faces over one point, which is the same for every point if the faces close.
 fn enclosed_volume<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> f64 {
     // Relative to the middle of the box, so that far-away meshes lose no digits.
     let o = Aabb::of_points(positions).center();
@@ -145,6 +161,7 @@ fn enclosed_volume<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> 
     })
 }
 
+/// On one thread, in the order of the faces: a vertex sums what its faces bring as they come.
 fn vertex_normals<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> Vec<Vector3> {
     let mut normals = vec![Vector3::zeros(); positions.len()];
     for corners in faces {

@@ -32,6 +32,9 @@ use crate::Point3;
 use crate::id::MAX_ELEMENTS;
 
 /// Why a mesh cannot be made.
+///
+/// Where several elements are at fault, the first by number is named. Constructors of meshes look at counts first, then
+/// at positions, then at the corners of one element after the other.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshError {
@@ -95,6 +98,8 @@ pub enum MeshError {
     },
 }
 
+/// Refuses counts beyond what an index can name, positions that are not finite and corners that do not fit, in this
+/// order. Parallel, and the element that is named is the first all the same.
 fn check<const N: usize>(positions: &[Point3], elements: &[[u32; N]]) -> Result<(), MeshError> {
     for count in [positions.len(), elements.len()] {
         if count > MAX_ELEMENTS {
@@ -144,7 +149,13 @@ fn check_corners<const N: usize>(vertices: usize, elements: &[[u32; N]]) -> Resu
 }
 
 /// A surface of triangles, counter-clockwise seen from outside. Corners are in range and differ;
-/// positions are finite. Nothing is promised of manifoldness: see [`SurfaceAudit`].
+/// positions are finite. Nothing is promised of manifoldness: see [`SurfaceAudit`]. Vertices that no triangle uses and
+/// triangles without area are allowed.
+///
+/// Index conventions: vertex `v` is `positions()[v]`; triangle `[a, b, c]` has the normal `(b − a) × (c − a)`, which
+/// points out of the body that the surface bounds. The default is the empty mesh. Positions and triangles cannot be
+/// changed in place, so that what was checked stays true: take them out by [`TriMesh::into_parts`], and make a new
+/// mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TriMesh {
     positions: Vec<Point3>,
@@ -153,6 +164,10 @@ pub struct TriMesh {
 
 impl TriMesh {
     /// A mesh of these vertices and triangles; refuses what is out of range or not finite.
+    ///
+    /// # Errors
+    /// [`MeshError::TooMany`], [`MeshError::NotFinite`], [`MeshError::OutOfRange`] or [`MeshError::Repeated`], in this
+    /// order. One parallel pass over both arrays; nothing is copied.
     pub fn new(positions: Vec<Point3>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         check(&positions, &triangles)?;
         Ok(Self {
@@ -169,6 +184,9 @@ impl TriMesh {
         &self.triangles
     }
     /// The three corner positions of a triangle.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
     pub fn corners(&self, triangle: usize) -> [Point3; 3] {
         self.triangles[triangle].map(|v| self.positions[v as usize])
     }
@@ -179,6 +197,10 @@ impl TriMesh {
 
     /// The connected components, the one of the largest area first; vertices without a triangle belong
     /// to none.
+    ///
+    /// Triangles belong together if they share a vertex, an edge is not needed: two cones that touch with their tips
+    /// are one component. Vertices and triangles keep their order within each, equal areas the order of their first
+    /// triangles. `O(n log n)`.
     pub fn components(&self) -> Vec<TriMesh> {
         let mut sets = crate::compute::sets::DisjointSets::new(self.positions.len());
         for &[a, b, c] in &self.triangles {
@@ -218,6 +240,9 @@ impl TriMesh {
 }
 
 /// A surface of quads, counter-clockwise seen from outside. Valid like [`TriMesh`].
+///
+/// Quads need not be flat. Where one is taken for two triangles, the cut runs from its first corner to its third; other
+/// codes cut otherwise, so that volumes under bent quads differ by that of the tetrahedron of the four corners.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct QuadMesh {
     positions: Vec<Point3>,
@@ -226,6 +251,9 @@ pub struct QuadMesh {
 
 impl QuadMesh {
     /// A mesh of these vertices and quads; refuses what is out of range or not finite.
+    ///
+    /// # Errors
+    /// Those of [`TriMesh::new`].
     pub fn new(positions: Vec<Point3>, quads: Vec<[u32; 4]>) -> Result<Self, MeshError> {
         check(&positions, &quads)?;
         Ok(Self { positions, quads })
@@ -242,7 +270,8 @@ impl QuadMesh {
     pub fn into_parts(self) -> (Vec<Point3>, Vec<[u32; 4]>) {
         (self.positions, self.quads)
     }
-    /// Each quad cut in two along its first diagonal.
+    /// Each quad cut in two along its first diagonal. Triangles `2 q` and `2 q + 1` are the halves of quad `q`, and
+    /// vertices keep their numbers.
     pub fn into_triangles(self) -> TriMesh {
         let halves = |&[a, b, c, d]: &[u32; 4]| [[a, b, c], [a, c, d]];
         TriMesh {
@@ -252,7 +281,8 @@ impl QuadMesh {
     }
 }
 
-/// The number of a material of a [`TetMesh`].
+/// The number of a material of a [`TetMesh`]. [`EXTERIOR`], [`INTERIOR`] and any numbers between that and [`OUTSIDE`]:
+/// up to 253 bodies beside the molecule.
 pub type Region = u8;
 /// The region around the molecule.
 pub const EXTERIOR: Region = 0;
@@ -262,6 +292,10 @@ pub const INTERIOR: Region = 1;
 pub const OUTSIDE: Region = u8::MAX;
 
 /// How a vertex of a [`TetMesh`] may move.
+///
+/// Smoothers ask for it before they move a vertex, and move it only so. The meshers of boxes set all five kinds; meshes
+/// from files know of [`VertexKind::Interior`] and [`VertexKind::Surface`] only, as [`TetMesh::with_regions`] finds
+/// them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum VertexKind {
     /// Inside of a region: freely.
@@ -285,6 +319,9 @@ pub enum VertexKind {
 
 /// A volume of tetrahedra `(a, b, c, d)` with a region each. Valid like [`TriMesh`]; the sign of the
 /// volumes is not checked here: see [`VolumeAudit`].
+///
+/// `(b − a, c − a, d − a)` of a good tetrahedron is right-handed ([`six_volume`] is positive), and [`FACES`] lists its
+/// faces as seen from outside. The default is the empty mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TetMesh {
     positions: Vec<Point3>,
@@ -296,6 +333,9 @@ pub struct TetMesh {
 impl TetMesh {
     /// A mesh of these vertices and tetrahedra, all of region [`INTERIOR`], with every boundary
     /// vertex of kind [`VertexKind::Surface`].
+    ///
+    /// # Errors
+    /// Those of [`TetMesh::with_kinds`].
     pub fn new(positions: Vec<Point3>, tets: Vec<[u32; 4]>) -> Result<Self, MeshError> {
         let regions = vec![INTERIOR; tets.len()];
         Self::with_regions(positions, tets, regions)
@@ -303,6 +343,9 @@ impl TetMesh {
 
     /// A mesh with a region per tetrahedron; every vertex between two regions or on the boundary is
     /// of kind [`VertexKind::Surface`].
+    ///
+    /// # Errors
+    /// Those of [`TetMesh::with_kinds`].
     pub fn with_regions(
         positions: Vec<Point3>,
         tets: Vec<[u32; 4]>,
@@ -318,7 +361,11 @@ impl TetMesh {
         Ok(mesh)
     }
 
-    /// A mesh with a region per tetrahedron and a kind per vertex.
+    /// A mesh with a region per tetrahedron and a kind per vertex. Kinds are believed: whether a vertex of kind
+    /// [`VertexKind::Interior`] lies on the boundary is not looked at.
+    ///
+    /// # Errors
+    /// Those of [`TriMesh::new`], and [`MeshError::Length`] if regions or kinds are not as many as their elements.
     pub fn with_kinds(
         positions: Vec<Point3>,
         tets: Vec<[u32; 4]>,
@@ -367,6 +414,9 @@ impl TetMesh {
         &self.kinds
     }
     /// The four corner positions of a tetrahedron.
+    ///
+    /// # Panics
+    /// If there is no such tetrahedron.
     pub fn corners(&self, tet: usize) -> [Point3; 4] {
         self.tets[tet].map(|v| self.positions[v as usize])
     }
@@ -376,7 +426,8 @@ impl TetMesh {
     }
 
     /// The faces between different regions and on the boundary, by the lower-numbered tetrahedron's
-    /// number, then by face. Faces with more than two tetrahedra are left out: see [`VolumeAudit`].
+    /// number, then by face. Faces with more than two tetrahedra are left out: see [`VolumeAudit`]. The faces of all
+    /// tetrahedra are sorted for it: about 100 bytes per tetrahedron while it runs.
     pub fn interfaces(&self) -> Vec<Interface> {
         use rayon::prelude::*;
         let faces = audit::sorted_faces(&self.tets);
@@ -428,7 +479,9 @@ impl TetMesh {
     }
 
     /// The boundary of a region as a surface that points out of it: against other regions and
-    /// against the outside. Vertices keep their order; those off the boundary are dropped.
+    /// against the outside. Vertices keep their order; those off the boundary are dropped. Of a conforming mesh it is
+    /// closed, since it bounds a volume, but not manifold where the region touches itself in an edge or a vertex only;
+    /// empty for a region without tetrahedra.
     pub fn region_surface(&self, region: Region) -> TriMesh {
         let triangles = self.interfaces().into_iter().filter_map(|face| {
             let [a, b, c] = face.triangle;
@@ -470,7 +523,8 @@ fn compact<const N: usize>(
     (kept, elements)
 }
 
-/// Do the corners, from the lowest on, run lowest, middle, highest?
+/// Do the corners, from the lowest on, run lowest, middle, highest? It tells the two senses of a face apart, whichever
+/// corner comes first.
 pub(crate) fn is_even([a, b, c]: [u32; 3]) -> bool {
     (a < b) as u8 + (b < c) as u8 + (c < a) as u8 == 2
 }
@@ -484,10 +538,13 @@ pub fn sorted(mut face: [u32; 3]) -> [u32; 3] {
     face
 }
 
-/// The corners of the edges of a tetrahedron.
+/// The corners of the edges of a tetrahedron. Edge `k` and edge `5 − k` lie opposite each other: they share no corner.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
 /// A face between two regions of a [`TetMesh`], or on its boundary.
+///
+/// Of regions `a > b` the face is seen from `b`, so that the surface of the molecule points out of it into the
+/// exterior. On the boundary of the mesh it points away from the mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Interface {
     /// Corners, counter-clockwise seen from the outer side.

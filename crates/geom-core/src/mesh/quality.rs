@@ -1,4 +1,8 @@
 //! How good the triangles of a surface are, and its quads.
+//!
+//! [`radius_ratio`] and [`angles`] judge one triangle, [`TriangleReport`] a mesh; [`scaled_jacobian`] and
+//! [`JacobianSummary`] do that for quads. Nothing here depends on the size of a mesh but for the lengths and areas,
+//! which are in Å.
 
 use crate::compute::parallel;
 use crate::{Point3, TriMesh, Vector3};
@@ -12,6 +16,8 @@ use crate::{Point3, TriMesh, Vector3};
 /// assert!((radius_ratio(triangle(3f64.sqrt())) - 1.0).abs() < 1e-12);
 /// assert!(radius_ratio(triangle(0.01)) < 1e-3);
 /// ```
+///
+/// It is small for needles (one short edge) and caps (one large angle) alike.
 pub fn radius_ratio(corners: [Point3; 3]) -> f64 {
     let [a, b, c] = edge_lengths(corners);
     let product = a * b * c;
@@ -27,7 +33,8 @@ pub fn edge_lengths([a, b, c]: [Point3; 3]) -> [f64; 3] {
     [(c - b).norm(), (a - c).norm(), (b - a).norm()]
 }
 
-/// The angles at the corners, radians; 0 at a corner that coincides with another.
+/// The angles at the corners, radians; 0 at a corner that coincides with another. From the arctangent of cross and dot
+/// product: an arccosine would lose half of the digits of small angles. They sum to π unless corners coincide.
 pub fn angles([a, b, c]: [Point3; 3]) -> [f64; 3] {
     let at = |p: Point3, q: Point3, r: Point3| {
         let (u, v) = (q - p, r - p);
@@ -37,6 +44,9 @@ pub fn angles([a, b, c]: [Point3; 3]) -> [f64; 3] {
 }
 
 /// Measures of all triangles of a surface.
+///
+/// Angles, edges and ratios are over all triangles, also those without area, which have an angle of 0 and the ratio 0.
+/// Valences are over used vertices. [`TriangleReport::of`] makes it in linear time.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TriangleReport {
@@ -66,7 +76,7 @@ pub struct TriangleReport {
     pub edge_deviation: f64,
     /// Longest edge, Å.
     pub max_edge: f64,
-    /// Share of the used vertices with six triangles.
+    /// Share of the used vertices with six triangles. Six are asked on a boundary, too, where a regular mesh has three.
     pub regular: f64,
     /// Share of the used vertices with five to seven triangles, on a boundary two to four.
     pub nearly_regular: f64,
@@ -88,7 +98,7 @@ struct Part {
 }
 
 impl TriangleReport {
-    /// The measures of `mesh`; all 0 for an empty one.
+    /// The measures of `mesh`; all 0 for an empty one. Parallel, with the same bits for any number of threads.
     pub fn of(mesh: &TriMesh) -> Self {
         let n = mesh.triangles().len();
         if n == 0 {
@@ -184,10 +194,13 @@ impl TriangleReport {
     }
 }
 
+/// The ten smallest, the lower triangle first of equal ones: sorted again wherever lists are joined, so that chunks do
+/// not matter.
 fn keep_worst(worst: &mut Vec<(u32, f64)>) {
     worst.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
     worst.truncate(10);
 }
+
 /// The smallest signed sine between two sides that meet in a corner of a quad (the scaled Jacobian): 1 for a
 /// rectangle, negative where a corner is turned inside out. Corners are seen along the quad's vector area, whose sign
 /// is that of the surface's normal.
@@ -202,21 +215,10 @@ fn keep_worst(worst: &mut Vec<(u32, f64)>) {
 /// assert!(scaled_jacobian(&quad(1.0), &-up) < 0.0);
 /// ```
 pub fn scaled_jacobian(corners: &[Point3; 4], surface_normal: &Vector3) -> f64 {
-    let area = (corners[2] - corners[0]).cross(&(corners[3] - corners[1]));
-    let Some(normal) = area.try_normalize(0.0) else {
+    let Some(normal) = quad_area(corners).try_normalize(0.0) else {
         return -1.0;
     };
-    let sine = |k: usize| {
-        let next = corners[(k + 1) % 4] - corners[k];
-        let previous = corners[(k + 3) % 4] - corners[k];
-        let lengths = next.norm() * previous.norm();
-        if lengths > 0.0 {
-            next.cross(&previous).dot(&normal) / lengths
-        } else {
-            -1.0
-        }
-    };
-    let worst = (0..4).map(sine).fold(f64::INFINITY, f64::min);
+    let worst = smallest_sine(corners, &normal);
     if normal.dot(surface_normal) < 0.0 {
         -worst.abs()
     } else {
@@ -224,7 +226,55 @@ pub fn scaled_jacobian(corners: &[Point3; 4], surface_normal: &Vector3) -> f64 {
     }
 }
 
+/// What a search for better quads raises: the scaled Jacobian where the quad lies as the surface does. Of one that lies on
+/// its back that has a ridge at 0, where the quad is flat, and beyond which it lies right: there it is the smallest sine
+/// seen along the surface's normal, which grows all the way.
+///
+/// ```
+/// use geom_core::{Point3, Vector3, mesh::quality::{scaled_jacobian, upright_jacobian}};
+/// // A square that turns over about one of its sides.
+/// let quad = |degrees: f64| {
+///     let (z, y) = degrees.to_radians().sin_cos();
+///     [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, y, z], [0.0, y, z]].map(Point3::from)
+/// };
+/// let (down, rising) = (quad(170.0), quad(100.0));
+/// let up = Vector3::z();
+/// assert!((scaled_jacobian(&down, &up) - scaled_jacobian(&rising, &up)).abs() < 1e-12);
+/// assert!(upright_jacobian(&down, &up) < upright_jacobian(&rising, &up));
+/// assert_eq!(upright_jacobian(&quad(60.0), &up), scaled_jacobian(&quad(60.0), &up));
+/// ```
+pub fn upright_jacobian(corners: &[Point3; 4], surface_normal: &Vector3) -> f64 {
+    if quad_area(corners).dot(surface_normal) > 0.0 {
+        return scaled_jacobian(corners, surface_normal);
+    }
+    let normal = surface_normal.try_normalize(1e-9).unwrap_or_default();
+    smallest_sine(corners, &normal).min(0.0)
+}
+
+/// Twice the vector area of a quad.
+fn quad_area(corners: &[Point3; 4]) -> Vector3 {
+    (corners[2] - corners[0]).cross(&(corners[3] - corners[1]))
+}
+
+/// Of the four corners, seen along a unit normal; −1 for a side without a length.
+fn smallest_sine(corners: &[Point3; 4], normal: &Vector3) -> f64 {
+    let sine = |k: usize| {
+        let next = corners[(k + 1) % 4] - corners[k];
+        let previous = corners[(k + 3) % 4] - corners[k];
+        let lengths = next.norm() * previous.norm();
+        if lengths > 0.0 {
+            next.cross(&previous).dot(normal) / lengths
+        } else {
+            -1.0
+        }
+    };
+    (0..4).map(sine).fold(f64::INFINITY, f64::min)
+}
+
 /// Scaled Jacobians of all quads of a mesh.
+///
+/// Values are those of [`scaled_jacobian`], from −1 to 1. Percentiles are values of the list itself (the one at the
+/// share, rounded down), not interpolated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct JacobianSummary {
@@ -243,7 +293,7 @@ pub struct JacobianSummary {
 }
 
 impl JacobianSummary {
-    /// Of these values.
+    /// Of these values. All 0 for none.
     pub fn of(values: &[f64]) -> Self {
         if values.is_empty() {
             return Self::default();
@@ -262,7 +312,10 @@ impl JacobianSummary {
     }
 }
 
-/// How far a corner is from a right angle between unit sides, and the derivatives by the sides.
+/// How far a corner is from a right angle between sides of equal length, and the derivatives by the sides.
+///
+/// What optimizers of quads sum over the corners of a mesh and lower: 1 for a right angle between sides that are the
+/// same multiple of their wanted lengths, more for any other corner. A common factor of both sides does not change it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CornerDistortion {
     /// The distortion; 1 is perfect.
@@ -277,6 +330,10 @@ impl CornerDistortion {
     /// `(P² + S²) / (s + √(s² + ε²))` with `s = n · (P × S)` (T. Liao, X. Li, G. Xu and Y. Zhang, Eq. 5.5, signed), for
     /// sides in units of their wanted lengths, the second to the left of the first, and the surface's unit normal.
     /// Finite for inverted corners while ε > 0.
+    ///
+    /// ε says what an inverted corner costs: with a small one the energy is almost that of a barrier, with a large one
+    /// it is smooth and the corner can be turned back by following the gradient. Lower it as corners become upright.
+    /// With ε = 0 it is infinite where the area is not positive.
     pub fn of([p, s]: &[Vector3; 2], n: &Vector3, epsilon: f64) -> Self {
         let area = n.dot(&p.cross(s));
         let root = (area * area + epsilon * epsilon).sqrt();

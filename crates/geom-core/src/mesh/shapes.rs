@@ -10,6 +10,9 @@
 //! let ratio = missing(3) / missing(4);
 //! assert!((ratio - 4.0).abs() < 0.1);
 //! ```
+//!
+//! Wanted are shapes whose numbers are known without a mesher: what a test asserts of an operator, a distance or an
+//! audit is then a closed form. Surfaces are oriented outward, tetrahedra are positive.
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -19,6 +22,10 @@ use crate::{Point3, Vector3};
 
 /// A sphere about the origin: the icosahedron with `levels` 1-to-4 subdivisions, vertices on the
 /// sphere. `20 · 4^levels` triangles.
+///
+/// `10 · 4^levels + 2` vertices: the first twelve are the corners of the icosahedron, which keep five triangles; all
+/// others have six. Vertices of fewer levels come first, at the same places, so that results on two levels can be
+/// compared number by number.
 pub fn icosphere(radius: f64, levels: u32) -> TriMesh {
     // Corners of three golden rectangles.
     let phi = f64::midpoint(1.0, 5f64.sqrt());
@@ -88,7 +95,8 @@ pub fn icosphere(radius: f64, levels: u32) -> TriMesh {
 }
 
 /// An ellipsoid about the origin with these semi-axes along x, y and z: the [`icosphere`] of radius 1,
-/// stretched.
+/// stretched. Its vertices lie on the ellipsoid, its numbering is that of the sphere. One negative semi-axis turns it
+/// inside out.
 pub fn ellipsoid(semi_axes: Vector3, levels: u32) -> TriMesh {
     let (positions, triangles) = icosphere(1.0, levels).into_parts();
     let positions = positions
@@ -100,7 +108,17 @@ pub fn ellipsoid(semi_axes: Vector3, levels: u32) -> TriMesh {
 /// A closed cylinder about the z axis between `z = 0` and `z = height`: a prism of `around` sides,
 /// edges on the cylinder, cut into `along` layers, with a fan of triangles as each end.
 /// `2 · around · (along + 1)` triangles; `around ≥ 3`, `along ≥ 1`.
+///
+/// The enclosed volume is that of the prism, `around / 2 · sin(2π / around) · radius² · height`, exactly but for
+/// rounding. Its two rims are right-angled edges: what features and sharp edges are tried on.
+///
+/// # Panics
+/// With fewer sides or layers.
 pub fn cylinder(radius: f64, height: f64, around: u32, along: u32) -> TriMesh {
+    assert!(
+        around >= 3 && along >= 1,
+        "{around} sides and {along} layers enclose nothing"
+    );
     let mut positions: Vec<Point3> = (0..=along)
         .flat_map(|j| (0..around).map(move |i| (i, j)))
         .map(|(i, j)| {
@@ -127,7 +145,8 @@ pub fn cylinder(radius: f64, height: f64, around: u32, along: u32) -> TriMesh {
 }
 
 /// A sphere about the origin: the cube of `n × n` quads per side, mapped to the sphere so that edges of
-/// the cube become great circles. `6 n²` quads, `n ≥ 1`.
+/// the cube become great circles. `6 n²` quads, `n ≥ 1`. `6 n² + 2` vertices, of which eight, the corners of the cube,
+/// have three quads, and all others four. The valences of any sphere of quads miss four by eight in all.
 pub fn quad_sphere(radius: f64, n: u32) -> QuadMesh {
     let (mut positions, mut number) = (Vec::new(), HashMap::new());
     let mut vertex = |lattice: [i64; 3]| {
@@ -161,7 +180,8 @@ pub fn quad_sphere(radius: f64, n: u32) -> QuadMesh {
     QuadMesh::new(positions, quads).expect("a mapped cube is valid")
 }
 
-/// A torus about the z axis as in [`torus`], of `around · along` quads.
+/// A torus about the z axis as in [`torus`], of `around · along` quads. All vertices have four quads. Both counts must
+/// be at least 3.
 pub fn quad_torus(major: f64, minor: f64, around: u32, along: u32) -> QuadMesh {
     let (positions, triangles) = torus(major, minor, around, along).into_parts();
     let (pairs, _) = triangles.as_chunks::<2>();
@@ -171,6 +191,9 @@ pub fn quad_torus(major: f64, minor: f64, around: u32, along: u32) -> QuadMesh {
 
 /// A torus about the z axis: tube radius `minor` around a circle of radius `major`, with
 /// `around × along` vertices; `2 · around · along` triangles.
+///
+/// Vertex `i · along + j` is at the angle `2π i / around` about the axis and `2π j / along` about the tube, from its
+/// outermost circle upward. Both counts must be at least 3. With `minor > major` the tube goes through itself.
 pub fn torus(major: f64, minor: f64, around: u32, along: u32) -> TriMesh {
     let positions = (0..around)
         .flat_map(|i| (0..along).map(move |j| (i, j)))
@@ -194,7 +217,7 @@ pub fn torus(major: f64, minor: f64, around: u32, along: u32) -> TriMesh {
 
 /// A ball of tetrahedra about the origin: the cube of `2 n` cells per side, six tetrahedra per cell,
 /// mapped so that concentric cubes become concentric spheres. `48 n³` tetrahedra, all positive,
-/// boundary vertices on the sphere. `n ≥ 1`.
+/// boundary vertices on the sphere. `n ≥ 1`. `(2 n + 1)³` vertices. The boundary has `48 n²` triangles.
 pub fn ball(radius: f64, n: u32) -> TetMesh {
     let (positions, tets) = cube_tets(n);
     let positions = positions.iter().map(|p| Point3::from(to_ball(*p) * radius));
@@ -202,7 +225,7 @@ pub fn ball(radius: f64, n: u32) -> TetMesh {
 }
 
 /// The tetrahedra between two spheres about the origin, of region [`EXTERIOR`]: the outer `n` layers of a
-/// ball of `2 n`.
+/// ball of `2 n`. `336 n³` tetrahedra; the outer side and the inner one are both boundaries of the mesh.
 pub fn shell(inner: f64, outer: f64, n: u32) -> TetMesh {
     let (positions, tets) = cube_tets(2 * n);
     let tets: Vec<_> = tets
@@ -221,7 +244,11 @@ pub fn shell(inner: f64, outer: f64, n: u32) -> TetMesh {
 }
 
 /// A ball of region [`INTERIOR`] and around it, of region [`EXTERIOR`], the rest of the cube
-/// `[−half, half]³`; `n` layers of cells in each. Vertices know of the sides and edges of the cube.
+/// `[−half, half]³`; `n` layers of cells in each. Vertices know of the sides and edges of the cube. `384 n³`
+/// tetrahedra. The vertices on the sphere are of kind [`VertexKind::Surface`].
+///
+/// # Panics
+/// Unless `radius < half`.
 pub fn ball_in_box(radius: f64, half: f64, n: u32) -> TetMesh {
     assert!(radius < half, "the ball lies in the box");
     let (positions, tets) = cube_tets(2 * n);
@@ -260,6 +287,9 @@ pub fn ball_in_box(radius: f64, half: f64, n: u32) -> TetMesh {
 }
 
 /// A box `[0, extent]` of `counts` cells, six tetrahedra each, of region [`INTERIOR`].
+///
+/// Vertex `(k (ny + 1) + j) (nx + 1) + i` is lattice point `(i, j, k)`. `6 nx ny nz` tetrahedra, all of the same
+/// volume.
 pub fn box_tets(extent: Vector3, counts: [u32; 3]) -> TetMesh {
     let (positions, tets) = grid_tets(counts);
     let cell = Vector3::from_fn(|k, _| extent[k] / f64::from(counts[k]));
@@ -304,7 +334,8 @@ fn cube_tets(n: u32) -> (Vec<Vector3>, Vec<[u32; 4]>) {
     (positions.collect(), tets)
 }
 
-/// Cubes `max |x| = s` to spheres `|x| = s`.
+/// Cubes `max |x| = s` to spheres `|x| = s`. The largest coordinate becomes the distance from the origin: continuous,
+/// and linear along each ray from there.
 fn to_ball(p: Vector3) -> Vector3 {
     let length = p.norm();
     if length > 0.0 {
@@ -315,7 +346,8 @@ fn to_ball(p: Vector3) -> Vector3 {
 }
 
 /// Unit cells `counts`, each cut into six tetrahedra around its diagonal from (0, 0, 0): conforming
-/// across cells.
+/// across cells. The triangulation of Freudenthal and Kuhn: neighbouring cells cut their common square along the same
+/// diagonal, since both cut it from its lowest corner to its highest.
 fn grid_tets(counts: [u32; 3]) -> (Vec<Vector3>, Vec<[u32; 4]>) {
     let [nx, ny, nz] = counts.map(|n| n + 1);
     let at = |p: [u32; 3]| (p[2] * ny + p[1]) * nx + p[0];

@@ -1,4 +1,7 @@
 //! Triangles that go through each other, in f64: those that merely touch do not count.
+//!
+//! Meshers and untanglers ask it of surfaces that must not cross themselves. Signs are those of volumes in f64: what is
+//! farther than rounding from touching is decided rightly, and overlaps within one plane are not looked for.
 
 use rayon::prelude::*;
 
@@ -6,7 +9,8 @@ use super::bvh::TriangleTree;
 use crate::mesh::{MeshError, six_volume};
 use crate::{Aabb, Point3, TriMesh};
 
-/// A triangle of a mesh with the box around it.
+/// A triangle of a mesh with the box around it. Made once per triangle and compared with many: most pairs are settled
+/// by the boxes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoxedTriangle {
     /// The vertices.
@@ -28,7 +32,8 @@ impl BoxedTriangle {
         }
     }
 
-    /// Do the triangles cross outside of their common corner? Those with a common edge do not.
+    /// Do the triangles cross outside of their common corner? Those with a common edge do not. Two triangles cross
+    /// where an edge of one goes through the inside of the other. Symmetric.
     pub fn crosses(&self, other: &Self) -> bool {
         if !self.bounds.intersects(&other.bounds) {
             return false;
@@ -56,6 +61,9 @@ impl BoxedTriangle {
 }
 
 /// Does the line through two points go through the triangle?
+///
+/// The three volumes that the segment spans with the sides of the triangle have one sign if it passes on the same side
+/// of all of them. Zeros count with either: a segment through an edge of a triangle goes through.
 fn surrounds([p, q]: [Point3; 2], [a, b, c]: [Point3; 3]) -> bool {
     let turns = [[a, b], [b, c], [c, a]].map(|[s, t]| six_volume([p, q, s, t]));
     turns.iter().all(|&v| v >= 0.0) || turns.iter().all(|&v| v <= 0.0)
@@ -71,6 +79,8 @@ fn surrounds([p, q]: [Point3; 2], [a, b, c]: [Point3; 3]) -> bool {
 /// // The hole is narrower than the tube: the inner side has come through itself.
 /// assert!(!crossing_pairs(&shapes::torus(1.0, 1.5, 40, 20)).is_empty());
 /// ```
+///
+/// Triangles that share an edge do not count, nor do those that touch in a common vertex only. Each pair is named once.
 pub fn crossing_pairs(mesh: &TriMesh) -> Vec<[u32; 2]> {
     // Nothing crosses nothing.
     if mesh.triangles().is_empty() {
@@ -95,6 +105,8 @@ pub fn crossing_pairs(mesh: &TriMesh) -> Vec<[u32; 2]> {
 /// assert_eq!(watch.crossing_pairs(through.positions())?, crossing_pairs(&through));
 /// # Ok::<(), geom_core::mesh::MeshError>(())
 /// ```
+///
+/// While nothing has moved by half the margin, a question costs one look at each near pair and no tree.
 #[derive(Clone, Debug)]
 pub struct CrossingWatch {
     triangles: Vec<[u32; 3]>,
@@ -106,11 +118,12 @@ pub struct CrossingWatch {
 
 impl CrossingWatch {
     /// Pairs count as near whose boxes lie up to `margin` apart: a large one makes lists long, a small one makes them anew
-    /// often.
+    /// often. A good one is several times what the vertices move between two questions. With 0 and below the list is made
+    /// anew whenever something has moved.
     pub fn new(triangles: Vec<[u32; 3]>, margin: f64) -> Self {
         Self {
             triangles,
-            margin,
+            margin: margin.max(0.0),
             at: Vec::new(),
             near: Vec::new(),
         }
@@ -139,6 +152,7 @@ impl CrossingWatch {
         Ok(pairs)
     }
 
+    /// Pairs with a common edge are left out for good, since they cannot cross.
     fn gather(&mut self, positions: &[Point3]) -> Result<(), MeshError> {
         let mesh = TriMesh::new(positions.to_vec(), self.triangles.clone())?;
         self.at = positions.to_vec();

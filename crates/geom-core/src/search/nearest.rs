@@ -1,6 +1,8 @@
 //! Nearest neighbours among points in 3 and in k dimensions. The only file that knows kiddo.
 //!
 //! Equal distances go to the lowest index, also where the cut after `count` falls between them.
+//!
+//! [`bvh`](super::bvh) answers the same of triangles. Trees here are built once and asked often; points do not move.
 
 use std::num::NonZero;
 
@@ -11,7 +13,7 @@ use rayon::prelude::*;
 use crate::Point3;
 use crate::id::MAX_ELEMENTS;
 
-/// Why a [`PointTree`] cannot be made or asked.
+/// Why a [`PointTree`] cannot be made or asked. Of several points at fault the first is named.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NearestError {
@@ -34,7 +36,7 @@ pub enum NearestError {
 pub struct Neighbor {
     /// Which point.
     pub index: u32,
-    /// Its distance from the query.
+    /// Its distance from the query, in the unit of the coordinates.
     pub distance: f64,
 }
 
@@ -49,6 +51,9 @@ type Tree<const K: usize> = KdTree<f64, u32, Eytzinger, FlatVec<f64, u32, K, 32>
 /// assert_eq!(near.iter().map(|n| n.index).collect::<Vec<_>>(), [1, 0]);
 /// # Ok::<(), geom_core::search::nearest::NearestError>(())
 /// ```
+///
+/// In more dimensions than that a search looks at most points, and comparing with all of them is as fast. The tree
+/// keeps the points as they were given, beside its own copy: `16 K + 4` bytes or so per point.
 pub struct PointTree<const K: usize> {
     points: Vec<[f64; K]>,
     tree: Option<Tree<K>>,
@@ -56,6 +61,9 @@ pub struct PointTree<const K: usize> {
 
 impl PointTree<3> {
     /// The tree of these positions.
+    ///
+    /// # Errors
+    /// Those of [`PointTree::new`].
     pub fn of_positions(positions: &[Point3]) -> Result<Self, NearestError> {
         Self::new(positions.iter().map(|p| [p.x, p.y, p.z]).collect())
     }
@@ -63,6 +71,9 @@ impl PointTree<3> {
 
 impl<const K: usize> PointTree<K> {
     /// The tree of these points, which may coincide.
+    ///
+    /// # Errors
+    /// [`NearestError::TooMany`] and [`NearestError::NotFinite`].
     pub fn new(points: Vec<[f64; K]>) -> Result<Self, NearestError> {
         if points.len() > MAX_ELEMENTS {
             return Err(NearestError::TooMany {
@@ -92,7 +103,8 @@ impl<const K: usize> PointTree<K> {
     }
 
     /// The `count` nearest points to `query`, nearest first; all when there are fewer. None when the
-    /// query is not finite.
+    /// query is not finite. A point of the tree is its own nearest neighbour, at distance 0, unless an equal one has a
+    /// lower index.
     pub fn nearest(&self, query: &[f64; K], count: usize) -> Vec<Neighbor> {
         let (Some(tree), Some(wanted)) = (&self.tree, NonZero::new(count.min(self.len()))) else {
             return Vec::new();
@@ -121,7 +133,8 @@ impl<const K: usize> PointTree<K> {
         neighbors(found)
     }
 
-    /// All points at most `radius` from `query`, nearest first.
+    /// All points at most `radius` from `query`, nearest first. Closed: a point at exactly `radius` belongs to them, by
+    /// its squared distance. None for a negative radius or NaN.
     pub fn within(&self, query: &[f64; K], radius: f64) -> Vec<Neighbor> {
         let Some(tree) = &self.tree else {
             return Vec::new();
@@ -142,6 +155,9 @@ impl<const K: usize> PointTree<K> {
     }
 
     /// The nearest points to each of the queries, in their order; parallel.
+    ///
+    /// # Errors
+    /// [`NearestError::NotFinite`] names the first such query.
     pub fn nearest_to_all(
         &self,
         queries: &[[f64; K]],

@@ -1,4 +1,9 @@
 //! Molecular structures: atoms in hierarchy order, with residues, chains and domains as ranges.
+//!
+//! Four levels: a [`Structure`] has domains (models, copies of an assembly), these chains, these residues, these atoms.
+//! Each level is an array, and what belongs to an element of the level above is a range of it, so that a loop over all
+//! atoms is a loop over one slice. `io::structure` reads files into it; [`StructureBuilder`] makes one by hand;
+//! [`Structure::select`] names parts of it.
 
 use std::fmt;
 use std::ops::Range;
@@ -18,17 +23,24 @@ pub use residues::ResidueKind;
 pub use select::{SelectError, Selection, Selector};
 
 /// A short ASCII name, stored inline: atom, residue, chain or alternate-location names.
+///
+/// Eight bytes, copied like an integer; ordered by its bytes, so that capital letters come before small ones. The
+/// default is empty.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Name([u8; 8]);
 
 impl Name {
     /// A name of at most eight bytes of printable ASCII; blanks around it are dropped.
     /// `None` if it is longer or holds anything else.
+    ///
+    /// Blanks inside are refused; no text at all is the empty name.
     pub fn new(text: &str) -> Option<Self> {
         Self::from_bytes(text.as_bytes())
     }
 
     /// As [`new`](Self::new), of bytes.
+    ///
+    /// Bytes behind the name are 0, hence equality of arrays is equality of names.
     pub(crate) fn from_bytes(text: &[u8]) -> Option<Self> {
         let text = text.trim_ascii();
         let mut bytes = [0; 8];
@@ -94,6 +106,8 @@ impl Element {
     pub const SULFUR: Self = Self(16);
 
     /// The element with this symbol, in any case; `D` and `T` are hydrogen.
+    ///
+    /// `None` for what is no symbol, `X` among it. Blanks around are dropped.
     pub fn from_symbol(symbol: &str) -> Option<Self> {
         let symbol = symbol.trim();
         if symbol.eq_ignore_ascii_case("D") || symbol.eq_ignore_ascii_case("T") {
@@ -106,14 +120,15 @@ impl Element {
     }
 
     /// The symbol, `X` if unknown.
+    ///
+    /// Unknown are 0 and all above 118.
     pub fn symbol(self) -> &'static str {
         SYMBOLS.get(self.0 as usize).copied().unwrap_or("X")
     }
 
-    /// Van der Waals radius, Å: Bondi 1964 (J. Phys. Chem. 68, 441), for hydrogen Rowland & Taylor
-    /// 1996 (J. Phys. Chem. 100, 7384), for main-group elements that Bondi lacks Mantina et al. 2009
-    /// (J. Phys. Chem. A 113, 5806); 2.0 Å where none lists one, and carbon's where the element is
-    /// unknown.
+    /// Van der Waals radius, Å: Bondi 1964 (J. Phys. Chem. 68, 441), for hydrogen Rowland & Taylor 1996 (J. Phys. Chem.
+    /// 100, 7384), for main-group elements up to bismuth that Bondi lacks Mantina et al. 2009 (J. Phys. Chem. A 113,
+    /// 5806); 2.0 Å for all others, and carbon's where the element is unknown.
     pub fn vdw_radius(self) -> f64 {
         match self.0 {
             1 => 1.10,
@@ -181,8 +196,10 @@ pub struct Atom {
     /// Centre, Å.
     pub position: Point3,
     /// Radius, Å.
+    /// What densities and surfaces are made of. Readers give 0 or more; by hand nothing is checked.
     pub radius: f64,
     /// Partial charge, in elementary charges; 0 when the file has none.
+    /// Only PQR files have some.
     pub charge: f32,
     /// Isotropic displacement parameter (B factor), Å²; 0 when the file has none.
     pub b_factor: f32,
@@ -191,6 +208,7 @@ pub struct Atom {
     /// Chemical element.
     pub element: Element,
     /// Was it a `HETATM` record?
+    /// What a residue is part of is told by [`Residue::kind`], not by this.
     pub hetero: bool,
 }
 
@@ -200,6 +218,7 @@ pub struct Residue {
     /// Residue name, e.g. `ALA`.
     pub name: Name,
     /// Sequence number as in the file.
+    /// Neither dense nor ascending nor unique in a chain, and perhaps negative: a label, not an index.
     pub number: i32,
     /// Insertion code, or empty.
     pub insertion: Name,
@@ -208,6 +227,7 @@ pub struct Residue {
 }
 
 /// One chain: its residues are [`Structure::chain_residues`].
+/// Several chains may have one name: of each copy of an assembly, of each model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Chain {
     /// Chain identifier as in the file (author's), possibly empty.
@@ -254,6 +274,9 @@ impl Transform {
     }
 
     /// First `inner`, then `self`.
+    ///
+    /// As maps, `self ∘ inner`: the operators `(1-60)(61-88)` of an assembly are composed in this way, the rightmost
+    /// first.
     pub fn after(&self, inner: &Self) -> Self {
         Self {
             rotation: self.rotation * inner.rotation,
@@ -268,7 +291,8 @@ impl Transform {
 pub struct TooManyAtoms {
     /// How many there would be.
     pub atoms: u128,
-    /// How many there can be.
+    /// How many there can be. Where memory was refused before that number was reached, the atoms of the structure that
+    /// was to be copied.
     pub limit: u128,
 }
 
@@ -296,6 +320,7 @@ pub struct TooManyAtoms {
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Structure {
+    /// Level by level; element i of a level has the elements `starts[i]..starts[i + 1]` of the next.
     atoms: Vec<Atom>,
     residues: Vec<Residue>,
     chains: Vec<Chain>,
@@ -347,22 +372,33 @@ impl Structure {
         &self.chains
     }
     /// All domains.
+    ///
+    /// One in a file of one model that was read without an assembly.
     pub fn domains(&self) -> &[Domain] {
         &self.domains
     }
     /// The atoms of a residue.
+    ///
+    /// As indices into [`Structure::atoms`]. Panics if there is no such residue.
     pub fn residue_atoms(&self, residue: usize) -> Range<usize> {
         range(&self.residue_starts, residue)
     }
     /// The residues of a chain.
+    ///
+    /// As indices into [`Structure::residues`]. Panics if there is no such chain.
     pub fn chain_residues(&self, chain: usize) -> Range<usize> {
         range(&self.chain_starts, chain)
     }
     /// The chains of a domain.
+    ///
+    /// As indices into [`Structure::chains`]. Panics if there is no such domain.
     pub fn domain_chains(&self, domain: usize) -> Range<usize> {
         range(&self.domain_starts, domain)
     }
     /// First atom per residue and the number of atoms at the end: `residues().len() + 1` values.
+    ///
+    /// The residue of atom a is `starts.partition_point(|&s| s as usize <= a) - 1`, as no residue is empty. A structure
+    /// made by `Default` has no value at all.
     pub fn residue_starts(&self) -> &[u32] {
         &self.residue_starts
     }
@@ -375,15 +411,21 @@ impl Structure {
         &self.domain_starts
     }
     /// The smallest box that holds all atom centres.
+    ///
+    /// [`Aabb::EMPTY`] without atoms. For the box around the balls inflate it by the largest radius.
     pub fn center_bounds(&self) -> Aabb {
         Aabb::of_points(self.atoms.iter().map(|a| &a.position))
     }
     /// The atoms, to change radii or positions in place.
+    ///
+    /// Their number and their places in the hierarchy stay.
     pub fn atoms_mut(&mut self) -> &mut [Atom] {
         &mut self.atoms
     }
 
     /// The residues of one kind alone.
+    ///
+    /// Chains and domains that lose all their residues go; see [`Structure::filter`].
     pub fn of_kind(&self, kind: ResidueKind) -> Self {
         let mut keep = vec![false; self.atoms.len()];
         for (r, residue) in self.residues.iter().enumerate() {
@@ -394,6 +436,9 @@ impl Structure {
 
     /// The structure of those atoms for which `keep` says so, by index; parts that lose all their
     /// atoms are dropped.
+    ///
+    /// `keep` is asked once per atom, in order. Names, numbers and kinds stay as they are; indices of all levels
+    /// change. O(n).
     pub fn filter(&self, mut keep: impl FnMut(usize) -> bool) -> Self {
         let mut builder = StructureBuilder::new();
         for (d, &domain) in self.domains.iter().enumerate() {
@@ -418,6 +463,13 @@ impl Structure {
     /// 56 bytes per atom and 24 per residue.
     ///
     /// Panics if a part has not one flag per residue or a copy names a part that does not exist.
+    ///
+    /// Copies have the order of `copies`, and the numbers 1, 2, … as [`Domain::copy`]; a part that has no residue gives
+    /// none. B factors, charges and radii are those of the original. Names of chains repeat: copies are told apart by
+    /// their domains.
+    ///
+    /// # Errors
+    /// [`TooManyAtoms`] if there would be more than `limit`, or than [`MAX_ELEMENTS`], or than the memory has room for.
     pub fn copies(
         &self,
         parts: &[Vec<bool>],
@@ -512,12 +564,16 @@ impl Structure {
     }
 }
 
+/// The elements of the next level that belong to element i.
 fn range(starts: &[u32], i: usize) -> Range<usize> {
     starts[i] as usize..starts[i + 1] as usize
 }
 
 /// Makes a [`Structure`] from atoms in file order: say where a domain, chain or residue begins, then
 /// add its atoms. Parts without atoms are dropped.
+///
+/// A level that is begun without one below goes on with the name of the last one there: after `domain` alone the next
+/// atom begins a chain and a residue of the same names as those before.
 #[derive(Debug, Default)]
 pub struct StructureBuilder {
     built: Structure,
@@ -533,6 +589,8 @@ impl StructureBuilder {
     }
 
     /// The next atoms belong to a new domain.
+    ///
+    /// Both from 1. Nothing is made before its first atom comes.
     pub fn domain(&mut self, model: u32, copy: u32) {
         self.domain = Some(Domain { model, copy });
     }
@@ -615,6 +673,8 @@ impl StructureBuilder {
     }
 
     /// The structure.
+    ///
+    /// Without atoms it has no element on any level, and each array of starts holds one 0.
     pub fn build(self) -> Structure {
         let mut s = self.built;
         s.residue_starts.push(s.atoms.len() as u32);

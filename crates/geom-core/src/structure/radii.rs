@@ -1,10 +1,17 @@
 //! Radii of atoms: by element, with the hydrogens they carry, or of whole residues.
+//!
+//! Which of them a file's atoms get is an option of its reader (`Radii`): elements where hydrogens are there, united
+//! radii where they are not; and those of residues wherever one atom stands for each.
 
 use super::{Element, Name, residues};
 
 /// Radius of a heavy atom together with the hydrogens that it carries, Å: the ProtOr set of
 /// Tsai, Taylor, Chothia & Gerstein 1999 (J. Mol. Biol. 290, 253) for amino acids, its atom types
 /// for nucleotides, and its sp³ carbon, N, O and S elsewhere; Bondi's radius for other elements.
+///
+/// The types of Tsai et al. in Å: carbon 1.61 (trigonal), 1.76 (trigonal with a hydrogen) and 1.88 (tetrahedral),
+/// nitrogen 1.64, oxygen 1.42 (carbonyl, carboxyl, phosphate) and 1.46 (hydroxyl, between two atoms, and in ligands),
+/// sulfur 1.77. For structures without hydrogens; with them they would count twice.
 pub fn united_radius(residue: Name, atom: Name, element: Element) -> f64 {
     let atom = atom.as_str();
     match element {
@@ -27,6 +34,7 @@ pub fn united_radius(residue: Name, atom: Name, element: Element) -> f64 {
     }
 }
 
+/// The three types of carbon that the set tells apart.
 enum Carbon {
     /// sp² without hydrogen.
     Trigonal,
@@ -36,6 +44,9 @@ enum Carbon {
     Tetrahedral,
 }
 
+/// By the atom names of the standard residues; the rings of histidine, phenylalanine, tyrosine and tryptophan, and the
+/// bases, are where trigonal carbons are. Anything else is tetrahedral, hence a ligand's aromatic carbons are taken too
+/// large.
 fn carbon(residue: Name, atom: &str) -> Carbon {
     use Carbon::{Tetrahedral, Trigonal, TrigonalH};
     if residues::is_nucleotide(residue) {

@@ -3,6 +3,9 @@
 use super::Name;
 
 /// What a residue is part of.
+///
+/// Formats tell it in different ways (SEQRES, `_entity`, names); a residue made by hand is [`Polymer`](Self::Polymer)
+/// unless said otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ResidueKind {
@@ -17,6 +20,7 @@ pub enum ResidueKind {
     Water,
 }
 
+/// Also modified acids, and the caps of chains (`ACE`, `NME`), which belong to the polymer.
 static AMINO_ACIDS: [u64; 74] = keys([
     "ALA", "ARG", "ASN", "ASP", "CYS", "GLN", "GLU", "GLY", "HIS", "ILE", "LEU", "LYS", "MET",
     "PHE", "PRO", "SER", "THR", "TRP", "TYR", "VAL", // the twenty
@@ -28,6 +32,8 @@ static AMINO_ACIDS: [u64; 74] = keys([
     "ACE", "NME", "NH2", "NMA", "FOR", // caps
 ]);
 
+/// With the names of force fields for the ends of a chain (`DA5`, `DA3`) and the modified ones of transfer and
+/// ribosomal RNA.
 static NUCLEOTIDES: [u64; 68] = keys([
     "A", "C", "G", "U", "T", "I", "N", "DA", "DC", "DG", "DT", "DU", "DI", "DN", "RA", "RC", "RG",
     "RU", "ADE", "CYT", "GUA", "THY", "URA", "A3", "A5", "C3", "C5", "G3", "G5", "U3", "U5", "DA3",
@@ -41,6 +47,7 @@ pub(crate) fn is_polymer(residue: Name) -> bool {
     is_amino_acid(residue) || is_nucleotide(residue)
 }
 
+/// Caps are among them.
 pub(crate) fn is_amino_acid(residue: Name) -> bool {
     listed(residue, &AMINO_ACIDS)
 }
@@ -50,6 +57,8 @@ pub(crate) fn is_nucleotide(residue: Name) -> bool {
 }
 
 /// Asked for every atom of a file: names compare as integers, all of a list at once.
+///
+/// No search that ends early: a fold over 70 integers without a branch is a few vector instructions.
 pub(crate) fn listed(residue: Name, list: &[u64]) -> bool {
     let key = u64::from_le_bytes(residue.0);
     list.iter().fold(false, |found, &k| found | (k == key))

@@ -30,11 +30,16 @@ use super::{Name, ResidueKind, Structure};
 /// assert!(Selector::parse("B:ten").is_err());
 /// # Ok::<(), geom_core::structure::SelectError>(())
 /// ```
+///
+/// Blanks around terms and factors do not matter; names have no wildcards, and their letters count as they are. Numbers
+/// of residues are those of the file, and one with an insertion code goes with its number. A chain called like a
+/// keyword is `chain:all`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Selector {
     terms: Vec<Vec<Factor>>,
 }
 
+/// Ranges include both ends.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Factor {
     All,
@@ -49,6 +54,8 @@ enum Factor {
 }
 
 /// Why a selector cannot be understood or means nothing.
+///
+/// Each prints as one line that says what would have been right.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SelectError {
@@ -66,12 +73,17 @@ pub enum SelectError {
         /// The term.
         term: String,
         /// What there is.
+        /// The chains and domains of the structure, or what was probably meant.
         present: String,
     },
 }
 
 impl Selector {
     /// Reads a selector; the grammar is above.
+    ///
+    /// # Errors
+    /// [`SelectError::Syntax`] for the first factor that is none: an empty one, a range that falls, a name of more than
+    /// eight characters, words of other programs (`resname HEM`), for which the text says how they are written here.
     pub fn parse(text: &str) -> Result<Self, SelectError> {
         let term = |t: &str| t.split('/').map(|f| factor(f.trim())).collect();
         Ok(Self {
@@ -136,6 +148,8 @@ fn write_range<N: PartialEq + fmt::Display>(
 
 const KEYWORDS: &[&str] = &["all", "polymer", "ligand", "ion", "water"];
 
+/// A word before a colon is a key if it is one of six, else the name of a chain; hence residues of a chain called
+/// `name` are `chain:name/residue:7`.
 fn factor(text: &str) -> Result<Factor, SelectError> {
     let wrong = |expected| SelectError::Syntax {
         found: text.to_owned(),
@@ -182,6 +196,9 @@ fn factor(text: &str) -> Result<Factor, SelectError> {
 }
 
 /// `10`, `10-25`, `-5--2`.
+///
+/// The hyphen that separates is the first one behind the first character, which may be a sign. `None` if the range
+/// falls.
 fn range(text: &str) -> Option<(i32, i32)> {
     let hyphen = text.get(1..)?.find('-').map(|i| i + 1);
     let (first, last) = match hyphen {
@@ -195,6 +212,8 @@ fn range(text: &str) -> Option<(i32, i32)> {
 }
 
 /// The residues that a [`Selector`] means in one structure.
+///
+/// It belongs to the structure that it was made of; for another one the numbers of its residues mean nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Selection {
     residues: Vec<bool>,
@@ -202,11 +221,15 @@ pub struct Selection {
 
 impl Selection {
     /// One flag per residue.
+    ///
+    /// As long as [`Structure::residues`], in its order. [`Structure::copies`] takes such flags as a part.
     pub fn residues(&self) -> &[bool] {
         &self.residues
     }
 
     /// Ranges of selected atoms, in order and as long as possible.
+    ///
+    /// Residues that follow each other give one range, also across chains. Ascending, disjoint, none of them empty.
     pub fn atom_ranges<'a>(
         &'a self,
         structure: &'a Structure,
@@ -224,6 +247,11 @@ impl Selection {
 
 impl Structure {
     /// The residues that a selector means; an error names the first term that means none.
+    ///
+    /// A term must mean something, or a misspelt chain in a list would pass unseen. O(residues × factors).
+    ///
+    /// # Errors
+    /// [`SelectError::NoMatch`], of a structure without atoms in any case.
     pub fn select(&self, selector: &Selector) -> Result<Selection, SelectError> {
         let mut residues = vec![false; self.residues().len()];
         for term in &selector.terms {
@@ -262,6 +290,8 @@ impl Structure {
     }
 
     /// A chain that does not exist, but has the name of a residue that does.
+    ///
+    /// Who writes `HEM` for heme has named a chain.
     fn meant(&self, term: &[Factor]) -> Option<String> {
         term.iter().find_map(|factor| {
             let Factor::Chain(name) = *factor else {

@@ -1,4 +1,8 @@
 //! A surface on which the vertices of another mesh stay while they move.
+//!
+//! An optimizer moves a vertex, and this pulls it back to where it may be: onto the triangles, a line or its own place.
+//! It is the input's surface that is followed, not the one being optimized, so that errors do not add up over many
+//! moves.
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -28,6 +32,8 @@ pub enum Freedom {
 /// assert!((at.coords.norm() - 1.0).abs() < 0.01 && normal.x > 0.99);
 /// # Ok::<(), geom_core::search::bvh::TreeError>(())
 /// ```
+///
+/// It borrows the surface and builds a tree of its triangles; lines are searched one by one, so they should be few.
 pub struct Ground<'a> {
     surface: &'a TriMesh,
     tree: TriangleTree,
@@ -55,6 +61,10 @@ impl<'a> Ground<'a> {
     }
 
     /// The nearest allowed place, and the surface's unit normal there: that of the vertices, blended.
+    ///
+    /// With [`Freedom::Line`] the place is on the nearest line, with [`Freedom::Fixed`] it is `p` itself, and the
+    /// normal that of the surface nearest to it. Where the normals of the vertices cancel, it is that of the triangle.
+    /// Without any line, a vertex that has the freedom of one stays where it is.
     pub fn pulled(&self, p: &Point3, freedom: Freedom) -> (Point3, Vector3) {
         let p = match freedom {
             Freedom::Line => on_segments(&self.lines, p),
@@ -80,6 +90,9 @@ impl<'a> Ground<'a> {
 
     /// Allowed places with their normals in eight directions around a place with this normal, `length` away: where a
     /// search for a better one looks.
+    ///
+    /// Eight more questions of the tree. The directions begin with a tangent that depends on the normal alone, so that
+    /// the search is the same on every machine; `normal` must be a unit vector.
     pub fn around(
         &self,
         (p, normal): (Point3, Vector3),
@@ -95,7 +108,8 @@ impl<'a> Ground<'a> {
     }
 }
 
-/// The point of some segments that is nearest to `p`; `p` itself without any.
+/// The point of some segments that is nearest to `p`; `p` itself without any. Of equally near ones that of the first
+/// segment. Linear in their number.
 pub fn on_segments(segments: &[[Point3; 2]], p: &Point3) -> Point3 {
     let on = |[a, b]: &[Point3; 2]| {
         let d = b - a;

@@ -1,4 +1,8 @@
 //! Lines of equal value of a vertex field on a triangle mesh.
+//!
+//! A line crosses triangles: within one it is straight, from the edge where values fall below the level to the one
+//! where they rise above it. Lines are made of these segments by matching edges; no tree and no start points are
+//! needed, and no line is missed.
 
 use rayon::prelude::*;
 
@@ -31,6 +35,8 @@ pub enum IsolineError {
 }
 
 /// A line of equal value.
+///
+/// There are as many triangles as points in a closed line, one less in an open one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Isoline {
     /// The value.
@@ -77,6 +83,14 @@ struct Segment {
 /// assert!((lines[1].length() - 0.8 * std::f64::consts::TAU).abs() < 0.01);
 /// # Ok::<(), geom_core::surface::isoline::IsolineError>(())
 /// ```
+///
+/// A triangle all of whose values are at the level or above it has no line. Lines neither branch nor cross, also at
+/// saddles, since values decide vertex by vertex. Levels are independent, in parallel; one given twice has its lines
+/// twice.
+///
+/// # Errors
+/// [`IsolineError::Length`], [`IsolineError::NotFinite`] and [`IsolineError::Level`], in this order, each for the first
+/// at fault.
 pub fn isolines(
     mesh: &TriMesh,
     values: &[f64],
@@ -102,6 +116,8 @@ pub fn isolines(
     Ok(lines.into_iter().flatten().collect())
 }
 
+/// Segments are looked up by the edges where they start and end. A line goes on over an edge that exactly one segment
+/// enters and exactly one leaves, which is so at inner edges of an oriented surface; elsewhere it ends.
 fn at_level(mesh: &TriMesh, values: &[f64], level: f64) -> Vec<Isoline> {
     let above = |v: u32| values[v as usize] >= level;
     let segments: Vec<Segment> = mesh

@@ -7,6 +7,10 @@
 //! - [`ground`]: a surface that the vertices of another mesh stay on
 //! - [`repair`]: any triangles made an oriented manifold
 //! - [`remesh`]: triangles near equilateral, of a wanted edge length
+//!
+//! Start with [`laplace`] for operators, with [`remesh`] for a mesh that is to be made better; [`repair`] comes before
+//! both where a file is not to be trusted. All take a [`TriMesh`](crate::TriMesh) and say by name what is wrong with
+//! one that does not suit.
 
 pub mod curvature;
 pub mod distance;

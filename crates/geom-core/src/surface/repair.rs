@@ -5,6 +5,10 @@
 //! triangles that agree on which side is out. What can be had by renumbering is done so, without moving anything; vertices
 //! move only where they are merged. Things are done in the order of [`Report`]'s fields, since each needs those before:
 //! neighbours are known only after merging, orientation only where edges have two triangles, holes only after orientation.
+//!
+//! What comes out satisfies [`Halfedges`] by construction. It is the surface of the input, not a better one:
+//! intersections, bad angles and noise stay. [`remesh`](super::remesh) improves triangles, and a mesher of voxels or of
+//! a level set makes new ones.
 
 use std::collections::VecDeque;
 
@@ -20,11 +24,15 @@ use crate::{Point3, TriMesh, Vector3};
 const NONE: u32 = u32::MAX;
 
 /// What to repair.
+///
+/// The defaults close the cracks of files that list each triangle's corners anew, and leave everything that could be
+/// meant as it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
     /// Vertices at most this part of the bounding box's diagonal apart become one; 0 merges only
-    /// equal ones, a negative number none.
+    /// equal ones, a negative number none. Keep it below the shortest edge that means something: triangles smaller than
+    /// it collapse.
     pub merge: f64,
     /// Triangles whose height is at most this part of their longest edge have no area.
     pub flat: f64,
@@ -51,7 +59,7 @@ impl Default for Options {
     }
 }
 
-/// Why a mesh cannot be repaired.
+/// Why a mesh cannot be repaired. All else has a remedy that loses triangles at most, and is reported, not refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RepairError {
@@ -70,6 +78,8 @@ pub enum RepairError {
 }
 
 /// What was done, in this order.
+///
+/// All 0 but `open_loops` for a good mesh, which comes out as it went in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Report {
@@ -131,6 +141,12 @@ pub struct Repaired {
 /// assert_eq!(repaired.report.merged_vertices, 2);
 /// # Ok::<(), repair::RepairError>(())
 /// ```
+///
+/// Nothing is certain of which side is out where a component is open: its larger part, by area, keeps its orientation.
+/// The time is that of sorting edges and of a tree of points, plus the cube of the longest hole that is filled.
+///
+/// # Errors
+/// [`RepairError::Option`] for `merge` or `flat` that are not finite or not below 1; [`RepairError::OneSided`].
 pub fn repair(mesh: TriMesh, options: &Options) -> Result<Repaired, RepairError> {
     for (option, value) in [("merge", options.merge), ("flat", options.flat)] {
         let holds = value.is_finite() && value < 1.0;
@@ -162,6 +178,8 @@ pub fn repair(mesh: TriMesh, options: &Options) -> Result<Repaired, RepairError>
     })
 }
 
+/// The mesh while it is worked on, with what was done so far. Triangles have three different corners from `merge` on;
+/// vertices may be unused until `compact`.
 struct Soup {
     positions: Vec<Point3>,
     triangles: Vec<[u32; 3]>,
@@ -172,6 +190,8 @@ struct Soup {
 type Side = ([u32; 2], u32, u8);
 
 impl Soup {
+    /// All uses of edges, sorted: those of one edge are a run, which `chunk_by` gives and `uses` finds. Made anew by
+    /// each step that needs it.
     fn sides(&self) -> Vec<Side> {
         let mut sides: Vec<Side> = (0..)
             .zip(&self.triangles)
@@ -190,6 +210,8 @@ impl Soup {
         self.triangles[t as usize].map(|v| self.positions[v as usize])
     }
 
+    /// One vertex for those within the tolerance of each other, and triangles without those that lost a corner. −0 and
+    /// 0 are one place.
     fn merge(&mut self, tolerance: f64) {
         let tree = PointTree::of_positions(&self.positions).expect("a mesh is finite");
         let mut used = vec![false; self.positions.len()];
@@ -221,6 +243,7 @@ impl Soup {
         self.report.collapsed_triangles += before - self.triangles.len();
     }
 
+    /// Of triangles with the same three corners, in whatever order, the first stays: also of two that lie back to back.
     fn drop_duplicates(&mut self) {
         let mut keys: Vec<([u32; 3], u32)> = (0..)
             .zip(&self.triangles)
@@ -514,6 +537,7 @@ impl Soup {
         pairs
     }
 
+    /// Covers boundary loops of at most so many edges. Loops are found on the parted mesh, and new triangles come last.
     fn fill(&mut self, most: usize) {
         let edges = Halfedges::<3>::new(self.positions.len(), &self.triangles)
             .expect("sheets and fans are parted");
@@ -540,7 +564,9 @@ impl Soup {
     }
 
     /// The triangles of least area in a boundary loop (Barequet and Sharir, *Filling gaps in the
-    /// boundary of a polyhedron*, 1995), without edges that the mesh has already.
+    /// boundary of a polyhedron*, 1995), without edges that the mesh has already. Dynamic programming over the polygons
+    /// that a diagonal cuts off: `O(n³)` time, `O(n²)` memory. `None` where every cover would repeat an edge, or where
+    /// the least one has a triangle without area or lies on one that is there.
     fn cover(&self, ring: &[u32], sides: &[Side]) -> Option<Vec<[u32; 3]>> {
         let n = ring.len();
         let p = |i: usize| self.positions[ring[i] as usize];
@@ -619,6 +645,8 @@ impl Soup {
         self.retain(|t| !drop[t as usize]);
     }
 
+    /// Nesting decides: a closed component that lies in an odd number of others bounds a cavity of them. Its own volume
+    /// says how it is turned now.
     fn turn_out(&mut self, members: &[Vec<u32>]) {
         let mut open = vec![false; self.triangles.len()];
         for group in self.sides().chunk_by(|x, y| x.0 == y.0) {
@@ -658,6 +686,7 @@ impl Soup {
         }
     }
 
+    /// A component with its tree and its signed volume.
     fn solid(&self, part: &[u32]) -> Solid {
         let corners: Vec<Point3> = part.iter().flat_map(|&t| self.corners(t)).collect();
         let triangles = (0..part.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]);
@@ -688,6 +717,7 @@ impl Soup {
             .is_some_and(|hit| hit.entering != (solid.volume > 0.0))
     }
 
+    /// Drops vertices that no triangle uses; the others keep their order.
     fn compact(&mut self) {
         let mut number = vec![NONE; self.positions.len()];
         for &v in self.triangles.as_flattened() {
@@ -711,10 +741,12 @@ impl Soup {
     }
 }
 
+/// The half-edge after this one in its triangle.
 fn next(h: u32) -> u32 {
     if h % 3 == 2 { h - 2 } else { h + 1 }
 }
 
+/// The triangles at an edge, by two searches in the sorted list; none if it is no edge.
 fn uses(sides: &[Side], a: u32, b: u32) -> &[Side] {
     let key = [a.min(b), a.max(b)];
     let first = sides.partition_point(|s| s.0 < key);

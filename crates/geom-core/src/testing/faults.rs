@@ -1,4 +1,8 @@
 //! Files with faults, for tests of readers. The same number makes the same faults.
+//!
+//! A test takes some good files as seeds, spoils them in ten thousands of ways by [`spoilt`] and asks of the reader
+//! that it neither panics nor runs on. A case is named by its number alone, so that a failure is had again on any
+//! machine.
 
 use std::ops::Range;
 
@@ -10,7 +14,8 @@ pub struct Random(SplitMix64);
 impl Random {
     /// Of a case.
     pub fn new(case: u64) -> Self {
-        Self(SplitMix64::new(case.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
+        // Mixed: streams from seeds that lie a step of the generator apart are the same but for their first number.
+        Self(SplitMix64::new(SplitMix64::new(case).next_u64()))
     }
 
     /// Below `n`, 0 if that is 0.
@@ -19,11 +24,15 @@ impl Random {
     }
 
     /// Any of them.
+    ///
+    /// # Panics
+    /// If there are none.
     pub fn one_of<'a, T>(&mut self, of: &'a [T]) -> &'a T {
         &of[self.below(of.len())]
     }
 
-    /// A short range of `0..n`.
+    /// A short range of `0..n`. It starts anywhere and is 1 to 4, 16, 64 or `n` long, cut off at `n`: most faults are
+    /// small, some are not. Empty for `n = 0`.
     pub fn range(&mut self, n: usize) -> Range<usize> {
         let start = self.below(n);
         let longest = *self.one_of(&[4, 16, 64, n]);
@@ -36,7 +45,9 @@ impl Random {
     }
 }
 
-/// What counts and coordinates should never be.
+/// What counts and coordinates should never be. Each stands where a reader takes a number for granted: signs, the ends
+/// of 32 and 64 bits and what lies beyond them, what is not finite, other bases, nothing at all, and quotes that are
+/// not closed.
 const WORDS: &[&str] = &[
     "-1",
     "0",
@@ -67,7 +78,8 @@ const WORDS: &[&str] = &[
     "é",
 ];
 
-/// Numbers at the ends of what machines count.
+/// Numbers at the ends of what machines count. Small counts, the ends of 8 to 64 bits, and the patterns of infinity and
+/// NaN in f32 and f64.
 const ENDS: &[u64] = &[
     0,
     1,
@@ -89,7 +101,11 @@ const ENDS: &[u64] = &[
     0x7ff0_0000_0000_0000,
 ];
 
-/// A file with one to four faults: bits, words, pieces cut out, doubled or taken from another seed.
+/// A file with one to four faults: bits, words, pieces cut out, doubled or taken from another seed. The result may be
+/// empty, and may be a valid file all the same.
+///
+/// # Panics
+/// If there is no seed.
 pub fn spoilt(random: &mut Random, seeds: &[Vec<u8>]) -> Vec<u8> {
     let mut bytes = random.one_of(seeds).clone();
     for _ in 0..1 + random.below(4) {

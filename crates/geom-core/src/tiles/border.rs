@@ -1,4 +1,8 @@
 //! Who shares which vertex, global numbers, and what lies beyond a border.
+//!
+//! Vertices are the same if their positions have the same bits ([`key`]), so that tiles need no numbers in common to
+//! find out what they share: each says the keys of its border to the rank that a hash of the key names, which sees all
+//! that have one and tells them of each other. That takes two exchanges, the numbers two more.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -8,12 +12,16 @@ use crate::mesh::Region;
 use crate::{Aabb, Point3};
 
 /// A vertex of a tile that another tile has too.
+///
+/// Every pair of tiles with a vertex in common has two links for it, one told to each. A border has them sorted by
+/// vertex, then by the other tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
 #[repr(C)]
 pub struct Link {
     /// The tile that this is told to.
     pub tile: u32,
     /// The number of the vertex there.
+    /// Into the positions of its piece's mesh.
     pub vertex: u32,
     /// The other tile.
     pub other: u32,
@@ -22,6 +30,8 @@ pub struct Link {
 }
 
 /// A tetrahedron of another tile that touches a vertex of this one.
+///
+/// A copy, for what asks of the neighbourhood of a vertex; its owner alone may change it.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Ghost {
@@ -32,8 +42,10 @@ pub struct Ghost {
     /// Its number there.
     pub element: u32,
     /// Its region.
+    /// Wider than a [`Region`], since a record that is sent has no padding.
     pub region: u32,
     /// Global numbers of its corners.
+    /// In the order of the owner's mesh, so that orientation stays.
     pub ids: [u64; 4],
     /// Where they are, Å.
     pub corners: [[f64; 3]; 4],
@@ -47,6 +59,7 @@ pub struct Border {
     /// Tetrahedra of the piece.
     pub elements: usize,
     /// Around the piece, if it has vertices.
+    /// `None` for a tile without elements.
     pub bounds: Option<Aabb>,
     /// Those that others may share, ascending.
     shared: Vec<(u32, [u64; 3])>,
@@ -55,8 +68,10 @@ pub struct Border {
     /// Where the corners of these are, ascending by number.
     positions: Vec<(u32, Point3)>,
     /// The vertices that others share, sorted.
+    /// Empty until [`number`] has been called.
     pub links: Vec<Link>,
     /// The number of the first vertex that the tile owns.
+    /// Global numbers follow the order of the vertices in the tile, so that the first one and those of others say all.
     first: u64,
     /// The global numbers of the vertices that others own, ascending by number in the tile.
     foreign: Vec<(u32, u64)>,
@@ -64,6 +79,9 @@ pub struct Border {
 
 impl Border {
     /// The border of a piece.
+    ///
+    /// Not linked or numbered yet. `Border::default()` is that of a tile without elements. One pass over the elements,
+    /// and memory for those that touch vertices which may be shared.
     pub fn of(piece: &Piece) -> Self {
         let mesh = &piece.mesh;
         let is_shared = |v: u32| piece.shared[v as usize];
@@ -90,6 +108,8 @@ impl Border {
     }
 
     /// The vertices that the tile owns: those that no lower tile has.
+    ///
+    /// Only links can tell, hence after these.
     fn owned(&self) -> u64 {
         (self.vertices - self.not_owned().count()) as u64
     }
@@ -102,6 +122,10 @@ impl Border {
     }
 
     /// The global numbers of all vertices.
+    ///
+    /// One per vertex of the piece, in its order, below the number that [`number`] has given. Made anew with each call,
+    /// since for most of a tile they need not be kept: O(vertices × log border). Without [`number`] they are those of a
+    /// tile alone.
     pub fn ids(&self) -> Vec<u64> {
         let mut ids = vec![u64::MAX; self.vertices];
         for &(v, id) in &self.foreign {
@@ -120,6 +144,8 @@ impl Border {
 }
 
 /// The key of a vertex that may be shared, and whose it is.
+///
+/// Sorted by key first: claims of one vertex come together.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Pod, Zeroable)]
 #[repr(C)]
 struct Claim {
@@ -140,6 +166,28 @@ struct Named {
 /// Finds out which vertices are shared, and numbers all: each belongs to the lowest tile that has it, and the vertices
 /// of a tile follow those of the tiles before. `borders` are those of this rank's tiles. Gives how many vertices there
 /// are in all.
+///
+/// `borders[i]` belongs to tile `deal.of(rank).start + i`. Numbers depend on the tiles alone: they are the same for any
+/// number of ranks. May be called again after pieces have changed; what was found before is forgotten.
+///
+/// ```
+/// use geom_core::Point3;
+/// use geom_core::mesh::shapes;
+/// use geom_core::tiles::border::{Border, number};
+/// use geom_core::tiles::exchange::Deal;
+/// use geom_core::tiles::{Piece, Solo};
+/// // A ball in a box, dealt to two tiles: each vertex of the cut is counted once.
+/// let mesh = shapes::ball_in_box(2.0, 4.0, 2);
+/// let vertices = mesh.positions().len();
+/// let whole = Piece { shared: vec![false; vertices], mesh };
+/// let left = |corners: [Point3; 4]| usize::from(corners.iter().map(|x| x.x).sum::<f64>() < 0.0);
+/// let mut borders: Vec<Border> = whole.dealt(left).values().map(Border::of).collect();
+/// assert_eq!(number(&Solo, &Deal { tiles: 2, ranks: 1 }, &mut borders), Ok(vertices as u64));
+/// assert!(borders[0].vertices + borders[1].vertices > vertices);
+/// ```
+///
+/// # Errors
+/// [`Lost`], if another rank has ended.
 pub fn number(
     exchange: &(impl Exchange + ?Sized),
     deal: &Deal,
@@ -184,6 +232,9 @@ pub fn number(
 
 /// Tells every tile which of its vertices other tiles have: all who may share a vertex say so to the rank that its key
 /// falls to.
+///
+/// The hash is a multiplication by 2⁶⁴ over the golden ratio per coordinate (Fibonacci hashing), of which the high half
+/// is taken. All ranks must agree on it; equal keys go to one rank, and that is all that is asked of it.
 fn link(
     exchange: &(impl Exchange + ?Sized),
     deal: &Deal,
@@ -226,6 +277,11 @@ fn link(
 
 /// The tetrahedra of other tiles that touch vertices of this rank's tiles, once they have numbers; by tile, and there by
 /// their numbers.
+///
+/// Per tile of this rank, in the order of `borders`. An element that touches a tile in several vertices is told once.
+///
+/// # Errors
+/// [`Lost`], if another rank has ended.
 pub fn ghosts(
     exchange: &(impl Exchange + ?Sized),
     deal: &Deal,

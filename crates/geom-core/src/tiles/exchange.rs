@@ -1,8 +1,14 @@
 //! Ranks, and what they send each other.
+//!
+//! A rank is a program of its own, be it a thread or a process; there is no leader. [`Exchange::all_to_all`] is the
+//! only way to speak, and everybody takes part in it, so that no message can be waited for that nobody sends: either
+//! all ranks make as many exchanges, or one has failed and the others hear of it.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Why an exchange ended.
+///
+/// After it a rank can only end: the ranks are no longer at the same point.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Lost {
@@ -26,23 +32,39 @@ pub enum Lost {
 
 /// Ranks that run the same program side by side and speak at the same points of it. All that they say goes through
 /// [`all_to_all`](Exchange::all_to_all), so that a form of exchange is one function.
+///
+/// An implementation owes no more than [`ranks`](Exchange::ranks), [`rank`](Exchange::rank) and `all_to_all`; the rest
+/// is made of these, and may be replaced by what a library does faster.
 pub trait Exchange {
     /// How many there are.
+    ///
+    /// At least 1, and the same for all.
     fn ranks(&self) -> usize;
 
     /// Which one this is.
+    ///
+    /// Below [`ranks`](Exchange::ranks), and different for each.
     fn rank(&self) -> usize;
 
     /// Sends `to[r]` to every rank `r` (this one included) and gives what each has sent to this one. All ranks call it
     /// equally often.
+    ///
+    /// `to` has one entry per rank, of any length and also empty; so has the answer. What is told to itself comes back.
+    ///
+    /// # Errors
+    /// [`Lost::Rank`] if a rank has failed, be it before or meanwhile. A form of exchange may end all ranks instead.
     fn all_to_all(&self, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>, Lost>;
 
     /// What every rank says, by rank.
+    ///
+    /// Each rank holds what all have said: for what is short.
     fn gather(&self, own: &[u8]) -> Result<Vec<Vec<u8>>, Lost> {
         self.all_to_all(vec![own.to_vec(); self.ranks()])
     }
 
     /// The sum of the numbers of all ranks before this one, and of all.
+    ///
+    /// An exclusive prefix sum: where this rank's elements begin if those of all are counted in the order of ranks.
     fn scan(&self, own: u64) -> Result<(u64, u64), Lost> {
         let all = gathered::<u64>(self, &[own])?;
         let before = all[..self.rank()].iter().flatten().sum();
@@ -51,6 +73,12 @@ pub trait Exchange {
 }
 
 /// What every rank says, as records.
+///
+/// [`Exchange::gather`], for slices of plain records in the byte order of the machine: all ranks must run on one kind
+/// of it.
+///
+/// # Errors
+/// [`Lost::Rank`], and [`Lost::Broken`] if what comes is no whole number of records.
 pub fn gathered<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     exchange: &(impl Exchange + ?Sized),
     own: &[T],
@@ -59,6 +87,11 @@ pub fn gathered<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
 }
 
 /// Records for every rank, against those for this one, by rank.
+///
+/// [`Exchange::all_to_all`], for plain records; `to` has one list per rank.
+///
+/// # Errors
+/// [`Lost::Rank`], and [`Lost::Broken`] if what comes is no whole number of records.
 pub fn exchanged<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     exchange: &(impl Exchange + ?Sized),
     to: &[Vec<T>],
@@ -69,6 +102,7 @@ pub fn exchanged<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     records(exchange.all_to_all(bytes.collect())?)
 }
 
+/// Bytes need not be aligned as records are.
 fn records<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     lists: Vec<Vec<u8>>,
 ) -> Result<Vec<Vec<T>>, Lost> {
@@ -88,6 +122,8 @@ fn records<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
 }
 
 /// One rank that has all tiles.
+///
+/// For tiles one after another: whatever is said is heard at once and by itself.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Solo;
 
@@ -104,6 +140,8 @@ impl Exchange for Solo {
 }
 
 /// An exchange that counts the bytes that this rank sends to others.
+///
+/// What a rank says to itself does not count, for it does not travel.
 pub struct Counted<'a, E: ?Sized> {
     inner: &'a E,
     sent: AtomicU64,
@@ -138,6 +176,8 @@ impl<E: Exchange + ?Sized> Exchange for Counted<'_, E> {
 }
 
 /// Which rank has which tiles: each so many that follow each other.
+///
+/// Numbers of tiles differ by one at most. With fewer tiles than ranks some have none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Deal {
     /// All tiles.
@@ -148,12 +188,16 @@ pub struct Deal {
 
 impl Deal {
     /// The tiles of a rank.
+    ///
+    /// Ascending with the ranks, so that what is gathered by rank is in the order of tiles. Panics without ranks.
     pub fn of(&self, rank: usize) -> std::ops::Range<usize> {
         let first = |rank: usize| rank * self.tiles / self.ranks;
         first(rank)..first(rank + 1)
     }
 
     /// The rank that has a tile.
+    ///
+    /// Of tiles that do not exist it says nothing. Panics without tiles.
     pub fn rank_of(&self, tile: usize) -> usize {
         ((tile + 1) * self.ranks).div_ceil(self.tiles) - 1
     }

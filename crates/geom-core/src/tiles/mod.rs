@@ -11,6 +11,15 @@
 //! - [`border`]: who shares which vertex, global numbers by an exclusive scan, ghost elements
 //! - [`patches`]: balls around what needs another look, each whole in one tile
 //! - [`parts`]: connected surfaces across all tiles, by union–find on border pairs
+//!
+//! The order of work, as in `examples/20_tiles.rs`: [`Tiles::new`] cuts the lattice; each rank makes the [`Piece`] of
+//! each of its tiles, puts it aside by [`Spill`] and keeps a [`border::Border`] of it; [`border::number`] gives every
+//! vertex its number in the whole; [`border::ghosts`] tells each tile what lies beyond; [`parts::closed`] counts the
+//! surfaces. Only pieces are large, and only one of a rank is in memory at a time; borders grow as surfaces do, not as
+//! volumes.
+//!
+//! All functions that take an [`Exchange`] are collective: every rank must call them, in the same order. What those of
+//! [`border`] and [`parts`] give does not depend on how many ranks there are.
 
 pub mod border;
 pub mod exchange;

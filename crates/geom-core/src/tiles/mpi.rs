@@ -1,4 +1,7 @@
 //! Ranks as processes, by MPI.
+//!
+//! For one machine or many. An error of MPI itself ends all processes, as is its default; what ends a rank otherwise is
+//! told to the others by nobody, so that a program that fails must call [`Mpi::abort`].
 
 use mpi::collective::CommunicatorCollectives as _;
 use mpi::topology::{Communicator as _, SimpleCommunicator};
@@ -10,6 +13,8 @@ use super::exchange::{Exchange, Lost};
 const MESSAGE: usize = 1 << 30;
 
 /// One of the processes that `mpirun` has started. A rank that fails ends all: see [`Mpi::abort`].
+///
+/// One per process. Dropped, it ends MPI for this process.
 pub struct Mpi {
     world: SimpleCommunicator,
     // After the communicator, which must not outlive it.
@@ -27,6 +32,8 @@ impl Mpi {
     }
 
     /// Ends all ranks.
+    ///
+    /// With exit status 1, from any rank; nothing is put in order.
     pub fn abort(&self) -> ! {
         self.world.abort(1)
     }

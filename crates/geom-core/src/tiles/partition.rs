@@ -1,10 +1,16 @@
 //! Which tile a cell belongs to.
+//!
+//! Morton order keeps what is near in space near in number, and a range of 2ᵏ numbers that begins at a multiple of 2ᵏ
+//! is a box: tiles are such boxes, found by halving. What makes a tile heavy is told by the caller, per root cell:
+//! atoms, or points near a surface.
 
 use std::collections::BinaryHeap;
 
 use crate::{Point3, Vector3};
 
 /// A box of root cells whose Morton numbers follow each other: so many low bits per axis are free.
+///
+/// At the lowest point all free bits are 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Range {
     low: [u32; 3],
@@ -12,11 +18,14 @@ struct Range {
 }
 
 impl Range {
+    /// The first root beyond it, per axis.
     fn high(&self) -> [u32; 3] {
         [0, 1, 2].map(|k| self.low[k] + (1 << self.logs[k]))
     }
 
     /// Its two halves across the highest bit that is free.
+    ///
+    /// Of equal lengths the last axis, which has the highest bit of the Morton number.
     fn halves(&self) -> [Self; 2] {
         let axis = (0..3).max_by_key(|&k| self.logs[k]).unwrap_or(0);
         let mut half = *self;
@@ -28,6 +37,8 @@ impl Range {
 }
 
 /// The bits of three numbers in turn, x lowest (Morton 1966).
+///
+/// 21 bits of each: as many roots per axis as 64 bits can tell.
 fn morton(p: [u32; 3]) -> u64 {
     (0..21).fold(0, |code, bit| {
         (0..3).fold(code, |code, k| {
@@ -38,6 +49,10 @@ fn morton(p: [u32; 3]) -> u64 {
 
 /// A lattice of cells cut into tiles: each a box of root cells, cubes of cells, whose Morton numbers follow each other
 /// but for those beyond the lattice.
+///
+/// Each cell is in one tile and no other. Tiles are numbered in the order of their Morton numbers, hence those that
+/// follow each other are mostly neighbours, and a rank that has several ([`Deal`](super::exchange::Deal)) has a compact
+/// part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tiles {
     /// Cells per axis.
@@ -66,6 +81,12 @@ impl Tiles {
     /// let [low, high] = tiles.cells_of(tiles.of_cell([99, 59, 59]));
     /// assert!(low[0] >= 64 && high == [100, 60, 60]);
     /// ```
+    ///
+    /// More tiles than root cells leave the rest empty. The cut is a greedy one: where root cells weigh the same, tiles
+    /// differ by a factor of about two. Ties are broken by place, so that all ranks find the same tiles. `weight` is
+    /// asked for a root cell at most once per halving of what it is in.
+    ///
+    /// Panics if `root` is 0.
     pub fn new(
         cells: [usize; 3],
         root: usize,
@@ -136,6 +157,8 @@ impl Tiles {
     }
 
     /// The cells of a tile, `low..high` per axis; `low == high` if it has none.
+    ///
+    /// Boxes at the ends of the lattice are cut off there, and the first ones by `shift`.
     pub fn cells_of(&self, tile: usize) -> [[usize; 3]; 2] {
         let Some(range) = self.ranges.get(tile) else {
             return [[0; 3]; 2];
@@ -151,6 +174,8 @@ impl Tiles {
     }
 
     /// The tile of a cell. What lies beyond the lattice belongs to the tile of the nearest cell.
+    ///
+    /// O(log tiles).
     pub fn of_cell(&self, cell: [usize; 3]) -> usize {
         let nearest = [0, 1, 2].map(|k| cell[k].min(self.cells[k].saturating_sub(1)));
         let code = morton(nearest.map(|c| ((c + self.shift) / self.root) as u32));
@@ -160,11 +185,16 @@ impl Tiles {
     }
 
     /// The tile of a point, given in cells from the origin of the lattice.
+    ///
+    /// Truncated to the cell that it is in; below the lattice it is the first cell of the axis.
     pub fn of_point(&self, x: &Vector3) -> usize {
         self.of_cell([0, 1, 2].map(|k| x[k].max(0.0) as usize))
     }
 
     /// The tile of a tetrahedron: that of its barycentre.
+    ///
+    /// `origin` and `spacing` are those of the lattice. A tetrahedron that crosses borders is thus in one tile, the
+    /// same for all who ask.
     pub fn of_tet(&self, corners: [Point3; 4], origin: &Point3, spacing: f64) -> usize {
         let sum = corners
             .iter()

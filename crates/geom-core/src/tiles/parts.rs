@@ -1,4 +1,8 @@
 //! The connected surfaces of a body in tiles.
+//!
+//! In three steps: faces between a molecule's tetrahedra and anything else ([`surface`]), their parts within a tile
+//! ([`Local::of`]), and these joined across tiles ([`closed`]), where only pairs of parts travel. Bodies have positive
+//! volumes, cavities negative ones.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -10,6 +14,11 @@ use crate::mesh::{FACES, INTERIOR};
 
 /// The part of the body's surface in a tile: faces of its own tetrahedra of the molecule with no such tetrahedron beyond,
 /// seen from outside.
+///
+/// A face counts if one tetrahedron of region [`INTERIOR`] has it and no second one has, be it of this tile or among
+/// `ghosts`. `ids` are those of [`Border::ids`]. Triangles are numbers of the piece's vertices, in the order of the
+/// global numbers of their faces; a face belongs to the tile of its tetrahedron, so that those of all tiles are the
+/// surface, each once. By sorting, O(n log n).
 pub fn surface(piece: &Piece, ids: &[u64], ghosts: &[Ghost]) -> Vec<[u32; 3]> {
     let ordered = |mut face: [u64; 3]| {
         face.sort_unstable();
@@ -34,12 +43,16 @@ pub fn surface(piece: &Piece, ids: &[u64], ghosts: &[Ghost]) -> Vec<[u32; 3]> {
 #[repr(C)]
 pub struct Closed {
     /// Volume that it encloses, Å³: of a cavity negative.
+    /// By the divergence theorem over its triangles, hence true only of the whole surface and not of the part in a
+    /// tile.
     pub volume: f64,
     /// Its triangles.
     pub triangles: u64,
 }
 
 /// The parts of a tile's surface, before they are joined with those of others.
+///
+/// All that has to be kept of a surface once a tile is put aside.
 #[derive(Clone, Debug, Default)]
 pub struct Local {
     /// What each has here.
@@ -50,6 +63,9 @@ pub struct Local {
 
 impl Local {
     /// The parts of a tile's surface.
+    ///
+    /// `surface` is that of [`surface`]. Triangles that have a vertex in common are in one part, also where they touch
+    /// in that vertex alone.
     pub fn of(piece: &Piece, border: &Border, surface: &[[u32; 3]]) -> Self {
         let positions = piece.mesh.positions();
         let mut sets = DisjointSets::new(positions.len());
@@ -90,6 +106,12 @@ struct Meets {
 }
 
 /// The closed surfaces of all tiles, by the number of their first part; the same on every rank.
+///
+/// Sums are taken in the order of tiles, so that they have the same bits for any number of ranks. Each rank holds all
+/// parts and all pairs for a moment; they are few next to triangles.
+///
+/// # Errors
+/// [`Lost`], if another rank has ended.
 pub fn closed(
     exchange: &(impl Exchange + ?Sized),
     deal: &Deal,

@@ -1,4 +1,7 @@
 //! The elements of a tile.
+//!
+//! A piece can be asked for its bytes (to be put aside or sent), dealt to other tiles, joined with others, and asked
+//! for a digest by which meshes made in different tiles are compared.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -12,16 +15,22 @@ pub struct Piece {
     /// The tetrahedra.
     pub mesh: TetMesh,
     /// Per vertex: may a tetrahedron of another tile have it? (True where one has it.)
+    /// As many as vertices. True too often costs time; false where another tile has the vertex tears the mesh.
     pub shared: Vec<bool>,
 }
 
 /// The bits of a position: the name of a vertex in all tiles.
+///
+/// Tiles compute the positions of their common vertices from the same samples by the same operations, so that these
+/// have the same bits; no tolerance is needed, and none could be transitive.
 pub fn key(x: &Point3) -> [u64; 3] {
     // One zero of the two.
     [x.x, x.y, x.z].map(|c| (c + 0.0).to_bits())
 }
 
 /// Why bytes are no piece.
+///
+/// Such bytes are of another program or machine, or were cut off.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoPiece {
@@ -40,6 +49,9 @@ pub enum NoPiece {
 
 impl Piece {
     /// As bytes of this machine: vertices, tetrahedra, regions, kinds, shared or not.
+    ///
+    /// 16 + 26 n + 17 m bytes for n vertices and m tetrahedra, in the byte order of this machine: for its own disk, and
+    /// for ranks on its like.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mesh = &self.mesh;
         let counts = [mesh.positions().len() as u64, mesh.tets().len() as u64];
@@ -55,6 +67,13 @@ impl Piece {
     }
 
     /// From such bytes.
+    ///
+    /// The same bits as before. An unknown kind of vertex is taken as [`VertexKind::Fixed`], which at worst holds it
+    /// still.
+    ///
+    /// # Errors
+    /// [`NoPiece::Length`] unless there are as many bytes as the first 16 announce, [`NoPiece::Mesh`] for corners out
+    /// of range or repeated, and for positions that are not finite.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, NoPiece> {
         let wrong = |expected: usize| NoPiece::Length {
             found: bytes.len(),
@@ -86,6 +105,9 @@ impl Piece {
 
     /// The tetrahedra by the tile that `tile` gives for their corners, ascending. A vertex that goes to several tiles, or
     /// may have been shared before, may be shared in each.
+    ///
+    /// Order is kept, of tetrahedra and of vertices; vertices that no tetrahedron has are dropped. Tiles without a
+    /// tetrahedron do not occur.
     pub fn dealt(&self, tile: impl Fn([Point3; 4]) -> usize) -> BTreeMap<usize, Self> {
         let mesh = &self.mesh;
         let of: Vec<usize> = (0..mesh.tets().len())
@@ -125,6 +147,11 @@ impl Piece {
     }
 
     /// Pieces as one: vertices of one place are one, in the order in which they first come.
+    ///
+    /// A vertex has the kind that its first piece says, and may be shared if any says so. Tetrahedra follow each other
+    /// as the pieces do. The inverse of [`Piece::dealt`], but for the order.
+    ///
+    /// Panics if two corners of one tetrahedron have the same bits.
     pub fn joined(pieces: &[Self]) -> Self {
         let mut numbers: HashMap<[u64; 3], u32> = HashMap::new();
         let (mut positions, mut kinds, mut shared) = (Vec::new(), Vec::new(), Vec::new());
@@ -155,6 +182,9 @@ impl Piece {
 
     /// A number of the mesh as a set of tetrahedra, each with its region and the bits of its corners, in whatever order
     /// they come and in however many pieces: those of pieces are added, wrapping.
+    ///
+    /// Corners are sorted first, so that orientation does not count; kinds of vertices do not either. Two meshes that
+    /// differ have one digest with a probability of 2⁻¹²⁸ if nobody means them to: it is no cryptographic sum.
     pub fn digest(&self) -> u128 {
         digest(&self.mesh)
     }
@@ -183,6 +213,7 @@ fn mixed(mut z: u64) -> u64 {
     z ^ z >> 31
 }
 
+/// Kind and axis in a byte.
 fn code(kind: &VertexKind) -> u8 {
     match *kind {
         VertexKind::Interior => 0,
@@ -193,6 +224,7 @@ fn code(kind: &VertexKind) -> u8 {
     }
 }
 
+/// The inverse of `code`.
 fn kind(code: u8) -> VertexKind {
     let axis = code & 3;
     match code {

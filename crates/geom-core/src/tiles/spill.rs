@@ -1,4 +1,7 @@
 //! Pieces on disk while others are worked on.
+//!
+//! Nothing is compressed or cached: the system's file cache does the latter as long as there is room. A disk that is
+//! too full is an error of the piece that did not fit.
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -6,6 +9,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Why something could not be put aside or taken up again.
+///
+/// Prints what it was, how many bytes, where, and what the system says.
 #[derive(Debug, thiserror::Error)]
 #[error("{what} ({bytes} bytes) {way} {}: {source}", path.display())]
 pub struct SpillError {
@@ -17,6 +22,8 @@ pub struct SpillError {
 }
 
 /// A folder for what does not fit into memory. What lies in it is the caller's to remove.
+///
+/// May be used by several threads, for different names. Ranks need different folders, or different names.
 #[derive(Debug)]
 pub struct Spill {
     folder: PathBuf,
@@ -25,6 +32,8 @@ pub struct Spill {
 
 impl Spill {
     /// Puts things into a folder that exists.
+    ///
+    /// Whether it exists is seen when something is put there.
     pub fn into(folder: impl Into<PathBuf>) -> Self {
         Self {
             folder: folder.into(),
@@ -33,16 +42,23 @@ impl Spill {
     }
 
     /// Bytes that have been put aside so far.
+    ///
+    /// Also those of which nothing remains, because they were replaced or forgotten or did not fit.
     pub fn written(&self) -> u64 {
         self.written.load(Ordering::Relaxed)
     }
 
     /// Where something of this name is.
+    ///
+    /// Nothing is created. A name is one of a file, without folders.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
 
     /// Puts something aside, in place of what had its name. Where the disk is full, nothing of it remains.
+    ///
+    /// # Errors
+    /// If the file cannot be made or filled; the size told is that of `bytes`.
     pub fn put(&self, name: &str, bytes: &[u8]) -> Result<(), SpillError> {
         let path = self.path(name);
         let written = File::create(&path).and_then(|mut file| {
@@ -59,6 +75,11 @@ impl Spill {
     }
 
     /// Takes something up again.
+    ///
+    /// It stays where it is until [`Spill::forget`].
+    ///
+    /// # Errors
+    /// If there is none, or it cannot be read; the size told is that of what could be.
     pub fn get(&self, name: &str) -> Result<Vec<u8>, SpillError> {
         let path = self.path(name);
         let mut bytes = Vec::new();
@@ -76,6 +97,9 @@ impl Spill {
     }
 
     /// Forgets something.
+    ///
+    /// # Errors
+    /// If there is none, or it cannot be removed.
     pub fn forget(&self, name: &str) -> Result<(), SpillError> {
         let path = self.path(name);
         std::fs::remove_file(&path)

@@ -1,4 +1,7 @@
 //! Ranks as threads of one process.
+//!
+//! For tests and for one machine with room for several tiles. A turn of the exchange has two halves: all put their
+//! messages on a table, then all take theirs; nobody puts for the next turn before everybody has taken.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -10,6 +13,7 @@ struct Table {
     turned: Condvar,
 }
 
+/// `put` counts up to the number of ranks, then `taken` does, then both begin again.
 struct State {
     /// What rank `r` gets from each other.
     boxes: Vec<Vec<Vec<u8>>>,
@@ -21,10 +25,12 @@ struct State {
 }
 
 impl Table {
+    /// A rank that panicked while it had the lock does not matter: `failed` says that it did.
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Failure comes first, even if what is waited for is there: ranks end as early as they can.
     fn wait_until<'a>(
         &self,
         mut state: MutexGuard<'a, State>,
@@ -79,6 +85,9 @@ impl Threads<'_> {
     /// });
     /// assert_eq!(lost[0], Err("rank 1 has failed, so the others stop".to_owned()));
     /// ```
+    ///
+    /// `program` is called once per rank, each in a thread of its own; the results are in the order of ranks. Loops
+    /// that run in parallel within it share the threads of the process. No ranks give no results.
     pub fn run<T: Send, E: Send>(
         ranks: usize,
         program: impl Fn(&Threads<'_>) -> Result<T, E> + Sync,

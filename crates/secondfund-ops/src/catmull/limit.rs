@@ -1,4 +1,8 @@
 //! Limit positions of vertices, and control points from them.
+//!
+//! The limit of a vertex is a fixed combination of the control points around it, so that all limits are one sparse
+//! matrix times the control points, for places and for functions alike; its inverse, by iteration, finds the net of a
+//! surface through given points.
 
 use geom_core::algebra::SparseMatrix;
 use geom_core::mesh::Halfedges;
@@ -11,6 +15,7 @@ use crate::Error;
 /// The limit mask of every vertex, `(n² V + 4 Σ E + Σ D) / (n (n + 5))` with the neighbours E along edges
 /// and D across quads (Halstead, Kass and DeRose, 1993). At a boundary, by its ghosts,
 /// `(l + 4 V + r) / 6`. A vertex of no quad stays.
+/// Rows sum to 1. Where ghosts take part, their combinations are put in, so that columns are vertices of the mesh only.
 pub(crate) fn mask(extended: &Extended) -> Result<SparseMatrix, Error> {
     let vertices = extended.real + extended.ghosts.len();
     let edges = Halfedges::<4>::new(vertices, &extended.quads)?;
@@ -45,11 +50,15 @@ pub(crate) fn mask(extended: &Extended) -> Result<SparseMatrix, Error> {
 }
 
 /// Most steps, and the relative residual to reach.
+/// A residual of 1e-14 is what f64 has to give.
 const STEPS: usize = 600;
 const TOLERANCE: f64 = 1e-14;
 
 /// Control points whose limit positions are `samples`: conjugate gradients on the normal equations, whose
 /// condition (81 on a regular net) does not depend on the number of vertices.
+///
+/// The start is the samples themselves, which are near where the surface bends little. The three coordinates are solved
+/// side by side, each with steps of its own, and one that is done waits for the others.
 pub(crate) fn interpolate(mask: &SparseMatrix, samples: &[Point3]) -> Vec<Point3> {
     let transposed = mask.transposed();
     let block =

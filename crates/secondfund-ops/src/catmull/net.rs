@@ -1,6 +1,13 @@
 //! One level of subdivision of a patch with an extraordinary corner, by applying the rules to unit vectors.
+//!
+//! The patch over a quad whose first corner has valence n depends on `2n + 8` control points: the corner, its n
+//! neighbours, the n vertices across its quads, and seven more around the quad. Each child of the quad depends on the
+//! points of the finer net, which are means of these; a mean is written as the row of its weights. Nothing is
+//! diagonalized (compare Stam, 1998), so that a valence is nothing special and no table of eigenvectors has to be
+//! right.
 
 /// The matrices of one level of subdivision of a patch with an extraordinary corner.
+/// Row after row. Applied again and again, `corner` leads from one ring of children to the next.
 pub(super) struct Level {
     pub(super) ids: usize,
     /// From the control points of the patch to those of the child at the corner, `ids × ids`.
@@ -11,12 +18,14 @@ pub(super) struct Level {
 
 /// The net of a patch: control points by number, in the order `v; e₀…; d₀…; o₀…o₆`, with quad i of the
 /// corner = (v, e_i, d_i, e_{i+1}) and the patch itself quad 0.
+/// Places of the grid are `(i, j)` with the corner at `(0, 0)`, the quad up to `(1, 1)`, and the ring around it.
 struct Net {
     valence: usize,
     quads: Vec<[usize; 4]>,
 }
 
 impl Net {
+    /// The quads around the corner first, then the five along the points `o`.
     fn of(valence: usize) -> Self {
         let n = valence;
         let (e, d) = (|i: usize| 1 + i % n, |i: usize| 1 + n + i % n);
@@ -30,6 +39,7 @@ impl Net {
         Self { valence, quads }
     }
 
+    /// The number of control points.
     fn ids(&self) -> usize {
         2 * self.valence + 8
     }
@@ -58,23 +68,27 @@ impl Net {
         }
     }
 
+    /// The row of one control point itself.
     fn unit(&self, id: usize) -> Vec<f64> {
         let mut row = vec![0.0; self.ids()];
         row[id] = 1.0;
         row
     }
 
+    /// The row of the mean of some.
     fn mean(&self, ids: &[usize]) -> Vec<f64> {
         let mut row = vec![0.0; self.ids()];
         ids.iter().for_each(|&i| row[i] += 1.0 / ids.len() as f64);
         row
     }
 
+    /// The quads of the net that have all of these corners.
     fn quads_with(&self, ids: &[usize]) -> Vec<&[usize; 4]> {
         let has = |q: &&[usize; 4]| ids.iter().all(|i| q.contains(i));
         self.quads.iter().filter(has).collect()
     }
 
+    /// The mean of both ends and of the middles of both quads.
     fn edge_point(&self, a: usize, b: usize) -> Vec<f64> {
         let quads = self.quads_with(&[a, b]);
         let [f, g] = quads[..] else {
@@ -88,6 +102,7 @@ impl Net {
         ])
     }
 
+    /// `(F̄ + 2 R̄ + (n − 3) V) / n`, as in `subdivide`, over the quads of the net around v.
     fn vertex_point(&self, v: usize) -> Vec<f64> {
         let quads = self.quads_with(&[v]);
         let n = quads.len() as f64;
@@ -122,6 +137,7 @@ impl Net {
     }
 }
 
+/// The weighted sum of some rows.
 pub(super) fn combine(parts: &[(f64, Vec<f64>)]) -> Vec<f64> {
     let mut out = vec![0.0; parts[0].1.len()];
     for (weight, row) in parts {
@@ -172,7 +188,6 @@ impl Level {
 pub(super) const OUTER: [(i32, i32); 7] =
     [(2, -1), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (-1, 2)];
 
-/// What holds here, for the tests.
 /// Which control points of the net of valence 4 are those of the 4 × 4 grid, row after row.
 #[cfg(feature = "testing")]
 pub(super) fn grid_of_valence_four() -> Vec<usize> {
@@ -184,6 +199,7 @@ pub(super) fn grid_of_valence_four() -> Vec<usize> {
     (0..16).map(point).collect()
 }
 
+/// What holds here, for the tests.
 #[cfg(feature = "testing")]
 pub(crate) mod laws {
     use super::*;

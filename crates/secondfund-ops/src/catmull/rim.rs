@@ -20,26 +20,31 @@ pub(super) fn level(quads: usize, place: usize) -> Level {
     Level::with(fan.ids(), corner, |place| fan.fine(place))
 }
 
+/// `quads` around the corner on the boundary, of which the patch is number `place`.
 struct Fan {
     quads: usize,
     place: usize,
 }
 
 impl Fan {
+    /// The number of control points: one more spoke than inside, since the fan does not close.
     fn ids(&self) -> usize {
         2 * self.quads + 9
     }
 
+    /// The row of one control point itself.
     fn unit(&self, id: usize) -> Vec<f64> {
         let mut row = vec![0.0; self.ids()];
         row[id] = 1.0;
         row
     }
 
+    /// The neighbour along spoke j, 0 to `quads`.
     fn e(&self, j: usize) -> Vec<f64> {
         self.unit(1 + j)
     }
 
+    /// The vertex across quad j.
     fn d(&self, j: usize) -> Vec<f64> {
         self.unit(2 + self.quads + j)
     }
@@ -83,11 +88,13 @@ impl Fan {
         ])
     }
 
+    /// The middle of quad j.
     fn face_point(&self, j: usize) -> Vec<f64> {
         let corners = [self.unit(0), self.e(j), self.d(j), self.e(j + 1)];
         combine(&corners.map(|c| (0.25, c)))
     }
 
+    /// The middle of a boundary edge, the edge point of an inner one.
     fn spoke_point(&self, j: usize) -> Vec<f64> {
         if j == 0 || j == self.quads {
             return combine(&[(0.5, self.unit(0)), (0.5, self.e(j))]);

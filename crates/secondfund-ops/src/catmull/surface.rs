@@ -89,6 +89,11 @@ impl Surface {
 
     /// The surface whose limit positions are the vertices of `samples`: of fourth order in the size of the
     /// quads away from extraordinary vertices.
+    ///
+    /// Between samples that are noisy the surface may bulge.
+    ///
+    /// # Errors
+    /// As [`Surface::new`].
     pub fn interpolating(samples: &QuadMesh) -> Result<Self, Error> {
         let extended = Extended::of(samples, &edges_of(samples)?);
         let control = interpolate(&mask(&extended)?, samples.positions());
@@ -96,6 +101,7 @@ impl Surface {
     }
 
     /// The control mesh of the patches: that given, or once refined.
+    /// Matrices and modes are by its vertices, not by those of the mesh that was given.
     pub fn control(&self) -> &QuadMesh {
         &self.control
     }
@@ -123,6 +129,7 @@ impl Surface {
     }
 
     /// The limit positions of the control vertices.
+    /// Per vertex of [`Surface::control`], Å. A vertex of no quad stays where it is.
     pub fn limit_positions(&self) -> Vec<Point3> {
         self.limit_of(self.control.positions())
     }
@@ -159,6 +166,9 @@ impl Surface {
 
     /// The points of the quadrature of all quads with their weights, quad after quad: the weight times the
     /// length of [`Jet::area_normal`] is an area. The last corner at an extraordinary vertex is left out.
+    ///
+    /// # Errors
+    /// A quadrature out of its range.
     pub fn jets(&self, quadrature: Quadrature) -> Result<Vec<(Jet, f64)>, Error> {
         quadrature.check()?;
         let tables = self.tables(quadrature);
@@ -204,10 +214,12 @@ pub(crate) fn jet(rows: &[f64], points: &[Point3]) -> Jet {
     }
 }
 
+/// The half-edges of a mesh of quads.
 fn edges_of(mesh: &QuadMesh) -> Result<Halfedges<4>, Error> {
     Ok(Halfedges::<4>::of_quads(mesh)?)
 }
 
+/// The same quads seen from the other side: each starts at the same corner and goes the other way.
 pub(crate) fn turned(mesh: QuadMesh) -> Result<QuadMesh, Error> {
     let (positions, quads) = mesh.into_parts();
     let back = quads.iter().map(|&[a, b, c, d]| [a, d, c, b]);

@@ -19,6 +19,7 @@ pub(crate) const ROWS: usize = 6;
 pub(crate) const MOST_VALENCE: usize = 32;
 
 /// The basis at the quadrature points of a quad with a corner of some valence.
+/// Quads with the same corner share one, whatever their places: that is what lets a kernel take many at a time.
 #[derive(Clone, Debug)]
 pub(crate) struct Table {
     /// Control points.
@@ -36,6 +37,7 @@ impl Table {
         &self.basis[q * size..(q + 1) * size]
     }
 
+    /// Appends a point.
     fn push(&mut self, weight: f64, rows: impl IntoIterator<Item = f64>) {
         self.weights.push(weight);
         self.basis.extend(rows);
@@ -93,12 +95,14 @@ impl Tables {
         Self(tables)
     }
 
+    /// Panics if the corner was not among those that the tables were made of.
     pub(crate) fn of_corner(&self, corner: Corner) -> &Table {
         &self.0[&corner]
     }
 }
 
 /// Values, first and second derivatives of the four cubic B-splines at `t` in 0…1.
+/// In the order of their control points −1, 0, 1 and 2. Values sum to 1, derivatives to 0.
 fn cubic(t: f64) -> [[f64; 4]; 3] {
     let s = 1.0 - t;
     [
@@ -126,6 +130,7 @@ pub(crate) fn bicubic(u: f64, v: f64) -> [[f64; 16]; ROWS] {
     orders.map(|(i, j)| std::array::from_fn(|k| a[i][k % 4] * b[j][k / 4]))
 }
 
+/// v is the slow parameter, u the fast one.
 fn regular(rule: &[(f64, f64)]) -> Table {
     let mut table = Table {
         ids: 16,
@@ -141,6 +146,8 @@ fn regular(rule: &[(f64, f64)]) -> Table {
 }
 
 /// Levels 1…depth; what is left of the corner is left out (its area falls like λ^{2 depth}).
+/// A child of level n is half as wide as one of the level before, so that first derivatives by the parameters of the
+/// quad are 2ⁿ times those by its own, second ones 4ⁿ times.
 fn extraordinary(level: &Level, rule: &[(f64, f64)], depth: usize) -> Table {
     let ids = level.ids;
     let mut table = Table {

@@ -10,6 +10,10 @@ use crate::backend::On;
 
 /// Normals of faces averaged over the faces around them, those nearby in place and direction most (Zheng, Fu, Au and
 /// Tai, *Bilateral normal filtering for mesh denoising*, 2011, the local scheme).
+///
+/// Neighbours are the faces that share a vertex. The width in space is the mean distance of the middles of neighbours,
+/// so that only `range` has to be chosen. Each round reads the normals of the one before; positions and areas stay
+/// those of the input.
 pub(super) fn filtered<const N: usize>(
     sheet: &Sheet,
     faces: &[[u32; N]],

@@ -3,7 +3,7 @@
 
 use geom_core::{Point3, QuadMesh, Run, TriMesh};
 
-use super::guard::Guard;
+use super::guard::{Guard, Shape};
 use super::sheet::Sheet;
 use super::steps::{FlowReport, Smoothed};
 use super::{bilateral, variation, volume};
@@ -14,6 +14,9 @@ use crate::options::{FilterOptions, NormalFilter};
 /// Filters the normals of a triangle mesh; the vertices then follow them (Sun, Rosin, Martin and Langbein, *Fast and
 /// effective feature-preserving mesh denoising*, 2007) and spread along what they leave free, so that triangles keep
 /// their shapes. On the CPU with any backend.
+///
+/// The normals are filtered once, from those of the input; [`FilterOptions::vertex_rounds`] then moves the vertices
+/// towards them. Vertices keep their numbers, faces their corners.
 ///
 /// # Errors
 /// Options out of range, [`Error::NoExtent`] of a mesh without faces or of one place, [`Error::Open`] with
@@ -72,6 +75,7 @@ fn filter_quad_normals_on(
     })
 }
 
+/// Both kinds of mesh: normals once, then rounds of the vertices, each held back by the guard.
 fn filter<const N: usize>(
     start: &[Point3],
     faces: &[[u32; N]],
@@ -93,7 +97,7 @@ fn filter<const N: usize>(
         }
     };
     let least_sine = options.least_angle.to_radians().sin();
-    let mut guard = Guard::of(start, faces, least_sine, options.keep_apart)?;
+    let mut guard = Guard::of(start, faces, Shape::Wide(least_sine), options.keep_apart)?;
     let enclosed = surface(start)?.volume();
     let mut positions = start.to_vec();
     let mut report = FlowReport::default();

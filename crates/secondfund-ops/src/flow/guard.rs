@@ -1,9 +1,12 @@
-//! No face turns over, none is squeezed flat, and none comes through another: displacements are shortened until none is.
+//! No face turns over or folds, none is squeezed flat, and none comes through another: displacements are shortened until
+//! none is.
 
 use geom_core::search::crossing::CrossingWatch;
 use geom_core::{Point3, Vector3};
+use rayon::prelude::*;
 
 use crate::Error;
+use crate::forms::area_normal;
 
 /// Most times that a displacement is halved; then its vertex stays.
 const HALVINGS: u32 = 8;
@@ -11,8 +14,17 @@ const HALVINGS: u32 = 8;
 /// What displacements may not do to a surface.
 pub(crate) struct Guard<'a, const N: usize> {
     faces: &'a [[u32; N]],
-    least_sine: f64,
+    shape: Shape,
     apart: Option<Apart>,
+}
+
+/// What faces must not become.
+#[derive(Clone, Copy)]
+pub(crate) enum Shape {
+    /// Folded against those around them. Many small turns may do that, of which none is a right angle: flows.
+    Unfolded,
+    /// With corners narrower or flatter than an angle of this sine: filters, whose steps are few.
+    Wide(f64),
 }
 
 /// Triangles that must not come through others.
@@ -23,17 +35,17 @@ struct Apart {
 }
 
 impl<'a, const N: usize> Guard<'a, N> {
-    /// No corner narrower or flatter than an angle of `least_sine`; with `keep_apart`, no faces that come through others.
+    /// Faces keep this shape, and none turns over in a step; with `keep_apart`, none comes through others.
     pub(crate) fn of(
         positions: &[Point3],
         faces: &'a [[u32; N]],
-        least_sine: f64,
+        shape: Shape,
         keep_apart: bool,
     ) -> Result<Self, Error> {
         let apart = keep_apart.then(|| Apart::of(positions, faces));
         Ok(Self {
             faces,
-            least_sine,
+            shape,
             apart: apart.transpose()?,
         })
     }
@@ -46,7 +58,7 @@ impl<'a, const N: usize> Guard<'a, N> {
     ) -> Result<usize, Error> {
         let mut held = 0;
         loop {
-            held += hold_back(positions, self.faces, moves, self.least_sine);
+            held += hold_back(positions, self.faces, moves, self.shape);
             let Some(apart) = &mut self.apart else {
                 return Ok(held);
             };
@@ -100,39 +112,98 @@ impl Apart {
 }
 
 /// Shortens displacements around faces whose corners would turn over (their normals turn by more than a
-/// right angle), or would be worse than they are and narrower or flatter than an angle of this sine. Gives how many
-/// vertices it held back.
+/// right angle) or that would lose their shape. Gives how many vertices it held back. In rounds, each of which looks at
+/// all faces before any vertex is held back, so that the order of faces does not count.
 fn hold_back<const N: usize>(
     positions: &[Point3],
     faces: &[[u32; N]],
     moves: &mut [Vector3],
-    least_sine: f64,
+    shape: Shape,
 ) -> usize {
+    let least_sine = match shape {
+        Shape::Unfolded => 0.0,
+        Shape::Wide(sine) => sine,
+    };
+    let folds = match shape {
+        Shape::Unfolded => Some(folded(positions, faces)),
+        Shape::Wide(_) => None,
+    };
     let mut held = vec![0u32; positions.len()];
-    loop {
+    let mut last = vec![0u32; positions.len()];
+    for round in 1.. {
+        let beside = match &folds {
+            Some(before) => beside_new_folds(positions, faces, moves, before),
+            None => Vec::new(),
+        };
+        let spoilt = faces.par_iter().with_min_len(1024).filter(|face| {
+            face.iter().any(|&v| beside.get(v as usize) == Some(&true))
+                || spoils(positions, face, moves, least_sine)
+        });
+        let spoilt: Vec<&[u32; N]> = spoilt.collect();
         let mut any = false;
-        for face in faces {
-            if !spoils(positions, face, moves, least_sine) {
+        for &v in spoilt.into_iter().flatten() {
+            let v = v as usize;
+            // Once a round, however many faces ask for it.
+            if moves[v] == Vector3::zeros() || std::mem::replace(&mut last[v], round) == round {
                 continue;
             }
-            for &v in face {
-                let v = v as usize;
-                if moves[v] == Vector3::zeros() {
-                    continue;
-                }
-                any = true;
-                held[v] += 1;
-                moves[v] = if held[v] > HALVINGS {
-                    Vector3::zeros()
-                } else {
-                    moves[v] * 0.5
-                };
-            }
+            any = true;
+            held[v] += 1;
+            moves[v] = if held[v] > HALVINGS {
+                Vector3::zeros()
+            } else {
+                moves[v] * 0.5
+            };
         }
         if !any {
-            return held.iter().filter(|&&h| h > 0).count();
+            break;
         }
     }
+    held.iter().filter(|&&h| h > 0).count()
+}
+
+/// The corners of faces that would fold and were not folded `before`, as flags; nothing where none would. Whether a face
+/// is folded depends on all the faces at its corners.
+fn beside_new_folds<const N: usize>(
+    positions: &[Point3],
+    faces: &[[u32; N]],
+    moves: &[Vector3],
+    before: &[bool],
+) -> Vec<bool> {
+    let moved: Vec<Point3> = positions.iter().zip(moves).map(|(p, m)| p + m).collect();
+    let folds = folded(&moved, faces).into_iter().zip(before);
+    let new = faces
+        .iter()
+        .zip(folds)
+        .filter(|(_, (now, was))| *now && !**was);
+    let mut beside = Vec::new();
+    for (face, _) in new {
+        beside.resize(positions.len(), false);
+        face.iter().for_each(|&v| beside[v as usize] = true);
+    }
+    beside
+}
+
+/// Which faces look against the mean of the unit normals at their corners.
+fn folded<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> Vec<bool> {
+    let own = faces.par_iter().with_min_len(1024);
+    let own: Vec<Vector3> = own.map(|f| area_normal(positions, f)).collect();
+    let mut normals = vec![Vector3::zeros(); positions.len()];
+    for (face, n) in faces.iter().zip(&own) {
+        face.iter().for_each(|&v| normals[v as usize] += n);
+    }
+    let unit = |n: &mut Vector3| *n = n.try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+    normals.par_iter_mut().with_min_len(1024).for_each(unit);
+    let against = |(face, n): (&[u32; N], Vector3)| {
+        let around: Vector3 = face.iter().map(|&v| normals[v as usize]).sum();
+        n.dot(&around) < 0.0
+    };
+    faces
+        .par_iter()
+        .with_min_len(1024)
+        .zip(own)
+        .map(against)
+        .collect()
 }
 
 /// Does any corner of the face turn over, or become bad?
@@ -169,7 +240,7 @@ pub(crate) mod laws {
             Vector3::zeros(),
             Vector3::new(0.0, -1.5, 0.0),
         ];
-        assert_eq!(hold_back(&p, &[[0, 1, 2]], &mut moves, 0.0), 1);
+        assert_eq!(hold_back(&p, &[[0, 1, 2]], &mut moves, Shape::Wide(0.0)), 1);
         assert!(moves[2].y > -1.0 && moves[2].y < 0.0);
     }
 
@@ -179,7 +250,7 @@ pub(crate) mod laws {
         let moved = |y: f64| {
             let mut moves = [Vector3::zeros(); 3];
             moves[2].y = y;
-            let held = hold_back(&p, &[[0, 1, 2]], &mut moves, 0.5);
+            let held = hold_back(&p, &[[0, 1, 2]], &mut moves, Shape::Wide(0.5));
             (held, 1.0 + moves[2].y)
         };
         let (held, height) = moved(-0.9);
@@ -188,7 +259,10 @@ pub(crate) mod laws {
         let flat = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.1, 0.0]].map(Point3::from);
         let mut moves = [Vector3::zeros(); 3];
         moves[2].y = 0.05;
-        assert_eq!(hold_back(&flat, &[[0, 1, 2]], &mut moves, 0.5), 0);
+        assert_eq!(
+            hold_back(&flat, &[[0, 1, 2]], &mut moves, Shape::Wide(0.5)),
+            0
+        );
     }
 
     /// Two sheets that pass through each other stop where they would meet; what crossed from the start may go on.
@@ -200,7 +274,7 @@ pub(crate) mod laws {
         moves[3..].fill(Vector3::new(0.0, 0.0, -0.15));
         let positions = [sheet(0.0), tip].concat();
         let held = |positions: &[Point3], keep_apart: bool| {
-            let mut guard = Guard::of(positions, &faces, 0.0, keep_apart).unwrap();
+            let mut guard = Guard::of(positions, &faces, Shape::Unfolded, keep_apart).unwrap();
             let mut moves = moves;
             let held = guard.hold_back(positions, &mut moves).unwrap();
             (held, moves[3].z)

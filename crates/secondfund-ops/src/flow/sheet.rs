@@ -136,6 +136,7 @@ impl Sheet {
         (0..positions.len()).into_par_iter().map(step).collect()
     }
 
+    /// Vertices on boundaries do not move.
     pub(super) fn hold_rims(&self, moves: &mut [Vector3]) {
         for (m, _) in moves.iter_mut().zip(&self.rims).filter(|(_, rim)| **rim) {
             *m = Vector3::zeros();

@@ -3,13 +3,16 @@
 //! With `Q = H K / √(K² + δ²) adj(b) / det g` the stiffness of Q applied to the positions is the generalized
 //! Giaquinta–Hildebrandt operator of them in weak form: normal and tangential part of Eq. 7.26 together, no
 //! third derivatives. It is backward-parabolic where one curvature of a saddle exceeds twice the other, so Q is
-//! split by the signs of its eigenvalues; the positive part is taken implicitly.
+//! split by the signs of its eigenvalues; the positive part is taken implicitly. The forces are those of the surface as it
+//! is; the matrix that damps the step is only as accurate as stability asks, and serves for some steps
+//! ([`FlowOptions::refresh`]), as the frozen Jacobian of Rosenbrock–W methods (Steihaug & Wolfbrandt, *An attempt to avoid
+//! exact Jacobian and nonlinear equations in the numerical solution of stiff differential equations*, 1979).
 
 use geom_core::algebra::{Jacobi, SparseMatrix, Symbolic, conjugate_gradients, iterate};
 use geom_core::mesh::Halfedges;
 use geom_core::{Point3, QuadMesh, Run, TriMesh, Vector3};
 
-use super::guard::Guard;
+use super::guard::{Guard, Shape};
 use super::tangential::relaxation;
 use super::volume;
 use crate::Error;
@@ -23,7 +26,7 @@ use crate::options::{FlowOperator, FlowOptions, Quadrature};
 const FARTHEST: f64 = 0.25;
 /// What conjugate gradients owe, relative to the right-hand side, and when the factor is cheaper.
 const OWED: iterate::Options = iterate::Options {
-    tolerance: 1e-9,
+    tolerance: 1e-7,
     max_iterations: 150,
 };
 /// Curvature times the mean edge above which a surface is not resolved.
@@ -290,12 +293,12 @@ fn flow<F: Flowing, const N: usize>(
     let scale = UnitScale::of(start)?;
     let mut positions: Vec<Point3> = start.iter().map(|p| scale.apply(p)).collect();
     let volume = mesh.triangles(&positions)?.volume();
-    let mut guard = Guard::of(&positions, faces, 0.0, options.keep_apart)?;
-    let mut symbolic = None;
+    let mut guard = Guard::of(&positions, faces, Shape::Unfolded, options.keep_apart)?;
+    let mut implicit = Implicit::default();
     let mut report = FlowReport::default();
     for step in 0..options.iterations {
         run.progress("smoothing", step as u64, options.iterations as u64)?;
-        let moves = displacements(mesh, &positions, options, &mut symbolic)?;
+        let moves = displacements(mesh, &positions, options, &mut implicit)?;
         let Some(mut moves) = moves else { break };
         if options.keep_rims {
             hold(&mut moves, rims);
@@ -336,42 +339,71 @@ fn shift(positions: &mut [Point3], moves: &[Vector3]) {
     positions.iter_mut().zip(moves).for_each(|(p, m)| *p += m);
 }
 
+/// What steps hand on to the next.
+#[derive(Default)]
+struct Implicit {
+    frozen: Frozen,
+    symbolic: Option<Symbolic>,
+}
+
+/// K₊ and the lumped mass of the surface as it was some steps ago.
+#[derive(Default)]
+struct Frozen {
+    matrices: Option<(SparseMatrix, Vec<f64>)>,
+    age: usize,
+}
+
+impl Frozen {
+    /// Matrices that are younger than `refresh` steps.
+    fn younger_than(
+        &mut self,
+        refresh: usize,
+        make: impl FnOnce() -> Result<(SparseMatrix, Vec<f64>), Error>,
+    ) -> Result<&(SparseMatrix, Vec<f64>), Error> {
+        let known = self.matrices.take().filter(|_| self.age < refresh);
+        let known = match known {
+            Some(known) => known,
+            None => {
+                self.age = 0;
+                make()?
+            }
+        };
+        self.age += 1;
+        Ok(self.matrices.insert(known))
+    }
+}
+
 /// Where a step would bring the vertices; `None` where nothing moves.
 fn displacements<F: Flowing>(
     mesh: &F,
     positions: &[Point3],
     options: &FlowOptions,
-    symbolic: &mut Option<Symbolic>,
+    implicit: &mut Implicit,
 ) -> Result<Option<Vec<Vector3>>, Error> {
     let edge = mean_edge(mesh.ring(), positions);
-    let conductor = |law| Conductor {
-        law,
+    let conductor = |sharpen| Conductor {
+        law: match options.operator {
+            FlowOperator::Lbo => Law::Metric,
+            FlowOperator::Ggho => Law::Flow,
+        },
         gauss: 0.0,
         mean: 0.0,
         bounds: [1.0, 1.0],
         regularization: options.delta.sqrt(),
         limit: SHARPEST / edge,
+        sharpen,
     };
-    let law = match options.operator {
-        FlowOperator::Lbo => Law::Metric,
-        FlowOperator::Ggho => Law::Diffusing,
-    };
-    let (forward, mass) = mesh.matrices(positions, &conductor(law))?;
-    // β K₋ x − K₊ x.
-    let mut force = vectors(&forward.multiply(&flattened(positions), 3));
+    let mut force = mesh.forces(positions, &conductor(options.sharpen))?;
     force.iter_mut().for_each(|f| *f = -*f);
-    if options.operator == FlowOperator::Ggho && options.sharpen > 0.0 {
-        let sharpening = mesh.forces(positions, &conductor(Law::Sharpening))?;
-        let both = force.iter_mut().zip(&sharpening);
-        both.for_each(|(f, s)| *f += s * options.sharpen);
-    }
-    let fast = fast_speed(&force, &mass);
+    let diffusing = || mesh.matrices(positions, &conductor(0.0));
+    let (forward, mass) = implicit.frozen.younger_than(options.refresh, diffusing)?;
+    let fast = fast_speed(&force, mass);
     // Below this all motion is rounding.
     if fast * edge <= 1e-12 {
         return Ok(None);
     }
     let time = options.step * edge / fast;
-    let moves = implicit_step(&forward, &mass, force, time, symbolic)?;
+    let moves = implicit_step(forward, mass, force, time, &mut implicit.symbolic)?;
     let relaxed = if options.tangential > 0.0 {
         relaxation(&mesh.triangles(positions)?, mesh.ring(), positions)
     } else {
@@ -480,17 +512,19 @@ pub(crate) mod laws {
                 step,
                 ..FlowOptions::default()
             };
-            let moves = displacements(&flowing, positions, &options, &mut None).unwrap();
+            let moves =
+                displacements(&flowing, positions, &options, &mut Implicit::default()).unwrap();
             let moves = moves.unwrap();
             let farthest = moves.iter().map(|m| m.norm()).fold(0.0, f64::max);
             assert!(farthest > 0.0 && farthest < FARTHEST * edge, "none is cut");
             let conductor = Conductor {
-                law: Law::Diffusing,
+                law: Law::Flow,
                 gauss: 0.0,
                 mean: 0.0,
                 bounds: [1.0, 1.0],
                 regularization: options.delta.sqrt(),
                 limit: SHARPEST / edge,
+                sharpen: 0.0,
             };
             let (stiffness, _) = flowing.matrices(positions, &conductor).unwrap();
             let energy = |share: f64| {

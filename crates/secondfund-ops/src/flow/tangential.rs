@@ -51,28 +51,27 @@ pub(crate) fn relaxation(mesh: &TriMesh, ring: &Neighbors, positions: &[Point3])
 
 /// The lines of curvature at the vertices, from the shape operators of the triangles around them.
 fn lines(mesh: &TriMesh, normals: &[Vector3]) -> Vec<Line> {
-    let mut tensors = vec![Matrix3::zeros(); normals.len()];
-    for (t, corners) in mesh.triangles().iter().enumerate() {
-        let tensor =
-            crate::forms::shape_tensor(mesh.corners(t), corners.map(|v| normals[v as usize]));
+    let tensor = |t: usize| {
+        let corners = mesh.triangles()[t].map(|v| normals[v as usize]);
         let area = mesh.doubled_area_normal(t).norm();
+        (
+            crate::forms::shape_tensor(mesh.corners(t), corners) * area,
+            area,
+        )
+    };
+    let triangles = (0..mesh.triangles().len()).into_par_iter();
+    let of_triangles: Vec<(Matrix3<f64>, f64)> = triangles.map(tensor).collect();
+    let mut sums = vec![(Matrix3::zeros(), 0.0); normals.len()];
+    for (corners, (tensor, area)) in mesh.triangles().iter().zip(of_triangles) {
         for &v in corners {
-            tensors[v as usize] += tensor * area;
+            sums[v as usize].0 += tensor;
+            sums[v as usize].1 += area;
         }
     }
-    let mut areas = vec![0.0; normals.len()];
-    for (t, corners) in mesh.triangles().iter().enumerate() {
-        let area = mesh.doubled_area_normal(t).norm();
-        corners.iter().for_each(|&v| areas[v as usize] += area);
-    }
-    (0..normals.len())
-        .map(|v| {
-            line(
-                normals[v],
-                tensors[v] / f64::max(areas[v], f64::MIN_POSITIVE),
-            )
-        })
-        .collect()
+    let of_vertex = |(normal, (tensor, area)): (&Vector3, (Matrix3<f64>, f64))| {
+        line(*normal, tensor / f64::max(area, f64::MIN_POSITIVE))
+    };
+    normals.par_iter().zip(sums).map(of_vertex).collect()
 }
 
 fn line(normal: Vector3, tensor: Matrix3<f64>) -> Line {

@@ -22,11 +22,10 @@ pub enum Law {
     /// `Ψ K / (K² + δ²) adj(b) / det g`, which is `Ψ b⁻¹` regularized: the generalized
     /// Giaquinta–Hildebrandt operator.
     Generalized,
-    /// The positive part of `Q = H K / √(K² + δ²) adj(b) / det g`, which is the same with `Ψ = H |K|`: it
-    /// moves the surface in the flow of Eq. 7.26.
-    Diffusing,
-    /// The negative part of Q, sign turned: it sharpens, and amplifies noise.
-    Sharpening,
+    /// `Q₊ − β Q₋`, the parts by sign of `Q = H K / √(K² + δ²) adj(b) / det g`, which is the same with `Ψ = H |K|` and
+    /// moves the surface in the flow of Eq. 7.26. The positive part diffuses; the negative one, sign turned, sharpens,
+    /// and amplifies noise. β is [`Conductor::sharpen`].
+    Flow,
 }
 
 /// An operator ready to be evaluated: its law with the weight
@@ -46,6 +45,8 @@ pub struct Conductor {
     pub regularization: f64,
     /// Curvatures above this are scaled down to it; infinite for no such limit.
     pub limit: f64,
+    /// β of [`Law::Flow`]: 0 for the part that diffuses alone, 1 for Q as it stands.
+    pub sharpen: f64,
 }
 
 /// Larger exponents mean nothing: Ψ is bounded anyway.
@@ -88,8 +89,10 @@ impl Conductor {
                 let k = forms.gaussian();
                 adjugate() * (self.psi(forms, factor) * k / (k * k + delta() * delta()))
             }
-            Law::Diffusing => self.flow(forms).split().0,
-            Law::Sharpening => self.flow(forms).split().1,
+            Law::Flow => {
+                let (diffusing, sharpening) = self.flow(forms).split();
+                diffusing + sharpening * -self.sharpen
+            }
         }
     }
 
@@ -97,7 +100,7 @@ impl Conductor {
     #[inline]
     pub fn in_coordinates(&self, forms: &Forms, factor: f64) -> Symmetric {
         match self.law {
-            Law::Concave | Law::Diffusing | Law::Sharpening => {
+            Law::Concave | Law::Flow => {
                 let (forms, [first, second]) = forms.in_frame();
                 let a = self.at(&forms, factor);
                 a.pulled_back(first, second)

@@ -51,6 +51,7 @@ impl Operator {
             bounds,
             regularization,
             limit: f64::INFINITY,
+            sharpen: 0.0,
         };
         Ok((conductor, factor.field))
     }

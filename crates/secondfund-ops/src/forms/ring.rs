@@ -1,9 +1,12 @@
 //! Which vertices share an edge.
+//!
+//! Faces may be of any number of corners; the diagonals of quads are no edges.
 
 use geom_core::compute::parallel;
 use geom_core::{QuadMesh, TriMesh};
 
 /// The neighbours of each vertex along edges, ascending.
+/// All lists in one array; those of vertex v start at `starts[v]` and end where the next ones start.
 #[derive(Clone, Debug)]
 pub(crate) struct Neighbors {
     starts: Vec<usize>,
@@ -19,6 +22,7 @@ impl Neighbors {
         Self::of(mesh.positions().len(), mesh.quads())
     }
 
+    /// Each edge is met from both of its faces and both of its ends, sorted, and kept once for each end.
     fn of<const N: usize>(vertices: usize, faces: &[[u32; N]]) -> Self {
         let mut pairs: Vec<(u32, u32)> = faces
             .iter()
@@ -37,6 +41,7 @@ impl Neighbors {
         }
     }
 
+    /// None for a vertex of no face.
     pub(crate) fn of_vertex(&self, v: usize) -> &[u32] {
         &self.neighbors[self.starts[v]..self.starts[v + 1]]
     }

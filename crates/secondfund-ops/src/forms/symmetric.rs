@@ -107,6 +107,7 @@ impl Symmetric {
 
     /// The part with the positive eigenvalues and the one with the negative, sign turned:
     /// `S = S₊ − S₋`, both positive semi-definite.
+    /// Meant for forms in an orthonormal frame: in skew coordinates signs of eigenvalues mean nothing.
     #[inline]
     pub fn split(self) -> (Self, Self) {
         let (large, small, [x, y]) = self.eigen();
@@ -194,6 +195,8 @@ impl Forms {
 
     /// The shape operator in the orthonormal frame that begins with `x_u`, and the inverse F of the
     /// coordinates' matrix: `A^{ab} = Fᵃ S Fᵇ` takes a conductivity back.
+    ///
+    /// By Cholesky's factor of the metric. Not finite where the tangents are parallel.
     #[inline]
     pub fn in_frame(&self) -> (Self, [[f64; 2]; 2]) {
         let (g, b) = (self.first, self.second);

@@ -115,6 +115,8 @@ pub(crate) fn element(
 
 /// Area-weighted unit normals of the vertices, smoothed by `rounds` rounds of
 /// `n ← unit(½ n + ½ mean of the neighbours)`.
+/// Neighbouring normals come nearer to each other from round to round, and the curvature of noise falls; a vertex of no
+/// face has a zero normal.
 pub(crate) fn smoothed_normals(mesh: &TriMesh, rounds: u32) -> Vec<Vector3> {
     let mut normals = vec![Vector3::zeros(); mesh.positions().len()];
     for (t, corners) in mesh.triangles().iter().enumerate() {

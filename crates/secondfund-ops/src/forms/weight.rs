@@ -41,6 +41,8 @@ impl Factor {
         Ok(factor)
     }
 
+    /// Exponents add up, fields multiply: a product of several weights is one clamped value, not a product of clamped
+    /// ones.
     fn join(&mut self, weight: &Weight, vertices: usize) -> Result<(), Error> {
         match weight {
             Weight::One => {}

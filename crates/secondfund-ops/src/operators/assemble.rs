@@ -12,6 +12,7 @@ use crate::{Error, SpectrumOptions};
 ///
 /// # Errors
 /// [`Error::NoExtent`] for a point or nothing, [`Error::DegeneratePatch`], weights of the wrong length.
+/// [`Error::Flat`] where the operator is infinite, an option out of its range, what the backend refuses.
 pub fn assemble<B: OperatorBackend + ?Sized>(
     element: &Element<'_>,
     options: &SpectrumOptions,

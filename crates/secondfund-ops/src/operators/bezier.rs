@@ -1,5 +1,9 @@
 //! Rational bicubic Bézier elements, as T-splines and other splines are exchanged: functions of nodes by their Bernstein
 //! coefficients on each element (Bézier extraction: Scott, Borden, Verhoosel, Sederberg and Hughes, 2011).
+//!
+//! Nothing here knows how the spline was made: T-meshes, knots and blending functions have become, per element, a
+//! matrix from Bernstein polynomials to functions of nodes. The element is then a patch like those of Catmull–Clark
+//! surfaces, but each with a basis of its own, so that no two share a task and all are computed on the CPU.
 
 use geom_core::Point3;
 use geom_core::algebra::quadrature::gauss;
@@ -17,6 +21,7 @@ use crate::options::Quadrature;
 use crate::{Error, SpectrumOptions};
 
 /// An element over the unit square.
+/// Elements need not be neighbours in any order; they meet where they share nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BezierElement {
     /// The nodes whose functions live here, each once.
@@ -41,6 +46,20 @@ pub struct BezierSurface {
 
 impl BezierSurface {
     /// A surface of nodes, x, y, z (Å) and weight, and elements.
+    ///
+    /// An element over the unit square whose control points are its nodes:
+    ///
+    /// ```
+    /// use secondfund_ops::{BezierElement, BezierSurface};
+    /// let third = |k: u8| f64::from(k) / 3.0;
+    /// let nodes: Vec<[f64; 4]> = (0..16).map(|k| [third(k % 4), third(k / 4), 0.0, 1.0]).collect();
+    /// let rows: Vec<[f64; 16]> = (0..16).map(|k| std::array::from_fn(|c| f64::from(u8::from(c == k)))).collect();
+    /// let surface = BezierSurface::new(&nodes, vec![BezierElement { nodes: (0..16).collect(), rows }])?;
+    /// // Control points in even steps: x is u itself.
+    /// let x: Vec<f64> = nodes.iter().map(|n| n[0]).collect();
+    /// assert!((surface.value(0, [0.3, 0.8], &x) - 0.3).abs() < 1e-12);
+    /// # Ok::<(), secondfund_ops::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`Error::Element`] names what cannot be evaluated, [`Error::Node`] a node without place or weight.
@@ -87,6 +106,9 @@ impl BezierSurface {
     }
 
     /// A function of coefficients per node, at a place of an element.
+    ///
+    /// # Panics
+    /// If there is no such element, or a node of it has no coefficient.
     pub fn value(&self, element: usize, [u, v]: [f64; 2], coefficients: &[f64]) -> f64 {
         let e = &self.elements[element];
         let rows = self.rows(e, u, v);
@@ -109,12 +131,14 @@ impl BezierSurface {
         Ok(all.collect())
     }
 
+    /// The places of an element's nodes, from positions of all nodes.
     fn points_of(&self, element: &BezierElement, positions: &[Point3]) -> Vec<Point3> {
         let nodes = element.nodes.iter();
         nodes.map(|&n| positions[n as usize]).collect()
     }
 
     /// Value and derivatives u, v, uu, uv, vv of the functions of an element, row after row: `R = w N / Σ w N`.
+    /// Derivatives of the quotient by the rule of the product: from `N w = R W` follow R' and R'' without powers of W.
     fn rows(&self, element: &BezierElement, u: f64, v: f64) -> Vec<f64> {
         let (a, b) = (bernstein(u), bernstein(v));
         let orders = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
@@ -145,6 +169,7 @@ impl BezierSurface {
         rows
     }
 
+    /// From the corners of the elements, which lie on the surface; nodes may lie far from it.
     fn scale(&self) -> Result<UnitScale, Error> {
         let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
         let ends = self.elements.iter().flat_map(|e| {
@@ -156,6 +181,7 @@ impl BezierSurface {
 }
 
 /// Values, first and second derivatives of the four cubic Bernstein polynomials.
+/// Values sum to 1, derivatives to 0.
 fn bernstein(t: f64) -> [[f64; 4]; 3] {
     let s = 1.0 - t;
     [
@@ -181,6 +207,7 @@ fn points(quadrature: Quadrature) -> Vec<([f64; 2], f64)> {
 }
 
 /// The matrices of an operator on a surface, per node.
+/// Components hang together by nodes: elements that share none are apart, though they may touch.
 pub(crate) fn matrices(
     surface: &BezierSurface,
     conductor: &Conductor,

@@ -1,4 +1,8 @@
 //! Operators on a surface: their matrices and their smallest eigenpairs.
+//!
+//! The way is the same for all three kinds of surface: elements give small dense matrices (`triangles`, `quads`,
+//! `bezier`, the last two by `patch`), `pattern` adds them up in a fixed order, and `spectrum` finds the smallest
+//! eigenpairs of the sum.
 
 mod assemble;
 mod bezier;

@@ -20,6 +20,7 @@ impl UnitScale {
         length: 1.0,
     };
 
+    /// [`Error::NoExtent`] for no points or one place.
     pub(crate) fn of(points: &[Point3]) -> Result<Self, Error> {
         let bounds = Aabb::of_points(points);
         let length = if bounds.is_empty() {
@@ -38,6 +39,7 @@ impl UnitScale {
         Point3::from((p - self.center) / self.length)
     }
 
+    /// The inverse of `apply`, up to rounding.
     pub(crate) fn undo(&self, x: &Vector3) -> Point3 {
         self.center + x * self.length
     }

@@ -1,4 +1,8 @@
 //! The matrices of a triangle mesh.
+//!
+//! Functions are linear on a triangle, so that its stiffness is exact for the conductivity that its normals give; the
+//! mass is lumped, a third of the area for each corner. Everything is computed in unit scale: weights and
+//! regularizations then mean the same on any body.
 
 use geom_core::compute::BackendError;
 use geom_core::surface::laplace::Mass;
@@ -11,6 +15,10 @@ use crate::forms::{Conductor, Normals, Operator, TriangleMatrix, smoothed_normal
 use crate::{Error, SpectrumOptions};
 
 /// The matrices of an operator on a triangle mesh.
+///
+/// # Errors
+/// [`Error::NoExtent`]; [`Error::Flat`] names the first triangle on which the operator is not finite; normals or fields
+/// of the wrong number.
 pub(crate) fn matrices(
     mesh: &TriMesh,
     normals: &Normals,
@@ -44,6 +52,7 @@ pub(crate) fn matrices(
 }
 
 /// The normals of the vertices, as asked.
+/// Given ones are taken as they are, not made unit vectors: all that is asked is that their lengths are finite.
 pub(crate) fn vertex_normals(mesh: &TriMesh, normals: &Normals) -> Result<Vec<Vector3>, Error> {
     match normals {
         Normals::OfMesh { rounds } => Ok(smoothed_normals(mesh, *rounds)),
@@ -66,6 +75,7 @@ pub(crate) fn vertex_normals(mesh: &TriMesh, normals: &Normals) -> Result<Vec<Ve
 }
 
 /// The matrices of all triangles.
+/// One per triangle, in order; a backend that gives another number is an error.
 pub(crate) fn triangle_elements(
     mesh: &TriMesh,
     normals: &[Vector3],
@@ -92,6 +102,7 @@ pub(crate) fn triangle_elements(
 }
 
 /// What a vertex has of the triangles around it.
+/// Weighted by the areas of the triangles. A vertex without any has zeros.
 struct Averages {
     areas: Vec<f64>,
     mean: Vec<f64>,

@@ -1,4 +1,8 @@
 //! The atoms that make pockets, in a frame of their own, sorted into cells.
+//!
+//! Everything that finds pockets asks the same two questions, which atoms are within a distance and how far the nearest
+//! one is; cells answer them in the time of the atoms near by. The frame makes answers the same however the molecule
+//! lies in its file.
 
 use geom_core::compute::parallel;
 use geom_core::nalgebra::{Matrix3, SymmetricEigen};
@@ -36,6 +40,9 @@ pub(crate) struct Frame {
 impl Frame {
     /// Centred, along the axes of inertia, each towards the side of the longer tail (the sign of the third
     /// moment); right-handed.
+    ///
+    /// Where two moments of inertia are equal, or a third moment is zero, an axis is any of several: a symmetric body
+    /// has no orientation to be found.
     fn of(points: &[Point3]) -> Self {
         let n = points.len() as f64;
         let mean = points.iter().map(|p| p.coords).sum::<Vector3>() / n;
@@ -62,10 +69,12 @@ impl Frame {
         }
     }
 
+    /// From the coordinates of the file to those of the frame, Å.
     pub(crate) fn enter(&self, p: &Point3) -> Point3 {
         Point3::from(self.axes * (p - self.center))
     }
 
+    /// Back: the rows of a rotation are orthonormal, so that its transpose is its inverse.
     pub(crate) fn leave(&self, p: &Point3) -> Point3 {
         self.center + self.axes.transpose() * p.coords
     }
@@ -103,6 +112,7 @@ impl Cells {
     }
 
     /// Calls `f` with every member of the cells that a ball meets.
+    /// Some of them lie outside of the ball: the caller measures. Members come by cell, and within one by number.
     fn near(&self, p: &Point3, radius: f64, mut f: impl FnMut(u32)) {
         let reach = Vector3::repeat(radius);
         let (low, high) = (cell_of(&(p - reach)), cell_of(&(p + reach)));
@@ -119,6 +129,10 @@ impl Cells {
 }
 
 impl Atoms {
+    /// In the order of chains, residues and atoms of the structure.
+    ///
+    /// # Errors
+    /// [`Error::NoAtoms`] if no residue is a polymer's, or all their atoms are hydrogens.
     pub(crate) fn of(structure: &Structure) -> Result<Self, Error> {
         let mut chosen: Vec<(u32, u32)> = Vec::new();
         for chain in 0..structure.chains().len() {
@@ -176,6 +190,7 @@ impl Atoms {
     }
 
     /// Calls `f` with each atom within `radius` of `p` and its squared distance.
+    /// In the order of the cells, the same in every run.
     pub(crate) fn within(&self, p: &Point3, radius: f64, mut f: impl FnMut(u32, f64)) {
         let squared = radius * radius;
         self.cells.near(p, radius, |a| {
@@ -209,6 +224,7 @@ impl Atoms {
     }
 
     /// The distance from `p` to the nearest atom's surface, at most `reach`, and that atom.
+    /// Negative within an atom. Of equally near atoms the one with the lower number.
     pub(crate) fn gap(&self, p: &Point3, reach: f64) -> Option<(f64, u32)> {
         let mut best: Option<(f64, u32)> = None;
         self.within(p, reach + self.largest, |a, d| {

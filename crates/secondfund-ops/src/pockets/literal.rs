@@ -1,5 +1,9 @@
 //! The method of the thesis as it is printed (§7.5): patches of the secondary operator with Ψ = e^{−H} whose mean
 //! curvature is negative.
+//!
+//! It stands beside the method of this crate to be compared with it. Where a body is concave Ψ = e^{−H} is large and
+//! modes hardly change; groups of their rows are patches, and those that bulge in on the whole are called pockets.
+//! Burial takes no part in the ranking.
 
 use geom_core::{Point3, Run, Structure, TriMesh, Vector3};
 
@@ -88,9 +92,11 @@ fn concave_patches_on(
 }
 
 /// Pieces of less than this share of the surface are what two cuts leave between their borders.
+/// Two partitions that cut alike still do not cut at the same faces.
 const TINY: f64 = 0.005;
 
 /// The patches of negative mean curvature of the first cut, in the pieces of the second.
+/// A face belongs to the piece that both of its labels name, if its first label is a concave patch's.
 fn concave_pieces(
     surface: &TriMesh,
     modes: &Spectrum,
@@ -126,6 +132,7 @@ fn concave_pieces(
 }
 
 /// Points this far above the vertices of an outline, Å.
+/// Along the normals of the vertices, each vertex once.
 fn above(surface: &TriMesh, outline: &Outline, up: &[Vector3], probe: f64) -> Vec<Point3> {
     let corners = |&f: &u32| surface.triangles()[f as usize];
     let mut vertices: Vec<u32> = outline.triangles.iter().flat_map(corners).collect();
@@ -166,6 +173,7 @@ fn pocket(
 }
 
 /// The faces of each label.
+/// In the order of the labels, faces ascending.
 fn parts(labels: &[u32]) -> Vec<Vec<u32>> {
     let count = labels.iter().max().map_or(0, |&l| l as usize + 1);
     let mut parts = vec![Vec::new(); count];
@@ -176,6 +184,7 @@ fn parts(labels: &[u32]) -> Vec<Vec<u32>> {
 }
 
 /// The mean of a field over an outline, by area.
+/// Linear on each triangle; 0 for an outline without area.
 pub(super) fn mean_over(surface: &TriMesh, outline: &Outline, field: &[f64]) -> f64 {
     let (mut sum, mut area) = (0.0, 0.0);
     for &f in &outline.triangles {

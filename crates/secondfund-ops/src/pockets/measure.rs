@@ -7,6 +7,7 @@ use geom_core::{Point3, TriMesh, Vector3};
 /// surface may lie under that. Points deeper in a surface that has closed over them say nothing.
 pub(super) const REACH: f64 = 4.5;
 /// A border loop is a mouth of its own if its lid is this share of the largest one's.
+/// Smaller ones are holes in the outline, from which no depth is measured.
 const MOUTH: f64 = 0.1;
 
 /// A pocket as a part of the surface.
@@ -98,6 +99,7 @@ impl Lid {
             .collect()
     }
 
+    /// The middle is that of the edges, weighted by their lengths.
     fn of(surface: &TriMesh, edges: Vec<[u32; 2]>) -> Self {
         let at = |v: u32| surface.positions()[v as usize];
         let (mut sum, mut length) = (Vector3::zeros(), 0.0);
@@ -120,6 +122,7 @@ impl Lid {
 }
 
 /// The largest distance of a corner below the mouth nearest above it.
+/// 0 for a patch without a border.
 fn depth(surface: &TriMesh, triangles: &[u32], lids: &[Lid]) -> f64 {
     let largest = lids.iter().map(|lid| lid.normal.norm()).fold(0.0, f64::max);
     let mouths: Vec<(Vector3, Point3)> = lids

@@ -1,4 +1,7 @@
 //! The part of a surface that is a pocket.
+//!
+//! A pocket is found from atoms alone; here it becomes triangles of a surface, with area and depth. Both sources give
+//! an owner per triangle or none, so that outlines never overlap.
 
 use geom_core::{Run, Structure, TriMesh};
 
@@ -15,6 +18,8 @@ use crate::options::{OutlineOptions, OutlineSource};
 /// The outlines of pockets on the molecule's surface. No triangle is in two of them: what two pockets claim is shared
 /// out by the nearest pocket point. A pocket that no part of the surface is near, because the surface has
 /// closed over it, has no triangles; a surface that follows the atoms more closely has it.
+///
+/// One outline per pocket, in the order of the pockets.
 ///
 /// # Errors
 /// Options out of range, and those of [`spectrum`](crate::spectrum()) and [`segment`](crate::segment()).

@@ -1,5 +1,8 @@
 //! Patches of a surface on which the modes of the secondary Laplace operator with Ψ = e^{−H} change little: those that hold
 //! most of a pocket's burial are the pocket.
+//!
+//! Burial is taken a probe's radius above each vertex, and patches are compared by the score per area, since large ones
+//! gather much that is hardly deep.
 
 use geom_core::search::nearest::PointTree;
 use geom_core::{Point3, Structure, TriMesh};
@@ -33,6 +36,7 @@ pub(super) struct Patches {
 }
 
 impl Patches {
+    /// The modes, the patches and the burial of the surface: what does not depend on which pockets are asked for.
     pub(super) fn of(
         surface: &TriMesh,
         structure: &Structure,
@@ -71,6 +75,7 @@ impl Patches {
 
     /// The patch to which most of the pocket's points are nearest, and those of its neighbours to which some are
     /// and that are as deep.
+    /// Empty where no point of the pocket is within reach of the surface.
     fn of_pocket(&self, pocket: &Pocket, tree: &PointTree<3>) -> Vec<u32> {
         let mut votes = vec![0usize; self.density.len()];
         for p in &pocket.points {
@@ -141,6 +146,7 @@ impl Patches {
     }
 }
 
+/// The threshold is a quantile over the vertices of the whole surface.
 fn densities(faces: &Faces, labels: &[u32], deep: &[f64]) -> Vec<f64> {
     let mut sorted = deep.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -42,6 +42,7 @@ pub fn between_probes(structure: &Structure, options: &ProbeOptions) -> Result<V
 }
 
 /// Points of pockets and whose they are.
+/// Points of all pockets in one tree, those of the better ranks first.
 struct Owned {
     tree: PointTree<3>,
     owners: Vec<u32>,
@@ -70,6 +71,7 @@ impl Owned {
 }
 
 /// The points that belong to each pocket: to that with the nearest point of its own, within reach.
+/// A point that is one of a pocket's own is left out.
 pub(super) fn shared_out(
     points: &[Point3],
     pockets: &[Pocket],
@@ -112,6 +114,7 @@ pub(super) fn triangles_at(
 }
 
 /// Gives up crumbs, and fills small holes within one outline.
+/// Parts are connected over edges. What touches several outlines stays without an owner.
 fn settle(surface: &TriMesh, owners: &mut [Option<u32>], pockets: usize) {
     let sides = sorted_sides(surface.triangles());
     let pairs = || {

@@ -152,6 +152,7 @@ fn clusters(deep: &[(ShellPoint, f64)], spacing: f64, link: f64) -> Vec<Vec<u32>
 }
 
 /// Width σ of the kernel in which the points of a pocket are densest at its centre, Å.
+/// Less follows single points, more goes to the mean.
 const WIDTH: f64 = 4.0;
 /// Most steps towards that place, and the length of the last, Å.
 const SHIFTS: usize = 100;
@@ -247,6 +248,7 @@ impl Candidate {
         }
     }
 
+    /// Everything back in the coordinates of the file.
     fn pocket(
         &self,
         rank: usize,

@@ -16,6 +16,7 @@ const TINY: f64 = 0.005;
 /// Rounds of border smoothing.
 const ROUNDS: usize = 3;
 /// How far labels diffuse in a round, in sides of a mean face.
+/// Larger ones make borders straighter and let narrow segments vanish.
 const REACH: f64 = 4.0;
 /// Curvature across an edge, in unit scale, that halves the diffusion: borders along it are wanted.
 const CREASE: f64 = 4.0;
@@ -86,6 +87,7 @@ fn join_tiny(faces: &Faces, patches: Vec<u32>) -> Vec<u32> {
     patches
 }
 
+/// By length, not by number of edges; none for a whole component.
 fn longest_border(faces: &Faces, members: &[u32], patches: &[u32]) -> Option<u32> {
     let own = patches[members[0] as usize];
     let mut lengths: Vec<(u32, f64)> = Vec::new();
@@ -100,6 +102,7 @@ fn longest_border(faces: &Faces, members: &[u32], patches: &[u32]) -> Option<u32
     largest(&lengths)
 }
 
+/// A short list of sums by label: segments have few neighbours.
 fn add(sums: &mut Vec<(u32, f64)>, label: u32, value: f64) {
     match sums.iter_mut().find(|s| s.0 == label) {
         Some(sum) => sum.1 += value,
@@ -116,6 +119,7 @@ fn largest(sums: &[(u32, f64)]) -> Option<u32> {
 /// Threshold dynamics (Merriman, Bence and Osher, 1992): the indicators of the labels diffuse, slowly across
 /// creases, and each face takes the label of the largest. Borders become shorter until creases hold them; nothing
 /// moves in a flat neighbourhood of straight borders.
+/// One factor serves all rounds and labels. `M + t L` is one implicit step of diffusion over the time t.
 fn straighten(faces: &Faces, labels: &[u32], scale: f64) -> Result<Vec<u32>, Error> {
     let mut names = labels.to_vec();
     names.sort_unstable();

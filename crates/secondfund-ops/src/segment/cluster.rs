@@ -177,6 +177,8 @@ pub(crate) fn medoid_silhouette(distances: &[f32], n: usize, medoids: &[u32]) ->
 /// with the centroids c and the mean distances s from them. Small for compact groups far apart; empty
 /// groups are left out; infinite where two centroids coincide.
 ///
+/// 0 for a single group. `rows` holds `width` numbers per point, `group` the group of each.
+///
 /// ```
 /// let index = secondfund_ops::segment::davies_bouldin(&[0.0, 2.0, 10.0, 12.0], 1, &[0, 0, 1, 1]);
 /// assert!((index - 0.2).abs() < 1e-6);

@@ -40,10 +40,12 @@ impl Rows {
         }
     }
 
+    /// The number of rows.
     pub(crate) fn len(&self) -> usize {
         self.values.len().checked_div(self.width).unwrap_or(0)
     }
 
+    /// `width` numbers.
     pub(crate) fn row(&self, vertex: usize) -> &[f32] {
         &self.values[vertex * self.width..(vertex + 1) * self.width]
     }

@@ -1,4 +1,6 @@
 //! Faces as a graph: areas, and which faces meet along which edges.
+//!
+//! All that happens to segments after the modes happens on this graph, so that triangles and quads are the same to it.
 
 use geom_core::compute::parallel;
 use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
@@ -6,6 +8,7 @@ use geom_core::{Point3, QuadMesh, TriMesh, Vector3};
 use crate::forms::{area_normal, centroid, sorted_sides};
 
 /// Two faces with a common edge.
+/// Lengths are in the unit of the mesh. `turn` is never negative: folds and creases count alike.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Link {
     /// The other face.
@@ -19,6 +22,8 @@ pub(crate) struct Link {
 }
 
 /// The faces of a mesh: their corners, areas and neighbours.
+/// An edge of more than two faces links each pair of them. Quads count as plane: their area is that of their mean
+/// plane.
 #[derive(Clone, Debug)]
 pub struct Faces {
     sides: usize,
@@ -99,10 +104,12 @@ impl Faces {
     }
 
     /// The area of each face.
+    /// In the squared unit of the mesh.
     pub fn areas(&self) -> &[f64] {
         &self.areas
     }
 
+    /// The neighbours of a face, in the order of their numbers.
     pub(crate) fn links(&self, face: usize) -> &[Link] {
         &self.links[self.starts[face]..self.starts[face + 1]]
     }

@@ -7,6 +7,8 @@ use geom_core::{TriMesh, Vector3};
 use crate::Error;
 
 /// The differences of a segmentation from a reference.
+///
+/// Rand difference and consistency errors count faces, the Hamming distance counts area.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Difference {
@@ -25,6 +27,7 @@ pub struct Difference {
 }
 
 /// How often labels of both meet, by faces and by area.
+/// Everything but the cut discrepancy follows from it, in time of the number of cells.
 struct Contingency {
     /// `(a, b, faces, area)`, ascending.
     cells: Vec<(u32, u32, f64, f64)>,
@@ -71,6 +74,8 @@ impl Contingency {
         Ok(table)
     }
 
+    /// Counted from the sizes of cells and labels, not from pairs: with `C(n) = n(n−1)/2` pairs among n faces it is
+    /// `Σ C(a) + Σ C(b) − 2 Σ C(ab)` over all pairs.
     fn rand(&self) -> f64 {
         let pairs = |n: f64| 0.5 * n * (n - 1.0);
         let all = pairs(self.faces);
@@ -128,6 +133,9 @@ pub(super) fn dense(labels: &[u32]) -> Vec<u32> {
 /// assert_eq!((d.rand, d.hamming, d.global_consistency, d.local_consistency), (0.5, 0.25, 0.25, 0.125));
 /// # Ok::<(), secondfund_ops::Error>(())
 /// ```
+///
+/// # Errors
+/// [`Error::Length`] if there is not one label of the reference and one area per label.
 pub fn difference(labels: &[u32], reference: &[u32], areas: &[f64]) -> Result<Difference, Error> {
     let table = Contingency::of(labels, reference, areas)?;
     let missing = table.uncovered(table.of_second.len(), |c| c.1);
@@ -146,6 +154,9 @@ pub fn difference(labels: &[u32], reference: &[u32], areas: &[f64]) -> Result<Di
 /// Cut discrepancy: the mean distance along edges from the vertices on the cuts of one segmentation to
 /// those of the other, both ways, over the mean distance of the vertices from their centroid. `None` if
 /// one of them has no cut. One mean over the cut vertices of both, as the benchmark's evaluator takes it.
+///
+/// # Errors
+/// [`Error::Length`] if there is not one label per triangle, and what refuses the edges as a graph.
 pub fn cut_discrepancy(
     mesh: &TriMesh,
     labels: &[u32],
@@ -181,6 +192,7 @@ pub fn cut_discrepancy(
     Ok((count > 0).then(|| sum / count as f64 / mean_radius(mesh)))
 }
 
+/// The ends of the edges between faces of different labels, ascending.
 fn cut_vertices(mesh: &TriMesh, labels: &[u32]) -> Vec<u32> {
     let mut sides: Vec<([u32; 2], u32)> = mesh
         .triangles()
@@ -202,6 +214,7 @@ fn cut_vertices(mesh: &TriMesh, labels: &[u32]) -> Vec<u32> {
     vertices
 }
 
+/// The mean distance of the vertices from their mean.
 fn mean_radius(mesh: &TriMesh) -> f64 {
     let p = mesh.positions();
     let n = p.len().max(1) as f64;

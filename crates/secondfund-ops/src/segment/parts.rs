@@ -117,6 +117,7 @@ fn parts_on(
     })
 }
 
+/// A search on as many modes as wanted, or as there are.
 fn searching<'a>(
     spectrum: &'a Spectrum,
     modes: usize,

@@ -95,6 +95,7 @@ pub fn shape_diameter(mesh: &TriMesh) -> Result<Vec<f64>, Error> {
         .collect())
 }
 
+/// Of one triangle; 0 if it has no area.
 fn diameter(mesh: &TriMesh, tree: &TriangleTree, triangle: usize) -> f64 {
     let [a, b, c] = mesh.corners(triangle);
     let center = Point3::from((a.coords + b.coords + c.coords) / 3.0);

@@ -1,4 +1,9 @@
 //! The whole way from modes to segments.
+//!
+//! One search serves all that is asked of a spectrum: rows of the modes, a sample drawn by area, the distances of all
+//! its pairs (the one kernel of a backend here). Numbers of groups are tried on the sample; the best of several starts
+//! is chosen by the loss over all vertices. What comes out are medoids, by which faces are labelled, and `clean` makes
+//! segments of these.
 
 use geom_core::Run;
 use geom_core::compute::{BackendError, parallel};
@@ -16,6 +21,7 @@ use crate::options::{Groups, LEAST_MODES, MOST_MODES, Modes, SEARCH_MODES, Segme
 use geom_core::compute::random::SplitMix64;
 
 /// The modes in the rows for a number of groups.
+/// Never more than there are.
 fn modes_of(options: &SegmentOptions, groups: usize, spectrum: &Spectrum) -> usize {
     let wanted = match options.modes {
         Modes::EigenGap => eigen_gap(&spectrum.values),
@@ -56,6 +62,7 @@ fn number_of_groups(
 /// Of the numbers whose silhouette is at least this share of the largest the smallest is taken.
 const NEARLY: f64 = 0.99;
 
+/// The modes before the gap; all of them where there are fewer than two.
 fn eigen_gap(values: &[f64]) -> usize {
     let ratio = |k: usize| values[k] / values[k - 1].max(f64::MIN_POSITIVE);
     (1..values.len().min(MOST_MODES))
@@ -64,6 +71,7 @@ fn eigen_gap(values: &[f64]) -> usize {
 }
 
 /// A number of groups that was tried.
+/// Both indices are of the sample, before groups fall into connected patches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct GroupChoice {
@@ -87,12 +95,17 @@ pub struct Segments {
     /// Modes in the rows.
     pub modes: usize,
     /// The numbers of groups that were tried.
+    /// Empty where the number was given.
     pub choices: Vec<GroupChoice>,
     /// The vertices in the middle of the groups.
     pub medoids: Vec<u32>,
 }
 
 /// Segments of the faces on which the modes of `spectrum` live.
+///
+/// The faces may be those of the mesh of the spectrum or coarser and finer ones, as long as their corners are its
+/// vertices: of a limit surface, those of [`Surface::limit_mesh`](crate::Surface::limit_mesh). Labels are by face, in
+/// the order of `faces`.
 ///
 /// # Errors
 /// Options out of range, faces of another mesh.
@@ -172,6 +185,7 @@ pub(super) fn areas_of(faces: &Faces, labels: &[u32]) -> Vec<f64> {
 }
 
 /// The smallest number of groups whose silhouette is at least this share of the largest; 1 if none was tried.
+/// Choices stand in the order of their numbers.
 pub(super) fn sought(choices: &[GroupChoice], nearly: f64) -> usize {
     let largest = choices.iter().map(|c| c.silhouette).fold(0.0, f64::max);
     let good = choices.iter().find(|c| c.silhouette >= nearly * largest);
@@ -179,6 +193,7 @@ pub(super) fn sought(choices: &[GroupChoice], nearly: f64) -> usize {
 }
 
 /// One vertex per stratum of equal area, at a random place of it; vertices of large area may come twice.
+/// All of them if there are no more than asked for. Vertices without area are never drawn.
 fn draw(areas: &[f64], count: usize, seed: u64) -> Vec<u32> {
     let used: Vec<u32> = (0..areas.len() as u32)
         .filter(|&v| areas[v as usize] > 0.0)
@@ -213,6 +228,7 @@ pub(super) fn label_faces(faces: &Faces, rows: &Rows, medoids: &[u32]) -> Vec<u3
         .collect()
 }
 
+/// The group whose medoid is nearest to a row, and the distance.
 fn nearest(rows: &Rows, medoids: &[u32], row: &[f32]) -> (u32, f32) {
     let mut best = (0, f32::INFINITY);
     for (group, &m) in medoids.iter().enumerate() {
@@ -225,6 +241,7 @@ fn nearest(rows: &Rows, medoids: &[u32], row: &[f32]) -> (u32, f32) {
 }
 
 /// What the search for groups reads.
+/// Distances take `4 n²` bytes for n drawn vertices; all numbers of groups are tried on the same ones.
 pub(super) struct Search<'a> {
     pub(super) rows: Rows,
     drawn: Rows,
@@ -306,6 +323,7 @@ impl<'a> Search<'a> {
             .1
     }
 
+    /// Weighted by area: a sample is only a guess of it.
     fn loss_over_all(&self, found: &Medoids) -> f64 {
         let vertices: Vec<u32> = found
             .medoids

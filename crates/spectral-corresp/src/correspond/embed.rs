@@ -1,5 +1,9 @@
 //! Nodes that follow others: embedded deformation (Sumner, Schmid and Pauly, *Embedded deformation for shape
 //! manipulation*, 2007).
+//!
+//! Fits and morphs solve for some nodes only; here the others learn where they go. Each control node carries a rigid
+//! motion, its own rotation about its own place, and a point takes the weighted mean of where eight of them would put
+//! it: smooth from point to point, and exact for a rigid motion of all.
 
 use geom_core::Point3;
 use geom_core::nalgebra::Matrix3;
@@ -10,6 +14,7 @@ use crate::Error;
 use crate::fit::{Motion, superpose};
 
 /// Control nodes that a point follows; the next one says how far they reach.
+/// The next one has no weight, so that a point that passes from one set of eight to another does not jump.
 const FOLLOWED: usize = 8;
 
 /// Control nodes with their images and rotations.
@@ -22,6 +27,9 @@ pub struct Embedding<'a> {
 
 impl<'a> Embedding<'a> {
     /// Of control nodes at `rest` with their `images`. Without `rotations` each takes that of its own neighbours.
+    ///
+    /// # Errors
+    /// [`Error::Length`] where lists differ in length; places that are not finite.
     pub fn new(
         rest: &'a [Point3],
         images: &'a [Point3],
@@ -63,6 +71,8 @@ impl<'a> Embedding<'a> {
 
     /// Where points go: the mean of where the eight nearest control nodes take them, `Σ ω (R (x − p) + X)`, with
     /// `ω ∝ (1 − d / d₉)²`.
+    /// A control node itself stays near its image but need not hit it. Without control nodes points stay where they
+    /// are.
     pub fn of(&self, points: &[Point3]) -> Vec<Point3> {
         points
             .par_iter()

@@ -31,6 +31,7 @@ pub struct JointModes {
     /// A number per node of the second shape.
     pub second: Vec<Vec<f64>>,
     /// The correlation of each mode over the links.
+    /// At least 0.5.
     pub correlations: Vec<f64>,
     /// How many modes were left out because the shapes move against each other in them.
     pub dropped: usize,
@@ -44,6 +45,11 @@ const ANCHORED: f64 = 10.0;
 /// The first modes of both shapes that move in phase. `forward` and `backward` are partners as in
 /// [`Correspondence`](crate::Correspondence): a pair has one link, whichever names it. That of an `anchored` boundary
 /// node of the first shape to its partner is ten times as strong as the others.
+///
+/// # Errors
+/// [`Error::Direction`] for maps between other shapes, [`Error::Length`] for an anchored node that there is not,
+/// [`Error::TooManyModes`], and [`Error::Unlinked`] if fewer than four modes (or than are asked for) move in phase with
+/// links 27 times as strong.
 pub fn joint_modes(
     a: &VoxelShape,
     b: &VoxelShape,
@@ -102,6 +108,7 @@ pub fn links(a: &VoxelShape, b: &VoxelShape, forward: &[u32], backward: &[u32]) 
     links
 }
 
+/// Modes of the joint graph, those out of phase left out and counted.
 fn modes(
     a: &VoxelShape,
     b: &VoxelShape,
@@ -159,6 +166,7 @@ fn modes(
 }
 
 /// Of the values at both ends of the links.
+/// Pearson's; 0 where one side does not vary.
 fn correlation(links: &[(u32, u32)], a: &[f64], b: &[f64]) -> f64 {
     let count = links.len().max(1) as f64;
     let pairs = || links.iter().map(|&(i, j)| (a[i as usize], b[j as usize]));

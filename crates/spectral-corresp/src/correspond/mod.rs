@@ -1,4 +1,9 @@
 //! The search for the correspondence of two shapes, its verdict, and their joint modes (Sections 6.2–6.4).
+//!
+//! One search reads like this: candidates from features and rigid motions (`start`) are fitted shortly on 1,500 nodes,
+//! one way and the other; the best, and maps that go on from it to a symmetric twin (`rivals`), are fitted on all
+//! nodes; what is torn is mended (`torn`); and the verdict asks whether the score is that of right maps and no other
+//! map comes near it. The score J is the same measure all along, so that maps of any origin can be compared.
 
 mod embed;
 mod joint;
@@ -24,6 +29,7 @@ pub use joint::{JointModes, joint_modes};
 use torn::Pieces;
 
 /// Nodes on which candidates are fitted.
+/// Well spread over the boundary: enough to tell maps apart, few enough to fit dozens.
 const THINNED: usize = 1500;
 /// Maps that are fitted on all nodes, of those that score at most this times the best.
 const FITTED: usize = 3;
@@ -143,6 +149,7 @@ pub fn correspond<B: CorrespBackend + ?Sized>(
     correspond_on(a, b, options, run.with(run.backend.as_corresp()))
 }
 
+/// A start that the caller gives is refined as it is, one way: no other map and no mirror image is looked for.
 fn correspond_on(
     a: &VoxelShape,
     b: &VoxelShape,
@@ -380,6 +387,7 @@ pub fn expected_bytes(a: &VoxelShape, b: &VoxelShape) -> u64 {
     of(a) + of(b)
 }
 
+/// Refuses what would take more than the caller allows, before any of it is taken.
 fn check_memory(a: &VoxelShape, b: &VoxelShape, options: &MatchOptions) -> Result<(), Error> {
     let (bytes, limit) = (expected_bytes(a, b), options.max_memory);
     if bytes > limit {
@@ -393,6 +401,7 @@ fn check_memory(a: &VoxelShape, b: &VoxelShape, options: &MatchOptions) -> Resul
     Ok(())
 }
 
+/// Refuses spacings that differ by more than 1 %.
 fn check_spacings(a: &VoxelShape, b: &VoxelShape) -> Result<(), Error> {
     let (a, b) = (a.lattice().spacing, b.lattice().spacing);
     if (a - b).abs() > SPACINGS * a.max(b) {
@@ -477,6 +486,8 @@ struct Given {
     anchors: Vec<(u32, Point3)>,
 }
 
+/// Anchors lead all nodes by the rigid motion of the anchors; a given map leads each to its partner. Nothing for other
+/// starts.
 fn given(
     a: &VoxelShape,
     b: &VoxelShape,
@@ -547,6 +558,7 @@ impl Correspondence {
     /// Which boundary nodes of the first shape have no counterpart: those that are farther than `beyond` from their
     /// partners (see [`distances`](Self::distances)), as where a loop or a chain is missing in the second shape. 4 Å is a
     /// good limit for proteins.
+    /// In the shapes' own unit, as the distances are.
     pub fn unmatched(&self, beyond: f64) -> Vec<bool> {
         self.distances.iter().map(|d| *d > beyond).collect()
     }
@@ -763,6 +775,7 @@ fn thesis_links(
         .collect())
 }
 
+/// Which rows these are.
 fn indices(near: &[Nearest]) -> Vec<u32> {
     near.iter().map(|n| n.index).collect()
 }

@@ -11,6 +11,7 @@ use crate::fit::{Neighbourhoods, Side, superpose};
 /// Nodes within this many spacings of each other hang together, if they do.
 const REACH: f64 = 2.2;
 /// A pair of them is torn where the map makes it longer than this many times.
+/// Partners are lattice points, so that neighbours are stretched by rounding alone; three times is more than that.
 const STRETCH: f64 = 3.0;
 /// A piece goes along with the nodes within so many spacings of its tear.
 const HOLD: f64 = 8.0;
@@ -95,6 +96,7 @@ impl Pieces {
 }
 
 /// The first node of what each node is joined to, by pairs that hold.
+/// Depth first, from the lowest node on.
 fn joined(near: &Neighbourhoods, holds: impl Fn(usize, usize) -> bool) -> Vec<u32> {
     let mut first_of = vec![u32::MAX; near.len()];
     let mut stack = Vec::new();

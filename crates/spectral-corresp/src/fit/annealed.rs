@@ -28,6 +28,7 @@ const fn stage(radius: f64, rounds: usize, pairs: usize) -> Stage {
 }
 
 /// To tell candidates apart.
+/// Half of the pairs per node, few rounds: only the order of the candidates matters.
 pub(crate) const SHORT: &[Stage] = &[stage(18.0, 8, 30), stage(12.0, 8, 30)];
 /// For the one that is kept.
 pub(crate) const LONG: &[Stage] = &[stage(12.0, 10, 60), stage(8.0, 20, 60), stage(6.0, 20, 60)];
@@ -38,10 +39,12 @@ pub(crate) const LAST: &[Stage] = &[stage(6.0, 5, 60)];
 pub(crate) const JUDGE: &[Stage] = &[stage(6.0, 0, 60)];
 
 /// λ: the pull of the data on a node over that of its neighbours.
+/// Larger ones bend the shape to every bump of the other, smaller ones leave gaps.
 const PULL: f64 = 0.15;
 /// A node that many are drawn from pulls at most this many times as strongly.
 const MOST_PULL: f64 = 3.0;
 /// Steps of Jacobi's method per round.
+/// Rotations follow in between; partners are found again only in the next round.
 const SWEEPS: usize = 3;
 /// Neighbourhoods reach at least this many times as far as the nearest node.
 const LEAST_RADIUS: f64 = 3.0;
@@ -73,6 +76,7 @@ pub(crate) struct Fit {
 }
 
 /// Stages on one side, with who is near whom in each: the same for every map of it.
+/// Rounds and neighbourhoods of each stage.
 pub(crate) struct Schedule(Vec<(usize, Neighbourhoods)>);
 
 impl Schedule {
@@ -90,6 +94,9 @@ impl Schedule {
 }
 
 /// Fits the images of `a` to `b` from `images`, stage after stage. `anchors` are nodes of `a` with a place of their own.
+///
+/// The score is taken in the neighbourhoods of the last stage, with normals shorter than in the fit; partners are found
+/// last, with shorter ones still.
 pub(crate) fn anneal(
     a: &Side,
     b: &Side,
@@ -145,6 +152,8 @@ fn meet(a: &Side, targets: &[f64], length: f64, fit: &mut Fit, run: On<'_>) -> R
     run.nearest(targets, images, &mut fit.backward)
 }
 
+/// Rotations, partners both ways, then sweeps towards the mean of what each node met and what met it. An anchor takes
+/// the place of these data.
 fn round(
     a: &Side,
     b: &Side,

@@ -27,6 +27,7 @@ pub(crate) use rows::Flat;
 pub(crate) use thesis::descend;
 
 /// `S = Σ_j (X_i − X_j)(P_i − P_j)ᵀ` of a node.
+/// The transpose of that of Eq. 6.9.
 fn covariance(task: &RotationTask<'_>, i: usize) -> Matrix3<f64> {
     let (p, x) = (task.rest[i], task.now[i]);
     let mut s = [[0.0; 3]; 3];
@@ -109,6 +110,7 @@ fn largest_eigenvector(n: &Matrix4<f64>, s: &Matrix3<f64>) -> Option<Vector4<f64
 }
 
 /// The adjugate of a symmetric matrix, from the minors of its first and of its last two rows.
+/// `adj(M) M = det(M) 1`: columns of that of a singular matrix lie in its kernel.
 fn adjugate(m: &Matrix4<f64>) -> Matrix4<f64> {
     let minor =
         |r: usize, a: usize, b: usize| m[(r, a)] * m[(r + 1, b)] - m[(r + 1, a)] * m[(r, b)];
@@ -141,6 +143,7 @@ fn adjugate(m: &Matrix4<f64>) -> Matrix4<f64> {
     out
 }
 
+/// The rotation of a unit quaternion, real part first.
 fn of_quaternion(q: &Vector4<f64>) -> Matrix3<f64> {
     let [w, x, y, z] = [q[0], q[1], q[2], q[3]];
     Matrix3::new(
@@ -158,6 +161,7 @@ fn of_quaternion(q: &Vector4<f64>) -> Matrix3<f64> {
 
 /// Where a step of Jacobi's method puts a node: the mean of where its neighbours want it, `X_j + ½ (R_i + R_j)(P_i −
 /// P_j)`, and of its target.
+/// Without neighbours it goes to its target, if it has a pull, or stays.
 pub(crate) fn swept(task: &SweepTask<'_>, i: usize) -> Point3 {
     let shape = &task.shape;
     let (p, r) = (shape.rest[i], &task.rotations[i]);
@@ -199,6 +203,7 @@ fn times(r: &Matrix3<f64>, e: [f64; 3]) -> [f64; 3] {
 }
 
 /// The mean square distortion of each node's neighbourhood, Å².
+/// 0 for a node without neighbours.
 pub(crate) fn distortions(task: &RotationTask<'_>, rotations: &[Matrix3<f64>]) -> Vec<f64> {
     (0..task.rest.len())
         .into_par_iter()

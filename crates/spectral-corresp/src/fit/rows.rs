@@ -22,6 +22,7 @@ const GROUP: usize = LANES * LANES;
 type Lane = [f64; LANES];
 
 /// Rows made ready to be looked through.
+/// Rows that fill up the last block are infinitely far away and are never found.
 pub(crate) struct Flat {
     width: usize,
     /// Blocks of [`LANES`] rows: all their first numbers, all their second ones, …
@@ -42,6 +43,7 @@ struct Best {
 }
 
 impl Flat {
+    /// `O(n log n)`; a copy of the rows, so that the caller's may go.
     pub(crate) fn of(rows: Rows<'_>) -> Self {
         let width = rows.width.max(1);
         let mut order: Vec<u32> = (0..rows.len() as u32).collect();
@@ -115,6 +117,7 @@ impl Flat {
     }
 
     /// Looks through a group, its nearest block first.
+    /// A block at exactly the best distance is still looked at: an earlier row may be in it.
     #[inline(always)]
     fn search(&self, group: usize, query: &[f64], width: usize, best: &mut Best) {
         if group * LANES >= self.rows.len() {
@@ -174,6 +177,7 @@ fn to_boxes(boxes: &[Lane], group: usize, query: &[f64], width: usize) -> Lane {
 }
 
 /// The smallest number.
+/// By halves, which vectors do side by side.
 #[inline(always)]
 fn least(numbers: &Lane) -> f64 {
     let mut least = *numbers;

@@ -1,5 +1,8 @@
 //! The thesis's second step of refinement (Eqs. 6.8–6.12): the distortion alone, with images kept on the nodes of the
 //! other shape.
+//!
+//! The step is taken freely, then each image is put back on a node, by which small steps come to nothing: so the start
+//! decides much. There is no pull towards the other shape but this. It is here to be compared with.
 
 use geom_core::Point3;
 
@@ -12,6 +15,7 @@ const PAIRS: usize = 60;
 
 /// Jacobi steps with the images put back on the nearest node of `b`, until the energy falls by less than `tolerance`
 /// of itself, at most `most`.
+/// Gives the images with the least energy: those before a step that raises it.
 #[expect(
     clippy::too_many_arguments,
     reason = "one call, and each of them is a parameter of the method"

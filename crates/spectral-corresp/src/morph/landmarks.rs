@@ -12,6 +12,8 @@ use crate::shape::{Parts, VoxelShape};
 /// The extrema of the harmonic function `W h = ρ − mean(ρ)`, `ρ_i = |(W x)_i|` with `W` the weights less their sums on
 /// the diagonal: its minima lie at the tips, its maxima deep inside. A node counts if no other within `radius` is as
 /// extreme; of equal ones the first.
+/// Ascending. ρ is what is missing around a node, nearly nothing inside and much at tips and edges; it is made free of
+/// its mean over each part, since the matrix has constants in its kernel.
 pub(super) fn harmonic(
     graph: &VoxelGraph,
     rest: &[Point3],
@@ -62,6 +64,7 @@ pub(super) fn harmonic(
 
 /// Given landmarks as those of the second shape: of its nodes the nearest to each image, which goes to where the landmark
 /// came from.
+/// So that both ways of a morph are led by the same places.
 pub(super) fn turned(
     given: &[(u32, Point3)],
     a: &VoxelShape,

@@ -31,6 +31,7 @@ const ROUNDS: [usize; 2] = [10, 60];
 /// Relative fall of its energy that ends it.
 const SETTLED: f64 = 1e-4;
 /// How much the rotation of a neighbour counts where a neighbourhood leaves its own open.
+/// Small enough that it decides only where nothing else does.
 const LEAN: f64 = 1e-2;
 
 /// A way from one shape to another.
@@ -70,6 +71,7 @@ enum Ways {
     Rotating(Box<Rotating>),
 }
 
+/// All that a frame needs but its time: one system with one node held in each part serves all frames.
 struct Rotating {
     parts: Parts,
     solver: Solver,
@@ -148,6 +150,10 @@ pub struct FrameReport {
 
 impl Morph {
     /// From `a` to `b` by their correspondence. Stays on the CPU; `run` watches.
+    ///
+    /// # Errors
+    /// [`Error::Direction`] and [`Error::Length`] for a correspondence of other shapes, [`Error::NotFinite`] for an
+    /// image that is no place, [`Error::Landmark`], options out of range, systems that are not solved.
     pub fn new<B: CorrespBackend + ?Sized>(
         a: &VoxelShape,
         b: &VoxelShape,
@@ -261,6 +267,10 @@ impl Morph {
     }
 
     /// Where all nodes of the first shape are at a time, Å; before 0 and after 1 the motion goes on.
+    /// The ends are exact.
+    ///
+    /// # Errors
+    /// [`Error::Time`] for a time that is no number, [`Error::NotSolved`].
     pub fn at(&self, t: f64) -> Result<Vec<Point3>, Error> {
         if t == 0.0 {
             return Ok(self.rest.clone());
@@ -308,6 +318,10 @@ impl Morph {
 
     /// The shape at a time as lattice points and as a grid in step with that of the nearer shape. Of the low-passed marks of nodes and edges, the largest are
     /// inside, as many as the volume at that time takes.
+    ///
+    /// # Errors
+    /// Those of [`at`](Self::at), and [`Error::TooLarge`] for a lattice that takes more than
+    /// [`MorphOptions::max_memory`].
     pub fn frame<B: CorrespBackend + ?Sized>(
         &self,
         t: f64,
@@ -537,6 +551,7 @@ fn logarithms(
     logarithms
 }
 
+/// Without an axis of its own, as near the identity, it takes that of the other.
 fn nearest_logarithm(rotation: &Matrix3<f64>, to: &Vector3) -> Vector3 {
     let least = Rotation3::from_matrix_unchecked(*rotation).scaled_axis();
     let axis = least

@@ -1,4 +1,8 @@
 //! Lattice points of moved nodes.
+//!
+//! Nodes that have moved no longer lie on a lattice. Their images and points along the edges between them mark the
+//! lattice points next to them, a low-pass closes what stretching has opened, and a level is taken at which the volume
+//! is as wanted.
 
 use geom_core::algebra::graph::VoxelGraph;
 use geom_core::{Aabb, Lattice, Point3, ScalarGrid};
@@ -20,6 +24,9 @@ const STRAINED: f64 = 0.3;
 const BYTES_PER_POINT: u128 = 15;
 
 /// A lattice in step with `lattice` that holds the positions with a margin.
+///
+/// # Errors
+/// [`Error::TooLarge`] before it is allocated.
 pub(super) fn lattice_of(
     lattice: &Lattice,
     positions: &[&[Point3]],
@@ -43,6 +50,7 @@ pub(super) fn lattice_of(
 }
 
 /// Adds `amount` at each lattice point that is nearest to a node or to a point on an edge between nodes.
+/// A lattice point gets it once, however many meet it: crowding does not make a place more inside.
 pub(super) fn mark(
     lattice: &Lattice,
     graph: &VoxelGraph,
@@ -67,6 +75,7 @@ pub(super) fn mark(
     }
 }
 
+/// The place in memory of the lattice point next to `p`, which must lie within the lattice.
 fn nearest(lattice: &Lattice, p: &Point3) -> usize {
     let local = lattice.local(p);
     lattice.index([0, 1, 2].map(|a| local[a].round() as usize))
@@ -74,6 +83,7 @@ fn nearest(lattice: &Lattice, p: &Point3) -> usize {
 
 /// A Gaussian of `sigma` spacings, cut off at four of them, along one axis after the other; what lies beyond the lattice
 /// is 0.
+/// The kernel sums to 1.
 pub(super) fn low_passed(lattice: &Lattice, mut values: Vec<f32>, sigma: f64) -> Vec<f32> {
     if sigma <= 0.0 {
         return values;
@@ -113,6 +123,7 @@ pub(super) fn low_passed(lattice: &Lattice, mut values: Vec<f32>, sigma: f64) ->
 }
 
 /// The flags of so many points of the largest values, of equal ones the first; and a level between them and the others.
+/// Half-way between the smallest value inside and the largest outside. Fewer than `count` where fewer are above 0.
 pub(super) fn largest(grid: &ScalarGrid, count: usize) -> (Vec<bool>, f64) {
     let values = grid.values();
     let count = count.min(values.len());
@@ -144,6 +155,7 @@ pub(super) fn largest(grid: &ScalarGrid, count: usize) -> (Vec<bool>, f64) {
 }
 
 /// How the nodes of a frame lie to each other.
+/// Volumes and time are left for the caller.
 pub(super) fn measured(
     lattice: &Lattice,
     graph: &VoxelGraph,

@@ -1,5 +1,9 @@
 //! As-rigid-as-possible positions of a graph's nodes (Sorkine and Alexa, *As-rigid-as-possible surface modeling*,
 //! 2007), with the weights of the graph.
+//!
+//! The method goes back and forth between two easy steps. With positions fixed, the best rotation of each neighbourhood
+//! is known in closed form; with rotations fixed, the best positions solve a linear system, whose matrix is the same in
+//! all rounds. Each step lowers the energy, so that it comes to rest.
 
 use geom_core::algebra::graph::VoxelGraph;
 use geom_core::algebra::iterate::{self, conjugate_gradients};
@@ -23,6 +27,7 @@ const POOR: f64 = 1e-3;
 const HELD: u32 = u32::MAX;
 
 /// `(D − W) X = B` for the nodes that are not held. Every part of the graph must hold one.
+/// Without a held node the matrix of a part would have constants in its kernel.
 pub(super) struct Solver {
     /// Number of each node among the free ones.
     place: Vec<u32>,
@@ -35,6 +40,9 @@ pub(super) struct Solver {
 
 impl Solver {
     /// Factors once, or beyond `direct_nodes` not at all.
+    ///
+    /// # Errors
+    /// What refuses the matrix or its factor.
     pub(super) fn new(
         graph: &VoxelGraph,
         held: &[bool],
@@ -76,6 +84,9 @@ impl Solver {
 
     /// Moves the free nodes so that `Σ_j w (X_i − X_j) = rhs(i)` at each of them; the others stay. Where nothing is
     /// factored, the search starts where the nodes are.
+    ///
+    /// # Errors
+    /// [`Error::NotSolved`] if conjugate gradients end far from the solution.
     pub(super) fn solve(
         &self,
         graph: &VoxelGraph,

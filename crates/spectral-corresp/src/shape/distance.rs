@@ -1,5 +1,9 @@
 //! Exact Euclidean distances on a lattice (Meijster, Roerdink and Hesselink, *A general algorithm for computing distance
 //! transforms in linear time*, 2000): squares are integers, so nothing is rounded.
+//!
+//! The square of a distance in space is a sum over the axes, so that it is found axis by axis: first along x within
+//! each row, then with the parabolas `(t − u)² + g(u)` along z and along y. Each point is read a fixed number of times,
+//! whatever the distances are.
 
 use rayon::prelude::*;
 
@@ -64,6 +68,8 @@ struct Envelope {
 impl Envelope {
     /// `out[t] = min over u of (t − u)² + line(u)`, where `u` goes one beyond the line on both sides and `line` is 0
     /// there.
+    /// Each parabola is put on once and taken off at most once. Where two meet, the later one counts: the values are
+    /// the same.
     fn lower(&mut self, n: usize, line: impl Fn(usize) -> u32, out: &mut [u32]) {
         let (n, parabolas) = (n as i64, &mut self.parabolas);
         parabolas.clear();

@@ -1,4 +1,7 @@
 //! The lattice points inside a closed triangle mesh.
+//!
+//! Parity along lines needs neither normals nor an orientation of the mesh, and sees several bodies and cavities at
+//! once. Every row of lattice points is by itself; a row that crosses the mesh an odd number of times proves a hole.
 
 use geom_core::compute::parallel;
 use geom_core::{Aabb, Lattice, Point3, TriMesh};
@@ -12,6 +15,10 @@ const BYTES_PER_ROW: u128 = 20;
 /// The lattice around a mesh with a margin of two spacings, and which of its points lie inside: those from which a
 /// line along the first axis leaves the mesh an odd number of times. Lines are moved off the lattice by a millionth of
 /// a spacing, so that they pass no vertex or edge of a mesh that was made on a lattice.
+///
+/// # Errors
+/// [`Error::Spacing`], [`Error::Empty`] for a mesh without vertices, [`Error::TooLarge`] before anything large is
+/// allocated, [`Error::Open`] with the first row that proves it.
 pub(super) fn inside(
     mesh: &TriMesh,
     spacing: f64,
@@ -93,6 +100,7 @@ pub(super) fn inside(
 }
 
 /// Where the line along x through `[y, z]` crosses a triangle.
+/// `None` beside it, and for one that stands along the line.
 fn crossing(corners: [Point3; 3], [y, z]: [f64; 2]) -> Option<f64> {
     // Of both triangles at an edge exactly one has the line: the sign of an edge does not depend on its direction.
     let side = |a: &Point3, b: &Point3| {

@@ -1,4 +1,8 @@
 //! Shapes as sets of lattice points: their graph, boundary, depth, skeleton and diameters (Sections 6.1 and 6.3.2).
+//!
+//! Made in this order: flags on a lattice, cavities filled if asked, the graph of what is inside, its parts, of which
+//! those that are kept make a new graph, the boundary with its normals, distances to the outside, and from these
+//! skeleton and diameters. Modes are found when they are asked for, and not kept.
 
 pub(crate) mod distance;
 mod map;
@@ -85,6 +89,7 @@ pub(crate) fn check_memory(lattice: &Lattice, per_point: u128, limit: u64) -> Re
     refuse_above(limit, points, points.saturating_mul(per_point))
 }
 
+/// [`Error::TooLarge`] above the limit.
 fn refuse_above(limit: u64, points: u128, bytes: u128) -> Result<(), Error> {
     if bytes > u128::from(limit) {
         return Err(Error::TooLarge {
@@ -98,6 +103,12 @@ fn refuse_above(limit: u64, points: u128, bytes: u128) -> Result<(), Error> {
 
 impl VoxelShape {
     /// The points of a grid at which the value is at least `level`.
+    ///
+    /// The level must lie within the values; normals follow the gradient of the grid.
+    ///
+    /// # Errors
+    /// [`Error::Empty`] and [`Error::Full`] for a level beyond the values, [`Error::NotFinite`], and those of
+    /// [`of_flags`](Self::of_flags).
     pub fn of_grid<B: CorrespBackend + ?Sized>(
         grid: &ScalarGrid,
         level: f64,
@@ -150,6 +161,11 @@ impl VoxelShape {
     }
 
     /// The lattice points inside a closed mesh.
+    /// The lattice reaches two spacings beyond the mesh.
+    ///
+    /// # Errors
+    /// [`Error::Open`] for a mesh that is not closed, [`Error::Spacing`], [`Error::TooLarge`], and those of
+    /// [`of_flags`](Self::of_flags).
     pub fn of_mesh<B: CorrespBackend + ?Sized>(
         mesh: &TriMesh,
         spacing: f64,
@@ -162,6 +178,10 @@ impl VoxelShape {
     }
 
     /// The points of a lattice whose flag is set; what lies beyond the lattice is outside.
+    ///
+    /// # Errors
+    /// [`Error::Flags`] if there is not one flag per point, [`Error::Empty`], [`Error::Spacing`], [`Error::TooLarge`],
+    /// [`Error::TooSmall`] with fewer than 50 boundary nodes.
     pub fn of_flags<B: CorrespBackend + ?Sized>(
         lattice: &Lattice,
         inside: Vec<bool>,
@@ -355,6 +375,9 @@ impl VoxelShape {
 
     /// The first `count` modes after the constant one (Eq. 6.2, see "Reading the thesis"): `(D − W) φ = λ D φ`. Of a shape
     /// in several parts the next ones are constant on each.
+    ///
+    /// # Errors
+    /// [`Error::TooManyModes`], and what the solver says.
     pub fn modes<B: CorrespBackend + ?Sized>(
         &self,
         count: usize,
@@ -444,6 +467,7 @@ pub(crate) fn normalize(parts: &mut [&mut Vec<f64>]) {
     }
 }
 
+/// The steps to the six neighbours across a face.
 const FACES: [[i64; 3]; 6] = [
     [-1, 0, 0],
     [1, 0, 0],
@@ -474,6 +498,7 @@ fn kept(sizes: &[usize], components: Components) -> Vec<bool> {
 }
 
 /// Sets the flags of points outside that no path across faces joins to the border of the lattice, and counts them.
+/// By a flood from the border inwards, in time of the number of points.
 fn fill_cavities(counts: [usize; 3], inside: &mut [bool]) -> usize {
     let [nx, ny, nz] = counts;
     let at = |[i, j, k]: [usize; 3]| (k * ny + j) * nx + i;

@@ -17,6 +17,7 @@ pub(crate) struct Parts {
 }
 
 impl Parts {
+    /// Breadth first: paths to the first node are as short as can be.
     pub(crate) fn of(graph: &VoxelGraph) -> Self {
         let nodes = graph.nodes();
         let (mut order, mut parent) = (Vec::with_capacity(nodes), vec![ROOT; nodes]);
@@ -48,6 +49,7 @@ impl Parts {
         }
     }
 
+    /// The nodes of each part.
     pub(crate) fn each(&self) -> impl Iterator<Item = &[u32]> {
         self.starts.windows(2).map(|s| &self.order[s[0]..s[1]])
     }

@@ -20,6 +20,7 @@ const ALL_SIGNS: usize = 4;
 const SWAP: f64 = 0.1;
 
 /// The thesis's start (Eq. 6.7) with both signs of the first mode.
+/// Candidates are images of the spread nodes of the first shape, with their distortion as score.
 pub(crate) fn of_histograms(
     a: &Boundary<'_>,
     b: &Boundary<'_>,
@@ -59,6 +60,7 @@ pub(crate) fn of_histograms(
         .collect()
 }
 
+/// The mean square from the mean.
 fn variance<'a>(values: impl Iterator<Item = &'a f64> + Clone) -> f64 {
     let count = values.clone().count().max(1) as f64;
     let mean = values.clone().sum::<f64>() / count;
@@ -66,6 +68,7 @@ fn variance<'a>(values: impl Iterator<Item = &'a f64> + Clone) -> f64 {
 }
 
 /// Where the nodes with the nearest rows are.
+/// Of each query in order; several may go to one node.
 fn nearest_points(
     queries: &[f64],
     targets: &[f64],
@@ -84,6 +87,7 @@ fn nearest_points(
 
 /// The first modes of both shapes, matched in order: all signs of the first four, further signs one after the other,
 /// and swaps of neighbours whose eigenvalues are close.
+/// What is tried is scored on as many nodes as the judge looks at; the best twelve become candidates.
 pub(crate) fn of_modes(
     a: &Boundary<'_>,
     b: &Boundary<'_>,
@@ -134,6 +138,7 @@ pub(crate) fn of_modes(
 }
 
 /// A map by modes.
+/// Kept without its images, which are made again for the few that go on.
 struct Tried {
     score: f64,
     signs: Vec<f64>,
@@ -141,6 +146,7 @@ struct Tried {
 }
 
 impl Tried {
+    /// As in "3 modes +−+, 2 and 3 swapped": for reports.
     fn name(&self) -> String {
         let sign = |s: &f64| if *s > 0.0 { '+' } else { '−' };
         let signs: String = self.signs.iter().map(sign).collect();
@@ -152,6 +158,7 @@ impl Tried {
     }
 }
 
+/// What does not change while signs are tried.
 struct Search<'a> {
     a: &'a Boundary<'a>,
     b: &'a Boundary<'a>,
@@ -218,6 +225,7 @@ impl Search<'_> {
 }
 
 /// The order of the modes as they are, and with each pair of neighbours swapped whose eigenvalues are close.
+/// Only of the second shape: swapping both would change nothing.
 fn orders(values: &[f64], most: usize) -> Vec<Vec<usize>> {
     let plain: Vec<usize> = (0..most).collect();
     let mut out = vec![plain.clone()];

@@ -138,6 +138,7 @@ impl Cells {
     }
 
     /// Where the points of the cubes around a point stand in the order: rows of up to three cubes.
+    /// Cubes of a row stand side by side in the order, so that up to three of them are one range.
     fn around(&self, p: [i32; 3]) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
         let near = move |a: usize| {
             let at = ((p[a] - self.low[a]) / self.side) as usize;

@@ -1,4 +1,7 @@
 //! Where the search may start: maps from features of nodes, and rigid motions.
+//!
+//! A fit finds the nearest good map and no other, so that much depends on where it starts. Every kind of start gives
+//! candidates; those of one kind are told apart by a score, and the best few that differ are fitted shortly, all alike.
 
 mod features;
 mod histograms;
@@ -76,6 +79,7 @@ impl Side {
 
 /// `count` of the points, each as far as possible from those before it (Gonzalez, *Clustering to minimize the maximum
 /// intercluster distance*, 1985); the first is the farthest from the mean.
+/// Time grows with the product of both numbers. Any first part of the list is well spread, too.
 pub(crate) fn spread(points: &[Point3], count: usize) -> Vec<u32> {
     let mean = points.iter().map(|p| p.coords).sum::<Vector3>() / points.len().max(1) as f64;
     let farthest = |squares: &[f64]| {
@@ -142,6 +146,7 @@ impl Judge {
 }
 
 /// The best few candidates that differ.
+/// At most four, each at least 5 Å from all better ones on average.
 pub(crate) fn best_apart(mut candidates: Vec<Candidate>) -> Vec<Candidate> {
     candidates.sort_by(|a, b| a.score.total_cmp(&b.score));
     let mut kept: Vec<Candidate> = Vec::new();

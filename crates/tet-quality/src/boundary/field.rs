@@ -1,4 +1,8 @@
 //! The isosurface that surface vertices lie on.
+//!
+//! Fields are asked for value and gradient, from which the first-order distance follows, `(f − level) / |∇f|`. It is
+//! exact for a signed distance, good near any level set, and too large where the gradient nearly vanishes: where it
+//! decides how far a vertex goes, it is cut.
 
 use geom_core::compute::BackendError;
 use geom_core::field::Tangent;
@@ -35,6 +39,10 @@ impl Isosurface<'_> {
     }
 
     /// The same at many points; a field that takes them with one call is asked once.
+    ///
+    /// # Errors
+    ///
+    /// Those of the field, and another number of answers than points.
     pub(crate) fn tangents(&self, at: &[Point3]) -> Result<Vec<Tangent>, Error> {
         let Some(field) = self.field.at_many() else {
             let at = at.par_iter().with_min_len(32);

@@ -19,11 +19,16 @@ use crate::mesh::link::hull;
 use crate::mesh::proposal::{Operation, Proposal};
 
 /// Distance between the middles of triangles that face each other, in spacings.
+/// Wider finds more pairs and costs more; narrower would miss walls that meet before they are looked for again.
 const REACH: f64 = 1.25;
 /// Largest cosine between the normals of triangles that face each other.
+/// Generous: normals 53° apart are enough, since the walls of a wedge are in danger, too.
 const FACING: f64 = 0.6;
 
 /// Which vertices face each other across a gap.
+///
+/// It is a snapshot: found before a sweep, true until vertices have moved by half their room. Without any pair it is
+/// empty and costs nothing.
 #[derive(Clone, Default)]
 pub(crate) struct SelfIntersectionGuard {
     /// Vertex `v` faces the triangles around `facing[starts[v]..starts[v + 1]]`; later vertices are
@@ -36,6 +41,7 @@ pub(crate) struct SelfIntersectionGuard {
     stars: Vec<(u32, [u32; 3])>,
 }
 
+/// Positions and room of one vertex when gaps were last looked for.
 #[derive(Clone)]
 struct Clearance {
     at: Point3,
@@ -70,6 +76,7 @@ struct Side {
 }
 
 /// The cell of a point; cells are as wide as the reach.
+/// The last coordinate comes first, so that cells in order of their arrays are rows along x.
 fn cell_of(x: &Point3, reach: f64) -> [i32; 3] {
     [2, 1, 0].map(|k| (x[k] / reach).floor() as i32)
 }
@@ -102,6 +109,7 @@ impl Side {
         }
     }
 
+    /// Do they face each other: near by, turned to each other, and at least one in front of the other?
     fn faces(&self, other: &Self, reach: f64) -> bool {
         let d = other.middle - self.middle;
         d.norm_squared() < reach * reach
@@ -110,6 +118,7 @@ impl Side {
     }
 
     /// A lower bound of the distance: the widest of the gaps along some directions.
+    /// By the separating axis theorem any axis gives a bound; these are the likely ones. 0 where none separates them.
     fn clear_of(&self, other: &Self, x: &[Point3]) -> f64 {
         let corners = [self, other].map(|s| s.corners.map(|v| x[v as usize] - self.middle));
         let along = other.middle - self.middle;
@@ -150,6 +159,7 @@ impl Facing {
 }
 
 /// All that face each other within `reach`, by vertex and corner; `sides` are sorted by cell.
+/// Each pair is met once, from the side that comes first, and noted for the corners of both: six entries.
 fn all_facing(sides: &[Side], x: &[Point3], reach: f64) -> Vec<Facing> {
     let mut all: Vec<Facing> = (0..sides.len())
         .into_par_iter()
@@ -225,6 +235,7 @@ impl BoundaryChange {
 }
 
 /// The triangles of the boundary that may come to face others, by cell.
+/// Triangles without a vertex of the isosurface are left out, and so are those between tetrahedra.
 fn sides_of(mesh: &EditableMesh, reach: f64) -> Vec<Side> {
     let mut sides: Vec<Side> = (0..mesh.tets.len() as u32)
         .into_par_iter()
@@ -318,6 +329,8 @@ impl SelfIntersectionGuard {
     }
 
     /// Would a triangle around the vertex `v` cross another one if it went to `x`?
+    /// Folds of the star itself count as well. Boxes are compared first, triangles by exact predicates only where boxes
+    /// meet.
     fn star_crosses(&self, mesh: &EditableMesh, v: u32, x: Point3) -> bool {
         let at = |u: u32| if u == v { x } else { mesh.x[u as usize] };
         let star: Vec<BoxedTriangle> = self
@@ -365,6 +378,7 @@ impl SelfIntersectionGuard {
     }
 
     /// Do no more triangles cross once those of the change lie where `then` says?
+    /// What crosses already in the input may go on doing so; the count before is taken only if any crosses after.
     fn crosses_no_more(
         &self,
         mesh: &EditableMesh,
@@ -392,6 +406,10 @@ impl SelfIntersectionGuard {
     }
 
     /// May the vertex move as far as the gaps are concerned?
+    ///
+    /// Three questions, from cheap to dear: is it still within half of its room; does nothing around it cross anything
+    /// it faces; do no more cross than before. A vertex that is younger than the snapshot is judged by what its
+    /// neighbours face.
     pub(crate) fn allows_move(&self, mesh: &EditableMesh, v: u32, x: Point3) -> bool {
         if self.starts.is_empty() || self.stays_clear(mesh, v, x) {
             return true;
@@ -427,6 +445,7 @@ impl SelfIntersectionGuard {
     }
 
     /// Does the change replace triangles of the boundary near a gap?
+    /// Operations inside leave the boundary as it is, and are not asked.
     fn changes_boundary(&self, mesh: &EditableMesh, proposal: &Proposal) -> bool {
         let on_surface = match proposal.operation {
             Operation::EdgeRemoval | Operation::FaceSwap | Operation::Projection => false,
@@ -455,6 +474,7 @@ impl SelfIntersectionGuard {
 }
 
 /// The triangles of the boundary after a change that were not before, and those that vanish or move.
+/// Triangles with sorted corners, in order: only these are tested against what is near.
 fn change_of_boundary(mesh: &EditableMesh, proposal: &Proposal, moved: &[u32]) -> BoundaryChange {
     let around = moved.iter().flat_map(|&v| mesh.incidence.of(v));
     let patch = distinct(proposal.remove.iter().chain(around).copied());

@@ -31,6 +31,11 @@ pub(crate) struct Input {
 }
 
 /// Checks the mesh, orients its tetrahedra alike, and says how each vertex may move.
+///
+/// # Errors
+///
+/// More than two tetrahedra on a face; neighbours that cannot be oriented alike; a field that is no number at a surface
+/// vertex.
 pub(crate) fn prepare(
     mesh: TetMesh,
     held: &[bool],
@@ -66,6 +71,7 @@ pub(crate) fn free_again(
 }
 
 /// Gives the vertices where surfaces touch or meet.
+/// Each vertex by itself, in parallel; then those that the field has lost are asked for again by their neighbours.
 fn set_freedoms(
     mesh: &mut EditableMesh,
     beyond: &[[u32; 4]],
@@ -125,6 +131,8 @@ struct Cluster {
     off: usize,
 }
 
+/// Breadth first, from the lowest number on. Around a disk each neighbour is met once, as the first of the other two
+/// corners.
 fn clusters(mesh: &EditableMesh, faces: &InterfaceFaces, lost: &[bool]) -> Vec<Cluster> {
     let mut seen = vec![false; lost.len()];
     let mut clusters = Vec::new();
@@ -184,6 +192,7 @@ fn most_are_on_field(
 }
 
 /// Which tetrahedra are neighbours.
+/// Only for the preparation: afterwards neighbours are found by [`EditableMesh::beyond`].
 struct Adjacency {
     /// The tetrahedron beyond each face, [`NONE`] on the boundary.
     beyond: Vec<[u32; 4]>,
@@ -191,6 +200,8 @@ struct Adjacency {
     flipped: bool,
 }
 
+/// Sorting the faces of each vertex by themselves keeps lists short and lets threads work alone; the third tetrahedron
+/// on a face is an error.
 fn adjacency(mesh: &EditableMesh) -> Result<Adjacency, Error> {
     // Each face at its lowest corner, around which both of its tetrahedra lie.
     let met = fold_chunks(mesh.x.len(), |vertices| {
@@ -272,6 +283,8 @@ fn same_side(face: [u32; 3], other: [u32; 4]) -> bool {
 /// Gives all tetrahedra of a connected part the same orientation, the one in which its volume is
 /// positive. What is negative after that is truly inverted. Files of other programs order corners
 /// as they like.
+/// Breadth first over each part, `O(n)`. A part whose volume is exactly zero keeps the orientation of its first
+/// tetrahedron.
 fn orient(mesh: &mut EditableMesh, beyond: &[[u32; 4]]) -> Result<usize, Error> {
     let n = mesh.tets.len();
     let mut flip: Vec<Option<bool>> = vec![None; n];
@@ -334,6 +347,8 @@ fn orient(mesh: &mut EditableMesh, beyond: &[[u32; 4]]) -> Result<usize, Error> 
 }
 
 /// The interface faces around each vertex.
+/// In one array, by vertex. Others are in the order in which the triangle is counter-clockwise seen from the higher
+/// region.
 struct InterfaceFaces {
     starts: Vec<usize>,
     faces: Vec<InterfaceFace>,
@@ -453,6 +468,7 @@ fn judge(
 }
 
 /// Do the faces form one closed fan between the same two regions?
+/// Walks from spoke to spoke: each must start exactly one face, and the walk must come back having met all of them.
 fn is_disk(fan: &[InterfaceFace]) -> bool {
     let Some(pair) = fan.first().map(|f| f.pair) else {
         return false;
@@ -496,6 +512,7 @@ fn normals(
 }
 
 /// The directions that keep the given surface as it is: along a plane, or along the crease of two.
+/// Exact to a sine of 1e-9, since nothing would bring a vertex back that has left its plane.
 fn flat(mesh: &EditableMesh, x: Point3, fan: &[InterfaceFace]) -> Freedom {
     let Some(normals) = normals(mesh, x, fan).collect::<Option<Vec<Vector3>>>() else {
         return Freedom::Fixed;

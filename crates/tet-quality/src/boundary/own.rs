@@ -1,4 +1,8 @@
 //! The surfaces of a mesh itself, for vertices that slide along them where there is no field.
+//!
+//! What serves as a field here is a signed distance whose gradient is not the direction to the nearest point but a
+//! normal that is interpolated over the triangle: with flat ones a vertex that slides from one triangle to the next
+//! would see a jump. The zero set is the input's triangles themselves.
 
 use geom_core::mesh::FACES;
 use geom_core::search::bvh::TriangleTree;
@@ -12,6 +16,8 @@ pub(crate) const SMOOTH: f64 = 0.766_044_443_118_978;
 
 /// The signed distance to all boundaries and interfaces of a mesh, with normals as of the smooth surface
 /// that their triangles stand for.
+/// Normals at a corner are means over the faces that turn by less than 40° from its own, weighted by angle: a sharp
+/// edge has two.
 pub(crate) struct OwnSurface {
     tree: TriangleTree,
     /// Unit normals per corner.
@@ -83,6 +89,7 @@ impl ImplicitField for OwnSurface {
         self.value_gradient(x).0
     }
 
+    /// One search in a tree of boxes: logarithmic in the number of triangles, on average.
     fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
         let near = self.tree.closest(x);
         let corners = self.normals[near.triangle as usize];

@@ -13,12 +13,16 @@ use crate::mesh::link::hull;
 use crate::mesh::proposal::{NEW, Proposal};
 
 /// Share of its volume that a cavity keeps.
+/// Enough that it does not turn inside out, little enough that its wall may still be smoothed.
 const KEPT: f64 = 0.25;
 /// The wall of a vertex where several parts of the boundary touch.
 const SEVERAL: u32 = NONE - 1;
 
 /// The walls of cavities: the closed parts of the boundary that enclose a negative volume, since what
 /// they enclose is not meshed.
+///
+/// Volumes are kept up by differences: a move adds what the tetrahedra around it gain. A vertex where several parts of
+/// the boundary touch is a junction, which stays.
 #[derive(Clone, Default)]
 pub(crate) struct CavityGuard {
     /// Per vertex: the number of its wall, [`NONE`] or [`SEVERAL`]. Later vertices may be missing.
@@ -26,6 +30,7 @@ pub(crate) struct CavityGuard {
     pub(crate) all: Vec<Wall>,
 }
 
+/// Both are negative. `most` is a quarter of the volume at the start.
 #[derive(Clone)]
 pub(crate) struct Wall {
     /// Six times the signed volume that it encloses.
@@ -101,11 +106,13 @@ impl CavityGuard {
         walls
     }
 
+    /// The label of a vertex: a number of `all`, [`NONE`] or [`SEVERAL`].
     pub(crate) fn at(&self, v: u32) -> u32 {
         self.labels.get(v as usize).copied().unwrap_or(NONE)
     }
 
     /// The wall that things with these corners lie on.
+    /// `None` if any of them lies on no wall, or two on different ones; corners where several parts touch fit any.
     fn common<const N: usize>(labels: [u32; N]) -> Option<usize> {
         let mut wall = SEVERAL;
         for label in labels {
@@ -125,6 +132,7 @@ impl CavityGuard {
     }
 
     /// By how much a vertex that goes to `x` would take from its cavity; `None` without one.
+    /// Linear in the number of tetrahedra around `v`.
     pub(crate) fn rise_of_move(&self, mesh: &EditableMesh, v: u32, x: Point3) -> Option<Rise> {
         let wall = Self::common([self.at(v)])?;
         // What the mesh gains is what the cavity loses.
@@ -232,6 +240,7 @@ impl CavityGuard {
 }
 
 /// Six times the signed volume between a point and a triangle.
+/// Summed over a closed surface, the same for any point, six times its volume.
 fn cone(about: Point3, [a, b, c]: [Point3; 3]) -> f64 {
     six_volume([about, a, b, c])
 }

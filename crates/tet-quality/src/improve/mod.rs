@@ -49,6 +49,18 @@ mod settings;
 /// # }
 /// # Ok::<(), tet_quality::Error>(())
 /// ```
+///
+/// An empty mesh gives an empty one. Memory and the time of a sweep grow with the number of tetrahedra; later passes
+/// look only at those that still miss the goals.
+///
+/// # Errors
+///
+/// - [`Error::Option`]: an option is out of its range, or [`SurfaceMotion::AlongInput`] was asked for with a field.
+/// - [`Error::NonManifoldFace`], [`Error::NotOrientable`]: the tetrahedra overlap.
+/// - [`Error::StillInverted`]: some stay inverted or flat, or [`Options::untangle`] is off.
+/// - [`Error::FieldNotFinite`]: the field is not a number at a surface vertex.
+/// - [`Error::Cancelled`]: the watcher asked to stop, between two passes or rounds.
+/// - [`Error::Backend`]: the backend failed, or gave another number of answers than were asked for.
 pub fn improve<B: QualityBackend + ?Sized>(
     mesh: TetMesh,
     field: Option<&dyn ImplicitField>,
@@ -82,6 +94,8 @@ pub fn improve_part<B: QualityBackend + ?Sized>(
     )
 }
 
+/// Both verbs, compiled once: input, flow, passes, parting of walls, account. The flow comes before the passes, since
+/// it leaves the isosurface; walls are parted after them, when few are left.
 fn improve_part_on(
     mesh: TetMesh,
     held: &[bool],

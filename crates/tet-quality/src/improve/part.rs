@@ -1,5 +1,8 @@
 //! Parting walls that have come through each other. Where the other side of the boundary is not meshed, the walls of narrow
 //! gaps may cross in valid steps. They are few: to part them afterwards costs less than to watch every step.
+//!
+//! What is parted must also keep its quality, and both pull in opposite directions. So each round is a bargain: corners
+//! go down to a poor objective to get apart, passes mend the tetrahedra, and where they do not, all is taken back.
 
 use geom_core::search::crossing::{BoxedTriangle, crossing_pairs};
 use geom_core::{Point3, TriMesh, Vector3};
@@ -34,9 +37,11 @@ const LEAST: f64 = 0.05;
 const ROOM: f64 = 1e-3;
 
 /// Two triangles of the boundary that cross.
+/// By their corners, not by the numbers of faces, which would not outlast a change of the boundary.
 type Pair = [[u32; 3]; 2];
 
 /// Where a vertex would have to go, from where it is.
+/// Lists of wishes are sorted by vertex, one per vertex, so that a sweep finds them by bisection.
 type Wish = (u32, Vector3);
 
 /// Where the corners of crossing triangles are pulled to.
@@ -68,6 +73,7 @@ const KINDS: [&[Pull]; 3] = [&[Pull::Apart, Pull::Fair], &[Pull::Fair], &[Pull::
 
 impl Passes<'_> {
     /// The pairs of boundary triangles that cross.
+    /// The whole boundary is searched.
     pub(super) fn crossing(&self) -> Vec<Pair> {
         let mesh = &self.guarded.mesh;
         let faces = mesh.boundary_faces();
@@ -79,6 +85,10 @@ impl Passes<'_> {
 
     /// Pulls triangles that cross apart, so that no more of them cross, and mends what that costs: in the end all
     /// elements meet the goals, or none is worse than the worst one was. Gives how many pairs still cross.
+    ///
+    /// The first rounds are gentle: no star falls below the goals and below what its worst tetrahedron was. What they
+    /// do not part is pulled in harder and harder ways: see `How`. Vertices that may not move stay, and pairs of which
+    /// no corner may move are left.
     pub(super) fn part(
         &mut self,
         mut pairs: Vec<Pair>,
@@ -110,6 +120,7 @@ impl Passes<'_> {
     }
 
     /// Is there a corner of these triangles that may move?
+    /// Fixed walls of the input that cross stay as they are.
     fn can_part(&self, pairs: &[Pair]) -> bool {
         let freedom = &self.guarded.mesh.freedom;
         let mut corners = pairs.as_flattened().as_flattened().iter();
@@ -192,6 +203,7 @@ impl Passes<'_> {
     }
 
     /// Drops the pairs that no longer cross. Where none is left, others may have come in their place.
+    /// The whole boundary is searched only then.
     fn keep_crossing(&self, pairs: &mut Vec<Pair>) {
         let mesh = &self.guarded.mesh;
         let boxed = |t| BoxedTriangle::new(t, &|v: u32| mesh.x[v as usize]);
@@ -210,6 +222,8 @@ impl Passes<'_> {
     }
 
     /// One step of each corner of these triangles together with its neighbours, which make room for it.
+    /// Each is a proposal with the smoothing of a whole neighbourhood, so that one round carries out only those that do
+    /// not meet.
     fn drag(&mut self, pairs: &[Pair], kind: Pull, good: impl Fn([Point3; 4]) -> bool + Sync) {
         let wishes = self.wishes(pairs, kind);
         let Some(field) = &self.surface else {
@@ -244,6 +258,7 @@ impl Passes<'_> {
 
     /// One step of each corner of these triangles, as far as its tetrahedra stay `good` or the worst of them does not get
     /// worse.
+    /// Longer shares come first within a list: the vertex takes the longest step that it may.
     fn pull(
         &mut self,
         pairs: &[Pair],
@@ -285,6 +300,9 @@ fn wish_of(wishes: &[Wish], v: u32) -> Option<Vector3> {
 }
 
 /// Half of the way each along the direction in which two triangles face each other; of each vertex the longest, by vertex.
+/// The direction is the difference of the two outward normals: through a gap, one wall's outside is where the other
+/// wall should be. Corners that are on their own side of the middle plane already, with the room to spare, have no
+/// wish.
 fn wishes_apart(mesh: &EditableMesh, pairs: &[Pair], room: f64) -> Vec<Wish> {
     let mut wishes: Vec<Wish> = Vec::new();
     for pair in pairs {
@@ -314,6 +332,7 @@ fn wishes_apart(mesh: &EditableMesh, pairs: &[Pair], room: f64) -> Vec<Wish> {
 }
 
 /// To the mean of the neighbours on the boundary, by vertex.
+/// A fold around a vertex has no two sides. The mean of the neighbours, each counted once per face, flattens it.
 fn wishes_for_fairness(mesh: &EditableMesh, pairs: &[Pair]) -> Vec<Wish> {
     let mut corners: Vec<u32> = pairs.as_flattened().as_flattened().to_vec();
     corners.sort_unstable();

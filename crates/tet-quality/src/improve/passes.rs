@@ -35,6 +35,8 @@ use crate::smoothing::smooth::{
 use crate::smoothing::star::Star;
 
 /// Share of the spacing that surface vertices may be off the isosurface before the rescue passes.
+/// Far less than the deviation that is allowed by default: what a vertex may leave in the end is worth having as a
+/// reserve then.
 const NEAR: f64 = 0.02;
 /// Rounds of the search per vertex and sweep.
 const ROUNDS: u32 = 7;
@@ -45,6 +47,7 @@ const SMOOTHED_ROUNDS: u32 = 16;
 /// How many tetrahedra are few enough to spare nothing for them.
 const FEW: usize = 100;
 /// Share of the surface vertices that may stay farther from the isosurface than allowed.
+/// At pinches the isosurface cannot be reached at all, and passes for the sake of these would never end.
 const ENOUGH: f64 = 5e-4;
 /// Most rounds of bringing surface vertices to the isosurface after the passes.
 const SETTLE: u32 = 6;
@@ -109,6 +112,11 @@ impl<'a> Passes<'a> {
     }
 
     /// The quality of the mesh as it is.
+    /// Empty slots are left out; vertices keep their numbers.
+    ///
+    /// # Errors
+    ///
+    /// That of the backend, and its answer for another number of tetrahedra than it was given.
     pub(super) fn quality(&self, run: On<'_>) -> Result<QualityReport, Error> {
         let mesh = &self.guarded.mesh;
         let tets: Vec<usize> = (0..mesh.tets.len())
@@ -132,6 +140,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Untangles inverted tetrahedra if that is asked for. Gives how many there were.
+    /// Elements are numbered as in the input then, because no operation has changed a slot yet.
     pub(super) fn untangle(&mut self, run: On<'_>) -> Result<usize, Error> {
         let inverted = self.guarded.mesh.below(f64::MIN_POSITIVE).len();
         if inverted > 0 && self.options.untangle {
@@ -147,6 +156,7 @@ impl<'a> Passes<'a> {
     }
 
     /// The flow of the thesis if that is asked for. Gives how many moves it made.
+    /// Plane parts are bent by it, so freedoms are found anew.
     pub(super) fn flow(&mut self, junctions: &[u32]) -> Result<usize, Error> {
         let SurfaceMotion::AveragedMeanCurvature { steps, step } = self.options.surface else {
             return Ok(0);
@@ -157,6 +167,10 @@ impl<'a> Passes<'a> {
     }
 
     /// Passes until the goals are met, nothing changes or the budget is used up.
+    ///
+    /// The end is not the first pass that meets the goals: surface vertices must be at the isosurface too, and each
+    /// attempt to bring them there may cost what was won. So a pass that meets the goals is followed by a settling, and
+    /// passes go on while that still brings some vertices nearer.
     pub(super) fn run(&mut self, run: On<'_>) -> Result<Vec<Pass>, Error> {
         let budget = self.options.passes;
         let mut passes = Vec::new();
@@ -194,12 +208,15 @@ impl<'a> Passes<'a> {
         Ok(passes)
     }
 
+    /// Gaps are found anew before each sweep, since vertices have come nearer to each other meanwhile; free of cost
+    /// where nobody watches.
     pub(super) fn find_gaps(&mut self) {
         if self.watched {
             self.guarded.find_gaps(self.spacing, None);
         }
     }
 
+    /// The objective is known of every tetrahedron at any time: one pass over an array.
     pub(super) fn met(&self) -> bool {
         self.guarded.mesh.worst() >= self.target
     }
@@ -215,6 +232,7 @@ impl<'a> Passes<'a> {
     }
 
     /// One of the later passes again, for what has become worse since.
+    /// Numbers go on from the rescue passes, so that each of them turns its search directions otherwise.
     pub(super) fn rescue(&mut self, number: u32, run: On<'_>) -> Result<Pass, Error> {
         let mut done = self.pass(RESCUE + number, run)?;
         done.worst = self.guarded.mesh.worst();
@@ -256,6 +274,8 @@ impl<'a> Passes<'a> {
         self.projected = projected;
     }
 
+    /// Smooth, operate, smooth, project: operations are for what smoothing does not lift, and leave cavities that are
+    /// to be smoothed in turn. Gaps are looked for before either sweep.
     fn pass(&mut self, number: u32, run: On<'_>) -> Result<Pass, Error> {
         let mut done = Pass::default();
         let settings = PassSettings::of(number, self.target);
@@ -269,6 +289,7 @@ impl<'a> Passes<'a> {
     }
 
     /// Distance from the isosurface that a pass allows, Å.
+    /// Early passes hold vertices near by, so that the last ones have something to give.
     fn tolerance(&self, settings: &PassSettings) -> f64 {
         let share = if settings.rescue {
             self.options.deviation.max(NEAR)
@@ -279,6 +300,9 @@ impl<'a> Passes<'a> {
     }
 
     /// Smooths what lies at bad tetrahedra.
+    ///
+    /// Vertices around which nothing has changed since their last turn are left out: the same search would end where it
+    /// began.
     fn smooth(
         &mut self,
         settings: &PassSettings,
@@ -314,6 +338,9 @@ impl<'a> Passes<'a> {
 
     /// Replaces bad tetrahedra: by operations alone, in later passes by operations with the smoothing
     /// that they need.
+    ///
+    /// The two kinds have a memory each, because what fails alone may succeed with smoothing. Alone they work on all
+    /// below the bound of the pass, with smoothing, which costs far more, only on what misses the goals.
     fn operate(&mut self, settings: &PassSettings, done: &mut Pass) {
         let tolerance = self.tolerance(settings);
         let rules = Rules {
@@ -393,6 +420,9 @@ impl<'a> Passes<'a> {
 
     /// Brings the surface vertices that are still farther from the isosurface than allowed to it as
     /// far as all tetrahedra keep what they must. Gives how many are left.
+    ///
+    /// First each vertex by itself, then those that could not, with the smoothing of their neighbours; again until no
+    /// vertex goes, since one that has gone makes room for the next.
     fn settle(&mut self, keep: Keep, done: &mut Pass) -> Result<usize, Error> {
         let tolerance = self.deviation();
         let Some(surface) = &self.surface else {
@@ -476,6 +506,7 @@ fn is_far(mesh: &EditableMesh, v: u32, rules: &SurfaceRules<'_>) -> bool {
         && mesh.tangent(v, rules.field).distance().abs() > rules.tolerance
 }
 
+/// In order of their numbers, for any number of threads.
 fn far_vertices(mesh: &EditableMesh, rules: &SurfaceRules<'_>) -> Vec<u32> {
     (0..mesh.x.len() as u32)
         .into_par_iter()
@@ -485,6 +516,7 @@ fn far_vertices(mesh: &EditableMesh, rules: &SurfaceRules<'_>) -> Vec<u32> {
 }
 
 /// Median length of the edges between surface vertices; of all edges without any.
+/// An edge counts once per tetrahedron around it. 0 for an empty mesh.
 fn surface_spacing(mesh: &EditableMesh) -> f64 {
     let on_surface = |v: u32| mesh.kinds[v as usize] == VertexKind::Surface;
     let lengths = |fit: &(dyn Fn([u32; 2]) -> bool + Sync)| -> Vec<f64> {

@@ -9,6 +9,7 @@ pub(super) const LAST: u32 = 8;
 /// Angle that the first passes aim at, degrees: they raise the many, not only the worst.
 const WANTED: f64 = 30.0;
 /// Objectives down to which the first passes bring surface vertices to the isosurface.
+/// From pass to pass they rise: what an early projection spoils, later passes mend; what a late one spoils stays.
 const FLOORS: [f64; 5] = [0.05, 0.1, 0.2, 0.25, 0.3];
 
 /// What a pass aims at.

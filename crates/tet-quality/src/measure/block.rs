@@ -33,6 +33,8 @@ const ARCSINE: [f64; 11] = [
 ];
 
 /// The angle, in degrees, with the cosine `c` of which `q = c |c|` is given.
+/// Above one in size, which rounding may cause, it counts as one. The arc sine is taken of at most one half, where a
+/// short polynomial does.
 #[inline(always)]
 fn angle<S: Simd>(q: Lanes<S>) -> Lanes<S> {
     use std::f64::consts::{FRAC_PI_2, PI};
@@ -54,6 +56,8 @@ fn angle<S: Simd>(q: Lanes<S>) -> Lanes<S> {
 }
 
 /// Six volumes, Joe–Liu, edge ratios, smallest and largest dihedral angles.
+/// Not one branch: what does not apply is chosen away lane by lane, so that flat and inverted tetrahedra cost the same
+/// and do not disturb their neighbours.
 #[inline(always)]
 fn kernel<S: Simd>(corners: &[Vectors<S>; 4]) -> [Lanes<S>; 5] {
     let number = corners[0][0];
@@ -92,7 +96,8 @@ fn kernel<S: Simd>(corners: &[Vectors<S>; 4]) -> [Lanes<S>; 5] {
     }
     let v6 = zero - dot(normals[3], w);
     let sum = sum.max(tiny);
-    let joe_liu = number.all(JOE_LIU) * v6 / (sum * sum.sqrt());
+    // The denominator underflows where all corners coincide.
+    let joe_liu = number.all(JOE_LIU) * v6 / (sum * sum.sqrt()).max(tiny);
     // Coinciding corners have no shortest edge.
     let ratio = (longest / shortest.max(tiny)).sqrt();
     let ratio = zero.below(shortest, ratio, number.all(f64::INFINITY));
@@ -130,6 +135,10 @@ fn assemble(values: [f64; 5]) -> Measures {
 
 /// Measures a tetrahedron.
 ///
+/// By the kernel that [`QualityBackend::measure`](crate::QualityBackend::measure) runs on the CPU. Lengths are taken in
+/// units of the longest coordinate from the first corner, so that neither small nor large units spoil the shape. If the
+/// volume is not positive, the angles are 0° and 180°.
+///
 /// ```
 /// use tet_quality::{geom_core::Point3, measures};
 /// let corner = |x, y, z| Point3::new(x, y, z);
@@ -154,6 +163,8 @@ pub(crate) fn measure(positions: &[Point3], tets: &[[u32; 4]], out: &mut [Measur
     });
 }
 
+/// What [`measure`] hands to the vectors: corners are gathered into rows, one per coordinate, and results scattered
+/// again.
 struct Task<'a> {
     positions: &'a [Point3],
     tets: &'a [[u32; 4]],

@@ -121,6 +121,7 @@ fn face_normals(p: [Point3; 4]) -> [Vector3; 4] {
 
 /// What the objective is made of. Lengths are divided by the longest edge, so that neither large nor
 /// small units overflow.
+/// The fields: six volumes, squared edges in the order of `EDGES`, squares of the doubled areas opposite each corner.
 struct Raw {
     v6: f64,
     edges: [f64; 6],

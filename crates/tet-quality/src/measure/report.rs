@@ -196,6 +196,7 @@ fn badness(m: &Measures) -> f64 {
     }
 }
 
+/// Sorted, at most [`WORST`] of them; of equal ones the earlier stays, so that joined chunks give what one pass would.
 fn keep_worst(worst: &mut Vec<(f64, u32)>, candidate: (f64, u32)) {
     if worst.len() == WORST && worst.last().is_some_and(|w| w.0 <= candidate.0) {
         return;
@@ -205,6 +206,7 @@ fn keep_worst(worst: &mut Vec<(f64, u32)>, candidate: (f64, u32)) {
     worst.truncate(WORST);
 }
 
+/// Empty until something is added: then its ends are infinite the wrong way round.
 struct Range {
     min: f64,
     sum: f64,

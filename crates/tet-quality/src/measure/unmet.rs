@@ -105,6 +105,7 @@ pub struct Unmet {
 }
 
 /// The tetrahedra that do not meet the goals, and why.
+/// Numbers are those of the result, which has no empty slots. The worst come first, equal ones by number.
 pub(crate) fn unmet(mesh: &EditableMesh, goals: &Goals, junctions: &[u32]) -> Unmet {
     let enough = goals.objective();
     let alive: Vec<u32> = (0..mesh.tets.len() as u32)

@@ -44,6 +44,9 @@ impl Freedom {
 }
 
 /// A tetrahedral mesh that operations change in place.
+///
+/// Numbers of tetrahedra are slots: they outlast operations elsewhere, but the one that was `t` may be another
+/// tetrahedron later, which [`EditableMesh::changed_since`] tells. Numbers of vertices only grow.
 #[derive(Clone)]
 pub(crate) struct EditableMesh {
     pub(crate) x: Vec<Point3>,
@@ -67,11 +70,13 @@ pub(crate) struct EditableMesh {
 }
 
 /// Number of a class of vertices.
+/// With about 14 neighbours per vertex some ten classes occur; what 255 do not suffice for stays uncoloured.
 pub(crate) type Colour = u8;
 /// Not in any class: such a vertex has neighbours of all classes, or no tetrahedron, and stays.
 pub(crate) const NO_COLOUR: Colour = Colour::MAX;
 
 impl EditableMesh {
+    /// Every vertex is free at first: [`prepare`](crate::boundary::input::prepare) says what holds which.
     pub(crate) fn new(mesh: TetMesh) -> Self {
         let (x, tets, regions, kinds) = mesh.into_parts();
         let incidence = Incidence::new(x.len(), &tets);
@@ -105,6 +110,7 @@ impl EditableMesh {
     }
 
     /// The lowest class that no neighbour of `v` is in.
+    /// Greedy, in the order of numbers: the lowest of a bit set of those that are taken around it.
     fn free_colour(&self, v: u32) -> Colour {
         let star = self.incidence.of(v);
         if star.is_empty() {
@@ -150,6 +156,7 @@ impl EditableMesh {
     }
 
     /// Fills `q` anew.
+    /// In parallel, each for itself.
     pub(crate) fn measure_all(&mut self) {
         let (x, tets) = (&self.x, &self.tets);
         self.q.par_iter_mut().zip(tets).for_each(|(q, t)| {
@@ -162,6 +169,7 @@ impl EditableMesh {
         });
     }
 
+    /// Empty slots have [`NONE`] for corners: to be asked before any corner is used.
     pub(crate) fn is_empty_slot(&self, t: u32) -> bool {
         self.tets[t as usize][0] == NONE
     }
@@ -181,6 +189,8 @@ impl EditableMesh {
     }
 
     /// The tetrahedron beyond the face of `t` opposite its corner `k`, if there is one.
+    /// Found by the tetrahedra around one corner, some twenty of them, instead of a table of neighbours that each
+    /// operation would have to keep up.
     pub(crate) fn beyond(&self, t: u32, k: usize) -> Option<u32> {
         let [a, b, c] = FACES[k].map(|i| self.tets[t as usize][i]);
         self.incidence.of(a).iter().copied().find(|&o| {
@@ -231,6 +241,7 @@ impl EditableMesh {
     }
 
     /// Empties a slot.
+    /// A vertex without tetrahedra loses its colour; its number stays until [`EditableMesh::finish`].
     pub(crate) fn remove(&mut self, t: u32) {
         self.touch(self.tets[t as usize]);
         for v in self.tets[t as usize] {
@@ -245,6 +256,8 @@ impl EditableMesh {
     }
 
     /// Fills a slot.
+    /// In the slot that became empty last, or at the end. Two of its corners may have had the same colour while they
+    /// were no neighbours: the later one gets another.
     pub(crate) fn insert(&mut self, tet: [u32; 4], region: Region) {
         let q = self.quality_of(tet);
         let t = match self.empty.pop() {
@@ -285,6 +298,8 @@ impl EditableMesh {
     }
 
     /// The isosurface at a vertex.
+    /// What is known is valid only where the vertex lies bit by bit; else the field is asked, without keeping the
+    /// answer.
     pub(crate) fn tangent(&self, v: u32, field: &Isosurface<'_>) -> Tangent {
         let known = self.tangents[v as usize];
         if known.at == self.x[v as usize] {
@@ -295,6 +310,7 @@ impl EditableMesh {
     }
 
     /// Asks for the isosurface at those of the vertices that lie on it and have moved since.
+    /// With one call for all of them, if the field takes many points.
     pub(crate) fn know_tangents(
         &mut self,
         vertices: &[u32],
@@ -321,6 +337,7 @@ impl EditableMesh {
     }
 
     /// Moves a vertex and measures its tetrahedra anew.
+    /// For single moves within a change; sweeps write positions themselves and call [`EditableMesh::refresh`] once.
     pub(crate) fn set_position(&mut self, v: u32, x: Point3) {
         self.x[v as usize] = x;
         for i in 0..self.incidence.of(v).len() {
@@ -361,6 +378,7 @@ impl EditableMesh {
     }
 
     /// Tetrahedra with `q < bound`, worst first, equal ones by number.
+    /// The order of work, and of what is named in reports: it does not depend on threads.
     pub(crate) fn below(&self, bound: f64) -> Vec<u32> {
         self.below_and(bound, |_| true)
     }
@@ -385,6 +403,7 @@ impl EditableMesh {
     }
 
     /// The mesh without empty slots and vanished vertices. Order is kept.
+    /// Vertices that the input had without a tetrahedron stay, since callers may count on them.
     pub(crate) fn finish(self) -> TetMesh {
         let used: Vec<bool> = (0..self.x.len() as u32).map(|v| self.keeps(v)).collect();
         let mut new = vec![NONE; self.x.len()];

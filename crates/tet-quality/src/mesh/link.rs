@@ -15,6 +15,7 @@ use crate::mesh::incidence::NONE;
 pub(crate) const INFINITY: u32 = NONE;
 
 /// An edge to be contracted.
+/// Directed: contraction of `from` into `to` moves the tetrahedra of `from` only.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ContractedEdge {
     /// The vertex that vanishes.
@@ -37,6 +38,8 @@ pub(crate) struct EdgeLink {
 
 impl EdgeLink {
     /// The link, or `None` if the tetrahedra around the edge are not one fan.
+    /// Around a boundary edge where two bodies touch there are two fans, which no triangulation of one ring replaces.
+    /// Quadratic in their number, which is about five.
     pub(crate) fn new(mesh: &EditableMesh, a: u32, b: u32) -> Option<Self> {
         let mut links: Vec<(u32, u32, u32)> = Vec::with_capacity(8);
         for &t in mesh.incidence.of(a) {
@@ -75,6 +78,7 @@ impl EdgeLink {
         })
     }
 
+    /// Are there tetrahedra all around? Else the edge lies on the boundary.
     pub(crate) fn closed(&self) -> bool {
         self.vertices[0] == self.vertices[self.tets.len()]
     }
@@ -86,6 +90,7 @@ impl EdgeLink {
 
     /// Around an edge of the interface of exactly two regions: the link turned so that it starts at
     /// an interface face.
+    /// `None` inside one region, where three regions meet, and where two bodies touch along the edge.
     pub(crate) fn at_interface(mut self) -> Option<InterfaceLink> {
         let n = self.tets.len();
         if self.closed() {
@@ -113,6 +118,7 @@ impl EdgeLink {
 }
 
 /// The link of an edge between two regions, or on the boundary of one.
+/// On the boundary there is one side only: `first` then counts all tetrahedra, and the second side is empty.
 pub(crate) struct InterfaceLink {
     /// Starts at an interface face.
     pub(crate) link: EdgeLink,
@@ -129,6 +135,7 @@ const OTHERS: [[[usize; 2]; 4]; 4] = [
 ];
 
 /// What lies opposite a vertex in the simplices around it, all lists sorted.
+/// With infinity, if the vertex lies on the boundary: its link is then closed, too.
 #[derive(Default)]
 pub(crate) struct VertexLink {
     pub(crate) vertices: Vec<u32>,
@@ -174,6 +181,7 @@ impl VertexLink {
         link
     }
 
+    /// The neighbours along interfaces, sorted.
     fn surface_vertices(&self) -> Vec<u32> {
         let mut out: Vec<u32> = self.surface.iter().flatten().copied().collect();
         out.sort_unstable();
@@ -182,6 +190,7 @@ impl VertexLink {
     }
 }
 
+/// What two sorted lists have in common, in order.
 pub(crate) fn common<T: Ord + Copy>(a: &[T], b: &[T]) -> Vec<T> {
     a.iter()
         .copied()
@@ -191,6 +200,9 @@ pub(crate) fn common<T: Ord + Copy>(a: &[T], b: &[T]) -> Vec<T> {
 
 /// The link condition (Dey et al. 1999) with the boundary closed at infinity, and the same for the
 /// interface: contraction then keeps the topology of all regions. `link` is that of the edge.
+///
+/// The two conditions on the surface are not the same as the one in space: a bubble of a tetrahedron's shape may pass
+/// the latter, and its contraction would leave two triangles back to back.
 pub(crate) fn keeps_topology(mesh: &EditableMesh, edge: ContractedEdge, link: &EdgeLink) -> bool {
     let [from, to] = [edge.from, edge.to].map(|v| VertexLink::of(mesh, v));
     // lk(a) ∩ lk(b) = lk(ab), simplices of all dimensions.
@@ -234,6 +246,8 @@ pub(crate) fn still_contracts(mesh: &EditableMesh, edge: ContractedEdge) -> bool
 }
 
 /// The faces that only one of the tetrahedra has.
+/// Oriented as in their tetrahedra, in the order of their sorted corners. For a patch this is its surface; for the star
+/// of a vertex its link and the boundary there.
 pub(crate) fn hull(tets: impl Iterator<Item = [u32; 4]>) -> Vec<[u32; 3]> {
     let mut faces: Vec<([u32; 3], [u32; 3])> = tets
         .flat_map(|tet| {

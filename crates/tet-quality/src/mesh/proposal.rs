@@ -1,4 +1,8 @@
 //! A change of the mesh that is worth making.
+//!
+//! Operations do not change the mesh: they read it, many at once, and say what they would do and what it would gain.
+//! What is found is then sorted, checked against the changes made before it, and made by one thread. So the result is
+//! the same for any number of threads, and an operation that is not made costs no undoing.
 
 use geom_core::Point3;
 use geom_core::mesh::{EDGES, FACES, Region, VertexKind};
@@ -8,6 +12,7 @@ use crate::mesh::incidence::NONE;
 use crate::mesh::link::{ContractedEdge, still_contracts};
 
 /// The number of the new vertex among the corners of [`Proposal::insert`].
+/// Its true number is known only when the change is made.
 pub(crate) const NEW: u32 = NONE - 1;
 
 /// Which operation a proposal is.
@@ -23,6 +28,7 @@ pub(crate) enum Operation {
 }
 
 /// What the worst of the new tetrahedra must exceed.
+/// An operation gives up as soon as one new tetrahedron is not above it, which is why it is passed down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Floor {
     /// The worst of the old ones.
@@ -64,6 +70,10 @@ pub(crate) struct VertexMove {
 }
 
 /// Some tetrahedra to be replaced by others.
+///
+/// `remove` and `insert` fill the same part of space, with the same faces around it, unless a surface flips, an edge is
+/// contracted or vertices move. A proposal with smoothing lists in `locks` the whole neighbourhood on which it was
+/// judged.
 #[derive(Clone, Debug)]
 pub(crate) struct Proposal {
     pub(crate) operation: Operation,
@@ -154,6 +164,8 @@ impl Proposal {
     }
 
     /// Makes the change.
+    /// In this order: a slot that becomes empty is filled again at once, and moved vertices are measured with their new
+    /// tetrahedra.
     pub(crate) fn apply(&self, mesh: &mut EditableMesh) {
         for &t in &self.remove {
             mesh.remove(t);

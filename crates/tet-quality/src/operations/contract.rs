@@ -17,9 +17,12 @@ use crate::mesh::link::{ContractedEdge, EdgeLink, VertexLink, keeps_topology};
 use crate::mesh::proposal::{Floor, NewTet, Operation, Proposal};
 
 /// Cosine between the normals of a surface triangle before and after.
+/// They may turn by 60° at most: folds are refused, and the field judges the rest.
 const TURN: f64 = 0.5;
 
 /// The edge, if `a` may vanish into `b` as far as the geometry of boundary and interfaces is concerned.
+/// Into which vertex matters: a free one may vanish into any, one of an interface only along it, one that is fixed
+/// never.
 fn allowed(mesh: &EditableMesh, a: u32, b: u32, link: &EdgeLink) -> Option<ContractedEdge> {
     let edge = |on_surface| ContractedEdge {
         from: a,
@@ -53,6 +56,9 @@ fn allowed(mesh: &EditableMesh, a: u32, b: u32, link: &EdgeLink) -> Option<Contr
 
 /// Contraction of `a` into `b`. `tolerance`: largest distance of the middle of a new surface triangle
 /// from the isosurface.
+///
+/// All tetrahedra around `a` are removed and those without `b` inserted again, with `b` in place of `a`. Questions come
+/// in the order of their cost: quality, link condition, shape of the surface.
 pub(crate) fn contraction(
     mesh: &EditableMesh,
     a: u32,

@@ -24,6 +24,9 @@ const STEP: f64 = 0.15;
 
 /// Split of the edge `ab`. On the isosurface the new vertex is put onto it; other interface edges are
 /// not split.
+///
+/// `None` where the tetrahedra around the edge are no fan or inverted, or the best place is not above `floor`. The link
+/// condition needs no check: a split never changes the topology.
 pub(crate) fn edge_split(
     mesh: &EditableMesh,
     a: u32,

@@ -1,4 +1,9 @@
 //! Which operation replaces a tetrahedron, and rounds of operations that do not meet.
+//!
+//! A round has three parts. Bad tetrahedra that stand far enough apart are picked, worst first. They are judged side by
+//! side on the mesh as it is; each gives at most one proposal. The proposals are made one after the other, the greatest
+//! gain first, if what they looked at is still there. What was judged in vain is remembered until something near it
+//! changes.
 
 use geom_core::mesh::EDGES;
 use rayon::prelude::*;
@@ -17,10 +22,12 @@ use crate::smoothing::smooth::SurfaceRules;
 use crate::smoothing::star::Star;
 
 /// Distance of the middle of a flipped surface edge from the isosurface, in spacings.
+/// The middle is where a chord is farthest from a curve.
 const FLIP: f64 = 0.1;
 /// Distance of the middle of the surface triangles of a contraction from the isosurface, in spacings.
 const CONTRACTION: f64 = 0.15;
 /// Objective that an operation must leave before the smoothing that follows it.
+/// Barely positive: the search then starts from a valid mesh.
 const VALID: f64 = 1e-3;
 
 /// What operations may do.
@@ -34,6 +41,7 @@ pub(crate) struct Rules<'a> {
 }
 
 /// When each tetrahedron was last tried in vain.
+/// Stamps instead of flags: nothing has to be cleared between rounds.
 #[derive(Default)]
 pub(crate) struct Memory {
     tried: Vec<u32>,
@@ -45,6 +53,7 @@ pub(crate) struct Memory {
 }
 
 impl Memory {
+    /// Makes room for what is new, and starts a new stamp.
     fn fit(&mut self, mesh: &EditableMesh) {
         self.tried.resize(mesh.tets.len(), 0);
         self.reserved.resize(mesh.x.len(), 0);
@@ -79,6 +88,7 @@ impl Memory {
 }
 
 /// What a tetrahedron that is judged keeps from others that are judged at the same time.
+/// Too much reserves too few per round, too little lets proposals be refused that were dear to find.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reserve {
     /// Its corners.
@@ -99,6 +109,8 @@ pub(crate) struct Rounds {
 
 /// Rounds on the tetrahedra below the bound: those that stand alone are judged side by side, worst
 /// first, and the changes that do not meet are made, until all have been tried.
+/// Each round sees what the one before has made. It ends when nothing below the bound is left that was not tried in
+/// vain.
 pub(crate) fn rounds(
     guarded: &mut GuardedMesh,
     memory: &mut Memory,
@@ -179,6 +191,9 @@ fn carry_out(
 /// Makes the changes that lock no common tetrahedron and still fit, greatest gain first, in steps of
 /// 2⁻²⁰ so that equal ones go by their number. `removed` shows, by `stamp`, which tetrahedra are gone.
 /// Gives the operations that were made.
+///
+/// Quantized gains keep the order from depending on last bits. A proposal locks what it has looked at, so that none is
+/// made on a neighbourhood that is no longer the one it was judged on.
 pub(crate) fn apply_all(
     guarded: &mut GuardedMesh,
     mut proposals: Vec<(u32, Proposal)>,
@@ -206,6 +221,7 @@ pub(crate) fn apply_all(
 }
 
 /// The operation that replaces `t` with the greatest gain.
+/// Six edges, four faces and, if nothing else helps, twelve contractions are tried.
 pub(crate) fn best_for(
     guarded: &GuardedMesh,
     t: u32,
@@ -222,6 +238,7 @@ pub(crate) fn best_for(
 }
 
 /// The operation that replaces `t` best after smoothing: see [`hill_climb`].
+/// The first that holds, not the best of all: they are tried in the order of what they give without smoothing.
 pub(crate) fn best_hill_climb(
     guarded: &GuardedMesh,
     t: u32,

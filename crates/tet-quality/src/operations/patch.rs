@@ -19,6 +19,7 @@ use crate::smoothing::smooth::{SurfaceRules, axes_of, slide_from};
 use crate::smoothing::star::Star;
 
 /// How long the search around an operation is: what one with its smoothing is worth.
+/// The last search costs some fifty times the usual one, and is for a hundred tetrahedra at most.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PatchSettings {
     /// How many operations per tetrahedron are tried with smoothing.
@@ -56,6 +57,7 @@ impl PatchSettings {
 const RISE: f64 = 1.02;
 
 /// The tetrahedra around the corners of a cavity, after the operation.
+/// Sorted by number, so that slots are found by bisection; [`NEW`] comes last.
 struct Patch {
     /// The tetrahedra before.
     around: Vec<u32>,
@@ -80,6 +82,7 @@ impl Patch {
         [self.x[a], self.x[b], self.x[c], self.x[d]]
     }
 
+    /// The isosurface at a slot: what the patch knows, what the mesh knows, or the field.
     fn tangent(&mut self, mesh: &EditableMesh, i: usize, field: &Isosurface<'_>) -> Tangent {
         if self.tangents[i].at != self.x[i] {
             let v = self.ids[i];
@@ -188,6 +191,7 @@ impl Patch {
     }
 
     /// The proposal with all moves.
+    /// Locked is all that was looked at, not only what is removed.
     fn finish(&self, mesh: &EditableMesh, proposal: &Proposal, gain: f64) -> Proposal {
         let moved = |i: &usize| {
             self.ids[*i] != NEW && {
@@ -216,6 +220,7 @@ impl Patch {
         }
     }
 
+    /// The star of a slot within the patch: all of it for vertices of the core, whose tetrahedra are all here.
     fn load(&self, i: usize, star: &mut Star) {
         star.clear();
         for tet in &self.tets {

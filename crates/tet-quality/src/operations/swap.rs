@@ -19,6 +19,7 @@ use crate::mesh::link::EdgeLink;
 use crate::mesh::proposal::{Floor, NewTet, Operation, Proposal};
 
 /// Most tetrahedra around an edge that is removed.
+/// Longer rings hardly ever have a good triangulation, and tables of fixed size need no memory.
 const LONGEST_LINK: usize = 8;
 /// Cosine between the normals of two surface triangles whose common edge may flip.
 const FLAT_ENOUGH: f64 = 0.9;
@@ -35,6 +36,7 @@ struct Triangulation {
 
 /// The triangulation of the polygon `chain` whose worst tetrahedron with `a` or `b` is best, if it is
 /// above `floor` (Klincsek's dynamic programme).
+/// The diagonals are not checked here: see `clashes`.
 fn triangulate(
     mesh: &EditableMesh,
     [a, b]: [u32; 2],
@@ -89,6 +91,7 @@ fn triangulate(
 }
 
 /// Does a triangulation use a diagonal that is already an edge, or a triangle that is already a face?
+/// Either would be there twice, and the mesh no complex any more.
 fn clashes(mesh: &EditableMesh, chain: &[u32], triangles: &[[u32; 3]]) -> bool {
     let n = chain.len();
     let slot = |v: u32| chain.iter().position(|&c| c == v).expect("a chain vertex");
@@ -154,6 +157,8 @@ pub(crate) fn edge_removal(mesh: &EditableMesh, a: u32, b: u32, floor: Floor) ->
 }
 
 /// Swap of the face of `t` opposite its corner `k`: two tetrahedra become three around a new edge.
+/// Only within one region. The new edge goes through the face if all three are positive, which needs no test of its
+/// own.
 pub(crate) fn face_swap(mesh: &EditableMesh, t: u32, k: usize, floor: Floor) -> Option<Proposal> {
     let o = mesh.beyond(t, k)?;
     let region = mesh.regions[t as usize];
@@ -184,6 +189,7 @@ pub(crate) fn face_swap(mesh: &EditableMesh, t: u32, k: usize, floor: Floor) -> 
     ))
 }
 
+/// The corner that a neighbour has beyond the common face.
 fn other_corner(tet: [u32; 4], face: [u32; 3]) -> Option<u32> {
     tet.into_iter().find(|v| !face.contains(v))
 }

@@ -34,6 +34,9 @@ struct Around {
 /// each interface along the normal, and along the surface to the centre of mass `m` of the
 /// surrounding triangles. `τ` is `step`, `h` the spacing. Vertices of boxes, `junctions` and fixed
 /// ones stay. Gives how many moves were made.
+///
+/// The step is explicit. A vertex takes it in full, in half, in a quarter or not at all: its tetrahedra must keep what
+/// they had, or the objective 0.01 if they had more.
 pub(crate) fn flow(
     guarded: &mut GuardedMesh,
     junctions: &[u32],
@@ -79,6 +82,7 @@ pub(crate) fn flow(
     moved
 }
 
+/// The place to which a vertex goes, if any: the longest share of the step that its tetrahedra take.
 fn shift(mesh: &EditableMesh, v: u32, d: Vector3, star: &mut Star) -> Option<Point3> {
     load(mesh, v, star);
     let x = mesh.x[v as usize];
@@ -96,6 +100,7 @@ fn curvature(a: &Around, n: &Vector3) -> f64 {
 }
 
 /// The mean of the mean curvature over the interface of each pair of regions.
+/// Weighted by area.
 fn averages(around: &[Option<Around>]) -> Vec<([Region; 2], f64)> {
     let mut sums: Vec<([Region; 2], f64, f64)> = Vec::new();
     for a in around.iter().flatten().filter(|a| a.area > 0.0) {
@@ -115,6 +120,8 @@ fn averages(around: &[Option<Around>]) -> Vec<([Region; 2], f64)> {
     sums.into_iter().map(|(p, h, a)| (p, h / a)).collect()
 }
 
+/// Per vertex; `None` off the interfaces. At a junction, where interfaces of several pairs meet, the sums mix them, and
+/// the vertex is to stay.
 fn gather(mesh: &EditableMesh) -> Vec<Option<Around>> {
     let mut out: Vec<Option<Around>> = vec![None; mesh.x.len()];
     for t in 0..mesh.tets.len() as u32 {

@@ -1,4 +1,8 @@
 //! The search for the best position of one vertex.
+//!
+//! A compass search (pattern search) needs values only: the smallest of some functions has no gradient where two of
+//! them meet, which is exactly where the best places lie. It takes up to 15 candidates a round, judged side by side in
+//! the lanes of a vector, for a fixed number of rounds.
 
 use geom_core::Vector3;
 
@@ -68,6 +72,7 @@ impl Compass {
     }
 }
 
+/// Of the first two axes in a diagonal.
 const SIGNS: [(f64, f64); 4] = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
 
 /// The best position found from `x`. Each round takes the best of all directions; the first one also
@@ -89,6 +94,9 @@ pub(crate) struct Start {
 }
 
 /// The same for another mean or none, within a part of space.
+///
+/// Never gives a place that is worse than the start: if no candidate is better in any round, it is the start itself,
+/// bit by bit, which callers take as "stays". A mean counts only by its part along the axes.
 pub(crate) fn search_within(
     star: &mut Star,
     start: Start,

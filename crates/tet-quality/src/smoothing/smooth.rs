@@ -34,6 +34,7 @@ const PULL: f64 = 0.15;
 const FOOT_STEPS: u32 = 6;
 
 /// The given vertices by colour: no two of a class share a tetrahedron.
+/// Colours are those that the mesh keeps up: nothing is coloured anew for a sweep. Vertices without a colour stay.
 fn classes(mesh: &EditableMesh, vertices: impl Iterator<Item = u32>) -> Vec<Vec<u32>> {
     let mut classes: Vec<Vec<u32>> = Vec::new();
     for v in vertices {
@@ -60,6 +61,7 @@ pub(crate) fn corners_of(mesh: &EditableMesh, tets: &[u32]) -> Vec<u32> {
 }
 
 /// Two unit vectors across a unit vector and each other; coordinate axes for a coordinate axis.
+/// The second is the cross product of `n` and the first: with `n` as the third they are right-handed.
 pub(crate) fn across(n: &Vector3) -> [Vector3; 2] {
     let least = n.iamin();
     let u = Vector3::ith(least, 1.0);
@@ -86,6 +88,7 @@ pub(crate) fn axes_of(freedom: Freedom, turn: Option<u64>) -> Option<[Vector3; 3
 }
 
 /// Three orthogonal directions that depend on the seed only.
+/// The last one is spread evenly over the sphere; the other two follow from it.
 fn random_axes(seed: u64) -> [Vector3; 3] {
     let mut random = SplitMix64::new(seed);
     let mut number = || random.symmetric();
@@ -118,6 +121,7 @@ pub(crate) fn task<'a>(
 }
 
 /// The task of one sweep over classes of vertices, along given axes.
+/// Faces are gathered side by side; everything is in the order of `classes`, so that the same mesh gives the same task.
 fn task_of<'a>(
     mesh: &EditableMesh,
     positions: &'a [Point3],
@@ -162,6 +166,14 @@ fn task_of<'a>(
 /// Moves vertices by one sweep of [`QualityBackend::relax`]; each displacement is tried in full, in
 /// half and in a quarter, and dropped if the worst tetrahedron does not get better. Gives how many
 /// moved.
+///
+/// A backend's displacement is a guess that may be wrong, in f32 or by another vertex of the sweep that was refused.
+/// Each is judged in f64 against the mesh as it is then, colour by colour, so that no backend can lower the worst one
+/// around a vertex.
+///
+/// # Errors
+///
+/// Those of the backend, and another number of displacements than vertices.
 pub(crate) fn relax(
     guarded: &mut GuardedMesh,
     vertices: &[u32],
@@ -227,6 +239,7 @@ pub(crate) fn opposite(mesh: &EditableMesh, t: u32, v: u32) -> [u32; 3] {
     [tet[a], tet[b], tet[c]]
 }
 
+/// Puts the star of a vertex in place of what was in `star`, whose memory is used again.
 pub(crate) fn load(mesh: &EditableMesh, v: u32, star: &mut Star) {
     star.clear();
     for &t in mesh.incidence.of(v) {
@@ -236,6 +249,8 @@ pub(crate) fn load(mesh: &EditableMesh, v: u32, star: &mut Star) {
 }
 
 /// How surface vertices may move.
+/// In usual passes the distance is held small by the tangent plane and the pull back; in the rescue a vertex has a
+/// shell of twice `tolerance` to itself.
 pub(crate) struct SurfaceRules<'a> {
     pub(crate) field: &'a Isosurface<'a>,
     /// Distance from the isosurface that is always allowed, Å.
@@ -262,6 +277,9 @@ impl SurfaceRules<'_> {
 }
 
 /// Moves surface vertices along the isosurface, colour by colour. Gives how many moved.
+///
+/// Backends that say [`slides`](crate::QualityBackend::slides) get the searches of all colours at once; in the rescue,
+/// where the search leaves the tangent plane, the CPU does all.
 pub(crate) fn relax_surface(
     guarded: &mut GuardedMesh,
     vertices: &[u32],
@@ -285,6 +303,8 @@ pub(crate) fn relax_surface(
 
 /// The same with searches of all colours by the backend, in the tangent planes; then, colour by colour, what it found
 /// is pulled back to the isosurface, and goes if it is better still.
+/// The backend takes all that it proposes as done. What is refused here leaves the displacements of later colours to be
+/// judged next to other neighbours than they were sought for, and some are lost.
 fn slide_together(
     guarded: &mut GuardedMesh,
     vertices: &[u32],
@@ -363,6 +383,7 @@ pub(crate) fn project(
 
 /// The point of the isosurface next to `start`, by short Newton steps; `None` if `start` is nearer
 /// than `tolerance` or the steps lead nowhere.
+/// What is farther than half an edge counts as half an edge away: there a first-order distance says little.
 pub(crate) fn foot(
     start: Tangent,
     edge: f64,
@@ -390,6 +411,9 @@ fn on_field(freedom: Freedom) -> bool {
 
 /// Moves those of `vertices` whose freedom is fit, colour by colour: `step` judges, `put` moves and
 /// says whether it did. Gives how many moved.
+///
+/// Within a colour all are judged on the same mesh, side by side; then they move one after the other, because the
+/// guard's account of a cavity must see each move before the next.
 pub(crate) fn sweep<T: Send>(
     guarded: &mut GuardedMesh,
     vertices: &[u32],
@@ -423,6 +447,7 @@ pub(crate) fn sweep<T: Send>(
 /// A better position for a surface vertex at `start`: near `mean`, or along the surface. The search
 /// goes in the tangent plane, which needs no field; what it finds is pulled back to the isosurface,
 /// and tried in full, in half and in a quarter, until it `may` go there.
+/// `None` if it stays.
 pub(crate) fn slide_from(
     start: Tangent,
     mean: Option<Point3>,
@@ -451,6 +476,7 @@ struct Slope {
 }
 
 impl Slope {
+    /// A vertex that is farther off than the rules allow may stay as far, but go no farther.
     fn at(start: Tangent, star: &mut Star, rules: &SurfaceRules<'_>) -> Self {
         let from = start.at.coords;
         let edge = star.mean_edge(&from);
@@ -522,6 +548,7 @@ impl Slope {
 }
 
 /// The mean of the neighbours along the interface.
+/// Each neighbour counts once per triangle; `None` where the star has no interface face.
 fn surface_mean(mesh: &EditableMesh, v: u32) -> Option<Point3> {
     let mut sum = Vector3::zeros();
     let mut count = 0;

@@ -1,4 +1,8 @@
 //! The star of one vertex: the tetrahedra around it, ready to be judged at many positions of that vertex.
+//!
+//! A search asks for the worst tetrahedron at some fifteen places a round, and most of these places fail. So what does
+//! not depend on the place is computed once per face, the objective is compared as a square, which needs neither roots
+//! nor arc functions, and the face at which the last candidate failed is asked first.
 
 use geom_core::{Point3, Vector3};
 
@@ -7,6 +11,8 @@ use crate::mesh::editable::GAIN;
 use geom_core::compute::lanes::{Lanes, Scalar, Simd, Vectors, WithSimd, cross, dot, vectorized};
 
 /// The face opposite the vertex: what does not change when the vertex moves.
+/// Corners in the order in which they are counter-clockwise from outside; `square` is that of the normal, `ab`, `bc`
+/// and `ca` are squared lengths.
 #[derive(Clone, Copy)]
 struct Face {
     a: Vector3,
@@ -22,6 +28,9 @@ struct Face {
 
 /// The opposite faces of the tetrahedra around one vertex. Values are *signed squares* of the
 /// objective of [`quality`](crate::measure::metrics::quality), which order like it and need no root.
+///
+/// A value of `sin² 20°` thus says that the worst tetrahedron has the objective `sin 20°`, and one of −0.01 that an
+/// inverted one has a Joe–Liu measure of −0.1. A star without faces has the value +∞ everywhere.
 #[derive(Default)]
 pub(crate) struct Star {
     faces: Vec<Face>,
@@ -71,6 +80,8 @@ impl Star {
     }
 
     /// Mean length of the edges from `x`.
+    /// An edge counts once per face at its end, as in the kernels of all backends: steps and reaches are measured in
+    /// it.
     pub(crate) fn mean_edge(&self, x: &Vector3) -> f64 {
         let sum: f64 = self
             .faces
@@ -81,6 +92,7 @@ impl Star {
     }
 
     /// How deep `x` lies inside all faces.
+    /// Faces without area are left out. Concave in `x`, as the smallest of linear functions.
     pub(crate) fn depth(&self, x: &Vector3) -> Depth {
         let mut least = Depth {
             depth: f64::INFINITY,
@@ -116,6 +128,7 @@ impl Star {
     }
 
     /// Is every tetrahedron with the vertex at `x` `good`, or its value at least `enough`?
+    /// The value is asked first, since it is known for little; `good` may measure.
     pub(crate) fn all_good(
         &self,
         x: &Vector3,
@@ -128,6 +141,8 @@ impl Star {
     }
 
     /// The smallest value with the vertex at `x` if it is above `bound`.
+    /// Stops at the first face that fails and moves it half of the way to the front of the order: those at which many
+    /// fail come to stand first, while one that fails once does not push the others away.
     pub(crate) fn value_above(&mut self, x: &Vector3, bound: f64) -> Option<f64> {
         let mut worst = f64::INFINITY;
         for i in 0..self.order.len() {
@@ -144,6 +159,8 @@ impl Star {
 
     /// The candidate that is above `best` and by more than [`GAIN`] above those before it, the last such
     /// one.
+    /// "The last such one" is what one after the other would have found: candidates are read in order, and each must
+    /// beat the best before it.
     pub(crate) fn best_of(&mut self, candidates: &Candidates, best: f64) -> Option<Best> {
         vectorized(Judge {
             faces: &self.faces,
@@ -173,6 +190,7 @@ pub(crate) struct Candidates {
 
 impl Candidates {
     /// No candidates yet; `from` fills the lanes that stay empty.
+    /// A lane that stays empty never wins: only `count` of them are read.
     pub(crate) fn none(from: &Vector3) -> Self {
         Self {
             x: [from.x, from.y, from.z].map(|x| [x; CANDIDATES]),
@@ -180,6 +198,7 @@ impl Candidates {
         }
     }
 
+    /// At most [`CANDIDATES`].
     pub(crate) fn push(&mut self, x: &Vector3) {
         for (row, x) in self.x.iter_mut().zip(x.iter()) {
             row[self.count] = *x;
@@ -201,6 +220,7 @@ pub(crate) struct Best {
     pub(crate) value: f64,
 }
 
+/// A group of lanes is given up as soon as none of its candidates can win any more.
 struct Judge<'a> {
     faces: &'a [Face],
     order: &'a mut [u32],
@@ -276,6 +296,9 @@ fn from<S: Simd>(p: &Vector3, x: &Vectors<S>) -> Vectors<S> {
 }
 
 /// The values of one face with the vertex at each lane's position.
+///
+/// With `v6 = 6V`: for a positive tetrahedron `v6²` times the smaller of `min e² n_i² n_j² / Π n²` and
+/// `(1.14 · 20.78)² / (Σ e²)³`, for others `−(20.78 v6)² / (Σ e²)³`.
 #[inline(always)]
 fn value_at<S: Simd>(f: &Face, x: &Vectors<S>) -> Lanes<S> {
     const SHAPE: f64 = SHAPE_WEIGHT * SHAPE_WEIGHT * JOE_LIU * JOE_LIU;

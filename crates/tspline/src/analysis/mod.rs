@@ -92,6 +92,10 @@ fn points(surface: &Surface, patch: usize, rule: &[(f64, f64)]) -> Vec<Point> {
 
 /// Stiffness and mass of the functions of a surface, by 5 × 5 Gauss points per patch.
 ///
+/// Both are as large as there are functions, with some fifty entries per row. 5 × 5 points integrate products of two
+/// bicubic polynomials exactly where a patch is a parallelogram; elsewhere the integrands are no polynomials, and the
+/// error falls with the size of elements.
+///
 /// # Errors
 /// [`Error::Matrix`] for a surface that is degenerate or not finite.
 pub fn matrices(surface: &Surface) -> Result<Matrices, Error> {
@@ -133,6 +137,8 @@ pub fn matrices(surface: &Surface) -> Result<Matrices, Error> {
 
 /// The smallest eigenpairs of the Laplace–Beltrami operator, zeros of the components included; values in Å⁻², one
 /// coefficient per function and vector.
+///
+/// Vectors are coefficients: [`value`] evaluates what they stand for.
 ///
 /// # Errors
 /// [`Error::Spectral`].

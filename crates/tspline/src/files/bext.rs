@@ -103,6 +103,10 @@ pub(super) fn numbers_in_lines(
 
 /// Reads bicubic quads of a surface.
 ///
+/// Blocks of any number of nodes, in any order; vectors may be shared or not. The part's number and whether points have
+/// weights are not looked at: weights are always there. Memory grows with what the text holds, never with what it
+/// promises.
+///
 /// # Errors
 /// [`Error::File`] with the line; [`Error::Count`] for nodes that do not exist.
 pub fn read(text: &str) -> Result<Exchange, Error> {
@@ -165,6 +169,7 @@ pub fn read(text: &str) -> Result<Exchange, Error> {
     Ok(out)
 }
 
+/// So many counts.
 fn head<const N: usize>(words: &mut Words<'_>) -> Result<[usize; N], Error> {
     let mut out = [0; N];
     for x in &mut out {

@@ -44,6 +44,8 @@ pub fn write(out: &mut dyn Write, surface: &Exchange) -> io::Result<()> {
 
 /// Reads a bicubic surface.
 ///
+/// Other degrees than 3 are refused. Words may stand on any lines.
+///
 /// # Errors
 /// [`Error::File`] with the line; [`Error::Count`] for nodes that do not exist.
 pub fn read(text: &str) -> Result<Exchange, Error> {

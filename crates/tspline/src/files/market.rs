@@ -6,6 +6,8 @@ use geom_core::algebra::SparseMatrix;
 
 /// Writes the lower half of a symmetric matrix.
 ///
+/// Rows and columns are counted from 1 on, as the format has it. What stands above the diagonal is not looked at.
+///
 /// # Errors
 /// Those of `out`.
 pub fn write_symmetric(out: &mut dyn Write, matrix: &SparseMatrix) -> io::Result<()> {

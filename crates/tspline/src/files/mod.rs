@@ -6,6 +6,25 @@
 //! - [`vtu`]: Bézier cells for ParaView
 //! - [`step`]: B-spline faces for CAD
 //! - [`market`], [`npz`]: sparse matrices for solvers, as text and as NumPy arrays
+//!
+//! What is read again is what was written:
+//!
+//! ```
+//! use tspline::files::{Exchange, iga};
+//! use tspline::geom_core::{Cpu, Run, mesh::shapes};
+//! use tspline::{Basis, Surface, TMesh, TMeshOptions};
+//!
+//! let quads = shapes::quad_sphere(1.0, 4);
+//! let mesh = TMesh::build(&quads, &vec![0; quads.quads().len()], &TMeshOptions::default())?;
+//! let surface = Surface::new(mesh, Basis::default(), Run::on(&Cpu))?;
+//! let written = Exchange::from(&surface);
+//! let mut text: Vec<u8> = Vec::new();
+//! iga::write(&mut text, &written)?;
+//! let read = iga::read(std::str::from_utf8(&text)?)?;
+//! assert_eq!(read, written);
+//! assert_eq!(read.elements.len(), 96);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod bext;
 pub mod iga;
@@ -23,6 +42,7 @@ use crate::{Error, Surface};
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Exchange {
     /// Control points: x, y, z and weight.
+    /// x, y and z are not multiplied by the weight, which is above 0.
     pub nodes: Vec<[f64; 4]>,
     /// Bicubic patches.
     pub elements: Vec<ExchangeElement>,
@@ -86,6 +106,9 @@ impl Exchange {
     }
 
     /// The Bézier points of every patch.
+    ///
+    /// Homogeneous, as of a [`Surface`]: x w, y w, z w and w. So a surface that was read can be drawn without its
+    /// T-mesh.
     ///
     /// # Errors
     /// As of [`check`](Self::check).

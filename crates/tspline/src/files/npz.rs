@@ -7,6 +7,9 @@ use geom_core::algebra::SparseMatrix;
 
 /// Writes a matrix, both halves of a symmetric one.
 ///
+/// The whole archive is in memory once before it is written, 12 bytes per entry: sizes and checksums stand before
+/// contents.
+///
 /// # Errors
 /// Those of `out`; invalid input for 2²⁸ rows and entries or more: an archive holds 4 GB.
 pub fn write(out: &mut dyn Write, matrix: &SparseMatrix) -> io::Result<()> {
@@ -47,11 +50,13 @@ pub fn write(out: &mut dyn Write, matrix: &SparseMatrix) -> io::Result<()> {
     archive(out, &files)
 }
 
+/// Little-endian, as NumPy's `<i4`.
 fn bytes(numbers: impl Iterator<Item = u32>) -> Vec<u8> {
     numbers.flat_map(u32::to_le_bytes).collect()
 }
 
 /// NumPy's format 1.0: a Python dictionary, padded so that the numbers begin at a multiple of 64 bytes.
+/// `kind` and `shape` are as Python writes them; `numbers` are the bytes behind the head.
 fn array(kind: &str, shape: &str, numbers: Vec<u8>) -> Vec<u8> {
     let mut head = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
     let padding = (11 + head.len()).next_multiple_of(64) - 11 - head.len();
@@ -65,6 +70,9 @@ fn array(kind: &str, shape: &str, numbers: Vec<u8>) -> Vec<u8> {
 }
 
 /// A ZIP archive of files as they are.
+///
+/// Each file with its local head, then the directory of all of them. Names are ASCII, and sizes fit in 32 bits, as the
+/// caller has checked.
 fn archive(out: &mut dyn Write, files: &[(&str, Vec<u8>)]) -> io::Result<()> {
     let (mut directory, mut at) = (Vec::new(), 0u32);
     for (name, content) in files {

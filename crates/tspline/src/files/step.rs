@@ -2,6 +2,11 @@
 //! see a shell: a closed one, and a solid, where the surface has no boundary.
 //!
 //! CAD has no unit for Å: one millimetre stands for one Å.
+//!
+//! A patch becomes a `B_SPLINE_SURFACE_WITH_KNOTS` of one piece, with its Bézier points as poles and knots 0 and 1,
+//! four times each; with weights it is a rational one. The curve of an edge is the part of the side that its segment
+//! covers, as one patch has it. What stands around the geometry (units, contexts, a product with a name) is what the
+//! schema asks for of a part. Files have no date, so that the same surface gives the same bytes.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -13,6 +18,9 @@ use crate::surface::PatchPoints;
 use crate::surface::seams::{Seams, Side};
 
 /// Writes a surface.
+///
+/// Of the name characters that STEP texts would have to escape are left out. One closed part becomes a solid; several
+/// parts, or open ones, a model of shells, since nothing says which lies within which.
 ///
 /// # Errors
 /// Those of `out`.
@@ -66,6 +74,7 @@ pub fn write(out: &mut dyn Write, surface: &Surface, name: &str) -> io::Result<(
 }
 
 /// The faces of each connected part, by its first one, and whether it is closed.
+/// Parts hang together over segments of two patches.
 fn shells(faces: &[u32], seams: &Seams) -> Vec<(Vec<u32>, bool)> {
     let mut sets = DisjointSets::new(faces.len());
     for segment in &seams.segments {
@@ -89,12 +98,16 @@ fn shells(faces: &[u32], seams: &Seams) -> Vec<(Vec<u32>, bool)> {
     parts.into_values().collect()
 }
 
+/// A file as it is written: entities are numbered as they come, and what an entity refers to is written before it.
 struct File<'a> {
     out: &'a mut dyn Write,
+    /// The number of the last entity.
     last: u32,
+    /// Whether points have weights that must be said.
     rational: bool,
 }
 
+/// A list as it stands in parentheses.
 fn references(ids: &[u32]) -> String {
     let ids: Vec<String> = ids.iter().map(|id| format!("#{id}")).collect();
     ids.join(",")
@@ -108,26 +121,31 @@ fn real(x: f64) -> String {
 }
 
 impl File<'_> {
+    /// Writes what is no entity.
     fn text(&mut self, text: &str) -> io::Result<()> {
         self.out.write_all(text.as_bytes())
     }
 
+    /// Writes an entity and answers its number.
     fn add(&mut self, entity: &str) -> io::Result<u32> {
         self.last += 1;
         writeln!(self.out, "#{}={entity};", self.last)?;
         Ok(self.last)
     }
 
+    /// In Å.
     fn point(&mut self, p: [f64; 3]) -> io::Result<u32> {
         let [x, y, z] = p.map(real);
         self.add(&format!("CARTESIAN_POINT('',({x},{y},{z}))"))
     }
 
+    /// Of homogeneous points, which are divided by their weights.
     fn points(&mut self, points: &[[f64; 4]]) -> io::Result<Vec<u32>> {
         let place = |&[x, y, z, w]: &[f64; 4]| self.point([x / w, y / w, z / w]);
         points.iter().map(place).collect()
     }
 
+    /// A cubic Bézier curve.
     fn curve(&mut self, points: &[[f64; 4]; 4]) -> io::Result<u32> {
         const KNOTS: &str = "(4,4),(0.,1.),.UNSPECIFIED.";
         let ids = references(&self.points(points)?);
@@ -142,6 +160,7 @@ impl File<'_> {
         ))
     }
 
+    /// A bicubic Bézier patch, its first parameter along side 0.
     fn surface(&mut self, points: &PatchPoints) -> io::Result<u32> {
         const KNOTS: &str = "(4,4),(4,4),(0.,1.),(0.,1.),.UNSPECIFIED.";
         let ids = self.points(points)?;

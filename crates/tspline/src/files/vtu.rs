@@ -1,5 +1,7 @@
 //! VTK's unstructured grids of Bézier quadrilaterals (cell type 77), which ParaView 5.10 and later draws as the curved
 //! surface they are.
+//!
+//! Text throughout: numbers are as Rust writes them, which is the shortest text that is read as the same number.
 
 use std::io::{self, Write};
 
@@ -11,6 +13,9 @@ use crate::surface::POINTS;
 const ORDER: [usize; POINTS] = [0, 3, 15, 12, 1, 2, 7, 11, 13, 14, 4, 8, 5, 6, 9, 10];
 
 /// Writes the patches of a surface, 16 points each, with values per element of its T-mesh.
+///
+/// Points are not shared between cells: those on either side of a T-junction have different ones. Besides `fields`,
+/// which are repeated on all patches of an element, there are the cell arrays `level` and `element`.
 ///
 /// # Errors
 /// Those of `out`; invalid input for values that are not one per element.
@@ -84,6 +89,7 @@ fn escaped(name: &str) -> String {
     name.chars().map(replaced).collect()
 }
 
+/// A `DataArray` of floating-point numbers, so many components each.
 fn array(
     out: &mut dyn Write,
     kind: &str,
@@ -103,6 +109,7 @@ fn array(
     writeln!(out, "\n</{head}>")
 }
 
+/// The rest of a `DataArray` of integers.
 fn whole_numbers(out: &mut dyn Write, values: impl Iterator<Item = usize>) -> io::Result<()> {
     for (i, x) in values.enumerate() {
         let end = if i % 20 == 19 { '\n' } else { ' ' };

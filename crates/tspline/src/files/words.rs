@@ -1,4 +1,7 @@
 //! Words of a text with the lines on which they stand.
+//!
+//! Both text formats are words between white space, whose lines mean nothing: readers ask for one word after the other
+//! and say what they expect, and an error names the line where something else stood.
 
 use std::str::FromStr;
 
@@ -12,6 +15,7 @@ pub(super) struct Words<'a> {
 }
 
 impl<'a> Words<'a> {
+    /// From the beginning.
     pub(super) fn new(text: &'a str) -> Self {
         Self {
             lines: text.lines().enumerate(),
@@ -71,6 +75,7 @@ impl<'a> Words<'a> {
         }
     }
 
+    /// The error for the line of the last word; of what was found the first 40 characters.
     pub(super) fn wrong(&self, expected: &'static str, found: &str) -> Error {
         Error::File {
             line: self.line,

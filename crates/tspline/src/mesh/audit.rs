@@ -43,6 +43,9 @@ impl Audit {
 
 impl TMesh {
     /// Counts everything and looks for faults.
+    ///
+    /// By half-edges, elements and kinds of vertices as all others see them, not by what the mesh was made with.
+    /// T-meshes that [`TMesh::build`], [`TMesh::cut`] and [`TMesh::merge`] make are to have no fault.
     pub fn audit(&self) -> Audit {
         let half = self.halfedges();
         let mut audit = Audit {

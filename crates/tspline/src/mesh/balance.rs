@@ -84,6 +84,7 @@ pub(crate) fn merged(
     settled(cover, rings)
 }
 
+/// Each round only splits, so that this ends.
 fn settled(mut cover: Cover<'_>, rings: u32) -> Vec<u8> {
     let edges = cover.edges;
     let extraordinary: Vec<u32> = (0..edges.vertices() as u32)
@@ -136,6 +137,7 @@ pub(crate) fn is_cover(edges: &Halfedges<4>, forest: &Forest, level: &[u8]) -> b
     (0..level.len() as u32).all(whole) && edges.iter().all(fits)
 }
 
+/// Levels that say of every quad which block its element is; the quads of an element agree.
 struct Cover<'a> {
     edges: &'a Halfedges<4>,
     forest: &'a Forest,
@@ -166,6 +168,8 @@ impl Cover<'_> {
         blocks.list[blocks.of_quad[quad as usize] as usize].sides[0]
     }
 
+    /// Until the levels of elements that share a part of a side differ by one at most; in any order, as what has to be
+    /// split does not depend on it.
     fn balance(&mut self) {
         let mut work: Vec<u32> = (0..self.level.len() as u32).collect();
         while let Some(quad) = work.pop() {
@@ -185,6 +189,9 @@ impl Cover<'_> {
     }
 
     /// Splits what is coarser than the finest element within the rings around a vertex; says whether it did.
+    ///
+    /// `mark` tells this vertex from others in `seen`, which is shared to save memory. Rings are of elements, whatever
+    /// their size.
     fn level_around(&mut self, v: u32, rings: u32, mark: u32, seen: &mut [u32]) -> bool {
         let mut found = Vec::new();
         let mut front = vec![v];

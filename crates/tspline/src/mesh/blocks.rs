@@ -1,4 +1,12 @@
 //! Which squares of fine quads could be one element: a forest of blocks of 2^l × 2^l quads.
+//!
+//! A block of level l + 1 is made of the four blocks of level l around one vertex, its centre. On a plane grid a
+//! quarter of all vertices could be centres, in four ways, by whether their two coordinates are even or odd; which of
+//! these one takes matters, since an extraordinary vertex has to be a corner of blocks. So each block gets a *label*,
+//! the number of its corner that is to be the centre, and a label is carried from block to block across sides: next to
+//! each other their centres are the same or mirror each other. Where a way around does not bring the label back that
+//! one set out with, blocks do not fit together, and some quads have no block of this level. That is no fault: elements
+//! there stay smaller.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -42,6 +50,7 @@ pub(crate) fn is_regular(edges: &Halfedges<4>, v: u32) -> bool {
 
 /// So many half-edges one after the other on a straight line, from `start` on; the quads on their left belong to one
 /// block.
+/// At a boundary it ends early.
 pub(crate) fn straight(
     edges: &Halfedges<4>,
     start: HalfedgeId,
@@ -52,6 +61,7 @@ pub(crate) fn straight(
 }
 
 /// The lower half-edges of the quads of a block of `size × size`, row by row.
+/// From the side that `start` begins, upwards; columns run along it.
 pub(crate) fn rows(
     edges: &Halfedges<4>,
     start: HalfedgeId,
@@ -66,6 +76,9 @@ pub(crate) fn rows(
 impl Forest {
     /// All blocks up to the highest level that a quad allows. Where blocks do not fit together (two extraordinary
     /// vertices an odd number of quads apart), the place of the misfit is chosen far from what may be coarse.
+    ///
+    /// Levels end with the first of which there is no block. The time is n log n for n quads; each level above has a
+    /// quarter of the blocks.
     pub(crate) fn new(edges: &Halfedges<4>, allowed: &[u8]) -> Self {
         let fine = (0..edges.faces() as u32).map(|q| {
             let sides = [0, 1, 2, 3].map(|k| HalfedgeId(4 * q + k));
@@ -111,6 +124,8 @@ impl Forest {
 
     /// Per block of a level, whether so many rings of blocks of this level lie around it, and all of it may be this
     /// coarse.
+    ///
+    /// Breadth first from the corners that are not all around blocks of this level: each step is a ring.
     pub(crate) fn usable(&self, edges: &Halfedges<4>, level: usize, rings: u32) -> Vec<bool> {
         let blocks = &self.levels[level];
         let mut depth = vec![NONE; edges.vertices()];
@@ -159,6 +174,7 @@ impl Blocks {
     }
 
     /// The block across a whole side, and its side there.
+    /// `None` at a boundary, and where blocks of this level do not share the side from end to end.
     fn across(&self, edges: &Halfedges<4>, block: u32, side: usize) -> Option<(u32, usize)> {
         let twin = edges.twin(self.list[block as usize].sides[side])?;
         let other = self.of_quad[edges.face(twin).0 as usize];
@@ -210,6 +226,7 @@ impl<'a> Pairing<'a> {
         pairing
     }
 
+    /// Do all of its quads allow the next level?
     fn wanted(&self, block: usize) -> bool {
         self.blocks.allowed[block] >= self.level
     }
@@ -274,6 +291,9 @@ impl<'a> Pairing<'a> {
 
     /// Labels all blocks that hang together with `root`: across a maximum spanning tree of depths, so that labels that
     /// do not agree meet where nothing is to be merged.
+    ///
+    /// All four labels of the root are tried. The first score counts blocks that elements or their neighbourhoods need,
+    /// less what is lost around extraordinary vertices; then blocks of which elements may be made; then all.
     fn label_part(&self, root: u32, centre: &mut [u8]) {
         let mut order = Vec::new();
         let mut heap = BinaryHeap::from([(NONE, Reverse(root), None)]);
@@ -349,6 +369,9 @@ impl<'a> Pairing<'a> {
     }
 
     /// The parent of a block, if it is the lowest of the four.
+    ///
+    /// Four blocks have the same centre if a turn around it meets four labels that name it. There is no parent where
+    /// the centre or the middle of a side is not regular, or where two of the nine vertices are the same.
     fn parent(&self, centre: &[u8], lowest: u32) -> Option<(Block, [u32; 4])> {
         let edges = self.edges;
         let mut children = [lowest; 4];

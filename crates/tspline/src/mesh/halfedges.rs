@@ -23,6 +23,8 @@ pub struct THalfedge {
 
 impl TMesh {
     /// All half-edges, element by element, side by side.
+    ///
+    /// Counted anew at each call, in the time of the fine half-edges along the sides.
     pub fn halfedges(&self) -> Vec<THalfedge> {
         let edges = &self.edges;
         let mut all: Vec<THalfedge> =

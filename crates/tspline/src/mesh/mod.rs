@@ -88,6 +88,10 @@ impl TMesh {
     /// the quad), whose neighbours differ by one level at most, and which is of one level around each extraordinary
     /// vertex.
     ///
+    /// What is allowed is an upper bound: elements are smaller where blocks do not fit together, near a change of
+    /// level, and where extraordinary vertices are near to each other. On a fine mesh that was made by [`refined`]
+    /// blocks fit together everywhere, up to as many levels.
+    ///
     /// # Errors
     /// [`Error::Mesh`] if the quads are no oriented manifold; [`Error::Count`], [`Error::Level`], [`Error::Empty`],
     /// [`Error::Option`].
@@ -101,6 +105,9 @@ impl TMesh {
     }
 
     /// The same T-mesh with some elements cut into four, those of level 0 left out, and whatever else must be cut then.
+    ///
+    /// Each of them is cut once, and others where the rules ask for it. Positions are those of the fine mesh as it is
+    /// now.
     ///
     /// # Errors
     /// [`Error::Count`] for an element that does not exist; [`Error::Option`].
@@ -123,6 +130,9 @@ impl TMesh {
 
     /// The same T-mesh with one element for each four that are all among these, where a block allows that, and without
     /// those that then break a rule: the reverse of [`cut`](Self::cut).
+    ///
+    /// Only groups of four that an element of the next level would cover go together, all of the same level and all
+    /// named, and none beyond what their quads allow.
     ///
     /// # Errors
     /// [`Error::Count`] for an element that does not exist; [`Error::Option`].
@@ -154,6 +164,17 @@ impl TMesh {
                 expected,
             }),
         }
+    }
+
+    /// Some elements and those that share a vertex with them.
+    pub(crate) fn with_those_around(&self, elements: &[usize]) -> Vec<usize> {
+        let vertices = |e: usize| (0..4).flat_map(move |side| self.side(e, side));
+        let mut near = vec![false; self.positions.len()];
+        for &v in elements.iter().flat_map(|&e| vertices(e)) {
+            near[v as usize] = true;
+        }
+        let reached = |e: &usize| vertices(*e).any(|&v| near[v as usize]);
+        (0..self.elements.len()).filter(reached).collect()
     }
 
     /// The level of the element at each fine quad.
@@ -344,11 +365,15 @@ impl TMesh {
     }
     /// All vertices along a side of an element, both corners included, in order; side `k` runs from corner `k` to
     /// corner `k + 1`.
+    ///
+    /// Two vertices, or three where smaller elements lie beyond. An element that does not exist makes it panic, like
+    /// all that asks for one by number.
     pub fn side(&self, element: usize, side: usize) -> &[u32] {
         let at = 4 * element + side;
         &self.along[self.side_start[at] as usize..self.side_start[at + 1] as usize]
     }
     /// The fine conforming mesh.
+    /// Its vertices have moved along with those of the T-mesh.
     pub fn fine(&self) -> &QuadMesh {
         &self.fine
     }
@@ -395,6 +420,7 @@ impl TMesh {
         self.fine_of[vertex]
     }
     /// How a vertex lies among the elements.
+    /// On a boundary all are [`VertexKind::Boundary`], corners included.
     pub fn kind(&self, vertex: usize) -> VertexKind {
         self.kinds[vertex]
     }

@@ -8,6 +8,9 @@ use crate::options::Method;
 /// No side counts as shorter than this share of the mean one.
 const SHORTEST: f64 = 1e-6;
 
+/// Sides shorter than this share of their first length should become longer.
+const SLENDER: f64 = 0.5;
+
 /// A T-mesh as conforming quads: an element with a T-junction is cut from there to the opposite T-junction or, where
 /// there is none, to the middle of the opposite side, its *foot* (Fig. 5.5b).
 pub(crate) struct Cells {
@@ -16,6 +19,8 @@ pub(crate) struct Cells {
     feet: Vec<[u32; 4]>,
     /// Corners per quad.
     pub(crate) quads: Vec<[u32; 4]>,
+    /// Lengths per quad that its sides should have: of the first and third, and of the others.
+    sides: Vec<[f64; 2]>,
     /// Where the quads of each element begin.
     starts: Vec<u32>,
     /// The elements around each vertex.
@@ -39,6 +44,7 @@ impl Cells {
             vertices: positions.len(),
             feet: Vec::new(),
             quads: Vec::new(),
+            sides: Vec::new(),
             starts: vec![0],
             around: vec![Vec::new(); positions.len()],
             wedges: Vec::new(),
@@ -56,8 +62,9 @@ impl Cells {
             }
         }
         let nodes = cells.nodes(positions);
+        cells.measure(&nodes);
         match method {
-            Method::Corners => cells.right_angles(&nodes),
+            Method::Corners => cells.right_angles(),
             Method::Triangles => cells.triangles(mesh, &nodes),
         }
         cells.scales(&nodes);
@@ -101,23 +108,59 @@ impl Cells {
         }
     }
 
-    /// Right angles between sides whose lengths are in proportion as they are now: the mean of opposite ones (Eqs. 5.5–5.6).
-    fn right_angles(&mut self, nodes: &[Point3]) {
+    /// The first lengths of the sides of all quads: the mean of opposite ones.
+    fn measure(&mut self, nodes: &[Point3]) {
         let sides = |quad: &[u32; 4]| {
             let p = quad.map(|n| nodes[n as usize]);
             let length = |k: usize| (p[(k + 1) % 4] - p[k]).norm();
             [length(0) + length(2), length(1) + length(3)].map(|s| 0.5 * s)
         };
+        self.sides = self.quads.iter().map(sides).collect();
         // A quad without extent must not make the energy infinite.
-        let all: f64 = self.quads.iter().flat_map(sides).sum();
+        let all: f64 = self.sides.iter().flatten().sum();
         let least = SHORTEST * all / (2 * self.quads.len()).max(1) as f64;
-        for quad in &self.quads {
-            let sides = sides(quad).map(|s| s.max(least));
+        for sides in &mut self.sides {
+            *sides = sides.map(|s| s.max(least));
+        }
+    }
+
+    /// Right angles between sides whose lengths are in proportion as they were first (Eqs. 5.5–5.6).
+    fn right_angles(&mut self) {
+        for (quad, sides) in self.quads.iter().zip(&self.sides) {
             for k in 0..4 {
                 let [next, previous] = [sides[k % 2], sides[(k + 1) % 2]];
                 self.wedges.push(Wedge {
                     nodes: [quad[k], quad[(k + 1) % 4], quad[(k + 3) % 4]],
                     inverse: [[1.0 / next, 0.0], [0.0, 1.0 / previous]],
+                });
+            }
+        }
+    }
+
+    /// The shortest side of the quads of an element, over its first length.
+    pub(crate) fn shortest(&self, e: usize, positions: &[Point3]) -> f64 {
+        let quads = self.starts[e] as usize..self.starts[e + 1] as usize;
+        let of = |q: usize| {
+            let p = self.quads[q].map(|n| self.node(n, positions));
+            let share = |k: usize| (p[(k + 1) % 4] - p[k]).norm() / self.sides[q][k % 2];
+            (0..4).map(share).fold(f64::INFINITY, f64::min)
+        };
+        quads.map(of).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Right angles between sides of the lengths that they have at these places, but not much shorter than they were first.
+    pub(crate) fn renew(&mut self, nodes: &[Point3]) {
+        self.wedges.clear();
+        for (quad, sides) in self.quads.iter().zip(&self.sides) {
+            let at = quad.map(|n| nodes[n as usize]);
+            let inverse = |k: usize| {
+                let length = (at[(k + 1) % 4] - at[k]).norm();
+                1.0 / length.max(SLENDER * sides[k % 2])
+            };
+            for k in 0..4 {
+                self.wedges.push(Wedge {
+                    nodes: [quad[k], quad[(k + 1) % 4], quad[(k + 3) % 4]],
+                    inverse: [[inverse(k), 0.0], [0.0, inverse((k + 3) % 4)]],
                 });
             }
         }
@@ -216,6 +259,22 @@ impl Cells {
             nodes.push(sum.try_normalize(1e-9).unwrap_or(first));
         }
         nodes
+    }
+
+    /// Unit normals of all quads, those of their areas; the surface's where a quad lies on its back, for it to turn over.
+    ///
+    /// The scaled Jacobian sees a quad so. At a vertex the surface's normal may be that of another side of a sharp edge,
+    /// along which the best corner looks inverted.
+    pub(crate) fn upright(&self, nodes: &[Point3], normals: &[Vector3]) -> Vec<Vector3> {
+        let of = |quad: &[u32; 4]| {
+            let [a, b, c, d] = quad.map(|n| nodes[n as usize]);
+            let own = (c - a).cross(&(d - b));
+            let of_surface: Vector3 = quad.iter().map(|&n| normals[n as usize]).sum();
+            let own = own.try_normalize(0.0).filter(|n| n.dot(&of_surface) > 0.0);
+            own.or_else(|| of_surface.try_normalize(1e-9))
+                .unwrap_or(normals[quad[0] as usize])
+        };
+        self.quads.iter().map(of).collect()
     }
 
     /// A node alone.

@@ -1,7 +1,7 @@
 //! How good the elements of a T-mesh are.
 
 pub use geom_core::mesh::quality::JacobianSummary;
-use geom_core::mesh::quality::scaled_jacobian;
+use geom_core::mesh::quality::{scaled_jacobian, upright_jacobian};
 use geom_core::{Point3, Vector3};
 
 use super::cells::Cells;
@@ -25,12 +25,28 @@ pub(crate) fn of_element(
     positions: &[Point3],
     normals: &[Vector3],
 ) -> f64 {
+    over_quads(cells, e, positions, normals, scaled_jacobian)
+}
+
+/// What a search raises: as [`of_element`], by [`upright_jacobian`].
+pub(crate) fn merit(cells: &Cells, e: usize, positions: &[Point3], normals: &[Vector3]) -> f64 {
+    over_quads(cells, e, positions, normals, upright_jacobian)
+}
+
+/// The least of the quads of an element, each seen along the sum of the element's normals.
+fn over_quads(
+    cells: &Cells,
+    e: usize,
+    positions: &[Point3],
+    normals: &[Vector3],
+    of: impl Fn(&[Point3; 4], &Vector3) -> f64,
+) -> f64 {
     let quads = cells.of_element(e);
     let vertices = quads
         .iter()
         .flatten()
         .filter(|&&n| (n as usize) < normals.len());
     let normal: Vector3 = vertices.map(|&n| normals[n as usize]).sum();
-    let of = |quad: &[u32; 4]| scaled_jacobian(&quad.map(|n| cells.node(n, positions)), &normal);
+    let of = |quad: &[u32; 4]| of(&quad.map(|n| cells.node(n, positions)), &normal);
     quads.iter().map(of).fold(f64::INFINITY, f64::min)
 }

@@ -25,6 +25,9 @@ pub(crate) struct Lines {
 
 impl Lines {
     /// Sharp edges are those whose triangles' normals differ by more than `crease` degrees.
+    ///
+    /// Without both, no half-edges are made, so that a surface that is no manifold is refused only where lines are
+    /// asked for.
     pub(crate) fn of(
         surface: &TriMesh,
         crease: Option<f64>,
@@ -62,6 +65,9 @@ impl Lines {
 
 /// How the vertices of the fine mesh may move: along lines that go straight through them, not at all where lines end, turn or
 /// meet.
+///
+/// An edge of the fine mesh is part of a sharp line if its ends and its middle lie on one: two ends alone may lie on
+/// two lines.
 pub(crate) fn freedoms(mesh: &TMesh, kept: &Lines) -> Vec<Freedom> {
     let edges = mesh.fine_edges();
     let fine = mesh.fine().positions();

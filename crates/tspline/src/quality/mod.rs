@@ -2,7 +2,9 @@
 
 mod cells;
 mod flow;
+mod improve;
 mod jacobian;
+mod lift;
 mod lines;
 
 pub use jacobian::{JacobianSummary, scaled_jacobians};
@@ -34,9 +36,11 @@ pub struct QualityReport {
     pub distortion: [f64; 2],
     /// Vertices that were moved one by one after the flow.
     pub lifted: usize,
-    /// Scaled JacobianSummary before.
+    /// Elements that were cut into four, with those around them, because nothing else helped.
+    pub cut: usize,
+    /// Scaled Jacobians on the surface, before the first step.
     pub before: JacobianSummary,
-    /// Scaled JacobianSummary after.
+    /// Scaled Jacobians of the result.
     pub after: JacobianSummary,
     /// Name of the backend.
     pub backend: String,
@@ -47,6 +51,10 @@ pub struct QualityReport {
 /// where these are best. Elements keep the proportions of their sides. Vertices on the boundary of an open mesh stay
 /// on the surface's boundary, those on sharp edges on them if `crease` asks for it, corners of both where they are. With [`Method::Corners`](crate::Method) the
 /// smallest scaled Jacobian never falls below that of the mesh put onto the surface.
+///
+/// What stays below [`QualityOptions::least`] is too large for the surface there: it is cut into four, with the elements around
+/// it, and the new elements are improved again. Where elements of the finest level are cut, the mesh's quads become finer
+/// everywhere, but not its elements.
 ///
 /// The worst elements are lifted on the CPU, whatever the backend.
 ///
@@ -70,5 +78,5 @@ pub fn improve<B: SplineBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<Improved, Error> {
     options.check()?;
-    flow::improve(mesh, surface, options, run.with(run.backend.as_spline()))
+    improve::improve(mesh, surface, options, run.with(run.backend.as_spline()))
 }

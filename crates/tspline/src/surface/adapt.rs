@@ -177,6 +177,9 @@ impl State {
 }
 
 /// Fewer elements, none of which is too far away that was not before; whether there are fewer.
+///
+/// What was merged in vain is not tried again, nor what lies around it, so that each try merges less. The best state is
+/// kept: a try that makes an element too far away is thrown away whole.
 fn pruned(
     mut state: State,
     near: &MeshTarget,
@@ -218,23 +221,12 @@ fn pruned(
         }
         // What was joined there and beside it is needed: functions reach over two elements.
         let next = next.surface.mesh();
-        let near = with_those_around(next, &with_those_around(next, &worse));
+        let near = next.with_those_around(&next.with_those_around(&worse));
         for &q in near.iter().flat_map(|&e| next.fine_quads(e)) {
             needed[q as usize] = true;
         }
     }
     Ok((state, fewer))
-}
-
-/// Some elements and those that share a vertex with them.
-fn with_those_around(mesh: &TMesh, elements: &[usize]) -> Vec<usize> {
-    let vertices = |e: usize| (0..4).flat_map(move |side| mesh.side(e, side));
-    let mut near = vec![false; mesh.positions().len()];
-    for &v in elements.iter().flat_map(|&e| vertices(e)) {
-        near[v as usize] = true;
-    }
-    let reached = |e: &usize| vertices(*e).any(|&v| near[v as usize]);
-    (0..mesh.elements().len()).filter(reached).collect()
 }
 
 /// The elements of these that are not of the finest level, and those around them that are no finer: a function of the next

@@ -10,6 +10,8 @@ use geom_core::{Point3, Vector3};
 pub type PatchPoints = [[f64; 4]; 16];
 
 /// The cubic Bernstein polynomials at `t`, their first and their second derivatives.
+///
+/// They sum to one, their derivatives to zero; `t` may lie outside of 0…1.
 pub fn bernstein(t: f64) -> [[f64; 4]; 3] {
     let s = 1.0 - t;
     [
@@ -37,6 +39,8 @@ pub struct Jet {
 
 impl Jet {
     /// At `(s, t)` of a patch.
+    ///
+    /// NaN where the weight is zero, which no basis has.
     pub fn of(points: &PatchPoints, [s, t]: [f64; 2]) -> Self {
         let (a, b) = (bernstein(s), bernstein(t));
         // Along side 0 first: per row the point and two derivatives.

@@ -29,6 +29,7 @@ pub struct Errors {
     /// Area of the mesh, Å².
     pub mesh_area: f64,
     /// Volume that the surface encloses, Å³, if it is closed.
+    /// Signed: negative if the surface is inside out.
     pub volume: Option<f64>,
     /// That of the mesh.
     pub mesh_volume: Option<f64>,
@@ -36,6 +37,9 @@ pub struct Errors {
 
 /// Distances between a surface and a mesh: 8 × 8 samples per patch to the nearest triangles, vertices and centres of
 /// triangles to the nearest points of the surface. With them the largest distance of each element's samples.
+///
+/// A spike of the mesh is seen at its vertices, one of the surface only where a sample lies on it. The second part of
+/// the answer has one number per element, in which distances of the mesh count for the element nearest to them.
 ///
 /// # Errors
 /// [`Error::Tree`] for a mesh of no triangles.

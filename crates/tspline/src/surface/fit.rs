@@ -2,8 +2,8 @@
 //!
 //! Which point of a surface a control point should come near to depends on where the surface is. So two steps take turns: with the
 //! surface held, each sample's parameters are those of its nearest point; with the parameters held, control points are the least
-//! squares solution of a sparse system. A little bending energy keeps the system regular where
-//! samples leave control points undetermined.
+//! squares solution of a sparse system. A little bending energy of the change keeps the system regular where
+//! samples leave control points undetermined; that of the surface itself would draw it inwards.
 
 use geom_core::algebra::quadrature::gauss;
 use geom_core::algebra::{Cholesky, SparseMatrix, iterate};
@@ -38,13 +38,18 @@ pub trait Target: Sync {
 /// A triangle mesh to fit to: its surface and its rim.
 #[derive(Clone, Debug)]
 pub struct MeshTarget {
+    /// Of its triangles.
     tree: TriangleTree,
+    /// Of its boundary edges; `None` for a closed mesh.
     rim: Option<TriangleTree>,
+    /// Its vertices, each with a third of the area of the triangles around it.
     samples: Vec<(Point3, f64)>,
 }
 
 impl MeshTarget {
     /// Of a mesh.
+    ///
+    /// Edges are a boundary where one triangle has them; the mesh need not be a manifold otherwise.
     ///
     /// # Errors
     /// [`Error::Tree`] for a mesh of no triangles.
@@ -101,10 +106,16 @@ impl Target for MeshTarget {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FitOptions {
     /// Rounds of nearest points and least squares, 1…50.
+    /// More bring the parameters nearer to those of the nearest points. The first round has the target's nearest points
+    /// alone.
     pub rounds: u32,
     /// Gauss points per direction and patch, 2…8.
+    /// 4 × 4 determine a bicubic patch, and cost four times as many nearest points as 2. Areas and weights are taken at
+    /// these points, too.
     pub samples: usize,
-    /// How much bending counts beside distance, 0…1: 1e-6 only keeps the equations regular.
+    /// How much bending counts beside distance, 0…1. Where samples leave control points undetermined, what changes bends little
+    /// whatever this is.
+    /// Relative to the mean area of a patch. Larger ones even out noise of the target, and flatten what bulges.
     pub smoothing: f64,
 }
 
@@ -113,7 +124,7 @@ impl Default for FitOptions {
         Self {
             rounds: 5,
             samples: 4,
-            smoothing: 1e-6,
+            smoothing: 0.0,
         }
     }
 }
@@ -130,6 +141,9 @@ impl FitOptions {
     }
 }
 
+/// How much the bending of what a round changes counts beside distance: enough to keep the equations regular.
+const CHANGE: f64 = 1e-6;
+
 /// How a fit went.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -142,6 +156,10 @@ pub struct FitReport {
 /// Moves the control points of a surface so that it comes as near to the target as its basis allows: weighted least
 /// squares over Gauss points of the surface with the nearest points of the target, and over samples of the target with
 /// the nearest points of the surface, both taken anew in each round. The latter let it grow into what it does not reach.
+///
+/// A round is a nearest point for each sample, the assembly of a sparse matrix with a row per function, and a solve: by
+/// the factor of the matrix without samples of the target, which is made once, and as a preconditioner serves all
+/// rounds. Rounds are not checked for convergence: [`FitReport::rms`] shows how they went.
 ///
 /// # Errors
 /// [`Error::Option`], [`Error::Matrix`], those of the backend.
@@ -201,13 +219,19 @@ fn fit_on(
 struct Plan {
     parameters: Vec<f64>,
     /// Bernstein polynomials per sample of a patch.
+    /// In the order of samples: the first parameter runs fastest.
     table: Vec<[f64; POINTS]>,
     /// Weights of the samples, patch after patch: area.
     weights: Vec<f64>,
     /// Samples on the rim.
+    /// Few of them, but of great weight, since nothing beyond a boundary holds it otherwise.
     rim: Vec<Place>,
     /// The matrices of the patches.
+    /// Of samples, rim and bending together, in Bernstein polynomials: what the normal equations are without samples of
+    /// the target.
     locals: Vec<Local>,
+    /// The part of them that is for what a round changes.
+    change: Local,
 }
 
 /// A single place on the surface: its patch, parameters, polynomials and weight, and where it goes, if that is known.
@@ -220,6 +244,8 @@ struct Place {
 }
 
 impl Plan {
+    /// Samples, weights and matrices of a surface as it lies before the fit; they stay as it moves, like the parameters
+    /// of the samples.
     fn new(
         surface: &Surface,
         target: &dyn Target,
@@ -265,12 +291,17 @@ impl Plan {
                 }
             }
         }
+        let change = bending.map(|row| row.map(|b| CHANGE * mean * b));
+        for (out, b) in locals.iter_mut().flatten().zip(change.iter().cycle()) {
+            out.iter_mut().zip(b).for_each(|(out, b)| *out += b);
+        }
         Ok(Self {
             parameters,
             table,
             weights,
             rim,
             locals,
+            change,
         })
     }
 
@@ -326,6 +357,12 @@ impl Plan {
                     squares += w * (q - sample.point).norm_squared();
                     add_point(&mut local, &surface.functions_at(patch, b), *w, &q);
                 }
+                // Nothing bends if nothing changes.
+                for (out, row) in local.iter_mut().zip(&self.change) {
+                    for (point, b) in surface.patches()[patch].iter().zip(row) {
+                        out.iter_mut().zip(point).for_each(|(o, c)| *o += b * c);
+                    }
+                }
                 (local, squares)
             })
             .collect();
@@ -349,6 +386,7 @@ pub(crate) fn tensor([s, t]: [f64; 2]) -> [f64; POINTS] {
     std::array::from_fn(|k| a[k % 4] * b[k / 4])
 }
 
+/// Adds `w b bᵀ`.
 fn add_square(local: &mut Local, b: &[f64; POINTS], weight: f64) {
     for (row, x) in local.iter_mut().zip(b) {
         for (out, y) in row.iter_mut().zip(b) {
@@ -357,6 +395,7 @@ fn add_square(local: &mut Local, b: &[f64; POINTS], weight: f64) {
     }
 }
 
+/// Adds `w b qᵀ`: what a sample of these polynomials that is to come to q has on the right-hand side.
 fn add_point(local: &mut [[f64; 3]; POINTS], b: &[f64; POINTS], weight: f64, q: &Point3) {
     for (row, x) in local.iter_mut().zip(b) {
         for (out, c) in row.iter_mut().zip(q.iter()) {

@@ -70,6 +70,8 @@ impl Surface {
 
     /// Other control points, one per function.
     ///
+    /// All Bézier points are computed anew. After an error of the count or of a number the surface is as before.
+    ///
     /// # Errors
     /// [`Error::Count`], [`Error::NotFinite`].
     pub fn set_controls<B: SplineBackend + ?Sized>(
@@ -160,6 +162,9 @@ impl Surface {
 
     /// The surface at `(s, t)` in 0…1 of an element, `s` along its side 0 and `t` along its side 3; derivatives by these.
     ///
+    /// Where two patches of an element meet, the first one in their order answers. Parameters beyond 0…1 are not
+    /// refused, and continue the polynomials of some patch.
+    ///
     /// # Panics
     /// If there is no such element.
     pub fn evaluate(&self, element: usize, at: [f64; 2]) -> Jet {
@@ -179,6 +184,9 @@ impl Surface {
 
     /// Samples of all patches at all pairs of these parameters: `parameters.len()²` per patch, that along side 0 running
     /// fastest.
+    ///
+    /// Patch after patch, in the order of [`Surface::patches`]; parameters are those of patches, which may be smaller
+    /// than elements.
     ///
     /// # Errors
     /// Those of the backend.

@@ -1,4 +1,9 @@
 //! Where patches meet: every side of a patch as the segments between corners of patches that lie on it.
+//!
+//! Elements of different levels, and patches of one element, share parts of sides only. A segment is the largest piece
+//! that no corner of a patch lies in: it belongs to one side of one patch, or to one of each of two. Who evaluates a
+//! curve on one of them and uses it for both has no gaps, whatever rounding does: so tessellation and STEP files go
+//! through segments. All of it is found by the numbers of fine vertices; positions are never compared.
 
 use geom_core::Point3;
 
@@ -51,6 +56,8 @@ pub struct Seams {
     pub segments: Vec<Segment>,
     /// The corners of each patch, counter-clockwise.
     pub of_patch: Vec<[u32; 4]>,
+    /// Segments of all sides, side after side, and whether they run with the side; where those of side k of patch p
+    /// begin, at `4 p + k`.
     sides: Vec<(u32, bool)>,
     starts: Vec<u32>,
 }
@@ -63,6 +70,8 @@ impl Seams {
     }
 
     /// Of a surface.
+    ///
+    /// In the time that sorting the segments takes.
     pub fn of(surface: &Surface) -> Self {
         let paths = paths(surface);
         let mut is_corner = vec![false; surface.mesh().fine().positions().len()];

@@ -1,4 +1,8 @@
 //! Triangles of a surface, without gaps: what lies on a seam is computed once.
+//!
+//! Vertices at corners of patches and along segments belong to all who meet there, and are evaluated by one of them.
+//! Inside, a patch is a grid; between its grid and its rim, on which there are more vertices where smaller patches lie
+//! beyond, is a band of triangles that takes up whatever number there is.
 
 use geom_core::{Point3, Run, TriMesh, Vector3};
 use rayon::prelude::*;
@@ -15,6 +19,7 @@ pub struct Tessellation {
     /// The triangles.
     pub mesh: TriMesh,
     /// The normal of the surface at each vertex.
+    /// Unit vectors, outwards; at corners of patches the mean of all that meet there, along seams that of one.
     pub normals: Vec<Vector3>,
     /// The patch in which each triangle lies.
     pub patches: Vec<u32>,
@@ -27,8 +32,11 @@ const MOST_STEPS: u32 = 64;
 
 /// Triangles of a surface: `steps` along each side of a patch, more where several patches meet it.
 ///
+/// `2 steps²` triangles per patch whose sides are whole. [`Tessellation::mesh`] is closed where the surface is.
+///
 /// # Errors
-/// [`Error::Option`] for steps outside of 2…64; those of the backend.
+/// [`Error::Option`] for steps outside of 2…64; [`Error::Mesh`] for more triangles than an index can count; those of
+/// the backend.
 ///
 /// ```
 /// use tspline::geom_core::{Cpu, Run, mesh::{SurfaceAudit, shapes}};
@@ -110,17 +118,20 @@ struct Parts<'a> {
 
 impl Parts<'_> {
     /// Numbers: corners first, then the insides of segments, then those of patches.
+    /// The vertex after so many steps from the first end of a segment.
     fn on_segment(&self, segment: u32, step: usize) -> u32 {
         let inner = self.steps - 1;
         (self.seams.corners.len() + segment as usize * inner + step - 1) as u32
     }
 
+    /// The vertex of a patch's grid, `1 ≤ i, j < steps`.
     fn in_patch(&self, patch: usize, i: usize, j: usize) -> u32 {
         let inner = self.steps - 1;
         let before = self.seams.corners.len() + self.seams.segments.len() * inner;
         (before + patch * inner * inner + (i - 1) + (j - 1) * inner) as u32
     }
 
+    /// Corners and seams on the CPU, the insides, which are most of them, on the backend.
     fn vertices(&self, run: On<'_>) -> Result<(Vec<Point3>, Vec<Vector3>), Error> {
         let inner = self.steps - 1;
         let share = |i: usize| i as f64 / self.steps as f64;
@@ -157,6 +168,8 @@ impl Parts<'_> {
         Ok((positions, normals))
     }
 
+    /// The grid first, then the bands along the four sides, counter-clockwise, each as far as the diagonals of its
+    /// corners.
     fn triangles(&self, patch: usize) -> Vec<[Vertex; 3]> {
         let m = self.steps;
         let share = |i: usize| i as f64 / m as f64;

@@ -120,9 +120,23 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "flows do not sharpen",
         "crates/secondfund-ops/src/flow/steps.rs",
-        "both.for_each(|(f, s)| *f += s * options.sharpen);",
-        "both.for_each(|(f, s)| *f += s * (0.0 * options.sharpen));",
+        "mesh.forces(positions, &conductor(options.sharpen))?;",
+        "mesh.forces(positions, &conductor(0.0 * options.sharpen))?;",
     ),
+    Fault::wrong(
+        "flows keep their first matrix",
+        "crates/secondfund-ops/src/flow/steps.rs",
+        "filter(|_| self.age < refresh);",
+        "filter(|_| refresh > 0);",
+    )
+    .seen_by("laws::one_matrix_serves_for_some_steps"),
+    Fault::wrong(
+        "flows fold faces",
+        "crates/secondfund-ops/src/flow/guard.rs",
+        "*now && !**was",
+        "*now && !**was && before.is_empty()",
+    )
+    .seen_by("details::fifty_steps_fold_no_face"),
     Fault::wrong(
         "rims move",
         "crates/secondfund-ops/src/flow/steps.rs",
@@ -238,10 +252,10 @@ pub(super) const FAULTS: &[Fault] = &[
         "let sides = [last, first].map(|h| mirrored(edges.to(h).0));",
     ),
     Fault::wrong(
-        "conductivity.wgsl: sharpening is diffusing",
+        "conductivity.wgsl: what sharpens diffuses",
         "shaders/wgsl/common/conductivity.wgsl",
-        "return part(q, select(1.0, -1.0, task.law == 5u));",
-        "return part(q, 1.0);",
+        "return part(q, 1.0) - task.sharpen * part(q, -1.0);",
+        "return part(q, 1.0) + task.sharpen * part(q, -1.0);",
     ),
     Fault::wrong(
         "triangle_matrices.wgsl: fields are not averaged",

@@ -102,6 +102,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("details::what_lies_off_the_surface_counts"),
     Fault::wrong(
+        "fits damp the bending of the surface, not of what changes",
+        "crates/tspline/src/surface/fit.rs",
+        "out.iter_mut().zip(point).for_each(|(o, c)| *o += b * c);",
+        "out.iter_mut().zip(point).for_each(|(o, c)| *o += 0.0 * b * c);",
+    )
+    .seen_by("surface::what_is_where_it_should_be_stays"),
+    Fault::wrong(
+        "elements too large for a surface are left",
+        "crates/tspline/src/quality/improve.rs",
+        "made.jacobians[*e] < options.least;",
+        "made.jacobians[*e] < -2.0 * options.least.abs();",
+    )
+    .seen_by("mesh::elements_too_large_for_a_surface_are_cut"),
+    Fault::wrong(
         "fits are never smoothed",
         "crates/tspline/src/surface/fit.rs",
         "*out += options.smoothing * mean * b;",

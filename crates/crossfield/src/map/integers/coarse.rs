@@ -18,6 +18,7 @@ use crate::field::frames::{Frames, next, previous};
 use crate::map::cut::Cut;
 use crate::map::transition::{Form, Seams};
 
+/// No half-edge: beyond a boundary, or out of a vertex that is gone.
 const NONE: u32 = u32::MAX;
 /// Most half-edges around a vertex.
 const MOST_AROUND: usize = 256;
@@ -30,19 +31,33 @@ const MOST_FLIPS: usize = 1000;
 /// seamless map are right when they leave the triangles of a decimated map upright). A vertex around which the map is flat is
 /// taken out and the polygon around it triangulated anew, in its chart; what is left are cones and corners of the boundary.
 pub(in crate::map) struct Coarse {
+    /// Per half-edge, the vertex it starts from. Half-edges `3 t + k` keep their places: a flip writes two triangles
+    /// over two others, and taking out a vertex leaves some not alive.
     pub(super) from: Vec<u32>,
+    /// Per half-edge, where its start lies in the chart of its triangle.
     pub(super) place: Vec<Place>,
+    /// Per half-edge, the other one of its edge, or [`NONE`]. Decimated triangles may be glued to themselves.
     pub(super) twin: Vec<u32>,
+    /// Per half-edge, what leads from the chart of its triangle to that of its twin's; inverse to that of the twin.
     pub(super) link: Vec<Link>,
+    /// Per triangle, whether it is one still.
     pub(super) alive: Vec<bool>,
     /// A half-edge out of each vertex.
+    /// On a boundary the one along it; [`NONE`] for those taken out.
     pub(super) out: Vec<u32>,
     /// The angle of each half-edge around its vertex, from the first of the whole map.
+    /// Radians. Flips do not change it, as the plane around is the same: where a new edge leaves is measured from the
+    /// edge before it.
     pub(super) angle: Vec<f64>,
 }
 
 impl Coarse {
     /// Of a relaxed map given by its corners; `None` where the map is folded or a regular vertex cannot be taken out.
+    ///
+    /// `corners` are in units of lines, and need not be integers anywhere. First go vertices of few edges, each with as
+    /// many flips as it needs, then those of twice as many, and so on, so that the work stays near proportional to the
+    /// triangles; what resists is hidden in a Delaunay triangulation. What is left are the singular vertices and the
+    /// corners of the boundary, in a Delaunay triangulation: two triangles for each of them, about.
     pub(in crate::map) fn of(
         frames: &Frames,
         field: &CrossField,
@@ -111,6 +126,9 @@ impl Coarse {
 
     /// Flips edges until the sum of the angles opposite each is at most a half turn (Delaunay): no triangle is flatter than
     /// it must be, and has to stay upright less strictly.
+    ///
+    /// In exact arithmetic flips end by themselves; forty per half-edge bound them all the same, since rounding could let
+    /// them go round in circles.
     fn make_delaunay(&mut self) {
         let mut open: Vec<usize> = (0..self.from.len()).filter(|h| self.alive[h / 3]).collect();
         let mut left = 40 * open.len();
@@ -156,6 +174,8 @@ impl Coarse {
     }
 
     /// The half-edges out of a vertex.
+    /// Counter-clockwise; an edge from the vertex to itself is there twice. On a boundary from the half-edge along it
+    /// on.
     fn edges_at(&self, v: u32) -> Vec<usize> {
         let first = self.out[v as usize] as usize;
         let mut out = vec![first];
@@ -170,6 +190,10 @@ impl Coarse {
     }
 
     /// How far a vertex may be lifted before an edge is not regular any more; `None` if it always is, or cannot be flipped.
+    ///
+    /// With weights as heights over the plane, an edge is regular if its two triangles, lifted to the paraboloid plus
+    /// these heights, are convex from below: the sign of a determinant, linear in the height of v. Where it becomes 0
+    /// the edge has to be flipped; the edge with the least such height is the next.
     fn regular_up_to(&self, h: usize, v: u32) -> Option<f64> {
         let ring = self.diamond(h)?;
         let t = self.twin[h] as usize;
@@ -190,6 +214,7 @@ impl Coarse {
         (convex && by > FLAT * scale).then(|| -now / by)
     }
 
+    /// The sum of the cotangents of the two opposite angles is below 0, that is, their sum is above a half turn.
     fn is_too_long(&self, h: usize) -> bool {
         let Some(ring) = self.diamond(h) else {
             return false;
@@ -204,6 +229,9 @@ impl Coarse {
     }
 
     /// All triangles of the map.
+    ///
+    /// Over edges that are not cut the link is the identity. Over cut ones its shift is the difference of the two
+    /// copies of a vertex; the real parts of both are the same vertex's, and cancel.
     fn fine(frames: &Frames, cut: &Cut, seams: &Seams, corners: &[[[f64; 2]; 3]]) -> Self {
         let count = frames.edges().len();
         let link = |h: usize| {
@@ -241,6 +269,7 @@ impl Coarse {
     }
 
     /// The coordinates of a singular vertex or corner are integers of the map.
+    /// Where one of them is real all the same, the place stays inexact, and the decimated map can make no conditions.
     fn make_exact(&mut self, frames: &Frames, cut: &Cut, seams: &Seams, v: usize) {
         for h in frames.around(v) {
             let real = [0, 1]
@@ -263,6 +292,8 @@ impl Coarse {
     }
 
     /// Takes a flat vertex out; `None` if its star is no simple polygon.
+    /// The star is laid out in one chart, cut into ears, and its triangles replaced; two of them go, or one at a
+    /// boundary.
     fn take_out(&mut self, v: u32) -> Option<()> {
         let star = self.star(v)?;
         let ring = self.ring(&star)?;
@@ -321,6 +352,8 @@ impl Coarse {
         Some([own(h), beyond, own(next(h)), own(previous(h))])
     }
 
+    /// Replaces the two triangles of an edge by the other two of their four corners, which must be convex; nothing
+    /// happens on a boundary or where a triangle is glued to itself.
     fn flip(&mut self, h: usize) {
         let Some(ring) = self.diamond(h) else {
             return;
@@ -339,6 +372,8 @@ impl Coarse {
     }
 
     /// The half-edges out of a vertex, counter-clockwise, each with what leads from its chart to the first.
+    ///
+    /// `None` for a vertex that is joined to itself by an edge, that has too many edges, or around which the map turns.
     fn star(&self, v: u32) -> Option<Star> {
         let first = self.out[v as usize] as usize;
         let mut star = Star {
@@ -372,6 +407,7 @@ impl Coarse {
     }
 
     /// The polygon around a star, in the chart of its first triangle.
+    /// `None` if it has fewer than three corners.
     fn ring(&self, star: &Star) -> Option<Vec<Place>> {
         let mut ring: Vec<Place> = star
             .out
@@ -387,6 +423,9 @@ impl Coarse {
     }
 
     /// The polygon that a star fills.
+    ///
+    /// On a boundary the last side is that which closes the polygon past the vertex: it has no triangle outside, nor
+    /// had one.
     fn around(&self, star: &Star) -> Polygon {
         let mut polygon = Polygon {
             outer: star.out.iter().map(|&h| Some(next(h))).collect(),
@@ -407,6 +446,10 @@ impl Coarse {
     }
 
     /// Puts the triangles of a polygon in place of those that filled it.
+    ///
+    /// `ears` are triples of corners of the `ring`, at most as many as there are `slots`; slots left over are alive no
+    /// more. Sides of the polygon keep their neighbours, with links from the polygon's chart; two sides that were glued
+    /// to each other are so again.
     fn fill(&mut self, polygon: &Polygon, ring: &[Place], ears: &[[usize; 3]]) {
         let Polygon {
             outer,
@@ -502,8 +545,11 @@ impl Coarse {
 
 /// A vertex's half-edges and charts.
 struct Star {
+    /// Counter-clockwise.
     out: Vec<usize>,
+    /// What leads from the chart of each to that of the first.
     home: Vec<Link>,
+    /// Whether it is not cut short by a boundary.
     closed: bool,
 }
 
@@ -513,6 +559,7 @@ struct Polygon {
     outer: Vec<Option<usize>>,
     /// What leads from the chart of each to that of the polygon.
     home: Vec<Link>,
+    /// The corners, each the first of its side.
     vertices: Vec<u32>,
     /// The triangles.
     slots: Vec<usize>,

@@ -1,4 +1,8 @@
 //! Places in the charts of a map, and what leads from one chart to another.
+//!
+//! All of this is kept twice: as numbers of the relaxed map, by which is decided what is convex or flat, and as sums
+//! over the integers of the map ([`Form`]), which stay exact through any number of flips. Only decisions may be
+//! inexact.
 
 use crate::map::transition::{self, Form, turned};
 
@@ -8,15 +12,20 @@ pub(super) const FLAT: f64 = 1e-9;
 /// A position in a chart: as it is in the relaxed map, and as sums of integers where it is one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Place {
+    /// In units of lines.
     pub(super) at: [f64; 2],
+    /// `None` for regular vertices, which have real coordinates, and are all taken out in the end.
     pub(super) exact: Option<[Form; 2]>,
 }
 
 /// `p ↦ R(−90° turn) p + shift`: from one chart to another.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Link {
+    /// 0…3 quarter turns to the right.
     pub(super) turn: u8,
+    /// Of the relaxed map, where it need not be an integer.
     pub(super) shift: [f64; 2],
+    /// The same shift as sums of integers.
     pub(super) exact: [Form; 2],
 }
 
@@ -33,6 +42,7 @@ impl Link {
         }
     }
 
+    /// Where a place lies in the other chart; exactly, if it is known exactly here.
     pub(super) fn apply(&self, place: &Place) -> Place {
         let moved = rotated(place.at, (4 - self.turn) % 4);
         let exact = place.exact.as_ref().map(|form| {
@@ -47,6 +57,7 @@ impl Link {
     }
 }
 
+/// What leads back: `q ↦ R(90° turn) (q − shift)`.
 pub(super) fn inverse(link: &Link) -> Link {
     let back = rotated(link.shift, link.turn);
     let mut exact = [Form::new(), Form::new()];
@@ -66,6 +77,7 @@ pub(super) fn rotated(p: [f64; 2], quarters: u8) -> [f64; 2] {
     })
 }
 
+/// The same of exact parts: components change places and signs.
 pub(super) fn rotated_form(form: &[Form; 2], quarters: u8) -> [Form; 2] {
     [0, 1].map(|c| {
         let (from, sign) = turned(quarters, c);
@@ -73,6 +85,7 @@ pub(super) fn rotated_form(form: &[Form; 2], quarters: u8) -> [Form; 2] {
     })
 }
 
+/// `form += factor · other`, in both components.
 pub(super) fn add(form: &mut [Form; 2], other: &[Form; 2], factor: i64) {
     for (form, other) in form.iter_mut().zip(other) {
         transition::add(form, other, factor);
@@ -95,11 +108,16 @@ pub(super) fn opening(from: [f64; 2], to: [f64; 2]) -> f64 {
         .rem_euclid(std::f64::consts::TAU)
 }
 
+/// Twice the area, above 0 if a, b, c are counter-clockwise.
 pub(super) fn signed_area(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     cross(minus(b, a), minus(c, a))
 }
 
 /// A triangulation of a simple polygon by cutting off its best ears; `None` if it has none.
+///
+/// The best ear is that of the largest area over the sum of its squared sides. Corners of the polygon that lie in an
+/// ear, or on its rim, forbid it; a triangle flatter than [`FLAT`] is none. The time is n³ for n corners, of which
+/// there are few.
 pub(super) fn ears(polygon: &[[f64; 2]]) -> Option<Vec<[usize; 3]>> {
     let mut left: Vec<usize> = (0..polygon.len()).collect();
     let mut out = Vec::new();

@@ -20,7 +20,8 @@ const FALLS: f64 = 1e-9;
 const DENSEST: i32 = 4;
 /// How many times denser each is.
 const RATIO: f64 = 1.25;
-/// Moves looked at per integer, at most.
+/// What bounds the moves looked at per integer: mending stops after a fifth of it, a descent after about twenty times as
+/// many.
 const MOST_TRIED: usize = 20_000;
 /// How often triangles are given more weight.
 const BREAKOUTS: usize = 60;
@@ -29,12 +30,17 @@ const LARGEST: usize = 2000;
 
 /// The energy as a function of the integers: `½ zᵀ S z − sᵀ z`.
 pub(crate) struct Quadratic {
+    /// S, dense.
     matrix: DMatrix<f64>,
+    /// s.
     right: DVector<f64>,
+    /// S⁻¹, computed when it is first asked for and kept, as rounding may be tried on several grids; `None` if S is not
+    /// positive definite.
     inverse: OnceCell<Option<DMatrix<f64>>>,
 }
 
 impl Quadratic {
+    /// `matrix` is row after row, as many rows as `right` has entries.
     pub(crate) fn new(matrix: &[f64], right: &[f64]) -> Self {
         let n = right.len();
         let mut matrix = DMatrix::from_row_slice(n, n, matrix);
@@ -72,6 +78,11 @@ impl Quadratic {
     /// Integers that leave all triangles of a decimated map upright: those rounded, on a grid so many times denser that moves
     /// by one mend them, brought back step by step to the wanted spacing by descent that keeps them so. `None` if even
     /// the densest grid is of no use.
+    ///
+    /// On a grid r times denser the whole map is r times as large: S stays the same and s is multiplied by r. There
+    /// singular vertices have more points between them, so that rounding makes fewer mistakes. It is tried 1, 1.25, …
+    /// up to 1.25⁴ times as dense, and on the way back the energy is that of each coarser grid in turn, under the
+    /// condition that no triangle that is upright turns over.
     pub(crate) fn rounded_within(
         &self,
         upright: &Upright,
@@ -99,6 +110,7 @@ impl Quadratic {
         &self.right * RATIO.powi(step)
     }
 
+    /// n³ operations, once.
     fn inverse(&self) -> Option<&DMatrix<f64>> {
         let inverse = || self.factor().map(|factor| factor.inverse());
         self.inverse.get_or_init(inverse).as_ref()
@@ -107,6 +119,9 @@ impl Quadratic {
     /// Moves single integers and pairs by one while that brings triangles nearer to upright; of the moves that do so most,
     /// those of least energy. Where none does, triangles that are not upright weigh more from then on (Morris, *The breakout
     /// method for escaping from local minima*, 1993). Returns whether all are.
+    ///
+    /// `z` changes, and is what was reached even if that is not enough. It gives up after 4 n + 50 steps, after
+    /// [`BREAKOUTS`] times of more weight, or when it has looked at too many moves.
     fn mend(
         &self,
         z: &mut [f64],
@@ -169,6 +184,9 @@ impl Quadratic {
     }
 
     /// Of moves that bring triangles nearer to upright, the one that does so most and costs least energy.
+    ///
+    /// `gradient` is that of the energy before the move, `S z − s`. Exact shortages come first, energies only break
+    /// ties: an energy that is a sum of many numbers must not decide what is valid.
     fn best_mend(
         &self,
         moves: impl Iterator<Item = Pair>,
@@ -206,6 +224,10 @@ impl Quadratic {
 
     /// Changes one integer or two that are coupled by one, whatever lowers the energy most, as long as that turns no triangle
     /// over.
+    ///
+    /// `right` says on which grid. After a change the gradient is brought up to date in n operations, and all moves are
+    /// judged anew from it. Weights of triangles are 1 here: a move must not add to the sum of shortages, which is 0
+    /// and stays so.
     fn descend_on(
         &self,
         z: &mut [f64],
@@ -272,6 +294,9 @@ impl Quadratic {
     }
 
     /// Per integer, the others from a first one on that it is coupled to most: all of them while there are few.
+    ///
+    /// By the size of their entry in S. Two integers of a small entry do not change each other's optimum, and moving
+    /// both is then no better than moving one after the other.
     fn coupled(&self, first: impl Fn(usize) -> usize) -> Vec<Vec<usize>> {
         const FEW: usize = 256;
         const MOST: usize = 32;
@@ -292,6 +317,11 @@ impl Quadratic {
 }
 
 /// Variable by variable, with the inverse of the matrix of those that are free.
+///
+/// Putting variable k at an integer moves all others by `column k of the inverse × step / pivot`, which is their exact
+/// optimum, and takes a rank-one matrix from the inverse of what stays free. n³ operations in all, in place and in
+/// parallel by columns, the same digits for any number of threads. Of more than [`LARGEST`] variables the nearest few
+/// are put to their integers between two sortings.
 fn greedy(inverse: &DMatrix<f64>, right: &DVector<f64>) -> Vec<f64> {
     let n = right.len();
     let mut z: Vec<f64> = (inverse * right).as_slice().to_vec();

@@ -1,4 +1,11 @@
 //! The integers of a decimated map, laid on the surface by straight lines of the relaxed map.
+//!
+//! The integers say where the corners of the decimated triangles are on the grid. Where each point of such a triangle
+//! is on the surface, they do not say; but every decimated triangle is a straight one in the plane of the relaxed map,
+//! which is flat but for the singular vertices. So a point of it is found from its barycentric coordinates there: a
+//! direction and a length from one corner, and a straight walk over the triangles of the surface, turned at each seam.
+//! Such walks are intrinsic, like those of Sharp, Soliman and Crane (*Navigating intrinsic triangulations*, 2019),
+//! whose angles around vertices (signposts) say how a walk begins.
 
 use super::coarse::Coarse;
 use super::plane::{cross, minus, opening, rotated};
@@ -12,20 +19,28 @@ type Point = [f64; 2];
 /// of that map's plane, and a point of it is found by a straight walk from a corner. It is upright wherever the integers leave
 /// its few triangles so, whatever the triangles of the surface.
 pub(crate) struct Spread {
+    /// How its triangles are glued to each other; vertices have the numbers of the surface.
     pub(crate) net: Net,
+    /// The integers at their corners, in fixed point.
     pub(crate) map: GridMap,
     /// The corners as they are in the relaxed map.
     at: Vec<[Point; 3]>,
     /// The angle of each half-edge around its vertex.
+    /// Radians in the relaxed map, from the first half-edge that the surface has there.
     angle: Vec<f64>,
     /// The relaxed map.
+    /// Of the triangles of the surface.
     relaxed: Vec<[Point; 3]>,
+    /// Its quarter turns, per half-edge of the surface.
     turn: Vec<u8>,
 }
 
 impl Coarse {
     /// With these integers; `relaxed` is the map that was decimated, `turn` its quarter turns. `None` if a corner is no sum of
     /// integers.
+    ///
+    /// Triangles that are gone are left out, and the others numbered anew. Whether they are upright with these integers
+    /// is not checked here.
     pub(in crate::map) fn spread(
         &self,
         z: &[f64],
@@ -83,6 +98,9 @@ impl Coarse {
 impl Spread {
     /// Where a point of one of its triangles lies on the surface: triangle and barycentric coordinates. `None` if the walk
     /// does not end.
+    ///
+    /// `weights` are barycentric coordinates in triangle `face` of the decimated map. The walk starts from the corner
+    /// with the largest of them, the nearest one in that sense. It may fail to end for rounding, or meet a boundary.
     pub(crate) fn place(
         &self,
         frames: &Frames,
@@ -114,6 +132,9 @@ impl Spread {
     }
 
     /// So far straight on from a vertex.
+    ///
+    /// At most four steps per triangle of the surface: a straight line of the map meets a triangle more than once only
+    /// if it goes around something.
     fn walk(
         &self,
         frames: &Frames,
@@ -159,6 +180,8 @@ impl Spread {
     }
 
     /// The triangle at a vertex into which a direction points, by its half-edge there, and the direction in its chart.
+    ///
+    /// Angles are taken modulo the total angle around the vertex in the map; on a boundary they are not more than that.
     fn start(&self, frames: &Frames, vertex: usize, angle: f64) -> Option<(usize, Point)> {
         let toward = |h: usize, to: usize| {
             let uv = &self.relaxed[h / 3];
@@ -184,6 +207,8 @@ impl Spread {
     }
 }
 
+/// Barycentric coordinates, those below 0 raised to 0, so that a point beside a triangle for rounding is put on its
+/// rim.
 fn weights_of(uv: &[Point; 3], at: Point) -> [f64; 3] {
     let areas = [0, 1, 2].map(|k| {
         let (a, b) = (uv[(k + 1) % 3], uv[(k + 2) % 3]);

@@ -1,4 +1,8 @@
 //! The triangles of a decimated map as conditions on its integers.
+//!
+//! Corners are integers, so that twice the area of a triangle is one: it is upright if that is 1 or more, and by how
+//! much it falls short of 1 is an integer as well. Rounding adds these shortages up and walks downhill until the sum
+//! vanishes. A step changes one integer or two, on which few triangles hang, so that it costs time for these alone.
 
 use crate::map::transition::Form;
 
@@ -16,6 +20,7 @@ pub(in crate::map) struct Upright {
 }
 
 impl Upright {
+    /// Of the sides from the first corner of each triangle to the second and the third.
     pub(super) fn new(triangles: &[[[Form; 2]; 2]]) -> Self {
         let mut of: Vec<Vec<(u32, Sides)>> = Vec::new();
         for (t, sides) in (0u32..).zip(triangles) {
@@ -56,6 +61,7 @@ impl Upright {
     }
 
     /// 0 where all triangles are upright.
+    /// The sum over all triangles, in 128 bits, as products of two sides of 64 bits need them.
     pub(super) fn shortages(&self, sides: &[Sides]) -> i128 {
         sides.iter().map(shortage).sum()
     }
@@ -85,7 +91,9 @@ impl Upright {
 #[derive(Clone, Copy)]
 pub(super) struct Weighed<'a> {
     pub(super) upright: &'a Upright,
+    /// As they are before the move.
     pub(super) sides: &'a [Sides],
+    /// 1 or more, per triangle.
     pub(super) weights: &'a [i128],
 }
 
@@ -121,6 +129,7 @@ impl Weighed<'_> {
     }
 }
 
+/// `by` holds a whole number.
 fn added(sides: &mut Sides, sum: &Sides, by: f64) {
     for (side, c) in sides.iter_mut().zip(sum) {
         *side += c * by.round() as i64;

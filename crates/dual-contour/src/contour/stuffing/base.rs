@@ -1,4 +1,7 @@
 //! The base tetrahedra of the complex, with a label at every corner.
+//!
+//! Where dual contouring moves the points of cells to the surface, stuffing leaves them in the middle and asks what
+//! they belong to, so a cell's middle is one more sample: of the field if there is one, else the mean of the corners.
 
 use geom_core::Point3;
 use geom_core::mesh::{INTERIOR, Region};
@@ -26,6 +29,7 @@ pub(super) struct Base<'a> {
 }
 
 impl<'a> Base<'a> {
+    /// Of a complex none of whose leaves is cut; all lattice points become vertices.
     pub(super) fn new(
         complex: &'a Complex<'a>,
         probe: &'a Probe<'a>,
@@ -58,6 +62,7 @@ impl<'a> Base<'a> {
     }
 
     /// Position, label and value of a vertex.
+    /// In finest cells; the value is on the side of the level that the label says.
     pub(super) fn sample(&self, vertex: Vertex) -> Sample {
         match vertex {
             Vertex::Cell(cell) => self.cell_sample(&cell),
@@ -121,6 +126,7 @@ impl<'a> Base<'a> {
     }
 
     /// Labels of leaves and ghosts, by vertex number.
+    /// Only the middles of cells with an interface are asked for a value; others have the label of their corners.
     fn cell_labels(&self) -> Vec<Region> {
         let complex = self.complex;
         let label = |id: u32, cell: Cell| {

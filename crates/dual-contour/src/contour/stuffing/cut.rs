@@ -20,6 +20,8 @@ pub(super) struct Cut {
 
 impl Near {
     /// Cuts all tetrahedra; adds the points of cuts, of faces and of cells where three labels meet.
+    /// In the order of the tetrahedra. Edges, then faces, then cells add their points, each in sorted order, before any
+    /// tetrahedron is cut: so that the cutting only reads.
     pub(super) fn cut(&self, positions: &mut Vec<Point3>) -> Cut {
         let mut added = Vec::new();
         let mut cutter = Cutter {
@@ -67,6 +69,7 @@ impl Near {
     }
 }
 
+/// Of at least one.
 fn mean(points: impl IntoIterator<Item = Point3>) -> Point3 {
     let (sum, n) = points
         .into_iter()
@@ -89,12 +92,16 @@ struct Cutter<'a> {
 /// A vertex within a tetrahedron: one of its corners, or the cut between two of them.
 #[derive(Clone, Copy)]
 enum Spot {
+    /// By its place in the tetrahedron.
     Corner(usize),
+    /// Of the edge between these two.
     Cut(usize, usize),
 }
 
 /// Twice the determinant of barycentric coordinates, up to a factor: positive if the four spots stand
 /// as the corners of their tetrahedron do, wherever the cuts are.
+/// It is made of whole numbers, as if each cut stood in the middle of its edge: moving cuts along their edges never
+/// turns a piece over.
 fn hand(spots: &[Spot; 4]) -> i32 {
     let rows = spots.map(|s| {
         let mut row = [0i32; 4];
@@ -115,6 +122,8 @@ fn hand(spots: &[Spot; 4]) -> i32 {
 
 /// Cuts a tetrahedron whose corners, in ascending order of their numbers, are `below` and `above` an
 /// interface or `on` it. Quads are cut from the corner of the lowest number, so that neighbours agree.
+/// `emit` gets each piece and whether it lies above. Orientation is left to [`hand`]. Two to six pieces come, as many
+/// as cuts and quads need: at least one corner must lie on each side.
 fn stencil(below: &[usize], above: &[usize], on: &[usize], mut emit: impl FnMut([Spot; 4], bool)) {
     use Spot::{Corner as P, Cut as C};
     // A single corner is cut off; what remains has one or two quads per further corner.
@@ -201,6 +210,7 @@ impl Cutter<'_> {
     }
 
     /// Cuts a tetrahedron with one or two labels and any number of corners on their interface.
+    /// With one label it comes as it is. A corner on the interface belongs to neither side.
     fn two(&self, t: u32, out: &mut Vec<([u32; 4], Region)>) {
         let near = self.near;
         let tet = near.tets[t as usize];
@@ -240,6 +250,8 @@ impl Cutter<'_> {
 
     /// Cuts a tetrahedron with three or four labels, none of whose corners is on an interface: cones
     /// from a point inside over the pieces of its faces.
+    /// Both tetrahedra at a face cut it the same way: a corner alone, or the three corners around the point of the
+    /// face.
     fn several(&self, t: u32, apex: u32, out: &mut Vec<([u32; 4], Region)>) {
         let near = self.near;
         let tet = near.tets[t as usize];

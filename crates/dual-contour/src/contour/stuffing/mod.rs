@@ -3,6 +3,9 @@
 //! Corners and cell points stay where they are and carry labels; base tetrahedra with more than one
 //! label are cut where labels change along their edges. A vertex with a cut close by is snapped onto
 //! it, which keeps angles away from 0° and 180°, but only where the interface stays a manifold.
+//!
+//! In this order: `base` makes the tetrahedra and labels, `near` gathers those that an interface may change, `snap`
+//! moves vertices, `cut` cuts. What lies farther off is passed on as it is, which is most of a mesh.
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
@@ -89,6 +92,7 @@ pub(super) fn mesh(
 }
 
 /// Which vertices are in tetrahedra with more than one label: whatever touches them may change.
+/// By vertex number. Only these can snap, so a tetrahedron without any of them keeps its corners and its place.
 fn may_change(base: &Base<'_>, tets: &[BaseTet]) -> Vec<bool> {
     let hot: Vec<AtomicBool> = (0..base.numbering.len())
         .map(|_| AtomicBool::new(false))
@@ -156,6 +160,7 @@ impl Collector {
         self.push(tet, region, keep);
     }
 
+    /// Takes those faces of a tetrahedron of the molecule that may be surface.
     fn take_faces(&mut self, tet: [u32; 4], may: impl Fn(&Self, [u32; 3]) -> bool) {
         for face in FACES.map(|f| f.map(|k| tet[k])) {
             if may(self, face) {
@@ -166,6 +171,7 @@ impl Collector {
         }
     }
 
+    /// Do all three corners lie in one plane of the box?
     fn is_on_box(&self, face: [u32; 3]) -> bool {
         let planes = |v: &u32| planes_of(&self.positions[*v as usize], self.cells);
         face.iter().fold(!0, |m, v| m & planes(v)) != 0
@@ -179,6 +185,8 @@ impl Collector {
     }
 
     /// The surface are the faces of the molecule that no other tetrahedron of it has.
+    /// A face between two of its tetrahedra comes twice and goes; sorted by corners, so that the order of triangles is
+    /// that of vertices.
     fn finish(mut self) -> Raw {
         let faces = sorted_by_number(self.faces.len(), |i| self.faces[i], |face| face.0[0]);
         self.out.triangles = faces

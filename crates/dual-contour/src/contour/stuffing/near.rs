@@ -1,4 +1,7 @@
 //! The tetrahedra near interfaces.
+//!
+//! All that snapping and cutting ask for, numbered anew and gathered once: what stands around a vertex, which edges
+//! change labels, and where. Points away from interfaces have no part in it.
 
 use geom_core::Point3;
 use geom_core::compute::parallel::sorted_by_number;
@@ -49,6 +52,7 @@ pub(super) struct Near {
 }
 
 /// Lists of numbers per vertex.
+/// (Compressed sparse rows.) Filled in two passes over the same pairs: count, then put.
 #[derive(Default)]
 pub(super) struct Csr {
     starts: Vec<u32>,
@@ -70,6 +74,7 @@ impl Csr {
         });
         Self { starts, items }
     }
+    /// The list of a vertex.
     pub(super) fn of(&self, v: u32) -> &[u32] {
         &self.items[self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize]
     }
@@ -77,6 +82,9 @@ impl Csr {
 
 impl Near {
     /// `hot` are the vertices that may snap.
+    ///
+    /// # Errors
+    /// What a field on a device says of the cuts.
     pub(super) fn new(base: &Base<'_>, tets: &[BaseTet], hot: &[bool]) -> Result<Self, Error> {
         let vertices: Vec<Vertex> = base.numbering.vertices().collect();
         // Vertices get numbers of their own, in order: arrays are short, and neighbours near each other.
@@ -151,6 +159,7 @@ impl Near {
     }
 
     /// The number of the edge between two vertices of different labels.
+    /// A search in the edges of one of them, of which there are a few dozen at most.
     pub(super) fn edge(&self, a: u32, b: u32) -> u32 {
         let ends = [a.min(b), a.max(b)];
         *self
@@ -176,6 +185,7 @@ impl Near {
 }
 
 /// The edges between different labels, sorted.
+/// By ascending ends, each once though several tetrahedra have it.
 fn edges_between_labels(tets: &[[u32; 4]], samples: &[Sample]) -> Vec<[u32; 2]> {
     let edges: Vec<[u32; 2]> = tets
         .par_iter()

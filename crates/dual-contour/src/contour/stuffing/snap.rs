@@ -113,6 +113,8 @@ impl Near {
             .map(|(e, _)| e)
     }
 
+    /// Moves a vertex to the cut of an edge. All edges from it to other labels lose their cuts by that:
+    /// [`Near::violated`] no longer counts them.
     fn snap_to(&mut self, v: u32, edge: u32) {
         let w = self.other(edge, v);
         let (from, to) = (self.samples[v as usize].x, self.samples[w as usize].x);
@@ -214,6 +216,7 @@ impl Link {
         Some(n as u8)
     }
 
+    /// One for each tetrahedron around the vertex.
     fn triangles(&self) -> &[[u8; 3]] {
         &self.triangles[..self.triangle_len]
     }

@@ -1,9 +1,14 @@
 //! The cells of a block that carry the surface, as bits.
+//!
+//! A word holds the cells of an eighth of the block, 4³ of them, in Morton order: so numbers by counting bits come in
+//! the order that the leaves of an octree have.
 
 /// The cells of a stored block that carry the surface, as bits in the order of the octree's leaves.
 #[derive(Clone, Copy)]
 pub(super) struct Block {
+    /// Its lowest finest cell.
     pub(super) low: [i32; 3],
+    /// Those with corners of both signs.
     pub(super) carrying: [u64; 8],
     /// Those that are not cut into tetrahedra: each has a vertex.
     pub(super) simple: [u64; 8],
@@ -35,6 +40,8 @@ pub(super) const fn cell_at(word: usize, bit: u32) -> [i32; 3] {
 
 impl Block {
     /// `masks` of all cells, x fastest.
+    /// Numbers come later, when those of all blocks before are known. Rows without a surface, which are most, are
+    /// passed over at once.
     pub(super) fn new(low: [i32; 3], masks: &[u8], simple: &[bool; 256]) -> Self {
         let mut out = Self {
             low,

@@ -2,6 +2,9 @@
 //!
 //! What the octree's mesher does for every leaf is needed here near cut cells only: points of cells of one size stay within their
 //! convex cells, and an edge with two of these that share a face spans a positive tetrahedron wherever they are.
+//!
+//! The order in which points move is part of the result: whole cells before cut ones, by the parity of their
+//! coordinates, as the colours of the octree's mesher have it.
 
 use std::ops::Range;
 
@@ -151,6 +154,7 @@ fn neighbours(cut: &CutCells<'_>, beside: &[Beside], points: &[Point3]) -> Vec<N
 }
 
 /// How far a cell that is not cut may go beside the cut ones.
+/// Six edge tetrahedra per face between them: three edges of the triangles of each half.
 fn neighbour_share(cut: &CutCells<'_>, n: &Neighbour, beside: &[Beside]) -> f64 {
     let margins = |b: &Beside, y: &Point3| {
         let cell = &cut.cells[b.cut as usize];
@@ -175,6 +179,7 @@ fn neighbour_share(cut: &CutCells<'_>, n: &Neighbour, beside: &[Beside]) -> f64 
 }
 
 /// The parts of a cell after each has gone as far as it may, one after the other.
+/// A part has twelve edge tetrahedra: three with what lies beyond its outer triangle, and three with each of its mates.
 fn moved(cut: &CutCells<'_>, k: usize, points: &[Point3]) -> Parts {
     let cell = &cut.cells[k];
     let pattern = cell.pattern();

@@ -1,5 +1,8 @@
 //! Cells that are cut into tetrahedra, where all cells around are finest: their points and polygons without an
 //! octree.
+//!
+//! Twelve parts and up to twenty-six edges (twelve of the cell, six diagonals, eight to the middle) each: few cells in
+//! a well resolved surface, and so told apart from the others, which take the fast way.
 
 use geom_core::Point3;
 use geom_core::mesh::{INTERIOR, Region, six_volume};
@@ -105,6 +108,7 @@ impl CutCell {
         }
     }
 
+    /// What its diagonals say, from a table.
     pub(super) fn pattern(&self) -> &'static Pattern {
         &PATTERNS[usize::from(self.split.diagonals)]
     }
@@ -217,6 +221,8 @@ impl<'a> CutCells<'a> {
     /// The triangles around the edges from the lowest corner of a cell whose ends differ, and if it is
     /// cut itself around those within it and in its faces. `mask` are the signs of its corners, `points`
     /// those of the cells that are not cut.
+    /// The same edges, in the same order, as [`Emitter::emit`](crate::dual::Emitter::emit) of the octree visits at this
+    /// leaf.
     pub(super) fn emit(
         &self,
         low: [i32; 3],
@@ -309,6 +315,7 @@ impl<'a> CutCells<'a> {
     }
 
     /// The triangles of a polygon: a fan, or around a point on the edge itself.
+    /// `ends` are asked for only if a point must be added.
     fn fan(
         &self,
         polygon: &Polygon,

@@ -2,6 +2,10 @@
 //! octree. Vertices, triangles, their order and their bits are those that the octree would give.
 //!
 //! Cells that are cut into tetrahedra, and what stands around them, are in [`cut_cells`].
+//!
+//! A surface needs the signs of one layer of cells alone: no leaves, no numbers of lattice points, no volume beside it.
+//! The work is a walk over the stored blocks: which of their cells carry the surface (`block`), where their points are,
+//! how far these may go beside cut cells (`clamp`), and the two triangles of each edge that changes sign (`triangles`).
 
 use geom_core::{Point3, TriMesh};
 use rayon::prelude::*;
@@ -75,6 +79,9 @@ impl Sheet<'_> {
 }
 
 /// The surface of plain labels that stays off the box, all cells finest.
+///
+/// # Errors
+/// Too little memory or too few numbers for the cells that were counted, and what the backend or the field says.
 pub(crate) fn surface(
     samples: &Samples<'_>,
     probe: &Probe<'_>,
@@ -136,6 +143,7 @@ fn carrying_blocks(samples: &Samples<'_>, report: &mut Report) -> (Vec<Block>, u
 }
 
 /// The points of all simple cells.
+/// In the order of their numbers. A call gets as many blocks as the backend likes.
 fn points_of(
     samples: &Samples<'_>,
     probe: &Probe<'_>,

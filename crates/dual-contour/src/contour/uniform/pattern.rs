@@ -1,4 +1,7 @@
 //! What follows from the diagonals of a cut cell's faces alone: its tetrahedra as its parts' points see them.
+//!
+//! Six bits, so 64 patterns, made once when the first cut cell asks. A part's twelve tetrahedra stand in lanes side by
+//! side, in the unit cube; four lanes stay empty.
 
 use std::sync::LazyLock;
 
@@ -82,6 +85,7 @@ impl<const N: usize> GuardedTets<N> {
     }
 }
 
+/// Does none of them lack volume?
 pub(super) fn is_positive(margins: &[f64]) -> bool {
     margins.iter().all(|&s| s > 0.0)
 }

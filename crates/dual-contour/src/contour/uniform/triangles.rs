@@ -1,4 +1,8 @@
 //! The triangles around all edges whose ends differ.
+//!
+//! Nearly all stand among four whole cells: a quad, of which one of two diagonals is taken. Eight of these are judged
+//! at a time. Edges beside cut cells are judged one by one, between the eights, so that the order of triangles is that
+//! of the edges.
 
 use geom_core::{Point3, TriMesh};
 use rayon::prelude::*;
@@ -18,6 +22,7 @@ const BATCH: usize = 16;
 
 /// The triangles around all edges whose ends differ. Of the four cells around an edge, the one whose
 /// lowest corner begins it emits.
+/// Positions become Å here, in the end, since diagonals are judged in finest cells.
 pub(super) fn emit(
     sheet: Sheet<'_>,
     probe: &Probe<'_>,
@@ -156,6 +161,7 @@ const LAST: [u64; 3] = {
 };
 
 /// The numbers of the vertices in a block and in the layer before it, for many look-ups.
+/// One table of 9³ numbers per thread and block instead of four searches per edge.
 struct Around {
     /// [`NO_VERTEX`] where a cell is cut or does not carry the surface.
     ids: [u32; AROUND * AROUND * AROUND],
@@ -170,6 +176,7 @@ impl Around {
         }
     }
 
+    /// From the block itself and the seven before it along the axes and diagonals, as far as these are stored.
     fn fill(&mut self, sheet: &Sheet<'_>, slot: usize) {
         self.ids.fill(NO_VERTEX);
         let low = sheet.blocks[slot].low;
@@ -234,6 +241,7 @@ impl Around {
 }
 
 /// Edges that wait until there are enough of them.
+/// Quads as the edge sees them: its lower end in the origin, its direction along the last coordinate.
 struct Waiting {
     quads: Quads,
     edges: [Edge; LANES],
@@ -258,6 +266,7 @@ impl Waiting {
         }
     }
 
+    /// Takes an edge; there must be a lane left.
     fn push(&mut self, points: &[Point3], edge: Edge) {
         let axes = [(edge.axis + 1) % 3, (edge.axis + 2) % 3, edge.axis];
         for (quad, &id) in self.quads.iter_mut().zip(&edge.ids) {
@@ -271,6 +280,7 @@ impl Waiting {
     }
 
     /// Emits the edges that wait.
+    /// In the order in which they came; lanes that are not filled are judged too and not looked at.
     fn flush(&mut self, samples: &Samples<'_>, probe: &Probe<'_>, out: &mut Batch) {
         let starts = kernel::diagonals(&self.quads);
         for (edge, &start) in self.edges[..self.len].iter().zip(&starts) {

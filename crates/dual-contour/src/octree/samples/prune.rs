@@ -1,4 +1,7 @@
 //! Small groups of points change sides.
+//!
+//! Connected components, by union and find. A block of one label is one node, however many points it has, so that the
+//! cost is that of the points near the surface.
 
 use geom_core::Point3;
 use geom_core::compute::sets::DisjointSets;
@@ -10,6 +13,7 @@ use crate::Error;
 /// What has been given to the other side.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Pruned {
+    /// How many groups, over all rounds.
     pub(crate) groups: usize,
     /// Lattice points.
     pub(crate) points: u64,
@@ -52,6 +56,8 @@ impl Samples<'_> {
         }
     }
 
+    /// One round: all small groups of either side at once. Two small groups beside each other swap sides, which the
+    /// next round sees; where all groups are small, nothing is done, since there is nothing to give them to.
     fn prune_once(&mut self, least: u32) -> Pruned {
         let groups = self.sides();
         let sizes = self.sizes(&groups);
@@ -161,6 +167,7 @@ impl Samples<'_> {
     }
 
     /// Lets the points of small groups change sides.
+    /// Values are mirrored at the level, so that the cut of an edge to a neighbour is still found by them.
     fn flip(&mut self, groups: &[u32], is_small: impl Fn(usize) -> bool) {
         for b in 0..self.state.len() {
             let Some(slot) = self.slot(b) else {
@@ -189,6 +196,8 @@ impl Samples<'_> {
     }
 
     /// The label of a point on the other side.
+    /// A bubble in the molecule becomes molecule; a speck becomes what its place belongs to, a material or the
+    /// exterior.
     fn flipped(&self, r: Region, x: &Point3) -> Region {
         if r == INTERIOR {
             self.labels.at(f64::NEG_INFINITY, x)

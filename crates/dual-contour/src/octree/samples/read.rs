@@ -1,4 +1,7 @@
 //! Blocks are read once, and judged: one label, or several.
+//!
+//! First without reading: where the source knows that a block is constant, and no boundary of a material is near. Then
+//! the others, 64 at a time per thread: range first, and only if that does not tell, point by point.
 
 use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{LatticeValues, Vector3};
@@ -19,6 +22,7 @@ pub(super) enum Known {
 }
 
 /// What the source and the shapes of materials say of each block.
+/// In the order of the blocks. Nothing is read but what the source does for [`Source::constant`].
 pub(super) fn known_blocks<V: LatticeValues + ?Sized>(
     source: &Source<'_, V>,
     domain: &Domain,
@@ -80,6 +84,9 @@ pub(super) struct Reader<'a, 'b, V: ?Sized> {
 
 impl<V: LatticeValues + ?Sized> Reader<'_, '_, V> {
     /// Reads some blocks and keeps the values of those with more than one label.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] for the first bad value of these blocks.
     pub(super) fn read(&self, open: &[OpenBlock], scratch: &mut Scratch) -> Result<Found, Error> {
         scratch.values.resize(POINTS * open.len(), 0.0);
         self.gather(open, &mut scratch.values)?;
@@ -134,6 +141,7 @@ impl<V: LatticeValues + ?Sized> Reader<'_, '_, V> {
     }
 
     /// The values of some blocks; a value that is not finite is refused, the first of them all.
+    /// Runs along x share the layer between two blocks, which is read once.
     fn gather(&self, open: &[OpenBlock], buffer: &mut [f32]) -> Result<(), Error> {
         let domain = self.domain;
         let low = |b: usize| domain.block(b).map(|c| c * BLOCK);
@@ -181,6 +189,7 @@ impl<V: LatticeValues + ?Sized> Reader<'_, '_, V> {
 }
 
 /// The labels of the points of a block.
+/// Where no boundary of a material is near, from the values alone; else shape by shape.
 fn regions_of(domain: &Domain, labels: &Labels, block: &OpenBlock, values: &[f32]) -> Vec<Region> {
     let threshold = at_least(labels.level);
     values

@@ -1,4 +1,7 @@
 //! Orthonormal bases of tall vectors, shared by the two iterations.
+//!
+//! Lanczos needs `V` alone, Davidson `V` and `K V`; both work in whole blocks, since a product of tall matrices is
+//! faster than as many of vectors.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -10,7 +13,8 @@ use crate::algebra::Mass;
 use crate::algebra::dense::{self, Tall};
 use crate::compute::random::{SplitMix64, symmetric};
 
-/// Tall vectors, kept in the blocks in which they came.
+/// Tall vectors, kept in the blocks in which they came. Blocks are not put together: a basis of hundreds of columns
+/// would be copied each time that it grows.
 pub(super) struct Columns {
     blocks: Vec<Block>,
     count: usize,
@@ -60,7 +64,8 @@ impl Columns {
     }
 
     /// Becomes `keep` combinations of its columns: `y` has a row for each of them. The first `locked`
-    /// become a block of their own.
+    /// become a block of their own. The step of a restart: a product of all columns with a small matrix, after which
+    /// the old ones are dropped.
     pub(super) fn combine(&mut self, y: &[f64], keep: usize, locked: usize) {
         let mut blocks = Vec::new();
         for columns in [0..locked, locked..keep] {
@@ -88,7 +93,7 @@ pub(super) struct Basis<'a> {
     pub(super) columns: Columns,
 }
 
-/// What an orthogonalization took off a block W: `W = V C + Q R`.
+/// What an orthogonalization took off a block W: `W = V C + Q R`. V is the basis and Q the block as it is returned.
 pub(super) struct Taken {
     /// A row for each column of the basis.
     pub(super) c: Vec<f64>,
@@ -136,6 +141,9 @@ impl<'a> Basis<'a> {
         crate::compute::parallel::inside(|| self.orthonormalize_here(w, b, near, taken, random));
     }
 
+    /// Block Gram–Schmidt, then Q R by Cholesky of the Gram matrix, over again until every column keeps a tenth of its
+    /// length in a round: what rounding leaves of the others grows by the inverse of that share, and the next round
+    /// removes it. Six rounds at most.
     fn orthonormalize_here(
         &self,
         w: &mut [f64],
@@ -181,6 +189,7 @@ impl<'a> Basis<'a> {
         }
     }
 
+    /// The numbers of these columns, block after block, in the order of [`Columns::among`].
     fn rows_among(&self, locked: usize, near: usize) -> Vec<Range<usize>> {
         let wanted = |b: &&Block| b.first < locked || b.first >= near;
         let rows = |b: &Block| b.first..b.first + b.columns;

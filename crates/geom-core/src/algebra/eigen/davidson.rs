@@ -15,10 +15,12 @@ use crate::algebra::dense::{self, Tall};
 use crate::compute::BackendError;
 use crate::compute::random::SplitMix64;
 
-/// Blocks of room beyond those that a restart keeps.
+/// Blocks of room beyond those that a restart keeps. Each adds to the work of Rayleigh–Ritz and saves restarts.
 const BLOCKS: usize = 3;
 
-/// The smallest `k + 1` pairs of one connected part, the first `k` of them converged.
+/// The smallest `k + 1` pairs of one connected part, the first `k` of them converged. Pairs are ready in order: those
+/// behind the first that is not yet good enough are worked on, a block at a time, until it is. Convergence is asked at
+/// 0.3 of the tolerance, a margin for what comes after.
 pub(super) fn pairs(
     pencil: &Pencil<'_>,
     k: usize,
@@ -137,7 +139,8 @@ pub(super) fn pairs(
     }
 }
 
-/// A symmetric matrix with `b` columns (and rows) more.
+/// A symmetric matrix with `b` columns (and rows) more. The new diagonal block is symmetrized; of the rest only the
+/// upper half is given, and mirrored.
 fn bordered(h: &[f64], new: &[f64], b: usize) -> Vec<f64> {
     let m = new.len() / b;
     let old = m - b;
@@ -166,7 +169,9 @@ fn columns_of(y: &[f64], m: usize, first: usize, count: usize) -> Vec<f64> {
         .collect()
 }
 
-/// The first `keep` columns of y, and what the vectors of the step before add to them; orthonormal.
+/// The first `keep` columns of y, and what the vectors of the step before add to them; orthonormal. That is the "+k" of
+/// GD+k: without the last step's vectors a restart forgets the direction in which it was going, as conjugate gradients
+/// would that begin anew.
 fn combination(
     y: &[f64],
     m: usize,
@@ -201,7 +206,7 @@ fn combination(
         .collect()
 }
 
-/// `K x − θ M x` of some Ritz vectors.
+/// `K x − θ M x` of some Ritz vectors. From stored images, without a product by K.
 fn residuals(
     pencil: &Pencil<'_>,
     basis: &Basis<'_>,

@@ -28,7 +28,8 @@ const DRIFT: f64 = 1e-12;
 const ROUNDING: f64 = 1e-14;
 
 /// The operator whose largest eigenvalues are sought. With a lumped mass it is
-/// `M^½ (K − σM)⁻¹ M^½`, symmetric as it stands; else `(K − σM)⁻¹ M`, symmetric in the product of M.
+/// `M^½ (K − σM)⁻¹ M^½`, symmetric as it stands; else `(K − σM)⁻¹ M`, symmetric in the product of M. Either way one
+/// application is one solve, and for a consistent mass one product more.
 struct Inverse<'a> {
     factor: Cholesky,
     /// Roots of the lumped mass.
@@ -37,6 +38,8 @@ struct Inverse<'a> {
 }
 
 impl<'a> Inverse<'a> {
+    /// The matrix of a lumped mass is scaled to `M^(−½) (K − σM) M^(−½)` before it is factored: its diagonal is then
+    /// more even, and the basis is orthonormal in the plain product, which is cheaper than that of M.
     fn of(pencil: &Pencil<'a>, shift: f64) -> Result<Self, Error> {
         let shifted = pencil.shifted(shift)?;
         let (matrix, roots, mass) = match pencil.mass {
@@ -192,7 +195,8 @@ pub(super) fn pairs(
     }
 }
 
-/// When to look at the Ritz values next.
+/// When to look at the Ritz values next. A look is a dense eigenproblem of all columns at hand, too dear for every
+/// step.
 struct Checks {
     next: usize,
     /// Columns and worst share of the last look.
@@ -222,6 +226,9 @@ impl Checks {
 }
 
 /// Overlaps `Vᵀ Q` of the two newest blocks Q with the columns before, as rounding lets them grow.
+///
+/// Estimated from the recurrence that the blocks themselves obey, with rounding added at each step: no product with the
+/// basis is needed to know when one would be.
 #[derive(Default)]
 struct Drift {
     newest: Vec<f64>,
@@ -286,7 +293,8 @@ impl Drift {
 }
 
 /// Slightly below zero, of the size of the smallest eigenvalue of a surface: the mean eigenvalue
-/// over the number of rows.
+/// over the number of rows. Too near to zero, `K − σM` is nearly singular along the constants; too far, the wanted
+/// eigenvalues move together.
 fn default_shift(pencil: &Pencil<'_>) -> f64 {
     let trace: f64 = pencil.stiffness.diagonal().iter().sum();
     let total: f64 = pencil.lumped.iter().sum();
@@ -308,7 +316,8 @@ struct LastBlock<'a> {
 
 /// Ritz vectors, improved by one step of inverse iteration at no cost: `Op V y = θ V y + Q R y_last`,
 /// with Q the block that would be next (Ericsson and Ruhe's purification). Then Rayleigh–Ritz with
-/// K and M themselves.
+/// K and M themselves. The step is free since the image of the newest block is known: it lowers the parts of high
+/// eigenvalues once more.
 fn finish(
     pencil: &Pencil<'_>,
     inverse: &Inverse<'_>,
@@ -345,7 +354,7 @@ fn finish(
     Ok(out)
 }
 
-/// The operator seen by the basis.
+/// The operator seen by the basis. Symmetric, of fixed `width`; what lies beyond the columns at hand is zero.
 struct Projected {
     values: Vec<f64>,
     width: usize,
@@ -394,6 +403,7 @@ impl Projected {
         rows.flat_map(|row| row[..m].iter().copied()).collect()
     }
 
+    /// Turned around: the largest θ belong to the smallest λ.
     fn solve(&self, m: usize) -> Result<Ritz, Error> {
         let part = self.leading(m);
         let (ascending, vectors) = dense::symmetric_eigen(&part, m).ok_or_else(not_finite)?;
@@ -411,6 +421,8 @@ impl Ritz {
         rows.flat_map(|row| row[..keep].iter().copied()).collect()
     }
 
+    /// `‖R y_last‖` of each Ritz vector: the length of what the operator leads out of the basis, which is the residual
+    /// of Op x = θ x.
     fn tails(&self, coupling: &[f64], at: usize, block: usize) -> Vec<f64> {
         let m = self.theta.len();
         (0..m)

@@ -4,6 +4,10 @@
 //! has its own zero. A part of few rows is solved densely; a large one of a matrix by block Lanczos on
 //! `(K − σM)⁻¹ M` with a sparse Cholesky factor, σ slightly below zero (shift–invert), a large one of a
 //! graph by block Davidson over multigrid: see [`Method`].
+//!
+//! Files: `parts.rs` finds the connected parts; `lanczos.rs` and `davidson.rs` are the two iterations over the bases of
+//! `basis.rs`; `multigrid.rs` is the approximate inverse, [`backend`] what of it may run elsewhere. Whatever found a
+//! pair, its residual is computed anew from K and M in f64.
 
 pub mod backend;
 mod basis;
@@ -38,7 +42,8 @@ const RESIDUALS: usize = 8;
 /// Searches for a part in which pairs are found to be missing.
 const ATTEMPTS: usize = 4;
 
-/// How a large connected part is solved.
+/// How a large connected part is solved. Parts of at most 384 rows are solved densely with either, and up to 2048 rows
+/// if more than a third of their pairs is wanted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Method {
@@ -66,6 +71,8 @@ impl Method {
 }
 
 /// What to compute.
+///
+/// The defaults suit surfaces. For voxel graphs, where every digit takes more cycles, a larger tolerance saves time.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
@@ -79,7 +86,8 @@ pub struct Options {
     /// be positive definite. Multigrid has no shift and refuses one; a part that is solved densely needs none.
     pub shift: Option<f64>,
     /// Vectors per block of the Krylov space; an eigenvalue of higher multiplicity in one connected
-    /// part may lose copies, which `verify` finds out.
+    /// part may lose copies, which `verify` finds out. 1 to 64. More vectors per block find multiple eigenvalues more
+    /// surely and use the processor better; each takes part in every product, so that few pairs come slower.
     pub block: usize,
     /// Most restarts of the Krylov space per part.
     pub max_restarts: usize,
@@ -133,6 +141,9 @@ impl Options {
 }
 
 /// Why there are no eigenpairs.
+///
+/// The matrices are looked at first, then the masses; [`Error::TooMany`] comes when a part is reached that is too large
+/// for what is asked. Not to converge is no error: see [`Report::converged`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -200,7 +211,8 @@ pub struct EigenPairs {
     pub report: Report,
 }
 
-/// How eigenpairs were found.
+/// How eigenpairs were found. Sums are over all parts that were iterated; a part that is solved densely adds nothing to
+/// `solves` and `restarts`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Report {
@@ -241,6 +253,14 @@ pub struct Report {
 /// assert!(pairs.values[0].abs() < 1e-12 && (pairs.values[1] - 1.0).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
+///
+/// Time goes into a factor and solves with it (surfaces), or into cycles (graphs); memory into about 3.5 `k` vectors.
+/// Progress is told in the stages `eigenpairs`, `factor`, `multigrid` and `verify`. The same bits for any number of
+/// threads on the CPU.
+///
+/// # Errors
+/// [`Error`], by cause. [`algebra::Error::NotPositiveDefinite`] says that the shift is not below all eigenvalues, or
+/// that K is no stiffness; if the pencil has several connected parts, the row that it names is counted within its part.
 pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
     stiffness: impl Into<Operator<'a>>,
     mass: &Mass,
@@ -252,6 +272,9 @@ pub fn eigenpairs<'a, B: SpectralBackend + ?Sized>(
     eigenpairs_on(stiffness.into(), mass, k, options, run)
 }
 
+/// Not generic over backends, so that it is compiled once: checks, parts, a solver per part, and the smallest of all
+/// they found in rows of the whole. Each part is asked for as many pairs as are wanted in all, since any of them may
+/// have the lowest.
 fn eigenpairs_on(
     stiffness: Operator<'_>,
     mass: &Mass,
@@ -358,7 +381,7 @@ fn eigenpairs_on(
     })
 }
 
-/// The matrices of one connected part.
+/// The matrices of one connected part. Rows are those of the part.
 struct Pencil<'a> {
     stiffness: Operator<'a>,
     mass: &'a Mass,
@@ -392,7 +415,8 @@ impl Pencil<'_> {
         vec![1.0 / total.sqrt(); n]
     }
 
-    /// Does K map constants to zero? Then the constant is an eigenvector known beforehand.
+    /// Does K map constants to zero? Then the constant is an eigenvector known beforehand. Row sums are compared with
+    /// 10⁻¹² of the row's magnitudes: rounding of a stiffness passes, a boundary condition does not.
     fn constants_vanish(&self) -> bool {
         (0..self.rows()).all(|i| {
             let (sum, size) = self
@@ -406,7 +430,9 @@ impl Pencil<'_> {
 
 type Pair = (f64, Vec<f64>);
 
-/// The smallest `k + 1` pairs of a large part, counted if that is asked for.
+/// The smallest `k + 1` pairs of a large part, counted if that is asked for. A search may miss a copy of a multiple
+/// eigenvalue, if the start block has nothing of it; the count tells, and it is sought again with other start vectors
+/// and blocks twice as wide, four times in all.
 fn iterate(
     pencil: &Pencil<'_>,
     k: usize,
@@ -438,7 +464,8 @@ fn iterate(
 }
 
 /// Are there as many eigenvalues below a gap at the end of the wanted ones as were found? The signs of
-/// the pivots of K − μM say how many there are (Sylvester's law of inertia).
+/// the pivots of K − μM say how many there are (Sylvester's law of inertia). The shift is put into a gap, where pivots
+/// are surely not zero; pairs behind the last gap are not counted.
 fn is_complete(pencil: &Pencil<'_>, found: &[Pair], k: usize) -> Result<bool, Error> {
     let values: Vec<f64> = found.iter().map(|p| p.0).collect();
     // The last gap wide enough to put a shift into.
@@ -454,7 +481,8 @@ fn is_complete(pencil: &Pencil<'_>, found: &[Pair], k: usize) -> Result<bool, Er
     Ok(below == Some(count))
 }
 
-/// The best pairs of the span of `count` columns, by K and M themselves.
+/// The best pairs of the span of `count` columns, by K and M themselves. Small in memory beside the search, it takes
+/// out of the vectors what single steps have left of each other, and gives `xᵀ M x = 1`.
 fn rayleigh_ritz(pencil: &Pencil<'_>, x: &[f64], count: usize) -> Result<Vec<Pair>, Error> {
     use dense::Tall;
     let image = pencil.stiffness.multiply(x, count);
@@ -481,7 +509,8 @@ fn not_finite() -> Error {
     algebra::Error::NotFinite { row: 0, column: 0 }.into()
 }
 
-/// All pairs of a small part, the smallest `k` of them kept: `L⁻¹ K L⁻ᵀ` with `M = L Lᵀ`.
+/// All pairs of a small part, the smallest `k` of them kept: `L⁻¹ K L⁻ᵀ` with `M = L Lᵀ`. `O(n³)`. The constant, where
+/// it is known, is taken out before: its zero is then exact, and the others are orthogonal to it.
 fn dense_pairs(pencil: &Pencil<'_>, k: usize) -> Result<Vec<Pair>, Error> {
     let n = pencil.rows();
     let mut identity = vec![0.0; n * n];
@@ -530,7 +559,8 @@ fn deflate(a: &mut [f64], u: &[f64], n: usize) {
     }
 }
 
-/// The entry of largest magnitude, the first of them, becomes positive.
+/// The entry of largest magnitude, the first of them, becomes positive. A vector and its negative are equally good;
+/// without a rule, small changes of the input would flip signs.
 fn orient(vector: &mut [f64]) {
     let largest = crate::compute::parallel::argmax(vector.len(), |i| vector[i].abs());
     if largest.is_some_and(|(i, _)| vector[i] < 0.0) {
@@ -538,6 +568,8 @@ fn orient(vector: &mut [f64]) {
     }
 }
 
+/// `‖K x − λ M x‖ / (max(λ, λ₁) ‖M x‖)` with the first λ₁ that is not zero, in the norm of the inverse lumped mass, in
+/// which `M x` of a unit vector has about the length 1.
 fn residuals(
     stiffness: Operator<'_>,
     mass: &Mass,
@@ -603,6 +635,7 @@ fn is_close(a: f64, b: f64, gap: f64) -> bool {
     (b - a).abs() <= gap * a.abs().max(b.abs())
 }
 
+/// Chains: in a run each value is close to the next, so its ends may differ by more than the gap.
 fn clusters(values: &[f64], gap: f64) -> Vec<Range<usize>> {
     let mut out = Vec::new();
     let mut start = 0;

@@ -51,7 +51,8 @@ impl CompressedRows {
         self.starts.len() - 1
     }
 
-    /// `out ← out + scale · A X`.
+    /// `out ← out + scale · A X`. The widths that the solver uses have loops of their own, in which the sums stay in
+    /// registers.
     fn add_product(&self, scale: f32, block: &[f32], columns: usize, out: &mut [f32]) {
         match columns {
             0 => {}
@@ -160,6 +161,11 @@ pub struct Level<'a> {
 }
 
 /// A hierarchy of ever smaller operators: see the module.
+///
+/// The null space of constants is kept on every level: where rows sum to zero, prolongation maps constants to
+/// constants. A level has at most seven tenths of the rows of the one above it, mostly far fewer; the coarsest has at
+/// most 400 and a dense inverse. If aggregation gets stuck before, a dense inverse serves up to 1500 rows, and beyond
+/// that only the diagonal.
 #[derive(Clone, Debug)]
 pub struct Multigrid<'a> {
     levels: Vec<Level<'a>>,
@@ -170,6 +176,10 @@ pub struct Multigrid<'a> {
 impl<'a> Multigrid<'a> {
     /// The hierarchy of a positive semi-definite operator of one connected part, whose null space, if
     /// it has one, is the constants.
+    ///
+    /// # Errors
+    /// [`algebra::Error::NotPositiveDefinite`](crate::algebra::Error::NotPositiveDefinite) names the first row whose
+    /// diagonal is not positive, on any level; else what products of sparse matrices refuse.
     pub fn of(operator: Operator<'a>) -> Result<Self, Error> {
         let rows = operator.rows();
         let mut levels = Vec::new();
@@ -249,6 +259,7 @@ impl<'a> Multigrid<'a> {
         self.descend(0, block, columns, x);
     }
 
+    /// `x` is overwritten; its old contents do not matter.
     fn descend(&self, depth: usize, b: &[f32], columns: usize, x: &mut Vec<f32>) {
         x.clear();
         x.resize(b.len(), 0.0);
@@ -273,7 +284,8 @@ impl<'a> Multigrid<'a> {
 }
 
 impl Level<'_> {
-    /// Smooths x, with its residual in r, which is not up to date afterwards.
+    /// Smooths x, with its residual in r, which is not up to date afterwards. Two steps of a polynomial cost two
+    /// products, need no colours and no order of the rows, and are the same on every device.
     fn smooth(&self, x: &mut [f32], r: &mut [f32], b: &[f32], columns: usize) {
         let mut d = vec![0.0; x.len()];
         for (k, [first, second]) in self.steps.into_iter().enumerate() {
@@ -312,7 +324,8 @@ impl Level<'_> {
 }
 
 /// The aggregate of each node, and their number: a node whose strong neighbours are all free founds
-/// one with them; the others join the neighbour they are bound to most.
+/// one with them; the others join the neighbour they are bound to most. Three passes: founding, joining, and what is
+/// still free (neighbours of nodes that joined, or alone). The order of the rows decides, on one thread.
 fn aggregates(operator: Operator<'_>, diagonal: &[f64]) -> (Vec<u32>, usize) {
     const FREE: u32 = u32::MAX;
     let n = diagonal.len();
@@ -365,7 +378,8 @@ fn aggregates(operator: Operator<'_>, diagonal: &[f64]) -> (Vec<u32>, usize) {
 }
 
 /// The largest eigenvalue of D⁻¹ A, from below by some steps of the power method, with a margin, and
-/// not above the bound of Gershgorin.
+/// not above the bound of Gershgorin. Too small a bound would let the smoother amplify the highest modes, hence the
+/// margin of a tenth.
 fn spectral_radius(operator: Operator<'_>, diagonal: &[f64]) -> f64 {
     let n = diagonal.len();
     let bound = crate::compute::parallel::argmax(n, |i| {
@@ -387,7 +401,9 @@ fn spectral_radius(operator: Operator<'_>, diagonal: &[f64]) -> f64 {
     (1.1 * radius).min(bound)
 }
 
-/// Chebyshev's polynomial for an interval, as steps of the smoother.
+/// Chebyshev's polynomial for an interval, as steps of the smoother. The recurrence of Chebyshev iteration (Saad,
+/// *Iterative Methods for Sparse Linear Systems*, 2003, ch. 12.3): least largest value over the interval among
+/// polynomials of the degree that are 1 at zero.
 fn chebyshev(low: f64, high: f64) -> [[f32; 2]; STEPS] {
     let (center, half) = (0.5 * (high + low), 0.5 * (high - low));
     let mut rho = half / center;
@@ -400,7 +416,8 @@ fn chebyshev(low: f64, high: f64) -> [[f32; 2]; STEPS] {
     steps
 }
 
-/// The inverse on the coarsest level. Eigenvalues of rounding size are left out.
+/// The inverse on the coarsest level. Eigenvalues of rounding size are left out. Pseudo-inverse: the constants of a
+/// singular operator are mapped to zero.
 fn inverse(operator: Operator<'_>) -> Result<CompressedRows, Error> {
     let n = operator.rows();
     let matrix = operator.assembled()?;

@@ -1,4 +1,7 @@
 //! The connected parts of a pencil.
+//!
+//! A vertex set of several bodies has a block-diagonal pencil. Solved as one, its zero is as multiple as there are
+//! bodies and equal bodies mix freely; solved part by part, each vector belongs to one body and each zero is simple.
 
 use rayon::prelude::*;
 
@@ -6,13 +9,15 @@ use super::{Error, Operator};
 use crate::algebra;
 use crate::algebra::Mass;
 
-/// Rows of each part, ascending; parts by their lowest row.
+/// Rows of each part, ascending; parts by their lowest row. Rows of no part are isolated: they have neither stiffness
+/// nor mass.
 pub(super) struct Split {
     pub(super) parts: Vec<Vec<u32>>,
     pub(super) isolated: usize,
 }
 
-/// Row sums of a positive mass; the diagonal where a row sum is not positive.
+/// Row sums of a positive mass; the diagonal where a row sum is not positive. What a row may lack is both: mass 0
+/// beside a stiffness other than zero would be an infinite eigenvalue, and is refused.
 pub(super) fn check_mass(stiffness: Operator<'_>, mass: &Mass) -> Result<Vec<f64>, Error> {
     let rows = stiffness.rows();
     let (found, lumped): (usize, Vec<f64>) = match mass {
@@ -46,6 +51,8 @@ pub(super) fn check_mass(stiffness: Operator<'_>, mass: &Mass) -> Result<Vec<f64
     Ok(lumped)
 }
 
+/// The connected components of the entries that are not zero, of the stiffness and of a consistent mass, by a search
+/// from the lowest row that is left. Linear in the entries.
 pub(super) fn split(stiffness: Operator<'_>, mass: &Mass, lumped: &[f64]) -> Split {
     let n = stiffness.rows();
     let mut part = vec![u32::MAX; n];
@@ -83,6 +90,7 @@ pub(super) fn split(stiffness: Operator<'_>, mass: &Mass, lumped: &[f64]) -> Spl
     Split { parts, isolated }
 }
 
+/// The mass of some rows, which must ascend, and of the same columns.
 pub(super) fn restrict(mass: &Mass, rows: &[u32]) -> Mass {
     match mass {
         Mass::Lumped(values) => Mass::Lumped(rows.iter().map(|&i| values[i as usize]).collect()),

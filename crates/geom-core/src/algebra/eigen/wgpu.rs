@@ -1,4 +1,8 @@
 //! The kernels on the GPU. A V-cycle runs there as a whole: only its input and its result travel.
+//!
+//! Rows of a block are padded to multiples of four, which a shader reads as vectors (`quads` of them per row). Matrices
+//! are uploaded once per hierarchy, work space is made once per width; a cycle then uploads one block, dispatches some
+//! dozens of kernels and downloads one block.
 
 use std::sync::Mutex;
 
@@ -12,7 +16,8 @@ use crate::algebra::graph::VoxelGraph;
 use crate::compute::gpu::{GpuBuffer, GpuContext};
 use crate::{GpuError, Wgpu};
 
-/// Two sizes and two factors, as each of the kernels has them.
+/// Two sizes and two factors, as each of the kernels has them. What the third and fourth mean differs: α as bits and β
+/// of `product`, the first row and a factor of `stencil`, the two factors of `smooth`.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Parameters {
@@ -67,13 +72,15 @@ fn trim(block: &[f32], columns: usize, out: &mut Vec<f32>) {
     }
 }
 
-/// Workgroups of 64 for so many threads, within the limit of each dimension.
+/// Workgroups of 64 for so many threads, within the limit of each dimension. The shader folds both dimensions back into
+/// one index and drops threads beyond the last.
 fn groups(threads: usize) -> [u32; 3] {
     let groups = threads.div_ceil(64);
     let x = groups.min(32_768);
     [x as u32, groups.div_ceil(x.max(1)) as u32, 1]
 }
 
+/// [`CompressedRows`] on the device.
 struct Matrix {
     rows: usize,
     starts: GpuBuffer,
@@ -119,6 +126,7 @@ impl Matrix {
     }
 }
 
+/// A [`VoxelGraph`] on the device; its nodes are rows `first..first + nodes` of the operator.
 struct Stencil {
     nodes: usize,
     first: usize,
@@ -171,7 +179,8 @@ impl OnGpu {
         })
     }
 
-    /// `out ← beta z + alpha A x`.
+    /// `out ← beta z + alpha A x`. The matrix writes `out`, then each stencil takes α times its weights off its own
+    /// rows.
     fn apply(
         &self,
         gpu: &GpuContext,
@@ -199,6 +208,7 @@ impl OnGpu {
     }
 }
 
+/// [`Level`] on the device; the few numbers of the smoother stay here.
 struct LevelOnGpu {
     operator: OnGpu,
     inverse_diagonal: GpuBuffer,
@@ -232,12 +242,14 @@ struct Blocks {
     step: GpuBuffer,
 }
 
+/// One [`Blocks`] per level and the result of the coarsest, for blocks of `quads` vectors of four.
 struct Workspace {
     quads: usize,
     blocks: Vec<Blocks>,
     result: GpuBuffer,
 }
 
+/// `nothing` stands where a product has no summand: a binding may not be empty.
 struct CycleOnGpu<'a> {
     gpu: &'a GpuContext,
     rows: usize,
@@ -249,6 +261,7 @@ struct CycleOnGpu<'a> {
 }
 
 impl CycleOnGpu<'_> {
+    /// All arrays of a cycle of this width.
     fn workspace(&self, quads: usize) -> Result<Workspace, GpuError> {
         let block = |what, rows: usize| self.gpu.output::<[f32; 4]>(what, rows * quads);
         let blocks = self.levels.iter().map(|level| {
@@ -305,7 +318,8 @@ impl CycleOnGpu<'_> {
         Ok(&own.after)
     }
 
-    /// Smooths x, from zero if it is fresh, else with its residual at hand.
+    /// Smooths x, from zero if it is fresh, else with its residual at hand. A fresh x needs no product in the first
+    /// step: its residual is `b` itself, and a flag tells the kernel not to read x.
     fn smooth(
         &self,
         level: &LevelOnGpu,

@@ -1,5 +1,9 @@
 //! Memory of the device that is used again: arrays of a size are handed on to the next that asks for as much, since a
 //! driver takes as long to find memory as many kernels to use it.
+//!
+//! Sizes are powers of two from 4 KiB to 64 MiB, so that arrays of nearly the same length take turns in the same
+//! memory; larger ones are made and given back as asked for. But for the smallest, at most half of an array is thus
+//! unused, and at most 256 MiB lie idle.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
@@ -34,7 +38,8 @@ impl Kind {
     }
 }
 
-/// Arrays that nobody uses now, by kind and size.
+/// Arrays that nobody uses now, by kind and size. Held by the context and by all its arrays: memory may come back after
+/// the context is gone.
 #[derive(Default)]
 pub(super) struct Pool {
     idle: Mutex<Idle>,
@@ -47,7 +52,8 @@ struct Idle {
 }
 
 impl Pool {
-    /// An array of at least so many bytes; whether somebody used it before, so that it holds what it held then.
+    /// An array of at least so many bytes; whether somebody used it before, so that it holds what it held then. What is
+    /// left from before is the caller's to overwrite or to clear.
     pub(super) fn take(
         self: &Arc<Self>,
         device: &wgpu::Device,
@@ -85,7 +91,8 @@ impl Pool {
     }
 }
 
-/// An array of the device that goes back to where it came from.
+/// An array of the device that goes back to where it came from. Dropping it is safe while kernels still read it: the
+/// queue is in order, and what writes the memory next comes after them.
 pub(super) struct Memory {
     /// `None` once it has gone.
     buffer: Option<wgpu::Buffer>,
@@ -101,6 +108,7 @@ impl Memory {
 }
 
 impl Drop for Memory {
+    /// Back into the pool if there is room, else to the driver.
     fn drop(&mut self) {
         let mut idle = locked(&self.pool.idle);
         if self.size > LARGEST || idle.bytes + self.size > IDLE {

@@ -2,6 +2,11 @@
 //! `download`), and a fifth, `together`, that hands over many dispatches at once. The only folder that knows wgpu.
 //!
 //! Memory is used again, calls of a batch are watched for errors together, and what goes up is copied once.
+//!
+//! A backend of a crate holds a [`Wgpu`], uploads what its kernel reads, makes an output, dispatches and downloads; the
+//! driver's complaints come back as [`GpuError`] from whichever call made them, and nothing here panics for want of a
+//! device. Every array is one binding, which limits it to [`GpuContext::max_buffer_bytes`]: longer ones are cut into
+//! lots by the caller.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -23,6 +28,10 @@ pub use wgpu;
 const PATIENCE: Duration = Duration::from_secs(300);
 
 /// Why the GPU cannot serve.
+///
+/// The first two say that there is no device, the next two that a request is beyond its limits; only
+/// [`GpuError::Failed`] depends on the moment. There is no way back to a device that was lost: all later calls on its
+/// context fail with the first reason that was given.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuError {
@@ -80,6 +89,8 @@ impl From<GpuError> for BackendError {
 }
 
 /// A device, its queue, its limits and the pipelines compiled so far.
+///
+/// It may be shared by threads. Kernels run in the order in which they were handed over, whoever did that.
 pub struct GpuContext {
     device: wgpu::Device,
     queue: wgpu::Queue,
@@ -96,6 +107,9 @@ pub struct GpuContext {
 type Specialized = (&'static str, Vec<(&'static str, u32)>);
 
 /// An array on the GPU.
+///
+/// It belongs to the context that made it, and its memory goes back to that one's pool when it is dropped. Kernels see
+/// its length, of one element at least and rounded up to four bytes, not the length of the memory behind it.
 pub struct GpuBuffer {
     memory: Arc<Memory>,
     /// What it holds, and what kernels see of it.
@@ -118,6 +132,9 @@ enum Way {
 impl GpuContext {
     /// The best adapter at hand: discrete before integrated, virtual, other and software ones. The
     /// environment variable `WGPU_ADAPTER_NAME` asks for one whose name contains that text.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] and [`GpuError::NoDevice`].
     pub fn new() -> Result<Self, GpuError> {
         let name = std::env::var("WGPU_ADAPTER_NAME")
             .ok()
@@ -204,7 +221,8 @@ impl GpuContext {
         &self.limits
     }
 
-    /// Largest array that one binding may hold, in bytes.
+    /// Largest array that one binding may hold, in bytes. The smaller of two limits of the device; WebGPU promises 128
+    /// MiB.
     pub fn max_buffer_bytes(&self) -> u64 {
         self.limits
             .max_storage_buffer_binding_size
@@ -223,6 +241,9 @@ impl GpuContext {
 
     /// Copies an array to the GPU. An empty array becomes one zero element, since bindings may not
     /// be empty.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], and [`GpuError::Failed`] if the driver has no memory.
     pub fn upload<T: NoUninit>(&self, label: &str, data: &[T]) -> Result<GpuBuffer, GpuError> {
         let bytes = size_of_val(data);
         self.array(label, bytes, size_of::<T>(), Way::Up, |array, _| {
@@ -238,12 +259,16 @@ impl GpuContext {
         })
     }
 
-    /// A small uniform: a struct of 16-byte aligned size.
+    /// A small uniform: a struct of 16-byte aligned size. It is an array like the others, bound by its place among
+    /// them.
     pub fn uniform<T: NoUninit>(&self, label: &str, value: &T) -> Result<GpuBuffer, GpuError> {
         self.upload(label, std::slice::from_ref(value))
     }
 
-    /// An array of `len` zeros on the GPU.
+    /// An array of `len` zeros on the GPU. Memory that was used before is cleared on the device; nothing travels.
+    ///
+    /// # Errors
+    /// Those of [`GpuContext::upload`].
     pub fn output<T: Pod>(&self, label: &str, len: usize) -> Result<GpuBuffer, GpuError> {
         let bytes = len.saturating_mul(size_of::<T>());
         self.array(label, bytes, size_of::<T>(), Way::Made, |array, again| {
@@ -286,7 +311,13 @@ impl GpuContext {
         })
     }
 
-    /// Runs a kernel over `groups` workgroups. The buffers stand in binding order of group 0.
+    /// Runs a kernel over `groups` workgroups. The buffers stand in binding order of group 0. Each is a storage or a
+    /// uniform binding, as the shader declares it; all that it uses must be given, and no others. With a 0 among the
+    /// groups nothing runs, and nothing is counted.
+    ///
+    /// # Errors
+    /// [`GpuError::TooManyGroups`] before anything is handed over, [`GpuError::Failed`] if the driver refuses kernel or
+    /// bindings. What the kernel writes is known after [`GpuContext::download`] only.
     pub fn dispatch(
         &self,
         shader: &Shader,
@@ -299,7 +330,11 @@ impl GpuContext {
     }
 
     /// Hands several kernels to the device at once: one submission, watched as one. They run one after another; each
-    /// sees what those before it wrote. Nothing runs if `record` fails.
+    /// sees what those before it wrote. Nothing runs if `record` fails. Worth it for chains of short kernels, since
+    /// every submission waits for the driver's complaints.
+    ///
+    /// # Errors
+    /// That of `record`, or those of [`GpuContext::dispatch`].
     pub fn together<T, E: From<GpuError>>(
         &self,
         during: &str,
@@ -329,11 +364,18 @@ impl GpuContext {
     }
 
     /// Copies an array back; waits for all work before it.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] when the device is lost or has not finished within five minutes.
     pub fn download<T: Pod>(&self, buffer: &GpuBuffer) -> Result<Vec<T>, GpuError> {
         self.download_first(buffer, buffer.bytes as usize / size_of::<T>())
     }
 
-    /// Copies the first elements of an array back, all of them if it has fewer.
+    /// Copies the first elements of an array back, all of them if it has fewer. For outputs whose count is known only
+    /// afterwards: the host pays for what it takes.
+    ///
+    /// # Errors
+    /// Those of [`GpuContext::download`].
     pub fn download_first<T: Pod>(
         &self,
         buffer: &GpuBuffer,
@@ -387,6 +429,8 @@ impl GpuContext {
         Ok(data)
     }
 
+    /// Compiled once per kernel and set of constants, and kept as long as the context: what the driver takes for that
+    /// is paid on the first call.
     fn pipeline(
         &self,
         shader: &Shader,
@@ -423,6 +467,9 @@ impl GpuContext {
 
     /// Does something on the device, and turns the driver's complaints into an error. For programs
     /// that use [`GpuContext::device`] themselves.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] with what the driver said first, during this call or since it was lost.
     pub fn watched<T>(&self, during: &str, work: impl FnOnce() -> T) -> Result<T, GpuError> {
         let scopes = [
             wgpu::ErrorFilter::Internal,
@@ -444,6 +491,7 @@ impl GpuContext {
         }
     }
 
+    /// Errors that no scope caught, from any call before, are found here.
     fn check_lost(&self, during: &str) -> Result<(), GpuError> {
         match &*locked(&self.lost) {
             Some(reason) => Err(GpuError::Failed {
@@ -455,7 +503,8 @@ impl GpuContext {
     }
 }
 
-/// Kernels that are handed over together: see [`GpuContext::together`].
+/// Kernels that are handed over together: see [`GpuContext::together`]. Recording hands nothing to the device: kernels
+/// and arrays are noted and go there together at the end.
 pub struct Batch<'a> {
     gpu: &'a GpuContext,
     calls: Vec<Call>,
@@ -473,6 +522,9 @@ struct Call {
 
 impl Batch<'_> {
     /// Adds a kernel: see [`GpuContext::dispatch`].
+    ///
+    /// # Errors
+    /// [`GpuError::TooManyGroups`].
     pub fn dispatch(
         &mut self,
         shader: &Shader,
@@ -483,6 +535,9 @@ impl Batch<'_> {
     }
 
     /// Adds a kernel that is compiled for given values of its `override` constants.
+    ///
+    /// # Errors
+    /// [`GpuError::TooManyGroups`].
     pub fn dispatch_for(
         &mut self,
         shader: &Shader,
@@ -515,6 +570,8 @@ impl Batch<'_> {
         Ok(())
     }
 
+    /// One encoder with a pass per kernel, so that the driver puts barriers between them; compiled pipelines are looked
+    /// up under the same watch.
     fn submit(self, during: &str) -> Result<(), GpuError> {
         let gpu = self.gpu;
         if self.calls.is_empty() {
@@ -561,7 +618,8 @@ fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The GPU as a backend: a cheap handle to a [`GpuContext`].
+/// The GPU as a backend: a cheap handle to a [`GpuContext`]. Clones share device, pipelines and memory. All crates'
+/// kernels run on the same one, so a program makes it once.
 #[derive(Clone)]
 pub struct Wgpu {
     context: Arc<GpuContext>,

@@ -35,6 +35,13 @@ pub fn save(path: impl AsRef<Path>, grid: &(impl LatticeValues + ?Sized)) -> Res
 }
 
 /// Writes a grid: three values per line, with as many digits as tell them apart.
+///
+/// Each value has at most nine digits, so that reading gives the same bits. A lattice without points is written, but is
+/// no grid that [`parse`] takes. Planes are made into text in parallel, 32 at a time, so that memory holds no more than
+/// those.
+///
+/// # Errors
+/// Only what the writer gives.
 pub fn write(w: &mut dyn Write, grid: &(impl LatticeValues + ?Sized)) -> Result<(), Error> {
     let lattice = grid.lattice();
     let ([nx, ny, nz], o, h) = (lattice.counts, lattice.origin, lattice.spacing);
@@ -94,6 +101,15 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
 
 /// Reads a grid from the bytes of a file: one `gridpositions` with `origin` and three `delta`, and one
 /// `array` of numbers as text. Values beyond f32 are refused.
+///
+/// Objects may come in any order, but values follow their array at once. The axes of the result are the file's last,
+/// middle and first one, whatever they are called.
+///
+/// # Errors
+/// With the line: [`ErrorKind::Expected`] for what is not of the format, [`ErrorKind::Unsupported`] for binary values
+/// or a second array, [`ErrorKind::Truncated`] if fewer values follow than are announced. Without one:
+/// [`ErrorKind::Truncated`] if a part is missing, [`ErrorKind::Grid`] if there are more or fewer values than points,
+/// [`ErrorKind::Expected`] for steps that span no volume.
 pub fn parse(bytes: &[u8]) -> Result<GridFile, Error> {
     let mut words = Words::new(bytes);
     let mut counts: Option<[usize; 3]> = None;
@@ -180,6 +196,8 @@ pub fn parse(bytes: &[u8]) -> Result<GridFile, Error> {
 }
 
 /// The word after a key.
+///
+/// `None` if the key is missing or the last word.
 fn after<'a, 'b>(words: &'a [&'b str], key: &str) -> Option<&'a &'b str> {
     let at = words.iter().position(|w| *w == key)?;
     words.get(at + 1)
@@ -230,6 +248,7 @@ fn items(words: &[&str], line: usize) -> Result<u64, Error> {
     }
 }
 
+/// What is beyond f32 would become infinite and is refused, with its place.
 fn array(words: &mut Words<'_>, items: usize) -> Result<Vec<f32>, Error> {
     let mut values = Vec::with_capacity(items);
     for i in 0..items {
@@ -244,6 +263,7 @@ fn array(words: &mut Words<'_>, items: usize) -> Result<Vec<f32>, Error> {
     Ok(values)
 }
 
+/// Three numbers of `origin` or `delta`.
 fn vector(words: &mut Words<'_>) -> Result<Vector3, Error> {
     let mut v = Vector3::zeros();
     for c in v.iter_mut() {

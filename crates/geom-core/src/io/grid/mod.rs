@@ -7,6 +7,10 @@
 //! grid::save("copy.dx", &map)?;
 //! # Ok(()) }
 //! ```
+//!
+//! Both formats give a [`GridFile`], whose axes may run anyhow; [`GridFile::into_grid`] makes of it what the rest of
+//! the house takes: cubes along x, y and z, f32, x fastest. The file's bytes are in memory beside its values while it
+//! is read.
 
 pub mod dx;
 pub mod mrc;
@@ -40,6 +44,9 @@ pub struct GridFile {
 
 impl GridFile {
     /// Values, as many as points; finite, on a lattice that spans a volume.
+    ///
+    /// Fails with [`GridError::Length`], with [`ErrorKind::Expected`] for steps that are flat (a volume below 10⁻⁶ of
+    /// that of right angles), and with [`GridError::NotFinite`], whose index is along the axes given.
     pub(super) fn new(
         origin: Point3,
         steps: [Vector3; 3],
@@ -125,6 +132,12 @@ impl GridFile {
 
     /// A grid on a cubic lattice along x, y and z: the same values if the file
     /// [has one](GridFile::is_cubic); else [resampled](GridFile::resampled) at the shortest step.
+    ///
+    /// A lattice of cubes whose axes are turned or run backwards is put in order without interpolation: values keep
+    /// their bits.
+    ///
+    /// # Errors
+    /// Those of [`GridFile::resampled`], if it comes to that.
     pub fn into_grid(self) -> Result<ScalarGrid, Error> {
         let Some((axis, spacing)) = self.cubic() else {
             let lengths = self.steps.map(|s| s.norm());
@@ -176,6 +189,14 @@ impl GridFile {
     /// A grid on the cubic lattice of this spacing that covers the file's points, by trilinear
     /// interpolation between them; beyond the outermost points, in the corners of the box around a
     /// skew lattice, the value at the nearest point along the lattice's axes.
+    ///
+    /// A spacing above the steps leaves out what lies between points; nothing is averaged, so smooth a map before it is
+    /// made coarser. O(points of the result), in parallel.
+    ///
+    /// # Errors
+    /// [`GridError::Lattice`] for a spacing that is not positive and finite; [`ErrorKind::TooLarge`] beyond 64 times
+    /// the points of the file, as a spacing in the wrong unit asks for; [`ErrorKind::Expected`] for steps so short or
+    /// so long that their inverse does not exist in f64.
     pub fn resampled(&self, spacing: f64) -> Result<ScalarGrid, Error> {
         let last = self.counts.map(|n| n.saturating_sub(1) as f64);
         let corners: Vec<Point3> = (0..8)
@@ -224,6 +245,8 @@ impl GridFile {
     }
 
     /// Trilinear interpolation at a place in steps from the origin.
+    ///
+    /// Corners of weight 0 are not added: at whole steps a value comes back with its bits.
     fn between(&self, local: Vector3) -> f64 {
         let mut base = [0; 3];
         let mut t = [0.0; 3];
@@ -254,11 +277,17 @@ impl GridFile {
 }
 
 /// Reads a grid; the format is told by the content, or else by the name.
+///
+/// # Errors
+/// Those of [`read_up_to`].
 pub fn read(path: impl AsRef<Path>) -> Result<GridFile, Error> {
     read_up_to(path, MAX_BYTES)
 }
 
 /// [`read`] for a file of at most so many bytes, unpacked.
+///
+/// # Errors
+/// All name the file: those of [`read_bytes_up_to`], and of [`parse`].
 pub fn read_up_to(path: impl AsRef<Path>, max_bytes: u64) -> Result<GridFile, Error> {
     let path = path.as_ref();
     let bytes = read_bytes_up_to(path, max_bytes)?;
@@ -267,6 +296,13 @@ pub fn read_up_to(path: impl AsRef<Path>, max_bytes: u64) -> Result<GridFile, Er
 
 /// A grid from the bytes of a file of any format; `extension` (as `map`) decides where the content
 /// does not.
+///
+/// MRC maps have `MAP` at byte 208; older ones have not, and need one of the endings `mrc`, `map`, `ccp4` or `rec`.
+/// OpenDX grids begin with `object` after comments. Gzip is not unpacked here.
+///
+/// # Errors
+/// [`ErrorKind::Empty`], [`ErrorKind::Unsupported`] if neither content nor extension tell, else those of the format's
+/// reader.
 pub fn parse(bytes: &[u8], extension: &str) -> Result<GridFile, Error> {
     if bytes.is_empty() {
         return Err(ErrorKind::Empty.into());
@@ -286,6 +322,11 @@ pub fn parse(bytes: &[u8], extension: &str) -> Result<GridFile, Error> {
 
 /// Writes a grid to a file whole or not at all, in the format of the name's ending: `mrc`, `map` or
 /// `ccp4` (f32), `dx`.
+///
+/// A sparse grid is written as a dense one. MRC keeps the values' bits and rounds lengths to f32; text keeps all.
+///
+/// # Errors
+/// [`ErrorKind::Unsupported`] for any other ending; those of the format's writer and of [`crate::io::save`].
 pub fn save(path: impl AsRef<Path>, grid: &(impl LatticeValues + ?Sized)) -> Result<(), Error> {
     let path = path.as_ref();
     match extension(path).as_str() {

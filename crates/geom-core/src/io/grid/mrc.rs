@@ -70,6 +70,8 @@ pub enum Mode {
 
 impl Mode {
     /// The number in the header.
+    ///
+    /// Word 4, MODE.
     pub fn number(self) -> i32 {
         match self {
             Self::Int8 => 0,
@@ -92,6 +94,7 @@ impl Mode {
         }
     }
 
+    /// A whole number where the mode has whole numbers; NaN is in no range.
     fn holds(self, value: f32) -> bool {
         let [low, high] = self.range();
         let whole = matches!(self, Self::Int8 | Self::Int16 | Self::Uint16);
@@ -109,6 +112,13 @@ pub fn save(
 }
 
 /// Writes a grid, lowest byte first; refuses values that the mode cannot hold.
+///
+/// Statistics (lowest, highest, mean and standard deviation) are those of the values, summed by rows, so that a file
+/// has the same bytes for any number of threads. Values are read several times.
+///
+/// # Errors
+/// [`ErrorKind::Expected`] for a lattice without points and for the first value that the mode cannot hold, with its
+/// lattice coordinates; [`ErrorKind::TooLarge`] for more than 2³¹ − 1 points along an axis.
 pub fn write(
     w: &mut dyn Write,
     grid: &(impl LatticeValues + ?Sized),
@@ -208,6 +218,14 @@ pub fn read(path: impl AsRef<Path>) -> Result<GridFile, Error> {
 
 /// Reads a map from the bytes of a file: modes 0, 1, 2, 6 and 12, either byte order, any order of axes
 /// and any cell.
+///
+/// The extended header is skipped, and the statistics of the header are not believed. Bytes have signs, as the standard
+/// says, but not in files that IMOD stamps.
+///
+/// # Errors
+/// [`ErrorKind::Truncated`] if header or values end early; [`ErrorKind::Expected`], with the place of the word in
+/// bytes, for counts, axes, cell or mode that make no sense; [`ErrorKind::Unsupported`] for complex values;
+/// [`ErrorKind::Grid`] for a value that is not finite.
 pub fn parse(bytes: &[u8]) -> Result<GridFile, Error> {
     if bytes.is_empty() {
         return Err(ErrorKind::Empty.into());
@@ -261,6 +279,7 @@ pub fn parse(bytes: &[u8]) -> Result<GridFile, Error> {
     GridFile::new(origin, steps, counts, values)
 }
 
+/// All modes but 2 and 12 hold whole numbers that f32 has exactly.
 fn floats<T: Into<f32>>(numbers: Vec<T>) -> Vec<f32> {
     numbers.into_iter().map(Into::into).collect()
 }
@@ -276,6 +295,7 @@ impl Header<'_> {
     fn integer(&self, at: usize) -> i32 {
         i32::get(&self.raw[4 * at..], self.little)
     }
+    /// Three of them from word `at` on.
     fn integers(&self, at: usize) -> [i32; 3] {
         [at, at + 1, at + 2].map(|w| self.integer(w))
     }
@@ -291,6 +311,8 @@ impl Header<'_> {
 }
 
 /// The shortest decimal that stands for a number.
+///
+/// 1.06 as f32 is 1.059999942…; what was meant is 1.06, and what f32 gives back for it is the same.
 fn decimal(x: f32) -> f64 {
     x.to_string().parse().unwrap_or(f64::from(x))
 }
@@ -339,6 +361,9 @@ fn axes(map: [i32; 3]) -> Result<[usize; 3], Error> {
 }
 
 /// The first point, and the steps of columns, rows and sections.
+///
+/// The cell is put as crystallographers do: a along x, b in the plane of x and y, c above it. Angles of 0 are those of
+/// programs that leave them out, and mean 90°. A cell whose angles cannot meet is refused.
 fn frame(header: &Header<'_>, axes: [usize; 3]) -> Result<(Point3, [Vector3; 3]), Error> {
     let intervals = header.integers(7);
     let cell = header.lengths(10);

@@ -7,6 +7,9 @@
 //! Positions are in Å as f32, with normals; quads and polygons are cut into fans. Scalars and tuples of
 //! up to four components per point become attributes `_NAME`; cell fields and groups are left out. Of a
 //! tetrahedral mesh the surface is written.
+//!
+//! Written and read again, positions are rounded to f32 (on a molecule of 100 Å to about 10⁻⁵ Å) and colours the same;
+//! normals and attributes of values are not read, nor are materials and textures.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -32,6 +35,12 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
 }
 
 /// Writes a view. A view without a face is refused, because glTF cannot hold it.
+///
+/// Names of fields are in capital letters, with `_` for all but letters and digits. Values beyond f32 become infinite.
+///
+/// # Errors
+/// [`ErrorKind::Expected`] for a view without a face, [`ErrorKind::TooLarge`] from 4 GB on, [`ErrorKind::Mesh`] for a
+/// face with a repeated corner.
 pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     view.check()?;
     let view = view.surface();
@@ -132,6 +141,9 @@ impl Component for u8 {
 
 impl Builder {
     /// Adds `count` tuples; their bytes must be a multiple of 4.
+    ///
+    /// Bytes per tuple are a multiple of 4 for all that is written (f32, u32, four bytes of colour), so that each array
+    /// begins at such a place, as glTF wants.
     fn array<T: Component>(
         &mut self,
         numbers: &[T],
@@ -169,6 +181,7 @@ impl Builder {
         })
     }
 
+    /// Writes the file: the JSON that says what there is, and the bytes.
     fn finish(
         mut self,
         w: &mut dyn Write,
@@ -240,6 +253,7 @@ impl Builder {
     }
 }
 
+/// What the crate finds, in our words.
 fn foreign(error: gltf::Error) -> Error {
     match error {
         gltf::Error::Io(e) => e.into(),
@@ -259,6 +273,12 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 /// Reads a view from the bytes of a file: the triangles of all meshes of its scene, with the nodes'
 /// transformations, one after another, and colours if all of them have some. Sparse accessors, data in
 /// other files, and primitives other than triangles are refused.
+///
+/// The scene is the default one, or all where there is none. Vertices of several primitives are not joined.
+///
+/// # Errors
+/// [`ErrorKind::Truncated`], [`ErrorKind::Unsupported`] for what is refused above, [`ErrorKind::Expected`] for what is
+/// not glTF 2.0, for nodes that form no tree, and for indices out of range.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     // The crate takes for granted that the stated length includes the header's 12 bytes.
     let stated = bytes.get(8..12).map(|n| u32::get(n, true));
@@ -319,6 +339,7 @@ fn check_positions(root: &gltf::json::Root) -> Result<(), Error> {
     Ok(())
 }
 
+/// What primitives give, one after another.
 #[derive(Default)]
 struct Parts {
     points: Vec<Point3>,
@@ -327,6 +348,7 @@ struct Parts {
 }
 
 impl Parts {
+    /// One primitive, its points moved by `transform`.
     fn add(
         &mut self,
         primitive: &gltf::Primitive<'_>,

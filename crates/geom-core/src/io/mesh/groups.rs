@@ -20,6 +20,9 @@ use crate::{Point3, TetMesh, TriMesh};
 /// }
 /// # Ok::<(), geom_core::io::Error>(())
 /// ```
+///
+/// A region has the group of the first of its tetrahedra that has one. Patches are kept as triangles in a tree, since
+/// vertices have other numbers, or are gone, when the mesh comes back.
 pub struct VolumeGroups {
     regions: Vec<(Region, Group)>,
     patches: Option<Patches>,
@@ -27,6 +30,7 @@ pub struct VolumeGroups {
 
 /// The faces that part regions, or bound them, in the file's mesh.
 struct Patches {
+    /// Over all interfaces of the file's mesh, named or not, so that a face near an unnamed one gets no name.
     tree: TriangleTree,
     /// The group of each; [`NO_GROUP`] where the file names none.
     group_of: Vec<u32>,
@@ -35,6 +39,8 @@ struct Patches {
 
 impl VolumeGroups {
     /// Those of a file; none if it holds no tetrahedra or names no groups.
+    ///
+    /// O(n log n) for the faces. A region whose tetrahedra are in several groups keeps the first one.
     pub fn of(file: &MeshFile) -> Self {
         let AnyMesh::Tet(mesh) = &file.mesh else {
             return Self {
@@ -61,6 +67,8 @@ impl VolumeGroups {
     /// did: each face has the group of the nearest one of the file's. What the file names not has the names of
     /// [`View::of_tets`]. The borders of patches are kept exactly where the mesh has kept them, as at creases; within
     /// a plane they follow its edges.
+    ///
+    /// Nearest is measured from the middle of a face to the file's faces. One lookup per face, in parallel.
     pub fn view<'a>(&self, mesh: &'a TetMesh) -> View<'a> {
         let names: Vec<(Region, &str)> = self
             .regions
@@ -95,6 +103,7 @@ impl VolumeGroups {
 struct Numbered(Vec<Group>);
 
 impl Numbered {
+    /// Two of one name and dimension are one, whose tag is that of the first.
     fn number(&mut self, group: &Group) -> u32 {
         let same = |g: &Group| g.name == group.name && g.dimension == group.dimension;
         let known = self.0.iter().position(same);
@@ -151,6 +160,8 @@ impl Patches {
     }
 
     /// The group of the patch nearest to each face of a view, if that has one.
+    ///
+    /// `None` where that patch has no name in the file.
     fn nearest(&self, view: &View<'_>, all: &mut Numbered) -> Vec<Option<u32>> {
         let number: Vec<u32> = self.groups.iter().map(|g| all.number(g)).collect();
         let group = |[a, b, c]: [u32; 3]| {

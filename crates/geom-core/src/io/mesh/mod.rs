@@ -53,12 +53,14 @@ pub use groups::VolumeGroups;
 
 use std::path::Path;
 
-use crate::io::view::{Cells, Field, Group, NO_GROUP, Numbers, View, fan};
+use crate::io::view::{Cells, Field, Group, NO_GROUP, View, fan};
 use crate::io::{Encoding, Error, ErrorKind, MAX_BYTES, extension, read_bytes_up_to};
 use crate::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
 use crate::{QuadMesh, TetMesh, TriMesh};
 
 /// A mesh of one of our kinds.
+///
+/// What a file becomes is told by its cells: see [`MeshFile`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum AnyMesh {
@@ -76,16 +78,19 @@ pub struct MeshFile {
     /// The mesh.
     pub mesh: AnyMesh,
     /// Values per vertex.
+    /// In the order of the file, with the number types of its arrays as far as there are such.
     pub point_fields: Vec<Field<'static>>,
-    /// Values per triangle, quad or tetrahedron.
+    /// Values per triangle, quad or tetrahedron. A polygon that was cut into triangles has its value in each.
     pub cell_fields: Vec<Field<'static>>,
     /// Red, green, blue and opacity per vertex.
     pub colors: Option<Vec<[u8; 4]>>,
     /// Named groups.
+    /// Also those of [`MeshFile::faces`].
     pub groups: Vec<Group>,
     /// The group of each triangle, quad or tetrahedron, or [`NO_GROUP`]; empty if none has one.
     pub group_of: Vec<u32>,
     /// With tetrahedra: triangles that the file has beside them, with their group.
+    /// Boundaries and interfaces that have names, mostly; quads and polygons as fans.
     pub faces: Vec<([u32; 3], u32)>,
 }
 
@@ -100,11 +105,18 @@ pub struct MeshFile {
 /// }
 /// # Ok::<(), geom_core::io::Error>(())
 /// ```
+///
+/// # Errors
+/// Those of [`read_up_to`].
 pub fn read(path: impl AsRef<Path>) -> Result<MeshFile, Error> {
     read_up_to(path, MAX_BYTES)
 }
 
 /// [`read`] for a file of at most so many bytes, unpacked.
+///
+/// # Errors
+/// All name the file: those of [`read_bytes_up_to`], of [`parse`], [`ErrorKind::Mesh`] if the cells are no mesh (a
+/// repeated corner, above all), and [`ErrorKind::Expected`] for values of a field `region` that are no regions.
 pub fn read_up_to(path: impl AsRef<Path>, max_bytes: u64) -> Result<MeshFile, Error> {
     let path = path.as_ref();
     let bytes = read_bytes_up_to(path, max_bytes)?;
@@ -115,6 +127,12 @@ pub fn read_up_to(path: impl AsRef<Path>, max_bytes: u64) -> Result<MeshFile, Er
 
 /// Writes a view to a file whole or not at all, in the format of the name's ending: `ply` (binary),
 /// `off`, `obj`, `stl` (binary), `glb`, `vtu`, `msh` (4.1, binary).
+///
+/// Options of a format (text, versions) are those of its own `save`: [`ply::save`], [`msh::save`]. A name may end in
+/// `.gz` after its ending.
+///
+/// # Errors
+/// [`ErrorKind::Unsupported`] for any other ending; else those of the format's writer, and of [`crate::io::save`].
 pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
     let path = path.as_ref();
     match extension(path).as_str() {
@@ -137,6 +155,12 @@ fn unknown() -> Error {
 
 /// A view from the bytes of a file of any format; `extension` (as `obj`) decides where the content
 /// does not.
+///
+/// Content tells PLY, MSH, OFF with its first word, GLB and VTU; the rest needs the extension. Gzip is not unpacked
+/// here.
+///
+/// # Errors
+/// [`ErrorKind::Empty`], [`ErrorKind::Unsupported`] if neither tells, else those of the format's reader.
 pub fn parse(bytes: &[u8], extension: &str) -> Result<View<'static>, Error> {
     if bytes.is_empty() {
         return Err(ErrorKind::Empty.into());
@@ -175,6 +199,8 @@ impl TryFrom<View<'static>> for MeshFile {
 
 impl MeshFile {
     /// The same of a view that a reader has checked.
+    ///
+    /// Cells of lower dimension than the mesh's are no cells of it: faces beside tetrahedra go to `faces`.
     fn of_checked(view: View<'static>) -> Result<Self, Error> {
         let kind = |dimension: u8| {
             view.blocks
@@ -234,6 +260,9 @@ impl MeshFile {
 }
 
 /// The region of each tetrahedron.
+///
+/// By the field `region` if there is one; else by groups, of which ours are known by name and others numbered from 2
+/// on, as they come; else all are [`INTERIOR`].
 fn regions(
     tets: usize,
     fields: &[Field<'_>],
@@ -244,9 +273,6 @@ fn regions(
         .iter()
         .find(|f| f.name == "region" && f.values.components == 1);
     if let Some(field) = region {
-        if let Numbers::U8(n) = &field.values.numbers {
-            return Ok(n.to_vec());
-        }
         return (0..tets)
             .map(|t| {
                 let value = field.values.get(t, 0);
@@ -267,7 +293,9 @@ fn regions(
     let ours = |g: &Group| match (g.dimension, g.name.as_str()) {
         (3, "exterior") => Some(EXTERIOR),
         (3, "molecule") => Some(INTERIOR),
-        (3, name) => name.strip_prefix("region_").and_then(|n| n.parse().ok()),
+        (3, name) => name
+            .strip_prefix("region_")
+            .and_then(|n| n.parse().ok().filter(|&r| r != OUTSIDE)),
         _ => Some(INTERIOR),
     };
     let taken: Vec<Region> = groups.iter().filter_map(ours).collect();
@@ -288,6 +316,8 @@ fn regions(
 impl AnyMesh {
     /// The surface as triangles: quads cut along their first diagonal, tetrahedra replaced by the
     /// boundary of the molecule, or of the only region.
+    ///
+    /// For what works on surfaces and does not care where they come from. Fields and groups are not carried along.
     pub fn into_triangles(self) -> TriMesh {
         match self {
             Self::Tri(mesh) => mesh,

@@ -52,6 +52,7 @@ pub enum Version {
     #[default]
     V41,
     /// 2.2, which older solvers read.
+    /// Which surface bounds which volume is not told there; groups and fields are.
     V22,
 }
 
@@ -74,6 +75,8 @@ const QUAD: i32 = 3;
 pub(super) const TETRA: i32 = 4;
 
 /// A run of cells of one kind and one group, by their numbers.
+///
+/// A run is what 4.1 calls a block of elements.
 struct Run {
     kind: i32,
     dimension: u8,
@@ -92,6 +95,13 @@ struct Run {
 
 /// Writes a view. Polygons with more than four corners are refused, as are fields of more than nine
 /// components; fields of 2 or 4 … 8 are filled up with zeros to the next of 1, 3, 9.
+///
+/// Groups without a tag get one that is free. All entities have the bounding box of the whole. Cells without a group
+/// belong to an entity of theirs, which has no physical group.
+///
+/// # Errors
+/// [`ErrorKind::Unsupported`] for polygons and fields as above, [`ErrorKind::TooLarge`] beyond 2³¹ − 2 points or cells,
+/// [`ErrorKind::Expected`] and [`ErrorKind::Mesh`] if the parts of the view do not fit each other.
 pub fn write(w: &mut dyn Write, view: &View<'_>, options: Options) -> Result<(), Error> {
     view.check()?;
     let binary = options.encoding == Encoding::Binary;
@@ -152,6 +162,7 @@ pub(super) struct Out<'w> {
 }
 
 impl Out<'_> {
+    /// As text they stand in one line, parted by blanks; as bytes nothing parts them.
     pub(super) fn line<T: Scalar + std::fmt::Display>(
         &mut self,
         numbers: impl IntoIterator<Item = T>,
@@ -175,6 +186,7 @@ impl Out<'_> {
         let words: Vec<_> = words.chain(sizes.iter().map(u64::to_string)).collect();
         Ok(writeln!(self.w, "{}", words.join(" "))?)
     }
+    /// As bytes a section does not end with a line end by itself.
     pub(super) fn end(&mut self, section: &str) -> Result<(), Error> {
         let blank = if self.binary { "\n" } else { "" };
         Ok(writeln!(self.w, "{blank}$End{section}")?)
@@ -189,6 +201,8 @@ impl Run {
 }
 
 /// Sorts the cells by block and group.
+///
+/// Within a block only, so that blocks stay in their order. The view's cells are not moved; runs list them.
 fn runs(view: &View<'_>, tags: &[i32]) -> Result<Vec<Run>, Error> {
     let mut runs: Vec<Run> = Vec::new();
     let mut first = 0;
@@ -263,6 +277,7 @@ fn sides(view: &View<'_>, runs: &[Run]) -> Vec<(i32, i32)> {
     found
 }
 
+/// `$Entities`, `$Nodes` and `$Elements`. Tags of points and elements are 1, 2, … without gaps.
 fn write_41(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Error> {
     let (nodes, cells) = (view.points.len() as u64, view.cells() as u64);
     let bounds = crate::Aabb::of_points(view.points.iter());
@@ -351,6 +366,7 @@ fn write_41(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Erro
     out.end("Elements")
 }
 
+/// `$Nodes` and `$Elements`, where each element has two tags: physical group and entity.
 fn write_22(out: &mut Out<'_>, view: &View<'_>, runs: &[Run]) -> Result<(), Error> {
     writeln!(out.w, "$Nodes\n{}", view.points.len())?;
     for (tag, p) in (1i32..).zip(view.points.iter()) {
@@ -439,6 +455,16 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 /// Reads a view from the bytes of a file of version 4.1 or 2.2, text or binary. Elements are points and
 /// lines, which are skipped, triangles, quads and tetrahedra of first order. Of a part of a mesh, ghosts are elements
 /// without a group.
+///
+/// Sections that are not listed above are skipped. Cells come in the order of their tags, a block per run of one kind;
+/// of an entity with several physical groups the first one counts, and a group without a name is called `physical 7`.
+/// Values that the file does not have for some points or cells are NaN, and all are f64.
+///
+/// # Errors
+/// With the line: [`ErrorKind::Expected`] for what is not of the format or another version, [`ErrorKind::Unsupported`]
+/// for other elements, those of higher order among them, and for numbers that are not of 8 bytes,
+/// [`ErrorKind::Truncated`] for counts that the file cannot hold. [`ErrorKind::Expected`] if an element has a node that
+/// does not exist.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     let mut words = Words::new(bytes);
     let start = words.word("$MeshFormat")?;
@@ -508,6 +534,8 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
 }
 
 /// The rest of the file.
+///
+/// One cursor for both forms: bytes begin right behind the line end of a section's head, text at the next word.
 struct In<'a> {
     words: Words<'a>,
     bytes: &'a [u8],
@@ -516,10 +544,12 @@ struct In<'a> {
 }
 
 impl<'a> In<'a> {
+    /// What stands in the current line is not what should.
     fn wrong(&self, expected: &str, found: &str) -> Error {
         Error::at_line(ErrorKind::expected(expected, found), self.words.line())
     }
 
+    /// The next bytes, without a look at what they are.
     fn take(&mut self, n: usize, what: &str) -> Result<&'a [u8], Error> {
         let at = self.words.at();
         let taken = at.checked_add(n).and_then(|end| self.bytes.get(at..end));
@@ -560,6 +590,7 @@ impl<'a> In<'a> {
         self.plausible(n, what)
     }
 
+    /// Whatever is counted takes a byte at least, so that a larger count is a lie, told before memory is taken for it.
     fn plausible(&self, n: u64, what: &str) -> Result<usize, Error> {
         let left = (self.bytes.len() - self.words.at()) as u64;
         if n > left {
@@ -746,6 +777,7 @@ fn corners_of(kind: i32) -> Option<usize> {
     }
 }
 
+/// Of the types of `corners_of` alone; it is 2 for the rest.
 fn dimension_of(kind: i32) -> u8 {
     match kind {
         15 => 0,
@@ -805,6 +837,7 @@ impl File {
         })
     }
 
+    /// In blocks by entity, tags first and coordinates after them; parametric coordinates are skipped.
     fn nodes_41(&mut self, input: &mut In<'_>) -> Result<(), Error> {
         let blocks = input.count("a number of node blocks")?;
         input.numbers::<u64>(3, "numbers of nodes")?;
@@ -831,6 +864,7 @@ impl File {
         input.end("Nodes")
     }
 
+    /// One after another, each with its tag.
     fn nodes_22(&mut self, input: &mut In<'_>) -> Result<(), Error> {
         let n: u64 = input.words.number("a number of nodes")?;
         input.words.rest_of_line();
@@ -846,6 +880,7 @@ impl File {
         input.end("Nodes")
     }
 
+    /// In blocks by entity, which tells their physical group.
     fn elements_41(&mut self, input: &mut In<'_>) -> Result<(), Error> {
         let blocks = input.count("a number of element blocks")?;
         input.numbers::<u64>(3, "numbers of elements")?;
@@ -869,6 +904,7 @@ impl File {
         input.end("Elements")
     }
 
+    /// Each with tags of its own, of which the first is its physical group.
     fn elements_22(&mut self, input: &mut In<'_>) -> Result<(), Error> {
         let n: u64 = input.words.number("a number of elements")?;
         input.words.rest_of_line();
@@ -913,6 +949,7 @@ impl File {
         input.end("Elements")
     }
 
+    /// Reads the corners of one element, and keeps it unless it is a point or a line.
     fn element<'a>(
         &mut self,
         input: &mut In<'a>,
@@ -1024,6 +1061,7 @@ impl File {
     }
 }
 
+/// Elements of higher order have nodes in their edges, for which no cell of ours has a place.
 fn unread(input: &In<'_>, kind: i32) -> Error {
     let what = format!(
         "elements of type {kind} are not read; points (15), lines (1), triangles (2), quads (3) and \

@@ -14,6 +14,9 @@ use crate::io::view::{Cells, NO_GROUP, View};
 use crate::io::{Error, ErrorKind};
 
 /// A part of a mesh.
+///
+/// Points and cells have numbers of their own in the view, and numbers in the whole, which are those that are written,
+/// plus 1.
 #[derive(Clone, Copy, Debug)]
 pub struct Part<'a> {
     /// Its tetrahedra and triangles, ghosts included.
@@ -27,10 +30,13 @@ pub struct Part<'a> {
     /// The number of each cell in the whole, from 0.
     pub cells: &'a [u64],
     /// The part that each cell belongs to: another one for ghosts, which are tetrahedra.
+    /// As long as the cells.
     pub owners: &'a [u32],
 }
 
 /// Most parts: tags of entities are made of the number of the part and the tag of the group.
+///
+/// The tag of an entity is 2¹⁶ (part + 1) + tag of the group, in 31 bits.
 pub const MOST: usize = (1 << 15) - 1;
 
 /// Writes a part to a file, whole or not at all.
@@ -49,6 +55,13 @@ struct Entity {
 }
 
 /// Writes a part, as bytes. Refuses quads and polygons, and more than 32,767 parts or tags of groups from 65,536 on.
+///
+/// Of the fields `GlobalNodeIds` and `vtkGhostType` are left out, for MSH says by tags and ghosts what they say.
+///
+/// # Errors
+/// [`ErrorKind::Expected`] for numbers or owners that are not as many as points or cells, [`ErrorKind::TooLarge`] for
+/// the limits above and for values of nodes beyond 2³¹ − 1, [`ErrorKind::Unsupported`] for other cells and for
+/// triangles that another part owns.
 pub fn write(w: &mut dyn Write, part: &Part<'_>) -> Result<(), Error> {
     let view = part.view;
     view.check()?;
@@ -92,6 +105,7 @@ fn tag(number: &u64) -> u64 {
     number + 1
 }
 
+/// Lowest and highest tag, as heads of sections have them; 0 for none.
 fn range(numbers: &[u64]) -> [u64; 2] {
     let (low, high) = (numbers.iter().min(), numbers.iter().max());
     [low, high].map(|n| n.map_or(0, tag))

@@ -2,6 +2,9 @@
 //!
 //! Colours are written as three parts of 1 after a vertex's coordinates, as most programs read them.
 //! Fields are left out. Of a tetrahedral mesh the surface is written.
+//!
+//! A statement per line: `v x y z [r g b]`, `f a b c …` with corners counted from 1, `g name` for all faces that
+//! follow. Numbers have all digits, so that positions come back with their bits.
 
 use std::io::Write;
 use std::path::Path;
@@ -17,6 +20,12 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
 }
 
 /// Writes a view.
+///
+/// Blanks in names of groups become `_`. Opacity is left out.
+///
+/// # Errors
+/// [`ErrorKind::Expected`] and [`ErrorKind::Mesh`] if the parts of the view do not fit each other; else what the writer
+/// gives.
 pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     view.check()?;
     let view = view.surface();
@@ -54,6 +63,13 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 
 /// Reads a view from the bytes of a file: `v`, `f` and `g` lines. Texture coordinates, normals,
 /// materials, lines and points are skipped; curves and surfaces of higher order are refused.
+///
+/// Faces may be quads or polygons. A corner `a/b/c` is vertex `a`; −1 is the last vertex before the line. Groups of one
+/// name are one.
+///
+/// # Errors
+/// With the line: [`ErrorKind::Expected`] for a statement, number or corner that is none. [`ErrorKind::Expected`] for a
+/// file without vertices; [`ErrorKind::Mesh`] for corners out of range and coordinates that are not finite.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     let mut points: Vec<Point3> = Vec::new();
     let mut colors: Vec<[u8; 4]> = Vec::new();

@@ -1,6 +1,9 @@
 //! OFF, Geomview's object file, as text: surfaces with vertex colours (`COFF`).
 //!
 //! Fields and groups are left out. Of a tetrahedral mesh the surface is written.
+//!
+//! A first word, the numbers of vertices, faces and edges, a line per vertex, and a line per face that begins with its
+//! number of corners, counted from 0. Binary OFF is not read.
 
 use std::io::Write;
 use std::path::Path;
@@ -16,6 +19,12 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
 }
 
 /// Writes a view.
+///
+/// Edges are told to be 0, as readers do not look. Numbers have all digits.
+///
+/// # Errors
+/// [`ErrorKind::Expected`] and [`ErrorKind::Mesh`] if the parts of the view do not fit each other; else what the writer
+/// gives.
 pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     view.check()?;
     let view = view.surface();
@@ -47,6 +56,13 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 
 /// Reads a view from the bytes of a file of kind `OFF`, `COFF`, `NOFF` or `CNOFF`, also without that
 /// word. Normals and what follows the corners of a face are skipped.
+///
+/// Comments (`#`) are skipped. Colours of vertices are whole numbers to 255, or parts of 1 where they have a point.
+///
+/// # Errors
+/// With the line: [`ErrorKind::Expected`] for a word that is no number, a face of less than three corners, a colour of
+/// less than three parts. [`ErrorKind::Truncated`] for more rows than the file can hold; [`ErrorKind::Mesh`] for
+/// corners out of range and coordinates that are not finite.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     let mut words = Words::new(bytes);
     let first = words.next(true).ok_or(ErrorKind::Empty)?;

@@ -3,6 +3,9 @@
 //! Scalars are written as properties of their name, vectors as `name_x`, `name_y`, `name_z` and other
 //! tuples as `name_0`, `name_1`, …; blanks in names become `_`. Groups are left out. Of a tetrahedral
 //! mesh the surface is written.
+//!
+//! Types are kept, f32 and f64 too; i64 has no word in PLY. Read and written are both encodings; big-endian files are
+//! read.
 
 use std::io::Write;
 use std::path::Path;
@@ -21,6 +24,12 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>, encoding: Encoding) -> Resu
 }
 
 /// Writes a view.
+///
+/// Characters that PLY does not allow in names become `_`, and a digit in front gets one before it.
+///
+/// # Errors
+/// [`ErrorKind::Unsupported`] for 64-bit integers, [`ErrorKind::Expected`] for names that are one after this, or that
+/// PLY uses itself, and for parts of the view that do not fit each other.
 pub fn write(w: &mut dyn Write, view: &View<'_>, encoding: Encoding) -> Result<(), Error> {
     view.check()?;
     let view = view.surface();
@@ -150,6 +159,7 @@ impl<'w> Row<'w> {
             first: true,
         }
     }
+    /// A number of the current row.
     fn put<T: Scalar + std::fmt::Display>(&mut self, number: T) {
         match self.encoding {
             Encoding::Binary => number.put(&mut self.buffer),
@@ -160,6 +170,7 @@ impl<'w> Row<'w> {
             }
         }
     }
+    /// The tuple of each field for point or cell `i`.
     fn put_fields(&mut self, fields: &[Field<'_>], i: usize) {
         for Field { values, .. } in fields {
             for at in i * values.components..(i + 1) * values.components {
@@ -167,6 +178,7 @@ impl<'w> Row<'w> {
             }
         }
     }
+    /// The row is whole; rows are handed on in pieces of 32 KiB.
     fn end(&mut self) -> Result<(), Error> {
         if self.encoding == Encoding::Ascii {
             self.buffer.push(b'\n');
@@ -178,6 +190,7 @@ impl<'w> Row<'w> {
         }
         Ok(())
     }
+    /// Hands on the rest.
     fn finish(self) -> Result<(), Error> {
         Ok(self.w.write_all(&self.buffer)?)
     }
@@ -192,6 +205,15 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 /// Reads a view from the bytes of a file: the elements `vertex` and `face`. Three consecutive
 /// properties `name_x`, `name_y`, `name_z` become one vector; other elements and other lists are
 /// skipped.
+///
+/// Colours are `red`, `green`, `blue` and perhaps `alpha`, of bytes; of another type they stay fields. Normals (`nx`,
+/// `ny`, `nz`) are three fields. Lists of corners are called `vertex_indices` or `vertex_index`; 16-bit and 8-bit
+/// integers become 32-bit ones, but for unsigned bytes.
+///
+/// # Errors
+/// [`ErrorKind::Truncated`] if rows are missing, [`ErrorKind::Expected`] for what is not PLY, for a file without
+/// vertices or their places, and for a face of less than three corners; [`ErrorKind::Mesh`] for corners out of range
+/// and coordinates that are not finite.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     let mut reader = Reader::new(bytes);
     let parser = Parser::<Element>::new();

@@ -23,6 +23,12 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
 }
 
 /// Writes a view.
+///
+/// Normals are those of the triangles, 0 for one without area. Points that no triangle uses are lost.
+///
+/// # Errors
+/// [`ErrorKind::TooLarge`] from 2³² triangles on; [`ErrorKind::Expected`] and [`ErrorKind::Mesh`] if the parts of the
+/// view do not fit each other.
 pub fn write(mut w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     view.check()?;
     let triangles = view.triangles();
@@ -54,6 +60,14 @@ const TRIANGLE: usize = 50;
 
 /// Reads a view from the bytes of a file. Triangles with two equal corners, which STL writers leave
 /// behind, are dropped.
+///
+/// Vertices are joined by the bits of their coordinates, with one zero, and numbered in the order in which they come;
+/// O(n log n), in parallel. Normals and attribute bytes are not looked at.
+///
+/// # Errors
+/// [`ErrorKind::Truncated`] if triangles are missing, with how many bytes there should be; [`ErrorKind::Expected`] for
+/// more bytes than the number of triangles says, and for words that are not of the format; [`ErrorKind::Mesh`] for
+/// coordinates that are not finite.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     // Binary files may begin with "solid", too; their length tells.
     let count = bytes.get(80..HEADER).map(|n| {

@@ -25,7 +25,7 @@ use crate::io::text::Words;
 use crate::io::view::{
     Cells, Field, Group, NO_GROUP, Numbers, Values, View, block_of_rings, each_type, one_each,
 };
-use crate::io::{Error, ErrorKind, read_bytes};
+use crate::io::{Error, ErrorKind, MAX_BYTES, read_bytes};
 
 const TRIANGLE: u8 = 5;
 const POLYGON: u8 = 7;
@@ -44,6 +44,11 @@ fn global_ids() -> String {
 
 /// Writes the file that joins some parts, `PVTU`: their names as seen from its folder, with the fields of `part`, which
 /// all of them have, and with its groups. Copies of what another part owns are marked in a field [`GHOSTS`].
+///
+/// Nothing is said of points or cells: those are in the parts. `part` may be any of them, also one without cells.
+///
+/// # Errors
+/// Those of [`crate::io::save`].
 pub fn save_parts(path: impl AsRef<Path>, part: &View<'_>, names: &[String]) -> Result<(), Error> {
     crate::io::save(path, |w| {
         let mut text = String::from(
@@ -95,6 +100,13 @@ pub fn save(path: impl AsRef<Path>, view: &View<'_>) -> Result<(), Error> {
 }
 
 /// Writes a view.
+///
+/// Types of fields are kept. Corners are counted with 32 bits as long as these suffice. Of names, control characters
+/// become blanks.
+///
+/// # Errors
+/// [`ErrorKind::Expected`] and [`ErrorKind::Mesh`] if the parts of the view do not fit each other; else what the writer
+/// gives.
 pub fn write(w: &mut dyn Write, view: &View<'_>) -> Result<(), Error> {
     view.check()?;
     let cells = view.cells();
@@ -243,6 +255,7 @@ fn put_names(header: &mut String, view: &View<'_>, tags: &[i32]) {
     header.push_str("</FieldData>\n");
 }
 
+/// One appended array: its length in bytes, then the bytes.
 fn sized<T: Scalar>(
     w: &mut dyn Write,
     bytes: usize,
@@ -252,6 +265,7 @@ fn sized<T: Scalar>(
     put_all(w, numbers)
 }
 
+/// VTK's name of the type, and how much an array takes.
 fn kind_and_bytes(numbers: &Numbers<'_>) -> (&'static str, usize) {
     match numbers {
         Numbers::F32(n) => ("Float32", 4 * n.len()),
@@ -263,6 +277,7 @@ fn kind_and_bytes(numbers: &Numbers<'_>) -> (&'static str, usize) {
     }
 }
 
+/// As XML wants an attribute.
 fn escaped(name: &str) -> String {
     let mut out = String::with_capacity(name.len());
     for c in name.chars() {
@@ -286,6 +301,16 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 
 /// Reads a view from the bytes of a file. Cells are triangles, quads, polygons and tetrahedra; a file
 /// with others, or with more than one piece, is refused.
+///
+/// Runs of faces and of tetrahedra become blocks. Whole numbers of 8 and 16 bits (but for unsigned bytes) become i32,
+/// those of 64 bits the narrowest of i32, u32, i64 and f64 that holds all of the array. Field data that are not ours
+/// are passed over.
+///
+/// # Errors
+/// With the line, where there is one: [`ErrorKind::Expected`] for what is no XML, no VTU, or an array that is not what
+/// its element says. [`ErrorKind::Unsupported`] for several pieces, other cells, or another compressor;
+/// [`ErrorKind::Truncated`] for arrays that end early; [`ErrorKind::Mesh`] for corners out of range and points that are
+/// not finite.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     let (xml, appended) = split_appended(bytes)?;
     let document = Document::parse(&xml).map_err(|e| {
@@ -421,6 +446,7 @@ fn groups(reader: &Arrays<'_, '_>, grid: Node<'_, '_>, view: &mut View<'_>) -> R
     Ok(())
 }
 
+/// The data arrays right below a node.
 fn arrays<'a, 'i>(node: Node<'a, 'i>) -> impl Iterator<Item = Node<'a, 'i>> {
     node.children().filter(|n| n.has_tag_name("DataArray"))
 }
@@ -435,6 +461,7 @@ fn child<'a, 'input>(
     found.ok_or_else(|| missing(document, node, name))
 }
 
+/// In the line of the node that should have it.
 fn missing(document: &Document<'_>, node: Node<'_, '_>, name: &str) -> Error {
     let line = document.text_pos_at(node.range().start).row as usize;
     let found = format!("<{}> without one", node.tag_name().name());
@@ -500,6 +527,9 @@ fn blocks(connectivity: &[u32], ends: &[u32], types: &[u32]) -> Result<Vec<Cells
 }
 
 /// The XML without its appended data, and these.
+///
+/// Raw data are no XML, so that the text is cut at the mark `_` that begins them and closed by hand. They are not
+/// searched for an end: arrays have offsets and lengths.
 fn split_appended(bytes: &[u8]) -> Result<(String, Appended<'_>), Error> {
     let text = |bytes: &[u8]| {
         let line = bytes.iter().filter(|&&b| b == b'\n').count();
@@ -533,6 +563,8 @@ fn position(bytes: &[u8], what: &[u8]) -> Option<usize> {
 }
 
 /// Data after the XML.
+///
+/// All without the mark in front.
 #[derive(Clone, Copy)]
 enum Appended<'a> {
     None,
@@ -612,6 +644,8 @@ impl Arrays<'_, '_> {
         }
     }
 
+    /// In whichever of the four ways an array stands in the file. Errors have the line of its element, those of text
+    /// the line of the word.
     fn decode<T: Scalar + std::str::FromStr>(&self, node: Node<'_, '_>) -> Result<Vec<T>, Error> {
         let here = |e: Error| {
             if e.line.is_some() {
@@ -672,6 +706,7 @@ impl Arrays<'_, '_> {
             .collect())
     }
 
+    /// A length, in bytes, in front of an array or block.
     fn size(&self, bytes: &mut Bytes<'_>) -> Result<usize, Error> {
         let what = "the size of a data array";
         let size = if self.wide {
@@ -695,45 +730,54 @@ impl Arrays<'_, '_> {
         self.inflate(&sizes, bytes.rest())
     }
 
-    /// Sizes of the compressed blocks, after their number and two uncompressed sizes.
-    fn block_sizes(&self, bytes: &mut Bytes<'_>) -> Result<Vec<usize>, Error> {
+    /// Sizes of the compressed blocks, after their number and the size of a whole one and of the last one, unpacked.
+    fn block_sizes(&self, bytes: &mut Bytes<'_>) -> Result<Blocks, Error> {
         let blocks = self.size(bytes)?;
-        self.size(bytes)?;
-        self.size(bytes)?;
+        let unpacked = self.size(bytes)?.max(self.size(bytes)?);
         let width = if self.wide { 8 } else { 4 };
         if blocks > bytes.rest().len() / width {
             return Err(ErrorKind::Truncated("the sizes of compressed blocks".to_owned()).into());
         }
-        (0..blocks).map(|_| self.size(bytes)).collect()
+        let packed = (0..blocks).map(|_| self.size(bytes));
+        Ok(Blocks {
+            packed: packed.collect::<Result<_, _>>()?,
+            unpacked,
+        })
     }
 
-    fn inflate(&self, sizes: &[usize], data: &[u8]) -> Result<Vec<u8>, Error> {
+    /// Blocks of zlib data, one after another.
+    fn inflate(&self, blocks: &Blocks, data: &[u8]) -> Result<Vec<u8>, Error> {
         let mut data = Bytes::new(data, self.little);
         let mut out = Vec::new();
-        for &size in sizes {
+        // A few bytes can unpack to very many: no block has more than its file says, nor an array more than a file may.
+        let most = (blocks.unpacked as u64).min(MAX_BYTES);
+        for &size in &blocks.packed {
             let block = data.take(size, "a compressed block")?;
-            flate2::read::ZlibDecoder::new(block)
+            let found = flate2::read::ZlibDecoder::new(block)
+                .take(most + 1)
                 .read_to_end(&mut out)
                 .map_err(|e| ErrorKind::expected("zlib data", e.to_string()))?;
+            if found as u64 > most || out.len() as u64 > MAX_BYTES {
+                let what = format!("a compressed block of more than {most} bytes, the size of one");
+                return Err(ErrorKind::TooLarge(what).into());
+            }
         }
         Ok(out)
     }
 
     /// As [`Arrays::unpack`], from base64. Compressed data have their sizes in a part of their own.
     fn unpack_base64(&self, text: &[u8]) -> Result<Vec<u8>, Error> {
-        let text: Vec<u8> = text
-            .iter()
-            .copied()
-            .filter(|b| !b.is_ascii_whitespace())
-            .collect();
-        // A reader of the whole rest, of which only the first bytes are meant.
+        // Appended arrays come with all that follow, of which only the first bytes are meant.
         let decode = |from: usize, bytes: usize| -> Result<Vec<u8>, Error> {
-            let end = bytes
-                .div_ceil(3)
-                .checked_mul(4)
-                .and_then(|n| n.checked_add(from));
-            let part = end.and_then(|end| text.get(from..end));
-            let part = part.ok_or_else(|| ErrorKind::Truncated("base64 data".to_owned()))?;
+            let length = bytes.div_ceil(3).checked_mul(4);
+            let length =
+                length.filter(|n| from.checked_add(*n).is_some_and(|end| end <= text.len()));
+            let length = length.ok_or_else(|| ErrorKind::Truncated("base64 data".to_owned()))?;
+            let letters = text.iter().copied().filter(|b| !b.is_ascii_whitespace());
+            let part: Vec<u8> = letters.skip(from).take(length).collect();
+            if part.len() < length {
+                return Err(ErrorKind::Truncated("base64 data".to_owned()).into());
+            }
             let mut out = BASE64
                 .decode(part)
                 .map_err(|e| ErrorKind::expected("base64 data", e.to_string()))?;
@@ -761,11 +805,20 @@ impl Arrays<'_, '_> {
         let head = decode(0, head_size)?;
         let sizes = self.block_sizes(&mut Bytes::new(&head, self.little))?;
         let total = sizes
+            .packed
             .iter()
             .try_fold(0usize, |sum, &s| sum.checked_add(s))
             .ok_or_else(|| ErrorKind::TooLarge("compressed blocks".to_owned()))?;
         self.inflate(&sizes, &decode(head_size.div_ceil(3) * 4, total)?)
     }
+}
+
+/// Blocks of zlib data.
+struct Blocks {
+    /// Their sizes in the file.
+    packed: Vec<usize>,
+    /// The most bytes that one of them unpacks to.
+    unpacked: usize,
 }
 
 /// Integers as i32 if they fit, then as u32, then as i64, else as f64.

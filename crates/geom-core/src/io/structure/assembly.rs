@@ -1,4 +1,7 @@
 //! Assemblies: which chains are copied by which operators (`BIOMT`, `_pdbx_struct_assembly_gen`).
+//!
+//! Readers fill in [`Assembly`] while they read and evaluate nothing; [`Assembly::copies`] does so when the assembly is
+//! asked for, so that a file with a broken assembly can still be read as deposited.
 
 use std::collections::BTreeMap;
 
@@ -9,6 +12,7 @@ use crate::structure::Transform;
 /// One assembly of a file.
 #[derive(Debug)]
 pub(super) struct Assembly {
+    /// As the file has it; in PDB files the number of the biomolecule.
     pub(super) name: String,
     pub(super) generators: Vec<Generator>,
 }
@@ -18,9 +22,11 @@ pub(super) struct Assembly {
 pub(super) struct Generator {
     /// Names of the parts; `None` means all.
     pub(super) parts: Option<Vec<Vec<u8>>>,
+    /// One copy of these parts for each of them.
     pub(super) operators: Operators,
 }
 
+/// Rigid motions, in the order in which copies are numbered.
 #[derive(Debug)]
 pub(super) enum Operators {
     /// As listed.
@@ -28,7 +34,9 @@ pub(super) enum Operators {
     /// An expression over named operators, e.g. `(1-60)(61-88)`.
     Expression {
         text: String,
+        /// Of the file, for errors.
         line: usize,
+        /// Shared by all expressions of a file.
         named: std::rc::Rc<BTreeMap<String, Transform>>,
     },
 }
@@ -47,6 +55,11 @@ const MAX_COPIES: u128 = 1 << 17;
 impl Assembly {
     /// The copies in the order of the file. Generators that use the same operator contribute to the
     /// same copy.
+    ///
+    /// Equal sets of parts are kept once, however many copies have them: a capsid has 60 copies of one set. A name of
+    /// which no atom was read is passed over.
+    ///
+    /// Fails if an expression cannot be evaluated: see [`Operators::transforms`].
     pub(super) fn copies(&self, names: &Names) -> Result<Copies, Error> {
         let mut transforms: Vec<Transform> = Vec::new();
         let mut parts_of: Vec<Option<Vec<u32>>> = Vec::new();
@@ -88,12 +101,18 @@ impl Assembly {
 }
 
 /// Equal operators have equal bits, but for the sign of zeros.
+/// Files write one operator several times in the same digits, so that no tolerance is needed.
 fn bits(t: &Transform) -> [u64; 12] {
     let (r, v) = (&t.rotation, &t.translation);
     std::array::from_fn(|i| (if i < 9 { r[i] } else { v[i - 9] } + 0.0).to_bits())
 }
 
 impl Operators {
+    /// The Cartesian product of the groups: of `(1-60)(61-88)` operators 61 to 88 first, then 1 to 60, 1680 in all;
+    /// those with the same first factor follow each other.
+    ///
+    /// Refuses what is no expression, names that are not in the list, ranges longer than the list, and more than 2¹⁷
+    /// products, all before anything of their length is allocated.
     pub(super) fn transforms(&self, assembly: &str) -> Result<Vec<Transform>, Error> {
         let (text, line, named) = match self {
             Self::List(list) => return Ok(list.clone()),
@@ -153,12 +172,15 @@ impl Operators {
     }
 }
 
+/// What stands between two commas.
 enum Item {
     One(String),
     Range(u64, u64),
 }
 
 /// `1,2,5-8` is one group; `(1-60)(61-88)` are two.
+///
+/// `None` for anything else: text outside of brackets, brackets within brackets, nothing between two commas.
 fn groups(text: &str) -> Option<Vec<Vec<Item>>> {
     let text: String = text.chars().filter(|c| !c.is_whitespace()).collect();
     let lists: Vec<&str> = if text.contains('(') {
@@ -173,6 +195,7 @@ fn groups(text: &str) -> Option<Vec<Vec<Item>>> {
         .collect()
 }
 
+/// A hyphen between whole numbers makes a range, any other one belongs to a name; a range that falls is none.
 fn item(text: &str) -> Option<Item> {
     if text.is_empty() || text.contains(['(', ')']) {
         return None;

@@ -128,6 +128,9 @@ impl Records {
     }
 
     /// Membrane dummies are no atoms: the planes they mark.
+    ///
+    /// OPM marks the two planes of a membrane by hetero atoms `DUM` at their heights; which plane one belongs to is
+    /// told by the mean of all z, so that it does not matter where z = 0 is.
     fn take_dummies(&mut self) -> Option<Membrane> {
         let is_dummy = |r: &Record| r.atom.hetero && r.residue.name.as_str() == "DUM";
         let heights = |records: &[Record]| -> Vec<f64> {
@@ -155,6 +158,8 @@ impl Records {
     }
 
     /// The ranges of records with the same key, which must stand together.
+    ///
+    /// In O(n). Nothing is sorted here.
     fn groups<K: PartialEq>(&self, key: impl Fn(&Record) -> K) -> Vec<std::ops::Range<usize>> {
         let mut start = 0;
         self.records
@@ -167,6 +172,9 @@ impl Records {
     }
 
     /// Residues that exclude each other may take turns row by row.
+    ///
+    /// Without labels of locations nothing is touched; with them the rows of each identity come together, in the order
+    /// of their first rows. A stable sort: atoms keep their order.
     fn untangle(&mut self) {
         for group in self.groups(Record::place) {
             let records = &mut self.records[group];
@@ -184,6 +192,8 @@ impl Records {
     }
 
     /// The kind of each residue, beyond what the format says: water and ions by name and size.
+    ///
+    /// A residue counts as of one atom if all its rows have one atom name, so that an ion with two locations is one.
     fn classify(&mut self) {
         for group in self.groups(|r| (r.place(), r.identity())) {
             let first = &self.records[group.start];
@@ -207,6 +217,11 @@ impl Records {
     }
 
     /// One location of each atom.
+    ///
+    /// Two residues that exclude each other share place but not name, and the labels of one may be those of the other:
+    /// sums are thus by label *and* residue name, and what wins is a pair. Of the winner's residue each atom is taken
+    /// at the winning label, or, where it lacks one there, at the label where it is most occupied; unlabelled atoms
+    /// belong to every location.
     fn choose_locations(&mut self, policy: AltLocs, report: &mut ReadReport) {
         if policy == AltLocs::All || self.records.iter().all(|r| r.altloc == b' ') {
             return;
@@ -268,6 +283,7 @@ impl Records {
             .retain(|_| *next.next().expect("one flag per record"));
     }
 
+    /// From the file as a whole or not at all. The lower bound comes last, so that it holds for all sources.
     fn assign_radii(&mut self, options: &ReadOptions, report: &mut ReadReport) {
         let from_file = options.radii == Radii::File && self.has_radii;
         if !from_file {
@@ -289,6 +305,9 @@ impl Records {
 
     /// Where a chain has one atom per residue, that atom stands for the residue. Returns the number
     /// of such chains.
+    ///
+    /// Nine residues of ten, of at least three, must have but one atom, with a name that traces use (`BB` is that of
+    /// coarse-grained models); the rest, which may have more, keeps the radii of its elements.
     fn inflate_traces(&mut self) -> usize {
         let mut traces = 0;
         for chain in self.groups(|r| (r.domain, r.chain)) {
@@ -321,6 +340,7 @@ impl Records {
         traces
     }
 
+    /// With united radii hydrogens go whatever the options say, for those radii count them already.
     fn drop_kinds(&mut self, options: &ReadOptions, report: &mut ReadReport) {
         let hydrogens = options.hydrogens && options.radii != Radii::United;
         self.records.retain(|r| {
@@ -337,6 +357,9 @@ impl Records {
     }
 
     /// The structure, and the part of each residue.
+    ///
+    /// Domains, chains and residues begin where a record differs from the one before it: records must stand together by
+    /// then. They are freed before anything is selected or copied.
     fn build(&mut self) -> (Structure, Vec<u32>) {
         let mut builder = StructureBuilder::new();
         let mut parts = Vec::new();
@@ -365,6 +388,7 @@ impl Records {
     }
 }
 
+/// The end of the message that no atom is left: which options took how many.
 fn left_over(report: &ReadReport) -> String {
     let dropped = [
         (report.waters, "water atoms (option waters)"),

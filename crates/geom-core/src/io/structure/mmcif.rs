@@ -37,6 +37,10 @@ pub(super) fn looks_like(content: &[u8]) -> bool {
 }
 
 /// Reads all atoms of the wanted models and the assemblies of the first data block that has atoms.
+///
+/// One pass. The lexer gives a token at a time and the rows of `_atom_site` become records at once, so that the text is
+/// never held as a table; only the small categories of `TABLES` are, for which order does not matter then: they are
+/// looked at in the end.
 pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
     let mut lexer = Lexer::new(content);
     let mut reader = Reader::default();
@@ -87,6 +91,7 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
 #[derive(Clone, Copy, Debug)]
 struct Token<'a> {
     bytes: &'a [u8],
+    /// Only unquoted words can be tags, keywords or null values: `'_x'` and `"."` are text.
     word: bool,
     line: usize,
 }
@@ -101,11 +106,13 @@ impl<'a> Token<'a> {
     }
 }
 
+/// Keywords do not depend on case, and those of blocks have a name behind them: `data_1ABC`.
 fn is_keyword(word: &[u8], start: &[u8]) -> bool {
     word.get(..start.len())
         .is_some_and(|w| w.eq_ignore_ascii_case(start))
 }
 
+/// What ends a row of values. Called for every value of a file, so that most are told by their first letter.
 fn is_tag_or_keyword(token: &Token) -> bool {
     token.word
         && match token.bytes[0] {
@@ -121,6 +128,8 @@ fn is_tag_or_keyword(token: &Token) -> bool {
 }
 
 /// Splits STAR into words, quoted values and text fields.
+///
+/// CIF 1.1, by bytes: control characters are blanks, and anything beyond ASCII belongs to words.
 struct Lexer<'a> {
     content: &'a [u8],
     at: usize,
@@ -139,6 +148,10 @@ impl<'a> Lexer<'a> {
         }
     }
 
+    /// `None` at the end of the file.
+    ///
+    /// Fails at a text field without its second semicolon and at a quote that does not close within its line, in the
+    /// line where the value begins: a file that was cut off there.
     fn next(&mut self) -> Result<Option<Token<'a>>, Error> {
         let content = self.content;
         loop {
@@ -203,6 +216,7 @@ impl<'a> Lexer<'a> {
         }
     }
 
+    /// The place of the line's end, or of the end of the file.
     fn end_of_line(&self) -> usize {
         let rest = &self.content[self.at..];
         let length = rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
@@ -218,6 +232,7 @@ struct Table {
 }
 
 impl Table {
+    /// Items are kept in small letters.
     fn column(&self, item: &str) -> Option<usize> {
         self.items.iter().position(|i| i == item)
     }
@@ -234,6 +249,8 @@ const TABLES: [&str; 3] = [
 ];
 
 /// The items of `_atom_site` that are read.
+///
+/// By their places in this list: `at(17)` in the reader of a row is the number of the model.
 const ITEMS: [&str; 19] = [
     "cartn_x",
     "cartn_y",
@@ -256,6 +273,7 @@ const ITEMS: [&str; 19] = [
     "label_entity_id",
 ];
 
+/// What is known of a data block so far. A block without atoms is forgotten when the next one begins.
 #[derive(Default)]
 struct Reader {
     found: Records,
@@ -266,8 +284,11 @@ struct Reader {
     lone: Vec<(String, Vec<u8>, usize)>,
     /// Crystallographic CIF with fractional coordinates.
     fractional: bool,
+    /// Names of entities, and per record the number of its own; what they are is known only when `_entity` has been
+    /// read.
     entities: Names,
     entity_of: Vec<u32>,
+    /// Number of the model of the last row, and is it wanted?
     model: Option<u32>,
     keep: bool,
 }
@@ -279,6 +300,8 @@ impl Reader {
         Some((&mut self.tables[i], TABLES[i].len()))
     }
 
+    /// An item outside of a loop. One that follows a loop of its category, of more than one row, replaces it, as no
+    /// proper file has it.
     fn single(&mut self, tag: &[u8], value: Token) {
         let tag = String::from_utf8_lossy(tag).to_ascii_lowercase();
         if let Some(item) = tag.strip_prefix("_atom_site.") {
@@ -392,6 +415,8 @@ impl Reader {
         Ok(token)
     }
 
+    /// A row of `_atom_site`. Authors' names count before those of the format, as in PDB files; only assemblies go by
+    /// `label_asym_id`. Rows of models that are not wanted are not looked at further.
     fn atom(
         &mut self,
         row: &[&[u8]],
@@ -473,6 +498,7 @@ impl Reader {
         Ok(())
     }
 
+    /// What only the whole block tells: an atom outside of a loop, kinds by entity, and assemblies.
     fn finish(mut self, models: Models) -> Result<Records, Error> {
         if !self.lone.is_empty() {
             let lone = std::mem::take(&mut self.lone);
@@ -522,6 +548,8 @@ impl Reader {
         }
     }
 
+    /// Assemblies in the order of the file; rows with one `assembly_id` are generators of one. Nothing is evaluated
+    /// here, but for the numbers of the operators.
     fn assemblies(&mut self) -> Result<(), Error> {
         let [_, generators, operators] = &self.tables;
         let mut named = BTreeMap::new();
@@ -614,12 +642,15 @@ fn integer<N: std::str::FromStr>(text: &[u8]) -> Option<N> {
     std::str::from_utf8(text).ok()?.parse().ok()
 }
 
+/// Refused, not cut: two names cut alike would become one.
 fn name(text: &[u8]) -> Result<Name, ErrorKind> {
     Name::from_bytes(text)
         .ok_or_else(|| expected("a name of at most eight printable ASCII characters", text))
 }
 
 /// A number, its standard uncertainty in parentheses left out: `1.5(3)` is 1.5 ± 0.3.
+///
+/// `None` for what is no number, also for the nulls `.` and `?`.
 pub(super) fn measured(field: &[u8]) -> Option<f64> {
     let Some(open) = field.iter().position(|&b| b == b'(') else {
         return number(field);

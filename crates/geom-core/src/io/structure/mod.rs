@@ -26,6 +26,10 @@
 //! assert_eq!(read.report.waters, 1);
 //! # Ok::<(), geom_core::io::Error>(())
 //! ```
+//!
+//! Of the parts, `record` has what a row of a file becomes; `pdb`, `mmcif` and [`pqr`] make rows of bytes; `keep` makes
+//! a structure of rows, which is the place to look for why an atom is or is not there; `assembly` has the copies. Time
+//! and memory are in proportion to the file, but for the copies of an assembly, which are in proportion to the result.
 
 mod assembly;
 #[cfg(feature = "testing")]
@@ -49,35 +53,52 @@ use crate::id::MAX_ELEMENTS;
 use crate::io::{Error, ErrorKind, MAX_BYTES, read_bytes_up_to};
 use crate::structure::{Selector, Transform};
 
-/// What to keep of a file. The default: the first model, one location of each atom, everything but
-/// water, as deposited (no assembly), with the file's own radii or those of the elements.
+/// What to keep of a file. The default: the first model, one location of each atom, everything but water, as deposited
+/// (no assembly), with the file's own radii or those of the elements.
+///
+/// They are obeyed in the order that the head of `keep.rs` gives: locations and radii first, then what is dropped by
+/// kind, then the selection, then the assembly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadOptions {
     /// The format; by content and file name if `None`.
+    /// Set it for content without a name, or with a name that lies.
     pub format: Option<Format>,
     /// Which models: NMR entries hold many of the same molecule.
+    /// All of them as they are overlap: for one molecule in one conformation take the first.
     pub models: Models,
     /// Which of an atom's alternate locations.
     pub altlocs: AltLocs,
     /// Keep hydrogens?
+    /// Without them take [`Radii::United`], or the atoms that carried them are too small. X-ray entries mostly have
+    /// none.
     pub hydrogens: bool,
     /// Keep water?
+    /// Those of crystals are a part of the surroundings for most purposes, hence not by default.
     pub waters: bool,
     /// Keep ions: residues of a single atom that are not water?
     pub ions: bool,
     /// Keep what is neither polymer, ion nor water: ligands, cofactors, lipids, glycans?
+    /// A residue that SEQRES, MODRES (PDB) or `_entity` (mmCIF) tells to be of the polymer is none, whatever its
+    /// records are called.
     pub ligands: bool,
     /// Keep only this part.
+    /// The rest is counted in [`ReadReport::unselected`]. A selection is made of what the other options leave, before
+    /// an assembly is copied, so that `copy:2` means none of its copies.
     pub select: Option<Selector>,
     /// Build this assembly, by its name in the file (PDB: number of the biomolecule).
+    /// Each copy becomes a domain of its own.
     pub assembly: Option<String>,
     /// Keep the assembly as one copy and the places of all ([`ReadStructure::places`]), for what is too large to be copied.
+    /// Nothing happens without an assembly. All copies must have the same chains, or the reader refuses.
     pub instances: bool,
     /// Where radii come from.
     pub radii: Radii,
     /// Smaller radii are raised to this, Å. Some PQR files give 0 to some hydrogens.
+    /// 0 or more and finite; 0, the default, leaves all as they are.
     pub min_radius: f64,
     /// More atoms than this are refused before they are allocated.
+    /// Asked twice: of the rows of the wanted models before anything is left out, and of the copies of an assembly
+    /// (with `instances`, of the one that is held). More than [`MAX_ELEMENTS`] are never possible.
     pub max_atoms: usize,
     /// A file that holds more bytes, unpacked, is refused before they are in memory.
     pub max_bytes: u64,
@@ -105,6 +126,8 @@ impl Default for ReadOptions {
 }
 
 /// Which models of a file.
+///
+/// A file without records of models has one, number 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Models {
     /// The first.
@@ -155,6 +178,9 @@ pub enum AltLocs {
 }
 
 /// Where radii come from.
+///
+/// A chain of which one atom per residue is known (Cα, P) gets [`residue_radius`](crate::structure::residue_radius) in
+/// place of any of these, unless radii come from the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Radii {
@@ -182,6 +208,15 @@ pub enum Format {
 impl Format {
     /// The format of this content: mmCIF by its first word, PDB and PQR by the file's extension
     /// (before `.gz`) or, if it says nothing, by the first atom.
+    ///
+    /// PDB and PQR share their records, hence the name decides between them where it can. Without one, a first atom
+    /// with dots where PDB has them (columns 35, 43, 51 and 58) is one of PDB; a PQR file that keeps to these columns
+    /// needs its name, or [`ReadOptions::format`].
+    ///
+    /// # Errors
+    /// [`ErrorKind::Expected`] for content without atoms that is no mmCIF, if the name does not tell either, and for a
+    /// `.pqr` file whose atoms have the elements of PDB; [`ErrorKind::Unsupported`] for BinaryCIF and MMTF (by the
+    /// name).
     pub fn detect(content: &[u8], file_name: Option<&Path>) -> Result<Self, Error> {
         let content = content.strip_prefix(BYTE_ORDER_MARK).unwrap_or(content);
         if mmcif::looks_like(content) {
@@ -233,22 +268,29 @@ pub struct ReadStructure {
     pub structure: Structure,
     /// Where the copies stand, in the order of the file; one alone that stays where it is, unless instances were asked
     /// for.
+    /// To apply them is up to the caller: x ↦ R x + t for every atom of [`ReadStructure::structure`].
     pub places: Vec<Transform>,
     /// What stood in the file and what was left out.
     pub report: ReadReport,
 }
 
 /// What stood in a file and what was left out of it.
+///
+/// Each atom that is left out is counted once: by its location, else as water, ion, ligand or hydrogen, the first of
+/// these that applies (a hydrogen of water is water), else as not selected.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct ReadReport {
     /// The format that was read.
     pub format: Format,
     /// Number of models in the file.
+    /// Those that were not wanted are among them.
     pub models: usize,
     /// Atoms of the models read, before anything is left out.
+    /// Membrane dummies are among them.
     pub atoms_read: usize,
     /// Atoms of alternate locations left out.
+    /// Those of residues that share a place with another one (microheterogeneity) are among them.
     pub altlocs: usize,
     /// Hydrogens left out.
     pub hydrogens: usize,
@@ -261,12 +303,15 @@ pub struct ReadReport {
     /// Atoms outside the selected part.
     pub unselected: usize,
     /// Atoms of the result.
+    /// With copies all of these; with instances those of one.
     pub atoms: usize,
     /// Chains of which only one atom per residue is known (Cα, P) and got residue radii.
+    /// 0 where radii come from the file.
     pub trace_chains: usize,
     /// Atoms whose element is not known.
     pub unknown_elements: usize,
     /// Atoms whose radius was raised to `min_radius`.
+    /// Counted before kinds are dropped and copies made, so that atoms which were left out are among them.
     pub raised_radii: usize,
     /// Atoms of the result with radius 0.
     pub zero_radii: usize,
@@ -275,12 +320,17 @@ pub struct ReadReport {
     /// The names of the assemblies that the file defines.
     pub assemblies: Vec<String>,
     /// Number of copies made for the assembly; 0 if none was asked for.
+    /// Generators that use the same operator make one copy together.
     pub copies: usize,
     /// Oddities that did not prevent reading.
+    /// Whole sentences, to be shown: a missing end, a count that differs, radii that look like B factors.
     pub warnings: Vec<String>,
 }
 
 /// The boundaries of a membrane normal to z, marked by `DUM` atoms (as the OPM database does).
+///
+/// Each plane is the mean height of the dummies on its side of their common mean; all at one height give two equal
+/// planes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Membrane {
@@ -293,6 +343,10 @@ pub struct Membrane {
 }
 
 /// Reads a file; gzip is recognized by content.
+///
+/// # Errors
+/// With file and, where there is one, line: those of [`read_bytes_up_to`] (its limit is [`ReadOptions::max_bytes`]), of
+/// [`Format::detect`], and of [`parse`].
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<ReadStructure, Error> {
     let path = path.as_ref();
     let read = || {
@@ -310,6 +364,17 @@ pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<ReadStructu
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// Reads a structure from memory.
+///
+/// Of the format nothing is guessed; gzip is not unpacked here.
+///
+/// # Errors
+/// - [`ErrorKind::Expected`]: a row that does not follow its format (with its line), a `min_radius` that is negative or
+///   not finite, an assembly that the file does not define (the text lists those it does)
+/// - [`ErrorKind::Truncated`]: a file that was cut off
+/// - [`ErrorKind::NoAtoms`]: none of the wanted model, none selected, or none left by the options
+/// - [`ErrorKind::TooLarge`]: more atoms than [`ReadOptions::max_atoms`], an assembly of more copies than any real one
+/// - [`ErrorKind::Unsupported`]: instances of an assembly with unequal copies, a CIF with fractional coordinates
+/// - [`ErrorKind::Empty`]: blanks alone
 pub fn parse(
     content: &[u8],
     format: Format,

@@ -19,6 +19,13 @@ use crate::structure::{Atom, Residue, Structure};
 /// assert_eq!(first.atoms()[0].position.z, 3.0);
 /// # Ok::<(), geom_core::io::Error>(())
 /// ```
+///
+/// Kept are positions, names, numbers, insertion codes, elements and B factors (two decimals). Radii, charges and kinds
+/// of residues are not: a reader assigns radii anew, and tells kinds by names. An element that is not known is `?`.
+/// Structures may differ in their atoms.
+///
+/// # Errors
+/// Only what the writer gives.
 pub fn write_models(models: &[Structure], mut w: impl Write) -> Result<(), Error> {
     const ITEMS: [&str; 18] = [
         "group_PDB",
@@ -71,6 +78,8 @@ pub fn save_models(path: impl AsRef<Path>, models: &[Structure]) -> Result<(), E
     save_file(path, |w| write_models(models, w))
 }
 
+/// Places of sequence (`label_seq_id`) are not known here and are `?`; every atom has one location and is fully
+/// occupied.
 fn row(
     w: &mut impl Write,
     id: u64,

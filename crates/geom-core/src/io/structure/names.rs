@@ -1,4 +1,8 @@
 //! What names in files say: kinds of residues, and elements of atoms without an element column.
+//!
+//! The lists hold the names that the wwPDB and the usual force fields use. A residue that none of them knows is what
+//! its record says: a ligand (an ion, if it is one atom) in `HETATM` rows, a part of a polymer in `ATOM` rows, unless
+//! the file tells otherwise (SEQRES, MODRES, `_entity`).
 
 use crate::structure::residues::{is_polymer, keys, listed};
 use crate::structure::{Element, Name};
@@ -21,6 +25,7 @@ static LIPIDS: [u64; 28] = keys([
     "OLE", "PLM", "STE", "CLR",
 ]);
 
+/// Crystallographic and of force fields.
 pub(crate) fn is_water(residue: Name) -> bool {
     listed(residue, &WATERS)
 }
@@ -56,6 +61,12 @@ pub(crate) fn element_in_file(symbol: &str) -> Option<Element> {
 /// `aligned` is the column (0 or 1) of the name's first character where the file aligns names as
 /// the PDB format says, so that a two-letter element starts at 0; `None` where it does not.
 /// `alone`: the residue has no other atom.
+///
+/// The rules, first one first: in amino acids, nucleotides and water the first letter is the element, but for the
+/// selenium of MSE and SEC; an atom alone is an ion, whose name is its element's; an aligned name has its element in
+/// the first two columns, and one that begins in the second column has an element of one letter; an unaligned name is
+/// that of one of nine elements that nothing else is called by, or else its first letter counts. Leading digits (`1HB`)
+/// are passed over.
 pub(crate) fn element_of(name: Name, residue: Name, alone: bool, aligned: Option<u8>) -> Element {
     let text = name.as_str().to_ascii_uppercase();
     let letters = text.trim_start_matches(|c: char| !c.is_ascii_alphabetic());
@@ -102,6 +113,8 @@ pub(super) struct Names {
 }
 
 impl Names {
+    /// The number of a name, new or known. Files name one chain many times in a row, so the last answer is tried first;
+    /// any other takes O(log n).
     pub(super) fn index(&mut self, name: &[u8]) -> u32 {
         if self
             .names
@@ -134,6 +147,7 @@ impl Names {
         &self.names[index as usize]
     }
 
+    /// `None` for a name that has not come yet.
     pub(super) fn find(&self, name: &[u8]) -> Option<u32> {
         self.sorted.get(name).copied()
     }

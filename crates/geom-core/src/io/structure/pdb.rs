@@ -37,12 +37,17 @@ use crate::structure::{Atom, Element, Name, Residue, ResidueKind, Transform, res
 use crate::{Point3, Vector3};
 
 /// Is this PDB (`Some(true)`) or PQR (`Some(false)`)? `None` if the content has no atoms.
+///
+/// Only the first atom is looked at. A PQR row that keeps to the columns of PDB for coordinates, and has its charge
+/// right behind them with four decimals, has the dot of an occupancy, too; but where a B factor has its dot, the radius
+/// has a digit.
 pub(super) fn looks_like(content: &[u8]) -> Option<bool> {
     let lines = content.split(|&b| b == b'\n');
     let first = lines.map(<[u8]>::trim_ascii_end).find(|l| is_atom(l))?;
     let dots = [34, 42, 50].iter().all(|&c| first.get(c) == Some(&b'.'));
     let occupancy = first.get(57).is_none_or(|&b| b == b'.');
-    Some(dots && occupancy && coordinates(first, 0).is_some())
+    let b_factor = first.get(63).is_none_or(|&b| b == b'.' || b == b' ');
+    Some(dots && occupancy && b_factor && coordinates(first, 0).is_some())
 }
 
 /// Has the first atom occupancy, B factor and element in their columns, as only PDB files do?
@@ -57,6 +62,10 @@ pub(super) fn has_elements(content: &[u8]) -> bool {
 }
 
 /// Reads all atoms of the wanted models and the assemblies.
+///
+/// Line by line; what only the whole file tells is told in the end. A file that ends right behind its atoms, without
+/// `END` or any other record, is refused if it has a HEADER and a sequence, as entries of the archive do, which always
+/// end with `END`; with a HEADER alone it is a warning.
 pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
     let mut reader = Reader::default();
     let mut found = Records::default();
@@ -100,6 +109,7 @@ pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
     Ok(found)
 }
 
+/// What the records before tell of the next ones.
 #[derive(Default)]
 struct Reader {
     models: ModelCounter,
@@ -110,7 +120,9 @@ struct Reader {
     promised: Option<usize>,
     /// Number of `TER` records in this model, which separate chains without a name.
     segment: u32,
+    /// Bytes of the last atom's row: a last row that is shorter was cut off.
     width: usize,
+    /// Names of residues in SEQRES, and in MODRES; both without chains, which suffices to tell polymers from ligands.
     sequence: BTreeSet<Name>,
     modified: BTreeSet<Name>,
     /// Records without an element and the column where their names begin.
@@ -119,10 +131,12 @@ struct Reader {
     rows: usize,
     operator: Transform,
     operator_name: Vec<u8>,
+    /// Was the last row of REMARK 350 one of chains, which goes on with `AND CHAINS:`?
     chain_list: bool,
 }
 
 impl Reader {
+    /// One row. `last`: it is the last one and has no line end, so that it may have been cut off.
     fn line(
         &mut self,
         line: &[u8],
@@ -177,6 +191,8 @@ impl Reader {
         Ok(())
     }
 
+    /// A row of coordinates. Of names and numbers nothing is guessed that stands in its columns; elements without a
+    /// column wait until the whole file is known.
     fn atom(&mut self, line: &[u8], found: &mut Records) -> Result<(), ErrorKind> {
         // Six-digit serial numbers push the rest of the row to the right.
         let shifted = line.get(34) != Some(&b'.') && line.get(35) == Some(&b'.');
@@ -363,6 +379,7 @@ fn last_assembly(assemblies: &mut Vec<Assembly>) -> &mut Assembly {
     assemblies.last_mut().expect("at least one")
 }
 
+/// `None` if one of the three is no finite number, or the row is too short. `shift`: columns by which the row is moved.
 fn coordinates(line: &[u8], shift: usize) -> Option<[f64; 3]> {
     let field = |from: usize| number_in(line, from + shift, from + 8 + shift);
     // A row that ends inside the last field has lost digits.
@@ -370,6 +387,7 @@ fn coordinates(line: &[u8], shift: usize) -> Option<[f64; 3]> {
     Some([field(30)?, field(38)?, field(46)?])
 }
 
+/// Columns from 0, `from..to`; `None` if the field is blank, no number, or beyond the row.
 fn number_in(line: &[u8], from: usize, to: usize) -> Option<f64> {
     number(line.get(from..to.min(line.len()))?)
 }
@@ -380,6 +398,7 @@ fn text(line: &[u8], from: usize, to: usize) -> &str {
     std::str::from_utf8(field.trim_ascii()).unwrap_or_default()
 }
 
+/// Columns from 0, `from..to`, which the row must have.
 fn name(line: &[u8], from: usize, to: usize, expected: &str) -> Result<Name, ErrorKind> {
     let field = &line[from..to];
     Name::from_bytes(field)
@@ -418,6 +437,10 @@ fn residue_and_chain(line: &[u8], s: usize) -> Result<(Name, Name), ErrorKind> {
 }
 
 /// Columns 23–26 and the insertion code in 27.
+///
+/// Beyond 9999 programs count on in four ways: into column 27, in hybrid-36, in hexadecimal digits, or from 0 again.
+/// `A000` is 10,000 in the second and 40,960 in the third; it is read as the second, which is a standard. A blank field
+/// is 0.
 fn residue_number(line: &[u8], s: usize) -> Result<(i32, Name), ErrorKind> {
     let field = text(line, 22 + s, 26 + s);
     let insertion = line[26 + s];
@@ -440,6 +463,9 @@ fn residue_number(line: &[u8], s: usize) -> Result<(i32, Name), ErrorKind> {
 }
 
 /// Hybrid-36 numbers of four characters: `A000` is 10,000, `a000` follows `ZZZZ`.
+///
+/// After Grosse-Kunstleve (cctbx): digits of base 36 in one case, of which those that begin with a letter follow the
+/// decimal numbers; `None` for decimal ones.
 pub(super) fn hybrid_36(field: &str) -> Option<i32> {
     if field.len() != 4 {
         return None;

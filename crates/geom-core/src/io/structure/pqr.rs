@@ -29,6 +29,9 @@ const LARGE_RADIUS: f64 = 6.0;
 const MAX_WORDS: usize = 14;
 
 /// Reads all atoms of the wanted models.
+///
+/// Rows are read by words, from their ends: the last five are numbers, and what precedes them names the atom. That is
+/// how rows with and without a chain are told apart.
 pub(super) fn parse(content: &[u8], models: Models) -> Result<Records, Error> {
     let mut found = Records {
         has_radii: true,
@@ -111,6 +114,9 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
         .filter(|w| !w.is_empty())
 }
 
+/// `segment`: how many `TER` came before in this domain, which separate chains that have no name.
+///
+/// Refuses fewer words than a row needs, numbers that are not finite, and a negative radius.
 fn atom(line: &[u8], segment: u32, found: &mut Records) -> Result<Record, ErrorKind> {
     let wrong = |expected: &str| ErrorKind::expected(expected, String::from_utf8_lossy(line));
     let mut all: [&[u8]; MAX_WORDS] = [b""; MAX_WORDS];
@@ -224,6 +230,8 @@ fn split_glued(word: &[u8]) -> impl Iterator<Item = &[u8]> {
 }
 
 /// A chain that touches the residue number: `A1000`; without a chain, just the number.
+///
+/// Chain, number, insertion code.
 fn glued(place: &[u8]) -> (&[u8], &[u8], &[u8]) {
     match place {
         [chain, rest @ ..] if chain.is_ascii_alphabetic() && !rest.is_empty() => {
@@ -245,7 +253,15 @@ fn elements(records: &mut [Record]) {
     }
 }
 
-/// Writes a structure; positions, charges and radii with at least four decimals.
+/// Writes a structure; positions, charges and radii with four decimals.
+///
+/// Read again with [`Models::All`] it has the same domains, chains and residues, but for chains of one name in one
+/// domain, which become one. Positions, charges and radii are rounded to 10⁻⁴, B factors are gone, and elements follow
+/// from names. An atom or a residue without a name is called `X`, since a field cannot be empty. Fields are separated
+/// by blanks, so that long names and numbers shift a row but never touch.
+///
+/// # Errors
+/// Only what the writer gives.
 pub fn write(structure: &Structure, mut w: impl Write) -> Result<(), Error> {
     let mut serial = 0u64;
     for (d, domain) in structure.domains().iter().enumerate() {
@@ -290,6 +306,8 @@ fn placeholder(name: Name) -> Name {
 }
 
 /// Saves a structure as a PQR file.
+///
+/// Gzip-compressed if the name ends in `.gz`.
 pub fn save(path: impl AsRef<Path>, structure: &Structure) -> Result<(), Error> {
     save_file(path, |w| write(structure, w))
 }

@@ -1,10 +1,13 @@
 //! What the readers of the formats find: rows of atoms, names, numbers, models.
+//!
+//! Readers fill in [`Records`] and decide nothing; `keep` decides for all formats alike.
 
 use super::Models;
 use super::assembly::Assembly;
 use super::names::Names;
 use crate::structure::{Atom, Name, Residue};
 
+/// By the first letters only: some programs write what follows without a blank.
 pub(super) fn is_atom(line: &[u8]) -> bool {
     line.starts_with(b"ATOM") || line.starts_with(b"HETATM")
 }
@@ -22,7 +25,9 @@ pub(super) struct Record {
     pub(super) part: u32,
     /// Index of the domain: the model, and in PQR files of ours the copy.
     pub(super) domain: u32,
+    /// A blank if the atom has one location.
     pub(super) altloc: u8,
+    /// 1 where the file has none.
     pub(super) occupancy: f32,
 }
 
@@ -40,6 +45,7 @@ impl Record {
         (self.residue.name, self.part)
     }
 
+    /// Rows of one residue have one place, name and part.
     pub(super) fn same_residue(&self, other: &Self) -> bool {
         self.place() == other.place() && self.identity() == other.identity()
     }
@@ -49,6 +55,7 @@ impl Record {
 #[derive(Debug, Default)]
 pub(super) struct Records {
     pub(super) records: Vec<Record>,
+    /// As authors name them, which is what a user sees; `parts` are those names by which assemblies go.
     pub(super) chains: Names,
     pub(super) parts: Names,
     /// Model and copy numbers.
@@ -62,6 +69,9 @@ pub(super) struct Records {
 }
 
 /// A finite decimal number, blanks around it allowed.
+///
+/// A file of atoms has five numbers per row, mostly of few digits and without an exponent: those are read here, and
+/// anything else by Rust's own parser, with the same bits. `None` for blanks, NaN and infinities.
 pub(super) fn number(field: &[u8]) -> Option<f64> {
     let field = field.trim_ascii();
     let (negative, digits) = match field {
@@ -95,12 +105,15 @@ const POWERS: [f64; 17] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
 ];
 
+/// Any decimal number, with an exponent too.
 fn slow_number(field: &[u8]) -> Option<f64> {
     let value: f64 = std::str::from_utf8(field).ok()?.parse().ok()?;
     value.is_finite().then_some(value)
 }
 
 /// Is the model with this number, the n-th of the file (from 0), wanted?
+///
+/// Of several models with one number all are.
 pub(super) fn wanted(models: Models, number: u32, nth: usize) -> bool {
     match models {
         Models::First => nth == 0,
@@ -116,6 +129,7 @@ pub(super) struct ModelCounter {
     pub(super) count: usize,
     number: Option<u32>,
     inside: bool,
+    /// Are the atoms of the model wanted?
     keep: bool,
 }
 

@@ -1,4 +1,8 @@
 //! Distances along a surface: shortest paths over edges or over triangles, and geodesic distance.
+//!
+//! [`shortest_paths`] is fast, exact on its graph, and gives ways; along edges it is too long in directions that edges
+//! do not take, by up to 15 % on equilateral triangles, however short they are. [`Heat`] is near the true distance
+//! along the surface and gives no ways.
 
 mod heat;
 
@@ -78,6 +82,9 @@ pub enum DistanceError {
 }
 
 /// An undirected graph with a length per link.
+///
+/// 16 bytes per end of a link. The nodes are those of whatever was linked: vertices for [`Graph::of_edges`], triangles
+/// for [`Graph::of_dual`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Graph {
     starts: Vec<usize>,
@@ -86,7 +93,10 @@ pub struct Graph {
 
 impl Graph {
     /// The graph of these links `(a, b, length)`; of several links between the same nodes all are
-    /// kept, of which only the shortest matters.
+    /// kept, of which only the shortest matters. A link from a node to itself is of no use and does no harm.
+    ///
+    /// # Errors
+    /// [`DistanceError::LinkOutOfRange`] and [`DistanceError::Length`], for the first link at fault.
     pub fn new(nodes: usize, links: &[(u32, u32, f64)]) -> Result<Self, DistanceError> {
         let mut counts = vec![0u32; nodes];
         for (link, &(a, b, length)) in links.iter().enumerate() {
@@ -186,12 +196,16 @@ impl Graph {
     }
 
     /// The neighbours of a node with the lengths of the links.
+    ///
+    /// # Panics
+    /// If there is no such node.
     pub fn links(&self, node: u32) -> &[(u32, f64)] {
         &self.links[self.starts[node as usize]..self.starts[node as usize + 1]]
     }
 }
 
-/// Shortest paths from the nearest of several sources to every node.
+/// Shortest paths from the nearest of several sources to every node. Three numbers per node: the ways of all nodes
+/// together are a forest, rooted in the sources.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Paths {
     /// Distance per node; infinite where no source reaches.
@@ -204,7 +218,8 @@ pub struct Paths {
 }
 
 impl Paths {
-    /// The nodes from the nearest source to `node`, both included; empty when no source reaches it.
+    /// The nodes from the nearest source to `node`, both included; empty when no source reaches it. Also empty for a
+    /// number that is no node.
     pub fn to(&self, node: u32) -> Vec<u32> {
         let mut path = Vec::new();
         if self.source.get(node as usize).is_none_or(|&s| s == NONE) {
@@ -232,6 +247,12 @@ impl Paths {
 /// assert!(farthest > 3.1 && farthest < 3.5); // π, and a little more along edges
 /// # Ok::<(), geom_core::surface::distance::DistanceError>(())
 /// ```
+///
+/// `O((n + m) log n)` for n nodes and m links, less with a short `reach`. Of two sources in one node the one that
+/// starts nearer counts, of equal ones the first.
+///
+/// # Errors
+/// [`DistanceError::NoSuchNode`] and [`DistanceError::StartDistance`], for the first source at fault.
 pub fn shortest_paths(
     graph: &Graph,
     sources: &[(u32, f64)],

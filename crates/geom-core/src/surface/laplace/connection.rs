@@ -14,6 +14,9 @@ use crate::algebra::SparseMatrix;
 use crate::mesh::Halfedges;
 use crate::{HalfedgeId, TriMesh, Vector3};
 
+/// Inner edges in the order of their lower half-edge: the turn κ is the difference of the edge's angles in the two
+/// frames, by half a turn, since the triangles run it opposite ways. Four entries of the form per edge, and one zero
+/// per triangle.
 pub(super) fn connection(
     mesh: &TriMesh,
     order: u32,
@@ -65,14 +68,15 @@ pub(super) fn connection(
     })
 }
 
-/// The side that a half-edge runs along.
+/// The side that a half-edge runs along. It is not normalized: only directions and the squared length are read.
 fn side(mesh: &TriMesh, halfedge: u32) -> Vector3 {
     let corners = mesh.corners(halfedge as usize / 3);
     let k = halfedge as usize % 3;
     corners[(k + 1) % 3] - corners[k]
 }
 
-/// The angle of a half-edge in the frame of its triangle, whose first axis is the first side.
+/// The angle of a half-edge in the frame of its triangle, whose first axis is the first side. Counter-clockwise seen
+/// from outside, −π…π.
 fn angle_in_frame(mesh: &TriMesh, halfedge: u32) -> f64 {
     let first = side(mesh, halfedge / 3 * 3);
     let own = side(mesh, halfedge);

@@ -7,6 +7,10 @@
 //!
 //! [`stiffness`] is the plain form: it refuses triangles without area, and obtuse ones give edges of
 //! negative weight. [`robust()`] takes any triangles, also non-manifold ones, and has no such edges.
+//!
+//! Matrices have a row per vertex, the connection one per triangle; unused vertices have empty rows. Triangles are
+//! summed in their order, so that the bits do not depend on threads. The sign is that of K = −Δ throughout: what
+//! diffuses is `−K`.
 
 mod connection;
 mod robust;
@@ -52,7 +56,8 @@ pub enum Error {
     Matrix(#[from] algebra::Error),
 }
 
-/// Twice the area of a triangle, and per corner the dot product of the two sides that meet there.
+/// Twice the area of a triangle, and per corner the dot product of the two sides that meet there. All that a linear
+/// element needs; the longest side follows from two of the dot products.
 #[derive(Clone, Copy)]
 struct Shape {
     doubled_area: f64,
@@ -77,6 +82,7 @@ impl Shape {
         self.dots.map(|d| 0.5 * d / self.doubled_area)
     }
 
+    /// Is it without area? Twice that is compared with the square of the longest side: a bound on height over side.
     fn is_degenerate(&self) -> bool {
         let [a, b, c] = self.dots;
         let longest = (a + b).max(b + c).max(c + a);
@@ -104,6 +110,9 @@ fn element_stiffness([a, b, c]: [f64; 3]) -> [[f64; 3]; 3] {
 /// assert!(image.iter().all(|x| x.abs() < 1e-12));
 /// # Ok::<(), laplace::Error>(())
 /// ```
+///
+/// # Errors
+/// [`Error::Degenerate`] names the first triangle without area; [`Error::Matrix`] if there are too many entries.
 pub fn stiffness(mesh: &TriMesh) -> Result<SparseMatrix, Error> {
     check_shapes(mesh)?;
     assemble(mesh.positions().len(), mesh.triangles(), |t| {
@@ -119,6 +128,9 @@ pub fn stiffness(mesh: &TriMesh) -> Result<SparseMatrix, Error> {
 /// let Mass::Lumped(masses) = laplace::lumped_mass(&torus) else { unreachable!() };
 /// assert!((masses.iter().sum::<f64>() - torus.area()).abs() < 1e-10);
 /// ```
+///
+/// 0 at unused vertices and at those of triangles without area only: [`eigenpairs`](crate::algebra::eigen::eigenpairs)
+/// leaves out the former, which have no stiffness either.
 pub fn lumped_mass(mesh: &TriMesh) -> Mass {
     let areas = areas(mesh);
     Mass::Lumped(spread_areas(
@@ -130,6 +142,9 @@ pub fn lumped_mass(mesh: &TriMesh) -> Mass {
 
 /// The consistent mass `∫ φᵢ φⱼ`, Å²: a sixth of a triangle's area per corner, a twelfth per pair.
 /// Its rows sum to the lumped mass.
+///
+/// # Errors
+/// Those of [`stiffness`], though a mass could be had of flat triangles too: what takes one matrix takes the other.
 pub fn consistent_mass(mesh: &TriMesh) -> Result<Mass, Error> {
     check_shapes(mesh)?;
     let areas = areas(mesh);
@@ -145,6 +160,9 @@ pub fn consistent_mass(mesh: &TriMesh) -> Result<Mass, Error> {
 }
 
 /// Stiffness and mass of the tufted cover: see [`robust()`].
+///
+/// Both matrices are of the vertices of the mesh and of the same size as the plain ones, so that they go in their
+/// place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robust {
     /// The stiffness, without edges of negative weight.
@@ -161,7 +179,8 @@ pub struct Robust {
 pub struct RobustReport {
     /// Flipped edges of the two sheets.
     pub flips: usize,
-    /// Length added to every edge, Å: zero unless a triangle is nearly without height.
+    /// Length added to every edge, Å: zero unless a triangle is nearly without height. Beside edges of this length the
+    /// metric is no longer that of the mesh.
     pub added: f64,
 }
 
@@ -183,11 +202,14 @@ pub struct RobustReport {
 /// assert_eq!(robust.stiffness.rows(), sphere.positions().len());
 /// # Ok::<(), laplace::Error>(())
 /// ```
+///
+/// It takes the time of sorting the edges and some passes of flips; the plain form is faster where it will do.
 pub fn robust(mesh: &TriMesh) -> Result<Robust, Error> {
     robust::robust(mesh)
 }
 
-/// How much an edge counts in [`connection()`].
+/// How much an edge counts in [`connection()`]. Which one does not matter on equilateral triangles, where both are the
+/// same but for a common factor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum EdgeWeights {
@@ -199,7 +221,7 @@ pub enum EdgeWeights {
     Shape,
 }
 
-/// The connection of a triangle to a neighbour.
+/// The connection of a triangle to a neighbour. Only inner edges have one: nothing is carried over a boundary.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transport {
     /// The two triangles.
@@ -211,7 +233,8 @@ pub struct Transport {
     pub weight: f64,
 }
 
-/// The connection form of fields with one n-fold direction per triangle: see [`connection()`].
+/// The connection form of fields with one n-fold direction per triangle: see [`connection()`]. A triangle without
+/// neighbours has an empty form, a zero on the diagonal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Connection {
     /// The inner edges, by their first half-edge.
@@ -227,6 +250,9 @@ pub struct Connection {
 ///
 /// # Errors
 /// [`Error::Mesh`] if the mesh is no oriented manifold, [`Error::Degenerate`].
+///
+/// The matrix is singular only where a parallel field exists, as on a plane or a cylinder; on a round sphere all its
+/// eigenvalues are positive. The eigenvector of the smallest is the smoothest field.
 pub fn connection(mesh: &TriMesh, order: u32, weights: EdgeWeights) -> Result<Connection, Error> {
     connection::connection(mesh, order, weights)
 }
@@ -243,6 +269,11 @@ pub fn connection(mesh: &TriMesh, order: u32, weights: EdgeWeights) -> Result<Co
 /// assert!(slopes.iter().all(|s| s.z.abs() < 1e-12 || (s.z - 1.0).abs() < 1e-12));
 /// # Ok::<(), laplace::Error>(())
 /// ```
+///
+/// In units of the function per Å.
+///
+/// # Errors
+/// [`Error::Length`] unless there is one value per vertex.
 pub fn gradient(mesh: &TriMesh, function: &[f64]) -> Result<Vec<Vector3>, Error> {
     check_length("vertex", function.len(), mesh.positions().len())?;
     Ok((0..mesh.triangles().len())
@@ -269,6 +300,11 @@ pub fn gradient(mesh: &TriMesh, function: &[f64]) -> Result<Vec<Vector3>, Error>
 /// assert!(divergence.iter().zip(&image).all(|(d, k)| (d + k).abs() < 1e-12));
 /// # Ok::<(), laplace::Error>(())
 /// ```
+///
+/// It is integrated over the surface, not divided by the mass: of directions without a unit it is in Å.
+///
+/// # Errors
+/// [`Error::Length`] unless there is one vector per triangle.
 pub fn divergence(mesh: &TriMesh, field: &[Vector3]) -> Result<Vec<f64>, Error> {
     check_length("triangle", field.len(), mesh.triangles().len())?;
     let corners = Corners::of(mesh.positions().len(), mesh.triangles());
@@ -285,7 +321,7 @@ pub fn divergence(mesh: &TriMesh, field: &[Vector3]) -> Result<Vec<f64>, Error> 
         .collect())
 }
 
-/// The gradients of the three hat functions of a triangle: `n × e / (2 A)` with the opposite side e.
+/// The gradients of the three hat functions of a triangle: `n × e / (2 A)` with the opposite side e. They sum to zero.
 pub(crate) fn hat_gradients(mesh: &TriMesh, triangle: usize) -> [Vector3; 3] {
     if Shape::of(mesh, triangle).is_degenerate() {
         return [Vector3::zeros(); 3];
@@ -303,6 +339,7 @@ fn areas(mesh: &TriMesh) -> Vec<f64> {
         .collect()
 }
 
+/// A third of each triangle to each corner, gathered by the vertices: no two threads write to one place.
 fn spread_areas(vertices: usize, triangles: &[[u32; 3]], areas: &[f64]) -> Vec<f64> {
     let corners = Corners::of(vertices, triangles);
     (0..vertices)
@@ -332,7 +369,8 @@ fn check_length(element: &'static str, found: usize, expected: usize) -> Result<
     Ok(())
 }
 
-/// The triangle corners at each vertex, by ascending triangle.
+/// The triangle corners at each vertex, by ascending triangle. The transpose of the list of triangles, made in linear
+/// time.
 struct Corners {
     starts: Vec<usize>,
     corners: Vec<u32>,
@@ -362,7 +400,8 @@ impl Corners {
     }
 }
 
-/// Sums the 3 × 3 matrices of the triangles, in the order of the triangles.
+/// Sums the 3 × 3 matrices of the triangles, in the order of the triangles. Each row gathers what is its own from the
+/// corners at its vertex, in parallel.
 fn assemble(
     vertices: usize,
     triangles: &[[u32; 3]],

@@ -5,6 +5,10 @@
 //! edges, and edges are flipped in the surface, not in space, until none is against Delaunay. The
 //! weights of the edges are then never negative (Sharp and Crane, "A Laplacian for Nonmanifold
 //! Triangle Meshes", 2020).
+//!
+//! No coordinates are needed after the first step: a triangle is three lengths, which is why a flipped edge may run
+//! across a bend of the surface, and why the vertices stay where they are. Linear functions on the flipped triangles
+//! have one value per vertex as before.
 
 use rayon::prelude::*;
 
@@ -13,7 +17,8 @@ use crate::TriMesh;
 use crate::algebra::SparseMatrix;
 use crate::compute::parallel;
 
-/// Smallest excess of two sides over the third, in mean edges of the mesh.
+/// Smallest excess of two sides over the third, in mean edges of the mesh. Enough that cotangents stay far from
+/// overflow, and small beside any triangle that means something.
 const THICKNESS: f64 = 1e-5;
 /// Sums of cotangents above this count as Delaunay: a square's diagonal flips no more.
 const TIE: f64 = -1e-9;
@@ -21,7 +26,8 @@ const TIE: f64 = -1e-9;
 /// A side of a triangle of the cover: `3 · face + k`, from corner `k` to corner `k + 1`.
 type Side = u32;
 
-/// The cover: closed, each side glued to one other.
+/// The cover: closed, each side glued to one other. Two faces for each triangle of the mesh, the fronts first; three
+/// numbers of each kind per face.
 struct Cover {
     corners: Vec<u32>,
     lengths: Vec<f64>,
@@ -29,6 +35,9 @@ struct Cover {
 }
 
 /// The triangles of the cover, each with half its weight: two sheets make one surface.
+///
+/// What is integrated over it is integrated over both sheets, so weights and areas are halved once here and never
+/// again.
 #[derive(Clone, Debug)]
 pub(crate) struct Intrinsic {
     /// Corners, vertices of the mesh.
@@ -69,7 +78,7 @@ impl Intrinsic {
         })
     }
 
-    /// The length of the side opposite to a corner.
+    /// The length of the side opposite to a corner. From `l² = 2 A (cot β + cot γ)` with the angles at its ends.
     pub(crate) fn length(&self, triangle: usize, corner: usize) -> f64 {
         let w = self.weights[triangle];
         let sum = w[(corner + 1) % 3] + w[(corner + 2) % 3];
@@ -96,7 +105,8 @@ pub(super) fn robust(mesh: &TriMesh) -> Result<Robust, Error> {
 }
 
 /// Three edge lengths per triangle (side `k` from corner `k`), and what was added to all of them so
-/// that none is a needle or a cap of no height.
+/// that none is a needle or a cap of no height. Triangle inequalities hold with some excess afterwards, and ratios of
+/// long edges hardly change (the mollification of that paper).
 fn thickened(mesh: &TriMesh) -> Result<(Vec<f64>, f64), Error> {
     let mut lengths: Vec<f64> = (0..mesh.triangles().len())
         .into_par_iter()
@@ -125,6 +135,9 @@ fn thickened(mesh: &TriMesh) -> Result<(Vec<f64>, f64), Error> {
 }
 
 impl Cover {
+    /// Around an edge of g triangles the 2 g sides are joined in a circle: the sheet of one triangle that runs up with
+    /// the sheet of the next that runs down. With one triangle front joins back, with two that agree, the two fronts
+    /// and the two backs. The order of the fan is that of the triangles' numbers; space does not come into it.
     fn glue(faces: &[[u32; 3]], lengths: &[f64]) -> Self {
         let count = faces.len();
         // Front of triangle t: face t, corners (a, b, c). Back: face count + t, corners (b, a, c), so
@@ -184,7 +197,9 @@ impl Cover {
         2.0 * half_cotangents(sides, area_of(sides))[OPPOSITE[side as usize % 3]]
     }
 
-    /// Flips sides until all are Delaunay; how many it took.
+    /// Flips sides until all are Delaunay; how many it took. Lawson's flips, which end on every closed surface of
+    /// lengths (Bobenko and Springborn, *A discrete Laplace–Beltrami operator for simplicial surfaces*, 2007): first
+    /// in, first out, each side by the lower of its two numbers.
     fn make_delaunay(&mut self) -> usize {
         let mut queued = vec![false; self.twin.len()];
         let mut queue = std::collections::VecDeque::new();
@@ -279,7 +294,8 @@ fn next(side: Side) -> Side {
     if side % 3 == 2 { side - 2 } else { side + 1 }
 }
 
-/// Kahan's stable form of Heron's formula.
+/// Kahan's stable form of Heron's formula. Side lengths are sorted so that no difference cancels: needles keep their
+/// digits.
 fn area_of(sides: [f64; 3]) -> f64 {
     let mut s = sides;
     s.sort_unstable_by(f64::total_cmp);

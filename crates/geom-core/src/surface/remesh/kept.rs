@@ -1,4 +1,7 @@
 //! Which edges and vertices of the surface stay: creases, boundaries, lines between labels, and their corners.
+//!
+//! Marks come from the options, once; afterwards they travel with the edges. Kinds of vertices follow from the marks
+//! around them: none, two (a curve), or anything else (a corner), and a curve has corners where it bends.
 
 use super::mesh::{Kind, Mark, Mesh};
 use super::options::{Error, Features};
@@ -85,7 +88,7 @@ pub(super) fn on_crease(work: &Mesh, v: u32) -> bool {
 }
 
 /// Takes away a crease that begins at `v` and ends, or meets others, before a wanted edge is over: it
-/// is noise.
+/// is noise. Angles at single edges of rough surfaces exceed any bound somewhere; what is a feature goes on.
 fn drop_spur(work: &mut Mesh, v: u32, length: f64) {
     let creases = |work: &Mesh, v: u32| -> Vec<u32> {
         work.fan(v)
@@ -120,7 +123,8 @@ fn drop_spur(work: &mut Mesh, v: u32, length: f64) {
     }
 }
 
-/// What holds each vertex.
+/// What holds each vertex. A vertex on no kept edge is smooth, one where one, three or more end or meet is a corner. On
+/// curves the bend is seen over a wanted edge to both sides, so that fine zigzag is no row of corners.
 pub(super) fn kinds(work: &Mesh, sizes: &Sizes) -> Vec<Kind> {
     let vertices = 0..work.vertices.len() as u32;
     let neighbours: Vec<Option<[u32; 2]>> = vertices
@@ -191,7 +195,7 @@ pub(super) fn kinds(work: &Mesh, sizes: &Sizes) -> Vec<Kind> {
 }
 
 /// Per corner the mean normal of the triangles around the vertex up to the next creases, weighted
-/// by their angles.
+/// by their angles. A vertex on a crease has thus several, one per sector.
 pub(super) fn corner_normals(work: &Mesh, input: &TriMesh) -> Vec<[Vector3; 3]> {
     let weighted = |h: u32| {
         let (t, k) = ((h / 3) as usize, (h % 3) as usize);

@@ -1,11 +1,17 @@
 //! The working mesh: half-edges that can be flipped, split and contracted.
+//!
+//! All changes are local, take constant time but for walks around a vertex, and leave no gaps to be mended: twins,
+//! marks and the first half-edge of each fan are right after every one. Triangles are never renumbered, only marked
+//! dead, so that lists of half-edges stay good as long as the caller looks whether an edge is still the one that it
+//! was.
 
 use crate::mesh::Halfedges;
 use crate::{MeshError, Point3, TriMesh, Vector3};
 
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Least cosine between a triangle's normal and the surface's at its corners.
+/// Least cosine between a triangle's normal and the surface's at its corners. A triangle that turns farther away than
+/// 72° is a fold.
 pub(super) const FACING: f64 = 0.3;
 
 /// How a vertex may move.
@@ -46,7 +52,8 @@ pub(super) struct Vertex {
 }
 
 /// A manifold surface. Half-edge `3 t + k` runs from corner `k` of triangle `t` to the next.
-/// Dead triangles name [`NONE`]; dead vertices have no half-edge.
+/// Dead triangles name [`NONE`]; dead vertices have no half-edge. Labels are one per triangle and follow it through
+/// splits and flips; an edge between labels is kept, so no flip mixes them.
 #[derive(Clone)]
 pub(super) struct Mesh {
     pub(super) vertices: Vec<Vertex>,
@@ -166,6 +173,7 @@ impl Mesh {
     pub(super) fn twin(&self, h: u32) -> Option<u32> {
         (self.twin[h as usize] != NONE).then(|| self.twin[h as usize])
     }
+    /// Is the edge kept: a boundary, a line or a crease?
     pub(super) fn is_feature(&self, h: u32) -> bool {
         self.marks[h as usize] != Mark::Free
     }
@@ -191,6 +199,7 @@ impl Mesh {
     pub(super) fn position(&self, v: u32) -> Point3 {
         self.vertices[v as usize].position
     }
+    /// Dead since a contraction, or unused from the start.
     pub(super) fn is_alive(&self, v: u32) -> bool {
         self.out[v as usize] != NONE
     }
@@ -243,7 +252,7 @@ impl Mesh {
             .map(|h| self.to(h))
             .chain(last)
     }
-    /// The neighbour of a boundary vertex to which no half-edge leaves.
+    /// The neighbour of a boundary vertex to which no half-edge leaves. See [`Halfedges::around`].
     fn beyond_the_fan(&self, v: u32) -> Option<u32> {
         self.on_boundary(v).then(|| {
             let last = self
@@ -254,6 +263,7 @@ impl Mesh {
         })
     }
 
+    /// Makes two half-edges twins; `NONE` for a side that is not there.
     fn link(&mut self, h: u32, g: u32) {
         if h != NONE {
             self.twin[h as usize] = g;
@@ -267,10 +277,12 @@ impl Mesh {
         self.link(to, twin);
         self.marks[to as usize] = mark;
     }
+    /// What is beyond a half-edge, and its mark: to be handed to the half-edge that takes its place.
     fn side(&self, h: u32) -> (u32, Mark) {
         (self.twin[h as usize], self.marks[h as usize])
     }
-    /// Lets `out` of `v` be the first of its fan, given any half-edge that leaves it.
+    /// Lets `out` of `v` be the first of its fan, given any half-edge that leaves it. Turns clockwise to the boundary,
+    /// or once around.
     fn set_out(&mut self, v: u32, h: u32) {
         let mut first = h;
         while let Some(g) = self.twin(first) {
@@ -297,7 +309,8 @@ impl Mesh {
         !self.is_feature(h) && c != d && !self.ring(c).any(|v| v == d)
     }
 
-    /// Turns the edge between two triangles into the other diagonal of their quad.
+    /// Turns the edge between two triangles into the other diagonal of their quad. Asks [`Self::may_flip`] of the
+    /// caller. Both triangles keep their numbers, and the flipped edge its two half-edges.
     pub(super) fn flip(&mut self, h: u32) {
         let g = self.twin[h as usize];
         let (a, b, c, d) = (
@@ -323,7 +336,8 @@ impl Mesh {
         }
     }
 
-    /// Puts a vertex into the edge; both its halves stay features if it was one.
+    /// Puts a vertex into the edge; both its halves stay features if it was one. Always possible. The half-edge given
+    /// keeps the half at its start. Returns the new vertex.
     pub(super) fn split(&mut self, h: u32, vertex: Vertex) -> u32 {
         let m = self.vertices.len() as u32;
         self.vertices.push(vertex);

@@ -18,6 +18,10 @@
 //! condition), no triangle turns away from the surface's normal, and features, boundaries and
 //! their corners stay. Topology changes run in a fixed order and moves colour by colour, so the
 //! result has the same bits for any number of threads.
+//!
+//! Files: `options.rs` and [`Report`] are the two ends; `mesh.rs` is the mesh that changes, `reference.rs` the surface
+//! that it follows; `kept.rs` says which edges stay, `sizes.rs` how long edges shall be; `steps.rs` does a round,
+//! `refine.rs` looks where goals are missed.
 
 #[cfg(feature = "testing")]
 #[doc(hidden)]
@@ -41,7 +45,8 @@ pub use report::{Cause, Deviation, Exception, RelativeLengths, Remeshed, Report}
 use mesh::Mesh;
 use reference::Reference;
 
-/// How often the work begins anew where parts of the surface were lost.
+/// How often the work begins anew where parts of the surface were lost. Parts are lost where edges were too long for
+/// them at first; the second start has the lengths that the first one found.
 const RESTARTS: usize = 1;
 
 /// A surface of good triangles in place of `mesh`, with edges as `options` want them. Vertices lie
@@ -64,6 +69,9 @@ const RESTARTS: usize = 1;
 ///
 /// # Errors
 /// [`Error`] names the option or the element that is at fault.
+///
+/// Progress is told in the stages `remesh` (rounds) and `refine`. Not to meet the goals is no error: look at
+/// [`Report::converged`] and [`Report::exceptions`].
 pub fn remesh(
     mesh: TriMesh,
     field: Option<&dyn ImplicitField>,
@@ -178,6 +186,7 @@ pub fn remesh(
     })
 }
 
+/// Of each edge in units of the shorter of the lengths asked for at its ends; refined places thus count as short.
 fn relative_lengths(work: &Mesh) -> RelativeLengths {
     let wanted = |v: u32| work.vertices[v as usize].wanted;
     let mut lengths: Vec<f64> = work
@@ -199,7 +208,8 @@ fn relative_lengths(work: &Mesh) -> RelativeLengths {
     }
 }
 
-/// The rounds at the lengths wanted now; did they settle, and how many were they?
+/// The rounds at the lengths wanted now; did they settle, and how many were they? They have when a round changes less
+/// than one edge in a hundred.
 fn rounds(
     work: &mut Mesh,
     reference: &Reference<'_>,

@@ -43,6 +43,9 @@ pub enum Features {
 }
 
 /// What surface to make.
+///
+/// Only [`Options::sizing`] has to be set for most surfaces. [`Options::check`] refuses what is out of range before the
+/// work starts.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
@@ -56,18 +59,22 @@ pub struct Options {
     pub labels: Vec<u32>,
     /// The surface is where the field has this value; without a field it is not used.
     pub level: f64,
-    /// Most rounds of split, contract, flip and move; fewer when nothing changes any more.
+    /// Most rounds of split, contract, flip and move; fewer when nothing changes any more. Fewer save time and leave
+    /// angles worse.
     pub iterations: usize,
-    /// After the rounds, triangles with a smaller angle than this many degrees are worked on.
+    /// After the rounds, triangles with a smaller angle than this many degrees are worked on. 0 to below 60; a higher
+    /// goal takes longer and leaves more exceptions.
     pub min_angle_deg: f64,
     /// Largest distance between the result and the surface, both ways, Å. `None` for 0.3 of a uniform
     /// edge length or twice the tolerance of [`Sizing::Curvature`]; infinite for no bound.
     pub max_deviation: Option<f64>,
     /// Where angles or distances miss these goals after the rounds, the surface is too narrow or too
     /// curved for the wanted edges: this often they become shorter there, down to 1/16 of a uniform
-    /// length or to `min_edge`. 0 for edges as wanted everywhere.
+    /// length or to `min_edge`. 0 for edges as wanted everywhere. Each costs some rounds where edges became shorter,
+    /// and nothing elsewhere.
     pub refinements: usize,
-    /// More triangles than this are refused before the work starts.
+    /// More triangles than this are refused before the work starts. The estimate is that of equilateral triangles of
+    /// the wanted edges on the input's area; refinement may exceed it.
     pub max_triangles: usize,
 }
 
@@ -89,6 +96,9 @@ impl Default for Options {
 
 impl Options {
     /// Are all numbers in their ranges?
+    ///
+    /// # Errors
+    /// [`Error::Option`] names the first that is not.
     pub fn check(&self) -> Result<(), Error> {
         let positive = |option, value: f64| {
             let holds = value.is_finite() && value > 0.0;
@@ -147,7 +157,8 @@ impl Options {
     }
 }
 
-/// Why a surface cannot be remeshed.
+/// Why a surface cannot be remeshed. Options first, then the triangles, labels, connectivity, and the number of
+/// triangles to expect. Once rounds have begun, only [`Error::Cancelled`] can end them.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {

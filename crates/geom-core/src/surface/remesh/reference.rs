@@ -1,4 +1,7 @@
 //! The surface to follow, its features, and the wanted edge lengths.
+//!
+//! Everything else in this folder asks here where a vertex may be, which way the surface faces there, and how long
+//! edges shall be. Nothing of it changes but the spots, so that all threads may ask at once.
 
 use crate::compute::parallel;
 use crate::field::{End, Guard, Tangent, project};
@@ -29,6 +32,8 @@ struct Curves {
     ends: Vec<[u32; 2]>,
 }
 
+/// The surface that is followed: the input, and the level set where there is one. Where both disagree, because the
+/// level set is farther than an edge or faces another way, the input decides: the topology is its.
 pub(super) struct Reference<'a> {
     input: TriMesh,
     tree: TriangleTree,
@@ -153,6 +158,8 @@ impl<'a> Reference<'a> {
             .is_none_or(|d| d > 1e-3 * vertex.size)
     }
 
+    /// The point of the level set that the way along the gradient leads to, if it is no farther than `reach` and faces
+    /// as the input does there.
     pub(super) fn on_level(&self, p: &Point3, reach: f64, tolerance: f64) -> Option<Vertex> {
         let (field, level) = self.field?;
         let (position, normal) = level_point(field, level, p, reach, tolerance)?;
@@ -163,6 +170,7 @@ impl<'a> Reference<'a> {
         Some(self.vertex(position, normal, self.wanted_at(&foot), Kind::Smooth))
     }
 
+    /// The nearest point of the input, exactly, with the blended normal of its corners.
     fn on_input(&self, p: &Point3, reach: f64) -> Option<Vertex> {
         let foot = self.tree.closest_within(p, reach)?;
         let (normal, wanted) = (self.normal_at(&foot), self.wanted_at(&foot));
@@ -188,6 +196,7 @@ impl<'a> Reference<'a> {
         }
     }
 
+    /// Blended from the corners, which do not blend across creases; the triangle's own where they cancel.
     fn normal_at(&self, foot: &Closest) -> Vector3 {
         let t = foot.triangle as usize;
         (0..3)
@@ -205,6 +214,7 @@ impl<'a> Reference<'a> {
         }
     }
 
+    /// The length asked for at a point of the input, linear on its triangles.
     fn wanted_at(&self, foot: &Closest) -> f64 {
         match &self.sizes {
             Sizes::Same(size) => *size,
@@ -273,7 +283,8 @@ impl<'a> Reference<'a> {
         self.shortest.max(0.5 * edges[1])
     }
 
-    /// Samples of the input: its vertices, the middles of its edges and triangles.
+    /// Samples of the input: its vertices, the middles of its edges and triangles. They stand for the input when the
+    /// distance from it to the result is measured.
     pub(super) fn points(&self) -> Vec<Point3> {
         let mut used = vec![false; self.input.positions().len()];
         for &v in self.input.triangles().as_flattened() {
@@ -322,6 +333,7 @@ impl<'a> Reference<'a> {
 }
 
 impl Curves {
+    /// Each segment as a triangle with its second corner twice, at three places of their own.
     fn new(input: &TriMesh, ends: Vec<[u32; 2]>) -> Self {
         let positions = ends
             .iter()

@@ -48,7 +48,7 @@ pub enum Cause {
     NothingHelped,
 }
 
-/// A triangle below [`Options::min_angle_deg`](super::Options::min_angle_deg).
+/// A triangle below [`Options::min_angle_deg`](super::Options::min_angle_deg). Listed by the number of the triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Exception {
@@ -60,7 +60,8 @@ pub struct Exception {
     pub cause: Cause,
 }
 
-/// What was done, and what came of it.
+/// What was done, and what came of it. Splits, contractions, flips and rounds are those of the last start, where the
+/// work began anew.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Report {

@@ -22,6 +22,7 @@ impl Sizes {
         }
     }
 
+    /// The longest that is a finite number.
     pub(super) fn longest(&self) -> f64 {
         match self {
             Self::Same(size) => *size,
@@ -34,7 +35,9 @@ impl Sizes {
     }
 }
 
-/// The lengths that the options ask for.
+/// The lengths that the options ask for. By curvature: the length of Dunyach and others at each vertex, then the
+/// largest function below it whose slope along edges is at most the gradation, which is one run of Dijkstra from all
+/// vertices at once, each starting at its own length.
 pub(super) fn sizes(input: &TriMesh, sizing: &Sizing) -> Result<Sizes, Error> {
     Ok(match *sizing {
         Sizing::Uniform {
@@ -88,6 +91,9 @@ pub(super) fn expected_triangles(input: &TriMesh, sizes: &Sizes) -> f64 {
 }
 
 /// Places with a wanted length of their own, which grows with the distance from them.
+///
+/// A spot of length s wants `s + slope · d` at the distance d, and has no say where that is longer than what is asked
+/// for anyway, so that 27 cells around it are all that it can reach. The least of all spots counts.
 #[derive(Default)]
 pub(super) struct Spots {
     /// Growth of the length per Å.

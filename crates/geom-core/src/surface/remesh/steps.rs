@@ -20,9 +20,11 @@ use super::mesh::{FACING, Kind, Mark, Mesh, NONE, Vertex, doubled_normal, facing
 use super::reference::{EXACT, Reference};
 use crate::mesh::quality::{edge_lengths, radius_ratio};
 
-/// Edges longer than this, in units of the wanted length, are split.
+/// Edges longer than this, in units of the wanted length, are split. Its halves are then as much too short as it was
+/// too long, by a third (Botsch and others, *Polygon Mesh Processing*, 2010, ch. 6).
 pub(super) const LONG: f64 = 4.0 / 3.0;
-/// Edges shorter than this are contracted.
+/// Edges shorter than this are contracted. A neighbour of the same length grows by half then, to 6/5: as much too long
+/// as both were too short (the same).
 pub(super) const SHORT: f64 = 4.0 / 5.0;
 /// No flip, and no work on small angles, makes edges longer than this.
 const STRETCHED: f64 = 1.1 * LONG;
@@ -58,7 +60,8 @@ impl AddAssign for Counts {
     }
 }
 
-/// What a change must not make worse: the least quality and the least facing of some triangles.
+/// What a change must not make worse: the least quality and the least facing of some triangles. Measured before the
+/// change, so that places which are bad already may be worked on.
 #[derive(Clone, Copy)]
 struct Worst {
     quality: f64,
@@ -95,7 +98,8 @@ fn of_triangle(mesh: &Mesh, t: u32) -> [&Vertex; 3] {
     mesh.triangles[t as usize].map(|v| &mesh.vertices[v as usize])
 }
 
-/// Does a triangle keep its sense when one corner moves? Asked where the surface has no normal.
+/// Does a triangle keep its sense when one corner moves? Asked where the surface has no normal. Corners on creases have
+/// no normal, so there the triangle is compared with itself before.
 fn keeps_sense(before: [&Vertex; 3], after: [&Vertex; 3]) -> bool {
     if after.iter().all(|v| v.normal != Vector3::zeros()) {
         return true;
@@ -104,7 +108,7 @@ fn keeps_sense(before: [&Vertex; 3], after: [&Vertex; 3]) -> bool {
     normals[0].dot(&normals[1]) >= TURN * normals[0].norm() * normals[1].norm()
 }
 
-/// One round of all steps.
+/// One round of all steps. Topology on one thread, in the order of lengths or numbers; places of vertices in parallel.
 pub(super) fn round(mesh: &mut Mesh, reference: &Reference<'_>) -> Counts {
     let mut done = split_long(mesh, reference);
     done += contract_short(mesh, reference);
@@ -179,6 +183,7 @@ fn middle(mesh: &Mesh, reference: &Reference<'_>, h: u32) -> Vertex {
     })
 }
 
+/// Splits at the place found, or in the middle of the straight edge if that would turn a triangle away.
 fn try_split(mesh: &mut Mesh, h: u32, vertex: Vertex) -> bool {
     let straight = center(&mesh.position(mesh.from(h)), &mesh.position(mesh.to(h)));
     // A vertex that would fold the surface stays on the edge instead, which never folds.
@@ -311,7 +316,8 @@ fn flip_pairs(mesh: &Mesh, h: u32, g: u32) -> ([[&Vertex; 3]; 2], [[&Vertex; 3];
     ([[a, b, c], [b, a, d]], [[a, d, c], [d, b, c]])
 }
 
-/// Grows with the least angle of the triangles: minus its cosine.
+/// Grows with the least angle of the triangles: minus its cosine. By the law of cosines, without an arccosine: only
+/// comparisons are made. 1 for none, −1 for a triangle with a vanishing edge.
 fn openness(triangles: &[[&Vertex; 3]]) -> f64 {
     let of_one = |t: &[&Vertex; 3]| {
         // The smallest angle is opposite to the shortest edge.
@@ -341,6 +347,8 @@ fn flip_keeps_surface(old: &[[&Vertex; 3]; 2], new: &[[&Vertex; 3]; 2]) -> bool 
         }
 }
 
+/// Flips an edge that is not kept, if `wanted` says so, connectivity allows it, it makes no long edge longer, and the
+/// surface stays.
 fn flip_if(mesh: &mut Mesh, h: u32, wanted: impl Fn(&Mesh, u32, u32) -> bool) -> bool {
     let Some(g) = mesh.twin(h) else { return false };
     if mesh.is_feature(h) || !wanted(mesh, h, g) || !mesh.may_flip(h) {
@@ -360,7 +368,8 @@ fn flip_if(mesh: &mut Mesh, h: u32, wanted: impl Fn(&Mesh, u32, u32) -> bool) ->
 }
 
 /// Flips edges where that brings the numbers of neighbours nearer to six, or four on a boundary,
-/// without spoiling the angles.
+/// without spoiling the angles. An angle may become smaller by it as long as it stays above 20°, about: rounds that
+/// follow open it again.
 fn flip_for_valence(mesh: &mut Mesh) -> Counts {
     let mut valence: Vec<i32> = (0..mesh.vertices.len() as u32)
         .map(|v| mesh.ring(v).count() as i32)
@@ -419,6 +428,7 @@ fn flip_for_angle(mesh: &mut Mesh) -> Counts {
     }
 }
 
+/// Would the least angle of both triangles grow? For all edges of a plane that is Delaunay's criterion.
 fn larger_angle(mesh: &Mesh, h: u32, g: u32) -> bool {
     let (old, new) = flip_pairs(mesh, h, g);
     openness(&new) > openness(&old) + 1e-6
@@ -442,6 +452,8 @@ pub(super) fn settle(mesh: &mut Mesh, reference: &Reference<'_>) {
     });
 }
 
+/// Vertices of one colour have no common triangle: all of them move by what they see before any has moved, so that
+/// threads do not matter. Dead ones, and those where wanted lengths did not change, stay.
 fn move_each(mesh: &mut Mesh, to: impl Fn(&Mesh, u32) -> Option<Vertex> + Sync) {
     let colors = Coloring::greedy(mesh.vertices.len(), |v| mesh.ring(v));
     for group in &colors.groups {
@@ -460,6 +472,9 @@ fn move_each(mesh: &mut Mesh, to: impl Fn(&Mesh, u32) -> Option<Vertex> + Sync) 
     }
 }
 
+/// Where `v` shall go: smooth vertices to the centre of area of their triangles (in units of wanted areas, which lets
+/// lengths adapt), those on curves to the middle of their two neighbours. The whole way, half or a quarter of it,
+/// whichever first spoils no triangle.
 fn relaxed(mesh: &Mesh, reference: &Reference<'_>, v: u32) -> Option<Vertex> {
     let old = mesh.vertices[v as usize];
     let goal = match old.kind {
@@ -517,8 +532,9 @@ fn fits_fan(mesh: &Mesh, v: u32, new: &Vertex, worst: &Worst, fair: f64) -> bool
     })
 }
 
-/// Works on triangles whose least angle is below the goal: flips, contracts or splits their edges,
-/// and moves their corners so that the least angle around them grows.
+/// Works on triangles whose least angle is below the goal: flips or contracts their edges, and moves their corners so
+/// that the least angle around them grows. The worst first. Flips and moves are tried on every pass; contractions from
+/// the third on, since they change most.
 pub(super) fn lift(mesh: &mut Mesh, reference: &Reference<'_>, goal: f64) -> Counts {
     let goal = -goal.cos();
     let mut counts = Counts::default();

@@ -1,4 +1,8 @@
 //! Sums over patches: symmetric matrices in Bernstein polynomials become those of the functions.
+//!
+//! The integral of two functions over a patch is a combination of the integrals of its 16 Bernstein polynomials, which
+//! depend on the shape of the patch alone; the extraction says which combination. So mass, stiffness and the equations
+//! of a fit are all sums of small dense matrices, whichever basis it is.
 
 use geom_core::algebra::{self, SparseMatrix};
 use geom_core::compute::parallel;
@@ -11,6 +15,9 @@ pub(crate) type Local = [[f64; POINTS]; POINTS];
 
 impl Extraction {
     /// `Σ Cᵀ G C` over patches with matrices `G` and coefficients `C`.
+    ///
+    /// Row by row in parallel: each row sums over the patches of its function in a fixed order, so that the digits do
+    /// not depend on the number of threads, and the matrix is symmetric to the last of them.
     pub(crate) fn gram(&self, locals: &[Local]) -> Result<SparseMatrix, algebra::Error> {
         let mut counts = vec![0u32; self.functions()];
         for &f in self.all_functions() {

@@ -20,6 +20,12 @@ const NONE: u32 = u32::MAX;
 type Row = Vec<(u32, f64)>;
 
 /// The extraction of the truncated hierarchical basis, and where its control points start.
+///
+/// One patch per element, as no element is cut. From the coarsest level down: the rows of a level need those of the
+/// level above only.
+///
+/// # Errors
+/// [`Error::Ring`] where the blocks of an element's level do not reach far enough around it.
 pub(super) fn extraction(mesh: &TMesh) -> Result<Extraction, Error> {
     let mut levels = Levels::new(mesh);
     let top = mesh.elements().iter().map(|e| e.level).max();
@@ -55,13 +61,17 @@ struct Level {
     star: Vec<u32>,
 }
 
+/// What grows as the recursion descends.
 struct Levels<'a> {
     mesh: &'a TMesh,
     ghosts: Ghosts<'a>,
     /// From level 0 on; filled from the coarsest.
     levels: Vec<Level>,
+    /// Of the vertices of all levels that anything was asked of.
     rows: Vec<Row>,
+    /// Of the corners of elements, level by level.
     stars: Vec<Star>,
+    /// Where each function's control point starts.
     controls: Vec<Point3>,
     /// Per function its level and the number of its vertex.
     origins: Vec<(u8, u32)>,
@@ -133,6 +143,9 @@ impl<'a> Levels<'a> {
     }
 
     /// The row of a vertex of the level at hand; the last finished level is the one above.
+    ///
+    /// A vertex without a mask is out of reach of coarser elements, and a new function; others are sums of rows of the
+    /// level above. That is what truncation comes to: of a coarse function only what finer ones have not taken over.
     fn row(&mut self, level: u8, v: u32, places: &[Option<Point3>]) -> Row {
         let Some(mask) = &self.masks[v as usize] else {
             let number = self.controls.len() as u32;
@@ -155,6 +168,8 @@ impl<'a> Levels<'a> {
     }
 
     /// The Bézier coefficients of the functions on an element.
+    ///
+    /// Each of its 16 Bézier points is a combination of vertices of its level, each vertex one of functions.
     fn rows(&self, e: usize) -> Rows {
         let element = &self.mesh.elements()[e];
         let level = &self.levels[usize::from(element.level)];
@@ -189,6 +204,11 @@ pub(super) fn block_of(mesh: &TMesh, element: usize) -> &Block {
 
 /// The four Bézier points of a patch near its corner `k`, which is in block `own` of the star: the one within the
 /// block, those on the two sides (means of those on both sides of them), and the corner (mean of all).
+///
+/// At a vertex of four blocks this is the uniform bicubic B-spline, twice differentiable across all sides. At an
+/// extraordinary vertex the patches still meet without a gap, as each point is computed alike by all who share it;
+/// their tangent planes agree but for the sides that end there, where they differ by an angle that falls with the size
+/// of elements.
 pub(super) fn corner_points(star: &Star, own: usize, k: usize, points: &mut [Mask; 16]) {
     // Corner, on the side that leaves it, inside, on the side that arrives.
     const PLACES: [[usize; 4]; 4] = [[0, 1, 5, 4], [3, 7, 6, 2], [15, 14, 10, 11], [12, 8, 9, 13]];
@@ -235,6 +255,7 @@ struct Carried<'a> {
 }
 
 impl Carried<'_> {
+    /// A value that was known or found before is not computed again, so that each is computed once.
     fn value(&mut self, level: u8, v: u32) -> Result<Point3, Error> {
         if let Some(p) = self.known[usize::from(level)][v as usize] {
             return Ok(p);
@@ -249,6 +270,9 @@ impl Carried<'_> {
     }
 
     /// What subdivision makes a vertex of, found in the stars of the blocks around it.
+    ///
+    /// # Errors
+    /// [`Error::Ring`] if no star of the level above holds the vertex.
     fn mask(&self, level: u8, v: u32) -> Result<Mask, Error> {
         let (edges, vertex) = (self.mesh.fine_edges(), self.ghosts.owner(v));
         let missing = Error::Ring { vertex, level };

@@ -15,6 +15,12 @@ use super::stars::{Ghosts, Mask};
 use crate::{Error, TMesh, VertexKind};
 
 /// The extraction of the rational basis.
+///
+/// The origins of its functions are all of level 0, by the fine vertices they belong to.
+///
+/// # Errors
+/// [`Error::Open`] for a boundary, beyond which knots would have to be made up; [`Error::Ring`] if an extraordinary
+/// vertex has too few elements of one size around it.
 pub(super) fn extraction(mesh: &TMesh) -> Result<Extraction, Error> {
     let edges = mesh.fine_edges();
     if edges.iter().any(|h| edges.twin(h).is_none()) {
@@ -52,12 +58,18 @@ pub(super) fn extraction(mesh: &TMesh) -> Result<Extraction, Error> {
 /// A function on an element: its knots along both directions of the element.
 #[derive(Clone)]
 struct Reached {
+    /// The element of the T-mesh.
     element: u32,
+    /// The vertex whose function it is.
     function: u32,
+    /// Counted from the first corner of the element, in sides of fine quads: whole numbers, so that two elements agree
+    /// about where a piece ends.
     knots: [Knots; 2],
 }
 
 /// An element at an extraordinary vertex.
+/// Its functions are those of the conforming mesh of its level, so that all vertices of its star must be vertices of
+/// the T-mesh: which the rings around extraordinary vertices see to.
 fn irregular(mesh: &TMesh, ghosts: &Ghosts<'_>, e: usize) -> Result<(Patch, Rows), Error> {
     let element = &mesh.elements()[e];
     let sides = block_of(mesh, e).sides;
@@ -87,6 +99,10 @@ fn irregular(mesh: &TMesh, ghosts: &Ghosts<'_>, e: usize) -> Result<(Patch, Rows
 }
 
 /// Any other element, cut along the knots of its functions.
+///
+/// Between knots each function is one polynomial in s times one in t, whose Bézier coefficients are products. A
+/// T-junction two elements away may cut an element: that is what is called its extension. Functions that do not reach a
+/// piece are not among its rows.
 fn regular(mesh: &TMesh, e: usize, functions: &[Reached]) -> Vec<(Patch, Rows)> {
     let size = i64::from(mesh.elements()[e].size);
     let cuts = [0, 1].map(|axis| {
@@ -129,7 +145,9 @@ fn regular(mesh: &TMesh, e: usize, functions: &[Reached]) -> Vec<(Patch, Rows)> 
 #[derive(Clone, Copy, PartialEq)]
 struct Place {
     element: u32,
+    /// Quarters counter-clockwise.
     turn: usize,
+    /// Where the first corner of the element comes to lie.
     moved: [i64; 2],
 }
 
@@ -168,6 +186,7 @@ impl<'a> Charts<'a> {
         charts
     }
 
+    /// Numbers the fine quads of an element, row after row from its first corner.
     fn lay(&mut self, start: HalfedgeId, size: u32) {
         let edges = self.mesh.fine_edges();
         let mut row = Some(start);
@@ -195,6 +214,7 @@ impl<'a> Charts<'a> {
         )
     }
 
+    /// The edges along a side, in order, without those that end at an extraordinary vertex.
     fn gates_of(&self, e: usize, side: usize) -> Vec<HalfedgeId> {
         let (mesh, edges) = (self.mesh, self.mesh.fine_edges());
         let mut h = Some(block_of(mesh, e).sides[side]);
@@ -213,6 +233,7 @@ impl<'a> Charts<'a> {
     }
 
     /// A half-edge in its element: where it starts, and its direction in quarters.
+    /// Answers the element, the start in its own coordinates and the direction in quarters from side 0 on.
     fn local(&self, h: HalfedgeId) -> (u32, [i64; 2], usize) {
         let quad = self.mesh.fine_edges().face(h).0 as usize;
         let ([i, j], bottom) = self.place[quad];
@@ -234,6 +255,9 @@ impl<'a> Charts<'a> {
     }
 
     /// The elements on which the function of a vertex is not zero, those at extraordinary vertices left out.
+    ///
+    /// Knots come from four rays; at an extraordinary vertex there are as many sectors as elements, and each sees a
+    /// quarter of the uniform function of the elements' size, which is what the patches around it are made of.
     fn reached(&self, vertex: u32) -> Vec<Reached> {
         let (mesh, edges) = (self.mesh, self.mesh.fine_edges());
         let fine = geom_core::VertexId(mesh.fine_of_vertex(vertex as usize));
@@ -258,6 +282,10 @@ impl<'a> Charts<'a> {
     }
 
     /// Goes from element to element within the support, clipped to `window` along both directions.
+    ///
+    /// An element is placed by the gate through which it is entered. It may be met more than once, at different places,
+    /// as around a thin tube: then it has the function twice, and both are added up. Places that were seen are not
+    /// entered again.
     fn flood(
         &self,
         function: u32,
@@ -306,6 +334,7 @@ impl<'a> Charts<'a> {
 }
 
 /// The knots of a function along the directions of an element.
+/// A turn exchanges the directions and reverses knots, so that they ascend again.
 fn seen_from([x, y]: &[Knots; 2], place: &Place) -> [Knots; 2] {
     let [tx, ty] = place.moved;
     let along = |k: &Knots, t: i64| k.map(|k| k - t);

@@ -1,4 +1,9 @@
 //! What lies around a vertex of the mesh of one level: its blocks, and beyond a boundary ghosts that make it whole.
+//!
+//! A star holds all that an extraction needs of one vertex: the inner Bézier points of the blocks around it, each a
+//! combination of four vertices, and the rules of Catmull and Clark by which the vertices of the next finer level
+//! follow. At a boundary a fan is not closed, and neither rule applies; with ghosts, which continue the net linearly
+//! beyond it, both do.
 
 use geom_core::{HalfedgeId, Point3, VertexId};
 
@@ -22,7 +27,9 @@ pub(super) struct Sector {
 /// A vertex of the mesh of a level, with all that is around it.
 #[derive(Clone, Debug)]
 pub(super) struct Star {
+    /// The vertex in the middle.
     pub(super) vertex: u32,
+    /// Counter-clockwise, ghosts last.
     pub(super) sectors: Vec<Sector>,
 }
 
@@ -30,6 +37,7 @@ pub(super) struct Star {
 pub(super) type Mask = Vec<(u32, f64)>;
 
 /// The weights of four corners in the point of a bicubic patch next to the first.
+/// From the corner on around the block: the tensor product of (2/3, 1/3) with itself, as of uniform cubic B-splines.
 pub(super) const FACE_POINT: [f64; 4] = [4.0 / 9.0, 2.0 / 9.0, 1.0 / 9.0, 2.0 / 9.0];
 
 impl Star {
@@ -37,6 +45,7 @@ impl Star {
         self.sectors.len()
     }
 
+    /// Counted on around the vertex.
     fn cyclic(&self, i: usize) -> &Sector {
         &self.sectors[i % self.sectors.len()]
     }
@@ -55,6 +64,9 @@ impl Star {
 
     /// Catmull and Clark's rules for the vertices of the level below: at the vertex, in the middle of each edge, in
     /// that of each block.
+    ///
+    /// Weights of each sum to one and are not negative. The same vertex is in the masks of several stars, with the same
+    /// weights, so that who finds it first may be believed.
     pub(super) fn masks(&self) -> Vec<(u32, Mask)> {
         let n = self.valence();
         let real = n as f64;
@@ -90,6 +102,7 @@ pub(super) struct Ghosts<'a> {
     mesh: &'a TMesh,
     fine: usize,
     /// Per vertex its number among those of boundaries.
+    /// `u32::MAX` for those that are on none.
     rank: Vec<u32>,
     /// The vertices of boundaries.
     boundary: Vec<u32>,
@@ -140,6 +153,7 @@ impl<'a> Ghosts<'a> {
         }
     }
 
+    /// The number of a ghost of a vertex of the boundary.
     fn of(&self, vertex: u32, across: Across) -> u32 {
         let straight = self.mesh.fine_edges().around(VertexId(vertex)).count() == 2;
         let kind = if straight { 0 } else { across as u32 };
@@ -196,6 +210,9 @@ impl<'a> Ghosts<'a> {
     }
 
     /// Closes the fan of a vertex of a boundary by ghosts. `end`: the far end and the middle of the edge that arrives.
+    ///
+    /// Where the boundary goes straight on, two ghost blocks close the fan; at a corner of one block three do; where
+    /// three blocks or more meet, one.
     fn close(
         &self,
         v: u32,

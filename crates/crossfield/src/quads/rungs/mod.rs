@@ -1,12 +1,12 @@
 //! One connected part of a surface: one rung after another until one holds.
 
-use geom_core::mesh::Halfedges;
-use geom_core::surface::distance::{Graph, shortest_paths};
+mod mapped;
+
 use geom_core::surface::ground::{Freedom, Ground, on_segments};
 use geom_core::surface::remesh;
 use geom_core::{Cancelled, Point3, QuadMesh, TriMesh};
 
-use super::extract::{SurfacePoint, is_vain, lines, tangled};
+use self::mapped::{Mapping, as_many};
 use super::improve::{improve, settled};
 use super::parts::Part;
 use super::smooth::Smooth;
@@ -17,8 +17,8 @@ use crate::error::Error;
 use crate::field::solve::field_of;
 use crate::field::{CrossField, FieldReport, Frames, Guide, Toward};
 use crate::guidance;
-use crate::map::{Effort, MapOptions, MapReport, Spread, parameterized};
-use crate::options::{FieldOptions, Ladder, Options, Size};
+use crate::map::{Effort, MapOptions, MapReport};
+use crate::options::{FieldOptions, Ladder, Options};
 
 /// Which way led to the quads of a part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -28,7 +28,9 @@ pub enum Rung {
     /// The map of the field, as asked for.
     #[default]
     Direct,
-    /// The same on triangles a quarter as large.
+    /// A field of a less smooth copy, which has more singularities: smoothing draws narrow tunnels together to threads.
+    Rougher,
+    /// The field asked for, on triangles a quarter as large.
     Refined,
     /// A field with fewer singularities, on these.
     Smoother,
@@ -54,7 +56,7 @@ pub struct PartReport {
     pub field: Option<FieldReport>,
     /// The map; `None` on the last rung.
     pub map: Option<MapReport>,
-    /// How often the lines were laid closer to each other where a handle or neck was too narrow for them.
+    /// How often the lines were laid closer to each other where a handle or neck was too narrow for them, or quads were folded.
     pub closer: usize,
     /// How often all ratios of the anisotropy were made their square roots because the map folded.
     pub milder: u32,
@@ -82,16 +84,9 @@ const OFF_TARGET: f64 = 0.1;
 
 /// How often an anisotropy that folds the map is made milder.
 const MILDER: u32 = 2;
-/// How many times more quads than wanted are refused, unless they are few.
-const MOST: f64 = 4.0;
-const FEW: usize = 400;
-/// How often lines are laid closer where quads are no mesh.
-const CLOSER: usize = 6;
-
-/// How much closer, where one quad goes around the surface, and where two do.
-const RATIO: [f64; 2] = [0.4, 0.55];
-
-/// Smoothing of the rungs, in that asked for.
+/// Smoothing of the rungs, in that asked for: less of it.
+const ROUGHER: [f64; 2] = [0.7, 0.5];
+/// And more.
 const SMOOTHER: [f64; 5] = [1.5, 2.0, 3.0, 4.0, 6.0];
 
 /// The quads of one connected part, narrower along the gradient of a slope.
@@ -113,23 +108,22 @@ pub(super) fn part_quads(
         slope,
         run,
     };
-    let mut raw = climb(&part, &asked, &mut report)?;
-    if raw.is_none() && slope.is_some() {
+    let mut made = climb(&part, &asked, &mut report)?;
+    if made.is_none() && slope.is_some() {
         report.squares = true;
         let quads = asked.stretched(&part)? / (spacing * spacing);
         asked.spacing = (part.mesh.area() / quads).sqrt();
         asked.slope = None;
-        raw = climb(&part, &asked, &mut report)?;
+        made = climb(&part, &asked, &mut report)?;
     }
-    let raw = match raw {
-        Some(raw) => raw,
+    let made = match made {
+        Some(made) => made,
         None => {
             report.rung = Rung::Split;
-            last_resort(&part, asked.spacing, options, run)?
+            let raw = last_resort(&part, asked.spacing, options, run)?;
+            asked.finish(&part).finished(raw.quads, &raw.part)?
         }
     };
-    let narrowest = asked.narrowest();
-    let made = finished(&part, raw, narrowest, options, run)?;
     report.quads = made.quads().len();
     Ok((made, report))
 }
@@ -144,7 +138,17 @@ struct Asked<'a> {
     run: On<'a>,
 }
 
-impl Asked<'_> {
+impl<'a> Asked<'a> {
+    /// What finishes the quads of a part.
+    fn finish(&self, whole: &'a Part) -> Finish<'a> {
+        Finish {
+            whole,
+            narrowest: self.narrowest(),
+            improve: self.options.improve,
+            run: self.run,
+        }
+    }
+
     /// The least proportion of a quad's sides.
     fn narrowest(&self) -> f64 {
         self.slope.map_or(1.0, |s| s.options().ratio)
@@ -176,63 +180,44 @@ struct Raw {
     part: Part,
 }
 
-/// The rungs that have a map; `None` where all of them failed, and the report says why. An error where no rung follows.
-fn climb(part: &Part, asked: &Asked<'_>, report: &mut PartReport) -> Result<Option<Raw>, Error> {
+/// The quads of the first rung whose map holds; `None` where all of them failed, and the report says why. An error where no
+/// rung follows.
+///
+/// A field of another rung is made anew on the triangles of that rung. Only the smaller spacings share one: the first
+/// field whose map was fine with real numbers, since with enough quads its integers will be.
+fn climb<'a>(
+    part: &'a Part,
+    asked: &Asked<'a>,
+    report: &mut PartReport,
+) -> Result<Option<QuadMesh>, Error> {
     let Asked { options, run, .. } = *asked;
     let lines = f64::from(1u16 << options.nested);
     let mut rungs = Rungs {
+        finish: asked.finish(part),
         options,
         spacing: asked.spacing * lines,
         slope: asked.slope,
         run,
         report,
         denser: None,
+        unfit: false,
         smoothing: 0.0,
         effort: Effort::of(part.mesh.triangles().len()),
     };
+    // The triangles of the surface first, which cost nothing and fit best.
     let start = proxy(part, asked)?.unwrap_or_else(|| part.clone());
-    if let Some(wishes) = rungs.reported(wishes(&start, asked))?
-        && let Some(quads) = rungs.with_field(&start, &wishes, 1.0, Rung::Direct)?
-    {
-        return Ok(Some(Raw { quads, part: start }));
+    if let Some(quads) = rungs.on_given(&start, asked)? {
+        return Ok(Some(quads));
     }
     // Where the triangles are as large as the quads, a map has too little freedom.
     let fine = match part.remeshed(FINE * asked.square() * lines, options.crease, run)? {
         Some(fine) => Ok(fine),
         None => part.refined(),
     };
-    let Some(fine) = rungs.reported(fine)? else {
-        return Ok(None);
-    };
-    let Some(wishes) = rungs.reported(wishes(&fine, asked))? else {
-        return Ok(None);
-    };
-    rungs.denser = None;
-    if let Some(quads) = rungs.with_field(&fine, &wishes, 1.0, Rung::Refined)? {
-        return Ok(Some(Raw { quads, part: fine }));
+    match rungs.reported(fine)? {
+        Some(fine) => rungs.on_finer(&fine, asked),
+        None => Ok(None),
     }
-    for factor in SMOOTHER {
-        if rungs.effort.is_spent() {
-            break;
-        }
-        if let Some(quads) = rungs.with_field(&fine, &wishes, factor, Rung::Smoother)? {
-            return Ok(Some(Raw { quads, part: fine }));
-        }
-    }
-    if let Some((smooth, field)) = rungs.denser.take() {
-        for step in 1..=DENSER {
-            if rungs.effort.is_spent() {
-                break;
-            }
-            let factor = 0.5f64.powf(0.5 * f64::from(step));
-            let metric = wishes.metric.as_ref();
-            let made = rungs.with_map(&fine, metric, &smooth, &field, factor, Rung::Denser(step));
-            if let Some(quads) = rungs.reported(made)? {
-                return Ok(Some(Raw { quads, part: fine }));
-            }
-        }
-    }
-    Ok(None)
 }
 
 /// Fewer triangles in place of far too many: the field needs no more than about fourteen per quad.
@@ -247,6 +232,7 @@ fn proxy(part: &Part, asked: &Asked<'_>) -> Result<Option<Part>, Cancelled> {
 
 /// What the rungs share.
 struct Rungs<'a> {
+    finish: Finish<'a>,
     options: &'a Options,
     /// Of the lines that nested quads lie between, Å.
     spacing: f64,
@@ -255,13 +241,83 @@ struct Rungs<'a> {
     report: &'a mut PartReport,
     /// The first field whose map folds only on integers, and what it is a field of.
     denser: Option<(Smooth, CrossField)>,
-    /// The smoothing of the last rung, Å: none that follows has less.
+    /// Did the last map fold before anything was an integer, so that only another field can help?
+    unfit: bool,
+    /// The most smoothing of the rungs, Å: no smoother one has less.
     smoothing: f64,
+    /// What may still be done, over all rungs of this climb: when it is spent, no further map is tried.
     effort: Effort,
 }
 
 impl Rungs<'_> {
+    /// The field asked for, then fields of less smooth copies, which cost less than finer triangles.
+    fn on_given(&mut self, part: &Part, asked: &Asked<'_>) -> Result<Option<QuadMesh>, Error> {
+        let Some(wishes) = self.reported(wishes(part, asked))? else {
+            return Ok(None);
+        };
+        match self.with_field(part, &wishes, 1.0, Rung::Direct)? {
+            None => self.rougher(part, &wishes),
+            made => Ok(made),
+        }
+    }
+
+    /// The field asked for on finer triangles, then simpler fields, which fold less, then more quads, which give integers
+    /// more room.
+    fn on_finer(&mut self, fine: &Part, asked: &Asked<'_>) -> Result<Option<QuadMesh>, Error> {
+        let Some(wishes) = self.reported(wishes(fine, asked))? else {
+            return Ok(None);
+        };
+        // A field of other triangles is none of these.
+        self.denser = None;
+        if let Some(quads) = self.with_field(fine, &wishes, 1.0, Rung::Refined)? {
+            return Ok(Some(quads));
+        }
+        for factor in SMOOTHER {
+            if self.effort.is_spent() {
+                break;
+            }
+            if let Some(quads) = self.with_field(fine, &wishes, factor, Rung::Smoother)? {
+                return Ok(Some(quads));
+            }
+        }
+        self.denser(fine, wishes.metric.as_ref())
+    }
+
+    /// Smaller spacings with the first field whose map folds only on integers, if there is one.
+    fn denser(&mut self, fine: &Part, metric: Option<&Metric>) -> Result<Option<QuadMesh>, Error> {
+        let Some((smooth, field)) = self.denser.take() else {
+            return Ok(None);
+        };
+        for step in 1..=DENSER {
+            if self.effort.is_spent() {
+                break;
+            }
+            let factor = 0.5f64.powf(0.5 * f64::from(step));
+            let made = self.with_map(fine, metric, &smooth, &field, factor, Rung::Denser(step));
+            if let Some(quads) = self.reported(made)? {
+                return Ok(Some(quads));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Fields of less smooth copies, where that asked for has no map even without integers.
+    fn rougher(&mut self, part: &Part, wishes: &Wishes) -> Result<Option<QuadMesh>, Error> {
+        for factor in ROUGHER {
+            if !self.unfit || self.effort.is_spent() {
+                break;
+            }
+            if let Some(quads) = self.with_field(part, wishes, factor, Rung::Rougher)? {
+                return Ok(Some(quads));
+            }
+        }
+        Ok(None)
+    }
+
     /// A field smoothed `factor` times as much as asked for, and the quads of its map; `None` where it failed.
+    ///
+    /// Where the map folds with an anisotropy, the same field is tried with its ratios made milder before another field
+    /// is.
     fn with_field(
         &mut self,
         part: &Part,
@@ -288,12 +344,14 @@ impl Rungs<'_> {
             }
         }
         let relaxed = matches!(made, Err(Error::Folded { relaxed: true, .. }));
+        self.unfit = relaxed;
         if made.is_err() && !relaxed && self.denser.is_none() {
             self.denser = Some((smooth, field));
         }
         self.reported(made)
     }
 
+    /// The penalty of singularities grows with the smoothing, so that fields of later rungs have fewer of them.
     fn field(
         &mut self,
         part: &Part,
@@ -306,8 +364,9 @@ impl Rungs<'_> {
         }
         let options = self.options;
         let length = factor * options.smoothing * self.spacing;
-        let smooth = Smooth::of(part, length, self.smoothing, options.weights)?;
-        self.smoothing = smooth.length;
+        let least = if factor < 1.0 { 0.0 } else { self.smoothing };
+        let smooth = Smooth::of(part, length, least, options.weights)?;
+        self.smoothing = self.smoothing.max(smooth.length);
         let field_options = FieldOptions {
             smoothing: smooth.length,
             singularity_penalty: factor * options.singularity_penalty,
@@ -402,159 +461,6 @@ fn wishes(part: &Part, asked: &Asked<'_>) -> Result<Wishes, Error> {
     Ok(Wishes { guides, metric })
 }
 
-/// Map and quads of a field, checked against the surface, and how often lines were laid closer to each other.
-type Mapped = (QuadMesh, usize, MapReport);
-
-/// What a map is made of.
-struct Mapping<'a> {
-    part: &'a Part,
-    smooth: &'a Smooth,
-    field: &'a CrossField,
-    metric: Option<&'a Metric>,
-}
-
-impl Mapping<'_> {
-    /// Area over that of a quad with two long sides of 1: as the field has them, and if it followed the gradient everywhere.
-    fn stretched(&self) -> [f64; 2] {
-        let mesh = &self.part.mesh;
-        let Some(metric) = self.metric else {
-            return [mesh.area(); 2];
-        };
-        let area = |f: usize| mesh.doubled_area_normal(f).norm() / 2.0;
-        let sum = |density: &dyn Fn(usize) -> f64| {
-            let faces = 0..mesh.triangles().len();
-            faces.map(|f| area(f) * density(f)).sum()
-        };
-        let theta = &self.field.theta;
-        [
-            sum(&|f| metric.density(f, theta[f])),
-            sum(&|f| metric.aligned_density(f)),
-        ]
-    }
-}
-
-/// Once more where rounding made the quads larger or smaller than wanted, with that allowed for.
-fn as_many(ground: &Mapping<'_>, spacing: f64, rungs: &Rungs<'_>) -> Result<Mapped, Error> {
-    let [made, asked] = ground.stretched();
-    let counted = !matches!(rungs.options.size, Size::Spacing(_));
-    // A field that does not follow the gradient asks for more quads than were counted on.
-    let stretch = if counted { made / asked } else { 1.0 };
-    let nested = f64::from(1u32 << (2 * rungs.options.nested));
-    let area = if counted { asked } else { made };
-    let wanted = area / (spacing * spacing) * nested;
-    let spacing = spacing * stretch.sqrt();
-    let most = area / rungs.spacing.powi(2) * nested;
-    let first = mapped(ground, spacing, most, rungs)?;
-    let share = |made: &Mapped| made.0.quads().len() as f64 / wanted;
-    let off = |made: &Mapped| (share(made) - 1.0).abs();
-    if matches!(rungs.options.size, Size::Quads(_)) && off(&first) > OFF_TARGET {
-        match mapped(ground, spacing * share(&first).sqrt(), most, rungs) {
-            Ok(second) if off(&second) < off(&first) => return Ok(second),
-            Err(error @ Error::Cancelled(_)) => return Err(error),
-            _ => {}
-        }
-    }
-    Ok(first)
-}
-
-/// Map and quads of a field. Where the quads are no mesh because a handle or neck is too narrow for them, the lines are laid
-/// closer to each other. `wanted` quads are asked for; far more are refused.
-fn mapped(
-    ground: &Mapping<'_>,
-    spacing: f64,
-    wanted: f64,
-    rungs: &Rungs<'_>,
-) -> Result<Mapped, Error> {
-    let Mapping {
-        part,
-        smooth,
-        field,
-        metric,
-    } = *ground;
-    let mut closer = vec![1.0; part.mesh.triangles().len()];
-    let mut tried = 0;
-    loop {
-        let map_options = MapOptions {
-            spacing: smooth.spacing(spacing, &closer, metric, field),
-            lines: part.lines.iter().map(|&h| h as u32).collect(),
-        };
-        let effort = rungs.effort.share(2);
-        let Smooth { mesh, frames, .. } = smooth;
-        let nested = rungs.options.nested;
-        let vain = |spread: &Spread| tried < CLOSER && is_vain(spread, nested);
-        let map = parameterized(mesh, frames, field, &map_options, &effort, vain, rungs.run);
-        rungs.effort.give_back(&effort);
-        // The map of the smoothed triangles is one of those that they were, too.
-        let (sources, quads, report) = lines(map?, frames, nested)?;
-        if quads.len() > FEW.max((MOST * wanted) as usize) {
-            return Err(Error::TooMany {
-                quads: quads.len(),
-                wanted: wanted as usize,
-            });
-        }
-        let tangled = tangled(&quads);
-        if tangled.is_empty() || tried == CLOSER {
-            let positions = sources.iter().map(|p| p.position(&part.mesh)).collect();
-            let quads = QuadMesh::new(positions, quads)?;
-            check(&quads, &part.mesh)?;
-            return Ok((quads, tried, report));
-        }
-        tried += 1;
-        for (around, ratio) in (1..).zip(RATIO) {
-            let near = tangled.iter().filter(|t| t.1 == around);
-            let near: Vec<SurfacePoint> = near.map(|t| sources[t.0 as usize]).collect();
-            lay_closer(part, &near, spacing, ratio, &mut closer)?;
-        }
-    }
-}
-
-/// Makes the spacing of lines near some points smaller, from a quad's side away on less and less.
-fn lay_closer(
-    part: &Part,
-    points: &[SurfacePoint],
-    spacing: f64,
-    ratio: f64,
-    closer: &mut [f64],
-) -> Result<(), Error> {
-    const FAR: f64 = 3.0;
-    if points.is_empty() {
-        return Ok(());
-    }
-    let triangles = part.mesh.triangles();
-    let mut sources: Vec<(u32, f64)> = points
-        .iter()
-        .flat_map(|p| triangles[p.triangle as usize])
-        .map(|v| (v, 0.0))
-        .collect();
-    sources.sort_by_key(|s| s.0);
-    sources.dedup_by_key(|s| s.0);
-    let graph = Graph::of_edges(&part.mesh)?;
-    let distance = shortest_paths(&graph, &sources, 2.0 * FAR * spacing)?.distance;
-    for (closer, corners) in closer.iter_mut().zip(triangles) {
-        let nearest = corners.iter().map(|&v| distance[v as usize]);
-        let nearest = nearest.fold(f64::INFINITY, f64::min) / spacing;
-        *closer *= ratio + (1.0 - ratio) * ((nearest - 1.0) / (FAR - 1.0)).clamp(0.0, 1.0);
-    }
-    Ok(())
-}
-
-/// A manifold with the surface's Euler characteristic and boundary loops, or an error.
-fn check(quads: &QuadMesh, surface: &TriMesh) -> Result<(), Error> {
-    let euler = quads.euler_characteristic();
-    let loops = Halfedges::of_quads(quads)?.boundary_loops().len();
-    let wanted_euler = surface.euler_characteristic();
-    let wanted_loops = Halfedges::of(surface)?.boundary_loops().len();
-    if euler == wanted_euler && loops == wanted_loops {
-        return Ok(());
-    }
-    Err(Error::Topology {
-        euler,
-        loops,
-        wanted_euler,
-        wanted_loops,
-    })
-}
-
 /// Quads of the triangles themselves, of about the wanted size if the surface can be remeshed.
 fn last_resort(part: &Part, spacing: f64, options: &Options, run: On<'_>) -> Result<Raw, Error> {
     // The vertices go back onto the surface: here a far one does no harm.
@@ -589,20 +495,27 @@ fn last_resort(part: &Part, spacing: f64, options: &Options, run: On<'_>) -> Res
     })
 }
 
-/// Vertices on the surface, better quads.
-fn finished(
-    part: &Part,
-    raw: Raw,
+/// How quads are finished: their vertices on the surface, their corners as right as they get.
+#[derive(Clone, Copy)]
+struct Finish<'a> {
+    /// The surface.
+    whole: &'a Part,
+    /// The least proportion of a quad's sides.
     narrowest: f64,
-    options: &Options,
-    run: On<'_>,
-) -> Result<QuadMesh, Error> {
-    let freedom = freedoms(&raw.part, raw.quads.positions())?;
-    let ground = Ground::new(&part.mesh, part.segments()?)?;
-    if options.improve {
-        improve(raw.quads, narrowest, &ground, &freedom, run)
-    } else {
-        settled(raw.quads, &ground, &freedom, run)
+    improve: bool,
+    run: On<'a>,
+}
+
+impl Finish<'_> {
+    /// Quads made of the triangles of `part`.
+    fn finished(&self, quads: QuadMesh, part: &Part) -> Result<QuadMesh, Error> {
+        let freedom = freedoms(part, quads.positions())?;
+        let ground = Ground::new(&self.whole.mesh, self.whole.segments()?)?;
+        if self.improve {
+            improve(quads, self.narrowest, &ground, &freedom, self.run)
+        } else {
+            settled(quads, &ground, &freedom, self.run)
+        }
     }
 }
 
