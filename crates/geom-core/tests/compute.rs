@@ -4,9 +4,10 @@ use std::error::Error as _;
 
 use geom_core::compute::BackendError;
 use geom_core::compute::coloring::Coloring;
-use geom_core::compute::parallel::{argmax, sorted_by_number, sum};
+use geom_core::compute::parallel::{self, argmax, sorted_by_number, sum};
 use geom_core::compute::random::SplitMix64;
 use geom_core::options::OutOfRange;
+use geom_core::testing::same_on_any_threads;
 use geom_core::{Agreement, Cancelled};
 use proptest::prelude::*;
 
@@ -155,4 +156,19 @@ fn values_are_short() {
     assert_eq!([of(1e-310), of(-1e200)], ["1e-310", "-1e200"]);
     let text = OutOfRange::new("option", "a path that is rather long", "be shorter");
     assert_eq!(text.value, "a path that is rather long");
+}
+
+#[test]
+fn loops_give_what_their_items_give_in_order() {
+    for n in [0, 1, 2, 31, 32, 33, 1000] {
+        let made = same_on_any_threads(|| {
+            let squares = parallel::map(n, |i| i * i);
+            let roots = parallel::map_each(&squares, |s| s.isqrt());
+            let steps = parallel::flat_map(n, |i| 0..i % 3);
+            (squares, roots, steps)
+        });
+        assert_eq!(made.0, (0..n).map(|i| i * i).collect::<Vec<_>>());
+        assert_eq!(made.1, (0..n).collect::<Vec<_>>());
+        assert_eq!(made.2, (0..n).flat_map(|i| 0..i % 3).collect::<Vec<_>>());
+    }
 }

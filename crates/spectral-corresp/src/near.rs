@@ -33,11 +33,7 @@ impl Neighbourhoods {
         let tree = PointTree::of_positions(points)?;
         let around = |p: &Point3| tree.within(&[p.x, p.y, p.z], radius);
         // Counted first and found again: not all pairs are ever held at once.
-        let counts: Vec<u32> = points
-            .par_iter()
-            .with_min_len(32)
-            .map(|p| around(p).len() as u32)
-            .collect();
+        let counts: Vec<u32> = parallel::map_each(points, |p| around(p).len() as u32);
         let random = SplitMix64::new(seed);
         let is_in = |i: u32, j: u32| {
             let least = counts[i as usize].min(counts[j as usize]) - 1;

@@ -1,6 +1,7 @@
 //! The true map of a protein in two poses, from its atoms: the same atoms in both say where each point of the surface
 //! went.
 
+use geom_core::compute::parallel;
 use geom_core::nalgebra::Matrix3;
 use geom_core::search::nearest::PointTree;
 use geom_core::{Point3, Vector3};
@@ -92,7 +93,7 @@ impl Truth {
         };
         Ok(Self {
             powers: [lifted(atoms_a)?, lifted(atoms_b)?],
-            rotations: atoms_a.par_iter().with_min_len(16).map(motion).collect(),
+            rotations: parallel::map_each(atoms_a, motion),
             atoms: [atoms_a.to_vec(), atoms_b.to_vec()],
         })
     }

@@ -14,7 +14,6 @@ use geom_core::shaders::{
     SPECTRAL_CORRESP_ROTATIONS, SPECTRAL_CORRESP_SWEEP,
 };
 use geom_core::{GpuContext, GpuError, Point3, Vector3, Wgpu};
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::{CorrespBackend, HistogramTask, Nearest, RotationTask, Rows, SweepTask};
@@ -130,7 +129,7 @@ impl CorrespBackend for Wgpu {
         }
         let gpu = self.gpu();
         let far = |&inside: &bool| if inside { FAR } else { 0 };
-        let first: Vec<u32> = inside.par_iter().map(far).collect();
+        let first: Vec<u32> = parallel::map_each(inside, far);
         let mut buffers = [
             gpu.upload("squares", &first)?,
             gpu.output::<u32>("squares", inside.len())?,

@@ -2,8 +2,8 @@
 //! from that.
 
 use geom_core::TriMesh;
+use geom_core::compute::parallel;
 use geom_core::options::require;
-use rayon::prelude::*;
 
 use super::cut::Cut;
 use crate::Error;
@@ -120,24 +120,21 @@ pub(crate) fn charts(
         frames.areas()[f] / (u * v)
     };
     let mean = (0..frames.faces()).map(quads).sum::<f64>() / frames.faces() as f64;
-    (0..frames.faces())
-        .into_par_iter()
-        .map(|f| {
-            let arm = field.theta[f] + QUARTER * f64::from(cut.comb[f]);
-            let (u, v) = (frames.direction(f, arm), frames.direction(f, arm + QUARTER));
-            let p = mesh.corners(f);
-            let normal = mesh.doubled_area_normal(f);
-            let scaled = normal / normal.norm_squared();
-            let hats = [0, 1, 2].map(|k| {
-                let g = scaled.cross(&(p[(k + 2) % 3] - p[(k + 1) % 3]));
-                [g.dot(&u), g.dot(&v)]
-            });
-            let [h_u, h_v] = spacing.of_face(f, cut.comb[f]);
-            Chart {
-                along_u: hats.map(|g| g.map(|x| h_u * x)),
-                along_v: hats.map(|g| g.map(|x| h_v * x)),
-                area: quads(f) / mean,
-            }
-        })
-        .collect()
+    parallel::map(frames.faces(), |f| {
+        let arm = field.theta[f] + QUARTER * f64::from(cut.comb[f]);
+        let (u, v) = (frames.direction(f, arm), frames.direction(f, arm + QUARTER));
+        let p = mesh.corners(f);
+        let normal = mesh.doubled_area_normal(f);
+        let scaled = normal / normal.norm_squared();
+        let hats = [0, 1, 2].map(|k| {
+            let g = scaled.cross(&(p[(k + 2) % 3] - p[(k + 1) % 3]));
+            [g.dot(&u), g.dot(&v)]
+        });
+        let [h_u, h_v] = spacing.of_face(f, cut.comb[f]);
+        Chart {
+            along_u: hats.map(|g| g.map(|x| h_u * x)),
+            along_v: hats.map(|g| g.map(|x| h_v * x)),
+            area: quads(f) / mean,
+        }
+    })
 }

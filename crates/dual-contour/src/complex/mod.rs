@@ -23,8 +23,8 @@
 //!   90°; where sizes change they lie between 30° and 135°.
 
 use geom_core::Point3;
+use geom_core::compute::parallel;
 use geom_core::mesh::Region;
-use rayon::prelude::*;
 
 use crate::octree::{Leaf, NONE, Octree, Samples, block_index, corner_of, local};
 
@@ -122,17 +122,14 @@ impl Kinds {
             split_leaves: Vec::new(),
             splits: Vec::new(),
         };
-        let kinds = (0..tree.leaves.len() as u32)
-            .into_par_iter()
-            .with_min_len(1024)
-            .map(|id| {
-                if interfaces == Interfaces::OfFinest && tree.leaves[id as usize].log > 0 {
-                    SIMPLE
-                } else {
-                    view.kind_of(id, &masks)
-                }
-            })
-            .collect();
+        let kinds = parallel::map(tree.leaves.len(), |id| {
+            let id = id as u32;
+            if interfaces == Interfaces::OfFinest && tree.leaves[id as usize].log > 0 {
+                SIMPLE
+            } else {
+                view.kind_of(id, &masks)
+            }
+        });
         Self(kinds)
     }
 
@@ -206,14 +203,10 @@ impl<'a> Complex<'a> {
         out.split_leaves = (0..tree.leaves.len() as u32)
             .filter(|&id| out.is_split(id))
             .collect();
-        out.splits = out
-            .split_leaves
-            .par_iter()
-            .map(|&id| {
-                let leaf = &tree.leaves[id as usize];
-                Split::new(samples, leaf.origin(), &out.corner_labels(leaf))
-            })
-            .collect();
+        out.splits = parallel::map_each(&out.split_leaves, |&id| {
+            let leaf = &tree.leaves[id as usize];
+            Split::new(samples, leaf.origin(), &out.corner_labels(leaf))
+        });
         out
     }
 
@@ -403,26 +396,23 @@ impl<'a> Complex<'a> {
     /// The ghost cells of a box that is part of the mesh, in order.
     /// By leaf, then by face, then by half: what [`Numbering`] and the dual vertices search in.
     pub(crate) fn ghosts(&self) -> Vec<(u32, u8)> {
-        (0..self.tree.leaves.len() as u32)
-            .into_par_iter()
-            .with_min_len(1024)
-            .flat_map_iter(|id| {
-                let leaf = self.leaf(id);
-                let (o, s) = (leaf.origin(), leaf.size());
-                let halves = if self.is_split(id) { 2 } else { 1 };
-                let outer = move |face: usize| {
-                    let (axis, side) = (face / 2, face % 2);
-                    !leaf.void
-                        && if side == 0 {
-                            o[axis] == 0
-                        } else {
-                            o[axis] + s == self.tree.cells[axis]
-                        }
-                };
-                (0..6usize)
-                    .filter(move |&f| outer(f))
-                    .flat_map(move |f| (0..halves).map(move |h| (id, (2 * f + h) as u8)))
-            })
-            .collect()
+        parallel::flat_map(self.tree.leaves.len(), |id| {
+            let id = id as u32;
+            let leaf = self.leaf(id);
+            let (o, s) = (leaf.origin(), leaf.size());
+            let halves = if self.is_split(id) { 2 } else { 1 };
+            let outer = move |face: usize| {
+                let (axis, side) = (face / 2, face % 2);
+                !leaf.void
+                    && if side == 0 {
+                        o[axis] == 0
+                    } else {
+                        o[axis] + s == self.tree.cells[axis]
+                    }
+            };
+            (0..6usize)
+                .filter(move |&f| outer(f))
+                .flat_map(move |f| (0..halves).map(move |h| (id, (2 * f + h) as u8)))
+        })
     }
 }

@@ -8,7 +8,6 @@
 use geom_core::Point3;
 use geom_core::compute::parallel;
 use geom_core::mesh::{INTERIOR, Region};
-use rayon::prelude::*;
 
 use super::Duals;
 use super::probe::{Probe, sample_corner};
@@ -69,14 +68,10 @@ impl<'a> Emitter<'a> {
     pub(crate) fn positions(&self, added: &[Point3]) -> Vec<Point3> {
         let complex = self.complex;
         let vertices: Vec<Vertex> = self.numbering.vertices().collect();
-        let mut out: Vec<Point3> = vertices
-            .par_iter()
-            .with_min_len(1024)
-            .map(|v| match v {
-                Vertex::Cell(cell) => self.duals.position(complex, cell),
-                Vertex::Corner(corner) => complex.corner_position(*corner),
-            })
-            .collect();
+        let mut out: Vec<Point3> = parallel::map_each(&vertices, |v| match v {
+            Vertex::Cell(cell) => self.duals.position(complex, cell),
+            Vertex::Corner(corner) => complex.corner_position(*corner),
+        });
         out.extend(added);
         out
     }
@@ -85,16 +80,12 @@ impl<'a> Emitter<'a> {
     pub(crate) fn meeting(&self, added: usize, keep: impl Fn(Region) -> bool + Sync) -> Vec<u8> {
         let complex = self.complex;
         let vertices: Vec<Vertex> = self.numbering.vertices().collect();
-        let mut out: Vec<u8> = vertices
-            .par_iter()
-            .with_min_len(1024)
-            .map(|v| match v {
-                Vertex::Cell(cell) => {
-                    distinct(complex.labels_of(cell).into_iter().map(|l| seen(l, &keep)))
-                }
-                Vertex::Corner(_) => 1,
-            })
-            .collect();
+        let mut out: Vec<u8> = parallel::map_each(&vertices, |v| match v {
+            Vertex::Cell(cell) => {
+                distinct(complex.labels_of(cell).into_iter().map(|l| seen(l, &keep)))
+            }
+            Vertex::Corner(_) => 1,
+        });
         out.resize(out.len() + added, 2);
         out
     }
@@ -104,27 +95,24 @@ impl<'a> Emitter<'a> {
     /// all others.
     pub(crate) fn emit<F: Fn(Region) -> bool + Sync>(&self, want: &Want<F>) -> Emission {
         let leaves = self.complex.tree.leaves.len();
-        let batches: Vec<Emission> = (0..leaves.div_ceil(BATCH))
-            .into_par_iter()
-            .map(|b| {
-                let mut out = Emission::default();
-                for id in b * BATCH..((b + 1) * BATCH).min(leaves) {
-                    // The surface passes edges between molecule and others; pieces of the box close it.
-                    let caps = !self.duals.ghosts().is_empty() && self.complex.is_on_box(id as u32);
-                    let asked = |p: Region, q: Region| {
-                        let surface = (p == INTERIOR) != (q == INTERIOR);
-                        let cap = caps && (p == INTERIOR || q == INTERIOR);
-                        surface || cap || want.tets && ((want.region)(p) || (want.region)(q))
-                    };
-                    if !want.tets && !caps && !self.complex.is_interface(id as u32) {
-                        continue;
-                    }
-                    self.complex
-                        .rings_of(id as u32, asked, |ring| self.ring(ring, want, &mut out));
+        let batches: Vec<Emission> = parallel::map(leaves.div_ceil(BATCH), |b| {
+            let mut out = Emission::default();
+            for id in b * BATCH..((b + 1) * BATCH).min(leaves) {
+                // The surface passes edges between molecule and others; pieces of the box close it.
+                let caps = !self.duals.ghosts().is_empty() && self.complex.is_on_box(id as u32);
+                let asked = |p: Region, q: Region| {
+                    let surface = (p == INTERIOR) != (q == INTERIOR);
+                    let cap = caps && (p == INTERIOR || q == INTERIOR);
+                    surface || cap || want.tets && ((want.region)(p) || (want.region)(q))
+                };
+                if !want.tets && !caps && !self.complex.is_interface(id as u32) {
+                    continue;
                 }
-                out
-            })
-            .collect();
+                self.complex
+                    .rings_of(id as u32, asked, |ring| self.ring(ring, want, &mut out));
+            }
+            out
+        });
         let counts: Vec<u32> = batches.iter().map(|b| b.added.len() as u32).collect();
         let starts = parallel::starts_of(&counts);
         let shift = |batch: usize, v: u32| {

@@ -5,6 +5,7 @@
 //! Nothing that is emitted moves a point any more.
 
 use geom_core::Point3;
+use geom_core::compute::parallel;
 use rayon::prelude::*;
 
 use crate::Error;
@@ -75,14 +76,10 @@ impl Duals {
         for (i, &id) in moved.iter().enumerate() {
             rank[id as usize] = i as u32;
         }
-        let frames: Vec<u32> = moved
-            .par_iter()
-            .with_min_len(1024)
-            .map(|&id| match complex.leaf(id).log {
-                0 => 0,
-                _ => complex.frame(id).used,
-            })
-            .collect();
+        let frames: Vec<u32> = parallel::map_each(&moved, |&id| match complex.leaf(id).log {
+            0 => 0,
+            _ => complex.frame(id).used,
+        });
         let leaves = known_or_found(complex, probe, &moved, &frames, before, backend)?;
         let mut out = Self {
             rank,
@@ -95,11 +92,9 @@ impl Duals {
         };
         if ends == Ends::AtBox {
             out.ghosts = complex.ghosts();
-            out.ghost_points = out
-                .ghosts
-                .par_iter()
-                .map(|&(id, half)| ghost_point(complex, probe, id, half))
-                .collect();
+            out.ghost_points = parallel::map_each(&out.ghosts, |&(id, half)| {
+                ghost_point(complex, probe, id, half)
+            });
         }
         out.keep_positive(complex);
         Ok(out)

@@ -6,6 +6,7 @@
 //! leaves the cell is cut off at its walls, so that neighbours keep their order.
 
 use geom_core::compute::BackendError;
+use geom_core::compute::parallel;
 use geom_core::mesh::INTERIOR;
 use geom_core::{FieldAtMany, Point3, Vector3};
 use rayon::prelude::*;
@@ -47,11 +48,9 @@ pub(super) fn leaf_points(
         .par_iter()
         .with_min_len(1024)
         .partition(|&&id| by_kernel(id));
-    let cells: Vec<[f32; 8]> = fine
-        .par_iter()
-        .with_min_len(256)
-        .map(|&id| samples.corners_over_level(complex.leaf(id).origin()))
-        .collect();
+    let cells: Vec<[f32; 8]> = parallel::map_each(&fine, |&id| {
+        samples.corners_over_level(complex.leaf(id).origin())
+    });
     let fine_points = dual_vertices(backend, &cells)?;
     let rest_points = rest_points(complex, probe, &rest)?;
     // Both lists are in order: merge them.
@@ -126,11 +125,9 @@ pub(crate) fn finest_points(
     debug_assert_eq!(out.len(), cells.len());
     let all = out.par_iter_mut().zip(cells);
     if probe.field.is_none() && probe.placement == Placement::Newton {
-        let values: Vec<[f32; 8]> = cells
-            .par_iter()
-            .with_min_len(4096)
-            .map(|&(slot, cell)| samples.corners_in(slot as usize, cell))
-            .collect();
+        let values: Vec<[f32; 8]> = parallel::map_each(cells, |&(slot, cell)| {
+            samples.corners_in(slot as usize, cell)
+        });
         let points = dual_vertices(backend, &values)?;
         all.zip(points)
             .with_min_len(4096)

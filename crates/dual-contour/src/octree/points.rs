@@ -6,7 +6,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use rayon::prelude::*;
+use geom_core::compute::parallel;
 
 use super::tree::{BLOCK, BLOCK_LOG, block_coordinates, block_count, block_index};
 
@@ -89,18 +89,15 @@ impl PointSet {
 
     /// All marked points in the order of their numbers.
     pub(crate) fn points(&self) -> Vec<[i32; 3]> {
-        (0..self.bits.len())
-            .into_par_iter()
-            .flat_map_iter(|b| {
-                let low = block_coordinates(self.blocks, b).map(|c| c * BLOCK);
-                let words = self.bits[b];
-                (0..512i32).filter_map(move |i| {
-                    let d = [i & 7, i >> 3 & 7, i >> 6];
-                    (words[d[2] as usize] >> (i & 63) & 1 == 1)
-                        .then(|| [0, 1, 2].map(|k| low[k] + d[k]))
-                })
+        parallel::flat_map(self.bits.len(), |b| {
+            let low = block_coordinates(self.blocks, b).map(|c| c * BLOCK);
+            let words = self.bits[b];
+            (0..512i32).filter_map(move |i| {
+                let d = [i & 7, i >> 3 & 7, i >> 6];
+                (words[d[2] as usize] >> (i & 63) & 1 == 1)
+                    .then(|| [0, 1, 2].map(|k| low[k] + d[k]))
             })
-            .collect()
+        })
     }
 }
 

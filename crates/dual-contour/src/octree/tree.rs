@@ -14,6 +14,7 @@
 
 use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
+use geom_core::compute::parallel;
 use rayon::prelude::*;
 
 /// Finest cells per side of a block, and its logarithm.
@@ -150,9 +151,8 @@ impl Octree {
         let two = split_two(cells, blocks, splits);
         let four = split_four(cells, blocks, splits, &two);
         let coarse = Coarse::new(cells, blocks, splits, &four);
-        let mut nodes: Vec<Node> = (0..two.len())
-            .into_par_iter()
-            .map(|b| match coarse.level(block_coordinates(blocks, b)) {
+        let mut nodes: Vec<Node> = parallel::map(two.len(), |b| {
+            match coarse.level(block_coordinates(blocks, b)) {
                 0 => Node {
                     two: two[b],
                     base: 0,
@@ -165,16 +165,15 @@ impl Octree {
                     four: 0,
                     level,
                 },
-            })
-            .collect();
+            }
+        });
         let total = number(blocks, &mut nodes);
         if total > most {
             return Err(TooManyLeaves(total));
         }
-        let leaves = (0..nodes.len())
-            .into_par_iter()
-            .flat_map_iter(|b| leaves_of(&nodes[b], block_coordinates(blocks, b), cells))
-            .collect();
+        let leaves = parallel::flat_map(nodes.len(), |b| {
+            leaves_of(&nodes[b], block_coordinates(blocks, b), cells)
+        });
         Ok(Self {
             cells,
             blocks,
@@ -235,24 +234,21 @@ impl Octree {
 
 /// The split cells of size 2: those asked for, and those that cross the end of the domain.
 fn split_two(cells: [i32; 3], blocks: [i32; 3], splits: &Splits) -> Vec<u64> {
-    (0..splits.two.len())
-        .into_par_iter()
-        .map(|b| {
-            let low = block_coordinates(blocks, b).map(|c| c * BLOCK);
-            let mut bits = splits.two[b];
-            if splits.largest < 1 {
-                bits = !0;
+    parallel::map(splits.two.len(), |b| {
+        let low = block_coordinates(blocks, b).map(|c| c * BLOCK);
+        let mut bits = splits.two[b];
+        if splits.largest < 1 {
+            bits = !0;
+        }
+        if (0..3).any(|k| low[k] + BLOCK > cells[k]) {
+            for t in 0..64 {
+                let (p, q) = (corner_of(t >> 3), corner_of(t & 7));
+                let o = [0, 1, 2].map(|k| low[k] + 4 * p[k] + 2 * q[k]);
+                bits |= u64::from(crosses(o, 2, cells)) << t;
             }
-            if (0..3).any(|k| low[k] + BLOCK > cells[k]) {
-                for t in 0..64 {
-                    let (p, q) = (corner_of(t >> 3), corner_of(t & 7));
-                    let o = [0, 1, 2].map(|k| low[k] + 4 * p[k] + 2 * q[k]);
-                    bits |= u64::from(crosses(o, 2, cells)) << t;
-                }
-            }
-            bits
-        })
-        .collect()
+        }
+        bits
+    })
 }
 
 /// The split cells of size 4: those asked for, those that cross the end of the domain, and the parents of all

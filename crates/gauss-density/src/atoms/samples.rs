@@ -6,6 +6,7 @@
 //! catch what passes between points. Points of a cell of a few Å share their atoms, so that the tree of these is gathered once per
 //! cell and evaluated at all its points side by side.
 
+use geom_core::compute::parallel;
 use geom_core::grid::Brick;
 use geom_core::{Aabb, BrickGrid, LatticeValues, Point3};
 use rayon::prelude::*;
@@ -138,42 +139,39 @@ fn points_of(sampler: &PointSampler<'_>, grid: &BrickGrid, wanted: &Wanted) -> V
     let lattice = *grid.lattice();
     let [nx, ny, nz] = grid.bricks();
     let [low, high] = wanted.band;
-    let lists: Vec<Vec<Point3>> = (0..nx * ny * nz)
-        .into_par_iter()
-        .map(|b| {
-            let brick = grid.brick_coordinates(b);
-            let mut found = Vec::new();
-            let kind = grid.brick(brick);
-            if kind == Brick::Exterior {
-                return found;
-            }
-            if kind == Brick::Interior && wanted.interior.is_none() && !wanted.ends {
-                return found;
-            }
-            for_points(&lattice, brick, |p| {
-                let g = f64::from(grid.at(p));
-                let stride = |n: usize| p.iter().all(|c| c % n == 0);
-                let inside = wanted.interior.is_some_and(|n| g >= high && stride(n));
-                let mut take = (g > low && g < high) || inside;
-                for axis in 0..3 {
-                    let mut q = p;
-                    q[axis] += 1;
-                    let crosses = |q: [usize; 3]| (f64::from(grid.at(q)) >= 1.0) != (g >= 1.0);
-                    if q[axis] < lattice.counts[axis] && crosses(q) {
-                        found.push(root_on_edge(sampler, grid, p, q));
-                        take |= wanted.ends;
-                    }
-                    if wanted.ends && p[axis] > 0 {
-                        q[axis] -= 2;
-                        take |= crosses(q);
-                    }
+    let lists: Vec<Vec<Point3>> = parallel::map(nx * ny * nz, |b| {
+        let brick = grid.brick_coordinates(b);
+        let mut found = Vec::new();
+        let kind = grid.brick(brick);
+        if kind == Brick::Exterior {
+            return found;
+        }
+        if kind == Brick::Interior && wanted.interior.is_none() && !wanted.ends {
+            return found;
+        }
+        for_points(&lattice, brick, |p| {
+            let g = f64::from(grid.at(p));
+            let stride = |n: usize| p.iter().all(|c| c % n == 0);
+            let inside = wanted.interior.is_some_and(|n| g >= high && stride(n));
+            let mut take = (g > low && g < high) || inside;
+            for axis in 0..3 {
+                let mut q = p;
+                q[axis] += 1;
+                let crosses = |q: [usize; 3]| (f64::from(grid.at(q)) >= 1.0) != (g >= 1.0);
+                if q[axis] < lattice.counts[axis] && crosses(q) {
+                    found.push(root_on_edge(sampler, grid, p, q));
+                    take |= wanted.ends;
                 }
-                if take {
-                    found.push(lattice.point(p));
+                if wanted.ends && p[axis] > 0 {
+                    q[axis] -= 2;
+                    take |= crosses(q);
                 }
-            });
-            found
-        })
-        .collect();
+            }
+            if take {
+                found.push(lattice.point(p));
+            }
+        });
+        found
+    });
     lists.concat()
 }

@@ -1,5 +1,6 @@
 //! Many copies of one model, held as one: capsids.
 
+use geom_core::compute::parallel;
 use geom_core::structure::Transform;
 use geom_core::{Aabb, Lattice, Point3};
 use rayon::prelude::*;
@@ -85,17 +86,13 @@ impl Copies {
     /// The smallest box that holds the centres of all atoms.
     /// Goes over all atoms of all copies, side by side; a box that is turned with its copy would be too large.
     pub fn center_bounds(&self) -> Aabb {
-        let boxes: Vec<Aabb> = self
-            .places
-            .par_iter()
-            .map(|place| {
-                let moved = self.unit.centers().iter().map(|c| place.apply(c));
-                moved.fold(Aabb::EMPTY, |mut all, x| {
-                    all.include(x);
-                    all
-                })
+        let boxes: Vec<Aabb> = parallel::map_each(&self.places, |place| {
+            let moved = self.unit.centers().iter().map(|c| place.apply(c));
+            moved.fold(Aabb::EMPTY, |mut all, x| {
+                all.include(x);
+                all
             })
-            .collect();
+        });
         boxes.iter().fold(Aabb::EMPTY, |mut all, own| {
             all.include(own.min);
             all.include(own.max);

@@ -1,7 +1,7 @@
 //! How far the surface of one model lies from that of another, as a share of the density.
 
+use geom_core::compute::parallel;
 use geom_core::{BrickGrid, ImplicitField, LatticeValues, Run};
-use rayon::prelude::*;
 
 use crate::backend::{DensityBackend, On};
 use crate::error::Error;
@@ -85,38 +85,35 @@ pub(crate) fn compare_bands(
     let sampler = PointSampler::above(NEAR, model, Cutoff(1e-5))?;
     let lattice = *new.lattice();
     let [nx, ny, nz] = lattice.counts;
-    let planes: Vec<(f64, f64, u64, [u64; 2])> = (0..nz)
-        .into_par_iter()
-        .map(|z| {
-            let (mut worst, mut squares, mut points, mut lost) = (0.0f64, 0.0, 0, [0u64; 2]);
-            for y in 0..ny {
-                for x in 0..nx {
-                    let p = [x, y, z];
-                    let inside = new.at(p) >= 1.0;
-                    if f64::from(old.at(p)) >= high {
-                        lost[0] += u64::from(!inside);
-                        lost[1] += 1;
-                    }
-                    for axis in 0..3 {
-                        let mut q = p;
-                        q[axis] += 1;
-                        if q[axis] < lattice.counts[axis] && (new.at(q) >= 1.0) != inside {
-                            let at = root_on_edge(&sampler, new, p, q);
-                            let exact = original.value(&at);
-                            // Inner surfaces of a hollow body have no counterpart.
-                            if exact < high {
-                                let off = (1.0 - exact).abs() / exact;
-                                worst = worst.max(off);
-                                squares += off * off;
-                                points += 1;
-                            }
+    let planes: Vec<(f64, f64, u64, [u64; 2])> = parallel::map(nz, |z| {
+        let (mut worst, mut squares, mut points, mut lost) = (0.0f64, 0.0, 0, [0u64; 2]);
+        for y in 0..ny {
+            for x in 0..nx {
+                let p = [x, y, z];
+                let inside = new.at(p) >= 1.0;
+                if f64::from(old.at(p)) >= high {
+                    lost[0] += u64::from(!inside);
+                    lost[1] += 1;
+                }
+                for axis in 0..3 {
+                    let mut q = p;
+                    q[axis] += 1;
+                    if q[axis] < lattice.counts[axis] && (new.at(q) >= 1.0) != inside {
+                        let at = root_on_edge(&sampler, new, p, q);
+                        let exact = original.value(&at);
+                        // Inner surfaces of a hollow body have no counterpart.
+                        if exact < high {
+                            let off = (1.0 - exact).abs() / exact;
+                            worst = worst.max(off);
+                            squares += off * off;
+                            points += 1;
                         }
                     }
                 }
             }
-            (worst, squares, points, lost)
-        })
-        .collect();
+        }
+        (worst, squares, points, lost)
+    });
     let mut result = Comparison::default();
     let mut lost = [0, 0];
     for (worst, squares, points, part) in planes {

@@ -6,6 +6,7 @@
 use std::sync::Arc;
 
 use geom_core::compute::BackendError;
+use geom_core::compute::parallel;
 use geom_core::field::{Precision, crossing};
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Aabb, BrickGrid, FieldAtMany, ImplicitField, LatticeValues, Point3, Vector3};
@@ -320,7 +321,7 @@ impl FieldAtMany for PointSampler<'_> {
         out: &mut Vec<(f64, Vector3)>,
     ) -> Result<(), BackendError> {
         let cell = |x: &Point3| self.cell_of(x).filter(|_| !is_beyond_numbers(x));
-        let cells: Vec<Option<usize>> = points.par_iter().map(cell).collect();
+        let cells: Vec<Option<usize>> = parallel::map_each(points, cell);
         let mut found = Vec::new();
         if let Some(Kernel(kernel)) = &self.kernel {
             let inside = points.iter().zip(&cells);

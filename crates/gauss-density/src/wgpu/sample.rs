@@ -13,10 +13,10 @@
 use std::borrow::Cow;
 
 use bytemuck::{Pod, Zeroable};
+use geom_core::compute::parallel;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::shaders::{GAUSS_DENSITY_COMPACT, GAUSS_DENSITY_CULL, GAUSS_DENSITY_DENSITY};
 use geom_core::{Point3, Wgpu};
-use rayon::prelude::*;
 
 use super::{Items, MAX_GROUPS};
 use crate::backend::{Block, BlockValues, Job};
@@ -72,10 +72,7 @@ pub(super) fn sample_within(
     blocks: &[Block],
     results: &mut Vec<BlockValues>,
 ) -> Result<(), Error> {
-    let trees: Vec<ActiveSet> = blocks
-        .par_iter()
-        .map(|b| ActiveSet::gather(model, &b.atoms))
-        .collect();
+    let trees: Vec<ActiveSet> = parallel::map_each(blocks, |b| ActiveSet::gather(model, &b.atoms));
     // 16 bytes of state per item and brick, and the values.
     let of_brick = |tree: &ActiveSet| {
         let nodes: usize = tree.levels.iter().map(Level::len).sum();

@@ -12,6 +12,7 @@
 
 use std::sync::Arc;
 
+use crate::compute::parallel;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::linalg::cholesky::llt::factor::LltError;
@@ -425,10 +426,9 @@ fn solve_parts<T: Scalar, const C: usize>(
     parts: usize,
 ) {
     let range = |part: usize| first + part * C..(first + (part + 1) * C).min(columns);
-    let solved: Vec<Solved<T, C>> = (0..parts)
-        .into_par_iter()
-        .map(|part| schedule.solve(factor, block, columns, range(part)))
-        .collect();
+    let solved: Vec<Solved<T, C>> = parallel::map(parts, |part| {
+        schedule.solve(factor, block, columns, range(part))
+    });
     block
         .par_chunks_mut(columns)
         .enumerate()

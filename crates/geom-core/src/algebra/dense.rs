@@ -5,6 +5,7 @@
 //! over all rows, which threads would add up in whatever order they finish. Here rows are cut into pieces of a fixed length whose
 //! sums are added in their order.
 
+use crate::compute::parallel;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
@@ -50,15 +51,12 @@ pub(crate) fn gram(a: &[Tall<'_>], b: Tall<'_>) -> Vec<f64> {
         return Vec::new();
     }
     let n = b.rows();
-    let parts: Vec<Vec<f64>> = (0..n.div_ceil(ROWS))
-        .into_par_iter()
-        .map(|k| {
-            let (from, rows) = (k * ROWS, ROWS.min(n - k * ROWS));
-            let mut part = vec![0.0; length];
-            gram_part(&mut part, a, b.part(from, rows), from);
-            part
-        })
-        .collect();
+    let parts: Vec<Vec<f64>> = parallel::map(n.div_ceil(ROWS), |k| {
+        let (from, rows) = (k * ROWS, ROWS.min(n - k * ROWS));
+        let mut part = vec![0.0; length];
+        gram_part(&mut part, a, b.part(from, rows), from);
+        part
+    });
     add_all(parts, length)
 }
 

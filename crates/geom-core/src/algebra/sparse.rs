@@ -20,6 +20,7 @@
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};
 
+use crate::compute::parallel;
 use nalgebra::Complex;
 use rayon::prelude::*;
 
@@ -247,30 +248,27 @@ impl<T: Scalar> SparseMatrix<T> {
         columns: usize,
         row: impl Fn(usize, &mut Vec<(u32, T)>) + Sync,
     ) -> Result<Self, Error> {
-        let parts: Vec<_> = (0..rows.div_ceil(ROWS))
-            .into_par_iter()
-            .map(|part| {
-                let range = part * ROWS..((part + 1) * ROWS).min(rows);
-                let (mut lengths, mut indices, mut values) = (Vec::new(), Vec::new(), Vec::new());
-                let mut entries: Vec<(u32, T)> = Vec::new();
-                for i in range {
-                    entries.clear();
-                    row(i, &mut entries);
-                    entries.sort_by_key(|e| e.0);
-                    let before = indices.len();
-                    for &(column, value) in &entries {
-                        if indices.len() > before && indices.last() == Some(&column) {
-                            *values.last_mut().expect("as many values as indices") += value;
-                        } else {
-                            indices.push(column);
-                            values.push(value);
-                        }
+        let parts: Vec<_> = parallel::map(rows.div_ceil(ROWS), |part| {
+            let range = part * ROWS..((part + 1) * ROWS).min(rows);
+            let (mut lengths, mut indices, mut values) = (Vec::new(), Vec::new(), Vec::new());
+            let mut entries: Vec<(u32, T)> = Vec::new();
+            for i in range {
+                entries.clear();
+                row(i, &mut entries);
+                entries.sort_by_key(|e| e.0);
+                let before = indices.len();
+                for &(column, value) in &entries {
+                    if indices.len() > before && indices.last() == Some(&column) {
+                        *values.last_mut().expect("as many values as indices") += value;
+                    } else {
+                        indices.push(column);
+                        values.push(value);
                     }
-                    lengths.push((indices.len() - before) as u32);
                 }
-                (lengths, indices, values)
-            })
-            .collect();
+                lengths.push((indices.len() - before) as u32);
+            }
+            (lengths, indices, values)
+        });
         let lengths: Vec<u32> = parts.iter().flat_map(|p| &p.0).copied().collect();
         let starts = crate::compute::parallel::starts_of(&lengths);
         check_size(rows, starts[rows])?;
@@ -397,14 +395,11 @@ impl<T: Scalar> SparseMatrix<T> {
 
     /// The same pattern with other values: `value(row, column, old)`. Zeros among them stay entries. Parallel.
     pub fn map(&self, value: impl Fn(usize, usize, T) -> T + Sync) -> Self {
-        let parts: Vec<Vec<T>> = (0..self.rows().div_ceil(ROWS))
-            .into_par_iter()
-            .map(|part| {
-                let rows = part * ROWS..((part + 1) * ROWS).min(self.rows());
-                let entries = rows.flat_map(|i| self.row(i).map(move |(j, a)| (i, j, a)));
-                entries.map(|(i, j, a)| value(i, j, a)).collect()
-            })
-            .collect();
+        let parts: Vec<Vec<T>> = parallel::map(self.rows().div_ceil(ROWS), |part| {
+            let rows = part * ROWS..((part + 1) * ROWS).min(self.rows());
+            let entries = rows.flat_map(|i| self.row(i).map(move |(j, a)| (i, j, a)));
+            entries.map(|(i, j, a)| value(i, j, a)).collect()
+        });
         Self {
             columns: self.columns,
             starts: self.starts.clone(),
@@ -494,11 +489,9 @@ impl<T: Scalar> SparseMatrix<T> {
                 expected: self.columns,
             });
         }
-        let largest: Vec<f64> = (0..self.rows())
-            .into_par_iter()
-            .with_min_len(ROWS)
-            .map(|i| self.row(i).fold(0.0, |m, (_, a)| a.norm_squared().max(m)))
-            .collect();
+        let largest: Vec<f64> = parallel::map(self.rows(), |i| {
+            self.row(i).fold(0.0, |m, (_, a)| a.norm_squared().max(m))
+        });
         let check_row = |i: usize| {
             for (j, a) in self.row(i) {
                 if !a.finite() {

@@ -4,6 +4,9 @@
 //! A sum of floating-point numbers depends on the order in which they are added, and threads finish in any order. Here
 //! the pieces do not depend on the number of threads, and what they give is added in the order of the pieces.
 
+use std::ops::Range;
+use std::sync::Mutex;
+
 use rayon::prelude::*;
 
 /// Elements per chunk of a parallel sum. Part of the result: another number, other last bits. Large enough that handing
@@ -51,11 +54,73 @@ fn later_only_if_larger(best: Option<(usize, f64)>, next: (usize, f64)) -> Optio
 
 /// One value per fixed chunk of `0..n`, in chunk order. `f` is called with ranges of [`CHUNK`] indices, the last one
 /// shorter, and may add within a range in the order that it likes.
-pub fn fold_chunks<T: Send>(n: usize, f: impl Fn(std::ops::Range<usize>) -> T + Sync) -> Vec<T> {
-    (0..n.div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|c| f(c * CHUNK..((c + 1) * CHUNK).min(n)))
-        .collect()
+pub fn fold_chunks<T: Send>(n: usize, f: impl Fn(Range<usize>) -> T + Sync) -> Vec<T> {
+    map(
+        n.div_ceil(CHUNK),
+        |c| f(c * CHUNK..((c + 1) * CHUNK).min(n)),
+    )
+}
+
+/// `[f(0), f(1), …, f(n - 1)]`.
+///
+/// ```
+/// assert_eq!(geom_core::compute::parallel::map(3, |i| i * i), [0, 1, 4]);
+/// ```
+pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    gather(n, &|piece| piece.map(&f).collect())
+}
+
+/// `f` of each item, in order.
+pub fn map_each<S: Sync, T: Send>(items: &[S], f: impl Fn(&S) -> T + Sync) -> Vec<T> {
+    gather(items.len(), &|piece| items[piece].iter().map(&f).collect())
+}
+
+/// What `f(0)`, `f(1)`, …, `f(n - 1)` give, one after the other.
+///
+/// ```
+/// assert_eq!(geom_core::compute::parallel::flat_map(4, |i| 0..i), [0, 0, 1, 0, 1, 2]);
+/// ```
+pub fn flat_map<I: IntoIterator<Item: Send>>(
+    n: usize,
+    f: impl Fn(usize) -> I + Sync,
+) -> Vec<I::Item> {
+    gather(n, &|piece| piece.flat_map(&f).collect())
+}
+
+/// Pieces per thread of a loop: more even out what takes longer in one place than in another.
+const PIECES: usize = 16;
+
+/// `f` of consecutive ranges that make up `0..n`, one after the other. How many ranges there are depends on the number of
+/// threads, so what `f` gives must not depend on where it is cut.
+///
+/// The loops of the house go through here, by reference to `f`, because a parallel iterator of rayon is five to seven
+/// thousand lines of code to the compiler wherever one stands, and this one stands in one place.
+fn gather<T: Send>(n: usize, f: &(dyn Fn(Range<usize>) -> Vec<T> + Sync)) -> Vec<T> {
+    let pieces = n.min(PIECES * rayon::current_num_threads());
+    if pieces < 2 {
+        return f(0..n);
+    }
+    // Products of a length and a number of pieces, rounded down: ranges whose lengths differ by one at most.
+    let start = |piece: usize| (n as u128 * piece as u128 / pieces as u128) as usize;
+    let parts: Vec<Mutex<Vec<T>>> = (0..pieces).map(|_| Mutex::default()).collect();
+    each(pieces, &|piece| {
+        let made = f(start(piece)..start(piece + 1));
+        *parts[piece].lock().unwrap_or_else(|held| held.into_inner()) = made;
+    });
+    let mut parts: Vec<Vec<T>> = parts
+        .into_iter()
+        .map(|part| part.into_inner().unwrap_or_else(|held| held.into_inner()))
+        .collect();
+    let mut all = Vec::with_capacity(parts.iter().map(Vec::len).sum());
+    for part in &mut parts {
+        all.append(&mut std::mem::take(part));
+    }
+    all
+}
+
+/// `f(i)` for `i < n`, in any order.
+fn each(n: usize, f: &(dyn Fn(usize) + Sync)) {
+    (0..n).into_par_iter().for_each(f);
 }
 
 /// Exclusive prefix sum: where each group starts, and the total at the end (`counts.len() + 1`

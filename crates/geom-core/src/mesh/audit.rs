@@ -10,6 +10,7 @@
 
 use std::fmt;
 
+use crate::compute::parallel;
 use rayon::prelude::*;
 
 use super::{FACES, QuadMesh, Region, TetMesh, TriMesh, is_even, six_volume, sorted};
@@ -250,10 +251,9 @@ fn examine<const N: usize>(positions: &[Point3], faces: &[[u32; N]]) -> SurfaceA
     // Areas and volumes about the middle of the bounds, so that coordinates far from the origin lose no digits.
     let measures: Vec<(f64, f64, bool)> = {
         let origin = crate::Aabb::of_points(positions).center();
-        faces
-            .par_iter()
-            .map(|f| measure(f.map(|v| positions[v as usize] - origin)))
-            .collect()
+        parallel::map_each(faces, |f| {
+            measure(f.map(|v| positions[v as usize] - origin))
+        })
     };
     for (f, (face, &(area, volume, flat))) in faces.iter().zip(&measures).enumerate() {
         let root = pieces.find(face[0]) as usize;
@@ -453,18 +453,15 @@ impl VolumeAudit {
         }
 
         // Six volumes, and whether they are only rounding beside the longest edge.
-        let volumes: Vec<(f64, bool)> = (0..tets.len())
-            .into_par_iter()
-            .map(|t| {
-                let corners = mesh.corners(t);
-                let six = six_volume(corners);
-                let longest = super::EDGES
-                    .iter()
-                    .map(|&[a, b]| (corners[b] - corners[a]).norm_squared())
-                    .fold(0.0, f64::max);
-                (six / 6.0, six.abs() <= FLAT * longest * longest.sqrt())
-            })
-            .collect();
+        let volumes: Vec<(f64, bool)> = parallel::map(tets.len(), |t| {
+            let corners = mesh.corners(t);
+            let six = six_volume(corners);
+            let longest = super::EDGES
+                .iter()
+                .map(|&[a, b]| (corners[b] - corners[a]).norm_squared())
+                .fold(0.0, f64::max);
+            (six / 6.0, six.abs() <= FLAT * longest * longest.sqrt())
+        });
         // Sums in the order of the tetrahedra, whatever the threads did.
         let mut by_region: Vec<Option<RegionAudit>> = vec![None; usize::from(Region::MAX) + 1];
         for (t, &(volume, flat)) in volumes.iter().enumerate() {

@@ -7,6 +7,7 @@
 //! [`TriangleTree`] is built once and asked often; single questions run on the calling thread,
 //! batches on the caller's rayon pool. Equal distances go to the lowest triangle.
 
+use crate::compute::parallel;
 use rayon::prelude::*;
 
 use crate::{Aabb, Point3, TriMesh, Vector3};
@@ -100,29 +101,25 @@ impl TriangleTree {
             return Err(TreeError::Empty);
         }
         let leaves = n.div_ceil(LEAF).next_power_of_two();
-        let mut order: Vec<(Point3, u32)> = (0..n)
-            .into_par_iter()
-            .map(|t| {
-                let [a, b, c] = mesh.corners(t);
-                (
-                    Point3::from((a.coords + b.coords + c.coords) / 3.0),
-                    t as u32,
-                )
-            })
-            .collect();
+        let mut order: Vec<(Point3, u32)> = parallel::map(n, |t| {
+            let [a, b, c] = mesh.corners(t);
+            (
+                Point3::from((a.coords + b.coords + c.coords) / 3.0),
+                t as u32,
+            )
+        });
         partition(&mut order, 0, leaves, leaves, n);
         let ids: Vec<u32> = order.iter().map(|&(_, t)| t).collect();
-        let corners: Vec<[Point3; 3]> = ids.par_iter().map(|&t| mesh.corners(t as usize)).collect();
+        let corners: Vec<[Point3; 3]> = parallel::map_each(&ids, |&t| mesh.corners(t as usize));
         let mut tree = Self {
             boxes: vec![Aabb::EMPTY; 2 * leaves - 1],
             leaves,
             ids,
             corners,
         };
-        let leaf_boxes: Vec<Aabb> = (0..leaves)
-            .into_par_iter()
-            .map(|l| Aabb::of_points(tree.corners[tree.slots(l)].iter().flatten()))
-            .collect();
+        let leaf_boxes: Vec<Aabb> = parallel::map(leaves, |l| {
+            Aabb::of_points(tree.corners[tree.slots(l)].iter().flatten())
+        });
         tree.boxes[leaves - 1..].copy_from_slice(&leaf_boxes);
         for i in (0..leaves - 1).rev() {
             tree.boxes[i] = tree.boxes[2 * i + 1].union(&tree.boxes[2 * i + 2]);
@@ -223,7 +220,7 @@ impl TriangleTree {
         {
             return Err(TreeError::NotFinite { query });
         }
-        Ok(queries.par_iter().map(|p| self.closest(p)).collect())
+        Ok(parallel::map_each(queries, |p| self.closest(p)))
     }
 
     /// The pairs of triangles whose leaves' boxes meet and of which `holds` is true, the lower one first, in
@@ -251,35 +248,32 @@ impl TriangleTree {
         holds: impl Fn(u32, u32) -> bool + Sync,
     ) -> Vec<[u32; 2]> {
         let inner = self.leaves - 1;
-        (0..self.leaves)
-            .into_par_iter()
-            .flat_map_iter(|leaf| {
-                let mut found = Vec::new();
-                let bounds = &self.boxes[inner + leaf].inflated(margin);
-                let mut waiting = vec![0];
-                while let Some(node) = waiting.pop() {
-                    if !self.boxes[node].intersects(bounds) {
-                        continue;
-                    }
-                    if node < inner {
-                        waiting.extend([2 * node + 1, 2 * node + 2]);
-                        continue;
-                    }
-                    // Each pair of leaves once, by the lower one.
-                    let other = node - inner;
-                    for s in self.slots(leaf).filter(|_| other >= leaf) {
-                        let from = if other == leaf { s + 1 } else { 0 };
-                        for t in self.slots(other).filter(|&t| t >= from) {
-                            let pair = [self.ids[s].min(self.ids[t]), self.ids[s].max(self.ids[t])];
-                            if holds(pair[0], pair[1]) {
-                                found.push(pair);
-                            }
+        parallel::flat_map(self.leaves, |leaf| {
+            let mut found = Vec::new();
+            let bounds = &self.boxes[inner + leaf].inflated(margin);
+            let mut waiting = vec![0];
+            while let Some(node) = waiting.pop() {
+                if !self.boxes[node].intersects(bounds) {
+                    continue;
+                }
+                if node < inner {
+                    waiting.extend([2 * node + 1, 2 * node + 2]);
+                    continue;
+                }
+                // Each pair of leaves once, by the lower one.
+                let other = node - inner;
+                for s in self.slots(leaf).filter(|_| other >= leaf) {
+                    let from = if other == leaf { s + 1 } else { 0 };
+                    for t in self.slots(other).filter(|&t| t >= from) {
+                        let pair = [self.ids[s].min(self.ids[t]), self.ids[s].max(self.ids[t])];
+                        if holds(pair[0], pair[1]) {
+                            found.push(pair);
                         }
                     }
                 }
-                found
-            })
-            .collect()
+            }
+            found
+        })
     }
 
     /// The first point where the ray `origin + time · direction`, `time ≥ 0`, meets the mesh.

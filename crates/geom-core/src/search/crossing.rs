@@ -3,6 +3,7 @@
 //! Meshers and untanglers ask it of surfaces that must not cross themselves. Signs are those of volumes in f64: what is
 //! farther than rounding from touching is decided rightly, and overlaps within one plane are not looked for.
 
+use crate::compute::parallel;
 use rayon::prelude::*;
 
 use super::bvh::TriangleTree;
@@ -175,5 +176,5 @@ impl CrossingWatch {
 fn boxed(positions: &[Point3], triangles: &[[u32; 3]]) -> Vec<BoxedTriangle> {
     let at = |v: u32| positions[v as usize];
     let boxed = |&t: &[u32; 3]| BoxedTriangle::new(t, &at);
-    triangles.par_iter().map(boxed).collect()
+    parallel::map_each(triangles, boxed)
 }

@@ -6,9 +6,9 @@
 
 use std::num::NonZero;
 
+use crate::compute::parallel;
 use kiddo::leaf_strategies::FlatVec;
 use kiddo::{Eytzinger, KdTree, SquaredEuclidean};
-use rayon::prelude::*;
 
 use crate::Point3;
 use crate::id::MAX_ELEMENTS;
@@ -164,7 +164,7 @@ impl<const K: usize> PointTree<K> {
         count: usize,
     ) -> Result<Vec<Vec<Neighbor>>, NearestError> {
         check(queries)?;
-        Ok(queries.par_iter().map(|q| self.nearest(q, count)).collect())
+        Ok(parallel::map_each(queries, |q| self.nearest(q, count)))
     }
 
     /// Squared distances with indices, by distance and then by index.

@@ -4,6 +4,7 @@
 //! where they rise above it. Lines are made of these segments by matching edges; no tree and no start points are
 //! needed, and no line is missed.
 
+use crate::compute::parallel;
 use rayon::prelude::*;
 
 use crate::{Point3, TriMesh};
@@ -109,10 +110,8 @@ pub fn isolines(
     if let Some(level) = levels.iter().position(|v| !v.is_finite()) {
         return Err(IsolineError::Level { level });
     }
-    let lines: Vec<Vec<Isoline>> = levels
-        .par_iter()
-        .map(|&level| at_level(mesh, values, level))
-        .collect();
+    let lines: Vec<Vec<Isoline>> =
+        parallel::map_each(levels, |&level| at_level(mesh, values, level));
     Ok(lines.into_iter().flatten().collect())
 }
 

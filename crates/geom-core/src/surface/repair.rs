@@ -12,7 +12,7 @@
 
 use std::collections::VecDeque;
 
-use rayon::prelude::*;
+use crate::compute::parallel;
 
 use crate::compute::sets::DisjointSets;
 use crate::mesh::Halfedges;
@@ -659,21 +659,18 @@ impl Soup {
             .filter(|part| !part.iter().any(|&t| open[t as usize]))
             .collect();
         let solids: Vec<Solid> = closed.iter().map(|part| self.solid(part)).collect();
-        let turn: Vec<bool> = (0..closed.len())
-            .into_par_iter()
-            .map(|i| {
-                let bounds = solids[i].tree.bounds();
-                let inside = |j: usize| {
-                    let outer = solids[j].tree.bounds();
-                    let holds = (0..3)
-                        .all(|k| outer.min[k] <= bounds.min[k] && bounds.max[k] <= outer.max[k]);
-                    j != i && holds && self.lies_in(closed[i], &solids[j])
-                };
-                let cavity = (0..closed.len()).filter(|&j| inside(j)).count() % 2 == 1;
-                let volume = solids[i].volume;
-                if cavity { volume > 0.0 } else { volume < 0.0 }
-            })
-            .collect();
+        let turn: Vec<bool> = parallel::map(closed.len(), |i| {
+            let bounds = solids[i].tree.bounds();
+            let inside = |j: usize| {
+                let outer = solids[j].tree.bounds();
+                let holds =
+                    (0..3).all(|k| outer.min[k] <= bounds.min[k] && bounds.max[k] <= outer.max[k]);
+                j != i && holds && self.lies_in(closed[i], &solids[j])
+            };
+            let cavity = (0..closed.len()).filter(|&j| inside(j)).count() % 2 == 1;
+            let volume = solids[i].volume;
+            if cavity { volume > 0.0 } else { volume < 0.0 }
+        });
         let wrong: Vec<u32> = closed
             .iter()
             .zip(&turn)

@@ -1,9 +1,9 @@
 //! The limit surface of a quad mesh.
 
 use geom_core::algebra::SparseMatrix;
+use geom_core::compute::parallel;
 use geom_core::mesh::Halfedges;
 use geom_core::{Point3, QuadMesh, Vector3, VertexId};
-use rayon::prelude::*;
 
 use super::ghosts::Extended;
 use super::limit::{interpolate, mask};
@@ -179,7 +179,7 @@ impl Surface {
                 .map(|q| (jet(table.point(q), &points), table.weights[q]))
                 .collect()
         };
-        let all: Vec<_> = self.patches.par_iter().map(of_patch).collect();
+        let all: Vec<_> = parallel::map_each(&self.patches, of_patch);
         Ok(all.concat())
     }
 

@@ -2,7 +2,6 @@
 
 use geom_core::Vector3;
 use geom_core::compute::parallel;
-use rayon::prelude::*;
 
 use super::sheet::Sheet;
 use crate::Error;
@@ -22,16 +21,13 @@ pub(super) fn filtered<const N: usize>(
     run: On<'_>,
 ) -> Result<Vec<Vector3>, Error> {
     let (count, centers) = (faces.len(), &sheet.centers);
-    let neighbors: Vec<Vec<u32>> = (0..count)
-        .into_par_iter()
-        .map(|t| {
-            let around = faces[t].iter().flat_map(|&v| sheet.around(v as usize));
-            let mut others: Vec<u32> = around.copied().filter(|&f| f as usize != t).collect();
-            others.sort_unstable();
-            others.dedup();
-            others
-        })
-        .collect();
+    let neighbors: Vec<Vec<u32>> = parallel::map(count, |t| {
+        let around = faces[t].iter().flat_map(|&v| sheet.around(v as usize));
+        let mut others: Vec<u32> = around.copied().filter(|&f| f as usize != t).collect();
+        others.sort_unstable();
+        others.dedup();
+        others
+    });
     let apart = |t: usize| {
         neighbors[t]
             .iter()
@@ -43,24 +39,20 @@ pub(super) fn filtered<const N: usize>(
     let mut normals = sheet.normals.clone();
     for round in 0..rounds {
         run.progress("normals", round as u64, rounds as u64)?;
-        normals = (0..count)
-            .into_par_iter()
-            .map(|t| {
-                let sum: Vector3 = neighbors[t]
-                    .iter()
-                    .map(|&f| {
-                        let f = f as usize;
-                        let near = (centers[f] - centers[t]).norm_squared() / (2.0 * reach * reach);
-                        let alike =
-                            (normals[f] - normals[t]).norm_squared() / (2.0 * range * range);
-                        normals[f] * (sheet.areas[f] * (-near - alike).exp())
-                    })
-                    .sum();
-                (sum + normals[t] * sheet.areas[t])
-                    .try_normalize(0.0)
-                    .unwrap_or(normals[t])
-            })
-            .collect();
+        normals = parallel::map(count, |t| {
+            let sum: Vector3 = neighbors[t]
+                .iter()
+                .map(|&f| {
+                    let f = f as usize;
+                    let near = (centers[f] - centers[t]).norm_squared() / (2.0 * reach * reach);
+                    let alike = (normals[f] - normals[t]).norm_squared() / (2.0 * range * range);
+                    normals[f] * (sheet.areas[f] * (-near - alike).exp())
+                })
+                .sum();
+            (sum + normals[t] * sheet.areas[t])
+                .try_normalize(0.0)
+                .unwrap_or(normals[t])
+        });
     }
     Ok(normals)
 }

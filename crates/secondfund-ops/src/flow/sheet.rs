@@ -3,7 +3,6 @@
 use geom_core::compute::parallel;
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Point3, Vector3};
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::forms::{area_normal, centroid, sorted_sides};
@@ -133,7 +132,7 @@ impl Sheet {
             };
             to_planes / faces.len().max(1) as f64 + along
         };
-        (0..positions.len()).into_par_iter().map(step).collect()
+        parallel::map(positions.len(), step)
     }
 
     /// Vertices on boundaries do not move.

@@ -1,5 +1,6 @@
 //! The tangential part of a step (Eqs. 7.24–7.25): vertices spread along the lines of curvature.
 
+use geom_core::compute::parallel;
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Point3, TriMesh, Vector3};
 use rayon::prelude::*;
@@ -25,28 +26,24 @@ struct Line {
 pub(crate) fn relaxation(mesh: &TriMesh, ring: &Neighbors, positions: &[Point3]) -> Vec<Vector3> {
     let normals = crate::forms::smoothed_normals(mesh, 0);
     let lines = lines(mesh, &normals);
-    (0..positions.len())
-        .into_par_iter()
-        .map(|v| {
-            let around = ring.of_vertex(v);
-            let own = &lines[v];
-            let (mut sum, mut total) = (Vector3::zeros(), 0.0);
-            for &w in around {
-                let other = &lines[w as usize];
-                let a = own.anisotropy.min(other.anisotropy);
-                let along =
-                    (own.direction.dot(&other.direction) * own.normal.dot(&other.normal)).abs();
-                let weight = LEAST + (1.0 - a) + a * along;
-                sum += (positions[w as usize] - positions[v]) * weight;
-                total += weight;
-            }
-            if total == 0.0 {
-                return Vector3::zeros();
-            }
-            let mean = sum / total;
-            mean - own.normal * own.normal.dot(&mean)
-        })
-        .collect()
+    parallel::map(positions.len(), |v| {
+        let around = ring.of_vertex(v);
+        let own = &lines[v];
+        let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+        for &w in around {
+            let other = &lines[w as usize];
+            let a = own.anisotropy.min(other.anisotropy);
+            let along = (own.direction.dot(&other.direction) * own.normal.dot(&other.normal)).abs();
+            let weight = LEAST + (1.0 - a) + a * along;
+            sum += (positions[w as usize] - positions[v]) * weight;
+            total += weight;
+        }
+        if total == 0.0 {
+            return Vector3::zeros();
+        }
+        let mean = sum / total;
+        mean - own.normal * own.normal.dot(&mean)
+    })
 }
 
 /// The lines of curvature at the vertices, from the shape operators of the triangles around them.

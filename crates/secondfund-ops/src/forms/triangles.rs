@@ -5,9 +5,9 @@
 //! curvatures and their derivatives on triangle meshes*, 2004). No quads, no extraordinary vertices, no
 //! quadrature.
 
+use geom_core::compute::parallel;
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Point3, TriMesh, Vector3};
-use rayon::prelude::*;
 
 use super::conduct::Conductor;
 use super::symmetric::{Forms, Symmetric};
@@ -129,14 +129,11 @@ pub(crate) fn smoothed_normals(mesh: &TriMesh, rounds: u32) -> Vec<Vector3> {
     normals.iter_mut().for_each(|n| *n = unit(*n));
     let ring = super::ring::Neighbors::of_triangles(mesh);
     for _ in 0..rounds {
-        normals = (0..normals.len())
-            .into_par_iter()
-            .map(|v| {
-                let around = ring.of_vertex(v);
-                let sum: Vector3 = around.iter().map(|&w| normals[w as usize]).sum();
-                unit(normals[v] * 0.5 + sum * (0.5 / around.len().max(1) as f64))
-            })
-            .collect();
+        normals = parallel::map(normals.len(), |v| {
+            let around = ring.of_vertex(v);
+            let sum: Vector3 = around.iter().map(|&w| normals[w as usize]).sum();
+            unit(normals[v] * 0.5 + sum * (0.5 / around.len().max(1) as f64))
+        });
     }
     normals
 }

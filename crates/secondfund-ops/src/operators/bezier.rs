@@ -7,8 +7,8 @@
 
 use geom_core::Point3;
 use geom_core::algebra::quadrature::gauss;
+use geom_core::compute::parallel;
 use geom_core::compute::sets::DisjointSets;
-use rayon::prelude::*;
 
 use super::patch;
 use super::pattern::Matrices;
@@ -242,7 +242,7 @@ pub(crate) fn matrices(
         patch::matrices(&task, &mut out);
         out
     };
-    let parts: Vec<PatchMatrices> = elements.par_iter().map(of_element).collect();
+    let parts: Vec<PatchMatrices> = parallel::map_each(elements, of_element);
     let all = joined(parts, points.len() * elements.len(), elements)?;
     let mut sets = DisjointSets::new(surface.nodes());
     for e in elements {

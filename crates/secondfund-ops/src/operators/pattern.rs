@@ -5,7 +5,6 @@ use geom_core::algebra::SparseMatrix;
 use geom_core::compute::parallel;
 use geom_core::compute::sets::DisjointSets;
 use geom_core::surface::laplace::Mass;
-use rayon::prelude::*;
 
 use crate::Error;
 
@@ -46,21 +45,18 @@ impl Pattern {
                 next[v as usize] += 1;
             }
         }
-        let rows: Vec<Vec<(u32, u32)>> = (0..dofs)
-            .into_par_iter()
-            .map(|v| {
-                let mut row = Vec::new();
-                for &(e, k) in &corners[starts[v]..starts[v + 1]] {
-                    let ids = elements[e as usize].as_ref();
-                    row.extend(ids.iter().enumerate().map(|(l, &w)| {
-                        let slot = first[e as usize] + packed(ids.len(), k as usize, l);
-                        (w, slot as u32)
-                    }));
-                }
-                row.sort_unstable();
-                row
-            })
-            .collect();
+        let rows: Vec<Vec<(u32, u32)>> = parallel::map(dofs, |v| {
+            let mut row = Vec::new();
+            for &(e, k) in &corners[starts[v]..starts[v + 1]] {
+                let ids = elements[e as usize].as_ref();
+                row.extend(ids.iter().enumerate().map(|(l, &w)| {
+                    let slot = first[e as usize] + packed(ids.len(), k as usize, l);
+                    (w, slot as u32)
+                }));
+            }
+            row.sort_unstable();
+            row
+        });
         Self::of_rows(dofs, &rows)
     }
 

@@ -1,5 +1,6 @@
 //! Points that a small probe reaches and a large one does not cover: a second source of what belongs to a pocket.
 
+use geom_core::compute::parallel;
 use geom_core::compute::sets::DisjointSets;
 use geom_core::search::nearest::PointTree;
 use geom_core::{Point3, Structure, TriMesh};
@@ -100,15 +101,12 @@ pub(super) fn triangles_at(
     hollows: &[Vec<Point3>],
 ) -> Result<Vec<Option<u32>>, Error> {
     let all = Owned::of(pockets, hollows)?;
-    let mut owners: Vec<Option<u32>> = (0..surface.triangles().len())
-        .into_par_iter()
-        .map(|t| {
-            let middle = centroid(surface.positions(), &surface.triangles()[t]);
-            let (owner, point) = all.nearest(&middle, REACH)?;
-            let in_front = surface.doubled_area_normal(t).dot(&(point - middle)) > 0.0;
-            in_front.then_some(owner)
-        })
-        .collect();
+    let mut owners: Vec<Option<u32>> = parallel::map(surface.triangles().len(), |t| {
+        let middle = centroid(surface.positions(), &surface.triangles()[t]);
+        let (owner, point) = all.nearest(&middle, REACH)?;
+        let in_front = surface.doubled_area_normal(t).dot(&(point - middle)) > 0.0;
+        in_front.then_some(owner)
+    });
     settle(surface, &mut owners, pockets.len());
     Ok(owners)
 }

@@ -4,10 +4,10 @@
 use std::f64::consts::{PI, TAU};
 
 use geom_core::algebra::{Mass, SparseMatrix, eigen};
+use geom_core::compute::parallel;
 use geom_core::search::bvh::{Hit, TriangleTree};
 use geom_core::surface::curvature::angle_defects;
 use geom_core::{Point3, Run, TriMesh, Vector3};
-use rayon::prelude::*;
 
 use crate::backend::{On, OperatorBackend};
 use crate::forms::{Neighbors, Normals, Operator};
@@ -89,10 +89,9 @@ const ALPHA: f64 = 4.0;
 /// No triangles.
 pub fn shape_diameter(mesh: &TriMesh) -> Result<Vec<f64>, Error> {
     let tree = TriangleTree::new(mesh).map_err(|_| Error::NoExtent)?;
-    Ok((0..mesh.triangles().len())
-        .into_par_iter()
-        .map(|t| diameter(mesh, &tree, t))
-        .collect())
+    Ok(parallel::map(mesh.triangles().len(), |t| {
+        diameter(mesh, &tree, t)
+    }))
 }
 
 /// Of one triangle; 0 if it has no area.

@@ -6,9 +6,9 @@
 //! it: smooth from point to point, and exact for a rigid motion of all.
 
 use geom_core::Point3;
+use geom_core::compute::parallel;
 use geom_core::nalgebra::Matrix3;
 use geom_core::search::nearest::PointTree;
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::fit::{Motion, superpose};
@@ -57,7 +57,7 @@ impl<'a> Embedding<'a> {
             superpose(&pairs.collect::<Vec<_>>())
         };
         let rotations = if rotations.is_empty() {
-            rest.par_iter().map(|p| own(p).rotation).collect()
+            parallel::map_each(rest, |p| own(p).rotation)
         } else {
             rotations.to_vec()
         };
@@ -74,11 +74,7 @@ impl<'a> Embedding<'a> {
     /// A control node itself stays near its image but need not hit it. Without control nodes points stay where they
     /// are.
     pub fn of(&self, points: &[Point3]) -> Vec<Point3> {
-        points
-            .par_iter()
-            .with_min_len(64)
-            .map(|p| self.one(p))
-            .collect()
+        parallel::map_each(points, |p| self.one(p))
     }
 
     fn one(&self, p: &Point3) -> Point3 {

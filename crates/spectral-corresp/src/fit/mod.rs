@@ -12,7 +12,6 @@ mod thesis;
 use geom_core::compute::parallel;
 use geom_core::nalgebra::{Matrix3, Matrix4, SymmetricEigen, Vector4};
 use geom_core::{Point3, Vector3};
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::{Kernels, On, RotationTask, Rows, SweepTask};
@@ -205,24 +204,20 @@ fn times(r: &Matrix3<f64>, e: [f64; 3]) -> [f64; 3] {
 /// The mean square distortion of each node's neighbourhood, Å².
 /// 0 for a node without neighbours.
 pub(crate) fn distortions(task: &RotationTask<'_>, rotations: &[Matrix3<f64>]) -> Vec<f64> {
-    (0..task.rest.len())
-        .into_par_iter()
-        .with_min_len(128)
-        .map(|i| {
-            let (p, x, r) = (&task.rest[i], &task.now[i], &rotations[i]);
-            let near = task.near.of(i);
-            let mut sum = 0.0;
-            for &j in near {
-                let (q, y) = (&task.rest[j as usize], &task.now[j as usize]);
-                let there = times(r, [p.x - q.x, p.y - q.y, p.z - q.z]);
-                for c in 0..3 {
-                    let left = x[c] - y[c] - there[c];
-                    sum += left * left;
-                }
+    parallel::map(task.rest.len(), |i| {
+        let (p, x, r) = (&task.rest[i], &task.now[i], &rotations[i]);
+        let near = task.near.of(i);
+        let mut sum = 0.0;
+        for &j in near {
+            let (q, y) = (&task.rest[j as usize], &task.now[j as usize]);
+            let there = times(r, [p.x - q.x, p.y - q.y, p.z - q.z]);
+            for c in 0..3 {
+                let left = x[c] - y[c] - there[c];
+                sum += left * left;
             }
-            sum / near.len().max(1) as f64
-        })
-        .collect()
+        }
+        sum / near.len().max(1) as f64
+    })
 }
 
 /// The root of the mean over the nodes of their mean square distortions, Å: the score of a map.

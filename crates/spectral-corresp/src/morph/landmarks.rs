@@ -2,6 +2,7 @@
 
 use geom_core::Point3;
 use geom_core::algebra::graph::VoxelGraph;
+use geom_core::compute::parallel;
 use geom_core::search::nearest::PointTree;
 use rayon::prelude::*;
 
@@ -25,11 +26,7 @@ pub(super) fn harmonic(
         let edge = |(j, w): (usize, f64)| (rest[j] - rest[i]) * w;
         graph.around(i).map(edge).sum::<geom_core::Vector3>().norm()
     };
-    let mut rho: Vec<f64> = (0..rest.len())
-        .into_par_iter()
-        .with_min_len(256)
-        .map(reach)
-        .collect();
+    let mut rho: Vec<f64> = parallel::map(rest.len(), reach);
     parts.subtract_means(&mut rho);
     // The solver is for three columns and for the sums less the weights.
     let mut h = vec![Point3::origin(); rest.len()];

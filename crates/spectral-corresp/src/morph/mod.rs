@@ -14,9 +14,9 @@ mod solve;
 pub use solve::{distortion, rotations};
 
 use geom_core::algebra::graph::VoxelGraph;
+use geom_core::compute::parallel;
 use geom_core::nalgebra::{Matrix3, Rotation3};
 use geom_core::{Aabb, Lattice, LatticeValues, Point3, Run, ScalarGrid, Vector3};
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::CorrespBackend;
@@ -297,12 +297,7 @@ impl Morph {
     /// at the ends this is exact, and a rigid motion stays one.
     fn rotated(&self, way: &Rotating, t: f64, positions: &mut [Point3]) -> Result<(), Error> {
         let turn = |l: &Vector3| Rotation3::new(l * t).into_inner();
-        let turned: Vec<Matrix3<f64>> = way
-            .logarithms
-            .par_iter()
-            .with_min_len(256)
-            .map(turn)
-            .collect();
+        let turned: Vec<Matrix3<f64>> = parallel::map_each(&way.logarithms, turn);
         let rhs = |i: usize| {
             let edge = |(j, w): (usize, f64)| {
                 let (p, x) = (self.rest[i] - self.rest[j], self.target[i] - self.target[j]);
@@ -517,11 +512,7 @@ fn logarithms(
     target: &[Point3],
 ) -> Vec<Vector3> {
     let own = |i: usize| solve::covariance(graph, rest, target, i);
-    let single: Vec<Matrix3<f64>> = (0..rest.len())
-        .into_par_iter()
-        .with_min_len(64)
-        .map(own)
-        .collect();
+    let single: Vec<Matrix3<f64>> = parallel::map(rest.len(), own);
     let mut logarithms = vec![Vector3::zeros(); rest.len()];
     let mut rotations = vec![Matrix3::identity(); rest.len()];
     for part in parts.each() {

@@ -5,6 +5,7 @@
 //! is as wanted.
 
 use geom_core::algebra::graph::VoxelGraph;
+use geom_core::compute::parallel;
 use geom_core::{Aabb, Lattice, Point3, ScalarGrid};
 use rayon::prelude::*;
 
@@ -113,11 +114,7 @@ pub(super) fn low_passed(lattice: &Lattice, mut values: Vec<f32>, sigma: f64) ->
             }
             sum
         };
-        values = (0..from.len())
-            .into_par_iter()
-            .with_min_len(4096)
-            .map(at)
-            .collect();
+        values = parallel::map(from.len(), at);
     }
     values
 }

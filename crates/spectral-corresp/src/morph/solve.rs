@@ -11,7 +11,6 @@ use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::compute::parallel;
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Point3, Vector3};
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::fit::nearest_rotation;
@@ -106,7 +105,7 @@ impl Solver {
             }
             b.into()
         };
-        let rows: Vec<[f64; 3]> = self.free.par_iter().with_min_len(64).map(row).collect();
+        let rows: Vec<[f64; 3]> = parallel::map_each(&self.free, row);
         let mut block = rows.into_flattened();
         if self.direct {
             self.factor.solve_in_place(&mut block, 3)?;
@@ -183,11 +182,7 @@ pub(super) fn covariance(
 )]
 pub fn rotations(graph: &VoxelGraph, rest: &[Point3], now: &[Point3]) -> Vec<Matrix3<f64>> {
     let of = |i: usize| nearest_rotation(&covariance(graph, rest, now, i));
-    (0..rest.len())
-        .into_par_iter()
-        .with_min_len(64)
-        .map(of)
-        .collect()
+    parallel::map(rest.len(), of)
 }
 
 /// How far from rigid neighbourhoods are with these rotations.

@@ -14,6 +14,7 @@ use std::ops::Range;
 use geom_core::algebra::Mass;
 use geom_core::algebra::eigen::{self, EigenPairs, eigenpairs};
 use geom_core::algebra::graph::{Laplacian, VoxelGraph};
+use geom_core::compute::parallel;
 use geom_core::options::require;
 use geom_core::search::nearest::PointTree;
 use geom_core::{Lattice, LatticeValues, Point3, Run, ScalarGrid, TriMesh, Vector3};
@@ -121,7 +122,7 @@ impl VoxelShape {
         if let Some(point) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite { point });
         }
-        let inside: Vec<bool> = values.par_iter().map(|&v| f64::from(v) >= level).collect();
+        let inside: Vec<bool> = parallel::map_each(values, |&v| f64::from(v) >= level);
         let extremes = grid
             .range()
             .map_or((0.0, 0.0), |(a, b)| (a.into(), b.into()));
@@ -281,10 +282,9 @@ impl VoxelShape {
                 least: LEAST_BOUNDARY,
             });
         }
-        let normals = boundary
-            .par_iter()
-            .map(|&node| normal(graph.point(node as usize).map(|c| c as i64), &is_inside))
-            .collect();
+        let normals = parallel::map_each(&boundary, |&node| {
+            normal(graph.point(node as usize).map(|c| c as i64), &is_inside)
+        });
         // How far the outside is; where that is most around lies the skeleton, and from there to the boundary go diameters.
         let squares = run.squared_distances(counts, inside)?;
         let depth = |point: [usize; 3]| squares[lattice.index(point)];
@@ -292,10 +292,8 @@ impl VoxelShape {
         let position = |node: &u32| lattice.point(graph.point(*node as usize));
         let points: Vec<Point3> = boundary.iter().map(position).collect();
         let axes = PointTree::of_positions(&skeleton.iter().map(position).collect::<Vec<_>>())?;
-        let diameters = points
-            .par_iter()
-            .map(|p| axes.nearest(&[p.x, p.y, p.z], 1)[0].distance)
-            .collect();
+        let diameters =
+            parallel::map_each(&points, |p| axes.nearest(&[p.x, p.y, p.z], 1)[0].distance);
         let deepest = skeleton
             .iter()
             .map(|&n| depth(graph.point(n as usize)))

@@ -7,6 +7,7 @@
 
 use std::f64::consts::TAU;
 
+use geom_core::compute::parallel;
 use geom_core::compute::random::SplitMix64;
 use geom_core::nalgebra::{Matrix3, Quaternion, UnitQuaternion};
 use geom_core::{Point3, Vector3};
@@ -69,17 +70,14 @@ impl Cloud {
 pub(crate) fn of_motions(a: &Boundary<'_>, b: &Boundary<'_>, seed: u64) -> Vec<Candidate> {
     let (from, to) = (Cloud::of(a.thinned()), Cloud::of(b.thinned()));
     let starts = SplitMix64::new(seed);
-    let mut motions: Vec<(f64, Motion)> = (0..ROTATIONS)
-        .into_par_iter()
-        .map(|i| {
-            let rotation = uniform(&starts, 3 * i as u64);
-            let motion = Motion {
-                rotation,
-                shift: to.mean - rotation * from.mean,
-            };
-            iterate(&from, &to, motion, FIRST)
-        })
-        .collect();
+    let mut motions: Vec<(f64, Motion)> = parallel::map(ROTATIONS, |i| {
+        let rotation = uniform(&starts, 3 * i as u64);
+        let motion = Motion {
+            rotation,
+            shift: to.mean - rotation * from.mean,
+        };
+        iterate(&from, &to, motion, FIRST)
+    });
     motions.sort_by(|a, b| a.0.total_cmp(&b.0));
     motions.truncate(GO_ON);
     let motions: Vec<(f64, Motion)> = motions

@@ -8,6 +8,7 @@
 //! half the room between them cannot have met. So cells as wide as the reach find who faces whom, and each vertex remembers
 //! where it was and how much room it had there.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::{FACES, sorted};
 use geom_core::search::crossing::BoxedTriangle;
 use geom_core::{Aabb, Point3, Vector3};
@@ -161,42 +162,38 @@ impl Facing {
 /// All that face each other within `reach`, by vertex and corner; `sides` are sorted by cell.
 /// Each pair is met once, from the side that comes first, and noted for the corners of both: six entries.
 fn all_facing(sides: &[Side], x: &[Point3], reach: f64) -> Vec<Facing> {
-    let mut all: Vec<Facing> = (0..sides.len())
-        .into_par_iter()
-        .with_min_len(256)
-        .flat_map_iter(|i| {
-            // Cells are as wide as the reach: what a side faces lies in its own cell or the next ones.
-            let side = &sides[i];
-            let [cz, cy, cx] = side.cell;
-            ROWS.into_iter().flat_map(move |row| {
-                let [z, y] = [cz.saturating_add(row[0]), cy.saturating_add(row[1])];
-                let (from, to) = ([z, y, cx.saturating_sub(1)], [z, y, cx.saturating_add(1)]);
-                let first = if row == ROWS[0] {
-                    i + 1
-                } else {
-                    sides.partition_point(|s| s.cell < from)
-                };
-                sides[first..]
-                    .iter()
-                    .take_while(move |s| s.cell <= to)
-                    .filter(move |other| side.faces(other, reach))
-                    .flat_map(move |other| {
-                        let distance = side.clear_of(other, x);
-                        let [a, b] = [side.corners, other.corners];
-                        // One corner leads to the triangle.
-                        let of = |s: [u32; 3], [a, b, c]: [u32; 3]| {
-                            let corner = a.min(b).min(c);
-                            s.map(|vertex| Facing {
-                                vertex,
-                                corner,
-                                distance,
-                            })
-                        };
-                        of(a, b).into_iter().chain(of(b, a))
-                    })
-            })
+    let mut all: Vec<Facing> = parallel::flat_map(sides.len(), |i| {
+        // Cells are as wide as the reach: what a side faces lies in its own cell or the next ones.
+        let side = &sides[i];
+        let [cz, cy, cx] = side.cell;
+        ROWS.into_iter().flat_map(move |row| {
+            let [z, y] = [cz.saturating_add(row[0]), cy.saturating_add(row[1])];
+            let (from, to) = ([z, y, cx.saturating_sub(1)], [z, y, cx.saturating_add(1)]);
+            let first = if row == ROWS[0] {
+                i + 1
+            } else {
+                sides.partition_point(|s| s.cell < from)
+            };
+            sides[first..]
+                .iter()
+                .take_while(move |s| s.cell <= to)
+                .filter(move |other| side.faces(other, reach))
+                .flat_map(move |other| {
+                    let distance = side.clear_of(other, x);
+                    let [a, b] = [side.corners, other.corners];
+                    // One corner leads to the triangle.
+                    let of = |s: [u32; 3], [a, b, c]: [u32; 3]| {
+                        let corner = a.min(b).min(c);
+                        s.map(|vertex| Facing {
+                            vertex,
+                            corner,
+                            distance,
+                        })
+                    };
+                    of(a, b).into_iter().chain(of(b, a))
+                })
         })
-        .collect();
+    });
     all.par_sort_unstable_by(|p, q| {
         let order = p.key().cmp(&q.key());
         order.then(p.distance.total_cmp(&q.distance))

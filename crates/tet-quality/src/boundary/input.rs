@@ -7,6 +7,7 @@
 //! afterwards is truly inverted, work for [`untangle`](crate::operations::untangle). Kinds of vertices that the caller does not know
 //! follow from regions: inner ones are free, those on an interface slide along it, and those where interfaces meet stay.
 
+use geom_core::compute::parallel;
 use geom_core::compute::parallel::fold_chunks;
 use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, TetMesh, Vector3};
@@ -98,14 +99,12 @@ fn set_freedoms(
 /// around them, as in a bubble of the lattice's size, where the interface of the same two regions
 /// does everywhere else.
 fn join_field(mesh: &mut EditableMesh, faces: &InterfaceFaces) {
-    let lost: Vec<bool> = (0..mesh.x.len() as u32)
-        .into_par_iter()
-        .map(|v| {
-            mesh.freedom[v as usize] == Freedom::Fixed
-                && mesh.kinds[v as usize] != VertexKind::Fixed
-                && is_disk(faces.of(v))
-        })
-        .collect();
+    let lost: Vec<bool> = parallel::map(mesh.x.len(), |v| {
+        let v = v as u32;
+        mesh.freedom[v as usize] == Freedom::Fixed
+            && mesh.kinds[v as usize] != VertexKind::Fixed
+            && is_disk(faces.of(v))
+    });
     let mut joined = Vec::new();
     for cluster in clusters(mesh, faces, &lost) {
         let belongs = if cluster.on + cluster.off == 0 {
@@ -363,22 +362,19 @@ struct InterfaceFace {
 
 impl InterfaceFaces {
     fn new(mesh: &EditableMesh, beyond: &[[u32; 4]]) -> Self {
-        let found: Vec<([u32; 3], [Region; 2])> = (0..mesh.tets.len())
-            .into_par_iter()
-            .flat_map_iter(|t| {
-                (0..4).filter_map(move |k| {
-                    let o = beyond[t][k];
-                    let mine = mesh.regions[t];
-                    let theirs = if o == NONE {
-                        OUTSIDE
-                    } else {
-                        mesh.regions[o as usize]
-                    };
-                    // Each face once, from the side of the smaller region.
-                    (mine < theirs).then(|| (FACES[k].map(|i| mesh.tets[t][i]), [mine, theirs]))
-                })
+        let found: Vec<([u32; 3], [Region; 2])> = parallel::flat_map(mesh.tets.len(), |t| {
+            (0..4).filter_map(move |k| {
+                let o = beyond[t][k];
+                let mine = mesh.regions[t];
+                let theirs = if o == NONE {
+                    OUTSIDE
+                } else {
+                    mesh.regions[o as usize]
+                };
+                // Each face once, from the side of the smaller region.
+                (mine < theirs).then(|| (FACES[k].map(|i| mesh.tets[t][i]), [mine, theirs]))
             })
-            .collect();
+        });
         let mut counts = vec![0u32; mesh.x.len()];
         for &v in found.iter().flat_map(|f| &f.0) {
             counts[v as usize] += 1;

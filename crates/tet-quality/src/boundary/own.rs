@@ -4,6 +4,7 @@
 //! normal that is interpolated over the triangle: with flat ones a vertex that slides from one triangle to the next
 //! would see a jump. The zero set is the input's triangles themselves.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::FACES;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::{ImplicitField, Point3, TriMesh, Vector3};
@@ -38,14 +39,11 @@ impl OwnSurface {
                 })
             })
             .collect();
-        let flat: Vec<Vector3> = triangles
-            .par_iter()
-            .map(|&[a, b, c]| {
-                let [a, b, c] = [a, b, c].map(|v| mesh.x[v as usize]);
-                let normal = (b - a).cross(&(c - a)).try_normalize(0.0);
-                normal.unwrap_or_default()
-            })
-            .collect();
+        let flat: Vec<Vector3> = parallel::map_each(&triangles, |&[a, b, c]| {
+            let [a, b, c] = [a, b, c].map(|v| mesh.x[v as usize]);
+            let normal = (b - a).cross(&(c - a)).try_normalize(0.0);
+            normal.unwrap_or_default()
+        });
         let mut corners: Vec<(u32, u32)> = (0..triangles.len() as u32)
             .flat_map(|f| triangles[f as usize].map(|v| (v, f)))
             .collect();
@@ -54,19 +52,16 @@ impl OwnSurface {
             let start = corners.partition_point(|c| c.0 < v);
             corners[start..].iter().take_while(move |c| c.0 == v)
         };
-        let normals = (0..triangles.len())
-            .into_par_iter()
-            .map(|f| {
-                triangles[f].map(|v| {
-                    let alike = around(v).map(|&(_, g)| g as usize);
-                    let sum: Vector3 = alike
-                        .filter(|&g| flat[f].dot(&flat[g]) >= SMOOTH)
-                        .map(|g| flat[g] * angle(mesh, triangles[g], v))
-                        .sum();
-                    sum.try_normalize(1e-9).unwrap_or(flat[f])
-                })
+        let normals = parallel::map(triangles.len(), |f| {
+            triangles[f].map(|v| {
+                let alike = around(v).map(|&(_, g)| g as usize);
+                let sum: Vector3 = alike
+                    .filter(|&g| flat[f].dot(&flat[g]) >= SMOOTH)
+                    .map(|g| flat[g] * angle(mesh, triangles[g], v))
+                    .sum();
+                sum.try_normalize(1e-9).unwrap_or(flat[f])
             })
-            .collect();
+        });
         let surface = TriMesh::new(mesh.x.clone(), triangles).ok()?;
         let tree = TriangleTree::new(&surface).ok()?;
         Some(Self { tree, normals })

@@ -8,6 +8,7 @@
 
 use geom_core::TetMesh;
 use geom_core::compute::BackendError;
+use geom_core::compute::parallel;
 use geom_core::mesh::{EDGES, VertexKind};
 use rayon::prelude::*;
 
@@ -520,16 +521,13 @@ fn far_vertices(mesh: &EditableMesh, rules: &SurfaceRules<'_>) -> Vec<u32> {
 fn surface_spacing(mesh: &EditableMesh) -> f64 {
     let on_surface = |v: u32| mesh.kinds[v as usize] == VertexKind::Surface;
     let lengths = |fit: &(dyn Fn([u32; 2]) -> bool + Sync)| -> Vec<f64> {
-        (0..mesh.tets.len())
-            .into_par_iter()
-            .flat_map_iter(|t| {
-                let tet = mesh.tets[t];
-                let edges = EDGES.iter().map(move |e| e.map(|i| tet[i]));
-                edges
-                    .filter(|e| fit(*e))
-                    .map(|[a, b]| (mesh.x[a as usize] - mesh.x[b as usize]).norm())
-            })
-            .collect()
+        parallel::flat_map(mesh.tets.len(), |t| {
+            let tet = mesh.tets[t];
+            let edges = EDGES.iter().map(move |e| e.map(|i| tet[i]));
+            edges
+                .filter(|e| fit(*e))
+                .map(|[a, b]| (mesh.x[a as usize] - mesh.x[b as usize]).norm())
+        })
     };
     let mut all = lengths(&|ends| ends.into_iter().all(on_surface));
     if all.is_empty() {

@@ -4,6 +4,7 @@
 //! triangle that is a needle and may not move stands a tetrahedron that is no better, whatever lies inside. So the causes are looked for in an
 //! order, from what surely forbids the goals to "nothing helped", and an element has the first that holds.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::{EDGES, FACES};
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
@@ -284,10 +285,7 @@ pub(crate) fn surface_fit(
     let on: Vec<u32> = (0..mesh.x.len() as u32)
         .filter(|&v| mesh.freedom[v as usize] == Freedom::Field && !mesh.incidence.of(v).is_empty())
         .collect();
-    let distances: Vec<f64> = on
-        .par_iter()
-        .map(|&v| mesh.tangent(v, field).distance().abs())
-        .collect();
+    let distances: Vec<f64> = parallel::map_each(&on, |&v| mesh.tangent(v, field).distance().abs());
     // The farthest first; equal ones by number.
     let mut far: Vec<(f64, u32)> = distances
         .iter()

@@ -6,6 +6,7 @@
 //! each time: the objective of every tetrahedron, the star of every vertex, colours of which no two neighbours have the same, and
 //! when something around a vertex last changed. They are kept up by every change, all of which go through one gate.
 
+use geom_core::compute::parallel;
 use geom_core::field::Tangent;
 use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, TetMesh, Vector3};
@@ -211,11 +212,7 @@ impl EditableMesh {
                 })
                 .map(move |k| FACES[k].map(|i| tet[i]))
         };
-        (0..self.tets.len() as u32)
-            .into_par_iter()
-            .with_min_len(1024)
-            .flat_map_iter(of_tet)
-            .collect()
+        parallel::flat_map(self.tets.len(), |t| of_tet(t as u32))
     }
 
     /// The region beyond the face of `t` opposite its corner `k`; [`OUTSIDE`] beyond the mesh.

@@ -10,6 +10,7 @@
 //! the level set by Newton steps, one of a box in its face or along its edge, others not at all.
 
 use geom_core::compute::BackendError;
+use geom_core::compute::parallel;
 use geom_core::compute::random::SplitMix64;
 use geom_core::field::{self, Tangent};
 use geom_core::mesh::FACES;
@@ -319,7 +320,7 @@ fn slide_together(
     let mut task = task_of(mesh, &mesh.x, classes, SURFACE_ROUNDS, axes);
     let mean = |&v: &u32| surface_mean(mesh, v).map(|mean| mean - mesh.x[v as usize]);
     task.slide = Some(Slide {
-        means: task.vertices.par_iter().map(mean).collect(),
+        means: parallel::map_each(&task.vertices, mean),
         reach: REACH,
     });
     let moves = proposals(&task, run)?;

@@ -24,6 +24,7 @@
 use geom_core::algebra::eigen::{self, EigenPairs, SpectralBackend};
 use geom_core::algebra::quadrature::gauss;
 use geom_core::algebra::{Cholesky, Mass, SparseMatrix, iterate};
+use geom_core::compute::parallel;
 use geom_core::options::require;
 use geom_core::{Point3, Run};
 use rayon::prelude::*;
@@ -184,21 +185,17 @@ pub fn independence<B: SpectralBackend + ?Sized>(
 /// Integrals of `f` times each function and of each function, one pair per function.
 fn loads(surface: &Surface, f: &(dyn Fn(&Point3) -> f64 + Sync)) -> Result<Vec<f64>, Error> {
     let rule = gauss(QUADRATURE);
-    let locals: Vec<[[f64; 2]; POINTS]> = (0..surface.patches().len())
-        .into_par_iter()
-        .with_min_len(16)
-        .map(|patch| {
-            let mut local = [[0.0; 2]; POINTS];
-            for point in points(surface, patch, &rule) {
-                let value = f(&point.jet.point);
-                for (out, v) in local.iter_mut().zip(point.values) {
-                    out[0] += point.area * value * v;
-                    out[1] += point.area * v;
-                }
+    let locals: Vec<[[f64; 2]; POINTS]> = parallel::map(surface.patches().len(), |patch| {
+        let mut local = [[0.0; 2]; POINTS];
+        for point in points(surface, patch, &rule) {
+            let value = f(&point.jet.point);
+            for (out, v) in local.iter_mut().zip(point.values) {
+                out[0] += point.area * value * v;
+                out[1] += point.area * v;
             }
-            local
-        })
-        .collect();
+        }
+        local
+    });
     let sums = surface.extraction().gather(&locals);
     let finite = sums.iter().all(|x| x.is_finite());
     require(finite, "f", "NaN", "be finite everywhere on the surface")?;

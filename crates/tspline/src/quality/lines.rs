@@ -1,9 +1,9 @@
 //! Lines that vertices keep to.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::Halfedges;
 use geom_core::surface::ground::{Freedom, on_segments};
 use geom_core::{Point3, TriMesh, VertexId};
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::mesh::TMesh;
@@ -71,7 +71,7 @@ impl Lines {
 pub(crate) fn freedoms(mesh: &TMesh, kept: &Lines) -> Vec<Freedom> {
     let edges = mesh.fine_edges();
     let fine = mesh.fine().positions();
-    let sharp: Vec<bool> = fine.par_iter().map(|p| kept.has(p)).collect();
+    let sharp: Vec<bool> = parallel::map_each(fine, |p| kept.has(p));
     // The lines at each vertex: where they lead.
     let mut lines = vec![Vec::new(); fine.len()];
     for h in edges.edges() {

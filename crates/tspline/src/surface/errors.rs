@@ -1,9 +1,9 @@
 //! How far a surface and a mesh are apart, both ways.
 
 use geom_core::algebra::quadrature::gauss;
+use geom_core::compute::parallel;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::{Point3, Run, TriMesh};
-use rayon::prelude::*;
 
 use super::Surface;
 use super::inverse::Search;
@@ -61,17 +61,13 @@ fn errors_on(surface: &Surface, mesh: &TriMesh, run: On<'_>) -> Result<(Errors, 
     run.progress("errors", 0, 3)?;
     let samples = surface.sample_on(&parameters, run)?;
     let per = POINTS * POINTS;
-    let distances: Vec<(f64, f64)> = samples
-        .par_iter()
-        .with_min_len(256)
-        .map(|sample| {
-            let near = tree.closest(&sample.point);
-            let [a, b, c] = mesh.corners(near.triangle as usize);
-            let normal = (b - a).cross(&(c - a));
-            let cosine = normal.dot(&sample.normal) / normal.norm();
-            (near.distance, cosine.clamp(-1.0, 1.0).acos().to_degrees())
-        })
-        .collect();
+    let distances: Vec<(f64, f64)> = parallel::map_each(&samples, |sample| {
+        let near = tree.closest(&sample.point);
+        let [a, b, c] = mesh.corners(near.triangle as usize);
+        let normal = (b - a).cross(&(c - a));
+        let cosine = normal.dot(&sample.normal) / normal.norm();
+        (near.distance, cosine.clamp(-1.0, 1.0).acos().to_degrees())
+    });
     run.progress("errors", 1, 3)?;
     let search = Search::new(surface)?;
     let centre = |t: usize| {

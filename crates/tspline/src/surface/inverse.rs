@@ -5,9 +5,9 @@
 //! a few steps from a place nearby, and that have many other solutions far away. So the start decides: it is the nearest point of
 //! a triangulation. Where a step leaves the unit square of its patch it goes on in the neighbour's, whose parameters are turned.
 
+use geom_core::compute::parallel;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::{Cpu, Point3, Run};
-use rayon::prelude::*;
 
 use super::seams::Seams;
 use super::tessellate::{Tessellation, tessellate_on};
@@ -101,10 +101,7 @@ impl<'a> Search<'a> {
 
     /// The nearest points to many; parallel.
     pub fn nearest_to_all(&self, to: &[Point3]) -> Vec<Nearest> {
-        to.par_iter()
-            .with_min_len(64)
-            .map(|p| self.nearest(p))
-            .collect()
+        parallel::map_each(to, |p| self.nearest(p))
     }
 
     /// Where the patches go on that lie across the sides on which a point is and beyond which the distance falls.

@@ -4,6 +4,7 @@
 //! Inside, a patch is a grid; between its grid and its rim, on which there are more vertices where smaller patches lie
 //! beyond, is a band of triangles that takes up whatever number there is.
 
+use geom_core::compute::parallel;
 use geom_core::{Point3, Run, TriMesh, Vector3};
 use rayon::prelude::*;
 
@@ -84,11 +85,7 @@ pub(crate) fn tessellate_on(
         return Err(geom_core::MeshError::TooMany { count }.into());
     }
     let (positions, normals) = parts.vertices(run)?;
-    let triangles = (0..surface.patches().len())
-        .into_par_iter()
-        .with_min_len(256)
-        .map(|p| parts.triangles(p))
-        .collect::<Vec<_>>();
+    let triangles = parallel::map(surface.patches().len(), |p| parts.triangles(p));
     let mut out = Tessellation {
         mesh: TriMesh::default(),
         normals,

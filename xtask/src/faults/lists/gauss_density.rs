@@ -146,8 +146,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "crossings of z edges are no samples",
         "crates/gauss-density/src/atoms/samples.rs",
-        "for axis in 0..3 {\n                    let mut q = p;\n                    q[axis] += 1;\n                    let crosses",
-        "for axis in 0..2 {\n                    let mut q = p;\n                    q[axis] += 1;\n                    let crosses",
+        "for axis in 0..3 {\n                let mut q = p;\n                q[axis] += 1;\n                let crosses",
+        "for axis in 0..2 {\n                let mut q = p;\n                q[axis] += 1;\n                let crosses",
     )
     .seen_by("samples::every_crossing_of_a_lattice_edge_is_a_sample_on_every_axis"),
     Fault::wrong(

@@ -4,6 +4,7 @@
 //! they belong to, so a cell's middle is one more sample: of the field if there is one, else the mean of the corners.
 
 use geom_core::Point3;
+use geom_core::compute::parallel;
 use geom_core::mesh::{INTERIOR, Region};
 use rayon::prelude::*;
 
@@ -52,13 +53,10 @@ impl<'a> Base<'a> {
     /// Where all vertices stand before they snap, in finest cells.
     pub(super) fn positions(&self) -> Vec<Point3> {
         let vertices: Vec<Vertex> = self.numbering.vertices().collect();
-        vertices
-            .par_iter()
-            .map(|v| match v {
-                Vertex::Cell(cell) => self.complex.base_position(cell),
-                Vertex::Corner(corner) => self.complex.corner_position(*corner),
-            })
-            .collect()
+        parallel::map_each(&vertices, |v| match v {
+            Vertex::Cell(cell) => self.complex.base_position(cell),
+            Vertex::Corner(corner) => self.complex.corner_position(*corner),
+        })
     }
 
     /// Position, label and value of a vertex.

@@ -5,6 +5,7 @@
 //! vertex of the lowest number; the neighbour sees the same numbers and cuts the same way, without being asked. Three or four labels
 //! meet in a point inside of the tetrahedron, and on each face with three labels in one of that face.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::{EDGES, FACES, Region};
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
@@ -37,18 +38,15 @@ impl Near {
         };
         cutter.add_faces(positions, &mut added);
         cutter.add_cells(positions, &mut added);
-        let tets = (0..self.tets.len() as u32)
-            .into_par_iter()
-            .with_min_len(1024)
-            .flat_map_iter(|t| {
-                let mut out = Vec::with_capacity(6);
-                match cutter.several.binary_search(&t) {
-                    Ok(i) => cutter.several(t, cutter.first_cell + i as u32, &mut out),
-                    Err(_) => cutter.two(t, &mut out),
-                }
-                out
-            })
-            .collect();
+        let tets = parallel::flat_map(self.tets.len(), |t| {
+            let t = t as u32;
+            let mut out = Vec::with_capacity(6);
+            match cutter.several.binary_search(&t) {
+                Ok(i) => cutter.several(t, cutter.first_cell + i as u32, &mut out),
+                Err(_) => cutter.two(t, &mut out),
+            }
+            out
+        });
         Cut { tets, added }
     }
 

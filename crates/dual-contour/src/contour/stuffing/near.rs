@@ -4,6 +4,7 @@
 //! change labels, and where. Points away from interfaces have no part in it.
 
 use geom_core::Point3;
+use geom_core::compute::parallel;
 use geom_core::compute::parallel::sorted_by_number;
 use geom_core::mesh::{EDGES, Region};
 use rayon::prelude::*;
@@ -97,14 +98,10 @@ impl Near {
             *local = ids.len() as u32;
             ids.push(id as u32);
         }
-        let tets: Vec<[u32; 4]> = tets
-            .par_iter()
-            .map(|t| t.corners.map(|v| local[v as usize]))
-            .collect();
-        let samples: Vec<Sample> = ids
-            .par_iter()
-            .map(|&id| base.sample(vertices[id as usize]))
-            .collect();
+        let tets: Vec<[u32; 4]> =
+            parallel::map_each(tets, |t| t.corners.map(|v| local[v as usize]));
+        let samples: Vec<Sample> =
+            parallel::map_each(&ids, |&id| base.sample(vertices[id as usize]));
         let cells = base.complex.tree.cells;
         let planes = samples.iter().map(|s| planes_of(&s.x, cells)).collect();
         let is_corner = ids

@@ -9,6 +9,7 @@
 use std::ops::Range;
 
 use geom_core::Point3;
+use geom_core::compute::parallel;
 use rayon::prelude::*;
 
 use super::cut_cells::{CellState, CutCells, beyond};
@@ -135,22 +136,18 @@ fn neighbours(cut: &CutCells<'_>, beside: &[Beside], points: &[Point3]) -> Vec<N
         .with_min_len(4096)
         .filter(|&i| i == 0 || beside[i - 1].vertex != beside[i].vertex)
         .collect();
-    (0..starts.len())
-        .into_par_iter()
-        .with_min_len(1024)
-        .map(|i| {
-            let end = starts.get(i + 1).map_or(beside.len(), |&end| end);
-            let first = beside[starts[i]];
-            let origin = cut.cells[first.cut as usize].origin;
-            Neighbour {
-                vertex: first.vertex,
-                cell: beyond(origin, usize::from(first.face)),
-                target: points[first.vertex as usize],
-                share: 0.0,
-                beside: starts[i]..end,
-            }
-        })
-        .collect()
+    parallel::map(starts.len(), |i| {
+        let end = starts.get(i + 1).map_or(beside.len(), |&end| end);
+        let first = beside[starts[i]];
+        let origin = cut.cells[first.cut as usize].origin;
+        Neighbour {
+            vertex: first.vertex,
+            cell: beyond(origin, usize::from(first.face)),
+            target: points[first.vertex as usize],
+            share: 0.0,
+            beside: starts[i]..end,
+        }
+    })
 }
 
 /// How far a cell that is not cut may go beside the cut ones.

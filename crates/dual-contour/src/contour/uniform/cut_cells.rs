@@ -5,6 +5,7 @@
 //! a well resolved surface, and so told apart from the others, which take the fast way.
 
 use geom_core::Point3;
+use geom_core::compute::parallel;
 use geom_core::mesh::{INTERIOR, Region, six_volume};
 use rayon::prelude::*;
 
@@ -143,11 +144,8 @@ impl<'a> CutCells<'a> {
         cells: &[[i32; 3]],
         state: impl Fn([i32; 3]) -> CellState + Sync,
     ) -> Self {
-        let mut cells: Vec<CutCell> = cells
-            .par_iter()
-            .with_min_len(64)
-            .map(|&o| CutCell::new(samples, probe, o, &state))
-            .collect();
+        let mut cells: Vec<CutCell> =
+            parallel::map_each(cells, |&o| CutCell::new(samples, probe, o, &state));
         let mut vertices = 0;
         for cell in &mut cells {
             cell.first = vertices;

@@ -3,6 +3,7 @@
 //! First without reading: where the source knows that a block is constant, and no boundary of a material is near. Then
 //! the others, 64 at a time per thread: range first, and only if that does not tell, point by point.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{LatticeValues, Vector3};
 use rayon::prelude::*;
@@ -30,24 +31,20 @@ pub(super) fn known_blocks<V: LatticeValues + ?Sized>(
 ) -> Vec<Known> {
     // A little more, so that a corner that just touches a boundary counts.
     let radius = (0.5 * f64::from(BLOCK) * 3f64.sqrt() + 1e-3) * domain.spacing;
-    (0..domain.block_len())
-        .into_par_iter()
-        .with_min_len(64)
-        .map(|b| {
-            let low = domain.block(b).map(|c| c * BLOCK);
-            let middle = domain.world(&(local(low) + Vector3::repeat(0.5 * f64::from(BLOCK))));
-            let around = if labels.plain() {
-                Some(EXTERIOR)
-            } else {
-                labels.around(&middle, radius)
-            };
-            match (around, source.constant(domain, low, labels.level)) {
-                (_, Some(v)) if f64::from(v) >= labels.level => Known::Uniform(INTERIOR, v),
-                (Some(label), Some(v)) => Known::Uniform(label, v),
-                _ => Known::Open(around),
-            }
-        })
-        .collect()
+    parallel::map(domain.block_len(), |b| {
+        let low = domain.block(b).map(|c| c * BLOCK);
+        let middle = domain.world(&(local(low) + Vector3::repeat(0.5 * f64::from(BLOCK))));
+        let around = if labels.plain() {
+            Some(EXTERIOR)
+        } else {
+            labels.around(&middle, radius)
+        };
+        match (around, source.constant(domain, low, labels.level)) {
+            (_, Some(v)) if f64::from(v) >= labels.level => Known::Uniform(INTERIOR, v),
+            (Some(label), Some(v)) => Known::Uniform(label, v),
+            _ => Known::Open(around),
+        }
+    })
 }
 
 /// A block that must be read, with the label around it, if it has one off the molecule.

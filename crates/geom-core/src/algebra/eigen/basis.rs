@@ -6,7 +6,7 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use rayon::prelude::*;
+use crate::compute::parallel;
 
 use super::parts;
 use crate::algebra::Mass;
@@ -207,8 +207,5 @@ pub(super) fn random_block(rows: usize, columns: usize, random: &mut SplitMix64)
     // The next block starts one number on: its numbers are those of this one but for the first.
     *random = random.skip(1);
     let random = random.clone();
-    (0..(rows * columns) as u64)
-        .into_par_iter()
-        .map(|i| symmetric(random.nth(i)))
-        .collect()
+    parallel::map(rows * columns, |i| symmetric(random.nth(i as u64)))
 }

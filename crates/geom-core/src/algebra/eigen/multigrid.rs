@@ -5,6 +5,7 @@
 //! 1996). A V-cycle with Chebyshev smoothing is a symmetric approximation of the inverse, and its cost
 //! per node does not grow. It only proposes directions: the solver accepts in f64.
 
+use crate::compute::parallel;
 use rayon::prelude::*;
 
 use super::{Error, Operator};
@@ -393,10 +394,7 @@ fn spectral_radius(operator: Operator<'_>, diagonal: &[f64]) -> f64 {
         let norm = crate::compute::parallel::sum(n, |i| diagonal[i] * x[i] * x[i]).sqrt();
         let y = operator.multiply(&x, 1);
         radius = crate::compute::parallel::sum(n, |i| x[i] * y[i]) / (norm * norm);
-        x = (0..n)
-            .into_par_iter()
-            .map(|i| y[i] / diagonal[i] / norm)
-            .collect();
+        x = parallel::map(n, |i| y[i] / diagonal[i] / norm);
     }
     (1.1 * radius).min(bound)
 }

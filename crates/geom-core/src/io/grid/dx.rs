@@ -19,7 +19,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 
-use rayon::prelude::*;
+use crate::compute::parallel;
 
 use super::GridFile;
 use crate::io::text::Words;
@@ -57,21 +57,18 @@ pub fn write(w: &mut dyn Write, grid: &(impl LatticeValues + ?Sized)) -> Result<
     // Planes of x as text, a few at a time: formatting takes far longer than writing.
     let planes: Vec<usize> = (0..nx).collect();
     for some in planes.chunks(PLANES) {
-        let texts: Vec<String> = some
-            .par_iter()
-            .map(|&i| {
-                let mut text = String::with_capacity(ny * nz * 16);
-                for j in 0..ny {
-                    for k in 0..nz {
-                        let place = (i * ny + j) * nz + k;
-                        let end = if place % 3 == 2 { '\n' } else { ' ' };
-                        // Writing to memory cannot fail.
-                        let _ = write!(text, "{:e}{end}", grid.at([i, j, k]));
-                    }
+        let texts: Vec<String> = parallel::map_each(some, |&i| {
+            let mut text = String::with_capacity(ny * nz * 16);
+            for j in 0..ny {
+                for k in 0..nz {
+                    let place = (i * ny + j) * nz + k;
+                    let end = if place % 3 == 2 { '\n' } else { ' ' };
+                    // Writing to memory cannot fail.
+                    let _ = write!(text, "{:e}{end}", grid.at([i, j, k]));
                 }
-                text
-            })
-            .collect();
+            }
+            text
+        });
         for text in texts {
             w.write_all(text.as_bytes())?;
         }

@@ -1,5 +1,6 @@
 //! Geodesic distance by the heat method (Crane, Weischedel and Wardetzky, *Geodesics in heat*, 2013).
 
+use crate::compute::parallel;
 use rayon::prelude::*;
 
 use super::{DistanceError, Graph, NONE, shortest_paths};
@@ -196,10 +197,7 @@ impl Heat {
         } else {
             self.insulated.solve_in_place(&mut heat, k)?;
         }
-        let columns: Vec<Vec<f64>> = (0..k)
-            .into_par_iter()
-            .map(|j| self.sources_of_ways(&heat, j, k))
-            .collect();
+        let columns: Vec<Vec<f64>> = parallel::map(k, |j| self.sources_of_ways(&heat, j, k));
         let mut distance = vec![0.0; n * k];
         for (j, column) in columns.into_iter().enumerate() {
             for (v, d) in column.into_iter().enumerate() {
@@ -207,10 +205,9 @@ impl Heat {
             }
         }
         self.poisson.solve_in_place(&mut distance, k)?;
-        Ok((0..k)
-            .into_par_iter()
-            .map(|j| self.shifted(&distance, j, k, sets[j].as_ref()))
-            .collect())
+        Ok(parallel::map(k, |j| {
+            self.shifted(&distance, j, k, sets[j].as_ref())
+        }))
     }
 
     /// `−div X` for the unit directions X against the gradient of the heat of one set. In a triangle

@@ -17,6 +17,7 @@ mod robust;
 
 pub(crate) use robust::Intrinsic;
 
+use crate::compute::parallel;
 use nalgebra::Complex;
 use rayon::prelude::*;
 
@@ -276,15 +277,12 @@ pub fn connection(mesh: &TriMesh, order: u32, weights: EdgeWeights) -> Result<Co
 /// [`Error::Length`] unless there is one value per vertex.
 pub fn gradient(mesh: &TriMesh, function: &[f64]) -> Result<Vec<Vector3>, Error> {
     check_length("vertex", function.len(), mesh.positions().len())?;
-    Ok((0..mesh.triangles().len())
-        .into_par_iter()
-        .map(|t| {
-            let hats = hat_gradients(mesh, t);
-            (0..3)
-                .map(|k| hats[k] * function[mesh.triangles()[t][k] as usize])
-                .sum()
-        })
-        .collect())
+    Ok(parallel::map(mesh.triangles().len(), |t| {
+        let hats = hat_gradients(mesh, t);
+        (0..3)
+            .map(|k| hats[k] * function[mesh.triangles()[t][k] as usize])
+            .sum()
+    }))
 }
 
 /// The divergence of a field with one vector per triangle, integrated around each vertex:
@@ -308,17 +306,13 @@ pub fn gradient(mesh: &TriMesh, function: &[f64]) -> Result<Vec<Vector3>, Error>
 pub fn divergence(mesh: &TriMesh, field: &[Vector3]) -> Result<Vec<f64>, Error> {
     check_length("triangle", field.len(), mesh.triangles().len())?;
     let corners = Corners::of(mesh.positions().len(), mesh.triangles());
-    let terms: Vec<[f64; 3]> = (0..mesh.triangles().len())
-        .into_par_iter()
-        .map(|t| {
-            let area = 0.5 * mesh.doubled_area_normal(t).norm();
-            hat_gradients(mesh, t).map(|g| -area * g.dot(&field[t]))
-        })
-        .collect();
-    Ok((0..mesh.positions().len())
-        .into_par_iter()
-        .map(|v| corners.around(v).map(|(t, k)| terms[t][k]).sum())
-        .collect())
+    let terms: Vec<[f64; 3]> = parallel::map(mesh.triangles().len(), |t| {
+        let area = 0.5 * mesh.doubled_area_normal(t).norm();
+        hat_gradients(mesh, t).map(|g| -area * g.dot(&field[t]))
+    });
+    Ok(parallel::map(mesh.positions().len(), |v| {
+        corners.around(v).map(|(t, k)| terms[t][k]).sum()
+    }))
 }
 
 /// The gradients of the three hat functions of a triangle: `n × e / (2 A)` with the opposite side e. They sum to zero.
@@ -333,19 +327,17 @@ pub(crate) fn hat_gradients(mesh: &TriMesh, triangle: usize) -> [Vector3; 3] {
 }
 
 fn areas(mesh: &TriMesh) -> Vec<f64> {
-    (0..mesh.triangles().len())
-        .into_par_iter()
-        .map(|t| 0.5 * mesh.doubled_area_normal(t).norm())
-        .collect()
+    parallel::map(mesh.triangles().len(), |t| {
+        0.5 * mesh.doubled_area_normal(t).norm()
+    })
 }
 
 /// A third of each triangle to each corner, gathered by the vertices: no two threads write to one place.
 fn spread_areas(vertices: usize, triangles: &[[u32; 3]], areas: &[f64]) -> Vec<f64> {
     let corners = Corners::of(vertices, triangles);
-    (0..vertices)
-        .into_par_iter()
-        .map(|v| corners.around(v).map(|(t, _)| areas[t] / 3.0).sum())
-        .collect()
+    parallel::map(vertices, |v| {
+        corners.around(v).map(|(t, _)| areas[t] / 3.0).sum()
+    })
 }
 
 fn check_shapes(mesh: &TriMesh) -> Result<(), Error> {
@@ -407,7 +399,7 @@ fn assemble(
     triangles: &[[u32; 3]],
     element: impl Fn(usize) -> [[f64; 3]; 3] + Send + Sync,
 ) -> Result<SparseMatrix, Error> {
-    let elements: Vec<[[f64; 3]; 3]> = (0..triangles.len()).into_par_iter().map(element).collect();
+    let elements: Vec<[[f64; 3]; 3]> = parallel::map(triangles.len(), element);
     let corners = Corners::of(vertices, triangles);
     Ok(SparseMatrix::from_rows(vertices, vertices, |v, out| {
         for (t, k) in corners.around(v) {

@@ -108,13 +108,10 @@ pub(super) fn robust(mesh: &TriMesh) -> Result<Robust, Error> {
 /// that none is a needle or a cap of no height. Triangle inequalities hold with some excess afterwards, and ratios of
 /// long edges hardly change (the mollification of that paper).
 fn thickened(mesh: &TriMesh) -> Result<(Vec<f64>, f64), Error> {
-    let mut lengths: Vec<f64> = (0..mesh.triangles().len())
-        .into_par_iter()
-        .flat_map_iter(|t| {
-            let [a, b, c] = mesh.corners(t);
-            [(b - a).norm(), (c - b).norm(), (a - c).norm()]
-        })
-        .collect();
+    let mut lengths: Vec<f64> = parallel::flat_map(mesh.triangles().len(), |t| {
+        let [a, b, c] = mesh.corners(t);
+        [(b - a).norm(), (c - b).norm(), (a - c).norm()]
+    });
     if let Some(at) = lengths.iter().position(|l| !l.is_finite()) {
         return Err(Error::Degenerate { triangle: at / 3 });
     }

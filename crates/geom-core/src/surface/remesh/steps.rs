@@ -10,10 +10,10 @@
 use std::ops::AddAssign;
 
 use crate::compute::coloring::Coloring;
+use crate::compute::parallel;
 use crate::nalgebra::center;
 use crate::search::bvh::closest_in_triangle;
 use crate::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::kept::Course;
 use super::mesh::{FACING, Kind, Mark, Mesh, NONE, Vertex, doubled_normal, facing, next, previous};
@@ -134,10 +134,7 @@ fn split_long(mesh: &mut Mesh, reference: &Reference<'_>) -> Counts {
             .collect();
         long.sort_unstable();
         // The new places depend on the ends only: all at once.
-        let new: Vec<Vertex> = long
-            .par_iter()
-            .map(|&(_, h)| middle(mesh, reference, h))
-            .collect();
+        let new: Vec<Vertex> = parallel::map_each(&long, |&(_, h)| middle(mesh, reference, h));
         let ends: Vec<(u32, u32)> = long
             .iter()
             .map(|&(_, h)| (mesh.from(h), mesh.to(h)))
@@ -457,13 +454,10 @@ pub(super) fn settle(mesh: &mut Mesh, reference: &Reference<'_>) {
 fn move_each(mesh: &mut Mesh, to: impl Fn(&Mesh, u32) -> Option<Vertex> + Sync) {
     let colors = Coloring::greedy(mesh.vertices.len(), |v| mesh.ring(v));
     for group in &colors.groups {
-        let moved: Vec<Option<Vertex>> = group
-            .par_iter()
-            .map(|&v| {
-                let moves = mesh.is_alive(v) && mesh.vertices[v as usize].active;
-                moves.then(|| to(mesh, v)).flatten()
-            })
-            .collect();
+        let moved: Vec<Option<Vertex>> = parallel::map_each(group, |&v| {
+            let moves = mesh.is_alive(v) && mesh.vertices[v as usize].active;
+            moves.then(|| to(mesh, v)).flatten()
+        });
         for (&v, vertex) in group.iter().zip(moved) {
             if let Some(vertex) = vertex {
                 mesh.vertices[v as usize] = vertex;

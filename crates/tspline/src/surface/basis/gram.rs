@@ -6,7 +6,6 @@
 
 use geom_core::algebra::{self, SparseMatrix};
 use geom_core::compute::parallel;
-use rayon::prelude::*;
 
 use super::extraction::{Extraction, POINTS};
 
@@ -33,31 +32,27 @@ impl Extraction {
                 next[f as usize] += 1;
             }
         }
-        let rows: Vec<Vec<(u32, u32, f64)>> = (0..self.functions())
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|f| {
-                let mut row: Vec<(u32, f64)> = Vec::new();
-                for &(patch, k) in &places[starts[f]..starts[f + 1]] {
-                    let patch = patch as usize;
-                    let coefficients = self.coefficients(patch);
-                    let own = &coefficients[k as usize];
-                    let mut image = [0.0; POINTS];
-                    for (x, g) in own.iter().zip(&locals[patch]) {
-                        for (out, g) in image.iter_mut().zip(g) {
-                            *out += x * g;
-                        }
+        let rows: Vec<Vec<(u32, u32, f64)>> = parallel::map(self.functions(), |f| {
+            let mut row: Vec<(u32, f64)> = Vec::new();
+            for &(patch, k) in &places[starts[f]..starts[f + 1]] {
+                let patch = patch as usize;
+                let coefficients = self.coefficients(patch);
+                let own = &coefficients[k as usize];
+                let mut image = [0.0; POINTS];
+                for (x, g) in own.iter().zip(&locals[patch]) {
+                    for (out, g) in image.iter_mut().zip(g) {
+                        *out += x * g;
                     }
-                    let dot = |c: &[f64; POINTS]| c.iter().zip(&image).map(|(a, b)| a * b).sum();
-                    let others = self.on(patch).iter().zip(coefficients);
-                    row.extend(others.map(|(&other, c)| (other, dot(c))));
                 }
-                row.sort_by_key(|e| e.0);
-                let runs = row.chunk_by(|a, b| a.0 == b.0);
-                runs.map(|run| (f as u32, run[0].0, run.iter().map(|e| e.1).sum()))
-                    .collect()
-            })
-            .collect();
+                let dot = |c: &[f64; POINTS]| c.iter().zip(&image).map(|(a, b)| a * b).sum();
+                let others = self.on(patch).iter().zip(coefficients);
+                row.extend(others.map(|(&other, c)| (other, dot(c))));
+            }
+            row.sort_by_key(|e| e.0);
+            let runs = row.chunk_by(|a, b| a.0 == b.0);
+            runs.map(|run| (f as u32, run[0].0, run.iter().map(|e| e.1).sum()))
+                .collect()
+        });
         // The sums on both sides of the diagonal run over the same patches in other roundings: one of them is taken.
         let matrix =
             SparseMatrix::from_triplets(self.functions(), self.functions(), &rows.concat())?;

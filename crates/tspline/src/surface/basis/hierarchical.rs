@@ -6,8 +6,8 @@
 //! element is then a patch over the vertices of its own level. No knots are inferred and no T-junctions extended: the
 //! functions are not negative, sum to one, and are those of the finest level where nothing is coarse.
 
+use geom_core::compute::parallel;
 use geom_core::{Point3, Vector3, VertexId};
-use rayon::prelude::*;
 
 use super::extraction::{Extraction, Patch, Rows};
 use super::stars::{Ghosts, Mask, Star};
@@ -32,11 +32,7 @@ pub(super) fn extraction(mesh: &TMesh) -> Result<Extraction, Error> {
     for level in (0..=top.unwrap_or(0)).rev() {
         levels.descend(level)?;
     }
-    let patches = (0..mesh.elements().len())
-        .into_par_iter()
-        .with_min_len(64)
-        .map(|e| levels.rows(e))
-        .collect::<Vec<Rows>>();
+    let patches = parallel::map(mesh.elements().len(), |e| levels.rows(e));
     let whole = mesh
         .elements()
         .iter()

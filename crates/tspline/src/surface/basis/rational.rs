@@ -5,6 +5,7 @@
 //! basis. Everywhere else a function is seen by the elements that its support reaches without crossing an edge that ends
 //! at an extraordinary vertex, so that it comes to each of them in one way only.
 
+use geom_core::compute::parallel;
 use geom_core::{HalfedgeId, Point3};
 use rayon::prelude::*;
 
@@ -29,11 +30,8 @@ pub(super) fn extraction(mesh: &TMesh) -> Result<Extraction, Error> {
         });
     }
     let charts = Charts::new(mesh);
-    let reached: Vec<Vec<Reached>> = (0..mesh.positions().len())
-        .into_par_iter()
-        .with_min_len(64)
-        .map(|v| charts.reached(v as u32))
-        .collect();
+    let reached: Vec<Vec<Reached>> =
+        parallel::map(mesh.positions().len(), |v| charts.reached(v as u32));
     let mut of_element: Vec<Vec<Reached>> = vec![Vec::new(); mesh.elements().len()];
     for one in reached.into_iter().flatten() {
         of_element[one.element as usize].push(one);
