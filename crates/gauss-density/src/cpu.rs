@@ -8,6 +8,7 @@
 //! another's, and what is added up over them is added in their order afterwards. So the bits are the same for any
 //! number of threads.
 
+use geom_core::compute::parallel;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Cpu, Lattice};
 use rayon::prelude::*;
@@ -52,12 +53,10 @@ impl DensityBackend for Cpu {
         errors: &mut Vec<f64>,
     ) -> Result<(), Error> {
         let model = model.model();
-        let parts: Vec<Vec<f64>> = cells
-            .par_iter()
-            .map_init(cells::Scratch::default, |scratch, cell| {
+        let parts: Vec<Vec<f64>> =
+            parallel::map_each_init(cells, cells::Scratch::default, |scratch, cell| {
                 cells::errors_of_cell(cell, model, scratch)
-            })
-            .collect();
+            });
         scatter_into(cells, &parts, model.atoms(), |part, i| part[i], errors);
         Ok(())
     }
@@ -79,12 +78,10 @@ struct AtHand<'a>(&'a [SampleCell]);
 impl RefitSamples for AtHand<'_> {
     fn sums(&mut self, model: &Model, sums: &mut RefitSums) -> Result<(), Error> {
         let cells = self.0;
-        let parts: Vec<RefitSums> = cells
-            .par_iter()
-            .map_init(cells::Scratch::default, |scratch, cell| {
+        let parts: Vec<RefitSums> =
+            parallel::map_each_init(cells, cells::Scratch::default, |scratch, cell| {
                 cells::refit_of_cell(cell, model, scratch)
-            })
-            .collect();
+            });
         let atoms = model.atoms();
         *sums = RefitSums {
             objective: parts.iter().map(|p| p.objective).sum(),

@@ -165,10 +165,23 @@ fn loops_give_what_their_items_give_in_order() {
             let squares = parallel::map(n, |i| i * i);
             let roots = parallel::map_each(&squares, |s| s.isqrt());
             let steps = parallel::flat_map(n, |i| 0..i % 3);
-            (squares, roots, steps)
+            let mut sums = roots.clone();
+            parallel::for_chunks(&mut sums, 3, |k, chunk| {
+                chunk.iter_mut().for_each(|x| *x += k)
+            });
+            let zeros = parallel::map_init(n, Vec::new, |work, i| {
+                work.clear();
+                work.resize(i % 5, i);
+                work.len()
+            });
+            let same = parallel::map_each_init(&zeros, || 0, |_, &z| z);
+            assert_eq!(zeros, same);
+            (squares, roots, steps, sums, zeros)
         });
         assert_eq!(made.0, (0..n).map(|i| i * i).collect::<Vec<_>>());
         assert_eq!(made.1, (0..n).collect::<Vec<_>>());
         assert_eq!(made.2, (0..n).flat_map(|i| 0..i % 3).collect::<Vec<_>>());
+        assert_eq!(made.3, (0..n).map(|i| i + i / 3).collect::<Vec<_>>());
+        assert_eq!(made.4, (0..n).map(|i| i % 5).collect::<Vec<_>>());
     }
 }

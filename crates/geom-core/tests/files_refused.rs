@@ -4,14 +4,14 @@ use std::io::Write as _;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
-use geom_core::Point3;
 use geom_core::io::mesh::{AnyMesh, MeshFile};
 use geom_core::io::view::{Cells, Field, Group, Numbers, Values};
 use geom_core::io::{
     Encoding, Error, ErrorKind, View, decompress, glb, msh, obj, off, ply, read_bytes,
     read_bytes_up_to, save, stl, vtu,
 };
-use geom_core::mesh::OUTSIDE;
+use geom_core::mesh::{MeshError, OUTSIDE};
+use geom_core::{Point3, TetMesh};
 
 #[test]
 fn nothing_half_written_is_left() {
@@ -208,6 +208,9 @@ fn outside_is_no_region() {
         panic!("a tetrahedron");
     };
     assert_ne!(mesh.regions()[0], OUTSIDE);
+    let points = mesh.positions().to_vec();
+    let refused = TetMesh::with_regions(points, mesh.tets().to_vec(), vec![OUTSIDE]);
+    assert_eq!(refused, Err(MeshError::Outside { element: 0 }));
 }
 
 /// Polygons of three corners are faces, and not among the triangles that are asked for.

@@ -95,6 +95,34 @@ fn open_quotes_are_truncated() {
 }
 
 #[test]
+fn ions_are_known_without_a_column_of_elements() {
+    let mut text = "data_x\nloop_\n".to_owned();
+    for item in
+        "group_PDB label_atom_id label_comp_id label_asym_id label_seq_id Cartn_x Cartn_y Cartn_z"
+            .split(' ')
+    {
+        text += &format!("_atom_site.{item}\n");
+    }
+    for (x, (atom, component)) in (0..).zip([
+        ("CA", "ALA"),
+        ("CA", "CA"),
+        ("FE", "FE2"),
+        ("CA", "CAF"),
+        ("C1", "C1X"),
+    ]) {
+        text += &format!("HETATM {atom} {component} A {x} {}.0 0.0 0.0\n", 9 * x);
+    }
+    let made = parse(text.as_bytes(), Format::Mmcif, &ReadOptions::default()).unwrap();
+    let symbols: Vec<&str> = made
+        .structure
+        .atoms()
+        .iter()
+        .map(|a| a.element.symbol())
+        .collect();
+    assert_eq!(symbols, ["C", "Ca", "Fe", "C", "C"]);
+}
+
+#[test]
 fn uncertainties_are_left_out() {
     assert_eq!(inside::measured(b"1.5(3)"), Some(1.5));
     assert_eq!(inside::measured(b"-12.375(11)"), Some(-12.375));

@@ -3,6 +3,7 @@
 //! Every result is written by one thread from what it alone reads, so that none depends on how many there are. The
 //! loops over patches stand in `operators/patch.rs`; that of one triangle in `forms/triangles.rs`.
 
+use geom_core::compute::parallel;
 use geom_core::{Cpu, Vector3};
 use rayon::prelude::*;
 
@@ -54,7 +55,7 @@ impl OperatorBackend for Cpu {
         if n == 0 {
             return Ok(());
         }
-        out.par_chunks_mut(n).enumerate().for_each(|(i, out)| {
+        parallel::for_chunks(out, n, |i, out| {
             let a = &rows[i * width..(i + 1) * width];
             for (out, b) in out.iter_mut().zip(rows.chunks_exact(width)) {
                 let squared: f32 = a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum();

@@ -4,6 +4,7 @@
 //! with it and all atoms removed before gone, the density at every sample still keeps `1 − ε_G` of the
 //! *original* density. So the bound holds for the result, not only for each step.
 
+use geom_core::compute::parallel;
 use geom_core::options::{OutOfRange, require};
 use geom_core::{BrickGrid, LatticeValues, Point3, Run};
 use rayon::prelude::*;
@@ -444,12 +445,9 @@ impl<'a> State<'a> {
                 limit: max_memory,
             });
         }
-        let sums = cells
-            .par_iter()
-            .map_init(cells::Scratch::default, |scratch, cell| {
-                cells::sums_of_cell(cell, model, scratch)
-            })
-            .collect();
+        let sums = parallel::map_each_init(cells, cells::Scratch::default, |scratch, cell| {
+            cells::sums_of_cell(cell, model, scratch)
+        });
         let mut counts = vec![0u32; model.atoms()];
         for &a in cells.iter().flat_map(|c| &c.atoms) {
             counts[a as usize] += 1;
@@ -486,16 +484,13 @@ impl<'a> State<'a> {
     /// Side by side, from the sums as they stand at the start of a batch: [`State::loss_now`] mends what the batch
     /// itself has changed since.
     fn losses_without(&self, atoms: &[u32], epsilon: f64) -> Vec<Option<f64>> {
-        atoms
-            .par_iter()
-            .map_init(Vec::new, |left, &atom| {
-                let mut worst = 0.0;
-                for &place in self.places(atom) {
-                    worst = self.loss_at(place, epsilon, left)?.max(worst);
-                }
-                Some(worst)
-            })
-            .collect()
+        parallel::map_each_init(atoms, Vec::new, |left, &atom| {
+            let mut worst = 0.0;
+            for &place in self.places(atom) {
+                worst = self.loss_at(place, epsilon, left)?.max(worst);
+            }
+            Some(worst)
+        })
     }
 
     /// Forgets which cells have changed.

@@ -65,12 +65,10 @@ pub(crate) fn collect(
         .collect();
     keyed.par_sort_unstable();
     let groups: Vec<_> = keyed.chunk_by(|a, b| a.group == b.group).collect();
-    let cells: Vec<Vec<SampleCell>> = groups
-        .par_iter()
-        .map_init(cull::Scratch::default, |scratch, group| {
+    let cells: Vec<Vec<SampleCell>> =
+        parallel::map_each_init(&groups, cull::Scratch::default, |scratch, group| {
             cells_of_group(prepared, &points, group, wanted, scratch)
-        })
-        .collect();
+        });
     let mut cells: Vec<SampleCell> = cells.into_iter().flatten().collect();
     let model = prepared.model();
     // In the interior the density may fall to the upper end of the band before the body is no longer solid.

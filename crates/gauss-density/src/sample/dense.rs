@@ -1,8 +1,8 @@
 //! The density on a lattice, at every point.
 
+use geom_core::compute::parallel;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Lattice, Run, ScalarGrid};
-use rayon::prelude::*;
 
 use crate::backend::{Block, BlockValues, DensityBackend, Job, On};
 use crate::error::Error;
@@ -89,21 +89,18 @@ fn put(lattice: &Lattice, blocks: &[Block], results: &[BlockValues], values: &mu
         }
     }
     // By planes, so that every thread writes into its own part.
-    values
-        .par_chunks_mut(nx * ny)
-        .enumerate()
-        .for_each(|(z, plane)| {
-            for Placed { bx, by, values } in &layers[z / BRICK] {
-                let slab = &values[z % BRICK * BRICK * BRICK..][..BRICK * BRICK];
-                let width = BRICK.min(nx - bx * BRICK);
-                for (y, row) in slab.chunks_exact(BRICK).enumerate() {
-                    let y = by * BRICK + y;
-                    if y < ny {
-                        plane[y * nx + bx * BRICK..][..width].copy_from_slice(&row[..width]);
-                    }
+    parallel::for_chunks(values, nx * ny, |z, plane| {
+        for Placed { bx, by, values } in &layers[z / BRICK] {
+            let slab = &values[z % BRICK * BRICK * BRICK..][..BRICK * BRICK];
+            let width = BRICK.min(nx - bx * BRICK);
+            for (y, row) in slab.chunks_exact(BRICK).enumerate() {
+                let y = by * BRICK + y;
+                if y < ny {
+                    plane[y * nx + bx * BRICK..][..width].copy_from_slice(&row[..width]);
                 }
             }
-        });
+        }
+    });
 }
 
 /// The grid of all values, with its counts.

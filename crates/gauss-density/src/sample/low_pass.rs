@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 
+use geom_core::compute::parallel;
 use geom_core::options::{OutOfRange, require};
 use geom_core::{LatticeValues, ScalarGrid};
 use rayon::prelude::*;
@@ -164,32 +165,26 @@ pub fn low_pass(grid: &ScalarGrid, options: &LowPass) -> Result<ScalarGrid, Erro
         wave * wave
     };
     let norm = 1.0 / (nx as f64 * ny as f64 * nz as f64);
-    transposed
-        .par_chunks_mut(half * nz)
-        .enumerate()
-        .for_each(|(y, slab)| {
-            for (x, line) in slab.chunks_exact_mut(nz).enumerate() {
-                for (z, value) in line.iter_mut().enumerate() {
-                    *value = spectrum[(z * ny + y) * half + x];
-                }
-                forward_z.process(line);
-                for (z, value) in line.iter_mut().enumerate() {
-                    let at = squared(x, nx) + squared(y, ny) + squared(z, nz);
-                    *value *= (options.response(at) * norm) as f32;
-                }
-                inverse_z.process(line);
+    parallel::for_chunks(&mut transposed, half * nz, |y, slab| {
+        for (x, line) in slab.chunks_exact_mut(nz).enumerate() {
+            for (z, value) in line.iter_mut().enumerate() {
+                *value = spectrum[(z * ny + y) * half + x];
             }
-        });
-    spectrum
-        .par_chunks_mut(half * ny)
-        .enumerate()
-        .for_each(|(z, plane)| {
-            for (y, row) in plane.chunks_exact_mut(half).enumerate() {
-                for (x, value) in row.iter_mut().enumerate() {
-                    *value = transposed[(y * half + x) * nz + z];
-                }
+            forward_z.process(line);
+            for (z, value) in line.iter_mut().enumerate() {
+                let at = squared(x, nx) + squared(y, ny) + squared(z, nz);
+                *value *= (options.response(at) * norm) as f32;
             }
-        });
+            inverse_z.process(line);
+        }
+    });
+    parallel::for_chunks(&mut spectrum, half * ny, |z, plane| {
+        for (y, row) in plane.chunks_exact_mut(half).enumerate() {
+            for (x, value) in row.iter_mut().enumerate() {
+                *value = transposed[(y * half + x) * nz + z];
+            }
+        }
+    });
     drop(transposed);
     along_y(&mut spectrum, half, ny, &complex.plan_fft_inverse(ny));
 

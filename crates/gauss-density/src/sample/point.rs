@@ -10,7 +10,6 @@ use geom_core::compute::parallel;
 use geom_core::field::{Precision, crossing};
 use geom_core::nalgebra::Matrix3;
 use geom_core::{Aabb, BrickGrid, FieldAtMany, ImplicitField, LatticeValues, Point3, Vector3};
-use rayon::prelude::*;
 
 use crate::backend::{CellPoint, DensityBackend, PointCells, PointKernel};
 use crate::error::Error;
@@ -157,9 +156,10 @@ impl<'a> PointSampler<'a> {
         let groups = self.cells.map(|n| n.div_ceil(SIDE));
         let clusters = self.model.clusters();
         let reach = self.model.reach.radius(eps / 4.0, floor);
-        let lists: Vec<Vec<(usize, Vec<u32>)>> = (0..groups.iter().product::<usize>())
-            .into_par_iter()
-            .map_init(Scratch::default, |scratch, group| {
+        let lists: Vec<Vec<(usize, Vec<u32>)>> = parallel::map_init(
+            groups.iter().product::<usize>(),
+            Scratch::default,
+            |scratch, group| {
                 let [nx, ny, _] = groups;
                 let low = [group % nx, group / nx % ny, group / (nx * ny)].map(|g| g * SIDE);
                 let high = [0, 1, 2].map(|k| (low[k] + SIDE).min(self.cells[k]));
@@ -181,8 +181,8 @@ impl<'a> PointSampler<'a> {
                     }
                 }
                 lists
-            })
-            .collect();
+            },
+        );
         let mut by_cell = vec![Vec::new(); self.cells.iter().product()];
         for (cell, list) in lists.into_iter().flatten() {
             by_cell[cell] = list;

@@ -23,7 +23,6 @@ use faer::sparse::linalg::cholesky::{
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
-use rayon::prelude::*;
 
 use super::substitution::{Schedule, Solved, Supernode};
 use super::{Error, Scalar, SparseMatrix};
@@ -429,14 +428,10 @@ fn solve_parts<T: Scalar, const C: usize>(
     let solved: Vec<Solved<T, C>> = parallel::map(parts, |part| {
         schedule.solve(factor, block, columns, range(part))
     });
-    block
-        .par_chunks_mut(columns)
-        .enumerate()
-        .with_min_len(4096)
-        .for_each(|(i, out)| {
-            for (part, solved) in solved.iter().enumerate() {
-                let out = &mut out[range(part)];
-                out.copy_from_slice(&schedule.row(solved, i)[..out.len()]);
-            }
-        });
+    parallel::for_chunks(block, columns, |i, out| {
+        for (part, solved) in solved.iter().enumerate() {
+            let out = &mut out[range(part)];
+            out.copy_from_slice(&schedule.row(solved, i)[..out.len()]);
+        }
+    });
 }

@@ -83,9 +83,9 @@ pub(crate) fn add_product(out: &mut [f64], columns: usize, a: &[Tall<'_>], c: &[
     if columns == 0 || a.is_empty() {
         return;
     }
-    out.par_chunks_mut(ROWS * columns)
-        .enumerate()
-        .for_each(|(k, out)| add_product_part(out, columns, a, c, scale, k * ROWS));
+    parallel::for_chunks(out, ROWS * columns, |k, out| {
+        add_product_part(out, columns, a, c, scale, k * ROWS)
+    });
 }
 
 /// The same for some rows from `from` on. Many narrow blocks beside a wide C are copied side by side first, some rows

@@ -161,23 +161,21 @@ impl Scalar for Complex<f64> {
 /// [`SparseMatrix::multiply_into`] for a block of the right size that is not empty. A block is taken 16 columns at a
 /// time, then 8, 4, 2, 1: the sums of a row stay in registers, and the matrix is read once per slice.
 fn multiply<T: Scalar>(matrix: &SparseMatrix<T>, block: &[T], columns: usize, out: &mut [T]) {
-    out.par_chunks_mut(ROWS * columns)
-        .enumerate()
-        .for_each(|(part, out)| {
-            let mut at = 0;
-            while at < columns {
-                let width = match columns - at {
-                    1 => matrix.rows_times::<1>(part * ROWS, block, out, columns, at),
-                    2 => matrix.rows_times::<2>(part * ROWS, block, out, columns, at),
-                    // Coordinates.
-                    3 => matrix.rows_times::<3>(part * ROWS, block, out, columns, at),
-                    4..8 => matrix.rows_times::<4>(part * ROWS, block, out, columns, at),
-                    8..16 => matrix.rows_times::<8>(part * ROWS, block, out, columns, at),
-                    _ => matrix.rows_times::<16>(part * ROWS, block, out, columns, at),
-                };
-                at += width;
-            }
-        });
+    parallel::for_chunks(out, ROWS * columns, |part, out| {
+        let mut at = 0;
+        while at < columns {
+            let width = match columns - at {
+                1 => matrix.rows_times::<1>(part * ROWS, block, out, columns, at),
+                2 => matrix.rows_times::<2>(part * ROWS, block, out, columns, at),
+                // Coordinates.
+                3 => matrix.rows_times::<3>(part * ROWS, block, out, columns, at),
+                4..8 => matrix.rows_times::<4>(part * ROWS, block, out, columns, at),
+                8..16 => matrix.rows_times::<8>(part * ROWS, block, out, columns, at),
+                _ => matrix.rows_times::<16>(part * ROWS, block, out, columns, at),
+            };
+            at += width;
+        }
+    });
 }
 
 /// A sparse matrix in compressed rows; columns ascend within a row, each at most once. A symmetric

@@ -75,6 +75,44 @@ pub fn map_each<S: Sync, T: Send>(items: &[S], f: impl Fn(&S) -> T + Sync) -> Ve
     gather(items.len(), &|piece| items[piece].iter().map(&f).collect())
 }
 
+/// [`map`] with something to work in, made once for a stretch of neighbours and not for each.
+pub fn map_init<W, T: Send>(
+    n: usize,
+    init: impl Fn() -> W + Sync,
+    f: impl Fn(&mut W, usize) -> T + Sync,
+) -> Vec<T> {
+    gather(n, &|piece| {
+        let mut work = init();
+        piece.map(|i| f(&mut work, i)).collect()
+    })
+}
+
+/// [`map_each`] with something to work in, made once for a stretch of neighbours and not for each.
+pub fn map_each_init<S: Sync, W, T: Send>(
+    items: &[S],
+    init: impl Fn() -> W + Sync,
+    f: impl Fn(&mut W, &S) -> T + Sync,
+) -> Vec<T> {
+    gather(items.len(), &|piece| {
+        let mut work = init();
+        items[piece].iter().map(|s| f(&mut work, s)).collect()
+    })
+}
+
+/// `f` of each piece of `size` values, the last one shorter, with its number.
+///
+/// # Panics
+/// If `size` is 0.
+pub fn for_chunks<T: Send>(values: &mut [T], size: usize, f: impl Fn(usize, &mut [T]) + Sync) {
+    in_chunks(values, size, &f);
+}
+
+/// Compiled once per type of value: see [`gather`].
+fn in_chunks<T: Send>(values: &mut [T], size: usize, f: &(dyn Fn(usize, &mut [T]) + Sync)) {
+    let chunks = values.par_chunks_mut(size).enumerate();
+    chunks.for_each(|(number, chunk)| f(number, chunk));
+}
+
 /// What `f(0)`, `f(1)`, …, `f(n - 1)` give, one after the other.
 ///
 /// ```

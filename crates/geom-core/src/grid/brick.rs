@@ -7,7 +7,7 @@
 //! any order: samplers may store bricks as they come. There is no tree: the place of its brick, and one lookup, find a
 //! point.
 
-use rayon::prelude::*;
+use crate::compute::parallel;
 
 use super::{
     GridError, LatticeValues, ScalarGrid, check_lattice, copy_row, first_not_finite, trilinear,
@@ -177,15 +177,12 @@ impl BrickGrid {
     pub fn to_dense(&self) -> ScalarGrid {
         let [nx, ny, _] = self.lattice.counts;
         let mut values = vec![0.0; self.lattice.len()];
-        values
-            .par_chunks_mut(nx.max(1))
-            .enumerate()
-            .for_each(|(row, out)| {
-                let (j, k) = (row % ny, row / ny);
-                for (i, v) in out.iter_mut().enumerate() {
-                    *v = self.at([i, j, k]);
-                }
-            });
+        parallel::for_chunks(&mut values, nx.max(1), |row, out| {
+            let (j, k) = (row % ny, row / ny);
+            for (i, v) in out.iter_mut().enumerate() {
+                *v = self.at([i, j, k]);
+            }
+        });
         ScalarGrid {
             lattice: self.lattice,
             values,

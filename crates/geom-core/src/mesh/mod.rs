@@ -78,6 +78,12 @@ pub enum MeshError {
         /// Number of elements.
         elements: usize,
     },
+    /// A tetrahedron has the region that stands for what is outside the mesh.
+    #[error("tetrahedron {element} is of region {OUTSIDE}, which stands for what is outside")]
+    Outside {
+        /// The tetrahedron.
+        element: usize,
+    },
     /// Two or more faces use an edge in the same direction, or more than two use it.
     #[error(
         "edge {from}–{to} of face {face} is used by more than two faces or twice in one direction"
@@ -365,7 +371,8 @@ impl TetMesh {
     /// [`VertexKind::Interior`] lies on the boundary is not looked at.
     ///
     /// # Errors
-    /// Those of [`TriMesh::new`], and [`MeshError::Length`] if regions or kinds are not as many as their elements.
+    /// Those of [`TriMesh::new`], [`MeshError::Length`] if regions or kinds are not as many as their elements, and
+    /// [`MeshError::Outside`] if a region is [`OUTSIDE`].
     pub fn with_kinds(
         positions: Vec<Point3>,
         tets: Vec<[u32; 4]>,
@@ -388,6 +395,10 @@ impl TetMesh {
                 values,
                 elements,
             });
+        }
+        // Its faces would count as the mesh's boundary on both sides.
+        if let Some(element) = regions.iter().position(|&r| r == OUTSIDE) {
+            return Err(MeshError::Outside { element });
         }
         Ok(Self {
             positions,

@@ -8,7 +8,6 @@
 //! ```
 
 use nalgebra::{Matrix2, SMatrix, SVector, SymmetricEigen};
-use rayon::prelude::*;
 
 use crate::compute::parallel;
 use crate::{TriMesh, Vector3};
@@ -94,27 +93,24 @@ const MAX_RINGS: usize = 8;
 pub fn principal(mesh: &TriMesh, rings: usize) -> Vec<Principal> {
     let adjacency = Adjacency::of(mesh);
     let normals = mesh.vertex_normals();
-    (0..mesh.positions().len())
-        .into_par_iter()
-        .map_init(Vec::new, |near, v| {
-            let normal = normals[v];
-            if normal == Vector3::zeros() {
-                return Principal::UNKNOWN;
-            }
-            adjacency.rings(v as u32, rings.clamp(1, MAX_RINGS), CUBIC + CUBIC / 2, near);
-            let positions = mesh.positions();
-            let around: Vec<Vector3> = near
-                .iter()
-                .map(|&w: &u32| positions[w as usize] - positions[v])
-                .collect();
-            fit::<CUBIC>(normal, &around)
-                .or_else(|| fit::<QUADRIC>(normal, &around))
-                .unwrap_or(Principal {
-                    normal,
-                    ..Principal::UNKNOWN
-                })
-        })
-        .collect()
+    parallel::map_init(mesh.positions().len(), Vec::new, |near, v| {
+        let normal = normals[v];
+        if normal == Vector3::zeros() {
+            return Principal::UNKNOWN;
+        }
+        adjacency.rings(v as u32, rings.clamp(1, MAX_RINGS), CUBIC + CUBIC / 2, near);
+        let positions = mesh.positions();
+        let around: Vec<Vector3> = near
+            .iter()
+            .map(|&w: &u32| positions[w as usize] - positions[v])
+            .collect();
+        fit::<CUBIC>(normal, &around)
+            .or_else(|| fit::<QUADRIC>(normal, &around))
+            .unwrap_or(Principal {
+                normal,
+                ..Principal::UNKNOWN
+            })
+    })
 }
 
 /// Coefficients of a quadric and of a cubic in two variables.

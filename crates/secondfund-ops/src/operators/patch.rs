@@ -2,6 +2,7 @@
 //!
 //! Functions are taken four at a time and points in batches, so that the inner loops are products of small dense blocks.
 
+use geom_core::compute::parallel;
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -328,8 +329,5 @@ pub(crate) fn forces(task: &PatchTask<'_>, out: &mut Vec<Vector3>) {
         return;
     }
     let lanes = Lanes::of(task);
-    out.par_chunks_mut(task.functions)
-        .enumerate()
-        .with_min_len(64)
-        .for_each(|(patch, out)| lanes.forces(patch, out));
+    parallel::for_chunks(out, task.functions, |patch, out| lanes.forces(patch, out));
 }

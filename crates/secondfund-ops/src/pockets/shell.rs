@@ -3,6 +3,7 @@
 //! Depth is counted, not measured: a point on a plane has half a ball of atoms around it, one in a hollow more, one on a knob
 //! less. Counting needs no surface, no normals and no probe, and changes little when atoms move a little.
 
+use geom_core::compute::parallel;
 use geom_core::{Aabb, Point3, Structure};
 use rayon::prelude::*;
 
@@ -25,13 +26,9 @@ pub fn burial(
 ) -> Result<Vec<f64>, Error> {
     check_burial(radius, foreign)?;
     let atoms = Atoms::of(structure)?;
-    Ok(points
-        .par_iter()
-        .with_min_len(64)
-        .map_init(Vec::new, |counts, p| {
-            atoms.burial(&atoms.frame.enter(p), radius, foreign, counts)
-        })
-        .collect())
+    Ok(parallel::map_each_init(points, Vec::new, |counts, p| {
+        atoms.burial(&atoms.frame.enter(p), radius, foreign, counts)
+    }))
 }
 
 /// A point of the shell.

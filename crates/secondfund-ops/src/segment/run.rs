@@ -218,14 +218,10 @@ fn draw(areas: &[f64], count: usize, seed: u64) -> Vec<u32> {
 
 /// Nearest medoid of each face's mean row; of equally near ones the first.
 pub(super) fn label_faces(faces: &Faces, rows: &Rows, medoids: &[u32]) -> Vec<u32> {
-    (0..faces.len())
-        .into_par_iter()
-        .with_min_len(1024)
-        .map_init(Vec::new, |mean, f| {
-            rows.mean(faces.corners(f), mean);
-            nearest(rows, medoids, mean).0
-        })
-        .collect()
+    parallel::map_init(faces.len(), Vec::new, |mean, f| {
+        rows.mean(faces.corners(f), mean);
+        nearest(rows, medoids, mean).0
+    })
 }
 
 /// The group whose medoid is nearest to a row, and the distance.

@@ -24,6 +24,7 @@ pub use multigrid::Multigrid;
 
 use std::ops::Range;
 
+use crate::compute::parallel;
 use rayon::prelude::*;
 
 use self::backend::On;
@@ -606,14 +607,11 @@ fn residuals(
             // Some side by side: one pass over the matrix.
             let c = values.len();
             let mut x = vec![0.0; lumped.len() * c];
-            x.par_chunks_mut(c)
-                .with_min_len(4096)
-                .enumerate()
-                .for_each(|(i, row)| {
-                    for (x, vector) in row.iter_mut().zip(vectors) {
-                        *x = vector[i];
-                    }
-                });
+            parallel::for_chunks(&mut x, c, |i, row| {
+                for (x, vector) in row.iter_mut().zip(vectors) {
+                    *x = vector[i];
+                }
+            });
             let mx = parts::mass_times(mass, &x, c);
             let mut r = stiffness.multiply(&x, c);
             r.par_chunks_mut(c)

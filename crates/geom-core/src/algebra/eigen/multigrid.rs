@@ -60,19 +60,16 @@ impl CompressedRows {
             4 => self.add::<4>(scale, block, out),
             8 => self.add::<8>(scale, block, out),
             16 => self.add::<16>(scale, block, out),
-            _ => out
-                .par_chunks_mut(ROWS * columns)
-                .enumerate()
-                .for_each(|(part, out)| {
-                    for (i, y) in out.chunks_exact_mut(columns).enumerate() {
-                        for (j, a) in self.row(part * ROWS + i) {
-                            let a = scale * a;
-                            for (y, &x) in y.iter_mut().zip(&block[j * columns..]) {
-                                *y += a * x;
-                            }
+            _ => parallel::for_chunks(out, ROWS * columns, |part, out| {
+                for (i, y) in out.chunks_exact_mut(columns).enumerate() {
+                    for (j, a) in self.row(part * ROWS + i) {
+                        let a = scale * a;
+                        for (y, &x) in y.iter_mut().zip(&block[j * columns..]) {
+                            *y += a * x;
                         }
                     }
-                }),
+                }
+            }),
         }
     }
 
@@ -88,22 +85,20 @@ impl CompressedRows {
     fn add<const C: usize>(&self, scale: f32, block: &[f32], out: &mut [f32]) {
         let (rows, _) = block.as_chunks::<C>();
         let (out, _) = out.as_chunks_mut::<C>();
-        out.par_chunks_mut(ROWS)
-            .enumerate()
-            .for_each(|(part, out)| {
-                for (i, y) in out.iter_mut().enumerate() {
-                    let mut sum = [0.0; C];
-                    for (j, a) in self.row(part * ROWS + i) {
-                        let x = &rows[j];
-                        for c in 0..C {
-                            sum[c] += a * x[c];
-                        }
-                    }
+        parallel::for_chunks(out, ROWS, |part, out| {
+            for (i, y) in out.iter_mut().enumerate() {
+                let mut sum = [0.0; C];
+                for (j, a) in self.row(part * ROWS + i) {
+                    let x = &rows[j];
                     for c in 0..C {
-                        y[c] += scale * sum[c];
+                        sum[c] += a * x[c];
                     }
                 }
-            });
+                for c in 0..C {
+                    y[c] += scale * sum[c];
+                }
+            }
+        });
     }
 }
 

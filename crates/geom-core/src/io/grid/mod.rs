@@ -17,7 +17,7 @@ pub mod mrc;
 
 use std::path::Path;
 
-use rayon::prelude::*;
+use crate::compute::parallel;
 
 use crate::io::{Error, ErrorKind, MAX_BYTES, extension, read_bytes_up_to};
 use crate::{Aabb, GridError, Lattice, LatticeValues, Point3, ScalarGrid, Vector3};
@@ -173,16 +173,13 @@ impl GridFile {
         }
         let mut values = vec![0.0; self.values.len()];
         let [nx, ny, _] = counts;
-        values
-            .par_chunks_mut(nx.max(1))
-            .enumerate()
-            .for_each(|(row, out)| {
-                let (j, k) = ((row % ny) as isize, (row / ny) as isize);
-                let start = from as isize + j * along[1] + k * along[2];
-                for (i, value) in out.iter_mut().enumerate() {
-                    *value = self.values[(start + i as isize * along[0]) as usize];
-                }
-            });
+        parallel::for_chunks(&mut values, nx.max(1), |row, out| {
+            let (j, k) = ((row % ny) as isize, (row / ny) as isize);
+            let start = from as isize + j * along[1] + k * along[2];
+            for (i, value) in out.iter_mut().enumerate() {
+                *value = self.values[(start + i as isize * along[0]) as usize];
+            }
+        });
         Ok(ScalarGrid::new(lattice, values)?)
     }
 
@@ -232,15 +229,12 @@ impl GridFile {
             .ok_or_else(|| ErrorKind::expected(SPANNING, "steps too short or too long"))?;
         let mut values = vec![0.0; lattice.len()];
         let [nx, ny, _] = lattice.counts;
-        values
-            .par_chunks_mut(nx)
-            .enumerate()
-            .for_each(|(row, out)| {
-                for (i, value) in out.iter_mut().enumerate() {
-                    let p = lattice.point([i, row % ny, row / ny]);
-                    *value = self.between(to_axes * (p - self.origin)) as f32;
-                }
-            });
+        parallel::for_chunks(&mut values, nx, |row, out| {
+            for (i, value) in out.iter_mut().enumerate() {
+                let p = lattice.point([i, row % ny, row / ny]);
+                *value = self.between(to_axes * (p - self.origin)) as f32;
+            }
+        });
         Ok(ScalarGrid::new(lattice, values)?)
     }
 

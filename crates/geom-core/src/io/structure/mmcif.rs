@@ -473,8 +473,9 @@ impl Reader {
                 charge: 0.0,
                 b_factor: measured(at(16)).unwrap_or(0.0) as f32,
                 name: atom_name,
-                element: names::element_in_file(symbol)
-                    .unwrap_or_else(|| names::element_of(atom_name, residue, false, None)),
+                element: names::element_in_file(symbol).unwrap_or_else(|| {
+                    names::element_of(atom_name, residue, is_ion(atom_name, residue), None)
+                }),
                 hetero,
             },
             residue: Residue {
@@ -640,6 +641,14 @@ fn expected(what: &str, found: &[u8]) -> ErrorKind {
 
 fn integer<N: std::str::FromStr>(text: &[u8]) -> Option<N> {
     std::str::from_utf8(text).ok()?.parse().ok()
+}
+
+/// Components that are ions bear the names of their only atoms, of which some say how charged they are: `CA` of `CA`, `FE` of
+/// `FE2`. Where no element is given, calcium is told from the Cα of a residue by that.
+fn is_ion(atom: Name, component: Name) -> bool {
+    let component = component.as_str();
+    component.trim_end_matches(|c: char| c.is_ascii_digit()) == atom.as_str()
+        || component == atom.as_str()
 }
 
 /// Refused, not cut: two names cut alike would become one.
