@@ -273,20 +273,17 @@ impl<'a> Flow<'a> {
         if self.freedom[v] == Freedom::Fixed {
             return false;
         }
-        let (start, normal) = (self.positions[v], self.normals[v]);
+        let start = (self.positions[v], self.normals[v]);
         let before = self.worst_around(v);
         let length = self.around[v].iter().map(|&q| self.lengths[q as usize]);
         let length = step * length.flatten().fold(f64::INFINITY, f64::min);
-        let mut best = (before + 1e-6, start, normal);
-        for (to, normal) in self.ground.around((start, normal), length, self.freedom[v]) {
-            (self.positions[v], self.normals[v]) = (to, normal);
-            let after = self.worst_around(v);
-            if after > best.0 {
-                best = (after, to, normal);
-            }
-        }
-        (self.positions[v], self.normals[v]) = (best.1, best.2);
-        best.0 > before + 1e-6
+        let (ground, freedom) = (self.ground, self.freedom[v]);
+        let found = ground.best_around(start, [length, 0.0], freedom, before, |&place| {
+            (self.positions[v], self.normals[v]) = place;
+            self.worst_around(v)
+        });
+        (self.positions[v], self.normals[v]) = found.unwrap_or(start);
+        found.is_some()
     }
 }
 

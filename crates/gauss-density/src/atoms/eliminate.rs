@@ -452,7 +452,7 @@ impl<'a> State<'a> {
         for &a in cells.iter().flat_map(|c| &c.atoms) {
             counts[a as usize] += 1;
         }
-        let starts = geom_core::compute::parallel::starts_of(&counts);
+        let starts = parallel::starts_of(&counts);
         let mut next = starts.clone();
         let mut places = vec![Place::default(); starts[model.atoms()]];
         for (c, cell) in cells.iter().enumerate() {

@@ -385,7 +385,7 @@ pub(super) fn substitute<T: Scalar>(
 ) -> Result<(), Error> {
     let n = symbolic.rows();
     match &symbolic.inner.schedule {
-        Some(schedule) => crate::compute::parallel::inside(|| {
+        Some(schedule) => parallel::inside(|| {
             let (wide, rest) = (columns / COLUMNS, columns % COLUMNS);
             solve_parts::<T, COLUMNS>(schedule, factor, block, columns, 0, wide);
             let first = wide * COLUMNS;

@@ -200,7 +200,7 @@ pub(crate) fn squares(
     columns: usize,
     weight: impl Fn(usize) -> f64 + Sync,
 ) -> Vec<f64> {
-    let parts = crate::compute::parallel::fold_chunks(block.len() / columns, |range| {
+    let parts = parallel::fold_chunks(block.len() / columns, |range| {
         let mut sums = vec![0.0; columns];
         for i in range {
             let weight = weight(i);

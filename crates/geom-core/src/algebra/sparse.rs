@@ -223,7 +223,7 @@ impl<T: Scalar> SparseMatrix<T> {
         for e in entries {
             counts[e.0 as usize] += 1;
         }
-        let starts = crate::compute::parallel::starts_of(&counts);
+        let starts = parallel::starts_of(&counts);
         let mut next = starts.clone();
         let mut sorted = vec![(0u32, T::default()); entries.len()];
         for &(row, column, value) in entries {
@@ -268,7 +268,7 @@ impl<T: Scalar> SparseMatrix<T> {
             (lengths, indices, values)
         });
         let lengths: Vec<u32> = parts.iter().flat_map(|p| &p.0).copied().collect();
-        let starts = crate::compute::parallel::starts_of(&lengths);
+        let starts = parallel::starts_of(&lengths);
         check_size(rows, starts[rows])?;
         let mut indices = Vec::with_capacity(starts[rows]);
         let mut values = Vec::with_capacity(starts[rows]);
@@ -455,7 +455,7 @@ impl<T: Scalar> SparseMatrix<T> {
         for &j in &self.indices {
             counts[j as usize] += 1;
         }
-        let starts = crate::compute::parallel::starts_of(&counts);
+        let starts = parallel::starts_of(&counts);
         let mut next = starts.clone();
         let mut indices = vec![0; self.entries()];
         let mut values = vec![T::default(); self.entries()];

@@ -1,8 +1,8 @@
-//! Loops and sums with the same bits for any number of threads: work is cut into fixed chunks, and
-//! the parts are combined in order.
+//! Loops and sums with the same bits for any number of threads.
 //!
-//! A sum of floating-point numbers depends on the order in which they are added, and threads finish in any order. Here
-//! the pieces do not depend on the number of threads, and what they give is added in the order of the pieces.
+//! A sum of floating-point numbers depends on the order in which they are added, and threads finish in any order. So sums
+//! are cut into fixed chunks ([`CHUNK`]), and what these give is added in their order. Loops that give a value per item
+//! ([`map`] and those after it) are cut as the threads need it: there the cuts leave no trace.
 
 use std::ops::Range;
 use std::sync::Mutex;

@@ -10,11 +10,10 @@
 
 use std::fmt;
 
-use crate::compute::parallel;
+use crate::compute::parallel::{self, sorted_by_number};
 use rayon::prelude::*;
 
 use super::{FACES, QuadMesh, Region, TetMesh, TriMesh, is_even, six_volume, sorted};
-use crate::compute::parallel::sorted_by_number;
 use crate::compute::sets::{DisjointSets, Sets};
 use crate::{Point3, Vector3};
 

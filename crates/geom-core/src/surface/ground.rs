@@ -9,6 +9,10 @@ use std::f64::consts::FRAC_PI_4;
 use crate::search::bvh::{TreeError, TriangleTree};
 use crate::{Point3, TriMesh, Vector3};
 
+/// By so much at least a place must be better: less is rounding, and a search that takes it goes on and on. For values
+/// around 1, as scaled Jacobians are.
+const GAIN: f64 = 1e-6;
+
 /// How a vertex may move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Freedom {
@@ -88,23 +92,48 @@ impl<'a> Ground<'a> {
         (at, normal)
     }
 
-    /// Allowed places with their normals in eight directions around a place with this normal, `length` away: where a
-    /// search for a better one looks.
+    /// The place in eight directions around one with this normal, `length` away, whose value is the largest and above
+    /// `before` by more than 1e-6, with its normal: a step of a compass search (Kolda, Lewis and Torczon, SIAM Review 45, 2003). `None` if
+    /// there is none; of equal ones the first.
     ///
-    /// Eight more questions of the tree. The directions begin with a tangent that depends on the normal alone, so that
-    /// the search is the same on every machine; `normal` must be a unit vector.
-    pub fn around(
+    /// The directions begin with a tangent that depends on the normal alone, so that the search is the same on every
+    /// machine, and are turned by `turn` eighths of a circle: where few directions are better, other tries find others.
+    /// `normal` must be a unit vector. Eight questions of the tree.
+    ///
+    /// ```
+    /// use geom_core::mesh::shapes;
+    /// use geom_core::surface::ground::{Freedom, Ground};
+    /// use geom_core::Point3;
+    /// let sphere = shapes::icosphere(1.0, 3);
+    /// let ground = Ground::new(&sphere, Vec::new())?;
+    /// let pole = ground.pulled(&Point3::new(0.0, 0.0, 1.0), Freedom::Surface);
+    /// let step = [0.2, 0.0];
+    /// let (east, _) = ground.best_around(pole, step, Freedom::Surface, 0.0, |p| p.0.x).unwrap();
+    /// assert!(east.x > 0.18);
+    /// let higher = ground.best_around(pole, step, Freedom::Surface, pole.0.z, |p| p.0.z);
+    /// assert!(higher.is_none());
+    /// # Ok::<(), geom_core::search::bvh::TreeError>(())
+    /// ```
+    pub fn best_around(
         &self,
         (p, normal): (Point3, Vector3),
-        length: f64,
+        [length, turn]: [f64; 2],
         freedom: Freedom,
-    ) -> [(Point3, Vector3); 8] {
+        before: f64,
+        mut value: impl FnMut(&(Point3, Vector3)) -> f64,
+    ) -> Option<(Point3, Vector3)> {
         let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
         let second = normal.cross(&first);
-        std::array::from_fn(|k| {
-            let (sine, cosine) = (k as f64 * FRAC_PI_4).sin_cos();
-            self.pulled(&(p + (first * cosine + second * sine) * length), freedom)
-        })
+        let mut best = (before + GAIN, None);
+        for k in 0..8 {
+            let (sine, cosine) = (FRAC_PI_4 * (f64::from(k) + turn)).sin_cos();
+            let place = self.pulled(&(p + (first * cosine + second * sine) * length), freedom);
+            let found = value(&place);
+            if found > best.0 {
+                best = (found, Some(place));
+            }
+        }
+        best.1
     }
 }
 

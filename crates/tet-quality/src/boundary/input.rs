@@ -7,8 +7,7 @@
 //! afterwards is truly inverted, work for [`untangle`](crate::operations::untangle). Kinds of vertices that the caller does not know
 //! follow from regions: inner ones are free, those on an interface slide along it, and those where interfaces meet stay.
 
-use geom_core::compute::parallel;
-use geom_core::compute::parallel::fold_chunks;
+use geom_core::compute::parallel::{self, fold_chunks};
 use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, TetMesh, Vector3};
 use rayon::prelude::*;
@@ -379,7 +378,7 @@ impl InterfaceFaces {
         for &v in found.iter().flat_map(|f| &f.0) {
             counts[v as usize] += 1;
         }
-        let starts = geom_core::compute::parallel::starts_of(&counts);
+        let starts = parallel::starts_of(&counts);
         let mut at = starts.clone();
         let blank = InterfaceFace {
             others: [NONE; 2],

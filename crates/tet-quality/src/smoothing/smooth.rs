@@ -141,7 +141,7 @@ fn task_of<'a>(
         .iter()
         .map(|&v| mesh.incidence.of(v).len() as u32)
         .collect();
-    let starts: Vec<u32> = geom_core::compute::parallel::starts_of(&counts)
+    let starts: Vec<u32> = parallel::starts_of(&counts)
         .into_iter()
         .map(|s| s as u32)
         .collect();

@@ -3,9 +3,6 @@
 //! Where the mean is good and single corners are not, vertices of the worst elements search for better places one by one. Four that
 //! can only move together are stuck so; they go down a high power of the sines' inverses, with all around them.
 
-use std::f64::consts::FRAC_PI_4;
-
-use geom_core::Vector3;
 use geom_core::surface::ground::Freedom;
 use rayon::prelude::*;
 
@@ -210,25 +207,17 @@ impl Flow<'_> {
         if self.freedom[v] == Freedom::Fixed {
             return false;
         }
-        let (start, normal) = (self.positions[v], self.normals[v]);
+        let start = (self.positions[v], self.normals[v]);
         let before = self.worst_around(v);
         let length = step * self.cells.scale[v].sqrt();
-        let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
-        let second = normal.cross(&first);
-        let mut best = (before + 1e-6, start, normal);
-        for k in 0..8 {
-            let angle = FRAC_PI_4 * (f64::from(k) + GOLDEN * f64::from(tries));
-            let (sine, cosine) = angle.sin_cos();
-            let to = start + (first * cosine + second * sine) * length;
-            let (to, normal) = self.ground.pulled(&to, self.freedom[v]);
-            (self.positions[v], self.normals[v]) = (to, normal);
-            let after = self.worst_around(v);
-            if after > best.0 {
-                best = (after, to, normal);
-            }
-        }
-        (self.positions[v], self.normals[v]) = (best.1, best.2);
-        best.0 > before + 1e-6
+        let turn = GOLDEN * f64::from(tries);
+        let (ground, freedom) = (self.ground, self.freedom[v]);
+        let found = ground.best_around(start, [length, turn], freedom, before, |&place| {
+            (self.positions[v], self.normals[v]) = place;
+            self.worst_around(v)
+        });
+        (self.positions[v], self.normals[v]) = found.unwrap_or(start);
+        found.is_some()
     }
 }
 

@@ -4,8 +4,7 @@
 //! change labels, and where. Points away from interfaces have no part in it.
 
 use geom_core::Point3;
-use geom_core::compute::parallel;
-use geom_core::compute::parallel::sorted_by_number;
+use geom_core::compute::parallel::{self, sorted_by_number};
 use geom_core::mesh::{EDGES, Region};
 use rayon::prelude::*;
 

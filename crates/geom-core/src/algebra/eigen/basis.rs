@@ -138,7 +138,7 @@ impl<'a> Basis<'a> {
         taken: &mut Taken,
         random: &mut SplitMix64,
     ) {
-        crate::compute::parallel::inside(|| self.orthonormalize_here(w, b, near, taken, random));
+        parallel::inside(|| self.orthonormalize_here(w, b, near, taken, random));
     }
 
     /// Block Gram–Schmidt, then Q R by Cholesky of the Gram matrix, over again until every column keeps a tenth of its

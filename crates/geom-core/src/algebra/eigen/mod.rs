@@ -563,7 +563,7 @@ fn deflate(a: &mut [f64], u: &[f64], n: usize) {
 /// The entry of largest magnitude, the first of them, becomes positive. A vector and its negative are equally good;
 /// without a rule, small changes of the input would flip signs.
 fn orient(vector: &mut [f64]) {
-    let largest = crate::compute::parallel::argmax(vector.len(), |i| vector[i].abs());
+    let largest = parallel::argmax(vector.len(), |i| vector[i].abs());
     if largest.is_some_and(|(i, _)| vector[i] < 0.0) {
         vector.iter_mut().for_each(|x| *x = -*x);
     }

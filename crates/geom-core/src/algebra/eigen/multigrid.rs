@@ -378,7 +378,7 @@ fn aggregates(operator: Operator<'_>, diagonal: &[f64]) -> (Vec<u32>, usize) {
 /// margin of a tenth.
 fn spectral_radius(operator: Operator<'_>, diagonal: &[f64]) -> f64 {
     let n = diagonal.len();
-    let bound = crate::compute::parallel::argmax(n, |i| {
+    let bound = parallel::argmax(n, |i| {
         operator.row(i).map(|(_, a)| a.abs()).sum::<f64>() / diagonal[i]
     })
     .map_or(1.0, |b| b.1);
@@ -386,9 +386,9 @@ fn spectral_radius(operator: Operator<'_>, diagonal: &[f64]) -> f64 {
     let mut x = super::basis::random_block(n, 1, &mut random);
     let mut radius = 0.0;
     for _ in 0..12 {
-        let norm = crate::compute::parallel::sum(n, |i| diagonal[i] * x[i] * x[i]).sqrt();
+        let norm = parallel::sum(n, |i| diagonal[i] * x[i] * x[i]).sqrt();
         let y = operator.multiply(&x, 1);
-        radius = crate::compute::parallel::sum(n, |i| x[i] * y[i]) / (norm * norm);
+        radius = parallel::sum(n, |i| x[i] * y[i]) / (norm * norm);
         x = parallel::map(n, |i| y[i] / diagonal[i] / norm);
     }
     (1.1 * radius).min(bound)

@@ -374,7 +374,7 @@ impl Corners {
         for &v in triangles.as_flattened() {
             counts[v as usize] += 1;
         }
-        let starts = crate::compute::parallel::starts_of(&counts);
+        let starts = parallel::starts_of(&counts);
         let mut next = starts.clone();
         let mut corners = vec![0; starts[vertices]];
         for (corner, &v) in triangles.as_flattened().iter().enumerate() {

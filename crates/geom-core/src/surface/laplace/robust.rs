@@ -115,8 +115,7 @@ fn thickened(mesh: &TriMesh) -> Result<(Vec<f64>, f64), Error> {
     if let Some(at) = lengths.iter().position(|l| !l.is_finite()) {
         return Err(Error::Degenerate { triangle: at / 3 });
     }
-    let mean =
-        crate::compute::parallel::sum(lengths.len(), |i| lengths[i]) / lengths.len().max(1) as f64;
+    let mean = parallel::sum(lengths.len(), |i| lengths[i]) / lengths.len().max(1) as f64;
     if !lengths.is_empty() && (mean == 0.0 || !mean.is_finite()) {
         return Err(Error::Degenerate { triangle: 0 });
     }
