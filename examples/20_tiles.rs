@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::AtomicU64;
 
-use biogeom_examples::args::{Common, DensityArgs, HasCommon, ReaderArgs, default_spacing};
+use biogeom_examples::args::{Common, DensityArgs, HasCommon, Method, ReaderArgs, default_spacing};
 use biogeom_examples::steps::tiles::{Outcome, Plan, merged_bytes};
 use biogeom_examples::{Failure, Session, products};
 use clap::{Parser, ValueEnum};
-use dual_contour::{Extent, LARGEST, Method};
+use dual_contour::{Extent, LARGEST};
 use gauss_density::{Copies, Cutoff, Model};
 use geom_core::Structure;
 use geom_core::io::structure::{self, ReadOptions};
@@ -39,6 +39,9 @@ struct Args {
     /// Ranks side by side, with --exchange threads [default: one per tile, at most one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     ranks: Option<u16>,
+    /// How to mesh
+    #[arg(long, value_enum, default_value_t)]
+    method: Method,
     /// Improve the tetrahedra, in two passes with the borders of tiles held, half a root cell (16 cells) apart, and then
     /// around what is still bad
     #[arg(long)]
@@ -69,6 +72,7 @@ Examples:
   20_tiles 1ajj.pdb --tiles 4 --out out
   20_tiles 1m4x.pdb.gz --assembly 1 --spacing 5 --decay 0.1 --tiles 64 --max-memory 4G --out capsid
   20_tiles 3enl.pdb --tiles 7 --exchange threads --ranks 3 --both --out both
+  20_tiles 1hvr.pdb --tiles 8 --method dual-contour --improve --out fewer
 
 Assemblies are not copied: the atoms of a tile are made when it asks for them. Vertices lie where the values of the
 lattice cross the surface. Outputs: volume.pvtu and parts/part_N.vtu (regions and boundaries by name, the nearest atom of
@@ -113,7 +117,7 @@ fn tiles(args: &Args, session: &Session) -> Result<(), Failure> {
         ..Default::default()
     };
     let contour = dual_contour::Options {
-        method: Method::Stuffing,
+        method: args.method.into(),
         max_cell: LARGEST as f64 * density.spacing,
         region: if args.both {
             Extent::Both

@@ -8,7 +8,9 @@ use dual_contour::geom_core::tiles::exchange::Deal;
 use dual_contour::geom_core::tiles::parts::{Closed, Local, closed, surface};
 use dual_contour::geom_core::tiles::piece::{digest, key};
 use dual_contour::geom_core::tiles::{Exchange, Lost, Piece, Solo, Threads, Tiles};
-use dual_contour::geom_core::{Cpu, Lattice, LatticeValues, Point3, Run, ScalarGrid};
+use dual_contour::geom_core::{
+    Cpu, ImplicitField, Lattice, LatticeValues, Point3, Run, ScalarGrid, Vector3,
+};
 use dual_contour::{Extent, HALO, LARGEST, Method, Options, tile, volume};
 
 /// Waves, and noise on one side, so that snapping has much to decide.
@@ -38,9 +40,11 @@ fn values() -> ScalarGrid {
     ScalarGrid::new(lattice, values.collect()).unwrap()
 }
 
-fn options(region: Extent) -> Options {
+const METHODS: [Method; 2] = [Method::Stuffing, Method::DualContour];
+
+fn options(method: Method, region: Extent) -> Options {
     Options {
-        method: Method::Stuffing,
+        method,
         max_cell: LARGEST as f64 * 0.37,
         region,
         ..Options::default()
@@ -57,65 +61,117 @@ fn part(whole: &ScalarGrid, window: &Window) -> ScalarGrid {
     ScalarGrid::new(lattice, values.collect()).unwrap()
 }
 
-fn meshed_one(values: &ScalarGrid, tiles: &Tiles, t: usize, options: &Options) -> Piece {
+fn meshed_one(
+    values: &ScalarGrid,
+    field: Option<&dyn ImplicitField>,
+    tiles: &Tiles,
+    t: usize,
+    options: &Options,
+) -> Piece {
     let own = tiles.cells_of(t);
     if own[0] == own[1] {
         return Piece::default();
     }
     let window = Window::around(*values.lattice(), own[0], own[1], HALO);
     let grid = part(values, &window);
-    tile(&grid, &window, own, options, Run::on(&Cpu)).unwrap().0
+    let run = Run::on(&Cpu);
+    tile(&grid, field, &window, own, options, run).unwrap().0
 }
 
-fn meshed(values: &ScalarGrid, tiles: &Tiles, options: &Options) -> Vec<Piece> {
-    (0..tiles.len())
-        .map(|t| meshed_one(values, tiles, t, options))
-        .collect()
+/// Compares the pieces of tiles with the mesh of the whole.
+fn check(
+    values: &ScalarGrid,
+    field: Option<&dyn ImplicitField>,
+    options: &Options,
+    cuts: &[(usize, usize)],
+) {
+    let run = Run::on(&Cpu);
+    let made = volume(values, field, options, run).unwrap();
+    // Here points wait for each other.
+    let waiting = options.method == Method::DualContour && field.is_none();
+    assert!(!waiting || made.report.split_cells > 500 && made.report.clamped > 100);
+    let whole = made.mesh;
+    for &(root, count) in cuts {
+        let tiles = Tiles::new(values.lattice().cells(), root, 0, count, |_| 1);
+        let pieces: Vec<Piece> = (0..tiles.len())
+            .map(|t| meshed_one(values, field, &tiles, t, options))
+            .collect();
+        let told = format!("{:?}, {:?}, {count} tiles", options.method, options.region);
+        let tets: usize = pieces.iter().map(|p| p.mesh.tets().len()).sum();
+        assert_eq!(tets, whole.tets().len(), "{told}");
+        let sum = pieces.iter().map(Piece::digest).fold(0, u128::wrapping_add);
+        assert_eq!(sum, digest(&whole), "{told}");
+        // Who has a vertex beside others knows that it may be shared.
+        let mut pieces_with = BTreeMap::new();
+        for (p, piece) in pieces.iter().enumerate() {
+            for (v, x) in piece.mesh.positions().iter().enumerate() {
+                pieces_with
+                    .entry(key(x))
+                    .or_insert_with(Vec::new)
+                    .push((p, v));
+            }
+        }
+        for sharers in pieces_with.values().filter(|s| s.len() > 1) {
+            assert!(sharers.iter().all(|&(p, v)| pieces[p].shared[v]));
+        }
+        // Kinds are those of the whole.
+        let kinds: BTreeMap<_, _> = whole
+            .positions()
+            .iter()
+            .zip(whole.kinds())
+            .map(|(x, kind)| (key(x), *kind))
+            .collect();
+        for piece in &pieces {
+            for (x, kind) in piece.mesh.positions().iter().zip(piece.mesh.kinds()) {
+                assert_eq!(kinds[&key(x)], *kind);
+            }
+        }
+    }
 }
 
 #[test]
 fn tiles_make_the_mesh_of_the_whole_bit_for_bit() {
     let values = values();
-    for region in [Extent::Interior, Extent::Both] {
-        let options = options(region);
-        let whole = volume(&values, None, &options, Run::on(&Cpu)).unwrap().mesh;
-        let cuts: &[(usize, usize)] = match region {
-            Extent::Both => &[(16, 3)],
-            _ => &[(16, 1), (32, 2), (16, 7)],
-        };
-        for &(root, count) in cuts {
-            let tiles = Tiles::new(values.lattice().cells(), root, 0, count, |_| 1);
-            let pieces = meshed(&values, &tiles, &options);
-            let tets: usize = pieces.iter().map(|p| p.mesh.tets().len()).sum();
-            assert_eq!(tets, whole.tets().len(), "{region:?}, {count} tiles");
-            let sum = pieces.iter().map(Piece::digest).fold(0, u128::wrapping_add);
-            assert_eq!(sum, digest(&whole), "{region:?}, {count} tiles");
-            // Who has a vertex beside others knows that it may be shared.
-            let mut pieces_with = BTreeMap::new();
-            for (p, piece) in pieces.iter().enumerate() {
-                for (v, x) in piece.mesh.positions().iter().enumerate() {
-                    pieces_with
-                        .entry(key(x))
-                        .or_insert_with(Vec::new)
-                        .push((p, v));
-                }
-            }
-            for sharers in pieces_with.values().filter(|s| s.len() > 1) {
-                assert!(sharers.iter().all(|&(p, v)| pieces[p].shared[v]));
-            }
-            // Kinds are those of the whole.
-            let kinds: BTreeMap<_, _> = whole
-                .positions()
-                .iter()
-                .zip(whole.kinds())
-                .map(|(x, kind)| (key(x), *kind))
-                .collect();
-            for piece in &pieces {
-                for (x, kind) in piece.mesh.positions().iter().zip(piece.mesh.kinds()) {
-                    assert_eq!(kinds[&key(x)], *kind);
-                }
-            }
-        }
+    for method in METHODS {
+        let cuts = [(16, 1), (32, 2), (16, 7)];
+        check(&values, None, &options(method, Extent::Interior), &cuts);
+        check(&values, None, &options(method, Extent::Both), &[(16, 3)]);
+    }
+}
+
+/// Waves in space, above 1 inside; low on the box of the lattice.
+struct Waves;
+
+impl ImplicitField for Waves {
+    fn value(&self, x: &Point3) -> f64 {
+        self.value_gradient(x).0
+    }
+    fn value_gradient(&self, x: &Point3) -> (f64, Vector3) {
+        let [p, q, r] = [0.41 * x.x, 0.37 * x.y, 0.53 * x.z];
+        let value = p.sin() * q.cos() + r.sin() + 1.0 - 0.002 * x.coords.norm_squared();
+        let gradient = Vector3::new(
+            0.41 * p.cos() * q.cos(),
+            -0.37 * p.sin() * q.sin(),
+            0.53 * r.cos(),
+        );
+        (value, gradient - 0.004 * x.coords)
+    }
+}
+
+/// Where vertices lie follows from places in space, which rounding must not move from tile to tile.
+#[test]
+fn tiles_on_a_field_make_the_mesh_of_the_whole_bit_for_bit() {
+    let lattice = *values().lattice();
+    let values = (0..lattice.len()).map(|i| {
+        let p = lattice.coordinates(i);
+        let on_box = (0..3).any(|k| p[k] == 0 || p[k] + 1 == lattice.counts[k]);
+        let value = Waves.value(&lattice.point(p)) as f32;
+        if on_box { 0.0 } else { value }
+    });
+    let values = ScalarGrid::new(lattice, values.collect()).unwrap();
+    for method in METHODS {
+        let options = options(method, Extent::Interior);
+        check(&values, Some(&Waves), &options, &[(16, 3), (16, 7)]);
     }
 }
 
@@ -124,14 +180,15 @@ fn what_reaches_far_is_refused_in_tiles() {
     let values = values();
     let window = Window::around(*values.lattice(), [0; 3], [96, 48, 48], HALO);
     let own = [[0; 3], values.lattice().cells()];
-    let run = |options: &Options| tile(&values, &window, own, options, Run::on(&Cpu));
-    let fine = options(Extent::Interior);
+    let run = |options: &Options| tile(&values, None, &window, own, options, Run::on(&Cpu));
+    let fine = options(Method::Stuffing, Extent::Interior);
     assert!(run(&fine).is_ok());
     for (name, options) in [
         (
-            "method",
+            "tolerance",
             Options {
                 method: Method::DualContour,
+                tolerance: 0.1,
                 ..fine.clone()
             },
         ),
@@ -164,9 +221,9 @@ fn what_reaches_far_is_refused_in_tiles() {
     let narrow = Window::around(*values.lattice(), [32, 0, 0], [64, 48, 48], 8);
     let grid = part(&values, &narrow);
     let own = [[32, 0, 0], [64, 45, 42]];
-    assert!(tile(&grid, &narrow, own, &fine, Run::on(&Cpu)).is_err());
+    assert!(tile(&grid, None, &narrow, own, &fine, Run::on(&Cpu)).is_err());
     let own = [[33, 0, 0], [64, 45, 42]];
-    assert!(tile(&values, &window, own, &fine, Run::on(&Cpu)).is_err());
+    assert!(tile(&values, None, &window, own, &fine, Run::on(&Cpu)).is_err());
 }
 
 /// A tube with closed ends: a rod through all tiles, and a cavity through all tiles in it.
@@ -199,7 +256,9 @@ fn program(
         ranks: exchange.ranks(),
     };
     let own = deal.of(exchange.rank());
-    let pieces: Vec<Piece> = own.map(|t| meshed_one(values, tiles, t, options)).collect();
+    let pieces: Vec<Piece> = own
+        .map(|t| meshed_one(values, None, tiles, t, options))
+        .collect();
     let mut borders: Vec<Border> = pieces.iter().map(Border::of).collect();
     let total = number(exchange, &deal, &mut borders)?;
     let ghosts = ghosts(exchange, &deal, &borders)?;
@@ -217,18 +276,23 @@ fn program(
 #[test]
 fn a_rod_and_a_cavity_go_through_all_tiles_on_any_number_of_ranks() {
     let values = tube();
-    let options = Options {
-        max_cell: LARGEST as f64 * 0.5,
-        ..options(Extent::Interior)
-    };
-    let whole = volume(&values, None, &options, Run::on(&Cpu)).unwrap();
     // Tiles that hold nothing, and tiles that have no cells, among them.
-    for (root, count, ranks) in [(32, 3, 2), (16, 7, 3), (64, 7, 7)] {
+    for (method, root, count, ranks) in [
+        (Method::Stuffing, 32, 3, 2),
+        (Method::DualContour, 32, 3, 2),
+        (Method::Stuffing, 16, 7, 3),
+        (Method::DualContour, 64, 7, 7),
+    ] {
+        let options = Options {
+            max_cell: LARGEST as f64 * 0.5,
+            ..options(method, Extent::Interior)
+        };
+        let whole = volume(&values, None, &options, Run::on(&Cpu)).unwrap();
         let tiles = Tiles::new(values.lattice().cells(), root, 0, count, |_| 1);
         let ended = Threads::run(ranks, |rank| program(rank, &tiles, &values, &options));
         let ended: Vec<Ended> = ended.into_iter().map(Result::unwrap).collect();
         let solo = program(&Solo, &tiles, &values, &options).unwrap();
-        let told = format!("{count} tiles on {ranks} ranks");
+        let told = format!("{method:?}, {count} tiles on {ranks} ranks");
         let pieces: Vec<&(Piece, Vec<u64>)> = ended.iter().flat_map(|e| &e.0).collect();
         assert!(
             pieces.iter().copied().eq(&solo.0),

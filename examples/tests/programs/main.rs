@@ -1220,6 +1220,30 @@ fn tiles_are_one_mesh_however_many_there_are() {
 }
 
 #[test]
+fn tiles_of_dual_contouring_are_one_mesh_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = fixture("1AJJ.pdb");
+    let made = |tiles: &str| {
+        let out = folder.path().join(tiles);
+        let ways = ["--method", "dual-contour", "--improve", "--no-pictures"];
+        let args = [&[&*input, "--spacing", "1", "--tiles", tiles], &ways[..]].concat();
+        let output = run("20_tiles", &args, &out);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{errors}");
+        let report = std::fs::read(out.join("report.json")).unwrap();
+        serde_json::from_slice::<Value>(&report).unwrap()
+    };
+    let [alone, three] = ["1", "3"].map(made);
+    assert_eq!(alone["tiles"]["digest"], three["tiles"]["digest"]);
+    for report in [&alone, &three] {
+        assert_eq!(report["volume"]["valid"], true);
+        assert_eq!(report["surface"]["closed"], true);
+        let least = report["tiles"]["min_dihedral"].as_f64().unwrap();
+        assert!(least > 24.0, "{least}");
+    }
+}
+
+#[test]
 fn a_shape_is_morphed_into_itself_and_does_not_differ_from_it() {
     let folder = tempfile::tempdir().unwrap();
     let input = fixture("1AJJ.pdb");

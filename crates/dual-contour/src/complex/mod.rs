@@ -22,11 +22,11 @@
 //! - *It is well shaped.* Among cells of one size it is the body-centred cubic lattice, with dihedral angles of 60° and
 //!   90°; where sizes change they lie between 30° and 135°.
 
-use geom_core::Point3;
 use geom_core::compute::parallel;
 use geom_core::mesh::Region;
+use geom_core::{Point3, Vector3};
 
-use crate::octree::{Leaf, NONE, Octree, Samples, block_index, corner_of, local};
+use crate::octree::{Leaf, NONE, Octree, Samples, block_index, corner_of, exact, local};
 
 pub(crate) mod collect;
 pub(crate) mod cube;
@@ -235,6 +235,13 @@ impl<'a> Complex<'a> {
         (0..3).any(|k| o[k] == 0 || o[k] + s == self.tree.cells[k])
     }
 
+    /// Does a leaf touch a box of finest cells, `low..high`? All do if there is none.
+    pub(crate) fn touches(&self, id: u32, within: Option<[[i32; 3]; 2]>) -> bool {
+        let leaf = self.leaf(id);
+        let (o, s) = (leaf.origin(), leaf.size());
+        within.is_none_or(|[low, high]| (0..3).all(|k| o[k] <= high[k] && o[k] + s >= low[k]))
+    }
+
     /// The number of the split of a leaf that is cut.
     pub(crate) fn split_of(&self, leaf: u32) -> u32 {
         self.split_leaves.partition_point(|&l| l < leaf) as u32
@@ -369,14 +376,9 @@ impl<'a> Complex<'a> {
                 let face = usize::from(half / 2);
                 if self.is_split(id) {
                     let split = &self.splits[self.split_of(id) as usize];
-                    let sum = split.triangle(half as usize).iter().fold(
-                        geom_core::Vector3::zeros(),
-                        |s, &i| {
-                            let p = corner_of(i);
-                            s + local([0, 1, 2].map(|k| o[k] + p[k])).coords
-                        },
-                    );
-                    return Point3::from(sum / 3.0);
+                    let corners = split.triangle(half as usize).map(corner_of).map(local);
+                    let sum: Vector3 = corners.iter().map(|p| p.coords).sum();
+                    return local(o) + (sum / 3.0).map(exact);
                 }
                 let mut p = self.centre_of(leaf);
                 p[face / 2] = f64::from(o[face / 2]) + if face % 2 == 1 { s } else { 0.0 };

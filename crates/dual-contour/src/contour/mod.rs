@@ -86,10 +86,7 @@ fn mesh(
         purpose,
         near: None,
     };
-    let raw = match options.method {
-        Method::DualContour => mesher.dual_contour(&mut report, run)?,
-        Method::Stuffing => mesher.stuff(&mut report, run)?,
-    };
+    let raw = mesher.mesh(&mut report, run)?;
     report.added_vertices = raw.added;
     report.triangles = raw.triangles.len();
     report.tets = raw.tets.len();
@@ -141,6 +138,14 @@ impl Mesher<'_> {
         }
     }
 
+    /// By the method that was asked for.
+    fn mesh(&self, report: &mut Report, run: On<'_>) -> Result<Raw, Error> {
+        match self.options.method {
+            Method::DualContour => self.dual_contour(report, run),
+            Method::Stuffing => self.stuff(report, run),
+        }
+    }
+
     /// Dual contouring. The octree is made again while points of large leaves would stick out of the surface.
     /// Leaves that a round has not changed keep their points, so a later round costs little but the tree.
     fn dual_contour(&self, report: &mut Report, run: On<'_>) -> Result<Raw, Error> {
@@ -178,6 +183,7 @@ impl Mesher<'_> {
         let emission = emitter.emit(&Want {
             tets: self.purpose != Purpose::Surface,
             region: keep,
+            near: self.near,
         });
         Raw::from_emission(&emitter, emission, keep)
     }
@@ -381,6 +387,7 @@ pub(crate) mod laws {
             let emission = emitter.emit(&Want {
                 tets: true,
                 region: |_| true,
+                near: None,
             });
             assert!(complex.splits.len() > 1000);
             let raw = Raw::from_emission(&emitter, emission, |_| true);

@@ -4,7 +4,7 @@ use geom_core::grid::lattice::Window;
 use geom_core::mesh::INTERIOR;
 use geom_core::options::{OutOfRange, require};
 use geom_core::tiles::Piece;
-use geom_core::{LatticeValues, Point3, Run, TetMesh, Vector3};
+use geom_core::{ImplicitField, LatticeValues, Point3, Run, TetMesh, Vector3};
 
 use super::Mesher;
 use super::report::Report;
@@ -13,28 +13,37 @@ use crate::backend::ContourBackend;
 use crate::complex::collect::compact;
 use crate::dual::Probe;
 use crate::octree::{BLOCK, Domain, Labels, Samples, Source};
-use crate::{AtBox, Error, Extent, Method, Options, Outer, Resolution};
+use crate::{AtBox, Error, Extent, Options, Outer, Resolution};
 
 /// Largest cells of a mesh in tiles, in finest ones: what bounds how far its elements depend on samples.
 pub const LARGEST: usize = BLOCK as usize;
 
-/// Cells around a tile that its elements may depend on. A leaf that touches the tile is as large as its neighbours let it
-/// be: balance carries the size of a finest cell 2 + 4 + 8 cells far, from leaves of 8 cells around the tile. Snapping
-/// looks four vertices far, within that.
+/// Cells around a tile that its elements may depend on: at most 23 with either method.
+///
+/// - *The octree.* A leaf that touches the tile is as large as its neighbours let it be: balance carries the size of a
+///   finest cell 2 + 4 + 8 cells far, from leaves of 8 cells around the tile; one more where finest cells are wanted
+///   around another.
+/// - *Stuffing.* Snapping looks four vertices far, within that.
+/// - *Dual contouring.* A point whose tetrahedron would be inverted stops where its neighbours let it, and these where theirs
+///   did. Such tetrahedra stand at cut cells, which are finest like all around them, so each look is one cell far, and
+///   a point waits only for those of earlier colours: for parts of cut cells of another parity at most 7 times in a
+///   row, for a whole cell, which waits for parts alone, between the two rounds and before them. With the corners of the
+///   last cell that is 2 · (7 + 1) + 2 + 1 from a point, which is within 3 cells of the tile that has its tetrahedron.
 pub const HALO: usize = 3 * LARGEST;
 
 /// The tetrahedra of a tile, the cells `own[0]..own[1]` of a lattice: of all that [`volume`](crate::volume) makes of the
-/// whole with the same options and no field, those whose barycentre lies in the tile, to the last bit. `values` are those
+/// whole with the same options and field, those whose barycentre lies in the tile, to the last bit. `values` are those
 /// of a window of the lattice that holds the tile and [`HALO`] cells around it, as far as the lattice goes: see
 /// [`Window::around`]. What surrounds the tile decides nothing beyond that, so tiles can be meshed in any order and place.
+/// A field, if vertices shall lie on one, must answer with the same bits in all tiles.
 ///
 /// A tile without elements is empty, not an error. Cells beyond the end of the lattice, up to the next whole block,
 /// belong to the tile before them.
 ///
 /// # Errors
 ///
-/// Options by which elements depend on more than that: only [`Method::Stuffing`] on the lattice of the values, without
-/// materials, pruning, cells of more than [`LARGEST`] spacings or an outer box; the interior or both sides. A tile or window
+/// Options by which elements depend on more than that: only the lattice of the values, without materials, tolerance,
+/// pruning, cells of more than [`LARGEST`] spacings or an outer box; the interior or both sides. A tile or window
 /// that does not begin and end with whole blocks of 8 cells. A surface that meets the end of the lattice; too much memory.
 ///
 /// # Examples
@@ -57,7 +66,7 @@ pub const HALO: usize = 3 * LARGEST;
 ///     let part = window.lattice();
 ///     let at = |i| whole.at([0, 1, 2].map(|k| part.coordinates(i)[k] + window.low[k]));
 ///     let values = ScalarGrid::new(part, (0..part.len()).map(at).collect())?;
-///     let (piece, _) = tile(&values, &window, own, &options, Run::on(&Cpu))?;
+///     let (piece, _) = tile(&values, None, &window, own, &options, Run::on(&Cpu))?;
 ///     tets += piece.mesh.tets().len();
 /// }
 /// assert_eq!(tets, volume(&whole, None, &options, Run::on(&Cpu))?.mesh.tets().len());
@@ -65,6 +74,7 @@ pub const HALO: usize = 3 * LARGEST;
 /// ```
 pub fn tile<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     values: &V,
+    field: Option<&dyn ImplicitField>,
     window: &Window,
     own: [[usize; 3]; 2],
     options: &Options,
@@ -111,12 +121,12 @@ pub fn tile<V: LatticeValues + ?Sized, B: ContourBackend + ?Sized>(
     });
     let mesher = Mesher {
         samples: &samples,
-        probe: &Probe::new(&samples, None, options),
+        probe: &Probe::new(&samples, field, options),
         options,
         purpose: Purpose::Volume(options.region),
         near: Some(near),
     };
-    let raw = mesher.stuff(&mut report, run)?;
+    let raw = mesher.mesh(&mut report, run)?;
     let places = raw.positions.iter().map(|p| domain.in_values(p)).collect();
     let all = Elements {
         places,
@@ -142,7 +152,6 @@ fn check(options: &Options, window: &Window) -> Result<(), OutOfRange> {
     options.check()?;
     let largest = LARGEST as f64 * window.whole.spacing;
     let local = [
-        ("method", options.method == Method::Stuffing),
         ("resolution", options.resolution == Resolution::Lattice),
         ("materials", options.materials.is_empty()),
         ("prune", options.prune == 0),
@@ -160,7 +169,7 @@ fn check(options: &Options, window: &Window) -> Result<(), OutOfRange> {
             option,
             "this value",
             format!(
-                "be left alone in tiles, which mesh by Stuffing on the lattice of the values, without materials, pruning or \
+                "be left alone in tiles, which mesh on the lattice of the values, without materials, tolerance, pruning or \
                  an outer box, the interior or both sides, with a max_cell of at most {largest} Å"
             ),
         )),

@@ -45,6 +45,8 @@ pub(crate) struct Want<F> {
     pub(crate) tets: bool,
     /// Which labels get tetrahedra.
     pub(crate) region: F,
+    /// The box of finest cells that a leaf must touch to emit anything; `None`: all.
+    pub(crate) near: Option<[[i32; 3]; 2]>,
 }
 
 impl<'a> Emitter<'a> {
@@ -105,7 +107,8 @@ impl<'a> Emitter<'a> {
                     let cap = caps && (p == INTERIOR || q == INTERIOR);
                     surface || cap || want.tets && ((want.region)(p) || (want.region)(q))
                 };
-                if !want.tets && !caps && !self.complex.is_interface(id as u32) {
+                let silent = !want.tets && !caps && !self.complex.is_interface(id as u32);
+                if silent || !self.complex.touches(id as u32, want.near) {
                     continue;
                 }
                 self.complex

@@ -15,7 +15,7 @@ use super::probe::{Probe, Room, Sample, Start, mean_of_crossings, sample_corner}
 use crate::backend::ContourBackend;
 use crate::complex::{Cell, Complex, Corner, Frame, frame_of_corners};
 use crate::kernel::INSET;
-use crate::octree::{Samples, corner_of};
+use crate::octree::{Samples, corner_of, exact};
 use crate::{Error, Placement};
 
 /// Newton steps of the kernel: more change nothing that a picture could show.
@@ -82,7 +82,7 @@ fn rest_points(
                 low,
                 size: f64::from(size),
             };
-            let crossings = cell_crossings(samples, probe, low, size, &frame);
+            let crossings = cell_crossings(samples, probe, &cell, &frame);
             match probe.start(&cell, &crossings) {
                 Start::From(x) if size > 1 => (cell, Start::There(probe.sink(&cell, x))),
                 start => (cell, start),
@@ -107,9 +107,9 @@ fn sunk(
         })
         .collect();
     let mut sunk = probe.sink_at_once(field, &from)?.into_iter();
-    let points = starts.into_iter().map(|(_, start)| match start {
-        Start::There(x) => x,
-        Start::From(_) => sunk.next().expect("one point per start"),
+    let points = starts.into_iter().map(|(cell, start)| match start {
+        Start::There(x) => cell.in_domain(&x),
+        Start::From(_) => cell.in_domain(&sunk.next().expect("one point per start")),
     });
     Ok(points.collect())
 }
@@ -136,7 +136,7 @@ pub(crate) fn finest_points(
         let starts = cells.par_iter().with_min_len(256).map(|&(_, low)| {
             let frame = frame_of_corners(&samples.corner_labels(low, 1));
             let cell = Room { low, size: 1.0 };
-            let crossings = cell_crossings(samples, probe, low, 1, &frame);
+            let crossings = cell_crossings(samples, probe, &cell, &frame);
             (cell, probe.start(&cell, &crossings))
         });
         out.copy_from_slice(&sunk(probe, field, starts.collect())?);
@@ -174,29 +174,30 @@ fn cell_point(
         low: o,
         size: f64::from(s),
     };
-    probe.place(&cell, &cell_crossings(samples, probe, o, s, frame))
+    let x = probe.place(&cell, &cell_crossings(samples, probe, &cell, frame));
+    cell.in_domain(&x)
 }
 
-/// Where labels change on the edges of a cell, and whether they do on the level.
+/// Where labels change on the edges of a cell, seen from its lowest corner, and whether they do on the level.
 /// All edges of the frame count alike, halves of edges too, so the mean leans towards finer neighbours. Crossings are
 /// linear in the values, not sharpened on a field: Newton steps follow.
 fn cell_crossings(
     samples: &Samples<'_>,
     probe: &Probe<'_>,
-    o: [i32; 3],
-    s: i32,
+    cell: &Room,
     frame: &Frame,
 ) -> Vec<(Point3, bool)> {
+    let size = cell.size as i32;
     let sample = |i: usize| {
         let p = [i % 3, i / 3 % 3, i / 9].map(|c| c as i32);
-        let p = [0, 1, 2].map(|k| o[k] + p[k] * s / 2);
+        let p = [0, 1, 2].map(|k| cell.low[k] + p[k] * size / 2);
         Sample::at(samples, p, frame.labels[i])
     };
     let mut crossings = Vec::with_capacity(12);
     frame.edges(|i, j| {
         if frame.labels[i] != frame.labels[j] {
             let (a, b) = (sample(i), sample(j));
-            let x = a.x + (b.x - a.x) * probe.crossing(&a, &b);
+            let x = cell.relative(&a.x) + (b.x - a.x) * probe.crossing(&a, &b);
             crossings.push((x, Probe::on_level(a.label, b.label)));
         }
     });
@@ -224,7 +225,7 @@ fn within(low: [i32; 3], x: [f32; 3]) -> Point3 {
         } else {
             x[k].clamp(least, most)
         };
-        f64::from(low[k]) + f64::from(x)
+        f64::from(low[k]) + exact(f64::from(x))
     }))
 }
 
@@ -268,7 +269,7 @@ pub(super) fn ghost_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32, hal
                     frame.labels[i],
                 )
             });
-            sum += (a.x + (b.x - a.x) * probe.crossing(&a, &b)).coords;
+            sum += (a.x - base) + (b.x - a.x) * probe.crossing(&a, &b);
             n += 1.0;
         }
     });
@@ -276,10 +277,7 @@ pub(super) fn ghost_point(complex: &Complex<'_>, probe: &Probe<'_>, id: u32, hal
         return base;
     }
     let reach = (0.5 - INSET) * f64::from(s);
-    let mut x = Point3::from(
-        base.coords
-            .zip_map(&(sum / n), |c, v| v.clamp(c - reach, c + reach)),
-    );
-    x[axis] = base[axis];
-    x
+    let mut off = (sum / n).map(|c| exact(c.clamp(-reach, reach)));
+    off[axis] = 0.0;
+    base + off
 }

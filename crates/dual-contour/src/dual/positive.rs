@@ -17,6 +17,7 @@ use rayon::prelude::*;
 use super::Duals;
 use super::room::{LEAST_VOLUME, ROUNDS, farthest};
 use crate::complex::{Cell, Complex};
+use crate::octree::along;
 
 /// An edge and two consecutive cells around it, at least one of which moves.
 /// The least volume is the share [`LEAST_VOLUME`] of that with both points at their bases.
@@ -77,7 +78,7 @@ impl Duals {
                     }
                 });
                 for p in group {
-                    *self.at_mut(p.moved) = p.base + (p.target - p.base) * p.share;
+                    *self.at_mut(p.moved) = along(p.base, p.target, p.share);
                 }
             }
         }

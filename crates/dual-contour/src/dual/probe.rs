@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::complex::cube::{APEX, MIDDLE};
 use crate::complex::{Complex, Corner, Split};
 use crate::kernel::INSET;
-use crate::octree::{Samples, corner_of, local};
+use crate::octree::{Samples, along, corner_of, exact, local};
 use crate::{Options, Placement};
 
 /// How near to a crossing of a field, as a share of the edge.
@@ -36,6 +36,9 @@ const NEWTON: Guard = Guard {
 };
 
 /// A box-shaped cell: its lowest corner and its edge, in finest cells.
+///
+/// What is searched for in it is seen from that corner, and comes out as an [`exact`] number of cells: so the same
+/// place is found wherever the domain begins.
 #[derive(Clone, Copy)]
 pub(super) struct Room {
     pub(super) low: [i32; 3],
@@ -43,12 +46,20 @@ pub(super) struct Room {
 }
 
 impl Room {
+    /// A point of the domain as seen from the lowest corner.
+    pub(super) fn relative(&self, x: &Point3) -> Point3 {
+        Point3::from(x - local(self.low))
+    }
+
+    /// A point of the cell among those of the domain.
+    pub(super) fn in_domain(&self, x: &Point3) -> Point3 {
+        local(self.low) + x.coords.map(exact)
+    }
+
     /// The nearest point of the cell that is off its sides.
     fn clamp(&self, x: Point3) -> Point3 {
-        let centre = local(self.low).map(|c| c + 0.5 * self.size);
-        let reach = (0.5 - INSET) * self.size;
-        let held = |c: f64, v: f64| v.clamp(c - reach, c + reach);
-        Point3::from(centre.coords.zip_map(&x.coords, held))
+        let inset = INSET * self.size;
+        x.map(|c| c.clamp(inset, self.size - inset))
     }
 
     /// How near is near enough is a share of the cell's size.
@@ -139,7 +150,7 @@ impl<'a> Probe<'a> {
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..30 {
             let t = 0.5 * (low + high);
-            let x = self.samples.domain.world(&(a.x + (b.x - a.x) * t));
+            let x = self.samples.domain.world_from(&a.x, &((b.x - a.x) * t));
             if self.samples.labels.at(f64::NEG_INFINITY, &x) == a.label {
                 low = t;
             } else {
@@ -158,7 +169,8 @@ impl<'a> Probe<'a> {
         let level = self.samples.labels.level;
         let ends = [a.value - level, b.value - level];
         crossing(ends, CROSSING, |t| {
-            field.value(&self.samples.domain.world(&(a.x + (b.x - a.x) * t))) - level
+            let x = self.samples.domain.world_from(&a.x, &((b.x - a.x) * t));
+            field.value(&x) - level
         })
     }
 
@@ -198,7 +210,7 @@ impl<'a> Probe<'a> {
             points.clear();
             points.extend(asked.iter().map(|&(i, t)| {
                 let (a, b) = ends[on_level[i]];
-                domain.world(&(a.x + (b.x - a.x) * t))
+                domain.world_from(&a.x, &((b.x - a.x) * t))
             }));
             field.values_gradients(&points, &mut answers)?;
             values.extend(answers.iter().map(|(value, _)| value - level));
@@ -213,7 +225,7 @@ impl<'a> Probe<'a> {
     /// The point where an edge is cut, away from its ends.
     /// By a twentieth of the edge at least, so that no tetrahedron that it cuts is flat.
     pub(crate) fn cut(&self, a: &Sample, b: &Sample) -> Point3 {
-        a.x + (b.x - a.x) * self.exact_crossing(a, b).clamp(0.05, 0.95)
+        along(a.x, b.x, self.exact_crossing(a, b).clamp(0.05, 0.95))
     }
 
     /// The field at a point (Å) of the box of the given values, if there is one.
@@ -223,16 +235,17 @@ impl<'a> Probe<'a> {
             .map(|f| f.value(x))
     }
 
-    /// The field against the level, in finest cells; `cell` says where the values are if there is no field.
+    /// The field against the level at a point of a cell, in finest cells; without a field that of the values.
     /// `None` without a field where the cell's block has no values.
-    fn tangent(&self, cell: [i32; 3], at: Point3) -> Option<Tangent> {
-        let level = self.samples.labels.level;
+    fn tangent(&self, cell: &Room, at: Point3) -> Option<Tangent> {
+        let (domain, level) = (&self.samples.domain, self.samples.labels.level);
         let (value, gradient) = match self.field {
             Some(field) => {
-                let (v, g) = field.value_gradient(&self.samples.domain.world(&at));
-                (v, g * self.samples.domain.spacing)
+                let x = domain.world_from(&local(cell.low), &at.coords);
+                let (v, g) = field.value_gradient(&x);
+                (v, g * domain.spacing)
             }
-            None => self.samples.trilinear(cell, &at)?,
+            None => self.samples.trilinear(cell.low, &at.coords)?,
         };
         Some(Tangent {
             at,
@@ -241,7 +254,7 @@ impl<'a> Probe<'a> {
         })
     }
 
-    /// The dual vertex of a box-shaped cell from its crossings.
+    /// The dual vertex of a box-shaped cell from its crossings; all of them as seen from its lowest corner.
     pub(super) fn place(&self, cell: &Room, crossings: &[(Point3, bool)]) -> Point3 {
         match self.start(cell, crossings) {
             Start::There(x) => x,
@@ -257,7 +270,7 @@ impl<'a> Probe<'a> {
         if self.placement == Placement::Mass || crossings.iter().any(|c| !c.1) {
             Start::There(cell.clamp(mass))
         } else if self.placement == Placement::Qef {
-            Start::There(cell.clamp(self.nearest_to_planes(cell.low, &mass, crossings)))
+            Start::There(cell.clamp(self.nearest_to_planes(cell, &mass, crossings)))
         } else {
             Start::From(cell.clamp(mass))
         }
@@ -265,7 +278,7 @@ impl<'a> Probe<'a> {
 
     /// From a point of a cell to the surface, within the cell.
     pub(super) fn sink(&self, cell: &Room, from: Point3) -> Point3 {
-        let look = |x: Point3| self.tangent(cell.low, cell.clamp(x));
+        let look = |x: Point3| self.tangent(cell, cell.clamp(x));
         match look(from) {
             Some(start) => cell.end_of(&project(start, &cell.guard(), look)),
             None => from,
@@ -280,26 +293,27 @@ impl<'a> Probe<'a> {
     ) -> Result<Vec<Point3>, BackendError> {
         let (domain, level) = (&self.samples.domain, self.samples.labels.level);
         let mut answers = Vec::new();
-        let mut look = |points: &[Point3]| {
-            let world: Vec<Point3> = points.iter().map(|x| domain.world(x)).collect();
-            field.values_gradients(&world, &mut answers)?;
+        let mut look = |points: &[(Room, Point3)]| {
+            let world = points
+                .iter()
+                .map(|(cell, x)| domain.world_from(&local(cell.low), &x.coords));
+            field.values_gradients(&world.collect::<Vec<_>>(), &mut answers)?;
             let tangents = points
                 .iter()
                 .zip(&answers)
-                .map(|(&at, &(value, gradient))| Tangent {
+                .map(|(&(_, at), &(value, gradient))| Tangent {
                     at,
                     height: value - level,
                     gradient: gradient * domain.spacing,
                 });
             Ok::<Vec<Tangent>, BackendError>(tangents.collect())
         };
-        let starts: Vec<Point3> = from.iter().map(|&(_, x)| x).collect();
-        let starts = look(&starts)?;
+        let starts = look(from)?;
         let Some(guard) = from.first().map(|(cell, _)| cell.guard()) else {
             return Ok(Vec::new());
         };
         let found = projections(&starts, &guard, |asked, out| {
-            let held = asked.iter().map(|&(i, x)| from[i].0.clamp(x));
+            let held = asked.iter().map(|&(i, x)| (from[i].0, from[i].0.clamp(x)));
             out.extend(look(&held.collect::<Vec<_>>())?.into_iter().map(Some));
             Ok::<(), BackendError>(())
         })?;
@@ -314,7 +328,7 @@ impl<'a> Probe<'a> {
     /// the mean decides in these.
     fn nearest_to_planes(
         &self,
-        cell: [i32; 3],
+        cell: &Room,
         mass: &Point3,
         crossings: &[(Point3, bool)],
     ) -> Point3 {
@@ -393,17 +407,18 @@ pub(crate) fn part_point(
 }
 
 /// Over all pairs of corners, which in a tetrahedron are its edges; each crossing a fiftieth of its edge off the ends
-/// at least.
+/// at least. Seen from the first corner, so that the mean does not depend on where the domain begins.
 pub(super) fn mean_of_crossings(probe: &Probe<'_>, corners: &[Sample]) -> Option<Point3> {
+    let first = corners.first()?.x;
     let (mut sum, mut n) = (Vector3::zeros(), 0.0);
     for (i, a) in corners.iter().enumerate() {
         for b in &corners[i + 1..] {
             if a.label != b.label {
                 let t = probe.crossing(a, b).clamp(0.02, 0.98);
-                sum += (a.x + (b.x - a.x) * t).coords;
+                sum += (a.x - first) + (b.x - a.x) * t;
                 n += 1.0;
             }
         }
     }
-    (n > 0.0).then(|| Point3::from(sum / n))
+    (n > 0.0).then(|| first + (sum / n).map(exact))
 }

@@ -1,7 +1,7 @@
 //! The lattice of the finest cells, and which material a point of it belongs to.
 
-use geom_core::Point3;
 use geom_core::mesh::{EXTERIOR, INTERIOR, OUTSIDE, Region};
+use geom_core::{Point3, Vector3};
 
 use super::tree::{BLOCK, block_coordinates, block_count};
 use crate::{Material, Shape};
@@ -38,6 +38,11 @@ impl Domain {
     pub(crate) fn world(&self, local: &Point3) -> Point3 {
         self.origin + self.in_values(local).coords * self.spacing
     }
+    /// The same of a place `offset` away from a point whose coordinates are whole numbers of cells or halves: the
+    /// offset may be any number, and what is rounded off does not depend on where the domain begins.
+    pub(crate) fn world_from(&self, exact: &Point3, offset: &Vector3) -> Point3 {
+        self.origin + (self.in_values(exact).coords + offset) * self.spacing
+    }
     /// From where the domain begins to where the values do, in finest cells.
     pub(crate) fn in_values(&self, p: &Point3) -> Point3 {
         Point3::from(p.coords - local(self.anchor).coords)
@@ -65,6 +70,11 @@ pub(crate) fn local(p: [i32; 3]) -> Point3 {
 pub(crate) fn exact(offset: f64) -> f64 {
     const PARTS: f64 = (1u64 << 32) as f64;
     (offset * PARTS).round() / PARTS
+}
+
+/// The point at a share of the way between two points, itself [`exact`] if the first is.
+pub(crate) fn along(from: Point3, to: Point3, share: f64) -> Point3 {
+    from + ((to - from) * share).map(exact)
 }
 
 /// Which material a point belongs to: the molecule, then the listed ones, then the exterior; beyond

@@ -13,7 +13,7 @@ pub(crate) mod sizing;
 mod source;
 pub(crate) mod tree;
 
-pub(crate) use domain::{Domain, Labels, exact, local};
+pub(crate) use domain::{Domain, Labels, along, exact, local};
 pub use field::FieldSamples;
 pub(crate) use points::{PointMarks, PointSet};
 pub(crate) use samples::Samples;

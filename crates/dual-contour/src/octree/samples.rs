@@ -6,7 +6,7 @@
 //! the level; a sparse grid says so of its empty bricks without being read.
 
 use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
-use geom_core::{Aabb, LatticeValues, Point3, Vector3};
+use geom_core::{Aabb, LatticeValues, Vector3};
 use rayon::prelude::*;
 
 use super::domain::{Domain, Labels};
@@ -414,14 +414,14 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// Trilinear value and gradient (per finest cell) at `x` in the closed block of cell `cell`.
-    /// `None` where the block is not stored. A point beyond the block has the value of the nearest one in it.
-    pub(crate) fn trilinear(&self, cell: [i32; 3], x: &Point3) -> Option<(f64, Vector3)> {
+    /// Trilinear value and gradient (per finest cell) at `x`, seen from the lowest corner of cell `cell`, in its closed
+    /// block. `None` where the block is not stored. A point beyond the block has the value of the nearest one in it.
+    pub(crate) fn trilinear(&self, cell: [i32; 3], x: &Vector3) -> Option<(f64, Vector3)> {
         let b = cell.map(|c| c >> BLOCK_LOG);
         let values = self.values_of(block_index(self.domain.blocks, b))?;
         let (mut base, mut t) = ([0usize; 3], [0.0; 3]);
         for k in 0..3 {
-            let c = (x[k] - f64::from(b[k] * BLOCK)).clamp(0.0, f64::from(BLOCK));
+            let c = (x[k] + f64::from(cell[k] - b[k] * BLOCK)).clamp(0.0, f64::from(BLOCK));
             base[k] = (c as usize).min(SIDE - 2);
             t[k] = c - base[k] as f64;
         }

@@ -292,7 +292,7 @@ impl<'a> Plan<'a> {
         let run = session.on(&Cpu);
         let window = Window::around(self.lattice, own[0], own[1], dual_contour::HALO);
         let grid = sample_window(self.copies, &self.density, &window, run)?;
-        let (piece, _) = dual_contour::tile(&grid, &window, own, &self.contour, run)?;
+        let (piece, _) = dual_contour::tile(&grid, None, &window, own, &self.contour, run)?;
         drop(grid);
         if piece.mesh.tets().is_empty() {
             return Ok(Border::default());

@@ -146,15 +146,10 @@ impl<'a> Base<'a> {
     /// All base tetrahedra with the labels of their corners; of the leaves that touch a box of cells, if one is given.
     pub(super) fn tets(&self, within: Option<[[i32; 3]; 2]>) -> Vec<BaseTet> {
         let labels = self.cell_labels();
-        let touches = |id: &u32| {
-            let leaf = self.complex.leaf(*id);
-            let (o, s) = (leaf.origin(), leaf.size());
-            within.is_none_or(|[low, high]| (0..3).all(|k| o[k] <= high[k] && o[k] + s >= low[k]))
-        };
         (0..self.complex.tree.leaves.len() as u32)
             .into_par_iter()
             .with_min_len(1024)
-            .filter(touches)
+            .filter(|&id| self.complex.touches(id, within))
             .flat_map_iter(|id| {
                 let mut tets = Vec::new();
                 self.complex.rings_of(

@@ -10,7 +10,8 @@ use geom_core::mesh::{EDGES, FACES, Region};
 use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::near::{NONE, Near, along};
+use super::near::{NONE, Near};
+use crate::octree::along;
 
 /// Tetrahedra of one label each, and what stands at the vertices that were added.
 pub(super) struct Cut {

@@ -3,7 +3,6 @@
 //! All that snapping and cutting ask for, numbered anew and gathered once: what stands around a vertex, which edges
 //! change labels, and where. Points away from interfaces have no part in it.
 
-use geom_core::Point3;
 use geom_core::compute::parallel::{self, sorted_by_number};
 use geom_core::mesh::{EDGES, Region};
 use rayon::prelude::*;
@@ -12,7 +11,6 @@ use super::base::{Base, BaseTet, planes_of};
 use crate::Error;
 use crate::complex::Vertex;
 use crate::dual::Sample;
-use crate::octree::exact;
 
 /// No number yet.
 pub(super) const NONE: u32 = u32::MAX;
@@ -22,11 +20,6 @@ pub(super) type Pair = (Region, Region);
 
 pub(super) fn pair(a: Region, b: Region) -> Pair {
     (a.min(b), a.max(b))
-}
-
-/// The point at a share of the way between two vertices of the lattice; the same wherever coordinates begin.
-pub(super) fn along(from: Point3, to: Point3, share: f64) -> Point3 {
-    from + ((to - from) * share).map(exact)
 }
 
 /// The tetrahedra near interfaces, with vertices numbered among themselves.

@@ -9,7 +9,8 @@
 use rayon::prelude::*;
 
 use super::Counts;
-use super::near::{NONE, Near, Pair, along, pair};
+use super::near::{NONE, Near, Pair, pair};
+use crate::octree::along;
 
 /// Share of an edge within which a cut is too close: between points of one kind, and between a corner
 /// and a cell (Labelle & Shewchuk, uniform and one-sided).

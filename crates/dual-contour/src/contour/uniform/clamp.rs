@@ -16,7 +16,7 @@ use super::cut_cells::{CellState, CutCells, beyond};
 use super::pattern::{FACE, LANES_OF_FACE, LANES_OF_PART, PART, is_positive};
 use crate::complex::cube::{MIDDLE, part_base};
 use crate::dual::room::{ROUNDS, longest};
-use crate::octree::local;
+use crate::octree::{along, local};
 
 /// A face between a cell that is not cut and a cut one. In order: by the parity of the first, then by its vertex.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -45,8 +45,7 @@ impl Neighbour {
 
     /// Its point at a share of the way to its place.
     fn at(&self, t: f64) -> Point3 {
-        let base = self.base();
-        base + (self.target - base) * t
+        along(self.base(), self.target, t)
     }
 }
 
@@ -222,7 +221,7 @@ fn moved(cut: &CutCells<'_>, k: usize, points: &[Point3]) -> Parts {
             let first = margins(&base);
             longest(out.shares[part], (0..PART).map(|i| [first[i], last[i]]))
         };
-        out.points[part] = base + (target - base) * out.shares[part];
+        out.points[part] = along(base, target, out.shares[part]);
     }
     out
 }
