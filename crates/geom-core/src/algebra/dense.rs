@@ -5,17 +5,15 @@
 //! over all rows, which threads would add up in whatever order they finish. Here rows are cut into pieces of a fixed length whose
 //! sums are added in their order.
 
+use super::tall;
 use crate::compute::parallel;
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
+use faer::{MatMut, MatRef, Par};
 use rayon::prelude::*;
 
 /// Rows per task. Part of the result: another number, other last bits.
 const ROWS: usize = 2048;
-/// Columns up to which a product is summed block by block; wider ones gather the blocks first.
-const NARROW: usize = 16;
-/// Rows that are gathered at once.
-const GATHERED: usize = 256;
+/// Rows of a strip of a tall block that stays in the cache while all its products are taken.
+const STRIP: usize = 256;
 
 /// A tall block: some columns, row after row. As many rows as `values` holds of that width.
 #[derive(Clone, Copy)]
@@ -33,9 +31,9 @@ impl<'a> Tall<'a> {
         self.values.len() / self.columns.max(1)
     }
 
-    fn part(&self, from: usize, rows: usize) -> MatRef<'a, f64> {
+    fn part(&self, from: usize, rows: usize) -> Self {
         let values = &self.values[from * self.columns..(from + rows) * self.columns];
-        MatRef::from_row_major_slice(values, rows, self.columns)
+        Self::of(values, self.columns)
     }
 }
 
@@ -60,20 +58,17 @@ pub(crate) fn gram(a: &[Tall<'_>], b: Tall<'_>) -> Vec<f64> {
     add_all(parts, length)
 }
 
-/// The same for some rows of B from `from` on.
-fn gram_part(out: &mut [f64], a: &[Tall<'_>], b: MatRef<'_, f64>, from: usize) {
-    let mut rest = out;
-    for a in a {
-        let (out, more) = rest.split_at_mut(a.columns * b.ncols());
-        rest = more;
-        matmul(
-            MatMut::from_row_major_slice_mut(out, a.columns, b.ncols()),
-            Accum::Replace,
-            a.part(from, b.nrows()).transpose(),
-            b,
-            1.0,
-            Par::Seq,
-        );
+/// The same for some rows of B from `from` on, added to `out`.
+fn gram_part(out: &mut [f64], a: &[Tall<'_>], b: Tall<'_>, from: usize) {
+    let n = b.rows();
+    for first in (0..n).step_by(STRIP) {
+        let rows = STRIP.min(n - first);
+        let mut rest = &mut *out;
+        for a in a.iter().filter(|a| a.columns > 0) {
+            let (out, more) = rest.split_at_mut(a.columns * b.columns);
+            rest = more;
+            tall::add_gram(out, a.part(from + first, rows), b.part(first, rows));
+        }
     }
 }
 
@@ -88,8 +83,7 @@ pub(crate) fn add_product(out: &mut [f64], columns: usize, a: &[Tall<'_>], c: &[
     });
 }
 
-/// The same for some rows from `from` on. Many narrow blocks beside a wide C are copied side by side first, some rows
-/// at a time: one large product is faster than many thin ones.
+/// The same for some rows from `from` on.
 fn add_product_part(
     out: &mut [f64],
     columns: usize,
@@ -98,44 +92,9 @@ fn add_product_part(
     scale: f64,
     from: usize,
 ) {
-    let m = width(a);
-    let add = |out: &mut [f64], a: MatRef<'_, f64>, c: &[f64]| {
-        matmul(
-            MatMut::from_row_major_slice_mut(out, a.nrows(), columns),
-            Accum::Add,
-            a,
-            MatRef::from_row_major_slice(c, a.ncols(), columns),
-            scale,
-            Par::Seq,
-        );
-    };
-    if a.len() == 1 || columns <= NARROW {
-        let rows = out.len() / columns;
-        let mut rest = c;
-        for a in a {
-            let (c, more) = rest.split_at(a.columns * columns);
-            rest = more;
-            add(out, a.part(from, rows), c);
-        }
-        return;
-    }
-    let mut gathered = vec![0.0; GATHERED * m];
-    for (k, out) in out.chunks_mut(GATHERED * columns).enumerate() {
-        let (from, rows) = (from + k * GATHERED, out.len() / columns);
-        let mut at = 0;
-        for a in a {
-            let part = &a.values[from * a.columns..(from + rows) * a.columns];
-            for (row, values) in gathered.chunks_mut(m).zip(part.chunks(a.columns)) {
-                row[at..at + a.columns].copy_from_slice(values);
-            }
-            at += a.columns;
-        }
-        add(
-            out,
-            MatRef::from_row_major_slice(&gathered[..rows * m], rows, m),
-            c,
-        );
-    }
+    let rows = out.len() / columns;
+    let parts: Vec<Tall<'_>> = a.iter().map(|a| a.part(from, rows)).collect();
+    tall::add_product(out, columns, &parts, c, scale);
 }
 
 /// `A C` as a new block of `columns` columns.
@@ -162,7 +121,7 @@ pub(crate) fn subtract_product(
             }
             let mut part = vec![0.0; columns * columns];
             let w = Tall::of(w, columns);
-            gram_part(&mut part, &[w], w.part(0, w.rows()), 0);
+            gram_part(&mut part, &[w], w, 0);
             part
         })
         .collect();

@@ -25,12 +25,11 @@ mod mass;
 mod operator;
 pub mod quadrature;
 pub mod sparse;
-#[cfg(not(feature = "testing"))]
-mod substitution;
+mod tall;
+
 #[cfg(feature = "testing")]
 #[doc(hidden)]
-pub mod substitution;
-
+pub use cholesky::substitution;
 pub use cholesky::{Cholesky, Symbolic};
 pub use iterate::{Jacobi, Preconditioner, Solution, conjugate_gradients, refine};
 pub use mass::Mass;

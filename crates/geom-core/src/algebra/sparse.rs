@@ -30,7 +30,8 @@ use super::Error;
 const ROWS: usize = 2048;
 
 mod sealed {
-    use super::super::{Error, Symbolic, cholesky};
+    use super::super::cholesky::{self, Schedule};
+    use super::super::{Error, Symbolic};
     use super::{Complex, SparseMatrix};
 
     /// The heavy functions, compiled here once for each of the two types and not in every program that calls them.
@@ -42,16 +43,23 @@ mod sealed {
             block: &mut [Self],
             columns: usize,
         ) -> Result<(), Error>;
+        fn substitute_into(
+            schedule: &Schedule,
+            factor: &[Self],
+            block: &[Self],
+            out: &mut [Self],
+            columns: usize,
+        );
         fn multiply(matrix: &SparseMatrix<Self>, block: &[Self], columns: usize, out: &mut [Self]);
     }
     macro_rules! sealed {
-        ($scalar:ty) => {
+        ($scalar:ty, $factor:path) => {
             impl Sealed for $scalar {
                 fn factor(
                     symbolic: &Symbolic,
                     matrix: &SparseMatrix<Self>,
                 ) -> Result<Vec<Self>, Error> {
-                    cholesky::factor(symbolic, matrix)
+                    $factor(symbolic, matrix)
                 }
                 fn substitute(
                     symbolic: &Symbolic,
@@ -60,6 +68,15 @@ mod sealed {
                     columns: usize,
                 ) -> Result<(), Error> {
                     cholesky::substitute(symbolic, factor, block, columns)
+                }
+                fn substitute_into(
+                    schedule: &Schedule,
+                    factor: &[Self],
+                    block: &[Self],
+                    out: &mut [Self],
+                    columns: usize,
+                ) {
+                    cholesky::substitute_into(schedule, factor, block, out, columns);
                 }
                 fn multiply(
                     matrix: &SparseMatrix<Self>,
@@ -72,8 +89,8 @@ mod sealed {
             }
         };
     }
-    sealed!(f64);
-    sealed!(Complex<f64>);
+    sealed!(f64, cholesky::factor_real);
+    sealed!(Complex<f64>, cholesky::factor);
 }
 
 /// What a sparse matrix holds: f64 or complex f64. Sealed. Complex matrices are those of fields of directions on

@@ -10,8 +10,6 @@
 //! may have brought more than [`DRIFT`] of them back, which the recurrence of the overlaps tells
 //! (partial reorthogonalization: Simon, 1984; in blocks: Grimes, Lewis and Simon, 1994).
 
-use std::borrow::Cow;
-
 use rayon::prelude::*;
 
 use super::backend::On;
@@ -23,7 +21,7 @@ use crate::algebra::{Cholesky, Symbolic};
 use crate::compute::random::SplitMix64;
 
 /// Overlap of a new block with an older one at which it is orthogonalized anew.
-const DRIFT: f64 = 1e-12;
+const DRIFT: f64 = 1e-10;
 /// What one step of rounding adds to an overlap, of the size of the operator.
 const ROUNDING: f64 = 1e-14;
 
@@ -57,10 +55,8 @@ impl<'a> Inverse<'a> {
         })
     }
 
-    fn apply(&self, block: Cow<'_, [f64]>, columns: usize) -> Result<Vec<f64>, Error> {
-        let mut image = block.into_owned();
-        self.factor.solve_in_place(&mut image, columns)?;
-        Ok(image)
+    fn apply(&self, block: &[f64], columns: usize) -> Result<Vec<f64>, Error> {
+        Ok(self.factor.solved(block, columns)?)
     }
 
     /// From vectors of the pencil to those of this operator.
@@ -99,7 +95,7 @@ pub(super) fn pairs(
     let block = options.block;
     // Enough room that a restart keeps a good part of the space.
     let keep = k + 1 + block;
-    let room = keep + (5 * k / 2).max(12 * block);
+    let room = keep + (3 * k).max(20 * block);
     let mut basis = Basis::new(inverse.mass);
     let mut h = Projected::new(room + block);
 
@@ -112,7 +108,7 @@ pub(super) fn pairs(
     let mut random = SplitMix64::new(options.seed);
     let step = |q: &[f64], basis: &Basis<'_>, report: &mut Report| {
         report.solves += block;
-        inverse.apply(basis.image(q, block), block)
+        inverse.apply(&basis.image(q, block), block)
     };
     let mut next = step(&random_block(n, block, &mut random), &basis, report)?;
     let mut taken = Taken::nothing(locked, block);
@@ -121,7 +117,7 @@ pub(super) fn pairs(
     let mut restarts = 0;
     let mut kept = 0;
     let mut ready = 0;
-    let mut checks = Checks::new(k + 1 + 2 * block);
+    let mut checks = Checks::new(2 * (k + 1) + 4 * block);
     loop {
         // The block joins the basis; its image is what the basis lacks, and how it couples.
         let at = basis.columns.count();
@@ -213,14 +209,14 @@ impl Checks {
         let guess = self.last.map_or(m as f64 / 8.0, |(before, larger)| {
             let fall = (larger / worst).ln() / (m - before) as f64;
             if fall > 0.0 {
-                0.7 * worst.ln() / fall
+                0.5 * worst.ln() / fall
             } else {
                 m as f64 / 8.0
             }
         });
         // Of no use where a residual is not finite.
         let ahead = if guess.is_finite() { guess as usize } else { 0 };
-        self.next = m + ahead.clamp(block, m.max(block));
+        self.next = m + ahead.clamp(block, (m / 3).max(block));
         self.last = Some((m, worst));
     }
 }

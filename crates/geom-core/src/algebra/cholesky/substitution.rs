@@ -11,32 +11,16 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::Scalar;
+use super::tree::{Forest, Supernode};
+use crate::algebra::Scalar;
 use crate::compute::lanes;
 
 /// Rows (columns) of a trapezoid that are handled together.
 const TILE: usize = 4;
-/// A subtree with at most this share of the factor is one task.
-const LARGE: usize = 24;
-/// A subtree with at most this share of the factor is no task of its own.
-const SMALL: usize = 400;
-/// Entries of a factor, or of a subtree, that are not worth a task.
-const ENTRIES: usize = 1 << 14;
-
-/// The columns of one supernode: a lower triangle over a rectangle, column after column.
-pub(super) struct Supernode<'a> {
-    /// Columns in the order of the factor, which are the rows of the triangle.
-    pub(super) columns: Range<usize>,
-    /// Rows of the rectangle, ascending.
-    pub(super) rows: &'a [u32],
-    /// Where its values are.
-    pub(super) values: Range<usize>,
-}
-
 /// Which supernodes are solved in which task, and in which order. It does not depend on the number of
 /// threads. Two kinds of parallel work meet here: tasks of one level, and parts of a block that are solved at the same
 /// time; neither changes a sum.
-pub(super) struct Schedule {
+pub struct Schedule {
     tasks: Vec<Task>,
     /// Tasks whose children are all in the levels before.
     levels: Vec<Range<usize>>,
@@ -71,79 +55,26 @@ struct Local {
 impl Schedule {
     /// Supernodes in the order of the factor; `original` tells the row of the matrix that became a row
     /// of the factor.
-    pub(super) fn of(supernodes: &[Supernode<'_>], original: impl Fn(usize) -> usize) -> Self {
-        let total: usize = supernodes.iter().map(|s| s.values.len()).sum();
-        let large = (total / LARGE).max(ENTRIES);
-        let small = (total / SMALL).max(ENTRIES);
-        Self::with(supernodes, original, large, small)
-    }
-
-    /// With subtrees of more than `large` entries divided, and none of up to `small` a task of its own.
-    fn with(
+    pub(super) fn of(
         supernodes: &[Supernode<'_>],
+        forest: &Forest,
         original: impl Fn(usize) -> usize,
-        large: usize,
-        small: usize,
     ) -> Self {
-        // Which supernode a column belongs to, and which one waits for it: that of its first row below.
-        let n = supernodes.last().map_or(0, |s| s.columns.end);
-        let mut owner = vec![0u32; n];
-        for (s, supernode) in supernodes.iter().enumerate() {
-            owner[supernode.columns.clone()].fill(s as u32);
-        }
-        let parents: Vec<Option<usize>> = supernodes
-            .iter()
-            .map(|s| s.rows.first().map(|&row| owner[row as usize] as usize))
-            .collect();
-        let task_of = assign(supernodes, &parents, large, small);
-
-        // Tasks by height, so that levels are ranges.
-        let count = task_of.iter().max().map_or(0, |&t| t + 1);
-        let mut above: Vec<Option<usize>> = vec![None; count];
-        for (s, &parent) in parents.iter().enumerate() {
-            if let Some(p) = parent.filter(|&p| task_of[p] != task_of[s]) {
-                above[task_of[s]] = Some(task_of[p]);
-            }
-        }
-        // A task is numbered before those below it.
-        let mut height = vec![0usize; count];
-        for t in (0..count).rev() {
-            if let Some(p) = above[t] {
-                height[p] = height[p].max(height[t] + 1);
-            }
-        }
-        let mut order: Vec<usize> = (0..count).collect();
-        order.sort_by_key(|&t| (height[t], t));
-        let mut number = vec![0; count];
-        for (new, &old) in order.iter().enumerate() {
-            number[old] = new;
-        }
-        // Tasks of one height do not need each other: a level is solved in parallel.
-        let top = height.iter().max().map_or(0, |h| h + 1);
-        let levels = (0..top)
-            .map(|level| {
-                let place = |h| order.partition_point(|&t| height[t] < h);
-                place(level)..place(level + 1)
-            })
-            .collect();
-
-        let mut members: Vec<Vec<usize>> = vec![Vec::new(); count];
-        for (s, &t) in task_of.iter().enumerate() {
-            members[number[t]].push(s);
-        }
+        let (owner, task_of) = (&forest.owner, &forest.task_of);
+        let (n, count) = (owner.len(), forest.tasks.len());
         // From the top down: rows that a task reaches have a place in the task above.
         let mut tasks: Vec<Task> = (0..count).map(|_| Task::default()).collect();
         let mut places = vec![(0u32, 0u32); n];
         let mut local = vec![u32::MAX; n];
         let mut reached: Vec<Vec<u32>> = vec![Vec::new(); count];
         for t in (0..count).rev() {
-            let parent = above[order[t]].map(|p| number[p]);
+            let parent = forest.above[t];
             let mut task = Task {
                 parent: parent.unwrap_or(0) as u32,
                 ..Task::default()
             };
             let mut next = 0;
-            for &s in &members[t] {
+            for &s in &forest.tasks[t] {
                 for row in supernodes[s].columns.clone() {
                     local[row] = next;
                     places[original(row)] = (t as u32, next);
@@ -152,18 +83,18 @@ impl Schedule {
                 }
             }
             // Rows that the task adds to, but that others own.
-            let mut outside: Vec<u32> = members[t]
+            let mut outside: Vec<u32> = forest.tasks[t]
                 .iter()
                 .flat_map(|&s| supernodes[s].rows)
                 .copied()
-                .filter(|&row| task_of[owner[row as usize] as usize] != order[t])
+                .filter(|&row| task_of[owner[row as usize] as usize] != t)
                 .collect();
             outside.sort_unstable();
             outside.dedup();
             // Places in the task above, before this one's numbers replace them.
             if let Some(p) = parent {
                 let start = tasks[p].own.len() as u32;
-                let own = |row: u32| task_of[owner[row as usize] as usize] == order[p];
+                let own = |row: u32| task_of[owner[row as usize] as usize] == p;
                 task.reached = outside
                     .iter()
                     .map(|&row| {
@@ -182,7 +113,7 @@ impl Schedule {
             }
             // Its supernodes, in the task's own numbers.
             let mut first = 0;
-            for &s in &members[t] {
+            for &s in &forest.tasks[t] {
                 let supernode = &supernodes[s];
                 let width = supernode.columns.len();
                 let at = task.rows.len();
@@ -200,7 +131,7 @@ impl Schedule {
         }
         Self {
             tasks,
-            levels,
+            levels: forest.levels.clone(),
             places,
         }
     }
@@ -277,53 +208,6 @@ impl Schedule {
 
 /// The rows of each task, those that it reaches at the end.
 pub(super) type Solved<T, const C: usize> = Vec<Vec<[T; C]>>;
-
-/// A number per supernode; a task above another has the lower number. From the root down. A subtree of up to `large`
-/// entries stays together; above that each branch of more than `small` becomes a task, and a chain without branches is
-/// not cut, since its parts would wait for each other.
-fn assign(
-    supernodes: &[Supernode<'_>],
-    parents: &[Option<usize>],
-    large: usize,
-    small: usize,
-) -> Vec<usize> {
-    let mut weights: Vec<usize> = supernodes.iter().map(|s| s.values.len()).collect();
-    for (s, parent) in parents.iter().enumerate() {
-        if let &Some(p) = parent {
-            weights[p] += weights[s];
-        }
-    }
-    let mut branches = vec![0; supernodes.len()];
-    for (s, parent) in parents.iter().enumerate() {
-        if let &Some(p) = parent {
-            branches[p] += usize::from(weights[s] > large);
-        }
-    }
-    let mut task_of = vec![0; supernodes.len()];
-    let mut count = 0;
-    // The small trees of a forest share one task.
-    let mut rest = None;
-    for s in (0..supernodes.len()).rev() {
-        let joins = match parents[s] {
-            Some(p) => {
-                let alone = weights[p] > large
-                    && weights[s] > small
-                    && (weights[s] <= large || branches[p] > 1);
-                (!alone).then(|| task_of[p])
-            }
-            None if weights[s] <= small => rest,
-            None => None,
-        };
-        task_of[s] = joins.unwrap_or_else(|| {
-            count += 1;
-            count - 1
-        });
-        if parents[s].is_none() && weights[s] <= small {
-            rest = Some(task_of[s]);
-        }
-    }
-    task_of
-}
 
 /// One sweep over the supernodes of a task, compiled for the vector registers that the machine has. `down` means down
 /// the columns, which is the forward substitution.
@@ -553,7 +437,8 @@ pub fn solved(
             values: values.clone(),
         })
         .collect();
-    let schedule = Schedule::with(&supernodes, original, sizes[0], sizes[1]);
+    let forest = Forest::with(&supernodes, sizes[0], sizes[1]);
+    let schedule = Schedule::of(&supernodes, &forest, original);
     let solved: Solved<f64, 2> = schedule.solve(values, block, 2, 0..2);
     let rows = 0..columns.len();
     let rows = rows.map(|row| *schedule.row(&solved, row)).collect();

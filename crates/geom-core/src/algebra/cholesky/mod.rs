@@ -10,12 +10,21 @@
 //! vertices, with neighbours on all sides, a factor has about n^4/3 entries and takes n² operations: for these
 //! [`eigen`](super::eigen) has a method without one.
 
+mod multifrontal;
+#[cfg(not(feature = "testing"))]
+mod substitution;
+#[cfg(feature = "testing")]
+#[doc(hidden)]
+pub mod substitution;
+mod tree;
+
 use std::sync::Arc;
 
 use crate::compute::parallel;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::linalg::cholesky::llt::factor::LltError;
+use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
@@ -24,12 +33,21 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
-use super::substitution::{Schedule, Solved, Supernode};
+use self::multifrontal::{Failure, Fronts};
+pub(super) use self::substitution::Schedule;
+use self::substitution::Solved;
+use self::tree::{Forest, Supernode};
 use super::{Error, Scalar, SparseMatrix};
 
 /// Right-hand sides per pass over the factor. Part of the result: another number, other last bits. Eight of them fill
 /// vector registers, and the factor, which is larger than the caches, is read once for them.
 const COLUMNS: usize = 8;
+/// Rows of a result that are put together at once.
+const ROWS: usize = 2048;
+
+/// Share of faer's own bound on operations per entry from which on a factor has supernodes: those of meshes of a thousand
+/// vertices are still faster with them here.
+const SUPERNODAL: f64 = 0.25;
 
 /// The analysis of a pattern: ordering and shape of the factor, for every matrix of that pattern. Cloning shares it.
 /// Keep it where matrices of one mesh are factored again and again, as for other times of a diffusion or other shifts.
@@ -41,10 +59,17 @@ pub struct Symbolic {
 struct Analysis {
     symbolic: SymbolicCholesky<u32>,
     /// `None` for a small or nearly diagonal factor, which has no supernodes.
-    schedule: Option<Schedule>,
+    plan: Option<Plan>,
     /// The upper half of the matrix row by row, which is the lower half column by column.
     starts: Vec<u32>,
     indices: Vec<u32>,
+}
+
+/// How a factor with supernodes is computed and solved with.
+struct Plan {
+    forest: Forest,
+    fronts: Fronts,
+    schedule: Schedule,
 }
 
 impl std::fmt::Debug for Symbolic {
@@ -85,23 +110,40 @@ impl Symbolic {
             pattern,
             Side::Lower,
             SymmetricOrdering::Amd,
-            CholeskySymbolicParams::default(),
+            CholeskySymbolicParams {
+                supernodal_flop_ratio_threshold: SupernodalThreshold(SUPERNODAL),
+                ..CholeskySymbolicParams::default()
+            },
         )
         .map_err(|e| match e {
             faer::sparse::FaerError::OutOfMemory => Error::OutOfMemory { entries: 0 },
             _ => too_large,
         })?;
-        let schedule = match symbolic.raw() {
+        let plan = match symbolic.raw() {
             SymbolicCholeskyRaw::Supernodal(shape) => {
-                let order = symbolic.perm();
-                let original = |i: usize| order.map_or(i, |p| p.arrays().0[i] as usize);
-                Some(Schedule::of(&supernodes(shape), original))
+                let order = symbolic.perm().map(|p| p.arrays());
+                let original = |i: usize| order.map_or(i, |(rows, _)| rows[i] as usize);
+                let unordered: Vec<u32>;
+                let place = match order {
+                    Some((_, place)) => place,
+                    None => {
+                        unordered = (0..n as u32).collect();
+                        &unordered
+                    }
+                };
+                let supernodes = supernodes(shape);
+                let forest = Forest::of(&supernodes);
+                Some(Plan {
+                    fronts: Fronts::of(&supernodes, &forest, (&starts, &indices), place),
+                    schedule: Schedule::of(&supernodes, &forest, original),
+                    forest,
+                })
             }
             SymbolicCholeskyRaw::Simplicial(_) => None,
         };
         let inner = Arc::new(Analysis {
             symbolic,
-            schedule,
+            plan,
             starts,
             indices,
         });
@@ -182,18 +224,23 @@ impl Symbolic {
     }
 
     /// Refused rather than fatal: a factor may be the largest thing in a program.
-    fn memory<T: Scalar>(
-        &self,
-        scratch: faer::dyn_stack::StackReq,
-    ) -> Result<(Vec<T>, MemBuffer), Error> {
+    fn zeros<T: Scalar>(&self) -> Result<Vec<T>, Error> {
         let entries = self.factor_entries();
         let mut values = Vec::new();
         values
             .try_reserve_exact(entries)
             .map_err(|_| Error::OutOfMemory { entries })?;
         values.resize(entries, T::default());
+        Ok(values)
+    }
+
+    fn memory<T: Scalar>(
+        &self,
+        scratch: faer::dyn_stack::StackReq,
+    ) -> Result<(Vec<T>, MemBuffer), Error> {
+        let entries = self.factor_entries();
         let memory = MemBuffer::try_new(scratch).map_err(|_| Error::OutOfMemory { entries })?;
-        Ok((values, memory))
+        Ok((self.zeros()?, memory))
     }
 
     fn values_of<T: Scalar>(&self, matrix: &SparseMatrix<T>) -> Result<Vec<T>, Error> {
@@ -305,6 +352,28 @@ pub(super) fn factor<T: Scalar>(
     Ok(values)
 }
 
+/// The same for a real matrix: on all threads if there are supernodes.
+pub(super) fn factor_real(
+    symbolic: &Symbolic,
+    matrix: &SparseMatrix<f64>,
+) -> Result<Vec<f64>, Error> {
+    let Some(plan) = &symbolic.inner.plan else {
+        return factor(symbolic, matrix);
+    };
+    let upper = symbolic.values_of(matrix)?;
+    let mut values = symbolic.zeros()?;
+    let entries = values.len();
+    parallel::inside(|| plan.fronts.factor(&plan.forest, &upper, &mut values)).map_err(
+        |failure| match failure {
+            Failure::Pivot(column) => Error::NotPositiveDefinite {
+                row: symbolic.row_of_pivot(column),
+            },
+            Failure::Memory => Error::OutOfMemory { entries },
+        },
+    )?;
+    Ok(values)
+}
+
 /// The factor L Lᴴ of a positive definite matrix. It keeps the values of the factor and shares the analysis.
 #[derive(Clone, Debug)]
 pub struct Cholesky<T = f64> {
@@ -356,6 +425,18 @@ impl<T: Scalar> Cholesky<T> {
         T::substitute(&self.symbolic, &self.values, block, columns)
     }
 
+    /// The solutions for a block of right-hand sides of the right size.
+    pub(super) fn solved(&self, block: &[T], columns: usize) -> Result<Vec<T>, Error> {
+        let Some(plan) = &self.symbolic.inner.plan else {
+            let mut x = block.to_vec();
+            self.solve_in_place(&mut x, columns)?;
+            return Ok(x);
+        };
+        let mut x = vec![T::default(); block.len()];
+        T::substitute_into(&plan.schedule, &self.values, block, &mut x, columns);
+        Ok(x)
+    }
+
     /// Solves for one right-hand side.
     ///
     /// ```
@@ -384,19 +465,12 @@ pub(super) fn substitute<T: Scalar>(
     columns: usize,
 ) -> Result<(), Error> {
     let n = symbolic.rows();
-    match &symbolic.inner.schedule {
-        Some(schedule) => parallel::inside(|| {
-            let (wide, rest) = (columns / COLUMNS, columns % COLUMNS);
-            solve_parts::<T, COLUMNS>(schedule, factor, block, columns, 0, wide);
-            let first = wide * COLUMNS;
-            match rest {
-                0 => {}
-                1 => solve_parts::<T, 1>(schedule, factor, block, columns, first, 1),
-                2 => solve_parts::<T, 2>(schedule, factor, block, columns, first, 1),
-                3 | 4 => solve_parts::<T, 4>(schedule, factor, block, columns, first, 1),
-                _ => solve_parts::<T, COLUMNS>(schedule, factor, block, columns, first, 1),
-            }
-        }),
+    match &symbolic.inner.plan {
+        Some(Plan { schedule, .. }) => {
+            let mut x = vec![T::default(); block.len()];
+            substitute_into(schedule, factor, block, &mut x, columns);
+            block.copy_from_slice(&x);
+        }
         // Small or nearly diagonal: not worth a kernel.
         None => {
             let symbolic = &symbolic.inner.symbolic;
@@ -414,24 +488,46 @@ pub(super) fn substitute<T: Scalar>(
     Ok(())
 }
 
-/// Replaces `parts` times `C` columns of a block (the last ones may be missing) by the solutions. Each part has its own
-/// vectors and reads the whole factor; rows are put back into the block at the end.
-fn solve_parts<T: Scalar, const C: usize>(
+/// The solutions for a block that is not empty, with supernodes.
+pub(super) fn substitute_into<T: Scalar>(
     schedule: &Schedule,
     factor: &[T],
-    block: &mut [T],
+    block: &[T],
+    out: &mut [T],
     columns: usize,
-    first: usize,
-    parts: usize,
 ) {
+    parallel::inside(|| {
+        let (wide, rest) = (columns / COLUMNS, columns % COLUMNS);
+        let job = |first, parts| (schedule, factor, block, columns, first, parts);
+        solve_parts::<T, COLUMNS>(job(0, wide), out);
+        let first = wide * COLUMNS;
+        match rest {
+            0 => {}
+            1 => solve_parts::<T, 1>(job(first, 1), out),
+            2 => solve_parts::<T, 2>(job(first, 1), out),
+            3 | 4 => solve_parts::<T, 4>(job(first, 1), out),
+            _ => solve_parts::<T, COLUMNS>(job(first, 1), out),
+        }
+    });
+}
+
+/// What is solved: schedule, factor, block and its columns; the first column and how many parts.
+type Job<'a, T> = (&'a Schedule, &'a [T], &'a [T], usize, usize, usize);
+
+/// Solves for `parts` times `C` columns of a block (the last ones may be missing). Each part has its own vectors and
+/// reads the whole factor; rows are put into the result at the end.
+fn solve_parts<T: Scalar, const C: usize>(job: Job<'_, T>, out: &mut [T]) {
+    let (schedule, factor, block, columns, first, parts) = job;
     let range = |part: usize| first + part * C..(first + (part + 1) * C).min(columns);
     let solved: Vec<Solved<T, C>> = parallel::map(parts, |part| {
         schedule.solve(factor, block, columns, range(part))
     });
-    parallel::for_chunks(block, columns, |i, out| {
-        for (part, solved) in solved.iter().enumerate() {
-            let out = &mut out[range(part)];
-            out.copy_from_slice(&schedule.row(solved, i)[..out.len()]);
+    parallel::for_chunks(out, ROWS * columns, |k, out| {
+        for (i, out) in out.chunks_exact_mut(columns).enumerate() {
+            for (part, solved) in solved.iter().enumerate() {
+                let out = &mut out[range(part)];
+                out.copy_from_slice(&schedule.row(solved, k * ROWS + i)[..out.len()]);
+            }
         }
     });
 }

@@ -1,0 +1,471 @@
+//! The factor L Lᵀ of a real matrix by the multifrontal method (Duff and Reid, 1983; Liu, 1992), subtrees of the elimination tree side by
+//! side.
+//!
+//! The columns of a supernode and what they subtract from the rows below them are a *front*: a dense trapezoid over a
+//! dense triangle. The triangle is added to the front above, and so on up to the root. All arithmetic is that of dense
+//! products in registers. Tasks are those of the substitution, and each adds what its children left in their order, so
+//! that the bits do not depend on the number of threads.
+
+use std::ops::Range;
+
+use super::tree::{Forest, Supernode};
+use crate::compute::{lanes, parallel};
+
+/// Columns that are updated together, for two registers of rows: eight sums hide the latency of a fused product.
+const COLUMNS: usize = 4;
+/// Columns after which those behind them are updated: a slab of that width stays in the cache.
+const SLAB: usize = 64;
+/// Columns of an update that are one piece of work.
+const PIECE: usize = 32;
+/// Products in an update from which on it is worth handing out in pieces.
+const WORTH: usize = 1 << 20;
+
+/// Why there is no factor.
+pub(super) enum Failure {
+    /// The pivot of this column of the factor is not positive.
+    Pivot(usize),
+    Memory,
+}
+
+/// What of a factorization depends on the pattern alone.
+pub(super) struct Fronts {
+    fronts: Vec<Front>,
+    /// Places of the rows below a supernode in the front above it, one supernode after the other.
+    relative: Vec<u32>,
+}
+
+struct Front {
+    first: usize,
+    width: usize,
+    height: usize,
+    /// Its part of [`Fronts::relative`].
+    relative: Range<usize>,
+    children: Vec<u32>,
+    /// Entries of the upper half that belong to its columns, and where each goes.
+    targets: Vec<(u32, u32)>,
+}
+
+/// A task while it is worked on.
+struct Work<'a> {
+    /// The values of its supernodes.
+    blocks: Vec<&'a mut [f64]>,
+    /// Triangles for the task above, by their supernode.
+    left: Vec<(u32, Vec<f64>)>,
+    failure: Option<Failure>,
+}
+
+impl Fronts {
+    /// Supernodes in the order of the factor; the upper half of the matrix row by row; and the place of each of its
+    /// rows in the factor.
+    pub(super) fn of(
+        supernodes: &[Supernode<'_>],
+        forest: &Forest,
+        (starts, indices): (&[u32], &[u32]),
+        place: &[u32],
+    ) -> Self {
+        let mut fronts: Vec<Front> = Vec::with_capacity(supernodes.len());
+        let mut at = 0;
+        for s in supernodes {
+            fronts.push(Front {
+                first: s.columns.start,
+                width: s.columns.len(),
+                height: s.columns.len() + s.rows.len(),
+                relative: at..at + s.rows.len(),
+                children: Vec::new(),
+                targets: Vec::new(),
+            });
+            at += s.rows.len();
+        }
+        for (s, &parent) in forest.parents.iter().enumerate() {
+            if let Some(p) = parent {
+                fronts[p].children.push(s as u32);
+            }
+        }
+        let relative = parallel::flat_map(supernodes.len(), |s| {
+            let above = forest.parents[s].map(|p| &supernodes[p]);
+            let places = |row: &u32| above.map_or(0, |above| above.place(*row));
+            supernodes[s].rows.iter().map(places).collect::<Vec<u32>>()
+        });
+        Self::aim(
+            &mut fronts,
+            supernodes,
+            &forest.owner,
+            (starts, indices),
+            place,
+        );
+        Self { fronts, relative }
+    }
+
+    /// Finds where each entry of the upper half goes: entries by the column of the factor that they belong to, then by
+    /// the places of its rows.
+    fn aim(
+        fronts: &mut [Front],
+        supernodes: &[Supernode<'_>],
+        owner: &[u32],
+        (starts, indices): (&[u32], &[u32]),
+        place: &[u32],
+    ) {
+        let n = owner.len();
+        let ends = |i: usize, j: u32| {
+            let (p, q) = (place[i], place[j as usize]);
+            (p.min(q), p.max(q))
+        };
+        let row = |i: usize| starts[i] as usize..starts[i + 1] as usize;
+        let mut counts = vec![0u32; n];
+        for i in 0..n {
+            for at in row(i) {
+                counts[ends(i, indices[at]).0 as usize] += 1;
+            }
+        }
+        let first = parallel::starts_of(&counts);
+        let mut next = first.clone();
+        let mut entries = vec![(0u32, 0u32); indices.len()];
+        for i in 0..n {
+            for at in row(i) {
+                let (column, row) = ends(i, indices[at]);
+                entries[next[column as usize]] = (at as u32, row);
+                next[column as usize] += 1;
+            }
+        }
+        let targets = parallel::map_init(
+            supernodes.len(),
+            || vec![0u32; n],
+            |local, s| {
+                let s = &supernodes[s];
+                let rows = s.columns.clone().map(|c| c as u32);
+                let rows = rows.chain(s.rows.iter().copied());
+                rows.zip(0..).for_each(|(row, at)| local[row as usize] = at);
+                let height = s.columns.len() + s.rows.len();
+                let column = |(k, c): (usize, usize)| {
+                    let entries = &entries[first[c]..first[c + 1]];
+                    let at = (k * height) as u32;
+                    entries.iter().map(move |&(entry, row)| (entry, at, row))
+                };
+                let all = s.columns.clone().enumerate().flat_map(column);
+                all.map(|(entry, at, row)| (entry, at + local[row as usize]))
+                    .collect()
+            },
+        );
+        for (front, targets) in fronts.iter_mut().zip(targets) {
+            front.targets = targets;
+        }
+    }
+
+    /// The values of the factor, into zeros.
+    pub(super) fn factor(
+        &self,
+        forest: &Forest,
+        upper: &[f64],
+        values: &mut [f64],
+    ) -> Result<(), Failure> {
+        let mut works: Vec<Work<'_>> = (0..forest.tasks.len())
+            .map(|_| Work {
+                blocks: Vec::new(),
+                left: Vec::new(),
+                failure: None,
+            })
+            .collect();
+        let mut rest = values;
+        for (front, &task) in self.fronts.iter().zip(&forest.task_of) {
+            let (own, more) = rest.split_at_mut(front.width * front.height);
+            works[task].blocks.push(own);
+            rest = more;
+        }
+        for level in &forest.levels {
+            let (below, own) = works.split_at_mut(level.start);
+            let own = &mut own[..level.len()];
+            parallel::for_chunks(own, 1, |i, work| {
+                let task = level.start + i;
+                work[0].failure = self.run(forest, task, upper, &mut work[0], below).err();
+            });
+            // The first of the lowest level.
+            let mut failures = own.iter_mut().filter_map(|work| work.failure.take());
+            if let Some(first) = failures.next() {
+                return Err(failures.fold(first, Failure::earlier));
+            }
+        }
+        Ok(())
+    }
+
+    /// The supernodes of a task in their order.
+    fn run(
+        &self,
+        forest: &Forest,
+        task: usize,
+        upper: &[f64],
+        work: &mut Work<'_>,
+        below: &[Work<'_>],
+    ) -> Result<(), Failure> {
+        let Work { blocks, left, .. } = work;
+        let mut waiting: Vec<(u32, Vec<f64>)> = Vec::new();
+        let mut spare: Vec<Vec<f64>> = Vec::new();
+        for (&s, block) in forest.tasks[task].iter().zip(blocks) {
+            let front = &self.fronts[s];
+            for &(entry, at) in &front.targets {
+                block[at as usize] = upper[entry as usize];
+            }
+            let rows = front.height - front.width;
+            let mut update = spare.pop().unwrap_or_default();
+            update.clear();
+            let size = rows * rows;
+            update
+                .try_reserve_exact(size)
+                .map_err(|_| Failure::Memory)?;
+            update.resize(size, 0.0);
+            for &child in &front.children {
+                let of = forest.task_of[child as usize];
+                if of == task {
+                    if let Some(at) = waiting.iter().rposition(|w| w.0 == child) {
+                        let (_, triangle) = waiting.remove(at);
+                        self.add(child as usize, &triangle, front, block, &mut update);
+                        spare.push(triangle);
+                    }
+                } else if let Some((_, triangle)) = below[of].left.iter().find(|w| w.0 == child) {
+                    self.add(child as usize, triangle, front, block, &mut update);
+                }
+            }
+            eliminate(block, front, &mut update)
+                .map_err(|column| Failure::Pivot(front.first + column))?;
+            match forest.parents[s] {
+                None => spare.push(update),
+                Some(p) if forest.task_of[p] == task => waiting.push((s as u32, update)),
+                Some(_) => left.push((s as u32, update)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds the triangle that a child left to a front. Rows ascend in both, so that what lies below the diagonal stays
+    /// there.
+    fn add(
+        &self,
+        child: usize,
+        triangle: &[f64],
+        front: &Front,
+        block: &mut [f64],
+        update: &mut [f64],
+    ) {
+        let places = &self.relative[self.fronts[child].relative.clone()];
+        let (width, height) = (front.width, front.height);
+        for (j, column) in triangle.chunks_exact(places.len().max(1)).enumerate() {
+            let to = places[j] as usize;
+            let (target, shift) = if to < width {
+                (&mut block[to * height..][..height], 0)
+            } else {
+                let rows = height - width;
+                (&mut update[(to - width) * rows..][..rows], width)
+            };
+            for (&place, &value) in places[j..].iter().zip(&column[j..]) {
+                target[place as usize - shift] += value;
+            }
+        }
+    }
+}
+
+impl Failure {
+    fn earlier(self, other: Self) -> Self {
+        match (&self, &other) {
+            (Self::Pivot(a), Self::Pivot(b)) if b < a => other,
+            (Self::Memory, Self::Pivot(_)) => other,
+            _ => self,
+        }
+    }
+}
+
+/// Factors the columns of a front, slab by slab, and takes the product of what lies below them off the triangle. The
+/// column whose pivot is not positive is the error.
+fn eliminate(block: &mut [f64], front: &Front, update: &mut [f64]) -> Result<(), usize> {
+    let (width, height) = (front.width, front.height);
+    for from in (0..width).step_by(SLAB) {
+        let to = (from + SLAB).min(width);
+        let (head, behind) = block.split_at_mut(to * height);
+        let slab = &mut head[from * height..];
+        lanes::vectorized(Panels { slab, height, from }).map_err(|column| from + column)?;
+        take(slab, height, behind, height, (to, 0));
+        take(slab, height, update, height - width, (width, width));
+    }
+    Ok(())
+}
+
+/// Subtracts the products of a slab from columns of which the first is that of row `row.0` of the front and whose values
+/// begin with row `row.1`.
+fn take(slab: &[f64], height: usize, out: &mut [f64], length: usize, row: (usize, usize)) {
+    if out.is_empty() {
+        return;
+    }
+    let piece = |first: usize, out: &mut [f64]| {
+        lanes::vectorized(Products {
+            slab,
+            height,
+            out,
+            length,
+            first: row.0 + first,
+            top: row.1,
+        });
+    };
+    if slab.len() / height * out.len() < WORTH {
+        piece(0, out);
+    } else {
+        parallel::for_chunks(out, PIECE * length, |k, out| piece(k * PIECE, out));
+    }
+}
+
+/// The columns of a slab, of which the first is that of row `from` of the front.
+struct Panels<'a> {
+    slab: &'a mut [f64],
+    height: usize,
+    from: usize,
+}
+
+impl lanes::WithSimd for Panels<'_> {
+    type Output = Result<(), usize>;
+
+    /// Some columns at a time: first what the columns of the slab before them subtract, then each by those beside it.
+    #[inline(always)]
+    fn with_simd<S: lanes::Simd>(self, simd: S) -> Self::Output {
+        let (height, from) = (self.height, self.from);
+        let width = self.slab.len() / height;
+        for at in (0..width).step_by(COLUMNS) {
+            let count = COLUMNS.min(width - at);
+            let (done, panel) = self.slab.split_at_mut(at * height);
+            let panel = &mut panel[..count * height];
+            if at > 0 {
+                let products = Products {
+                    slab: done,
+                    height,
+                    out: panel,
+                    length: height,
+                    first: from + at,
+                    top: 0,
+                };
+                products.with_simd(simd);
+            }
+            for c in 0..count {
+                let row = from + at + c;
+                let (own, others) = panel[c * height..].split_at_mut(height);
+                // NaN is not positive either.
+                if !(own[row] > 0.0 && own[row].is_finite()) {
+                    return Err(at + c);
+                }
+                let root = own[row].sqrt();
+                own[row] = root;
+                let scale = 1.0 / root;
+                own[row + 1..].iter_mut().for_each(|x| *x *= scale);
+                for (k, other) in others.chunks_exact_mut(height).enumerate() {
+                    let first = row + 1 + k;
+                    let factor = own[first];
+                    for (y, &x) in other[first..].iter_mut().zip(&own[first..]) {
+                        *y -= x * factor;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Products that are subtracted from columns of `length` values, from the diagonal on: see [`take`].
+struct Products<'a> {
+    slab: &'a [f64],
+    height: usize,
+    out: &'a mut [f64],
+    length: usize,
+    first: usize,
+    top: usize,
+}
+
+impl lanes::WithSimd for Products<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: lanes::Simd>(self, simd: S) {
+        let (slab, height, length) = (self.slab, self.height, self.length);
+        let mut first = self.first;
+        for out in self.out.chunks_mut(COLUMNS * length) {
+            let out = Columns {
+                slab,
+                height,
+                count: out.len() / length,
+                out,
+                length,
+                first,
+                shift: first - self.top,
+            };
+            match out.count {
+                COLUMNS => out.take::<S, COLUMNS>(simd),
+                3 => out.take::<S, 3>(simd),
+                2 => out.take::<S, 2>(simd),
+                _ => out.take::<S, 1>(simd),
+            }
+            first += COLUMNS;
+        }
+    }
+}
+
+/// A few columns, from row `first` of the front on, which is number `shift` of each.
+struct Columns<'a> {
+    slab: &'a [f64],
+    height: usize,
+    out: &'a mut [f64],
+    length: usize,
+    first: usize,
+    shift: usize,
+    count: usize,
+}
+
+impl Columns<'_> {
+    #[inline(always)]
+    fn take<S: lanes::Simd, const N: usize>(mut self, simd: S) {
+        let mut row = self.first;
+        while row + 2 * S::F64_LANES <= self.height {
+            self.tile::<S, N>(simd, row);
+            row += 2 * S::F64_LANES;
+        }
+        while row < self.height {
+            let end = (row + S::F64_LANES).min(self.height);
+            self.rest::<S, N>(simd, row..end);
+            row = end;
+        }
+    }
+
+    /// Two registers of rows.
+    #[inline(always)]
+    fn tile<S: lanes::Simd, const N: usize>(&mut self, simd: S, row: usize) {
+        let mut sums = [[simd.splat_f64s(0.0); 2]; N];
+        for column in self.slab.chunks_exact(self.height) {
+            let a = S::as_simd_f64s(&column[row..row + 2 * S::F64_LANES]).0;
+            let b = &column[self.first..self.first + N];
+            let (a0, a1) = (a[0], a[1]);
+            for c in 0..N {
+                let factor = simd.splat_f64s(b[c]);
+                sums[c][0] = simd.mul_add_e_f64s(factor, a0, sums[c][0]);
+                sums[c][1] = simd.mul_add_e_f64s(factor, a1, sums[c][1]);
+            }
+        }
+        for c in 0..N {
+            let at = c * self.length + self.shift + row - self.first;
+            let out = S::as_mut_simd_f64s(&mut self.out[at..at + 2 * S::F64_LANES]).0;
+            out[0] = simd.sub_f64s(out[0], sums[c][0]);
+            out[1] = simd.sub_f64s(out[1], sums[c][1]);
+        }
+    }
+
+    /// At most a register of rows.
+    #[inline(always)]
+    fn rest<S: lanes::Simd, const N: usize>(&mut self, simd: S, rows: Range<usize>) {
+        let mut sums = [simd.splat_f64s(0.0); N];
+        for column in self.slab.chunks_exact(self.height) {
+            let a = simd.partial_load_f64s(&column[rows.clone()]);
+            let b = &column[self.first..self.first + N];
+            for c in 0..N {
+                sums[c] = simd.mul_add_e_f64s(simd.splat_f64s(b[c]), a, sums[c]);
+            }
+        }
+        for c in 0..N {
+            let at = c * self.length + self.shift + rows.start - self.first;
+            let out = &mut self.out[at..at + rows.len()];
+            let new = simd.sub_f64s(simd.partial_load_f64s(out), sums[c]);
+            simd.partial_store_f64s(out, new);
+        }
+    }
+}
