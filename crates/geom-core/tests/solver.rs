@@ -298,6 +298,53 @@ fn the_row_whose_pivot_is_not_positive_is_named() {
     assert_eq!(found, Error::NotPositiveDefinite { row });
 }
 
+/// A full matrix is one front of several slabs, whose updates are handed out in pieces.
+#[test]
+fn wide_fronts() {
+    let n = 300u32;
+    let value = |i: u32, j: u32| f64::from(i.min(j) * 7 % 13 + i.max(j) * 5 % 11) / 12.0 - 1.0;
+    let entry = |i, j| {
+        (
+            i,
+            j,
+            if i == j {
+                2.0 * f64::from(n)
+            } else {
+                value(i, j)
+            },
+        )
+    };
+    let entries: Vec<_> = (0..n)
+        .flat_map(|i| (0..n).map(move |j| entry(i, j)))
+        .collect();
+    let matrix = SparseMatrix::from_triplets(n as usize, n as usize, &entries).unwrap();
+    solves(&matrix, &values(n as usize * 3, 8), 3);
+    let b = values(n as usize, 9);
+    same_on_any_threads(|| Cholesky::of(&matrix).unwrap().solve(&b).unwrap());
+    for row in [0, 70, 299] {
+        let spoilt = matrix.map(|i, j, a| if (i, j) == (row, row) { -a } else { a });
+        let found = Cholesky::of(&spoilt).unwrap_err();
+        assert_eq!(found, Error::NotPositiveDefinite { row });
+    }
+}
+
+/// Fronts of many sizes in many tasks: the surface of a body that is not symmetric.
+#[test]
+fn many_tasks_with_the_same_bits() {
+    let mesh = shapes::torus(3.0, 1.0, 170, 60);
+    let stiffness = laplace::stiffness(&mesh).unwrap();
+    let one = SparseMatrix::diagonal_of(&values(stiffness.rows(), 10));
+    let matrix = stiffness.plus(1.0, &one.map(|_, _, a| 1.5 + a)).unwrap();
+    solves(&matrix, &values(matrix.rows() * 3, 11), 3);
+    let b = values(matrix.rows() * 8, 12);
+    same_on_any_threads(|| {
+        let mut x = b.clone();
+        let factor = Cholesky::of(&matrix).unwrap();
+        factor.solve_in_place(&mut x, 8).unwrap();
+        x
+    });
+}
+
 /// A factor whose tree has two long branches and many short ones: solved in one task and in many.
 #[test]
 fn tasks_solve_what_one_sweep_solves() {

@@ -333,6 +333,24 @@ fn methods_agree() {
     same_values(&dense, &davidson, 1.0);
 }
 
+/// Products of blocks have code for eight columns and for what is left of them.
+#[test]
+fn any_width_of_a_block() {
+    let mesh = potato();
+    let stiffness = laplace::stiffness(&mesh).unwrap();
+    let mass = laplace::lumped_mass(&mesh);
+    let reference = modes(&mesh, 21);
+    for block in [1, 3, 5, 7, 11, 16] {
+        let options = Options {
+            block,
+            ..Options::default()
+        };
+        let pairs = eigenpairs(&stiffness, &mass, 21, &options, Run::on(&Cpu)).unwrap();
+        check(&pairs, 21);
+        same_values(&reference, &pairs, 1.0);
+    }
+}
+
 /// Of a fivefold eigenvalue a block of one may lose copies; the count finds that out and goes on.
 #[test]
 fn verification_finds_lost_copies() {

@@ -1,13 +1,15 @@
 //! `cargo xtask spectra`: our eigenpairs beside those of SciPy on the same matrices, in one run: largest
 //! difference of the eigenvalues and ratios of time; with `--large` also what large inputs cost.
 
+use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::Mutex;
 use std::time::Instant;
 
 use gauss_density::{Levels, Model, sample};
-use geom_core::algebra::SparseMatrix;
 use geom_core::algebra::eigen::{EigenPairs, Operator, Options, eigenpairs};
 use geom_core::algebra::graph::{Laplacian, Neighbours, VoxelGraph};
+use geom_core::algebra::{SparseMatrix, Symbolic};
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::surface::laplace::{self, Mass};
 use geom_core::{Cpu, LatticeValues, Run, ScalarGrid, TriMesh};
@@ -46,17 +48,23 @@ pub(crate) fn run(large: bool) -> Outcome {
         }
         None => println!("the larger data set is not at hand: only the bundled structure"),
     }
-    let mesh = protein_surface(50_000)?;
-    // As SciPy comes, with a thread of its dense products on each core, and with one: threads that
-    // wait count as CPU seconds.
-    worst = worst.max(compare(
-        "protein surface",
-        &mesh,
-        "superlu,cholmod",
-        &[0, 1],
-        &[10, 50],
-        &python,
-    )?);
+    let mut sizes = vec![10_000, 17_500, 26_000, 50_000];
+    if large {
+        sizes.push(200_000);
+    }
+    for vertices in sizes {
+        let mesh = protein_surface(vertices)?;
+        // As SciPy comes, with a thread of its dense products on each core, and with one: threads that
+        // wait count as CPU seconds.
+        worst = worst.max(compare(
+            "protein surface",
+            &mesh,
+            "superlu,cholmod",
+            &[0, 1],
+            &[10, 30, 100],
+            &python,
+        )?);
+    }
     println!("largest difference of an eigenvalue, relative: {worst:.1e}");
     if large {
         for (vertices, count) in [(200_000, 50), (500_000, 100)] {
@@ -146,6 +154,7 @@ fn compare(
             ours.report.parts,
             largest(&ours.residuals),
         );
+        split(&stiffness, masses, &mass, shift, count)?;
         for (threads, answer) in answers.iter().filter(|a| a.1["count"] == count) {
             let theirs = answer["values"]
                 .as_array()
@@ -177,6 +186,69 @@ fn compare(
         }
     }
     Ok(worst)
+}
+
+/// Right-hand sides of one pass over the factor, as many as a block of the default options has.
+const PASS: usize = 8;
+
+/// Where the time goes: order and shape of the factor, the factor, and one pass of solves by themselves, the rest by what
+/// the solver tells of its stages. Prints wall milliseconds.
+fn split(
+    stiffness: &SparseMatrix,
+    masses: &[f64],
+    mass: &Mass,
+    shift: f64,
+    count: usize,
+) -> Outcome {
+    let shifted = stiffness
+        .plus(-shift, &SparseMatrix::diagonal_of(masses))
+        .map_err(text)?;
+    let since = |start: Instant| start.elapsed().as_secs_f64() * 1e3;
+    let start = Instant::now();
+    let symbolic = Symbolic::of(&shifted).map_err(text)?;
+    let analysis = since(start);
+    let start = Instant::now();
+    let factor = symbolic.factor(&shifted).map_err(text)?;
+    let numeric = since(start);
+    let mut block = vec![1.0; masses.len() * PASS];
+    let mut pass = f64::INFINITY;
+    for _ in 0..3 {
+        let start = Instant::now();
+        factor.solve_in_place(&mut block, PASS).map_err(text)?;
+        pass = pass.min(since(start));
+    }
+    let stages = Mutex::new(Vec::new());
+    let note = |stage: &'static str, done: u64, _: u64| {
+        let mut stages = stages.lock().unwrap_or_else(|held| held.into_inner());
+        stages.push((stage, done, Instant::now()));
+        ControlFlow::Continue(())
+    };
+    let run = Run::on(&Cpu).watched_by(&note);
+    let pairs = eigenpairs(stiffness, mass, count, &Options::default(), run).map_err(text)?;
+    let end = Instant::now();
+    let stages = stages.into_inner().unwrap_or_else(|held| held.into_inner());
+    // Each connected part has a factor, then the iteration, then its vectors.
+    let (mut iteration, mut vectors) = (0.0, 0.0);
+    let mut ends = stages.iter().skip(1).map(|s| s.2).chain([end]);
+    for &(stage, done, from) in &stages {
+        let Some(to) = ends.next() else { break };
+        let took = to.duration_since(from).as_secs_f64() * 1e3;
+        match (stage, done) {
+            ("vectors", _) => vectors += took,
+            // The first step comes right after the factor.
+            ("eigenpairs", _) | ("factor", 1) => iteration += took,
+            _ => {}
+        }
+    }
+    let solves = pairs.report.solves as f64 / PASS as f64 * pass;
+    println!(
+        "    order and shape {analysis:.1} ms, factor of {} entries {numeric:.1}, {} solves {solves:.1}, \
+         the rest of the iteration {:.1}, vectors and residuals {vectors:.1}",
+        symbolic.factor_entries(),
+        pairs.report.solves,
+        iteration - solves,
+    );
+    Ok(())
 }
 
 /// Stiffness (rows' starts, columns, values) and lumped masses in files that NumPy reads.

@@ -161,4 +161,25 @@ pub(super) const FAULTS: &[Fault] = &[
         "(!view.group_of.is_empty() || (empty && tags.is_empty()))",
     )
     .seen_by("tiles::the_file_that_joins_parts_has_their_fields_and_names"),
+    Fault::wrong(
+        "a front does not take over what subtrees of other tasks left",
+        "crates/geom-core/src/algebra/cholesky/multifrontal.rs",
+        "below[of].left.iter().find(|w| w.0 == child)",
+        "below[of].left.iter().find(|w| w.0 > child)",
+    )
+    .seen_by("solver::many_tasks_with_the_same_bits"),
+    Fault::wrong(
+        "the slabs of a wide front do not change what is right of them",
+        "crates/geom-core/src/algebra/cholesky/multifrontal.rs",
+        "take(slab, height, behind, height, (to, 0));",
+        "take(slab, height, &mut [], height, (to, 0));",
+    )
+    .seen_by("solver::wide_fronts"),
+    Fault::wrong(
+        "columns of a block beyond the eighth are those before them",
+        "crates/geom-core/src/algebra/tall.rs",
+        "S::as_simd_f64s(&b[j..j + S::F64_LANES]).0[0]",
+        "S::as_simd_f64s(&b[..S::F64_LANES]).0[0]",
+    )
+    .seen_by("spectral::any_width_of_a_block"),
 ];

@@ -169,6 +169,7 @@ pub(super) fn pairs(
         checks.plan(m, block, (locked..k).map(share).fold(0.0, f64::max));
         if ready == k || (full && restarts == options.max_restarts) {
             report.restarts += restarts;
+            run.progress("vectors", 0, 1)?;
             let last = LastBlock {
                 values: &next,
                 coupling: &coupling,

@@ -256,7 +256,7 @@ pub struct Report {
 /// ```
 ///
 /// Time goes into a factor and solves with it (surfaces), or into cycles (graphs); memory into about 3.5 `k` vectors.
-/// Progress is told in the stages `eigenpairs`, `factor`, `multigrid` and `verify`. The same bits for any number of
+/// Progress is told in the stages `eigenpairs`, `factor`, `multigrid`, `vectors` and `verify`. The same bits for any number of
 /// threads on the CPU.
 ///
 /// # Errors
