@@ -2,8 +2,8 @@
 //! that knows faer.
 //!
 //! - [`sparse`]: matrices in compressed rows; [`Mass`], the second matrix of a pencil
-//! - [`cholesky`]: supernodal factors of real and Hermitian matrices (faer; George and Liu 1981 for the theory), many
-//!   right-hand sides at once, inertia by L D Lᵀ
+//! - [`cholesky`]: supernodal factors of real and Hermitian matrices (order, shape and complex factors by faer; George and
+//!   Liu 1981 for the theory), many right-hand sides at once, inertia by L D Lᵀ
 //! - [`iterate`]: iterative refinement and preconditioned conjugate gradients (Hestenes and Stiefel 1952)
 //! - [`graph`]: Laplacians of voxel sets, of any weights, and joint ones (Eqs. 6.1 and 6.2)
 //! - [`Operator`]: what the solver multiplies with, matrix or graph

@@ -30,8 +30,7 @@ use super::Error;
 const ROWS: usize = 2048;
 
 mod sealed {
-    use super::super::cholesky::{self, Schedule};
-    use super::super::{Error, Symbolic};
+    use super::super::{Error, Symbolic, cholesky};
     use super::{Complex, SparseMatrix};
 
     /// The heavy functions, compiled here once for each of the two types and not in every program that calls them.
@@ -44,7 +43,7 @@ mod sealed {
             columns: usize,
         ) -> Result<(), Error>;
         fn substitute_into(
-            schedule: &Schedule,
+            symbolic: &Symbolic,
             factor: &[Self],
             block: &[Self],
             out: &mut [Self],
@@ -70,13 +69,13 @@ mod sealed {
                     cholesky::substitute(symbolic, factor, block, columns)
                 }
                 fn substitute_into(
-                    schedule: &Schedule,
+                    symbolic: &Symbolic,
                     factor: &[Self],
                     block: &[Self],
                     out: &mut [Self],
                     columns: usize,
                 ) {
-                    cholesky::substitute_into(schedule, factor, block, out, columns);
+                    cholesky::substitute_into(symbolic, factor, block, out, columns);
                 }
                 fn multiply(
                     matrix: &SparseMatrix<Self>,

@@ -6,7 +6,8 @@
 //! share a pattern (supernodes, which are dense blocks), are the *symbolic* part, which serves every matrix of that pattern. A mesh
 //! of n vertices on a surface needs about n log n entries and n^1.5 operations.
 //!
-//! Analysis and factorization run on one thread; substitutions run on all (see `substitution.rs`). In a body of n
+//! Analysis runs on one thread. Real factors and substitutions run on all (`multifrontal.rs`, `substitution.rs`) over the
+//! tasks of `tree.rs`; complex factors, those without supernodes and L D Lᵀ are faer's, on one. In a body of n
 //! vertices, with neighbours on all sides, a factor has about n^4/3 entries and takes n² operations: for these
 //! [`eigen`](super::eigen) has a method without one.
 
@@ -34,8 +35,7 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
 use self::multifrontal::{Failure, Fronts};
-pub(super) use self::substitution::Schedule;
-use self::substitution::Solved;
+use self::substitution::{Schedule, Solved};
 use self::tree::{Forest, Supernode};
 use super::{Error, Scalar, SparseMatrix};
 
@@ -427,13 +427,13 @@ impl<T: Scalar> Cholesky<T> {
 
     /// The solutions for a block of right-hand sides of the right size.
     pub(super) fn solved(&self, block: &[T], columns: usize) -> Result<Vec<T>, Error> {
-        let Some(plan) = &self.symbolic.inner.plan else {
+        if self.symbolic.inner.plan.is_none() || block.is_empty() {
             let mut x = block.to_vec();
             self.solve_in_place(&mut x, columns)?;
             return Ok(x);
-        };
+        }
         let mut x = vec![T::default(); block.len()];
-        T::substitute_into(&plan.schedule, &self.values, block, &mut x, columns);
+        T::substitute_into(&self.symbolic, &self.values, block, &mut x, columns);
         Ok(x)
     }
 
@@ -466,9 +466,9 @@ pub(super) fn substitute<T: Scalar>(
 ) -> Result<(), Error> {
     let n = symbolic.rows();
     match &symbolic.inner.plan {
-        Some(Plan { schedule, .. }) => {
+        Some(_) => {
             let mut x = vec![T::default(); block.len()];
-            substitute_into(schedule, factor, block, &mut x, columns);
+            substitute_into(symbolic, factor, block, &mut x, columns);
             block.copy_from_slice(&x);
         }
         // Small or nearly diagonal: not worth a kernel.
@@ -488,14 +488,17 @@ pub(super) fn substitute<T: Scalar>(
     Ok(())
 }
 
-/// The solutions for a block that is not empty, with supernodes.
+/// The solutions for a block that is not empty, with a factor that has supernodes.
 pub(super) fn substitute_into<T: Scalar>(
-    schedule: &Schedule,
+    symbolic: &Symbolic,
     factor: &[T],
     block: &[T],
     out: &mut [T],
     columns: usize,
 ) {
+    let Some(Plan { schedule, .. }) = &symbolic.inner.plan else {
+        return;
+    };
     parallel::inside(|| {
         let (wide, rest) = (columns / COLUMNS, columns % COLUMNS);
         let job = |first, parts| (schedule, factor, block, columns, first, parts);

@@ -20,7 +20,7 @@ const TILE: usize = 4;
 /// Which supernodes are solved in which task, and in which order. It does not depend on the number of
 /// threads. Two kinds of parallel work meet here: tasks of one level, and parts of a block that are solved at the same
 /// time; neither changes a sum.
-pub struct Schedule {
+pub(super) struct Schedule {
     tasks: Vec<Task>,
     /// Tasks whose children are all in the levels before.
     levels: Vec<Range<usize>>,

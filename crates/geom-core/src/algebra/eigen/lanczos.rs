@@ -95,7 +95,7 @@ pub(super) fn pairs(
     let block = options.block;
     // Enough room that a restart keeps a good part of the space.
     let keep = k + 1 + block;
-    let room = keep + (3 * k).max(20 * block);
+    let room = keep + 2 * k + 14 * block;
     let mut basis = Basis::new(inverse.mass);
     let mut h = Projected::new(room + block);
 
