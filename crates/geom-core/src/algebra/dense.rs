@@ -6,6 +6,7 @@
 //! sums are added in their order.
 
 use super::tall;
+pub(crate) use super::tall::Tall;
 use crate::compute::parallel;
 use faer::{MatMut, MatRef, Par};
 use rayon::prelude::*;
@@ -14,28 +15,6 @@ use rayon::prelude::*;
 const ROWS: usize = 2048;
 /// Rows of a strip of a tall block that stays in the cache while all its products are taken.
 const STRIP: usize = 256;
-
-/// A tall block: some columns, row after row. As many rows as `values` holds of that width.
-#[derive(Clone, Copy)]
-pub(crate) struct Tall<'a> {
-    pub(crate) values: &'a [f64],
-    pub(crate) columns: usize,
-}
-
-impl<'a> Tall<'a> {
-    pub(crate) fn of(values: &'a [f64], columns: usize) -> Self {
-        Self { values, columns }
-    }
-
-    fn rows(&self) -> usize {
-        self.values.len() / self.columns.max(1)
-    }
-
-    fn part(&self, from: usize, rows: usize) -> Self {
-        let values = &self.values[from * self.columns..(from + rows) * self.columns];
-        Self::of(values, self.columns)
-    }
-}
 
 fn width(blocks: &[Tall<'_>]) -> usize {
     blocks.iter().map(|a| a.columns).sum()

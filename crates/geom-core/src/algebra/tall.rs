@@ -4,11 +4,32 @@
 //! longer than the arithmetic; stored row after row they need no packing. Each sum is taken in the order of its rows or
 //! columns, whatever the width of a register.
 
-use super::dense::Tall;
 use crate::compute::lanes;
 
 /// Sums that are held at a time: enough to hide the latency of a fused product.
 const SUMS: usize = 8;
+
+/// A tall block: some columns, row after row. As many rows as `values` holds of that width.
+#[derive(Clone, Copy)]
+pub(crate) struct Tall<'a> {
+    pub(crate) values: &'a [f64],
+    pub(crate) columns: usize,
+}
+
+impl<'a> Tall<'a> {
+    pub(crate) fn of(values: &'a [f64], columns: usize) -> Self {
+        Self { values, columns }
+    }
+
+    pub(super) fn rows(&self) -> usize {
+        self.values.len() / self.columns.max(1)
+    }
+
+    pub(super) fn part(&self, from: usize, rows: usize) -> Self {
+        let values = &self.values[from * self.columns..(from + rows) * self.columns];
+        Self::of(values, self.columns)
+    }
+}
 
 /// `out ← out + Aᵀ B`, row after row.
 pub(super) fn add_gram(out: &mut [f64], a: Tall<'_>, b: Tall<'_>) {

@@ -255,7 +255,7 @@ pub struct Report {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// Time goes into a factor and solves with it (surfaces), or into cycles (graphs); memory into about 3.5 `k` vectors.
+/// Time goes into a factor and solves with it (surfaces), or into cycles (graphs); memory into about 3 `k` vectors and 15 blocks.
 /// Progress is told in the stages `eigenpairs`, `factor`, `multigrid`, `vectors` and `verify`. The same bits for any number of
 /// threads on the CPU.
 ///
