@@ -108,7 +108,8 @@ pub struct Options {
     /// With 0 every bump has a say in where the field turns, and more maps fold; above 1 large features are overlooked
     /// as well.
     pub smoothing: f64,
-    /// [`FieldOptions::singularity_penalty`], rad².
+    /// [`FieldOptions::singularity_penalty`], rad². By default six times that of a field alone: at each singularity of a map its
+    /// lines are bent, and all of them have to be integer points.
     pub singularity_penalty: f64,
     /// [`FieldOptions::weights`].
     pub weights: EdgeWeights,
@@ -129,7 +130,7 @@ impl Default for Options {
             anisotropy: None,
             crease: None,
             smoothing: 1.0,
-            singularity_penalty: field.singularity_penalty,
+            singularity_penalty: 6.0 * field.singularity_penalty,
             weights: field.weights,
             ladder: Ladder::Full,
             improve: true,

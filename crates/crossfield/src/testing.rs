@@ -5,7 +5,8 @@
 
 use geom_core::compute::random::SplitMix64;
 use geom_core::search::bvh::TriangleTree;
-use geom_core::{Cpu, Point3, Run, TriMesh, Vector3};
+use geom_core::surface::ground::{Freedom, Ground};
+use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 
 use crate::backend::CrossfieldObject;
 use crate::field::{self, CrossField, Frames};
@@ -184,4 +185,22 @@ pub fn spacing_of_face(spacing: &Spacing, face: usize, comb: u8) -> [f64; 2] {
 /// What the sides of a quad shall be long.
 pub fn lengths(quad: &[Point3; 4], narrowest: f64) -> [f64; 2] {
     quads::lengths(quad, narrowest)
+}
+
+/// The inverse of a positive definite matrix, row after row, as rounding computes it.
+pub fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
+    crate::map::inverse(matrix, n)
+}
+
+/// Vertices at better places on a surface, and other quads where no places are good.
+pub fn improved(mesh: QuadMesh, surface: &TriMesh) -> Result<QuadMesh, Error> {
+    let ground = Ground::new(surface, Vec::new())?;
+    let freedom = vec![Freedom::Surface; mesh.positions().len()];
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    quads::improve(mesh, 1.0, &ground, &freedom, run)
+}
+
+/// What one operation on a quad, or on one that touches it, may make of a mesh.
+pub fn changes(mesh: &QuadMesh, quad: usize) -> Result<Vec<QuadMesh>, Error> {
+    quads::changes(mesh, quad)
 }

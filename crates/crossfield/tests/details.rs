@@ -4,6 +4,7 @@ use crossfield::anisotropy::{Anisotropy, Function};
 use crossfield::field::Frames;
 use crossfield::map::Spacing;
 use crossfield::{FieldOptions, cross_field, testing};
+use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::surface::laplace::EdgeWeights;
@@ -158,4 +159,25 @@ fn narrow_quads_keep_their_proportions() {
     assert!(near(testing::lengths(&turned, 0.2), [1.0, 4.0]));
     // One without any side is no reason for NaN.
     assert_eq!(testing::lengths(&[Point3::origin(); 4], 0.2), [0.0; 2]);
+}
+
+/// Of sizes that fill the last eight columns and those that do not.
+#[test]
+fn inverses_are_inverse() {
+    for n in [1, 7, 8, 9, 40] {
+        let mut random = SplitMix64::new(n as u64);
+        let half: Vec<f64> = (0..n * n).map(|_| random.symmetric()).collect();
+        let mut matrix = vec![0.0; n * n];
+        for (i, j) in (0..n * n).map(|at| (at / n, at % n)) {
+            let product = (0..n).map(|k| half[i * n + k] * half[j * n + k]);
+            matrix[i * n + j] = product.sum::<f64>() + f64::from(u8::from(i == j));
+        }
+        let inverse = testing::inverse(&matrix, n).unwrap();
+        for (i, j) in (0..n * n).map(|at| (at / n, at % n)) {
+            let product = (0..n).map(|k| matrix[i * n + k] * inverse[k * n + j]);
+            let off = product.sum::<f64>() - f64::from(u8::from(i == j));
+            assert!(off.abs() < 1e-12, "{n}: {off}");
+        }
+    }
+    assert!(testing::inverse(&[1.0, 2.0, 2.0, 1.0], 2).is_none());
 }

@@ -214,6 +214,32 @@ fn closed_surfaces_become_good_quads() {
     }
 }
 
+/// What a pair of irregular vertices is worth grows with the penalty, and quads pay for more pairs than a field alone.
+#[test]
+fn a_larger_penalty_leaves_fewer_irregular_vertices() {
+    let mesh = fixture("spot.ply");
+    let irregular = |singularity_penalty: f64| {
+        let options = Options {
+            size: Size::Quads(1800),
+            singularity_penalty,
+            ..Options::default()
+        };
+        let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
+        obeys(&made, &mesh);
+        made.report.valences.irregular()
+    };
+    let [none, of_fields, of_quads] = [
+        0.0,
+        FieldOptions::default().singularity_penalty,
+        Options::default().singularity_penalty,
+    ]
+    .map(irregular);
+    assert!(
+        none >= of_fields && of_fields > of_quads,
+        "{none} {of_fields} {of_quads}"
+    );
+}
+
 #[test]
 fn sizes_are_as_many_quads_as_they_say() {
     let mesh = shapes::icosphere(1.0, 4);
@@ -572,7 +598,7 @@ fn folded_quads_are_made_smaller() {
     };
     let all: Vec<usize> = (0..8).map(folded).collect();
     // Twelve as they come.
-    assert!(all.iter().sum::<usize>() <= 6, "{all:?}");
+    assert!(all.iter().sum::<usize>() <= 2, "{all:?}");
 }
 
 fn dented_torus(seed: u64) -> TriMesh {
@@ -587,8 +613,16 @@ fn dented_torus(seed: u64) -> TriMesh {
 /// Smoothing over a quad's side makes threads of the tube's narrow places, whose field has no map even without integers.
 #[test]
 fn fields_without_a_map_give_way_to_those_of_less_smooth_copies() {
+    // Fewer singularities would have a map.
+    let options = Options {
+        size: Size::Quads(60),
+        singularity_penalty: FieldOptions::default().singularity_penalty,
+        ..Options::default()
+    };
     for seed in [51, 59] {
-        let made = quads(&dented_torus(seed), Size::Quads(60));
+        let mesh = dented_torus(seed);
+        let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
+        obeys(&made, &mesh);
         assert_eq!(made.report.rung(), Rung::Rougher, "{:?}", made.report.parts);
         assert_eq!(made.report.parts[0].failures.len(), 1);
     }

@@ -4,4 +4,5 @@ mod anisotropy;
 mod backends;
 mod details;
 mod laws;
+mod mending;
 mod thesis;

@@ -63,6 +63,8 @@ mod transition;
 mod untangle;
 
 pub(crate) use integers::Spread;
+#[cfg(feature = "testing")]
+pub(crate) use integers::inverse;
 pub(crate) use net::Net;
 #[cfg(feature = "testing")]
 pub(crate) use parameterize::decimated;

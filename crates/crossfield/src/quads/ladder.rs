@@ -158,7 +158,7 @@ fn quadrangulate_on(
     let mesh = QuadMesh::new(positions, quads)?;
     report.valences = Valences::of(&mesh)?;
     let (sources, origins) = origins(&mesh, surface)?;
-    let jacobians = jacobians(&mesh, surface, &sources);
+    let jacobians = jacobians(&mesh, surface)?;
     report.scaled_jacobian = JacobianSummary::of(&jacobians);
     let aspects = (0..mesh.quads().len()).map(|q| aspect_ratio(&mesh.corners(q)));
     report.aspect_ratio = AspectSummary::of(aspects.collect());

@@ -8,7 +8,8 @@
 //! et al., *QEx: robust quad mesh extraction*, 2013). Nothing is repaired afterwards, since nothing can be broken.
 //!
 //! **Improvement.** The vertices then move on the surface until the corners of the quads are as near to right angles as they
-//! get (Eqs. 5.5–5.7 with a sign), and those of the worst quads search for better places one by one.
+//! get (Eqs. 5.5–5.7 with a sign), and those of the worst quads search for better places one by one. Where no places are good,
+//! at a tip or in a tunnel as narrow as the quads, a few quads give way to others that join the same vertices differently.
 //!
 //! **The ladder** ([`Rung`]). Not every field has a map whose triangles are all upright, and not every surface has triangles
 //! fine enough to hold one. [`quadrangulate`] climbs down from what was asked for to what must work: finer triangles, fewer
@@ -16,7 +17,7 @@
 //! [`PartReport`] names it with the reasons why the ones before failed.
 //!
 //! **Quality** ([`quality`]) is the scaled Jacobian of each quad, the sine of its worst corner, signed by the surface's
-//! normals: 1 for rectangles, 0 where three corners lie on a line, negative where the quad is folded over.
+//! normals over the quad: 1 for rectangles, 0 where three corners lie on a line, negative where the quad is folded over.
 
 mod extract;
 mod improve;
@@ -30,6 +31,6 @@ mod trace;
 
 pub use extract::{Extracted, SurfacePoint, extract};
 #[cfg(feature = "testing")]
-pub(crate) use improve::lengths;
+pub(crate) use improve::{changes, improve, lengths};
 pub use ladder::{Quadrangulation, Report, quadrangulate};
 pub use rungs::{PartReport, Rung};

@@ -1,8 +1,10 @@
 //! How good a quad mesh is.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::Halfedges;
 pub use geom_core::mesh::quality::{JacobianSummary, scaled_jacobian};
 use geom_core::search::bvh::TriangleTree;
+use geom_core::surface::ground::{Freedom, Ground};
 use geom_core::{Point3, QuadMesh, TriMesh, Vector3, VertexId};
 
 use super::extract::SurfacePoint;
@@ -147,28 +149,16 @@ pub fn distances(quads: &QuadMesh, surface: &TriMesh) -> Result<[f64; 2], Error>
     Ok([one(&halves, surface)?, one(surface, &halves)?])
 }
 
-/// The scaled Jacobian of each quad, signed by the normals of the surface nearest to its corners.
-pub(super) fn jacobians_on(mesh: &QuadMesh, surface: &TriMesh) -> Result<Vec<f64>, Error> {
-    let sources = sources(mesh, &TriangleTree::new(surface)?)?;
-    Ok(jacobians(mesh, surface, &sources))
-}
-
-/// The scaled Jacobian of each quad, signed by the surface's normals where its corners lie.
-pub(super) fn jacobians(mesh: &QuadMesh, surface: &TriMesh, sources: &[SurfacePoint]) -> Vec<f64> {
-    mesh.quads()
-        .iter()
-        .enumerate()
-        .map(|(q, corners)| {
-            let normals = corners.map(|v| {
-                let at = sources[v as usize].triangle as usize;
-                surface
-                    .doubled_area_normal(at)
-                    .try_normalize(0.0)
-                    .unwrap_or_default()
-            });
-            scaled_jacobian(&mesh.corners(q), &normals.iter().sum())
-        })
-        .collect()
+/// The scaled Jacobian of each quad, signed by the surface's normals over it.
+pub(super) fn jacobians(mesh: &QuadMesh, surface: &TriMesh) -> Result<Vec<f64>, Error> {
+    let ground = Ground::new(surface, Vec::new())?;
+    let positions = mesh.positions();
+    let normals = parallel::map_each(positions, |p| ground.pulled(p, Freedom::Surface).1);
+    Ok(parallel::map_each(mesh.quads(), |quad| {
+        let corners = quad.map(|v| positions[v as usize]);
+        let normals = quad.map(|v| normals[v as usize]);
+        scaled_jacobian(&corners, &ground.normal_over(&corners, &normals))
+    }))
 }
 
 /// Where vertices lie on the surface.

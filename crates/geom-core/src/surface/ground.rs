@@ -92,6 +92,39 @@ impl<'a> Ground<'a> {
         (at, normal)
     }
 
+    /// The surface's normal over a quad with these corners on it, of any length: the sum of `normals`, its normals there, where
+    /// they agree with each other about how the quad lies. At a tip or in a tunnel as narrow as the quad they point anywhere;
+    /// then it is the mean over what lies nearest to the quad, by Simpson's rule: over a piece of a surface whose rim the
+    /// sides follow, that is parallel to the quad's vector area.
+    ///
+    /// ```
+    /// use geom_core::mesh::shapes;
+    /// use geom_core::surface::ground::{Freedom, Ground};
+    /// use geom_core::Point3;
+    /// // A rod whose end is one quad: at its rim the normals point sideways.
+    /// let rod = shapes::cylinder(1.0, 20.0, 32, 20);
+    /// let ground = Ground::new(&rod, Vec::new())?;
+    /// let end = rod.bounds().max.z;
+    /// let corners = [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]].map(|[x, y]| Point3::new(x, y, end - 0.3));
+    /// let normals = corners.map(|p| ground.pulled(&p, Freedom::Surface).1);
+    /// assert!(ground.normal_over(&corners, &normals).normalize().z > 0.9);
+    /// # Ok::<(), geom_core::search::bvh::TreeError>(())
+    /// ```
+    pub fn normal_over(&self, corners: &[Point3; 4], normals: &[Vector3; 4]) -> Vector3 {
+        /// From this mean cosine on, corners say it.
+        const AGREE: f64 = 0.5;
+        let sum: Vector3 = normals.iter().sum();
+        let own = (corners[2] - corners[0]).cross(&(corners[3] - corners[1]));
+        if sum.dot(&own).abs() >= 4.0 * AGREE * own.norm() {
+            return sum;
+        }
+        let at = |p: Point3| self.pulled(&p, Freedom::Surface).1;
+        let middle = |k: usize| at(nalgebra::center(&corners[k], &corners[(k + 1) % 4]));
+        let middles: Vector3 = (0..4).map(middle).sum();
+        let all = corners.iter().map(|p| p.coords).sum::<Vector3>();
+        sum + middles * 4.0 + at(Point3::from(all / 4.0)) * 16.0
+    }
+
     /// The place in eight directions around one with this normal, `length` away, whose value is the largest and above
     /// `before` by more than 1e-6, with its normal: a step of a compass search (Kolda, Lewis and Torczon, SIAM Review 45, 2003). `None` if
     /// there is none; of equal ones the first.

@@ -124,7 +124,7 @@ pub(super) const FAULTS: &[Fault] = &[
     .seen_by("details::crosses_turn_towards_the_worse_gradient"),
     Fault::wrong(
         "improvement makes squares of narrow quads",
-        "crates/crossfield/src/quads/improve.rs",
+        "crates/crossfield/src/quads/improve/flow.rs",
         "let ratio = ratio.clamp(narrowest, narrowest.recip());",
         "let ratio = ratio.clamp(1.0, narrowest.recip().min(1.0));",
     )
@@ -143,4 +143,32 @@ pub(super) const FAULTS: &[Fault] = &[
         "out[2u * i + 1u] = vec4<f32>(made.first.z, made.first);",
     )
     .seen_by("backends::gpu::distortions_follow_cpu"),
+    Fault::wrong(
+        "quads that share two sides stay two",
+        "crates/crossfield/src/quads/improve/change.rs",
+        "if star.quads.len() == 2 {",
+        "if star.quads.len() == 1 {",
+    )
+    .seen_by("mending::quads_that_share_two_sides_become_one"),
+    Fault::wrong(
+        "an edge turns one way only",
+        "crates/crossfield/src/quads/improve/change.rs",
+        "self.with(&[q, other], [[d, a, e, f], [f, b, c, d]]),",
+        "self.with(&[q, other], [[c, d, a, e], [e, f, b, c]]),",
+    )
+    .seen_by("mending::edges_turn_both_ways"),
+    Fault::wrong(
+        "quads pay no more for irregular vertices than a field does",
+        "crates/crossfield/src/options.rs",
+        "singularity_penalty: 6.0 * field.singularity_penalty,",
+        "singularity_penalty: field.singularity_penalty,",
+    )
+    .seen_by("laws::a_larger_penalty_leaves_fewer_irregular_vertices"),
+    Fault::wrong(
+        "a quad faces where the normals at its corners do, even if they disagree",
+        "crates/geom-core/src/surface/ground.rs",
+        "const AGREE: f64 = 0.5;",
+        "const AGREE: f64 = 0.0;",
+    )
+    .seen_by("mending::the_end_of_a_rod_faces_outwards"),
 ];

@@ -13,4 +13,6 @@ mod upright;
 
 pub(super) use coarse::Coarse;
 pub(super) use round::Quadratic;
+#[cfg(feature = "testing")]
+pub(crate) use round::inverse;
 pub(crate) use spread::Spread;

@@ -1,0 +1,287 @@
+//! Other quads where no places make them good.
+//!
+//! Where a tip, tunnel or sharp bend is as narrow as the quads, their connectivity may have no good places at all. Then each
+//! operation of [`Patch::changes`] around the worst quad is tried on a copy of what lies near, whose vertices look for their best
+//! places; the best one is taken if the worst quad there is better than before.
+
+use std::collections::BTreeSet;
+
+use geom_core::compute::parallel;
+use geom_core::mesh::Halfedges;
+use geom_core::surface::ground::Freedom;
+use geom_core::{Cpu, QuadMesh, Run};
+
+use super::change::Patch;
+use super::flow::Flow;
+use super::lift::least;
+use crate::Error;
+use crate::backend::{CrossfieldObject, On};
+
+/// Quads below this call for others.
+const LEAST: f64 = 0.35;
+/// Above this, fewer irregular vertices are worth more.
+const FINE: f64 = 0.5;
+/// By so much the worst must become better.
+const GAIN: f64 = 0.02;
+/// Rings of quads around the worst one that may change.
+const RINGS: usize = 3;
+/// Operations at most.
+const MOST: usize = 32;
+/// It is given up after so many quads that no operation helps.
+const STUCK: usize = 4;
+/// With more bad quads than these and one in a hundred the map is to blame, and single operations change nothing.
+const FEW: usize = 8;
+/// Operations that make the vertices of a patch less regular by more than this are not tried.
+const WORSE: usize = 4;
+/// After how many first operations a second one is tried where one is not enough.
+const SECOND: usize = 3;
+/// For so many quads at most, as this takes as many times as long.
+const TWICE: usize = 2;
+/// Steps of the flow, and powers.
+const STEPS: [(i32, usize); 2] = [(2, 10), (12, 30)];
+
+/// A patch at its best places.
+struct Tried {
+    patch: Patch,
+    /// The worst of its quads, and which.
+    worst: (f64, usize),
+    irregularity: usize,
+}
+
+impl Tried {
+    /// The larger the better.
+    fn rank(&self) -> (f64, i64, f64) {
+        (
+            self.worst.0.min(FINE),
+            -(self.irregularity as i64),
+            self.worst.0,
+        )
+    }
+}
+
+fn better(a: &Tried, b: &Tried) -> std::cmp::Ordering {
+    let (a, b) = (a.rank(), b.rank());
+    b.0.total_cmp(&a.0)
+        .then(b.1.cmp(&a.1))
+        .then(b.2.total_cmp(&a.2))
+}
+
+/// The quads of a flow, with others in place of those that are bad.
+pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
+    let mut stuck: BTreeSet<[u32; 4]> = BTreeSet::new();
+    let (mut twice, mut changed) = (TWICE, false);
+    for step in 0..MOST {
+        let jacobians = flow.jacobians();
+        let mut bad: Vec<usize> = (0..jacobians.len())
+            .filter(|&q| jacobians[q] < LEAST)
+            .collect();
+        if bad.len() > FEW + jacobians.len() / 100 || stuck.len() == STUCK {
+            break;
+        }
+        bad.retain(|&q| !stuck.contains(&flow.quads[q]));
+        let worst = bad.into_iter();
+        let Some(worst) = worst.min_by(|&a, &b| jacobians[a].total_cmp(&jacobians[b])) else {
+            break;
+        };
+        flow.run.progress("other quads", step as u64, MOST as u64)?;
+        let place = Place::around(&flow, worst);
+        match place.best(&flow, &mut twice)? {
+            Some(tried) => {
+                place.put(tried, &mut flow);
+                changed = true;
+            }
+            None => {
+                stuck.insert(flow.quads[worst]);
+            }
+        }
+    }
+    if changed {
+        flow.lift_the_worst();
+    }
+    let used: Vec<usize> = (0..flow.positions.len())
+        .filter(|&v| !flow.around[v].is_empty())
+        .collect();
+    let mut number = vec![u32::MAX; flow.positions.len()];
+    for (new, &v) in (0u32..).zip(&used) {
+        number[v] = new;
+    }
+    let positions = used.iter().map(|&v| flow.positions[v]).collect();
+    let quads = flow.quads.iter().map(|q| q.map(|v| number[v as usize]));
+    Ok(QuadMesh::new(positions, quads.collect())?)
+}
+
+/// Some quads of a mesh around one.
+struct Place {
+    /// In the mesh, ascending.
+    quads: Vec<u32>,
+    /// Of the patch's vertices in the mesh, ascending.
+    vertices: Vec<u32>,
+    /// The quad in the middle, in the patch.
+    middle: usize,
+    patch: Patch,
+}
+
+impl Place {
+    fn around(flow: &Flow<'_>, middle: usize) -> Self {
+        let mut quads = BTreeSet::from([middle as u32]);
+        for _ in 0..RINGS {
+            let rim: Vec<u32> = quads.iter().copied().collect();
+            for q in rim {
+                for v in flow.quads[q as usize] {
+                    quads.extend(&flow.around[v as usize]);
+                }
+            }
+        }
+        let of_quad = |&q: &u32| flow.quads[q as usize];
+        let vertices: BTreeSet<u32> = quads.iter().flat_map(of_quad).collect();
+        let vertices: Vec<u32> = vertices.into_iter().collect();
+        let place = |v: u32| vertices.partition_point(|&u| u < v) as u32;
+        let outside = |&v: &u32| {
+            let around = flow.around[v as usize].iter();
+            around.filter(|q| !quads.contains(q)).count()
+        };
+        let outside: Vec<usize> = vertices.iter().map(outside).collect();
+        let patch = Patch {
+            quads: quads.iter().map(|q| of_quad(q).map(place)).collect(),
+            positions: vertices
+                .iter()
+                .map(|&v| flow.positions[v as usize])
+                .collect(),
+            inner: outside.iter().map(|&n| n == 0).collect(),
+            free: vertices
+                .iter()
+                .map(|&v| flow.freedom[v as usize] == Freedom::Surface)
+                .collect(),
+            outside,
+        };
+        let quads: Vec<u32> = quads.into_iter().collect();
+        Self {
+            middle: quads.partition_point(|&q| (q as usize) < middle),
+            quads,
+            vertices,
+            patch,
+        }
+    }
+
+    /// The best of what one operation makes of the patch, or two where no one helps and `twice` is not spent; `None` if those
+    /// do not, either.
+    fn best(&self, flow: &Flow<'_>, twice: &mut usize) -> Result<Option<Tried>, Error> {
+        let before = self.quads.iter().map(|&q| flow.merit(q));
+        let before = before.fold(f64::INFINITY, f64::min);
+        let helps = |tried: &Tried| tried.worst.0 > before + GAIN && self.fits(&tried.patch, flow);
+        let changes = |patch: &Patch, quad: usize| {
+            let most = patch.irregularity() + WORSE;
+            let mut made = patch.changes(quad);
+            made.retain(|p| p.irregularity() <= most);
+            made
+        };
+        let mut candidates = vec![self.patch.clone()];
+        candidates.extend(changes(&self.patch, self.middle));
+        let mut all = self.tried(candidates, flow)?;
+        let enough = |all: &[Tried]| {
+            all.iter()
+                .find(|t| helps(t))
+                .is_some_and(|t| t.worst.0 >= LEAST)
+        };
+        if !enough(&all) && *twice > 0 {
+            *twice -= 1;
+            let again = all.iter().take(SECOND);
+            let again = again.flat_map(|tried| changes(&tried.patch, tried.worst.1));
+            all.extend(self.tried(again.collect(), flow)?);
+            all.sort_by(better);
+        }
+        Ok(all.into_iter().find(helps))
+    }
+
+    /// Patches at their best places, the best first.
+    fn tried(&self, patches: Vec<Patch>, flow: &Flow<'_>) -> Result<Vec<Tried>, Error> {
+        let made = parallel::map_each(&patches, |patch| self.relaxed(patch, flow));
+        let mut made = made.into_iter().collect::<Result<Vec<Tried>, Error>>()?;
+        made.sort_by(better);
+        Ok(made)
+    }
+
+    fn relaxed(&self, patch: &Patch, flow: &Flow<'_>) -> Result<Tried, Error> {
+        let freedom = (0..patch.positions.len()).map(|v| match self.vertices.get(v) {
+            _ if !patch.inner[v] => Freedom::Fixed,
+            Some(&v) => flow.freedom[v as usize],
+            None => Freedom::Surface,
+        });
+        // A patch is small: every backend would be the CPU but for its start.
+        let run: On<'_> = Run::on(&Cpu).with(Cpu.as_crossfield());
+        let mesh = QuadMesh::new(patch.positions.clone(), patch.quads.clone())?;
+        let mut own = flow.part(mesh, freedom.collect(), run);
+        for (power, steps) in STEPS {
+            let best = own.descend(power, steps, true)?;
+            if power == STEPS[1].0 {
+                (own.positions, own.normals) = best.1;
+            }
+        }
+        own.lift_the_worst();
+        let merits = own.merits();
+        let worst = least(&merits);
+        let which = merits.iter().position(|&m| m == worst).unwrap_or(0);
+        let patch = Patch {
+            positions: own.positions,
+            ..patch.clone()
+        };
+        Ok(Tried {
+            irregularity: patch.irregularity(),
+            worst: (worst, which),
+            patch,
+        })
+    }
+
+    /// The mesh with another patch in place of this.
+    fn quads_with(&self, patch: &Patch, flow: &Flow<'_>) -> Vec<[u32; 4]> {
+        let number = |v: u32| match self.vertices.get(v as usize) {
+            Some(&v) => v,
+            None => (flow.positions.len() + v as usize - self.vertices.len()) as u32,
+        };
+        let kept = flow.quads.iter().enumerate();
+        let kept = kept.filter(|(q, _)| self.quads.binary_search(&(*q as u32)).is_err());
+        let kept = kept.map(|(_, quad)| *quad);
+        kept.chain(patch.quads.iter().map(|q| q.map(number)))
+            .collect()
+    }
+
+    /// Is the mesh a manifold with the patch in it?
+    fn fits(&self, patch: &Patch, flow: &Flow<'_>) -> bool {
+        let mut positions = flow.positions.clone();
+        positions.extend(&patch.positions[self.vertices.len()..]);
+        let mesh = QuadMesh::new(positions, self.quads_with(patch, flow));
+        mesh.is_ok_and(|mesh| Halfedges::of_quads(&mesh).is_ok())
+    }
+
+    fn put(&self, tried: Tried, flow: &mut Flow<'_>) {
+        let quads = self.quads_with(&tried.patch, flow);
+        for (v, &p) in tried.patch.positions.iter().enumerate() {
+            match self.vertices.get(v) {
+                Some(&v) => flow.positions[v as usize] = p,
+                None => {
+                    flow.positions.push(p);
+                    flow.freedom.push(Freedom::Surface);
+                }
+            }
+        }
+        flow.set(quads);
+    }
+}
+
+/// What the operations on a quad make of a whole mesh.
+#[cfg(feature = "testing")]
+pub(crate) fn changes(mesh: &QuadMesh, quad: usize) -> Result<Vec<QuadMesh>, Error> {
+    let edges = Halfedges::of_quads(mesh)?;
+    let vertices = (0..mesh.positions().len() as u32).map(geom_core::VertexId);
+    let inner: Vec<bool> = vertices.map(|v| !edges.on_boundary(v)).collect();
+    let patch = Patch {
+        quads: mesh.quads().to_vec(),
+        positions: mesh.positions().to_vec(),
+        outside: vec![0; inner.len()],
+        free: inner.clone(),
+        inner,
+    };
+    let made = patch.changes(quad).into_iter();
+    made.map(|p| Ok(QuadMesh::new(p.positions, p.quads)?))
+        .collect()
+}
