@@ -515,7 +515,7 @@ pub(crate) mod laws {
             limit: f64::INFINITY,
             sharpen: 0.5,
         };
-        let of = |mesh: &dyn Flowing, positions: &[Point3]| {
+        let of = |mesh: &dyn Flowing, positions: &[Point3]| -> Vec<f64> {
             let (_, mass) = mesh.matrices(positions, &conductor).unwrap();
             let force = mesh.forces(positions, &conductor).unwrap();
             let speed =
@@ -523,7 +523,6 @@ pub(crate) mod laws {
             force.iter().zip(&mass).zip(positions).map(speed).collect()
         };
         for speeds in [of(&triangles, ball.positions()), of(&quads, &control)] {
-            let speeds: Vec<f64> = speeds;
             let mean = speeds.iter().sum::<f64>() / speeds.len() as f64;
             assert!((mean / 16.0 - 1.0).abs() < 0.03, "{mean}");
             // Extraordinary vertices are off by a fifth.
