@@ -11,7 +11,10 @@ pub use crate::flow::guard::laws::{
     faces_that_would_come_through_others_are_held_back,
 };
 pub use crate::flow::sheet::laws::what_is_free_lies_in_a_plane_along_an_edge_and_nowhere_at_a_corner;
-pub use crate::flow::steps::laws::the_energy_of_a_step_that_does_not_sharpen_falls;
+pub use crate::flow::steps::laws::{
+    a_sphere_shrinks_at_the_speed_of_its_curvatures,
+    the_energy_of_a_step_that_does_not_sharpen_falls,
+};
 pub use crate::pockets::measure::laws::a_tunnel_has_two_mouths;
 pub use crate::pockets::sites::laws::what_is_deep_is_asked_of_each_chain;
-pub use crate::segment::clean::laws::borders_go_to_creases;
+pub use crate::segment::clean::laws::{borders_go_to_creases, neighbours_that_blur_are_joined};

@@ -12,10 +12,12 @@ geom_core::laws! {
     a_face_that_would_be_squeezed_is_held_back
     faces_that_would_come_through_others_are_held_back
     what_is_free_lies_in_a_plane_along_an_edge_and_nowhere_at_a_corner
+    a_sphere_shrinks_at_the_speed_of_its_curvatures
     the_energy_of_a_step_that_does_not_sharpen_falls
     a_tunnel_has_two_mouths
     what_is_deep_is_asked_of_each_chain
     borders_go_to_creases
+    neighbours_that_blur_are_joined
 }
 
 /// None is handed out and forgotten here.

@@ -38,8 +38,9 @@ pub(crate) fn run(table: &str) -> Outcome {
         "7" => super::thesis7::run(),
         "7.1" => super::thesis7::smoothing(),
         "7.2" => super::thesis7::pockets(),
+        "7.3" => super::thesis7::segments(),
         other => Err(format!(
-            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5, 5, 5.1, 5.2, 6, 6.1 to 6.4, 7, 7.1 and 7.2"
+            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5, 5, 5.1, 5.2, 6, 6.1 to 6.4, 7, and 7.1 to 7.3"
         )),
     }
 }

@@ -492,6 +492,47 @@ pub(crate) mod laws {
     use crate::testing::shaken;
     use geom_core::mesh::shapes;
 
+    /// A sphere of radius R moves inwards by `2 H K / √(K² + δ²) · |K|`: 16 for R = ½, on triangles and on quads.
+    pub fn a_sphere_shrinks_at_the_speed_of_its_curvatures() {
+        let run = Run::on(&geom_core::Cpu as &dyn OperatorBackend);
+        let ball = shapes::icosphere(0.5, 4);
+        let triangles = Triangles {
+            triangles: ball.triangles(),
+            rounds: 0,
+            pattern: Pattern::of(ball.positions().len(), ball.triangles()).unwrap(),
+            ring: Neighbors::of_triangles(&ball),
+            run,
+        };
+        let surface = Surface::interpolating(&shapes::quad_sphere(0.5, 8)).unwrap();
+        let control = surface.control().positions().to_vec();
+        let quads = Patches::of(surface, Quadrature::default(), run).unwrap();
+        let conductor = Conductor {
+            law: Law::Flow,
+            gauss: 0.0,
+            mean: 0.0,
+            bounds: [1.0, 1.0],
+            regularization: FlowOptions::default().delta.sqrt(),
+            limit: f64::INFINITY,
+            sharpen: 0.5,
+        };
+        let of = |mesh: &dyn Flowing, positions: &[Point3]| -> Vec<f64> {
+            let (_, mass) = mesh.matrices(positions, &conductor).unwrap();
+            let force = mesh.forces(positions, &conductor).unwrap();
+            let speed =
+                |((f, m), p): ((&Vector3, &f64), &Point3)| f.dot(&p.coords) / m / p.coords.norm();
+            force.iter().zip(&mass).zip(positions).map(speed).collect()
+        };
+        for speeds in [of(&triangles, ball.positions()), of(&quads, &control)] {
+            let mean = speeds.iter().sum::<f64>() / speeds.len() as f64;
+            assert!((mean / 16.0 - 1.0).abs() < 0.03, "{mean}");
+            // Extraordinary vertices are off by a fifth.
+            assert!(
+                speeds.iter().all(|s| (12.0..19.0).contains(s)),
+                "{speeds:?}"
+            );
+        }
+    }
+
     /// Without its sharpening part a step is implicit Euler for Dirichlet's energy of the coordinates, at any length: the
     /// energy falls, by as much as the motion takes at least.
     pub fn the_energy_of_a_step_that_does_not_sharpen_falls() {

@@ -1,4 +1,4 @@
-//! From groups to patches: connected, not tiny, with smooth borders.
+//! From groups to patches: connected, not tiny, with smooth borders; and to parts, which do not blur into each other.
 //!
 //! Groups of points in the space of the modes know nothing of the surface: a group may have two patches on both sides of the body,
 //! and islands of a few faces where two groups are equally near. What people call a segment is connected, not tiny, and has a short
@@ -8,6 +8,7 @@ use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::compute::sets::DisjointSets;
 
 use super::consensus::first_largest;
+use super::embed::Rows;
 use super::faces::Faces;
 use crate::Error;
 
@@ -168,6 +169,92 @@ fn diffusion(faces: &Faces, scale: f64) -> Result<(Cholesky<f64>, Vec<f64>), Err
     Ok((Cholesky::of(&matrix)?, masses))
 }
 
+/// Joins neighbours that the rows do not tell apart, and renumbers by decreasing area; nothing is joined where one part
+/// would be left. Each of `all_rows` has a say.
+///
+/// Groups around medoids have much the same area each, so that a large part falls into several. Pieces of one part blur
+/// into each other: their spreads together are more than the distance of their middles, a ratio of Davies and Bouldin above
+/// 1, here in the mean over the rows. All pairs are judged as they are at first: what is joined spreads farther, and would
+/// take in the rest.
+pub(super) fn join_blurred(faces: &Faces, all_rows: &[Rows], labels: &[u32]) -> Vec<u32> {
+    let places: Vec<Vec<Place>> = all_rows
+        .iter()
+        .map(|rows| Place::of_parts(faces, rows, labels))
+        .collect();
+    let blurred = |a: usize, b: usize| {
+        let ratios = places.iter().map(|place| place[a].over_distance(&place[b]));
+        ratios.sum::<f64>() > places.len() as f64
+    };
+    let count = labels.iter().max().map_or(0, |&l| l as usize + 1);
+    let mut sets = DisjointSets::new(count);
+    let neighbours = (0..faces.len()).flat_map(|f| {
+        let links = faces.links(f).iter();
+        links.map(move |link| (labels[f], labels[link.face as usize]))
+    });
+    let mut neighbours: Vec<(u32, u32)> = neighbours.filter(|(a, b)| a < b).collect();
+    neighbours.sort_unstable();
+    neighbours.dedup();
+    for (a, b) in neighbours {
+        if blurred(a as usize, b as usize) {
+            sets.join(a, b);
+        }
+    }
+    let roots = sets.into_roots();
+    let joined: Vec<u32> = labels.iter().map(|&l| roots[l as usize]).collect();
+    match joined.windows(2).any(|w| w[0] != w[1]) {
+        true => by_area(faces, &joined),
+        false => by_area(faces, labels),
+    }
+}
+
+/// Where the rows of a part lie.
+#[derive(Clone)]
+struct Place {
+    area: f64,
+    middle: Vec<f64>,
+    /// The mean distance from the middle, by area.
+    spread: f64,
+}
+
+impl Place {
+    /// Those of all parts, by label. A face without area counts next to nothing.
+    fn of_parts(faces: &Faces, rows: &Rows, labels: &[u32]) -> Vec<Self> {
+        let count = labels.iter().max().map_or(0, |&l| l as usize + 1);
+        let none = Self {
+            area: f64::MIN_POSITIVE,
+            middle: vec![0.0; rows.width],
+            spread: 0.0,
+        };
+        let mut parts = vec![none; count];
+        let mut row = Vec::new();
+        for (f, (&l, &area)) in labels.iter().zip(faces.areas()).enumerate() {
+            rows.mean(faces.corners(f), &mut row);
+            let part = &mut parts[l as usize];
+            part.area += area;
+            let slots = part.middle.iter_mut().zip(&row);
+            slots.for_each(|(m, &x)| *m += area * f64::from(x));
+        }
+        for part in &mut parts {
+            part.middle.iter_mut().for_each(|m| *m /= part.area);
+        }
+        for (f, (&l, &area)) in labels.iter().zip(faces.areas()).enumerate() {
+            rows.mean(faces.corners(f), &mut row);
+            let part = &mut parts[l as usize];
+            let off = part.middle.iter().zip(&row);
+            let squares = off.map(|(m, &x)| (f64::from(x) - m).powi(2));
+            part.spread += area * squares.sum::<f64>().sqrt() / part.area;
+        }
+        parts
+    }
+
+    /// The ratio of Davies and Bouldin of the two.
+    fn over_distance(&self, other: &Self) -> f64 {
+        let middles = self.middle.iter().zip(&other.middle);
+        let squares = middles.map(|(a, b)| (a - b).powi(2));
+        (self.spread + other.spread) / squares.sum::<f64>().sqrt().max(f64::MIN_POSITIVE)
+    }
+}
+
 /// Labels 0, 1, … by decreasing area.
 fn by_area(faces: &Faces, patches: &[u32]) -> Vec<u32> {
     let mut areas = vec![0.0; faces.len()];
@@ -193,7 +280,50 @@ fn by_area(faces: &Faces, patches: &[u32]) -> Vec<u32> {
 #[cfg(feature = "testing")]
 pub(crate) mod laws {
     use super::*;
+    use geom_core::compute::random::SplitMix64;
     use geom_core::{Point3, TriMesh};
+
+    /// Four squares in a row: the first two are places of much the same rows, the last has the rows of the first. The
+    /// first two are one part, the last is none of theirs.
+    pub fn neighbours_that_blur_are_joined() {
+        let (long, wide) = (24u32, 6u32);
+        let at = |i: u32, j: u32| j * (long + 1) + i;
+        let positions = (0..=wide)
+            .flat_map(|j| (0..=long).map(move |i| Point3::new(f64::from(i), f64::from(j), 0.0)));
+        let triangles = (0..wide * long).flat_map(|q| {
+            let (i, j) = (q % long, q / long);
+            let [a, b] = [at(i, j), at(i + 1, j)];
+            let [c, d] = [at(i + 1, j + 1), at(i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        });
+        let mesh = TriMesh::new(positions.collect(), triangles.collect()).unwrap();
+        let faces = Faces::from(&mesh);
+        let square = |f: usize| f as u32 / 2 % long / 6;
+        let labels: Vec<u32> = (0..faces.len()).map(square).collect();
+        let parts = |middles: [f32; 4]| {
+            let mut random = SplitMix64::new(3);
+            let vertices = mesh.positions().len();
+            let row = |v: usize| {
+                let column = (v as u32 % (long + 1)).min(long - 1);
+                let noise: Vec<f32> = (0..7).map(|_| random.unit() as f32).collect();
+                [vec![middles[column as usize / 6]], noise].concat()
+            };
+            let rows = Rows {
+                width: 8,
+                values: (0..vertices).flat_map(row).collect(),
+            };
+            let joined = join_blurred(&faces, &[rows], &labels);
+            [0, 12, 24, 36].map(|f: usize| joined[f])
+        };
+        let [a, b, c, d] = parts([0.0, 0.3, 9.0, 0.0]);
+        assert!(a == b && c != a && d != a && d != c, "{:?}", [a, b, c, d]);
+        let [a, b, c, d] = parts([0.0, 5.0, 9.0, 0.0]);
+        assert!(a != b && b != c && c != d && a != d);
+        // Where nothing is apart, nothing is joined.
+        let mut rest = parts([0.0; 4]);
+        rest.sort_unstable();
+        assert_eq!(rest, [0, 1, 2, 3]);
+    }
 
     /// On a folded sheet a border beside the fold goes to it; on a flat one a straight border stays.
     pub fn borders_go_to_creases() {

@@ -2,8 +2,9 @@
 
 use geom_core::Run;
 
-use super::clean::clean;
+use super::clean::{clean, join_blurred};
 use super::consensus::consensus;
+use super::embed::Rows;
 use super::faces::Faces;
 use super::run::{GroupChoice, Search, areas_of, check_vertices, label_faces, sought};
 use crate::backend::{On, OperatorBackend};
@@ -33,6 +34,7 @@ const NEARLY: f64 = 0.98;
 
 /// The parts of a body: the modes of each operator are cut into the sought number of groups, one less and one more
 /// (those around a wanted number, too), and the [`consensus`] of all is cut into connected parts with straight borders.
+/// Neighbours that the operators do not tell apart are one part.
 ///
 /// # Errors
 /// Those of [`spectrum`](crate::spectrum()) and [`segment`](crate::segment()).
@@ -107,6 +109,11 @@ fn parts_on(
     }
     let common = consensus(faces, &labelings)?;
     let labels = clean(faces, &common, spectra[0].scale, options.smooth)?;
+    // As many parts as modes and one more can lie apart.
+    let count = areas_of(faces, &labels).len().saturating_sub(1);
+    let count = count.clamp(SEARCH_MODES, MOST_MODES);
+    let rows: Vec<Rows> = spectra.iter().map(|modes| Rows::of(modes, count)).collect();
+    let labels = join_blurred(faces, &rows, &labels);
     Ok(Parts {
         areas: areas_of(faces, &labels),
         labels,

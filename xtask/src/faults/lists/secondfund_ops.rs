@@ -100,6 +100,18 @@ pub(super) const FAULTS: &[Fault] = &[
         "time * link.length / apart.max(f64::MIN_POSITIVE) / (1.0 + 0.0 * crease);",
     ),
     Fault::wrong(
+        "parts that blur into each other stay apart",
+        "crates/secondfund-ops/src/segment/clean.rs",
+        "ratios.sum::<f64>() > places.len() as f64",
+        "ratios.sum::<f64>() > 90.0 * places.len() as f64",
+    ),
+    Fault::wrong(
+        "parts that are no neighbours are joined",
+        "crates/secondfund-ops/src/segment/clean.rs",
+        "links.map(move |link| (labels[f], labels[link.face as usize]))",
+        "links.map(move |link| (labels[f], labels[faces.len() - 1 - link.face as usize]))",
+    ),
+    Fault::wrong(
         "tiny patches stay",
         "crates/secondfund-ops/src/segment/clean.rs",
         "const TINY: f64 = 0.005;",

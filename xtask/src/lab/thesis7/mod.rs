@@ -14,6 +14,11 @@ use crate::Outcome;
 pub(crate) fn run() -> Outcome {
     smoothing()?;
     pockets()?;
+    segments()
+}
+
+/// Prints the table of segments.
+pub(crate) fn segments() -> Outcome {
     segments::run()
 }
 
