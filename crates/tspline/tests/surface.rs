@@ -1,17 +1,22 @@
 //! What holds for spline surfaces.
 
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::{SurfaceAudit, shapes};
+use geom_core::nalgebra::{DMatrix, DVector};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Cpu, Point3, QuadMesh, Run, Vector3};
 use tspline::files::{Exchange, bext, iga, market, npz, step, vtu};
 use tspline::surface::adapt::adapt;
+use tspline::surface::bezier::bernstein;
 use tspline::surface::errors::{errors, measures};
 use tspline::surface::fit::{FitOptions, MeshTarget, Target, fit};
 use tspline::surface::inverse::Search;
 use tspline::surface::seams::Seams;
+use tspline::surface::suitable::{GROWTH, meetings, suitable};
 use tspline::surface::tessellate::tessellate;
 use tspline::surface::{Jet, Sample};
 use tspline::{Basis, Error, Surface, TMesh, TMeshOptions, VertexKind, analysis};
@@ -397,6 +402,205 @@ fn rational_is_the_same_where_nothing_is_coarse_and_worse_where_it_is() {
     // How far the plain sum of T-spline functions is from one.
     let defect = weights.fold(0.0, f64::max);
     assert!((0.05..0.4).contains(&defect), "{defect}");
+}
+
+/// A T-mesh of a torus of so many fine quads, and where its fine vertices lie in them.
+fn torus(n: u32, m: u32, level: impl Fn(f64, f64) -> u8) -> (TMesh, Vec<[f64; 2]>) {
+    let fine = shapes::quad_torus(1.0, 0.4, n, m);
+    let turned = |y: f64, x: f64, of: u32| {
+        (y.atan2(x).rem_euclid(TAU) / TAU * f64::from(of)).round() % f64::from(of)
+    };
+    let place = |p: &Point3| {
+        let across = p.x.hypot(p.y) - 1.0;
+        [turned(p.y, p.x, n), turned(p.z, across, m)]
+    };
+    let places: Vec<[f64; 2]> = fine.positions().iter().map(place).collect();
+    let allowed = fine.quads().iter().map(|q| {
+        let at = |k: usize| {
+            q.iter()
+                .map(|&v| places[v as usize][k])
+                .fold(f64::INFINITY, f64::min)
+        };
+        level(at(0), at(1))
+    });
+    let allowed: Vec<u8> = allowed.collect();
+    (
+        TMesh::build(&fine, &allowed, &TMeshOptions::default()).unwrap(),
+        places,
+    )
+}
+
+fn within(p: &[f64; 2], window: [[f64; 2]; 2]) -> bool {
+    (0..2).all(|k| window[k][0] <= p[k] && p[k] <= window[k][1])
+}
+
+/// How far bicubics of the chart are from the functions on a part of a torus that is not wound around, at best: the largest
+/// residual of least squares.
+fn bicubics_missed(surface: &Surface, places: &[[f64; 2]], window: [[f64; 2]; 2]) -> f64 {
+    let (mesh, extraction) = (surface.mesh(), surface.extraction());
+    let within = |p: &[f64; 2]| within(p, window);
+    let (mut rows, mut wanted) = (Vec::new(), Vec::new());
+    let mut columns = BTreeMap::new();
+    for (number, patch) in extraction.patches().iter().enumerate() {
+        let vertices = mesh.fine_vertices(patch.element as usize);
+        let size = mesh.elements()[patch.element as usize].size + 1;
+        let at = |i: u32, j: u32| places[vertices[(i + size * j) as usize] as usize];
+        let corner = at(patch.from[0], patch.from[1]);
+        let ends = [
+            at(patch.to[0], patch.from[1]),
+            at(patch.from[0], patch.to[1]),
+        ];
+        if ![corner, ends[0], ends[1]].iter().all(within) {
+            continue;
+        }
+        for i in 0..16 {
+            let [s, t] = [f64::from(i % 4) / 3.0, f64::from(i / 4) / 3.0];
+            let (a, b) = (bernstein(s)[0], bernstein(t)[0]);
+            let basis: [f64; 16] = std::array::from_fn(|k| a[k % 4] * b[k / 4]);
+            let points = &surface.patches()[number];
+            let weight: f64 = points.iter().zip(basis).map(|(p, b)| p[3] * b).sum();
+            let of = extraction
+                .on(number)
+                .iter()
+                .zip(extraction.coefficients(number));
+            rows.push(
+                of.map(|(&f, row)| {
+                    let next = columns.len();
+                    let column = *columns.entry(f).or_insert(next);
+                    let value: f64 = row.iter().zip(basis).map(|(c, b)| c * b).sum();
+                    (column, value / weight)
+                })
+                .collect::<Vec<_>>(),
+            );
+            let along =
+                |k: usize| corner[k] + s * (ends[0][k] - corner[k]) + t * (ends[1][k] - corner[k]);
+            let half = |k: usize| {
+                let middle = 0.5 * (window[k][0] + window[k][1]);
+                (along(k) - middle) / (window[k][1] - middle)
+            };
+            let (x, y) = (half(0), half(1));
+            wanted
+                .push(x.powi(3) * y.powi(3) - 0.7 * x * x * y.powi(3) + 0.4 * x * y * y - x + 0.2);
+        }
+    }
+    let mut matrix = DMatrix::zeros(rows.len(), columns.len());
+    for (i, row) in rows.iter().enumerate() {
+        for &(j, value) in row {
+            matrix[(i, j)] = value;
+        }
+    }
+    let wanted = DVector::from_vec(wanted);
+    let found = matrix
+        .clone()
+        .svd(true, true)
+        .solve(&wanted, 1e-12)
+        .unwrap();
+    (matrix * found - wanted).amax()
+}
+
+/// A band of a torus is fine: no extension meets another.
+#[test]
+fn suitable_t_splines_hold_bicubics_and_others_miss_them() {
+    let rules = TMeshOptions::default();
+    let window = [[4.0, 22.0], [4.0, 16.0]];
+    let (mesh, places) = torus(32, 24, |x, _| u8::from(x > 11.5));
+    assert_eq!(meetings(&mesh), 0);
+    assert_eq!(suitable(mesh.clone(), 1.0, &rules).unwrap(), mesh);
+    let [plain, divided] =
+        [Basis::Suitable, Basis::Rational].map(|b| Surface::new(mesh.clone(), b, cpu()).unwrap());
+    assert!(!plain.extraction().is_rational() && plain.mesh().audit().t_junctions > 0);
+    // They sum to one without being divided.
+    let weights = divided
+        .patches()
+        .iter()
+        .flatten()
+        .map(|p| (p[3] - 1.0).abs());
+    assert!(weights.fold(0.0, f64::max) < 1e-14);
+    let missed = bicubics_missed(&plain, &places, window);
+    assert!(missed < 1e-10, "{missed}");
+    // Control points at the means of knots carry what is linear: the torus laid flat, but for where it is wound around.
+    let flat = places.iter().map(|p| Point3::new(p[0], p[1], p[0] - p[1]));
+    let flat = QuadMesh::new(flat.collect(), mesh.fine().quads().to_vec()).unwrap();
+    let flat = TMesh::build(&flat, &mesh.levels(), &rules).unwrap();
+    let flat = Surface::new(flat, Basis::Suitable, cpu()).unwrap();
+    let mut seen = [0; 2];
+    for (e, element) in flat.mesh().elements().iter().enumerate() {
+        let corners = element.corners.map(|v| flat.mesh().positions()[v as usize]);
+        if corners.iter().any(|p| !within(&[p.x, p.y], window)) {
+            continue;
+        }
+        let wanted = corners[0] + (corners[1] - corners[0]) * 0.3 + (corners[3] - corners[0]) * 0.8;
+        let found = flat.evaluate(e, [0.3, 0.8]).point;
+        assert!((found - wanted).norm() < 1e-10, "{found} for {wanted}");
+        seen[usize::from(element.level)] += 1;
+    }
+    assert!(seen.iter().all(|&count| count > 10), "{seen:?}");
+    // Corners of what is fine are not suitable: bicubics are missed by about a thousandth.
+    let (mesh, places) = torus(32, 24, |x, y| u8::from(x > 11.5 || y > 7.5));
+    let met = meetings(&mesh);
+    assert!(met > 0);
+    let before = mesh.elements().len();
+    assert_eq!(
+        Surface::new(mesh.clone(), Basis::Suitable, cpu()).err(),
+        Some(Error::NotSuitable {
+            meetings: met,
+            elements: before,
+            before
+        })
+    );
+    let oblique = Surface::new(mesh.clone(), Basis::Rational, cpu()).unwrap();
+    let missed = bicubics_missed(&oblique, &places, window);
+    assert!((1e-4..1e-1).contains(&missed), "{missed}");
+    // A step in the border of a band goes around as a whole.
+    let (step, _) = torus(32, 24, |x, y| u8::from(x > 11.5 && !(x < 13.5 && y < 7.5)));
+    let (even, _) = torus(32, 24, |x, _| u8::from(x > 13.5));
+    assert!(meetings(&step) > 0);
+    let made = suitable(step, GROWTH, &rules).unwrap();
+    assert_eq!(made.levels(), even.levels());
+    // Cut without end all are suitable; but that takes more than was allowed.
+    let refused = suitable(mesh.clone(), GROWTH, &rules);
+    assert!(
+        matches!(refused, Err(Error::NotSuitable { meetings, .. }) if meetings == met),
+        "{refused:?}"
+    );
+    let all = suitable(mesh, f64::INFINITY, &rules).unwrap();
+    assert!(meetings(&all) == 0 && all.audit().is_valid());
+}
+
+#[test]
+fn suitable_t_splines_on_spheres() {
+    // Half of it is fine, along a line of quads.
+    let fine = shapes::quad_sphere(1.0, 16);
+    let half = |p: Point3| u8::from(p.x < -0.01);
+    let level = |q: &[u32; 4]| {
+        let sum: Vector3 = q.iter().map(|&v| fine.positions()[v as usize].coords).sum();
+        half(Point3::from(sum / 4.0))
+    };
+    let levels: Vec<u8> = fine.quads().iter().map(level).collect();
+    let mesh = TMesh::build(&fine, &levels, &TMeshOptions::default()).unwrap();
+    let made = |basis| {
+        let mut surface = Surface::new(mesh.clone(), basis, cpu()).unwrap();
+        fit(&mut surface, &Ball, &FitOptions::default(), cpu()).unwrap();
+        surface
+    };
+    let [suitable, hierarchical] = [Basis::Suitable, Basis::Hierarchical].map(made);
+    let matrices = analysis::matrices(&suitable).unwrap();
+    assert!(analysis::independence(&matrices, cpu()).unwrap() > 1e-3);
+    let [a, b] = [&suitable, &hierarchical].map(spectrum);
+    for (x, y) in a.iter().zip(b) {
+        assert!(*x < 1.2 * y, "{a:?} {b:?}");
+    }
+    assert_eq!(
+        suitable.cut(&[0], &TMeshOptions::default(), cpu()).err(),
+        Some(Error::NotNested)
+    );
+    let open = build(&plane(4, 4), Basis::Hierarchical, |_| 0)
+        .mesh()
+        .clone();
+    assert!(matches!(
+        Surface::new(open, Basis::Suitable, cpu()),
+        Err(Error::Open { .. })
+    ));
 }
 
 #[test]
