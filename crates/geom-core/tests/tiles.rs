@@ -243,16 +243,25 @@ fn two_layers_of_ghosts_are_all_that_is_two_elements_away() {
         let mut near: BTreeSet<u64> = ids[t].iter().copied().collect();
         let mut expected = Vec::new();
         for layer in [1, 2] {
-            let known: BTreeSet<[u64; 4]> = expected.iter().map(|e: &(usize, usize, [u64; 4], u16)| e.2).collect();
+            let known: BTreeSet<[u64; 4]> = expected
+                .iter()
+                .map(|e: &(usize, usize, [u64; 4], u16)| e.2)
+                .collect();
             let touches = |e: &&(usize, usize, [u64; 4])| {
                 e.0 != t && !known.contains(&e.2) && e.2.iter().any(|v| near.contains(v))
             };
-            let new: Vec<_> = all.iter().filter(touches).map(|e| (e.0, e.1, e.2, layer)).collect();
+            let new: Vec<_> = all
+                .iter()
+                .filter(touches)
+                .map(|e| (e.0, e.1, e.2, layer))
+                .collect();
             near.extend(new.iter().flat_map(|e| e.2));
             expected.extend(new);
         }
         expected.sort_unstable_by_key(|e| e.2);
-        let told = found.iter().map(|g| (g.owner as usize, g.element as usize, g.ids, g.layer));
+        let told = found
+            .iter()
+            .map(|g| (g.owner as usize, g.element as usize, g.ids, g.layer));
         assert!(told.eq(expected.iter().copied()), "tile {t}");
         let is_neighbour = |owner: u32| borders[t].links.iter().any(|l| l.other == owner);
         beyond_others += found.iter().filter(|g| !is_neighbour(g.owner)).count();
@@ -268,7 +277,10 @@ fn two_layers_of_ghosts_are_all_that_is_two_elements_away() {
     for (ranks, step) in [(1, 1), (1, 4), (2, 1), (4, 2), (7, 1)] {
         let ended = Threads::run(ranks, |rank| program(rank, step));
         let again = ended.into_iter().flat_map(|e| e.unwrap().1);
-        assert!(again.eq(found.iter().cloned()), "{ranks} ranks, {step} at once");
+        assert!(
+            again.eq(found.iter().cloned()),
+            "{ranks} ranks, {step} at once"
+        );
     }
 }
 

@@ -1,6 +1,6 @@
 //! What holds for spline surfaces.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
@@ -18,7 +18,7 @@ use tspline::surface::inverse::Search;
 use tspline::surface::seams::Seams;
 use tspline::surface::suitable::{GROWTH, meetings, suitable};
 use tspline::surface::tessellate::tessellate;
-use tspline::surface::{Jet, Sample};
+use tspline::surface::{Jet, Sample, bezier_coefficients};
 use tspline::{Basis, Error, Surface, TMesh, TMeshOptions, VertexKind, analysis};
 
 fn cpu() -> Run<'static, Cpu> {
@@ -180,6 +180,12 @@ fn zoo() -> Vec<(&'static str, Surface)> {
             "rational",
             build(&shapes::quad_sphere(1.0, 16), Basis::Rational, oblique),
         ),
+        (
+            "suitable",
+            build(&shapes::quad_sphere(1.0, 16), Basis::Suitable, |p| {
+                u8::from(p.x < 0.0)
+            }),
+        ),
         ("cube", build(&shapes::quad_sphere(1.0, 1), h, |_| 0)),
         (
             "cube, rational",
@@ -334,6 +340,42 @@ fn planes_and_bicubics_are_reproduced() {
     }
 }
 
+/// How far the area per area of parameters of a cut surface is at most from that of the surface before, relatively: at the same
+/// places, which are found by the vertices of the fine mesh.
+fn area_apart(before: &Surface, after: &Surface) -> f64 {
+    let (old, new) = (before.mesh(), after.mesh());
+    let mut worst: f64 = 0.0;
+    for (e, element) in new.elements().iter().enumerate() {
+        let parent = old.element_of(new.fine_quads(e)[0] as usize) as usize;
+        // Where its patches are those of its own level, they differ a little.
+        let around = old.elements()[parent].corners;
+        if around
+            .iter()
+            .any(|&v| old.is_extraordinary(old.fine_of_vertex(v as usize)))
+        {
+            continue;
+        }
+        let size = old.elements()[parent].size as usize;
+        let grid = old.fine_vertices(parent);
+        let place = |k: usize| {
+            let fine = new.fine_of_vertex(element.corners[k] as usize);
+            let at = grid
+                .iter()
+                .position(|&v| v == fine)
+                .expect("a vertex of its parent");
+            [at % (size + 1), at / (size + 1)].map(|x| x as f64 / size as f64)
+        };
+        let [a, b, d] = [place(0), place(1), place(3)];
+        let (s, t) = (0.35, 0.6);
+        let there = [0, 1].map(|k| a[k] + s * (b[k] - a[k]) + t * (d[k] - a[k]));
+        let share = f64::from(element.size).powi(2) / (size as f64).powi(2);
+        let [x, y] = [before.evaluate(parent, there), after.evaluate(e, [s, t])];
+        let (x, y) = (x.area_vector() * share, y.area_vector());
+        worst = worst.max((x - y).norm() / x.norm());
+    }
+    worst
+}
+
 #[test]
 fn cutting_moves_nothing() {
     let closed = sphere(32, Basis::Hierarchical, oblique);
@@ -363,6 +405,7 @@ fn cutting_moves_nothing() {
             measures(&surface, cpu()).unwrap(),
             measures(&finer, cpu()).unwrap(),
         );
+        assert!(area_apart(&surface, &finer) < 1e-10);
         // The area is no polynomial, and smaller patches are integrated better.
         assert!((a[0] / b[0] - 1.0).abs() < 1e-5, "{a:?} {b:?}");
         assert!(
@@ -402,6 +445,72 @@ fn rational_is_the_same_where_nothing_is_coarse_and_worse_where_it_is() {
     // How far the plain sum of T-spline functions is from one.
     let defect = weights.fold(0.0, f64::max);
     assert!((0.05..0.4).contains(&defect), "{defect}");
+}
+
+/// Where all is regular, patches are those of uniform bicubic B-splines: each of the 4 × 4 functions has the tensor product of
+/// the four pieces of the cubic one, and points are what de Boor's sum over control points says.
+#[test]
+fn regular_elements_carry_uniform_b_splines() {
+    let knots = [-2, -1, 0, 1, 2];
+    let pieces: Vec<[f64; 4]> = (0..4)
+        .map(|k| bezier_coefficients(&knots, [1 - k, 2 - k]))
+        .collect();
+    let uniform = |t: f64| {
+        let s = 1.0 - t;
+        [
+            s.powi(3) / 6.0,
+            (3.0 * t.powi(3) - 6.0 * t * t + 4.0) / 6.0,
+            (3.0 * s.powi(3) - 6.0 * s * s + 4.0) / 6.0,
+            t.powi(3) / 6.0,
+        ]
+    };
+    for basis in [Basis::Hierarchical, Basis::Rational, Basis::Suitable] {
+        let wide = [12.0, 10.0];
+        let (mesh, places) = torus(12, 10, |_, _| 0);
+        let surface = Surface::new(mesh, basis, cpu()).unwrap();
+        let (mesh, extraction) = (surface.mesh(), surface.extraction());
+        for patch in (0..extraction.patches().len()).step_by(7) {
+            // The rows, whatever their order, are the products of two pieces each.
+            let mut expected: Vec<[f64; 16]> = (0..16)
+                .map(|f| std::array::from_fn(|k| pieces[f % 4][k % 4] * pieces[f / 4][k / 4]))
+                .collect();
+            for row in extraction.coefficients(patch) {
+                let same = |e: &[f64; 16]| e.iter().zip(row).all(|(a, b)| (a - b).abs() < 1e-14);
+                let at = expected.iter().position(same).expect("a product of pieces");
+                expected.swap_remove(at);
+            }
+            assert!(expected.is_empty(), "{basis:?}");
+            // The sum over the vertices around the element, where the control points are.
+            let element = extraction.patches()[patch].element as usize;
+            let corner = mesh.elements()[element]
+                .corners
+                .map(|v| places[mesh.fine_of_vertex(v as usize) as usize]);
+            let at = |i: f64, j: f64| {
+                let along = |k: usize| {
+                    let step = |from: usize| {
+                        let by = corner[from][k] - corner[0][k];
+                        if by.abs() > 1.5 { -by.signum() } else { by }
+                    };
+                    (corner[0][k] + i * step(1) + j * step(3)).rem_euclid(wide[k])
+                };
+                let place = [along(0), along(1)];
+                let vertex = places.iter().position(|p| *p == place).expect("a vertex");
+                mesh.fine().positions()[vertex].coords
+            };
+            let (s, t) = (0.3, 0.85);
+            let mut wanted = Vector3::zeros();
+            for (j, b) in uniform(t).into_iter().enumerate() {
+                for (i, a) in uniform(s).into_iter().enumerate() {
+                    wanted += at(i as f64 - 1.0, j as f64 - 1.0) * (a * b);
+                }
+            }
+            let found = surface.evaluate(element, [s, t]).point.coords;
+            assert!(
+                (found - wanted).norm() < 1e-12,
+                "{basis:?}: {found} for {wanted}"
+            );
+        }
+    }
 }
 
 /// A T-mesh of a torus of so many fine quads, and where its fine vertices lie in them.
@@ -565,6 +674,66 @@ fn suitable_t_splines_hold_bicubics_and_others_miss_them() {
     );
     let all = suitable(mesh, f64::INFINITY, &rules).unwrap();
     assert!(meetings(&all) == 0 && all.audit().is_valid());
+}
+
+/// Extensions, laid in the plane and found by the rectangles of elements: where those along both directions have a point in
+/// common.
+#[test]
+fn what_t_junctions_reach() {
+    let (n, m) = (48, 40);
+    let (mesh, places) = torus(n, m, |x, y| {
+        u8::from(x > 11.5 || y > 7.5) + u8::from(x > 25.5 && y > 19.5)
+    });
+    assert_eq!(mesh.audit().levels.len(), 3);
+    let wide = [n, m].map(|k| k as i32);
+    let rectangles: Vec<[[i32; 2]; 2]> = (0..mesh.elements().len())
+        .map(|e| {
+            let size = mesh.elements()[e].size as i32;
+            let quad = mesh.fine_quads(e).iter().map(|&q| {
+                mesh.fine().quads()[q as usize].map(|v| places[v as usize].map(|x| x as i32))
+            });
+            // The corner from which all others are less than the element away.
+            let corners: Vec<[i32; 2]> = quad.flatten().collect();
+            let low = [0, 1].map(|k| {
+                let near = |a: i32| {
+                    corners
+                        .iter()
+                        .all(|c| (c[k] - a).rem_euclid(wide[k]) <= size)
+                };
+                corners.iter().map(|c| c[k]).find(|&a| near(a)).unwrap()
+            });
+            [low, low.map(|x| x + size)]
+        })
+        .collect();
+    // Where a point lies in a rectangle, and in none.
+    let within = |p: [i32; 2], r: &[[i32; 2]; 2]| {
+        let at = [0, 1].map(|k| (p[k] - r[0][k]).rem_euclid(wide[k]));
+        let size = r[1][0] - r[0][0];
+        at.iter().all(|&x| x <= size).then_some((at, size))
+    };
+    let around = |p: [i32; 2]| rectangles.iter().filter_map(move |r| within(p, r));
+    let mut reached = [BTreeSet::new(), BTreeSet::new()];
+    for v in (0..mesh.positions().len()).filter(|&v| mesh.kind(v) == VertexKind::TJunction) {
+        let p = places[mesh.fine_of_vertex(v) as usize].map(|x| x as i32);
+        // The element on whose side it lies has it in the middle of one.
+        let (at, size) = around(p)
+            .find(|(at, size)| (0..2).any(|k| (1..*size).contains(&at[k])))
+            .unwrap();
+        let axis = usize::from(at[0] > 0 && at[0] < size);
+        let on = if at[axis] == 0 { 1 } else { -1 };
+        for (step, mut knots) in [(on, 2), (-on, 1)] {
+            let mut q = p;
+            reached[axis].insert(q);
+            while knots > 0 {
+                q[axis] = (q[axis] + step).rem_euclid(wide[axis]);
+                reached[axis].insert(q);
+                knots -= i32::from(around(q).any(|(at, size)| [0, size].contains(&at[axis])));
+            }
+        }
+    }
+    let both = reached[0].intersection(&reached[1]).count();
+    assert!(both > 20, "{both}");
+    assert_eq!(meetings(&mesh), both);
 }
 
 #[test]

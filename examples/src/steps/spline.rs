@@ -63,7 +63,14 @@ pub fn fit(
             Err(because @ Error::NotSuitable { .. }) => {
                 let warning = format!("the basis is hierarchical: {because}");
                 session.note("advice", json!({ "warnings": [warning] }))?;
-                Ok(adapt(mesh, Basis::Hierarchical, target, allowed, options, on)?)
+                Ok(adapt(
+                    mesh,
+                    Basis::Hierarchical,
+                    target,
+                    allowed,
+                    options,
+                    on,
+                )?)
             }
             made => Ok::<_, Failure>(made?),
         }

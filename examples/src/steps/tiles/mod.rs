@@ -20,6 +20,8 @@ use crate::{Failure, Session};
 
 mod better;
 mod output;
+#[cfg(feature = "mpi")]
+pub mod remains;
 mod walls;
 
 /// Cells per side of a root cell: what tiles are put together of.
@@ -267,7 +269,8 @@ impl<'a> Plan<'a> {
             for ((tile, border), ghosts) in tiles.zip(&beyond) {
                 let piece = self.piece(tile)?;
                 quality.add(&piece.mesh);
-                let local = self.write(tile, &piece, border, ghosts, &whole, &mut groups, session)?;
+                let local =
+                    self.write(tile, &piece, border, ghosts, &whole, &mut groups, session)?;
                 locals.push(local);
                 sums.shared += border.links.chunk_by(|a, b| a.vertex == b.vertex).count() as u64;
                 step(session)?;
