@@ -153,6 +153,8 @@ def msh(files):
     # All parts at once, as somebody would open them.
     gmsh.clear()
     for file in files:
+        # Gmsh to 4.15 looks for ghosts in a table of the file before, and does not find them, unless that is cleared away.
+        gmsh.model.mesh.removeDuplicateElements()
         gmsh.merge(str(file))
     together = sum(
         len(e)
