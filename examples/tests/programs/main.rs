@@ -894,6 +894,33 @@ fn spline_surfaces_come_near_and_go_into_files() {
 }
 
 #[test]
+fn suitable_t_splines_are_taken_where_they_cost_little() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = fixture("spot.ply");
+    let made = |name: &str, levels: &[&str]| {
+        let out = folder.path().join(name);
+        let args = [
+            &input,
+            "--quads=300",
+            "--basis=suitable",
+            "--files=json",
+            "--no-pictures",
+        ];
+        report_of("11_tspline", &[&args[..], levels].concat(), &out)
+    };
+    // Without T-junctions nothing meets.
+    let even = made("even", &[]);
+    assert_eq!(even["basis"], "Suitable");
+    assert!(even["advice"].is_null(), "{}", even["advice"]);
+    // Corners of what is fine would make all fine.
+    let stepped = made("stepped", &["--levels=curvature"]);
+    assert_eq!(stepped["basis"], "Hierarchical");
+    let said = stepped["advice"]["warnings"][0].as_str().unwrap();
+    assert!(said.contains("extensions of T-junctions meet"), "{said}");
+    assert!(stepped["counts"]["t_junctions"].as_u64().unwrap() > 0);
+}
+
+#[test]
 fn modes_are_those_of_the_largest_component() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("two.ply");

@@ -47,9 +47,8 @@ pub fn suitable(mesh: TMesh, most: f64, rules: &TMeshOptions) -> Result<TMesh, E
     require(most >= 1.0, "most", most, "be at least 1")?;
     closed(&mesh)?;
     let before = mesh.elements().len();
-    let mut mesh = mesh;
-    let met = pairs(&mesh);
-    let (first, mut met) = (met.len(), met);
+    let (mut met, mut mesh) = (pairs(&mesh), mesh);
+    let first = met.len();
     while !met.is_empty() {
         let mut cut: Vec<usize> = met.iter().map(|pair| larger(&mesh, pair)).collect();
         cut.sort_unstable();
