@@ -27,10 +27,10 @@ pub const GROWTH: f64 = 1.3;
 /// ```
 /// use tspline::geom_core::{Point3, mesh::shapes};
 /// use tspline::surface::suitable::{GROWTH, meetings, suitable};
-/// use tspline::{TMesh, TMeshOptions};
+/// use tspline::{TMesh, TMeshOptions, levels::centres};
 /// let (fine, rules) = (shapes::quad_sphere(1.0, 16), TMeshOptions::default());
 /// let of = |level: fn(Point3) -> u8| {
-///     let levels: Vec<u8> = (0..fine.quads().len()).map(|q| level(fine.corners(q)[0])).collect();
+///     let levels: Vec<u8> = centres(&fine).into_iter().map(level).collect();
 ///     TMesh::build(&fine, &levels, &rules)
 /// };
 /// // Half of a sphere, along a line of quads, is suitable as it is; an oblique cap would become fine all over.
