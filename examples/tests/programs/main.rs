@@ -1240,6 +1240,55 @@ fn tiles_are_one_mesh_however_many_there_are() {
     assert!(!out.exists());
 }
 
+/// A tube with closed ends, a rod and a cavity that go through all tiles, and stay what they are when they are improved.
+#[test]
+fn a_tube_through_all_tiles_keeps_its_cavity() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut file = String::new();
+    for ring in 0..48 {
+        let ends = [0, 47].contains(&ring);
+        for radius in [9.0, 7.4, 5.8, 4.2, 2.6, 1.0] {
+            if radius < 9.0 && !ends {
+                continue;
+            }
+            let count = (std::f64::consts::TAU * radius / 1.6) as u32;
+            for k in 0..count.max(1) {
+                let angle = std::f64::consts::TAU * f64::from(k) / f64::from(count.max(1));
+                let (x, y) = (radius * angle.cos(), radius * angle.sin());
+                let z = 1.6 * f64::from(ring);
+                file += &format!(
+                    "ATOM      1  C   ALA A   1    {x:8.3} {y:8.3} {z:8.3}  0.000 1.900\n"
+                );
+            }
+        }
+    }
+    let input = folder.path().join("tube.pqr");
+    std::fs::write(&input, file).unwrap();
+    for method in ["stuffing", "dual-contour"] {
+        let out = folder.path().join(method);
+        let args = [
+            input.to_str().unwrap(),
+            "--spacing=1.3",
+            "--tiles=5",
+            "--improve",
+            "--no-pictures",
+            "--method",
+            method,
+        ];
+        let output = run("20_tiles", &args, &out);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{errors}");
+        let report = std::fs::read(out.join("report.json")).unwrap();
+        let report: Value = serde_json::from_slice(&report).unwrap();
+        let tiles = &report["tiles"];
+        assert!(tiles["filled"].as_u64().unwrap() > 2, "{tiles}");
+        assert_eq!([&tiles["bodies"], &tiles["cavities"]], [1, 1], "{method}");
+        assert!(tiles["min_dihedral"].as_f64().unwrap() > 24.0, "{tiles}");
+        assert_eq!(report["volume"]["valid"], true);
+        assert_eq!(report["surface"]["closed"], true);
+    }
+}
+
 #[test]
 fn tiles_of_dual_contouring_are_one_mesh_too() {
     let folder = tempfile::tempdir().unwrap();
