@@ -61,6 +61,9 @@ enum BasisName {
     Hierarchical,
     /// Rational T-splines by local knots (the thesis's)
     Rational,
+    /// The same where they need no division: on T-meshes that are analysis-suitable, or become so with few elements more;
+    /// else hierarchical, with a warning
+    Suitable,
 }
 
 /// Whose modes.
@@ -82,7 +85,7 @@ Examples:
 
 Outputs: surface.vtu, surface.step, surface.glb and others as --files says; surface.png (distance from the input, sides
 of elements, T-junctions, extraordinary vertices),
-stiffness and mass as .mtx (Matrix Market) and .npz (SciPy) with --eigenvalues; modes.png with --modes; report.json with `counts`, `error` (`rms`, `hausdorff`, Å), `rounds`,
+stiffness and mass as .mtx (Matrix Market) and .npz (SciPy) with --eigenvalues; modes.png with --modes; report.json with `basis` (the one that was taken), `counts`, `error` (`rms`, `hausdorff`, Å), `rounds`,
 `independence` and `eigenvalues` (Å⁻²); `modes` (`values` where the largest extent is 1, `scale` in Å).";
 
 impl HasCommon for Args {
@@ -119,6 +122,7 @@ fn program(args: &Args, session: &Session) -> Result<(), Failure> {
     let basis = match args.basis {
         BasisName::Hierarchical => Basis::Hierarchical,
         BasisName::Rational => Basis::Rational,
+        BasisName::Suitable => Basis::Suitable,
     };
     let (input, asked) = (made.input, args.tolerance);
     let (adapted, triangles) = spline::fit(

@@ -76,7 +76,7 @@ Examples:
 
 Assemblies are not copied: the atoms of a tile are made when it asks for them. Vertices lie where the values of the
 lattice cross the surface. Outputs: volume.pvtu and parts/part_N.vtu (regions and boundaries by name, the nearest atom of
-each vertex, global numbers, a layer of ghosts), the same as parts/volume_N.msh for Gmsh, from 1 on, of up to 32,767 tiles;
+each vertex, global numbers, two layers of ghosts), the same as parts/volume_N.msh for Gmsh, from 1 on, of up to 32,767 tiles;
 volume.vtu, volume.msh, volume.png and surface.ply/.glb/.png where the whole fits into --max-memory; report.json with the
 digest of the mesh and what each rank has held, sent and put aside.";
 
@@ -167,14 +167,17 @@ fn note(plan: &Plan<'_>, made: &Outcome, ranks: usize, session: &Session) -> Res
 }
 
 /// As one of the ranks of `mpirun`. Rank 0 writes the report and the file that joins the parts; a rank that fails says why
-/// and ends all. No file appears before all have finished.
+/// and ends all. No file appears before all have finished, and none is left where one is ended.
 #[cfg(feature = "mpi")]
 fn among_processes(plan: &Plan<'_>, session: &Session) -> Result<(), Failure> {
     use std::io::Write;
 
+    use biogeom_examples::steps::tiles::remains::Remains;
     use geom_core::tiles::{Exchange, mpi::Mpi};
 
     let mpi = Mpi::start().ok_or("MPI has been started before")?;
+    let remains = Remains::of(&mpi, session)?;
+    remains.watch()?;
     let work = || -> Result<(), Failure> {
         let done = AtomicU64::new(0);
         let made = session.stage("tiles", || plan.run(&mpi, session, &done))?;
@@ -189,6 +192,7 @@ fn among_processes(plan: &Plan<'_>, session: &Session) -> Result<(), Failure> {
     };
     work().inspect_err(|failure| {
         let _ = writeln!(std::io::stderr(), "error: rank {}: {failure}", mpi.rank());
+        remains.clear();
         mpi.abort();
     })
 }

@@ -515,6 +515,13 @@ impl Session {
         Ok(tempfile::tempdir_in(staging).map_err(named)?)
     }
 
+    /// Where outputs wait, and the topmost folder that had to be made for them: what is left if this process is killed.
+    pub fn waiting(&self) -> Result<(PathBuf, Option<PathBuf>), Failure> {
+        self.output("report.json")?;
+        let staging = self.staging.get().expect("an output has been named");
+        Ok((staging.folder.path().to_owned(), staging.made.clone()))
+    }
+
     /// This process is one of several with the same outputs, and not the one that writes report and page.
     pub fn follow(&self) {
         self.follows.store(true, Ordering::Relaxed);

@@ -1,9 +1,10 @@
 //! `cargo xtask ci`: what must hold before a change lands, cheapest first.
 
 use std::fs;
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::OnceLock;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -140,7 +141,51 @@ fn ranks() -> Outcome {
             return Err(format!("{ranks} ranks make {found}, one process {alone}"));
         }
     }
-    Ok(())
+    killed(&program, &input)
+}
+
+/// A rank that is killed in the middle of its work ends all of them, and nothing is left of what any has begun.
+fn killed(program: &Path, input: &Path) -> Outcome {
+    if !Path::new("/proc/self/task").exists() {
+        println!("SKIPPED: this system does not tell who the ranks are, so none is killed");
+        return Ok(());
+    }
+    let out = target().join("killed");
+    let mut command = Command::new("mpirun");
+    command.args(["--oversubscribe", "-n", "3"]).arg(program);
+    command.arg(input).arg("--out").arg(&out);
+    // Long enough to be killed in time.
+    command.args(["--spacing", "0.4", "--tiles", "7", "--improve"]);
+    command.args(["--exchange", "mpi", "--no-pictures", "--quiet"]);
+    command.stdout(Stdio::null()).stderr(Stdio::piped());
+    let parent = as_root(&mut command).spawn().map_err(|e| e.to_string())?;
+    let inside = |folder: &Path| -> Vec<PathBuf> {
+        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.map(|e| e.path()).collect()
+    };
+    // Each rank puts its pieces aside in a folder of its own, within that of its outputs.
+    let works = |rank: &PathBuf| inside(rank).iter().any(|f| !inside(f).is_empty());
+    let begun = || inside(&out).iter().filter(|rank| works(rank)).count() == 3;
+    let children = format!("/proc/{0}/task/{0}/children", parent.id());
+    let mut waited = 0;
+    while !begun() && waited < 600 {
+        std::thread::sleep(Duration::from_millis(100));
+        waited += 1;
+    }
+    let ranks = fs::read_to_string(children).map_err(|e| e.to_string())?;
+    let rank = ranks.split_whitespace().last();
+    let rank = rank.ok_or("mpirun has no ranks when one is to be killed")?;
+    call("kill", &["-9", rank], &[])?;
+    let ended = parent.wait_with_output().map_err(|e| e.to_string())?;
+    let said = String::from_utf8_lossy(&ended.stderr);
+    let left = inside(&out);
+    match (ended.status.success(), said.contains("signal 9"), &left[..]) {
+        (false, true, []) => Ok(()),
+        _ => Err(format!(
+            "a rank was killed; {}, left are {left:?}, and what was said is:\n{said}",
+            ended.status
+        )),
+    }
 }
 
 /// All features of all packages, for `--features`; those that need a system MPI only with `mpi`.

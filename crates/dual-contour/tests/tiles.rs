@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use dual_contour::geom_core::grid::lattice::Window;
-use dual_contour::geom_core::tiles::border::{Border, ghosts, number};
+use dual_contour::geom_core::tiles::border::{Asked, Border, ghosts, number};
 use dual_contour::geom_core::tiles::exchange::Deal;
 use dual_contour::geom_core::tiles::parts::{Closed, Local, closed, surface};
 use dual_contour::geom_core::tiles::piece::{digest, key};
@@ -261,7 +261,7 @@ fn program(
         .collect();
     let mut borders: Vec<Border> = pieces.iter().map(Border::of).collect();
     let total = number(exchange, &deal, &mut borders)?;
-    let ghosts = ghosts(exchange, &deal, &borders)?;
+    let ghosts = ghosts(exchange, &deal, &borders, &Asked::FIRST)?;
     let locals: Vec<Local> = (pieces.iter().zip(&borders).zip(&ghosts))
         .map(|((piece, border), ghosts)| {
             let surface = surface(piece, &border.ids(), ghosts);

@@ -1,12 +1,12 @@
 //! Ranks, what they put aside, and instances of an assembly.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::io::view::{Cells, NO_GROUP};
 use geom_core::io::{View, msh, msh_parts, vtu};
 use geom_core::mesh::{INTERIOR, VertexKind, shapes};
-use geom_core::tiles::border::{Border, ghosts, number};
+use geom_core::tiles::border::{Asked, Border, ghosts, number};
 use geom_core::tiles::exchange::{Deal, exchanged, gathered};
 use geom_core::tiles::piece::{NoPiece, key};
 use geom_core::tiles::{Counted, Exchange, Lost, Patches, Piece, Solo, Spill, Threads, Tiles};
@@ -170,7 +170,7 @@ fn borders_can_be_numbered_again() {
         let total = number(&Solo, &deal, &mut borders).unwrap();
         assert_eq!(total, mesh.positions().len() as u64);
         let ids: Vec<Vec<u64>> = borders.iter().map(Border::ids).collect();
-        found.push((ids, ghosts(&Solo, &deal, &borders).unwrap()));
+        found.push((ids, ghosts(&Solo, &deal, &borders, &Asked::FIRST).unwrap()));
     }
     assert_eq!(found[0], found[1]);
     // One number per vertex of the whole; ghosts name their element.
@@ -199,6 +199,88 @@ fn borders_can_be_numbered_again() {
     for (again, fresh) in borders.iter().zip(&fresh) {
         assert_eq!(again.links, fresh.links);
         assert_eq!(again.ids(), fresh.ids());
+    }
+}
+
+/// Two layers around tiles, one of which is so thin that what lies beyond it is a second layer.
+#[test]
+fn two_layers_of_ghosts_are_all_that_is_two_elements_away() {
+    let mesh = shapes::ball_in_box(2.0, 4.0, 5);
+    let shared = vec![false; mesh.positions().len()];
+    let whole = Piece { mesh, shared };
+    let tile = |corners: [Point3; 4]| {
+        let [x, y] = [0, 1].map(|k| corners.iter().map(|p| p[k]).sum::<f64>() / 4.0);
+        usize::from(x > -0.4) + usize::from(x > 0.0) + 3 * usize::from(y > 0.3)
+    };
+    let pieces: Vec<Piece> = whole.dealt(tile).into_values().collect();
+    assert_eq!(pieces.len(), 6);
+    let program = |exchange: &dyn Exchange, step: usize| {
+        let (tiles, ranks) = (pieces.len(), exchange.ranks());
+        let deal = Deal { tiles, ranks };
+        let own = deal.of(exchange.rank());
+        let mut borders: Vec<Border> = pieces[own].iter().map(Border::of).collect();
+        number(exchange, &deal, &mut borders)?;
+        let mut found = Vec::new();
+        for place in (0..tiles).step_by(step) {
+            let asked = Asked {
+                layers: 2,
+                places: place..place + step,
+            };
+            found.extend(ghosts(exchange, &deal, &borders, &asked)?);
+        }
+        Ok::<_, Lost>((borders, found))
+    };
+    let (borders, found) = program(&Solo, 6).unwrap();
+    let ids: Vec<Vec<u64>> = borders.iter().map(Border::ids).collect();
+    let all: Vec<(usize, usize, [u64; 4])> = (pieces.iter().zip(&ids).enumerate())
+        .flat_map(|(t, (piece, ids))| {
+            let tets = piece.mesh.tets().iter().enumerate();
+            tets.map(move |(e, tet)| (t, e, tet.map(|v| ids[v as usize])))
+        })
+        .collect();
+    let mut beyond_others = 0;
+    for (t, found) in found.iter().enumerate() {
+        let mut near: BTreeSet<u64> = ids[t].iter().copied().collect();
+        let mut expected = Vec::new();
+        for layer in [1, 2] {
+            let known: BTreeSet<[u64; 4]> = expected
+                .iter()
+                .map(|e: &(usize, usize, [u64; 4], u16)| e.2)
+                .collect();
+            let touches = |e: &&(usize, usize, [u64; 4])| {
+                e.0 != t && !known.contains(&e.2) && e.2.iter().any(|v| near.contains(v))
+            };
+            let new: Vec<_> = all
+                .iter()
+                .filter(touches)
+                .map(|e| (e.0, e.1, e.2, layer))
+                .collect();
+            near.extend(new.iter().flat_map(|e| e.2));
+            expected.extend(new);
+        }
+        expected.sort_unstable_by_key(|e| e.2);
+        let told = found
+            .iter()
+            .map(|g| (g.owner as usize, g.element as usize, g.ids, g.layer));
+        assert!(told.eq(expected.iter().copied()), "tile {t}");
+        let is_neighbour = |owner: u32| borders[t].links.iter().any(|l| l.other == owner);
+        beyond_others += found.iter().filter(|g| !is_neighbour(g.owner)).count();
+        // Where they are is what their owners say.
+        for ghost in found {
+            let owner = &pieces[ghost.owner as usize].mesh;
+            let corners = owner.corners(ghost.element as usize).map(<[f64; 3]>::from);
+            assert_eq!(ghost.corners, corners);
+        }
+    }
+    assert!(beyond_others > 0, "no tile is thin");
+    // The same in parts, and on ranks.
+    for (ranks, step) in [(1, 1), (1, 4), (2, 1), (4, 2), (7, 1)] {
+        let ended = Threads::run(ranks, |rank| program(rank, step));
+        let again = ended.into_iter().flat_map(|e| e.unwrap().1);
+        assert!(
+            again.eq(found.iter().cloned()),
+            "{ranks} ranks, {step} at once"
+        );
     }
 }
 
@@ -396,6 +478,7 @@ fn every_tile_has_one_rank() {
                 assert_eq!(deal.rank_of(tile), rank, "{tile} of {tiles} on {ranks}");
                 seen += 1;
             }
+            assert!(deal.of(rank).len() <= deal.most());
         }
         assert_eq!(seen, tiles);
     }

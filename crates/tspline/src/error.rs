@@ -53,10 +53,21 @@ pub enum Error {
         what: &'static str,
     },
     /// The functions of a cut T-mesh do not contain those of the one before.
-    #[error(
-        "rational T-splines are not nested; make the surface of the cut T-mesh anew and fit it"
-    )]
+    #[error("T-splines are not nested; make the surface of the cut T-mesh anew and fit it")]
     NotNested,
+    /// Extensions of T-junctions meet across, and cutting elements until none does is not asked for or takes too many.
+    #[error(
+        "extensions of T-junctions meet in {meetings} places of {before} elements, which cutting makes {elements} or more; use \
+         the hierarchical basis"
+    )]
+    NotSuitable {
+        /// Places where they meet.
+        meetings: usize,
+        /// Elements at which it was given up.
+        elements: usize,
+        /// Elements that there were.
+        before: usize,
+    },
     /// A control point is NaN or infinite, or its weight is not positive.
     #[error(
         "control point {control} has a coordinate that is not a finite number, or a weight that is not positive"

@@ -3,7 +3,7 @@
 
 use geom_core::mesh::{Halfedges, shapes};
 use geom_core::testing::{cases, same_on_any_threads};
-use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, VertexId};
+use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3, VertexId};
 use proptest::prelude::*;
 use tspline::levels::{self, Places};
 use tspline::mesh::{Record, refined};
@@ -274,6 +274,47 @@ fn bad_input_is_named() {
             .is_err()
     );
     assert!(moved == mesh);
+}
+
+#[test]
+fn one_sided_quads_are_refused_and_parts_are_taken_together() {
+    // A strip of eight quads whose ends are glued the wrong way around.
+    let at = |i: u32, j: u32| {
+        let turn = f64::from(i) / 8.0 * std::f64::consts::PI;
+        let (across, out) = (f64::from(j) - 0.5, 3.0 + (f64::from(j) - 0.5) * turn.cos());
+        Point3::new(
+            out * (2.0 * turn).cos(),
+            out * (2.0 * turn).sin(),
+            across * turn.sin(),
+        )
+    };
+    let positions: Vec<Point3> = (0..8).flat_map(|i| [at(i, 0), at(i, 1)]).collect();
+    let mut quads: Vec<[u32; 4]> = (0..7)
+        .map(|i| [2 * i, 2 * i + 2, 2 * i + 3, 2 * i + 1])
+        .collect();
+    quads.push([14, 1, 0, 15]);
+    let moebius = QuadMesh::new(positions.clone(), quads.clone()).unwrap();
+    let refused = TMesh::build(&moebius, &[0; 8], &TMeshOptions::default());
+    assert!(matches!(refused, Err(Error::Mesh(_))), "{refused:?}");
+    let mut nowhere = positions;
+    nowhere[3].z = f64::NAN;
+    assert!(QuadMesh::new(nowhere, quads).is_err());
+    // A sphere and a torus beside it: both become coarse where they may, and the audit counts both.
+    let (sphere, torus) = (
+        shapes::quad_sphere(1.0, 8),
+        shapes::quad_torus(1.0, 0.4, 24, 16),
+    );
+    let first = sphere.positions().len() as u32;
+    let mut positions = sphere.positions().to_vec();
+    positions.extend(torus.positions().iter().map(|p| p + Vector3::x() * 5.0));
+    let mut quads = sphere.quads().to_vec();
+    quads.extend(torus.quads().iter().map(|q| q.map(|v| first + v)));
+    let both = QuadMesh::new(positions, quads).unwrap();
+    let mesh = build(&both, &vec![1; both.quads().len()]);
+    let audit = mesh.audit();
+    assert!(audit.is_valid() && audit.doubled_euler == 4, "{audit:?}");
+    let alone = [&sphere, &torus].map(|m| build(m, &vec![1; m.quads().len()]).elements().len());
+    assert_eq!(mesh.elements().len(), alone[0] + alone[1]);
 }
 
 #[test]

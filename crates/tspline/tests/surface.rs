@@ -1,19 +1,24 @@
 //! What holds for spline surfaces.
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::{SurfaceAudit, shapes};
+use geom_core::nalgebra::{DMatrix, DVector};
 use geom_core::testing::same_on_any_threads;
 use geom_core::{Cpu, Point3, QuadMesh, Run, Vector3};
 use tspline::files::{Exchange, bext, iga, market, npz, step, vtu};
 use tspline::surface::adapt::adapt;
+use tspline::surface::bezier::bernstein;
 use tspline::surface::errors::{errors, measures};
 use tspline::surface::fit::{FitOptions, MeshTarget, Target, fit};
 use tspline::surface::inverse::Search;
 use tspline::surface::seams::Seams;
+use tspline::surface::suitable::{GROWTH, meetings, suitable};
 use tspline::surface::tessellate::tessellate;
-use tspline::surface::{Jet, Sample};
+use tspline::surface::{Jet, Sample, bezier_coefficients};
 use tspline::{Basis, Error, Surface, TMesh, TMeshOptions, VertexKind, analysis};
 
 fn cpu() -> Run<'static, Cpu> {
@@ -175,6 +180,12 @@ fn zoo() -> Vec<(&'static str, Surface)> {
             "rational",
             build(&shapes::quad_sphere(1.0, 16), Basis::Rational, oblique),
         ),
+        (
+            "suitable",
+            build(&shapes::quad_sphere(1.0, 16), Basis::Suitable, |p| {
+                u8::from(p.x < 0.0)
+            }),
+        ),
         ("cube", build(&shapes::quad_sphere(1.0, 1), h, |_| 0)),
         (
             "cube, rational",
@@ -329,6 +340,42 @@ fn planes_and_bicubics_are_reproduced() {
     }
 }
 
+/// How far the area per area of parameters of a cut surface is at most from that of the surface before, relatively: at the same
+/// places, which are found by the vertices of the fine mesh.
+fn area_apart(before: &Surface, after: &Surface) -> f64 {
+    let (old, new) = (before.mesh(), after.mesh());
+    let mut worst: f64 = 0.0;
+    for (e, element) in new.elements().iter().enumerate() {
+        let parent = old.element_of(new.fine_quads(e)[0] as usize) as usize;
+        // Where its patches are those of its own level, they differ a little.
+        let around = old.elements()[parent].corners;
+        if around
+            .iter()
+            .any(|&v| old.is_extraordinary(old.fine_of_vertex(v as usize)))
+        {
+            continue;
+        }
+        let size = old.elements()[parent].size as usize;
+        let grid = old.fine_vertices(parent);
+        let place = |k: usize| {
+            let fine = new.fine_of_vertex(element.corners[k] as usize);
+            let at = grid
+                .iter()
+                .position(|&v| v == fine)
+                .expect("a vertex of its parent");
+            [at % (size + 1), at / (size + 1)].map(|x| x as f64 / size as f64)
+        };
+        let [a, b, d] = [place(0), place(1), place(3)];
+        let (s, t) = (0.35, 0.6);
+        let there = [0, 1].map(|k| a[k] + s * (b[k] - a[k]) + t * (d[k] - a[k]));
+        let share = f64::from(element.size).powi(2) / (size as f64).powi(2);
+        let [x, y] = [before.evaluate(parent, there), after.evaluate(e, [s, t])];
+        let (x, y) = (x.area_vector() * share, y.area_vector());
+        worst = worst.max((x - y).norm() / x.norm());
+    }
+    worst
+}
+
 #[test]
 fn cutting_moves_nothing() {
     let closed = sphere(32, Basis::Hierarchical, oblique);
@@ -358,6 +405,7 @@ fn cutting_moves_nothing() {
             measures(&surface, cpu()).unwrap(),
             measures(&finer, cpu()).unwrap(),
         );
+        assert!(area_apart(&surface, &finer) < 1e-10);
         // The area is no polynomial, and smaller patches are integrated better.
         assert!((a[0] / b[0] - 1.0).abs() < 1e-5, "{a:?} {b:?}");
         assert!(
@@ -397,6 +445,331 @@ fn rational_is_the_same_where_nothing_is_coarse_and_worse_where_it_is() {
     // How far the plain sum of T-spline functions is from one.
     let defect = weights.fold(0.0, f64::max);
     assert!((0.05..0.4).contains(&defect), "{defect}");
+}
+
+/// Where all is regular, patches are those of uniform bicubic B-splines: each of the 4 × 4 functions has the tensor product of
+/// the four pieces of the cubic one, and points are what de Boor's sum over control points says.
+#[test]
+fn regular_elements_carry_uniform_b_splines() {
+    let knots = [-2, -1, 0, 1, 2];
+    let pieces: Vec<[f64; 4]> = (0..4)
+        .map(|k| bezier_coefficients(&knots, [1 - k, 2 - k]))
+        .collect();
+    let uniform = |t: f64| {
+        let s = 1.0 - t;
+        [
+            s.powi(3) / 6.0,
+            (3.0 * t.powi(3) - 6.0 * t * t + 4.0) / 6.0,
+            (3.0 * s.powi(3) - 6.0 * s * s + 4.0) / 6.0,
+            t.powi(3) / 6.0,
+        ]
+    };
+    for basis in [Basis::Hierarchical, Basis::Rational, Basis::Suitable] {
+        let wide = [12.0, 10.0];
+        let (mesh, places) = torus(12, 10, |_, _| 0);
+        let surface = Surface::new(mesh, basis, cpu()).unwrap();
+        let (mesh, extraction) = (surface.mesh(), surface.extraction());
+        for patch in (0..extraction.patches().len()).step_by(7) {
+            // The rows, whatever their order, are the products of two pieces each.
+            let mut expected: Vec<[f64; 16]> = (0..16)
+                .map(|f| std::array::from_fn(|k| pieces[f % 4][k % 4] * pieces[f / 4][k / 4]))
+                .collect();
+            for row in extraction.coefficients(patch) {
+                let same = |e: &[f64; 16]| e.iter().zip(row).all(|(a, b)| (a - b).abs() < 1e-14);
+                let at = expected.iter().position(same).expect("a product of pieces");
+                expected.swap_remove(at);
+            }
+            assert!(expected.is_empty(), "{basis:?}");
+            // The sum over the vertices around the element, where the control points are.
+            let element = extraction.patches()[patch].element as usize;
+            let corner = mesh.elements()[element]
+                .corners
+                .map(|v| places[mesh.fine_of_vertex(v as usize) as usize]);
+            let at = |i: f64, j: f64| {
+                let along = |k: usize| {
+                    let step = |from: usize| {
+                        let by = corner[from][k] - corner[0][k];
+                        if by.abs() > 1.5 { -by.signum() } else { by }
+                    };
+                    (corner[0][k] + i * step(1) + j * step(3)).rem_euclid(wide[k])
+                };
+                let place = [along(0), along(1)];
+                let vertex = places.iter().position(|p| *p == place).expect("a vertex");
+                mesh.fine().positions()[vertex].coords
+            };
+            let (s, t) = (0.3, 0.85);
+            let mut wanted = Vector3::zeros();
+            for (j, b) in uniform(t).into_iter().enumerate() {
+                for (i, a) in uniform(s).into_iter().enumerate() {
+                    wanted += at(i as f64 - 1.0, j as f64 - 1.0) * (a * b);
+                }
+            }
+            let found = surface.evaluate(element, [s, t]).point.coords;
+            assert!(
+                (found - wanted).norm() < 1e-12,
+                "{basis:?}: {found} for {wanted}"
+            );
+        }
+    }
+}
+
+/// A T-mesh of a torus of so many fine quads, and where its fine vertices lie in them.
+fn torus(n: u32, m: u32, level: impl Fn(f64, f64) -> u8) -> (TMesh, Vec<[f64; 2]>) {
+    let fine = shapes::quad_torus(1.0, 0.4, n, m);
+    let turned = |y: f64, x: f64, of: u32| {
+        (y.atan2(x).rem_euclid(TAU) / TAU * f64::from(of)).round() % f64::from(of)
+    };
+    let place = |p: &Point3| {
+        let across = p.x.hypot(p.y) - 1.0;
+        [turned(p.y, p.x, n), turned(p.z, across, m)]
+    };
+    let places: Vec<[f64; 2]> = fine.positions().iter().map(place).collect();
+    let allowed = fine.quads().iter().map(|q| {
+        let at = |k: usize| {
+            q.iter()
+                .map(|&v| places[v as usize][k])
+                .fold(f64::INFINITY, f64::min)
+        };
+        level(at(0), at(1))
+    });
+    let allowed: Vec<u8> = allowed.collect();
+    (
+        TMesh::build(&fine, &allowed, &TMeshOptions::default()).unwrap(),
+        places,
+    )
+}
+
+fn within(p: &[f64; 2], window: [[f64; 2]; 2]) -> bool {
+    (0..2).all(|k| window[k][0] <= p[k] && p[k] <= window[k][1])
+}
+
+/// How far bicubics of the chart are from the functions on a part of a torus that is not wound around, at best: the largest
+/// residual of least squares.
+fn bicubics_missed(surface: &Surface, places: &[[f64; 2]], window: [[f64; 2]; 2]) -> f64 {
+    let (mesh, extraction) = (surface.mesh(), surface.extraction());
+    let within = |p: &[f64; 2]| within(p, window);
+    let (mut rows, mut wanted) = (Vec::new(), Vec::new());
+    let mut columns = BTreeMap::new();
+    for (number, patch) in extraction.patches().iter().enumerate() {
+        let vertices = mesh.fine_vertices(patch.element as usize);
+        let size = mesh.elements()[patch.element as usize].size + 1;
+        let at = |i: u32, j: u32| places[vertices[(i + size * j) as usize] as usize];
+        let corner = at(patch.from[0], patch.from[1]);
+        let ends = [
+            at(patch.to[0], patch.from[1]),
+            at(patch.from[0], patch.to[1]),
+        ];
+        if ![corner, ends[0], ends[1]].iter().all(within) {
+            continue;
+        }
+        for i in 0..16 {
+            let [s, t] = [f64::from(i % 4) / 3.0, f64::from(i / 4) / 3.0];
+            let (a, b) = (bernstein(s)[0], bernstein(t)[0]);
+            let basis: [f64; 16] = std::array::from_fn(|k| a[k % 4] * b[k / 4]);
+            let points = &surface.patches()[number];
+            let weight: f64 = points.iter().zip(basis).map(|(p, b)| p[3] * b).sum();
+            let of = extraction
+                .on(number)
+                .iter()
+                .zip(extraction.coefficients(number));
+            rows.push(
+                of.map(|(&f, row)| {
+                    let next = columns.len();
+                    let column = *columns.entry(f).or_insert(next);
+                    let value: f64 = row.iter().zip(basis).map(|(c, b)| c * b).sum();
+                    (column, value / weight)
+                })
+                .collect::<Vec<_>>(),
+            );
+            let along =
+                |k: usize| corner[k] + s * (ends[0][k] - corner[k]) + t * (ends[1][k] - corner[k]);
+            let half = |k: usize| {
+                let middle = 0.5 * (window[k][0] + window[k][1]);
+                (along(k) - middle) / (window[k][1] - middle)
+            };
+            let (x, y) = (half(0), half(1));
+            wanted
+                .push(x.powi(3) * y.powi(3) - 0.7 * x * x * y.powi(3) + 0.4 * x * y * y - x + 0.2);
+        }
+    }
+    let mut matrix = DMatrix::zeros(rows.len(), columns.len());
+    for (i, row) in rows.iter().enumerate() {
+        for &(j, value) in row {
+            matrix[(i, j)] = value;
+        }
+    }
+    let wanted = DVector::from_vec(wanted);
+    let found = matrix
+        .clone()
+        .svd(true, true)
+        .solve(&wanted, 1e-12)
+        .unwrap();
+    (matrix * found - wanted).amax()
+}
+
+/// A band of a torus is fine: no extension meets another.
+#[test]
+fn suitable_t_splines_hold_bicubics_and_others_miss_them() {
+    let rules = TMeshOptions::default();
+    let window = [[4.0, 22.0], [4.0, 16.0]];
+    let (mesh, places) = torus(32, 24, |x, _| u8::from(x > 11.5));
+    assert_eq!(meetings(&mesh), 0);
+    assert_eq!(suitable(mesh.clone(), 1.0, &rules).unwrap(), mesh);
+    let [plain, divided] =
+        [Basis::Suitable, Basis::Rational].map(|b| Surface::new(mesh.clone(), b, cpu()).unwrap());
+    assert!(!plain.extraction().is_rational() && plain.mesh().audit().t_junctions > 0);
+    // They sum to one without being divided.
+    let weights = divided
+        .patches()
+        .iter()
+        .flatten()
+        .map(|p| (p[3] - 1.0).abs());
+    assert!(weights.fold(0.0, f64::max) < 1e-14);
+    let missed = bicubics_missed(&plain, &places, window);
+    assert!(missed < 1e-10, "{missed}");
+    // Control points at the means of knots carry what is linear: the torus laid flat, but for where it is wound around.
+    let flat = places.iter().map(|p| Point3::new(p[0], p[1], p[0] - p[1]));
+    let flat = QuadMesh::new(flat.collect(), mesh.fine().quads().to_vec()).unwrap();
+    let flat = TMesh::build(&flat, &mesh.levels(), &rules).unwrap();
+    let flat = Surface::new(flat, Basis::Suitable, cpu()).unwrap();
+    let mut seen = [0; 2];
+    for (e, element) in flat.mesh().elements().iter().enumerate() {
+        let corners = element.corners.map(|v| flat.mesh().positions()[v as usize]);
+        if corners.iter().any(|p| !within(&[p.x, p.y], window)) {
+            continue;
+        }
+        let wanted = corners[0] + (corners[1] - corners[0]) * 0.3 + (corners[3] - corners[0]) * 0.8;
+        let found = flat.evaluate(e, [0.3, 0.8]).point;
+        assert!((found - wanted).norm() < 1e-10, "{found} for {wanted}");
+        seen[usize::from(element.level)] += 1;
+    }
+    assert!(seen.iter().all(|&count| count > 10), "{seen:?}");
+    // Corners of what is fine are not suitable: bicubics are missed by about a thousandth.
+    let (mesh, places) = torus(32, 24, |x, y| u8::from(x > 11.5 || y > 7.5));
+    let met = meetings(&mesh);
+    assert!(met > 0);
+    let before = mesh.elements().len();
+    assert_eq!(
+        Surface::new(mesh.clone(), Basis::Suitable, cpu()).err(),
+        Some(Error::NotSuitable {
+            meetings: met,
+            elements: before,
+            before
+        })
+    );
+    let oblique = Surface::new(mesh.clone(), Basis::Rational, cpu()).unwrap();
+    let missed = bicubics_missed(&oblique, &places, window);
+    assert!((1e-4..1e-1).contains(&missed), "{missed}");
+    // A step in the border of a band goes around as a whole.
+    let (step, _) = torus(32, 24, |x, y| u8::from(x > 11.5 && !(x < 13.5 && y < 7.5)));
+    let (even, _) = torus(32, 24, |x, _| u8::from(x > 13.5));
+    assert!(meetings(&step) > 0);
+    let made = suitable(step, GROWTH, &rules).unwrap();
+    assert_eq!(made.levels(), even.levels());
+    // Cut without end all are suitable; but that takes more than was allowed.
+    let refused = suitable(mesh.clone(), GROWTH, &rules);
+    assert!(
+        matches!(refused, Err(Error::NotSuitable { meetings, .. }) if meetings == met),
+        "{refused:?}"
+    );
+    let all = suitable(mesh, f64::INFINITY, &rules).unwrap();
+    assert!(meetings(&all) == 0 && all.audit().is_valid());
+}
+
+/// Extensions, laid in the plane and found by the rectangles of elements: where those along both directions have a point in
+/// common.
+#[test]
+fn what_t_junctions_reach() {
+    let (n, m) = (48, 40);
+    let (mesh, places) = torus(n, m, |x, y| {
+        u8::from(x > 11.5 || y > 7.5) + u8::from(x > 25.5 && y > 19.5)
+    });
+    assert_eq!(mesh.audit().levels.len(), 3);
+    let wide = [n, m].map(|k| k as i32);
+    let rectangles: Vec<[[i32; 2]; 2]> = (0..mesh.elements().len())
+        .map(|e| {
+            let size = mesh.elements()[e].size as i32;
+            let quad = mesh.fine_quads(e).iter().map(|&q| {
+                mesh.fine().quads()[q as usize].map(|v| places[v as usize].map(|x| x as i32))
+            });
+            // The corner from which all others are less than the element away.
+            let corners: Vec<[i32; 2]> = quad.flatten().collect();
+            let low = [0, 1].map(|k| {
+                let near = |a: i32| {
+                    corners
+                        .iter()
+                        .all(|c| (c[k] - a).rem_euclid(wide[k]) <= size)
+                };
+                corners.iter().map(|c| c[k]).find(|&a| near(a)).unwrap()
+            });
+            [low, low.map(|x| x + size)]
+        })
+        .collect();
+    // Where a point lies in a rectangle, and in none.
+    let within = |p: [i32; 2], r: &[[i32; 2]; 2]| {
+        let at = [0, 1].map(|k| (p[k] - r[0][k]).rem_euclid(wide[k]));
+        let size = r[1][0] - r[0][0];
+        at.iter().all(|&x| x <= size).then_some((at, size))
+    };
+    let around = |p: [i32; 2]| rectangles.iter().filter_map(move |r| within(p, r));
+    let mut reached = [BTreeSet::new(), BTreeSet::new()];
+    for v in (0..mesh.positions().len()).filter(|&v| mesh.kind(v) == VertexKind::TJunction) {
+        let p = places[mesh.fine_of_vertex(v) as usize].map(|x| x as i32);
+        // The element on whose side it lies has it in the middle of one.
+        let (at, size) = around(p)
+            .find(|(at, size)| (0..2).any(|k| (1..*size).contains(&at[k])))
+            .unwrap();
+        let axis = usize::from(at[0] > 0 && at[0] < size);
+        let on = if at[axis] == 0 { 1 } else { -1 };
+        for (step, mut knots) in [(on, 2), (-on, 1)] {
+            let mut q = p;
+            reached[axis].insert(q);
+            while knots > 0 {
+                q[axis] = (q[axis] + step).rem_euclid(wide[axis]);
+                reached[axis].insert(q);
+                knots -= i32::from(around(q).any(|(at, size)| [0, size].contains(&at[axis])));
+            }
+        }
+    }
+    let both = reached[0].intersection(&reached[1]).count();
+    assert!(both > 20, "{both}");
+    assert_eq!(meetings(&mesh), both);
+}
+
+#[test]
+fn suitable_t_splines_on_spheres() {
+    // Half of it is fine, along a line of quads.
+    let fine = shapes::quad_sphere(1.0, 16);
+    let half = |p: Point3| u8::from(p.x < -0.01);
+    let level = |q: &[u32; 4]| {
+        let sum: Vector3 = q.iter().map(|&v| fine.positions()[v as usize].coords).sum();
+        half(Point3::from(sum / 4.0))
+    };
+    let levels: Vec<u8> = fine.quads().iter().map(level).collect();
+    let mesh = TMesh::build(&fine, &levels, &TMeshOptions::default()).unwrap();
+    let made = |basis| {
+        let mut surface = Surface::new(mesh.clone(), basis, cpu()).unwrap();
+        fit(&mut surface, &Ball, &FitOptions::default(), cpu()).unwrap();
+        surface
+    };
+    let [suitable, hierarchical] = [Basis::Suitable, Basis::Hierarchical].map(made);
+    let matrices = analysis::matrices(&suitable).unwrap();
+    assert!(analysis::independence(&matrices, cpu()).unwrap() > 1e-3);
+    let [a, b] = [&suitable, &hierarchical].map(spectrum);
+    for (x, y) in a.iter().zip(b) {
+        assert!(*x < 1.2 * y, "{a:?} {b:?}");
+    }
+    assert_eq!(
+        suitable.cut(&[0], &TMeshOptions::default(), cpu()).err(),
+        Some(Error::NotNested)
+    );
+    let open = build(&plane(4, 4), Basis::Hierarchical, |_| 0)
+        .mesh()
+        .clone();
+    assert!(matches!(
+        Surface::new(open, Basis::Suitable, cpu()),
+        Err(Error::Open { .. })
+    ));
 }
 
 #[test]

@@ -14,7 +14,7 @@ use tspline::surface::adapt::{Adapted, adapt};
 use tspline::surface::fit::FitOptions;
 use tspline::surface::seams::Seams;
 use tspline::surface::tessellate::{Tessellation, tessellate};
-use tspline::{Basis, Surface, TMesh, VertexKind};
+use tspline::{Basis, Error, Surface, TMesh, VertexKind};
 
 use crate::input::tmesh::{Input, affordable, note_counts};
 use crate::picture::{ColorMap, Image, Layer, Paint, Scale, Scene, View};
@@ -55,8 +55,27 @@ pub fn fit(
     let on = session.on(session.device.spline());
     let allowed = tolerance.unwrap_or(f64::INFINITY);
     let adapted = session.stage("surface", || {
-        adapt(mesh, basis, &input.surface, allowed, options, on)
+        let target = &input.surface;
+        if basis != Basis::Suitable {
+            return Ok(adapt(mesh, basis, target, allowed, options, on)?);
+        }
+        match adapt(mesh.clone(), basis, target, allowed, options, on) {
+            Err(because @ Error::NotSuitable { .. }) => {
+                let warning = format!("the basis is hierarchical: {because}");
+                session.note("advice", json!({ "warnings": [warning] }))?;
+                Ok(adapt(
+                    mesh,
+                    Basis::Hierarchical,
+                    target,
+                    allowed,
+                    options,
+                    on,
+                )?)
+            }
+            made => Ok::<_, Failure>(made?),
+        }
     })?;
+    session.note("basis", adapted.surface.basis())?;
     note(session, &adapted, tolerance.is_some())?;
     let triangles = session.stage("triangles", || tessellate(&adapted.surface, steps, on))?;
     Ok((adapted, triangles))

@@ -894,6 +894,27 @@ fn spline_surfaces_come_near_and_go_into_files() {
 }
 
 #[test]
+fn suitable_t_splines_are_taken_where_they_cost_little() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = fixture("spot.ply");
+    let made = |name: &str, levels: &[&str]| {
+        let out = folder.path().join(name);
+        let args = [&input, "--basis=suitable", "--files=json", "--no-pictures"];
+        report_of("11_tspline", &[&args[..], levels].concat(), &out)
+    };
+    // Without T-junctions nothing meets.
+    let even = made("even", &["--quads=300"]);
+    assert_eq!(even["basis"], "Suitable");
+    assert!(even["advice"].is_null(), "{}", even["advice"]);
+    // Corners of what is fine would make all fine.
+    let stepped = made("stepped", &["--quads=4000", "--levels=curvature"]);
+    assert_eq!(stepped["basis"], "Hierarchical");
+    let said = stepped["advice"]["warnings"][0].as_str().unwrap();
+    assert!(said.contains("extensions of T-junctions meet"), "{said}");
+    assert!(stepped["counts"]["t_junctions"].as_u64().unwrap() > 0);
+}
+
+#[test]
 fn modes_are_those_of_the_largest_component() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("two.ply");
@@ -1217,6 +1238,55 @@ fn tiles_are_one_mesh_however_many_there_are() {
         "{errors}"
     );
     assert!(!out.exists());
+}
+
+/// A tube with closed ends, a rod and a cavity that go through all tiles, and stay what they are when they are improved.
+#[test]
+fn a_tube_through_all_tiles_keeps_its_cavity() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut file = String::new();
+    for ring in 0..48 {
+        let ends = [0, 47].contains(&ring);
+        for radius in [9.0, 7.4, 5.8, 4.2, 2.6, 1.0] {
+            if radius < 9.0 && !ends {
+                continue;
+            }
+            let count = (std::f64::consts::TAU * radius / 1.6) as u32;
+            for k in 0..count.max(1) {
+                let angle = std::f64::consts::TAU * f64::from(k) / f64::from(count.max(1));
+                let (x, y) = (radius * angle.cos(), radius * angle.sin());
+                let z = 1.6 * f64::from(ring);
+                file += &format!(
+                    "ATOM      1  C   ALA A   1    {x:8.3} {y:8.3} {z:8.3}  0.000 1.900\n"
+                );
+            }
+        }
+    }
+    let input = folder.path().join("tube.pqr");
+    std::fs::write(&input, file).unwrap();
+    for method in ["stuffing", "dual-contour"] {
+        let out = folder.path().join(method);
+        let args = [
+            input.to_str().unwrap(),
+            "--spacing=1.3",
+            "--tiles=5",
+            "--improve",
+            "--no-pictures",
+            "--method",
+            method,
+        ];
+        let output = run("20_tiles", &args, &out);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{errors}");
+        let report = std::fs::read(out.join("report.json")).unwrap();
+        let report: Value = serde_json::from_slice(&report).unwrap();
+        let tiles = &report["tiles"];
+        assert!(tiles["filled"].as_u64().unwrap() > 2, "{tiles}");
+        assert_eq!([&tiles["bodies"], &tiles["cavities"]], [1, 1], "{method}");
+        assert!(tiles["min_dihedral"].as_f64().unwrap() > 24.0, "{tiles}");
+        assert_eq!(report["volume"]["valid"], true);
+        assert_eq!(report["surface"]["closed"], true);
+    }
 }
 
 #[test]

@@ -4,6 +4,8 @@
 //! find out what they share: each says the keys of its border to the rank that a hash of the key names, which sees all
 //! that have one and tells them of each other. That takes two exchanges, the numbers two more.
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
 
 use super::exchange::{Deal, Exchange, Lost, exchanged};
@@ -29,7 +31,7 @@ pub struct Link {
     pub theirs: u32,
 }
 
-/// A tetrahedron of another tile that touches a vertex of this one.
+/// A tetrahedron of another tile that touches a vertex of this one, or one that does.
 ///
 /// A copy, for what asks of the neighbourhood of a vertex; its owner alone may change it.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -43,7 +45,9 @@ pub struct Ghost {
     pub element: u32,
     /// Its region.
     /// Wider than a [`Region`], since a record that is sent has no padding.
-    pub region: u32,
+    pub region: u16,
+    /// Its layer: 1 if it touches a vertex of the tile, 2 if only one of the first layer.
+    pub layer: u16,
     /// Global numbers of its corners.
     /// In the order of the owner's mesh, so that orientation stays.
     pub ids: [u64; 4],
@@ -63,7 +67,7 @@ pub struct Border {
     pub bounds: Option<Aabb>,
     /// Those that others may share, ascending.
     shared: Vec<(u32, [u64; 3])>,
-    /// The tetrahedra that touch them.
+    /// The tetrahedra that touch them, and those that touch these, ascending.
     tets: Vec<(u32, [u32; 4], Region)>,
     /// Where the corners of these are, ascending by number.
     positions: Vec<(u32, Point3)>,
@@ -85,10 +89,14 @@ impl Border {
     pub fn of(piece: &Piece) -> Self {
         let mesh = &piece.mesh;
         let is_shared = |v: u32| piece.shared[v as usize];
+        let mut near = piece.shared.clone();
+        let touches = |tet: &&[u32; 4], of: &[bool]| tet.iter().any(|&v| of[v as usize]);
+        let first = mesh.tets().iter().filter(|tet| touches(tet, &piece.shared));
+        first.flatten().for_each(|&v| near[v as usize] = true);
         let each = (0..).zip(mesh.tets()).zip(mesh.regions());
         let tets: Vec<_> = each
+            .filter(|((_, tet), _)| touches(tet, &near))
             .map(|((t, tet), region)| (t, *tet, *region))
-            .filter(|(_, tet, _)| tet.iter().any(|&v| is_shared(v)))
             .collect();
         let mut used: Vec<u32> = tets.iter().flat_map(|t| t.1).collect();
         used.sort_unstable();
@@ -105,6 +113,12 @@ impl Border {
             positions: used.into_iter().map(|v| (v, at(v))).collect(),
             ..Self::default()
         }
+    }
+
+    /// Where a corner of one of its tetrahedra is.
+    fn place(&self, vertex: u32) -> [f64; 3] {
+        let at = self.positions.binary_search_by_key(&vertex, |p| p.0);
+        at.map_or([f64::NAN; 3], |i| self.positions[i].1.into())
     }
 
     /// The vertices that the tile owns: those that no lower tile has.
@@ -275,10 +289,41 @@ fn link(
     Ok(())
 }
 
-/// The tetrahedra of other tiles that touch vertices of this rank's tiles, once they have numbers; by tile, and there by
-/// their numbers.
+/// Which ghosts are asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Asked {
+    /// How many layers, 1 or 2.
+    pub layers: u16,
+    /// For which tiles of each rank, counted from its first: a part at a time, where those of all would be too many.
+    pub places: Range<usize>,
+}
+
+impl Asked {
+    /// One layer around all tiles.
+    pub const FIRST: Self = Self {
+        layers: 1,
+        places: 0..usize::MAX,
+    };
+}
+
+/// A vertex that a layer of ghosts has in another tile than its tetrahedron.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Front {
+    /// The tile that this is told to.
+    tile: u32,
+    /// The number of the vertex there.
+    vertex: u32,
+    /// Whose ghosts they are.
+    of: u32,
+}
+
+/// The tetrahedra of other tiles that touch vertices of this rank's tiles, once they have numbers, and with a second layer
+/// those that touch them; by tile, and there by their numbers.
 ///
-/// Per tile of this rank, in the order of `borders`. An element that touches a tile in several vertices is told once.
+/// Per tile of this rank that is asked for, in the order of `borders`; all ranks must ask for the same. An element that touches a
+/// tile in several vertices is told once, in its lowest layer. A second layer takes an exchange more: a tile is told where the
+/// first layer of another, in a third, ends at its vertices.
 ///
 /// # Errors
 /// [`Lost`], if another rank has ended.
@@ -286,47 +331,112 @@ pub fn ghosts(
     exchange: &(impl Exchange + ?Sized),
     deal: &Deal,
     borders: &[Border],
+    asked: &Asked,
 ) -> Result<Vec<Vec<Ghost>>, Lost> {
     let own = deal.of(exchange.rank());
+    let wanted = |tile: u32| {
+        let first = deal.of(deal.rank_of(tile as usize)).start;
+        asked.places.contains(&(tile as usize - first))
+    };
+    let fronts: Vec<Vec<[u32; 2]>> = borders
+        .iter()
+        .map(|border| {
+            let links = border.links.iter().filter(|l| wanted(l.other));
+            links.map(|l| [l.vertex, l.other]).collect()
+        })
+        .collect();
+    let second = match asked.layers {
+        0 | 1 => vec![Vec::new(); borders.len()],
+        _ => second_fronts(exchange, deal, borders, &fronts)?,
+    };
     let mut to = vec![Vec::new(); deal.ranks];
-    for (border, owner) in borders.iter().zip(own.clone()) {
-        if border.links.is_empty() {
+    for (i, (border, owner)) in borders.iter().zip(own.clone()).enumerate() {
+        if fronts[i].is_empty() && second[i].is_empty() {
             continue;
         }
         let ids = border.ids();
         for (element, tet, region) in &border.tets {
-            let place = |v: u32| {
-                let at = border.positions.binary_search_by_key(&v, |p| p.0);
-                at.map_or([f64::NAN; 3], |i| border.positions[i].1.into())
-            };
-            let mut tiles: Vec<u32> = tet
-                .iter()
-                .flat_map(|&v| {
-                    let first = border.links.partition_point(|l| l.vertex < v);
-                    let links = border.links[first..].iter();
-                    links.take_while(move |l| l.vertex == v).map(|l| l.other)
-                })
-                .collect();
-            tiles.sort_unstable();
-            tiles.dedup();
-            for tile in tiles {
+            let first = met(&fronts[i], tet);
+            let mut told: Vec<(u32, u16)> = first.iter().map(|&tile| (tile, 1)).collect();
+            let beyond = met(&second[i], tet).into_iter();
+            told.extend(beyond.filter(|t| !first.contains(t)).map(|tile| (tile, 2)));
+            for (tile, layer) in told {
                 to[deal.rank_of(tile as usize)].push(Ghost {
                     tile,
                     owner: owner as u32,
                     element: *element,
-                    region: u32::from(*region),
+                    region: u16::from(*region),
+                    layer,
                     ids: tet.map(|v| ids[v as usize]),
-                    corners: tet.map(place),
+                    corners: tet.map(|v| border.place(v)),
                 });
             }
         }
     }
-    let mut out = vec![Vec::new(); own.len()];
+    let first = own.start + asked.places.start.min(own.len());
+    let end = own.start + asked.places.end.min(own.len());
+    let mut out = vec![Vec::new(); end - first];
     for ghost in exchanged(exchange, &to)?.into_iter().flatten() {
-        out[ghost.tile as usize - own.start].push(ghost);
+        out[ghost.tile as usize - first].push(ghost);
     }
     for list in &mut out {
         list.sort_unstable_by_key(|ghost| ghost.ids);
     }
     Ok(out)
+}
+
+/// The other tiles that a front has at corners of a tetrahedron, ascending. A front is a list of vertices, each with a tile,
+/// sorted.
+fn met(front: &[[u32; 2]], tet: &[u32; 4]) -> Vec<u32> {
+    let at = |&v: &u32| {
+        let first = front.partition_point(|f| f[0] < v);
+        let same = front[first..].iter().take_while(move |f| f[0] == v);
+        same.map(|f| f[1])
+    };
+    let mut tiles: Vec<u32> = tet.iter().flat_map(at).collect();
+    tiles.sort_unstable();
+    tiles.dedup();
+    tiles
+}
+
+/// Per border the vertices of other tiles' first layers, whose fronts are given, be these its own or of a third tile.
+fn second_fronts(
+    exchange: &(impl Exchange + ?Sized),
+    deal: &Deal,
+    borders: &[Border],
+    fronts: &[Vec<[u32; 2]>],
+) -> Result<Vec<Vec<[u32; 2]>>, Lost> {
+    let mut second: Vec<Vec<[u32; 2]>> = vec![Vec::new(); borders.len()];
+    let mut to = vec![Vec::new(); deal.ranks];
+    for ((border, front), second) in borders.iter().zip(fronts).zip(&mut second) {
+        for (_, tet, _) in &border.tets {
+            for tile in met(front, tet) {
+                second.extend(tet.map(|v| [v, tile]));
+            }
+        }
+        second.sort_unstable();
+        second.dedup();
+        // What touches a vertex of the tile itself is of the first layer, and known to all who have it.
+        second.retain(|f| front.binary_search(f).is_err());
+        for &[vertex, of] in &*second {
+            let first = border.links.partition_point(|l| l.vertex < vertex);
+            let links = border.links[first..].iter();
+            for link in links.take_while(|l| l.vertex == vertex) {
+                to[deal.rank_of(link.other as usize)].push(Front {
+                    tile: link.other,
+                    vertex: link.theirs,
+                    of,
+                });
+            }
+        }
+    }
+    let first_tile = deal.of(exchange.rank()).start;
+    for heard in exchanged(exchange, &to)?.into_iter().flatten() {
+        second[heard.tile as usize - first_tile].push([heard.vertex, heard.of]);
+    }
+    for front in &mut second {
+        front.sort_unstable();
+        front.dedup();
+    }
+    Ok(second)
 }

@@ -195,6 +195,13 @@ impl Deal {
         first(rank)..first(rank + 1)
     }
 
+    /// The most tiles that a rank has.
+    ///
+    /// As often must all ask where each asks for its tiles one by one.
+    pub fn most(&self) -> usize {
+        self.tiles.div_ceil(self.ranks)
+    }
+
     /// The rank that has a tile.
     ///
     /// Of tiles that do not exist it says nothing. Panics without tiles.

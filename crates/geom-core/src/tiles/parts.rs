@@ -30,7 +30,7 @@ pub fn surface(piece: &Piece, ids: &[u64], ghosts: &[Ghost]) -> Vec<[u32; 3]> {
         .flat_map(|(tet, _)| FACES.map(|f| f.map(|k| tet[k])))
         .map(|face| (ordered(face.map(|v| ids[v as usize])), Some(face)))
         .collect();
-    let beyond = ghosts.iter().filter(|g| g.region == u32::from(INTERIOR));
+    let beyond = ghosts.iter().filter(|g| g.region == u16::from(INTERIOR));
     let beyond = beyond.flat_map(|g| FACES.map(|f| ordered(f.map(|k| g.ids[k]))));
     faces.extend(beyond.map(|face| (face, None)));
     faces.sort_unstable();

@@ -3,6 +3,7 @@
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
+use super::basis::suitable::{GROWTH, suitable};
 use super::errors::{Errors, errors};
 use super::fit::{FitOptions, FitReport, MeshTarget, fit};
 use super::{Basis, Surface};
@@ -54,9 +55,10 @@ const TRIES: usize = 8;
 /// Fits a surface to a mesh, cuts the elements, with those around them, that are farther from it than `tolerance` (Å; infinite: none), and goes on
 /// until none is left that can be cut. Then vertices without need go: four elements become one where the surface, fitted
 /// anew, stays within the tolerance. Rules of T-meshes are those of [`TMeshOptions::default`], whatever the mesh was made
-/// by.
+/// by. For [`Basis::Suitable`] elements are cut until the T-mesh is, before the first fit and after each cut.
 ///
 /// # Errors
+/// [`Error::NotSuitable`] if that takes more than [`GROWTH`] times as many;
 /// [`Error::Option`] for a tolerance that is not positive; those of [`fit`], [`errors`] and [`Surface::new`].
 ///
 /// ```
@@ -100,7 +102,7 @@ fn adapt_on(
 ) -> Result<Adapted, Error> {
     require(tolerance > 0.0, "tolerance", tolerance, "be positive, Å")?;
     let near = MeshTarget::new(target)?;
-    let mut surface = Surface::new(mesh, basis, run)?;
+    let mut surface = of_mesh(mesh, basis, run)?;
     let mut rounds = Vec::new();
     let rules = TMeshOptions::default();
     loop {
@@ -127,9 +129,20 @@ fn adapt_on(
         }
         surface = match basis {
             Basis::Hierarchical => state.surface.cut(&cut, &rules, run)?,
-            Basis::Rational => Surface::new(state.surface.mesh().cut(&cut, &rules)?, basis, run)?,
+            Basis::Rational | Basis::Suitable => {
+                of_mesh(state.surface.mesh().cut(&cut, &rules)?, basis, run)?
+            }
         };
     }
+}
+
+/// The surface of a T-mesh, which is made suitable first if the basis asks for that.
+fn of_mesh(mesh: TMesh, basis: Basis, run: On<'_>) -> Result<Surface, Error> {
+    let mesh = match basis {
+        Basis::Suitable => suitable(mesh, GROWTH, &TMeshOptions::default())?,
+        Basis::Hierarchical | Basis::Rational => mesh,
+    };
+    Surface::new(mesh, basis, run)
 }
 
 /// A fitted surface and how far away it is.
@@ -203,7 +216,11 @@ fn pruned(
         if merged.elements().len() == mesh.elements().len() {
             break;
         }
-        let surface = Surface::new(merged, state.surface.basis(), run)?;
+        let surface = match of_mesh(merged, state.surface.basis(), run) {
+            // Fewer would not be suitable.
+            Err(Error::NotSuitable { .. }) => break,
+            made => made?,
+        };
         let next = State::of(surface, near, target, tolerance, options, run)?;
         let was_far = |q: u32| state.of_elements[mesh.element_of(q as usize) as usize] > tolerance;
         let is_worse = |&e: &usize| {

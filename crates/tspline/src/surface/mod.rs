@@ -1,6 +1,7 @@
 //! Spline surfaces on T-meshes.
 //!
 //! - [`Extraction`]: a [`Basis`] as Bézier coefficients; nothing else sees which basis it is
+//! - [`suitable`](mod@suitable): T-meshes on which T-splines need no division
 //! - [`Surface`]: control points, their Bézier patches, evaluation
 //! - [`seams`]: where patches meet, [`tessellate`](mod@tessellate): triangles without gaps
 //! - [`inverse`]: the nearest point of a surface, by its parameters
@@ -16,7 +17,7 @@ pub mod seams;
 pub mod tessellate;
 
 pub(crate) use basis::Local;
-pub use basis::{Basis, Extraction, POINTS, Patch, bezier_coefficients};
+pub use basis::{Basis, Extraction, POINTS, Patch, bezier_coefficients, suitable};
 pub use bezier::{Jet, PatchPoints, Sample};
 
 use geom_core::{Point3, Run};
@@ -99,7 +100,7 @@ impl Surface {
     /// levels.
     ///
     /// # Errors
-    /// [`Error::NotNested`] for the rational basis; as of [`TMesh::cut`].
+    /// [`Error::NotNested`] for T-splines; as of [`TMesh::cut`].
     pub fn cut<B: SplineBackend + ?Sized>(
         &self,
         elements: &[usize],

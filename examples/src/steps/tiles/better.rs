@@ -146,8 +146,16 @@ impl Plan<'_> {
         // To tiles of this rank by disk, to others by messages: tile, length, bytes.
         let mut to = vec![Vec::new(); deal.ranks];
         let mut moved = Vec::new();
-        for from in deal.of(rank) {
-            let parts = self.piece(from)?.dealt(|corners| tile(from, corners));
+        // What a tile keeps as a whole stays where it is.
+        let mut kept = vec![None; deal.of(rank).len()];
+        for (from, kept) in deal.of(rank).zip(&mut kept) {
+            let piece = self.piece(from)?;
+            let parts = piece.dealt(|corners| tile(from, corners));
+            if parts.keys().eq([&from]) {
+                *kept = Some(Border::of(&piece));
+                moved.push((from, spilled(from)));
+                continue;
+            }
             for (tile, part) in parts {
                 let bytes = part.to_bytes();
                 if deal.rank_of(tile) == rank {
@@ -163,14 +171,16 @@ impl Plan<'_> {
         }
         let heard = exchange.all_to_all(to)?;
         let mut borders = Vec::new();
-        for tile in deal.of(rank) {
+        for (tile, kept) in deal.of(rank).zip(kept) {
             let mut parts = Vec::new();
             // In the order of the tiles that they come from: lower ranks, this one, higher ones.
             for (other, said) in heard.iter().enumerate() {
                 if other == rank {
                     for (_, name) in moved.iter().filter(|m| m.0 == tile) {
                         parts.push(Piece::from_bytes(&self.spill.get(name)?)?);
-                        self.spill.forget(name)?;
+                        if *name != spilled(tile) {
+                            self.spill.forget(name)?;
+                        }
                     }
                 }
                 let mut rest = said.as_slice();
@@ -184,6 +194,10 @@ impl Plan<'_> {
                     }
                     rest = others;
                 }
+            }
+            if let (Some(border), 1) = (kept, parts.len()) {
+                borders.push(border);
+                continue;
             }
             let piece = Piece::joined(&parts);
             borders.push(Border::of(&piece));

@@ -6,7 +6,7 @@ use gauss_density::{Copies, sample_window};
 use geom_core::grid::lattice::Window;
 use geom_core::io::view::Group;
 use geom_core::structure::Transform;
-use geom_core::tiles::border::{Border, ghosts, number};
+use geom_core::tiles::border::{Asked, Border, ghosts, number};
 use geom_core::tiles::exchange::{Counted, Deal, Exchange, gathered};
 use geom_core::tiles::parts::{Closed, closed};
 use geom_core::tiles::{Piece, Spill, Tiles};
@@ -20,6 +20,8 @@ use crate::{Failure, Session};
 
 mod better;
 mod output;
+#[cfg(feature = "mpi")]
+pub mod remains;
 mod walls;
 
 /// Cells per side of a root cell: what tiles are put together of.
@@ -28,6 +30,9 @@ pub const ROOT: usize = 32;
 /// How far the roots of the tiles of each further pass of improvement begin below the lattice, in cells: no border of one
 /// pass is one of another.
 const SHIFTS: [usize; 1] = [ROOT / 2];
+
+/// For how many tiles of each rank ghosts are held at a time.
+const AT_ONCE: usize = 8;
 
 /// What is done in tiles.
 pub struct Plan<'a> {
@@ -249,17 +254,27 @@ impl<'a> Plan<'a> {
             borders = self.improve(options, borders, exchange, &deal, session, &step)?;
         }
         let vertices = number(exchange, &deal, &mut borders)?;
-        let beyond = ghosts(exchange, &deal, &borders)?;
         let whole = Whole::of(exchange, vertices, &borders)?;
         let mut quality = Quality::default();
         let mut groups = Vec::new();
         let mut locals = Vec::with_capacity(own.len());
-        for ((tile, border), ghosts) in own.clone().zip(&borders).zip(&beyond) {
-            let piece = self.piece(tile)?;
-            quality.add(&piece.mesh);
-            locals.push(self.write(tile, &piece, border, ghosts, &whole, &mut groups, session)?);
-            sums.shared += border.links.chunk_by(|a, b| a.vertex == b.vertex).count() as u64;
-            step(session)?;
+        // Ghosts of a few tiles of each rank at a time, which all ask for together.
+        for first in (0..deal.most()).step_by(AT_ONCE) {
+            let asked = Asked {
+                layers: 2,
+                places: first..first + AT_ONCE,
+            };
+            let beyond = ghosts(exchange, &deal, &borders, &asked)?;
+            let tiles = own.clone().zip(&borders).skip(first).take(AT_ONCE);
+            for ((tile, border), ghosts) in tiles.zip(&beyond) {
+                let piece = self.piece(tile)?;
+                quality.add(&piece.mesh);
+                let local =
+                    self.write(tile, &piece, border, ghosts, &whole, &mut groups, session)?;
+                locals.push(local);
+                sums.shared += border.links.chunk_by(|a, b| a.vertex == b.vertex).count() as u64;
+                step(session)?;
+            }
         }
         let parts = closed(exchange, &deal, &borders, &locals)?;
         let all = gathered(exchange, &[sums])?;

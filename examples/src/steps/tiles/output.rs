@@ -177,6 +177,10 @@ impl Plan<'_> {
             foreign[links[0].vertex as usize] = u8::from(links.iter().any(|l| l.other < l.tile));
         }
         foreign[border.vertices..].fill(1);
+        let mut layers: Vec<u8> = vec![0; view.cells()];
+        for (layer, ghost) in layers[own.min(view.cells())..].iter_mut().zip(ghosts) {
+            *layer = ghost.layer as u8;
+        }
         let is_ghost = (0..view.cells()).map(|c| (own..mesh.tets().len()).contains(&c));
         let is_ghost: Vec<u8> = is_ghost.map(u8::from).collect();
         let point_ids: Vec<i64> = points.iter().map(|&id| id as i64).collect();
@@ -199,7 +203,9 @@ impl Plan<'_> {
             .into_fields(view)?
             .point_field(vtu::GLOBAL_IDS, point_ids)?
             .point_field(vtu::GHOSTS, foreign)?
-            .cell_field(vtu::GHOSTS, is_ghost)?;
+            .cell_field(vtu::GHOSTS, is_ghost)?
+            .cell_field("layer", layers)?
+            .cell_field("owner", owners.clone())?;
         Ok(Part {
             view,
             cells,

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use dual_contour::Extent;
 use geom_core::search::crossing::crossing_pairs;
-use geom_core::tiles::border::{Border, Ghost, ghosts, number};
+use geom_core::tiles::border::{Asked, Border, Ghost, ghosts, number};
 use geom_core::tiles::exchange::{Deal, Exchange, exchanged, gathered};
 use geom_core::tiles::parts::surface;
 use geom_core::{Aabb, Point3, TriMesh};
@@ -42,7 +42,7 @@ pub(super) fn crossing(
         return Ok(Vec::new());
     }
     number(exchange, deal, borders)?;
-    let beyond = ghosts(exchange, deal, borders)?;
+    let beyond = ghosts(exchange, deal, borders, &Asked::FIRST)?;
     let around = places(exchange, deal, borders)?;
     let mut to = vec![Vec::new(); deal.ranks];
     let own = deal.of(exchange.rank());

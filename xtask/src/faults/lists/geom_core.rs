@@ -113,6 +113,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("tiles::borders_can_be_numbered_again"),
     Fault::wrong(
+        "nobody is told where the ghosts of others end at his vertices",
+        "crates/geom-core/src/tiles/border.rs",
+        "second[heard.tile as usize - first_tile].push([heard.vertex, heard.of]);",
+        "second[heard.tile as usize - first_tile].extend((heard.of == u32::MAX).then_some([heard.vertex, heard.of]));",
+    )
+    .seen_by("tiles::two_layers_of_ghosts_are_all_that_is_two_elements_away"),
+    Fault::wrong(
+        "a border holds only what touches it",
+        "crates/geom-core/src/tiles/border.rs",
+        "first.flatten().for_each(|&v| near[v as usize] = true);",
+        "first.flatten().for_each(|&v| near[v as usize] |= false);",
+    )
+    .seen_by("tiles::two_layers_of_ghosts_are_all_that_is_two_elements_away"),
+    Fault::wrong(
         "vertices that go to two tiles are shared by none",
         "crates/geom-core/src/tiles/piece.rs",
         "shared[v] |= first[v] != usize::MAX && first[v] != tile;",

@@ -25,6 +25,27 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("details::coarse_elements_beside_fine_ones_are_cut_one_way"),
     Fault::wrong(
+        "control points of T-splines start at vertices",
+        "crates/tspline/src/surface/basis/rational.rs",
+        "let thirds = first[axis] - first[axis + 2];",
+        "let thirds = 0 * first[axis];",
+    )
+    .seen_by("surface::suitable_t_splines_hold_bicubics_and_others_miss_them"),
+    Fault::wrong(
+        "extensions of T-junctions go one edge on",
+        "crates/tspline/src/surface/basis/suitable.rs",
+        "for (ray, knots) in [(rays[0], 1), (rays[1], 0)] {",
+        "for (ray, knots) in [(rays[0], 0), (rays[1], 0)] {",
+    )
+    .seen_by("surface::what_t_junctions_reach"),
+    Fault::wrong(
+        "extensions of T-junctions do not go back",
+        "crates/tspline/src/surface/basis/suitable.rs",
+        "for (ray, knots) in [(rays[0], 1), (rays[1], 0)] {",
+        "for (ray, knots) in [(rays[0], 1)] {",
+    )
+    .seen_by("surface::suitable_t_splines_hold_bicubics_and_others_miss_them"),
+    Fault::wrong(
         "half a turn exchanges the directions of knots",
         "crates/tspline/src/surface/basis/rational.rs",
         "2 => [against(x, tx), against(y, ty)],",

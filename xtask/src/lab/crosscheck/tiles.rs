@@ -27,6 +27,12 @@ pub(super) fn tiles(lab: &mut Lab) -> Outcome {
     let [vtk, gmsh] = ["pvtu", "msh"].map(|file| &theirs[file]);
     let lost = integer(vtk, "vertices without one owner")?;
     lab.same("tiles, pvtu: vertices without one owner", 0, lost);
+    let misplaced = integer(&theirs, "misplaced")?;
+    lab.same(
+        "tiles, vtu: ghosts missing or in another layer",
+        0,
+        misplaced,
+    );
     let nobody = integer(gmsh, "ghosts of nobody")?;
     lab.same("tiles, msh: ghosts of nobody", 0, nobody);
     let there = integer(gmsh, "ghosts")? > 0;

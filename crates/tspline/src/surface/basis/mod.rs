@@ -11,6 +11,7 @@ mod hierarchical;
 mod knots;
 mod rational;
 mod stars;
+pub mod suitable;
 
 pub use extraction::{Extraction, POINTS, Patch};
 pub(crate) use gram::Local;
@@ -32,6 +33,10 @@ pub enum Basis {
     /// change of level they do not reproduce cubics, so that local refinement may make the error larger. Closed surfaces
     /// only.
     Rational,
+    /// The same functions on a T-mesh on which they sum to one, so that nothing is divided and cubics are reproduced:
+    /// analysis-suitable T-splines. Few T-meshes are, and [`suitable`](suitable::suitable) cuts others until they are. Closed
+    /// surfaces only.
+    Suitable,
 }
 
 impl Extraction {
@@ -39,11 +44,16 @@ impl Extraction {
     ///
     /// # Errors
     /// [`Error::Ring`] if blocks of an element's level are missing around it: build the T-mesh with more rings.
-    /// [`Error::Open`] for [`Basis::Rational`] on an open surface.
+    /// [`Error::Open`] for T-splines on an open surface; [`Error::NotSuitable`] for [`Basis::Suitable`] where
+    /// [`meetings`](suitable::meetings) are left.
     pub fn of(mesh: &TMesh, basis: Basis) -> Result<Self, Error> {
         match basis {
             Basis::Hierarchical => hierarchical::extraction(mesh),
-            Basis::Rational => rational::extraction(mesh),
+            Basis::Rational => rational::extraction(mesh, true),
+            Basis::Suitable => {
+                suitable::check(mesh)?;
+                rational::extraction(mesh, false)
+            }
         }
     }
 

@@ -6,29 +6,25 @@
 //! at an extraordinary vertex, so that it comes to each of them in one way only.
 
 use geom_core::compute::parallel;
-use geom_core::{HalfedgeId, Point3};
+use geom_core::{HalfedgeId, Point3, VertexId};
 use rayon::prelude::*;
 
 use super::extraction::{Extraction, Patch, Rows};
 use super::hierarchical::{block_of, corner_points};
 use super::knots::{Knots, ahead, bezier_coefficients};
 use super::stars::{Ghosts, Mask};
+use super::suitable::closed;
 use crate::{Error, TMesh, VertexKind};
 
-/// The extraction of the rational basis.
+/// The extraction of T-spline functions, to be divided by their sum unless that is one.
 ///
 /// The origins of its functions are all of level 0, by the fine vertices they belong to.
 ///
 /// # Errors
 /// [`Error::Open`] for a boundary, beyond which knots would have to be made up; [`Error::Ring`] if an extraordinary
 /// vertex has too few elements of one size around it.
-pub(super) fn extraction(mesh: &TMesh) -> Result<Extraction, Error> {
-    let edges = mesh.fine_edges();
-    if edges.iter().any(|h| edges.twin(h).is_none()) {
-        return Err(Error::Open {
-            what: "the rational basis",
-        });
-    }
+pub(super) fn extraction(mesh: &TMesh, divided: bool) -> Result<Extraction, Error> {
+    closed(mesh)?;
     let charts = Charts::new(mesh);
     let reached: Vec<Vec<Reached>> =
         parallel::map(mesh.positions().len(), |v| charts.reached(v as u32));
@@ -47,10 +43,11 @@ pub(super) fn extraction(mesh: &TMesh) -> Result<Extraction, Error> {
         })
         .collect::<Result<_, Error>>()?;
     let (patches, rows) = made.into_iter().flatten().unzip();
-    let controls: Vec<Point3> = mesh.positions().to_vec();
+    let controls: Vec<Point3> =
+        parallel::map(mesh.positions().len(), |v| charts.abscissa(v as u32));
     let origins = (0..controls.len()).map(|v| (0, mesh.fine_of_vertex(v)));
     let origins = origins.collect();
-    Ok(Extraction::new(patches, rows, (controls, origins), true))
+    Ok(Extraction::new(patches, rows, (controls, origins), divided))
 }
 
 /// A function on an element: its knots along both directions of the element.
@@ -258,7 +255,7 @@ impl<'a> Charts<'a> {
     /// quarter of the uniform function of the elements' size, which is what the patches around it are made of.
     fn reached(&self, vertex: u32) -> Vec<Reached> {
         let (mesh, edges) = (self.mesh, self.mesh.fine_edges());
-        let fine = geom_core::VertexId(mesh.fine_of_vertex(vertex as usize));
+        let fine = VertexId(mesh.fine_of_vertex(vertex as usize));
         let around: Vec<HalfedgeId> = edges.around(fine).collect();
         let mut out = Vec::new();
         if self.is_extraordinary(vertex) {
@@ -277,6 +274,41 @@ impl<'a> Charts<'a> {
         let all = [i64::MIN, i64::MAX];
         self.flood(vertex, &starts, knots, all, &mut out);
         out
+    }
+
+    /// Where the control point of a vertex starts: at the mean of its three middle knots (Greville 1964), so that the parameters
+    /// run evenly across a change of level. As far as rays go along the fine mesh; at the vertex itself if it is extraordinary.
+    fn abscissa(&self, vertex: u32) -> Point3 {
+        let (mesh, edges) = (self.mesh, self.mesh.fine_edges());
+        let fine = mesh.fine_of_vertex(vertex as usize);
+        let start = mesh.positions()[vertex as usize];
+        if self.is_extraordinary(vertex) {
+            return start;
+        }
+        let around: Vec<HalfedgeId> = edges.around(VertexId(fine)).collect();
+        let first = [0, 1, 2, 3].map(|k| ahead(mesh, around[k])[0]);
+        let mut place = start;
+        for axis in 0..2 {
+            let thirds = first[axis] - first[axis + 2];
+            let ray = around[if thirds > 0 { axis } else { axis + 2 }];
+            place += self.along(ray, thirds.unsigned_abs() as f64 / 3.0) - start;
+        }
+        place
+    }
+
+    /// The point so many sides of fine quads along a ray.
+    fn along(&self, ray: HalfedgeId, length: f64) -> Point3 {
+        let edges = self.mesh.fine_edges();
+        let at = |v: VertexId| self.mesh.fine().positions()[v.0 as usize];
+        let (mut h, mut left) = (ray, length);
+        while left > 1.0 {
+            match edges.twin(edges.next(h)) {
+                Some(g) => h = edges.next(g),
+                None => break,
+            }
+            left -= 1.0;
+        }
+        at(edges.from(h)) + (at(edges.to(h)) - at(edges.from(h))) * left.min(1.0)
     }
 
     /// Goes from element to element within the support, clipped to `window` along both directions.
