@@ -348,8 +348,8 @@ pub trait DensityBackend: Backend + DensityObject {
         cells: &'a [SampleCell],
     ) -> Result<Box<dyn RefitSamples + 'a>, Error>;
 
-    /// Takes a model to where it stays, to be asked at many points; `None`, as by default, where a point at a time on
-    /// the CPU is as good.
+    /// Takes a model to where it stays, to be asked at many points; `None`, as by default, where the sampler itself, on
+    /// the vectors of the CPU, is as good.
     fn point_kernel(&self, _cells: &PointCells<'_>) -> Result<Option<Box<dyn PointKernel>>, Error> {
         Ok(None)
     }

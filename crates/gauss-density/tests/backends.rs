@@ -13,13 +13,15 @@ use gauss_density::{
     eliminate, refit, sample, sample_band,
 };
 use geom_core::grid::{BRICK, Brick};
-use geom_core::{Aabb, Agreement, Cpu, ImplicitField, Lattice, LatticeValues, Point3, Run};
+use geom_core::{
+    Aabb, Agreement, Cpu, ImplicitField, Lattice, LatticeValues, Point3, Run, Vector3,
+};
 use proptest::prelude::*;
 
 #[cfg(feature = "wgpu")]
 use gauss_density::backend::AT_POINTS;
 #[cfg(feature = "wgpu")]
-use geom_core::{Vector3, testing::gpu_or_skip};
+use geom_core::testing::gpu_or_skip;
 
 /// The same cases every time: a gate must not depend on luck.
 fn config(cases: u32) -> ProptestConfig {
@@ -370,12 +372,29 @@ fn wgpu_follows_the_plain_points() {
     println!("worst share of the bound: {near:.2} near the origin, {far:.2} far from it");
 }
 
-/// A CPU takes a point at a time.
+/// On a CPU points of a cell are summed side by side, few ones and those far out one at a time: the bits are the same.
 #[test]
-fn a_model_stays_where_it_is_on_the_cpu() {
-    let model = Model::new(vec![Point3::origin()], vec![2.0], vec![0.5], vec![]).unwrap();
-    let sampler = PointSampler::new(&model, Cutoff::default()).unwrap();
-    assert!(sampler.on(&Cpu).unwrap().at_many().is_none());
+fn many_points_on_the_cpu_have_the_bits_of_one() {
+    let places = prop::collection::vec(prop::array::uniform3(-14.0..14.0f64), 1..40);
+    proptest!(config(60), |((model, places) in (models(), places))| {
+        let sampler = PointSampler::new(&model, Cutoff::default()).unwrap();
+        let mut points: Vec<Point3> = places.into_iter().map(Point3::from).collect();
+        // A crowd as well, so that cells have more points than vectors have lanes, in an order that mixes them.
+        let (from, to) = (model.centers()[0], points[0]);
+        points.extend((0..200).map(|i| from + (to - from) * (f64::from(i * 37 % 200) / 200.0)));
+        points.push(Point3::new(f64::NAN, 0.0, 0.0));
+        points.push(Point3::new(1e200, 0.0, 0.0));
+        let many = sampler.at_many().expect("a CPU takes many");
+        let (mut both, mut values) = (Vec::new(), vec![7.0]);
+        many.values_gradients(&points, &mut both).unwrap();
+        many.values(&points, &mut values).unwrap();
+        prop_assert_eq!([both.len(), values.len()], [points.len(); 2]);
+        let bits = |(value, slope): (f64, Vector3)| [value, slope.x, slope.y, slope.z].map(f64::to_bits);
+        for ((x, both), value) in points.iter().zip(both).zip(values) {
+            prop_assert_eq!(bits(both), bits(sampler.value_gradient(x)), "at {}", x);
+            prop_assert_eq!(value.to_bits(), sampler.value(x).to_bits(), "at {}", x);
+        }
+    });
 }
 
 /// What is wrong with the answers of a backend that else asks the processor.

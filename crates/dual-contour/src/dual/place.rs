@@ -7,6 +7,7 @@
 
 use geom_core::compute::BackendError;
 use geom_core::compute::parallel;
+use geom_core::field::in_batches;
 use geom_core::mesh::INTERIOR;
 use geom_core::{FieldAtMany, Point3, Vector3};
 use rayon::prelude::*;
@@ -70,26 +71,27 @@ fn rest_points(
     probe: &Probe<'_>,
     leaves: &[u32],
 ) -> Result<Vec<Point3>, Error> {
-    let all = leaves.par_iter().with_min_len(256);
     let Some(field) = at_many(probe) else {
-        return Ok(all.map(|&id| leaf_point(complex, probe, id)).collect());
+        return Ok(parallel::map_each(leaves, |&id| {
+            leaf_point(complex, probe, id)
+        }));
     };
-    let starts: Vec<(Room, Start)> = all
-        .map(|&id| {
-            let (low, size) = (complex.leaf(id).origin(), complex.leaf(id).size());
-            let (samples, frame) = (complex.samples, complex.frame(id));
-            let cell = Room {
-                low,
-                size: f64::from(size),
-            };
-            let crossings = cell_crossings(samples, probe, &cell, &frame);
-            match probe.start(&cell, &crossings) {
-                Start::From(x) if size > 1 => (cell, Start::There(probe.sink(&cell, x))),
-                start => (cell, start),
-            }
-        })
-        .collect();
-    sunk(probe, field, starts)
+    let start = |&id: &u32| {
+        let (low, size) = (complex.leaf(id).origin(), complex.leaf(id).size());
+        let (samples, frame) = (complex.samples, complex.frame(id));
+        let cell = Room {
+            low,
+            size: f64::from(size),
+        };
+        let crossings = cell_crossings(samples, probe, &cell, &frame);
+        match probe.start(&cell, &crossings) {
+            Start::From(x) if size > 1 => (cell, Start::There(probe.sink(&cell, x))),
+            start => (cell, start),
+        }
+    };
+    in_batches(field, leaves.len(), |some| {
+        sunk(probe, field, leaves[some].iter().map(start).collect())
+    })
 }
 
 /// The dual vertices of finest cells, by Newton steps of all of them at a time.
@@ -133,13 +135,15 @@ pub(crate) fn finest_points(
             .with_min_len(4096)
             .for_each(|((out, &(_, cell)), x)| *out = within(cell, x));
     } else if let Some(field) = at_many(probe) {
-        let starts = cells.par_iter().with_min_len(256).map(|&(_, low)| {
+        let start = |&(_, low): &(u32, [i32; 3])| {
             let frame = frame_of_corners(&samples.corner_labels(low, 1));
             let cell = Room { low, size: 1.0 };
             let crossings = cell_crossings(samples, probe, &cell, &frame);
             (cell, probe.start(&cell, &crossings))
-        });
-        out.copy_from_slice(&sunk(probe, field, starts.collect())?);
+        };
+        out.copy_from_slice(&in_batches(field, cells.len(), |some| {
+            sunk(probe, field, cells[some].iter().map(start).collect())
+        })?);
     } else {
         all.with_min_len(256).for_each(|(out, &(_, cell))| {
             let labels = samples.corner_labels(cell, 1);

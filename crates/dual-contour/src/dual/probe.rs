@@ -4,13 +4,13 @@
 //! field at hand the crossing is sharpened on it, by a root search that never leaves the edge. Between materials there is no
 //! level: their boundary is a shape, and the crossing is found by bisection of its depth.
 
-use geom_core::compute::BackendError;
+use geom_core::compute::{BackendError, parallel};
 use geom_core::field::{
-    End, Guard, Precision, Projection, Tangent, crossing, crossings, project, projections,
+    End, Guard, Precision, Projection, Tangent, crossing, crossings, in_batches, project,
+    projections,
 };
 use geom_core::mesh::{INTERIOR, Region};
 use geom_core::{FieldAtMany, ImplicitField, Point3, Vector3};
-use rayon::prelude::*;
 
 use crate::complex::cube::{APEX, MIDDLE};
 use crate::complex::{Complex, Corner, Split};
@@ -184,11 +184,10 @@ impl<'a> Probe<'a> {
         ends: &[(&Sample, &Sample)],
     ) -> Result<Vec<f64>, BackendError> {
         match self.field.and_then(|field| field.at_many()) {
-            Some(field) => self.crossings_at_once(field, ends),
-            None => {
-                let edges = ends.par_iter();
-                Ok(edges.map(|(a, b)| self.exact_crossing(a, b)).collect())
-            }
+            Some(field) => in_batches(field, ends.len(), |some| {
+                self.crossings_at_once(field, &ends[some])
+            }),
+            None => Ok(parallel::map_each(ends, |(a, b)| self.exact_crossing(a, b))),
         }
     }
 
@@ -212,8 +211,8 @@ impl<'a> Probe<'a> {
                 let (a, b) = ends[on_level[i]];
                 domain.world_from(&a.x, &((b.x - a.x) * t))
             }));
-            field.values_gradients(&points, &mut answers)?;
-            values.extend(answers.iter().map(|(value, _)| value - level));
+            field.values(&points, &mut answers)?;
+            values.extend(answers.iter().map(|value| value - level));
             Ok::<(), BackendError>(())
         })?;
         for (&i, t) in on_level.iter().zip(sharpened) {

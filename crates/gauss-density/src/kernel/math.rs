@@ -144,11 +144,3 @@ pub(crate) fn raise(values: &mut [f64], power: f64) {
         }
     }
 }
-
-/// `sum^power`, fast for the powers that are common.
-#[inline(always)]
-pub(crate) fn raised(sum: f64, power: f64) -> f64 {
-    let mut value = [sum];
-    raise(&mut value, power);
-    value[0]
-}

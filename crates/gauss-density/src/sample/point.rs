@@ -16,6 +16,7 @@ use crate::error::Error;
 use crate::kernel;
 use crate::kernel::cull::{ActiveSet, Scratch};
 use crate::kernel::plain;
+use crate::kernel::point::LANES;
 use crate::kernel::prepared::Prepared;
 use crate::model::{Model, slopes};
 use crate::options::Cutoff;
@@ -24,8 +25,9 @@ use crate::options::Cutoff;
 ///
 /// Space around the atoms is cut into cells, each with the atoms that matter there (a share `ε` of the
 /// density at most is lost, wherever it is above 1e-9), so that a point costs some tens of kernels. Where no surface can
-/// be, far from the atoms, all of them are summed. A point at a time is summed on the CPU in f64; [`PointSampler::on`]
-/// takes the model to a backend, which then serves whoever asks [many points with one call](ImplicitField::at_many).
+/// be, far from the atoms, all of them are summed. Points are summed on the CPU in f64, those of a cell side by side where
+/// [many are asked with one call](ImplicitField::at_many), with the same bits; [`PointSampler::on`] takes the model to a
+/// backend, which then serves such calls.
 ///
 /// A point with a coordinate that is not a number has the value NaN; beyond 10¹⁰⁰ Å the density is 0.
 ///
@@ -84,6 +86,10 @@ const AROUND: f64 = 4.0;
 const OUTERMOST: f64 = 0.25;
 /// Most cells, per atom and besides.
 const MOST_CELLS: [f64; 2] = [16.0, 4096.0];
+/// Points per call on the CPU: enough that most cells have several of them, few enough to go round among threads.
+const BATCH: usize = 1024;
+/// Fewer points of a cell than this are summed one at a time.
+const SIDE_BY_SIDE: usize = 3;
 
 impl<'a> PointSampler<'a> {
     /// Prepares the cells.
@@ -205,6 +211,9 @@ impl<'a> PointSampler<'a> {
 
     /// The cell that `x` lies in, if it lies in one.
     fn cell_of(&self, x: &Point3) -> Option<usize> {
+        if is_beyond_numbers(x) {
+            return None;
+        }
         let local = (x - self.bounds.min) / self.edge;
         let mut cell = [0; 3];
         for k in 0..3 {
@@ -310,7 +319,7 @@ impl ImplicitField for PointSampler<'_> {
     }
 
     fn at_many(&self) -> Option<&dyn FieldAtMany> {
-        self.kernel.as_ref().map(|_| self as &dyn FieldAtMany)
+        Some(self)
     }
 }
 
@@ -320,30 +329,100 @@ impl FieldAtMany for PointSampler<'_> {
         points: &[Point3],
         out: &mut Vec<(f64, Vector3)>,
     ) -> Result<(), BackendError> {
-        let cell = |x: &Point3| self.cell_of(x).filter(|_| !is_beyond_numbers(x));
-        let cells: Vec<Option<usize>> = parallel::map_each(points, cell);
-        let mut found = Vec::new();
         if let Some(Kernel(kernel)) = &self.kernel {
-            let inside = points.iter().zip(&cells);
-            let inside: Vec<CellPoint> = inside
-                .filter_map(|(&at, cell)| cell.map(|cell| (at, cell as u32)))
-                .map(|(at, cell)| CellPoint { at, cell })
-                .collect();
-            kernel.values_gradients(&inside, &mut found)?;
-            let (answers, asked) = (found.len(), inside.len());
-            BackendError::unless(answers == asked, "the backend of the density", || {
-                format!("{answers} answers at {asked} points")
-            })?;
+            return self.ask(&**kernel, points, out);
         }
-        // What lies far out, and without a kernel everything, is summed here.
+        let one = |x: &Point3| self.value_gradient(x);
+        self.by_cells(points, out, one, |active, x| {
+            kernel::point::values_gradients(&self.model, active, x)
+        });
+        Ok(())
+    }
+
+    fn values(&self, points: &[Point3], out: &mut Vec<f64>) -> Result<(), BackendError> {
+        if let Some(Kernel(kernel)) = &self.kernel {
+            let mut both = Vec::new();
+            self.ask(&**kernel, points, &mut both)?;
+            out.clear();
+            out.extend(both.into_iter().map(|(value, _)| value));
+            return Ok(());
+        }
+        let one = |x: &Point3| self.value(x);
+        self.by_cells(points, out, one, |active, x| {
+            kernel::point::values(&self.model, active, x)
+        });
+        Ok(())
+    }
+
+    fn batch(&self) -> Option<usize> {
+        self.kernel.is_none().then_some(BATCH)
+    }
+}
+
+impl PointSampler<'_> {
+    /// What a backend has at these points; what lies far out is summed here.
+    fn ask(
+        &self,
+        kernel: &dyn PointKernel,
+        points: &[Point3],
+        out: &mut Vec<(f64, Vector3)>,
+    ) -> Result<(), BackendError> {
+        let cells: Vec<Option<usize>> = parallel::map_each(points, |x| self.cell_of(x));
+        let inside = points.iter().zip(&cells);
+        let inside: Vec<CellPoint> = inside
+            .filter_map(|(&at, cell)| cell.map(|cell| (at, cell as u32)))
+            .map(|(at, cell)| CellPoint { at, cell })
+            .collect();
+        let mut found = Vec::new();
+        kernel.values_gradients(&inside, &mut found)?;
+        let (answers, asked) = (found.len(), inside.len());
+        BackendError::unless(answers == asked, "the backend of the density", || {
+            format!("{answers} answers at {asked} points")
+        })?;
         let mut found = found.into_iter();
-        let kernel = self.kernel.is_some();
         out.clear();
         out.extend(points.iter().zip(cells).map(|(x, cell)| {
-            let answer = cell.filter(|_| kernel).and_then(|_| found.next());
+            let answer = cell.and_then(|_| found.next());
             answer.unwrap_or_else(|| self.value_gradient(x))
         }));
         Ok(())
+    }
+
+    /// Points on the CPU, in place of what was in `out`: by cells, those of a cell `several` at a time, few ones and
+    /// what lies far out by `one`.
+    fn by_cells<T: Copy + Default>(
+        &self,
+        points: &[Point3],
+        out: &mut Vec<T>,
+        one: impl Fn(&Point3) -> T,
+        several: impl Fn(&[u32], &[Point3; LANES]) -> [T; LANES],
+    ) {
+        out.clear();
+        out.resize(points.len(), T::default());
+        let mut order = Vec::with_capacity(points.len());
+        for (i, x) in points.iter().enumerate() {
+            match self.cell_of(x) {
+                Some(cell) => order.push((cell, i)),
+                None => out[i] = one(x),
+            }
+        }
+        order.sort_unstable();
+        for run in order.chunk_by(|a, b| a.0 == b.0) {
+            let active = &self.active[self.starts[run[0].0]..self.starts[run[0].0 + 1]];
+            for run in run.chunks(LANES) {
+                if run.len() < SIDE_BY_SIDE {
+                    for &(_, i) in run {
+                        out[i] = one(&points[i]);
+                    }
+                    continue;
+                }
+                // The last one fills what is left over.
+                let x = std::array::from_fn(|l| points[run[l.min(run.len() - 1)].1]);
+                for (&(_, i), found) in run.iter().zip(several(active, &x)) {
+                    out[i] = found;
+                }
+            }
+        }
     }
 }
 

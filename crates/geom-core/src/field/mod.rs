@@ -5,7 +5,9 @@
 //! Files: `crossing.rs` has the search on a segment, `project.rs` the walk to the level; both are written as machines
 //! that are told values, so that one loop serves single points and batches on a device alike.
 
-use crate::compute::BackendError;
+use std::ops::Range;
+
+use crate::compute::{BackendError, parallel};
 use crate::{Point3, Vector3};
 
 mod crossing;
@@ -29,14 +31,16 @@ pub trait ImplicitField: Sync {
     /// The value and the gradient (per Å) at `x`.
     fn value_gradient(&self, x: &Point3) -> (f64, Vector3);
 
-    /// The field where it takes many points with one call, as on a device, where one costs as much as thousands;
-    /// `None`, as by default: a point at a time is as good.
+    /// The field where it takes many points with one call: on a device one costs as much as thousands, and on vectors of
+    /// a processor as much as those beside it. `None`, as by default: a point at a time is as good.
     fn at_many(&self) -> Option<&dyn FieldAtMany> {
         None
     }
 }
 
 /// An [`ImplicitField`] that takes many points with one call. Values of a device are off by what its backend owes.
+///
+/// Whoever walks on it asks by [`in_batches`], which knows how much a call should bring.
 pub trait FieldAtMany: Sync {
     /// The value and the gradient (per Å) at each point, in place of what was in `out`.
     ///
@@ -47,6 +51,46 @@ pub trait FieldAtMany: Sync {
         points: &[Point3],
         out: &mut Vec<(f64, Vector3)>,
     ) -> Result<(), BackendError>;
+
+    /// The values alone, in place of what was in `out`; by default those of [`FieldAtMany::values_gradients`].
+    ///
+    /// # Errors
+    /// The same.
+    fn values(&self, points: &[Point3], out: &mut Vec<f64>) -> Result<(), BackendError> {
+        let mut both = Vec::new();
+        self.values_gradients(points, &mut both)?;
+        out.clear();
+        out.extend(both.into_iter().map(|(value, _)| value));
+        Ok(())
+    }
+
+    /// How many points a call should bring where threads may ask side by side; `None`, as by default, where one call
+    /// for all of them is best, as on a device.
+    fn batch(&self) -> Option<usize> {
+        None
+    }
+}
+
+/// What `f` makes of the ranges of `0..n`, one after the other, each as long as the field would have a call: all at once
+/// for a device, pieces of a batch side by side for threads. What `f` gives must not depend on the ranges.
+///
+/// # Errors
+/// The first that `f` gives, by the order of the ranges.
+pub fn in_batches<T: Send, E: Send>(
+    field: &dyn FieldAtMany,
+    n: usize,
+    f: impl Fn(Range<usize>) -> Result<Vec<T>, E> + Sync,
+) -> Result<Vec<T>, E> {
+    let size = field.batch().unwrap_or(n).max(1);
+    if n <= size {
+        return f(0..n);
+    }
+    let piece = |i: usize| f(i * size..((i + 1) * size).min(n));
+    let mut all = Vec::with_capacity(n);
+    for made in parallel::map(n.div_ceil(size), piece) {
+        all.extend(made?);
+    }
+    Ok(all)
 }
 
 impl<F: ImplicitField + ?Sized> ImplicitField for &F {

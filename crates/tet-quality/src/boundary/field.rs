@@ -4,10 +4,9 @@
 //! exact for a signed distance, good near any level set, and too large where the gradient nearly vanishes: where it
 //! decides how far a vertex goes, it is cut.
 
-use geom_core::compute::BackendError;
-use geom_core::field::Tangent;
+use geom_core::compute::{BackendError, parallel};
+use geom_core::field::{Tangent, in_batches};
 use geom_core::{ImplicitField, Point3, Vector3};
-use rayon::prelude::*;
 
 use crate::error::Error;
 
@@ -45,24 +44,26 @@ impl Isosurface<'_> {
     /// Those of the field, and another number of answers than points.
     pub(crate) fn tangents(&self, at: &[Point3]) -> Result<Vec<Tangent>, Error> {
         let Some(field) = self.field.at_many() else {
-            let at = at.par_iter().with_min_len(32);
-            return Ok(at.map(|x| self.tangent(x)).collect());
+            return Ok(parallel::map_each(at, |x| self.tangent(x)));
         };
-        let mut found = Vec::with_capacity(at.len());
-        field.values_gradients(at, &mut found)?;
-        let (answers, asked) = (found.len(), at.len());
-        BackendError::unless(answers == asked, "the field", || {
-            format!("{answers} answers at {asked} points")
-        })?;
-        let tangents = at
-            .iter()
-            .zip(found)
-            .map(|(&at, (value, gradient))| Tangent {
-                at,
-                height: value - self.level,
-                gradient,
-            });
-        Ok(tangents.collect())
+        in_batches(field, at.len(), |some| {
+            let at = &at[some];
+            let mut found = Vec::with_capacity(at.len());
+            field.values_gradients(at, &mut found)?;
+            let (answers, asked) = (found.len(), at.len());
+            BackendError::unless(answers == asked, "the field", || {
+                format!("{answers} answers at {asked} points")
+            })?;
+            let tangents = at
+                .iter()
+                .zip(found)
+                .map(|(&at, (value, gradient))| Tangent {
+                    at,
+                    height: value - self.level,
+                    gradient,
+                });
+            Ok(tangents.collect())
+        })
     }
 
     /// First-order distance to the isosurface.
