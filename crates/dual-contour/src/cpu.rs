@@ -3,7 +3,7 @@
 //! In f64 inside, rounded to f32 at the end; each cell is computed by itself, so that neither chunks nor threads show.
 
 use geom_core::Cpu;
-use rayon::prelude::*;
+use geom_core::compute::parallel;
 
 use crate::backend::ContourBackend;
 use crate::{Error, kernel};
@@ -19,9 +19,10 @@ impl ContourBackend for Cpu {
         out: &mut Vec<[f32; 3]>,
     ) -> Result<(), Error> {
         out.resize(cells.len(), [0.0; 3]);
-        out.par_chunks_mut(CELLS)
-            .zip(cells.par_chunks(CELLS))
-            .for_each(|(out, cells)| kernel::dual_vertices(cells, steps, out));
+        parallel::for_chunks(out, CELLS, |chunk, out| {
+            let cells = &cells[chunk * CELLS..][..out.len()];
+            kernel::dual_vertices(cells, steps, out);
+        });
         Ok(())
     }
 }

@@ -91,6 +91,9 @@ fn check(
     let waiting = options.method == Method::DualContour && field.is_none();
     assert!(!waiting || made.report.split_cells > 500 && made.report.clamped > 100);
     let whole = made.mesh;
+    let digest_of_whole = digest(&whole);
+    let places = whole.positions().iter().map(key);
+    let kinds: BTreeMap<_, _> = places.zip(whole.kinds()).collect();
     for &(root, count) in cuts {
         let tiles = Tiles::new(values.lattice().cells(), root, 0, count, |_| 1);
         let pieces: Vec<Piece> = (0..tiles.len())
@@ -100,30 +103,20 @@ fn check(
         let tets: usize = pieces.iter().map(|p| p.mesh.tets().len()).sum();
         assert_eq!(tets, whole.tets().len(), "{told}");
         let sum = pieces.iter().map(Piece::digest).fold(0, u128::wrapping_add);
-        assert_eq!(sum, digest(&whole), "{told}");
-        // Who has a vertex beside others knows that it may be shared.
-        let mut pieces_with = BTreeMap::new();
-        for (p, piece) in pieces.iter().enumerate() {
-            for (v, x) in piece.mesh.positions().iter().enumerate() {
-                pieces_with
-                    .entry(key(x))
-                    .or_insert_with(Vec::new)
-                    .push((p, v));
-            }
-        }
-        for sharers in pieces_with.values().filter(|s| s.len() > 1) {
-            assert!(sharers.iter().all(|&(p, v)| pieces[p].shared[v]));
-        }
-        // Kinds are those of the whole.
-        let kinds: BTreeMap<_, _> = whole
-            .positions()
-            .iter()
-            .zip(whole.kinds())
-            .map(|(x, kind)| (key(x), *kind))
-            .collect();
-        for piece in &pieces {
-            for (x, kind) in piece.mesh.positions().iter().zip(piece.mesh.kinds()) {
-                assert_eq!(kinds[&key(x)], *kind);
+        assert_eq!(sum, digest_of_whole, "{told}");
+        let vertices = pieces.iter().enumerate().flat_map(|(p, piece)| {
+            let places = piece.mesh.positions().iter().enumerate();
+            places.map(move |(v, x)| (key(x), p, v))
+        });
+        let mut vertices: Vec<_> = vertices.collect();
+        vertices.sort_unstable();
+        for sharers in vertices.chunk_by(|a, b| a.0 == b.0) {
+            // Kinds are those of the whole.
+            let kind = kinds[&sharers[0].0];
+            for &(_, p, v) in sharers {
+                assert_eq!(*kind, pieces[p].mesh.kinds()[v]);
+                // Who has a vertex beside others knows that it may be shared.
+                assert!(sharers.len() == 1 || pieces[p].shared[v]);
             }
         }
     }

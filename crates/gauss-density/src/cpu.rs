@@ -11,7 +11,6 @@
 use geom_core::compute::parallel;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{Cpu, Lattice};
-use rayon::prelude::*;
 
 use crate::backend::{
     BLOCK, Block, BlockValues, DensityBackend, Job, RefitSamples, RefitSums, SampleCell, scatter,
@@ -36,11 +35,10 @@ impl DensityBackend for Cpu {
         results: &mut Vec<BlockValues>,
     ) -> Result<(), Error> {
         results.resize_with(blocks.len(), BlockValues::default);
-        let pairs = blocks.par_iter().zip(results);
-        pairs.for_each_init(Workspace::default, |work, (block, out)| {
+        parallel::for_each_init(results, Workspace::default, |work, i, out| {
             // Straight from the kernels where f32 holds them, else relative to a reference atom per node.
-            if !direct::sample_block(model, job, block, &mut work.direct, out) {
-                work.sample_block(model, job, block, out);
+            if !direct::sample_block(model, job, &blocks[i], &mut work.direct, out) {
+                work.sample_block(model, job, &blocks[i], out);
             }
         });
         Ok(())

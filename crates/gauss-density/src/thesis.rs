@@ -15,11 +15,13 @@
 //! # }
 //! ```
 
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+use geom_core::compute::parallel;
 use geom_core::grid::{BRICK, BRICK_POINTS};
 use geom_core::options::{OutOfRange, require};
 use geom_core::search::nearest::PointTree;
 use geom_core::{Aabb, Backend, Cpu, ImplicitField, Lattice, Point3, ScalarGrid};
-use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::kernel::boxes::middle;
@@ -163,22 +165,22 @@ impl<'a> Task<'a> {
     fn at_every_point(&self, find: impl Fn(&Point3, &mut Vec<u32>) + Sync) -> Filled {
         let [nx, ny, nz] = self.lattice.counts;
         let mut values = vec![0.0f32; nx * ny * nz];
-        let pairs = values
-            .par_chunks_mut(nx)
-            .enumerate()
-            .map(|(row, out)| {
-                let (mut found, mut pairs) = (Vec::new(), 0);
-                for (x, value) in out.iter_mut().enumerate() {
-                    let at = self.lattice.point([x, row % ny, row / ny]);
-                    found.clear();
-                    find(&at, &mut found);
-                    pairs += found.len() as u64;
-                    *value = self.density(&found, &at);
-                }
-                pairs
-            })
-            .sum();
-        Filled { values, pairs }
+        let pairs = AtomicU64::new(0);
+        parallel::for_chunks(&mut values, nx, |row, out| {
+            let (mut found, mut pairs_of_row) = (Vec::new(), 0);
+            for (x, value) in out.iter_mut().enumerate() {
+                let at = self.lattice.point([x, row % ny, row / ny]);
+                found.clear();
+                find(&at, &mut found);
+                pairs_of_row += found.len() as u64;
+                *value = self.density(&found, &at);
+            }
+            pairs.fetch_add(pairs_of_row, Relaxed);
+        });
+        Filled {
+            values,
+            pairs: pairs.into_inner(),
+        }
     }
 
     fn density(&self, atoms: &[u32], x: &Point3) -> f32 {
@@ -202,31 +204,29 @@ fn brute_force(model: &Prepared<'_>, lattice: &Lattice) -> Filled {
     let bricks = lattice.counts.map(|n| n.div_ceil(BRICK));
     let [nx, ny, _] = lattice.counts;
     let mut values = vec![0.0f32; lattice.len()];
-    values
-        .par_chunks_mut(nx * ny * BRICK)
-        .enumerate()
-        .for_each_init(relative::Scratch::default, |sums, (c, slab)| {
-            let mut brick = vec![0.0f32; BRICK_POINTS];
-            for (b, a) in (0..bricks[1]).flat_map(|b| (0..bricks[0]).map(move |a| (b, a))) {
-                let first = [a, b, c].map(|b| b * BRICK);
-                let cube = Cube {
-                    center: middle(lattice, first, BRICK),
-                    spacing: lattice.spacing,
-                    separable: false,
-                };
-                if !relative::density::<8, 64>(&all, &cube, sums, &mut brick) {
-                    plain_cube(model, lattice, first, BRICK, &all.atom, &mut brick);
-                }
-                for (row, line) in brick.chunks_exact(BRICK).enumerate() {
-                    let (y, z) = (first[1] + row % BRICK, row / BRICK);
-                    let start = (z * ny + y) * nx + first[0];
-                    if y < ny && start < slab.len() {
-                        let width = BRICK.min(nx - first[0]);
-                        slab[start..][..width].copy_from_slice(&line[..width]);
-                    }
+    parallel::for_chunks(&mut values, nx * ny * BRICK, |c, slab| {
+        let mut sums = relative::Scratch::default();
+        let mut brick = vec![0.0f32; BRICK_POINTS];
+        for (b, a) in (0..bricks[1]).flat_map(|b| (0..bricks[0]).map(move |a| (b, a))) {
+            let first = [a, b, c].map(|b| b * BRICK);
+            let cube = Cube {
+                center: middle(lattice, first, BRICK),
+                spacing: lattice.spacing,
+                separable: false,
+            };
+            if !relative::density::<8, 64>(&all, &cube, &mut sums, &mut brick) {
+                plain_cube(model, lattice, first, BRICK, &all.atom, &mut brick);
+            }
+            for (row, line) in brick.chunks_exact(BRICK).enumerate() {
+                let (y, z) = (first[1] + row % BRICK, row / BRICK);
+                let start = (z * ny + y) * nx + first[0];
+                if y < ny && start < slab.len() {
+                    let width = BRICK.min(nx - first[0]);
+                    slab[start..][..width].copy_from_slice(&line[..width]);
                 }
             }
-        });
+        }
+    });
     let pairs = lattice.points() as u64 * atoms.len() as u64;
     Filled { values, pairs }
 }

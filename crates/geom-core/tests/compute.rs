@@ -1,6 +1,7 @@
 //! What everything is computed with: numbers, sums, colours, comparisons, errors.
 
 use std::error::Error as _;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use geom_core::compute::BackendError;
 use geom_core::compute::coloring::Coloring;
@@ -176,6 +177,13 @@ fn loops_give_what_their_items_give_in_order() {
             });
             let same = parallel::map_each_init(&zeros, || 0, |_, &z| z);
             assert_eq!(zeros, same);
+            let mut twice = roots.clone();
+            parallel::for_each(&mut twice, |i, x| *x += i);
+            parallel::for_each_init(&mut twice, Vec::new, |work, i, x| {
+                work.push(i);
+                *x += work.last().map_or(0, |last| last % 7);
+            });
+            assert!((0..n).all(|i| twice[i] == 2 * i + i % 7));
             (squares, roots, steps, sums, zeros)
         });
         assert_eq!(made.0, (0..n).map(|i| i * i).collect::<Vec<_>>());
@@ -183,5 +191,20 @@ fn loops_give_what_their_items_give_in_order() {
         assert_eq!(made.2, (0..n).flat_map(|i| 0..i % 3).collect::<Vec<_>>());
         assert_eq!(made.3, (0..n).map(|i| i + i / 3).collect::<Vec<_>>());
         assert_eq!(made.4, (0..n).map(|i| i % 5).collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn loops_over_indices_see_each_once_and_searches_find_the_first() {
+    for n in [0, 1, 2, 31, 32, 33, 1000] {
+        let seen: Vec<AtomicUsize> = (0..n).map(|_| AtomicUsize::new(0)).collect();
+        parallel::for_indices(n, |i| _ = seen[i].fetch_add(1, Relaxed));
+        assert!(seen.iter().all(|times| times.load(Relaxed) == 1));
+        for (least, every) in [(0, 1), (1, 1), (0, 7), (n / 2, 3), (n, 1)] {
+            let fits = |i: usize| i >= least && (i - least).is_multiple_of(every);
+            let found = same_on_any_threads(|| parallel::first(n, fits));
+            assert_eq!(found, (0..n).find(|&i| fits(i)));
+            assert_eq!(parallel::first(n, |i| i + 1 == n), n.checked_sub(1));
+        }
     }
 }

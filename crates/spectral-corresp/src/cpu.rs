@@ -3,10 +3,10 @@
 //! The nearest of rows is found in one of two ways: by a tree where rows are narrow or very many, else in blocks that
 //! are looked through in the lanes of vectors.
 
+use geom_core::compute::parallel;
 use geom_core::nalgebra::Matrix3;
 use geom_core::search::nearest::PointTree;
 use geom_core::{Cpu, Point3};
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::{CorrespBackend, HistogramTask, Nearest, RotationTask, Rows, SweepTask};
@@ -56,31 +56,23 @@ impl CorrespBackend for Cpu {
         }
         let flat = Flat::of(targets);
         out.resize(queries.len(), Nearest::default());
-        let some = queries.values.par_chunks(QUERIES * queries.width);
-        out.par_chunks_mut(QUERIES)
-            .zip(some)
-            .for_each(|(out, values)| {
-                let width = queries.width;
-                flat.nearest(Rows { values, width }, out);
-            });
+        let width = queries.width;
+        parallel::for_chunks(out, QUERIES, |chunk, out| {
+            let values = &queries.values[chunk * QUERIES * width..][..out.len() * width];
+            flat.nearest(Rows { values, width }, out);
+        });
         Ok(())
     }
 
     fn rotations(&self, task: &RotationTask<'_>, out: &mut Vec<Matrix3<f64>>) -> Result<(), Error> {
-        (0..task.rest.len())
-            .into_par_iter()
-            .with_min_len(128)
-            .map(|i| rotation(task, i))
-            .collect_into_vec(out);
+        out.resize(task.rest.len(), Matrix3::zeros());
+        parallel::for_each(out, |i, out| *out = rotation(task, i));
         Ok(())
     }
 
     fn sweep(&self, task: &SweepTask<'_>, out: &mut Vec<Point3>) -> Result<(), Error> {
-        (0..task.shape.rest.len())
-            .into_par_iter()
-            .with_min_len(128)
-            .map(|i| swept(task, i))
-            .collect_into_vec(out);
+        out.resize(task.shape.rest.len(), Point3::origin());
+        parallel::for_each(out, |i, out| *out = swept(task, i));
         Ok(())
     }
 }
@@ -94,16 +86,12 @@ fn by_tree<const K: usize>(
     let fill = |row: &[f64]| std::array::from_fn(|c| row.get(c).copied().unwrap_or(0.0));
     let targets = (0..targets.len()).map(|i| fill(targets.row(i)));
     let tree = PointTree::<K>::new(targets.collect())?;
-    (0..queries.len())
-        .into_par_iter()
-        .with_min_len(16)
-        .map(|q| {
-            let near = tree.nearest(&fill(queries.row(q)), 1);
-            near.first().map_or(Nearest::default(), |n| Nearest {
-                index: n.index,
-                distance: n.distance,
-            })
+    *out = parallel::map(queries.len(), |q| {
+        let near = tree.nearest(&fill(queries.row(q)), 1);
+        near.first().map_or(Nearest::default(), |n| Nearest {
+            index: n.index,
+            distance: n.distance,
         })
-        .collect_into_vec(out);
+    });
     Ok(())
 }

@@ -4,7 +4,6 @@ use geom_core::Point3;
 use geom_core::compute::parallel;
 use geom_core::compute::random::SplitMix64;
 use geom_core::search::nearest::PointTree;
-use rayon::prelude::*;
 
 use crate::Error;
 
@@ -41,18 +40,13 @@ impl Neighbourhoods {
             let draw = random.nth(low.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ high) >> 11;
             (draw as f64) * (1.0 / (1u64 << 53) as f64) * f64::from(least) < per_node as f64
         };
-        let rows: Vec<Vec<u32>> = points
-            .par_iter()
-            .enumerate()
-            .with_min_len(32)
-            .map(|(i, p)| {
-                let i = i as u32;
-                let others = around(p).into_iter().map(|n| n.index);
-                let mut row: Vec<u32> = others.filter(|&j| j != i && is_in(i, j)).collect();
-                row.sort_unstable();
-                row
-            })
-            .collect();
+        let rows: Vec<Vec<u32>> = parallel::map(points.len(), |i| {
+            let others = around(&points[i]).into_iter().map(|n| n.index);
+            let i = i as u32;
+            let mut row: Vec<u32> = others.filter(|&j| j != i && is_in(i, j)).collect();
+            row.sort_unstable();
+            row
+        });
         Ok(Self::of_rows(rows))
     }
 

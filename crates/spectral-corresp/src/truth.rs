@@ -5,7 +5,6 @@ use geom_core::compute::parallel;
 use geom_core::nalgebra::Matrix3;
 use geom_core::search::nearest::PointTree;
 use geom_core::{Point3, Vector3};
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::fit::superpose;
@@ -138,18 +137,13 @@ impl Truth {
     ) -> Result<TruthReport, Error> {
         require("places", places.len(), a.boundary().len())?;
         let there = PointTree::of_positions(b.boundary_points())?;
-        let judged: Vec<(f64, f64)> = a
-            .boundary_points()
-            .par_iter()
-            .zip(places)
-            .with_min_len(64)
-            .map(|(x, place)| {
-                let truth = self.image(x);
-                let error = (place - truth).norm();
-                let floor = there.nearest(&[truth.x, truth.y, truth.z], 1);
-                (error, floor.first().map_or(0.0, |n| n.distance))
-            })
-            .collect();
+        let points = a.boundary_points();
+        let judged: Vec<(f64, f64)> = parallel::map(points.len(), |i| {
+            let truth = self.image(&points[i]);
+            let error = (places[i] - truth).norm();
+            let floor = there.nearest(&[truth.x, truth.y, truth.z], 1);
+            (error, floor.first().map_or(0.0, |n| n.distance))
+        });
         let mut errors: Vec<f64> = judged.iter().map(|e| e.0).collect();
         errors.sort_unstable_by(f64::total_cmp);
         let count = errors.len() as f64;
@@ -174,15 +168,16 @@ impl Truth {
     ) -> Result<f64, Error> {
         forward.check(a, b)?;
         require("residues", residues.len(), self.rotations.len())?;
-        let same = a
-            .boundary_points()
-            .par_iter()
-            .zip(forward.partners())
-            .filter(|(x, j)| {
-                let y = &b.boundary_points()[**j as usize];
-                residues[self.atom(0, x)] == residues[self.atom(1, y)]
-            });
-        Ok(same.count() as f64 / forward.len() as f64)
+        let partners = forward.partners();
+        let same = parallel::map(partners.len(), |i| {
+            let (x, y) = (
+                &a.boundary_points()[i],
+                &b.boundary_points()[partners[i] as usize],
+            );
+            residues[self.atom(0, x)] == residues[self.atom(1, y)]
+        });
+        let same = same.iter().filter(|&&same| same).count();
+        Ok(same as f64 / forward.len() as f64)
     }
 }
 

@@ -4,8 +4,8 @@
 //! Which thread does what changes no bit: tetrahedra are measured one by one, and the vertices of a colour all read the
 //! mesh as the colours before left it.
 
+use geom_core::compute::parallel;
 use geom_core::{Cpu, Point3, Vector3};
-use rayon::prelude::*;
 
 use crate::backend::{QualityBackend, Relaxation};
 use crate::error::Error;
@@ -30,9 +30,10 @@ impl QualityBackend for Cpu {
             *out = bytemuck::zeroed_vec(tets.len());
         }
         out.resize(tets.len(), Measures::default());
-        out.par_chunks_mut(CHUNK)
-            .zip(tets.par_chunks(CHUNK))
-            .for_each(|(out, tets)| block::measure(positions, tets, out));
+        parallel::for_chunks(out, CHUNK, |chunk, out| {
+            let tets = &tets[chunk * CHUNK..][..out.len()];
+            block::measure(positions, tets, out);
+        });
         Ok(())
     }
 
@@ -40,11 +41,9 @@ impl QualityBackend for Cpu {
         let mut positions = task.positions.to_vec();
         for colour in &task.colours {
             // Within a colour every vertex reads fixed neighbours.
-            let moved: Vec<Point3> = colour
-                .clone()
-                .into_par_iter()
-                .with_min_len(32)
-                .map_init(Star::default, |star, i| {
+            let moved: Vec<Point3> =
+                parallel::map_init(colour.len(), Star::default, |star, of_colour| {
+                    let i = colour.start + of_colour;
                     let faces = task.starts[i] as usize..task.starts[i + 1] as usize;
                     star.load(&positions, &task.faces[faces]);
                     let x = positions[task.vertices[i] as usize].coords;
@@ -60,8 +59,7 @@ impl QualityBackend for Cpu {
                             search_within(star, start, mean, &compass, task.rounds, within)
                         }
                     })
-                })
-                .collect();
+                });
             for (&v, x) in task.vertices[colour.clone()].iter().zip(moved) {
                 positions[v as usize] = x;
             }

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use gauss_density::{Cutoff, Levels, Model, PointSampler, sample};
 use geom_core::algebra::graph::Neighbours;
+use geom_core::compute::parallel;
 use geom_core::io::{self, structure};
 use geom_core::search::nearest::PointTree;
 use geom_core::structure::Element;
 use geom_core::{Aabb, ImplicitField, Point3, ScalarGrid, Structure, TriMesh};
-use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::json;
 use spectral_corresp::correspond::{Embedding, expected_bytes};
@@ -421,11 +421,7 @@ impl Field {
     /// Which points lie inside.
     pub fn inside(&self, points: &[Point3]) -> Result<Vec<bool>, Failure> {
         let of = |field: &dyn ImplicitField, level: f64| {
-            points
-                .par_iter()
-                .with_min_len(256)
-                .map(|p| field.value(p) >= level)
-                .collect()
+            parallel::map_each(points, |p| field.value(p) >= level)
         };
         Ok(match self {
             Self::Structure(model) => of(&PointSampler::new(model, Cutoff::default())?, 1.0),

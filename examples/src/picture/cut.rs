@@ -1,5 +1,6 @@
 //! Tetrahedral meshes cut open.
 
+use geom_core::compute::parallel;
 use geom_core::{Point3, TetMesh, mesh};
 use rayon::prelude::*;
 
@@ -23,16 +24,14 @@ pub fn cut_tets(mesh: &TetMesh, view: &View, depth: f64, colors: &[Rgb], skin: R
         .filter(|&t| mesh.corners(t as usize).iter().map(height).sum::<f64>() <= 4.0 * plane)
         .collect();
     // Faces of kept tetrahedra; those of only one kept tetrahedron are seen.
-    let mut faces: Vec<([u32; 3], u32)> = kept
-        .par_iter()
-        .flat_map_iter(|&t| {
-            (0..4u32).map(move |k| {
-                let mut key = mesh::FACES[k as usize].map(|c| mesh.tets()[t as usize][c]);
-                key.sort_unstable();
-                (key, 4 * t + k)
-            })
+    let mut faces: Vec<([u32; 3], u32)> = parallel::flat_map(kept.len(), |i| {
+        let t = kept[i];
+        (0..4u32).map(move |k| {
+            let mut key = mesh::FACES[k as usize].map(|c| mesh.tets()[t as usize][c]);
+            key.sort_unstable();
+            (key, 4 * t + k)
         })
-        .collect();
+    });
     faces.par_sort_unstable();
     let mut seen: Vec<u32> = faces
         .chunk_by(|a, b| a.0 == b.0)

@@ -2,7 +2,7 @@
 
 use euc::rasterizer::{BackfaceCullingDisabled, Triangles};
 use euc::{Interpolate, Pipeline, buffer::Buffer2d};
-use rayon::prelude::*;
+use geom_core::compute::parallel;
 
 use super::{Corner, Visible};
 
@@ -40,17 +40,14 @@ const STRIP: usize = 128;
 const BATCH: usize = 1 << 14;
 
 pub(super) fn visible(triangles: &[[Corner; 3]], [width, height]: [usize; 2]) -> Visible {
-    let strips: Vec<Vec<u32>> = (0..height.div_ceil(STRIP))
-        .into_par_iter()
-        .map(|s| {
-            let rows = (height - s * STRIP).min(STRIP);
-            strip(triangles, [width, rows], |y| {
-                // From the clip space of the picture to that of the strip.
-                let row = (1.0 - y) / 2.0 * height as f32 - (s * STRIP) as f32;
-                1.0 - 2.0 * row / rows as f32
-            })
+    let strips: Vec<Vec<u32>> = parallel::map(height.div_ceil(STRIP), |s| {
+        let rows = (height - s * STRIP).min(STRIP);
+        strip(triangles, [width, rows], |y| {
+            // From the clip space of the picture to that of the strip.
+            let row = (1.0 - y) / 2.0 * height as f32 - (s * STRIP) as f32;
+            1.0 - 2.0 * row / rows as f32
         })
-        .collect();
+    });
     Visible {
         triangle: strips.concat(),
     }

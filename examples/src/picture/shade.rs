@@ -8,7 +8,7 @@ use std::array::from_fn;
 use std::sync::LazyLock;
 
 use geom_core::Vector3;
-use rayon::prelude::*;
+use geom_core::compute::parallel;
 
 use super::scene::{Layer, Paint, View};
 use super::{Corner, Image, Rgb};
@@ -38,11 +38,14 @@ impl<'a> Frame<'a> {
     ) -> Self {
         let axes = [view.right, -view.up, view.toward];
         let seen = |layer: &Layer| -> [[f64; 3]; 2] {
-            let corners = layer.faces.par_iter().flatten_iter();
-            corners
-                .map(|&v| axes.map(|a| a.dot(&layer.positions[v as usize].coords)))
-                .map(|c| [c, c])
-                .reduce(|| NOTHING, both)
+            let of_chunks = parallel::fold_chunks(layer.faces.len(), |chunk| {
+                let corners = layer.faces[chunk].iter().flatten();
+                corners
+                    .map(|&v| axes.map(|a| a.dot(&layer.positions[v as usize].coords)))
+                    .map(|c| [c, c])
+                    .fold(NOTHING, both)
+            });
+            of_chunks.into_iter().fold(NOTHING, both)
         };
         let [low, high] = layers.iter().map(seen).fold(NOTHING, both);
         let extent = |k: usize| (high[k] - low[k]).max(1e-12);
@@ -54,7 +57,7 @@ impl<'a> Frame<'a> {
         };
         let places = layers
             .iter()
-            .map(|layer| layer.positions.par_iter().map(place).collect())
+            .map(|layer| parallel::map_each(&layer.positions, place))
             .collect();
         let faces = layers
             .iter()
@@ -86,15 +89,12 @@ impl<'a> Frame<'a> {
     pub(super) fn triangles(&self) -> Vec<[Corner; 3]> {
         let [w, h] = self.size.map(|n| n as f32);
         let [low, high] = self.depth;
-        (0..self.faces.len() as u32)
-            .into_par_iter()
-            .map(|t| {
-                self.corners(t).map(|[x, y, z]| {
-                    let near = (high - z) / (high - low).max(1e-6);
-                    [2.0 * x / w - 1.0, 1.0 - 2.0 * y / h, 0.001 + 0.998 * near]
-                })
+        parallel::map(self.faces.len(), |t| {
+            self.corners(t as u32).map(|[x, y, z]| {
+                let near = (high - z) / (high - low).max(1e-6);
+                [2.0 * x / w - 1.0, 1.0 - 2.0 * y / h, 0.001 + 0.998 * near]
             })
-            .collect()
+        })
     }
 
     /// One picture per painting, which is a paint per layer; `seen` is the triangle per sub-pixel.
@@ -105,10 +105,7 @@ impl<'a> Frame<'a> {
             seen,
             depth: self.depths(seen),
         };
-        let rows: Vec<Vec<u8>> = (0..height)
-            .into_par_iter()
-            .map(|y| light.row(y, width, paintings))
-            .collect();
+        let rows: Vec<Vec<u8>> = parallel::map(height, |y| light.row(y, width, paintings));
         let picture = |p: usize| {
             let row = |row: &Vec<u8>| row[3 * width * p..3 * width * (p + 1)].to_vec();
             Image::of_rows(width, rows.iter().map(row))
@@ -119,15 +116,15 @@ impl<'a> Frame<'a> {
     /// The depth of every sub-pixel; −∞ where nothing is seen.
     fn depths(&self, seen: &[u32]) -> Vec<f32> {
         let width = self.size[0];
-        let depth = |(at, &triangle): (usize, &u32)| {
+        parallel::map(seen.len(), |at| {
+            let triangle = seen[at];
             if triangle == u32::MAX {
                 return f32::NEG_INFINITY;
             }
             let c = self.corners(triangle);
             let b = weights(&c, at % width, at / width);
             b[0] * c[0][2] + b[1] * c[1][2] + b[2] * c[2][2]
-        };
-        seen.par_iter().enumerate().map(depth).collect()
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! Slices through fields on lattices.
 
+use geom_core::compute::parallel;
 use geom_core::{ImplicitField, Lattice, Point3, Vector3};
-use rayon::prelude::*;
 
 use super::canvas::{Align, BAR_WIDTH, ticks};
 use super::{Image, Scale};
@@ -30,26 +30,20 @@ pub fn slice(
     };
 
     let mut plane = Image::filled(width, height, [255; 3]);
-    plane
-        .rgb
-        .par_chunks_mut(3 * width)
-        .enumerate()
-        .for_each(|(y, row)| {
-            for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
-                let (value, gradient) =
-                    field.value_gradient(&point(x as f64 + 0.5, y as f64 + 0.5));
-                let mut color = scale.color(value);
-                // Distance to the isoline in pixels, to first order.
-                let slope = (gradient[u].hypot(gradient[v]) / per_length).max(1e-12);
-                let off = (value - level).abs() / slope;
-                for (half, shade) in [(2.2, 30.0), (1.1, 255.0)] {
-                    let cover = (half + 0.5 - off).clamp(0.0, 1.0);
-                    color =
-                        color.map(|c| (f64::from(c) * (1.0 - cover) + shade * cover).round() as u8);
-                }
-                pixel.copy_from_slice(&color);
+    parallel::for_chunks(&mut plane.rgb, 3 * width, |y, row| {
+        for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
+            let (value, gradient) = field.value_gradient(&point(x as f64 + 0.5, y as f64 + 0.5));
+            let mut color = scale.color(value);
+            // Distance to the isoline in pixels, to first order.
+            let slope = (gradient[u].hypot(gradient[v]) / per_length).max(1e-12);
+            let off = (value - level).abs() / slope;
+            for (half, shade) in [(2.2, 30.0), (1.1, 255.0)] {
+                let cover = (half + 0.5 - off).clamp(0.0, 1.0);
+                color = color.map(|c| (f64::from(c) * (1.0 - cover) + shade * cover).round() as u8);
             }
-        });
+            pixel.copy_from_slice(&color);
+        }
+    });
 
     let (margin, top, foot) = (16, 64, 56);
     let mut image = Image::filled(

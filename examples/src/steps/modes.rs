@@ -2,9 +2,9 @@
 
 use geom_core::TriMesh;
 use geom_core::algebra::eigen::{EigenPairs, Options, eigenpairs};
+use geom_core::compute::parallel;
 use geom_core::io::{self, view::View as Fields};
 use geom_core::surface::laplace;
-use rayon::prelude::*;
 use serde_json::json;
 
 use crate::picture::{Curve, Image, Layer, Paint, Rgb, Scale, Scene, View, lines, sheet_of_modes};
@@ -107,11 +107,12 @@ fn fields(
         fields = fields.point_field(&format!("mode_{number:02}"), mode)?;
     }
     io::mesh::save(session.output("modes.vtu")?, &fields)?;
-    colors.par_iter().enumerate().try_for_each(|(i, colors)| {
-        let colored = Fields::from(mesh).colored(products::rgba(colors))?;
+    let saved = parallel::map(colors.len(), |i| {
+        let colored = Fields::from(mesh).colored(products::rgba(&colors[i]))?;
         let path = session.output(format!("mode_{:02}.glb", i + 1))?;
         Ok(io::mesh::save(path, &colored)?)
-    })
+    });
+    saved.into_iter().collect()
 }
 
 /// The first modes side by side.

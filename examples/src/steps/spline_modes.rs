@@ -1,7 +1,7 @@
 //! Modes of operators of the second fundamental form on the Bézier elements of a spline surface.
 
 use geom_core::TriMesh;
-use rayon::prelude::*;
+use geom_core::compute::parallel;
 use secondfund_ops::{
     BezierElement, BezierSurface, Element, Operator, Spectrum, SpectrumOptions, spectrum,
 };
@@ -68,8 +68,8 @@ fn at_vertices(
     let value = |mode: &Vec<f64>, place: &Option<(usize, [f64; 2])>| {
         place.map_or(0.0, |(patch, uv)| elements.value(patch, uv, mode))
     };
-    let of_mode = |mode| places.iter().map(|place| value(mode, place)).collect();
-    found.modes.par_iter().map(of_mode).collect()
+    let of_mode = |mode: &Vec<f64>| places.iter().map(|place| value(mode, place)).collect();
+    parallel::map_each(&found.modes, of_mode)
 }
 
 /// The contact sheet.

@@ -1,8 +1,8 @@
 //! Lists of elements put together: joined in order, renumbered, and how their vertices may move.
 
 use geom_core::Point3;
+use geom_core::compute::parallel;
 use geom_core::mesh::{OUTSIDE, Region, VertexKind};
-use rayon::prelude::*;
 
 /// Marks a vertex that a batch has added on an edge, by its number within the batch.
 pub(crate) const ADDED: u32 = 1 << 31;
@@ -22,14 +22,11 @@ pub(crate) fn joined<T: Copy + Default + Send + Sync>(
         rest = others;
         parts.push((part, list));
     }
-    parts
-        .into_par_iter()
-        .enumerate()
-        .for_each(|(i, (part, list))| {
-            for (to, &from) in part.iter_mut().zip(&list) {
-                *to = f(i, from);
-            }
-        });
+    parallel::for_each(&mut parts, |i, (part, list)| {
+        for (to, &from) in part.iter_mut().zip(list.iter()) {
+            *to = f(i, from);
+        }
+    });
     out
 }
 
@@ -58,16 +55,14 @@ pub(crate) fn distinct(labels: impl IntoIterator<Item = Region>) -> u8 {
 /// One label: as its place on the box says. Two, off the box: on the surface. Two on the box, or three and more: not at
 /// all. Positions of the box are exact, so they are compared without a tolerance.
 pub(crate) fn kinds(positions: &[Point3], meeting: &[u8], cells: [i32; 3]) -> Vec<VertexKind> {
-    positions
-        .par_iter()
-        .zip(meeting)
-        .with_min_len(4096)
-        .map(|(p, &labels)| match (box_kind(p, cells), labels) {
+    let both = positions.len().min(meeting.len());
+    parallel::map(both, |v| {
+        match (box_kind(&positions[v], cells), meeting[v]) {
             (kind, 0 | 1) => kind,
             (VertexKind::Interior, 2) => VertexKind::Surface,
             _ => VertexKind::Fixed,
-        })
-        .collect()
+        }
+    })
 }
 
 /// How a vertex at `p` (finest cells) may move if the domain has `cells` cells.
@@ -98,9 +93,6 @@ pub(crate) fn compact<const N: usize>(vertices: usize, elements: &mut [[u32; N]]
         number[v] = kept.len() as u32;
         kept.push(v as u32);
     }
-    elements
-        .par_iter_mut()
-        .with_min_len(4096)
-        .for_each(|e| *e = e.map(|v| number[v as usize]));
+    parallel::for_each(elements, |_, e| *e = e.map(|v| number[v as usize]));
     kept
 }

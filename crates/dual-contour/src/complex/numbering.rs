@@ -3,8 +3,8 @@
 //! Every cell and corner has one whether the mesh uses it or not, so that numbers are found by counting instead of in a
 //! table of those that are used; what is not used is left out at the end (`compact`).
 
+use geom_core::compute::parallel;
 use geom_core::mesh::Region;
-use rayon::prelude::*;
 
 use super::{Cell, Complex, Corner};
 use crate::octree::{PointMarks, PointSet, corner_of};
@@ -31,23 +31,20 @@ impl<'a> Numbering<'a> {
         corners: impl Fn(Region) -> bool + Sync,
     ) -> Self {
         let marks = PointMarks::new(complex.tree.cells);
-        complex
-            .tree
-            .leaves
-            .par_iter()
-            .with_min_len(1024)
-            .for_each(|leaf| {
-                if leaf.void {
-                    return;
+        let leaves = &complex.tree.leaves;
+        parallel::for_indices(leaves.len(), |id| {
+            let leaf = &leaves[id];
+            if leaf.void {
+                return;
+            }
+            let (o, s) = (leaf.origin(), leaf.size());
+            for (i, label) in complex.corner_labels(leaf).into_iter().enumerate() {
+                if corners(label) {
+                    let p = corner_of(i);
+                    marks.mark([0, 1, 2].map(|k| o[k] + s * p[k]));
                 }
-                let (o, s) = (leaf.origin(), leaf.size());
-                for (i, label) in complex.corner_labels(leaf).into_iter().enumerate() {
-                    if corners(label) {
-                        let p = corner_of(i);
-                        marks.mark([0, 1, 2].map(|k| o[k] + s * p[k]));
-                    }
-                }
-            });
+            }
+        });
         let points = marks.finish();
         let first_part = complex.tree.leaves.len() as u32;
         let first_ghost = first_part + 12 * complex.splits.len() as u32;

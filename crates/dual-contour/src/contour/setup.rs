@@ -4,9 +4,9 @@
 //! were given away, or cells too coarse to see the body), a surface that meets the box, more cells than coordinates can name, more
 //! memory than is granted. Each is an error that says what would help.
 
+use geom_core::compute::parallel;
 use geom_core::options::OutOfRange;
 use geom_core::{ImplicitField, Lattice, LatticeValues};
-use rayon::prelude::*;
 
 use super::report::Report;
 use crate::backend::On;
@@ -151,23 +151,21 @@ pub(super) fn touching<V: LatticeValues + ?Sized>(
                 1 => (nz, 0, nx),
                 _ => (ny, 0, nx),
             };
-            let points: u64 = (0..rows)
-                .into_par_iter()
-                .with_min_len(64)
-                .map_init(
-                    || vec![0.0; len],
-                    |values_of_row, row| {
-                        let from = match axis {
-                            0 => [start, row % ny, row / ny],
-                            1 => [start, if high { ny - 1 } else { 0 }, row],
-                            _ => [start, row, if high { nz - 1 } else { 0 }],
-                        };
-                        values.read_row(from, values_of_row);
-                        let inside = |v: &&f32| f64::from(**v) >= level;
-                        values_of_row.iter().filter(inside).count() as u64
-                    },
-                )
-                .sum();
+            let of_rows = parallel::map_init(
+                rows,
+                || vec![0.0; len],
+                |values_of_row, row| {
+                    let from = match axis {
+                        0 => [start, row % ny, row / ny],
+                        1 => [start, if high { ny - 1 } else { 0 }, row],
+                        _ => [start, row, if high { nz - 1 } else { 0 }],
+                    };
+                    values.read_row(from, values_of_row);
+                    let inside = |v: &&f32| f64::from(**v) >= level;
+                    values_of_row.iter().filter(inside).count() as u64
+                },
+            );
+            let points: u64 = of_rows.iter().sum();
             (points > 0).then_some((side, points))
         })
 }

@@ -3,12 +3,11 @@
 //! Both begin with what values and options ask for and add what the method needs. A tree is made anew from all that has
 //! been asked for: that is one pass, and changing one in place would be slower.
 
-use rayon::prelude::*;
-
 use super::memory;
 use crate::complex::{Interfaces, Kinds};
 use crate::octree::{Octree, Samples, Splits, TooManyLeaves};
 use crate::{Error, Options};
+use geom_core::compute::parallel;
 
 /// Where interfaces are: labels that follow from signs alone make all cells with a surface finest, unless these
 /// may be coarser.
@@ -68,14 +67,12 @@ pub(super) fn adapted(
             splits.split(domain.blocks, &tree.leaves[id as usize]);
         }
         // Cut cells stand among finest ones, so that surfaces do not hang on what lies off them.
-        let bare: Vec<u32> = kinds
-            .cut(&tree)
-            .into_par_iter()
-            .filter(|&id| {
-                tree.touching(id)
-                    .any(|other| tree.leaves[other as usize].log > 0)
-            })
-            .collect();
+        let cut = kinds.cut(&tree);
+        let is_bare = |id: &u32| {
+            let mut touching = tree.touching(*id);
+            touching.any(|other| tree.leaves[other as usize].log > 0)
+        };
+        let bare = parallel::flat_map(cut.len(), |i| Some(cut[i]).filter(is_bare));
         for &id in &bare {
             splits.surround(domain.cells, tree.leaves[id as usize].origin());
         }

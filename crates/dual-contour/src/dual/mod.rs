@@ -6,7 +6,6 @@
 
 use geom_core::Point3;
 use geom_core::compute::parallel;
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::ContourBackend;
@@ -196,16 +195,12 @@ fn known_or_found(
     before: Option<&(Octree, Duals)>,
     backend: &dyn ContourBackend,
 ) -> Result<Vec<Point3>, Error> {
-    let mut known: Vec<(u32, Option<Point3>)> = moved
-        .par_iter()
-        .zip(frames)
-        .with_min_len(1024)
-        .map(|(&id, &frame)| {
-            let arrived =
-                |(tree, duals): &(Octree, Duals)| duals.arrived(tree, complex.leaf(id), frame);
-            (id, before.and_then(arrived))
-        })
-        .collect();
+    let mut known: Vec<(u32, Option<Point3>)> = parallel::map(moved.len(), |i| {
+        let (id, frame) = (moved[i], frames[i]);
+        let arrived =
+            |(tree, duals): &(Octree, Duals)| duals.arrived(tree, complex.leaf(id), frame);
+        (id, before.and_then(arrived))
+    });
     let missing = known.iter().filter(|(_, x)| x.is_none());
     let missing: Vec<u32> = missing.map(|(id, _)| *id).collect();
     let found = leaf_points(complex, probe, &missing, backend)?;
@@ -218,18 +213,14 @@ fn known_or_found(
 
 /// The points of the parts of all cut cells; a part of one label stays at its base.
 fn part_points(complex: &Complex<'_>, probe: &Probe<'_>) -> Vec<Point3> {
-    complex
-        .splits
-        .par_iter()
-        .zip(&complex.split_leaves)
-        .flat_map_iter(|(split, &id)| {
-            let leaf = complex.leaf(id);
-            let (o, labels) = (leaf.origin(), complex.corner_labels(leaf));
-            let corners = cut_samples(complex.samples, o, &labels, split);
-            (0..12).map(move |part| {
-                part_point(probe, split, &corners, part)
-                    .unwrap_or_else(|| part_base(split.diagonals, o, part))
-            })
+    parallel::flat_map(complex.splits.len(), |i| {
+        let split = &complex.splits[i];
+        let leaf = complex.leaf(complex.split_leaves[i]);
+        let (o, labels) = (leaf.origin(), complex.corner_labels(leaf));
+        let corners = cut_samples(complex.samples, o, &labels, split);
+        (0..12).map(move |part| {
+            part_point(probe, split, &corners, part)
+                .unwrap_or_else(|| part_base(split.diagonals, o, part))
         })
-        .collect()
+    })
 }

@@ -10,7 +10,6 @@ use geom_core::compute::parallel;
 use geom_core::field::in_batches;
 use geom_core::mesh::INTERIOR;
 use geom_core::{FieldAtMany, Point3, Vector3};
-use rayon::prelude::*;
 
 use super::probe::{Probe, Room, Sample, Start, mean_of_crossings, sample_corner};
 use crate::backend::ContourBackend;
@@ -45,10 +44,11 @@ pub(super) fn leaf_points(
             labels.contains(&INTERIOR) && labels.iter().all(|l| *l == INTERIOR || Some(l) == other)
         }
     };
-    let (fine, rest): (Vec<u32>, Vec<u32>) = leaves
-        .par_iter()
-        .with_min_len(1024)
-        .partition(|&&id| by_kernel(id));
+    let judged = parallel::map_each(leaves, |&id| by_kernel(id));
+    let (mut fine, mut rest) = (Vec::new(), Vec::new());
+    for (&id, is_fine) in leaves.iter().zip(judged) {
+        if is_fine { &mut fine } else { &mut rest }.push(id);
+    }
     let cells: Vec<[f32; 8]> = parallel::map_each(&fine, |&id| {
         samples.corners_over_level(complex.leaf(id).origin())
     });
@@ -125,15 +125,12 @@ pub(crate) fn finest_points(
     out: &mut [Point3],
 ) -> Result<(), Error> {
     debug_assert_eq!(out.len(), cells.len());
-    let all = out.par_iter_mut().zip(cells);
     if probe.field.is_none() && probe.placement == Placement::Newton {
         let values: Vec<[f32; 8]> = parallel::map_each(cells, |&(slot, cell)| {
             samples.corners_in(slot as usize, cell)
         });
         let points = dual_vertices(backend, &values)?;
-        all.zip(points)
-            .with_min_len(4096)
-            .for_each(|((out, &(_, cell)), x)| *out = within(cell, x));
+        parallel::for_each(out, |i, out| *out = within(cells[i].1, points[i]));
     } else if let Some(field) = at_many(probe) {
         let start = |&(_, low): &(u32, [i32; 3])| {
             let frame = frame_of_corners(&samples.corner_labels(low, 1));
@@ -145,7 +142,8 @@ pub(crate) fn finest_points(
             sunk(probe, field, cells[some].iter().map(start).collect())
         })?);
     } else {
-        all.with_min_len(256).for_each(|(out, &(_, cell))| {
+        parallel::for_each(out, |i, out| {
+            let cell = cells[i].1;
             let labels = samples.corner_labels(cell, 1);
             *out = cell_point(samples, probe, cell, 1, &frame_of_corners(&labels));
         });

@@ -11,6 +11,7 @@
 //! and rounds only bring points nearer to their places.
 
 use geom_core::Point3;
+use geom_core::compute::parallel;
 use geom_core::mesh::six_volume;
 use rayon::prelude::*;
 
@@ -64,7 +65,7 @@ impl Duals {
         if owners.is_empty() {
             return;
         }
-        let tets = self.tets_at_risk(complex, owners);
+        let tets = self.tets_at_risk(complex, &owners);
         let corners = self.moved_corners(complex, &tets);
         let mut points = self.free_points(complex, &tets, &corners);
         for p in &points {
@@ -72,7 +73,7 @@ impl Duals {
         }
         for _ in 0..ROUNDS {
             for group in points.chunk_by_mut(|x, y| x.tets[0].colour == y.tets[0].colour) {
-                group.par_iter_mut().with_min_len(8).for_each(|p| {
+                parallel::for_each(group, |_, p| {
                     if p.share < 1.0 {
                         p.share = self.farthest_share(complex, &tets, p);
                     }
@@ -97,13 +98,11 @@ impl Duals {
     /// points stay in convex cells that share a face, nor from a leaf beside a larger one that stands at its
     /// base: what is left are edges at cut leaves and at moved leaves larger than the finest.
     fn owners_at_risk(&self, complex: &Complex<'_>) -> Vec<u32> {
-        let harmful =
-            |id: u32| complex.is_split(id) || complex.leaf(id).log > 0 && self.rank(id).is_some();
-        let mut owners: Vec<u32> = (0..complex.tree.leaves.len() as u32)
-            .into_par_iter()
-            .with_min_len(4096)
-            .filter(|&id| harmful(id))
-            .flat_map_iter(|id| {
+        let harmful = |id: &u32| {
+            complex.is_split(*id) || complex.leaf(*id).log > 0 && self.rank(*id).is_some()
+        };
+        let mut owners: Vec<u32> = parallel::flat_map(complex.tree.leaves.len(), |id| {
+            Some(id as u32).filter(harmful).into_iter().flat_map(|id| {
                 // Off the box, of leaves of one size that around an edge emits whose corner begins it.
                 let leaf = complex.leaf(id);
                 let finest = leaf.log == 0 && !complex.is_on_box(id);
@@ -113,7 +112,7 @@ impl Duals {
                     !finest || (0..3).all(|k| o[k] >= low[k])
                 })
             })
-            .collect();
+        });
         owners.par_sort_unstable();
         owners.dedup();
         owners
@@ -134,52 +133,43 @@ impl Duals {
     }
 
     /// The tetrahedra that may fail around the edges of some leaves.
-    fn tets_at_risk(&self, complex: &Complex<'_>, owners: Vec<u32>) -> Vec<EdgeTet> {
-        owners
-            .into_par_iter()
-            .with_min_len(256)
-            .flat_map_iter(|id| {
-                let mut tets = Vec::new();
-                complex.rings_of(
-                    id,
-                    |_, _| true,
-                    |ring| {
-                        for cells in ring.neighbours() {
-                            if self.is_risky(complex, &cells[0], &cells[1]) {
-                                let a = complex.corner_position(ring.a.0);
-                                let b = complex.corner_position(ring.b.0);
-                                let [c, d] = [0, 1].map(|k| complex.base_position(&cells[k]));
-                                tets.push(EdgeTet {
-                                    a,
-                                    b,
-                                    cells,
-                                    least: LEAST_VOLUME * six_volume([a, b, c, d]),
-                                });
-                            }
+    fn tets_at_risk(&self, complex: &Complex<'_>, owners: &[u32]) -> Vec<EdgeTet> {
+        parallel::flat_map(owners.len(), |i| {
+            let (id, mut tets) = (owners[i], Vec::new());
+            complex.rings_of(
+                id,
+                |_, _| true,
+                |ring| {
+                    for cells in ring.neighbours() {
+                        if self.is_risky(complex, &cells[0], &cells[1]) {
+                            let a = complex.corner_position(ring.a.0);
+                            let b = complex.corner_position(ring.b.0);
+                            let [c, d] = [0, 1].map(|k| complex.base_position(&cells[k]));
+                            tets.push(EdgeTet {
+                                a,
+                                b,
+                                cells,
+                                least: LEAST_VOLUME * six_volume([a, b, c, d]),
+                            });
                         }
-                    },
-                );
-                tets
-            })
-            .collect()
+                    }
+                },
+            );
+            tets
+        })
     }
 
     /// The moved points of all tetrahedra: those of one point together, points by colour.
     fn moved_corners(&self, complex: &Complex<'_>, tets: &[EdgeTet]) -> Vec<MovedCorner> {
-        let mut corners: Vec<MovedCorner> = tets
-            .par_iter()
-            .enumerate()
-            .with_min_len(1024)
-            .flat_map_iter(|(i, t)| {
-                t.cells.iter().filter_map(move |cell| {
-                    Some(MovedCorner {
-                        colour: colour(complex, cell),
-                        moved: self.moved(cell)? as u32,
-                        tet: i as u32,
-                    })
+        let mut corners: Vec<MovedCorner> = parallel::flat_map(tets.len(), |i| {
+            tets[i].cells.iter().filter_map(move |cell| {
+                Some(MovedCorner {
+                    colour: colour(complex, cell),
+                    moved: self.moved(cell)? as u32,
+                    tet: i as u32,
                 })
             })
-            .collect();
+        });
         corners.par_sort_unstable();
         corners
     }

@@ -5,9 +5,9 @@
 //! blocks where labels change keep their 9³ values. Which those are is found by reading each block once and comparing with
 //! the level; a sparse grid says so of its empty bricks without being read.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{Aabb, LatticeValues, Vector3};
-use rayon::prelude::*;
 
 use super::domain::{Domain, Labels};
 use super::source::Source;
@@ -161,10 +161,11 @@ impl<'a> Samples<'a> {
             let left = max_memory.saturating_sub(out.stored_bytes()) / out.bytes_per_block();
             let fits = usize::try_from(left).unwrap_or(usize::MAX).max(AT_ONCE);
             let (now, later) = rest.split_at(fits.min(rest.len()));
-            let found: Vec<Result<Found, Error>> = now
-                .par_chunks(AT_ONCE)
-                .map_init(Scratch::default, |scratch, open| reader.read(open, scratch))
-                .collect();
+            let chunks: Vec<&[OpenBlock]> = now.chunks(AT_ONCE).collect();
+            let found: Vec<Result<Found, Error>> =
+                parallel::map_each_init(&chunks, Scratch::default, |scratch, open| {
+                    reader.read(open, scratch)
+                });
             let mut now = now.iter();
             for found in found {
                 out.keep(found?, &mut now);
@@ -250,13 +251,11 @@ impl<'a> Samples<'a> {
     pub(crate) fn find_crossings(&mut self) {
         if self.labels.plain() {
             let level = at_least(self.labels.level);
-            let lists = self.values.lists.par_iter();
-            let masks = lists.map(|values| {
+            self.masks.lists = parallel::map_each(&self.values.lists, |values| {
                 let mut masks = vec![0; values.len() / BLOCK_POINTS * BLOCK_CELLS];
                 kernel::crossings(values, level, &mut masks);
                 masks
             });
-            self.masks.lists = masks.collect();
         }
     }
 

@@ -13,9 +13,9 @@
 //! The cell is split while E is above the tolerance and it is larger than the finest. Where two sheets of the surface pass
 //! through one cell the corners cannot tell them apart, whatever E says; such cells are found by their labels.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::{INTERIOR, Region};
 use geom_core::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::domain::local;
 use super::samples::{SIDE, Samples};
@@ -205,33 +205,30 @@ pub(crate) fn splits(samples: &Samples<'_>, options: &Options) -> Splits {
     let judge = Judge::new(samples, options);
     // Without tolerances all cells with a surface are finest, and signs alone tell them.
     let uniform = options.has_one_size();
-    let found: Vec<(usize, u64, u8, bool)> = (0..domain.block_len())
-        .into_par_iter()
-        .filter_map(|b| {
-            let (values, regions) = (samples.values_of(b)?, samples.regions_of(b)?);
-            let block = domain.block(b);
-            if uniform && let Some(masks) = samples.masks_of(b) {
-                let (two, four) = mixed(masks);
-                return Some((b, two, four, four != 0));
-            }
-            let bits = |i: usize| [i & 1, i >> 1 & 1, i >> 2];
-            let (mut two, mut four) = (0u64, 0u8);
-            let eight = judge.splits(block, values, &regions, [0; 3], 8);
-            for g in (0..8).filter(|_| eight) {
-                let low = bits(g).map(|c| 4 * c);
-                if judge.splits(block, values, &regions, low, 4) {
-                    four |= 1 << g;
-                    for c in 0..8 {
-                        let low = [0, 1, 2].map(|k| low[k] + 2 * bits(c)[k]);
-                        if judge.splits(block, values, &regions, low, 2) {
-                            two |= 1 << (8 * g + c);
-                        }
+    let found: Vec<(usize, u64, u8, bool)> = parallel::flat_map(domain.block_len(), |b| {
+        let (values, regions) = (samples.values_of(b)?, samples.regions_of(b)?);
+        let block = domain.block(b);
+        if uniform && let Some(masks) = samples.masks_of(b) {
+            let (two, four) = mixed(masks);
+            return Some((b, two, four, four != 0));
+        }
+        let bits = |i: usize| [i & 1, i >> 1 & 1, i >> 2];
+        let (mut two, mut four) = (0u64, 0u8);
+        let eight = judge.splits(block, values, &regions, [0; 3], 8);
+        for g in (0..8).filter(|_| eight) {
+            let low = bits(g).map(|c| 4 * c);
+            if judge.splits(block, values, &regions, low, 4) {
+                four |= 1 << g;
+                for c in 0..8 {
+                    let low = [0, 1, 2].map(|k| low[k] + 2 * bits(c)[k]);
+                    if judge.splits(block, values, &regions, low, 2) {
+                        two |= 1 << (8 * g + c);
                     }
                 }
             }
-            Some((b, two, four, eight))
-        })
-        .collect();
+        }
+        Some((b, two, four, eight))
+    });
     for (b, two, four, eight) in found {
         out.two[b] = two;
         out.four[b] |= four;

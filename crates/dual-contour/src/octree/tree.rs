@@ -15,7 +15,6 @@
 use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
 use geom_core::compute::parallel;
-use rayon::prelude::*;
 
 /// Finest cells per side of a block, and its logarithm.
 pub(crate) const BLOCK: i32 = 8;
@@ -256,7 +255,7 @@ fn split_two(cells: [i32; 3], blocks: [i32; 3], splits: &Splits) -> Vec<u64> {
 fn split_four(cells: [i32; 3], blocks: [i32; 3], splits: &Splits, two: &[u64]) -> Vec<u8> {
     let four: Vec<AtomicU8> = splits.four.iter().map(|&f| AtomicU8::new(f)).collect();
     let reach = two_to_four();
-    (0..two.len()).into_par_iter().for_each(|b| {
+    parallel::for_indices(two.len(), |b| {
         let at = block_coordinates(blocks, b);
         // What the split cells of size 2 ask for, in this block and one cell around it.
         let mut asked = 0u64;

@@ -310,18 +310,17 @@ impl Body<'_> {
                 .copied()
                 .max_by(|a, b| given(a).total_cmp(&given(b)))
         };
-        holes.par_iter().filter_map(most).collect()
+        parallel::flat_map(holes.len(), |i| most(&holes[i]))
     }
 }
 
 /// Lattice points whose density was at `cap` or above, and is below `least` now.
 fn holes(old: &BrickGrid, new: &BrickGrid, cap: f32, least: f32) -> Vec<Point3> {
     let lattice = *old.lattice();
-    let holes = (0..lattice.len()).into_par_iter().filter_map(|i| {
+    parallel::flat_map(lattice.len(), |i| {
         let p = lattice.coordinates(i);
         (old.at(p) >= cap && new.at(p) < least).then(|| lattice.point(p))
-    });
-    holes.collect()
+    })
 }
 
 /// The samples that an elimination watches, in cells.

@@ -4,9 +4,9 @@
 
 use std::collections::VecDeque;
 
+use geom_core::compute::parallel;
 use geom_core::options::{OutOfRange, require};
 use geom_core::{Aabb, BrickGrid, Run};
-use rayon::prelude::*;
 
 use crate::atoms::samples::{self, Wanted};
 use crate::backend::{DensityBackend, On, RefitSamples, RefitSums, SampleCell};
@@ -320,7 +320,7 @@ impl<'a> Descent<'a> {
 /// radii and smallest decays.
 fn with_atoms_of(
     widest: &Prepared<'_>,
-    cells: Vec<SampleCell>,
+    mut cells: Vec<SampleCell>,
     options: &Refit,
 ) -> Vec<SampleCell> {
     // A moved centre is like a moved point.
@@ -328,29 +328,31 @@ fn with_atoms_of(
     let floor = 0.5 * options.band[0];
     let reach = widest.reach.radius(SAMPLE_EPS / 4.0, floor) + slack;
     let clusters = widest.clusters();
+    parallel::for_each_init(&mut cells, Scratch::default, |scratch, _, whole| {
+        let cell =
+            std::mem::replace(whole, SampleCell::new(vec![], vec![], vec![])).at_least(floor);
+        if cell.points.is_empty() {
+            return;
+        }
+        let around = Aabb::of_points(&cell.points).inflated(slack);
+        let near = widest.near(&clusters, &around, reach);
+        let all = ActiveSet::gather(widest, &widest.atoms_near(&near, &around, reach));
+        let mut kept = ActiveSet::default();
+        all.cull_into(
+            &(&around).into(),
+            0.75 * SAMPLE_EPS,
+            floor,
+            scratch,
+            &mut kept,
+        );
+        *whole = SampleCell {
+            exact: cell.exact,
+            target: cell.target,
+            ..SampleCell::new(kept.atom, kept.levels, cell.points)
+        };
+    });
+    cells.retain(|cell| !cell.points.is_empty());
     cells
-        .into_par_iter()
-        .map(|cell| cell.at_least(floor))
-        .filter(|cell| !cell.points.is_empty())
-        .map_init(Scratch::default, |scratch, cell| {
-            let around = Aabb::of_points(&cell.points).inflated(slack);
-            let near = widest.near(&clusters, &around, reach);
-            let all = ActiveSet::gather(widest, &widest.atoms_near(&near, &around, reach));
-            let mut kept = ActiveSet::default();
-            all.cull_into(
-                &(&around).into(),
-                0.75 * SAMPLE_EPS,
-                floor,
-                scratch,
-                &mut kept,
-            );
-            SampleCell {
-                exact: cell.exact,
-                target: cell.target,
-                ..SampleCell::new(kept.atom, kept.levels, cell.points)
-            }
-        })
-        .collect()
 }
 
 /// Something for x, y, z, radius and decay of an atom.

@@ -76,12 +76,10 @@ pub(crate) fn collect(
         Some(_) => wanted.band[1],
         None => f64::INFINITY,
     };
-    cells
-        .par_iter_mut()
-        .for_each_init(cells::Scratch::default, |scratch, cell| {
-            cell.exact = cells::values_of_cell(cell, model, scratch);
-            cell.target = cell.exact.iter().map(|g| g.min(cap)).collect();
-        });
+    parallel::for_each_init(&mut cells, cells::Scratch::default, |scratch, _, cell| {
+        cell.exact = cells::values_of_cell(cell, model, scratch);
+        cell.target = cell.exact.iter().map(|g| g.min(cap)).collect();
+    });
     Ok(cells)
 }
 

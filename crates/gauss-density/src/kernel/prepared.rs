@@ -4,8 +4,8 @@
 //! each other, so runs of the model's own order make tight boxes, and whatever is found keeps that order without a
 //! sort.
 
+use geom_core::compute::parallel;
 use geom_core::{Aabb, Point3};
-use rayon::prelude::*;
 
 use crate::kernel::boxes::gap_squared;
 use crate::model::reach::Reach;
@@ -110,11 +110,11 @@ impl<'a> Prepared<'a> {
     /// Side by side if there are many; the order stays.
     pub(crate) fn near(&self, of: &[u32], region: &Aabb, reach: f64) -> Vec<u32> {
         let squared = reach * reach;
-        let is_near = |c: &&u32| gap_squared(&self.boxes[**c as usize], region) <= squared;
+        let is_near = |c: &u32| gap_squared(&self.boxes[*c as usize], region) <= squared;
         if of.len() > 100_000 {
-            of.par_iter().filter(is_near).copied().collect()
+            parallel::flat_map(of.len(), |i| Some(of[i]).filter(is_near))
         } else {
-            of.iter().filter(is_near).copied().collect()
+            of.iter().copied().filter(is_near).collect()
         }
     }
 

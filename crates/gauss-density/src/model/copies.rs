@@ -3,7 +3,6 @@
 use geom_core::compute::parallel;
 use geom_core::structure::Transform;
 use geom_core::{Aabb, Lattice, Point3};
-use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::kernel::prepared::Prepared;
@@ -115,28 +114,24 @@ impl Copies {
     pub(crate) fn near(&self, region: &Aabb, reach: f64) -> Option<Model> {
         // A hair more, so that rounding leaves none out; those that do not matter are sorted out later.
         let squared = reach * reach * (1.0 + 1e-9) + 1e-9;
-        let parts: Vec<Option<(usize, Model)>> = self
-            .places
-            .par_iter()
-            .enumerate()
-            .map(|(i, place)| {
-                let middle = place.apply(&self.bounds.center());
-                // Of any affine map: how far the corners of the box go.
-                let half = place.rotation.abs() * self.bounds.extent() * 0.5;
-                let around = Aabb::new(middle - half, middle + half);
-                if crate::kernel::boxes::gap_squared(&around, region) > squared * (1.0 + 1e-6) {
-                    return None;
-                }
-                let is_near = |a: &u32| {
-                    let center = place.apply(&self.unit.centers()[*a as usize]);
-                    region.distance_squared(&center) <= squared
-                };
-                let atoms: Vec<u32> = (0..self.unit.atoms() as u32).filter(is_near).collect();
-                (!atoms.is_empty()).then(|| (i, self.unit.subset(&atoms)))
-            })
-            .collect();
+        let parts: Vec<(usize, Model)> = parallel::flat_map(self.places.len(), |i| {
+            let place = &self.places[i];
+            let middle = place.apply(&self.bounds.center());
+            // Of any affine map: how far the corners of the box go.
+            let half = place.rotation.abs() * self.bounds.extent() * 0.5;
+            let around = Aabb::new(middle - half, middle + half);
+            if crate::kernel::boxes::gap_squared(&around, region) > squared * (1.0 + 1e-6) {
+                return None;
+            }
+            let is_near = |a: &u32| {
+                let center = place.apply(&self.unit.centers()[*a as usize]);
+                region.distance_squared(&center) <= squared
+            };
+            let atoms: Vec<u32> = (0..self.unit.atoms() as u32).filter(is_near).collect();
+            (!atoms.is_empty()).then(|| (i, self.unit.subset(&atoms)))
+        });
         let mut all = self.unit.emptied();
-        for (place, part) in parts.into_iter().flatten() {
+        for (place, part) in parts {
             all.append(&part, |center| self.places[place].apply(center));
         }
         (all.atoms() > 0).then_some(all)

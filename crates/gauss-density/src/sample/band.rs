@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 
+use geom_core::compute::parallel;
 use geom_core::grid::{BRICK, BRICK_POINTS, Brick};
 use geom_core::{BrickGrid, Lattice, Run};
 use rayon::prelude::*;
@@ -196,8 +197,8 @@ impl Band {
         let [nx, ny, _] = bricks;
         let strides = [1, nx, nx * ny];
         let coordinates = |at: usize| [at % nx, at / nx % ny, at / (nx * ny)];
-        let is_crossed = |at: &usize| {
-            let brick = coordinates(*at);
+        let is_crossed = |at: usize| {
+            let brick = coordinates(at);
             (0..3).any(|axis| {
                 let below = (brick[axis] > 0).then(|| (at - strides[axis], BRICK - 1));
                 let above = (brick[axis] + 1 < bricks[axis]).then(|| (at + strides[axis], 0));
@@ -217,9 +218,9 @@ impl Band {
                     })
             })
         };
-        let interior = self.kinds.par_iter().enumerate();
-        let interior = interior.filter(|(_, kind)| **kind == Brick::Interior);
-        let found: Vec<usize> = interior.map(|(at, _)| at).filter(is_crossed).collect();
+        let found = parallel::flat_map(self.kinds.len(), |at| {
+            (self.kinds[at] == Brick::Interior && is_crossed(at)).then_some(at)
+        });
         let mut crossed = BTreeMap::new();
         for at in found {
             let inner = coordinates(at);

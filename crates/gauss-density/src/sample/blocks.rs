@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
+use geom_core::compute::parallel;
 use geom_core::grid::BRICK;
 use geom_core::{Aabb, Lattice};
-use rayon::prelude::*;
 
 use crate::backend::{BLOCK, Block, BlockValues, Job, On, check_blocks};
 use crate::error::Error;
@@ -277,13 +277,14 @@ pub(crate) fn touched(grid: &impl geom_core::LatticeValues) -> [[bool; 2]; 3] {
     std::array::from_fn(|axis| {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         [0, counts[axis].saturating_sub(1)].map(|side| {
-            (0..counts[v]).into_par_iter().any(|b| {
+            let row = parallel::first(counts[v], |b| {
                 (0..counts[u]).any(|a| {
                     let mut p = [0; 3];
                     (p[axis], p[u], p[v]) = (side, a, b);
                     grid.at(p) >= 1.0
                 })
-            })
+            });
+            row.is_some()
         })
     })
 }

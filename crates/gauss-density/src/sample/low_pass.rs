@@ -9,7 +9,6 @@ use std::sync::Arc;
 use geom_core::compute::parallel;
 use geom_core::options::{OutOfRange, require};
 use geom_core::{LatticeValues, ScalarGrid};
-use rayon::prelude::*;
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
@@ -136,24 +135,22 @@ pub fn low_pass(grid: &ScalarGrid, options: &LowPass) -> Result<ScalarGrid, Erro
     let mut complex = FftPlanner::<f32>::new();
 
     // Along x: [z][y][f].
-    let [cx, cy, _] = lattice.counts;
+    let [cx, cy, cz] = lattice.counts;
     let mut spectrum = vec![Complex32::ZERO; half * ny * nz];
-    spectrum
-        .par_chunks_mut(half * ny)
-        .zip(grid.values().par_chunks(cx * cy))
-        .for_each(|(plane, values)| {
-            let mut row = vec![0.0f32; nx];
-            for (out, values) in plane.chunks_exact_mut(half).zip(values.chunks_exact(cx)) {
-                row.fill(0.0);
-                for (to, &g) in row.iter_mut().zip(values) {
-                    let g = g.max(0.0);
-                    *to = if g.is_finite() { g / (1.0 + g) } else { 1.0 };
-                }
-                forward_x
-                    .process(&mut row, out)
-                    .expect("lengths as planned");
+    parallel::for_chunks(&mut spectrum[..half * ny * cz], half * ny, |z, plane| {
+        let values = &grid.values()[z * cx * cy..][..cx * cy];
+        let mut row = vec![0.0f32; nx];
+        for (out, values) in plane.chunks_exact_mut(half).zip(values.chunks_exact(cx)) {
+            row.fill(0.0);
+            for (to, &g) in row.iter_mut().zip(values) {
+                let g = g.max(0.0);
+                *to = if g.is_finite() { g / (1.0 + g) } else { 1.0 };
             }
-        });
+            forward_x
+                .process(&mut row, out)
+                .expect("lengths as planned");
+        }
+    });
     along_y(&mut spectrum, half, ny, &complex.plan_fft_forward(ny));
 
     // Along z, on the transpose [y][f][z], with the response in between.
@@ -189,32 +186,31 @@ pub fn low_pass(grid: &ScalarGrid, options: &LowPass) -> Result<ScalarGrid, Erro
     along_y(&mut spectrum, half, ny, &complex.plan_fft_inverse(ny));
 
     let mut values = vec![0.0f32; lattice.len()];
-    values
-        .par_chunks_mut(cx * cy)
-        .zip(spectrum.par_chunks_mut(half * ny))
-        .for_each(|(out, plane)| {
-            let mut row = vec![0.0f32; nx];
-            for (out, waves) in out.chunks_exact_mut(cx).zip(plane.chunks_exact_mut(half)) {
-                // The mean and the highest wave of a real line are real.
-                waves[0].im = 0.0;
-                if nx.is_multiple_of(2) {
-                    waves[half - 1].im = 0.0;
-                }
-                inverse_x
-                    .process(waves, &mut row)
-                    .expect("lengths as planned");
-                for (to, &phi) in out.iter_mut().zip(&row) {
-                    let phi = phi.min(FULL);
-                    *to = phi / (1.0 - phi);
-                }
+    let planes = spectrum.chunks_exact_mut(half * ny);
+    let mut planes: Vec<_> = values.chunks_exact_mut(cx * cy).zip(planes).collect();
+    parallel::for_each(&mut planes, |_, (out, plane)| {
+        let mut row = vec![0.0f32; nx];
+        for (out, waves) in out.chunks_exact_mut(cx).zip(plane.chunks_exact_mut(half)) {
+            // The mean and the highest wave of a real line are real.
+            waves[0].im = 0.0;
+            if nx.is_multiple_of(2) {
+                waves[half - 1].im = 0.0;
             }
-        });
+            inverse_x
+                .process(waves, &mut row)
+                .expect("lengths as planned");
+            for (to, &phi) in out.iter_mut().zip(&row) {
+                let phi = phi.min(FULL);
+                *to = phi / (1.0 - phi);
+            }
+        }
+    });
     Ok(ScalarGrid::new(lattice, values)?)
 }
 
 /// Transforms every column of every plane in place.
 fn along_y(spectrum: &mut [Complex32], half: usize, ny: usize, plan: &Arc<dyn Fft<f32>>) {
-    spectrum.par_chunks_mut(half * ny).for_each(|plane| {
+    parallel::for_chunks(spectrum, half * ny, |_, plane| {
         let mut column = vec![Complex32::ZERO; ny];
         for x in 0..half {
             for (y, value) in column.iter_mut().enumerate() {

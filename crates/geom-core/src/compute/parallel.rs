@@ -5,7 +5,8 @@
 //! ([`map`] and those after it) are cut as the threads need it: there the cuts leave no trace.
 
 use std::ops::Range;
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
@@ -107,10 +108,65 @@ pub fn for_chunks<T: Send>(values: &mut [T], size: usize, f: impl Fn(usize, &mut
     in_chunks(values, size, &f);
 }
 
+/// `f` of each value, with its index.
+///
+/// ```
+/// let mut values = [5, 5, 5];
+/// geom_core::compute::parallel::for_each(&mut values, |i, value| *value += i);
+/// assert_eq!(values, [5, 6, 7]);
+/// ```
+///
+/// Where each goes with something else, that is looked up by the index, or is part of the value: a list of pairs.
+pub fn for_each<T: Send>(values: &mut [T], f: impl Fn(usize, &mut T) + Sync) {
+    for_each_init(values, || (), |(), i, value| f(i, value));
+}
+
+/// [`for_each`] with something to work in, made once for a stretch of neighbours and not for each.
+pub fn for_each_init<T: Send, W>(
+    values: &mut [T],
+    init: impl Fn() -> W + Sync,
+    f: impl Fn(&mut W, usize, &mut T) + Sync,
+) {
+    let size = values.len().div_ceil(pieces_of(values.len()).max(1));
+    in_chunks(values, size.max(1), &|piece, values| {
+        let mut work = init();
+        for (i, value) in (piece * size..).zip(values) {
+            f(&mut work, i, value);
+        }
+    });
+}
+
+/// `f` of each `i < n`, for what it does elsewhere: to atomics, to files.
+pub fn for_indices(n: usize, f: impl Fn(usize) + Sync) {
+    in_pieces(n, &|_, piece| piece.for_each(&f));
+}
+
+/// The lowest `i < n` with `f(i)`. Little is asked beyond it.
+///
+/// ```
+/// assert_eq!(geom_core::compute::parallel::first(9, |i| i * i > 10), Some(4));
+/// assert_eq!(geom_core::compute::parallel::first(3, |i| i * i > 10), None);
+/// ```
+pub fn first(n: usize, f: impl Fn(usize) -> bool + Sync) -> Option<usize> {
+    let lowest = AtomicUsize::new(n);
+    in_pieces(n, &|_, mut piece| {
+        let found = piece.find(|&i| i >= lowest.load(Relaxed) || f(i));
+        found.inspect(|&i| _ = lowest.fetch_min(i, Relaxed));
+    });
+    Some(lowest.into_inner()).filter(|&i| i < n)
+}
+
 /// Compiled once per type of value: see [`gather`].
 fn in_chunks<T: Send>(values: &mut [T], size: usize, f: &(dyn Fn(usize, &mut [T]) + Sync)) {
-    let chunks = values.par_chunks_mut(size).enumerate();
-    chunks.for_each(|(number, chunk)| f(number, chunk));
+    let chunks: Vec<Mutex<&mut [T]>> = values.chunks_mut(size).map(Mutex::new).collect();
+    each(chunks.len(), &|number| {
+        f(
+            number,
+            &mut chunks[number]
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner),
+        );
+    });
 }
 
 /// What `f(0)`, `f(1)`, …, `f(n - 1)` give, one after the other.
@@ -128,26 +184,29 @@ pub fn flat_map<I: IntoIterator<Item: Send>>(
 /// Pieces per thread of a loop: more even out what takes longer in one place than in another.
 const PIECES: usize = 16;
 
+/// Into how many pieces a loop over `n` is cut.
+fn pieces_of(n: usize) -> usize {
+    n.min(PIECES * rayon::current_num_threads())
+}
+
 /// `f` of consecutive ranges that make up `0..n`, one after the other. How many ranges there are depends on the number of
 /// threads, so what `f` gives must not depend on where it is cut.
 ///
-/// The loops of the house go through here, by reference to `f`, because a parallel iterator of rayon is five to seven
-/// thousand lines of code to the compiler wherever one stands, and this one stands in one place.
+/// The loops of the house go through here and through [`each`], by reference to `f`, because a parallel iterator of rayon
+/// is five to seven thousand lines of code to the compiler wherever one stands, and this one stands in one place.
 fn gather<T: Send>(n: usize, f: &(dyn Fn(Range<usize>) -> Vec<T> + Sync)) -> Vec<T> {
-    let pieces = n.min(PIECES * rayon::current_num_threads());
+    let pieces = pieces_of(n);
     if pieces < 2 {
         return f(0..n);
     }
-    // Products of a length and a number of pieces, rounded down: ranges whose lengths differ by one at most.
-    let start = |piece: usize| (n as u128 * piece as u128 / pieces as u128) as usize;
     let parts: Vec<Mutex<Vec<T>>> = (0..pieces).map(|_| Mutex::default()).collect();
-    each(pieces, &|piece| {
-        let made = f(start(piece)..start(piece + 1));
-        *parts[piece].lock().unwrap_or_else(|held| held.into_inner()) = made;
+    in_pieces(n, &|piece, range| {
+        let made = f(range);
+        *parts[piece].lock().unwrap_or_else(PoisonError::into_inner) = made;
     });
     let mut parts: Vec<Vec<T>> = parts
         .into_iter()
-        .map(|part| part.into_inner().unwrap_or_else(|held| held.into_inner()))
+        .map(|part| part.into_inner().unwrap_or_else(PoisonError::into_inner))
         .collect();
     let mut all = Vec::with_capacity(parts.iter().map(Vec::len).sum());
     for part in &mut parts {
@@ -156,9 +215,21 @@ fn gather<T: Send>(n: usize, f: &(dyn Fn(Range<usize>) -> Vec<T> + Sync)) -> Vec
     all
 }
 
+/// `f` of the pieces of `0..n` and their numbers, in any order.
+fn in_pieces(n: usize, f: &(dyn Fn(usize, Range<usize>) + Sync)) {
+    let pieces = pieces_of(n);
+    // Products of a length and a number of pieces, rounded down: ranges whose lengths differ by one at most.
+    let start = |piece: usize| (n as u128 * piece as u128 / pieces as u128) as usize;
+    each(pieces, &|piece| f(piece, start(piece)..start(piece + 1)));
+}
+
 /// `f(i)` for `i < n`, in any order.
 fn each(n: usize, f: &(dyn Fn(usize) + Sync)) {
-    (0..n).into_par_iter().for_each(f);
+    if n < 2 {
+        (0..n).for_each(f);
+    } else {
+        (0..n).into_par_iter().for_each(f);
+    }
 }
 
 /// Exclusive prefix sum: where each group starts, and the total at the end (`counts.len() + 1`

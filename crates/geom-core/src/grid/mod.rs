@@ -21,8 +21,7 @@ pub mod lattice;
 
 pub use brick::{BRICK, BRICK_POINTS, Brick, BrickGrid};
 
-use rayon::prelude::*;
-
+use crate::compute::parallel;
 use crate::{ImplicitField, Lattice, Point3, Vector3};
 
 /// Why a grid cannot be made.
@@ -231,8 +230,11 @@ fn copy_row(to: &mut [f32], from: &[f32]) {
 fn first_not_finite(values: &[f32]) -> Option<usize> {
     const CHUNK: usize = 1 << 14;
     // A count, not a search: it uses the lanes of the processor.
-    let broken = |chunk: &[f32]| chunk.iter().filter(|v| !v.is_finite()).count() > 0;
-    let chunk = values.par_chunks(CHUNK).position_first(broken)?;
+    let chunk = parallel::first(values.len().div_ceil(CHUNK), |chunk| {
+        let values = &values[chunk * CHUNK..];
+        let chunk = &values[..values.len().min(CHUNK)];
+        chunk.iter().filter(|v| !v.is_finite()).count() > 0
+    })?;
     let place = values[chunk * CHUNK..].iter().position(|v| !v.is_finite());
     place.map(|i| chunk * CHUNK + i)
 }

@@ -652,12 +652,10 @@ impl BoundaryComparison {
 fn common_numbers(first: &[Point3], second: &[Point3]) -> (Vec<u32>, Vec<u32>) {
     // −0 and 0 are the same place.
     let bits = |p: &Point3| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
-    let mut all: Vec<([u64; 3], usize)> = first
-        .par_iter()
-        .chain(second)
-        .enumerate()
-        .map(|(i, p)| (bits(p), i))
-        .collect();
+    let mut all: Vec<([u64; 3], usize)> = parallel::map(first.len() + second.len(), |i| {
+        let of_second = || &second[i - first.len()];
+        (bits(first.get(i).unwrap_or_else(of_second)), i)
+    });
     all.par_sort_unstable();
     let mut numbers = vec![0; all.len()];
     for (number, group) in all.chunk_by(|a, b| a.0 == b.0).enumerate() {

@@ -26,9 +26,8 @@ pub use halfedge::Halfedges;
 pub use measure::six_volume;
 pub use quality::TriangleReport;
 
-use rayon::prelude::*;
-
 use crate::Point3;
+use crate::compute::parallel;
 use crate::id::MAX_ELEMENTS;
 
 /// Why a mesh cannot be made.
@@ -112,11 +111,8 @@ fn check<const N: usize>(positions: &[Point3], elements: &[[u32; N]]) -> Result<
             return Err(MeshError::TooMany { count });
         }
     }
-    if let Some(vertex) = positions
-        .par_iter()
-        .with_min_len(4096)
-        .position_first(|p| p.iter().any(|c| !c.is_finite()))
-    {
+    let broken = |v: usize| positions[v].iter().any(|c| !c.is_finite());
+    if let Some(vertex) = parallel::first(positions.len(), broken) {
         return Err(MeshError::NotFinite { vertex });
     }
     check_corners(positions.len(), elements)
@@ -124,18 +120,12 @@ fn check<const N: usize>(positions: &[Point3], elements: &[[u32; N]]) -> Result<
 
 /// Every corner lies below `vertices`, and those of one element differ.
 fn check_corners<const N: usize>(vertices: usize, elements: &[[u32; N]]) -> Result<(), MeshError> {
-    let first_bad = elements
-        .par_chunks(4096)
-        .enumerate()
-        .filter_map(|(chunk, elements)| {
-            let bad = |corners: &[u32; N]| {
-                let differ = (1..N).all(|k| !corners[..k].contains(&corners[k]));
-                !differ || corners.iter().any(|&v| v as usize >= vertices)
-            };
-            Some(4096 * chunk + elements.iter().position(bad)?)
-        })
-        .min();
-    let Some(element) = first_bad else {
+    let bad = |element: usize| {
+        let corners = &elements[element];
+        let differ = (1..N).all(|k| !corners[..k].contains(&corners[k]));
+        !differ || corners.iter().any(|&v| v as usize >= vertices)
+    };
+    let Some(element) = parallel::first(elements.len(), bad) else {
         return Ok(());
     };
     let corners = &elements[element];
@@ -223,23 +213,25 @@ impl TriMesh {
             }
             components[number[set]].push(triangle);
         }
+        let without_vertices = |triangles| TriMesh {
+            positions: Vec::new(),
+            triangles,
+        };
         let mut meshes: Vec<(f64, TriMesh)> = components
-            .into_par_iter()
-            .map(|mut triangles| {
-                let mut vertices = triangles.as_flattened().to_vec();
-                vertices.sort_unstable();
-                vertices.dedup();
-                for v in triangles.as_flattened_mut() {
-                    *v = vertices.partition_point(|u| u < v) as u32;
-                }
-                let position = |&v: &u32| self.positions[v as usize];
-                let mesh = TriMesh {
-                    positions: vertices.iter().map(position).collect(),
-                    triangles,
-                };
-                (mesh.area(), mesh)
-            })
+            .into_iter()
+            .map(|triangles| (0.0, without_vertices(triangles)))
             .collect();
+        parallel::for_each(&mut meshes, |_, (area, mesh)| {
+            let mut vertices = mesh.triangles.as_flattened().to_vec();
+            vertices.sort_unstable();
+            vertices.dedup();
+            for v in mesh.triangles.as_flattened_mut() {
+                *v = vertices.partition_point(|u| u < v) as u32;
+            }
+            let position = |&v: &u32| self.positions[v as usize];
+            mesh.positions = vertices.iter().map(position).collect();
+            *area = mesh.area();
+        });
         meshes.sort_by(|a, b| b.0.total_cmp(&a.0));
         meshes.into_iter().map(|m| m.1).collect()
     }

@@ -4,7 +4,6 @@
 //! farther than rounding from touching is decided rightly, and overlaps within one plane are not looked for.
 
 use crate::compute::parallel;
-use rayon::prelude::*;
 
 use super::bvh::TriangleTree;
 use crate::mesh::{MeshError, six_volume};
@@ -147,8 +146,9 @@ impl CrossingWatch {
             self.gather(positions)?;
         }
         let boxed = boxed(positions, &self.triangles);
-        let crosses = |[s, t]: &&[u32; 2]| boxed[*s as usize].crosses(&boxed[*t as usize]);
-        let mut pairs: Vec<[u32; 2]> = self.near.par_iter().filter(crosses).copied().collect();
+        let crosses = |[s, t]: &[u32; 2]| boxed[*s as usize].crosses(&boxed[*t as usize]);
+        let near = &self.near;
+        let mut pairs = parallel::flat_map(near.len(), |i| Some(near[i]).filter(crosses));
         pairs.sort_unstable();
         Ok(pairs)
     }

@@ -8,8 +8,7 @@
 use std::fmt;
 use std::ops::Range;
 
-use rayon::prelude::*;
-
+use crate::compute::parallel;
 use crate::id::MAX_ELEMENTS;
 use crate::nalgebra::Matrix3;
 use crate::{Aabb, Point3, Vector3};
@@ -545,17 +544,13 @@ impl Structure {
             atoms += one.atoms.len();
         }
         // The atoms, moved, each from its place alone.
-        (0..atoms)
-            .into_par_iter()
-            .with_min_len(4096)
-            .map(|i| {
-                let copy = starts.partition_point(|&s| s <= i) - 1;
-                let (part, transform) = &copies[copy];
-                let mut atom = parts[*part].atoms[i - starts[copy]];
-                atom.position = transform.apply(&atom.position);
-                atom
-            })
-            .collect_into_vec(&mut whole.atoms);
+        whole.atoms = parallel::map(atoms, |i| {
+            let copy = starts.partition_point(|&s| s <= i) - 1;
+            let (part, transform) = &copies[copy];
+            let mut atom = parts[*part].atoms[i - starts[copy]];
+            atom.position = transform.apply(&atom.position);
+            atom
+        });
         // The ends of the last ranges.
         whole.residue_starts.push(whole.atoms.len() as u32);
         whole.chain_starts.push(whole.residues.len() as u32);

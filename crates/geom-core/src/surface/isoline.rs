@@ -119,20 +119,17 @@ pub fn isolines(
 /// enters and exactly one leaves, which is so at inner edges of an oriented surface; elsewhere it ends.
 fn at_level(mesh: &TriMesh, values: &[f64], level: f64) -> Vec<Isoline> {
     let above = |v: u32| values[v as usize] >= level;
-    let segments: Vec<Segment> = mesh
-        .triangles()
-        .par_iter()
-        .enumerate()
-        .filter_map(|(t, c)| {
-            let side = |k: usize| [c[k], c[(k + 1) % 3]];
-            let falling = (0..3).map(side).find(|&[a, b]| above(a) && !above(b))?;
-            let rising = (0..3).map(side).find(|&[a, b]| !above(a) && above(b))?;
-            Some(Segment {
-                triangle: t as u32,
-                edges: [falling, rising],
-            })
+    let triangles = mesh.triangles();
+    let segments: Vec<Segment> = parallel::flat_map(triangles.len(), |t| {
+        let c = triangles[t];
+        let side = |k: usize| [c[k], c[(k + 1) % 3]];
+        let falling = (0..3).map(side).find(|&[a, b]| above(a) && !above(b))?;
+        let rising = (0..3).map(side).find(|&[a, b]| !above(a) && above(b))?;
+        Some(Segment {
+            triangle: t as u32,
+            edges: [falling, rising],
         })
-        .collect();
+    });
     // Where each edge is entered and left: lines go on where that is once each.
     let sorted = |end: usize| {
         let mut keys: Vec<([u32; 2], u32)> = (0..)

@@ -4,7 +4,6 @@ use geom_core::Point3;
 use geom_core::algebra::graph::VoxelGraph;
 use geom_core::compute::parallel;
 use geom_core::search::nearest::PointTree;
-use rayon::prelude::*;
 
 use super::solve::Solver;
 use crate::Error;
@@ -51,12 +50,9 @@ pub(super) fn harmonic(
         };
         wins(1.0) || wins(-1.0)
     };
-    let nodes = 0..rest.len() as u32;
-    Ok(nodes
-        .into_par_iter()
-        .with_min_len(64)
-        .filter(is_extreme)
-        .collect())
+    Ok(parallel::flat_map(rest.len(), |i| {
+        Some(i as u32).filter(is_extreme)
+    }))
 }
 
 /// Given landmarks as those of the second shape: of its nodes the nearest to each image, which goes to where the landmark

@@ -7,7 +7,6 @@
 use geom_core::algebra::graph::VoxelGraph;
 use geom_core::compute::parallel;
 use geom_core::{Aabb, Lattice, Point3, ScalarGrid};
-use rayon::prelude::*;
 
 use super::FrameReport;
 use crate::Error;
@@ -170,15 +169,14 @@ pub(super) fn measured(
             },
         )
     };
-    let none = || (1.0, 1.0, [0, 0]);
-    let (smallest_stretch, largest_stretch, [strained, edges]) = (0..rest.len())
-        .into_par_iter()
-        .with_min_len(256)
-        .map(stretch)
-        .reduce(none, |a, b| {
-            let sum = [a.2[0] + b.2[0], a.2[1] + b.2[1]];
-            (a.0.min(b.0), a.1.max(b.1), sum)
-        });
+    let stretches = parallel::map(rest.len(), stretch);
+    let (smallest_stretch, largest_stretch, [strained, edges]) =
+        stretches
+            .into_iter()
+            .fold((1.0f64, 1.0f64, [0; 2]), |a, b| {
+                let sum = [a.2[0] + b.2[0], a.2[1] + b.2[1]];
+                (a.0.min(b.0), a.1.max(b.1), sum)
+            });
     // Nodes at one lattice point that were far apart.
     let mut placed: Vec<(usize, u32)> = now
         .iter()

@@ -5,7 +5,7 @@
 //! each row, then with the parabolas `(t − u)² + g(u)` along z and along y. Each point is read a fixed number of times,
 //! whatever the distances are.
 
-use rayon::prelude::*;
+use geom_core::compute::parallel;
 
 /// The square of the distance of each lattice point to the nearest one that is not `inside`, in spacings; what lies
 /// beyond the lattice is outside. `counts` are points per axis, the first fastest.
@@ -14,48 +14,39 @@ pub(crate) fn squared_distances(counts: [usize; 3], inside: &[bool], rows: &mut 
     // Along the first axis: how far to the nearest end of a run.
     rows.clear();
     rows.resize(inside.len(), 0);
-    rows.par_chunks_mut(nx.max(1))
-        .zip(inside.par_chunks(nx.max(1)))
-        .with_min_len(64)
-        .for_each(|(row, inside)| {
-            let mut run = 0;
-            for (d, &inside) in row.iter_mut().zip(inside) {
-                run = if inside { run + 1 } else { 0 };
-                *d = run;
-            }
-            let mut run = 0;
-            for (d, &inside) in row.iter_mut().zip(inside).rev() {
-                run = if inside { run + 1 } else { 0 };
-                *d = run.min(*d);
-            }
-        });
+    parallel::for_chunks(rows, nx.max(1), |at, row| {
+        let inside = &inside[at * nx..][..row.len()];
+        let mut run = 0;
+        for (d, &inside) in row.iter_mut().zip(inside) {
+            run = if inside { run + 1 } else { 0 };
+            *d = run;
+        }
+        let mut run = 0;
+        for (d, &inside) in row.iter_mut().zip(inside).rev() {
+            run = if inside { run + 1 } else { 0 };
+            *d = run.min(*d);
+        }
+    });
     for d in rows.iter_mut() {
         *d = d.saturating_mul(*d);
     }
     // Along the third axis, into columns of it: [y][x][z].
     let mut columns = vec![0u32; inside.len()];
-    columns
-        .par_chunks_mut(nz.max(1))
-        .enumerate()
-        .with_min_len(64)
-        .for_each_init(Envelope::default, |envelope, (xy, out)| {
-            let line = |z: usize| rows[xy + nx * ny * z];
-            envelope.lower(nz, line, out);
-        });
+    let mut lines: Vec<&mut [u32]> = columns.chunks_mut(nz.max(1)).collect();
+    parallel::for_each_init(&mut lines, Envelope::default, |envelope, xy, out| {
+        let line = |z: usize| rows[xy + nx * ny * z];
+        envelope.lower(nz, line, out);
+    });
     // Along the second axis, slab by slab, and back into the order of the lattice.
-    rows.par_chunks_mut((nx * ny).max(1))
-        .enumerate()
-        .for_each_init(
-            || (Envelope::default(), vec![0; ny]),
-            |(envelope, lowest), (z, slab)| {
-                for x in 0..nx {
-                    envelope.lower(ny, |y| columns[(x + nx * y) * nz + z], lowest);
-                    for (y, &d) in lowest.iter().enumerate() {
-                        slab[x + nx * y] = d;
-                    }
-                }
-            },
-        );
+    parallel::for_chunks(rows, (nx * ny).max(1), |z, slab| {
+        let (mut envelope, mut lowest) = (Envelope::default(), vec![0; ny]);
+        for x in 0..nx {
+            envelope.lower(ny, |y| columns[(x + nx * y) * nz + z], &mut lowest);
+            for (y, &d) in lowest.iter().enumerate() {
+                slab[x + nx * y] = d;
+            }
+        }
+    });
 }
 
 /// The lower envelope of parabolas over a line.

@@ -5,7 +5,6 @@
 
 use geom_core::compute::parallel;
 use geom_core::{Aabb, Lattice, Point3, TriMesh};
-use rayon::prelude::*;
 
 use crate::Error;
 
@@ -69,33 +68,30 @@ pub(super) fn inside(
     }
     drop((counts, next));
     let mut inside = vec![false; lattice.len()];
-    let found: Vec<Result<(), Error>> = inside
-        .par_chunks_mut(nx)
-        .enumerate()
-        .map(|(row, flags)| {
-            let [j, k] = [row % ny, row / ny];
-            let start = lattice.point([0, j, k]);
-            let at = [start.y + shift[0], start.z + shift[1]];
-            let mut crossings: Vec<f64> = crossed[starts[row]..starts[row + 1]]
-                .iter()
-                .filter_map(|&t| crossing(mesh.corners(t as usize), at))
-                .collect();
-            crossings.sort_unstable_by(f64::total_cmp);
-            if crossings.len() % 2 == 1 {
-                let crossings = crossings.len();
-                return Err(Error::Open { j, k, crossings });
-            }
-            for pair in crossings.chunks_exact(2) {
-                let local = |x: f64| (x - start.x) / spacing;
-                let first = local(pair[0]).ceil().max(0.0) as usize;
-                let last = (local(pair[1]).ceil().max(0.0) as usize).min(nx);
-                flags[first.min(last)..last].fill(true);
-            }
-            Ok(())
-        })
-        .collect();
+    let mut rows: Vec<_> = inside.chunks_mut(nx).map(|flags| (flags, Ok(()))).collect();
+    parallel::for_each(&mut rows, |row, (flags, found)| {
+        let [j, k] = [row % ny, row / ny];
+        let start = lattice.point([0, j, k]);
+        let at = [start.y + shift[0], start.z + shift[1]];
+        let mut crossings: Vec<f64> = crossed[starts[row]..starts[row + 1]]
+            .iter()
+            .filter_map(|&t| crossing(mesh.corners(t as usize), at))
+            .collect();
+        crossings.sort_unstable_by(f64::total_cmp);
+        if crossings.len() % 2 == 1 {
+            let crossings = crossings.len();
+            *found = Err(Error::Open { j, k, crossings });
+            return;
+        }
+        for pair in crossings.chunks_exact(2) {
+            let local = |x: f64| (x - start.x) / spacing;
+            let first = local(pair[0]).ceil().max(0.0) as usize;
+            let last = (local(pair[1]).ceil().max(0.0) as usize).min(nx);
+            flags[first.min(last)..last].fill(true);
+        }
+    });
     // The first in order, whichever was found first.
-    found.into_iter().collect::<Result<(), Error>>()?;
+    rows.into_iter().try_for_each(|(_, found)| found)?;
     Ok((lattice, inside))
 }
 

@@ -18,7 +18,6 @@ use geom_core::compute::parallel;
 use geom_core::options::require;
 use geom_core::search::nearest::PointTree;
 use geom_core::{Lattice, LatticeValues, Point3, Run, ScalarGrid, TriMesh, Vector3};
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::{CorrespBackend, Kernels, On};
@@ -153,9 +152,9 @@ impl VoxelShape {
             at(here + 1) - at(here.saturating_sub(1))
         };
         let graph = &self.graph;
-        let nodes = self.boundary.par_iter().zip(&mut self.normals);
-        nodes.for_each(|(&node, normal)| {
-            let p = graph.point(node as usize);
+        let boundary = &self.boundary;
+        parallel::for_each(&mut self.normals, |i, normal| {
+            let p = graph.point(boundary[i] as usize);
             let gradient = Vector3::from([0, 1, 2].map(|axis| along(p, axis)));
             *normal = (-gradient).try_normalize(0.0).unwrap_or(*normal);
         });
@@ -268,14 +267,11 @@ impl VoxelShape {
                 && inside[lattice.index([i as usize, j as usize, k as usize])]
         };
         // A node is of the boundary if it has a side to the outside.
-        let nodes = graph.nodes() as u32;
-        let boundary: Vec<u32> = (0..nodes)
-            .into_par_iter()
-            .filter(|&node| {
-                let p = graph.point(node as usize).map(|c| c as i64);
-                FACES.iter().any(|d| !is_inside(sum(p, *d)))
-            })
-            .collect();
+        let boundary: Vec<u32> = parallel::flat_map(graph.nodes(), |node| {
+            let p = graph.point(node).map(|c| c as i64);
+            let faces_out = FACES.iter().any(|d| !is_inside(sum(p, *d)));
+            faces_out.then_some(node as u32)
+        });
         if boundary.len() < LEAST_BOUNDARY {
             return Err(Error::TooSmall {
                 boundary: boundary.len(),
@@ -299,7 +295,7 @@ impl VoxelShape {
             .map(|&n| depth(graph.point(n as usize)))
             .max();
         report.depth = f64::from(deepest.unwrap_or(0)).sqrt() * lattice.spacing;
-        report.boundary_share = boundary.len() as f64 / f64::from(nodes);
+        report.boundary_share = boundary.len() as f64 / graph.nodes() as f64;
         Ok(Self {
             lattice,
             graph,
@@ -582,7 +578,8 @@ fn skeleton(
             })
         }
     };
-    let found: Vec<u32> = (0..nodes).into_par_iter().filter(is_axis).collect();
+    let found: Vec<u32> =
+        parallel::flat_map(graph.nodes(), |node| Some(node as u32).filter(is_axis));
     if !found.is_empty() {
         return found;
     }

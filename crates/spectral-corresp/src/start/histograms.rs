@@ -4,9 +4,8 @@
 //! A diameter belongs to a node and knows nothing of directions. How the diameters of the nodes within some distances of a node are
 //! distributed tells a fingertip from a palm, whatever the pose.
 
-use geom_core::compute::parallel::sorted_by_number;
+use geom_core::compute::parallel::{self, sorted_by_number};
 use geom_core::options::require;
-use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::{HistogramTask, Kernels, On};
@@ -70,26 +69,24 @@ impl HistogramTask<'_> {
         let cells = Cells::of(self.points, self.reach);
         out.clear();
         out.resize(self.points.len() * self.bars, 0);
-        out.par_chunks_mut(self.bars)
-            .zip(self.points)
-            .with_min_len(32)
-            .for_each(|(row, &p)| {
-                let near = |q: [i32; 3]| {
-                    let step = |a: usize| u64::from(p[a].abs_diff(q[a])).pow(2);
-                    step(0) + step(1) + step(2) <= u64::from(self.reach)
-                };
-                for range in cells.around(p) {
-                    for &n in &cells.order[range] {
-                        if near(self.points[n as usize]) {
-                            let place = self.places[n as usize];
-                            let low = ((place / self.one) as usize).min(self.bars - 2);
-                            let high = place - low as u32 * self.one;
-                            row[low] += self.one - high;
-                            row[low + 1] += high;
-                        }
+        parallel::for_chunks(out, self.bars, |i, row| {
+            let p = self.points[i];
+            let near = |q: [i32; 3]| {
+                let step = |a: usize| u64::from(p[a].abs_diff(q[a])).pow(2);
+                step(0) + step(1) + step(2) <= u64::from(self.reach)
+            };
+            for range in cells.around(p) {
+                for &n in &cells.order[range] {
+                    if near(self.points[n as usize]) {
+                        let place = self.places[n as usize];
+                        let low = ((place / self.one) as usize).min(self.bars - 2);
+                        let high = place - low as u32 * self.one;
+                        row[low] += self.one - high;
+                        row[low + 1] += high;
                     }
                 }
-            });
+            }
+        });
     }
 }
 

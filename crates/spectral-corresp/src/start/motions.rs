@@ -11,7 +11,6 @@ use geom_core::compute::parallel;
 use geom_core::compute::random::SplitMix64;
 use geom_core::nalgebra::{Matrix3, Quaternion, UnitQuaternion};
 use geom_core::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::{Boundary, Candidate};
 use crate::backend::Nearest;
@@ -80,20 +79,17 @@ pub(crate) fn of_motions(a: &Boundary<'_>, b: &Boundary<'_>, seed: u64) -> Vec<C
     });
     motions.sort_by(|a, b| a.0.total_cmp(&b.0));
     motions.truncate(GO_ON);
-    let motions: Vec<(f64, Motion)> = motions
-        .into_par_iter()
-        .map(|(_, motion)| {
-            let (there, motion) = iterate(&from, &to, motion, SECOND);
-            let back = motion.rotation.transpose();
-            let inverse = Motion {
-                rotation: back,
-                shift: -(back * motion.shift),
-            };
-            let back = to.meet(&inverse, SECOND.1, &from);
-            let mean = back.iter().map(|m| m.0).sum::<f64>() / back.len().max(1) as f64;
-            (there + mean, motion)
-        })
-        .collect();
+    let motions: Vec<(f64, Motion)> = parallel::map_each(&motions, |(_, motion)| {
+        let (there, motion) = iterate(&from, &to, *motion, SECOND);
+        let back = motion.rotation.transpose();
+        let inverse = Motion {
+            rotation: back,
+            shift: -(back * motion.shift),
+        };
+        let back = to.meet(&inverse, SECOND.1, &from);
+        let mean = back.iter().map(|m| m.0).sum::<f64>() / back.len().max(1) as f64;
+        (there + mean, motion)
+    });
     let candidate = |(score, motion): (f64, Motion)| Candidate {
         name: "rigid".to_owned(),
         images: from.side.points.iter().map(|p| motion.of(p)).collect(),

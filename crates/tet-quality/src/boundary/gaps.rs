@@ -234,11 +234,9 @@ impl BoundaryChange {
 /// The triangles of the boundary that may come to face others, by cell.
 /// Triangles without a vertex of the isosurface are left out, and so are those between tetrahedra.
 fn sides_of(mesh: &EditableMesh, reach: f64) -> Vec<Side> {
-    let mut sides: Vec<Side> = (0..mesh.tets.len() as u32)
-        .into_par_iter()
-        .with_min_len(1024)
-        .filter(|&t| !mesh.is_empty_slot(t))
-        .flat_map_iter(|t| {
+    let mut sides: Vec<Side> = parallel::flat_map(mesh.tets.len(), |t| {
+        let living = Some(t as u32).filter(|&t| !mesh.is_empty_slot(t));
+        living.into_iter().flat_map(|t| {
             let tet = mesh.tets[t as usize];
             let free = tet.map(|v| mesh.freedom[v as usize] == Freedom::Free);
             let field = tet.map(|v| mesh.freedom[v as usize] == Freedom::Field);
@@ -251,7 +249,7 @@ fn sides_of(mesh: &EditableMesh, reach: f64) -> Vec<Side> {
                 })
                 .map(move |k| Side::new(FACES[k].map(|i| tet[i]), &mesh.x, reach))
         })
-        .collect();
+    });
     sides.par_sort_unstable_by_key(|s| (s.cell, s.corners));
     sides
 }

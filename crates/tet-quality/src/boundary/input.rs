@@ -10,7 +10,6 @@
 use geom_core::compute::parallel::{self, fold_chunks};
 use geom_core::mesh::{FACES, OUTSIDE, Region, VertexKind};
 use geom_core::{Point3, TetMesh, Vector3};
-use rayon::prelude::*;
 
 use crate::boundary::field::Isosurface;
 use crate::boundary::own::SMOOTH;
@@ -79,10 +78,8 @@ fn set_freedoms(
 ) -> Result<Vec<u32>, Error> {
     let faces = InterfaceFaces::new(mesh, beyond);
     let state = &*mesh;
-    let judged: Vec<Judged> = (0..state.x.len() as u32)
-        .into_par_iter()
-        .map(|v| judge(state, v, &faces, field))
-        .collect::<Result<_, _>>()?;
+    let judged = parallel::map(state.x.len(), |v| judge(state, v as u32, &faces, field));
+    let judged: Vec<Judged> = judged.into_iter().collect::<Result<_, _>>()?;
     let junctions = (0..judged.len() as u32)
         .filter(|&v| judged[v as usize].junction)
         .collect();
@@ -173,20 +170,16 @@ fn most_are_on_field(
     lost: &[bool],
     pair: [Region; 2],
 ) -> bool {
-    let others = (0..lost.len() as u32).into_par_iter().filter(|&v| {
-        let fan = faces.of(v);
-        fan.first().is_some_and(|f| f.pair == pair)
+    let others = parallel::flat_map(lost.len(), |v| {
+        let fan = faces.of(v as u32);
+        let counts = fan.first().is_some_and(|f| f.pair == pair)
             && is_disk(fan)
-            && !lost[v as usize]
-            && matches!(
-                mesh.kinds[v as usize],
-                VertexKind::Interior | VertexKind::Surface
-            )
+            && !lost[v]
+            && matches!(mesh.kinds[v], VertexKind::Interior | VertexKind::Surface);
+        counts.then(|| mesh.freedom[v] == Freedom::Field)
     });
-    let (on, all) = others
-        .map(|v| (usize::from(mesh.freedom[v as usize] == Freedom::Field), 1))
-        .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-    2 * on > all
+    let on = others.iter().filter(|&&on_field| on_field).count();
+    2 * on > others.len()
 }
 
 /// Which tetrahedra are neighbours.

@@ -28,17 +28,16 @@ pub(crate) struct OwnSurface {
 impl OwnSurface {
     /// `None` if all faces lie within one region.
     pub(crate) fn of(mesh: &EditableMesh) -> Option<Self> {
-        let triangles: Vec<[u32; 3]> = (0..mesh.tets.len() as u32)
-            .into_par_iter()
-            .filter(|&t| !mesh.is_empty_slot(t))
-            .flat_map_iter(|t| {
+        let triangles: Vec<[u32; 3]> = parallel::flat_map(mesh.tets.len(), |t| {
+            let living = Some(t as u32).filter(|&t| !mesh.is_empty_slot(t));
+            living.into_iter().flat_map(|t| {
                 (0..4).filter_map(move |k| {
                     // Each face once, from the side of the smaller region.
                     let once = mesh.regions[t as usize] < mesh.region_beyond(t, k);
                     once.then(|| FACES[k].map(|i| mesh.tets[t as usize][i]))
                 })
             })
-            .collect();
+        });
         let flat: Vec<Vector3> = parallel::map_each(&triangles, |&[a, b, c]| {
             let [a, b, c] = [a, b, c].map(|v| mesh.x[v as usize]);
             let normal = (b - a).cross(&(c - a)).try_normalize(0.0);

@@ -10,7 +10,6 @@ use geom_core::TetMesh;
 use geom_core::compute::BackendError;
 use geom_core::compute::parallel;
 use geom_core::mesh::{EDGES, VertexKind};
-use rayon::prelude::*;
 
 use super::settings::{LAST, PassSettings, RESCUE, bolder_than};
 use crate::backend::On;
@@ -225,11 +224,12 @@ impl<'a> Passes<'a> {
     /// Are the goals met, be it without the reserve that the passes aim at?
     pub(super) fn goals_met(&self) -> bool {
         let mesh = &self.guarded.mesh;
-        mesh.below(self.target).par_iter().all(|&t| {
-            self.options
-                .goals
-                .met_by(&measures(mesh.corners(mesh.tets[t as usize])))
-        })
+        let below = mesh.below(self.target);
+        let unmet = parallel::first(below.len(), |i| {
+            let corners = mesh.corners(mesh.tets[below[i] as usize]);
+            !self.options.goals.met_by(&measures(corners))
+        });
+        unmet.is_none()
     }
 
     /// One of the later passes again, for what has become worse since.
@@ -509,11 +509,9 @@ fn is_far(mesh: &EditableMesh, v: u32, rules: &SurfaceRules<'_>) -> bool {
 
 /// In order of their numbers, for any number of threads.
 fn far_vertices(mesh: &EditableMesh, rules: &SurfaceRules<'_>) -> Vec<u32> {
-    (0..mesh.x.len() as u32)
-        .into_par_iter()
-        .with_min_len(256)
-        .filter(|&v| is_far(mesh, v, rules))
-        .collect()
+    parallel::flat_map(mesh.x.len(), |v| {
+        Some(v as u32).filter(|&v| is_far(mesh, v, rules))
+    })
 }
 
 /// Median length of the edges between surface vertices; of all edges without any.

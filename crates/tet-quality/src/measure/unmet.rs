@@ -7,7 +7,6 @@
 use geom_core::compute::parallel;
 use geom_core::mesh::{EDGES, FACES};
 use geom_core::{Point3, Vector3};
-use rayon::prelude::*;
 
 use crate::boundary::field::Isosurface;
 use crate::measure::block::measures;
@@ -112,34 +111,31 @@ pub(crate) fn unmet(mesh: &EditableMesh, goals: &Goals, junctions: &[u32]) -> Un
     let alive: Vec<u32> = (0..mesh.tets.len() as u32)
         .filter(|&t| !mesh.is_empty_slot(t))
         .collect();
-    let mut all: Vec<(f64, UnmetElement)> = alive
-        .par_iter()
-        .enumerate()
-        .filter_map(|(number, &t)| {
-            let q = mesh.q[t as usize];
-            // Most are good enough to meet whatever is asked for.
-            if q >= enough {
-                return None;
-            }
-            let corners = mesh.corners(mesh.tets[t as usize]);
-            let m = measures(corners);
-            if goals.met_by(&m) {
-                return None;
-            }
-            let sum = corners.iter().fold(Vector3::zeros(), |s, p| s + p.coords);
-            Some((
-                q.min(enough),
-                UnmetElement {
-                    element: Element {
-                        tet: number as u32,
-                        centroid: Point3::from(sum / 4.0),
-                        measures: m,
-                    },
-                    cause: cause(mesh, t, &m, goals, junctions),
+    let mut all: Vec<(f64, UnmetElement)> = parallel::flat_map(alive.len(), |number| {
+        let t = alive[number];
+        let q = mesh.q[t as usize];
+        // Most are good enough to meet whatever is asked for.
+        if q >= enough {
+            return None;
+        }
+        let corners = mesh.corners(mesh.tets[t as usize]);
+        let m = measures(corners);
+        if goals.met_by(&m) {
+            return None;
+        }
+        let sum = corners.iter().fold(Vector3::zeros(), |s, p| s + p.coords);
+        Some((
+            q.min(enough),
+            UnmetElement {
+                element: Element {
+                    tet: number as u32,
+                    centroid: Point3::from(sum / 4.0),
+                    measures: m,
                 },
-            ))
-        })
-        .collect();
+                cause: cause(mesh, t, &m, goals, junctions),
+            },
+        ))
+    });
     all.sort_by(|a, b| {
         a.0.total_cmp(&b.0)
             .then(a.1.element.tet.cmp(&b.1.element.tet))

@@ -160,7 +160,8 @@ impl EditableMesh {
     /// In parallel, each for itself.
     pub(crate) fn measure_all(&mut self) {
         let (x, tets) = (&self.x, &self.tets);
-        self.q.par_iter_mut().zip(tets).for_each(|(q, t)| {
+        parallel::for_each(&mut self.q, |i, q| {
+            let t = &tets[i];
             *q = if t[0] == NONE {
                 f64::INFINITY
             } else {
@@ -354,12 +355,10 @@ impl EditableMesh {
             return;
         }
         let state = &*self;
-        let fresh: Vec<(u32, f64)> = moved
-            .par_iter()
-            .with_min_len(64)
-            .flat_map_iter(|&v| state.incidence.of(v))
-            .map(|&t| (t, state.quality_of(state.tets[t as usize])))
-            .collect();
+        let fresh: Vec<(u32, f64)> = parallel::flat_map(moved.len(), |i| {
+            let around = state.incidence.of(moved[i]).iter();
+            around.map(|&t| (t, state.quality_of(state.tets[t as usize])))
+        });
         for (t, q) in fresh {
             self.q[t as usize] = q;
             self.touch(self.tets[t as usize]);
@@ -368,10 +367,11 @@ impl EditableMesh {
 
     /// The smallest objective; +∞ for an empty mesh.
     pub(crate) fn worst(&self) -> f64 {
-        self.q
-            .par_iter()
-            .copied()
-            .reduce(|| f64::INFINITY, f64::min)
+        let of_chunk = |chunk: std::ops::Range<usize>| {
+            self.q[chunk].iter().copied().fold(f64::INFINITY, f64::min)
+        };
+        let of_chunks = parallel::fold_chunks(self.q.len(), of_chunk);
+        of_chunks.into_iter().fold(f64::INFINITY, f64::min)
     }
 
     /// Tetrahedra with `q < bound`, worst first, equal ones by number.
@@ -382,14 +382,10 @@ impl EditableMesh {
 
     /// Those of [`EditableMesh::below`] that are also `fit`.
     pub(crate) fn below_and(&self, bound: f64, fit: impl Fn(u32) -> bool + Sync) -> Vec<u32> {
-        let mut bad: Vec<(f64, u32)> = self
-            .q
-            .par_iter()
-            .zip(0..self.tets.len() as u32)
-            .with_min_len(4096)
-            .filter(|&(&q, t)| q < bound && fit(t))
-            .map(|(&q, t)| (q, t))
-            .collect();
+        let mut bad: Vec<(f64, u32)> = parallel::flat_map(self.tets.len(), |t| {
+            let (q, t) = (self.q[t], t as u32);
+            (q < bound && fit(t)).then_some((q, t))
+        });
         bad.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         bad.into_iter().map(|b| b.1).collect()
     }

@@ -5,8 +5,8 @@
 //! gain first, if what they looked at is still there. What was judged in vain is remembered until something near it
 //! changes.
 
+use geom_core::compute::parallel;
 use geom_core::mesh::EDGES;
-use rayon::prelude::*;
 
 use crate::boundary::field::Isosurface;
 use crate::boundary::guard::GuardedMesh;
@@ -133,11 +133,8 @@ pub(crate) fn rounds(
         // Neighbours in memory are neighbours in space: what one has read the next one finds near by.
         alone.sort_unstable();
         let state = &*guarded;
-        let judged: Vec<Option<Proposal>> = alone
-            .par_iter()
-            .with_min_len(4)
-            .map_init(Star::default, |star, &t| judge(state, t, star))
-            .collect();
+        let judged: Vec<Option<Proposal>> =
+            parallel::map_each_init(&alone, Star::default, |star, &t| judge(state, t, star));
         let mut proposals = Vec::new();
         for (&t, proposal) in alone.iter().zip(judged) {
             match proposal {
@@ -159,12 +156,10 @@ pub(crate) fn round_of_projections(
 ) {
     memory.fit(&guarded.mesh);
     let state = &*guarded;
-    let proposals: Vec<(u32, Proposal)> = vertices
-        .par_iter()
-        .with_min_len(4)
-        .map_init(Star::default, |star, &v| Some((v, judge(state, v, star)?)))
-        .flatten()
-        .collect();
+    let judged: Vec<Option<Proposal>> =
+        parallel::map_each_init(vertices, Star::default, |star, &v| judge(state, v, star));
+    let judged = vertices.iter().zip(judged);
+    let proposals: Vec<(u32, Proposal)> = judged.filter_map(|(&v, p)| Some((v, p?))).collect();
     carry_out(guarded, memory, proposals, done);
 }
 

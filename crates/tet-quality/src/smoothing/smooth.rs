@@ -145,13 +145,11 @@ fn task_of<'a>(
         .into_iter()
         .map(|s| s as u32)
         .collect();
-    let faces: Vec<[u32; 3]> = vertices
-        .par_iter()
-        .flat_map_iter(|&v| {
-            let star = mesh.incidence.of(v).iter();
-            star.map(move |&t| opposite(mesh, t, v))
-        })
-        .collect();
+    let faces: Vec<[u32; 3]> = parallel::flat_map(vertices.len(), |i| {
+        let v = vertices[i];
+        let star = mesh.incidence.of(v).iter();
+        star.map(move |&t| opposite(mesh, t, v))
+    });
     Relaxation {
         positions,
         axes: vertices.iter().map(|&v| axes(v)).collect(),
@@ -194,11 +192,9 @@ pub(crate) fn relax(
     let mut moved = Vec::new();
     for colour in colours {
         let mesh = &guarded.mesh;
-        let accepted: Vec<Option<Point3>> = colour
-            .clone()
-            .into_par_iter()
-            .with_min_len(64)
-            .map_init(Star::default, |star, i| {
+        let accepted: Vec<Option<Point3>> =
+            parallel::map_init(colour.len(), Star::default, |star, of_colour| {
+                let i = colour.start + of_colour;
                 let d = moves[i]?;
                 star.load(&mesh.x, &faces[starts[i] as usize..starts[i + 1] as usize]);
                 let x = mesh.x[vertices[i] as usize].coords;
@@ -208,8 +204,7 @@ pub(crate) fn relax(
                     star.value_above(&candidate, best + GAIN)
                         .map(|_| Point3::from(candidate))
                 })
-            })
-            .collect();
+            });
         for (i, x) in colour.zip(accepted) {
             if x.is_some_and(|x| guarded.move_vertex(vertices[i], x)) {
                 moved.push(vertices[i]);
@@ -328,19 +323,16 @@ fn slide_together(
     let mut moved = Vec::new();
     for colour in colours {
         let state = &*guarded;
-        let found: Vec<Option<Tangent>> = colour
-            .clone()
-            .into_par_iter()
-            .with_min_len(16)
-            .map_init(Star::default, |star, i| {
+        let found: Vec<Option<Tangent>> =
+            parallel::map_init(colour.len(), Star::default, |star, of_colour| {
+                let i = colour.start + of_colour;
                 let (mesh, v, d) = (&state.mesh, vertices[i], moves[i]?);
                 load(mesh, v, star);
                 let start = mesh.tangent(v, rules.field);
                 let slide = Slope::at(start, star, rules);
                 let may = |x: Point3| state.guard.allows_move(mesh, v, x);
                 slide.settle(start.at.coords + d, star, rules, may)
-            })
-            .collect();
+            });
         for (i, tangent) in colour.zip(found) {
             if tangent.is_some_and(|x| guarded.move_on_surface(vertices[i], x)) {
                 moved.push(vertices[i]);
@@ -430,11 +422,8 @@ pub(crate) fn sweep<T: Send>(
     let mut moved = Vec::new();
     for class in classes(mesh, movable) {
         let state = &*guarded;
-        let positions: Vec<Option<T>> = class
-            .par_iter()
-            .with_min_len(16)
-            .map_init(Star::default, |star, &v| step(state, v, star))
-            .collect();
+        let positions: Vec<Option<T>> =
+            parallel::map_each_init(&class, Star::default, |star, &v| step(state, v, star));
         for (v, x) in class.into_iter().zip(positions) {
             if x.is_some_and(|x| put(guarded, v, x)) {
                 moved.push(v);

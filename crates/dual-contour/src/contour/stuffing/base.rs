@@ -6,7 +6,6 @@
 use geom_core::Point3;
 use geom_core::compute::parallel;
 use geom_core::mesh::{INTERIOR, Region};
-use rayon::prelude::*;
 
 use crate::AtBox;
 use crate::complex::cube::corners_of;
@@ -134,42 +133,41 @@ impl<'a> Base<'a> {
                 complex.samples.label(complex.leaf(id).origin())
             }
         };
-        let ghosts = self.numbering.ghosts().par_iter();
-        (0..complex.tree.leaves.len() as u32)
-            .into_par_iter()
-            .with_min_len(1024)
-            .map(|id| label(id, Cell::Leaf(id)))
-            .chain(ghosts.map(|&(id, half)| label(id, Cell::Ghost(id, half))))
-            .collect()
+        let (leaves, ghosts) = (complex.tree.leaves.len(), self.numbering.ghosts());
+        parallel::map(leaves + ghosts.len(), |i| match i.checked_sub(leaves) {
+            None => label(i as u32, Cell::Leaf(i as u32)),
+            Some(ghost) => {
+                let (id, half) = ghosts[ghost];
+                label(id, Cell::Ghost(id, half))
+            }
+        })
     }
 
     /// All base tetrahedra with the labels of their corners; of the leaves that touch a box of cells, if one is given.
     pub(super) fn tets(&self, within: Option<[[i32; 3]; 2]>) -> Vec<BaseTet> {
         let labels = self.cell_labels();
-        (0..self.complex.tree.leaves.len() as u32)
-            .into_par_iter()
-            .with_min_len(1024)
-            .filter(|&id| self.complex.touches(id, within))
-            .flat_map_iter(|id| {
-                let mut tets = Vec::new();
-                self.complex.rings_of(
-                    id,
-                    |_, _| true,
-                    |ring| {
-                        let [a, b] = [ring.a.0, ring.b.0].map(|c| self.numbering.corner(c));
-                        for cells in ring.neighbours() {
-                            let [c, d] = cells.map(|cell| self.numbering.cell(&cell));
-                            let [lc, ld] = [c, d].map(|c| labels[c as usize]);
-                            tets.push(BaseTet {
-                                corners: [a, b, c, d],
-                                labels: [ring.a.1, ring.b.1, lc, ld],
-                            });
-                        }
-                    },
-                );
-                tets
-            })
-            .collect()
+        parallel::flat_map(self.complex.tree.leaves.len(), |id| {
+            let (id, mut tets) = (id as u32, Vec::new());
+            if !self.complex.touches(id, within) {
+                return tets;
+            }
+            self.complex.rings_of(
+                id,
+                |_, _| true,
+                |ring| {
+                    let [a, b] = [ring.a.0, ring.b.0].map(|c| self.numbering.corner(c));
+                    for cells in ring.neighbours() {
+                        let [c, d] = cells.map(|cell| self.numbering.cell(&cell));
+                        let [lc, ld] = [c, d].map(|c| labels[c as usize]);
+                        tets.push(BaseTet {
+                            corners: [a, b, c, d],
+                            labels: [ring.a.1, ring.b.1, lc, ld],
+                        });
+                    }
+                },
+            );
+            tets
+        })
     }
 }
 

@@ -8,7 +8,6 @@
 use geom_core::compute::parallel;
 use geom_core::mesh::{EDGES, FACES, Region};
 use geom_core::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::near::{NONE, Near};
 use crate::octree::along;
@@ -29,10 +28,9 @@ impl Near {
         let mut cutter = Cutter {
             near: self,
             at: self.add_cuts(positions, &mut added),
-            several: (0..self.tets.len() as u32)
-                .into_par_iter()
-                .filter(|&t| self.labels_of(t) > 2)
-                .collect(),
+            several: parallel::flat_map(self.tets.len(), |t| {
+                Some(t as u32).filter(|&t| self.labels_of(t) > 2)
+            }),
             faces: Vec::new(),
             first_face: 0,
             first_cell: 0,

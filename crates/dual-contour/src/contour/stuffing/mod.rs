@@ -10,9 +10,9 @@
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use geom_core::Point3;
+use geom_core::compute::parallel;
 use geom_core::compute::parallel::sorted_by_number;
 use geom_core::mesh::{FACES, INTERIOR, Region};
-use rayon::prelude::*;
 
 use super::raw::Raw;
 use crate::AtBox;
@@ -56,11 +56,12 @@ pub(super) fn mesh(
     let all = base.tets(within);
     let hot = may_change(&base, &all);
     let is_hot = |t: &BaseTet| t.corners.iter().any(|&v| hot[v as usize]);
-    let (near, far): (Vec<BaseTet>, Vec<BaseTet>) = all
-        .into_par_iter()
-        .with_min_len(4096)
-        .filter(|t| needed(t.labels[0]) || is_hot(t))
-        .partition(|t| is_hot(t));
+    let kept = |fits: &(dyn Fn(&BaseTet) -> bool + Sync)| -> Vec<BaseTet> {
+        parallel::flat_map(all.len(), |i| Some(all[i]).filter(fits))
+    };
+    let near = kept(&is_hot);
+    let far = kept(&|t| needed(t.labels[0]) && !is_hot(t));
+    drop(all);
     let mut positions = base.positions();
     let mut near = Near::new(&base, &near, &hot)?;
     let counts = near.snap();
@@ -97,7 +98,8 @@ fn may_change(base: &Base<'_>, tets: &[BaseTet]) -> Vec<bool> {
     let hot: Vec<AtomicBool> = (0..base.numbering.len())
         .map(|_| AtomicBool::new(false))
         .collect();
-    tets.par_iter().with_min_len(4096).for_each(|t| {
+    parallel::for_indices(tets.len(), |i| {
+        let t = &tets[i];
         if t.labels.iter().any(|&l| l != t.labels[0]) {
             for &v in &t.corners {
                 hot[v as usize].store(true, Relaxed);

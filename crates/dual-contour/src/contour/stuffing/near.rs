@@ -5,7 +5,6 @@
 
 use geom_core::compute::parallel::{self, sorted_by_number};
 use geom_core::mesh::{EDGES, Region};
-use rayon::prelude::*;
 
 use super::base::{Base, BaseTet, planes_of};
 use crate::Error;
@@ -176,16 +175,13 @@ impl Near {
 /// The edges between different labels, sorted.
 /// By ascending ends, each once though several tetrahedra have it.
 fn edges_between_labels(tets: &[[u32; 4]], samples: &[Sample]) -> Vec<[u32; 2]> {
-    let edges: Vec<[u32; 2]> = tets
-        .par_iter()
-        .flat_map_iter(|t| {
-            let ends = EDGES.map(|e| e.map(|k| t[k]));
-            ends.into_iter().filter_map(move |[a, b]| {
-                let differ = samples[a as usize].label != samples[b as usize].label;
-                differ.then_some([a.min(b), a.max(b)])
-            })
+    let edges: Vec<[u32; 2]> = parallel::flat_map(tets.len(), |t| {
+        let ends = EDGES.map(|e| e.map(|k| tets[t][k]));
+        ends.into_iter().filter_map(move |[a, b]| {
+            let differ = samples[a as usize].label != samples[b as usize].label;
+            differ.then_some([a.min(b), a.max(b)])
         })
-        .collect();
+    });
     let mut edges = sorted_by_number(edges.len(), |i| edges[i], |edge| edge[0]);
     edges.dedup();
     edges

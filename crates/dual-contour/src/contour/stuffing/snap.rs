@@ -6,11 +6,10 @@
 //! meshed. But a vertex that becomes part of the surface may touch another part of it. So it may snap only if the surface
 //! around it is then one disk, which its link tells; otherwise it stays, and its cuts move away from it.
 
-use rayon::prelude::*;
-
 use super::Counts;
 use super::near::{NONE, Near, Pair, pair};
 use crate::octree::along;
+use geom_core::compute::parallel;
 
 /// Share of an edge within which a cut is too close: between points of one kind, and between a corner
 /// and a cell (Labelle & Shewchuk, uniform and one-sided).
@@ -51,10 +50,10 @@ impl Near {
     /// neighbours alone, so the result is that of a fixed order.
     pub(super) fn snap(&mut self) -> Counts {
         let priority = self.priorities();
-        let mut waiting: Vec<u32> = (0..self.samples.len() as u32)
-            .into_par_iter()
-            .filter(|&v| self.violated(v).next().is_some())
-            .collect();
+        let mut waiting: Vec<u32> = parallel::flat_map(self.samples.len(), |v| {
+            let v = v as u32;
+            self.violated(v).next().map(|_| v)
+        });
         let mut open = vec![false; self.samples.len()];
         for &v in &waiting {
             open[v as usize] = true;
@@ -65,14 +64,12 @@ impl Near {
             let comes_first = |v: u32, w: u32| {
                 w == v || !open[w as usize] || priority[w as usize] < priority[v as usize]
             };
-            let decided: Vec<(u32, Option<u32>)> = waiting
-                .par_iter()
-                .filter(|&&v| {
-                    let mut tets = self.around.of(v).iter().map(|&t| self.tets[t as usize]);
-                    tets.all(|t| t.iter().all(|&w| comes_first(v, w)))
-                })
-                .map(|&v| (v, self.safe_target(v)))
-                .collect();
+            let decided: Vec<(u32, Option<u32>)> = parallel::flat_map(waiting.len(), |i| {
+                let v = waiting[i];
+                let mut tets = self.around.of(v).iter().map(|&t| self.tets[t as usize]);
+                let first = tets.all(|t| t.iter().all(|&w| comes_first(v, w)));
+                first.then(|| (v, self.safe_target(v)))
+            });
             for &(v, target) in &decided {
                 open[v as usize] = false;
                 match target {

@@ -77,7 +77,7 @@ pub(super) fn clamp(cut: &mut CutCells<'_>, points: &mut [Point3]) -> usize {
     for _ in 0..ROUNDS {
         // No two of a parity share a tetrahedron: each group moves at once, whole cells before cut ones.
         for group in neighbours.chunk_by_mut(|n, m| parity(n.cell) == parity(m.cell)) {
-            group.par_iter_mut().with_min_len(64).for_each(|n| {
+            parallel::for_each(group, |_, n| {
                 if n.share < 1.0 {
                     n.share = neighbour_share(cut, n, &beside[n.beside.clone()]);
                 }
@@ -87,12 +87,11 @@ pub(super) fn clamp(cut: &mut CutCells<'_>, points: &mut [Point3]) -> usize {
             }
         }
         for group in &of_parity {
-            let moved: Vec<_> = group
-                .par_iter()
-                .with_min_len(32)
-                .filter(|&&k| cut.cells[k as usize].shares.iter().any(|&s| s < 1.0))
-                .map(|&k| (k, moved(cut, k as usize, points)))
-                .collect();
+            let moved: Vec<_> = parallel::flat_map(group.len(), |i| {
+                let k = group[i];
+                let short = cut.cells[k as usize].shares.iter().any(|&s| s < 1.0);
+                short.then(|| (k, moved(cut, k as usize, points)))
+            });
             for (k, parts) in moved {
                 cut.parts[k as usize] = parts.points;
                 cut.cells[k as usize].shares = parts.shares;
@@ -107,34 +106,26 @@ pub(super) fn clamp(cut: &mut CutCells<'_>, points: &mut [Point3]) -> usize {
 
 /// The faces between whole and cut cells, in order.
 fn faces_beside(cut: &CutCells<'_>) -> Vec<Beside> {
-    let mut beside: Vec<Beside> = cut
-        .cells
-        .par_iter()
-        .enumerate()
-        .with_min_len(256)
-        .flat_map_iter(|(k, cell)| {
-            (0..6).filter_map(move |face| match cell.sides[face] {
-                CellState::Whole(vertex) => Some(Beside {
-                    parity: parity(beyond(cell.origin, face)),
-                    vertex,
-                    cut: k as u32,
-                    face: face as u8,
-                }),
-                _ => None,
-            })
+    let mut beside: Vec<Beside> = parallel::flat_map(cut.cells.len(), |k| {
+        let cell = &cut.cells[k];
+        (0..6).filter_map(move |face| match cell.sides[face] {
+            CellState::Whole(vertex) => Some(Beside {
+                parity: parity(beyond(cell.origin, face)),
+                vertex,
+                cut: k as u32,
+                face: face as u8,
+            }),
+            _ => None,
         })
-        .collect();
+    });
     beside.par_sort_unstable();
     beside
 }
 
 /// The whole cells beside cut ones, by parity as their faces are.
 fn neighbours(cut: &CutCells<'_>, beside: &[Beside], points: &[Point3]) -> Vec<Neighbour> {
-    let starts: Vec<usize> = (0..beside.len())
-        .into_par_iter()
-        .with_min_len(4096)
-        .filter(|&i| i == 0 || beside[i - 1].vertex != beside[i].vertex)
-        .collect();
+    let is_first = |i: &usize| *i == 0 || beside[i - 1].vertex != beside[*i].vertex;
+    let starts: Vec<usize> = parallel::flat_map(beside.len(), |i| Some(i).filter(is_first));
     parallel::map(starts.len(), |i| {
         let end = starts.get(i + 1).map_or(beside.len(), |&end| end);
         let first = beside[starts[i]];

@@ -7,12 +7,10 @@
 use geom_core::Point3;
 use geom_core::compute::parallel;
 use geom_core::mesh::{INTERIOR, Region, six_volume};
-use rayon::prelude::*;
 
 use super::batch::Batch;
 use super::pattern::{PATTERNS, Pattern};
 use crate::complex::Split;
-use crate::complex::collect::joined;
 use crate::complex::cube::{
     APEX, AROUND, CORNERS, QUADRANT, diagonal_of, faces_beside, half_of, part_base,
 };
@@ -166,15 +164,12 @@ impl<'a> CutCells<'a> {
 
     /// The points of all vertices, in order.
     pub(super) fn points(&self, to_world: impl Fn(&Point3) -> Point3 + Sync) -> Vec<Point3> {
-        let lists = self.cells.par_chunks(256).zip(self.parts.par_chunks(256));
-        let lists = lists.map(|(cells, parts)| {
-            let carried = cells.iter().zip(parts).flat_map(|(cell, parts)| {
-                let carries = |part: &usize| cell.carrying >> part & 1 == 1;
-                (0..12).filter(carries).map(|part| to_world(&parts[part]))
-            });
-            carried.collect()
-        });
-        joined(lists.collect(), |_, x| x)
+        let to_world = &to_world;
+        parallel::flat_map(self.cells.len(), |k| {
+            let (carrying, parts) = (self.cells[k].carrying, &self.parts[k]);
+            let carries = move |part: &usize| carrying >> part & 1 == 1;
+            (0..12).filter(carries).map(|part| to_world(&parts[part]))
+        })
     }
 
     /// Number of vertices.

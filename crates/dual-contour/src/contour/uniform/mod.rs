@@ -7,8 +7,8 @@
 //! The work is a walk over the stored blocks: which of their cells carry the surface (`block`), where their points are,
 //! how far these may go beside cut cells (`clamp`), and the two triangles of each edge that changes sign (`triangles`).
 
+use geom_core::compute::parallel;
 use geom_core::{Point3, TriMesh};
-use rayon::prelude::*;
 
 use super::memory;
 use super::report::Report;
@@ -117,16 +117,11 @@ pub(crate) fn surface(
 fn carrying_blocks(samples: &Samples<'_>, report: &mut Report) -> (Vec<Block>, usize) {
     let simple = simple_masks();
     let domain = samples.domain;
-    let mut blocks: Vec<Block> = samples
-        .stored()
-        .par_iter()
-        .enumerate()
-        .with_min_len(64)
-        .map(|(slot, &b)| {
-            let low = domain.block(b as usize).map(|c| c * BLOCK);
-            Block::new(low, samples.masks_at(slot), &simple)
-        })
-        .collect();
+    let stored = samples.stored();
+    let mut blocks: Vec<Block> = parallel::map(stored.len(), |slot| {
+        let low = domain.block(stored[slot] as usize).map(|c| c * BLOCK);
+        Block::new(low, samples.masks_at(slot), &simple)
+    });
     let mut vertices = 0;
     for block in &mut blocks {
         for word in 0..8 {
@@ -160,15 +155,16 @@ fn points_of(
         let n: u32 = simple.map(u64::count_ones).sum();
         let (out, others) = std::mem::take(&mut rest).split_at_mut(n as usize);
         rest = others;
-        calls.push((call * per_call, blocks, out));
+        calls.push((call * per_call, blocks, out, Ok(())));
     }
-    calls.into_par_iter().try_for_each(|(first, blocks, out)| {
+    parallel::for_each(&mut calls, |_, (first, blocks, out, done)| {
         let mut cells = Vec::with_capacity(out.len());
-        for (slot, block) in (first as u32..).zip(blocks) {
+        for (slot, block) in (*first as u32..).zip(*blocks) {
             let place = |c: [i32; 3]| (slot, [0, 1, 2].map(|k| block.low[k] + c[k]));
             cells.extend(cells_of(&block.simple).map(place));
         }
-        finest_points(samples, probe, &cells, backend, out)
-    })?;
+        *done = finest_points(samples, probe, &cells, backend, out);
+    });
+    calls.into_iter().try_for_each(|(.., done)| done)?;
     Ok(points)
 }

@@ -4,8 +4,8 @@
 //! at a time. Edges beside cut cells are judged one by one, between the eights, so that the order of triangles is that
 //! of the edges.
 
+use geom_core::compute::parallel;
 use geom_core::{Point3, TriMesh};
-use rayon::prelude::*;
 
 use super::batch::Batch;
 use super::block::{Block, cell_at};
@@ -29,17 +29,22 @@ pub(super) fn emit(
     cut: Option<&CutCells<'_>>,
     report: &mut Report,
 ) -> TriMesh {
-    let batches: Vec<Batch> = sheet
-        .blocks
-        .par_chunks(BATCH)
-        .enumerate()
-        .map(|(batch, blocks)| batch_of(&sheet, probe, cut, batch * BATCH, blocks))
-        .collect();
+    let batches: Vec<Batch> = parallel::map(sheet.blocks.len().div_ceil(BATCH), |batch| {
+        let first = batch * BATCH;
+        let blocks = &sheet.blocks[first..];
+        batch_of(
+            &sheet,
+            probe,
+            cut,
+            first,
+            &blocks[..blocks.len().min(BATCH)],
+        )
+    });
 
     // Vertices in order: cells, then parts, then added points, which each batch has numbered for itself.
     let first_added = (sheet.points.len() as u32) + cut.map_or(0, CutCells::len);
     let counts: Vec<u32> = batches.iter().map(|b| b.added.len() as u32).collect();
-    let starts = geom_core::compute::parallel::starts_of(&counts);
+    let starts = parallel::starts_of(&counts);
     let (triangles, added): (Vec<_>, Vec<_>) =
         batches.into_iter().map(|b| (b.triangles, b.added)).unzip();
     let triangles = joined(triangles, |batch, t: [u32; 3]| {
@@ -53,10 +58,7 @@ pub(super) fn emit(
     });
     let domain = sheet.samples.domain;
     let mut positions = sheet.points;
-    positions
-        .par_iter_mut()
-        .with_min_len(4096)
-        .for_each(|x| *x = domain.world(x));
+    parallel::for_each(&mut positions, |_, x| *x = domain.world(x));
     report.added_vertices = added.iter().map(Vec::len).sum();
     positions.reserve_exact(cut.map_or(0, |c| c.len() as usize) + report.added_vertices);
     if let Some(cut) = cut {

@@ -6,7 +6,6 @@
 use geom_core::compute::parallel;
 use geom_core::mesh::{EXTERIOR, INTERIOR, Region};
 use geom_core::{LatticeValues, Vector3};
-use rayon::prelude::*;
 
 use super::{POINTS, at_least, point_of};
 use crate::octree::domain::{Domain, Labels, local};
@@ -154,20 +153,18 @@ impl<V: LatticeValues + ?Sized> Reader<'_, '_, V> {
         for run in open.chunk_by(|p, q| follows(p.number, q.number)) {
             let (out, others) = std::mem::take(&mut rest).split_at_mut(POINTS * run.len());
             rest = others;
-            runs.push((first, run[0].number, out));
+            runs.push((first, run[0].number, out, None));
             first += run.len();
         }
-        let bad = runs
-            .into_par_iter()
-            .with_min_len(16)
-            .filter_map(|(first, b, out)| {
-                self.source.gather(domain, low(b), out);
-                let mut blocks = out.chunks_exact(POINTS);
-                let bad = blocks.position(|block| !kernel::all_finite(block));
-                bad.map(|i| first + i)
-            })
-            .min();
-        match bad {
+        parallel::for_each(&mut runs, |_, (_, b, out, bad)| {
+            self.source.gather(domain, low(*b), out);
+            let mut blocks = out.chunks_exact(POINTS);
+            *bad = blocks.position(|block| !kernel::all_finite(block));
+        });
+        let mut bad = runs
+            .iter()
+            .filter_map(|(first, _, _, bad)| Some(first + bad.as_ref()?));
+        match bad.next() {
             None => Ok(()),
             Some(bad) => Err(self.not_finite(&open[bad], &buffer[POINTS * bad..][..POINTS])),
         }

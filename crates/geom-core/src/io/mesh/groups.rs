@@ -1,8 +1,7 @@
 //! Names and numbers of the parts of a volume and of its boundary, as a file had them, for what becomes of it.
 
-use rayon::prelude::*;
-
 use super::{AnyMesh, MeshFile};
+use crate::compute::parallel;
 use crate::io::view::{Group, NO_GROUP, View};
 use crate::mesh::{Region, sorted};
 use crate::search::bvh::TriangleTree;
@@ -164,12 +163,12 @@ impl Patches {
     /// `None` where that patch has no name in the file.
     fn nearest(&self, view: &View<'_>, all: &mut Numbered) -> Vec<Option<u32>> {
         let number: Vec<u32> = self.groups.iter().map(|g| all.number(g)).collect();
-        let group = |[a, b, c]: [u32; 3]| {
+        let group = |&[a, b, c]: &[u32; 3]| {
             let [a, b, c] = [a, b, c].map(|v| view.points[v as usize].coords);
             let nearest = self.tree.closest(&Point3::from((a + b + c) / 3.0));
             let group = self.group_of[nearest.triangle as usize];
             number.get(group as usize).copied()
         };
-        view.triangles().into_par_iter().map(group).collect()
+        parallel::map_each(&view.triangles(), group)
     }
 }

@@ -19,7 +19,6 @@ pub(crate) use robust::Intrinsic;
 
 use crate::compute::parallel;
 use nalgebra::Complex;
-use rayon::prelude::*;
 
 pub use crate::algebra::Mass;
 
@@ -341,10 +340,8 @@ fn spread_areas(vertices: usize, triangles: &[[u32; 3]], areas: &[f64]) -> Vec<f
 }
 
 fn check_shapes(mesh: &TriMesh) -> Result<(), Error> {
-    let degenerate = (0..mesh.triangles().len())
-        .into_par_iter()
-        .find_first(|&t| Shape::of(mesh, t).is_degenerate());
-    match degenerate {
+    let is_degenerate = |t: usize| Shape::of(mesh, t).is_degenerate();
+    match parallel::first(mesh.triangles().len(), is_degenerate) {
         Some(triangle) => Err(Error::Degenerate { triangle }),
         None => Ok(()),
     }

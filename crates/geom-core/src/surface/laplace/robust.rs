@@ -10,8 +10,6 @@
 //! across a bend of the surface, and why the vertices stay where they are. Linear functions on the flipped triangles
 //! have one value per vertex as before.
 
-use rayon::prelude::*;
-
 use super::{Error, Mass, Robust, RobustReport};
 use crate::TriMesh;
 use crate::algebra::SparseMatrix;
@@ -62,14 +60,12 @@ impl Intrinsic {
         let (lengths, added) = thickened(mesh)?;
         let mut cover = Cover::glue(faces, &lengths);
         let flips = cover.make_delaunay();
-        let (weights, areas) = (0..2 * faces.len() as u32)
-            .into_par_iter()
-            .map(|f| {
-                let sides = cover.sides(f);
-                let area = area_of(sides);
-                (half_cotangents(sides, area).map(|c| 0.5 * c), 0.5 * area)
-            })
-            .unzip();
+        let of_faces = parallel::map(2 * faces.len(), |f| {
+            let sides = cover.sides(f as u32);
+            let area = area_of(sides);
+            (half_cotangents(sides, area).map(|c| 0.5 * c), 0.5 * area)
+        });
+        let (weights, areas) = of_faces.into_iter().unzip();
         Ok(Self {
             triangles: cover.corners.as_chunks::<3>().0.to_vec(),
             weights,

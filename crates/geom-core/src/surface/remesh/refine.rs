@@ -7,7 +7,6 @@ use crate::compute::parallel;
 use crate::nalgebra::center;
 use crate::search::bvh::TriangleTree;
 use crate::{Point3, TriMesh};
-use rayon::prelude::*;
 
 use super::mesh::{FACING, Kind, Mesh, NONE, Vertex, facing, previous};
 use super::reference::{Reference, centroid};
@@ -26,9 +25,9 @@ pub(super) fn shorten(
     if reference.allowed.is_finite() {
         places.extend(far(mesh, reference, points));
     }
-    places
-        .par_iter_mut()
-        .for_each(|(p, length)| *length = length.max(reference.shortest_near(p)));
+    parallel::for_each(&mut places, |_, (p, length)| {
+        *length = length.max(reference.shortest_near(p));
+    });
     let mut spots = std::mem::take(&mut reference.spots);
     let added = spots.add(places, |p| reference.wanted_near(p));
     reference.spots = spots;
@@ -40,7 +39,7 @@ pub(super) fn shorten(
 
 /// Gives the vertices the lengths that are wanted now.
 pub(super) fn apply(mesh: &mut Mesh, reference: &Reference<'_>) {
-    mesh.vertices.par_iter_mut().for_each(|vertex| {
+    parallel::for_each(&mut mesh.vertices, |_, vertex| {
         (vertex.size, vertex.active) = reference.spots.at(&vertex.position, vertex.wanted);
     });
 }
@@ -132,10 +131,9 @@ fn far(mesh: &Mesh, reference: &Reference<'_>, points: &[Point3]) -> Vec<(Point3
                     v.size < v.wanted
                 }))
     };
-    let mut places: Vec<(Point3, f64)> = (0..mesh.triangles.len() as u32)
-        .into_par_iter()
-        .filter(asked)
-        .flat_map_iter(|t| {
+    let mut places: Vec<(Point3, f64)> = parallel::flat_map(mesh.triangles.len(), |t| {
+        let asked = Some(t as u32).filter(asked);
+        asked.into_iter().flat_map(|t| {
             let corners = mesh.triangles[t as usize].map(|v| &mesh.vertices[v as usize]);
             let size = corners.iter().map(|v| v.size).fold(f64::INFINITY, f64::min);
             let [a, b, c] = corners.map(|v| v.position);
@@ -148,7 +146,7 @@ fn far(mesh: &Mesh, reference: &Reference<'_>, points: &[Point3]) -> Vec<(Point3
             .into_iter()
             .filter_map(move |p| Some((p, shorter(size, reference.distance(&p, farthest))?)))
         })
-        .collect();
+    });
     // Later only what has changed needs to be seen again.
     let part = if first {
         mesh.surface()
@@ -158,7 +156,8 @@ fn far(mesh: &Mesh, reference: &Reference<'_>, points: &[Point3]) -> Vec<(Point3
     let Ok(tree) = TriangleTree::new(&part) else {
         return places;
     };
-    places.par_extend(points.par_iter().filter_map(|p| {
+    places.append(&mut parallel::flat_map(points.len(), |i| {
+        let p = &points[i];
         if !first && !reference.spots.reach(p) {
             return None;
         }
