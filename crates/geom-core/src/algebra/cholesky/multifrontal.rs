@@ -442,11 +442,11 @@ impl Columns<'_> {
                 sums[c][1] = simd.mul_add_e_f64s(factor, a1, sums[c][1]);
             }
         }
-        for c in 0..N {
+        for (c, sum) in sums.into_iter().enumerate() {
             let at = c * self.length + self.shift + row - self.first;
             let out = S::as_mut_simd_f64s(&mut self.out[at..at + 2 * S::F64_LANES]).0;
-            out[0] = simd.sub_f64s(out[0], sums[c][0]);
-            out[1] = simd.sub_f64s(out[1], sums[c][1]);
+            out[0] = simd.sub_f64s(out[0], sum[0]);
+            out[1] = simd.sub_f64s(out[1], sum[1]);
         }
     }
 
@@ -461,10 +461,10 @@ impl Columns<'_> {
                 sums[c] = simd.mul_add_e_f64s(simd.splat_f64s(b[c]), a, sums[c]);
             }
         }
-        for c in 0..N {
+        for (c, sum) in sums.into_iter().enumerate() {
             let at = c * self.length + self.shift + rows.start - self.first;
             let out = &mut self.out[at..at + rows.len()];
-            let new = simd.sub_f64s(simd.partial_load_f64s(out), sums[c]);
+            let new = simd.sub_f64s(simd.partial_load_f64s(out), sum);
             simd.partial_store_f64s(out, new);
         }
     }
