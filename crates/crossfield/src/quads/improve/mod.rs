@@ -6,9 +6,8 @@ mod flow;
 mod lift;
 mod mend;
 
-pub(crate) use flow::lengths;
 #[cfg(feature = "testing")]
-pub(crate) use mend::changes;
+pub(crate) use {flow::lengths, mend::changes};
 
 use geom_core::QuadMesh;
 use geom_core::surface::ground::{Freedom, Ground};
