@@ -243,6 +243,7 @@ impl<'a> Plan<'a> {
             let made = done.fetch_add(1, Ordering::Relaxed) + 1;
             session.on(&Cpu).progress("tiles", made, of)
         };
+        // Each tile by itself; of what is made only its border stays in memory, the rest is put aside.
         let mut sums = Sums::default();
         let mut borders = Vec::with_capacity(own.len());
         for tile in own.clone() {
@@ -253,6 +254,7 @@ impl<'a> Plan<'a> {
             let step = || Ok(step(session)?);
             borders = self.improve(options, borders, exchange, &deal, session, &step)?;
         }
+        // Numbers that hold for all ranks: shared vertices have one owner, and so one number.
         let vertices = number(exchange, &deal, &mut borders)?;
         let whole = Whole::of(exchange, vertices, &borders)?;
         let mut quality = Quality::default();
@@ -276,6 +278,7 @@ impl<'a> Plan<'a> {
                 step(session)?;
             }
         }
+        // What no rank knows alone: bodies and cavities through many tiles, and sums over the ranks.
         let parts = closed(exchange, &deal, &borders, &locals)?;
         let all = gathered(exchange, &[sums])?;
         let qualities = gathered(exchange, &[quality])?;
