@@ -4,6 +4,8 @@
 //! which may come back with a decimated map instead, and stops early where that is of no use. Both go through
 //! [`Making`]: relaxation, integers, unfolding, and at last the check in [`fixed`].
 
+use std::cell::RefCell;
+
 use geom_core::nalgebra::{Cholesky, DVector, Dyn};
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
@@ -15,7 +17,7 @@ use super::integers::{Coarse, Quadratic, Spread};
 use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
-use super::untangle::{Effort, Moves, untangle};
+use super::untangle::{Effort, Moves, Unfolding, untangle};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
@@ -59,7 +61,11 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
 ) -> Result<GridMap, Error> {
     let run = run.with(run.backend.as_crossfield());
     let effort = Effort::of(mesh.triangles().len());
-    match parameterized(mesh, frames, field, options, &effort, |_| false, run)? {
+    let unfolding = Unfolding {
+        effort: &effort,
+        last: &RefCell::default(),
+    };
+    match parameterized(mesh, frames, field, options, unfolding, |_| false, run)? {
         Laid::Whole(map) => Ok(map),
         Laid::Decimated(_, error) => Err(error),
         Laid::Vain(_) => unreachable!("no map is called vain"),
@@ -82,13 +88,14 @@ pub(crate) fn parameterized(
     frames: &Frames,
     field: &CrossField,
     options: &MapOptions,
-    effort: &Effort,
+    unfolding: Unfolding<'_>,
     vain: impl Fn(&Spread) -> bool,
     run: On<'_>,
 ) -> Result<Laid, Error> {
     let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
     let system = System::new(&cut, &seams, &charts);
-    let mut making = Making::new(frames, field, system, effort, run);
+    let mut making = Making::new(frames, field, system, unfolding.effort, run);
+    making.last = Some(unfolding.last);
     run.progress("map", 0, 3)?;
     let relaxed = making.relaxed()?;
     run.progress("map", 1, 3)?;
@@ -221,6 +228,8 @@ struct Making<'a> {
     weights: Vec<f64>,
     report: MapReport,
     effort: &'a Effort,
+    /// See [`Unfolding::last`]; `None` where no other map follows.
+    last: Option<&'a RefCell<Option<Vec<f64>>>>,
     run: On<'a>,
 }
 
@@ -258,6 +267,7 @@ impl<'a> Making<'a> {
             },
             system,
             effort,
+            last: None,
             run,
         }
     }
@@ -299,8 +309,9 @@ impl<'a> Making<'a> {
 
     /// The optimum, unfolded where it folds: no rounding could mend that, and the integers of a folded map are wrong ones.
     ///
-    /// Tried twice: from the optimum itself, for a third of the effort that is left; and from the optimum whose stars
-    /// of many quads were laid out by hand ([`wound`]), since no energy that only turns triangles upright adds a full
+    /// From where the last map of the same field ended, if there was one. Else tried twice: from the optimum itself, for
+    /// all but a third of the effort that is left, or until a vertex is seen that it cannot help; and from the optimum whose
+    /// stars of many quads were laid out by hand ([`wound`]), since no energy that only turns triangles upright adds a full
     /// turn around a vertex. What is still folded then is an error that no other spacing would mend.
     fn relaxed(&mut self) -> Result<Relaxed, Error> {
         let Optimum {
@@ -321,21 +332,27 @@ impl<'a> Making<'a> {
             let solved = factor.solve(&DVector::from_column_slice(z));
             z.copy_from_slice(solved.as_slice());
         };
-        let folded = y.clone();
-        let share = self.effort.share(3);
         let mut moves = Moves {
             weighted: &weighted,
             integers: Some(&schur),
             held: Vec::new(),
-            effort: &share,
+            effort: self.effort,
+            is_lost: &|corners: &[[[f64; 2]; 3]]| self.has_stuck_cone(corners),
         };
-        untangle(&self.system, &mut y, &moves, self.run)?;
-        self.effort.give_back(&share);
-        if self.invalid(&self.system.corners(&y)) != (0, 0) {
-            y = folded;
-            moves.held = wound(&self.system, self.frames, self.field, &mut y);
-            moves.effort = self.effort;
+        let last = self.last.and_then(RefCell::take);
+        if let Some(last) = last.filter(|y| self.invalid(&self.system.corners(y)) == (0, 0)) {
+            y = last;
             untangle(&self.system, &mut y, &moves, self.run)?;
+        } else {
+            let folded = y.clone();
+            let reserve = self.effort.share(3);
+            untangle(&self.system, &mut y, &moves, self.run)?;
+            self.effort.give_back(&reserve);
+            if self.invalid(&self.system.corners(&y)) != (0, 0) {
+                y = folded;
+                moves.held = wound(&self.system, self.frames, self.field, &mut y);
+                untangle(&self.system, &mut y, &moves, self.run)?;
+            }
         }
         corners = self.system.corners(&y);
         let (triangles, cones) = self.invalid(&corners);
@@ -346,6 +363,9 @@ impl<'a> Making<'a> {
                 stage: "unfolding",
                 relaxed: true,
             });
+        }
+        if let Some(last) = self.last {
+            *last.borrow_mut() = Some(y);
         }
         self.want(&corners);
         let weighted = self.system.weighted(&self.weights)?;
@@ -370,6 +390,17 @@ impl<'a> Making<'a> {
             let [_, least] = singular_values(&j);
             self.weights[f] = (least * least).recip().clamp(1.0, MOST);
         }
+    }
+
+    /// Is there a vertex with upright triangles alone that turn too far or not far enough around it? They would have to fold
+    /// before they could turn right.
+    fn has_stuck_cone(&self, corners: &[[[f64; 2]; 3]]) -> bool {
+        let is_upright = |f: usize| self.system.charts[f].determinant(&corners[f]) > 0.0;
+        let (frames, field) = (self.frames, self.field);
+        (0..frames.edges().vertices()).any(|v| {
+            has_wrong_angle(frames, field, corners, v)
+                && frames.around(v).all(|h| is_upright(h / 3))
+        })
     }
 
     /// Triangles that are not upright, and vertices around which they turn too far or not far enough.
@@ -467,6 +498,7 @@ impl<'a> Making<'a> {
             integers: None,
             held: Vec::new(),
             effort: &share,
+            is_lost: &|corners: &[[[f64; 2]; 3]]| self.has_stuck_cone(corners),
         };
         untangle(&self.system, y, &moves, self.run)?;
         self.effort.give_back(&share);

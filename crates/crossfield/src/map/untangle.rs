@@ -6,7 +6,7 @@
 //! `χ = (det + √(ε² + det²)) / 2`, which is positive everywhere, close to det above ε and close to 0 below −ε. With ε large a
 //! folded triangle costs little; as ε falls, unfolding it is what pays (Garanzha et al., 2021).
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 
 use geom_core::compute::BackendError;
 
@@ -19,11 +19,13 @@ use crate::specification::chart_distortion;
 /// Steps remembered by the minimizer.
 const HISTORY: usize = 10;
 /// Steps per regularization.
-const STEPS: usize = 60;
+const STEPS: usize = 30;
 /// Regularizations.
 const ROUNDS: usize = 60;
 /// A folded map stays so when its worst triangle is not better after so many.
 const STALLED: usize = 20;
+/// Below this ε upright triangles do not fold again: the mean determinant is 1.
+const FIRM: f64 = 1.0;
 /// The smallest regularization: determinants below it are as good as none.
 const LEAST: f64 = 1e-6;
 /// The least area that counts, in units of the mean.
@@ -37,9 +39,9 @@ const SETTLED: f64 = 1e-2;
 pub(crate) struct Effort(Cell<u64>);
 
 impl Effort {
-    /// What a surface of so many triangles is worth: a thousand evaluations, and as many of ten thousand triangles.
+    /// What a surface of so many triangles is worth: two thousand evaluations, and as many of ten thousand triangles.
     pub(crate) fn of(triangles: usize) -> Self {
-        const EVALUATIONS: u64 = 1000;
+        const EVALUATIONS: u64 = 2000;
         const FEW: u64 = 10_000;
         Self(Cell::new(EVALUATIONS * (triangles as u64 + FEW)))
     }
@@ -69,6 +71,15 @@ impl Effort {
     }
 }
 
+/// What unfolding may use.
+#[derive(Clone, Copy)]
+pub(crate) struct Unfolding<'a> {
+    pub(crate) effort: &'a Effort,
+    /// The unknowns of the last map of the same field that was unfolded without integers: upright at any spacing, it is where the
+    /// next one starts.
+    pub(crate) last: &'a RefCell<Option<Vec<f64>>>,
+}
+
 /// What moves.
 pub(crate) struct Moves<'a> {
     /// The quadratic energy whose inverse bends the steps (Kovalsky, Galun and Lipman, *Accelerated quadratic proxy for
@@ -80,6 +91,8 @@ pub(crate) struct Moves<'a> {
     pub(crate) held: Vec<usize>,
     /// What unfolding may cost.
     pub(crate) effort: &'a Effort,
+    /// Corners from which no map with the right angles is reached once ε is small.
+    pub(crate) is_lost: &'a dyn Fn(&[[[f64; 2]; 3]]) -> bool,
 }
 
 /// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`
@@ -89,7 +102,7 @@ pub(crate) struct Moves<'a> {
 /// `y` are all unknowns, reals first; those that may move are the reals, and the integers as well if `moves` has a solver
 /// for them. With ε above 0 the energy is finite everywhere, so that any map may be the start. A round is a minimization
 /// for one ε, of at most [`STEPS`] steps, and there are at most [`ROUNDS`] of them. A map that is still folded is given up
-/// when the effort is spent, or when its worst determinant has not risen for [`STALLED`] rounds. Of an upright one ε falls
+/// when the effort is spent, when its worst determinant has not risen for [`STALLED`] rounds, or when it is lost. Of an upright one ε falls
 /// on until a round gains less than [`SETTLED`], so that what comes out is also smooth.
 pub(crate) fn untangle(
     system: &System<'_>,
@@ -121,7 +134,7 @@ pub(crate) fn untangle(
     };
     let mut x = y[..free].to_vec();
     let worst = energy.worst(&x);
-    energy.epsilon = (0.5 * worst.abs()).max(0.1);
+    energy.epsilon = first_epsilon(worst);
     let (mut best, mut stalled) = (worst, 0);
     for round in 0..ROUNDS {
         run.progress("untangle", round as u64, ROUNDS as u64)?;
@@ -137,6 +150,9 @@ pub(crate) fn untangle(
         if !positive && (stalled >= STALLED || moves.effort.is_spent()) {
             break;
         }
+        if energy.epsilon < FIRM && (moves.is_lost)(&energy.corners(&x)) {
+            break;
+        }
         let gained = 1.0 - after / before;
         if positive && gained < SETTLED {
             break;
@@ -149,10 +165,21 @@ pub(crate) fn untangle(
         } else {
             share * root / (worst.abs() + root)
         };
-        energy.epsilon = (energy.epsilon * (1.0 - falls)).max(LEAST);
+        // Far above the worst determinant ε only takes time.
+        let most = (2.0 * worst.abs()).max(0.4);
+        energy.epsilon = (energy.epsilon * (1.0 - falls)).clamp(LEAST, most);
     }
     y[..free].copy_from_slice(&x);
     Ok(())
+}
+
+/// The ε that a map with this worst determinant begins with: the smallest where nothing is folded, and nothing shall be.
+fn first_epsilon(worst: f64) -> f64 {
+    if worst > 0.0 {
+        LEAST
+    } else {
+        (0.5 * worst.abs()).max(0.1)
+    }
 }
 
 struct Energy<'a> {
@@ -172,10 +199,14 @@ struct Energy<'a> {
 }
 
 impl Energy<'_> {
+    fn corners(&self, x: &[f64]) -> Vec<[[f64; 2]; 3]> {
+        let y: Vec<f64> = x.iter().chain(&self.fixed).copied().collect();
+        self.system.corners(&y)
+    }
+
     /// Distortions at x, from the backend, which must answer one per triangle.
     fn evaluate(&mut self, x: &[f64]) -> Result<(), Error> {
-        let y: Vec<f64> = x.iter().chain(&self.fixed).copied().collect();
-        let corners = self.system.corners(&y);
+        let corners = self.corners(x);
         self.backend
             .chart_distortion(self.charts, &corners, self.epsilon, &mut self.out)?;
         let (found, of) = (self.out.len(), corners.len());
@@ -190,8 +221,7 @@ impl Energy<'_> {
 
     /// The smallest determinant.
     fn worst(&self, x: &[f64]) -> f64 {
-        let y: Vec<f64> = x.iter().chain(&self.fixed).copied().collect();
-        let corners = self.system.corners(&y);
+        let corners = self.corners(x);
         let all = self.system.charts.iter().zip(&corners);
         all.map(|(chart, uv)| chart.determinant(uv))
             .fold(f64::INFINITY, f64::min)
@@ -231,9 +261,11 @@ struct Step {
     moved: Vec<f64>,
     /// Of the gradient.
     turned: Vec<f64>,
+    /// `P⁻¹ turned`, with P the matrix of the quadratic energy.
+    bent: Vec<f64>,
     /// `1 / moved · turned`.
     rho: f64,
-    /// `moved · turned` over `turned · P⁻¹ turned`, with P the matrix of the quadratic energy.
+    /// `moved · turned` over `turned · bent`.
     scale: f64,
 }
 
@@ -249,16 +281,18 @@ fn minimize(
 ) -> Result<(f64, f64), Error> {
     let (mut value, mut gradient) = energy.gradient(x)?;
     let first = value;
+    // The only solve of a step: all else that P⁻¹ has to be known of is a sum of such.
+    let mut bent = moves.weighted.inverse(&gradient, moves.integers)?;
     let mut history: Vec<Step> = Vec::new();
     for _ in 0..STEPS {
         if !moves.effort.spend(energy.charts.len()) {
             break;
         }
-        let mut direction = two_loops(&gradient, &history, moves)?;
+        let mut direction = two_loops(&gradient, &bent, &history);
         let mut slope = dot(&direction, &gradient);
         if slope >= 0.0 && !history.is_empty() {
             history.clear();
-            direction = two_loops(&gradient, &history, moves)?;
+            direction = two_loops(&gradient, &bent, &history);
             slope = dot(&direction, &gradient);
         }
         if slope.is_nan() || slope >= -1e-14 * (1.0 + value.abs()) {
@@ -270,19 +304,21 @@ fn minimize(
         let moved = minus(&found.at, x);
         let turned = minus(&found.gradient, &gradient);
         let curvature = dot(&moved, &turned);
+        let next = moves.weighted.inverse(&found.gradient, moves.integers)?;
         if curvature > 1e-12 * (dot(&moved, &moved) * dot(&turned, &turned)).sqrt() {
-            let bent = moves.weighted.inverse(&turned, moves.integers)?;
-            let scale = curvature / dot(&turned, &bent);
-            history.push(Step {
-                moved,
-                turned,
-                rho: 1.0 / curvature,
-                scale,
-            });
-            if history.len() > HISTORY {
+            let bent = minus(&next, &bent);
+            if history.len() == HISTORY {
                 history.remove(0);
             }
+            history.push(Step {
+                rho: 1.0 / curvature,
+                scale: curvature / dot(&turned, &bent),
+                moved,
+                turned,
+                bent,
+            });
         }
+        bent = next;
         let gain = value - found.value;
         (*x, value, gradient) = (found.at, found.value, found.gradient);
         if gain < 1e-8 * value.abs() {
@@ -330,30 +366,34 @@ fn searched(
 /// Minus the gradient, bent by the curvature met so far.
 ///
 /// In place of a multiple of the identity, as in the textbook, the inverse of the quadratic energy stands in the
-/// middle, scaled to the curvature of the last step.
-fn two_loops(gradient: &[f64], history: &[Step], moves: &Moves<'_>) -> Result<Vec<f64>, Error> {
+/// middle, scaled to the curvature of the last step. `bent` is that inverse times the gradient.
+fn two_loops(gradient: &[f64], bent: &[f64], history: &[Step]) -> Vec<f64> {
     let mut q: Vec<f64> = gradient.iter().map(|g| -g).collect();
+    let mut inverse: Vec<f64> = bent.iter().map(|b| -b).collect();
     let mut alphas = Vec::new();
     for step in history.iter().rev() {
         let alpha = step.rho * dot(&step.moved, &q);
-        for (q, y) in q.iter_mut().zip(&step.turned) {
-            *q -= alpha * y;
-        }
+        add(&mut q, -alpha, &step.turned);
+        add(&mut inverse, -alpha, &step.bent);
         alphas.push(alpha);
     }
-    q = moves.weighted.inverse(&q, moves.integers)?;
     if let Some(last) = history.last() {
-        for q in &mut q {
+        for q in &mut inverse {
             *q *= last.scale;
         }
     }
     for (step, alpha) in history.iter().zip(alphas.into_iter().rev()) {
-        let beta = step.rho * dot(&step.turned, &q);
-        for (q, s) in q.iter_mut().zip(&step.moved) {
-            *q += (alpha - beta) * s;
-        }
+        let beta = step.rho * dot(&step.turned, &inverse);
+        add(&mut inverse, alpha - beta, &step.moved);
     }
-    Ok(q)
+    inverse
+}
+
+/// `x ← x + a y`.
+fn add(x: &mut [f64], a: f64, y: &[f64]) {
+    for (x, y) in x.iter_mut().zip(y) {
+        *x += a * y;
+    }
 }
 
 fn minus(a: &[f64], b: &[f64]) -> Vec<f64> {

@@ -71,9 +71,11 @@ fn add_product_part(
     scale: f64,
     from: usize,
 ) {
-    let rows = out.len() / columns;
-    let parts: Vec<Tall<'_>> = a.iter().map(|a| a.part(from, rows)).collect();
-    tall::add_product(out, columns, &parts, c, scale);
+    for (k, out) in out.chunks_mut(STRIP * columns).enumerate() {
+        let (first, rows) = (from + k * STRIP, out.len() / columns);
+        let parts: Vec<Tall<'_>> = a.iter().map(|a| a.part(first, rows)).collect();
+        tall::add_product(out, columns, &parts, c, scale);
+    }
 }
 
 /// `A C` as a new block of `columns` columns.

@@ -1,5 +1,7 @@
 //! Map and quads of one field, and what is done where a handle or neck is too narrow for its lines.
 
+use std::cell::RefCell;
+
 use geom_core::mesh::Halfedges;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::surface::distance::{Graph, shortest_paths};
@@ -13,7 +15,7 @@ use super::{OFF_TARGET, Rungs};
 use crate::anisotropy::Metric;
 use crate::error::Error;
 use crate::field::CrossField;
-use crate::map::{MapOptions, MapReport, Spread, parameterized};
+use crate::map::{MapOptions, MapReport, Spread, Unfolding, parameterized};
 use crate::options::Size;
 
 /// How many times more quads than wanted are refused, unless they are few.
@@ -39,6 +41,8 @@ pub(super) struct Mapping<'a> {
     pub(super) smooth: &'a Smooth,
     pub(super) field: &'a CrossField,
     pub(super) metric: Option<&'a Metric>,
+    /// See [`Unfolding::last`].
+    pub(super) last: RefCell<Option<Vec<f64>>>,
 }
 
 impl Mapping<'_> {
@@ -159,18 +163,31 @@ impl Lay {
             smooth,
             field,
             metric,
+            ref last,
         } = *ground;
-        let last = self.tried + CLOSER;
+        let most = self.tried + CLOSER;
         loop {
             let map_options = MapOptions {
                 spacing: smooth.spacing(spacing, &self.closer, metric, field),
                 lines: part.lines.iter().map(|&h| h as u32).collect(),
             };
             let effort = rungs.effort.share(2);
+            let unfolding = Unfolding {
+                effort: &effort,
+                last,
+            };
             let Smooth { mesh, frames, .. } = smooth;
             let nested = rungs.options.nested;
-            let vain = |spread: &Spread| self.tried < last && is_vain(spread, nested);
-            let map = parameterized(mesh, frames, field, &map_options, &effort, vain, rungs.run);
+            let vain = |spread: &Spread| self.tried < most && is_vain(spread, nested);
+            let map = parameterized(
+                mesh,
+                frames,
+                field,
+                &map_options,
+                unfolding,
+                vain,
+                rungs.run,
+            );
             rungs.effort.give_back(&effort);
             // The map of the smoothed triangles is one of those that they were, too.
             let (sources, quads, report) = lines(map?, frames, nested)?;
@@ -181,7 +198,7 @@ impl Lay {
                 });
             }
             let tangled = tangled(&quads);
-            if tangled.is_empty() || self.tried == last {
+            if tangled.is_empty() || self.tried == most {
                 let positions = sources.iter().map(|p| p.position(&part.mesh)).collect();
                 let quads = QuadMesh::new(positions, quads)?;
                 check(&quads, &part.mesh)?;

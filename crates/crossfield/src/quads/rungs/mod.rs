@@ -2,6 +2,8 @@
 
 mod mapped;
 
+use std::cell::RefCell;
+
 use geom_core::surface::ground::{Freedom, Ground, on_segments};
 use geom_core::surface::remesh;
 use geom_core::{Cancelled, Point3, QuadMesh, TriMesh};
@@ -417,6 +419,7 @@ impl Rungs<'_> {
             smooth,
             field,
             metric,
+            last: RefCell::default(),
         };
         let (quads, closer, map) = as_many(&ground, factor * self.spacing, self)?;
         self.report.misalignment = metric.map(|m| m.misalignment(&smooth.frames, field));
