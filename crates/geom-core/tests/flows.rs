@@ -296,7 +296,7 @@ fn a_flow_finds_squares_again() {
     }
 }
 
-/// One vertex that may not be moved by the flow is found by the search, in the round that it takes.
+/// A vertex in the wrong place is lifted, by itself and with those around it; then there is nothing left to do.
 #[test]
 fn a_search_lifts_the_worst() {
     let plane = plane();
@@ -307,7 +307,7 @@ fn a_search_lifts_the_worst() {
     vertices.positions[middle] += Vector3::new(0.8, 0.5, 0.0);
     let mut flow = Flow::new(Squares::new(), vertices, run);
     assert!(flow.worst(Squares::jacobian) < 0.6);
-    assert_eq!(flow.lift_the_worst(&SEARCH).unwrap(), 1);
+    assert!((1..=9).contains(&flow.lift_the_worst(&SEARCH).unwrap()));
     assert!(flow.worst(Squares::jacobian) > 0.9);
     assert_eq!(flow.lift_the_worst(&SEARCH).unwrap(), 0);
 }
