@@ -1,5 +1,7 @@
 //! A whole improvement on another backend. That of corners has its laws in geom-core.
 
+#![cfg(feature = "wgpu")]
+
 use geom_core::mesh::shapes;
 use geom_core::testing::gpu_or_skip;
 use geom_core::{Run, nalgebra};
