@@ -2,17 +2,17 @@
 //! each backend. Throughput in triangles (corners) per second.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use crossfield::backend::Corner;
 use crossfield::field::Frames;
 use crossfield::map::{MapOptions, Spacing, parameterize};
-use crossfield::{CrossfieldBackend, FieldOptions, Options, cross_field, quadrangulate};
+use crossfield::{FieldOptions, Options, cross_field, quadrangulate};
 use geom_core::mesh::shapes;
+use geom_core::surface::flow::{Corner, CornerBackend};
 use geom_core::surface::laplace::EdgeWeights;
 use geom_core::testing::gpu_or_skip;
 use geom_core::{Cpu, Run, TriMesh, Vector3, io};
 
-fn backends() -> Vec<Box<dyn CrossfieldBackend>> {
-    let mut all: Vec<Box<dyn CrossfieldBackend>> = vec![Box::new(Cpu)];
+fn backends() -> Vec<Box<dyn CornerBackend>> {
+    let mut all: Vec<Box<dyn CornerBackend>> = vec![Box::new(Cpu)];
     if let Some(gpu) = gpu_or_skip() {
         all.push(Box::new(gpu));
     }
@@ -57,7 +57,7 @@ fn steps(c: &mut Criterion) {
 }
 
 fn kernels(c: &mut Criterion) {
-    let mut group = c.benchmark_group("crossfield/corner_distortion");
+    let mut group = c.benchmark_group("geom-core/corner_distortion");
     let corners: Vec<Corner> = (0..200_000)
         .map(|i| {
             let off = f64::from(i % 997) / 997.0;

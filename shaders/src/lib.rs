@@ -41,6 +41,13 @@ pub const GEOM_CORE_STENCIL: Shader = Shader {
     workgroup: [64, 1, 1],
 };
 
+/// `geom-core`: distortion of the corners of quads.
+pub const GEOM_CORE_CORNER_DISTORTION: Shader = Shader {
+    name: "geom_core_corner_distortion",
+    source: joined!("geom_core/corner_distortion"),
+    workgroup: [64, 1, 1],
+};
+
 // ── dual-contour
 
 /// `dual-contour`: dual vertices of cells.
@@ -165,13 +172,6 @@ pub const CROSSFIELD_CHART_DISTORTION: Shader = Shader {
     workgroup: [64, 1, 1],
 };
 
-/// `crossfield`: distortion of the corners of quads.
-pub const CROSSFIELD_CORNER_DISTORTION: Shader = Shader {
-    name: "crossfield_corner_distortion",
-    source: joined!("common/corner", "crossfield/corner_distortion"),
-    workgroup: [64, 1, 1],
-};
-
 // ── secondfund-ops
 
 /// `secondfund-ops`: the matrices of triangles.
@@ -211,13 +211,6 @@ pub const SECONDFUND_OPS_DISTANCES: Shader = Shader {
 };
 
 // ── tspline
-
-/// `tspline`: distortion of the corners of a T-mesh.
-pub const TSPLINE_CORNER_DISTORTION: Shader = Shader {
-    name: "tspline_corner_distortion",
-    source: joined!("common/corner", "tspline/corner_distortion"),
-    workgroup: [64, 1, 1],
-};
 
 /// `tspline`: Bézier points of patches from control points.
 pub const TSPLINE_BEZIER_POINTS: Shader = Shader {
@@ -275,6 +268,7 @@ pub const ALL: &[Shader] = &[
     GEOM_CORE_PRODUCT,
     GEOM_CORE_SMOOTH,
     GEOM_CORE_STENCIL,
+    GEOM_CORE_CORNER_DISTORTION,
     DUAL_CONTOUR_DUAL_VERTICES,
     GAUSS_DENSITY_CULL,
     GAUSS_DENSITY_DENSITY,
@@ -288,12 +282,10 @@ pub const ALL: &[Shader] = &[
     TET_QUALITY_MEASURE,
     TET_QUALITY_RELAX,
     CROSSFIELD_CHART_DISTORTION,
-    CROSSFIELD_CORNER_DISTORTION,
     SECONDFUND_OPS_TRIANGLE_MATRICES,
     SECONDFUND_OPS_PATCH_MATRICES,
     SECONDFUND_OPS_PATCH_FORCES,
     SECONDFUND_OPS_DISTANCES,
-    TSPLINE_CORNER_DISTORTION,
     TSPLINE_BEZIER_POINTS,
     TSPLINE_BEZIER_SAMPLES,
     SPECTRAL_CORRESP_DISTANCES,

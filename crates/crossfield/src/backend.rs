@@ -5,7 +5,9 @@
 //! ```
 //! use std::sync::atomic::{AtomicUsize, Ordering};
 //!
-//! use crossfield::backend::{ChartDistortion, Corner, CornerDistortion, CrossfieldBackend};
+//! use crossfield::backend::{ChartDistortion, CrossfieldBackend};
+//! use crossfield::geom_core::compute::BackendError;
+//! use crossfield::geom_core::surface::flow::{Corner, CornerBackend, CornerDistortion};
 //! use crossfield::geom_core::{Backend, Cpu, Run, mesh::shapes};
 //! use crossfield::map::Chart;
 //! use crossfield::{Error, Options, quadrangulate};
@@ -16,6 +18,18 @@
 //! impl Backend for Counting {
 //!     fn name(&self) -> String {
 //!         "counting".into()
+//!     }
+//! }
+//!
+//! impl CornerBackend for Counting {
+//!     fn corner_distortion(
+//!         &self,
+//!         corners: &[Corner],
+//!         epsilon: f64,
+//!         out: &mut Vec<CornerDistortion>,
+//!     ) -> Result<(), BackendError> {
+//!         self.0.fetch_add(1, Ordering::Relaxed);
+//!         Cpu.corner_distortion(corners, epsilon, out)
 //!     }
 //! }
 //!
@@ -30,15 +44,6 @@
 //!         self.0.fetch_add(1, Ordering::Relaxed);
 //!         Cpu.chart_distortion(charts, corners, epsilon, out)
 //!     }
-//!     fn corner_distortion(
-//!         &self,
-//!         corners: &[Corner],
-//!         epsilon: f64,
-//!         out: &mut Vec<CornerDistortion>,
-//!     ) -> Result<(), Error> {
-//!         self.0.fetch_add(1, Ordering::Relaxed);
-//!         Cpu.corner_distortion(corners, epsilon, out)
-//!     }
 //! }
 //!
 //! let backend = Counting::default();
@@ -49,29 +54,22 @@
 //! # Ok::<(), Error>(())
 //! ```
 
-pub use geom_core::mesh::quality::CornerDistortion;
-use geom_core::{Agreement, Backend, Vector3};
+use geom_core::Agreement;
+use geom_core::surface::flow::CornerBackend;
 
 use crate::Error;
 use crate::map::Chart;
 
-/// The hot kernels of this crate. Each replaces what was in `out`, whose memory is used again.
-pub trait CrossfieldBackend: Backend + CrossfieldObject {
-    /// The distortion of each triangle of a map and its derivatives; ε as in [`ChartDistortion`].
+/// The hot kernels of this crate: that of corners, and its own.
+pub trait CrossfieldBackend: CornerBackend + CrossfieldObject {
+    /// The distortion of each triangle of a map and its derivatives, in place of what was in `out`, whose memory is used again;
+    /// ε as in [`ChartDistortion`].
     fn chart_distortion(
         &self,
         charts: &[Chart],
         corners: &[[[f64; 2]; 3]],
         epsilon: f64,
         out: &mut Vec<ChartDistortion>,
-    ) -> Result<(), Error>;
-
-    /// The distortion of each corner of a quad mesh and its derivatives; ε as in [`CornerDistortion::of`].
-    fn corner_distortion(
-        &self,
-        corners: &[Corner],
-        epsilon: f64,
-        out: &mut Vec<CornerDistortion>,
     ) -> Result<(), Error>;
 }
 
@@ -90,25 +88,10 @@ pub struct ChartDistortion {
     pub gradient: [[f64; 2]; 3],
 }
 
-/// A corner of a quad.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Corner {
-    /// Its sides to the next corner and to the previous one, divided by their wanted lengths.
-    pub sides: [Vector3; 2],
-    /// Unit normal of the surface.
-    pub normal: Vector3,
-}
-
 /// What a backend owes to [`CrossfieldBackend::chart_distortion`], for energies and derivatives over the energy: f32 with
 /// coordinates relative to the first corner. The determinant of a nearly flat triangle loses digits, which ε bounds:
 /// for ε ≥ 0.01.
 pub const CHART_DISTORTION: Agreement = Agreement::Bounded {
-    relative: 1e-3,
-    absolute: 1e-3,
-};
-
-/// What a backend owes to [`CrossfieldBackend::corner_distortion`], as above.
-pub const CORNER_DISTORTION: Agreement = Agreement::Bounded {
     relative: 1e-3,
     absolute: 1e-3,
 };

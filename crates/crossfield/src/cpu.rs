@@ -1,10 +1,10 @@
-//! The kernels on the CPU: the specification, in parallel.
+//! The kernel on the CPU: the specification, in parallel.
 
 use geom_core::Cpu;
 use rayon::prelude::*;
 
 use crate::Error;
-use crate::backend::{ChartDistortion, Corner, CornerDistortion, CrossfieldBackend};
+use crate::backend::{ChartDistortion, CrossfieldBackend};
 use crate::map::Chart;
 use crate::specification;
 
@@ -26,20 +26,6 @@ impl CrossfieldBackend for Cpu {
             .zip(corners)
             .with_min_len(GRAIN)
             .map(|(chart, uv)| specification::chart_distortion(chart, uv, epsilon))
-            .collect_into_vec(out);
-        Ok(())
-    }
-
-    fn corner_distortion(
-        &self,
-        corners: &[Corner],
-        epsilon: f64,
-        out: &mut Vec<CornerDistortion>,
-    ) -> Result<(), Error> {
-        corners
-            .par_iter()
-            .with_min_len(GRAIN)
-            .map(|corner| specification::corner_distortion(corner, epsilon))
             .collect_into_vec(out);
         Ok(())
     }

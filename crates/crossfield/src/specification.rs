@@ -1,6 +1,6 @@
 //! Each kernel as its equation reads: what backends are compared with.
 
-use crate::backend::{ChartDistortion, Corner, CornerDistortion};
+use crate::backend::ChartDistortion;
 use crate::map::Chart;
 
 /// [`ChartDistortion`] of one triangle.
@@ -29,9 +29,4 @@ pub fn chart_distortion(chart: &Chart, corners: &[[f64; 2]; 3], epsilon: f64) ->
         energy: chart.area * (barrier + fit),
         gradient,
     }
-}
-
-/// [`CornerDistortion`] of one corner.
-pub fn corner_distortion(corner: &Corner, epsilon: f64) -> CornerDistortion {
-    CornerDistortion::of(&corner.sides, &corner.normal, epsilon)
 }

@@ -1,11 +1,11 @@
 //! Every backend follows the specification; the comparison can fail; threads do not matter.
 
-use crossfield::backend::{ChartDistortion, Corner, CornerDistortion};
+use crossfield::backend::{CHART_DISTORTION, ChartDistortion};
 use crossfield::map::Chart;
 use crossfield::{CrossfieldBackend, Options, Size, quadrangulate, specification};
 use geom_core::mesh::shapes;
 use geom_core::testing::same_on_any_threads;
-use geom_core::{Cpu, Run, Vector3};
+use geom_core::{Cpu, Run};
 use proptest::prelude::*;
 
 #[test]
@@ -65,34 +65,11 @@ fn chart_numbers(all: &[ChartDistortion]) -> Vec<f64> {
     all.iter().flat_map(numbers).collect()
 }
 
-fn corner_numbers(all: &[CornerDistortion]) -> Vec<f64> {
-    let numbers = |d: &CornerDistortion| {
-        let g = d.gradient.iter().flatten().map(|g| g / d.energy);
-        [d.energy, d.area].into_iter().chain(g).collect::<Vec<_>>()
-    };
-    all.iter().flat_map(numbers).collect()
-}
-
-fn corners() -> impl Strategy<Value = Vec<Corner>> {
-    let vector = || [-1.0..1.0f64, -1.0..1.0f64, -0.2..0.2f64];
-    prop::collection::vec((vector(), vector()), 1..60).prop_map(|all| {
-        all.into_iter()
-            .map(|(a, b)| Corner {
-                sides: [
-                    Vector3::x() + Vector3::from(a),
-                    Vector3::y() + Vector3::from(b),
-                ],
-                normal: Vector3::new(0.1, -0.2, 1.0).normalize(),
-            })
-            .collect()
-    })
-}
-
 proptest! {
     #![proptest_config(geom_core::testing::cases(32))]
 
     #[test]
-    fn cpu_is_the_specification((charts, uv) in charts(), corners in corners()) {
+    fn cpu_is_the_specification((charts, uv) in charts()) {
         let mut out = Vec::new();
         Cpu.chart_distortion(&charts, &uv, 0.1, &mut out).unwrap();
         let expected: Vec<_> = charts
@@ -101,16 +78,11 @@ proptest! {
             .map(|(c, uv)| specification::chart_distortion(c, uv, 0.1))
             .collect();
         prop_assert_eq!(out, expected);
-        let mut out = Vec::new();
-        Cpu.corner_distortion(&corners, 0.1, &mut out).unwrap();
-        let expected: Vec<_> =
-            corners.iter().map(|c| specification::corner_distortion(c, 0.1)).collect();
-        prop_assert_eq!(out, expected);
     }
 
     /// The derivatives of the specification are those of its energy.
     #[test]
-    fn derivatives_follow_differences((charts, uv) in charts(), corners in corners(), at in 0usize..6) {
+    fn derivatives_follow_differences((charts, uv) in charts(), at in 0usize..6) {
         const STEP: f64 = 1e-6;
         for (chart, uv) in charts.iter().zip(&uv) {
             let energy = |by: f64| {
@@ -124,36 +96,23 @@ proptest! {
             let size = here.energy + here.gradient.as_flattened().iter().map(|g| g.abs()).sum::<f64>();
             prop_assert!((slope - difference).abs() < 1e-4 * size * (1.0 + size), "{slope} {difference}");
         }
-        for corner in &corners {
-            let energy = |by: f64| {
-                let mut corner = *corner;
-                corner.sides[at / 3][at % 3] += by;
-                specification::corner_distortion(&corner, 0.1).energy
-            };
-            let here = specification::corner_distortion(corner, 0.1);
-            let difference = (energy(STEP) - energy(-STEP)) / (2.0 * STEP);
-            let slope = here.gradient[at / 3][at % 3];
-            let size = here.energy * (1.0 + here.energy);
-            prop_assert!((slope - difference).abs() < 1e-4 * size * (1.0 + size), "{slope} {difference}");
-        }
     }
 
-    /// The comparisons can fail: one altered value is found, at its place.
+    /// The comparison can fail: one altered value is found, at its place.
     #[test]
-    fn a_wrong_value_is_caught(corners in corners(), place in any::<prop::sample::Index>()) {
+    fn a_wrong_value_is_caught((charts, uv) in charts(), place in any::<prop::sample::Index>()) {
         let mut out = Vec::new();
-        Cpu.corner_distortion(&corners, 0.1, &mut out).unwrap();
-        let reference = corner_numbers(&out);
+        Cpu.chart_distortion(&charts, &uv, 0.1, &mut out).unwrap();
+        let reference = chart_numbers(&out);
         let (mut wrong, i) = (reference.clone(), place.index(reference.len()));
         wrong[i] = wrong[i] * 1.01 + 3e-3 * wrong[i].signum();
-        let caught = crossfield::backend::CORNER_DISTORTION.first_break(&reference, &wrong);
+        let caught = CHART_DISTORTION.first_break(&reference, &wrong);
         prop_assert_eq!(caught.map(|b| b.index), Some(i));
     }
 }
 
 #[cfg(feature = "wgpu")]
 mod gpu {
-    use crossfield::backend::{CHART_DISTORTION, CORNER_DISTORTION};
     use geom_core::testing::gpu_or_skip;
 
     use super::*;
@@ -162,17 +121,12 @@ mod gpu {
     fn distortions_follow_cpu() {
         let Some(gpu) = gpu_or_skip() else { return };
         let config = geom_core::testing::cases(24);
-        proptest!(config, |((charts, uv) in charts(), corners in corners(), epsilon in 0.03..1.0f64)| {
+        proptest!(config, |((charts, uv) in charts(), epsilon in 0.03..1.0f64)| {
             let (mut reference, mut candidate) = (Vec::new(), Vec::new());
             Cpu.chart_distortion(&charts, &uv, epsilon, &mut reference).unwrap();
             gpu.chart_distortion(&charts, &uv, epsilon, &mut candidate).unwrap();
             let numbers = [&reference, &candidate].map(|d| chart_numbers(d));
             prop_assert_eq!(CHART_DISTORTION.first_break(&numbers[0], &numbers[1]), None);
-            let (mut reference, mut candidate) = (Vec::new(), Vec::new());
-            Cpu.corner_distortion(&corners, epsilon, &mut reference).unwrap();
-            gpu.corner_distortion(&corners, epsilon, &mut candidate).unwrap();
-            let numbers = [&reference, &candidate].map(|d| corner_numbers(d));
-            prop_assert_eq!(CORNER_DISTORTION.first_break(&numbers[0], &numbers[1]), None);
         });
     }
 

@@ -8,6 +8,7 @@ mod fields;
 mod files;
 mod files_fuzz;
 mod files_refused;
+mod flows;
 mod gpu;
 mod graph;
 mod grids;

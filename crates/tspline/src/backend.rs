@@ -5,7 +5,9 @@
 //! ```
 //! use std::sync::atomic::{AtomicUsize, Ordering};
 //!
-//! use tspline::backend::{Corner, CornerDistortion, PointsTask, SamplesTask, SplineBackend};
+//! use tspline::backend::{PointsTask, SamplesTask, SplineBackend};
+//! use tspline::geom_core::compute::BackendError;
+//! use tspline::geom_core::surface::flow::{Corner, CornerBackend, CornerDistortion};
 //! use tspline::geom_core::{Backend, Cpu, Run, mesh::shapes};
 //! use tspline::surface::{PatchPoints, Sample};
 //! use tspline::{Error, QualityOptions, TMesh, TMeshOptions, improve};
@@ -19,16 +21,19 @@
 //!     }
 //! }
 //!
-//! impl SplineBackend for Counting {
+//! impl CornerBackend for Counting {
 //!     fn corner_distortion(
 //!         &self,
 //!         corners: &[Corner],
 //!         epsilon: f64,
 //!         out: &mut Vec<CornerDistortion>,
-//!     ) -> Result<(), Error> {
+//!     ) -> Result<(), BackendError> {
 //!         self.0.fetch_add(1, Ordering::Relaxed);
 //!         Cpu.corner_distortion(corners, epsilon, out)
 //!     }
+//! }
+//!
+//! impl SplineBackend for Counting {
 //!     fn bezier_points(&self, task: &PointsTask<'_>, out: &mut Vec<PatchPoints>) -> Result<(), Error> {
 //!         Cpu.bezier_points(task, out)
 //!     }
@@ -46,25 +51,15 @@
 //! # Ok::<(), Error>(())
 //! ```
 
-pub use geom_core::mesh::quality::CornerDistortion;
-use geom_core::{Agreement, Backend, Point3, Vector3};
+use geom_core::surface::flow::CornerBackend;
+use geom_core::{Agreement, Point3};
 
 use crate::Error;
 use crate::surface::basis::Extraction;
 use crate::surface::bezier::{PatchPoints, Sample};
 
-/// The hot kernels of this crate. Each replaces what was in `out`, whose memory is used again.
-pub trait SplineBackend: Backend + SplineObject {
-    /// The distortion of each corner of a mesh, whatever its ideal, and the derivatives by its edges: that of the columns
-    /// of `edges · inverse`; ε as in [`CornerDistortion::of`]. Eq. 5.5 (signed) with ideal edges at right angles, Eqs.
-    /// 5.8–5.9 with those of an ideal triangle and `ε = 2δ`.
-    fn corner_distortion(
-        &self,
-        corners: &[Corner],
-        epsilon: f64,
-        out: &mut Vec<CornerDistortion>,
-    ) -> Result<(), Error>;
-
+/// The hot kernels of this crate: that of corners, and its own. Each replaces what was in `out`, whose memory is used again.
+pub trait SplineBackend: CornerBackend + SplineObject {
     /// The Bézier points of every patch.
     fn bezier_points(&self, task: &PointsTask<'_>, out: &mut Vec<PatchPoints>)
     -> Result<(), Error>;
@@ -77,24 +72,6 @@ geom_core::backend_object!(SplineObject, as_spline -> SplineBackend);
 
 /// A run on any of them.
 pub(crate) type On<'a> = geom_core::Run<'a, dyn SplineBackend + 'a>;
-
-/// Two edges that leave a point, and what they should be.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Corner {
-    /// The edges, the second to the left of the first.
-    pub edges: [Vector3; 2],
-    /// Unit normal of the surface.
-    pub normal: Vector3,
-    /// Inverse of the matrix whose columns are the ideal edges in the plane; row after row.
-    pub inverse: [[f64; 2]; 2],
-}
-
-/// What a backend owes to [`SplineBackend::corner_distortion`], for energies, areas and derivatives over the energy: f32 with
-/// differences taken before. The determinant of a nearly flat corner loses digits, which ε bounds: for ε ≥ 0.03.
-pub const CORNER_DISTORTION: Agreement = Agreement::Bounded {
-    relative: 1e-3,
-    absolute: 1e-3,
-};
 
 /// Control points of which Bézier points are wanted.
 #[derive(Clone, Copy, Debug)]

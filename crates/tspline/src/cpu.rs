@@ -1,4 +1,4 @@
-//! The kernels on the CPU: the specification, in parallel.
+//! The kernels on the CPU, in parallel.
 //!
 //! Results are in the order of their elements and do not depend on the number of threads: each is summed by one thread,
 //! in a fixed order.
@@ -6,29 +6,12 @@
 use geom_core::Cpu;
 use rayon::prelude::*;
 
-use crate::backend::{Corner, CornerDistortion, PointsTask, SamplesTask, SplineBackend};
+use crate::Error;
+use crate::backend::{PointsTask, SamplesTask, SplineBackend};
 use crate::surface::bezier::{self, bernstein};
 use crate::surface::{PatchPoints, Sample};
-use crate::{Error, specification};
-
-/// Corners per task.
-const GRAIN: usize = 1024;
 
 impl SplineBackend for Cpu {
-    fn corner_distortion(
-        &self,
-        corners: &[Corner],
-        epsilon: f64,
-        out: &mut Vec<CornerDistortion>,
-    ) -> Result<(), Error> {
-        corners
-            .par_iter()
-            .with_min_len(GRAIN)
-            .map(|corner| specification::corner_distortion(corner, epsilon))
-            .collect_into_vec(out);
-        Ok(())
-    }
-
     /// Weights of polynomial bases are set to 1, from which the sums of coefficients differ by rounding.
     fn bezier_points(
         &self,

@@ -18,11 +18,6 @@ pub mod backend;
 mod cpu;
 mod error;
 pub mod options;
-#[cfg(not(feature = "testing"))]
-#[expect(unreachable_pub, reason = "public for tests only")]
-mod specification;
-#[cfg(feature = "testing")]
-pub mod specification;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 

@@ -2,45 +2,17 @@
 //!
 //! One shader per kernel, all in f32, in dispatches of bounded size one after the other. What f32 cannot hold is kept
 //! out of it: differences are taken in f64 before narrowing, of control points from the middle of all, of patches from
-//! their first point, and corners are edges anyway. So errors are those of the extent of what is computed, not of where
+//! their first point. So errors are those of the extent of what is computed, not of where
 //! in space it lies.
 
 use bytemuck::{Pod, Zeroable};
-use geom_core::shaders::{
-    TSPLINE_BEZIER_POINTS, TSPLINE_BEZIER_SAMPLES, TSPLINE_CORNER_DISTORTION,
-};
+use geom_core::shaders::{TSPLINE_BEZIER_POINTS, TSPLINE_BEZIER_SAMPLES};
 use geom_core::{Aabb, Point3, Vector3, Wgpu};
 
 use crate::Error;
-use crate::backend::{Corner, CornerDistortion, PointsTask, SamplesTask, SplineBackend};
+use crate::backend::{PointsTask, SamplesTask, SplineBackend};
 use crate::surface::bezier::bernstein;
 use crate::surface::{PatchPoints, Sample};
-
-/// Elements per dispatch.
-/// Each is 64 bytes on the way in and 32 on the way out.
-const ELEMENTS: usize = 1 << 20;
-
-/// As the shader of corners declares it, 16 bytes.
-#[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
-struct Parameters {
-    count: u32,
-    epsilon: f32,
-    padding: [u32; 2],
-}
-
-/// Edges and normal, with the inverse in the fourth components and one vector more.
-fn packed(corner: &Corner) -> [[f32; 4]; 4] {
-    let of = |v: &Vector3, w: f64| [v.x as f32, v.y as f32, v.z as f32, w as f32];
-    let [[a, b], [c, d]] = corner.inverse;
-    let [first, second] = &corner.edges;
-    [
-        of(first, a),
-        of(second, b),
-        of(&corner.normal, c),
-        [d as f32, 0.0, 0.0, 0.0],
-    ]
-}
 
 /// Patches per dispatch of Bézier points, samples per dispatch of them.
 /// What bounds the buffers: some twenty rows of 16 coefficients come with a patch, and a sample is 32 bytes.
@@ -57,43 +29,6 @@ struct Counts {
 }
 
 impl SplineBackend for Wgpu {
-    fn corner_distortion(
-        &self,
-        corners: &[Corner],
-        epsilon: f64,
-        out: &mut Vec<CornerDistortion>,
-    ) -> Result<(), Error> {
-        out.clear();
-        out.reserve(corners.len());
-        let gpu = self.gpu();
-        for part in corners.chunks(ELEMENTS) {
-            let inputs: Vec<[[f32; 4]; 4]> = part.iter().map(packed).collect();
-            let inputs = gpu.upload("corners", &inputs)?;
-            let made = gpu.output::<[f32; 8]>("distortions", part.len())?;
-            let parameters = Parameters {
-                count: part.len() as u32,
-                epsilon: epsilon as f32,
-                padding: [0; 2],
-            };
-            let parameters = gpu.uniform("parameters", &parameters)?;
-            let groups = part.len().div_ceil(64) as u32;
-            gpu.dispatch(
-                &TSPLINE_CORNER_DISTORTION,
-                &[&inputs, &made, &parameters],
-                [groups, 1, 1],
-            )?;
-            out.extend(gpu.download::<[f32; 8]>(&made)?.iter().map(|values| {
-                let [energy, area, a, b, c, d, e, f] = values.map(f64::from);
-                CornerDistortion {
-                    energy,
-                    area,
-                    gradient: [Vector3::new(a, b, c), Vector3::new(d, e, f)],
-                }
-            }));
-        }
-        Ok(())
-    }
-
     /// The rows of a patch are those of the extraction, in its order; starts are counted from the first patch of the
     /// dispatch. Sums of `C (P − m)` get the middle m back times the sum of C, which is 1 for polynomial bases.
     fn bezier_points(

@@ -5,6 +5,7 @@
 //! - [`isoline`]: the lines where a function of the vertices has a value
 //! - [`distance`]: shortest ways along edges, and geodesic distances by heat flow
 //! - [`ground`]: a surface that the vertices of another mesh stay on
+//! - [`flow`]: quads that move on it until their corners are right angles
 //! - [`repair`]: any triangles made an oriented manifold
 //! - [`remesh`]: triangles near equilateral, of a wanted edge length
 //!
@@ -14,6 +15,7 @@
 
 pub mod curvature;
 pub mod distance;
+pub mod flow;
 pub mod ground;
 pub mod isoline;
 pub mod laplace;

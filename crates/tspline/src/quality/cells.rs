@@ -1,15 +1,22 @@
 //! Elements cut into quads without T-junctions, and the corners whose distortion is measured.
 
+use std::borrow::Cow;
+
+use geom_core::surface::flow::{Elements, Ideal, Vertices, Wedge, barrier, facing, least};
 use geom_core::{Point3, Vector3};
 
-use crate::TMesh;
+use super::jacobian;
 use crate::options::Method;
+use crate::{Error, TMesh};
 
 /// No side counts as shorter than this share of the mean one.
 const SHORTEST: f64 = 1e-6;
 
 /// Sides shorter than this share of their first length should become longer.
 const SLENDER: f64 = 0.5;
+
+/// Sides below this share of it are bad however straight their corners are.
+const SHORT: f64 = 0.4;
 
 /// A T-mesh as conforming quads: an element with a T-junction is cut from there to the opposite T-junction or, where
 /// there is none, to the middle of the opposite side, its *foot* (Fig. 5.5b).
@@ -18,23 +25,18 @@ pub(crate) struct Cells {
     /// Nodes beyond the vertices, each the mean of four earlier ones.
     feet: Vec<[u32; 4]>,
     /// Corners per quad.
-    pub(crate) quads: Vec<[u32; 4]>,
+    quads: Vec<[u32; 4]>,
     /// Lengths per quad that its sides should have: of the first and third, and of the others.
     sides: Vec<[f64; 2]>,
     /// Where the quads of each element begin.
     starts: Vec<u32>,
     /// The elements around each vertex.
     around: Vec<Vec<u32>>,
-    /// Corners whose distortion is measured.
-    pub(crate) wedges: Vec<Wedge>,
-    /// The square of a reasonable step per vertex: the mean area of the quads around it.
-    pub(crate) scale: Vec<f64>,
-}
-
-/// A node and two others to which edges lead, with the inverse of the ideal edges.
-pub(crate) struct Wedge {
-    pub(crate) nodes: [u32; 3],
-    pub(crate) inverse: [[f64; 2]; 2],
+    /// Corners whose distortion is measured: of quads, or of triangles.
+    wedges: Vec<Wedge>,
+    method: Method,
+    /// The mean area of the quads around each vertex.
+    scale: Vec<f64>,
 }
 
 impl Cells {
@@ -48,6 +50,7 @@ impl Cells {
             starts: vec![0],
             around: vec![Vec::new(); positions.len()],
             wedges: Vec::new(),
+            method,
             scale: vec![0.0; positions.len()],
         };
         for e in 0..mesh.elements().len() {
@@ -131,39 +134,21 @@ impl Cells {
                 let [next, previous] = [sides[k % 2], sides[(k + 1) % 2]];
                 self.wedges.push(Wedge {
                     nodes: [quad[k], quad[(k + 1) % 4], quad[(k + 3) % 4]],
-                    inverse: [[1.0 / next, 0.0], [0.0, 1.0 / previous]],
+                    ideal: Ideal::Inverse([[1.0 / next, 0.0], [0.0, 1.0 / previous]]),
                 });
             }
         }
     }
 
     /// The shortest side of the quads of an element, over its first length.
-    pub(crate) fn shortest(&self, e: usize, positions: &[Point3]) -> f64 {
+    fn shortest(&self, e: usize, positions: &[Point3]) -> f64 {
         let quads = self.starts[e] as usize..self.starts[e + 1] as usize;
         let of = |q: usize| {
             let p = self.quads[q].map(|n| self.node(n, positions));
-            let share = |k: usize| (p[(k + 1) % 4] - p[k]).norm() / self.sides[q][k % 2];
-            (0..4).map(share).fold(f64::INFINITY, f64::min)
+            let share = move |k: usize| (p[(k + 1) % 4] - p[k]).norm() / self.sides[q][k % 2];
+            (0..4).map(share)
         };
-        quads.map(of).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Right angles between sides of the lengths that they have at these places, but not much shorter than they were first.
-    pub(crate) fn renew(&mut self, nodes: &[Point3]) {
-        self.wedges.clear();
-        for (quad, sides) in self.quads.iter().zip(&self.sides) {
-            let at = quad.map(|n| nodes[n as usize]);
-            let inverse = |k: usize| {
-                let length = (at[(k + 1) % 4] - at[k]).norm();
-                1.0 / length.max(SLENDER * sides[k % 2])
-            };
-            for k in 0..4 {
-                self.wedges.push(Wedge {
-                    nodes: [quad[k], quad[(k + 1) % 4], quad[(k + 3) % 4]],
-                    inverse: [[inverse(k), 0.0], [0.0, inverse((k + 3) % 4)]],
-                });
-            }
-        }
+        least(quads.flat_map(of))
     }
 
     /// The triangles into which an ideal square of the element's area falls: both ways in two, or a fan about a T-junction
@@ -202,7 +187,7 @@ impl Cells {
                 let area = ax * by - ay * bx;
                 self.wedges.push(Wedge {
                     nodes: [o, a, b].map(|i| rim[i].0),
-                    inverse: [[by / area, -bx / area], [-ay / area, ax / area]],
+                    ideal: Ideal::Inverse([[by / area, -bx / area], [-ay / area, ax / area]]),
                 });
             }
         }
@@ -231,27 +216,19 @@ impl Cells {
     pub(crate) fn of_element(&self, e: usize) -> &[[u32; 4]] {
         &self.quads[self.starts[e] as usize..self.starts[e + 1] as usize]
     }
-    /// The elements around a vertex.
-    pub(crate) fn around(&self, v: usize) -> &[u32] {
-        &self.around[v]
-    }
-    /// How many elements.
-    pub(crate) fn elements(&self) -> usize {
-        self.starts.len() - 1
+
+    /// The scaled Jacobian of an element.
+    pub(crate) fn jacobian(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
+        jacobian::of_element(self, e, &vertices.positions, &vertices.normals)
     }
 
-    /// Where all nodes are, or any other value that feet take the mean of.
-    pub(crate) fn nodes(&self, positions: &[Point3]) -> Vec<Point3> {
-        let mut nodes = positions.to_vec();
-        for foot in &self.feet {
-            let sum: Vector3 = foot.iter().map(|&n| nodes[n as usize].coords).sum();
-            nodes.push(Point3::from(sum / 4.0));
-        }
-        nodes
+    /// The same, rising also where the element lies on its back.
+    pub(crate) fn upright_jacobian(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
+        jacobian::upright(self, e, &vertices.positions, &vertices.normals)
     }
 
     /// Unit normals of all nodes.
-    pub(crate) fn normals(&self, normals: &[Vector3]) -> Vec<Vector3> {
+    fn normals(&self, normals: &[Vector3]) -> Vec<Vector3> {
         let mut nodes = normals.to_vec();
         for foot in &self.feet {
             let sum: Vector3 = foot.iter().map(|&n| nodes[n as usize]).sum();
@@ -259,22 +236,6 @@ impl Cells {
             nodes.push(sum.try_normalize(1e-9).unwrap_or(first));
         }
         nodes
-    }
-
-    /// Unit normals of all quads, those of their areas; the surface's where a quad lies on its back, for it to turn over.
-    ///
-    /// The scaled Jacobian sees a quad so. At a vertex the surface's normal may be that of another side of a sharp edge,
-    /// along which the best corner looks inverted.
-    pub(crate) fn upright(&self, nodes: &[Point3], normals: &[Vector3]) -> Vec<Vector3> {
-        let of = |quad: &[u32; 4]| {
-            let [a, b, c, d] = quad.map(|n| nodes[n as usize]);
-            let own = (c - a).cross(&(d - b));
-            let of_surface: Vector3 = quad.iter().map(|&n| normals[n as usize]).sum();
-            let own = own.try_normalize(0.0).filter(|n| n.dot(&of_surface) > 0.0);
-            own.or_else(|| of_surface.try_normalize(1e-9))
-                .unwrap_or(normals[quad[0] as usize])
-        };
-        self.quads.iter().map(of).collect()
     }
 
     /// A node alone.
@@ -289,9 +250,88 @@ impl Cells {
             }
         }
     }
+}
 
-    /// What derivatives with respect to nodes are with respect to vertices.
-    pub(crate) fn to_vertices(&self, mut gradient: Vec<Vector3>) -> Vec<Vector3> {
+impl Elements for Cells {
+    type Error = Error;
+    type Rim = Vec<u32>;
+
+    fn count(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Ascending.
+    fn rim(&self, e: usize) -> Vec<u32> {
+        let mut rim: Vec<u32> = self.of_element(e).concat();
+        rim.retain(|&n| (n as usize) < self.vertices);
+        rim.sort_unstable();
+        rim.dedup();
+        rim
+    }
+
+    fn around(&self, v: usize) -> &[u32] {
+        &self.around[v]
+    }
+
+    fn wedges(&self) -> &[Wedge] {
+        &self.wedges
+    }
+
+    /// Right angles between sides of the lengths that they have at these places, but not much shorter than they were first.
+    fn renew(&mut self, positions: &[Point3]) {
+        let nodes = self.nodes(positions).into_owned();
+        self.wedges.clear();
+        for (quad, sides) in self.quads.iter().zip(&self.sides) {
+            let at = quad.map(|n| nodes[n as usize]);
+            let inverse = |k: usize| {
+                let length = (at[(k + 1) % 4] - at[k]).norm();
+                1.0 / length.max(SLENDER * sides[k % 2])
+            };
+            for k in 0..4 {
+                self.wedges.push(Wedge {
+                    nodes: [quad[k], quad[(k + 1) % 4], quad[(k + 3) % 4]],
+                    ideal: Ideal::Inverse([[inverse(k), 0.0], [0.0, inverse((k + 3) % 4)]]),
+                });
+            }
+        }
+    }
+
+    /// Triangles along the surface's normals at their vertices, corners along those of their quads.
+    fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3> {
+        let normals = self.normals(&vertices.normals);
+        if self.method == Method::Triangles {
+            let of = |wedge: &Wedge| normals[wedge.nodes[0] as usize];
+            return self.wedges.iter().map(of).collect();
+        }
+        let nodes = self.nodes(&vertices.positions);
+        let of = |quad: &[u32; 4]| {
+            let at = quad.map(|n| nodes[n as usize]);
+            let of_surface: Vector3 = quad.iter().map(|&n| normals[n as usize]).sum();
+            [facing(&at, &of_surface).unwrap_or(normals[quad[0] as usize]); 4]
+        };
+        self.quads.iter().flat_map(of).collect()
+    }
+
+    /// Sines say nothing of lengths: a side shorter than [`SHORT`] counts as bad as it is short.
+    fn merit(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
+        self.upright_jacobian(e, vertices)
+            .min(self.shortest(e, &vertices.positions) / SHORT)
+    }
+
+    fn scale(&self, v: usize) -> f64 {
+        self.scale[v]
+    }
+
+    fn nodes<'p>(&self, positions: &'p [Point3]) -> Cow<'p, [Point3]> {
+        let mut nodes = Cow::Borrowed(positions);
+        for foot in &self.feet {
+            let sum: Vector3 = foot.iter().map(|&n| nodes[n as usize].coords).sum();
+            nodes.to_mut().push(Point3::from(sum / 4.0));
+        }
+        nodes
+    }
+
+    fn to_vertices(&self, mut gradient: Vec<Vector3>) -> Vec<Vector3> {
         for (i, foot) in self.feet.iter().enumerate().rev() {
             let share = gradient[self.vertices + i] / 4.0;
             for &n in foot {
@@ -300,5 +340,13 @@ impl Cells {
         }
         gradient.truncate(self.vertices);
         gradient
+    }
+
+    fn epsilon(&self, smallest: f64) -> (f64, bool) {
+        match self.method {
+            // 2 δ of Eq. 5.9, never 0.
+            Method::Triangles => ((-2.0 * smallest).max(2e-3), true),
+            Method::Corners => barrier(smallest),
+        }
     }
 }

@@ -1,11 +1,11 @@
 //! Better places, and smaller elements where no places help.
 
 use geom_core::TriMesh;
-use geom_core::surface::ground::Ground;
+use geom_core::surface::flow::{Descent, Flow, Search, State, Straightening, Vertices, least};
+use geom_core::surface::ground::{Freedom, Ground};
 
-use super::flow::Flow;
+use super::cells::Cells;
 use super::jacobian::JacobianSummary;
-use super::lift::GOAL;
 use super::lines::{Lines, freedoms};
 use super::{Improved, QualityReport};
 use crate::backend::On;
@@ -15,6 +15,13 @@ use crate::{Error, QualityOptions, TMesh, TMeshOptions, VertexKind};
 
 /// How often elements that stay bad are cut.
 const CUTS: usize = 2;
+/// How often those that are bad before are made straight.
+const AGAIN: usize = 4;
+/// Powers of the distortions whose sum is lowered, one after the other: the first is Eq. 5.6, the second heeds the worse
+/// corners more.
+const POWERS: [i32; 2] = [1, 4];
+/// Elements below this are worked on one by one after the flow.
+const GOAL: f64 = 0.9;
 
 pub(crate) fn improve(
     mesh: TMesh,
@@ -57,28 +64,29 @@ fn moved(
     options: &QualityOptions,
     run: On<'_>,
 ) -> Result<Improved, Error> {
-    let freedom = freedoms(&mesh, lines);
-    let mut flow = Flow::new(&mesh, &freedom, ground, options, run);
-    let before = flow.jacobians();
-    let least = before.iter().copied().fold(f64::INFINITY, f64::min);
-    let mut kept = (flow.positions.clone(), flow.normals.clone());
-    let (steps, distortion) = flow.run(least, &mut kept)?;
-    let mut lifted = flow.lift_the_worst(GOAL)?;
-    if options.method == Method::Corners {
-        // The sum may fall while the worst corner does, beyond repair: back to where that was no worse than at the start.
-        if flow.smallest_jacobian() < least {
-            (flow.positions, flow.normals) = kept.clone();
-            lifted = flow.lift_the_worst(GOAL)?;
-        }
-        lifted += flow.mend()?;
-        // What lies on its back may have to become worse before it turns over, and be stuck there.
-        if flow.smallest_jacobian() < least {
-            (flow.positions, flow.normals) = kept;
-        }
+    let fine = freedoms(&mesh, lines);
+    let of = |v: usize| fine[mesh.fine_of_vertex(v) as usize];
+    let freedom: Vec<Freedom> = (0..mesh.positions().len()).map(of).collect();
+    let vertices = Vertices::new(mesh.positions().to_vec(), freedom, ground);
+    let cells = Cells::new(&mesh, &vertices.positions, options.method);
+    let mut flow = Flow::new(cells, vertices, run.with(run.backend.as_corners()));
+    let before = flow.values(Cells::jacobian);
+    let smallest = least(before.iter().copied());
+    let mut kept = flow.vertices.state();
+    let first = flow.mean_distortion()?;
+    let mut steps = 0;
+    for power in POWERS {
+        steps += flow.descend(&descent(power, options), |flow| {
+            if flow.worst(Cells::jacobian) >= smallest {
+                kept = flow.vertices.state();
+            }
+        })?;
     }
-    let jacobians = flow.jacobians();
-    let positions = flow.positions;
-    mesh.move_to(positions, |v, p| ground.pulled(p, freedom[v as usize]).0)?;
+    let distortion = [first, flow.mean_distortion()?];
+    let lifted = lifted(&mut flow, smallest, kept, options)?;
+    let jacobians = flow.values(Cells::jacobian);
+    let positions = flow.vertices.positions;
+    mesh.move_to(positions, |v, p| ground.pulled(p, fine[v as usize]).0)?;
     let report = QualityReport {
         steps,
         distortion,
@@ -93,6 +101,54 @@ fn moved(
         jacobians,
         report,
     })
+}
+
+fn descent(power: i32, options: &QualityOptions) -> Descent {
+    Descent {
+        power,
+        steps: options.steps,
+        first: 0.2,
+        tolerance: options.tolerance,
+        renew: false,
+    }
+}
+
+/// Moves the vertices of the worst elements; how many. Where they would end below the `smallest` of the start, those that were
+/// `kept` are taken.
+fn lifted(
+    flow: &mut Flow<'_, Cells>,
+    smallest: f64,
+    kept: State,
+    options: &QualityOptions,
+) -> Result<usize, Error> {
+    let search = Search {
+        by: Cells::jacobian,
+        goal: GOAL,
+        rounds: options.rounds,
+        first: 0.5,
+    };
+    let straightening = Straightening {
+        by: Cells::upright_jacobian,
+        descent: descent(1, options),
+        best: Cells::upright_jacobian,
+        start_counts: false,
+        // Without a search there is nothing but the flow for all.
+        again: AGAIN.min(options.rounds),
+    };
+    let mut lifted = flow.lift_the_worst(&search)?;
+    if options.method == Method::Corners {
+        // The sum may fall while the worst corner does, beyond repair: back to where that was no worse than at the start.
+        if flow.worst(Cells::jacobian) < smallest {
+            flow.vertices.put(kept.clone());
+            lifted = flow.lift_the_worst(&search)?;
+        }
+        lifted += flow.straighten(&straightening, &search)?;
+        // What lies on its back may have to become worse before it turns over, and be stuck there.
+        if flow.worst(Cells::jacobian) < smallest {
+            flow.vertices.put(kept);
+        }
+    }
+    Ok(lifted)
 }
 
 /// The mesh with these elements and those around them cut into four, if it can be made: on finer quads if one of them is of

@@ -28,8 +28,8 @@ pub(crate) fn of_element(
     over_quads(cells, e, positions, normals, scaled_jacobian)
 }
 
-/// What a search raises: as [`of_element`], by [`upright_jacobian`].
-pub(crate) fn merit(cells: &Cells, e: usize, positions: &[Point3], normals: &[Vector3]) -> f64 {
+/// As [`of_element`], by [`upright_jacobian`].
+pub(crate) fn upright(cells: &Cells, e: usize, positions: &[Point3], normals: &[Vector3]) -> f64 {
     over_quads(cells, e, positions, normals, upright_jacobian)
 }
 

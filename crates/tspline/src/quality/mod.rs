@@ -1,10 +1,8 @@
 //! Better elements: vertices move on the surface until the elements' corners are what they should be.
 
 mod cells;
-mod flow;
 mod improve;
 mod jacobian;
-mod lift;
 mod lines;
 
 pub use jacobian::{JacobianSummary, scaled_jacobians};

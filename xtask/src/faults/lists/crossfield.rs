@@ -124,7 +124,7 @@ pub(super) const FAULTS: &[Fault] = &[
     .seen_by("details::crosses_turn_towards_the_worse_gradient"),
     Fault::wrong(
         "improvement makes squares of narrow quads",
-        "crates/crossfield/src/quads/improve/flow.rs",
+        "crates/crossfield/src/quads/improve/elements.rs",
         "let ratio = ratio.clamp(narrowest, narrowest.recip());",
         "let ratio = ratio.clamp(1.0, narrowest.recip().min(1.0));",
     )
@@ -134,13 +134,6 @@ pub(super) const FAULTS: &[Fault] = &[
         "shaders/wgsl/crossfield/chart_distortion.wgsl",
         "let chi_slope = chi / root;",
         "let chi_slope = 1.0;",
-    )
-    .seen_by("backends::gpu::distortions_follow_cpu"),
-    Fault::wrong(
-        "corner_distortion.wgsl: the next side's derivative for both",
-        "shaders/wgsl/crossfield/corner_distortion.wgsl",
-        "out[2u * i + 1u] = vec4<f32>(made.first.z, made.second);",
-        "out[2u * i + 1u] = vec4<f32>(made.first.z, made.first);",
     )
     .seen_by("backends::gpu::distortions_follow_cpu"),
     Fault::wrong(

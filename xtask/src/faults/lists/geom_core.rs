@@ -196,4 +196,25 @@ pub(super) const FAULTS: &[Fault] = &[
         "S::as_simd_f64s(&b[..S::F64_LANES]).0[0]",
     )
     .seen_by("spectral::any_width_of_a_block"),
+    Fault::wrong(
+        "corner_distortion.wgsl: the next side's derivative for both",
+        "shaders/wgsl/geom_core/corner_distortion.wgsl",
+        "out[2u * i + 1u] = vec4<f32>(first.z, second);",
+        "out[2u * i + 1u] = vec4<f32>(first.z, first);",
+    )
+    .seen_by("flows::wgpu_follows_the_cpu"),
+    Fault::wrong(
+        "a flow may end below its start",
+        "crates/geom-core/src/surface/flow/search.rs",
+        "let first = if start_counts {",
+        "let first = if !start_counts {",
+    )
+    .seen_by("flows::the_best_may_be_the_start"),
+    Fault::wrong(
+        "what was held for a flow stays held",
+        "crates/geom-core/src/surface/flow/search.rs",
+        "self.vertices.freedom = free;",
+        "drop(free);",
+    )
+    .seen_by("flows::bad_elements_are_made_straight"),
 ];

@@ -8,14 +8,14 @@ use std::collections::BTreeSet;
 
 use geom_core::compute::parallel;
 use geom_core::mesh::Halfedges;
+use geom_core::surface::flow::{CornerObject, Descent, Elements, Vertices, least};
 use geom_core::surface::ground::Freedom;
 use geom_core::{Cpu, QuadMesh, Run};
 
 use super::change::Patch;
-use super::flow::Flow;
-use super::lift::least;
+use super::elements::Quads;
+use super::{DESCENT, Flow, SEARCH};
 use crate::Error;
-use crate::backend::{CrossfieldObject, On};
 
 /// Quads below this call for others.
 const LEAST: f64 = 0.35;
@@ -37,8 +37,8 @@ const WORSE: usize = 4;
 const SECOND: usize = 3;
 /// For so many quads at most, as this takes as many times as long.
 const TWICE: usize = 2;
-/// Steps of the flow, and powers.
-const STEPS: [(i32, usize); 2] = [(2, 10), (12, 30)];
+/// Powers of the flow, and steps.
+const POWERS: [(i32, usize); 2] = [(2, 10), (12, 30)];
 
 /// A patch at its best places.
 struct Tried {
@@ -71,14 +71,14 @@ pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
     let mut stuck: BTreeSet<[u32; 4]> = BTreeSet::new();
     let (mut twice, mut changed) = (TWICE, false);
     for step in 0..MOST {
-        let jacobians = flow.jacobians();
+        let jacobians = flow.values(Quads::jacobian);
         let mut bad: Vec<usize> = (0..jacobians.len())
             .filter(|&q| jacobians[q] < LEAST)
             .collect();
         if bad.len() > FEW + jacobians.len() / 100 || stuck.len() == STUCK {
             break;
         }
-        bad.retain(|&q| !stuck.contains(&flow.quads[q]));
+        bad.retain(|&q| !stuck.contains(&flow.elements.quads[q]));
         let worst = bad.into_iter();
         let Some(worst) = worst.min_by(|&a, &b| jacobians[a].total_cmp(&jacobians[b])) else {
             break;
@@ -91,22 +91,26 @@ pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
                 changed = true;
             }
             None => {
-                stuck.insert(flow.quads[worst]);
+                stuck.insert(flow.elements.quads[worst]);
             }
         }
     }
     if changed {
-        flow.lift_the_worst();
+        flow.lift_the_worst(&SEARCH)?;
     }
-    let used: Vec<usize> = (0..flow.positions.len())
-        .filter(|&v| !flow.around[v].is_empty())
+    let used: Vec<usize> = (0..flow.vertices.positions.len())
+        .filter(|&v| !flow.elements.around(v).is_empty())
         .collect();
-    let mut number = vec![u32::MAX; flow.positions.len()];
+    let mut number = vec![u32::MAX; flow.vertices.positions.len()];
     for (new, &v) in (0u32..).zip(&used) {
         number[v] = new;
     }
-    let positions = used.iter().map(|&v| flow.positions[v]).collect();
-    let quads = flow.quads.iter().map(|q| q.map(|v| number[v as usize]));
+    let positions = used.iter().map(|&v| flow.vertices.positions[v]).collect();
+    let quads = flow
+        .elements
+        .quads
+        .iter()
+        .map(|q| q.map(|v| number[v as usize]));
     Ok(QuadMesh::new(positions, quads.collect())?)
 }
 
@@ -127,17 +131,17 @@ impl Place {
         for _ in 0..RINGS {
             let rim: Vec<u32> = quads.iter().copied().collect();
             for q in rim {
-                for v in flow.quads[q as usize] {
-                    quads.extend(&flow.around[v as usize]);
+                for v in flow.elements.quads[q as usize] {
+                    quads.extend(flow.elements.around(v as usize));
                 }
             }
         }
-        let of_quad = |&q: &u32| flow.quads[q as usize];
+        let of_quad = |&q: &u32| flow.elements.quads[q as usize];
         let vertices: BTreeSet<u32> = quads.iter().flat_map(of_quad).collect();
         let vertices: Vec<u32> = vertices.into_iter().collect();
         let place = |v: u32| vertices.partition_point(|&u| u < v) as u32;
         let outside = |&v: &u32| {
-            let around = flow.around[v as usize].iter();
+            let around = flow.elements.around(v as usize).iter();
             around.filter(|q| !quads.contains(q)).count()
         };
         let outside: Vec<usize> = vertices.iter().map(outside).collect();
@@ -145,12 +149,12 @@ impl Place {
             quads: quads.iter().map(|q| of_quad(q).map(place)).collect(),
             positions: vertices
                 .iter()
-                .map(|&v| flow.positions[v as usize])
+                .map(|&v| flow.vertices.positions[v as usize])
                 .collect(),
             inner: outside.iter().map(|&n| n == 0).collect(),
             free: vertices
                 .iter()
-                .map(|&v| flow.freedom[v as usize] == Freedom::Surface)
+                .map(|&v| flow.vertices.freedom[v as usize] == Freedom::Surface)
                 .collect(),
             outside,
         };
@@ -166,8 +170,8 @@ impl Place {
     /// The best of what one operation makes of the patch, or two where no one helps and `twice` is not spent; `None` if those
     /// do not, either.
     fn best(&self, flow: &Flow<'_>, twice: &mut usize) -> Result<Option<Tried>, Error> {
-        let before = self.quads.iter().map(|&q| flow.merit(q));
-        let before = before.fold(f64::INFINITY, f64::min);
+        let merit = |&q: &u32| flow.elements.merit(q as usize, &flow.vertices);
+        let before = least(self.quads.iter().map(merit));
         let helps = |tried: &Tried| tried.worst.0 > before + GAIN && self.fits(&tried.patch, flow);
         let changes = |patch: &Patch, quad: usize| {
             let most = patch.irregularity() + WORSE;
@@ -204,25 +208,29 @@ impl Place {
     fn relaxed(&self, patch: &Patch, flow: &Flow<'_>) -> Result<Tried, Error> {
         let freedom = (0..patch.positions.len()).map(|v| match self.vertices.get(v) {
             _ if !patch.inner[v] => Freedom::Fixed,
-            Some(&v) => flow.freedom[v as usize],
+            Some(&v) => flow.vertices.freedom[v as usize],
             None => Freedom::Surface,
         });
+        let (positions, quads) = (patch.positions.clone(), patch.quads.clone());
+        let quads = Quads::new(quads, &positions, flow.elements.narrowest);
+        let vertices = Vertices::new(positions, freedom.collect(), flow.vertices.ground);
         // A patch is small: every backend would be the CPU but for its start.
-        let run: On<'_> = Run::on(&Cpu).with(Cpu.as_crossfield());
-        let mesh = QuadMesh::new(patch.positions.clone(), patch.quads.clone())?;
-        let mut own = flow.part(mesh, freedom.collect(), run);
-        for (power, steps) in STEPS {
-            let best = own.descend(power, steps, true)?;
-            if power == STEPS[1].0 {
-                (own.positions, own.normals) = best.1;
-            }
-        }
-        own.lift_the_worst();
-        let merits = own.merits();
-        let worst = least(&merits);
+        let mut own = Flow::new(quads, vertices, Run::on(&Cpu).with(Cpu.as_corners()));
+        let [first, last] = POWERS.map(|(power, steps)| Descent {
+            power,
+            steps,
+            renew: true,
+            ..DESCENT
+        });
+        own.descend(&first, |_| ())?;
+        let best = own.best_of(&last, Quads::jacobian, true)?;
+        own.vertices.put(best.1);
+        own.lift_the_worst(&SEARCH)?;
+        let merits = own.values(Quads::merit);
+        let worst = least(merits.iter().copied());
         let which = merits.iter().position(|&m| m == worst).unwrap_or(0);
         let patch = Patch {
-            positions: own.positions,
+            positions: own.vertices.positions,
             ..patch.clone()
         };
         Ok(Tried {
@@ -236,9 +244,9 @@ impl Place {
     fn quads_with(&self, patch: &Patch, flow: &Flow<'_>) -> Vec<[u32; 4]> {
         let number = |v: u32| match self.vertices.get(v as usize) {
             Some(&v) => v,
-            None => (flow.positions.len() + v as usize - self.vertices.len()) as u32,
+            None => (flow.vertices.positions.len() + v as usize - self.vertices.len()) as u32,
         };
-        let kept = flow.quads.iter().enumerate();
+        let kept = flow.elements.quads.iter().enumerate();
         let kept = kept.filter(|(q, _)| self.quads.binary_search(&(*q as u32)).is_err());
         let kept = kept.map(|(_, quad)| *quad);
         kept.chain(patch.quads.iter().map(|q| q.map(number)))
@@ -247,7 +255,7 @@ impl Place {
 
     /// Is the mesh a manifold with the patch in it?
     fn fits(&self, patch: &Patch, flow: &Flow<'_>) -> bool {
-        let mut positions = flow.positions.clone();
+        let mut positions = flow.vertices.positions.clone();
         positions.extend(&patch.positions[self.vertices.len()..]);
         let mesh = QuadMesh::new(positions, self.quads_with(patch, flow));
         mesh.is_ok_and(|mesh| Halfedges::of_quads(&mesh).is_ok())
@@ -257,14 +265,16 @@ impl Place {
         let quads = self.quads_with(&tried.patch, flow);
         for (v, &p) in tried.patch.positions.iter().enumerate() {
             match self.vertices.get(v) {
-                Some(&v) => flow.positions[v as usize] = p,
+                Some(&v) => flow.vertices.positions[v as usize] = p,
                 None => {
-                    flow.positions.push(p);
-                    flow.freedom.push(Freedom::Surface);
+                    flow.vertices.positions.push(p);
+                    flow.vertices.freedom.push(Freedom::Surface);
                 }
             }
         }
-        flow.set(quads);
+        let positions = &flow.vertices.positions;
+        flow.elements = Quads::new(quads, positions, flow.elements.narrowest);
+        flow.vertices.settle();
     }
 }
 

@@ -2,24 +2,48 @@
 //! their place.
 
 mod change;
-mod flow;
-mod lift;
+mod elements;
 mod mend;
 
 #[cfg(feature = "testing")]
-pub(crate) use {flow::lengths, mend::changes};
+pub(crate) use {elements::lengths, mend::changes};
 
 use geom_core::QuadMesh;
+use geom_core::surface::flow::{self, Descent, Elements, Search, Straightening, Vertices};
 use geom_core::surface::ground::{Freedom, Ground};
 
-use self::flow::Flow;
+use self::elements::Quads;
 use crate::Error;
 use crate::backend::On;
 
-/// Steps of the flow.
-const STEPS: usize = 100;
-/// Quads below this are worked on one by one after the flow.
-const GOAL: f64 = 0.6;
+/// Down the sum of all distortions.
+const DESCENT: Descent = Descent {
+    power: 1,
+    steps: 100,
+    first: 0.1,
+    tolerance: 1e-5,
+    renew: false,
+};
+/// Quads below the goal are worked on one by one.
+const SEARCH: Search<Quads> = Search {
+    by: Quads::merit,
+    goal: 0.6,
+    rounds: 24,
+    first: 0.25,
+};
+/// And together.
+const STRAIGHTENING: Straightening<Quads> = Straightening {
+    by: Quads::merit,
+    descent: Descent {
+        steps: 60,
+        ..DESCENT
+    },
+    best: Quads::jacobian,
+    start_counts: true,
+    again: 3,
+};
+
+type Flow<'a> = flow::Flow<'a, Quads>;
 
 /// Moves vertices down the gradient of the corners' distortion (Eqs. 5.5–5.7, signed), back onto the surface after each
 /// step, and then those of the worst quads to where these are best. Quads keep the proportions of their sides where
@@ -32,14 +56,17 @@ pub(crate) fn improve(
     freedom: &[Freedom],
     run: On<'_>,
 ) -> Result<QuadMesh, Error> {
-    let mut flow = Flow::new(mesh, narrowest, ground, freedom.to_vec(), run);
-    let best = flow.descend(1, STEPS, false)?;
+    let (positions, quads) = mesh.into_parts();
+    let quads = Quads::new(quads, &positions, narrowest);
+    let vertices = Vertices::new(positions, freedom.to_vec(), ground);
+    let mut flow = Flow::new(quads, vertices, run.with(run.backend.as_corners()));
+    let best = flow.best_of(&DESCENT, Quads::jacobian, true)?;
     // The sum may fall while the worst corner does: keep the best of both unless the worst is fine.
-    if flow.smallest_jacobian() < best.0.min(GOAL) {
-        (flow.positions, flow.normals) = best.1;
+    if flow.worst(Quads::jacobian) < best.0.min(SEARCH.goal) {
+        flow.vertices.put(best.1);
     }
-    flow.lift_the_worst();
-    flow.straighten()?;
+    flow.lift_the_worst(&SEARCH)?;
+    flow.straighten(&STRAIGHTENING, &SEARCH)?;
     mend::mended(flow)
 }
 
@@ -48,8 +75,8 @@ pub(crate) fn settled(
     mesh: QuadMesh,
     ground: &Ground<'_>,
     freedom: &[Freedom],
-    run: On<'_>,
 ) -> Result<QuadMesh, Error> {
-    let flow = Flow::new(mesh, 1.0, ground, freedom.to_vec(), run);
-    Ok(QuadMesh::new(flow.positions, flow.quads)?)
+    let (positions, quads) = mesh.into_parts();
+    let vertices = Vertices::new(positions, freedom.to_vec(), ground);
+    Ok(QuadMesh::new(vertices.positions, quads)?)
 }

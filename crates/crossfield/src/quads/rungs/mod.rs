@@ -517,7 +517,7 @@ impl Finish<'_> {
         if self.improve {
             improve(quads, self.narrowest, &ground, &freedom, self.run)
         } else {
-            settled(quads, &ground, &freedom, self.run)
+            settled(quads, &ground, &freedom)
         }
     }
 }

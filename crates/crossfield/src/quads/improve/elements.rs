@@ -1,0 +1,144 @@
+//! Quads as a flow moves them.
+
+use geom_core::compute::parallel;
+use geom_core::mesh::quality::{scaled_jacobian, upright_jacobian};
+use geom_core::surface::flow::{Elements, Vertices, Wedge, facing, least};
+use geom_core::{Point3, Vector3};
+
+use super::super::quality::mean_sides;
+use crate::Error;
+
+/// Sides below this share of what they shall be long are bad however straight their corners are.
+const SHORT: f64 = 0.3;
+
+pub(super) struct Quads {
+    pub(super) quads: Vec<[u32; 4]>,
+    /// The least proportion of sides, 1 for squares.
+    pub(super) narrowest: f64,
+    /// What the first and third side of each quad shall be long, and the others.
+    lengths: Vec<[f64; 2]>,
+    wedges: Vec<Wedge>,
+    scale: Vec<f64>,
+    around: Vec<Vec<u32>>,
+}
+
+impl Quads {
+    /// Their sides shall be as long as they are here, as square as they may be.
+    pub(super) fn new(quads: Vec<[u32; 4]>, positions: &[Point3], narrowest: f64) -> Self {
+        let mut around = vec![Vec::new(); positions.len()];
+        for (q, quad) in (0u32..).zip(&quads) {
+            for &v in quad {
+                around[v as usize].push(q);
+            }
+        }
+        let mut made = Self {
+            quads,
+            narrowest,
+            lengths: Vec::new(),
+            wedges: Vec::new(),
+            scale: Vec::new(),
+            around,
+        };
+        made.renew(positions);
+        made
+    }
+
+    /// The scaled Jacobian of one.
+    pub(super) fn jacobian(&self, q: usize, vertices: &Vertices<'_>) -> f64 {
+        self.on_quad(q, vertices, scaled_jacobian)
+    }
+
+    fn on_quad(
+        &self,
+        q: usize,
+        vertices: &Vertices<'_>,
+        of: impl Fn(&[Point3; 4], &Vector3) -> f64,
+    ) -> f64 {
+        let corners = self.quads[q].map(|v| vertices.positions[v as usize]);
+        of(&corners, &self.surface_normal(q, &corners, vertices))
+    }
+
+    fn surface_normal(&self, q: usize, at: &[Point3; 4], vertices: &Vertices<'_>) -> Vector3 {
+        let normals = self.quads[q].map(|v| vertices.normals[v as usize]);
+        vertices.ground.normal_over(at, &normals)
+    }
+}
+
+impl Elements for Quads {
+    type Error = Error;
+    type Rim = [u32; 4];
+
+    fn count(&self) -> usize {
+        self.quads.len()
+    }
+
+    fn rim(&self, q: usize) -> [u32; 4] {
+        self.quads[q]
+    }
+
+    fn around(&self, v: usize) -> &[u32] {
+        &self.around[v]
+    }
+
+    fn wedges(&self) -> &[Wedge] {
+        &self.wedges
+    }
+
+    fn renew(&mut self, positions: &[Point3]) {
+        let of = |q: &[u32; 4]| lengths(&q.map(|v| positions[v as usize]), self.narrowest);
+        self.lengths = self.quads.iter().map(of).collect();
+        self.wedges.clear();
+        self.scale = vec![0.0; positions.len()];
+        for (quad, &[first, second]) in self.quads.iter().zip(&self.lengths) {
+            let side = first.min(second);
+            for k in 0..4 {
+                let ideal = if k % 2 == 0 {
+                    [first, second]
+                } else {
+                    [second, first]
+                };
+                self.wedges.push(Wedge::of_quad(quad, k, ideal));
+                let v = quad[k] as usize;
+                self.scale[v] += side * side / self.around[v].len() as f64;
+            }
+        }
+    }
+
+    fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3> {
+        parallel::flat_map(self.quads.len(), |q| {
+            let at = self.quads[q].map(|v| vertices.positions[v as usize]);
+            let of_surface = self.surface_normal(q, &at, vertices);
+            let first = vertices.normals[self.quads[q][0] as usize];
+            [facing(&at, &of_surface).unwrap_or(first); 4]
+        })
+    }
+
+    /// Rising also where a quad lies on its back, and no more than its shortest side is long.
+    fn merit(&self, q: usize, vertices: &Vertices<'_>) -> f64 {
+        let merit = self.on_quad(q, vertices, upright_jacobian);
+        let p = self.quads[q].map(|v| vertices.positions[v as usize]);
+        let length = |k: usize| (p[(k + 1) % 4] - p[k]).norm() / self.lengths[q][k % 2];
+        merit.min(least((0..4).map(length)) / SHORT)
+    }
+
+    fn scale(&self, v: usize) -> f64 {
+        self.scale[v]
+    }
+
+    /// The shortest that a side there shall be.
+    fn reach(&self, v: usize) -> f64 {
+        let lengths = self.around[v].iter().map(|&q| self.lengths[q as usize]);
+        least(lengths.flatten())
+    }
+}
+
+/// What the first and third side of a quad shall be long, and the others: the mean of all four, in the proportion that they have,
+/// but not farther apart than `narrowest`.
+pub(crate) fn lengths(p: &[Point3; 4], narrowest: f64) -> [f64; 2] {
+    let sides = (0..4).map(|k| (p[(k + 1) % 4] - p[k]).norm());
+    let mean = sides.sum::<f64>() / 4.0;
+    let [first, second] = mean_sides(p).map(|s| s.norm());
+    let ratio = if first > 0.0 { first / second } else { 1.0 };
+    let ratio = ratio.clamp(narrowest, narrowest.recip());
+    [2.0 * ratio, 2.0].map(|part| mean * (part / (1.0 + ratio)))
+}

@@ -1,0 +1,383 @@
+//! Down the gradient of the corners' distortion: optimization-based smoothing of quads on a surface.
+//!
+//! The distortion of a corner with the sides P and S and the normal n is `(|P|² + |S|²) / 2 n·(P × S)`: 1 for equal sides at a right
+//! angle, and infinite where the corner is flat ([`CornerDistortion`]). Summed over all corners it is a function of the vertices, which
+//! move down its gradient within the tangent planes and are put back onto the surface. What sides are equal to is an
+//! [`Ideal`], as in the target-matrix paradigm (P. Knupp, Engineering with Computers 28, 2012). The sum may fall while single
+//! corners do: those of the worst elements are lifted one by one after it ([`Flow::lift_the_worst`], [`Flow::straighten`]), a combination that
+//! L. Freitag and C. Ollivier-Gooch recommend (Int. J. Numer. Meth. Eng. 40, 1997).
+//!
+//! What the elements are is for the caller to say, in [`Elements`]: quads, or those of a mesh with T-junctions. All but the
+//! distortions ([`CornerBackend`]) is computed on the CPU, with the same bits for any number of threads.
+
+pub mod backend;
+mod search;
+#[cfg(feature = "wgpu")]
+mod wgpu;
+
+pub use self::backend::{Corner, CornerBackend, CornerDistortion, CornerObject};
+pub use self::search::{Search, Straightening};
+
+use std::borrow::Cow;
+
+use self::backend::On;
+use super::ground::{Freedom, Ground};
+use crate::compute::{BackendError, parallel};
+use crate::{Cancelled, Point3, Vector3};
+
+/// No vertex moves farther in a step than this share of what is reasonable.
+const LONGEST: f64 = 0.3;
+
+/// Positions, and the surface's normals there.
+pub type State = (Vec<Point3>, Vec<Vector3>);
+
+/// Vertices on a surface.
+pub struct Vertices<'a> {
+    /// Where they are.
+    pub positions: Vec<Point3>,
+    /// The surface's unit normals there.
+    pub normals: Vec<Vector3>,
+    /// How they may move.
+    pub freedom: Vec<Freedom>,
+    /// The surface.
+    pub ground: &'a Ground<'a>,
+}
+
+impl<'a> Vertices<'a> {
+    /// Put onto the surface.
+    pub fn new(positions: Vec<Point3>, freedom: Vec<Freedom>, ground: &'a Ground<'a>) -> Self {
+        let mut vertices = Self {
+            positions,
+            normals: Vec::new(),
+            freedom,
+            ground,
+        };
+        vertices.settle();
+        vertices
+    }
+
+    /// Puts all back onto the surface.
+    pub fn settle(&mut self) {
+        (self.positions, self.normals) = self.settled(&self.positions);
+    }
+
+    /// Places on the surface, and its normals there.
+    fn settled(&self, positions: &[Point3]) -> State {
+        let pulled = parallel::map(positions.len(), |v| {
+            self.ground.pulled(&positions[v], self.freedom[v])
+        });
+        pulled.into_iter().unzip()
+    }
+
+    /// To come back to.
+    pub fn state(&self) -> State {
+        (self.positions.clone(), self.normals.clone())
+    }
+
+    /// Comes back to it.
+    pub fn put(&mut self, state: State) {
+        (self.positions, self.normals) = state;
+    }
+}
+
+/// What two edges that meet in a corner shall be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Ideal {
+    /// At right angles, and as long as this, or both the same multiple of it.
+    Sides([f64; 2]),
+    /// The edges of a triangle: the inverse of the matrix whose columns they are, row after row.
+    Inverse([[f64; 2]; 2]),
+}
+
+impl Ideal {
+    /// What must be unit vectors at right angles: the edges times the inverse of the ideal ones.
+    pub fn sides(&self, edges: [Vector3; 2]) -> [Vector3; 2] {
+        let [a, b] = edges;
+        match self {
+            Self::Sides([p, s]) => [a / *p, b / *s],
+            Self::Inverse(m) => [0, 1].map(|k| a * m[0][k] + b * m[1][k]),
+        }
+    }
+
+    /// Derivatives by the edges, of those by the sides, times a factor.
+    pub fn by_edges(&self, [p, s]: [Vector3; 2], factor: f64) -> [Vector3; 2] {
+        match self {
+            Self::Sides([first, second]) => [p * factor / *first, s * factor / *second],
+            Self::Inverse(m) => [0, 1].map(|k| (p * m[k][0] + s * m[k][1]) * factor),
+        }
+    }
+}
+
+/// A corner whose distortion counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wedge {
+    /// The corner, and where the edges from it lead, the second to the left of the first.
+    pub nodes: [u32; 3],
+    /// What these edges shall be.
+    pub ideal: Ideal,
+}
+
+impl Wedge {
+    /// The corner of a quad, with the ideal lengths of the sides that leave it.
+    pub fn of_quad(quad: &[u32; 4], corner: usize, lengths: [f64; 2]) -> Self {
+        Self {
+            nodes: [0, 1, 3].map(|k| quad[(corner + k) % 4]),
+            ideal: Ideal::Sides(lengths),
+        }
+    }
+}
+
+/// The elements of a mesh, whose vertices move.
+///
+/// An element is one quad or several; their corners are *nodes*: the vertices, and what follows from where these are.
+pub trait Elements: Sync {
+    /// What stops a flow.
+    type Error: From<BackendError> + From<Cancelled>;
+    /// Vertices of an element.
+    type Rim: IntoIterator<Item = u32>;
+
+    /// How many.
+    fn count(&self) -> usize;
+    /// The vertices of one, each once.
+    fn rim(&self, element: usize) -> Self::Rim;
+    /// The elements around a vertex.
+    fn around(&self, vertex: usize) -> &[u32];
+    /// The corners whose distortion is lowered.
+    fn wedges(&self) -> &[Wedge];
+    /// Makes the ideal of each wedge what it is at these places.
+    fn renew(&mut self, positions: &[Point3]);
+    /// The unit normal along which each wedge is seen: of its quad by [`facing`], as the scaled Jacobian sees it, unless there are
+    /// reasons. At a thin rim or in a narrow tunnel the surface's normal at the vertex may be that of another side, along which the
+    /// best corner looks inverted, and all others would be spoiled for its sake.
+    fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3>;
+    /// What a search raises, as [`upright_jacobian`](crate::mesh::quality::upright_jacobian).
+    fn merit(&self, element: usize, vertices: &Vertices<'_>) -> f64;
+    /// The square of a reasonable step of a vertex: the area of the quads around it.
+    fn scale(&self, vertex: usize) -> f64;
+    /// How long a step in a search is for a vertex.
+    fn reach(&self, vertex: usize) -> f64 {
+        self.scale(vertex).sqrt()
+    }
+    /// Where the nodes are.
+    fn nodes<'p>(&self, positions: &'p [Point3]) -> Cow<'p, [Point3]> {
+        Cow::Borrowed(positions)
+    }
+    /// What derivatives by the nodes are by the vertices.
+    fn to_vertices(&self, gradient: Vec<Vector3>) -> Vec<Vector3> {
+        gradient
+    }
+    /// ε of [`CornerDistortion::of`] where the smallest area is this, and whether the flow may end with it.
+    fn epsilon(&self, smallest: f64) -> (f64, bool) {
+        barrier(smallest)
+    }
+}
+
+/// What an element is worth, its scaled Jacobian perhaps.
+pub type Measure<E> = fn(&E, usize, &Vertices<'_>) -> f64;
+
+/// How far a flow goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Descent {
+    /// What falls is the sum of this power of the distortions: the higher, the more the worst count.
+    pub power: i32,
+    /// Steps at most.
+    pub steps: usize,
+    /// The first of them, as a share of the reasonable one.
+    pub first: f64,
+    /// It stands still when the sum falls by less, relatively.
+    pub tolerance: f64,
+    /// Renews what is ideal at each step.
+    pub renew: bool,
+}
+
+/// Elements on their way.
+pub struct Flow<'a, E> {
+    /// The elements.
+    pub elements: E,
+    /// Their vertices.
+    pub vertices: Vertices<'a>,
+    /// Where distortions are computed, and who watches.
+    pub run: On<'a>,
+    seen: Vec<Vector3>,
+    out: Vec<CornerDistortion>,
+}
+
+impl<'a, E: Elements> Flow<'a, E> {
+    /// Nothing has moved yet.
+    pub fn new(elements: E, vertices: Vertices<'a>, run: On<'a>) -> Self {
+        Self {
+            elements,
+            vertices,
+            run,
+            seen: Vec::new(),
+            out: Vec::new(),
+        }
+    }
+
+    /// Steps down the sum of a power of all corners' distortions, back onto the surface after each; how many there were. `stepped`
+    /// is called after each.
+    ///
+    /// # Errors
+    /// Of the backend, and if the watcher asks to stop.
+    pub fn descend(
+        &mut self,
+        how: &Descent,
+        mut stepped: impl FnMut(&Self),
+    ) -> Result<usize, E::Error> {
+        let mut length = how.first;
+        for step in 0..how.steps {
+            (self.run).progress("better corners", step as u64, how.steps as u64)?;
+            if how.renew {
+                self.elements.renew(&self.vertices.positions);
+            }
+            let (epsilon, last) = self.measure()?;
+            let before = self.energy(how.power);
+            let Some(after) = self.step(how.power, before, epsilon, &mut length)? else {
+                return Ok(step);
+            };
+            stepped(self);
+            if last && before - after < how.tolerance * before {
+                return Ok(step + 1);
+            }
+        }
+        Ok(how.steps)
+    }
+
+    /// The mean distortion of a corner.
+    ///
+    /// # Errors
+    /// Of the backend.
+    pub fn mean_distortion(&mut self) -> Result<f64, E::Error> {
+        self.measure()?;
+        Ok(self.energy(1) / self.out.len() as f64)
+    }
+
+    /// The distortions as they are seen from now on; [`Elements::epsilon`].
+    fn measure(&mut self) -> Result<(f64, bool), E::Error> {
+        self.seen = self.elements.seen(&self.vertices);
+        self.distortions(0.0)?;
+        let (epsilon, last) = self.elements.epsilon(self.smallest_area());
+        if epsilon > 0.0 {
+            self.distortions(epsilon)?;
+        }
+        Ok((epsilon, last))
+    }
+
+    fn distortions(&mut self, epsilon: f64) -> Result<(), E::Error> {
+        let nodes = self.elements.nodes(&self.vertices.positions);
+        let wedges = self.elements.wedges();
+        let corners = parallel::map(wedges.len(), |w| {
+            let [o, a, b] = wedges[w].nodes.map(|n| nodes[n as usize]);
+            Corner {
+                sides: wedges[w].ideal.sides([a - o, b - o]),
+                normal: self.seen[w],
+            }
+        });
+        let backend = self.run.backend;
+        backend.corner_distortion(&corners, epsilon, &mut self.out)?;
+        let (found, of) = (self.out.len(), corners.len());
+        Ok(BackendError::unless(found == of, &backend.name(), || {
+            format!("{found} distortions for {of} corners")
+        })?)
+    }
+
+    fn energy(&self, power: i32) -> f64 {
+        self.out.iter().map(|c| c.energy.powi(power)).sum()
+    }
+
+    fn smallest_area(&self) -> f64 {
+        least(self.out.iter().map(|c| c.area))
+    }
+
+    /// Displacements for a step of one: down the gradient within the surface, in units of the elements.
+    fn descent(&self, power: i32) -> Vec<Vector3> {
+        let nodes = self.elements.nodes(&self.vertices.positions).len();
+        let mut gradient = vec![Vector3::zeros(); nodes];
+        for (wedge, of) in self.elements.wedges().iter().zip(&self.out) {
+            let [o, a, b] = wedge.nodes.map(|n| n as usize);
+            // Of the power, but for a factor.
+            let steep = of.energy.powi(power - 1);
+            let [first, second] = wedge.ideal.by_edges(of.gradient, steep);
+            gradient[a] += first;
+            gradient[b] += second;
+            gradient[o] -= first + second;
+        }
+        let mut descent = self.elements.to_vertices(gradient);
+        for (v, g) in descent.iter_mut().enumerate() {
+            let n = self.vertices.normals[v];
+            let scale = self.elements.scale(v);
+            let step = -(*g - n * n.dot(g)) * scale;
+            // No vertex jumps over its neighbours.
+            let most = LONGEST * scale.sqrt();
+            *g = match self.vertices.freedom[v] {
+                Freedom::Fixed => Vector3::zeros(),
+                _ if step.norm() > most => step * (most / step.norm()),
+                _ => step,
+            };
+        }
+        descent
+    }
+
+    /// One step that lowers the energy, and what it is then; `None` where none does.
+    fn step(
+        &mut self,
+        power: i32,
+        before: f64,
+        epsilon: f64,
+        length: &mut f64,
+    ) -> Result<Option<f64>, E::Error> {
+        let descent = self.descent(power);
+        let start = self.vertices.state();
+        for _ in 0..12 {
+            let moved = start.0.iter().zip(&descent).map(|(p, d)| p + d * *length);
+            let moved: Vec<Point3> = moved.collect();
+            // Corners are seen as for the gradient: on a surface of large triangles normals change faster than anything else.
+            let (positions, normals) = self.vertices.settled(&moved);
+            self.vertices.positions = positions;
+            self.distortions(epsilon)?;
+            let energy = self.energy(power);
+            let upright = epsilon > 0.0 || self.smallest_area() > 0.0;
+            if energy < before && upright {
+                self.vertices.normals = normals;
+                *length = (*length * 1.5).min(1.0);
+                return Ok(Some(energy));
+            }
+            *length *= 0.5;
+        }
+        self.vertices.put(start);
+        Ok(None)
+    }
+
+    /// What is measured, of each element.
+    pub fn values(&self, of: Measure<E>) -> Vec<f64> {
+        parallel::map(self.elements.count(), |e| {
+            of(&self.elements, e, &self.vertices)
+        })
+    }
+
+    /// The least of that.
+    pub fn worst(&self, of: Measure<E>) -> f64 {
+        least(self.values(of))
+    }
+}
+
+/// Unit normal of a quad, that of its area; the surface's where it lies on its back, for it to turn over.
+pub fn facing(corners: &[Point3; 4], of_surface: &Vector3) -> Option<Vector3> {
+    let own = (corners[2] - corners[0]).cross(&(corners[3] - corners[1]));
+    let own = own.try_normalize(0.0).filter(|n| n.dot(of_surface) > 0.0);
+    own.or_else(|| of_surface.try_normalize(1e-9))
+}
+
+/// [`Elements::epsilon`] that becomes 0, an infinite barrier, once no corner is inverted or nearly so: no flow ends before.
+pub fn barrier(smallest: f64) -> (f64, bool) {
+    if smallest <= 1e-3 {
+        ((0.5 * smallest.abs()).max(1e-2), false)
+    } else {
+        (0.0, true)
+    }
+}
+
+/// The least of some values; infinite without any.
+pub fn least(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().fold(f64::INFINITY, f64::min)
+}

@@ -1,0 +1,205 @@
+//! The worst elements, after the flow.
+//!
+//! Where the mean is good and single corners are not, vertices of the worst elements search for better places one by one. Four that
+//! can only move together are stuck so; they go down a high power of the corners' distortion, with all around them.
+
+use super::{Descent, Elements, Flow, Measure, State, least};
+use crate::surface::ground::Freedom;
+
+/// Below this, elements are bad: a search alone may be stuck.
+const LOW: f64 = 0.6;
+/// Rings around them that go down a power, and which.
+const RINGS: usize = 3;
+const STEEP: i32 = 12;
+/// Again if the worst is better by so much.
+const GAIN: f64 = 0.005;
+/// Where a search ends, in reaches of a vertex.
+const SHORTEST: f64 = 0.003;
+/// How far its directions turn from one try to the next, in eighths of a circle: those of any number of tries lie evenly.
+const GOLDEN: f64 = 0.618_033_988_749_895;
+
+/// How long vertices search for better places.
+pub struct Search<E> {
+    /// Those of elements for which this is below the goal do,
+    pub by: Measure<E>,
+    /// which is this.
+    pub goal: f64,
+    /// Rounds at most.
+    pub rounds: usize,
+    /// Where a search begins, in reaches of the vertex.
+    pub first: f64,
+}
+
+/// What is done about elements for which a search is not enough.
+pub struct Straightening<E> {
+    /// Those for which this is below 0.6; the worst of it must rise.
+    pub by: Measure<E>,
+    /// They go down so, but for the power,
+    pub descent: Descent,
+    /// and back to where the worst of this was best,
+    pub best: Measure<E>,
+    /// which may be where they began.
+    pub start_counts: bool,
+    /// How often at most.
+    pub again: usize,
+}
+
+impl<E: Elements> Flow<'_, E> {
+    /// Vertices of bad elements search the directions of a compass for a place where the worst element around them is better,
+    /// nearer and nearer until something around them moves. How many moved.
+    ///
+    /// # Errors
+    /// If the watcher asks to stop.
+    pub fn lift_the_worst(&mut self, how: &Search<E>) -> Result<usize, E::Error> {
+        let count = self.vertices.positions.len();
+        let mut steps = vec![how.first; count];
+        let (mut tries, mut lifted) = (vec![0u32; count], vec![false; count]);
+        for round in 0..how.rounds {
+            (self.run).progress("worst elements", round as u64, how.rounds as u64)?;
+            let values = self.values(how.by);
+            let mut bad: Vec<usize> = (0..values.len())
+                .filter(|&e| values[e] < how.goal)
+                .collect();
+            bad.sort_by(|&a, &b| values[a].total_cmp(&values[b]).then(a.cmp(&b)));
+            let mut searched = false;
+            for e in bad {
+                for v in self.elements.rim(e) {
+                    let (v, step) = (v as usize, steps[v as usize]);
+                    if step < SHORTEST {
+                        continue;
+                    }
+                    searched = true;
+                    tries[v] += 1;
+                    if !self.search(v, step, tries[v]) {
+                        steps[v] = 0.5 * step;
+                        continue;
+                    }
+                    lifted[v] = true;
+                    for &near in self.elements.around(v) {
+                        for w in self.elements.rim(near as usize) {
+                            steps[w as usize] = step.max(steps[w as usize]);
+                        }
+                    }
+                }
+            }
+            if !searched {
+                break;
+            }
+        }
+        Ok(lifted.iter().filter(|&&l| l).count())
+    }
+
+    /// Moves a vertex to the best of eight places `step` away, if one is better; the directions turn with the tries, since
+    /// those in which the worst of several elements becomes better may be few.
+    fn search(&mut self, v: usize, step: f64, tries: u32) -> bool {
+        let freedom = self.vertices.freedom[v];
+        if freedom == Freedom::Fixed {
+            return false;
+        }
+        let start = (self.vertices.positions[v], self.vertices.normals[v]);
+        let before = self.worst_around(v);
+        let way = [step * self.elements.reach(v), GOLDEN * f64::from(tries)];
+        let ground = self.vertices.ground;
+        let found = ground.best_around(start, way, freedom, before, |&place| {
+            (self.vertices.positions[v], self.vertices.normals[v]) = place;
+            self.worst_around(v)
+        });
+        (self.vertices.positions[v], self.vertices.normals[v]) = found.unwrap_or(start);
+        found.is_some()
+    }
+
+    fn worst_around(&self, v: usize) -> f64 {
+        let around = self.elements.around(v).iter();
+        least(around.map(|&e| self.elements.merit(e as usize, &self.vertices)))
+    }
+
+    /// Around elements that are still bad, steps down a high power of the corners' distortion, whatever their sides: those of a
+    /// bad element are none to keep. Then their vertices one by one, as long as the worst becomes better. How many of those moved.
+    ///
+    /// # Errors
+    /// Of the backend, and if the watcher asks to stop.
+    pub fn straighten(
+        &mut self,
+        how: &Straightening<E>,
+        search: &Search<E>,
+    ) -> Result<usize, E::Error> {
+        let steep = Descent {
+            power: STEEP,
+            renew: true,
+            ..how.descent
+        };
+        let mut lifted = 0;
+        for round in 0..how.again {
+            let values = self.values(how.by);
+            let worst = least(values.iter().copied());
+            if worst >= LOW {
+                break;
+            }
+            let start = self.vertices.state();
+            let free = self.vertices.freedom.clone();
+            self.hold_all_but(&values);
+            let best = self.best_of(&steep, how.best, how.start_counts);
+            self.vertices.freedom = free;
+            self.vertices.put(best?.1);
+            let goal = if round == 0 { search.goal } else { LOW };
+            let moved = self.lift_the_worst(&Search { goal, ..*search })?;
+            let after = self.worst(how.by);
+            if after <= worst {
+                self.vertices.put(start);
+                self.elements.renew(&self.vertices.positions);
+                break;
+            }
+            lifted += moved;
+            if after < worst + GAIN {
+                break;
+            }
+        }
+        Ok(lifted)
+    }
+
+    /// Goes down. The worst of a measure where that was best after a step, or at the start if that counts, and the state there.
+    ///
+    /// # Errors
+    /// Of the backend, and if the watcher asks to stop.
+    pub fn best_of(
+        &mut self,
+        how: &Descent,
+        by: Measure<E>,
+        start_counts: bool,
+    ) -> Result<(f64, State), E::Error> {
+        let first = if start_counts {
+            self.worst(by)
+        } else {
+            f64::NEG_INFINITY
+        };
+        let mut best = (first, self.vertices.state());
+        self.descend(how, |flow| {
+            let worst = flow.worst(by);
+            if worst > best.0 {
+                best = (worst, flow.vertices.state());
+            }
+        })?;
+        Ok(best)
+    }
+
+    /// Fixes all vertices farther than some rings from a bad element.
+    fn hold_all_but(&mut self, values: &[f64]) {
+        let mut near: Vec<bool> = values.iter().map(|&value| value < LOW).collect();
+        for _ in 0..RINGS {
+            let mut next = near.clone();
+            for e in (0..near.len()).filter(|&e| near[e]) {
+                for v in self.elements.rim(e) {
+                    for &other in self.elements.around(v as usize) {
+                        next[other as usize] = true;
+                    }
+                }
+            }
+            near = next;
+        }
+        for (v, freedom) in self.vertices.freedom.iter_mut().enumerate() {
+            if !(self.elements.around(v).iter()).all(|&e| near[e as usize]) {
+                *freedom = Freedom::Fixed;
+            }
+        }
+    }
+}

@@ -1,0 +1,396 @@
+//! Corners of quads: their distortion on every backend, and where a flow takes them.
+
+use std::ops::ControlFlow;
+
+use geom_core::compute::BackendError;
+use geom_core::compute::random::SplitMix64;
+use geom_core::mesh::quality::{scaled_jacobian, upright_jacobian};
+use geom_core::mesh::shapes;
+use geom_core::surface::flow::backend::CORNER_DISTORTION;
+use geom_core::surface::flow::{
+    Corner, CornerBackend, CornerDistortion, CornerObject, Descent, Elements, Flow, Ideal, Search,
+    Straightening, Vertices, Wedge, facing,
+};
+use geom_core::surface::ground::{Freedom, Ground};
+use geom_core::testing::same_on_any_threads;
+use geom_core::{Cancelled, Cpu, Point3, Run, TriMesh, Vector3};
+use proptest::prelude::*;
+
+fn corners() -> impl Strategy<Value = Vec<Corner>> {
+    let vector = || [-1.0..1.0f64, -1.0..1.0f64, -0.2..0.2f64];
+    prop::collection::vec((vector(), vector()), 1..60).prop_map(|all| {
+        all.into_iter()
+            .map(|(a, b)| Corner {
+                sides: [
+                    Vector3::x() + Vector3::from(a),
+                    Vector3::y() + Vector3::from(b),
+                ],
+                normal: Vector3::new(0.1, -0.2, 1.0).normalize(),
+            })
+            .collect()
+    })
+}
+
+fn ideals() -> impl Strategy<Value = Ideal> {
+    let inverse = [0.7..1.5f64, -0.4..0.4f64, -0.4..0.4f64, 0.7..1.5f64];
+    prop_oneof![
+        [0.5..2.0f64, 0.5..2.0f64].prop_map(Ideal::Sides),
+        inverse.prop_map(|[p, q, r, s]| Ideal::Inverse([[p, q], [r, s]])),
+    ]
+}
+
+/// Energies and areas, and derivatives over the energy.
+fn numbers(all: &[CornerDistortion]) -> Vec<f64> {
+    let numbers = |d: &CornerDistortion| {
+        let [a, b] = d.gradient.map(|g| g / d.energy);
+        [d.energy, d.area, a.x, a.y, a.z, b.x, b.y, b.z]
+    };
+    all.iter().flat_map(numbers).collect()
+}
+
+fn on_cpu(corners: &[Corner], epsilon: f64) -> Vec<CornerDistortion> {
+    let mut out = Vec::new();
+    Cpu.corner_distortion(corners, epsilon, &mut out).unwrap();
+    out
+}
+
+proptest! {
+    #![proptest_config(geom_core::testing::cases(32))]
+
+    #[test]
+    fn cpu_is_the_specification(corners in corners()) {
+        let of = |c: &Corner| CornerDistortion::of(&c.sides, &c.normal, 0.1);
+        prop_assert_eq!(on_cpu(&corners, 0.1), corners.iter().map(of).collect::<Vec<_>>());
+    }
+
+    /// Derivatives by the edges are those of the energy, whatever the ideal.
+    #[test]
+    fn derivatives_follow_differences(corners in corners(), ideal in ideals(), at in 0usize..6) {
+        const STEP: f64 = 1e-5;
+        for corner in &corners {
+            for epsilon in [0.0, 0.1] {
+                let of = |by: f64| {
+                    let mut edges = corner.sides;
+                    edges[at / 3][at % 3] += by;
+                    CornerDistortion::of(&ideal.sides(edges), &corner.normal, epsilon)
+                };
+                let here = of(0.0);
+                if epsilon == 0.0 && here.area < 0.2 {
+                    // Beyond the barrier.
+                    continue;
+                }
+                // Of fourth order.
+                let near = (of(STEP).energy - of(-STEP).energy) / (2.0 * STEP);
+                let far = (of(2.0 * STEP).energy - of(-2.0 * STEP).energy) / (4.0 * STEP);
+                let difference = 3.0 * (4.0 * near - far) / 3.0;
+                let slope = ideal.by_edges(here.gradient, 3.0)[at / 3][at % 3];
+                let size = here.energy * (1.0 + here.energy);
+                prop_assert!((slope - difference).abs() < 1e-6 * size * (1.0 + size), "{} {}", slope, difference);
+            }
+        }
+    }
+
+    /// The comparison can fail: one altered value is found, at its place.
+    #[test]
+    fn a_wrong_value_is_caught(corners in corners(), place in any::<prop::sample::Index>()) {
+        let reference = numbers(&on_cpu(&corners, 0.1));
+        let (mut wrong, i) = (reference.clone(), place.index(reference.len()));
+        wrong[i] = wrong[i] * 1.01 + 3e-3 * wrong[i].signum();
+        let caught = CORNER_DISTORTION.first_break(&reference, &wrong);
+        prop_assert_eq!(caught.map(|b| b.index), Some(i));
+    }
+}
+
+#[test]
+fn an_ideal_corner_has_distortion_one() {
+    let triangle = Ideal::Inverse([[0.5, -1.0 / 6.0], [0.0, 1.0 / 3.0]]);
+    let edges = [Vector3::new(2.0, 0.0, 0.0), Vector3::new(1.0, 3.0, 0.0)];
+    let oblong = [Vector3::new(2.0, 0.0, 0.0), Vector3::new(0.0, 3.0, 0.0)];
+    for (ideal, edges) in [(triangle, edges), (Ideal::Sides([2.0, 3.0]), oblong)] {
+        let of = CornerDistortion::of(&ideal.sides(edges), &Vector3::z(), 0.0);
+        assert!((of.energy - 1.0).abs() < 1e-15 && (of.area - 1.0).abs() < 1e-15);
+        assert!(of.gradient.iter().all(|g| g.norm() < 1e-15));
+    }
+}
+
+#[cfg(feature = "wgpu")]
+#[test]
+fn wgpu_follows_the_cpu() {
+    let Some(gpu) = geom_core::testing::gpu_or_skip() else {
+        return;
+    };
+    let config = geom_core::testing::cases(24);
+    proptest!(config, |(corners in corners(), epsilon in 0.03..1.0f64)| {
+        let mut candidate = Vec::new();
+        gpu.corner_distortion(&corners, epsilon, &mut candidate).unwrap();
+        let [reference, candidate] = [on_cpu(&corners, epsilon), candidate].map(|d| numbers(&d));
+        prop_assert_eq!(CORNER_DISTORTION.first_break(&reference, &candidate), None);
+    });
+}
+
+#[derive(Debug, PartialEq)]
+enum Stop {
+    Backend(BackendError),
+    Cancelled,
+}
+
+impl From<BackendError> for Stop {
+    fn from(error: BackendError) -> Self {
+        Self::Backend(error)
+    }
+}
+
+impl From<Cancelled> for Stop {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
+
+/// Unit squares of a plate in the plane z = 0.
+struct Squares {
+    quads: Vec<[u32; 4]>,
+    around: Vec<Vec<u32>>,
+    wedges: Vec<Wedge>,
+}
+
+const SIDE: u32 = 6;
+
+impl Squares {
+    fn new() -> Self {
+        let at = |i: u32, j: u32| j * (SIDE + 1) + i;
+        let cells = (0..SIDE).flat_map(|j| (0..SIDE).map(move |i| (i, j)));
+        let quad = |(i, j)| [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+        let quads: Vec<[u32; 4]> = cells.map(quad).collect();
+        let mut around = vec![Vec::new(); ((SIDE + 1) * (SIDE + 1)) as usize];
+        for (q, quad) in (0u32..).zip(&quads) {
+            quad.iter().for_each(|&v| around[v as usize].push(q));
+        }
+        let of = |quad: &[u32; 4]| [0, 1, 2, 3].map(|k| Wedge::of_quad(quad, k, [1.0; 2]));
+        Self {
+            wedges: quads.iter().flat_map(of).collect(),
+            quads,
+            around,
+        }
+    }
+
+    fn at(&self, q: usize, vertices: &Vertices<'_>) -> [Point3; 4] {
+        self.quads[q].map(|v| vertices.positions[v as usize])
+    }
+
+    fn jacobian(&self, q: usize, vertices: &Vertices<'_>) -> f64 {
+        scaled_jacobian(&self.at(q, vertices), &Vector3::z())
+    }
+}
+
+impl Elements for Squares {
+    type Error = Stop;
+    type Rim = [u32; 4];
+
+    fn count(&self) -> usize {
+        self.quads.len()
+    }
+    fn rim(&self, q: usize) -> [u32; 4] {
+        self.quads[q]
+    }
+    fn around(&self, v: usize) -> &[u32] {
+        &self.around[v]
+    }
+    fn wedges(&self) -> &[Wedge] {
+        &self.wedges
+    }
+    fn renew(&mut self, _: &[Point3]) {}
+    fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3> {
+        let of = |q| [facing(&self.at(q, vertices), &Vector3::z()).unwrap(); 4];
+        (0..self.quads.len()).flat_map(of).collect()
+    }
+    fn merit(&self, q: usize, vertices: &Vertices<'_>) -> f64 {
+        upright_jacobian(&self.at(q, vertices), &Vector3::z())
+    }
+    fn scale(&self, _: usize) -> f64 {
+        1.0
+    }
+}
+
+const DESCENT: Descent = Descent {
+    power: 1,
+    steps: 400,
+    first: 0.1,
+    tolerance: 0.0,
+    renew: false,
+};
+const SEARCH: Search<Squares> = Search {
+    by: Squares::jacobian,
+    goal: 0.9,
+    rounds: 64,
+    first: 0.5,
+};
+const STRAIGHTENING: Straightening<Squares> = Straightening {
+    by: Squares::merit,
+    descent: DESCENT,
+    best: Squares::jacobian,
+    start_counts: true,
+    again: 3,
+};
+
+fn plane() -> TriMesh {
+    let far = [[-9.0, -9.0], [19.0, -9.0], [19.0, 19.0], [-9.0, 19.0]];
+    let positions = far.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
+    TriMesh::new(positions, vec![[0, 1, 2], [0, 2, 3]]).unwrap()
+}
+
+/// The plate with its inner vertices off their places by up to `noise` sides, and above the plane.
+fn shaken<'a>(ground: &'a Ground<'a>, noise: f64) -> Vertices<'a> {
+    let mut random = SplitMix64::new(3);
+    let (mut positions, mut freedom) = (Vec::new(), Vec::new());
+    for (j, i) in (0..=SIDE).flat_map(|j| (0..=SIDE).map(move |i| (j, i))) {
+        let inner = (1..SIDE).contains(&i) && (1..SIDE).contains(&j);
+        let mut off = || {
+            if inner {
+                noise * random.symmetric()
+            } else {
+                0.0
+            }
+        };
+        positions.push(Point3::new(f64::from(i) + off(), f64::from(j) + off(), 0.3));
+        positions.last_mut().unwrap().z *= off().abs();
+        freedom.push(if inner {
+            Freedom::Surface
+        } else {
+            Freedom::Fixed
+        });
+    }
+    Vertices::new(positions, freedom, ground)
+}
+
+fn farthest(vertices: &Vertices<'_>) -> f64 {
+    let off = |(v, p): (usize, &Point3)| {
+        let (i, j) = (v as u32 % (SIDE + 1), v as u32 / (SIDE + 1));
+        (p - Point3::new(f64::from(i), f64::from(j), 0.0)).norm()
+    };
+    vertices
+        .positions
+        .iter()
+        .enumerate()
+        .map(off)
+        .fold(0.0, f64::max)
+}
+
+/// Squares are what the sum is smallest for: from any start, also with inverted corners, it is found again.
+#[test]
+fn a_flow_finds_squares_again() {
+    let plane = plane();
+    let ground = Ground::new(&plane, Vec::new()).unwrap();
+    for (noise, inverted) in [(0.3, false), (0.9, true)] {
+        let run = Run::on(&Cpu).with(Cpu.as_corners());
+        let mut flow = Flow::new(Squares::new(), shaken(&ground, noise), run);
+        assert_eq!(flow.worst(Squares::jacobian) < 0.0, inverted);
+        let before = flow.mean_distortion().unwrap();
+        let mut last = f64::INFINITY;
+        flow.descend(&DESCENT, |_| last = 0.0).unwrap();
+        assert!(last == 0.0 && flow.mean_distortion().unwrap() < before);
+        assert!(
+            farthest(&flow.vertices) < 1e-3,
+            "{}",
+            farthest(&flow.vertices)
+        );
+    }
+}
+
+/// A vertex in the wrong place is lifted, by itself and with those around it; then there is nothing left to do.
+#[test]
+fn a_search_lifts_the_worst() {
+    let plane = plane();
+    let ground = Ground::new(&plane, Vec::new()).unwrap();
+    let run = Run::on(&Cpu).with(Cpu.as_corners());
+    let mut vertices = shaken(&ground, 0.0);
+    let middle = (3 * (SIDE + 1) + 3) as usize;
+    vertices.positions[middle] += Vector3::new(0.8, 0.5, 0.0);
+    let mut flow = Flow::new(Squares::new(), vertices, run);
+    assert!(flow.worst(Squares::jacobian) < 0.6);
+    assert!((1..=9).contains(&flow.lift_the_worst(&SEARCH).unwrap()));
+    assert!(flow.worst(Squares::jacobian) > 0.9);
+    assert_eq!(flow.lift_the_worst(&SEARCH).unwrap(), 0);
+}
+
+/// What is bad together gets better together, and the vertices held for it are free again.
+#[test]
+fn bad_elements_are_made_straight() {
+    let plane = plane();
+    let ground = Ground::new(&plane, Vec::new()).unwrap();
+    let made = || {
+        let run = Run::on(&Cpu).with(Cpu.as_corners());
+        let mut flow = Flow::new(Squares::new(), shaken(&ground, 0.9), run);
+        let (before, free) = (flow.worst(Squares::merit), flow.vertices.freedom.clone());
+        flow.straighten(&STRAIGHTENING, &SEARCH).unwrap();
+        assert!(before < 0.6 && flow.worst(Squares::merit) > 0.8);
+        assert_eq!(flow.vertices.freedom, free);
+        flow.vertices.positions
+    };
+    same_on_any_threads(made);
+}
+
+/// With the start counted, a flow that makes the worst worse gives it back.
+#[test]
+fn the_best_may_be_the_start() {
+    let plane = plane();
+    let ground = Ground::new(&plane, Vec::new()).unwrap();
+    let run = Run::on(&Cpu).with(Cpu.as_corners());
+    let mut flow = Flow::new(Squares::new(), shaken(&ground, 0.3), run);
+    let start = flow.vertices.state();
+    // The largest of all: a measure by which all but the start is worse.
+    let farther: fn(&Squares, usize, &Vertices<'_>) -> f64 = |_, _, vertices| farthest(vertices);
+    let (value, state) = flow.best_of(&DESCENT, farther, true).unwrap();
+    assert!(state == start && value > 0.1);
+    let (value, state) = flow.best_of(&DESCENT, farther, false).unwrap();
+    assert!(state != start && value < 0.1);
+}
+
+#[test]
+fn a_watcher_stops_it() {
+    let plane = plane();
+    let ground = Ground::new(&plane, Vec::new()).unwrap();
+    let stop = |_: &'static str, done: u64, _: u64| match done {
+        0..2 => ControlFlow::Continue(()),
+        _ => ControlFlow::Break(()),
+    };
+    let run = Run::on(&Cpu).watched_by(&stop).with(Cpu.as_corners());
+    let mut flow = Flow::new(Squares::new(), shaken(&ground, 0.3), run);
+    let mut steps = 0;
+    let stopped = flow.descend(&DESCENT, |_| steps += 1);
+    assert_eq!((stopped, steps), (Err(Stop::Cancelled), 2));
+}
+
+/// A backend that leaves out the last.
+struct Short;
+
+impl geom_core::Backend for Short {
+    fn name(&self) -> String {
+        "short".into()
+    }
+}
+
+impl CornerBackend for Short {
+    fn corner_distortion(
+        &self,
+        corners: &[Corner],
+        epsilon: f64,
+        out: &mut Vec<CornerDistortion>,
+    ) -> Result<(), BackendError> {
+        Cpu.corner_distortion(&corners[1..], epsilon, out)
+    }
+}
+
+#[test]
+fn too_few_distortions_are_an_error() {
+    let sphere = shapes::icosphere(9.0, 1);
+    let ground = Ground::new(&sphere, Vec::new()).unwrap();
+    let run = Run::on(&Short).with(Short.as_corners());
+    let mut flow = Flow::new(Squares::new(), shaken(&ground, 0.0), run);
+    let Err(Stop::Backend(error)) = flow.mean_distortion() else {
+        panic!("no error");
+    };
+    assert_eq!(
+        error.to_string(),
+        "short gave 143 distortions for 144 corners"
+    );
+}
