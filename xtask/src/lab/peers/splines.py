@@ -16,6 +16,18 @@ import vtk
 PLACES = (0.0, 0.3, 1.0)
 
 
+def area(face):
+    """By the rule that ours takes, of 10 x 10 points: where a patch is nearly folded, the integrand has a kink, and different
+    rules differ by more than the surfaces could."""
+    (u0, v0), (u1, v1) = gmsh.model.getParametrizationBounds(2, face)
+    x, w = np.polynomial.legendre.leggauss(10)
+    u, v = np.meshgrid(u0 + (u1 - u0) * (x + 1) / 2, v0 + (v1 - v0) * (x + 1) / 2, indexing="ij")
+    at = np.stack([u.ravel(), v.ravel()], axis=1).ravel()
+    tangents = np.array(gmsh.model.getDerivative(2, face, at)).reshape(-1, 6)
+    normals = np.cross(tangents[:, :3], tangents[:, 3:])
+    return float(np.outer(w, w).ravel() @ np.linalg.norm(normals, axis=1)) * (u1 - u0) * (v1 - v0) / 4
+
+
 def measured(file):
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
@@ -25,7 +37,7 @@ def measured(file):
     answer = {
         "faces": len(faces),
         "solids": len(solids),
-        "area": sum(gmsh.model.occ.getMass(*f) for f in faces),
+        "area": sum(area(face) for _, face in faces),
         "volume": sum(gmsh.model.occ.getMass(*s) for s in solids),
     }
     gmsh.finalize()
