@@ -1,7 +1,8 @@
 //! The kernel on the GPU. It proposes; what is accepted is decided in f64 on the CPU.
 //!
-//! One shader, a triangle per invocation, in f32. What cancels is subtracted before narrowing: sides in place of corners, so that digits are those of the triangle and not of where it lies. Untangling takes
-//! energies and gradients from here, but whether a triangle is upright it asks in f64.
+//! One shader, a triangle per invocation, in f32. What cancels is subtracted before narrowing: sides in place of corners, so
+//! that digits are those of the triangle and not of where it lies. Untangling takes energies and gradients from here, but
+//! whether a triangle is upright it asks in f64.
 
 use bytemuck::{Pod, Zeroable};
 use geom_core::Wgpu;

@@ -69,7 +69,7 @@ pub(crate) use net::Net;
 #[cfg(feature = "testing")]
 pub(crate) use parameterize::decimated;
 pub(crate) use parameterize::{Laid, Relaxation, parameterized, relaxation};
-pub(crate) use untangle::{Effort, Unfolding};
+pub(crate) use untangle::{Effort, LastUpright, Unfolding};
 
 pub use exact::{GridMap, MapReport};
 pub use parameterize::{MapOptions, parameterize};

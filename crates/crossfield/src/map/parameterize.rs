@@ -4,8 +4,6 @@
 //! which may come back with a decimated map instead, and stops early where that is of no use. Both go through
 //! [`Making`]: relaxation, integers, unfolding, and at last the check in [`fixed`].
 
-use std::cell::RefCell;
-
 use geom_core::nalgebra::{Cholesky, DVector, Dyn};
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
@@ -17,7 +15,7 @@ use super::integers::{Coarse, Quadratic, Spread};
 use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
-use super::untangle::{Effort, Moves, Unfolding, untangle};
+use super::untangle::{Effort, LastUpright, Moves, Unfolding, untangle};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
@@ -63,7 +61,7 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     let effort = Effort::of(mesh.triangles().len());
     let unfolding = Unfolding {
         effort: &effort,
-        last: &RefCell::default(),
+        last: &LastUpright::default(),
     };
     match parameterized(mesh, frames, field, options, unfolding, |_| false, run)? {
         Laid::Whole(map) => Ok(map),
@@ -229,7 +227,7 @@ struct Making<'a> {
     report: MapReport,
     effort: &'a Effort,
     /// See [`Unfolding::last`]; `None` where no other map follows.
-    last: Option<&'a RefCell<Option<Vec<f64>>>>,
+    last: Option<&'a LastUpright>,
     run: On<'a>,
 }
 
@@ -339,7 +337,7 @@ impl<'a> Making<'a> {
             effort: self.effort,
             is_lost: &|corners: &[[[f64; 2]; 3]]| self.has_stuck_cone(corners),
         };
-        let last = self.last.and_then(RefCell::take);
+        let last = self.last.and_then(LastUpright::take);
         if let Some(last) = last.filter(|y| self.invalid(&self.system.corners(y)) == (0, 0)) {
             y = last;
             untangle(&self.system, &mut y, &moves, self.run)?;

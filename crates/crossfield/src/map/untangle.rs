@@ -39,9 +39,9 @@ const SETTLED: f64 = 1e-2;
 pub(crate) struct Effort(Cell<u64>);
 
 impl Effort {
-    /// What a surface of so many triangles is worth: two thousand evaluations, and as many of ten thousand triangles.
+    /// What a surface of so many triangles is worth: a thousand evaluations, and as many of ten thousand triangles.
     pub(crate) fn of(triangles: usize) -> Self {
-        const EVALUATIONS: u64 = 2000;
+        const EVALUATIONS: u64 = 1000;
         const FEW: u64 = 10_000;
         Self(Cell::new(EVALUATIONS * (triangles as u64 + FEW)))
     }
@@ -71,13 +71,18 @@ impl Effort {
     }
 }
 
+/// The unknowns of the last map of a field that was unfolded without integers, if there was one.
+pub(crate) type LastUpright = RefCell<Option<Vec<f64>>>;
+
+/// Says something of the corners of all triangles.
+pub(crate) type Judge<'a> = &'a dyn Fn(&[[[f64; 2]; 3]]) -> bool;
+
 /// What unfolding may use.
 #[derive(Clone, Copy)]
 pub(crate) struct Unfolding<'a> {
     pub(crate) effort: &'a Effort,
-    /// The unknowns of the last map of the same field that was unfolded without integers: upright at any spacing, it is where the
-    /// next one starts.
-    pub(crate) last: &'a RefCell<Option<Vec<f64>>>,
+    /// Of the same field: upright at any spacing, it is where the next map starts.
+    pub(crate) last: &'a LastUpright,
 }
 
 /// What moves.
@@ -92,7 +97,7 @@ pub(crate) struct Moves<'a> {
     /// What unfolding may cost.
     pub(crate) effort: &'a Effort,
     /// Corners from which no map with the right angles is reached once ε is small.
-    pub(crate) is_lost: &'a dyn Fn(&[[[f64; 2]; 3]]) -> bool,
+    pub(crate) is_lost: Judge<'a>,
 }
 
 /// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`

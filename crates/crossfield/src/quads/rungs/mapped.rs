@@ -1,7 +1,5 @@
 //! Map and quads of one field, and what is done where a handle or neck is too narrow for its lines.
 
-use std::cell::RefCell;
-
 use geom_core::mesh::Halfedges;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::surface::distance::{Graph, shortest_paths};
@@ -15,7 +13,7 @@ use super::{OFF_TARGET, Rungs};
 use crate::anisotropy::Metric;
 use crate::error::Error;
 use crate::field::CrossField;
-use crate::map::{MapOptions, MapReport, Spread, Unfolding, parameterized};
+use crate::map::{LastUpright, MapOptions, MapReport, Spread, Unfolding, parameterized};
 use crate::options::Size;
 
 /// How many times more quads than wanted are refused, unless they are few.
@@ -42,7 +40,7 @@ pub(super) struct Mapping<'a> {
     pub(super) field: &'a CrossField,
     pub(super) metric: Option<&'a Metric>,
     /// See [`Unfolding::last`].
-    pub(super) last: RefCell<Option<Vec<f64>>>,
+    pub(super) last: LastUpright,
 }
 
 impl Mapping<'_> {

@@ -2,8 +2,6 @@
 
 mod mapped;
 
-use std::cell::RefCell;
-
 use geom_core::surface::ground::{Freedom, Ground, on_segments};
 use geom_core::surface::remesh;
 use geom_core::{Cancelled, Point3, QuadMesh, TriMesh};
@@ -19,7 +17,7 @@ use crate::error::Error;
 use crate::field::solve::field_of;
 use crate::field::{CrossField, FieldReport, Frames, Guide, Toward};
 use crate::guidance;
-use crate::map::{Effort, MapOptions, MapReport};
+use crate::map::{Effort, LastUpright, MapOptions, MapReport};
 use crate::options::{FieldOptions, Ladder, Options};
 
 /// Which way led to the quads of a part.
@@ -419,7 +417,7 @@ impl Rungs<'_> {
             smooth,
             field,
             metric,
-            last: RefCell::default(),
+            last: LastUpright::default(),
         };
         let (quads, closer, map) = as_many(&ground, factor * self.spacing, self)?;
         self.report.misalignment = metric.map(|m| m.misalignment(&smooth.frames, field));
