@@ -123,6 +123,18 @@ pub fn decimated(
     crate::map::decimated(mesh, frames, field, options, run)
 }
 
+/// How much work maps of a field without integers cost to unfold, in evaluations of all triangles, one after the other; `None`
+/// for one that stays folded.
+pub fn unfolding_costs(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &[MapOptions],
+) -> Result<Vec<Option<f64>>, Error> {
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    crate::map::unfolding_costs(mesh, frames, field, options, run)
+}
+
 /// Turns the crosses of these triangles towards the gradients of a map, given as Jacobians; whether any moved.
 pub fn turn(
     frames: &Frames,

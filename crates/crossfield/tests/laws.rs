@@ -7,7 +7,7 @@ use crossfield::guidance::Modes;
 use crossfield::map::{MapOptions, Spacing, parameterize};
 use crossfield::quads::quality::{Valences, distances};
 use crossfield::quads::{Rung, extract};
-use crossfield::testing::{cuboid, decimated, plate, tube};
+use crossfield::testing::{cuboid, decimated, plate, tube, unfolding_costs};
 use crossfield::{
     Error, FieldOptions, Guidance, Ladder, Options, Quadrangulation, Size, cross_field,
     quadrangulate,
@@ -577,6 +577,52 @@ fn maps_of_narrow_tubes_are_decimated_all_the_way() {
     let left = decimated(&mesh, &frames, &field, &options).unwrap();
     // V − 3 T / 2 + T = 0.
     assert_eq!(left, Some(8));
+}
+
+/// A map of a field that is upright at one spacing is so at any: the next one does not unfold anew.
+#[test]
+fn the_next_map_of_a_field_starts_upright() {
+    for seed in [12, 18, 31, 58] {
+        let mesh = dented_torus(seed);
+        let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+        let options = FieldOptions::default();
+        let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
+        let maps = [0.2, 0.1].map(|h| MapOptions {
+            spacing: Spacing::Uniform(h),
+            lines: Vec::new(),
+        });
+        let costs = |maps| unfolding_costs(&mesh, &frames, &field, maps).unwrap();
+        let (both, alone) = (costs(&maps), costs(&maps[1..]));
+        let [next, alone] = [both[1], alone[0]].map(Option::unwrap);
+        assert!(next > 0.0 && next < 0.6 * alone, "{seed}: {next} {alone}");
+    }
+}
+
+/// Around a vertex of eight quads triangles may come to lie upright and turn once too little: no effort goes into that map,
+/// however much there is to unfold elsewhere.
+#[test]
+fn a_star_that_turns_too_little_is_not_waited_for() {
+    const VERTEX: u32 = 103;
+    let mesh = dented_torus(58);
+    let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+    let options = FieldOptions::default();
+    let mut field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
+    let edges = frames.edges();
+    let into = edges.iter().filter(|&h| edges.to(h).0 == VERTEX);
+    for h in into.take(4) {
+        let twin = edges.twin(h).unwrap();
+        field.jump[h.0 as usize] += 1;
+        field.jump[twin.0 as usize] -= 1;
+    }
+    field.index = singularity::indices(&frames, &field.theta, &field.jump);
+    assert_eq!(field.index[VERTEX as usize], -4);
+    let options = MapOptions {
+        spacing: Spacing::Uniform(0.2),
+        lines: Vec::new(),
+    };
+    let costs = unfolding_costs(&mesh, &frames, &field, &[options]).unwrap();
+    // To the end of the first try it takes 91.
+    assert!(costs[0].unwrap() < 85.0, "{costs:?}");
 }
 
 /// A tube of less than two quads around: sides that return to where they start are no mesh, and the lines there are laid closer.

@@ -66,9 +66,9 @@ pub(crate) use integers::Spread;
 #[cfg(feature = "testing")]
 pub(crate) use integers::inverse;
 pub(crate) use net::Net;
-#[cfg(feature = "testing")]
-pub(crate) use parameterize::decimated;
 pub(crate) use parameterize::{Laid, Relaxation, parameterized, relaxation};
+#[cfg(feature = "testing")]
+pub(crate) use parameterize::{decimated, unfolding_costs};
 pub(crate) use untangle::{Effort, LastUpright, Unfolding};
 
 pub use exact::{GridMap, MapReport};

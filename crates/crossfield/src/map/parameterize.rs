@@ -13,9 +13,11 @@ use super::cut::Cut;
 use super::exact::{BITS, GridMap, MapReport, fixed, wrong_cones};
 use super::integers::{Coarse, Quadratic, Spread};
 use super::spacing::{Chart, Spacing, charts, determinant};
-use super::system::{System, Weighted};
+use super::system::{Solver, System, Weighted};
 use super::transition::Seams;
-use super::untangle::{Effort, LastUpright, Moves, Unfolding, untangle};
+#[cfg(feature = "testing")]
+use super::untangle::{Effort, LastUpright};
+use super::untangle::{Moves, Unfolding, untangle};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
@@ -58,10 +60,10 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<GridMap, Error> {
     let run = run.with(run.backend.as_crossfield());
-    let effort = Effort::of(mesh.triangles().len());
+    let (effort, last) = Unfolding::alone(mesh.triangles().len());
     let unfolding = Unfolding {
         effort: &effort,
-        last: &LastUpright::default(),
+        last: &last,
     };
     match parameterized(mesh, frames, field, options, unfolding, |_| false, run)? {
         Laid::Whole(map) => Ok(map),
@@ -92,8 +94,7 @@ pub(crate) fn parameterized(
 ) -> Result<Laid, Error> {
     let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
     let system = System::new(&cut, &seams, &charts);
-    let mut making = Making::new(frames, field, system, unfolding.effort, run);
-    making.last = Some(unfolding.last);
+    let mut making = Making::new(frames, field, system, unfolding, run);
     run.progress("map", 0, 3)?;
     let relaxed = making.relaxed()?;
     run.progress("map", 1, 3)?;
@@ -170,11 +171,44 @@ pub(crate) fn decimated(
     run: On<'_>,
 ) -> Result<Option<usize>, Error> {
     let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
-    let effort = Effort::of(charts.len());
+    let (effort, last) = Unfolding::alone(charts.len());
+    let unfolding = Unfolding {
+        effort: &effort,
+        last: &last,
+    };
     let system = System::new(&cut, &seams, &charts);
-    let relaxed = Making::new(frames, field, system, &effort, run).relaxed()?;
+    let relaxed = Making::new(frames, field, system, unfolding, run).relaxed()?;
     let coarse = Coarse::of(frames, field, &cut, &seams, &relaxed.corners);
     Ok(coarse.map(|coarse| coarse.triangles()))
+}
+
+/// What each of several maps of a field costs to unfold without integers, in evaluations of all triangles; `None` for one that
+/// stays folded.
+#[cfg(feature = "testing")]
+pub(crate) fn unfolding_costs(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &[MapOptions],
+    run: On<'_>,
+) -> Result<Vec<Option<f64>>, Error> {
+    let last = LastUpright::default();
+    let of = |options: &MapOptions| {
+        let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
+        let effort = Effort::of(charts.len());
+        let unfolding = Unfolding {
+            effort: &effort,
+            last: &last,
+        };
+        let all = effort.left();
+        let system = System::new(&cut, &seams, &charts);
+        match Making::new(frames, field, system, unfolding, run).relaxed() {
+            Ok(_) => Ok(Some((all - effort.left()) as f64 / charts.len() as f64)),
+            Err(Error::Folded { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    };
+    options.iter().map(of).collect()
 }
 
 /// What the best map without integers is like, folded or not.
@@ -196,9 +230,13 @@ pub(crate) fn relaxation(
     run: On<'_>,
 ) -> Result<Relaxation, Error> {
     let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
-    let effort = Effort::of(charts.len());
+    let (effort, last) = Unfolding::alone(charts.len());
+    let unfolding = Unfolding {
+        effort: &effort,
+        last: &last,
+    };
     let system = System::new(&cut, &seams, &charts);
-    let mut making = Making::new(frames, field, system, &effort, run);
+    let mut making = Making::new(frames, field, system, unfolding, run);
     let Optimum { corners, .. } = making.optimum()?;
     let of = |(chart, uv): (&Chart, &[[f64; 2]; 3])| chart.jacobian(uv);
     Ok(Relaxation {
@@ -225,9 +263,7 @@ struct Making<'a> {
     /// How much each triangle counts.
     weights: Vec<f64>,
     report: MapReport,
-    effort: &'a Effort,
-    /// See [`Unfolding::last`]; `None` where no other map follows.
-    last: Option<&'a LastUpright>,
+    unfolding: Unfolding<'a>,
     run: On<'a>,
 }
 
@@ -252,7 +288,7 @@ impl<'a> Making<'a> {
         frames: &'a Frames,
         field: &'a CrossField,
         system: System<'a>,
-        effort: &'a Effort,
+        unfolding: Unfolding<'a>,
         run: On<'a>,
     ) -> Self {
         Self {
@@ -264,8 +300,7 @@ impl<'a> Making<'a> {
                 ..MapReport::default()
             },
             system,
-            effort,
-            last: None,
+            unfolding,
             run,
         }
     }
@@ -307,52 +342,19 @@ impl<'a> Making<'a> {
 
     /// The optimum, unfolded where it folds: no rounding could mend that, and the integers of a folded map are wrong ones.
     ///
-    /// From where the last map of the same field ended, if there was one. Else tried twice: from the optimum itself, for
-    /// all but a third of the effort that is left, or until a vertex is seen that it cannot help; and from the optimum whose
-    /// stars of many quads were laid out by hand ([`wound`]), since no energy that only turns triangles upright adds a full
-    /// turn around a vertex. What is still folded then is an error that no other spacing would mend.
+    /// From where the last map of the same field ended, if there was one, else from the optimum. What is still folded
+    /// then is an error that no other spacing would mend.
     fn relaxed(&mut self) -> Result<Relaxed, Error> {
-        let Optimum {
-            weighted,
-            quadratic,
-            factor,
-            mut y,
-            mut corners,
-        } = self.optimum()?;
+        let optimum = self.optimum()?;
         if self.report.relaxed_folded == 0 {
             return Ok(Relaxed {
-                weighted,
-                quadratic,
-                corners,
+                weighted: optimum.weighted,
+                quadratic: optimum.quadratic,
+                corners: optimum.corners,
             });
         }
-        let schur = |z: &mut [f64]| {
-            let solved = factor.solve(&DVector::from_column_slice(z));
-            z.copy_from_slice(solved.as_slice());
-        };
-        let mut moves = Moves {
-            weighted: &weighted,
-            integers: Some(&schur),
-            held: Vec::new(),
-            effort: self.effort,
-            is_lost: &|corners: &[[[f64; 2]; 3]]| self.has_stuck_cone(corners),
-        };
-        let last = self.last.and_then(LastUpright::take);
-        if let Some(last) = last.filter(|y| self.invalid(&self.system.corners(y)) == (0, 0)) {
-            y = last;
-            untangle(&self.system, &mut y, &moves, self.run)?;
-        } else {
-            let folded = y.clone();
-            let reserve = self.effort.share(3);
-            untangle(&self.system, &mut y, &moves, self.run)?;
-            self.effort.give_back(&reserve);
-            if self.invalid(&self.system.corners(&y)) != (0, 0) {
-                y = folded;
-                moves.held = wound(&self.system, self.frames, self.field, &mut y);
-                untangle(&self.system, &mut y, &moves, self.run)?;
-            }
-        }
-        corners = self.system.corners(&y);
+        let y = self.unfolded_optimum(optimum)?;
+        let corners = self.system.corners(&y);
         let (triangles, cones) = self.invalid(&corners);
         if triangles + cones > 0 {
             return Err(Error::Folded {
@@ -362,9 +364,8 @@ impl<'a> Making<'a> {
                 relaxed: true,
             });
         }
-        if let Some(last) = self.last {
-            *last.borrow_mut() = Some(y);
-        }
+        self.unfolding.last.replace(Some(y));
+        // Rounding starts from here, and has to keep what unfolding has reached.
         self.want(&corners);
         let weighted = self.system.weighted(&self.weights)?;
         let (s, right) = weighted.schur()?;
@@ -373,6 +374,75 @@ impl<'a> Making<'a> {
             weighted,
             corners,
         })
+    }
+
+    /// The unknowns after unfolding with all of them free.
+    fn unfolded_optimum(&self, optimum: Optimum) -> Result<Vec<f64>, Error> {
+        let factor = optimum.factor;
+        let schur = |z: &mut [f64]| {
+            let solved = factor.solve(&DVector::from_column_slice(z));
+            z.copy_from_slice(solved.as_slice());
+        };
+        // A map upright at one spacing is so at any, and only has to settle.
+        let last = self.unfolding.last.take().map(|y| self.fitted(y));
+        let last = last.filter(|y| self.is_valid(y));
+        let mut y = optimum.y;
+        for start in last.into_iter().chain([std::mem::take(&mut y)]) {
+            y = start;
+            if self.untangled(&optimum.weighted, Some(&schur), &mut y)? {
+                break;
+            }
+        }
+        Ok(y)
+    }
+
+    /// The same map as large as fits best, in least squares.
+    fn fitted(&self, mut y: Vec<f64>) -> Vec<f64> {
+        let (mut along, mut squared) = (0.0, 0.0);
+        let charts = self.system.charts.iter().zip(&self.system.wanted);
+        for ((chart, wanted), uv) in charts.zip(&self.system.corners(&y)) {
+            let j = chart.jacobian(uv);
+            for (j, w) in j.as_flattened().iter().zip(wanted.as_flattened()) {
+                along += chart.area * j * w;
+                squared += chart.area * j * j;
+            }
+        }
+        if along > 0.0 {
+            y.iter_mut().for_each(|y| *y *= along / squared);
+        }
+        y
+    }
+
+    /// Untangles; is the map upright now?
+    ///
+    /// Tried twice: from where it is, for all but a third of the effort that is left, or until a vertex is seen that it
+    /// cannot help; and from there with the stars of many quads laid out by hand ([`wound`]), since no energy that only
+    /// turns triangles upright adds a full turn around a vertex.
+    fn untangled(
+        &self,
+        weighted: &Weighted,
+        integers: Option<Solver<'_>>,
+        y: &mut [f64],
+    ) -> Result<bool, Error> {
+        let effort = self.unfolding.effort;
+        let mut moves = Moves {
+            weighted,
+            integers,
+            held: Vec::new(),
+            effort,
+            is_lost: &|corners: &[[[f64; 2]; 3]]| self.has_stuck_cone(corners),
+        };
+        let folded = y.to_vec();
+        let reserve = effort.share(3);
+        untangle(&self.system, y, &moves, self.run)?;
+        effort.give_back(&reserve);
+        if self.is_valid(y) {
+            return Ok(true);
+        }
+        y.copy_from_slice(&folded);
+        moves.held = wound(&self.system, self.frames, self.field, y);
+        untangle(&self.system, y, &moves, self.run)?;
+        Ok(self.is_valid(y))
     }
 
     /// Makes a map the optimum: its gradients are wanted in place of the field's, the more strictly the narrower it is.
@@ -399,6 +469,10 @@ impl<'a> Making<'a> {
             has_wrong_angle(frames, field, corners, v)
                 && frames.around(v).all(|h| is_upright(h / 3))
         })
+    }
+
+    fn is_valid(&self, y: &[f64]) -> bool {
+        self.invalid(&self.system.corners(y)) == (0, 0)
     }
 
     /// Triangles that are not upright, and vertices around which they turn too far or not far enough.
@@ -465,8 +539,7 @@ impl<'a> Making<'a> {
 
     /// Stiffer triangles where the map folds, then untangling, the integers held.
     ///
-    /// Untangling is tried twice as in the relaxed map. What comes out may still be folded: the check afterwards says
-    /// so, and counts.
+    /// What comes out may still be folded: the check afterwards says so, and counts.
     fn unfold(&mut self, weighted: &Weighted, y: &mut [f64]) -> Result<(), Error> {
         let reals = self.system.seams.reals;
         let mut corners = self.system.corners(y);
@@ -489,24 +562,8 @@ impl<'a> Making<'a> {
             return Ok(());
         }
         self.report.untangled = true;
-        let folded = y.to_vec();
-        let share = self.effort.share(3);
-        let mut moves = Moves {
-            weighted,
-            integers: None,
-            held: Vec::new(),
-            effort: &share,
-            is_lost: &|corners: &[[[f64; 2]; 3]]| self.has_stuck_cone(corners),
-        };
-        untangle(&self.system, y, &moves, self.run)?;
-        self.effort.give_back(&share);
-        if self.invalid(&self.system.corners(y)) == (0, 0) {
-            return Ok(());
-        }
-        y.copy_from_slice(&folded);
-        moves.held = wound(&self.system, self.frames, self.field, y);
-        moves.effort = self.effort;
-        untangle(&self.system, y, &moves, self.run)
+        self.untangled(weighted, None, y)?;
+        Ok(())
     }
 }
 

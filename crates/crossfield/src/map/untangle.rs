@@ -65,9 +65,14 @@ impl Effort {
         left.is_some()
     }
 
+    /// What is left.
+    pub(crate) fn left(&self) -> u64 {
+        self.0.get()
+    }
+
     /// Is nothing left?
     pub(crate) fn is_spent(&self) -> bool {
-        self.0.get() == 0
+        self.left() == 0
     }
 }
 
@@ -83,6 +88,13 @@ pub(crate) struct Unfolding<'a> {
     pub(crate) effort: &'a Effort,
     /// Of the same field: upright at any spacing, it is where the next map starts.
     pub(crate) last: &'a LastUpright,
+}
+
+impl Unfolding<'_> {
+    /// What a single map of so many triangles may use.
+    pub(crate) fn alone(triangles: usize) -> (Effort, LastUpright) {
+        (Effort::of(triangles), LastUpright::default())
+    }
 }
 
 /// What moves.
@@ -102,13 +114,13 @@ pub(crate) struct Moves<'a> {
 
 /// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`
 /// (Garanzha et al., *Foldover-free maps in 50 lines of code*, 2021), by L-BFGS. ε falls as theirs does, by what a round has
-/// gained and by the worst determinant. A map that cannot be unfolded comes out folded.
+/// gained and by the worst determinant, and to twice that at once. A map that cannot be unfolded comes out folded.
 ///
 /// `y` are all unknowns, reals first; those that may move are the reals, and the integers as well if `moves` has a solver
 /// for them. With ε above 0 the energy is finite everywhere, so that any map may be the start. A round is a minimization
 /// for one ε, of at most [`STEPS`] steps, and there are at most [`ROUNDS`] of them. A map that is still folded is given up
-/// when the effort is spent, when its worst determinant has not risen for [`STALLED`] rounds, or when it is lost. Of an upright one ε falls
-/// on until a round gains less than [`SETTLED`], so that what comes out is also smooth.
+/// when the effort is spent, when its worst determinant has not risen for [`STALLED`] rounds, or when it is lost. Of an
+/// upright one ε falls on until a round gains less than [`SETTLED`], so that what comes out is also smooth.
 pub(crate) fn untangle(
     system: &System<'_>,
     y: &mut [f64],

@@ -219,12 +219,32 @@ impl Cells {
 
     /// The scaled Jacobian of an element.
     pub(crate) fn jacobian(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
-        of_element(self, e, &vertices.positions, &vertices.normals)
+        self.jacobian_at(e, &vertices.positions, &vertices.normals)
+    }
+
+    /// The same of places, with the surface's normals there.
+    pub(crate) fn jacobian_at(&self, e: usize, positions: &[Point3], normals: &[Vector3]) -> f64 {
+        self.over_quads(e, positions, normals, scaled_jacobian)
     }
 
     /// The same, rising also where the element lies on its back.
     pub(crate) fn upright_jacobian(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
-        upright(self, e, &vertices.positions, &vertices.normals)
+        self.over_quads(e, &vertices.positions, &vertices.normals, upright_jacobian)
+    }
+
+    /// The least of the quads of an element, each seen along the sum of the element's normals.
+    fn over_quads(
+        &self,
+        e: usize,
+        positions: &[Point3],
+        normals: &[Vector3],
+        of: impl Fn(&[Point3; 4], &Vector3) -> f64,
+    ) -> f64 {
+        let quads = self.of_element(e);
+        let vertices = quads.as_flattened().iter().map(|&n| n as usize);
+        let normal = vertices.filter_map(|n| normals.get(n)).sum();
+        let of = |quad: &[u32; 4]| of(&quad.map(|n| self.node(n, positions)), &normal);
+        least(quads.iter().map(of))
     }
 
     /// Unit normals of all nodes.
@@ -349,37 +369,4 @@ impl Elements for Cells {
             Method::Corners => barrier(smallest),
         }
     }
-}
-
-/// The scaled Jacobian of one element.
-pub(crate) fn of_element(
-    cells: &Cells,
-    e: usize,
-    positions: &[Point3],
-    normals: &[Vector3],
-) -> f64 {
-    over_quads(cells, e, positions, normals, scaled_jacobian)
-}
-
-/// As [`of_element`], by [`upright_jacobian`].
-fn upright(cells: &Cells, e: usize, positions: &[Point3], normals: &[Vector3]) -> f64 {
-    over_quads(cells, e, positions, normals, upright_jacobian)
-}
-
-/// The least of the quads of an element, each seen along the sum of the element's normals.
-fn over_quads(
-    cells: &Cells,
-    e: usize,
-    positions: &[Point3],
-    normals: &[Vector3],
-    of: impl Fn(&[Point3; 4], &Vector3) -> f64,
-) -> f64 {
-    let quads = cells.of_element(e);
-    let vertices = quads
-        .iter()
-        .flatten()
-        .filter(|&&n| (n as usize) < normals.len());
-    let normal: Vector3 = vertices.map(|&n| normals[n as usize]).sum();
-    let of = |quad: &[u32; 4]| of(&quad.map(|n| cells.node(n, positions)), &normal);
-    quads.iter().map(of).fold(f64::INFINITY, f64::min)
 }

@@ -3,7 +3,7 @@
 use geom_core::Vector3;
 pub use geom_core::mesh::quality::JacobianSummary;
 
-use super::cells::{Cells, of_element};
+use super::cells::Cells;
 use crate::TMesh;
 use crate::options::Method;
 
@@ -13,6 +13,6 @@ use crate::options::Method;
 pub fn scaled_jacobians(mesh: &TMesh, normals: &[Vector3]) -> Vec<f64> {
     let cells = Cells::new(mesh, mesh.positions(), Method::Corners);
     (0..mesh.elements().len())
-        .map(|e| of_element(&cells, e, mesh.positions(), normals))
+        .map(|e| cells.jacobian_at(e, mesh.positions(), normals))
         .collect()
 }

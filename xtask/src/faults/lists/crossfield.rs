@@ -137,6 +137,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("backends::gpu::distortions_follow_cpu"),
     Fault::wrong(
+        "the next map of a field starts anew",
+        "crates/crossfield/src/map/parameterize.rs",
+        "last.filter(|y| self.is_valid(y))",
+        "last.filter(|y| !self.is_valid(y))",
+    )
+    .seen_by("laws::the_next_map_of_a_field_starts_upright"),
+    Fault::wrong(
+        "a star that turns too little is unfolded to the end",
+        "crates/crossfield/src/map/untangle.rs",
+        "if energy.epsilon < FIRM && (moves.is_lost)",
+        "if energy.epsilon < 0.0 && (moves.is_lost)",
+    )
+    .seen_by("laws::a_star_that_turns_too_little_is_not_waited_for"),
+    Fault::wrong(
         "quads that share two sides stay two",
         "crates/crossfield/src/quads/improve/change.rs",
         "if star.quads.len() == 2 {",

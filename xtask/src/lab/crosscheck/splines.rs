@@ -93,7 +93,14 @@ fn compare(lab: &mut Lab, name: &str, surface: &Surface) -> Outcome {
     let patches = surface.patches().len() as i64;
     lab.same(&what("step: faces"), patches, integer(&theirs, "faces")?);
     lab.same(&what("step: solids"), 1, integer(&theirs, "solids")?);
-    lab.near(&what("step: area"), area, number(&theirs, "area")?, 1e-9);
+    lab.near(
+        &what("step: area by our rule"),
+        area,
+        number(&theirs, "area")?,
+        1e-9,
+    );
+    let finely = number(&theirs, "area_finely")?;
+    lab.near(&what("step: area by a finer rule"), area, finely, 1e-6);
     let enclosed = number(&theirs, "volume")?;
     lab.near(&what("step: volume"), volume, enclosed, 1e-9);
     lab.same(

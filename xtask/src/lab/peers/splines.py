@@ -16,16 +16,18 @@ import vtk
 PLACES = (0.0, 0.3, 1.0)
 
 
-def area(face):
-    """By the rule that ours takes, of 10 x 10 points: where a patch is nearly folded, the integrand has a kink, and different
-    rules differ by more than the surfaces could."""
+def area(face, points, pieces=1):
+    """By Gauss's rule of points x points on pieces x pieces parts: where a patch is nearly folded, the integrand has a kink,
+    and rules differ by more than surfaces do."""
     (u0, v0), (u1, v1) = gmsh.model.getParametrizationBounds(2, face)
-    x, w = np.polynomial.legendre.leggauss(10)
-    u, v = np.meshgrid(u0 + (u1 - u0) * (x + 1) / 2, v0 + (v1 - v0) * (x + 1) / 2, indexing="ij")
+    x, w = np.polynomial.legendre.leggauss(points)
+    x = np.concatenate([(k + (x + 1) / 2) / pieces for k in range(pieces)])
+    w = np.tile(w / 2 / pieces, pieces)
+    u, v = np.meshgrid(u0 + (u1 - u0) * x, v0 + (v1 - v0) * x, indexing="ij")
     at = np.stack([u.ravel(), v.ravel()], axis=1).ravel()
     tangents = np.array(gmsh.model.getDerivative(2, face, at)).reshape(-1, 6)
     normals = np.cross(tangents[:, :3], tangents[:, 3:])
-    return float(np.outer(w, w).ravel() @ np.linalg.norm(normals, axis=1)) * (u1 - u0) * (v1 - v0) / 4
+    return float(np.outer(w, w).ravel() @ np.linalg.norm(normals, axis=1)) * (u1 - u0) * (v1 - v0)
 
 
 def measured(file):
@@ -37,7 +39,8 @@ def measured(file):
     answer = {
         "faces": len(faces),
         "solids": len(solids),
-        "area": sum(area(face) for _, face in faces),
+        "area": sum(area(face, 10) for _, face in faces),
+        "area_finely": sum(area(face, 16, 2) for _, face in faces),
         "volume": sum(gmsh.model.occ.getMass(*s) for s in solids),
     }
     gmsh.finalize()

@@ -13,7 +13,7 @@ use super::{OFF_TARGET, Rungs};
 use crate::anisotropy::Metric;
 use crate::error::Error;
 use crate::field::CrossField;
-use crate::map::{LastUpright, MapOptions, MapReport, Spread, Unfolding, parameterized};
+use crate::map::{Laid, LastUpright, MapOptions, MapReport, Spread, Unfolding, parameterized};
 use crate::options::Size;
 
 /// How many times more quads than wanted are refused, unless they are few.
@@ -156,39 +156,13 @@ impl Lay {
         wanted: f64,
         rungs: &Rungs<'_>,
     ) -> Result<Mapped, Error> {
-        let Mapping {
-            part,
-            smooth,
-            field,
-            metric,
-            ref last,
-        } = *ground;
-        let most = self.tried + CLOSER;
+        let part = ground.part;
+        let last_try = self.tried + CLOSER;
         loop {
-            let map_options = MapOptions {
-                spacing: smooth.spacing(spacing, &self.closer, metric, field),
-                lines: part.lines.iter().map(|&h| h as u32).collect(),
-            };
-            let effort = rungs.effort.share(2);
-            let unfolding = Unfolding {
-                effort: &effort,
-                last,
-            };
-            let Smooth { mesh, frames, .. } = smooth;
-            let nested = rungs.options.nested;
-            let vain = |spread: &Spread| self.tried < most && is_vain(spread, nested);
-            let map = parameterized(
-                mesh,
-                frames,
-                field,
-                &map_options,
-                unfolding,
-                vain,
-                rungs.run,
-            );
-            rungs.effort.give_back(&effort);
+            let may_retry = self.tried < last_try;
+            let map = self.laid(ground, spacing, may_retry, rungs)?;
             // The map of the smoothed triangles is one of those that they were, too.
-            let (sources, quads, report) = lines(map?, frames, nested)?;
+            let (sources, quads, report) = lines(map, &ground.smooth.frames, rungs.options.nested)?;
             if quads.len() > FEW.max((MOST * wanted) as usize) {
                 return Err(Error::TooMany {
                     quads: quads.len(),
@@ -196,13 +170,14 @@ impl Lay {
                 });
             }
             let tangled = tangled(&quads);
-            if tangled.is_empty() || self.tried == most {
+            if tangled.is_empty() || !may_retry {
                 let positions = sources.iter().map(|p| p.position(&part.mesh)).collect();
                 let quads = QuadMesh::new(positions, quads)?;
                 check(&quads, &part.mesh)?;
                 let quads = rungs.finish.finished(quads, part)?;
                 return Ok((quads, self.tried, report));
             }
+            // One quad around a tube needs closer lines than two.
             self.tried += 1;
             for (around, ratio) in (1..).zip(RATIO) {
                 let near = tangled.iter().filter(|t| t.1 == around);
@@ -210,6 +185,39 @@ impl Lay {
                 lay_closer(part, &near, spacing, ratio, &mut self.closer)?;
             }
         }
+    }
+
+    /// The map of the field with lines as close as they are to be laid now. If lines may be laid closer after it, one whose
+    /// quads would be no mesh is not made whole.
+    fn laid(
+        &self,
+        ground: &Mapping<'_>,
+        spacing: f64,
+        may_retry: bool,
+        rungs: &Rungs<'_>,
+    ) -> Result<Laid, Error> {
+        let Mapping {
+            part,
+            smooth,
+            field,
+            metric,
+            last,
+        } = ground;
+        let Smooth { mesh, frames, .. } = smooth;
+        let options = MapOptions {
+            spacing: smooth.spacing(spacing, &self.closer, *metric, field),
+            lines: part.lines.iter().map(|&h| h as u32).collect(),
+        };
+        let vain = |spread: &Spread| may_retry && is_vain(spread, rungs.options.nested);
+        // The other half is for closer lines and other fields.
+        let effort = rungs.effort.share(2);
+        let unfolding = Unfolding {
+            effort: &effort,
+            last,
+        };
+        let map = parameterized(mesh, frames, field, &options, unfolding, vain, rungs.run);
+        rungs.effort.give_back(&effort);
+        map
     }
 }
 

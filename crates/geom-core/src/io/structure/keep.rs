@@ -278,9 +278,11 @@ impl Records {
             }
         }
         report.altlocs = kept.iter().filter(|k| !**k).count();
-        let mut next = kept.iter();
-        self.records
-            .retain(|_| *next.next().expect("one flag per record"));
+        let mut i = 0;
+        self.records.retain(|_| {
+            i += 1;
+            kept[i - 1]
+        });
     }
 
     /// From the file as a whole or not at all. The lower bound comes last, so that it holds for all sources.

@@ -279,8 +279,8 @@ pub fn write(structure: &Structure, mut w: impl Write) -> Result<(), Error> {
                         w,
                         "{record:<6} {serial:>5} {:<4} {:<4} {chain:<1} {place:>5} {:>9.4} {:>9.4} \
                          {:>9.4} {:>8.4} {:>7.4}",
-                        placeholder(atom.name),
-                        placeholder(residue.name),
+                        placeholder(&atom.name),
+                        placeholder(&residue.name),
                         p.x,
                         p.y,
                         p.z,
@@ -297,12 +297,8 @@ pub fn write(structure: &Structure, mut w: impl Write) -> Result<(), Error> {
 }
 
 /// Fields of a row cannot be empty.
-fn placeholder(name: Name) -> Name {
-    if name.is_empty() {
-        Name::new("X").expect("a short name")
-    } else {
-        name
-    }
+fn placeholder(name: &Name) -> &str {
+    if name.is_empty() { "X" } else { name.as_str() }
 }
 
 /// Saves a structure as a PQR file.

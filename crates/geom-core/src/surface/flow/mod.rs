@@ -17,6 +17,8 @@ mod wgpu;
 
 pub use self::backend::{Corner, CornerBackend, CornerDistortion, CornerObject};
 pub use self::search::{Search, Straightening};
+#[cfg(feature = "wgpu")]
+pub use self::wgpu::distortions;
 
 use std::borrow::Cow;
 
