@@ -77,8 +77,8 @@ Examples:
 Assemblies are not copied: the atoms of a tile are made when it asks for them. Vertices lie where the values of the
 lattice cross the surface. Outputs: volume.pvtu and parts/part_N.vtu (regions and boundaries by name, the nearest atom of
 each vertex, global numbers, two layers of ghosts), the same as parts/volume_N.msh for Gmsh, from 1 on, of up to 32,767 tiles;
-volume.vtu, volume.msh, volume.png and surface.ply/.glb/.png where the whole fits into --max-memory; report.json with the
-digest of the mesh and what each rank has held, sent and put aside.";
+in one process volume.vtu, volume.msh, volume.png and surface.ply/.glb/.png, too, where the whole fits into --max-memory;
+report.json with the digest of the mesh and what each rank has held, sent and put aside.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {
