@@ -41,6 +41,14 @@ pub enum Error {
         /// Quads wanted.
         wanted: usize,
     },
+    /// Quads of the map face the wrong way wherever their vertices are moved.
+    #[error(
+        "{quads} quads of the map face the wrong way; a smaller spacing or a smaller smoothing helps"
+    )]
+    Inverted {
+        /// So many.
+        quads: usize,
+    },
     /// The rungs before have done the work that a surface of so many triangles is worth.
     #[error(
         "the work that so many triangles are worth has been done; fewer quads or a larger smoothing help"

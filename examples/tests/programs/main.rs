@@ -737,6 +737,21 @@ fn fields_and_quads_of_a_mesh_and_of_a_structure() {
     );
 }
 
+/// A protein's surface has tunnels that one or two quads would go around: its integers are chosen so that three do, and no
+/// lines need to be laid closer.
+#[test]
+fn quads_go_around_the_tunnels_of_a_protein() {
+    let folder = tempfile::tempdir().unwrap();
+    let args = [&fixture("1AJJ.pdb"), "--spacing", "1"];
+    let report = undrawn_report_of("08_quads", &args, &folder.path().join("quads"));
+    let part = &report["parts"][0];
+    assert_ne!(part["rung"], "split", "{part}");
+    assert_eq!(part["closer"], 0, "{part}");
+    assert!(part["map"]["respaced"].as_bool().unwrap(), "{part}");
+    assert!(report["counts"]["irregular"].as_u64().unwrap() < 100);
+    assert_eq!(report["scaled_jacobian"]["below_0_3"], 0);
+}
+
 #[test]
 fn quads_are_narrow_where_a_field_is_steep() {
     let folder = tempfile::tempdir().unwrap();

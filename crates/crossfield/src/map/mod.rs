@@ -57,16 +57,19 @@ pub(crate) mod exact;
 mod integers;
 mod net;
 mod parameterize;
+mod scope;
 mod spacing;
 mod system;
 mod transition;
+mod unfold;
 mod untangle;
+mod wind;
 
-pub(crate) use integers::Spread;
 #[cfg(feature = "testing")]
 pub(crate) use integers::inverse;
+pub(crate) use integers::{AtLeast, Spread};
 pub(crate) use net::Net;
-pub(crate) use parameterize::{Laid, Relaxation, parameterized, relaxation};
+pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]
 pub(crate) use parameterize::{decimated, unfolding_costs};
 pub(crate) use untangle::{Effort, LastUpright, Unfolding};

@@ -8,16 +8,17 @@ use geom_core::nalgebra::{Cholesky, DVector, Dyn};
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
-use super::cones::{has_wrong_angle, wound};
+use super::cones::has_wrong_angle;
 use super::cut::Cut;
 use super::exact::{BITS, GridMap, MapReport, fixed, wrong_cones};
-use super::integers::{Coarse, Quadratic, Spread};
+use super::integers::{AtLeast, Coarse, Quadratic, Spread, Upright};
 use super::spacing::{Chart, Spacing, charts, determinant};
-use super::system::{Solver, System, Weighted};
+use super::system::{System, Weighted};
 use super::transition::Seams;
+use super::unfold::Unfolder;
+use super::untangle::Unfolding;
 #[cfg(feature = "testing")]
 use super::untangle::{Effort, LastUpright};
-use super::untangle::{Moves, Unfolding, untangle};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
@@ -27,6 +28,9 @@ use crate::field::frames::Frames;
 /// Each is a factorization with the same pattern: cheap compared with untangling, and enough for single folded
 /// triangles.
 const STIFFENINGS: usize = 8;
+
+/// How often conditions for wider handles and necks are added.
+const WIDENINGS: usize = 30;
 
 /// What the map should be like.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,11 +69,28 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
         effort: &effort,
         last: &last,
     };
-    match parameterized(mesh, frames, field, options, unfolding, |_| false, run)? {
+    match parameterized(mesh, frames, field, options, unfolding, None, run)? {
         Laid::Whole(map) => Ok(map),
         Laid::Decimated(_, error) => Err(error),
         Laid::Vain(_) => unreachable!("no map is called vain"),
     }
+}
+
+/// Where the quads of a decimated map are no mesh.
+#[derive(Debug, Default)]
+pub(crate) struct Narrow {
+    /// Is there such a place?
+    pub(crate) anywhere: bool,
+    /// What would widen the handles and necks there, as far as that can be said in integers.
+    pub(crate) wider: Vec<AtLeast>,
+}
+
+/// How such places are found, and what then.
+#[derive(Clone, Copy)]
+pub(crate) struct Widening<'a> {
+    pub(crate) narrow: &'a dyn Fn(&Spread) -> Narrow,
+    /// Is a map that keeps such places worth no more work, because lines will be laid closer there?
+    pub(crate) may_be_vain: bool,
 }
 
 /// What came of a field.
@@ -82,14 +103,15 @@ pub(crate) enum Laid {
     Vain(Box<Spread>),
 }
 
-/// The same for not more than so much work; a decimated map that is `vain` is not made one of all triangles.
+/// The same for not more than so much work, with handles and necks made wider as far as that can be, if asked for. A decimated
+/// map that is vain then is not made one of all triangles.
 pub(crate) fn parameterized(
     mesh: &TriMesh,
     frames: &Frames,
     field: &CrossField,
     options: &MapOptions,
     unfolding: Unfolding<'_>,
-    vain: impl Fn(&Spread) -> bool,
+    widening: Option<Widening<'_>>,
     run: On<'_>,
 ) -> Result<Laid, Error> {
     let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
@@ -102,26 +124,22 @@ pub(crate) fn parameterized(
         mut y,
         stage,
         coarse,
-    } = making.quantized(&relaxed)?;
+    } = making.quantized(&relaxed, widening)?;
     run.progress("map", 2, 3)?;
     let spread = coarse
-        .and_then(|coarse| {
-            let integers = &y[seams.reals..];
-            coarse.spread(
-                integers,
-                BITS,
-                relaxed.corners,
-                cut.turn.clone(),
-                making.report,
-            )
-        })
-        .filter(|spread| wrong_cones(&spread.net, &field.index, &spread.map) == 0)
+        .and_then(|coarse| making.spread(&coarse, &y[seams.reals..], &relaxed.corners))
         .map(Box::new);
+    let is_vain =
+        |spread: &Spread| widening.is_some_and(|w| w.may_be_vain && (w.narrow)(spread).anywhere);
     let spread = match spread {
-        Some(spread) if vain(&spread) => return Ok(Laid::Vain(spread)),
+        Some(spread) if is_vain(&spread) => return Ok(Laid::Vain(spread)),
         spread => spread,
     };
+    // With a decimated map to fall back on, no more than a little.
+    let share = unfolding.effort.share(if spread.is_some() { 8 } else { 1 });
+    making.unfolding.effort = &share;
     making.unfold(&relaxed.weighted, &mut y)?;
+    unfolding.effort.give_back(&share);
     making.report.energy = making.system.energy(&making.system.corners(&y));
     match (
         fixed(frames, field, &cut, &seams, &y, stage, making.report),
@@ -305,6 +323,16 @@ impl<'a> Making<'a> {
         }
     }
 
+    fn unfolder(&self) -> Unfolder<'_> {
+        Unfolder {
+            system: &self.system,
+            frames: self.frames,
+            field: self.field,
+            effort: self.unfolding.effort,
+            run: self.run,
+        }
+    }
+
     /// The same as [`faults`] for the triangles of this map.
     fn faults(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
         faults(self.frames, self.field, self.system.charts, corners)
@@ -355,7 +383,7 @@ impl<'a> Making<'a> {
         }
         let y = self.unfolded_optimum(optimum)?;
         let corners = self.system.corners(&y);
-        let (triangles, cones) = self.invalid(&corners);
+        let (triangles, cones) = self.unfolder().invalid(&corners);
         if triangles + cones > 0 {
             return Err(Error::Folded {
                 triangles,
@@ -385,11 +413,14 @@ impl<'a> Making<'a> {
         };
         // A map upright at one spacing is so at any, and only has to settle.
         let last = self.unfolding.last.take().map(|y| self.fitted(y));
-        let last = last.filter(|y| self.is_valid(y));
+        let last = last.filter(|y| self.unfolder().is_valid(y));
         let mut y = optimum.y;
         for start in last.into_iter().chain([std::mem::take(&mut y)]) {
             y = start;
-            if self.untangled(&optimum.weighted, Some(&schur), &mut y)? {
+            if self
+                .unfolder()
+                .untangled(&optimum.weighted, Some(&schur), &mut y)?
+            {
                 break;
             }
         }
@@ -413,38 +444,6 @@ impl<'a> Making<'a> {
         y
     }
 
-    /// Untangles; is the map upright now?
-    ///
-    /// Tried twice: from where it is, for all but a third of the effort that is left, or until a vertex is seen that it
-    /// cannot help; and from there with the stars of many quads laid out by hand ([`wound`]), since no energy that only
-    /// turns triangles upright adds a full turn around a vertex.
-    fn untangled(
-        &self,
-        weighted: &Weighted,
-        integers: Option<Solver<'_>>,
-        y: &mut [f64],
-    ) -> Result<bool, Error> {
-        let effort = self.unfolding.effort;
-        let mut moves = Moves {
-            weighted,
-            integers,
-            held: Vec::new(),
-            effort,
-            is_lost: &|corners: &[[[f64; 2]; 3]]| self.has_stuck_cone(corners),
-        };
-        let folded = y.to_vec();
-        let reserve = effort.share(3);
-        untangle(&self.system, y, &moves, self.run)?;
-        effort.give_back(&reserve);
-        if self.is_valid(y) {
-            return Ok(true);
-        }
-        y.copy_from_slice(&folded);
-        moves.held = wound(&self.system, self.frames, self.field, y);
-        untangle(&self.system, y, &moves, self.run)?;
-        Ok(self.is_valid(y))
-    }
-
     /// Makes a map the optimum: its gradients are wanted in place of the field's, the more strictly the narrower it is.
     ///
     /// A second optimum with the old wishes would fold again. The weights are those under which the smaller singular
@@ -460,39 +459,17 @@ impl<'a> Making<'a> {
         }
     }
 
-    /// Is there a vertex with upright triangles alone that turn too far or not far enough around it? They would have to fold
-    /// before they could turn right.
-    fn has_stuck_cone(&self, corners: &[[[f64; 2]; 3]]) -> bool {
-        let is_upright = |f: usize| self.system.charts[f].determinant(&corners[f]) > 0.0;
-        let (frames, field) = (self.frames, self.field);
-        (0..frames.edges().vertices()).any(|v| {
-            has_wrong_angle(frames, field, corners, v)
-                && frames.around(v).all(|h| is_upright(h / 3))
-        })
-    }
-
-    fn is_valid(&self, y: &[f64]) -> bool {
-        self.invalid(&self.system.corners(y)) == (0, 0)
-    }
-
-    /// Triangles that are not upright, and vertices around which they turn too far or not far enough.
-    fn invalid(&self, corners: &[[[f64; 2]; 3]]) -> (usize, usize) {
-        let all = self.system.charts.iter().zip(corners);
-        let upright = all.filter(|(chart, uv)| chart.determinant(uv) > 0.0);
-        let triangles = corners.len() - upright.count();
-        let cones = (0..self.frames.edges().vertices())
-            .filter(|&v| has_wrong_angle(self.frames, self.field, corners, v))
-            .count();
-        (triangles, cones)
-    }
-
     /// Integers and the reals that follow them. Where rounding lays singular vertices onto each other, other integers are
     /// found, on a denser grid if need be and brought back, that hold the decimated map upright.
     ///
     /// Three outcomes: the rounded integers, where nothing folds, or the decimated map is upright with them, or there is no
     /// decimated map to judge them by; those found under the conditions of the decimated map; and an error, if there are
     /// none on denser grids either.
-    fn quantized(&mut self, relaxed: &Relaxed) -> Result<Rounded, Error> {
+    fn quantized(
+        &mut self,
+        relaxed: &Relaxed,
+        widening: Option<Widening<'_>>,
+    ) -> Result<Rounded, Error> {
         let Relaxed {
             weighted,
             quadratic,
@@ -511,30 +488,73 @@ impl<'a> Making<'a> {
         let System { cut, seams, .. } = self.system;
         let decimated = Coarse::of(self.frames, self.field, cut, seams, corners)
             .and_then(|coarse| coarse.upright().map(|upright| (coarse, upright)));
-        let Some((coarse, upright)) = decimated else {
+        let Some((coarse, mut upright)) = decimated else {
             let stage = "rounding without a decimated map";
             return Ok(Rounded { stage, ..direct });
         };
-        let coarse = Some(coarse);
-        if upright.holds(&rounded) {
-            return Ok(Rounded { coarse, ..direct });
-        }
-        match quadratic.rounded_within(&upright, self.run)? {
-            Some(z) => {
-                self.report.respaced = true;
-                with("rounding to other integers", coarse, &z)
-            }
-            None => {
+        let mut z = rounded;
+        if !upright.holds(&z) {
+            let is_right = |z: &[f64]| self.spread(&coarse, z, corners).is_some();
+            let Some(other) = quadratic.rounded_within(&upright, &is_right, self.run)? else {
                 // No real numbers can mend what the integers fold.
-                let (triangles, cones) = self.invalid(&self.system.corners(&direct.y));
-                Err(Error::Folded {
+                let (triangles, cones) = self.unfolder().invalid(&self.system.corners(&direct.y));
+                return Err(Error::Folded {
                     triangles,
                     cones,
                     stage: "rounding, on denser grids too",
                     relaxed: false,
-                })
-            }
+                });
+            };
+            self.report.respaced = true;
+            z = other;
         }
+        if let Some(Widening { narrow, .. }) = widening {
+            self.report.respaced |= self.widened(&coarse, &mut upright, &mut z, relaxed, narrow)?;
+        }
+        let stage = if self.report.respaced {
+            "rounding to other integers"
+        } else {
+            "rounding"
+        };
+        with(stage, Some(coarse), &z)
+    }
+
+    /// Makes handles and necks wider where quads would meet themselves around them: each is a condition more on the integers.
+    /// Answers whether they have changed.
+    fn widened(
+        &self,
+        coarse: &Coarse,
+        upright: &mut Upright,
+        z: &mut Vec<f64>,
+        relaxed: &Relaxed,
+        narrow: &dyn Fn(&Spread) -> Narrow,
+    ) -> Result<bool, Error> {
+        let mut changed = false;
+        for _ in 0..WIDENINGS {
+            let Some(spread) = self.spread(coarse, z, &relaxed.corners) else {
+                break;
+            };
+            let found = narrow(&spread);
+            if found.wider.is_empty() {
+                break;
+            }
+            upright.add(&found.wider);
+            let Some(wider) = relaxed.quadratic.mended(z, upright, self.run)? else {
+                break;
+            };
+            if self.spread(coarse, &wider, &relaxed.corners).is_none() {
+                break;
+            }
+            (*z, changed) = (wider, true);
+        }
+        Ok(changed)
+    }
+
+    /// The decimated map with these integers; `None` where the angles around a vertex are wrong with them.
+    fn spread(&self, coarse: &Coarse, z: &[f64], corners: &[[[f64; 2]; 3]]) -> Option<Spread> {
+        let turn = self.system.cut.turn.clone();
+        let spread = coarse.spread(z, BITS, corners.to_vec(), turn, self.report)?;
+        (wrong_cones(&spread.net, &self.field.index, &spread.map) == 0).then_some(spread)
     }
 
     /// Stiffer triangles where the map folds, then untangling, the integers held.
@@ -562,7 +582,7 @@ impl<'a> Making<'a> {
             return Ok(());
         }
         self.report.untangled = true;
-        self.untangled(weighted, None, y)?;
+        self.unfolder().untangled(weighted, None, y)?;
         Ok(())
     }
 }

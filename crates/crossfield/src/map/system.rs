@@ -179,18 +179,22 @@ impl<'a> System<'a> {
     /// The coordinates of the corners of all triangles.
     /// In units of lines, from the values of the unknowns, reals first.
     pub(crate) fn corners(&self, y: &[f64]) -> Vec<[[f64; 2]; 3]> {
-        let at = |copy: u32, component: usize| -> f64 {
-            let terms = self.seams.row(copy, component);
-            terms.map(|(k, c)| f64::from(c) * y[k]).sum()
-        };
         let copies: Vec<[f64; 2]> = (0..self.seams.copies() as u32)
-            .map(|copy| [at(copy, 0), at(copy, 1)])
+            .map(|copy| self.copy(y, copy))
             .collect();
         self.cut
             .copy
             .chunks_exact(3)
             .map(|c| [0, 1, 2].map(|k| copies[c[k] as usize]))
             .collect()
+    }
+
+    /// The coordinates of a copy of a vertex.
+    pub(crate) fn copy(&self, y: &[f64], copy: u32) -> [f64; 2] {
+        [0, 1].map(|component| {
+            let terms = self.seams.row(copy, component);
+            terms.map(|(k, c)| f64::from(c) * y[k]).sum()
+        })
     }
 
     /// How far the map is from the field: Σ area · |J − 1|², over the number of triangles.

@@ -10,8 +10,9 @@ use std::cell::{Cell, RefCell};
 
 use geom_core::compute::BackendError;
 
+use super::scope::Scope;
 use super::spacing::Chart;
-use super::system::{Solver, System, Weighted};
+use super::system::System;
 use crate::Error;
 use crate::backend::{ChartDistortion, CrossfieldBackend, On};
 use crate::specification::chart_distortion;
@@ -41,7 +42,7 @@ pub(crate) struct Effort(Cell<u64>);
 impl Effort {
     /// What a surface of so many triangles is worth: a thousand evaluations, and as many of ten thousand triangles.
     pub(crate) fn of(triangles: usize) -> Self {
-        const EVALUATIONS: u64 = 1000;
+        const EVALUATIONS: u64 = 1500;
         const FEW: u64 = 10_000;
         Self(Cell::new(EVALUATIONS * (triangles as u64 + FEW)))
     }
@@ -97,27 +98,29 @@ impl Unfolding<'_> {
     }
 }
 
-/// What moves.
+/// How it moves.
 pub(crate) struct Moves<'a> {
-    /// The quadratic energy whose inverse bends the steps (Kovalsky, Galun and Lipman, *Accelerated quadratic proxy for
+    /// What moves.
+    pub(crate) scope: &'a Scope,
+    /// The inverse of the quadratic energy, which bends the steps (Kovalsky, Galun and Lipman, *Accelerated quadratic proxy for
     /// geometric optimization*, 2016): a mesh of any fineness takes about as many.
-    pub(crate) weighted: &'a Weighted,
-    /// Solves with its Schur complement, where the integers move like the reals; `None`: they stay.
-    pub(crate) integers: Option<Solver<'a>>,
-    /// Triangles that are upright, and stay so.
+    pub(crate) bend: Bend<'a>,
+    /// Triangles that are upright, and stay so; ascending.
     pub(crate) held: Vec<usize>,
     /// What unfolding may cost.
     pub(crate) effort: &'a Effort,
-    /// Corners from which no map with the right angles is reached once ε is small.
+    /// Corners of all triangles from which no map with the right angles is reached once ε is small.
     pub(crate) is_lost: Judge<'a>,
 }
+
+/// Solves with the matrix of a quadratic energy over the unknowns that move.
+pub(crate) type Bend<'a> = &'a dyn Fn(&[f64]) -> Result<Vec<f64>, Error>;
 
 /// Minimizes the regularized distortion `Σ A ((|J|² + λ (det² + 1)) / 2χ + |J − 1|²)`, `χ = (det + √(ε² + det²)) / 2`
 /// (Garanzha et al., *Foldover-free maps in 50 lines of code*, 2021), by L-BFGS. ε falls as theirs does, by what a round has
 /// gained and by the worst determinant, and to twice that at once. A map that cannot be unfolded comes out folded.
 ///
-/// `y` are all unknowns, reals first; those that may move are the reals, and the integers as well if `moves` has a solver
-/// for them. With ε above 0 the energy is finite everywhere, so that any map may be the start. A round is a minimization
+/// `y` are all unknowns, reals first; those of the scope move. With ε above 0 the energy is finite everywhere, so that any map may be the start. A round is a minimization
 /// for one ε, of at most [`STEPS`] steps, and there are at most [`ROUNDS`] of them. A map that is still folded is given up
 /// when the effort is spent, when its worst determinant has not risen for [`STALLED`] rounds, or when it is lost. Of an
 /// upright one ε falls on until a round gains less than [`SETTLED`], so that what comes out is also smooth.
@@ -127,29 +130,8 @@ pub(crate) fn untangle(
     moves: &Moves<'_>,
     run: On<'_>,
 ) -> Result<(), Error> {
-    let free = match moves.integers {
-        Some(_) => y.len(),
-        None => system.seams.reals,
-    };
-    // A triangle hardly there shall not stay folded because it counts for nothing.
-    let charts: Vec<Chart> = system
-        .charts
-        .iter()
-        .map(|chart| Chart {
-            area: chart.area.max(LEAST_AREA),
-            ..*chart
-        })
-        .collect();
-    let mut energy = Energy {
-        system,
-        charts: &charts,
-        backend: run.backend,
-        fixed: y[free..].to_vec(),
-        held: &moves.held,
-        epsilon: 0.0,
-        out: Vec::new(),
-    };
-    let mut x = y[..free].to_vec();
+    let mut energy = Energy::new(system, moves, y, run);
+    let mut x: Vec<f64> = moves.scope.unknowns.iter().map(|&k| y[k]).collect();
     let worst = energy.worst(&x);
     energy.epsilon = first_epsilon(worst);
     let (mut best, mut stalled) = (worst, 0);
@@ -167,7 +149,7 @@ pub(crate) fn untangle(
         if !positive && (stalled >= STALLED || moves.effort.is_spent()) {
             break;
         }
-        if energy.epsilon < FIRM && (moves.is_lost)(&energy.corners(&x)) {
+        if energy.epsilon < FIRM && (moves.is_lost)(&system.corners(&energy.all(&x))) {
             break;
         }
         let gained = 1.0 - after / before;
@@ -186,7 +168,7 @@ pub(crate) fn untangle(
         let most = (2.0 * worst.abs()).max(0.4);
         energy.epsilon = (energy.epsilon * (1.0 - falls)).clamp(LEAST, most);
     }
-    y[..free].copy_from_slice(&x);
+    y.copy_from_slice(&energy.all(&x));
     Ok(())
 }
 
@@ -201,36 +183,75 @@ fn first_epsilon(worst: f64) -> f64 {
 
 struct Energy<'a> {
     system: &'a System<'a>,
-    /// With areas raised to [`LEAST_AREA`], unlike those of the system.
-    charts: &'a [Chart],
+    scope: &'a Scope,
+    /// Of the triangles of the scope, with areas raised to [`LEAST_AREA`], unlike those of the system.
+    charts: Vec<Chart>,
     backend: &'a (dyn CrossfieldBackend + 'a),
-    /// The unknowns that do not move, from the first of them on.
-    fixed: Vec<f64>,
-    /// Their distortion is always taken with the smallest ε, whose barrier is too high for any step to cross, and on the
-    /// CPU, whatever the backend: in f32 the barrier would have holes.
-    held: &'a [usize],
+    /// All unknowns, those that do not move as they are.
+    y: Vec<f64>,
+    /// Per unknown, its place among those that move.
+    place: Vec<Option<u32>>,
+    /// Places of held triangles among those of the scope. Their distortion is always taken with the smallest ε, whose barrier
+    /// is too high for any step to cross, and on the CPU, whatever the backend: in f32 the barrier would have holes.
+    held: Vec<usize>,
     /// ε of the round.
     epsilon: f64,
     /// What the last evaluation found, per triangle.
     out: Vec<ChartDistortion>,
 }
 
-impl Energy<'_> {
+impl<'a> Energy<'a> {
+    fn new(system: &'a System<'a>, moves: &Moves<'a>, y: &[f64], run: On<'a>) -> Self {
+        let scope = moves.scope;
+        // A triangle hardly there shall not stay folded because it counts for nothing.
+        let charts = scope.faces.iter().map(|&f| {
+            let chart = system.charts[f];
+            let area = chart.area.max(LEAST_AREA);
+            Chart { area, ..chart }
+        });
+        let is_held = |f: &usize| moves.held.binary_search(f).is_ok();
+        let faces = scope.faces.iter().enumerate();
+        Self {
+            system,
+            scope,
+            charts: charts.collect(),
+            backend: run.backend,
+            y: y.to_vec(),
+            place: scope.places(y.len()),
+            held: faces.filter(|(_, f)| is_held(f)).map(|(k, _)| k).collect(),
+            epsilon: 0.0,
+            out: Vec::new(),
+        }
+    }
+
+    /// All unknowns, with these of the scope.
+    fn all(&self, x: &[f64]) -> Vec<f64> {
+        let mut y = self.y.clone();
+        for (&k, &x) in self.scope.unknowns.iter().zip(x) {
+            y[k] = x;
+        }
+        y
+    }
+
+    /// Of the triangles of the scope.
     fn corners(&self, x: &[f64]) -> Vec<[[f64; 2]; 3]> {
-        let y: Vec<f64> = x.iter().chain(&self.fixed).copied().collect();
-        self.system.corners(&y)
+        let y = self.all(x);
+        let copies = self.scope.copies.iter();
+        let copies: Vec<[f64; 2]> = copies.map(|&c| self.system.copy(&y, c)).collect();
+        let of = |corners: &[u32; 3]| corners.map(|c| copies[c as usize]);
+        self.scope.corners.iter().map(of).collect()
     }
 
     /// Distortions at x, from the backend, which must answer one per triangle.
     fn evaluate(&mut self, x: &[f64]) -> Result<(), Error> {
         let corners = self.corners(x);
         self.backend
-            .chart_distortion(self.charts, &corners, self.epsilon, &mut self.out)?;
+            .chart_distortion(&self.charts, &corners, self.epsilon, &mut self.out)?;
         let (found, of) = (self.out.len(), corners.len());
         BackendError::unless(found == of, &self.backend.name(), || {
             format!("{found} distortions for {of} triangles")
         })?;
-        for &f in self.held {
+        for &f in &self.held {
             self.out[f] = chart_distortion(&self.charts[f], &corners[f], LEAST);
         }
         Ok(())
@@ -239,7 +260,7 @@ impl Energy<'_> {
     /// The smallest determinant.
     fn worst(&self, x: &[f64]) -> f64 {
         let corners = self.corners(x);
-        let all = self.system.charts.iter().zip(&corners);
+        let all = self.charts.iter().zip(&corners);
         all.map(|(chart, uv)| chart.determinant(uv))
             .fold(f64::INFINITY, f64::min)
     }
@@ -248,9 +269,8 @@ impl Energy<'_> {
     fn gradient(&mut self, x: &[f64]) -> Result<(f64, Vec<f64>), Error> {
         self.evaluate(x)?;
         let mut value = 0.0;
-        let seams = self.system.seams;
-        let mut of_copies = vec![[0.0; 2]; seams.copies()];
-        for (of, copies) in self.out.iter().zip(self.system.cut.copy.chunks_exact(3)) {
+        let mut of_copies = vec![[0.0; 2]; self.scope.copies.len()];
+        for (of, copies) in self.out.iter().zip(&self.scope.corners) {
             value += of.energy;
             for (&copy, slope) in copies.iter().zip(&of.gradient) {
                 let sum = &mut of_copies[copy as usize];
@@ -258,11 +278,11 @@ impl Energy<'_> {
             }
         }
         let mut gradient = vec![0.0; x.len()];
-        for (copy, slope) in (0u32..).zip(&of_copies) {
+        for (&copy, slope) in self.scope.copies.iter().zip(&of_copies) {
             for (component, slope) in slope.iter().enumerate() {
-                for (y, p) in seams.row(copy, component) {
-                    if let Some(g) = gradient.get_mut(y) {
-                        *g += f64::from(p) * slope;
+                for (k, p) in self.system.seams.row(copy, component) {
+                    if let Some(place) = self.place[k] {
+                        gradient[place as usize] += f64::from(p) * slope;
                     }
                 }
             }
@@ -299,7 +319,7 @@ fn minimize(
     let (mut value, mut gradient) = energy.gradient(x)?;
     let first = value;
     // The only solve of a step: all else that P⁻¹ has to be known of is a sum of such.
-    let mut bent = moves.weighted.inverse(&gradient, moves.integers)?;
+    let mut bent = (moves.bend)(&gradient)?;
     let mut history: Vec<Step> = Vec::new();
     for _ in 0..STEPS {
         if !moves.effort.spend(energy.charts.len()) {
@@ -321,7 +341,7 @@ fn minimize(
         let moved = minus(&found.at, x);
         let turned = minus(&found.gradient, &gradient);
         let curvature = dot(&moved, &turned);
-        let next = moves.weighted.inverse(&found.gradient, moves.integers)?;
+        let next = (moves.bend)(&found.gradient)?;
         if curvature > 1e-12 * (dot(&moved, &moved) * dot(&turned, &turned)).sqrt() {
             let bent = minus(&next, &bent);
             if history.len() == HISTORY {

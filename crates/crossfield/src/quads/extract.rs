@@ -9,7 +9,7 @@ use super::trace::{Paper, Walker};
 use crate::Error;
 use crate::field::frames::{Frames, next};
 use crate::map::exact::{axes_in, cross, dot, minus, rotated, sector};
-use crate::map::{GridMap, Laid, MapReport, Net, Spread};
+use crate::map::{GridMap, Laid, MapReport, Net};
 
 const NONE: u32 = u32::MAX;
 
@@ -59,7 +59,7 @@ pub struct Extracted {
 /// [`Error::Torn`] where lines do not close to quads, which a map of [`parameterize`](crate::map::parameterize) does not do;
 /// that of the mesh where a handle is so narrow that a quad would meet itself: take a smaller spacing there.
 pub fn extract(mesh: &TriMesh, frames: &Frames, map: &GridMap) -> Result<Extracted, Error> {
-    let (sources, quads) = cells(&Net::of(frames), map)?;
+    let (sources, quads) = cells(&Net::of(frames), map, 0)?;
     let positions = sources.iter().map(|p| p.position(mesh)).collect();
     Ok(Extracted {
         mesh: QuadMesh::new(positions, quads)?,
@@ -67,10 +67,15 @@ pub fn extract(mesh: &TriMesh, frames: &Frames, map: &GridMap) -> Result<Extract
     })
 }
 
+/// Where vertices lie in the triangles of a map, and the quads that join them.
+type Cells = (Vec<SurfacePoint>, Vec<[u32; 4]>);
+
 /// The vertices and quads of a map. Around a handle or neck that is one or two quads wide they are no mesh: a side may
 /// return to its vertex, and two have the same ends.
-fn cells(net: &Net, map: &GridMap) -> Result<(Vec<SurfacePoint>, Vec<[u32; 4]>), Error> {
-    let paper = Paper { net, map };
+/// With 2^finer lines to each of the map's.
+fn cells(net: &Net, map: &GridMap, finer: u8) -> Result<Cells, Error> {
+    let finer = u32::from(finer);
+    let paper = Paper { net, map, finer };
     let sites = Sites::of(&paper);
     let ports = Ports::of(&paper, &sites);
     let partner = ports.connected(&paper, &sites)?;
@@ -82,16 +87,14 @@ fn cells(net: &Net, map: &GridMap) -> Result<(Vec<SurfacePoint>, Vec<[u32; 4]>),
 pub(super) type Lines = (Vec<SurfacePoint>, Vec<[u32; 4]>, MapReport);
 
 /// The quads of a map and of `2^nested − 1` lines between each two of it.
-pub(super) fn lines(laid: Laid, frames: &Frames, nested: u8) -> Result<Lines, Error> {
+pub(super) fn lines(laid: &Laid, frames: &Frames, nested: u8) -> Result<Lines, Error> {
     match laid {
-        Laid::Whole(mut map) => {
-            map.bits -= u32::from(nested);
-            let (sources, quads) = cells(&Net::of(frames), &map)?;
+        Laid::Whole(map) => {
+            let (sources, quads) = cells(&Net::of(frames), map, nested)?;
             Ok((sources, quads, map.report))
         }
-        Laid::Decimated(mut spread, _) | Laid::Vain(mut spread) => {
-            spread.map.bits -= u32::from(nested);
-            let (points, quads) = cells(&spread.net, &spread.map)?;
+        Laid::Decimated(spread, _) | Laid::Vain(spread) => {
+            let (points, quads) = cells(&spread.net, &spread.map, nested)?;
             let placed = |p: &SurfacePoint| {
                 let face = p.triangle as usize;
                 let (triangle, barycentric) =
@@ -110,13 +113,6 @@ pub(super) fn lines(laid: Laid, frames: &Frames, nested: u8) -> Result<Lines, Er
             Ok((sources, quads, spread.map.report))
         }
     }
-}
-
-/// Are the quads of a decimated map no mesh?
-pub(super) fn is_vain(spread: &Spread, nested: u8) -> bool {
-    let mut map = spread.map.clone();
-    map.bits -= u32::from(nested);
-    cells(&spread.net, &map).is_ok_and(|(_, quads)| !tangled(&quads).is_empty())
 }
 
 /// The vertices of a map's quads where these are no mesh, ascending, and how many quads lie around the surface there: one or
@@ -143,7 +139,7 @@ pub(super) fn tangled(quads: &[[u32; 4]]) -> Vec<(u32, u8)> {
 
 /// What a vertex of the quad mesh lies on.
 #[derive(Clone, Copy, Debug)]
-enum Place {
+pub(super) enum Place {
     Vertex(usize),
     /// Inside of an edge, by its lower half-edge, at a point of that half-edge's chart.
     Edge(usize, [i64; 2]),
@@ -151,8 +147,8 @@ enum Place {
 }
 
 /// All integer points of the map.
-struct Sites {
-    places: Vec<Place>,
+pub(super) struct Sites {
+    pub(super) places: Vec<Place>,
     points: Vec<SurfacePoint>,
     /// Per vertex of the net its site, or [`NONE`].
     of_vertex: Vec<u32>,
@@ -164,7 +160,7 @@ struct Sites {
 impl Sites {
     /// Three passes, over vertices, edges and triangles, so that each integer point of the surface is found once,
     /// wherever it lies. The time is that of the triangles and of the integer points in the boxes around them.
-    fn of(paper: &Paper<'_>) -> Self {
+    pub(super) fn of(paper: &Paper<'_>) -> Self {
         let mut sites = Self {
             places: Vec::new(),
             points: Vec::new(),
@@ -289,27 +285,40 @@ impl Sites {
 
 /// A direction in which a line leaves an integer point.
 #[derive(Clone, Copy, Debug)]
-struct Port {
-    site: u32,
-    face: usize,
+pub(super) struct Port {
+    pub(super) site: u32,
+    pub(super) face: usize,
     /// Quarter turns from +u, in the chart of the triangle.
-    heading: u8,
+    pub(super) heading: u8,
     /// The site in the chart of the triangle.
-    at: [i64; 2],
+    pub(super) at: [i64; 2],
+}
+
+impl Port {
+    /// At the start of its line.
+    pub(super) fn walker(&self, unit: i64) -> Walker {
+        let d = rotated([unit, 0], self.heading);
+        Walker {
+            face: self.face,
+            at: self.at,
+            target: [self.at[0] + d[0], self.at[1] + d[1]],
+            heading: self.heading,
+        }
+    }
 }
 
 /// The ports of all sites, counter-clockwise around each.
-struct Ports {
+pub(super) struct Ports {
     /// Where the ports of each site begin.
     starts: Vec<usize>,
     /// Counter-clockwise around each site, so that the number before is the next one clockwise.
-    all: Vec<Port>,
+    pub(super) all: Vec<Port>,
     /// Is the site on the rim, so that its first port has none before it?
     on_rim: Vec<bool>,
 }
 
 impl Ports {
-    fn of(paper: &Paper<'_>, sites: &Sites) -> Self {
+    pub(super) fn of(paper: &Paper<'_>, sites: &Sites) -> Self {
         let mut ports = Self {
             starts: vec![0],
             all: Vec::new(),
@@ -430,20 +439,14 @@ impl Ports {
     ///
     /// Lines are one unit long. Each is walked from one end only; that its other end leads back is checked by the port
     /// found there.
-    fn connected(&self, paper: &Paper<'_>, sites: &Sites) -> Result<Vec<u32>, Error> {
+    pub(super) fn connected(&self, paper: &Paper<'_>, sites: &Sites) -> Result<Vec<u32>, Error> {
         let unit = paper.unit();
         let mut partner = vec![NONE; self.all.len()];
         for (number, port) in self.all.iter().enumerate() {
             if partner[number] != NONE {
                 continue;
             }
-            let d = rotated([unit, 0], port.heading);
-            let walker = Walker {
-                face: port.face,
-                at: port.at,
-                target: [port.at[0] + d[0], port.at[1] + d[1]],
-                heading: port.heading,
-            };
+            let walker = port.walker(unit);
             let torn = |why| Error::Torn {
                 face: port.face,
                 why,

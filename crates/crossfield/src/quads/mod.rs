@@ -22,6 +22,7 @@
 mod extract;
 mod improve;
 mod ladder;
+mod narrow;
 mod parts;
 pub mod quality;
 mod rungs;

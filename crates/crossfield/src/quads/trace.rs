@@ -33,12 +33,14 @@ enum Step {
 pub(super) struct Paper<'a> {
     pub(super) net: &'a Net,
     pub(super) map: &'a GridMap,
+    /// There are 2^finer lines to each of the map's.
+    pub(super) finer: u32,
 }
 
 impl Paper<'_> {
     /// One unit.
     pub(super) fn unit(&self) -> i64 {
-        1 << self.map.bits
+        1 << (self.map.bits - self.finer)
     }
 
     /// A point in the chart of the half-edge's triangle, in that of its twin's.
@@ -62,7 +64,16 @@ impl Paper<'_> {
     /// # Errors
     /// [`Error::Torn`] if no side lies ahead, or the walk takes more steps than there are triangles: neither happens in
     /// a map whose triangles are all upright.
-    pub(super) fn follow(&self, mut walker: Walker) -> Result<Option<Walker>, Error> {
+    pub(super) fn follow(&self, walker: Walker) -> Result<Option<Walker>, Error> {
+        self.crossed(walker, &mut Vec::new())
+    }
+
+    /// The same, and the half-edges that are crossed.
+    pub(super) fn crossed(
+        &self,
+        mut walker: Walker,
+        crossed: &mut Vec<usize>,
+    ) -> Result<Option<Walker>, Error> {
         let start = walker.face;
         // Every triangle is crossed at most once per unit square of the map, and lines are one unit long.
         let most = self.net.faces() + 64;
@@ -74,8 +85,9 @@ impl Paper<'_> {
                         return Ok(None);
                     };
                     walker = self.carried(walker, h, twin);
+                    crossed.push(h);
                 }
-                Some(Step::Through(h)) => match self.turned_about(walker, h) {
+                Some(Step::Through(h)) => match self.turned_about(walker, h, crossed) {
                     Some(on) => walker = on,
                     None => return Ok(None),
                 },
@@ -122,7 +134,8 @@ impl Paper<'_> {
     }
 
     /// Turns about the vertex at the corner `h` until the line leads into the triangle.
-    fn turned_about(&self, walker: Walker, h: usize) -> Option<Walker> {
+    fn turned_about(&self, walker: Walker, h: usize, crossed: &mut Vec<usize>) -> Option<Walker> {
+        let before = crossed.len();
         let (mut here, mut corner) = (walker, h);
         loop {
             here.at = self.map.corners[corner / 3][corner % 3];
@@ -134,6 +147,7 @@ impl Paper<'_> {
             match self.net.twin(over) {
                 Some(twin) => {
                     here = self.carried(here, over, twin);
+                    crossed.push(over);
                     corner = twin;
                 }
                 None => break,
@@ -142,10 +156,12 @@ impl Paper<'_> {
                 return None;
             }
         }
+        crossed.truncate(before);
         let (mut here, mut corner) = (walker, h);
         // Clockwise from the start, up to the rim on the other side.
         while let Some(twin) = self.net.twin(corner) {
             here = self.carried(here, corner, twin);
+            crossed.push(corner);
             corner = next(twin);
             here.at = self.map.corners[corner / 3][corner % 3];
             if self.leads_into(corner, here.heading) {

@@ -16,3 +16,5 @@ pub(super) use round::Quadratic;
 #[cfg(feature = "testing")]
 pub(crate) use round::inverse;
 pub(crate) use spread::Spread;
+pub(crate) use upright::AtLeast;
+pub(super) use upright::Upright;

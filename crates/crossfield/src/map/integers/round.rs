@@ -77,8 +77,8 @@ impl Quadratic {
     }
 
     /// Integers that leave all triangles of a decimated map upright: those rounded, on a grid so many times denser that moves
-    /// by one mend them, brought back step by step to the wanted spacing by descent that keeps them so. `None` if even
-    /// the densest grid is of no use.
+    /// by one mend them, brought back step by step to the wanted spacing by descent that keeps them so; `is_right` says whether
+    /// they turn as far around each vertex as they should. `None` if even the densest grid is of no use.
     ///
     /// On a grid r times denser the whole map is r times as large: S stays the same and s is multiplied by r. There
     /// singular vertices have more points between them, so that rounding makes fewer mistakes. It is tried 1, 1.25, …
@@ -87,6 +87,7 @@ impl Quadratic {
     pub(crate) fn rounded_within(
         &self,
         upright: &Upright,
+        is_right: &dyn Fn(&[f64]) -> bool,
         run: On<'_>,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
         let Some(inverse) = self.inverse() else {
@@ -101,9 +102,26 @@ impl Quadratic {
             for step in (0..=first).rev() {
                 self.descend_on(&mut z, &self.denser(step), Some(upright), run)?;
             }
-            return Ok(Some(z));
+            if is_right(&z) {
+                return Ok(Some(z));
+            }
         }
         Ok(None)
+    }
+
+    /// Integers near these that leave all upright; `None` if none are found.
+    pub(crate) fn mended(
+        &self,
+        z: &[f64],
+        upright: &Upright,
+        run: On<'_>,
+    ) -> Result<Option<Vec<f64>>, Cancelled> {
+        let mut z = z.to_vec();
+        if !self.mend(&mut z, &self.right, upright, run)? {
+            return Ok(None);
+        }
+        self.descend_on(&mut z, &self.right, Some(upright), run)?;
+        Ok(Some(z))
     }
 
     /// The right-hand side on a grid so many steps denser.

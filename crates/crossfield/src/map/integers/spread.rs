@@ -8,10 +8,12 @@
 //! whose angles around vertices (signposts) say how a walk begins.
 
 use super::coarse::Coarse;
-use super::plane::{cross, minus, opening, rotated};
+use super::plane::{Link, Place, add, cross, inverse, minus, opening, rotated};
+use super::upright::AtLeast;
 use crate::field::frames::{Frames, next, previous};
 use crate::map::exact::{GridMap, MapReport};
 use crate::map::net::Net;
+use crate::map::transition::{self, Form};
 
 type Point = [f64; 2];
 
@@ -28,6 +30,12 @@ pub(crate) struct Spread {
     /// The angle of each half-edge around its vertex.
     /// Radians in the relaxed map, from the first half-edge that the surface has there.
     angle: Vec<f64>,
+    /// Per half-edge, what leads to the chart of its twin, as sums of the integers.
+    link: Vec<Link>,
+    /// Per corner, where it lies.
+    exact: Vec<[Form; 2]>,
+    /// The integers.
+    z: Vec<f64>,
     /// The relaxed map.
     /// Of the triangles of the surface.
     relaxed: Vec<[Point; 3]>,
@@ -89,6 +97,11 @@ impl Coarse {
                 .map(|&t| [0, 1, 2].map(|k| self.place[3 * t + k].at))
                 .collect(),
             angle: sides().map(|h| self.angle[h]).collect(),
+            link: sides().map(|h| self.link[h].clone()).collect(),
+            exact: sides()
+                .map(|h| self.place[h].exact.clone())
+                .collect::<Option<_>>()?,
+            z: z.to_vec(),
             relaxed,
             turn,
         })
@@ -96,6 +109,46 @@ impl Coarse {
 }
 
 impl Spread {
+    /// That a closed path be at least so many lines long, the more of both coordinates together than now.
+    ///
+    /// It crosses these half-edges, from a point and back to it: a corner, if it starts at a singular vertex. `None`
+    /// where its length is no sum of the integers, because the map turns along it, or is 0.
+    pub(crate) fn longer(
+        &self,
+        crossed: &[usize],
+        corner: Option<usize>,
+        least: i64,
+    ) -> Option<AtLeast> {
+        let around = crossed
+            .iter()
+            .fold(Link::default(), |all, &h| all.then(&self.link[h]));
+        let back = inverse(&around);
+        let length = match corner {
+            Some(h) => {
+                let at = Place {
+                    exact: Some(self.exact[h].clone()),
+                    ..Place::default()
+                };
+                let mut end = back.apply(&at).exact?;
+                add(&mut end, &self.exact[h], -1);
+                end
+            }
+            None if back.turn == 0 => back.exact,
+            None => return None,
+        };
+        let value = |form: &Form| -> i64 {
+            let terms = form.iter();
+            terms
+                .map(|(&k, &c)| c * self.z[k as usize].round() as i64)
+                .sum()
+        };
+        let [x, y] = [0, 1].map(|c| value(&length[c]).signum());
+        let mut sum = Form::new();
+        transition::add(&mut sum, &length[0], x);
+        transition::add(&mut sum, &length[1], y);
+        (value(&sum) > 0).then_some(AtLeast { sum, bound: least })
+    }
+
     /// Where a point of one of its triangles lies on the surface: triangle and barycentric coordinates. `None` if the walk
     /// does not end.
     ///

@@ -12,9 +12,17 @@ type Sides = [i64; 4];
 /// A move by one, or of two integers at once.
 pub(super) type Pair = [(usize, f64); 2];
 
+/// A sum of integers that shall not be less than a number.
+#[derive(Clone, Debug)]
+pub(crate) struct AtLeast {
+    pub(super) sum: Form,
+    pub(super) bound: i64,
+}
+
 /// Triangles whose sides are integer sums of integers, which shall be upright.
 pub(in crate::map) struct Upright {
-    count: usize,
+    /// The sides of all triangles where all integers are 0.
+    zero: Vec<Sides>,
     /// Per integer, the triangles that depend on it and what one more of it adds to their sides; ascending.
     of: Vec<Vec<(u32, Sides)>>,
 }
@@ -39,14 +47,29 @@ impl Upright {
             }
         }
         Self {
-            count: triangles.len(),
+            zero: vec![[0; 4]; triangles.len()],
             of,
+        }
+    }
+
+    /// More conditions, each as a triangle of height 1 whose base falls short of 1 as the sum does of its bound.
+    pub(in crate::map) fn add(&mut self, conditions: &[AtLeast]) {
+        for AtLeast { sum, bound } in conditions {
+            let t = self.zero.len() as u32;
+            self.zero.push([1 - bound, 0, 0, 1]);
+            for (&k, &c) in sum {
+                let k = k as usize;
+                if self.of.len() <= k {
+                    self.of.resize(k + 1, Vec::new());
+                }
+                self.of[k].push((t, [c, 0, 0, 0]));
+            }
         }
     }
 
     /// The sides of all triangles.
     pub(super) fn sides(&self, z: &[f64]) -> Vec<Sides> {
-        let mut sides = vec![[0; 4]; self.count];
+        let mut sides = self.zero.clone();
         for (k, z) in z.iter().enumerate() {
             self.shift(&mut sides, k, *z);
         }

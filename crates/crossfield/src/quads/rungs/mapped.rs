@@ -5,7 +5,8 @@ use geom_core::search::bvh::TriangleTree;
 use geom_core::surface::distance::{Graph, shortest_paths};
 use geom_core::{Point3, QuadMesh, TriMesh};
 
-use super::super::extract::{SurfacePoint, is_vain, lines, tangled};
+use super::super::extract::{SurfacePoint, lines, tangled};
+use super::super::narrow::narrow;
 use super::super::parts::Part;
 use super::super::quality::jacobians;
 use super::super::smooth::Smooth;
@@ -13,9 +14,13 @@ use super::{OFF_TARGET, Rungs};
 use crate::anisotropy::Metric;
 use crate::error::Error;
 use crate::field::CrossField;
-use crate::map::{Laid, LastUpright, MapOptions, MapReport, Spread, Unfolding, parameterized};
+use crate::map::{
+    Laid, LastUpright, MapOptions, MapReport, Spread, Unfolding, Widening, parameterized,
+};
 use crate::options::Size;
 
+/// How far the number of quads may be from a third of the triangles, which nobody has asked for.
+const FAR_OFF: f64 = 0.25;
 /// How many times more quads than wanted are refused, unless they are few.
 const MOST: f64 = 4.0;
 const FEW: usize = 400;
@@ -81,7 +86,12 @@ pub(super) fn as_many(
     let first = mapped(ground, spacing, most, rungs)?;
     let share = |made: &Mapped| made.0.quads().len() as f64 / wanted;
     let off = |made: &Mapped| (share(made) - 1.0).abs();
-    if matches!(rungs.options.size, Size::Quads(_)) && off(&first) > OFF_TARGET {
+    let tolerance = match rungs.options.size {
+        Size::Quads(_) => OFF_TARGET,
+        Size::Triangles => FAR_OFF,
+        Size::Spacing(_) => f64::INFINITY,
+    };
+    if off(&first) > tolerance {
         match mapped(ground, spacing * share(&first).sqrt(), most, rungs) {
             Ok(second) if off(&second) < off(&first) => return Ok(second),
             Err(error @ Error::Cancelled(_)) => return Err(error),
@@ -162,14 +172,15 @@ impl Lay {
             let may_retry = self.tried < last_try;
             let map = self.laid(ground, spacing, may_retry, rungs)?;
             // The map of the smoothed triangles is one of those that they were, too.
-            let (sources, quads, report) = lines(map, &ground.smooth.frames, rungs.options.nested)?;
+            let (frames, nested) = (&ground.smooth.frames, rungs.options.nested);
+            let (sources, quads, report) = lines(&map, frames, nested)?;
+            let tangled = tangled(&quads);
             if quads.len() > FEW.max((MOST * wanted) as usize) {
                 return Err(Error::TooMany {
                     quads: quads.len(),
                     wanted: wanted as usize,
                 });
             }
-            let tangled = tangled(&quads);
             if tangled.is_empty() || !may_retry {
                 let positions = sources.iter().map(|p| p.position(&part.mesh)).collect();
                 let quads = QuadMesh::new(positions, quads)?;
@@ -208,14 +219,19 @@ impl Lay {
             spacing: smooth.spacing(spacing, &self.closer, *metric, field),
             lines: part.lines.iter().map(|&h| h as u32).collect(),
         };
-        let vain = |spread: &Spread| may_retry && is_vain(spread, rungs.options.nested);
+        let narrow = |spread: &Spread| narrow(spread, rungs.options.nested);
         // The other half is for closer lines and other fields.
         let effort = rungs.effort.share(2);
         let unfolding = Unfolding {
             effort: &effort,
             last,
         };
-        let map = parameterized(mesh, frames, field, &options, unfolding, vain, rungs.run);
+        let widening = Some(Widening {
+            narrow: &narrow,
+            may_be_vain: may_retry,
+        });
+        let run = rungs.run;
+        let map = parameterized(mesh, frames, field, &options, unfolding, widening, run);
         rungs.effort.give_back(&effort);
         map
     }

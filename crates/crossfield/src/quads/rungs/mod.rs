@@ -9,6 +9,7 @@ use geom_core::{Cancelled, Point3, QuadMesh, TriMesh};
 use self::mapped::{Mapping, as_many};
 use super::improve::{improve, settled};
 use super::parts::Part;
+use super::quality::jacobians;
 use super::smooth::Smooth;
 use super::split::split_quads;
 use crate::anisotropy::{Metric, Misalignment, Slope, adapted};
@@ -108,20 +109,37 @@ pub(super) fn part_quads(
         slope,
         run,
     };
-    let mut made = climb(&part, &asked, &mut report)?;
+    let mut spare = None;
+    let mut made = climb(&part, &asked, &mut report, &mut spare)?;
     if made.is_none() && slope.is_some() {
         report.squares = true;
         let quads = asked.stretched(&part)? / (spacing * spacing);
         asked.spacing = (part.mesh.area() / quads).sqrt();
         asked.slope = None;
-        made = climb(&part, &asked, &mut report)?;
+        made = climb(&part, &asked, &mut report, &mut spare)?;
     }
     let made = match made {
         Some(made) => made,
         None => {
-            report.rung = Rung::Split;
             let raw = last_resort(&part, asked.spacing, options, run)?;
-            asked.finish(&part).finished(raw.quads, &raw.part)?
+            let split = asked.finish(&part).finished(raw.quads, &raw.part)?;
+            match spare {
+                Some(spare) if spare.least >= least(&jacobians(&split, &part.mesh)?) => {
+                    let failures = std::mem::take(&mut report.failures);
+                    report = PartReport {
+                        failures,
+                        ..spare.report
+                    };
+                    spare.quads
+                }
+                _ => {
+                    // Those of a map that was upright, but not its quads.
+                    report.rung = Rung::Split;
+                    (report.field, report.map, report.misalignment) = (None, None, None);
+                    report.closer = 0;
+                    split
+                }
+            }
         }
     };
     report.quads = made.quads().len();
@@ -189,6 +207,7 @@ fn climb<'a>(
     part: &'a Part,
     asked: &Asked<'a>,
     report: &mut PartReport,
+    spare: &mut Option<Spare>,
 ) -> Result<Option<QuadMesh>, Error> {
     let Asked { options, run, .. } = *asked;
     let lines = f64::from(1u16 << options.nested);
@@ -199,6 +218,7 @@ fn climb<'a>(
         slope: asked.slope,
         run,
         report,
+        spare,
         denser: None,
         unfit: false,
         smoothing: 0.0,
@@ -230,6 +250,18 @@ fn proxy(part: &Part, asked: &Asked<'_>) -> Result<Option<Part>, Cancelled> {
     part.remeshed(PROXY * square, asked.options.crease, asked.run)
 }
 
+/// Quads that are not all upright, and how they were made.
+struct Spare {
+    /// The smallest scaled Jacobian.
+    least: f64,
+    quads: QuadMesh,
+    report: PartReport,
+}
+
+fn least(jacobians: &[f64]) -> f64 {
+    jacobians.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
 /// What the rungs share.
 struct Rungs<'a> {
     finish: Finish<'a>,
@@ -239,6 +271,8 @@ struct Rungs<'a> {
     slope: Option<&'a Slope<'a>>,
     run: On<'a>,
     report: &'a mut PartReport,
+    /// The best quads of a map so far of which some face the wrong way.
+    spare: &'a mut Option<Spare>,
     /// The first field whose map folds only on integers, and what it is a field of.
     denser: Option<(Smooth, CrossField)>,
     /// Did the last map fold before anything was an integer, so that only another field can help?
@@ -425,7 +459,28 @@ impl Rungs<'_> {
         self.report.field = Some(field.report.clone());
         self.report.map = Some(map);
         self.report.closer = closer;
+        if self.options.improve && self.options.ladder == Ladder::Full {
+            return self.upright(quads);
+        }
         Ok(quads)
+    }
+
+    /// An error for quads of which some face the wrong way. The best of these are kept, should the last rung have none better.
+    fn upright(&mut self, quads: QuadMesh) -> Result<QuadMesh, Error> {
+        let jacobians = jacobians(&quads, &self.finish.whole.mesh)?;
+        let inverted = jacobians.iter().filter(|&&j| j <= 0.0).count();
+        if inverted == 0 {
+            return Ok(quads);
+        }
+        let least = least(&jacobians);
+        if self.spare.as_ref().is_none_or(|spare| spare.least < least) {
+            *self.spare = Some(Spare {
+                least,
+                quads,
+                report: self.report.clone(),
+            });
+        }
+        Err(Error::Inverted { quads: inverted })
     }
 
     /// `None` for what has failed, and the report says why; an error where no rung follows.

@@ -1,0 +1,102 @@
+//! Parts of a map that move while the rest stays.
+
+use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
+
+use super::system::System;
+use crate::Error;
+
+/// Unknowns that move, and the triangles that move with them.
+pub(crate) struct Scope {
+    /// The unknowns, ascending.
+    pub(super) unknowns: Vec<usize>,
+    /// The triangles, ascending.
+    pub(super) faces: Vec<usize>,
+    /// The copies of vertices at their corners, ascending.
+    pub(super) copies: Vec<u32>,
+    /// Per triangle, which of these its corners are.
+    pub(super) corners: Vec<[u32; 3]>,
+}
+
+impl Scope {
+    /// All real unknowns, or all, integers as well.
+    pub(super) fn whole(system: &System<'_>, integers: bool) -> Self {
+        let seams = system.seams;
+        let unknowns = seams.reals + if integers { seams.integers } else { 0 };
+        let copies = system.cut.copy.chunks_exact(3);
+        Self {
+            unknowns: (0..unknowns).collect(),
+            faces: (0..system.charts.len()).collect(),
+            copies: (0..seams.copies() as u32).collect(),
+            corners: copies.map(|c| [c[0], c[1], c[2]]).collect(),
+        }
+    }
+
+    /// The real unknowns of some copies of vertices.
+    pub(super) fn of_copies(system: &System<'_>, is_wanted: impl Fn(u32) -> bool) -> Self {
+        let (cut, seams) = (system.cut, system.seams);
+        let reals = |copy: u32| {
+            let rows = [0, 1].into_iter().flat_map(move |c| seams.row(copy, c));
+            rows.map(|(k, _)| k).filter(|&k| k < seams.reals)
+        };
+        let all = 0..seams.copies() as u32;
+        let mut moves = vec![false; seams.reals];
+        for copy in all.clone().filter(|&c| is_wanted(c)) {
+            reals(copy).for_each(|k| moves[k] = true);
+        }
+        // A coordinate may move with that of another vertex.
+        let is_moved: Vec<bool> = all.map(|c| reals(c).any(|k| moves[k])).collect();
+        let of = |f: usize| [0, 1, 2].map(|k| cut.copy[3 * f + k]);
+        let faces =
+            (0..system.charts.len()).filter(|&f| of(f).iter().any(|&c| is_moved[c as usize]));
+        let faces: Vec<usize> = faces.collect();
+        let mut copies: Vec<u32> = faces.iter().flat_map(|&f| of(f)).collect();
+        copies.sort_unstable();
+        copies.dedup();
+        let place = |c: u32| copies.partition_point(|&d| d < c) as u32;
+        Self {
+            corners: faces.iter().map(|&f| of(f).map(place)).collect(),
+            unknowns: (0..seams.reals).filter(|&k| moves[k]).collect(),
+            faces,
+            copies,
+        }
+    }
+
+    /// Per unknown, of so many, its place among those that move.
+    pub(super) fn places(&self, unknowns: usize) -> Vec<Option<u32>> {
+        let mut places = vec![None; unknowns];
+        for (place, &k) in (0..).zip(&self.unknowns) {
+            places[k] = Some(place);
+        }
+        places
+    }
+
+    /// The matrix of the quadratic energy (Eq. 4.10) over the unknowns, factored; `None` if none moves.
+    pub(super) fn factored(&self, system: &System<'_>) -> Result<Option<Cholesky>, Error> {
+        let count = self.unknowns.len();
+        if count == 0 {
+            return Ok(None);
+        }
+        let seams = system.seams;
+        let places = self.places(seams.reals + seams.integers);
+        let row = |copy: u32, component: usize| {
+            let terms = seams.row(copy, component);
+            terms.filter_map(|(k, p)| places[k].map(|place| (place, f64::from(p))))
+        };
+        let mut entries = Vec::new();
+        for &f in &self.faces {
+            let chart = &system.charts[f];
+            for (component, hats) in [&chart.along_u, &chart.along_v].into_iter().enumerate() {
+                for (k, l) in (0..9).map(|kl| (kl / 3, kl % 3)) {
+                    let [here, there] = [k, l].map(|k| system.cut.copy[3 * f + k]);
+                    let product = hats[k][0] * hats[l][0] + hats[k][1] * hats[l][1];
+                    for (y, p) in row(here, component) {
+                        let others = row(there, component);
+                        entries.extend(others.map(|(z, q)| (y, z, chart.area * product * p * q)));
+                    }
+                }
+            }
+        }
+        let matrix = SparseMatrix::from_triplets(count, count, &entries)?;
+        Ok(Some(Symbolic::of(&matrix)?.factor(&matrix)?))
+    }
+}

@@ -1,0 +1,304 @@
+//! Stars of triangles laid out by hand, where a vertex turns full turns too far or not far enough.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use super::cones::has_wrong_angle;
+use super::system::System;
+use crate::field::CrossField;
+use crate::field::frames::{Frames, next, previous};
+
+/// A star counts as upright when its triangles' determinants are above this.
+const UPRIGHT: f64 = 1e-3;
+/// So much is enough for neighbours to stay where another vertex has them.
+const FAIR: f64 = 0.2;
+
+/// Where the angle around a vertex is full turns off, no energy that only keeps triangles upright mends it: they would have to
+/// fold first. So the neighbours of these vertices are laid as they lie on the surface, with angles that add up, whatever
+/// that does to the triangles around. Returns which triangles have to stay upright from then on: those of all singular
+/// vertices of five or more quads, and of the vertices laid, whose angles are right.
+///
+/// `y` are the unknowns of the system and change for the neighbours of the vertices laid. What has its right angle
+/// already stays as it is, so that vertices laid one after the other share neighbours; where that leaves one of them
+/// wrong, it takes what it needs from the others.
+pub(super) fn wound(
+    system: &System<'_>,
+    frames: &Frames,
+    field: &CrossField,
+    vertices: &[usize],
+    y: &mut [f64],
+) -> Vec<usize> {
+    let fan = |v: usize| frames.around(v).collect::<Vec<usize>>();
+    let is_right = |fan: &[usize], corners: &[[[f64; 2]; 3]], v: usize| {
+        let upright = |h: &usize| system.charts[h / 3].determinant(&corners[h / 3]) > UPRIGHT;
+        !has_wrong_angle(frames, field, corners, v) && fan.iter().all(upright)
+    };
+    let mut held = Vec::new();
+    let mut placed = vec![false; field.index.len()];
+    let mut hold = |v: usize, fan: &[usize], placed: &mut [bool]| {
+        placed[v] = true;
+        for &h in fan {
+            placed[frames.from(next(h))] = true;
+            held.push(h / 3);
+        }
+    };
+    let mut corners = system.corners(y);
+    let mut wrong: Vec<usize> = Vec::new();
+    for v in (0..field.index.len()).filter(|&v| !frames.on_boundary(v)) {
+        let fan = fan(v);
+        let is_wanted = vertices.binary_search(&v).is_ok();
+        match is_right(&fan, &corners, v) {
+            true if field.index[v] < 0 || is_wanted => hold(v, &fan, &mut placed),
+            false if is_wanted => wrong.push(v),
+            _ => {}
+        }
+    }
+    for v in wrong {
+        let fan = fan(v);
+        let before = y.to_vec();
+        let mut lay = |stays: Stays<'_>| {
+            y.copy_from_slice(&before);
+            let laid = lay(system, field.index[v], &fan, &corners, stays, y);
+            let laid = laid.then(|| system.corners(y));
+            laid.filter(|laid| is_right(&fan, laid, v))
+        };
+        let is_placed = |h: usize| placed[frames.from(next(h))];
+        let fair = |laid: &Vec<[[f64; 2]; 3]>| {
+            let mut all = fan.iter().map(|h| h / 3);
+            all.all(|f| system.charts[f].determinant(&laid[f]) > FAIR)
+        };
+        let laid = lay(Stays::Placed(&is_placed)).filter(fair);
+        let laid = laid.or_else(|| lay(Stays::Bound));
+        match laid.or_else(|| lay(Stays::Nothing)) {
+            Some(laid) => {
+                corners = laid;
+                hold(v, &fan, &mut placed);
+            }
+            // Nearer to right than it was.
+            None => corners = system.corners(y),
+        }
+    }
+    held.sort_unstable();
+    held.dedup();
+    // What one vertex was given another may have taken.
+    held.retain(|&f| system.charts[f].determinant(&corners[f]) > UPRIGHT);
+    held
+}
+
+/// Which neighbours the others are laid between.
+#[derive(Clone, Copy)]
+enum Stays<'a> {
+    /// Those that were laid before, by their half-edges, and those that cannot move: on lines, and singular vertices.
+    Placed(&'a dyn Fn(usize) -> bool),
+    /// Those that cannot move.
+    Bound,
+    /// None, as if all could move.
+    Nothing,
+}
+
+/// Lays the neighbours of a vertex around it: at their lengths, at angles stretched to add up, turned to fit the field best.
+/// False if there is no such way.
+///
+/// On the surface the angles around the vertex may add up to anything, in the map they must add up to `4 − 4 I`
+/// quarters.
+fn lay(
+    system: &System<'_>,
+    index: i32,
+    fan: &[usize],
+    corners: &[[[f64; 2]; 3]],
+    stays: Stays<'_>,
+    y: &mut [f64],
+) -> bool {
+    let star = Star::of(system, index, fan);
+    let is_placed = |h: usize| matches!(stays, Stays::Placed(placed) if placed(h));
+    let free: Vec<Option<[Free; 2]>> = fan
+        .iter()
+        .map(|&h| (!is_placed(h)).then(|| free(system, next(h))).flatten())
+        .collect();
+    let fixed: Vec<usize> = (0..fan.len()).filter(|&k| free[k].is_none()).collect();
+    let directions = match stays {
+        Stays::Placed(_) | Stays::Bound if !fixed.is_empty() => {
+            star.directions_between(&fixed, corners)
+        }
+        _ => Some(star.directions()),
+    };
+    let Some(directions) = directions else {
+        return false;
+    };
+    for (k, free) in free.iter().enumerate() {
+        let Some(free) = free else { continue };
+        let h = fan[k];
+        let centre = corners[h / 3][h % 3];
+        let length = star.spokes[k][0][0].hypot(star.spokes[k][0][1]);
+        let (sine, cosine) = (directions[k] - star.turned[k]).sin_cos();
+        let wanted = [centre[0] + length * cosine, centre[1] + length * sine];
+        for (component, wanted) in wanted.into_iter().enumerate() {
+            let Free { unknown, factor } = free[component];
+            let row = system.seams.row(system.cut.copy[next(h)], component);
+            let rest: f64 = row
+                .filter(|&(l, _)| l != unknown)
+                .map(|(l, c)| f64::from(c) * y[l])
+                .sum();
+            y[unknown] = (wanted - rest) / factor;
+        }
+    }
+    true
+}
+
+/// The triangles around a vertex, unrolled.
+struct Star<'a> {
+    fan: &'a [usize],
+    /// Per triangle its two sides from the vertex, as the field would have them.
+    spokes: Vec<[[f64; 2]; 2]>,
+    /// The angles between these.
+    openings: Vec<f64>,
+    /// Where 0 of the chart of each triangle is in that of the first.
+    turned: Vec<f64>,
+    /// What the angles in the map must add up to.
+    total: f64,
+}
+
+impl<'a> Star<'a> {
+    fn of(system: &System<'_>, index: i32, fan: &'a [usize]) -> Self {
+        let spokes: Vec<[[f64; 2]; 2]> = fan.iter().map(|&h| spokes(system, h)).collect();
+        let opening = |&[a, b]: &[[f64; 2]; 2]| (angle(b) - angle(a)).rem_euclid(TAU);
+        let mut turned = vec![0.0; fan.len()];
+        for k in 1..fan.len() {
+            let turn = system.cut.turn[previous(fan[k - 1])];
+            turned[k] = turned[k - 1] + FRAC_PI_2 * f64::from(turn);
+        }
+        Self {
+            fan,
+            openings: spokes.iter().map(opening).collect(),
+            spokes,
+            turned,
+            total: f64::from(4 - index) * FRAC_PI_2,
+        }
+    }
+
+    /// Of the sides to the neighbours, if all of these may move: all angles are multiplied by the same number, and all
+    /// directions turned to those of the field.
+    fn directions(&self) -> Vec<f64> {
+        let stretch = self.total / self.openings.iter().sum::<f64>();
+        let (mut at, mut sine, mut cosine) = (0.0, 0.0, 0.0);
+        let mut directions = Vec::with_capacity(self.fan.len());
+        for (k, opening) in self.openings.iter().enumerate() {
+            directions.push(at);
+            let off = angle(self.spokes[k][0]) + self.turned[k] - at;
+            (sine, cosine) = (sine + off.sin(), cosine + off.cos());
+            at += stretch * opening;
+        }
+        let first = sine.atan2(cosine);
+        directions.iter_mut().for_each(|d| *d += first);
+        directions
+    }
+
+    /// The same if some stay: the angles between each two of them are multiplied by the same number, and full turns that are
+    /// missing go where angles have shrunk most. `None` if there are turns too many.
+    fn directions_between(&self, fixed: &[usize], corners: &[[[f64; 2]; 3]]) -> Option<Vec<f64>> {
+        let count = self.fan.len();
+        let actual = |k: usize| {
+            let (uv, at) = (&corners[self.fan[k] / 3], self.fan[k] % 3);
+            let to = next(self.fan[k]) % 3;
+            angle([uv[to][0] - uv[at][0], uv[to][1] - uv[at][1]]) + self.turned[k]
+        };
+        // From each that stays to the next one, which may be itself.
+        let gap = |(i, &from): (usize, &usize)| {
+            let to = fixed[(i + 1) % fixed.len()];
+            let steps = (to + count - from - 1) % count + 1;
+            let around = if from + steps >= count {
+                self.total
+            } else {
+                0.0
+            };
+            Gap {
+                from,
+                steps,
+                natural: (0..steps).map(|s| self.openings[(from + s) % count]).sum(),
+                angle: (actual(to) + around - actual(from)).rem_euclid(TAU),
+            }
+        };
+        let mut gaps: Vec<Gap> = fixed.iter().enumerate().map(gap).collect();
+        let missing = (self.total - gaps.iter().map(|g| g.angle).sum::<f64>()) / TAU;
+        if missing.round() < 0.0 {
+            return None;
+        }
+        for _ in 0..missing.round() as usize {
+            let most = gaps
+                .iter_mut()
+                .max_by(|a, b| a.shrunk().total_cmp(&b.shrunk()));
+            most?.angle += TAU;
+        }
+        let mut directions = vec![0.0; count];
+        for gap in gaps {
+            let mut direction = actual(gap.from);
+            let stretch = gap.angle / gap.natural;
+            for s in gap.from..gap.from + gap.steps - 1 {
+                direction += stretch * self.openings[s % count];
+                // Past the first spoke all is a turn around the vertex further on.
+                let around = if s + 1 >= count { self.total } else { 0.0 };
+                directions[(s + 1) % count] = direction - around;
+            }
+        }
+        Some(directions)
+    }
+}
+
+fn angle(p: [f64; 2]) -> f64 {
+    p[1].atan2(p[0])
+}
+
+/// Neighbours of a vertex between two that stay where they are.
+struct Gap {
+    /// The spoke to the first that stays.
+    from: usize,
+    /// Triangles between the two.
+    steps: usize,
+    /// The angle on the surface, as the field would have it.
+    natural: f64,
+    /// The angle in the map.
+    angle: f64,
+}
+
+impl Gap {
+    fn shrunk(&self) -> f64 {
+        self.natural - self.angle
+    }
+}
+
+/// The real unknown that a coordinate hangs on.
+struct Free {
+    unknown: usize,
+    factor: f64,
+}
+
+/// Those of both coordinates of a corner; `None` if it cannot move freely.
+fn free(system: &System<'_>, corner: usize) -> Option<[Free; 2]> {
+    let of = |component| {
+        let row = system.seams.row(system.cut.copy[corner], component);
+        let mut free = row.filter(|&(k, _)| k < system.seams.reals);
+        match (free.next(), free.next()) {
+            (Some((unknown, c)), None) => Some(Free {
+                unknown,
+                factor: f64::from(c),
+            }),
+            _ => None,
+        }
+    };
+    Some([of(0)?, of(1)?])
+}
+
+/// The two sides from a corner as the field would have them in the map.
+///
+/// They are `[du, dv]` in units of lines, to the next corner and to the previous one.
+fn spokes(system: &System<'_>, h: usize) -> [[f64; 2]; 2] {
+    let chart = &system.charts[h / 3];
+    let (k, l) = (next(h) % 3, previous(h) % 3);
+    // The gradients of the hats at the far ends, and the sides, are inverse matrices.
+    let inverse = |hats: &[[f64; 2]; 3]| {
+        let ([a, b], [c, d]) = (hats[k], hats[l]);
+        let determinant = a * d - b * c;
+        [[d, -b], [-c, a]].map(|row| row.map(|x| x / determinant))
+    };
+    let (u, v) = (inverse(&chart.along_u), inverse(&chart.along_v));
+    [[u[0][0], v[1][0]], [u[0][1], v[1][1]]]
+}
