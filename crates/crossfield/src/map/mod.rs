@@ -57,13 +57,10 @@ pub(crate) mod exact;
 mod integers;
 mod net;
 mod parameterize;
-mod scope;
 mod spacing;
 mod system;
 mod transition;
 mod unfold;
-mod untangle;
-mod wind;
 
 #[cfg(feature = "testing")]
 pub(crate) use integers::inverse;
@@ -72,7 +69,7 @@ pub(crate) use net::Net;
 pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]
 pub(crate) use parameterize::{decimated, unfolding_costs};
-pub(crate) use untangle::{Effort, LastUpright, Unfolding};
+pub(crate) use unfold::{Effort, LastUpright, Unfolding};
 
 pub use exact::{GridMap, MapReport};
 pub use parameterize::{MapOptions, parameterize};

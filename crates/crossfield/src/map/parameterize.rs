@@ -15,10 +15,9 @@ use super::integers::{AtLeast, Coarse, Quadratic, Spread, Upright};
 use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
-use super::unfold::Unfolder;
-use super::untangle::Unfolding;
 #[cfg(feature = "testing")]
-use super::untangle::{Effort, LastUpright};
+use super::unfold::{Effort, LastUpright};
+use super::unfold::{Unfolder, Unfolding};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;

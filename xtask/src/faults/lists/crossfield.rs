@@ -145,7 +145,7 @@ pub(super) const FAULTS: &[Fault] = &[
     .seen_by("laws::the_next_map_of_a_field_starts_upright"),
     Fault::wrong(
         "a star that turns too little is unfolded to the end",
-        "crates/crossfield/src/map/untangle.rs",
+        "crates/crossfield/src/map/unfold/untangle.rs",
         "if energy.epsilon < FIRM && (moves.is_lost)",
         "if energy.epsilon < 0.0 && (moves.is_lost)",
     )

@@ -2,15 +2,13 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use super::cones::has_wrong_angle;
-use super::system::System;
 use crate::field::CrossField;
 use crate::field::frames::{Frames, next, previous};
+use crate::map::cones::has_wrong_angle;
+use crate::map::system::System;
 
 /// A star counts as upright when its triangles' determinants are above this.
 const UPRIGHT: f64 = 1e-3;
-/// So much is enough for neighbours to stay where another vertex has them.
-const FAIR: f64 = 0.2;
 
 /// Where the angle around a vertex is full turns off, no energy that only keeps triangles upright mends it: they would have to
 /// fold first. So the neighbours of these vertices are laid as they lie on the surface, with angles that add up, whatever
@@ -62,19 +60,14 @@ pub(super) fn wound(
             laid.filter(|laid| is_right(&fan, laid, v))
         };
         let is_placed = |h: usize| placed[frames.from(next(h))];
-        let fair = |laid: &Vec<[[f64; 2]; 3]>| {
-            let mut all = fan.iter().map(|h| h / 3);
-            all.all(|f| system.charts[f].determinant(&laid[f]) > FAIR)
-        };
-        let laid = lay(Stays::Placed(&is_placed)).filter(fair);
+        let laid = lay(Stays::Placed(&is_placed));
         let laid = laid.or_else(|| lay(Stays::Bound));
         match laid.or_else(|| lay(Stays::Nothing)) {
             Some(laid) => {
                 corners = laid;
                 hold(v, &fan, &mut placed);
             }
-            // Nearer to right than it was.
-            None => corners = system.corners(y),
+            None => y.copy_from_slice(&before),
         }
     }
     held.sort_unstable();

@@ -11,10 +11,10 @@ use std::cell::{Cell, RefCell};
 use geom_core::compute::BackendError;
 
 use super::scope::Scope;
-use super::spacing::Chart;
-use super::system::System;
 use crate::Error;
 use crate::backend::{ChartDistortion, CrossfieldBackend, On};
+use crate::map::spacing::Chart;
+use crate::map::system::System;
 use crate::specification::chart_distortion;
 
 /// Steps remembered by the minimizer.

@@ -1,14 +1,19 @@
 //! How a map is unfolded: all at once, then place by place.
 
-use super::cones::has_wrong_angle;
-use super::scope::Scope;
-use super::system::{Solver, System, Weighted};
-use super::untangle::{Effort, Moves, untangle};
-use super::wind::wound;
+mod scope;
+mod untangle;
+mod wind;
+
+use self::scope::Scope;
+pub(crate) use self::untangle::{Effort, LastUpright, Unfolding};
+use self::untangle::{Moves, untangle};
+use self::wind::wound;
 use crate::Error;
 use crate::backend::On;
 use crate::field::CrossField;
 use crate::field::frames::{Frames, next};
+use crate::map::cones::has_wrong_angle;
+use crate::map::system::{Solver, System, Weighted};
 
 /// How many rings of triangles around what is folded move when only these do, one try after the other.
 const SURROUNDINGS: [usize; 16] = [3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18];

@@ -2,8 +2,8 @@
 
 use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
 
-use super::system::System;
 use crate::Error;
+use crate::map::system::System;
 
 /// Unknowns that move, and the triangles that move with them.
 pub(crate) struct Scope {
