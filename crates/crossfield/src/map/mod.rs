@@ -19,8 +19,8 @@
 //! |---|---|---|
 //! | cut | opens the surface to a disk with all singular vertices on its rim | |
 //! | conditions | all of the above as integer sums of independent unknowns, by exact elimination | |
-//! | relaxation | the optimum with real numbers in place of integers, unfolded if it folds | rarely: it stays folded |
-//! | integers | rounds them, one by one or until a decimated map is upright | singular vertices end on one point |
+//! | relaxation | the optimum with real numbers in place of integers, unfolded if it folds, as a whole, then place by place | rarely: it stays folded |
+//! | integers | rounds them, one by one or until a decimated map is upright and no handle too narrow | singular vertices end on one point |
 //! | untangling | unfolds what rounding has folded, the integers held | triangles have too little freedom |
 //! | check | coordinates in fixed point, areas and angles in integers | says which triangle is folded |
 //!

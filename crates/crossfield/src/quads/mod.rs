@@ -7,6 +7,9 @@
 //! lines, so that whether a line passes left or right of a vertex is the sign of an integer, never a matter of rounding (Ebke
 //! et al., *QEx: robust quad mesh extraction*, 2013). Nothing is repaired afterwards, since nothing can be broken.
 //!
+//! Around a handle one or two quads wide the quads would be no mesh: a side returns to its vertex, or two have the same ends.
+//! Such a path along sides is a sum of the map's integers, and that it be three sides long is one more condition on these.
+//!
 //! **Improvement.** The vertices then move on the surface until the corners of the quads are as near to right angles as they
 //! get (Eqs. 5.5–5.7 with a sign), and those of the worst quads search for better places one by one. Where no places are good,
 //! at a tip or in a tunnel as narrow as the quads, a few quads give way to others that join the same vertices differently.
