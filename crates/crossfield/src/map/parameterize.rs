@@ -122,16 +122,13 @@ pub(crate) fn parameterized(
     let Rounded {
         mut y,
         stage,
-        coarse,
+        spread,
+        is_narrow,
     } = making.quantized(&relaxed, widening)?;
     run.progress("map", 2, 3)?;
-    let spread = coarse
-        .and_then(|coarse| making.spread(&coarse, &y[seams.reals..], &relaxed.corners))
-        .map(Box::new);
-    let is_vain =
-        |spread: &Spread| widening.is_some_and(|w| w.may_be_vain && (w.narrow)(spread).anywhere);
+    let may_be_vain = is_narrow && widening.is_some_and(|w| w.may_be_vain);
     let spread = match spread {
-        Some(spread) if is_vain(&spread) => return Ok(Laid::Vain(spread)),
+        Some(spread) if may_be_vain => return Ok(Laid::Vain(spread)),
         spread => spread,
     };
     // With a decimated map to fall back on, no more than a little.
@@ -268,8 +265,17 @@ struct Rounded {
     y: Vec<f64>,
     /// What to say if the map folds.
     stage: &'static str,
-    /// The decimated map that they leave upright, where one was needed.
-    coarse: Option<Coarse>,
+    /// The decimated map with them, where one was needed and turns right around all vertices.
+    spread: Option<Box<Spread>>,
+    /// Are its quads no mesh?
+    is_narrow: bool,
+}
+
+/// Integers that make handles and necks wider.
+struct Widened {
+    z: Vec<f64>,
+    spread: Option<Box<Spread>>,
+    is_narrow: bool,
 }
 
 /// A map on its way.
@@ -463,7 +469,7 @@ impl<'a> Making<'a> {
     ///
     /// Three outcomes: the rounded integers, where nothing folds, or the decimated map is upright with them, or there is no
     /// decimated map to judge them by; those found under the conditions of the decimated map; and an error, if there are
-    /// none on denser grids either.
+    /// none on denser grids either. The first two are made wider where quads would meet themselves, if asked for.
     fn quantized(
         &mut self,
         relaxed: &Relaxed,
@@ -476,18 +482,19 @@ impl<'a> Making<'a> {
         } = relaxed;
         let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
         let rounded = quadratic.rounded(self.run)?.ok_or(indefinite)?;
-        let with = |stage, coarse, integers: &[f64]| -> Result<Rounded, Error> {
-            let y = Self::with_reals(weighted, integers)?;
-            Ok(Rounded { y, stage, coarse })
+        let direct = Rounded {
+            y: Self::with_reals(weighted, &rounded)?,
+            stage: "rounding",
+            spread: None,
+            is_narrow: false,
         };
-        let direct = with("rounding", None, &rounded)?;
         if self.faults(&self.system.corners(&direct.y)).is_empty() {
             return Ok(direct);
         }
         let System { cut, seams, .. } = self.system;
         let decimated = Coarse::of(self.frames, self.field, cut, seams, corners)
             .and_then(|coarse| coarse.upright().map(|upright| (coarse, upright)));
-        let Some((coarse, mut upright)) = decimated else {
+        let Some((coarse, upright)) = decimated else {
             let stage = "rounding without a decimated map";
             return Ok(Rounded { stage, ..direct });
         };
@@ -507,46 +514,62 @@ impl<'a> Making<'a> {
             self.report.respaced = true;
             z = other;
         }
-        if let Some(Widening { narrow, .. }) = widening {
-            self.report.respaced |= self.widened(&coarse, &mut upright, &mut z, relaxed, narrow)?;
+        let narrow = widening.map(|w| w.narrow);
+        let Widened {
+            z: wider,
+            mut spread,
+            is_narrow,
+        } = self.widened(&coarse, upright, &z, relaxed, narrow)?;
+        self.report.respaced |= wider != z;
+        if let Some(spread) = &mut spread {
+            spread.map.report = self.report;
         }
-        let stage = if self.report.respaced {
-            "rounding to other integers"
-        } else {
-            "rounding"
-        };
-        with(stage, Some(coarse), &z)
+        Ok(Rounded {
+            y: Self::with_reals(weighted, &wider)?,
+            stage: match self.report.respaced {
+                true => "rounding to other integers",
+                false => "rounding",
+            },
+            spread,
+            is_narrow,
+        })
     }
 
     /// Makes handles and necks wider where quads would meet themselves around them: each is a condition more on the integers.
-    /// Answers whether they have changed.
     fn widened(
         &self,
         coarse: &Coarse,
-        upright: &mut Upright,
-        z: &mut Vec<f64>,
+        mut upright: Upright,
+        z: &[f64],
         relaxed: &Relaxed,
-        narrow: &dyn Fn(&Spread) -> Narrow,
-    ) -> Result<bool, Error> {
-        let mut changed = false;
-        for _ in 0..WIDENINGS {
-            let Some(spread) = self.spread(coarse, z, &relaxed.corners) else {
+        narrow: Option<&dyn Fn(&Spread) -> Narrow>,
+    ) -> Result<Widened, Error> {
+        let spread = |z: &[f64]| self.spread(coarse, z, &relaxed.corners).map(Box::new);
+        let mut now = Widened {
+            z: z.to_vec(),
+            spread: spread(z),
+            is_narrow: false,
+        };
+        for round in 0..=WIDENINGS {
+            let (Some(narrow), Some(last)) = (narrow, &now.spread) else {
                 break;
             };
-            let found = narrow(&spread);
-            if found.wider.is_empty() {
+            let found = narrow(last);
+            now.is_narrow = found.anywhere;
+            if found.wider.is_empty() || round == WIDENINGS {
                 break;
             }
             upright.add(&found.wider);
-            let Some(wider) = relaxed.quadratic.mended(z, upright, self.run)? else {
+            let Some(z) = relaxed.quadratic.mended(&now.z, &upright, self.run)? else {
                 break;
             };
-            if self.spread(coarse, &wider, &relaxed.corners).is_none() {
+            // Moves may have turned triangles all around a vertex.
+            let Some(wider) = spread(&z) else {
                 break;
-            }
-            (*z, changed) = (wider, true);
+            };
+            (now.z, now.spread) = (z, Some(wider));
         }
-        Ok(changed)
+        Ok(now)
     }
 
     /// The decimated map with these integers; `None` where the angles around a vertex are wrong with them.

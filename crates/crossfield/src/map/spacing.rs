@@ -90,6 +90,15 @@ impl Chart {
         [row(0, &self.along_u), row(1, &self.along_v)]
     }
 
+    /// What `|J|²` is in the coordinates of the corners, of u and of v: they do not know of each other in a triangle.
+    pub(crate) fn stiffness(&self) -> [[[f64; 3]; 3]; 2] {
+        let of = |along: &[[f64; 2]; 3]| {
+            let product = |a: &[f64; 2], b: &[f64; 2]| a[0] * b[0] + a[1] * b[1];
+            along.map(|a| along.map(|b| product(&a, &b)))
+        };
+        [of(&self.along_u), of(&self.along_v)]
+    }
+
     /// The determinant of the Jacobian: above 0 where the triangle is upright.
     pub fn determinant(&self, uv: &[[f64; 2]; 3]) -> f64 {
         determinant(&self.jacobian(uv))

@@ -147,16 +147,15 @@ impl<'a> System<'a> {
         let mut pulls = vec![0.0; coordinates];
         for (f, chart) in self.charts.iter().enumerate() {
             let weight = weights[f] * chart.area;
-            for (component, hats) in [&chart.along_u, &chart.along_v].into_iter().enumerate() {
+            let hats = [&chart.along_u, &chart.along_v];
+            for (component, stiffness) in chart.stiffness().iter().enumerate() {
                 let wanted = self.wanted[f][component];
                 let places = [0, 1, 2].map(|k| 2 * self.cut.copy[3 * f + k] + component as u32);
                 for k in 0..3 {
-                    pulls[places[k] as usize] +=
-                        weight * (hats[k][0] * wanted[0] + hats[k][1] * wanted[1]);
-                    entries.extend((0..3).map(|l| {
-                        let product = hats[k][0] * hats[l][0] + hats[k][1] * hats[l][1];
-                        (places[k], places[l], weight * product)
-                    }));
+                    let hat = hats[component][k];
+                    pulls[places[k] as usize] += weight * (hat[0] * wanted[0] + hat[1] * wanted[1]);
+                    entries
+                        .extend((0..3).map(|l| (places[k], places[l], weight * stiffness[k][l])));
                 }
             }
         }

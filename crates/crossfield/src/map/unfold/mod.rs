@@ -4,6 +4,8 @@ mod scope;
 mod untangle;
 mod wind;
 
+use std::ops::RangeInclusive;
+
 use self::scope::Scope;
 pub(crate) use self::untangle::{Effort, LastUpright, Unfolding};
 use self::untangle::{Moves, untangle};
@@ -16,7 +18,7 @@ use crate::map::cones::has_wrong_angle;
 use crate::map::system::{Solver, System, Weighted};
 
 /// How many rings of triangles around what is folded move when only these do, one try after the other.
-const SURROUNDINGS: [usize; 16] = [3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18];
+const SURROUNDINGS: RangeInclusive<usize> = 3..=18;
 
 /// So many tries without fewer folds are enough.
 const NO_BETTER: usize = 6;
@@ -82,21 +84,10 @@ impl Unfolder<'_> {
             if bad.is_empty() || self.effort.is_spent() {
                 break;
             }
-            let mut near = vec![false; frames.edges().vertices()];
-            bad.iter().for_each(|&v| near[v] = true);
             let stuck = self.stuck(&self.system.corners(y));
             let held = wound(self.system, frames, self.field, &stuck, y);
-            for v in self.bad(&self.system.corners(y)) {
-                near[v] = true;
-            }
-            for _ in 0..rings {
-                self.widen(&mut near);
-            }
-            let mut is_near = vec![false; self.system.seams.copies()];
-            for h in 0..frames.edges().len() {
-                is_near[self.system.cut.copy[h] as usize] |= near[frames.from(h)];
-            }
-            let scope = Scope::of_copies(self.system, |copy| is_near[copy as usize]);
+            bad.extend(self.bad(&self.system.corners(y)));
+            let scope = self.around(&bad, rings);
             let Some(factor) = scope.factored(self.system)? else {
                 break;
             };
@@ -124,39 +115,52 @@ impl Unfolder<'_> {
         Ok(bad.is_empty())
     }
 
-    /// The neighbours as well.
-    fn widen(&self, near: &mut [bool]) {
-        let frames = self.frames;
-        let before = near.to_vec();
-        for h in 0..frames.edges().len() {
-            let [a, b] = [h, next(h)].map(|h| frames.from(h));
-            if before[a] || before[b] {
-                (near[a], near[b]) = (true, true);
+    /// The unknowns of some vertices and so many rings around them.
+    fn around(&self, vertices: &[usize], rings: usize) -> Scope {
+        let (frames, cut) = (self.frames, self.system.cut);
+        let mut near = vec![false; frames.edges().vertices()];
+        vertices.iter().for_each(|&v| near[v] = true);
+        for _ in 0..rings {
+            let before = near.clone();
+            for h in 0..frames.edges().len() {
+                let [a, b] = [h, next(h)].map(|h| frames.from(h));
+                if before[a] || before[b] {
+                    (near[a], near[b]) = (true, true);
+                }
             }
         }
+        let mut is_near = vec![false; self.system.seams.copies()];
+        for (h, &copy) in cut.copy.iter().enumerate() {
+            is_near[copy as usize] |= near[frames.from(h)];
+        }
+        Scope::of_copies(self.system, |copy| is_near[copy as usize])
     }
 
     /// Vertices with upright triangles alone that turn too far or not far enough around them. They would have to fold before they
     /// could turn right.
     fn stuck(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
-        let is_upright = |h: usize| self.system.charts[h / 3].determinant(&corners[h / 3]) > 0.0;
-        let (frames, field) = (self.frames, self.field);
-        (0..frames.edges().vertices())
-            .filter(|&v| {
-                has_wrong_angle(frames, field, corners, v) && frames.around(v).all(is_upright)
-            })
-            .collect()
+        self.vertices(corners, |turns_wrong, upright| turns_wrong && upright)
     }
 
     /// Vertices at a wrong angle or of triangles that are not upright.
     fn bad(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
+        self.vertices(corners, |turns_wrong, upright| turns_wrong || !upright)
+    }
+
+    /// Those wanted, by whether the angle around them is wrong, and whether all triangles there are upright.
+    fn vertices(
+        &self,
+        corners: &[[[f64; 2]; 3]],
+        is_wanted: impl Fn(bool, bool) -> bool,
+    ) -> Vec<usize> {
         let is_upright = |h: usize| self.system.charts[h / 3].determinant(&corners[h / 3]) > 0.0;
-        let (frames, field) = (self.frames, self.field);
-        (0..frames.edges().vertices())
-            .filter(|&v| {
-                has_wrong_angle(frames, field, corners, v) || !frames.around(v).all(is_upright)
-            })
-            .collect()
+        let frames = self.frames;
+        let all = 0..frames.edges().vertices();
+        all.filter(|&v| {
+            let turns_wrong = has_wrong_angle(frames, self.field, corners, v);
+            is_wanted(turns_wrong, frames.around(v).all(is_upright))
+        })
+        .collect()
     }
 
     pub(super) fn is_valid(&self, y: &[f64]) -> bool {

@@ -85,13 +85,13 @@ impl Scope {
         let mut entries = Vec::new();
         for &f in &self.faces {
             let chart = &system.charts[f];
-            for (component, hats) in [&chart.along_u, &chart.along_v].into_iter().enumerate() {
+            for (component, stiffness) in chart.stiffness().iter().enumerate() {
                 for (k, l) in (0..9).map(|kl| (kl / 3, kl % 3)) {
                     let [here, there] = [k, l].map(|k| system.cut.copy[3 * f + k]);
-                    let product = hats[k][0] * hats[l][0] + hats[k][1] * hats[l][1];
+                    let value = chart.area * stiffness[k][l];
                     for (y, p) in row(here, component) {
                         let others = row(there, component);
-                        entries.extend(others.map(|(z, q)| (y, z, chart.area * product * p * q)));
+                        entries.extend(others.map(|(z, q)| (y, z, value * p * q)));
                     }
                 }
             }

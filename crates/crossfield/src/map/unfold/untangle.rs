@@ -40,7 +40,7 @@ const SETTLED: f64 = 1e-2;
 pub(crate) struct Effort(Cell<u64>);
 
 impl Effort {
-    /// What a surface of so many triangles is worth: a thousand evaluations, and as many of ten thousand triangles.
+    /// What a surface of so many triangles is worth: fifteen hundred evaluations, and as many of ten thousand triangles.
     pub(crate) fn of(triangles: usize) -> Self {
         const EVALUATIONS: u64 = 1500;
         const FEW: u64 = 10_000;
