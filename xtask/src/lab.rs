@@ -1,7 +1,6 @@
 //! The chores that measure our own crates. They are compiled with the feature `lab` and in release
 //! mode, which `cargo xtask` sees to by calling itself again, so that the plain chores build fast.
 
-#[cfg(feature = "lab")]
 mod bench;
 #[cfg(feature = "lab")]
 mod crosscheck;
@@ -14,14 +13,6 @@ mod spectra;
 mod sweep;
 #[cfg(feature = "lab")]
 mod thesis;
-#[cfg(feature = "lab")]
-mod thesis35;
-#[cfg(feature = "lab")]
-mod thesis5;
-#[cfg(feature = "lab")]
-mod thesis6;
-#[cfg(feature = "lab")]
-mod thesis7;
 
 use clap::Subcommand;
 
@@ -29,8 +20,8 @@ use crate::Outcome;
 
 #[derive(Subcommand)]
 pub(crate) enum Chore {
-    /// Density and surface beside programs of others, on the same input, in one run.
-    Bench,
+    /// The programs by their defaults, stage by stage, and kernels beside programs of others, in one run, beside what was stored
+    Bench(bench::Arguments),
     /// Eigenpairs of surfaces beside those of SciPy on the same matrices: differences and times.
     Spectra {
         /// Also what surfaces of 200 000 and 500 000 vertices and voxel graphs of 200 000 and 1 000 000
@@ -74,7 +65,7 @@ pub(crate) enum Chore {
 #[cfg(feature = "lab")]
 pub(crate) fn run(chore: &Chore) -> Outcome {
     match chore {
-        Chore::Bench => bench::run(),
+        Chore::Bench(arguments) => bench::run(arguments),
         Chore::Spectra { large } => spectra::run(*large),
         Chore::Crosscheck { part } => crosscheck::run(part.as_deref()),
         Chore::Fuzz {
@@ -104,6 +95,31 @@ fn answer(
 #[cfg(feature = "lab")]
 fn text(error: impl std::fmt::Display) -> String {
     error.to_string()
+}
+
+/// The surface of a structure's density as the programs make it, by this decay and with lattice points this far apart, Å.
+#[cfg(feature = "lab")]
+fn density_surface(
+    structure: &geom_core::Structure,
+    decay: f64,
+    spacing: f64,
+) -> Result<geom_core::TriMesh, String> {
+    use gauss_density::{Cutoff, Levels, Model, PointSampler, sample_band};
+    let on = geom_core::Run::on(&geom_core::Cpu);
+    let levels = Levels {
+        decay,
+        ..Levels::default()
+    };
+    let model = Model::uniform(structure, &levels).map_err(text)?;
+    let options = gauss_density::Options {
+        spacing,
+        ..Default::default()
+    };
+    let grid = sample_band(&model, &options, on).map_err(text)?.grid;
+    let field = PointSampler::new(&model, Cutoff::default()).map_err(text)?;
+    let options = dual_contour::Options::default();
+    let made = dual_contour::surface(&grid, Some(&field), &options, on);
+    Ok(made.map_err(text)?.mesh)
 }
 
 #[cfg(feature = "lab")]

@@ -493,14 +493,48 @@ fn sharp_edges_that_meet_at_small_angles_have_a_quad_between() {
 
 #[test]
 fn parts_are_taken_one_by_one() {
-    let (mut positions, mut triangles) = shapes::icosphere(1.0, 3).into_parts();
-    let (more, faces) = shapes::torus(2.0, 0.1, 60, 8).into_parts();
-    let first = positions.len() as u32;
-    positions.extend(more.iter().map(|p| p + Vector3::new(5.0, 0.0, 0.0)));
-    triangles.extend(faces.iter().map(|t| t.map(|v| v + first)));
-    let mesh = TriMesh::new(positions, triangles).unwrap();
+    let (mut positions, triangles) = shapes::torus(2.0, 0.1, 60, 8).into_parts();
+    positions.iter_mut().for_each(|p| p.x += 5.0);
+    let torus = TriMesh::new(positions, triangles).unwrap();
+    let mesh = together(shapes::icosphere(1.0, 3), &torus);
     let made = quads(&mesh, Size::Spacing(0.15));
     assert_eq!(made.report.parts.len(), 2);
+}
+
+/// A bubble as dual contouring makes them, much smaller than a quad, gets the quads of a cube.
+#[test]
+fn a_bubble_smaller_than_a_quad_has_six() {
+    let bubble = cuboid(Vector3::repeat(0.05), 1);
+    let mesh = together(shapes::icosphere(1.0, 3), &bubble);
+    let made = quads(&mesh, Size::Spacing(0.15));
+    let part = &made.report.parts[1];
+    assert_eq!((part.quads, part.rung), (6, Rung::Direct), "{part:?}");
+    assert!(made.report.scaled_jacobian.min > 0.6);
+}
+
+/// The wall of a cavity nearly touches the outer one, and faces the other way: what is nearest to a quad may be of the other.
+#[test]
+fn parts_that_nearly_touch_are_measured_by_themselves() {
+    let (positions, mut triangles) = shapes::icosphere(0.995, 3).into_parts();
+    triangles.iter_mut().for_each(|t| t.swap(0, 1));
+    let wall = TriMesh::new(positions, triangles).unwrap();
+    let outer = shapes::icosphere(1.0, 3);
+    let first = outer.triangles().len();
+    let mesh = together(outer, &wall);
+    let made = quads(&mesh, Size::Spacing(0.3));
+    assert!(made.report.scaled_jacobian.min > 0.5, "{:?}", made.report);
+    let of_first = made.report.parts[0].quads;
+    for (quad, &origin) in made.origins.iter().enumerate() {
+        assert_eq!((origin as usize) < first, quad < of_first);
+    }
+}
+
+fn together(one: TriMesh, other: &TriMesh) -> TriMesh {
+    let (mut positions, mut triangles) = one.into_parts();
+    let first = positions.len() as u32;
+    positions.extend(other.positions());
+    triangles.extend(other.triangles().iter().map(|t| t.map(|v| v + first)));
+    TriMesh::new(positions, triangles).unwrap()
 }
 
 #[test]

@@ -40,8 +40,8 @@ pub(crate) struct Arguments {
     /// Quads of meshes in place of tetrahedra of structures
     #[arg(long, conflicts_with_all = ["spacing", "tets", "method", "region", "meshcheck", "python"])]
     quads: bool,
-    /// Structure files, or folders of them [default: pdb and pockets of ../shared/data; with --quads meshes, psb/off and
-    /// meshes]
+    /// Structure files, or folders of them [default: pdb and pockets of ../shared/data; with --quads files of
+    /// meshes, too, and psb/off, meshes and pdb]
     #[arg(long, value_name = "PATH")]
     data: Vec<PathBuf>,
     /// Lattice spacings, Å [default: for about --tets tetrahedra inside, and for 2.5 times as many]

@@ -554,17 +554,19 @@ impl<'a> Descent<'a> {
     ) -> Result<Vec<(f64, Change)>, Error> {
         const TARGETS: usize = 24;
         const RING: [f64; 2] = [1.05, 1.5];
+        let reach = RING[1] * apart;
+        // Those that are farther from the vertex are near to no target.
+        let paths = shortest_paths(graph, &[(v, 0.0)], 2.0 * reach)?;
         let others: Vec<(u32, f64)> = self
             .singular()
-            .filter(|&u| u != v)
+            .filter(|&u| u != v && paths.distance[u as usize].is_finite())
             .map(|u| (u, 0.0))
             .collect();
-        let free = shortest_paths(graph, &others, RING[1] * apart)?.distance;
-        let paths = shortest_paths(graph, &[(v, 0.0)], RING[1] * apart)?;
+        let free = shortest_paths(graph, &others, reach)?.distance;
         let ring: Vec<u32> = (0..self.index.len() as u32)
             .filter(|&u| {
                 let (far, own) = (free[u as usize], paths.distance[u as usize]);
-                own.is_finite() && far >= apart && own >= RING[0] * apart
+                own <= reach && far >= apart && own >= RING[0] * apart
             })
             .collect();
         let every = ring.len().div_ceil(TARGETS).max(1);

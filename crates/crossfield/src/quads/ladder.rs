@@ -135,40 +135,94 @@ fn quadrangulate_on(
     let area = filled_area(&whole, &slopes)?;
     let spacing = options.size.spacing(area, whole.triangles().len());
     let guidance = guidance_of_parts(&whole, &split, &options.guidance)?;
-    let (mut positions, mut quads) = (Vec::new(), Vec::new());
+    let mut positions = Vec::new();
+    let mut quads = Vec::new();
+    let mut found = Found::default();
     let mut report = Report {
         backend: run.backend.name(),
         repaired,
         ..Report::default()
     };
-    for (number, mesh) in split.iter().enumerate() {
+    for (number, (mesh, faces)) in split.iter().enumerate() {
         run.progress("quads", number as u64, split.len() as u64)?;
         let options = Options {
             guidance: guidance[number].clone(),
             anisotropy: None,
             ..*options
         };
-        let (made, part) = part_quads(&mesh.0, spacing, &options, slopes.get(number), run)?;
+        let (made, part) = part_quads(mesh, spacing, &options, slopes.get(number), run)?;
+        // Each part by itself: another may touch it, or lie around it.
+        found.add(&made, mesh, faces)?;
         let first = positions.len() as u32;
-        let (more, faces) = made.into_parts();
+        let (more, corners) = made.into_parts();
         positions.extend(more);
-        quads.extend(faces.into_iter().map(|q| q.map(|v| v + first)));
+        quads.extend(corners.into_iter().map(|q| q.map(|v| v + first)));
         report.parts.push(part);
     }
     let mesh = QuadMesh::new(positions, quads)?;
+    if report.repaired.is_some() {
+        // The triangles are others than the input's.
+        found.places = Places::of(&mesh, surface)?;
+    }
     report.valences = Valences::of(&mesh)?;
-    let (sources, origins) = origins(&mesh, surface)?;
-    let jacobians = jacobians(&mesh, surface)?;
-    report.scaled_jacobian = JacobianSummary::of(&jacobians);
+    report.scaled_jacobian = JacobianSummary::of(&found.jacobians);
     let aspects = (0..mesh.quads().len()).map(|q| aspect_ratio(&mesh.corners(q)));
     report.aspect_ratio = AspectSummary::of(aspects.collect());
+    let Places { sources, origins } = found.places;
     Ok(Quadrangulation {
         mesh,
         sources,
         origins,
-        jacobians,
+        jacobians: found.jacobians,
         report,
     })
+}
+
+/// What the parts' quads are like, and where they lie.
+#[derive(Default)]
+struct Found {
+    jacobians: Vec<f64>,
+    places: Places,
+}
+
+impl Found {
+    /// Adds a part's quads; `faces` are the part's triangles in the whole surface.
+    fn add(&mut self, quads: &QuadMesh, part: &TriMesh, faces: &[u32]) -> Result<(), Error> {
+        self.jacobians.extend(jacobians(quads, part)?);
+        let Places { sources, origins } = Places::of(quads, part)?;
+        let of = |triangle: u32| faces[triangle as usize];
+        self.places.origins.extend(origins.into_iter().map(of));
+        let of = |source: SurfacePoint| SurfacePoint {
+            triangle: of(source.triangle),
+            ..source
+        };
+        self.places.sources.extend(sources.into_iter().map(of));
+        Ok(())
+    }
+}
+
+/// Where vertices and centres of quads lie on a surface.
+#[derive(Default)]
+struct Places {
+    sources: Vec<SurfacePoint>,
+    origins: Vec<u32>,
+}
+
+impl Places {
+    fn of(mesh: &QuadMesh, surface: &TriMesh) -> Result<Self, Error> {
+        let tree = TriangleTree::new(surface)?;
+        let centres: Vec<Point3> = (0..mesh.quads().len())
+            .map(|q| {
+                let corners = mesh.corners(q).map(|p| p.coords);
+                Point3::from((corners[0] + corners[1] + corners[2] + corners[3]) / 4.0)
+            })
+            .collect();
+        let origins = tree.closest_to_all(&centres)?;
+        Ok(Self {
+            sources: sources(mesh, &tree)?,
+            origins: origins.iter().map(|c| c.triangle).collect(),
+        })
+    }
 }
 
 /// The area that squares of one size fill: that of the surface, or with anisotropy what its narrow quads become when they
@@ -178,20 +232,6 @@ fn filled_area(whole: &TriMesh, slopes: &[Slope]) -> Result<f64, Error> {
         return Ok(whole.area());
     }
     slopes.iter().map(|slope| slope.stretched_area()).sum()
-}
-
-/// Where vertices and centres of quads lie on the surface.
-fn origins(mesh: &QuadMesh, surface: &TriMesh) -> Result<(Vec<SurfacePoint>, Vec<u32>), Error> {
-    let tree = TriangleTree::new(surface)?;
-    let centres: Vec<Point3> = (0..mesh.quads().len())
-        .map(|q| {
-            let corners = mesh.corners(q).map(|p| p.coords);
-            Point3::from((corners[0] + corners[1] + corners[2] + corners[3]) / 4.0)
-        })
-        .collect();
-    let origins = tree.closest_to_all(&centres)?;
-    let origins = origins.iter().map(|c| c.triangle).collect();
-    Ok((sources(mesh, &tree)?, origins))
 }
 
 /// Each stroke guides the part that it lies on, everything else all parts.

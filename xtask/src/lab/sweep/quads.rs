@@ -9,26 +9,33 @@ use std::time::Instant;
 use crossfield::quads::quality::distances;
 use crossfield::quads::{Rung, SurfacePoint};
 use crossfield::{Options, Quadrangulation, Size, quadrangulate};
+use gauss_density::Levels;
 use geom_core::io::mesh;
 use geom_core::mesh::{Halfedges, SurfaceAudit};
 use geom_core::{Cpu, Point3, Run, TriMesh};
 use serde_json::{Value, json};
 
-use super::run::{append, earlier};
+use super::run::{append, earlier, spacings_for, structure};
 use super::{Arguments, Rows, files, name};
-use crate::lab::text;
+use crate::lab::{density_surface, text};
 use crate::{Outcome, root};
 
 /// Most quads that a mesh gets, unless it has fewer triangles than three times as many.
 const MOST: usize = 3000;
+/// Kinds of files.
+const MESHES: [&str; 4] = ["off", "obj", "ply", "stl"];
+/// Those whose density surface is taken.
+const STRUCTURES: [&str; 4] = ["pdb", "ent", "cif", "pqr"];
+/// How many tetrahedra a molecule would have inside, at the spacing of its surface: 1 Å for a thousand atoms.
+const TETS: f64 = 125_000.0;
 /// How far a vertex may be from its place on the surface, over the diagonal.
 const NEAR: f64 = 1e-9;
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     let files = files(
         arguments,
-        &["psb/off", "meshes"],
-        &["off", "obj", "ply", "stl"],
+        &["psb/off", "meshes", "pdb"],
+        &[&MESHES[..], &STRUCTURES].concat(),
     )?;
     let out = root().join(&arguments.out);
     if arguments.in_process {
@@ -95,7 +102,7 @@ fn row(path: &Path) -> Value {
 }
 
 fn measured(path: &Path) -> Result<Value, String> {
-    let surface = mesh::read(path).map_err(text)?.mesh.into_triangles();
+    let surface = surface(path)?;
     let triangles = surface.triangles().len();
     let count = (triangles / 3).clamp(1, MOST);
     let options = Options {
@@ -136,6 +143,19 @@ fn measured(path: &Path) -> Result<Value, String> {
         "faults": audited(&made, &surface),
         "misses": misses,
     }))
+}
+
+/// The mesh's surface, or that of the structure's density.
+fn surface(path: &Path) -> Result<TriMesh, String> {
+    let name = name(path);
+    let bare = name.strip_suffix(".gz").unwrap_or(&name);
+    let kind = bare.rsplit('.').next().unwrap_or_default();
+    if !STRUCTURES.contains(&kind) {
+        return Ok(mesh::read(path).map_err(text)?.mesh.into_triangles());
+    }
+    let structure = structure(path)?;
+    let spacing = spacings_for(structure.atoms().len(), TETS)[0];
+    density_surface(&structure, Levels::default().decay, spacing)
 }
 
 /// What is wrong with quads whatever they look like.

@@ -135,14 +135,14 @@ fn batches(arguments: &Arguments) -> Result<Vec<Batch>, String> {
     Ok(all.into_iter().map(|(_, batch)| batch).collect())
 }
 
-fn structure(path: &Path) -> Result<Structure, String> {
+pub(super) fn structure(path: &Path) -> Result<Structure, String> {
     let read = read(path, &ReadOptions::default()).map_err(text)?;
     Ok(read.structure)
 }
 
 /// Spacings, Å, that give a molecule about as many tetrahedra inside, and 2.5 times as many. The coarser
 /// one is not so coarse that atoms are lost.
-fn spacings_for(atoms: usize, tets: f64) -> [f64; 2] {
+pub(super) fn spacings_for(atoms: usize, tets: f64) -> [f64; 2] {
     let h = (0.5 * (atoms as f64 / 1000.0 * 1e6 / tets).cbrt()).min(1.6);
     [h, h / 2.5f64.cbrt()].map(|h| (h * 100.0).round() / 100.0)
 }

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 
 use geom_core::compute::parallel;
 use geom_core::mesh::Halfedges;
-use geom_core::surface::flow::{CornerObject, Descent, Elements, Vertices, least};
+use geom_core::surface::flow::{CornerObject, Descent, Elements, Search, Vertices, least};
 use geom_core::surface::ground::Freedom;
 use geom_core::{Cpu, QuadMesh, Run};
 
@@ -37,6 +37,9 @@ const WORSE: usize = 4;
 const SECOND: usize = 3;
 /// For so many quads at most, as this takes as many times as long.
 const TWICE: usize = 2;
+/// Rounds of work on single quads after which the best patches are chosen, and how many: that work is nearly all there is.
+const GLANCE: usize = 6;
+const CHOSEN: usize = 6;
 /// Powers of the flow, and steps.
 const POWERS: [(i32, usize); 2] = [(2, 10), (12, 30)];
 
@@ -49,6 +52,21 @@ struct Tried {
 }
 
 impl Tried {
+    fn of(flow: Flow<'_>, patch: &Patch) -> Self {
+        let merits = flow.values(Quads::merit);
+        let worst = least(merits.iter().copied());
+        let which = merits.iter().position(|&m| m == worst).unwrap_or(0);
+        let patch = Patch {
+            positions: flow.vertices.positions,
+            ..patch.clone()
+        };
+        Self {
+            irregularity: patch.irregularity(),
+            worst: (worst, which),
+            patch,
+        }
+    }
+
     /// The larger the better.
     fn rank(&self) -> (f64, i64, f64) {
         (
@@ -197,25 +215,24 @@ impl Place {
         Ok(all.into_iter().find(helps))
     }
 
-    /// Patches at their best places, the best first.
+    /// Patches at their best places, the best first: those of which something can be hoped after the flow.
     fn tried(&self, patches: Vec<Patch>, flow: &Flow<'_>) -> Result<Vec<Tried>, Error> {
-        let made = parallel::map_each(&patches, |patch| self.relaxed(patch, flow));
-        let mut made = made.into_iter().collect::<Result<Vec<Tried>, Error>>()?;
-        made.sort_by(better);
-        Ok(made)
+        let in_order = |made: Vec<Result<Tried, Error>>| -> Result<Vec<Tried>, Error> {
+            let mut made = made.into_iter().collect::<Result<Vec<_>, _>>()?;
+            made.sort_by(better);
+            Ok(made)
+        };
+        let flowed = parallel::map_each(&patches, |patch| self.flowed(patch, flow));
+        let mut flowed = in_order(flowed)?;
+        flowed.truncate(CHOSEN);
+        in_order(parallel::map_each(&flowed, |tried| {
+            self.lifted(&tried.patch, flow)
+        }))
     }
 
-    fn relaxed(&self, patch: &Patch, flow: &Flow<'_>) -> Result<Tried, Error> {
-        let freedom = (0..patch.positions.len()).map(|v| match self.vertices.get(v) {
-            _ if !patch.inner[v] => Freedom::Fixed,
-            Some(&v) => flow.vertices.freedom[v as usize],
-            None => Freedom::Surface,
-        });
-        let (positions, quads) = (patch.positions.clone(), patch.quads.clone());
-        let quads = Quads::new(quads, &positions, flow.elements.narrowest);
-        let vertices = Vertices::new(positions, freedom.collect(), flow.vertices.ground);
-        // A patch is small: every backend would be the CPU but for its start.
-        let mut own = Flow::new(quads, vertices, Run::on(&Cpu).with(Cpu.as_corners()));
+    /// A patch after a flow of all its vertices together, and a glance at its worst quads.
+    fn flowed(&self, patch: &Patch, flow: &Flow<'_>) -> Result<Tried, Error> {
+        let mut own = self.flow_of(patch, flow);
         let [first, last] = POWERS.map(|(power, steps)| Descent {
             power,
             steps,
@@ -225,19 +242,32 @@ impl Place {
         own.descend(&first, |_| ())?;
         let best = own.best_of(&last, Quads::jacobian, true)?;
         own.vertices.put(best.1);
+        own.lift_the_worst(&Search {
+            rounds: GLANCE,
+            ..SEARCH
+        })?;
+        Ok(Tried::of(own, patch))
+    }
+
+    /// A patch after its worst quads were worked on one by one.
+    fn lifted(&self, patch: &Patch, flow: &Flow<'_>) -> Result<Tried, Error> {
+        let mut own = self.flow_of(patch, flow);
         own.lift_the_worst(&SEARCH)?;
-        let merits = own.values(Quads::merit);
-        let worst = least(merits.iter().copied());
-        let which = merits.iter().position(|&m| m == worst).unwrap_or(0);
-        let patch = Patch {
-            positions: own.vertices.positions,
-            ..patch.clone()
-        };
-        Ok(Tried {
-            irregularity: patch.irregularity(),
-            worst: (worst, which),
-            patch,
-        })
+        Ok(Tried::of(own, patch))
+    }
+
+    /// A patch on its own, its rim held.
+    fn flow_of<'g>(&self, patch: &Patch, flow: &Flow<'g>) -> Flow<'g> {
+        let freedom = (0..patch.positions.len()).map(|v| match self.vertices.get(v) {
+            _ if !patch.inner[v] => Freedom::Fixed,
+            Some(&v) => flow.vertices.freedom[v as usize],
+            None => Freedom::Surface,
+        });
+        let (positions, quads) = (patch.positions.clone(), patch.quads.clone());
+        let quads = Quads::new(quads, &positions, flow.elements.narrowest);
+        let vertices = Vertices::new(positions, freedom.collect(), flow.vertices.ground);
+        // A patch is small: every backend would be the CPU but for its start.
+        Flow::new(quads, vertices, Run::on(&Cpu).with(Cpu.as_corners()))
     }
 
     /// The mesh with another patch in place of this.

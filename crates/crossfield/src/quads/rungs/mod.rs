@@ -51,7 +51,7 @@ pub struct PartReport {
     pub quads: usize,
     /// The way that led to them.
     pub rung: Rung,
-    /// Why the rungs before that one failed.
+    /// Why the rungs before that one failed; once where several in a row did alike.
     pub failures: Vec<String>,
     /// The field; `None` on the last rung.
     pub field: Option<FieldReport>,
@@ -83,6 +83,9 @@ const LAST: f64 = 1.8;
 /// How far the number of quads may be from the one asked for before the spacing is corrected.
 const OFF_TARGET: f64 = 0.1;
 
+/// No part gets larger quads than this many would be: those of a cube.
+const FEWEST: f64 = 6.0;
+
 /// How often an anisotropy that folds the map is made milder.
 const MILDER: u32 = 2;
 /// Smoothing of the rungs, in that asked for: less of it.
@@ -109,11 +112,14 @@ pub(super) fn part_quads(
         slope,
         run,
     };
+    // A bubble smaller than a quad.
+    let largest = (asked.stretched(&part)? / FEWEST).sqrt();
+    asked.spacing = spacing.min(largest / asked.lines());
     let mut spare = None;
     let mut made = climb(&part, &asked, &mut report, &mut spare)?;
     if made.is_none() && slope.is_some() {
         report.squares = true;
-        let quads = asked.stretched(&part)? / (spacing * spacing);
+        let quads = asked.stretched(&part)? / (asked.spacing * asked.spacing);
         asked.spacing = (part.mesh.area() / quads).sqrt();
         asked.slope = None;
         made = climb(&part, &asked, &mut report, &mut spare)?;
@@ -167,6 +173,11 @@ impl<'a> Asked<'a> {
         }
     }
 
+    /// How many quads lie between two lines of the map.
+    fn lines(&self) -> f64 {
+        f64::from(1u16 << self.options.nested)
+    }
+
     /// The least proportion of a quad's sides.
     fn narrowest(&self) -> f64 {
         self.slope.map_or(1.0, |s| s.options().ratio)
@@ -210,7 +221,7 @@ fn climb<'a>(
     spare: &mut Option<Spare>,
 ) -> Result<Option<QuadMesh>, Error> {
     let Asked { options, run, .. } = *asked;
-    let lines = f64::from(1u16 << options.nested);
+    let lines = asked.lines();
     let mut rungs = Rungs {
         finish: asked.finish(part),
         options,
@@ -490,7 +501,11 @@ impl Rungs<'_> {
             Err(error @ Error::Cancelled(_)) => Err(error),
             Err(error) if self.options.ladder == Ladder::Off => Err(error),
             Err(error) => {
-                self.report.failures.push(error.to_string());
+                // Once for rungs that fail alike.
+                let why = error.to_string();
+                if self.report.failures.last() != Some(&why) {
+                    self.report.failures.push(why);
+                }
                 Ok(None)
             }
         }

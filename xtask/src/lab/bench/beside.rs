@@ -1,42 +1,66 @@
-//! `cargo xtask bench`: our density and surface beside programs of others, on the same input, in one
-//! run. Times are the best of three and leave out start-up, reading and compilation on both sides.
+//! Density and surface beside programs of others, on the same input, in one run.
 
 use std::path::Path;
-use std::time::Instant;
 
 use gauss_density::{Cutoff, Levels, Model, Options, Sampled, sample, sample_band, thesis};
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::structure::Transform;
 use geom_core::{Aabb, Cpu, LatticeValues, Run, ScalarGrid, Structure, Vector3};
 
-use super::{answer, number, python};
+use super::baseline::Figures;
+use super::best;
+use crate::lab::{answer, number, python};
 use crate::{Outcome, fixtures, root};
 
 const CUT: f64 = 1e-4;
 
-/// Compares on one small structure and, when they are at hand, larger ones.
-pub(crate) fn run() -> Outcome {
+/// Compares on one small structure and, when they are at hand, larger ones: with a scatter of Gaussians and with VTK's flying
+/// edges.
+pub(super) fn kernels(figures: &mut Figures) -> Outcome {
     let python = python::with(&["numpy", "numba", "vtk"])?;
     let peers = root().join("xtask/src/lab/peers");
     let threads = rayon::current_num_threads();
-    println!("{threads} threads, one level, decay 1, cut {CUT:.0e}; best of three");
+    println!("kernels, one level, decay 1, cut {CUT:.0e}; best of three");
     let folder = root().join("target/bench-peers");
     std::fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
-    for input in INPUTS {
+    let mut beside = Beside {
+        python: &python,
+        peers: &peers,
+        folder: &folder,
+        threads,
+        figures,
+    };
+    for input in &INPUTS {
         let Some(structure) = load(input.file, input.assembly)? else {
             continue;
         };
-        let dense = density(&structure, input.spacing, &folder, &python, &peers, threads)?;
+        let name = format!("{} at {} Å", input.file, input.spacing);
+        let dense = beside.density(&name, &structure, input.spacing)?;
         if input.surface {
-            surface(&dense, &folder, &python, &peers, threads)?;
-        }
-    }
-    for row in LARGE {
-        if let Some(line) = row.beside_brute_force()? {
-            println!("brute force · {line}");
+            beside.surface(&name, &dense)?;
         }
     }
     Ok(())
+}
+
+/// Compares structures of the thesis's size with brute force.
+pub(super) fn large(figures: &mut Figures) -> Outcome {
+    for row in &LARGE {
+        if let Some((line, seconds)) = row.beside_brute_force()? {
+            println!("brute force · {line}");
+            figures.seconds(format!("band, {}", row.name), seconds);
+        }
+    }
+    Ok(())
+}
+
+/// What others are called with.
+struct Beside<'a> {
+    python: &'a Path,
+    peers: &'a Path,
+    folder: &'a Path,
+    threads: usize,
+    figures: &'a mut Figures,
 }
 
 /// A structure that the scatter gets too, as one level.
@@ -200,8 +224,8 @@ pub(crate) const LARGE: [Row; 6] = [
 
 impl Row {
     /// Our band beside brute force with every lane, one exponential per pair, which is timed on a column
-    /// of points through the middle and scaled. `None` if the structure is not at hand.
-    pub(crate) fn beside_brute_force(&self) -> Result<Option<String>, String> {
+    /// of points through the middle and scaled; the band's seconds, too. `None` if the structure is not at hand.
+    pub(crate) fn beside_brute_force(&self) -> Result<Option<(String, f64)>, String> {
         let Some(structure) = load(self.file, self.assembly)? else {
             return Ok(None);
         };
@@ -229,7 +253,7 @@ impl Row {
         #[expect(clippy::cast_precision_loss, reason = "counts for people")]
         let (points, of) = (band.report.points as f64, part.report.points as f64);
         let brute = part_s * points / of;
-        Ok(Some(format!(
+        let line = format!(
             "{}: {} atoms, {:.0} M points, P {} / {}: band {seconds:.3} s; brute force {brute:.0} s ({of} points \
              timed), {:.0}×; thesis {}",
             self.name,
@@ -239,109 +263,99 @@ impl Row {
             self.powers[1],
             brute / seconds,
             self.thesis,
-        )))
+        );
+        Ok(Some((line, seconds)))
     }
 }
 
-/// One level of Gaussians: our dense lattice and our band against the scatter.
-fn density(
-    structure: &Structure,
-    spacing: f64,
-    folder: &Path,
-    python: &Path,
-    peers: &Path,
-    threads: usize,
-) -> Result<ScalarGrid, String> {
-    // Powers of 1: the plain sum that the scatter computes.
-    let levels = Levels {
-        residue_power: 1.0,
-        decay: 1.0,
-        ..Levels::default()
-    };
-    let model = Model::uniform(structure, &levels).map_err(|e| e.to_string())?;
-    let options = Options {
-        spacing,
-        max_memory: 16 << 30,
-        ..Options::default()
-    };
-    let (dense, dense_s) = best(|| sample(&model, &options, Run::on(&Cpu)))?;
-    let (_, band_s) = best(|| sample_band(&model, &options, Run::on(&Cpu)))?;
-    let Sampled { grid, report } = dense;
+impl Beside<'_> {
+    /// One level of Gaussians: our dense lattice and our band against the scatter.
+    fn density(
+        &mut self,
+        name: &str,
+        structure: &Structure,
+        spacing: f64,
+    ) -> Result<ScalarGrid, String> {
+        // Powers of 1: the plain sum that the scatter computes.
+        let levels = Levels {
+            residue_power: 1.0,
+            decay: 1.0,
+            ..Levels::default()
+        };
+        let model = Model::uniform(structure, &levels).map_err(|e| e.to_string())?;
+        let options = Options {
+            spacing,
+            max_memory: 16 << 30,
+            ..Options::default()
+        };
+        let (dense, dense_s) = best(|| sample(&model, &options, Run::on(&Cpu)))?;
+        let (_, band_s) = best(|| sample_band(&model, &options, Run::on(&Cpu)))?;
+        let Sampled { grid, report } = dense;
 
-    let atoms = folder.join("atoms.f64");
-    let bytes: Vec<u8> = structure
-        .atoms()
-        .iter()
-        .flat_map(|a| [a.position.x, a.position.y, a.position.z, a.radius])
-        .flat_map(f64::to_le_bytes)
-        .collect();
-    std::fs::write(&atoms, bytes).map_err(|e| e.to_string())?;
-    let lattice = *grid.lattice();
-    let mut arguments = vec![atoms.display().to_string()];
-    arguments.extend(lattice.counts.iter().map(ToString::to_string));
-    arguments.extend(lattice.origin.iter().map(ToString::to_string));
-    arguments.extend([spacing, 1.0, CUT].map(|v| v.to_string()));
-    arguments.push(threads.to_string());
-    let peer = answer(python, &peers.join("scatter.py"), &arguments)?;
-    let seconds = number(&peer, "seconds")?;
-    let total: f64 = grid.values().iter().map(|&v| f64::from(v)).sum();
-    let apart = number(&peer, "sum")? / total - 1.0;
-    if apart.abs() > 5e-3 {
-        return Err(format!(
-            "the scatter is another function: its sum is {apart:.1e} off"
-        ));
-    }
-    println!(
-        "density · {} atoms, {} points: dense {dense_s:.3} s, band {band_s:.3} s; scatter {seconds:.3} s \
+        let atoms = self.folder.join("atoms.f64");
+        let bytes: Vec<u8> = structure
+            .atoms()
+            .iter()
+            .flat_map(|a| [a.position.x, a.position.y, a.position.z, a.radius])
+            .flat_map(f64::to_le_bytes)
+            .collect();
+        std::fs::write(&atoms, bytes).map_err(|e| e.to_string())?;
+        let lattice = *grid.lattice();
+        let mut arguments = vec![atoms.display().to_string()];
+        arguments.extend(lattice.counts.iter().map(ToString::to_string));
+        arguments.extend(lattice.origin.iter().map(ToString::to_string));
+        arguments.extend([spacing, 1.0, CUT].map(|v| v.to_string()));
+        arguments.push(self.threads.to_string());
+        let peer = answer(self.python, &self.peers.join("scatter.py"), &arguments)?;
+        let seconds = number(&peer, "seconds")?;
+        let total: f64 = grid.values().iter().map(|&v| f64::from(v)).sum();
+        let apart = number(&peer, "sum")? / total - 1.0;
+        if apart.abs() > 5e-3 {
+            return Err(format!(
+                "the scatter is another function: its sum is {apart:.1e} off"
+            ));
+        }
+        println!(
+            "density · {} atoms, {} points: dense {dense_s:.3} s, band {band_s:.3} s; scatter {seconds:.3} s \
          ({:.1}× and {:.1}× ours; sums {apart:+.1e} apart)",
-        structure.atoms().len(),
-        report.points,
-        seconds / dense_s,
-        seconds / band_s,
-    );
-    Ok(grid)
-}
-
-/// The surface of the same dense lattice against flying edges, per triangle.
-fn surface(
-    grid: &ScalarGrid,
-    folder: &Path,
-    python: &Path,
-    peers: &Path,
-    threads: usize,
-) -> Outcome {
-    let options = dual_contour::Options::default();
-    let (ours, ours_s) = best(|| dual_contour::surface(grid, None, &options, Run::on(&Cpu)))?;
-    let file = folder.join("density.f32");
-    let bytes: Vec<u8> = grid.values().iter().flat_map(|v| v.to_le_bytes()).collect();
-    std::fs::write(&file, bytes).map_err(|e| e.to_string())?;
-    let mut arguments = vec![file.display().to_string()];
-    arguments.extend(grid.lattice().counts.iter().map(ToString::to_string));
-    arguments.extend(["1".to_string(), threads.to_string()]);
-    let peer = answer(python, &peers.join("flying_edges.py"), &arguments)?;
-    let (seconds, count) = (number(&peer, "seconds")?, number(&peer, "triangles")?);
-    #[expect(clippy::cast_precision_loss, reason = "counts for people")]
-    let triangles = ours.mesh.triangles().len() as f64;
-    println!(
-        "surface · ours {triangles} triangles in {ours_s:.3} s, flying edges {count} in {seconds:.3} s: \
-         {:.2}× its time per triangle",
-        (ours_s / triangles) / (seconds / count),
-    );
-    Ok(())
-}
-
-/// The last result and the shortest of three times.
-fn best<T, E: std::fmt::Display>(
-    mut work: impl FnMut() -> Result<T, E>,
-) -> Result<(T, f64), String> {
-    let mut least = f64::INFINITY;
-    let mut last = None;
-    for _ in 0..3 {
-        // Not two at once: they may be large.
-        drop(last.take());
-        let start = Instant::now();
-        last = Some(work().map_err(|e| e.to_string())?);
-        least = least.min(start.elapsed().as_secs_f64());
+            structure.atoms().len(),
+            report.points,
+            seconds / dense_s,
+            seconds / band_s,
+        );
+        self.figures.ratio(
+            format!("dense density beside the scatter, {name}"),
+            dense_s / seconds,
+        );
+        self.figures
+            .ratio(format!("band beside the scatter, {name}"), band_s / seconds);
+        Ok(grid)
     }
-    Ok((last.expect("three rounds"), least))
+
+    /// The surface of the same dense lattice against flying edges, per triangle.
+    fn surface(&mut self, name: &str, grid: &ScalarGrid) -> Outcome {
+        let options = dual_contour::Options::default();
+        let (ours, ours_s) = best(|| dual_contour::surface(grid, None, &options, Run::on(&Cpu)))?;
+        let file = self.folder.join("density.f32");
+        let bytes: Vec<u8> = grid.values().iter().flat_map(|v| v.to_le_bytes()).collect();
+        std::fs::write(&file, bytes).map_err(|e| e.to_string())?;
+        let mut arguments = vec![file.display().to_string()];
+        arguments.extend(grid.lattice().counts.iter().map(ToString::to_string));
+        arguments.extend(["1".to_string(), self.threads.to_string()]);
+        let peer = answer(self.python, &self.peers.join("flying_edges.py"), &arguments)?;
+        let (seconds, count) = (number(&peer, "seconds")?, number(&peer, "triangles")?);
+        #[expect(clippy::cast_precision_loss, reason = "counts for people")]
+        let triangles = ours.mesh.triangles().len() as f64;
+        println!(
+            "surface · ours {triangles} triangles in {ours_s:.3} s, flying edges {count} in {seconds:.3} s: \
+         {:.2}× its time per triangle",
+            (ours_s / triangles) / (seconds / count),
+        );
+        let ratio = (ours_s / triangles) / (seconds / count);
+        self.figures.ratio(
+            format!("surface beside flying edges, per triangle, {name}"),
+            ratio,
+        );
+        Ok(())
+    }
 }

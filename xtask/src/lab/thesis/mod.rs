@@ -1,6 +1,12 @@
 //! `cargo xtask thesis N`: a table of the thesis beside what we measure, on the structures at hand. Where the
 //! thesis's structure is not at hand, one of its class stands in, and the line says so.
 
+mod chapter4;
+mod chapter5;
+mod chapter6;
+mod chapter7;
+mod table_3_5;
+
 use std::time::Instant;
 
 use gauss_density::thesis::{Cut, all_atoms, hierarchy, kd_tree, single_seed};
@@ -12,7 +18,7 @@ use geom_core::io::structure::{Models, ReadOptions, read};
 use geom_core::structure::Selector;
 use geom_core::{Aabb, Cpu, Run, ScalarGrid, Structure};
 
-use super::text;
+use super::{density_surface, text};
 use crate::{Outcome, fixtures};
 
 /// Prints a table of the thesis.
@@ -26,21 +32,26 @@ pub(crate) fn run(table: &str) -> Outcome {
         "3.2" => table_3_2(),
         "3.3" => table_3_3(),
         "3.4" => table_3_4(),
-        "3.5" => super::thesis35::run(),
-        "5" => super::thesis5::run(),
-        "5.1" => super::thesis5::quality(),
-        "5.2" => super::thesis5::adaptive_beside_uniform(),
-        "6" => super::thesis6::run(),
-        "6.1" => super::thesis6::pairs(),
-        "6.2" => super::thesis6::morph(),
-        "6.3" => super::thesis6::retrieval(),
-        "6.4" => super::thesis6::growth(),
-        "7" => super::thesis7::run(),
-        "7.1" => super::thesis7::smoothing(),
-        "7.2" => super::thesis7::pockets(),
-        "7.3" => super::thesis7::segments(),
+        "3.5" => table_3_5::run(),
+        "4" => chapter4::run(),
+        "4.8" => chapter4::ways_to_guide(),
+        "4.9" => chapter4::weights(),
+        "4.10" => chapter4::anisotropy(),
+        "4.11" => chapter4::filament(),
+        "5" => chapter5::run(),
+        "5.1" => chapter5::quality(),
+        "5.2" => chapter5::adaptive_beside_uniform(),
+        "6" => chapter6::run(),
+        "6.1" => chapter6::pairs(),
+        "6.2" => chapter6::morph(),
+        "6.3" => chapter6::retrieval(),
+        "6.4" => chapter6::growth(),
+        "7" => chapter7::run(),
+        "7.1" => chapter7::smoothing(),
+        "7.2" => chapter7::pockets(),
+        "7.3" => chapter7::segments(),
         other => Err(format!(
-            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5, 5, 5.1, 5.2, 6, 6.1 to 6.4, 7, and 7.1 to 7.3"
+            "no table {other}; there are 3.1, 3.2, 3.3, 3.4, 3.5, 4, 4.8 to 4.11, 5, 5.1, 5.2, 6, 6.1 to 6.4, 7, and 7.1 to 7.3"
         )),
     }
 }
@@ -270,8 +281,8 @@ fn table_3_3() -> Outcome {
         );
     }
     println!("  the largest rows, a narrow band at ε = 1e-3 beside brute force in f32 (scaled):");
-    for row in super::bench::LARGE {
-        if let Some(line) = row.beside_brute_force()? {
+    for row in super::bench::beside::LARGE {
+        if let Some((line, _)) = row.beside_brute_force()? {
             println!("    {line}");
         }
     }
