@@ -57,7 +57,8 @@ pub(crate) enum Chore {
     Sweep(Box<sweep::Arguments>),
     /// A table of the thesis beside ours, on the structures at hand.
     Thesis {
-        /// Its number: 3.1, 3.2, 3.3, 3.4, 3.5, 5.1, 5.2; or a chapter: 5, T-meshes and splines; 6, correspondences; 7, segments.
+        /// Its number: 3.1 to 3.5, 4.8 to 4.11 (figures), 5.1, 5.2, 6.1 to 6.4, 7.1 to 7.3; or a chapter: 4, cross fields and quads; 5,
+        /// T-meshes and splines; 6, correspondences; 7, segments.
         table: String,
     },
 }

@@ -26,7 +26,7 @@ const CASES: [Case; 20] = [
     case("02_surface", "@pdb/1su4.pdb --spacing 0.5"),
     case("03_tets", "@1A8O.pdb"),
     case("03_tets", "@pdb/1su4.pdb"),
-    case("04_improve", "@1A8O.pdb"),
+    case("04_improve", "@repro/groups.msh"),
     case("05_eliminate", "@1A8O.pdb"),
     case("06_modes", "@spot.ply"),
     case("07_field", "@spot.ply"),
