@@ -501,14 +501,16 @@ fn parts_are_taken_one_by_one() {
     assert_eq!(made.report.parts.len(), 2);
 }
 
-/// A bubble as dual contouring makes them, much smaller than a quad, gets the quads of a cube.
+/// A bubble as dual contouring makes them, much smaller than a quad, gets about the quads of a cube.
 #[test]
-fn a_bubble_smaller_than_a_quad_has_six() {
-    let bubble = cuboid(Vector3::repeat(0.05), 1);
+fn a_bubble_smaller_than_a_quad_is_a_cube() {
+    let bubble = cuboid(Vector3::repeat(0.015), 1);
     let mesh = together(shapes::icosphere(1.0, 3), &bubble);
     let made = quads(&mesh, Size::Spacing(0.15));
     let part = &made.report.parts[1];
-    assert_eq!((part.quads, part.rung), (6, Rung::Direct), "{part:?}");
+    assert_eq!(part.rung, Rung::Direct, "{part:?}");
+    // Six, or eight where two of its sides are rounded up.
+    assert!((6..=8).contains(&part.quads), "{part:?}");
     assert!(made.report.scaled_jacobian.min > 0.6);
 }
 

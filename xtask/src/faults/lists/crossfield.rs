@@ -39,6 +39,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("details::near_pairs_cost_more"),
     Fault::wrong(
+        "a bubble may have fewer quads than a cube",
+        "crates/crossfield/src/quads/rungs/mod.rs",
+        "const FEWEST: f64 = 6.0;",
+        "const FEWEST: f64 = 0.01;",
+    )
+    .seen_by("laws::a_bubble_smaller_than_a_quad_is_a_cube"),
+    Fault::wrong(
+        "quads of every part lie on the first",
+        "crates/crossfield/src/quads/ladder.rs",
+        "self.places.origins.extend(origins.into_iter().map(of));",
+        "self.places.origins.extend(origins);",
+    )
+    .seen_by("laws::parts_that_nearly_touch_are_measured_by_themselves"),
+    Fault::wrong(
         "steep modes count more, though they should not",
         "crates/crossfield/src/guidance/characteristic.rs",
         "Normalization::Normalized => 1.0 / mode.value.max(f64::MIN_POSITIVE).sqrt(),",

@@ -9,7 +9,6 @@ use crossfield::anisotropy::{Adaptation, Anisotropy, Function};
 use crossfield::field::Frames;
 use crossfield::guidance::{Modes, Normalization, guides};
 use crossfield::{CrossField, FieldOptions, Guidance, Options, Size, cross_field, quadrangulate};
-use gauss_density::Levels;
 use geom_core::io::mesh;
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::{Cpu, Point3, Run, Structure, TriMesh};
@@ -139,7 +138,7 @@ pub(crate) fn filament() -> Outcome {
          are long and full of bumps stand in"
     );
     heading("surface, guidance");
-    let beads = density_surface(&beads(), Levels::default().decay, 2.0)?;
+    let beads = density_surface(&beads(), 0.005, 4.0)?;
     let virus = fixtures::shared("large/2tmv.pdb").map(|path| {
         let options = ReadOptions {
             assembly: Some("1".into()),
