@@ -216,7 +216,7 @@ fn off_the_guides(frames: &Frames, guides: &[crossfield::field::Guide], field: &
         let turn = guide.angle(frames) - field.theta[guide.face as usize];
         (turn - FRAC_PI_2 * (turn / FRAC_PI_2).round()).abs()
     };
-    let sum: f64 = guides.iter().map(off).sum();
+    let sum = guides.iter().map(off).fold(0.0, |sum, off| sum + off);
     (sum / guides.len().max(1) as f64).to_degrees()
 }
 
