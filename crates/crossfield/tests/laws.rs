@@ -514,6 +514,13 @@ fn a_bubble_smaller_than_a_quad_is_a_cube() {
     assert!(made.report.scaled_jacobian.min > 0.6);
 }
 
+/// A plate may have fewer quads than a cube.
+#[test]
+fn a_plate_of_one_quad_stays_one() {
+    let made = quads(&plate(8, 0.0, |_, _| false), Size::Quads(1));
+    assert_eq!(made.mesh.quads().len(), 1, "{:?}", made.report);
+}
+
 /// The wall of a cavity nearly touches the outer one, and faces the other way: what is nearest to a quad may be of the other.
 #[test]
 fn parts_that_nearly_touch_are_measured_by_themselves() {

@@ -292,32 +292,10 @@ impl Beside<'_> {
         let (_, band_s) = best(|| sample_band(&model, &options, Run::on(&Cpu)))?;
         let Sampled { grid, report } = dense;
 
-        let atoms = self.folder.join("atoms.f64");
-        let bytes: Vec<u8> = structure
-            .atoms()
-            .iter()
-            .flat_map(|a| [a.position.x, a.position.y, a.position.z, a.radius])
-            .flat_map(f64::to_le_bytes)
-            .collect();
-        std::fs::write(&atoms, bytes).map_err(|e| e.to_string())?;
-        let lattice = *grid.lattice();
-        let mut arguments = vec![atoms.display().to_string()];
-        arguments.extend(lattice.counts.iter().map(ToString::to_string));
-        arguments.extend(lattice.origin.iter().map(ToString::to_string));
-        arguments.extend([spacing, 1.0, CUT].map(|v| v.to_string()));
-        arguments.push(self.threads.to_string());
-        let peer = answer(self.python, &self.peers.join("scatter.py"), &arguments)?;
-        let seconds = number(&peer, "seconds")?;
-        let total: f64 = grid.values().iter().map(|&v| f64::from(v)).sum();
-        let apart = number(&peer, "sum")? / total - 1.0;
-        if apart.abs() > 5e-3 {
-            return Err(format!(
-                "the scatter is another function: its sum is {apart:.1e} off"
-            ));
-        }
+        let seconds = self.scatter(structure, &grid)?;
         println!(
             "density · {} atoms, {} points: dense {dense_s:.3} s, band {band_s:.3} s; scatter {seconds:.3} s \
-         ({:.1}× and {:.1}× ours; sums {apart:+.1e} apart)",
+         ({:.1}× and {:.1}× ours)",
             structure.atoms().len(),
             report.points,
             seconds / dense_s,
@@ -330,6 +308,35 @@ impl Beside<'_> {
         self.figures
             .ratio(format!("band beside the scatter, {name}"), band_s / seconds);
         Ok(grid)
+    }
+
+    /// Seconds of the scatter of others for the same lattice; an error if it computes another function.
+    fn scatter(&self, structure: &Structure, grid: &ScalarGrid) -> Result<f64, String> {
+        /// Both cut kernels off, at other places.
+        const APART: f64 = 5e-3;
+        let atoms = self.folder.join("atoms.f64");
+        let bytes: Vec<u8> = structure
+            .atoms()
+            .iter()
+            .flat_map(|a| [a.position.x, a.position.y, a.position.z, a.radius])
+            .flat_map(f64::to_le_bytes)
+            .collect();
+        std::fs::write(&atoms, bytes).map_err(|e| e.to_string())?;
+        let lattice = grid.lattice();
+        let mut arguments = vec![atoms.display().to_string()];
+        arguments.extend(lattice.counts.iter().map(ToString::to_string));
+        arguments.extend(lattice.origin.iter().map(ToString::to_string));
+        arguments.extend([lattice.spacing, 1.0, CUT].map(|v| v.to_string()));
+        arguments.push(self.threads.to_string());
+        let peer = answer(self.python, &self.peers.join("scatter.py"), &arguments)?;
+        let total: f64 = grid.values().iter().map(|&v| f64::from(v)).sum();
+        let apart = number(&peer, "sum")? / total - 1.0;
+        if apart.abs() > APART {
+            return Err(format!(
+                "the scatter is another function: its sum is {apart:.1e} off"
+            ));
+        }
+        number(&peer, "seconds")
     }
 
     /// The surface of the same dense lattice against flying edges, per triangle.

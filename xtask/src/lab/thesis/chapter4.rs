@@ -13,7 +13,8 @@ use geom_core::io::mesh;
 use geom_core::io::structure::{ReadOptions, read};
 use geom_core::{Cpu, Point3, Run, Structure, TriMesh};
 
-use super::{density_surface, text};
+use super::text;
+use crate::lab::density_surface;
 use crate::{Outcome, fixtures};
 
 /// Decay of the Gaussians, for surfaces as smooth as the thesis's.

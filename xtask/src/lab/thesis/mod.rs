@@ -18,7 +18,7 @@ use geom_core::io::structure::{Models, ReadOptions, read};
 use geom_core::structure::Selector;
 use geom_core::{Aabb, Cpu, Run, ScalarGrid, Structure};
 
-use super::{density_surface, text};
+use super::text;
 use crate::{Outcome, fixtures};
 
 /// Prints a table of the thesis.

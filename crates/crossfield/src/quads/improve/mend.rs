@@ -215,7 +215,7 @@ impl Place {
         Ok(all.into_iter().find(helps))
     }
 
-    /// Patches at their best places, the best first: those of which something can be hoped after the flow.
+    /// The patches that are best at a glance, at their best places, the best first.
     fn tried(&self, patches: Vec<Patch>, flow: &Flow<'_>) -> Result<Vec<Tried>, Error> {
         let in_order = |made: Vec<Result<Tried, Error>>| -> Result<Vec<Tried>, Error> {
             let mut made = made.into_iter().collect::<Result<Vec<_>, _>>()?;

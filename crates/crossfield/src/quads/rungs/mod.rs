@@ -2,6 +2,7 @@
 
 mod mapped;
 
+use geom_core::mesh::Halfedges;
 use geom_core::surface::ground::{Freedom, Ground, on_segments};
 use geom_core::surface::remesh;
 use geom_core::{Cancelled, Point3, QuadMesh, TriMesh};
@@ -83,7 +84,7 @@ const LAST: f64 = 1.8;
 /// How far the number of quads may be from the one asked for before the spacing is corrected.
 const OFF_TARGET: f64 = 0.1;
 
-/// No part gets larger quads than this many would be: those of a cube.
+/// A closed part is not asked for fewer quads than a cube has.
 const FEWEST: f64 = 6.0;
 
 /// How often an anisotropy that folds the map is made milder.
@@ -112,9 +113,11 @@ pub(super) fn part_quads(
         slope,
         run,
     };
-    // A bubble smaller than a quad.
-    let largest = (asked.stretched(&part)? / FEWEST).sqrt();
-    asked.spacing = spacing.min(largest / asked.lines());
+    if Halfedges::of(mesh)?.boundary_loops().is_empty() {
+        // It may be a bubble smaller than a quad.
+        let largest = (asked.stretched(&part)? / FEWEST).sqrt();
+        asked.spacing = spacing.min(largest / asked.lines());
+    }
     let mut spare = None;
     let mut made = climb(&part, &asked, &mut report, &mut spare)?;
     if made.is_none() && slope.is_some() {
