@@ -8,8 +8,8 @@
 //! 2 Σ w d ρ + Σ w d² − bᵀ W⁻¹ b        ρ = −δ before the change,   b = Σ w d (e_j − e_i)
 //! ```
 //!
-//! The first two terms are sums over the edges that change ([`Descent::direct`]); the third, the *compliance*, needs a
-//! solve but depends neither on p nor on the sign of the change, so that it is kept once it is known. The formula holds
+//! The first two terms are sums over the edges that change ([`Descent::direct`]); the third, the *compliance*, needs half a
+//! substitution but depends neither on p nor on the sign of the change, so that it is kept once it is known. The formula holds
 //! only while the angles are the best ones for the present p: hence [`Descent::apply`] lets them follow each change
 //! before the next one is judged.
 //!
@@ -67,15 +67,6 @@ impl Price {
     }
 }
 
-/// Of more singularities than these, the costs of moving one are estimated, and of what angles gain only the part nearby
-/// counts.
-/// With the exact compliances the work is about the number of candidates times that of a solve on the whole surface,
-/// which is what makes the difference between few and many.
-const MANY: usize = 128;
-/// The energy of a quarter that has moved by a distance r, apart from what pulls it, is `(π / 4√3) ln r` and a constant, rad²:
-/// that of a dipole on equilateral triangles with unit weights.
-const SELF: f64 = 0.453;
-
 /// Pairs nearer to each other than so many sides of a quad cost more.
 pub(crate) const NEAR: f64 = 2.0;
 
@@ -96,10 +87,8 @@ pub(super) struct Descent<'a> {
     compliance: BTreeMap<usize, f64>,
     /// The side of a quad, Å; 0 if that shall not matter.
     apart: f64,
-    /// The same of shortest paths, by their ends, and whether all angles were asked.
-    of_paths: BTreeMap<(usize, usize), (f64, bool)>,
-    /// Are the singularities few to begin with?
-    is_small: bool,
+    /// The same of shortest paths, by their ends.
+    of_paths: BTreeMap<(usize, usize), f64>,
 }
 
 impl<'a> Descent<'a> {
@@ -124,10 +113,8 @@ impl<'a> Descent<'a> {
             compliance: BTreeMap::new(),
             apart,
             of_paths: BTreeMap::new(),
-            is_small: false,
         };
         descent.count();
-        descent.is_small = descent.singular().count() <= MANY;
         descent
     }
 
@@ -267,33 +254,14 @@ impl<'a> Descent<'a> {
             .filter(|h| !self.compliance.contains_key(h))
             .collect();
         let changes: Vec<Change> = new.iter().map(|&h| vec![(h, 1)]).collect();
-        let values = self.compliances(&changes)?;
+        let values = self.parallel.compliances(&changes)?;
         self.compliance.extend(new.into_iter().zip(values));
         Ok(())
-    }
-
-    /// What the angles gain by following changes: all of them, or only those nearby where that would be solving too often.
-    fn compliances(&self, changes: &[Change]) -> Result<Vec<f64>, Error> {
-        if self.is_small {
-            self.parallel.exact_compliances(changes)
-        } else {
-            Ok(self.parallel.compliances(changes))
-        }
     }
 
     /// What one quarter turn on an edge costs, rad², once its compliance is remembered; `s` is ±1.
     fn single(&self, h: usize, s: i32) -> f64 {
         self.direct(&[(h, s)]) - self.compliance[&h]
-    }
-
-    /// The part of a change's cost that is linear in it, `2 Σ w d ρ`: what all other singularities and the curvature do to the
-    /// quarter that moves, whatever path it takes.
-    fn pull(&self, change: &[(usize, i32)]) -> f64 {
-        let of = |&(h, s): &(usize, i32)| {
-            let rho = -difference(self.frames, &self.theta, &self.jump, h);
-            self.frames.weight(h) * 2.0 * QUARTER * f64::from(s) * rho
-        };
-        change.iter().map(of).sum()
     }
 
     /// What a change costs with the angles held: `2 Σ w d ρ + Σ w d²`, ρ = −δ.
@@ -334,7 +302,7 @@ impl<'a> Descent<'a> {
         let pairs = self.pairs()?;
         let (distances, changes): (Vec<f64>, Vec<Change>) = pairs.into_iter().unzip();
         let prices: Vec<f64> = distances.iter().map(|&d| price(d)).collect();
-        let gains = self.gains(&changes, &prices)?;
+        let gains = self.gains(&changes)?;
         let mut order: Vec<(f64, usize)> = (0..changes.len())
             .map(|k| (self.direct(&changes[k]) - gains[k], k))
             .filter(|&(cost, k)| cost < prices[k])
@@ -356,34 +324,17 @@ impl<'a> Descent<'a> {
         Ok(met)
     }
 
-    /// What the angles gain by following changes along shortest paths, which does not depend on the period jumps: exactly where
-    /// that may decide whether a change is worth its price.
-    fn gains(&mut self, changes: &[Change], prices: &[f64]) -> Result<Vec<f64>, Error> {
-        /// How much more than those nearby all angles may gain.
-        const MORE: f64 = 1.5;
+    /// What the angles gain by following changes along shortest paths, which does not depend on the period jumps.
+    fn gains(&mut self, changes: &[Change]) -> Result<Vec<f64>, Error> {
         let ends: Vec<(usize, usize)> = changes.iter().map(|c| self.ends(c)).collect();
-        let of = |wanted: &[usize]| -> Vec<Change> {
-            wanted.iter().map(|&k| changes[k].clone()).collect()
-        };
         let new: Vec<usize> = (0..changes.len())
             .filter(|&k| !self.of_paths.contains_key(&ends[k]))
             .collect();
-        let exact = self.is_small;
-        let found = self.compliances(&of(&new))?;
-        let found = found.into_iter().map(|gain| (gain, exact));
+        let unknown: Vec<Change> = new.iter().map(|&k| changes[k].clone()).collect();
+        let found = self.parallel.compliances(&unknown)?;
         self.of_paths
             .extend(new.iter().map(|&k| ends[k]).zip(found));
-        let close: Vec<usize> = (0..changes.len())
-            .filter(|&k| {
-                let (gain, exact) = self.of_paths[&ends[k]];
-                !exact && self.direct(&changes[k]) - MORE * gain < prices[k]
-            })
-            .collect();
-        let found = self.parallel.exact_compliances(&of(&close))?;
-        let found = found.into_iter().map(|gain| (gain, true));
-        self.of_paths
-            .extend(close.iter().map(|&k| ends[k]).zip(found));
-        Ok(ends.iter().map(|ends| self.of_paths[ends].0).collect())
+        Ok(ends.iter().map(|ends| self.of_paths[ends]).collect())
     }
 
     /// Where a path starts and where it ends.
@@ -461,7 +412,7 @@ impl<'a> Descent<'a> {
                 .filter(|&h| self.frames.twin(h).is_some() && self.is_inside(h))
                 .collect();
             let changes: Vec<Change> = edges.iter().map(|&h| vec![(h, s)]).collect();
-            let gains = self.compliances(&changes)?;
+            let gains = self.parallel.compliances(&changes)?;
             let best = changes
                 .into_iter()
                 .zip(gains)
@@ -505,16 +456,10 @@ impl<'a> Descent<'a> {
             for (v, other) in [(pair.0, pair.1), (pair.1, pair.0)] {
                 ways.extend(self.ways_out(&graph, v, other, apart)?);
             }
-            // Solving for each of so many would take as long as their square.
-            let costs: Vec<f64> = if self.singular().count() > MANY {
-                let cost = |(far, change): &(f64, Change)| self.pull(change) + SELF * far.ln();
-                ways.iter().map(cost).collect()
-            } else {
-                let changes: Vec<Change> = ways.iter().map(|(_, c)| c.clone()).collect();
-                let gains = self.compliances(&changes)?;
-                let all = changes.iter().zip(gains);
-                all.map(|(c, gain)| self.direct(c) - gain).collect()
-            };
+            let changes: Vec<Change> = ways.iter().map(|(_, c)| c.clone()).collect();
+            let gains = self.parallel.compliances(&changes)?;
+            let all = changes.iter().zip(gains);
+            let costs: Vec<f64> = all.map(|(c, gain)| self.direct(c) - gain).collect();
             let best = costs
                 .into_iter()
                 .enumerate()

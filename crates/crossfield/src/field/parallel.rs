@@ -2,25 +2,17 @@
 //!
 //! One factorization serves all choices of the period jumps, since they stand on the right-hand side only. What a change of
 //! the jumps on some edges is worth comes in two parts: with the angles held, which is a sum over these edges, and what the angles
-//! win back by following, which is a solve. The second is estimated from the triangles nearby.
+//! win back by following, which is half a substitution with a sparse right-hand side.
 
 use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::compute::sets::DisjointSets;
-use rayon::prelude::*;
 
 use super::field::Guide;
 use super::frames::{Frames, QUARTER, modulo_quarter};
 use crate::Error;
 
-/// No row: the angle of the triangle is given.
-/// The same number stands for *not among the triangles nearby* where a few of them have a numbering of their own. As an
-/// index it is beyond any array, so that `get` leaves these out.
+/// No row: the angle of the triangle is given. As an index it is beyond any array, so that `get` leaves these out.
 const FIXED: u32 = u32::MAX;
-
-/// Right-hand sides per pass.
-const COLUMNS: usize = 16;
-/// Angles follow a change for so many triangles around it at least.
-const RINGS: usize = 10;
 
 /// `min_θ Σ w (θ_j − θ_i − κ − (π/2) p)² + Σ λ̄ (θ − γ)²` with the period jumps p given (Eq. 4.9). The matrix does
 /// not depend on p: it is factored once.
@@ -30,8 +22,6 @@ pub(super) struct Parallel<'a> {
     row: Vec<u32>,
     /// Number of unknowns.
     rows: usize,
-    /// λ̄ of each triangle that a soft guide holds, 0 of others.
-    softness: Vec<f64>,
     /// The factor of W, the Laplacian of the dual graph plus λ̄ on the diagonal, without the rows and columns of given
     /// angles.
     factor: Cholesky,
@@ -106,10 +96,6 @@ impl<'a> Parallel<'a> {
                 entries.push((row[face], row[face], weight));
             }
         }
-        let mut softness = vec![0.0; faces];
-        for &(face, _, weight) in &soft {
-            softness[face] += weight;
-        }
         let rows = rows as usize;
         let matrix = SparseMatrix::from_triplets(rows, rows, &entries)?;
         let factor = Cholesky::of(&matrix)?;
@@ -117,7 +103,6 @@ impl<'a> Parallel<'a> {
             frames,
             row,
             rows,
-            softness,
             factor,
             soft,
             fixed,
@@ -167,103 +152,15 @@ impl<'a> Parallel<'a> {
     }
 
     /// For each change of period jumps, what the energy falls by because the angles follow: `bᵀ W⁻¹ b` with
-    /// `b = Σ w d (e_j − e_i)`. Only angles near the change follow, so that it is never more than the energy falls by, and
-    /// hardly less: what a change does fades with the square of the distance.
-    pub(super) fn compliances(&self, changes: &[Change]) -> Vec<f64> {
-        changes
-            .par_iter()
-            .map_init(
-                || vec![FIXED; self.frames.faces()],
-                |place, change| self.compliance(change, place),
-            )
-            .collect()
-    }
-
-    /// By conjugate gradients on the triangles within twice as many steps as the change is long, and [`RINGS`] at least.
-    /// `place` holds [`FIXED`] throughout, before and after.
-    ///
-    /// Outside of them the angles are held, as by hard guides: a minimum over fewer unknowns, hence never below the
-    /// true one. The time is that of the triangles nearby and does not depend on the size of the surface.
-    fn compliance(&self, change: &[(usize, i32)], place: &mut [u32]) -> f64 {
-        let rings = RINGS.max(2 * change.len());
-        let mut near: Vec<u32> = Vec::new();
-        let reach = |face: usize, near: &mut Vec<u32>, place: &mut [u32]| {
-            if self.row[face] != FIXED && place[face] == FIXED {
-                place[face] = near.len() as u32;
-                near.push(face as u32);
-            }
-        };
-        for &(h, _) in change {
-            let twin = self.frames.twin(h).expect("an interior edge");
-            reach(h / 3, &mut near, place);
-            reach(twin / 3, &mut near, place);
-        }
-        let mut first = 0;
-        for _ in 0..rings {
-            let end = near.len();
-            for k in first..end {
-                let face = near[k] as usize;
-                for h in 3 * face..3 * face + 3 {
-                    if let Some(twin) = self.frames.twin(h) {
-                        reach(twin / 3, &mut near, place);
-                    }
-                }
-            }
-            first = end;
-        }
-        let mut right = vec![0.0; near.len()];
-        for &(h, quarters) in change {
-            let twin = self.frames.twin(h).expect("an interior edge");
-            let value = self.frames.weight(h) * QUARTER * f64::from(quarters);
-            for (face, value) in [(twin / 3, value), (h / 3, -value)] {
-                if let Some(right) = right.get_mut(place[face] as usize) {
-                    *right += value;
-                }
-            }
-        }
-        // Up to three neighbours, and what a row has on its diagonal.
-        let rows: Vec<(f64, [(u32, f64); 3])> = near
-            .iter()
-            .map(|&face| {
-                let mut row = (self.softness[face as usize], [(FIXED, 0.0); 3]);
-                for k in 0..3 {
-                    let h = 3 * face as usize + k;
-                    if let Some(twin) = self.frames.twin(h) {
-                        let w = self.frames.weight(h);
-                        row.0 += w;
-                        row.1[k] = (place[twin / 3], w);
-                    }
-                }
-                row
-            })
-            .collect();
-        for &face in &near {
-            place[face as usize] = FIXED;
-        }
-        gained(&rows, &right)
-    }
-
-    /// The same with all angles following.
-    ///
-    /// A forward and a backward substitution on the whole surface for each change, [`COLUMNS`] of them in one pass over
-    /// the factor, which is bound by memory and not by arithmetic.
-    pub(super) fn exact_compliances(&self, changes: &[Change]) -> Result<Vec<f64>, Error> {
-        let mut out = Vec::with_capacity(changes.len());
-        for part in changes.chunks(COLUMNS) {
-            let columns = part.len();
-            let mut block = vec![0.0; self.rows * columns];
-            for (c, change) in part.iter().enumerate() {
-                self.load(change, |row, value| block[row * columns + c] += value);
-            }
-            let right = block.clone();
-            self.factor.solve_in_place(&mut block, columns)?;
-            out.extend((0..columns).map(|c| {
-                (0..self.rows)
-                    .map(|r| right[r * columns + c] * block[r * columns + c])
-                    .sum::<f64>()
-            }));
-        }
-        Ok(out)
+    /// `b = Σ w d (e_j − e_i)`.
+    pub(super) fn compliances(&self, changes: &[Change]) -> Result<Vec<f64>, Error> {
+        let sides = changes.iter().map(|change| {
+            let mut entries = Vec::with_capacity(2 * change.len());
+            self.load(change, |row, value| entries.push((row, value)));
+            entries
+        });
+        let sides: Vec<Vec<(usize, f64)>> = sides.collect();
+        Ok(self.factor.inverse_energies(&sides)?)
     }
 
     /// Lets the angles follow a change of period jumps.
@@ -293,48 +190,6 @@ impl<'a> Parallel<'a> {
             }
         }
     }
-}
-
-/// `bᵀ A⁻¹ b` by conjugate gradients with the diagonal as preconditioner. Spelled out for rows of three neighbours: those of
-/// the core start from a factor, and here are thousands of systems of some hundred triangles, each solved once.
-///
-/// `rows` are the diagonal and up to three neighbours with the weights of their edges; neighbours numbered [`FIXED`] do
-/// not move. The residual, measured in the preconditioner, falls to 1e-8 of what it was at the start.
-fn gained(rows: &[(f64, [(u32, f64); 3])], right: &[f64]) -> f64 {
-    const STEPS: usize = 200;
-    const SMALL: f64 = 1e-8;
-    let n = right.len();
-    let (mut x, mut rest) = (vec![0.0; n], right.to_vec());
-    let mut way: Vec<f64> = rest.iter().zip(rows).map(|(r, row)| r / row.0).collect();
-    let mut along = vec![0.0; n];
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut energy = dot(&rest, &way);
-    let small = SMALL * energy;
-    for _ in 0..STEPS {
-        if energy <= small {
-            break;
-        }
-        for (out, (k, (diagonal, others))) in along.iter_mut().zip(rows.iter().enumerate()) {
-            *out = diagonal * way[k];
-            for &(j, w) in others {
-                if let Some(there) = way.get(j as usize) {
-                    *out -= w * there;
-                }
-            }
-        }
-        let step = energy / dot(&way, &along);
-        for k in 0..n {
-            x[k] += step * way[k];
-            rest[k] -= step * along[k];
-        }
-        let after: f64 = rest.iter().zip(rows).map(|(r, row)| r * r / row.0).sum();
-        let turn = after / energy;
-        for k in 0..n {
-            way[k] = rest[k] / rows[k].0 + turn * way[k];
-        }
-        energy = after;
-    }
-    dot(right, &x)
 }
 
 /// `angle` plus the multiple of a quarter turn that brings it nearest to `to`.

@@ -131,7 +131,8 @@ impl<'a> Ground<'a> {
     ///
     /// The directions begin with a tangent that depends on the normal alone, so that the search is the same on every
     /// machine, and are turned by `turn` eighths of a circle: where few directions are better, other tries find others.
-    /// `normal` must be a unit vector. Eight questions of the tree.
+    /// `normal` must be a unit vector. Eight questions of the tree. `value` is told what it has to exceed, and may answer
+    /// anything below that as soon as it knows that it does not.
     ///
     /// ```
     /// use geom_core::mesh::shapes;
@@ -141,9 +142,9 @@ impl<'a> Ground<'a> {
     /// let ground = Ground::new(&sphere, Vec::new())?;
     /// let pole = ground.pulled(&Point3::new(0.0, 0.0, 1.0), Freedom::Surface);
     /// let step = [0.2, 0.0];
-    /// let (east, _) = ground.best_around(pole, step, Freedom::Surface, 0.0, |p| p.0.x).unwrap();
+    /// let (east, _) = ground.best_around(pole, step, Freedom::Surface, 0.0, |p, _| p.0.x).unwrap();
     /// assert!(east.x > 0.18);
-    /// let higher = ground.best_around(pole, step, Freedom::Surface, pole.0.z, |p| p.0.z);
+    /// let higher = ground.best_around(pole, step, Freedom::Surface, pole.0.z, |p, _| p.0.z);
     /// assert!(higher.is_none());
     /// # Ok::<(), geom_core::search::bvh::TreeError>(())
     /// ```
@@ -153,7 +154,7 @@ impl<'a> Ground<'a> {
         [length, turn]: [f64; 2],
         freedom: Freedom,
         before: f64,
-        mut value: impl FnMut(&(Point3, Vector3)) -> f64,
+        mut value: impl FnMut(&(Point3, Vector3), f64) -> f64,
     ) -> Option<(Point3, Vector3)> {
         let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
         let second = normal.cross(&first);
@@ -161,7 +162,7 @@ impl<'a> Ground<'a> {
         for k in 0..8 {
             let (sine, cosine) = (FRAC_PI_4 * (f64::from(k) + turn)).sin_cos();
             let place = self.pulled(&(p + (first * cosine + second * sine) * length), freedom);
-            let found = value(&place);
+            let found = value(&place, best.0);
             if found > best.0 {
                 best = (found, Some(place));
             }

@@ -1,8 +1,13 @@
 //! Better places, and smaller elements where no places help.
 
-use geom_core::TriMesh;
+use std::cmp::Reverse;
+use std::collections::BTreeMap;
+
+use geom_core::compute::sets::DisjointSets;
+use geom_core::search::bvh::{Closest, TriangleTree};
 use geom_core::surface::flow::{Descent, Flow, Search, State, Straightening, Vertices, least};
-use geom_core::surface::ground::{Freedom, Ground};
+use geom_core::surface::ground::Ground;
+use geom_core::{QuadMesh, TriMesh};
 
 use super::cells::Cells;
 use super::jacobian::JacobianSummary;
@@ -31,15 +36,24 @@ pub(crate) fn improve(
 ) -> Result<Improved, Error> {
     let open = (0..mesh.positions().len()).any(|v| mesh.kind(v) == VertexKind::Boundary);
     let lines = Lines::of(surface, options.crease, open)?;
-    let ground = Ground::new(surface, lines.all.clone())?;
-    let mut made = moved(mesh, &lines, &ground, options, run)?;
+    let components = surface.components();
+    let grounds: Result<Vec<Ground>, Error> = components
+        .iter()
+        .map(|part| Ok(Ground::new(part, Lines::of(part, options.crease, open)?.all)?))
+        .collect();
+    let surface = Surface {
+        lines,
+        grounds: grounds?,
+        whole: joined(&components)?,
+    };
+    let mut made = moved(mesh, &surface, options, run)?;
     for _ in 0..CUTS {
         let is_bad = |e: &usize| made.jacobians[*e] < options.least;
         let bad: Vec<usize> = (0..made.jacobians.len()).filter(is_bad).collect();
         let Some(finer) = finer(&made.mesh, &bad)? else {
             break;
         };
-        let next = moved(finer, &lines, &ground, options, run)?;
+        let next = moved(finer, &surface, options, run)?;
         if next.report.after.min <= made.report.after.min {
             break;
         }
@@ -56,18 +70,70 @@ pub(crate) fn improve(
     Ok(made)
 }
 
+/// What vertices move on, component by component: where these touch, the nearest point of all may be that of another.
+struct Surface<'a> {
+    lines: Lines,
+    grounds: Vec<Ground<'a>>,
+    /// All components one after the other, and where the triangles of each end.
+    whole: (TriangleTree, Vec<usize>),
+}
+
+fn joined(components: &[TriMesh]) -> Result<(TriangleTree, Vec<usize>), Error> {
+    let (mut positions, mut triangles, mut ends) = (Vec::new(), Vec::new(), Vec::new());
+    for part in components {
+        let first = positions.len() as u32;
+        positions.extend_from_slice(part.positions());
+        triangles.extend(part.triangles().iter().map(|t| t.map(|v| v + first)));
+        ends.push(triangles.len());
+    }
+    Ok((TriangleTree::new(&TriMesh::new(positions, triangles)?)?, ends))
+}
+
+impl Surface<'_> {
+    /// Which component each vertex of a mesh on it is on: the one that most vertices of its own connected part are nearest
+    /// to.
+    fn parts(&self, mesh: &QuadMesh) -> Result<Vec<u32>, Error> {
+        let positions = mesh.positions();
+        if self.grounds.len() == 1 {
+            return Ok(vec![0; positions.len()]);
+        }
+        let mut sets = DisjointSets::new(positions.len());
+        for quad in mesh.quads() {
+            quad.windows(2).for_each(|side| sets.join(side[0], side[1]));
+        }
+        let root = sets.into_roots();
+        let (tree, ends) = &self.whole;
+        let nearest = tree.closest_to_all(positions)?;
+        let component = |c: &Closest| ends.partition_point(|&end| end <= c.triangle as usize);
+        let mut votes: BTreeMap<u32, BTreeMap<usize, usize>> = BTreeMap::new();
+        for (&root, closest) in root.iter().zip(&nearest) {
+            let of_part = votes.entry(root).or_default();
+            *of_part.entry(component(closest)).or_default() += 1;
+        }
+        let elected = |root: &u32| {
+            let all = votes[root].iter().map(|(&part, &count)| (count, Reverse(part)));
+            all.max().map_or(0, |(_, Reverse(part))| part as u32)
+        };
+        Ok(root.iter().map(elected).collect())
+    }
+}
+
 /// The same elements at better places.
 fn moved(
     mut mesh: TMesh,
-    lines: &Lines,
-    ground: &Ground<'_>,
+    surface: &Surface<'_>,
     options: &QualityOptions,
     run: On<'_>,
 ) -> Result<Improved, Error> {
-    let fine = freedoms(&mesh, lines);
-    let of = |v: usize| fine[mesh.fine_of_vertex(v) as usize];
-    let freedom: Vec<Freedom> = (0..mesh.positions().len()).map(of).collect();
-    let vertices = Vertices::new(mesh.positions().to_vec(), freedom, ground);
+    let fine = freedoms(&mesh, &surface.lines);
+    let part = surface.parts(mesh.fine())?;
+    let coarse = || (0..mesh.positions().len()).map(|v| mesh.fine_of_vertex(v) as usize);
+    let vertices = Vertices::on_parts(
+        mesh.positions().to_vec(),
+        coarse().map(|v| fine[v]).collect(),
+        &surface.grounds,
+        coarse().map(|v| part[v]).collect(),
+    );
     let cells = Cells::new(&mesh, &vertices.positions, options.method);
     let mut flow = Flow::new(cells, vertices, run.with(run.backend.as_corners()));
     let before = flow.values(Cells::jacobian);
@@ -86,7 +152,10 @@ fn moved(
     let lifted = lifted(&mut flow, smallest, kept, options)?;
     let jacobians = flow.values(Cells::jacobian);
     let positions = flow.vertices.positions;
-    mesh.move_to(positions, |v, p| ground.pulled(p, fine[v as usize]).0)?;
+    mesh.move_to(positions, |v, p| {
+        let ground = &surface.grounds[part[v as usize] as usize];
+        ground.pulled(p, fine[v as usize]).0
+    })?;
     let report = QualityReport {
         steps,
         distortion,

@@ -265,7 +265,7 @@ impl Place {
         });
         let (positions, quads) = (patch.positions.clone(), patch.quads.clone());
         let quads = Quads::new(quads, &positions, flow.elements.narrowest);
-        let vertices = Vertices::new(positions, freedom.collect(), flow.vertices.ground);
+        let vertices = Vertices::new(positions, freedom.collect(), flow.vertices.ground(0));
         // A patch is small: every backend would be the CPU but for its start.
         Flow::new(quads, vertices, Run::on(&Cpu).with(Cpu.as_corners()))
     }

@@ -10,7 +10,7 @@ use super::super::narrow::narrow;
 use super::super::parts::Part;
 use super::super::quality::jacobians;
 use super::super::smooth::Smooth;
-use super::{OFF_TARGET, Rungs};
+use super::{FOLDED, OFF_TARGET, Rungs};
 use crate::anisotropy::Metric;
 use crate::error::Error;
 use crate::field::CrossField;
@@ -28,8 +28,6 @@ const FEW: usize = 400;
 const CLOSER: usize = 6;
 /// How much closer, where one quad goes around the surface, and where two do.
 const RATIO: [f64; 2] = [0.4, 0.55];
-/// Scaled Jacobians below this call for closer lines.
-const FOLDED: f64 = 0.3;
 /// How much closer then.
 const NEARER: f64 = 0.6;
 /// How often.

@@ -71,6 +71,15 @@ pub struct PartReport {
     pub adapted: u32,
 }
 
+impl PartReport {
+    /// Of the last rung: what was said of a map that was upright is not said of its quads.
+    fn without_map(&mut self) {
+        self.rung = Rung::Split;
+        (self.field, self.map, self.misalignment) = (None, None, None);
+        self.closer = 0;
+    }
+}
+
 /// How often the spacing may be made smaller by √2.
 const DENSER: u32 = 5;
 /// From so many triangles per quad on, a coarser surface is mapped instead.
@@ -83,6 +92,11 @@ const FINE: f64 = 0.5;
 const LAST: f64 = 1.8;
 /// How far the number of quads may be from the one asked for before the spacing is corrected.
 const OFF_TARGET: f64 = 0.1;
+
+/// Scaled Jacobians below this are bad.
+const FOLDED: f64 = 0.3;
+/// A part of so few quads is a speck: bubbles of a density are.
+const SPECK: usize = 64;
 
 /// A closed part is not asked for fewer quads than a cube has.
 const FEWEST: f64 = 6.0;
@@ -127,13 +141,28 @@ pub(super) fn part_quads(
         asked.slope = None;
         made = climb(&part, &asked, &mut report, &mut spare)?;
     }
+    let least = |quads: &QuadMesh| Ok::<f64, Error>(least(&jacobians(quads, &part.mesh)?));
+    let split = || {
+        let raw = last_resort(&part, asked.spacing, options, run)?;
+        asked.finish(&part).finished(raw.quads, &raw.part)
+    };
+    let may_split = options.improve && options.ladder == Ladder::Full;
     let made = match made {
+        // A handful of bad quads: those of the triangles may be better, and nobody misses the field of a speck.
+        Some(made) if may_split && made.quads().len() <= SPECK && least(&made)? < FOLDED => {
+            let split = split()?;
+            if least(&split)? > least(&made)? {
+                report.without_map();
+                split
+            } else {
+                made
+            }
+        }
         Some(made) => made,
         None => {
-            let raw = last_resort(&part, asked.spacing, options, run)?;
-            let split = asked.finish(&part).finished(raw.quads, &raw.part)?;
+            let split = split()?;
             match spare {
-                Some(spare) if spare.least >= least(&jacobians(&split, &part.mesh)?) => {
+                Some(spare) if spare.least >= least(&split)? => {
                     let failures = std::mem::take(&mut report.failures);
                     report = PartReport {
                         failures,
@@ -142,10 +171,7 @@ pub(super) fn part_quads(
                     spare.quads
                 }
                 _ => {
-                    // Those of a map that was upright, but not its quads.
-                    report.rung = Rung::Split;
-                    (report.field, report.map, report.misalignment) = (None, None, None);
-                    report.closer = 0;
+                    report.without_map();
                     split
                 }
             }

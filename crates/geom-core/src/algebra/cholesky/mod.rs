@@ -457,6 +457,59 @@ impl<T: Scalar> Cholesky<T> {
     }
 }
 
+impl Cholesky {
+    /// `bᵀ A⁻¹ b` of sparse vectors b, each given by rows and values, which are summed where a row comes again: what each of
+    /// many small changes is worth to a quadratic energy, for less than solving for it.
+    ///
+    /// It is the square of L⁻¹ b, which has entries on the way from those of b to the root of the elimination tree alone: on
+    /// a surface of n vertices about n operations and less memory traffic, in place of n log n. Eight vectors share a
+    /// pass, neighbours in the list if they are neighbours in the mesh; passes run in parallel, with bits that do not
+    /// depend on threads.
+    ///
+    /// ```
+    /// use geom_core::algebra::{Cholesky, SparseMatrix};
+    /// let entries = [(0, 0, 4.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 3.0)];
+    /// let matrix = SparseMatrix::from_triplets(2, 2, &entries)?;
+    /// let energies = Cholesky::of(&matrix)?.inverse_energies(&[vec![(0, 1.0)], vec![(0, 2.0), (1, 5.0)]])?;
+    /// // The inverse is [3, -2; -2, 4] / 8.
+    /// assert!((energies[0] - 0.375).abs() < 1e-14 && (energies[1] - 9.0).abs() < 1e-13);
+    /// # Ok::<(), geom_core::algebra::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] for a row that the matrix has not, [`Error::OutOfMemory`].
+    pub fn inverse_energies(&self, vectors: &[Vec<(usize, f64)>]) -> Result<Vec<f64>, Error> {
+        let n = self.rows();
+        if let Some(&(row, _)) = vectors.iter().flatten().find(|entry| entry.0 >= n) {
+            return Err(Error::OutOfRange {
+                row,
+                column: row,
+                rows: n,
+                columns: n,
+            });
+        }
+        let Some(Plan { schedule, .. }) = &self.symbolic.inner.plan else {
+            return vectors.iter().map(|b| self.inverse_energy(b)).collect();
+        };
+        let parts = vectors.chunks(COLUMNS);
+        let norms: Vec<[f64; COLUMNS]> = parallel::map(parts.len(), |part| {
+            let first = part * COLUMNS;
+            let end = (first + COLUMNS).min(vectors.len());
+            schedule.norms(&self.values, &vectors[first..end])
+        });
+        let norms = norms.as_flattened().iter().take(vectors.len());
+        Ok(norms.copied().collect())
+    }
+
+    /// By solving for it: without supernodes.
+    fn inverse_energy(&self, vector: &[(usize, f64)]) -> Result<f64, Error> {
+        let mut b = vec![0.0; self.rows()];
+        vector.iter().for_each(|&(row, value)| b[row] += value);
+        let x = self.solve(&b)?;
+        Ok(x.iter().zip(&b).map(|(x, b)| x * b).sum())
+    }
+}
+
 /// [`Cholesky::solve_in_place`] for a block of the right size that is not empty.
 pub(super) fn substitute<T: Scalar>(
     symbolic: &Symbolic,

@@ -195,6 +195,53 @@ impl Schedule {
         solved
     }
 
+    /// `|L⁻¹ b|²` of up to `C` sparse vectors b, each given by rows and values: that is `bᴴ A⁻¹ b` without the backward half.
+    ///
+    /// L⁻¹ b vanishes but on the way from b's entries to the root of the elimination tree (Gilbert and Peierls, *Sparse
+    /// partial pivoting in time proportional to arithmetic operations*, 1988), so that only tasks there are visited, and in
+    /// them the supernodes with something to eliminate.
+    pub(super) fn norms<const C: usize>(
+        &self,
+        values: &[f64],
+        vectors: &[Vec<(usize, f64)>],
+    ) -> [f64; C] {
+        let blank = |task: &Task| vec![[0.0; C]; task.own.len() + task.reached.len()];
+        let mut open: Vec<Vec<[f64; C]>> = vec![Vec::new(); self.tasks.len()];
+        for (c, vector) in vectors.iter().enumerate() {
+            for &(row, value) in vector {
+                let (task, place) = self.places[row];
+                let x = &mut open[task as usize];
+                if x.is_empty() {
+                    *x = blank(&self.tasks[task as usize]);
+                }
+                x[place as usize][c] += value;
+            }
+        }
+        let mut norms = [0.0; C];
+        // A task is numbered before the one above it.
+        for (t, task) in self.tasks.iter().enumerate() {
+            let mut x = std::mem::take(&mut open[t]);
+            if x.is_empty() {
+                continue;
+            }
+            run(task, values, &mut x, true);
+            let (own, rows) = x.split_at(task.own.len());
+            for x in own {
+                (0..C).for_each(|c| norms[c] += x[c] * x[c]);
+            }
+            if !rows.is_empty() {
+                let above = &mut open[task.parent as usize];
+                if above.is_empty() {
+                    *above = blank(&self.tasks[task.parent as usize]);
+                }
+                for (&at, row) in task.reached.iter().zip(rows) {
+                    plus(&mut above[at as usize], row);
+                }
+            }
+        }
+        norms
+    }
+
     /// One row of what was solved.
     pub(super) fn row<'a, T, const C: usize>(
         &self,
@@ -249,7 +296,11 @@ impl<T: Scalar, const C: usize> Sweep<'_, T, C> {
         let (task, values) = (self.task, self.values);
         if self.down {
             for s in &task.supernodes {
-                forward::<T, C, FUSED>(Block::of(s, task, values, self.x));
+                let block = Block::of(s, task, values, self.x);
+                // Of sparse right-hand sides most is zero still.
+                if block.own.as_flattened().iter().any(|x| *x != T::default()) {
+                    forward::<T, C, FUSED>(block);
+                }
             }
         } else {
             for s in task.supernodes.iter().rev() {

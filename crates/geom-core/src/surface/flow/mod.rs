@@ -33,7 +33,7 @@ const LONGEST: f64 = 0.3;
 /// Positions, and the surface's normals there.
 pub type State = (Vec<Point3>, Vec<Vector3>);
 
-/// Vertices on a surface.
+/// Vertices on a surface, or each on one of several that may touch.
 pub struct Vertices<'a> {
     /// Where they are.
     pub positions: Vec<Point3>,
@@ -41,21 +41,41 @@ pub struct Vertices<'a> {
     pub normals: Vec<Vector3>,
     /// How they may move.
     pub freedom: Vec<Freedom>,
-    /// The surface.
-    pub ground: &'a Ground<'a>,
+    grounds: &'a [Ground<'a>],
+    /// Which of these each vertex is on; none if all are on the first.
+    part: Vec<u32>,
 }
 
 impl<'a> Vertices<'a> {
     /// Put onto the surface.
     pub fn new(positions: Vec<Point3>, freedom: Vec<Freedom>, ground: &'a Ground<'a>) -> Self {
+        let grounds = std::slice::from_ref(ground);
+        Self::on_parts(positions, freedom, grounds, Vec::new())
+    }
+
+    /// Put each onto its own of some surfaces: where these touch, the nearest point may be that of another. `part` has the
+    /// number of each vertex's, or is empty if that is 0 for all.
+    pub fn on_parts(
+        positions: Vec<Point3>,
+        freedom: Vec<Freedom>,
+        grounds: &'a [Ground<'a>],
+        part: Vec<u32>,
+    ) -> Self {
         let mut vertices = Self {
             positions,
             normals: Vec::new(),
             freedom,
-            ground,
+            grounds,
+            part,
         };
         vertices.settle();
         vertices
+    }
+
+    /// The surface that a vertex is on.
+    pub fn ground(&self, vertex: usize) -> &'a Ground<'a> {
+        let part = self.part.get(vertex).copied().unwrap_or(0);
+        &self.grounds[part as usize]
     }
 
     /// Puts all back onto the surface.
@@ -66,7 +86,7 @@ impl<'a> Vertices<'a> {
     /// Places on the surface, and its normals there.
     fn settled(&self, positions: &[Point3]) -> State {
         let pulled = parallel::map(positions.len(), |v| {
-            self.ground.pulled(&positions[v], self.freedom[v])
+            self.ground(v).pulled(&positions[v], self.freedom[v])
         });
         pulled.into_iter().unzip()
     }

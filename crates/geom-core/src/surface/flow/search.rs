@@ -97,20 +97,32 @@ impl<E: Elements> Flow<'_, E> {
             return false;
         }
         let start = (self.vertices.positions[v], self.vertices.normals[v]);
-        let before = self.worst_around(v);
+        let mut refuser = 0;
+        let before = self.worst_around(v, f64::NEG_INFINITY, &mut refuser);
         let way = [step * self.elements.reach(v), GOLDEN * f64::from(tries)];
-        let ground = self.vertices.ground;
-        let found = ground.best_around(start, way, freedom, before, |&place| {
+        let ground = self.vertices.ground(v);
+        let found = ground.best_around(start, way, freedom, before, |&place, least| {
             (self.vertices.positions[v], self.vertices.normals[v]) = place;
-            self.worst_around(v)
+            self.worst_around(v, least, &mut refuser)
         });
         (self.vertices.positions[v], self.vertices.normals[v]) = found.unwrap_or(start);
         found.is_some()
     }
 
-    fn worst_around(&self, v: usize) -> f64 {
-        let around = self.elements.around(v).iter();
-        least(around.map(|&e| self.elements.merit(e as usize, &self.vertices)))
+    /// The worst of the elements around a vertex, or one that is not above `floor`; that which was so last is asked first.
+    fn worst_around(&self, v: usize, floor: f64, refuser: &mut usize) -> f64 {
+        let around = self.elements.around(v);
+        let mut worst = f64::INFINITY;
+        for k in 0..around.len() {
+            let at = (*refuser + k) % around.len();
+            let merit = self.elements.merit(around[at] as usize, &self.vertices);
+            worst = worst.min(merit);
+            if worst <= floor {
+                *refuser = at;
+                break;
+            }
+        }
+        worst
     }
 
     /// Around elements that are still bad, steps down a high power of the corners' distortion, whatever their sides: those of a
