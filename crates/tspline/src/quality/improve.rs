@@ -39,7 +39,12 @@ pub(crate) fn improve(
     let components = surface.components();
     let grounds: Result<Vec<Ground>, Error> = components
         .iter()
-        .map(|part| Ok(Ground::new(part, Lines::of(part, options.crease, open)?.all)?))
+        .map(|part| {
+            Ok(Ground::new(
+                part,
+                Lines::of(part, options.crease, open)?.all,
+            )?)
+        })
         .collect();
     let surface = Surface {
         lines,
@@ -86,7 +91,10 @@ fn joined(components: &[TriMesh]) -> Result<(TriangleTree, Vec<usize>), Error> {
         triangles.extend(part.triangles().iter().map(|t| t.map(|v| v + first)));
         ends.push(triangles.len());
     }
-    Ok((TriangleTree::new(&TriMesh::new(positions, triangles)?)?, ends))
+    Ok((
+        TriangleTree::new(&TriMesh::new(positions, triangles)?)?,
+        ends,
+    ))
 }
 
 impl Surface<'_> {
@@ -111,7 +119,9 @@ impl Surface<'_> {
             *of_part.entry(component(closest)).or_default() += 1;
         }
         let elected = |root: &u32| {
-            let all = votes[root].iter().map(|(&part, &count)| (count, Reverse(part)));
+            let all = votes[root]
+                .iter()
+                .map(|(&part, &count)| (count, Reverse(part)));
             all.max().map_or(0, |(_, Reverse(part))| part as u32)
         };
         Ok(root.iter().map(elected).collect())

@@ -60,7 +60,9 @@ impl Quads {
 
     fn surface_normal(&self, q: usize, at: &[Point3; 4], vertices: &Vertices<'_>) -> Vector3 {
         let normals = self.quads[q].map(|v| vertices.normals[v as usize]);
-        vertices.ground(self.quads[q][0] as usize).normal_over(at, &normals)
+        vertices
+            .ground(self.quads[q][0] as usize)
+            .normal_over(at, &normals)
     }
 }
 
