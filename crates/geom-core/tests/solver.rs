@@ -265,6 +265,47 @@ fn bad_input_is_named() {
     ));
 }
 
+/// `bᵀ A⁻¹ b` of vectors of a few rows, against full solves: in blocks that are not full, with rows named twice, and empty.
+#[test]
+fn energies_of_sparse_vectors_are_those_of_solves() {
+    let path: Vec<(u32, u32, f64)> = (0..40u32)
+        .flat_map(|i| {
+            let next = (i + 1).min(39);
+            [(i, i, 2.5), (i, next, -0.5), (next, i, -0.5)]
+        })
+        .collect();
+    let path = SparseMatrix::from_triplets(40, 40, &path).unwrap();
+    for matrix in [path, screened(1e-3)] {
+        let factor = Cholesky::of(&matrix).unwrap();
+        let n = matrix.rows();
+        let mut random = SplitMix64::new(5);
+        let mut sparse: Vec<Vec<(usize, f64)>> = (0..21)
+            .map(|count| {
+                let row = |_| (random.below(n), 1.0);
+                let rows: Vec<(usize, f64)> = (0..count).map(row).collect();
+                let value = |&(row, _): &(usize, f64)| (row, random.symmetric());
+                rows.iter().map(value).collect()
+            })
+            .collect();
+        sparse.push(vec![(n - 1, 0.25), (0, 2.0), (n - 1, 0.5)]);
+        let energies = same_on_any_threads(|| factor.inverse_energies(&sparse).unwrap());
+        assert_eq!(energies.len(), sparse.len());
+        assert_eq!(energies[0], 0.0);
+        for (b, energy) in sparse.iter().zip(energies) {
+            let mut full = vec![0.0; n];
+            b.iter().for_each(|&(row, value)| full[row] += value);
+            let x = factor.solve(&full).unwrap();
+            let exact: f64 = full.iter().zip(&x).map(|(b, x)| b * x).sum();
+            assert!(
+                (energy - exact).abs() <= 1e-10 * exact.max(1.0),
+                "{energy} {exact}"
+            );
+        }
+        let outside = factor.inverse_energies(&[vec![], vec![(0, 1.0), (n, 1.0)]]);
+        assert!(matches!(outside, Err(Error::OutOfRange { row, .. }) if row == n));
+    }
+}
+
 #[test]
 fn bits_do_not_depend_on_threads() {
     let matrix = screened(1e-2);

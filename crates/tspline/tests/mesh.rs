@@ -439,6 +439,44 @@ fn better_elements_lie_on_the_surface_and_none_is_worse() {
     assert!(closest.iter().all(|c| c.distance < 1e-12));
 }
 
+/// The wall of a cavity nearly touches the outer one and faces the other way: what is nearest to a vertex may be of the other.
+#[test]
+fn parts_that_nearly_touch_keep_to_their_own_surface() {
+    let facing_in = |p: &Point3| Point3::from(p.coords * 0.997);
+    let outer = shapes::icosphere(1.0, 4);
+    let first = outer.positions().len() as u32;
+    let (mut positions, mut triangles) = outer.into_parts();
+    positions.extend_from_within(..);
+    positions[first as usize..]
+        .iter_mut()
+        .for_each(|p| *p = facing_in(p));
+    let inner = triangles
+        .iter()
+        .map(|&[a, b, c]| [b, a, c].map(|v| v + first));
+    triangles.extend(inner.collect::<Vec<_>>());
+    let surface = TriMesh::new(positions, triangles).unwrap();
+    // Quads that are pressed together towards the poles have far to go.
+    let pressed = |p: &Point3| Point3::from(Vector3::new(p.x, p.y, p.z * 2.5).normalize());
+    let sphere = shapes::quad_sphere(1.0, 8);
+    let first = sphere.positions().len() as u32;
+    let mut positions: Vec<Point3> = sphere.positions().iter().map(pressed).collect();
+    positions.extend(positions.clone().iter().map(facing_in));
+    let mut quads = sphere.quads().to_vec();
+    let inner = |&[a, b, c, d]: &[u32; 4]| [a, d, c, b].map(|v| v + first);
+    quads.extend(sphere.quads().iter().map(inner));
+    let fine = QuadMesh::new(positions, quads).unwrap();
+    let out = improved(
+        build(&fine, &vec![1; fine.quads().len()]),
+        &surface,
+        Method::Corners,
+    );
+    assert!(out.report.after.min > 0.5, "{:?}", out.report);
+    for (v, p) in out.mesh.fine().positions().iter().enumerate() {
+        let radius = p.coords.norm();
+        assert_eq!(radius > 0.998, v < first as usize, "{v} {radius}");
+    }
+}
+
 /// A strip of 4 by 1 around the x-axis that turns by this angle from end to end, in `n × n` quads.
 fn twisted(n: u32, angle: f64) -> QuadMesh {
     let flat = plate(n, n);

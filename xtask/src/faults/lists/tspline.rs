@@ -67,6 +67,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("mesh::any_levels_make_a_valid_t_mesh"),
     Fault::wrong(
+        "vertices of every component move on the first",
+        "crates/tspline/src/quality/improve.rs",
+        "all.max().map_or(0, |(_, Reverse(part))| part as u32)",
+        "all.max().map_or(0, |(_, Reverse(part))| 0 * part as u32)",
+    )
+    .seen_by("mesh::parts_that_nearly_touch_keep_to_their_own_surface"),
+    Fault::wrong(
         "levels are high where the field is",
         "crates/tspline/src/levels.rs",
         "let part = (high - value) / (high - low);",
