@@ -111,6 +111,21 @@ impl Metric {
         }
     }
 
+    /// The metric in pieces of its triangles: the parent of each, and by how much angles are smaller in its frame.
+    pub(crate) fn in_pieces(&self, parents: &[u32], turns: &[f64]) -> Self {
+        let of = |(&parent, turn): (&u32, &f64)| {
+            let grain = self.grains[parent as usize];
+            Grain {
+                angle: grain.angle - turn,
+                ..grain
+            }
+        };
+        Self {
+            grains: parents.iter().zip(turns).map(of).collect(),
+            weight: self.weight,
+        }
+    }
+
     /// Distances of neighbouring lines along the arm θ and across it, where they are 1 without a gradient.
     ///
     /// Along the gradient it is r, across it 1, between them Eq. 4.13. `theta` is an angle in the frame of the

@@ -125,6 +125,33 @@ impl CrossField {
         (0..self.index.len()).filter(|&v| self.index[v] != 0 && !frames.on_boundary(v))
     }
 
+    /// The same crosses in pieces of the triangles of `before`: the parent of each, by how much angles are smaller in its frame,
+    /// and the half-edge that each side is a piece of, if of any. Its singular vertices are the same.
+    pub(crate) fn in_pieces(
+        &self,
+        before: &Frames,
+        after: &Frames,
+        parents: &[u32],
+        turns: &[f64],
+        sides: &[Option<usize>],
+    ) -> Self {
+        let theta: Vec<f64> = parents
+            .iter()
+            .zip(turns)
+            .map(|(&parent, turn)| self.theta[parent as usize] - turn)
+            .collect();
+        let mut jump = vec![0; sides.len()];
+        for (h, twin) in after.interior() {
+            let wanted = sides[h].map_or(0.0, |side| {
+                difference(before, &self.theta, &self.jump, side)
+            });
+            // Angles between frames are those of before, but for whole turns.
+            let turns = (difference(after, &theta, &jump, h) - wanted) / super::frames::QUARTER;
+            (jump[h], jump[twin]) = (turns.round() as i32, -turns.round() as i32);
+        }
+        Self::measured(after, theta, jump, self.report.clone())
+    }
+
     /// Fills in indices, energy and counts.
     pub(crate) fn measured(
         frames: &Frames,

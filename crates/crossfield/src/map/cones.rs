@@ -9,11 +9,11 @@ use crate::field::frames::Frames;
 ///
 /// Angles of triangles that are turned over count as negative, and the sum is a multiple of a quarter turn where the
 /// map continues over its seams: an eighth of a turn is a safe threshold for rounding errors. Vertices without
-/// triangles have no wrong angle. On a boundary the wanted sum is `2 − 4 I` quarters.
+/// triangles have no wrong angle. On a boundary the wanted sum is `2 − 4 I` quarters. `corners` are those of each triangle.
 pub(super) fn has_wrong_angle(
     frames: &Frames,
     field: &CrossField,
-    corners: &[[[f64; 2]; 3]],
+    corners: impl Fn(usize) -> [[f64; 2]; 3],
     v: usize,
 ) -> bool {
     if frames.around(v).next().is_none() {
@@ -21,7 +21,7 @@ pub(super) fn has_wrong_angle(
     }
     let angles = frames
         .around(v)
-        .map(|h| corner_angle(&corners[h / 3], h % 3));
+        .map(|h| corner_angle(&corners(h / 3), h % 3));
     let quarters = if frames.on_boundary(v) { 2 } else { 4 } - field.index[v];
     let wanted = f64::from(quarters) * FRAC_PI_2;
     (angles.sum::<f64>() - wanted).abs() > FRAC_PI_4

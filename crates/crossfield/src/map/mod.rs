@@ -69,7 +69,7 @@ pub(crate) use net::Net;
 pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]
 pub(crate) use parameterize::{decimated, unfolding_costs};
-pub(crate) use unfold::{Effort, LastUpright, Unfolding};
+pub(crate) use unfold::{Effort, Ends, Folded, Unfolding};
 
 pub use exact::{GridMap, MapReport};
 pub use parameterize::{MapOptions, parameterize};

@@ -16,8 +16,8 @@ use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
 #[cfg(feature = "testing")]
-use super::unfold::{Effort, LastUpright};
-use super::unfold::{Unfolder, Unfolding};
+use super::unfold::{Effort, Ends};
+use super::unfold::{Folded, Unfolder, Unfolding};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
@@ -63,10 +63,10 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<GridMap, Error> {
     let run = run.with(run.backend.as_crossfield());
-    let (effort, last) = Unfolding::alone(mesh.triangles().len());
+    let (effort, ends) = Unfolding::alone(mesh.triangles().len());
     let unfolding = Unfolding {
         effort: &effort,
-        last: &last,
+        ends: &ends,
     };
     match parameterized(mesh, frames, field, options, unfolding, None, run)? {
         Laid::Whole(map) => Ok(map),
@@ -185,10 +185,10 @@ pub(crate) fn decimated(
     run: On<'_>,
 ) -> Result<Option<usize>, Error> {
     let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
-    let (effort, last) = Unfolding::alone(charts.len());
+    let (effort, ends) = Unfolding::alone(charts.len());
     let unfolding = Unfolding {
         effort: &effort,
-        last: &last,
+        ends: &ends,
     };
     let system = System::new(&cut, &seams, &charts);
     let relaxed = Making::new(frames, field, system, unfolding, run).relaxed()?;
@@ -206,13 +206,13 @@ pub(crate) fn unfolding_costs(
     options: &[MapOptions],
     run: On<'_>,
 ) -> Result<Vec<Option<f64>>, Error> {
-    let last = LastUpright::default();
+    let ends = Ends::default();
     let of = |options: &MapOptions| {
         let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
         let effort = Effort::of(charts.len());
         let unfolding = Unfolding {
             effort: &effort,
-            last: &last,
+            ends: &ends,
         };
         let all = effort.left();
         let system = System::new(&cut, &seams, &charts);
@@ -244,10 +244,10 @@ pub(crate) fn relaxation(
     run: On<'_>,
 ) -> Result<Relaxation, Error> {
     let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
-    let (effort, last) = Unfolding::alone(charts.len());
+    let (effort, ends) = Unfolding::alone(charts.len());
     let unfolding = Unfolding {
         effort: &effort,
-        last: &last,
+        ends: &ends,
     };
     let system = System::new(&cut, &seams, &charts);
     let mut making = Making::new(frames, field, system, unfolding, run);
@@ -376,9 +376,19 @@ impl<'a> Making<'a> {
     /// The optimum, unfolded where it folds: no rounding could mend that, and the integers of a folded map are wrong ones.
     ///
     /// From where the last map of the same field ended, if there was one, else from the optimum. What is still folded
-    /// then is an error that no other spacing would mend.
+    /// then is an error that no other spacing would mend; where it is so is left for those who have finer triangles.
     fn relaxed(&mut self) -> Result<Relaxed, Error> {
+        let start = self.unfolding.ends.folded.take();
+        let is_resumed = start.is_some();
+        if let Some(Folded { jacobians, .. }) = start {
+            // The optimum of what the last map is wanted to be is that map.
+            self.system.wanted = self.combed(&jacobians);
+        }
         let optimum = self.optimum()?;
+        if is_resumed {
+            self.system.wanted.fill([[1.0, 0.0], [0.0, 1.0]]);
+            self.report.relaxed_energy = self.system.energy(&optimum.corners);
+        }
         if self.report.relaxed_folded == 0 {
             return Ok(Relaxed {
                 weighted: optimum.weighted,
@@ -386,10 +396,16 @@ impl<'a> Making<'a> {
                 corners: optimum.corners,
             });
         }
-        let y = self.unfolded_optimum(optimum)?;
+        let y = self.unfolded_optimum(optimum, is_resumed)?;
         let corners = self.system.corners(&y);
         let (triangles, cones) = self.unfolder().invalid(&corners);
         if triangles + cones > 0 {
+            let all = self.system.charts.iter().zip(&corners);
+            let jacobians: Vec<_> = all.map(|(chart, uv)| chart.jacobian(uv)).collect();
+            self.unfolding.ends.folded.replace(Some(Folded {
+                jacobians: self.combed(&jacobians),
+                vertices: self.unfolder().bad(&corners),
+            }));
             return Err(Error::Folded {
                 triangles,
                 cones,
@@ -397,7 +413,7 @@ impl<'a> Making<'a> {
                 relaxed: true,
             });
         }
-        self.unfolding.last.replace(Some(y));
+        self.unfolding.ends.upright.replace(Some(y));
         // Rounding starts from here, and has to keep what unfolding has reached.
         self.want(&corners);
         let weighted = self.system.weighted(&self.weights)?;
@@ -409,17 +425,35 @@ impl<'a> Making<'a> {
         })
     }
 
-    /// The unknowns after unfolding with all of them free.
-    fn unfolded_optimum(&self, optimum: Optimum) -> Result<Vec<f64>, Error> {
+    /// Jacobians in the basis of the chosen arms for those in the basis of the field's, or the other way around: quarter turns
+    /// of both bases, of which two are none.
+    fn combed(&self, jacobians: &[[[f64; 2]; 2]]) -> Vec<[[f64; 2]; 2]> {
+        let of = |(&[[a, b], [c, d]], comb): (&[[f64; 2]; 2], &u8)| match comb % 2 {
+            0 => [[a, b], [c, d]],
+            _ => [[d, -c], [-b, a]],
+        };
+        jacobians
+            .iter()
+            .zip(&self.system.cut.comb)
+            .map(of)
+            .collect()
+    }
+
+    /// The unknowns after unfolding with all of them free. A map that is resumed folds in few places.
+    fn unfolded_optimum(&self, optimum: Optimum, is_resumed: bool) -> Result<Vec<f64>, Error> {
         let factor = optimum.factor;
         let schur = |z: &mut [f64]| {
             let solved = factor.solve(&DVector::from_column_slice(z));
             z.copy_from_slice(solved.as_slice());
         };
         // A map upright at one spacing is so at any, and only has to settle.
-        let last = self.unfolding.last.take().map(|y| self.fitted(y));
+        let last = self.unfolding.ends.upright.take().map(|y| self.fitted(y));
         let last = last.filter(|y| self.unfolder().is_valid(y));
         let mut y = optimum.y;
+        if is_resumed {
+            self.unfolder().mended(&mut y)?;
+            return Ok(y);
+        }
         for start in last.into_iter().chain([std::mem::take(&mut y)]) {
             y = start;
             if self
@@ -624,7 +658,7 @@ fn faults(
         .filter(|&f| charts[f].is_bad(&corners[f]))
         .collect();
     for v in 0..frames.edges().vertices() {
-        if has_wrong_angle(frames, field, corners, v) {
+        if has_wrong_angle(frames, field, |f| corners[f], v) {
             faults.extend(frames.around(v).map(|h| h / 3));
         }
     }

@@ -114,40 +114,21 @@ impl Part {
     /// Every triangle cut into four at the midpoints of its sides: where the triangles are as large as the quads, a map has
     /// too little freedom.
     pub(super) fn refined(&self) -> Result<Self, Error> {
-        let edges = Halfedges::of(&self.mesh)?;
-        let mut positions = self.mesh.positions().to_vec();
-        let mut midpoint = vec![0u32; edges.len()];
-        for h in edges.edges() {
-            let [a, b] = [edges.from(h), edges.to(h)].map(|v| positions[v.index()]);
-            midpoint[h.index()] = positions.len() as u32;
-            if let Some(twin) = edges.twin(h) {
-                midpoint[twin.index()] = positions.len() as u32;
-            }
-            positions.push(geom_core::nalgebra::center(&a, &b));
-        }
-        let mut is_line = vec![false; edges.len()];
+        let all = vec![true; self.mesh.triangles().len()];
+        self.cut(&Cuts::of(&self.mesh, &all)?)
+    }
+
+    /// The part with its triangles cut.
+    pub(super) fn cut(&self, cuts: &Cuts) -> Result<Self, Error> {
+        let mut is_line = vec![false; 3 * self.mesh.triangles().len()];
         for &h in &self.lines {
             is_line[h] = true;
         }
-        let (mut triangles, mut lines) = (Vec::new(), Vec::new());
-        for (&[a, b, c], (mid, line)) in self
-            .mesh
-            .triangles()
-            .iter()
-            .zip(midpoint.chunks_exact(3).zip(is_line.chunks_exact(3)))
-        {
-            triangles.extend([
-                [a, mid[0], mid[2]],
-                [b, mid[1], mid[0]],
-                [c, mid[2], mid[1]],
-                [mid[0], mid[1], mid[2]],
-            ]);
-            lines.extend([line[0], false, line[2], line[1], false, line[0]]);
-            lines.extend([line[2], false, line[1], false, false, false]);
-        }
-        let (mesh, is_line) = cut_corners(TriMesh::new(positions, triangles)?, lines)?;
-        let lines = (0..is_line.len()).filter(|&h| is_line[h]).collect();
-        Ok(Self { mesh, lines })
+        let inherits = |h: &usize| cuts.sides[*h].is_some_and(|side| is_line[side]);
+        Ok(Self {
+            mesh: cuts.of_mesh(&self.mesh)?,
+            lines: (0..cuts.sides.len()).filter(inherits).collect(),
+        })
     }
 
     /// The part with nearly equilateral triangles of this edge length (Botsch and Kobbelt, 2004); `None` where that fails or
@@ -233,6 +214,110 @@ impl Part {
             .filter(|&h| edges.twin(h).is_none_or(|t| h < t))
             .map(|h| [at(edges.from(h)), at(edges.to(h))])
             .collect())
+    }
+}
+
+/// Triangles cut into four, and their neighbours into two or three where they share sides with these, for any mesh with the
+/// same connectivity.
+pub(super) struct Cuts {
+    /// The ends of each edge that gets a vertex in its middle; the new vertices follow the old ones in this order.
+    middles: Vec<[u32; 2]>,
+    triangles: Vec<[u32; 3]>,
+    /// Per new triangle, the old one that it is a piece of.
+    pub(super) parents: Vec<u32>,
+    /// Per new half-edge, the old one that it is a piece of; `None` inside of a triangle.
+    pub(super) sides: Vec<Option<usize>>,
+}
+
+impl Cuts {
+    /// What cutting these triangles into four makes of a mesh.
+    pub(super) fn of(mesh: &TriMesh, is_cut: &[bool]) -> Result<Self, Error> {
+        let edges = Halfedges::of(mesh)?;
+        let mut middle = vec![None; edges.len()];
+        let mut middles = Vec::new();
+        for h in edges.edges() {
+            let twin = edges.twin(h);
+            if !is_cut[h.index() / 3] && !twin.is_some_and(|t| is_cut[t.index() / 3]) {
+                continue;
+            }
+            let number = Some((mesh.positions().len() + middles.len()) as u32);
+            middle[h.index()] = number;
+            if let Some(twin) = twin {
+                middle[twin.index()] = number;
+            }
+            middles.push([edges.from(h).0, edges.to(h).0]);
+        }
+        let mut cuts = Self {
+            middles,
+            triangles: Vec::new(),
+            parents: Vec::new(),
+            sides: Vec::new(),
+        };
+        for (t, (corners, middle)) in mesh
+            .triangles()
+            .iter()
+            .zip(middle.chunks_exact(3))
+            .enumerate()
+        {
+            cuts.add(t, corners, [middle[0], middle[1], middle[2]]);
+        }
+        Ok(cuts)
+    }
+
+    /// The pieces of a triangle with these vertices in the middle of its sides.
+    fn add(&mut self, t: usize, &corners: &[u32; 3], middle: [Option<u32>; 3]) {
+        // So that what is cut comes first.
+        let first = match middle {
+            [Some(_), Some(_), Some(_)] | [_, None, None] | [Some(_), Some(_), None] => 0,
+            [None, Some(_), _] => 1,
+            [_, None, Some(_)] => 2,
+        };
+        let [ab, bc, ca] = [0, 1, 2].map(|k| Some(3 * t + (first + k) % 3));
+        let [a, b, c] = [0, 1, 2].map(|k| corners[(first + k) % 3]);
+        let mut piece = |corners, sides: [Option<usize>; 3]| {
+            self.triangles.push(corners);
+            self.parents.push(t as u32);
+            self.sides.extend(sides);
+        };
+        match [0, 1, 2].map(|k| middle[(first + k) % 3]) {
+            [Some(m), Some(n), Some(o)] => {
+                piece([a, m, o], [ab, None, ca]);
+                piece([b, n, m], [bc, None, ab]);
+                piece([c, o, n], [ca, None, bc]);
+                piece([m, n, o], [None; 3]);
+            }
+            [Some(m), Some(n), None] => {
+                piece([m, b, n], [ab, bc, None]);
+                piece([a, m, n], [ab, None, None]);
+                piece([a, n, c], [None, bc, ca]);
+            }
+            [Some(m), None, None] => {
+                piece([a, m, c], [ab, None, ca]);
+                piece([m, b, c], [ab, bc, None]);
+            }
+            _ => piece([a, b, c], [ab, bc, ca]),
+        }
+    }
+
+    /// A mesh of the old triangles with these cut.
+    pub(super) fn of_mesh(&self, mesh: &TriMesh) -> Result<TriMesh, Error> {
+        let mut positions = mesh.positions().to_vec();
+        positions.extend(self.middles.iter().map(|ends| {
+            let [a, b] = ends.map(|v| mesh.positions()[v as usize]);
+            geom_core::nalgebra::center(&a, &b)
+        }));
+        Ok(TriMesh::new(positions, self.triangles.clone())?)
+    }
+
+    /// Per new triangle the angle of its first side in its parent, from the first side of that: by how much angles are
+    /// smaller in the new one.
+    pub(super) fn turns(&self, mesh: &TriMesh, cut: &TriMesh) -> Vec<f64> {
+        let of = |(t, &parent): (usize, &u32)| {
+            let normal = mesh.doubled_area_normal(parent as usize).normalize();
+            let [old, new] = [mesh.corners(parent as usize), cut.corners(t)].map(|p| p[1] - p[0]);
+            normal.dot(&old.cross(&new)).atan2(old.dot(&new))
+        };
+        self.parents.iter().enumerate().map(of).collect()
     }
 }
 

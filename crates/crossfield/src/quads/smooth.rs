@@ -4,7 +4,7 @@ use geom_core::TriMesh;
 use geom_core::algebra::Cholesky;
 use geom_core::surface::laplace::EdgeWeights;
 
-use super::parts::Part;
+use super::parts::{Cuts, Part};
 use crate::Error;
 use crate::anisotropy::Metric;
 use crate::field::smooth::{Operators, flowed};
@@ -67,6 +67,18 @@ impl Smooth {
             }
         }
         Err(last.expect("the whole length was tried"))
+    }
+
+    /// The same places, with triangles cut.
+    pub(super) fn cut(&self, cuts: &Cuts, weights: EdgeWeights) -> Result<Self, Error> {
+        let mesh = cuts.of_mesh(&self.mesh)?;
+        let of_parent = |&parent: &u32| self.shrunk[parent as usize];
+        Ok(Self {
+            frames: Frames::of(&mesh, weights)?,
+            mesh,
+            length: self.length,
+            shrunk: cuts.parents.iter().map(of_parent).collect(),
+        })
     }
 
     /// The spacing that makes quads of this side on the surface before: the flow draws tips together, and singular vertices

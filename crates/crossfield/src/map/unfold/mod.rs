@@ -4,10 +4,13 @@ mod scope;
 mod untangle;
 mod wind;
 
+use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
+use geom_core::compute::sets::DisjointSets;
+
 use self::scope::Scope;
-pub(crate) use self::untangle::{Effort, LastUpright, Unfolding};
+pub(crate) use self::untangle::{Effort, Ends, Folded, Unfolding};
 use self::untangle::{Moves, untangle};
 use self::wind::wound;
 use crate::Error;
@@ -22,6 +25,11 @@ const SURROUNDINGS: RangeInclusive<usize> = 3..=18;
 
 /// So many tries without fewer folds are enough.
 const NO_BETTER: usize = 6;
+
+/// Which vertices are meant, by whether the angle around them is wrong, and whether all triangles there are upright.
+type Wanted = fn(bool, bool) -> bool;
+const STUCK: Wanted = |turns_wrong, upright| turns_wrong && upright;
+const BAD: Wanted = |turns_wrong, upright| turns_wrong || !upright;
 
 /// What unfolds the map of a field.
 #[derive(Clone, Copy)]
@@ -52,7 +60,7 @@ impl Unfolder<'_> {
             bend: &|gradient: &[f64]| weighted.inverse(gradient, integers),
             held: Vec::new(),
             effort,
-            is_lost: &|corners: &[[[f64; 2]; 3]]| !self.stuck(corners).is_empty(),
+            is_lost: &|y: &[f64]| !self.stuck(&self.system.corners(y)).is_empty(),
         };
         let folded = y.to_vec();
         let reserve = effort.share(3);
@@ -65,7 +73,7 @@ impl Unfolder<'_> {
         let negative: Vec<usize> = (0..index.len()).filter(|&v| index[v] < 0).collect();
         moves.held = wound(self.system, self.frames, self.field, &negative, y);
         // What else is folded unfolds beside a vertex that is stuck.
-        moves.is_lost = &|_: &[[[f64; 2]; 3]]| false;
+        moves.is_lost = &|_: &[f64]| false;
         let reserve = effort.share(4);
         untangle(self.system, y, &moves, self.run)?;
         effort.give_back(&reserve);
@@ -75,9 +83,9 @@ impl Unfolder<'_> {
     /// Unfolds what is left place by place, with vertices that are stuck laid out by hand, and all else held; is the map
     /// upright now?
     ///
-    /// Where little is folded this is cheap, so that it is tried with ever wider surroundings.
-    fn mended(&self, y: &mut [f64]) -> Result<bool, Error> {
-        let frames = self.frames;
+    /// Where little is folded this is cheap, so that it is tried with ever wider surroundings, which grow together. A place that
+    /// stays folded takes no other with it.
+    pub(super) fn mended(&self, y: &mut [f64]) -> Result<bool, Error> {
         let mut bad = self.bad(&self.system.corners(y));
         let (mut least, mut stalled) = (bad.len(), 0);
         for rings in SURROUNDINGS {
@@ -85,24 +93,11 @@ impl Unfolder<'_> {
                 break;
             }
             let stuck = self.stuck(&self.system.corners(y));
-            let held = wound(self.system, frames, self.field, &stuck, y);
+            let held = wound(self.system, self.frames, self.field, &stuck, y);
             bad.extend(self.bad(&self.system.corners(y)));
-            let scope = self.around(&bad, rings);
-            let Some(factor) = scope.factored(self.system)? else {
-                break;
-            };
-            let moves = Moves {
-                scope: &scope,
-                bend: &|gradient: &[f64]| {
-                    let mut bent = gradient.to_vec();
-                    factor.solve_in_place(&mut bent, 1)?;
-                    Ok(bent)
-                },
-                held,
-                effort: self.effort,
-                is_lost: &|corners: &[[[f64; 2]; 3]]| !self.stuck(corners).is_empty(),
-            };
-            untangle(self.system, y, &moves, self.run)?;
+            for place in self.places(&bad, rings) {
+                self.unfold_place(&place, &held, y)?;
+            }
             bad = self.bad(&self.system.corners(y));
             stalled += 1;
             if bad.len() < least {
@@ -115,52 +110,110 @@ impl Unfolder<'_> {
         Ok(bad.is_empty())
     }
 
-    /// The unknowns of some vertices and so many rings around them.
-    fn around(&self, vertices: &[usize], rings: usize) -> Scope {
-        let (frames, cut) = (self.frames, self.system.cut);
-        let mut near = vec![false; frames.edges().vertices()];
-        vertices.iter().for_each(|&v| near[v] = true);
-        for _ in 0..rings {
-            let before = near.clone();
-            for h in 0..frames.edges().len() {
-                let [a, b] = [h, next(h)].map(|h| frames.from(h));
-                if before[a] || before[b] {
-                    (near[a], near[b]) = (true, true);
-                }
+    /// Untangles what is around some vertices, with these triangles held upright: from where it is, and if some of it stays folded
+    /// from the optimum of Eq. 4.10 there, since folds that hold each other are gone in that. What folds less is taken.
+    fn unfold_place(&self, vertices: &[usize], held: &[usize], y: &mut [f64]) -> Result<(), Error> {
+        let Self { system, frames, .. } = *self;
+        let mut is_near = vec![false; system.seams.copies()];
+        for h in vertices.iter().flat_map(|&v| frames.around(v)) {
+            is_near[system.cut.copy[h] as usize] = true;
+        }
+        let scope = Scope::of_copies(system, |copy| is_near[copy as usize]);
+        let Some(factor) = scope.factored(system)? else {
+            return Ok(());
+        };
+        let corners_of = scope.faces.iter().flat_map(|&f| 3 * f..3 * f + 3);
+        let mut moved: Vec<usize> = corners_of.map(|h| frames.from(h)).collect();
+        moved.sort_unstable();
+        moved.dedup();
+        let count = |wanted: Wanted, y: &[f64]| {
+            let corners = |f: usize| [0, 1, 2].map(|k| system.copy(y, system.cut.copy[3 * f + k]));
+            self.vertices(corners, moved.iter().copied(), wanted)
+                .count()
+        };
+        let moves = Moves {
+            scope: &scope,
+            bend: &|gradient: &[f64]| {
+                let mut bent = gradient.to_vec();
+                factor.solve_in_place(&mut bent, 1)?;
+                Ok(bent)
+            },
+            held: held.to_vec(),
+            effort: self.effort,
+            is_lost: &|y: &[f64]| count(STUCK, y) > 0,
+        };
+        let mut best = (count(BAD, y), y.to_vec());
+        for from_optimum in [false, true] {
+            if from_optimum {
+                scope.relax(system, &factor, y)?;
+            }
+            untangle(system, y, &moves, self.run)?;
+            let bad = count(BAD, y);
+            // Something else is as good as what it was, for wider surroundings.
+            if bad < best.0 || (!from_optimum && bad == best.0) {
+                best = (bad, y.to_vec());
+            }
+            if bad == 0 {
+                break;
             }
         }
-        let mut is_near = vec![false; self.system.seams.copies()];
-        for (h, &copy) in cut.copy.iter().enumerate() {
-            is_near[copy as usize] |= near[frames.from(h)];
+        y.copy_from_slice(&best.1);
+        Ok(())
+    }
+
+    /// The surroundings of some vertices, so many rings wide, in their connected pieces, by their lowest vertices.
+    fn places(&self, vertices: &[usize], rings: usize) -> Vec<Vec<usize>> {
+        let frames = self.frames;
+        let count = frames.edges().vertices();
+        let mut near = vec![false; count];
+        vertices.iter().for_each(|&v| near[v] = true);
+        let sides = || (0..frames.edges().len()).map(|h| [frames.from(h), frames.from(next(h))]);
+        for _ in 0..rings {
+            let before = near.clone();
+            for [a, b] in sides().filter(|&[a, b]| before[a] || before[b]) {
+                (near[a], near[b]) = (true, true);
+            }
         }
-        Scope::of_copies(self.system, |copy| is_near[copy as usize])
+        let mut sets = DisjointSets::new(count);
+        for [a, b] in sides().filter(|&[a, b]| near[a] && near[b]) {
+            sets.join(a as u32, b as u32);
+        }
+        let root = sets.into_roots();
+        let mut places: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for v in (0..count).filter(|&v| near[v]) {
+            places.entry(root[v]).or_default().push(v);
+        }
+        let mut places: Vec<Vec<usize>> = places.into_values().collect();
+        places.sort_unstable_by_key(|place| place[0]);
+        places
     }
 
     /// Vertices with upright triangles alone that turn too far or not far enough around them. They would have to fold before they
     /// could turn right.
     fn stuck(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
-        self.vertices(corners, |turns_wrong, upright| turns_wrong && upright)
+        let all = 0..self.frames.edges().vertices();
+        self.vertices(|f| corners[f], all, STUCK).collect()
     }
 
     /// Vertices at a wrong angle or of triangles that are not upright.
-    fn bad(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
-        self.vertices(corners, |turns_wrong, upright| turns_wrong || !upright)
+    pub(super) fn bad(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
+        let all = 0..self.frames.edges().vertices();
+        self.vertices(|f| corners[f], all, BAD).collect()
     }
 
-    /// Those wanted, by whether the angle around them is wrong, and whether all triangles there are upright.
+    /// Those wanted of some vertices.
     fn vertices(
         &self,
-        corners: &[[[f64; 2]; 3]],
-        is_wanted: impl Fn(bool, bool) -> bool,
-    ) -> Vec<usize> {
-        let is_upright = |h: usize| self.system.charts[h / 3].determinant(&corners[h / 3]) > 0.0;
-        let frames = self.frames;
-        let all = 0..frames.edges().vertices();
-        all.filter(|&v| {
+        corners: impl Fn(usize) -> [[f64; 2]; 3] + Copy,
+        some: impl Iterator<Item = usize>,
+        is_wanted: Wanted,
+    ) -> impl Iterator<Item = usize> {
+        let Self { system, frames, .. } = *self;
+        let is_upright = move |h: usize| system.charts[h / 3].determinant(&corners(h / 3)) > 0.0;
+        some.filter(move |&v| {
             let turns_wrong = has_wrong_angle(frames, self.field, corners, v);
             is_wanted(turns_wrong, frames.around(v).all(is_upright))
         })
-        .collect()
     }
 
     pub(super) fn is_valid(&self, y: &[f64]) -> bool {
@@ -173,7 +226,7 @@ impl Unfolder<'_> {
         let upright = all.filter(|(chart, uv)| chart.determinant(uv) > 0.0);
         let triangles = corners.len() - upright.count();
         let cones = (0..self.frames.edges().vertices())
-            .filter(|&v| has_wrong_angle(self.frames, self.field, corners, v))
+            .filter(|&v| has_wrong_angle(self.frames, self.field, |f| corners[f], v))
             .count();
         (triangles, cones)
     }

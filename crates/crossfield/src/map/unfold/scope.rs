@@ -70,6 +70,41 @@ impl Scope {
         places
     }
 
+    /// Moves the unknowns to the minimum of the quadratic energy (Eq. 4.10) with all others held; `factor` is that of its matrix.
+    pub(super) fn relax(
+        &self,
+        system: &System<'_>,
+        factor: &Cholesky,
+        y: &mut [f64],
+    ) -> Result<(), Error> {
+        let places = self.places(y.len());
+        let mut slope = vec![0.0; self.unknowns.len()];
+        for &f in &self.faces {
+            let (chart, copies) = (
+                &system.charts[f],
+                [0, 1, 2].map(|k| system.cut.copy[3 * f + k]),
+            );
+            let j = chart.jacobian(&copies.map(|copy| system.copy(y, copy)));
+            let off = [[j[0][0] - 1.0, j[0][1]], [j[1][0], j[1][1] - 1.0]];
+            for (component, along) in [chart.along_u, chart.along_v].iter().enumerate() {
+                for (&copy, hat) in copies.iter().zip(along) {
+                    let pull =
+                        chart.area * (off[component][0] * hat[0] + off[component][1] * hat[1]);
+                    for (k, p) in system.seams.row(copy, component) {
+                        if let Some(place) = places[k] {
+                            slope[place as usize] += f64::from(p) * pull;
+                        }
+                    }
+                }
+            }
+        }
+        factor.solve_in_place(&mut slope, 1)?;
+        for (&k, step) in self.unknowns.iter().zip(&slope) {
+            y[k] -= step;
+        }
+        Ok(())
+    }
+
     /// The matrix of the quadratic energy (Eq. 4.10) over the unknowns, factored; `None` if none moves.
     pub(super) fn factored(&self, system: &System<'_>) -> Result<Option<Cholesky>, Error> {
         let count = self.unknowns.len();

@@ -77,24 +77,46 @@ impl Effort {
     }
 }
 
-/// The unknowns of the last map of a field that was unfolded without integers, if there was one.
-pub(crate) type LastUpright = RefCell<Option<Vec<f64>>>;
+/// Where unfolding without integers has led with the maps of a field.
+#[derive(Debug, Default)]
+pub(crate) struct Ends {
+    /// The unknowns of the last map that came out upright.
+    pub(crate) upright: RefCell<Option<Vec<f64>>>,
+    /// The last that did not, or where the next one starts.
+    pub(crate) folded: RefCell<Option<Folded>>,
+}
 
-/// Says something of the corners of all triangles.
-pub(crate) type Judge<'a> = &'a dyn Fn(&[[[f64; 2]; 3]]) -> bool;
+impl Ends {
+    /// Does the next map start from a folded one?
+    pub(crate) fn is_folded(&self) -> bool {
+        self.folded.borrow().is_some()
+    }
+}
+
+/// A map without integers that stays folded.
+#[derive(Clone, Debug)]
+pub(crate) struct Folded {
+    /// `[h_u ∇u; h_v ∇v]` of each triangle in the basis of the field's arm θ and the next one.
+    pub(crate) jacobians: Vec<[[f64; 2]; 2]>,
+    /// Vertices at a wrong angle or of triangles that are not upright.
+    pub(crate) vertices: Vec<usize>,
+}
+
+/// Says something of a map by all its unknowns.
+pub(crate) type Judge<'a> = &'a dyn Fn(&[f64]) -> bool;
 
 /// What unfolding may use.
 #[derive(Clone, Copy)]
 pub(crate) struct Unfolding<'a> {
     pub(crate) effort: &'a Effort,
-    /// Of the same field: upright at any spacing, it is where the next map starts.
-    pub(crate) last: &'a LastUpright,
+    /// Of the same field: what is upright at one spacing is so at any, and is where the next map starts.
+    pub(crate) ends: &'a Ends,
 }
 
 impl Unfolding<'_> {
     /// What a single map of so many triangles may use.
-    pub(crate) fn alone(triangles: usize) -> (Effort, LastUpright) {
-        (Effort::of(triangles), LastUpright::default())
+    pub(crate) fn alone(triangles: usize) -> (Effort, Ends) {
+        (Effort::of(triangles), Ends::default())
     }
 }
 
@@ -109,7 +131,7 @@ pub(crate) struct Moves<'a> {
     pub(crate) held: Vec<usize>,
     /// What unfolding may cost.
     pub(crate) effort: &'a Effort,
-    /// Corners of all triangles from which no map with the right angles is reached once ε is small.
+    /// Is this a map from which none with the right angles is reached once ε is small?
     pub(crate) is_lost: Judge<'a>,
 }
 
@@ -149,7 +171,7 @@ pub(crate) fn untangle(
         if !positive && (stalled >= STALLED || moves.effort.is_spent()) {
             break;
         }
-        if energy.epsilon < FIRM && (moves.is_lost)(&system.corners(&energy.all(&x))) {
+        if energy.epsilon < FIRM && (moves.is_lost)(energy.all(&x)) {
             break;
         }
         let gained = 1.0 - after / before;
@@ -168,7 +190,7 @@ pub(crate) fn untangle(
         let most = (2.0 * worst.abs()).max(0.4);
         energy.epsilon = (energy.epsilon * (1.0 - falls)).clamp(LEAST, most);
     }
-    y.copy_from_slice(&energy.all(&x));
+    y.copy_from_slice(energy.all(&x));
     Ok(())
 }
 
@@ -187,7 +209,7 @@ struct Energy<'a> {
     /// Of the triangles of the scope, with areas raised to [`LEAST_AREA`], unlike those of the system.
     charts: Vec<Chart>,
     backend: &'a (dyn CrossfieldBackend + 'a),
-    /// All unknowns, those that do not move as they are.
+    /// All unknowns: those that do not move as they are, the others as they were asked for last.
     y: Vec<f64>,
     /// Per unknown, its place among those that move.
     place: Vec<Option<u32>>,
@@ -225,19 +247,18 @@ impl<'a> Energy<'a> {
     }
 
     /// All unknowns, with these of the scope.
-    fn all(&self, x: &[f64]) -> Vec<f64> {
-        let mut y = self.y.clone();
+    fn all(&mut self, x: &[f64]) -> &[f64] {
         for (&k, &x) in self.scope.unknowns.iter().zip(x) {
-            y[k] = x;
+            self.y[k] = x;
         }
-        y
+        &self.y
     }
 
     /// Of the triangles of the scope.
-    fn corners(&self, x: &[f64]) -> Vec<[[f64; 2]; 3]> {
-        let y = self.all(x);
+    fn corners(&mut self, x: &[f64]) -> Vec<[[f64; 2]; 3]> {
+        self.all(x);
         let copies = self.scope.copies.iter();
-        let copies: Vec<[f64; 2]> = copies.map(|&c| self.system.copy(&y, c)).collect();
+        let copies: Vec<[f64; 2]> = copies.map(|&c| self.system.copy(&self.y, c)).collect();
         let of = |corners: &[u32; 3]| corners.map(|c| copies[c as usize]);
         self.scope.corners.iter().map(of).collect()
     }
@@ -258,7 +279,7 @@ impl<'a> Energy<'a> {
     }
 
     /// The smallest determinant.
-    fn worst(&self, x: &[f64]) -> f64 {
+    fn worst(&mut self, x: &[f64]) -> f64 {
         let corners = self.corners(x);
         let all = self.charts.iter().zip(&corners);
         all.map(|(chart, uv)| chart.determinant(uv))

@@ -28,7 +28,7 @@ pub(super) fn wound(
     let fan = |v: usize| frames.around(v).collect::<Vec<usize>>();
     let is_right = |fan: &[usize], corners: &[[[f64; 2]; 3]], v: usize| {
         let upright = |h: &usize| system.charts[h / 3].determinant(&corners[h / 3]) > UPRIGHT;
-        !has_wrong_angle(frames, field, corners, v) && fan.iter().all(upright)
+        !has_wrong_angle(frames, field, |f| corners[f], v) && fan.iter().all(upright)
     };
     let mut held = Vec::new();
     let mut placed = vec![false; field.index.len()];

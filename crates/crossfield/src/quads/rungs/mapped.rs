@@ -14,9 +14,7 @@ use super::{FOLDED, OFF_TARGET, Rungs};
 use crate::anisotropy::Metric;
 use crate::error::Error;
 use crate::field::CrossField;
-use crate::map::{
-    Laid, LastUpright, MapOptions, MapReport, Spread, Unfolding, Widening, parameterized,
-};
+use crate::map::{Ends, Laid, MapOptions, MapReport, Spread, Unfolding, Widening, parameterized};
 use crate::options::Size;
 
 /// How far the number of quads may be from a third of the triangles, which nobody has asked for.
@@ -42,11 +40,27 @@ pub(super) struct Mapping<'a> {
     pub(super) smooth: &'a Smooth,
     pub(super) field: &'a CrossField,
     pub(super) metric: Option<&'a Metric>,
-    /// See [`Unfolding::last`].
-    pub(super) last: LastUpright,
+    /// See [`Unfolding::ends`].
+    pub(super) ends: Ends,
 }
 
-impl Mapping<'_> {
+impl<'a> Mapping<'a> {
+    /// Nothing of it has been unfolded yet.
+    pub(super) fn of(
+        part: &'a Part,
+        smooth: &'a Smooth,
+        field: &'a CrossField,
+        metric: Option<&'a Metric>,
+    ) -> Self {
+        Self {
+            part,
+            smooth,
+            field,
+            metric,
+            ends: Ends::default(),
+        }
+    }
+
     /// Area over that of a quad with two long sides of 1: as the field has them, and if it followed the gradient everywhere.
     fn stretched(&self) -> [f64; 2] {
         let mesh = &self.part.mesh;
@@ -210,7 +224,7 @@ impl Lay {
             smooth,
             field,
             metric,
-            last,
+            ends,
         } = ground;
         let Smooth { mesh, frames, .. } = smooth;
         let options = MapOptions {
@@ -218,11 +232,11 @@ impl Lay {
             lines: part.lines.iter().map(|&h| h as u32).collect(),
         };
         let narrow = |spread: &Spread| narrow(spread, rungs.options.nested);
-        // The other half is for closer lines and other fields.
-        let effort = rungs.effort.share(2);
+        // The other half is for closer lines and other fields; what is left of one map to unfold is worth less.
+        let effort = rungs.effort.share(if ends.is_folded() { 8 } else { 2 });
         let unfolding = Unfolding {
             effort: &effort,
-            last,
+            ends,
         };
         let widening = Some(Widening {
             narrow: &narrow,

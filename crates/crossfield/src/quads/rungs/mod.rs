@@ -1,5 +1,6 @@
 //! One connected part of a surface: one rung after another until one holds.
 
+mod finer;
 mod mapped;
 
 use geom_core::mesh::Halfedges;
@@ -7,6 +8,7 @@ use geom_core::surface::ground::{Freedom, Ground, on_segments};
 use geom_core::surface::remesh;
 use geom_core::{Cancelled, Point3, QuadMesh, TriMesh};
 
+use self::finer::Finer;
 use self::mapped::{Mapping, as_many};
 use super::improve::{improve, settled};
 use super::parts::Part;
@@ -19,7 +21,7 @@ use crate::error::Error;
 use crate::field::solve::field_of;
 use crate::field::{CrossField, FieldReport, Frames, Guide, Toward};
 use crate::guidance;
-use crate::map::{Effort, LastUpright, MapOptions, MapReport};
+use crate::map::{Effort, MapOptions, MapReport};
 use crate::options::{FieldOptions, Ladder, Options};
 
 /// Which way led to the quads of a part.
@@ -60,6 +62,8 @@ pub struct PartReport {
     pub map: Option<MapReport>,
     /// How often the lines were laid closer to each other where a handle or neck was too narrow for them, or quads were folded.
     pub closer: usize,
+    /// How often triangles were cut into four where the map stayed folded in a few places.
+    pub finer: u32,
     /// How often all ratios of the anisotropy were made their square roots because the map folded.
     pub milder: u32,
     /// Whether the anisotropy was given up because all rungs failed with it, and the quads are as if none had been asked for.
@@ -76,7 +80,7 @@ impl PartReport {
     fn without_map(&mut self) {
         self.rung = Rung::Split;
         (self.field, self.map, self.misalignment) = (None, None, None);
-        self.closer = 0;
+        (self.closer, self.finer) = (0, 0);
     }
 }
 
@@ -100,6 +104,9 @@ const SPECK: usize = 64;
 
 /// A closed part is not asked for fewer quads than a cube has.
 const FEWEST: f64 = 6.0;
+
+/// How often triangles are cut where a map stays folded.
+const FINER: u32 = 3;
 
 /// How often an anisotropy that folds the map is made milder.
 const MILDER: u32 = 2;
@@ -367,7 +374,8 @@ impl Rungs<'_> {
                 break;
             }
             let factor = 0.5f64.powf(0.5 * f64::from(step));
-            let made = self.with_map(fine, metric, &smooth, &field, factor, Rung::Denser(step));
+            let ground = Mapping::of(fine, &smooth, &field, metric);
+            let made = self.with_map(&ground, factor, Rung::Denser(step));
             if let Some(quads) = self.reported(made)? {
                 return Ok(Some(quads));
             }
@@ -399,13 +407,14 @@ impl Rungs<'_> {
         factor: f64,
         rung: Rung,
     ) -> Result<Option<QuadMesh>, Error> {
-        (self.report.milder, self.report.adapted) = (0, 0);
+        (self.report.milder, self.report.adapted, self.report.finer) = (0, 0, 0);
         let field = self.field(part, wishes, factor);
         let Some((smooth, field)) = self.reported(field)? else {
             return Ok(None);
         };
         let mut metric = wishes.metric.clone();
-        let mut made = self.with_map(part, metric.as_ref(), &smooth, &field, 1.0, rung);
+        let ground = Mapping::of(part, &smooth, &field, metric.as_ref());
+        let mut made = self.with_finer(&ground, rung, usize::MAX);
         if self.options.ladder == Ladder::Full {
             for milder in 1..=MILDER {
                 let (Err(Error::Folded { .. }), Some(steep)) = (&made, &metric) else {
@@ -413,7 +422,8 @@ impl Rungs<'_> {
                 };
                 self.reported(made)?;
                 metric = Some(steep.milder());
-                made = self.with_map(part, metric.as_ref(), &smooth, &field, 1.0, rung);
+                let ground = Mapping::of(part, &smooth, &field, metric.as_ref());
+                made = self.with_finer(&ground, rung, usize::MAX);
                 self.report.milder = milder;
             }
         }
@@ -476,24 +486,47 @@ impl Rungs<'_> {
         Ok(field)
     }
 
+    /// The quads of a field's map. Where that stays folded in few places, the triangles there are cut, as long as fewer vertices
+    /// than these are not right then.
+    fn with_finer(
+        &mut self,
+        ground: &Mapping<'_>,
+        rung: Rung,
+        most: usize,
+    ) -> Result<QuadMesh, Error> {
+        let made = self.with_map(ground, 1.0, rung);
+        let folded = ground.ends.folded.take();
+        let may_cut = self.options.ladder == Ladder::Full && !self.effort.is_spent();
+        let (Err(Error::Folded { .. }), Some(folded), true) = (&made, folded, may_cut) else {
+            return made;
+        };
+        let left = folded.vertices.len();
+        if left >= most || self.report.finer == FINER {
+            return made;
+        }
+        match Finer::around(ground, &folded, self.options.weights)? {
+            Some(finer) => {
+                self.report.finer += 1;
+                self.with_finer(&finer.mapping(), rung, left)
+            }
+            None => made,
+        }
+    }
+
     /// The quads of a field's map.
     fn with_map(
         &mut self,
-        part: &Part,
-        metric: Option<&Metric>,
-        smooth: &Smooth,
-        field: &CrossField,
+        ground: &Mapping<'_>,
         factor: f64,
         rung: Rung,
     ) -> Result<QuadMesh, Error> {
-        let ground = Mapping {
-            part,
+        let Mapping {
             smooth,
             field,
             metric,
-            last: LastUpright::default(),
-        };
-        let (quads, closer, map) = as_many(&ground, factor * self.spacing, self)?;
+            ..
+        } = ground;
+        let (quads, closer, map) = as_many(ground, factor * self.spacing, self)?;
         self.report.misalignment = metric.map(|m| m.misalignment(&smooth.frames, field));
         self.report.rung = rung;
         self.report.field = Some(field.report.clone());
