@@ -6,6 +6,7 @@
 use geom_core::compute::random::SplitMix64;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::surface::ground::{Freedom, Ground};
+use geom_core::surface::laplace::EdgeWeights;
 use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 
 use crate::backend::CrossfieldObject;
@@ -192,6 +193,21 @@ pub fn standing_apart(values: &[f64]) -> usize {
 /// Along the first arm after `comb` quarter turns, and along the second.
 pub fn spacing_of_face(spacing: &Spacing, face: usize, comb: u8) -> [f64; 2] {
     spacing.of_face(face, comb)
+}
+
+/// A mesh with these triangles cut into four, its frames, and the field that goes on in the pieces.
+pub fn in_pieces(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    is_cut: &[bool],
+) -> Result<(TriMesh, Frames, CrossField), Error> {
+    let cuts = quads::Cuts::of(mesh, is_cut)?;
+    let pieces = cuts.of_mesh(mesh)?;
+    let after = Frames::of(&pieces, EdgeWeights::One)?;
+    let turns = cuts.turns(mesh, &pieces);
+    let field = field.in_pieces(frames, &after, &cuts.parents, &turns, &cuts.sides);
+    Ok((pieces, after, field))
 }
 
 /// What the sides of a quad shall be long.

@@ -8,7 +8,7 @@ use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::surface::laplace::EdgeWeights;
-use geom_core::{Cpu, Point3, Run};
+use geom_core::{Cpu, Point3, Run, Vector3, VertexId};
 
 /// However far crosses turn, what they turn by around vertices adds up to the Euler characteristic.
 #[test]
@@ -33,6 +33,51 @@ fn indices_of_turned_crosses_add_up() {
         let twins = frames.edges().twins().iter().enumerate();
         for (h, &t) in twins.filter(|&(h, &t)| t != u32::MAX && t as usize > h) {
             assert_eq!(field.jump[h], -field.jump[t as usize]);
+        }
+    }
+}
+
+/// Whatever triangles are cut into four: the pieces fill the same surface, and the crosses in them are those of before, with
+/// the same singular vertices.
+#[test]
+fn a_field_goes_on_in_the_pieces_of_its_triangles() {
+    let mut random = SplitMix64::new(3);
+    for mesh in [
+        shapes::icosphere(1.0, 3),
+        shapes::torus(2.0, 0.7, 24, 12),
+        testing::plate(12, 0.2, |i, j| (5..7).contains(&i) && j == 6),
+    ] {
+        let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+        let options = FieldOptions::default();
+        let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
+        for share in [0.0, 0.05, 0.3, 1.0] {
+            let is_cut: Vec<bool> = (0..frames.faces()).map(|_| random.unit() < share).collect();
+            let (pieces, after, carried) =
+                testing::in_pieces(&mesh, &frames, &field, &is_cut).unwrap();
+            let euler = mesh.euler_characteristic();
+            assert_eq!(pieces.euler_characteristic(), euler);
+            assert!((pieces.area() - mesh.area()).abs() < 1e-12 * mesh.area());
+            let (old, new) = carried.index.split_at(mesh.positions().len());
+            let inside = |v: &usize| !after.edges().on_boundary(VertexId(*v as u32));
+            for v in (0..old.len()).filter(inside) {
+                assert_eq!(old[v], field.index[v]);
+            }
+            let made = (old.len()..old.len() + new.len()).filter(inside);
+            assert!(made.into_iter().all(|v| carried.index[v] == 0));
+            // Where nothing is cut, the triangle is the same, and so are its four arms.
+            let tree = TriangleTree::new(&mesh).unwrap();
+            for f in 0..after.faces() {
+                let centre = pieces
+                    .corners(f)
+                    .iter()
+                    .fold(Vector3::zeros(), |s, p| s + p.coords);
+                let parent = tree.closest(&Point3::from(centre / 3.0)).triangle;
+                let [one, other] = [
+                    carried.arms(&after, f)[0],
+                    field.arms(&frames, parent as usize)[0],
+                ];
+                assert!((one - other).norm() < 1e-9, "{f} of {parent}");
+            }
         }
     }
 }

@@ -400,12 +400,7 @@ impl<'a> Making<'a> {
         let corners = self.system.corners(&y);
         let (triangles, cones) = self.unfolder().invalid(&corners);
         if triangles + cones > 0 {
-            let all = self.system.charts.iter().zip(&corners);
-            let jacobians: Vec<_> = all.map(|(chart, uv)| chart.jacobian(uv)).collect();
-            self.unfolding.ends.folded.replace(Some(Folded {
-                jacobians: self.combed(&jacobians),
-                vertices: self.unfolder().bad(&corners),
-            }));
+            self.leave_folded(&corners);
             return Err(Error::Folded {
                 triangles,
                 cones,
@@ -423,6 +418,16 @@ impl<'a> Making<'a> {
             weighted,
             corners,
         })
+    }
+
+    /// Leaves a map that has stayed folded for those who have finer triangles.
+    fn leave_folded(&self, corners: &[[[f64; 2]; 3]]) {
+        let all = self.system.charts.iter().zip(corners);
+        let jacobians: Vec<_> = all.map(|(chart, uv)| chart.jacobian(uv)).collect();
+        self.unfolding.ends.folded.replace(Some(Folded {
+            jacobians: self.combed(&jacobians),
+            vertices: self.unfolder().bad(corners),
+        }));
     }
 
     /// Jacobians in the basis of the chosen arms for those in the basis of the field's, or the other way around: quarter turns

@@ -37,4 +37,6 @@ pub use extract::{Extracted, SurfacePoint, extract};
 #[cfg(feature = "testing")]
 pub(crate) use improve::{changes, improve, lengths};
 pub use ladder::{Quadrangulation, Report, quadrangulate};
+#[cfg(feature = "testing")]
+pub(crate) use parts::Cuts;
 pub use rungs::{PartReport, Rung};

@@ -219,19 +219,19 @@ impl Part {
 
 /// Triangles cut into four, and their neighbours into two or three where they share sides with these, for any mesh with the
 /// same connectivity.
-pub(super) struct Cuts {
+pub(crate) struct Cuts {
     /// The ends of each edge that gets a vertex in its middle; the new vertices follow the old ones in this order.
     middles: Vec<[u32; 2]>,
     triangles: Vec<[u32; 3]>,
     /// Per new triangle, the old one that it is a piece of.
-    pub(super) parents: Vec<u32>,
+    pub(crate) parents: Vec<u32>,
     /// Per new half-edge, the old one that it is a piece of; `None` inside of a triangle.
-    pub(super) sides: Vec<Option<usize>>,
+    pub(crate) sides: Vec<Option<usize>>,
 }
 
 impl Cuts {
     /// What cutting these triangles into four makes of a mesh.
-    pub(super) fn of(mesh: &TriMesh, is_cut: &[bool]) -> Result<Self, Error> {
+    pub(crate) fn of(mesh: &TriMesh, is_cut: &[bool]) -> Result<Self, Error> {
         let edges = Halfedges::of(mesh)?;
         let mut middle = vec![None; edges.len()];
         let mut middles = Vec::new();
@@ -300,7 +300,7 @@ impl Cuts {
     }
 
     /// A mesh of the old triangles with these cut.
-    pub(super) fn of_mesh(&self, mesh: &TriMesh) -> Result<TriMesh, Error> {
+    pub(crate) fn of_mesh(&self, mesh: &TriMesh) -> Result<TriMesh, Error> {
         let mut positions = mesh.positions().to_vec();
         positions.extend(self.middles.iter().map(|ends| {
             let [a, b] = ends.map(|v| mesh.positions()[v as usize]);
@@ -311,7 +311,7 @@ impl Cuts {
 
     /// Per new triangle the angle of its first side in its parent, from the first side of that: by how much angles are
     /// smaller in the new one.
-    pub(super) fn turns(&self, mesh: &TriMesh, cut: &TriMesh) -> Vec<f64> {
+    pub(crate) fn turns(&self, mesh: &TriMesh, cut: &TriMesh) -> Vec<f64> {
         let of = |(t, &parent): (usize, &u32)| {
             let normal = mesh.doubled_area_normal(parent as usize).normalize();
             let [old, new] = [mesh.corners(parent as usize), cut.corners(t)].map(|p| p[1] - p[0]);

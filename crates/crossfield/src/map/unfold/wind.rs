@@ -1,6 +1,6 @@
 //! Stars of triangles laid out by hand, where a vertex turns full turns too far or not far enough.
 
-use std::f64::consts::{FRAC_PI_2, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::field::CrossField;
 use crate::field::frames::{Frames, next, previous};
@@ -9,6 +9,9 @@ use crate::map::system::System;
 
 /// A star counts as upright when its triangles' determinants are above this.
 const UPRIGHT: f64 = 1e-3;
+
+/// No angle of a star laid out is made wider, where that can be.
+const WIDEST: f64 = 0.8 * PI;
 
 /// Where the angle around a vertex is full turns off, no energy that only keeps triangles upright mends it: they would have to
 /// fold first. So the neighbours of these vertices are laid as they lie on the surface, with angles that add up, whatever
@@ -168,25 +171,24 @@ impl<'a> Star<'a> {
         }
     }
 
-    /// Of the sides to the neighbours, if all of these may move: all angles are multiplied by the same number, and all
-    /// directions turned to those of the field.
+    /// Of the sides to the neighbours, if all of these may move: angles are [`stretched`], and all directions turned to those
+    /// of the field.
     fn directions(&self) -> Vec<f64> {
-        let stretch = self.total / self.openings.iter().sum::<f64>();
+        let angles = stretched(&self.openings, self.total);
         let (mut at, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         let mut directions = Vec::with_capacity(self.fan.len());
-        for (k, opening) in self.openings.iter().enumerate() {
+        for (k, angle_here) in angles.into_iter().enumerate() {
             directions.push(at);
             let off = angle(self.spokes[k][0]) + self.turned[k] - at;
             (sine, cosine) = (sine + off.sin(), cosine + off.cos());
-            at += stretch * opening;
+            at += angle_here;
         }
         let first = sine.atan2(cosine);
         directions.iter_mut().for_each(|d| *d += first);
         directions
     }
 
-    /// The same if some stay: the angles between each two of them are multiplied by the same number, and full turns that are
-    /// missing go where angles have shrunk most. `None` if there are turns too many.
+    /// The same if some stay: the angles between each two of them are stretched, and full turns that are missing go where angles have shrunk most. `None` if there are turns too many.
     fn directions_between(&self, fixed: &[usize], corners: &[[[f64; 2]; 3]]) -> Option<Vec<f64>> {
         let count = self.fan.len();
         let actual = |k: usize| {
@@ -224,15 +226,49 @@ impl<'a> Star<'a> {
         let mut directions = vec![0.0; count];
         for gap in gaps {
             let mut direction = actual(gap.from);
-            let stretch = gap.angle / gap.natural;
-            for s in gap.from..gap.from + gap.steps - 1 {
-                direction += stretch * self.openings[s % count];
+            let openings: Vec<f64> = (gap.from..gap.from + gap.steps)
+                .map(|s| self.openings[s % count])
+                .collect();
+            let angles = stretched(&openings, gap.angle);
+            for (s, angle) in (gap.from..gap.from + gap.steps - 1).zip(angles) {
+                direction += angle;
                 // Past the first spoke all is a turn around the vertex further on.
                 let around = if s + 1 >= count { self.total } else { 0.0 };
                 directions[(s + 1) % count] = direction - around;
             }
         }
         Some(directions)
+    }
+}
+
+/// Angles that add up to a total: all multiplied by the same number, but for those that would come too close to a half turn, beyond
+/// which a triangle is not upright. All are equal where there are too few for that.
+fn stretched(openings: &[f64], total: f64) -> Vec<f64> {
+    let most = WIDEST.max(total / openings.len() as f64);
+    let mut is_widest = vec![false; openings.len()];
+    loop {
+        let (mut left, mut natural) = (total, 0.0);
+        for (&opening, &is_widest) in openings.iter().zip(&is_widest) {
+            if is_widest {
+                left -= most;
+            } else {
+                natural += opening;
+            }
+        }
+        let of = |(&opening, &is_widest): (&f64, &bool)| match is_widest {
+            true => most,
+            false => opening * left / natural,
+        };
+        let angles: Vec<f64> = openings.iter().zip(&is_widest).map(of).collect();
+        let mut is_done = true;
+        for (angle, is_widest) in angles.iter().zip(&mut is_widest) {
+            if *angle > most * (1.0 + 1e-12) {
+                (*is_widest, is_done) = (true, false);
+            }
+        }
+        if is_done {
+            return angles;
+        }
     }
 }
 
