@@ -60,6 +60,28 @@ fn gzip_that_unpacks_to_too_much_is_refused() {
     }
 }
 
+/// With its line, as the file counts it.
+#[test]
+fn corners_that_no_vertex_has_are_named() {
+    let vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+    let late = format!("f 1 2 3\n{vertices}");
+    assert_eq!(obj::parse(late.as_bytes()).unwrap().cells(), 1);
+    let text = format!("{vertices}f 1 2 3\nf 1 9 2\nf 3 2 1\n");
+    let error = obj::parse(text.as_bytes()).unwrap_err().to_string();
+    assert!(
+        error.contains("line 5") && error.contains("\"9\""),
+        "{error}"
+    );
+    assert!(error.contains("at most 3"), "{error}");
+    let text = "OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 3 1\n";
+    let error = off::parse(text.as_bytes()).unwrap_err().to_string();
+    assert!(
+        error.contains("line 7") && error.contains("\"3\""),
+        "{error}"
+    );
+    assert!(error.contains("below 3"), "{error}");
+}
+
 fn triangle() -> View<'static> {
     View {
         points: vec![

@@ -39,6 +39,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("details::near_pairs_cost_more"),
     Fault::wrong(
+        "crosses turn with the pieces of their triangles",
+        "crates/crossfield/src/field/field.rs",
+        ".map(|(&parent, turn)| self.theta[parent as usize] - turn)",
+        ".map(|(&parent, turn)| self.theta[parent as usize] - 0.0 * turn)",
+    )
+    .seen_by("details::a_field_goes_on_in_the_pieces_of_its_triangles"),
+    Fault::wrong(
         "a bubble may have fewer quads than a cube",
         "crates/crossfield/src/quads/rungs/mod.rs",
         "const FEWEST: f64 = 6.0;",

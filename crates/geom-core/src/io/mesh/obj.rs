@@ -68,12 +68,15 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 /// name are one.
 ///
 /// # Errors
-/// With the line: [`ErrorKind::Expected`] for a statement, number or corner that is none. [`ErrorKind::Expected`] for a
-/// file without vertices; [`ErrorKind::Mesh`] for corners out of range and coordinates that are not finite.
+/// With the line: [`ErrorKind::Expected`] for a statement, number or corner that is none, and for the highest corner if there are
+/// not so many vertices. [`ErrorKind::Expected`] for a file without vertices; [`ErrorKind::Mesh`] for coordinates that are not
+/// finite.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     let mut points: Vec<Point3> = Vec::new();
     let mut colors: Vec<[u8; 4]> = Vec::new();
     let (mut ends, mut corners) = (Vec::new(), Vec::new());
+    // The highest corner and its line: vertices may follow the faces that name them.
+    let mut highest = (0, 0);
     let mut groups: Vec<Group> = Vec::new();
     let mut group = NO_GROUP;
     let mut group_of = Vec::new();
@@ -136,7 +139,11 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
                         _ => number.checked_add(points.len() as i64),
                     };
                     let vertex = vertex.and_then(|v| u32::try_from(v).ok());
-                    corners.push(vertex.ok_or_else(|| wrong("a corner", word))?);
+                    let vertex = vertex.ok_or_else(|| wrong("a corner", word))?;
+                    if vertex >= highest.0 {
+                        highest = (vertex, i + 1);
+                    }
+                    corners.push(vertex);
                 }
                 if corners.len() - start < 3 {
                     return Err(wrong("a face of at least 3 corners", line));
@@ -173,6 +180,14 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     // Colours count only where every vertex has one.
     if points.is_empty() {
         return Err(ErrorKind::expected("vertices (v lines)", "none").into());
+    }
+    if !corners.is_empty() && highest.0 as usize >= points.len() {
+        let expected = format!(
+            "a corner of at most {}, the number of vertices",
+            points.len()
+        );
+        let kind = ErrorKind::expected(expected, (u64::from(highest.0) + 1).to_string());
+        return Err(Error::at_line(kind, highest.1));
     }
     View {
         colors: (colors.len() == points.len()).then(|| colors.into()),

@@ -60,9 +60,9 @@ pub fn read(path: impl AsRef<Path>) -> Result<View<'static>, Error> {
 /// Comments (`#`) are skipped. Colours of vertices are whole numbers to 255, or parts of 1 where they have a point.
 ///
 /// # Errors
-/// With the line: [`ErrorKind::Expected`] for a word that is no number, a face of less than three corners, a colour of
-/// less than three parts. [`ErrorKind::Truncated`] for more rows than the file can hold; [`ErrorKind::Mesh`] for
-/// corners out of range and coordinates that are not finite.
+/// With the line: [`ErrorKind::Expected`] for a word that is no number, a face of less than three corners, a corner out of range,
+/// a colour of less than three parts. [`ErrorKind::Truncated`] for more rows than the file can hold; [`ErrorKind::Mesh`] for
+/// coordinates that are not finite.
 pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     let mut words = Words::new(bytes);
     let first = words.next(true).ok_or(ErrorKind::Empty)?;
@@ -131,7 +131,13 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
             return Err(Error::at_line(kind, words.line()));
         }
         for _ in 0..n {
-            corners.push(words.number("a corner")?);
+            let corner: u32 = words.number("a corner")?;
+            if u64::from(corner) >= vertices {
+                let expected = format!("a corner below {vertices}, the number of vertices");
+                let kind = ErrorKind::expected(expected, corner.to_string());
+                return Err(Error::at_line(kind, words.line()));
+            }
+            corners.push(corner);
         }
         ends.push(corners.len() as u32);
         words.rest_of_line();
