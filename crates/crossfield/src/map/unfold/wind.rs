@@ -10,7 +10,7 @@ use crate::map::system::System;
 /// A star counts as upright when its triangles' determinants are above this.
 const UPRIGHT: f64 = 1e-3;
 
-/// No angle of a star laid out is made wider, where that can be.
+/// No angle of a star is made wider that cannot be laid out in proportion.
 const WIDEST: f64 = 0.8 * PI;
 
 /// Where the angle around a vertex is full turns off, no energy that only keeps triangles upright mends it: they would have to
@@ -56,16 +56,19 @@ pub(super) fn wound(
     for v in wrong {
         let fan = fan(v);
         let before = y.to_vec();
-        let mut lay = |stays: Stays<'_>| {
+        let mut lay = |widest: f64, stays: Stays<'_>| {
             y.copy_from_slice(&before);
-            let laid = lay(system, field.index[v], &fan, &corners, stays, y);
+            let laid = lay(system, field.index[v], &fan, &corners, widest, stays, y);
             let laid = laid.then(|| system.corners(y));
             laid.filter(|laid| is_right(&fan, laid, v))
         };
         let is_placed = |h: usize| placed[frames.from(next(h))];
-        let laid = lay(Stays::Placed(&is_placed));
-        let laid = laid.or_else(|| lay(Stays::Bound));
-        match laid.or_else(|| lay(Stays::Nothing)) {
+        let stays = [Stays::Placed(&is_placed), Stays::Bound, Stays::Nothing];
+        // Angles in their proportions have smoother maps, where they are those of upright triangles.
+        let laid = [f64::INFINITY, WIDEST]
+            .into_iter()
+            .find_map(|widest| stays.into_iter().find_map(|stays| lay(widest, stays)));
+        match laid {
             Some(laid) => {
                 corners = laid;
                 hold(v, &fan, &mut placed);
@@ -101,10 +104,11 @@ fn lay(
     index: i32,
     fan: &[usize],
     corners: &[[[f64; 2]; 3]],
+    widest: f64,
     stays: Stays<'_>,
     y: &mut [f64],
 ) -> bool {
-    let star = Star::of(system, index, fan);
+    let star = Star::of(system, index, fan, widest);
     let is_placed = |h: usize| matches!(stays, Stays::Placed(placed) if placed(h));
     let free: Vec<Option<[Free; 2]>> = fan
         .iter()
@@ -151,10 +155,12 @@ struct Star<'a> {
     turned: Vec<f64>,
     /// What the angles in the map must add up to.
     total: f64,
+    /// No angle is made wider, where that can be.
+    widest: f64,
 }
 
 impl<'a> Star<'a> {
-    fn of(system: &System<'_>, index: i32, fan: &'a [usize]) -> Self {
+    fn of(system: &System<'_>, index: i32, fan: &'a [usize], widest: f64) -> Self {
         let spokes: Vec<[[f64; 2]; 2]> = fan.iter().map(|&h| spokes(system, h)).collect();
         let opening = |&[a, b]: &[[f64; 2]; 2]| (angle(b) - angle(a)).rem_euclid(TAU);
         let mut turned = vec![0.0; fan.len()];
@@ -168,13 +174,14 @@ impl<'a> Star<'a> {
             spokes,
             turned,
             total: f64::from(4 - index) * FRAC_PI_2,
+            widest,
         }
     }
 
     /// Of the sides to the neighbours, if all of these may move: angles are [`stretched`], and all directions turned to those
     /// of the field.
     fn directions(&self) -> Vec<f64> {
-        let angles = stretched(&self.openings, self.total);
+        let angles = stretched(&self.openings, self.total, self.widest);
         let (mut at, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         let mut directions = Vec::with_capacity(self.fan.len());
         for (k, angle_here) in angles.into_iter().enumerate() {
@@ -229,7 +236,7 @@ impl<'a> Star<'a> {
             let openings: Vec<f64> = (gap.from..gap.from + gap.steps)
                 .map(|s| self.openings[s % count])
                 .collect();
-            let angles = stretched(&openings, gap.angle);
+            let angles = stretched(&openings, gap.angle, self.widest);
             for (s, angle) in (gap.from..gap.from + gap.steps - 1).zip(angles) {
                 direction += angle;
                 // Past the first spoke all is a turn around the vertex further on.
@@ -241,10 +248,10 @@ impl<'a> Star<'a> {
     }
 }
 
-/// Angles that add up to a total: all multiplied by the same number, but for those that would come too close to a half turn, beyond
-/// which a triangle is not upright. All are equal where there are too few for that.
-fn stretched(openings: &[f64], total: f64) -> Vec<f64> {
-    let most = WIDEST.max(total / openings.len() as f64);
+/// Angles that add up to a total: all multiplied by the same number, but for those that would be wider than the widest, since beyond
+/// half a turn a triangle is not upright. All are equal where there are too few for that.
+fn stretched(openings: &[f64], total: f64, widest: f64) -> Vec<f64> {
+    let most = widest.max(total / openings.len() as f64);
     let mut is_widest = vec![false; openings.len()];
     loop {
         let (mut left, mut natural) = (total, 0.0);
