@@ -184,18 +184,19 @@ impl<'a> Star<'a> {
         let angles = stretched(&self.openings, self.total, self.widest);
         let (mut at, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         let mut directions = Vec::with_capacity(self.fan.len());
-        for (k, angle_here) in angles.into_iter().enumerate() {
+        for (k, opening) in angles.into_iter().enumerate() {
             directions.push(at);
             let off = angle(self.spokes[k][0]) + self.turned[k] - at;
             (sine, cosine) = (sine + off.sin(), cosine + off.cos());
-            at += angle_here;
+            at += opening;
         }
         let first = sine.atan2(cosine);
         directions.iter_mut().for_each(|d| *d += first);
         directions
     }
 
-    /// The same if some stay: the angles between each two of them are stretched, and full turns that are missing go where angles have shrunk most. `None` if there are turns too many.
+    /// The same if some stay: the angles between each two of them are stretched, and full turns that are missing go where angles
+    /// have shrunk most. `None` if there are turns too many.
     fn directions_between(&self, fixed: &[usize], corners: &[[[f64; 2]; 3]]) -> Option<Vec<f64>> {
         let count = self.fan.len();
         let actual = |k: usize| {
