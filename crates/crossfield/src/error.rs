@@ -41,9 +41,9 @@ pub enum Error {
         /// Quads wanted.
         wanted: usize,
     },
-    /// Quads of the map face the wrong way wherever their vertices are moved.
+    /// Quads of the map face the wrong way, or nearly, wherever their vertices are moved.
     #[error(
-        "{quads} quads of the map face the wrong way; a smaller spacing or a smaller smoothing helps"
+        "{quads} quads of the map face the wrong way or nearly; a smaller spacing or a smaller smoothing helps"
     )]
     Inverted {
         /// So many.

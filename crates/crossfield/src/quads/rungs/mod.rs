@@ -538,10 +538,12 @@ impl Rungs<'_> {
         Ok(quads)
     }
 
-    /// An error for quads of which some face the wrong way. The best of these are kept, should the last rung have none better.
+    /// An error for quads of which some face the wrong way; or nearly, where triangles had to be cut for their map, since the field
+    /// of another rung may do without. The best of these are kept, should the last rung have none better.
     fn upright(&mut self, quads: QuadMesh) -> Result<QuadMesh, Error> {
         let jacobians = jacobians(&quads, &self.finish.whole.mesh)?;
-        let inverted = jacobians.iter().filter(|&&j| j <= 0.0).count();
+        let most = if self.report.finer > 0 { FOLDED } else { 0.0 };
+        let inverted = jacobians.iter().filter(|&&j| j <= most).count();
         if inverted == 0 {
             return Ok(quads);
         }
