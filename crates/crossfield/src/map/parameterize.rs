@@ -456,7 +456,8 @@ impl<'a> Making<'a> {
         let last = last.filter(|y| self.unfolder().is_valid(y));
         let mut y = optimum.y;
         if is_resumed {
-            self.unfolder().mended(&mut y)?;
+            self.unfolder()
+                .mended(&optimum.weighted, Some(&schur), &mut y)?;
             return Ok(y);
         }
         for start in last.into_iter().chain([std::mem::take(&mut y)]) {

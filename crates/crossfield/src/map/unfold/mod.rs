@@ -77,7 +77,7 @@ impl Unfolder<'_> {
         let reserve = effort.share(4);
         untangle(self.system, y, &moves, self.run)?;
         effort.give_back(&reserve);
-        self.mended(y)
+        self.mended(weighted, integers, y)
     }
 
     /// Unfolds what is left place by place, with vertices that are stuck laid out by hand, and all else held; is the map
@@ -85,7 +85,12 @@ impl Unfolder<'_> {
     ///
     /// Where little is folded this is cheap, so that it is tried with ever wider surroundings, which grow together. A place that
     /// stays folded takes no other with it.
-    pub(super) fn mended(&self, y: &mut [f64]) -> Result<bool, Error> {
+    pub(super) fn mended(
+        &self,
+        weighted: &Weighted,
+        integers: Option<Solver<'_>>,
+        y: &mut [f64],
+    ) -> Result<bool, Error> {
         let mut bad = self.bad(&self.system.corners(y));
         let (mut least, mut stalled) = (bad.len(), 0);
         for rings in SURROUNDINGS {
@@ -107,7 +112,23 @@ impl Unfolder<'_> {
                 break;
             }
         }
-        Ok(bad.is_empty())
+        if !bad.is_empty() {
+            return Ok(false);
+        }
+        // What was held while places unfolded makes room for them now.
+        let moves = Moves {
+            scope: &Scope::whole(self.system, integers.is_some()),
+            bend: &|gradient: &[f64]| weighted.inverse(gradient, integers),
+            held: Vec::new(),
+            effort: self.effort,
+            is_lost: &|_: &[f64]| false,
+        };
+        let upright = y.to_vec();
+        untangle(self.system, y, &moves, self.run)?;
+        if !self.is_valid(y) {
+            y.copy_from_slice(&upright);
+        }
+        Ok(true)
     }
 
     /// Untangles what is around some vertices, with these triangles held upright: from where it is, and if some of it stays folded
