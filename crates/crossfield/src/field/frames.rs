@@ -60,6 +60,24 @@ impl Frames {
         })
     }
 
+    /// Which vertices are at most so many edges away from one of these.
+    pub(crate) fn within(&self, vertices: &[usize], rings: usize) -> Vec<bool> {
+        let mut near = vec![false; self.edges.vertices()];
+        vertices.iter().for_each(|&v| near[v] = true);
+        for _ in 0..rings {
+            let before = near.clone();
+            for [a, b] in self.sides().filter(|&[a, b]| before[a] || before[b]) {
+                (near[a], near[b]) = (true, true);
+            }
+        }
+        near
+    }
+
+    /// The ends of every half-edge.
+    pub(crate) fn sides(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
+        (0..self.edges.len()).map(|h| [self.from(h), self.to(h)])
+    }
+
     /// The connectivity.
     pub fn edges(&self) -> &Halfedges<3> {
         &self.edges

@@ -531,6 +531,7 @@ impl<'a> Making<'a> {
         if self.faults(&self.system.corners(&direct.y)).is_empty() {
             return Ok(direct);
         }
+        // Whether integers can hold the map upright is said by the few triangles between singular vertices.
         let System { cut, seams, .. } = self.system;
         let decimated = Coarse::of(self.frames, self.field, cut, seams, corners)
             .and_then(|coarse| coarse.upright().map(|upright| (coarse, upright)));
@@ -538,6 +539,7 @@ impl<'a> Making<'a> {
             let stage = "rounding without a decimated map";
             return Ok(Rounded { stage, ..direct });
         };
+        // Those at hand may do, with the reals of other places; else others are looked for.
         let mut z = rounded;
         if !upright.holds(&z) {
             let is_right = |z: &[f64]| self.spread(&coarse, z, corners).is_some();
@@ -554,6 +556,7 @@ impl<'a> Making<'a> {
             self.report.respaced = true;
             z = other;
         }
+        // Only upright integers say around what quads would meet themselves.
         let narrow = widening.map(|w| w.narrow);
         let Widened {
             z: wider,

@@ -49,7 +49,10 @@ pub(crate) fn improve(
     let surface = Surface {
         lines,
         grounds: grounds?,
-        whole: joined(&components)?,
+        whole: match &components[..] {
+            [_] => None,
+            several => Some(joined(several)?),
+        },
     };
     let mut made = moved(mesh, &surface, options, run)?;
     for _ in 0..CUTS {
@@ -79,8 +82,8 @@ pub(crate) fn improve(
 struct Surface<'a> {
     lines: Lines,
     grounds: Vec<Ground<'a>>,
-    /// All components one after the other, and where the triangles of each end.
-    whole: (TriangleTree, Vec<usize>),
+    /// All components one after the other, and where the triangles of each end; `None` for one.
+    whole: Option<(TriangleTree, Vec<usize>)>,
 }
 
 fn joined(components: &[TriMesh]) -> Result<(TriangleTree, Vec<usize>), Error> {
@@ -102,15 +105,14 @@ impl Surface<'_> {
     /// to.
     fn parts(&self, mesh: &QuadMesh) -> Result<Vec<u32>, Error> {
         let positions = mesh.positions();
-        if self.grounds.len() == 1 {
+        let Some((tree, ends)) = &self.whole else {
             return Ok(vec![0; positions.len()]);
-        }
+        };
         let mut sets = DisjointSets::new(positions.len());
         for quad in mesh.quads() {
             quad.windows(2).for_each(|side| sets.join(side[0], side[1]));
         }
         let root = sets.into_roots();
-        let (tree, ends) = &self.whole;
         let nearest = tree.closest_to_all(positions)?;
         let component = |c: &Closest| ends.partition_point(|&end| end <= c.triangle as usize);
         let mut votes: BTreeMap<u32, BTreeMap<usize, usize>> = BTreeMap::new();

@@ -11,12 +11,12 @@ use geom_core::compute::sets::DisjointSets;
 
 use self::scope::Scope;
 pub(crate) use self::untangle::{Effort, Ends, Folded, Unfolding};
-use self::untangle::{Moves, untangle};
+use self::untangle::{Judge, Moves, untangle};
 use self::wind::wound;
 use crate::Error;
 use crate::backend::On;
 use crate::field::CrossField;
-use crate::field::frames::{Frames, next};
+use crate::field::frames::Frames;
 use crate::map::cones::has_wrong_angle;
 use crate::map::system::{Solver, System, Weighted};
 
@@ -53,38 +53,49 @@ impl Unfolder<'_> {
         integers: Option<Solver<'_>>,
         y: &mut [f64],
     ) -> Result<bool, Error> {
-        let effort = self.effort;
-        let index = &self.field.index;
-        let mut moves = Moves {
-            scope: &Scope::whole(self.system, integers.is_some()),
-            bend: &|gradient: &[f64]| weighted.inverse(gradient, integers),
-            held: Vec::new(),
-            effort,
-            is_lost: &|y: &[f64]| !self.stuck(&self.system.corners(y)).is_empty(),
-        };
         let folded = y.to_vec();
-        let reserve = effort.share(3);
-        untangle(self.system, y, &moves, self.run)?;
-        effort.give_back(&reserve);
+        let is_lost = |y: &[f64]| !self.stuck(&self.system.corners(y)).is_empty();
+        let reserve = self.effort.share(3);
+        self.untangle_all(weighted, integers, Vec::new(), &is_lost, y)?;
+        self.effort.give_back(&reserve);
         if self.is_valid(y) {
             return Ok(true);
         }
         y.copy_from_slice(&folded);
+        let index = &self.field.index;
         let negative: Vec<usize> = (0..index.len()).filter(|&v| index[v] < 0).collect();
-        moves.held = wound(self.system, self.frames, self.field, &negative, y);
+        let held = wound(self.system, self.frames, self.field, &negative, y);
+        let reserve = self.effort.share(4);
         // What else is folded unfolds beside a vertex that is stuck.
-        moves.is_lost = &|_: &[f64]| false;
-        let reserve = effort.share(4);
-        untangle(self.system, y, &moves, self.run)?;
-        effort.give_back(&reserve);
+        self.untangle_all(weighted, integers, held, &|_| false, y)?;
+        self.effort.give_back(&reserve);
         self.mended(weighted, integers, y)
+    }
+
+    /// Untangles with all unknowns, integers among them if there is a solver for these.
+    fn untangle_all(
+        &self,
+        weighted: &Weighted,
+        integers: Option<Solver<'_>>,
+        held: Vec<usize>,
+        is_lost: Judge<'_>,
+        y: &mut [f64],
+    ) -> Result<(), Error> {
+        let moves = Moves {
+            scope: &Scope::whole(self.system, integers.is_some()),
+            bend: &|gradient: &[f64]| weighted.inverse(gradient, integers),
+            held,
+            effort: self.effort,
+            is_lost,
+        };
+        untangle(self.system, y, &moves, self.run)
     }
 
     /// Unfolds what is left place by place, with vertices that are stuck laid out by hand, and all else held; is the map
     /// upright now?
     ///
     /// Where little is folded this is cheap, so that it is tried with ever wider surroundings, which grow together. A place that
-    /// stays folded takes no other with it.
+    /// stays folded takes no other with it. A map that comes out upright settles as a whole.
     pub(super) fn mended(
         &self,
         weighted: &Weighted,
@@ -116,15 +127,8 @@ impl Unfolder<'_> {
             return Ok(false);
         }
         // What was held while places unfolded makes room for them now.
-        let moves = Moves {
-            scope: &Scope::whole(self.system, integers.is_some()),
-            bend: &|gradient: &[f64]| weighted.inverse(gradient, integers),
-            held: Vec::new(),
-            effort: self.effort,
-            is_lost: &|_: &[f64]| false,
-        };
         let upright = y.to_vec();
-        untangle(self.system, y, &moves, self.run)?;
+        self.untangle_all(weighted, integers, Vec::new(), &|_| false, y)?;
         if !self.is_valid(y) {
             y.copy_from_slice(&upright);
         }
@@ -184,24 +188,14 @@ impl Unfolder<'_> {
 
     /// The surroundings of some vertices, so many rings wide, in their connected pieces, by their lowest vertices.
     fn places(&self, vertices: &[usize], rings: usize) -> Vec<Vec<usize>> {
-        let frames = self.frames;
-        let count = frames.edges().vertices();
-        let mut near = vec![false; count];
-        vertices.iter().for_each(|&v| near[v] = true);
-        let sides = || (0..frames.edges().len()).map(|h| [frames.from(h), frames.from(next(h))]);
-        for _ in 0..rings {
-            let before = near.clone();
-            for [a, b] in sides().filter(|&[a, b]| before[a] || before[b]) {
-                (near[a], near[b]) = (true, true);
-            }
-        }
-        let mut sets = DisjointSets::new(count);
-        for [a, b] in sides().filter(|&[a, b]| near[a] && near[b]) {
+        let near = self.frames.within(vertices, rings);
+        let mut sets = DisjointSets::new(near.len());
+        for [a, b] in self.frames.sides().filter(|&[a, b]| near[a] && near[b]) {
             sets.join(a as u32, b as u32);
         }
         let root = sets.into_roots();
         let mut places: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-        for v in (0..count).filter(|&v| near[v]) {
+        for v in (0..near.len()).filter(|&v| near[v]) {
             places.entry(root[v]).or_default().push(v);
         }
         let mut places: Vec<Vec<usize>> = places.into_values().collect();

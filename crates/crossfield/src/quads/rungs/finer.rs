@@ -11,7 +11,6 @@ use super::mapped::Mapping;
 use crate::Error;
 use crate::anisotropy::Metric;
 use crate::field::CrossField;
-use crate::field::frames::next;
 use crate::map::{Ends, Folded};
 
 /// How many rings around a vertex that is not right are cut.
@@ -46,18 +45,8 @@ impl Finer {
         if FEW * folded.vertices.len() > mesh.positions().len() {
             return Ok(None);
         }
-        let mut near = vec![false; mesh.positions().len()];
-        folded.vertices.iter().for_each(|&v| near[v] = true);
         let frames = &smooth.frames;
-        for _ in 0..RINGS {
-            let before = near.clone();
-            for h in 0..frames.edges().len() {
-                let [a, b] = [h, next(h)].map(|h| frames.from(h));
-                if before[a] || before[b] {
-                    (near[a], near[b]) = (true, true);
-                }
-            }
-        }
+        let near = frames.within(&folded.vertices, RINGS);
         let is_cut = |corners: &[u32; 3]| corners.iter().any(|&v| near[v as usize]);
         let is_cut: Vec<bool> = mesh.triangles().iter().map(is_cut).collect();
         let cuts = Cuts::of(mesh, &is_cut)?;

@@ -369,6 +369,8 @@ impl Rungs<'_> {
         let Some((smooth, field)) = self.denser.take() else {
             return Ok(None);
         };
+        // Of the maps of other fields.
+        (self.report.milder, self.report.finer) = (0, 0);
         for step in 1..=DENSER {
             if self.effort.is_spent() {
                 break;

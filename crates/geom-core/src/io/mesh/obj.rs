@@ -181,7 +181,7 @@ pub fn parse(bytes: &[u8]) -> Result<View<'static>, Error> {
     if points.is_empty() {
         return Err(ErrorKind::expected("vertices (v lines)", "none").into());
     }
-    if !corners.is_empty() && highest.0 as usize >= points.len() {
+    if highest.0 as usize >= points.len() {
         let expected = format!(
             "a corner of at most {}, the number of vertices",
             points.len()
