@@ -477,6 +477,35 @@ fn parts_that_nearly_touch_keep_to_their_own_surface() {
     }
 }
 
+/// At the wide end of a rod that is one element, the surface's normals at its corners point sideways and a little back: what
+/// lies under the element says how it lies.
+#[test]
+fn elements_over_tips_are_seen_along_the_tip() {
+    let rod = shapes::cylinder(1.0, 20.0, 32, 200);
+    let [low, high] = [rod.bounds().min.z + 0.3, rod.bounds().max.z - 0.3];
+    let wide = |z: f64| 1.0 + 0.02 * z;
+    let widened = |p: &Point3| Point3::new(p.x * wide(p.z), p.y * wide(p.z), p.z);
+    let positions = rod.positions().iter().map(widened).collect();
+    let rod = TriMesh::new(positions, rod.triangles().to_vec()).unwrap();
+    let rings = 13;
+    let at = |i: u32, k: u32| 4 * i + k % 4;
+    let corner = |i: u32, [x, y]: [f64; 2]| {
+        let z = low + (high - low) * f64::from(i) / f64::from(rings);
+        widened(&Point3::new(x, y, z))
+    };
+    let ring = |i| [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]].map(|at| corner(i, at));
+    let sides = (0..rings).flat_map(|i| (0..4).map(move |k| (i, k)));
+    let side = |(i, k)| [at(i, k), at(i, k + 1), at(i + 1, k + 1), at(i + 1, k)];
+    let ends = [[3, 2, 1, 0], [0, 1, 2, 3].map(|k| at(rings, k))];
+    let quads = sides.map(side).chain(ends).collect();
+    let fine = QuadMesh::new((0..=rings).flat_map(ring).collect(), quads).unwrap();
+    let mesh = build(&fine, &vec![0; fine.quads().len()]);
+    let out = improved(mesh, &rod, Method::Corners);
+    let [before, after] = [out.report.before.min, out.report.after.min];
+    assert!(before > 0.9 && after > 0.6, "{before} {after}");
+    assert_eq!(out.report.cut, 0);
+}
+
 /// A strip of 4 by 1 around the x-axis that turns by this angle from end to end, in `n × n` quads.
 fn twisted(n: u32, angle: f64) -> QuadMesh {
     let flat = plate(n, n);

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use geom_core::compute::parallel;
 use geom_core::mesh::quality::{scaled_jacobian, upright_jacobian};
 use geom_core::surface::flow::{Elements, Ideal, Vertices, Wedge, barrier, facing, least};
 use geom_core::{Point3, Vector3};
@@ -219,32 +220,62 @@ impl Cells {
 
     /// The scaled Jacobian of an element.
     pub(crate) fn jacobian(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
-        self.jacobian_at(e, &vertices.positions, &vertices.normals)
-    }
-
-    /// The same of places, with the surface's normals there.
-    pub(crate) fn jacobian_at(&self, e: usize, positions: &[Point3], normals: &[Vector3]) -> f64 {
-        self.over_quads(e, positions, normals, scaled_jacobian)
+        self.on_surface(e, vertices, scaled_jacobian)
     }
 
     /// The same, rising also where the element lies on its back.
     pub(crate) fn upright_jacobian(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
-        self.over_quads(e, &vertices.positions, &vertices.normals, upright_jacobian)
+        self.on_surface(e, vertices, upright_jacobian)
     }
 
-    /// The least of the quads of an element, each seen along the sum of the element's normals.
-    fn over_quads(
+    /// The least of the quads of an element, each seen along the surface's normal over it.
+    fn on_surface(
         &self,
         e: usize,
-        positions: &[Point3],
-        normals: &[Vector3],
+        vertices: &Vertices<'_>,
         of: impl Fn(&[Point3; 4], &Vector3) -> f64,
     ) -> f64 {
+        let of = |quad: &[u32; 4]| {
+            let at = quad.map(|n| self.node(n, &vertices.positions));
+            let normals = quad.map(|n| self.normal(n, &vertices.normals));
+            of(&at, &self.surface_normal(quad, &at, &normals, vertices))
+        };
+        least(self.of_element(e).iter().map(of))
+    }
+
+    /// The surface's normal over a quad, of any length: where those at its corners point anywhere, that of what lies under it.
+    fn surface_normal(
+        &self,
+        quad: &[u32; 4],
+        at: &[Point3; 4],
+        normals: &[Vector3; 4],
+        vertices: &Vertices<'_>,
+    ) -> Vector3 {
+        // Each part of an element has one of its corners.
+        let vertex = quad.iter().find(|&&n| (n as usize) < self.vertices);
+        let ground = vertices.ground(vertex.map_or(0, |&v| v as usize));
+        ground.normal_over(at, normals)
+    }
+
+    /// The scaled Jacobian of an element of nothing but places and normals there, seen along the sum of these.
+    pub(crate) fn jacobian_at(&self, e: usize, positions: &[Point3], normals: &[Vector3]) -> f64 {
         let quads = self.of_element(e);
         let vertices = quads.as_flattened().iter().map(|&n| n as usize);
         let normal = vertices.filter_map(|n| normals.get(n)).sum();
-        let of = |quad: &[u32; 4]| of(&quad.map(|n| self.node(n, positions)), &normal);
+        let of = |quad: &[u32; 4]| scaled_jacobian(&quad.map(|n| self.node(n, positions)), &normal);
         least(quads.iter().map(of))
+    }
+
+    /// The unit normal of a node alone: of a foot, that of its parents' sum.
+    fn normal(&self, n: u32, normals: &[Vector3]) -> Vector3 {
+        match (n as usize).checked_sub(self.vertices) {
+            None => normals[n as usize],
+            Some(foot) => {
+                let parents = self.feet[foot].map(|p| self.normal(p, normals));
+                let sum: Vector3 = parents.iter().sum();
+                sum.try_normalize(1e-9).unwrap_or(parents[0])
+            }
+        }
     }
 
     /// Unit normals of all nodes.
@@ -324,12 +355,13 @@ impl Elements for Cells {
             return self.wedges.iter().map(of).collect();
         }
         let nodes = self.nodes(&vertices.positions);
-        let of = |quad: &[u32; 4]| {
+        parallel::flat_map(self.quads.len(), |q| {
+            let quad = &self.quads[q];
             let at = quad.map(|n| nodes[n as usize]);
-            let of_surface: Vector3 = quad.iter().map(|&n| normals[n as usize]).sum();
-            [facing(&at, &of_surface).unwrap_or(normals[quad[0] as usize]); 4]
-        };
-        self.quads.iter().flat_map(of).collect()
+            let normals = quad.map(|n| normals[n as usize]);
+            let of_surface = self.surface_normal(quad, &at, &normals, vertices);
+            [facing(&at, &of_surface).unwrap_or(normals[0]); 4]
+        })
     }
 
     /// Sines say nothing of lengths: a side shorter than [`SHORT`] counts as bad as it is short.

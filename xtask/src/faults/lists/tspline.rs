@@ -74,6 +74,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("mesh::parts_that_nearly_touch_keep_to_their_own_surface"),
     Fault::wrong(
+        "elements are seen along the normals at their corners alone",
+        "crates/tspline/src/quality/cells.rs",
+        "ground.normal_over(at, normals)",
+        "ground.normal_over(&[at[0]; 4], normals)",
+    )
+    .seen_by("mesh::elements_over_tips_are_seen_along_the_tip"),
+    Fault::wrong(
         "levels are high where the field is",
         "crates/tspline/src/levels.rs",
         "let part = (high - value) / (high - low);",
