@@ -20,7 +20,8 @@ use super::{Arguments, Rows, files, name};
 use crate::lab::{density_surface, text};
 use crate::{Outcome, root};
 
-/// Most quads that a mesh gets, unless it has fewer triangles than three times as many.
+/// Most quads that a mesh gets, unless it has fewer triangles than three times as many. Surfaces of structures get as many as
+/// they do by default: their tunnels ask for irregular vertices, and those for quads between them.
 const MOST: usize = 3000;
 /// Kinds of files.
 const MESHES: [&str; 4] = ["off", "obj", "ply", "stl"];
@@ -104,7 +105,8 @@ fn row(path: &Path) -> Value {
 fn measured(path: &Path) -> Result<Value, String> {
     let surface = surface(path)?;
     let triangles = surface.triangles().len();
-    let count = (triangles / 3).clamp(1, MOST);
+    let most = if is_structure(path) { triangles } else { MOST };
+    let count = (triangles / 3).clamp(1, most);
     let options = Options {
         size: Size::Quads(count),
         ..Options::default()
@@ -147,15 +149,18 @@ fn measured(path: &Path) -> Result<Value, String> {
 
 /// The mesh's surface, or that of the structure's density.
 fn surface(path: &Path) -> Result<TriMesh, String> {
-    let name = name(path);
-    let bare = name.strip_suffix(".gz").unwrap_or(&name);
-    let kind = bare.rsplit('.').next().unwrap_or_default();
-    if !STRUCTURES.contains(&kind) {
+    if !is_structure(path) {
         return Ok(mesh::read(path).map_err(text)?.mesh.into_triangles());
     }
     let structure = structure(path)?;
     let spacing = spacings_for(structure.atoms().len(), TETS)[0];
     density_surface(&structure, Levels::default().decay, spacing)
+}
+
+fn is_structure(path: &Path) -> bool {
+    let name = name(path);
+    let bare = name.strip_suffix(".gz").unwrap_or(&name);
+    STRUCTURES.contains(&bare.rsplit('.').next().unwrap_or_default())
 }
 
 /// What is wrong with quads whatever they look like.
@@ -237,7 +242,7 @@ fn page(names: &[String], rows: &Rows) -> String {
     let sum = |key: &str| rows.iter().filter_map(|r| r[key].as_u64()).sum::<u64>();
     let (split, parts) = (sum("split"), sum("parts"));
     let mut page = format!(
-        "# Quads of meshes\n\n`cargo xtask sweep --quads`: a third as many quads as triangles, at most {MOST}. \
+        "# Quads of meshes\n\n`cargo xtask sweep --quads`: a third as many quads as triangles, of meshes at most {MOST}. \
          {} meshes, {broken} broken; {missed} with a scaled Jacobian below 0.3 or a mean below 0.9; {split} of {parts} parts on the last rung.\n\n\
          | mesh | triangles | χ | parts split | quads / wanted | irregular | scaled Jacobian min / mean, below 0.3 | distance / \
          diagonal | s | broken |\n|---|---|---|---|---|---|---|---|---|---|\n",
