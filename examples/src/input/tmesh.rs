@@ -8,6 +8,7 @@ use crossfield::{Options, Size, quadrangulate};
 use geom_core::io::{self, AnyMesh, view::Field};
 use geom_core::mesh::Halfedges;
 use geom_core::search::bvh::TriangleTree;
+use geom_core::surface::repair;
 use geom_core::{Point3, QuadMesh, Structure, TriMesh, Vector3, VertexId};
 use serde::Serialize;
 use serde_json::json;
@@ -299,7 +300,10 @@ impl ElementArgs {
     /// Makes a T-mesh of a surface; notes counts and quality.
     pub fn make(&self, input: Input, session: &Session) -> Result<Made, Failure> {
         products::note_surface(session, &input.surface)?;
-        let fine = self.fine_quads(&input, session)?;
+        // Fields and labels stay with the input; vertices move on what is a manifold.
+        let (ground, repaired) = repair::manifold(&input.surface)?;
+        session.note("repaired", repaired)?;
+        let fine = self.fine_quads(&input, &ground, session)?;
         let allowed = session.stage("levels", || self.allowed(&input, &fine))?;
         let built = session.stage("T-mesh", || {
             TMesh::build(&fine, &allowed, &TMeshOptions::default())
@@ -312,7 +316,7 @@ impl ElementArgs {
             session.note("scaled_jacobian", JacobianSummary::of(&jacobians))?;
             (built, jacobians)
         } else {
-            let better = || self.improved(built, &input.surface, session);
+            let better = || self.improved(built, &ground, session);
             let improved = session.stage("quality", better)?;
             session.note("scaled_jacobian", improved.report.after)?;
             session.note("quality", &improved.report)?;
@@ -354,18 +358,24 @@ impl ElementArgs {
     }
 
     /// The quads of the finest level, in squares of the coarsest as far as possible.
-    fn fine_quads(&self, input: &Input, session: &Session) -> Result<QuadMesh, Failure> {
+    /// Those of the input, finer, or those that the surface gets.
+    fn fine_quads(
+        &self,
+        input: &Input,
+        surface: &TriMesh,
+        session: &Session,
+    ) -> Result<QuadMesh, Failure> {
         let nested = self.highest();
         if let Some(quads) = &input.quads {
             // A place on the surface for each.
             const BYTES: f64 = 1024.0;
             affordable(quads.quads().len() << (2 * nested), BYTES, session)?;
-            let cut = || onto(&refined(quads, nested)?, &input.surface);
+            let cut = || onto(&refined(quads, nested)?, surface);
             return session.stage("refinement", cut);
         }
         // Ten triangles on the way to each quad, their matrices factored.
         const BYTES: f64 = 16384.0;
-        let triangles = input.surface.triangles().len();
+        let triangles = surface.triangles().len();
         let count = self.quads.map_or(triangles / 3, |n| n as usize).max(1);
         affordable(count, BYTES, session)?;
         let options = Options {
@@ -377,7 +387,7 @@ impl ElementArgs {
         };
         options.check()?;
         let on = session.on(session.device.crossfield());
-        let made = session.stage("quads", || quadrangulate(&input.surface, &options, on))?;
+        let made = session.stage("quads", || quadrangulate(surface, &options, on))?;
         session.note("rung", made.report.rung())?;
         Ok(made.mesh)
     }

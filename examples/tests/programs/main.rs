@@ -846,6 +846,48 @@ fn t_meshes_are_coarse_where_they_may_be() {
     assert_eq!(mesh.elements().len() as u64, elements);
 }
 
+/// A plate and a fin on it meet in edges of three triangles: they are parted, and both have a rim to keep to.
+#[test]
+fn t_meshes_of_sheets_that_meet_are_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let (side, middle) = (10u32, 5u32);
+    let mut off = String::new();
+    let mut faces = String::new();
+    let places = |i: u32, j: u32| (side + 1) * j + i;
+    // The fin's lowest row is the plate's middle one.
+    let fin = |i: u32, j: u32| match j {
+        0 => places(i, middle),
+        _ => (side + 1) * (side + j) + i,
+    };
+    for (j, i) in (0..=side).flat_map(|j| (0..=side).map(move |i| (j, i))) {
+        off += &format!("{i} {j} 0\n");
+    }
+    for (j, i) in (1..=side).flat_map(|j| (0..=side).map(move |i| (j, i))) {
+        off += &format!("{i} {middle} {j}\n");
+    }
+    let mut count = 0;
+    let sheets: [&dyn Fn(u32, u32) -> u32; 2] = [&places, &fin];
+    for (sheet, j, i) in (0..2).flat_map(|s| (0..side * side).map(move |q| (s, q / side, q % side)))
+    {
+        let at = |di, dj| sheets[sheet](i + di, j + dj);
+        let [a, b, c, d] = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
+        faces += &format!("3 {a} {b} {c}\n3 {a} {c} {d}\n");
+        count += 2;
+    }
+    let vertices = off.lines().count();
+    let input = folder.path().join("sheets.off");
+    std::fs::write(&input, format!("OFF\n{vertices} {count} 0\n{off}{faces}")).unwrap();
+    let out = folder.path().join("out");
+    let args = [input.to_str().unwrap(), "--quads", "200", "--no-pictures"];
+    let report = report_of("10_tmesh", &args, &out);
+    assert!(
+        report["repaired"]["nonmanifold_edges"].as_u64().unwrap() > 0,
+        "{report}"
+    );
+    assert_eq!(report["valid"], true);
+    assert!(report["scaled_jacobian"]["min"].as_f64().unwrap() > 0.45);
+}
+
 #[test]
 fn spline_surfaces_come_near_and_go_into_files() {
     let folder = tempfile::tempdir().unwrap();

@@ -126,7 +126,7 @@ fn quadrangulate_on(
     if surface.triangles().is_empty() {
         return Err(Error::Empty);
     }
-    let (whole, repaired) = parts::manifold(surface)?;
+    let (whole, repaired) = repair::manifold(surface)?;
     let split = parts::split(&whole);
     let slopes = match &options.anisotropy {
         Some(anisotropy) => slopes(anisotropy, surface, &whole, &split)?,

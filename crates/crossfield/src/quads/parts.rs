@@ -4,7 +4,6 @@ use geom_core::compute::sets::DisjointSets;
 use geom_core::id::Id;
 use geom_core::mesh::Halfedges;
 use geom_core::surface::remesh::{self, remesh};
-use geom_core::surface::repair::{self, repair};
 use geom_core::{Cancelled, Cpu, HalfedgeId, Point3, Run, TriMesh, VertexId};
 
 use crate::Error;
@@ -16,38 +15,6 @@ pub(super) struct Part {
     pub(super) mesh: TriMesh,
     /// Half-edges along boundaries and sharp edges; both of a sharp one.
     pub(super) lines: Vec<usize>,
-}
-
-/// An oriented manifold: the input, or what repair makes of it, and whether it was repaired.
-///
-/// What is manifold already is not touched, bit by bit, so that triangles keep their numbers; repair may change them.
-/// Unused vertices are reason enough for it.
-pub(super) fn manifold(mesh: &TriMesh) -> Result<(TriMesh, Option<repair::Report>), Error> {
-    let flat = (0..mesh.triangles().len()).any(|t| is_flat(mesh, t));
-    let mut used = vec![false; mesh.positions().len()];
-    for &v in mesh.triangles().as_flattened() {
-        used[v as usize] = true;
-    }
-    if Halfedges::of(mesh).is_ok() && !flat && used.iter().all(|&u| u) {
-        return Ok((mesh.clone(), None));
-    }
-    let options = repair::Options {
-        outward: false,
-        fill: 0,
-        ..repair::Options::default()
-    };
-    let repaired = repair(mesh.clone(), &options)?;
-    Ok((repaired.mesh, Some(repaired.report)))
-}
-
-/// Height below 1e-9 of the longest side.
-fn is_flat(mesh: &TriMesh, triangle: usize) -> bool {
-    let [a, b, c] = mesh.corners(triangle);
-    let longest = [b - a, c - b, a - c]
-        .iter()
-        .map(|s| s.norm_squared())
-        .fold(0.0, f64::max);
-    mesh.doubled_area_normal(triangle).norm() <= 1e-9 * longest
 }
 
 /// The connected parts, in the order of their lowest triangles, and the triangles of each.

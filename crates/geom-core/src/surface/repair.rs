@@ -124,6 +124,45 @@ pub struct Repaired {
     pub report: Report,
 }
 
+/// An oriented manifold without flat triangles: the input as it is, bit by bit, or what [`repair`] makes of it, and what
+/// that took. Nothing is filled and no component is turned; unused vertices are reason enough for repair, which may give
+/// triangles other numbers.
+///
+/// ```
+/// use geom_core::mesh::shapes;
+/// use geom_core::surface::repair;
+/// let good = shapes::icosphere(1.0, 1);
+/// let (same, took) = repair::manifold(&good)?;
+/// assert!(same == good && took.is_none());
+/// # Ok::<(), repair::RepairError>(())
+/// ```
+///
+/// # Errors
+/// [`RepairError::OneSided`].
+pub fn manifold(mesh: &TriMesh) -> Result<(TriMesh, Option<Report>), RepairError> {
+    let is_flat = |t: usize| {
+        let [a, b, c] = mesh.corners(t);
+        let sides = [b - a, c - b, a - c].map(|s| s.norm_squared());
+        let longest = sides.into_iter().fold(0.0, f64::max);
+        mesh.doubled_area_normal(t).norm() <= 1e-9 * longest
+    };
+    let mut used = vec![false; mesh.positions().len()];
+    for &v in mesh.triangles().as_flattened() {
+        used[v as usize] = true;
+    }
+    let is_whole = used.iter().all(|&u| u) && !(0..mesh.triangles().len()).any(is_flat);
+    if is_whole && Halfedges::of(mesh).is_ok() {
+        return Ok((mesh.clone(), None));
+    }
+    let options = Options {
+        outward: false,
+        fill: 0,
+        ..Options::default()
+    };
+    let repaired = repair(mesh.clone(), &options)?;
+    Ok((repaired.mesh, Some(repaired.report)))
+}
+
 /// An oriented manifold as near to `mesh` as can be: merges equal vertices, drops or flips triangles
 /// without area, parts sheets that meet in an edge and fans that meet in a vertex, orients
 /// neighbours alike, fills holes, and drops small components. The order of vertices and triangles
