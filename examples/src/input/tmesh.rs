@@ -9,7 +9,7 @@ use geom_core::io::{self, AnyMesh, view::Field};
 use geom_core::mesh::Halfedges;
 use geom_core::search::bvh::TriangleTree;
 use geom_core::surface::repair;
-use geom_core::{Point3, QuadMesh, Structure, TriMesh, Vector3, VertexId};
+use geom_core::{Point3, QuadMesh, Structure, TriMesh, VertexId};
 use serde::Serialize;
 use serde_json::json;
 use tspline::levels::{self, Places};
@@ -171,8 +171,10 @@ pub fn wanted(text: &str) -> Result<Wanted, String> {
 
 /// What was read of the input.
 pub struct Input {
-    /// The surface.
+    /// The surface; a manifold once a T-mesh is made of it.
     pub surface: TriMesh,
+    /// What the surface was before repair, if it needed any: what fields and labels are of.
+    given: Option<TriMesh>,
     /// If it is a mesh of quads.
     quads: Option<QuadMesh>,
     /// The fields of a mesh's points and cells, if these are those of the surface.
@@ -183,10 +185,27 @@ pub struct Input {
 }
 
 impl Input {
+    /// With a manifold in place of what is none. Quads are their own T-mesh, and have to be one already.
+    fn into_manifold(mut self, session: &Session) -> Result<Self, Failure> {
+        if self.quads.is_none() {
+            let (surface, repaired) = repair::manifold(&self.surface)?;
+            session.note("repaired", repaired)?;
+            if repaired.is_some() {
+                self.given = Some(std::mem::replace(&mut self.surface, surface));
+            }
+        }
+        Ok(self)
+    }
+
+    fn given(&self) -> &TriMesh {
+        self.given.as_ref().unwrap_or(&self.surface)
+    }
+
     /// The surface of a structure, if it is one.
     pub fn of_surface(surface: TriMesh, structure: Option<Structure>) -> Self {
         Self {
             surface,
+            given: None,
             quads: None,
             fields: Vec::new(),
             cell_fields: Vec::new(),
@@ -209,16 +228,16 @@ impl Input {
             let named = fields.iter().map(|f| (f.name.clone(), f.values.to_f64()));
             return Ok(named.collect());
         }
-        let places = Places::of(&self.surface, &elements)?;
+        let places = Places::of(self.given(), &elements)?;
         let scalar = |f: &&Field<'_>| f.values.components == 1;
-        let points = self.surface.positions().len();
+        let points = self.given().positions().len();
         let of_points = (self.fields.iter().filter(scalar)).filter(|f| f.values.len() == points);
         let mut all = Vec::new();
         for field in of_points {
             all.push((field.name.clone(), places.values(&field.values.to_f64())?));
         }
         // A quad is two triangles.
-        let triangles = self.surface.triangles().len();
+        let triangles = self.given().triangles().len();
         let cells = self.quads.as_ref().map_or(triangles, |q| q.quads().len());
         let nearest: Vec<u32> = (0..triangles as u32).collect();
         let nearest = places.labels(&nearest)?;
@@ -288,6 +307,7 @@ impl TMeshArgs {
         };
         Ok(Input {
             surface: file.mesh.into_triangles(),
+            given: None,
             quads,
             fields,
             cell_fields,
@@ -300,23 +320,18 @@ impl ElementArgs {
     /// Makes a T-mesh of a surface; notes counts and quality.
     pub fn make(&self, input: Input, session: &Session) -> Result<Made, Failure> {
         products::note_surface(session, &input.surface)?;
-        // Fields and labels stay with the input; vertices move on what is a manifold.
-        let (ground, repaired) = repair::manifold(&input.surface)?;
-        session.note("repaired", repaired)?;
-        let fine = self.fine_quads(&input, &ground, session)?;
+        let input = input.into_manifold(session)?;
+        let fine = self.fine_quads(&input, session)?;
         let allowed = session.stage("levels", || self.allowed(&input, &fine))?;
         let built = session.stage("T-mesh", || {
             TMesh::build(&fine, &allowed, &TMeshOptions::default())
         })?;
         let (mesh, jacobians) = if self.raw {
-            let normals = built.fine().vertex_normals();
-            let of = |v| normals[built.fine_of_vertex(v) as usize];
-            let normals: Vec<Vector3> = (0..built.positions().len()).map(of).collect();
-            let jacobians = scaled_jacobians(&built, &normals);
+            let jacobians = scaled_jacobians(&built, &input.surface)?;
             session.note("scaled_jacobian", JacobianSummary::of(&jacobians))?;
             (built, jacobians)
         } else {
-            let better = || self.improved(built, &ground, session);
+            let better = || self.improved(built, &input.surface, session);
             let improved = session.stage("quality", better)?;
             session.note("scaled_jacobian", improved.report.after)?;
             session.note("quality", &improved.report)?;
@@ -358,24 +373,18 @@ impl ElementArgs {
     }
 
     /// The quads of the finest level, in squares of the coarsest as far as possible.
-    /// Those of the input, finer, or those that the surface gets.
-    fn fine_quads(
-        &self,
-        input: &Input,
-        surface: &TriMesh,
-        session: &Session,
-    ) -> Result<QuadMesh, Failure> {
+    fn fine_quads(&self, input: &Input, session: &Session) -> Result<QuadMesh, Failure> {
         let nested = self.highest();
         if let Some(quads) = &input.quads {
             // A place on the surface for each.
             const BYTES: f64 = 1024.0;
             affordable(quads.quads().len() << (2 * nested), BYTES, session)?;
-            let cut = || onto(&refined(quads, nested)?, surface);
+            let cut = || onto(&refined(quads, nested)?, &input.surface);
             return session.stage("refinement", cut);
         }
         // Ten triangles on the way to each quad, their matrices factored.
         const BYTES: f64 = 16384.0;
-        let triangles = surface.triangles().len();
+        let triangles = input.surface.triangles().len();
         let count = self.quads.map_or(triangles / 3, |n| n as usize).max(1);
         affordable(count, BYTES, session)?;
         let options = Options {
@@ -387,7 +396,7 @@ impl ElementArgs {
         };
         options.check()?;
         let on = session.on(session.device.crossfield());
-        let made = session.stage("quads", || quadrangulate(surface, &options, on))?;
+        let made = session.stage("quads", || quadrangulate(&input.surface, &options, on))?;
         session.note("rung", made.report.rung())?;
         Ok(made.mesh)
     }
@@ -414,7 +423,7 @@ impl ElementArgs {
                             input.fields.iter().map(|f| f.name.as_str()).collect();
                         format!("there is no point field `{name}` in the input; it has {names:?}")
                     })?;
-                let places = Places::of(&input.surface, fine)?;
+                let places = Places::of(input.given(), fine)?;
                 levels::by_field(&places.values(&field.values.to_f64())?, highest)
             }
         };

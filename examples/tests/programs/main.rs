@@ -886,6 +886,10 @@ fn t_meshes_of_sheets_that_meet_are_made() {
     );
     assert_eq!(report["valid"], true);
     assert!(report["scaled_jacobian"]["min"].as_f64().unwrap() > 0.45);
+    // Each sheet keeps to its own rim, of which the line where they meet is a part.
+    let report = report_of("11_tspline", &args, &folder.path().join("spline"));
+    let error = report["error"]["hausdorff"].as_f64().unwrap();
+    assert!(error < 0.05, "{error}");
 }
 
 #[test]

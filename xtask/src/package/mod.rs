@@ -3,7 +3,6 @@
 
 mod licences;
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -53,7 +52,7 @@ pub(crate) fn run(arguments: &Arguments) -> Outcome {
     let folder = target().join("packaged");
     pack()?;
     unpack(&crates, &folder)?;
-    write_workspace(&crates, &metadata, &folder)?;
+    write_workspace(&crates, &folder)?;
     write_programs(&crates, &metadata, &folder)?;
 
     if !arguments.quick {
@@ -178,7 +177,7 @@ fn unpack(crates: &[Published], folder: &Path) -> Outcome {
 
 /// A workspace in which the names of our crates mean the unpacked ones, with the versions of everything else that the
 /// tests are run with.
-fn write_workspace(crates: &[Published], metadata: &Value, folder: &Path) -> Outcome {
+fn write_workspace(crates: &[Published], folder: &Path) -> Outcome {
     let mut manifest = String::from(
         "[workspace]\nresolver = \"3\"\nmembers = [\"crates/*\", \"downstream\"]\n\n[patch.crates-io]\n",
     );
@@ -187,53 +186,19 @@ fn write_workspace(crates: &[Published], metadata: &Value, folder: &Path) -> Out
     }
     let lock = folder.join("Cargo.lock");
     fs::copy(root().join("Cargo.lock"), &lock).map_err(|e| failed(&lock, &e))?;
-    manifest += &profile(crates, metadata)?;
+    manifest += &profile()?;
     write(&folder.join("Cargo.toml"), &manifest)
 }
 
-/// The profile of the workspace itself, so that what is built on was built before; without the packages that are not in
-/// the other one, of which cargo would warn.
-fn profile(crates: &[Published], metadata: &Value) -> Result<String, String> {
+/// The profile of the workspace itself, so that what is built on was built before. It names packages that are not in the
+/// other one, which cargo says only where it is not `--quiet`.
+fn profile() -> Result<String, String> {
     let manifest = root().join("Cargo.toml");
     let text = fs::read_to_string(&manifest).map_err(|e| failed(&manifest, &e))?;
     let begin = text.find("[profile.dev]").ok_or("no profile for dev")?;
-    let end = text.find("[profile.release").unwrap_or(text.len());
-    let reached = reached(crates, metadata);
-    let is_of_others = |line: &&str| {
-        let package = line.split_once(".opt-level").map(|(name, _)| name);
-        package.is_none_or(|name| reached.contains(name))
-    };
-    let lines = text[begin..end].lines().filter(is_of_others);
-    Ok(lines.map(|line| format!("{line}\n")).collect())
-}
-
-/// The names of all that published crates are built on, and of themselves.
-fn reached<'a>(crates: &[Published], metadata: &'a Value) -> BTreeSet<&'a str> {
-    let text = |value: &'a Value| value.as_str().unwrap_or_default();
-    let by_id: BTreeMap<&str, &Value> = packages(metadata).map(|p| (text(&p["id"]), p)).collect();
-    let nodes = metadata["resolve"]["nodes"].as_array();
-    let needs: BTreeMap<&str, &Value> = nodes
-        .into_iter()
-        .flatten()
-        .map(|node| (text(&node["id"]), &node["dependencies"]))
-        .collect();
-    let is_packed = |package: &Value| {
-        let is_published = || crates.iter().any(|(name, _)| package["name"] == **name);
-        !package["source"].is_null() || is_published()
-    };
-    let own = packages(metadata).filter(|p| p["source"].is_null());
-    let mut open: Vec<&str> = own.map(|p| text(&p["id"])).collect();
-    let mut seen = BTreeSet::new();
-    let mut names = BTreeSet::new();
-    while let Some(id) = open.pop() {
-        let package = by_id[id];
-        if is_packed(package) && seen.insert(id) {
-            names.insert(text(&package["name"]));
-            let next = needs[id].as_array().into_iter().flatten();
-            open.extend(next.map(text));
-        }
-    }
-    names
+    let own = &text[begin..];
+    let end = own.find("[profile.release").unwrap_or(own.len());
+    Ok(own[..end].to_owned())
 }
 
 /// The programs, in a package that asks for what `cargo add` would write. The crates' default features are those of a

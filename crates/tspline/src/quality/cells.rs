@@ -257,24 +257,11 @@ impl Cells {
         ground.normal_over(at, normals)
     }
 
-    /// The scaled Jacobian of an element of nothing but places and normals there, seen along the sum of these.
-    pub(crate) fn jacobian_at(&self, e: usize, positions: &[Point3], normals: &[Vector3]) -> f64 {
-        let quads = self.of_element(e);
-        let vertices = quads.as_flattened().iter().map(|&n| n as usize);
-        let normal = vertices.filter_map(|n| normals.get(n)).sum();
-        let of = |quad: &[u32; 4]| scaled_jacobian(&quad.map(|n| self.node(n, positions)), &normal);
-        least(quads.iter().map(of))
-    }
-
-    /// The unit normal of a node alone: of a foot, that of its parents' sum.
+    /// The unit normal of a node alone.
     fn normal(&self, n: u32, normals: &[Vector3]) -> Vector3 {
         match (n as usize).checked_sub(self.vertices) {
             None => normals[n as usize],
-            Some(foot) => {
-                let parents = self.feet[foot].map(|p| self.normal(p, normals));
-                let sum: Vector3 = parents.iter().sum();
-                sum.try_normalize(1e-9).unwrap_or(parents[0])
-            }
+            Some(foot) => foot_normal(self.feet[foot].map(|p| self.normal(p, normals))),
         }
     }
 
@@ -282,9 +269,7 @@ impl Cells {
     fn normals(&self, normals: &[Vector3]) -> Vec<Vector3> {
         let mut nodes = normals.to_vec();
         for foot in &self.feet {
-            let sum: Vector3 = foot.iter().map(|&n| nodes[n as usize]).sum();
-            let first = nodes[foot[0] as usize];
-            nodes.push(sum.try_normalize(1e-9).unwrap_or(first));
+            nodes.push(foot_normal(foot.map(|n| nodes[n as usize])));
         }
         nodes
     }
@@ -301,6 +286,12 @@ impl Cells {
             }
         }
     }
+}
+
+/// That of the parents' sum; where they cancel, the first.
+fn foot_normal(parents: [Vector3; 4]) -> Vector3 {
+    let sum: Vector3 = parents.iter().sum();
+    sum.try_normalize(1e-9).unwrap_or(parents[0])
 }
 
 impl Elements for Cells {

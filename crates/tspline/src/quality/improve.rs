@@ -35,33 +35,17 @@ pub(crate) fn improve(
     run: On<'_>,
 ) -> Result<Improved, Error> {
     let open = (0..mesh.positions().len()).any(|v| mesh.kind(v) == VertexKind::Boundary);
-    let lines = Lines::of(surface, options.crease, open)?;
     let components = surface.components();
-    let grounds: Result<Vec<Ground>, Error> = components
-        .iter()
-        .map(|part| {
-            Ok(Ground::new(
-                part,
-                Lines::of(part, options.crease, open)?.all,
-            )?)
-        })
-        .collect();
-    let surface = Surface {
-        lines,
-        grounds: grounds?,
-        whole: match &components[..] {
-            [_] => None,
-            several => Some(joined(several)?),
-        },
-    };
-    let mut made = moved(mesh, &surface, options, run)?;
+    let lines = Lines::of(surface, options.crease, open)?;
+    let surface = Surface::of(&components, options.crease, open)?;
+    let mut made = moved(mesh, &surface, &lines, options, run)?;
     for _ in 0..CUTS {
         let is_bad = |e: &usize| made.jacobians[*e] < options.least;
         let bad: Vec<usize> = (0..made.jacobians.len()).filter(is_bad).collect();
         let Some(finer) = finer(&made.mesh, &bad)? else {
             break;
         };
-        let next = moved(finer, &surface, options, run)?;
+        let next = moved(finer, &surface, &lines, options, run)?;
         if next.report.after.min <= made.report.after.min {
             break;
         }
@@ -79,9 +63,8 @@ pub(crate) fn improve(
 }
 
 /// What vertices move on, component by component: where these touch, the nearest point of all may be that of another.
-struct Surface<'a> {
-    lines: Lines,
-    grounds: Vec<Ground<'a>>,
+pub(super) struct Surface<'a> {
+    pub(super) grounds: Vec<Ground<'a>>,
     /// All components one after the other, and where the triangles of each end; `None` for one.
     whole: Option<(TriangleTree, Vec<usize>)>,
 }
@@ -100,10 +83,31 @@ fn joined(components: &[TriMesh]) -> Result<(TriangleTree, Vec<usize>), Error> {
     ))
 }
 
-impl Surface<'_> {
+impl<'a> Surface<'a> {
+    /// With sharp edges of this many degrees, and the boundary if the mesh on it has one.
+    pub(super) fn of(
+        components: &'a [TriMesh],
+        crease: Option<f64>,
+        with_boundary: bool,
+    ) -> Result<Self, Error> {
+        let ground = |part: &'a TriMesh| {
+            let lines = Lines::of(part, crease, with_boundary)?.all;
+            Ok(Ground::new(part, lines)?)
+        };
+        let grounds: Result<Vec<Ground<'a>>, Error> = components.iter().map(ground).collect();
+        let whole = match components {
+            [_] => None,
+            several => Some(joined(several)?),
+        };
+        Ok(Self {
+            grounds: grounds?,
+            whole,
+        })
+    }
+
     /// Which component each vertex of a mesh on it is on: the one that most vertices of its own connected part are nearest
     /// to.
-    fn parts(&self, mesh: &QuadMesh) -> Result<Vec<u32>, Error> {
+    pub(super) fn parts(&self, mesh: &QuadMesh) -> Result<Vec<u32>, Error> {
         let positions = mesh.positions();
         let Some((tree, ends)) = &self.whole else {
             return Ok(vec![0; positions.len()]);
@@ -134,10 +138,11 @@ impl Surface<'_> {
 fn moved(
     mut mesh: TMesh,
     surface: &Surface<'_>,
+    lines: &Lines,
     options: &QualityOptions,
     run: On<'_>,
 ) -> Result<Improved, Error> {
-    let fine = freedoms(&mesh, &surface.lines);
+    let fine = freedoms(&mesh, lines);
     let part = surface.parts(mesh.fine())?;
     let coarse = || (0..mesh.positions().len()).map(|v| mesh.fine_of_vertex(v) as usize);
     let vertices = Vertices::on_parts(

@@ -1,18 +1,35 @@
 //! How good the elements of a T-mesh are.
 
-use geom_core::Vector3;
+use geom_core::TriMesh;
 pub use geom_core::mesh::quality::JacobianSummary;
+use geom_core::surface::flow::Vertices;
+use geom_core::surface::ground::Freedom;
 
 use super::cells::Cells;
-use crate::TMesh;
+use super::improve::Surface;
 use crate::options::Method;
+use crate::{Error, TMesh};
 
 /// The scaled Jacobian of each element: the smallest signed sine between two edges that meet in a corner; 1 for a
-/// rectangle, negative where a corner is turned inside out. Elements with T-junctions are cut there first. `normals` are
-/// those of the surface at the vertices.
-pub fn scaled_jacobians(mesh: &TMesh, normals: &[Vector3]) -> Vec<f64> {
-    let cells = Cells::new(mesh, mesh.positions(), Method::Corners);
-    (0..mesh.elements().len())
-        .map(|e| cells.jacobian_at(e, mesh.positions(), normals))
-        .collect()
+/// rectangle, negative where a corner is turned inside out, as seen along the normals of the surface that the mesh is on.
+/// Elements with T-junctions are cut there first.
+///
+/// # Errors
+/// [`Error::Tree`] for a surface without triangles.
+pub fn scaled_jacobians(mesh: &TMesh, surface: &TriMesh) -> Result<Vec<f64>, Error> {
+    let components = surface.components();
+    let surface = Surface::of(&components, None, false)?;
+    let part = surface.parts(mesh.fine())?;
+    let positions = mesh.positions();
+    let vertices = Vertices::on_parts(
+        positions.to_vec(),
+        vec![Freedom::Fixed; positions.len()],
+        &surface.grounds,
+        (0..positions.len())
+            .map(|v| part[mesh.fine_of_vertex(v) as usize])
+            .collect(),
+    );
+    let cells = Cells::new(mesh, positions, Method::Corners);
+    let elements = 0..mesh.elements().len();
+    Ok(elements.map(|e| cells.jacobian(e, &vertices)).collect())
 }

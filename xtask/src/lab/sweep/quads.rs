@@ -106,7 +106,7 @@ fn measured(path: &Path) -> Result<Value, String> {
     let surface = surface(path)?;
     let triangles = surface.triangles().len();
     let most = if is_structure(path) { triangles } else { MOST };
-    let count = (triangles / 3).clamp(1, most);
+    let count = (triangles / 3).min(most).max(1);
     let options = Options {
         size: Size::Quads(count),
         ..Options::default()
