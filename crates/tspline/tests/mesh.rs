@@ -465,15 +465,16 @@ fn parts_that_nearly_touch_keep_to_their_own_surface() {
     let inner = |&[a, b, c, d]: &[u32; 4]| [a, d, c, b].map(|v| v + first);
     quads.extend(sphere.quads().iter().map(inner));
     let fine = QuadMesh::new(positions, quads).unwrap();
-    let out = improved(
-        build(&fine, &vec![1; fine.quads().len()]),
-        &surface,
-        Method::Corners,
-    );
-    assert!(out.report.after.min > 0.5, "{:?}", out.report);
-    for (v, p) in out.mesh.fine().positions().iter().enumerate() {
-        let radius = p.coords.norm();
-        assert_eq!(radius > 0.998, v < first as usize, "{v} {radius}");
+    // With T-junctions on both where the upper half is coarse alone.
+    let above = |quad: &[u32; 4]| quad.iter().all(|&v| fine.positions()[v as usize].z > 0.0);
+    let upper = fine.quads().iter().map(|q| u8::from(above(q)));
+    for levels in [vec![1; fine.quads().len()], upper.collect()] {
+        let out = improved(build(&fine, &levels), &surface, Method::Corners);
+        assert!(out.report.after.min > 0.5, "{:?}", out.report);
+        for (v, p) in out.mesh.fine().positions().iter().enumerate() {
+            let radius = p.coords.norm();
+            assert_eq!(radius > 0.998, v < first as usize, "{v} {radius}");
+        }
     }
 }
 
