@@ -6,7 +6,7 @@ use geom_core::surface::flow::Vertices;
 use geom_core::surface::ground::Freedom;
 
 use super::cells::Cells;
-use super::improve::Surface;
+use super::components::Surface;
 use crate::options::Method;
 use crate::{Error, TMesh};
 

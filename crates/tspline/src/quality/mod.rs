@@ -1,6 +1,7 @@
 //! Better elements: vertices move on the surface until the elements' corners are what they should be.
 
 mod cells;
+mod components;
 mod improve;
 mod jacobian;
 mod lines;

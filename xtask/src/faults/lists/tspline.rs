@@ -68,7 +68,7 @@ pub(super) const FAULTS: &[Fault] = &[
     .seen_by("mesh::any_levels_make_a_valid_t_mesh"),
     Fault::wrong(
         "vertices of every component move on the first",
-        "crates/tspline/src/quality/improve.rs",
+        "crates/tspline/src/quality/components.rs",
         "all.max().map_or(0, |(_, Reverse(part))| part as u32)",
         "all.max().map_or(0, |(_, Reverse(part))| 0 * part as u32)",
     )
