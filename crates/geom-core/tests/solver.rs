@@ -265,7 +265,8 @@ fn bad_input_is_named() {
     ));
 }
 
-/// `bᵀ A⁻¹ b` of vectors of a few rows, against full solves: in blocks that are not full, with rows named twice, and empty.
+/// `bᵀ A⁻¹ b` and `bᵀ A⁻¹ c` of vectors of a few rows, against full solves: in blocks that are not full, with rows named twice,
+/// and empty.
 #[test]
 fn energies_of_sparse_vectors_are_those_of_solves() {
     let path: Vec<(u32, u32, f64)> = (0..40u32)
@@ -291,7 +292,9 @@ fn energies_of_sparse_vectors_are_those_of_solves() {
         let energies = same_on_any_threads(|| factor.inverse_energies(&sparse).unwrap());
         assert_eq!(energies.len(), sparse.len());
         assert_eq!(energies[0], 0.0);
-        for (b, energy) in sparse.iter().zip(energies) {
+        let gram = same_on_any_threads(|| factor.inverse_gram(&sparse).unwrap());
+        let rows = gram.chunks_exact(sparse.len());
+        for ((b, energy), row) in sparse.iter().zip(energies).zip(rows) {
             let mut full = vec![0.0; n];
             b.iter().for_each(|&(row, value)| full[row] += value);
             let x = factor.solve(&full).unwrap();
@@ -300,8 +303,14 @@ fn energies_of_sparse_vectors_are_those_of_solves() {
                 (energy - exact).abs() <= 1e-10 * exact.max(1.0),
                 "{energy} {exact}"
             );
+            for (c, product) in sparse.iter().zip(row) {
+                let exact: f64 = c.iter().map(|&(row, value)| value * x[row]).sum();
+                assert!((product - exact).abs() <= 1e-10, "{product} {exact}");
+            }
         }
         let outside = factor.inverse_energies(&[vec![], vec![(0, 1.0), (n, 1.0)]]);
+        assert!(matches!(outside, Err(Error::OutOfRange { row, .. }) if row == n));
+        let outside = factor.inverse_gram(&[vec![(n, 1.0)]]);
         assert!(matches!(outside, Err(Error::OutOfRange { row, .. }) if row == n));
     }
 }

@@ -4,7 +4,6 @@
 //! which may come back with a decimated map instead, and stops early where that is of no use. Both go through
 //! [`Making`]: relaxation, integers, unfolding, and at last the check in [`fixed`].
 
-use geom_core::nalgebra::{Cholesky, DVector, Dyn};
 use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
@@ -294,7 +293,6 @@ struct Making<'a> {
 struct Optimum {
     weighted: Weighted,
     quadratic: Quadratic,
-    factor: Cholesky<f64, Dyn>,
     y: Vec<f64>,
     corners: Vec<[[f64; 2]; 3]>,
 }
@@ -359,15 +357,14 @@ impl<'a> Making<'a> {
         let weighted = self.system.weighted(&self.weights)?;
         let (s, right) = weighted.schur()?;
         let quadratic = Quadratic::new(&s, &right);
-        let factor = quadratic.factor().ok_or(indefinite)?;
-        let y = Self::with_reals(&weighted, &quadratic.relaxed(&factor))?;
+        let integers = quadratic.relaxed().ok_or(indefinite)?;
+        let y = Self::with_reals(&weighted, &integers)?;
         let corners = self.system.corners(&y);
         self.report.relaxed_energy = self.system.energy(&corners);
         self.report.relaxed_folded = self.faults(&corners).len();
         Ok(Optimum {
             weighted,
             quadratic,
-            factor,
             y,
             corners,
         })
@@ -446,11 +443,8 @@ impl<'a> Making<'a> {
 
     /// The unknowns after unfolding with all of them free. A map that is resumed folds in few places.
     fn unfolded_optimum(&self, optimum: Optimum, is_resumed: bool) -> Result<Vec<f64>, Error> {
-        let factor = optimum.factor;
-        let schur = |z: &mut [f64]| {
-            let solved = factor.solve(&DVector::from_column_slice(z));
-            z.copy_from_slice(solved.as_slice());
-        };
+        // That it can be factored was seen when the optimum was found.
+        let schur = |z: &mut [f64]| optimum.quadratic.solve(z).unwrap_or(());
         // A map upright at one spacing is so at any, and only has to settle.
         let last = self.unfolding.ends.upright.take().map(|y| self.fitted(y));
         let last = last.filter(|y| self.unfolder().is_valid(y));

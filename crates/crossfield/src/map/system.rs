@@ -42,7 +42,7 @@ pub(crate) struct Weighted {
     /// Of A_RR; `None` if there are no reals.
     factor: Option<Cholesky>,
     /// A_RI, column by column.
-    mixed: Vec<Vec<(u32, f64)>>,
+    mixed: Vec<Vec<(usize, f64)>>,
     /// A_II, row after row.
     pub(crate) integer: Vec<f64>,
     /// Reals first.
@@ -110,7 +110,7 @@ impl<'a> System<'a> {
                         );
                     }
                     for &z in &touched {
-                        mixed[z].push((y as u32, p * sum[z]));
+                        mixed[z].push((y, p * sum[z]));
                     }
                 } else {
                     for &z in &touched {
@@ -235,16 +235,13 @@ impl Weighted {
         };
         let mut z = integer.to_vec();
         for (z, column) in z.iter_mut().zip(&self.mixed) {
-            *z -= column
-                .iter()
-                .map(|&(row, a)| a * x[row as usize])
-                .sum::<f64>();
+            *z -= column.iter().map(|&(row, a)| a * x[row]).sum::<f64>();
         }
         schur(&mut z);
         x.copy_from_slice(real);
         for (column, &z) in self.mixed.iter().zip(&z) {
             for &(row, a) in column {
-                x[row as usize] -= a * z;
+                x[row] -= a * z;
             }
         }
         self.solve(&mut x)?;
@@ -258,7 +255,7 @@ impl Weighted {
         let mut x = self.right[..self.reals].to_vec();
         for (column, &z) in self.mixed.iter().zip(integers) {
             for &(row, a) in column {
-                x[row as usize] -= a * z;
+                x[row] -= a * z;
             }
         }
         self.solve(&mut x)?;
@@ -268,35 +265,22 @@ impl Weighted {
     /// The Schur complement `S = A_II − A_IR A_RR⁻¹ A_RI`, row after row, and its right-hand side: what the energy
     /// is as a function of the integers alone, the reals following.
     ///
-    /// One substitution per integer, 32 of them in each pass over the factor, and `integers²` numbers in memory.
+    /// A column of A_RI has entries along a chain of the cut, and eliminating them meets few of the reals: far less than a
+    /// substitution per integer. `integers²` numbers in memory.
     pub(crate) fn schur(&self) -> Result<(Vec<f64>, Vec<f64>), Error> {
-        const COLUMNS: usize = 32;
-        let n = self.mixed.len();
-        let (mut s, mut right) = (self.integer.clone(), self.right[self.reals..].to_vec());
+        let (real, integer) = self.right.split_at(self.reals);
+        let (mut s, mut right) = (self.integer.clone(), integer.to_vec());
         let Some(factor) = &self.factor else {
             return Ok((s, right));
         };
-        for first in (0..n).step_by(COLUMNS) {
-            let columns = COLUMNS.min(n - first);
-            let mut block = vec![0.0; self.reals * columns];
-            for c in 0..columns {
-                for &(row, a) in &self.mixed[first + c] {
-                    block[row as usize * columns + c] = a;
-                }
-            }
-            factor.solve_in_place(&mut block, columns)?;
-            for (i, column) in self.mixed.iter().enumerate() {
-                for &(row, a) in column {
-                    let solved = &block[row as usize * columns..][..columns];
-                    for (c, x) in solved.iter().enumerate() {
-                        s[i * n + first + c] -= a * x;
-                    }
-                }
-            }
-            for (row, &b) in self.right[..self.reals].iter().enumerate() {
-                for c in 0..columns {
-                    right[first + c] -= block[row * columns + c] * b;
-                }
+        for (s, gram) in s.iter_mut().zip(factor.inverse_gram(&self.mixed)?) {
+            *s -= gram;
+        }
+        let mut x = real.to_vec();
+        self.solve(&mut x)?;
+        for (right, column) in right.iter_mut().zip(&self.mixed) {
+            for &(row, a) in column {
+                *right -= a * x[row];
             }
         }
         Ok((s, right))
@@ -304,7 +288,7 @@ impl Weighted {
 }
 
 /// Entries of one row added up.
-fn summed(mut column: Vec<(u32, f64)>) -> Vec<(u32, f64)> {
+fn summed(mut column: Vec<(usize, f64)>) -> Vec<(usize, f64)> {
     column.sort_by_key(|e| e.0);
     column.dedup_by(|later, kept| {
         let same = later.0 == kept.0;

@@ -4,6 +4,12 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "what a subtree leaves is added to other columns",
+        "crates/geom-core/src/algebra/cholesky/gram.rs",
+        "x[to as usize][lane] += row[at % LANES];",
+        "x[to as usize][lane] += row[lane];",
+    ),
+    Fault::wrong(
         "of alternate locations the least occupied is kept",
         "crates/geom-core/src/io/structure/keep.rs",
         ".fold(&sums[0], |b, s| if s.2 > b.2 { s } else { b });",

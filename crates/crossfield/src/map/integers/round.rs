@@ -9,9 +9,9 @@ use std::cell::OnceCell;
 
 use geom_core::Cancelled;
 use geom_core::compute::parallel;
-use geom_core::nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use rayon::prelude::*;
+use geom_core::nalgebra::{DMatrix, DVector};
 
+use super::dense::{Free, factor, inverse_of};
 use super::upright::{Pair, Upright, Weighed};
 use crate::backend::On;
 
@@ -26,8 +26,6 @@ const RATIO: f64 = 1.25;
 const MOST_TRIED: usize = 20_000;
 /// How often triangles are given more weight.
 const BREAKOUTS: usize = 60;
-/// More integers than this are rounded in batches between solves.
-const LARGEST: usize = 2000;
 
 /// The energy as a function of the integers: `½ zᵀ S z − sᵀ z`.
 pub(crate) struct Quadratic {
@@ -35,8 +33,9 @@ pub(crate) struct Quadratic {
     matrix: DMatrix<f64>,
     /// s.
     right: DVector<f64>,
-    /// S⁻¹, computed when it is first asked for and kept, as rounding may be tried on several grids; `None` if S is not
-    /// positive definite.
+    /// The lower triangle L of `S = L Lᵀ`, computed when it is first asked for and kept; `None` if S is not positive definite.
+    factor: OnceCell<Option<DMatrix<f64>>>,
+    /// S⁻¹, likewise, as rounding may be tried on several grids.
     inverse: OnceCell<Option<DMatrix<f64>>>,
 }
 
@@ -44,24 +43,33 @@ impl Quadratic {
     /// `matrix` is row after row, as many rows as `right` has entries.
     pub(crate) fn new(matrix: &[f64], right: &[f64]) -> Self {
         let n = right.len();
-        let mut matrix = DMatrix::from_row_slice(n, n, matrix);
-        // Symmetric but for the last digits.
-        matrix = (&matrix + matrix.transpose()) * 0.5;
         Self {
-            matrix,
+            // Symmetric but for the last digits.
+            matrix: DMatrix::from_fn(n, n, |i, j| 0.5 * (matrix[i * n + j] + matrix[j * n + i])),
             right: DVector::from_column_slice(right),
+            factor: OnceCell::new(),
             inverse: OnceCell::new(),
         }
     }
 
-    /// The factor of the matrix; `None` if it is not positive definite.
-    pub(crate) fn factor(&self) -> Option<Cholesky<f64, Dyn>> {
-        self.matrix.clone().cholesky()
+    fn factor(&self) -> Option<&DMatrix<f64>> {
+        self.factor.get_or_init(|| factor(&self.matrix)).as_ref()
+    }
+
+    /// `z ← S⁻¹ z`; `None` if the matrix is not positive definite.
+    pub(crate) fn solve(&self, z: &mut [f64]) -> Option<()> {
+        let factor = self.factor()?;
+        let mut x = DVector::from_column_slice(z);
+        factor.solve_lower_triangular_mut(&mut x);
+        factor.tr_solve_lower_triangular_mut(&mut x);
+        z.copy_from_slice(x.as_slice());
+        Some(())
     }
 
     /// The real minimum.
-    pub(crate) fn relaxed(&self, factor: &Cholesky<f64, Dyn>) -> Vec<f64> {
-        factor.solve(&self.right).as_slice().to_vec()
+    pub(crate) fn relaxed(&self) -> Option<Vec<f64>> {
+        let mut z = self.right.as_slice().to_vec();
+        self.solve(&mut z).map(|()| z)
     }
 
     /// Rounds the variable that is nearest to an integer, lets the others follow to their exact optimum, and so on
@@ -131,7 +139,7 @@ impl Quadratic {
 
     /// n³ / 2 operations, once.
     fn inverse(&self) -> Option<&DMatrix<f64>> {
-        let inverse = || self.factor().map(|factor| inverse_of(factor.l_dirty()));
+        let inverse = || self.factor().map(inverse_of);
         self.inverse.get_or_init(inverse).as_ref()
     }
 
@@ -181,7 +189,7 @@ impl Quadratic {
                 let signs = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
                 let pairs = short
                     .iter()
-                    .flat_map(|&i| coupled[i].iter().map(move |&j| (i, j)))
+                    .flat_map(|&i| coupled[i].iter().map(move |&(j, _)| (i, j)))
                     .flat_map(|(i, j)| signs.map(|(d, e)| [(i, d), (j, e)]));
                 self.best_mend(pairs, weighed, &gradient)
             });
@@ -257,8 +265,9 @@ impl Quadratic {
         let n = z.len();
         let coupled = self.coupled(|i| i + 1);
         let mut gradient = &self.matrix * DVector::from_column_slice(z) - right;
+        let diagonal = self.matrix.diagonal();
         let single =
-            |gradient: &DVector<f64>, k: usize, d: f64| d * gradient[k] + 0.5 * self.matrix[(k, k)];
+            |gradient: &DVector<f64>, k: usize, d: f64| d * gradient[k] + 0.5 * diagonal[k];
         let mut moves: Vec<(f64, Pair)> = Vec::new();
         let mut sides = upright.map(|upright| upright.sides(z));
         let weights = vec![1; sides.as_ref().map_or(0, Vec::len)];
@@ -274,9 +283,9 @@ impl Quadratic {
                     if own < -FALLS {
                         moves.push((own, [(i, d), (i, 0.0)]));
                     }
-                    for &j in coupled {
+                    for &(j, s) in coupled {
                         for e in [-1.0, 1.0] {
-                            let both = own + single(&gradient, j, e) + d * e * self.matrix[(i, j)];
+                            let both = own + single(&gradient, j, e) + d * e * s;
                             if both < -FALLS {
                                 moves.push((both, [(i, d), (j, e)]));
                             }
@@ -312,123 +321,59 @@ impl Quadratic {
         Ok(())
     }
 
-    /// Per integer, the others from a first one on that it is coupled to most: all of them while there are few.
+    /// Per integer, the others from a first one on that it is coupled to most, and their entries in S: all while there are few.
     ///
     /// By the size of their entry in S. Two integers of a small entry do not change each other's optimum, and moving
     /// both is then no better than moving one after the other.
-    fn coupled(&self, first: impl Fn(usize) -> usize) -> Vec<Vec<usize>> {
+    fn coupled(&self, first: impl Fn(usize) -> usize + Sync) -> Vec<Vec<(usize, f64)>> {
         const FEW: usize = 256;
         const MOST: usize = 32;
-        let n = self.right.len();
-        (0..n)
-            .map(|i| {
-                let mut others: Vec<usize> = (first(i)..n).filter(|&j| j != i).collect();
-                let strength = |j: usize| self.matrix[(i, j)].abs();
-                if n > FEW && others.len() > MOST {
-                    others.sort_by(|&a, &b| strength(b).total_cmp(&strength(a)).then(a.cmp(&b)));
-                    others.truncate(MOST);
-                    others.sort_unstable();
-                }
-                others
-            })
-            .collect()
+        let (matrix, n) = (&self.matrix, self.right.len());
+        parallel::map(n, |i| {
+            let column = matrix.column(i);
+            let others = (first(i)..n).filter(|&j| j != i);
+            let mut others: Vec<(usize, f64)> = others.map(|j| (j, column[j])).collect();
+            if n > FEW && others.len() > MOST {
+                others.select_nth_unstable_by(MOST, |a, b| {
+                    b.1.abs().total_cmp(&a.1.abs()).then(a.0.cmp(&b.0))
+                });
+                others.truncate(MOST);
+                others.sort_unstable_by_key(|other| other.0);
+            }
+            others
+        })
     }
-}
-
-/// The inverse of `L Lᵀ`; only the lower triangle of L is looked at.
-///
-/// Columns of the inverse are two substitutions each. Below the diagonal they need the part of L below the diagonal alone, and
-/// the rest is its mirror image: a third of the work of whole columns. Eight of them go side by side, so that L is read an
-/// eighth as often and sums run over lanes.
-fn inverse_of(factor: &DMatrix<f64>) -> DMatrix<f64> {
-    const LANES: usize = 8;
-    let n = factor.nrows();
-    let blocks = parallel::map(n.div_ceil(LANES), |block| {
-        let first = block * LANES;
-        let mut x = vec![[0.0; LANES]; n - first];
-        for (lane, x) in x.iter_mut().enumerate().take(LANES) {
-            x[lane] = 1.0;
-        }
-        for j in first..n {
-            let column = &factor.as_slice()[j * n + j..(j + 1) * n];
-            let (head, below) = x[j - first..].split_first_mut().expect("a row");
-            *head = head.map(|x| x / column[0]);
-            for (x, l) in below.iter_mut().zip(&column[1..]) {
-                for (x, h) in x.iter_mut().zip(&*head) {
-                    *x -= l * h;
-                }
-            }
-        }
-        for j in (first..n).rev() {
-            let column = &factor.as_slice()[j * n + j..(j + 1) * n];
-            let (head, below) = x[j - first..].split_first_mut().expect("a row");
-            for (x, l) in below.iter().zip(&column[1..]) {
-                for (h, x) in head.iter_mut().zip(x) {
-                    *h -= l * x;
-                }
-            }
-            *head = head.map(|x| x / column[0]);
-        }
-        x
-    });
-    DMatrix::from_fn(n, n, |i, j| {
-        let (row, column) = (i.max(j), i.min(j));
-        let first = column / LANES * LANES;
-        blocks[column / LANES][row - first][column - first]
-    })
 }
 
 /// [`inverse_of`] for tests: of a positive definite matrix, row after row.
 #[cfg(feature = "testing")]
 pub(crate) fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
-    let factor = DMatrix::from_row_slice(n, n, matrix).cholesky()?;
-    Some(inverse_of(factor.l_dirty()).as_slice().to_vec())
+    let factor = factor(&DMatrix::from_row_slice(n, n, matrix))?;
+    Some(inverse_of(&factor).as_slice().to_vec())
 }
 
 /// Variable by variable, with the inverse of the matrix of those that are free.
 ///
 /// Putting variable k at an integer moves all others by `column k of the inverse × step / pivot`, which is their exact
-/// optimum, and takes a rank-one matrix from the inverse of what stays free. n³ operations in all, in place and in
-/// parallel by columns, the same digits for any number of threads. Of more than [`LARGEST`] variables the nearest few
-/// are put to their integers between two sortings.
+/// optimum. n³ operations in all, in parallel, the same digits for any number of threads.
 fn greedy(inverse: &DMatrix<f64>, right: &DVector<f64>) -> Vec<f64> {
-    let n = right.len();
     let mut z: Vec<f64> = (inverse * right).as_slice().to_vec();
-    // Column by column; of what is free the first columns and rows.
-    let mut inverse = inverse.clone();
-    let mut free: Vec<usize> = (0..n).collect();
-    let batch = if n > LARGEST { n / LARGEST + 1 } else { 1 };
-    while !free.is_empty() {
-        let away = |k: usize, z: &[f64]| (z[k] - z[k].round()).abs();
-        let mut order = free.clone();
-        order.sort_by(|&a, &b| away(a, &z).total_cmp(&away(b, &z)).then(a.cmp(&b)));
-        for &k in order.iter().take(batch) {
-            let at = free.iter().position(|&j| j == k).expect("free");
-            let last = free.len() - 1;
-            free.swap_remove(at);
-            inverse.swap_columns(at, last);
-            inverse.swap_rows(at, last);
-            let to = z[k].round();
-            let column: Vec<f64> = inverse.column(last).as_slice()[..=last].to_vec();
-            let pivot = column[last];
-            if pivot > 0.0 {
-                let step = (to - z[k]) / pivot;
-                for (&j, c) in free.iter().zip(&column) {
-                    z[j] += c * step;
-                }
-                let columns = inverse.as_mut_slice().par_chunks_mut(n).take(last);
-                columns
-                    .zip(&column[..last])
-                    .with_min_len(64)
-                    .for_each(|(to, &c)| {
-                        let by = c / pivot;
-                        for (to, from) in to[..last].iter_mut().zip(&column) {
-                            *to -= by * from;
-                        }
-                    });
+    let mut free = Free::of(inverse);
+    let away = |k: usize, z: &[f64]| (z[k] - z[k].round()).abs();
+    let nearest = |free: &Free, z: &[f64]| {
+        let all = free.variables();
+        all.min_by(|&(_, a), &(_, b)| away(a, z).total_cmp(&away(b, z)).then(a.cmp(&b)))
+    };
+    while let Some((at, k)) = nearest(&free, &z) {
+        let to = z[k].round();
+        let column = free.hold(at);
+        if column[at] > 0.0 {
+            let step = (to - z[k]) / column[at];
+            for (place, j) in free.variables() {
+                z[j] += column[place] * step;
             }
-            z[k] = to;
         }
+        z[k] = to;
     }
     z
 }

@@ -21,27 +21,27 @@ const TILE: usize = 4;
 /// threads. Two kinds of parallel work meet here: tasks of one level, and parts of a block that are solved at the same
 /// time; neither changes a sum.
 pub(super) struct Schedule {
-    tasks: Vec<Task>,
+    pub(super) tasks: Vec<Task>,
     /// Tasks whose children are all in the levels before.
-    levels: Vec<Range<usize>>,
+    pub(super) levels: Vec<Range<usize>>,
     /// Task of each row of the matrix, and its place there.
-    places: Vec<(u32, u32)>,
+    pub(super) places: Vec<(u32, u32)>,
 }
 
 /// Some supernodes. Their rows are numbered from zero in the order of the factor, and then come the
 /// rows of other tasks that they reach. While it is solved it has a vector of its own for both: what it would subtract
 /// from rows of others waits there until the task above takes it over, so that no two tasks write to one place.
 #[derive(Default)]
-struct Task {
+pub(super) struct Task {
     supernodes: Vec<Local>,
     /// Rows of the rectangles, one supernode after the other.
     rows: Vec<u32>,
     /// Rows of the matrix that belong to this task.
-    own: Vec<u32>,
+    pub(super) own: Vec<u32>,
     /// The task that all the other rows belong to or pass through, and their places there.
     parent: u32,
-    reached: Vec<u32>,
-    children: Vec<u32>,
+    pub(super) reached: Vec<u32>,
+    pub(super) children: Vec<u32>,
 }
 
 /// A supernode in the numbers of its task: its columns, where its rows begin and end in [`Task::rows`], and its values
@@ -167,7 +167,7 @@ impl Schedule {
                             plus(&mut x[at as usize], row);
                         }
                     }
-                    run(task, values, &mut x, true);
+                    run(task, values, &mut x, Direction::Down);
                     x
                 })
                 .collect();
@@ -189,7 +189,7 @@ impl Schedule {
                             *row = parent[at as usize];
                         }
                     }
-                    run(task, values, x, false);
+                    run(task, values, x, Direction::Up);
                 });
         }
         solved
@@ -224,7 +224,7 @@ impl Schedule {
             if x.is_empty() {
                 continue;
             }
-            run(task, values, &mut x, true);
+            run(task, values, &mut x, Direction::Down);
             let (own, rows) = x.split_at(task.own.len());
             for x in own {
                 (0..C).for_each(|c| norms[c] += x[c] * x[c]);
@@ -256,14 +256,25 @@ impl Schedule {
 /// The rows of each task, those that it reaches at the end.
 pub(super) type Solved<T, const C: usize> = Vec<Vec<[T; C]>>;
 
-/// One sweep over the supernodes of a task, compiled for the vector registers that the machine has. `down` means down
-/// the columns, which is the forward substitution.
-fn run<T: Scalar, const C: usize>(task: &Task, values: &[T], x: &mut [[T; C]], down: bool) {
+/// Down the columns, which is the forward substitution, or up.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Direction {
+    Down,
+    Up,
+}
+
+/// One sweep over the supernodes of a task, compiled for the vector registers that the machine has.
+pub(super) fn run<T: Scalar, const C: usize>(
+    task: &Task,
+    values: &[T],
+    x: &mut [[T; C]],
+    direction: Direction,
+) {
     lanes::vectorized(Sweep {
         task,
         values,
         x,
-        down,
+        direction,
     });
 }
 
@@ -271,7 +282,7 @@ struct Sweep<'a, T, const C: usize> {
     task: &'a Task,
     values: &'a [T],
     x: &'a mut [[T; C]],
-    down: bool,
+    direction: Direction,
 }
 
 impl<T: Scalar, const C: usize> lanes::WithSimd for Sweep<'_, T, C> {
@@ -294,7 +305,7 @@ impl<T: Scalar, const C: usize> Sweep<'_, T, C> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
         let (task, values) = (self.task, self.values);
-        if self.down {
+        if self.direction == Direction::Down {
             for s in &task.supernodes {
                 let block = Block::of(s, task, values, self.x);
                 // Of sparse right-hand sides most is zero still.

@@ -1,0 +1,184 @@
+//! Factors and inverses of the energy over the integers: dense, symmetric, of up to some thousands of rows.
+//!
+//! Work goes through products of strips of columns, which stay in the caches, side by side on all threads with the same sums for
+//! any number of them.
+
+use geom_core::compute::parallel;
+use geom_core::nalgebra::{DMatrix, DMatrixView, DMatrixViewMut};
+use rayon::prelude::*;
+
+/// Columns that are factored, or taken off a matrix, together.
+const STRIP: usize = 64;
+/// Rows of a strip that are one piece of work.
+const ROWS: usize = 256;
+
+/// The lower triangle L of `A = L Lᵀ`, zeros above it; `None` if A is not positive definite. Only its lower triangle is read.
+///
+/// Strip by strip from the left: what the strips before take off this one, its own triangle, then the rows below.
+pub(super) fn factor(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let n = matrix.nrows();
+    let mut l = matrix.lower_triangle();
+    for first in (0..n).step_by(STRIP) {
+        let width = STRIP.min(n - first);
+        let starts: Vec<usize> = (first..n).step_by(ROWS).collect();
+        let done = l.view((0, 0), (n, first));
+        let own = done.rows(first, width).transpose();
+        let mut pieces: Vec<DMatrix<f64>> = parallel::map(starts.len(), |k| {
+            let (row, rows) = (starts[k], ROWS.min(n - starts[k]));
+            l.view((row, first), (rows, width)) - done.rows(row, rows) * &own
+        });
+        let triangle = pieces[0].view((0, 0), (width, width)).clone_owned();
+        let triangle = triangle.cholesky()?.unpack();
+        pieces
+            .par_iter_mut()
+            .for_each(|piece| divide(piece, &triangle));
+        pieces[0]
+            .view_mut((0, 0), (width, width))
+            .copy_from(&triangle);
+        for (&row, piece) in starts.iter().zip(&pieces) {
+            l.view_mut((row, first), piece.shape()).copy_from(piece);
+        }
+    }
+    Some(l)
+}
+
+/// `X ← X L⁻ᵀ`.
+fn divide(x: &mut DMatrix<f64>, l: &DMatrix<f64>) {
+    for c in 0..l.ncols() {
+        let (mut own, mut after) = x.columns_range_pair_mut(c, c + 1..);
+        own /= l[(c, c)];
+        for (k, mut column) in after.column_iter_mut().enumerate() {
+            column.axpy(-l[(c + 1 + k, c)], &own, 1.0);
+        }
+    }
+}
+
+/// The inverse of `L Lᵀ`; only the lower triangle of L is looked at.
+///
+/// Columns of the inverse are two substitutions each. Below the diagonal they need the part of L below the diagonal alone, and
+/// the rest is its mirror image: a third of the work of whole columns. Eight of them go side by side, so that L is read an
+/// eighth as often and sums run over lanes.
+pub(super) fn inverse_of(factor: &DMatrix<f64>) -> DMatrix<f64> {
+    const LANES: usize = 8;
+    let n = factor.nrows();
+    let blocks = parallel::map(n.div_ceil(LANES), |block| {
+        let first = block * LANES;
+        let mut x = vec![[0.0; LANES]; n - first];
+        for (lane, x) in x.iter_mut().enumerate().take(LANES) {
+            x[lane] = 1.0;
+        }
+        for j in first..n {
+            let column = &factor.as_slice()[j * n + j..(j + 1) * n];
+            let (head, below) = x[j - first..].split_first_mut().expect("a row");
+            *head = head.map(|x| x / column[0]);
+            for (x, l) in below.iter_mut().zip(&column[1..]) {
+                for (x, h) in x.iter_mut().zip(&*head) {
+                    *x -= l * h;
+                }
+            }
+        }
+        for j in (first..n).rev() {
+            let column = &factor.as_slice()[j * n + j..(j + 1) * n];
+            let (head, below) = x[j - first..].split_first_mut().expect("a row");
+            for (x, l) in below.iter().zip(&column[1..]) {
+                for (h, x) in head.iter_mut().zip(x) {
+                    *h -= l * x;
+                }
+            }
+            *head = head.map(|x| x / column[0]);
+        }
+        x
+    });
+    DMatrix::from_fn(n, n, |i, j| {
+        let (row, column) = (i.max(j), i.min(j));
+        let first = column / LANES * LANES;
+        blocks[column / LANES][row - first][column - first]
+    })
+}
+
+/// The inverse of the part of a matrix whose variables are free, while one after the other is held.
+///
+/// Holding a variable takes a matrix of rank one from the inverse. They are taken together, [`STRIP`] at a time, as one product;
+/// until then, a column that is asked for is worked out by itself.
+pub(super) struct Free {
+    /// Of those that were free when it was last put together.
+    inverse: DMatrix<f64>,
+    /// Their numbers, and which are free still.
+    variables: Vec<usize>,
+    is_free: Vec<bool>,
+    count: usize,
+    /// Columns of variables held since then, over the root of their pivots.
+    held: DMatrix<f64>,
+    waiting: usize,
+}
+
+impl Free {
+    pub(super) fn of(inverse: &DMatrix<f64>) -> Self {
+        let n = inverse.nrows();
+        Self {
+            inverse: inverse.clone(),
+            variables: (0..n).collect(),
+            is_free: vec![true; n],
+            count: n,
+            held: DMatrix::zeros(n, STRIP),
+            waiting: 0,
+        }
+    }
+
+    /// Those that are free, with their places.
+    pub(super) fn variables(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let all = self.variables.iter().enumerate();
+        all.filter(|&(at, _)| self.is_free[at])
+            .map(|(at, &k)| (at, k))
+    }
+
+    /// Holds the variable at a place: its column of the inverse by places, those of variables that are held already without
+    /// meaning.
+    pub(super) fn hold(&mut self, at: usize) -> Vec<f64> {
+        let waiting = self.held.columns(0, self.waiting);
+        let own = waiting.row(at).transpose();
+        let column = self.inverse.column(at) - waiting * own;
+        let pivot = column[at];
+        self.is_free[at] = false;
+        self.count -= 1;
+        if pivot > 0.0 {
+            let scale = pivot.sqrt().recip();
+            self.held
+                .column_mut(self.waiting)
+                .copy_from(&(&column * scale));
+            self.waiting += 1;
+        }
+        let column = column.as_slice().to_vec();
+        if self.waiting == STRIP {
+            self.take();
+        }
+        column
+    }
+
+    /// Takes off what was held, and forgets its rows once these are a quarter of all.
+    fn take(&mut self) {
+        let n = self.variables.len();
+        let held = &self.held;
+        let strips = self.inverse.as_mut_slice().par_chunks_mut(n * STRIP);
+        strips.enumerate().for_each(|(k, strip)| {
+            let columns = strip.len() / n;
+            let own = held.rows(k * STRIP, columns).transpose();
+            let mut strip = DMatrixViewMut::from_slice(strip, n, columns);
+            strip.gemm(-1.0, held, &own, 1.0);
+        });
+        self.waiting = 0;
+        if 4 * self.count > 3 * n {
+            return;
+        }
+        let places: Vec<usize> = self.variables().map(|(at, _)| at).collect();
+        let old = DMatrixView::from_slice(self.inverse.as_slice(), n, n);
+        let columns = parallel::map(places.len(), |j| {
+            let column = old.column(places[j]);
+            places.iter().map(|&i| column[i]).collect::<Vec<f64>>()
+        });
+        self.inverse = DMatrix::from_vec(self.count, self.count, columns.concat());
+        self.variables = places.iter().map(|&at| self.variables[at]).collect();
+        self.is_free = vec![true; self.count];
+        self.held = DMatrix::zeros(self.count, STRIP);
+    }
+}
