@@ -220,6 +220,11 @@ pub fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
     crate::map::inverse(matrix, n)
 }
 
+/// The integers to which the minimum of `½ zᵀ S z − sᵀ z` is rounded one by one, for a positive definite S, row after row.
+pub fn rounded(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
+    crate::map::rounded(matrix, right)
+}
+
 /// Vertices at better places on a surface, and other quads where no places are good.
 pub fn improved(mesh: QuadMesh, surface: &TriMesh) -> Result<QuadMesh, Error> {
     let ground = Ground::new(surface, Vec::new())?;

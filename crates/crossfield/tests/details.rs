@@ -6,8 +6,10 @@ use crossfield::map::Spacing;
 use crossfield::{FieldOptions, cross_field, testing};
 use geom_core::compute::random::SplitMix64;
 use geom_core::mesh::shapes;
+use geom_core::nalgebra::{DMatrix, DVector};
 use geom_core::search::bvh::TriangleTree;
 use geom_core::surface::laplace::EdgeWeights;
+use geom_core::testing::same_on_any_threads;
 use geom_core::{Cpu, Point3, Run, Vector3, VertexId};
 
 /// However far crosses turn, what they turn by around vertices adds up to the Euler characteristic.
@@ -206,17 +208,23 @@ fn narrow_quads_keep_their_proportions() {
     assert_eq!(testing::lengths(&[Point3::origin(); 4], 0.2), [0.0; 2]);
 }
 
-/// Of sizes that fill the last eight columns and those that do not.
+/// A matrix whose eigenvalues are 1 or more, row after row.
+fn positive_definite(n: usize) -> Vec<f64> {
+    let mut random = SplitMix64::new(n as u64);
+    let half: Vec<f64> = (0..n * n).map(|_| random.symmetric()).collect();
+    let mut matrix = vec![0.0; n * n];
+    for (i, j) in (0..n * n).map(|at| (at / n, at % n)) {
+        let product = (0..n).map(|k| half[i * n + k] * half[j * n + k]);
+        matrix[i * n + j] = product.sum::<f64>() + f64::from(u8::from(i == j));
+    }
+    matrix
+}
+
+/// Of sizes that fill the last eight columns and those that do not, and of several strips.
 #[test]
 fn inverses_are_inverse() {
-    for n in [1, 7, 8, 9, 40] {
-        let mut random = SplitMix64::new(n as u64);
-        let half: Vec<f64> = (0..n * n).map(|_| random.symmetric()).collect();
-        let mut matrix = vec![0.0; n * n];
-        for (i, j) in (0..n * n).map(|at| (at / n, at % n)) {
-            let product = (0..n).map(|k| half[i * n + k] * half[j * n + k]);
-            matrix[i * n + j] = product.sum::<f64>() + f64::from(u8::from(i == j));
-        }
+    for n in [1, 7, 8, 9, 40, 64, 65, 300] {
+        let matrix = positive_definite(n);
         let inverse = testing::inverse(&matrix, n).unwrap();
         for (i, j) in (0..n * n).map(|at| (at / n, at % n)) {
             let product = (0..n).map(|k| matrix[i * n + k] * inverse[k * n + j]);
@@ -225,4 +233,41 @@ fn inverses_are_inverse() {
         }
     }
     assert!(testing::inverse(&[1.0, 2.0, 2.0, 1.0], 2).is_none());
+    // A pivot that is not positive in the second strip.
+    let mut matrix = positive_definite(100);
+    matrix[99 * 100 + 99] = 0.0;
+    assert!(testing::inverse(&matrix, 100).is_none());
+}
+
+/// Rounding holds the nearest variable, the others at the exact minimum of what is left: as solved anew each time.
+#[test]
+fn rounding_is_that_of_exact_minima() {
+    for n in [1, 5, 150] {
+        let matrix = positive_definite(n);
+        let mut random = SplitMix64::new(7);
+        // The minimum is far from integers, and not small.
+        let wanted: Vec<f64> = (0..n).map(|_| 20.0 * random.symmetric()).collect();
+        let row = |i: usize| (0..n).map(move |j| i * n + j);
+        let right: Vec<f64> = (0..n)
+            .map(|i| row(i).map(|at| matrix[at] * wanted[at % n]).sum())
+            .collect();
+        let found = same_on_any_threads(|| testing::rounded(&matrix, &right).unwrap());
+        let mut held: Vec<Option<f64>> = vec![None; n];
+        for _ in 0..n {
+            let free: Vec<usize> = (0..n).filter(|&i| held[i].is_none()).collect();
+            let part =
+                DMatrix::from_fn(free.len(), free.len(), |i, j| matrix[free[i] * n + free[j]]);
+            let side = DVector::from_fn(free.len(), |i, _| {
+                let known = (0..n).map(|j| matrix[free[i] * n + j] * held[j].unwrap_or(0.0));
+                right[free[i]] - known.sum::<f64>()
+            });
+            let z = part.cholesky().unwrap().solve(&side);
+            let away = |i: usize| (z[i] - z[i].round()).abs();
+            let nearest = (0..free.len()).min_by(|&a, &b| away(a).total_cmp(&away(b)));
+            let nearest = nearest.unwrap();
+            held[free[nearest]] = Some(z[nearest].round());
+        }
+        let exact: Vec<f64> = held.into_iter().flatten().collect();
+        assert_eq!(found, exact, "{n}");
+    }
 }

@@ -62,9 +62,9 @@ mod system;
 mod transition;
 mod unfold;
 
-#[cfg(feature = "testing")]
-pub(crate) use integers::inverse;
 pub(crate) use integers::{AtLeast, Spread};
+#[cfg(feature = "testing")]
+pub(crate) use integers::{inverse, rounded};
 pub(crate) use net::Net;
 pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]

@@ -353,12 +353,9 @@ impl<'a> Making<'a> {
     /// One sparse factorization, a solve per integer, and a dense factorization of the Schur complement: n_int³
     /// operations, where n_int is about twice the number of singular vertices plus four times the genus.
     fn optimum(&mut self) -> Result<Optimum, Error> {
-        let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
         let weighted = self.system.weighted(&self.weights)?;
-        let (s, right) = weighted.schur()?;
-        let quadratic = Quadratic::new(&s, &right);
-        let integers = quadratic.relaxed().ok_or(indefinite)?;
-        let y = Self::with_reals(&weighted, &integers)?;
+        let quadratic = quadratic(&weighted)?;
+        let y = Self::with_reals(&weighted, &quadratic.relaxed())?;
         let corners = self.system.corners(&y);
         self.report.relaxed_energy = self.system.energy(&corners);
         self.report.relaxed_folded = self.faults(&corners).len();
@@ -409,9 +406,8 @@ impl<'a> Making<'a> {
         // Rounding starts from here, and has to keep what unfolding has reached.
         self.want(&corners);
         let weighted = self.system.weighted(&self.weights)?;
-        let (s, right) = weighted.schur()?;
         Ok(Relaxed {
-            quadratic: Quadratic::new(&s, &right),
+            quadratic: quadratic(&weighted)?,
             weighted,
             corners,
         })
@@ -443,8 +439,7 @@ impl<'a> Making<'a> {
 
     /// The unknowns after unfolding with all of them free. A map that is resumed folds in few places.
     fn unfolded_optimum(&self, optimum: Optimum, is_resumed: bool) -> Result<Vec<f64>, Error> {
-        // That it can be factored was seen when the optimum was found.
-        let schur = |z: &mut [f64]| optimum.quadratic.solve(z).unwrap_or(());
+        let schur = |z: &mut [f64]| optimum.quadratic.solve(z);
         // A map upright at one spacing is so at any, and only has to settle.
         let last = self.unfolding.ends.upright.take().map(|y| self.fitted(y));
         let last = last.filter(|y| self.unfolder().is_valid(y));
@@ -514,8 +509,7 @@ impl<'a> Making<'a> {
             quadratic,
             corners,
         } = relaxed;
-        let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
-        let rounded = quadratic.rounded(self.run)?.ok_or(indefinite)?;
+        let rounded = quadratic.rounded(self.run)?;
         let direct = Rounded {
             y: Self::with_reals(weighted, &rounded)?,
             stage: "rounding",
@@ -644,6 +638,13 @@ impl<'a> Making<'a> {
         self.unfolder().untangled(weighted, None, y)?;
         Ok(())
     }
+}
+
+/// The energy as a function of the integers alone.
+fn quadratic(weighted: &Weighted) -> Result<Quadratic, Error> {
+    let (s, right) = weighted.schur()?;
+    let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
+    Ok(Quadratic::new(&s, &right).ok_or(indefinite)?)
 }
 
 /// Triangles that are inverted or turned away, and triangles around vertices whose angles in the map do not add up to

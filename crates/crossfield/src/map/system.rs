@@ -234,16 +234,10 @@ impl Weighted {
             return Ok(x);
         };
         let mut z = integer.to_vec();
-        for (z, column) in z.iter_mut().zip(&self.mixed) {
-            *z -= column.iter().map(|&(row, a)| a * x[row]).sum::<f64>();
-        }
+        self.take_reals(&mut z, &x);
         schur(&mut z);
         x.copy_from_slice(real);
-        for (column, &z) in self.mixed.iter().zip(&z) {
-            for &(row, a) in column {
-                x[row] -= a * z;
-            }
-        }
+        self.take_integers(&mut x, &z);
         self.solve(&mut x)?;
         x.extend(z);
         Ok(x)
@@ -253,11 +247,7 @@ impl Weighted {
     /// `A_RR⁻¹ (b_R − A_RI z)`: the minimum for these integers, which need not be integers.
     pub(crate) fn reals_for(&self, integers: &[f64]) -> Result<Vec<f64>, Error> {
         let mut x = self.right[..self.reals].to_vec();
-        for (column, &z) in self.mixed.iter().zip(integers) {
-            for &(row, a) in column {
-                x[row] -= a * z;
-            }
-        }
+        self.take_integers(&mut x, integers);
         self.solve(&mut x)?;
         Ok(x)
     }
@@ -278,12 +268,24 @@ impl Weighted {
         }
         let mut x = real.to_vec();
         self.solve(&mut x)?;
-        for (right, column) in right.iter_mut().zip(&self.mixed) {
+        self.take_reals(&mut right, &x);
+        Ok((s, right))
+    }
+
+    /// `z ← z − A_IR x`.
+    fn take_reals(&self, z: &mut [f64], x: &[f64]) {
+        for (z, column) in z.iter_mut().zip(&self.mixed) {
+            *z -= column.iter().map(|&(row, a)| a * x[row]).sum::<f64>();
+        }
+    }
+
+    /// `x ← x − A_RI z`.
+    fn take_integers(&self, x: &mut [f64], z: &[f64]) {
+        for (column, &z) in self.mixed.iter().zip(z) {
             for &(row, a) in column {
-                *right -= a * x[row];
+                x[row] -= a * z;
             }
         }
-        Ok((s, right))
     }
 }
 

@@ -4,6 +4,13 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "what rounding holds is added to the inverse of the others",
+        "crates/crossfield/src/map/integers/dense.rs",
+        "strip.gemm(-1.0, held, &own, 1.0);",
+        "strip.gemm(1.0, held, &own, 1.0);",
+    )
+    .seen_by("details::rounding_is_that_of_exact_minima"),
+    Fault::wrong(
         "period jumps turn singularities the wrong way",
         "crates/crossfield/src/field/singularity.rs",
         "std::f64::consts::TAU).round() as i32 - jumps",

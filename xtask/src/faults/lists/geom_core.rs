@@ -8,7 +8,8 @@ pub(super) const FAULTS: &[Fault] = &[
         "crates/geom-core/src/algebra/cholesky/gram.rs",
         "x[to as usize][lane] += row[at % LANES];",
         "x[to as usize][lane] += row[lane];",
-    ),
+    )
+    .seen_by("solver::energies_of_sparse_vectors_are_those_of_solves"),
     Fault::wrong(
         "of alternate locations the least occupied is kept",
         "crates/geom-core/src/io/structure/keep.rs",

@@ -5,7 +5,6 @@
 
 use geom_core::compute::parallel;
 use geom_core::nalgebra::{DMatrix, DMatrixView, DMatrixViewMut};
-use rayon::prelude::*;
 
 /// Columns that are factored, or taken off a matrix, together.
 const STRIP: usize = 64;
@@ -29,9 +28,7 @@ pub(super) fn factor(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         });
         let triangle = pieces[0].view((0, 0), (width, width)).clone_owned();
         let triangle = triangle.cholesky()?.unpack();
-        pieces
-            .par_iter_mut()
-            .for_each(|piece| divide(piece, &triangle));
+        parallel::for_each(&mut pieces, |_, piece| divide(piece, &triangle));
         pieces[0]
             .view_mut((0, 0), (width, width))
             .copy_from(&triangle);
@@ -132,15 +129,17 @@ impl Free {
             .map(|(at, &k)| (at, k))
     }
 
-    /// Holds the variable at a place: its column of the inverse by places, those of variables that are held already without
-    /// meaning.
-    pub(super) fn hold(&mut self, at: usize) -> Vec<f64> {
+    /// Holds the variable at a place: its entry of the inverse on the diagonal, and those of the variables that stay free. Places
+    /// are others afterwards.
+    pub(super) fn hold(&mut self, at: usize) -> (f64, Vec<(usize, f64)>) {
         let waiting = self.held.columns(0, self.waiting);
         let own = waiting.row(at).transpose();
         let column = self.inverse.column(at) - waiting * own;
         let pivot = column[at];
         self.is_free[at] = false;
         self.count -= 1;
+        let others = self.variables();
+        let others = others.map(|(place, k)| (k, column[place])).collect();
         if pivot > 0.0 {
             let scale = pivot.sqrt().recip();
             self.held
@@ -148,19 +147,17 @@ impl Free {
                 .copy_from(&(&column * scale));
             self.waiting += 1;
         }
-        let column = column.as_slice().to_vec();
         if self.waiting == STRIP {
             self.take();
         }
-        column
+        (pivot, others)
     }
 
-    /// Takes off what was held, and forgets its rows once these are a quarter of all.
+    /// Takes off what was held. Once a quarter of all variables is held, their rows and columns go.
     fn take(&mut self) {
         let n = self.variables.len();
         let held = &self.held;
-        let strips = self.inverse.as_mut_slice().par_chunks_mut(n * STRIP);
-        strips.enumerate().for_each(|(k, strip)| {
+        parallel::for_chunks(self.inverse.as_mut_slice(), n * STRIP, |k, strip| {
             let columns = strip.len() / n;
             let own = held.rows(k * STRIP, columns).transpose();
             let mut strip = DMatrixViewMut::from_slice(strip, n, columns);

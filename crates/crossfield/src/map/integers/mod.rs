@@ -15,7 +15,7 @@ mod upright;
 pub(super) use coarse::Coarse;
 pub(super) use round::Quadratic;
 #[cfg(feature = "testing")]
-pub(crate) use round::inverse;
+pub(crate) use round::{inverse, rounded};
 pub(crate) use spread::Spread;
 pub(crate) use upright::AtLeast;
 pub(super) use upright::Upright;

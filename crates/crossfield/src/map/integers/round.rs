@@ -33,55 +33,48 @@ pub(crate) struct Quadratic {
     matrix: DMatrix<f64>,
     /// s.
     right: DVector<f64>,
-    /// The lower triangle L of `S = L Lᵀ`, computed when it is first asked for and kept; `None` if S is not positive definite.
-    factor: OnceCell<Option<DMatrix<f64>>>,
-    /// S⁻¹, likewise, as rounding may be tried on several grids.
-    inverse: OnceCell<Option<DMatrix<f64>>>,
+    /// The lower triangle L of `S = L Lᵀ`.
+    factor: DMatrix<f64>,
+    /// S⁻¹, computed when it is first asked for and kept, as rounding may be tried on several grids.
+    inverse: OnceCell<DMatrix<f64>>,
 }
 
 impl Quadratic {
-    /// `matrix` is row after row, as many rows as `right` has entries.
-    pub(crate) fn new(matrix: &[f64], right: &[f64]) -> Self {
+    /// `matrix` is row after row, as many rows as `right` has entries; `None` if it is not positive definite.
+    pub(crate) fn new(matrix: &[f64], right: &[f64]) -> Option<Self> {
         let n = right.len();
-        Self {
-            // Symmetric but for the last digits.
-            matrix: DMatrix::from_fn(n, n, |i, j| 0.5 * (matrix[i * n + j] + matrix[j * n + i])),
+        // Symmetric but for the last digits.
+        let matrix = DMatrix::from_fn(n, n, |i, j| 0.5 * (matrix[i * n + j] + matrix[j * n + i]));
+        Some(Self {
+            factor: factor(&matrix)?,
+            matrix,
             right: DVector::from_column_slice(right),
-            factor: OnceCell::new(),
             inverse: OnceCell::new(),
-        }
+        })
     }
 
-    fn factor(&self) -> Option<&DMatrix<f64>> {
-        self.factor.get_or_init(|| factor(&self.matrix)).as_ref()
-    }
-
-    /// `z ← S⁻¹ z`; `None` if the matrix is not positive definite.
-    pub(crate) fn solve(&self, z: &mut [f64]) -> Option<()> {
-        let factor = self.factor()?;
+    /// `z ← S⁻¹ z`.
+    pub(crate) fn solve(&self, z: &mut [f64]) {
         let mut x = DVector::from_column_slice(z);
-        factor.solve_lower_triangular_mut(&mut x);
-        factor.tr_solve_lower_triangular_mut(&mut x);
+        self.factor.solve_lower_triangular_mut(&mut x);
+        self.factor.tr_solve_lower_triangular_mut(&mut x);
         z.copy_from_slice(x.as_slice());
-        Some(())
     }
 
     /// The real minimum.
-    pub(crate) fn relaxed(&self) -> Option<Vec<f64>> {
+    pub(crate) fn relaxed(&self) -> Vec<f64> {
         let mut z = self.right.as_slice().to_vec();
-        self.solve(&mut z).map(|()| z)
+        self.solve(&mut z);
+        z
     }
 
     /// Rounds the variable that is nearest to an integer, lets the others follow to their exact optimum, and so on
     /// (Bommes, Zimmer and Kobbelt, *Mixed-integer quadrangulation*, 2009, with the real unknowns eliminated); then moves single
-    /// integers and pairs of them by one while the energy falls. `None` if the matrix is not positive definite.
-    pub(crate) fn rounded(&self, run: On<'_>) -> Result<Option<Vec<f64>>, Cancelled> {
-        let Some(inverse) = self.inverse() else {
-            return Ok(None);
-        };
-        let mut z = greedy(inverse, &self.right);
+    /// integers and pairs of them by one while the energy falls.
+    pub(crate) fn rounded(&self, run: On<'_>) -> Result<Vec<f64>, Cancelled> {
+        let mut z = greedy(self.inverse(), &self.right);
         self.descend(&mut z, None, run)?;
-        Ok(Some(z))
+        Ok(z)
     }
 
     /// Integers that leave all triangles of a decimated map upright: those rounded, on a grid so many times denser that moves
@@ -98,12 +91,9 @@ impl Quadratic {
         is_right: &dyn Fn(&[f64]) -> bool,
         run: On<'_>,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
-        let Some(inverse) = self.inverse() else {
-            return Ok(None);
-        };
         for first in 0..=DENSEST {
             let right = self.denser(first);
-            let mut z = greedy(inverse, &right);
+            let mut z = greedy(self.inverse(), &right);
             if !self.mend(&mut z, &right, upright, run)? {
                 continue;
             }
@@ -138,9 +128,8 @@ impl Quadratic {
     }
 
     /// n³ / 2 operations, once.
-    fn inverse(&self) -> Option<&DMatrix<f64>> {
-        let inverse = || self.factor().map(inverse_of);
-        self.inverse.get_or_init(inverse).as_ref()
+    fn inverse(&self) -> &DMatrix<f64> {
+        self.inverse.get_or_init(|| inverse_of(&self.factor))
     }
 
     /// Moves single integers and pairs by one while that brings triangles nearer to upright; of the moves that do so most,
@@ -352,6 +341,13 @@ pub(crate) fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
     Some(inverse_of(&factor).as_slice().to_vec())
 }
 
+/// [`greedy`] for tests, from a positive definite matrix.
+#[cfg(feature = "testing")]
+pub(crate) fn rounded(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
+    let energy = Quadratic::new(matrix, right)?;
+    Some(greedy(energy.inverse(), &energy.right))
+}
+
 /// Variable by variable, with the inverse of the matrix of those that are free.
 ///
 /// Putting variable k at an integer moves all others by `column k of the inverse × step / pivot`, which is their exact
@@ -366,11 +362,11 @@ fn greedy(inverse: &DMatrix<f64>, right: &DVector<f64>) -> Vec<f64> {
     };
     while let Some((at, k)) = nearest(&free, &z) {
         let to = z[k].round();
-        let column = free.hold(at);
-        if column[at] > 0.0 {
-            let step = (to - z[k]) / column[at];
-            for (place, j) in free.variables() {
-                z[j] += column[place] * step;
+        let (pivot, others) = free.hold(at);
+        if pivot > 0.0 {
+            let step = (to - z[k]) / pivot;
+            for (j, entry) in others {
+                z[j] += entry * step;
             }
         }
         z[k] = to;

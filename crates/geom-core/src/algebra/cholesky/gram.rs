@@ -24,15 +24,15 @@ struct Left {
     groups: Vec<Rows>,
 }
 
-/// `Bᵀ A⁻¹ B`, row after row, with the values of the factor of A. Columns that are neighbours in the list are cheapest where they
+/// `Bᵀ A⁻¹ B`, row after row and into zeros, with the values of the factor of A. Columns that are neighbours in the list are cheapest where they
 /// are neighbours in the matrix.
 pub(super) fn inverse_gram(
     schedule: &Schedule,
     values: &[f64],
     columns: &[Vec<(usize, f64)>],
+    mut gram: Vec<f64>,
 ) -> Vec<f64> {
     let n = columns.len();
-    let mut gram = vec![0.0; n * n];
     // Entries of each task: column, place and value.
     let mut entries: Vec<Vec<(u32, u32, f64)>> = vec![Vec::new(); schedule.tasks.len()];
     for (column, vector) in (0..).zip(columns) {
@@ -122,13 +122,12 @@ fn eliminated(
 
 /// Adds the products of the first `own` rows of all columns with each other.
 fn add(gram: &mut [f64], n: usize, columns: &[u32], groups: &[Rows], own: usize) {
-    let tall = |rows: &Rows| -> Vec<f64> { rows[..own].as_flattened().to_vec() };
-    let groups: Vec<Vec<f64>> = groups.iter().map(tall).collect();
+    let tall = |g: usize| Tall::of(groups[g][..own].as_flattened(), LANES);
     let products: Vec<Vec<f64>> = parallel::map(groups.len(), |g| {
         let mut products = vec![0.0; (g + 1) * LANES * LANES];
         let blocks = products.chunks_exact_mut(LANES * LANES);
-        for (other, block) in groups[..=g].iter().zip(blocks) {
-            tall::add_gram(block, Tall::of(&groups[g], LANES), Tall::of(other, LANES));
+        for (other, block) in blocks.enumerate() {
+            tall::add_gram(block, tall(g), tall(other));
         }
         products
     });

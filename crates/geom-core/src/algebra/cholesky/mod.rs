@@ -515,16 +515,17 @@ impl Cholesky {
     /// [`Error::OutOfRange`] for a row that the matrix has not, [`Error::OutOfMemory`].
     pub fn inverse_gram(&self, columns: &[Vec<(usize, f64)>]) -> Result<Vec<f64>, Error> {
         self.check_rows(columns)?;
+        let entries = columns.len().saturating_mul(columns.len());
+        let mut gram = Vec::new();
+        gram.try_reserve_exact(entries)
+            .map_err(|_| Error::OutOfMemory { entries })?;
         if let Some(Plan { schedule, .. }) = &self.symbolic.inner.plan {
-            return Ok(gram::inverse_gram(schedule, &self.values, columns));
+            gram.resize(entries, 0.0);
+            return Ok(gram::inverse_gram(schedule, &self.values, columns, gram));
         }
-        let mut gram = Vec::with_capacity(columns.len() * columns.len());
         for b in columns {
-            let mut x = vec![0.0; self.rows()];
-            b.iter().for_each(|&(row, value)| x[row] += value);
-            self.solve_in_place(&mut x, 1)?;
-            let product = |c: &Vec<(usize, f64)>| c.iter().map(|&(row, c)| c * x[row]).sum::<f64>();
-            gram.extend(columns.iter().map(product));
+            let x = self.solve_sparse(b)?;
+            gram.extend(columns.iter().map(|c| dot(c, &x)));
         }
         Ok(gram)
     }
@@ -544,11 +545,20 @@ impl Cholesky {
 
     /// By solving for it: without supernodes.
     fn inverse_energy(&self, vector: &[(usize, f64)]) -> Result<f64, Error> {
-        let mut b = vec![0.0; self.rows()];
-        vector.iter().for_each(|&(row, value)| b[row] += value);
-        let x = self.solve(&b)?;
-        Ok(x.iter().zip(&b).map(|(x, b)| x * b).sum())
+        Ok(dot(vector, &self.solve_sparse(vector)?))
     }
+
+    fn solve_sparse(&self, vector: &[(usize, f64)]) -> Result<Vec<f64>, Error> {
+        let mut x = vec![0.0; self.rows()];
+        vector.iter().for_each(|&(row, value)| x[row] += value);
+        self.solve_in_place(&mut x, 1)?;
+        Ok(x)
+    }
+}
+
+/// The product of a sparse vector with a full one.
+fn dot(sparse: &[(usize, f64)], x: &[f64]) -> f64 {
+    sparse.iter().map(|&(row, value)| value * x[row]).sum()
 }
 
 /// [`Cholesky::solve_in_place`] for a block of the right size that is not empty.
