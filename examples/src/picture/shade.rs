@@ -103,7 +103,7 @@ impl<'a> Frame<'a> {
         let light = Light {
             frame: self,
             seen,
-            depth: self.depths(seen),
+            depth: self.depths(seen, [width, height]),
         };
         let rows: Vec<Vec<u8>> = parallel::map(height, |y| light.row(y, width, paintings));
         let picture = |p: usize| {
@@ -113,19 +113,24 @@ impl<'a> Frame<'a> {
         (0..paintings.len()).map(picture).collect()
     }
 
-    /// The depth of every sub-pixel; −∞ where nothing is seen.
-    fn depths(&self, seen: &[u32]) -> Vec<f32> {
-        let width = self.size[0];
-        parallel::map(seen.len(), |at| {
-            let triangle = seen[at];
-            if triangle == u32::MAX {
-                return f32::NEG_INFINITY;
+    /// The depth in the middle of every pixel; −∞ where nothing is seen there.
+    fn depths(&self, seen: &[u32], [width, height]: [usize; 2]) -> Vec<f32> {
+        parallel::map(width * height, |at| {
+            let [x, y] = [at % width, at / width].map(|k| k * FINE + FINE / 2);
+            match seen[y * self.size[0] + x] {
+                u32::MAX => f32::NEG_INFINITY,
+                triangle => {
+                    let corners = self.corners(triangle);
+                    depth(&corners, weights(&corners, x, y))
+                }
             }
-            let c = self.corners(triangle);
-            let b = weights(&c, at % width, at / width);
-            b[0] * c[0][2] + b[1] * c[1][2] + b[2] * c[2][2]
         })
     }
+}
+
+/// The depth of a triangle at a place in it.
+fn depth(corners: &[[f32; 3]; 3], b: [f32; 3]) -> f32 {
+    b[0] * corners[0][2] + b[1] * corners[1][2] + b[2] * corners[2][2]
 }
 
 /// The bounds of no point.
@@ -153,6 +158,7 @@ struct Lit {
 struct Light<'a> {
     frame: &'a Frame<'a>,
     seen: &'a [u32],
+    /// In the middle of every pixel.
     depth: Vec<f32>,
 }
 
@@ -181,7 +187,8 @@ impl Light<'_> {
             let middle = my * self.frame.size[0] + mx;
             let open = (self.seen[middle] != u32::MAX).then(|| {
                 let flat = eye_normal(&self.frame.corners(self.seen[middle]));
-                self.openness(flat, mx, my)
+                let depth = self.depth[y * width + x];
+                (depth, self.openness(flat, [mx, my], depth))
             });
             for sub in 0..FINE * FINE {
                 let (fx, fy) = (x * FINE + sub % FINE, y * FINE + sub / FINE);
@@ -194,8 +201,7 @@ impl Light<'_> {
                 }
                 let known = lit.iter().position(|l| l.triangle == triangle);
                 let which = known.unwrap_or_else(|| {
-                    let near = (self.depth[here] - self.depth[middle]).abs() < 2.0 * FINE as f32;
-                    let new = self.lit(triangle, open.filter(|_| near), fx, fy);
+                    let new = self.lit(triangle, open, [fx, fy]);
                     let of = |painting: &Vec<&Paint>| self.color(&new, painting);
                     colors.extend(paintings.iter().map(of));
                     lit.push(new);
@@ -224,8 +230,8 @@ impl Light<'_> {
         (0..FINE).all(|row| self.seen[start(row)..][..FINE] == [u32::MAX; FINE])
     }
 
-    /// The light that a triangle sends from a sub-pixel; `open` is its openness, if known.
-    fn lit(&self, triangle: u32, open: Option<f32>, x: usize, y: usize) -> Lit {
+    /// The light that a triangle sends from a sub-pixel; `middle` is the depth and openness of its pixel, if something is there.
+    fn lit(&self, triangle: u32, middle: Option<(f32, f32)>, [x, y]: [usize; 2]) -> Lit {
         let frame = self.frame;
         let (layer, _, face) = frame.faces[triangle as usize];
         let layer = &frame.layers[layer as usize];
@@ -237,7 +243,11 @@ impl Light<'_> {
             Some(normals) => frame.smooth_normal(normals, face, b),
             None => flat,
         };
-        let open = open.unwrap_or_else(|| self.openness(flat, x, y));
+        let z = depth(&corners, b);
+        let open = match middle {
+            Some((depth, open)) if (z - depth).abs() < 2.0 * FINE as f32 => open,
+            _ => self.openness(flat, [x, y], z),
+        };
         let [nx, ny, nz] = [normal[0], -normal[1], normal[2]];
         let toward = |l: [f32; 3]| {
             let l = unit(l);
@@ -251,7 +261,6 @@ impl Light<'_> {
         // A soft dark rim separates what lies in front.
         let rim = 0.72 + 0.28 * (nz / 0.4).min(1.0);
         let [low, high] = frame.depth;
-        let z = self.depth[y * frame.size[0] + x];
         let far = ((high - z) / (high - low).max(1e-6)).clamp(0.0, 1.0);
         Lit {
             triangle,
@@ -279,28 +288,31 @@ impl Light<'_> {
         }
     }
 
-    /// How much of the sky is seen from here: 1 in the open, less in grooves.
-    fn openness(&self, normal: [f32; 3], x: usize, y: usize) -> f32 {
+    /// How much of the sky is seen from a sub-pixel of this depth: 1 in the open, less in grooves.
+    ///
+    /// What may hide it are the middles of pixels, so that all that is looked up fits into a cache.
+    fn openness(&self, normal: [f32; 3], [x, y]: [usize; 2], here: f32) -> f32 {
         let size = self.frame.size;
         let reach = 0.085 * size[1] as f32;
-        let here = self.depth[y * size[0] + x];
         let turn = noise(x as u32, y as u32);
         let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
+        let [x, y] = [x as f32, y as f32];
         let mut hidden = 0.0;
         for (i, [c, s]) in SPIRAL.iter().enumerate() {
             let t = (i as f32 + turn) / SPIRAL.len() as f32;
             // More samples near than far.
             let r = 2.0 + reach * t * t;
-            let (dx, dy) = (r * (c * cos - s * sin), r * (s * cos + c * sin));
-            let (sx, sy) = (x as f32 + dx, y as f32 + dy);
+            let (sx, sy) = (x + r * (c * cos - s * sin), y + r * (s * cos + c * sin));
             if sx < 0.0 || sy < 0.0 || sx >= size[0] as f32 || sy >= size[1] as f32 {
                 continue;
             }
-            let z = self.depth[sy as usize * size[0] + sx as usize];
+            let [px, py] = [sx as usize / FINE, sy as usize / FINE];
+            let z = self.depth[py * (size[0] / FINE) + px];
             if z == f32::NEG_INFINITY {
                 continue;
             }
-            let v = [dx, dy, z - here];
+            let middle = |p: usize| (p * FINE + FINE / 2) as f32;
+            let v = [middle(px) - x, middle(py) - y, z - here];
             let above = v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2];
             if above <= 0.0 {
                 continue;

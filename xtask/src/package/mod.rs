@@ -14,7 +14,8 @@ use crate::{Outcome, root, target};
 /// How much is built.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Only what the gate has time for: the licences, the packing, and whether the two programs compile without a GPU
+    /// Only what the gate has time for: the licences, the packing, and whether all crates and the two programs compile without
+    /// a GPU, and without a warning
     #[arg(long)]
     pub(crate) quick: bool,
 }
@@ -61,14 +62,7 @@ pub(crate) fn run(arguments: &Arguments) -> Outcome {
         }
     }
     if arguments.quick {
-        let check = [
-            "check",
-            "--quiet",
-            "--package",
-            "downstream",
-            "--no-default-features",
-        ];
-        cargo(&folder, &check)?;
+        checked("check --quiet --workspace --no-default-features", &folder)?;
     } else {
         let input = root().join("fixtures/files/1AJJ.pdb").display().to_string();
         for (name, _) in PROGRAMS {
@@ -87,23 +81,27 @@ pub(crate) fn run(arguments: &Arguments) -> Outcome {
     Ok(())
 }
 
-/// Checks one packed crate with its default features, without them, and with all. A warning is an error: those of what it
-/// builds on are not shown, so it is ours.
+/// Checks one packed crate with its default features, without them, and with all.
 fn check_alone(name: &str, all: &str, folder: &Path) -> Outcome {
-    for features in [&[][..], &["--no-default-features"], &["--features", all]] {
-        let check = ["check", "--quiet", "--package", name];
-        let line = [&check[..], features].concat();
-        println!("{name} {}", features.join(" "));
-        let output = Command::new("cargo")
-            .args(&line)
-            .current_dir(folder)
-            .env("CARGO_TARGET_DIR", target())
-            .output()
-            .map_err(|e| format!("cargo: {e}"))?;
-        let told = String::from_utf8_lossy(&output.stderr);
-        if !output.status.success() || told.lines().any(is_warning) {
-            return Err(format!("`cargo {}`:\n{told}", line.join(" ")));
-        }
+    for features in ["", "--no-default-features", &format!("--features {all}")] {
+        println!("{name} {features}");
+        let line = format!("check --quiet --package {name} {features}");
+        checked(line.trim(), folder)?;
+    }
+    Ok(())
+}
+
+/// A check in the other workspace. A warning is an error: those of what it builds on are not shown, so it is ours.
+fn checked(line: &str, folder: &Path) -> Outcome {
+    let output = Command::new("cargo")
+        .args(line.split(' '))
+        .current_dir(folder)
+        .env("CARGO_TARGET_DIR", target())
+        .output()
+        .map_err(|e| format!("cargo: {e}"))?;
+    let told = String::from_utf8_lossy(&output.stderr);
+    if !output.status.success() || told.lines().any(is_warning) {
+        return Err(format!("`cargo {line}`:\n{told}"));
     }
     Ok(())
 }

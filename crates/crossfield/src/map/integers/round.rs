@@ -37,6 +37,8 @@ pub(crate) struct Quadratic {
     factor: DMatrix<f64>,
     /// S⁻¹, computed when it is first asked for and kept, as rounding may be tried on several grids.
     inverse: OnceCell<DMatrix<f64>>,
+    /// What [`greedy`] makes of it, which is asked for with and without a decimated map.
+    nearest: OnceCell<Vec<f64>>,
 }
 
 impl Quadratic {
@@ -50,6 +52,7 @@ impl Quadratic {
             matrix,
             right: DVector::from_column_slice(right),
             inverse: OnceCell::new(),
+            nearest: OnceCell::new(),
         })
     }
 
@@ -72,7 +75,7 @@ impl Quadratic {
     /// (Bommes, Zimmer and Kobbelt, *Mixed-integer quadrangulation*, 2009, with the real unknowns eliminated); then moves single
     /// integers and pairs of them by one while the energy falls.
     pub(crate) fn rounded(&self, run: On<'_>) -> Result<Vec<f64>, Cancelled> {
-        let mut z = greedy(self.inverse(), &self.right);
+        let mut z = self.nearest().to_vec();
         self.descend(&mut z, None, run)?;
         Ok(z)
     }
@@ -93,7 +96,10 @@ impl Quadratic {
     ) -> Result<Option<Vec<f64>>, Cancelled> {
         for first in 0..=DENSEST {
             let right = self.denser(first);
-            let mut z = greedy(self.inverse(), &right);
+            let mut z = match first {
+                0 => self.nearest().to_vec(),
+                _ => greedy(self.inverse(), &right),
+            };
             if !self.mend(&mut z, &right, upright, run)? {
                 continue;
             }
@@ -130,6 +136,12 @@ impl Quadratic {
     /// n³ / 2 operations, once.
     fn inverse(&self) -> &DMatrix<f64> {
         self.inverse.get_or_init(|| inverse_of(&self.factor))
+    }
+
+    /// Rounded on the wanted grid, n³ operations, once.
+    fn nearest(&self) -> &[f64] {
+        self.nearest
+            .get_or_init(|| greedy(self.inverse(), &self.right))
     }
 
     /// Moves single integers and pairs by one while that brings triangles nearer to upright; of the moves that do so most,

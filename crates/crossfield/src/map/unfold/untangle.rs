@@ -8,6 +8,7 @@
 
 use std::cell::{Cell, RefCell};
 
+use geom_core::Cancelled;
 use geom_core::compute::BackendError;
 
 use super::scope::Scope;
@@ -158,8 +159,12 @@ pub(crate) fn untangle(
     energy.epsilon = first_epsilon(worst);
     let (mut best, mut stalled) = (worst, 0);
     for round in 0..ROUNDS {
-        run.progress("untangle", round as u64, ROUNDS as u64)?;
-        let (before, after) = minimize(&mut energy, moves, &mut x)?;
+        // A step of a large map takes a good part of a second, a round half a minute.
+        let watch = |step: usize| {
+            let done = round * STEPS + step;
+            run.progress("untangle", done as u64, (ROUNDS * STEPS) as u64)
+        };
+        let (before, after) = minimize(&mut energy, moves, &mut x, &watch)?;
         let worst = energy.worst(&x);
         let positive = worst > 0.0;
         // Folds that hold each other do not open however long they are pushed.
@@ -336,13 +341,15 @@ fn minimize(
     energy: &mut Energy<'_>,
     moves: &Moves<'_>,
     x: &mut Vec<f64>,
+    watch: &dyn Fn(usize) -> Result<(), Cancelled>,
 ) -> Result<(f64, f64), Error> {
     let (mut value, mut gradient) = energy.gradient(x)?;
     let first = value;
     // The only solve of a step: all else that P⁻¹ has to be known of is a sum of such.
     let mut bent = (moves.bend)(&gradient)?;
     let mut history: Vec<Step> = Vec::new();
-    for _ in 0..STEPS {
+    for step in 0..STEPS {
+        watch(step)?;
         if !moves.effort.spend(energy.charts.len()) {
             break;
         }
