@@ -290,44 +290,48 @@ impl Light<'_> {
 
     /// How much of the sky is seen from a sub-pixel of this depth: 1 in the open, less in grooves.
     ///
-    /// What may hide it are the middles of pixels, so that all that is looked up fits into a cache.
+    /// What may hide it are the middles of pixels, which are few enough to be at hand; where nothing is seen, something so deep
+    /// that it does not count, so that the loop over them needs no branches.
     fn openness(&self, normal: [f32; 3], [x, y]: [usize; 2], here: f32) -> f32 {
-        let size = self.frame.size;
-        let reach = 0.085 * size[1] as f32;
+        const NOWHERE: f32 = -1e9;
+        let [width, height] = self.frame.size.map(|n| n / FINE);
+        let reach = 0.085 * self.frame.size[1] as f32;
         let turn = noise(x as u32, y as u32);
         let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
         let [x, y] = [x as f32, y as f32];
-        let mut hidden = 0.0;
-        for (i, [c, s]) in SPIRAL.iter().enumerate() {
-            let t = (i as f32 + turn) / SPIRAL.len() as f32;
+        let pixel = |sub: f32| (sub / FINE as f32).floor() as i32;
+        let middle = |p: i32| (p * FINE as i32 + FINE as i32 / 2) as f32;
+        let mut toward = [[0.0f32; 3]; SAMPLES];
+        for (i, (v, [c, s])) in toward.iter_mut().zip(&*SPIRAL).enumerate() {
+            let t = (i as f32 + turn) / SAMPLES as f32;
             // More samples near than far.
             let r = 2.0 + reach * t * t;
-            let (sx, sy) = (x + r * (c * cos - s * sin), y + r * (s * cos + c * sin));
-            if sx < 0.0 || sy < 0.0 || sx >= size[0] as f32 || sy >= size[1] as f32 {
-                continue;
-            }
-            let [px, py] = [sx as usize / FINE, sy as usize / FINE];
-            let z = self.depth[py * (size[0] / FINE) + px];
-            if z == f32::NEG_INFINITY {
-                continue;
-            }
-            let middle = |p: usize| (p * FINE + FINE / 2) as f32;
-            let v = [middle(px) - x, middle(py) - y, z - here];
-            let above = v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2];
-            if above <= 0.0 {
-                continue;
-            }
-            let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-            let above = above / length;
-            let near = 1.0 - (length / (1.6 * reach)).min(1.0);
-            hidden += (above - 0.06).max(0.0) * near;
+            let px = pixel(x + r * (c * cos - s * sin));
+            let py = pixel(y + r * (s * cos + c * sin));
+            let is_inside = (px as u32) < width as u32 && (py as u32) < height as u32;
+            let z = if is_inside {
+                self.depth[py as usize * width + px as usize]
+            } else {
+                f32::NEG_INFINITY
+            };
+            *v = [middle(px) - x, middle(py) - y, (z - here).max(NOWHERE)];
         }
-        (1.0 - 1.9 * hidden / SPIRAL.len() as f32).clamp(0.0, 1.0)
+        let mut hidden = 0.0;
+        for [dx, dy, dz] in toward {
+            let above = dx * normal[0] + dy * normal[1] + dz * normal[2];
+            let length = (dx * dx + dy * dy + dz * dz).sqrt();
+            let near = 1.0 - (length / (1.6 * reach)).min(1.0);
+            hidden += (above / length.max(1e-6) - 0.06).max(0.0) * near;
+        }
+        (1.0 - 1.9 * hidden / SAMPLES as f32).clamp(0.0, 1.0)
     }
 }
 
+/// How many directions the sky is looked at in.
+const SAMPLES: usize = 24;
+
 /// Directions a golden angle apart: samples along them fill the disk evenly.
-static SPIRAL: LazyLock<[[f32; 2]; 24]> = LazyLock::new(|| {
+static SPIRAL: LazyLock<[[f32; 2]; SAMPLES]> = LazyLock::new(|| {
     from_fn(|i| {
         let (sin, cos) = (std::f32::consts::TAU * 0.618_034 * i as f32).sin_cos();
         [cos, sin]
