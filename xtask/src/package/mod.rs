@@ -168,7 +168,8 @@ fn unpack(crates: &[Published], folder: &Path) -> Outcome {
     for (name, version) in crates {
         let file = target().join(format!("package/{name}-{version}.crate"));
         let [file, place] = [&file, &place].map(|path| path.display().to_string());
-        crate::call("tar", &["-xzf", &file, "-C", &place], &[])?;
+        // `-m`: packed files all have one old date, by which cargo would take what was checked before for up to date.
+        crate::call("tar", &["-xmzf", &file, "-C", &place], &[])?;
     }
     Ok(())
 }
