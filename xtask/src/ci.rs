@@ -55,7 +55,8 @@ fn has_mpi() -> bool {
     static FOUND: OnceLock<bool> = OnceLock::new();
     *FOUND.get_or_init(|| {
         // The binding is a package that only this feature brings in: cargo does not know it by name without. What is checked
-        // for it is what the lints and the documentation build on, with the same features.
+        // for it is what the lints and the documentation build on, with the same features; those ask for them again, and say
+        // so if there is an error.
         let all = features(true).unwrap_or_default();
         let binding = ["check", "--quiet", "--workspace", "--features", &all];
         let probes: [(&str, &[&str]); 3] = [

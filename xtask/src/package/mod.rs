@@ -93,12 +93,9 @@ fn check_alone(name: &str, all: &str, folder: &Path) -> Outcome {
 
 /// A check in the other workspace. A warning is an error: those of what it builds on are not shown, so it is ours.
 fn checked(line: &str, folder: &Path) -> Outcome {
-    let output = Command::new("cargo")
-        .args(line.split(' '))
-        .current_dir(folder)
-        .env("CARGO_TARGET_DIR", target())
-        .output()
-        .map_err(|e| format!("cargo: {e}"))?;
+    let arguments: Vec<&str> = line.split(' ').collect();
+    let output = in_other_workspace(folder, &arguments).output();
+    let output = output.map_err(|e| format!("cargo {line}: {e}"))?;
     let told = String::from_utf8_lossy(&output.stderr);
     if !output.status.success() || told.lines().any(is_warning) {
         return Err(format!("`cargo {line}`:\n{told}"));
@@ -246,17 +243,21 @@ fn write(path: &Path, text: &str) -> Outcome {
 /// Cargo in the other workspace; what others build has no warnings of ours.
 fn cargo(folder: &Path, arguments: &[&str]) -> Outcome {
     let line = arguments.join(" ");
-    let status = Command::new("cargo")
-        .args(arguments)
-        .current_dir(folder)
-        .env("CARGO_TARGET_DIR", target())
-        .status()
-        .map_err(|e| format!("cargo {line}: {e}"))?;
+    let status = in_other_workspace(folder, arguments).status();
+    let status = status.map_err(|e| format!("cargo {line}: {e}"))?;
     if status.success() {
         Ok(())
     } else {
         Err(format!("`cargo {line}` failed: {status}"))
     }
+}
+
+/// What is built there goes where our own builds go, so that nothing is built twice.
+fn in_other_workspace(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new("cargo");
+    command.args(arguments).current_dir(folder);
+    command.env("CARGO_TARGET_DIR", target());
+    command
 }
 
 fn failed(path: &Path, error: &std::io::Error) -> String {
