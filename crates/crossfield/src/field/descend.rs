@@ -29,7 +29,7 @@ use geom_core::surface::distance::{Graph, shortest_paths};
 
 use super::field::FieldReport;
 use super::frames::{Frames, QUARTER};
-use super::near::Near;
+use super::near::{Near, Taken};
 use super::parallel::{Change, Parallel};
 use super::singularity::{Lines, difference, interior_index};
 use crate::Error;
@@ -46,6 +46,10 @@ const REACH: f64 = 2.0;
 const FARTHEST: f64 = 20.0;
 /// Partners tried per singularity.
 const PARTNERS: usize = 4;
+/// Changes made together are so many edges apart.
+const RINGS: usize = 4;
+/// They are worth this part of what they would be one by one, or fewer are made together.
+const SHARE: f64 = 0.5;
 
 /// What removing a pair of opposite singularities may cost.
 #[derive(Clone, Copy)]
@@ -64,6 +68,22 @@ impl Price {
     /// times.
     fn at(self, distance: f64) -> f64 {
         self.far * (NEAR * self.near / distance).max(1.0).powi(2)
+    }
+}
+
+/// A change that may be made.
+struct Judged {
+    change: Change,
+    /// What the energy rises by, the angles following, rad².
+    cost: f64,
+    /// What it may cost.
+    price: f64,
+}
+
+impl Judged {
+    /// Below 0 for changes that are to be made.
+    fn worth(&self) -> f64 {
+        self.cost - self.price
     }
 }
 
@@ -133,8 +153,7 @@ impl<'a> Descent<'a> {
             .collect();
     }
 
-    /// Alternates until nothing lowers `E + μ · singularities` any more. A change of the period jumps on a set
-    /// of edges by d quarter turns changes the energy by `2 Σ w d ρ + Σ w d² − bᵀ W⁻¹ b`, the angles following.
+    /// Alternates until nothing lowers the energy and the price of all pairs any more.
     pub(super) fn run(
         &mut self,
         price: Price,
@@ -144,7 +163,7 @@ impl<'a> Descent<'a> {
         self.fit_lines()?;
         for round in 0..ROUNDS {
             run.progress("singularities", round as u64, ROUNDS as u64)?;
-            let moved = self.move_edges()?;
+            let moved = self.move_edges(price)?;
             let met = self.annihilate(|distance| price.at(distance))?;
             report.edge_moves += moved;
             report.annihilated += met;
@@ -194,26 +213,55 @@ impl<'a> Descent<'a> {
         Ok(())
     }
 
-    /// Single edges at singular vertices, the best first.
-    fn move_edges(&mut self) -> Result<usize, Error> {
+    /// Single edges at singular vertices, the best first, as many together as are far from each other. A move that makes a pair
+    /// pays its price, and one that lets a pair meet is paid it.
+    fn move_edges(&mut self, price: Price) -> Result<usize, Error> {
         let mut moves = 0;
         let most = 4 * self.index.iter().filter(|&&i| i != 0).count() + 50;
         while moves < most {
             let edges = self.edges_at_singularities();
             self.remember(&edges)?;
-            let best = edges
+            let mut judged: Vec<Judged> = edges
                 .iter()
                 .flat_map(|&h| [(h, 1), (h, -1)])
                 .filter(|&(h, s)| self.keeps_valences(h, s))
-                .map(|(h, s)| (self.single(h, s), h, s))
-                .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            match best {
-                Some((gain, h, s)) if gain < -FALLS => self.apply(&[(h, s)])?,
-                _ => break,
+                .map(|(h, s)| Judged {
+                    change: vec![(h, s)],
+                    cost: self.single(h, s),
+                    price: -price.at(self.length(h)) * f64::from(self.pairs_made(h, s)),
+                })
+                .filter(|judged| judged.worth() < -FALLS)
+                .collect();
+            judged.sort_by(|a, b| {
+                let by_worth = a.worth().total_cmp(&b.worth());
+                by_worth.then_with(|| a.change.cmp(&b.change))
+            });
+            let mut taken = Taken::new(self.frames, RINGS);
+            judged.retain(|judged| taken.take(&self.vertices(&judged.change)));
+            if judged.is_empty() {
+                break;
             }
-            moves += 1;
+            moves += self.apply_together(&judged)?;
         }
         Ok(moves)
+    }
+
+    /// How many pairs of opposite quarters more there are after a move: −1, 0 or 1.
+    fn pairs_made(&self, h: usize, s: i32) -> i32 {
+        let more = |v: usize, s: i32| (self.index[v] + s).abs() - self.index[v].abs();
+        (more(self.frames.from(h), s) + more(self.frames.to(h), -s)) / 2
+    }
+
+    /// Of an edge, Å.
+    fn length(&self, h: usize) -> f64 {
+        let at = |v: usize| self.mesh.positions()[v];
+        (at(self.frames.to(h)) - at(self.frames.from(h))).norm()
+    }
+
+    /// All vertices of the edges of a change.
+    fn vertices(&self, change: &[(usize, i32)]) -> Vec<usize> {
+        let ends = |&(h, _): &(usize, i32)| [self.frames.from(h), self.frames.to(h)];
+        change.iter().flat_map(ends).collect()
     }
 
     /// Interior edges with a singular end, by their lower half-edge.
@@ -276,9 +324,35 @@ impl<'a> Descent<'a> {
             .sum()
     }
 
-    /// Carries out a change and lets the angles follow: one solve. Indices change at the ends of its edges alone, so
-    /// that they are counted along and not anew.
+    /// Carries out a change and lets the angles follow: one solve.
     fn apply(&mut self, change: &[(usize, i32)]) -> Result<(), Error> {
+        self.turn(change);
+        let (response, _) = self.parallel.response(change)?;
+        self.parallel.follow(&response, &mut self.theta);
+        Ok(())
+    }
+
+    /// Carries out the first of some changes that are far from each other: all, or half of them and so on where they are worth
+    /// much less together than one by one. Answers how many.
+    fn apply_together(&mut self, judged: &[Judged]) -> Result<usize, Error> {
+        let mut count = judged.len();
+        loop {
+            let some = &judged[..count];
+            let change: Change = some.iter().flat_map(|j| j.change.iter().copied()).collect();
+            let (response, gain) = self.parallel.response(&change)?;
+            let price: f64 = some.iter().map(|j| j.price).sum();
+            let worth: f64 = some.iter().map(Judged::worth).sum();
+            if count <= 1 || self.direct(&change) - gain - price <= SHARE * worth {
+                self.turn(&change);
+                self.parallel.follow(&response, &mut self.theta);
+                return Ok(count);
+            }
+            count /= 2;
+        }
+    }
+
+    /// Changes the period jumps, and the indices at the ends of their edges: these are counted along and not anew.
+    fn turn(&mut self, change: &[(usize, i32)]) {
         for &(h, s) in change {
             let twin = self.frames.twin(h).expect("an interior edge");
             self.jump[h] += s;
@@ -289,37 +363,57 @@ impl<'a> Descent<'a> {
                 self.index[v] += s;
             }
         }
-        self.parallel.follow(change, &mut self.theta)
     }
 
     /// Pairs of opposite singularities that may meet along a shortest path, where that costs less than the price of their
     /// distance, rad².
     ///
-    /// All candidates are judged at once, then taken from the cheapest on; as each one that is taken changes the
-    /// angles, and maybe the singularities at the ends of the next, these are looked at again. Their compliances hold,
-    /// as they do not depend on the jumps. Answers how many pairs have met.
+    /// All candidates are judged at once, then taken from the cheapest on, those far from each other together; as these
+    /// change the angles, and maybe the singularities at the ends of the others, the others are looked at again. Their
+    /// compliances hold, as they do not depend on the jumps. Answers how many pairs have met.
     fn annihilate(&mut self, price: impl Fn(f64) -> f64) -> Result<usize, Error> {
         let pairs = self.pairs()?;
         let (distances, changes): (Vec<f64>, Vec<Change>) = pairs.into_iter().unzip();
-        let prices: Vec<f64> = distances.iter().map(|&d| price(d)).collect();
         let gains = self.gains(&changes)?;
+        let cost = |descent: &Self, k: usize| descent.direct(&changes[k]) - gains[k];
         let mut order: Vec<(f64, usize)> = (0..changes.len())
-            .map(|k| (self.direct(&changes[k]) - gains[k], k))
-            .filter(|&(cost, k)| cost < prices[k])
+            .map(|k| (cost(self, k), k))
+            .filter(|&(cost, k)| cost < price(distances[k]))
             .collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut open: Vec<usize> = order.into_iter().map(|(_, k)| k).collect();
         let mut met = 0;
-        for (_, k) in order {
-            let change = &changes[k];
-            let (first, last) = self.ends(change);
-            if self.index[first] >= 0 || self.index[last] <= 0 {
-                continue;
+        while !open.is_empty() {
+            let mut taken = Taken::new(self.frames, RINGS);
+            let (mut chosen, mut numbers, mut later) = (Vec::new(), Vec::new(), Vec::new());
+            for k in open {
+                let (first, last) = self.ends(&changes[k]);
+                if self.index[first] >= 0 || self.index[last] <= 0 {
+                    continue;
+                }
+                let judged = Judged {
+                    change: changes[k].clone(),
+                    cost: cost(self, k),
+                    price: price(distances[k]),
+                };
+                if judged.worth() >= 0.0 {
+                    // The field has changed since.
+                    continue;
+                }
+                if taken.take(&self.vertices(&changes[k])) {
+                    chosen.push(judged);
+                    numbers.push(k);
+                } else {
+                    later.push(k);
+                }
             }
-            // The field has changed since.
-            if self.direct(change) - gains[k] < prices[k] {
-                self.apply(change)?;
-                met += 1;
+            if chosen.is_empty() {
+                break;
             }
+            let made = self.apply_together(&chosen)?;
+            met += made;
+            open = numbers.split_off(made);
+            open.extend(later);
         }
         Ok(met)
     }

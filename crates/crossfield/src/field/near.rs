@@ -2,10 +2,11 @@
 //!
 //! Distances along edges between vertices do not change while singularities move about. So those that are known are
 //! kept from one question to the next, and only from vertices that were not singular before is the graph searched, as
-//! far as `apart`.
+//! far as `apart`. And changes of period jumps that are so far from each other that they can be made together.
 
 use geom_core::surface::distance::{Graph, shortest_paths};
 
+use super::frames::{Frames, previous};
 use crate::Error;
 
 /// Pairs of singular vertices near to each other.
@@ -51,5 +52,49 @@ impl Near {
             a.0.total_cmp(&b.0).then(ends)
         });
         Ok(nearest.map(|p| (p.1, p.2)))
+    }
+}
+
+/// Places of a surface that are taken, and what is near to them.
+pub(super) struct Taken<'a> {
+    frames: &'a Frames,
+    rings: usize,
+    /// Per vertex.
+    near: Vec<bool>,
+}
+
+impl<'a> Taken<'a> {
+    /// None yet; `rings` edges from one are near.
+    pub(super) fn new(frames: &'a Frames, rings: usize) -> Self {
+        Self {
+            frames,
+            rings,
+            near: vec![false; frames.edges().vertices()],
+        }
+    }
+
+    /// Takes some vertices, unless one of them is near to those taken before.
+    pub(super) fn take(&mut self, vertices: &[usize]) -> bool {
+        if vertices.iter().any(|&v| self.near[v]) {
+            return false;
+        }
+        let mut front = vertices.to_vec();
+        front.iter().for_each(|&v| self.near[v] = true);
+        for _ in 0..self.rings {
+            let mut next = Vec::new();
+            for v in front {
+                let frames = self.frames;
+                for h in frames.around(v) {
+                    // Of a fan at a boundary, the last half-edge leads back to the vertex.
+                    for u in [frames.to(h), frames.from(previous(h))] {
+                        if !std::mem::replace(&mut self.near[u], true) {
+                            next.push(u);
+                        }
+                    }
+                }
+            }
+            front = next;
+        }
+        true
     }
 }

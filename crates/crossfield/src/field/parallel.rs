@@ -163,18 +163,23 @@ impl<'a> Parallel<'a> {
         Ok(self.factor.inverse_energies(&sides)?)
     }
 
-    /// Lets the angles follow a change of period jumps.
-    /// By linearity `W⁻¹ b` is added to the best angles before; what hard guides hold stays.
-    pub(super) fn follow(&self, change: &[(usize, i32)], theta: &mut [f64]) -> Result<(), Error> {
+    /// What a change of period jumps adds to the best angles, `x = W⁻¹ b`, and what the energy falls by because they follow, `bᵀ x`.
+    pub(super) fn response(&self, change: &[(usize, i32)]) -> Result<(Vec<f64>, f64), Error> {
         let mut b = vec![0.0; self.rows];
         self.load(change, |row, value| b[row] += value);
         let x = self.factor.solve(&b)?;
-        for (face, &row) in self.row.iter().enumerate() {
+        let mut gain = 0.0;
+        self.load(change, |row, value| gain += value * x[row]);
+        Ok((x, gain))
+    }
+
+    /// Adds a response to the angles; what hard guides hold stays.
+    pub(super) fn follow(&self, response: &[f64], theta: &mut [f64]) {
+        for (theta, &row) in theta.iter_mut().zip(&self.row) {
             if row != FIXED {
-                theta[face] += x[row as usize];
+                *theta += response[row as usize];
             }
         }
-        Ok(())
     }
 
     /// Hands the entries of `b = Σ w d (e_j − e_i)` to `add`, each with its row; a row may come more than once.
