@@ -22,11 +22,11 @@ type C = Complex<f64>;
 
 /// Weight of a guide that must be followed, in edges: the exact angle is set after each step anyway.
 const HARD: f64 = 1e3;
-/// Lengths of the steps, the first long, the last short, in units of the slowest decay.
-/// A long step forgets where it started and finds the large shape; only after short ones is the energy near a minimum.
-const STEPS: [f64; 3] = [1.0, 0.3, 0.1];
-/// Most steps of one length.
-const MOST: usize = 60;
+/// Length of a step, in units of the slowest decay.
+/// A longer step forgets where it started, a shorter one comes nearer to a minimum; the descent afterwards evens that out.
+const STEP: f64 = 0.3;
+/// Most steps: three times as many of three lengths gave fields of no less energy and no fewer singularities.
+const MOST: usize = 20;
 /// The crosses stand still when they change by less, root of the mean square.
 const STILL: f64 = 1e-3;
 
@@ -34,22 +34,19 @@ const STILL: f64 = 1e-3;
 /// Ginzburg–Landau energy (Viertel and Osting, *An approach to quad meshing based on harmonic
 /// cross-valued maps*, 2019). Local minima remain: the descent afterwards leaves some of them.
 ///
-/// Of five factorizations at most (one pattern, analysed once), each serves up to [`MOST`] solves. The result depends
-/// on mesh and guides alone: no random start.
+/// Two factorizations of one pattern, analysed once, each for some tens of solves. The result depends on mesh and guides alone:
+/// no random start.
 pub(super) fn diffused(frames: &Frames, guides: &[Guide], run: On<'_>) -> Result<Vec<f64>, Error> {
     let matrices = Matrices::of(frames, guides)?;
-    let mut z = matrices.start()?;
-    let decay = matrices.slowest_decay(&mut z)?;
-    for step in STEPS {
-        let tau = step / decay;
-        let factor = matrices.step(tau)?;
-        for count in 0..MOST {
-            run.progress("field", count as u64, MOST as u64)?;
-            let before = z.clone();
-            matrices.diffuse(&factor, tau, &mut z)?;
-            if matrices.change(&before, &z) < STILL {
-                break;
-            }
+    let (mut z, decay) = matrices.start()?;
+    let tau = STEP / decay;
+    let factor = matrices.step(tau)?;
+    for count in 0..MOST {
+        run.progress("field", count as u64, MOST as u64)?;
+        let before = z.clone();
+        matrices.diffuse(&factor, tau, &mut z)?;
+        if matrices.change(&before, &z) < STILL {
+            break;
         }
     }
     Ok(z.iter().map(|z| z.arg() / 4.0).collect())
@@ -111,47 +108,39 @@ impl<'a> Matrices<'a> {
         Ok(self.symbolic.factor(&matrix)?)
     }
 
-    /// Directions that do not depend on a seed: the guides where there are any, else what a constant
-    /// becomes.
-    fn start(&self) -> Result<Vec<C>, Error> {
-        let mut z = vec![C::from(1.0); self.areas.len()];
-        let mean = self.areas.iter().sum::<f64>() / self.areas.len().max(1) as f64;
-        // Far enough that every triangle hears of a guide.
-        let tau = mean * self.areas.len() as f64;
-        self.diffuse(&self.step(tau)?, tau, &mut z)?;
-        Ok(z)
-    }
-
-    /// Inverse iteration towards the slowest mode; its Rayleigh quotient, Å⁻². With guides, the scale of
-    /// the surface.
-    fn slowest_decay(&self, z: &mut Vec<C>) -> Result<f64, Error> {
+    /// Directions that do not depend on a seed, and how fast the slowest of them decays, Å⁻²: what the guides spread over the
+    /// surface, at the scale of the surface; without any, what inverse iteration makes of a constant, and its Rayleigh quotient.
+    fn start(&self) -> Result<(Vec<C>, f64), Error> {
+        /// Most steps of inverse iteration, and by what part the decay changes when no more are needed: it sets a length.
+        const STEPS: usize = 30;
+        const NEAR: f64 = 1e-2;
         let area: f64 = self.areas.iter().sum();
         let scale = 4.0 * std::f64::consts::PI / area;
+        let mut z = vec![C::from(1.0); self.areas.len()];
         if !self.pulls.is_empty() {
-            return Ok(scale);
+            // Far enough that every triangle hears of a guide.
+            self.diffuse(&self.step(area)?, area, &mut z)?;
+            return Ok((z, scale));
         }
         let tau = 1e6 / scale;
         let factor = self.step(tau)?;
-        for _ in 0..30 {
-            let mut right: Vec<C> = z.iter().zip(self.areas).map(|(z, &a)| z * a).collect();
-            factor.solve_in_place(&mut right, 1)?;
-            let norm = self.norm(&right);
-            for x in &mut right {
-                *x /= norm;
+        let mut decay = f64::INFINITY;
+        for _ in 0..STEPS {
+            let mut next: Vec<C> = z.iter().zip(self.areas).map(|(z, &a)| z * a).collect();
+            factor.solve_in_place(&mut next, 1)?;
+            let norm = self.norm(&next);
+            next.iter_mut().for_each(|x| *x /= norm);
+            z = next;
+            let applied = self.stiffness.multiply(&z, 1);
+            let all = z.iter().zip(&applied);
+            let last = std::mem::replace(&mut decay, all.map(|(z, l)| (z.conj() * l).re).sum());
+            if (last - decay).abs() <= NEAR * decay {
+                break;
             }
-            *z = right;
         }
-        let applied = self.stiffness.multiply(z, 1);
-        let top: f64 = z.iter().zip(&applied).map(|(z, l)| (z.conj() * l).re).sum();
-        let bottom: f64 = z
-            .iter()
-            .zip(self.areas)
-            .map(|(z, a)| z.norm_sqr() * a)
-            .sum();
-        self.normalize(z, None);
-        let decay = top / bottom;
+        self.normalize(&mut z, None);
         // A flat torus has parallel fields.
-        Ok(if decay > 1e-6 * scale { decay } else { scale })
+        Ok((z, if decay > 1e-6 * scale { decay } else { scale }))
     }
 
     /// One implicit step of length τ, Å², of the heat equation of crosses: `(A + τ (L + G)) z' = A z + τ G e^{4iγ}`,
