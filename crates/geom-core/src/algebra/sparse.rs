@@ -30,8 +30,10 @@ use super::Error;
 const ROWS: usize = 2048;
 
 mod sealed {
+    use super::super::cholesky::Sweep;
     use super::super::{Error, Symbolic, cholesky};
     use super::{Complex, SparseMatrix};
+    use crate::compute::lanes;
 
     /// The heavy functions, compiled here once for each of the two types and not in every program that calls them.
     pub trait Sealed: faer::traits::ComplexField {
@@ -49,10 +51,11 @@ mod sealed {
             out: &mut [Self],
             columns: usize,
         );
+        fn sweep<const C: usize>(sweep: Sweep<'_, Self, C>);
         fn multiply(matrix: &SparseMatrix<Self>, block: &[Self], columns: usize, out: &mut [Self]);
     }
     macro_rules! sealed {
-        ($scalar:ty, $factor:path) => {
+        ($scalar:ty, $factor:path, $sweep:expr) => {
             impl Sealed for $scalar {
                 fn factor(
                     symbolic: &Symbolic,
@@ -77,6 +80,9 @@ mod sealed {
                 ) {
                     cholesky::substitute_into(symbolic, factor, block, out, columns);
                 }
+                fn sweep<const C: usize>(sweep: Sweep<'_, Self, C>) {
+                    lanes::vectorized($sweep(sweep));
+                }
                 fn multiply(
                     matrix: &SparseMatrix<Self>,
                     block: &[Self],
@@ -88,8 +94,8 @@ mod sealed {
             }
         };
     }
-    sealed!(f64, cholesky::factor_real);
-    sealed!(Complex<f64>, cholesky::factor);
+    sealed!(f64, cholesky::factor_real, cholesky::Real);
+    sealed!(Complex<f64>, cholesky::factor, std::convert::identity);
 }
 
 /// What a sparse matrix holds: f64 or complex f64. Sealed. Complex matrices are those of fields of directions on

@@ -13,6 +13,7 @@
 
 mod gram;
 mod multifrontal;
+mod real;
 #[cfg(not(feature = "testing"))]
 mod substitution;
 #[cfg(feature = "testing")]
@@ -36,6 +37,8 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
 use self::multifrontal::{Failure, Fronts};
+pub(super) use self::real::Real;
+pub(super) use self::substitution::Sweep;
 use self::substitution::{Schedule, Solved};
 use self::tree::{Forest, Supernode};
 use super::{Error, Scalar, SparseMatrix};
@@ -611,8 +614,6 @@ pub(super) fn substitute_into<T: Scalar>(
         match rest {
             0 => {}
             1 => solve_parts::<T, 1>(job(first, 1), out),
-            2 => solve_parts::<T, 2>(job(first, 1), out),
-            3 | 4 => solve_parts::<T, 4>(job(first, 1), out),
             _ => solve_parts::<T, COLUMNS>(job(first, 1), out),
         }
     });

@@ -52,6 +52,28 @@ struct Local {
     values: Range<usize>,
 }
 
+/// A supernode in the numbers of its task: its columns, the rows below them, and where its values are in the factor.
+pub(super) struct Supernodal<'a> {
+    pub(super) columns: Range<usize>,
+    pub(super) rows: &'a [u32],
+    pub(super) values: Range<usize>,
+}
+
+impl Task {
+    /// In the order of the factor.
+    #[inline(always)]
+    pub(super) fn supernodes(&self) -> impl DoubleEndedIterator<Item = Supernodal<'_>> {
+        self.supernodes.iter().map(
+            #[inline(always)]
+            |s| Supernodal {
+                columns: s.columns.clone(),
+                rows: &self.rows[s.rows.clone()],
+                values: s.values.clone(),
+            },
+        )
+    }
+}
+
 impl Schedule {
     /// Supernodes in the order of the factor; `original` tells the row of the matrix that became a row
     /// of the factor.
@@ -270,7 +292,7 @@ pub(super) fn run<T: Scalar, const C: usize>(
     x: &mut [[T; C]],
     direction: Direction,
 ) {
-    lanes::vectorized(Sweep {
+    T::sweep(Sweep {
         task,
         values,
         x,
@@ -278,11 +300,12 @@ pub(super) fn run<T: Scalar, const C: usize>(
     });
 }
 
-struct Sweep<'a, T, const C: usize> {
-    task: &'a Task,
-    values: &'a [T],
-    x: &'a mut [[T; C]],
-    direction: Direction,
+/// A task, the values of the factor, and the unknowns of some right-hand sides.
+pub struct Sweep<'a, T, const C: usize> {
+    pub(super) task: &'a Task,
+    pub(super) values: &'a [T],
+    pub(super) x: &'a mut [[T; C]],
+    pub(super) direction: Direction,
 }
 
 impl<T: Scalar, const C: usize> lanes::WithSimd for Sweep<'_, T, C> {
