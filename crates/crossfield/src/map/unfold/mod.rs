@@ -23,6 +23,10 @@ use crate::map::system::{Solver, System, Weighted};
 /// How many rings of triangles around what is folded move when only these do, one try after the other.
 const SURROUNDINGS: RangeInclusive<usize> = 3..=18;
 
+/// A map with so many vertices of five or more quads is not unfolded before their stars are laid out by hand: one in a hundred stays
+/// wound too little.
+const MANY_STARS: usize = 100;
+
 /// So many tries without fewer folds are enough.
 const NO_BETTER: usize = 6;
 
@@ -44,26 +48,28 @@ pub(super) struct Unfolder<'a> {
 impl Unfolder<'_> {
     /// Untangles; is the map upright now?
     ///
-    /// Tried from where it is, for all but a third of the effort that is left, or until a vertex is seen that it cannot help;
-    /// from there with the stars of many quads laid out by hand ([`wound`]), since no energy that only turns triangles
-    /// upright adds a full turn around a vertex; and last place by place.
+    /// Tried from where it is, for all but a third of the effort that is left, or until a vertex is seen that it cannot help,
+    /// which is not worth it with [`MANY_STARS`]; from there with the stars of many quads laid out by hand ([`wound`]), since no
+    /// energy that only turns triangles upright adds a full turn around a vertex; and last place by place.
     pub(super) fn untangled(
         &self,
         weighted: &Weighted,
         integers: Option<Solver<'_>>,
         y: &mut [f64],
     ) -> Result<bool, Error> {
-        let folded = y.to_vec();
-        let is_lost = |y: &[f64]| !self.stuck(&self.system.corners(y)).is_empty();
-        let reserve = self.effort.share(3);
-        self.untangle_all(weighted, integers, Vec::new(), &is_lost, y)?;
-        self.effort.give_back(&reserve);
-        if self.is_valid(y) {
-            return Ok(true);
-        }
-        y.copy_from_slice(&folded);
         let index = &self.field.index;
         let negative: Vec<usize> = (0..index.len()).filter(|&v| index[v] < 0).collect();
+        if negative.len() < MANY_STARS {
+            let folded = y.to_vec();
+            let is_lost = |y: &[f64]| !self.stuck(&self.system.corners(y)).is_empty();
+            let reserve = self.effort.share(3);
+            self.untangle_all(weighted, integers, Vec::new(), &is_lost, y)?;
+            self.effort.give_back(&reserve);
+            if self.is_valid(y) {
+                return Ok(true);
+            }
+            y.copy_from_slice(&folded);
+        }
         let held = wound(self.system, self.frames, self.field, &negative, y);
         let reserve = self.effort.share(4);
         // What else is folded unfolds beside a vertex that is stuck.

@@ -354,33 +354,54 @@ impl<S: Simd> Single<S> {
             *head *= 1.0 / column[c];
             self.add(after, &column[c + 1..], -*head);
         }
-        // Sixteen or fewer rows have their sums in registers.
-        const ROWS: usize = 2;
-        let mut at = width;
-        let step = ROWS * S::F64_LANES;
-        let mut tiles = l.rows.chunks_exact(step);
-        for tile in tiles.by_ref() {
-            let mut sums = [self.simd.splat_f64s(0.0); ROWS];
-            for (&x, column) in own.iter().zip(l.values.chunks_exact(l.height)) {
-                let values = S::as_simd_f64s(&column[at..at + step]).0;
-                let x = self.simd.splat_f64s(x);
-                for q in 0..ROWS {
-                    sums[q] = self.simd.mul_add_e_f64s(values[q], x, sums[q]);
-                }
-            }
-            let sums: &[f64] = bytemuck::cast_slice(&sums);
-            for (&row, sum) in tile.iter().zip(sums) {
-                below[row as usize - l.end] -= sum;
-            }
-            at += step;
+        let (lanes, mut at) = (S::F64_LANES, 0);
+        while at + 2 * lanes <= l.rows.len() {
+            let [first, second] = self.two_products(l, own, at);
+            self.take(first, l, at..at + lanes, below);
+            self.take(second, l, at + lanes..at + 2 * lanes, below);
+            at += 2 * lanes;
         }
-        for &row in tiles.remainder() {
-            let mut sum = 0.0;
-            for (&x, column) in own.iter().zip(l.values.chunks_exact(l.height)) {
-                sum = column[at].mul_add(x, sum);
-            }
+        while at < l.rows.len() {
+            let end = (at + lanes).min(l.rows.len());
+            let product = self.product(l, own, at..end);
+            self.take(product, l, at..end, below);
+            at = end;
+        }
+    }
+
+    /// Of two registers of the rectangle's rows with the unknowns.
+    #[inline(always)]
+    fn two_products(self, l: &Trapezoid<'_>, own: &[f64], at: usize) -> [S::f64s; 2] {
+        let (lanes, at) = (S::F64_LANES, l.width + at);
+        let (mut first, mut second) = (self.simd.splat_f64s(0.0), self.simd.splat_f64s(0.0));
+        for (c, &x) in own.iter().enumerate() {
+            let rows = &l.column(c)[at..at + 2 * lanes];
+            let rows = S::as_simd_f64s(rows).0;
+            let x = self.simd.splat_f64s(x);
+            first = self.simd.mul_add_e_f64s(rows[0], x, first);
+            second = self.simd.mul_add_e_f64s(rows[1], x, second);
+        }
+        [first, second]
+    }
+
+    /// Of at most a register of them.
+    #[inline(always)]
+    fn product(self, l: &Trapezoid<'_>, own: &[f64], rows: Range<usize>) -> S::f64s {
+        let rows = l.width + rows.start..l.width + rows.end;
+        let mut sum = self.simd.splat_f64s(0.0);
+        for (c, &x) in own.iter().enumerate() {
+            let values = self.simd.partial_load_f64s(&l.column(c)[rows.clone()]);
+            sum = self.simd.mul_add_e_f64s(values, self.simd.splat_f64s(x), sum);
+        }
+        sum
+    }
+
+    /// Takes sums off the unknowns of some rows.
+    #[inline(always)]
+    fn take(self, sums: S::f64s, l: &Trapezoid<'_>, rows: Range<usize>, below: &mut [f64]) {
+        let sums: &[f64] = bytemuck::cast_slice(std::slice::from_ref(&sums));
+        for (&row, sum) in l.rows[rows].iter().zip(sums) {
             below[row as usize - l.end] -= sum;
-            at += 1;
         }
     }
 
