@@ -25,6 +25,7 @@
 use std::collections::BTreeMap;
 
 use geom_core::TriMesh;
+use geom_core::compute::parallel;
 use geom_core::surface::distance::{Graph, shortest_paths};
 
 use super::field::FieldReport;
@@ -44,6 +45,8 @@ const REACH: f64 = 2.0;
 /// Partners are not looked for farther than so many sides of a quad: as many singularities as triangles allow would make that
 /// a walk over the whole surface for each.
 const FARTHEST: f64 = 20.0;
+/// Pairs that are parted together are so many times farther from each other than they shall be: none of their ways meet.
+const FAR: f64 = 6.0;
 /// Partners tried per singularity.
 const PARTNERS: usize = 4;
 /// Changes made together are so many edges apart.
@@ -167,7 +170,8 @@ impl<'a> Descent<'a> {
             let met = self.annihilate(|distance| price.at(distance))?;
             report.edge_moves += moved;
             report.annihilated += met;
-            if moved + met == 0 {
+            // Moves go on until none is left.
+            if met == 0 {
                 break;
             }
         }
@@ -452,28 +456,34 @@ impl<'a> Descent<'a> {
         }
         let graph = Graph::of_edges(self.mesh)?;
         let nearest = shortest_paths(&graph, &positive, f64::INFINITY)?.distance;
-        let mut changes = Vec::new();
         let farthest = match self.apart {
             0.0 => f64::INFINITY,
             apart => FARTHEST * apart,
         };
-        for v in signed(-1) {
+        let positive: Vec<u32> = positive.into_iter().map(|p| p.0).collect();
+        let negative: Vec<u32> = signed(-1).collect();
+        let of_each: Vec<Result<_, Error>> = parallel::map(negative.len(), |k| {
+            let v = negative[k];
             let reach = (REACH * nearest[v as usize]).min(farthest);
             if !reach.is_finite() {
-                continue;
+                return Ok(Vec::new());
             }
             let paths = shortest_paths(&graph, &[(v, 0.0)], reach)?;
-            let mut partners: Vec<(f64, u32)> = signed(1)
-                .map(|u| (paths.distance[u as usize], u))
+            let mut partners: Vec<(f64, u32)> = positive
+                .iter()
+                .map(|&u| (paths.distance[u as usize], u))
                 .filter(|p| p.0.is_finite())
                 .collect();
             partners.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            for (distance, u) in partners.into_iter().take(PARTNERS) {
-                let change = self.along(&paths.to(u));
-                changes.extend(change.map(|change| (distance, change)));
-            }
-        }
-        Ok(changes)
+            partners.truncate(PARTNERS);
+            let changes = partners.into_iter().filter_map(|(distance, u)| {
+                let change = self.along(&paths.to(u))?;
+                Some((distance, change))
+            });
+            Ok(changes.collect())
+        });
+        let of_each: Result<Vec<Vec<(f64, Change)>>, Error> = of_each.into_iter().collect();
+        Ok(of_each?.concat())
     }
 
     /// One quarter of index from the last vertex of a path to the first; `None` along a boundary or line.
@@ -529,9 +539,9 @@ impl<'a> Descent<'a> {
     /// Singular vertices nearer to each other than `apart` give a quarter to one that is not near to any, or to each other,
     /// whatever costs least: all get integer points of their own in a map, and a map with room for them does not fold.
     ///
-    /// One pair at a time, the nearest first, and of all ways out of either vertex the cheapest. Both of a pair that
-    /// finds none are marked as stuck and not asked again together. It ends when no pair is left, or after twice as
-    /// many steps as there were singularities: what is moved away from one may come near to another.
+    /// The nearest pairs first, those far from each other together, and for each of all ways out of either vertex the cheapest.
+    /// Both of a pair that finds none are marked as stuck and not asked again together. It ends when no pair is left, or after
+    /// twice as many changes as there were singularities: what is moved away from one may come near to another.
     fn part(&mut self, apart: f64, report: &mut FieldReport, run: On<'_>) -> Result<(), Error> {
         if apart <= 0.0 {
             return Ok(());
@@ -540,38 +550,69 @@ impl<'a> Descent<'a> {
         let mut stuck = vec![false; self.index.len()];
         let mut near = Near::default();
         let most = 2 * self.singular().count();
-        for step in 0..most {
-            run.progress("singularities", step as u64, most as u64)?;
+        let mut done = 0;
+        while done < most {
+            run.progress("singularities", done as u64, most as u64)?;
             let singular: Vec<u32> = self.singular().collect();
-            let Some(pair) = near.pair(&graph, &singular, apart, &stuck)? else {
+            let pairs = near.pairs(&graph, &singular, apart, &stuck)?;
+            let pairs = self.far_from_each_other(&pairs, FAR * apart);
+            if pairs.is_empty() {
                 break;
-            };
-            let mut ways = Vec::new();
-            for (v, other) in [(pair.0, pair.1), (pair.1, pair.0)] {
-                ways.extend(self.ways_out(&graph, v, other, apart)?);
             }
-            let changes: Vec<Change> = ways.iter().map(|(_, c)| c.clone()).collect();
-            let gains = self.parallel.compliances(&changes)?;
-            let all = changes.iter().zip(gains);
-            let costs: Vec<f64> = all.map(|(c, gain)| self.direct(c) - gain).collect();
-            let best = costs
-                .into_iter()
-                .enumerate()
-                .min_by(|a, b| a.1.total_cmp(&b.1));
-            match best {
-                Some((k, _)) => {
-                    let before = self.singular().count();
-                    self.apply(&ways[k].1)?;
-                    if self.singular().count() < before {
-                        report.annihilated += 1;
-                    } else {
-                        report.moved_apart += 1;
+            done += pairs.len();
+            let ways = parallel::map(pairs.len(), |k| {
+                let (a, b) = pairs[k];
+                let mut ways = self.ways_out(&graph, a, b, apart)?;
+                ways.extend(self.ways_out(&graph, b, a, apart)?);
+                Ok(ways)
+            });
+            let ways: Vec<Vec<Change>> = ways.into_iter().collect::<Result<_, Error>>()?;
+            let all: Vec<Change> = ways.concat();
+            let gains = self.parallel.compliances(&all)?;
+            let mut judged = all.into_iter().zip(gains);
+            let mut chosen: Change = Vec::new();
+            for ((a, b), ways) in pairs.into_iter().zip(&ways) {
+                let own = judged.by_ref().take(ways.len());
+                let best = own.min_by(|(a, gain), (b, other)| {
+                    (self.direct(a) - gain).total_cmp(&(self.direct(b) - other))
+                });
+                match best {
+                    Some((change, _)) => {
+                        let [before, after] = self.singular_ends(&change);
+                        if after < before {
+                            report.annihilated += 1;
+                        } else {
+                            report.moved_apart += 1;
+                        }
+                        chosen.extend(change);
                     }
+                    None => (stuck[a as usize], stuck[b as usize]) = (true, true),
                 }
-                None => (stuck[pair.0 as usize], stuck[pair.1 as usize]) = (true, true),
             }
+            self.apply(&chosen)?;
         }
         Ok(())
+    }
+
+    /// As many pairs, the first of them first, as have such a distance from each other, Å, through space.
+    fn far_from_each_other(&self, pairs: &[(u32, u32)], distance: f64) -> Vec<(u32, u32)> {
+        let at = |v: u32| self.mesh.positions()[v as usize];
+        let mut far: Vec<(u32, u32)> = Vec::new();
+        for &pair in pairs {
+            let is_far = |other: &(u32, u32)| (at(pair.0) - at(other.0)).norm() >= distance;
+            if far.iter().all(is_far) {
+                far.push(pair);
+            }
+        }
+        far
+    }
+
+    /// How many of the ends of a path are singular, before and after a change along it.
+    fn singular_ends(&self, change: &[(usize, i32)]) -> [usize; 2] {
+        let ((first, last), s) = (self.ends(change), change[0].1);
+        let count = |ends: [i32; 2]| ends.iter().filter(|&&i| i != 0).count();
+        let (a, b) = (self.index[first], self.index[last]);
+        [count([a, b]), count([a + s, b - s])]
     }
 
     /// The singular vertices inside of the surface, ascending.
@@ -580,7 +621,7 @@ impl<'a> Descent<'a> {
     }
 
     /// Paths on which a singular vertex may give a quarter away: to another of opposite sign, or to regular ones a little
-    /// farther than `apart` that are as far from all others; each with its length.
+    /// farther than `apart` that are as far from all others.
     ///
     /// Of the ring of vertices between 1.05 and 1.5 times `apart` only every so many are tried, about 24 in all: costs
     /// vary slowly along the ring, and each way costs a solve.
@@ -590,7 +631,7 @@ impl<'a> Descent<'a> {
         v: u32,
         other: u32,
         apart: f64,
-    ) -> Result<Vec<(f64, Change)>, Error> {
+    ) -> Result<Vec<Change>, Error> {
         const TARGETS: usize = 24;
         const RING: [f64; 2] = [1.05, 1.5];
         let reach = RING[1] * apart;
@@ -614,9 +655,9 @@ impl<'a> Descent<'a> {
         let targets = ring.into_iter().step_by(every);
         Ok(targets
             .chain(meets.then_some(other))
-            .filter_map(|u| Some((paths.distance[u as usize], self.along(&paths.to(u))?)))
-            .filter(|(_, change)| !change.is_empty())
-            .map(|(far, change)| (far, change.into_iter().map(|(h, _)| (h, -sign)).collect()))
+            .filter_map(|u| self.along(&paths.to(u)))
+            .filter(|change| !change.is_empty())
+            .map(|change| change.into_iter().map(|(h, _)| (h, -sign)).collect())
             .collect())
     }
 }

@@ -4,6 +4,7 @@
 //! kept from one question to the next, and only from vertices that were not singular before is the graph searched, as
 //! far as `apart`. And changes of period jumps that are so far from each other that they can be made together.
 
+use geom_core::compute::parallel;
 use geom_core::surface::distance::{Graph, shortest_paths};
 
 use super::frames::{Frames, previous};
@@ -19,14 +20,14 @@ pub(super) struct Near {
 }
 
 impl Near {
-    /// The two nearest to each other, if that is nearer than `apart`; two that are stuck are none.
-    pub(super) fn pair(
+    /// Those nearer to each other than `apart`, the nearest first; two that are stuck are none.
+    pub(super) fn pairs(
         &mut self,
         graph: &Graph,
         singular: &[u32],
         apart: f64,
         stuck: &[bool],
-    ) -> Result<Option<(u32, u32)>, Error> {
+    ) -> Result<Vec<(u32, u32)>, Error> {
         let is_singular = |v: u32| singular.binary_search(&v).is_ok();
         self.pairs.retain(|p| is_singular(p.1) && is_singular(p.2));
         let new: Vec<u32> = singular
@@ -34,24 +35,24 @@ impl Near {
             .copied()
             .filter(|v| self.of.binary_search(v).is_err())
             .collect();
-        for &v in &new {
+        let found: Vec<Result<_, Error>> = parallel::map(new.len(), |k| {
+            let v = new[k];
             let from = shortest_paths(graph, &[(v, 0.0)], apart)?.distance;
-            for &u in singular.iter().filter(|&&u| u != v) {
-                let distance = from[u as usize];
-                // Of two new ones each pair once.
-                let again = u < v && new.binary_search(&u).is_ok();
-                if distance < apart && !again {
-                    self.pairs.push((distance, u.min(v), u.max(v)));
-                }
-            }
+            // Of two new ones each pair once.
+            let others = singular.iter().filter(|&&u| u != v);
+            let others = others.filter(|&u| *u > v || new.binary_search(u).is_err());
+            let pairs = others.map(|&u| (from[u as usize], u.min(v), u.max(v)));
+            Ok(pairs.filter(|pair| pair.0 < apart).collect::<Vec<_>>())
+        });
+        for pairs in found {
+            self.pairs.extend(pairs?);
         }
         self.of = singular.to_vec();
+        self.pairs
+            .sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
         let open = |p: &&(f64, u32, u32)| !(stuck[p.1 as usize] && stuck[p.2 as usize]);
-        let nearest = self.pairs.iter().filter(open).min_by(|a, b| {
-            let ends = (a.1, a.2).cmp(&(b.1, b.2));
-            a.0.total_cmp(&b.0).then(ends)
-        });
-        Ok(nearest.map(|p| (p.1, p.2)))
+        let open = self.pairs.iter().filter(open);
+        Ok(open.map(|p| (p.1, p.2)).collect())
     }
 }
 

@@ -270,7 +270,11 @@ impl<S: Simd, const R: usize, const T: usize> Wide<S, R, T> {
         // Blocks from the end: the first may be smaller.
         let mut end = width;
         while end > 0 {
-            let block = if end.is_multiple_of(BLOCK) { BLOCK } else { end % BLOCK };
+            let block = if end.is_multiple_of(BLOCK) {
+                BLOCK
+            } else {
+                end % BLOCK
+            };
             let first = end - block;
             if block == BLOCK {
                 let columns = l.several::<BLOCK>(first, 0..width);
@@ -391,7 +395,9 @@ impl<S: Simd> Single<S> {
         let mut sum = self.simd.splat_f64s(0.0);
         for (c, &x) in own.iter().enumerate() {
             let values = self.simd.partial_load_f64s(&l.column(c)[rows.clone()]);
-            sum = self.simd.mul_add_e_f64s(values, self.simd.splat_f64s(x), sum);
+            sum = self
+                .simd
+                .mul_add_e_f64s(values, self.simd.splat_f64s(x), sum);
         }
         sum
     }
