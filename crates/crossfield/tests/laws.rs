@@ -625,7 +625,7 @@ fn maps_of_narrow_tubes_are_decimated_all_the_way() {
 /// A map of a field that is upright at one spacing is so at any: the next one does not unfold anew.
 #[test]
 fn the_next_map_of_a_field_starts_upright() {
-    for seed in [12, 18, 31, 58] {
+    for seed in [10, 42, 58, 104] {
         let mesh = dented_torus(seed);
         let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
         let options = FieldOptions::default();
@@ -709,7 +709,7 @@ fn fields_without_a_map_give_way_to_those_of_less_smooth_copies() {
         singularity_penalty: FieldOptions::default().singularity_penalty,
         ..Options::default()
     };
-    for seed in [51, 59] {
+    for seed in [12, 38] {
         let mesh = dented_torus(seed);
         let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
         obeys(&made, &mesh);
