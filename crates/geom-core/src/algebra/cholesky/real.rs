@@ -135,8 +135,8 @@ impl<'a> Trapezoid<'a> {
     #[inline(always)]
     fn several<const N: usize>(&self, c: usize, rows: Range<usize>) -> [&'a [f64]; N] {
         let mut columns: [&[f64]; N] = [&[]; N];
-        for k in 0..N {
-            columns[k] = &self.column(c + k)[rows.clone()];
+        for (k, column) in columns.iter_mut().enumerate() {
+            *column = &self.column(c + k)[rows.clone()];
         }
         columns
     }
