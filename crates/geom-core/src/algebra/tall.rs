@@ -78,44 +78,33 @@ impl lanes::WithSimd for Gram<'_> {
 }
 
 impl Gram<'_> {
-    /// `P` rows of the result.
+    /// `P` rows of the result. Plain loops: an iterator's step that is not inlined here is a call per row of the blocks.
     #[inline(always)]
     fn rows<S: lanes::Simd, const P: usize>(&mut self, simd: S, i: usize) {
         let (m, n) = (self.a.columns, self.b.columns);
-        let rows = || {
-            let a = self.a.values.chunks_exact(m);
-            a.zip(self.b.values.chunks_exact(n))
-        };
+        let rows = self.a.rows().min(self.b.rows());
         let whole = n - n % S::F64_LANES;
-        for j in (0..whole).step_by(S::F64_LANES) {
+        let mut j = 0;
+        while j < n {
+            let end = (j + S::F64_LANES).min(n);
             let mut sums = [simd.splat_f64s(0.0); P];
-            for (a, b) in rows() {
-                let a = &a[i..i + P];
-                let b = S::as_simd_f64s(&b[j..j + S::F64_LANES]).0[0];
+            for row in 0..rows {
+                let a = &self.a.values[row * m + i..row * m + i + P];
+                let b = &self.b.values[row * n + j..row * n + end];
+                let b = if j < whole {
+                    S::as_simd_f64s(b).0[0]
+                } else {
+                    simd.partial_load_f64s(b)
+                };
                 for p in 0..P {
                     sums[p] = simd.mul_add_e_f64s(simd.splat_f64s(a[p]), b, sums[p]);
                 }
             }
             for (p, sum) in sums.into_iter().enumerate() {
-                add(simd, &mut self.out[(i + p) * n + j..][..S::F64_LANES], sum);
+                let row = (i + p) * n;
+                add(simd, &mut self.out[row + j..row + end], sum);
             }
-        }
-        if whole < n {
-            let mut sums = [simd.splat_f64s(0.0); P];
-            for (a, b) in rows() {
-                let a = &a[i..i + P];
-                let b = simd.partial_load_f64s(&b[whole..]);
-                for p in 0..P {
-                    sums[p] = simd.mul_add_e_f64s(simd.splat_f64s(a[p]), b, sums[p]);
-                }
-            }
-            for (p, sum) in sums.into_iter().enumerate() {
-                add(
-                    simd,
-                    &mut self.out[(i + p) * n + whole..(i + p + 1) * n],
-                    sum,
-                );
-            }
+            j = end;
         }
     }
 }
