@@ -199,8 +199,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "columns of a block beyond the eighth are those before them",
         "crates/geom-core/src/algebra/tall.rs",
-        "S::as_simd_f64s(&b[j..j + S::F64_LANES]).0[0]",
-        "S::as_simd_f64s(&b[..S::F64_LANES]).0[0]",
+        "&self.b.values[row * n + j..row * n + end]",
+        "&self.b.values[row * n..row * n + end - j]",
     )
     .seen_by("spectral::any_width_of_a_block"),
     Fault::wrong(
