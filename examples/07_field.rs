@@ -4,14 +4,14 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use biogeom_examples::args::{Common, HasCommon};
-use biogeom_examples::crosses::{self, Guide, Mode};
+use biogeom_examples::crosses::{self, Mode};
 use biogeom_examples::input::source::SourceArgs;
 use biogeom_examples::input::surface;
-use biogeom_examples::picture::{Layer, Paint, Scene, View};
+use biogeom_examples::picture::{Layer, Paint, Rgb, Scene, View};
 use biogeom_examples::{Failure, Session, products};
 use clap::Parser;
-use crossfield::field::Frames;
-use crossfield::{FieldOptions, cross_field, guidance};
+use crossfield::field::{Frames, Guide};
+use crossfield::{CrossField, FieldOptions, cross_field, guidance};
 use geom_core::TriMesh;
 use geom_core::io::{self, view::View as Fields};
 use geom_core::surface::laplace::EdgeWeights;
@@ -26,7 +26,7 @@ struct Args {
     source: SourceArgs,
     /// What the field follows: none, curvature, modes:1,2, modes:auto, characteristic:1,2
     #[arg(long, value_name = "GUIDE", default_value = "none", value_parser = crosses::guide)]
-    guide: Guide,
+    guide: crosses::Guide,
     /// How strictly
     #[arg(long, value_enum, default_value_t)]
     mode: Mode,
@@ -40,13 +40,16 @@ struct Args {
     common: Common,
 }
 
+/// Triangles that guide the field.
+const GUIDED: Rgb = [96, 168, 120];
+
 const EXAMPLES: &str = "\
 Examples:
   07_field spot.ply --out out
   07_field 1ajj.pdb --spacing 1 --guide modes:1,2 --mode hard --out guided
 
-Outputs: field.png (crosses; blue balls where three quads will meet, red ones where five will), field.vtu (one arm
-of the cross per triangle, four times the index per vertex), report.json with `field`.";
+Outputs: field.png and field.glb (crosses; blue balls where three quads will meet, red ones where five will; what guides the
+field in green), field.vtu (one arm of the cross per triangle, four times the index per vertex), report.json with `field`.";
 
 impl HasCommon for Args {
     fn common(&self) -> &Common {
@@ -92,7 +95,7 @@ fn field(args: &Args, session: &Session) -> Result<(), Failure> {
         json!({ "singularities": field.report.singularities }),
     )?;
 
-    session.files(2, || {
+    session.files(3, || {
         let arms: Vec<[f32; 3]> = (0..frames.faces())
             .map(|f| field.arms(&frames, f)[0].cast::<f32>().into())
             .collect();
@@ -102,24 +105,48 @@ fn field(args: &Args, session: &Session) -> Result<(), Failure> {
             .point_field("four_times_index", &index)?;
         io::mesh::save(session.output("field.vtu")?, &fields)?;
 
+        let scene = scene(&mesh, &frames, &guides, &field);
+        products::save_scene(session, "field", &scene)?;
         session.picture("field", || {
-            let mut body = Layer::surface(&mesh, Paint::Plain(products::GOLD));
-            body.edges = false;
-            let mut layers = vec![body, crosses::crosses(&mesh, &frames, &field)];
-            let singular = field
-                .singular_vertices(&frames)
-                .map(|v| (mesh.positions()[v], field.index[v] > 0));
-            layers.extend(crosses::balls(singular, 0.008 * mesh.bounds().diagonal()));
-            let view = View::principal(mesh.positions()).turned(0.25, 0.2);
-            let mut scene = Scene::new(layers, view);
-            scene.caption = Some(format!(
-                "{} singularities, energy {:.2} rad²",
-                field.report.singularities, field.report.energy
-            ));
             session.show_scene("field", &scene);
             Ok(scene.draw(session.rasterizer()?, products::SIZE)?)
         })
     })
+}
+
+/// The surface with its crosses, balls at singular vertices, and the triangles that guide the field in another colour: those
+/// along the isocontours, or where curvature says how.
+fn scene(mesh: &TriMesh, frames: &Frames, guides: &[Guide], field: &CrossField) -> Scene {
+    let mut is_guided = vec![false; frames.faces()];
+    for guide in guides {
+        is_guided[guide.face as usize] = true;
+    }
+    let part = |guided: bool, color: Rgb| {
+        let mut layer = Layer::surface(mesh, Paint::Plain(color));
+        layer.edges = false;
+        let faces = mesh.triangles().iter().zip(&is_guided);
+        layer.faces = faces.filter(|f| *f.1 == guided).map(|f| *f.0).collect();
+        layer
+    };
+    let mut layers = vec![part(false, products::GOLD)];
+    if !guides.is_empty() {
+        layers.push(part(true, GUIDED));
+    }
+    layers.push(crosses::crosses(mesh, frames, field));
+    let singular = field
+        .singular_vertices(frames)
+        .map(|v| (mesh.positions()[v], field.index[v] > 0));
+    layers.extend(crosses::balls(singular, 0.008 * mesh.bounds().diagonal()));
+    let view = View::principal(mesh.positions()).turned(0.25, 0.2);
+    let mut scene = Scene::new(layers, view);
+    if !guides.is_empty() {
+        scene.legend = vec![(GUIDED, "guides".to_owned())];
+    }
+    scene.caption = Some(format!(
+        "{} singularities, energy {:.2} rad²",
+        field.report.singularities, field.report.energy
+    ));
+    scene
 }
 
 /// The side of quads a third as many as the triangles.

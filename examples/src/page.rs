@@ -13,7 +13,7 @@ use geom_core::{Aabb, Point3};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::picture::{Paint, Rgb, Scale, Scene};
+use crate::picture::{Rgb, Scale, Scene};
 use crate::products::Coloring;
 
 const PAGE: &str = include_str!("../assets/page.html");
@@ -137,37 +137,17 @@ impl Page {
 
     /// Adds all layers of a scene as they are coloured.
     pub(crate) fn add_scene(&mut self, name: &str, scene: &Scene) {
-        let (mut positions, mut triangles, mut colors) = (Vec::new(), Vec::new(), Vec::new());
-        for layer in &scene.layers {
-            let first = positions.len() as u32;
-            let corner = |v: u32| layer.positions[v as usize];
-            match &layer.paint {
-                // Each face has corners of its own, so that its colour ends with it.
-                Paint::Faces(of_faces) => {
-                    for (face, &color) in layer.faces.iter().zip(of_faces) {
-                        let next = positions.len() as u32;
-                        triangles.push([next, next + 1, next + 2]);
-                        positions.extend(face.map(corner));
-                        colors.extend([color; 3]);
-                    }
-                    continue;
-                }
-                Paint::Plain(color) => colors.extend(vec![*color; layer.positions.len()]),
-                Paint::Vertices(of_vertices) => colors.extend(of_vertices),
-            }
-            positions.extend(&layer.positions);
-            triangles.extend(layer.faces.iter().map(|f| f.map(|v| first + v)));
-        }
+        let all = scene.merged();
         let coloring = Coloring {
-            colors,
+            colors: all.colors,
             scale: scene.scale.clone(),
             legend: scene.legend.clone(),
         };
         let way = scene.scale.as_ref().map_or("as drawn", |s| &s.label);
         self.add(
             name,
-            &positions,
-            &triangles,
+            &all.positions,
+            &all.triangles,
             vec![(way.to_owned(), coloring)],
         );
     }

@@ -162,6 +162,17 @@ pub fn save_scalars(
     Ok(layer)
 }
 
+/// Writes all layers of a scene as `NAME.glb`, coloured as they are drawn.
+pub fn save_scene(session: &Session, name: &str, scene: &Scene) -> Result<(), Failure> {
+    let all = scene.merged();
+    let mesh = TriMesh::new(all.positions, all.triangles)?;
+    let view = Fields::from(&mesh).colored(rgba(&all.colors))?;
+    Ok(io::mesh::save(
+        session.output(format!("{name}.glb"))?,
+        &view,
+    )?)
+}
+
 fn save_colored(
     session: &Session,
     name: &str,

@@ -115,6 +115,16 @@ impl View {
     }
 }
 
+/// The layers of a scene put together.
+pub(crate) struct Merged {
+    /// Vertex positions, Å.
+    pub(crate) positions: Vec<Point3>,
+    /// Corners per triangle.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// A colour per vertex.
+    pub(crate) colors: Vec<Rgb>,
+}
+
 /// What a picture shows.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -139,6 +149,36 @@ impl Scene {
             scale: None,
             legend: Vec::new(),
             caption: None,
+        }
+    }
+
+    /// All layers as one list of triangles with a colour per vertex.
+    pub(crate) fn merged(&self) -> Merged {
+        let (mut positions, mut triangles, mut colors) = (Vec::new(), Vec::new(), Vec::new());
+        for layer in &self.layers {
+            let first = positions.len() as u32;
+            let corner = |v: u32| layer.positions[v as usize];
+            match &layer.paint {
+                // Each face has corners of its own, so that its colour ends with it.
+                Paint::Faces(of_faces) => {
+                    for (face, &color) in layer.faces.iter().zip(of_faces) {
+                        let next = positions.len() as u32;
+                        triangles.push([next, next + 1, next + 2]);
+                        positions.extend(face.map(corner));
+                        colors.extend([color; 3]);
+                    }
+                    continue;
+                }
+                Paint::Plain(color) => colors.extend(vec![*color; layer.positions.len()]),
+                Paint::Vertices(of_vertices) => colors.extend(of_vertices),
+            }
+            positions.extend(&layer.positions);
+            triangles.extend(layer.faces.iter().map(|f| f.map(|v| first + v)));
+        }
+        Merged {
+            positions,
+            triangles,
+            colors,
         }
     }
 

@@ -705,6 +705,18 @@ fn fields_and_quads_of_a_mesh_and_of_a_structure() {
     assert_eq!(report["counts"]["singularities"], field["singularities"]);
     assert_png(out.join("field.png"));
     assert!(out.join("field.vtu").exists());
+    // The surface, two strokes of two triangles per cross and the balls over it, in one file.
+    let triangles = |path: &Path| match io::mesh::read(path).unwrap().mesh {
+        AnyMesh::Tri(mesh) => mesh.triangles().len(),
+        _ => panic!("{} is no triangle mesh", path.display()),
+    };
+    let surface = triangles(fixture("spot.ply").as_ref());
+    let singularities = report["counts"]["singularities"].as_u64().unwrap() as usize;
+    let balls = singularities * shapes::icosphere(1.0, 1).triangles().len();
+    assert_eq!(
+        triangles(&out.join("field.glb")),
+        surface + 4 * surface + balls
+    );
 
     let guided = folder.path().join("guided");
     let args = [
