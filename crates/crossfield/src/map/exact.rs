@@ -120,22 +120,23 @@ pub(super) fn fixed(
     field: &CrossField,
     cut: &Cut,
     seams: &Seams,
-    y: &[f64],
+    w: &[f64],
     stage: &'static str,
     report: MapReport,
 ) -> Result<GridMap, Error> {
     let unit = (1i64 << BITS) as f64;
-    let values: Vec<i64> = y
+    let mut values: Vec<i64> = w
         .iter()
         .enumerate()
-        .map(|(k, &y)| {
+        .map(|(k, &w)| {
             if k < seams.reals {
-                (y * unit).round() as i64
+                (w * unit).round() as i64
             } else {
-                (y.round() as i64) << BITS
+                (w.round() as i64) << BITS
             }
         })
         .collect();
+    seams.add_up(&mut values);
     let at = |copy: u32, component: usize| -> i64 {
         seams
             .row(copy, component)

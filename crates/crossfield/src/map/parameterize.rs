@@ -119,7 +119,7 @@ pub(crate) fn parameterized(
     let relaxed = making.relaxed()?;
     run.progress("map", 1, 3)?;
     let Rounded {
-        mut y,
+        mut w,
         stage,
         spread,
         is_narrow,
@@ -133,11 +133,11 @@ pub(crate) fn parameterized(
     // With a decimated map to fall back on, no more than a little.
     let share = unfolding.effort.share(if spread.is_some() { 8 } else { 1 });
     making.unfolding.effort = &share;
-    making.unfold(&relaxed.weighted, &mut y)?;
+    making.unfold(&relaxed.weighted, &mut w)?;
     unfolding.effort.give_back(&share);
-    making.report.energy = making.system.energy(&making.system.corners(&y));
+    making.report.energy = making.system.energy(&making.system.corners(&w));
     match (
-        fixed(frames, field, &cut, &seams, &y, stage, making.report),
+        fixed(frames, field, &cut, &seams, &w, stage, making.report),
         spread,
     ) {
         (Ok(map), _) => Ok(Laid::Whole(map)),
@@ -261,7 +261,8 @@ pub(crate) fn relaxation(
 
 /// Integers, and the real numbers that follow them.
 struct Rounded {
-    y: Vec<f64>,
+    /// All values.
+    w: Vec<f64>,
     /// What to say if the map folds.
     stage: &'static str,
     /// The decimated map with them, where one was needed and turns right around all vertices.
@@ -290,17 +291,16 @@ struct Making<'a> {
 }
 
 /// The best map with real numbers in place of integers, folded or not.
-struct Optimum {
-    weighted: Weighted,
-    quadratic: Quadratic,
-    y: Vec<f64>,
+struct Optimum<'a> {
+    weighted: Weighted<'a>,
+    w: Vec<f64>,
     corners: Vec<[[f64; 2]; 3]>,
 }
 
 /// The best map without integers.
-struct Relaxed {
-    weighted: Weighted,
-    quadratic: Quadratic,
+struct Relaxed<'a> {
+    weighted: Weighted<'a>,
+    w: Vec<f64>,
     corners: Vec<[[f64; 2]; 3]>,
 }
 
@@ -341,28 +341,18 @@ impl<'a> Making<'a> {
         faults(self.frames, self.field, self.system.charts, corners)
     }
 
-    /// Integers alone make a map: the real unknowns follow to the minimum for them. Answers both, the reals first.
-    fn with_reals(weighted: &Weighted, integers: &[f64]) -> Result<Vec<f64>, Error> {
-        let mut y = weighted.reals_for(integers)?;
-        y.extend_from_slice(integers);
-        Ok(y)
-    }
-
     /// The optimum of Eq. 4.10 with real numbers in place of integers.
     ///
-    /// One sparse factorization, a solve per integer, and a dense factorization of the Schur complement: n_int³
-    /// operations, where n_int is about twice the number of singular vertices plus four times the genus.
-    fn optimum(&mut self) -> Result<Optimum, Error> {
+    /// One sparse factorization and a few substitutions.
+    fn optimum(&mut self) -> Result<Optimum<'a>, Error> {
         let weighted = self.system.weighted(&self.weights)?;
-        let quadratic = quadratic(&weighted)?;
-        let y = Self::with_reals(&weighted, &quadratic.relaxed())?;
-        let corners = self.system.corners(&y);
+        let w = weighted.optimum()?;
+        let corners = self.system.corners(&w);
         self.report.relaxed_energy = self.system.energy(&corners);
         self.report.relaxed_folded = self.faults(&corners).len();
         Ok(Optimum {
             weighted,
-            quadratic,
-            y,
+            w,
             corners,
         })
     }
@@ -371,7 +361,7 @@ impl<'a> Making<'a> {
     ///
     /// From where the last map of the same field ended, if there was one, else from the optimum. What is still folded
     /// then is an error that no other spacing would mend; where it is so is left for those who have finer triangles.
-    fn relaxed(&mut self) -> Result<Relaxed, Error> {
+    fn relaxed(&mut self) -> Result<Relaxed<'a>, Error> {
         let start = self.unfolding.ends.folded.take();
         let is_resumed = start.is_some();
         if let Some(Folded { jacobians, .. }) = start {
@@ -386,12 +376,12 @@ impl<'a> Making<'a> {
         if self.report.relaxed_folded == 0 {
             return Ok(Relaxed {
                 weighted: optimum.weighted,
-                quadratic: optimum.quadratic,
+                w: optimum.w,
                 corners: optimum.corners,
             });
         }
-        let y = self.unfolded_optimum(optimum, is_resumed)?;
-        let corners = self.system.corners(&y);
+        let w = self.unfolded_optimum(optimum, is_resumed)?;
+        let corners = self.system.corners(&w);
         let (triangles, cones) = self.unfolder().invalid(&corners);
         if triangles + cones > 0 {
             self.leave_folded(&corners);
@@ -402,13 +392,12 @@ impl<'a> Making<'a> {
                 relaxed: true,
             });
         }
-        self.unfolding.ends.upright.replace(Some(y));
+        self.unfolding.ends.upright.replace(Some(w.clone()));
         // Rounding starts from here, and has to keep what unfolding has reached.
         self.want(&corners);
-        let weighted = self.system.weighted(&self.weights)?;
         Ok(Relaxed {
-            quadratic: quadratic(&weighted)?,
-            weighted,
+            weighted: self.system.weighted(&self.weights)?,
+            w,
             corners,
         })
     }
@@ -438,34 +427,32 @@ impl<'a> Making<'a> {
     }
 
     /// The unknowns after unfolding with all of them free. A map that is resumed folds in few places.
-    fn unfolded_optimum(&self, optimum: Optimum, is_resumed: bool) -> Result<Vec<f64>, Error> {
-        let schur = |z: &mut [f64]| optimum.quadratic.solve(z);
+    fn unfolded_optimum(&self, optimum: Optimum<'a>, is_resumed: bool) -> Result<Vec<f64>, Error> {
         // A map upright at one spacing is so at any, and only has to settle.
-        let last = self.unfolding.ends.upright.take().map(|y| self.fitted(y));
-        let last = last.filter(|y| self.unfolder().is_valid(y));
-        let mut y = optimum.y;
+        let last = self.unfolding.ends.upright.take().map(|w| self.fitted(w));
+        let last = last.filter(|w| self.unfolder().is_valid(w));
+        let mut w = optimum.w;
         if is_resumed {
-            self.unfolder()
-                .mended(&optimum.weighted, Some(&schur), &mut y)?;
-            return Ok(y);
+            self.unfolder().mended(&optimum.weighted, true, &mut w)?;
+            return Ok(w);
         }
-        for start in last.into_iter().chain([std::mem::take(&mut y)]) {
-            y = start;
+        for start in last.into_iter().chain([std::mem::take(&mut w)]) {
+            w = start;
             if self
                 .unfolder()
-                .untangled(&optimum.weighted, Some(&schur), &mut y)?
+                .untangled(&optimum.weighted, true, &mut w)?
             {
                 break;
             }
         }
-        Ok(y)
+        Ok(w)
     }
 
     /// The same map as large as fits best, in least squares.
-    fn fitted(&self, mut y: Vec<f64>) -> Vec<f64> {
+    fn fitted(&self, mut w: Vec<f64>) -> Vec<f64> {
         let (mut along, mut squared) = (0.0, 0.0);
         let charts = self.system.charts.iter().zip(&self.system.wanted);
-        for ((chart, wanted), uv) in charts.zip(&self.system.corners(&y)) {
+        for ((chart, wanted), uv) in charts.zip(&self.system.corners(&w)) {
             let j = chart.jacobian(uv);
             for (j, w) in j.as_flattened().iter().zip(wanted.as_flattened()) {
                 along += chart.area * j * w;
@@ -473,9 +460,9 @@ impl<'a> Making<'a> {
             }
         }
         if along > 0.0 {
-            y.iter_mut().for_each(|y| *y *= along / squared);
+            w.iter_mut().for_each(|w| *w *= along / squared);
         }
-        y
+        w
     }
 
     /// Makes a map the optimum: its gradients are wanted in place of the field's, the more strictly the narrower it is.
@@ -501,22 +488,23 @@ impl<'a> Making<'a> {
     /// none on denser grids either. The first two are made wider where quads would meet themselves, if asked for.
     fn quantized(
         &mut self,
-        relaxed: &Relaxed,
+        relaxed: &Relaxed<'a>,
         widening: Option<Widening<'_>>,
     ) -> Result<Rounded, Error> {
         let Relaxed {
             weighted,
-            quadratic,
+            w,
             corners,
         } = relaxed;
+        let quadratic = self.quadratic(weighted, w)?;
         let rounded = quadratic.rounded(self.run)?;
         let direct = Rounded {
-            y: Self::with_reals(weighted, &rounded)?,
+            w: weighted.values_for(&rounded)?,
             stage: "rounding",
             spread: None,
             is_narrow: false,
         };
-        if self.faults(&self.system.corners(&direct.y)).is_empty() {
+        if self.faults(&self.system.corners(&direct.w)).is_empty() {
             return Ok(direct);
         }
         // Whether integers can hold the map upright is said by the few triangles between singular vertices.
@@ -533,7 +521,7 @@ impl<'a> Making<'a> {
             let is_right = |z: &[f64]| self.spread(&coarse, z, corners).is_some();
             let Some(other) = quadratic.rounded_within(&upright, &is_right, self.run)? else {
                 // No real numbers can mend what the integers fold.
-                let (triangles, cones) = self.unfolder().invalid(&self.system.corners(&direct.y));
+                let (triangles, cones) = self.unfolder().invalid(&self.system.corners(&direct.w));
                 return Err(Error::Folded {
                     triangles,
                     cones,
@@ -550,13 +538,13 @@ impl<'a> Making<'a> {
             z: wider,
             mut spread,
             is_narrow,
-        } = self.widened(&coarse, upright, &z, relaxed, narrow)?;
+        } = self.widened(&coarse, upright, &z, &quadratic, corners, narrow)?;
         self.report.respaced |= wider != z;
         if let Some(spread) = &mut spread {
             spread.map.report = self.report;
         }
         Ok(Rounded {
-            y: Self::with_reals(weighted, &wider)?,
+            w: weighted.values_for(&wider)?,
             stage: match self.report.respaced {
                 true => "rounding to other integers",
                 false => "rounding",
@@ -566,16 +554,26 @@ impl<'a> Making<'a> {
         })
     }
 
+    /// The energy as a function of the integers alone, from its minimum. It takes n³ operations for n integers, which are about
+    /// twice the number of singular vertices plus four times the genus.
+    fn quadratic(&self, weighted: &Weighted<'_>, w: &[f64]) -> Result<Quadratic, Error> {
+        let seams = self.system.seams;
+        let relaxed = &w[seams.reals..seams.unknowns()];
+        let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
+        Ok(Quadratic::new(weighted.inverse_schur()?, relaxed).ok_or(indefinite)?)
+    }
+
     /// Makes handles and necks wider where quads would meet themselves around them: each is a condition more on the integers.
     fn widened(
         &self,
         coarse: &Coarse,
         mut upright: Upright,
         z: &[f64],
-        relaxed: &Relaxed,
+        quadratic: &Quadratic,
+        corners: &[[[f64; 2]; 3]],
         narrow: Option<&dyn Fn(&Spread) -> Narrow>,
     ) -> Result<Widened, Error> {
-        let spread = |z: &[f64]| self.spread(coarse, z, &relaxed.corners).map(Box::new);
+        let spread = |z: &[f64]| self.spread(coarse, z, corners).map(Box::new);
         let mut now = Widened {
             z: z.to_vec(),
             spread: spread(z),
@@ -591,7 +589,7 @@ impl<'a> Making<'a> {
                 break;
             }
             upright.add(&found.wider);
-            let Some(z) = relaxed.quadratic.mended(&now.z, &upright, self.run)? else {
+            let Some(z) = quadratic.mended(&now.z, &upright, self.run)? else {
                 break;
             };
             // Moves may have turned triangles all around a vertex.
@@ -613,9 +611,9 @@ impl<'a> Making<'a> {
     /// Stiffer triangles where the map folds, then untangling, the integers held.
     ///
     /// What comes out may still be folded: the check afterwards says so, and counts.
-    fn unfold(&mut self, weighted: &Weighted, y: &mut [f64]) -> Result<(), Error> {
-        let reals = self.system.seams.reals;
-        let mut corners = self.system.corners(y);
+    fn unfold(&mut self, weighted: &Weighted<'_>, w: &mut [f64]) -> Result<(), Error> {
+        let seams = self.system.seams;
+        let mut corners = self.system.corners(w);
         self.report.folded = self.faults(&corners).len();
         let mut weights = self.weights.clone();
         for _ in 0..STIFFENINGS {
@@ -626,25 +624,18 @@ impl<'a> Making<'a> {
             let charts = self.system.charts;
             stiffen(self.frames, charts, &corners, &faults, &mut weights);
             let stiffer = self.system.weighted(&weights)?;
-            let solved = stiffer.reals_for(&y[reals..])?;
-            y[..reals].copy_from_slice(&solved);
-            corners = self.system.corners(y);
+            let integers = &w[seams.reals..seams.unknowns()];
+            w.copy_from_slice(&stiffer.values_for(integers)?);
+            corners = self.system.corners(w);
             self.report.stiffenings += 1;
         }
         if self.faults(&corners).is_empty() {
             return Ok(());
         }
         self.report.untangled = true;
-        self.unfolder().untangled(weighted, None, y)?;
+        self.unfolder().untangled(weighted, false, w)?;
         Ok(())
     }
-}
-
-/// The energy as a function of the integers alone.
-fn quadratic(weighted: &Weighted) -> Result<Quadratic, Error> {
-    let (s, right) = weighted.schur()?;
-    let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
-    Ok(Quadratic::new(&s, &right).ok_or(indefinite)?)
 }
 
 /// Triangles that are inverted or turned away, and triangles around vertices whose angles in the map do not add up to

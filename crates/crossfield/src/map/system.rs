@@ -2,14 +2,16 @@
 //!
 //! Let x be the coordinates of all copies, u and v of each. As if no conditions held, Eq. 4.10 is `½ xᵀ K x − kᵀ x`
 //! with K the stiffness matrix of linear elements, anisotropic where the spacing is ([`Chart`]). The conditions are
-//! `x = P y` with the sparse integer matrix P of [`Seams`], so that the energy over the independent unknowns has the
-//! matrix `A = Pᵀ K P` and the right-hand side `b = Pᵀ k`. No multipliers and no penalties: whatever y is, the
-//! conditions hold.
+//! `x = P w` with the sparse integer matrix P of [`Seams`] and values w: real unknowns, integer unknowns, and sums of
+//! these. So the energy over the values has the matrix `A = Pᵀ K P` and the right-hand side `b = Pᵀ k`.
 //!
-//! The few integers are what is chosen, the many reals follow. With `A = [A_RR A_RI; A_IR A_II]` and A_RR factored
-//! once, all that is asked of the energy as the integers change is in the Schur complement
-//! `S = A_II − A_IR A_RR⁻¹ A_RI`, a small dense matrix: each greedy step of rounding is then an exact optimum over
-//! everything that is still free, where solvers of the original method stop early.
+//! Written over the unknowns alone, A would be dense where many integers add up. Instead the sums are values of their own, and
+//! what ties them to the integers are equations `C w = 0`, the closings around the nodes of the cut, with a few terms each. The
+//! factor of `A + Cᵀ R C` with large weights R is sparse, and serves for everything in which all unknowns move: its inverse,
+//! restricted to the unknowns, is that of the energy's matrix up to 1 / R. Where more digits are wanted, the method of
+//! multipliers (Hestenes 1969, Powell 1969) has them after a few substitutions.
+
+use std::cell::OnceCell;
 
 use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
 
@@ -18,37 +20,39 @@ use super::spacing::Chart;
 use super::transition::Seams;
 use crate::Error;
 
-/// Solves a system in place.
-/// Handed to [`Weighted::inverse`] by those who have a factor of the Schur complement; this file has none.
-pub(crate) type Solver<'a> = &'a dyn Fn(&mut [f64]);
+/// How much a closing weighs, in units of the largest diagonal entry of A among its values: half of the digits.
+const STIFF: f64 = (1u64 << 20) as f64;
+/// Substitutions of the method of multipliers. Each gains about six digits.
+const MULTIPLIERS: usize = 4;
 
-/// `½ yᵀ A y − bᵀ y`, with the real unknowns R apart from the integer ones I.
+/// `½ wᵀ A w − bᵀ w` under `C w = 0`.
 pub(crate) struct System<'a> {
     /// Which copy each corner is.
     pub(crate) cut: &'a Cut,
-    /// The rows of P.
+    /// The rows of P and of C.
     pub(crate) seams: &'a Seams,
     /// What each triangle contributes to K.
     pub(crate) charts: &'a [Chart],
     /// The wanted Jacobians: at first the field's, the identity.
     pub(crate) wanted: Vec<[[f64; 2]; 2]>,
-    /// The pattern of A_RR and the order of its elimination, which weights do not change: analysed with the first
-    /// weights, kept for all others.
-    symbolic: Option<Symbolic>,
+    /// The pattern of the matrix and the order of its elimination, which weights do not change.
+    symbolic: OnceCell<Symbolic>,
 }
 
-/// The system for one choice of weights, A_RR factored.
-pub(crate) struct Weighted {
-    /// Of A_RR; `None` if there are no reals.
-    factor: Option<Cholesky>,
-    /// A_RI, column by column.
-    mixed: Vec<Vec<(usize, f64)>>,
-    /// A_II, row after row.
-    pub(crate) integer: Vec<f64>,
-    /// Reals first.
-    pub(crate) right: Vec<f64>,
-    /// Number of real unknowns.
-    reals: usize,
+/// The system for one choice of weights.
+pub(crate) struct Weighted<'a> {
+    seams: &'a Seams,
+    /// `A + Cᵀ R C`.
+    matrix: SparseMatrix,
+    /// b.
+    right: Vec<f64>,
+    /// R.
+    stiff: Vec<f64>,
+    symbolic: Symbolic,
+    /// Of the matrix.
+    free: OnceCell<Cholesky>,
+    /// Of its part over the reals, with ones on the diagonal for all other values.
+    held: OnceCell<Cholesky>,
 }
 
 impl<'a> System<'a> {
@@ -59,127 +63,87 @@ impl<'a> System<'a> {
             seams,
             charts,
             wanted: vec![[[1.0, 0.0], [0.0, 1.0]]; charts.len()],
-            symbolic: None,
+            symbolic: OnceCell::new(),
         }
     }
 
-    /// Assembles and factors, triangle f counting `weights[f]` times.
-    ///
-    /// `Pᵀ K P` is not formed as a product of matrices: each row of K is expanded over the reals and the integers of its
-    /// coordinates. A coordinate hangs on few reals and often on many integers, so that the sums over integers are
-    /// gathered once per row of K.
-    ///
-    /// # Errors
-    /// [`Error::Matrix`] if A_RR is not positive definite: the map could be shifted or a part of it hangs on nothing.
-    pub(crate) fn weighted(&mut self, weights: &[f64]) -> Result<Weighted, Error> {
-        let (reals, integers) = (self.seams.reals, self.seams.integers);
-        let (stiffness, pulls) = self.of_copies(weights)?;
-        let mut right = vec![0.0; reals + integers];
-        let mut real = Vec::with_capacity(stiffness.entries());
-        let mut mixed = vec![Vec::new(); integers];
-        let mut integer = vec![0.0; integers * integers];
-        let row = |k: usize| self.seams.row((k / 2) as u32, k % 2);
-        let integers_of: Vec<Vec<(usize, f64)>> = (0..pulls.len())
-            .map(|k| {
-                let terms = row(k).filter(|t| t.0 >= reals);
-                terms.map(|(z, q)| (z - reals, f64::from(q))).collect()
-            })
-            .collect();
-        // What a coordinate's row of the matrix is over the integers.
-        let (mut sum, mut touched) = (vec![0.0; integers], Vec::new());
-        // Terms may cancel exactly on the way: a sum of zero does not say that it is new.
-        let mut is_touched = vec![false; integers];
-        for (k, &pull) in pulls.iter().enumerate() {
-            for (other, value) in stiffness.row(k) {
-                for &(z, q) in &integers_of[other] {
-                    if !std::mem::replace(&mut is_touched[z], true) {
-                        touched.push(z);
-                    }
-                    sum[z] += value * q;
-                }
-            }
-            for (y, p) in row(k) {
-                let p = f64::from(p);
-                right[y] += p * pull;
-                // Reals with reals, reals with integers, integers with integers.
-                if y < reals {
-                    for (other, value) in stiffness.row(k) {
-                        let reals_of = row(other).filter(|t| t.0 < reals);
-                        real.extend(
-                            reals_of.map(|(z, q)| (y as u32, z as u32, value * p * f64::from(q))),
-                        );
-                    }
-                    for &z in &touched {
-                        mixed[z].push((y, p * sum[z]));
-                    }
-                } else {
-                    for &z in &touched {
-                        integer[(y - reals) * integers + z] += p * sum[z];
-                    }
-                }
-            }
-            for z in touched.drain(..) {
-                (sum[z], is_touched[z]) = (0.0, false);
-            }
-        }
-        // The same place may have been met from several copies.
-        for column in &mut mixed {
-            *column = summed(std::mem::take(column));
-        }
-        let matrix = SparseMatrix::from_triplets(reals, reals, &real)?;
-        drop(real);
-        let factor = self.factored(&matrix)?;
-        Ok(Weighted {
-            factor,
-            mixed,
-            integer,
-            right,
-            reals,
-        })
-    }
-
-    /// The matrix and right-hand side over the coordinates of all copies, as if no conditions held.
-    ///
-    /// In a triangle u and v do not know of each other: 9 entries for each. Seams alone mix them, through P.
-    fn of_copies(&self, weights: &[f64]) -> Result<(SparseMatrix, Vec<f64>), Error> {
-        let coordinates = 2 * self.seams.copies();
-        let mut entries = Vec::with_capacity(18 * self.charts.len());
-        let mut pulls = vec![0.0; coordinates];
+    /// Assembles, triangle f counting `weights[f]` times.
+    pub(crate) fn weighted(&self, weights: &[f64]) -> Result<Weighted<'a>, Error> {
+        let values = self.seams.values();
+        let mut right = vec![0.0; values];
+        let mut diagonal = vec![0.0; values];
+        let mut entries = Vec::with_capacity(20 * self.charts.len());
         for (f, chart) in self.charts.iter().enumerate() {
             let weight = weights[f] * chart.area;
             let hats = [&chart.along_u, &chart.along_v];
+            let copies = [0, 1, 2].map(|k| self.cut.copy[3 * f + k]);
+            // In a triangle u and v do not know of each other. Seams alone mix them, through P.
             for (component, stiffness) in chart.stiffness().iter().enumerate() {
                 let wanted = self.wanted[f][component];
-                let places = [0, 1, 2].map(|k| 2 * self.cut.copy[3 * f + k] + component as u32);
-                for k in 0..3 {
+                for (k, &here) in copies.iter().enumerate() {
                     let hat = hats[component][k];
-                    pulls[places[k] as usize] += weight * (hat[0] * wanted[0] + hat[1] * wanted[1]);
-                    entries
-                        .extend((0..3).map(|l| (places[k], places[l], weight * stiffness[k][l])));
+                    let pull = weight * (hat[0] * wanted[0] + hat[1] * wanted[1]);
+                    for (i, p) in self.seams.row(here, component) {
+                        right[i] += f64::from(p) * pull;
+                        for (l, &there) in copies.iter().enumerate() {
+                            let value = weight * stiffness[k][l] * f64::from(p);
+                            for (j, q) in self.seams.row(there, component) {
+                                let value = value * f64::from(q);
+                                entries.push((i as u32, j as u32, value));
+                                if i == j {
+                                    diagonal[i] += value;
+                                }
+                            }
+                        }
+                    }
                 }
             }
         }
-        let matrix = SparseMatrix::from_triplets(coordinates, coordinates, &entries)?;
-        Ok((matrix, pulls))
+        let stiff = self.stiffness_of_closings(&diagonal);
+        let closings = &self.seams.closings;
+        for (row, stiff) in stiff.iter().enumerate() {
+            for (i, p) in closings.row(row) {
+                let others = closings.row(row);
+                entries
+                    .extend(others.map(|(j, q)| (i as u32, j as u32, stiff * f64::from(p * q))));
+            }
+        }
+        let matrix = SparseMatrix::from_triplets(values, values, &entries)?;
+        drop(entries);
+        let symbolic = match self.symbolic.get() {
+            Some(symbolic) => symbolic.clone(),
+            None => {
+                let symbolic = Symbolic::of(&matrix)?;
+                self.symbolic.get_or_init(|| symbolic).clone()
+            }
+        };
+        Ok(Weighted {
+            seams: self.seams,
+            matrix,
+            right,
+            stiff,
+            symbolic,
+            free: OnceCell::new(),
+            held: OnceCell::new(),
+        })
     }
 
-    /// With the pattern analysed if this is the first matrix.
-    fn factored(&mut self, matrix: &SparseMatrix) -> Result<Option<Cholesky>, Error> {
-        if matrix.rows() == 0 {
-            return Ok(None);
-        }
-        let symbolic = match &self.symbolic {
-            Some(symbolic) => symbolic,
-            None => self.symbolic.insert(Symbolic::of(matrix)?),
+    /// R, for the diagonal of A.
+    fn stiffness_of_closings(&self, diagonal: &[f64]) -> Vec<f64> {
+        let mean = diagonal.iter().sum::<f64>() / diagonal.len().max(1) as f64;
+        let closings = &self.seams.closings;
+        let of = |row| {
+            let own = closings.row(row).map(|(k, _)| diagonal[k]);
+            STIFF * own.fold(mean, f64::max)
         };
-        Ok(Some(symbolic.factor(matrix)?))
+        (0..closings.len()).map(of).collect()
     }
 
     /// The coordinates of the corners of all triangles.
-    /// In units of lines, from the values of the unknowns, reals first.
-    pub(crate) fn corners(&self, y: &[f64]) -> Vec<[[f64; 2]; 3]> {
+    /// In units of lines, from all values.
+    pub(crate) fn corners(&self, w: &[f64]) -> Vec<[[f64; 2]; 3]> {
         let copies: Vec<[f64; 2]> = (0..self.seams.copies() as u32)
-            .map(|copy| self.copy(y, copy))
+            .map(|copy| self.copy(w, copy))
             .collect();
         self.cut
             .copy
@@ -189,10 +153,10 @@ impl<'a> System<'a> {
     }
 
     /// The coordinates of a copy of a vertex.
-    pub(crate) fn copy(&self, y: &[f64], copy: u32) -> [f64; 2] {
+    pub(crate) fn copy(&self, w: &[f64], copy: u32) -> [f64; 2] {
         [0, 1].map(|component| {
             let terms = self.seams.row(copy, component);
-            terms.map(|(k, c)| f64::from(c) * y[k]).sum()
+            terms.map(|(k, c)| f64::from(c) * w[k]).sum()
         })
     }
 
@@ -209,95 +173,95 @@ impl<'a> System<'a> {
     }
 }
 
-impl Weighted {
-    /// `A_RR⁻¹ x`, in place.
-    fn solve(&self, x: &mut [f64]) -> Result<(), Error> {
-        match &self.factor {
-            Some(factor) => Ok(factor.solve_in_place(x, 1)?),
-            None => Ok(()),
-        }
+impl Weighted<'_> {
+    /// # Errors
+    /// [`Error::Matrix`] if the matrix is not positive definite: the map could be shifted or a part of it hangs on nothing.
+    fn free(&self) -> Result<&Cholesky, Error> {
+        kept(&self.free, || Ok(self.symbolic.factor(&self.matrix)?))
     }
 
-    /// `A⁻¹ (r, i)` by blocks, where `schur` solves with the Schur complement; with the integers held where it is `None`.
-    ///
-    /// Two substitutions with the factor of A_RR, or one where the integers are held; then the answer has the reals
-    /// alone.
-    pub(crate) fn inverse(
-        &self,
-        gradient: &[f64],
-        schur: Option<Solver<'_>>,
-    ) -> Result<Vec<f64>, Error> {
-        let (real, integer) = gradient.split_at(self.reals);
-        let mut x = real.to_vec();
-        self.solve(&mut x)?;
-        let Some(schur) = schur else {
-            return Ok(x);
-        };
-        let mut z = integer.to_vec();
-        self.take_reals(&mut z, &x);
-        schur(&mut z);
-        x.copy_from_slice(real);
-        self.take_integers(&mut x, &z);
-        self.solve(&mut x)?;
-        x.extend(z);
+    /// The pattern is that of the whole matrix, so that it needs no analysis of its own.
+    fn held(&self) -> Result<&Cholesky, Error> {
+        kept(&self.held, || {
+            let reals = self.seams.reals;
+            let own = |i: usize, j: usize, a: f64| match i < reals && j < reals {
+                true => a,
+                false => f64::from(u8::from(i == j)),
+            };
+            Ok(self.symbolic.factor(&self.matrix.map(own))?)
+        })
+    }
+
+    /// `A⁻¹ g` over the unknowns that move, up to `1 / R`, for a gradient with respect to them: all of them, or the reals alone.
+    pub(crate) fn inverse(&self, gradient: &[f64], is_held: bool) -> Result<Vec<f64>, Error> {
+        let mut x = gradient.to_vec();
+        x.resize(self.seams.values(), 0.0);
+        let factor = if is_held { self.held() } else { self.free() };
+        factor?.solve_in_place(&mut x, 1)?;
+        x.truncate(gradient.len());
         Ok(x)
     }
 
-    /// The real unknowns for given integers.
-    /// `A_RR⁻¹ (b_R − A_RI z)`: the minimum for these integers, which need not be integers.
-    pub(crate) fn reals_for(&self, integers: &[f64]) -> Result<Vec<f64>, Error> {
-        let mut x = self.right[..self.reals].to_vec();
-        self.take_integers(&mut x, integers);
-        self.solve(&mut x)?;
-        Ok(x)
-    }
-
-    /// The Schur complement `S = A_II − A_IR A_RR⁻¹ A_RI`, row after row, and its right-hand side: what the energy
-    /// is as a function of the integers alone, the reals following.
-    ///
-    /// A column of A_RI has entries along a chain of the cut, and eliminating them meets few of the reals: far less than a
-    /// substitution per integer. `integers²` numbers in memory.
-    pub(crate) fn schur(&self) -> Result<(Vec<f64>, Vec<f64>), Error> {
-        let (real, integer) = self.right.split_at(self.reals);
-        let (mut s, mut right) = (self.integer.clone(), integer.to_vec());
-        let Some(factor) = &self.factor else {
-            return Ok((s, right));
-        };
-        for (s, gram) in s.iter_mut().zip(factor.inverse_gram(&self.mixed)?) {
-            *s -= gram;
-        }
-        let mut x = real.to_vec();
-        self.solve(&mut x)?;
-        self.take_reals(&mut right, &x);
-        Ok((s, right))
-    }
-
-    /// `z ← z − A_IR x`.
-    fn take_reals(&self, z: &mut [f64], x: &[f64]) {
-        for (z, column) in z.iter_mut().zip(&self.mixed) {
-            *z -= column.iter().map(|&(row, a)| a * x[row]).sum::<f64>();
-        }
-    }
-
-    /// `x ← x − A_RI z`.
-    fn take_integers(&self, x: &mut [f64], z: &[f64]) {
-        for (column, &z) in self.mixed.iter().zip(z) {
-            for &(row, a) in column {
-                x[row] -= a * z;
+    /// The values at the minimum, with real numbers in place of integers.
+    pub(crate) fn optimum(&self) -> Result<Vec<f64>, Error> {
+        let (factor, closings) = (self.free()?, &self.seams.closings);
+        let mut multipliers = vec![0.0; closings.len()];
+        let mut w = Vec::new();
+        for _ in 0..MULTIPLIERS {
+            w.clone_from(&self.right);
+            for (row, multiplier) in multipliers.iter().enumerate() {
+                for (k, c) in closings.row(row) {
+                    w[k] -= f64::from(c) * multiplier;
+                }
+            }
+            factor.solve_in_place(&mut w, 1)?;
+            for (row, multiplier) in multipliers.iter_mut().enumerate() {
+                let gap: f64 = closings.row(row).map(|(k, c)| f64::from(c) * w[k]).sum();
+                *multiplier += self.stiff[row] * gap;
+            }
+            if closings.len() == 0 {
+                break;
             }
         }
+        self.seams.add_up(&mut w);
+        Ok(w)
+    }
+
+    /// All values for given integers: the reals follow to the minimum for these, which need not be integers.
+    pub(crate) fn values_for(&self, integers: &[f64]) -> Result<Vec<f64>, Error> {
+        let seams = self.seams;
+        let mut w = vec![0.0; seams.values()];
+        w[seams.reals..seams.unknowns()].copy_from_slice(integers);
+        seams.add_up(&mut w);
+        let mut x = vec![0.0; w.len()];
+        for (i, x) in x.iter_mut().enumerate().take(seams.reals) {
+            let others = self.matrix.row(i).filter(|&(j, _)| j >= seams.reals);
+            *x = self.right[i] - others.map(|(j, a)| a * w[j]).sum::<f64>();
+        }
+        self.held()?.solve_in_place(&mut x, 1)?;
+        w[..seams.reals].copy_from_slice(&x[..seams.reals]);
+        Ok(w)
+    }
+
+    /// `S⁻¹`, row after row, with S the Schur complement of the energy's matrix: what the energy is as a function of the
+    /// integers alone, the reals following. Up to `1 / R`; `integers²` numbers in memory.
+    ///
+    /// It is the part of the inverse of the whole matrix that belongs to the integers. On the way to the root of the
+    /// elimination tree an integer meets few of the reals: far less than a substitution per integer.
+    pub(crate) fn inverse_schur(&self) -> Result<Vec<f64>, Error> {
+        let integers = self.seams.reals..self.seams.unknowns();
+        let units: Vec<Vec<(usize, f64)>> = integers.map(|k| vec![(k, 1.0)]).collect();
+        Ok(self.free()?.inverse_gram(&units)?)
     }
 }
 
-/// Entries of one row added up.
-fn summed(mut column: Vec<(usize, f64)>) -> Vec<(usize, f64)> {
-    column.sort_by_key(|e| e.0);
-    column.dedup_by(|later, kept| {
-        let same = later.0 == kept.0;
-        if same {
-            kept.1 += later.1;
+/// What is in a cell, made now if it is empty.
+fn kept<T>(cell: &OnceCell<T>, make: impl FnOnce() -> Result<T, Error>) -> Result<&T, Error> {
+    match cell.get() {
+        Some(kept) => Ok(kept),
+        None => {
+            let made = make()?;
+            Ok(cell.get_or_init(|| made))
         }
-        same
-    });
-    column
+    }
 }

@@ -7,6 +7,9 @@
 //! from a vertex ends nowhere. So every equation is solved for a variable whose coefficient is ±1; where there is none,
 //! Euclid's algorithm on the coefficients, a change of variables of determinant 1, makes one. What is left is independent:
 //! any reals and any integers give a map without gaps.
+//!
+//! The translation of a chain near the root of the cut is a sum over all singular vertices farther out. Coordinates are
+//! written over such sums, not over their terms: each then hangs on what is near to it, and sparse matrices stay sparse.
 
 use std::collections::BTreeMap;
 
@@ -17,23 +20,55 @@ use crate::field::frames::{Frames, QUARTER};
 /// A sum of variables with integer coefficients: by variable, none of them zero.
 pub(crate) type Form = BTreeMap<u32, i64>;
 
-/// Both coordinates of every copy of every vertex as integer sums of independent unknowns: real ones first,
-/// then those that must become integers. Whatever values the unknowns get, all transitions
+/// Integer sums of numbered terms, one per row.
+#[derive(Clone, Debug)]
+pub(crate) struct Rows {
+    /// Where each row begins in the array below, and one more for the end.
+    starts: Vec<usize>,
+    /// Number and coefficient of each term; coefficients are never 0 and mostly ±1.
+    terms: Vec<(u32, i32)>,
+}
+
+impl Rows {
+    /// Of forms whose variables have these numbers.
+    fn of<'a>(forms: impl Iterator<Item = &'a Form>, number: &[u32]) -> Self {
+        let (mut starts, mut terms) = (vec![0], Vec::new());
+        for form in forms {
+            let numbered = form.iter().map(|(&v, &c)| (number[v as usize], c as i32));
+            terms.extend(numbered);
+            starts.push(terms.len());
+        }
+        Self { starts, terms }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// The terms of a row, with their coefficients.
+    pub(crate) fn row(&self, row: usize) -> impl ExactSizeIterator<Item = (usize, i32)> + '_ {
+        let terms = &self.terms[self.starts[row]..self.starts[row + 1]];
+        terms.iter().map(|&(k, c)| (k as usize, c))
+    }
+}
+
+/// Both coordinates of every copy of every vertex as integer sums of a few *values*: first the independent real unknowns,
+/// then the independent ones that must become integers, then sums of the latter, such as the translations of chains that
+/// elimination has expressed by others. Whatever the unknowns are, all transitions
 /// `(u, v)_right = R(−90° k) (u, v)_left + t` over the seams hold exactly, and kept lines are lines of
 /// equal coordinate.
 #[derive(Clone, Debug)]
 pub(crate) struct Seams {
-    /// Row 2 · copy + component.
-    /// Where each row begins in the two arrays below, and one more for the end.
-    starts: Vec<usize>,
-    /// The unknown of each entry.
-    unknowns: Vec<u32>,
-    /// Never 0 and mostly ±1; elimination adds some of them up.
-    coefficients: Vec<i32>,
+    /// Of values: row 2 · copy + component.
+    rows: Rows,
     /// Number of real unknowns.
     pub(crate) reals: usize,
     /// Number of integer unknowns.
     pub(crate) integers: usize,
+    /// Of integers: the values after the unknowns.
+    sums: Rows,
+    /// Of values: what vanishes if the sums are those of the integers. Unlike `sums` each hangs on what is near to it.
+    pub(crate) closings: Rows,
 }
 
 impl Seams {
@@ -65,21 +100,65 @@ impl Seams {
         unknowns.rows(&places, cut.vertex.len())
     }
 
-    /// The terms of a coordinate: unknown and coefficient.
-    /// Unknowns `reals..` are the integers.
+    /// The terms of a coordinate: value and coefficient.
+    /// Values from `reals` on are integers or sums of such.
     pub(crate) fn row(
         &self,
         copy: u32,
         component: usize,
-    ) -> impl Iterator<Item = (usize, i32)> + '_ {
-        let row = 2 * copy as usize + component;
-        let range = self.starts[row]..self.starts[row + 1];
-        range.map(|at| (self.unknowns[at] as usize, self.coefficients[at]))
+    ) -> impl ExactSizeIterator<Item = (usize, i32)> + '_ {
+        self.rows.row(2 * copy as usize + component)
+    }
+
+    /// What a coordinate hangs on of the integers, sums of which are written out.
+    pub(crate) fn integers_of(&self, copy: u32, component: usize) -> Form {
+        let mut form = Form::new();
+        let mut push = |k: usize, c: i32| add(&mut form, &Form::from([(k as u32, 1)]), c.into());
+        for (k, c) in self.row(copy, component).filter(|t| t.0 >= self.reals) {
+            match k.checked_sub(self.unknowns()) {
+                None => push(k - self.reals, c),
+                Some(sum) => self.sums.row(sum).for_each(|(k, own)| push(k, c * own)),
+            }
+        }
+        form
     }
 
     /// Number of copies.
     pub(crate) fn copies(&self) -> usize {
-        (self.starts.len() - 1) / 2
+        self.rows.len() / 2
+    }
+
+    /// Number of independent unknowns, reals and integers.
+    pub(crate) fn unknowns(&self) -> usize {
+        self.reals + self.integers
+    }
+
+    /// Number of values: unknowns and sums.
+    pub(crate) fn values(&self) -> usize {
+        self.unknowns() + self.sums.len()
+    }
+
+    /// Brings the sums up to date with the integers.
+    pub(crate) fn add_up<T: Copy + std::iter::Sum + std::ops::Mul<Output = T> + From<i32>>(
+        &self,
+        values: &mut [T],
+    ) {
+        let (unknowns, sums) = values.split_at_mut(self.unknowns());
+        let integers = &unknowns[self.reals..];
+        for (row, sum) in sums.iter_mut().enumerate() {
+            let terms = self.sums.row(row);
+            *sum = terms.map(|(k, c)| T::from(c) * integers[k]).sum();
+        }
+    }
+
+    /// Derivatives with respect to the unknowns for those with respect to all values: the transpose of [`add_up`](Self::add_up).
+    pub(crate) fn fold(&self, slopes: &mut Vec<f64>) {
+        let sums = slopes.split_off(self.unknowns());
+        for (row, slope) in sums.into_iter().enumerate() {
+            for (k, c) in self.sums.row(row) {
+                slopes[self.reals + k] += f64::from(c) * slope;
+            }
+        }
     }
 }
 
@@ -265,7 +344,12 @@ struct Unknowns {
     integer: Vec<bool>,
     /// Of variables that could be eliminated, the one of lowest rank is.
     rank: Vec<f64>,
+    /// Sums of integer variables that vanish, each as near to home as it was imposed.
+    closings: Vec<Form>,
 }
+
+/// An integer that is a sum of so few others is written as that sum, for what hangs on it.
+const SHORT: usize = 4;
 
 impl Unknowns {
     /// All variables free: two per vertex, two per chain.
@@ -291,16 +375,30 @@ impl Unknowns {
             expression: vec![None; variables],
             integer,
             rank,
+            closings: Vec::new(),
         }
     }
 
     /// A form over variables that are not eliminated.
+    fn resolved(&self, form: Form) -> Form {
+        self.expanded(form, |_, _| true)
+    }
+
+    /// A form over reals that are not eliminated and integers that may be, unless they are [`SHORT`].
+    fn localized(&self, form: Form) -> Form {
+        self.expanded(form, |v, expression| {
+            !self.integer[v as usize] || expression.len() <= SHORT
+        })
+    }
+
+    /// A form with some of the variables that are expressed by others written as that.
     /// It ends since no variable is ever expressed by itself: rows are resolved before one of their variables is
     /// eliminated.
-    fn resolved(&self, mut form: Form) -> Form {
+    fn expanded(&self, mut form: Form, is_wanted: impl Fn(u32, &Form) -> bool) -> Form {
         let mut open: Vec<u32> = form.keys().copied().collect();
         while let Some(variable) = open.pop() {
-            let Some(expression) = &self.expression[variable as usize] else {
+            let expression = self.expression[variable as usize].as_ref();
+            let Some(expression) = expression.filter(|e| is_wanted(variable, e)) else {
                 continue;
             };
             if let Some(c) = form.remove(&variable) {
@@ -315,18 +413,20 @@ impl Unknowns {
     /// integer. Where no coefficient is ±1, Euclid's algorithm on the columns makes one: a change of integer variables
     /// of determinant 1.
     fn impose(&mut self, row: Form) {
-        let mut row = self.resolved(row);
-        if row.is_empty() {
+        let local = self.localized(row);
+        if let Some(real) = self.pivot(&local, false) {
+            self.eliminate(real, local);
             return;
         }
-        if let Some(real) = self.pivot(&row, false) {
-            self.eliminate(real, row);
+        let mut row = self.resolved(local.clone());
+        if row.is_empty() {
             return;
         }
         // 2 x = integers, for a line that meets itself turned: x must be an integer anyway.
         for &v in row.keys() {
             self.integer[v as usize] = true;
         }
+        self.closings.push(local);
         loop {
             let divisor = row.values().fold(0, |g, &c| gcd(g, c.abs()));
             for c in row.values_mut() {
@@ -378,6 +478,9 @@ impl Unknowns {
             add(&mut expression, &Form::from([(v, 1)]), -q);
             add(&mut rest, &Form::from([(v, 1)]), c - q * least);
         }
+        let mut closing = expression.clone();
+        add(&mut closing, &Form::from([(k, 1)]), -1);
+        self.closings.push(closing);
         self.expression[k as usize] = Some(expression);
         self.expression.push(None);
         self.integer.push(true);
@@ -392,41 +495,54 @@ impl Unknowns {
         }
     }
 
-    /// Numbers the variables that are left and writes every coordinate over them.
+    /// Numbers the variables that are left, and those that are sums of them, and writes every coordinate over them.
     fn rows(&self, places: &Places, copies: usize) -> Seams {
         let forms: Vec<Form> = (0..2 * copies)
-            .map(|row| self.resolved(places.form((row / 2) as u32, row % 2)))
+            .map(|row| self.localized(places.form((row / 2) as u32, row % 2)))
+            .collect();
+        let closings = self.closings.iter().cloned();
+        let closings: Vec<Form> = closings
+            .map(|row| self.localized(row))
+            .filter(|row| !row.is_empty())
             .collect();
         let mut used = vec![false; self.expression.len()];
-        for &v in forms.iter().flat_map(Form::keys) {
+        for &v in forms.iter().chain(&closings).flat_map(Form::keys) {
+            used[v as usize] = true;
+        }
+        let is_free = |v: usize| self.expression[v].is_none();
+        let sums: Vec<usize> = (0..used.len()).filter(|&v| used[v] && !is_free(v)).collect();
+        let terms = sums.iter().map(|&v| self.resolved(Form::from([(v as u32, 1)])));
+        let terms: Vec<Form> = terms.collect();
+        for &v in terms.iter().flat_map(Form::keys) {
             used[v as usize] = true;
         }
         let mut number = vec![u32::MAX; used.len()];
         let mut count = 0;
-        let mut number_all = |integer: bool| {
-            for v in (0..used.len()).filter(|&v| used[v] && self.integer[v] == integer) {
+        let mut number_all = |variables: &mut dyn Iterator<Item = usize>| {
+            for v in variables {
                 number[v] = count;
                 count += 1;
             }
             count as usize
         };
-        let reals = number_all(false);
-        let integers = number_all(true) - reals;
-        let mut seams = Seams {
-            starts: vec![0],
-            unknowns: Vec::new(),
-            coefficients: Vec::new(),
+        let free = |integer: bool| {
+            let used = &used;
+            (0..used.len()).filter(move |&v| used[v] && is_free(v) && self.integer[v] == integer)
+        };
+        let reals = number_all(&mut free(false));
+        let integers = number_all(&mut free(true)) - reals;
+        number_all(&mut sums.into_iter());
+        let rows = Rows::of(forms.iter(), &number);
+        let closings = Rows::of(closings.iter(), &number);
+        // Sums are of integers alone.
+        number.iter_mut().for_each(|n| *n = n.wrapping_sub(reals as u32));
+        Seams {
+            rows,
             reals,
             integers,
-        };
-        for form in &forms {
-            for (&v, &c) in form {
-                seams.unknowns.push(number[v as usize]);
-                seams.coefficients.push(c as i32);
-            }
-            seams.starts.push(seams.unknowns.len());
+            sums: Rows::of(terms.iter(), &number),
+            closings,
         }
-        seams
     }
 }
 

@@ -569,12 +569,7 @@ struct Polygon {
 
 /// The integer terms of a copy's coordinates, by integer.
 fn integers_of(seams: &Seams, copy: u32) -> [Form; 2] {
-    [0, 1].map(|c| {
-        let terms = seams.row(copy, c).filter(|&(k, _)| k >= seams.reals);
-        terms
-            .map(|(k, p)| ((k - seams.reals) as u32, i64::from(p)))
-            .collect()
-    })
+    [0, 1].map(|c| seams.integers_of(copy, c))
 }
 
 /// The angle of each half-edge around its vertex, from the first one of the fan.

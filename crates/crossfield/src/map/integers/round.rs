@@ -33,42 +33,28 @@ pub(crate) struct Quadratic {
     matrix: DMatrix<f64>,
     /// s.
     right: DVector<f64>,
-    /// The lower triangle L of `S = L Lᵀ`.
-    factor: DMatrix<f64>,
-    /// S⁻¹, computed when it is first asked for and kept, as rounding may be tried on several grids.
-    inverse: OnceCell<DMatrix<f64>>,
+    /// S⁻¹.
+    inverse: DMatrix<f64>,
+    /// The real minimum.
+    relaxed: DVector<f64>,
     /// What [`greedy`] makes of it, which is asked for with and without a decimated map.
     nearest: OnceCell<Vec<f64>>,
 }
 
 impl Quadratic {
-    /// `matrix` is row after row, as many rows as `right` has entries; `None` if it is not positive definite.
-    pub(crate) fn new(matrix: &[f64], right: &[f64]) -> Option<Self> {
-        let n = right.len();
-        // Symmetric but for the last digits.
-        let matrix = DMatrix::from_fn(n, n, |i, j| 0.5 * (matrix[i * n + j] + matrix[j * n + i]));
+    /// From S⁻¹, row after row and symmetric, and the real minimum `S⁻¹ s`; `None` if S⁻¹ is not positive definite.
+    pub(crate) fn new(inverse: Vec<f64>, relaxed: &[f64]) -> Option<Self> {
+        let n = relaxed.len();
+        let inverse = DMatrix::from_vec(n, n, inverse);
+        let matrix = inverse_of(&factor(&inverse)?);
+        let relaxed = DVector::from_column_slice(relaxed);
         Some(Self {
-            factor: factor(&matrix)?,
+            right: &matrix * &relaxed,
             matrix,
-            right: DVector::from_column_slice(right),
-            inverse: OnceCell::new(),
+            inverse,
+            relaxed,
             nearest: OnceCell::new(),
         })
-    }
-
-    /// `z ← S⁻¹ z`.
-    pub(crate) fn solve(&self, z: &mut [f64]) {
-        let mut x = DVector::from_column_slice(z);
-        self.factor.solve_lower_triangular_mut(&mut x);
-        self.factor.tr_solve_lower_triangular_mut(&mut x);
-        z.copy_from_slice(x.as_slice());
-    }
-
-    /// The real minimum.
-    pub(crate) fn relaxed(&self) -> Vec<f64> {
-        let mut z = self.right.as_slice().to_vec();
-        self.solve(&mut z);
-        z
     }
 
     /// Rounds the variable that is nearest to an integer, lets the others follow to their exact optimum, and so on
@@ -95,12 +81,11 @@ impl Quadratic {
         run: On<'_>,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
         for first in 0..=DENSEST {
-            let right = self.denser(first);
             let mut z = match first {
                 0 => self.nearest().to_vec(),
-                _ => greedy(self.inverse(), &right),
+                _ => greedy(&self.inverse, &self.relaxed * RATIO.powi(first)),
             };
-            if !self.mend(&mut z, &right, upright, run)? {
+            if !self.mend(&mut z, &self.denser(first), upright, run)? {
                 continue;
             }
             for step in (0..=first).rev() {
@@ -133,15 +118,10 @@ impl Quadratic {
         &self.right * RATIO.powi(step)
     }
 
-    /// n³ / 2 operations, once.
-    fn inverse(&self) -> &DMatrix<f64> {
-        self.inverse.get_or_init(|| inverse_of(&self.factor))
-    }
-
     /// Rounded on the wanted grid, n³ operations, once.
     fn nearest(&self) -> &[f64] {
         self.nearest
-            .get_or_init(|| greedy(self.inverse(), &self.right))
+            .get_or_init(|| greedy(&self.inverse, self.relaxed.clone()))
     }
 
     /// Moves single integers and pairs by one while that brings triangles nearer to upright; of the moves that do so most,
@@ -356,16 +336,18 @@ pub(crate) fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
 /// [`greedy`] for tests, from a positive definite matrix.
 #[cfg(feature = "testing")]
 pub(crate) fn rounded(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
-    let energy = Quadratic::new(matrix, right)?;
-    Some(greedy(energy.inverse(), &energy.right))
+    let n = right.len();
+    let inverse = inverse_of(&factor(&DMatrix::from_row_slice(n, n, matrix))?);
+    let relaxed = &inverse * DVector::from_column_slice(right);
+    Some(greedy(&inverse, relaxed))
 }
 
-/// Variable by variable, with the inverse of the matrix of those that are free.
+/// Variable by variable, from the real minimum, with the inverse of the matrix of those that are free.
 ///
 /// Putting variable k at an integer moves all others by `column k of the inverse × step / pivot`, which is their exact
 /// optimum. n³ operations in all, in parallel, the same digits for any number of threads.
-fn greedy(inverse: &DMatrix<f64>, right: &DVector<f64>) -> Vec<f64> {
-    let mut z: Vec<f64> = (inverse * right).as_slice().to_vec();
+fn greedy(inverse: &DMatrix<f64>, relaxed: DVector<f64>) -> Vec<f64> {
+    let mut z: Vec<f64> = relaxed.as_slice().to_vec();
     let mut free = Free::of(inverse);
     let away = |k: usize, z: &[f64]| (z[k] - z[k].round()).abs();
     let nearest = |free: &Free, z: &[f64]| {

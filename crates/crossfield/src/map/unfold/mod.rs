@@ -18,7 +18,7 @@ use crate::backend::On;
 use crate::field::CrossField;
 use crate::field::frames::Frames;
 use crate::map::cones::has_wrong_angle;
-use crate::map::system::{Solver, System, Weighted};
+use crate::map::system::{System, Weighted};
 
 /// How many rings of triangles around what is folded move when only these do, one try after the other.
 const SURROUNDINGS: RangeInclusive<usize> = 3..=18;
@@ -53,48 +53,48 @@ impl Unfolder<'_> {
     /// energy that only turns triangles upright adds a full turn around a vertex; and last place by place.
     pub(super) fn untangled(
         &self,
-        weighted: &Weighted,
-        integers: Option<Solver<'_>>,
-        y: &mut [f64],
+        weighted: &Weighted<'_>,
+        with_integers: bool,
+        w: &mut [f64],
     ) -> Result<bool, Error> {
         let index = &self.field.index;
         let negative: Vec<usize> = (0..index.len()).filter(|&v| index[v] < 0).collect();
         if negative.len() < MANY_STARS {
-            let folded = y.to_vec();
-            let is_lost = |y: &[f64]| !self.stuck(&self.system.corners(y)).is_empty();
+            let folded = w.to_vec();
+            let is_lost = |w: &[f64]| !self.stuck(&self.system.corners(w)).is_empty();
             let reserve = self.effort.share(3);
-            self.untangle_all(weighted, integers, Vec::new(), &is_lost, y)?;
+            self.untangle_all(weighted, with_integers, Vec::new(), &is_lost, w)?;
             self.effort.give_back(&reserve);
-            if self.is_valid(y) {
+            if self.is_valid(w) {
                 return Ok(true);
             }
-            y.copy_from_slice(&folded);
+            w.copy_from_slice(&folded);
         }
-        let held = wound(self.system, self.frames, self.field, &negative, y);
+        let held = wound(self.system, self.frames, self.field, &negative, w);
         let reserve = self.effort.share(4);
         // What else is folded unfolds beside a vertex that is stuck.
-        self.untangle_all(weighted, integers, held, &|_| false, y)?;
+        self.untangle_all(weighted, with_integers, held, &|_| false, w)?;
         self.effort.give_back(&reserve);
-        self.mended(weighted, integers, y)
+        self.mended(weighted, with_integers, w)
     }
 
-    /// Untangles with all unknowns, integers among them if there is a solver for these.
+    /// Untangles with all unknowns, or the reals among them.
     fn untangle_all(
         &self,
-        weighted: &Weighted,
-        integers: Option<Solver<'_>>,
+        weighted: &Weighted<'_>,
+        with_integers: bool,
         held: Vec<usize>,
         is_lost: Judge<'_>,
-        y: &mut [f64],
+        w: &mut [f64],
     ) -> Result<(), Error> {
         let moves = Moves {
-            scope: &Scope::whole(self.system, integers.is_some()),
-            bend: &|gradient: &[f64]| weighted.inverse(gradient, integers),
+            scope: &Scope::whole(self.system, with_integers),
+            bend: &|gradient: &[f64]| weighted.inverse(gradient, !with_integers),
             held,
             effort: self.effort,
             is_lost,
         };
-        untangle(self.system, y, &moves, self.run)
+        untangle(self.system, w, &moves, self.run)
     }
 
     /// Unfolds what is left place by place, with vertices that are stuck laid out by hand, and all else held; is the map
@@ -104,23 +104,23 @@ impl Unfolder<'_> {
     /// stays folded takes no other with it. A map that comes out upright settles as a whole.
     pub(super) fn mended(
         &self,
-        weighted: &Weighted,
-        integers: Option<Solver<'_>>,
-        y: &mut [f64],
+        weighted: &Weighted<'_>,
+        with_integers: bool,
+        w: &mut [f64],
     ) -> Result<bool, Error> {
-        let mut bad = self.bad(&self.system.corners(y));
+        let mut bad = self.bad(&self.system.corners(w));
         let (mut least, mut stalled) = (bad.len(), 0);
         for rings in SURROUNDINGS {
             if bad.is_empty() || self.effort.is_spent() {
                 break;
             }
-            let stuck = self.stuck(&self.system.corners(y));
-            let held = wound(self.system, self.frames, self.field, &stuck, y);
-            bad.extend(self.bad(&self.system.corners(y)));
+            let stuck = self.stuck(&self.system.corners(w));
+            let held = wound(self.system, self.frames, self.field, &stuck, w);
+            bad.extend(self.bad(&self.system.corners(w)));
             for place in self.places(&bad, rings) {
-                self.unfold_place(&place, &held, y)?;
+                self.unfold_place(&place, &held, w)?;
             }
-            bad = self.bad(&self.system.corners(y));
+            bad = self.bad(&self.system.corners(w));
             stalled += 1;
             if bad.len() < least {
                 (least, stalled) = (bad.len(), 0);
@@ -133,17 +133,17 @@ impl Unfolder<'_> {
             return Ok(false);
         }
         // What was held while places unfolded makes room for them now.
-        let upright = y.to_vec();
-        self.untangle_all(weighted, integers, Vec::new(), &|_| false, y)?;
-        if !self.is_valid(y) {
-            y.copy_from_slice(&upright);
+        let upright = w.to_vec();
+        self.untangle_all(weighted, with_integers, Vec::new(), &|_| false, w)?;
+        if !self.is_valid(w) {
+            w.copy_from_slice(&upright);
         }
         Ok(true)
     }
 
     /// Untangles what is around some vertices, with these triangles held upright: from where it is, and if some of it stays folded
     /// from the optimum of Eq. 4.10 there, since folds that hold each other are gone in that. What folds less is taken.
-    fn unfold_place(&self, vertices: &[usize], held: &[usize], y: &mut [f64]) -> Result<(), Error> {
+    fn unfold_place(&self, vertices: &[usize], held: &[usize], w: &mut [f64]) -> Result<(), Error> {
         let Self { system, frames, .. } = *self;
         let mut is_near = vec![false; system.seams.copies()];
         for h in vertices.iter().flat_map(|&v| frames.around(v)) {
@@ -157,8 +157,8 @@ impl Unfolder<'_> {
         let mut moved: Vec<usize> = corners_of.map(|h| frames.from(h)).collect();
         moved.sort_unstable();
         moved.dedup();
-        let count = |wanted: Wanted, y: &[f64]| {
-            let corners = |f: usize| [0, 1, 2].map(|k| system.copy(y, system.cut.copy[3 * f + k]));
+        let count = |wanted: Wanted, w: &[f64]| {
+            let corners = |f: usize| [0, 1, 2].map(|k| system.copy(w, system.cut.copy[3 * f + k]));
             self.vertices(corners, moved.iter().copied(), wanted)
                 .count()
         };
@@ -171,24 +171,24 @@ impl Unfolder<'_> {
             },
             held: held.to_vec(),
             effort: self.effort,
-            is_lost: &|y: &[f64]| count(STUCK, y) > 0,
+            is_lost: &|w: &[f64]| count(STUCK, w) > 0,
         };
-        let mut best = (count(BAD, y), y.to_vec());
+        let mut best = (count(BAD, w), w.to_vec());
         for from_optimum in [false, true] {
             if from_optimum {
-                scope.relax(system, &factor, y)?;
+                scope.relax(system, &factor, w)?;
             }
-            untangle(system, y, &moves, self.run)?;
-            let bad = count(BAD, y);
+            untangle(system, w, &moves, self.run)?;
+            let bad = count(BAD, w);
             // Something else is as good as what it was, for wider surroundings.
             if bad < best.0 || (!from_optimum && bad == best.0) {
-                best = (bad, y.to_vec());
+                best = (bad, w.to_vec());
             }
             if bad == 0 {
                 break;
             }
         }
-        y.copy_from_slice(&best.1);
+        w.copy_from_slice(&best.1);
         Ok(())
     }
 
@@ -237,8 +237,8 @@ impl Unfolder<'_> {
         })
     }
 
-    pub(super) fn is_valid(&self, y: &[f64]) -> bool {
-        self.invalid(&self.system.corners(y)) == (0, 0)
+    pub(super) fn is_valid(&self, w: &[f64]) -> bool {
+        self.invalid(&self.system.corners(w)) == (0, 0)
     }
 
     /// Triangles that are not upright, and vertices around which they turn too far or not far enough.

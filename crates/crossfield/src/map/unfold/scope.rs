@@ -9,6 +9,8 @@ use crate::map::system::System;
 pub(crate) struct Scope {
     /// The unknowns, ascending.
     pub(super) unknowns: Vec<usize>,
+    /// Are these all unknowns, integers as well? Then sums of integers follow.
+    pub(super) moves_integers: bool,
     /// The triangles, ascending.
     pub(super) faces: Vec<usize>,
     /// The copies of vertices at their corners, ascending.
@@ -21,10 +23,11 @@ impl Scope {
     /// All real unknowns, or all, integers as well.
     pub(super) fn whole(system: &System<'_>, integers: bool) -> Self {
         let seams = system.seams;
-        let unknowns = seams.reals + if integers { seams.integers } else { 0 };
+        let unknowns = if integers { seams.unknowns() } else { seams.reals };
         let copies = system.cut.copy.chunks_exact(3);
         Self {
             unknowns: (0..unknowns).collect(),
+            moves_integers: integers,
             faces: (0..system.charts.len()).collect(),
             copies: (0..seams.copies() as u32).collect(),
             corners: copies.map(|c| [c[0], c[1], c[2]]).collect(),
@@ -56,14 +59,15 @@ impl Scope {
         Self {
             corners: faces.iter().map(|&f| of(f).map(place)).collect(),
             unknowns: (0..seams.reals).filter(|&k| moves[k]).collect(),
+            moves_integers: false,
             faces,
             copies,
         }
     }
 
-    /// Per unknown, of so many, its place among those that move.
-    pub(super) fn places(&self, unknowns: usize) -> Vec<Option<u32>> {
-        let mut places = vec![None; unknowns];
+    /// Per value, of so many, its place among the unknowns that move.
+    pub(super) fn places(&self, values: usize) -> Vec<Option<u32>> {
+        let mut places = vec![None; values];
         for (place, &k) in (0..).zip(&self.unknowns) {
             places[k] = Some(place);
         }
@@ -75,16 +79,16 @@ impl Scope {
         &self,
         system: &System<'_>,
         factor: &Cholesky,
-        y: &mut [f64],
+        w: &mut [f64],
     ) -> Result<(), Error> {
-        let places = self.places(y.len());
+        let places = self.places(w.len());
         let mut slope = vec![0.0; self.unknowns.len()];
         for &f in &self.faces {
             let (chart, copies) = (
                 &system.charts[f],
                 [0, 1, 2].map(|k| system.cut.copy[3 * f + k]),
             );
-            let j = chart.jacobian(&copies.map(|copy| system.copy(y, copy)));
+            let j = chart.jacobian(&copies.map(|copy| system.copy(w, copy)));
             let off = [[j[0][0] - 1.0, j[0][1]], [j[1][0], j[1][1] - 1.0]];
             for (component, along) in [chart.along_u, chart.along_v].iter().enumerate() {
                 for (&copy, hat) in copies.iter().zip(along) {
@@ -100,7 +104,7 @@ impl Scope {
         }
         factor.solve_in_place(&mut slope, 1)?;
         for (&k, step) in self.unknowns.iter().zip(&slope) {
-            y[k] -= step;
+            w[k] -= step;
         }
         Ok(())
     }
@@ -112,7 +116,7 @@ impl Scope {
             return Ok(None);
         }
         let seams = system.seams;
-        let places = self.places(seams.reals + seams.integers);
+        let places = self.places(seams.values());
         let row = |copy: u32, component: usize| {
             let terms = seams.row(copy, component);
             terms.filter_map(|(k, p)| places[k].map(|place| (place, f64::from(p))))

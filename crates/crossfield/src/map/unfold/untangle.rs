@@ -143,18 +143,18 @@ pub(crate) type Bend<'a> = &'a dyn Fn(&[f64]) -> Result<Vec<f64>, Error>;
 /// (Garanzha et al., *Foldover-free maps in 50 lines of code*, 2021), by L-BFGS. ε falls as theirs does, by what a round has
 /// gained and by the worst determinant, and to twice that at once. A map that cannot be unfolded comes out folded.
 ///
-/// `y` are all unknowns, reals first; those of the scope move. With ε above 0 the energy is finite everywhere, so that any map may be the start. A round is a minimization
+/// `w` are all values; the unknowns of the scope move, and sums with the integers. With ε above 0 the energy is finite everywhere, so that any map may be the start. A round is a minimization
 /// for one ε, of at most [`STEPS`] steps, and there are at most [`ROUNDS`] of them. A map that is still folded is given up
 /// when the effort is spent, when its worst determinant has not risen for [`STALLED`] rounds, or when it is lost. Of an
 /// upright one ε falls on until a round gains less than [`SETTLED`], so that what comes out is also smooth.
 pub(crate) fn untangle(
     system: &System<'_>,
-    y: &mut [f64],
+    w: &mut [f64],
     moves: &Moves<'_>,
     run: On<'_>,
 ) -> Result<(), Error> {
-    let mut energy = Energy::new(system, moves, y, run);
-    let mut x: Vec<f64> = moves.scope.unknowns.iter().map(|&k| y[k]).collect();
+    let mut energy = Energy::new(system, moves, w, run);
+    let mut x: Vec<f64> = moves.scope.unknowns.iter().map(|&k| w[k]).collect();
     let worst = energy.worst(&x);
     energy.epsilon = first_epsilon(worst);
     let (mut best, mut stalled) = (worst, 0);
@@ -195,7 +195,7 @@ pub(crate) fn untangle(
         let most = (2.0 * worst.abs()).max(0.4);
         energy.epsilon = (energy.epsilon * (1.0 - falls)).clamp(LEAST, most);
     }
-    y.copy_from_slice(energy.all(&x));
+    w.copy_from_slice(energy.all(&x));
     Ok(())
 }
 
@@ -214,9 +214,9 @@ struct Energy<'a> {
     /// Of the triangles of the scope, with areas raised to [`LEAST_AREA`], unlike those of the system.
     charts: Vec<Chart>,
     backend: &'a (dyn CrossfieldBackend + 'a),
-    /// All unknowns: those that do not move as they are, the others as they were asked for last.
-    y: Vec<f64>,
-    /// Per unknown, its place among those that move.
+    /// All values: those that do not move as they are, the others as they were asked for last.
+    w: Vec<f64>,
+    /// Per value, its place among the unknowns that move.
     place: Vec<Option<u32>>,
     /// Places of held triangles among those of the scope. Their distortion is always taken with the smallest ε, whose barrier
     /// is too high for any step to cross, and on the CPU, whatever the backend: in f32 the barrier would have holes.
@@ -228,7 +228,7 @@ struct Energy<'a> {
 }
 
 impl<'a> Energy<'a> {
-    fn new(system: &'a System<'a>, moves: &Moves<'a>, y: &[f64], run: On<'a>) -> Self {
+    fn new(system: &'a System<'a>, moves: &Moves<'a>, w: &[f64], run: On<'a>) -> Self {
         let scope = moves.scope;
         // A triangle hardly there shall not stay folded because it counts for nothing.
         let charts = scope.faces.iter().map(|&f| {
@@ -243,27 +243,30 @@ impl<'a> Energy<'a> {
             scope,
             charts: charts.collect(),
             backend: run.backend,
-            y: y.to_vec(),
-            place: scope.places(y.len()),
+            w: w.to_vec(),
+            place: scope.places(w.len()),
             held: faces.filter(|(_, f)| is_held(f)).map(|(k, _)| k).collect(),
             epsilon: 0.0,
             out: Vec::new(),
         }
     }
 
-    /// All unknowns, with these of the scope.
+    /// All values, with these of the scope.
     fn all(&mut self, x: &[f64]) -> &[f64] {
         for (&k, &x) in self.scope.unknowns.iter().zip(x) {
-            self.y[k] = x;
+            self.w[k] = x;
         }
-        &self.y
+        if self.scope.moves_integers {
+            self.system.seams.add_up(&mut self.w);
+        }
+        &self.w
     }
 
     /// Of the triangles of the scope.
     fn corners(&mut self, x: &[f64]) -> Vec<[[f64; 2]; 3]> {
         self.all(x);
         let copies = self.scope.copies.iter();
-        let copies: Vec<[f64; 2]> = copies.map(|&c| self.system.copy(&self.y, c)).collect();
+        let copies: Vec<[f64; 2]> = copies.map(|&c| self.system.copy(&self.w, c)).collect();
         let of = |corners: &[u32; 3]| corners.map(|c| copies[c as usize]);
         self.scope.corners.iter().map(of).collect()
     }
@@ -302,6 +305,18 @@ impl<'a> Energy<'a> {
                 let sum = &mut of_copies[copy as usize];
                 *sum = [sum[0] + slope[0], sum[1] + slope[1]];
             }
+        }
+        if self.scope.moves_integers {
+            let mut gradient = vec![0.0; self.w.len()];
+            for (copy, slopes) in of_copies.iter().enumerate() {
+                for (component, slope) in slopes.iter().enumerate() {
+                    for (k, p) in self.system.seams.row(copy as u32, component) {
+                        gradient[k] += f64::from(p) * slope;
+                    }
+                }
+            }
+            self.system.seams.fold(&mut gradient);
+            return Ok((value, gradient));
         }
         let mut gradient = vec![0.0; x.len()];
         for (&copy, slope) in self.scope.copies.iter().zip(&of_copies) {

@@ -18,7 +18,7 @@ const WIDEST: f64 = 0.8 * PI;
 /// that does to the triangles around. Returns which triangles have to stay upright from then on: those of all singular
 /// vertices of five or more quads, and of the vertices laid, whose angles are right.
 ///
-/// `y` are the unknowns of the system and change for the neighbours of the vertices laid. What has its right angle
+/// `w` are the unknowns of the system and change for the neighbours of the vertices laid. What has its right angle
 /// already stays as it is, so that vertices laid one after the other share neighbours; where that leaves one of them
 /// wrong, it takes what it needs from the others.
 pub(super) fn wound(
@@ -26,7 +26,7 @@ pub(super) fn wound(
     frames: &Frames,
     field: &CrossField,
     vertices: &[usize],
-    y: &mut [f64],
+    w: &mut [f64],
 ) -> Vec<usize> {
     let fan = |v: usize| frames.around(v).collect::<Vec<usize>>();
     let is_right = |fan: &[usize], corners: &[[[f64; 2]; 3]], v: usize| {
@@ -42,7 +42,7 @@ pub(super) fn wound(
             held.push(h / 3);
         }
     };
-    let mut corners = system.corners(y);
+    let mut corners = system.corners(w);
     let mut wrong: Vec<usize> = Vec::new();
     for v in (0..field.index.len()).filter(|&v| !frames.on_boundary(v)) {
         let fan = fan(v);
@@ -55,11 +55,11 @@ pub(super) fn wound(
     }
     for v in wrong {
         let fan = fan(v);
-        let before = y.to_vec();
+        let before = w.to_vec();
         let mut lay = |widest: f64, stays: Stays<'_>| {
-            y.copy_from_slice(&before);
-            let laid = lay(system, field.index[v], &fan, &corners, widest, stays, y);
-            let laid = laid.then(|| system.corners(y));
+            w.copy_from_slice(&before);
+            let laid = lay(system, field.index[v], &fan, &corners, widest, stays, w);
+            let laid = laid.then(|| system.corners(w));
             laid.filter(|laid| is_right(&fan, laid, v))
         };
         let is_placed = |h: usize| placed[frames.from(next(h))];
@@ -73,7 +73,7 @@ pub(super) fn wound(
                 corners = laid;
                 hold(v, &fan, &mut placed);
             }
-            None => y.copy_from_slice(&before),
+            None => w.copy_from_slice(&before),
         }
     }
     held.sort_unstable();
@@ -106,7 +106,7 @@ fn lay(
     corners: &[[[f64; 2]; 3]],
     widest: f64,
     stays: Stays<'_>,
-    y: &mut [f64],
+    w: &mut [f64],
 ) -> bool {
     let star = Star::of(system, index, fan, widest);
     let is_placed = |h: usize| matches!(stays, Stays::Placed(placed) if placed(h));
@@ -136,9 +136,9 @@ fn lay(
             let row = system.seams.row(system.cut.copy[next(h)], component);
             let rest: f64 = row
                 .filter(|&(l, _)| l != unknown)
-                .map(|(l, c)| f64::from(c) * y[l])
+                .map(|(l, c)| f64::from(c) * w[l])
                 .sum();
-            y[unknown] = (wanted - rest) / factor;
+            w[unknown] = (wanted - rest) / factor;
         }
     }
     true
