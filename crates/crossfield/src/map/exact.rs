@@ -155,7 +155,7 @@ pub(super) fn fixed(
         bits: BITS,
         report,
     };
-    let cones = wrong_cones(&Net::of(frames), &field.index, &map);
+    let cones = wrong_cones(&Net::of(frames), &field.index, &map).len();
     if triangles + cones > 0 {
         return Err(Error::Folded {
             triangles,
@@ -169,7 +169,7 @@ pub(super) fn fixed(
 
 /// Vertices around which the axis directions do not number `4 − 4 I` (inside) or `3 − 4 I` (on a boundary), counted
 /// exactly.
-pub(super) fn wrong_cones(net: &Net, index: &[i32], map: &GridMap) -> usize {
+pub(super) fn wrong_cones(net: &Net, index: &[i32], map: &GridMap) -> Vec<usize> {
     (0..net.vertices())
         .filter(|&v| {
             let fan: Vec<usize> = net.around(v).collect();
@@ -189,5 +189,5 @@ pub(super) fn wrong_cones(net: &Net, index: &[i32], map: &GridMap) -> usize {
             let whole = if on_boundary { 3 } else { 4 };
             count as i32 != whole - index[v]
         })
-        .count()
+        .collect()
 }

@@ -26,6 +26,8 @@ use crate::field::frames::Frames;
 /// Each is a factorization with the same pattern: cheap compared with untangling, and enough for single folded
 /// triangles.
 const STIFFENINGS: usize = 8;
+/// So many triangles at fault are not made stiffer again if that mends less than a tenth of them.
+const MANY_FAULTS: usize = 100;
 
 /// How often conditions for wider handles and necks are added.
 const WIDENINGS: usize = 30;
@@ -438,10 +440,7 @@ impl<'a> Making<'a> {
         }
         for start in last.into_iter().chain([std::mem::take(&mut w)]) {
             w = start;
-            if self
-                .unfolder()
-                .untangled(&optimum.weighted, true, &mut w)?
-            {
+            if self.unfolder().untangled(&optimum.weighted, true, &mut w)? {
                 break;
             }
         }
@@ -511,15 +510,16 @@ impl<'a> Making<'a> {
         let System { cut, seams, .. } = self.system;
         let decimated = Coarse::of(self.frames, self.field, cut, seams, corners)
             .and_then(|coarse| coarse.upright().map(|upright| (coarse, upright)));
-        let Some((coarse, upright)) = decimated else {
+        let Some((coarse, mut upright)) = decimated else {
             let stage = "rounding without a decimated map";
             return Ok(Rounded { stage, ..direct });
         };
         // Those at hand may do, with the reals of other places; else others are looked for.
         let mut z = rounded;
         if !upright.holds(&z) {
-            let is_right = |z: &[f64]| self.spread(&coarse, z, corners).is_some();
-            let Some(other) = quadratic.rounded_within(&upright, &is_right, self.run)? else {
+            let turned = |z: &[f64]| self.turned(&coarse, z, corners);
+            let other = quadratic.rounded_within(&mut upright, &turned, self.run)?;
+            let Some(other) = other else {
                 // No real numbers can mend what the integers fold.
                 let (triangles, cones) = self.unfolder().invalid(&self.system.corners(&direct.w));
                 return Err(Error::Folded {
@@ -589,10 +589,10 @@ impl<'a> Making<'a> {
                 break;
             }
             upright.add(&found.wider);
-            let Some(z) = quadratic.mended(&now.z, &upright, self.run)? else {
+            let turned = |z: &[f64]| self.turned(coarse, z, corners);
+            let Some(z) = quadratic.mended(&now.z, &mut upright, &turned, self.run)? else {
                 break;
             };
-            // Moves may have turned triangles all around a vertex.
             let Some(wider) = spread(&z) else {
                 break;
             };
@@ -603,9 +603,32 @@ impl<'a> Making<'a> {
 
     /// The decimated map with these integers; `None` where the angles around a vertex are wrong with them.
     fn spread(&self, coarse: &Coarse, z: &[f64], corners: &[[[f64; 2]; 3]]) -> Option<Spread> {
+        let (spread, wrong) = self.judged(coarse, z, corners)?;
+        wrong.is_empty().then_some(spread)
+    }
+
+    /// What would keep the triangles around vertices from turning as far as these integers turn them.
+    fn turned(
+        &self,
+        coarse: &Coarse,
+        z: &[f64],
+        corners: &[[[f64; 2]; 3]],
+    ) -> Option<Vec<AtLeast>> {
+        let (spread, wrong) = self.judged(coarse, z, corners)?;
+        Some(spread.unturned(&wrong))
+    }
+
+    /// The decimated map with these integers, and the vertices around which it turns wrong.
+    fn judged(
+        &self,
+        coarse: &Coarse,
+        z: &[f64],
+        corners: &[[[f64; 2]; 3]],
+    ) -> Option<(Spread, Vec<usize>)> {
         let turn = self.system.cut.turn.clone();
         let spread = coarse.spread(z, BITS, corners.to_vec(), turn, self.report)?;
-        (wrong_cones(&spread.net, &self.field.index, &spread.map) == 0).then_some(spread)
+        let wrong = wrong_cones(&spread.net, &self.field.index, &spread.map);
+        Some((spread, wrong))
     }
 
     /// Stiffer triangles where the map folds, then untangling, the integers held.
@@ -616,11 +639,17 @@ impl<'a> Making<'a> {
         let mut corners = self.system.corners(w);
         self.report.folded = self.faults(&corners).len();
         let mut weights = self.weights.clone();
+        let mut before = usize::MAX;
         for _ in 0..STIFFENINGS {
             let faults = self.faults(&corners);
             if faults.is_empty() {
                 return Ok(());
             }
+            // Many folds that stay hold each other.
+            if faults.len() > MANY_FAULTS && faults.len() > before / 10 * 9 {
+                break;
+            }
+            before = faults.len();
             let charts = self.system.charts;
             stiffen(self.frames, charts, &corners, &faults, &mut weights);
             let stiffer = self.system.weighted(&weights)?;

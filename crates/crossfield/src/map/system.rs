@@ -104,8 +104,7 @@ impl<'a> System<'a> {
         for (row, stiff) in stiff.iter().enumerate() {
             for (i, p) in closings.row(row) {
                 let others = closings.row(row);
-                entries
-                    .extend(others.map(|(j, q)| (i as u32, j as u32, stiff * f64::from(p * q))));
+                entries.extend(others.map(|(j, q)| (i as u32, j as u32, stiff * f64::from(p * q))));
             }
         }
         let matrix = SparseMatrix::from_triplets(values, values, &entries)?;

@@ -110,17 +110,31 @@ impl Seams {
         self.rows.row(2 * copy as usize + component)
     }
 
-    /// What a coordinate hangs on of the integers, sums of which are written out.
+    /// What a coordinate hangs on of integers and their sums, numbered from the first integer.
     pub(crate) fn integers_of(&self, copy: u32, component: usize) -> Form {
-        let mut form = Form::new();
-        let mut push = |k: usize, c: i32| add(&mut form, &Form::from([(k as u32, 1)]), c.into());
-        for (k, c) in self.row(copy, component).filter(|t| t.0 >= self.reals) {
-            match k.checked_sub(self.unknowns()) {
-                None => push(k - self.reals, c),
-                Some(sum) => self.sums.row(sum).for_each(|(k, own)| push(k, c * own)),
+        let terms = self.row(copy, component).filter(|t| t.0 >= self.reals);
+        terms
+            .map(|(k, c)| ((k - self.reals) as u32, c.into()))
+            .collect()
+    }
+
+    /// The same form with all sums written out.
+    pub(crate) fn written_out(&self, form: &Form) -> Form {
+        let mut out = Form::new();
+        for (&k, &c) in form {
+            match (k as usize).checked_sub(self.integers) {
+                None => add(&mut out, &Form::from([(k, 1)]), c),
+                Some(sum) => {
+                    let terms = self.sums.row(sum);
+                    add(
+                        &mut out,
+                        &terms.map(|(k, c)| (k as u32, c.into())).collect(),
+                        c,
+                    );
+                }
             }
         }
-        form
+        out
     }
 
     /// Number of copies.
@@ -510,8 +524,12 @@ impl Unknowns {
             used[v as usize] = true;
         }
         let is_free = |v: usize| self.expression[v].is_none();
-        let sums: Vec<usize> = (0..used.len()).filter(|&v| used[v] && !is_free(v)).collect();
-        let terms = sums.iter().map(|&v| self.resolved(Form::from([(v as u32, 1)])));
+        let sums: Vec<usize> = (0..used.len())
+            .filter(|&v| used[v] && !is_free(v))
+            .collect();
+        let terms = sums
+            .iter()
+            .map(|&v| self.resolved(Form::from([(v as u32, 1)])));
         let terms: Vec<Form> = terms.collect();
         for &v in terms.iter().flat_map(Form::keys) {
             used[v as usize] = true;
@@ -535,7 +553,9 @@ impl Unknowns {
         let rows = Rows::of(forms.iter(), &number);
         let closings = Rows::of(closings.iter(), &number);
         // Sums are of integers alone.
-        number.iter_mut().for_each(|n| *n = n.wrapping_sub(reals as u32));
+        number
+            .iter_mut()
+            .for_each(|n| *n = n.wrapping_sub(reals as u32));
         Seams {
             rows,
             reals,

@@ -101,7 +101,18 @@ impl Coarse {
             }
         }
         coarse.make_delaunay();
+        coarse.write_out(seams);
         Some(coarse)
+    }
+
+    /// Exact parts are sums of integers alone from now on. Before, they are over sums as well: those of many terms would be
+    /// added up again and again.
+    fn write_out(&mut self, seams: &Seams) {
+        let all = |forms: &mut [Form; 2]| forms.iter_mut().for_each(|f| *f = seams.written_out(f));
+        for h in (0..self.from.len()).filter(|h| self.alive[h / 3]) {
+            self.place[h].exact.as_mut().into_iter().for_each(all);
+            all(&mut self.link[h].exact);
+        }
     }
 
     /// How many are left.
@@ -567,7 +578,7 @@ struct Polygon {
     base: Vec<f64>,
 }
 
-/// The integer terms of a copy's coordinates, by integer.
+/// The integer terms of a copy's coordinates, by integer or sum of such.
 fn integers_of(seams: &Seams, copy: u32) -> [Form; 2] {
     [0, 1].map(|c| seams.integers_of(copy, c))
 }

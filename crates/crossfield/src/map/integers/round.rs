@@ -12,7 +12,7 @@ use geom_core::compute::parallel;
 use geom_core::nalgebra::{DMatrix, DVector};
 
 use super::dense::{Free, factor, inverse_of};
-use super::upright::{Pair, Upright, Weighed};
+use super::upright::{AtLeast, Pair, Upright, Weighed};
 use crate::backend::On;
 
 /// Moves lower the energy when they do so by this much.
@@ -26,6 +26,11 @@ const RATIO: f64 = 1.25;
 const MOST_TRIED: usize = 20_000;
 /// How often triangles are given more weight.
 const BREAKOUTS: usize = 60;
+/// How often triangles that have turned around vertices are turned back.
+const TURNS: usize = 4;
+
+/// What would keep upright triangles from turning too far around vertices; nothing where none do, `None` if that is not known.
+pub(crate) type Turned<'a> = &'a dyn Fn(&[f64]) -> Option<Vec<AtLeast>>;
 
 /// The energy as a function of the integers: `½ zᵀ S z − sᵀ z`.
 pub(crate) struct Quadratic {
@@ -67,8 +72,8 @@ impl Quadratic {
     }
 
     /// Integers that leave all triangles of a decimated map upright: those rounded, on a grid so many times denser that moves
-    /// by one mend them, brought back step by step to the wanted spacing by descent that keeps them so; `is_right` says whether
-    /// they turn as far around each vertex as they should. `None` if even the densest grid is of no use.
+    /// by one mend them, brought back step by step to the wanted spacing by descent that keeps them so. `None` if even the
+    /// densest grid is of no use.
     ///
     /// On a grid r times denser the whole map is r times as large: S stays the same and s is multiplied by r. There
     /// singular vertices have more points between them, so that rounding makes fewer mistakes. It is tried 1, 1.25, …
@@ -76,8 +81,8 @@ impl Quadratic {
     /// condition that no triangle that is upright turns over.
     pub(crate) fn rounded_within(
         &self,
-        upright: &Upright,
-        is_right: &dyn Fn(&[f64]) -> bool,
+        upright: &mut Upright,
+        turned: Turned<'_>,
         run: On<'_>,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
         for first in 0..=DENSEST {
@@ -91,7 +96,7 @@ impl Quadratic {
             for step in (0..=first).rev() {
                 self.descend_on(&mut z, &self.denser(step), Some(upright), run)?;
             }
-            if is_right(&z) {
+            if self.unturn(&mut z, upright, turned, run)? {
                 return Ok(Some(z));
             }
         }
@@ -102,15 +107,40 @@ impl Quadratic {
     pub(crate) fn mended(
         &self,
         z: &[f64],
-        upright: &Upright,
+        upright: &mut Upright,
+        turned: Turned<'_>,
         run: On<'_>,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
         let mut z = z.to_vec();
-        if !self.mend(&mut z, &self.right, upright, run)? {
-            return Ok(None);
+        let is_right = self.mend(&mut z, &self.right, upright, run)? && {
+            self.descend_on(&mut z, &self.right, Some(upright), run)?;
+            self.unturn(&mut z, upright, turned, run)?
+        };
+        Ok(is_right.then_some(z))
+    }
+
+    /// Turns back what moves have turned around vertices, with conditions that stay; false if that leads nowhere.
+    fn unturn(
+        &self,
+        z: &mut [f64],
+        upright: &mut Upright,
+        turned: Turned<'_>,
+        run: On<'_>,
+    ) -> Result<bool, Cancelled> {
+        for _ in 0..=TURNS {
+            let Some(conditions) = turned(z) else {
+                return Ok(false);
+            };
+            if conditions.is_empty() {
+                return Ok(true);
+            }
+            upright.add(&conditions);
+            if !self.mend(z, &self.right, upright, run)? {
+                return Ok(false);
+            }
+            self.descend_on(z, &self.right, Some(upright), run)?;
         }
-        self.descend_on(&mut z, &self.right, Some(upright), run)?;
-        Ok(Some(z))
+        Ok(false)
     }
 
     /// The right-hand side on a grid so many steps denser.

@@ -109,6 +109,25 @@ impl Coarse {
 }
 
 impl Spread {
+    /// That the sides out of some vertices stay within a quarter turn of where they point in the relaxed map: then upright
+    /// triangles turn as far around each as they do there.
+    pub(crate) fn unturned(&self, vertices: &[usize]) -> Vec<AtLeast> {
+        /// Directions are rounded to so many units.
+        const FINE: f64 = 4.0;
+        let halfedges = vertices.iter().flat_map(|&v| self.net.around(v));
+        let of = |h: usize| {
+            let [x, y] = minus(self.at[h / 3][next(h) % 3], self.at[h / 3][h % 3]);
+            let [x, y] = [x, y].map(|c| (FINE * c / x.hypot(y)).round() as i64);
+            let mut side = self.exact[next(h)].clone();
+            add(&mut side, &self.exact[h], -1);
+            let mut sum = Form::new();
+            transition::add(&mut sum, &side[0], x);
+            transition::add(&mut sum, &side[1], y);
+            AtLeast { sum, bound: 1 }
+        };
+        halfedges.map(of).collect()
+    }
+
     /// That a closed path be at least so many lines long, the more of both coordinates together than now.
     ///
     /// It crosses these half-edges, from a point and back to it: a corner, if it starts at a singular vertex. `None`

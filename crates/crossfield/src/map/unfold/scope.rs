@@ -23,7 +23,11 @@ impl Scope {
     /// All real unknowns, or all, integers as well.
     pub(super) fn whole(system: &System<'_>, integers: bool) -> Self {
         let seams = system.seams;
-        let unknowns = if integers { seams.unknowns() } else { seams.reals };
+        let unknowns = if integers {
+            seams.unknowns()
+        } else {
+            seams.reals
+        };
         let copies = system.cut.copy.chunks_exact(3);
         Self {
             unknowns: (0..unknowns).collect(),
