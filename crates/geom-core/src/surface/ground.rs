@@ -6,7 +6,7 @@
 
 use std::f64::consts::FRAC_PI_4;
 
-use crate::search::bvh::{TreeError, TriangleTree};
+use crate::search::bvh::{Closest, TreeError, TriangleTree};
 use crate::{Point3, TriMesh, Vector3};
 
 /// By so much at least a place must be better: less is rounding, and a search that takes it goes on and on. For values
@@ -74,7 +74,25 @@ impl<'a> Ground<'a> {
             Freedom::Line => on_segments(&self.lines, p),
             _ => *p,
         };
-        let closest = self.tree.closest(&p);
+        self.at(self.tree.closest(&p), p, freedom)
+    }
+
+    /// [`pulled`](Self::pulled) after a move from a place on the surface: nothing is farther away than that, which the search
+    /// need not look at.
+    pub fn pulled_from(&self, start: &Point3, p: &Point3, freedom: Freedom) -> (Point3, Vector3) {
+        // By so much the start may lie beside the surface for rounding, in lengths of coordinates.
+        const BESIDE: f64 = 1e-12;
+        let moved = (p - start).norm();
+        let radius = moved * (1.0 + BESIDE) + start.coords.norm() * BESIDE;
+        let near = (freedom == Freedom::Surface).then(|| self.tree.closest_within(p, radius));
+        match near.flatten() {
+            Some(closest) => self.at(closest, *p, freedom),
+            None => self.pulled(p, freedom),
+        }
+    }
+
+    /// The place for what is closest to `p`.
+    fn at(&self, closest: Closest, p: Point3, freedom: Freedom) -> (Point3, Vector3) {
         let corners = self.surface.triangles()[closest.triangle as usize];
         let normal: Vector3 = (0..3)
             .map(|k| self.normals[corners[k] as usize] * closest.barycentric[k])
@@ -161,7 +179,8 @@ impl<'a> Ground<'a> {
         let mut best = (before + GAIN, None);
         for k in 0..8 {
             let (sine, cosine) = (FRAC_PI_4 * (f64::from(k) + turn)).sin_cos();
-            let place = self.pulled(&(p + (first * cosine + second * sine) * length), freedom);
+            let to = p + (first * cosine + second * sine) * length;
+            let place = self.pulled_from(&p, &to, freedom);
             let found = value(&place, best.0);
             if found > best.0 {
                 best = (found, Some(place));

@@ -91,6 +91,18 @@ impl<'a> Vertices<'a> {
         pulled.into_iter().unzip()
     }
 
+    /// The same after moves from places that were on the surface. What has not moved stays as it was.
+    fn settled_from(&self, start: &State, positions: &[Point3]) -> State {
+        let pulled = parallel::map(positions.len(), |v| {
+            let (from, p) = (&start.0[v], &positions[v]);
+            if p == from {
+                return (*from, start.1[v]);
+            }
+            self.ground(v).pulled_from(from, p, self.freedom[v])
+        });
+        pulled.into_iter().unzip()
+    }
+
     /// To come back to.
     pub fn state(&self) -> State {
         (self.positions.clone(), self.normals.clone())
@@ -354,7 +366,7 @@ impl<'a, E: Elements> Flow<'a, E> {
             let moved = start.0.iter().zip(&descent).map(|(p, d)| p + d * *length);
             let moved: Vec<Point3> = moved.collect();
             // Corners are seen as for the gradient: on a surface of large triangles normals change faster than anything else.
-            let (positions, normals) = self.vertices.settled(&moved);
+            let (positions, normals) = self.vertices.settled_from(&start, &moved);
             self.vertices.positions = positions;
             self.distortions(epsilon)?;
             let energy = self.energy(power);
