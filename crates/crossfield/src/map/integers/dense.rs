@@ -53,43 +53,42 @@ fn divide(x: &mut DMatrix<f64>, l: &DMatrix<f64>) {
 /// The inverse of `L Lᵀ`; only the lower triangle of L is looked at.
 ///
 /// Columns of the inverse are two substitutions each. Below the diagonal they need the part of L below the diagonal alone, and
-/// the rest is its mirror image: a third of the work of whole columns. Eight of them go side by side, so that L is read an
-/// eighth as often and sums run over lanes.
+/// the rest is its mirror image: a third of the work of whole columns. A strip of them goes side by side.
 pub(super) fn inverse_of(factor: &DMatrix<f64>) -> DMatrix<f64> {
-    const LANES: usize = 8;
     let n = factor.nrows();
-    let blocks = parallel::map(n.div_ceil(LANES), |block| {
-        let first = block * LANES;
-        let mut x = vec![[0.0; LANES]; n - first];
-        for (lane, x) in x.iter_mut().enumerate().take(LANES) {
-            x[lane] = 1.0;
+    let starts: Vec<usize> = (0..n).step_by(STRIP).collect();
+    let strips: Vec<DMatrix<f64>> = parallel::map(starts.len(), |s| {
+        let first = starts[s];
+        let width = STRIP.min(n - first);
+        let mut x = DMatrix::zeros(n - first, width);
+        x.fill_diagonal(1.0);
+        let block = |row: usize| {
+            let rows = STRIP.min(n - row);
+            let below = row + rows;
+            let triangle = factor.view((row, row), (rows, rows));
+            (rows, triangle, factor.view((below, row), (n - below, rows)))
+        };
+        for &row in &starts[s..] {
+            let (rows, triangle, under) = block(row);
+            let (mut own, mut below) =
+                x.rows_range_pair_mut(row - first..row - first + rows, row - first + rows..);
+            triangle.solve_lower_triangular_mut(&mut own);
+            below.gemm(-1.0, &under, &own, 1.0);
         }
-        for j in first..n {
-            let column = &factor.as_slice()[j * n + j..(j + 1) * n];
-            let (head, below) = x[j - first..].split_first_mut().expect("a row");
-            *head = head.map(|x| x / column[0]);
-            for (x, l) in below.iter_mut().zip(&column[1..]) {
-                for (x, h) in x.iter_mut().zip(&*head) {
-                    *x -= l * h;
-                }
-            }
-        }
-        for j in (first..n).rev() {
-            let column = &factor.as_slice()[j * n + j..(j + 1) * n];
-            let (head, below) = x[j - first..].split_first_mut().expect("a row");
-            for (x, l) in below.iter().zip(&column[1..]) {
-                for (h, x) in head.iter_mut().zip(x) {
-                    *h -= l * x;
-                }
-            }
-            *head = head.map(|x| x / column[0]);
+        for &row in starts[s..].iter().rev() {
+            let (rows, triangle, under) = block(row);
+            let (mut own, below) =
+                x.rows_range_pair_mut(row - first..row - first + rows, row - first + rows..);
+            // As a product of its own: those of transposed matrices are not blocked.
+            own.gemm(-1.0, &under.transpose(), &below, 1.0);
+            triangle.tr_solve_lower_triangular_mut(&mut own);
         }
         x
     });
     DMatrix::from_fn(n, n, |i, j| {
         let (row, column) = (i.max(j), i.min(j));
-        let first = column / LANES * LANES;
-        blocks[column / LANES][row - first][column - first]
+        let first = column / STRIP * STRIP;
+        strips[column / STRIP][(row - first, column - first)]
     })
 }
 

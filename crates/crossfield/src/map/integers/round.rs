@@ -12,7 +12,7 @@ use geom_core::compute::parallel;
 use geom_core::nalgebra::{DMatrix, DVector};
 
 use super::dense::{Free, factor, inverse_of};
-use super::upright::{AtLeast, Pair, Upright, Weighed};
+use super::upright::{AtLeast, Pair, Short, Upright, Weighed};
 use crate::backend::On;
 
 /// Moves lower the energy when they do so by this much.
@@ -176,12 +176,13 @@ impl Quadratic {
         let (mut tried, mut breakouts) = (0, 0);
         for step in 0..most {
             let short = upright.short(&sides);
-            if short.is_empty() {
+            if short.integers.is_empty() {
                 return Ok(true);
             }
             run.progress("integers", step as u64, most as u64)?;
-            tried += 2 * short.len();
-            let single = short
+            let integers = &short.integers;
+            tried += 2 * integers.len();
+            let single = integers
                 .iter()
                 .flat_map(|&i| [-1.0, 1.0].map(|d| [(i, d), (i, 0.0)]));
             let weighed = Weighed {
@@ -189,20 +190,23 @@ impl Quadratic {
                 sides: &sides,
                 weights: &weights,
             };
-            let best = self.best_mend(single, weighed, &gradient);
+            let best = self.best_mend(single, weighed, &short, &gradient);
             if best.is_none() {
-                tried += short.iter().map(|&i| 4 * coupled[i].len()).sum::<usize>();
+                tried += integers
+                    .iter()
+                    .map(|&i| 4 * coupled[i].len())
+                    .sum::<usize>();
             }
             if tried > MOST_TRIED / 5 * n {
                 return Ok(false);
             }
             let best = best.or_else(|| {
                 let signs = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
-                let pairs = short
+                let pairs = integers
                     .iter()
                     .flat_map(|&i| coupled[i].iter().map(move |&(j, _)| (i, j)))
                     .flat_map(|(i, j)| signs.map(|(d, e)| [(i, d), (j, e)]));
-                self.best_mend(pairs, weighed, &gradient)
+                self.best_mend(pairs, weighed, &short, &gradient)
             });
             let Some(moves) = best else {
                 breakouts += 1;
@@ -229,10 +233,15 @@ impl Quadratic {
         &self,
         moves: impl Iterator<Item = Pair>,
         weighed: Weighed<'_>,
+        short: &Short,
         gradient: &DVector<f64>,
     ) -> Option<Pair> {
         let mut best: Option<(i128, f64, Pair)> = None;
         for pair in moves {
+            let least = weighed.least_change(&pair, short);
+            if least >= 0 || best.is_some_and(|b| b.0 < least) {
+                continue;
+            }
             let change = weighed.change(&pair);
             if change >= 0 || best.is_some_and(|b| b.0 < change) {
                 continue;

@@ -25,12 +25,15 @@ pub(in crate::map) struct Upright {
     zero: Vec<Sides>,
     /// Per integer, the triangles that depend on it and what one more of it adds to their sides; ascending.
     of: Vec<Vec<(u32, Sides)>>,
+    /// Per triangle, the integers that it depends on.
+    on: Vec<Vec<u32>>,
 }
 
 impl Upright {
     /// Of the sides from the first corner of each triangle to the second and the third.
     pub(super) fn new(triangles: &[[[Form; 2]; 2]]) -> Self {
         let mut of: Vec<Vec<(u32, Sides)>> = Vec::new();
+        let mut on = vec![Vec::new(); triangles.len()];
         for (t, sides) in (0u32..).zip(triangles) {
             for (slot, form) in sides.as_flattened().iter().enumerate() {
                 for (&k, &c) in form {
@@ -40,6 +43,7 @@ impl Upright {
                     }
                     if of[k].last().is_none_or(|last| last.0 != t) {
                         of[k].push((t, [0; 4]));
+                        on[t as usize].push(k as u32);
                     }
                     let last = of[k].len() - 1;
                     of[k][last].1[slot] = c;
@@ -49,6 +53,7 @@ impl Upright {
         Self {
             zero: vec![[0; 4]; triangles.len()],
             of,
+            on,
         }
     }
 
@@ -57,6 +62,7 @@ impl Upright {
         for AtLeast { sum, bound } in conditions {
             let t = self.zero.len() as u32;
             self.zero.push([1 - bound, 0, 0, 1]);
+            self.on.push(sum.keys().copied().collect());
             for (&k, &c) in sum {
                 let k = k as usize;
                 if self.of.len() <= k {
@@ -94,12 +100,31 @@ impl Upright {
         self.shortages(&self.sides(z)) == 0
     }
 
-    /// The integers of the triangles that are not upright, ascending.
-    pub(super) fn short(&self, sides: &[Sides]) -> Vec<usize> {
-        let is_short = |of: &[(u32, Sides)]| of.iter().any(|o| shortage(&sides[o.0 as usize]) > 0);
-        (0..self.of.len())
-            .filter(|&k| is_short(&self.of[k]))
-            .collect()
+    /// The integers of the triangles that are not upright, with what one more of each adds to the sides of these.
+    pub(super) fn short(&self, sides: &[Sides]) -> Short {
+        let is_short = |&t: &usize| shortage(&sides[t]) > 0;
+        let mut entries: Vec<(u32, u32)> = (0..sides.len())
+            .filter(is_short)
+            .flat_map(|t| self.on[t].iter().map(move |&k| (k, t as u32)))
+            .collect();
+        entries.sort_unstable();
+        let mut short = Short {
+            integers: Vec::new(),
+            place: vec![None; self.of.len()],
+            of: Vec::new(),
+        };
+        for (k, t) in entries {
+            let all = &self.of[k as usize];
+            if short.integers.last() != Some(&(k as usize)) {
+                short.place[k as usize] = Some(short.integers.len() as u32);
+                short.integers.push(k as usize);
+                short.of.push(Vec::new());
+            }
+            let at = all.partition_point(|entry| entry.0 < t);
+            let last = short.of.len() - 1;
+            short.of[last].push(all[at]);
+        }
+        short
     }
 
     /// Those that are not upright weigh one more.
@@ -107,6 +132,24 @@ impl Upright {
         for (weight, sides) in weights.iter_mut().zip(sides) {
             *weight += i128::from(shortage(sides) > 0);
         }
+    }
+}
+
+/// The part of [`Upright`] that is about triangles which are not upright: few of all, so that what a move may gain at most is
+/// known before what it costs.
+pub(super) struct Short {
+    /// Ascending.
+    pub(super) integers: Vec<usize>,
+    /// Of all integers, their places among these.
+    place: Vec<Option<u32>>,
+    /// Per place, triangles and what one more adds to their sides; ascending.
+    of: Vec<Vec<(u32, Sides)>>,
+}
+
+impl Short {
+    fn of(&self, k: usize) -> &[(u32, Sides)] {
+        let place = self.place.get(k).copied().flatten();
+        place.map_or(&[], |place| &self.of[place as usize])
     }
 }
 
@@ -122,11 +165,17 @@ pub(super) struct Weighed<'a> {
 
 impl Weighed<'_> {
     /// What a move changes of the shortages.
-    pub(super) fn change(&self, [(i, d), (j, e)]: &Pair) -> i128 {
-        let list = |k: usize, by: f64| {
-            let of = self.upright.of.get(k).filter(|_| by != 0.0);
-            of.map_or(&[][..], Vec::as_slice)
-        };
+    pub(super) fn change(&self, pair: &Pair) -> i128 {
+        self.sum(pair, |k| self.upright.of.get(k).map_or(&[], Vec::as_slice))
+    }
+
+    /// The same of triangles that are not upright alone: all others can only fall short.
+    pub(super) fn least_change(&self, pair: &Pair, short: &Short) -> i128 {
+        self.sum(pair, |k| short.of(k))
+    }
+
+    fn sum<'s>(&self, [(i, d), (j, e)]: &Pair, of: impl Fn(usize) -> &'s [(u32, Sides)]) -> i128 {
+        let list = |k: usize, by: f64| if by == 0.0 { &[] } else { of(k) };
         let (mut first, mut second) = (list(*i, *d), list(*j, *e));
         let mut change = 0;
         // Both lists ascend: triangles in either, each once.
