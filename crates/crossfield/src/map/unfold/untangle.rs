@@ -184,7 +184,7 @@ pub(crate) fn untangle(
             break;
         }
         // ε follows what was gained: too fast a fall freezes the folds, too slow a one takes forever.
-        let share = gained.max(0.3);
+        let share = gained.max(0.5);
         let root = worst.hypot(energy.epsilon);
         let falls = if positive {
             share
