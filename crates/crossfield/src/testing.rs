@@ -11,6 +11,7 @@ use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 
 use crate::backend::CrossfieldObject;
 use crate::field::{self, CrossField, Frames};
+pub use crate::map::OfIntegers;
 use crate::map::{MapOptions, Relaxation, Spacing};
 use crate::{Anisotropy, Error, anisotropy, guidance, quads};
 
@@ -134,6 +135,17 @@ pub fn unfolding_costs(
 ) -> Result<Vec<Option<f64>>, Error> {
     let run = Run::on(&Cpu).with(Cpu.as_crossfield());
     crate::map::unfolding_costs(mesh, frames, field, options, run)
+}
+
+/// What is made of a field's integers, where its map does not fold.
+pub fn of_integers(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+) -> Result<OfIntegers, Error> {
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    crate::map::of_integers(mesh, frames, field, options, run)
 }
 
 /// Turns the crosses of these triangles towards the gradients of a map, given as Jacobians; whether any moved.

@@ -7,7 +7,7 @@ use crossfield::guidance::Modes;
 use crossfield::map::{MapOptions, Spacing, parameterize};
 use crossfield::quads::quality::{Valences, distances};
 use crossfield::quads::{Rung, extract};
-use crossfield::testing::{cuboid, decimated, plate, tube, unfolding_costs};
+use crossfield::testing::{cuboid, decimated, of_integers, plate, tube, unfolding_costs};
 use crossfield::{
     Error, FieldOptions, Guidance, Ladder, Options, Quadrangulation, Size, cross_field,
     quadrangulate,
@@ -638,6 +638,38 @@ fn the_next_map_of_a_field_starts_upright() {
         let (both, alone) = (costs(&maps), costs(&maps[1..]));
         let [next, alone] = [both[1], alone[0]].map(Option::unwrap);
         assert!(next > 0.0 && next < 0.6 * alone, "{seed}: {next} {alone}");
+    }
+}
+
+/// The energy as a function of the integers alone is that of the map whose reals follow, and sides of the decimated map point
+/// where they point.
+#[test]
+fn integers_know_what_the_reals_do() {
+    // Closed, with handles, and with a boundary and lines that must be kept.
+    for (mesh, lines) in [
+        (shapes::icosphere(2.0, 4), false),
+        (shapes::torus(1.0, 0.4, 48, 24), false),
+        (shapes::cylinder(1.0, 3.0, 32, 8), true),
+        (plate(16, 0.1, |i, j| (6..9).contains(&i) && j == 7), false),
+    ] {
+        let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+        let options = FieldOptions::default();
+        let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
+        let edges = frames.edges();
+        let normal = |h: u32| mesh.doubled_area_normal(h as usize / 3).normalize();
+        let sharp = edges.iter().filter(|&h| {
+            let twin = edges.twin(h);
+            lines && twin.is_some_and(|t| normal(h.0).dot(&normal(t.0)) < 0.5)
+        });
+        let options = MapOptions {
+            spacing: Spacing::Uniform(0.31),
+            lines: sharp.map(|h| h.0).collect(),
+        };
+        let found = of_integers(&mesh, &frames, &field, &options).unwrap();
+        assert!(found.measured > 1e-9, "{}", found.measured);
+        let ratio = found.by_schur / found.measured;
+        assert!((ratio - 1.0).abs() < 1e-4, "{ratio}");
+        assert!(found.unturned.iter().all(|&sum| sum > 0.0));
     }
 }
 

@@ -380,6 +380,29 @@ impl CornerBackend for Short {
     }
 }
 
+proptest! {
+    /// After a move from the surface the search is shorter, and finds the same; from elsewhere, too.
+    #[test]
+    fn a_start_on_the_surface_changes_nothing(
+        to in prop::array::uniform3(-1.5..1.5f64),
+        far in 0.0..1.0f64,
+        lift in prop_oneof![Just(0.0), 0.0..0.2f64],
+    ) {
+        let torus = shapes::torus(1.0, 0.3, 24, 12);
+        let ground = Ground::new(&torus, Vec::new()).unwrap();
+        let to = Point3::from(to);
+        let (on, normal) = ground.pulled(&Point3::new(0.9, 0.4, 0.2), Freedom::Surface);
+        let start = on + normal * lift;
+        let p = start + (to - start) * far;
+        for freedom in [Freedom::Surface, Freedom::Line, Freedom::Fixed] {
+            prop_assert_eq!(
+                ground.pulled_from(&start, &p, freedom),
+                ground.pulled(&p, freedom)
+            );
+        }
+    }
+}
+
 #[test]
 fn too_few_distortions_are_an_error() {
     let sphere = shapes::icosphere(9.0, 1);

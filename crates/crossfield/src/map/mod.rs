@@ -18,7 +18,7 @@
 //! | step | what it does | where it may fail |
 //! |---|---|---|
 //! | cut | opens the surface to a disk with all singular vertices on its rim | |
-//! | conditions | all of the above as integer sums of independent unknowns, by exact elimination | |
+//! | conditions | all of the above as integer sums of independent unknowns, and of sums of these, by exact elimination | |
 //! | relaxation | the optimum with real numbers in place of integers, unfolded if it folds, as a whole, then place by place | rarely: it stays folded |
 //! | integers | rounds them, one by one or until a decimated map is upright and no handle too narrow | singular vertices end on one point |
 //! | untangling | unfolds what rounding has folded, the integers held | triangles have too little freedom |
@@ -68,9 +68,12 @@ pub(crate) use integers::{inverse, rounded};
 pub(crate) use net::Net;
 pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]
-pub(crate) use parameterize::{decimated, unfolding_costs};
+pub(crate) use parameterize::{decimated, of_integers, unfolding_costs};
 pub(crate) use unfold::{Effort, Ends, Folded, Unfolding};
 
 pub use exact::{GridMap, MapReport};
+#[cfg(feature = "testing")]
+#[doc(hidden)]
+pub use parameterize::OfIntegers;
 pub use parameterize::{MapOptions, parameterize};
 pub use spacing::{Chart, Spacing};

@@ -226,6 +226,56 @@ pub(crate) fn unfolding_costs(
     options.iter().map(of).collect()
 }
 
+/// What is made of a field's integers, for tests.
+#[cfg(feature = "testing")]
+pub struct OfIntegers {
+    /// How much more energy than the best map with real numbers that with rounded ones has, by the Schur complement.
+    pub by_schur: f64,
+    /// The same measured on the two maps.
+    pub measured: f64,
+    /// What would keep the sides of the decimated map from turning: their sums at the real minimum, where none has turned.
+    pub unturned: Vec<f64>,
+}
+
+/// See [`OfIntegers`]; of a map that does not fold.
+#[cfg(feature = "testing")]
+pub(crate) fn of_integers(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<OfIntegers, Error> {
+    let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
+    let (effort, ends) = Unfolding::alone(charts.len());
+    let unfolding = Unfolding {
+        effort: &effort,
+        ends: &ends,
+    };
+    let system = System::new(&cut, &seams, &charts);
+    let mut making = Making::new(frames, field, system, unfolding, run);
+    let Optimum {
+        weighted,
+        w,
+        corners,
+    } = making.optimum()?;
+    let quadratic = making.quadratic(&weighted, &w)?;
+    let z = quadratic.rounded(run)?;
+    let energy = |corners: &[[[f64; 2]; 3]]| making.system.energy(corners) / 2.0;
+    let rounded = making.system.corners(&weighted.values_for(&z)?);
+    let real = &w[seams.reals..seams.unknowns()];
+    let coarse = Coarse::of(frames, field, &cut, &seams, &corners);
+    let spread =
+        coarse.and_then(|c| c.spread(&z, BITS, corners.clone(), Vec::new(), making.report));
+    let all: Vec<usize> = (0..frames.edges().vertices()).collect();
+    let unturned = spread.map_or(Vec::new(), |spread| spread.unturned(&all));
+    Ok(OfIntegers {
+        by_schur: quadratic.above(&z) / charts.len() as f64,
+        measured: energy(&rounded) - energy(&corners),
+        unturned: unturned.iter().map(|side| side.value(real)).collect(),
+    })
+}
+
 /// What the best map without integers is like, folded or not.
 pub(crate) struct Relaxation {
     /// `[h_u ∇u; h_v ∇v]` of each triangle in the basis of the field's arms, up to quarter turns of both.

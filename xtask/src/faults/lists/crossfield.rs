@@ -4,6 +4,20 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "sums of integers hang loosely on these",
+        "crates/crossfield/src/map/system.rs",
+        "const STIFF: f64 = (1u64 << 20) as f64;",
+        "const STIFF: f64 = (1u64 << 2) as f64;",
+    )
+    .seen_by("laws::integers_know_what_the_reals_do"),
+    Fault::wrong(
+        "sides of a decimated map shall point backwards",
+        "crates/crossfield/src/map/integers/spread.rs",
+        "let mut side = self.exact[next(h)].clone();",
+        "let mut side = self.exact[previous(h)].clone();",
+    )
+    .seen_by("laws::integers_know_what_the_reals_do"),
+    Fault::wrong(
         "what rounding holds is added to the inverse of the others",
         "crates/crossfield/src/map/integers/dense.rs",
         "strip.gemm(-1.0, held, &own, 1.0);",

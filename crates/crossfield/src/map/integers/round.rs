@@ -62,6 +62,13 @@ impl Quadratic {
         })
     }
 
+    /// How much more energy than the real minimum has.
+    #[cfg(feature = "testing")]
+    pub(crate) fn above(&self, z: &[f64]) -> f64 {
+        let off = DVector::from_column_slice(z) - &self.relaxed;
+        0.5 * off.dot(&(&self.matrix * &off))
+    }
+
     /// Rounds the variable that is nearest to an integer, lets the others follow to their exact optimum, and so on
     /// (Bommes, Zimmer and Kobbelt, *Mixed-integer quadrangulation*, 2009, with the real unknowns eliminated); then moves single
     /// integers and pairs of them by one while the energy falls.

@@ -19,6 +19,17 @@ pub(crate) struct AtLeast {
     pub(super) bound: i64,
 }
 
+#[cfg(feature = "testing")]
+impl AtLeast {
+    /// The sum, of numbers that need not be integers.
+    pub(crate) fn value(&self, z: &[f64]) -> f64 {
+        self.sum
+            .iter()
+            .map(|(&k, &c)| c as f64 * z[k as usize])
+            .sum()
+    }
+}
+
 /// Triangles whose sides are integer sums of integers, which shall be upright.
 pub(in crate::map) struct Upright {
     /// The sides of all triangles where all integers are 0.

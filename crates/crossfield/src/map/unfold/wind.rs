@@ -18,7 +18,7 @@ const WIDEST: f64 = 0.8 * PI;
 /// that does to the triangles around. Returns which triangles have to stay upright from then on: those of all singular
 /// vertices of five or more quads, and of the vertices laid, whose angles are right.
 ///
-/// `w` are the unknowns of the system and change for the neighbours of the vertices laid. What has its right angle
+/// `w` are the values of the system and change for the neighbours of the vertices laid. What has its right angle
 /// already stays as it is, so that vertices laid one after the other share neighbours; where that leaves one of them
 /// wrong, it takes what it needs from the others.
 pub(super) fn wound(
