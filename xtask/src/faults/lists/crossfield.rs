@@ -181,8 +181,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "the next map of a field starts anew",
         "crates/crossfield/src/map/parameterize.rs",
-        "last.filter(|y| self.unfolder().is_valid(y))",
-        "last.filter(|y| !self.unfolder().is_valid(y))",
+        "last.filter(|w| self.unfolder().is_valid(w))",
+        "last.filter(|w| !self.unfolder().is_valid(w))",
     )
     .seen_by("laws::the_next_map_of_a_field_starts_upright"),
     Fault::wrong(
