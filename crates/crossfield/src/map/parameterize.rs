@@ -118,14 +118,14 @@ pub(crate) fn parameterized(
     let system = System::new(&cut, &seams, &charts);
     let mut making = Making::new(frames, field, system, unfolding, run);
     run.progress("map", 0, 3)?;
-    let relaxed = making.relaxed()?;
+    let mut relaxed = making.relaxed()?;
     run.progress("map", 1, 3)?;
     let Rounded {
         mut w,
         stage,
         spread,
         is_narrow,
-    } = making.quantized(&relaxed, widening)?;
+    } = making.quantized(&mut relaxed, widening)?;
     run.progress("map", 2, 3)?;
     let may_be_vain = is_narrow && widening.is_some_and(|w| w.may_be_vain);
     let spread = match spread {
@@ -537,7 +537,7 @@ impl<'a> Making<'a> {
     /// none on denser grids either. The first two are made wider where quads would meet themselves, if asked for.
     fn quantized(
         &mut self,
-        relaxed: &Relaxed<'a>,
+        relaxed: &mut Relaxed<'a>,
         widening: Option<Widening<'_>>,
     ) -> Result<Rounded, Error> {
         let Relaxed {
@@ -546,6 +546,7 @@ impl<'a> Making<'a> {
             corners,
         } = relaxed;
         let quadratic = self.quadratic(weighted, w)?;
+        weighted.forget_free();
         let rounded = quadratic.rounded(self.run)?;
         let direct = Rounded {
             w: weighted.values_for(&rounded)?,

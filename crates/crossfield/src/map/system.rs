@@ -179,6 +179,11 @@ impl Weighted<'_> {
         kept(&self.free, || Ok(self.symbolic.factor(&self.matrix)?))
     }
 
+    /// From now on integers are held: the factor in which they move is large, and not needed any more.
+    pub(crate) fn forget_free(&mut self) {
+        self.free = OnceCell::new();
+    }
+
     /// The pattern is that of the whole matrix, so that it needs no analysis of its own.
     fn held(&self) -> Result<&Cholesky, Error> {
         kept(&self.held, || {
