@@ -389,7 +389,8 @@ proptest! {
         lift in prop_oneof![Just(0.0), 0.0..0.2f64],
     ) {
         let torus = shapes::torus(1.0, 0.3, 24, 12);
-        let ground = Ground::new(&torus, Vec::new()).unwrap();
+        let line = [Point3::new(1.3, 0.0, 0.0), Point3::new(0.0, 1.3, 0.0)];
+        let ground = Ground::new(&torus, vec![line]).unwrap();
         let to = Point3::from(to);
         let (on, normal) = ground.pulled(&Point3::new(0.9, 0.4, 0.2), Freedom::Surface);
         let start = on + normal * lift;

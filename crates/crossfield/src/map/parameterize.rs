@@ -175,6 +175,25 @@ fn prepared(
     Ok((cut, seams, charts))
 }
 
+/// What is made of a field by itself, no other map of it before or after.
+fn alone<T>(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+    make: impl FnOnce(Making<'_>) -> Result<T, Error>,
+) -> Result<T, Error> {
+    let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
+    let (effort, ends) = Unfolding::alone(charts.len());
+    let unfolding = Unfolding {
+        effort: &effort,
+        ends: &ends,
+    };
+    let system = System::new(&cut, &seams, &charts);
+    make(Making::new(frames, field, system, unfolding, run))
+}
+
 /// The triangles that are left of a map without integers when all its regular vertices are taken out; `None` if one of them
 /// cannot be.
 #[cfg(feature = "testing")]
@@ -185,16 +204,12 @@ pub(crate) fn decimated(
     options: &MapOptions,
     run: On<'_>,
 ) -> Result<Option<usize>, Error> {
-    let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
-    let (effort, ends) = Unfolding::alone(charts.len());
-    let unfolding = Unfolding {
-        effort: &effort,
-        ends: &ends,
-    };
-    let system = System::new(&cut, &seams, &charts);
-    let relaxed = Making::new(frames, field, system, unfolding, run).relaxed()?;
-    let coarse = Coarse::of(frames, field, &cut, &seams, &relaxed.corners);
-    Ok(coarse.map(|coarse| coarse.triangles()))
+    alone(mesh, frames, field, options, run, |mut making| {
+        let relaxed = making.relaxed()?;
+        Ok(making
+            .decimated(&relaxed.corners)
+            .map(|coarse| coarse.triangles()))
+    })
 }
 
 /// What each of several maps of a field costs to unfold without integers, in evaluations of all triangles; `None` for one that
@@ -246,33 +261,27 @@ pub(crate) fn of_integers(
     options: &MapOptions,
     run: On<'_>,
 ) -> Result<OfIntegers, Error> {
-    let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
-    let (effort, ends) = Unfolding::alone(charts.len());
-    let unfolding = Unfolding {
-        effort: &effort,
-        ends: &ends,
-    };
-    let system = System::new(&cut, &seams, &charts);
-    let mut making = Making::new(frames, field, system, unfolding, run);
-    let Optimum {
-        weighted,
-        w,
-        corners,
-    } = making.optimum()?;
-    let quadratic = making.quadratic(&weighted, &w)?;
-    let z = quadratic.rounded(run)?;
-    let energy = |corners: &[[[f64; 2]; 3]]| making.system.energy(corners) / 2.0;
-    let rounded = making.system.corners(&weighted.values_for(&z)?);
-    let real = &w[seams.reals..seams.unknowns()];
-    let coarse = Coarse::of(frames, field, &cut, &seams, &corners);
-    let spread =
-        coarse.and_then(|c| c.spread(&z, BITS, corners.clone(), Vec::new(), making.report));
-    let all: Vec<usize> = (0..frames.edges().vertices()).collect();
-    let unturned = spread.map_or(Vec::new(), |spread| spread.unturned(&all));
-    Ok(OfIntegers {
-        by_schur: quadratic.above(&z) / charts.len() as f64,
-        measured: energy(&rounded) - energy(&corners),
-        unturned: unturned.iter().map(|side| side.value(real)).collect(),
+    alone(mesh, frames, field, options, run, |mut making| {
+        let Optimum {
+            weighted,
+            w,
+            corners,
+        } = making.optimum()?;
+        let System { seams, charts, .. } = making.system;
+        let quadratic = making.quadratic(&weighted, &w)?;
+        let z = quadratic.rounded(run)?;
+        let energy = |corners: &[[[f64; 2]; 3]]| making.system.energy(corners) / 2.0;
+        let rounded = making.system.corners(&weighted.values_for(&z)?);
+        let real = &w[seams.reals..seams.unknowns()];
+        let coarse = making.decimated(&corners);
+        let judged = coarse.and_then(|coarse| making.judged(&coarse, &z, &corners));
+        let all: Vec<usize> = (0..frames.edges().vertices()).collect();
+        let unturned = judged.map_or(Vec::new(), |(spread, _)| spread.unturned(&all));
+        Ok(OfIntegers {
+            by_schur: quadratic.above(&z) / charts.len() as f64,
+            measured: energy(&rounded) - energy(&corners),
+            unturned: unturned.iter().map(|side| side.value(real)).collect(),
+        })
     })
 }
 
@@ -294,20 +303,14 @@ pub(crate) fn relaxation(
     options: &MapOptions,
     run: On<'_>,
 ) -> Result<Relaxation, Error> {
-    let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
-    let (effort, ends) = Unfolding::alone(charts.len());
-    let unfolding = Unfolding {
-        effort: &effort,
-        ends: &ends,
-    };
-    let system = System::new(&cut, &seams, &charts);
-    let mut making = Making::new(frames, field, system, unfolding, run);
-    let Optimum { corners, .. } = making.optimum()?;
-    let of = |(chart, uv): (&Chart, &[[f64; 2]; 3])| chart.jacobian(uv);
-    Ok(Relaxation {
-        jacobians: charts.iter().zip(&corners).map(of).collect(),
-        faults: making.report.relaxed_folded,
-        energy: making.report.relaxed_energy,
+    alone(mesh, frames, field, options, run, |mut making| {
+        let Optimum { corners, .. } = making.optimum()?;
+        let of = |(chart, uv): (&Chart, &[[f64; 2]; 3])| chart.jacobian(uv);
+        Ok(Relaxation {
+            jacobians: making.system.charts.iter().zip(&corners).map(of).collect(),
+            faults: making.report.relaxed_folded,
+            energy: making.report.relaxed_energy,
+        })
     })
 }
 
@@ -558,8 +561,8 @@ impl<'a> Making<'a> {
             return Ok(direct);
         }
         // Whether integers can hold the map upright is said by the few triangles between singular vertices.
-        let System { cut, seams, .. } = self.system;
-        let decimated = Coarse::of(self.frames, self.field, cut, seams, corners)
+        let decimated = self
+            .decimated(corners)
             .and_then(|coarse| coarse.upright().map(|upright| (coarse, upright)));
         let Some((coarse, mut upright)) = decimated else {
             let stage = "rounding without a decimated map";
@@ -567,8 +570,8 @@ impl<'a> Making<'a> {
         };
         // Those at hand may do, with the reals of other places; else others are looked for.
         let mut z = rounded;
-        if !upright.holds(&z) {
-            let turned = |z: &[f64]| self.turned(&coarse, z, corners);
+        let turned = |z: &[f64]| self.turned(&coarse, z, corners);
+        if !upright.holds(&z) || turned(&z).is_some_and(|wrong| !wrong.is_empty()) {
             let other = quadratic.rounded_within(&mut upright, &turned, self.run)?;
             let Some(other) = other else {
                 // No real numbers can mend what the integers fold.
@@ -603,6 +606,12 @@ impl<'a> Making<'a> {
             spread,
             is_narrow,
         })
+    }
+
+    /// The triangles between singular vertices and corners, of a map without integers.
+    fn decimated(&self, corners: &[[[f64; 2]; 3]]) -> Option<Coarse> {
+        let System { cut, seams, .. } = self.system;
+        Coarse::of(self.frames, self.field, cut, seams, corners)
     }
 
     /// The energy as a function of the integers alone, from its minimum. It takes n³ operations for n integers, which are about

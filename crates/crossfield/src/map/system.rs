@@ -68,38 +68,16 @@ impl<'a> System<'a> {
     }
 
     /// Assembles, triangle f counting `weights[f]` times.
+    ///
+    /// `Pᵀ K P` is summed triangle by triangle, as K itself would be: a coordinate is a sum of one value or a few.
     pub(crate) fn weighted(&self, weights: &[f64]) -> Result<Weighted<'a>, Error> {
         let values = self.seams.values();
-        let mut right = vec![0.0; values];
-        let mut diagonal = vec![0.0; values];
         let mut entries = Vec::with_capacity(20 * self.charts.len());
-        for (f, chart) in self.charts.iter().enumerate() {
-            let weight = weights[f] * chart.area;
-            let hats = [&chart.along_u, &chart.along_v];
-            let copies = [0, 1, 2].map(|k| self.cut.copy[3 * f + k]);
-            // In a triangle u and v do not know of each other. Seams alone mix them, through P.
-            for (component, stiffness) in chart.stiffness().iter().enumerate() {
-                let wanted = self.wanted[f][component];
-                for (k, &here) in copies.iter().enumerate() {
-                    let hat = hats[component][k];
-                    let pull = weight * (hat[0] * wanted[0] + hat[1] * wanted[1]);
-                    for (i, p) in self.seams.row(here, component) {
-                        right[i] += f64::from(p) * pull;
-                        for (l, &there) in copies.iter().enumerate() {
-                            let value = weight * stiffness[k][l] * f64::from(p);
-                            for (j, q) in self.seams.row(there, component) {
-                                let value = value * f64::from(q);
-                                entries.push((i as u32, j as u32, value));
-                                if i == j {
-                                    diagonal[i] += value;
-                                }
-                            }
-                        }
-                    }
-                }
-            }
+        for (f, weight) in weights.iter().enumerate() {
+            self.stiffness(f, *weight, |k| Some(k as u32), &mut entries);
         }
-        let stiff = self.stiffness_of_closings(&diagonal);
+        // Closings stay together whatever the triangles pull.
+        let stiff = self.stiffness_of_closings(&entries);
         let closings = &self.seams.closings;
         for (row, stiff) in stiff.iter().enumerate() {
             for (i, p) in closings.row(row) {
@@ -109,26 +87,69 @@ impl<'a> System<'a> {
         }
         let matrix = SparseMatrix::from_triplets(values, values, &entries)?;
         drop(entries);
-        let symbolic = match self.symbolic.get() {
-            Some(symbolic) => symbolic.clone(),
-            None => {
-                let symbolic = Symbolic::of(&matrix)?;
-                self.symbolic.get_or_init(|| symbolic).clone()
-            }
-        };
         Ok(Weighted {
             seams: self.seams,
-            matrix,
-            right,
+            right: self.right(weights),
             stiff,
-            symbolic,
+            symbolic: kept(&self.symbolic, || Ok(Symbolic::of(&matrix)?))?.clone(),
+            matrix,
             free: OnceCell::new(),
             held: OnceCell::new(),
         })
     }
 
-    /// R, for the diagonal of A.
-    fn stiffness_of_closings(&self, diagonal: &[f64]) -> Vec<f64> {
+    /// Adds what a triangle contributes to A, for the values that have a place.
+    ///
+    /// In a triangle u and v do not know of each other. Seams alone mix them, through P.
+    pub(crate) fn stiffness(
+        &self,
+        f: usize,
+        weight: f64,
+        place: impl Fn(usize) -> Option<u32>,
+        entries: &mut Vec<(u32, u32, f64)>,
+    ) {
+        let chart = &self.charts[f];
+        let weight = weight * chart.area;
+        let copies = [0, 1, 2].map(|k| self.cut.copy[3 * f + k]);
+        let row = |copy: u32, component: usize| {
+            let terms = self.seams.row(copy, component);
+            terms.filter_map(|(k, p)| place(k).map(|place| (place, f64::from(p))))
+        };
+        for (component, stiffness) in chart.stiffness().iter().enumerate() {
+            for (k, l) in (0..9).map(|kl| (kl / 3, kl % 3)) {
+                let value = weight * stiffness[k][l];
+                for (i, p) in row(copies[k], component) {
+                    let others = row(copies[l], component);
+                    entries.extend(others.map(|(j, q)| (i, j, value * p * q)));
+                }
+            }
+        }
+    }
+
+    /// b: what the wanted Jacobians pull at.
+    fn right(&self, weights: &[f64]) -> Vec<f64> {
+        let mut right = vec![0.0; self.seams.values()];
+        for (f, chart) in self.charts.iter().enumerate() {
+            let weight = weights[f] * chart.area;
+            for (component, hats) in [chart.along_u, chart.along_v].iter().enumerate() {
+                let wanted = self.wanted[f][component];
+                for (k, hat) in hats.iter().enumerate() {
+                    let pull = weight * (hat[0] * wanted[0] + hat[1] * wanted[1]);
+                    for (i, p) in self.seams.row(self.cut.copy[3 * f + k], component) {
+                        right[i] += f64::from(p) * pull;
+                    }
+                }
+            }
+        }
+        right
+    }
+
+    /// R, for the entries of A.
+    fn stiffness_of_closings(&self, entries: &[(u32, u32, f64)]) -> Vec<f64> {
+        let mut diagonal = vec![0.0; self.seams.values()];
+        for &(i, _, value) in entries.iter().filter(|e| e.0 == e.1) {
+            diagonal[i as usize] += value;
+        }
         let mean = diagonal.iter().sum::<f64>() / diagonal.len().max(1) as f64;
         let closings = &self.seams.closings;
         let of = |row| {
@@ -197,11 +218,14 @@ impl Weighted<'_> {
     }
 
     /// `A⁻¹ g` over the unknowns that move, up to `1 / R`, for a gradient with respect to them: all of them, or the reals alone.
-    pub(crate) fn inverse(&self, gradient: &[f64], is_held: bool) -> Result<Vec<f64>, Error> {
+    pub(crate) fn inverse(&self, gradient: &[f64], with_integers: bool) -> Result<Vec<f64>, Error> {
         let mut x = gradient.to_vec();
         x.resize(self.seams.values(), 0.0);
-        let factor = if is_held { self.held() } else { self.free() };
-        factor?.solve_in_place(&mut x, 1)?;
+        let factor = match with_integers {
+            true => self.free()?,
+            false => self.held()?,
+        };
+        factor.solve_in_place(&mut x, 1)?;
         x.truncate(gradient.len());
         Ok(x)
     }

@@ -46,7 +46,7 @@ impl Rows {
     }
 
     /// The terms of a row, with their coefficients.
-    pub(crate) fn row(&self, row: usize) -> impl ExactSizeIterator<Item = (usize, i32)> + '_ {
+    pub(crate) fn row(&self, row: usize) -> impl Iterator<Item = (usize, i32)> + '_ {
         let terms = &self.terms[self.starts[row]..self.starts[row + 1]];
         terms.iter().map(|&(k, c)| (k as usize, c))
     }
@@ -106,7 +106,7 @@ impl Seams {
         &self,
         copy: u32,
         component: usize,
-    ) -> impl ExactSizeIterator<Item = (usize, i32)> + '_ {
+    ) -> impl Iterator<Item = (usize, i32)> + '_ {
         self.rows.row(2 * copy as usize + component)
     }
 

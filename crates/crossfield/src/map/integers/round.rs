@@ -95,7 +95,7 @@ impl Quadratic {
         for first in 0..=DENSEST {
             let mut z = match first {
                 0 => self.nearest().to_vec(),
-                _ => greedy(&self.inverse, &self.relaxed * RATIO.powi(first)),
+                _ => greedy(&self.inverse, &(&self.relaxed * RATIO.powi(first))),
             };
             if !self.mend(&mut z, &self.denser(first), upright, run)? {
                 continue;
@@ -119,11 +119,18 @@ impl Quadratic {
         run: On<'_>,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
         let mut z = z.to_vec();
-        let is_right = self.mend(&mut z, &self.right, upright, run)? && {
-            self.descend_on(&mut z, &self.right, Some(upright), run)?;
-            self.unturn(&mut z, upright, turned, run)?
-        };
+        let is_right =
+            self.settle(&mut z, upright, run)? && self.unturn(&mut z, upright, turned, run)?;
         Ok(is_right.then_some(z))
+    }
+
+    /// Mends on the wanted grid, then descends; false if triangles stay folded.
+    fn settle(&self, z: &mut [f64], upright: &Upright, run: On<'_>) -> Result<bool, Cancelled> {
+        let is_mended = self.mend(z, &self.right, upright, run)?;
+        if is_mended {
+            self.descend_on(z, &self.right, Some(upright), run)?;
+        }
+        Ok(is_mended)
     }
 
     /// Turns back what moves have turned around vertices, with conditions that stay; false if that leads nowhere.
@@ -142,10 +149,9 @@ impl Quadratic {
                 return Ok(true);
             }
             upright.add(&conditions);
-            if !self.mend(z, &self.right, upright, run)? {
+            if !self.settle(z, upright, run)? {
                 return Ok(false);
             }
-            self.descend_on(z, &self.right, Some(upright), run)?;
         }
         Ok(false)
     }
@@ -158,7 +164,7 @@ impl Quadratic {
     /// Rounded on the wanted grid, n³ operations, once.
     fn nearest(&self) -> &[f64] {
         self.nearest
-            .get_or_init(|| greedy(&self.inverse, self.relaxed.clone()))
+            .get_or_init(|| greedy(&self.inverse, &self.relaxed))
     }
 
     /// Moves single integers and pairs by one while that brings triangles nearer to upright; of the moves that do so most,
@@ -187,6 +193,7 @@ impl Quadratic {
                 return Ok(true);
             }
             run.progress("integers", step as u64, most as u64)?;
+            // Other integers change no triangle that has to change.
             let integers = &short.integers;
             tried += 2 * integers.len();
             let single = integers
@@ -197,6 +204,8 @@ impl Quadratic {
                 sides: &sides,
                 weights: &weights,
             };
+            // Pairs are many times as many, and asked for only where no single one helps. The bound counts them before, so that what is
+            // given up does not depend on how fast they are judged.
             let best = self.best_mend(single, weighed, &short, &gradient);
             if best.is_none() {
                 tried += integers
@@ -215,6 +224,7 @@ impl Quadratic {
                     .flat_map(|(i, j)| signs.map(|(d, e)| [(i, d), (j, e)]));
                 self.best_mend(pairs, weighed, &short, &gradient)
             });
+            // A local minimum of the weighted shortages: raise it until one of its neighbours is lower.
             let Some(moves) = best else {
                 breakouts += 1;
                 if breakouts > BREAKOUTS {
@@ -223,6 +233,7 @@ impl Quadratic {
                 upright.weigh_short(&sides, &mut weights);
                 continue;
             };
+            // All that is judged by follows the move: sides exactly, the gradient by its column.
             for (k, d) in moves {
                 z[k] += d;
                 upright.shift(&mut sides, k, d);
@@ -245,6 +256,7 @@ impl Quadratic {
     ) -> Option<Pair> {
         let mut best: Option<(i128, f64, Pair)> = None;
         for pair in moves {
+            // Nearly all moves gain less than the best: most triangles of theirs need not be looked at.
             let least = weighed.least_change(&pair, short);
             if least >= 0 || best.is_some_and(|b| b.0 < least) {
                 continue;
@@ -385,14 +397,14 @@ pub(crate) fn rounded(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
     let n = right.len();
     let inverse = inverse_of(&factor(&DMatrix::from_row_slice(n, n, matrix))?);
     let relaxed = &inverse * DVector::from_column_slice(right);
-    Some(greedy(&inverse, relaxed))
+    Some(greedy(&inverse, &relaxed))
 }
 
 /// Variable by variable, from the real minimum, with the inverse of the matrix of those that are free.
 ///
 /// Putting variable k at an integer moves all others by `column k of the inverse × step / pivot`, which is their exact
 /// optimum. n³ operations in all, in parallel, the same digits for any number of threads.
-fn greedy(inverse: &DMatrix<f64>, relaxed: DVector<f64>) -> Vec<f64> {
+fn greedy(inverse: &DMatrix<f64>, relaxed: &DVector<f64>) -> Vec<f64> {
     let mut z: Vec<f64> = relaxed.as_slice().to_vec();
     let mut free = Free::of(inverse);
     let away = |k: usize, z: &[f64]| (z[k] - z[k].round()).abs();

@@ -185,6 +185,7 @@ impl Weighed<'_> {
         self.sum(pair, |k| short.of(k))
     }
 
+    /// The sum over the triangles that are given for each integer.
     fn sum<'s>(&self, [(i, d), (j, e)]: &Pair, of: impl Fn(usize) -> &'s [(u32, Sides)]) -> i128 {
         let list = |k: usize, by: f64| if by == 0.0 { &[] } else { of(k) };
         let (mut first, mut second) = (list(*i, *d), list(*j, *e));

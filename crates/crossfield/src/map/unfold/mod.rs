@@ -89,7 +89,7 @@ impl Unfolder<'_> {
     ) -> Result<(), Error> {
         let moves = Moves {
             scope: &Scope::whole(self.system, with_integers),
-            bend: &|gradient: &[f64]| weighted.inverse(gradient, !with_integers),
+            bend: &|gradient: &[f64]| weighted.inverse(gradient, with_integers),
             held,
             effort: self.effort,
             is_lost,

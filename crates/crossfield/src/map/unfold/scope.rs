@@ -69,8 +69,11 @@ impl Scope {
         }
     }
 
-    /// Per value, of so many, its place among the unknowns that move.
+    /// Per value, of so many, its place among those that move: unknowns, and their sums after them.
     pub(super) fn places(&self, values: usize) -> Vec<Option<u32>> {
+        if self.moves_integers {
+            return (0..values as u32).map(Some).collect();
+        }
         let mut places = vec![None; values];
         for (place, &k) in (0..).zip(&self.unknowns) {
             places[k] = Some(place);
@@ -119,25 +122,10 @@ impl Scope {
         if count == 0 {
             return Ok(None);
         }
-        let seams = system.seams;
-        let places = self.places(seams.values());
-        let row = |copy: u32, component: usize| {
-            let terms = seams.row(copy, component);
-            terms.filter_map(|(k, p)| places[k].map(|place| (place, f64::from(p))))
-        };
+        let places = self.places(system.seams.values());
         let mut entries = Vec::new();
         for &f in &self.faces {
-            let chart = &system.charts[f];
-            for (component, stiffness) in chart.stiffness().iter().enumerate() {
-                for (k, l) in (0..9).map(|kl| (kl / 3, kl % 3)) {
-                    let [here, there] = [k, l].map(|k| system.cut.copy[3 * f + k]);
-                    let value = chart.area * stiffness[k][l];
-                    for (y, p) in row(here, component) {
-                        let others = row(there, component);
-                        entries.extend(others.map(|(z, q)| (y, z, value * p * q)));
-                    }
-                }
-            }
+            system.stiffness(f, 1.0, |k| places[k], &mut entries);
         }
         let matrix = SparseMatrix::from_triplets(count, count, &entries)?;
         Ok(Some(Symbolic::of(&matrix)?.factor(&matrix)?))

@@ -143,8 +143,8 @@ pub(crate) type Bend<'a> = &'a dyn Fn(&[f64]) -> Result<Vec<f64>, Error>;
 /// (Garanzha et al., *Foldover-free maps in 50 lines of code*, 2021), by L-BFGS. ε falls as theirs does, by what a round has
 /// gained and by the worst determinant, and to twice that at once. A map that cannot be unfolded comes out folded.
 ///
-/// `w` are all values; the unknowns of the scope move, and sums with the integers. With ε above 0 the energy is finite everywhere, so that any map may be the start. A round is a minimization
-/// for one ε, of at most [`STEPS`] steps, and there are at most [`ROUNDS`] of them. A map that is still folded is given up
+/// `w` are all values; the unknowns of the scope move, and sums with the integers. With ε above 0 the energy is finite
+/// everywhere, so that any map may be the start. A round is a minimization for one ε, of at most [`STEPS`] steps, and there are at most [`ROUNDS`] of them. A map that is still folded is given up
 /// when the effort is spent, when its worst determinant has not risen for [`STALLED`] rounds, or when it is lost. Of an
 /// upright one ε falls on until a round gains less than [`SETTLED`], so that what comes out is also smooth.
 pub(crate) fn untangle(
@@ -216,7 +216,7 @@ struct Energy<'a> {
     backend: &'a (dyn CrossfieldBackend + 'a),
     /// All values: those that do not move as they are, the others as they were asked for last.
     w: Vec<f64>,
-    /// Per value, its place among the unknowns that move.
+    /// Per value, its place among those that move.
     place: Vec<Option<u32>>,
     /// Places of held triangles among those of the scope. Their distortion is always taken with the smallest ε, whose barrier
     /// is too high for any step to cross, and on the CPU, whatever the backend: in f32 the barrier would have holes.
@@ -306,19 +306,11 @@ impl<'a> Energy<'a> {
                 *sum = [sum[0] + slope[0], sum[1] + slope[1]];
             }
         }
-        if self.scope.moves_integers {
-            let mut gradient = vec![0.0; self.w.len()];
-            for (copy, slopes) in of_copies.iter().enumerate() {
-                for (component, slope) in slopes.iter().enumerate() {
-                    for (k, p) in self.system.seams.row(copy as u32, component) {
-                        gradient[k] += f64::from(p) * slope;
-                    }
-                }
-            }
-            self.system.seams.fold(&mut gradient);
-            return Ok((value, gradient));
-        }
-        let mut gradient = vec![0.0; x.len()];
+        let moved = match self.scope.moves_integers {
+            true => self.w.len(),
+            false => x.len(),
+        };
+        let mut gradient = vec![0.0; moved];
         for (&copy, slope) in self.scope.copies.iter().zip(&of_copies) {
             for (component, slope) in slope.iter().enumerate() {
                 for (k, p) in self.system.seams.row(copy, component) {
@@ -327,6 +319,9 @@ impl<'a> Energy<'a> {
                     }
                 }
             }
+        }
+        if self.scope.moves_integers {
+            self.system.seams.fold(&mut gradient);
         }
         Ok((value, gradient))
     }
