@@ -114,7 +114,7 @@ const INPUTS: [Input; 6] = [
 ];
 
 /// A bundled structure or one of the data folder; `None`, and a line that says so, if it is not at hand.
-fn load(file: &str, assembly: Option<&str>) -> Result<Option<Structure>, String> {
+pub(super) fn load(file: &str, assembly: Option<&str>) -> Result<Option<Structure>, String> {
     let bundled = fixtures::folder().join(file);
     let found = if bundled.exists() {
         Some(bundled)
@@ -223,25 +223,36 @@ pub(crate) const LARGE: [Row; 6] = [
 ];
 
 impl Row {
+    /// All copies side by side; `None` if the structure is not at hand.
+    pub(super) fn structure(&self) -> Result<Option<Structure>, String> {
+        load(self.file, self.assembly)?
+            .map(|one| side_by_side(&one, self.copies))
+            .transpose()
+    }
+
+    /// How it is sampled.
+    pub(super) fn options(&self) -> Options {
+        Options {
+            spacing: self.spacing,
+            cutoff: Cutoff(1e-3),
+            max_memory: 16 << 30,
+            ..Options::default()
+        }
+    }
+
     /// Our band beside brute force with every lane, one exponential per pair, which is timed on a column
     /// of points through the middle and scaled; the band's seconds, too. `None` if the structure is not at hand.
     pub(crate) fn beside_brute_force(&self) -> Result<Option<(String, f64)>, String> {
-        let Some(structure) = load(self.file, self.assembly)? else {
+        let Some(structure) = self.structure()? else {
             return Ok(None);
         };
-        let structure = side_by_side(&structure, self.copies)?;
         let levels = Levels {
             residue_power: self.powers[0],
             chain_power: self.powers[1],
             ..Levels::default()
         };
         let model = Model::uniform(&structure, &levels).map_err(|e| e.to_string())?;
-        let options = Options {
-            spacing: self.spacing,
-            cutoff: Cutoff(1e-3),
-            max_memory: 16 << 30,
-            ..Options::default()
-        };
+        let options = self.options();
         let (band, seconds) = best(|| sample_band(&model, &options, Run::on(&Cpu)))?;
         let middle = model.center_bounds().center();
         let half = Vector3::new(3.4, 3.4, 31.4) * self.spacing;

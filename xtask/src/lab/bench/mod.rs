@@ -12,6 +12,8 @@ mod baseline;
 #[cfg(feature = "lab")]
 pub(crate) mod beside;
 #[cfg(feature = "lab")]
+mod devices;
+#[cfg(feature = "lab")]
 mod programs;
 
 use std::path::PathBuf;
@@ -22,8 +24,8 @@ use self::baseline::Figures;
 /// What is measured, and what it is compared with.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Only these: programs, kernels, large
-    #[arg(long, value_name = "PART", value_delimiter = ',', default_values = PARTS, value_parser = PARTS)]
+    /// Only these: programs, kernels, large; devices (verbs on the GPU of this machine) only if it is named
+    #[arg(long, value_name = "PART", value_delimiter = ',', default_values = &PARTS[..3], value_parser = PARTS)]
     only: Vec<String>,
     /// Runs of each program, of which the shortest counts
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
@@ -39,7 +41,7 @@ pub(crate) struct Arguments {
     tolerance: f64,
 }
 
-const PARTS: [&str; 3] = ["programs", "kernels", "large"];
+const PARTS: [&str; 4] = ["programs", "kernels", "large", "devices"];
 
 /// Measures, compares, and stores if it is to.
 #[cfg(feature = "lab")]
@@ -55,6 +57,9 @@ pub(crate) fn run(arguments: &Arguments) -> crate::Outcome {
     }
     if asked("large") {
         beside::large(&mut figures)?;
+    }
+    if asked("devices") {
+        devices::run(&mut figures)?;
     }
     let path = crate::root().join(&arguments.baseline);
     let stored = Figures::read(&path)?;

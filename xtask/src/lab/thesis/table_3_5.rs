@@ -212,6 +212,7 @@ fn measure<B: DensityBackend + ContourBackend + QualityBackend>(
         .grid;
     let density = start.elapsed().as_secs_f64();
     let field = PointSampler::new(&model, Cutoff::default()).map_err(text)?;
+    let field = field.on(backend).map_err(text)?;
     let start = Instant::now();
     let contour = dual_contour::Options {
         method: case.method,
