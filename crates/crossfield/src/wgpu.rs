@@ -39,20 +39,13 @@ impl CrossfieldBackend for Wgpu {
         out.clear();
         out.reserve(charts.len());
         for (charts, corners) in charts.chunks(TRIANGLES).zip(corners.chunks(TRIANGLES)) {
-            let inputs: Vec<f32> = charts
-                .iter()
-                .zip(corners)
-                .flat_map(|(chart, uv)| packed(chart, uv))
-                .collect();
-            let shader = &CROSSFIELD_CHART_DISTORTION;
-            let made = distortions(self.gpu(), shader, &inputs, charts.len(), epsilon)?;
-            out.extend(made.iter().map(|values| {
-                let [energy, a, b, c, d, e, f, _] = values.map(f64::from);
-                ChartDistortion {
-                    energy,
-                    gradient: [[a, b], [c, d], [e, f]],
-                }
-            }));
+            let packed = |i: usize| packed(&charts[i], &corners[i]);
+            let unpacked = |[energy, a, b, c, d, e, f, _]: [f64; 8]| ChartDistortion {
+                energy,
+                gradient: [[a, b], [c, d], [e, f]],
+            };
+            let (shader, count) = (&CROSSFIELD_CHART_DISTORTION, charts.len());
+            distortions(self.gpu(), shader, count, packed, epsilon, unpacked, out)?;
         }
         Ok(())
     }

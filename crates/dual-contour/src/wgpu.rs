@@ -4,6 +4,7 @@
 //! taken in f64, so that f32 has all its digits for the difference.
 
 use geom_core::Wgpu;
+use geom_core::compute::parallel;
 use geom_core::shaders::DUAL_CONTOUR_DUAL_VERTICES;
 
 use crate::Error;
@@ -42,7 +43,9 @@ impl ContourBackend for Wgpu {
                 &[&values, &uniform, &points],
                 groups,
             )?;
-            out.extend(gpu.download::<[f32; 3]>(&points)?);
+            gpu.read(&points, |points: &[[f32; 3]]| {
+                parallel::extend(out, n, |i| points[i]);
+            })?;
         }
         Ok(())
     }

@@ -321,6 +321,12 @@ pub(crate) fn scatter_into<T>(
 
 /// The hot kernels of this crate.
 pub trait DensityBackend: Backend + DensityObject {
+    /// Blocks that one call of [`DensityBackend::sample_blocks`] is given at most. Here as many that hardly a thread waits for
+    /// the last one, and so few that their values, 128 KiB each at most, stay in the cache.
+    fn blocks_per_call(&self) -> usize {
+        256
+    }
+
     /// Cull, density and classification of every brick of the blocks, in one go; one result per block.
     /// Whatever `results` held is lost, but its memory may be used again.
     fn sample_blocks(

@@ -45,6 +45,7 @@
 //! ```
 
 use geom_core::{Agreement, Backend, Point3, Vector3};
+use rayon::prelude::*;
 
 use crate::Error;
 use crate::forms::{Conductor, TriangleMatrix};
@@ -140,6 +141,15 @@ pub struct PatchMatrices {
     pub skipped: Vec<u32>,
 }
 
+/// Places of the numbers of a patch.
+pub(crate) struct Slots<'a> {
+    pub(crate) stiffness: &'a mut [f64],
+    /// Empty where no mass is wanted.
+    pub(crate) mass: &'a mut [f64],
+    pub(crate) sums: &'a mut [[f64; 3]],
+    pub(crate) skipped: &'a mut u32,
+}
+
 impl PatchMatrices {
     /// Zeros for the patches of a task.
     /// Memory is used again, so that a caller may keep one for many tasks.
@@ -147,13 +157,41 @@ impl PatchMatrices {
         let (n, patches) = (task.functions, task.patches());
         let entries = patches * n * (n + 1) / 2;
         fn refill<T: Clone>(values: &mut Vec<T>, count: usize, zero: T) {
-            values.clear();
-            values.resize(count, zero);
+            if values.capacity() < count {
+                // Pages that nobody has touched: those who fill them share that.
+                *values = vec![zero; count];
+            } else {
+                values.clear();
+                values.resize(count, zero);
+            }
         }
         refill(&mut self.stiffness, entries, 0.0);
         refill(&mut self.mass, if task.mass { entries } else { 0 }, 0.0);
         refill(&mut self.sums, patches * n, [0.0; 3]);
         refill(&mut self.skipped, patches, 0);
+    }
+
+    /// Where the numbers of each patch of a task belong.
+    pub(crate) fn slots<'a>(
+        &'a mut self,
+        task: &PatchTask<'_>,
+    ) -> impl IndexedParallelIterator<Item = Slots<'a>> {
+        let n = task.functions;
+        let size = n * (n + 1) / 2;
+        let masses: Vec<&mut [f64]> = match task.mass {
+            true => self.mass.chunks_mut(size).collect(),
+            false => (0..task.patches()).map(|_| Default::default()).collect(),
+        };
+        (self.stiffness.par_chunks_mut(size))
+            .zip(masses)
+            .zip(self.sums.par_chunks_mut(n))
+            .zip(&mut self.skipped)
+            .map(|(((stiffness, mass), sums), skipped)| Slots {
+                stiffness,
+                mass,
+                sums,
+                skipped,
+            })
     }
 
     /// Appends the patches of another.

@@ -5,13 +5,18 @@
 //! one after the other, each with its own small uniform; what is not finite comes back as it is, for the caller to
 //! name.
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
+use geom_core::compute::gpu::GpuBuffer;
+use geom_core::compute::parallel;
 use geom_core::shaders::{
     SECONDFUND_OPS_DISTANCES, SECONDFUND_OPS_PATCH_FORCES, SECONDFUND_OPS_PATCH_MATRICES,
     SECONDFUND_OPS_TRIANGLE_MATRICES, Shader,
 };
 
-use geom_core::{GpuContext, Point3, Vector3, Wgpu};
+use geom_core::{GpuContext, GpuError, Vector3, Wgpu};
+use rayon::prelude::*;
 
 use crate::Error;
 use crate::backend::{OperatorBackend, PatchMatrices, PatchTask, TriangleTask};
@@ -101,20 +106,27 @@ struct DistanceHead {
     unused: u32,
 }
 
-/// Each coordinate as a sum of two f32.
+/// Each coordinate of so many vectors as a sum of two f32.
 /// Differences of such sums keep about twice the digits of f32.
-fn split<'a>(vectors: impl Iterator<Item = &'a Vector3>) -> Vec<[f32; 4]> {
-    vectors
-        .flat_map(|v| {
-            let d: [f64; 3] = (*v).into();
-            let high = d.map(|c| c as f32);
-            let low = [0, 1, 2].map(|k| (d[k] - f64::from(high[k])) as f32);
-            [high, low].map(|[x, y, z]| [x, y, z, 0.0])
-        })
-        .collect()
+fn split(
+    gpu: &GpuContext,
+    label: &str,
+    len: usize,
+    vector: impl Fn(usize) -> Vector3 + Sync,
+) -> Result<GpuBuffer, GpuError> {
+    gpu.upload_each(label, len, |i| {
+        let d: [f64; 3] = vector(i).into();
+        let high = d.map(|c| c as f32);
+        let low = [0, 1, 2].map(|k| (d[k] - f64::from(high[k])) as f32);
+        [high, low].map(|[x, y, z]| [x, y, z, 0.0])
+    })
 }
 
-/// The first numbers of `out`.
+fn in_f32(gpu: &GpuContext, label: &str, values: &[f64]) -> Result<GpuBuffer, GpuError> {
+    gpu.upload_each(label, values.len(), |i| values[i] as f32)
+}
+
+/// The numbers of `out`.
 fn fill(out: &mut [f64], values: &[f32]) {
     out.iter_mut().zip(values).for_each(|(o, &x)| *o = x.into());
 }
@@ -133,25 +145,27 @@ fn number(law: Law) -> u32 {
 
 /// The coefficients of a patch's functions from their middle, each with the value of the weight's fields.
 /// The middle is that of the control points, in f64; derivatives do not see it, and no kernel gives a position back.
-fn from_their_middle(task: &PatchTask<'_>) -> Vec<[f32; 4]> {
+fn from_their_middle(
+    gpu: &GpuContext,
+    task: &PatchTask<'_>,
+    patches: Range<usize>,
+) -> Result<GpuBuffer, GpuError> {
     let n = task.functions;
-    let of_patch = |(k, points): (usize, &[Point3])| -> Vec<[f32; 4]> {
-        let middle = points.iter().map(|p| p.coords).sum::<Vector3>() / n as f64;
-        let factors = task.factors.get(k * n..(k + 1) * n);
-        let place = |(i, p): (usize, &Point3)| {
-            let [x, y, z]: [f64; 3] = (p.coords - middle).into();
-            let factor = factors.map_or(1.0, |f| f[i]);
-            [x, y, z, factor].map(|c| c as f32)
-        };
-        points.iter().enumerate().map(place).collect()
-    };
-    let patches = task.points.chunks_exact(n).enumerate();
-    patches.flat_map(of_patch).collect()
+    let middles = parallel::map(patches.len(), |k| {
+        let points = &task.points[(patches.start + k) * n..][..n];
+        points.iter().map(|p| p.coords).sum::<Vector3>() / n as f64
+    });
+    gpu.upload_each("places", patches.len() * n, |i| {
+        let at = patches.start * n + i;
+        let [x, y, z]: [f64; 3] = (task.points[at].coords - middles[i / n]).into();
+        let factor = task.factors.get(at).copied().unwrap_or(1.0);
+        [x, y, z, factor].map(|c| c as f32)
+    })
 }
 
 /// Runs a kernel on patches: `size` values each.
 /// `take` is called with the values of consecutive patches, in order; basis and weights go to the device once.
-fn on_patches<T: Pod>(
+fn on_patches<T: Pod + Send + Sync>(
     gpu: &GpuContext,
     kernel: &Shader,
     task: &PatchTask<'_>,
@@ -161,12 +175,12 @@ fn on_patches<T: Pod>(
     if task.patches() == 0 {
         return Ok(());
     }
-    let in_f32 = |values: &[f64]| values.iter().map(|&x| x as f32).collect::<Vec<f32>>();
-    let basis = gpu.upload("basis", &in_f32(task.basis))?;
-    let weights = gpu.upload("weights", &in_f32(task.weights))?;
+    let basis = in_f32(gpu, "basis", task.basis)?;
+    let weights = in_f32(gpu, "weights", task.weights)?;
     let most = (NUMBERS / size).clamp(1, GROUPS);
-    for places in from_their_middle(task).chunks(most * task.functions) {
-        let patches = places.len() / task.functions;
+    for first in (0..task.patches()).step_by(most) {
+        let patches = most.min(task.patches() - first);
+        let places = from_their_middle(gpu, task, first..first + patches)?;
         let head = PatchHead {
             conductor: ConductorHead::of(&task.conductor, task.factors),
             functions: task.functions as u32,
@@ -177,11 +191,10 @@ fn on_patches<T: Pod>(
             pad: [0.0; 2],
         };
         let head = gpu.uniform("task", &head)?;
-        let places = gpu.upload("places", places)?;
         let values = gpu.output::<T>("values", patches * size)?;
         let buffers = [&head, &basis, &weights, &places, &values];
         gpu.dispatch(kernel, &buffers, [patches as u32, 1, 1])?;
-        take(&gpu.download::<T>(&values)?);
+        gpu.read(&values, &mut take)?;
     }
     Ok(())
 }
@@ -193,11 +206,11 @@ impl OperatorBackend for Wgpu {
         out: &mut Vec<TriangleMatrix>,
     ) -> Result<(), Error> {
         let gpu = self.gpu();
-        let positions = split(task.positions.iter().map(|p| &p.coords));
-        let positions = gpu.upload("positions", &positions)?;
-        let normals = gpu.upload("normals", &split(task.normals.iter()))?;
-        let factors: Vec<f32> = task.factors.iter().map(|&f| f as f32).collect();
-        let factors = gpu.upload("factors", &factors)?;
+        let positions = split(gpu, "positions", task.positions.len(), |i| {
+            task.positions[i].coords
+        })?;
+        let normals = split(gpu, "normals", task.normals.len(), |i| task.normals[i])?;
+        let factors = in_f32(gpu, "factors", task.factors)?;
         out.clear();
         out.reserve(task.triangles.len());
         for part in task.triangles.chunks(TRIANGLES) {
@@ -214,13 +227,17 @@ impl OperatorBackend for Wgpu {
                 &[&head, &positions, &normals, &triangles, &factors, &matrices],
                 [part.len().div_ceil(64) as u32, 1, 1],
             )?;
-            let rows = gpu.download::<[[f32; 4]; 3]>(&matrices)?;
-            out.extend(rows.into_iter().map(|[a, b, c]| TriangleMatrix {
-                stiffness: [a[0], a[1], a[2], a[3], b[0], b[1]].map(f64::from),
-                mass: b[2].into(),
-                mean: b[3].into(),
-                gauss: c[0].into(),
-            }));
+            gpu.read(&matrices, |rows: &[[[f32; 4]; 3]]| {
+                parallel::extend(out, rows.len(), |i| {
+                    let [a, b, c] = rows[i];
+                    TriangleMatrix {
+                        stiffness: [a[0], a[1], a[2], a[3], b[0], b[1]].map(f64::from),
+                        mass: b[2].into(),
+                        mean: b[3].into(),
+                        gauss: c[0].into(),
+                    }
+                });
+            })?;
         }
         Ok(())
     }
@@ -231,23 +248,28 @@ impl OperatorBackend for Wgpu {
         let of_mass = if task.mass { entries } else { 0 };
         let size = entries + of_mass + 3 * n + 1;
         out.reset(task);
-        let mut patch = 0;
+        let mut done = 0;
         on_patches(
             self.gpu(),
             &SECONDFUND_OPS_PATCH_MATRICES,
             task,
             size,
             |values: &[f32]| {
-                for values in values.chunks_exact(size) {
-                    let (stiffness, values) = values.split_at(entries);
-                    let (mass, values) = values.split_at(of_mass);
-                    let (sums, skipped) = values.split_at(3 * n);
-                    fill(&mut out.stiffness[patch * entries..], stiffness);
-                    fill(&mut out.mass[patch * of_mass..], mass);
-                    fill(out.sums[patch * n..].as_flattened_mut(), sums);
-                    out.skipped[patch] = skipped[0] as u32;
-                    patch += 1;
-                }
+                let slots = out.slots(task).skip(done);
+                let values = values.par_chunks_exact(size);
+                done += values.len();
+                slots
+                    .zip(values)
+                    .with_min_len(64)
+                    .for_each(|(out, values)| {
+                        let (stiffness, values) = values.split_at(entries);
+                        let (mass, values) = values.split_at(of_mass);
+                        let (sums, skipped) = values.split_at(3 * n);
+                        fill(out.stiffness, stiffness);
+                        fill(out.mass, mass);
+                        fill(out.sums.as_flattened_mut(), sums);
+                        *out.skipped = skipped[0] as u32;
+                    });
             },
         )
     }
@@ -258,7 +280,7 @@ impl OperatorBackend for Wgpu {
         let (kernel, n) = (&SECONDFUND_OPS_PATCH_FORCES, task.functions);
         on_patches(self.gpu(), kernel, task, n, |forces: &[[f32; 4]]| {
             let wide = |f: &[f32; 4]| Vector3::new(f[0].into(), f[1].into(), f[2].into());
-            out.extend(forces.iter().map(wide));
+            parallel::extend(out, forces.len(), |i| wide(&forces[i]));
         })
     }
 
@@ -288,8 +310,9 @@ impl OperatorBackend for Wgpu {
                 &[&head, &uploaded, &distances],
                 groups,
             )?;
-            let part = gpu.download::<f32>(&distances)?;
-            out.extend_from_slice(&part[..count * n]);
+            gpu.read(&distances, |part: &[f32]| {
+                parallel::extend(out, count * n, |i| part[i]);
+            })?;
         }
         Ok(())
     }

@@ -7,7 +7,8 @@
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
-use geom_core::compute::gpu::GpuError;
+use geom_core::compute::gpu::{GpuBuffer, GpuContext, GpuError};
+use geom_core::compute::parallel;
 use geom_core::shaders::{TET_QUALITY_MEASURE, TET_QUALITY_RELAX};
 use geom_core::{Point3, Vector3, Wgpu};
 
@@ -42,19 +43,14 @@ struct Batch {
 /// Each coordinate as a sum of two f32, relative to the first vertex.
 /// The first f32 holds 24 bits of the difference, the second the next 24: together 48 of the 53 of f64. Nothing for no
 /// positions.
-fn split(positions: &[Point3]) -> Vec<[f32; 4]> {
-    let Some(origin) = positions.first() else {
-        return Vec::new();
-    };
-    positions
-        .iter()
-        .flat_map(|p| {
-            let d: [f64; 3] = (p - origin).into();
-            let high = d.map(|c| c as f32);
-            let low = [0, 1, 2].map(|k| (d[k] - f64::from(high[k])) as f32);
-            [high, low].map(|[x, y, z]| [x, y, z, 0.0])
-        })
-        .collect()
+fn split(gpu: &GpuContext, positions: &[Point3]) -> Result<GpuBuffer, GpuError> {
+    let origin = positions.first().copied().unwrap_or_default();
+    gpu.upload_each("positions", positions.len(), |i| {
+        let d: [f64; 3] = (positions[i] - origin).into();
+        let high = d.map(|c| c as f32);
+        let low = [0, 1, 2].map(|k| (d[k] - f64::from(high[k])) as f32);
+        [high, low].map(|[x, y, z]| [x, y, z, 0.0])
+    })
 }
 
 impl QualityBackend for Wgpu {
@@ -65,7 +61,7 @@ impl QualityBackend for Wgpu {
         out: &mut Vec<Measures>,
     ) -> Result<(), Error> {
         let gpu = self.gpu();
-        let positions = gpu.upload("positions", &split(positions))?;
+        let positions = split(gpu, positions)?;
         out.clear();
         out.reserve(tets.len());
         for part in tets.chunks(TETS) {
@@ -79,25 +75,25 @@ impl QualityBackend for Wgpu {
                 &[&positions, &part, &angles, &volumes],
                 [groups, 1, 1],
             )?;
-            let (angles, volumes) = (
-                gpu.download::<[f32; 4]>(&angles)?,
-                gpu.download::<f32>(&volumes)?,
-            );
-            out.extend(angles.into_iter().zip(volumes).map(|(a, v)| {
-                let [joe_liu, edge_ratio, min_dihedral, max_dihedral] = a.map(f64::from);
-                Measures {
-                    six_volume: v.into(),
-                    joe_liu,
-                    // WGSL knows no infinity.
-                    edge_ratio: if edge_ratio > 1e38 {
-                        f64::INFINITY
-                    } else {
-                        edge_ratio
-                    },
-                    min_dihedral,
-                    max_dihedral,
-                }
-            }));
+            let volumes = gpu.download::<f32>(&volumes)?;
+            gpu.read(&angles, |angles: &[[f32; 4]]| {
+                parallel::extend(out, count, |i| {
+                    let [joe_liu, edge_ratio, min_dihedral, max_dihedral] =
+                        angles[i].map(f64::from);
+                    Measures {
+                        six_volume: volumes[i].into(),
+                        joe_liu,
+                        // WGSL knows no infinity.
+                        edge_ratio: if edge_ratio > 1e38 {
+                            f64::INFINITY
+                        } else {
+                            edge_ratio
+                        },
+                        min_dihedral,
+                        max_dihedral,
+                    }
+                });
+            })?;
         }
         Ok(())
     }
@@ -114,25 +110,18 @@ impl QualityBackend for Wgpu {
         }
         // Vertices that neither move nor stand around one that does stay here.
         let near = Neighbourhood::of(task);
-        let positions = gpu.upload("positions", &split(&near.positions))?;
+        let positions = split(gpu, &near.positions)?;
         let moved = gpu.output::<[f32; 4]>("moved", near.positions.len())?;
-        let axes: Vec<[f32; 4]> = task
-            .axes
-            .iter()
-            .flatten()
-            .map(|a| [a.x as f32, a.y as f32, a.z as f32, 0.0])
-            .collect();
-        let axes = gpu.upload("axes", &axes)?;
+        let axes = gpu.upload_each("axes", task.axes.len(), |i| {
+            task.axes[i].map(|a| [a.x as f32, a.y as f32, a.z as f32, 0.0])
+        })?;
         let starts = gpu.upload("starts", &task.starts)?;
         let faces = gpu.upload("faces", &near.faces)?;
         let slide = task.slide.as_ref();
-        let means: Vec<[f32; 4]> = slide.map_or_else(Vec::new, |slide| {
-            let row = |d: &Option<Vector3>| {
-                d.map_or([0.0; 4], |d| [d.x as f32, d.y as f32, d.z as f32, 1.0])
-            };
-            slide.means.iter().map(row).collect()
-        });
-        let means = gpu.upload("means", &means)?;
+        let means: &[Option<Vector3>] = slide.map_or(&[], |slide| &slide.means[..]);
+        let means = gpu.upload_each("means", means.len(), |i| {
+            means[i].map_or([0.0; 4], |d| [d.x as f32, d.y as f32, d.z as f32, 1.0])
+        })?;
         let calls: Vec<Range<usize>> = task
             .colours
             .iter()

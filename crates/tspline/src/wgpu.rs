@@ -6,6 +6,7 @@
 //! in space it lies.
 
 use bytemuck::{Pod, Zeroable};
+use geom_core::compute::parallel;
 use geom_core::shaders::{TSPLINE_BEZIER_POINTS, TSPLINE_BEZIER_SAMPLES};
 use geom_core::{Aabb, Point3, Vector3, Wgpu};
 
@@ -26,6 +27,10 @@ struct Counts {
     items: u32,
     parameters: u32,
     padding: [u32; 2],
+}
+
+fn single<const N: usize>(x: [f64; N]) -> [f32; N] {
+    x.map(|c| c as f32)
 }
 
 impl SplineBackend for Wgpu {
@@ -55,8 +60,7 @@ impl SplineBackend for Wgpu {
             let (first, end) = (bounds[0][0], bounds[bounds.len() - 1][1]);
             let mut starts: Vec<u32> = bounds.iter().map(|b| (b[0] - first) as u32).collect();
             starts.push((end - first) as u32);
-            let rows = extraction.all_coefficients()[first..end].iter().flatten();
-            let rows: Vec<f32> = rows.map(|&c| c as f32).collect();
+            let rows = &extraction.all_coefficients()[first..end];
             let counts = Counts {
                 items: 16 * bounds.len() as u32,
                 parameters: 0,
@@ -65,21 +69,22 @@ impl SplineBackend for Wgpu {
             let counts = gpu.uniform("counts", &counts)?;
             let starts = gpu.upload("starts", &starts)?;
             let functions = gpu.upload("functions", &extraction.all_functions()[first..end])?;
-            let rows = gpu.upload("coefficients", &rows)?;
+            let rows = gpu.upload_each("coefficients", rows.len(), |i| single(rows[i]))?;
             let made = gpu.output::<[f32; 4]>("points", 16 * bounds.len())?;
             gpu.dispatch(
                 &TSPLINE_BEZIER_POINTS,
                 &[&counts, &starts, &functions, &rows, &controls, &made],
                 [(16 * bounds.len()).div_ceil(64) as u32, 1, 1],
             )?;
-            let points = gpu.download::<[[f32; 4]; 16]>(&made)?;
-            out.extend(points.iter().map(|patch| {
-                patch.map(|p| {
-                    let [x, y, z, w] = p.map(f64::from);
-                    let w = if extraction.is_rational() { w } else { 1.0 };
-                    [x + middle.x * w, y + middle.y * w, z + middle.z * w, w]
-                })
-            }));
+            gpu.read(&made, |points: &[[[f32; 4]; 16]]| {
+                parallel::extend(out, points.len(), |i| {
+                    points[i].map(|p| {
+                        let [x, y, z, w] = p.map(f64::from);
+                        let w = if extraction.is_rational() { w } else { 1.0 };
+                        [x + middle.x * w, y + middle.y * w, z + middle.z * w, w]
+                    })
+                });
+            })?;
         }
         Ok(())
     }
@@ -88,7 +93,6 @@ impl SplineBackend for Wgpu {
     /// powers.
     fn bezier_samples(&self, task: &SamplesTask<'_>, out: &mut Vec<Sample>) -> Result<(), Error> {
         let gpu = self.gpu();
-        let single = |x: [f64; 4]| x.map(|c| c as f32);
         let table: Vec<[[f32; 4]; 2]> = (task.parameters.iter())
             .map(|&t| bernstein(t))
             .map(|[value, slope, _]| [single(value), single(slope)])
@@ -106,13 +110,6 @@ impl SplineBackend for Wgpu {
                 let [x, y, z, w] = patch[0];
                 Point3::new(x / w, y / w, z / w)
             };
-            let near: Vec<[[f32; 4]; 16]> = part
-                .iter()
-                .map(|patch| {
-                    let o = origin(patch);
-                    patch.map(|[x, y, z, w]| single([x - o.x * w, y - o.y * w, z - o.z * w, w]))
-                })
-                .collect();
             let count = per * part.len();
             let counts = Counts {
                 items: count as u32,
@@ -120,25 +117,26 @@ impl SplineBackend for Wgpu {
                 padding: [0; 2],
             };
             let counts = gpu.uniform("counts", &counts)?;
-            let near = gpu.upload("patches", &near)?;
+            let near = gpu.upload_each("patches", part.len(), |i| {
+                let (patch, o) = (&part[i], origin(&part[i]));
+                patch.map(|[x, y, z, w]| single([x - o.x * w, y - o.y * w, z - o.z * w, w]))
+            })?;
             let made = gpu.output::<[[f32; 4]; 2]>("samples", count)?;
             gpu.dispatch(
                 &TSPLINE_BEZIER_SAMPLES,
                 &[&counts, &near, &table, &made],
                 [count.div_ceil(64) as u32, 1, 1],
             )?;
-            let samples = gpu.download::<[[f32; 4]; 2]>(&made)?;
-            for (patch, samples) in part.iter().zip(samples.chunks_exact(per)) {
-                let o = origin(patch);
-                out.extend(samples.iter().map(|[p, n]| {
-                    let ([x, y, z, area], n) = (p.map(f64::from), n.map(f64::from));
+            gpu.read(&made, |samples: &[[[f32; 4]; 2]]| {
+                parallel::extend(out, samples.len(), |i| {
+                    let [[x, y, z, area], n] = samples[i].map(|of| of.map(f64::from));
                     Sample {
-                        point: o + Vector3::new(x, y, z),
+                        point: origin(&part[i / per]) + Vector3::new(x, y, z),
                         normal: Vector3::new(n[0], n[1], n[2]),
                         area,
                     }
-                }));
-            }
+                });
+            })?;
         }
         Ok(())
     }

@@ -119,10 +119,6 @@ fn too_large(lattice: &Lattice, bytes: u128, options: &Options) -> Error {
 
 /// Blocks per side of a region, whose blocks are looked for at once.
 const REGION: usize = 16;
-/// Blocks that are sampled at once: while they are, the values of those before are taken. Enough that hardly
-/// a thread waits for the last one, and few enough that their values stay in the cache.
-const BATCH: usize = 256;
-
 /// A box of bricks of a lattice, `low..high` per axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bricks {
@@ -202,7 +198,8 @@ pub(crate) fn for_each_batch(
         });
         found.sort_by_key(|b| [b.brick[2], b.brick[1], b.brick[0]]);
         let mut blocks_before: &[Block] = &[];
-        for batch in found.chunks(BATCH) {
+        // While blocks are sampled, the values of those before are taken.
+        for batch in found.chunks(run.backend.blocks_per_call().max(1)) {
             run.progress("density", region as u64, total as u64)?;
             let (sampled, taken) = rayon::join(
                 || (run.backend).sample_blocks(model, job, batch, &mut results),

@@ -153,6 +153,11 @@ fn check_depth(name: &str, depth: usize) -> Result<u32, Error> {
 }
 
 impl DensityBackend for Wgpu {
+    /// Several lots, so that some are under way while others are taken over.
+    fn blocks_per_call(&self) -> usize {
+        2048
+    }
+
     fn sample_blocks(
         &self,
         model: &Prepared<'_>,

@@ -4,8 +4,8 @@
 //! call sends points and gets four numbers for each. The kernel sums logarithms, as on the processor, in f32.
 
 use bytemuck::{Pod, Zeroable};
-use geom_core::compute::BackendError;
 use geom_core::compute::gpu::GpuBuffer;
+use geom_core::compute::{BackendError, parallel};
 use geom_core::shaders::GAUSS_DENSITY_POINTS;
 use geom_core::{Point3, Vector3, Wgpu};
 
@@ -74,7 +74,9 @@ impl PointKernel for Resident {
         out.clear();
         out.reserve(points.len());
         for points in points.chunks(POINTS) {
-            let place = |point: &CellPoint| {
+            let params = gpu.uniform("params", &Params::new(self.depth, points.len()))?;
+            let places = gpu.upload_each("places", points.len(), |i| {
+                let point = &points[i];
                 let [high, low] = split(&(point.at - self.center));
                 Place {
                     high,
@@ -82,10 +84,7 @@ impl PointKernel for Resident {
                     low,
                     pad: 0,
                 }
-            };
-            let places: Vec<Place> = points.iter().map(place).collect();
-            let params = gpu.uniform("params", &Params::new(self.depth, points.len()))?;
-            let places = gpu.upload("places", &places)?;
+            })?;
             let results = gpu.output::<[f32; 4]>("results", points.len())?;
             gpu.dispatch(
                 &GAUSS_DENSITY_POINTS,
@@ -100,11 +99,12 @@ impl PointKernel for Resident {
                 ],
                 groups(points.len()),
             )?;
-            let results: Vec<[f32; 4]> = gpu.download(&results)?;
-            out.extend(results.into_iter().map(|r| {
-                let [value, x, y, z] = r.map(f64::from);
-                (value, Vector3::new(x, y, z))
-            }));
+            gpu.read(&results, |results: &[[f32; 4]]| {
+                parallel::extend(out, results.len(), |i| {
+                    let [value, x, y, z] = results[i].map(f64::from);
+                    (value, Vector3::new(x, y, z))
+                });
+            })?;
         }
         Ok(())
     }

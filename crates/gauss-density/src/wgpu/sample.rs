@@ -7,10 +7,12 @@
 //! 2. **density** sums at each point what is left, as logarithms relative to the largest term, and finds the range of the brick;
 //! 3. **compact** copies the values of the bricks that meet the band to the front, so that the others are not downloaded.
 //!
-//! A lot is as many blocks as fit into the device's buffers; the processor
-//! gathers the trees of the next one meanwhile.
+//! A lot is as many blocks as fit into the device's buffers; several are under way at once, so that the processor gathers
+//! trees and takes values over while the device works.
 
 use std::borrow::Cow;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::{Mutex, PoisonError};
 
 use bytemuck::{Pod, Zeroable};
 use geom_core::compute::parallel;
@@ -63,6 +65,9 @@ struct DensityBrick {
     pad: [u32; 3],
 }
 
+/// Lots that are under way at once: while the device has one, the processor gathers the next and takes over the one before.
+const LOTS: usize = 3;
+
 /// Samples blocks in batches none of whose arrays takes more than so many bytes.
 pub(super) fn sample_within(
     bytes: usize,
@@ -79,18 +84,33 @@ pub(super) fn sample_within(
         (tree.len() + nodes) * 16
     };
     let lots = lots(bytes, blocks, &trees, of_brick);
-    // The processor gathers the next lot while the device has this one.
-    let mut next = lots.first().map(|lot| lot.gather(model, job));
-    for (i, lot) in lots.iter().enumerate() {
-        let Some(gathered) = next.take() else { break };
-        let (done, gathered) = rayon::join(
-            || sample_lot(backend, model, job, lot, &gathered),
-            || lots.get(i + 1).map(|lot| lot.gather(model, job)),
-        );
-        next = gathered;
-        let done = done?;
+    // Each lot fills results of its own, whose memory is that of an earlier call.
+    results.resize_with(blocks.len(), BlockValues::default);
+    let mut old = results.drain(..);
+    let own: Vec<Mutex<Vec<BlockValues>>> = lots
+        .iter()
+        .map(|lot| Mutex::new(old.by_ref().take(lot.blocks.len()).collect()))
+        .collect();
+    drop(old);
+    let next = AtomicUsize::new(0);
+    let work = |_| -> Result<(), Error> {
+        loop {
+            let at = next.fetch_add(1, Relaxed);
+            let Some(lot) = lots.get(at) else {
+                return Ok(());
+            };
+            let mut own = own[at].lock().unwrap_or_else(PoisonError::into_inner);
+            own.resize_with(lot.blocks.len(), BlockValues::default);
+            let gathered = lot.gather(model, job);
+            sample_lot(backend, model, job, lot, &gathered, &mut own)?;
+        }
+    };
+    let outcomes = parallel::map(LOTS.min(lots.len()), work);
+    outcomes.into_iter().collect::<Result<(), Error>>()?;
+    for (i, (lot, own)) in lots.iter().zip(own).enumerate() {
+        let own = own.into_inner().unwrap_or_else(PoisonError::into_inner);
         match lot.part {
-            None => results.extend(done),
+            None => results.extend(own),
             Some(whole) => {
                 if i == 0 || lots[i - 1].part != lot.part {
                     let mut all = BlockValues::default();
@@ -98,7 +118,7 @@ pub(super) fn sample_within(
                     results.push(all);
                 }
                 let all = results.last_mut().expect("there is one for the first part");
-                merge(&lot.blocks[0], done, all);
+                merge(&lot.blocks[0], own, all);
             }
         }
     }
@@ -242,7 +262,8 @@ fn sample_lot(
     job: &Job,
     lot: &Lot<'_>,
     gathered: &Gathered,
-) -> Result<Vec<BlockValues>, Error> {
+    results: &mut [BlockValues],
+) -> Result<(), Error> {
     let gpu = backend.gpu();
     let depth = model.levels.len();
     let h = job.lattice.spacing;
@@ -254,16 +275,11 @@ fn sample_lot(
         places,
         ..
     } = gathered;
-    let mut results: Vec<BlockValues> = lot
-        .blocks
-        .iter()
-        .map(|block| BlockValues {
-            kinds: vec![Brick::Exterior; block.len()],
-            ..BlockValues::default()
-        })
-        .collect();
+    for (result, block) in results.iter_mut().zip(&*lot.blocks) {
+        result.clear(block);
+    }
     if bricks.is_empty() {
-        return Ok(results);
+        return Ok(());
     }
 
     let params = gpu.uniform(
@@ -305,7 +321,7 @@ fn sample_lot(
         results[places[i].0].pairs += u64::from(found[i][0]) * BRICK_POINTS as u64;
     }
     if live.is_empty() {
-        return Ok(results);
+        return Ok(());
     }
     let density_bricks: Vec<DensityBrick> = live
         .iter()
@@ -360,7 +376,7 @@ fn sample_lot(
     // Back in the order of blocks, x fastest.
     chosen.sort_unstable();
     if chosen.is_empty() {
-        return Ok(results);
+        return Ok(());
     }
     let slots: Vec<u32> = chosen.iter().map(|c| c.1).collect();
     let slots = gpu.upload("chosen", &slots)?;
@@ -370,12 +386,17 @@ fn sample_lot(
         &[&slots, &values, &compact],
         [chosen.len() as u32, 1, 1],
     )?;
-    let compact: Vec<f32> = gpu.download(&compact)?;
-    for (&(i, _), values) in chosen.iter().zip(compact.chunks_exact(BRICK_POINTS)) {
-        let (b, place, _) = places[i];
-        let result = &mut results[b];
-        result.kinds[place] = Brick::Stored((result.values.len() / BRICK_POINTS) as u32);
-        result.values.extend_from_slice(values);
-    }
-    Ok(results)
+    // A block's bricks follow each other.
+    let of_block = |b: usize| chosen.partition_point(|&(i, _)| places[i].0 < b);
+    gpu.read(&compact, |compact: &[f32]| {
+        parallel::for_each(results, |b, result| {
+            let own = of_block(b)..of_block(b + 1);
+            for (number, &(i, _)) in chosen[own.clone()].iter().enumerate() {
+                result.kinds[places[i].1] = Brick::Stored(number as u32);
+            }
+            let values = own.start * BRICK_POINTS..own.end * BRICK_POINTS;
+            result.values.extend_from_slice(&compact[values]);
+        });
+    })?;
+    Ok(())
 }

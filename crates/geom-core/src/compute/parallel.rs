@@ -100,6 +100,22 @@ pub fn map_each_init<S: Sync, W, T: Send>(
     })
 }
 
+/// Adds `f(0)`, `f(1)`, …, `f(n - 1)` to a list, each straight to where it belongs. For long lists of what costs little to
+/// make: there the pages of the memory, which the system hands out as they are first touched, cost more. (The
+/// compiler pays for it at each place, as it does not for [`map`].)
+///
+/// ```
+/// let mut list = vec![7];
+/// geom_core::compute::parallel::extend(&mut list, 3, |i| i * i);
+/// assert_eq!(list, [7, 0, 1, 4]);
+/// ```
+pub fn extend<T: Send>(list: &mut Vec<T>, n: usize, f: impl Fn(usize) -> T + Send + Sync) {
+    /// Fewer are not worth a thread.
+    const LEAST: usize = 1024;
+    let all = (0..n).into_par_iter().with_min_len(LEAST);
+    list.par_extend(all.map(f));
+}
+
 /// `f` of each piece of `size` values, the last one shorter, with its number.
 ///
 /// # Panics

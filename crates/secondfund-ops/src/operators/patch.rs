@@ -7,7 +7,7 @@ use geom_core::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::pattern::packed;
-use crate::backend::{PatchMatrices, PatchTask};
+use crate::backend::{PatchMatrices, PatchTask, Slots};
 use crate::catmull::{Jet, ROWS};
 use crate::forms::{Forms, Symmetric};
 
@@ -143,8 +143,8 @@ impl<'a> Lanes<'a> {
         })
     }
 
-    /// The matrices of a patch, in place of what was there; the number of points without area.
-    fn matrices(&self, patch: usize, batch: &mut Batch, out: Slots<'_>) -> u32 {
+    /// The matrices of a patch, in place of what was there, and the number of points without area.
+    fn matrices(&self, patch: usize, batch: &mut Batch, out: Slots<'_>) {
         let (n, width) = (self.task.functions, self.width);
         let places = self.places(patch);
         let square = n * width;
@@ -155,13 +155,13 @@ impl<'a> Lanes<'a> {
         batch.mass.clone_from(&batch.stiffness);
         out.sums.fill([0.0; 3]);
         let count = self.task.weights.len();
-        let mut skipped = 0;
+        *out.skipped = 0;
         for first in (0..count).step_by(BATCH) {
             batch.points.clear();
             batch.flux.clear();
             for q in first..count.min(first + BATCH) {
                 let Some(at) = self.at(q, &places) else {
-                    skipped += 1;
+                    *out.skipped += 1;
                     continue;
                 };
                 let (weight, forms, a) = (at.weight, at.forms, at.conductivity);
@@ -186,7 +186,6 @@ impl<'a> Lanes<'a> {
         }
         pack(n, width, &batch.stiffness, out.stiffness);
         pack(n, width, &batch.mass, out.mass);
-        skipped
     }
 
     /// Adds a batch to the blocks of the matrices on and above the diagonal.
@@ -239,14 +238,6 @@ impl<'a> Lanes<'a> {
     }
 }
 
-/// Where the matrices of a patch go.
-struct Slots<'a> {
-    stiffness: &'a mut [f64],
-    /// Empty where nobody asks for it.
-    mass: &'a mut [f64],
-    sums: &'a mut [[f64; 3]],
-}
-
 fn in_lanes(row: &[f64]) -> impl Iterator<Item = Lane> + '_ {
     row.chunks(LANES).map(|part| {
         let mut lane = [0.0; LANES];
@@ -293,31 +284,15 @@ fn pack(n: usize, width: usize, square: &[Lane], out: &mut [f64]) {
 
 /// [`OperatorBackend::patch_matrices`](crate::OperatorBackend::patch_matrices).
 pub(crate) fn matrices(task: &PatchTask<'_>, out: &mut PatchMatrices) {
-    let (n, count) = (task.functions, task.patches());
-    let size = n * (n + 1) / 2;
     out.reset(task);
-    if count == 0 {
+    if task.patches() == 0 {
         return;
     }
     let lanes = Lanes::of(task);
-    let masses: Vec<&mut [f64]> = match task.mass {
-        true => out.mass.chunks_mut(size).collect(),
-        false => (0..count).map(|_| Default::default()).collect(),
-    };
-    (out.stiffness.par_chunks_mut(size))
-        .zip(masses)
-        .zip(out.sums.par_chunks_mut(n))
-        .zip(&mut out.skipped)
-        .enumerate()
+    (out.slots(task).enumerate())
         .with_min_len(64)
         .for_each_init(Batch::default, |batch, (patch, slots)| {
-            let (((stiffness, mass), sums), skipped) = slots;
-            let slots = Slots {
-                stiffness,
-                mass,
-                sums,
-            };
-            *skipped = lanes.matrices(patch, batch, slots);
+            lanes.matrices(patch, batch, slots);
         });
 }
 

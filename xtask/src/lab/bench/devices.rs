@@ -114,7 +114,10 @@ impl Table<'_> {
 }
 
 /// A structure at powers of residues and chains.
-fn model_of(structure: &Structure, [residue_power, chain_power]: [f64; 2]) -> Result<Model, String> {
+fn model_of(
+    structure: &Structure,
+    [residue_power, chain_power]: [f64; 2],
+) -> Result<Model, String> {
     let levels = Levels {
         residue_power,
         chain_power,
@@ -200,13 +203,17 @@ fn tetrahedra(table: &mut Table<'_>) -> Outcome {
             spacing: Some(SPACING),
             ..tet_quality::Options::default()
         };
-        table.row(&format!("improvement of {count} tetrahedra, {method:?}"), |b| {
-            let field = PointSampler::new(&model, Cutoff::default()).map_err(|e| e.to_string())?;
-            let field = field.on(b).map_err(|e| e.to_string())?;
-            improve(mesh.clone(), Some(&field), &quality, Run::on(b))
-                .map(drop)
-                .map_err(|e| e.to_string())
-        })?;
+        table.row(
+            &format!("improvement of {count} tetrahedra, {method:?}"),
+            |b| {
+                let field =
+                    PointSampler::new(&model, Cutoff::default()).map_err(|e| e.to_string())?;
+                let field = field.on(b).map_err(|e| e.to_string())?;
+                improve(mesh.clone(), Some(&field), &quality, Run::on(b))
+                    .map(drop)
+                    .map_err(|e| e.to_string())
+            },
+        )?;
     }
     for side in [26, 55] {
         let mesh = shaken(lattice([side; 3], 1.0, |_| 1), 0.25, 1);
@@ -215,9 +222,10 @@ fn tetrahedra(table: &mut Table<'_>) -> Outcome {
             b.measure(mesh.positions(), mesh.tets(), &mut Vec::new())
         })?;
         let task = relaxation(&mesh, 7);
-        table.row(&format!("a sweep over the vertices of {count} tetrahedra"), |b| {
-            b.relax(&task, &mut Vec::new())
-        })?;
+        table.row(
+            &format!("a sweep over the vertices of {count} tetrahedra"),
+            |b| b.relax(&task, &mut Vec::new()),
+        )?;
     }
     Ok(())
 }
@@ -306,7 +314,14 @@ fn spectra(table: &mut Table<'_>) -> Outcome {
     let laplacian = Laplacian::of_voxels(graph);
     let degrees = laplacian.degree_mass();
     table.row(&format!("10 modes of {} voxels", laplacian.nodes()), |b| {
-        eigenpairs(&laplacian, &degrees, 10, &eigen::Options::default(), Run::on(b)).map(drop)
+        eigenpairs(
+            &laplacian,
+            &degrees,
+            10,
+            &eigen::Options::default(),
+            Run::on(b),
+        )
+        .map(drop)
     })?;
 
     let shapes: Vec<VoxelShape> = ["1A8O.pdb", "1AJJ.pdb"]

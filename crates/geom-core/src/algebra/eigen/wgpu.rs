@@ -13,7 +13,7 @@ use super::Error;
 use super::backend::{Cycle, SpectralBackend, check_block};
 use super::multigrid::{CompressedRows, Level, Multigrid, RoundedOperator};
 use crate::algebra::graph::VoxelGraph;
-use crate::compute::gpu::{GpuBuffer, GpuContext};
+use crate::compute::gpu::{Batch, GpuBuffer, GpuContext};
 use crate::{GpuError, Wgpu};
 
 /// Two sizes and two factors, as each of the kernels has them. What the third and fourth mean differs: α as bits and β
@@ -101,7 +101,7 @@ impl Matrix {
     /// `out ← beta z + alpha A x`.
     fn apply(
         &self,
-        gpu: &GpuContext,
+        batch: &mut Batch<'_>,
         quads: usize,
         [alpha, beta]: [f32; 2],
         x: &GpuBuffer,
@@ -109,8 +109,8 @@ impl Matrix {
         out: &GpuBuffer,
     ) -> Result<(), GpuError> {
         let parameters = Parameters::new(self.rows, quads, alpha, beta);
-        let parameters = gpu.uniform("product", &parameters)?;
-        gpu.dispatch(
+        let parameters = batch.gpu().uniform("product", &parameters)?;
+        batch.dispatch(
             &GEOM_CORE_PRODUCT,
             &[
                 &self.starts,
@@ -183,22 +183,22 @@ impl OnGpu {
     /// rows.
     fn apply(
         &self,
-        gpu: &GpuContext,
+        batch: &mut Batch<'_>,
         quads: usize,
         [alpha, beta]: [f32; 2],
         x: &GpuBuffer,
         z: &GpuBuffer,
         out: &GpuBuffer,
     ) -> Result<(), GpuError> {
-        self.matrix.apply(gpu, quads, [alpha, beta], x, z, out)?;
+        self.matrix.apply(batch, quads, [alpha, beta], x, z, out)?;
         for s in &self.stencils {
             let parameters = Parameters {
                 sizes: [s.nodes as u32, quads as u32],
                 third: s.first as u32,
                 fourth: -alpha,
             };
-            let parameters = gpu.uniform("stencil", &parameters)?;
-            gpu.dispatch(
+            let parameters = batch.gpu().uniform("stencil", &parameters)?;
+            batch.dispatch(
                 &GEOM_CORE_STENCIL,
                 &[&s.places, &s.node_at, &s.stencil, x, out, &parameters],
                 groups(s.nodes * quads),
@@ -231,10 +231,42 @@ impl LevelOnGpu {
     fn rows(&self) -> usize {
         self.operator.matrix.rows
     }
+
+    /// Smooths x, from zero if it is fresh, else with its residual at hand. A fresh x needs no product in the first
+    /// step: its residual is `b` itself, and a flag tells the kernel not to read x.
+    fn smooth(
+        &self,
+        batch: &mut Batch<'_>,
+        own: &Blocks,
+        x: &GpuBuffer,
+        b: &GpuBuffer,
+        fresh: bool,
+    ) -> Result<(), GpuError> {
+        let quads = own.quads;
+        for (k, &[first, second]) in self.steps.iter().enumerate() {
+            let zero = fresh && k == 0;
+            if k > 0 {
+                self.operator
+                    .apply(batch, quads, [-1.0, 1.0], x, b, &own.residual)?;
+            }
+            let parameters = Parameters::new(self.rows(), quads, first, second);
+            let parameters = batch.gpu().uniform("smooth", &parameters)?;
+            let flag = [u32::from(zero), 0, 0, 0];
+            let flag = batch.gpu().uniform("fresh", &flag)?;
+            let r = if zero { b } else { &own.residual };
+            batch.dispatch(
+                &GEOM_CORE_SMOOTH,
+                &[&self.inverse_diagonal, r, &own.step, x, &parameters, &flag],
+                groups(self.rows() * quads),
+            )?;
+        }
+        Ok(())
+    }
 }
 
 /// The blocks of one level: right-hand side of the next, iterates, residual, step.
 struct Blocks {
+    quads: usize,
     coarse: GpuBuffer,
     before: GpuBuffer,
     after: GpuBuffer,
@@ -267,6 +299,7 @@ impl CycleOnGpu<'_> {
         let blocks = self.levels.iter().map(|level| {
             let rows = level.rows();
             Ok(Blocks {
+                quads,
                 coarse: block("coarse", level.restrict.rows)?,
                 before: block("before", rows)?,
                 after: block("after", rows)?,
@@ -284,69 +317,37 @@ impl CycleOnGpu<'_> {
     /// Approximates `A⁻¹ b` on a level; where the result lies.
     fn descend<'w>(
         &self,
+        batch: &mut Batch<'_>,
         depth: usize,
         b: &GpuBuffer,
         work: &'w Workspace,
     ) -> Result<&'w GpuBuffer, GpuError> {
-        let (gpu, quads) = (self.gpu, work.quads);
+        let quads = work.quads;
         let Some(level) = self.levels.get(depth) else {
             self.coarsest
-                .apply(gpu, quads, [1.0, 0.0], b, &self.nothing, &work.result)?;
+                .apply(batch, quads, [1.0, 0.0], b, &self.nothing, &work.result)?;
             return Ok(&work.result);
         };
         let own = &work.blocks[depth];
-        self.smooth(level, own, quads, &own.before, b, true)?;
+        let residual = &own.residual;
+        level.smooth(batch, own, &own.before, b, true)?;
         level
             .operator
-            .apply(gpu, quads, [-1.0, 1.0], &own.before, b, &own.residual)?;
-        level.restrict.apply(
-            gpu,
-            quads,
-            [1.0, 0.0],
-            &own.residual,
-            &self.nothing,
-            &own.coarse,
-        )?;
-        let correction = self.descend(depth + 1, &own.coarse, work)?;
+            .apply(batch, quads, [-1.0, 1.0], &own.before, b, residual)?;
+        let (nothing, coarse) = (&self.nothing, &own.coarse);
+        level
+            .restrict
+            .apply(batch, quads, [1.0, 0.0], residual, nothing, coarse)?;
+        let correction = self.descend(batch, depth + 1, coarse, work)?;
+        let (before, after) = (&own.before, &own.after);
         level
             .prolong
-            .apply(gpu, quads, [1.0, 1.0], correction, &own.before, &own.after)?;
+            .apply(batch, quads, [1.0, 1.0], correction, before, after)?;
         level
             .operator
-            .apply(gpu, quads, [-1.0, 1.0], &own.after, b, &own.residual)?;
-        self.smooth(level, own, quads, &own.after, b, false)?;
-        Ok(&own.after)
-    }
-
-    /// Smooths x, from zero if it is fresh, else with its residual at hand. A fresh x needs no product in the first
-    /// step: its residual is `b` itself, and a flag tells the kernel not to read x.
-    fn smooth(
-        &self,
-        level: &LevelOnGpu,
-        own: &Blocks,
-        quads: usize,
-        x: &GpuBuffer,
-        b: &GpuBuffer,
-        fresh: bool,
-    ) -> Result<(), GpuError> {
-        for (k, &[first, second]) in level.steps.iter().enumerate() {
-            let zero = fresh && k == 0;
-            if k > 0 {
-                level
-                    .operator
-                    .apply(self.gpu, quads, [-1.0, 1.0], x, b, &own.residual)?;
-            }
-            let parameters = Parameters::new(level.rows(), quads, first, second);
-            let parameters = self.gpu.uniform("smooth", &parameters)?;
-            let flag = self.gpu.uniform("fresh", &[u32::from(zero), 0, 0, 0])?;
-            let r = if zero { b } else { &own.residual };
-            self.gpu.dispatch(
-                &GEOM_CORE_SMOOTH,
-                &[&level.inverse_diagonal, r, &own.step, x, &parameters, &flag],
-                groups(level.rows() * quads),
-            )?;
-        }
-        Ok(())
+            .apply(batch, quads, [-1.0, 1.0], after, b, residual)?;
+        level.smooth(batch, own, after, b, false)?;
+        Ok(after)
     }
 }
 
@@ -360,8 +361,10 @@ impl Cycle for CycleOnGpu<'_> {
             None => self.workspace(quads)?,
         };
         let b = self.gpu.upload("block", &padded(block, columns))?;
-        let x = self.descend(0, &b, &work)?;
-        trim(&self.gpu.download::<f32>(x)?, columns, out);
+        // Handed over at once: a cycle is some seventy short kernels.
+        let cycle = |batch: &mut Batch<'_>| self.descend(batch, 0, &b, &work);
+        let x = self.gpu.together::<_, GpuError>("cycle", cycle)?;
+        self.gpu.read(x, |x: &[f32]| trim(x, columns, out))?;
         *slot = Some(work);
         Ok(())
     }

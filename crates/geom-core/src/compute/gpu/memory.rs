@@ -3,15 +3,17 @@
 //!
 //! Sizes are powers of two from 4 KiB to 64 MiB, so that arrays of nearly the same length take turns in the same
 //! memory; larger ones are made and given back as asked for. But for the smallest, at most half of an array is thus
-//! unused, and at most 256 MiB lie idle.
+//! unused, and at most 256 MiB lie idle, 1 GiB on a card of its own: pages that a device may read cost half a
+//! millisecond per MiB to make, measured.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
 use super::locked;
 
-/// Most bytes that lie idle, of either kind.
+/// Most bytes that lie idle, of either kind: in memory that others want, too, and on a card.
 const IDLE: u64 = 256 << 20;
+const IDLE_ON_A_CARD: u64 = 1 << 30;
 /// Arrays of more than this are given back at once.
 const LARGEST: u64 = 64 << 20;
 /// What the smallest arrays take.
@@ -40,9 +42,9 @@ impl Kind {
 
 /// Arrays that nobody uses now, by kind and size. Held by the context and by all its arrays: memory may come back after
 /// the context is gone.
-#[derive(Default)]
 pub(super) struct Pool {
     idle: Mutex<Idle>,
+    most: u64,
 }
 
 #[derive(Default)]
@@ -52,6 +54,17 @@ struct Idle {
 }
 
 impl Pool {
+    pub(super) fn of(device: wgpu::DeviceType) -> Self {
+        let most = match device {
+            wgpu::DeviceType::DiscreteGpu => IDLE_ON_A_CARD,
+            _ => IDLE,
+        };
+        Self {
+            idle: Mutex::default(),
+            most,
+        }
+    }
+
     /// An array of at least so many bytes; whether somebody used it before, so that it holds what it held then. What is
     /// left from before is the caller's to overwrite or to clear.
     pub(super) fn take(
@@ -111,7 +124,7 @@ impl Drop for Memory {
     /// Back into the pool if there is room, else to the driver.
     fn drop(&mut self) {
         let mut idle = locked(&self.pool.idle);
-        if self.size > LARGEST || idle.bytes + self.size > IDLE {
+        if self.size > LARGEST || idle.bytes + self.size > self.pool.most {
             return;
         }
         if let Some(buffer) = self.buffer.take() {

@@ -21,6 +21,7 @@ use crate::compute::BackendError;
 use crate::compute::usage::Usage;
 
 mod memory;
+mod pages;
 
 pub use wgpu;
 
@@ -192,10 +193,10 @@ impl GpuContext {
         Ok(Self {
             device,
             queue,
+            pool: Arc::new(Pool::of(info.device_type)),
             info,
             limits,
             pipelines,
-            pool: Arc::default(),
             usage: Mutex::default(),
             lost,
         })
@@ -245,16 +246,38 @@ impl GpuContext {
     /// # Errors
     /// [`GpuError::TooLarge`], and [`GpuError::Failed`] if the driver has no memory.
     pub fn upload<T: NoUninit>(&self, label: &str, data: &[T]) -> Result<GpuBuffer, GpuError> {
-        let bytes = size_of_val(data);
+        self.written::<T>(label, data.len(), |memory| pages::write(data, memory))
+    }
+
+    /// Copies `f(0)`, `f(1)`, …, `f(len - 1)` to the GPU, without an array in between; many of them by all threads. `f` may
+    /// be asked twice of a few.
+    ///
+    /// # Errors
+    /// Those of [`GpuContext::upload`].
+    pub fn upload_each<T: NoUninit>(
+        &self,
+        label: &str,
+        len: usize,
+        f: impl Fn(usize) -> T + Sync,
+    ) -> Result<GpuBuffer, GpuError> {
+        self.written::<T>(label, len, |memory| pages::write_each(len, f, memory))
+    }
+
+    /// An array of so many elements, written by `write` where the driver takes it from.
+    fn written<T>(
+        &self,
+        label: &str,
+        len: usize,
+        write: impl FnOnce(wgpu::WriteOnly<'_, [u8]>),
+    ) -> Result<GpuBuffer, GpuError> {
+        let bytes = len.saturating_mul(size_of::<T>());
         self.array(label, bytes, size_of::<T>(), Way::Up, |array, _| {
             let bound = std::num::NonZero::new(array.bound).expect("an element at least");
             let view = self
                 .queue
                 .write_buffer_with(array.memory.buffer(), 0, bound);
             if let Some(mut view) = view {
-                view.slice(..bytes)
-                    .copy_from_slice(bytemuck::cast_slice::<T, u8>(data));
-                view.slice(bytes..).fill(0);
+                write(view.slice(..));
             }
         })
     }
@@ -367,7 +390,7 @@ impl GpuContext {
     ///
     /// # Errors
     /// [`GpuError::Failed`] when the device is lost or has not finished within five minutes.
-    pub fn download<T: Pod>(&self, buffer: &GpuBuffer) -> Result<Vec<T>, GpuError> {
+    pub fn download<T: Pod + Send + Sync>(&self, buffer: &GpuBuffer) -> Result<Vec<T>, GpuError> {
         self.download_first(buffer, buffer.bytes as usize / size_of::<T>())
     }
 
@@ -376,22 +399,42 @@ impl GpuContext {
     ///
     /// # Errors
     /// Those of [`GpuContext::download`].
-    pub fn download_first<T: Pod>(
+    pub fn download_first<T: Pod + Send + Sync>(
         &self,
         buffer: &GpuBuffer,
         len: usize,
     ) -> Result<Vec<T>, GpuError> {
+        self.read_first(buffer, len, pages::copied)
+    }
+
+    /// Lets `f` read an array where the driver put it, without a copy of its own; waits for all work before it.
+    ///
+    /// # Errors
+    /// Those of [`GpuContext::download`].
+    pub fn read<T: Pod, R>(
+        &self,
+        buffer: &GpuBuffer,
+        f: impl FnOnce(&[T]) -> R,
+    ) -> Result<R, GpuError> {
+        self.read_first(buffer, buffer.bytes as usize / size_of::<T>(), f)
+    }
+
+    fn read_first<T: Pod, R>(
+        &self,
+        buffer: &GpuBuffer,
+        len: usize,
+        f: impl FnOnce(&[T]) -> R,
+    ) -> Result<R, GpuError> {
         let wanted = buffer.bytes.min((len * size_of::<T>()) as u64);
         if wanted == 0 {
-            return Ok(Vec::new());
+            return Ok(f(&[]));
         }
         let bytes = wanted.next_multiple_of(4);
-        let staging = self.watched("download", || {
+        let (staging, submission) = self.watched("download", || {
             let (staging, _) = self.pool.take(&self.device, Kind::Staging, bytes);
             let mut encoder = self.device.create_command_encoder(&Default::default());
             encoder.copy_buffer_to_buffer(buffer.memory.buffer(), 0, staging.buffer(), 0, bytes);
-            self.queue.submit([encoder.finish()]);
-            staging
+            (staging, self.queue.submit([encoder.finish()]))
         })?;
         let failed = |reason: String| GpuError::Failed {
             during: "download".to_owned(),
@@ -402,9 +445,10 @@ impl GpuContext {
         mapped.map_async(wgpu::MapMode::Read, move |outcome| {
             let _ = sender.send(outcome);
         });
+        // Not for what other threads have handed over since.
         self.device
             .poll(wgpu::PollType::Wait {
-                submission_index: None,
+                submission_index: Some(submission),
                 timeout: Some(PATIENCE),
             })
             .map_err(|e| failed(e.to_string()))?;
@@ -413,20 +457,22 @@ impl GpuContext {
             .map_err(|e| failed(e.to_string()))?
             .map_err(|e| failed(e.to_string()))?;
         self.check_lost("download")?;
-        let data = {
+        let result = {
             let view = mapped
                 .get_mapped_range()
                 .map_err(|e| failed(e.to_string()))?;
-            // One copy, where the driver maps at an address that suits the type.
             let content = &view[..wanted as usize];
-            bytemuck::try_cast_slice::<u8, T>(content)
-                .map_or_else(|_| bytemuck::pod_collect_to_vec(content), <[T]>::to_vec)
+            // As it is, where the driver maps at an address that suits the type.
+            match bytemuck::try_cast_slice::<u8, T>(content) {
+                Ok(content) => f(content),
+                Err(_) => f(&bytemuck::pod_collect_to_vec::<u8, T>(content)),
+            }
         };
         staging.buffer().unmap();
         if let Way::With(kernel) = *locked(&buffer.way) {
             locked(&self.usage).of(kernel).bytes_down += wanted;
         }
-        Ok(data)
+        Ok(result)
     }
 
     /// Compiled once per kernel and set of constants, and kept as long as the context: what the driver takes for that
@@ -520,7 +566,12 @@ struct Call {
     groups: [u32; 3],
 }
 
-impl Batch<'_> {
+impl<'a> Batch<'a> {
+    /// The device, for arrays of the kernels to come.
+    pub fn gpu(&self) -> &'a GpuContext {
+        self.gpu
+    }
+
     /// Adds a kernel: see [`GpuContext::dispatch`].
     ///
     /// # Errors

@@ -4,8 +4,8 @@ use bytemuck::{NoUninit, Pod, Zeroable};
 use geom_shaders::{GEOM_CORE_CORNER_DISTORTION, Shader};
 
 use super::backend::{Corner, CornerBackend, CornerDistortion};
-use crate::compute::BackendError;
 use crate::compute::gpu::{GpuContext, GpuError};
+use crate::compute::{BackendError, parallel};
 use crate::{Vector3, Wgpu};
 
 /// Corners per dispatch: 48 bytes each on the way in and 32 on the way out, below the 128 MiB that an adapter has to offer by
@@ -21,19 +21,22 @@ struct Parameters {
     padding: [u32; 2],
 }
 
-/// What a shader of regularized distortions makes of so many elements, 64 to a group: eight numbers each.
+/// Adds what a shader of regularized distortions makes of so many elements, 64 to a group, to `out`: `packed` gives the
+/// numbers of an element as the shader reads them, `unpacked` takes the eight that come back.
 ///
 /// # Errors
 /// If a buffer is too large for the adapter, or it has been lost.
-pub fn distortions<T: NoUninit>(
+pub fn distortions<T: NoUninit, R: Send>(
     gpu: &GpuContext,
     shader: &Shader,
-    inputs: &[T],
     count: usize,
+    packed: impl Fn(usize) -> T + Sync,
     epsilon: f64,
-) -> Result<Vec<[f32; 8]>, GpuError> {
-    let inputs = gpu.upload("inputs", inputs)?;
-    let out = gpu.output::<[f32; 8]>("distortions", count)?;
+    unpacked: impl Fn([f64; 8]) -> R + Send + Sync,
+    out: &mut Vec<R>,
+) -> Result<(), GpuError> {
+    let inputs = gpu.upload_each("inputs", count, packed)?;
+    let made = gpu.output::<[f32; 8]>("distortions", count)?;
     let parameters = Parameters {
         count: count as u32,
         epsilon: epsilon as f32,
@@ -41,8 +44,10 @@ pub fn distortions<T: NoUninit>(
     };
     let parameters = gpu.uniform("parameters", &parameters)?;
     let groups = count.div_ceil(64) as u32;
-    gpu.dispatch(shader, &[&inputs, &out, &parameters], [groups, 1, 1])?;
-    gpu.download(&out)
+    gpu.dispatch(shader, &[&inputs, &made, &parameters], [groups, 1, 1])?;
+    gpu.read(&made, |made: &[[f32; 8]]| {
+        parallel::extend(out, count, |i| unpacked(made[i].map(f64::from)));
+    })
 }
 
 impl CornerBackend for Wgpu {
@@ -56,20 +61,17 @@ impl CornerBackend for Wgpu {
         out.reserve(corners.len());
         for part in corners.chunks(CORNERS) {
             let narrow = |v: &Vector3| [v.x as f32, v.y as f32, v.z as f32, 0.0];
-            let inputs: Vec<[[f32; 4]; 3]> = part
-                .iter()
-                .map(|c| [&c.sides[0], &c.sides[1], &c.normal].map(narrow))
-                .collect();
-            let shader = &GEOM_CORE_CORNER_DISTORTION;
-            let made = distortions(self.gpu(), shader, &inputs, part.len(), epsilon)?;
-            out.extend(made.iter().map(|values| {
-                let [energy, area, a, b, c, d, e, f] = values.map(f64::from);
-                CornerDistortion {
-                    energy,
-                    area,
-                    gradient: [Vector3::new(a, b, c), Vector3::new(d, e, f)],
-                }
-            }));
+            let packed = |i: usize| {
+                let Corner { sides, normal } = &part[i];
+                [&sides[0], &sides[1], normal].map(narrow)
+            };
+            let unpacked = |[energy, area, a, b, c, d, e, f]: [f64; 8]| CornerDistortion {
+                energy,
+                area,
+                gradient: [Vector3::new(a, b, c), Vector3::new(d, e, f)],
+            };
+            let (shader, count) = (&GEOM_CORE_CORNER_DISTORTION, part.len());
+            distortions(self.gpu(), shader, count, packed, epsilon, unpacked, out)?;
         }
         Ok(())
     }
