@@ -52,8 +52,8 @@ impl<B> Device for B where
 {
 }
 
-/// Compares all verbs that hand kernels to a backend.
-pub(super) fn run(figures: &mut Figures) -> Outcome {
+/// Compares all verbs that hand kernels to a backend and have `matching` in their name.
+pub(super) fn run(figures: &mut Figures, matching: &str) -> Outcome {
     let gpu = Wgpu::new().map_err(|e| e.to_string())?;
     let kind = if gpu.gpu().is_software() {
         " (a program on the processor: its times say nothing)"
@@ -65,7 +65,11 @@ pub(super) fn run(figures: &mut Figures) -> Outcome {
         rayon::current_num_threads(),
         gpu.gpu().adapter()
     );
-    let mut table = Table { gpu, figures };
+    let mut table = Table {
+        gpu,
+        figures,
+        matching,
+    };
     densities(&mut table)?;
     tetrahedra(&mut table)?;
     surfaces(&mut table)?;
@@ -74,6 +78,7 @@ pub(super) fn run(figures: &mut Figures) -> Outcome {
 
 struct Table<'a> {
     gpu: Wgpu,
+    matching: &'a str,
     figures: &'a mut Figures,
 }
 
@@ -85,6 +90,9 @@ impl Table<'_> {
         verb: impl Fn(&dyn Device) -> Result<(), E>,
     ) -> Outcome {
         const RUNS: u64 = 3;
+        if !name.contains(self.matching) {
+            return Ok(());
+        }
         let ((), cpu) = best(|| verb(&Cpu))?;
         // The first run compiles.
         verb(&self.gpu).map_err(|e| e.to_string())?;

@@ -27,6 +27,9 @@ pub(crate) struct Arguments {
     /// Only these: programs, kernels, large; devices (verbs on the GPU of this machine) only if it is named
     #[arg(long, value_name = "PART", value_delimiter = ',', default_values = &PARTS[..3], value_parser = PARTS)]
     only: Vec<String>,
+    /// Of the verbs on devices only those whose name has this in it
+    #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
+    matching: String,
     /// Runs of each program, of which the shortest counts
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
     runs: u32,
@@ -59,7 +62,7 @@ pub(crate) fn run(arguments: &Arguments) -> crate::Outcome {
         beside::large(&mut figures)?;
     }
     if asked("devices") {
-        devices::run(&mut figures)?;
+        devices::run(&mut figures, &arguments.matching)?;
     }
     let path = crate::root().join(&arguments.baseline);
     let stored = Figures::read(&path)?;
