@@ -28,7 +28,12 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "PART", value_delimiter = ',', default_values = &PARTS[..3], value_parser = PARTS)]
     only: Vec<String>,
     /// Of the verbs on devices only those whose name has this in it
-    #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
+    #[arg(
+        long,
+        value_name = "TEXT",
+        default_value = "",
+        hide_default_value = true
+    )]
     matching: String,
     /// Runs of each program, of which the shortest counts
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
