@@ -13,7 +13,8 @@
 
 use std::cell::OnceCell;
 
-use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
+use geom_core::algebra::{Cholesky, SingleFactor, SparseMatrix, Symbolic};
+use geom_core::compute::parallel;
 
 use super::cut::Cut;
 use super::spacing::Chart;
@@ -53,6 +54,8 @@ pub(crate) struct Weighted<'a> {
     free: OnceCell<Cholesky>,
     /// Of its part over the reals, with ones on the diagonal for all other values.
     held: OnceCell<Cholesky>,
+    /// The two at half of their memory, for steps; `None` where that gains nothing.
+    single: [OnceCell<Option<SingleFactor>>; 2],
 }
 
 impl<'a> System<'a> {
@@ -95,6 +98,7 @@ impl<'a> System<'a> {
             matrix,
             free: OnceCell::new(),
             held: OnceCell::new(),
+            single: Default::default(),
         })
     }
 
@@ -162,22 +166,16 @@ impl<'a> System<'a> {
     /// The coordinates of the corners of all triangles.
     /// In units of lines, from all values.
     pub(crate) fn corners(&self, w: &[f64]) -> Vec<[[f64; 2]; 3]> {
-        let copies: Vec<[f64; 2]> = (0..self.seams.copies() as u32)
-            .map(|copy| self.copy(w, copy))
-            .collect();
-        self.cut
-            .copy
-            .chunks_exact(3)
-            .map(|c| [0, 1, 2].map(|k| copies[c[k] as usize]))
-            .collect()
+        let (seams, corners) = (self.seams, &self.cut.copy);
+        let copies = parallel::map(seams.copies(), |copy| seams.copy(w, copy as u32));
+        parallel::map(corners.len() / 3, |t| {
+            [0, 1, 2].map(|k| copies[corners[3 * t + k] as usize])
+        })
     }
 
     /// The coordinates of a copy of a vertex.
     pub(crate) fn copy(&self, w: &[f64], copy: u32) -> [f64; 2] {
-        [0, 1].map(|component| {
-            let terms = self.seams.row(copy, component);
-            terms.map(|(k, c)| f64::from(c) * w[k]).sum()
-        })
+        self.seams.copy(w, copy)
     }
 
     /// How far the map is from the field: Σ area · |J − 1|², over the number of triangles.
@@ -202,7 +200,7 @@ impl Weighted<'_> {
 
     /// From now on integers are held: the factor in which they move is large, and not needed any more.
     pub(crate) fn forget_free(&mut self) {
-        self.free = OnceCell::new();
+        (self.free, self.single[1]) = (OnceCell::new(), OnceCell::new());
     }
 
     /// The pattern is that of the whole matrix, so that it needs no analysis of its own.
@@ -217,7 +215,8 @@ impl Weighted<'_> {
         })
     }
 
-    /// `A⁻¹ g` over the unknowns that move, up to `1 / R`, for a gradient with respect to them: all of them, or the reals alone.
+    /// `A⁻¹ g` over the unknowns that move, for a gradient with respect to them: all of them, or the reals alone. It bends steps
+    /// and need not be exact: up to `1 / R`, and with the factor in single precision.
     pub(crate) fn inverse(&self, gradient: &[f64], with_integers: bool) -> Result<Vec<f64>, Error> {
         let mut x = gradient.to_vec();
         x.resize(self.seams.values(), 0.0);
@@ -225,7 +224,11 @@ impl Weighted<'_> {
             true => self.free()?,
             false => self.held()?,
         };
-        factor.solve_in_place(&mut x, 1)?;
+        let single = &self.single[usize::from(with_integers)];
+        match kept(single, || Ok(SingleFactor::of(factor)))? {
+            Some(single) => x = single.solve(&x)?,
+            None => factor.solve_in_place(&mut x, 1)?,
+        }
         x.truncate(gradient.len());
         Ok(x)
     }

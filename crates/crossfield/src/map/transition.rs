@@ -110,6 +110,14 @@ impl Seams {
         self.rows.row(2 * copy as usize + component)
     }
 
+    /// The coordinates of a copy, for these values.
+    pub(crate) fn copy(&self, w: &[f64], copy: u32) -> [f64; 2] {
+        [0, 1].map(|component| {
+            let terms = self.row(copy, component);
+            terms.map(|(k, c)| f64::from(c) * w[k]).sum()
+        })
+    }
+
     /// What a coordinate hangs on of integers and their sums, numbered from the first integer.
     pub(crate) fn integers_of(&self, copy: u32, component: usize) -> Form {
         let terms = self.row(copy, component).filter(|t| t.0 >= self.reals);

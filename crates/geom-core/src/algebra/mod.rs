@@ -30,7 +30,7 @@ mod tall;
 #[cfg(feature = "testing")]
 #[doc(hidden)]
 pub use cholesky::substitution;
-pub use cholesky::{Cholesky, Symbolic};
+pub use cholesky::{Cholesky, SingleFactor, Symbolic};
 pub use iterate::{Jacobi, Preconditioner, Solution, conjugate_gradients, refine};
 pub use mass::Mass;
 pub use operator::Operator;

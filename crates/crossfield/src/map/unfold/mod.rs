@@ -1,5 +1,8 @@
 //! How a map is unfolded: all at once, then place by place.
 
+mod effort;
+mod energy;
+mod lbfgs;
 mod scope;
 mod untangle;
 mod wind;
@@ -7,10 +10,11 @@ mod wind;
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
+use geom_core::compute::parallel;
 use geom_core::compute::sets::DisjointSets;
 
+pub(crate) use self::effort::{Effort, Ends, Folded, Unfolding};
 use self::scope::Scope;
-pub(crate) use self::untangle::{Effort, Ends, Folded, Unfolding};
 use self::untangle::{Judge, Moves, untangle};
 use self::wind::wound;
 use crate::Error;
@@ -157,10 +161,10 @@ impl Unfolder<'_> {
         let mut moved: Vec<usize> = corners_of.map(|h| frames.from(h)).collect();
         moved.sort_unstable();
         moved.dedup();
+        let (seams, cut) = (system.seams, system.cut);
         let count = |wanted: Wanted, w: &[f64]| {
-            let corners = |f: usize| [0, 1, 2].map(|k| system.copy(w, system.cut.copy[3 * f + k]));
-            self.vertices(corners, moved.iter().copied(), wanted)
-                .count()
+            let corners = |f: usize| [0, 1, 2].map(|k| seams.copy(w, cut.copy[3 * f + k]));
+            self.vertices(corners, &moved, wanted).len()
         };
         let moves = Moves {
             scope: &scope,
@@ -212,28 +216,31 @@ impl Unfolder<'_> {
     /// Vertices with upright triangles alone that turn too far or not far enough around them. They would have to fold before they
     /// could turn right.
     fn stuck(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
-        let all = 0..self.frames.edges().vertices();
-        self.vertices(|f| corners[f], all, STUCK).collect()
+        self.vertices(|f| corners[f], &self.all_vertices(), STUCK)
     }
 
     /// Vertices at a wrong angle or of triangles that are not upright.
     pub(super) fn bad(&self, corners: &[[[f64; 2]; 3]]) -> Vec<usize> {
-        let all = 0..self.frames.edges().vertices();
-        self.vertices(|f| corners[f], all, BAD).collect()
+        self.vertices(|f| corners[f], &self.all_vertices(), BAD)
+    }
+
+    fn all_vertices(&self) -> Vec<usize> {
+        (0..self.frames.edges().vertices()).collect()
     }
 
     /// Those wanted of some vertices.
     fn vertices(
         &self,
-        corners: impl Fn(usize) -> [[f64; 2]; 3] + Copy,
-        some: impl Iterator<Item = usize>,
+        corners: impl Fn(usize) -> [[f64; 2]; 3] + Copy + Sync,
+        some: &[usize],
         is_wanted: Wanted,
-    ) -> impl Iterator<Item = usize> {
-        let Self { system, frames, .. } = *self;
-        let is_upright = move |h: usize| system.charts[h / 3].determinant(&corners(h / 3)) > 0.0;
-        some.filter(move |&v| {
-            let turns_wrong = has_wrong_angle(frames, self.field, corners, v);
-            is_wanted(turns_wrong, frames.around(v).all(is_upright))
+    ) -> Vec<usize> {
+        let (charts, frames, field) = (self.system.charts, self.frames, self.field);
+        let is_upright = |h: usize| charts[h / 3].determinant(&corners(h / 3)) > 0.0;
+        parallel::flat_map(some.len(), |i| {
+            let v = some[i];
+            let turns_wrong = has_wrong_angle(frames, field, corners, v);
+            is_wanted(turns_wrong, frames.around(v).all(is_upright)).then_some(v)
         })
     }
 
@@ -246,9 +253,7 @@ impl Unfolder<'_> {
         let all = self.system.charts.iter().zip(corners);
         let upright = all.filter(|(chart, uv)| chart.determinant(uv) > 0.0);
         let triangles = corners.len() - upright.count();
-        let cones = (0..self.frames.edges().vertices())
-            .filter(|&v| has_wrong_angle(self.frames, self.field, |f| corners[f], v))
-            .count();
-        (triangles, cones)
+        let wrong = self.vertices(|f| corners[f], &self.all_vertices(), |wrong, _| wrong);
+        (triangles, wrong.len())
     }
 }

@@ -27,7 +27,7 @@ const GAIN: f64 = 0.02;
 const RINGS: usize = 3;
 /// Operations at most.
 const MOST: usize = 32;
-/// It is given up after so many quads that no operation helps.
+/// It is given up after so many places where no operation helps.
 const STUCK: usize = 4;
 /// With more bad quads than these and one in a hundred the map is to blame, and single operations change nothing.
 const FEW: usize = 8;
@@ -36,7 +36,7 @@ const WORSE: usize = 4;
 /// After how many first operations a second one is tried where one is not enough.
 const SECOND: usize = 3;
 /// For so many quads at most, as this takes as many times as long.
-const TWICE: usize = 2;
+const TWICE: usize = 8;
 /// Rounds of work on single quads after which the best patches are chosen, and how many: that work is nearly all there is.
 const GLANCE: usize = 6;
 const CHOSEN: usize = 6;
@@ -86,14 +86,15 @@ fn better(a: &Tried, b: &Tried) -> std::cmp::Ordering {
 
 /// The quads of a flow, with others in place of those that are bad.
 pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
+    // Quads at places where nothing helps, and how many places these are.
     let mut stuck: BTreeSet<[u32; 4]> = BTreeSet::new();
-    let (mut twice, mut changed) = (TWICE, false);
+    let (mut places, mut twice, mut changed) = (0, TWICE, false);
     for step in 0..MOST {
         let jacobians = flow.values(Quads::jacobian);
         let mut bad: Vec<usize> = (0..jacobians.len())
             .filter(|&q| jacobians[q] < LEAST)
             .collect();
-        if bad.len() > FEW + jacobians.len() / 100 || stuck.len() == STUCK {
+        if bad.len() > FEW + jacobians.len() / 100 || places == STUCK {
             break;
         }
         bad.retain(|&q| !stuck.contains(&flow.elements.quads[q]));
@@ -109,7 +110,12 @@ pub(super) fn mended(mut flow: Flow<'_>) -> Result<QuadMesh, Error> {
                 changed = true;
             }
             None => {
-                stuck.insert(flow.elements.quads[worst]);
+                // Its neighbours are no other place.
+                let corners = flow.elements.quads[worst];
+                let near = corners.map(|v| flow.elements.around(v as usize));
+                let near = near.iter().flat_map(|quads| quads.iter());
+                stuck.extend(near.map(|&q| flow.elements.quads[q as usize]));
+                places += 1;
             }
         }
     }

@@ -14,6 +14,7 @@
 mod gram;
 mod multifrontal;
 mod real;
+mod single;
 #[cfg(not(feature = "testing"))]
 mod substitution;
 #[cfg(feature = "testing")]
@@ -38,6 +39,7 @@ use faer::{Conj, MatMut, Par, Side};
 
 use self::multifrontal::{Failure, Fronts};
 pub(super) use self::real::Real;
+pub use self::single::SingleFactor;
 pub(super) use self::substitution::Sweep;
 use self::substitution::{Schedule, Solved};
 use self::tree::{Forest, Supernode};
@@ -209,7 +211,7 @@ impl Symbolic {
     }
 
     /// The diagonal of a factor.
-    fn pivots(&self, values: &[f64]) -> Vec<f64> {
+    fn pivots<T: Copy>(&self, values: &[T]) -> Vec<T> {
         match self.inner.symbolic.raw() {
             SymbolicCholeskyRaw::Simplicial(s) => s.col_ptr()[..s.ncols()]
                 .iter()

@@ -168,6 +168,19 @@ impl Schedule {
         columns: usize,
         range: Range<usize>,
     ) -> Solved<T, C> {
+        self.solve_by(block, columns, range, |task, x, direction| {
+            run(task, values, x, direction);
+        })
+    }
+
+    /// The same with any sweep over the supernodes of a task.
+    pub(super) fn solve_by<T: Scalar, const C: usize>(
+        &self,
+        block: &[T],
+        columns: usize,
+        range: Range<usize>,
+        run: impl Fn(&Task, &mut [[T; C]], Direction) + Sync,
+    ) -> Solved<T, C> {
         let mut solved: Solved<T, C> = self.tasks.iter().map(|_| Vec::new()).collect();
         for level in &self.levels {
             let new: Vec<Vec<[T; C]>> = level
@@ -189,7 +202,7 @@ impl Schedule {
                             plus(&mut x[at as usize], row);
                         }
                     }
-                    run(task, values, &mut x, Direction::Down);
+                    run(task, &mut x, Direction::Down);
                     x
                 })
                 .collect();
@@ -211,7 +224,7 @@ impl Schedule {
                             *row = parent[at as usize];
                         }
                     }
-                    run(task, values, x, Direction::Up);
+                    run(task, x, Direction::Up);
                 });
         }
         solved

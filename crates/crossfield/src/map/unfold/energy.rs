@@ -1,0 +1,207 @@
+//! The regularized distortion of a part of a map, and its slopes.
+
+use geom_core::compute::{BackendError, parallel};
+
+use super::scope::Scope;
+use crate::Error;
+use crate::backend::{ChartDistortion, CrossfieldBackend, On};
+use crate::map::spacing::Chart;
+use crate::map::system::System;
+use crate::specification::chart_distortion;
+
+/// The least area that counts, in units of the mean.
+const LEAST_AREA: f64 = 0.25;
+/// The smallest regularization: determinants below it are as good as none.
+pub(super) const LEAST: f64 = 1e-6;
+
+/// The energy of the triangles of a scope as a function of the values that move. Its memory is used again: it is asked
+/// hundreds of times.
+pub(super) struct Energy<'a> {
+    system: &'a System<'a>,
+    scope: &'a Scope,
+    /// Of the triangles of the scope, with areas raised to [`LEAST_AREA`], unlike those of the system.
+    charts: Vec<Chart>,
+    backend: &'a (dyn CrossfieldBackend + 'a),
+    /// All values: those that do not move as they are, the others as they were asked for last.
+    w: Vec<f64>,
+    /// Places of held triangles among those of the scope. Their distortion is always taken with the smallest ε, whose barrier
+    /// is too high for any step to cross, and on the CPU, whatever the backend: in f32 the barrier would have holes.
+    held: Vec<usize>,
+    /// ε of the round.
+    pub(super) epsilon: f64,
+    /// Where the copies are, and the corners of the triangles.
+    places: Vec<[f64; 2]>,
+    corners: Vec<[[f64; 2]; 3]>,
+    /// What the last evaluation found, per triangle, and per copy.
+    out: Vec<ChartDistortion>,
+    slopes: Vec<[f64; 2]>,
+    /// Per copy the corners that it is at, as `3 · triangle + corner`.
+    at_corners: Lists<u32>,
+    /// Per value that moves the coordinates that hang on it, as `2 · copy + component`, and how often.
+    in_rows: Lists<(u32, i32)>,
+}
+
+/// Lists of different lengths, one after the other.
+struct Lists<T> {
+    starts: Vec<usize>,
+    items: Vec<T>,
+}
+
+impl<T: Copy + Default> Lists<T> {
+    /// The items of each of `n` lists, in the order in which they come.
+    fn of<I: Iterator<Item = (u32, T)>>(n: usize, items: impl Fn() -> I) -> Self {
+        let mut counts = vec![0u32; n];
+        items().for_each(|(list, _)| counts[list as usize] += 1);
+        let starts = parallel::starts_of(&counts);
+        let mut next = starts.clone();
+        let mut all = vec![T::default(); starts[n]];
+        for (list, item) in items() {
+            let next = &mut next[list as usize];
+            all[*next] = item;
+            *next += 1;
+        }
+        Self { starts, items: all }
+    }
+
+    fn list(&self, i: usize) -> &[T] {
+        &self.items[self.starts[i]..self.starts[i + 1]]
+    }
+}
+
+/// Sets each value, side by side where there are many.
+fn set<T: Send>(values: &mut [T], f: impl Fn(usize) -> T + Sync) {
+    const CHUNK: usize = parallel::CHUNK;
+    parallel::for_chunks(values, CHUNK, |chunk, values| {
+        for (i, value) in (chunk * CHUNK..).zip(values) {
+            *value = f(i);
+        }
+    });
+}
+
+impl<'a> Energy<'a> {
+    /// Of a scope, with `held` triangles of the system, ascending, among its own.
+    pub(super) fn new(
+        system: &'a System<'a>,
+        scope: &'a Scope,
+        held: &[usize],
+        w: &[f64],
+        run: On<'a>,
+    ) -> Self {
+        // A triangle hardly there shall not stay folded because it counts for nothing.
+        let charts = scope.faces.iter().map(|&f| {
+            let chart = system.charts[f];
+            let area = chart.area.max(LEAST_AREA);
+            Chart { area, ..chart }
+        });
+        let is_held = |f: &usize| held.binary_search(f).is_ok();
+        let faces = scope.faces.iter().enumerate();
+        let corners = || scope.corners.as_flattened().iter().copied().zip(0..);
+        let place = scope.places(w.len());
+        let moved = match scope.moves_integers {
+            true => w.len(),
+            false => scope.unknowns.len(),
+        };
+        let coordinates = || {
+            let copies = (0u32..).zip(&scope.copies);
+            copies.flat_map(|(at, &copy)| [(2 * at, copy, 0), (2 * at + 1, copy, 1)])
+        };
+        let rows = || {
+            coordinates().flat_map(|(coordinate, copy, component)| {
+                let place = &place;
+                let row = system.seams.row(copy, component);
+                row.filter_map(move |(k, p)| Some((place[k]?, (coordinate, p))))
+            })
+        };
+        Self {
+            system,
+            scope,
+            charts: charts.collect(),
+            backend: run.backend,
+            w: w.to_vec(),
+            held: faces.filter(|(_, f)| is_held(f)).map(|(k, _)| k).collect(),
+            epsilon: 0.0,
+            places: vec![[0.0; 2]; scope.copies.len()],
+            corners: vec![[[0.0; 2]; 3]; scope.corners.len()],
+            out: Vec::new(),
+            slopes: vec![[0.0; 2]; scope.copies.len()],
+            at_corners: Lists::of(scope.copies.len(), corners),
+            in_rows: Lists::of(moved, rows),
+        }
+    }
+
+    /// Triangles of the scope.
+    pub(super) fn triangles(&self) -> usize {
+        self.charts.len()
+    }
+
+    /// All values, with these of the scope.
+    pub(super) fn all(&mut self, x: &[f64]) -> &[f64] {
+        for (&k, &x) in self.scope.unknowns.iter().zip(x) {
+            self.w[k] = x;
+        }
+        if self.scope.moves_integers {
+            self.system.seams.add_up(&mut self.w);
+        }
+        &self.w
+    }
+
+    /// Puts the corners of the triangles of the scope where these values have them.
+    fn lay(&mut self, x: &[f64]) {
+        self.all(x);
+        let (seams, scope, w) = (self.system.seams, self.scope, &self.w);
+        set(&mut self.places, |c| seams.copy(w, scope.copies[c]));
+        let places = &self.places;
+        set(&mut self.corners, |t| {
+            scope.corners[t].map(|c| places[c as usize])
+        });
+    }
+
+    /// Distortions at x, from the backend, which must answer one per triangle.
+    fn evaluate(&mut self, x: &[f64]) -> Result<(), Error> {
+        self.lay(x);
+        let (charts, corners) = (&self.charts, &self.corners);
+        self.backend
+            .chart_distortion(charts, corners, self.epsilon, &mut self.out)?;
+        let (found, of) = (self.out.len(), corners.len());
+        BackendError::unless(found == of, &self.backend.name(), || {
+            format!("{found} distortions for {of} triangles")
+        })?;
+        for &f in &self.held {
+            self.out[f] = chart_distortion(&charts[f], &corners[f], LEAST);
+        }
+        Ok(())
+    }
+
+    /// The smallest determinant.
+    pub(super) fn worst(&mut self, x: &[f64]) -> f64 {
+        self.lay(x);
+        let all = self.charts.iter().zip(&self.corners);
+        all.map(|(chart, uv)| chart.determinant(uv))
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// Energy and gradient with respect to the unknowns that move: from triangles to copies, from there to values, from sums of
+    /// integers to these.
+    pub(super) fn gradient(&mut self, x: &[f64]) -> Result<(f64, Vec<f64>), Error> {
+        self.evaluate(x)?;
+        let (out, at_corners, in_rows) = (&self.out, &self.at_corners, &self.in_rows);
+        let value = parallel::sum(out.len(), |t| out[t].energy);
+        set(&mut self.slopes, |copy| {
+            at_corners.list(copy).iter().fold([0.0; 2], |sum, &at| {
+                let slope = out[at as usize / 3].gradient[at as usize % 3];
+                [sum[0] + slope[0], sum[1] + slope[1]]
+            })
+        });
+        let slopes = self.slopes.as_flattened();
+        let mut gradient = vec![0.0; in_rows.starts.len() - 1];
+        set(&mut gradient, |k| {
+            let rows = in_rows.list(k).iter();
+            rows.map(|&(at, p)| f64::from(p) * slopes[at as usize])
+                .sum()
+        });
+        if self.scope.moves_integers {
+            self.system.seams.fold(&mut gradient);
+        }
+        Ok((value, gradient))
+    }
+}
