@@ -737,6 +737,28 @@ fn dented_torus(seed: u64) -> TriMesh {
     TriMesh::new(positions, triangles).unwrap()
 }
 
+/// Long edges beside short ones: a pair made along one, where that costs little, and undone along the other, where that pays,
+/// could come and go for ever.
+#[test]
+fn no_pair_of_singularities_comes_and_goes() {
+    let (mut positions, triangles) = shapes::torus(1.0, 0.4, 40, 20).into_parts();
+    let mut random = SplitMix64::new(17);
+    for p in &mut positions {
+        *p += Vector3::from_fn(|_, _| 0.2 * random.symmetric());
+    }
+    let mesh = TriMesh::new(positions, triangles).unwrap();
+    let options = FieldOptions {
+        smoothing: 0.1,
+        singularity_penalty: 0.2,
+        ..FieldOptions::default()
+    };
+    let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
+    let singular = field.index.iter().filter(|&&i| i != 0).count();
+    // Each of them moves a few times.
+    let moves = field.report.edge_moves;
+    assert!(moves < 5 * singular, "{moves} moves of {singular}");
+}
+
 /// Smoothing over a quad's side makes threads of the tube's narrow places, whose field has no map even without integers.
 #[test]
 fn fields_without_a_map_give_way_to_those_of_less_smooth_copies() {

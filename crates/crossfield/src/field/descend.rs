@@ -22,7 +22,7 @@
 //! moves a singularity by that edge, and one on a path moves a quarter from its end to its start. The sum of the
 //! indices never changes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use geom_core::TriMesh;
 use geom_core::compute::parallel;
@@ -218,9 +218,10 @@ impl<'a> Descent<'a> {
     }
 
     /// Single edges at singular vertices, the best first, as many together as are far from each other. A move that makes a pair
-    /// pays its price, and one that lets a pair meet is paid it.
+    /// pays its price, and one that lets a pair meet is paid it. No edge makes a second pair: one made on a long edge, for little,
+    /// that is paid more on a short one would come and go for ever.
     fn move_edges(&mut self, price: Price) -> Result<usize, Error> {
-        let mut moves = 0;
+        let (mut moves, mut made) = (0, BTreeSet::new());
         let most = 4 * self.index.iter().filter(|&&i| i != 0).count() + 50;
         while moves < most {
             let edges = self.edges_at_singularities();
@@ -229,6 +230,7 @@ impl<'a> Descent<'a> {
                 .iter()
                 .flat_map(|&h| [(h, 1), (h, -1)])
                 .filter(|&(h, s)| self.keeps_valences(h, s))
+                .filter(|&(h, s)| self.pairs_made(h, s) <= 0 || !made.contains(&h))
                 .map(|(h, s)| Judged {
                     change: vec![(h, s)],
                     cost: self.single(h, s),
@@ -245,7 +247,10 @@ impl<'a> Descent<'a> {
             if judged.is_empty() {
                 break;
             }
-            moves += self.apply_together(&judged)?;
+            let moved = self.apply_together(&judged)?;
+            moves += moved;
+            let paid = judged[..moved].iter().filter(|j| j.price < 0.0);
+            made.extend(paid.map(|j| j.change[0].0));
         }
         Ok(moves)
     }

@@ -186,6 +186,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::the_next_map_of_a_field_starts_upright"),
     Fault::wrong(
+        "an edge makes pairs of singularities again and again",
+        "crates/crossfield/src/field/descend.rs",
+        "|| !made.contains(&h)",
+        "|| h < usize::MAX",
+    )
+    .seen_by("laws::no_pair_of_singularities_comes_and_goes"),
+    Fault::wrong(
         "a star that turns too little is unfolded to the end",
         "crates/crossfield/src/map/unfold/untangle.rs",
         "if energy.epsilon < FIRM && (moves.is_lost)",

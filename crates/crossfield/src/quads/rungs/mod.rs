@@ -105,6 +105,9 @@ const SPECK: usize = 64;
 /// A closed part is not asked for fewer quads than a cube has.
 const FEWEST: f64 = 6.0;
 
+/// What a field costs, in evaluations of the energy of its map.
+const FIELD: usize = 50;
+
 /// How often triangles are cut where a map stays folded.
 const FINER: u32 = 3;
 
@@ -277,7 +280,13 @@ fn climb<'a>(
         return Ok(Some(quads));
     }
     // Where the triangles are as large as the quads, a map has too little freedom.
-    let fine = match part.remeshed(FINE * asked.square() * lines, options.crease, run)? {
+    let edge = FINE * asked.square() * lines;
+    let equilateral = 3f64.sqrt() / 4.0 * edge * edge;
+    if !rungs.may_have_field((part.mesh.area() / equilateral) as usize) {
+        rungs.reported::<()>(Err(Error::Spent))?;
+        return Ok(None);
+    }
+    let fine = match part.remeshed(edge, options.crease, run)? {
         Some(fine) => Ok(fine),
         None => part.refined(),
     };
@@ -437,6 +446,11 @@ impl Rungs<'_> {
         self.reported(made)
     }
 
+    /// Is enough left for the field of so many triangles?
+    fn may_have_field(&self, triangles: usize) -> bool {
+        self.effort.left() >= (FIELD * triangles) as u64
+    }
+
     /// The penalty of singularities grows with the smoothing, so that fields of later rungs have fewer of them.
     fn field(
         &mut self,
@@ -444,8 +458,7 @@ impl Rungs<'_> {
         wishes: &Wishes,
         factor: f64,
     ) -> Result<(Smooth, CrossField), Error> {
-        const EVALUATIONS: usize = 50;
-        if !self.effort.spend(EVALUATIONS * part.mesh.triangles().len()) {
+        if !self.effort.spend(FIELD * part.mesh.triangles().len()) {
             return Err(Error::Spent);
         }
         let options = self.options;
