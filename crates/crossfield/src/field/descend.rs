@@ -249,8 +249,9 @@ impl<'a> Descent<'a> {
             }
             let moved = self.apply_together(&judged)?;
             moves += moved;
-            let paid = judged[..moved].iter().filter(|j| j.price < 0.0);
-            made.extend(paid.map(|j| j.change[0].0));
+            // What pays makes a pair.
+            let pays = judged[..moved].iter().filter(|j| j.price < 0.0);
+            made.extend(pays.map(|j| j.change[0].0));
         }
         Ok(moves)
     }

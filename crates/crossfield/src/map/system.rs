@@ -173,11 +173,6 @@ impl<'a> System<'a> {
         })
     }
 
-    /// The coordinates of a copy of a vertex.
-    pub(crate) fn copy(&self, w: &[f64], copy: u32) -> [f64; 2] {
-        self.seams.copy(w, copy)
-    }
-
     /// How far the map is from the field: Σ area · |J − 1|², over the number of triangles.
     /// The mean of the areas is 1, so that this is a mean over the surface; 0 if the map follows the field exactly.
     pub(crate) fn energy(&self, corners: &[[[f64; 2]; 3]]) -> f64 {

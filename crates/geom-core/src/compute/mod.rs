@@ -6,11 +6,13 @@
 //! - [`parallel`]: loops and sums over fixed chunks, combined in order
 //! - [`lanes`]: the processor's vector instructions
 //! - [`coloring`], [`sets`]: colours such that neighbours differ; disjoint sets (union–find)
+//! - [`lists`]: lists of different lengths in one piece of memory
 //! - [`random`]: a seeded generator
 
 pub mod backend;
 pub mod coloring;
 pub mod lanes;
+pub mod lists;
 pub mod parallel;
 pub mod random;
 pub mod run;

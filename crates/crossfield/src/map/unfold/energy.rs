@@ -1,5 +1,6 @@
 //! The regularized distortion of a part of a map, and its slopes.
 
+use geom_core::compute::lists::Lists;
 use geom_core::compute::{BackendError, parallel};
 
 use super::scope::Scope;
@@ -39,43 +40,6 @@ pub(super) struct Energy<'a> {
     at_corners: Lists<u32>,
     /// Per value that moves the coordinates that hang on it, as `2 · copy + component`, and how often.
     in_rows: Lists<(u32, i32)>,
-}
-
-/// Lists of different lengths, one after the other.
-struct Lists<T> {
-    starts: Vec<usize>,
-    items: Vec<T>,
-}
-
-impl<T: Copy + Default> Lists<T> {
-    /// The items of each of `n` lists, in the order in which they come.
-    fn of<I: Iterator<Item = (u32, T)>>(n: usize, items: impl Fn() -> I) -> Self {
-        let mut counts = vec![0u32; n];
-        items().for_each(|(list, _)| counts[list as usize] += 1);
-        let starts = parallel::starts_of(&counts);
-        let mut next = starts.clone();
-        let mut all = vec![T::default(); starts[n]];
-        for (list, item) in items() {
-            let next = &mut next[list as usize];
-            all[*next] = item;
-            *next += 1;
-        }
-        Self { starts, items: all }
-    }
-
-    fn list(&self, i: usize) -> &[T] {
-        &self.items[self.starts[i]..self.starts[i + 1]]
-    }
-}
-
-/// Sets each value, side by side where there are many.
-fn set<T: Send>(values: &mut [T], f: impl Fn(usize) -> T + Sync) {
-    const CHUNK: usize = parallel::CHUNK;
-    parallel::for_chunks(values, CHUNK, |chunk, values| {
-        for (i, value) in (chunk * CHUNK..).zip(values) {
-            *value = f(i);
-        }
-    });
 }
 
 impl<'a> Energy<'a> {
@@ -149,10 +113,12 @@ impl<'a> Energy<'a> {
     fn lay(&mut self, x: &[f64]) {
         self.all(x);
         let (seams, scope, w) = (self.system.seams, self.scope, &self.w);
-        set(&mut self.places, |c| seams.copy(w, scope.copies[c]));
+        parallel::for_each(&mut self.places, |c, place| {
+            *place = seams.copy(w, scope.copies[c]);
+        });
         let places = &self.places;
-        set(&mut self.corners, |t| {
-            scope.corners[t].map(|c| places[c as usize])
+        parallel::for_each(&mut self.corners, |t, corners| {
+            *corners = scope.corners[t].map(|c| places[c as usize]);
         });
     }
 
@@ -186,15 +152,14 @@ impl<'a> Energy<'a> {
         self.evaluate(x)?;
         let (out, at_corners, in_rows) = (&self.out, &self.at_corners, &self.in_rows);
         let value = parallel::sum(out.len(), |t| out[t].energy);
-        set(&mut self.slopes, |copy| {
-            at_corners.list(copy).iter().fold([0.0; 2], |sum, &at| {
+        parallel::for_each(&mut self.slopes, |copy, sum| {
+            *sum = at_corners.list(copy).iter().fold([0.0; 2], |sum, &at| {
                 let slope = out[at as usize / 3].gradient[at as usize % 3];
                 [sum[0] + slope[0], sum[1] + slope[1]]
-            })
+            });
         });
         let slopes = self.slopes.as_flattened();
-        let mut gradient = vec![0.0; in_rows.starts.len() - 1];
-        set(&mut gradient, |k| {
+        let mut gradient = parallel::map(in_rows.count(), |k| {
             let rows = in_rows.list(k).iter();
             rows.map(|&(at, p)| f64::from(p) * slopes[at as usize])
                 .sum()

@@ -95,7 +95,7 @@ impl Scope {
                 &system.charts[f],
                 [0, 1, 2].map(|k| system.cut.copy[3 * f + k]),
             );
-            let j = chart.jacobian(&copies.map(|copy| system.copy(w, copy)));
+            let j = chart.jacobian(&copies.map(|copy| system.seams.copy(w, copy)));
             let off = [[j[0][0] - 1.0, j[0][1]], [j[1][0], j[1][1] - 1.0]];
             for (component, along) in [chart.along_u, chart.along_v].iter().enumerate() {
                 for (&copy, hat) in copies.iter().zip(along) {

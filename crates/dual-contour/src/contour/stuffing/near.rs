@@ -3,6 +3,7 @@
 //! All that snapping and cutting ask for, numbered anew and gathered once: what stands around a vertex, which edges
 //! change labels, and where. Points away from interfaces have no part in it.
 
+use geom_core::compute::lists::Lists;
 use geom_core::compute::parallel::{self, sorted_by_number};
 use geom_core::mesh::{EDGES, Region};
 
@@ -32,44 +33,15 @@ pub(super) struct Near {
     pub(super) planes: Vec<u8>,
     pub(super) tets: Vec<[u32; 4]>,
     /// Tetrahedra around each vertex that may snap.
-    pub(super) around: Csr,
+    pub(super) around: Lists<u32>,
     /// Edges between different labels, sorted, and where the label changes from their lower end.
     pub(super) edges: Vec<[u32; 2]>,
     pub(super) cuts: Vec<f64>,
-    pub(super) edges_at: Csr,
+    pub(super) edges_at: Lists<u32>,
     /// The interface a vertex has been snapped to.
     pub(super) zero: Vec<Option<Pair>>,
     /// Where the lattice of the values begins.
     pub(super) anchor: [i32; 3],
-}
-
-/// Lists of numbers per vertex.
-/// (Compressed sparse rows.) Filled in two passes over the same pairs: count, then put.
-#[derive(Default)]
-pub(super) struct Csr {
-    starts: Vec<u32>,
-    items: Vec<u32>,
-}
-
-impl Csr {
-    fn new(n: usize, pairs: impl Fn(&mut dyn FnMut(u32, u32))) -> Self {
-        let mut starts = vec![0u32; n + 1];
-        pairs(&mut |v, _| starts[v as usize + 1] += 1);
-        for v in 0..n {
-            starts[v + 1] += starts[v];
-        }
-        let mut at = starts.clone();
-        let mut items = vec![0; starts[n] as usize];
-        pairs(&mut |v, item| {
-            items[at[v as usize] as usize] = item;
-            at[v as usize] += 1;
-        });
-        Self { starts, items }
-    }
-    /// The list of a vertex.
-    pub(super) fn of(&self, v: u32) -> &[u32] {
-        &self.items[self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize]
-    }
 }
 
 impl Near {
@@ -100,13 +72,9 @@ impl Near {
             .map(|&id| matches!(vertices[id as usize], Vertex::Corner(_)))
             .collect();
         // Only vertices that may snap ask for what stands around them.
-        let around = Csr::new(ids.len(), |f| {
-            for (i, t) in tets.iter().enumerate() {
-                for &v in t.iter().filter(|&&v| hot[ids[v as usize] as usize]) {
-                    f(v, i as u32);
-                }
-            }
-        });
+        let is_hot = |&(v, _): &(u32, u32)| hot[ids[v as usize] as usize];
+        let corners = || (0u32..).zip(&tets).flat_map(|(i, t)| t.map(|v| (v, i)));
+        let around = Lists::of(ids.len(), || corners().filter(is_hot));
         // Each edge that will be cut is shared by several tetrahedra and has one cut, kept off its ends so that
         // no tetrahedron degenerates.
         let edges = edges_between_labels(&tets, &samples);
@@ -116,11 +84,8 @@ impl Near {
             .collect();
         let mut cuts = base.probe.exact_crossings(&ends)?;
         cuts.iter_mut().for_each(|t| *t = t.clamp(0.02, 0.98));
-        let edges_at = Csr::new(ids.len(), |f| {
-            for (i, e) in edges.iter().enumerate() {
-                e.iter().for_each(|&v| f(v, i as u32));
-            }
-        });
+        let tips = || (0u32..).zip(&edges).flat_map(|(i, e)| e.map(|v| (v, i)));
+        let edges_at = Lists::of(ids.len(), tips);
         Ok(Self {
             zero: vec![None; ids.len()],
             anchor: base.complex.samples.domain.anchor,
@@ -152,7 +117,7 @@ impl Near {
         let ends = [a.min(b), a.max(b)];
         *self
             .edges_at
-            .of(a)
+            .list(a as usize)
             .iter()
             .find(|&&e| self.edges[e as usize] == ends)
             .expect("an edge between different labels is listed")

@@ -37,7 +37,7 @@ impl Near {
 
     /// The edges of a vertex whose cuts are too close to it.
     fn violated(&self, v: u32) -> impl Iterator<Item = (u32, f64)> {
-        self.edges_at.of(v).iter().filter_map(move |&e| {
+        self.edges_at.list(v as usize).iter().filter_map(move |&e| {
             let gone =
                 self.zero[v as usize].is_some() || self.zero[self.other(e, v) as usize].is_some();
             let ratio = self.from(e, v) / self.limit(e);
@@ -66,7 +66,11 @@ impl Near {
             };
             let decided: Vec<(u32, Option<u32>)> = parallel::flat_map(waiting.len(), |i| {
                 let v = waiting[i];
-                let mut tets = self.around.of(v).iter().map(|&t| self.tets[t as usize]);
+                let mut tets = self
+                    .around
+                    .list(v as usize)
+                    .iter()
+                    .map(|&t| self.tets[t as usize]);
                 let first = tets.all(|t| t.iter().all(|&w| comes_first(v, w)));
                 first.then(|| (v, self.safe_target(v)))
             });
@@ -175,7 +179,7 @@ impl Link {
             triangles: [[0; 3]; 2 * LINK],
             triangle_len: 0,
         };
-        for &t in near.around.of(v) {
+        for &t in near.around.list(v as usize) {
             if out.triangle_len == out.triangles.len() {
                 return None;
             }

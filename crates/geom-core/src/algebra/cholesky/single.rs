@@ -1,8 +1,6 @@
 //! A factor at half of its memory, for those who solve with it again and again and need no more than an inverse close to the
 //! right one: what a substitution takes is reading the factor.
 
-use std::any::TypeId;
-
 use super::substitution::{Direction, Solved, Supernodal, Task};
 use super::{Cholesky, Plan, ROWS, Symbolic};
 use crate::algebra::Error;
@@ -104,11 +102,9 @@ impl lanes::WithSimd for Sweep<'_> {
     /// Compiled for the registers that the machine has: the loops are over arrays of fixed length.
     #[inline(always)]
     fn with_simd<S: lanes::Simd>(self, _: S) {
-        // Without the instruction, a fused product is a call.
-        if TypeId::of::<S>() == TypeId::of::<lanes::Scalar>() {
-            self.run::<false>();
-        } else {
-            self.run::<true>();
+        match lanes::fuses::<S>() {
+            true => self.run::<true>(),
+            false => self.run::<false>(),
         }
     }
 }

@@ -6,7 +6,6 @@
 //! root, where the dense trapezoid itself is what is worked on in parallel. Sums are taken in a fixed order, so that the bits do not
 //! depend on the number of threads.
 
-use std::any::TypeId;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -326,11 +325,9 @@ impl<T: Scalar, const C: usize> lanes::WithSimd for Sweep<'_, T, C> {
 
     #[inline(always)]
     fn with_simd<S: lanes::Simd>(self, _: S) {
-        // Without the instruction, a fused product is a call.
-        if TypeId::of::<S>() == TypeId::of::<lanes::Scalar>() {
-            self.run::<false>();
-        } else {
-            self.run::<true>();
+        match lanes::fuses::<S>() {
+            true => self.run::<true>(),
+            false => self.run::<false>(),
         }
     }
 }
