@@ -6,8 +6,8 @@ use crossfield::quads::quality::{JacobianSummary, Valences, scaled_jacobian};
 use crossfield::{Options, Size, quadrangulate};
 use geom_core::io::mesh::AnyMesh;
 use geom_core::io::{View, mesh};
-use geom_core::search::bvh::TriangleTree;
-use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh};
+use geom_core::surface::ground::{Freedom, Ground};
+use geom_core::{Cpu, QuadMesh, Run, TriMesh};
 
 use super::{Lab, integer, number, splines, text};
 use crate::{Outcome, fixtures};
@@ -95,14 +95,14 @@ fn compare(lab: &mut Lab, name: &str, surface: &TriMesh, count: usize) -> Outcom
     Ok(())
 }
 
-/// Scaled Jacobians signed by the surface.
+/// Scaled Jacobians signed by the surface: by its normals at the corners, and over the rest where those do not say it. One
+/// triangle does not tell the sign: of a surface coarser than its quads it may be one that looks elsewhere.
 fn measured(quads: &QuadMesh, surface: &TriMesh) -> Result<Measured, String> {
-    let tree = TriangleTree::new(surface).map_err(text)?;
+    let ground = Ground::new(surface, Vec::new()).map_err(text)?;
     let jacobian = |q: usize| {
         let corners = quads.corners(q);
-        let sum: geom_core::Vector3 = corners.iter().map(|p| p.coords).sum();
-        let at = tree.closest(&Point3::from(sum / 4.0)).triangle as usize;
-        scaled_jacobian(&corners, &surface.doubled_area_normal(at).normalize())
+        let normals = corners.map(|p| ground.pulled(&p, Freedom::Surface).1);
+        scaled_jacobian(&corners, &ground.normal_over(&corners, &normals))
     };
     let jacobians: Vec<f64> = (0..quads.quads().len()).map(jacobian).collect();
     Ok(Measured {
