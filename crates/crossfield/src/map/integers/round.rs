@@ -12,7 +12,7 @@ use geom_core::compute::parallel;
 use geom_core::nalgebra::{DMatrix, DVector};
 
 use super::dense::{Free, factor, inverse_of};
-use super::upright::{AtLeast, Pair, Short, Upright, Weighed};
+use super::upright::{AtLeast, Guard, Pair, Short, Upright, Weighed};
 use crate::backend::On;
 
 /// Moves lower the energy when they do so by this much.
@@ -292,8 +292,7 @@ impl Quadratic {
     /// over.
     ///
     /// `right` says on which grid. After a change the gradient is brought up to date in n operations, and all moves are
-    /// judged anew from it. Weights of triangles are 1 here: a move must not add to the sum of shortages, which is 0
-    /// and stays so.
+    /// judged anew from it. All triangles are upright before, and after each move.
     fn descend_on(
         &self,
         z: &mut [f64],
@@ -307,54 +306,48 @@ impl Quadratic {
         let diagonal = self.matrix.diagonal();
         let single =
             |gradient: &DVector<f64>, k: usize, d: f64| d * gradient[k] + 0.5 * diagonal[k];
-        let mut moves: Vec<(f64, Pair)> = Vec::new();
-        let mut sides = upright.map(|upright| upright.sides(z));
-        let weights = vec![1; sides.as_ref().map_or(0, Vec::len)];
+        // Moves have numbers, in the order in which they are considered.
         let pairs: usize = coupled.iter().map(|c| 2 + 4 * c.len()).sum();
+        let mut guard = upright.map(|upright| Guard::new(upright, z, pairs));
+        let mut moves: Vec<(f64, usize, Pair)> = Vec::new();
         let most = (20 * n + 20).min(20 * MOST_TRIED * n / pairs.max(1) + 200);
         for step in 0..most {
             run.progress("integers", step as u64, most as u64)?;
             // What each change does to the energy follows from its gradient.
             moves.clear();
+            let mut number = 0;
+            let mut consider = |energy: f64, pair: Pair| {
+                if energy < -FALLS && guard.as_ref().is_none_or(|g| !g.knows(number, &pair)) {
+                    moves.push((energy, number, pair));
+                }
+                number += 1;
+            };
             for (i, coupled) in coupled.iter().enumerate() {
                 for d in [-1.0, 1.0] {
                     let own = single(&gradient, i, d);
-                    if own < -FALLS {
-                        moves.push((own, [(i, d), (i, 0.0)]));
-                    }
+                    consider(own, [(i, d), (i, 0.0)]);
                     for &(j, s) in coupled {
                         for e in [-1.0, 1.0] {
                             let both = own + single(&gradient, j, e) + d * e * s;
-                            if both < -FALLS {
-                                moves.push((both, [(i, d), (j, e)]));
-                            }
+                            consider(both, [(i, d), (j, e)]);
                         }
                     }
                 }
             }
             // The best that no triangle forbids.
             moves.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let accepted = moves.iter().find(|(_, pair)| {
-                let triangles = upright.zip(sides.as_ref());
-                triangles.is_none_or(|(upright, sides)| {
-                    let weights = &weights;
-                    let weighed = Weighed {
-                        upright,
-                        sides,
-                        weights,
-                    };
-                    weighed.change(pair) <= 0
-                })
-            });
-            let Some((_, pair)) = accepted else {
+            let accepted = moves
+                .iter()
+                .find(|(_, number, pair)| guard.as_mut().is_none_or(|g| !g.forbids(*number, pair)));
+            let Some((_, _, pair)) = accepted else {
                 return Ok(());
             };
             for &(k, d) in pair {
                 z[k] += d;
-                if let Some((upright, sides)) = upright.zip(sides.as_mut()) {
-                    upright.shift(sides, k, d);
-                }
                 gradient.axpy(d, &self.matrix.column(k), 1.0);
+            }
+            if let Some(guard) = &mut guard {
+                guard.make(pair);
             }
         }
         Ok(())

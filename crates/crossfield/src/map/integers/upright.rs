@@ -186,30 +186,104 @@ impl Weighed<'_> {
     }
 
     /// The sum over the triangles that are given for each integer.
-    fn sum<'s>(&self, [(i, d), (j, e)]: &Pair, of: impl Fn(usize) -> &'s [(u32, Sides)]) -> i128 {
-        let list = |k: usize, by: f64| if by == 0.0 { &[] } else { of(k) };
-        let (mut first, mut second) = (list(*i, *d), list(*j, *e));
+    fn sum<'s>(&self, pair: &Pair, of: impl Fn(usize) -> &'s [(u32, Sides)]) -> i128 {
         let mut change = 0;
-        // Both lists ascend: triangles in either, each once.
-        loop {
-            let t = match (first.first(), second.first()) {
-                (None, None) => return change,
-                (Some(a), None) => a.0,
-                (None, Some(b)) => b.0,
-                (Some(a), Some(b)) => a.0.min(b.0),
-            };
-            let before = self.sides[t as usize];
-            let mut after = before;
-            for (list, by) in [(&mut first, *d), (&mut second, *e)] {
-                if let Some((head, rest)) = list.split_first()
-                    && head.0 == t
-                {
-                    added(&mut after, &head.1, by);
-                    *list = rest;
+        changed(self.sides, pair, of, |t, before, after| {
+            change += self.weights[t] * (shortage(after) - shortage(before));
+            true
+        });
+        change
+    }
+}
+
+/// Tells the triangles that a move changes, of those given for each integer, with their sides before and after it, until it
+/// is told to stop.
+fn changed<'s>(
+    sides: &[Sides],
+    [(i, d), (j, e)]: &Pair,
+    of: impl Fn(usize) -> &'s [(u32, Sides)],
+    mut goes_on: impl FnMut(usize, &Sides, &Sides) -> bool,
+) {
+    let list = |k: usize, by: f64| if by == 0.0 { &[] } else { of(k) };
+    let (mut first, mut second) = (list(*i, *d), list(*j, *e));
+    // Both lists ascend: triangles in either, each once.
+    loop {
+        let t = match (first.first(), second.first()) {
+            (None, None) => return,
+            (Some(a), None) => a.0,
+            (None, Some(b)) => b.0,
+            (Some(a), Some(b)) => a.0.min(b.0),
+        };
+        let before = sides[t as usize];
+        let mut after = before;
+        for (list, by) in [(&mut first, *d), (&mut second, *e)] {
+            if let Some((head, rest)) = list.split_first()
+                && head.0 == t
+            {
+                added(&mut after, &head.1, by);
+                *list = rest;
+            }
+        }
+        if !goes_on(t as usize, &before, &after) {
+            return;
+        }
+    }
+}
+
+/// Which moves turn a triangle over, of triangles that are upright and stay so. What was found holds until one of the
+/// move's triangles changes: of ten thousand moves that a step may ask for, few have to be looked at again.
+pub(super) struct Guard<'a> {
+    upright: &'a Upright,
+    sides: Vec<Sides>,
+    /// Per move the step in which it was found to turn one over, from 1; 0 if it was not.
+    found: Vec<u32>,
+    /// Per integer the last step that changed a triangle of its.
+    changed: Vec<u32>,
+    step: u32,
+}
+
+impl<'a> Guard<'a> {
+    /// Of so many moves, from these integers on.
+    pub(super) fn new(upright: &'a Upright, z: &[f64], moves: usize) -> Self {
+        Self {
+            upright,
+            sides: upright.sides(z),
+            found: vec![0; moves],
+            changed: vec![0; z.len()],
+            step: 1,
+        }
+    }
+
+    /// Is a move, by its number, known to turn one over?
+    pub(super) fn knows(&self, number: usize, [(i, _), (j, _)]: &Pair) -> bool {
+        self.found[number] > self.changed[*i].max(self.changed[*j])
+    }
+
+    /// Does it turn one over?
+    pub(super) fn forbids(&mut self, number: usize, pair: &Pair) -> bool {
+        let mut turns = false;
+        let of = |k: usize| self.upright.of.get(k).map_or(&[][..], Vec::as_slice);
+        changed(&self.sides, pair, of, |_, _, after| {
+            turns = shortage(after) > 0;
+            !turns
+        });
+        if turns {
+            self.found[number] = self.step;
+        }
+        turns
+    }
+
+    /// Makes a move, which ends a step.
+    pub(super) fn make(&mut self, pair: &Pair) {
+        for &(k, d) in pair.iter().filter(|(_, d)| *d != 0.0) {
+            self.upright.shift(&mut self.sides, k, d);
+            for (t, _) in self.upright.of.get(k).into_iter().flatten() {
+                for &other in &self.upright.on[*t as usize] {
+                    self.changed[other as usize] = self.step;
                 }
             }
-            change += self.weights[t as usize] * (shortage(&after) - shortage(&before));
         }
+        self.step += 1;
     }
 }
 
