@@ -237,6 +237,17 @@ pub fn rounded(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
     crate::map::rounded(matrix, right)
 }
 
+/// Random moves by one of integers that shall keep conditions, each a sum of some integers with coefficients that is not less
+/// than a number, as it is where all are 0. Move `2 k` takes one from integer `k`, `2 k + 1` adds one; it is made where descent
+/// finds that it may be. Per move what descent finds, which remembers what it has found before, and what the conditions say.
+pub fn guarded(
+    count: usize,
+    conditions: &[(Vec<u32>, Vec<i64>, i64)],
+    moves: &[usize],
+) -> Vec<[bool; 2]> {
+    crate::map::guarded(count, conditions, moves)
+}
+
 /// Vertices at better places on a surface, and other quads where no places are good.
 pub fn improved(mesh: QuadMesh, surface: &TriMesh) -> Result<QuadMesh, Error> {
     let ground = Ground::new(surface, Vec::new())?;

@@ -239,6 +239,28 @@ fn inverses_are_inverse() {
     assert!(testing::inverse(&matrix, 100).is_none());
 }
 
+/// What descent remembers of moves that turn a triangle over is what it would find if it asked again, over many moves that
+/// make some allowed and others not.
+#[test]
+fn remembered_moves_are_still_forbidden() {
+    let mut random = SplitMix64::new(5);
+    let mut below = |n: usize| (random.unit() * n as f64) as usize;
+    let (count, kept) = (40, 120);
+    let conditions: Vec<(Vec<u32>, Vec<i64>, i64)> = (0..kept)
+        .map(|_| {
+            let first = below(count) as u32;
+            let others = [first, (first + 1) % 40, (first + 7) % 40];
+            let signs = (0..3).map(|_| 2 * below(2) as i64 - 1).collect();
+            (others.to_vec(), signs, -(below(3) as i64))
+        })
+        .collect();
+    let moves: Vec<usize> = (0..20_000).map(|_| below(2 * count)).collect();
+    let found = testing::guarded(count, &conditions, &moves);
+    let made = found.iter().filter(|[may, _]| *may).count();
+    assert!(made > 500 && made < 19_500, "{made}");
+    assert!(found.iter().all(|[may, holds]| may == holds));
+}
+
 /// Rounding holds the nearest variable, the others at the exact minimum of what is left: as solved anew each time.
 #[test]
 fn rounding_is_that_of_exact_minima() {

@@ -18,6 +18,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::integers_know_what_the_reals_do"),
     Fault::wrong(
+        "descent never asks again for moves that turned a triangle over",
+        "crates/crossfield/src/map/integers/upright.rs",
+        "self.changed[other as usize] = self.step;",
+        "self.changed[other as usize] = 0;",
+    )
+    .seen_by("details::remembered_moves_are_still_forbidden"),
+    Fault::wrong(
         "what rounding holds is added to the inverse of the others",
         "crates/crossfield/src/map/integers/dense.rs",
         "strip.gemm(-1.0, held, &own, 1.0);",

@@ -19,3 +19,5 @@ pub(crate) use round::{inverse, rounded};
 pub(crate) use spread::Spread;
 pub(crate) use upright::AtLeast;
 pub(super) use upright::Upright;
+#[cfg(feature = "testing")]
+pub(crate) use upright::guarded;
