@@ -251,6 +251,20 @@ pub fn upright_jacobian(corners: &[Point3; 4], surface_normal: &Vector3) -> f64 
     smallest_sine(corners, &normal).min(0.0)
 }
 
+/// What [`upright_jacobian`] is at most, whatever the surface's normal: the least sine along the quad's own, which is what it is
+/// where the quad lies right, or 0.
+///
+/// ```
+/// use geom_core::{Point3, Vector3, mesh::quality::{highest_jacobian, upright_jacobian}};
+/// let sheared = [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0], [1.0, 1.0]].map(|[x, y]| Point3::new(x, y, 0.0));
+/// assert_eq!(highest_jacobian(&sheared), upright_jacobian(&sheared, &Vector3::z()));
+/// assert!(upright_jacobian(&sheared, &-Vector3::z()) < highest_jacobian(&sheared));
+/// ```
+pub fn highest_jacobian(corners: &[Point3; 4]) -> f64 {
+    let normal = quad_area(corners).try_normalize(0.0);
+    normal.map_or(0.0, |normal| smallest_sine(corners, &normal).max(0.0))
+}
+
 /// Twice the vector area of a quad.
 fn quad_area(corners: &[Point3; 4]) -> Vector3 {
     (corners[2] - corners[0]).cross(&(corners[3] - corners[1]))

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use geom_core::compute::parallel;
-use geom_core::mesh::quality::{scaled_jacobian, upright_jacobian};
+use geom_core::mesh::quality::{highest_jacobian, scaled_jacobian, upright_jacobian};
 use geom_core::surface::flow::{Elements, Ideal, Vertices, Wedge, barrier, facing, least};
 use geom_core::{Point3, Vector3};
 
@@ -359,6 +359,11 @@ impl Elements for Cells {
     fn merit(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
         self.upright_jacobian(e, vertices)
             .min(self.shortest(e, &vertices.positions) / SHORT)
+    }
+
+    fn merit_at_most(&self, e: usize, positions: &[Point3]) -> f64 {
+        let of = |quad: &[u32; 4]| highest_jacobian(&quad.map(|n| self.node(n, positions)));
+        least(self.of_element(e).iter().map(of)).min(self.shortest(e, positions) / SHORT)
     }
 
     fn scale(&self, v: usize) -> f64 {

@@ -1,7 +1,7 @@
 //! Quads as a flow moves them.
 
 use geom_core::compute::parallel;
-use geom_core::mesh::quality::{scaled_jacobian, upright_jacobian};
+use geom_core::mesh::quality::{highest_jacobian, scaled_jacobian, upright_jacobian};
 use geom_core::surface::flow::{Elements, Vertices, Wedge, facing, least};
 use geom_core::{Point3, Vector3};
 
@@ -56,6 +56,13 @@ impl Quads {
     ) -> f64 {
         let corners = self.quads[q].map(|v| vertices.positions[v as usize]);
         of(&corners, &self.surface_normal(q, &corners, vertices))
+    }
+
+    /// Of its sides, in what they shall be long.
+    fn shortest(&self, q: usize, positions: &[Point3]) -> f64 {
+        let p = self.quads[q].map(|v| positions[v as usize]);
+        let length = |k: usize| (p[(k + 1) % 4] - p[k]).norm() / self.lengths[q][k % 2];
+        least((0..4).map(length))
     }
 
     fn surface_normal(&self, q: usize, at: &[Point3; 4], vertices: &Vertices<'_>) -> Vector3 {
@@ -118,9 +125,12 @@ impl Elements for Quads {
     /// Rising also where a quad lies on its back, and no more than its shortest side is long.
     fn merit(&self, q: usize, vertices: &Vertices<'_>) -> f64 {
         let merit = self.on_quad(q, vertices, upright_jacobian);
-        let p = self.quads[q].map(|v| vertices.positions[v as usize]);
-        let length = |k: usize| (p[(k + 1) % 4] - p[k]).norm() / self.lengths[q][k % 2];
-        merit.min(least((0..4).map(length)) / SHORT)
+        merit.min(self.shortest(q, &vertices.positions) / SHORT)
+    }
+
+    fn merit_at_most(&self, q: usize, positions: &[Point3]) -> f64 {
+        let corners = self.quads[q].map(|v| positions[v as usize]);
+        highest_jacobian(&corners).min(self.shortest(q, positions) / SHORT)
     }
 
     fn scale(&self, v: usize) -> f64 {

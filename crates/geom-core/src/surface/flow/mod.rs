@@ -186,6 +186,10 @@ pub trait Elements: Sync {
     fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3>;
     /// What a search raises, as [`upright_jacobian`](crate::mesh::quality::upright_jacobian).
     fn merit(&self, element: usize, vertices: &Vertices<'_>) -> f64;
+    /// What the merit is at most, from the positions alone: many a place is refused by it, without a question to the surface.
+    fn merit_at_most(&self, _element: usize, _positions: &[Point3]) -> f64 {
+        f64::INFINITY
+    }
     /// The square of a reasonable step of a vertex: the area of the quads around it.
     fn scale(&self, vertex: usize) -> f64;
     /// How long a step in a search is for a vertex.

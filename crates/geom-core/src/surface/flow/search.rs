@@ -112,9 +112,17 @@ impl<E: Elements> Flow<'_, E> {
     /// The worst of the elements around a vertex, or one that is not above `floor`; that which was so last is asked first.
     fn worst_around(&self, v: usize, floor: f64, refuser: &mut usize) -> f64 {
         let around = self.elements.around(v);
+        let by_turns =
+            |refuser: usize| (0..around.len()).map(move |k| (refuser + k) % around.len());
+        for at in by_turns(*refuser) {
+            let most = (self.elements).merit_at_most(around[at] as usize, &self.vertices.positions);
+            if most <= floor {
+                *refuser = at;
+                return most;
+            }
+        }
         let mut worst = f64::INFINITY;
-        for k in 0..around.len() {
-            let at = (*refuser + k) % around.len();
+        for at in by_turns(*refuser) {
             let merit = self.elements.merit(around[at] as usize, &self.vertices);
             worst = worst.min(merit);
             if worst <= floor {
