@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use geom_core::compute::BackendError;
 use geom_core::compute::random::SplitMix64;
-use geom_core::mesh::quality::{scaled_jacobian, upright_jacobian};
+use geom_core::mesh::quality::{highest_jacobian, scaled_jacobian, upright_jacobian};
 use geom_core::mesh::shapes;
 use geom_core::surface::flow::backend::CORNER_DISTORTION;
 use geom_core::surface::flow::{
@@ -98,6 +98,21 @@ proptest! {
         wrong[i] = wrong[i] * 1.01 + 3e-3 * wrong[i].signum();
         let caught = CORNER_DISTORTION.first_break(&reference, &wrong);
         prop_assert_eq!(caught.map(|b| b.index), Some(i));
+    }
+}
+
+proptest! {
+    /// No normal makes a quad better than its corners allow, and one of its own side makes it as good as that.
+    #[test]
+    fn no_quad_is_better_than_its_corners_allow(
+        corners in prop::array::uniform4([-1.0..1.0f64, -1.0..1.0, -1.0..1.0]),
+        normal in [-1.0..1.0f64, -1.0..1.0, -1.0..1.0],
+    ) {
+        let (corners, normal) = (corners.map(Point3::from), Vector3::from(normal));
+        let most = highest_jacobian(&corners);
+        let both = [normal, -normal].map(|n| upright_jacobian(&corners, &n));
+        prop_assert!(both.iter().all(|found| *found <= most), "{both:?} {most}");
+        prop_assert_eq!(most, both[0].max(both[1]).max(0.0));
     }
 }
 
