@@ -237,13 +237,13 @@ pub fn rounded(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
     crate::map::rounded(matrix, right)
 }
 
-/// Random moves by one of integers that shall keep conditions, each a sum of some integers with coefficients that is not less
-/// than a number, as it is where all are 0. Move `2 k` takes one from integer `k`, `2 k + 1` adds one; it is made where descent
-/// finds that it may be. Per move what descent finds, which remembers what it has found before, and what the conditions say.
+/// Moves of one integer or two by one, from 0 on, that shall keep sums of integers with coefficients at −1 or above. `2 k` takes
+/// one from integer `k`, `2 k + 1` adds one; twice the same integer is the first of both alone. Those are made that descent finds
+/// to keep them. Per move what descent finds, which remembers what it has found before, and what the sums say.
 pub fn guarded(
     count: usize,
-    conditions: &[(Vec<u32>, Vec<i64>, i64)],
-    moves: &[usize],
+    conditions: &[Vec<(u32, i64)>],
+    moves: &[[usize; 2]],
 ) -> Vec<[bool; 2]> {
     crate::map::guarded(count, conditions, moves)
 }

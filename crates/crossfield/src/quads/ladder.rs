@@ -6,7 +6,9 @@ use geom_core::{Point3, QuadMesh, Run, TriMesh};
 
 use super::extract::SurfacePoint;
 use super::parts;
-use super::quality::{AspectSummary, JacobianSummary, Valences, aspect_ratio, jacobians, sources};
+use super::quality::{
+    AspectSummary, JacobianSummary, Valences, aspect_ratio, scaled_jacobians, sources,
+};
 use super::rungs::{PartReport, Rung, part_quads};
 use crate::anisotropy::{Slope, slopes};
 use crate::backend::{CrossfieldBackend, On};
@@ -188,7 +190,7 @@ struct Found {
 impl Found {
     /// Adds a part's quads; `faces` are the part's triangles in the whole surface.
     fn add(&mut self, quads: &QuadMesh, part: &TriMesh, faces: &[u32]) -> Result<(), Error> {
-        self.jacobians.extend(jacobians(quads, part)?);
+        self.jacobians.extend(scaled_jacobians(quads, part)?);
         let Places { sources, origins } = Places::of(quads, part)?;
         let of = |triangle: u32| faces[triangle as usize];
         self.places.origins.extend(origins.into_iter().map(of));

@@ -149,8 +149,21 @@ pub fn distances(quads: &QuadMesh, surface: &TriMesh) -> Result<[f64; 2], Error>
     Ok([one(&halves, surface)?, one(surface, &halves)?])
 }
 
-/// The scaled Jacobian of each quad, signed by the surface's normals over it.
-pub(super) fn jacobians(mesh: &QuadMesh, surface: &TriMesh) -> Result<Vec<f64>, Error> {
+/// The scaled Jacobian of each quad, signed by the normals over it of the connected surface that it is on: those at its corners, and
+/// those in between where they do not agree. (The nearest triangle alone does not tell the sign: where the surface is coarser than the quads
+/// it may look elsewhere.)
+///
+/// # Errors
+/// [`Error::Tree`] for a surface without triangles.
+///
+/// ```
+/// use crossfield::{geom_core::mesh::shapes, quads::quality::scaled_jacobians};
+/// let (quads, ball) = (shapes::quad_sphere(1.0, 8), shapes::icosphere(1.0, 3));
+/// let jacobians = scaled_jacobians(&quads, &ball)?;
+/// assert!(jacobians.iter().all(|&j| j > 0.8));
+/// # Ok::<(), crossfield::Error>(())
+/// ```
+pub fn scaled_jacobians(mesh: &QuadMesh, surface: &TriMesh) -> Result<Vec<f64>, Error> {
     let ground = Ground::new(surface, Vec::new())?;
     let positions = mesh.positions();
     let normals = parallel::map_each(positions, |p| ground.pulled(p, Freedom::Surface).1);

@@ -25,6 +25,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("details::remembered_moves_are_still_forbidden"),
     Fault::wrong(
+        "descent does not ask again for pairs whose second integer may move",
+        "crates/crossfield/src/map/integers/upright.rs",
+        "self.changed[*i].max(self.changed[*j])",
+        "self.changed[*i].max(self.changed[*i])",
+    )
+    .seen_by("details::remembered_moves_are_still_forbidden"),
+    Fault::wrong(
         "what rounding holds is added to the inverse of the others",
         "crates/crossfield/src/map/integers/dense.rs",
         "strip.gemm(-1.0, held, &own, 1.0);",

@@ -2,11 +2,10 @@
 
 use std::time::Instant;
 
-use crossfield::quads::quality::{JacobianSummary, Valences, scaled_jacobian};
+use crossfield::quads::quality::{JacobianSummary, Valences, scaled_jacobians};
 use crossfield::{Options, Size, quadrangulate};
 use geom_core::io::mesh::AnyMesh;
 use geom_core::io::{View, mesh};
-use geom_core::surface::ground::{Freedom, Ground};
 use geom_core::{Cpu, QuadMesh, Run, TriMesh};
 
 use super::{Lab, integer, number, splines, text};
@@ -95,16 +94,9 @@ fn compare(lab: &mut Lab, name: &str, surface: &TriMesh, count: usize) -> Outcom
     Ok(())
 }
 
-/// Scaled Jacobians signed by the surface: by its normals at the corners, and over the rest where those do not say it. One
-/// triangle does not tell the sign: of a surface coarser than its quads it may be one that looks elsewhere.
+/// Theirs by the same measure as ours.
 fn measured(quads: &QuadMesh, surface: &TriMesh) -> Result<Measured, String> {
-    let ground = Ground::new(surface, Vec::new()).map_err(text)?;
-    let jacobian = |q: usize| {
-        let corners = quads.corners(q);
-        let normals = corners.map(|p| ground.pulled(&p, Freedom::Surface).1);
-        scaled_jacobian(&corners, &ground.normal_over(&corners, &normals))
-    };
-    let jacobians: Vec<f64> = (0..quads.quads().len()).map(jacobian).collect();
+    let jacobians = scaled_jacobians(quads, surface).map_err(text)?;
     Ok(Measured {
         irregular: Valences::of(quads).map_err(text)?.irregular(),
         jacobian: JacobianSummary::of(&jacobians),

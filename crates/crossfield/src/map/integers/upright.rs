@@ -300,41 +300,37 @@ fn shortage([px, py, qx, qy]: &Sides) -> i128 {
     (1 - (product(*px, *qy) - product(*py, *qx))).max(0)
 }
 
-/// For tests: so many random moves by one of integers that shall keep conditions, each `(integers, coefficients, bound)` a sum that is not
-/// less than a number, as it is where all are 0. Whether a move may be made as the [`Guard`] says, which remembers, and as the
-/// conditions say.
+/// See `testing::guarded`: what the [`Guard`] says, which remembers, and what the conditions say.
 #[cfg(feature = "testing")]
 pub(crate) fn guarded(
     count: usize,
-    conditions: &[(Vec<u32>, Vec<i64>, i64)],
-    moves: &[usize],
+    conditions: &[Vec<(u32, i64)>],
+    moves: &[[usize; 2]],
 ) -> Vec<[bool; 2]> {
-    let conditions: Vec<AtLeast> = conditions
-        .iter()
-        .map(|(integers, coefficients, bound)| AtLeast {
-            sum: integers
-                .iter()
-                .copied()
-                .zip(coefficients.iter().copied())
-                .collect(),
-            bound: *bound,
-        })
-        .collect();
+    let all = conditions.iter().map(|sum| AtLeast {
+        sum: sum.iter().copied().collect(),
+        bound: -1,
+    });
+    let conditions: Vec<AtLeast> = all.collect();
     let mut upright = Upright::new(&[]);
     upright.add(&conditions);
     let mut z = vec![0.0; count];
-    let mut guard = Guard::new(&upright, &z, 2 * count);
-    let one = |&number: &usize| {
-        let (k, by) = (number / 2, [-1.0, 1.0][number % 2]);
-        let pair = [(k, by), (k, 0.0)];
+    let mut guard = Guard::new(&upright, &z, 4 * count * count);
+    let by_one = |at: usize| (at / 2, [-1.0, 1.0][at % 2]);
+    let judge = |&[first, second]: &[usize; 2]| {
+        let (number, mut pair) = (2 * count * first + second, [first, second].map(by_one));
+        if pair[0].0 == pair[1].0 {
+            pair[1].1 = 0.0;
+        }
         let may = !guard.knows(number, &pair) && !guard.forbids(number, &pair);
-        z[k] += by;
-        let holds = conditions.iter().all(|c| c.value(&z) >= c.bound as f64);
-        match may {
-            true => guard.make(&pair),
-            false => z[k] -= by,
+        let mut moved = z.clone();
+        pair.iter().for_each(|&(k, by)| moved[k] += by);
+        let holds = conditions.iter().all(|c| c.value(&moved) >= c.bound as f64);
+        if may {
+            guard.make(&pair);
+            z = moved;
         }
         [may, holds]
     };
-    moves.iter().map(one).collect()
+    moves.iter().map(judge).collect()
 }

@@ -59,8 +59,7 @@ impl Quads {
     }
 
     /// Of its sides, in what they shall be long.
-    fn shortest(&self, q: usize, positions: &[Point3]) -> f64 {
-        let p = self.quads[q].map(|v| positions[v as usize]);
+    fn shortest(&self, q: usize, p: &[Point3; 4]) -> f64 {
         let length = |k: usize| (p[(k + 1) % 4] - p[k]).norm() / self.lengths[q][k % 2];
         least((0..4).map(length))
     }
@@ -125,12 +124,13 @@ impl Elements for Quads {
     /// Rising also where a quad lies on its back, and no more than its shortest side is long.
     fn merit(&self, q: usize, vertices: &Vertices<'_>) -> f64 {
         let merit = self.on_quad(q, vertices, upright_jacobian);
-        merit.min(self.shortest(q, &vertices.positions) / SHORT)
+        let corners = self.quads[q].map(|v| vertices.positions[v as usize]);
+        merit.min(self.shortest(q, &corners) / SHORT)
     }
 
     fn merit_at_most(&self, q: usize, positions: &[Point3]) -> f64 {
         let corners = self.quads[q].map(|v| positions[v as usize]);
-        highest_jacobian(&corners).min(self.shortest(q, positions) / SHORT)
+        highest_jacobian(&corners).min(self.shortest(q, &corners) / SHORT)
     }
 
     fn scale(&self, v: usize) -> f64 {

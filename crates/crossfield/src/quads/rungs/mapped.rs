@@ -8,7 +8,7 @@ use geom_core::{Point3, QuadMesh, TriMesh};
 use super::super::extract::{SurfacePoint, lines, tangled};
 use super::super::narrow::narrow;
 use super::super::parts::Part;
-use super::super::quality::jacobians;
+use super::super::quality::scaled_jacobians;
 use super::super::smooth::Smooth;
 use super::{FOLDED, OFF_TARGET, Rungs};
 use crate::anisotropy::Metric;
@@ -155,7 +155,7 @@ fn mapped(
 
 /// The corners of the quads that face the wrong way, or nearly.
 fn folded(quads: &QuadMesh, surface: &TriMesh) -> Result<Vec<Point3>, Error> {
-    let jacobians = jacobians(quads, surface)?;
+    let jacobians = scaled_jacobians(quads, surface)?;
     let all = jacobians.iter().enumerate().filter(|(_, j)| **j < FOLDED);
     Ok(all.flat_map(|(q, _)| quads.corners(q)).collect())
 }

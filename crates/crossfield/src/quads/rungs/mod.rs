@@ -12,7 +12,7 @@ use self::finer::Finer;
 use self::mapped::{Mapping, as_many};
 use super::improve::{improve, settled};
 use super::parts::Part;
-use super::quality::jacobians;
+use super::quality::scaled_jacobians;
 use super::smooth::Smooth;
 use super::split::split_quads;
 use crate::anisotropy::{Metric, Misalignment, Slope, adapted};
@@ -151,7 +151,7 @@ pub(super) fn part_quads(
         asked.slope = None;
         made = climb(&part, &asked, &mut report, &mut spare)?;
     }
-    let least = |quads: &QuadMesh| Ok::<f64, Error>(least(&jacobians(quads, &part.mesh)?));
+    let least = |quads: &QuadMesh| Ok::<f64, Error>(least(&scaled_jacobians(quads, &part.mesh)?));
     let split = || {
         let raw = last_resort(&part, asked.spacing, options, run)?;
         asked.finish(&part).finished(raw.quads, &raw.part)
@@ -556,7 +556,7 @@ impl Rungs<'_> {
     /// An error for quads of which some face the wrong way; or nearly, where triangles had to be cut for their map, since the field
     /// of another rung may do without. The best of these are kept, should the last rung have none better.
     fn upright(&mut self, quads: QuadMesh) -> Result<QuadMesh, Error> {
-        let jacobians = jacobians(&quads, &self.finish.whole.mesh)?;
+        let jacobians = scaled_jacobians(&quads, &self.finish.whole.mesh)?;
         let most = if self.report.finer > 0 { FOLDED } else { 0.0 };
         let inverted = jacobians.iter().filter(|&&j| j <= most).count();
         if inverted == 0 {

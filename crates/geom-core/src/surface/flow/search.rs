@@ -109,13 +109,15 @@ impl<E: Elements> Flow<'_, E> {
         found.is_some()
     }
 
-    /// The worst of the elements around a vertex, or one that is not above `floor`; that which was so last is asked first.
+    /// The merit of the worst element around a vertex, or any number that is not above `floor` if it is not. The element that was so
+    /// last is asked first.
     fn worst_around(&self, v: usize, floor: f64, refuser: &mut usize) -> f64 {
         let around = self.elements.around(v);
-        let by_turns =
-            |refuser: usize| (0..around.len()).map(move |k| (refuser + k) % around.len());
+        let by_turns = |first: usize| (0..around.len()).map(move |k| (first + k) % around.len());
+        let (elements, vertices) = (&self.elements, &self.vertices);
+        let most = |at: usize| elements.merit_at_most(around[at] as usize, &vertices.positions);
         for at in by_turns(*refuser) {
-            let most = (self.elements).merit_at_most(around[at] as usize, &self.vertices.positions);
+            let most = most(at);
             if most <= floor {
                 *refuser = at;
                 return most;
@@ -123,7 +125,8 @@ impl<E: Elements> Flow<'_, E> {
         }
         let mut worst = f64::INFINITY;
         for at in by_turns(*refuser) {
-            let merit = self.elements.merit(around[at] as usize, &self.vertices);
+            let merit = elements.merit(around[at] as usize, vertices);
+            debug_assert!(merit <= most(at), "{merit} is at most {}", most(at));
             worst = worst.min(merit);
             if worst <= floor {
                 *refuser = at;
