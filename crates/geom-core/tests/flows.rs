@@ -8,8 +8,8 @@ use geom_core::mesh::quality::{highest_jacobian, scaled_jacobian, upright_jacobi
 use geom_core::mesh::shapes;
 use geom_core::surface::flow::backend::CORNER_DISTORTION;
 use geom_core::surface::flow::{
-    Corner, CornerBackend, CornerDistortion, CornerObject, Descent, Elements, Flow, Ideal, Search,
-    Straightening, Vertices, Wedge, facing,
+    Corner, CornerBackend, CornerDistortion, CornerObject, Descent, Elements, Flow, Ideal, Measure,
+    Places, Search, Straightening, Vertices, Wedge, facing,
 };
 use geom_core::surface::ground::{Freedom, Ground};
 use geom_core::testing::same_on_any_threads;
@@ -188,12 +188,12 @@ impl Squares {
         }
     }
 
-    fn at(&self, q: usize, vertices: &Vertices<'_>) -> [Point3; 4] {
-        self.quads[q].map(|v| vertices.positions[v as usize])
+    fn at(&self, q: usize, places: &Places<'_>) -> [Point3; 4] {
+        self.quads[q].map(|v| places.position(v))
     }
 
-    fn jacobian(&self, q: usize, vertices: &Vertices<'_>) -> f64 {
-        scaled_jacobian(&self.at(q, vertices), &Vector3::z())
+    fn jacobian(&self, q: usize, places: &Places<'_>) -> f64 {
+        scaled_jacobian(&self.at(q, places), &Vector3::z())
     }
 }
 
@@ -215,11 +215,12 @@ impl Elements for Squares {
     }
     fn renew(&mut self, _: &[Point3]) {}
     fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3> {
-        let of = |q| [facing(&self.at(q, vertices), &Vector3::z()).unwrap(); 4];
+        let places = Places::of(vertices);
+        let of = |q| [facing(&self.at(q, &places), &Vector3::z()).unwrap(); 4];
         (0..self.quads.len()).flat_map(of).collect()
     }
-    fn merit(&self, q: usize, vertices: &Vertices<'_>) -> f64 {
-        upright_jacobian(&self.at(q, vertices), &Vector3::z())
+    fn merit(&self, q: usize, places: &Places<'_>) -> f64 {
+        upright_jacobian(&self.at(q, places), &Vector3::z())
     }
     fn scale(&self, _: usize) -> f64 {
         1.0
@@ -277,17 +278,15 @@ fn shaken<'a>(ground: &'a Ground<'a>, noise: f64) -> Vertices<'a> {
     Vertices::new(positions, freedom, ground)
 }
 
+/// From where a vertex belongs.
+fn off(v: u32, p: &Point3) -> f64 {
+    let (i, j) = (v % (SIDE + 1), v / (SIDE + 1));
+    (p - Point3::new(f64::from(i), f64::from(j), 0.0)).norm()
+}
+
 fn farthest(vertices: &Vertices<'_>) -> f64 {
-    let off = |(v, p): (usize, &Point3)| {
-        let (i, j) = (v as u32 % (SIDE + 1), v as u32 / (SIDE + 1));
-        (p - Point3::new(f64::from(i), f64::from(j), 0.0)).norm()
-    };
-    vertices
-        .positions
-        .iter()
-        .enumerate()
-        .map(off)
-        .fold(0.0, f64::max)
+    let all = (0..).zip(&vertices.positions);
+    all.map(|(v, p)| off(v, p)).fold(0.0, f64::max)
 }
 
 /// Squares are what the sum is smallest for: from any start, also with inverted corners, it is found again.
@@ -327,6 +326,31 @@ fn a_search_lifts_the_worst() {
     assert_eq!(flow.lift_the_worst(&SEARCH).unwrap(), 0);
 }
 
+/// Vertices search at once only where none sees another: whatever moves, the worst around it becomes better, on any threads.
+#[test]
+fn no_search_makes_the_worst_worse() {
+    let plane = plane();
+    let ground = Ground::new(&plane, Vec::new()).unwrap();
+    same_on_any_threads(|| {
+        let run = Run::on(&Cpu).with(Cpu.as_corners());
+        let mut flow = Flow::new(Squares::new(), shaken(&ground, 0.9), run);
+        let once = Search {
+            by: Squares::merit,
+            rounds: 1,
+            ..SEARCH
+        };
+        let (mut worst, mut moved) = (flow.worst(Squares::merit), 0);
+        for _ in 0..20 {
+            moved += flow.lift_the_worst(&once).unwrap();
+            let after = flow.worst(Squares::merit);
+            assert!(after >= worst, "{worst} became {after}");
+            worst = after;
+        }
+        assert!(moved > 20, "{moved}");
+        flow.vertices.positions
+    });
+}
+
 /// What is bad together gets better together, and the vertices held for it are free again.
 #[test]
 fn bad_elements_are_made_straight() {
@@ -352,8 +376,14 @@ fn the_best_may_be_the_start() {
     let run = Run::on(&Cpu).with(Cpu.as_corners());
     let mut flow = Flow::new(Squares::new(), shaken(&ground, 0.3), run);
     let start = flow.vertices.state();
-    // The largest of all: a measure by which all but the start is worse.
-    let farther: fn(&Squares, usize, &Vertices<'_>) -> f64 = |_, _, vertices| farthest(vertices);
+    // A measure by which all but the start is worse: how far the square in the middle is from its place.
+    let farther: Measure<Squares> = |squares, q, places| match q as u32 {
+        q if q == SIDE * SIDE / 2 + SIDE / 2 => {
+            let off = squares.quads[q as usize].map(|v| off(v, &places.position(v)));
+            off.into_iter().sum()
+        }
+        _ => f64::INFINITY,
+    };
     let (value, state) = flow.best_of(&DESCENT, farther, true).unwrap();
     assert!(state == start && value > 0.1);
     let (value, state) = flow.best_of(&DESCENT, farther, false).unwrap();

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use geom_core::compute::parallel;
 use geom_core::mesh::quality::{highest_jacobian, scaled_jacobian, upright_jacobian};
-use geom_core::surface::flow::{Elements, Ideal, Vertices, Wedge, barrier, facing, least};
+use geom_core::surface::flow::{Elements, Ideal, Places, Vertices, Wedge, barrier, facing, least};
 use geom_core::{Point3, Vector3};
 
 use crate::options::Method;
@@ -142,10 +142,10 @@ impl Cells {
     }
 
     /// The shortest side of the quads of an element, over its first length.
-    fn shortest(&self, e: usize, positions: &[Point3]) -> f64 {
+    fn shortest(&self, e: usize, places: &Places<'_>) -> f64 {
         let quads = self.starts[e] as usize..self.starts[e + 1] as usize;
         let of = |q: usize| {
-            let p = self.quads[q].map(|n| self.node(n, positions));
+            let p = self.quads[q].map(|n| self.node(n, places));
             let share = move |k: usize| (p[(k + 1) % 4] - p[k]).norm() / self.sides[q][k % 2];
             (0..4).map(share)
         };
@@ -219,26 +219,26 @@ impl Cells {
     }
 
     /// The scaled Jacobian of an element.
-    pub(crate) fn jacobian(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
-        self.on_surface(e, vertices, scaled_jacobian)
+    pub(crate) fn jacobian(&self, e: usize, places: &Places<'_>) -> f64 {
+        self.on_surface(e, places, scaled_jacobian)
     }
 
     /// The same, rising also where the element lies on its back.
-    pub(crate) fn upright_jacobian(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
-        self.on_surface(e, vertices, upright_jacobian)
+    pub(crate) fn upright_jacobian(&self, e: usize, places: &Places<'_>) -> f64 {
+        self.on_surface(e, places, upright_jacobian)
     }
 
     /// The least of the quads of an element, each seen along the surface's normal over it.
     fn on_surface(
         &self,
         e: usize,
-        vertices: &Vertices<'_>,
+        places: &Places<'_>,
         of: impl Fn(&[Point3; 4], &Vector3) -> f64,
     ) -> f64 {
         let of = |quad: &[u32; 4]| {
-            let at = quad.map(|n| self.node(n, &vertices.positions));
-            let normals = quad.map(|n| self.normal(n, &vertices.normals));
-            of(&at, &self.surface_normal(quad, &at, &normals, vertices))
+            let at = quad.map(|n| self.node(n, places));
+            let normals = quad.map(|n| self.normal(n, places));
+            of(&at, &self.surface_normal(quad, &at, &normals, places))
         };
         least(self.of_element(e).iter().map(of))
     }
@@ -249,19 +249,19 @@ impl Cells {
         quad: &[u32; 4],
         at: &[Point3; 4],
         normals: &[Vector3; 4],
-        vertices: &Vertices<'_>,
+        places: &Places<'_>,
     ) -> Vector3 {
         // Each part of an element has one of its corners.
         let vertex = quad.iter().find(|&&n| (n as usize) < self.vertices);
-        let ground = vertices.ground(vertex.map_or(0, |&v| v as usize));
+        let ground = places.ground(vertex.map_or(0, |&v| v));
         ground.normal_over(at, normals)
     }
 
     /// The unit normal of a node alone.
-    fn normal(&self, n: u32, normals: &[Vector3]) -> Vector3 {
+    fn normal(&self, n: u32, places: &Places<'_>) -> Vector3 {
         match (n as usize).checked_sub(self.vertices) {
-            None => normals[n as usize],
-            Some(foot) => foot_normal(self.feet[foot].map(|p| self.normal(p, normals))),
+            None => places.normal(n),
+            Some(foot) => foot_normal(self.feet[foot].map(|p| self.normal(p, places))),
         }
     }
 
@@ -275,13 +275,12 @@ impl Cells {
     }
 
     /// A node alone.
-    pub(crate) fn node(&self, n: u32, positions: &[Point3]) -> Point3 {
+    pub(crate) fn node(&self, n: u32, places: &Places<'_>) -> Point3 {
         match (n as usize).checked_sub(self.vertices) {
-            None => positions[n as usize],
+            None => places.position(n),
             Some(foot) => {
-                let parents = self.feet[foot]
-                    .iter()
-                    .map(|&p| self.node(p, positions).coords);
+                let parents = self.feet[foot].iter();
+                let parents = parents.map(|&p| self.node(p, places).coords);
                 Point3::from(parents.sum::<Vector3>() / 4.0)
             }
         }
@@ -345,25 +344,25 @@ impl Elements for Cells {
             let of = |wedge: &Wedge| normals[wedge.nodes[0] as usize];
             return self.wedges.iter().map(of).collect();
         }
-        let nodes = self.nodes(&vertices.positions);
+        let (nodes, places) = (self.nodes(&vertices.positions), Places::of(vertices));
         parallel::flat_map(self.quads.len(), |q| {
             let quad = &self.quads[q];
             let at = quad.map(|n| nodes[n as usize]);
             let normals = quad.map(|n| normals[n as usize]);
-            let of_surface = self.surface_normal(quad, &at, &normals, vertices);
+            let of_surface = self.surface_normal(quad, &at, &normals, &places);
             [facing(&at, &of_surface).unwrap_or(normals[0]); 4]
         })
     }
 
     /// Sines say nothing of lengths: a side shorter than [`SHORT`] counts as bad as it is short.
-    fn merit(&self, e: usize, vertices: &Vertices<'_>) -> f64 {
-        self.upright_jacobian(e, vertices)
-            .min(self.shortest(e, &vertices.positions) / SHORT)
+    fn merit(&self, e: usize, places: &Places<'_>) -> f64 {
+        self.upright_jacobian(e, places)
+            .min(self.shortest(e, places) / SHORT)
     }
 
-    fn merit_at_most(&self, e: usize, positions: &[Point3]) -> f64 {
-        let of = |quad: &[u32; 4]| highest_jacobian(&quad.map(|n| self.node(n, positions)));
-        least(self.of_element(e).iter().map(of)).min(self.shortest(e, positions) / SHORT)
+    fn merit_at_most(&self, e: usize, places: &Places<'_>) -> f64 {
+        let of = |quad: &[u32; 4]| highest_jacobian(&quad.map(|n| self.node(n, places)));
+        least(self.of_element(e).iter().map(of)).min(self.shortest(e, places) / SHORT)
     }
 
     fn scale(&self, v: usize) -> f64 {

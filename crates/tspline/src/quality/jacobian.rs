@@ -2,7 +2,7 @@
 
 use geom_core::TriMesh;
 pub use geom_core::mesh::quality::JacobianSummary;
-use geom_core::surface::flow::Vertices;
+use geom_core::surface::flow::{Places, Vertices};
 use geom_core::surface::ground::Freedom;
 
 use super::cells::Cells;
@@ -30,6 +30,7 @@ pub fn scaled_jacobians(mesh: &TMesh, surface: &TriMesh) -> Result<Vec<f64>, Err
             .collect(),
     );
     let cells = Cells::new(mesh, positions, Method::Corners);
+    let places = Places::of(&vertices);
     let elements = 0..mesh.elements().len();
-    Ok(elements.map(|e| cells.jacobian(e, &vertices)).collect())
+    Ok(elements.map(|e| cells.jacobian(e, &places)).collect())
 }

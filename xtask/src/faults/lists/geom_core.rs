@@ -224,4 +224,11 @@ pub(super) const FAULTS: &[Fault] = &[
         "drop(free);",
     )
     .seen_by("flows::bad_elements_are_made_straight"),
+    Fault::wrong(
+        "neighbours search for better places at once",
+        "crates/geom-core/src/surface/flow/search.rs",
+        "next[v as usize] = turn + 1;",
+        "next[v as usize] = turn;",
+    )
+    .seen_by("flows::no_search_makes_the_worst_worse"),
 ];

@@ -2,7 +2,7 @@
 
 use geom_core::compute::parallel;
 use geom_core::mesh::quality::{highest_jacobian, scaled_jacobian, upright_jacobian};
-use geom_core::surface::flow::{Elements, Vertices, Wedge, facing, least};
+use geom_core::surface::flow::{Elements, Places, Vertices, Wedge, facing, least};
 use geom_core::{Point3, Vector3};
 
 use super::super::quality::mean_sides;
@@ -44,18 +44,18 @@ impl Quads {
     }
 
     /// The scaled Jacobian of one.
-    pub(super) fn jacobian(&self, q: usize, vertices: &Vertices<'_>) -> f64 {
-        self.on_quad(q, vertices, scaled_jacobian)
+    pub(super) fn jacobian(&self, q: usize, places: &Places<'_>) -> f64 {
+        self.on_quad(q, places, scaled_jacobian)
     }
 
     fn on_quad(
         &self,
         q: usize,
-        vertices: &Vertices<'_>,
+        places: &Places<'_>,
         of: impl Fn(&[Point3; 4], &Vector3) -> f64,
     ) -> f64 {
-        let corners = self.quads[q].map(|v| vertices.positions[v as usize]);
-        of(&corners, &self.surface_normal(q, &corners, vertices))
+        let corners = self.corners(q, places);
+        of(&corners, &self.surface_normal(q, &corners, places))
     }
 
     /// Of its sides, in what they shall be long.
@@ -64,11 +64,13 @@ impl Quads {
         least((0..4).map(length))
     }
 
-    fn surface_normal(&self, q: usize, at: &[Point3; 4], vertices: &Vertices<'_>) -> Vector3 {
-        let normals = self.quads[q].map(|v| vertices.normals[v as usize]);
-        vertices
-            .ground(self.quads[q][0] as usize)
-            .normal_over(at, &normals)
+    fn corners(&self, q: usize, places: &Places<'_>) -> [Point3; 4] {
+        self.quads[q].map(|v| places.position(v))
+    }
+
+    fn surface_normal(&self, q: usize, at: &[Point3; 4], places: &Places<'_>) -> Vector3 {
+        let normals = self.quads[q].map(|v| places.normal(v));
+        places.ground(self.quads[q][0]).normal_over(at, &normals)
     }
 }
 
@@ -113,23 +115,23 @@ impl Elements for Quads {
     }
 
     fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3> {
+        let places = Places::of(vertices);
         parallel::flat_map(self.quads.len(), |q| {
-            let at = self.quads[q].map(|v| vertices.positions[v as usize]);
-            let of_surface = self.surface_normal(q, &at, vertices);
+            let at = self.corners(q, &places);
+            let of_surface = self.surface_normal(q, &at, &places);
             let first = vertices.normals[self.quads[q][0] as usize];
             [facing(&at, &of_surface).unwrap_or(first); 4]
         })
     }
 
     /// Rising also where a quad lies on its back, and no more than its shortest side is long.
-    fn merit(&self, q: usize, vertices: &Vertices<'_>) -> f64 {
-        let merit = self.on_quad(q, vertices, upright_jacobian);
-        let corners = self.quads[q].map(|v| vertices.positions[v as usize]);
-        merit.min(self.shortest(q, &corners) / SHORT)
+    fn merit(&self, q: usize, places: &Places<'_>) -> f64 {
+        let merit = self.on_quad(q, places, upright_jacobian);
+        merit.min(self.shortest(q, &self.corners(q, places)) / SHORT)
     }
 
-    fn merit_at_most(&self, q: usize, positions: &[Point3]) -> f64 {
-        let corners = self.quads[q].map(|v| positions[v as usize]);
+    fn merit_at_most(&self, q: usize, places: &Places<'_>) -> f64 {
+        let corners = self.corners(q, places);
         highest_jacobian(&corners).min(self.shortest(q, &corners) / SHORT)
     }
 

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 
 use geom_core::compute::parallel;
 use geom_core::mesh::Halfedges;
-use geom_core::surface::flow::{CornerObject, Descent, Elements, Search, Vertices, least};
+use geom_core::surface::flow::{CornerObject, Descent, Elements, Places, Search, Vertices, least};
 use geom_core::surface::ground::Freedom;
 use geom_core::{Cpu, QuadMesh, Run};
 
@@ -194,7 +194,8 @@ impl Place {
     /// The best of what one operation makes of the patch, or two where no one helps and `twice` is not spent; `None` if those
     /// do not, either.
     fn best(&self, flow: &Flow<'_>, twice: &mut usize) -> Result<Option<Tried>, Error> {
-        let merit = |&q: &u32| flow.elements.merit(q as usize, &flow.vertices);
+        let places = Places::of(&flow.vertices);
+        let merit = |&q: &u32| flow.elements.merit(q as usize, &places);
         let before = least(self.quads.iter().map(merit));
         let helps = |tried: &Tried| tried.worst.0 > before + GAIN && self.fits(&tried.patch, flow);
         let changes = |patch: &Patch, quad: usize| {

@@ -114,6 +114,52 @@ impl<'a> Vertices<'a> {
     }
 }
 
+/// Where vertices are; one of them may try another place, which the others do not see.
+#[derive(Clone, Copy)]
+pub struct Places<'v> {
+    vertices: &'v Vertices<'v>,
+    tried: Option<(usize, (Point3, Vector3))>,
+}
+
+impl<'v> Places<'v> {
+    /// All as they are.
+    pub fn of(vertices: &'v Vertices<'v>) -> Self {
+        Self {
+            vertices,
+            tried: None,
+        }
+    }
+
+    /// One of them elsewhere, with the surface's unit normal there.
+    #[must_use]
+    pub fn but(self, vertex: usize, place: (Point3, Vector3)) -> Self {
+        Self {
+            tried: Some((vertex, place)),
+            ..self
+        }
+    }
+
+    fn of_tried(&self, vertex: u32) -> Option<(Point3, Vector3)> {
+        let tried = self.tried.filter(|(v, _)| *v == vertex as usize);
+        tried.map(|(_, place)| place)
+    }
+
+    /// Of one vertex.
+    pub fn position(&self, vertex: u32) -> Point3 {
+        (self.of_tried(vertex)).map_or(self.vertices.positions[vertex as usize], |at| at.0)
+    }
+
+    /// The surface's unit normal there.
+    pub fn normal(&self, vertex: u32) -> Vector3 {
+        (self.of_tried(vertex)).map_or(self.vertices.normals[vertex as usize], |at| at.1)
+    }
+
+    /// The surface that a vertex is on.
+    pub fn ground(&self, vertex: u32) -> &'v Ground<'v> {
+        self.vertices.ground(vertex as usize)
+    }
+}
+
 /// What two edges that meet in a corner shall be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ideal {
@@ -172,7 +218,7 @@ pub trait Elements: Sync {
 
     /// How many.
     fn count(&self) -> usize;
-    /// The vertices of one, each once.
+    /// The vertices of one, each once: those that its merit depends on.
     fn rim(&self, element: usize) -> Self::Rim;
     /// The elements around a vertex.
     fn around(&self, vertex: usize) -> &[u32];
@@ -185,9 +231,9 @@ pub trait Elements: Sync {
     /// best corner looks inverted, and all others would be spoiled for its sake.
     fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3>;
     /// What a search raises, as [`upright_jacobian`](crate::mesh::quality::upright_jacobian).
-    fn merit(&self, element: usize, vertices: &Vertices<'_>) -> f64;
+    fn merit(&self, element: usize, places: &Places<'_>) -> f64;
     /// What the merit is at most, from the positions alone: many a place is refused by it, without a question to the surface.
-    fn merit_at_most(&self, _element: usize, _positions: &[Point3]) -> f64 {
+    fn merit_at_most(&self, _element: usize, _places: &Places<'_>) -> f64 {
         f64::INFINITY
     }
     /// The square of a reasonable step of a vertex: the area of the quads around it.
@@ -210,8 +256,8 @@ pub trait Elements: Sync {
     }
 }
 
-/// What an element is worth, its scaled Jacobian perhaps.
-pub type Measure<E> = fn(&E, usize, &Vertices<'_>) -> f64;
+/// What an element is worth, its scaled Jacobian perhaps; the places of its own vertices decide it.
+pub type Measure<E> = fn(&E, usize, &Places<'_>) -> f64;
 
 /// How far a flow goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -388,9 +434,8 @@ impl<'a, E: Elements> Flow<'a, E> {
 
     /// What is measured, of each element.
     pub fn values(&self, of: Measure<E>) -> Vec<f64> {
-        parallel::map(self.elements.count(), |e| {
-            of(&self.elements, e, &self.vertices)
-        })
+        let places = Places::of(&self.vertices);
+        parallel::map(self.elements.count(), |e| of(&self.elements, e, &places))
     }
 
     /// The least of that.

@@ -3,8 +3,10 @@
 //! Where the mean is good and single corners are not, vertices of the worst elements search for better places one by one. Four that
 //! can only move together are stuck so; they go down a high power of the corners' distortion, with all around them.
 
-use super::{Descent, Elements, Flow, Measure, State, least};
+use super::{Descent, Elements, Flow, Measure, Places, State, least};
+use crate::compute::parallel;
 use crate::surface::ground::Freedom;
+use crate::{Point3, Vector3};
 
 /// Below this, elements are bad: a search alone may be stuck.
 const LOW: f64 = 0.6;
@@ -62,18 +64,21 @@ impl<E: Elements> Flow<'_, E> {
                 .collect();
             bad.sort_by(|&a, &b| values[a].total_cmp(&values[b]).then(a.cmp(&b)));
             let mut searched = false;
-            for e in bad {
-                for v in self.elements.rim(e) {
-                    let (v, step) = (v as usize, steps[v as usize]);
-                    if step < SHORTEST {
-                        continue;
-                    }
-                    searched = true;
-                    tries[v] += 1;
-                    if !self.search(v, step, tries[v]) {
+            for mut turn in self.turns(&bad) {
+                turn.retain(|&v| steps[v as usize] >= SHORTEST);
+                searched |= !turn.is_empty();
+                turn.iter().for_each(|&v| tries[v as usize] += 1);
+                let found = parallel::map_each(&turn, |&v| {
+                    self.search(v as usize, steps[v as usize], tries[v as usize])
+                });
+                for (v, found) in turn.into_iter().zip(found) {
+                    let v = v as usize;
+                    let step = steps[v];
+                    let Some(place) = found else {
                         steps[v] = 0.5 * step;
                         continue;
-                    }
+                    };
+                    (self.vertices.positions[v], self.vertices.normals[v]) = place;
                     lifted[v] = true;
                     for &near in self.elements.around(v) {
                         for w in self.elements.rim(near as usize) {
@@ -89,33 +94,49 @@ impl<E: Elements> Flow<'_, E> {
         Ok(lifted.iter().filter(|&&l| l).count())
     }
 
-    /// Moves a vertex to the best of eight places `step` away, if one is better; the directions turn with the tries, since
+    /// The vertices of elements in turns whose vertices have no element in common. One after the other would come to the same: each
+    /// has its turn after all neighbours that came before it.
+    fn turns(&self, elements: &[usize]) -> Vec<Vec<u32>> {
+        let mut turns: Vec<Vec<u32>> = Vec::new();
+        // The first turn after the last of each vertex.
+        let mut next = vec![0; self.vertices.positions.len()];
+        for v in elements.iter().flat_map(|&e| self.elements.rim(e)) {
+            let around = self.elements.around(v as usize).iter();
+            let near = around.flat_map(|&e| self.elements.rim(e as usize));
+            let turn = near.map(|w| next[w as usize]).max().unwrap_or(0);
+            next[v as usize] = turn + 1;
+            if turn == turns.len() {
+                turns.push(Vec::new());
+            }
+            turns[turn].push(v);
+        }
+        turns
+    }
+
+    /// The best of eight places `step` away from a vertex, if one is better; the directions turn with the tries, since
     /// those in which the worst of several elements becomes better may be few.
-    fn search(&mut self, v: usize, step: f64, tries: u32) -> bool {
+    fn search(&self, v: usize, step: f64, tries: u32) -> Option<(Point3, Vector3)> {
         let freedom = self.vertices.freedom[v];
         if freedom == Freedom::Fixed {
-            return false;
+            return None;
         }
+        let places = Places::of(&self.vertices);
         let start = (self.vertices.positions[v], self.vertices.normals[v]);
         let mut refuser = 0;
-        let before = self.worst_around(v, f64::NEG_INFINITY, &mut refuser);
+        let before = self.worst_around(v, &places, f64::NEG_INFINITY, &mut refuser);
         let way = [step * self.elements.reach(v), GOLDEN * f64::from(tries)];
         let ground = self.vertices.ground(v);
-        let found = ground.best_around(start, way, freedom, before, |&place, least| {
-            (self.vertices.positions[v], self.vertices.normals[v]) = place;
-            self.worst_around(v, least, &mut refuser)
-        });
-        (self.vertices.positions[v], self.vertices.normals[v]) = found.unwrap_or(start);
-        found.is_some()
+        ground.best_around(start, way, freedom, before, |&place, least| {
+            self.worst_around(v, &places.but(v, place), least, &mut refuser)
+        })
     }
 
     /// The merit of the worst element around a vertex, or any number that is not above `floor` if it is not. The element that was so
     /// last is asked first.
-    fn worst_around(&self, v: usize, floor: f64, refuser: &mut usize) -> f64 {
+    fn worst_around(&self, v: usize, places: &Places<'_>, floor: f64, refuser: &mut usize) -> f64 {
         let around = self.elements.around(v);
         let by_turns = |first: usize| (0..around.len()).map(move |k| (first + k) % around.len());
-        let (elements, vertices) = (&self.elements, &self.vertices);
-        let most = |at: usize| elements.merit_at_most(around[at] as usize, &vertices.positions);
+        let most = |at: usize| self.elements.merit_at_most(around[at] as usize, places);
         for at in by_turns(*refuser) {
             let most = most(at);
             if most <= floor {
@@ -125,7 +146,7 @@ impl<E: Elements> Flow<'_, E> {
         }
         let mut worst = f64::INFINITY;
         for at in by_turns(*refuser) {
-            let merit = elements.merit(around[at] as usize, vertices);
+            let merit = self.elements.merit(around[at] as usize, places);
             debug_assert!(merit <= most(at), "{merit} is at most {}", most(at));
             worst = worst.min(merit);
             if worst <= floor {
