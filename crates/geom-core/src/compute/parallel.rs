@@ -4,6 +4,7 @@
 //! are cut into fixed chunks ([`CHUNK`]), and what these give is added in their order. Loops that give a value per item
 //! ([`map`] and those after it) are cut as the threads need it: there the cuts leave no trace.
 
+use std::cell::Cell;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
@@ -17,7 +18,36 @@ pub const CHUNK: usize = 4096;
 /// Runs `f` on a thread of the pool, so that the loops in it start without handing work over to
 /// another thread: worth it where they are many and short.
 pub fn inside<T: Send>(f: impl FnOnce() -> T + Send) -> T {
-    rayon::scope(|_| f())
+    if ALONE.get() {
+        f()
+    } else {
+        rayon::scope(|_| f())
+    }
+}
+
+thread_local! {
+    /// Do loops on this thread stay there?
+    static ALONE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs `f` with its loops on this thread alone. Other threads must be woken for each of them, which takes as long as some thousand
+/// operations: where loops are shorter than that and many, or run in a loop of which each thread has a share anyway.
+///
+/// ```
+/// use geom_core::compute::parallel;
+/// assert_eq!(parallel::alone(|| parallel::sum(5, |i| i as f64)), 10.0);
+/// ```
+///
+/// It gives what it gives with them, as all loops here do. Those of other crates do not ask.
+pub fn alone<T>(f: impl FnOnce() -> T) -> T {
+    struct Back(bool);
+    impl Drop for Back {
+        fn drop(&mut self) {
+            ALONE.set(self.0);
+        }
+    }
+    let _back = Back(ALONE.replace(true));
+    f()
 }
 
 /// `Σ f(i)` for `i < n`, over fixed chunks combined in order.
@@ -202,7 +232,12 @@ const PIECES: usize = 16;
 
 /// Into how many pieces a loop over `n` is cut.
 fn pieces_of(n: usize) -> usize {
-    n.min(PIECES * rayon::current_num_threads())
+    let most = if ALONE.get() {
+        1
+    } else {
+        PIECES * rayon::current_num_threads()
+    };
+    n.min(most)
 }
 
 /// `f` of consecutive ranges that make up `0..n`, one after the other. How many ranges there are depends on the number of
@@ -241,7 +276,7 @@ fn in_pieces(n: usize, f: &(dyn Fn(usize, Range<usize>) + Sync)) {
 
 /// `f(i)` for `i < n`, in any order.
 fn each(n: usize, f: &(dyn Fn(usize) + Sync)) {
-    if n < 2 {
+    if n < 2 || ALONE.get() {
         (0..n).for_each(f);
     } else {
         (0..n).into_par_iter().for_each(f);

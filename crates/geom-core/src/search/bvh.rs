@@ -134,7 +134,8 @@ impl TriangleTree {
 
     fn slots(&self, leaf: usize) -> std::ops::Range<usize> {
         let n = self.ids.len();
-        n * leaf / self.leaves..n * (leaf + 1) / self.leaves
+        let levels = self.leaves.trailing_zeros();
+        (n * leaf) >> levels..(n * (leaf + 1)) >> levels
     }
 
     /// The closest point of the mesh to `p`.
@@ -188,7 +189,12 @@ impl TriangleTree {
                 node = near;
             }
             for slot in self.slots(node as usize + 1 - self.leaves) {
-                let (barycentric, q) = closest_in_triangle(p, &self.corners[slot]);
+                // Most triangles of a leaf are farther than the nearest so far, and their boxes say so at a fraction of the price.
+                let corners = &self.corners[slot];
+                if box_distance_squared(corners, p) * SURELY > best_squared {
+                    continue;
+                }
+                let (barycentric, q) = closest_in_triangle(p, corners);
                 let d = (q - p).norm_squared();
                 let id = self.ids[slot];
                 let wins = match best {
@@ -342,6 +348,16 @@ fn partition(order: &mut [(Point3, u32)], first: usize, count: usize, leaves: us
         || partition(left, first, half, leaves, n),
         || partition(right, first + half, half, leaves, n),
     );
+}
+
+/// Squared distance from `p` to the box around a triangle: [`Aabb::distance_squared`] without a box between them.
+fn box_distance_squared([a, b, c]: &[Point3; 3], p: &Point3) -> f64 {
+    let apart = |k: usize| {
+        let (low, high) = (a[k].min(b[k]).min(c[k]), a[k].max(b[k]).max(c[k]));
+        let d = (low - p[k]).max(p[k] - high).max(0.0);
+        d * d
+    };
+    (0..3).map(apart).sum()
 }
 
 /// The closest point to `p` in a triangle, and its barycentric coordinates. Follows the Voronoi

@@ -6,6 +6,8 @@
 //! `χ = (det + √(ε² + det²)) / 2`, which is positive everywhere, close to det above ε and close to 0 below −ε. With ε large a
 //! folded triangle costs little; as ε falls, unfolding it is what pays (Garanzha et al., 2021).
 
+use geom_core::compute::parallel;
+
 use super::effort::Effort;
 use super::energy::{Energy, LEAST};
 use super::lbfgs::{Bend, STEPS, minimize};
@@ -18,6 +20,8 @@ use crate::map::system::System;
 const ROUNDS: usize = 60;
 /// A folded map stays so when its worst triangle is not better after so many.
 const STALLED: usize = 20;
+/// Fewer triangles are worked on by one thread: a step of theirs takes less time than others to wake.
+const FEW: usize = 2000;
 /// Below this ε upright triangles do not fold again: the mean determinant is 1.
 const FIRM: f64 = 1.0;
 /// An upright map is settled when a round lowers its energy by less, relatively.
@@ -55,7 +59,21 @@ pub(crate) fn untangle(
     moves: &Moves<'_>,
     run: On<'_>,
 ) -> Result<(), Error> {
-    let mut energy = Energy::new(system, moves.scope, &moves.held, w, run);
+    let energy = Energy::new(system, moves.scope, &moves.held, w, run);
+    if energy.triangles() < FEW {
+        parallel::alone(|| rounds(energy, w, moves, run))
+    } else {
+        rounds(energy, w, moves, run)
+    }
+}
+
+/// The minimizations, each with its ε.
+fn rounds(
+    mut energy: Energy<'_>,
+    w: &mut [f64],
+    moves: &Moves<'_>,
+    run: On<'_>,
+) -> Result<(), Error> {
     let mut x: Vec<f64> = moves.scope.unknowns.iter().map(|&k| w[k]).collect();
     let worst = energy.worst(&x);
     energy.epsilon = first_epsilon(worst);

@@ -10,6 +10,9 @@ use crate::{Point3, Vector3};
 
 /// Below this, elements are bad: a search alone may be stuck.
 const LOW: f64 = 0.6;
+/// Above that, a place must be better by this share of the step: what gains less is not worth the many steps that it takes. A forcing
+/// function, as Kolda, Lewis and Torczon call it, but linear: the worst of several is not smooth, and no step is shorter than the last.
+const FORCING: f64 = 0.03;
 /// Rings around them that go down a power, and which.
 const RINGS: usize = 3;
 const STEEP: i32 = 12;
@@ -125,8 +128,9 @@ impl<E: Elements> Flow<'_, E> {
         let mut refuser = 0;
         let before = self.worst_around(v, &places, f64::NEG_INFINITY, &mut refuser);
         let way = [step * self.elements.reach(v), GOLDEN * f64::from(tries)];
+        let least = before + if before < LOW { 0.0 } else { FORCING * step };
         let ground = self.vertices.ground(v);
-        ground.best_around(start, way, freedom, before, |&place, least| {
+        ground.best_around(start, way, freedom, least, |&place, least| {
             self.worst_around(v, &places.but(v, place), least, &mut refuser)
         })
     }
