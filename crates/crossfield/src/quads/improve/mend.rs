@@ -222,31 +222,21 @@ impl Place {
         Ok(all.into_iter().find(helps))
     }
 
-    /// The patches that are best at a glance, at their best places, the best first. Of those that are less regular than one that is
-    /// fine none would be taken: the most regular go first, and the others only where none of them is.
-    fn tried(&self, mut patches: Vec<Patch>, flow: &Flow<'_>) -> Result<Vec<Tried>, Error> {
+    /// The patches that are best at a glance, at their best places, the best first. Each on one thread: there are many.
+    fn tried(&self, patches: Vec<Patch>, flow: &Flow<'_>) -> Result<Vec<Tried>, Error> {
         let in_order = |made: Vec<Result<Tried, Error>>| -> Result<Vec<Tried>, Error> {
             let mut made = made.into_iter().collect::<Result<Vec<_>, _>>()?;
             made.sort_by(better);
             Ok(made)
         };
-        patches.sort_by_cached_key(Patch::irregularity);
-        let mut all = Vec::new();
-        for equal in patches.chunk_by(|a, b| a.irregularity() == b.irregularity()) {
-            let flowed =
-                parallel::map_each(equal, |patch| parallel::alone(|| self.flowed(patch, flow)));
-            let mut flowed = in_order(flowed)?;
-            flowed.truncate(CHOSEN);
-            all.extend(in_order(parallel::map_each(&flowed, |tried| {
-                parallel::alone(|| self.lifted(&tried.patch, flow))
-            }))?);
-            let fine = |tried: &Tried| tried.worst.0 >= FINE && self.fits(&tried.patch, flow);
-            if all.iter().any(fine) {
-                break;
-            }
-        }
-        all.sort_by(better);
-        Ok(all)
+        let flowed = parallel::map_each(&patches, |patch| {
+            parallel::alone(|| self.flowed(patch, flow))
+        });
+        let mut flowed = in_order(flowed)?;
+        flowed.truncate(CHOSEN);
+        in_order(parallel::map_each(&flowed, |tried| {
+            parallel::alone(|| self.lifted(&tried.patch, flow))
+        }))
     }
 
     /// A patch after a flow of all its vertices together, and a glance at its worst quads.

@@ -10,8 +10,9 @@ use crate::{Point3, Vector3};
 
 /// Below this, elements are bad: a search alone may be stuck.
 const LOW: f64 = 0.6;
-/// Above that, a place must be better by this share of the step: what gains less is not worth the many steps that it takes. A forcing
-/// function, as Kolda, Lewis and Torczon call it, but linear: the worst of several is not smooth, and no step is shorter than the last.
+/// Above that, where the goal is higher, a place must be better by this share of the step: what gains less is not worth the
+/// many steps that it takes. A forcing function, as Kolda, Lewis and Torczon call it, but linear: the worst of several is not smooth, and
+/// steps have a last length.
 const FORCING: f64 = 0.03;
 /// Rings around them that go down a power, and which.
 const RINGS: usize = 3;
@@ -59,6 +60,7 @@ impl<E: Elements> Flow<'_, E> {
         let count = self.vertices.positions.len();
         let mut steps = vec![how.first; count];
         let (mut tries, mut lifted) = (vec![0u32; count], vec![false; count]);
+        let forcing = if how.goal > LOW { FORCING } else { 0.0 };
         for round in 0..how.rounds {
             (self.run).progress("worst elements", round as u64, how.rounds as u64)?;
             let values = self.values(how.by);
@@ -72,7 +74,7 @@ impl<E: Elements> Flow<'_, E> {
                 searched |= !turn.is_empty();
                 turn.iter().for_each(|&v| tries[v as usize] += 1);
                 let found = parallel::map_each(&turn, |&v| {
-                    self.search(v as usize, steps[v as usize], tries[v as usize])
+                    self.search(v as usize, steps[v as usize], tries[v as usize], forcing)
                 });
                 for (v, found) in turn.into_iter().zip(found) {
                     let v = v as usize;
@@ -118,7 +120,7 @@ impl<E: Elements> Flow<'_, E> {
 
     /// The best of eight places `step` away from a vertex, if one is better; the directions turn with the tries, since
     /// those in which the worst of several elements becomes better may be few.
-    fn search(&self, v: usize, step: f64, tries: u32) -> Option<(Point3, Vector3)> {
+    fn search(&self, v: usize, step: f64, tries: u32, forcing: f64) -> Option<(Point3, Vector3)> {
         let freedom = self.vertices.freedom[v];
         if freedom == Freedom::Fixed {
             return None;
@@ -128,7 +130,7 @@ impl<E: Elements> Flow<'_, E> {
         let mut refuser = 0;
         let before = self.worst_around(v, &places, f64::NEG_INFINITY, &mut refuser);
         let way = [step * self.elements.reach(v), GOLDEN * f64::from(tries)];
-        let least = before + if before < LOW { 0.0 } else { FORCING * step };
+        let least = before + if before < LOW { 0.0 } else { forcing * step };
         let ground = self.vertices.ground(v);
         ground.best_around(start, way, freedom, least, |&place, least| {
             self.worst_around(v, &places.but(v, place), least, &mut refuser)
