@@ -170,6 +170,28 @@ proptest! {
     }
 }
 
+/// Of triangles that touch at the query the same one is found as by trying all, whatever their boxes round to.
+#[test]
+fn of_touching_triangles_the_tree_names_the_one_that_trying_all_names() {
+    let away = Vector3::new(17.3, -41.9, 88.1);
+    let (mut positions, triangles) = shapes::icosphere(3.7, 3).into_parts();
+    positions.iter_mut().for_each(|p| *p += away);
+    let mesh = TriMesh::new(positions, triangles).unwrap();
+    let tree = TriangleTree::new(&mesh).unwrap();
+    let all = |p: &Point3| {
+        let distance = |t| (closest_in_triangle(p, &mesh.corners(t)).1 - p).norm_squared();
+        let triangles = (0..mesh.triangles().len()).map(|t| (distance(t), t));
+        let nearest = triangles.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        nearest.unwrap().1 as u32
+    };
+    for t in 0..mesh.triangles().len() {
+        let [a, b, c] = mesh.corners(t);
+        for p in [a, a + (b - a) / 3.0, b + (c - b) * 0.7] {
+            assert_eq!(tree.closest(&p).triangle, all(&p), "{p}");
+        }
+    }
+}
+
 #[test]
 fn a_mesh_has_the_distances_of_its_edges_and_triangles() {
     // Two triangles of a unit square, one of its own.
