@@ -2,6 +2,7 @@
 
 use std::error::Error as _;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::thread;
 
 use geom_core::compute::BackendError;
 use geom_core::compute::coloring::Coloring;
@@ -157,6 +158,30 @@ fn values_are_short() {
     assert_eq!([of(1e-310), of(-1e200)], ["1e-310", "-1e200"]);
     let text = OutOfRange::new("option", "a path that is rather long", "be shorter");
     assert_eq!(text.value, "a path that is rather long");
+}
+
+/// Within `alone` loops run where they are called, and after it, also where that ended in a panic, on the pool's threads again.
+#[test]
+fn loops_alone_stay_on_their_thread() {
+    let here = thread::current().id();
+    let is_here = || {
+        let mut seen = vec![false; 64];
+        parallel::for_chunks(&mut seen, 3, |_, seen| {
+            seen.fill(thread::current().id() == here);
+        });
+        seen.extend(parallel::map(64, |_| thread::current().id() == here));
+        seen.push(parallel::inside(|| thread::current().id() == here));
+        seen
+    };
+    assert!(is_here().iter().all(|here| !here));
+    // One within another does not end the outer one.
+    assert!(
+        parallel::alone(|| [parallel::alone(is_here), is_here()].concat())
+            .iter()
+            .all(|&here| here)
+    );
+    assert!(std::panic::catch_unwind(|| parallel::alone(|| panic!("within"))).is_err());
+    assert!(is_here().iter().all(|here| !here));
 }
 
 #[test]

@@ -170,9 +170,9 @@ proptest! {
     }
 }
 
-/// Of triangles that touch at the query the same one is found as by trying all, whatever their boxes round to.
+/// Of triangles that touch at the query the same one is found as by trying all: the lowest of those that are as near.
 #[test]
-fn of_touching_triangles_the_tree_names_the_one_that_trying_all_names() {
+fn of_touching_triangles_the_tree_names_the_lowest() {
     let away = Vector3::new(17.3, -41.9, 88.1);
     let (mut positions, triangles) = shapes::icosphere(3.7, 3).into_parts();
     positions.iter_mut().for_each(|p| *p += away);

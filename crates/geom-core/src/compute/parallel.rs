@@ -16,7 +16,7 @@ use rayon::prelude::*;
 pub const CHUNK: usize = 4096;
 
 /// Runs `f` on a thread of the pool, so that the loops in it start without handing work over to
-/// another thread: worth it where they are many and short.
+/// another thread: worth it where they are many and short. Within [`alone`] it stays where it is.
 pub fn inside<T: Send>(f: impl FnOnce() -> T + Send) -> T {
     if ALONE.get() {
         f()
@@ -38,7 +38,7 @@ thread_local! {
 /// assert_eq!(parallel::alone(|| parallel::sum(5, |i| i as f64)), 10.0);
 /// ```
 ///
-/// It gives what it gives with them, as all loops here do. Those of other crates do not ask.
+/// It gives what it gives with them, as all loops here do. [`extend`], sorts and the loops of other crates do not ask.
 pub fn alone<T>(f: impl FnOnce() -> T) -> T {
     struct Back(bool);
     impl Drop for Back {

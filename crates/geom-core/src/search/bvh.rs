@@ -159,9 +159,6 @@ impl TriangleTree {
         if radius < 0.0 {
             return None;
         }
-        // The nearest point of a triangle rounds by its coordinates: of those that touch at `p` the lowest shall be found, though
-        // the boxes of some may be as far away as that.
-        let beside = (1e-9 * p.coords.amax()).powi(2);
         let mut best_squared = radius * radius;
         let mut best: Option<(u32, [f64; 3], Point3)> = None;
         // 2³² triangles make a tree of 31 levels; one sibling waits on each.
@@ -194,7 +191,7 @@ impl TriangleTree {
             for slot in self.slots(node as usize + 1 - self.leaves) {
                 // Most triangles of a leaf are farther than the nearest so far, and their boxes say so at a fraction of the price.
                 let corners = &self.corners[slot];
-                if box_distance_squared(corners, p) * SURELY > best_squared + beside {
+                if box_distance_squared(corners, p) * SURELY > best_squared {
                     continue;
                 }
                 let (barycentric, q) = closest_in_triangle(p, corners);

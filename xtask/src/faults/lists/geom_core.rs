@@ -231,4 +231,25 @@ pub(super) const FAULTS: &[Fault] = &[
         "next[v as usize] = turn;",
     )
     .seen_by("flows::no_search_makes_the_worst_worse"),
+    Fault::wrong(
+        "loops that shall stay on their thread do not",
+        "crates/geom-core/src/compute/parallel.rs",
+        "let _back = Back(ALONE.replace(true));",
+        "let _back = Back(ALONE.replace(false));",
+    )
+    .seen_by("compute::loops_alone_stay_on_their_thread"),
+    Fault::wrong(
+        "loops stay on their thread for ever",
+        "crates/geom-core/src/compute/parallel.rs",
+        "ALONE.set(self.0);",
+        "ALONE.set(true);",
+    )
+    .seen_by("compute::loops_alone_stay_on_their_thread"),
+    Fault::wrong(
+        "of triangles that touch the first that is met is named",
+        "crates/geom-core/src/search/bvh.rs",
+        "d < best_squared || (d == best_squared && id < b)",
+        "d < best_squared || (d == best_squared && id == b)",
+    )
+    .seen_by("surfaces::of_touching_triangles_the_tree_names_the_lowest"),
 ];

@@ -1,7 +1,7 @@
 //! The worst elements, after the flow.
 //!
-//! Where the mean is good and single corners are not, vertices of the worst elements search for better places one by one. Four that
-//! can only move together are stuck so; they go down a high power of the corners' distortion, with all around them.
+//! Where the mean is good and single corners are not, vertices of the worst elements search for better places, as one after
+//! the other. Four that can only move together are stuck so; they go down a high power of the corners' distortion, with all around them.
 
 use super::{Descent, Elements, Flow, Measure, Places, State, least};
 use crate::compute::parallel;
