@@ -125,6 +125,11 @@ pub fn decimated(
     crate::map::decimated(mesh, frames, field, options, run)
 }
 
+/// How many times as long as they are the sides of the triangles are wanted where a map of a field starts to unfold.
+pub fn sizes(mesh: &TriMesh, frames: &Frames, field: &CrossField) -> Result<Vec<f64>, Error> {
+    crate::map::sizes(mesh, frames, field)
+}
+
 /// How much work maps of a field without integers cost to unfold, in evaluations of all triangles, one after the other; `None`
 /// for one that stays folded.
 pub fn unfolding_costs(

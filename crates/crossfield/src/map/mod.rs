@@ -52,6 +52,7 @@
 //! ```
 
 mod cones;
+mod conformal;
 mod cut;
 pub(crate) mod exact;
 mod integers;
@@ -68,7 +69,7 @@ pub(crate) use integers::{guarded, inverse, rounded};
 pub(crate) use net::Net;
 pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]
-pub(crate) use parameterize::{decimated, of_integers, unfolding_costs};
+pub(crate) use parameterize::{decimated, of_integers, sizes, unfolding_costs};
 pub(crate) use unfold::{Effort, Ends, Folded, Unfolding};
 
 pub use exact::{GridMap, MapReport};

@@ -8,6 +8,7 @@ use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
 use super::cones::has_wrong_angle;
+use super::conformal;
 use super::cut::Cut;
 use super::exact::{BITS, GridMap, MapReport, fixed, wrong_cones};
 use super::integers::{AtLeast, Coarse, Quadratic, Spread, Upright};
@@ -210,6 +211,21 @@ pub(crate) fn decimated(
             .decimated(&relaxed.corners)
             .map(|coarse| coarse.triangles()))
     })
+}
+
+/// The sizes that a map starts to unfold from.
+#[cfg(feature = "testing")]
+pub(crate) fn sizes(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+) -> Result<Vec<f64>, Error> {
+    let options = MapOptions {
+        spacing: Spacing::Uniform(1.0),
+        lines: Vec::new(),
+    };
+    let (_, _, charts) = prepared(mesh, frames, field, &options)?;
+    conformal::scales(&charts, frames, field)
 }
 
 /// What each of several maps of a field costs to unfold without integers, in evaluations of all triangles; `None` for one that
@@ -481,38 +497,64 @@ impl<'a> Making<'a> {
             .collect()
     }
 
-    /// The unknowns after unfolding with all of them free. A map that is resumed folds in few places.
-    fn unfolded_optimum(&self, optimum: Optimum<'a>, is_resumed: bool) -> Result<Vec<f64>, Error> {
-        // A map upright at one spacing is so at any, and only has to settle.
-        let last = self.unfolding.ends.upright.take().map(|w| self.fitted(w));
-        let last = last.filter(|w| self.unfolder().is_valid(w));
-        let mut w = optimum.w;
+    /// The unknowns after unfolding with all of them free, as many quads as asked for. A map that is resumed folds in few places.
+    fn unfolded_optimum(
+        &mut self,
+        optimum: Optimum<'a>,
+        is_resumed: bool,
+    ) -> Result<Vec<f64>, Error> {
+        let Optimum {
+            weighted, mut w, ..
+        } = optimum;
         if is_resumed {
-            self.unfolder().mended(&optimum.weighted, true, &mut w)?;
-            return Ok(w);
+            self.unfolder().mended(&weighted, true, &mut w)?;
+            return Ok(self.sized(w));
         }
-        for start in last.into_iter().chain([std::mem::take(&mut w)]) {
-            w = start;
-            if self.unfolder().untangled(&optimum.weighted, true, &mut w)? {
-                break;
+        // A map upright at one spacing is so at any, and only has to settle.
+        let last = self.unfolding.ends.upright.take().map(|w| self.sized(w));
+        if let Some(mut last) = last.filter(|w| self.unfolder().is_valid(w)) {
+            if self.unfolder().untangled(&weighted, true, &mut last)? {
+                return Ok(self.sized(last));
             }
         }
-        Ok(w)
+        // Where triangles may be of the sizes that the cones ask for, few fold, and these unfold where they are.
+        match self.conformal_optimum() {
+            Ok(of_cones) => w = of_cones,
+            // Needles may be beyond the digits of their cotangents.
+            Err(Error::Matrix(_)) => {}
+            Err(error) => return Err(error),
+        }
+        let reserve = self.unfolding.effort.share(2);
+        let is_upright = self.unfolder().mended(&weighted, true, &mut w)?;
+        self.unfolding.effort.give_back(&reserve);
+        if !is_upright {
+            self.unfolder().untangled(&weighted, true, &mut w)?;
+        }
+        Ok(self.sized(w))
     }
 
-    /// The same map as large as fits best, in least squares.
-    fn fitted(&self, mut w: Vec<f64>) -> Vec<f64> {
-        let (mut along, mut squared) = (0.0, 0.0);
-        let charts = self.system.charts.iter().zip(&self.system.wanted);
-        for ((chart, wanted), uv) in charts.zip(&self.system.corners(&w)) {
-            let j = chart.jacobian(uv);
-            for (j, w) in j.as_flattened().iter().zip(wanted.as_flattened()) {
-                along += chart.area * j * w;
-                squared += chart.area * j * j;
-            }
-        }
-        if along > 0.0 {
-            w.iter_mut().for_each(|w| *w *= along / squared);
+    /// The optimum for triangles of the sizes that the field's cones ask for.
+    fn conformal_optimum(&mut self) -> Result<Vec<f64>, Error> {
+        let charts = self.system.charts;
+        let scales = conformal::scales(charts, self.frames, self.field)?;
+        // Errors count in what is wanted there.
+        let weights: Vec<f64> = scales.iter().map(|s| (s * s).recip()).collect();
+        let sizes = scales.iter().map(|&s| [[s, 0.0], [0.0, s]]).collect();
+        let of_field = std::mem::replace(&mut self.system.wanted, sizes);
+        let w = self.system.weighted(&weights)?.optimum();
+        self.system.wanted = of_field;
+        Ok(self.sized(w?))
+    }
+
+    /// The same map at the size that has as many quads as asked for.
+    fn sized(&self, mut w: Vec<f64>) -> Vec<f64> {
+        let all = self.system.charts.iter().zip(self.system.corners(&w));
+        let area: f64 = all
+            .map(|(chart, uv)| chart.area * chart.determinant(&uv))
+            .sum();
+        if area > 0.0 {
+            let scale = (self.system.charts.len() as f64 / area).sqrt();
+            w.iter_mut().for_each(|w| *w *= scale);
         }
         w
     }
@@ -698,6 +740,19 @@ impl<'a> Making<'a> {
         let seams = self.system.seams;
         let mut corners = self.system.corners(w);
         self.report.folded = self.faults(&corners).len();
+        if self.report.folded == 0 {
+            return Ok(());
+        }
+        // Most folds are in small places, and unfold there.
+        let mut by_places = w.to_vec();
+        let reserve = self.unfolding.effort.share(2);
+        let is_upright = self.unfolder().mended(weighted, false, &mut by_places)?;
+        self.unfolding.effort.give_back(&reserve);
+        if is_upright {
+            self.report.untangled = true;
+            w.copy_from_slice(&by_places);
+            return Ok(());
+        }
         let mut weights = self.weights.clone();
         let mut before = usize::MAX;
         for _ in 0..STIFFENINGS {

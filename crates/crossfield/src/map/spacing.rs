@@ -90,6 +90,20 @@ impl Chart {
         [row(0, &self.along_u), row(1, &self.along_v)]
     }
 
+    /// The two sides from a corner as the field would have them in the map, `[du, dv]` in units of lines: to the next corner
+    /// and to the previous one.
+    pub(crate) fn sides(&self, corner: usize) -> [[f64; 2]; 2] {
+        let (k, l) = ((corner + 1) % 3, (corner + 2) % 3);
+        // The gradients of the hats at the far ends, and the sides, are inverse matrices.
+        let inverse = |hats: &[[f64; 2]; 3]| {
+            let ([a, b], [c, d]) = (hats[k], hats[l]);
+            let determinant = a * d - b * c;
+            [[d, -b], [-c, a]].map(|row| row.map(|x| x / determinant))
+        };
+        let (u, v) = (inverse(&self.along_u), inverse(&self.along_v));
+        [[u[0][0], v[1][0]], [u[0][1], v[1][1]]]
+    }
+
     /// What `|J|²` is in the coordinates of the corners, of u and of v: they do not know of each other in a triangle.
     pub(crate) fn stiffness(&self) -> [[[f64; 3]; 3]; 2] {
         let of = |along: &[[f64; 2]; 3]| {

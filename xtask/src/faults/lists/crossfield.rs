@@ -32,6 +32,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("details::remembered_moves_are_still_forbidden"),
     Fault::wrong(
+        "maps start larger where the field's cones want them smaller",
+        "crates/crossfield/src/map/conformal.rs",
+        "full - f64::from(field.index[v]) * FRAC_PI_2",
+        "full + f64::from(field.index[v]) * FRAC_PI_2",
+    )
+    .seen_by("laws::maps_start_in_the_sizes_that_cones_ask_for"),
+    Fault::wrong(
+        "the sizes that maps start from are those of half the angles at corners",
+        "crates/crossfield/src/map/conformal.rs",
+        "excess[corners[k] as usize] += cross.atan2(dot);",
+        "excess[corners[k] as usize] += cross.atan2(dot) / 2.0;",
+    )
+    .seen_by("laws::maps_start_in_the_sizes_that_cones_ask_for"),
+    Fault::wrong(
         "what rounding holds is added to the inverse of the others",
         "crates/crossfield/src/map/integers/dense.rs",
         "strip.gemm(-1.0, held, &own, 1.0);",

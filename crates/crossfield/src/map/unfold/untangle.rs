@@ -119,9 +119,11 @@ fn rounds(
     Ok(())
 }
 
-/// The ε that a map with this worst determinant begins with: the smallest where nothing is folded, and nothing shall be.
+/// The ε that a map with this worst determinant begins with: the smallest where nothing is folded, and nothing shall be, but for
+/// triangles so flat that no step could be long for them.
 fn first_epsilon(worst: f64) -> f64 {
-    if worst > 0.0 {
+    const FLAT: f64 = 0.01;
+    if worst > FLAT {
         LEAST
     } else {
         (0.5 * worst.abs()).max(0.1)

@@ -161,7 +161,10 @@ struct Star<'a> {
 
 impl<'a> Star<'a> {
     fn of(system: &System<'_>, index: i32, fan: &'a [usize], widest: f64) -> Self {
-        let spokes: Vec<[[f64; 2]; 2]> = fan.iter().map(|&h| spokes(system, h)).collect();
+        let spokes: Vec<[[f64; 2]; 2]> = fan
+            .iter()
+            .map(|&h| system.charts[h / 3].sides(h % 3))
+            .collect();
         let opening = |&[a, b]: &[[f64; 2]; 2]| (angle(b) - angle(a)).rem_euclid(TAU);
         let mut turned = vec![0.0; fan.len()];
         for k in 1..fan.len() {
@@ -322,20 +325,4 @@ fn free(system: &System<'_>, corner: usize) -> Option<[Free; 2]> {
         }
     };
     Some([of(0)?, of(1)?])
-}
-
-/// The two sides from a corner as the field would have them in the map.
-///
-/// They are `[du, dv]` in units of lines, to the next corner and to the previous one.
-fn spokes(system: &System<'_>, h: usize) -> [[f64; 2]; 2] {
-    let chart = &system.charts[h / 3];
-    let (k, l) = (next(h) % 3, previous(h) % 3);
-    // The gradients of the hats at the far ends, and the sides, are inverse matrices.
-    let inverse = |hats: &[[f64; 2]; 3]| {
-        let ([a, b], [c, d]) = (hats[k], hats[l]);
-        let determinant = a * d - b * c;
-        [[d, -b], [-c, a]].map(|row| row.map(|x| x / determinant))
-    };
-    let (u, v) = (inverse(&chart.along_u), inverse(&chart.along_v));
-    [[u[0][0], v[1][0]], [u[0][1], v[1][1]]]
 }
