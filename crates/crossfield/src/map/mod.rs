@@ -19,9 +19,9 @@
 //! |---|---|---|
 //! | cut | opens the surface to a disk with all singular vertices on its rim | |
 //! | conditions | all of the above as integer sums of independent unknowns, and of sums of these, by exact elimination | |
-//! | relaxation | the optimum with real numbers in place of integers, unfolded if it folds, as a whole, then place by place | rarely: it stays folded |
+//! | relaxation | the optimum with real numbers in place of integers; if it folds, from the sizes its cones ask for, unfolded place by place, then as a whole | rarely: it stays folded |
 //! | integers | rounds them, one by one or until a decimated map is upright and no handle too narrow | singular vertices end on one point |
-//! | untangling | unfolds what rounding has folded, the integers held | triangles have too little freedom |
+//! | untangling | unfolds what rounding has folded, the integers held, in the same way | triangles have too little freedom |
 //! | check | coordinates in fixed point, areas and angles in integers | says which triangle is folded |
 //!
 //! A map belongs to its field and its frames; the quads of it are [`quads::extract`](crate::quads::extract). Step by step

@@ -47,9 +47,10 @@ pub struct MapOptions {
 /// The map whose gradients are closest to the field, with integers on the seams (Eq. 4.10); `mesh` is connected.
 ///
 /// The surface is cut open, all conditions of seams, singular vertices and lines are eliminated exactly. A map that folds
-/// before anything is an integer is unfolded with all unknowns free (Garanzha et al. 2021), and what comes out is what is
-/// wanted from then on. The integers are rounded one by one with the rest following to its optimum. Triangles that fold get
-/// stiffer (Bommes et al. 2009); what is folded then is untangled. The result is checked in integers.
+/// before anything is an integer starts anew from the sizes that the field's cones ask for (Ben-Chen et al. 2008), is unfolded
+/// place by place, or with all unknowns free (Garanzha et al. 2021), and what comes out is what is wanted from then on. The
+/// integers are rounded one by one with the rest following to its optimum. What folds then is unfolded place by place; if that does
+/// not do, triangles there get stiffer (Bommes et al. 2009), and the map is untangled. The result is checked in integers.
 ///
 /// `frames` and `field` are those of `mesh`, and hold one entry per triangle. The module's page has an example.
 ///
@@ -733,7 +734,7 @@ impl<'a> Making<'a> {
         Some((spread, wrong))
     }
 
-    /// Stiffer triangles where the map folds, then untangling, the integers held.
+    /// Unfolds place by place, or with stiffer triangles where the map folds, then as a whole, the integers held.
     ///
     /// What comes out may still be folded: the check afterwards says so, and counts.
     fn unfold(&mut self, weighted: &Weighted<'_>, w: &mut [f64]) -> Result<(), Error> {
