@@ -539,12 +539,35 @@ impl<'a> Making<'a> {
         let charts = self.system.charts;
         let scales = conformal::scales(charts, self.frames, self.field)?;
         // Errors count in what is wanted there.
-        let weights: Vec<f64> = scales.iter().map(|s| (s * s).recip()).collect();
+        let mut weights: Vec<f64> = scales.iter().map(|s| (s * s).recip()).collect();
         let sizes = scales.iter().map(|&s| [[s, 0.0], [0.0, s]]).collect();
         let of_field = std::mem::replace(&mut self.system.wanted, sizes);
-        let w = self.system.weighted(&weights)?.optimum();
+        let w = self.least_folded(&mut weights);
         self.system.wanted = of_field;
         Ok(self.sized(w?))
+    }
+
+    /// The optimum with these weights, or with more of them around what folds, if less of it does then.
+    fn least_folded(&self, weights: &mut [f64]) -> Result<Vec<f64>, Error> {
+        const STIFFER: f64 = 4.0;
+        let first = self.system.weighted(weights)?.optimum()?;
+        let bad = self.unfolder().bad(&self.system.corners(&first));
+        if bad.is_empty() {
+            return Ok(first);
+        }
+        let near = self.frames.within(&bad, 1);
+        for (f, weight) in weights.iter_mut().enumerate() {
+            if (3 * f..3 * f + 3).any(|h| near[self.frames.from(h)]) {
+                *weight *= STIFFER;
+            }
+        }
+        let second = self.system.weighted(weights)?.optimum()?;
+        let left = self.unfolder().bad(&self.system.corners(&second));
+        Ok(if left.len() < bad.len() {
+            second
+        } else {
+            first
+        })
     }
 
     /// The same map at the size that has as many quads as asked for.
