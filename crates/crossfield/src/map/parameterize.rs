@@ -513,10 +513,10 @@ impl<'a> Making<'a> {
         }
         // A map upright at one spacing is so at any, and only has to settle.
         let last = self.unfolding.ends.upright.take().map(|w| self.sized(w));
-        if let Some(mut last) = last.filter(|w| self.unfolder().is_valid(w)) {
-            if self.unfolder().untangled(&weighted, true, &mut last)? {
-                return Ok(self.sized(last));
-            }
+        if let Some(mut last) = last.filter(|w| self.unfolder().is_valid(w))
+            && self.unfolder().untangled(&weighted, true, &mut last)?
+        {
+            return Ok(self.sized(last));
         }
         // Where triangles may be of the sizes that the cones ask for, few fold, and these unfold where they are.
         match self.conformal_optimum() {
