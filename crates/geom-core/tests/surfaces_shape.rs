@@ -443,6 +443,23 @@ fn holes_are_filled_and_flat_triangles_flipped() {
     assert_eq!(SurfaceAudit::of(&repaired.mesh).boundary_edges.count, 4);
 }
 
+/// Two flat triangles along one edge: the flip that mends the first mends the second before its turn (found by `cargo xtask fuzz
+/// --target repair --case 3803`).
+#[test]
+fn a_flip_may_mend_two_flat_triangles() {
+    let p = [[0., 0.], [1., 0.], [0.5, 0.05], [0.5, -0.05]];
+    let p = p.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
+    let lens = TriMesh::new(p, vec![[0, 1, 2], [1, 0, 3]]).unwrap();
+    let options = repair::Options {
+        flat: 0.1,
+        ..repair::Options::default()
+    };
+    let repaired = repair(lens, &options).unwrap();
+    assert_eq!(repaired.report.flipped_triangles, 1);
+    assert_eq!(repaired.report.flat_triangles, 0);
+    assert!((repaired.mesh.area() - 0.05).abs() < 1e-12);
+}
+
 #[test]
 fn one_sided_surfaces_are_refused() {
     let n = 12u32;

@@ -338,7 +338,10 @@ impl Soup {
             let mut flipped = 0;
             for t in bad {
                 let corners = self.triangles[t as usize];
-                let k = self.flat_corner(corners, flat).expect("bad");
+                // A flip may have given it area before its turn.
+                let Some(k) = self.flat_corner(corners, flat) else {
+                    continue;
+                };
                 let (a, b, c) = (corners[(k + 1) % 3], corners[(k + 2) % 3], corners[k]);
                 let [(_, s, _), (_, u, _)] = *uses(&sides, a, b) else {
                     continue;
