@@ -625,6 +625,8 @@ fn maps_of_narrow_tubes_are_decimated_all_the_way() {
 /// A map of a field that is upright at one spacing is so at any: the next one does not unfold anew.
 #[test]
 fn the_next_map_of_a_field_starts_upright() {
+    // Three of the four need no more than a round of steps from the sizes of their cones.
+    let mut at_once = 0;
     for seed in [10, 42, 58, 104] {
         let mesh = dented_torus(seed);
         let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
@@ -637,12 +639,14 @@ fn the_next_map_of_a_field_starts_upright() {
         let costs = |maps| unfolding_costs(&mesh, &frames, &field, maps).unwrap();
         let (both, alone) = (costs(&maps), costs(&maps[1..]));
         let [next, alone] = [both[1], alone[0]].map(Option::unwrap);
-        // Three unfold from the sizes of their cones at once. The next needs less than half of one round of steps.
+        // Less than half of a round.
         assert!(
             next > 0.0 && next < 0.8 * alone && next < 15.0,
             "{seed}: {next} {alone}"
         );
+        at_once += u32::from(alone <= 30.0);
     }
+    assert!(at_once >= 3, "{at_once}");
 }
 
 /// The sizes that maps start from are, for the half of them, those of the flat metric with the field's cones: on a sphere with

@@ -7,13 +7,12 @@
 //!
 //! A map of one size everywhere, which the energy of Eq. 4.10 asks for, has to squeeze where cones are close together, and
 //! folds there. In the sizes of the flat metric hardly any triangle folds, but they are far from one size. So maps are
-//! unfolded from halfway: of 49 to 164 triangles folded on five proteins, 3 to 50 are, in small places.
-
-use std::f64::consts::{FRAC_PI_2, TAU};
+//! unfolded from halfway, where few fold, in small places.
 
 use geom_core::algebra::{Cholesky, SparseMatrix};
 use geom_core::compute::parallel;
 
+use super::cones::wanted_angle;
 use super::spacing::Chart;
 use crate::Error;
 use crate::field::CrossField;
@@ -49,15 +48,10 @@ fn logarithms(charts: &[Chart], frames: &Frames, field: &CrossField) -> Result<V
     let count = field.index.len();
     let is_used = |v: usize| frames.around(v).next().is_some();
     // K̂ − K is what the angles add up to, less what they shall add up to.
-    let wanted = |v: usize| {
-        let full = if frames.on_boundary(v) {
-            TAU / 2.0
-        } else {
-            TAU
-        };
-        full - f64::from(field.index[v]) * FRAC_PI_2
+    let missing = |v: usize| match is_used(v) {
+        true => -wanted_angle(frames, field, v),
+        false => 0.0,
     };
-    let missing = |v: usize| if is_used(v) { -wanted(v) } else { 0.0 };
     let mut excess: Vec<f64> = (0..count).map(missing).collect();
     let mut entries = Vec::with_capacity(12 * charts.len() + count);
     for (f, chart) in charts.iter().enumerate() {

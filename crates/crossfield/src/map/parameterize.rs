@@ -498,7 +498,7 @@ impl<'a> Making<'a> {
             .collect()
     }
 
-    /// The unknowns after unfolding with all of them free, as many quads as asked for. A map that is resumed folds in few places.
+    /// The unknowns of an unfolded map without integers that has as many quads as asked for. One that is resumed folds in few places.
     fn unfolded_optimum(
         &mut self,
         optimum: Optimum<'a>,
@@ -525,13 +525,23 @@ impl<'a> Making<'a> {
             Err(Error::Matrix(_)) => {}
             Err(error) => return Err(error),
         }
-        let reserve = self.unfolding.effort.share(2);
-        let is_upright = self.unfolder().mended(&weighted, true, &mut w)?;
-        self.unfolding.effort.give_back(&reserve);
-        if !is_upright {
+        if !self.is_mended(&weighted, true, &mut w)? {
             self.unfolder().untangled(&weighted, true, &mut w)?;
         }
         Ok(self.sized(w))
+    }
+
+    /// Unfolds place by place, for half of the effort that is left; is the map upright now?
+    fn is_mended(
+        &self,
+        weighted: &Weighted<'_>,
+        with_integers: bool,
+        w: &mut [f64],
+    ) -> Result<bool, Error> {
+        let reserve = self.unfolding.effort.share(2);
+        let is_upright = self.unfolder().mended(weighted, with_integers, w);
+        self.unfolding.effort.give_back(&reserve);
+        is_upright
     }
 
     /// The optimum for triangles of the sizes that the field's cones ask for.
@@ -539,18 +549,18 @@ impl<'a> Making<'a> {
         let charts = self.system.charts;
         let scales = conformal::scales(charts, self.frames, self.field)?;
         // Errors count in what is wanted there.
-        let mut weights: Vec<f64> = scales.iter().map(|s| (s * s).recip()).collect();
+        let weights = scales.iter().map(|s| (s * s).recip()).collect();
         let sizes = scales.iter().map(|&s| [[s, 0.0], [0.0, s]]).collect();
         let of_field = std::mem::replace(&mut self.system.wanted, sizes);
-        let w = self.least_folded(&mut weights);
+        let w = self.least_folded(weights);
         self.system.wanted = of_field;
         Ok(self.sized(w?))
     }
 
     /// The optimum with these weights, or with more of them around what folds, if less of it does then.
-    fn least_folded(&self, weights: &mut [f64]) -> Result<Vec<f64>, Error> {
+    fn least_folded(&self, mut weights: Vec<f64>) -> Result<Vec<f64>, Error> {
         const STIFFER: f64 = 4.0;
-        let first = self.system.weighted(weights)?.optimum()?;
+        let first = self.system.weighted(&weights)?.optimum()?;
         let bad = self.unfolder().bad(&self.system.corners(&first));
         if bad.is_empty() {
             return Ok(first);
@@ -561,7 +571,7 @@ impl<'a> Making<'a> {
                 *weight *= STIFFER;
             }
         }
-        let second = self.system.weighted(weights)?.optimum()?;
+        let second = self.system.weighted(&weights)?.optimum()?;
         let left = self.unfolder().bad(&self.system.corners(&second));
         Ok(if left.len() < bad.len() {
             second
@@ -769,10 +779,7 @@ impl<'a> Making<'a> {
         }
         // Most folds are in small places, and unfold there.
         let mut by_places = w.to_vec();
-        let reserve = self.unfolding.effort.share(2);
-        let is_upright = self.unfolder().mended(weighted, false, &mut by_places)?;
-        self.unfolding.effort.give_back(&reserve);
-        if is_upright {
+        if self.is_mended(weighted, false, &mut by_places)? {
             self.report.untangled = true;
             w.copy_from_slice(&by_places);
             return Ok(());

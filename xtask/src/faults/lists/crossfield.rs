@@ -34,8 +34,8 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "maps start larger where the field's cones want them smaller",
         "crates/crossfield/src/map/conformal.rs",
-        "full - f64::from(field.index[v]) * FRAC_PI_2",
-        "full + f64::from(field.index[v]) * FRAC_PI_2",
+        "SHARE * corners.sum::<f64>() / 3.0",
+        "-SHARE * corners.sum::<f64>() / 3.0",
     )
     .seen_by("laws::maps_start_in_the_sizes_that_cones_ask_for"),
     Fault::wrong(

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::field::CrossField;
 use crate::field::frames::{Frames, next, previous};
-use crate::map::cones::has_wrong_angle;
+use crate::map::cones::{has_wrong_angle, wanted_angle};
 use crate::map::system::System;
 
 /// A star counts as upright when its triangles' determinants are above this.
@@ -58,7 +58,15 @@ pub(super) fn wound(
         let before = w.to_vec();
         let mut lay = |widest: f64, stays: Stays<'_>| {
             w.copy_from_slice(&before);
-            let laid = lay(system, field.index[v], &fan, &corners, widest, stays, w);
+            let laid = lay(
+                system,
+                wanted_angle(frames, field, v),
+                &fan,
+                &corners,
+                widest,
+                stays,
+                w,
+            );
             let laid = laid.then(|| system.corners(w));
             laid.filter(|laid| is_right(&fan, laid, v))
         };
@@ -97,18 +105,17 @@ enum Stays<'a> {
 /// Lays the neighbours of a vertex around it: at their lengths, at angles stretched to add up, turned to fit the field best.
 /// False if there is no such way.
 ///
-/// On the surface the angles around the vertex may add up to anything, in the map they must add up to `4 − 4 I`
-/// quarters.
+/// On the surface the angles around the vertex may add up to anything, in the map they must add up to `total`.
 fn lay(
     system: &System<'_>,
-    index: i32,
+    total: f64,
     fan: &[usize],
     corners: &[[[f64; 2]; 3]],
     widest: f64,
     stays: Stays<'_>,
     w: &mut [f64],
 ) -> bool {
-    let star = Star::of(system, index, fan, widest);
+    let star = Star::of(system, total, fan, widest);
     let is_placed = |h: usize| matches!(stays, Stays::Placed(placed) if placed(h));
     let free: Vec<Option<[Free; 2]>> = fan
         .iter()
@@ -160,7 +167,7 @@ struct Star<'a> {
 }
 
 impl<'a> Star<'a> {
-    fn of(system: &System<'_>, index: i32, fan: &'a [usize], widest: f64) -> Self {
+    fn of(system: &System<'_>, total: f64, fan: &'a [usize], widest: f64) -> Self {
         let spokes: Vec<[[f64; 2]; 2]> = fan
             .iter()
             .map(|&h| system.charts[h / 3].sides(h % 3))
@@ -176,7 +183,7 @@ impl<'a> Star<'a> {
             openings: spokes.iter().map(opening).collect(),
             spokes,
             turned,
-            total: f64::from(4 - index) * FRAC_PI_2,
+            total,
             widest,
         }
     }
