@@ -300,7 +300,11 @@ fn a_flow_finds_squares_again() {
         assert_eq!(flow.worst(Squares::jacobian) < 0.0, inverted);
         let before = flow.mean_distortion().unwrap();
         let mut last = f64::INFINITY;
-        flow.descend(&DESCENT, |_| last = 0.0).unwrap();
+        flow.descend(&DESCENT, |_| {
+            last = 0.0;
+            true
+        })
+        .unwrap();
         assert!(last == 0.0 && flow.mean_distortion().unwrap() < before);
         assert!(
             farthest(&flow.vertices) < 1e-3,
@@ -308,6 +312,97 @@ fn a_flow_finds_squares_again() {
             farthest(&flow.vertices)
         );
     }
+}
+
+/// A plane with a tip, over a square of the plate, and its top.
+fn tip() -> (TriMesh, Point3) {
+    let (middle, high) = (f64::from(SIDE) / 2.0 + 0.35, 1.2);
+    let foot = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+    let far = [[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]];
+    let flat = foot.into_iter().chain(far);
+    let mut positions: Vec<Point3> = flat
+        .map(|[x, y]| Point3::new(middle + x, middle + y, 0.0))
+        .collect();
+    let top = Point3::new(middle, middle, high);
+    positions.push(top);
+    let side = |k: u32| {
+        let next = (k + 1) % 4;
+        [[k, next, 8], [4 + k, 4 + next, next], [4 + k, next, k]]
+    };
+    let triangles = (0..4).flat_map(side).collect();
+    (TriMesh::new(positions, triangles).unwrap(), top)
+}
+
+/// A flow in rounds leaves no element worse than it was and than a goal, nor farther from the surface; a flow alone does.
+#[test]
+fn no_round_spoils_an_element() {
+    const GOAL: f64 = 0.9;
+    let ((tip, top), plane) = (tip(), plane());
+    let [flat, high] = [&plane, &tip].map(|surface| Ground::new(surface, Vec::new()).unwrap());
+    let mut corner_moved = |vertices: &mut Vertices<'_>| {
+        // What is wrong here cannot be mended, and the sum is lower if all around share it.
+        vertices.positions[2] += Vector3::new(0.45, 0.7, 0.0);
+    };
+    let mut on_tip = |vertices: &mut Vertices<'_>| {
+        // One that belongs beside it.
+        vertices.positions[((SIDE + 1) * SIDE / 2 + SIDE / 2) as usize] = top;
+    };
+    assert!(spoiled(&flat, &mut corner_moved, GOAL, true) == [0, 0]);
+    assert!(spoiled(&flat, &mut corner_moved, GOAL, false)[0] > 0);
+    assert!(spoiled(&high, &mut on_tip, GOAL, true) == [0, 0]);
+    assert!(spoiled(&high, &mut on_tip, GOAL, false)[1] > 0);
+}
+
+/// How many elements a flow makes worse than they were and than a goal, and how many leave the surface, from starts near enough.
+fn spoiled(
+    ground: &Ground<'_>,
+    start: &mut dyn FnMut(&mut Vertices<'_>),
+    goal: f64,
+    in_rounds: bool,
+) -> [usize; 2] {
+    let off = |elements: &Squares, q: usize, places: &Places<'_>| {
+        let corners = elements.at(q, places).map(|p| p.coords);
+        let middle = Point3::from(corners.iter().sum::<Vector3>() / 4.0);
+        (ground.pulled(&middle, Freedom::Surface).0 - middle).norm()
+    };
+    let measured = |flow: &Flow<'_, Squares>| {
+        let places = Places::of(&flow.vertices);
+        let all = 0..flow.elements.count();
+        let far: Vec<f64> = all.map(|q| off(&flow.elements, q, &places)).collect();
+        (flow.values(Squares::jacobian), far)
+    };
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let (mut found, mut starts) = ([0, 0], 0);
+    for noise in 1..=20 {
+        let mut vertices = shaken(ground, 0.01 * f64::from(noise));
+        start(&mut vertices);
+        let run = Run::on(&Cpu).with(Cpu.as_corners());
+        let mut flow = Flow::new(Squares::new(), vertices, run);
+        let (before, near) = measured(&flow);
+        let how = Descent {
+            steps: 100,
+            ..DESCENT
+        };
+        if in_rounds {
+            flow.descend_in_rounds(&how, Squares::jacobian, goal)
+                .unwrap();
+        } else {
+            flow.descend(&how, |_| true).unwrap();
+        }
+        let (after, far) = measured(&flow);
+        if mean(&after) >= mean(&before) + 0.05 {
+            continue;
+        }
+        starts += 1;
+        let pairs = before.iter().zip(&after);
+        found[0] += pairs
+            .filter(|(b, a)| **b > 0.0 && **a < b.min(goal))
+            .count();
+        let pairs = near.iter().zip(&far);
+        found[1] += pairs.filter(|(n, f)| **f > n.max(0.25)).count();
+    }
+    assert!(starts > 5);
+    found
 }
 
 /// A vertex in the wrong place is lifted, by itself and with those around it; then there is nothing left to do.
@@ -401,7 +496,10 @@ fn a_watcher_stops_it() {
     let run = Run::on(&Cpu).watched_by(&stop).with(Cpu.as_corners());
     let mut flow = Flow::new(Squares::new(), shaken(&ground, 0.3), run);
     let mut steps = 0;
-    let stopped = flow.descend(&DESCENT, |_| steps += 1);
+    let stopped = flow.descend(&DESCENT, |_| {
+        steps += 1;
+        true
+    });
     assert_eq!((stopped, steps), (Err(Stop::Cancelled), 2));
 }
 

@@ -82,11 +82,10 @@ fn moved(
     let first = flow.mean_distortion()?;
     let mut steps = 0;
     for power in POWERS {
-        steps += flow.descend(&descent(power, options), |flow| {
-            if flow.worst(Cells::jacobian) >= smallest {
-                kept = flow.vertices.state();
-            }
-        })?;
+        steps += flow.descend_in_rounds(&descent(power, options), Cells::jacobian, GOAL)?;
+    }
+    if flow.worst(Cells::jacobian) >= smallest {
+        kept = flow.vertices.state();
     }
     let distortion = [first, flow.mean_distortion()?];
     let lifted = lifted(&mut flow, smallest, kept, options)?;

@@ -218,6 +218,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("flows::the_best_may_be_the_start"),
     Fault::wrong(
+        "what a round has spoiled is kept",
+        "crates/geom-core/src/surface/flow/rounds.rs",
+        "by(elements, e, places) < before[e].min(goal);",
+        "by(elements, e, places) < -before[e].min(goal);",
+    )
+    .seen_by("flows::no_round_spoils_an_element"),
+    Fault::wrong(
+        "vertices slide off tips",
+        "crates/geom-core/src/surface/flow/rounds.rs",
+        "const OFF: f64 = 0.25;",
+        "const OFF: f64 = 25.0;",
+    )
+    .seen_by("flows::no_round_spoils_an_element"),
+    Fault::wrong(
         "what was held for a flow stays held",
         "crates/geom-core/src/surface/flow/search.rs",
         "self.vertices.freedom = free;",

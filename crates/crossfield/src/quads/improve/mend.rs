@@ -248,7 +248,7 @@ impl Place {
             renew: true,
             ..DESCENT
         });
-        own.descend(&first, |_| ())?;
+        own.descend(&first, |_| true)?;
         let best = own.best_of(&last, Quads::jacobian, true)?;
         own.vertices.put(best.1);
         own.lift_the_worst(&Search {

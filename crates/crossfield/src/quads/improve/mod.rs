@@ -47,8 +47,8 @@ type Flow<'a> = flow::Flow<'a, Quads>;
 
 /// Moves vertices down the gradient of the corners' distortion (Eqs. 5.5–5.7, signed), back onto the surface after each
 /// step, and then those of the worst quads to where these are best. Quads keep the proportions of their sides where
-/// these are above `narrowest`, which is 1 for squares. Where the flow ends with a smallest scaled Jacobian below 0.6
-/// and below the largest that it met, it goes back to that before the worst are moved. Quads that stay bad give way to others.
+/// these are above `narrowest`, which is 1 for squares. Where a quad would end with a scaled Jacobian below
+/// 0.6 and below what it was, its vertices stay. Quads that stay bad give way to others.
 pub(crate) fn improve(
     mesh: QuadMesh,
     narrowest: f64,
@@ -60,11 +60,7 @@ pub(crate) fn improve(
     let quads = Quads::new(quads, &positions, narrowest);
     let vertices = Vertices::new(positions, freedom.to_vec(), ground);
     let mut flow = Flow::new(quads, vertices, run.with(run.backend.as_corners()));
-    let best = flow.best_of(&DESCENT, Quads::jacobian, true)?;
-    // The sum may fall while the worst corner does: keep the best of both unless the worst is fine.
-    if flow.worst(Quads::jacobian) < best.0.min(SEARCH.goal) {
-        flow.vertices.put(best.1);
-    }
+    flow.descend_in_rounds(&DESCENT, Quads::jacobian, SEARCH.goal)?;
     flow.lift_the_worst(&SEARCH)?;
     flow.straighten(&STRAIGHTENING, &SEARCH)?;
     mend::mended(flow)

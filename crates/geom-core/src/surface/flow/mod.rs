@@ -4,13 +4,14 @@
 //! angle, and infinite where the corner is flat ([`CornerDistortion`]). Summed over all corners it is a function of the vertices, which
 //! move down its gradient within the tangent planes and are put back onto the surface. What sides are equal to is an
 //! [`Ideal`], as in the target-matrix paradigm (P. Knupp, Engineering with Computers 28, 2012). The sum may fall while single
-//! corners do: those of the worst elements are lifted one by one after it ([`Flow::lift_the_worst`], [`Flow::straighten`]), a combination that
+//! corners do: those that would end worse stay ([`Flow::descend_in_rounds`]), and those of the worst elements are lifted one by one after it ([`Flow::lift_the_worst`], [`Flow::straighten`]), a combination that
 //! L. Freitag and C. Ollivier-Gooch recommend (Int. J. Numer. Meth. Eng. 40, 1997).
 //!
 //! What the elements are is for the caller to say, in [`Elements`]: quads, or those of a mesh with T-junctions. All but the
 //! distortions ([`CornerBackend`]) is computed on the CPU, with the same bits for any number of threads.
 
 pub mod backend;
+mod rounds;
 mod search;
 #[cfg(feature = "wgpu")]
 mod wgpu;
@@ -299,14 +300,14 @@ impl<'a, E: Elements> Flow<'a, E> {
     }
 
     /// Steps down the sum of a power of all corners' distortions, back onto the surface after each; how many there were. `stepped`
-    /// is called after each.
+    /// is called after each, and says whether to go on.
     ///
     /// # Errors
     /// Of the backend, and if the watcher asks to stop.
     pub fn descend(
         &mut self,
         how: &Descent,
-        mut stepped: impl FnMut(&Self),
+        mut stepped: impl FnMut(&Self) -> bool,
     ) -> Result<usize, E::Error> {
         let mut length = how.first;
         for step in 0..how.steps {
@@ -319,8 +320,8 @@ impl<'a, E: Elements> Flow<'a, E> {
             let Some(after) = self.step(how.power, before, epsilon, &mut length)? else {
                 return Ok(step);
             };
-            stepped(self);
-            if last && before - after < how.tolerance * before {
+            let goes_on = stepped(self);
+            if !goes_on || last && before - after < how.tolerance * before {
                 return Ok(step + 1);
             }
         }
@@ -332,8 +333,13 @@ impl<'a, E: Elements> Flow<'a, E> {
     /// # Errors
     /// Of the backend.
     pub fn mean_distortion(&mut self) -> Result<f64, E::Error> {
+        Ok(self.sum(1)? / self.out.len() as f64)
+    }
+
+    /// What falls, as it is seen now.
+    fn sum(&mut self, power: i32) -> Result<f64, E::Error> {
         self.measure()?;
-        Ok(self.energy(1) / self.out.len() as f64)
+        Ok(self.energy(power))
     }
 
     /// The distortions as they are seen from now on; [`Elements::epsilon`].

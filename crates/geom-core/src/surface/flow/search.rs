@@ -19,6 +19,8 @@ const RINGS: usize = 3;
 const STEEP: i32 = 12;
 /// Again if the worst is better by so much.
 const GAIN: f64 = 0.005;
+/// A flow is given up for the worst when that was not better for so many steps.
+const PATIENCE: usize = 20;
 /// Where a search ends, in reaches of a vertex.
 const SHORTEST: f64 = 0.003;
 /// How far its directions turn from one try to the next, in eighths of a circle: those of any number of tries lie evenly.
@@ -207,7 +209,8 @@ impl<E: Elements> Flow<'_, E> {
         Ok(lifted)
     }
 
-    /// Goes down. The worst of a measure where that was best after a step, or at the start if that counts, and the state there.
+    /// Goes down, until the worst of a measure has not become better for twenty steps. What that was where it was best, after a
+    /// step or at the start if that counts, and the state there.
     ///
     /// # Errors
     /// Of the backend, and if the watcher asks to stop.
@@ -222,12 +225,14 @@ impl<E: Elements> Flow<'_, E> {
         } else {
             f64::NEG_INFINITY
         };
-        let mut best = (first, self.vertices.state());
+        let (mut best, mut since) = ((first, self.vertices.state()), 0);
         self.descend(how, |flow| {
             let worst = flow.worst(by);
+            since += 1;
             if worst > best.0 {
-                best = (worst, flow.vertices.state());
+                (best, since) = ((worst, flow.vertices.state()), 0);
             }
+            since < PATIENCE
         })?;
         Ok(best)
     }
