@@ -339,24 +339,24 @@ fn no_round_spoils_an_element() {
     const GOAL: f64 = 0.9;
     let ((tip, top), plane) = (tip(), plane());
     let [flat, high] = [&plane, &tip].map(|surface| Ground::new(surface, Vec::new()).unwrap());
-    let mut corner_moved = |vertices: &mut Vertices<'_>| {
+    let corner_moved = |vertices: &mut Vertices<'_>| {
         // What is wrong here cannot be mended, and the sum is lower if all around share it.
         vertices.positions[2] += Vector3::new(0.45, 0.7, 0.0);
     };
-    let mut on_tip = |vertices: &mut Vertices<'_>| {
+    let on_tip = |vertices: &mut Vertices<'_>| {
         // One that belongs beside it.
         vertices.positions[((SIDE + 1) * SIDE / 2 + SIDE / 2) as usize] = top;
     };
-    assert!(spoiled(&flat, &mut corner_moved, GOAL, true) == [0, 0]);
-    assert!(spoiled(&flat, &mut corner_moved, GOAL, false)[0] > 0);
-    assert!(spoiled(&high, &mut on_tip, GOAL, true) == [0, 0]);
-    assert!(spoiled(&high, &mut on_tip, GOAL, false)[1] > 0);
+    assert_eq!(spoiled(&flat, &corner_moved, GOAL, true), [0, 0]);
+    assert!(spoiled(&flat, &corner_moved, GOAL, false)[0] > 0);
+    assert_eq!(spoiled(&high, &on_tip, GOAL, true), [0, 0]);
+    assert!(spoiled(&high, &on_tip, GOAL, false)[1] > 0);
 }
 
 /// How many elements a flow makes worse than they were and than a goal, and how many leave the surface, from starts near enough.
 fn spoiled(
     ground: &Ground<'_>,
-    start: &mut dyn FnMut(&mut Vertices<'_>),
+    start: &dyn Fn(&mut Vertices<'_>),
     goal: f64,
     in_rounds: bool,
 ) -> [usize; 2] {

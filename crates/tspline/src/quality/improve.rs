@@ -78,15 +78,16 @@ fn moved(
     let mut flow = Flow::new(cells, vertices, run.with(run.backend.as_corners()));
     let before = flow.values(Cells::jacobian);
     let smallest = least(before.iter().copied());
-    let mut kept = flow.vertices.state();
+    let start = flow.vertices.state();
     let first = flow.mean_distortion()?;
     let mut steps = 0;
     for power in POWERS {
         steps += flow.descend_in_rounds(&descent(power, options), Cells::jacobian, GOAL)?;
     }
-    if flow.worst(Cells::jacobian) >= smallest {
-        kept = flow.vertices.state();
-    }
+    let kept = match flow.worst(Cells::jacobian) >= smallest {
+        true => flow.vertices.state(),
+        false => start,
+    };
     let distortion = [first, flow.mean_distortion()?];
     let lifted = lifted(&mut flow, smallest, kept, options)?;
     let jacobians = flow.values(Cells::jacobian);

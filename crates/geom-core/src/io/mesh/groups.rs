@@ -146,13 +146,11 @@ impl Patches {
             found.map_or(NO_GROUP, |at| named[at].1)
         };
         let group_of = triangles.iter().map(group).collect();
-        if triangles.is_empty() {
-            return None;
-        }
         let faces = TriMesh::new(mesh.positions().to_vec(), triangles);
         let faces = faces.expect("the faces of a valid mesh are valid");
         Some(Self {
-            tree: TriangleTree::new(&faces).expect("there is a triangle"),
+            // Without faces no patch is near to anything.
+            tree: TriangleTree::new(&faces).ok()?,
             group_of,
             groups: file.groups.clone(),
         })

@@ -4,8 +4,9 @@
 //! angle, and infinite where the corner is flat ([`CornerDistortion`]). Summed over all corners it is a function of the vertices, which
 //! move down its gradient within the tangent planes and are put back onto the surface. What sides are equal to is an
 //! [`Ideal`], as in the target-matrix paradigm (P. Knupp, Engineering with Computers 28, 2012). The sum may fall while single
-//! corners do: those that would end worse stay ([`Flow::descend_in_rounds`]), and those of the worst elements are lifted one by one after it ([`Flow::lift_the_worst`], [`Flow::straighten`]), a combination that
-//! L. Freitag and C. Ollivier-Gooch recommend (Int. J. Numer. Meth. Eng. 40, 1997).
+//! corners do: vertices whose elements would end worse stay ([`Flow::descend_in_rounds`]), and those of the worst elements are lifted
+//! one by one after it ([`Flow::lift_the_worst`], [`Flow::straighten`]), a combination that L. Freitag and C. Ollivier-Gooch
+//! recommend (Int. J. Numer. Meth. Eng. 40, 1997).
 //!
 //! What the elements are is for the caller to say, in [`Elements`]: quads, or those of a mesh with T-junctions. All but the
 //! distortions ([`CornerBackend`]) is computed on the CPU, with the same bits for any number of threads.

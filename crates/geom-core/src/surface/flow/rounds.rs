@@ -48,6 +48,9 @@ impl<E: Elements> Flow<'_, E> {
                 });
             }
             steps += made;
+            if how.renew {
+                self.elements.renew(&self.vertices.positions);
+            }
             let last = std::mem::replace(&mut sum, self.sum(how.power)?);
             if made < round.steps || sum > ENOUGH * last {
                 break;
