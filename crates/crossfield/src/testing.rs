@@ -9,10 +9,10 @@ use geom_core::surface::ground::{Freedom, Ground};
 use geom_core::surface::laplace::EdgeWeights;
 use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 
-use crate::backend::CrossfieldObject;
+use crate::backend::{ChartDistortion, CrossfieldObject};
 use crate::field::{self, CrossField, Frames};
 pub use crate::map::OfIntegers;
-use crate::map::{MapOptions, Relaxation, Spacing};
+use crate::map::{Chart, MapOptions, Relaxation, Spacing};
 use crate::{Anisotropy, Error, anisotropy, guidance, quads};
 
 /// A plate of `n × n` cells in the plane z = 0, a unit to a side, its inner vertices shaken by `noise` cells; cells for
@@ -128,6 +128,22 @@ pub fn decimated(
 /// How many times as long as they are the sides of the triangles are wanted where a map of a field starts to unfold.
 pub fn sizes(mesh: &TriMesh, frames: &Frames, field: &CrossField) -> Result<Vec<f64>, Error> {
     crate::map::sizes(mesh, frames, field)
+}
+
+/// The smallest eigenvalue of the symmetric part of a triangle's Jacobian, and what a map is charged for it.
+pub fn monotone(chart: &Chart, uv: &[[f64; 2]; 3]) -> (f64, ChartDistortion) {
+    crate::map::monotone(chart, uv)
+}
+
+/// How many triangles of the best map without integers are not monotone, and how many of what becomes of it.
+pub fn aligned(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+) -> Result<[usize; 2], Error> {
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    crate::map::aligned(mesh, frames, field, options, run)
 }
 
 /// How much work maps of a field without integers cost to unfold, in evaluations of all triangles, one after the other; `None`

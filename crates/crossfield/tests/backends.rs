@@ -2,6 +2,7 @@
 
 use crossfield::backend::{CHART_DISTORTION, ChartDistortion};
 use crossfield::map::Chart;
+use crossfield::testing::monotone;
 use crossfield::{CrossfieldBackend, Options, Size, quadrangulate, specification};
 use geom_core::mesh::shapes;
 use geom_core::testing::same_on_any_threads;
@@ -95,6 +96,39 @@ proptest! {
             let slope = here.gradient[at / 2][at % 2];
             let size = here.energy + here.gradient.as_flattened().iter().map(|g| g.abs()).sum::<f64>();
             prop_assert!((slope - difference).abs() < 1e-4 * size * (1.0 + size), "{slope} {difference}");
+        }
+    }
+
+    /// What is monotone is upright and turned by less than a quarter; what falls short of it has the slopes of its energy, which
+    /// is convex.
+    #[test]
+    fn monotone_maps_are_upright_and_convex((charts, uv) in charts(), at in 0usize..6, share in 0.0..1.0f64) {
+        const STEP: f64 = 1e-6;
+        for (k, (chart, uv)) in charts.iter().zip(&uv).enumerate() {
+            let [[a, b], [c, d]] = chart.jacobian(uv);
+            let (least, short) = monotone(chart, uv);
+            // The least of xᵀ J x over a fine circle of unit vectors.
+            let products = (0..720).map(|i| (f64::from(i) * std::f64::consts::PI / 720.0).sin_cos());
+            let products = products.map(|(y, x)| a * x * x + (b + c) * x * y + d * y * y);
+            let lowest = products.fold(f64::INFINITY, f64::min);
+            prop_assert!(lowest >= least - 1e-12 && lowest - least < 1e-4 * (1.0 + a.abs() + b.abs() + c.abs() + d.abs()));
+            prop_assert!(least <= 0.0 || a * d - b * c > 0.0 && a + d > 0.0);
+            let energy = |uv: &[[f64; 2]; 3]| monotone(chart, uv).1.energy;
+            let moved = |by: f64| {
+                let mut uv = *uv;
+                uv[at / 2][at % 2] += by;
+                energy(&uv)
+            };
+            let difference = (moved(STEP) - moved(-STEP)) / (2.0 * STEP);
+            let slope = short.gradient[at / 2][at % 2];
+            let size = short.energy + short.gradient.as_flattened().iter().map(|g| g.abs()).sum::<f64>();
+            prop_assert!((slope - difference).abs() < 1e-4 * (1e-3 + size), "{slope} {difference}");
+            // Of another triangle's map.
+            let other = &charts[(k + 1) % charts.len()];
+            let other = [0, 1, 2].map(|v| [other.along_u[v][0], other.along_v[v][1]].map(|x| 3.0 * x));
+            let between = |s: f64| [0, 1, 2].map(|v| [0, 1].map(|i| (1.0 - s) * uv[v][i] + s * other[v][i]));
+            let chord = (1.0 - share) * energy(uv) + share * energy(&other);
+            prop_assert!(energy(&between(share)) <= chord + 1e-9 * (1.0 + chord));
         }
     }
 

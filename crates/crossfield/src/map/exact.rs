@@ -44,9 +44,7 @@ pub struct MapReport {
     pub respaced: bool,
     /// Triangles inverted by rounding.
     pub folded: usize,
-    /// Solves with stiffer triangles.
-    pub stiffenings: usize,
-    /// Whether the map had to be untangled.
+    /// Whether the map had to be unfolded or untangled then.
     pub untangled: bool,
     /// Whether the triangles of the surface could not be untangled, and the quads are those of the decimated map, laid on the
     /// surface along straight lines of the map before its rounding.

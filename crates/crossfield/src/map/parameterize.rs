@@ -16,19 +16,12 @@ use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
 #[cfg(feature = "testing")]
-use super::unfold::{Effort, Ends};
+use super::unfold::{Effort, Ends, monotone};
 use super::unfold::{Folded, Unfolder, Unfolding};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
 use crate::field::frames::Frames;
-
-/// Solves with stiffer triangles before the map is untangled.
-/// Each is a factorization with the same pattern: cheap compared with untangling, and enough for single folded
-/// triangles.
-const STIFFENINGS: usize = 8;
-/// So many triangles at fault are not made stiffer again if that mends less than a tenth of them.
-const MANY_FAULTS: usize = 100;
 
 /// How often conditions for wider handles and necks are added.
 const WIDENINGS: usize = 30;
@@ -47,10 +40,10 @@ pub struct MapOptions {
 /// The map whose gradients are closest to the field, with integers on the seams (Eq. 4.10); `mesh` is connected.
 ///
 /// The surface is cut open, all conditions of seams, singular vertices and lines are eliminated exactly. A map that folds
-/// before anything is an integer starts anew from the sizes that the field's cones ask for (Ben-Chen et al. 2008), is unfolded
-/// place by place, or with all unknowns free (Garanzha et al. 2021), and what comes out is what is wanted from then on. The
-/// integers are rounded one by one with the rest following to its optimum. What folds then is unfolded place by place; if that does
-/// not do, triangles there get stiffer (Bommes et al. 2009), and the map is untangled. The result is checked in integers.
+/// before anything is an integer starts anew from the sizes that the field's cones ask for (Ben-Chen et al. 2008), goes to the
+/// nearest one of a convex set of upright maps (Lipman 2012), is unfolded place by place, or with all unknowns free (Garanzha et
+/// al. 2021), and what comes out is what is wanted from then on. The integers are rounded one by one with the rest following to its
+/// optimum. What folds then is unfolded place by place, or untangled as a whole. The result is checked in integers.
 ///
 /// `frames` and `field` are those of `mesh`, and hold one entry per triangle. The module's page has an example.
 ///
@@ -137,7 +130,7 @@ pub(crate) fn parameterized(
     // With a decimated map to fall back on, no more than a little.
     let share = unfolding.effort.share(if spread.is_some() { 8 } else { 1 });
     making.unfolding.effort = &share;
-    making.unfold(&relaxed.weighted, &mut w)?;
+    making.unfold(&relaxed.weighted, spread.is_some(), &mut w)?;
     unfolding.effort.give_back(&share);
     making.report.energy = making.system.energy(&making.system.corners(&w));
     match (
@@ -227,6 +220,31 @@ pub(crate) fn sizes(
     };
     let (_, _, charts) = prepared(mesh, frames, field, &options)?;
     conformal::scales(&charts, frames, field)
+}
+
+/// See `testing::aligned`.
+#[cfg(feature = "testing")]
+pub(crate) fn aligned(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<[usize; 2], Error> {
+    alone(mesh, frames, field, options, run, |mut making| {
+        let Optimum {
+            weighted, mut w, ..
+        } = making.optimum()?;
+        let left = |w: &[f64]| {
+            let corners = making.system.corners(w);
+            let all = making.system.charts.iter().zip(&corners);
+            all.filter(|(chart, uv)| monotone(chart, uv).0 <= 0.0)
+                .count()
+        };
+        let before = left(&w);
+        making.unfolder().align(&weighted, true, &mut w)?;
+        Ok([before, left(&w)])
+    })
 }
 
 /// What each of several maps of a field costs to unfold without integers, in evaluations of all triangles; `None` for one that
@@ -518,13 +536,15 @@ impl<'a> Making<'a> {
         {
             return Ok(self.sized(last));
         }
-        // Where triangles may be of the sizes that the cones ask for, few fold, and these unfold where they are.
+        // Where triangles may be of the sizes that the cones ask for, few fold.
         match self.conformal_optimum() {
             Ok(of_cones) => w = of_cones,
             // Needles may be beyond the digits of their cotangents.
             Err(Error::Matrix(_)) => {}
             Err(error) => return Err(error),
         }
+        // A convex problem turns most of these upright, and the rest unfolds where it is.
+        self.unfolder().align(&weighted, true, &mut w)?;
         if !self.is_mended(&weighted, true, &mut w)? {
             self.unfolder().untangled(&weighted, true, &mut w)?;
         }
@@ -767,48 +787,31 @@ impl<'a> Making<'a> {
         Some((spread, wrong))
     }
 
-    /// Unfolds place by place, or with stiffer triangles where the map folds, then as a whole, the integers held.
+    /// Unfolds place by place, the integers held; then as a whole, unless there is a decimated map to fall back on: what folds in
+    /// no place of its own is rarely worth what that takes.
     ///
     /// What comes out may still be folded: the check afterwards says so, and counts.
-    fn unfold(&mut self, weighted: &Weighted<'_>, w: &mut [f64]) -> Result<(), Error> {
-        let seams = self.system.seams;
-        let mut corners = self.system.corners(w);
-        self.report.folded = self.faults(&corners).len();
+    fn unfold(
+        &mut self,
+        weighted: &Weighted<'_>,
+        may_fall_back: bool,
+        w: &mut [f64],
+    ) -> Result<(), Error> {
+        self.report.folded = self.faults(&self.system.corners(w)).len();
         if self.report.folded == 0 {
             return Ok(());
         }
-        // Most folds are in small places, and unfold there.
+        self.report.untangled = true;
+        if may_fall_back {
+            self.unfolder().mended(weighted, false, w)?;
+            return Ok(());
+        }
         let mut by_places = w.to_vec();
         if self.is_mended(weighted, false, &mut by_places)? {
-            self.report.untangled = true;
             w.copy_from_slice(&by_places);
-            return Ok(());
+        } else {
+            self.unfolder().untangled(weighted, false, w)?;
         }
-        let mut weights = self.weights.clone();
-        let mut before = usize::MAX;
-        for _ in 0..STIFFENINGS {
-            let faults = self.faults(&corners);
-            if faults.is_empty() {
-                return Ok(());
-            }
-            // Many folds that stay hold each other.
-            if faults.len() > MANY_FAULTS && faults.len() > before / 10 * 9 {
-                break;
-            }
-            before = faults.len();
-            let charts = self.system.charts;
-            stiffen(self.frames, charts, &corners, &faults, &mut weights);
-            let stiffer = self.system.weighted(&weights)?;
-            let integers = &w[seams.reals..seams.unknowns()];
-            w.copy_from_slice(&stiffer.values_for(integers)?);
-            corners = self.system.corners(w);
-            self.report.stiffenings += 1;
-        }
-        if self.faults(&corners).is_empty() {
-            return Ok(());
-        }
-        self.report.untangled = true;
-        self.unfolder().untangled(weighted, false, w)?;
         Ok(())
     }
 }
@@ -849,47 +852,4 @@ fn singular_values(j: &[[f64; 2]; 2]) -> [f64; 2] {
         ((sum + root) / 2.0).sqrt(),
         ((sum - root).max(0.0) / 2.0).sqrt(),
     ]
-}
-
-/// Local stiffening (Bommes, Zimmer and Kobbelt, 2009): weights grow where the distortion is uneven, and around faults.
-///
-/// What it adds to a weight is at most 5 for unevenness, the difference between the distortion of a triangle and that
-/// of its neighbours, and 2 next to a fault. The second part is not in the paper: without it a fold in an evenly
-/// distorted place stays, or moves to and fro.
-fn stiffen(
-    frames: &Frames,
-    charts: &[Chart],
-    corners: &[[[f64; 2]; 3]],
-    faults: &[usize],
-    weights: &mut [f64],
-) {
-    const MOST: f64 = 5.0;
-    const AT_FAULTS: f64 = 2.0;
-    let distortion: Vec<f64> = charts
-        .iter()
-        .zip(corners)
-        .map(|(chart, uv)| {
-            let j = chart.jacobian(uv);
-            let (sign, [large, small]) = (determinant(&j).signum(), singular_values(&j));
-            (large * sign - 1.0).abs() + (small * sign - 1.0).abs()
-        })
-        .collect();
-    for f in 0..charts.len() {
-        let uneven: f64 = (3 * f..3 * f + 3)
-            .filter_map(|h| frames.twin(h))
-            .map(|t| distortion[f] - distortion[t / 3])
-            .sum();
-        weights[f] += uneven.abs().min(MOST);
-    }
-    let mut near: Vec<usize> = faults
-        .iter()
-        .flat_map(|&f| 3 * f..3 * f + 3)
-        .flat_map(|h| frames.around(frames.from(h)))
-        .map(|h| h / 3)
-        .collect();
-    near.sort_unstable();
-    near.dedup();
-    for f in near {
-        weights[f] += AT_FAULTS;
-    }
 }

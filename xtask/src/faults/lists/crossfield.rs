@@ -46,6 +46,27 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::maps_start_in_the_sizes_that_cones_ask_for"),
     Fault::wrong(
+        "the symmetric part of a Jacobian is taken for the antisymmetric one",
+        "crates/crossfield/src/map/unfold/monotone.rs",
+        "0.5 * (a + d - (a - d).hypot(b + c))",
+        "0.5 * (a + d - (a - d).hypot(b - c))",
+    )
+    .seen_by("backends::monotone_maps_are_upright_and_convex"),
+    Fault::wrong(
+        "what a triangle falls short of monotone has half the slope by its turn",
+        "crates/crossfield/src/map/unfold/monotone.rs",
+        "[turned * q, -turned * p - short],",
+        "[0.5 * turned * q, -turned * p - short],",
+    )
+    .seen_by("backends::monotone_maps_are_upright_and_convex"),
+    Fault::wrong(
+        "maps that fold stay as they are",
+        "crates/crossfield/src/map/unfold/align.rs",
+        "const ROUNDS: usize = 8;",
+        "const ROUNDS: usize = 0;",
+    )
+    .seen_by("laws::maps_that_fold_become_monotone"),
+    Fault::wrong(
         "what rounding holds is added to the inverse of the others",
         "crates/crossfield/src/map/integers/dense.rs",
         "strip.gemm(-1.0, held, &own, 1.0);",

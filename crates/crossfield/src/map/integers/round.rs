@@ -309,7 +309,7 @@ impl Quadratic {
         // Moves have numbers, in the order in which they are considered.
         let pairs: usize = coupled.iter().map(|c| 2 + 4 * c.len()).sum();
         let mut guard = upright.map(|upright| Guard::new(upright, z, pairs));
-        let mut moves: Vec<(f64, usize, Pair)> = Vec::new();
+        let mut moves: Vec<Move> = Vec::new();
         let most = (20 * n + 20).min(20 * MOST_TRIED * n / pairs.max(1) + 200);
         for step in 0..most {
             run.progress("integers", step as u64, most as u64)?;
@@ -334,20 +334,18 @@ impl Quadratic {
                     }
                 }
             }
-            // The best that no triangle forbids.
-            moves.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let accepted = moves
-                .iter()
-                .find(|(_, number, pair)| guard.as_mut().is_none_or(|g| !g.forbids(*number, pair)));
-            let Some((_, _, pair)) = accepted else {
+            let accepted = best_allowed(&mut moves, |number, pair| {
+                guard.as_mut().is_none_or(|g| !g.forbids(number, pair))
+            });
+            let Some(pair) = accepted else {
                 return Ok(());
             };
-            for &(k, d) in pair {
+            for (k, d) in pair {
                 z[k] += d;
                 gradient.axpy(d, &self.matrix.column(k), 1.0);
             }
             if let Some(guard) = &mut guard {
-                guard.make(pair);
+                guard.make(&pair);
             }
         }
         Ok(())
@@ -375,6 +373,32 @@ impl Quadratic {
             others
         })
     }
+}
+
+/// What it changes of the energy, its number, and the integers by how much.
+type Move = (f64, usize, Pair);
+
+/// The best that is allowed, of equal ones the first; asked in this order. One of the best nearly always is, so that few have to be
+/// put in order.
+fn best_allowed(
+    moves: &mut [Move],
+    mut is_allowed: impl FnMut(usize, &Pair) -> bool,
+) -> Option<Pair> {
+    const TOGETHER: usize = 64;
+    let by_energy = |a: &Move, b: &Move| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+    let mut rest = moves;
+    while !rest.is_empty() {
+        let count = TOGETHER.min(rest.len());
+        rest.select_nth_unstable_by(count - 1, by_energy);
+        let (best, others) = rest.split_at_mut(count);
+        best.sort_unstable_by(by_energy);
+        let mut allowed = best.iter().filter(|m| is_allowed(m.1, &m.2));
+        if let Some((_, _, pair)) = allowed.next() {
+            return Some(*pair);
+        }
+        rest = others;
+    }
+    None
 }
 
 /// [`inverse_of`] for tests: of a positive definite matrix, row after row.

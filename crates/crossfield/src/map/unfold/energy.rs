@@ -1,8 +1,9 @@
-//! The regularized distortion of a part of a map, and its slopes.
+//! What is minimized of a part of a map, and its slopes.
 
 use geom_core::compute::lists::Lists;
 use geom_core::compute::{BackendError, parallel};
 
+use super::monotone::shortage;
 use super::scope::Scope;
 use crate::Error;
 use crate::backend::{ChartDistortion, CrossfieldBackend, On};
@@ -14,6 +15,15 @@ use crate::specification::chart_distortion;
 const LEAST_AREA: f64 = 0.25;
 /// The smallest regularization: determinants below it are as good as none.
 pub(super) const LEAST: f64 = 1e-6;
+
+/// What triangles shall be.
+#[derive(Clone, Copy)]
+pub(super) enum Wish {
+    /// Upright, and as little distorted as they can be, for an ε.
+    Upright(f64),
+    /// Monotone.
+    Monotone,
+}
 
 /// The energy of the triangles of a scope as a function of the values that move. Its memory is used again: it is asked
 /// hundreds of times.
@@ -28,8 +38,8 @@ pub(super) struct Energy<'a> {
     /// Places of held triangles among those of the scope. Their distortion is always taken with the smallest ε, whose barrier
     /// is too high for any step to cross, and on the CPU, whatever the backend: in f32 the barrier would have holes.
     held: Vec<usize>,
-    /// ε of the round.
-    pub(super) epsilon: f64,
+    /// What is asked of them in this round.
+    pub(super) wish: Wish,
     /// Where the copies are, and the corners of the triangles.
     places: Vec<[f64; 2]>,
     corners: Vec<[[f64; 2]; 3]>,
@@ -83,7 +93,7 @@ impl<'a> Energy<'a> {
             backend: run.backend,
             w: w.to_vec(),
             held: faces.filter(|(_, f)| is_held(f)).map(|(k, _)| k).collect(),
-            epsilon: 0.0,
+            wish: Wish::Upright(0.0),
             places: vec![[0.0; 2]; scope.copies.len()],
             corners: vec![[[0.0; 2]; 3]; scope.corners.len()],
             out: Vec::new(),
@@ -122,12 +132,20 @@ impl<'a> Energy<'a> {
         });
     }
 
-    /// Distortions at x, from the backend, which must answer one per triangle.
+    /// Distortions at x, from the backend, which must answer one per triangle. What is not monotone is measured on the CPU: that
+    /// takes less time than to bring it elsewhere.
     fn evaluate(&mut self, x: &[f64]) -> Result<(), Error> {
         self.lay(x);
         let (charts, corners) = (&self.charts, &self.corners);
+        let Wish::Upright(epsilon) = self.wish else {
+            self.out.resize(charts.len(), ChartDistortion::default());
+            parallel::for_each(&mut self.out, |t, out| {
+                *out = shortage(&charts[t], &corners[t])
+            });
+            return Ok(());
+        };
         self.backend
-            .chart_distortion(charts, corners, self.epsilon, &mut self.out)?;
+            .chart_distortion(charts, corners, epsilon, &mut self.out)?;
         let (found, of) = (self.out.len(), corners.len());
         BackendError::unless(found == of, &self.backend.name(), || {
             format!("{found} distortions for {of} triangles")
@@ -136,6 +154,17 @@ impl<'a> Energy<'a> {
             self.out[f] = chart_distortion(&charts[f], &corners[f], LEAST);
         }
         Ok(())
+    }
+
+    /// Triangles of which something is true.
+    pub(super) fn count(
+        &mut self,
+        x: &[f64],
+        is: impl Fn(&Chart, &[[f64; 2]; 3]) -> bool,
+    ) -> usize {
+        self.lay(x);
+        let all = self.charts.iter().zip(&self.corners);
+        all.filter(|(chart, uv)| is(chart, uv)).count()
     }
 
     /// The smallest determinant.

@@ -1,8 +1,10 @@
 //! How a map is unfolded: all at once, then place by place.
 
+mod align;
 mod effort;
 mod energy;
 mod lbfgs;
+mod monotone;
 mod scope;
 mod untangle;
 mod wind;
@@ -13,15 +15,20 @@ use std::ops::RangeInclusive;
 use geom_core::compute::parallel;
 use geom_core::compute::sets::DisjointSets;
 
+use self::align::align;
 pub(crate) use self::effort::{Effort, Ends, Folded, Unfolding};
 use self::scope::Scope;
 use self::untangle::{Judge, Moves, untangle};
 use self::wind::wound;
 use crate::Error;
+#[cfg(feature = "testing")]
+use crate::backend::ChartDistortion;
 use crate::backend::On;
 use crate::field::CrossField;
 use crate::field::frames::Frames;
 use crate::map::cones::has_wrong_angle;
+#[cfg(feature = "testing")]
+use crate::map::spacing::Chart;
 use crate::map::system::{System, Weighted};
 
 /// How many rings of triangles around what is folded move when only these do, one try after the other.
@@ -38,6 +45,16 @@ const NO_BETTER: usize = 6;
 type Wanted = fn(bool, bool) -> bool;
 const STUCK: Wanted = |turns_wrong, upright| turns_wrong && upright;
 const BAD: Wanted = |turns_wrong, upright| turns_wrong || !upright;
+
+/// Where a place starts to unfold from.
+#[derive(Clone, Copy, PartialEq)]
+enum Start {
+    AsItIs,
+    /// As far as it can be made monotone.
+    Aligned,
+    /// From the optimum of Eq. 4.10 there.
+    Optimum,
+}
 
 /// What unfolds the map of a field.
 #[derive(Clone, Copy)]
@@ -80,6 +97,23 @@ impl Unfolder<'_> {
         self.untangle_all(weighted, with_integers, held, &|_| false, w)?;
         self.effort.give_back(&reserve);
         self.mended(weighted, with_integers, w)
+    }
+
+    /// Makes the map monotone as far as it can be, with all unknowns, or the reals among them.
+    pub(super) fn align(
+        &self,
+        weighted: &Weighted<'_>,
+        with_integers: bool,
+        w: &mut [f64],
+    ) -> Result<(), Error> {
+        let moves = Moves {
+            scope: &Scope::whole(self.system, with_integers),
+            bend: &|gradient: &[f64]| weighted.inverse(gradient, with_integers),
+            held: Vec::new(),
+            effort: self.effort,
+            is_lost: &|_| false,
+        };
+        align(self.system, w, &moves, self.run)
     }
 
     /// Untangles with all unknowns, or the reals among them.
@@ -178,14 +212,18 @@ impl Unfolder<'_> {
             is_lost: &|w: &[f64]| count(STUCK, w) > 0,
         };
         let mut best = (count(BAD, w), w.to_vec());
-        for from_optimum in [false, true] {
-            if from_optimum {
-                scope.relax(system, &factor, w)?;
+        let first = w.to_vec();
+        for start in [Start::AsItIs, Start::Aligned, Start::Optimum] {
+            w.copy_from_slice(&first);
+            match start {
+                Start::AsItIs => {}
+                Start::Aligned => align(system, w, &moves, self.run)?,
+                Start::Optimum => scope.relax(system, &factor, w)?,
             }
             untangle(system, w, &moves, self.run)?;
             let bad = count(BAD, w);
             // Something else is as good as what it was, for wider surroundings.
-            if bad < best.0 || (!from_optimum && bad == best.0) {
+            if bad < best.0 || (start == Start::AsItIs && bad == best.0) {
                 best = (bad, w.to_vec());
             }
             if bad == 0 {
@@ -256,4 +294,13 @@ impl Unfolder<'_> {
         let wrong = self.vertices(|f| corners[f], &self.all_vertices(), |wrong, _| wrong);
         (triangles, wrong.len())
     }
+}
+
+/// See `testing::monotone`.
+#[cfg(feature = "testing")]
+pub(crate) fn monotone(chart: &Chart, uv: &[[f64; 2]; 3]) -> (f64, ChartDistortion) {
+    (
+        monotone::least_eigenvalue(chart, uv),
+        monotone::shortage(chart, uv),
+    )
 }

@@ -9,7 +9,7 @@
 use geom_core::compute::parallel;
 
 use super::effort::Effort;
-use super::energy::{Energy, LEAST};
+use super::energy::{Energy, LEAST, Wish};
 use super::lbfgs::{Bend, STEPS, minimize};
 use super::scope::Scope;
 use crate::Error;
@@ -21,7 +21,7 @@ const ROUNDS: usize = 60;
 /// A folded map stays so when its worst triangle is not better after so many.
 const STALLED: usize = 20;
 /// Fewer triangles are worked on by one thread: a step of theirs takes less time than others to wake.
-const FEW: usize = 2000;
+pub(super) const FEW: usize = 2000;
 /// Below this ε upright triangles do not fold again: the mean determinant is 1.
 const FIRM: f64 = 1.0;
 /// An upright map is settled when a round lowers its energy by less, relatively.
@@ -76,7 +76,7 @@ fn rounds(
 ) -> Result<(), Error> {
     let mut x: Vec<f64> = moves.scope.unknowns.iter().map(|&k| w[k]).collect();
     let worst = energy.worst(&x);
-    energy.epsilon = first_epsilon(worst);
+    let mut epsilon = first_epsilon(worst);
     let (mut best, mut stalled) = (worst, 0);
     for round in 0..ROUNDS {
         // A step of a large map takes a good part of a second, a round half a minute.
@@ -84,6 +84,7 @@ fn rounds(
             let done = round * STEPS + step;
             run.progress("untangle", done as u64, (ROUNDS * STEPS) as u64)
         };
+        energy.wish = Wish::Upright(epsilon);
         let (before, after) = minimize(&mut energy, moves.bend, moves.effort, &mut x, &watch)?;
         let worst = energy.worst(&x);
         let positive = worst > 0.0;
@@ -96,7 +97,7 @@ fn rounds(
         if !positive && (stalled >= STALLED || moves.effort.is_spent()) {
             break;
         }
-        if energy.epsilon < FIRM && (moves.is_lost)(energy.all(&x)) {
+        if epsilon < FIRM && (moves.is_lost)(energy.all(&x)) {
             break;
         }
         let gained = 1.0 - after / before;
@@ -105,7 +106,7 @@ fn rounds(
         }
         // ε follows what was gained: too fast a fall freezes the folds, too slow a one takes forever.
         let share = gained.max(0.5);
-        let root = worst.hypot(energy.epsilon);
+        let root = worst.hypot(epsilon);
         let falls = if positive {
             share
         } else {
@@ -113,7 +114,7 @@ fn rounds(
         };
         // Far above the worst determinant ε only takes time.
         let most = (2.0 * worst.abs()).max(0.4);
-        energy.epsilon = (energy.epsilon * (1.0 - falls)).clamp(LEAST, most);
+        epsilon = (epsilon * (1.0 - falls)).clamp(LEAST, most);
     }
     w.copy_from_slice(energy.all(&x));
     Ok(())
