@@ -244,7 +244,7 @@ pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
         "a star that turns too little is unfolded to the end",
         "crates/crossfield/src/map/unfold/untangle.rs",
-        "if energy.epsilon < FIRM && (moves.is_lost)",
+        "if epsilon < FIRM && (moves.is_lost)",
         "if energy.epsilon < 0.0 && (moves.is_lost)",
     )
     .seen_by("laws::a_star_that_turns_too_little_is_not_waited_for"),
