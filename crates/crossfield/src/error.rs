@@ -54,6 +54,15 @@ pub enum Error {
         "the work that so many triangles are worth has been done; fewer quads or a larger smoothing help"
     )]
     Spent,
+    /// The map has too many integers, two or so for each singular vertex and each handle: their dense matrices grow with the
+    /// square of them, and the time with the cube.
+    #[error(
+        "the map has {integers} integers, more than so many triangles are worth; fewer quads, a larger smoothing or singularity penalty help"
+    )]
+    Integers {
+        /// How many.
+        integers: usize,
+    },
     /// A line of the map leads nowhere: the map is not an integer-grid map.
     #[error("a line of the map cannot be followed from triangle {face}: {why}")]
     Torn {

@@ -11,7 +11,7 @@ use super::cones::has_wrong_angle;
 use super::conformal;
 use super::cut::Cut;
 use super::exact::{BITS, GridMap, MapReport, fixed, wrong_cones};
-use super::integers::{AtLeast, Coarse, Quadratic, Spread, Upright};
+use super::integers::{AtLeast, Coarse, Means, Quadratic, Spread, Upright, cube};
 use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
@@ -50,7 +50,7 @@ pub struct MapOptions {
 /// # Errors
 /// [`Error::Folded`] says where what came out is no integer-grid map: a triangle is inverted, or lines turn too far around a
 /// vertex. A smaller spacing, finer triangles or another field may help, which is what [`quadrangulate`](crate::quadrangulate)
-/// tries by itself. [`Error::Option`] names a spacing or a half-edge that makes no sense.
+/// tries by itself. [`Error::Integers`] for more of these than so many triangles are worth. [`Error::Option`] names a spacing or a half-edge that makes no sense.
 pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     mesh: &TriMesh,
     frames: &Frames,
@@ -304,7 +304,7 @@ pub(crate) fn of_integers(
         } = making.optimum()?;
         let System { seams, charts, .. } = making.system;
         let quadratic = making.quadratic(&weighted, &w)?;
-        let z = quadratic.rounded(run)?;
+        let z = quadratic.rounded(making.means())?;
         let energy = |corners: &[[[f64; 2]; 3]]| making.system.energy(corners) / 2.0;
         let rounded = making.system.corners(&weighted.values_for(&z)?);
         let real = &w[seams.reals..seams.unknowns()];
@@ -413,6 +413,13 @@ impl<'a> Making<'a> {
             system,
             unfolding,
             run,
+        }
+    }
+
+    fn means(&self) -> Means<'_> {
+        Means {
+            effort: self.unfolding.effort,
+            run: self.run,
         }
     }
 
@@ -644,9 +651,14 @@ impl<'a> Making<'a> {
             w,
             corners,
         } = relaxed;
+        // Asked for before it is begun: the dense matrices take n² numbers and n³ operations.
+        let integers = self.system.seams.integers;
+        if !self.unfolding.effort.spend(cube(integers)) {
+            return Err(Error::Integers { integers });
+        }
         let quadratic = self.quadratic(weighted, w)?;
         weighted.forget_free();
-        let rounded = quadratic.rounded(self.run)?;
+        let rounded = quadratic.rounded(self.means())?;
         let direct = Rounded {
             w: weighted.values_for(&rounded)?,
             stage: "rounding",
@@ -668,7 +680,7 @@ impl<'a> Making<'a> {
         let mut z = rounded;
         let turned = |z: &[f64]| self.turned(&coarse, z, corners);
         if !upright.holds(&z) || turned(&z).is_some_and(|wrong| !wrong.is_empty()) {
-            let other = quadratic.rounded_within(&mut upright, &turned, self.run)?;
+            let other = quadratic.rounded_within(&mut upright, &turned, self.means())?;
             let Some(other) = other else {
                 // No real numbers can mend what the integers fold.
                 let (triangles, cones) = self.unfolder().invalid(&self.system.corners(&direct.w));
@@ -746,7 +758,7 @@ impl<'a> Making<'a> {
             }
             upright.add(&found.wider);
             let turned = |z: &[f64]| self.turned(coarse, z, corners);
-            let Some(z) = quadratic.mended(&now.z, &mut upright, &turned, self.run)? else {
+            let Some(z) = quadratic.mended(&now.z, &mut upright, &turned, self.means())? else {
                 break;
             };
             let Some(wider) = spread(&z) else {

@@ -13,7 +13,7 @@ mod spread;
 mod upright;
 
 pub(super) use coarse::Coarse;
-pub(super) use round::Quadratic;
+pub(super) use round::{Means, Quadratic, cube};
 #[cfg(feature = "testing")]
 pub(crate) use round::{inverse, rounded};
 pub(crate) use spread::Spread;

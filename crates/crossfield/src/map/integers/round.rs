@@ -14,6 +14,7 @@ use geom_core::nalgebra::{DMatrix, DVector};
 use super::dense::{Free, factor, inverse_of};
 use super::upright::{AtLeast, Guard, Pair, Short, Upright, Weighed};
 use crate::backend::On;
+use crate::map::unfold::Effort;
 
 /// Moves lower the energy when they do so by this much.
 const FALLS: f64 = 1e-9;
@@ -31,6 +32,13 @@ const TURNS: usize = 4;
 
 /// What would keep upright triangles from turning too far around vertices; nothing where none do, `None` if that is not known.
 pub(crate) type Turned<'a> = &'a dyn Fn(&[f64]) -> Option<Vec<AtLeast>>;
+
+/// What a search for integers may use.
+#[derive(Clone, Copy)]
+pub(crate) struct Means<'a> {
+    pub(crate) effort: &'a Effort,
+    pub(crate) run: On<'a>,
+}
 
 /// The energy as a function of the integers: `½ zᵀ S z − sᵀ z`.
 pub(crate) struct Quadratic {
@@ -72,9 +80,9 @@ impl Quadratic {
     /// Rounds the variable that is nearest to an integer, lets the others follow to their exact optimum, and so on
     /// (Bommes, Zimmer and Kobbelt, *Mixed-integer quadrangulation*, 2009, with the real unknowns eliminated); then moves single
     /// integers and pairs of them by one while the energy falls.
-    pub(crate) fn rounded(&self, run: On<'_>) -> Result<Vec<f64>, Cancelled> {
+    pub(crate) fn rounded(&self, means: Means<'_>) -> Result<Vec<f64>, Cancelled> {
         let mut z = self.nearest().to_vec();
-        self.descend(&mut z, None, run)?;
+        self.descend(&mut z, None, means)?;
         Ok(z)
     }
 
@@ -90,20 +98,21 @@ impl Quadratic {
         &self,
         upright: &mut Upright,
         turned: Turned<'_>,
-        run: On<'_>,
+        means: Means<'_>,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
         for first in 0..=DENSEST {
             let mut z = match first {
                 0 => self.nearest().to_vec(),
+                _ if !means.effort.spend(cube(self.relaxed.len())) => return Ok(None),
                 _ => greedy(&self.inverse, &(&self.relaxed * RATIO.powi(first))),
             };
-            if !self.mend(&mut z, &self.denser(first), upright, run)? {
+            if !self.mend(&mut z, &self.denser(first), upright, means)? {
                 continue;
             }
             for step in (0..=first).rev() {
-                self.descend_on(&mut z, &self.denser(step), Some(upright), run)?;
+                self.descend_on(&mut z, &self.denser(step), Some(upright), means)?;
             }
-            if self.unturn(&mut z, upright, turned, run)? {
+            if self.unturn(&mut z, upright, turned, means)? {
                 return Ok(Some(z));
             }
         }
@@ -116,19 +125,24 @@ impl Quadratic {
         z: &[f64],
         upright: &mut Upright,
         turned: Turned<'_>,
-        run: On<'_>,
+        means: Means<'_>,
     ) -> Result<Option<Vec<f64>>, Cancelled> {
         let mut z = z.to_vec();
         let is_right =
-            self.settle(&mut z, upright, run)? && self.unturn(&mut z, upright, turned, run)?;
+            self.settle(&mut z, upright, means)? && self.unturn(&mut z, upright, turned, means)?;
         Ok(is_right.then_some(z))
     }
 
     /// Mends on the wanted grid, then descends; false if triangles stay folded.
-    fn settle(&self, z: &mut [f64], upright: &Upright, run: On<'_>) -> Result<bool, Cancelled> {
-        let is_mended = self.mend(z, &self.right, upright, run)?;
+    fn settle(
+        &self,
+        z: &mut [f64],
+        upright: &Upright,
+        means: Means<'_>,
+    ) -> Result<bool, Cancelled> {
+        let is_mended = self.mend(z, &self.right, upright, means)?;
         if is_mended {
-            self.descend_on(z, &self.right, Some(upright), run)?;
+            self.descend_on(z, &self.right, Some(upright), means)?;
         }
         Ok(is_mended)
     }
@@ -139,7 +153,7 @@ impl Quadratic {
         z: &mut [f64],
         upright: &mut Upright,
         turned: Turned<'_>,
-        run: On<'_>,
+        means: Means<'_>,
     ) -> Result<bool, Cancelled> {
         for _ in 0..=TURNS {
             let Some(conditions) = turned(z) else {
@@ -149,7 +163,7 @@ impl Quadratic {
                 return Ok(true);
             }
             upright.add(&conditions);
-            if !self.settle(z, upright, run)? {
+            if !self.settle(z, upright, means)? {
                 return Ok(false);
             }
         }
@@ -178,7 +192,7 @@ impl Quadratic {
         z: &mut [f64],
         right: &DVector<f64>,
         upright: &Upright,
-        run: On<'_>,
+        means: Means<'_>,
     ) -> Result<bool, Cancelled> {
         let n = z.len();
         let coupled = self.coupled(|_| 0);
@@ -188,11 +202,12 @@ impl Quadratic {
         let most = 4 * n + 50;
         let (mut tried, mut breakouts) = (0, 0);
         for step in 0..most {
+            let before = tried;
             let short = upright.short(&sides);
             if short.integers.is_empty() {
                 return Ok(true);
             }
-            run.progress("integers", step as u64, most as u64)?;
+            means.run.progress("integers", step as u64, most as u64)?;
             // Other integers change no triangle that has to change.
             let integers = &short.integers;
             tried += 2 * integers.len();
@@ -213,7 +228,7 @@ impl Quadratic {
                     .map(|&i| 4 * coupled[i].len())
                     .sum::<usize>();
             }
-            if tried > MOST_TRIED / 5 * n {
+            if tried > MOST_TRIED / 5 * n || !means.effort.spend(tried - before) {
                 return Ok(false);
             }
             let best = best.or_else(|| {
@@ -283,9 +298,9 @@ impl Quadratic {
         &self,
         z: &mut [f64],
         upright: Option<&Upright>,
-        run: On<'_>,
+        means: Means<'_>,
     ) -> Result<(), Cancelled> {
-        self.descend_on(z, &self.right, upright, run)
+        self.descend_on(z, &self.right, upright, means)
     }
 
     /// Changes one integer or two that are coupled by one, whatever lowers the energy most, as long as that turns no triangle
@@ -298,7 +313,7 @@ impl Quadratic {
         z: &mut [f64],
         right: &DVector<f64>,
         upright: Option<&Upright>,
-        run: On<'_>,
+        means: Means<'_>,
     ) -> Result<(), Cancelled> {
         let n = z.len();
         let coupled = self.coupled(|i| i + 1);
@@ -312,7 +327,7 @@ impl Quadratic {
         let mut moves: Vec<Move> = Vec::new();
         let most = (20 * n + 20).min(20 * MOST_TRIED * n / pairs.max(1) + 200);
         for step in 0..most {
-            run.progress("integers", step as u64, most as u64)?;
+            means.run.progress("integers", step as u64, most as u64)?;
             // What each change does to the energy follows from its gradient.
             moves.clear();
             let mut number = 0;
@@ -399,6 +414,12 @@ fn best_allowed(
         rest = others;
     }
     None
+}
+
+/// What the n³ operations of a dense matrix cost, in evaluations of a triangle.
+pub(in crate::map) fn cube(n: usize) -> usize {
+    const OPERATIONS: usize = 8000;
+    n * n / OPERATIONS * n
 }
 
 /// [`inverse_of`] for tests: of a positive definite matrix, row after row.

@@ -34,6 +34,11 @@ impl Effort {
         left.is_some()
     }
 
+    /// Nothing is worth doing any more.
+    pub(crate) fn end(&self) {
+        self.0.set(0);
+    }
+
     /// What is left.
     pub(crate) fn left(&self) -> u64 {
         self.0.get()

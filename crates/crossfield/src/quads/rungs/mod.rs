@@ -438,6 +438,10 @@ impl Rungs<'_> {
                 self.report.milder = milder;
             }
         }
+        if matches!(made, Err(Error::Integers { .. })) {
+            // Nor would those of the next rungs be few enough.
+            self.effort.end();
+        }
         let relaxed = matches!(made, Err(Error::Folded { relaxed: true, .. }));
         self.unfit = relaxed;
         if made.is_err() && !relaxed && self.denser.is_none() {
