@@ -19,8 +19,8 @@
 //! |---|---|---|
 //! | cut | opens the surface to a disk with all singular vertices on its rim | |
 //! | conditions | all of the above as integer sums of independent unknowns, and of sums of these, by exact elimination | |
-//! | relaxation | the optimum with real numbers in place of integers; if it folds, from the sizes its cones ask for, unfolded place by place, then as a whole | rarely: it stays folded |
-//! | integers | rounds them, one by one or until a decimated map is upright and no handle too narrow | singular vertices end on one point |
+//! | relaxation | the optimum with real numbers in place of integers; if it folds, from the sizes its cones ask for to a convex set of upright maps, then place by place, then as a whole | rarely: it stays folded |
+//! | integers | rounds them, one by one or until a decimated map is upright and no handle too narrow | singular vertices end on one point; there are too many |
 //! | untangling | unfolds what rounding has folded, the integers held, in the same way | triangles have too little freedom |
 //! | check | coordinates in fixed point, areas and angles in integers | says which triangle is folded |
 //!

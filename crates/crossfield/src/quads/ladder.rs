@@ -109,7 +109,7 @@ impl Quadrangulation {
 /// # Errors
 /// [`Error::Option`] for values out of range, [`Error::Empty`] without triangles, [`Error::Repair`] for input beyond
 /// repair. With [`Ladder::Off`](crate::Ladder::Off) also the first failure of a field or map ([`Error::Folded`],
-/// [`Error::TooMany`], [`Error::Topology`]); with [`Ladder::Full`](crate::Ladder::Full) these are in
+/// [`Error::Integers`], [`Error::TooMany`], [`Error::Topology`]); with [`Ladder::Full`](crate::Ladder::Full) these are in
 /// [`PartReport::failures`] instead.
 pub fn quadrangulate<B: CrossfieldBackend + ?Sized>(
     surface: &TriMesh,

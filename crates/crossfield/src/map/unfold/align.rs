@@ -1,11 +1,9 @@
 //! Unfolding by a convex problem: see [`monotone`](super::monotone).
 
-use geom_core::compute::parallel;
-
 use super::energy::{Energy, Wish};
 use super::lbfgs::{STEPS, minimize};
 use super::monotone::least_eigenvalue;
-use super::untangle::{FEW, Moves};
+use super::untangle::{Moves, on_threads_for};
 use crate::Error;
 use crate::backend::On;
 use crate::map::system::System;
@@ -26,11 +24,7 @@ pub(crate) fn align(
     run: On<'_>,
 ) -> Result<(), Error> {
     let energy = Energy::new(system, moves.scope, &[], w, run);
-    if energy.triangles() < FEW {
-        parallel::alone(|| rounds(energy, w, moves, run))
-    } else {
-        rounds(energy, w, moves, run)
-    }
+    on_threads_for(energy.triangles(), || rounds(energy, w, moves, run))
 }
 
 fn rounds(

@@ -21,7 +21,7 @@ const ROUNDS: usize = 60;
 /// A folded map stays so when its worst triangle is not better after so many.
 const STALLED: usize = 20;
 /// Fewer triangles are worked on by one thread: a step of theirs takes less time than others to wake.
-pub(super) const FEW: usize = 2000;
+const FEW: usize = 2000;
 /// Below this ε upright triangles do not fold again: the mean determinant is 1.
 const FIRM: f64 = 1.0;
 /// An upright map is settled when a round lowers its energy by less, relatively.
@@ -60,10 +60,15 @@ pub(crate) fn untangle(
     run: On<'_>,
 ) -> Result<(), Error> {
     let energy = Energy::new(system, moves.scope, &moves.held, w, run);
-    if energy.triangles() < FEW {
-        parallel::alone(|| rounds(energy, w, moves, run))
+    on_threads_for(energy.triangles(), || rounds(energy, w, moves, run))
+}
+
+/// Work on one thread if it is about few triangles.
+pub(super) fn on_threads_for<T>(triangles: usize, work: impl FnOnce() -> T) -> T {
+    if triangles < FEW {
+        parallel::alone(work)
     } else {
-        rounds(energy, w, moves, run)
+        work()
     }
 }
 
