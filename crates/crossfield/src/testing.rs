@@ -146,6 +146,18 @@ pub fn aligned(
     crate::map::aligned(mesh, frames, field, options, run)
 }
 
+/// What comes of a map that may cost so many evaluations of a triangle.
+pub fn parameterized_within(
+    evaluations: u64,
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+) -> Result<(), Error> {
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    crate::map::parameterized_within(evaluations, mesh, frames, field, options, run)
+}
+
 /// How much work maps of a field without integers cost to unfold, in evaluations of all triangles, one after the other; `None`
 /// for one that stays folded.
 pub fn unfolding_costs(

@@ -8,7 +8,8 @@ use crossfield::map::{MapOptions, Spacing, parameterize};
 use crossfield::quads::quality::{Valences, distances};
 use crossfield::quads::{Rung, extract};
 use crossfield::testing::{
-    aligned, cuboid, decimated, of_integers, plate, sizes, tube, unfolding_costs,
+    aligned, cuboid, decimated, of_integers, parameterized_within, plate, sizes, tube,
+    unfolding_costs,
 };
 use crossfield::{
     Error, FieldOptions, Guidance, Ladder, Options, Quadrangulation, Size, cross_field,
@@ -628,7 +629,7 @@ fn maps_of_narrow_tubes_are_decimated_all_the_way() {
 #[test]
 fn the_next_map_of_a_field_starts_upright() {
     for seed in [10, 42, 58, 104] {
-        let mesh = dented_torus(seed);
+        let mesh = dented_torus([24, 10], 0.12, seed);
         let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
         let options = FieldOptions::default();
         let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
@@ -654,12 +655,7 @@ fn the_next_map_of_a_field_starts_upright() {
 fn maps_that_fold_become_monotone() {
     let mut folded = 0;
     for seed in 0..16 {
-        let (mut positions, triangles) = shapes::torus(1.0, 0.25, 48, 20).into_parts();
-        let mut random = SplitMix64::new(seed);
-        for p in &mut positions {
-            *p += Vector3::from_fn(|_, _| 0.09 * random.symmetric());
-        }
-        let mesh = TriMesh::new(positions, triangles).unwrap();
+        let mesh = dented_torus([48, 20], 0.09, seed);
         let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
         // As many singular vertices as bumps ask for.
         let options = FieldOptions {
@@ -677,6 +673,36 @@ fn maps_that_fold_become_monotone() {
         folded += before;
     }
     assert!(folded > 5, "{folded}");
+}
+
+/// More integers than the effort is worth are refused before their matrices are made.
+#[test]
+fn too_many_integers_are_refused() {
+    let mesh = dented_torus([48, 20], 0.05, 50);
+    let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+    let options = FieldOptions {
+        smoothing: 0.0,
+        singularity_penalty: 0.0,
+        ..FieldOptions::default()
+    };
+    let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
+    let options = MapOptions {
+        spacing: Spacing::Uniform(0.05),
+        lines: Vec::new(),
+    };
+    let map = parameterize(&mesh, &frames, &field, &options, Run::on(&Cpu)).unwrap();
+    // It did not fold, so that nothing but the integers has cost anything.
+    assert_eq!(map.report.relaxed_folded, 0);
+    let refused = parameterized_within(1, &mesh, &frames, &field, &options).unwrap_err();
+    let Error::Integers { integers } = refused else {
+        panic!("{refused}");
+    };
+    assert_eq!(integers, map.report.integers);
+    assert!(
+        refused
+            .to_string()
+            .contains(&format!("{integers} integers"))
+    );
 }
 
 /// The sizes that maps start from are, for the half of them, those of the flat metric with the field's cones: on a sphere with
@@ -769,7 +795,7 @@ fn integers_know_what_the_reals_do() {
 #[test]
 fn a_star_that_turns_too_little_is_not_waited_for() {
     const VERTEX: u32 = 103;
-    let mesh = dented_torus(58);
+    let mesh = dented_torus([24, 10], 0.12, 58);
     let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
     let options = FieldOptions::default();
     let mut field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
@@ -804,7 +830,7 @@ fn a_tube_narrower_than_quads_gets_smaller_ones() {
 #[test]
 fn folded_quads_are_made_smaller() {
     let folded = |seed: u64| {
-        let made = quads(&dented_torus(seed), Size::Quads(150));
+        let made = quads(&dented_torus([24, 10], 0.12, seed), Size::Quads(150));
         assert!(made.mesh.quads().len() < 600);
         made.report.scaled_jacobian.below_0_3
     };
@@ -813,11 +839,11 @@ fn folded_quads_are_made_smaller() {
     assert!(all.iter().sum::<usize>() <= 2, "{all:?}");
 }
 
-fn dented_torus(seed: u64) -> TriMesh {
-    let (mut positions, triangles) = shapes::torus(1.0, 0.25, 24, 10).into_parts();
+fn dented_torus([around, along]: [u32; 2], depth: f64, seed: u64) -> TriMesh {
+    let (mut positions, triangles) = shapes::torus(1.0, 0.25, around, along).into_parts();
     let mut random = SplitMix64::new(seed);
     for p in &mut positions {
-        *p += Vector3::from_fn(|_, _| 0.12 * random.symmetric());
+        *p += Vector3::from_fn(|_, _| depth * random.symmetric());
     }
     TriMesh::new(positions, triangles).unwrap()
 }
@@ -855,7 +881,7 @@ fn fields_without_a_map_give_way_to_those_of_less_smooth_copies() {
         ..Options::default()
     };
     for seed in [12, 38] {
-        let mesh = dented_torus(seed);
+        let mesh = dented_torus([24, 10], 0.12, seed);
         let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
         obeys(&made, &mesh);
         assert_eq!(made.report.rung(), Rung::Rougher, "{:?}", made.report.parts);

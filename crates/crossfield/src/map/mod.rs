@@ -69,7 +69,9 @@ pub(crate) use integers::{guarded, inverse, rounded};
 pub(crate) use net::Net;
 pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]
-pub(crate) use parameterize::{aligned, decimated, of_integers, sizes, unfolding_costs};
+pub(crate) use parameterize::{
+    aligned, decimated, of_integers, parameterized_within, sizes, unfolding_costs,
+};
 #[cfg(feature = "testing")]
 pub(crate) use unfold::monotone;
 pub(crate) use unfold::{Effort, Ends, Folded, Unfolding};

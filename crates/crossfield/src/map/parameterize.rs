@@ -40,8 +40,8 @@ pub struct MapOptions {
 /// The map whose gradients are closest to the field, with integers on the seams (Eq. 4.10); `mesh` is connected.
 ///
 /// The surface is cut open, all conditions of seams, singular vertices and lines are eliminated exactly. A map that folds
-/// before anything is an integer starts anew from the sizes that the field's cones ask for (Ben-Chen et al. 2008), goes to the
-/// nearest one of a convex set of upright maps (Lipman 2012), is unfolded place by place, or with all unknowns free (Garanzha et
+/// before anything is an integer starts anew from the sizes that the field's cones ask for (Ben-Chen et al. 2008), goes
+/// towards a convex set of upright maps (Lipman 2012), is unfolded place by place, or with all unknowns free (Garanzha et
 /// al. 2021), and what comes out is what is wanted from then on. The integers are rounded one by one with the rest following to its
 /// optimum. What folds then is unfolded place by place, or untangled as a whole. The result is checked in integers.
 ///
@@ -50,7 +50,8 @@ pub struct MapOptions {
 /// # Errors
 /// [`Error::Folded`] says where what came out is no integer-grid map: a triangle is inverted, or lines turn too far around a
 /// vertex. A smaller spacing, finer triangles or another field may help, which is what [`quadrangulate`](crate::quadrangulate)
-/// tries by itself. [`Error::Integers`] for more of these than so many triangles are worth. [`Error::Option`] names a spacing or a half-edge that makes no sense.
+/// tries by itself. [`Error::Integers`] for more of these than so many triangles are worth. [`Error::Option`] names a spacing or
+/// a half-edge that makes no sense.
 pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     mesh: &TriMesh,
     frames: &Frames,
@@ -242,9 +243,28 @@ pub(crate) fn aligned(
                 .count()
         };
         let before = left(&w);
-        making.unfolder().align(&weighted, true, &mut w)?;
+        making.unfolder().align(&weighted, &mut w)?;
         Ok([before, left(&w)])
     })
+}
+
+/// See `testing::parameterized_within`.
+#[cfg(feature = "testing")]
+pub(crate) fn parameterized_within(
+    evaluations: u64,
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<(), Error> {
+    let (effort, ends) = Unfolding::alone(mesh.triangles().len());
+    effort.spend((effort.left() - evaluations) as usize);
+    let unfolding = Unfolding {
+        effort: &effort,
+        ends: &ends,
+    };
+    parameterized(mesh, frames, field, options, unfolding, None, run).map(drop)
 }
 
 /// What each of several maps of a field costs to unfold without integers, in evaluations of all triangles; `None` for one that
@@ -304,7 +324,7 @@ pub(crate) fn of_integers(
         } = making.optimum()?;
         let System { seams, charts, .. } = making.system;
         let quadratic = making.quadratic(&weighted, &w)?;
-        let z = quadratic.rounded(making.means())?;
+        let z = quadratic.rounded(run)?;
         let energy = |corners: &[[[f64; 2]; 3]]| making.system.energy(corners) / 2.0;
         let rounded = making.system.corners(&weighted.values_for(&z)?);
         let real = &w[seams.reals..seams.unknowns()];
@@ -551,7 +571,7 @@ impl<'a> Making<'a> {
             Err(error) => return Err(error),
         }
         // A convex problem turns most of these upright, and the rest unfolds where it is.
-        self.unfolder().align(&weighted, true, &mut w)?;
+        self.unfolder().align(&weighted, &mut w)?;
         if !self.is_mended(&weighted, true, &mut w)? {
             self.unfolder().untangled(&weighted, true, &mut w)?;
         }
@@ -658,7 +678,7 @@ impl<'a> Making<'a> {
         }
         let quadratic = self.quadratic(weighted, w)?;
         weighted.forget_free();
-        let rounded = quadratic.rounded(self.means())?;
+        let rounded = quadratic.rounded(self.run)?;
         let direct = Rounded {
             w: weighted.values_for(&rounded)?,
             stage: "rounding",

@@ -67,6 +67,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::maps_that_fold_become_monotone"),
     Fault::wrong(
+        "integers cost nothing, however many",
+        "crates/crossfield/src/map/integers/round.rs",
+        "const OPERATIONS: usize = 8000;",
+        "const OPERATIONS: usize = usize::MAX;",
+    )
+    .seen_by("laws::too_many_integers_are_refused"),
+    Fault::wrong(
         "what rounding holds is added to the inverse of the others",
         "crates/crossfield/src/map/integers/dense.rs",
         "strip.gemm(-1.0, held, &own, 1.0);",
@@ -245,7 +252,7 @@ pub(super) const FAULTS: &[Fault] = &[
         "a star that turns too little is unfolded to the end",
         "crates/crossfield/src/map/unfold/untangle.rs",
         "if epsilon < FIRM && (moves.is_lost)",
-        "if energy.epsilon < 0.0 && (moves.is_lost)",
+        "if epsilon < 0.0 && (moves.is_lost)",
     )
     .seen_by("laws::a_star_that_turns_too_little_is_not_waited_for"),
     Fault::wrong(

@@ -33,7 +33,7 @@ const TURNS: usize = 4;
 /// What would keep upright triangles from turning too far around vertices; nothing where none do, `None` if that is not known.
 pub(crate) type Turned<'a> = &'a dyn Fn(&[f64]) -> Option<Vec<AtLeast>>;
 
-/// What a search for integers may use.
+/// What a search for integers may use: a move that is looked at costs as much as the energy of a triangle.
 #[derive(Clone, Copy)]
 pub(crate) struct Means<'a> {
     pub(crate) effort: &'a Effort,
@@ -80,9 +80,9 @@ impl Quadratic {
     /// Rounds the variable that is nearest to an integer, lets the others follow to their exact optimum, and so on
     /// (Bommes, Zimmer and Kobbelt, *Mixed-integer quadrangulation*, 2009, with the real unknowns eliminated); then moves single
     /// integers and pairs of them by one while the energy falls.
-    pub(crate) fn rounded(&self, means: Means<'_>) -> Result<Vec<f64>, Cancelled> {
+    pub(crate) fn rounded(&self, run: On<'_>) -> Result<Vec<f64>, Cancelled> {
         let mut z = self.nearest().to_vec();
-        self.descend(&mut z, None, means)?;
+        self.descend_on(&mut z, &self.right, None, run)?;
         Ok(z)
     }
 
@@ -92,7 +92,7 @@ impl Quadratic {
     ///
     /// On a grid r times denser the whole map is r times as large: S stays the same and s is multiplied by r. There
     /// singular vertices have more points between them, so that rounding makes fewer mistakes. It is tried 1, 1.25, …
-    /// up to 1.25⁴ times as dense, and on the way back the energy is that of each coarser grid in turn, under the
+    /// up to 1.25⁴ times as dense, as long as the effort lasts, and on the way back the energy is that of each coarser grid in turn, under the
     /// condition that no triangle that is upright turns over.
     pub(crate) fn rounded_within(
         &self,
@@ -110,7 +110,7 @@ impl Quadratic {
                 continue;
             }
             for step in (0..=first).rev() {
-                self.descend_on(&mut z, &self.denser(step), Some(upright), means)?;
+                self.descend_on(&mut z, &self.denser(step), Some(upright), means.run)?;
             }
             if self.unturn(&mut z, upright, turned, means)? {
                 return Ok(Some(z));
@@ -142,7 +142,7 @@ impl Quadratic {
     ) -> Result<bool, Cancelled> {
         let is_mended = self.mend(z, &self.right, upright, means)?;
         if is_mended {
-            self.descend_on(z, &self.right, Some(upright), means)?;
+            self.descend_on(z, &self.right, Some(upright), means.run)?;
         }
         Ok(is_mended)
     }
@@ -186,7 +186,7 @@ impl Quadratic {
     /// method for escaping from local minima*, 1993). Returns whether all are.
     ///
     /// `z` changes, and is what was reached even if that is not enough. It gives up after 4 n + 50 steps, after
-    /// [`BREAKOUTS`] times of more weight, or when it has looked at too many moves.
+    /// [`BREAKOUTS`] times of more weight, or when it has looked at too many moves or at as many as the effort was for.
     fn mend(
         &self,
         z: &mut [f64],
@@ -292,17 +292,6 @@ impl Quadratic {
         best.map(|b| b.2)
     }
 
-    /// Moves by ±1, and pairs of them that are coupled most, the best first, while the energy falls and all
-    /// triangles of a decimated map stay upright.
-    pub(crate) fn descend(
-        &self,
-        z: &mut [f64],
-        upright: Option<&Upright>,
-        means: Means<'_>,
-    ) -> Result<(), Cancelled> {
-        self.descend_on(z, &self.right, upright, means)
-    }
-
     /// Changes one integer or two that are coupled by one, whatever lowers the energy most, as long as that turns no triangle
     /// over.
     ///
@@ -313,7 +302,7 @@ impl Quadratic {
         z: &mut [f64],
         right: &DVector<f64>,
         upright: Option<&Upright>,
-        means: Means<'_>,
+        run: On<'_>,
     ) -> Result<(), Cancelled> {
         let n = z.len();
         let coupled = self.coupled(|i| i + 1);
@@ -327,7 +316,7 @@ impl Quadratic {
         let mut moves: Vec<Move> = Vec::new();
         let most = (20 * n + 20).min(20 * MOST_TRIED * n / pairs.max(1) + 200);
         for step in 0..most {
-            means.run.progress("integers", step as u64, most as u64)?;
+            run.progress("integers", step as u64, most as u64)?;
             // What each change does to the energy follows from its gradient.
             moves.clear();
             let mut number = 0;

@@ -2,8 +2,8 @@
 
 use super::energy::{Energy, Wish};
 use super::lbfgs::{STEPS, minimize};
-use super::monotone::least_eigenvalue;
-use super::untangle::{Moves, on_threads_for};
+use super::monotone::is_monotone;
+use super::untangle::{Moves, minimized};
 use crate::Error;
 use crate::backend::On;
 use crate::map::system::System;
@@ -13,29 +13,30 @@ const ROUNDS: usize = 8;
 /// After a round that leaves more than this share of the triangles, the rest is for its places.
 const ENOUGH: f64 = 0.5;
 
-/// Moves a map towards those whose triangles are monotone.
+/// Moves a map towards those whose triangles are monotone. Held triangles move with the others: monotone ones are upright.
 ///
 /// # Errors
 /// If the watcher asks to stop.
-pub(crate) fn align(
+pub(super) fn align(
     system: &System<'_>,
     w: &mut [f64],
     moves: &Moves<'_>,
     run: On<'_>,
 ) -> Result<(), Error> {
-    let energy = Energy::new(system, moves.scope, &[], w, run);
-    on_threads_for(energy.triangles(), || rounds(energy, w, moves, run))
+    minimized(system, w, moves, run, |energy, x| {
+        energy.wish = Wish::Monotone;
+        rounds(energy, x, moves, run)
+    })
 }
 
+/// Minimizations, as long as each leaves far fewer triangles than the last.
 fn rounds(
-    mut energy: Energy<'_>,
-    w: &mut [f64],
+    energy: &mut Energy<'_>,
+    x: &mut Vec<f64>,
     moves: &Moves<'_>,
     run: On<'_>,
 ) -> Result<(), Error> {
-    let mut x: Vec<f64> = moves.scope.unknowns.iter().map(|&k| w[k]).collect();
-    energy.wish = Wish::Monotone;
-    let mut left = energy.count(&x, |chart, uv| least_eigenvalue(chart, uv) <= 0.0);
+    let mut left = energy.count_not(x, is_monotone);
     for round in 0..ROUNDS {
         if left == 0 || moves.effort.is_spent() {
             break;
@@ -44,13 +45,12 @@ fn rounds(
             let done = round * STEPS + step;
             run.progress("monotone", done as u64, (ROUNDS * STEPS) as u64)
         };
-        minimize(&mut energy, moves.bend, moves.effort, &mut x, &watch)?;
+        minimize(energy, moves.bend, moves.effort, x, &watch)?;
         let last = left;
-        left = energy.count(&x, |chart, uv| least_eigenvalue(chart, uv) <= 0.0);
+        left = energy.count_not(x, is_monotone);
         if left as f64 > ENOUGH * last as f64 {
             break;
         }
     }
-    w.copy_from_slice(energy.all(&x));
     Ok(())
 }

@@ -132,8 +132,8 @@ impl<'a> Energy<'a> {
         });
     }
 
-    /// Distortions at x, from the backend, which must answer one per triangle. What is not monotone is measured on the CPU: that
-    /// takes less time than to bring it elsewhere.
+    /// Distortions at x, from the backend, which must answer one per triangle. What falls short of monotone is measured
+    /// here: backends owe distortions alone.
     fn evaluate(&mut self, x: &[f64]) -> Result<(), Error> {
         self.lay(x);
         let (charts, corners) = (&self.charts, &self.corners);
@@ -156,15 +156,15 @@ impl<'a> Energy<'a> {
         Ok(())
     }
 
-    /// Triangles of which something is true.
-    pub(super) fn count(
+    /// Triangles that are not as they shall be.
+    pub(super) fn count_not(
         &mut self,
         x: &[f64],
         is: impl Fn(&Chart, &[[f64; 2]; 3]) -> bool,
     ) -> usize {
         self.lay(x);
         let all = self.charts.iter().zip(&self.corners);
-        all.filter(|(chart, uv)| is(chart, uv)).count()
+        all.filter(|(chart, uv)| !is(chart, uv)).count()
     }
 
     /// The smallest determinant.

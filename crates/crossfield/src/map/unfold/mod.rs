@@ -99,16 +99,11 @@ impl Unfolder<'_> {
         self.mended(weighted, with_integers, w)
     }
 
-    /// Makes the map monotone as far as it can be, with all unknowns, or the reals among them.
-    pub(super) fn align(
-        &self,
-        weighted: &Weighted<'_>,
-        with_integers: bool,
-        w: &mut [f64],
-    ) -> Result<(), Error> {
+    /// Makes the map monotone as far as it can be, with all unknowns.
+    pub(super) fn align(&self, weighted: &Weighted<'_>, w: &mut [f64]) -> Result<(), Error> {
         let moves = Moves {
-            scope: &Scope::whole(self.system, with_integers),
-            bend: &|gradient: &[f64]| weighted.inverse(gradient, with_integers),
+            scope: &Scope::whole(self.system, true),
+            bend: &|gradient: &[f64]| weighted.inverse(gradient, true),
             held: Vec::new(),
             effort: self.effort,
             is_lost: &|_| false,

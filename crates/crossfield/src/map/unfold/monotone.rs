@@ -4,8 +4,8 @@
 //! a quarter from the field: so lines turn around every vertex as often as the field does, which no energy of determinants
 //! knows. All such maps are a convex set (Lipman, *Bounded distortion mapping spaces for triangular meshes*, 2012; Bommes et
 //! al., *Integer-grid maps for reliable quad meshing*, 2013, inscribe a polygon), as the smallest eigenvalue of `(J + Jᵀ) / 2` is a
-//! concave function of the map. What that falls short of a margin is minimized, squared, and there are no folds that hold each
-//! other on the way: where a map of the set exists it is found from anywhere.
+//! concave function of the map. What that falls short of a margin is minimized, squared, from
+//! wherever a map begins: a convex function has no other minimum in which folds could hold each other.
 
 use crate::backend::ChartDistortion;
 use crate::map::spacing::Chart;
@@ -14,6 +14,11 @@ use crate::map::spacing::Chart;
 const MARGIN: f64 = 0.2;
 /// What `|J − 1|²` counts for beside it: enough to say where the rest goes.
 const SOFT: f64 = 1e-3;
+
+/// Is the map of a triangle so?
+pub(super) fn is_monotone(chart: &Chart, uv: &[[f64; 2]; 3]) -> bool {
+    least_eigenvalue(chart, uv) > 0.0
+}
 
 /// Of the symmetric part of the Jacobian.
 pub(super) fn least_eigenvalue(chart: &Chart, uv: &[[f64; 2]; 3]) -> f64 {

@@ -59,28 +59,38 @@ pub(crate) fn untangle(
     moves: &Moves<'_>,
     run: On<'_>,
 ) -> Result<(), Error> {
-    let energy = Energy::new(system, moves.scope, &moves.held, w, run);
-    on_threads_for(energy.triangles(), || rounds(energy, w, moves, run))
+    minimized(system, w, moves, run, |energy, x| {
+        rounds(energy, x, moves, run)
+    })
 }
 
-/// Work on one thread if it is about few triangles.
-pub(super) fn on_threads_for<T>(triangles: usize, work: impl FnOnce() -> T) -> T {
-    if triangles < FEW {
-        parallel::alone(work)
+/// Moves the values of a scope by rounds of minimization, on one thread if it is about few triangles.
+pub(super) fn minimized(
+    system: &System<'_>,
+    w: &mut [f64],
+    moves: &Moves<'_>,
+    run: On<'_>,
+    rounds: impl FnOnce(&mut Energy<'_>, &mut Vec<f64>) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let mut energy = Energy::new(system, moves.scope, &moves.held, w, run);
+    let mut x: Vec<f64> = moves.scope.unknowns.iter().map(|&k| w[k]).collect();
+    if energy.triangles() < FEW {
+        parallel::alone(|| rounds(&mut energy, &mut x))?;
     } else {
-        work()
+        rounds(&mut energy, &mut x)?;
     }
+    w.copy_from_slice(energy.all(&x));
+    Ok(())
 }
 
 /// The minimizations, each with its ε.
 fn rounds(
-    mut energy: Energy<'_>,
-    w: &mut [f64],
+    energy: &mut Energy<'_>,
+    x: &mut Vec<f64>,
     moves: &Moves<'_>,
     run: On<'_>,
 ) -> Result<(), Error> {
-    let mut x: Vec<f64> = moves.scope.unknowns.iter().map(|&k| w[k]).collect();
-    let worst = energy.worst(&x);
+    let worst = energy.worst(x);
     let mut epsilon = first_epsilon(worst);
     let (mut best, mut stalled) = (worst, 0);
     for round in 0..ROUNDS {
@@ -90,8 +100,8 @@ fn rounds(
             run.progress("untangle", done as u64, (ROUNDS * STEPS) as u64)
         };
         energy.wish = Wish::Upright(epsilon);
-        let (before, after) = minimize(&mut energy, moves.bend, moves.effort, &mut x, &watch)?;
-        let worst = energy.worst(&x);
+        let (before, after) = minimize(energy, moves.bend, moves.effort, x, &watch)?;
+        let worst = energy.worst(x);
         let positive = worst > 0.0;
         // Folds that hold each other do not open however long they are pushed.
         if worst > best + 1e-2 * best.abs() {
@@ -102,7 +112,7 @@ fn rounds(
         if !positive && (stalled >= STALLED || moves.effort.is_spent()) {
             break;
         }
-        if epsilon < FIRM && (moves.is_lost)(energy.all(&x)) {
+        if epsilon < FIRM && (moves.is_lost)(energy.all(x)) {
             break;
         }
         let gained = 1.0 - after / before;
@@ -121,7 +131,6 @@ fn rounds(
         let most = (2.0 * worst.abs()).max(0.4);
         epsilon = (epsilon * (1.0 - falls)).clamp(LEAST, most);
     }
-    w.copy_from_slice(energy.all(&x));
     Ok(())
 }
 

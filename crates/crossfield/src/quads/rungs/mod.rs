@@ -439,7 +439,7 @@ impl Rungs<'_> {
             }
         }
         if matches!(made, Err(Error::Integers { .. })) {
-            // Nor would those of the next rungs be few enough.
+            // Fields of the next rungs have about as many: no map of theirs is begun.
             self.effort.end();
         }
         let relaxed = matches!(made, Err(Error::Folded { relaxed: true, .. }));
