@@ -146,6 +146,18 @@ pub fn aligned(
     crate::map::aligned(mesh, frames, field, options, run)
 }
 
+/// How much work the best map without integers costs to untangle as a whole, in evaluations of all triangles; `None` if it stays
+/// folded.
+pub fn untangling_cost(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+) -> Result<Option<f64>, Error> {
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    crate::map::untangling_cost(mesh, frames, field, options, run)
+}
+
 /// What comes of a map that may cost so many evaluations of a triangle.
 pub fn parameterized_within(
     evaluations: u64,

@@ -70,7 +70,7 @@ pub(crate) use net::Net;
 pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]
 pub(crate) use parameterize::{
-    aligned, decimated, of_integers, parameterized_within, sizes, unfolding_costs,
+    aligned, decimated, of_integers, parameterized_within, sizes, unfolding_costs, untangling_cost,
 };
 #[cfg(feature = "testing")]
 pub(crate) use unfold::monotone;

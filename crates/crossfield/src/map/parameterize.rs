@@ -248,6 +248,27 @@ pub(crate) fn aligned(
     })
 }
 
+/// See `testing::untangling_cost`.
+#[cfg(feature = "testing")]
+pub(crate) fn untangling_cost(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<Option<f64>, Error> {
+    alone(mesh, frames, field, options, run, |mut making| {
+        let Optimum {
+            weighted, mut w, ..
+        } = making.optimum()?;
+        let effort = making.unfolding.effort;
+        let all = effort.left();
+        let is_upright = making.unfolder().untangled(&weighted, true, &mut w)?;
+        let spent = (all - effort.left()) as f64 / making.system.charts.len() as f64;
+        Ok(is_upright.then_some(spent))
+    })
+}
+
 /// See `testing::parameterized_within`.
 #[cfg(feature = "testing")]
 pub(crate) fn parameterized_within(
