@@ -84,6 +84,7 @@ fn every_pattern_of_a_cell_is_meshed() {
         // Two sets of values, which decide saddles and split or not differently.
         for seed in 0..2 {
             let grid = few(
+                [5; 3],
                 |p| {
                     p.iter().all(|c| (2..4).contains(c)) && {
                         mask >> ((p[0] - 2) + 2 * (p[1] - 2) + 4 * (p[2] - 2)) & 1 == 1
@@ -102,6 +103,7 @@ fn every_pattern_of_a_cell_is_meshed() {
 fn every_pattern_of_two_cells_is_meshed() {
     for mask in 1..4096usize {
         let grid = few(
+            [5; 3],
             |p| {
                 (1..4).contains(&p[0]) && (2..4).contains(&p[1]) && (2..4).contains(&p[2]) && {
                     mask >> ((p[0] - 1) + 3 * (p[1] - 2) + 6 * (p[2] - 2)) & 1 == 1
@@ -118,6 +120,7 @@ fn patterns_of_three_cells_are_meshed() {
     for seed in 0..400u64 {
         let mask = (scatter(seed) * 65536.0) as usize;
         let grid = few(
+            [6, 5, 5],
             |p| {
                 (1..5).contains(&p[0]) && (2..4).contains(&p[1]) && (2..4).contains(&p[2]) && {
                     mask >> ((p[0] - 1) + 4 * (p[1] - 2) + 8 * (p[2] - 2)) & 1 == 1

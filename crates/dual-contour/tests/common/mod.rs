@@ -1,6 +1,7 @@
 //! Inputs, and an independent judge of meshes, for the tests of this crate.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+use dual_contour::geom_core::compute::parallel;
 use dual_contour::geom_core::mesh::{INTERIOR, Region, six_volume};
 use dual_contour::geom_core::{
     Cpu, ImplicitField, Lattice, Point3, Run, ScalarGrid, TetMesh, TriMesh, Vector3,
@@ -358,12 +359,16 @@ pub(crate) fn by(method: Method) -> Options {
     }
 }
 
-/// Values on 5 × 5 × 5 points, outside but for the given ones; distances from the level vary.
-pub(crate) fn few(inside: impl Fn([usize; 3]) -> bool, seed: u64) -> ScalarGrid {
+/// Values on so many points, outside but for the given ones; distances from the level vary.
+pub(crate) fn few(
+    counts: [usize; 3],
+    inside: impl Fn([usize; 3]) -> bool,
+    seed: u64,
+) -> ScalarGrid {
     let lattice = Lattice {
         origin: Point3::origin(),
         spacing: 1.0,
-        counts: [6, 6, 6],
+        counts,
     };
     let values = (0..lattice.len())
         .map(|i| {
@@ -385,7 +390,9 @@ pub(crate) fn scatter(i: u64) -> f64 {
 
 /// Closed, conforming, filling the box.
 pub(crate) fn check_quickly(grid: &ScalarGrid, options: &Options) {
-    let v = volume(grid, None, &both(options.clone()), Run::on(&Cpu)).unwrap();
+    // Loops over so few cells take less than to wake a thread.
+    let volume = || volume(grid, None, &both(options.clone()), Run::on(&Cpu));
+    let v = parallel::alone(volume).unwrap();
     assert_conforming(&v.mesh);
     assert_closed(&v.surface);
     let total = v.mesh.bounds().extent().product();

@@ -8,10 +8,10 @@ use std::cell::{Cell, RefCell};
 pub(crate) struct Effort(Cell<u64>);
 
 impl Effort {
-    /// What a surface of so many triangles is worth: fifteen hundred evaluations, and as many of ten thousand triangles.
+    /// What a surface of so many triangles is worth: fifteen hundred evaluations, and as many of a thousand triangles.
     pub(crate) fn of(triangles: usize) -> Self {
         const EVALUATIONS: u64 = 1500;
-        const FEW: u64 = 10_000;
+        const FEW: u64 = 1_000;
         Self(Cell::new(EVALUATIONS * (triangles as u64 + FEW)))
     }
 
