@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use crossfield::field::{Frames, Guide, Toward, singularity};
+use crossfield::field::{CrossField, Frames, Guide, Toward, singularity};
 use crossfield::guidance::Modes;
 use crossfield::map::{MapOptions, Spacing, parameterize};
 use crossfield::quads::quality::{Valences, distances};
@@ -656,14 +656,7 @@ fn maps_that_fold_become_monotone() {
     let mut folded = 0;
     for seed in 0..16 {
         let mesh = dented_torus([48, 20], 0.09, seed);
-        let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
-        // As many singular vertices as bumps ask for.
-        let options = FieldOptions {
-            smoothing: 0.0,
-            singularity_penalty: 0.0,
-            ..FieldOptions::default()
-        };
-        let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
+        let (frames, field) = rough_field(&mesh);
         let options = MapOptions {
             spacing: Spacing::Uniform(0.2),
             lines: Vec::new(),
@@ -675,17 +668,23 @@ fn maps_that_fold_become_monotone() {
     assert!(folded > 5, "{folded}");
 }
 
-/// More integers than the effort is worth are refused before their matrices are made.
-#[test]
-fn too_many_integers_are_refused() {
-    let mesh = dented_torus([48, 20], 0.05, 50);
-    let frames = Frames::of(&mesh, EdgeWeights::One).unwrap();
+/// With as many singular vertices as bumps ask for.
+fn rough_field(mesh: &TriMesh) -> (Frames, CrossField) {
+    let frames = Frames::of(mesh, EdgeWeights::One).unwrap();
     let options = FieldOptions {
         smoothing: 0.0,
         singularity_penalty: 0.0,
         ..FieldOptions::default()
     };
-    let field = cross_field(&mesh, &[], &options, Run::on(&Cpu)).unwrap();
+    let field = cross_field(mesh, &[], &options, Run::on(&Cpu)).unwrap();
+    (frames, field)
+}
+
+/// More integers than the effort is worth are refused before their matrices are made.
+#[test]
+fn too_many_integers_are_refused() {
+    let mesh = dented_torus([48, 20], 0.05, 50);
+    let (frames, field) = rough_field(&mesh);
     let options = MapOptions {
         spacing: Spacing::Uniform(0.05),
         lines: Vec::new(),
