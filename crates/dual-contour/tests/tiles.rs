@@ -126,7 +126,7 @@ fn check(
 fn tiles_make_the_mesh_of_the_whole_bit_for_bit() {
     let values = values();
     for method in METHODS {
-        let cuts = [(32, 2), (16, 7)];
+        let cuts = [(16, 1), (32, 2), (16, 7)];
         check(&values, None, &options(method, Extent::Interior), &cuts);
         check(&values, None, &options(method, Extent::Both), &[(16, 3)]);
     }
