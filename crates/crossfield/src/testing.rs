@@ -170,6 +170,18 @@ pub fn parameterized_within(
     crate::map::parameterized_within(evaluations, mesh, frames, field, options, run)
 }
 
+/// [`parameterize`](crate::map::parameterize) as if more than so many integers were many: they are paired, and rounded region by region.
+pub fn parameterized_by_regions(
+    most_dense: usize,
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+) -> Result<crate::map::GridMap, Error> {
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    crate::map::whole_map(mesh, frames, field, options, most_dense, run)
+}
+
 /// How much work maps of a field without integers cost to unfold, in evaluations of all triangles, one after the other; `None`
 /// for one that stays folded.
 pub fn unfolding_costs(

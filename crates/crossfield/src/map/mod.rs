@@ -20,7 +20,7 @@
 //! | cut | opens the surface to a disk with all singular vertices on its rim | |
 //! | conditions | all of the above as integer sums of independent unknowns, and of sums of these, by exact elimination | |
 //! | relaxation | the optimum with real numbers in place of integers; if it folds, from the sizes its cones ask for to a convex set of upright maps, then place by place, then as a whole | rarely: it stays folded |
-//! | integers | rounds them, one by one or until a decimated map is upright and no handle too narrow | singular vertices end on one point; there are too many |
+//! | integers | rounds them, one by one or region by region, and until a decimated map is upright and no handle too narrow | singular vertices end on one point |
 //! | untangling | unfolds what rounding has folded, the integers held, in the same way | triangles have too little freedom |
 //! | check | coordinates in fixed point, areas and angles in integers | says which triangle is folded |
 //!
@@ -71,10 +71,11 @@ pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized,
 #[cfg(feature = "testing")]
 pub(crate) use parameterize::{
     aligned, decimated, of_integers, parameterized_within, sizes, unfolding_costs, untangling_cost,
+    whole_map,
 };
 #[cfg(feature = "testing")]
 pub(crate) use unfold::monotone;
-pub(crate) use unfold::{Effort, Ends, Folded, Unfolding};
+pub(crate) use unfold::{Effort, Ends, Folded, MOST_DENSE, Unfolding};
 
 pub use exact::{GridMap, MapReport};
 #[cfg(feature = "testing")]

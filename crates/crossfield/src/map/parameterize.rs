@@ -5,24 +5,26 @@
 //! [`Making`]: relaxation, integers, unfolding, and at last the check in [`fixed`].
 
 use geom_core::options::require;
-use geom_core::{Run, TriMesh};
+use geom_core::{Point3, Run, TriMesh};
 
 use super::cones::has_wrong_angle;
 use super::conformal;
 use super::cut::Cut;
 use super::exact::{BITS, GridMap, MapReport, fixed, wrong_cones};
-use super::integers::{AtLeast, Coarse, Means, Quadratic, Spread, Upright, cube};
+use super::integers::{AtLeast, Coarse, Energy, Means, Quadratic, Regions, Spread, Upright, cube};
 use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
 #[cfg(feature = "testing")]
 use super::unfold::{Effort, Ends, monotone};
-use super::unfold::{Folded, Unfolder, Unfolding};
+use super::unfold::{Folded, MOST_DENSE, Unfolder, Unfolding};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
 use crate::field::frames::Frames;
 
+/// Unfolding without integers leaves one in so many parts of the effort.
+const RESERVE: u64 = 4;
 /// How often conditions for wider handles and necks are added.
 const WIDENINGS: usize = 30;
 
@@ -43,14 +45,14 @@ pub struct MapOptions {
 /// before anything is an integer starts anew from the sizes that the field's cones ask for (Ben-Chen et al. 2008), goes
 /// towards a convex set of upright maps (Lipman 2012), is unfolded place by place, or with all unknowns free (Garanzha et
 /// al. 2021), and what comes out is what is wanted from then on. The integers are rounded one by one with the rest following to its
-/// optimum. What folds then is unfolded place by place, or untangled as a whole. The result is checked in integers.
+/// optimum, where they are thousands region by region. What folds then is unfolded place by place, or untangled as a whole. The result is checked in integers.
 ///
 /// `frames` and `field` are those of `mesh`, and hold one entry per triangle. The module's page has an example.
 ///
 /// # Errors
 /// [`Error::Folded`] says where what came out is no integer-grid map: a triangle is inverted, or lines turn too far around a
 /// vertex. A smaller spacing, finer triangles or another field may help, which is what [`quadrangulate`](crate::quadrangulate)
-/// tries by itself. [`Error::Integers`] for more of these than so many triangles are worth. [`Error::Option`] names a spacing or
+/// tries by itself. [`Error::Integers`] for more of these than the work that is left is enough for. [`Error::Option`] names a spacing or
 /// a half-edge that makes no sense.
 pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     mesh: &TriMesh,
@@ -60,10 +62,23 @@ pub fn parameterize<B: CrossfieldBackend + ?Sized>(
     run: Run<'_, B>,
 ) -> Result<GridMap, Error> {
     let run = run.with(run.backend.as_crossfield());
+    whole_map(mesh, frames, field, options, MOST_DENSE, run)
+}
+
+/// The same with so many integers at most whose energy is known in full.
+pub(crate) fn whole_map(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    most_dense: usize,
+    run: On<'_>,
+) -> Result<GridMap, Error> {
     let (effort, ends) = Unfolding::alone(mesh.triangles().len());
     let unfolding = Unfolding {
         effort: &effort,
         ends: &ends,
+        most_dense,
     };
     match parameterized(mesh, frames, field, options, unfolding, None, run)? {
         Laid::Whole(map) => Ok(map),
@@ -110,11 +125,15 @@ pub(crate) fn parameterized(
     widening: Option<Widening<'_>>,
     run: On<'_>,
 ) -> Result<Laid, Error> {
-    let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
+    let (cut, seams, charts) = prepared(mesh, frames, field, options, unfolding.most_dense)?;
     let system = System::new(&cut, &seams, &charts);
-    let mut making = Making::new(frames, field, system, unfolding, run);
+    let mut making = Making::new(mesh, frames, field, system, unfolding, run);
     run.progress("map", 0, 3)?;
-    let mut relaxed = making.relaxed()?;
+    // What is upright shall have its integers.
+    let reserve = unfolding.effort.share(RESERVE);
+    let relaxed = making.relaxed();
+    unfolding.effort.give_back(&reserve);
+    let mut relaxed = relaxed?;
     run.progress("map", 1, 3)?;
     let Rounded {
         mut w,
@@ -156,6 +175,7 @@ fn prepared(
     frames: &Frames,
     field: &CrossField,
     options: &MapOptions,
+    most_dense: usize,
 ) -> Result<(Cut, Seams, Vec<Chart>), Error> {
     let spacing = &options.spacing;
     spacing.check(frames.faces())?;
@@ -166,7 +186,7 @@ fn prepared(
     lines.sort_unstable();
     lines.dedup();
     let cut = Cut::of(mesh, frames, field)?;
-    let seams = Seams::of(frames, field, &cut, &lines);
+    let seams = Seams::of(frames, field, &cut, &lines, most_dense);
     let charts = charts(mesh, frames, field, &cut, spacing);
     Ok((cut, seams, charts))
 }
@@ -180,14 +200,15 @@ fn alone<T>(
     run: On<'_>,
     make: impl FnOnce(Making<'_>) -> Result<T, Error>,
 ) -> Result<T, Error> {
-    let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
+    let (cut, seams, charts) = prepared(mesh, frames, field, options, MOST_DENSE)?;
     let (effort, ends) = Unfolding::alone(charts.len());
     let unfolding = Unfolding {
         effort: &effort,
         ends: &ends,
+        most_dense: MOST_DENSE,
     };
     let system = System::new(&cut, &seams, &charts);
-    make(Making::new(frames, field, system, unfolding, run))
+    make(Making::new(mesh, frames, field, system, unfolding, run))
 }
 
 /// The triangles that are left of a map without integers when all its regular vertices are taken out; `None` if one of them
@@ -219,7 +240,7 @@ pub(crate) fn sizes(
         spacing: Spacing::Uniform(1.0),
         lines: Vec::new(),
     };
-    let (_, _, charts) = prepared(mesh, frames, field, &options)?;
+    let (_, _, charts) = prepared(mesh, frames, field, &options, MOST_DENSE)?;
     conformal::scales(&charts, frames, field)
 }
 
@@ -284,6 +305,7 @@ pub(crate) fn parameterized_within(
     let unfolding = Unfolding {
         effort: &effort,
         ends: &ends,
+        most_dense: MOST_DENSE,
     };
     parameterized(mesh, frames, field, options, unfolding, None, run).map(drop)
 }
@@ -300,15 +322,16 @@ pub(crate) fn unfolding_costs(
 ) -> Result<Vec<Option<f64>>, Error> {
     let ends = Ends::default();
     let of = |options: &MapOptions| {
-        let (cut, seams, charts) = prepared(mesh, frames, field, options)?;
+        let (cut, seams, charts) = prepared(mesh, frames, field, options, MOST_DENSE)?;
         let effort = Effort::of(charts.len());
         let unfolding = Unfolding {
             effort: &effort,
             ends: &ends,
+            most_dense: MOST_DENSE,
         };
         let all = effort.left();
         let system = System::new(&cut, &seams, &charts);
-        match Making::new(frames, field, system, unfolding, run).relaxed() {
+        match Making::new(mesh, frames, field, system, unfolding, run).relaxed() {
             Ok(_) => Ok(Some((all - effort.left()) as f64 / charts.len() as f64)),
             Err(Error::Folded { .. }) => Ok(None),
             Err(error) => Err(error),
@@ -339,13 +362,13 @@ pub(crate) fn of_integers(
 ) -> Result<OfIntegers, Error> {
     alone(mesh, frames, field, options, run, |mut making| {
         let Optimum {
-            weighted,
+            mut weighted,
             w,
             corners,
         } = making.optimum()?;
         let System { seams, charts, .. } = making.system;
-        let quadratic = making.quadratic(&weighted, &w)?;
-        let z = quadratic.rounded(run)?;
+        let quadratic = making.quadratic(&mut weighted, &w)?;
+        let z = (&quadratic as &dyn Energy).rounded(run)?;
         let energy = |corners: &[[[f64; 2]; 3]]| making.system.energy(corners) / 2.0;
         let rounded = making.system.corners(&weighted.values_for(&z)?);
         let real = &w[seams.reals..seams.unknowns()];
@@ -411,6 +434,7 @@ struct Widened {
 
 /// A map on its way.
 struct Making<'a> {
+    mesh: &'a TriMesh,
     frames: &'a Frames,
     field: &'a CrossField,
     system: System<'a>,
@@ -437,6 +461,7 @@ struct Relaxed<'a> {
 
 impl<'a> Making<'a> {
     fn new(
+        mesh: &'a TriMesh,
         frames: &'a Frames,
         field: &'a CrossField,
         system: System<'a>,
@@ -444,6 +469,7 @@ impl<'a> Making<'a> {
         run: On<'a>,
     ) -> Self {
         Self {
+            mesh,
             frames,
             field,
             weights: vec![1.0; system.charts.len()],
@@ -571,8 +597,12 @@ impl<'a> Making<'a> {
         is_resumed: bool,
     ) -> Result<Vec<f64>, Error> {
         let Optimum {
-            weighted, mut w, ..
+            mut weighted,
+            mut w,
+            ..
         } = optimum;
+        // Unfolding place by place does without its factor, and the next ones are as large.
+        weighted.forget_free();
         if is_resumed {
             self.unfolder().mended(&weighted, true, &mut w)?;
             return Ok(self.sized(w));
@@ -692,14 +722,8 @@ impl<'a> Making<'a> {
             w,
             corners,
         } = relaxed;
-        // Asked for before it is begun: the dense matrices take n² numbers and n³ operations.
-        let integers = self.system.seams.integers;
-        if !self.unfolding.effort.spend(cube(integers)) {
-            return Err(Error::Integers { integers });
-        }
-        let quadratic = self.quadratic(weighted, w)?;
-        weighted.forget_free();
-        let rounded = quadratic.rounded(self.run)?;
+        let energy = self.energy_of_integers(weighted, w)?;
+        let rounded = energy.rounded(self.run)?;
         let direct = Rounded {
             w: weighted.values_for(&rounded)?,
             stage: "rounding",
@@ -721,7 +745,7 @@ impl<'a> Making<'a> {
         let mut z = rounded;
         let turned = |z: &[f64]| self.turned(&coarse, z, corners);
         if !upright.holds(&z) || turned(&z).is_some_and(|wrong| !wrong.is_empty()) {
-            let other = quadratic.rounded_within(&mut upright, &turned, self.means())?;
+            let other = energy.rounded_within(&mut upright, &turned, self.means())?;
             let Some(other) = other else {
                 // No real numbers can mend what the integers fold.
                 let (triangles, cones) = self.unfolder().invalid(&self.system.corners(&direct.w));
@@ -741,7 +765,7 @@ impl<'a> Making<'a> {
             z: wider,
             mut spread,
             is_narrow,
-        } = self.widened(&coarse, upright, &z, &quadratic, corners, narrow)?;
+        } = self.widened(&coarse, upright, &z, &*energy, corners, narrow)?;
         self.report.respaced |= wider != z;
         if let Some(spread) = &mut spread {
             spread.map.report = self.report;
@@ -763,13 +787,63 @@ impl<'a> Making<'a> {
         Coarse::of(self.frames, self.field, cut, seams, corners)
     }
 
-    /// The energy as a function of the integers alone, from its minimum. It takes n³ operations for n integers, which are about
-    /// twice the number of singular vertices plus four times the genus.
-    fn quadratic(&self, weighted: &Weighted<'_>, w: &[f64]) -> Result<Quadratic, Error> {
+    /// What is known of the energy over the integers alone, around its minimum: all of it by dense matrices, n² numbers and n³ operations
+    /// for n integers, or what rounding region by region takes. They are about twice as many as the singular vertices, and four for each
+    /// handle.
+    fn energy_of_integers(
+        &self,
+        weighted: &mut Weighted<'_>,
+        w: &[f64],
+    ) -> Result<Box<dyn Energy>, Error> {
+        let integers = self.system.seams.integers;
+        let most_dense = self.unfolding.most_dense;
+        let regions = integers.div_ceil(most_dense.max(1));
+        let is_dense = integers <= most_dense;
+        // Asked for before it is begun.
+        let cost = match is_dense {
+            true => cube(integers),
+            false => regions * cube(most_dense),
+        };
+        if !self.unfolding.effort.spend(cost) {
+            return Err(Error::Integers { integers });
+        }
+        if is_dense {
+            let quadratic = self.quadratic(weighted, w)?;
+            return Ok(Box::new(quadratic));
+        }
+        weighted.forget_free();
+        let regions = Regions::of(weighted, &self.homes(), most_dense, self.run)?;
+        Ok(Box::new(regions))
+    }
+
+    /// Where each integer is at home on the surface: of the places whose coordinates it is a part of, one with the fewest others.
+    fn homes(&self) -> Vec<Point3> {
+        let System { cut, seams, .. } = self.system;
+        let positions = self.mesh.positions();
+        let mut homes = vec![(usize::MAX, positions[0]); seams.integers];
+        for (copy, &vertex) in cut.vertex.iter().enumerate() {
+            for component in [0, 1] {
+                let terms = seams.integers_of(copy as u32, component);
+                let terms = seams.written_out(&terms);
+                for &k in terms.keys() {
+                    if terms.len() < homes[k as usize].0 {
+                        homes[k as usize] = (terms.len(), positions[vertex as usize]);
+                    }
+                }
+            }
+        }
+        homes.into_iter().map(|home| home.1).collect()
+    }
+
+    /// The energy as a function of the integers alone, from its minimum.
+    fn quadratic(&self, weighted: &mut Weighted<'_>, w: &[f64]) -> Result<Quadratic, Error> {
         let seams = self.system.seams;
         let relaxed = &w[seams.reals..seams.unknowns()];
         let indefinite = geom_core::algebra::Error::NotPositiveDefinite { row: 0 };
-        Ok(Quadratic::new(weighted.inverse_schur()?, relaxed).ok_or(indefinite)?)
+        let inverse = weighted.inverse_schur()?;
+        // The factor in which they move is large, and has done its part.
+        weighted.forget_free();
+        Ok(Quadratic::new(inverse, relaxed).ok_or(indefinite)?)
     }
 
     /// Makes handles and necks wider where quads would meet themselves around them: each is a condition more on the integers.
@@ -778,7 +852,7 @@ impl<'a> Making<'a> {
         coarse: &Coarse,
         mut upright: Upright,
         z: &[f64],
-        quadratic: &Quadratic,
+        energy: &dyn Energy,
         corners: &[[[f64; 2]; 3]],
         narrow: Option<&dyn Fn(&Spread) -> Narrow>,
     ) -> Result<Widened, Error> {
@@ -799,7 +873,7 @@ impl<'a> Making<'a> {
             }
             upright.add(&found.wider);
             let turned = |z: &[f64]| self.turned(coarse, z, corners);
-            let Some(z) = quadratic.mended(&now.z, &mut upright, &turned, self.means())? else {
+            let Some(z) = energy.mended(&now.z, &mut upright, &turned, self.means())? else {
                 break;
             };
             let Some(wider) = spread(&z) else {

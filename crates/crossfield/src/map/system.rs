@@ -230,42 +230,66 @@ impl Weighted<'_> {
 
     /// The values at the minimum, with real numbers in place of integers.
     pub(crate) fn optimum(&self) -> Result<Vec<f64>, Error> {
-        let (factor, closings) = (self.free()?, &self.seams.closings);
-        let mut multipliers = vec![0.0; closings.len()];
-        let mut w = Vec::new();
-        for _ in 0..MULTIPLIERS {
-            w.clone_from(&self.right);
-            for (row, multiplier) in multipliers.iter().enumerate() {
-                for (k, c) in closings.row(row) {
-                    w[k] -= f64::from(c) * multiplier;
-                }
-            }
-            factor.solve_in_place(&mut w, 1)?;
-            for (row, multiplier) in multipliers.iter_mut().enumerate() {
-                let gap: f64 = closings.row(row).map(|(k, c)| f64::from(c) * w[k]).sum();
-                *multiplier += self.stiff[row] * gap;
-            }
-            if closings.len() == 0 {
-                break;
-            }
-        }
-        self.seams.add_up(&mut w);
-        Ok(w)
+        let nothing = vec![None; self.seams.integers];
+        self.minimum(self.free()?, &self.seams.all_of(&nothing))
     }
 
     /// All values for given integers: the reals follow to the minimum for these, which need not be integers.
     pub(crate) fn values_for(&self, integers: &[f64]) -> Result<Vec<f64>, Error> {
-        let seams = self.seams;
-        let mut w = vec![0.0; seams.values()];
-        w[seams.reals..seams.unknowns()].copy_from_slice(integers);
-        seams.add_up(&mut w);
-        let mut x = vec![0.0; w.len()];
-        for (i, x) in x.iter_mut().enumerate().take(seams.reals) {
-            let others = self.matrix.row(i).filter(|&(j, _)| j >= seams.reals);
-            *x = self.right[i] - others.map(|(j, a)| a * w[j]).sum::<f64>();
+        let all: Vec<Option<f64>> = integers.iter().copied().map(Some).collect();
+        self.minimum(self.held()?, &self.seams.all_of(&all))
+    }
+
+    /// The minimum while some integers are held, and the factor of what moves.
+    pub(crate) fn holding(&self, integers: &[Option<f64>]) -> Result<Holding, Error> {
+        let held = self.seams.all_of(integers);
+        let own = |i: usize, j: usize, a: f64| match held[i].or(held[j]) {
+            None => a,
+            Some(_) => f64::from(u8::from(i == j)),
+        };
+        let factor = self.symbolic.factor(&self.matrix.map(own))?;
+        let w = self.minimum(&factor, &held)?;
+        let integers = self.seams.reals..self.seams.unknowns();
+        Ok(Holding {
+            factor,
+            first: self.seams.reals,
+            integers: w[integers].to_vec(),
+        })
+    }
+
+    /// The values at the minimum under the closings, those that are held where they are; `factor` is that of the others.
+    fn minimum(&self, factor: &Cholesky, held: &[Option<f64>]) -> Result<Vec<f64>, Error> {
+        let closings = &self.seams.closings;
+        let mut right = self.right.clone();
+        for (i, right) in right.iter_mut().enumerate() {
+            let others = self.matrix.row(i).filter_map(|(j, a)| Some(a * held[j]?));
+            *right -= others.sum::<f64>();
         }
-        self.held()?.solve_in_place(&mut x, 1)?;
-        w[..seams.reals].copy_from_slice(&x[..seams.reals]);
+        // Closings of what is held hold by themselves.
+        let is_open = |&row: &usize| closings.row(row).any(|(k, _)| held[k].is_none());
+        let open: Vec<usize> = (0..closings.len()).filter(is_open).collect();
+        let mut multipliers = vec![0.0; open.len()];
+        let mut w = Vec::new();
+        for _ in 0..MULTIPLIERS {
+            w.clone_from(&right);
+            for (&row, multiplier) in open.iter().zip(&multipliers) {
+                for (k, c) in closings.row(row) {
+                    w[k] -= f64::from(c) * multiplier;
+                }
+            }
+            for (w, held) in w.iter_mut().zip(held) {
+                *w = held.unwrap_or(*w);
+            }
+            factor.solve_in_place(&mut w, 1)?;
+            for (&row, multiplier) in open.iter().zip(&mut multipliers) {
+                let gap: f64 = closings.row(row).map(|(k, c)| f64::from(c) * w[k]).sum();
+                *multiplier += self.stiff[row] * gap;
+            }
+            if open.is_empty() {
+                break;
+            }
+        }
+        self.seams.add_up(&mut w);
         Ok(w)
     }
 
@@ -278,6 +302,25 @@ impl Weighted<'_> {
         let integers = self.seams.reals..self.seams.unknowns();
         let units: Vec<Vec<(usize, f64)>> = integers.map(|k| vec![(k, 1.0)]).collect();
         Ok(self.free()?.inverse_gram(&units)?)
+    }
+}
+
+/// A minimum while some integers are held.
+pub(crate) struct Holding {
+    /// Of what is not held.
+    factor: Cholesky,
+    /// The number of the first integer among all values.
+    first: usize,
+    /// All of them, at the minimum.
+    pub(crate) integers: Vec<f64>,
+}
+
+impl Holding {
+    /// What [`Weighted::inverse_schur`] is for a few integers that are not held, all others that are not following.
+    pub(crate) fn inverse_schur(&self, integers: &[usize]) -> Result<Vec<f64>, Error> {
+        let unit = |&k: &usize| vec![(self.first + k, 1.0)];
+        let units: Vec<Vec<(usize, f64)>> = integers.iter().map(unit).collect();
+        Ok(self.factor.inverse_gram(&units)?)
     }
 }
 

@@ -74,6 +74,20 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::too_many_integers_are_refused"),
     Fault::wrong(
+        "an integer that moves with others as well is not tied to them",
+        "crates/crossfield/src/map/transition/mod.rs",
+        "form.insert(v as u32, 1);",
+        "form.insert(v as u32, 2);",
+    )
+    .seen_by("laws::integers_are_rounded_region_by_region"),
+    Fault::wrong(
+        "a region is rounded as if what is held pulled half as much",
+        "crates/crossfield/src/map/system.rs",
+        "Some(a * held[j]?)",
+        "Some(0.5 * a * held[j]?)",
+    )
+    .seen_by("laws::integers_are_rounded_region_by_region"),
+    Fault::wrong(
         "what rounding holds is added to the inverse of the others",
         "crates/crossfield/src/map/integers/dense.rs",
         "strip.gemm(-1.0, held, &own, 1.0);",
@@ -152,7 +166,7 @@ pub(super) const FAULTS: &[Fault] = &[
     .seen_by("details::modes_are_taken_up_to_the_widest_gap"),
     Fault::wrong(
         "coordinates turn by a quarter without the sign",
-        "crates/crossfield/src/map/transition.rs",
+        "crates/crossfield/src/map/transition/mod.rs",
         "(1, 0) => (1, -1),",
         "(1, 0) => (1, 1),",
     )

@@ -123,7 +123,8 @@ impl Coarse {
 
     /// What the integers must be for every triangle to be upright; `None` if a corner is no sum of integers.
     pub(in crate::map) fn upright(&self) -> Option<Upright> {
-        let sides = (0..self.alive.len()).filter(|&t| self.alive[t]).map(|t| {
+        let alive: Vec<usize> = (0..self.alive.len()).filter(|&t| self.alive[t]).collect();
+        let sides = alive.iter().map(|&t| {
             let [a, b, c] = [0, 1, 2].map(|k| self.place[3 * t + k].exact.as_ref());
             let from_a = |to: &[Form; 2]| {
                 let mut side = to.clone();
@@ -132,7 +133,12 @@ impl Coarse {
             };
             Some([from_a(b?)?, from_a(c?)?])
         });
-        Some(Upright::new(&sides.collect::<Option<Vec<_>>>()?))
+        let relaxed = alive.iter().map(|&t| {
+            let [a, b, c] = [0, 1, 2].map(|k| self.place[3 * t + k].at);
+            [minus(b, a), minus(c, a)]
+        });
+        let relaxed: Vec<_> = relaxed.collect();
+        Some(Upright::new(&sides.collect::<Option<Vec<_>>>()?, &relaxed))
     }
 
     /// Flips edges until the sum of the angles opposite each is at most a half turn (Delaunay): no triangle is flatter than

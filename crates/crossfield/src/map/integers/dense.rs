@@ -54,7 +54,7 @@ fn divide(x: &mut DMatrix<f64>, l: &DMatrix<f64>) {
 ///
 /// Columns of the inverse are two substitutions each. Below the diagonal they need the part of L below the diagonal alone, and
 /// the rest is its mirror image: a third of the work of whole columns. A strip of them goes side by side.
-pub(super) fn inverse_of(factor: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn inverse_of(factor: DMatrix<f64>) -> DMatrix<f64> {
     let n = factor.nrows();
     let starts: Vec<usize> = (0..n).step_by(STRIP).collect();
     let strips: Vec<DMatrix<f64>> = parallel::map(starts.len(), |s| {
@@ -85,6 +85,7 @@ pub(super) fn inverse_of(factor: &DMatrix<f64>) -> DMatrix<f64> {
         }
         x
     });
+    drop(factor);
     DMatrix::from_fn(n, n, |i, j| {
         let (row, column) = (i.max(j), i.min(j));
         let first = column / STRIP * STRIP;
@@ -109,10 +110,10 @@ pub(super) struct Free {
 }
 
 impl Free {
-    pub(super) fn of(inverse: &DMatrix<f64>) -> Self {
+    pub(super) fn of(inverse: DMatrix<f64>) -> Self {
         let n = inverse.nrows();
         Self {
-            inverse: inverse.clone(),
+            inverse,
             variables: (0..n).collect(),
             is_free: vec![true; n],
             count: n,

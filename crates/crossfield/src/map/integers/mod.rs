@@ -1,19 +1,25 @@
 //! Integers for the seams of a map.
 //!
-//! The energy over the integers alone is [`Quadratic`] (`round`), which rounds them. Where rounding lays singular
-//! vertices onto each other, `coarse` decimates the relaxed map to triangles between them, `upright` is what these
-//! demand of the integers, and `spread` lays such a decimated map on the surface. `plane` has what two of them need:
-//! places and transitions with exact parts; `dense` is the linear algebra of rounding.
+//! The energy over the integers alone is [`Quadratic`] (`round`), which rounds them; [`Regions`] does so where they are too many for
+//! its matrices. Where rounding lays singular vertices onto each other, `coarse` decimates the relaxed map to triangles between
+//! them, `upright` is what these demand of the integers, `mend` moves them until it holds, and `spread` lays such a
+//! decimated map on the surface. `plane` has what two of them need: places and transitions with exact parts; `dense` is the linear
+//! algebra of rounding.
 
 mod coarse;
 mod dense;
+mod mend;
 mod plane;
+mod regions;
 mod round;
 mod spread;
 mod upright;
 
 pub(super) use coarse::Coarse;
-pub(super) use round::{Means, Quadratic, cube};
+pub(crate) use mend::Energy;
+pub(super) use mend::Means;
+pub(super) use regions::Regions;
+pub(super) use round::{Quadratic, cube};
 #[cfg(feature = "testing")]
 pub(crate) use round::{inverse, rounded};
 pub(crate) use spread::Spread;

@@ -7,10 +7,10 @@
 use crate::map::transition::Form;
 
 /// Two sides of a triangle, two components each.
-type Sides = [i64; 4];
+pub(in crate::map) type Sides = [i64; 4];
 
 /// A move by one, or of two integers at once.
-pub(super) type Pair = [(usize, f64); 2];
+pub(in crate::map) type Pair = [(usize, f64); 2];
 
 /// A sum of integers that shall not be less than a number.
 #[derive(Clone, Debug)]
@@ -38,11 +38,45 @@ pub(in crate::map) struct Upright {
     of: Vec<Vec<(u32, Sides)>>,
     /// Per triangle, the integers that it depends on.
     on: Vec<Vec<u32>>,
+    /// What the first triangles are in the relaxed map. Conditions that are none have no shape.
+    shapes: Vec<Shape>,
+}
+
+/// A triangle of the relaxed map.
+#[derive(Clone, Copy)]
+struct Shape {
+    /// The inverse of the matrix whose columns are its sides, row after row.
+    inverse: [[f64; 2]; 2],
+    area: f64,
+}
+
+impl Shape {
+    fn of([p, q]: &[[f64; 2]; 2]) -> Self {
+        let doubled = p[0] * q[1] - p[1] * q[0];
+        Self {
+            inverse: [[q[1], -q[0]], [-p[1], p[0]]].map(|row| row.map(|x| x / doubled)),
+            area: 0.5 * doubled,
+        }
+    }
+
+    /// The matrix that takes the triangle to one with these sides.
+    fn to(&self, &[px, py, qx, qy]: &Sides) -> [f64; 4] {
+        let [a, b] = self.inverse;
+        let row = |p: i64, q: i64| [0, 1].map(|c| p as f64 * a[c] + q as f64 * b[c]);
+        let ([ux, uy], [vx, vy]) = (row(px, qx), row(py, qy));
+        [ux, uy, vx, vy]
+    }
+
+    /// How much a triangle with these sides is another: `area · |J − 1|²`.
+    fn strain(&self, sides: &Sides) -> f64 {
+        let [a, b, c, d] = self.to(sides);
+        self.area * [a - 1.0, b, c, d - 1.0].map(|x| x * x).iter().sum::<f64>()
+    }
 }
 
 impl Upright {
-    /// Of the sides from the first corner of each triangle to the second and the third.
-    pub(super) fn new(triangles: &[[[Form; 2]; 2]]) -> Self {
+    /// Of the sides from the first corner of each triangle to the second and the third, and what they are in the relaxed map.
+    pub(super) fn new(triangles: &[[[Form; 2]; 2]], relaxed: &[[[f64; 2]; 2]]) -> Self {
         let mut of: Vec<Vec<(u32, Sides)>> = Vec::new();
         let mut on = vec![Vec::new(); triangles.len()];
         for (t, sides) in (0u32..).zip(triangles) {
@@ -65,6 +99,7 @@ impl Upright {
             zero: vec![[0; 4]; triangles.len()],
             of,
             on,
+            shapes: relaxed.iter().map(Shape::of).collect(),
         }
     }
 
@@ -100,10 +135,58 @@ impl Upright {
         }
     }
 
+    /// Does a move change none of the triangles that others have changed? Then its own are from now on.
+    pub(super) fn is_apart(&self, pair: &Pair, changed: &mut [bool]) -> bool {
+        let own = || {
+            let moved = pair.iter().filter(|(_, by)| *by != 0.0);
+            let all = moved.flat_map(|(k, _)| self.of.get(*k).into_iter().flatten());
+            all.map(|entry| entry.0 as usize)
+        };
+        let is_apart = own().all(|t| !changed[t]);
+        if is_apart {
+            own().for_each(|t| changed[t] = true);
+        }
+        is_apart
+    }
+
     /// 0 where all triangles are upright.
     /// The sum over all triangles, in 128 bits, as products of two sides of 64 bits need them.
     pub(super) fn shortages(&self, sides: &[Sides]) -> i128 {
         sides.iter().map(shortage).sum()
+    }
+
+    /// How much more a move makes triangles differ from those of the relaxed map.
+    pub(super) fn strain(&self, pair: &Pair, sides: &[Sides]) -> f64 {
+        let mut strain = 0.0;
+        let of = |k: usize| self.of.get(k).map_or(&[][..], Vec::as_slice);
+        changed(sides, pair, of, |t, before, after| {
+            if let Some(shape) = self.shapes.get(t) {
+                strain += shape.strain(after) - shape.strain(before);
+            }
+            true
+        });
+        strain
+    }
+
+    /// The integers of which there are so many that have triangles in common with one, and half the second derivative of the strain by both.
+    pub(super) fn coupled(&self, k: usize, integers: usize) -> Vec<(usize, f64)> {
+        let mut couplings = vec![0.0; integers];
+        for (t, own) in self.of.get(k).into_iter().flatten() {
+            let Some(shape) = self.shapes.get(*t as usize) else {
+                continue;
+            };
+            let own = shape.to(own);
+            for &other in &self.on[*t as usize] {
+                let all = &self.of[other as usize];
+                let at = all.partition_point(|entry| entry.0 < *t);
+                let product = own.iter().zip(shape.to(&all[at].1));
+                let product: f64 = product.map(|(a, b)| a * b).sum();
+                couplings[other as usize] += shape.area * product;
+            }
+        }
+        let all = couplings.into_iter().enumerate();
+        all.filter(|&(other, coupling)| other != k && coupling != 0.0)
+            .collect()
     }
 
     /// Are all upright?
@@ -312,7 +395,7 @@ pub(crate) fn guarded(
         bound: -1,
     });
     let conditions: Vec<AtLeast> = all.collect();
-    let mut upright = Upright::new(&[]);
+    let mut upright = Upright::new(&[], &[]);
     upright.add(&conditions);
     let mut z = vec![0.0; count];
     let mut guard = Guard::new(&upright, &z, 4 * count * count);

@@ -14,7 +14,9 @@ use super::{FOLDED, OFF_TARGET, Rungs};
 use crate::anisotropy::Metric;
 use crate::error::Error;
 use crate::field::CrossField;
-use crate::map::{Ends, Laid, MapOptions, MapReport, Spread, Unfolding, Widening, parameterized};
+use crate::map::{
+    Ends, Laid, MOST_DENSE, MapOptions, MapReport, Spread, Unfolding, Widening, parameterized,
+};
 use crate::options::Size;
 
 /// How far the number of quads may be from a third of the triangles, which nobody has asked for.
@@ -237,6 +239,7 @@ impl Lay {
         let unfolding = Unfolding {
             effort: &effort,
             ends,
+            most_dense: MOST_DENSE,
         };
         let widening = Some(Widening {
             narrow: &narrow,

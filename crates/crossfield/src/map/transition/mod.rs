@@ -9,10 +9,14 @@
 //! any reals and any integers give a map without gaps.
 //!
 //! The translation of a chain near the root of the cut is a sum over all singular vertices farther out. Coordinates are
-//! written over such sums, not over their terms: each then hangs on what is near to it, and sparse matrices stay sparse.
+//! written over such sums, not over their terms: each then hangs on what is near to it, and sparse matrices stay sparse. Where
+//! there are thousands of integers, `basis` makes their moves local, too.
+
+mod basis;
 
 use std::collections::BTreeMap;
 
+use self::basis::followers;
 use super::cut::Cut;
 use crate::field::CrossField;
 use crate::field::frames::{Frames, QUARTER};
@@ -32,13 +36,22 @@ pub(crate) struct Rows {
 impl Rows {
     /// Of forms whose variables have these numbers.
     fn of<'a>(forms: impl Iterator<Item = &'a Form>, number: &[u32]) -> Self {
-        let (mut starts, mut terms) = (vec![0], Vec::new());
+        let mut rows = Self {
+            starts: vec![0],
+            terms: Vec::new(),
+        };
         for form in forms {
-            let numbered = form.iter().map(|(&v, &c)| (number[v as usize], c as i32));
-            terms.extend(numbered);
-            starts.push(terms.len());
+            rows.push(form, number, None);
         }
-        Self { starts, terms }
+        rows
+    }
+
+    /// One more, less what it is the sum of.
+    fn push(&mut self, form: &Form, number: &[u32], sum: Option<u32>) {
+        let numbered = form.iter().map(|(&v, &c)| (number[v as usize], c as i32));
+        self.terms.extend(numbered);
+        self.terms.extend(sum.map(|sum| (sum, -1)));
+        self.starts.push(self.terms.len());
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -78,7 +91,15 @@ impl Seams {
     /// First the closings of nodes, the outermost before those nearer to the root of the cut, since each chain is to be
     /// eliminated at its outer end; then all lines, and only then that their coordinates are integers; at last the shift
     /// of the whole map. Which variables stay depends on this order, the maps that they describe do not.
-    pub(crate) fn of(frames: &Frames, field: &CrossField, cut: &Cut, lines: &[usize]) -> Self {
+    ///
+    /// Up to so many integers are those that elimination leaves; more are paired, for their moves to be local.
+    pub(crate) fn of(
+        frames: &Frames,
+        field: &CrossField,
+        cut: &Cut,
+        lines: &[usize],
+        most_dense: usize,
+    ) -> Self {
         let places = Places::of(frames, cut);
         let mut unknowns = Unknowns::of(frames, field, cut);
         for closing in &places.closings {
@@ -97,7 +118,7 @@ impl Seams {
         for row in gauge(frames, field, cut, &places, &aligned) {
             unknowns.impose(row);
         }
-        unknowns.rows(&places, cut.vertex.len())
+        unknowns.rows(&places, cut.vertex.len(), most_dense)
     }
 
     /// The terms of a coordinate: value and coefficient.
@@ -158,6 +179,18 @@ impl Seams {
     /// Number of values: unknowns and sums.
     pub(crate) fn values(&self) -> usize {
         self.unknowns() + self.sums.len()
+    }
+
+    /// All values of which some integers leave no choice: these, and the sums of these alone.
+    pub(crate) fn all_of(&self, integers: &[Option<f64>]) -> Vec<Option<f64>> {
+        let mut all = vec![None; self.reals];
+        all.extend_from_slice(integers);
+        let sum = |row| {
+            let mut terms = self.sums.row(row);
+            terms.try_fold(0.0, |sum, (k, c)| Some(sum + f64::from(c) * integers[k]?))
+        };
+        all.extend((0..self.sums.len()).map(sum));
+        all
     }
 
     /// Brings the sums up to date with the integers.
@@ -518,7 +551,7 @@ impl Unknowns {
     }
 
     /// Numbers the variables that are left, and those that are sums of them, and writes every coordinate over them.
-    fn rows(&self, places: &Places, copies: usize) -> Seams {
+    fn rows(&self, places: &Places, copies: usize, most_dense: usize) -> Seams {
         let forms: Vec<Form> = (0..2 * copies)
             .map(|row| self.localized(places.form((row / 2) as u32, row % 2)))
             .collect();
@@ -532,43 +565,59 @@ impl Unknowns {
             used[v as usize] = true;
         }
         let is_free = |v: usize| self.expression[v].is_none();
-        let sums: Vec<usize> = (0..used.len())
+        let resolved = |v: usize| (v, self.resolved(Form::from([(v as u32, 1)])));
+        let mut sums: Vec<(usize, Form)> = (0..used.len())
             .filter(|&v| used[v] && !is_free(v))
+            .map(resolved)
             .collect();
-        let terms = sums
-            .iter()
-            .map(|&v| self.resolved(Form::from([(v as u32, 1)])));
-        let terms: Vec<Form> = terms.collect();
-        for &v in terms.iter().flat_map(Form::keys) {
+        for &v in sums.iter().flat_map(|(_, form)| form.keys()) {
             used[v as usize] = true;
         }
-        let mut number = vec![u32::MAX; used.len()];
-        let mut count = 0;
-        let mut number_all = |variables: &mut dyn Iterator<Item = usize>| {
-            for v in variables {
-                number[v] = count;
-                count += 1;
-            }
-            count as usize
-        };
         let free = |integer: bool| {
-            let used = &used;
-            (0..used.len()).filter(move |&v| used[v] && is_free(v) && self.integer[v] == integer)
+            let all = (0..used.len()).filter(|&v| used[v] && is_free(v));
+            all.filter(move |&v| self.integer[v] == integer)
         };
-        let reals = number_all(&mut free(false));
-        let integers = number_all(&mut free(true)) - reals;
-        number_all(&mut sums.into_iter());
-        let rows = Rows::of(forms.iter(), &number);
-        let closings = Rows::of(closings.iter(), &number);
+        let reals: Vec<usize> = free(false).collect();
+        let integers: Vec<usize> = free(true).collect();
+        // If they are many, unknowns are pairs that move together; what moves with others as well is the sum of them.
+        let followers = match integers.len() > most_dense {
+            true => followers(&integers, &sums, &closings),
+            false => BTreeMap::new(),
+        };
+        for (_, form) in &mut sums {
+            for (variable, c) in form.clone() {
+                if let Some(followers) = followers.get(&(variable as usize)) {
+                    add(form, followers, c);
+                }
+            }
+        }
+        let mut number = vec![u32::MAX; used.len()];
+        for (k, &v) in (0..).zip(reals.iter().chain(&integers)) {
+            number[v] = k;
+        }
+        let unknown = number.clone();
+        let followed = followers.len();
+        sums.extend(followers.into_iter().map(|(v, mut form)| {
+            form.insert(v as u32, 1);
+            (v, form)
+        }));
+        for (k, &(v, _)) in ((reals.len() + integers.len()) as u32..).zip(&sums) {
+            number[v] = k;
+        }
+        let mut closings = Rows::of(closings.iter(), &number);
+        for (v, form) in &sums[sums.len() - followed..] {
+            closings.push(form, &unknown, Some(number[*v]));
+        }
         // Sums are of integers alone.
-        number
-            .iter_mut()
-            .for_each(|n| *n = n.wrapping_sub(reals as u32));
+        let integer: Vec<u32> = unknown
+            .iter()
+            .map(|n| n.wrapping_sub(reals.len() as u32))
+            .collect();
         Seams {
-            rows,
-            reals,
-            integers,
-            sums: Rows::of(terms.iter(), &number),
+            rows: Rows::of(forms.iter(), &number),
+            reals: reals.len(),
+            integers: integers.len(),
+            sums: Rows::of(sums.iter().map(|(_, form)| form), &integer),
             closings,
         }
     }
