@@ -10,7 +10,7 @@ use super::super::narrow::narrow;
 use super::super::parts::Part;
 use super::super::quality::scaled_jacobians;
 use super::super::smooth::Smooth;
-use super::{FOLDED, OFF_TARGET, Rungs};
+use super::{FOLDED, OFF_TARGET, Rungs, least};
 use crate::anisotropy::Metric;
 use crate::error::Error;
 use crate::field::CrossField;
@@ -131,9 +131,10 @@ fn mapped(
     if !rungs.options.improve {
         return Ok(best);
     }
-    let mut folded = folded(&best.0, &rungs.finish.whole.mesh)?;
+    let (mut folded, mut least) = folded(&best.0, &rungs.finish.whole.mesh)?;
     for _ in 0..AGAIN {
-        if folded.is_empty() {
+        // What has been hard to come by is not made anew for quads that are upright.
+        if folded.is_empty() || least > 0.0 && !rungs.has_half() {
             break;
         }
         let tree = TriangleTree::new(&ground.part.mesh)?;
@@ -146,20 +147,21 @@ fn mapped(
             Err(_) => break,
             Ok(next) => next,
         };
-        let left = self::folded(&next.0, &rungs.finish.whole.mesh)?;
+        let (left, now) = self::folded(&next.0, &rungs.finish.whole.mesh)?;
         if left.len() >= folded.len() {
             break;
         }
-        (best, folded) = (next, left);
+        (best, folded, least) = (next, left, now);
     }
     Ok(best)
 }
 
-/// The corners of the quads that face the wrong way, or nearly.
-fn folded(quads: &QuadMesh, surface: &TriMesh) -> Result<Vec<Point3>, Error> {
+/// The corners of the quads that face the wrong way, or nearly; and the smallest scaled Jacobian.
+fn folded(quads: &QuadMesh, surface: &TriMesh) -> Result<(Vec<Point3>, f64), Error> {
     let jacobians = scaled_jacobians(quads, surface)?;
     let all = jacobians.iter().enumerate().filter(|(_, j)| **j < FOLDED);
-    Ok(all.flat_map(|(q, _)| quads.corners(q)).collect())
+    let corners = all.flat_map(|(q, _)| quads.corners(q)).collect();
+    Ok((corners, least(&jacobians)))
 }
 
 /// How close lines are laid to each other.

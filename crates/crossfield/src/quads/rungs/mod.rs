@@ -450,6 +450,12 @@ impl Rungs<'_> {
         self.reported(made)
     }
 
+    /// Is at least half of the work left that the part is worth?
+    fn has_half(&self) -> bool {
+        let all = Effort::of(self.finish.whole.mesh.triangles().len());
+        2 * self.effort.left() >= all.left()
+    }
+
     /// Is enough left for the field of so many triangles?
     fn may_have_field(&self, triangles: usize) -> bool {
         self.effort.left() >= (FIELD * triangles) as u64
