@@ -20,7 +20,7 @@
 //! | cut | opens the surface to a disk with all singular vertices on its rim | |
 //! | conditions | all of the above as integer sums of independent unknowns, and of sums of these, by exact elimination | |
 //! | relaxation | the optimum with real numbers in place of integers; if it folds, from the sizes its cones ask for to a convex set of upright maps, then place by place, then as a whole | rarely: it stays folded |
-//! | integers | rounds them, one by one or region by region, and until a decimated map is upright and no handle too narrow | singular vertices end on one point |
+//! | integers | rounds them, one by one or region by region, and until a decimated map is upright and no handle too narrow | singular vertices end on one point; no work is left for them |
 //! | untangling | unfolds what rounding has folded, the integers held, in the same way | triangles have too little freedom |
 //! | check | coordinates in fixed point, areas and angles in integers | says which triangle is folded |
 //!
@@ -63,7 +63,7 @@ mod system;
 mod transition;
 mod unfold;
 
-pub(crate) use integers::{AtLeast, Spread};
+pub(crate) use integers::{AtLeast, MOST_DENSE, Spread};
 #[cfg(feature = "testing")]
 pub(crate) use integers::{guarded, inverse, rounded};
 pub(crate) use net::Net;
@@ -75,7 +75,7 @@ pub(crate) use parameterize::{
 };
 #[cfg(feature = "testing")]
 pub(crate) use unfold::monotone;
-pub(crate) use unfold::{Effort, Ends, Folded, MOST_DENSE, Unfolding};
+pub(crate) use unfold::{Effort, Ends, Folded, Unfolding};
 
 pub use exact::{GridMap, MapReport};
 #[cfg(feature = "testing")]

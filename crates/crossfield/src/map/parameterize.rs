@@ -11,13 +11,15 @@ use super::cones::has_wrong_angle;
 use super::conformal;
 use super::cut::Cut;
 use super::exact::{BITS, GridMap, MapReport, fixed, wrong_cones};
-use super::integers::{AtLeast, Coarse, Energy, Means, Quadratic, Regions, Spread, Upright, cube};
+use super::integers::{
+    AtLeast, Coarse, Energy, MOST_DENSE, Means, Quadratic, Regions, Spread, Upright, cube,
+};
 use super::spacing::{Chart, Spacing, charts, determinant};
 use super::system::{System, Weighted};
 use super::transition::Seams;
 #[cfg(feature = "testing")]
 use super::unfold::{Effort, Ends, monotone};
-use super::unfold::{Folded, MOST_DENSE, Unfolder, Unfolding};
+use super::unfold::{Folded, Unfolder, Unfolding};
 use crate::Error;
 use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;

@@ -202,12 +202,17 @@ impl Weighted<'_> {
     fn held(&self) -> Result<&Cholesky, Error> {
         kept(&self.held, || {
             let reals = self.seams.reals;
-            let own = |i: usize, j: usize, a: f64| match i < reals && j < reals {
-                true => a,
-                false => f64::from(u8::from(i == j)),
-            };
-            Ok(self.symbolic.factor(&self.matrix.map(own))?)
+            self.factor_but(|k| k >= reals)
         })
+    }
+
+    /// Of the matrix, with ones on the diagonal for the values that are held and nothing else of them.
+    fn factor_but(&self, is_held: impl Fn(usize) -> bool + Sync) -> Result<Cholesky, Error> {
+        let own = |i: usize, j: usize, a: f64| match is_held(i) || is_held(j) {
+            true => f64::from(u8::from(i == j)),
+            false => a,
+        };
+        Ok(self.symbolic.factor(&self.matrix.map(own))?)
     }
 
     /// `A⁻¹ g` over the unknowns that move, for a gradient with respect to them: all of them, or the reals alone. It bends steps
@@ -243,11 +248,7 @@ impl Weighted<'_> {
     /// The minimum while some integers are held, and the factor of what moves.
     pub(crate) fn holding(&self, integers: &[Option<f64>]) -> Result<Holding, Error> {
         let held = self.seams.all_of(integers);
-        let own = |i: usize, j: usize, a: f64| match held[i].or(held[j]) {
-            None => a,
-            Some(_) => f64::from(u8::from(i == j)),
-        };
-        let factor = self.symbolic.factor(&self.matrix.map(own))?;
+        let factor = self.factor_but(|k| held[k].is_some())?;
         let w = self.minimum(&factor, &held)?;
         let integers = self.seams.reals..self.seams.unknowns();
         Ok(Holding {

@@ -50,7 +50,7 @@ fn divide(x: &mut DMatrix<f64>, l: &DMatrix<f64>) {
     }
 }
 
-/// The inverse of `L Lᵀ`; only the lower triangle of L is looked at.
+/// The inverse of `L Lᵀ`; only the lower triangle of L is looked at, and L is gone before the inverse is put together.
 ///
 /// Columns of the inverse are two substitutions each. Below the diagonal they need the part of L below the diagonal alone, and
 /// the rest is its mirror image: a third of the work of whole columns. A strip of them goes side by side.

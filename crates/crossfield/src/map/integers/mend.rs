@@ -162,8 +162,8 @@ impl dyn Energy + '_ {
         Ok(false)
     }
 
-    /// Moves single integers and pairs by one while that brings triangles nearer to upright; of the moves that do so most,
-    /// those of least energy. Where none does, triangles that are not upright weigh more from then on (Morris, *The breakout
+    /// Moves single integers and pairs by one, on a grid so many steps denser, while that brings triangles nearer to upright; of the
+    /// moves that do so most, those of least energy. Where none does, triangles that are not upright weigh more from then on (Morris, *The breakout
     /// method for escaping from local minima*, 1993). Returns whether all are.
     ///
     /// `z` changes, and is what was reached even if that is not enough. It gives up after 4 n + 50 steps, after
@@ -171,12 +171,12 @@ impl dyn Energy + '_ {
     fn mend(
         &self,
         z: &mut [f64],
-        step: i32,
+        denser: i32,
         upright: &Upright,
         means: Means<'_>,
     ) -> Result<bool, Cancelled> {
         let n = z.len();
-        let mut cost = self.cost(z, step, upright);
+        let mut cost = self.cost(z, denser, upright);
         let mut sides = upright.sides(z);
         let mut weights = vec![1; sides.len()];
         let most = 4 * n + 50;
@@ -244,6 +244,20 @@ impl dyn Energy + '_ {
         }
         Ok(false)
     }
+}
+
+/// Of the integers with these couplings, those that are coupled most: two of a small coupling do not change each other's optimum, and
+/// moving both is no better than moving one after the other.
+pub(super) fn strongest(mut others: Vec<(usize, f64)>) -> Vec<(usize, f64)> {
+    const MOST: usize = 32;
+    if others.len() > MOST {
+        others.select_nth_unstable_by(MOST, |a, b| {
+            b.1.abs().total_cmp(&a.1.abs()).then(a.0.cmp(&b.0))
+        });
+        others.truncate(MOST);
+        others.sort_unstable_by_key(|other| other.0);
+    }
+    others
 }
 
 /// Of moves that bring triangles nearer to upright, those that do so most, of least energy first.

@@ -19,6 +19,7 @@ pub(super) use coarse::Coarse;
 pub(crate) use mend::Energy;
 pub(super) use mend::Means;
 pub(super) use regions::Regions;
+pub(crate) use round::MOST_DENSE;
 pub(super) use round::{Quadratic, cube};
 #[cfg(feature = "testing")]
 pub(crate) use round::{inverse, rounded};

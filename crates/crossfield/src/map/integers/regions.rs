@@ -13,15 +13,12 @@ use std::cell::OnceCell;
 use geom_core::nalgebra::{DMatrix, DVector};
 use geom_core::{Aabb, Cancelled, Point3};
 
-use super::mend::{Cost, Energy, Means};
+use super::mend::{Cost, Energy, Means, strongest};
 use super::round::greedy;
 use super::upright::{Pair, Sides, Upright};
 use crate::Error;
 use crate::backend::On;
 use crate::map::system::Weighted;
-
-/// Most others that an integer may move with.
-const MOST_COUPLED: usize = 32;
 
 /// Integers whose energy is never known in full.
 pub(crate) struct Regions {
@@ -119,17 +116,8 @@ impl Cost for Decimated<'_> {
 
     fn coupled(&self, k: usize) -> &[usize] {
         self.coupled[k].get_or_init(|| {
-            let mut others = self.upright.coupled(k, self.coupled.len());
-            let by_size = |a: &(usize, f64), b: &(usize, f64)| {
-                b.1.abs().total_cmp(&a.1.abs()).then(a.0.cmp(&b.0))
-            };
-            if others.len() > MOST_COUPLED {
-                others.select_nth_unstable_by(MOST_COUPLED, by_size);
-                others.truncate(MOST_COUPLED);
-            }
-            let mut others: Vec<usize> = others.into_iter().map(|other| other.0).collect();
-            others.sort_unstable();
-            others
+            let others = strongest(self.upright.coupled(k, self.coupled.len()));
+            others.into_iter().map(|other| other.0).collect()
         })
     }
 }

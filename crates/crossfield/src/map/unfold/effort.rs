@@ -50,9 +50,6 @@ impl Effort {
     }
 }
 
-/// So many integers have dense matrices of 180 MB together. Rounded region by region they are a tenth to a quarter worse in energy.
-pub(crate) const MOST_DENSE: usize = 3000;
-
 /// Where unfolding without integers has led with the maps of a field.
 #[derive(Debug, Default)]
 pub(crate) struct Ends {

@@ -16,7 +16,7 @@ use geom_core::compute::parallel;
 use geom_core::compute::sets::DisjointSets;
 
 use self::align::align;
-pub(crate) use self::effort::{Effort, Ends, Folded, MOST_DENSE, Unfolding};
+pub(crate) use self::effort::{Effort, Ends, Folded, Unfolding};
 use self::scope::Scope;
 use self::untangle::{Judge, Moves, untangle};
 use self::wind::wound;
