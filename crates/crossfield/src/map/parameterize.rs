@@ -797,6 +797,8 @@ impl<'a> Making<'a> {
         weighted: &mut Weighted<'_>,
         w: &[f64],
     ) -> Result<Box<dyn Energy>, Error> {
+        /// What a sparse factor costs, in evaluations of the energy of all triangles.
+        const FACTOR: usize = 20;
         let integers = self.system.seams.integers;
         let most_dense = self.unfolding.most_dense;
         let regions = integers.div_ceil(most_dense.max(1));
@@ -804,7 +806,7 @@ impl<'a> Making<'a> {
         // Asked for before it is begun.
         let cost = match is_dense {
             true => cube(integers),
-            false => regions * cube(most_dense),
+            false => regions * (cube(most_dense) + FACTOR * self.system.charts.len()),
         };
         if !self.unfolding.effort.spend(cost) {
             return Err(Error::Integers { integers });
