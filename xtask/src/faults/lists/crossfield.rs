@@ -250,7 +250,7 @@ pub(super) const FAULTS: &[Fault] = &[
     .seen_by("backends::gpu::distortions_follow_cpu"),
     Fault::wrong(
         "the next map of a field starts anew",
-        "crates/crossfield/src/map/parameterize.rs",
+        "crates/crossfield/src/map/parameterize/relaxed.rs",
         "last.filter(|w| self.unfolder().is_valid(w))",
         "last.filter(|w| !self.unfolder().is_valid(w))",
     )

@@ -1,0 +1,180 @@
+//! What tests look at in the middle of a map's making.
+
+use geom_core::TriMesh;
+
+use super::relaxed::Optimum;
+use super::{Making, MapOptions, alone, parameterized, prepared};
+use crate::Error;
+use crate::backend::On;
+use crate::field::CrossField;
+use crate::field::frames::Frames;
+use crate::map::conformal;
+use crate::map::integers::{Energy, MOST_DENSE};
+use crate::map::spacing::Spacing;
+use crate::map::system::System;
+use crate::map::unfold::{Effort, Ends, Unfolding, monotone};
+
+/// The triangles that are left of a map without integers when all its regular vertices are taken out; `None` if one of them
+/// cannot be.
+pub(crate) fn decimated(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<Option<usize>, Error> {
+    alone(mesh, frames, field, options, run, |mut making| {
+        let relaxed = making.relaxed()?;
+        Ok(making
+            .decimated(&relaxed.corners)
+            .map(|coarse| coarse.triangles()))
+    })
+}
+
+/// The sizes that a map starts to unfold from.
+pub(crate) fn sizes(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+) -> Result<Vec<f64>, Error> {
+    let options = MapOptions {
+        spacing: Spacing::Uniform(1.0),
+        lines: Vec::new(),
+    };
+    let (_, _, charts) = prepared(mesh, frames, field, &options, MOST_DENSE)?;
+    conformal::scales(&charts, frames, field)
+}
+
+/// See `testing::aligned`.
+pub(crate) fn aligned(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<[usize; 2], Error> {
+    alone(mesh, frames, field, options, run, |mut making| {
+        let Optimum {
+            weighted, mut w, ..
+        } = making.optimum()?;
+        let left = |w: &[f64]| {
+            let corners = making.system.corners(w);
+            let all = making.system.charts.iter().zip(&corners);
+            all.filter(|(chart, uv)| monotone(chart, uv).0 <= 0.0)
+                .count()
+        };
+        let before = left(&w);
+        making.unfolder().align(&weighted, &mut w)?;
+        Ok([before, left(&w)])
+    })
+}
+
+/// See `testing::untangling_cost`.
+pub(crate) fn untangling_cost(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<Option<f64>, Error> {
+    alone(mesh, frames, field, options, run, |mut making| {
+        let Optimum {
+            weighted, mut w, ..
+        } = making.optimum()?;
+        let effort = making.unfolding.effort;
+        let all = effort.left();
+        let is_upright = making.unfolder().untangled(&weighted, true, &mut w)?;
+        let spent = (all - effort.left()) as f64 / making.system.charts.len() as f64;
+        Ok(is_upright.then_some(spent))
+    })
+}
+
+/// See `testing::parameterized_within`.
+pub(crate) fn parameterized_within(
+    evaluations: u64,
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<(), Error> {
+    let (effort, ends) = Unfolding::alone(mesh.triangles().len());
+    effort.spend((effort.left() - evaluations) as usize);
+    let unfolding = Unfolding {
+        effort: &effort,
+        ends: &ends,
+        most_dense: MOST_DENSE,
+    };
+    parameterized(mesh, frames, field, options, unfolding, None, run).map(drop)
+}
+
+/// What each of several maps of a field costs to unfold without integers, in evaluations of all triangles; `None` for one that
+/// stays folded.
+pub(crate) fn unfolding_costs(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &[MapOptions],
+    run: On<'_>,
+) -> Result<Vec<Option<f64>>, Error> {
+    let ends = Ends::default();
+    let of = |options: &MapOptions| {
+        let (cut, seams, charts) = prepared(mesh, frames, field, options, MOST_DENSE)?;
+        let effort = Effort::of(charts.len());
+        let unfolding = Unfolding {
+            effort: &effort,
+            ends: &ends,
+            most_dense: MOST_DENSE,
+        };
+        let all = effort.left();
+        let system = System::new(&cut, &seams, &charts);
+        match Making::new(mesh, frames, field, system, unfolding, run).relaxed() {
+            Ok(_) => Ok(Some((all - effort.left()) as f64 / charts.len() as f64)),
+            Err(Error::Folded { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    };
+    options.iter().map(of).collect()
+}
+
+/// What is made of a field's integers, for tests.
+pub struct OfIntegers {
+    /// How much more energy than the best map with real numbers that with rounded ones has, by the Schur complement.
+    pub by_schur: f64,
+    /// The same measured on the two maps.
+    pub measured: f64,
+    /// What would keep the sides of the decimated map from turning: their sums at the real minimum, where none has turned.
+    pub unturned: Vec<f64>,
+}
+
+/// See [`OfIntegers`]; of a map that does not fold.
+pub(crate) fn of_integers(
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<OfIntegers, Error> {
+    alone(mesh, frames, field, options, run, |mut making| {
+        let Optimum {
+            mut weighted,
+            w,
+            corners,
+        } = making.optimum()?;
+        let System { seams, charts, .. } = making.system;
+        let quadratic = making.quadratic(&mut weighted, &w)?;
+        let z = (&quadratic as &dyn Energy).rounded(run)?;
+        let energy = |corners: &[[[f64; 2]; 3]]| making.system.energy(corners) / 2.0;
+        let rounded = making.system.corners(&weighted.values_for(&z)?);
+        let real = &w[seams.reals..seams.unknowns()];
+        let coarse = making.decimated(&corners);
+        let judged = coarse.and_then(|coarse| making.judged(&coarse, &z, &corners));
+        let all: Vec<usize> = (0..frames.edges().vertices()).collect();
+        let unturned = judged.map_or(Vec::new(), |(spread, _)| spread.unturned(&all));
+        Ok(OfIntegers {
+            by_schur: quadratic.above(&z) / charts.len() as f64,
+            measured: energy(&rounded) - energy(&corners),
+            unturned: unturned.iter().map(|side| side.value(real)).collect(),
+        })
+    })
+}
