@@ -85,6 +85,7 @@ pub(crate) fn whole_map(
     let (effort, ends) = Unfolding::alone(mesh.triangles().len());
     let unfolding = Unfolding {
         effort: &effort,
+        rest: None,
         ends: &ends,
         most_dense,
     };
@@ -140,7 +141,7 @@ pub(crate) fn parameterized(
     // What is upright shall have its integers.
     let reserve = unfolding.effort.share(RESERVE);
     let relaxed = making.relaxed();
-    unfolding.effort.give_back(&reserve);
+    unfolding.effort.take(&reserve);
     let mut relaxed = relaxed?;
     run.progress("map", 1, 3)?;
     let Rounded {
@@ -159,7 +160,7 @@ pub(crate) fn parameterized(
     let share = unfolding.effort.share(if spread.is_some() { 8 } else { 1 });
     making.unfolding.effort = &share;
     making.unfold(&relaxed.weighted, spread.is_some(), &mut w)?;
-    unfolding.effort.give_back(&share);
+    unfolding.effort.take(&share);
     making.report.energy = making.system.energy(&making.system.corners(&w));
     match (
         fixed(frames, field, &cut, &seams, &w, stage, making.report),
@@ -212,6 +213,7 @@ fn alone<T>(
     let (effort, ends) = Unfolding::alone(charts.len());
     let unfolding = Unfolding {
         effort: &effort,
+        rest: None,
         ends: &ends,
         most_dense: MOST_DENSE,
     };

@@ -10,6 +10,7 @@ use crate::map::integers::{
     AtLeast, Coarse, Energy, Means, Quadratic, Regions, Spread, Upright, cube,
 };
 use crate::map::system::{System, Weighted};
+use crate::map::unfold::Unfolding;
 
 /// How often conditions for wider handles and necks are added.
 const WIDENINGS: usize = 30;
@@ -136,12 +137,18 @@ impl<'a> Making<'a> {
         let most_dense = self.unfolding.most_dense;
         let regions = integers.div_ceil(most_dense.max(1));
         let is_dense = integers <= most_dense;
-        // Asked for before it is begun.
         let cost = match is_dense {
             true => cube(integers),
             false => regions * (cube(most_dense) + FACTOR * self.system.charts.len()),
         };
-        if !self.unfolding.effort.spend(cost) {
+        // Asked for before it is begun, and nothing else that could still be made is as near to quads.
+        let Unfolding { effort, rest, .. } = self.unfolding;
+        if effort.left() < cost as u64
+            && let Some(rest) = rest
+        {
+            effort.take(rest);
+        }
+        if !effort.spend(cost) {
             return Err(Error::Integers { integers });
         }
         if is_dense {

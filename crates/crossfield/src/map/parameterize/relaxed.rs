@@ -160,7 +160,7 @@ impl<'a> Making<'a> {
     ) -> Result<bool, Error> {
         let reserve = self.unfolding.effort.share(2);
         let is_upright = self.unfolder().mended(weighted, with_integers, w);
-        self.unfolding.effort.give_back(&reserve);
+        self.unfolding.effort.take(&reserve);
         is_upright
     }
 
