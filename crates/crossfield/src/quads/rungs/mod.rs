@@ -116,6 +116,11 @@ const SPECK: usize = 64;
 /// A closed part is not asked for fewer quads than a cube has.
 const FEWEST: f64 = 6.0;
 
+/// What a field costs, in evaluations of the energy of its map.
+const FIELD: usize = 50;
+/// From so many triangles on it is more: there are more singular vertices to move, further, one after the other.
+const LARGE: usize = 100_000;
+
 /// How often triangles are cut where a map stays folded.
 const FINER: u32 = 3;
 
@@ -321,13 +326,6 @@ struct Spare {
     report: PartReport,
 }
 
-/// What the field of so many triangles costs, in evaluations of the energy of a triangle of its map: fifty of each, and more where
-/// there are many, since there are more singular vertices to move, further, one after the other.
-fn field_cost(triangles: usize) -> usize {
-    const MANY: usize = 100_000;
-    50 * (triangles + triangles * triangles / MANY)
-}
-
 fn least(jacobians: &[f64]) -> f64 {
     jacobians.iter().copied().fold(f64::INFINITY, f64::min)
 }
@@ -473,9 +471,10 @@ impl Rungs<'_> {
         2 * self.effort.left() >= all.left()
     }
 
-    /// Is enough left for the field of so many triangles?
+    /// Is enough left for another field, of so many triangles? What a large one takes beyond its cost is not begun without a map to come.
     fn may_have_field(&self, triangles: usize) -> bool {
-        self.effort.left() >= field_cost(triangles) as u64
+        let cost = FIELD * triangles;
+        self.effort.left() >= (cost + cost / LARGE * triangles) as u64
     }
 
     /// The penalty of singularities grows with the smoothing, so that fields of later rungs have fewer of them.
@@ -485,7 +484,7 @@ impl Rungs<'_> {
         wishes: &Wishes,
         factor: f64,
     ) -> Result<(Smooth, CrossField), Error> {
-        if !self.effort.spend(field_cost(part.mesh.triangles().len())) {
+        if !self.effort.spend(FIELD * part.mesh.triangles().len()) {
             return Err(Error::Spent);
         }
         let options = self.options;
