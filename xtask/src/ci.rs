@@ -178,7 +178,12 @@ fn is_killed(program: &Path, input: &Path, spacing: &str) -> Result<bool, String
     let begun = || inside(&out).iter().filter(|rank| works(rank)).count() == 3;
     // Those of each of its threads.
     let threads = PathBuf::from(format!("/proc/{}/task", parent.id()));
-    while parent.try_wait().map_err(|e| e.to_string())?.is_none() && !begun() {
+    // Ranks that wait for each other for ever are killed, too, and nothing hangs.
+    let last = Instant::now() + Duration::from_secs(60);
+    while Instant::now() < last && !begun() {
+        if parent.try_wait().map_err(|e| e.to_string())?.is_some() {
+            break;
+        }
         std::thread::sleep(Duration::from_millis(20));
     }
     // None are left of a job that has ended, and the last may be ending now: how the job ends tells.

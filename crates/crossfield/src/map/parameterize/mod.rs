@@ -85,7 +85,6 @@ pub(crate) fn whole_map(
     let (effort, ends) = Unfolding::alone(mesh.triangles().len());
     let unfolding = Unfolding {
         effort: &effort,
-        rest: None,
         ends: &ends,
         most_dense,
     };
@@ -141,7 +140,7 @@ pub(crate) fn parameterized(
     // What is upright shall have its integers.
     let reserve = unfolding.effort.share(RESERVE);
     let relaxed = making.relaxed();
-    unfolding.effort.take(&reserve);
+    unfolding.effort.give_back(&reserve);
     let mut relaxed = relaxed?;
     run.progress("map", 1, 3)?;
     let Rounded {
@@ -160,7 +159,7 @@ pub(crate) fn parameterized(
     let share = unfolding.effort.share(if spread.is_some() { 8 } else { 1 });
     making.unfolding.effort = &share;
     making.unfold(&relaxed.weighted, spread.is_some(), &mut w)?;
-    unfolding.effort.take(&share);
+    unfolding.effort.give_back(&share);
     making.report.energy = making.system.energy(&making.system.corners(&w));
     match (
         fixed(frames, field, &cut, &seams, &w, stage, making.report),
@@ -213,7 +212,6 @@ fn alone<T>(
     let (effort, ends) = Unfolding::alone(charts.len());
     let unfolding = Unfolding {
         effort: &effort,
-        rest: None,
         ends: &ends,
         most_dense: MOST_DENSE,
     };

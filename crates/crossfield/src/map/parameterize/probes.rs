@@ -102,7 +102,6 @@ pub(crate) fn parameterized_within(
     effort.spend((effort.left() - evaluations) as usize);
     let unfolding = Unfolding {
         effort: &effort,
-        rest: None,
         ends: &ends,
         most_dense: MOST_DENSE,
     };
@@ -124,7 +123,6 @@ pub(crate) fn unfolding_costs(
         let effort = Effort::of(charts.len());
         let unfolding = Unfolding {
             effort: &effort,
-            rest: None,
             ends: &ends,
             most_dense: MOST_DENSE,
         };

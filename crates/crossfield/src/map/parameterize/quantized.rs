@@ -2,7 +2,7 @@
 
 use geom_core::Point3;
 
-use super::relaxed::Relaxed;
+use super::relaxed::Optimum;
 use super::{Making, Narrow, Widening};
 use crate::Error;
 use crate::map::exact::{BITS, wrong_cones};
@@ -10,7 +10,6 @@ use crate::map::integers::{
     AtLeast, Coarse, Energy, Means, Quadratic, Regions, Spread, Upright, cube,
 };
 use crate::map::system::{System, Weighted};
-use crate::map::unfold::Unfolding;
 
 /// How often conditions for wider handles and necks are added.
 const WIDENINGS: usize = 30;
@@ -50,10 +49,10 @@ impl<'a> Making<'a> {
     /// none on denser grids either. The first two are made wider where quads would meet themselves, if asked for.
     pub(super) fn quantized(
         &mut self,
-        relaxed: &mut Relaxed<'a>,
+        relaxed: &mut Optimum<'a>,
         widening: Option<Widening<'_>>,
     ) -> Result<Rounded, Error> {
-        let Relaxed {
+        let Optimum {
             weighted,
             w,
             corners,
@@ -141,14 +140,8 @@ impl<'a> Making<'a> {
             true => cube(integers),
             false => regions * (cube(most_dense) + FACTOR * self.system.charts.len()),
         };
-        // Asked for before it is begun, and nothing else that could still be made is as near to quads.
-        let Unfolding { effort, rest, .. } = self.unfolding;
-        if effort.left() < cost as u64
-            && let Some(rest) = rest
-        {
-            effort.take(rest);
-        }
-        if !effort.spend(cost) {
+        // Asked for before it is begun.
+        if !self.unfolding.effort.spend(cost) {
             return Err(Error::Integers { integers });
         }
         if is_dense {

@@ -12,15 +12,8 @@ use crate::map::spacing::{Chart, determinant};
 use crate::map::system::Weighted;
 use crate::map::unfold::Folded;
 
-/// The best map with real numbers in place of integers, folded or not.
+/// The best map with real numbers in place of integers: as the energy has it, folded or not, or unfolded.
 pub(super) struct Optimum<'a> {
-    pub(super) weighted: Weighted<'a>,
-    pub(super) w: Vec<f64>,
-    pub(super) corners: Vec<[[f64; 2]; 3]>,
-}
-
-/// The best map without integers.
-pub(super) struct Relaxed<'a> {
     pub(super) weighted: Weighted<'a>,
     pub(super) w: Vec<f64>,
     pub(super) corners: Vec<[[f64; 2]; 3]>,
@@ -47,7 +40,7 @@ impl<'a> Making<'a> {
     ///
     /// From where the last map of the same field ended, if there was one, else from the optimum. What is still folded
     /// then is an error that no other spacing would mend; where it is so is left for those who have finer triangles.
-    pub(super) fn relaxed(&mut self) -> Result<Relaxed<'a>, Error> {
+    pub(super) fn relaxed(&mut self) -> Result<Optimum<'a>, Error> {
         let start = self.unfolding.ends.folded.take();
         let is_resumed = start.is_some();
         if let Some(Folded { jacobians, .. }) = start {
@@ -60,11 +53,7 @@ impl<'a> Making<'a> {
             self.report.relaxed_energy = self.system.energy(&optimum.corners);
         }
         if self.report.relaxed_folded == 0 {
-            return Ok(Relaxed {
-                weighted: optimum.weighted,
-                w: optimum.w,
-                corners: optimum.corners,
-            });
+            return Ok(optimum);
         }
         let w = self.unfolded_optimum(optimum, is_resumed)?;
         let corners = self.system.corners(&w);
@@ -81,7 +70,7 @@ impl<'a> Making<'a> {
         self.unfolding.ends.upright.replace(Some(w.clone()));
         // Rounding starts from here, and has to keep what unfolding has reached.
         self.want(&corners);
-        Ok(Relaxed {
+        Ok(Optimum {
             weighted: self.system.weighted(&self.weights)?,
             w,
             corners,
@@ -160,7 +149,7 @@ impl<'a> Making<'a> {
     ) -> Result<bool, Error> {
         let reserve = self.unfolding.effort.share(2);
         let is_upright = self.unfolder().mended(weighted, with_integers, w);
-        self.unfolding.effort.take(&reserve);
+        self.unfolding.effort.give_back(&reserve);
         is_upright
     }
 

@@ -22,9 +22,9 @@ impl Effort {
         Self(Cell::new(share))
     }
 
-    /// Takes all of another: of a share, what was not spent of it comes back.
-    pub(crate) fn take(&self, other: &Self) {
-        self.0.set(self.0.get() + other.0.take());
+    /// What was not spent of a share comes back.
+    pub(crate) fn give_back(&self, share: &Self) {
+        self.0.set(self.0.get() + share.0.take());
     }
 
     /// Takes from it; false if there was not as much.
@@ -79,8 +79,6 @@ pub(crate) struct Folded {
 #[derive(Clone, Copy)]
 pub(crate) struct Unfolding<'a> {
     pub(crate) effort: &'a Effort,
-    /// What is kept for other maps, of which none is nearer to quads than one that is upright: its integers may take it.
-    pub(crate) rest: Option<&'a Effort>,
     /// Of the same field: what is upright at one spacing is so at any, and is where the next map starts.
     pub(crate) ends: &'a Ends,
     /// Up to so many integers are rounded by dense matrices, more of them region by region.

@@ -85,7 +85,7 @@ impl Unfolder<'_> {
             let is_lost = |w: &[f64]| !self.stuck(&self.system.corners(w)).is_empty();
             let reserve = self.effort.share(3);
             self.untangle_all(weighted, with_integers, Vec::new(), &is_lost, w)?;
-            self.effort.take(&reserve);
+            self.effort.give_back(&reserve);
             if self.is_valid(w) {
                 return Ok(true);
             }
@@ -95,7 +95,7 @@ impl Unfolder<'_> {
         let reserve = self.effort.share(4);
         // What else is folded unfolds beside a vertex that is stuck.
         self.untangle_all(weighted, with_integers, held, &|_| false, w)?;
-        self.effort.take(&reserve);
+        self.effort.give_back(&reserve);
         self.mended(weighted, with_integers, w)
     }
 

@@ -133,9 +133,8 @@ fn mapped(
     }
     let (mut folded, mut least) = folded(&best.0, &rungs.finish.whole.mesh)?;
     for _ in 0..AGAIN {
-        // What has been hard to come by is not made anew for quads that are upright, or where another field may do better.
-        let is_enough = least > 0.0 || rungs.report.finer > 0;
-        if folded.is_empty() || is_enough && !rungs.has_half() {
+        // What has been hard to come by is not made anew for quads that are upright.
+        if folded.is_empty() || least > 0.0 && !rungs.has_half() {
             break;
         }
         let tree = TriangleTree::new(&ground.part.mesh)?;
@@ -241,7 +240,6 @@ impl Lay {
         let effort = rungs.effort.share(if ends.is_folded() { 8 } else { 2 });
         let unfolding = Unfolding {
             effort: &effort,
-            rest: Some(&rungs.effort),
             ends,
             most_dense: MOST_DENSE,
         };
@@ -251,7 +249,7 @@ impl Lay {
         });
         let run = rungs.run;
         let map = parameterized(mesh, frames, field, &options, unfolding, widening, run);
-        rungs.effort.take(&effort);
+        rungs.effort.give_back(&effort);
         map
     }
 }

@@ -76,15 +76,6 @@ pub struct PartReport {
 }
 
 impl PartReport {
-    /// Of quads that were put aside; why rungs after that have failed, too, is said still.
-    fn of_spare(&mut self, spare: Spare) -> QuadMesh {
-        *self = Self {
-            failures: std::mem::take(&mut self.failures),
-            ..spare.report
-        };
-        spare.quads
-    }
-
     /// Of the last rung: what was said of a map that was upright is not said of its quads.
     fn without_map(&mut self) {
         self.rung = Rung::Split;
@@ -108,8 +99,6 @@ const OFF_TARGET: f64 = 0.1;
 
 /// Scaled Jacobians below this are bad.
 const FOLDED: f64 = 0.3;
-/// Quads that follow a field are taken before those of triangles if all of theirs are above this.
-const POOR: f64 = 0.1;
 /// A part of so few quads is a speck: bubbles of a density are.
 const SPECK: usize = 64;
 
@@ -118,7 +107,8 @@ const FEWEST: f64 = 6.0;
 
 /// What a field costs, in evaluations of the energy of its map.
 const FIELD: usize = 50;
-/// From so many triangles on it is more: there are more singular vertices to move, further, one after the other.
+/// A field of so many triangles takes twice as long as that, one of more in proportion: singular vertices move further there, one after
+/// the other.
 const LARGE: usize = 100_000;
 
 /// How often triangles are cut where a map stays folded.
@@ -182,22 +172,23 @@ pub(super) fn part_quads(
             }
         }
         Some(made) => made,
-        None => match spare.take() {
-            // They follow a field, though that of another rung might have made the worst of them better.
-            Some(spare) if spare.least > POOR && spare.quads.quads().len() > SPECK => {
-                report.of_spare(spare)
-            }
-            spare => {
-                let split = split()?;
-                match spare {
-                    Some(spare) if spare.least >= least(&split)? => report.of_spare(spare),
-                    _ => {
-                        report.without_map();
-                        split
-                    }
+        None => {
+            let split = split()?;
+            match spare {
+                Some(spare) if spare.least >= least(&split)? => {
+                    let failures = std::mem::take(&mut report.failures);
+                    report = PartReport {
+                        failures,
+                        ..spare.report
+                    };
+                    spare.quads
+                }
+                _ => {
+                    report.without_map();
+                    split
                 }
             }
-        },
+        }
     };
     report.quads = made.quads().len();
     Ok((made, report))
@@ -318,7 +309,7 @@ fn proxy(part: &Part, asked: &Asked<'_>) -> Result<Option<Part>, Cancelled> {
     part.remeshed(PROXY * square, asked.options.crease, asked.run)
 }
 
-/// Quads that are not all upright, or not all good, and how they were made.
+/// Quads that are not all upright, and how they were made.
 struct Spare {
     /// The smallest scaled Jacobian.
     least: f64,
@@ -343,8 +334,7 @@ struct Rungs<'a> {
     spare: &'a mut Option<Spare>,
     /// The first field whose map folds only on integers, and what it is a field of.
     denser: Option<(Smooth, CrossField)>,
-    /// Did the last map fold before anything was an integer, or have bad quads though triangles were cut for it, so that only another
-    /// field can help?
+    /// Did the last map fold before anything was an integer, so that only another field can help?
     unfit: bool,
     /// The most smoothing of the rungs, Å: no smoother one has less.
     smoothing: f64,
@@ -456,9 +446,7 @@ impl Rungs<'_> {
             self.effort.end();
         }
         let relaxed = matches!(made, Err(Error::Folded { relaxed: true, .. }));
-        // Where it has a map on cut triangles alone, that has been too much to ask of it, too.
-        let strained = matches!(made, Err(Error::Inverted { .. })) && self.report.finer > 0;
-        self.unfit = relaxed || strained;
+        self.unfit = relaxed;
         if made.is_err() && !relaxed && self.denser.is_none() {
             self.denser = Some((smooth, field));
         }
@@ -471,7 +459,7 @@ impl Rungs<'_> {
         2 * self.effort.left() >= all.left()
     }
 
-    /// Is enough left for another field, of so many triangles? What a large one takes beyond its cost is not begun without a map to come.
+    /// Is enough left for all that the field of so many triangles takes? If not, nothing would be left for its map.
     fn may_have_field(&self, triangles: usize) -> bool {
         let cost = FIELD * triangles;
         self.effort.left() >= (cost + cost / LARGE * triangles) as u64
@@ -580,7 +568,7 @@ impl Rungs<'_> {
     }
 
     /// An error for quads of which some face the wrong way; or nearly, where triangles had to be cut for their map, since the field
-    /// of another rung may do without. The best of these are kept, should no other rung have any.
+    /// of another rung may do without. The best of these are kept, should the last rung have none better.
     fn upright(&mut self, quads: QuadMesh) -> Result<QuadMesh, Error> {
         let jacobians = scaled_jacobians(&quads, &self.finish.whole.mesh)?;
         let most = if self.report.finer > 0 { FOLDED } else { 0.0 };
