@@ -666,17 +666,15 @@ struct Staging {
 impl Staging {
     fn open(out: &Path) -> Result<Self, Failure> {
         let named = |e: std::io::Error| io::Error::from(io::ErrorKind::System(e)).in_file(out);
-        let absent = out
-            .ancestors()
-            .take_while(|a| !a.as_os_str().is_empty() && !a.exists())
-            .last();
-        let made = absent.map(Path::to_owned);
-        std::fs::create_dir_all(out).map_err(named)?;
-        Self::clear(out);
-        let folder = tempfile::Builder::new()
-            .prefix(UNFINISHED)
-            .tempdir_in(out)
-            .map_err(named)?;
+        // Runs with one output folder that we all make, as the ranks of a job are, may take it away empty just
+        // before ours is in it: then it is made again.
+        let mut tries = 100;
+        let (made, folder) = loop {
+            match Self::folder_in(out) {
+                Err(e) if e.kind() == std::io::ErrorKind::NotFound && tries > 0 => tries -= 1,
+                ended => break ended.map_err(named)?,
+            }
+        };
         // It gets its name when it is locked, so that nobody finds it unlocked. Where the file system knows no
         // locks, it gets none, and a folder that a killed run leaves stays.
         let path = folder.path().join("unlocked");
@@ -690,6 +688,19 @@ impl Staging {
             out: out.to_owned(),
             made,
         })
+    }
+
+    /// A new hidden folder in `out`, and the topmost folder that had to be made for it.
+    fn folder_in(out: &Path) -> std::io::Result<(Option<PathBuf>, tempfile::TempDir)> {
+        let absent = out
+            .ancestors()
+            .take_while(|a| !a.as_os_str().is_empty() && !a.exists())
+            .last();
+        let made = absent.map(Path::to_owned);
+        std::fs::create_dir_all(out)?;
+        Self::clear(out);
+        let mut folder = tempfile::Builder::new();
+        Ok((made, folder.prefix(UNFINISHED).tempdir_in(out)?))
     }
 
     /// Removes the folders of runs that have died, as well as that goes.

@@ -1622,6 +1622,27 @@ fn what_killed_runs_left_is_cleared() {
     assert_eq!(hidden.count(), 1);
 }
 
+/// As the ranks of a job do: whoever makes the folder and has nothing for it takes it away, and the others go on.
+#[test]
+fn runs_that_begin_together_make_one_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a").join("b");
+    let absent = folder.path().join("absent.pdb");
+    let together: Vec<_> = (0..100)
+        .map(|_| {
+            let mut command = program("01_density");
+            command.arg(&absent).arg("--quiet").arg("--out").arg(&out);
+            let child = command.stderr(std::process::Stdio::piped()).spawn();
+            child.expect("the program starts")
+        })
+        .collect();
+    for child in together {
+        let output = child.wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(said.contains("absent.pdb"), "{said}");
+    }
+}
+
 /// Ctrl-C and the end of a terminal end the work, and the exit code says which.
 #[cfg(target_os = "linux")]
 #[test]
