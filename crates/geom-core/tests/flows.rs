@@ -175,8 +175,12 @@ impl Squares {
         let at = |i: u32, j: u32| j * (SIDE + 1) + i;
         let cells = (0..SIDE).flat_map(|j| (0..SIDE).map(move |i| (i, j)));
         let quad = |(i, j)| [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-        let quads: Vec<[u32; 4]> = cells.map(quad).collect();
-        let mut around = vec![Vec::new(); ((SIDE + 1) * (SIDE + 1)) as usize];
+        let vertices = ((SIDE + 1) * (SIDE + 1)) as usize;
+        Self::of(cells.map(quad).collect(), vertices)
+    }
+
+    fn of(quads: Vec<[u32; 4]>, vertices: usize) -> Self {
+        let mut around = vec![Vec::new(); vertices];
         for (q, quad) in (0u32..).zip(&quads) {
             quad.iter().for_each(|&v| around[v as usize].push(q));
         }
@@ -214,6 +218,11 @@ impl Elements for Squares {
         &self.wedges
     }
     fn renew(&mut self, _: &[Point3]) {}
+    fn part(&self, elements: &[usize], vertices: &[u32], positions: &[Point3]) -> Self {
+        let place = |v| vertices.binary_search(&v).unwrap() as u32;
+        let quads = elements.iter().map(|&q| self.quads[q].map(place));
+        Self::of(quads.collect(), positions.len())
+    }
     fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3> {
         let places = Places::of(vertices);
         let of = |q| [facing(&self.at(q, &places), &Vector3::z()).unwrap(); 4];
@@ -461,6 +470,30 @@ fn bad_elements_are_made_straight() {
         flow.vertices.positions
     };
     same_on_any_threads(made);
+}
+
+/// Around bad elements a flow moves what is within three rings of them, and nothing else.
+#[test]
+fn what_is_far_from_bad_elements_stays() {
+    let plane = plane();
+    let ground = Ground::new(&plane, Vec::new()).unwrap();
+    let mut vertices = shaken(&ground, 0.05);
+    let at = |i: u32, j: u32| (j * (SIDE + 1) + i) as usize;
+    vertices.positions[at(1, 1)] = Point3::new(0.2, 0.2, 0.0);
+    let start = vertices.positions.clone();
+    let run = Run::on(&Cpu).with(Cpu.as_corners());
+    let mut flow = Flow::new(Squares::new(), vertices, run);
+    let search = Search {
+        goal: 0.6,
+        ..SEARCH
+    };
+    flow.straighten(&STRAIGHTENING, &search).unwrap();
+    assert!(flow.worst(Squares::merit) > 0.8);
+    let moved = |i, j| flow.vertices.positions[at(i, j)] != start[at(i, j)];
+    // Of the four bad squares the last is one from the corner, and three rings farther the fourth.
+    for (i, j) in (1..SIDE).flat_map(|i| (1..SIDE).map(move |j| (i, j))) {
+        assert_eq!(moved(i, j), i.max(j) <= 4, "{i}, {j}");
+    }
 }
 
 /// With the start counted, a flow that makes the worst worse gives it back.

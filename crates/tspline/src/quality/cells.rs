@@ -337,6 +337,44 @@ impl Elements for Cells {
         }
     }
 
+    /// With its feet, each of which is of one element.
+    fn part(&self, elements: &[usize], vertices: &[u32], positions: &[Point3]) -> Self {
+        let mut feet: Vec<u32> = Vec::new();
+        for &e in elements {
+            feet.extend(self.of_element(e).as_flattened());
+        }
+        feet.retain(|&n| n as usize >= self.vertices);
+        feet.sort_unstable();
+        feet.dedup();
+        let place = |n: u32| match (n as usize) < self.vertices {
+            true => vertices.partition_point(|&v| v < n) as u32,
+            false => (vertices.len() + feet.partition_point(|&f| f < n)) as u32,
+        };
+        let of_foot = |n: &u32| self.feet[*n as usize - self.vertices].map(place);
+        let mut own = Self {
+            vertices: vertices.len(),
+            feet: feet.iter().map(of_foot).collect(),
+            quads: Vec::new(),
+            sides: Vec::new(),
+            starts: vec![0],
+            around: vec![Vec::new(); vertices.len()],
+            wedges: Vec::new(),
+            method: self.method,
+            scale: vertices.iter().map(|&v| self.scale[v as usize]).collect(),
+        };
+        for (number, &e) in (0u32..).zip(elements) {
+            let quads = self.starts[e] as usize..self.starts[e + 1] as usize;
+            own.sides.extend_from_slice(&self.sides[quads.clone()]);
+            (own.quads).extend(self.quads[quads].iter().map(|quad| quad.map(place)));
+            own.starts.push(own.quads.len() as u32);
+            for v in self.rim(e) {
+                own.around[place(v) as usize].push(number);
+            }
+        }
+        own.renew(positions);
+        own
+    }
+
     /// Triangles along the surface's normals at their vertices, corners along those of their quads.
     fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3> {
         let normals = self.normals(&vertices.normals);

@@ -232,12 +232,12 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("flows::no_round_spoils_an_element"),
     Fault::wrong(
-        "what was held for a flow stays held",
+        "the rim of what flows apart is not held",
         "crates/geom-core/src/surface/flow/search.rs",
-        "self.vertices.freedom = free;",
-        "drop(free);",
+        "*freedom = Freedom::Fixed;",
+        "let _ = freedom;",
     )
-    .seen_by("flows::bad_elements_are_made_straight"),
+    .seen_by("flows::what_is_far_from_bad_elements_stays"),
     Fault::wrong(
         "neighbours search for better places at once",
         "crates/geom-core/src/surface/flow/search.rs",

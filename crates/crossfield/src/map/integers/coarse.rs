@@ -6,7 +6,7 @@
 //! integer coordinates in one chart, and is upright or not. If all are, an upright map of all triangles exists, because the
 //! decimated triangles are a map themselves. So these are the conditions under which integers are sought.
 
-use std::collections::BTreeMap;
+use geom_core::compute::parallel;
 
 use super::plane::{
     FLAT, Link, Place, add, cross, ears, inverse, minus, opening, rotated, rotated_form,
@@ -108,10 +108,16 @@ impl Coarse {
     /// Exact parts are sums of integers alone from now on. Before, they are over sums as well: those of many terms would be
     /// added up again and again.
     fn write_out(&mut self, seams: &Seams) {
-        let all = |forms: &mut [Form; 2]| forms.iter_mut().for_each(|f| *f = seams.written_out(f));
-        for h in (0..self.from.len()).filter(|h| self.alive[h / 3]) {
-            self.place[h].exact.as_mut().into_iter().for_each(all);
-            all(&mut self.link[h].exact);
+        let alive: Vec<usize> = (0..self.from.len()).filter(|h| self.alive[h / 3]).collect();
+        let all = |forms: &[Form; 2]| [0, 1].map(|c| seams.written_out(&forms[c]));
+        let written = parallel::map_each(&alive, |&h| {
+            (
+                self.place[h].exact.as_ref().map(all),
+                all(&self.link[h].exact),
+            )
+        });
+        for (h, (place, link)) in alive.into_iter().zip(written) {
+            (self.place[h].exact, self.link[h].exact) = (place, link);
         }
     }
 
@@ -486,7 +492,7 @@ impl Coarse {
         for &slot in slots {
             self.alive[slot] = false;
         }
-        let mut side: BTreeMap<(usize, usize), usize> = BTreeMap::new();
+        let mut side: Vec<([usize; 2], usize)> = Vec::new();
         for (ear, &slot) in ears.iter().zip(slots) {
             self.alive[slot] = true;
             for k in 0..3 {
@@ -503,17 +509,23 @@ impl Coarse {
                         let toward = |i: usize| minus(ring[i].at, ring[a].at);
                         opening(toward((a + 1) % count), toward(b))
                     };
-                side.insert((ear[k], ear[(k + 1) % 3]), h);
+                side.push(([a, b], h));
             }
         }
-        for (&(a, b), &h) in &side {
-            if let Some(&other) = side.get(&(b, a)) {
+        side.sort_unstable();
+        let from_to = |a, b| {
+            let at = side.binary_search_by_key(&[a, b], |s| s.0);
+            at.ok().map(|at| side[at].1)
+        };
+        for &([a, b], h) in &side {
+            if let Some(other) = from_to(b, a) {
                 self.twin[h] = other as u32;
             }
         }
+        let on_rim = |k: usize| from_to(k, (k + 1) % count).expect("ears fill the polygon");
         let place_of = |o: usize| outer.iter().position(|&p| p == Some(o));
         for k in 0..count {
-            let h = side[&(k, (k + 1) % count)];
+            let h = on_rim(k);
             let (twin, link) = &old[k];
             if *twin == NONE {
                 continue;
@@ -522,7 +534,7 @@ impl Coarse {
             match place_of(*twin as usize) {
                 // Glued to another side of the same polygon.
                 Some(j) => {
-                    self.twin[h] = side[&(j, (j + 1) % count)] as u32;
+                    self.twin[h] = on_rim(j) as u32;
                     self.link[h] = from_here.then(&home[j]);
                 }
                 None => {
@@ -533,11 +545,11 @@ impl Coarse {
                 }
             }
         }
-        for &h in side.values() {
+        for &(_, h) in &side {
             self.out[self.from[h] as usize] = h as u32;
         }
         // On a boundary the fan begins at it.
-        for &h in side.values().filter(|&&h| self.twin[h] == NONE) {
+        for &(_, h) in side.iter().filter(|s| self.twin[s.1] == NONE) {
             self.out[self.from[h] as usize] = h as u32;
         }
         self.restore_rims(vertices);

@@ -149,21 +149,21 @@ impl Seams {
 
     /// The same form with all sums written out.
     pub(crate) fn written_out(&self, form: &Form) -> Form {
-        let mut out = Form::new();
+        let mut terms: Vec<(u32, i64)> = Vec::new();
         for (&k, &c) in form {
             match (k as usize).checked_sub(self.integers) {
-                None => add(&mut out, &Form::from([(k, 1)]), c),
+                None => terms.push((k, c)),
                 Some(sum) => {
-                    let terms = self.sums.row(sum);
-                    add(
-                        &mut out,
-                        &terms.map(|(k, c)| (k as u32, c.into())).collect(),
-                        c,
-                    );
+                    let row = self.sums.row(sum);
+                    terms.extend(row.map(|(k, by)| (k as u32, c * i64::from(by))));
                 }
             }
         }
-        out
+        // Sums are of many terms, and most of those cancel.
+        terms.sort_unstable_by_key(|t| t.0);
+        let same = terms.chunk_by(|a, b| a.0 == b.0);
+        let summed = same.map(|all| (all[0].0, all.iter().map(|t| t.1).sum::<i64>()));
+        summed.filter(|t| t.1 != 0).collect()
     }
 
     /// Number of copies.

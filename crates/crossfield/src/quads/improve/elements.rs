@@ -114,6 +114,12 @@ impl Elements for Quads {
         }
     }
 
+    fn part(&self, elements: &[usize], vertices: &[u32], positions: &[Point3]) -> Self {
+        let place = |v: u32| vertices.partition_point(|&u| u < v) as u32;
+        let quads = elements.iter().map(|&q| self.quads[q].map(place));
+        Self::new(quads.collect(), positions, self.narrowest)
+    }
+
     fn seen(&self, vertices: &Vertices<'_>) -> Vec<Vector3> {
         let places = Places::of(vertices);
         parallel::flat_map(self.quads.len(), |q| {

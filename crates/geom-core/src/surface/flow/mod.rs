@@ -114,6 +114,29 @@ impl<'a> Vertices<'a> {
     pub fn put(&mut self, state: State) {
         (self.positions, self.normals) = state;
     }
+
+    /// Some of them, in this order.
+    fn some(&self, vertices: &[u32]) -> Self {
+        let of = |&v: &u32| v as usize;
+        Self {
+            positions: vertices.iter().map(|v| self.positions[of(v)]).collect(),
+            normals: vertices.iter().map(|v| self.normals[of(v)]).collect(),
+            freedom: vertices.iter().map(|v| self.freedom[of(v)]).collect(),
+            grounds: self.grounds,
+            part: (vertices
+                .iter()
+                .filter_map(|v| self.part.get(of(v)))
+                .copied())
+            .collect(),
+        }
+    }
+
+    /// A state of some of them.
+    fn put_some(&mut self, vertices: &[u32], (positions, normals): State) {
+        for (&v, place) in vertices.iter().zip(positions.into_iter().zip(normals)) {
+            (self.positions[v as usize], self.normals[v as usize]) = place;
+        }
+    }
 }
 
 /// Where vertices are; one of them may try another place, which the others do not see.
@@ -228,6 +251,9 @@ pub trait Elements: Sync {
     fn wedges(&self) -> &[Wedge];
     /// Makes the ideal of each wedge what it is at these places.
     fn renew(&mut self, positions: &[Point3]);
+    /// Some of them on their own, renewed at these places of their vertices; those are numbered as they are in `vertices`, which
+    /// ascends. What has other elements around it does not move.
+    fn part(&self, elements: &[usize], vertices: &[u32], positions: &[Point3]) -> Self;
     /// The unit normal along which each wedge is seen: of its quad by [`facing`], as the scaled Jacobian sees it, unless there are
     /// reasons. At a thin rim or in a narrow tunnel the surface's normal at the vertex may be that of another side, along which the
     /// best corner looks inverted, and all others would be spoiled for its sake.

@@ -63,14 +63,14 @@ impl<E: Elements> Flow<'_, E> {
         let mut steps = vec![how.first; count];
         let (mut tries, mut lifted) = (vec![0u32; count], vec![false; count]);
         let forcing = if how.goal > LOW { FORCING } else { 0.0 };
+        let mut values = self.values(how.by);
         for round in 0..how.rounds {
             (self.run).progress("worst elements", round as u64, how.rounds as u64)?;
-            let values = self.values(how.by);
             let mut bad: Vec<usize> = (0..values.len())
                 .filter(|&e| values[e] < how.goal)
                 .collect();
             bad.sort_by(|&a, &b| values[a].total_cmp(&values[b]).then(a.cmp(&b)));
-            let mut searched = false;
+            let (mut searched, mut changed) = (false, Vec::new());
             for mut turn in self.turns(&bad) {
                 turn.retain(|&v| steps[v as usize] >= SHORTEST);
                 searched |= !turn.is_empty();
@@ -87,6 +87,7 @@ impl<E: Elements> Flow<'_, E> {
                     };
                     (self.vertices.positions[v], self.vertices.normals[v]) = place;
                     lifted[v] = true;
+                    changed.extend_from_slice(self.elements.around(v));
                     for &near in self.elements.around(v) {
                         for w in self.elements.rim(near as usize) {
                             steps[w as usize] = step.max(steps[w as usize]);
@@ -96,6 +97,14 @@ impl<E: Elements> Flow<'_, E> {
             }
             if !searched {
                 break;
+            }
+            changed.sort_unstable();
+            changed.dedup();
+            let places = Places::of(&self.vertices);
+            let now =
+                parallel::map_each(&changed, |&e| (how.by)(&self.elements, e as usize, &places));
+            for (e, value) in changed.into_iter().zip(now) {
+                values[e as usize] = value;
             }
         }
         Ok(lifted.iter().filter(|&&l| l).count())
@@ -188,11 +197,10 @@ impl<E: Elements> Flow<'_, E> {
                 break;
             }
             let start = self.vertices.state();
-            let free = self.vertices.freedom.clone();
-            self.hold_all_but(&values);
-            let best = self.best_of(&steep, how.best, how.start_counts);
-            self.vertices.freedom = free;
-            self.vertices.put(best?.1);
+            let (near, mut part) = self.around_bad(&values, how.best);
+            let best = part.best_of(&steep, how.best, how.start_counts)?;
+            self.vertices.put_some(&near, best.1);
+            self.elements.renew(&self.vertices.positions);
             let goal = if round == 0 { search.goal } else { LOW };
             let moved = self.lift_the_worst(&Search { goal, ..*search })?;
             let after = self.worst(how.by);
@@ -237,8 +245,9 @@ impl<E: Elements> Flow<'_, E> {
         Ok(best)
     }
 
-    /// Fixes all vertices farther than some rings from a bad element.
-    fn hold_all_but(&mut self, values: &[f64]) {
+    /// The elements within some rings of a bad one on their own, held at the rim, and their vertices here: what is far away would
+    /// be most of the work.
+    fn around_bad(&self, values: &[f64], by: Measure<E>) -> (Vec<u32>, Self) {
         let mut near: Vec<bool> = values.iter().map(|&value| value < LOW).collect();
         for _ in 0..RINGS {
             let mut next = near.clone();
@@ -251,10 +260,24 @@ impl<E: Elements> Flow<'_, E> {
             }
             near = next;
         }
-        for (v, freedom) in self.vertices.freedom.iter_mut().enumerate() {
-            if !(self.elements.around(v).iter()).all(|&e| near[e as usize]) {
+        let elements: Vec<usize> = (0..near.len()).filter(|&e| near[e]).collect();
+        let rims = elements.iter().flat_map(|&e| self.elements.rim(e));
+        let mut vertices: Vec<u32> = rims.collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+        let mut places = self.vertices.some(&vertices);
+        let own = (self.elements).part(&elements, &vertices, &places.positions);
+        debug_assert!({
+            let [all, some] = [&self.vertices, &places].map(Places::of);
+            let mut pairs = elements.iter().enumerate();
+            pairs.all(|(k, &e)| by(&own, k, &some) == by(&self.elements, e, &all))
+        });
+        for (&v, freedom) in vertices.iter().zip(&mut places.freedom) {
+            let mut around = self.elements.around(v as usize).iter();
+            if !around.all(|&e| near[e as usize]) {
                 *freedom = Freedom::Fixed;
             }
         }
+        (vertices, Flow::new(own, places, self.run))
     }
 }
