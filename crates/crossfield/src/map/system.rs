@@ -11,7 +11,7 @@
 //! restricted to the unknowns, is that of the energy's matrix up to 1 / R. Where more digits are wanted, the method of
 //! multipliers (Hestenes 1969, Powell 1969) has them after a few substitutions.
 
-use std::cell::OnceCell;
+use std::sync::OnceLock;
 
 use geom_core::algebra::{Cholesky, SingleFactor, SparseMatrix, Symbolic};
 use geom_core::compute::parallel;
@@ -37,7 +37,7 @@ pub(crate) struct System<'a> {
     /// The wanted Jacobians: at first the field's, the identity.
     pub(crate) wanted: Vec<[[f64; 2]; 2]>,
     /// The pattern of the matrix and the order of its elimination, which weights do not change.
-    symbolic: OnceCell<Symbolic>,
+    symbolic: OnceLock<Symbolic>,
 }
 
 /// The system for one choice of weights.
@@ -51,11 +51,11 @@ pub(crate) struct Weighted<'a> {
     stiff: Vec<f64>,
     symbolic: Symbolic,
     /// Of the matrix.
-    free: OnceCell<Cholesky>,
+    free: OnceLock<Cholesky>,
     /// Of its part over the reals, with ones on the diagonal for all other values.
-    held: OnceCell<Cholesky>,
+    held: OnceLock<Cholesky>,
     /// The two at half of their memory, for steps; `None` where that gains nothing.
-    single: [OnceCell<Option<SingleFactor>>; 2],
+    single: [OnceLock<Option<SingleFactor>>; 2],
 }
 
 impl<'a> System<'a> {
@@ -66,7 +66,7 @@ impl<'a> System<'a> {
             seams,
             charts,
             wanted: vec![[[1.0, 0.0], [0.0, 1.0]]; charts.len()],
-            symbolic: OnceCell::new(),
+            symbolic: OnceLock::new(),
         }
     }
 
@@ -75,10 +75,11 @@ impl<'a> System<'a> {
     /// `Pᵀ K P` is summed triangle by triangle, as K itself would be: a coordinate is a sum of one value or a few.
     pub(crate) fn weighted(&self, weights: &[f64]) -> Result<Weighted<'a>, Error> {
         let values = self.seams.values();
-        let mut entries = Vec::with_capacity(20 * self.charts.len());
-        for (f, weight) in weights.iter().enumerate() {
-            self.stiffness(f, *weight, |k| Some(k as u32), &mut entries);
-        }
+        let mut entries = parallel::flat_map(weights.len(), |f| {
+            let mut own = Vec::new();
+            self.stiffness(f, weights[f], |k| Some(k as u32), &mut own);
+            own
+        });
         // Closings stay together whatever the triangles pull.
         let stiff = self.stiffness_of_closings(&entries);
         let closings = &self.seams.closings;
@@ -96,8 +97,8 @@ impl<'a> System<'a> {
             stiff,
             symbolic: kept(&self.symbolic, || Ok(Symbolic::of(&matrix)?))?.clone(),
             matrix,
-            free: OnceCell::new(),
-            held: OnceCell::new(),
+            free: OnceLock::new(),
+            held: OnceLock::new(),
             single: Default::default(),
         })
     }
@@ -195,7 +196,7 @@ impl Weighted<'_> {
 
     /// From now on integers are held: the factor in which they move is large, and not needed any more.
     pub(crate) fn forget_free(&mut self) {
-        (self.free, self.single[1]) = (OnceCell::new(), OnceCell::new());
+        (self.free, self.single[1]) = (OnceLock::new(), OnceLock::new());
     }
 
     /// The pattern is that of the whole matrix, so that it needs no analysis of its own.
@@ -326,7 +327,7 @@ impl Holding {
 }
 
 /// What is in a cell, made now if it is empty.
-fn kept<T>(cell: &OnceCell<T>, make: impl FnOnce() -> Result<T, Error>) -> Result<&T, Error> {
+fn kept<T>(cell: &OnceLock<T>, make: impl FnOnce() -> Result<T, Error>) -> Result<&T, Error> {
     match cell.get() {
         Some(kept) => Ok(kept),
         None => {

@@ -21,7 +21,7 @@ const AGAIN: usize = 4;
 /// corners more.
 const POWERS: [i32; 2] = [1, 4];
 /// Elements below this are worked on one by one after the flow.
-const GOAL: f64 = 0.9;
+const GOAL: f64 = 0.87;
 
 pub(crate) fn improve(
     mesh: TMesh,

@@ -16,7 +16,7 @@ use super::upright::Upright;
 use crate::field::CrossField;
 use crate::field::frames::{Frames, next, previous};
 use crate::map::cut::Cut;
-use crate::map::transition::{Form, Seams};
+use crate::map::transition::{Seams, Sum};
 
 /// No half-edge: beyond a boundary, or out of a vertex that is gone.
 const NONE: u32 = u32::MAX;
@@ -109,7 +109,7 @@ impl Coarse {
     /// added up again and again.
     fn write_out(&mut self, seams: &Seams) {
         let alive: Vec<usize> = (0..self.from.len()).filter(|h| self.alive[h / 3]).collect();
-        let all = |forms: &[Form; 2]| [0, 1].map(|c| seams.written_out(&forms[c]));
+        let all = |sums: &[Sum; 2]| [0, 1].map(|c| seams.written_out(&sums[c]));
         let written = parallel::map_each(&alive, |&h| {
             (
                 self.place[h].exact.as_ref().map(all),
@@ -132,7 +132,7 @@ impl Coarse {
         let alive: Vec<usize> = (0..self.alive.len()).filter(|&t| self.alive[t]).collect();
         let sides = alive.iter().map(|&t| {
             let [a, b, c] = [0, 1, 2].map(|k| self.place[3 * t + k].exact.as_ref());
-            let from_a = |to: &[Form; 2]| {
+            let from_a = |to: &[Sum; 2]| {
                 let mut side = to.clone();
                 add(&mut side, a?, -1);
                 Some(side)
@@ -597,7 +597,7 @@ struct Polygon {
 }
 
 /// The integer terms of a copy's coordinates, by integer or sum of such.
-fn integers_of(seams: &Seams, copy: u32) -> [Form; 2] {
+fn integers_of(seams: &Seams, copy: u32) -> [Sum; 2] {
     [0, 1].map(|c| seams.integers_of(copy, c))
 }
 

@@ -1,13 +1,15 @@
 //! Places in the charts of a map, and what leads from one chart to another.
 //!
 //! All of this is kept twice: as numbers of the relaxed map, by which is decided what is convex or flat, and as sums
-//! over the integers of the map ([`Form`]), which stay exact through any number of flips. Only decisions may be
+//! over the integers of the map ([`Sum`]), which stay exact through any number of flips. Only decisions may be
 //! inexact.
 
-use crate::map::transition::{self, Form, turned};
+use crate::map::transition::{Sum, turned};
 
 /// Triangles with an area below this over their sides squared are flat.
 pub(super) const FLAT: f64 = 1e-9;
+
+type Terms<'a> = std::iter::Peekable<std::slice::Iter<'a, (u32, i64)>>;
 
 /// A position in a chart: as it is in the relaxed map, and as sums of integers where it is one.
 #[derive(Clone, Debug, Default)]
@@ -15,7 +17,7 @@ pub(super) struct Place {
     /// In units of lines.
     pub(super) at: [f64; 2],
     /// `None` for regular vertices, which have real coordinates, and are all taken out in the end.
-    pub(super) exact: Option<[Form; 2]>,
+    pub(super) exact: Option<[Sum; 2]>,
 }
 
 /// `p ↦ R(−90° turn) p + shift`: from one chart to another.
@@ -26,7 +28,7 @@ pub(super) struct Link {
     /// Of the relaxed map, where it need not be an integer.
     pub(super) shift: [f64; 2],
     /// The same shift as sums of integers.
-    pub(super) exact: [Form; 2],
+    pub(super) exact: [Sum; 2],
 }
 
 impl Link {
@@ -60,7 +62,7 @@ impl Link {
 /// What leads back: `q ↦ R(90° turn) (q − shift)`.
 pub(super) fn inverse(link: &Link) -> Link {
     let back = rotated(link.shift, link.turn);
-    let mut exact = [Form::new(), Form::new()];
+    let mut exact = [Sum::new(), Sum::new()];
     add(&mut exact, &rotated_form(&link.exact, link.turn), -1);
     Link {
         turn: (4 - link.turn) % 4,
@@ -78,17 +80,34 @@ pub(super) fn rotated(p: [f64; 2], quarters: u8) -> [f64; 2] {
 }
 
 /// The same of exact parts: components change places and signs.
-pub(super) fn rotated_form(form: &[Form; 2], quarters: u8) -> [Form; 2] {
+pub(super) fn rotated_form(form: &[Sum; 2], quarters: u8) -> [Sum; 2] {
     [0, 1].map(|c| {
         let (from, sign) = turned(quarters, c);
-        form[from].iter().map(|(&k, &v)| (k, sign * v)).collect()
+        form[from].iter().map(|&(k, v)| (k, sign * v)).collect()
     })
 }
 
-/// `form += factor · other`, in both components.
-pub(super) fn add(form: &mut [Form; 2], other: &[Form; 2], factor: i64) {
-    for (form, other) in form.iter_mut().zip(other) {
-        transition::add(form, other, factor);
+/// `sums += factor · others`, in both components.
+pub(super) fn add(sums: &mut [Sum; 2], others: &[Sum; 2], factor: i64) {
+    for (sum, other) in sums.iter_mut().zip(others) {
+        *sum = added(sum, other, factor);
+    }
+}
+
+/// `sum + factor · other`.
+pub(super) fn added(sum: &Sum, other: &Sum, factor: i64) -> Sum {
+    let mut all = Sum::with_capacity(sum.len() + other.len());
+    let (mut a, mut b) = (sum.iter().peekable(), other.iter().peekable());
+    loop {
+        let from = [&mut a, &mut b].map(|terms| terms.peek().map_or(u32::MAX, |t| t.0));
+        let term = |terms: &mut Terms<'_>, k| terms.next_if(|t| t.0 == k).map_or(0, |t| t.1);
+        match from[0].min(from[1]) {
+            u32::MAX => return all,
+            k => {
+                let c = term(&mut a, k) + factor * term(&mut b, k);
+                all.extend((c != 0).then_some((k, c)));
+            }
+        }
     }
 }
 

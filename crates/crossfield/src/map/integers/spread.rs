@@ -8,12 +8,12 @@
 //! whose angles around vertices (signposts) say how a walk begins.
 
 use super::coarse::Coarse;
-use super::plane::{Link, Place, add, cross, inverse, minus, opening, rotated};
+use super::plane::{Link, Place, add, added, cross, inverse, minus, opening, rotated};
 use super::upright::AtLeast;
 use crate::field::frames::{Frames, next, previous};
 use crate::map::exact::{GridMap, MapReport};
 use crate::map::net::Net;
-use crate::map::transition::{self, Form};
+use crate::map::transition::Sum;
 
 type Point = [f64; 2];
 
@@ -33,7 +33,7 @@ pub(crate) struct Spread {
     /// Per half-edge, what leads to the chart of its twin, as sums of the integers.
     link: Vec<Link>,
     /// Per corner, where it lies.
-    exact: Vec<[Form; 2]>,
+    exact: Vec<[Sum; 2]>,
     /// The integers.
     z: Vec<f64>,
     /// The relaxed map.
@@ -73,7 +73,7 @@ impl Coarse {
             let sum = |c: usize| {
                 exact[c]
                     .iter()
-                    .map(|(&k, &p)| p * z[k as usize].round() as i64)
+                    .map(|&(k, p)| p * z[k as usize].round() as i64)
             };
             Some([0, 1].map(|c| sum(c).sum::<i64>() << bits))
         };
@@ -120,9 +120,7 @@ impl Spread {
             let [x, y] = [x, y].map(|c| (FINE * c / x.hypot(y)).round() as i64);
             let mut side = self.exact[next(h)].clone();
             add(&mut side, &self.exact[h], -1);
-            let mut sum = Form::new();
-            transition::add(&mut sum, &side[0], x);
-            transition::add(&mut sum, &side[1], y);
+            let sum = combined(&side, [x, y]);
             AtLeast { sum, bound: 1 }
         };
         halfedges.map(of).collect()
@@ -155,16 +153,14 @@ impl Spread {
             None if back.turn == 0 => back.exact,
             None => return None,
         };
-        let value = |form: &Form| -> i64 {
-            let terms = form.iter();
+        let value = |sum: &Sum| -> i64 {
+            let terms = sum.iter();
             terms
-                .map(|(&k, &c)| c * self.z[k as usize].round() as i64)
+                .map(|&(k, c)| c * self.z[k as usize].round() as i64)
                 .sum()
         };
-        let [x, y] = [0, 1].map(|c| value(&length[c]).signum());
-        let mut sum = Form::new();
-        transition::add(&mut sum, &length[0], x);
-        transition::add(&mut sum, &length[1], y);
+        let signs = [0, 1].map(|c| value(&length[c]).signum());
+        let sum = combined(&length, signs);
         (value(&sum) > 0).then_some(AtLeast { sum, bound: least })
     }
 
@@ -288,4 +284,9 @@ fn weights_of(uv: &[Point; 3], at: Point) -> [f64; 3] {
     });
     let total: f64 = areas.iter().sum();
     areas.map(|a| a / total)
+}
+
+/// Both coordinates together, each so many times.
+fn combined([u, v]: &[Sum; 2], [x, y]: [i64; 2]) -> Sum {
+    added(&added(&Sum::new(), u, x), v, y)
 }

@@ -4,7 +4,7 @@
 //! much it falls short of 1 is an integer as well. Rounding adds these shortages up and walks downhill until the sum
 //! vanishes. A step changes one integer or two, on which few triangles hang, so that it costs time for these alone.
 
-use crate::map::transition::Form;
+use crate::map::transition::Sum;
 
 /// Two sides of a triangle, two components each.
 pub(in crate::map) type Sides = [i64; 4];
@@ -15,7 +15,7 @@ pub(in crate::map) type Pair = [(usize, f64); 2];
 /// A sum of integers that shall not be less than a number.
 #[derive(Clone, Debug)]
 pub(crate) struct AtLeast {
-    pub(super) sum: Form,
+    pub(super) sum: Sum,
     pub(super) bound: i64,
 }
 
@@ -25,7 +25,7 @@ impl AtLeast {
     pub(crate) fn value(&self, z: &[f64]) -> f64 {
         self.sum
             .iter()
-            .map(|(&k, &c)| c as f64 * z[k as usize])
+            .map(|&(k, c)| c as f64 * z[k as usize])
             .sum()
     }
 }
@@ -76,12 +76,12 @@ impl Shape {
 
 impl Upright {
     /// Of the sides from the first corner of each triangle to the second and the third, and what they are in the relaxed map.
-    pub(super) fn new(triangles: &[[[Form; 2]; 2]], relaxed: &[[[f64; 2]; 2]]) -> Self {
+    pub(super) fn new(triangles: &[[[Sum; 2]; 2]], relaxed: &[[[f64; 2]; 2]]) -> Self {
         let mut of: Vec<Vec<(u32, Sides)>> = Vec::new();
         let mut on = vec![Vec::new(); triangles.len()];
         for (t, sides) in (0u32..).zip(triangles) {
             for (slot, form) in sides.as_flattened().iter().enumerate() {
-                for (&k, &c) in form {
+                for &(k, c) in form {
                     let k = k as usize;
                     if of.len() <= k {
                         of.resize(k + 1, Vec::new());
@@ -108,8 +108,8 @@ impl Upright {
         for AtLeast { sum, bound } in conditions {
             let t = self.zero.len() as u32;
             self.zero.push([1 - bound, 0, 0, 1]);
-            self.on.push(sum.keys().copied().collect());
-            for (&k, &c) in sum {
+            self.on.push(sum.iter().map(|t| t.0).collect());
+            for &(k, c) in sum {
                 let k = k as usize;
                 if self.of.len() <= k {
                     self.of.resize(k + 1, Vec::new());

@@ -162,7 +162,7 @@ impl<'a> Making<'a> {
             for component in [0, 1] {
                 let terms = seams.integers_of(copy as u32, component);
                 let terms = seams.written_out(&terms);
-                for &k in terms.keys() {
+                for &(k, _) in &terms {
                     if terms.len() < homes[k as usize].0 {
                         homes[k as usize] = (terms.len(), positions[vertex as usize]);
                     }

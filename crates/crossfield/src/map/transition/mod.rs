@@ -24,6 +24,9 @@ use crate::field::frames::{Frames, QUARTER};
 /// A sum of variables with integer coefficients: by variable, none of them zero.
 pub(crate) type Form = BTreeMap<u32, i64>;
 
+/// The same of integers, where sums are added up many times: ascending, and no coefficient is zero.
+pub(crate) type Sum = Vec<(u32, i64)>;
+
 /// Integer sums of numbered terms, one per row.
 #[derive(Clone, Debug)]
 pub(crate) struct Rows {
@@ -140,17 +143,18 @@ impl Seams {
     }
 
     /// What a coordinate hangs on of integers and their sums, numbered from the first integer.
-    pub(crate) fn integers_of(&self, copy: u32, component: usize) -> Form {
+    pub(crate) fn integers_of(&self, copy: u32, component: usize) -> Sum {
         let terms = self.row(copy, component).filter(|t| t.0 >= self.reals);
-        terms
-            .map(|(k, c)| ((k - self.reals) as u32, c.into()))
-            .collect()
+        let terms = terms.map(|(k, c)| ((k - self.reals) as u32, c.into()));
+        let mut sum: Sum = terms.collect();
+        sum.sort_unstable();
+        sum
     }
 
-    /// The same form with all sums written out.
-    pub(crate) fn written_out(&self, form: &Form) -> Form {
-        let mut terms: Vec<(u32, i64)> = Vec::new();
-        for (&k, &c) in form {
+    /// The same with all sums written out.
+    pub(crate) fn written_out(&self, sum: &Sum) -> Sum {
+        let mut terms = Sum::new();
+        for &(k, c) in sum {
             match (k as usize).checked_sub(self.integers) {
                 None => terms.push((k, c)),
                 Some(sum) => {
@@ -162,7 +166,7 @@ impl Seams {
         // Sums are of many terms, and most of those cancel.
         terms.sort_unstable_by_key(|t| t.0);
         let same = terms.chunk_by(|a, b| a.0 == b.0);
-        let summed = same.map(|all| (all[0].0, all.iter().map(|t| t.1).sum::<i64>()));
+        let summed = same.map(|all| (all[0].0, all.iter().map(|t| t.1).sum()));
         summed.filter(|t| t.1 != 0).collect()
     }
 
@@ -379,7 +383,7 @@ pub(crate) fn turned(turn: u8, component: usize) -> (usize, i64) {
 }
 
 /// `form += factor · other`.
-pub(super) fn add(form: &mut Form, other: &Form, factor: i64) {
+fn add(form: &mut Form, other: &Form, factor: i64) {
     for (&variable, &c) in other {
         let entry = form.entry(variable).or_insert(0);
         *entry += factor * c;
