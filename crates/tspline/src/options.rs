@@ -93,7 +93,7 @@ pub struct QualityOptions {
     /// The flow stands still when the distortion falls by less in a step, relatively.
     /// 0 goes on until no step lowers it, or there are no more.
     pub tolerance: f64,
-    /// Rounds in which the vertices of elements with a scaled Jacobian below 0.9 are moved one by one after the flow, those
+    /// Rounds in which the vertices of elements with a scaled Jacobian below 0.86 are moved one by one after the flow, those
     /// below 0.6 after a flow for them alone; 0 for the flow alone.
     pub rounds: usize,
     /// Elements whose scaled Jacobian stays below this are cut into four, with those around them, −1…0.5; −1: none.
