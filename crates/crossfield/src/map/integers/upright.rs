@@ -391,7 +391,7 @@ pub(crate) fn guarded(
     moves: &[[usize; 2]],
 ) -> Vec<[bool; 2]> {
     let all = conditions.iter().map(|sum| AtLeast {
-        sum: sum.iter().copied().collect(),
+        sum: sum.clone(),
         bound: -1,
     });
     let conditions: Vec<AtLeast> = all.collect();
