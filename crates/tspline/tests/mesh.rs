@@ -371,8 +371,8 @@ fn cleaning_drops_specks_and_lays_bands() {
     assert!(levels::cleaned(&fine, &wished[1..], &none).is_err());
 }
 
-/// A plate whose inner vertices are shaken, and the flat triangles it lies on.
-fn shaken_plate(n: u32, allowed: &[u8]) -> (TMesh, TriMesh) {
+/// A plate whose inner vertices are shaken by so much, and the flat triangles it lies on.
+fn shaken_plate(n: u32, allowed: &[u8], noise: f64) -> (TMesh, TriMesh) {
     let flat = plate(n, n);
     let mut mesh = build(&flat, allowed);
     let mut random = geom_core::compute::random::SplitMix64::new(3);
@@ -381,7 +381,7 @@ fn shaken_plate(n: u32, allowed: &[u8]) -> (TMesh, TriMesh) {
         let by = if mesh.kind(v) == VertexKind::Boundary {
             0.0
         } else {
-            0.3
+            noise
         };
         Point3::new(
             p.x + by * random.symmetric(),
@@ -397,7 +397,7 @@ fn shaken_plate(n: u32, allowed: &[u8]) -> (TMesh, TriMesh) {
 fn a_shaken_plate_becomes_even_again() {
     for method in [Method::Corners, Method::Triangles] {
         let allowed: Vec<u8> = (0..256).map(|q| u8::from(q % 16 >= 8)).collect();
-        let (mesh, ground) = shaken_plate(16, &allowed);
+        let (mesh, ground) = shaken_plate(16, &allowed, 0.3);
         let out = improved(mesh, &ground, method);
         let report = &out.report;
         assert!(report.before.min < 0.75, "{report:?}");
@@ -415,6 +415,26 @@ fn a_shaken_plate_becomes_even_again() {
             assert!(!edges.on_boundary(VertexId(v as u32)) || on_side(p.x) || on_side(p.y));
         }
     }
+}
+
+/// What two steps and one search leave bad goes down together, cut where it has T-junctions.
+#[test]
+fn bad_elements_with_t_junctions_are_made_straight() {
+    let allowed: Vec<u8> = (0..256).map(|q| u8::from(q % 16 >= 8)).collect();
+    let (mesh, ground) = shaken_plate(16, &allowed, 0.9);
+    let options = QualityOptions {
+        steps: 2,
+        rounds: 1,
+        least: -1.0,
+        ..QualityOptions::default()
+    };
+    let report = improve(mesh, &ground, &options, Run::on(&Cpu))
+        .unwrap()
+        .report;
+    assert!(
+        report.before.min < -0.9 && report.after.min > 0.6,
+        "{report:?}"
+    );
 }
 
 #[test]

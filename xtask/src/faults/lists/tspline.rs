@@ -4,6 +4,13 @@ use super::Fault;
 
 pub(super) const FAULTS: &[Fault] = &[
     Fault::wrong(
+        "feet of a part of the mesh are taken for its vertices",
+        "crates/tspline/src/quality/cells.rs",
+        "(vertices.len() + feet.partition_point(|&f| f < n)) as u32",
+        "feet.partition_point(|&f| f < n) as u32",
+    )
+    .seen_by("mesh::bad_elements_with_t_junctions_are_made_straight"),
+    Fault::wrong(
         "B-splines grow where they should fall",
         "crates/tspline/src/surface/basis/knots.rs",
         "n[i] = ratio(x - t[i], t[i + p] - t[i]) * n[i]",

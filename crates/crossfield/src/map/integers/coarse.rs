@@ -9,7 +9,7 @@
 use geom_core::compute::parallel;
 
 use super::plane::{
-    FLAT, Link, Place, add, cross, ears, inverse, minus, opening, rotated, rotated_form,
+    FLAT, Link, Place, add, cross, ears, inverse, minus, opening, rotated, rotated_sums,
     signed_area,
 };
 use super::upright::Upright;
@@ -267,7 +267,7 @@ impl Coarse {
             let at = corners[there / 3][there % 3];
             let own = integers_of(seams, cut.copy[here]);
             let mut exact = integers_of(seams, cut.copy[there]);
-            add(&mut exact, &rotated_form(&own, (4 - turn) % 4), -1);
+            add(&mut exact, &rotated_sums(&own, (4 - turn) % 4), -1);
             // What is real in both cancels.
             Link {
                 turn,

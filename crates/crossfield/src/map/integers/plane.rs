@@ -35,7 +35,7 @@ impl Link {
     /// This, then `after`.
     pub(super) fn then(&self, after: &Link) -> Link {
         let moved = rotated(self.shift, (4 - after.turn) % 4);
-        let mut exact = rotated_form(&self.exact, (4 - after.turn) % 4);
+        let mut exact = rotated_sums(&self.exact, (4 - after.turn) % 4);
         add(&mut exact, &after.exact, 1);
         Link {
             turn: (self.turn + after.turn) % 4,
@@ -48,7 +48,7 @@ impl Link {
     pub(super) fn apply(&self, place: &Place) -> Place {
         let moved = rotated(place.at, (4 - self.turn) % 4);
         let exact = place.exact.as_ref().map(|form| {
-            let mut form = rotated_form(form, (4 - self.turn) % 4);
+            let mut form = rotated_sums(form, (4 - self.turn) % 4);
             add(&mut form, &self.exact, 1);
             form
         });
@@ -63,7 +63,7 @@ impl Link {
 pub(super) fn inverse(link: &Link) -> Link {
     let back = rotated(link.shift, link.turn);
     let mut exact = [Sum::new(), Sum::new()];
-    add(&mut exact, &rotated_form(&link.exact, link.turn), -1);
+    add(&mut exact, &rotated_sums(&link.exact, link.turn), -1);
     Link {
         turn: (4 - link.turn) % 4,
         shift: [-back[0], -back[1]],
@@ -80,10 +80,10 @@ pub(super) fn rotated(p: [f64; 2], quarters: u8) -> [f64; 2] {
 }
 
 /// The same of exact parts: components change places and signs.
-pub(super) fn rotated_form(form: &[Sum; 2], quarters: u8) -> [Sum; 2] {
+pub(super) fn rotated_sums(sums: &[Sum; 2], quarters: u8) -> [Sum; 2] {
     [0, 1].map(|c| {
         let (from, sign) = turned(quarters, c);
-        form[from].iter().map(|&(k, v)| (k, sign * v)).collect()
+        sums[from].iter().map(|&(k, v)| (k, sign * v)).collect()
     })
 }
 

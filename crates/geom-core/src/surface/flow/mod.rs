@@ -117,17 +117,13 @@ impl<'a> Vertices<'a> {
 
     /// Some of them, in this order.
     fn some(&self, vertices: &[u32]) -> Self {
-        let of = |&v: &u32| v as usize;
+        let all = || vertices.iter().map(|&v| v as usize);
         Self {
-            positions: vertices.iter().map(|v| self.positions[of(v)]).collect(),
-            normals: vertices.iter().map(|v| self.normals[of(v)]).collect(),
-            freedom: vertices.iter().map(|v| self.freedom[of(v)]).collect(),
+            positions: all().map(|v| self.positions[v]).collect(),
+            normals: all().map(|v| self.normals[v]).collect(),
+            freedom: all().map(|v| self.freedom[v]).collect(),
             grounds: self.grounds,
-            part: (vertices
-                .iter()
-                .filter_map(|v| self.part.get(of(v)))
-                .copied())
-            .collect(),
+            part: all().filter_map(|v| self.part.get(v).copied()).collect(),
         }
     }
 
