@@ -466,3 +466,30 @@ fn tasks_solve_what_one_sweep_solves() {
         }
     }
 }
+
+/// Triplets are sorted piece by piece, and rows made block by block: sums are those of adding in the given order, bit for bit, and the
+/// error that of the first at fault.
+#[test]
+fn triplets_of_many_pieces_are_added_in_their_order() {
+    const ROWS: usize = 5000;
+    let mut random = SplitMix64::new(5);
+    let mut below = |n: usize| (random.unit() * n as f64) as usize;
+    // Near the diagonal, so that many meet.
+    let mut entries: Vec<(u32, u32, f64)> = Vec::new();
+    for k in 0..300_000 {
+        let row = below(ROWS);
+        let column = (row + below(7)) % ROWS;
+        entries.push((row as u32, column as u32, (k as f64).sin()));
+    }
+    let mut sums = std::collections::BTreeMap::new();
+    for &(i, j, x) in &entries {
+        *sums.entry((i as usize, j as usize)).or_insert(0.0) += x;
+    }
+    let matrix = SparseMatrix::from_triplets(ROWS, ROWS, &entries).unwrap();
+    let all = (0..ROWS).flat_map(|i| matrix.row(i).map(move |(j, x)| ((i, j), x)));
+    assert!(all.eq(sums), "not the sums in the given order");
+    entries[290_000].2 = f64::NAN;
+    entries[150_000].0 = ROWS as u32;
+    let refused = SparseMatrix::from_triplets(ROWS, ROWS, &entries);
+    assert!(matches!(refused, Err(Error::OutOfRange { row: ROWS, .. })));
+}

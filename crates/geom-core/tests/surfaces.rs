@@ -192,6 +192,39 @@ fn of_touching_triangles_the_tree_names_the_lowest() {
     }
 }
 
+/// Boxes are in single precision and the answers in double: wherever a mesh is and however large, the tree finds what trying all
+/// finds, bit for bit.
+#[test]
+fn rounding_of_boxes_hides_no_triangle() {
+    let (unit, triangles) = shapes::icosphere(1.0, 2).into_parts();
+    for (size, away) in [
+        (1.0, 1e5),
+        (1e-3, 3e4),
+        (1e-25, 0.0),
+        (1e25, 1e26),
+        (1e60, 0.0),
+        (1.0, 1e12),
+    ] {
+        let away = Vector3::new(0.37, -0.61, 0.29) * away;
+        let at = |p: &Point3| p * size + away;
+        let mesh = TriMesh::new(unit.iter().map(at).collect(), triangles.clone()).unwrap();
+        let tree = TriangleTree::new(&mesh).unwrap();
+        for p in unit
+            .iter()
+            .flat_map(|p| [0.0, 0.3, 0.98, 1.0, 1.07, 40.0].map(|far| at(&(p * far))))
+        {
+            let distance = |t| (closest_in_triangle(&p, &mesh.corners(t)).1 - p).norm_squared();
+            let nearest = (0..triangles.len())
+                .map(distance)
+                .fold(f64::INFINITY, f64::min);
+            let found = tree.closest(&p);
+            assert_eq!(found.distance, nearest.sqrt(), "{p} of {size} at {away}");
+            let within = tree.closest_within(&p, nearest.sqrt() * (1.0 + 1e-12));
+            assert_eq!(within, Some(found), "{p} of {size} at {away}");
+        }
+    }
+}
+
 #[test]
 fn a_mesh_has_the_distances_of_its_edges_and_triangles() {
     // Two triangles of a unit square, one of its own.

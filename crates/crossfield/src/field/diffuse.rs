@@ -11,6 +11,7 @@
 //! diffusion, none can fade.
 
 use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
+use geom_core::compute::parallel;
 use geom_core::nalgebra::Complex;
 
 use super::field::Guide;
@@ -38,9 +39,7 @@ const STILL: f64 = 1e-3;
 /// no random start.
 pub(super) fn diffused(frames: &Frames, guides: &[Guide], run: On<'_>) -> Result<Vec<f64>, Error> {
     let matrices = Matrices::of(frames, guides)?;
-    let (mut z, decay) = matrices.start()?;
-    let tau = STEP / decay;
-    let factor = matrices.step(tau)?;
+    let Start { mut z, tau, factor } = matrices.start()?;
     for count in 0..MOST {
         run.progress("field", count as u64, MOST as u64)?;
         let before = z.clone();
@@ -50,6 +49,13 @@ pub(super) fn diffused(frames: &Frames, guides: &[Guide], run: On<'_>) -> Result
         }
     }
     Ok(z.iter().map(|z| z.arg() / 4.0).collect())
+}
+
+/// Directions to begin with, the length of a step from there, Å², and its factor.
+struct Start {
+    z: Vec<C>,
+    tau: f64,
+    factor: Cholesky<C>,
 }
 
 struct Matrices<'a> {
@@ -108,9 +114,9 @@ impl<'a> Matrices<'a> {
         Ok(self.symbolic.factor(&matrix)?)
     }
 
-    /// Directions that do not depend on a seed, and how fast the slowest of them decays, Å⁻²: what the guides spread over the
+    /// Directions that do not depend on a seed, and a step for how fast the slowest of them decays: what the guides spread over the
     /// surface, at the scale of the surface; without any, what inverse iteration makes of a constant, and its Rayleigh quotient.
-    fn start(&self) -> Result<(Vec<C>, f64), Error> {
+    fn start(&self) -> Result<Start, Error> {
         /// Most steps of inverse iteration, and by what part the decay changes when no more are needed: it sets a length.
         const STEPS: usize = 30;
         const NEAR: f64 = 1e-2;
@@ -118,9 +124,16 @@ impl<'a> Matrices<'a> {
         let scale = 4.0 * std::f64::consts::PI / area;
         let mut z = vec![C::from(1.0); self.areas.len()];
         if !self.pulls.is_empty() {
-            // Far enough that every triangle hears of a guide.
-            self.diffuse(&self.step(area)?, area, &mut z)?;
-            return Ok((z, scale));
+            // Far enough that every triangle hears of a guide. Each factor is made on one thread: both at a time.
+            let taus = [area, STEP / scale];
+            let mut factors = parallel::map_each(&taus, |&tau| self.step(tau)).into_iter();
+            let mut next = || factors.next().expect("one factor for each of two steps");
+            self.diffuse(&next()?, area, &mut z)?;
+            return Ok(Start {
+                z,
+                tau: taus[1],
+                factor: next()?,
+            });
         }
         let tau = 1e6 / scale;
         let factor = self.step(tau)?;
@@ -140,7 +153,10 @@ impl<'a> Matrices<'a> {
         }
         self.normalize(&mut z, None);
         // A flat torus has parallel fields.
-        Ok((z, if decay > 1e-6 * scale { decay } else { scale }))
+        let decay = if decay > 1e-6 * scale { decay } else { scale };
+        let tau = STEP / decay;
+        let factor = self.step(tau)?;
+        Ok(Start { z, tau, factor })
     }
 
     /// One implicit step of length τ, Å², of the heat equation of crosses: `(A + τ (L + G)) z' = A z + τ G e^{4iγ}`,

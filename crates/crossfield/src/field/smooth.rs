@@ -5,7 +5,7 @@
 //! √t is gone; vertices and triangles stay the same ones, so that what is found on the smooth copy can be carried back
 //! by number.
 
-use geom_core::algebra::{Cholesky, SparseMatrix};
+use geom_core::algebra::{SparseMatrix, Symbolic};
 use geom_core::surface::laplace::{self, Mass};
 use geom_core::{Point3, TriMesh};
 
@@ -21,6 +21,8 @@ pub(crate) struct Operators<'a> {
     pub(crate) mesh: &'a TriMesh,
     /// The cotangent Laplacian, positive semi-definite, of the surface as given.
     pub(crate) stiffness: SparseMatrix,
+    /// The analysis of its pattern, which every flow's matrix has.
+    pub(crate) symbolic: Symbolic,
     /// The lumped mass: the area of each vertex, Å².
     pub(crate) mass: Vec<f64>,
 }
@@ -31,9 +33,11 @@ impl<'a> Operators<'a> {
         let Mass::Lumped(mass) = laplace::lumped_mass(mesh) else {
             unreachable!("the lumped mass is lumped")
         };
+        let stiffness = laplace::stiffness(mesh)?;
         Ok(Self {
             mesh,
-            stiffness: laplace::stiffness(mesh)?,
+            symbolic: Symbolic::of(&stiffness)?,
+            stiffness,
             mass,
         })
     }
@@ -53,6 +57,7 @@ pub(crate) fn flowed(
     let Operators {
         mesh,
         stiffness,
+        symbolic,
         mass,
     } = operators;
     let edges = geom_core::mesh::Halfedges::of(mesh)?;
@@ -76,7 +81,7 @@ pub(crate) fn flowed(
         (true, false) => inert[i] + k,
         (false, false) => k,
     });
-    let factor = Cholesky::of(&matrix)?;
+    let factor = symbolic.factor(&matrix)?;
     let mut block: Vec<f64> = mesh
         .positions()
         .iter()

@@ -110,8 +110,12 @@ fn on_one_surface(
     mut report: FieldReport,
     run: On<'_>,
 ) -> Result<CrossField, Error> {
-    let mut theta = diffused(frames, guides, run)?;
-    let parallel = Parallel::new(frames, guides)?;
+    // Much of either runs on one thread.
+    let (theta, parallel) = rayon::join(
+        || diffused(frames, guides, run),
+        || Parallel::new(frames, guides),
+    );
+    let (mut theta, parallel) = (theta?, parallel?);
     let mut jump = vec![0; frames.edges().len()];
     for round in 0..POLISH {
         let before = jump.clone();

@@ -1,7 +1,6 @@
 //! A part as field and map see it.
 
 use geom_core::TriMesh;
-use geom_core::algebra::Cholesky;
 use geom_core::surface::laplace::EdgeWeights;
 
 use super::parts::{Cuts, Part};
@@ -111,11 +110,12 @@ fn evened(
     let Operators {
         mesh: before,
         stiffness,
+        symbolic,
         mass,
     } = operators;
     let time = 0.25 * length * length;
-    let factor =
-        Cholesky::of(&stiffness.map(|i, j, k| time * k + if i == j { mass[i] } else { 0.0 }))?;
+    let matrix = stiffness.map(|i, j, k| time * k + if i == j { mass[i] } else { 0.0 });
+    let factor = symbolic.factor(&matrix)?;
     let mut times = vec![length * length; mass.len()];
     let mut round = 0;
     loop {

@@ -18,7 +18,7 @@
 //! ```
 
 use std::fmt::Debug;
-use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};
+use std::ops::{Add, AddAssign, Mul, Neg, Range, Sub, SubAssign};
 
 use crate::compute::parallel;
 use nalgebra::Complex;
@@ -28,6 +28,8 @@ use super::Error;
 
 /// Rows per task of a product.
 const ROWS: usize = 2048;
+/// Triplets that are sorted into blocks of rows at a time.
+const TRIPLETS: usize = 1 << 17;
 
 mod sealed {
     use super::super::cholesky::Sweep;
@@ -214,19 +216,42 @@ pub struct SparseMatrix<T = f64> {
     values: Vec<T>,
 }
 
-impl<T: Scalar> SparseMatrix<T> {
-    /// The sum of entries `(row, column, value)`; entries of one place are added in the given order. Sums that vanish
-    /// stay as zeros.
-    ///
-    /// # Errors
-    /// [`Error::TooLarge`]; then, of the first entry at fault, [`Error::OutOfRange`] or [`Error::NotFinite`]. A sum
-    /// that overflows is not seen here.
-    pub fn from_triplets(
-        rows: usize,
-        columns: usize,
-        entries: &[(u32, u32, T)],
-    ) -> Result<Self, Error> {
-        check_size(rows.max(columns), entries.len())?;
+/// Some rows of a matrix while it is made.
+#[derive(Default)]
+struct Rows<T> {
+    lengths: Vec<u32>,
+    indices: Vec<u32>,
+    values: Vec<T>,
+}
+
+impl<T: Scalar> Rows<T> {
+    /// The next row, of columns and values in any order; those of one column are added in the order they have.
+    fn push(&mut self, entries: &mut [(u32, T)]) {
+        entries.sort_by_key(|e| e.0);
+        let before = self.indices.len();
+        for &(column, value) in &*entries {
+            match self.values.last_mut() {
+                Some(last) if self.indices[before..].last() == Some(&column) => *last += value,
+                _ => {
+                    self.indices.push(column);
+                    self.values.push(value);
+                }
+            }
+        }
+        self.lengths.push((self.indices.len() - before) as u32);
+    }
+}
+
+/// Triplets sorted into blocks of [`ROWS`] rows, in their order within each.
+struct Triplets<T> {
+    starts: Vec<usize>,
+    entries: Vec<(u32, u32, T)>,
+}
+
+impl<T: Scalar> Triplets<T> {
+    /// Checks and sorts them.
+    fn of(entries: &[(u32, u32, T)], [rows, columns]: [usize; 2]) -> Result<Self, Error> {
+        let mut counts = vec![0u32; rows.div_ceil(ROWS)];
         for &(row, column, value) in entries {
             let (row, column) = (row as usize, column as usize);
             if row >= rows || column >= columns {
@@ -240,21 +265,62 @@ impl<T: Scalar> SparseMatrix<T> {
             if !value.finite() {
                 return Err(Error::NotFinite { row, column });
             }
-        }
-        let mut counts = vec![0u32; rows];
-        for e in entries {
-            counts[e.0 as usize] += 1;
+            counts[row / ROWS] += 1;
         }
         let starts = parallel::starts_of(&counts);
         let mut next = starts.clone();
-        let mut sorted = vec![(0u32, T::default()); entries.len()];
-        for &(row, column, value) in entries {
-            let slot = &mut next[row as usize];
-            sorted[*slot] = (column, value);
-            *slot += 1;
+        let mut sorted = vec![(0, 0, T::default()); entries.len()];
+        for &entry in entries {
+            let next = &mut next[entry.0 as usize / ROWS];
+            sorted[*next] = entry;
+            *next += 1;
         }
-        Self::from_rows(rows, columns, |row, out| {
-            out.extend_from_slice(&sorted[starts[row]..starts[row + 1]]);
+        Ok(Self {
+            starts,
+            entries: sorted,
+        })
+    }
+
+    fn of_block(&self, block: usize) -> &[(u32, u32, T)] {
+        &self.entries[self.starts[block]..self.starts[block + 1]]
+    }
+}
+
+impl<T: Scalar> SparseMatrix<T> {
+    /// The sum of entries `(row, column, value)`; entries of one place are added in the given order. Sums that vanish
+    /// stay as zeros.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`]; then, of the first entry at fault, [`Error::OutOfRange`] or [`Error::NotFinite`]. A sum
+    /// that overflows is not seen here.
+    pub fn from_triplets(
+        rows: usize,
+        columns: usize,
+        entries: &[(u32, u32, T)],
+    ) -> Result<Self, Error> {
+        check_size(rows.max(columns), entries.len())?;
+        let pieces: Vec<&[(u32, u32, T)]> = entries.chunks(TRIPLETS).collect();
+        let sorted = parallel::map_each(&pieces, |piece| Triplets::of(piece, [rows, columns]));
+        let sorted = sorted.into_iter().collect::<Result<Vec<_>, _>>()?;
+        Self::from_blocks(rows, columns, |block, own, out| {
+            let all = || sorted.iter().flat_map(|piece| piece.of_block(block));
+            let mut starts = vec![0u32; own.len() + 1];
+            for &(row, ..) in all() {
+                starts[row as usize - own.start + 1] += 1;
+            }
+            for row in 0..own.len() {
+                starts[row + 1] += starts[row];
+            }
+            let mut next = starts.clone();
+            let mut entries = vec![(0u32, T::default()); starts[own.len()] as usize];
+            for &(row, column, value) in all() {
+                let next = &mut next[row as usize - own.start];
+                entries[*next as usize] = (column, value);
+                *next += 1;
+            }
+            for row in starts.windows(2) {
+                out.push(&mut entries[row[0] as usize..row[1] as usize]);
+            }
         })
     }
 
@@ -268,35 +334,36 @@ impl<T: Scalar> SparseMatrix<T> {
         columns: usize,
         row: impl Fn(usize, &mut Vec<(u32, T)>) + Sync,
     ) -> Result<Self, Error> {
-        let parts: Vec<_> = parallel::map(rows.div_ceil(ROWS), |part| {
-            let range = part * ROWS..((part + 1) * ROWS).min(rows);
-            let (mut lengths, mut indices, mut values) = (Vec::new(), Vec::new(), Vec::new());
+        Self::from_blocks(rows, columns, |_, own, out| {
             let mut entries: Vec<(u32, T)> = Vec::new();
-            for i in range {
+            for i in own {
                 entries.clear();
                 row(i, &mut entries);
-                entries.sort_by_key(|e| e.0);
-                let before = indices.len();
-                for &(column, value) in &entries {
-                    if indices.len() > before && indices.last() == Some(&column) {
-                        *values.last_mut().expect("as many values as indices") += value;
-                    } else {
-                        indices.push(column);
-                        values.push(value);
-                    }
-                }
-                lengths.push((indices.len() - before) as u32);
+                out.push(&mut entries);
             }
-            (lengths, indices, values)
+        })
+    }
+
+    /// The same, written by `block(number, rows, &mut out)`, [`ROWS`] rows at a time.
+    fn from_blocks(
+        rows: usize,
+        columns: usize,
+        block: impl Fn(usize, Range<usize>, &mut Rows<T>) + Sync,
+    ) -> Result<Self, Error> {
+        let parts: Vec<Rows<T>> = parallel::map(rows.div_ceil(ROWS), |number| {
+            let mut out = Rows::default();
+            let first = number * ROWS;
+            block(number, first..(first + ROWS).min(rows), &mut out);
+            out
         });
-        let lengths: Vec<u32> = parts.iter().flat_map(|p| &p.0).copied().collect();
+        let lengths: Vec<u32> = parts.iter().flat_map(|p| &p.lengths).copied().collect();
         let starts = parallel::starts_of(&lengths);
         check_size(rows, starts[rows])?;
         let mut indices = Vec::with_capacity(starts[rows]);
         let mut values = Vec::with_capacity(starts[rows]);
-        for (_, part_indices, part_values) in parts {
-            indices.extend_from_slice(&part_indices);
-            values.extend_from_slice(&part_values);
+        for part in parts {
+            indices.extend_from_slice(&part.indices);
+            values.extend_from_slice(&part.values);
         }
         Ok(Self {
             columns,

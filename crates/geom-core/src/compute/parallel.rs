@@ -162,7 +162,7 @@ pub fn for_chunks<T: Send>(values: &mut [T], size: usize, f: impl Fn(usize, &mut
 /// assert_eq!(values, [5, 6, 7]);
 /// ```
 ///
-/// Where each goes with something else, that is looked up by the index, or is part of the value: a list of pairs.
+/// Where each goes with something else, that is looked up by the index, or changes with it: [`for_each_pair`].
 pub fn for_each<T: Send>(values: &mut [T], f: impl Fn(usize, &mut T) + Sync) {
     for_each_init(values, || (), |(), i, value| f(i, value));
 }
@@ -178,6 +178,37 @@ pub fn for_each_init<T: Send, W>(
         let mut work = init();
         for (i, value) in (piece * size..).zip(values) {
             f(&mut work, i, value);
+        }
+    });
+}
+
+/// `f` of the values with the same index in two lists, which are of one length.
+///
+/// ```
+/// let (mut sums, mut products) = ([1, 2], [1, 2]);
+/// geom_core::compute::parallel::for_each_pair(&mut sums, &mut products, |i, s, p| (*s, *p) = (*s + i, *p * i));
+/// assert_eq!((sums, products), ([1, 3], [0, 2]));
+/// ```
+///
+/// # Panics
+/// If their lengths differ.
+pub fn for_each_pair<A: Send, B: Send>(
+    first: &mut [A],
+    second: &mut [B],
+    f: impl Fn(usize, &mut A, &mut B) + Sync,
+) {
+    assert_eq!(first.len(), second.len(), "two lists of one length");
+    let size = first.len().div_ceil(pieces_of(first.len()).max(1)).max(1);
+    let mut chunks: Vec<_> = first
+        .chunks_mut(size)
+        .zip(second.chunks_mut(size))
+        .collect();
+    in_chunks(&mut chunks, 1, &|piece, chunks| {
+        for (first, second) in chunks {
+            let values = first.iter_mut().zip(second.iter_mut());
+            for (i, (first, second)) in (piece * size..).zip(values) {
+                f(i, first, second);
+            }
         }
     });
 }

@@ -263,6 +263,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::no_pair_of_singularities_comes_and_goes"),
     Fault::wrong(
+        "what is upright takes all steps to settle",
+        "crates/crossfield/src/map/unfold/untangle.rs",
+        "true => SETTLED / STEPS as f64,",
+        "true => 0.0,",
+    )
+    .seen_by("laws::the_next_map_of_a_field_starts_upright"),
+    Fault::wrong(
         "a star that turns too little is unfolded to the end",
         "crates/crossfield/src/map/unfold/untangle.rs",
         "if epsilon < FIRM && (moves.is_lost)",

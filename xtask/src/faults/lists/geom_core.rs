@@ -260,8 +260,22 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("compute::loops_alone_stay_on_their_thread"),
     Fault::wrong(
+        "boxes of triangles are rounded to the nearest",
+        "crates/geom-core/src/search/bvh/boxes.rs",
+        "near.next_down()",
+        "near",
+    )
+    .seen_by("surfaces::rounding_of_boxes_hides_no_triangle"),
+    Fault::wrong(
+        "triplets are sorted in a block as if each piece were alone",
+        "crates/geom-core/src/algebra/sparse.rs",
+        "sorted.iter().flat_map(|piece| piece.of_block(block))",
+        "sorted.iter().take(1).flat_map(|piece| piece.of_block(block))",
+    )
+    .seen_by("solver::triplets_of_many_pieces_are_added_in_their_order"),
+    Fault::wrong(
         "of triangles that touch the first that is met is named",
-        "crates/geom-core/src/search/bvh.rs",
+        "crates/geom-core/src/search/bvh/mod.rs",
         "d < best_squared || (d == best_squared && id < b)",
         "d < best_squared || (d == best_squared && id == b)",
     )

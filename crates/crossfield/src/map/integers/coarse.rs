@@ -400,8 +400,8 @@ impl Coarse {
     fn star(&self, v: u32) -> Option<Star> {
         let first = self.out[v as usize] as usize;
         let mut star = Star {
-            out: Vec::new(),
-            home: Vec::new(),
+            out: Vec::with_capacity(FEW_AROUND),
+            home: Vec::with_capacity(FEW_AROUND),
             closed: true,
         };
         let (mut h, mut home) = (first, Link::default());
@@ -492,7 +492,7 @@ impl Coarse {
         for &slot in slots {
             self.alive[slot] = false;
         }
-        let mut side: Vec<([usize; 2], usize)> = Vec::new();
+        let mut side: Vec<([usize; 2], usize)> = Vec::with_capacity(3 * ears.len());
         for (ear, &slot) in ears.iter().zip(slots) {
             self.alive[slot] = true;
             for k in 0..3 {

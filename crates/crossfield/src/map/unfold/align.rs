@@ -45,7 +45,7 @@ fn rounds(
             let done = round * STEPS + step;
             run.progress("monotone", done as u64, (ROUNDS * STEPS) as u64)
         };
-        minimize(energy, moves.bend, moves.effort, x, &watch)?;
+        minimize(energy, moves.bend, moves.effort, x, 0.0, &watch)?;
         let last = left;
         left = energy.count_not(x, is_monotone);
         if left as f64 > ENOUGH * last as f64 {

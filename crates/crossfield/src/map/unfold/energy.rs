@@ -188,10 +188,11 @@ impl<'a> Energy<'a> {
             });
         });
         let slopes = self.slopes.as_flattened();
-        let mut gradient = parallel::map(in_rows.count(), |k| {
+        let mut gradient = vec![0.0; in_rows.count()];
+        parallel::for_each(&mut gradient, |k, sum| {
             let rows = in_rows.list(k).iter();
-            rows.map(|&(at, p)| f64::from(p) * slopes[at as usize])
-                .sum()
+            let slopes = rows.map(|&(at, p)| f64::from(p) * slopes[at as usize]);
+            *sum = slopes.sum();
         });
         if self.scope.moves_integers {
             self.system.seams.fold(&mut gradient);

@@ -18,6 +18,8 @@ use crate::Error;
 const HISTORY: usize = 10;
 /// Steps of a minimization.
 pub(super) const STEPS: usize = 30;
+/// Steps that must have gained enough together for more of them: single ones gain little between others that gain much.
+const LAST: usize = 5;
 /// Numbers of each vector that are worked on together: those of the whole memory stay in the second cache.
 const BLOCK: usize = 512;
 
@@ -26,18 +28,20 @@ pub(super) type Bend<'a> = &'a dyn Fn(&[f64]) -> Result<Vec<f64>, Error>;
 
 /// L-BFGS with backtracking; the energy before and after.
 ///
-/// It ends after [`STEPS`], when a step gains less than 1e-8 of the energy, when no step along the direction lowers it,
-/// or when the effort is spent. A pair that shows no curvature is not remembered; a direction that does not descend
-/// makes it forget all others.
+/// It ends after [`STEPS`], when a step gains less than 1e-8 of the energy or the [`LAST`] ones less than `enough` of it each, when
+/// no step along the direction lowers it, or when the effort is spent. A pair that shows no curvature is not remembered; a
+/// direction that does not descend makes it forget all others.
 pub(super) fn minimize(
     energy: &mut Energy<'_>,
     bend: Bend<'_>,
     effort: &Effort,
     x: &mut Vec<f64>,
+    enough: f64,
     watch: &dyn Fn(usize) -> Result<(), Cancelled>,
 ) -> Result<(f64, f64), Error> {
     let (mut value, mut gradient) = energy.gradient(x)?;
     let first = value;
+    let mut gains = [f64::INFINITY; LAST];
     // The only solve of a step: all else that P⁻¹ has to be known of is a sum of such.
     let mut bent = bend(&gradient)?;
     let mut memory = Memory::default();
@@ -62,7 +66,8 @@ pub(super) fn minimize(
         bent = next;
         let gain = value - found.value;
         (*x, value, gradient) = (found.at, found.value, found.gradient);
-        if gain < 1e-8 * value.abs() {
+        gains[step % LAST] = gain / value.abs();
+        if gain < 1e-8 * value.abs() || gains.iter().sum::<f64>() < LAST as f64 * enough {
             break;
         }
     }

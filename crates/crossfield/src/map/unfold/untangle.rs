@@ -52,7 +52,8 @@ pub(crate) struct Moves<'a> {
 /// `w` are all values; the unknowns of the scope move, and sums with the integers. With ε above 0 the energy is finite
 /// everywhere, so that any map may be the start. A round is a minimization for one ε, of at most [`STEPS`] steps, and there are at most [`ROUNDS`] of them. A map that is still folded is given up
 /// when the effort is spent, when its worst determinant has not risen for [`STALLED`] rounds, or when it is lost. Of an
-/// upright one ε falls on until a round gains less than [`SETTLED`], so that what comes out is also smooth.
+/// upright one ε falls on until a round gains less than [`SETTLED`], so that what comes out is also smooth; the rounds of a start
+/// that is upright end with the steps that gain as little.
 pub(crate) fn untangle(
     system: &System<'_>,
     w: &mut [f64],
@@ -92,6 +93,11 @@ fn rounds(
 ) -> Result<(), Error> {
     let worst = energy.worst(x);
     let mut epsilon = first_epsilon(worst);
+    // What is upright only settles: steps that would not make a round worth another are not worth taking.
+    let enough = match worst > 0.0 {
+        true => SETTLED / STEPS as f64,
+        false => 0.0,
+    };
     let (mut best, mut stalled) = (worst, 0);
     for round in 0..ROUNDS {
         // A step of a large map takes a good part of a second, a round half a minute.
@@ -100,7 +106,7 @@ fn rounds(
             run.progress("untangle", done as u64, (ROUNDS * STEPS) as u64)
         };
         energy.wish = Wish::Upright(epsilon);
-        let (before, after) = minimize(energy, moves.bend, moves.effort, x, &watch)?;
+        let (before, after) = minimize(energy, moves.bend, moves.effort, x, enough, &watch)?;
         let worst = energy.worst(x);
         let positive = worst > 0.0;
         // Folds that hold each other do not open however long they are pushed.

@@ -26,7 +26,7 @@ crate::backend_object!(CornerObject, as_corners -> CornerBackend);
 pub type On<'a> = crate::Run<'a, dyn CornerBackend + 'a>;
 
 /// A corner of a quad.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Corner {
     /// Its sides to the next corner and to the previous one, in units of their wanted lengths.
     pub sides: [Vector3; 2],

@@ -26,6 +26,7 @@ use std::borrow::Cow;
 
 use self::backend::On;
 use super::ground::{Freedom, Ground};
+use crate::compute::lists::Lists;
 use crate::compute::{BackendError, parallel};
 use crate::{Cancelled, Point3, Vector3};
 
@@ -93,16 +94,17 @@ impl<'a> Vertices<'a> {
         pulled.into_iter().unzip()
     }
 
-    /// The same after moves from places that were on the surface. What has not moved stays as it was.
-    fn settled_from(&self, start: &State, positions: &[Point3]) -> State {
-        let pulled = parallel::map(positions.len(), |v| {
-            let (from, p) = (&start.0[v], &positions[v]);
-            if p == from {
-                return (*from, start.1[v]);
+    /// The same after steps along some displacements from places that were on the surface. What does not move stays as it was.
+    fn stepped_from(&self, start: &State, descent: &[Vector3], length: f64) -> State {
+        let mut there = start.clone();
+        let (positions, normals) = (&mut there.0, &mut there.1);
+        parallel::for_each_pair(positions, normals, |v, position, normal| {
+            let p = *position + descent[v] * length;
+            if p != *position {
+                (*position, *normal) = self.ground(v).pulled_from(position, &p, self.freedom[v]);
             }
-            self.ground(v).pulled_from(from, p, self.freedom[v])
         });
-        pulled.into_iter().unzip()
+        there
     }
 
     /// To come back to.
@@ -298,6 +300,11 @@ pub struct Descent {
     pub renew: bool,
 }
 
+/// The nodes of a wedge with its number, each as the node that it is there.
+fn roles((w, wedge): (u32, &Wedge)) -> [(u32, (u32, u32)); 3] {
+    [0, 1, 2].map(|k| (wedge.nodes[k], (w, k as u32)))
+}
+
 /// Elements on their way.
 pub struct Flow<'a, E> {
     /// The elements.
@@ -307,7 +314,10 @@ pub struct Flow<'a, E> {
     /// Where distortions are computed, and who watches.
     pub run: On<'a>,
     seen: Vec<Vector3>,
+    corners: Vec<Corner>,
     out: Vec<CornerDistortion>,
+    /// Which wedges each node is in, and as which of their nodes; made for the first step.
+    at_nodes: Option<Lists<(u32, u32)>>,
 }
 
 impl<'a, E: Elements> Flow<'a, E> {
@@ -318,7 +328,9 @@ impl<'a, E: Elements> Flow<'a, E> {
             vertices,
             run,
             seen: Vec::new(),
+            corners: Vec::new(),
             out: Vec::new(),
+            at_nodes: None,
         }
     }
 
@@ -379,16 +391,16 @@ impl<'a, E: Elements> Flow<'a, E> {
     fn distortions(&mut self, epsilon: f64) -> Result<(), E::Error> {
         let nodes = self.elements.nodes(&self.vertices.positions);
         let wedges = self.elements.wedges();
-        let corners = parallel::map(wedges.len(), |w| {
+        let seen = &self.seen;
+        self.corners.resize(wedges.len(), Corner::default());
+        parallel::for_each(&mut self.corners, |w, corner| {
             let [o, a, b] = wedges[w].nodes.map(|n| nodes[n as usize]);
-            Corner {
-                sides: wedges[w].ideal.sides([a - o, b - o]),
-                normal: self.seen[w],
-            }
+            corner.sides = wedges[w].ideal.sides([a - o, b - o]);
+            corner.normal = seen[w];
         });
         let backend = self.run.backend;
-        backend.corner_distortion(&corners, epsilon, &mut self.out)?;
-        let (found, of) = (self.out.len(), corners.len());
+        backend.corner_distortion(&self.corners, epsilon, &mut self.out)?;
+        let (found, of) = (self.out.len(), wedges.len());
         Ok(BackendError::unless(found == of, &backend.name(), || {
             format!("{found} distortions for {of} corners")
         })?)
@@ -403,31 +415,41 @@ impl<'a, E: Elements> Flow<'a, E> {
     }
 
     /// Displacements for a step of one: down the gradient within the surface, in units of the elements.
-    fn descent(&self, power: i32) -> Vec<Vector3> {
-        let nodes = self.elements.nodes(&self.vertices.positions).len();
-        let mut gradient = vec![Vector3::zeros(); nodes];
-        for (wedge, of) in self.elements.wedges().iter().zip(&self.out) {
-            let [o, a, b] = wedge.nodes.map(|n| n as usize);
+    fn descent(&mut self, power: i32) -> Vec<Vector3> {
+        let (elements, vertices, out) = (&self.elements, &self.vertices, &self.out);
+        let (wedges, nodes) = (elements.wedges(), elements.nodes(&vertices.positions).len());
+        let at_nodes = (self.at_nodes)
+            .get_or_insert_with(|| Lists::of(nodes, || (0..).zip(wedges).flat_map(roles)));
+        let mut slopes = vec![[Vector3::zeros(); 2]; wedges.len()];
+        parallel::for_each(&mut slopes, |w, slopes| {
             // Of the power, but for a factor.
-            let steep = of.energy.powi(power - 1);
-            let [first, second] = wedge.ideal.by_edges(of.gradient, steep);
-            gradient[a] += first;
-            gradient[b] += second;
-            gradient[o] -= first + second;
-        }
-        let mut descent = self.elements.to_vertices(gradient);
-        for (v, g) in descent.iter_mut().enumerate() {
-            let n = self.vertices.normals[v];
-            let scale = self.elements.scale(v);
+            let steep = out[w].energy.powi(power - 1);
+            *slopes = wedges[w].ideal.by_edges(out[w].gradient, steep);
+        });
+        let mut gradient = vec![Vector3::zeros(); nodes];
+        parallel::for_each(&mut gradient, |n, sum| {
+            for &(w, role) in at_nodes.list(n) {
+                let [first, second] = slopes[w as usize];
+                *sum += match role {
+                    0 => -(first + second),
+                    1 => first,
+                    _ => second,
+                };
+            }
+        });
+        let mut descent = elements.to_vertices(gradient);
+        parallel::for_each(&mut descent, |v, g| {
+            let n = vertices.normals[v];
+            let scale = elements.scale(v);
             let step = -(*g - n * n.dot(g)) * scale;
             // No vertex jumps over its neighbours.
             let most = LONGEST * scale.sqrt();
-            *g = match self.vertices.freedom[v] {
+            *g = match vertices.freedom[v] {
                 Freedom::Fixed => Vector3::zeros(),
                 _ if step.norm() > most => step * (most / step.norm()),
                 _ => step,
             };
-        }
+        });
         descent
     }
 
@@ -442,10 +464,8 @@ impl<'a, E: Elements> Flow<'a, E> {
         let descent = self.descent(power);
         let start = self.vertices.state();
         for _ in 0..12 {
-            let moved = start.0.iter().zip(&descent).map(|(p, d)| p + d * *length);
-            let moved: Vec<Point3> = moved.collect();
             // Corners are seen as for the gradient: on a surface of large triangles normals change faster than anything else.
-            let (positions, normals) = self.vertices.settled_from(&start, &moved);
+            let (positions, normals) = self.vertices.stepped_from(&start, &descent, *length);
             self.vertices.positions = positions;
             self.distortions(epsilon)?;
             let energy = self.energy(power);
