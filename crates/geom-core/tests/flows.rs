@@ -414,6 +414,31 @@ fn spoiled(
     found
 }
 
+/// Who puts other elements in place of the first ones goes down with them as if there had been no others.
+#[test]
+fn elements_may_change_between_descents() {
+    let plane = plane();
+    let ground = Ground::new(&plane, Vec::new()).unwrap();
+    let run = Run::on(&Cpu).with(Cpu.as_corners());
+    let how = Descent {
+        steps: 5,
+        ..DESCENT
+    };
+    let others = || {
+        let quads = Squares::new().quads.into_iter().rev().skip(SIDE as usize);
+        Squares::of(quads.collect(), ((SIDE + 1) * (SIDE + 1)) as usize)
+    };
+    let mut flow = Flow::new(Squares::new(), shaken(&ground, 0.3), run);
+    flow.descend(&how, |_| true).unwrap();
+    let mut fresh = Flow::new(others(), shaken(&ground, 0.3), run);
+    fresh.vertices.put(flow.vertices.state());
+    flow.elements = others();
+    for flow in [&mut flow, &mut fresh] {
+        assert_eq!(flow.descend(&how, |_| true).unwrap(), 5);
+    }
+    assert_eq!(flow.vertices.state(), fresh.vertices.state());
+}
+
 /// A vertex in the wrong place is lifted, by itself and with those around it; then there is nothing left to do.
 #[test]
 fn a_search_lifts_the_worst() {

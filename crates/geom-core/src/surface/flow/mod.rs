@@ -300,10 +300,8 @@ pub struct Descent {
     pub renew: bool,
 }
 
-/// The nodes of a wedge with its number, each as the node that it is there.
-fn roles((w, wedge): (u32, &Wedge)) -> [(u32, (u32, u32)); 3] {
-    [0, 1, 2].map(|k| (wedge.nodes[k], (w, k as u32)))
-}
+/// Which wedges each node is in, and as which of their nodes.
+type Corners = Lists<(u32, u32)>;
 
 /// Elements on their way.
 pub struct Flow<'a, E> {
@@ -316,8 +314,6 @@ pub struct Flow<'a, E> {
     seen: Vec<Vector3>,
     corners: Vec<Corner>,
     out: Vec<CornerDistortion>,
-    /// Which wedges each node is in, and as which of their nodes; made for the first step.
-    at_nodes: Option<Lists<(u32, u32)>>,
 }
 
 impl<'a, E: Elements> Flow<'a, E> {
@@ -330,7 +326,6 @@ impl<'a, E: Elements> Flow<'a, E> {
             seen: Vec::new(),
             corners: Vec::new(),
             out: Vec::new(),
-            at_nodes: None,
         }
     }
 
@@ -345,6 +340,7 @@ impl<'a, E: Elements> Flow<'a, E> {
         mut stepped: impl FnMut(&Self) -> bool,
     ) -> Result<usize, E::Error> {
         let mut length = how.first;
+        let at_nodes = self.corners_at_nodes();
         for step in 0..how.steps {
             (self.run).progress("better corners", step as u64, how.steps as u64)?;
             if how.renew {
@@ -352,7 +348,8 @@ impl<'a, E: Elements> Flow<'a, E> {
             }
             let (epsilon, last) = self.measure()?;
             let before = self.energy(how.power);
-            let Some(after) = self.step(how.power, before, epsilon, &mut length)? else {
+            let step_taken = self.step(how.power, &at_nodes, (before, epsilon), &mut length)?;
+            let Some(after) = step_taken else {
                 return Ok(step);
             };
             let goes_on = stepped(self);
@@ -414,19 +411,25 @@ impl<'a, E: Elements> Flow<'a, E> {
         least(self.out.iter().map(|c| c.area))
     }
 
+    /// The wedges do not change while they go down.
+    fn corners_at_nodes(&self) -> Corners {
+        let nodes = self.elements.nodes(&self.vertices.positions).len();
+        let wedges = || (0..).zip(self.elements.wedges());
+        let roles = |(w, wedge): (u32, &Wedge)| [0, 1, 2].map(|k| (wedge.nodes[k], (w, k as u32)));
+        Lists::of(nodes, || wedges().flat_map(roles))
+    }
+
     /// Displacements for a step of one: down the gradient within the surface, in units of the elements.
-    fn descent(&mut self, power: i32) -> Vec<Vector3> {
+    fn descent(&self, power: i32, at_nodes: &Corners) -> Vec<Vector3> {
         let (elements, vertices, out) = (&self.elements, &self.vertices, &self.out);
-        let (wedges, nodes) = (elements.wedges(), elements.nodes(&vertices.positions).len());
-        let at_nodes = (self.at_nodes)
-            .get_or_insert_with(|| Lists::of(nodes, || (0..).zip(wedges).flat_map(roles)));
+        let wedges = elements.wedges();
         let mut slopes = vec![[Vector3::zeros(); 2]; wedges.len()];
         parallel::for_each(&mut slopes, |w, slopes| {
             // Of the power, but for a factor.
             let steep = out[w].energy.powi(power - 1);
             *slopes = wedges[w].ideal.by_edges(out[w].gradient, steep);
         });
-        let mut gradient = vec![Vector3::zeros(); nodes];
+        let mut gradient = vec![Vector3::zeros(); at_nodes.count()];
         parallel::for_each(&mut gradient, |n, sum| {
             for &(w, role) in at_nodes.list(n) {
                 let [first, second] = slopes[w as usize];
@@ -457,11 +460,11 @@ impl<'a, E: Elements> Flow<'a, E> {
     fn step(
         &mut self,
         power: i32,
-        before: f64,
-        epsilon: f64,
+        at_nodes: &Corners,
+        (before, epsilon): (f64, f64),
         length: &mut f64,
     ) -> Result<Option<f64>, E::Error> {
-        let descent = self.descent(power);
+        let descent = self.descent(power, at_nodes);
         let start = self.vertices.state();
         for _ in 0..12 {
             // Corners are seen as for the gradient: on a surface of large triangles normals change faster than anything else.
