@@ -11,7 +11,6 @@
 //! diffusion, none can fade.
 
 use geom_core::algebra::{Cholesky, SparseMatrix, Symbolic};
-use geom_core::compute::parallel;
 use geom_core::nalgebra::Complex;
 
 use super::field::Guide;
@@ -125,15 +124,11 @@ impl<'a> Matrices<'a> {
         let mut z = vec![C::from(1.0); self.areas.len()];
         if !self.pulls.is_empty() {
             // Far enough that every triangle hears of a guide. Each factor is made on one thread: both at a time.
-            let taus = [area, STEP / scale];
-            let mut factors = parallel::map_each(&taus, |&tau| self.step(tau)).into_iter();
-            let mut next = || factors.next().expect("one factor for each of two steps");
-            self.diffuse(&next()?, area, &mut z)?;
-            return Ok(Start {
-                z,
-                tau: taus[1],
-                factor: next()?,
-            });
+            let tau = STEP / scale;
+            let (first, factor) = rayon::join(|| self.step(area), || self.step(tau));
+            self.diffuse(&first?, area, &mut z)?;
+            let factor = factor?;
+            return Ok(Start { z, tau, factor });
         }
         let tau = 1e6 / scale;
         let factor = self.step(tau)?;

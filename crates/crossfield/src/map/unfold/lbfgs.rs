@@ -28,7 +28,7 @@ pub(super) type Bend<'a> = &'a dyn Fn(&[f64]) -> Result<Vec<f64>, Error>;
 
 /// L-BFGS with backtracking; the energy before and after.
 ///
-/// It ends after [`STEPS`], when a step gains less than 1e-8 of the energy or the [`LAST`] ones less than `enough` of it each, when
+/// It ends after [`STEPS`], when a step gains less than 1e-8 of the energy or the [`LAST`] ones in the mean less than `enough` of it, when
 /// no step along the direction lowers it, or when the effort is spent. A pair that shows no curvature is not remembered; a
 /// direction that does not descend makes it forget all others.
 pub(super) fn minimize(

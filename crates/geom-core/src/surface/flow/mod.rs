@@ -301,7 +301,7 @@ pub struct Descent {
 }
 
 /// Which wedges each node is in, and as which of their nodes.
-type Corners = Lists<(u32, u32)>;
+type AtNodes = Lists<(u32, u32)>;
 
 /// Elements on their way.
 pub struct Flow<'a, E> {
@@ -340,7 +340,7 @@ impl<'a, E: Elements> Flow<'a, E> {
         mut stepped: impl FnMut(&Self) -> bool,
     ) -> Result<usize, E::Error> {
         let mut length = how.first;
-        let at_nodes = self.corners_at_nodes();
+        let at_nodes = self.wedges_at_nodes();
         for step in 0..how.steps {
             (self.run).progress("better corners", step as u64, how.steps as u64)?;
             if how.renew {
@@ -348,8 +348,8 @@ impl<'a, E: Elements> Flow<'a, E> {
             }
             let (epsilon, last) = self.measure()?;
             let before = self.energy(how.power);
-            let step_taken = self.step(how.power, &at_nodes, (before, epsilon), &mut length)?;
-            let Some(after) = step_taken else {
+            let lower = self.step(how.power, &at_nodes, (before, epsilon), &mut length)?;
+            let Some(after) = lower else {
                 return Ok(step);
             };
             let goes_on = stepped(self);
@@ -411,8 +411,8 @@ impl<'a, E: Elements> Flow<'a, E> {
         least(self.out.iter().map(|c| c.area))
     }
 
-    /// The wedges do not change while they go down.
-    fn corners_at_nodes(&self) -> Corners {
+    /// For a descent, during which the wedges stay the same ones; between two of them the elements may be others.
+    fn wedges_at_nodes(&self) -> AtNodes {
         let nodes = self.elements.nodes(&self.vertices.positions).len();
         let wedges = || (0..).zip(self.elements.wedges());
         let roles = |(w, wedge): (u32, &Wedge)| [0, 1, 2].map(|k| (wedge.nodes[k], (w, k as u32)));
@@ -420,7 +420,7 @@ impl<'a, E: Elements> Flow<'a, E> {
     }
 
     /// Displacements for a step of one: down the gradient within the surface, in units of the elements.
-    fn descent(&self, power: i32, at_nodes: &Corners) -> Vec<Vector3> {
+    fn descent(&self, power: i32, at_nodes: &AtNodes) -> Vec<Vector3> {
         let (elements, vertices, out) = (&self.elements, &self.vertices, &self.out);
         let wedges = elements.wedges();
         let mut slopes = vec![[Vector3::zeros(); 2]; wedges.len()];
@@ -460,7 +460,7 @@ impl<'a, E: Elements> Flow<'a, E> {
     fn step(
         &mut self,
         power: i32,
-        at_nodes: &Corners,
+        at_nodes: &AtNodes,
         (before, epsilon): (f64, f64),
         length: &mut f64,
     ) -> Result<Option<f64>, E::Error> {
