@@ -11,8 +11,8 @@ use geom_core::{Cpu, Point3, QuadMesh, Run, TriMesh, Vector3};
 
 use crate::backend::{ChartDistortion, CrossfieldObject};
 use crate::field::{self, CrossField, Frames};
-pub use crate::map::OfIntegers;
 use crate::map::{Chart, MapOptions, Relaxation, Spacing};
+pub use crate::map::{OfIntegers, Unfolded};
 use crate::{Anisotropy, Error, anisotropy, guidance, quads};
 
 /// A plate of `n × n` cells in the plane z = 0, a unit to a side, its inner vertices shaken by `noise` cells; cells for
@@ -156,6 +156,18 @@ pub fn untangling_cost(
 ) -> Result<Option<f64>, Error> {
     let run = Run::on(&Cpu).with(Cpu.as_crossfield());
     crate::map::untangling_cost(mesh, frames, field, options, run)
+}
+
+/// The best map without integers, unfolded within so many rings around what is folded, all places at once and one by one.
+pub fn unfolded_places(
+    rings: usize,
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+) -> Result<Unfolded, Error> {
+    let run = Run::on(&Cpu).with(Cpu.as_crossfield());
+    crate::map::unfolded_places(rings, mesh, frames, field, options, run)
 }
 
 /// What comes of a map that may cost so many evaluations of a triangle.

@@ -70,16 +70,16 @@ pub(crate) use net::Net;
 pub(crate) use parameterize::{Laid, Narrow, Relaxation, Widening, parameterized, relaxation};
 #[cfg(feature = "testing")]
 pub(crate) use parameterize::{
-    aligned, decimated, of_integers, parameterized_within, sizes, unfolding_costs, untangling_cost,
-    whole_map,
+    aligned, decimated, of_integers, parameterized_within, sizes, unfolded_places, unfolding_costs,
+    untangling_cost, whole_map,
 };
 #[cfg(feature = "testing")]
 pub(crate) use unfold::monotone;
 pub(crate) use unfold::{Effort, Ends, Folded, Unfolding};
 
 pub use exact::{GridMap, MapReport};
+pub use parameterize::{MapOptions, parameterize};
 #[cfg(feature = "testing")]
 #[doc(hidden)]
-pub use parameterize::OfIntegers;
-pub use parameterize::{MapOptions, parameterize};
+pub use parameterize::{OfIntegers, Unfolded};
 pub use spacing::{Chart, Spacing};

@@ -270,6 +270,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::the_next_map_of_a_field_starts_upright"),
     Fault::wrong(
+        "of what a place comes to, what folds more is taken",
+        "crates/crossfield/src/map/unfold/places.rs",
+        "if bad < best.0 ||",
+        "if bad > best.0 ||",
+    )
+    .seen_by("laws::folded_places_are_no_business_of_each_other"),
+    Fault::wrong(
         "a star that turns too little is unfolded to the end",
         "crates/crossfield/src/map/unfold/untangle.rs",
         "if epsilon < FIRM && (moves.is_lost)",

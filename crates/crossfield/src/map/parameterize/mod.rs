@@ -13,10 +13,11 @@ use geom_core::options::require;
 use geom_core::{Run, TriMesh};
 
 #[cfg(feature = "testing")]
-pub use self::probes::OfIntegers;
+pub use self::probes::{OfIntegers, Unfolded};
 #[cfg(feature = "testing")]
 pub(crate) use self::probes::{
-    aligned, decimated, of_integers, parameterized_within, sizes, unfolding_costs, untangling_cost,
+    aligned, decimated, of_integers, parameterized_within, sizes, unfolded_places, unfolding_costs,
+    untangling_cost,
 };
 use self::quantized::Rounded;
 pub(crate) use self::relaxed::{Relaxation, relaxation};
@@ -33,6 +34,11 @@ use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
 use crate::field::frames::Frames;
 
+/// A decimated map is the better one where more than one vertex in so many of that of all triangles is not right: mending rarely
+/// gets through, and what it then leaves is squeezed.
+const HOPELESS: usize = 500;
+/// But for so few.
+const FEW: usize = 16;
 /// Unfolding without integers leaves one in so many parts of the effort.
 const RESERVE: u64 = 4;
 
@@ -272,7 +278,7 @@ impl<'a> Making<'a> {
     }
 
     /// Unfolds place by place, the integers held; then as a whole, unless there is a decimated map to fall back on: what folds in
-    /// no place of its own is rarely worth what that takes.
+    /// no place of its own is rarely worth what that takes. Nor is what folds in too many.
     ///
     /// What comes out may still be folded: the check afterwards says so, and counts.
     fn unfold(
@@ -285,11 +291,15 @@ impl<'a> Making<'a> {
         if self.report.folded == 0 {
             return Ok(());
         }
-        self.report.untangled = true;
         if may_fall_back {
-            self.unfolder().mended(weighted, false, w)?;
+            let bad = self.unfolder().bad(&self.system.corners(w)).len();
+            if bad <= FEW.max(self.frames.edges().vertices() / HOPELESS) {
+                self.report.untangled = true;
+                self.unfolder().mended(weighted, false, w)?;
+            }
             return Ok(());
         }
+        self.report.untangled = true;
         let mut by_places = w.to_vec();
         if self.is_mended(weighted, false, &mut by_places)? {
             w.copy_from_slice(&by_places);

@@ -89,6 +89,33 @@ pub(crate) fn untangling_cost(
     })
 }
 
+/// See [`Unfolded`]: of so many rings around what the best map without integers folds.
+pub(crate) fn unfolded_places(
+    rings: usize,
+    mesh: &TriMesh,
+    frames: &Frames,
+    field: &CrossField,
+    options: &MapOptions,
+    run: On<'_>,
+) -> Result<Unfolded, Error> {
+    alone(mesh, frames, field, options, run, |mut making| {
+        let Optimum { w, corners, .. } = making.optimum()?;
+        let unfolder = making.unfolder();
+        let places = unfolder.places(&unfolder.bad(&corners), rings);
+        let (mut together, mut in_turn) = (w.clone(), w.clone());
+        unfolder.unfold_places(&places, &[], &mut together)?;
+        for place in &places {
+            unfolder.unfold_places(std::slice::from_ref(place), &[], &mut in_turn)?;
+        }
+        Ok(Unfolded {
+            places: places.len(),
+            folded: [&w, &together].map(|w| unfolder.bad(&making.system.corners(w)).len()),
+            together,
+            in_turn,
+        })
+    })
+}
+
 /// See `testing::parameterized_within`.
 pub(crate) fn parameterized_within(
     evaluations: u64,
@@ -106,6 +133,19 @@ pub(crate) fn parameterized_within(
         most_dense: MOST_DENSE,
     };
     parameterized(mesh, frames, field, options, unfolding, None, run).map(drop)
+}
+
+/// A map whose folded places were unfolded, for tests.
+#[derive(Debug, PartialEq)]
+pub struct Unfolded {
+    /// How many places there are.
+    pub places: usize,
+    /// Vertices that are not right before and after.
+    pub folded: [usize; 2],
+    /// With all at once,
+    pub together: Vec<f64>,
+    /// and one after the other.
+    pub in_turn: Vec<f64>,
 }
 
 /// What each of several maps of a field costs to unfold without integers, in evaluations of all triangles; `None` for one that

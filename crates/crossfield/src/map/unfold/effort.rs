@@ -15,6 +15,11 @@ impl Effort {
         Self(Cell::new(EVALUATIONS * (triangles as u64 + FEW)))
     }
 
+    /// So much.
+    pub(crate) fn worth(amount: u64) -> Self {
+        Self(Cell::new(amount))
+    }
+
     /// Takes one of so many parts of what is left, so that something remains for another try.
     pub(crate) fn share(&self, parts: u64) -> Self {
         let share = self.0.get() / parts;

@@ -34,7 +34,7 @@ pub(super) struct Energy<'a> {
     charts: Vec<Chart>,
     backend: &'a (dyn CrossfieldBackend + 'a),
     /// All values: those that do not move as they are, the others as they were asked for last.
-    w: Vec<f64>,
+    w: &'a mut [f64],
     /// Places of held triangles among those of the scope. Their distortion is always taken with the smallest ε, whose barrier
     /// is too high for any step to cross, and on the CPU, whatever the backend: in f32 the barrier would have holes.
     held: Vec<usize>,
@@ -58,7 +58,7 @@ impl<'a> Energy<'a> {
         system: &'a System<'a>,
         scope: &'a Scope,
         held: &[usize],
-        w: &[f64],
+        w: &'a mut [f64],
         run: On<'a>,
     ) -> Self {
         // A triangle hardly there shall not stay folded because it counts for nothing.
@@ -70,9 +70,10 @@ impl<'a> Energy<'a> {
         let is_held = |f: &usize| held.binary_search(f).is_ok();
         let faces = scope.faces.iter().enumerate();
         let corners = || scope.corners.as_flattened().iter().copied().zip(0..);
-        let place = scope.places(w.len());
+        let values = w.len();
+        let place = scope.places(values);
         let moved = match scope.moves_integers {
-            true => w.len(),
+            true => values,
             false => scope.unknowns.len(),
         };
         let coordinates = || {
@@ -91,7 +92,7 @@ impl<'a> Energy<'a> {
             scope,
             charts: charts.collect(),
             backend: run.backend,
-            w: w.to_vec(),
+            w,
             held: faces.filter(|(_, f)| is_held(f)).map(|(k, _)| k).collect(),
             wish: Wish::Upright(0.0),
             places: vec![[0.0; 2]; scope.copies.len()],
@@ -110,19 +111,17 @@ impl<'a> Energy<'a> {
 
     /// All values, with these of the scope.
     pub(super) fn all(&mut self, x: &[f64]) -> &[f64] {
-        for (&k, &x) in self.scope.unknowns.iter().zip(x) {
-            self.w[k] = x;
-        }
+        self.scope.put(x, self.w);
         if self.scope.moves_integers {
-            self.system.seams.add_up(&mut self.w);
+            self.system.seams.add_up(self.w);
         }
-        &self.w
+        self.w
     }
 
     /// Puts the corners of the triangles of the scope where these values have them.
     fn lay(&mut self, x: &[f64]) {
         self.all(x);
-        let (seams, scope, w) = (self.system.seams, self.scope, &self.w);
+        let (seams, scope, w) = (self.system.seams, self.scope, &*self.w);
         parallel::for_each(&mut self.places, |c, place| {
             *place = seams.copy(w, scope.copies[c]);
         });

@@ -5,15 +5,14 @@ mod effort;
 mod energy;
 mod lbfgs;
 mod monotone;
+mod places;
 mod scope;
 mod untangle;
 mod wind;
 
-use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 use geom_core::compute::parallel;
-use geom_core::compute::sets::DisjointSets;
 
 use self::align::align;
 pub(crate) use self::effort::{Effort, Ends, Folded, Unfolding};
@@ -45,16 +44,6 @@ const NO_BETTER: usize = 6;
 type Wanted = fn(bool, bool) -> bool;
 const STUCK: Wanted = |turns_wrong, upright| turns_wrong && upright;
 const BAD: Wanted = |turns_wrong, upright| turns_wrong || !upright;
-
-/// Where a place starts to unfold from.
-#[derive(Clone, Copy, PartialEq)]
-enum Start {
-    AsItIs,
-    /// As far as it can be made monotone.
-    Aligned,
-    /// From the optimum of Eq. 4.10 there.
-    Optimum,
-}
 
 /// What unfolds the map of a field.
 #[derive(Clone, Copy)]
@@ -150,9 +139,7 @@ impl Unfolder<'_> {
             let stuck = self.stuck(&self.system.corners(w));
             let held = wound(self.system, self.frames, self.field, &stuck, w);
             bad.extend(self.bad(&self.system.corners(w)));
-            for place in self.places(&bad, rings) {
-                self.unfold_place(&place, &held, w)?;
-            }
+            self.unfold_places(&self.places(&bad, rings), &held, w)?;
             bad = self.bad(&self.system.corners(w));
             stalled += 1;
             if bad.len() < least {
@@ -172,78 +159,6 @@ impl Unfolder<'_> {
             w.copy_from_slice(&upright);
         }
         Ok(true)
-    }
-
-    /// Untangles what is around some vertices, with these triangles held upright: from where it is, and if some of it stays folded
-    /// from the optimum of Eq. 4.10 there, since folds that hold each other are gone in that. What folds less is taken.
-    fn unfold_place(&self, vertices: &[usize], held: &[usize], w: &mut [f64]) -> Result<(), Error> {
-        let Self { system, frames, .. } = *self;
-        let mut is_near = vec![false; system.seams.copies()];
-        for h in vertices.iter().flat_map(|&v| frames.around(v)) {
-            is_near[system.cut.copy[h] as usize] = true;
-        }
-        let scope = Scope::of_copies(system, |copy| is_near[copy as usize]);
-        let Some(factor) = scope.factored(system)? else {
-            return Ok(());
-        };
-        let corners_of = scope.faces.iter().flat_map(|&f| 3 * f..3 * f + 3);
-        let mut moved: Vec<usize> = corners_of.map(|h| frames.from(h)).collect();
-        moved.sort_unstable();
-        moved.dedup();
-        let (seams, cut) = (system.seams, system.cut);
-        let count = |wanted: Wanted, w: &[f64]| {
-            let corners = |f: usize| [0, 1, 2].map(|k| seams.copy(w, cut.copy[3 * f + k]));
-            self.vertices(corners, &moved, wanted).len()
-        };
-        let moves = Moves {
-            scope: &scope,
-            bend: &|gradient: &[f64]| {
-                let mut bent = gradient.to_vec();
-                factor.solve_in_place(&mut bent, 1)?;
-                Ok(bent)
-            },
-            held: held.to_vec(),
-            effort: self.effort,
-            is_lost: &|w: &[f64]| count(STUCK, w) > 0,
-        };
-        let mut best = (count(BAD, w), w.to_vec());
-        let first = w.to_vec();
-        for start in [Start::AsItIs, Start::Aligned, Start::Optimum] {
-            w.copy_from_slice(&first);
-            match start {
-                Start::AsItIs => {}
-                Start::Aligned => align(system, w, &moves, self.run)?,
-                Start::Optimum => scope.relax(system, &factor, w)?,
-            }
-            untangle(system, w, &moves, self.run)?;
-            let bad = count(BAD, w);
-            // Something else is as good as what it was, for wider surroundings.
-            if bad < best.0 || (start == Start::AsItIs && bad == best.0) {
-                best = (bad, w.to_vec());
-            }
-            if bad == 0 {
-                break;
-            }
-        }
-        w.copy_from_slice(&best.1);
-        Ok(())
-    }
-
-    /// The surroundings of some vertices, so many rings wide, in their connected pieces, by their lowest vertices.
-    fn places(&self, vertices: &[usize], rings: usize) -> Vec<Vec<usize>> {
-        let near = self.frames.within(vertices, rings);
-        let mut sets = DisjointSets::new(near.len());
-        for [a, b] in self.frames.sides().filter(|&[a, b]| near[a] && near[b]) {
-            sets.join(a as u32, b as u32);
-        }
-        let root = sets.into_roots();
-        let mut places: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-        for v in (0..near.len()).filter(|&v| near[v]) {
-            places.entry(root[v]).or_default().push(v);
-        }
-        let mut places: Vec<Vec<usize>> = places.into_values().collect();
-        places.sort_unstable_by_key(|place| place[0]);
-        places
     }
 
     /// Vertices with upright triangles alone that turn too far or not far enough around them. They would have to fold before they

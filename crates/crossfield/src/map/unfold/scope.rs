@@ -81,6 +81,18 @@ impl Scope {
         places
     }
 
+    /// Its unknowns among all values.
+    pub(super) fn of(&self, w: &[f64]) -> Vec<f64> {
+        self.unknowns.iter().map(|&k| w[k]).collect()
+    }
+
+    /// Puts its unknowns among all values.
+    pub(super) fn put(&self, x: &[f64], w: &mut [f64]) {
+        for (&k, &x) in self.unknowns.iter().zip(x) {
+            w[k] = x;
+        }
+    }
+
     /// Moves the unknowns to the minimum of the quadratic energy (Eq. 4.10) with all others held; `factor` is that of its matrix.
     pub(super) fn relax(
         &self,

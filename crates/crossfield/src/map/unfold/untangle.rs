@@ -73,14 +73,14 @@ pub(super) fn minimized(
     run: On<'_>,
     rounds: impl FnOnce(&mut Energy<'_>, &mut Vec<f64>) -> Result<(), Error>,
 ) -> Result<(), Error> {
+    let mut x = moves.scope.of(w);
     let mut energy = Energy::new(system, moves.scope, &moves.held, w, run);
-    let mut x: Vec<f64> = moves.scope.unknowns.iter().map(|&k| w[k]).collect();
     if energy.triangles() < FEW {
         parallel::alone(|| rounds(&mut energy, &mut x))?;
     } else {
         rounds(&mut energy, &mut x)?;
     }
-    w.copy_from_slice(energy.all(&x));
+    energy.all(&x);
     Ok(())
 }
 
