@@ -704,6 +704,30 @@ fn folded_places_are_no_business_of_each_other() {
     );
 }
 
+/// The quads of a map that its integers fold in a few triangles are those of the triangles, as far as these open; of one that they fold
+/// in many, those of the decimated map at once.
+#[test]
+fn many_folds_beside_a_decimated_map_are_left() {
+    for seed in 0..2 {
+        let mesh = dented_torus([48, 20], 0.06, seed);
+        let map = |spacing: f64| {
+            let options = Options {
+                size: Size::Spacing(spacing),
+                improve: false,
+                smoothing: 0.0,
+                singularity_penalty: 0.0,
+                ..Options::default()
+            };
+            let made = quadrangulate(&mesh, &options, Run::on(&Cpu)).unwrap();
+            made.report.parts[0].map.unwrap()
+        };
+        let (few, many) = (map(0.04), map(0.15));
+        assert!(few.untangled && (1..16).contains(&few.folded), "{few:?}");
+        let is_left = many.decimated && !many.untangled;
+        assert!(is_left && many.folded > 64, "{many:?}");
+    }
+}
+
 /// With as many singular vertices as bumps ask for.
 fn rough_field(mesh: &TriMesh) -> (Frames, CrossField) {
     let frames = Frames::of(mesh, EdgeWeights::One).unwrap();

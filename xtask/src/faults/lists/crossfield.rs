@@ -277,6 +277,13 @@ pub(super) const FAULTS: &[Fault] = &[
     )
     .seen_by("laws::folded_places_are_no_business_of_each_other"),
     Fault::wrong(
+        "what folds in many places is mended beside a decimated map",
+        "crates/crossfield/src/map/parameterize/mod.rs",
+        "const MENDABLE: usize = 500;",
+        "const MENDABLE: usize = 1;",
+    )
+    .seen_by("laws::many_folds_beside_a_decimated_map_are_left"),
+    Fault::wrong(
         "a star that turns too little is unfolded to the end",
         "crates/crossfield/src/map/unfold/untangle.rs",
         "if epsilon < FIRM && (moves.is_lost)",

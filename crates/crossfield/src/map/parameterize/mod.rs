@@ -34,10 +34,10 @@ use crate::backend::{CrossfieldBackend, On};
 use crate::field::CrossField;
 use crate::field::frames::Frames;
 
-/// A decimated map is the better one where more than one vertex in so many of that of all triangles is not right: mending rarely
-/// gets through, and what it then leaves is squeezed.
-const HOPELESS: usize = 500;
-/// But for so few.
+/// With a decimated map to fall back on, that of all triangles is mended where no more than one vertex in so many is not right:
+/// of more, mending rarely comes to an end, and what it comes to is squeezed.
+const MENDABLE: usize = 500;
+/// Or no more than these.
 const FEW: usize = 16;
 /// Unfolding without integers leaves one in so many parts of the effort.
 const RESERVE: u64 = 4;
@@ -293,7 +293,7 @@ impl<'a> Making<'a> {
         }
         if may_fall_back {
             let bad = self.unfolder().bad(&self.system.corners(w)).len();
-            if bad <= FEW.max(self.frames.edges().vertices() / HOPELESS) {
+            if bad <= FEW.max(self.frames.edges().vertices() / MENDABLE) {
                 self.report.untangled = true;
                 self.unfolder().mended(weighted, false, w)?;
             }

@@ -1,6 +1,6 @@
 //! Folds that are opened place by place: what is around them moves, and all else stays.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use geom_core::compute::parallel;
 use geom_core::compute::sets::DisjointSets;
@@ -23,10 +23,10 @@ enum Start {
 }
 
 impl Unfolder<'_> {
-    /// Untangles what is around each of some lists of vertices, with these triangles held upright.
+    /// Untangles what is around each of some [`places`](Self::places), with these triangles held upright.
     ///
-    /// Places that share no triangle move side by side, each for as many evaluations as there are left for all of their
-    /// triangles; the others one after the other.
+    /// They share no triangle, so that they move side by side, each for as many evaluations as there are left for all of their
+    /// triangles.
     pub(crate) fn unfold_places(
         &self,
         places: &[Vec<usize>],
@@ -41,12 +41,12 @@ impl Unfolder<'_> {
             ..
         } = *self;
         let places = self.scopes(places);
-        let triangles = |p: usize| places[p].faces.len() as u64;
-        let all: u64 = (0..places.len()).map(triangles).sum();
-        let each = self.effort.left() / all.max(1);
+        debug_assert!(are_apart(&places));
+        let all: usize = places.iter().map(|scope| scope.faces.len()).sum();
+        let each = self.effort.left() / all.max(1) as u64;
         let before = &*w;
-        let moved = parallel::map_each(&apart(&places, system.charts.len()), |group| {
-            let worth = each * group.iter().map(|&p| triangles(p)).sum::<u64>();
+        let moved = parallel::map_each(&places, |scope| {
+            let worth = each * scope.faces.len() as u64;
             let effort = Effort::worth(worth);
             let unfolder = Unfolder {
                 system,
@@ -56,19 +56,13 @@ impl Unfolder<'_> {
                 run,
             };
             let mut w = before.to_vec();
-            for &p in group {
-                unfolder.unfold_place(&places[p], held, &mut w)?;
-            }
-            let values = |&p: &usize| (p, places[p].of(&w));
-            let values: Vec<_> = group.iter().map(values).collect();
-            Ok::<_, Error>((values, worth - effort.left()))
+            unfolder.unfold_place(scope, held, &mut w)?;
+            Ok::<_, Error>((scope.of(&w), worth - effort.left()))
         });
-        for group in moved {
-            let (values, spent) = group?;
+        for (scope, moved) in places.iter().zip(moved) {
+            let (x, spent) = moved?;
             self.effort.spend(spent as usize);
-            for (p, x) in values {
-                places[p].put(&x, w);
-            }
+            scope.put(&x, w);
         }
         Ok(())
     }
@@ -85,8 +79,8 @@ impl Unfolder<'_> {
         })
     }
 
-    /// Untangles one of them: from where it is, and if some of it stays folded from the optimum of Eq. 4.10 there, since folds
-    /// that hold each other are gone in that. What folds less is taken.
+    /// Untangles one of them: from where it is, and if some of it stays folded from where it is as monotone as it can be, and from the
+    /// optimum of Eq. 4.10 there, since folds that hold each other are gone in that. What folds less is taken.
     fn unfold_place(&self, scope: &Scope, held: &[usize], w: &mut [f64]) -> Result<(), Error> {
         let Self { system, frames, .. } = *self;
         let Some(factor) = scope.factored(system)? else {
@@ -142,29 +136,20 @@ impl Unfolder<'_> {
         for [a, b] in self.frames.sides().filter(|&[a, b]| near[a] && near[b]) {
             sets.join(a as u32, b as u32);
         }
-        in_sets(sets, |v| near[v])
-    }
-}
-
-/// Those of some scopes that share triangles, together, in their order.
-fn apart(scopes: &[Scope], triangles: usize) -> Vec<Vec<usize>> {
-    let mut sets = DisjointSets::new(scopes.len());
-    let mut first = vec![None; triangles];
-    for (p, scope) in (0..).zip(scopes) {
-        for &f in &scope.faces {
-            sets.join(*first[f].get_or_insert(p), p);
+        let root = sets.into_roots();
+        // By their lowest vertices, which name them.
+        let mut places: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for v in (0..near.len()).filter(|&v| near[v]) {
+            places.entry(root[v]).or_default().push(v);
         }
+        places.into_values().collect()
     }
-    in_sets(sets, |_| true)
 }
 
-/// The wanted members of each set, ascending, by the lowest of them.
-fn in_sets(sets: DisjointSets, is_wanted: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
-    let root = sets.into_roots();
-    let mut lists: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-    for member in (0..root.len()).filter(|&member| is_wanted(member)) {
-        lists.entry(root[member]).or_default().push(member);
-    }
-    // A set is named by its lowest member.
-    lists.into_values().collect()
+/// Does no triangle move with two of them? Pieces have no vertex beside that of another, and coordinates on a line, which several
+/// vertices share, are integers.
+fn are_apart(scopes: &[Scope]) -> bool {
+    let mut faces = scopes.iter().flat_map(|scope| &scope.faces);
+    let mut seen = BTreeSet::new();
+    faces.all(|face| seen.insert(face))
 }
